@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording, toml_value, validation_message
@@ -30,10 +30,9 @@ from gyrocal.recording import load as load_recording
 from simulator import scenario as scenarios
 from simulator.effects import REGISTRY, Setting, Surroundings, setting
 from simulator.effects.base import Array
-from simulator.replay import replayed
-from simulator.scenario import Matrix, Scenario, Vector
-from simulator.sensors.gyro import raw_rates
-from simulator.simulate import disturbed, motion, observe, surroundings
+from simulator.replay import build_noise_free, replayed
+from simulator.scenario import Matrix, Scenario, Section, Vector
+from simulator.simulate import disturbed, make_noise_streams, motion, observe, surroundings
 from simulator.streams import generator
 from simulator.truth.motion import Motion
 
@@ -42,11 +41,7 @@ SYMMETRIC = 1e-9  # of the standard deviations' product
 NEGATIVE = -1e-9  # eigenvalue of a correlation matrix that is more than rounding
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-
-class ReplaySection(_Model):
+class ReplaySection(Section):
     """The recording whose motion is the plan, and the gyro that flies it."""
 
     recording: str = Field(min_length=1)
@@ -55,22 +50,22 @@ class ReplaySection(_Model):
     true_bias_deg_s: Vector
 
 
-class EffectSection(_Model):
+class EffectSection(Section):
     """An effect with its numbers."""
 
     name: str
     axis: str | None = None
     size: float
-    parameters: dict[str, float | int | str] = {}
+    parameters: dict[str, float | int | str] = Field(default_factory=dict)
 
 
-class PosteriorSection(_Model):
+class PosteriorSection(Section):
     """Covariance of the amplitudes of all effects."""
 
     covariance: Annotated[tuple[Annotated[tuple[float, ...], Field(strict=False)], ...], Field(strict=False)]
 
 
-class _Additions(_Model):
+class _Additions(Section):
     """What may stand in a file beside a scenario's own keys."""
 
     replay: ReplaySection | None = None
@@ -80,35 +75,21 @@ class _Additions(_Model):
 
 @dataclass(frozen=True)
 class Replayed:
-    """A plan taken over from a recording: its motion, and the gyro that flies it.
+    """A plan taken over from a recording: its motion, and the gyro that flies it."""
 
-    Attributes
-    ----------
-    recording : whose tags, reference times, stated noises and tables a flight has
-    G, bias : (3, 3), (3,) rad/s
-    """
-
-    recording: Recording
-    G: Array
-    bias: Array
+    recording: Recording  # whose tags, reference times, stated noises and tables a flight has
+    G: Array  # (3, 3)
+    bias: Array  # (3,) rad/s
 
 
 @dataclass(frozen=True)
 class Adopted:
-    """A scenario with effects and their posterior.
+    """A scenario with effects and their posterior."""
 
-    Attributes
-    ----------
-    title : for people
-    plan : a scenario, or a recording's
-    effects : as stated
-    covariance : (k, k) of all amplitudes; None if the file has no posterior
-    """
-
-    title: str
-    plan: Scenario | Replayed
-    effects: tuple[Setting, ...] = ()
-    covariance: Array | None = None
+    title: str  # for people
+    plan: Scenario | Replayed  # a scenario, or a recording's
+    effects: tuple[Setting, ...] = ()  # as stated
+    covariance: Array | None = None  # (k, k) of all amplitudes; None if the file has no posterior
 
     @property
     def amplitudes(self) -> Array:
@@ -116,13 +97,7 @@ class Adopted:
         return np.concatenate([np.empty(0), *(REGISTRY[one.effect].amplitudes(one) for one in self.effects)])
 
     def with_amplitudes(self, amplitudes: Array) -> tuple[Setting, ...]:
-        """The effects with other amplitudes (k,).
-
-        Raises
-        ------
-        InputError
-            A size is out of its effect's bounds.
-        """
+        """The effects with other amplitudes (k,); an `InputError` where a size is out of its effect's bounds."""
         out, start = [], 0
         for one in self.effects:
             effect = REGISTRY[one.effect]
@@ -133,13 +108,7 @@ class Adopted:
         return tuple(out)
 
     def drawn(self, rng: np.random.Generator) -> Array:
-        """Amplitudes (k,) drawn from the posterior; those stated if there is none.
-
-        Raises
-        ------
-        InputError
-            Next to no draw is within the bounds of the sizes.
-        """
+        """Amplitudes (k,) drawn from the posterior within the bounds of the sizes; those stated if there is none."""
         if self.covariance is None or not self.effects:
             return self.amplitudes
         values, vectors = np.linalg.eigh(self.covariance)
@@ -166,34 +135,21 @@ class Adopted:
     def _plain(self) -> tuple[Recording, Surroundings]:
         """The noise-free flight of a replay without effects, and what effects see of it."""
         assert isinstance(self.plan, Replayed)
-        recording = self.plan.recording
-        plain = replace(
-            recording,
-            gyro=replace(recording.gyro, rates=raw_rates(self.motion.rates, self.plan.G, self.plan.bias)),
-            attitudes=replace(recording.attitudes, quaternions=self.motion.quaternions),
-        )
+        plain = build_noise_free(self.plan.recording, self.motion, self.plan.G, self.plan.bias)
         return plain, surroundings(plain, self.motion)
 
     def fly(
         self, seed: int = 0, case: int = 0, effects: Sequence[Setting] | None = None, noise: bool = True, draw: bool = False
     ) -> Recording:
-        """One flight.
-
-        Parameters
-        ----------
-        seed, case : of the random streams
-        effects : in place of those stated
-        noise : whether gyro and references have their white noise
-        draw : whether the sizes are drawn from the posterior, from a stream of the case
-        """
+        """One flight, with effects in place of those stated, or with sizes drawn from the posterior by a stream of the case."""
         if effects is None:
             effects = self.with_amplitudes(self.drawn(generator(seed, case, "posterior"))) if draw else self.effects
         plan = self.plan
-        rngs = [generator(seed, case, name) if noise else None for name in ("gyro_noise", "reference_noise")]
+        gyro_rng, reference_rng = make_noise_streams(seed, case, noise)
         if isinstance(plan, Replayed):
             plain, around = self._plain
-            return disturbed(plain, self.motion, effects, rngs[0], rngs[1], seed, case, around=around)
-        return observe(plan, self.motion, gyro_rng=rngs[0], reference_rng=rngs[1], effects=effects, seed=seed, case=case)
+            return disturbed(plain, self.motion, effects, gyro_rng, reference_rng, seed, case, around=around)
+        return observe(plan, self.motion, gyro_rng=gyro_rng, reference_rng=reference_rng, effects=effects, seed=seed, case=case)
 
 
 def load(name_or_path: str | os.PathLike[str]) -> Adopted:

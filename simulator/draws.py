@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
+from simulator.arrays import Array
 
-Array = NDArray[np.float64]
 Words = NDArray[np.uint64]
 # Width w of each layer, that of the negative numbers second, and the m below which a draw is quick; (512,) each.
 Layers = tuple[Array, NDArray[np.int64]]

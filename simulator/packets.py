@@ -14,13 +14,10 @@ says what TRMM's count and register were.
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
 from simulator.effects.recorded import TIME_TOLERANCE, durations
-
-Array = NDArray[np.float64]
 
 MOST_COUNTS = 2**52  # what a register may hold for its counts to be exact as floating-point numbers
 

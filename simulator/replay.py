@@ -23,13 +23,13 @@ from scipy.linalg import solveh_banded
 
 from gyrocal.recording import Recording, reference_rows
 from gyrocal.recording.trackers import need_one_sensor
+from simulator.arrays import Array
 from simulator.effects import Setting
-from simulator.effects.recorded import SMOOTH_S, durations, interval_slices, smoothed_rates
+from simulator.effects.recorded import durations, interval_slices, smoothed_rates
 from simulator.sensors.gyro import raw_rates
-from simulator.simulate import disturbed
-from simulator.streams import generator
+from simulator.simulate import disturbed, make_noise_streams
 from simulator.truth.integration import accumulate
-from simulator.truth.motion import Array, Motion
+from simulator.truth.motion import Motion
 from simulator.truth.rotation import matrix, perturbed, separation
 
 PASSES = 2  # the correction is linear in the error; what is left after one pass is its square
@@ -61,27 +61,23 @@ def replay(
     motion : of `replayed`, if it is at hand; the costly part, and the same for every case
     """
     path = replayed(recording, G, bias) if motion is None else motion
-    plain = replace(
-        recording,
-        gyro=replace(recording.gyro, rates=raw_rates(path.rates, G, bias)),
-        attitudes=replace(recording.attitudes, quaternions=path.quaternions),
-    )
-    gyro_rng = generator(seed, case, "gyro_noise") if noise else None
-    reference_rng = generator(seed, case, "reference_noise") if noise else None
+    plain, (gyro_rng, reference_rng) = build_noise_free(recording, path, G, bias), make_noise_streams(seed, case, noise)
     return disturbed(plain, path, effects, gyro_rng, reference_rng, seed, case)
 
 
-def replayed(recording: Recording, G: Array, bias: Array, smooth_s: float = SMOOTH_S) -> Motion:
-    """The motion of a recording, as of a scenario.
+def build_noise_free(recording: Recording, motion: Motion, G: Array, bias: Array) -> Recording:
+    """The recording of a motion without noise, by a gyro with G (3, 3) and bias (3,), rad/s; all else stays as recorded."""
+    return replace(
+        recording,
+        gyro=replace(recording.gyro, rates=raw_rates(motion.rates, G, bias)),
+        attitudes=replace(recording.attitudes, quaternions=motion.quaternions),
+    )
 
-    Parameters
-    ----------
-    recording : any recording
-    G, bias : (3, 3), (3,) rad/s: its calibration
-    smooth_s : longest window of the smoothing, s; 0 for none
-    """
+
+def replayed(recording: Recording, G: Array, bias: Array) -> Motion:
+    """The motion of a recording, as of a scenario, by its calibration G (3, 3) and bias (3,), rad/s."""
     need_one_sensor(recording.attitudes)
-    rates = smoothed_rates(recording, G, bias, smooth_s)
+    rates = smoothed_rates(recording, G, bias)
     duration = durations(recording)
     quaternions = recording.attitudes.quaternions.copy()
     slices = interval_slices(recording)

@@ -20,7 +20,16 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from gyrocal.errors import InputError, hint
 from gyrocal.recording import read_toml, validation_message
@@ -34,6 +43,15 @@ from simulator.truth.orbit import CircularOrbit
 Vector = Annotated[tuple[float, float, float], Field(strict=False)]
 Matrix = Annotated[tuple[Vector, Vector, Vector], Field(strict=False)]
 
+
+def _above_zero(value: Vector) -> Vector:
+    if min(value) <= 0:
+        raise ValueError("must be positive")
+    return value
+
+
+PositiveVector = Annotated[Vector, AfterValidator(_above_zero)]
+
 TOUCH_TOLERANCE = 1e-6  # s; intervals closer than this touch
 JOIN_TOLERANCE = 1e-8  # attitude matrix elements of two intervals that touch
 MOST_SAMPLES = 2e7
@@ -42,11 +60,13 @@ MOST_BASES = 30  # of a scenario, one of the other
 SMALLEST_DETERMINANT = 1e-3  # of a G that counts as invertible
 
 
-class _Model(BaseModel):
+class Section(BaseModel):
+    """A table of a document: nothing else may stand in it."""
+
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
-class OrbitSection(_Model):
+class OrbitSection(Section):
     """Circular orbit."""
 
     altitude_km: float = Field(gt=100, le=1e6)
@@ -68,7 +88,7 @@ class OrbitSection(_Model):
         )
 
 
-class ArraySection(_Model):
+class ArraySection(Section):
     """More gyros than x, y and z: gyro i reads (1 + k_i)(u_i + m_i) · ω_unit + c_i.
 
     u_i are the axes as they are known, normalised, in the axes of the unit, whose rate ω_unit = G⁻¹(ω − b) is what three gyros
@@ -120,7 +140,7 @@ class ArraySection(_Model):
         return scale[:, None] * turned, np.deg2rad(self.bias_deg_s or np.zeros(n))
 
 
-class GyroSection(_Model):
+class GyroSection(Section):
     """True and a-priori gyro parameters, sampling and noise.
 
     ``reading`` is what a sample shows: the mean rate over it, or the rate at its start. An ``array`` of other gyros than x, y
@@ -144,7 +164,7 @@ class GyroSection(_Model):
         return value
 
 
-class TrackerSection(_Model):
+class TrackerSection(Section):
     """One of several star trackers: its mounting as stated, body to tracker, and how far it is truly turned from that.
 
     Angles are about the tracker's own axes, of which z is the boresight. There is no reference while the body turns faster
@@ -178,7 +198,7 @@ class TrackerSection(_Model):
         )
 
 
-class ReferenceSection(_Model):
+class ReferenceSection(Section):
     """When reference attitudes are taken, and their standard deviation about each body axis.
 
     Of several trackers, each has its own, about its own axes, and looks on during slews.
@@ -186,7 +206,7 @@ class ReferenceSection(_Model):
 
     at: Literal["ends", "series", "none"] = "ends"
     every_s: float | None = Field(default=None, ge=1e-3, validate_default=True)
-    sigma_deg: Vector
+    sigma_deg: PositiveVector
     tracker: Annotated[tuple[TrackerSection, ...], Field(strict=False)] = ()
 
     @model_validator(mode="before")
@@ -211,15 +231,8 @@ class ReferenceSection(_Model):
             raise ValueError('is required with at = "series"')
         return value
 
-    @field_validator("sigma_deg")
-    @classmethod
-    def _positive(cls, value: Vector) -> Vector:
-        if min(value) <= 0:
-            raise ValueError("must be positive")
-        return value
 
-
-class SensorsSection(_Model):
+class SensorsSection(Section):
     """Raw measurements of the nominal sun and Earth sensors; noise is white, 1-sigma of each angle."""
 
     every_s: float = Field(ge=1e-3, le=1e5)
@@ -227,26 +240,19 @@ class SensorsSection(_Model):
     earth_noise_deg: float = Field(default=0.02, ge=0, le=10)
 
 
-class ControlMotionSection(_Model):
+class ControlMotionSection(Section):
     """Sinusoidal attitude motion about each body axis; the phases hold at the epoch."""
 
     amplitude_deg: Vector
-    period_s: Vector
+    period_s: PositiveVector
     phase_deg: Vector = (0.0, 0.0, 0.0)
-
-    @field_validator("period_s")
-    @classmethod
-    def _positive(cls, value: Vector) -> Vector:
-        if min(value) <= 0:
-            raise ValueError("must be positive")
-        return value
 
     def sway(self) -> Sway:
         """The motion in radians."""
         return Sway(np.deg2rad(self.amplitude_deg), np.array(self.period_s), np.deg2rad(self.phase_deg))
 
 
-class SlewSection(_Model):
+class SlewSection(Section):
     """A turn about a body axis."""
 
     axis: Vector
@@ -268,7 +274,7 @@ class SlewSection(_Model):
         return Slew(axis, radians(self.angle_deg), self.start_s, self.duration_s, self.ramp_fraction)
 
 
-class HoldSection(_Model):
+class HoldSection(Section):
     """An inertial hold, its two transitions included."""
 
     start_s: float = Field(ge=0)
@@ -288,7 +294,7 @@ class HoldSection(_Model):
         return Hold(self.start_s, self.stop_s, self.transition_s, np.deg2rad(self.offset_deg))
 
 
-class IntervalSection(_Model):
+class IntervalSection(Section):
     """One calibration interval; ``mode`` is the body axis along the velocity at its start, ``gyros`` are those switched on."""
 
     name: str = Field(min_length=1)
@@ -349,7 +355,7 @@ class IntervalSection(_Model):
         return Profile(orbit, self.start_s, self.stop_s, MODE_YAW[self.mode], slews, hold, sway)
 
 
-class Scenario(_Model):
+class Scenario(Section):
     """Everything a simulation needs but the random numbers."""
 
     title: str
@@ -478,14 +484,7 @@ def validated(values: dict[str, Any], source: str) -> Scenario:
 
 
 def _document(name: str, folder: Path, inside: tuple[str, ...]) -> dict[str, Any]:
-    """A scenario's document with its bases merged in.
-
-    Parameters
-    ----------
-    name : built-in name, or path relative to the folder
-    folder : where the file that asks for it lies
-    inside : the scenarios on the way here, each by its identity
-    """
+    """A scenario's document with its bases merged in; inside are the identities of the scenarios on the way here."""
     path = folder / name
     identity = name if name in names() else str(path.resolve())
     if identity in inside:
@@ -506,15 +505,15 @@ def _document(name: str, folder: Path, inside: tuple[str, ...]) -> dict[str, Any
         return document
     if not isinstance(base, str):
         raise InputError(f"{name}: base must be the name or path of a scenario")
-    return _merged(_document(base, path.parent, (*inside, identity)), document)
+    merged: dict[str, Any] = _merged(_document(base, path.parent, (*inside, identity)), document)
+    return merged
 
 
-def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    out = dict(base)
-    for key, value in changes.items():
-        both_tables = isinstance(value, dict) and isinstance(base.get(key), dict)
-        out[key] = _merged(base[key], value) if both_tables else value
-    return out
+def _merged(base: Any, changes: Any) -> Any:
+    """Tables merged, all else replaced."""
+    if isinstance(base, dict) and isinstance(changes, dict):
+        return {**base, **{key: _merged(base.get(key), value) for key, value in changes.items()}}
+    return changes
 
 
 def _lists(value: Any) -> Any:

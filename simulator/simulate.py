@@ -10,21 +10,21 @@ Effects (`simulator.effects`) act on top of that; without any, the recording is 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
 from gyrocal.recording.gyros import nominal
 from gyrocal.recording.names import TRIAD
 from gyrocal.recording.parts import without_attitudes
-from simulator.effects import REGISTRY, Setting, Stream, Surroundings, references_of
+from simulator.arrays import Array
+from simulator.effects import REGISTRY, Setting, Surroundings, references_of
 from simulator.effects.chain import activated, readings, referenced
 from simulator.effects.housekeeping import gyro_temperature, table_acceleration
-from simulator.effects.recorded import housekeeping_at
+from simulator.effects.recorded import build_stream
 from simulator.effects.sensor import SENSOR_EFFECTS
 from simulator.scenario import Scenario, profiles
 from simulator.sensors.gyro import raw_rates, with_white_noise
@@ -35,52 +35,32 @@ from simulator.streams import generator
 from simulator.truth.maneuvers import Profile, trajectory
 from simulator.truth.motion import Motion
 
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class _Part:
-    """Motion of one interval, named as in `Motion`."""
-
-    t_s: Array
-    duration_s: Array
-    rates: Array
-    reference_t_s: Array
-    quaternions: Array
-    sensor_t_s: Array
-    sensor_quaternions: Array
-
 
 def motion(scenario: Scenario, substeps: int = 1) -> Motion:
-    """Noise-free truth of a scenario.
+    """Noise-free truth of a scenario; more than one integration step per gyro sample only shows that one is enough."""
+    parts = [_move(profile, scenario, substeps) for profile in profiles(scenario)]
 
-    Parameters
-    ----------
-    scenario : what to simulate
-    substeps : integration steps per gyro sample; one is enough, more only show that it is
-    """
-    every = scenario.reference.every_s if scenario.reference.at == "series" else None
-    tracked = bool(scenario.reference.tracker)
-    point = scenario.gyro.reading == "point"
-    tagged = scenario.sensors.every_s if scenario.sensors else None
-    parts = [_part(profile, scenario.gyro.sample_s, every, point, substeps, tagged, tracked) for profile in profiles(scenario)]
-    ends = np.cumsum([0] + [part.t_s.size for part in parts])
-    tags = np.cumsum([0] + [part.sensor_t_s.size for part in parts])
-    reference_t_s = np.concatenate([part.reference_t_s for part in parts])
-    quaternions = np.concatenate([part.quaternions for part in parts])
+    def join(name: str) -> Array:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    reference_t_s = join("reference_t_s")
     # Where two intervals touch, the reference at the end of the first serves both.
     kept = np.diff(reference_t_s, prepend=-np.inf) > TIME_TOLERANCE
     return Motion(
-        t_s=np.concatenate([part.t_s for part in parts]),
-        duration_s=np.concatenate([part.duration_s for part in parts]),
-        rates=np.concatenate([part.rates for part in parts]),
-        intervals=tuple(slice(int(a), int(b)) for a, b in pairwise(ends)),
+        t_s=join("t_s"),
+        duration_s=join("duration_s"),
+        rates=join("rates"),
+        intervals=_slices([part.t_s.size for part in parts]),
         reference_t_s=reference_t_s[kept],
-        quaternions=quaternions[kept],
-        sensor_t_s=np.concatenate([part.sensor_t_s for part in parts]),
-        sensor_quaternions=np.concatenate([part.sensor_quaternions for part in parts]),
-        sensor_intervals=tuple(slice(int(a), int(b)) for a, b in pairwise(tags)),
+        quaternions=join("quaternions")[kept],
+        sensor_t_s=join("sensor_t_s"),
+        sensor_quaternions=join("sensor_quaternions"),
+        sensor_intervals=_slices([part.sensor_t_s.size for part in parts]),
     )
+
+
+def _slices(counts: Sequence[int]) -> tuple[slice, ...]:
+    return tuple(slice(int(a), int(b)) for a, b in pairwise(np.cumsum([0, *counts])))
 
 
 def sample_edges(length: float, sample_s: float) -> Array:
@@ -89,30 +69,24 @@ def sample_edges(length: float, sample_s: float) -> Array:
     return np.append(sample_s * np.arange(count), length)
 
 
-def _part(
-    profile: Profile,
-    sample_s: float,
-    every: float | None,
-    point: bool,
-    substeps: int,
-    tagged: float | None = None,
-    moving: bool = False,
-) -> _Part:
-    length = profile.stop_s - profile.start_s
-    edges = sample_edges(length, sample_s)
-    reference_tau = reference_times(profile, every, moving)
+def _move(profile: Profile, scenario: Scenario, substeps: int) -> Motion:
+    """Motion of one interval."""
+    length, section = profile.stop_s - profile.start_s, scenario.reference
+    edges = sample_edges(length, scenario.gyro.sample_s)
+    reference_tau = reference_times(profile, section.every_s if section.at == "series" else None, bool(section.tracker))
     knots = profile.knots[(profile.knots > 0) & (profile.knots < length)]
     # Up to the last before the end, so that intervals that touch share no tag.
-    count = int(np.ceil(length / tagged - TIME_TOLERANCE)) if tagged else 0
-    sensor_tau = np.asarray(np.arange(count) * (tagged or 0.0), dtype=float)
+    tagged = scenario.sensors.every_s if scenario.sensors else None
+    sensor_tau = np.asarray(tagged * np.arange(int(np.ceil(length / tagged))), dtype=float) if tagged else np.zeros(0)
     grid = np.unique(np.concatenate([edges, reference_tau, knots, sensor_tau]))
     path = trajectory(profile, grid, substeps)
     duration = np.diff(edges)
     angles = np.add.reduceat(path.angles, np.searchsorted(grid, edges[:-1]), axis=0)
-    return _Part(
+    return Motion(
         t_s=profile.start_s + edges[:-1],
         duration_s=duration,
-        rates=profile.rate(edges[:-1]) if point else angles / duration[:, None],
+        rates=profile.rate(edges[:-1]) if scenario.gyro.reading == "point" else angles / duration[:, None],
+        intervals=(),
         reference_t_s=profile.start_s + reference_tau,
         quaternions=path.quaternions[np.searchsorted(grid, reference_tau)],
         sensor_t_s=profile.start_s + sensor_tau,
@@ -195,20 +169,19 @@ def observe(
     """
     if effects:
         plain = observe(scenario, motion, gyro_rng=None, reference_rng=None, G=G, bias=bias)
-        return disturbed(
-            _with_housekeeping(plain, motion, effects, seed, case),
-            motion,
-            effects,
-            gyro_rng,
-            reference_rng,
-            seed,
-            case,
-            point=scenario.gyro.reading == "point",
-        )
+        plain = _with_housekeeping(plain, motion, effects, seed, case)
+        point = scenario.gyro.reading == "point"
+        return disturbed(plain, motion, effects, gyro_rng, reference_rng, seed, case, point=point)
     gyro = scenario.gyro
     of_one = None if scenario.reference.tracker else reference_rng
     rates, quaternions = realise(scenario, motion, noise_free_rates(scenario, motion, G, bias), gyro_rng, of_one)
     sigma = np.deg2rad(scenario.reference.sigma_deg)
+    if scenario.reference.at == "none":
+        attitudes = without_attitudes()
+    elif scenario.reference.tracker:
+        attitudes = tracked(scenario, motion, reference_rng)
+    else:
+        attitudes = Attitudes(motion.reference_t_s, quaternions, np.tile(sigma, (len(quaternions), 1)))
     apriori_G = np.array(gyro.apriori_G)
     return Recording(
         title=scenario.title,
@@ -223,11 +196,7 @@ def observe(
             apriori_bias=np.deg2rad(gyro.apriori_bias_deg_s),
             names=TRIAD if gyro.array is None else gyro.array.gyros,
         ),
-        attitudes=without_attitudes()
-        if scenario.reference.at == "none"
-        else tracked(scenario, motion, reference_rng)
-        if scenario.reference.tracker
-        else Attitudes(motion.reference_t_s, quaternions, np.tile(sigma, (len(quaternions), 1))),
+        attitudes=attitudes,
         intervals=tuple(Interval(i.name, i.activity, i.start_s, i.stop_s, None, i.gyros) for i in scenario.interval),
         orbit=orbit_of(scenario),
     )
@@ -266,18 +235,9 @@ def disturbed(
 def surroundings(plain: Recording, motion: Motion, point: bool = False) -> Surroundings:
     """The noise-free truth as effects see it."""
     t_s = motion.t_s if point else motion.t_s + 0.5 * motion.duration_s
-    stream = Stream(
-        t_s=t_s,
-        duration_s=motion.duration_s,
-        rates=motion.rates,
-        raw=plain.gyro.rates,
-        intervals=motion.intervals,
-        orbit_period_s=plain.orbit.period_s if plain.orbit else float("nan"),
-        span_s=(min(i.start_s for i in plain.intervals), max(i.stop_s for i in plain.intervals)),
-        housekeeping=housekeeping_at(plain, t_s),
-        gyros=plain.gyro.names,
-        axes=nominal(plain.gyro)[0] if plain.is_array else None,
-    )
+    stream = build_stream(plain, t_s, motion.duration_s, motion.rates, plain.gyro.rates, motion.intervals)
+    if plain.is_array:
+        stream = replace(stream, gyros=plain.gyro.names, axes=nominal(plain.gyro)[0])
     return Surroundings(stream, references_of(plain, stream), plain.gyro.arw, plain.gyro.sample_s, plain.attitudes.sigma)
 
 
@@ -312,6 +272,13 @@ def _with_housekeeping(plain: Recording, motion: Motion, effects: Sequence[Setti
     return recording
 
 
+def make_noise_streams(seed: int, case: int, noise: bool) -> tuple[np.random.Generator | None, np.random.Generator | None]:
+    """Make the streams of the gyro's and the references' noise of a case; None without noise."""
+    if not noise:
+        return None, None
+    return generator(seed, case, "gyro_noise"), generator(seed, case, "reference_noise")
+
+
 def simulate(
     scenario: Scenario, seed: int = 0, case: int = 0, noise: bool = True, effects: Sequence[Setting] = ()
 ) -> Recording:
@@ -330,15 +297,8 @@ def simulate(
     InputError
         An effect on the sensors in a scenario without.
     """
-    truth = motion(scenario)
+    truth, (gyro_rng, reference_rng) = motion(scenario), make_noise_streams(seed, case, noise)
     on_sensors = [setting for setting in effects if setting.effect in SENSOR_EFFECTS]
-    recording = observe(
-        scenario,
-        truth,
-        gyro_rng=generator(seed, case, "gyro_noise") if noise else None,
-        reference_rng=generator(seed, case, "reference_noise") if noise else None,
-        effects=[setting for setting in effects if setting.effect not in SENSOR_EFFECTS],
-        seed=seed,
-        case=case,
-    )
+    others = [setting for setting in effects if setting.effect not in SENSOR_EFFECTS]
+    recording = observe(scenario, truth, gyro_rng=gyro_rng, reference_rng=reference_rng, effects=others, seed=seed, case=case)
     return replace(recording, sensors=sensed(scenario, truth, on_sensors, seed, case, noise))

@@ -22,7 +22,7 @@ from simulator.effects.base import (
     Trial,
 )
 from simulator.effects.builtin import BUILT_IN
-from simulator.effects.flight_mode import directions_flown, forward_axes
+from simulator.effects.flight_mode import directions_flown
 from simulator.effects.recorded import references_of, stream_of, surroundings_of
 from simulator.effects.registry import ALL_EFFECTS, ARRAY_EFFECTS, EFFECTS, REGISTRY, TRACKER_EFFECTS, Registry
 from simulator.effects.settings import described, parse, setting
@@ -50,7 +50,6 @@ __all__ = [
     "Trial",
     "described",
     "directions_flown",
-    "forward_axes",
     "parse",
     "references_of",
     "setting",

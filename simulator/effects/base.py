@@ -15,50 +15,17 @@ attitude to exp([e×]) A. Units are those of `Effect.unit`; arrays are in radian
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from simulator.effects.views import (
-    Array,
-    Detection,
-    Fault,
-    ProcessTimes,
-    References,
-    SampleTests,
-    SampleView,
-    Smallest,
-    Stream,
-    Surroundings,
-    Trackers,
-    Value,
-)
+from simulator.arrays import Array as Array
+from simulator.arrays import Flags
 
-__all__ = [
-    "AXES",
-    "ON_REFERENCES",
-    "STAGES",
-    "STAGE_NAMES",
-    "SYMPTOMS",
-    "Array",
-    "Detection",
-    "Effect",
-    "Fault",
-    "Parameter",
-    "ProcessTimes",
-    "References",
-    "SampleTests",
-    "SampleView",
-    "Setting",
-    "Smallest",
-    "Stage",
-    "Stream",
-    "Surroundings",
-    "Trackers",
-    "Trial",
-    "Value",
-    "absent",
-]
+Value = float | str
+Parameters = Mapping[str, Value]
 
 AXES = ("x", "y", "z")
 
@@ -110,25 +77,166 @@ SYMPTOMS = (
     "tracker_noise_level",  # the same of one of several sensors of the references
 )
 
+
+# ---- what an effect sees ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Stream:
+    """The gyro samples as an effect on rates sees them."""
+
+    t_s: Array  # (n,) middle of each sample, s since the epoch
+    duration_s: Array  # (n,)
+    rates: Array  # (n, 3) body rates, rad/s: the true ones in the simulator, the best estimate in a diagnosis
+    raw: Array  # (n, gyros) noise-free raw rates, of three gyros G⁻¹(ω − b), rad/s
+    intervals: tuple[slice, ...]  # the samples of each interval
+    orbit_period_s: float  # NaN if unknown
+    span_s: tuple[float, float]  # first start and last stop of the intervals
+    housekeeping: Mapping[str, Array] = field(default_factory=dict)  # named columns at t_s, (n,) each
+    gyros: tuple[str, ...] = ("x", "y", "z")  # names of the gyros
+    axes: Array | None = None  # (gyros, 3) scale factor times axis of each, where they are not x, y and z
+
+
+@dataclass(frozen=True)
+class Trackers:
+    """Which of several sensors each reference is of, and what it sees."""
+
+    names: tuple[str, ...]  # of the sensors; the first defines the body's axes
+    sensor: NDArray[np.intp]  # (m,) number of that of each reference
+    to_axes: Array  # (m, 3, 3) its mounting, body to sensor; its boresight is its z axis
+    rates: Array  # (m, 3) body rates, rad/s
+    path: Array  # (m,) angle that its boresight has moved over the sky since the interval's start, rad
+    # (m, 3) velocities, inertial, in units of that of light; NaN where the orbit's elements are not stated
+    orbital: Array  # on the orbit
+    annual: Array  # of the Earth about the Sun
+    housekeeping: Mapping[str, Array] = field(default_factory=dict)  # named columns at the references, (m,) each
+
+
+@dataclass(frozen=True)
+class References:
+    """The reference attitudes as an effect on them sees them."""
+
+    t_s: Array  # (m,) s since the epoch
+    quaternions: Array  # (m, 4) inertial to body, scalar last
+    interval: NDArray[np.intp]  # (m,) index of the interval each belongs to
+    forward: NDArray[np.str_]  # (m,) str, the body axis along the velocity, "+x", "-x", …; "" if unknown
+    orbit_period_s: float  # NaN if unknown
+    # (m,) rad, angle of the velocity in the body's xy-plane from +x to +y; NaN if unknown, None if all are
+    heading: Array | None = None
+    trackers: Trackers | None = None  # of references by several sensors, None of one in body axes
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a recording, or a maneuver plan, offers for an effect to act on and to be seen in."""
+
+    stream: Stream  # the gyro samples; noise-free, or the best estimate of that
+    references: References  # the reference attitudes
+    arw: float  # stated angle random walk, rad/√s
+    sample_s: float  # length of a sample, s
+    reference_sigma: Array  # (m, 3) stated sigma of the references, rad
+
+    @property
+    def sample_sigma_deg(self) -> float:
+        """Stated white noise of a sample, deg/s."""
+        return float(np.rad2deg(self.arw / np.sqrt(self.sample_s)))
+
+
+@dataclass(frozen=True)
+class ProcessTimes:
+    """Times at which the covariance of a random process is wanted."""
+
+    t_s: Array  # (c,) s since the epoch
+    run_s: Array  # (c,) sampled time up to then, the gaps between intervals left out, s
+    interval: NDArray[np.intp]  # (c,) index of the interval
+    # (c,) angle that a tracker's boresight has moved over the sky since the interval's start, rad; None for others
+    path: Array | None = None
+
+
+@dataclass(frozen=True)
+class SampleView:
+    """Gyro samples as recorded, for effects that bring a test of their own."""
+
+    t_s: Array  # (n,) middle of each sample, s since the epoch
+    sample_s: float  # length of a sample, s
+    rates: Array  # (n, gyros) raw rates as recorded, rad/s
+    sigma: Array  # (gyros,) white noise of a sample, rad/s
+    inside: Flags  # (n,) bool, whether a sample lies inside an interval
+    intervals: tuple[slice, ...]  # the samples of each interval
+    # (n, gyros) raw rates without noise, from the references or by smoothing, rad/s; NaN where they are not known
+    motion: Array
+    gyros: tuple[str, ...] = ("x", "y", "z")  # names of the gyros
+
+
+@dataclass(frozen=True)
+class Detection:
+    """What an effect's own test found in the samples."""
+
+    effect: str
+    axis: str | None
+    size: float  # in its unit, as sigma
+    unit: str  # of the size
+    sigma: float
+    parameters: Parameters  # its other numbers, as far as they are known
+    log_odds: float  # log of the probability of the samples with the effect over that without
+    p_value: float  # of the test if the effect is absent
+    text: str  # what was seen, for people
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A stretch of a recording that shows no rate or no attitude, and the effect that is found to make it."""
+
+    detection: Detection  # what was found
+    samples: Flags  # (n,) bool, gyro samples that carry no rate
+    references: Flags  # (m,) bool, references that carry no attitude
+
+
+@dataclass(frozen=True)
+class SampleTests:
+    """The tests of the samples that a diagnosis makes, as far as the smallest size which they show depends on them."""
+
+    power: float  # probability to be seen at the smallest size
+    quiet: tuple[int, ...]  # samples in each arc clear of slews and transitions
+    event_p: float  # p-value at which a wrong noise level counts
+    correlated: float  # variance of a mean of squared second differences, over that of as many independent squares
+    line_p: float  # p-value at which a tone counts
+    lowest_line_hz: float  # the lowest frequency that is tried
+    outlier_sigma: float  # from where on a sample is an outlier
+    fewest_clipped: int  # samples at the same largest reading that make a limit
+    coarse: float  # smallest step on which readings count as a lattice, in sigma of a sample
+    fewest_references: int  # second differences of references without which their noise is not tested
+    reference_p: float  # p-value at which a wrong noise level of the references counts
+    trimming: float  # what leaving outliers out adds to the variance of that test
+
+
+@dataclass(frozen=True)
+class Smallest:
+    """The smallest size of an effect that shows in the samples; infinite if none does, with the reason as text."""
+
+    axis: str | None
+    size: float
+    text: str = ""
+
+
+# ---- what an effect is -------------------------------------------------------------------------------------------------------
+
 Method = TypeVar("Method", bound=Callable[..., object])
+
+
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """Draw a number between two, uniform in its logarithm."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 @dataclass(frozen=True)
 class Setting:
-    """One effect with its numbers; `simulator.effects.setting` makes a validated one.
+    """One effect with its numbers; `simulator.effects.setting` makes a validated one."""
 
-    Attributes
-    ----------
-    effect : name in the registry
-    axis : "x", "y", "z", or None where the effect has none or acts on all
-    size : in the effect's unit
-    parameters : the effect's other numbers by name
-    """
-
-    effect: str
-    axis: str | None
-    size: float
-    parameters: Mapping[str, Value] = field(default_factory=dict)
+    effect: str  # name in the registry
+    axis: str | None  # "x", "y", "z", or None where the effect has none or acts on all
+    size: float  # in the effect's unit
+    parameters: Parameters = field(default_factory=dict)  # the effect's other numbers by name
 
     def label(self) -> str:
         """Effect and axis, e.g. "bias_drift:z" or "time_offset"."""
@@ -137,34 +245,33 @@ class Setting:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number or choice of an effect beside its size.
+    """A number or choice of an effect beside its size."""
 
-    Attributes
-    ----------
-    name : with its unit at the end, e.g. "time_s"
-    unit : for tables
-    default : None if it must be given
-    summary : what it is, in a few words
-    lower, upper : inclusive bounds of a number
-    choices : the words allowed, or () for a number; ("*",) allows any word
-    draw : draws a value for a blind check from a random generator and the surroundings; None takes the default
-    """
-
-    name: str
-    unit: str
-    default: Value | None
-    summary: str
-    lower: float = -np.inf
+    name: str  # with its unit at the end, e.g. "time_s"
+    unit: str  # for tables
+    default: Value | None  # None if it must be given
+    summary: str  # what it is, in a few words
+    lower: float = -np.inf  # inclusive bounds of a number
     upper: float = np.inf
-    choices: tuple[str, ...] = ()
-    draw: Callable[[np.random.Generator, Surroundings], Value] | None = None
+    choices: tuple[str, ...] = ()  # the words allowed, or () for a number; ("*",) allows any word
+    # of a value for a blind check: a function of a random generator and the surroundings, two numbers between which it is
+    # uniform in its logarithm, or words of which it is any; None takes the default
+    draw: Callable[[np.random.Generator, Surroundings], Value] | tuple[float, float] | tuple[str, ...] | None = None
+    tried: tuple[Value, ...] = ()  # values that a diagnosis tries, equally probable
+
+    def draw_value(self, rng: np.random.Generator, around: Surroundings) -> Value:
+        """Draw a value for a blind check."""
+        assert self.draw is not None
+        if not isinstance(self.draw, tuple):
+            return self.draw(rng, around)
+        return str(rng.choice(self.draw)) if self.choices else log_uniform(rng, float(self.draw[0]), float(self.draw[1]))
 
 
 @dataclass(frozen=True)
 class Trial:
     """One set of an effect's parameters that a diagnosis tries, and its prior weight among them."""
 
-    parameters: Mapping[str, Value] = field(default_factory=dict)
+    parameters: Parameters = field(default_factory=dict)
     weight: float = 1.0
 
 
@@ -198,6 +305,9 @@ class Effect:
     kin : what it shares with effects that are nearly the same to any diagnosis; a blind check never puts two of them together
     of_arrays : whether it is told apart from others only where there are more gyros than x, y and z
     of_trackers : whether it is of one of several star trackers, whose name stands in the place of an axis
+    blind_sizes : between which a blind check draws the size, uniform in its logarithm
+    in_noise : whether these are in sigma of a sample's white noise, for a size in deg/s
+    requirement : why it cannot act on a recording, a function of its surroundings; None if it always can
     drawn : whether the cases of the test world draw it; an effect that came later would change the cases before it
     """
 
@@ -221,6 +331,9 @@ class Effect:
     kin: str = ""
     of_arrays: bool = False
     of_trackers: bool = False
+    blind_sizes: tuple[float, float] | None = None
+    in_noise: bool = False
+    requirement: Callable[[Surroundings], str | None] | None = None
     drawn: bool = True
 
     # ---- what it is ------------------------------------------------------------------------------------------------------
@@ -268,12 +381,12 @@ class Effect:
     # ---- what it does, by stage ------------------------------------------------------------------------------------------
 
     @absent
-    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """What is added to the raw reading per unit of each linear amplitude, (n, 3, k) rad/s."""
         raise NotImplementedError(f"{self.name} has no columns on the rates")
 
     @absent
-    def reference_columns(self, references: References, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def reference_columns(self, references: References, axis: str | None, parameters: Parameters) -> Array:
         """Error angle e of the references per unit of each linear amplitude, (m, 3, k) rad."""
         raise NotImplementedError(f"{self.name} has no columns on the references")
 
@@ -320,17 +433,22 @@ class Effect:
     # ---- how a diagnosis tries it ----------------------------------------------------------------------------------------
 
     @absent
-    def covariance(self, at: ProcessTimes, parameters: Mapping[str, Value]) -> Array:
+    def covariance(self, at: ProcessTimes, parameters: Parameters) -> Array:
         """Covariance (c, c) of a random process on one axis per unit size², (rad/s)² on the rates, rad² on the references."""
         raise NotImplementedError(f"{self.name} is no random process")
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
-        """Sets of parameters to try, with weights that add up to one; what the amplitudes hold and time_s are left out."""
-        return (Trial(),)
+        """Sets of parameters to try, with weights that add up to one; what the amplitudes hold and time_s are left out.
+
+        By default all combinations of what its parameters say is tried.
+        """
+        tried = {one.name: one.tried for one in self.parameters if one.tried}
+        sets = list(product(*tried.values()))
+        return tuple(Trial(dict(zip(tried, values, strict=True)), 1 / len(sets)) for values in sets)
 
     def missing(self, around: Surroundings) -> str | None:
         """Why it cannot act on, or be seen in, a recording; None if it can."""
-        return None
+        return self.requirement(around) if self.requirement else None
 
     @absent
     def detect(self, view: SampleView) -> Sequence[Detection]:
@@ -343,13 +461,7 @@ class Effect:
         return ()
 
     def completed(self, setting: Setting) -> Setting:
-        """A validated setting in the form in which it acts, such as with its direction scaled to its size.
-
-        Raises
-        ------
-        InputError
-            It would do nothing.
-        """
+        """A validated setting in the form in which it acts; an `InputError` where it would do nothing."""
         return setting
 
     # ---- how it is drawn and when it shows -------------------------------------------------------------------------------
@@ -359,11 +471,13 @@ class Effect:
         axis = str(rng.choice(self.axes)) if self.axes else None
         if self.axis_optional and rng.random() < 0.5:
             axis = None
-        return axis, {one.name: one.draw(rng, around) for one in self.parameters if one.draw is not None}
+        return axis, {one.name: one.draw_value(rng, around) for one in self.parameters if one.draw is not None}
 
     def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float | None:
         """Size for a blind check; None leaves it to the check, which asks for a signal-to-noise ratio in the attitude."""
-        return None
+        if self.blind_sizes is None:
+            return None
+        return log_uniform(rng, *self.blind_sizes) * (around.sample_sigma_deg if self.in_noise else 1.0)
 
     def smallest(self, around: Surroundings, tests: SampleTests) -> Sequence[Smallest]:
         """Smallest sizes that show in the samples; of one that gives none, the attitude decides."""

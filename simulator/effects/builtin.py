@@ -1,109 +1,60 @@
-"""The built-in effects: one line each adds it to the registry."""
+"""The built-in effects: one line each adds it to the registry, in the order in which they are listed."""
 
-from simulator.effects.gyro import (
-    acceleration_sensitivity,
-    bias_drift,
-    bias_markov,
-    bias_orbital,
-    bias_periodic,
-    bias_random_walk,
-    bias_step,
-    bias_temperature,
-    clock_drift,
-    clock_slip,
-    g_matrix_step,
-    g_matrix_temperature,
-    gyro_dead,
-    gyro_scale_step,
-    gyro_stop,
-    noise_angle_white,
-    noise_excess,
-    noise_flicker,
-    rate_deadzone,
-    rate_lag,
-    rate_quantization,
-    rate_saturation,
-    rate_truncation,
-    scale_asymmetry,
-    scale_quadratic,
-    spikes,
-    stale_samples,
-    time_offset,
-    vibration,
-)
-from simulator.effects.reference import (
-    reference_correlated,
-    reference_freeze,
-    reference_glitch,
-    reference_horizon,
-    reference_jump,
-    reference_mode_offset,
-    reference_noise_excess,
-    reference_orbital,
-    reference_periodic,
-)
+from importlib import import_module
+
 from simulator.effects.registry import REGISTRY
-from simulator.effects.sensor import dss_head, dss_misalignment, esa_bias, esa_nadir, esa_s_filter, esa_sun_intrusion
-from simulator.effects.tracker import (
-    tracker_aberration,
-    tracker_field_error,
-    tracker_misalignment,
-    tracker_noise_excess,
-    tracker_thermal,
-    tracker_time_offset,
-)
 
-# In the order in which they are listed.
-BUILT_IN = (
-    bias_drift,
-    bias_step,
-    bias_orbital,
-    bias_periodic,
-    bias_temperature,
-    acceleration_sensitivity,
-    bias_random_walk,
-    bias_markov,
-    noise_flicker,
-    noise_excess,
-    noise_angle_white,
-    scale_asymmetry,
-    scale_quadratic,
-    g_matrix_step,
-    g_matrix_temperature,
-    time_offset,
-    clock_drift,
-    clock_slip,
-    rate_lag,
-    rate_quantization,
-    rate_deadzone,
-    rate_saturation,
-    rate_truncation,
-    vibration,
-    spikes,
-    stale_samples,
-    gyro_stop,
-    gyro_scale_step,
-    gyro_dead,
-    reference_jump,
-    reference_freeze,
-    reference_glitch,
-    reference_mode_offset,
-    reference_orbital,
-    reference_horizon,
-    reference_periodic,
-    reference_correlated,
-    reference_noise_excess,
-    tracker_misalignment,
-    tracker_time_offset,
-    tracker_aberration,
-    tracker_thermal,
-    tracker_field_error,
-    tracker_noise_excess,
-    dss_head,
-    dss_misalignment,
-    esa_bias,
-    esa_s_filter,
-    esa_sun_intrusion,
-    esa_nadir,
-)
+FILES = """
+gyro.bias_drift
+gyro.bias_step
+gyro.bias_orbital
+gyro.bias_periodic
+gyro.bias_temperature
+gyro.acceleration_sensitivity
+gyro.bias_random_walk
+gyro.bias_markov
+gyro.noise_flicker
+gyro.noise_excess
+gyro.noise_angle_white
+gyro.scale_asymmetry
+gyro.scale_quadratic
+gyro.g_matrix_step
+gyro.g_matrix_temperature
+gyro.time_offset
+gyro.clock_drift
+gyro.clock_slip
+gyro.rate_lag
+gyro.rate_quantization
+gyro.rate_deadzone
+gyro.rate_saturation
+gyro.rate_truncation
+gyro.vibration
+gyro.spikes
+gyro.stale_samples
+gyro.gyro_stop
+gyro.gyro_scale_step
+gyro.gyro_dead
+reference.reference_jump
+reference.reference_freeze
+reference.reference_glitch
+reference.reference_mode_offset
+reference.reference_orbital
+reference.reference_horizon
+reference.reference_periodic
+reference.reference_correlated
+reference.reference_noise_excess
+tracker.tracker_misalignment
+tracker.tracker_time_offset
+tracker.tracker_aberration
+tracker.tracker_thermal
+tracker.tracker_field_error
+tracker.tracker_noise_excess
+sensor.dss_head
+sensor.dss_misalignment
+sensor.esa_bias
+sensor.esa_s_filter
+sensor.esa_sun_intrusion
+sensor.esa_nadir
+"""
+BUILT_IN = tuple(import_module(f"simulator.effects.{file}") for file in FILES.split())
 REGISTRY.register_all(module.EFFECT for module in BUILT_IN)

@@ -50,18 +50,7 @@ def activated(settings: Sequence[Setting], seed: int, case: int) -> list[Active]
 
 
 def readings(around: Surroundings, active: Sequence[Active], rng: np.random.Generator | None) -> Array:
-    """Raw samples as recorded.
-
-    Parameters
-    ----------
-    around : the noise-free samples and references, and the stated noise
-    active : the effects; those on references are passed over
-    rng : source of the white noise; None for none
-
-    Returns
-    -------
-    (n, 3) rad/s
-    """
+    """Raw samples as recorded, (n, gyros) rad/s; rng is the source of the white noise, None for none."""
     raw = around.stream.raw
     for stage in STAGES:
         if stage.name == "white_noise":
@@ -107,26 +96,22 @@ def _through(one: Active, raw: Array, around: Surroundings, method: str) -> Arra
 
 
 def _white_noise(around: Surroundings, active: Sequence[Active], rng: np.random.Generator | None) -> Array:
+    gyros = around.stream.gyros
     if rng is None:
-        return np.zeros(len(around.stream.gyros))
-    zero = np.zeros_like(around.stream.raw)
-    factor = _factor(active, "white_noise") if around.stream.axes is None else _factor_by_gyro(active, around.stream.gyros)
-    return with_white_noise(rng, zero, around.arw, around.stream.duration_s) * factor
+        return np.zeros(len(gyros))
+    factor = np.ones(len(gyros))
+    for one in _at(active, "white_noise"):
+        check_gyro(one.setting, one.effect, gyros)
+        if around.stream.axes is None:
+            factor *= one.effect.noise_factor(one.setting)
+        else:
+            on = [one.setting.axis in (None, name) for name in gyros]
+            factor[on] *= one.effect.noise_factor(standing_in(one.setting))[0]
+    return with_white_noise(rng, np.zeros_like(around.stream.raw), around.arw, around.stream.duration_s) * factor
 
 
 def referenced(around: Surroundings, active: Sequence[Active], rng: np.random.Generator | None) -> Array:
-    """Reference attitudes as recorded.
-
-    Parameters
-    ----------
-    around : the true attitudes, and the stated noise
-    active : the effects; those on rates are passed over
-    rng : source of the white errors; None for none
-
-    Returns
-    -------
-    (m, 4) quaternions
-    """
+    """Reference attitudes as recorded, (m, 4); rng is the source of the white errors, None for none."""
     references = around.references
     error = np.zeros((len(references.t_s), 3))
     if rng is not None:
@@ -155,29 +140,14 @@ def _at(active: Sequence[Active], stage: str) -> list[Active]:
     return here
 
 
-def _factor(active: Sequence[Active], stage: str) -> Array:
-    factor = np.ones(3)
-    for one in _at(active, stage):
-        factor = factor * one.effect.noise_factor(one.setting)
-    return factor
-
-
 def _reference_factor(around: Surroundings, active: Sequence[Active]) -> Array:
     """What the white errors of the references are multiplied by, (3,) or (m, 3)."""
-    factor = _factor([one for one in active if not one.effect.of_trackers], "reference_noise")
-    for one in _at(active, "reference_noise"):
+    factor = np.ones(3)
+    for one in sorted(_at(active, "reference_noise"), key=lambda one: one.effect.of_trackers):
+        own = one.effect.noise_factor(one.setting)
         if one.effect.of_trackers:
-            own = rows_of(around.references, str(one.setting.axis), one.effect)
-            factor = factor * np.where(own[:, None], one.effect.noise_factor(one.setting), 1.0)
-    return factor
-
-
-def _factor_by_gyro(active: Sequence[Active], gyros: tuple[str, ...]) -> Array:
-    factor = np.ones(len(gyros))
-    for one in _at(active, "white_noise"):
-        check_gyro(one.setting, one.effect, gyros)
-        on = [one.setting.axis in (None, name) for name in gyros]
-        factor[on] *= one.effect.noise_factor(standing_in(one.setting))[0]
+            own = np.where(rows_of(around.references, str(one.setting.axis), one.effect)[:, None], own, 1.0)
+        factor = factor * own
     return factor
 
 

@@ -1,18 +1,27 @@
 """Small pieces that several effects share."""
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 import scipy.special
-from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
 from gyrocal.errors import InputError
-from simulator.effects.base import AXES, Parameter, SampleTests, Setting, Smallest, Stream, Surroundings, Trial, Value
-
-Array = NDArray[np.float64]
+from simulator.arrays import Array
+from simulator.effects.base import (
+    AXES,
+    Parameter,
+    Parameters,
+    SampleTests,
+    Setting,
+    Smallest,
+    Stream,
+    Surroundings,
+    Trial,
+    Value,
+)
+from simulator.effects.base import log_uniform as log_uniform
 
 DEG = float(np.deg2rad(1.0))  # rad
 DEG_H = DEG / 3600  # rad/s
@@ -43,12 +52,8 @@ def any_step_time(rng: np.random.Generator, around: Surroundings) -> Value:
 
 
 TIME = Parameter("time_s", "s", None, "time of the step since the epoch", -1e12, 1e12, draw=any_step_time)
+TOWARD = Parameter("toward", "", None, "body axis whose rate is picked up", choices=AXES, draw=AXES, tried=AXES)
 PHASE = Parameter("phase_deg", "deg", 0.0, "phase at the epoch", -360.0, 360.0, draw=any_phase)
-
-
-def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    """A number between two, uniform in its logarithm."""
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def spans(stream: Stream) -> tuple[Array, Array]:
@@ -58,12 +63,7 @@ def spans(stream: Stream) -> tuple[Array, Array]:
     return np.array(begin), np.array(end)
 
 
-def sample_sigma_deg(around: Surroundings) -> float:
-    """Stated white noise of a sample, deg/s."""
-    return float(np.rad2deg(around.arw / np.sqrt(around.sample_s)))
-
-
-def number(parameters: Mapping[str, Value], name: str) -> float:
+def number(parameters: Parameters, name: str) -> float:
     """A parameter that is a number."""
     return float(parameters[name])
 
@@ -108,13 +108,6 @@ def phase_amplitudes(setting: Setting) -> Array:
 def from_phase_amplitudes(amplitudes: Array) -> tuple[float, dict[str, Value]]:
     """Size ≥ 0 and phase, the reverse of `phase_amplitudes`."""
     return float(np.hypot(*amplitudes)), {"phase_deg": float(np.rad2deg(np.arctan2(amplitudes[1], amplitudes[0])))}
-
-
-def run_time(stream: Stream, gaps: Literal["hold", "grow"]) -> Array:
-    """Time at the middle of each sample, s: of sampling only ("hold"), or with the gaps between ("grow"); (n,)."""
-    if gaps == "grow":
-        return stream.t_s
-    return np.asarray(np.cumsum(stream.duration_s) - 0.5 * stream.duration_s)
 
 
 def runs(stream: Stream) -> list[slice]:
@@ -167,11 +160,32 @@ def time_constants(low: float, high: float, ratio: float, most: int = 100) -> tu
     return tuple(Trial({"time_constant_s": float(constant)}, 1 / constants.size) for constant in constants)
 
 
-def noise_power(quiet: int, tests: SampleTests) -> float:
-    """Power of the noise of so many quiet samples, over that stated, at which the test of its level shows it."""
+def build_factor(axis: str | None, size: float) -> Array:
+    """A factor on the noise of one axis, or of all, (3,)."""
+    factor = np.ones(3)
+    factor[chosen(axis)] = size
+    return factor
+
+
+def compute_noise_powers(quiet: int, tests: SampleTests) -> tuple[float, float]:
+    """Powers of the noise of so many quiet samples, over that stated, above and below which the test of its level shows it.
+
+    z = (power − 1)/rel must pass the point of the test with the scatter power · rel.
+    """
     relative = np.sqrt(2 / quiet * tests.correlated)
     level, spread = -scipy.special.ndtri(tests.event_p / 2) * relative, scipy.special.ndtri(tests.power) * relative
-    return float((1 + level) / (1 - spread)) if spread < 1 else np.inf
+    high = float((1 + level) / (1 - spread)) if spread < 1 else np.inf
+    return high, float(max(1 - level, 0.0) / (1 + spread))
+
+
+def no_gyro_noise(around: Surroundings) -> str | None:
+    """Why an effect that is told from the stated noise cannot act."""
+    return None if around.arw > 0 else "the recording states no gyro noise"
+
+
+def several_trackers(around: Surroundings) -> str | None:
+    """Why an effect on the references of one sensor cannot act."""
+    return "the references are of several star trackers" if around.references.trackers is not None else None
 
 
 def no_orbit(around: Surroundings) -> str | None:
@@ -181,17 +195,20 @@ def no_orbit(around: Surroundings) -> str | None:
 
 def noncentrality(point: float, degrees: int, power: float) -> float:
     """Of a χ² that passes a point with some probability."""
-    low, high = 0.0, 10 * point + 100
-    for _ in range(80):
-        middle = 0.5 * (low + high)
-        passes = 1 - scipy.special.chndtr(point, degrees, middle)
-        low, high = (middle, high) if passes < power else (low, middle)
-    return high
+    return float(scipy.special.chndtrinc(point, degrees, 1 - power))
+
+
+def round_to_multiples(samples: Array, axis: str | None, step: float, rounded: Callable[[Array], Array]) -> Array:
+    """Samples (n, 3) with one axis, or all, at whole multiples of a step."""
+    out = samples.copy()
+    axes = chosen(axis)
+    out[:, axes] = rounded(samples[:, axes] / step) * step
+    return out
 
 
 def smallest_steps(around: Surroundings, tests: SampleTests) -> list[Smallest]:
     """Of readings that are multiples of a step: one on which many fall together, and that is not far below the noise."""
-    sigma = sample_sigma_deg(around)
+    sigma = around.sample_sigma_deg
     raw = np.rad2deg(around.stream.raw)
     x = raw + sigma * np.random.default_rng(0).standard_normal(raw.shape)
     steps = np.geomspace(1e-9, 1.0, 37)

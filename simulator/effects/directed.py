@@ -1,7 +1,5 @@
 """Effects of several angles, whose size is their norm."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 

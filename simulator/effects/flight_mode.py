@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.recording import GyroStream, Interval, Recording, reference_rows, triad
+from simulator.arrays import Flags
 from simulator.effects.base import Array
 
 SHORTEST_S = 10.0  # to either side of a reference; half a transition to an inertial hold
@@ -24,18 +25,10 @@ AXES = np.array(["+x", "-x", "+y", "-y"])
 DIRECTIONS = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 
 
-def forward_axes(recording: Recording) -> NDArray[np.str_]:
-    """The body axis along the velocity at each reference, "+x", "-x", "+y" or "-y"; (m,), "" where there is none."""
-    return directions_flown(recording)[0]
-
-
 def directions_flown(recording: Recording) -> tuple[NDArray[np.str_], Array]:
-    """Where each reference flies.
+    """Where each reference flies, "" and NaN where no axis is forward.
 
-    Returns
-    -------
-    The body axis along the velocity, (m,), "" where there is none, and the angle of the velocity in the body's xy-plane
-    from +x to +y, (m,) rad, NaN where there is none.
+    The body axis along the velocity, (m,), and the angle of the velocity in the body's xy-plane from +x to +y, (m,) rad.
     """
     t_s = recording.attitudes.t_s
     axes, headings = np.full(t_s.size, "", dtype="<U2"), np.full(t_s.size, np.nan)
@@ -95,7 +88,7 @@ def _velocity(rates: Array) -> Array:
     return np.column_stack([-rates[:, 1], rates[:, 0]])
 
 
-def _to_nadir(rates: Array) -> NDArray[np.bool_]:
+def _to_nadir(rates: Array) -> Flags:
     """Where the rate across z is that of the orbit."""
     return np.abs(np.linalg.norm(_velocity(rates), axis=1) - 1) < NEAR
 

@@ -5,15 +5,12 @@ whose rate is the one about that gyro's axis: what the effect does to x there, i
 acts on any gyro, and its file says once what it does.
 """
 
-from __future__ import annotations
-
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from gyrocal.errors import InputError
-from simulator.effects.base import AXES, Array, Effect, Setting, Stream, Value
+from simulator.effects.base import AXES, Array, Effect, Parameters, Setting, Stream
 
 STAND_IN = "x"
 
@@ -31,7 +28,7 @@ def standing_in(setting: Setting) -> Setting:
     return replace(setting, axis=None if setting.axis is None else STAND_IN)
 
 
-def columns_of(effect: Effect, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+def columns_of(effect: Effect, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
     """Compute what an effect adds to the readings per unit of each amplitude, (n, gyros, k) rad/s, of any gyros."""
     if stream.axes is None:
         return effect.columns(stream, axis, parameters)

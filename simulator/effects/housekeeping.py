@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gyrocal.errors import InputError
-from simulator.effects.base import Array
+from simulator.effects.base import Array, Parameter, Parameters, Surroundings
 from simulator.effects.common import DAY
 from simulator.truth.rotation import matrix
 
@@ -33,14 +33,7 @@ MEAN_C, ORBITAL_K, PHASE, DRIFT_K_DAY, NOISE_K = 20.0, 1.5, float(np.deg2rad(40.
 
 
 def gyro_temperature(rng: np.random.Generator, spans: list[tuple[float, float]], period_s: float) -> pd.DataFrame:
-    """Housekeeping table with t_s and gyro_temperature_c.
-
-    Parameters
-    ----------
-    rng : source of the noise
-    spans : start and stop of each interval, s since the epoch
-    period_s : of the orbit
-    """
+    """Table of t_s and gyro_temperature_c in some intervals, start and stop in s since the epoch; the orbit's period in s."""
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
     t_s = np.unique(np.concatenate([_times(start, stop) for start, stop in spans]))
@@ -50,14 +43,7 @@ def gyro_temperature(rng: np.random.Generator, spans: list[tuple[float, float]],
 
 
 def table_acceleration(rng: np.random.Generator, t_s: Array, quaternions: Array) -> pd.DataFrame:
-    """Simulate accelerometers on a rate table: t_s and one column per body axis, m/s².
-
-    Parameters
-    ----------
-    rng : source of the noise
-    t_s : (m,) s since the epoch, in any order
-    quaternions : (m, 4) attitudes then, inertial to body
-    """
+    """Simulate accelerometers on a rate table: t_s and a column per body axis, m/s², of attitudes (m, 4) in any order."""
     import pandas as pd
 
     _, rows = np.unique(t_s, return_index=True)
@@ -70,16 +56,27 @@ def _times(start: float, stop: float) -> Array:
     return np.append(np.arange(start, stop, SPACING_S), stop)
 
 
-def temperature_column(names: Mapping[str, object], wanted: str, whose: str, effect: str) -> str:
-    """Name of the housekeeping column that an effect follows: the wanted one, or a temperature, its sensor's before others.
+def make_temperature_parameter(whose: str) -> Parameter:
+    """Make the parameter that names the column of a temperature."""
+    return Parameter("column", "", "", f"housekeeping column; {whose} temperature if empty", choices=("*",))
 
-    Raises
-    ------
-    InputError
-        There is none.
-    """
-    fitting = [name for name in names if (name == wanted if wanted else name.endswith(SUFFIX))]
+
+def find_temperature(housekeeping: Mapping[str, Array], parameters: Parameters, whose: str, effect: str) -> Array:
+    """The temperature that an effect follows: that of the named column, or a temperature, its sensor's before others."""
+    wanted = str(parameters.get("column", ""))
+    fitting = [name for name in housekeeping if (name == wanted if wanted else name.endswith(SUFFIX))]
     if not fitting:
-        there = ", ".join(names) or "no housekeeping"
+        there = ", ".join(housekeeping) or "no housekeeping"
         raise InputError(f"{effect}: no housekeeping column {wanted or '…' + SUFFIX}; there is {there}")
-    return min(fitting, key=lambda name: whose not in name)
+    return housekeeping[min(fitting, key=lambda name: whose not in name)]
+
+
+def no_temperature(housekeeping: Mapping[str, Array]) -> str | None:
+    """Why an effect that follows a temperature cannot act."""
+    there = any(name.endswith(SUFFIX) for name in housekeeping)
+    return None if there else f"the recording has no housekeeping column …{SUFFIX}"
+
+
+def no_gyro_temperature(around: Surroundings) -> str | None:
+    """Why an effect of the gyro that follows a temperature cannot act."""
+    return no_temperature(around.stream.housekeeping)

@@ -9,8 +9,6 @@ least squares and taken out (Huber's weights), so that a recording needs no cali
 makes one large innovation where it begins and another one where it ends; a single false reference makes two in a row.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,23 +28,14 @@ EARLIEST_S = 1e-6  # two references closer than that are one
 
 @dataclass(frozen=True)
 class Innovations:
-    """Innovations of the references of a recording.
+    """Innovations of the references of a recording."""
 
-    Attributes
-    ----------
-    first, second : (k,) rows of the two references of each step, of the references as they are
-    duration_s : (k,) time between them
-    turned : (k, 3) rotation vector of the body by the gyro, after the fit, rad
-    values : (k, 3) innovations after the fit, rad
-    sigma : (k, 3) their scatter: that of the stated noise, times one factor for all where they scatter more, rad
-    """
-
-    first: NDArray[np.intp]
+    first: NDArray[np.intp]  # (k,) rows of the two references of each step
     second: NDArray[np.intp]
-    duration_s: Array
-    turned: Array
-    values: Array
-    sigma: Array
+    duration_s: Array  # (k,) time between them
+    turned: Array  # (k, 3) rotation vector of the body by the gyro, after the fit, rad
+    values: Array  # (k, 3) innovations after the fit, rad
+    sigma: Array  # (k, 3) their scatter: that of the stated noise, times one factor for all where they scatter more, rad
 
 
 def compute_innovations(around: Surroundings) -> Innovations:

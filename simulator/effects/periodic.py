@@ -1,4 +1,4 @@
-"""What effects that swing with a period of their own have in common: size · sin(2π t/P + φ), t since the epoch.
+"""Sinusoidal errors, size · sin(2π t/P + φ), t since the epoch.
 
 Amplitudes (size cos φ, size sin φ) make it linear; the period is not. Where nothing states it, it may be any between what the
 spacing of the references can show and the whole time from the first of them to the last, even in its logarithm. One phase goes
@@ -37,11 +37,10 @@ PERIOD = Parameter("period_s", "s", 1000.0, "period", 1e-3, 1e12, draw=any_perio
 
 
 @dataclass(frozen=True)
-class Periodic(Effect):
-    """An effect that swings with any period."""
+class Sinusoid(Effect):
+    """An effect whose columns are a sine and a cosine."""
 
-    parameters: tuple[Parameter, ...] = (PERIOD, PHASE)
-    scanned: bool = True
+    parameters: tuple[Parameter, ...] = (PHASE,)
 
     def amplitudes(self, setting: Setting) -> Array:
         """(size cos φ, size sin φ)."""
@@ -50,6 +49,14 @@ class Periodic(Effect):
     def from_amplitudes(self, amplitudes: Array) -> tuple[float, dict[str, Value]]:
         """Size and phase."""
         return from_phase_amplitudes(amplitudes)
+
+
+@dataclass(frozen=True)
+class Periodic(Sinusoid):
+    """A sinusoid of any period."""
+
+    parameters: tuple[Parameter, ...] = (PERIOD, PHASE)
+    scanned: bool = True
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
         """Some periods, evenly spaced in their logarithm."""

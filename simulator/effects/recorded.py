@@ -50,7 +50,7 @@ def smoothed_rates(recording: Recording, G: Array, bias: Array, smooth_s: float 
     adjusted = gyro.rates @ G.T + bias
     empty = np.empty((len(gyro.t_s), 3))
     duration = durations(recording)
-    stream = _stream(recording, gyro.t_s + 0.5 * duration, duration, adjusted, empty)
+    stream = build_stream(recording, gyro.t_s + 0.5 * duration, duration, adjusted, empty, interval_slices(recording))
     sigma = gyro.arw / np.sqrt(gyro.sample_s)
     out = adjusted.copy()
     for part in runs(stream):
@@ -59,17 +59,11 @@ def smoothed_rates(recording: Recording, G: Array, bias: Array, smooth_s: float 
 
 
 def stream_of(recording: Recording, G: Array, bias: Array, smooth_s: float = SMOOTH_S) -> Stream:
-    """The samples of a recording as an effect on rates sees them.
-
-    Parameters
-    ----------
-    recording : any recording
-    G, bias : (3, 3), (3,) rad/s: its calibration
-    smooth_s : longest window of the smoothing, s; 0 for none
-    """
+    """The samples of a recording as an effect on rates sees them, by its calibration G (3, 3) and bias (3,), rad/s."""
     rates = smoothed_rates(recording, G, bias, smooth_s)
     duration = durations(recording)
-    return _stream(recording, recording.gyro.t_s + 0.5 * duration, duration, rates, raw_rates(rates, G, bias))
+    t_s, raw = recording.gyro.t_s + 0.5 * duration, raw_rates(rates, G, bias)
+    return build_stream(recording, t_s, duration, rates, raw, interval_slices(recording))
 
 
 def references_of(recording: Recording, stream: Stream | None = None) -> References:
@@ -117,13 +111,16 @@ def _period(recording: Recording) -> float:
     return float("nan") if recording.orbit is None else recording.orbit.period_s
 
 
-def _stream(recording: Recording, t_s: Array, duration: Array, rates: Array, raw: Array) -> Stream:
+def build_stream(
+    recording: Recording, t_s: Array, duration: Array, rates: Array, raw: Array, intervals: tuple[slice, ...]
+) -> Stream:
+    """Build the stream of samples of a recording; the arrays are those of a `Stream`."""
     return Stream(
         t_s=t_s,
         duration_s=duration,
         rates=rates,
         raw=raw,
-        intervals=interval_slices(recording),
+        intervals=intervals,
         orbit_period_s=_period(recording),
         span_s=(min(i.start_s for i in recording.intervals), max(i.stop_s for i in recording.intervals)),
         housekeeping=housekeeping_at(recording, t_s),

@@ -45,13 +45,7 @@ class Registry(Mapping[str, Effect]):
         return len(self.effects)
 
     def register(self, effect: Effect) -> None:
-        """Add an effect.
-
-        Raises
-        ------
-        InputError
-            Its name is taken, there is no such stage, or it does not do what its stage calls.
-        """
+        """Add an effect; an `InputError` says what about it cannot work."""
         name = effect.name
         if name in self.effects:
             raise InputError(f"{name}: there is an effect of that name already")
@@ -60,27 +54,23 @@ class Registry(Mapping[str, Effect]):
         calls = next(stage.calls for stage in STAGES if stage.name == effect.stage)
         if not effect.implements(calls):
             raise InputError(f"{name}: stage {effect.stage} calls its method {calls}, which it does not have")
-        self._check_symptom(effect)
+        if effect.symptom is not None and effect.symptom not in SYMPTOMS:
+            raise InputError(f"{name}: no symptom '{effect.symptom}'; there are {', '.join(SYMPTOMS)}")
+        rival = effect.symptom and self.showing(effect.symptom)
+        if rival:
+            raise InputError(f"{name}: the symptom {effect.symptom} is that of {rival.name} already")
         if not 0 < effect.prior[0] < effect.prior[1]:
             raise InputError(f"{name}: prior must be two sizes above zero, the smaller one first")
-        if effect.switched and "time_s" not in {parameter.name for parameter in effect.parameters}:
+        parameters = {parameter.name for parameter in effect.parameters}
+        if effect.switched and "time_s" not in parameters:
             raise InputError(f"{name}: is switched on at a time, and needs a parameter time_s")
-        if effect.scanned and "period_s" not in {parameter.name for parameter in effect.parameters}:
+        if effect.scanned and "period_s" not in parameters:
             raise InputError(f"{name}: its period is scanned for, and needs a parameter period_s")
         self.effects[name] = effect
 
     def remove(self, name: str) -> None:
         """Take an effect out again."""
         del self.effects[name]
-
-    def _check_symptom(self, effect: Effect) -> None:
-        if effect.symptom is None:
-            return
-        if effect.symptom not in SYMPTOMS:
-            raise InputError(f"{effect.name}: no symptom '{effect.symptom}'; there are {', '.join(SYMPTOMS)}")
-        rival = self.showing(effect.symptom)
-        if rival is not None:
-            raise InputError(f"{effect.name}: the symptom {effect.symptom} is that of {rival.name} already")
 
     def showing(self, symptom: str) -> Effect | None:
         """The effect that claims a symptom of the samples."""
@@ -98,13 +88,7 @@ class Registry(Mapping[str, Effect]):
                 warnings.warn(f"effect plug-in {point.name} ({point.value}) is left out: {_one_line(fault)}", stacklevel=2)
 
     def load_file(self, path: Path) -> list[Effect]:
-        """Register the effects of a Python file, its `EFFECT` or `EFFECTS`.
-
-        Raises
-        ------
-        InputError
-            The file cannot be read or run, or holds no effect; the message is one line that names it.
-        """
+        """Register the effects of a Python file, its `EFFECT` or `EFFECTS`; an `InputError` is one line that names the file."""
         spec = importlib.util.spec_from_file_location(f"{FILE_MODULE}{path.stem}", path)
         if not path.is_file() or spec is None or spec.loader is None:
             raise InputError(f"{path}: no such Python file")

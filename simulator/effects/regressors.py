@@ -4,8 +4,6 @@ A draft of a diagnosis (`diagnosis.draft`) is a tabulated function of one regres
 regressor by this module, so that a simulation and a diagnosis use the same definition.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -22,20 +20,12 @@ SLEW = 0.1  # of the largest rate, above which the body slews
 
 @dataclass(frozen=True)
 class Regressor:
-    """A known quantity.
+    """A known quantity."""
 
-    Attributes
-    ----------
-    name : as in the name of a draft
-    unit : of its values
-    words : for people, such as "the rate about x"
-    compute : returns its values at each sample or reference, (n,)
-    """
-
-    name: str
-    unit: str
-    words: str
-    compute: Callable[[], Array]
+    name: str  # as in the name of a draft
+    unit: str  # of its values
+    words: str  # for people, such as "the rate about x"
+    compute: Callable[[], Array]  # returns its values at each sample or reference, (n,)
 
 
 def list_regressors(seen: Stream | References) -> dict[str, Regressor]:
@@ -45,13 +35,7 @@ def list_regressors(seen: Stream | References) -> dict[str, Regressor]:
 
 
 def compute_regressor(seen: Stream | References, name: str) -> Array:
-    """Compute one regressor at each sample or reference, (n,).
-
-    Raises
-    ------
-    InputError
-        The recording does not have it.
-    """
+    """Compute one regressor at each sample or reference, (n,); an `InputError` where the recording does not have it."""
     known = list_regressors(seen)
     if name not in known:
         raise InputError(f"the recording has no {name}; there are {', '.join(known)}")
@@ -66,24 +50,25 @@ def tabulate(values: Array, knots: Array, table: Array) -> Array:
 def _of_stream(stream: Stream) -> Iterator[Regressor]:
     w = np.rad2deg(stream.rates)
     for k, axis in enumerate(AXES):
-        yield Regressor(f"rate_{axis}", "deg/s", f"the rate about {axis}", partial(_component, w, k))
-        yield Regressor(
-            f"acceleration_{axis}", "deg/s²", f"the angular acceleration about {axis}", partial(_change, stream, w[:, k])
-        )
-        yield Regressor(
-            f"turned_{axis}", "deg", f"the angle turned about {axis} in the interval", partial(_turned, stream, w[:, k])
-        )
+        words = f"the angular acceleration about {axis}", f"the angle turned about {axis} in the interval"
+        yield Regressor(f"rate_{axis}", "deg/s", f"the rate about {axis}", partial(np.asarray, w[:, k]))
+        yield Regressor(f"acceleration_{axis}", "deg/s²", words[0], partial(_change, stream, w[:, k]))
+        yield Regressor(f"turned_{axis}", "deg", words[1], partial(_turned, stream, w[:, k]))
     yield Regressor("speed", "deg/s", "the size of the rate", lambda: np.linalg.norm(w, axis=1))
-    yield Regressor("since_start", "s", "the time since the start of the interval", lambda: _since_start(stream))
+    yield Regressor(
+        "since_start",
+        "s",
+        "the time since the start of the interval",
+        partial(_by_interval, stream, lambda p: stream.t_s[p] - stream.t_s[p.start]),
+    )
     yield Regressor("since_slew", "s", "the time since the last slew", lambda: _since_slew(stream))
     yield Regressor("mission", "h", "the time since the start", lambda: (stream.t_s - stream.span_s[0]) / HOUR)
     yield from _of_orbit(stream.t_s, stream.orbit_period_s)
     for name, values in stream.housekeeping.items():
         yield Regressor(name, "as recorded", f"the housekeeping column {name}", partial(np.asarray, values))
-        yield Regressor(
-            f"change_of_{name}", "as recorded, per hour", f"the rate of change of the housekeeping column {name}",
-            partial(_change, stream, HOUR * values),
-        )  # fmt: skip
+        changes = partial(_change, stream, HOUR * values)
+        said = f"the rate of change of the housekeeping column {name}"
+        yield Regressor(f"change_of_{name}", "as recorded, per hour", said, changes)
 
 
 def _of_references(references: References) -> Iterator[Regressor]:
@@ -91,10 +76,8 @@ def _of_references(references: References) -> Iterator[Regressor]:
     yield Regressor("since_start", "s", "the time since the start of the interval", lambda: _since_first(references))
     yield Regressor("mission", "h", "the time since the start", lambda: (t_s - t_s.min()) / HOUR)
     for k, axis in enumerate(AXES):
-        yield Regressor(
-            f"turned_{axis}", "deg", f"the angle turned about {axis} in the interval",
-            partial(_turned_between, references, k),
-        )  # fmt: skip
+        words = f"the angle turned about {axis} in the interval"
+        yield Regressor(f"turned_{axis}", "deg", words, partial(_turned_between, references, k))
     yield from _of_orbit(t_s, references.orbit_period_s)
 
 
@@ -102,10 +85,6 @@ def _of_orbit(t_s: Array, period_s: float) -> Iterator[Regressor]:
     # Beyond a day's orbit no phase repeats in a recording.
     if np.isfinite(period_s) and period_s < DAY:
         yield Regressor("orbit_phase", "deg", "the phase of the orbit", lambda: 360.0 * np.mod(t_s / period_s, 1.0))
-
-
-def _component(values: Array, k: int) -> Array:
-    return np.asarray(values[:, k])
 
 
 def _by_interval(stream: Stream, law: Callable[[slice], Array]) -> Array:
@@ -122,10 +101,6 @@ def _change(stream: Stream, values: Array) -> Array:
 
 def _turned(stream: Stream, rate: Array) -> Array:
     return _by_interval(stream, lambda p: np.cumsum(rate[p] * stream.duration_s[p]))
-
-
-def _since_start(stream: Stream) -> Array:
-    return _by_interval(stream, lambda p: stream.t_s[p] - stream.t_s[p.start])
 
 
 def _since_slew(stream: Stream) -> Array:

@@ -30,7 +30,7 @@ def setting(name: str, axis: str | None, size: float, parameters: Mapping[str, V
         raise InputError(f"{name}: no parameter {unknown[0]}; it has {known}")
     low, high = effect.bounds
     values = {parameter.name: _value(name, parameter, given.get(parameter.name)) for parameter in effect.parameters}
-    return Setting(name, _axis(effect, axis), _within(name, "size", size, low, high, effect.unit), values)
+    return Setting(name, _axis(effect, axis), read_number(name, "size", size, low, high, effect.unit), values)
 
 
 def parse(text: str) -> Setting:
@@ -43,23 +43,29 @@ def parse(text: str) -> Setting:
     InputError
         One line that says what is wrong with it.
     """
-    head, *rest = (part.strip() for part in text.split(","))
-    label, separator, size = (part.strip() for part in head.partition("="))
-    name, colon, axis = (part.strip() for part in label.partition(":"))
+    name, axis, size, parameters = split_text(text)
     if not name:
         raise InputError(f"effect '{text}': give it as NAME:AXIS=SIZE, e.g. bias_drift:z=0.01")
     effect = _effect(name)
-    if not separator or not size:
+    if not size:
         raise InputError(f"{text}: give its size in {effect.unit}, as {_usage(effect)}")
+    return effect.completed(setting(name, axis, _number(name, "size", size), parameters))
+
+
+def split_text(text: str) -> tuple[str, str | None, str, dict[str, Value]]:
+    """Split the text of an effect into its name, axis, size and parameters; what is not given is empty, an axis None."""
+    head, *rest = (part.strip() for part in text.split(","))
+    label, _, size = (part.strip() for part in head.partition("="))
+    name, colon, axis = (part.strip() for part in label.partition(":"))
     parameters: dict[str, Value] = {}
     for part in rest:
-        key, separator, value = (piece.strip() for piece in part.partition("="))
-        if not separator or not key or not value:
+        key, _, value = (piece.strip() for piece in part.partition("="))
+        if not key or not value:
             raise InputError(f"{name}: '{part}' is no parameter; give it as PARAMETER=VALUE")
         if key in parameters:
             raise InputError(f"{name}: parameter {key} is given twice")
         parameters[key] = value
-    return effect.completed(setting(name, axis if colon else None, _number(name, "size", size), parameters))
+    return name, axis if colon else None, size, parameters
 
 
 def described(chosen: Setting) -> dict[str, object]:
@@ -117,7 +123,7 @@ def _value(name: str, parameter: Parameter, given: Value | None) -> Value:
         if value not in parameter.choices:
             raise InputError(f"{name}: {parameter.name} {value} must be one of {', '.join(parameter.choices)}")
         return value
-    return _within(name, parameter.name, value, parameter.lower, parameter.upper, parameter.unit)
+    return read_number(name, parameter.name, value, parameter.lower, parameter.upper, parameter.unit)
 
 
 def _number(name: str, what: str, value: Value) -> float:
@@ -127,7 +133,8 @@ def _number(name: str, what: str, value: Value) -> float:
         raise InputError(f"{name}: {what} {value} is not a number") from None
 
 
-def _within(name: str, what: str, value: Value, low: float, high: float, unit: str) -> float:
+def read_number(name: str, what: str, value: Value, low: float = -math.inf, high: float = math.inf, unit: str = "") -> float:
+    """Read a finite number within bounds; an `InputError` says what of which effect it is."""
     number = _number(name, what, value)
     if not math.isfinite(number):
         raise InputError(f"{name}: {what} {value} is not a finite number")

@@ -5,8 +5,6 @@ is the stated one, and the node stays where it is. That of the Earth about the S
 times an astronomical unit: v = −AU ds/dt. What that leaves out of it, the change of the distance, is 0.5 km/s or 0.3".
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
@@ -14,7 +12,8 @@ from numpy.typing import NDArray
 
 from gyrocal.recording import Recording
 from gyrocal.recording.trackers import to_axes
-from simulator.effects.views import Array, Stream, Trackers
+from simulator.arrays import Array
+from simulator.effects.base import Stream, Trackers
 from simulator.truth.orbit import EARTH_RADIUS, MU, CircularOrbit, lvlh_attitude
 from simulator.truth.sun import DAY, julian_date, sun_vector
 
@@ -30,9 +29,7 @@ def trackers_of(
 
     Parameters
     ----------
-    recording : with references of several sensors
-    rows : (m,) those references
-    interval : (m,) which of the stream's intervals each belongs to
+    rows, interval : (m,) those references, of several sensors, and which of the stream's intervals each belongs to
     stream : the body's rates
     housekeeping : columns at those references
     """

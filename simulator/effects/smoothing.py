@@ -21,11 +21,11 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lstsq
 from scipy.ndimage import convolve1d, median_filter
 
 from gyrocal.compiled import compiled
+from simulator.arrays import Flags
 from simulator.effects.base import Array
 
 ORDER = 2  # of the local polynomial in the rate
@@ -48,7 +48,7 @@ def noise_level(rates: Array, stated: float) -> Array:
 
 
 def smoothed(rates: Array, sample_s: float, smooth_s: float, sigma: Array) -> Array:
-    """Smoothed rates of one run of samples.
+    """Smoothed rates (n, 3) of one run of samples, rad/s.
 
     Parameters
     ----------
@@ -56,10 +56,6 @@ def smoothed(rates: Array, sample_s: float, smooth_s: float, sigma: Array) -> Ar
     sample_s : spacing, s
     smooth_s : longest window, s; infinite for the whole run, zero for no smoothing
     sigma : (3,) noise of one sample of each axis, rad/s
-
-    Returns
-    -------
-    (n, 3)
     """
     if min(smooth_s / sample_s, len(rates)) < SHORTEST:
         return rates
@@ -112,7 +108,7 @@ def _axis(rates: Array, windows: Sequence[int], sigma: float) -> tuple[Array, fl
 
 @compiled
 def _narrowed(
-    estimate: Array, weight: Array, width: float, going: NDArray[np.bool_], low: Array, high: Array
+    estimate: Array, weight: Array, width: float, going: Flags, low: Array, high: Array
 ) -> None:  # pragma: no cover - compiled
     """Which samples go on that lie between the limits of all windows before, and the limits with this one, all in place."""
     for k in range(estimate.size):
@@ -121,7 +117,7 @@ def _narrowed(
         high[k] = min(high[k], estimate[k] + width * weight[k])
 
 
-def _in_a_row(marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _in_a_row(marked: Flags) -> Flags:
     """Those marked that are three in a row or more; noise alone marks one here and there, and motion all over its bend."""
     core = marked[:-2] & marked[1:-1] & marked[2:]
     out = np.zeros(marked.size, dtype=bool)
@@ -132,7 +128,7 @@ def _in_a_row(marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 @compiled
-def _ramp(stops: NDArray[np.bool_], length: float) -> Array:  # pragma: no cover - compiled
+def _ramp(stops: Flags, length: float) -> Array:  # pragma: no cover - compiled
     """Distance of each sample from the nearest one that stops, over a length; one at most."""
     out = np.empty(stops.size)
     away = length

@@ -34,18 +34,7 @@ def continued(spline: CubicSpline, t: Array) -> Array:
 
 
 def delayed(raw: Array, stream: Stream, delay_s: Array) -> Array:
-    """Read each sample at [t − delay, t − delay + Δ) in place of [t, t + Δ).
-
-    Parameters
-    ----------
-    raw : (n, 3) noise-free readings, rad/s
-    stream : their tags and durations
-    delay_s : (n,) how late each sample's tag is, s
-
-    Returns
-    -------
-    (n, 3) rad/s
-    """
+    """Read each noise-free sample (n, 3), rad/s, at [t − delay, t − delay + Δ) in place of [t, t + Δ); the delays (n,) in s."""
     out = raw.copy()
     for part in runs(stream):
         duration, late = stream.duration_s[part], delay_s[part]

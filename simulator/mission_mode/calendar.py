@@ -9,15 +9,11 @@ that with the Sun's direction s and the orbit normal N the angle
 is to be positive in the one and negative in the other. Its largest value is the inclination plus the obliquity, 58.4°.
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
+from simulator.arrays import Array
 from simulator.truth.orbit import CircularOrbit, lvlh_attitude
 from simulator.truth.sun import DAY, julian_date, sun_vector
-
-Array = NDArray[np.float64]
 
 STEP = 3600.0  # s, of the search; β passes zero twice in 46 days
 

@@ -13,14 +13,12 @@ Coefficients
     and 0.000085 with a zero slipped in c. Uploads take the computed pair unless asked for the published one.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulator.arrays import Array
 from simulator.mission_mode.mounting import BORESIGHTS, R3_M, Mounting, mounted
 from simulator.mission_mode.onboard_attitude import head_angle
 from simulator.mission_mode.wheels import EQUAL_ELEVATION
@@ -29,7 +27,6 @@ from simulator.sensors.earth import Filter, TrueEarthSensor
 from simulator.sensors.sun import TrueSunSensor
 from simulator.truth.orbit import CircularOrbit
 
-Array = NDArray[np.float64]
 Forward = Literal["+x", "-x"]
 
 EPOCH = "1997-11-27T21:30:00+00:00"  # R: launched November 27, 1997; near the launch's hour
@@ -46,147 +43,87 @@ INERTIA = np.array([[8500.0, 40.0, -120.0], [40.0, 6000.0, 60.0], [-120.0, 60.0,
 R6 = ((1.000047, 8.5e-5), (0.999977, 5.3e-5))  # (c, d) of DSS-1 and DSS-2
 
 
-@dataclass(frozen=True)
-class Spacecraft:
-    """Body, wheels, torquers and what disturbs them; none of it published but the mass, 3523 kg.
+class Spacecraft(NamedTuple):
+    """Body, wheels, torquers and what disturbs them; none of it published but the mass, 3523 kg."""
 
-    Attributes
-    ----------
-    inertia : (3, 3) kg m²
-    elevation : of the wheels' pyramid, rad
-    torque_limit, momentum_limit : of a wheel, N m and N m s
-    dipole_limit : of a torquer, A m²
-    residual_dipole : (3,) of the body, A m²
-    drag : mean force of the air, against the velocity, N
-    drag_swing : its day-night part; the force is drag (1 + swing × cosine of the Sun's zenith angle)
-    pressure_arm : (3,) from the centre of mass to that of pressure, m
-    gravity_gradient : whether it acts
-    scan_torque : of an instrument that scans about body z out of balance, N m, turning in the body's XY plane
-    scan_rate : of the scan, rad/s
-    array_step : by which the solar arrays are driven about body y, one revolution an orbit, rad; 0 for smoothly
-    array_inertia : of what is driven, about y, kg m²
-    """
-
-    inertia: Array = field(
-        default_factory=lambda: np.array([[8500.0, 40.0, -120.0], [40.0, 6000.0, 60.0], [-120.0, 60.0, 9500.0]])
-    )
-    elevation: float = EQUAL_ELEVATION
-    torque_limit: float = 0.3
-    momentum_limit: float = 50.0
-    dipole_limit: float = 200.0
-    residual_dipole: Array = field(default_factory=lambda: np.array([2.0, -3.0, 2.0]))
-    drag: float = 0.01
-    drag_swing: float = 0.4
-    pressure_arm: Array = field(default_factory=lambda: np.array([0.1, 0.05, 0.2]))
-    gravity_gradient: bool = True
-    scan_torque: float = 0.0
-    scan_rate: float = 2 * np.pi * 31.6 / 60
-    array_step: float = 0.0
-    array_inertia: float = 400.0
+    inertia: Array = INERTIA  # (3, 3) kg m²
+    elevation: float = EQUAL_ELEVATION  # of the wheels' pyramid, rad
+    torque_limit: float = 0.3  # of a wheel, N m
+    momentum_limit: float = 50.0  # of a wheel, N m s
+    dipole_limit: float = 200.0  # of a torquer, A m²
+    residual_dipole: Array = np.array([2.0, -3.0, 2.0])  # (3,) of the body, A m²
+    drag: float = 0.01  # mean force of the air, against the velocity, N
+    drag_swing: float = 0.4  # its day-night part; the force is drag (1 + swing × cosine of the Sun's zenith angle)
+    pressure_arm: Array = np.array([0.1, 0.05, 0.2])  # (3,) from the centre of mass to that of pressure, m
+    gravity_gradient: bool = True  # whether it acts
+    scan_torque: float = 0.0  # of an instrument that scans about body z out of balance, N m, turning in the body's XY plane
+    scan_rate: float = 2 * np.pi * 31.6 / 60  # of the scan, rad/s
+    array_step: float = 0.0  # by which the solar arrays are driven about body y, one revolution an orbit, rad; 0 for smoothly
+    array_inertia: float = 400.0  # of what is driven, about y, kg m²
 
 
 @dataclass(frozen=True)
 class TrueGyro:
-    """The gyro as it is: ω_raw = G⁻¹ (ω − b) + noise, R (7).
+    """The gyro as it is: ω_raw = G⁻¹ (ω − b) + noise, R (7)."""
 
-    Attributes
-    ----------
-    G : (3, 3)
-    bias : (3,) b at the start, rad/s
-    arw : angle random walk, rad/√s
-    rrw : random walk of b, rad/s/√s, one for all axes or (3,)
-    orbital : (3, 2) of b, amplitudes by the cosine and the sine of the argument of latitude, rad/s
-    """
-
-    G: Array = field(default_factory=lambda: R9_G)
-    bias: Array = field(default_factory=lambda: R9_BIAS)
-    arw: float = float(np.deg2rad(2.6e-4))
-    rrw: float | Array = 0.0
+    G: Array = field(default_factory=lambda: R9_G)  # (3, 3)
+    bias: Array = field(default_factory=lambda: R9_BIAS)  # (3,) b at the start, rad/s
+    arw: float = float(np.deg2rad(2.6e-4))  # angle random walk, rad/√s
+    rrw: float | Array = 0.0  # random walk of b, rad/s/√s, one for all axes or (3,)
+    # (3, 2) of b, amplitudes by the cosine and the sine of the argument of latitude, rad/s
     orbital: Array = field(default_factory=lambda: np.zeros((3, 2)))
 
 
 @dataclass(frozen=True)
 class OnBoardTables:
-    """What the ground uploads.
+    """What the ground uploads."""
 
-    Attributes
-    ----------
-    G : (3, 3) of the gyro
-    bias : (3,) of the gyro, rad/s; that of yaw is solved for on board from there on. None leaves the present one.
-    misalignments : (2, 3, 3) M of DSS-1 and DSS-2, R (1)
-    coefficients_alpha, coefficients_beta : (2, 9) of R (5)
-    penetration_biases : (4,) rad
-    s_filter : of the Earth sensor
-    """
-
-    G: Array = field(default_factory=lambda: PRELAUNCH_G)
+    G: Array = field(default_factory=lambda: PRELAUNCH_G)  # (3, 3) of the gyro
+    # (3,) of the gyro, rad/s; that of yaw is solved for on board from there on. None leaves the present one.
     bias: Array | None = field(default_factory=lambda: PRELAUNCH_BIAS)
+    # (2, 3, 3) M of DSS-1 and DSS-2, R (1)
     misalignments: Array = field(default_factory=lambda: np.stack([np.eye(3), np.eye(3)]))
+    # (2, 9) of R (5)
     coefficients_alpha: Array = field(default_factory=lambda: np.stack([sun_sensor.ALPHA, sun_sensor.ALPHA]))
     coefficients_beta: Array = field(default_factory=lambda: np.stack([sun_sensor.BETA, sun_sensor.BETA]))
-    penetration_biases: Array = field(default_factory=lambda: np.zeros(4))
-    s_filter: Filter = "restarted"
+    penetration_biases: Array = field(default_factory=lambda: np.zeros(4))  # (4,) rad
+    s_filter: Filter = "restarted"  # of the Earth sensor
 
 
 @dataclass(frozen=True)
 class Controller:
-    """The control law at 2 Hz, about each axis; gains are not published.
+    """The control law at 2 Hz, about each axis; gains are not published."""
 
-    Attributes
-    ----------
-    cycle_s : length of a control cycle, s
-    bandwidth : natural frequency ω of each axis, (3,) rad/s: gains I ω², 2 ζ I ω
-    damping : ζ
-    integral_s : time constant of the integral part, s: gain I ω² / integral_s
-    integral_limit : largest integral of an error, rad s
-    bias_gain : share of what a yaw update says of the yaw bias that is taken; 1 as R words it
-    inertia : (3,) what the gains and the feed-forward are formed with, kg m²
-    unloading : k of the cross-product law, 1/s
-    geodetic_rate : whether the rate commanded is that of the geodetic frame, or of geocentric LVLH
-    gyro_slews : whether roll and pitch are propagated by gyro during a yaw maneuver, or taken from the Earth sensor
-    """
-
-    cycle_s: float = 0.5
+    cycle_s: float = 0.5  # length of a control cycle, s
+    # natural frequency ω of each axis, (3,) rad/s: gains I ω², 2 ζ I ω
     bandwidth: Array = field(default_factory=lambda: np.full(3, 0.05))
-    damping: float = 0.8
-    integral_s: float = 300.0
-    integral_limit: float = 1.0
-    bias_gain: float = 1.0
+    damping: float = 0.8  # ζ
+    integral_s: float = 300.0  # time constant of the integral part, s: gain I ω² / integral_s
+    integral_limit: float = 1.0  # largest integral of an error, rad s
+    bias_gain: float = 1.0  # share of what a yaw update says of the yaw bias that is taken; 1 as R words it
+    # (3,) what the gains and the feed-forward are formed with, kg m²
     inertia: Array = field(default_factory=lambda: np.array([8500.0, 6000.0, 9500.0]))
-    unloading: float = 2e-3
-    geodetic_rate: bool = True
-    gyro_slews: bool = True
+    unloading: float = 2e-3  # k of the cross-product law, 1/s
 
 
 @dataclass(frozen=True)
 class YawManeuver:
-    """A turn by 180° about nadir.
+    """A turn by 180° about nadir."""
 
-    Attributes
-    ----------
-    start_s : s since the epoch
-    duration_s : s
-    ramp_fraction : share of the duration that each ramp of the rate takes; the profile is that of `maneuvers.Slew`
-    """
-
-    start_s: float
-    duration_s: float = 1000.0
+    start_s: float  # s since the epoch
+    duration_s: float = 1000.0  # s
+    # share of the duration that each ramp of the rate takes; the profile is that of `maneuvers.Slew`
     ramp_fraction: float = 0.2
 
 
 @dataclass(frozen=True)
 class HorizonError:
-    """What the radiance of the CO₂ horizon does to the Earth sensor's angles.
+    """What the radiance of the CO₂ horizon does to the Earth sensor's angles."""
 
-    Attributes
-    ----------
-    sigma, time_constant_s : of a first-order Markov process in each quadrant, rad and s
-    season : how much lower the limb stands per sine of its latitude on January 15, rad; with a cosine through the year. The
-        winter hemisphere's stratosphere is colder and its horizon lower
-    """
-
-    sigma: float = 0.0
+    sigma: float = 0.0  # of a first-order Markov process in each quadrant, rad
     time_constant_s: float = 250.0
+    # how much lower the limb stands per sine of its latitude on January 15, rad; with a cosine through the year. The winter
+    # hemisphere's stratosphere is colder and its horizon lower
     season: float = 0.0
 
 
@@ -200,48 +137,33 @@ class EphemerisError:
 
 @dataclass(frozen=True)
 class MissionConfig:
-    """A run.
+    """A run."""
 
-    Attributes
-    ----------
-    epoch : ISO 8601, UTC
-    orbit : with node and argument of latitude at the epoch
-    spacecraft, gyro, sun_sensors, earth_sensor : as they are; the Earth sensor's filter is that of the tables
-    boresights : tilt and elevation of the sun sensors' nominal boresights that the computer holds, rad
-    mounting : how the sun sensors sit, which the axes of the alignment's upload go with
-    printed_coefficients : whether the second upload has (c, d) of R (6) as printed, or as computed
-    filter_off_first : whether the S filter is turned off with the first upload, or with the second; R does not date it
-    horizon, ephemeris : errors that the nominal spacecraft does not have
-    magnetometer_sigma : 1-sigma of an axis, T
-    controller : the control law
-    tables : on board at the start
-    uploads : (s since the epoch, tables), ascending
-    forward : the body axis along the velocity at the start, "+x" or "-x"
-    maneuvers : yaw maneuvers, ascending, each of which swaps it
-    substeps : steps of integration in a control cycle
-    """
-
-    epoch: str = EPOCH
+    epoch: str = EPOCH  # ISO 8601, UTC
+    # with node and argument of latitude at the epoch
     orbit: CircularOrbit = field(
         default_factory=lambda: CircularOrbit(350e3, float(np.deg2rad(35.0)), float(np.deg2rad(NODE_DEG)), j2=True)
     )
+    # as they are; the Earth sensor's filter is that of the tables
     spacecraft: Spacecraft = field(default_factory=Spacecraft)
     gyro: TrueGyro = field(default_factory=TrueGyro)
     sun_sensors: tuple[TrueSunSensor, TrueSunSensor] = field(default_factory=lambda: mounted())
     earth_sensor: TrueEarthSensor = field(default_factory=lambda: TrueEarthSensor(biases=PENETRATION_BIASES))
+    # tilt and elevation of the sun sensors' nominal boresights that the computer holds, rad
     boresights: tuple[float, float] = BORESIGHTS
-    mounting: Mounting = "solved"
-    printed_coefficients: bool = False
+    mounting: Mounting = "solved"  # how the sun sensors sit, which the axes of the alignment's upload go with
+    printed_coefficients: bool = False  # whether the second upload has (c, d) of R (6) as printed, or as computed
+    # whether the S filter is turned off with the first upload, or with the second; R does not date it
     filter_off_first: bool = True
+    # errors that the nominal spacecraft does not have
     horizon: HorizonError = field(default_factory=HorizonError)
     ephemeris: EphemerisError = field(default_factory=EphemerisError)
-    magnetometer_sigma: float = 3e-7
-    controller: Controller = field(default_factory=Controller)
-    tables: OnBoardTables = field(default_factory=OnBoardTables)
-    uploads: tuple[tuple[float, OnBoardTables], ...] = ()
-    forward: Forward = "-x"
-    maneuvers: tuple[YawManeuver, ...] = ()
-    substeps: int = 1
+    magnetometer_sigma: float = 3e-7  # 1-sigma of an axis, T
+    controller: Controller = field(default_factory=Controller)  # the control law
+    tables: OnBoardTables = field(default_factory=OnBoardTables)  # on board at the start
+    uploads: tuple[tuple[float, OnBoardTables], ...] = ()  # (s since the epoch, tables), ascending
+    forward: Forward = "-x"  # the body axis along the velocity at the start, "+x" or "-x"
+    maneuvers: tuple[YawManeuver, ...] = ()  # yaw maneuvers, ascending, each of which swaps it
 
 
 def compensated(coefficients: Array, c: float, d: float) -> Array:
@@ -301,10 +223,7 @@ def filter_upload(before: OnBoardTables) -> OnBoardTables:
 def coefficient_upload(before: OnBoardTables, config: MissionConfig | None = None) -> OnBoardTables:
     """R's second upload, February 27 and 28: the gyro's R (9), and b coefficients by R (6).
 
-    Parameters
-    ----------
-    before : tables they change
-    config : whose sensors (c, d) are computed for, by `crossing_compensation`; None for the published pairs
+    (c, d) are computed by `crossing_compensation` for the sensors of a config; without one they are the published pairs.
     """
     factors = R6
     if config is not None:

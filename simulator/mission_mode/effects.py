@@ -5,8 +5,6 @@ text says otherwise. They are effects of a whole spacecraft in its control loop 
 those of `simulator.effects`, which act on a gyro stream and its references.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gyrocal.errors import InputError
+from simulator.effects.settings import read_number, split_text
 from simulator.mission_mode.config import DAY, HorizonError, MissionConfig, compensated
 from simulator.mission_mode.mounting import ALIGNED_AT, mounted
 from simulator.sensors.sun import trmm_alignments
@@ -26,24 +25,15 @@ AXES = "xyz"
 
 @dataclass(frozen=True)
 class MissionEffect:
-    """An effect.
+    """An effect."""
 
-    Attributes
-    ----------
-    name, unit, summary : for the command line
-    bounds : of the size
-    change : from a config, a size and parameters to the config with the effect
-    parameters : names with their defaults
-    axes : axes it may be about; "" for none
-    """
-
-    name: str
+    name: str  # this and the next two are for the command line
     unit: str
     summary: str
-    bounds: tuple[float, float]
-    change: Change
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    axes: str = ""
+    bounds: tuple[float, float]  # of the size
+    change: Change  # from a config, a size and parameters to the config with the effect
+    parameters: Mapping[str, float] = field(default_factory=dict)  # names with their defaults
+    axes: str = ""  # axes it may be about; "" for none
 
 
 @dataclass(frozen=True)
@@ -116,12 +106,12 @@ def _cross_track(config: MissionConfig, size: float, own: Parameters) -> Mission
 
 
 def _scan(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
-    body = replace(config.spacecraft, scan_torque=size, scan_rate=2 * math.pi * own["rpm"] / 60.0)
+    body = config.spacecraft._replace(scan_torque=size, scan_rate=2 * math.pi * own["rpm"] / 60.0)
     return replace(config, spacecraft=body)
 
 
 def _array(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
-    body = replace(config.spacecraft, array_step=math.radians(size), array_inertia=own["inertia_kgm2"])
+    body = config.spacecraft._replace(array_step=math.radians(size), array_inertia=own["inertia_kgm2"])
     return replace(config, spacecraft=body)
 
 
@@ -177,44 +167,20 @@ MISSION_EFFECTS: Mapping[str, MissionEffect] = {one.name: one for one in ALL}
 
 
 def parse(text: str) -> MissionSetting:
-    """A setting from NAME[:AXIS]=SIZE[,PARAMETER=VALUE…].
-
-    Raises
-    ------
-    InputError
-        One line that says what is wrong with it.
-    """
-    head, *rest = (part.strip() for part in text.split(","))
-    label, _, size = (part.strip() for part in head.partition("="))
-    name, _, axis = (part.strip() for part in label.partition(":"))
+    """A setting from NAME[:AXIS]=SIZE[,PARAMETER=VALUE…]; an `InputError` of one line that says what is wrong with it."""
+    name, axis, size, given = split_text(text)
     effect = MISSION_EFFECTS.get(name)
     if effect is None:
         raise InputError(f"effect {name or text}: Mission Mode has none of that name; there are {', '.join(MISSION_EFFECTS)}")
-    values = dict(effect.parameters)
-    for part in rest:
-        key, _, value = (piece.strip() for piece in part.partition("="))
-        if key not in effect.parameters:
-            raise InputError(f"{name}: no parameter {key}; it has {', '.join(effect.parameters) or 'none'}")
-        values[key] = _number(name, key, value)
-    if bool(axis) != bool(effect.axes) or axis not in effect.axes:
+    unknown = [key for key in given if key not in effect.parameters]
+    if unknown:
+        raise InputError(f"{name}: no parameter {unknown[0]}; it has {', '.join(effect.parameters) or 'none'}")
+    values = {**effect.parameters, **{key: read_number(name, key, value) for key, value in given.items()}}
+    if bool(axis) != bool(effect.axes) or (axis or "") not in effect.axes:
         raise InputError(f"{name}: " + (f"give an axis, {name}:{effect.axes[-1]}=SIZE" if effect.axes else "has no axis"))
     if axis:
         values["axis"] = float(effect.axes.index(axis))
-    low, high = effect.bounds
-    number = _number(name, "size", size)
-    if not low <= number <= high:
-        raise InputError(f"{name}: size {number:g} is not within {low:g} and {high:g} {effect.unit}".rstrip())
-    return MissionSetting(name, number, values)
-
-
-def _number(name: str, what: str, value: str) -> float:
-    try:
-        number = float(value)
-    except ValueError:
-        raise InputError(f"{name}: {what} '{value}' is not a number") from None
-    if not math.isfinite(number):
-        raise InputError(f"{name}: {what} '{value}' is not a finite number")
-    return number
+    return MissionSetting(name, read_number(name, "size", size or "''", *effect.bounds, effect.unit), values)
 
 
 def applied(config: MissionConfig, settings: Sequence[MissionSetting]) -> MissionConfig:

@@ -11,8 +11,6 @@ start or end of a yaw maneuver, with everything constant in between. Errors are 
 estimate − ε.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -21,6 +19,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from simulator.arrays import Array
 from simulator.mission_mode.calendar import plane_crossings, sun_angle
 from simulator.mission_mode.config import (
     DAY,
@@ -31,8 +30,9 @@ from simulator.mission_mode.config import (
     uploads,
 )
 from simulator.mission_mode.loop import YEARLY, fly
-from simulator.mission_mode.magnetic_field import DIPOLE, sidereal_angle
-from simulator.mission_mode.state import NEVER, ORBIT_COLUMNS, TELEMETRY, UPDATES, Plant, Sensors, Slew, State, Tables
+from simulator.mission_mode.magnetic_field import sidereal_angle
+from simulator.mission_mode.state import AXES as AXES
+from simulator.mission_mode.state import NEVER, ORBIT_COLUMNS, SUN_STEP, TELEMETRY, UPDATES, Plant, Sensors, Slew, State, Tables
 from simulator.mission_mode.target_frame import commanded_attitude
 from simulator.mission_mode.wheels import pyramid
 from simulator.sensors.sun import trmm_alignments
@@ -41,11 +41,7 @@ from simulator.truth.orbit import lvlh_rate
 from simulator.truth.rotation import quaternion
 from simulator.truth.sun import julian_date, sun_vector
 
-Array = NDArray[np.float64]
-
 COLDEST = "1998-01-15T00:00:00+00:00"  # when the horizon's season is at its largest
-SUN_STEP = 600.0  # s; the Sun is interpolated linearly between, in error by less than 1e-8 rad
-AXES = ("roll", "pitch", "yaw")
 SECONDS_PER_HOUR = 3600.0
 SLEW_NUMBERS = (*(f"pointing_{axis}_deg" for axis in AXES), *(f"targeting_{axis}_deg" for axis in AXES), "bias_yaw_deg_h")
 
@@ -116,15 +112,9 @@ def simulate_mission(
 
 
 def flight_schedule(config: MissionConfig, days: float) -> MissionConfig:
-    """The config with R's uploads on their days, and a yaw maneuver whenever the Sun crosses the orbit plane.
+    """The config with R's uploads on their days, and a yaw maneuver whenever the Sun crosses the orbit plane, for some days.
 
-    Alignment on December 11, the gyro and DSS coefficients on February 27, 1998.
-    A maneuver is centred on its crossing.
-
-    Parameters
-    ----------
-    config : epoch, orbit, sensors and first tables are taken from it
-    days : for how long maneuvers are planned
+    Alignment on December 11, the gyro and DSS coefficients on February 27, 1998. A maneuver is centred on its crossing.
     """
     start = julian_date(config.epoch)
     days_of = [(julian_date(date) - start) * DAY for date in ("1997-12-11T12:00:00+00:00", "1998-02-27T12:00:00+00:00")]
@@ -210,37 +200,18 @@ class _Flight:
         }
 
     def _result(self, telemetry: Array, count: int, slews: list[dict[str, float | str]]) -> MissionRun:
-        rows = pd.DataFrame(telemetry, columns=list(TELEMETRY))
-        angles = [name for name in TELEMETRY if name.startswith(("error", "estimate", "angle"))]
-        rates = [name for name in TELEMETRY if name.startswith("raw")]
-        rows[[*angles, *rates]] = np.rad2deg(rows[[*angles, *rates]])
-        rows["bias_yaw"] = np.rad2deg(rows["bias_yaw"]) * SECONDS_PER_HOUR
-        units = {**dict.fromkeys(angles, "deg"), **dict.fromkeys(rates, "deg_s"), "bias_yaw": "deg_h"}
-        rows = rows.rename(columns={name: f"{name}_{unit}" for name, unit in units.items()})
         return MissionRun(
-            rows,
+            _tabulate(telemetry, TELEMETRY),
             self._update_table(count),
             pd.DataFrame(slews, columns=["start_s", "stop_s", "forward", *SLEW_NUMBERS]),
             self._orbit_table(),
         )
 
     def _update_table(self, count: int) -> pd.DataFrame:
-        raw = pd.DataFrame(self.updates[:count], columns=list(UPDATES))
-        forward = self._forward(raw["t_s"].to_numpy())
-        beta = np.rad2deg(sun_angle(self.config.epoch, self.config.orbit, raw["t_s"].to_numpy()))
-        return pd.DataFrame(
-            {
-                "t_s": raw["t_s"],
-                "sensor": raw["sensor"].astype(int),
-                "update_deg": np.rad2deg(raw["update"]),
-                "bias_deg_h": np.rad2deg(raw["bias"]) * SECONDS_PER_HOUR,
-                "bias_solved": raw["bias_solved"] > 0,
-                "measured_deg": np.rad2deg(raw["measured"]),
-                "error_yaw_deg": np.rad2deg(raw["error_yaw"]),
-                "forward": forward,
-                "sun_angle_deg": np.where(forward == "+x", beta, -beta),
-            }
-        )
+        table = _tabulate(self.updates[:count], UPDATES).astype({"sensor": int, "bias_solved": bool})
+        forward = self._forward(table["t_s"].to_numpy())
+        beta = np.rad2deg(sun_angle(self.config.epoch, self.config.orbit, table["t_s"].to_numpy()))
+        return table.assign(forward=forward, sun_angle_deg=np.where(forward == "+x", beta, -beta))
 
     def _orbit_table(self) -> pd.DataFrame:
         rows = self.orbits
@@ -263,6 +234,15 @@ class _Flight:
         return np.where((swaps + (self.config.forward == "-x")) % 2 == 0, "+x", "-x")
 
 
+def _tabulate(values: Array, names: tuple[str, ...]) -> pd.DataFrame:
+    """A table of values in radians and seconds, its columns in the units of their names."""
+    table = pd.DataFrame(values, columns=list(names))
+    for name in names:
+        if name.endswith(("_deg", "_deg_s", "_deg_h")):
+            table[name] = np.rad2deg(table[name]) * (SECONDS_PER_HOUR if name.endswith("_h") else 1.0)
+    return table
+
+
 def _plant(config: MissionConfig, span: float) -> Plant:
     body, orbit = config.spacecraft, config.orbit
     axes = pyramid(body.elevation)
@@ -271,18 +251,10 @@ def _plant(config: MissionConfig, span: float) -> Plant:
     carried = orbit.inclination + config.ephemeris.inclination
     return Plant(
         dt=config.controller.cycle_s,
-        substeps=config.substeps,
-        inertia=np.ascontiguousarray(body.inertia, dtype=float),
+        body=body,
         inverse=np.asarray(np.linalg.inv(body.inertia)),
         axes=axes,
         distribution=np.ascontiguousarray(np.linalg.pinv(axes)),
-        torque_limit=body.torque_limit,
-        momentum_limit=body.momentum_limit,
-        dipole_limit=body.dipole_limit,
-        residual_dipole=np.asarray(body.residual_dipole, dtype=float),
-        drag=body.drag,
-        drag_swing=body.drag_swing,
-        pressure_arm=np.asarray(body.pressure_arm, dtype=float),
         gradient=3 * orbit.mean_motion**2 if body.gravity_gradient else 0.0,
         latitude_argument=orbit.latitude_argument,
         mean_motion=orbit.mean_motion,
@@ -291,14 +263,8 @@ def _plant(config: MissionConfig, span: float) -> Plant:
         cos_i=float(np.cos(orbit.inclination)),
         sin_i=float(np.sin(orbit.inclination)),
         on_board=np.array([config.ephemeris.node, np.cos(carried), np.sin(carried)]),
-        scan_torque=body.scan_torque,
-        scan_rate=body.scan_rate,
-        array_step=body.array_step,
-        array_inertia=body.array_inertia,
         radius=orbit.radius,
         sidereal=sidereal_angle(start),
-        dipole=DIPOLE,
-        sun_step=SUN_STEP,
         sun=np.ascontiguousarray(sun_vector(start + moments / DAY)),
     )
 
@@ -343,8 +309,6 @@ def _tables(config: MissionConfig, tables: OnBoardTables) -> Tables:
         integral_limit=law.integral_limit,
         bias_gain=law.bias_gain,
         unloading=law.unloading,
-        geodetic=law.geodetic_rate,
-        gyro_slews=law.gyro_slews,
     )
 
 

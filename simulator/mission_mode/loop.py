@@ -14,20 +14,18 @@ it changes in `State`, and what it writes grows with the rows asked for only.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
-from simulator.mission_mode.magnetic_field import EARTH_RATE, dipole_field
+from simulator.arrays import Array
+from simulator.mission_mode.magnetic_field import DIPOLE, EARTH_RATE, dipole_field
 from simulator.mission_mode.onboard_attitude import half_turn, propagate_error, sun_azimuth
-from simulator.mission_mode.rigid_body import attitude_matrix, rigid_body_step
-from simulator.mission_mode.state import NEVER, Plant, Sensors, Slew, State, Tables, count_orbit, yaw_command
+from simulator.mission_mode.rigid_body import attitude_matrix, multiply, rigid_body_step
+from simulator.mission_mode.state import NEVER, SUN_STEP, Plant, Sensors, Slew, State, Tables, count_orbit, yaw_command
 from simulator.mission_mode.target_frame import geodetic_axes, lvlh_axes, rotation_between, turn_about_z
 from simulator.mission_mode.wheels import WHEELS, distribute, unloading_moment
 from simulator.sensors.earth import measure, roll_pitch
 from simulator.sensors.horizon import COSINES, SINES
 from simulator.sensors.sun import sensor_counts
-
-Array = NDArray[np.float64]
 
 YEARLY = 2 * math.pi / (365.25 * 86400.0)  # rad/s
 SHORTEST_BIAS_INTERVAL = 600.0  # s; updates closer than that set the yaw and leave the bias
@@ -171,11 +169,9 @@ def _outer_torque(
     torque: Array,
 ) -> float:  # pragma: no cover - compiled
     """Torque of the air and of the moments in the field, body axes, in torque (3,); the largest moment of a torquer."""
-    r = -plant.radius
-    b_x, b_y, b_z = dipole_field(r * lvlh[2, 0], r * lvlh[2, 1], r * lvlh[2, 2], plant.sidereal + EARTH_RATE * t, plant.dipole)
-    B_x = A[0, 0] * b_x + A[0, 1] * b_y + A[0, 2] * b_z
-    B_y = A[1, 0] * b_x + A[1, 1] * b_y + A[1, 2] * b_z
-    B_z = A[2, 0] * b_x + A[2, 1] * b_y + A[2, 2] * b_z
+    body, r = plant.body, -plant.radius
+    b_x, b_y, b_z = dipole_field(r * lvlh[2, 0], r * lvlh[2, 1], r * lvlh[2, 2], plant.sidereal + EARTH_RATE * t, DIPOLE)
+    B_x, B_y, B_z = multiply(A, b_x, b_y, b_z)
     m_x, m_y, m_z = 0.0, 0.0, 0.0
     if tables.unloading > 0.0:
         sigma = sensors.magnetometer_sigma
@@ -187,30 +183,29 @@ def _outer_torque(
             B_y + sigma * rng.standard_normal(),
             B_z + sigma * rng.standard_normal(),
             tables.unloading,
-            plant.dipole_limit,
+            body.dipole_limit,
         )
     largest = max(abs(m_x), abs(m_y), abs(m_z))
-    m_x, m_y, m_z = m_x + plant.residual_dipole[0], m_y + plant.residual_dipole[1], m_z + plant.residual_dipole[2]
+    m_x, m_y, m_z = m_x + body.residual_dipole[0], m_y + body.residual_dipole[1], m_z + body.residual_dipole[2]
     height = -(lvlh[2, 0] * sun[0] + lvlh[2, 1] * sun[1] + lvlh[2, 2] * sun[2])
-    force = -plant.drag * (1.0 + plant.drag_swing * height)
-    f_x = force * (A[0, 0] * lvlh[0, 0] + A[0, 1] * lvlh[0, 1] + A[0, 2] * lvlh[0, 2])
-    f_y = force * (A[1, 0] * lvlh[0, 0] + A[1, 1] * lvlh[0, 1] + A[1, 2] * lvlh[0, 2])
-    f_z = force * (A[2, 0] * lvlh[0, 0] + A[2, 1] * lvlh[0, 1] + A[2, 2] * lvlh[0, 2])
-    arm = plant.pressure_arm
+    force = -body.drag * (1.0 + body.drag_swing * height)
+    v_x, v_y, v_z = multiply(A, lvlh[0, 0], lvlh[0, 1], lvlh[0, 2])
+    f_x, f_y, f_z = force * v_x, force * v_y, force * v_z
+    arm = body.pressure_arm
     torque[0] = m_y * B_z - m_z * B_y + arm[1] * f_z - arm[2] * f_y
     torque[1] = m_z * B_x - m_x * B_z + arm[2] * f_x - arm[0] * f_z
     torque[2] = m_x * B_y - m_y * B_x + arm[0] * f_y - arm[1] * f_x
-    if plant.scan_torque > 0.0:
+    if body.scan_torque > 0.0:
         # The mean over the cycle of a torque that turns with a scanning instrument about body z.
-        a, b, share = plant.scan_rate * t, plant.scan_rate * (t + plant.dt), plant.scan_torque / (plant.scan_rate * plant.dt)
+        a, b, share = body.scan_rate * t, body.scan_rate * (t + plant.dt), body.scan_torque / (body.scan_rate * plant.dt)
         torque[0] += share * (math.sin(b) - math.sin(a))
         torque[1] += share * (math.cos(a) - math.cos(b))
-    if plant.array_step > 0.0:
+    if body.array_step > 0.0:
         # A step δ of the arrays, soon over, turns the body back by (I_a/I) δ: a torque for a cycle, then its opposite.
-        pace = plant.mean_motion / plant.array_step
+        pace = plant.mean_motion / body.array_step
         before, now = math.floor(pace * max(t - plant.dt, 0.0)), math.floor(pace * t)
         after = math.floor(pace * (t + plant.dt))
-        torque[1] -= plant.array_inertia * plant.array_step / plant.dt**2 * ((after - now) - (now - before))
+        torque[1] -= body.array_inertia * body.array_step / plant.dt**2 * ((after - now) - (now - before))
     return largest
 
 
@@ -252,9 +247,9 @@ def fly(
     -------
     rows of updates used
     """
-    dt = plant.dt
+    dt, body = plant.dt, plant.body
     lvlh, frame, A = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    before, error, moved, turned = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
+    error, moved, turned = np.empty(3), np.empty(3), np.empty(3)
     apparent, rate, momentum, torque, outer = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     noise, angles, wheel_torque, reaction = np.empty(8), np.empty(4), np.empty(WHEELS), np.empty(3)
     sun, position, held, raw, seen = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(4)
@@ -264,18 +259,10 @@ def fly(
         u, node = plant.latitude_argument + plant.mean_motion * t, plant.node + plant.nodal_rate * t
         lvlh_axes(u, node + plant.on_board[0], plant.on_board[1], plant.on_board[2], lvlh)
         geodetic_axes(lvlh, plant.radius, frame)
-        yaw = yaw_command(t, slew)
-        turn_about_z(frame, yaw)
+        turn_about_z(frame, yaw_command(t, slew))
         rotation_between(state.frame, frame, moved)
-        if not tables.geodetic:
-            # The rate of geocentric LVLH, whose axes are taken as those of the commanded frame.
-            earlier = node - plant.nodal_rate * dt + plant.on_board[0]
-            lvlh_axes(u - plant.mean_motion * dt, earlier, plant.on_board[1], plant.on_board[2], before)
-            turn_about_z(before, yaw_command(t - dt, slew))
-            turn_about_z(lvlh, yaw)
-            rotation_between(before, lvlh, moved)
         lvlh_axes(u, node, plant.cos_i, plant.sin_i, lvlh)
-        at = t / plant.sun_step
+        at = t / SUN_STEP
         index = int(at)
         share = at - index
         for i in range(3):
@@ -306,7 +293,7 @@ def fly(
             seen[j] = angles[j]
             angles[j] -= tables.penetration_biases[j]
             used += 1 if state.quadrants[j] else 0
-        if used >= 3 and not (slewing and tables.gyro_slews):
+        if used >= 3 and not slewing:
             roll, pitch = roll_pitch(angles, state.quadrants)
             if not (math.isnan(roll) or math.isnan(pitch)):  # a quadrant that misses the Earth shows nothing
                 state.estimate[0], state.estimate[1] = roll, pitch
@@ -318,7 +305,7 @@ def fly(
             rate[i] = turned[i] / dt
         _wanted_torque(rate, moved, momentum, not slewing, plant, state, tables, torque)
         # Actuators, and what the body does of it.
-        distribute(torque, plant.distribution, state.wheels, plant.torque_limit, plant.momentum_limit, dt, wheel_torque)
+        distribute(torque, plant.distribution, state.wheels, body.torque_limit, body.momentum_limit, dt, wheel_torque)
         largest = _outer_torque(rng, t, A, lvlh, sun, momentum, plant, sensors, tables, outer)
         normal = state.memory[2] == 0.0
         count_orbit(orbits[int(t / period)], error, apparent, normal, used == 3, momentum, largest, state)
@@ -347,34 +334,19 @@ def fly(
         state.memory[3] += 1.0
         for j in range(WHEELS):
             state.wheels[j] += wheel_torque[j] * dt
-        _body(plant, state, held, outer, reaction, lvlh)
-    return count
-
-
-@compiled
-def _body(
-    plant: Plant, state: State, momentum: Array, torque: Array, reaction: Array, lvlh: Array
-) -> None:  # pragma: no cover - compiled
-    """The body through one cycle; momentum (3,) of the wheels is used up."""
-    step = plant.dt / plant.substeps
-    nadir, velocity = lvlh[2].copy(), lvlh[0].copy()
-    for m in range(plant.substeps):
-        if m > 0:
-            c, s = math.cos(plant.mean_motion * m * step), math.sin(plant.mean_motion * m * step)
-            for i in range(3):
-                nadir[i], velocity[i] = c * lvlh[2, i] - s * lvlh[0, i], c * lvlh[0, i] + s * lvlh[2, i]
         rigid_body_step(
             state.q,
             state.omega,
-            momentum,
-            plant.inertia,
+            held,
+            body.inertia,
             plant.inverse,
-            torque,
+            outer,
             reaction,
-            nadir,
-            velocity,
+            lvlh[2],
+            lvlh[0],
             plant.mean_motion,
             plant.gradient,
-            step,
+            dt,
             state.turned,
         )
+    return count

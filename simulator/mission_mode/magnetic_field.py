@@ -17,11 +17,9 @@ Rotation of the Earth
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
-
-Array = NDArray[np.float64]
+from simulator.arrays import Array
 
 DIPOLE = np.array([-1784e-9, 5306e-9, -29692e-9])  # d of IGRF 1995.0, T, Earth-fixed
 REFERENCE_RADIUS = 6371.2e3  # m
@@ -38,18 +36,7 @@ def sidereal_angle(julian_date: float) -> float:
 def dipole_field(
     x: float, y: float, z: float, angle: float, dipole: Array
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
-    """Field at an inertial position.
-
-    Parameters
-    ----------
-    x, y, z : inertial position, m
-    angle : right ascension of Greenwich, rad
-    dipole : (3,) d, T, Earth-fixed
-
-    Returns
-    -------
-    inertial components, T
-    """
+    """Inertial field, T, of an Earth-fixed dipole d (3,), T, at an inertial position, m; angle: that of Greenwich, rad."""
     cosine, sine = math.cos(angle), math.sin(angle)
     d_x, d_y, d_z = cosine * dipole[0] - sine * dipole[1], sine * dipole[0] + cosine * dipole[1], dipole[2]
     square = x * x + y * y + z * z

@@ -30,14 +30,13 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from simulator.arrays import Array
 from simulator.sensors import sun as sun_sensor
 from simulator.sensors.sun import TrueSunSensor
 from simulator.truth.orbit import EARTH_RADIUS
 
-Array = NDArray[np.float64]
 Mounting = Literal["solved", "added", "heads", "alike"]
 
 ALTITUDE = 350e3  # m
@@ -51,13 +50,7 @@ NEWTON = 4  # steps; the first leaves 1e-5 of the angles
 
 
 def mounted(mounting: Mounting = "solved", boresights: tuple[float, float] = BORESIGHTS) -> tuple[TrueSunSensor, TrueSunSensor]:
-    """TRMM's sun sensors with the flight's heads; see the module's text for what mounting means.
-
-    Parameters
-    ----------
-    mounting : how they sit
-    boresights : nominal tilt toward −Y and elevation toward nadir, rad
-    """
+    """TRMM's sun sensors with the flight's heads, at nominal tilt toward −Y and elevation toward nadir, rad; see the module."""
     heads = sun_sensor.HEAD_DSS1, sun_sensor.HEAD_DSS2
     turns = np.eye(3), np.eye(3)
     if mounting == "alike":
@@ -88,15 +81,8 @@ def solved_turns(boresights: tuple[float, float]) -> tuple[Array, Array]:
 def ground_fit(turns: Array, boresights: tuple[float, float], angles_deg: tuple[float, ...] = ALIGNED_AT) -> Array:
     """What a fit that takes the heads for square finds of sensors with the flight's heads.
 
-    Parameters
-    ----------
-    turns : (6,) rotation vectors of M of DSS-1 and DSS-2 as they sit, rad
-    boresights : nominal tilt and elevation, rad
-    angles_deg : sun angles of the data
-
-    Returns
-    -------
-    (6,) common rotation of the body and rotation vector of DSS-2's M, rad
+    Of M of DSS-1 and DSS-2 as they sit, rotation vectors (6,), from data at some sun angles: the common rotation of the body
+    and the rotation vector of DSS-2's M, (6,) rad.
     """
     sun = sun_path(angles_deg)
     seen = []

@@ -21,24 +21,13 @@ from one update to the next. The sign of d turns, the drift has the wrong sense,
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from gyrocal.compiled import compiled
-
-Array = NDArray[np.float64]
+from simulator.arrays import Array
 
 
 @compiled
 def propagate_error(error: Array, turned: Array, moved: Array) -> None:  # pragma: no cover - compiled
-    """Equation (1) in place, to second order in the frame's turn.
-
-    Parameters
-    ----------
-    error : (3,) ε, rad; brought up to date
-    turned : (3,) φ by the gyro, rad
-    moved : (3,) φ_c, rad
-    """
+    """Equation (1), to second order in the frame's turn: ε (3,) in place, of φ by the gyro and φ_c, all in rad."""
     x, y, z = error[0], error[1], error[2]
     a, b, c = moved[0], moved[1], moved[2]
     f_x, f_y, f_z = b * z - c * y, c * x - a * z, a * y - b * x
@@ -56,17 +45,9 @@ def head_angle(count: float, k: Array) -> float:  # pragma: no cover - compiled
 
 @compiled
 def sun_azimuth(n_alpha: float, n_beta: float, a: Array, b: Array, alignment: Array) -> float:  # pragma: no cover - compiled
-    """Azimuth of the Sun about body z, from x toward y, by R (5), (4) and (1).
+    """Azimuth of the Sun about body z, from x toward y, rad, by R (5), (4) and (1); coefficients (9,), alignment N M.
 
-    Parameters
-    ----------
-    n_alpha, n_beta : counts
-    a, b : (9,) coefficients
-    alignment : (3, 3) N M
-
-    Returns
-    -------
-    rad; (4)'s normalisation does not change it and is left out
+    (4)'s normalisation does not change it and is left out.
     """
     tan_alpha, tan_beta = math.tan(head_angle(n_alpha, a)), math.tan(head_angle(n_beta, b))
     x = alignment[0, 0] * tan_alpha + alignment[0, 1] * tan_beta + alignment[0, 2]

@@ -18,12 +18,9 @@ The integral of the rate over the step, what a gyro shows, has the weights of th
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from gyrocal.compiled import compiled
+from simulator.arrays import Array
 
-Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
 Quad = tuple[float, float, float, float]
 
@@ -38,7 +35,8 @@ def attitude_matrix(q: Array, out: Array) -> None:  # pragma: no cover - compile
 
 
 @compiled(inline="always")
-def _matvec(M: Array, x: float, y: float, z: float) -> Triple:  # pragma: no cover - compiled
+def multiply(M: Array, x: float, y: float, z: float) -> Triple:  # pragma: no cover - compiled
+    """Product of a matrix (3, 3) and a vector."""
     return (
         M[0, 0] * x + M[0, 1] * y + M[0, 2] * z,
         M[1, 0] * x + M[1, 1] * y + M[1, 2] * z,
@@ -55,10 +53,10 @@ def _acceleration(
     z_x = (1 - 2 * (b * b + c * c)) * z[0] + 2 * (a * b + c * d) * z[1] + 2 * (a * c - b * d) * z[2]
     z_y = 2 * (a * b - c * d) * z[0] + (1 - 2 * (a * a + c * c)) * z[1] + 2 * (b * c + a * d) * z[2]
     z_z = 2 * (a * c + b * d) * z[0] + 2 * (b * c - a * d) * z[1] + (1 - 2 * (a * a + b * b)) * z[2]
-    i_x, i_y, i_z = _matvec(inertia, z_x, z_y, z_z)
-    l_x, l_y, l_z = _matvec(inertia, w[0], w[1], w[2])
+    i_x, i_y, i_z = multiply(inertia, z_x, z_y, z_z)
+    l_x, l_y, l_z = multiply(inertia, w[0], w[1], w[2])
     l_x, l_y, l_z = l_x + h[0], l_y + h[1], l_z + h[2]
-    return _matvec(
+    return multiply(
         inverse,
         torque[0] + gradient * (z_y * i_z - z_z * i_y) - (w[1] * l_z - w[2] * l_y),
         torque[1] + gradient * (z_z * i_x - z_x * i_z) - (w[2] * l_x - w[0] * l_z),

@@ -3,52 +3,43 @@
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from gyrocal.compiled import compiled
+from simulator.arrays import Array, Flags
+from simulator.mission_mode.config import Spacecraft
 from simulator.mission_mode.wheels import WHEELS
 from simulator.sensors.earth import Constants
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-
+AXES = ("roll", "pitch", "yaw")
+# Columns of the tables in their units; the loop writes radians and seconds.
 TELEMETRY = (
     "t_s",
-    *(f"error_{axis}" for axis in ("roll", "pitch", "yaw")),
-    *(f"estimate_{axis}" for axis in ("roll", "pitch", "yaw")),
-    "bias_yaw",
+    *(f"error_{axis}_deg" for axis in AXES),
+    *(f"estimate_{axis}_deg" for axis in AXES),
+    "bias_yaw_deg_h",
     *(f"wheel_{i}_nms" for i in range(1, WHEELS + 1)),
     "quadrants",
     "normal",
-    *(f"raw_{axis}" for axis in "xyz"),
-    *(f"angle_{i}" for i in range(1, 5)),
+    *(f"raw_{axis}_deg_s" for axis in "xyz"),
+    *(f"angle_{i}_deg" for i in range(1, 5)),
 )
-UPDATES = ("t_s", "sensor", "update", "bias", "bias_solved", "measured", "error_yaw")
+UPDATES = ("t_s", "sensor", "update_deg", "bias_deg_h", "bias_solved", "measured_deg", "error_yaw_deg")
 ORBIT_COLUMNS = 24
 """Of an orbit's row: cycles in normal pointing, and not; by axis Σ error², Σ knowledge², max |error|, max |knowledge|, largest
 peak to peak over 1 s, Σ (ω − G ω_raw); the wheels' momentum |W h| and a wheel's at their largest, the largest moment of a
 torquer; cycles with three quadrants."""
 
 NEVER = -1e300
+SUN_STEP = 600.0  # s; the Sun is interpolated linearly between, in error by less than 1e-8 rad
 
 
 class Plant(NamedTuple):
     """What the spacecraft and its surroundings are; SI, radians."""
 
     dt: float
-    substeps: int
-    inertia: Array
-    inverse: Array
+    body: Spacecraft
+    inverse: Array  # of the inertia
     axes: Array
     distribution: Array
-    torque_limit: float
-    momentum_limit: float
-    dipole_limit: float
-    residual_dipole: Array
-    drag: float
-    drag_swing: float
-    pressure_arm: Array
     gradient: float
     latitude_argument: float
     mean_motion: float
@@ -57,15 +48,9 @@ class Plant(NamedTuple):
     cos_i: float
     sin_i: float
     on_board: Array  # (3,) node's error, cos and sin of the inclination of the ephemeris on board
-    scan_torque: float
-    scan_rate: float
-    array_step: float  # rad; 0 for smoothly
-    array_inertia: float
     radius: float
     sidereal: float
-    dipole: Array
-    sun_step: float
-    sun: Array
+    sun: Array  # a row each SUN_STEP
 
 
 class Sensors(NamedTuple):
@@ -105,8 +90,6 @@ class Tables(NamedTuple):
     integral_limit: float
     bias_gain: float
     unloading: float
-    geodetic: bool
-    gyro_slews: bool
 
 
 class Slew(NamedTuple):

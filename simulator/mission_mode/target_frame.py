@@ -21,13 +21,11 @@ The rate on board is therefore that of the geodetic frame: the rotation from one
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
+from simulator.arrays import Array
 from simulator.sensors.horizon import FLATTENING
 from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit
-
-Array = NDArray[np.float64]
 
 SQUARED_ECCENTRICITY = FLATTENING * (2 - FLATTENING)
 ROUNDS = 3  # of the iteration for the latitude; leaves less than 1e-9 rad at any latitude from 350 km
@@ -44,14 +42,7 @@ def lvlh_axes(u: float, node: float, cos_i: float, sin_i: float, out: Array) -> 
 
 @compiled
 def geodetic_axes(lvlh: Array, radius: float, out: Array) -> None:  # pragma: no cover - compiled
-    """Rows of the geodetic frame.
-
-    Parameters
-    ----------
-    lvlh : (3, 3) LVLH axes, whose third row is geocentric nadir
-    radius : from the Earth's centre, m
-    out : (3, 3), written
-    """
+    """Rows of the geodetic frame, in out (3, 3), from LVLH axes (3, 3) and the distance from the Earth's centre, m."""
     x, y, z = -radius * lvlh[2, 0], -radius * lvlh[2, 1], -radius * lvlh[2, 2]
     rho = math.sqrt(x * x + y * y)
     slope = z / rho
@@ -101,18 +92,9 @@ def rotation_between(before: Array, after: Array, out: Array) -> None:  # pragma
 def commanded_attitude(
     orbit: CircularOrbit, t: Array, yaw: Array | float = 0.0, node_error: float = 0.0, inclination_error: float = 0.0
 ) -> Array:
-    """Attitude matrices of the commanded frame, inertial to commanded.
+    """Attitude matrices (n, 3, 3) of the commanded frame, inertial to commanded, at times (n,), s since the orbit's epoch.
 
-    Parameters
-    ----------
-    orbit : the orbit
-    t : (n,) s since its epoch
-    yaw : (n,) or one yaw κ from the velocity, rad
-    node_error, inclination_error : of the ephemeris that the frame is formed of, rad
-
-    Returns
-    -------
-    (n, 3, 3)
+    The yaw κ from the velocity, (n,) or one, and the errors of the ephemeris that the frame is formed of are in rad.
     """
     times = np.atleast_1d(np.asarray(t, dtype=float))
     yaws = np.broadcast_to(np.asarray(yaw, dtype=float), times.shape)

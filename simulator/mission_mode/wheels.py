@@ -17,11 +17,9 @@ Unloading
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
-
-Array = NDArray[np.float64]
+from simulator.arrays import Array
 
 WHEELS = 4
 EQUAL_ELEVATION = math.asin(1 / math.sqrt(3))  # rad; the pyramid alike in all directions

@@ -40,15 +40,13 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
+from simulator.arrays import Array, Flags
 from simulator.sensors.horizon import COSINES, POLAR_RADIUS, QUADRANTS, SINES, Horizon, hidden
 from simulator.sensors.horizon import penetration as penetration
 from simulator.truth.orbit import EARTH_RADIUS
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Filter = Literal["off", "correct", "held", "restarted"]
 
 OFF, CORRECT, HELD, RESTARTED = 0, 1, 2, 3
@@ -81,42 +79,27 @@ class Constants(NamedTuple):
 class TrueEarthSensor:
     """The sensor as built, and its processing on board.
 
-    Attributes
-    ----------
-    horizon : the horizon seen and the nominal altitude
-    biases : (4,) penetration-angle biases, rad, in the order of the quadrants
-    width : of a limb detector's view, rad
-    offset, swing : o₀ and o₁, in units of the Earth's radiance
-    sigma : white noise of a quadrant's angle, 1-sigma, rad
-    sigma_s : white noise of S, 1-sigma, in units of the Earth's radiance
-    step : quantisation of the angles, rad; 0 for none
-    sun_radiance : what the Sun in a quadrant's view adds to S, in units of the Earth's radiance
-    sun_field : half angle of the Sun's field about a quadrant's nominal limb, rad
-    sun_margin : added to it where the Sun is predicted, rad
-    s_filter : "off", "correct", "held" or "restarted"
-    s_time_constant : τ, s
-    s_restart : S_f from which a restarted filter goes on, in units of the Earth's radiance
-
     Raises
     ------
     ValueError
         There are not four biases, a width or time constant is not positive, or the filter is unknown.
     """
 
-    horizon: Horizon = field(default_factory=Horizon)
+    horizon: Horizon = field(default_factory=Horizon)  # the horizon seen and the nominal altitude
+    # (4,) penetration-angle biases, rad, in the order of the quadrants
     biases: Array = field(default_factory=lambda: np.zeros(QUADRANTS))
-    width: float = math.radians(2.5)
-    offset: float = 0.08
-    swing: float = 0.02
-    sigma: float = math.radians(0.02)
-    sigma_s: float = 0.002
-    step: float = 0.0
-    sun_radiance: float = 1.0
-    sun_field: float = math.radians(5.0)
-    sun_margin: float = math.radians(0.5)
-    s_filter: Filter = "correct"
-    s_time_constant: float = 60.0
-    s_restart: float = 0.0
+    width: float = math.radians(2.5)  # of a limb detector's view, rad
+    offset: float = 0.08  # o₀, in units of the Earth's radiance
+    swing: float = 0.02  # o₁
+    sigma: float = math.radians(0.02)  # white noise of a quadrant's angle, 1-sigma, rad
+    sigma_s: float = 0.002  # white noise of S, 1-sigma, in units of the Earth's radiance
+    step: float = 0.0  # quantisation of the angles, rad; 0 for none
+    sun_radiance: float = 1.0  # what the Sun in a quadrant's view adds to S, in units of the Earth's radiance
+    sun_field: float = math.radians(5.0)  # half angle of the Sun's field about a quadrant's nominal limb, rad
+    sun_margin: float = math.radians(0.5)  # added to it where the Sun is predicted, rad
+    s_filter: Filter = "correct"  # "off", "correct", "held" or "restarted"
+    s_time_constant: float = 60.0  # τ, s
+    s_restart: float = 0.0  # S_f from which a restarted filter goes on, in units of the Earth's radiance
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "biases", np.ascontiguousarray(self.biases, dtype=float))
@@ -167,14 +150,8 @@ def intrusion(
 ) -> bool:  # pragma: no cover - compiled
     """Whether the Sun, not eclipsed by the Earth, is within a field about a quadrant's nominal limb direction.
 
-    Parameters
-    ----------
-    A : (3, 3) attitude; the true one, or the estimated one for a prediction
-    position : (3,) inertial, m
-    sun : (3,) inertial unit vector
-    quadrant : 0..3
-    nominal : angle of the limb from +z, rad
-    cos_field : cosine of the field's half angle
+    A (3, 3) is the true attitude, or the estimated one for a prediction; the position, m, and the Sun's unit vector are
+    inertial, the limb's nominal angle from +z is in rad.
     """
     return toward_sun(A, sun, quadrant, nominal) > cos_field and not hidden(position, sun, EARTH_RADIUS, POLAR_RADIUS)
 

@@ -8,23 +8,14 @@ is N/√Δt.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
+from simulator.arrays import Array
 from simulator.draws import add_normals, layers, state_words
-
-Array = NDArray[np.float64]
 
 
 def raw_rates(omega: Array, G: Array, bias: Array) -> Array:
-    """Noise-free raw rates G⁻¹ (ω − b), R (7) solved for ω_raw.
-
-    Parameters
-    ----------
-    omega : (n, 3) true body rates, rad/s
-    G : (3, 3) rows body axes, columns gyros
-    bias : (3,) b, rad/s
-    """
+    """Noise-free raw rates G⁻¹ (ω − b), R (7) solved for ω_raw; ω (n, 3) and b (3,) in rad/s, G rows body, columns gyros."""
     return np.asarray((omega - bias) @ np.linalg.inv(G).T)
 
 

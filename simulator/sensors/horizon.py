@@ -35,12 +35,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
+from simulator.arrays import Array
 from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, lvlh_attitude
-
-Array = NDArray[np.float64]
 
 FLATTENING = 1 / 298.257223563  # WGS 84
 POLAR_RADIUS = EARTH_RADIUS * (1 - FLATTENING)  # m
@@ -51,16 +49,10 @@ COSINES, SINES = np.sqrt(0.5) * np.array([1.0, -1.0, -1.0, 1.0]), np.sqrt(0.5) *
 
 @dataclass(frozen=True)
 class Horizon:
-    """The ellipsoid whose limb an Earth sensor sees, and the altitude its zero is set for.
+    """The ellipsoid whose limb an Earth sensor sees, and the altitude its zero is set for."""
 
-    Attributes
-    ----------
-    co2_height : height of the CO₂ layer's edge above WGS 84, m
-    altitude : nominal altitude above the equatorial radius, m
-    """
-
-    co2_height: float = 40e3
-    altitude: float = 350e3
+    co2_height: float = 40e3  # height of the CO₂ layer's edge above WGS 84, m
+    altitude: float = 350e3  # nominal altitude above the equatorial radius, m
 
     @property
     def semi_axes(self) -> tuple[float, float]:
@@ -77,18 +69,10 @@ class Horizon:
 def limb_angle(
     A: Array, position: Array, cos_azimuth: float, sin_azimuth: float, a: float, c: float
 ) -> float:  # pragma: no cover - compiled
-    """Angle η from body +z at which the line of sight at an azimuth about +z touches the horizon.
+    """Angle η from body +z, rad, at which the line of sight at an azimuth ζ about +z, from +x toward +y, touches the horizon.
 
-    Parameters
-    ----------
-    A : (3, 3) attitude, inertial to body
-    position : (3,) inertial, m
-    cos_azimuth, sin_azimuth : of the azimuth ζ, from +x toward +y
-    a, c : equatorial and polar semi-axis of the horizon, m
-
-    Returns
-    -------
-    rad; NaN if no line of the scan plane touches the horizon
+    A (3, 3) is inertial to body, position (3,) inertial, m, and a, c the equatorial and polar semi-axis, m. NaN if no line of
+    the scan plane touches the horizon.
     """
     p0, p1, p2 = position[0] / a, position[1] / a, position[2] / c
     u0, u1, u2 = A[2, 0] / a, A[2, 1] / a, A[2, 2] / c
@@ -111,18 +95,9 @@ def limb_angle(
 def penetration(
     A: Array, position: Array, quadrant: int, a: float, c: float, nominal: float
 ) -> float:  # pragma: no cover - compiled
-    """True penetration angle of a quadrant 0..3, without bias.
+    """True penetration angle of a quadrant 0..3, without bias, rad; NaN where the scan plane misses the Earth.
 
-    Parameters
-    ----------
-    A : (3, 3) true attitude
-    position : (3,) inertial, m
-    quadrant : its index
-    a, c, nominal : semi-axes, m, and nominal angle, rad, of a `Horizon`
-
-    Returns
-    -------
-    rad; NaN where the scan plane misses the Earth
+    a, c, nominal are the semi-axes, m, and the nominal angle, rad, of a `Horizon`; the attitude and position are the true ones.
     """
     return limb_angle(A, position, COSINES[quadrant], SINES[quadrant], a, c) - nominal
 

@@ -4,14 +4,11 @@ M0 at the level of the sensors: TRMM's sun sensors as nominal, heads at right an
 detector shows a constant offset without noise, so that its filter is exact and all noise is white. Counts are whole numbers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import radians
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.recording.sensor_tables import SensorTables, read
@@ -19,15 +16,13 @@ from simulator.effects.base import Setting
 from simulator.effects.sensor import SENSOR_EFFECTS
 from simulator.scenario import Scenario
 from simulator.sensors.earth import TrueEarthSensor
-from simulator.sensors.horizon import Horizon
-from simulator.sensors.suite import SensorSuite, earth_table, positions, sun_table
+from simulator.sensors.horizon import Horizon, orbit_position
+from simulator.sensors.suite import SensorSuite, earth_table, sun_table
 from simulator.sensors.sun import trmm_sun_sensors
 from simulator.streams import generator
 from simulator.truth.motion import Motion
 from simulator.truth.rotation import matrix
 from simulator.truth.sun import DAY, julian_date, sun_vector
-
-Array = NDArray[np.float64]
 
 
 def nominal_suite(sun_noise: float, earth_noise: float) -> SensorSuite:
@@ -73,9 +68,8 @@ def sensed(
     suite = change(suite) if change else suite
     for setting in effects:
         suite = SENSOR_EFFECTS[setting.effect].fitted(suite, setting)
-    assert suite.earth is not None
     t, A = motion.sensor_t_s, matrix(motion.sensor_quaternions)
-    position, sun = positions(orbit, t), sun_vector(julian_date(scenario.epoch) + t / DAY)
+    position, sun = orbit_position(orbit, t), sun_vector(julian_date(scenario.epoch) + t / DAY)
     sun_rng, earth_rng = generator(seed, case, "sun_sensor_noise"), generator(seed, case, "earth_sensor_noise")
     counts = sun_table(sun_rng, suite.sun_sensors, t, A, position, sun)
     # The filters start anew in each interval.

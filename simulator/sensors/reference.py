@@ -5,28 +5,21 @@ the next. They are taken at the ends of each interval only, as in N, or as a ser
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulator.arrays import Array
 from simulator.truth.maneuvers import Profile
 from simulator.truth.rotation import perturbed
-
-Array = NDArray[np.float64]
 
 TIME_TOLERANCE = 1e-6  # s; times closer than this are one
 
 
 def reference_times(profile: Profile, every: float | None, moving: bool = False) -> Array:
-    """Local times of an interval's reference attitudes, s, both ends included.
+    """Local times of an interval's reference attitudes, (m,) s, strictly increasing, both ends included.
 
     Parameters
     ----------
-    profile : the motion
     every : spacing of a series, s, counted from the interval's start; None for the two ends only
     moving : whether references are taken inside a slew or a transition, too
-
-    Returns
-    -------
-    (m,) strictly increasing
     """
     length = profile.stop_s - profile.start_s
     if every is None:
@@ -39,16 +32,5 @@ def reference_times(profile: Profile, every: float | None, moving: bool = False)
 
 
 def measured(rng: np.random.Generator, quaternions: Array, sigma: Array) -> Array:
-    """Reference attitudes with their random errors.
-
-    Parameters
-    ----------
-    rng : source of randomness
-    quaternions : (m, 4) true attitudes
-    sigma : (3,) standard deviation about each body axis, rad
-
-    Returns
-    -------
-    (m, 4)
-    """
+    """Reference attitudes (m, 4) with their random errors, of standard deviations (3,) about each body axis, rad."""
     return perturbed(quaternions, rng.standard_normal((len(quaternions), 3)) * sigma)

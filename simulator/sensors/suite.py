@@ -12,36 +12,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.arrays import Array
 from simulator.sensors import earth as earth_sensor
 from simulator.sensors import sun as sun_sensor
 from simulator.sensors.earth import TrueEarthSensor
 from simulator.sensors.sun import TrueSunSensor, trmm_sun_sensors
-from simulator.truth.orbit import CircularOrbit, lvlh_attitude
-from simulator.truth.sun import DAY, eclipse, julian_date, sun_vector
+from simulator.truth.sun import eclipse
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class SensorSuite:
-    """The attitude sensors of a spacecraft.
+    """The attitude sensors of a spacecraft."""
 
-    Attributes
-    ----------
-    sun_sensors : numbered 1, 2, … in the table
-    earth : the Earth sensor, or None for a suite without
-    """
-
-    sun_sensors: tuple[TrueSunSensor, ...] = field(default_factory=trmm_sun_sensors)
-    earth: TrueEarthSensor | None = field(default_factory=TrueEarthSensor)
-
-
-def positions(orbit: CircularOrbit, t: Array) -> Array:
-    """Positions from the Earth's centre, inertial, m; t (n,) s since the epoch → (n, 3)."""
-    return np.asarray(-orbit.radius * lvlh_attitude(orbit, t)[:, 2])
+    sun_sensors: tuple[TrueSunSensor, ...] = field(default_factory=trmm_sun_sensors)  # numbered 1, 2, … in the table
+    earth: TrueEarthSensor = field(default_factory=TrueEarthSensor)  # the Earth sensor
 
 
 def sun_table(
@@ -95,35 +82,3 @@ def earth_table(
     columns |= {f"penetration_{i + 1}_deg": np.rad2deg(angles[:, i]) for i in range(angles.shape[1])}
     columns |= {f"used_{i + 1}": used[:, i] for i in range(used.shape[1])}
     return pd.DataFrame(columns)
-
-
-def sensor_tables(
-    suite: SensorSuite,
-    orbit: CircularOrbit,
-    epoch: str,
-    t: Array,
-    A: Array,
-    sun_rng: np.random.Generator,
-    earth_rng: np.random.Generator,
-) -> dict[str, pd.DataFrame]:
-    """Tables of a recording.
-
-    Parameters
-    ----------
-    suite : the sensors
-    orbit : the orbit, from the epoch on
-    epoch : ISO 8601
-    t : (n,) s since the epoch, ascending
-    A : (n, 3, 3) true attitudes
-    sun_rng, earth_rng : sources of the two kinds' noise, one each, so that neither changes what the other draws
-
-    Returns
-    -------
-    dict
-        "sun_sensor", and "earth_sensor" if the suite has one; see `sun_table` and `earth_table`.
-    """
-    position, sun = positions(orbit, t), sun_vector(julian_date(epoch) + t / DAY)
-    tables = {"sun_sensor": sun_table(sun_rng, suite.sun_sensors, t, A, position, sun)}
-    if suite.earth is not None:
-        tables["earth_sensor"] = earth_table(earth_rng, suite.earth, t, A, position, sun)
-    return tables

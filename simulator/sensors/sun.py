@@ -33,8 +33,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
+from simulator.arrays import Array, Flags
 
-Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 ALPHA = np.array([-1.1918, 1.4549e-4, 3.5e-4, 1.5340e-3, 0.40, 1.7e-4, 6.1359e-3, 1.10, 2.6e-4])
@@ -52,25 +52,15 @@ NEWTON_STEPS = 8  # two or three suffice; the bound only stops a loop that round
 
 @dataclass(frozen=True)
 class TrueSunSensor:
-    """A sun sensor as it really is.
+    """A sun sensor as it really is."""
 
-    Attributes
-    ----------
-    name : of the sensor
-    alignment : (3, 3) true sensor to body, N M of R (1)
-    coefficients_alpha, coefficients_beta : (9,) of R (5), rad where an angle
-    head : (3,) 2-3-1 Euler angles (e₁, e₂, e₃) of the β head, rad
-    half_fov : of each head, rad
-    noise : 1-sigma of each angle before it is quantised, rad
-    """
-
-    name: str
-    alignment: Array
-    coefficients_alpha: Array
+    name: str  # of the sensor
+    alignment: Array  # (3, 3) true sensor to body, N M of R (1)
+    coefficients_alpha: Array  # (9,) of R (5), rad where an angle
     coefficients_beta: Array
-    head: Array
-    half_fov: float = HALF_FOV
-    noise: float = NOISE
+    head: Array  # (3,) 2-3-1 Euler angles (e₁, e₂, e₃) of the β head, rad
+    half_fov: float = HALF_FOV  # of each head, rad
+    noise: float = NOISE  # 1-sigma of each angle before it is quantised, rad
 
 
 def trmm_alignments(tilt: float = TILT, elevation: float = 0.0) -> tuple[Array, Array]:
@@ -185,7 +175,7 @@ def sensor_counts(
     return round(n_alpha), round(n_beta), True
 
 
-def observe(rng: np.random.Generator | None, sensor: TrueSunSensor, A: Array, sun: Array) -> tuple[Counts, NDArray[np.bool_]]:
+def observe(rng: np.random.Generator | None, sensor: TrueSunSensor, A: Array, sun: Array) -> tuple[Counts, Flags]:
     """Counts of a sensor at a series of moments; the Earth's shadow is not looked at (see `simulator.truth.sun.eclipse`).
 
     Parameters
@@ -227,7 +217,7 @@ def _observe(
     half_fov: float,
     noise: Array,
     counts: Counts,
-    visible: NDArray[np.bool_],
+    visible: Flags,
 ) -> None:  # pragma: no cover - compiled
     for k in range(len(A)):
         counts[k, 0], counts[k, 1], visible[k] = sensor_counts(

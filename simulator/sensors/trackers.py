@@ -9,15 +9,13 @@ is too near to its boresight, its z axis: both only leave gaps, and are a proper
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.recording import Attitudes, Orbit
+from simulator.arrays import Flags
 from simulator.scenario import Scenario, TrackerSection
 from simulator.truth.motion import Motion
 from simulator.truth.rotation import matrix, perturbed
 from simulator.truth.sun import DAY, julian_date, sun_vector
-
-Array = NDArray[np.float64]
 
 
 def tracked(scenario: Scenario, motion: Motion, rng: np.random.Generator | None) -> Attitudes:
@@ -40,7 +38,7 @@ def tracked(scenario: Scenario, motion: Motion, rng: np.random.Generator | None)
     return Attitudes(motion.reference_t_s[place], quaternions, sigma, sensor, sensors)
 
 
-def sees(section: TrackerSection, scenario: Scenario, motion: Motion) -> NDArray[np.bool_]:
+def sees(section: TrackerSection, scenario: Scenario, motion: Motion) -> Flags:
     """(m,) whether a tracker has an attitude at each reference time."""
     out = np.ones(motion.reference_t_s.size, dtype=bool)
     if section.max_rate_deg_s is not None:

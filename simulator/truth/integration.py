@@ -25,12 +25,11 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
+from simulator.arrays import Array
 from simulator.truth.rotation import cross
 
-Array = NDArray[np.float64]
 Rate = Callable[[Array], Array]
 
 NODES = np.array([0.5 - sqrt(15) / 10, 0.5, 0.5 + sqrt(15) / 10])
@@ -38,18 +37,11 @@ NODES = np.array([0.5 - sqrt(15) / 10, 0.5, 0.5 + sqrt(15) / 10])
 
 @dataclass(frozen=True)
 class Trajectory:
-    """An integrated attitude.
+    """An integrated attitude."""
 
-    Attributes
-    ----------
-    t : (n + 1,) the grid, s
-    quaternions : (n + 1, 4) attitude at the grid points, inertial to body, scalar last
-    angles : (n, 3) integral of the body rate over each step, rad
-    """
-
-    t: Array
-    quaternions: Array
-    angles: Array
+    t: Array  # (n + 1,) the grid, s
+    quaternions: Array  # (n + 1, 4) attitude at the grid points, inertial to body, scalar last
+    angles: Array  # (n, 3) integral of the body rate over each step, rad
 
 
 def integrate(rate: Rate, t: Array, start: Array, substeps: int = 1) -> Trajectory:
@@ -91,17 +83,7 @@ def magnus(omega: Array, h: Array) -> tuple[Array, Array]:
 
 @compiled
 def accumulate(start: Array, sigma: Array) -> Array:
-    """Attitudes after each rotation of a sequence, A_k = exp(−[σ_k×]) A_{k−1}.
-
-    Parameters
-    ----------
-    start : (4,) quaternion of A_0
-    sigma : (n, 3) rotation vectors, rad
-
-    Returns
-    -------
-    (n + 1, 4) unit quaternions
-    """
+    """Attitudes (n + 1, 4) from a start (4,) on after rotation vectors (n, 3), rad: A_k = exp(−[σ_k×]) A_{k−1}."""
     out = np.empty((sigma.shape[0] + 1, 4))
     x, y, z, w = start
     out[0] = start

@@ -28,16 +28,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import root
 
 from gyrocal.errors import InputError
+from simulator.arrays import Array
 from simulator.truth.integration import NODES, Trajectory, accumulate, integrate, magnus
 from simulator.truth.nadir import pointing_attitude, pointing_rate
 from simulator.truth.orbit import CircularOrbit
 from simulator.truth.rotation import quaternion, separation, turn_matrix, turned
-
-Array = NDArray[np.float64]
 
 AXES = np.eye(3)
 MODE_YAW = {"+x": 0.0, "-x": np.pi, "+y": -np.pi / 2, "-y": np.pi / 2}
@@ -67,21 +65,13 @@ def pulse(x: Array) -> Array:
 
 @dataclass(frozen=True)
 class Slew:
-    """A turn about a fixed axis.
+    """A turn about a fixed axis."""
 
-    Attributes
-    ----------
-    axis : (3,) unit vector, body axes
-    angle : rad
-    start, duration : s, local time
-    ramp_fraction : share of the duration that each ramp takes, in (0, 0.5]
-    """
-
-    axis: Array
-    angle: float
-    start: float
+    axis: Array  # (3,) unit vector, body axes
+    angle: float  # rad
+    start: float  # s, local time
     duration: float
-    ramp_fraction: float = 0.5
+    ramp_fraction: float = 0.5  # share of the duration that each ramp takes, in (0, 0.5]
 
     @property
     def stop(self) -> float:
@@ -117,17 +107,11 @@ class Sway:
     """Small sinusoidal attitude motion left by the attitude control, about x, then y, then z.
 
     Its phase runs with mission time, so that it goes on through intervals that touch.
-
-    Attributes
-    ----------
-    amplitude : (3,) rad
-    period : (3,) s
-    phase : (3,) rad at the epoch
     """
 
-    amplitude: Array
-    period: Array
-    phase: Array
+    amplitude: Array  # (3,) rad
+    period: Array  # (3,) s
+    phase: Array  # (3,) rad at the epoch
 
     def angles(self, start_s: float, tau: Array) -> Array:
         """α per axis at the local times τ of an interval, rad; (n,) s → (n, 3)."""
@@ -144,19 +128,12 @@ class Sway:
 
 @dataclass(frozen=True)
 class Hold:
-    """An inertial hold; the body rate is zero between the transitions.
+    """An inertial hold; the body rate is zero between the transitions."""
 
-    Attributes
-    ----------
-    start, stop : s, local time, transitions included
-    transition : duration of each transition, s
-    offset : (3,) δ, rad in body axes, put in during the first transition
-    """
-
-    start: float
+    start: float  # s, local time, transitions included
     stop: float
-    transition: float
-    offset: Array
+    transition: float  # duration of each transition, s
+    offset: Array  # (3,) δ, rad in body axes, put in during the first transition
 
     @property
     def knots(self) -> tuple[float, ...]:
@@ -179,25 +156,15 @@ class Hold:
 
 @dataclass(frozen=True)
 class Profile:
-    """Motion of one interval.
+    """Motion of one interval."""
 
-    Attributes
-    ----------
-    orbit : the orbit whose LVLH frame is tracked
-    start_s, stop_s : the interval, s since the epoch
-    yaw : of the mode that the interval starts in, rad from LVLH
-    slews : in time order, not overlapping
-    hold : inertial hold, not overlapping a slew
-    sway : attitude motion on top of all that
-    """
-
-    orbit: CircularOrbit
-    start_s: float
+    orbit: CircularOrbit  # the orbit whose LVLH frame is tracked
+    start_s: float  # of the interval, s since the epoch
     stop_s: float
-    yaw: float
-    slews: tuple[Slew, ...] = ()
-    hold: Hold | None = None
-    sway: Sway | None = None
+    yaw: float  # of the mode that the interval starts in, rad from LVLH
+    slews: tuple[Slew, ...] = ()  # in time order, not overlapping
+    hold: Hold | None = None  # inertial hold, not overlapping a slew
+    sway: Sway | None = None  # attitude motion on top of all that
 
     @property
     def moving(self) -> tuple[tuple[float, float], ...]:
@@ -229,16 +196,7 @@ class Profile:
         return A
 
     def rate(self, tau: Array) -> Array:
-        """Body rate, rad/s.
-
-        Parameters
-        ----------
-        tau : (n,) local time, s
-
-        Returns
-        -------
-        (n, 3)
-        """
+        """Body rate, rad/s; (n,) local time, s → (n, 3)."""
         omega = self.tracking_rate(tau)
         if self.hold:
             omega = _faded(self.hold, tau, omega) + self.hold.return_pulse(tau)[:, None] * self.return_rotation
@@ -296,12 +254,5 @@ def _solve_return(hold: Hold, rate: Callable[[Array], Array], attitude: Callable
 
 
 def trajectory(profile: Profile, tau: Array, substeps: int = 1) -> Trajectory:
-    """Integrated true attitude at local times.
-
-    Parameters
-    ----------
-    profile : the motion
-    tau : (n + 1,) strictly increasing local times from 0 on; must contain the profile's knots that it spans
-    substeps : integration steps between two of them
-    """
+    """Integrated true attitude at local times (n + 1,) from 0 on, strictly increasing and with all knots that they span."""
     return integrate(profile.rate, tau, quaternion(profile.attitude(tau[:1]))[0], substeps)

@@ -3,33 +3,21 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from simulator.arrays import Array
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Noise-free truth of a scenario.
+    """Noise-free truth of a scenario."""
 
-    Attributes
-    ----------
-    t_s : (n,) sample starts, s since the epoch
-    duration_s : (n,) sample durations, s
-    rates : (n, 3) true body rates, rad/s: mean over each sample, or at its start if the scenario reads points
-    intervals : one slice of the samples per interval
-    reference_t_s : (m,) times of the reference attitudes, s since the epoch
-    quaternions : (m, 4) true attitudes then, inertial to body, scalar last
-    sensor_t_s, sensor_quaternions : the same at the tags of the raw sensors
-    sensor_intervals : one slice of these tags per interval
-    """
-
-    t_s: Array
-    duration_s: Array
-    rates: Array
-    intervals: tuple[slice, ...]
-    reference_t_s: Array
-    quaternions: Array
+    t_s: Array  # (n,) sample starts, s since the epoch
+    duration_s: Array  # (n,) sample durations, s
+    rates: Array  # (n, 3) true body rates, rad/s: mean over each sample, or at its start if the scenario reads points
+    intervals: tuple[slice, ...]  # one slice of the samples per interval
+    reference_t_s: Array  # (m,) times of the reference attitudes, s since the epoch
+    quaternions: Array  # (m, 4) true attitudes then, inertial to body, scalar last
+    # the same at the tags of the raw sensors
     sensor_t_s: Array = field(default_factory=lambda: np.zeros(0))
     sensor_quaternions: Array = field(default_factory=lambda: np.zeros((0, 4)))
-    sensor_intervals: tuple[slice, ...] = ()
+    sensor_intervals: tuple[slice, ...] = ()  # one slice of these tags per interval

@@ -19,12 +19,10 @@ and its rate follows from α' and β'. At 35° and 350 km it leans by up to 0.18
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulator.arrays import Array
 from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, lvlh_attitude, lvlh_rate
 from simulator.truth.rotation import turn_matrix, turned
-
-Array = NDArray[np.float64]
 
 FLATTENING = 1 / 298.257223563  # WGS 84
 SQUARED_ECCENTRICITY = FLATTENING * (2 - FLATTENING)

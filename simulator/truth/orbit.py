@@ -18,9 +18,8 @@ Without J2, Ω' = 0 and the rate is −n about y: −1 RPO. With J2, Ω' = −1.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from simulator.arrays import Array
 
 MU = 3.986004418e14  # m³/s², WGS 84
 EARTH_RADIUS = 6378137.0  # m, equatorial, WGS 84
@@ -29,23 +28,14 @@ J2 = 1.08262668e-3
 
 @dataclass(frozen=True)
 class CircularOrbit:
-    """Circular orbit about the Earth.
+    """Circular orbit about the Earth."""
 
-    Attributes
-    ----------
-    altitude : m above the equatorial radius
-    inclination : rad
-    node : right ascension of the ascending node at the epoch, rad
-    latitude_argument : argument of latitude at the epoch, rad
-    j2 : whether the node regresses
-    geodetic : whether pointing modes hold z to geodetic nadir, see `simulator.truth.nadir`; to the Earth's centre otherwise
-    """
-
-    altitude: float
-    inclination: float
-    node: float = 0.0
-    latitude_argument: float = 0.0
-    j2: bool = False
+    altitude: float  # m above the equatorial radius
+    inclination: float  # rad
+    node: float = 0.0  # right ascension of the ascending node at the epoch, rad
+    latitude_argument: float = 0.0  # argument of latitude at the epoch, rad
+    j2: bool = False  # whether the node regresses
+    # whether pointing modes hold z to geodetic nadir, see `simulator.truth.nadir`; to the Earth's centre otherwise
     geodetic: bool = False
 
     @property
@@ -72,16 +62,7 @@ class CircularOrbit:
 
 
 def lvlh_attitude(orbit: CircularOrbit, t: Array) -> Array:
-    """Attitude matrices A_li, inertial to LVLH.
-
-    Parameters
-    ----------
-    t : (n,) s since the epoch
-
-    Returns
-    -------
-    (n, 3, 3)
-    """
+    """Attitude matrices A_li, inertial to LVLH; (n,) s since the epoch → (n, 3, 3)."""
     u, node = orbit.latitude_argument + orbit.mean_motion * t, orbit.node + orbit.nodal_rate * t
     cu, su, cn, sn = np.cos(u), np.sin(u), np.cos(node), np.sin(node)
     ci, si = np.cos(orbit.inclination), np.sin(orbit.inclination)
@@ -93,16 +74,7 @@ def lvlh_attitude(orbit: CircularOrbit, t: Array) -> Array:
 
 
 def lvlh_rate(orbit: CircularOrbit, t: Array) -> Array:
-    """Inertial rate of the LVLH frame in its own axes, rad/s.
-
-    Parameters
-    ----------
-    t : (n,) s since the epoch
-
-    Returns
-    -------
-    (n, 3)
-    """
+    """Inertial rate of the LVLH frame in its own axes, rad/s; (n,) s since the epoch → (n, 3)."""
     out = np.zeros((*np.shape(t), 3))
     out[..., 1] = -(orbit.mean_motion + orbit.nodal_rate * np.cos(orbit.inclination))
     if orbit.j2:

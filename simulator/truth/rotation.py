@@ -8,25 +8,13 @@ The recorded quaternion q has A(q) = ``Rotation.from_quat(q).as_matrix().T``: as
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from simulator.arrays import Array
 
 
 def turned(axis: Array, angle: Array, vectors: Array) -> Array:
-    """Components R(e, α) v of vectors in a frame turned about one axis.
-
-    Parameters
-    ----------
-    axis : (3,) unit vector e
-    angle : (n,) α, rad
-    vectors : (n, 3) or (3,)
-
-    Returns
-    -------
-    (n, 3)
-    """
+    """Components R(e, α) v (n, 3) of vectors (n, 3) or (3,) in a frame turned about one unit axis e by (n,) α, rad."""
     cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
     along = (vectors @ axis)[..., None] * axis
     return np.asarray(along + cosine * (vectors - along) - sine * cross(axis, vectors))
@@ -57,13 +45,7 @@ def quaternion(A: Array) -> Array:
 
 
 def perturbed(quaternions: Array, errors: Array) -> Array:
-    """Quaternions of exp([e×]) A(q), scalar part ≥ 0.
-
-    Parameters
-    ----------
-    quaternions : (n, 4)
-    errors : (n, 3) e, rad in body axes
-    """
+    """Quaternions (n, 4) of exp([e×]) A(q), scalar part ≥ 0; e (n, 3), rad in body axes."""
     # As an active rotation q is Aᵀ, and (exp([e×]) A)ᵀ = Aᵀ exp(−[e×]).
     return np.asarray((Rotation.from_quat(quaternions) * Rotation.from_rotvec(-errors)).as_quat(canonical=True))
 

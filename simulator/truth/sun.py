@@ -20,28 +20,16 @@ orbit crosses the shadow's edge, or ± 1.5 s, are left out, and so are the atmos
 from datetime import UTC, datetime
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulator.arrays import Array, Flags
 from simulator.truth.orbit import EARTH_RADIUS
-
-Array = NDArray[np.float64]
 
 J2000 = 2451545.0  # Julian date of 2000-01-01 12:00
 DAY = 86400.0  # s
 
 
 def julian_date(epoch: str | datetime) -> float:
-    """Julian date of a moment, in its own time scale; days, good to 40 µs.
-
-    Parameters
-    ----------
-    epoch : ISO 8601 text or a datetime; without a time zone it is taken as it stands
-
-    Raises
-    ------
-    ValueError
-        The text is no ISO 8601 date.
-    """
+    """Julian date of a moment, in its own time scale, days, good to 40 µs; without a time zone it is taken as it stands."""
     moment = datetime.fromisoformat(epoch) if isinstance(epoch, str) else epoch
     if moment.tzinfo is None:
         moment = moment.replace(tzinfo=UTC)
@@ -49,16 +37,7 @@ def julian_date(epoch: str | datetime) -> float:
 
 
 def sun_vector(julian_date: Array | float) -> Array:
-    """Unit vectors to the Sun in the Earth's mean equator and equinox of date.
-
-    Parameters
-    ----------
-    julian_date : (...) days, e.g. `julian_date(epoch) + t / DAY`
-
-    Returns
-    -------
-    (..., 3)
-    """
+    """Unit vectors (..., 3) to the Sun in the Earth's mean equator and equinox of date, of `julian_date(epoch) + t / DAY`."""
     n = np.asarray(julian_date, dtype=float) - J2000
     g = np.deg2rad(357.528 + 0.9856003 * n)
     longitude = np.deg2rad(280.460 + 0.9856474 * n + 1.915 * np.sin(g) + 0.020 * np.sin(2 * g))
@@ -67,18 +46,8 @@ def sun_vector(julian_date: Array | float) -> Array:
     return np.stack([np.cos(longitude), np.cos(obliquity) * sine, np.sin(obliquity) * sine], axis=-1)
 
 
-def eclipse(position: Array, sun: Array) -> NDArray[np.bool_]:
-    """Whether a position lies in the Earth's cylindrical shadow.
-
-    Parameters
-    ----------
-    position : (..., 3) from the Earth's centre, m
-    sun : (..., 3) unit vectors to the Sun
-
-    Returns
-    -------
-    (...) bool
-    """
+def eclipse(position: Array, sun: Array) -> Flags:
+    """Whether positions (..., 3) from the Earth's centre, m, lie in its cylindrical shadow; sun (..., 3) unit vectors."""
     along = (position * sun).sum(axis=-1)
     across = np.linalg.norm(position - along[..., None] * sun, axis=-1)
     return np.asarray((along < 0) & (across < EARTH_RADIUS))

@@ -171,18 +171,12 @@ ERRORS = [
     *of(
         "simulator/effects/gyro/rate_truncation.py",
         f"{EFFECTS}test_effects_random.py::test_truncation_cuts_toward_zero",
-        [("readings are rounded instead of cut", "np.trunc(samples[:, axes]", "np.round(samples[:, axes]")],
+        [("readings are rounded instead of cut", "setting.size * DEG, np.trunc)", "setting.size * DEG, np.round)")],
     ),
     *of(
-        "simulator/effects/gyro/noise_excess.py",
+        "simulator/effects/common.py",
         f"{EFFECTS}test_effects_random.py::test_noise_excess_scales_the_very_same_noise",
-        [
-            (
-                "an excess is squared",
-                "factor[chosen(setting.axis)] = setting.size",
-                "factor[chosen(setting.axis)] = setting.size**2",
-            )
-        ],
+        [("an excess is squared", "factor[chosen(axis)] = size", "factor[chosen(axis)] = size**2")],
     ),
     *of(
         "simulator/effects/reference/reference_mode_offset.py",

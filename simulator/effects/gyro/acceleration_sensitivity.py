@@ -4,12 +4,12 @@ The g-sensitivity of vibrating and spinning gyros (IEEE Std 1431, drift per g). 
 acceleration_x_m_s2, … with anything before; `toward` says which axis' acceleration acts. The constant part is the bias itself.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from gyrocal.errors import InputError
-from simulator.effects.base import AXES, Array, Effect, Parameter, Stream, Surroundings, Trial, Value
+from simulator.effects.base import AXES, Array, Effect, Parameter, Parameters, Stream, Surroundings, Trial, Value
 from simulator.effects.common import DEG_H, on_axis
 from simulator.effects.housekeeping import ACCELERATION, STANDARD_GRAVITY
 
@@ -24,7 +24,7 @@ def any_axis(rng: np.random.Generator, around: Surroundings) -> Value:
 class AccelerationSensitivity(Effect):
     """See the module."""
 
-    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """(a − mean a)/g₀, as deg/h."""
         toward = str(parameters["toward"])
         name = _column(stream, toward)

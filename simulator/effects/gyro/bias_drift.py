@@ -4,16 +4,14 @@ Ageing of the gyro's electronics and, in a gas bearing, of its fill. Table 1 of 
 days it is slow enough to be a line.
 """
 
-from collections.abc import Mapping
-
-from simulator.effects.base import Array, Effect, Stream, Value
+from simulator.effects.base import Array, Effect, Parameters, Stream
 from simulator.effects.common import DAY, DEG_H, on_axis
 
 
 class BiasDrift(Effect):
     """See the module."""
 
-    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """Days since the start, as deg/h."""
         return on_axis((stream.t_s - stream.span_s[0]) / DAY * DEG_H, axis)
 

@@ -5,12 +5,23 @@ again. Unlike a random walk it returns. The time constant is tried from what the
 interval can; a longer one is a random walk, or a bias of its own in each interval.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from simulator.effects.base import Array, Effect, Parameter, ProcessTimes, Setting, Stream, Surroundings, Trial, Value
-from simulator.effects.common import DEG_H, gauss_markov, index, log_uniform, markov, number, reference_arc, time_constants
+from simulator.effects.base import (
+    Array,
+    Effect,
+    Parameter,
+    Parameters,
+    ProcessTimes,
+    Setting,
+    Stream,
+    Surroundings,
+    Trial,
+    Value,
+)
+from simulator.effects.common import DEG_H, gauss_markov, log_uniform, markov, number, on_axis, reference_arc, time_constants
 
 SHORTEST = 1.0  # spacing of the references
 LONGEST = 1.0  # intervals
@@ -28,12 +39,10 @@ class BiasMarkov(Effect):
 
     def wander(self, rng: np.random.Generator, stream: Stream, setting: Setting) -> Array:
         """The process on its axis, in true time over the gaps too."""
-        out = np.zeros((len(stream.t_s), 3))
         process = gauss_markov(rng, stream.t_s, number(setting.parameters, "time_constant_s"))
-        out[:, index(setting.axis)] = setting.size * DEG_H * process
-        return out
+        return on_axis(setting.size * DEG_H * process, setting.axis)[:, :, 0]
 
-    def covariance(self, at: ProcessTimes, parameters: Mapping[str, Value]) -> Array:
+    def covariance(self, at: ProcessTimes, parameters: Parameters) -> Array:
         """exp(−|Δt|/τ)."""
         return np.asarray(DEG_H**2 * markov(at.t_s, number(parameters, "time_constant_s")))
 

@@ -3,30 +3,17 @@
 The Sun warms and the shadow cools the gyro once an orbit. Amplitudes (size cos φ, size sin φ) make it linear.
 """
 
-from collections.abc import Mapping
+from simulator.effects.base import Array, Parameters, Stream
+from simulator.effects.common import DEG_H, harmonic, no_orbit, on_axis
+from simulator.effects.periodic import Sinusoid
 
-from simulator.effects.base import Array, Effect, Setting, Stream, Surroundings, Value
-from simulator.effects.common import DEG_H, PHASE, from_phase_amplitudes, harmonic, no_orbit, on_axis, phase_amplitudes
 
-
-class BiasOrbital(Effect):
+class BiasOrbital(Sinusoid):
     """See the module."""
 
-    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """sin(nt) and cos(nt), as deg/h."""
         return on_axis(harmonic(stream.t_s, stream.orbit_period_s) * DEG_H, axis)
-
-    def amplitudes(self, setting: Setting) -> Array:
-        """(size cos φ, size sin φ)."""
-        return phase_amplitudes(setting)
-
-    def from_amplitudes(self, amplitudes: Array) -> tuple[float, dict[str, Value]]:
-        """Size and phase."""
-        return from_phase_amplitudes(amplitudes)
-
-    def missing(self, around: Surroundings) -> str | None:
-        """It needs the orbit's period."""
-        return no_orbit(around)
 
 
 EFFECT = BiasOrbital(
@@ -36,6 +23,6 @@ EFFECT = BiasOrbital(
     unit="deg/h",
     stage="rate",
     prior=(1e-5, 1e3),
-    parameters=(PHASE,),
+    requirement=no_orbit,
     meaning="The gyro's bias goes up and down once an orbit, as when sun and shadow warm and cool it.",
 )

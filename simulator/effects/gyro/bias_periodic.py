@@ -5,11 +5,9 @@ the sine over a sample of length d is sin(π d/P)/(π d/P) times its value in th
 `bias_orbital`.
 """
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from simulator.effects.base import Array, Stream, Value
+from simulator.effects.base import Array, Parameters, Stream
 from simulator.effects.common import DEG_H, harmonic, number, on_axis
 from simulator.effects.periodic import Periodic
 
@@ -17,7 +15,7 @@ from simulator.effects.periodic import Periodic
 class BiasPeriodic(Periodic):
     """See the module."""
 
-    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """Sine and cosine, as deg/h."""
         period = number(parameters, "period_s")
         mean = np.sinc(stream.duration_s / period)[:, None]

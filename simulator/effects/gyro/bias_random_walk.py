@@ -5,12 +5,22 @@ interval it runs in true time; over the gaps between intervals nothing is known,
 holds still there (hold), goes on (grow), or each interval starts at zero again (reset).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from simulator.effects.base import Array, Effect, Parameter, ProcessTimes, Setting, Stream, Surroundings, Trial, Value
-from simulator.effects.common import DEG_H, HOUR, index, run_time
+from simulator.effects.base import (
+    Array,
+    Effect,
+    Parameter,
+    Parameters,
+    ProcessTimes,
+    Setting,
+    Stream,
+    Surroundings,
+    Trial,
+)
+from simulator.effects.common import DEG_H, HOUR, on_axis
 
 GAPS = ("hold", "grow", "reset")
 DRAWN = ("hold", "reset")  # over gaps of days a walk that goes on makes levels of their own, and hardly shows as a walk
@@ -19,28 +29,21 @@ DRAWN = ("hold", "reset")  # over gaps of days a walk that goes on makes levels 
 SHOWN = 30.0
 
 
-def any_gaps(rng: np.random.Generator, around: Surroundings) -> Value:
-    """One of those that show as a walk in any plan."""
-    return str(rng.choice(DRAWN))
-
-
 class BiasRandomWalk(Effect):
     """See the module."""
 
     def wander(self, rng: np.random.Generator, stream: Stream, setting: Setting) -> Array:
         """The walk on its axis."""
         gaps = str(setting.parameters["gaps"])
-        t = run_time(stream, "grow" if gaps == "grow" else "hold")
+        t = stream.t_s if gaps == "grow" else np.cumsum(stream.duration_s) - 0.5 * stream.duration_s
         step = np.diff(t, prepend=t[0] - 0.5 * stream.duration_s[0])
         walk = np.cumsum(rng.standard_normal(len(t)) * np.sqrt(step))
         if gaps == "reset":
             for part in stream.intervals:
                 walk[part] -= walk[part.start]
-        out = np.zeros((len(t), 3))
-        out[:, index(setting.axis)] = setting.size * DEG_H / np.sqrt(HOUR) * walk
-        return out
+        return on_axis(setting.size * DEG_H / np.sqrt(HOUR) * walk, setting.axis)[:, :, 0]
 
-    def covariance(self, at: ProcessTimes, parameters: Mapping[str, Value]) -> Array:
+    def covariance(self, at: ProcessTimes, parameters: Parameters) -> Array:
         """K² min(t, t'), with t from the first of the times on, since M0 solves for the level there.
 
         With a reset t runs from the first time of each interval, and the intervals do not depend on one another.
@@ -70,7 +73,7 @@ EFFECT = BiasRandomWalk(
     stage="random_rate",
     prior=(1e-5, 5e3),
     bounds=(0.0, 1e9),
-    parameters=(Parameter("gaps", "", "hold", "over the gaps between intervals", choices=GAPS, draw=any_gaps),),
+    parameters=(Parameter("gaps", "", "hold", "over the gaps between intervals", choices=GAPS, draw=DRAWN),),
     meaning="The gyro's bias wanders without returning (rate random walk).",
     kin="wandering bias",
 )

@@ -3,16 +3,14 @@
 A sample that the step falls into shows its mean. Seen after thermal shocks, power cycles and changes of the gyro's range.
 """
 
-from collections.abc import Mapping
-
-from simulator.effects.base import Array, Effect, Stream, Value
+from simulator.effects.base import Array, Effect, Parameters, Stream
 from simulator.effects.common import DEG_H, TIME, number, on_axis, share_after
 
 
 class BiasStep(Effect):
     """See the module."""
 
-    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """H(t − time_s), as deg/h."""
         return on_axis(share_after(stream, number(parameters, "time_s")) * DEG_H, axis)
 

@@ -4,26 +4,18 @@ The linear term of a gyro's thermal model; the constant one is the bias itself. 
 between its rows. The column may be named; else one whose name ends in temperature_c is taken, the gyro's before others.
 """
 
-from collections.abc import Mapping
-
-from simulator.effects.base import Array, Effect, Parameter, Stream, Surroundings, Value
+from simulator.effects.base import Array, Effect, Parameters, Stream
 from simulator.effects.common import DEG_H, on_axis
-from simulator.effects.housekeeping import SUFFIX, temperature_column
+from simulator.effects.housekeeping import find_temperature, make_temperature_parameter, no_gyro_temperature
 
 
 class BiasTemperature(Effect):
     """See the module."""
 
-    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """T − mean T, as deg/h."""
-        name = temperature_column(stream.housekeeping, str(parameters.get("column", "")), "gyro", self.name)
-        temperature = stream.housekeeping[name]
+        temperature = find_temperature(stream.housekeeping, parameters, "gyro", self.name)
         return on_axis((temperature - temperature.mean()) * DEG_H, axis)
-
-    def missing(self, around: Surroundings) -> str | None:
-        """It needs a temperature."""
-        there = any(name.endswith(SUFFIX) for name in around.stream.housekeeping)
-        return None if there else f"the recording has no housekeeping column …{SUFFIX}"
 
 
 EFFECT = BiasTemperature(
@@ -34,6 +26,7 @@ EFFECT = BiasTemperature(
     unit="deg/h per K",
     stage="rate",
     prior=(1e-6, 1e3),
-    parameters=(Parameter("column", "", "", "housekeeping column; the gyro's temperature if empty", choices=("*",)),),
+    parameters=(make_temperature_parameter("the gyro's"),),
     meaning="The gyro's bias follows a temperature of the housekeeping data; positive: it reads high when warm.",
+    requirement=no_gyro_temperature,
 )

@@ -7,11 +7,9 @@ order −d · dω_raw/dt, the column. A gyro that counts angle per tick of the s
 factor takes up.
 """
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from simulator.effects.base import Array, Effect, Setting, Stream, Surroundings, Value
+from simulator.effects.base import Array, Effect, Parameters, Setting, Stream, Surroundings
 from simulator.effects.common import PPM, log_uniform
 from simulator.effects.timing import delay_columns, delayed
 
@@ -27,7 +25,7 @@ def drift_s(stream: Stream) -> Array:
 class ClockDrift(Effect):
     """See the module."""
 
-    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """−d · dω_raw/dt per ppm."""
         return delay_columns(stream) * drift_s(stream)[:, None, None]
 

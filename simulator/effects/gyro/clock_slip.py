@@ -5,11 +5,9 @@ of a sample or some. A sample that the step falls into shows both readings by th
 changes by −size · H(t − time_s) dω_raw/dt, the column.
 """
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from simulator.effects.base import Array, Effect, Setting, Stream, Value
+from simulator.effects.base import Array, Effect, Parameters, Setting, Stream
 from simulator.effects.common import TIME, number, share_after
 from simulator.effects.timing import delay_columns, delayed
 
@@ -17,7 +15,7 @@ from simulator.effects.timing import delay_columns, delayed
 class ClockSlip(Effect):
     """See the module."""
 
-    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """−H(t − time_s) dω_raw/dt."""
         return delay_columns(stream) * share_after(stream, number(parameters, "time_s"))[:, None, None]
 

@@ -3,16 +3,14 @@
 For x, y and z it is `g_matrix_step` towards the axis itself. Of more than three gyros the parity sees it without a reference.
 """
 
-from collections.abc import Mapping
-
-from simulator.effects.base import Array, Effect, Stream, Value
+from simulator.effects.base import Array, Effect, Parameters, Stream
 from simulator.effects.common import PPM, TIME, index, number, on_axis, share_after
 
 
 class GyroScaleStep(Effect):
     """See the module."""
 
-    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """10⁻⁶ ω H(t − time_s)."""
         return on_axis(PPM * stream.rates[:, index(axis)] * share_after(stream, number(parameters, "time_s")), axis)
 

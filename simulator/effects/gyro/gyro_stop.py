@@ -9,8 +9,6 @@ diagnosis takes it out. It differs
 - from repeated samples in that the level does not go on from the reading before.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -42,6 +40,11 @@ class Stretch:
     low: int
     high: int
     level: float
+
+    def times(self, stream: Stream) -> tuple[float, float]:
+        """Begin and end, s since the epoch."""
+        t_s, half = stream.t_s, 0.5 * stream.duration_s
+        return float(t_s[self.low] - half[self.low]), float(t_s[self.high - 1] + half[self.high - 1])
 
 
 class GyroStop(Effect):
@@ -75,8 +78,7 @@ class GyroStop(Effect):
         for one in stretches:
             lost[max(one.low - 1, 0) : one.high + 1] = True
         longest = max(stretches, key=lambda one: one.high - one.low)
-        begin = float(stream.t_s[longest.low] - 0.5 * stream.duration_s[longest.low])
-        end = float(stream.t_s[longest.high - 1] + 0.5 * stream.duration_s[longest.high - 1])
+        begin, end = longest.times(stream)
         level = float(np.rad2deg(np.mean([one.level for one in stretches])))
         sigma = float(np.rad2deg(_tolerance(around, longest.axis))) / LEVEL_SIGMAS
         whose = "all gyros stop" if axis is None else f"gyro {axis} stops"
@@ -114,8 +116,7 @@ def _tolerance(around: Surroundings, axis: int) -> float:
 def _is_stop(around: Surroundings, seen: Innovations, one: Stretch) -> bool:
     """Whether the references contradict a level, and nothing else makes it."""
     stream, t_s = around.stream, around.references.t_s
-    begin = float(stream.t_s[one.low] - 0.5 * stream.duration_s[one.low])
-    end = float(stream.t_s[one.high - 1] + 0.5 * stream.duration_s[one.high - 1])
+    begin, end = one.times(stream)
     start, stop = t_s[seen.first], t_s[seen.second]
     inside = np.flatnonzero((start >= begin) & (stop <= end))
     if not inside.size:

@@ -6,12 +6,10 @@ it does not add up: of the angle turned, only the first and the last reading are
 hole begins with a reading of its own.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from simulator.effects.base import Array, Effect, SampleTests, Setting, Smallest, Stream, Surroundings
-from simulator.effects.common import ARCSEC, index, log_uniform, noise_power, runs, sample_sigma_deg
+from simulator.effects.common import ARCSEC, compute_noise_powers, index, log_uniform, no_gyro_noise, runs
 
 FEWEST = 200  # quiet samples
 DIFFERENCED = 20 / 6  # variance of second differences of differences of white noise, over that of white noise
@@ -30,18 +28,14 @@ class NoiseAngleWhite(Effect):
 
     def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
         """Differences from half the noise of a sample to three times that."""
-        return float(np.deg2rad(sample_sigma_deg(around))) * around.sample_s / ARCSEC * log_uniform(rng, 0.5, 3.0)
+        return float(np.deg2rad(around.sample_sigma_deg)) * around.sample_s / ARCSEC * log_uniform(rng, 0.5, 3.0)
 
-    def missing(self, around: Surroundings) -> str | None:
-        """It is told from noise as stated."""
-        return None if around.arw > 0 else "the recording states no gyro noise"
-
-    def smallest(self, around: Surroundings, tests: SampleTests) -> Sequence[Smallest]:
+    def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
         """Second differences show the variance σ² + 10/3 (size/Δt)², and must pass the test of the level of the noise."""
         n = sum(tests.quiet)
         if n < FEWEST or around.arw == 0:
             return [Smallest(None, np.inf, f"needs {FEWEST} quiet samples of a gyro with stated noise")]
-        excess = noise_power(n, tests)
+        excess, _ = compute_noise_powers(n, tests)
         sigma = around.arw / np.sqrt(around.sample_s)
         return [Smallest(None, float(sigma * around.sample_s * np.sqrt((excess - 1) / DIFFERENCED)) / ARCSEC, "any one axis")]
 
@@ -56,4 +50,5 @@ EFFECT = NoiseAngleWhite(
     bounds=(0.0, 1e6),
     meaning="The angle that the gyro reads out is noisy; the rates, its differences, have more noise the higher the frequency.",
     symptom="readout_noise",
+    requirement=no_gyro_noise,
 )

@@ -7,14 +7,10 @@ hence v = B² ln 2/π. The time constants go from one sample to the whole record
 in true time), so that 1/f holds over all that can be seen. Source of the idea: van der Ziel, Physica 16 (1950) 359.
 """
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from simulator.effects.base import Array, Effect, ProcessTimes, Setting, Stream, Value
-from simulator.effects.common import DEG_H, gauss_markov, index, markov
-
-FLOOR = float(np.sqrt(2 * np.log(2) / np.pi))  # of the Allan deviation, per B
+from simulator.effects.base import Array, Effect, Parameters, ProcessTimes, Setting, Stream
+from simulator.effects.common import DEG_H, gauss_markov, markov, on_axis
 
 
 def time_constants(shortest: float, longest: float) -> Array:
@@ -29,11 +25,9 @@ class NoiseFlicker(Effect):
         """The noise on its axis."""
         constants = time_constants(float(np.median(stream.duration_s)), float(stream.t_s[-1] - stream.t_s[0]))
         total = sum((gauss_markov(rng, stream.t_s, tau) for tau in constants), np.zeros(len(stream.t_s)))
-        out = np.zeros((len(stream.t_s), 3))
-        out[:, index(setting.axis)] = setting.size * DEG_H * np.sqrt(np.log(2) / np.pi) * total
-        return out
+        return on_axis(setting.size * DEG_H * np.sqrt(np.log(2) / np.pi) * total, setting.axis)[:, :, 0]
 
-    def covariance(self, at: ProcessTimes, parameters: Mapping[str, Value]) -> Array:
+    def covariance(self, at: ProcessTimes, parameters: Parameters) -> Array:
         """The same sum of Gauss–Markov processes, from the spacing of the times to all that they span."""
         constants = time_constants(float(np.median(np.diff(at.t_s))), float(np.ptp(at.t_s)))
         total = sum((markov(at.t_s, float(tau)) for tau in constants), np.zeros((len(at.t_s), len(at.t_s))))

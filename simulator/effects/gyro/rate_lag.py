@@ -8,11 +8,9 @@ and since y = x − τ y', a sample shows mean(x) − τ [y(Δ) − y(0)]/Δ. Ea
 this is the delay by τ, hence the column −dω_raw/dt; by attitude alone the two cannot be told apart.
 """
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from simulator.effects.base import Array, Effect, Setting, Stream, Value
+from simulator.effects.base import Array, Effect, Parameters, Setting, Stream
 from simulator.effects.common import recursion, runs
 from simulator.effects.timing import cumulative_angle, delay_columns
 
@@ -37,7 +35,7 @@ def lagged(rates: Array, duration_s: Array, tau: float) -> Array:
 class RateLag(Effect):
     """See the module."""
 
-    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """−dω_raw/dt."""
         return delay_columns(stream)
 

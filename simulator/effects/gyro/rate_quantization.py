@@ -3,12 +3,10 @@
 The least significant bit of the converter or of telemetry. Without an axis it acts on all three.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from simulator.effects.base import Array, Effect, SampleTests, Setting, Smallest, Stream, Surroundings
-from simulator.effects.common import DEG, chosen, log_uniform, sample_sigma_deg, smallest_steps
+from simulator.effects.common import DEG, round_to_multiples, smallest_steps
 
 
 class RateQuantization(Effect):
@@ -16,16 +14,9 @@ class RateQuantization(Effect):
 
     def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
         """Nearest multiples of the step."""
-        axes = chosen(setting.axis)
-        out = samples.copy()
-        out[:, axes] = np.round(samples[:, axes] / (setting.size * DEG)) * (setting.size * DEG)
-        return out
+        return round_to_multiples(samples, setting.axis, setting.size * DEG, np.round)
 
-    def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
-        """From half the noise of a sample to eight times that."""
-        return sample_sigma_deg(around) * log_uniform(rng, 0.5, 8.0)
-
-    def smallest(self, around: Surroundings, tests: SampleTests) -> Sequence[Smallest]:
+    def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
         """A step on which many readings fall together."""
         return smallest_steps(around, tests)
 
@@ -39,6 +30,8 @@ EFFECT = RateQuantization(
     prior=(1e-6, 1.0),
     bounds=(1e-12, 1e5),
     axis_optional=True,
+    blind_sizes=(0.5, 8.0),
+    in_noise=True,
     meaning="The gyro's output is rounded to multiples of a step.",
     symptom="lattice_rounded",
     kin="lattice",

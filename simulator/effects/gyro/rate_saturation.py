@@ -1,7 +1,5 @@
 """Output clipped: samples beyond ±size read ±size. The range of the rebalance loop, the converter or the telemetry word."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from simulator.effects.base import AXES, Array, Effect, SampleTests, Setting, Smallest, Stream, Surroundings, Value
@@ -27,7 +25,7 @@ class RateSaturation(Effect):
         fastest = float(np.rad2deg(np.abs(around.stream.raw[:, index(axis)]).max()))
         return fastest * float(rng.uniform(0.6, 0.95))
 
-    def smallest(self, around: Surroundings, tests: SampleTests) -> Sequence[Smallest]:
+    def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
         """A limit that enough samples exceed."""
         largest = np.sort(np.abs(around.stream.raw), axis=0)[-tests.fewest_clipped]
         return [

@@ -5,12 +5,10 @@ twice as wide as the others, and every other reading is half a step too near to 
 BROAD trials (docs/broad.md). Without an axis it acts on all three.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from simulator.effects.base import Array, Effect, SampleTests, Setting, Smallest, Stream, Surroundings
-from simulator.effects.common import DEG, chosen, log_uniform, sample_sigma_deg, smallest_steps
+from simulator.effects.common import DEG, round_to_multiples, smallest_steps
 
 
 class RateTruncation(Effect):
@@ -18,16 +16,9 @@ class RateTruncation(Effect):
 
     def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
         """Multiples of the step toward zero."""
-        axes = chosen(setting.axis)
-        out = samples.copy()
-        out[:, axes] = np.trunc(samples[:, axes] / (setting.size * DEG)) * (setting.size * DEG)
-        return out
+        return round_to_multiples(samples, setting.axis, setting.size * DEG, np.trunc)
 
-    def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
-        """From half the noise of a sample to eight times that."""
-        return sample_sigma_deg(around) * log_uniform(rng, 0.5, 8.0)
-
-    def smallest(self, around: Surroundings, tests: SampleTests) -> Sequence[Smallest]:
+    def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
         """A step on which many readings fall together."""
         return smallest_steps(around, tests)
 
@@ -41,6 +32,8 @@ EFFECT = RateTruncation(
     prior=(1e-6, 1.0),
     bounds=(1e-12, 1e5),
     axis_optional=True,
+    blind_sizes=(0.5, 8.0),
+    in_noise=True,
     meaning="The gyro's output is cut off to a multiple of a step instead of rounded.",
     symptom="lattice_cut",
     kin="lattice",

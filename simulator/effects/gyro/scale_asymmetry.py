@@ -4,18 +4,16 @@ Positive turns read high and negative ones low by the same share, the rest of it
 it scale-factor asymmetry; it is what differs between the two halves of a rebalance loop.
 """
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from simulator.effects.base import Array, Effect, Stream, Value
+from simulator.effects.base import Array, Effect, Parameters, Stream
 from simulator.effects.common import PPM, index, on_axis
 
 
 class ScaleAsymmetry(Effect):
     """See the module."""
 
-    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """10⁻⁶ |ω_i|."""
         return on_axis(PPM * np.abs(stream.rates[:, index(axis)]), axis)
 

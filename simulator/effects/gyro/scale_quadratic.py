@@ -4,18 +4,16 @@ Loss of torquer gain at high rates and the like; the even part of a quadratic is
 reads high in both senses of rotation.
 """
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from simulator.effects.base import Array, Effect, Stream, Value
+from simulator.effects.base import Array, Effect, Parameters, Stream
 from simulator.effects.common import PPM, index, on_axis
 
 
 class ScaleQuadratic(Effect):
     """See the module."""
 
-    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """10⁻⁶ ω_i |ω_i|."""
         omega = stream.rates[:, index(axis)]
         return on_axis(PPM * omega * np.abs(np.rad2deg(omega)), axis)

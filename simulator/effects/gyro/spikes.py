@@ -4,20 +4,13 @@ Bit flips, lost counts. The sign is random, so the mean absolute outlier is size
 own. Without an axis all three have them.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from simulator.effects.base import Array, Effect, Parameter, SampleTests, Setting, Smallest, Stream, Surroundings, Value
-from simulator.effects.common import DEG, chosen, log_uniform, number, sample_sigma_deg
+from simulator.effects.base import Array, Effect, Parameter, SampleTests, Setting, Smallest, Stream, Surroundings
+from simulator.effects.common import DEG, chosen, number
 
 FRACTION = 0.001
 TWO = 3.89  # mean of a Poisson number that is two or more in nine cases of ten
-
-
-def any_fraction(rng: np.random.Generator, around: Surroundings) -> Value:
-    """A share of outliers of which there are some and not many."""
-    return log_uniform(rng, 2e-4, 3e-3)
 
 
 class Spikes(Effect):
@@ -33,13 +26,9 @@ class Spikes(Effect):
         out[:, axes] += np.where(hit, outlier, 0.0)
         return out
 
-    def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
-        """Clear of the noise of a sample."""
-        return sample_sigma_deg(around) * log_uniform(rng, 8.0, 50.0)
-
-    def smallest(self, around: Surroundings, tests: SampleTests) -> Sequence[Smallest]:
+    def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
         """Two outliers beyond the limit of the test, a reading less a median of seven, among exponential ones."""
-        n, sigma, share = sum(tests.quiet), sample_sigma_deg(around), FRACTION
+        n, sigma, share = sum(tests.quiet), around.sample_sigma_deg, FRACTION
         if 3 * n * share <= TWO:
             return [Smallest(None, np.inf, f"too few samples for a share of {share:g}")]
         limit = tests.outlier_sigma * sigma * np.sqrt(1 + np.pi / 14)
@@ -56,7 +45,9 @@ EFFECT = Spikes(
     prior=(1e-6, 1e3),
     bounds=(0.0, 1e4),
     axis_optional=True,
-    parameters=(Parameter("fraction", "", FRACTION, "share of the samples", 0.0, 1.0, draw=any_fraction),),
+    blind_sizes=(8.0, 50.0),
+    in_noise=True,
+    parameters=(Parameter("fraction", "", FRACTION, "share of the samples", 0.0, 1.0, draw=(2e-4, 3e-3)),),
     meaning="Single samples are far off, as by bit flips or lost counts; the size is their mean height.",
     symptom="outliers",
 )

@@ -5,20 +5,13 @@ size; fresh ones turn stale with probability p such that the share of stale samp
 The first sample of an interval is fresh.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from gyrocal.errors import InputError
-from simulator.effects.base import Array, Effect, Parameter, SampleTests, Setting, Smallest, Stream, Surroundings, Value
-from simulator.effects.common import log_uniform, number
+from simulator.effects.base import Array, Effect, Parameter, SampleTests, Setting, Smallest, Stream, Surroundings
+from simulator.effects.common import number
 
 THREE = 5.32  # mean of a Poisson number that is three or more in nine cases of ten
-
-
-def any_fraction(rng: np.random.Generator, around: Surroundings) -> Value:
-    """A share of repeats of which there are some and not many."""
-    return log_uniform(rng, 2e-3, 5e-2)
 
 
 def stale_mask(rng: np.random.Generator, count: int, mean_run: float, fraction: float) -> np.ndarray:
@@ -51,7 +44,7 @@ class StaleSamples(Effect):
         """Short runs."""
         return float(rng.uniform(1.0, 5.0))
 
-    def smallest(self, around: Surroundings, tests: SampleTests) -> Sequence[Smallest]:
+    def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
         """Three exact repeats are enough, of any length."""
         share = THREE / around.stream.t_s.size
         return [Smallest(None, 1.0, f"any run length, from a share of {share:.2g} on")]
@@ -66,7 +59,7 @@ EFFECT = StaleSamples(
     prior=(1.0, 100.0),
     bounds=(1.0, 1e6),
     axes=(),
-    parameters=(Parameter("fraction", "", 0.01, "share of the samples that are repeats", 0.0, 0.99, draw=any_fraction),),
+    parameters=(Parameter("fraction", "", 0.01, "share of the samples that are repeats", 0.0, 0.99, draw=(2e-3, 5e-2)),),
     meaning="Telemetry repeats the sample before; the size is the mean length of a run of repeats.",
     symptom="repeats",
 )

@@ -4,18 +4,16 @@ The sample tagged t was measured at t − size. To first order the reading chang
 simulator shifts the cumulative angle itself, see `simulator.effects.timing`.
 """
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from simulator.effects.base import Array, Effect, Setting, Stream, Value
+from simulator.effects.base import Array, Effect, Parameters, Setting, Stream
 from simulator.effects.timing import delay_columns, delayed
 
 
 class TimeOffset(Effect):
     """See the module."""
 
-    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """−dω_raw/dt."""
         return delay_columns(stream)
 

@@ -4,13 +4,11 @@ Flexible appendages and wheels turn the gyro but hardly the body. Whatever the t
 between zero and half the sampling rate, the apparent one; t is the middle of the sample.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from gyrocal.errors import InputError
 from simulator.effects.base import Array, Effect, Parameter, SampleTests, Setting, Smallest, Stream, Surroundings, Value
-from simulator.effects.common import DEG, PHASE, index, log_uniform, noncentrality, number, sample_sigma_deg
+from simulator.effects.common import DEG, PHASE, index, noncentrality, number
 
 FEWEST = 256  # quiet samples in a row for a spectrum
 
@@ -39,16 +37,12 @@ class Vibration(Effect):
         out[:, index(setting.axis)] += setting.size * DEG * np.sin(2 * np.pi * frequency * stream.t_s + phase)
         return out
 
-    def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
-        """From a third of the noise of a sample to three times that."""
-        return sample_sigma_deg(around) * log_uniform(rng, 0.3, 3.0)
-
-    def smallest(self, around: Surroundings, tests: SampleTests) -> Sequence[Smallest]:
+    def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
         """Power of a tone in the longest quiet stretch under a Hann window, of noise bandwidth 3/2.
 
         2 × power over noise is χ² with 2 degrees of freedom and noncentrality A² n/(3 σ²); it must pass 2 ln(tried/p).
         """
-        n, sigma = max(tests.quiet, default=0), sample_sigma_deg(around)
+        n, sigma = max(tests.quiet, default=0), around.sample_sigma_deg
         if n < FEWEST or sigma == 0:
             return [Smallest(None, np.inf, f"needs {FEWEST} quiet samples in a row, and noise")]
         needed = noncentrality(2 * np.log(n / 2 / tests.line_p), 2, tests.power)
@@ -65,6 +59,8 @@ EFFECT = Vibration(
     prior=(1e-7, 10.0),
     bounds=(-1e5, 1e5),
     sign="positive",
+    blind_sizes=(0.3, 3.0),
+    in_noise=True,
     parameters=(FREQUENCY, PHASE),
     meaning="A steady tone in the samples, at the frequency that sampling makes of it.",
     symptom="spectral_line",

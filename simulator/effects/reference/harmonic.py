@@ -3,31 +3,21 @@
 n = 2π/period is the orbit rate, k the order and t the time since the epoch. Amplitudes (size cos φ, size sin φ) make it linear.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from simulator.effects.base import Array, Effect, References, Setting, Surroundings, Value
-from simulator.effects.common import DEG, from_phase_amplitudes, harmonic, no_orbit, on_axis, phase_amplitudes
+from simulator.effects.base import Array, Parameters, References, Surroundings
+from simulator.effects.common import DEG, harmonic, no_orbit, on_axis
+from simulator.effects.periodic import Sinusoid
 
 
 @dataclass(frozen=True)
-class ReferenceHarmonic(Effect):
+class ReferenceHarmonic(Sinusoid):
     """A sinusoidal reference error; ``order`` periods an orbit."""
 
     order: int = 1
+    requirement: Callable[[Surroundings], str | None] | None = no_orbit
 
-    def reference_columns(self, references: References, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def reference_columns(self, references: References, axis: str | None, parameters: Parameters) -> Array:
         """Sine and cosine, as degrees."""
         return on_axis(harmonic(references.t_s, references.orbit_period_s / self.order) * DEG, axis)
-
-    def amplitudes(self, setting: Setting) -> Array:
-        """(size cos φ, size sin φ)."""
-        return phase_amplitudes(setting)
-
-    def from_amplitudes(self, amplitudes: Array) -> tuple[float, dict[str, Value]]:
-        """Size and phase."""
-        return from_phase_amplitudes(amplitudes)
-
-    def missing(self, around: Surroundings) -> str | None:
-        """It needs the orbit's period."""
-        return no_orbit(around)

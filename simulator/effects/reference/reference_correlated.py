@@ -3,12 +3,22 @@
 What an onboard filter leaves, or slowly wandering sensor errors. Adds to the white errors, of which the stated sigma stays.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from simulator.effects.base import Array, Effect, Parameter, ProcessTimes, References, Setting, Surroundings, Trial, Value
-from simulator.effects.common import DEG, gauss_markov, index, log_uniform, markov, number, reference_arc, time_constants
+from simulator.effects.base import (
+    Array,
+    Effect,
+    Parameter,
+    Parameters,
+    ProcessTimes,
+    References,
+    Setting,
+    Surroundings,
+    Trial,
+)
+from simulator.effects.common import DEG, gauss_markov, markov, number, on_axis, reference_arc, time_constants
 
 SHORTEST = 1.5  # spacings of the references: shorter ones look white
 LONGEST = 4.0  # intervals: a longer time constant looks like a constant offset
@@ -16,22 +26,15 @@ RATIO = 2.0  # between time constants that are tried, or more where there would 
 MOST = 8
 
 
-def any_time_constant(rng: np.random.Generator, around: Surroundings) -> Value:
-    """From some minutes to most of an orbit, s."""
-    return log_uniform(rng, 150.0, 2500.0)
-
-
 class ReferenceCorrelated(Effect):
     """See the module."""
 
     def reference_wander(self, rng: np.random.Generator, references: References, setting: Setting) -> Array:
         """The process at the references."""
-        out = np.zeros((len(references.t_s), 3))
         process = gauss_markov(rng, references.t_s, number(setting.parameters, "time_constant_s"))
-        out[:, index(setting.axis)] = setting.size * DEG * process
-        return out
+        return on_axis(setting.size * DEG * process, setting.axis)[:, :, 0]
 
-    def covariance(self, at: ProcessTimes, parameters: Mapping[str, Value]) -> Array:
+    def covariance(self, at: ProcessTimes, parameters: Parameters) -> Array:
         """exp(−|Δt|/τ)."""
         return np.asarray(DEG**2 * markov(at.t_s, number(parameters, "time_constant_s")))
 
@@ -53,6 +56,6 @@ EFFECT = ReferenceCorrelated(
     stage="random_reference",
     prior=(1e-5, 10.0),
     bounds=(0.0, 90.0),
-    parameters=(Parameter("time_constant_s", "s", 600.0, "time constant", 1e-3, 1e9, draw=any_time_constant),),
+    parameters=(Parameter("time_constant_s", "s", 600.0, "time constant", 1e-3, 1e9, draw=(150.0, 2500.0)),),
     meaning="Errors of the reference attitude last for a while instead of being new each time.",
 )

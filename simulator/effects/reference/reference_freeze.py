@@ -4,14 +4,12 @@ A camera or a filter that hangs puts out its last result again. Such repeats agr
 not, while the gyro shows that the body turned. They carry no attitude, and a diagnosis takes them out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
 
-from simulator.effects.base import Array, Detection, Effect, Fault, Parameter, References, Setting, Surroundings, Value
-from simulator.effects.common import any_step_time, log_uniform, number
+from simulator.effects.base import Array, Detection, Effect, Fault, Parameter, References, Setting, Surroundings
+from simulator.effects.common import any_step_time, log_uniform, number, several_trackers
 from simulator.effects.innovations import Innovations, compute_innovations
 
 FEWEST = 2  # repeats in a row; one may be a tag that was read twice
@@ -60,14 +58,6 @@ class ReferenceFreeze(Effect):
         found = Detection(self.name, None, longest, self.unit, sigma, {"begin_s": begin}, CERTAIN, P_VALUE, text)
         return (Fault(found, np.zeros(around.stream.t_s.size, dtype=bool), lost),)
 
-    def missing(self, around: Surroundings) -> str | None:
-        """It needs references that follow one another."""
-        return "the references are of several star trackers" if around.references.trackers is not None else None
-
-    def draw(self, rng: np.random.Generator, around: Surroundings) -> tuple[str | None, dict[str, Value]]:
-        """Any begin."""
-        return None, {"begin_s": float(any_step_time(rng, around))}
-
     def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
         """From three references on."""
         spacing = float(np.median(np.diff(np.sort(around.references.t_s))))
@@ -91,8 +81,11 @@ EFFECT = ReferenceFreeze(
     prior=(1e-2, 1e4),
     bounds=(0.0, 1e9),
     axes=(),
-    parameters=(Parameter("begin_s", "s", None, "first time at which it repeats, since the epoch", -1e12, 1e12),),
+    parameters=(
+        Parameter("begin_s", "s", None, "first time at which it repeats, since the epoch", -1e12, 1e12, draw=any_step_time),
+    ),
     meaning="The reference repeats its last attitude for a while although the body moves; the size is how long at most.",
     sign="positive",
+    requirement=several_trackers,
     drawn=False,
 )

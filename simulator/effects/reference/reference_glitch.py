@@ -6,15 +6,13 @@ each, until they are this share of all; a group is off by size · U(0.5, 1.5) in
 references carry no attitude, and a diagnosis takes them out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from simulator.effects.base import Array, Detection, Effect, Fault, Parameter, References, Setting, Surroundings, Value
-from simulator.effects.common import DEG, log_uniform, number
+from simulator.effects.base import Array, Detection, Effect, Fault, Parameter, References, Setting, Surroundings
+from simulator.effects.common import DEG, log_uniform, number, several_trackers
 from simulator.effects.innovations import Innovations, compute_innovations
 from simulator.truth.rotation import perturbed, separation
 
@@ -78,10 +76,6 @@ class ReferenceGlitch(Effect):
         found = Detection(self.name, None, size, self.unit, sigma, {"fraction": share}, CERTAIN, P_VALUE, text)
         return (Fault(found, np.zeros(around.stream.t_s.size, dtype=bool), lost),)
 
-    def missing(self, around: Surroundings) -> str | None:
-        """It needs references of one sensor."""
-        return "the references are of several star trackers" if around.references.trackers is not None else None
-
     def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
         """Far above the noise."""
         return float(np.rad2deg(np.max(around.reference_sigma))) * log_uniform(rng, 60.0, 2000.0)
@@ -109,11 +103,6 @@ def _find_length(references: References, seen: Innovations, step: int) -> int:
     return 0
 
 
-def any_fraction(rng: np.random.Generator, around: Surroundings) -> Value:
-    """A share of which there are some."""
-    return log_uniform(rng, 5e-3, 5e-2)
-
-
 EFFECT = ReferenceGlitch(
     name="reference_glitch",
     summary="single references off by a large random rotation",
@@ -123,8 +112,9 @@ EFFECT = ReferenceGlitch(
     prior=(1e-3, 180.0),
     bounds=(0.0, 180.0),
     axes=(),
-    parameters=(Parameter("fraction", "", 0.01, "share of the references that are off", 0.0, 0.3, draw=any_fraction),),
+    parameters=(Parameter("fraction", "", 0.01, "share of the references that are off", 0.0, 0.3, draw=(5e-3, 5e-2)),),
     meaning="Single references, or up to three in a row, are off by a large random rotation, as when markers are swapped.",
     sign="positive",
+    requirement=several_trackers,
     drawn=False,
 )

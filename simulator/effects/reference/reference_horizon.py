@@ -3,7 +3,6 @@
 Over an oblate Earth geodetic and geocentric nadir differ, and the radiance of the horizon depends on latitude.
 """
 
-from simulator.effects.common import PHASE
 from simulator.effects.reference.harmonic import ReferenceHarmonic
 
 EFFECT = ReferenceHarmonic(
@@ -14,7 +13,6 @@ EFFECT = ReferenceHarmonic(
     stage="reference",
     prior=(1e-5, 10.0),
     bounds=(-90.0, 90.0),
-    parameters=(PHASE,),
     order=2,
     meaning="The reference attitude errs sinusoidally twice an orbit, as Earth sensors do over an oblate Earth.",
 )

@@ -8,16 +8,14 @@ in one of them, and the return in another one. All other windows leave these inn
 their share of the prior.
 """
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
-from simulator.effects.base import Array, Parameter, References, Surroundings, Trial, Value
-from simulator.effects.common import DEG, any_step_time, log_uniform, number
+from simulator.effects.base import Array, Parameter, Parameters, References, Surroundings, Trial, Value
+from simulator.effects.common import DEG, any_step_time, log_uniform, number, several_trackers
 from simulator.effects.directed import Directed
 from simulator.effects.innovations import Innovations, compute_innovations
 
@@ -37,7 +35,7 @@ class ReferenceJump(Directed):
         """The three angles."""
         return self.parameters[:3]
 
-    def reference_columns(self, references: References, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def reference_columns(self, references: References, axis: str | None, parameters: Parameters) -> Array:
         """One about each axis inside the window."""
         t_s = references.t_s
         inside = (t_s >= number(parameters, "begin_s")) & (t_s < float(parameters.get("end_s", FOREVER_S)))
@@ -65,7 +63,7 @@ class ReferenceJump(Directed):
         """It needs a series of references of one sensor."""
         references = around.references
         if references.trackers is not None:
-            return "the references are of several star trackers"
+            return several_trackers(around)
         most = int(np.bincount(references.interval[references.interval >= 0], minlength=1).max()) if references.t_s.size else 0
         return None if most >= FEWEST else f"it needs {FEWEST} references in an interval"
 

@@ -5,12 +5,12 @@ it turns (`simulator.effects.flight_mode`). At which heading of a turn the head 
 an inertial hold, which has no heading, is not known; both are parameters.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simulator.effects.base import Array, Effect, Parameter, References, Surroundings, Trial, Value
+from simulator.arrays import Flags
+from simulator.effects.base import Array, Effect, Parameter, Parameters, References, Surroundings, Trial, Value
 from simulator.effects.common import DEG, on_axis
 
 BACKWARD = "-x"
@@ -18,11 +18,6 @@ TURNED = ("+x", BACKWARD)  # between which a turn of 180 degrees passes through 
 HOLDS = ("off", "on")
 WITHIN_DEG = 90.0
 TRIED_DEG = tuple(range(30, 125, 15))  # headings from -x at which the head may take over
-
-
-def any_holds(rng: np.random.Generator, around: Surroundings) -> Value:
-    """Off or on."""
-    return str(rng.choice(HOLDS))
 
 
 def any_heading(rng: np.random.Generator, around: Surroundings) -> Value:
@@ -33,7 +28,7 @@ def any_heading(rng: np.random.Generator, around: Surroundings) -> Value:
 class ReferenceModeOffset(Effect):
     """See the module."""
 
-    def reference_columns(self, references: References, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def reference_columns(self, references: References, axis: str | None, parameters: Parameters) -> Array:
         """One where -x is forward, as degrees."""
         return on_axis(np.where(_acts(references, parameters), DEG, 0.0), axis)
 
@@ -58,7 +53,7 @@ class ReferenceModeOffset(Effect):
         return None if len(flown) > 1 else f"all references are taken with {BACKWARD} forward"
 
 
-def _acts(references: References, parameters: Mapping[str, Value]) -> NDArray[np.bool_]:
+def _acts(references: References, parameters: Parameters) -> Flags:
     """(m,) where the offset acts; where no axis flies forward, as before that in the same interval if it is carried on."""
     if references.heading is None:
         out = references.forward == BACKWARD
@@ -82,7 +77,7 @@ EFFECT = ReferenceModeOffset(
     prior=(1e-5, 10.0),
     bounds=(-90.0, 90.0),
     parameters=(
-        Parameter("holds", "", "off", "in an inertial hold after -x forward", choices=HOLDS, draw=any_holds),
+        Parameter("holds", "", "off", "in an inertial hold after -x forward", choices=HOLDS, draw=HOLDS),
         Parameter("within_deg", "deg", WITHIN_DEG, "heading from -x up to which it acts", 0.0, 180.0, draw=any_heading),
     ),
     meaning="The reference attitude is offset when flying -x forward, as when another sensor head takes over.",

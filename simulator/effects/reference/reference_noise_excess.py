@@ -3,13 +3,11 @@
 The same draws are scaled, so that all else stays as it was. Without an axis it acts on all three.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 import scipy.special
 
 from simulator.effects.base import AXES, Array, Effect, SampleTests, Setting, Smallest, Surroundings
-from simulator.effects.common import chosen, log_uniform, noncentrality
+from simulator.effects.common import build_factor, noncentrality
 
 
 class ReferenceNoiseExcess(Effect):
@@ -17,15 +15,9 @@ class ReferenceNoiseExcess(Effect):
 
     def noise_factor(self, setting: Setting) -> Array:
         """Size on its axes, 1 elsewhere."""
-        factor = np.ones(3)
-        factor[chosen(setting.axis)] = setting.size
-        return factor
+        return build_factor(setting.axis, setting.size)
 
-    def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
-        """Somewhat too much."""
-        return log_uniform(rng, 1.3, 3.0)
-
-    def smallest(self, around: Surroundings, tests: SampleTests) -> Sequence[Smallest]:
+    def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
         """χ² of three axes' mean square second differences; one axis with a factor f has z = (f² − 1) v/rel."""
         references = around.references
         inside = np.diff(references.interval) == 0
@@ -50,6 +42,7 @@ EFFECT = ReferenceNoiseExcess(
     prior=(0.1, 30.0),
     bounds=(0.0, 1e3),
     axis_optional=True,
+    blind_sizes=(1.3, 3.0),
     meaning="The white noise of the reference attitudes is not as stated; 1 would be as stated.",
     symptom="reference_noise_level",
 )

@@ -1,6 +1,5 @@
 """Reference error about one body axis at orbit rate, from thermal bending between sensors and gyro or from the ephemeris."""
 
-from simulator.effects.common import PHASE
 from simulator.effects.reference.harmonic import ReferenceHarmonic
 
 EFFECT = ReferenceHarmonic(
@@ -11,6 +10,5 @@ EFFECT = ReferenceHarmonic(
     stage="reference",
     prior=(1e-5, 10.0),
     bounds=(-90.0, 90.0),
-    parameters=(PHASE,),
     meaning="The reference attitude errs sinusoidally once an orbit.",
 )

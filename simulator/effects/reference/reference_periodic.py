@@ -4,9 +4,7 @@ Such as a sensor that bends as its heater switches, or an error that repeats as 
 the reference attitudes and not by the rates. What swings with the orbit is `reference_orbital` and `reference_horizon`.
 """
 
-from collections.abc import Mapping
-
-from simulator.effects.base import Array, References, Value
+from simulator.effects.base import Array, Parameters, References
 from simulator.effects.common import DEG, harmonic, number, on_axis
 from simulator.effects.periodic import Periodic
 
@@ -14,7 +12,7 @@ from simulator.effects.periodic import Periodic
 class ReferencePeriodic(Periodic):
     """See the module."""
 
-    def reference_columns(self, references: References, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def reference_columns(self, references: References, axis: str | None, parameters: Parameters) -> Array:
         """Sine and cosine, as degrees."""
         return on_axis(harmonic(references.t_s, number(parameters, "period_s")) * DEG, axis)
 

@@ -8,18 +8,18 @@ apart from each other where the sensors' own code can tell the first.
 Sizes are in the unit of the effect, errors in radians; an error is what the sensor shows beyond M0.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.effects.base import Effect, Parameter, Setting, Surroundings, Trial, Value, absent
+from simulator.arrays import Array, Flags
+from simulator.effects.base import Effect, Parameter, Parameters, Setting, Surroundings, Trial, absent
 from simulator.effects.directed import Directed
 from simulator.sensors.suite import SensorSuite
 
-Array = NDArray[np.float64]
 DEG = float(np.deg2rad(1.0))
 EARTH_SENSOR = "Earth sensor"
 S_FILTER_TIME = Parameter("time_constant_s", "s", 60.0, "of the filter", lower=1.0, upper=1e4)
@@ -27,28 +27,16 @@ S_FILTER_TIME = Parameter("time_constant_s", "s", 60.0, "of the filter", lower=1
 
 @dataclass(frozen=True)
 class Sightings:
-    """What the sensors look at, as well as it is known.
+    """What the sensors look at, as well as it is known."""
 
-    Attributes
-    ----------
-    sun_sensor : (n,) number of the sun sensor of each of its measurements, 1, 2, …
-    sun_angles : (n, 2) α and β of M0, rad
-    t_s : (m,) times of the Earth sensor's measurements
-    arc : (m,) number of the arc, the time of constant rate, that each belongs to; in time order
-    A : (m, 3, 3) attitudes then
-    position : (m, 3) from the Earth's centre, inertial, m
-    sun : (m, 3) unit vectors, inertial
-    used : (m, 4) quadrants used
-    """
-
-    sun_sensor: NDArray[np.int64]
-    sun_angles: Array
-    t_s: Array
-    arc: NDArray[np.intp]
-    A: Array
-    position: Array
-    sun: Array
-    used: NDArray[np.bool_]
+    sun_sensor: NDArray[np.int64]  # (n,) number of the sun sensor of each of its measurements, 1, 2, …
+    sun_angles: Array  # (n, 2) α and β of M0, rad
+    t_s: Array  # (m,) times of the Earth sensor's measurements
+    arc: NDArray[np.intp]  # (m,) number of the arc, the time of constant rate, that each belongs to; in time order
+    A: Array  # (m, 3, 3) attitudes then
+    position: Array  # (m, 3) from the Earth's centre, inertial, m
+    sun: Array  # (m, 3) unit vectors, inertial
+    used: Flags  # (m, 4) quadrants used
 
     @property
     def nothing(self) -> tuple[Array, Array]:
@@ -58,26 +46,18 @@ class Sightings:
 
 @dataclass(frozen=True)
 class SensorEffect(Effect):
-    """An effect on the sensors.
+    """An effect on the sensors."""
 
-    Attributes
-    ----------
-    options : values of its other parameters that a diagnosis tries
-    count : number of its linear amplitudes
-    refined : those of the other parameters that are positive numbers, to be found between the options
-    acts_on : name of the sensor; "{axis}" in it stands for the effect's axis
-    wanders : whether its amplitudes may also differ from day to day or drift, which is then a discrepancy on no list
-    alignment : what an alignment calibration, which knows orthogonal matrices and biases only, makes of it: it is "solved" for,
-        or "mistaken" for those that are; "" if it does neither
-    finding : signal and words for residuals that follow its columns, where a diagnosis tests for them
-    """
-
-    options: tuple[Mapping[str, Value], ...] = ({},)
-    count: int = 1
-    refined: tuple[str, ...] = ()
-    acts_on: str = ""
+    options: tuple[Parameters, ...] = ({},)  # values of its other parameters that a diagnosis tries
+    count: int = 1  # number of its linear amplitudes
+    refined: tuple[str, ...] = ()  # those of the other parameters that are positive numbers, to be found between the options
+    acts_on: str = ""  # name of the sensor; "{axis}" in it stands for the effect's axis
+    # whether its amplitudes may also differ from day to day or drift, which is then a discrepancy on no list
     wanders: bool = False
+    # what an alignment calibration, which knows orthogonal matrices and biases only, makes of it: it is "solved" for, or
+    # "mistaken" for those that are; "" if it does neither
     alignment: Literal["", "solved", "mistaken"] = ""
+    # signal and words for residuals that follow its columns, where a diagnosis tests for them
     finding: tuple[str, str] | None = None
 
     def sensor(self, axis: str | None) -> str:
@@ -94,9 +74,7 @@ class SensorEffect(Effect):
         raise NotImplementedError
 
     @absent
-    def error(
-        self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Mapping[str, Value]
-    ) -> tuple[Array, Array]:
+    def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         """Errors of the sun sensors' angles (n, 2) and the penetration angles (m, 4), rad; amplitudes (count,)."""
         raise NotImplementedError
 

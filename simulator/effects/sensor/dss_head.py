@@ -12,13 +12,13 @@ left in β as is brought into α. Only e₃ along a = 0, where the yaw is update
 The size is the norm of the three angles; the default direction is that of the flight's DSS-2.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from simulator.effects.base import Setting, Value
-from simulator.effects.sensor.base import DEG, Array, Sightings, VectorEffect, angle
+from simulator.arrays import Array
+from simulator.effects.base import Parameters, Setting
+from simulator.effects.sensor.base import DEG, Sightings, VectorEffect, angle
 from simulator.sensors.suite import SensorSuite
 
 
@@ -32,9 +32,7 @@ class DssHead(VectorEffect):
         sensors[place] = replace(sensors[place], head=sensors[place].head + DEG * self.amplitudes(setting))
         return replace(suite, sun_sensors=tuple(sensors))
 
-    def error(
-        self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Mapping[str, Value]
-    ) -> tuple[Array, Array]:
+    def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         """Of β; exact."""
         sun, earth = sightings.nothing
         own = sightings.sun_sensor == int(str(axis))

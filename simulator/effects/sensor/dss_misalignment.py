@@ -4,14 +4,14 @@ DSS-1 is the reference, as in R: turning all sensors together is an attitude err
 frame; the default direction is that of R (3).
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from simulator.effects.base import Setting, Value
-from simulator.effects.sensor.base import DEG, Array, Sightings, VectorEffect, angle
+from simulator.arrays import Array
+from simulator.effects.base import Parameters, Setting
+from simulator.effects.sensor.base import DEG, Sightings, VectorEffect, angle
 from simulator.sensors.suite import SensorSuite
 
 SENSOR = 2
@@ -27,9 +27,7 @@ class DssMisalignment(VectorEffect):
         sensors[SENSOR - 1] = replace(sensors[SENSOR - 1], alignment=sensors[SENSOR - 1].alignment @ turn)
         return replace(suite, sun_sensors=tuple(sensors))
 
-    def error(
-        self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Mapping[str, Value]
-    ) -> tuple[Array, Array]:
+    def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         """Of both angles; exact."""
         sun, earth = sightings.nothing
         own = sightings.sun_sensor == SENSOR

@@ -5,11 +5,11 @@ sensors. The sum is a change of the horizon's height, and y₁ − y₂ + y₃ �
 alone. The default direction is R's, in the order printed there (`gyrocal.sensors.earth.TRMM_BIASES` on what that order is).
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 
-from simulator.effects.base import Setting, Value
-from simulator.effects.sensor.base import DEG, EARTH_SENSOR, Array, Sightings, VectorEffect, angle
+from simulator.arrays import Array
+from simulator.effects.base import Parameters, Setting
+from simulator.effects.sensor.base import DEG, EARTH_SENSOR, Sightings, VectorEffect, angle
 from simulator.sensors.suite import SensorSuite
 
 
@@ -18,12 +18,9 @@ class EsaBias(VectorEffect):
 
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
         """With the biases added."""
-        assert suite.earth is not None
         return replace(suite, earth=replace(suite.earth, biases=suite.earth.biases + DEG * self.amplitudes(setting)))
 
-    def error(
-        self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Mapping[str, Value]
-    ) -> tuple[Array, Array]:
+    def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         """The biases themselves."""
         sun, earth = sightings.nothing
         return sun, earth + DEG * amplitudes

@@ -13,27 +13,22 @@ spanned by the body's z and s, e = z cos η + s sin η, so that with α = zᵀ C
 of which the limb is the root nearest to the nominal angle.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simulator.effects.base import Setting, Value
-from simulator.effects.sensor.base import EARTH_SENSOR, Array, SensorEffect, Sightings
+from simulator.arrays import Array
+from simulator.effects.base import Parameters, Setting
+from simulator.effects.sensor.base import EARTH_SENSOR, SensorEffect, Sightings
 from simulator.sensors.horizon import AZIMUTHS, Horizon
 from simulator.sensors.suite import SensorSuite
 
 
 @dataclass(frozen=True)
 class FlattenedHorizon(Horizon):
-    """A horizon with another flattening.
+    """A horizon with another flattening."""
 
-    Attributes
-    ----------
-    missing : part of the flattening that is missing
-    """
-
-    missing: float = 0.0
+    missing: float = 0.0  # part of the flattening that is missing
 
     @property
     def semi_axes(self) -> tuple[float, float]:
@@ -47,14 +42,11 @@ class EsaNadir(SensorEffect):
 
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
         """With the other horizon."""
-        assert suite.earth is not None
         seen = suite.earth.horizon
         horizon = FlattenedHorizon(co2_height=seen.co2_height, altitude=seen.altitude, missing=setting.size)
         return replace(suite, earth=replace(suite.earth, horizon=horizon))
 
-    def error(
-        self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Mapping[str, Value]
-    ) -> tuple[Array, Array]:
+    def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         """Angle of the one horizon minus that of the other."""
         sun, _ = sightings.nothing
         seen = Horizon()

@@ -5,13 +5,13 @@ sample, the quadrant's angle is in error by size · exp(−(t − t₀)/τ) afte
 (`simulator.sensors.earth`).
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from simulator.effects.base import Setting, Value
-from simulator.effects.sensor.base import DEG, EARTH_SENSOR, S_FILTER_TIME, Array, SensorEffect, Sightings
+from simulator.arrays import Array
+from simulator.effects.base import Parameters, Setting
+from simulator.effects.sensor.base import DEG, EARTH_SENSOR, S_FILTER_TIME, SensorEffect, Sightings
 from simulator.sensors.suite import SensorSuite
 
 
@@ -20,14 +20,11 @@ class EsaSFilter(SensorEffect):
 
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
         """With the filter that starts from a wrong value."""
-        assert suite.earth is not None
         start = suite.earth.offset - DEG * setting.size / (3 * suite.earth.width)
         constant = float(setting.parameters["time_constant_s"])
         return replace(suite, earth=replace(suite.earth, s_filter="restarted", s_restart=start, s_time_constant=constant))
 
-    def error(
-        self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Mapping[str, Value]
-    ) -> tuple[Array, Array]:
+    def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         """What is left of the wrong start, in each quadrant."""
         sun, earth = sightings.nothing
         constant = float(parameters["time_constant_s"])

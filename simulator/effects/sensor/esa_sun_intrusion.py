@@ -10,14 +10,14 @@ than 1, lengths in units of the Earth's semi-axes. With u_k whether a quadrant i
 with g = 1 at the first of an arc, as the filter of `simulator.sensors.earth` has it.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from gyrocal.compiled import compiled
-from simulator.effects.base import Parameter, Setting, Value
-from simulator.effects.sensor.base import DEG, EARTH_SENSOR, S_FILTER_TIME, Array, SensorEffect, Sightings
+from simulator.arrays import Array
+from simulator.effects.base import Parameter, Parameters, Setting
+from simulator.effects.sensor.base import DEG, EARTH_SENSOR, S_FILTER_TIME, SensorEffect, Sightings
 from simulator.sensors.horizon import AZIMUTHS, POLAR_RADIUS, Horizon
 from simulator.sensors.suite import SensorSuite
 from simulator.truth.orbit import EARTH_RADIUS
@@ -28,7 +28,6 @@ class EsaSunIntrusion(SensorEffect):
 
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
         """With the Sun's radiance, and nothing predicted."""
-        assert suite.earth is not None
         field = DEG * float(setting.parameters["field_deg"])
         return replace(
             suite,
@@ -41,9 +40,7 @@ class EsaSunIntrusion(SensorEffect):
             ),
         )
 
-    def error(
-        self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Mapping[str, Value]
-    ) -> tuple[Array, Array]:
+    def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         """What the filtered S takes off each quadrant."""
         sun, _ = sightings.nothing
         inside = _inside(sightings, np.cos(DEG * float(parameters["field_deg"])))

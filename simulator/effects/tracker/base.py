@@ -5,26 +5,17 @@ trackers only their difference shows an error that does not move as a body could
 answer is a group of both. The gyro tells whose it is where the error changes faster than the gyro wanders.
 """
 
-from __future__ import annotations
-
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
-from simulator.effects.base import Array, Effect, References, Surroundings, Trackers, Value, absent
+from simulator.arrays import Flags
+from simulator.effects.base import Array, Effect, Parameters, References, Surroundings, Trackers, absent
 
 
-def rows_of(references: References, name: str, effect: Effect) -> NDArray[np.bool_]:
-    """(m,) which references are of a tracker.
-
-    Raises
-    ------
-    InputError
-        There is none of that name.
-    """
+def rows_of(references: References, name: str, effect: Effect) -> Flags:
+    """(m,) which references are of a tracker; an `InputError` where there is none of that name."""
     seen = references.trackers
     if seen is None or name not in seen.names:
         there = "references of one sensor only" if seen is None else ", ".join(seen.names)
@@ -34,7 +25,7 @@ def rows_of(references: References, name: str, effect: Effect) -> NDArray[np.boo
 
 @dataclass(frozen=True)
 class TrackerEffect(Effect):
-    """An effect of one tracker; a subclass gives its error about the tracker's axes."""
+    """An effect of one tracker."""
 
     axes: tuple[str, ...] = ()
     of_trackers: bool = True
@@ -42,13 +33,6 @@ class TrackerEffect(Effect):
     def trackers(self, seen: Trackers) -> tuple[str, ...]:
         """Names of those that it may act on."""
         return seen.names
-
-    @absent
-    def own_columns(
-        self, references: References, seen: Trackers, own: NDArray[np.bool_], parameters: Mapping[str, Value]
-    ) -> Array:
-        """Error about the tracker's axes per unit of each amplitude, of its own references, (rows, 3, k) rad."""
-        raise NotImplementedError(f"{self.name} has no columns")
 
     def missing(self, around: Surroundings) -> str | None:
         """It needs several sensors."""
@@ -59,7 +43,12 @@ class TrackerEffect(Effect):
 class TrackerColumns(TrackerEffect):
     """An effect of one tracker that is a sum of columns."""
 
-    def reference_columns(self, references: References, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    @absent
+    def own_columns(self, references: References, seen: Trackers, own: Flags, parameters: Parameters) -> Array:
+        """Error about the tracker's axes per unit of each amplitude, of its own references, (rows, 3, k) rad."""
+        raise NotImplementedError(f"{self.name} has no columns")
+
+    def reference_columns(self, references: References, axis: str | None, parameters: Parameters) -> Array:
         """In body axes, zero for the other trackers' references."""
         own, seen = rows_of(references, str(axis), self), references.trackers
         assert seen is not None

@@ -5,13 +5,12 @@ boresight b a tracker takes that for the attitude A exp([(b × v/c)×]), so that
 is the boresight, e_s = (−v_y, v_x, 0)/c. On a low orbit 5" turn with the velocity, and 20.5" with the Earth about the Sun.
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simulator.effects.base import Array, Parameter, References, Surroundings, Trackers, Trial, Value
+from simulator.arrays import Flags
+from simulator.effects.base import Array, Parameter, Parameters, References, Surroundings, Trackers
 from simulator.effects.tracker.base import TrackerColumns
 from simulator.truth.rotation import matrix
 
@@ -22,9 +21,7 @@ PARTS = ("both", "orbital", "annual")
 class TrackerAberration(TrackerColumns):
     """See the module."""
 
-    def own_columns(
-        self, references: References, seen: Trackers, own: NDArray[np.bool_], parameters: Mapping[str, Value]
-    ) -> Array:
+    def own_columns(self, references: References, seen: Trackers, own: Flags, parameters: Parameters) -> Array:
         """All of it."""
         part = parameters.get("part", PARTS[0])
         v = np.zeros((int(own.sum()), 3))
@@ -33,10 +30,6 @@ class TrackerAberration(TrackerColumns):
                 v = v + velocity[own]
         x, y, _ = np.einsum("mij,mjk,mk->mi", seen.to_axes[own], matrix(references.quaternions[own]), v).T
         return np.stack([-y, x, np.zeros(x.size)], axis=1)[:, :, None]
-
-    def trials(self, around: Surroundings) -> Sequence[Trial]:
-        """The parts."""
-        return tuple(Trial({"part": part}, 1 / len(PARTS)) for part in PARTS)
 
     def missing(self, around: Surroundings) -> str | None:
         """It needs the velocity."""
@@ -54,6 +47,8 @@ EFFECT = TrackerAberration(
     stage="reference",
     prior=(0.02, 5.0),
     bounds=(-10.0, 10.0),
-    parameters=(Parameter("part", "", PARTS[0], "of the orbit, of the Earth about the Sun, or both", choices=PARTS),),
+    parameters=(
+        Parameter("part", "", PARTS[0], "of the orbit, of the Earth about the Sun, or both", choices=PARTS, tried=PARTS),
+    ),
     meaning="The star tracker's attitude errs by the aberration of light, or a share of it, which should have been taken out.",
 )

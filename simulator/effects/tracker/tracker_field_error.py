@@ -6,22 +6,16 @@ the rate across the boresight, and it stands still in an inertial hold. L is a p
 field-of-view spatial errors of ECSS-E-ST-60-20C, Star sensors terminology and performance specification.
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.effects.base import Array, Parameter, ProcessTimes, References, Setting, Surroundings, Trial, Value
-from simulator.effects.common import ARCSEC, gauss_markov, log_uniform, number
+from simulator.effects.base import Array, Parameter, Parameters, ProcessTimes, References, Setting
+from simulator.effects.common import ARCSEC, gauss_markov, number
 from simulator.effects.tracker.base import TrackerEffect, rows_of
 
 APART = 1e6  # rad between intervals, over which nothing is remembered
-LENGTHS_DEG = (0.5, 1.0, 2.0, 4.0, 8.0)
-
-
-def any_length(rng: np.random.Generator, around: Surroundings) -> Value:
-    """A part of a field of view, deg."""
-    return log_uniform(rng, LENGTHS_DEG[0], LENGTHS_DEG[-1])
+LENGTHS_DEG = (0.5, 1.0, 2.0, 4.0, 8.0)  # parts of a field of view
 
 
 @dataclass(frozen=True)
@@ -40,16 +34,12 @@ class TrackerFieldError(TrackerEffect):
             error[own] += process[:, None] * seen.to_axes[own][:, axis]
         return error
 
-    def covariance(self, at: ProcessTimes, parameters: Mapping[str, Value]) -> Array:
+    def covariance(self, at: ProcessTimes, parameters: Parameters) -> Array:
         """exp(−|Δs|/L) in each interval."""
         assert at.path is not None
         along = at.path + APART * at.interval
         length = float(np.deg2rad(number(parameters, "length_deg")))
         return np.asarray(ARCSEC**2 * np.exp(-np.abs(np.subtract.outer(along, along)) / length))
-
-    def trials(self, around: Surroundings) -> Sequence[Trial]:
-        """Parts of a field of view."""
-        return tuple(Trial({"length_deg": length}, 1 / len(LENGTHS_DEG)) for length in LENGTHS_DEG)
 
 
 EFFECT = TrackerFieldError(
@@ -60,6 +50,6 @@ EFFECT = TrackerFieldError(
     stage="random_reference",
     prior=(0.02, 360.0),
     bounds=(0.0, 36000.0),
-    parameters=(Parameter("length_deg", "deg", 2.0, "over which it changes", 1e-3, 180.0, draw=any_length),),
+    parameters=(Parameter("length_deg", "deg", 2.0, "over which it changes", 1e-3, 180.0, draw=(0.5, 8.0), tried=LENGTHS_DEG),),
     meaning="The star tracker's error across its boresight changes as stars cross its field, the faster the body turns.",
 )

@@ -3,13 +3,12 @@
 The first tracker defines the axes of the body: its m is zero. Where the mounting is estimated it is no effect but a parameter.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simulator.effects.base import Array, Parameter, References, Trackers, Value
+from simulator.arrays import Flags
+from simulator.effects.base import Array, Parameter, Parameters, References, Trackers
 from simulator.effects.common import ARCSEC
 from simulator.effects.directed import Directed
 from simulator.effects.tracker.base import TrackerColumns
@@ -23,9 +22,7 @@ class TrackerMisalignment(TrackerColumns, Directed):
         """All but the first."""
         return seen.names[1:]
 
-    def own_columns(
-        self, references: References, seen: Trackers, own: NDArray[np.bool_], parameters: Mapping[str, Value]
-    ) -> Array:
+    def own_columns(self, references: References, seen: Trackers, own: Flags, parameters: Parameters) -> Array:
         """One about each axis."""
         return np.broadcast_to(ARCSEC * np.eye(3), (int(own.sum()), 3, 3))
 

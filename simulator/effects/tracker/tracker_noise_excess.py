@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.effects.base import Array, Setting, Surroundings
-from simulator.effects.common import log_uniform
+from simulator.effects.base import Array, Setting
 from simulator.effects.tracker.base import TrackerEffect
 
 
@@ -17,10 +16,6 @@ class TrackerNoiseExcess(TrackerEffect):
         """Size about all axes of that tracker."""
         return np.full(3, setting.size)
 
-    def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
-        """Somewhat too much."""
-        return log_uniform(rng, 1.3, 3.0)
-
 
 EFFECT = TrackerNoiseExcess(
     name="tracker_noise_excess",
@@ -30,6 +25,7 @@ EFFECT = TrackerNoiseExcess(
     stage="reference_noise",
     prior=(0.1, 30.0),
     bounds=(0.0, 1e3),
+    blind_sizes=(1.3, 3.0),
     meaning="The white noise of the star tracker is not as stated; 1 would be as stated.",
     symptom="tracker_noise_level",
 )

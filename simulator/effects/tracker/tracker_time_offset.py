@@ -3,13 +3,12 @@
 dA/dt = −[ω×] A, so A(t − τ) = exp([ω τ×]) A(t) to first order in the change of ω over τ.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simulator.effects.base import Array, References, Trackers, Value
+from simulator.arrays import Flags
+from simulator.effects.base import Array, Parameters, References, Trackers
 from simulator.effects.tracker.base import TrackerColumns
 
 
@@ -17,9 +16,7 @@ from simulator.effects.tracker.base import TrackerColumns
 class TrackerTimeOffset(TrackerColumns):
     """See the module."""
 
-    def own_columns(
-        self, references: References, seen: Trackers, own: NDArray[np.bool_], parameters: Mapping[str, Value]
-    ) -> Array:
+    def own_columns(self, references: References, seen: Trackers, own: Flags, parameters: Parameters) -> Array:
         """The rate about the tracker's axes."""
         return np.asarray(np.einsum("mij,mj->mi", seen.to_axes[own], seen.rates[own])[:, :, None])
 

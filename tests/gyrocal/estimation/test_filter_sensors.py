@@ -14,7 +14,7 @@ from gyrocal.sensors.series import SensorSeries
 from gyrocal.sensors.sun import trmm_sun_sensors
 from simulator.sensors import earth as true_earth
 from simulator.sensors import sun as true_sun
-from simulator.sensors.suite import positions
+from simulator.sensors.horizon import orbit_position
 from simulator.truth.sun import DAY, eclipse, julian_date, sun_vector
 from studies.estimation.filter_cases import ARW, ORBIT, Z, fly, parameters_near
 from tests.builders import TRUTH, mean_bounds, state_errors
@@ -33,7 +33,7 @@ def timeline():
     orbit = replace(ORBIT, node=np.deg2rad(260.0))
     flight = fly([(Z, 180.0, 5000.0, 800.0)], 9000.0, sample_s=2.0, orbit=orbit)
     t = np.arange(0.0, flight.t[-1], EVERY)
-    position, sun = positions(orbit, t), sun_vector(julian_date(EPOCH) + t / DAY)
+    position, sun = orbit_position(orbit, t), sun_vector(julian_date(EPOCH) + t / DAY)
     normal = np.cross(position[0], position[100])
     across = np.rad2deg(np.arcsin(sun[0] @ normal / np.linalg.norm(normal)))
     assert abs(across) < 25

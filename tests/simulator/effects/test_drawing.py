@@ -28,7 +28,11 @@ def test_what_is_drawn_can_be_simulated(name):
         made = setting(name, axis, np.sqrt(low * high) if size is None else size, parameters)
         assert low <= abs(made.size) <= high
         drawn.add((axis, *sorted(made.parameters.items())))
-    simulator.simulate(SCENARIO, seed=1, effects=[made])
+    recording = simulator.simulate(SCENARIO, seed=1, effects=[made])
+    np.testing.assert_array_equal(recording.gyro.t_s, PLAIN.gyro.t_s)
+    np.testing.assert_array_equal(recording.attitudes.sigma, PLAIN.attitudes.sigma)
+    if effect.on_references:
+        np.testing.assert_array_equal(recording.gyro.rates, simulator.simulate(SCENARIO, seed=1).gyro.rates)
     # Without an axis and parameters there is nothing to draw; the saturation's axis is that of the fastest turn.
     assert len(drawn) > 1 or not (effect.axes or effect.parameters) or name == "rate_saturation"
 

@@ -10,6 +10,7 @@ from gyrocal import InputError
 from simulator.effects import EFFECTS, Stream, parse, references_of, setting, stream_of
 from simulator.effects.base import AXES
 from simulator.effects.gyro.rate_lag import lagged
+from simulator.effects.housekeeping import STANDARD_GRAVITY
 from simulator.truth.rotation import separation
 
 DEG_H = np.deg2rad(1 / 3600)
@@ -111,7 +112,7 @@ def shown(*texts):
 
 def test_a_positive_size_reads_high_as_written():
     t, omega, T = STREAM.t_s, MOTION.rates, STREAM.housekeeping["gyro_temperature_c"]
-    n = 2 * np.pi / PLAIN.orbit.period_s
+    n, a = 2 * np.pi / PLAIN.orbit.period_s, STREAM.housekeeping["gyro_acceleration_y_m_s2"]
     expected = {
         "bias_drift:z=3": (2, 3 * DEG_H * t / 86400),
         "bias_step:x=0.2,time_s=1500": (0, 0.2 * DEG_H * (t > 1500)),
@@ -124,6 +125,8 @@ def test_a_positive_size_reads_high_as_written():
         "scale_asymmetry:y=700": (1, 7e-4 * np.abs(omega[:, 1])),
         "scale_quadratic:z=9e4": (2, 9e-2 * omega[:, 2] * np.abs(np.rad2deg(omega[:, 2]))),
         "g_matrix_step:z=1300,toward=y,time_s=1500": (2, 1.3e-3 * omega[:, 1] * (t > 1500)),
+        "g_matrix_temperature:z=500,toward=y": (2, 5e-4 * omega[:, 1] * (T - T.mean())),
+        "acceleration_sensitivity:x=30,toward=y": (0, 30 * DEG_H * (a - a.mean()) / STANDARD_GRAVITY),
     }
     for text, (axis, values) in expected.items():
         difference = shown(text)
@@ -176,11 +179,6 @@ def test_lag_of_a_sine_in_closed_form():
     np.testing.assert_allclose(out[:, 2], 1.0, atol=1e-14)
 
 
-def test_a_lag_much_shorter_than_a_sample_does_nothing():
-    np.testing.assert_array_equal(shown("rate_lag=0"), 0)
-    assert np.abs(shown("rate_lag=1e-9")).max() < 1e-12
-
-
 def test_stream_of_a_recording_is_near_the_truth():
     G, bias = np.array(SCENARIO.gyro.true_G), np.deg2rad(SCENARIO.gyro.true_bias_deg_s)
     stream = stream_of(simulator.simulate(SCENARIO, seed=2), G, bias)
@@ -191,23 +189,6 @@ def test_stream_of_a_recording_is_near_the_truth():
     sigma = np.deg2rad(2.6e-4) / np.sqrt(0.5)
     assert (stream.rates - STREAM.rates).std() < 0.45 * sigma
     np.testing.assert_allclose(stream_of(PLAIN, G, bias, smooth_s=0).rates, MOTION.rates, atol=1e-17)
-
-
-@pytest.mark.parametrize("name", EFFECTS)
-def test_every_effect_is_described_and_simulated(name):
-    effect = EFFECTS[name]
-    assert effect.name == name
-    assert effect.summary
-    assert 0 < effect.prior[0] < effect.prior[1]
-    given = {"time_s": 2500.0, "toward": "y", "begin_s": 2500.0, "end_s": 2800.0}
-    parameters = {one.name: given[one.name] for one in effect.parameters if one.default is None}
-    size = float(np.sqrt(np.prod(effect.prior))) if effect.unit != "factor" else 2.0
-    made = setting(name, "z" if effect.axes else None, size, parameters)
-    recording = simulator.simulate(SCENARIO, seed=1, effects=[made])
-    same = np.array_equal(recording.gyro.rates, simulator.simulate(SCENARIO, seed=1).gyro.rates)
-    assert same == (effect.on_references or name == "rate_saturation")  # its middle is beyond any rate here
-    np.testing.assert_array_equal(recording.gyro.t_s, PLAIN.gyro.t_s)
-    np.testing.assert_array_equal(recording.attitudes.sigma, PLAIN.attitudes.sigma)
 
 
 def test_no_effects_are_the_baseline_to_the_bit():

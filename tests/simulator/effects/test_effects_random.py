@@ -8,12 +8,12 @@ import pytest
 import simulator
 from simulator.effects import EFFECTS, ProcessTimes, References, Stream, Surroundings, parse
 from simulator.effects.chain import activated, readings
-from simulator.effects.gyro.noise_flicker import FLOOR
 from simulator.effects.gyro.stale_samples import stale_mask
 from simulator.truth.rotation import separation
 from tests.simulator.effects.test_effects import MOTION, PLAIN, SCENARIO
 
 DEG_H = np.deg2rad(1 / 3600)
+FLOOR = np.sqrt(2 * np.log(2) / np.pi)  # of the Allan deviation of flicker noise, per B
 
 
 def still(count, sample_s=1.0, starts=(0.0,)):

@@ -7,7 +7,7 @@ import pytest
 
 import simulator
 from gyrocal import InputError, load
-from simulator.effects import directions_flown, forward_axes, parse, references_of, setting
+from simulator.effects import directions_flown, parse, references_of, setting
 from simulator.effects.base import References, Surroundings
 from simulator.effects.reference.reference_mode_offset import EFFECT as MODE_OFFSET
 from simulator.truth.rotation import separation
@@ -16,6 +16,10 @@ from tests import SHARED
 PRACTICE = SHARED / "practice"
 SERIES = simulator.load("trmm_series")
 RECORDING = simulator.simulate(SERIES, seed=2)
+
+
+def forward_axes(recording):
+    return directions_flown(recording)[0]
 
 
 def runs_of(recording, number):

@@ -33,18 +33,6 @@ def test_a_sample_shows_the_mean_of_the_swing():
     np.testing.assert_array_equal(with_.attitudes.quaternions, without.attitudes.quaternions)
 
 
-def test_a_swing_of_the_references_is_in_no_rate():
-    made = parse("reference_periodic:x=0.02,period_s=900,phase_deg=-30")
-    with_, without = (simulate(PLAN, seed=1, effects=effects) for effects in ([made], []))
-    np.testing.assert_array_equal(with_.gyro.rates, without.gyro.rates)
-    # To first order exp([e×]) A turns the vector part of the quaternion of A by −e/2, on the right of it.
-    t = without.attitudes.t_s
-    cosine = np.abs(np.sum(with_.attitudes.quaternions * without.attitudes.quaternions, axis=1))
-    turned = 2 * np.arccos(np.minimum(cosine, 1.0))
-    expected = np.deg2rad(0.02) * np.abs(np.sin(2 * np.pi * t / 900 - np.deg2rad(30)))
-    np.testing.assert_allclose(turned, expected, atol=1e-7)
-
-
 @pytest.mark.parametrize("name", ["bias_periodic", "reference_periodic"])
 def test_periods_are_those_that_the_references_can_show(name):
     effect = EFFECTS[name]

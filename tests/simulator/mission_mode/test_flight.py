@@ -135,13 +135,6 @@ def test_cycle_is_twice_the_difference(difference_deg):
     assert np.abs(sizes[SETTLED:]) == pytest.approx(2 * difference_deg, abs=0.03)
 
 
-def test_without_the_geodetic_rate_yaw_is_lost():
-    """The lean of geodetic nadir turns into yaw with the orbit, unless the rate commanded contains it."""
-    run = simulate_mission(config(controller=Controller(geodetic_rate=False)), days=0.5, seed=11)
-    assert run.orbits["largest_error_yaw_deg"][2:].max() > 0.15
-    assert mean_update(run) > 0.1
-
-
 @pytest.mark.parametrize("forward", ["+x", "-x"])
 @pytest.mark.parametrize("period", ["precalibration", "postcalibration"])
 def test_apparent_bias_is_that_of_the_orientation(forward, period):
@@ -155,19 +148,6 @@ def test_apparent_bias_is_that_of_the_orientation(forward, period):
     expected = np.rad2deg(rate - G @ np.linalg.solve(R9_G, rate - R9_BIAS)) * 3600
     found = [run.orbits[f"apparent_bias_{axis}_deg_h"][1:].mean() for axis in AXES]
     assert found == pytest.approx(expected, abs=4 * 2.6e-4 * 3600 / np.sqrt(7 * ORBIT_S))
-
-
-def test_bias_depends_on_orientation_before_and_not_after():
-    biases = {}
-    for period in ("precalibration", "postcalibration"):
-        for forward in ("+x", "-x"):
-            run = simulate_mission(replace(config(period), forward=forward), seconds=5 * ORBIT_S, seed=3)
-            biases[period, forward] = run.orbits["apparent_bias_yaw_deg_h"][1:].mean()
-    sigma = 2.6e-4 * 3600 / np.sqrt(4 * ORBIT_S) * np.sqrt(2)
-    before = biases["precalibration", "-x"] - biases["precalibration", "+x"]
-    after = biases["postcalibration", "-x"] - biases["postcalibration", "+x"]
-    assert before > 0.4
-    assert abs(after) < 4 * sigma
 
 
 def slewed(tables, **changes):
@@ -221,7 +201,7 @@ def test_unloading_bounds_the_wheels():
 
 def test_lost_control_stays_finite():
     """With wheels too weak to hold it the spacecraft tumbles out of the Earth sensor's view; nothing turns to NaN."""
-    weak = replace(Spacecraft(), momentum_limit=0.5, drag=0.2)
+    weak = Spacecraft(momentum_limit=0.5, drag=0.2)
     run = simulate_mission(config(spacecraft=weak, controller=Controller(unloading=0.0)), seconds=3 * ORBIT_S, seed=6)
     assert run.orbits["largest_error_pitch_deg"].max() > 30.0
     # The penetration angle of a quadrant that misses the Earth is none.
@@ -263,15 +243,9 @@ def test_momentum_is_conserved_without_control_and_disturbances():
     # ω starts at −n about y, a principal axis: it stays, and the pitch follows LVLH within the geodetic lean's change.
     assert run.telemetry[[f"wheel_{i}_nms" for i in range(1, 5)]].abs().to_numpy().max() < 1e-6
     assert run.telemetry["error_pitch_deg"].abs().max() < 0.2
-    pushed = replace(free, drag=1.0)
+    pushed = free._replace(drag=1.0)
     moved = simulate_mission(config(spacecraft=pushed, controller=law), seconds=600.0, telemetry_every=1)
     assert moved.telemetry["error_pitch_deg"].abs().max() > 5.0  # negative control
-
-
-def test_substeps_change_nothing():
-    one, two = (simulate_mission(config(substeps=n), seconds=3000.0, seed=8, telemetry_every=10) for n in (1, 2))
-    columns = [f"error_{axis}_deg" for axis in AXES]
-    assert np.abs(one.telemetry[columns] - two.telemetry[columns]).to_numpy().max() < 1e-6
 
 
 def test_a_seed_is_a_run():

@@ -41,10 +41,3 @@ def test_a_shorter_sample_is_noisier():
     ratio = noise[50_000:].std() / noise[:50_000].std()
     # Relative sd of a ratio of two standard deviations of 150 000 draws each: 1/sqrt(150 000); 5 sigma.
     assert ratio == pytest.approx(2.0, rel=5 / np.sqrt(150_000))
-
-
-def test_compiled_noise_is_numpys_to_the_bit():
-    rates = np.random.default_rng(5).normal(size=(1000, 3))
-    duration = np.linspace(0.1, 2.0, 1000)
-    plain = rates + np.random.default_rng(6).standard_normal((1000, 3)) * (ARW / np.sqrt(duration))[:, None]
-    np.testing.assert_array_equal(with_white_noise(np.random.default_rng(6), rates, ARW, duration), plain)

@@ -78,14 +78,6 @@ def test_convergence_is_of_sixth_order():
     assert 48 < coarse / fine < 84
 
 
-def test_substeps_are_a_finer_grid():
-    start = np.array([0.0, 0.0, 0.0, 1.0])
-    coarse = integrate(wobble, np.linspace(0, 4, 9), start, substeps=4)
-    fine = integrate(wobble, np.linspace(0, 4, 33), start)
-    np.testing.assert_allclose(coarse.quaternions, fine.quaternions[::4], atol=1e-15)
-    np.testing.assert_allclose(coarse.angles, fine.angles.reshape(8, 4, 3).sum(axis=1), atol=1e-15)
-
-
 def test_mean_rate_is_the_integral_of_the_rate():
     """Against adaptive quadrature, over samples that span knots of the slew and of the hold."""
     motion = simulator.motion(BUSY)

@@ -14,7 +14,7 @@ from simulator.truth.maneuvers import (
     trajectory,
 )
 from simulator.truth.orbit import CircularOrbit, lvlh_attitude
-from simulator.truth.rotation import matrix, quaternion, separation
+from simulator.truth.rotation import quaternion, separation
 
 ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=0.3, latitude_argument=2.0)
 RPO = ORBIT.mean_motion
@@ -172,9 +172,3 @@ def test_hold_without_a_way_back_says_so(monkeypatch):
     monkeypatch.setattr("simulator.truth.maneuvers.RETURN_TOLERANCE", 0.0)
     with pytest.raises(InputError, match="inertial hold"):
         _ = Profile(ORBIT, 0.0, 5535.0, 0.0, hold=HOLDS[2]).return_rotation
-
-
-def test_matrix_and_attitude_agree():
-    profile = Profile(ORBIT, 0.0, 10.0, MODE_YAW["+y"])
-    tau = np.array([0.0, 10.0])
-    np.testing.assert_allclose(matrix(trajectory(profile, tau).quaternions), profile.attitude(tau), atol=1e-14)
