@@ -34,7 +34,7 @@ import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
-from gyrocal.calibration.observability import Observability, observability
+from gyrocal.calibration.observability import Observability, list_combinations, observability
 from gyrocal.calibration.plausible_ranges import PlausibleRanges, estimate_plausible_ranges
 from gyrocal.calibration.problem import Problem, State, tabulate_residuals
 from gyrocal.calibration.propagation import Arcs, Psi, body_sums, propagate
@@ -59,7 +59,6 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 ROUNDING = 1e-12  # relative size of what a singular sum of products leaves
-MOST_SHOWN = 3  # parameter combinations that a refusal names
 SETTLED = 1e-4  # sigmas of the last correction
 ALIKE = 1e-9  # relative difference of the noise about the axes that is none
 LARGEST_TURN = 0.02  # rad, that the noise is taken over at once, at its middle: wrong by LARGEST_TURN²/24
@@ -604,6 +603,6 @@ def _unobservable_message(combinations: Sequence[str], ranges: PlausibleRanges) 
     return (
         f"none of {len(combinations)} parameter combination(s) can be found with the stated noise to within its plausible "
         f"range ({ranges.G:g} in K, {ranges.bias_deg_h:.3g} deg/h in c; {ranges.reason}): "
-        f"{'; '.join(combinations[:MOST_SHOWN])}; add maneuvers with other rates, state wider plausible ranges "
+        f"{list_combinations(combinations)}; add maneuvers with other rates, state wider plausible ranges "
         "(--plausible-g, --plausible-bias), or give an a-priori sigma (--prior-sigma-g with --prior-sigma-bias)"
     )

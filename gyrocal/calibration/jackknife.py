@@ -17,7 +17,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.calibration.davenport import CalibrationResult, calibrate
+from gyrocal.calibration.davenport import calibrate
+from gyrocal.calibration.result import CalibrationResult
 from gyrocal.errors import InputError
 from gyrocal.recording import Interval, Recording, reference_rows
 from gyrocal.recording.trackers import kept_rows

@@ -25,7 +25,7 @@ significant the covariance stays the nominal one.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -44,7 +44,9 @@ from gyrocal.calibration.remainder_processes import (
     BLOCK,
     MISALIGNMENTS,
     SCALES,
+    SIGNIFICANT,
     Process,
+    Remainder,
     Stretches,
     build_rate_columns,
     build_reference_columns,
@@ -58,7 +60,7 @@ from gyrocal.estimation.variance_components import VarianceComponents, estimate_
 from gyrocal.recording import GyroStream, Recording
 
 if TYPE_CHECKING:
-    from gyrocal.calibration.davenport import CalibrationResult
+    from gyrocal.calibration.result import CalibrationResult
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -69,89 +71,8 @@ MOST_TIME_SCALES = 3
 FEWEST_FOR_AXES = 120  # degrees of freedom, from which each axis has a size of its own
 FEWEST_FOR_PROCESSES = 30  # degrees of freedom, below which only the factor of the noise is estimated
 LEAST_VISIBLE = 0.05  # share of a process's power in the residuals; below it the calibration takes it up, unseen
-NOMINAL, WITH_REMAINDER = "nominal", "with_remainder"  # which sigmas are recommended
 NEGLIGIBLE = 0.003  # power of a process in the residuals relative to that of the stated noise; a smaller one is left out
-SIGNIFICANT = 0.01  # p-value of the likelihood ratio below which the sigmas with remainder are recommended
 RANK = 1e-9  # of singular values and eigenvalues, relative to the largest: below it they are rounding
-DEG_H = float(np.rad2deg(3600.0))
-
-
-@dataclass(frozen=True)
-class Remainder:
-    """The remainder of a calibration.
-
-    Attributes
-    ----------
-    processes : with their sizes; those of size zero are left out
-    noise_factor : φ, of the variance of all stated noise
-    log_likelihood_gain : above that of the stated noise alone
-    p_value : probability of a larger gain without a remainder
-    covariance : (12, 12) of G and b with the remainder; b in rad/s
-    """
-
-    processes: tuple[Process, ...]
-    noise_factor: float
-    log_likelihood_gain: float
-    p_value: float
-    covariance: Array
-
-    @property
-    def is_significant(self) -> bool:
-        """Whether the residuals do not fit the stated noise."""
-        return self.p_value < SIGNIFICANT
-
-    @property
-    def sigma(self) -> Array:
-        """(12,) 1-sigma of G and b with the remainder; b in rad/s."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
-
-    @property
-    def gyro(self) -> Array:
-        """(3,) 1-sigma of the rate error about each body axis that lasts, rad/s."""
-        own = [one for one in self.processes if one.kind == "rate" and one.time_scale_s > 0]
-        return np.array([np.sqrt(sum(one.variance for one in own if axis in one.members)) for axis in BIASES])
-
-    @property
-    def rate_noise(self) -> Array:
-        """(3,) root PSD of the white rate error about each body axis beside the stated one, rad/√s."""
-        own = [one for one in self.processes if one.kind == "rate" and one.time_scale_s == 0]
-        return np.array([np.sqrt(sum(one.variance for one in own if axis in one.members)) for axis in BIASES])
-
-    @property
-    def reference(self) -> Array:
-        """(3,) 1-sigma of the references' error about each body axis beside the stated one, rad."""
-        own = [one for one in self.processes if one.kind == "reference"]
-        return np.array([np.sqrt(sum(one.variance for one in own if axis in one.members)) for axis in range(3)])
-
-    @property
-    def delay_s(self) -> float:
-        """1-sigma of the delay of the references' time tags, s."""
-        return float(np.sqrt(sum(one.variance for one in self.processes if one.kind == "delay")))
-
-    @property
-    def time_scale_s(self) -> Array:
-        """(3,) time scale of the rate error about each axis, s: geometric mean of finite ones by variance; NaN if none."""
-        return np.array([_average_time_scale(self.processes, axis) for axis in BIASES])
-
-    def to_json(self) -> dict[str, Any]:
-        """The remainder as plain values; lists are by body axis."""
-        scales = [float(value) if np.isfinite(value) else None for value in self.time_scale_s]
-        return {
-            "gyro_deg_h": (self.gyro * DEG_H).tolist(),
-            "rate_noise_deg_per_sqrt_s": np.rad2deg(self.rate_noise).tolist(),
-            "reference_deg": np.rad2deg(self.reference).tolist(),
-            "time_scale_s": scales,
-            "delay_s": self.delay_s,
-            "noise_factor": self.noise_factor,
-            "log_likelihood_gain": self.log_likelihood_gain,
-            "p_value": self.p_value,
-            "processes": [one.to_json() for one in self.processes],
-        }
-
-
-def read_processes(value: Mapping[str, Any]) -> tuple[Process, ...]:
-    """Read the processes of what `Remainder.to_json` gives."""
-    return tuple(Process.from_json(one) for one in value["processes"])
 
 
 def add_remainder(recording: Recording, result: CalibrationResult) -> CalibrationResult:
@@ -434,12 +355,3 @@ def _root(C: Array) -> Array:
     values, vectors = np.linalg.eigh(C)
     kept = values > RANK * values[-1]
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
-
-
-def _average_time_scale(processes: Sequence[Process], axis: int) -> float:
-    """Mean of the logarithms of the finite time scales of one axis by variance; NaN if there are none."""
-    own = [one for one in processes if one.kind == "rate" and axis in one.members and 0 < one.time_scale_s < np.inf]
-    if not own:
-        return float("nan")
-    weights = np.array([one.variance for one in own])
-    return float(np.exp(weights @ np.log([one.time_scale_s for one in own]) / weights.sum()))

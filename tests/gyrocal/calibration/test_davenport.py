@@ -17,8 +17,8 @@ from gyrocal import (
     residual_table,
 )
 from gyrocal.calibration import normal_equations as accumulation
-from gyrocal.calibration.davenport import MOST_SHOWN, Accumulation
-from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G
+from gyrocal.calibration.davenport import Accumulation
+from gyrocal.calibration.observability import MOST_SHOWN, PLAUSIBLE_BIAS, PLAUSIBLE_G
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.sampling import measurements

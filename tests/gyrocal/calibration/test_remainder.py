@@ -11,22 +11,22 @@ from gyrocal.calibration.jackknife import cut_into_blocks, estimate_jackknife_co
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.remainder import (
     MOST_RESIDUALS,
-    NOMINAL,
-    WITH_REMAINDER,
     add_remainder,
     build_paths,
     choose_evenly,
     compute_p_value,
     list_processes,
-    read_processes,
 )
 from gyrocal.calibration.remainder_processes import (
+    NOMINAL,
+    WITH_REMAINDER,
     Process,
     Stretches,
     build_rate_columns,
     build_reference_columns,
     gather_rate_influence,
     gather_reference_influence,
+    read_processes,
 )
 from gyrocal.calibration.sampling import measurements
 from gyrocal.estimation.remainder_noise import KnownCalibration, RemainderNoise, read_calibration
