@@ -251,17 +251,8 @@ def calibrate(
     logger.debug("%s: %d iterations, %sconverged", recording.title, len(corrections), "" if converged else "not ")
     covariance = np.zeros((12, 12))
     covariance[np.ix_(columns, columns)] = P
-    expected = None
-    if problem.model == "full" and problem.noise is None:
-        J = space.jacobian(parameters)
-        expected = attenuation(
-            problem.A,
-            problem.sigma,
-            *(prepared.arcs.arc, prepared.start, prepared.row, prepared.elapsed_s),
-            problem.arw * float(np.sqrt(prepared.noise_gain)),
-            parameters.G,
-            J @ covariance @ J.T,
-        )
+    J = space.jacobian(parameters)
+    has_attenuation = problem.model == "full" and problem.mountings is None
     return CalibrationResult(
         recording=recording.title,
         parameters=parameters,
@@ -291,7 +282,7 @@ def calibrate(
         parametrisation=parametrisation,
         mountings=estimate(problem.mountings, solved.eliminated, P / np.outer(problem.scale, problem.scale)),
         differences=differences(recording),
-        attenuation=expected,
+        attenuation=attenuation(problem, parameters.G, J @ covariance @ J.T) if has_attenuation else None,
         plausible=ranges,
     )
 

@@ -28,14 +28,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
 import scipy.special
 from numpy.typing import NDArray
 
-from gyrocal.calibration.covariance import residual_covariance
 from gyrocal.calibration.gyro_space import space_of
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import propagate
@@ -256,8 +255,7 @@ def _estimate_sizes(
     Theta : (3m, p) sensitivity to the solved-for parameters
     problem : whose noise is stated
     """
-    V = residual_covariance(paths.R, paths.interval, *_references_of(paths, problem))
-    L = np.linalg.cholesky(V)
+    L = np.linalg.cholesky(problem.covariance(paths.R, paths.kept))
 
     def whiten(values: Array) -> Array:
         return np.asarray(scipy.linalg.solve_triangular(L, values, lower=True, check_finite=False))
@@ -288,12 +286,6 @@ def _estimate_sizes(
     power = sizes.variances * np.array([np.square(part).sum() for part in components])
     sizes = replace(sizes, variances=np.where(power > NEGLIGIBLE * dof, sizes.variances, 0.0))
     return sizes, tuple(processes), dof, count_effective(components)
-
-
-def _references_of(paths: Paths, problem: Problem) -> tuple[Any, ...]:
-    """What `residual_covariance` takes beside R and the intervals."""
-    arw, model, given = problem._covariance
-    return paths.start, paths.row, paths.elapsed_s, np.ascontiguousarray(problem.sigma), arw, model, given
 
 
 def _build_columns(paths: Paths, process: Process, member: int) -> Array:
@@ -329,16 +321,14 @@ def _propagate_processes(paths: Paths, processes: Sequence[Process], K: Array) -
 
 def _unwhiten(problem: Problem, R: Array, white: Array) -> Array:
     """Multiply (3m, p) group by group by L⁻ᵀ, with V = L Lᵀ; the result is residual by residual."""
-    made = problem.measurements
     out = np.empty_like(white)
     rows, ends = problem.groups
     low = 0
     for high in ends:
         own = rows[low:high]
-        arguments = (made.start[own], made.row[own], made.elapsed_s[own], np.ascontiguousarray(problem.sigma))
-        V = residual_covariance(R[own], made.arcs.arc[own], *arguments, *problem._covariance)
+        L = np.linalg.cholesky(problem.covariance(R[own], own))
         places = (3 * own[:, None] + np.arange(3)).ravel()
-        out[places] = scipy.linalg.solve_triangular(np.linalg.cholesky(V), white[3 * low : 3 * high], lower=True, trans="T")
+        out[places] = scipy.linalg.solve_triangular(L, white[3 * low : 3 * high], lower=True, trans="T")
         low = high
     return out
 
