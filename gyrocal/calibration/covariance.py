@@ -35,7 +35,7 @@ FULL, REFERENCES_ONLY, GIVEN, JOINT = 0, 1, 2, 3
 MODEL_CODES = {"full": FULL, "references only": REFERENCES_ONLY, "given": GIVEN}  # "given" is JOINT where one V is
 
 
-def chained(first_rows: Indices, last_rows: Indices) -> list[list[int]]:
+def chain_intervals(first_rows: Indices, last_rows: Indices) -> list[list[int]]:
     """Groups of intervals whose residuals correlate because they share a reference attitude, as intervals that touch do.
 
     Parameters
@@ -56,7 +56,7 @@ def group_residuals(interval: Indices, start: Indices, row: Indices) -> tuple[In
     """Residuals (m,) group by group of those that correlate, and one past the end of each group; see `residual_covariance`."""
     numbers, firsts = np.unique(interval, return_index=True)
     lasts = np.append(firsts[1:], len(row)) - 1
-    chains = chained(start[firsts], row[lasts])
+    chains = chain_intervals(start[firsts], row[lasts])
     members = [np.flatnonzero(np.isin(interval, numbers[chain])) for chain in chains]
     return np.concatenate(members), np.cumsum([len(own) for own in members])
 

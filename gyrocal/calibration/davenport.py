@@ -78,9 +78,8 @@ class Accumulation:
 
     def add(self, H: Array, z: Array) -> None:
         """Add whitened residuals z (r,) with whitened, scaled sensitivity H (r, p)."""
-        W, u = accumulation.accumulate(H, z)
-        self.W += W
-        self.u += u
+        self.W += H.T @ H
+        self.u += H.T @ z
 
     def solve(self) -> tuple[Array, Array]:
         """Δx (p,) and P (p, p)."""

@@ -1,4 +1,4 @@
-"""The compiled core of a calibration: residuals, their whitening, u and W, and the iteration.
+"""The compiled core of a calibration: residuals, their whitening, and the iteration.
 
 Maneuver by maneuver, or group by group where residuals correlate, with V = L Lᵀ the covariance of the group's residuals,
 
@@ -82,7 +82,7 @@ def sensitivity(S: Array, columns: Indices, scale: Array) -> Array:  # pragma: n
 
 
 @compiled
-def whitened(
+def whiten_groups(
     theta: Array,
     Theta: Array,
     R: Array,
@@ -116,23 +116,7 @@ def whitened(
                 variance[rows[a], i] = V[3 * a + i, 3 * a + i]
         out[3 * low : 3 * high] = whiten(V, values)
         low = high
-    return out[:, :p], out[:, p].copy(), variance
-
-
-@compiled
-def accumulate(H: Array, z: Array) -> tuple[Array, Array]:  # pragma: no cover - compiled
-    """W = Hᵀ H and u = Hᵀ z, N (31)–(32)."""
-    rows, p = H.shape
-    W, u = np.zeros((p, p)), np.zeros(p)
-    for r in range(rows):
-        for i in range(p):
-            u[i] += H[r, i] * z[r]
-            for j in range(i + 1):
-                W[i, j] += H[r, i] * H[r, j]
-    for i in range(p):
-        for j in range(i):
-            W[j, i] = W[i, j]
-    return W, u
+    return out[:, :p].copy(), out[:, p].copy(), variance
 
 
 @compiled
@@ -161,7 +145,7 @@ def iterate(
     x : (12,) parameters to start from
     columns, scale : (p,) solved-for parameters and their scale
     packed : increments, ends, last as in `gyrocal.calibration.propagation.propagate_packed`
-    groups, references, walk, model, given : as in `whitened`
+    groups, references, walk, model, given : as in `whiten_groups`
     look_back : whether to propagate once more for the residuals after the last iteration
 
     Returns
@@ -186,13 +170,12 @@ def iterate(
         R, S = propagate_packed(increments, increments, ends, last, arc, G, bias, linear, beyond_series, THREE)
         thetas[n] = residuals(R, A_start, A_obs)
         Theta = sensitivity(S, columns, scale)
-        H, z, _ = whitened(thetas[n], Theta, R, groups, references, walk, model, given)
+        H, z, _ = whiten_groups(thetas[n], Theta, R, groups, references, walk, model, given)
         if n == iterations:
-            for value in z:
-                chi2 += value * value
+            chi2 = np.sum(z * z)
             break
-        W, u = accumulate(H, z)
-        inverse = np.linalg.inv(W)
+        u = H.T @ z
+        inverse = np.linalg.inv(H.T @ H)
         xs[n + 1] = xs[n]
         for i in range(p):
             step = 0.0

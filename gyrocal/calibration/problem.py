@@ -238,7 +238,7 @@ class Problem:
         if self.mountings is not None:
             Theta = np.hstack([Theta, self.mountings.sensitivity(R, prepared.start, prepared.row)])
         walk = self.walk if walk is None else walk
-        H, z, variance = accumulation.whitened(theta, Theta, R, self.groups, self.references, walk, *self._model)
+        H, z, variance = accumulation.whiten_groups(theta, Theta, R, self.groups, self.references, walk, *self._model)
         if self.mountings is None or not free:
             return State(theta, linear, np.sqrt(variance), H, z)
         left = self.mountings.eliminated(H[:, :p], z, H[:, p:])

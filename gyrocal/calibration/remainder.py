@@ -47,8 +47,6 @@ from gyrocal.calibration.remainder_processes import (
     Process,
     Remainder,
     Stretches,
-    build_rate_columns,
-    build_reference_columns,
     compute_turns,
     correlate_references,
     gather_rate_influence,
@@ -275,7 +273,7 @@ def _estimate_sizes(
         parts = []
         for member in process.members:
             if (process.kind, member) not in columns:
-                columns[process.kind, member] = whiten(_build_columns(paths, process, member))
+                columns[process.kind, member] = whiten(_gather_influence(paths, process, member, np.eye(theta.size)).T)
             parts.append(columns[process.kind, member] @ roots[key])
         whole = np.hstack(parts)
         seen = whole - Q @ (Q.T @ whole)
@@ -288,11 +286,11 @@ def _estimate_sizes(
     return sizes, tuple(processes), dof, count_effective(components)
 
 
-def _build_columns(paths: Paths, process: Process, member: int) -> Array:
-    """Build (3m, n): the residuals by each value of one member of a process."""
+def _gather_influence(paths: Paths, process: Process, member: int, K: Array) -> Array:
+    """Compute Mᵀ K (n, p) of one member of a process, with K (3m, p) residual by residual."""
     if process.kind == "rate":
-        return build_rate_columns(paths.R, paths.turns[:, :, member], paths.interval)
-    return build_reference_columns(paths.R, paths.start, paths.row, paths.directions(process, member))[0]
+        return gather_rate_influence(paths.R, paths.turns[:, :, member], paths.interval, K)
+    return gather_reference_influence(paths.R, paths.start, paths.row, paths.directions(process, member), K)
 
 
 def _correlate(paths: Paths, process: Process, rows: slice = slice(None)) -> Array:
@@ -308,11 +306,7 @@ def _propagate_processes(paths: Paths, processes: Sequence[Process], K: Array) -
     total = np.zeros((K.shape[1], K.shape[1]))
     for process in processes:
         for member in process.members:
-            if process.kind == "rate":
-                influence = gather_rate_influence(paths.R, paths.turns[:, :, member], paths.interval, K)
-            else:
-                directions = paths.directions(process, member)
-                influence, _ = gather_reference_influence(paths.R, paths.start, paths.row, directions, K)
+            influence = _gather_influence(paths, process, member, K)
             for low in range(0, len(influence), BLOCK):
                 rows = slice(low, low + BLOCK)
                 total += process.variance * influence[rows].T @ (_correlate(paths, process, rows) @ influence)

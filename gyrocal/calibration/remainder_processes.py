@@ -20,7 +20,7 @@ and for white x of power spectral density q, var = q/a.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -108,20 +108,22 @@ class Remainder:
     @property
     def gyro(self) -> Array:
         """(3,) 1-sigma of the rate error about each body axis that lasts, rad/s."""
-        own = [one for one in self.processes if one.kind == "rate" and one.time_scale_s > 0]
-        return np.array([np.sqrt(sum(one.variance for one in own if axis in one.members)) for axis in BIASES])
+        return self._sizes(BIASES, lambda one: one.kind == "rate" and one.time_scale_s > 0)
 
     @property
     def rate_noise(self) -> Array:
         """(3,) root PSD of the white rate error about each body axis beside the stated one, rad/√s."""
-        own = [one for one in self.processes if one.kind == "rate" and one.time_scale_s == 0]
-        return np.array([np.sqrt(sum(one.variance for one in own if axis in one.members)) for axis in BIASES])
+        return self._sizes(BIASES, lambda one: one.kind == "rate" and one.time_scale_s == 0)
 
     @property
     def reference(self) -> Array:
         """(3,) 1-sigma of the references' error about each body axis beside the stated one, rad."""
-        own = [one for one in self.processes if one.kind == "reference"]
-        return np.array([np.sqrt(sum(one.variance for one in own if axis in one.members)) for axis in range(3)])
+        return self._sizes(range(3), lambda one: one.kind == "reference")
+
+    def _sizes(self, members: Sequence[int], is_chosen: Callable[[Process], bool]) -> Array:
+        """Root of the sum of the variances of the chosen processes of each member."""
+        own = [one for one in self.processes if is_chosen(one)]
+        return np.array([np.sqrt(sum(one.variance for one in own if member in one.members)) for member in members])
 
     @property
     def delay_s(self) -> float:
@@ -205,15 +207,19 @@ def compute_turns(R: Array, Theta: Array, interval: Indices) -> Array:
     return turns
 
 
-def build_rate_columns(R: Array, turns: Array, interval: Indices) -> Array:
-    """Build (3m, m): the residuals by an error of one parameter in each stretch, with turns (m, 3) of that parameter."""
-    m = len(R)
-    before = (interval[:, None] == interval) & (np.arange(m)[:, None] >= np.arange(m))
-    return np.asarray((np.einsum("aij,lj->ail", R, turns) * before[:, None, :]).reshape(3 * m, m))
-
-
 def gather_rate_influence(R: Array, turns: Array, interval: Indices, K: Array) -> Array:
-    """Multiply K (3m, p) by the transpose of `build_rate_columns`, in linear time; returns (m, p)."""
+    """Multiply K (3m, p) by Mᵀ, with M the residuals by an error of one parameter in each stretch, in linear time.
+
+    Parameters
+    ----------
+    R : (m, 3, 3)
+    turns : (m, 3) of that parameter, see `compute_turns`
+    interval : (m,)
+
+    Returns
+    -------
+    (m, p)
+    """
     m = len(R)
     at_start = np.einsum("aji,ajp->aip", R, K.reshape(m, 3, -1))
     later = np.empty_like(at_start)
@@ -223,33 +229,26 @@ def gather_rate_influence(R: Array, turns: Array, interval: Indices, K: Array) -
     return np.asarray(np.einsum("li,lip->lp", turns, later))
 
 
-def build_reference_columns(R: Array, start: Indices, row: Indices, directions: Array) -> tuple[Array, Indices]:
-    """Build (3m, n): the residuals by an error of each reference along its direction, and the rows (n,) of the references.
+def gather_reference_influence(R: Array, start: Indices, row: Indices, directions: Array, K: Array) -> Array:
+    """Multiply K (3m, p) by Mᵀ, with M the residuals by an error of each reference along its direction, in linear time.
 
     Parameters
     ----------
     R : (m, 3, 3)
     start, row : (m,) rows of the references that each residual starts from and is compared with
     directions : (references, 3) error of each in body axes for a unit of its size
+
+    Returns
+    -------
+    (n, p) for the references that are used, in the order of their rows
     """
-    used = np.unique(np.concatenate([start, row]))
-    m = len(R)
-    columns = np.zeros((m, 3, used.size))
-    each = np.arange(m)
-    columns[each, :, np.searchsorted(used, row)] += directions[row]
-    columns[each, :, np.searchsorted(used, start)] -= np.einsum("aij,aj->ai", R, directions[start])
-    return columns.reshape(3 * m, -1), used
-
-
-def gather_reference_influence(R: Array, start: Indices, row: Indices, directions: Array, K: Array) -> tuple[Array, Indices]:
-    """Multiply K (3m, p) by the transpose of `build_reference_columns`, in linear time; returns (n, p) and the rows (n,)."""
     used = np.unique(np.concatenate([start, row]))
     K = K.reshape(len(R), 3, -1)
     influence = np.zeros((used.size, K.shape[2]))
     np.add.at(influence, np.searchsorted(used, row), np.einsum("ai,aip->ap", directions[row], K))
     turned = np.einsum("aij,aj->ai", R, directions[start])
     np.add.at(influence, np.searchsorted(used, start), -np.einsum("ai,aip->ap", turned, K))
-    return influence, used
+    return influence
 
 
 def _mean_of_decay(x: Array) -> Array:

@@ -9,7 +9,7 @@ from gyrocal.calibration.covariance import (
     FULL,
     GIVEN,
     REFERENCES_ONLY,
-    chained,
+    chain_intervals,
     integrate_white_noise,
     model_covariance,
     residual_covariance,
@@ -38,10 +38,12 @@ def test_one_residual_by_hand():
 
 
 def test_chains_follow_shared_references():
-    assert chained(np.array([0, 2, 5]), np.array([2, 4, 6])) == [[0, 1], [2]]
-    assert chained(np.array([5, 0, 2]), np.array([6, 2, 4])) == [[1, 2], [0]]
-    assert chained(np.array([0, 1, 3]), np.array([5, 2, 6])) == [[0, 1, 2]]  # one inside another, which goes on after it
-    assert chained(np.array([0, 1]), np.array([2, 3])) == [[0, 1]]  # two references within the tolerance of a joint
+    assert chain_intervals(np.array([0, 2, 5]), np.array([2, 4, 6])) == [[0, 1], [2]]
+    assert chain_intervals(np.array([5, 0, 2]), np.array([6, 2, 4])) == [[1, 2], [0]]
+    assert chain_intervals(np.array([0, 1, 3]), np.array([5, 2, 6])) == [
+        [0, 1, 2]
+    ]  # one inside another, which goes on after it
+    assert chain_intervals(np.array([0, 1]), np.array([2, 3])) == [[0, 1]]  # two references within the tolerance of a joint
 
 
 @pytest.mark.parametrize("gap_s", [0.0, 50.0])

@@ -5,7 +5,7 @@ import pytest
 from numpy.polynomial.legendre import leggauss
 from scipy.spatial.transform import Rotation
 
-from gyrocal import NAMES, GyroParameters, InputError, RecursiveCalibrator, UnobservableError, attitude, calibrate
+from gyrocal import NAMES, GyroParameters, InputError, UnobservableError, calibrate
 from gyrocal.calibration.gyro_space import GYRO_NAMES, SPACES, from_gyros, gyro_jacobian, to_gyros
 from gyrocal.calibration.sampling import measurements
 from tests.builders import PLAN, TRUTH, piecewise_recording
@@ -181,24 +181,6 @@ def test_jacobian_is_the_derivative():
         once, twice = ((from_gyros(y + m * step).vector - from_gyros(y - m * step).vector) / (2 * m * h[k]) for m in (1, 2))
         np.testing.assert_allclose(gyro_jacobian(PRELAUNCH)[:, k], (4 * once - twice) / 3, rtol=0, atol=2e-11)
     np.testing.assert_array_equal(SPACES["gain"].jacobian(PRELAUNCH), np.eye(12))
-
-
-def test_recursive_calibrator_equals_the_batch_in_gyro_space():
-    recording = piecewise_recording(arw=ARW, rng=np.random.default_rng(3), sample_s=10.0)
-    batch = calibrate(recording, initial=PRELAUNCH, iterations=1, parametrisation="gyro", solve_for="all,-c_y")
-    recursive = RecursiveCalibrator(PRELAUNCH, arw=ARW, parametrisation="gyro", solve_for="all,-c_y")
-    A, sigma = attitude.matrix_from_quaternion(recording.attitudes.quaternions), recording.attitudes.sigma
-    prepared = measurements(recording)
-    for j, interval in enumerate(recording.intervals):
-        recursive.start(A[prepared.start[j]], sigma[prepared.start[j]])
-        for raw in recording.gyro.rates[(recording.gyro.t_s >= interval.start_s) & (recording.gyro.t_s < interval.stop_s)]:
-            recursive.sample(raw, 10.0)
-        recursive.finish(A[prepared.row[j]], sigma[prepared.row[j]])
-    parameters, P = recursive.solve()
-    np.testing.assert_allclose(parameters.vector[:9], batch.parameters.vector[:9], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(parameters.bias, batch.bias, rtol=0, atol=1e-15)
-    keep = [k for k, name in enumerate(GYRO_NAMES) if name != "c_y"]
-    np.testing.assert_allclose(P, batch.own_covariance[np.ix_(keep, keep)], rtol=1e-7)
 
 
 def test_sigmas_of_gyro_space_are_those_of_its_own_parameters(noisy):

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gyrocal import calibrate
 from gyrocal.calibration.jackknife import cut_into_blocks, estimate_jackknife_covariance
@@ -22,8 +23,6 @@ from gyrocal.calibration.remainder_processes import (
     WITH_REMAINDER,
     Process,
     Stretches,
-    build_rate_columns,
-    build_reference_columns,
     gather_rate_influence,
     gather_reference_influence,
     read_processes,
@@ -62,21 +61,22 @@ def test_rate_columns_are_the_derivative_of_the_residuals_by_an_error_of_one_str
             rates[own] += step * np.linalg.solve(TRUTH.G, np.broadcast_to(along, (own.sum(), 3)).T).T
             moved = replace(recording, gyro=replace(gyro, rates=rates))
             shifted = Problem.of(moved, measurements(moved)).state(TRUTH)
-            columns = build_rate_columns(paths.R, paths.turns[:, :, member], paths.interval)
+            columns = gather_rate_influence(paths.R, paths.turns[:, :, member], paths.interval, np.eye(state.theta.size)).T
             np.testing.assert_allclose(columns[:, stretch], (shifted.theta - state.theta).ravel() / step, atol=3e-3)
 
 
-def test_influences_are_products_with_the_columns():
-    paths, _, _ = build_problem(simulate_remainder(1))
-    K = np.random.default_rng(0).normal(size=(3 * paths.row.size, 4))
-    turns = paths.turns[:, :, 9]
-    columns = build_rate_columns(paths.R, turns, paths.interval)
-    np.testing.assert_allclose(gather_rate_influence(paths.R, turns, paths.interval, K), columns.T @ K, atol=1e-12)
-    directions = paths.body_rates
-    columns, rows = build_reference_columns(paths.R, paths.start, paths.row, directions)
-    influence, same = gather_reference_influence(paths.R, paths.start, paths.row, directions, K)
-    np.testing.assert_allclose(influence, columns.T @ K, atol=1e-12)
-    np.testing.assert_array_equal(rows, same)
+def test_reference_columns_are_the_derivative_of_the_residuals_by_an_error_of_one_reference():
+    recording = simulate_remainder(1)
+    paths, _, state = build_problem(recording)
+    own, step = recording.attitudes, 1e-6
+    directions = np.tile([0.6, 0.0, 0.8], (own.t_s.size, 1))
+    columns = gather_reference_influence(paths.R, paths.start, paths.row, directions, np.eye(state.theta.size)).T
+    for place in (0, 5, 12):  # the first starts an interval, the last ends one and starts the next
+        q = own.quaternions.copy()
+        q[place] = (Rotation.from_quat(q[place]) * Rotation.from_rotvec(-step * directions[place])).as_quat()
+        moved = replace(recording, attitudes=replace(own, quaternions=q))
+        shifted = Problem.of(moved, measurements(moved)).state(TRUTH)
+        np.testing.assert_allclose(columns[:, place], (shifted.theta - state.theta).ravel() / step, atol=3e-3)
 
 
 @pytest.mark.parametrize("time_scale", [0.3, 5.0, 1e7])
