@@ -208,12 +208,12 @@ def calibrate(
     if limit < 1:
         raise InputError(f"at least one iteration is needed, not {limit}")
     if apriori_covariance is not None:
-        apriori_covariance = _checked_covariance(apriori_covariance, p, "the a-priori covariance")
+        apriori_covariance = _check_covariance(apriori_covariance, p, "the a-priori covariance")
     if interval_covariance is not None and residual_covariance is not None:
         raise InputError("give interval_covariance or residual_covariance, not both")
-    given = _checked_interval_covariance(interval_covariance, len(recording.intervals))
+    given = _check_interval_covariance(interval_covariance, len(recording.intervals))
     prepared = measurements(recording, step_s, resampling, max_gap_s)
-    joint = _checked_residual_covariance(residual_covariance, len(prepared.row))
+    joint = _check_residual_covariance(residual_covariance, len(prepared.row))
     problem = Problem.of(recording, prepared, names, psi, covariance_model, given, joint, parametrisation)
     ranges = estimate_plausible_ranges(recording, plausible_G, plausible_bias)
     plausible = ranges.vector(problem.columns >= 9)
@@ -313,7 +313,7 @@ def residual_table(
     return table[[column for column in table.columns if not column.startswith("after")]]
 
 
-def _checked_covariance(value: Array, size: int, what: str) -> Array:
+def _check_covariance(value: Array, size: int, what: str) -> Array:
     value = np.array(value, dtype=float)
     if value.shape != (size, size):
         raise InputError(f"{what} must be {size}×{size}, not {'×'.join(map(str, value.shape))}")
@@ -326,19 +326,19 @@ def _checked_covariance(value: Array, size: int, what: str) -> Array:
     raise InputError(f"{what} must be symmetric and positive definite")
 
 
-def _checked_interval_covariance(value: Array | None, intervals: int) -> Array | None:
+def _check_interval_covariance(value: Array | None, intervals: int) -> Array | None:
     if value is None:
         return None
     if np.shape(value) != (intervals, 3, 3):
         raise InputError(f"interval_covariance must be {intervals}×3×3, a C for each interval")
-    return np.array([_checked_covariance(C, 3, f"C of interval {k}") for k, C in enumerate(value)])
+    return np.array([_check_covariance(C, 3, f"C of interval {k}") for k, C in enumerate(value)])
 
 
-def _checked_residual_covariance(value: Array | None, residuals: int) -> Array | None:
+def _check_residual_covariance(value: Array | None, residuals: int) -> Array | None:
     if value is None:
         return None
     size = 3 * residuals
-    return _checked_covariance(value, size, f"residual_covariance, three rows for each of {residuals} residuals,")
+    return _check_covariance(value, size, f"residual_covariance, three rows for each of {residuals} residuals,")
 
 
 def _prior_chi2(change: Array, columns: Indices, apriori_covariance: Array | None) -> float:

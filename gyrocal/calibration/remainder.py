@@ -49,8 +49,6 @@ from gyrocal.calibration.remainder_processes import (
     Stretches,
     compute_turns,
     correlate_references,
-    gather_rate_influence,
-    gather_reference_influence,
 )
 from gyrocal.calibration.sampling import measurements
 from gyrocal.estimation.variance_components import VarianceComponents, estimate_variance_components
@@ -135,7 +133,6 @@ class Paths:
     kept : (m,) places of these residuals among all
     R, Theta : (m, 3, 3) and (m, 3, 12), from the start of the interval to each
     interval, start, row : (m,) interval, and rows of the references that each starts from and is compared with
-    elapsed_s : (m,) s since the start
     reference_s : (references,) time of each reference, s
     body_rates : (references, 3) body rate at each, rad/s
     """
@@ -146,13 +143,12 @@ class Paths:
     interval: Indices
     start: Indices
     row: Indices
-    elapsed_s: Array
     reference_s: Array
     body_rates: Array
 
     def select(self, kept: Indices) -> Paths:
         """Keep some residuals."""
-        names = ("kept", "R", "Theta", "interval", "start", "row", "elapsed_s")
+        names = ("kept", "R", "Theta", "interval", "start", "row")
         return replace(self, **{name: getattr(self, name)[kept] for name in names})
 
     @cached_property
@@ -168,9 +164,41 @@ class Paths:
         first = np.append(True, self.interval[1:] != self.interval[:-1])
         return Stretches(np.where(first, self.reference_s[self.start], before), to_s, self.interval)
 
-    def directions(self, process: Process, member: int) -> Array:
-        """(references, 3) error of each reference in body axes for a unit of a process."""
-        return self.body_rates if process.kind == "delay" else np.tile(np.eye(3)[member], (self.reference_s.size, 1))
+    @cached_property
+    def used(self) -> Indices:
+        """(n,) rows of the references that the residuals start from or are compared with."""
+        return np.unique(np.concatenate([self.start, self.row]))
+
+    def gather(self, process: Process, member: int, K: Array) -> Array:
+        """Compute Mᵀ K (n, p), with M (3m, n) the residuals by each value of one member of a process, in linear time.
+
+        Values are errors of a parameter in each stretch, or errors of each used reference.
+
+        Parameters
+        ----------
+        process, member : one process
+        K : (3m, p) residual by residual
+        """
+        K = K.reshape(len(self.R), 3, -1)
+        at_start = np.einsum("aji,ajp->aip", self.R, K)
+        if process.kind == "rate":
+            later = np.empty_like(at_start)
+            for own in np.unique(self.interval):
+                rows = self.interval == own
+                later[rows] = at_start[rows][::-1].cumsum(axis=0)[::-1]
+            return np.asarray(np.einsum("li,lip->lp", self.turns[:, :, member], later))
+        along = self.body_rates if process.kind == "delay" else np.tile(np.eye(3)[member], (self.reference_s.size, 1))
+        influence = np.zeros((self.used.size, K.shape[2]))
+        np.add.at(influence, np.searchsorted(self.used, self.row), np.einsum("ai,aip->ap", along[self.row], K))
+        np.add.at(influence, np.searchsorted(self.used, self.start), -np.einsum("ai,aip->ap", along[self.start], at_start))
+        return influence
+
+    def correlate(self, process: Process, rows: slice = slice(None)) -> Array:
+        """Compute the covariance (rows, n) of the values of a process of unit variance."""
+        if process.kind == "rate":
+            return self.stretches.covariance(process, rows)
+        times = self.reference_s[self.used]
+        return correlate_references(process, times[rows], times)
 
 
 def build_paths(recording: Recording, problem: Problem, result: CalibrationResult) -> Paths:
@@ -179,7 +207,7 @@ def build_paths(recording: Recording, problem: Problem, result: CalibrationResul
     run = propagate(made.arcs, found.G, found.bias)
     rates = interpolate_rates(recording.gyro, found.G, found.bias, recording.attitudes.t_s)
     every = np.arange(made.row.size)
-    return Paths(every, run.R, run.Theta, made.arcs.arc, made.start, made.row, made.elapsed_s, recording.attitudes.t_s, rates)
+    return Paths(every, run.R, run.Theta, made.arcs.arc, made.start, made.row, recording.attitudes.t_s, rates)
 
 
 def interpolate_rates(gyro: GyroStream, G: Array, bias: Array, t_s: Array) -> Array:
@@ -269,11 +297,11 @@ def _estimate_sizes(
     for process in list_processes(choose_time_scales(paths.stretches), dof):
         key = (process.kind == "rate", process.time_scale_s)
         if key not in roots:
-            roots[key] = _root(_correlate(paths, process))
+            roots[key] = _root(paths.correlate(process))
         parts = []
         for member in process.members:
             if (process.kind, member) not in columns:
-                columns[process.kind, member] = whiten(_gather_influence(paths, process, member, np.eye(theta.size)).T)
+                columns[process.kind, member] = whiten(paths.gather(process, member, np.eye(theta.size)).T)
             parts.append(columns[process.kind, member] @ roots[key])
         whole = np.hstack(parts)
         seen = whole - Q @ (Q.T @ whole)
@@ -286,30 +314,15 @@ def _estimate_sizes(
     return sizes, tuple(processes), dof, count_effective(components)
 
 
-def _gather_influence(paths: Paths, process: Process, member: int, K: Array) -> Array:
-    """Compute Mᵀ K (n, p) of one member of a process, with K (3m, p) residual by residual."""
-    if process.kind == "rate":
-        return gather_rate_influence(paths.R, paths.turns[:, :, member], paths.interval, K)
-    return gather_reference_influence(paths.R, paths.start, paths.row, paths.directions(process, member), K)
-
-
-def _correlate(paths: Paths, process: Process, rows: slice = slice(None)) -> Array:
-    """Compute the covariance (rows, n) of the values of a process of unit variance."""
-    if process.kind == "rate":
-        return paths.stretches.covariance(process, rows)
-    times = paths.reference_s[np.unique(np.concatenate([paths.start, paths.row]))]
-    return correlate_references(process, times[rows], times)
-
-
 def _propagate_processes(paths: Paths, processes: Sequence[Process], K: Array) -> Array:
     """Compute Σ θ (Mᵀ K)ᵀ ρ (Mᵀ K), (p, p), with K (3m, p) residual by residual."""
     total = np.zeros((K.shape[1], K.shape[1]))
     for process in processes:
         for member in process.members:
-            influence = _gather_influence(paths, process, member, K)
+            influence = paths.gather(process, member, K)
             for low in range(0, len(influence), BLOCK):
                 rows = slice(low, low + BLOCK)
-                total += process.variance * influence[rows].T @ (_correlate(paths, process, rows) @ influence)
+                total += process.variance * influence[rows].T @ (paths.correlate(process, rows) @ influence)
     return total
 
 

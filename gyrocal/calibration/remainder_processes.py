@@ -207,50 +207,6 @@ def compute_turns(R: Array, Theta: Array, interval: Indices) -> Array:
     return turns
 
 
-def gather_rate_influence(R: Array, turns: Array, interval: Indices, K: Array) -> Array:
-    """Multiply K (3m, p) by Mᵀ, with M the residuals by an error of one parameter in each stretch, in linear time.
-
-    Parameters
-    ----------
-    R : (m, 3, 3)
-    turns : (m, 3) of that parameter, see `compute_turns`
-    interval : (m,)
-
-    Returns
-    -------
-    (m, p)
-    """
-    m = len(R)
-    at_start = np.einsum("aji,ajp->aip", R, K.reshape(m, 3, -1))
-    later = np.empty_like(at_start)
-    for own in np.unique(interval):
-        rows = interval == own
-        later[rows] = at_start[rows][::-1].cumsum(axis=0)[::-1]
-    return np.asarray(np.einsum("li,lip->lp", turns, later))
-
-
-def gather_reference_influence(R: Array, start: Indices, row: Indices, directions: Array, K: Array) -> Array:
-    """Multiply K (3m, p) by Mᵀ, with M the residuals by an error of each reference along its direction, in linear time.
-
-    Parameters
-    ----------
-    R : (m, 3, 3)
-    start, row : (m,) rows of the references that each residual starts from and is compared with
-    directions : (references, 3) error of each in body axes for a unit of its size
-
-    Returns
-    -------
-    (n, p) for the references that are used, in the order of their rows
-    """
-    used = np.unique(np.concatenate([start, row]))
-    K = K.reshape(len(R), 3, -1)
-    influence = np.zeros((used.size, K.shape[2]))
-    np.add.at(influence, np.searchsorted(used, row), np.einsum("ai,aip->ap", directions[row], K))
-    turned = np.einsum("aij,aj->ai", R, directions[start])
-    np.add.at(influence, np.searchsorted(used, start), -np.einsum("ai,aip->ap", turned, K))
-    return influence
-
-
 def _mean_of_decay(x: Array) -> Array:
     """Compute (1 − e^{−x})/x."""
     return np.asarray(-np.expm1(-x) / x)

@@ -40,9 +40,7 @@ def test_one_residual_by_hand():
 def test_chains_follow_shared_references():
     assert chain_intervals(np.array([0, 2, 5]), np.array([2, 4, 6])) == [[0, 1], [2]]
     assert chain_intervals(np.array([5, 0, 2]), np.array([6, 2, 4])) == [[1, 2], [0]]
-    assert chain_intervals(np.array([0, 1, 3]), np.array([5, 2, 6])) == [
-        [0, 1, 2]
-    ]  # one inside another, which goes on after it
+    assert chain_intervals(np.array([0, 1, 3]), np.array([5, 2, 6])) == [[0, 1, 2]]  # one inside another
     assert chain_intervals(np.array([0, 1]), np.array([2, 3])) == [[0, 1]]  # two references within the tolerance of a joint
 
 

@@ -7,7 +7,6 @@ from scipy.spatial.transform import Rotation
 
 from gyrocal import NAMES, GyroParameters, InputError, UnobservableError, calibrate
 from gyrocal.calibration.gyro_space import GYRO_NAMES, SPACES, from_gyros, gyro_jacobian, to_gyros
-from gyrocal.calibration.sampling import measurements
 from tests.builders import PLAN, TRUTH, piecewise_recording
 
 PRELAUNCH = GyroParameters(
@@ -125,19 +124,6 @@ def test_the_independent_implementation_agrees(noisy, space, psi):
     np.testing.assert_allclose(result.bias, bias, rtol=0, atol=1e-16)
     theta = evaluated(noisy, space, G, bias, psi == "linear")[0]
     np.testing.assert_allclose(np.rad2deg(flat(result.history[-1])), np.rad2deg(flat(theta)), rtol=0, atol=1e-11)
-
-
-def test_both_parametrisations_have_one_minimum_and_different_ways_to_it(noisy):
-    # Weights that do not depend on the parameters, so that the minimum does not either.
-    weights = {"initial": PRELAUNCH, "residual_covariance": np.eye(3 * len(measurements(noisy).row)) * 1e-8}
-    gain, gyro = (calibrate(noisy, parametrisation=space, **weights) for space in ("gain", "gyro"))
-    np.testing.assert_allclose(gyro.G, gain.G, rtol=0, atol=2e-11)
-    np.testing.assert_allclose(gyro.bias, gain.bias, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(gyro.sigma, gain.sigma, rtol=1e-6)
-    correlation = [one.covariance / np.outer(one.sigma, one.sigma) for one in (gyro, gain)]
-    np.testing.assert_allclose(*correlation, rtol=0, atol=1e-6)
-    first = [result.corrections[0].vector for result in (gain, gyro)]
-    assert np.abs(first[0] - first[1])[:9].max() > 1e-7
 
 
 @pytest.mark.parametrize("axis", "xyz")

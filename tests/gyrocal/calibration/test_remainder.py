@@ -23,8 +23,6 @@ from gyrocal.calibration.remainder_processes import (
     WITH_REMAINDER,
     Process,
     Stretches,
-    gather_rate_influence,
-    gather_reference_influence,
     read_processes,
 )
 from gyrocal.calibration.sampling import measurements
@@ -61,7 +59,7 @@ def test_rate_columns_are_the_derivative_of_the_residuals_by_an_error_of_one_str
             rates[own] += step * np.linalg.solve(TRUTH.G, np.broadcast_to(along, (own.sum(), 3)).T).T
             moved = replace(recording, gyro=replace(gyro, rates=rates))
             shifted = Problem.of(moved, measurements(moved)).state(TRUTH)
-            columns = gather_rate_influence(paths.R, paths.turns[:, :, member], paths.interval, np.eye(state.theta.size)).T
+            columns = paths.gather(Process("rate", (member,), 1.0), member, np.eye(state.theta.size)).T
             np.testing.assert_allclose(columns[:, stretch], (shifted.theta - state.theta).ravel() / step, atol=3e-3)
 
 
@@ -69,14 +67,14 @@ def test_reference_columns_are_the_derivative_of_the_residuals_by_an_error_of_on
     recording = simulate_remainder(1)
     paths, _, state = build_problem(recording)
     own, step = recording.attitudes, 1e-6
-    directions = np.tile([0.6, 0.0, 0.8], (own.t_s.size, 1))
-    columns = gather_reference_influence(paths.R, paths.start, paths.row, directions, np.eye(state.theta.size)).T
-    for place in (0, 5, 12):  # the first starts an interval, the last ends one and starts the next
-        q = own.quaternions.copy()
-        q[place] = (Rotation.from_quat(q[place]) * Rotation.from_rotvec(-step * directions[place])).as_quat()
-        moved = replace(recording, attitudes=replace(own, quaternions=q))
-        shifted = Problem.of(moved, measurements(moved)).state(TRUTH)
-        np.testing.assert_allclose(columns[:, place], (shifted.theta - state.theta).ravel() / step, atol=3e-3)
+    for process, along in (("reference", np.tile(np.eye(3)[2], (own.t_s.size, 1))), ("delay", paths.body_rates)):
+        columns = paths.gather(Process(process, (2,), 1.0), 2, np.eye(state.theta.size)).T
+        for place in (0, 5, 12):  # the first starts an interval, the last ends one and starts the next
+            q = own.quaternions.copy()
+            q[place] = (Rotation.from_quat(q[place]) * Rotation.from_rotvec(-step * along[place])).as_quat()
+            moved = replace(recording, attitudes=replace(own, quaternions=q))
+            shifted = Problem.of(moved, measurements(moved)).state(TRUTH)
+            np.testing.assert_allclose(columns[:, place], (shifted.theta - state.theta).ravel() / step, atol=3e-3)
 
 
 @pytest.mark.parametrize("time_scale", [0.3, 5.0, 1e7])

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from gyrocal.errors import InputError
 from gyrocal.sensors.earth import TRMM_BIASES, EarthModel, EarthSensor
-from gyrocal.sensors.series import SensorModel, SensorSeries
+from gyrocal.sensors.series import SensorModel
 from simulator.sensors.earth import (
     CORRECT,
     HELD,
@@ -76,19 +76,6 @@ def test_both_packages_see_the_same_horizon():
     np.testing.assert_allclose(model.predict(A[7:9], np.array([7, 8])), truth[7:9], rtol=0, atol=1e-12)
 
 
-def test_angles_grow_with_roll_and_pitch_as_stated():
-    """y = h + roll sin - pitch cos on a sphere; what is left out is of second order: half the tilt, a quarter of it."""
-    A, position = lvlh_attitude(ORBIT, TIMES[:1]), orbit_position(ORBIT, TIMES[:1])
-    a = HORIZON.semi_axes[0]
-    misses = []
-    for size in (0.02, 0.01):
-        roll, pitch = 0.8 * size, -0.5 * size
-        y = penetrations(turned(A, np.array([[roll, pitch, 0.0]])), position, a, a, HORIZON.nominal)[0]
-        misses.append(np.abs(y - roll * np.sin(AZIMUTHS) + pitch * np.cos(AZIMUTHS)).max())
-        assert misses[-1] < size**2
-    assert misses[0] / misses[1] == pytest.approx(4.0, rel=0.05)
-
-
 def test_jacobian_is_the_finite_difference():
     A, position = attitudes(30, 0.1)
     rows = np.arange(30)
@@ -109,26 +96,6 @@ def test_partials_and_correction():
     assert len(model.parameters) == 4
     moved = model.corrected(change).predict(A, rows) - model.predict(A, rows)
     np.testing.assert_allclose(moved, model.partials(A, rows) @ change, atol=1e-15)
-
-
-def test_a_series_gives_the_roll_and_pitch_back():
-    """One sample, solved for theta without yaw and for the known height: the misalignment within its noise, 200 times."""
-    n, sigma = 200, np.deg2rad(0.02)
-    A, position = attitudes(n, 0.0)
-    rng = np.random.default_rng(8)
-    theta = np.concatenate([rng.uniform(-1e-3, 1e-3, (n, 2)), np.zeros((n, 1))], axis=1)
-    true = Rotation.from_rotvec(theta).as_matrix() @ A
-    y = penetrations(true, position, *HORIZON.semi_axes, HORIZON.nominal) + sigma * rng.standard_normal((n, 4))
-    series = SensorSeries(EarthModel(EarthSensor(np.zeros(4)), position), np.arange(n), y, np.full((n, 4), sigma))
-    H = series.model.jacobian(A, np.arange(n))[..., :2]
-    P = sigma**2 * np.linalg.inv(np.swapaxes(H, -1, -2) @ H)
-    residual = y - series.model.predict(A, np.arange(n))
-    error = np.einsum("nij,nkj,nk->ni", P / sigma**2, H, residual) - theta[:, :2]
-    nees = np.einsum("ni,nij,nj->n", error, np.linalg.inv(P), error).sum()
-    assert nees == pytest.approx(2 * n, abs=4 * np.sqrt(4 * n))
-    assert (
-        np.einsum("ni,ni->n", error + 2 * theta[:, :2], error + 2 * theta[:, :2]).sum() / (P[0, 0, 0] * 2 * n) > 5
-    )  # other sign
 
 
 def test_wrong_input():
