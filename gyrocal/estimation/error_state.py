@@ -257,7 +257,7 @@ def gain(P: Array, H: Array, sigma: Array, z: Array) -> tuple[Array, Array, floa
     PH = np.ascontiguousarray(P[:, :3]) @ H.T
     S = H @ PH[:3] + np.diag(sigma * sigma)
     weight = np.linalg.inv(S)
-    return PH @ weight, S, z @ weight @ z
+    return PH @ weight, S, float(z @ weight @ z)
 
 
 @compiled

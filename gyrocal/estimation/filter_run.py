@@ -156,9 +156,12 @@ def run(
                 measured.append((present, int(which[stop]), at, innovation))
         if keep_history:
             history.append((*before, *_copy_state(estimator), Phi.copy()))
+    A, x, P = (np.array(values) for values in zip(*requested, strict=True))
     return FilterRun(
         times,
-        *(np.array(values) for values in zip(*requested, strict=True)),
+        A,
+        x,
+        P,
         names=estimator.names,
         innovations=_gather_innovations(measured, max((one.model.size for one in series), default=0)),
         rejected=estimator.rejected - rejected,
