@@ -82,7 +82,7 @@ def estimate_variance_components(residuals: Array, components: Sequence[Array], 
     Z = np.hstack([np.zeros((residuals.size, 0)), *components])
     owner = np.repeat(np.arange(len(counts)), counts)
     unit = max(power, dof) / each  # variance with which a component would make all the power alone
-    kernels = np.array([part @ part.T for part in components]).reshape(-1, residuals.size, residuals.size)
+    kernels = np.array([part @ part.T for part in components]).reshape(len(components), residuals.size, residuals.size)
 
     def objective(x: Array) -> tuple[float, Array]:
         return evaluate_likelihood(float(np.exp(x[0])), np.exp(x[1:]), kernels, residuals, dof)
@@ -108,7 +108,7 @@ def evaluate_likelihood(noise: float, theta: Array, kernels: Array, y: Array, do
     a = scipy.linalg.cho_solve((factor, True), y, check_finite=False)
     inverse, _ = scipy.linalg.lapack.dpotri(factor, lower=1)
     inverse = np.tril(inverse) + np.tril(inverse, -1).T
-    seen = ratios * (kernels.reshape(len(kernels), -1) @ inverse.ravel())
+    seen = ratios * np.tensordot(kernels, inverse, 2)
     u2 = ratios * (kernels @ a @ a)
     value = 0.5 * (dof * np.log(noise) + 2 * np.log(np.diag(factor)).sum() + y @ a / noise)
     slope = -0.5 * np.concatenate([[a @ a / noise - dof + seen.sum()], u2 / noise - seen])
