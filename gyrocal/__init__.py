@@ -29,11 +29,12 @@ Symbols
 import logging as _logging
 from importlib.metadata import version as _version
 
-from gyrocal.calibration.davenport import CalibrationResult, RecursiveCalibrator, calibrate, residual_table
+from gyrocal.calibration.davenport import RecursiveCalibrator, calibrate, residual_table
 from gyrocal.calibration.gyros import GyroArray, GyrosResult, calibrate_gyros
 from gyrocal.calibration.observability import Observability
 from gyrocal.calibration.parameters import NAMES, GyroParameters, select
 from gyrocal.calibration.propagation import Arcs, StreamingPropagation, propagate, psi_matrix
+from gyrocal.calibration.result import CalibrationResult
 from gyrocal.errors import GyrocalError, InputError, UnobservableError
 from gyrocal.estimation.batch import BatchResult, batch
 from gyrocal.estimation.filter_run import FilterRun

@@ -1,6 +1,7 @@
 """Small recordings with a truth known in closed form, made without the code under test."""
 
 import numpy as np
+import scipy.stats
 from scipy.spatial.transform import Rotation
 
 from gyrocal import NAMES, Attitudes, GyroParameters, GyroStream, Interval, Recording, attitude
@@ -78,6 +79,18 @@ def piecewise_recording(
 def mean_bounds(size, cases, z=4.0):
     """Bounds of the mean of `cases` χ² values with `size` degrees of freedom."""
     return size - z * np.sqrt(2 * size / cases), size + z * np.sqrt(2 * size / cases)
+
+
+def is_mean_of_chi2(values, dof, confidence=0.999):
+    """Whether the mean of some values is that of χ² with so many degrees of freedom."""
+    n = len(values)
+    low, high = scipy.stats.chi2.ppf([(1 - confidence) / 2, (1 + confidence) / 2], n * dof) / n
+    return low < np.mean(values) < high
+
+
+def squared_error(error, covariance):
+    """Normalised estimation error squared of one error (n,) with its covariance (n, n)."""
+    return error @ np.linalg.solve(covariance, error)
 
 
 def state_errors(A, x, names, A_true, truth):

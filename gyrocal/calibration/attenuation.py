@@ -27,17 +27,18 @@ from both ends, which is exact where σ is the same about all axes.
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.calibration.problem import Problem
+
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 
-def information(A: Array, variance: Array, elapsed_s: Array, arw: float) -> Array:
+def information(A: Array, noise: Array, elapsed_s: Array, arw: float) -> Array:
     """∫ M(s) ds over an interval.
 
     Parameters
     ----------
     A : (m + 1, 3, 3) attitudes at the references of the interval
-    variance : (m + 1, 3) of these about the body axes, rad²
+    noise : (m + 1, 3, 3) covariance of these about the body axes, rad²
     elapsed_s : (m,) s from the first to the others
     arw : rad/sqrt(s)
 
@@ -46,7 +47,7 @@ def information(A: Array, variance: Array, elapsed_s: Array, arw: float) -> Arra
     (3, 3) in body axes, s/rad²
     """
     dt = np.diff(elapsed_s, prepend=0.0)
-    S = np.einsum("aji,aj,ajk->aik", A, variance, A)
+    S = A.swapaxes(1, 2) @ noise @ A
     T = arw**2 * dt[:, None, None] * np.eye(3) + S[:-1] + S[1:]
     forward, backward = T.copy(), T.copy()
     for k in range(1, len(T)):
@@ -57,21 +58,19 @@ def information(A: Array, variance: Array, elapsed_s: Array, arw: float) -> Arra
     return np.asarray(np.einsum("a,aij->ij", 0.5 * dt, ends[0] + ends[1]))
 
 
-def attenuation(
-    A: Array, sigma: Array, arc: Indices, start: Indices, row: Indices, elapsed_s: Array, arw: float, G: Array, P: Array
-) -> Array:
+def attenuation(problem: Problem, G: Array, P: Array) -> Array:
     """E[Δx] (12,) of G and b, in the order of `gyrocal.NAMES`; b in rad/s.
 
     Parameters
     ----------
-    A, sigma : (references, 3, 3) observed attitudes and (references, 3) their 1-sigma, rad
-    arc, start, row, elapsed_s : (m,) of the residuals, as in `gyrocal.calibration.sampling.Measurements`
-    arw : rad/sqrt(s)
+    problem : of references by one sensor, with the full covariance
     G, P : (3, 3) calibrated, and the (12, 12) covariance of G and b
     """
+    made = problem.measurements
+    arw = problem.arw * float(np.sqrt(made.noise_gain))
     total = np.zeros((3, 3))
-    for one in np.unique(arc):
-        own = np.flatnonzero(arc == one)
-        rows = np.append(start[own[0]], row[own])
-        total += information(A[rows], sigma[rows] ** 2, elapsed_s[own], arw)
+    for one in np.unique(made.arcs.arc):
+        own = np.flatnonzero(made.arcs.arc == one)
+        rows = np.append(made.start[own[0]], made.row[own])
+        total += information(problem.A[rows], problem.noise[rows], made.elapsed_s[own], arw)
     return np.asarray(-P @ np.append((arw**2 * total @ G).ravel(), np.zeros(3)))

@@ -11,7 +11,8 @@ so that for two outputs a, b of one interval
 
 The start attitude is shared by all outputs of an interval, and one reference attitude may end an interval and start the
 next, cov = −diag(σ²) R_bᵀ; both make residuals correlate. The noise is taken along the body axes: G ≈ I, its departure from I
-changes the noise by |G − I| of itself.
+changes the noise by |G − I| of itself. Of several sensors diag(σ²) is about each one's own axes, and the noise of other gyros
+than three is not the same about all axes; then 3×3 covariances stand for diag(σ²) and for ARW² t.
 
 "references only" is the paper's C in N (31)–(32): each residual by itself, both ends' reference errors and no gyro noise.
 
@@ -34,7 +35,7 @@ FULL, REFERENCES_ONLY, GIVEN, JOINT = 0, 1, 2, 3
 MODEL_CODES = {"full": FULL, "references only": REFERENCES_ONLY, "given": GIVEN}  # "given" is JOINT where one V is
 
 
-def chained(first_rows: Indices, last_rows: Indices) -> list[list[int]]:
+def chain_intervals(first_rows: Indices, last_rows: Indices) -> list[list[int]]:
     """Groups of intervals whose residuals correlate because they share a reference attitude, as intervals that touch do.
 
     Parameters
@@ -51,73 +52,93 @@ def chained(first_rows: Indices, last_rows: Indices) -> list[list[int]]:
     return groups
 
 
+def group_residuals(interval: Indices, start: Indices, row: Indices) -> tuple[Indices, Indices]:
+    """Residuals (m,) group by group of those that correlate, and one past the end of each group; see `residual_covariance`."""
+    numbers, firsts = np.unique(interval, return_index=True)
+    lasts = np.append(firsts[1:], len(row)) - 1
+    chains = chain_intervals(start[firsts], row[lasts])
+    members = [np.flatnonzero(np.isin(interval, numbers[chain])) for chain in chains]
+    return np.concatenate(members), np.cumsum([len(own) for own in members])
+
+
+def integrate_white_noise(elapsed_s: Array, arw: float) -> Array:
+    """ARW² T I (m, 3, 3) of white noise of root PSD arw, rad/sqrt(s), after some times (m,) s."""
+    return np.asarray(arw**2 * elapsed_s[:, None, None] * np.eye(3))
+
+
 @compiled
 def residual_covariance(
-    R: Array,
-    interval: Indices,
-    start: Indices,
-    row: Indices,
-    elapsed_s: Array,
-    sigma: Array,
-    arw: float,
-    model: int,
-    given: Array,
+    R: Array, interval: Indices, start: Indices, row: Indices, noise: Array, walk: Array
 ) -> Array:  # pragma: no cover - compiled
     """Covariance V (3m, 3m) of m residuals.
 
     Parameters
     ----------
     R : (m, 3, 3) rotation from the start of the interval to each residual
-    interval : (m,) interval of each residual
+    interval : (m,) interval of each residual; those of one are in the order of time
     start, row : (m,) reference rows each residual starts from and ends at
-    elapsed_s : (m,) s since the start
-    sigma : (all references, 3) 1-sigma per body axis, rad
-    arw : root PSD of the integrated rate's noise, rad/sqrt(s); for skipped samples, of what is left of it
-    model : FULL, REFERENCES_ONLY, GIVEN for a C of each interval, or JOINT for one V of these very residuals
-    given : (intervals, 3, 3) those C, or (1, 3m, 3m) V, rad²; not used otherwise
+    noise : (all references, 3, 3) covariance of each about the body axes, rad²
+    walk : (m, 3, 3) covariance of the integrated gyro noise up to each residual, in the axes at the start, rad²
     """
     m = len(row)
     V = np.zeros((3 * m, 3 * m))
     for a in range(m):
         for b in range(a + 1):
-            if a != b and model != FULL and model != JOINT:
-                continue
-            noise = arw * arw * min(elapsed_s[a], elapsed_s[b]) if model == FULL and interval[a] == interval[b] else 0.0
+            both = np.zeros((3, 3))  # of the errors that R carries to both
+            if start[a] == start[b]:
+                both += noise[start[a]]
+            if interval[a] == interval[b]:
+                both += walk[b]
+            turned = np.zeros((3, 3))
             for i in range(3):
                 for j in range(3):
-                    value = 0.0
-                    if model == GIVEN:
-                        value = given[interval[a], i, j]
-                    elif model == JOINT:
-                        value = given[0, 3 * a + i, 3 * b + j]
-                    else:
-                        if row[a] == row[b] and i == j:
-                            value += sigma[row[a], i] ** 2
-                        shared = start[a] == start[b]
+                    for k in range(3):
+                        turned[i, j] += both[i, k] * R[b, j, k]
+            for i in range(3):
+                for j in range(3):
+                    value = noise[row[a], i, j] if row[a] == row[b] else 0.0
+                    for k in range(3):
+                        value += R[a, i, k] * turned[k, j]
+                    # e_j of one residual is e_0 of another where an interval ends at the reference the next starts from.
+                    if row[a] == start[b]:
                         for k in range(3):
-                            error = sigma[start[a], k] ** 2 if shared else 0.0
-                            value += R[a, i, k] * (error + noise) * R[b, j, k]
-                        # e_j of one residual is e_0 of another where an interval ends at the reference the next starts from.
-                        if model == FULL and row[a] == start[b]:
-                            value -= sigma[row[a], i] ** 2 * R[b, j, i]
-                        if model == FULL and row[b] == start[a]:
-                            value -= R[a, i, j] * sigma[row[b], j] ** 2
+                            value -= noise[row[a], i, k] * R[b, j, k]
+                    if row[b] == start[a]:
+                        for k in range(3):
+                            value -= R[a, i, k] * noise[row[b], k, j]
                     V[3 * a + i, 3 * b + j] = value
                     V[3 * b + j, 3 * a + i] = value
     return V
 
 
-def walk_covariance(R: Array, walk: Array, interval: Indices) -> Array:
-    """Compute the part (3m, 3m) of V that gyro noise has which differs between the axes, rad².
+@compiled
+def model_covariance(
+    R: Array,
+    interval: Indices,
+    start: Indices,
+    row: Indices,
+    noise: Array,
+    walk: Array,
+    model: int,
+    given: Array,
+) -> Array:  # pragma: no cover - compiled
+    """Covariance V (3m, 3m) of m residuals under a model.
 
     Parameters
     ----------
-    R : (m, 3, 3) rotation from the start of the interval to each residual
-    walk : (m, 3, 3) covariance of the integrated noise in the axes at the start, rad²
-    interval : (m,) interval of each residual; those of one are in the order of time
+    R, interval, start, row, noise, walk : as in `residual_covariance`
+    model : FULL, REFERENCES_ONLY, GIVEN for a C of each interval, or JOINT for one V of these very residuals
+    given : (intervals, 3, 3) those C, or (1, 3m, 3m) V, rad²; not used otherwise
     """
-    m = len(interval)
-    first = np.minimum.outer(np.arange(m), np.arange(m))
-    same = np.equal.outer(interval, interval)
-    blocks = R[:, None] @ (walk[first] * same[:, :, None, None]) @ R.transpose(0, 2, 1)
-    return np.asarray(blocks.transpose(0, 2, 1, 3).reshape(3 * m, 3 * m))
+    if model == JOINT:
+        return given[0].copy()
+    if model == FULL:
+        return residual_covariance(R, interval, start, row, noise, walk)
+    V = np.zeros((3 * len(row), 3 * len(row)))
+    for a in range(len(row)):
+        own, at = slice(a, a + 1), slice(3 * a, 3 * a + 3)
+        if model == GIVEN:
+            V[at, at] = given[interval[a]]
+        else:
+            V[at, at] = residual_covariance(R[own], interval[own], start[own], row[own], noise, 0.0 * walk[own])
+    return V

@@ -20,40 +20,31 @@ group of residuals, see `gyrocal.calibration.covariance`.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from importlib import metadata
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.special
 from numpy.typing import NDArray
 
 from gyrocal import attitude
 from gyrocal.calibration import normal_equations as accumulation
-from gyrocal.calibration import shown
 from gyrocal.calibration.attenuation import attenuation
 from gyrocal.calibration.covariance import CovarianceModel
 from gyrocal.calibration.gate import LargeResidualError, refusal
 from gyrocal.calibration.gyro_space import Parametrisation, space_of
-from gyrocal.calibration.implausible_values import find_combinations_lost_to_misfit, find_implausible_values
-from gyrocal.calibration.mounting import Mounting, compute_mounting
-from gyrocal.calibration.observability import BIAS_LETTERS, PLAUSIBLE_RANGE, Observability, observability
-from gyrocal.calibration.parameters import AXES, GyroParameters, select
+from gyrocal.calibration.observability import PLAUSIBLE_RANGE, list_combinations, observability
+from gyrocal.calibration.parameters import GyroParameters, select
 from gyrocal.calibration.plausible_ranges import PlausibleRanges, estimate_plausible_ranges
-from gyrocal.calibration.problem import ROTATION_NAMES, Problem, State, tabulate_residuals
+from gyrocal.calibration.problem import Problem, State, tabulate_residuals
 from gyrocal.calibration.propagation import Psi, StreamingPropagation
-from gyrocal.calibration.remainder import NOMINAL, WITH_REMAINDER, Remainder
+from gyrocal.calibration.result import PLAUSIBLE_PRIOR, CalibrationResult
 from gyrocal.calibration.sampling import Resampling, measurements
-from gyrocal.calibration.trackers import Difference, MountingEstimate, differences, estimate, free_mountings, of_trackers
+from gyrocal.calibration.trackers import differences, estimate, free_mountings
 from gyrocal.errors import InputError, UnobservableError
-from gyrocal.recording import Recording, arrays
+from gyrocal.recording import Recording
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray
-    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -61,9 +52,6 @@ Indices = NDArray[np.intp]
 logger = logging.getLogger(__name__)
 
 FORMS = ("", "linear_")  # of residuals, N (16) and N (29)
-DEGREES = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)  # of twelve parameters, biases in deg/s
-PLAUSIBLE_PRIOR = "plausible ranges"  # in options["prior_from"]
-MOST_SHOWN = 3  # parameter combinations that a refusal names
 SINGULAR = 1e-14  # eigenvalue of a correlation matrix that is rounding
 
 
@@ -90,9 +78,8 @@ class Accumulation:
 
     def add(self, H: Array, z: Array) -> None:
         """Add whitened residuals z (r,) with whitened, scaled sensitivity H (r, p)."""
-        W, u = accumulation.accumulate(H, z)
-        self.W += W
-        self.u += u
+        self.W += H.T @ H
+        self.u += H.T @ z
 
     def solve(self) -> tuple[Array, Array]:
         """Δx (p,) and P (p, p)."""
@@ -155,284 +142,6 @@ class RecursiveCalibrator:
         x = self._space.vector(self.parameters)
         x[self._columns] -= correction
         return self._space.parameters(x), P
-
-
-@dataclass(frozen=True)
-class CalibrationResult:
-    """What a calibration found.
-
-    Attributes
-    ----------
-    recording : title of the recording
-    parameters : calibrated G and b
-    initial : G and b the calibration started from
-    solved_for : names of the estimated parameters, of the parametrisation
-    own_covariance : (12, 12) of the parametrisation's twelve, zero for held ones; biases in rad/s, the others dimensionless
-    covariance_model : "full", "references only", or "given" for a C per interval or one V of all residuals
-    psi : "full" or "linear"
-    corrections : the change of (G, b) made by each iteration
-    converged : the last correction was within the tolerance
-    residuals : a row per interval and reference time: interval, t_s, then before/after roll, pitch, yaw by the full rotation
-        vector (N 16) and by the linear form (N 29), and sigma, what the covariance model expects of each, in degrees
-    history : (m, 3) residuals θ of N (16), rad, at the start and after each iteration
-    observability : singular values and combinations not found
-    options : what it was asked with (step_s, resampling, max_gap_s, held_s, prior sigmas by parameter), for the record
-    chi2, dof : weighted square sum of the residuals after, with a prior's own term, and its degrees of freedom
-    parametrisation : "gain" or "gyro", see `gyrocal.calibration.gyro_space`
-    mountings : misalignments of the sensors whose mounting is estimated; None where none is
-    differences : of references by several sensors, each two against one another
-    attenuation : (12,) expected error of G and b that the noise of the rates makes, see `gyrocal.calibration.attenuation`; None
-        with other covariances than the full one and with references by several sensors
-    plausible : grade of the gyro and plausible ranges of G and b; they are the a-priori sigmas where the data leave a
-        combination free and no a-priori covariance is given
-    remainder : misfit beyond the stated noise, and the covariance with it; None until `remainder.add_remainder`
-        estimates it
-    """
-
-    recording: str
-    parameters: GyroParameters
-    initial: GyroParameters
-    solved_for: tuple[str, ...]
-    own_covariance: Array
-    covariance_model: str
-    psi: Psi
-    corrections: tuple[GyroParameters, ...]
-    converged: bool
-    residuals: pd.DataFrame
-    history: tuple[Array, ...]
-    observability: Observability
-    chi2: float
-    dof: int
-    options: Mapping[str, Any]
-    parametrisation: Parametrisation = "gain"
-    mountings: MountingEstimate | None = None
-    differences: tuple[Difference, ...] = ()
-    attenuation: Array | None = None
-    plausible: PlausibleRanges | None = None
-    remainder: Remainder | None = None
-
-    @property
-    def G(self) -> Array:
-        """(3, 3) calibrated G."""
-        return self.parameters.G
-
-    @property
-    def bias(self) -> Array:
-        """(3,) calibrated b, rad/s."""
-        return self.parameters.bias
-
-    @property
-    def covariance(self) -> Array:
-        """(12, 12) of G and b in the order of `gyrocal.NAMES`; b in rad/s. In (G, b) zero for held parameters."""
-        J = space_of(self.parametrisation).jacobian(self.parameters)
-        return self.own_covariance if self.parametrisation == "gain" else np.asarray(J @ self.own_covariance @ J.T)
-
-    @property
-    def sigma(self) -> Array:
-        """(12,) formal 1-sigma of G and b in the order of `gyrocal.NAMES`."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
-
-    @property
-    def recommended(self) -> str:
-        """Which sigmas are recommended: "nominal", or "with_remainder" where the residuals do not fit the stated noise."""
-        return WITH_REMAINDER if self.remainder is not None and self.remainder.is_significant else NOMINAL
-
-    @property
-    def recommended_covariance(self) -> Array:
-        """(12, 12) of G and b that is recommended; b in rad/s."""
-        return self.remainder.covariance if self.remainder is not None and self.remainder.is_significant else self.covariance
-
-    @property
-    def p_value(self) -> float:
-        """Probability of a larger chi2 if the noise is as stated; NaN without degrees of freedom."""
-        return float(scipy.special.chdtrc(self.dof, self.chi2)) if self.dof > 0 else float("nan")
-
-    @property
-    def has_plausible_prior(self) -> bool:
-        """Whether the plausible ranges served as a-priori sigmas, since the data leave a combination free."""
-        return self.options.get("prior_from") == PLAUSIBLE_PRIOR
-
-    @property
-    def undetermined(self) -> tuple[str, ...]:
-        """Solved-for parameters with a sigma of the data alone beyond their plausible range."""
-        if not self.has_plausible_prior:
-            return ()
-        prior = self.options["prior_sigma"]
-        space = space_of(self.parametrisation)
-        sigma = dict(zip(space.names, np.sqrt(np.diag(self.own_covariance)), strict=True))
-        # As much information from the data as from the prior leaves 1/sqrt(2) of its sigma.
-        return tuple(name for name in self.solved_for if sigma[name] > prior[name] / np.sqrt(2))
-
-    @property
-    def unobservable_sigma(self) -> tuple[float, ...]:
-        """1-sigma of each combination not found, in the unit of the parameter it begins with; biases in rad/s."""
-        if self.plausible is None or not self.observability.unobservable:
-            return ()
-        columns, covariance = self._solved()
-        return tuple(self.observability.combination_sigmas(covariance, self.plausible.vector(columns >= 9)).tolist())
-
-    def _solved(self) -> tuple[Indices, Array]:
-        """Places (p,) of the solved-for parameters among the twelve, and their covariance (p, p)."""
-        names = space_of(self.parametrisation).names
-        columns = np.array([names.index(name) for name in self.solved_for])
-        return columns, self.own_covariance[np.ix_(columns, columns)]
-
-    @cached_property
-    def mounting(self) -> Mounting:
-        """Mounting of the gyro in the body, and scale, from G by polar decomposition."""
-        plausible_G = PLAUSIBLE_RANGE[0] if self.plausible is None else self.plausible.G
-        return compute_mounting(self.G, self.covariance[:9, :9], self.initial.G, plausible_G)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Values that no gyro of this grade has, a sentence each."""
-        if self.plausible is None:
-            return ()
-        found = find_implausible_values(self.mounting, self.G, self.bias, self.sigma[9:], self.plausible)
-        if self.options.get("prior_from") is not None:
-            return found
-        columns, covariance = self._solved()
-        ranges = self.plausible.vector(columns >= 9)
-        return (*found, *find_combinations_lost_to_misfit(covariance, ranges, self.solved_for, self.chi2, self.dof))
-
-    def summary(self) -> pd.DataFrame:
-        """A row per parameter of the parametrisation: initial, calibrated, correction and sigma; biases in deg/s."""
-        import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
-
-        space = space_of(self.parametrisation)
-        initial, final = space.vector(self.initial) * DEGREES, space.vector(self.parameters) * DEGREES
-        return pd.DataFrame(
-            {
-                "parameter": space.names,
-                "unit": ["1"] * 9 + ["deg/s"] * 3,
-                "initial": initial,
-                "calibrated": final,
-                "correction": final - initial,
-                "sigma": np.sqrt(np.diag(self.own_covariance)) * DEGREES,
-                "solved": [name in self.solved_for for name in space.names],
-            }
-        )
-
-    def to_frame(self) -> pd.DataFrame:
-        """`summary`, under the name that other libraries give such a table."""
-        return self.summary()
-
-    def _facts(self) -> list[tuple[str, str]]:
-        """What was found, a row a quantity."""
-        deg = np.rad2deg(1.0)
-        rows = [
-            ("recording", self.recording),
-            ("iterations", f"{len(self.corrections)}, {'converged' if self.converged else 'NOT converged'}"),
-            ("chi2", f"{self.chi2:.1f} of {self.dof}, p = {self.p_value:.3g}"),
-        ]
-        for i, axis in enumerate(AXES):
-            values = " ".join(f"{value:+.6f}" for value in self.G[i])
-            rows.append(
-                (f"G_{axis}x … G_{axis}z", f"{values}  ± {' '.join(f'{s:.1e}' for s in self.sigma[3 * i : 3 * i + 3])}")
-            )
-        for i, axis in enumerate(AXES):
-            rows.append((f"b_{axis}", f"{deg * self.bias[i]:+.6g} ± {deg * self.sigma[9 + i]:.2g} deg/s"))
-        if self.observability.unobservable:
-            rows.append(("not found", "; ".join(self.observability.unobservable)))
-        rows += [("warning", text) for text in self.warnings]
-        return rows
-
-    def __repr__(self) -> str:
-        return arrays.text("CalibrationResult", self._facts())
-
-    def _repr_html_(self) -> str:
-        return arrays.page("CalibrationResult", self._facts())
-
-    @property
-    def bias_deg_s(self) -> Array:
-        """(3,) calibrated b, deg/s."""
-        return self.parameters.bias_deg_s
-
-    @property
-    def sigma_bias_deg_s(self) -> Array:
-        """(3,) formal 1-sigma of b, deg/s."""
-        return np.asarray(np.rad2deg(self.sigma[9:]))
-
-    def to_xarray(self) -> xarray.Dataset:
-        """Parameters, their covariance and residuals as one labelled data set, in degrees; xarray is an optional extra."""
-        return shown.to_xarray(self)
-
-    def plot_residuals(self, ax: Axes | None = None, *, before: bool = False) -> Axes:
-        """Residuals after the calibration over time, deg, with the sigma expected of each; with those before if asked.
-
-        They are drawn on ax, or on one of a new figure.
-        """
-        return shown.plot_residuals(self, ax, before)
-
-    def plot_parameters(self, ax: Axes | None = None) -> Axes:
-        """Corrections of the solved-for parameters in sigmas, on ax or on one of a new figure; the values are the labels."""
-        return shown.plot_parameters(self, ax)
-
-    def to_json(self) -> dict[str, Any]:
-        """The result as plain values, degrees and deg/s."""
-        sigma = self.sigma * DEGREES
-        rows = [
-            {
-                "interval": row["interval"],
-                "t_s": row["t_s"],
-                "before_deg": [row[f"before_{name}_deg"] for name in ROTATION_NAMES],
-                "after_deg": [row[f"after_{name}_deg"] for name in ROTATION_NAMES],
-            }
-            for row in self.residuals.to_dict("records")
-        ]
-        return {
-            "format": 1,
-            "recording": self.recording,
-            "psi": self.psi,
-            "parametrisation": self.parametrisation,
-            "iterations": len(self.corrections),
-            "converged": self.converged,
-            "G": self.G.tolist(),
-            "bias_deg_s": np.rad2deg(self.bias).tolist(),
-            "sigma_G": sigma[:9].reshape(3, 3).tolist(),
-            "sigma_bias_deg_s": sigma[9:].tolist(),
-            "attenuation_G": None if self.attenuation is None else self.attenuation[:9].reshape(3, 3).tolist(),
-            "parameters": list(self.solved_for),
-            "estimates": self.summary().query("solved").drop(columns="solved").to_dict("records"),
-            "covariance": (self.covariance * np.outer(DEGREES, DEGREES)).tolist(),
-            "covariance_model": self.covariance_model,
-            "corrections": [{"G": c.G.tolist(), "bias_deg_s": np.rad2deg(c.bias).tolist()} for c in self.corrections],
-            "residuals": rows,
-            "unobservable": list(self.observability.unobservable),
-            "unobservable_sigma": self._unobservable_sigma_of_json(),
-            "undetermined_parameters": list(self.undetermined),
-            "plausible_ranges": None if self.plausible is None else self.plausible.to_json(),
-            "mounting": self.mounting.to_json(),
-            "warnings": list(self.warnings),
-            "condition": self.observability.condition if np.isfinite(self.observability.condition) else None,
-            "chi2": self.chi2,
-            "degrees_of_freedom": self.dof,
-            "p_value": self.p_value if self.dof > 0 else None,
-            "initial": {"G": self.initial.G.tolist(), "bias_deg_s": np.rad2deg(self.initial.bias).tolist()},
-            "options": dict(self.options),
-            "version": metadata.version("gyrocal"),
-            "gyros": self.parameters.table().to_dict("records"),
-            **self._remainder_of_json(),
-            **of_trackers(self.mountings, self.differences),
-        }
-
-    def _remainder_of_json(self) -> dict[str, Any]:
-        """Both sigmas, the recommended one and the remainder; null where it was not estimated."""
-        found = self.remainder
-        return {
-            "sigma_nominal": (self.sigma * DEGREES).tolist(),
-            "sigma_with_remainder": None if found is None else (found.sigma * DEGREES).tolist(),
-            "covariance_with_remainder": None if found is None else (found.covariance * np.outer(DEGREES, DEGREES)).tolist(),
-            "recommended": self.recommended,
-            "remainder": None if found is None else found.to_json(),
-        }
-
-    def _unobservable_sigma_of_json(self) -> list[float]:
-        """`unobservable_sigma` with combinations of biases alone in deg/s."""
-        return [
-            float(np.rad2deg(sigma)) if text.split()[1].startswith(BIAS_LETTERS) else sigma
-            for text, sigma in zip(self.observability.unobservable, self.unobservable_sigma, strict=True)
-        ]
 
 
 def calibrate(
@@ -499,12 +208,12 @@ def calibrate(
     if limit < 1:
         raise InputError(f"at least one iteration is needed, not {limit}")
     if apriori_covariance is not None:
-        apriori_covariance = _checked_covariance(apriori_covariance, p, "the a-priori covariance")
+        apriori_covariance = _check_covariance(apriori_covariance, p, "the a-priori covariance")
     if interval_covariance is not None and residual_covariance is not None:
         raise InputError("give interval_covariance or residual_covariance, not both")
-    given = _checked_interval_covariance(interval_covariance, len(recording.intervals))
+    given = _check_interval_covariance(interval_covariance, len(recording.intervals))
     prepared = measurements(recording, step_s, resampling, max_gap_s)
-    joint = _checked_residual_covariance(residual_covariance, len(prepared.row))
+    joint = _check_residual_covariance(residual_covariance, len(prepared.row))
     problem = Problem.of(recording, prepared, names, psi, covariance_model, given, joint, parametrisation)
     ranges = estimate_plausible_ranges(recording, plausible_G, plausible_bias)
     plausible = ranges.vector(problem.columns >= 9)
@@ -541,17 +250,8 @@ def calibrate(
     logger.debug("%s: %d iterations, %sconverged", recording.title, len(corrections), "" if converged else "not ")
     covariance = np.zeros((12, 12))
     covariance[np.ix_(columns, columns)] = P
-    expected = None
-    if problem.model == "full" and problem.noise is None:
-        J = space.jacobian(parameters)
-        expected = attenuation(
-            problem.A,
-            problem.sigma,
-            *(prepared.arcs.arc, prepared.start, prepared.row, prepared.elapsed_s),
-            problem.arw * float(np.sqrt(prepared.noise_gain)),
-            parameters.G,
-            J @ covariance @ J.T,
-        )
+    J = space.jacobian(parameters)
+    has_attenuation = problem.model == "full" and problem.mountings is None
     return CalibrationResult(
         recording=recording.title,
         parameters=parameters,
@@ -581,7 +281,7 @@ def calibrate(
         parametrisation=parametrisation,
         mountings=estimate(problem.mountings, solved.eliminated, P / np.outer(problem.scale, problem.scale)),
         differences=differences(recording),
-        attenuation=expected,
+        attenuation=attenuation(problem, parameters.G, J @ covariance @ J.T) if has_attenuation else None,
         plausible=ranges,
     )
 
@@ -613,7 +313,7 @@ def residual_table(
     return table[[column for column in table.columns if not column.startswith("after")]]
 
 
-def _checked_covariance(value: Array, size: int, what: str) -> Array:
+def _check_covariance(value: Array, size: int, what: str) -> Array:
     value = np.array(value, dtype=float)
     if value.shape != (size, size):
         raise InputError(f"{what} must be {size}×{size}, not {'×'.join(map(str, value.shape))}")
@@ -626,19 +326,19 @@ def _checked_covariance(value: Array, size: int, what: str) -> Array:
     raise InputError(f"{what} must be symmetric and positive definite")
 
 
-def _checked_interval_covariance(value: Array | None, intervals: int) -> Array | None:
+def _check_interval_covariance(value: Array | None, intervals: int) -> Array | None:
     if value is None:
         return None
     if np.shape(value) != (intervals, 3, 3):
         raise InputError(f"interval_covariance must be {intervals}×3×3, a C for each interval")
-    return np.array([_checked_covariance(C, 3, f"C of interval {k}") for k, C in enumerate(value)])
+    return np.array([_check_covariance(C, 3, f"C of interval {k}") for k, C in enumerate(value)])
 
 
-def _checked_residual_covariance(value: Array | None, residuals: int) -> Array | None:
+def _check_residual_covariance(value: Array | None, residuals: int) -> Array | None:
     if value is None:
         return None
     size = 3 * residuals
-    return _checked_covariance(value, size, f"residual_covariance, three rows for each of {residuals} residuals,")
+    return _check_covariance(value, size, f"residual_covariance, three rows for each of {residuals} residuals,")
 
 
 def _prior_chi2(change: Array, columns: Indices, apriori_covariance: Array | None) -> float:
@@ -659,10 +359,9 @@ def _unobservable_message(
     biases = problem.columns >= 9
     words = [f"{ranges.G:g} in {matrix}"] if not biases.all() else []
     words += [f"{ranges.bias_deg_h:.3g} deg/h in {bias}"] if biases.any() else []
-    more = f"; and {len(combinations) - MOST_SHOWN} more" if len(combinations) > MOST_SHOWN else ""
     return (
         f"{lead}none of {p} parameter combination(s) can be found from {intervals} interval(s) with the stated noise to "
-        f"within its plausible range ({', '.join(words)}; {ranges.reason}): {'; '.join(combinations[:MOST_SHOWN])}{more}; "
+        f"within its plausible range ({', '.join(words)}; {ranges.reason}): {list_combinations(combinations)}; "
         "add maneuvers with other rates, hold parameters that are known better (solve_for, --solve-for), state wider plausible "
         "ranges (--plausible-g, --plausible-bias) or give what is known before (apriori_covariance, --prior-sigma-g with "
         "--prior-sigma-bias)"

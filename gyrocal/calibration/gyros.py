@@ -34,7 +34,8 @@ import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
-from gyrocal.calibration.observability import Observability, observability
+from gyrocal.attitude import cross_matrix
+from gyrocal.calibration.observability import Observability, list_combinations, observability
 from gyrocal.calibration.plausible_ranges import PlausibleRanges, estimate_plausible_ranges
 from gyrocal.calibration.problem import Problem, State, tabulate_residuals
 from gyrocal.calibration.propagation import Arcs, Psi, body_sums, propagate
@@ -59,7 +60,6 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 ROUNDING = 1e-12  # relative size of what a singular sum of products leaves
-MOST_SHOWN = 3  # parameter combinations that a refusal names
 SETTLED = 1e-4  # sigmas of the last correction
 ALIKE = 1e-9  # relative difference of the noise about the axes that is none
 LARGEST_TURN = 0.02  # rad, that the noise is taken over at once, at its middle: wrong by LARGEST_TURN²/24
@@ -481,7 +481,7 @@ def calibrate_gyros(
     max_iterations : bound on those
     max_gap_s : see `gyrocal.calibration.sampling.measurements`
     prior_sigma : of every element of K, and of every c (rad/s), about `initial`
-    prior_covariance : (4n, 4n) in its place, of K_x, K_y, K_z and c, gyro by gyro; see `gyrocal.calibration.gyro_prior`
+    prior_covariance : (4n, 4n) in its place, of K_x, K_y, K_z and c, gyro by gyro; see `prior_of_gyros`
     plausible_G, plausible_bias : how far elements of K, and c (rad/s), may plausibly be off; those of the gyros' grade by
         default, see `gyrocal.calibration.plausible_ranges`. A combination that the data do not determine better than that is
         not found; without a prior these ranges then are the a-priori sigmas of all parameters about `initial`
@@ -558,6 +558,28 @@ def calibrate_gyros(
     )
 
 
+def prior_of_gyros(K: Array, sigma_K: float, sigma_c: float, sigma_mounting: float = 0.0, sigma_scale: float = 0.0) -> Array:
+    """(4n, 4n) covariance of K_x, K_y, K_z and c, gyro by gyro, known beforehand, as `calibrate_gyros` takes it.
+
+    To first order a rotation φ of all gyros about the body's axes changes K by −K [φ×], a common scale factor s of
+    ω = G ω_raw + b by −s K.
+
+    Parameters
+    ----------
+    K : (n, 3) as known beforehand, see `nominal`
+    sigma_K, sigma_c : 1-sigma of each element of K, and of each c, rad/s, by itself
+    sigma_mounting : 1-sigma of a rotation of all gyros about each axis, rad
+    sigma_scale : 1-sigma of a common scale factor
+    """
+    n = len(K)
+    P = np.diag(np.tile(np.square([sigma_K] * 3 + [sigma_c]), n))
+    turns = [sigma_mounting * K @ cross_matrix(e) for e in np.eye(3)]
+    for change in [*turns, sigma_scale * K]:
+        direction = np.column_stack([change, np.zeros(n)]).ravel()
+        P += np.outer(direction, direction)
+    return P
+
+
 def _prior_rows(n: int, sigma: tuple[float, float] | None, covariance: Array | None) -> Array | None:
     """W (4n, 4n) with WᵀW the information of what is known beforehand; None where nothing is.
 
@@ -604,6 +626,6 @@ def _unobservable_message(combinations: Sequence[str], ranges: PlausibleRanges) 
     return (
         f"none of {len(combinations)} parameter combination(s) can be found with the stated noise to within its plausible "
         f"range ({ranges.G:g} in K, {ranges.bias_deg_h:.3g} deg/h in c; {ranges.reason}): "
-        f"{'; '.join(combinations[:MOST_SHOWN])}; add maneuvers with other rates, state wider plausible ranges "
+        f"{list_combinations(combinations)}; add maneuvers with other rates, state wider plausible ranges "
         "(--plausible-g, --plausible-bias), or give an a-priori sigma (--prior-sigma-g with --prior-sigma-bias)"
     )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.calibration.mounting import Mounting
-from gyrocal.calibration.observability import observability
+from gyrocal.calibration.observability import list_combinations, observability
 from gyrocal.calibration.plausible_ranges import PlausibleRanges
 
 Array = NDArray[np.float64]
@@ -20,7 +20,6 @@ LARGEST_ROTATION = np.deg2rad(10.0)  # from the stated mounting; beyond it, axes
 LARGEST_BIAS = 3.0  # plausible ranges of the grade
 REST_RANGES = 0.1  # plausible ranges, by which b may be off the rests
 REST_SIGMAS = 5.0
-MOST_SHOWN = 3  # parameter combinations that a sentence names
 
 
 def find_implausible_values(
@@ -74,11 +73,10 @@ def find_combinations_lost_to_misfit(
     lost = observability(whitened / ranges, ranges, names).unobservable
     if not lost:
         return ()
-    more = f"; and {len(lost) - MOST_SHOWN} more" if len(lost) > MOST_SHOWN else ""
     return (
         f"The residuals exceed the stated noise by a factor of {wider:.3g}. With sigmas as much wider, {len(lost)} of "
         f"{len(names)} parameter combinations are not determined to within their plausible ranges: "
-        f"{'; '.join(lost[:MOST_SHOWN])}{more}. Do not use their values.",
+        f"{list_combinations(lost)}. Do not use their values.",
     )
 
 

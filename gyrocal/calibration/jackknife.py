@@ -10,14 +10,13 @@ Errors may correlate within a block, not between blocks. Blocks are whole interv
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.calibration.davenport import CalibrationResult, calibrate
+from gyrocal.calibration.davenport import calibrate
 from gyrocal.errors import InputError
 from gyrocal.recording import Interval, Recording, reference_rows
 from gyrocal.recording.trackers import kept_rows
@@ -28,18 +27,13 @@ FEWEST_BLOCKS = 3
 ENOUGH_BLOCKS = 8
 
 
-def estimate_jackknife_covariance(
-    recording: Recording,
-    least_blocks: int = ENOUGH_BLOCKS,
-    calibrate_part: Callable[[Recording], CalibrationResult] = calibrate,
-) -> Array:
+def estimate_jackknife_covariance(recording: Recording, least_blocks: int = ENOUGH_BLOCKS) -> Array:
     """Estimate the covariance (12, 12) of G and b by leaving out one block at a time; b in rad/s.
 
     Parameters
     ----------
     recording : the recording
     least_blocks : number of blocks that intervals are cut into, where there are fewer intervals and enough references
-    calibrate_part : calibrates a recording without one block
 
     Raises
     ------
@@ -49,10 +43,10 @@ def estimate_jackknife_covariance(
     blocks = cut_into_blocks(recording, least_blocks)
     if len(blocks) < FEWEST_BLOCKS:
         raise InputError(f"a jackknife needs {FEWEST_BLOCKS} blocks or more, and the recording has {len(blocks)}")
-    whole = calibrate_part(recording).parameters
+    whole = calibrate(recording).parameters
     start = replace(recording, gyro=replace(recording.gyro, apriori_G=whole.G, apriori_bias=whole.bias))
     parts = [_keep_intervals(start, blocks[:k] + blocks[k + 1 :]) for k in range(len(blocks))]
-    estimates = np.array([calibrate_part(part).parameters.vector for part in parts])
+    estimates = np.array([calibrate(part).parameters.vector for part in parts])
     off = estimates - estimates.mean(axis=0)
     return np.asarray((len(blocks) - 1) / len(blocks) * off.T @ off)
 

@@ -17,6 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -112,20 +113,14 @@ def compute_mounting(G: Array, covariance: Array, apriori_G: Array, plausible_G:
     plausible_G : plausible range of an element of G; a rotation with a sigma beyond its 1/sqrt(2) is not determined, since
         its prior then has as much weight as the data
     """
-    R, S = split_polar(G)
+    R, S = scipy.linalg.polar(G)
     to_rotation, to_S = _jacobians(R, S)
     sigma = np.sqrt(np.diag(to_rotation @ covariance @ to_rotation.T))
     sigma_S = np.sqrt(np.diag(to_S @ covariance @ to_S.T)).reshape(3, 3)
-    turn = R @ split_polar(apriori_G)[0].T
+    turn = R @ scipy.linalg.polar(apriori_G)[0].T
     change = float(np.linalg.norm(Rotation.from_matrix(turn).as_rotvec())) if np.linalg.det(turn) > 0 else float(np.pi)
     undetermined = tuple(axis for axis, value in zip(AXES, sigma, strict=True) if value > plausible_G / np.sqrt(2))
     return Mounting(R, S, sigma, sigma_S, change, undetermined)
-
-
-def split_polar(G: Array) -> tuple[Array, Array]:
-    """Orthogonal R (3, 3) and symmetric positive S (3, 3) with G = R S."""
-    U, values, Vt = np.linalg.svd(G)
-    return np.asarray(U @ Vt), np.asarray(Vt.T * values @ Vt)
 
 
 def _jacobians(R: Array, S: Array) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""The compiled core of a calibration: residuals, their whitening, u and W, and the iteration.
+"""The compiled core of a calibration: residuals, their whitening, and the iteration.
 
 Maneuver by maneuver, or group by group where residuals correlate, with V = L Lᵀ the covariance of the group's residuals,
 
@@ -14,7 +14,7 @@ from math import atan2, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.calibration.covariance import residual_covariance
+from gyrocal.calibration.covariance import model_covariance
 from gyrocal.calibration.packing import THREE
 from gyrocal.calibration.propagation import propagate_packed
 from gyrocal.compiled import compiled
@@ -82,60 +82,41 @@ def sensitivity(S: Array, columns: Indices, scale: Array) -> Array:  # pragma: n
 
 
 @compiled
-def whitened(
+def whiten_groups(
     theta: Array,
     Theta: Array,
     R: Array,
-    group_rows: Indices,
-    group_ends: Indices,
-    interval: Indices,
-    start: Indices,
-    row: Indices,
-    elapsed_s: Array,
-    sigma: Array,
-    arw: float,
+    groups: tuple[Indices, Indices],
+    references: tuple[Indices, Indices, Indices, Array],
+    walk: Array,
     model: int,
     given: Array,
-) -> tuple[Array, Array]:  # pragma: no cover - compiled
-    """H (3m, p) and z (3m,) of all groups, one group after another.
+) -> tuple[Array, Array, Array]:  # pragma: no cover - compiled
+    """H (3m, p) and z (3m,) of all groups, one group after another, and the variance (m, 3) of each residual, rad².
 
     Parameters
     ----------
     theta, Theta : (m, 3) residuals and (3m, p) scaled sensitivity
-    group_rows : (m,) residuals, group by group
-    group_ends : one past the last entry of each group in group_rows; with one V of all residuals there is one group
-    others : as in `gyrocal.calibration.covariance.residual_covariance`
+    groups : (m,) residuals, group by group, and one past the end of each group; with one V of all residuals there is one
+    references : interval, start, row and noise as in `gyrocal.calibration.covariance.residual_covariance`
+    walk, model, given : as in `gyrocal.calibration.covariance.model_covariance`
     """
+    interval, start, row, noise = references
     p = Theta.shape[1]
-    out = np.empty((3 * len(theta), p + 1))
+    out, variance = np.empty((3 * len(theta), p + 1)), np.empty(theta.shape)
     low = 0
-    for high in group_ends:
-        rows = group_rows[low:high]
-        V = residual_covariance(R[rows], interval[rows], start[rows], row[rows], elapsed_s[rows], sigma, arw, model, given)
+    for high in groups[1]:
+        rows = groups[0][low:high]
+        V = model_covariance(R[rows], interval[rows], start[rows], row[rows], noise, walk[rows], model, given)
         values = np.empty((3 * len(rows), p + 1))
         for a in range(len(rows)):
             for i in range(3):
                 values[3 * a + i, :p] = Theta[3 * rows[a] + i]
                 values[3 * a + i, p] = theta[rows[a], i]
+                variance[rows[a], i] = V[3 * a + i, 3 * a + i]
         out[3 * low : 3 * high] = whiten(V, values)
         low = high
-    return out[:, :p], out[:, p].copy()
-
-
-@compiled
-def accumulate(H: Array, z: Array) -> tuple[Array, Array]:  # pragma: no cover - compiled
-    """W = Hᵀ H and u = Hᵀ z, N (31)–(32)."""
-    rows, p = H.shape
-    W, u = np.zeros((p, p)), np.zeros(p)
-    for r in range(rows):
-        for i in range(p):
-            u[i] += H[r, i] * z[r]
-            for j in range(i + 1):
-                W[i, j] += H[r, i] * H[r, j]
-    for i in range(p):
-        for j in range(i):
-            W[j, i] = W[i, j]
-    return W, u
+    return out[:, :p].copy(), out[:, p].copy(), variance
 
 
 @compiled
@@ -144,14 +125,14 @@ def iterate(
     x: Array,
     columns: Indices,
     scale: Array,
-    packed: tuple[Array, Indices, Indices, Indices],
+    packed: tuple[Array, Indices, Indices],
     linear: bool,
     beyond_series: bool,
     A_start: Array,
     A_obs: Array,
     groups: tuple[Indices, Indices],
-    references: tuple[Indices, Indices, Array, Array],
-    arw: float,
+    references: tuple[Indices, Indices, Indices, Array],
+    walk: Array,
     model: int,
     given: Array,
     look_back: bool,
@@ -163,9 +144,8 @@ def iterate(
     iterations : how many
     x : (12,) parameters to start from
     columns, scale : (p,) solved-for parameters and their scale
-    packed : increments, ends, last, arc as in `gyrocal.calibration.propagation.propagate_packed`
-    groups : group_rows and group_ends as in `whitened`
-    references : start, row, elapsed_s, sigma
+    packed : increments, ends, last as in `gyrocal.calibration.propagation.propagate_packed`
+    groups, references, walk, model, given : as in `whiten_groups`
     look_back : whether to propagate once more for the residuals after the last iteration
 
     Returns
@@ -173,8 +153,8 @@ def iterate(
     x (iterations + 1, 12) at the start and after each iteration; θ (iterations + 1, m, 3) there, NaN at the last without
     looking back; P (p, p) of the last iteration; Σ θᵀ V⁻¹ θ after it, NaN likewise.
     """
-    increments, ends, last, arc = packed
-    start, row, elapsed_s, sigma = references
+    increments, ends, last = packed
+    arc = references[0]
     p = len(columns)
     xs = np.empty((iterations + 1, 12))
     thetas = np.empty((iterations + 1, len(arc), 3))
@@ -189,27 +169,13 @@ def iterate(
         G, bias = xs[n, :9].copy().reshape(3, 3), xs[n, 9:].copy()
         R, S = propagate_packed(increments, increments, ends, last, arc, G, bias, linear, beyond_series, THREE)
         thetas[n] = residuals(R, A_start, A_obs)
-        H, z = whitened(
-            thetas[n],
-            sensitivity(S, columns, scale),
-            R,
-            groups[0],
-            groups[1],
-            arc,
-            start,
-            row,
-            elapsed_s,
-            sigma,
-            arw,
-            model,
-            given,
-        )
+        Theta = sensitivity(S, columns, scale)
+        H, z, _ = whiten_groups(thetas[n], Theta, R, groups, references, walk, model, given)
         if n == iterations:
-            for value in z:
-                chi2 += value * value
+            chi2 = np.sum(z * z)
             break
-        W, u = accumulate(H, z)
-        inverse = np.linalg.inv(W)
+        u = H.T @ z
+        inverse = np.linalg.inv(H.T @ H)
         xs[n + 1] = xs[n]
         for i in range(p):
             step = 0.0

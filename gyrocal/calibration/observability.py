@@ -7,6 +7,7 @@ the data say nothing new, and the combination counts as not found. Counting only
 makes every Θ of full rank, also where the motion never changes.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,6 +21,7 @@ PLAUSIBLE_G = 0.01
 PLAUSIBLE_BIAS = float(np.deg2rad(10 / 3600))
 PLAUSIBLE_RANGE = np.array([PLAUSIBLE_G] * 9 + [PLAUSIBLE_BIAS] * 3)
 BIAS_LETTERS = ("b", "c")  # that the names of biases begin with, in both parametrisations
+MOST_SHOWN = 3  # parameter combinations that a message names
 ROUNDING = 1e-11  # singular values this far below the largest are rounding, however small the stated noise
 
 
@@ -78,14 +80,20 @@ def observability(whitened: Array, plausible: Array, names: tuple[str, ...]) -> 
     rows = np.zeros((max(0, p - len(whitened)), p))
     _, values, directions = np.linalg.svd(np.vstack([whitened * plausible, rows]), full_matrices=False)
     free = (values < 1.0) | (values < ROUNDING * values[0])
-    basis = _sparse_basis(directions[free])
+    basis = make_sparse_basis(directions[free])
     basis = basis / np.linalg.norm(basis, axis=1, keepdims=True)
     leads = [(direction * plausible)[_leading_parameter(direction, plausible, names)] for direction in basis]
     texts = tuple(_name_combination(direction, plausible, names) for direction in basis)
     return Observability(values, texts, basis, np.array(leads))
 
 
-def _sparse_basis(directions: Array) -> Array:
+def list_combinations(texts: Sequence[str]) -> str:
+    """List the first combinations in a message, and count the others."""
+    more = f"; and {len(texts) - MOST_SHOWN} more" if len(texts) > MOST_SHOWN else ""
+    return "; ".join(texts[:MOST_SHOWN]) + more
+
+
+def make_sparse_basis(directions: Array) -> Array:
     """Free directions (k, p) in a basis as sparse as pivoting makes it."""
     if len(directions) == 0:
         return directions

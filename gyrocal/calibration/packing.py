@@ -3,8 +3,7 @@
 The stream is cut into pieces, 32 of which run side by side as a batch of lanes (see `gyrocal.calibration.propagation`). The
 pass reads (steps, n + 1, lanes) of [ω_raw Δt, Δt] of n gyros, so that a step of all lanes is a row of vectors; a recording has
 a row for each sample. Packing is the transposition between the two. It is done by squares of eight steps and eight lanes,
-which are transposed in registers, and a chunk of steps at a time, right before these are propagated: then the chunk is still
-in the second-level cache, and a long stream need not be written to memory and read again.
+which are transposed in registers, and a chunk of steps at a time.
 
 The lanes read at 32 distant places at once, more than a processor follows by itself. Hence the prefetching: without it, packing
 a stream that is not in the caches takes three times as long.

@@ -3,9 +3,6 @@
 R (7): ω = G ω_raw + b, rows of G are body axes, columns gyros. The per-gyro form is that of N Table 3: the scale factor of
 gyro i is G[i, i], its misalignment relative to body axis j is G[i, j] in radians, its bias b[i]. The two forms are one-to-one.
 That gyro i owns row i holds to first order only; what a gyro itself does is in `gyrocal.calibration.gyro_space`.
-
-R (7) also writes G = M S with M a matrix of unit columns (the directions of the gyro axes' images in the body) and S the
-diagonal of their lengths; `misalignment_and_scale` gives that factorisation.
 """
 
 from __future__ import annotations
@@ -101,11 +98,6 @@ class GyroParameters:
     def misalignment(self) -> Array:
         """(3, 3) rad, [i, j] of gyro i relative to body axis j, zero on the diagonal."""
         return np.asarray(self.G - np.diag(np.diag(self.G)))
-
-    def misalignment_and_scale(self) -> tuple[Array, Array]:
-        """M (3, 3) of unit columns and the diagonal of S (3,) with G = M S, R (7)."""
-        scale = np.linalg.norm(self.G, axis=0)
-        return np.asarray(self.G / scale), np.asarray(scale)
 
     def rates(self, raw: Array) -> Array:
         """Adjusted rates G ω_raw + b of (n, 3) raw ones, rad/s."""

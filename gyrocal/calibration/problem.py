@@ -16,21 +16,19 @@ from gyrocal import attitude
 from gyrocal.calibration import gate
 from gyrocal.calibration import normal_equations as accumulation
 from gyrocal.calibration.covariance import (
-    FULL,
     JOINT,
     MODEL_CODES,
     CovarianceModel,
-    chained,
-    residual_covariance,
-    walk_covariance,
+    group_residuals,
+    integrate_white_noise,
+    model_covariance,
 )
 from gyrocal.calibration.gyro_space import Parametrisation, space_of
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.calibration.parameters import NAMES, GyroParameters
 from gyrocal.calibration.propagation import Psi, propagate
 from gyrocal.calibration.sampling import Measurements
-from gyrocal.calibration.trackers import Eliminated, Mountings, grouped
-from gyrocal.calibration.trackers import residual_covariance as of_several
+from gyrocal.calibration.trackers import Eliminated, Mountings
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
 from gyrocal.recording.trackers import covariance as in_body_axes
@@ -115,7 +113,7 @@ class Problem:
     ----------
     measurements : steps and references, see `gyrocal.calibration.sampling.measurements`
     A : (references, 3, 3) observed attitudes
-    sigma : (references, 3) rad
+    noise : (references, 3, 3) covariance of each in body axes, rad²
     arw : rad/sqrt(s), of the full stream
     names : solved-for parameters
     psi : "full" or "linear"
@@ -123,13 +121,12 @@ class Problem:
     given : (intervals, 3, 3) C of each interval's residuals, with "given"
     joint : (3m, 3m) V of all residuals, with "given", in place of `given`
     parametrisation : "gain" or "gyro", see `gyrocal.calibration.gyro_space`; the names are of its parameters
-    noise : (references, 3, 3) covariance of each in body axes, of references by several sensors; None for `sigma` about them
     mountings : of sensors whose mounting is estimated, as adjusted so far; None for a single sensor
     """
 
     measurements: Measurements
     A: Array
-    sigma: Array
+    noise: Array
     arw: float
     names: tuple[str, ...] = NAMES
     psi: Psi = "full"
@@ -137,7 +134,6 @@ class Problem:
     given: Array | None = None
     joint: Array | None = None
     parametrisation: Parametrisation = "gain"
-    noise: Array | None = None
     mountings: Mountings | None = None
 
     @classmethod
@@ -155,13 +151,12 @@ class Problem:
         """Prepare a recording."""
         A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
         code = model if given is None and joint is None else "given"
-        sigma, arw = recording.attitudes.sigma, recording.gyro.arw
-        noise = mountings = None
+        noise, arw, mountings = in_body_axes(recording.attitudes), recording.gyro.arw, None
         if recording.attitudes.sensor is not None:
             if code != "full":
                 raise InputError(f"covariance '{code}': references of several sensors take the full one")
-            noise, mountings = in_body_axes(recording.attitudes), Mountings.of(recording.attitudes)
-        return cls(measurements, A, sigma, arw, names, psi, code, given, joint, parametrisation, noise, mountings)
+            mountings = Mountings.of(recording.attitudes)
+        return cls(measurements, A, noise, arw, names, psi, code, given, joint, parametrisation, mountings)
 
     @cached_property
     def columns(self) -> Indices:
@@ -177,31 +172,34 @@ class Problem:
     @cached_property
     def groups(self) -> tuple[Indices, Indices]:
         """Residuals group by group, and one past the end of each group, of those that correlate."""
-        prepared = self.measurements
+        made = self.measurements
         if self.joint is not None:
-            return np.arange(len(prepared.row)), np.array([len(prepared.row)])
-        if self.noise is not None:
-            return grouped(prepared.arcs.arc, prepared.start, prepared.row)
-        arcs, firsts = np.unique(prepared.arcs.arc, return_index=True)
-        lasts = np.append(firsts[1:], len(prepared.row)) - 1
-        members = [
-            np.flatnonzero(np.isin(prepared.arcs.arc, arcs[group]))
-            for group in chained(prepared.start[firsts], prepared.row[lasts])
-        ]
-        return np.concatenate(members), np.cumsum([len(rows) for rows in members])
+            return np.arange(len(made.row)), np.array([len(made.row)])
+        return group_residuals(made.arcs.arc, made.start, made.row)
 
     @cached_property
-    def _covariance(self) -> tuple[float, int, Array]:
-        arw = self.arw * float(np.sqrt(self.measurements.noise_gain))
+    def references(self) -> tuple[Indices, Indices, Indices, Array]:
+        """Interval, start, row and noise, as in `gyrocal.calibration.covariance.residual_covariance`."""
+        made = self.measurements
+        return made.arcs.arc, made.start, made.row, np.ascontiguousarray(self.noise)
+
+    @cached_property
+    def walk(self) -> Array:
+        """(m, 3, 3) covariance of the integrated gyro noise, of three gyros alike about all axes, rad²."""
+        made = self.measurements
+        return integrate_white_noise(made.elapsed_s, self.arw * float(np.sqrt(made.noise_gain)))
+
+    @cached_property
+    def _model(self) -> tuple[int, Array]:
         if self.joint is not None:
-            return arw, JOINT, np.ascontiguousarray(self.joint)[None]
+            return JOINT, np.ascontiguousarray(self.joint)[None]
         given = np.zeros((0, 3, 3)) if self.given is None else np.ascontiguousarray(self.given)
-        return arw, MODEL_CODES[self.model], given
+        return MODEL_CODES[self.model], given
 
-    @cached_property
-    def _references(self) -> tuple[Indices, Indices, Array, Array]:
-        prepared = self.measurements
-        return prepared.start, prepared.row, prepared.elapsed_s, np.ascontiguousarray(self.sigma)
+    def covariance(self, R: Array, rows: Indices) -> Array:
+        """V (3k, 3k) of some residuals (k,) of one group, with R (k, 3, 3) there, rad²."""
+        interval, start, row, noise = self.references
+        return np.asarray(model_covariance(R, interval[rows], start[rows], row[rows], noise, self.walk[rows], *self._model))
 
     def state(self, parameters: GyroParameters) -> State:
         """Residuals, sensitivities and covariances at these parameters.
@@ -236,38 +234,15 @@ class Problem:
             theta = accumulation.residuals(R, A_start, A_obs)
         gate.check(np.where(np.isfinite(R).all(axis=2), theta, np.inf))
         linear = attitude.residual_linear(A_obs, R @ A_start)
-        if self.noise is not None or walk is not None:
-            return self._whiten_by_group(theta, linear, Theta, R, walk)
-        start, row, elapsed_s, sigma = self._references
-        options = (*self.groups, prepared.arcs.arc, start, row, elapsed_s, sigma, *self._covariance)
-        H, z = accumulation.whitened(theta, Theta, R, *options)
-        alone = [self._alone(R, k) for k in range(len(theta))]
-        return State(theta, linear, np.sqrt(np.array(alone)), H, z)
-
-    def _whiten_by_group(self, theta: Array, linear: Array, Theta: Array, R: Array, walk: Array | None) -> State:
-        """Compute the state with references of several sensors, or gyro noise that differs between the axes."""
-        made, p = self.measurements, Theta.shape[1]
-        arw = self._covariance[0] if walk is None else 0.0
-        turned = np.empty((theta.size, 0)) if self.mountings is None else self.mountings.sensitivity(R, made.start, made.row)
-        values = np.column_stack([Theta, turned, theta.ravel()])
-        white, variance = np.empty_like(values), np.empty(theta.size)
-        rows, ends = self.groups
-        for own in np.split(rows, ends[:-1]):
-            shared = R[own], made.arcs.arc[own], made.start[own], made.row[own], made.elapsed_s[own]
-            if self.noise is None:
-                V = residual_covariance(*shared, self._references[3], arw, FULL, np.zeros((0, 3, 3)))
-            else:
-                V = of_several(*shared, self.noise, arw)
-            if walk is not None:
-                V = V + walk_covariance(R[own], walk[own], made.arcs.arc[own])
-            places = (3 * own[:, None] + np.arange(3)).ravel()
-            white[places] = accumulation.whiten(V, values[places])
-            variance[places] = np.diag(V)
-        H, z, sigma = white[:, :p], white[:, -1], np.sqrt(variance).reshape(-1, 3)
-        if self.mountings is None or not self.mountings.misalignment.size:
-            return State(theta, linear, sigma, H, z)
-        free = self.mountings.eliminated(H, z, white[:, p:-1])
-        return State(theta, linear, sigma, free.H, free.z, free)
+        p, free = Theta.shape[1], self.mountings is not None and self.mountings.misalignment.size > 0
+        if self.mountings is not None:
+            Theta = np.hstack([Theta, self.mountings.sensitivity(R, prepared.start, prepared.row)])
+        walk = self.walk if walk is None else walk
+        H, z, variance = accumulation.whiten_groups(theta, Theta, R, self.groups, self.references, walk, *self._model)
+        if self.mountings is None or not free:
+            return State(theta, linear, np.sqrt(variance), H, z)
+        left = self.mountings.eliminated(H[:, :p], z, H[:, p:])
+        return State(theta, linear, np.sqrt(variance), left.H, left.z, left)
 
     def after(self, state: State, change: Array) -> "Problem":
         """The problem with mountings as they are after a correction Δx (p,) of the parameters, scaled as H is."""
@@ -282,15 +257,6 @@ class Problem:
         J = space_of(self.parametrisation).jacobian(parameters)[:, self.columns] * self.scale
         return np.asarray(accumulation.sensitivity(S, np.arange(12), PLAUSIBLE_RANGE) @ (J / PLAUSIBLE_RANGE[:, None]))
 
-    def _alone(self, R: Array, k: int) -> Array:
-        """(3,) variance of residual k by itself, rad²."""
-        if self.joint is not None:
-            return np.diag(self.joint)[3 * k : 3 * k + 3]
-        start, row, elapsed_s, sigma = self._references
-        one = slice(k, k + 1)
-        arc = self.measurements.arcs.arc[one]
-        return np.diag(residual_covariance(R[one], arc, start[one], row[one], elapsed_s[one], sigma, *self._covariance))
-
     def iterate(self, x: Array, iterations: int, psi: Psi | None = None, look_back: bool = True) -> Iterates:
         """A fixed number of iterations in (G, b) without a prior, compiled from end to end.
 
@@ -301,7 +267,7 @@ class Problem:
         psi : in place of the problem's
         look_back : whether to propagate once more for the residuals after the last iteration; NaN without
         """
-        if self.parametrisation != "gain" or self.noise is not None:
+        if self.parametrisation != "gain" or self.mountings is not None:
             raise InputError("compiled iterations are those of the parametrisation 'gain' and of references by one sensor")
         arcs = self.measurements.arcs
         x = np.ascontiguousarray(x, dtype=float)
@@ -310,14 +276,15 @@ class Problem:
             x,
             self.columns,
             self.scale,
-            (arcs.increments, arcs.ends, arcs.last, arcs.arc),
+            (arcs.increments, arcs.ends, arcs.last),
             (psi or self.psi) == "linear",
             arcs.beyond_series(x[:9].reshape(3, 3), x[9:]),
             self.A[self.measurements.start],
             self.A[self.measurements.row],
             self.groups,
-            self._references,
-            *self._covariance,
+            self.references,
+            self.walk,
+            *self._model,
             look_back,
         )
         return Iterates(*values)
@@ -331,7 +298,7 @@ class Problem:
         moved = replace(self.measurements, arcs=self.measurements.arcs.with_rates(rates, workspace))
         new = replace(self, measurements=moved, A=A)
         # What does not depend on the case is handed on.
-        for name in ("columns", "scale", "groups", "_covariance", "_references"):
+        for name in ("columns", "scale", "groups", "references", "walk", "_model"):
             new.__dict__[name] = getattr(self, name)
         return new
 

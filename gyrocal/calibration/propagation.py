@@ -12,23 +12,22 @@ The linear ψ_k = I Δt is Davenport's conventional form. A rate error δω_k = 
 
     Θ_k = ψ_k F_k + R_k Θ_{k−1},    Θ_0 = 0                                                       N (15), (21)–(27)
 
-`StreamingPropagation` is that recursion, one sample in and nothing kept, for any columns F_k.
+`StreamingPropagation` is that recursion, one sample in and nothing kept.
 
 `propagate` is the compiled pass over whole arrays. With P_k = A_kᵀ (A_0 = I), R_{k→n} = P_nᵀ P_k, so that
 
     Θ_n = P_nᵀ Σ_k P_k ψ_k F_k
 
 and only P is serial. A column of the form f = e_i h(t) (axis i, regressor h) needs only S_h = Σ h_k M_k Δt_k with
-M_k = P_k ψ_k / Δt_k; the twelve calibration columns are the regressors (ω_raw,x, ω_raw,y, ω_raw,z, 1) times three axes, and
-any other column is a sum of such. Of other gyros than three, whose ω_raw has n components and G is 3×n, attitude sees no more
-than errors of ω itself, and the regressors are (ω_x, ω_y, ω_z, 1). M_k follows from P_{k−1} without a second matrix product:
-R_kᵀψ_k = ψ_kᵀ, hence M_k = P_{k−1} E_k with E = I + c[φ×] + d[φ×]², and P_k = P_{k−1} + M_k [φ×].
+M_k = P_k ψ_k / Δt_k; the twelve calibration columns are the regressors (ω_raw,x, ω_raw,y, ω_raw,z, 1) times three axes. Of
+other gyros than three, whose ω_raw has n components and G is 3×n, attitude sees no more than errors of ω itself, and the
+regressors are (ω_x, ω_y, ω_z, 1). M_k follows from P_{k−1} without a second matrix product: R_kᵀψ_k = ψ_kᵀ, hence
+M_k = P_{k−1} E_k with E = I + c[φ×] + d[φ×]², and P_k = P_{k−1} + M_k [φ×].
 
 Stretches compose, (R₂, Θ₂)∘(R₁, Θ₁) = (R₂R₁, R₂Θ₁ + Θ₂). So the stream is cut into pieces which run side by side as lanes
 of one vector loop and are joined afterwards; a step of zero duration changes nothing and pads the short pieces.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import sqrt
@@ -39,7 +38,6 @@ from numpy.typing import NDArray
 
 from gyrocal.attitude import cross_matrix, rotation_matrix
 from gyrocal.calibration.packing import (
-    CHUNK,
     LANES,
     THREE,
     TILE,
@@ -47,7 +45,6 @@ from gyrocal.calibration.packing import (
     Pieces,
     Stream,
     gyros_of,
-    pack_chunk,
     pack_increments,
     packed_shape,
     unbroken,
@@ -57,10 +54,8 @@ from gyrocal.compiled import compiled
 Array = NDArray[np.float64]
 Psi = Literal["full", "linear"]
 Indices = NDArray[np.intp]
-Columns = Callable[[Array, Array, float], Array]
 
 CACHE_LINE = 8  # doubles
-KEPT = 2**18  # steps whose increments stay packed, 8 MB; more are packed anew in each pass, faster than they could be read
 GROUP = 4  # regressors carried by one pass
 
 SERIES_LIMIT = 0.1  # rad; below it the series of c and d are exact to rounding, above it the closed forms are
@@ -103,11 +98,6 @@ def psi_matrix(omega: Array, dt: float | Array, psi: Psi = "full") -> Array:
     return np.asarray((np.eye(3) - c[..., None, None] * K + d[..., None, None] * (K @ K)) * step)
 
 
-def calibration_columns(raw: Array, adjusted: Array, t: float) -> Array:
-    """F_k of the twelve calibration parameters: ∂ω/∂G[i,j] = e_i ω_raw,j, ∂ω/∂b_i = e_i; (3, 12)."""
-    return np.hstack([np.kron(np.eye(3), raw), np.eye(3)])
-
-
 class StreamingPropagation:
     """The recursion of N (15), (21)–(28): takes a sample, updates R and Θ, and forgets it.
 
@@ -116,27 +106,27 @@ class StreamingPropagation:
     Parameters
     ----------
     G, bias : (3, 3) and (3,) rad/s; the parameters the rates are adjusted with
-    columns : (raw, adjusted, t) → F_k, (3, p); the twelve calibration columns by default
     psi : "full" or "linear"
 
     Attributes
     ----------
     R : (3, 3) rotation from the start, A(t) = R A(0)
-    Theta : (3, p) sensitivity of the residual at the present time
+    Theta : (3, 12) sensitivity of the residual at the present time
     t : s since the start
     """
 
-    def __init__(self, G: Array, bias: Array, columns: Columns = calibration_columns, psi: Psi = "full"):
-        self._G, self._bias, self._columns, self._psi = G, bias, columns, psi
+    def __init__(self, G: Array, bias: Array, psi: Psi = "full"):
+        self._G, self._bias, self._psi = G, bias, psi
         self.R = np.eye(3)
         self.t = 0.0
-        self.Theta = np.zeros_like(columns(np.zeros(3), np.asarray(bias, dtype=float), 0.0))
+        self.Theta = np.zeros((3, 12))
 
     def update(self, raw: Array, dt: float) -> None:
         """Propagate over one sample: raw rate (3,) rad/s held for dt seconds."""
         omega = self._G @ raw + self._bias
         R = rotation_matrix(-omega * dt)
-        self.Theta = psi_matrix(omega, dt, self._psi) @ self._columns(raw, omega, self.t) + R @ self.Theta
+        F = np.hstack([np.kron(np.eye(3), raw), np.eye(3)])  # ∂ω/∂G[i,j] = e_i ω_raw,j, ∂ω/∂b_i = e_i
+        self.Theta = psi_matrix(omega, dt, self._psi) @ F + R @ self.Theta
         self.R = R @ self.R
         self.t += dt
 
@@ -191,24 +181,21 @@ class Arcs:
         """The number of gyros, as compiled functions are told of it."""
         return gyros_of(self.rates.shape[1])
 
-    @property
-    def stream(self) -> Stream:
-        """The steps as they are packed, which reads rates and durations by their address."""
-        dt = np.ascontiguousarray(self.dt, dtype=float)
-        if self.fine is None:
-            return np.ascontiguousarray(self.rates, dtype=float), self.sample, dt, self._unbroken
-        return self.raw, np.arange(len(dt)), dt, True
-
     @cached_property
     def _unbroken(self) -> bool:
         return bool(unbroken(self.sample, *self.pieces)) if self.fine is None else True
 
     @cached_property
     def _packed(self) -> tuple[Array, float]:
-        # Kept, since every iteration and every ψ uses it again.
+        # Kept, since every iteration and every ψ uses it again. Packing reads rates and durations by their address.
+        dt = np.ascontiguousarray(self.dt, dtype=float)
+        if self.fine is None:
+            stream: Stream = np.ascontiguousarray(self.rates, dtype=float), self.sample, dt, self._unbroken
+        else:
+            stream = self.raw, np.arange(len(dt)), dt, True
         # numpy's allocation, not numba's: it asks for huge pages, and a fault for every 4 KiB costs as much as the packing.
         increments = np.empty(packed_shape(self.pieces, len(self.gyros))) if self.workspace is None else self.workspace
-        return increments, float(pack_increments(self.stream, self.pieces, increments, self.gyros))
+        return increments, float(pack_increments(stream, self.pieces, increments, self.gyros))
 
     @property
     def increments(self) -> Array:
@@ -228,8 +215,9 @@ class Arcs:
         return new
 
     def beyond_series(self, G: Array, bias: Array) -> bool:
-        """Whether a step may turn too far for the series."""
-        return bool(_beyond_series(G, bias, self.largest_increment, self.longest_step))
+        """Whether a step may reach the limit of the series: |G h + b Δt| ≤ ‖G‖ |h| + |b| Δt of the largest and longest step."""
+        # The Frobenius norm bounds the spectral one, and needs no singular values.
+        return bool(np.linalg.norm(G) * self.largest_increment + np.linalg.norm(bias) * self.longest_step >= SERIES_LIMIT)
 
     @cached_property
     def longest_step(self) -> float:
@@ -244,7 +232,7 @@ class Propagation:
     Attributes
     ----------
     R : (m, 3, 3) rotation from the arc's start
-    S : (m, q, 3, 3) sensitivity to regressor q, a column for each body axis
+    S : (m, 4, 3, 3) sensitivity to each regressor, a column for each body axis
     """
 
     R: Array
@@ -252,13 +240,13 @@ class Propagation:
 
     @property
     def Theta(self) -> Array:
-        """(m, 3, 12) in the order G_xx, G_xy, …, G_zz, b_x, b_y, b_z, of the first four regressors."""
+        """(m, 3, 12) in the order G_xx, G_xy, …, G_zz, b_x, b_y, b_z."""
         count = len(self.S)
         G_part = self.S[:, :3].transpose(0, 2, 3, 1).reshape(count, 3, 9)  # (row, axis i, gyro j)
         return np.concatenate([G_part, self.S[:, 3]], axis=2)
 
 
-def propagate(arcs: Arcs, G: Array, bias: Array, psi: Psi = "full", regressors: Array | None = None) -> Propagation:
+def propagate(arcs: Arcs, G: Array, bias: Array, psi: Psi = "full") -> Propagation:
     """R and Θ at every output of the arcs, in one compiled pass.
 
     Parameters
@@ -266,31 +254,15 @@ def propagate(arcs: Arcs, G: Array, bias: Array, psi: Psi = "full", regressors: 
     arcs : the steps and the wanted times
     G, bias : (3, gyros), and (3,) in rad/s
     psi : "full" or "linear"
-    regressors : (n, q) value of further regressors h at each step, carried after the four of the calibration; the rate error
-        of regressor q along axis i is h_q e_i, in rad/s for a unit of its size
 
     Returns
     -------
     Propagation
-        S holds 4 + q regressors: the raw rates of three gyros, or the body rates of other numbers, then 1.
+        S holds four regressors: the raw rates of three gyros, or the body rates of other numbers, then 1.
     """
     G, bias = np.ascontiguousarray(G, dtype=float), np.ascontiguousarray(bias, dtype=float)
-    raw = True if arcs.gyros == THREE else None
-    if regressors is None and len(arcs.dt) > KEPT:
-        steps = (arcs.stream, arcs.pieces, arcs.longest_step)
-        return Propagation(*propagate_stream(*steps, arcs.last, arcs.arc, G, bias, psi == "linear", raw, arcs.gyros))
     options = (arcs.ends, arcs.last, arcs.arc, G, bias, psi == "linear", arcs.beyond_series(G, bias), arcs.gyros)
-    R, S = propagate_packed(arcs.increments, arcs.increments if raw else None, *options)
-    if regressors is None:
-        return Propagation(R, S)
-    weights = np.asarray(regressors, dtype=float) * arcs.dt[:, None]
-    count = weights.shape[1]
-    weights = np.pad(weights, ((0, 0), (0, -count % GROUP)))
-    sums = [S]
-    for q in range(0, weights.shape[1], GROUP):
-        packed = pack(np.ascontiguousarray(weights[:, q : q + GROUP]), *arcs.pieces)
-        sums.append(propagate_packed(arcs.increments, packed, *options)[1])
-    return Propagation(R, np.concatenate(sums, axis=1)[:, : GROUP + count])
+    return Propagation(*propagate_packed(arcs.increments, arcs.increments if arcs.gyros == THREE else None, *options))
 
 
 def body_sums(S: Array, G: Array, bias: Array) -> Array:
@@ -348,18 +320,6 @@ def _averages(rates: Array, sample: Indices, fine: Indices, fine_dt: Array) -> A
 
 
 @compiled
-def pack(values: Array, starts: Indices, lengths: Indices) -> Array:  # pragma: no cover - compiled
-    """Rows of (n, 4) `values` laid out as `gyrocal.calibration.packing.pack_increments` does."""
-    out = np.zeros(((len(starts) + LANES - 1) // LANES, (lengths.max() + TILE - 1) // TILE * TILE, 4, LANES))
-    for piece in range(len(starts)):
-        batch, lane = piece // LANES, piece % LANES
-        for k in range(lengths[piece]):
-            for q in range(4):
-                out[batch, k, q, lane] = values[starts[piece] + k, q]
-    return out
-
-
-@compiled
 def propagate_packed(
     increments: Array,
     weights: Array | None,
@@ -380,63 +340,14 @@ def propagate_packed(
     ends : one past the last step of each piece
     last, arc : of the outputs, as in `Arcs`
     """
-    out = _at_start(len(increments))
+    out = np.zeros((len(increments), 45, LANES))  # of the lanes: P = I (0–8), S = 0 (9–44)
+    out[:, 0], out[:, 4], out[:, 8] = 1.0, 1.0, 1.0
     for batch in range(len(increments)):
         if weights is None:
             _lanes(increments[batch], None, G, bias, linear, beyond_series, out[batch], gyros)
         else:
             _lanes(increments[batch], weights[batch], G, bias, linear, beyond_series, out[batch], gyros)
     return _joined(out, ends, last, arc)
-
-
-@compiled
-def propagate_stream(
-    stream: Stream,
-    pieces: Pieces,
-    longest: float,
-    last: Indices,
-    arc: Indices,
-    G: Array,
-    bias: Array,
-    linear: bool,
-    raw: bool | None,
-    gyros: Gyros,
-) -> tuple[Array, Array]:  # pragma: no cover - compiled
-    """As `propagate_packed`, the same to the bit, of a stream that is packed on the way.
-
-    Parameters
-    ----------
-    longest : duration of the longest step, s
-    raw : the increments of three gyros are the weights; None for the body's
-    """
-    starts, lengths = pieces
-    out = _at_start((len(starts) + LANES - 1) // LANES)
-    chunk = np.empty((CHUNK, len(gyros) + 1, LANES))
-    depth = lengths.max()
-    for batch in range(len(out)):
-        for low in range(0, depth, CHUNK):
-            steps = chunk[: min(CHUNK, (depth - low + TILE - 1) // TILE * TILE)]
-            beyond = _beyond_series(G, bias, pack_chunk(stream, pieces, batch, low, steps, gyros), longest)
-            if raw is None:
-                _lanes(steps, None, G, bias, linear, beyond, out[batch], gyros)
-            else:
-                _lanes(steps, steps, G, bias, linear, beyond, out[batch], gyros)
-    return _joined(out, starts + lengths, last, arc)
-
-
-@compiled
-def _beyond_series(G: Array, bias: Array, largest: float, longest: float) -> bool:  # pragma: no cover - compiled
-    """Whether a step may reach the limit of the series: |G h + b Δt| ≤ ‖G‖ |h| + |b| Δt of the largest and longest step."""
-    # The Frobenius norm bounds the spectral one, and needs no singular values.
-    return sqrt((G * G).sum()) * largest + sqrt((bias * bias).sum()) * longest >= SERIES_LIMIT
-
-
-@compiled
-def _at_start(batches: int) -> Array:  # pragma: no cover - compiled
-    """State of the lanes before their first step, (batches, 45, lanes): P = I (0–8), S = 0 (9–44)."""
-    out = np.zeros((batches, 45, LANES))
-    out[:, 0], out[:, 4], out[:, 8] = 1.0, 1.0, 1.0
-    return out
 
 
 @compiled

@@ -25,17 +25,16 @@ significant the covariance stays the nominal one.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
 import scipy.special
 from numpy.typing import NDArray
 
-from gyrocal.calibration.covariance import residual_covariance
 from gyrocal.calibration.gyro_space import space_of
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import propagate
@@ -44,21 +43,19 @@ from gyrocal.calibration.remainder_processes import (
     BLOCK,
     MISALIGNMENTS,
     SCALES,
+    SIGNIFICANT,
     Process,
+    Remainder,
     Stretches,
-    build_rate_columns,
-    build_reference_columns,
     compute_turns,
     correlate_references,
-    gather_rate_influence,
-    gather_reference_influence,
 )
 from gyrocal.calibration.sampling import measurements
 from gyrocal.estimation.variance_components import VarianceComponents, estimate_variance_components
 from gyrocal.recording import GyroStream, Recording
 
 if TYPE_CHECKING:
-    from gyrocal.calibration.davenport import CalibrationResult
+    from gyrocal.calibration.result import CalibrationResult
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -69,89 +66,8 @@ MOST_TIME_SCALES = 3
 FEWEST_FOR_AXES = 120  # degrees of freedom, from which each axis has a size of its own
 FEWEST_FOR_PROCESSES = 30  # degrees of freedom, below which only the factor of the noise is estimated
 LEAST_VISIBLE = 0.05  # share of a process's power in the residuals; below it the calibration takes it up, unseen
-NOMINAL, WITH_REMAINDER = "nominal", "with_remainder"  # which sigmas are recommended
 NEGLIGIBLE = 0.003  # power of a process in the residuals relative to that of the stated noise; a smaller one is left out
-SIGNIFICANT = 0.01  # p-value of the likelihood ratio below which the sigmas with remainder are recommended
 RANK = 1e-9  # of singular values and eigenvalues, relative to the largest: below it they are rounding
-DEG_H = float(np.rad2deg(3600.0))
-
-
-@dataclass(frozen=True)
-class Remainder:
-    """The remainder of a calibration.
-
-    Attributes
-    ----------
-    processes : with their sizes; those of size zero are left out
-    noise_factor : φ, of the variance of all stated noise
-    log_likelihood_gain : above that of the stated noise alone
-    p_value : probability of a larger gain without a remainder
-    covariance : (12, 12) of G and b with the remainder; b in rad/s
-    """
-
-    processes: tuple[Process, ...]
-    noise_factor: float
-    log_likelihood_gain: float
-    p_value: float
-    covariance: Array
-
-    @property
-    def is_significant(self) -> bool:
-        """Whether the residuals do not fit the stated noise."""
-        return self.p_value < SIGNIFICANT
-
-    @property
-    def sigma(self) -> Array:
-        """(12,) 1-sigma of G and b with the remainder; b in rad/s."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
-
-    @property
-    def gyro(self) -> Array:
-        """(3,) 1-sigma of the rate error about each body axis that lasts, rad/s."""
-        own = [one for one in self.processes if one.kind == "rate" and one.time_scale_s > 0]
-        return np.array([np.sqrt(sum(one.variance for one in own if axis in one.members)) for axis in BIASES])
-
-    @property
-    def rate_noise(self) -> Array:
-        """(3,) root PSD of the white rate error about each body axis beside the stated one, rad/√s."""
-        own = [one for one in self.processes if one.kind == "rate" and one.time_scale_s == 0]
-        return np.array([np.sqrt(sum(one.variance for one in own if axis in one.members)) for axis in BIASES])
-
-    @property
-    def reference(self) -> Array:
-        """(3,) 1-sigma of the references' error about each body axis beside the stated one, rad."""
-        own = [one for one in self.processes if one.kind == "reference"]
-        return np.array([np.sqrt(sum(one.variance for one in own if axis in one.members)) for axis in range(3)])
-
-    @property
-    def delay_s(self) -> float:
-        """1-sigma of the delay of the references' time tags, s."""
-        return float(np.sqrt(sum(one.variance for one in self.processes if one.kind == "delay")))
-
-    @property
-    def time_scale_s(self) -> Array:
-        """(3,) time scale of the rate error about each axis, s: geometric mean of finite ones by variance; NaN if none."""
-        return np.array([_average_time_scale(self.processes, axis) for axis in BIASES])
-
-    def to_json(self) -> dict[str, Any]:
-        """The remainder as plain values; lists are by body axis."""
-        scales = [float(value) if np.isfinite(value) else None for value in self.time_scale_s]
-        return {
-            "gyro_deg_h": (self.gyro * DEG_H).tolist(),
-            "rate_noise_deg_per_sqrt_s": np.rad2deg(self.rate_noise).tolist(),
-            "reference_deg": np.rad2deg(self.reference).tolist(),
-            "time_scale_s": scales,
-            "delay_s": self.delay_s,
-            "noise_factor": self.noise_factor,
-            "log_likelihood_gain": self.log_likelihood_gain,
-            "p_value": self.p_value,
-            "processes": [one.to_json() for one in self.processes],
-        }
-
-
-def read_processes(value: Mapping[str, Any]) -> tuple[Process, ...]:
-    """Read the processes of what `Remainder.to_json` gives."""
-    return tuple(Process.from_json(one) for one in value["processes"])
 
 
 def add_remainder(recording: Recording, result: CalibrationResult) -> CalibrationResult:
@@ -217,7 +133,6 @@ class Paths:
     kept : (m,) places of these residuals among all
     R, Theta : (m, 3, 3) and (m, 3, 12), from the start of the interval to each
     interval, start, row : (m,) interval, and rows of the references that each starts from and is compared with
-    elapsed_s : (m,) s since the start
     reference_s : (references,) time of each reference, s
     body_rates : (references, 3) body rate at each, rad/s
     """
@@ -228,13 +143,12 @@ class Paths:
     interval: Indices
     start: Indices
     row: Indices
-    elapsed_s: Array
     reference_s: Array
     body_rates: Array
 
     def select(self, kept: Indices) -> Paths:
         """Keep some residuals."""
-        names = ("kept", "R", "Theta", "interval", "start", "row", "elapsed_s")
+        names = ("kept", "R", "Theta", "interval", "start", "row")
         return replace(self, **{name: getattr(self, name)[kept] for name in names})
 
     @cached_property
@@ -250,9 +164,41 @@ class Paths:
         first = np.append(True, self.interval[1:] != self.interval[:-1])
         return Stretches(np.where(first, self.reference_s[self.start], before), to_s, self.interval)
 
-    def directions(self, process: Process, member: int) -> Array:
-        """(references, 3) error of each reference in body axes for a unit of a process."""
-        return self.body_rates if process.kind == "delay" else np.tile(np.eye(3)[member], (self.reference_s.size, 1))
+    @cached_property
+    def used(self) -> Indices:
+        """(n,) rows of the references that the residuals start from or are compared with."""
+        return np.unique(np.concatenate([self.start, self.row]))
+
+    def gather(self, process: Process, member: int, K: Array) -> Array:
+        """Compute Mᵀ K (n, p), with M (3m, n) the residuals by each value of one member of a process, in linear time.
+
+        Values are errors of a parameter in each stretch, or errors of each used reference.
+
+        Parameters
+        ----------
+        process, member : one process
+        K : (3m, p) residual by residual
+        """
+        K = K.reshape(len(self.R), 3, -1)
+        at_start = np.einsum("aji,ajp->aip", self.R, K)
+        if process.kind == "rate":
+            later = np.empty_like(at_start)
+            for own in np.unique(self.interval):
+                rows = self.interval == own
+                later[rows] = at_start[rows][::-1].cumsum(axis=0)[::-1]
+            return np.asarray(np.einsum("li,lip->lp", self.turns[:, :, member], later))
+        along = self.body_rates if process.kind == "delay" else np.tile(np.eye(3)[member], (self.reference_s.size, 1))
+        influence = np.zeros((self.used.size, K.shape[2]))
+        np.add.at(influence, np.searchsorted(self.used, self.row), np.einsum("ai,aip->ap", along[self.row], K))
+        np.add.at(influence, np.searchsorted(self.used, self.start), -np.einsum("ai,aip->ap", along[self.start], at_start))
+        return influence
+
+    def correlate(self, process: Process, rows: slice = slice(None)) -> Array:
+        """Compute the covariance (rows, n) of the values of a process of unit variance."""
+        if process.kind == "rate":
+            return self.stretches.covariance(process, rows)
+        times = self.reference_s[self.used]
+        return correlate_references(process, times[rows], times)
 
 
 def build_paths(recording: Recording, problem: Problem, result: CalibrationResult) -> Paths:
@@ -261,7 +207,7 @@ def build_paths(recording: Recording, problem: Problem, result: CalibrationResul
     run = propagate(made.arcs, found.G, found.bias)
     rates = interpolate_rates(recording.gyro, found.G, found.bias, recording.attitudes.t_s)
     every = np.arange(made.row.size)
-    return Paths(every, run.R, run.Theta, made.arcs.arc, made.start, made.row, made.elapsed_s, recording.attitudes.t_s, rates)
+    return Paths(every, run.R, run.Theta, made.arcs.arc, made.start, made.row, recording.attitudes.t_s, rates)
 
 
 def interpolate_rates(gyro: GyroStream, G: Array, bias: Array, t_s: Array) -> Array:
@@ -335,8 +281,7 @@ def _estimate_sizes(
     Theta : (3m, p) sensitivity to the solved-for parameters
     problem : whose noise is stated
     """
-    V = residual_covariance(paths.R, paths.interval, *_references_of(paths, problem))
-    L = np.linalg.cholesky(V)
+    L = np.linalg.cholesky(problem.covariance(paths.R, paths.kept))
 
     def whiten(values: Array) -> Array:
         return np.asarray(scipy.linalg.solve_triangular(L, values, lower=True, check_finite=False))
@@ -352,11 +297,11 @@ def _estimate_sizes(
     for process in list_processes(choose_time_scales(paths.stretches), dof):
         key = (process.kind == "rate", process.time_scale_s)
         if key not in roots:
-            roots[key] = _root(_correlate(paths, process))
+            roots[key] = _root(paths.correlate(process))
         parts = []
         for member in process.members:
             if (process.kind, member) not in columns:
-                columns[process.kind, member] = whiten(_build_columns(paths, process, member))
+                columns[process.kind, member] = whiten(paths.gather(process, member, np.eye(theta.size)).T)
             parts.append(columns[process.kind, member] @ roots[key])
         whole = np.hstack(parts)
         seen = whole - Q @ (Q.T @ whole)
@@ -369,55 +314,28 @@ def _estimate_sizes(
     return sizes, tuple(processes), dof, count_effective(components)
 
 
-def _references_of(paths: Paths, problem: Problem) -> tuple[Any, ...]:
-    """What `residual_covariance` takes beside R and the intervals."""
-    arw, model, given = problem._covariance
-    return paths.start, paths.row, paths.elapsed_s, np.ascontiguousarray(problem.sigma), arw, model, given
-
-
-def _build_columns(paths: Paths, process: Process, member: int) -> Array:
-    """Build (3m, n): the residuals by each value of one member of a process."""
-    if process.kind == "rate":
-        return build_rate_columns(paths.R, paths.turns[:, :, member], paths.interval)
-    return build_reference_columns(paths.R, paths.start, paths.row, paths.directions(process, member))[0]
-
-
-def _correlate(paths: Paths, process: Process, rows: slice = slice(None)) -> Array:
-    """Compute the covariance (rows, n) of the values of a process of unit variance."""
-    if process.kind == "rate":
-        return paths.stretches.covariance(process, rows)
-    times = paths.reference_s[np.unique(np.concatenate([paths.start, paths.row]))]
-    return correlate_references(process, times[rows], times)
-
-
 def _propagate_processes(paths: Paths, processes: Sequence[Process], K: Array) -> Array:
     """Compute Σ θ (Mᵀ K)ᵀ ρ (Mᵀ K), (p, p), with K (3m, p) residual by residual."""
     total = np.zeros((K.shape[1], K.shape[1]))
     for process in processes:
         for member in process.members:
-            if process.kind == "rate":
-                influence = gather_rate_influence(paths.R, paths.turns[:, :, member], paths.interval, K)
-            else:
-                directions = paths.directions(process, member)
-                influence, _ = gather_reference_influence(paths.R, paths.start, paths.row, directions, K)
+            influence = paths.gather(process, member, K)
             for low in range(0, len(influence), BLOCK):
                 rows = slice(low, low + BLOCK)
-                total += process.variance * influence[rows].T @ (_correlate(paths, process, rows) @ influence)
+                total += process.variance * influence[rows].T @ (paths.correlate(process, rows) @ influence)
     return total
 
 
 def _unwhiten(problem: Problem, R: Array, white: Array) -> Array:
     """Multiply (3m, p) group by group by L⁻ᵀ, with V = L Lᵀ; the result is residual by residual."""
-    made = problem.measurements
     out = np.empty_like(white)
     rows, ends = problem.groups
     low = 0
     for high in ends:
         own = rows[low:high]
-        arguments = (made.start[own], made.row[own], made.elapsed_s[own], np.ascontiguousarray(problem.sigma))
-        V = residual_covariance(R[own], made.arcs.arc[own], *arguments, *problem._covariance)
+        L = np.linalg.cholesky(problem.covariance(R[own], own))
         places = (3 * own[:, None] + np.arange(3)).ravel()
-        out[places] = scipy.linalg.solve_triangular(np.linalg.cholesky(V), white[3 * low : 3 * high], lower=True, trans="T")
+        out[places] = scipy.linalg.solve_triangular(L, white[3 * low : 3 * high], lower=True, trans="T")
         low = high
     return out
 
@@ -434,12 +352,3 @@ def _root(C: Array) -> Array:
     values, vectors = np.linalg.eigh(C)
     kept = values > RANK * values[-1]
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
-
-
-def _average_time_scale(processes: Sequence[Process], axis: int) -> float:
-    """Mean of the logarithms of the finite time scales of one axis by variance; NaN if there are none."""
-    own = [one for one in processes if one.kind == "rate" and axis in one.members and 0 < one.time_scale_s < np.inf]
-    if not own:
-        return float("nan")
-    weights = np.array([one.variance for one in own])
-    return float(np.exp(weights @ np.log([one.time_scale_s for one in own]) / weights.sum()))

@@ -20,6 +20,7 @@ and for white x of power spectral density q, var = q/a.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -33,6 +34,9 @@ Kind = Literal["rate", "reference", "delay"]
 BIASES = (9, 10, 11)  # places of b_x, b_y, b_z among the twelve parameters
 SCALES = (0, 4, 8)
 MISALIGNMENTS = (1, 2, 3, 5, 6, 7)
+NOMINAL, WITH_REMAINDER = "nominal", "with_remainder"  # which sigmas are recommended
+SIGNIFICANT = 0.01  # p-value of the likelihood ratio below which the sigmas with remainder are recommended
+DEG_H = float(np.rad2deg(3600.0))
 BLOCK = 1000  # rows of a correlation matrix that are made at a time
 SMALL = 1e-4  # of a stretch over a time scale, below which the series of its variance is used
 
@@ -70,6 +74,86 @@ class Process:
         """Read what `to_json` gives."""
         scale = value["time_scale_s"]
         return cls(value["kind"], tuple(value["members"]), np.inf if scale is None else float(scale), float(value["variance"]))
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """The remainder of a calibration.
+
+    Attributes
+    ----------
+    processes : with their sizes; those of size zero are left out
+    noise_factor : φ, of the variance of all stated noise
+    log_likelihood_gain : above that of the stated noise alone
+    p_value : probability of a larger gain without a remainder
+    covariance : (12, 12) of G and b with the remainder; b in rad/s
+    """
+
+    processes: tuple[Process, ...]
+    noise_factor: float
+    log_likelihood_gain: float
+    p_value: float
+    covariance: Array
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether the residuals do not fit the stated noise."""
+        return self.p_value < SIGNIFICANT
+
+    @property
+    def sigma(self) -> Array:
+        """(12,) 1-sigma of G and b with the remainder; b in rad/s."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def gyro(self) -> Array:
+        """(3,) 1-sigma of the rate error about each body axis that lasts, rad/s."""
+        return self._sizes(BIASES, lambda one: one.kind == "rate" and one.time_scale_s > 0)
+
+    @property
+    def rate_noise(self) -> Array:
+        """(3,) root PSD of the white rate error about each body axis beside the stated one, rad/√s."""
+        return self._sizes(BIASES, lambda one: one.kind == "rate" and one.time_scale_s == 0)
+
+    @property
+    def reference(self) -> Array:
+        """(3,) 1-sigma of the references' error about each body axis beside the stated one, rad."""
+        return self._sizes(range(3), lambda one: one.kind == "reference")
+
+    def _sizes(self, members: Sequence[int], is_chosen: Callable[[Process], bool]) -> Array:
+        """Root of the sum of the variances of the chosen processes of each member."""
+        own = [one for one in self.processes if is_chosen(one)]
+        return np.array([np.sqrt(sum(one.variance for one in own if member in one.members)) for member in members])
+
+    @property
+    def delay_s(self) -> float:
+        """1-sigma of the delay of the references' time tags, s."""
+        return float(np.sqrt(sum(one.variance for one in self.processes if one.kind == "delay")))
+
+    @property
+    def time_scale_s(self) -> Array:
+        """(3,) time scale of the rate error about each axis, s: geometric mean of finite ones by variance; NaN if none."""
+        return np.array([_average_time_scale(self.processes, axis) for axis in BIASES])
+
+    def to_json(self) -> dict[str, Any]:
+        """The remainder as plain values; lists are by body axis."""
+        scales = [float(value) if np.isfinite(value) else None for value in self.time_scale_s]
+        return {
+            "gyro_deg_h": (self.gyro * DEG_H).tolist(),
+            "rate_noise_deg_per_sqrt_s": np.rad2deg(self.rate_noise).tolist(),
+            "reference_deg": np.rad2deg(self.reference).tolist(),
+            "time_scale_s": scales,
+            "delay_s": self.delay_s,
+            "noise_factor": self.noise_factor,
+            "log_likelihood_gain": self.log_likelihood_gain,
+            "p_value": self.p_value,
+            "processes": [one.to_json() for one in self.processes],
+        }
+
+
+def read_processes(value: Mapping[str, Any]) -> tuple[Process, ...]:
+    """Read the processes of what `Remainder.to_json` gives."""
+    return tuple(Process.from_json(one) for one in value["processes"])
 
 
 @dataclass(frozen=True)
@@ -123,53 +207,6 @@ def compute_turns(R: Array, Theta: Array, interval: Indices) -> Array:
     return turns
 
 
-def build_rate_columns(R: Array, turns: Array, interval: Indices) -> Array:
-    """Build (3m, m): the residuals by an error of one parameter in each stretch, with turns (m, 3) of that parameter."""
-    m = len(R)
-    before = (interval[:, None] == interval) & (np.arange(m)[:, None] >= np.arange(m))
-    return np.asarray((np.einsum("aij,lj->ail", R, turns) * before[:, None, :]).reshape(3 * m, m))
-
-
-def gather_rate_influence(R: Array, turns: Array, interval: Indices, K: Array) -> Array:
-    """Multiply K (3m, p) by the transpose of `build_rate_columns`, in linear time; returns (m, p)."""
-    m = len(R)
-    at_start = np.einsum("aji,ajp->aip", R, K.reshape(m, 3, -1))
-    later = np.empty_like(at_start)
-    for own in np.unique(interval):
-        rows = interval == own
-        later[rows] = at_start[rows][::-1].cumsum(axis=0)[::-1]
-    return np.asarray(np.einsum("li,lip->lp", turns, later))
-
-
-def build_reference_columns(R: Array, start: Indices, row: Indices, directions: Array) -> tuple[Array, Indices]:
-    """Build (3m, n): the residuals by an error of each reference along its direction, and the rows (n,) of the references.
-
-    Parameters
-    ----------
-    R : (m, 3, 3)
-    start, row : (m,) rows of the references that each residual starts from and is compared with
-    directions : (references, 3) error of each in body axes for a unit of its size
-    """
-    used = np.unique(np.concatenate([start, row]))
-    m = len(R)
-    columns = np.zeros((m, 3, used.size))
-    each = np.arange(m)
-    columns[each, :, np.searchsorted(used, row)] += directions[row]
-    columns[each, :, np.searchsorted(used, start)] -= np.einsum("aij,aj->ai", R, directions[start])
-    return columns.reshape(3 * m, -1), used
-
-
-def gather_reference_influence(R: Array, start: Indices, row: Indices, directions: Array, K: Array) -> tuple[Array, Indices]:
-    """Multiply K (3m, p) by the transpose of `build_reference_columns`, in linear time; returns (n, p) and the rows (n,)."""
-    used = np.unique(np.concatenate([start, row]))
-    K = K.reshape(len(R), 3, -1)
-    influence = np.zeros((used.size, K.shape[2]))
-    np.add.at(influence, np.searchsorted(used, row), np.einsum("ai,aip->ap", directions[row], K))
-    turned = np.einsum("aij,aj->ai", R, directions[start])
-    np.add.at(influence, np.searchsorted(used, start), -np.einsum("ai,aip->ap", turned, K))
-    return influence, used
-
-
 def _mean_of_decay(x: Array) -> Array:
     """Compute (1 − e^{−x})/x."""
     return np.asarray(-np.expm1(-x) / x)
@@ -178,3 +215,12 @@ def _mean_of_decay(x: Array) -> Array:
 def _variance_of_mean(x: Array) -> Array:
     """Compute 2/x (1 − (1 − e^{−x})/x)."""
     return np.asarray(np.where(x < SMALL, 1 - x / 3, 2 / x * (1 - _mean_of_decay(x))))
+
+
+def _average_time_scale(processes: Sequence[Process], axis: int) -> float:
+    """Mean of the logarithms of the finite time scales of one axis by variance; NaN if there are none."""
+    own = [one for one in processes if one.kind == "rate" and axis in one.members and 0 < one.time_scale_s < np.inf]
+    if not own:
+        return float("nan")
+    weights = np.array([one.variance for one in own])
+    return float(np.exp(weights @ np.log([one.time_scale_s for one in own]) / weights.sum()))

@@ -50,50 +50,6 @@ SAME_TIME = 0.5  # of a gyro sample: references within it are of one time
 AXES = "xyz"
 
 
-def chained(rows: Sequence[Indices]) -> list[list[int]]:
-    """Which arcs correlate, because neighbours share references; rows are those of each arc."""
-    groups: list[list[int]] = [[0]]
-    for number in range(1, len(rows)):
-        if np.intersect1d(rows[number], rows[number - 1]).size:
-            groups[-1].append(number)
-        else:
-            groups.append([number])
-    return groups
-
-
-def grouped(arc: Indices, start: Indices, row: Indices) -> tuple[Indices, Indices]:
-    """Residuals (m,) group by group of those that correlate, and one past the end of each group."""
-    arcs = np.unique(arc)
-    groups = chained([np.append(start[arc == k][:1], row[arc == k]) for k in arcs])
-    members = [np.flatnonzero(np.isin(arc, arcs[group])) for group in groups]
-    return np.concatenate(members), np.cumsum([len(own) for own in members])
-
-
-def residual_covariance(
-    R: Array, arc: Indices, start: Indices, row: Indices, elapsed_s: Array, noise: Array, arw: float
-) -> Array:
-    """V (3m, 3m) of m residuals, rad².
-
-    Parameters
-    ----------
-    R : (m, 3, 3) rotation from the start of the interval to each residual
-    arc, start, row : (m,) interval, and the rows of the references that it starts from and is compared with
-    elapsed_s : (m,) s since the start
-    noise : (references, 3, 3) covariance of each in body axes, rad²
-    arw : root PSD of the gyro noise, rad/√s
-    """
-    m = len(row)
-    used, places = np.unique(np.concatenate([row, start]), return_inverse=True)
-    E = np.zeros((m, 3, used.size, 3))
-    E[np.arange(m), :, places[:m]] += np.eye(3)
-    E[np.arange(m), :, places[m:]] -= R
-    # Each reference by a factor of its covariance, so that V is a product with its transpose.
-    own = np.einsum("aiuj,ujk->aiuk", E, np.linalg.cholesky(noise[used])).reshape(3 * m, -1)
-    walk = arw**2 * np.minimum.outer(elapsed_s, elapsed_s) * (arc[:, None] == arc[None, :])
-    turned = np.einsum("aij,bkj->aibk", R, R) * walk[:, None, :, None]
-    return np.asarray(own @ own.T + turned.reshape(3 * m, 3 * m))
-
-
 @dataclass(frozen=True)
 class Mountings:
     """The misalignments that are estimated.

@@ -180,40 +180,61 @@ def batch(
     if not measured.size:
         raise InputError("a batch needs measurements; there are none to be used")
     epoch = float(measured.min()) if epoch_s is None else float(epoch_s)
-    path = gyro_arc(gyro, np.concatenate([measured, [epoch], np.asarray(times, dtype=float)]), gyro.apriori_G, max_gap_s)
+    wanted = np.asarray(times, dtype=float)
+    path = gyro_arc(gyro, np.concatenate([measured, [epoch], wanted]), gyro.apriori_G, max_gap_s)
     R, _ = path.carried(gyro.apriori_bias)
     C = np.tile(R[path.node(np.array([epoch]))[0]].T @ start, (len(path.t), 1, 1))
     first = Estimate(C, np.array(gyro.apriori_bias), tuple(one.model for one in series))
-    prior = _prior(first.bias, bias_sigma, len(solved.names))
+    prior = _weigh_prior(bias_sigma)
     estimate, iterations = _iterate(path, series, first, solved, prior, weighting, max_iterations, tolerance)
-    return _result(
-        path, series, estimate, solved, prior, epoch, np.asarray(times, float), weighting, covariance_model, iterations
+    state = linearise(path, series, estimate, solved)
+    rows = _add_prior(state.rows, prior, first.bias - estimate.bias)
+    system = solver(path, rows, estimate.C, weighting)
+    nodes = path.node(np.concatenate([[epoch], wanted]))
+    errors = _errors(path, state, system.influence(nodes, state.S[nodes]), estimate.C[0], nodes, len(solved.names))
+    if covariance_model == "measurements only":
+        errors = replace(errors, walk=np.zeros_like(errors.walk))
+    joint = errors.covariance
+    size = 6 + len(solved.names)
+    A = state.R[nodes] @ estimate.C[nodes]
+    # The increments are as many measurements as unknowns.
+    chi2 = rows.chi2 + (system.walk_chi2 if isinstance(system, Exact) else 0.0)
+    return BatchResult(
+        epoch_s=epoch,
+        attitude=A[0],
+        bias=estimate.bias,
+        models=estimate.models,
+        names=solved.names,
+        covariance=joint[:size, :size],
+        t_s=wanted,
+        attitudes=A[1:],
+        joint=joint,
+        errors=errors,
+        residuals=state.residuals,
+        chi2=chi2,
+        dof=len(rows.z) - size,
+        iterations=iterations,
+        weighting=weighting,
+        covariance_model=covariance_model,
     )
 
 
-@dataclass(frozen=True)
-class _Prior:
-    """A-priori bias as three measurements; none if sigma is None."""
-
-    bias: Array
-    sigma: Array | None
-    q: int
-
-    def added(self, rows: Rows, bias: Array) -> Rows:
-        if self.sigma is None:
-            return rows
-        weight = np.diag(1 / self.sigma)
-        c = np.hstack([weight, np.zeros((3, self.q))])
-        return joined([rows, Rows(np.zeros(3, dtype=np.intp), np.zeros((3, 3)), c, weight @ (self.bias - bias))])
-
-
-def _prior(bias: Array, sigma: Array | None, q: int) -> _Prior:
+def _weigh_prior(sigma: Array | None) -> Array:
+    """Compute the inverse (3,) of the a-priori bias' sigma, zero without one."""
     if sigma is None:
-        return _Prior(bias, None, q)
+        return np.zeros(3)
     sigma = np.asarray(sigma, dtype=float)
     if sigma.shape != (3,) or not (np.isfinite(sigma).all() and (sigma > 0).all()):
         raise InputError("bias_sigma must be three positive finite rates, rad/s")
-    return _Prior(bias, sigma, q)
+    return np.asarray(1 / sigma)
+
+
+def _add_prior(rows: Rows, weight: Array, change: Array) -> Rows:
+    """Add the a-priori bias as three measurements; change (3,) is that bias less the present one."""
+    if not weight.any():
+        return rows
+    c = np.hstack([np.diag(weight), np.zeros((3, rows.parameters.shape[1] - 3))])
+    return joined([rows, Rows(np.zeros(3, dtype=np.intp), np.zeros((3, 3)), c, weight * change)])
 
 
 def solver(path: GyroArc, rows: Rows, C: Array, weighting: Weighting) -> Plain | Exact:
@@ -229,15 +250,16 @@ def _iterate(
     series: Sequence[SensorSeries],
     estimate: Estimate,
     solved: Columns,
-    prior: _Prior,
+    prior: Array,
     weighting: Weighting,
     max_iterations: int,
     tolerance: float,
 ) -> tuple[Estimate, int]:
     """Gauss and Newton's iteration to convergence."""
+    apriori = estimate.bias
     for iteration in range(1, max_iterations + 1):
         state = linearise(path, series, estimate, solved)
-        rows = prior.added(state.rows, estimate.bias)
+        rows = _add_prior(state.rows, prior, apriori - estimate.bias)
         if not (np.isfinite(rows.z).all() and np.isfinite(rows.plain).all()):
             break
         # Every time: a wrong start or bias can make a direction look determined that is not.
@@ -258,50 +280,6 @@ def moved(estimate: Estimate, gamma: Array, delta: Array, solved: Columns) -> Es
         rotation_matrix(gamma) @ estimate.C,
         estimate.bias + delta[:3],
         solved.corrected(estimate.models, delta[3:]),
-    )
-
-
-def _result(
-    path: GyroArc,
-    series: Sequence[SensorSeries],
-    estimate: Estimate,
-    solved: Columns,
-    prior: _Prior,
-    epoch: float,
-    times: Array,
-    weighting: Weighting,
-    covariance_model: BatchCovariance,
-    iterations: int,
-) -> BatchResult:
-    state = linearise(path, series, estimate, solved)
-    rows = prior.added(state.rows, estimate.bias)
-    system = solver(path, rows, estimate.C, weighting)
-    nodes = path.node(np.concatenate([[epoch], times]))
-    errors = _errors(path, state, system.influence(nodes, state.S[nodes]), estimate.C[0], nodes, len(solved.names))
-    if covariance_model == "measurements only":
-        errors = replace(errors, walk=np.zeros_like(errors.walk))
-    joint = errors.covariance
-    size = 6 + len(solved.names)
-    A = state.R[nodes] @ estimate.C[nodes]
-    # The increments are as many measurements as unknowns.
-    chi2 = rows.chi2 + (system.walk_chi2 if isinstance(system, Exact) else 0.0)
-    return BatchResult(
-        epoch_s=epoch,
-        attitude=A[0],
-        bias=estimate.bias,
-        models=estimate.models,
-        names=solved.names,
-        covariance=joint[:size, :size],
-        t_s=times,
-        attitudes=A[1:],
-        joint=joint,
-        errors=errors,
-        residuals=state.residuals,
-        chi2=chi2,
-        dof=len(rows.z) - size,
-        iterations=iterations,
-        weighting=weighting,
-        covariance_model=covariance_model,
     )
 
 

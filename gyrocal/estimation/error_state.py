@@ -63,6 +63,20 @@ def step_integrals(phi: float) -> tuple[float, float, float, float]:  # pragma: 
 
 
 @compiled
+def rotation(x: float, y: float, z: float, R: Array) -> tuple[float, float]:  # pragma: no cover - compiled
+    """R = exp(−[φ×]) of φ = (x, y, z) rad into (3, 3); returns c and d."""
+    xx, yy, zz = x * x, y * y, z * z
+    squared = xx + yy + zz
+    c, d, _, _ = step_integrals(sqrt(squared))
+    s = 1 - d * squared
+    R[0, 0], R[1, 1], R[2, 2] = 1 - c * (yy + zz), 1 - c * (xx + zz), 1 - c * (xx + yy)
+    R[0, 1], R[1, 0] = c * x * y + s * z, c * x * y - s * z
+    R[0, 2], R[2, 0] = c * x * z - s * y, c * x * z + s * y
+    R[1, 2], R[2, 1] = c * y * z + s * x, c * y * z - s * x
+    return c, d
+
+
+@compiled
 def transition(
     x: Array, raw: Array, dt: float, columns: Indices, R: Array, B: Array
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
@@ -82,13 +96,7 @@ def transition(
     wy = (x[3] * raw[0] + x[4] * raw[1] + x[5] * raw[2] + x[10]) * dt
     wz = (x[6] * raw[0] + x[7] * raw[1] + x[8] * raw[2] + x[11]) * dt
     xx, yy, zz = wx * wx, wy * wy, wz * wz
-    squared = xx + yy + zz
-    c, d, _, _ = step_integrals(sqrt(squared))
-    s = 1 - d * squared
-    R[0, 0], R[1, 1], R[2, 2] = 1 - c * (yy + zz), 1 - c * (xx + zz), 1 - c * (xx + yy)
-    R[0, 1], R[1, 0] = c * wx * wy + s * wz, c * wx * wy - s * wz
-    R[0, 2], R[2, 0] = c * wx * wz - s * wy, c * wx * wz + s * wy
-    R[1, 2], R[2, 1] = c * wy * wz + s * wx, c * wy * wz - s * wx
+    c, d = rotation(wx, wy, wz, R)
     for q in range(len(columns)):
         axis, h = (columns[q] // 3, raw[columns[q] % 3] * dt) if columns[q] < 9 else (columns[q] - 9, dt)
         if axis == 0:
@@ -178,15 +186,7 @@ def step(
 def corrected(A: Array, theta: Array) -> Array:  # pragma: no cover - compiled
     """exp([θ×]) A, taken to the nearest orthogonal matrix by a Newton step, A ← ½ A (3 I − AᵀA)."""
     R, turned = np.empty((3, 3)), np.empty((3, 3))
-    x, y, z = theta[0], theta[1], theta[2]
-    xx, yy, zz = x * x, y * y, z * z
-    squared = xx + yy + zz
-    c, d, _, _ = step_integrals(sqrt(squared))
-    s = 1 - d * squared
-    R[0, 0], R[1, 1], R[2, 2] = 1 - c * (yy + zz), 1 - c * (xx + zz), 1 - c * (xx + yy)
-    R[0, 1], R[1, 0] = c * x * y - s * z, c * x * y + s * z
-    R[0, 2], R[2, 0] = c * x * z + s * y, c * x * z - s * y
-    R[1, 2], R[2, 1] = c * y * z - s * x, c * y * z + s * x
+    rotation(-theta[0], -theta[1], -theta[2], R)
     for i in range(3):
         for j in range(3):
             turned[i, j] = R[i, 0] * A[0, j] + R[i, 1] * A[1, j] + R[i, 2] * A[2, j]
@@ -254,44 +254,16 @@ def advance(
 @compiled
 def gain(P: Array, H: Array, sigma: Array, z: Array) -> tuple[Array, Array, float]:  # pragma: no cover - compiled
     """K (n, m), S (m, m) and zᵀS⁻¹z of a measurement, H (m, 3)."""
-    n, m = len(P), len(z)
-    PH = np.zeros((n, m))
-    for i in range(n):
-        for j in range(m):
-            PH[i, j] = P[i, 0] * H[j, 0] + P[i, 1] * H[j, 1] + P[i, 2] * H[j, 2]
-    S = np.empty((m, m))
-    for i in range(m):
-        for j in range(m):
-            S[i, j] = H[i, 0] * PH[0, j] + H[i, 1] * PH[1, j] + H[i, 2] * PH[2, j]
-        S[i, i] += sigma[i] * sigma[i]
-    inverse = np.linalg.inv(S)
-    K = np.zeros((n, m))
-    nis = 0.0
-    for j in range(m):
-        for k in range(m):
-            nis += z[j] * inverse[j, k] * z[k]
-            for i in range(n):
-                K[i, j] += PH[i, k] * inverse[k, j]
-    return K, S, nis
+    PH = np.ascontiguousarray(P[:, :3]) @ H.T
+    S = H @ PH[:3] + np.diag(sigma * sigma)
+    weight = np.linalg.inv(S)
+    return PH @ weight, S, float(z @ weight @ z)
 
 
 @compiled
 def joseph(P: Array, K: Array, H: Array, sigma: Array) -> None:  # pragma: no cover - compiled
     """P ← (I − K H) P (I − K H)ᵀ + K N Kᵀ in place, N = diag(σ²)."""
-    n, m = K.shape
-    L = np.zeros((n, 3))  # K H, which only meets the attitude
-    for i in range(n):
-        for j in range(m):
-            for k in range(3):
-                L[i, k] += K[i, j] * H[j, k]
-    half = P.copy()
-    for i in range(n):
-        for j in range(n):
-            half[i, j] -= L[i, 0] * P[0, j] + L[i, 1] * P[1, j] + L[i, 2] * P[2, j]
-    for i in range(n):
-        for j in range(i, n):
-            value = half[i, j] - half[i, 0] * L[j, 0] - half[i, 1] * L[j, 1] - half[i, 2] * L[j, 2]
-            for k in range(m):
-                value += K[i, k] * sigma[k] * sigma[k] * K[j, k]
-            P[i, j] = value
-            P[j, i] = value
+    left = np.eye(len(P))
+    left[:, :3] -= K @ H  # which only meets the attitude
+    P[:] = left @ P @ left.T + (K * (sigma * sigma)) @ K.T
+    P[:] = 0.5 * (P + P.T)

@@ -58,10 +58,10 @@ class History:
     """
 
     A_before: Array
-    A_after: Array
     x_before: Array
-    x_after: Array
     P_before: Array
+    A_after: Array
+    x_after: Array
     P_after: Array
     Phi: Array
 
@@ -136,27 +136,38 @@ def run(
         raise InputError("the requested times must ascend and not precede the start")
     k = covering(gyro, start_s, float(times[-1]), max_gap_s)
     t, which, row = _stops(series, start_s, times)
-    n, width = len(estimator.P), max((s.model.size for s in series), default=0)
-    found = _Found(len(times), n, int(np.sum(which >= 0)), width, len(t) if keep_history else 0)
-    Phi = np.empty((3, n))
+    Phi = np.empty((3, len(estimator.P)))
     rates = np.ascontiguousarray(gyro.rates)
+    noise = estimator.arw, estimator.rate_random_walk
     rejected, present = estimator.rejected, start_s
+    requested: list[tuple[Array, ...]] = []
+    measured: list[tuple[float, int, int, Innovation]] = []
+    history: list[tuple[Array, ...]] = []
     for stop in range(len(t)):
-        noise = (estimator.arw, estimator.rate_random_walk)
         k = advance(estimator.A, estimator.P, Phi, estimator.x, estimator.columns, gyro.t_s, rates, k, present, t[stop], *noise)
-        present = t[stop]
-        if keep_history:
-            found.before(stop, estimator, Phi)
+        present = float(t[stop])
+        before = _copy_state(estimator) if keep_history else ()
         if which[stop] < 0:
-            found.requested(row[stop], stop, estimator)
+            requested.append(_copy_state(estimator))
         else:
-            one = series[which[stop]]
-            innovation = estimator.update(one.model, int(row[stop]), one.y[row[stop]], one.sigma[row[stop]])
+            one, at = series[which[stop]], int(row[stop])
+            innovation = estimator.update(one.model, at, one.y[at], one.sigma[at])
             if innovation is not None:
-                found.measured(present, which[stop], row[stop], innovation)
+                measured.append((present, int(which[stop]), at, innovation))
         if keep_history:
-            found.after(stop, estimator)
-    return found.result(times, estimator, estimator.rejected - rejected)
+            history.append((*before, *_copy_state(estimator), Phi.copy()))
+    A, x, P = (np.array(values) for values in zip(*requested, strict=True))
+    return FilterRun(
+        times,
+        A,
+        x,
+        P,
+        names=estimator.names,
+        innovations=_gather_innovations(measured, max((one.model.size for one in series), default=0)),
+        rejected=estimator.rejected - rejected,
+        history=History(*(np.array(values) for values in zip(*history, strict=True))) if keep_history else None,
+        stops=np.flatnonzero(which < 0),
+    )
 
 
 def covering(gyro: GyroStream, start_s: float, stop_s: float, max_gap_s: float | None = None) -> int:
@@ -197,47 +208,24 @@ def _stops(series: Sequence[SensorSeries], start_s: float, times: Array) -> tupl
     return at[order], of[order], rows[order]
 
 
-class _Found:
-    """Arrays that a run fills."""
+def _copy_state(estimator: KalmanFilter) -> tuple[Array, Array, Array]:
+    return estimator.A.copy(), estimator.x.copy(), estimator.P.copy()
 
-    def __init__(self, requests: int, n: int, measurements: int, width: int, stops: int):
-        self.A, self.x, self.P = np.empty((requests, 3, 3)), np.empty((requests, 12)), np.empty((requests, n, n))
-        self.stops = np.zeros(requests, dtype=np.intp)
-        self.count = 0
-        self.innovations = Innovations(
-            t=np.empty(measurements),
-            series=np.zeros(measurements, dtype=np.intp),
-            row=np.zeros(measurements, dtype=np.intp),
-            residual=np.full((measurements, width), np.nan),
-            sigma=np.full((measurements, width), np.nan),
-            nis=np.empty(measurements),
-            dof=np.zeros(measurements, dtype=np.intp),
-            accepted=np.zeros(measurements, dtype=bool),
-        )
-        shapes = ((3, 3), (3, 3), (12,), (12,), (n, n), (n, n), (3, n))
-        self.history = History(*(np.empty((stops, *shape)) for shape in shapes)) if stops else None
 
-    def before(self, stop: int, estimator: KalmanFilter, Phi: Array) -> None:
-        assert self.history is not None
-        self.history.A_before[stop], self.history.x_before[stop] = estimator.A, estimator.x
-        self.history.P_before[stop], self.history.Phi[stop] = estimator.P, Phi
-
-    def after(self, stop: int, estimator: KalmanFilter) -> None:
-        assert self.history is not None
-        self.history.A_after[stop], self.history.x_after[stop] = estimator.A, estimator.x
-        self.history.P_after[stop] = estimator.P
-
-    def requested(self, request: int, stop: int, estimator: KalmanFilter) -> None:
-        self.A[request], self.x[request], self.P[request] = estimator.A, estimator.x, estimator.P
-        self.stops[request] = stop
-
-    def measured(self, t: float, series: int, row: int, innovation: Innovation) -> None:
-        found, e = self.innovations, self.count
-        columns = np.flatnonzero(innovation.used)
-        found.t[e], found.series[e], found.row[e] = t, series, row
-        found.residual[e, columns], found.sigma[e, columns] = innovation.residual, np.sqrt(np.diag(innovation.S))
-        found.nis[e], found.dof[e], found.accepted[e] = innovation.nis, len(columns), innovation.accepted
-        self.count += 1
-
-    def result(self, times: Array, estimator: KalmanFilter, rejected: int) -> FilterRun:
-        return FilterRun(times, self.A, self.x, self.P, estimator.names, self.innovations, rejected, self.history, self.stops)
+def _gather_innovations(measured: Sequence[tuple[float, int, int, Innovation]], width: int) -> Innovations:
+    """Innovations of a run from the time, series and row of each, with NaN for numbers that were not used."""
+    found = [innovation for *_, innovation in measured]
+    residual, sigma = np.full((2, len(found), width), np.nan)
+    for e, one in enumerate(found):
+        columns = np.flatnonzero(one.used)
+        residual[e, columns], sigma[e, columns] = one.residual, np.sqrt(np.diag(one.S))
+    return Innovations(
+        t=np.array([t for t, *_ in measured]),
+        series=np.array([series for _, series, *_ in measured], dtype=np.intp),
+        row=np.array([row for _, _, row, _ in measured], dtype=np.intp),
+        residual=residual,
+        sigma=sigma,
+        nis=np.array([one.nis for one in found]),
+        dof=np.array([one.residual.size for one in found], dtype=np.intp),
+        accepted=np.array([one.accepted for one in found], dtype=bool),
+    )

@@ -104,12 +104,6 @@ def prior_covariance(
     return np.asarray(P)
 
 
-def _prior_of_grade(recording: Recording) -> Array:
-    """P₀ (12, 12) with the plausible ranges of the gyro's grade as sigmas."""
-    ranges = estimate_plausible_ranges(recording, use_rests=False)
-    return prior_covariance(ranges.G, ranges.bias)
-
-
 def predict(
     recording: Recording,
     from_s: float,
@@ -202,9 +196,10 @@ def conditioned(
     if anchor < 0:
         raise InputError(f"no attitude to start from at or before {times[0]:g} s")
     seen, mountings = kept_rows(references, rows), Mountings.of(references)
-    P0 = _with_mountings(
-        _prior_of_grade(recording) if apriori_covariance is None else apriori_covariance, references, mountings
-    )
+    if apriori_covariance is None:
+        ranges = estimate_plausible_ranges(recording, use_rests=False)
+        apriori_covariance = prior_covariance(ranges.G, ranges.bias)
+    P0 = _with_mountings(apriori_covariance, references, mountings)
     start_s = float(references.t_s[anchor])
     at = np.union1d(times, references.t_s[rows])
     remainder = RemainderNoise() if noise is None else noise
@@ -217,12 +212,14 @@ def conditioned(
     A0 = attitude.matrix_from_quaternion(references.quaternions[anchor])
     A_obs = attitude.matrix_from_quaternion(seen.quaternions)
     stated, turns = remainder.factor * covariance(seen), mountings.turns[rows]
-    seen_rates, wanted_rates = (_interpolate_rates(recording, at_s) for at_s in (seen.t_s, times))
+    gyro = recording.gyro
+    G, bias = gyro.apriori_G, gyro.apriori_bias
+    seen_rates, wanted_rates = (interpolate_rates(gyro, G, bias, at_s) for at_s in (seen.t_s, times))
     shared = remainder.reference_covariance(seen.t_s, seen_rates, seen.t_s, seen_rates).reshape(3 * rows.size, -1)
     place = _places(start_s, at, references.t_s[rows])
     wanted = _places(start_s, at, times)
     elapsed = np.concatenate([[0.0], at - start_s])
-    x0 = np.concatenate([recording.gyro.apriori_G.ravel(), recording.gyro.apriori_bias, np.zeros(turns.shape[2])])
+    x0 = np.concatenate([G.ravel(), bias, np.zeros(turns.shape[2])])
     x = x0.copy()
     S = scipy.linalg.block_diag(ANCHOR * float(references.sigma[anchor].max()) * np.eye(3), _root(P0))
     size = 3 * rows.size
@@ -236,7 +233,7 @@ def conditioned(
         theta = attitude.residual(attitude.rotation_matrix(-turns @ x[12:]) @ A_obs, R[place] @ A0)
         # Both means: c has that of Θ (x − x₀), whose covariance is P₀.
         z = (theta - own[:, :, 3:] @ (x - x0)).ravel()
-        walk = GyroWalk.build(R, F[:, :, 3:15], elapsed, recording.gyro.arw, remainder)
+        walk = GyroWalk.build(R, F[:, :, 3:15], elapsed, gyro.arw, remainder)
         V = walk.covariance(place, place) + shared
         each = np.arange(rows.size)
         V.reshape(rows.size, 3, rows.size, 3)[each, :, each] += stated
@@ -289,11 +286,6 @@ def conditioned(
         -cross[:, :, 12:],
         readings,
     )
-
-
-def _interpolate_rates(recording: Recording, t_s: Array) -> Array:
-    """Interpolate the body rate (n, 3) by the a-priori parameters, rad/s."""
-    return interpolate_rates(recording.gyro, recording.gyro.apriori_G, recording.gyro.apriori_bias, t_s)
 
 
 def _with_mountings(P0: Array, references: Attitudes, mountings: Mountings) -> Array:

@@ -68,7 +68,6 @@ def compute_prediction_errors(
     known: KnownCalibration,
     horizons_s: Sequence[float] = HORIZONS_S,
     most_starts: int = MOST_STARTS,
-    most_used: int = MOST_USED,
 ) -> list[PredictionErrors]:
     """Predict from many starts in a recording, and compare with its later references.
 
@@ -78,7 +77,6 @@ def compute_prediction_errors(
     known : parameters, their covariance and the remainder, of other data
     horizons_s : s, ascending
     most_starts : starts are chosen evenly from all references that have enough references before and after them
-    most_used : latest references before a start that are used
 
     Returns
     -------
@@ -91,7 +89,7 @@ def compute_prediction_errors(
     for row in rows:
         wanted = [_reference_after(recording, row, horizon) for horizon in horizons_s]
         targets = sorted({one for one in wanted if one is not None})
-        used = _references_before(recording, row, most_used)
+        used = _references_before(recording, row)
         if not targets:
             continue
         try:
@@ -137,12 +135,12 @@ def _choose_starts(recording: Recording, least_s: float, most: int) -> list[int]
     return [rows[k] for k in choose_evenly(len(rows), most)] if rows else []
 
 
-def _references_before(recording: Recording, row: int, most: int) -> NDArray[np.bool_]:
+def _references_before(recording: Recording, row: int) -> NDArray[np.bool_]:
     """Mask of the latest references up to a row in the interval that holds it."""
     attitudes: Attitudes = recording.attitudes
     start_s = max(one.start_s for one in recording.intervals if one.start_s < attitudes.t_s[row] - SAME_TIME_S)
     used = (attitudes.t_s >= start_s - SAME_TIME_S) & (np.arange(attitudes.t_s.size) <= row)
-    used[: max(row + 1 - most, 0)] = False
+    used[: max(row + 1 - MOST_USED, 0)] = False
     return np.asarray(used)
 
 

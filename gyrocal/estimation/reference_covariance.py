@@ -41,8 +41,7 @@ def reference_attitudes(batches: Sequence[BatchResult]) -> Attitudes:
     InputError
         None is there, or two are of one time.
     """
-    t, A, _, _ = _gathered(batches)
-    sigma = np.concatenate([one.attitude_sigma for one in batches])[_order(batches)]
+    t, A, sigma, _, _ = _gather_references(batches)
     return Attitudes(t, quaternion_from_matrix(A), sigma)
 
 
@@ -55,8 +54,8 @@ def residual_covariance(batches: Sequence[BatchResult], intervals: Sequence[Inte
     intervals : each with two or more of these times within
     arw : of the gyro, rad/sqrt(s)
     """
-    t, A, batch_of, number = _gathered(batches)
-    start, end = _ends(t, intervals)
+    t, A, _, batch_of, number = _gather_references(batches)
+    start, end = _find_ends(t, intervals)
     edges = np.unique(np.concatenate([t, *(one.errors.t_s for one in batches)]))
     middle, length = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
     walk = np.zeros((3 * len(end), len(middle), 3))
@@ -87,7 +86,7 @@ def interval_covariance(batches: Sequence[BatchResult], intervals: Sequence[Inte
     InputError
         An interval has another number of references than two, its ends.
     """
-    t, _, _, _ = _gathered(batches)
+    t, *_ = _gather_references(batches)
     for interval in intervals:
         count = reference_rows(t, interval).size
         if count != 2:
@@ -96,41 +95,24 @@ def interval_covariance(batches: Sequence[BatchResult], intervals: Sequence[Inte
     return np.stack([V[k : k + 3, k : k + 3] for k in range(0, len(V), 3)])
 
 
-def correlated_intervals(batches: Sequence[BatchResult], intervals: Sequence[Interval], arw: float) -> float:
-    """Largest canonical correlation between two residuals, 0 to 1; unless it is small, `interval_covariance` is not enough."""
-    V = residual_covariance(batches, intervals, arw)
-    m = len(V) // 3
-    inverse = [np.linalg.inv(np.linalg.cholesky(V[3 * j : 3 * j + 3, 3 * j : 3 * j + 3])) for j in range(m)]
-    pairs = [
-        np.linalg.norm(inverse[a] @ V[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] @ inverse[b].T, 2)
-        for a in range(m)
-        for b in range(a)
-    ]
-    return float(max(pairs, default=0.0))
-
-
-def _order(batches: Sequence[BatchResult]) -> Indices:
-    if not batches or not sum(one.t_s.size for one in batches):
+def _gather_references(batches: Sequence[BatchResult]) -> tuple[Array, Array, Array, Indices, Indices]:
+    """Times, attitudes, sigmas, batch and number within it of all references, in the order of time."""
+    counts = [one.t_s.size for one in batches]
+    if not sum(counts):
         raise InputError("no batch has an attitude at a wanted time")
     t = np.concatenate([one.t_s for one in batches])
     order = np.argsort(t, kind="stable")
     same = np.flatnonzero(np.diff(t[order]) <= 0)
     if same.size:
         raise InputError(f"two references are of one time, {t[order][same[0]]:g} s; want it of one batch only")
-    return order
+    A, sigma = (
+        np.concatenate(parts)[order] for parts in zip(*((one.attitudes, one.attitude_sigma) for one in batches), strict=True)
+    )
+    number = np.concatenate([np.arange(count) for count in counts])[order]
+    return t[order], A, sigma, np.repeat(np.arange(len(batches)), counts)[order], number
 
 
-def _gathered(batches: Sequence[BatchResult]) -> tuple[Array, Array, Indices, Indices]:
-    """Times, attitudes, batch and number within it of all references, in the order of time."""
-    order = _order(batches)
-    t = np.concatenate([one.t_s for one in batches])[order]
-    A = np.concatenate([one.attitudes for one in batches])[order]
-    batch_of = np.repeat(np.arange(len(batches)), [one.t_s.size for one in batches])[order]
-    number = np.concatenate([np.arange(one.t_s.size) for one in batches])[order]
-    return t, A, batch_of, number
-
-
-def _ends(t: Array, intervals: Sequence[Interval]) -> tuple[Indices, Indices]:
+def _find_ends(t: Array, intervals: Sequence[Interval]) -> tuple[Indices, Indices]:
     """Start and end reference of each residual."""
     start: list[int] = []
     end: list[int] = []

@@ -26,10 +26,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.calibration.davenport import DEGREES, CalibrationResult
 from gyrocal.calibration.parameters import GyroParameters
-from gyrocal.calibration.remainder import WITH_REMAINDER, read_processes
-from gyrocal.calibration.remainder_processes import Process, Stretches, compute_turns, correlate_references
+from gyrocal.calibration.remainder_processes import (
+    WITH_REMAINDER,
+    Process,
+    Stretches,
+    compute_turns,
+    correlate_references,
+    read_processes,
+)
+from gyrocal.calibration.result import DEGREES, CalibrationResult
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
 

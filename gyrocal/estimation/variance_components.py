@@ -6,20 +6,17 @@ Residuals y (N,) with the estimated parameters projected out are modelled as
 
 φ is the variance of the white noise relative to the stated one. The columns Z_k (N, r_k) are the factor of the covariance of a
 process of unit variance, such as a rate error of a given correlation time, with the parameters projected out too. The sizes
-maximise the restricted likelihood (REML; Patterson and Thompson, Biometrika 58, 1971). With W = Z √(θ/φ), A = WᵀW, B = I + A
-and u = B⁻¹Wᵀy,
+maximise the restricted likelihood (REML; Patterson and Thompson, Biometrika 58, 1971). With the matrices M_k = Z_k Z_kᵀ, the
+ratios ρ_k = θ_k/φ, D = I + Σ_k ρ_k M_k and a = D⁻¹ y,
 
-    −2 log L = d log φ + log |B| + (yᵀy − uᵀWᵀy)/φ
-    ∂ log L/∂ log θ_k = ½ (|u_k|²/φ − tr(I − B⁻¹)_kk)
-    ∂ log L/∂ log φ   = ½ (|y − W u|²/φ − d + tr(I − B⁻¹))
-
-so that only the products ZᵀZ, Zᵀy and yᵀy are needed. Where there are more columns than residuals, the same is computed with
-the matrices Z_k Z_kᵀ: with D = I + W Wᵀ and a = D⁻¹ y, log |B| = log |D|, u = Wᵀa and tr(I − B⁻¹)_kk = tr(D⁻¹ W_k W_kᵀ).
+    −2 log L = d log φ + log |D| + yᵀa/φ
+    ∂ log L/∂ log θ_k = ½ ρ_k (aᵀ M_k a/φ − tr(D⁻¹ M_k))
+    ∂ log L/∂ log φ   = ½ (aᵀa/φ − d + Σ_k ρ_k tr(D⁻¹ M_k))
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -59,16 +56,8 @@ class VarianceComponents:
         shrink = shrink if along.ndim == 1 else shrink[:, None]
         return np.asarray((values - self.basis @ (shrink * along)) / np.sqrt(self.noise))
 
-    def covariance_times(self, values: Array) -> Array:
-        """Multiply (N,) or (N, k) values by C."""
-        along = self.basis.T @ values
-        powers = self.powers if along.ndim == 1 else self.powers[:, None]
-        return np.asarray(self.noise * (values + self.basis @ (powers * along)))
 
-
-def estimate_variance_components(
-    residuals: Array, components: Sequence[Array], dof: float, *, free_noise: bool = True
-) -> VarianceComponents:
+def estimate_variance_components(residuals: Array, components: Sequence[Array], dof: float) -> VarianceComponents:
     """Estimate the sizes of noise components by restricted maximum likelihood.
 
     Parameters
@@ -76,7 +65,6 @@ def estimate_variance_components(
     residuals : (N,) whitened by the stated noise, the estimated parameters projected out
     components : K arrays (N, r_k), columns of each process of unit variance, treated in the same way
     dof : d, degrees of freedom of the residuals
-    free_noise : estimate φ ≥ 1 too; otherwise φ = 1
 
     Returns
     -------
@@ -86,7 +74,7 @@ def estimate_variance_components(
     each = np.array([float(np.square(part).sum()) for part in components])
     if (each <= 0).any():  # a component without effect on the residuals has no size
         kept = np.flatnonzero(each > 0).tolist()
-        found_ones = estimate_variance_components(residuals, [components[k] for k in kept], dof, free_noise=free_noise)
+        found_ones = estimate_variance_components(residuals, [components[k] for k in kept], dof)
         variances = np.zeros(len(components))
         variances[kept] = found_ones.variances
         return replace(found_ones, variances=variances)
@@ -94,12 +82,12 @@ def estimate_variance_components(
     Z = np.hstack([np.zeros((residuals.size, 0)), *components])
     owner = np.repeat(np.arange(len(counts)), counts)
     unit = max(power, dof) / each  # variance with which a component would make all the power alone
-    value_and_slope = _build_likelihood(residuals, components, Z, owner, dof)
+    kernels = np.array([part @ part.T for part in components]).reshape(len(components), residuals.size, residuals.size)
 
     def objective(x: Array) -> tuple[float, Array]:
-        return value_and_slope(float(np.exp(x[0])), np.exp(x[1:]))
+        return evaluate_likelihood(float(np.exp(x[0])), np.exp(x[1:]), kernels, residuals, dof)
 
-    high = max(np.log(max(power, dof) / dof), 1e-9) if free_noise else 0.0
+    high = max(np.log(max(power, dof) / dof), 1e-9)
     excess = max(1.0 - dof / max(power, dof), 0.05)
     start = np.concatenate([[0.5 * high], np.log(max(START / max(len(counts), 1) * excess, 10 * LEAST) * unit)])
     bounds = [(0.0, high), *((np.log(LEAST * one), np.log(10 * one)) for one in unit)]
@@ -111,22 +99,8 @@ def estimate_variance_components(
     return VarianceComponents(noise, theta, -float(found.fun) + 0.5 * power, basis, powers)
 
 
-Likelihood = Callable[[float, Array], tuple[float, Array]]
-
-
-def _build_likelihood(
-    residuals: Array, components: Sequence[Array], Z: Array, owner: NDArray[np.intp], dof: float
-) -> Likelihood:
-    """Build −log L but for a constant, with its gradient with respect to log φ and log θ, as a function of φ and θ."""
-    if Z.shape[1] > residuals.size:
-        kernels = np.array([part @ part.T for part in components])
-        return lambda noise, theta: _evaluate_by_kernels(noise, theta, kernels, residuals, dof)
-    gram, along, power = Z.T @ Z, Z.T @ residuals, float(residuals @ residuals)
-    return lambda noise, theta: _evaluate_by_columns(noise, theta, gram, along, power, owner, dof)
-
-
-def _evaluate_by_kernels(noise: float, theta: Array, kernels: Array, y: Array, dof: float) -> tuple[float, Array]:
-    """Evaluate −log L and its gradient from the (K, N, N) matrices Z_k Z_kᵀ."""
+def evaluate_likelihood(noise: float, theta: Array, kernels: Array, y: Array, dof: float) -> tuple[float, Array]:
+    """Evaluate −log L but for a constant, and its gradient by log φ and log θ, from the (K, N, N) matrices M_k."""
     ratios = theta / noise
     D = np.tensordot(ratios, kernels, 1)
     D[np.diag_indices_from(D)] += 1.0
@@ -134,30 +108,10 @@ def _evaluate_by_kernels(noise: float, theta: Array, kernels: Array, y: Array, d
     a = scipy.linalg.cho_solve((factor, True), y, check_finite=False)
     inverse, _ = scipy.linalg.lapack.dpotri(factor, lower=1)
     inverse = np.tril(inverse) + np.tril(inverse, -1).T
-    seen = ratios * (kernels.reshape(len(kernels), -1) @ inverse.ravel())
+    seen = ratios * np.tensordot(kernels, inverse, 2)
     u2 = ratios * (kernels @ a @ a)
     value = 0.5 * (dof * np.log(noise) + 2 * np.log(np.diag(factor)).sum() + y @ a / noise)
     slope = -0.5 * np.concatenate([[a @ a / noise - dof + seen.sum()], u2 / noise - seen])
-    return float(value), slope
-
-
-def _evaluate_by_columns(
-    noise: float, theta: Array, gram: Array, along: Array, power: float, owner: NDArray[np.intp], dof: float
-) -> tuple[float, Array]:
-    """Evaluate −log L and its gradient from the products of the columns."""
-    root = np.sqrt(theta[owner] / noise)
-    A = gram * np.outer(root, root)
-    b = root * along
-    B = A + np.eye(root.size)
-    factor = scipy.linalg.cholesky(B, lower=True, check_finite=False)
-    u = scipy.linalg.cho_solve((factor, True), b, check_finite=False)
-    inverse, _ = scipy.linalg.lapack.dpotri(factor, lower=1)
-    seen = 1.0 - np.diag(inverse)
-    value = 0.5 * (dof * np.log(noise) + 2 * np.log(np.diag(factor)).sum() + (power - u @ b) / noise)
-    left = power - 2 * u @ b + u @ A @ u
-    slope = np.empty(theta.size + 1)
-    slope[0] = -0.5 * (left / noise - dof + seen.sum())
-    slope[1:] = -0.5 * np.bincount(owner, u**2 / noise - seen, theta.size)
     return float(value), slope
 
 

@@ -1,4 +1,4 @@
-"""Static Earth sensor as an estimator sees it: expected penetration angles, their derivatives, and roll and pitch.
+"""Static Earth sensor as an estimator sees it: expected penetration angles and their derivatives.
 
 Expected angle
     The CO₂ horizon is an ellipsoid with the semi-axes of WGS 84 plus the height of the layer. With D = diag(1/a, 1/a, 1/c) and
@@ -17,24 +17,11 @@ Derivative
         ∂y/∂θ = (e × C_b e)/(e'·C_b e)
 
     For a sphere of angular radius η₀ and +z to nadir this is (−sin ζ, cos ζ, 0).
-Roll and pitch
-    A body that is turned by roll ρ and pitch ϑ from nadir, A = exp(−[ρ e_x + ϑ e_y]×) A_nadir, so that θ = (−ρ, −ϑ, 0) takes
-    A_nadir to A, has to first order, at a height difference that widens the horizon by h,
-
-        y_i = h + ρ sin ζ_i − ϑ cos ζ_i + (−1)^i e
-
-    The fourth pattern e completes the basis. With ζ_i = 45°, 135°, 225°, 315° the inverse is `MODES`; it needs of ρ and ϑ only
-    the differences of opposite quadrants, each the rotation about the axis between:
-
-        ρ = (√2/4) [(y₁ − y₃) + (y₂ − y₄)],    ϑ = (√2/4) [(y₂ − y₄) − (y₁ − y₃)]
-
-    Three quadrants determine ρ, ϑ and h with e = 0, so that the missing angle is y_k = y_{k−1} + y_{k+1} − y_{k+2}.
 Biases
     Four biases are therefore equal to a misalignment in roll and pitch (differences of opposite quadrants, as R says; yaw has
     none), a change of altitude or CO₂ height (their sum; 0.027 deg/km and 0.028 deg/km), and one more: y₁ + y₃ against
     y₂ + y₄. That one is an elongated horizon. The oblate Earth has such a part, known from the model, and no attitude and no
-    height looks like it: it is the only combination that one sample of all four quadrants determines by itself, and it
-    disturbs roll and pitch as soon as a quadrant is left out, by √2 e each.
+    height looks like it: it is the only combination that one sample of all four quadrants determines by itself.
 Quadrants
     Flying +x forward, +x is east and +y south, so that the azimuths 45°, 135°, 225°, 315° are SE, SW, NW, NE; flying −x
     forward NW, NE, SE, SW. R does not say how it numbers them, see `TRMM_BIASES`.
@@ -51,14 +38,10 @@ from gyrocal.errors import InputError
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-Flags = NDArray[np.bool_]
 
 EQUATORIAL_RADIUS, POLAR_RADIUS = 6378137.0, 6356752.314245  # m, WGS 84
 AZIMUTHS = np.deg2rad([45.0, 135.0, 225.0, 315.0])
 SIDES = np.sqrt(0.5) * np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0]])  # s of each quadrant
-
-#: Roll, pitch, h and e from four angles; rows in this order.
-MODES = np.stack([SIDES[:, 1] / 2, -SIDES[:, 0] / 2, np.full(4, 0.25), np.array([0.25, -0.25, 0.25, -0.25])])
 
 #: b_ESA that R found with M_DSS-1 = I, in the order printed there, rad. R lists the quadrants as NE, NW, SE, SW in the text
 #: but does not say that the biases are in that order, nor their sign. With the sign and the flight direction (+x forward)
@@ -186,22 +169,3 @@ def _limb(C: Array) -> Array:
     square = beta**2 - alpha * gamma
     root = np.sqrt(np.where(square < 0, np.nan, square))
     return np.asarray(np.arctan2(beta + root, -gamma))
-
-
-def roll_pitch(angles: Array, used: Flags) -> Array:
-    """Roll ρ and pitch ϑ of the body from the horizon's bisector, as the software on board forms them.
-
-    Parameters
-    ----------
-    angles : (n, 4) penetration angles, rad, with the known biases taken off
-    used : (n, 4) quadrants to be used; angles of the others may be anything
-
-    Returns
-    -------
-    (n, 2) rad; NaN with fewer than three quadrants
-    """
-    angles, used = np.asarray(angles, dtype=float), np.asarray(used, dtype=bool)
-    others = np.roll(angles, 1, axis=1) + np.roll(angles, -1, axis=1) - np.roll(angles, 2, axis=1)
-    out = np.asarray(np.where(used, angles, others) @ MODES[:2].T)
-    out[used.sum(axis=1) < 3] = np.nan
-    return out

@@ -96,10 +96,6 @@ class SunSensor:
         N = np.asarray(counts, dtype=float)
         return np.stack([_transfer(N[..., 0], self.coefficients_alpha), _transfer(N[..., 1], self.coefficients_beta)], axis=-1)
 
-    def body_vector(self, counts: npt.ArrayLike) -> Array:
-        """Unit vectors N M O in body axes, R (1), of counts (n, 2); (n, 3)."""
-        return np.asarray(vector(self.angles(counts)) @ (self.alignment @ self.misalignment).T)
-
     def in_view(self, angles: Array) -> NDArray[np.bool_]:
         """(n,) both angles (n, 2) within the field of view."""
         return np.asarray((np.abs(angles) <= self.half_fov).all(axis=-1))

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from gyrocal import NAMES, GyroParameters, InputError, RecursiveCalibrator, attitude
-from gyrocal.calibration.covariance import FULL, residual_covariance
+from gyrocal.calibration.covariance import residual_covariance
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import propagate
@@ -100,8 +100,7 @@ def interval_covariances(problem: Problem, x: Array) -> Array:
     if (groups > 1).any():
         raise InputError("estimators: the intervals must have references at their ends only, and not touch")
     R = propagate(prepared.arcs, x[:9].reshape(3, 3), x[9:]).R
-    where = (prepared.arcs.arc, prepared.start, prepared.row, prepared.elapsed_s)
-    V = residual_covariance(R, *where, problem.sigma, problem.arw, FULL, np.zeros((0, 3, 3)))
+    V = residual_covariance(R, *problem.references, problem.walk)
     return np.array([V[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] for k in range(len(R))])
 
 

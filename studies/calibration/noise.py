@@ -27,7 +27,7 @@ from pydantic import Field
 
 from gyrocal import NAMES, InputError
 from gyrocal.calibration import normal_equations as accumulation
-from gyrocal.calibration.covariance import FULL, residual_covariance
+from gyrocal.calibration.covariance import integrate_white_noise, residual_covariance
 from gyrocal.calibration.parameters import BIASES, MISALIGNMENTS, SCALE_FACTORS
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import propagate
@@ -96,10 +96,10 @@ def _prepared(config: NoiseConfig, flown: Flown) -> _Prepared:
     prepared = measurements(flown.plain)
     problem = Problem.of(flown.plain, prepared)
     pass_ = propagate(prepared.arcs, flown.truth[:9].reshape(3, 3), flown.truth[9:])
-    where = (prepared.arcs.arc, prepared.start, prepared.row, prepared.elapsed_s)
-    ones, none = np.ones_like(problem.sigma), np.zeros((0, 3, 3))
-    V_reference = residual_covariance(pass_.R, *where, ones, 0.0, FULL, none)
-    V_gyro = residual_covariance(pass_.R, *where, ones, 1.0, FULL, none) - V_reference
+    where, units = problem.references[:3], np.tile(np.eye(3), (len(problem.A), 1, 1))
+    walk = integrate_white_noise(prepared.elapsed_s, 1.0)
+    V_reference = residual_covariance(pass_.R, *where, units, 0.0 * walk)
+    V_gyro = residual_covariance(pass_.R, *where, 0.0 * units, walk)
     return _Prepared(flown, problem, accumulation.sensitivity(pass_.S, problem.columns, problem.scale), V_reference, V_gyro)
 
 
@@ -142,8 +142,8 @@ def estimates(config: NoiseConfig, prepared: _Prepared, arw_deg: float, sigma_de
     """(seeds, 12) estimates after two iterations from the a-priori parameters; G dimensionless, b rad/s."""
     levels = {"gyro.arw_deg_per_sqrt_s": arw_deg} | {f"reference.sigma_deg.{axis}": sigma_deg for axis in range(3)}
     flown = replace(prepared.flown, scenario=override(prepared.flown.scenario, levels))
-    sigma = np.full_like(prepared.problem.sigma, np.deg2rad(sigma_deg))
-    problem = replace(prepared.problem, arw=float(np.deg2rad(arw_deg)), sigma=sigma)
+    variance = np.tile(np.deg2rad(sigma_deg) ** 2 * np.eye(3), (len(prepared.problem.A), 1, 1))
+    problem = replace(prepared.problem, arw=float(np.deg2rad(arw_deg)), noise=variance)
     noise = noise_of(streams)
     cases = (problem.with_case(*flown.realise(noise)) for _ in range(config.seeds))
     return np.array([one.iterate(flown.initial, 2).checked().x[-1] for one in cases])

@@ -7,11 +7,11 @@ import pandas as pd
 from rich.console import Console
 
 from gyrocal import NAMES, CalibrationResult, GyroParameters
-from gyrocal.calibration.davenport import DEGREES
 from gyrocal.calibration.gyro_space import space_of
 from gyrocal.calibration.observability import BIAS_LETTERS
 from gyrocal.calibration.problem import ROTATION_NAMES
-from gyrocal.calibration.remainder import DEG_H, WITH_REMAINDER
+from gyrocal.calibration.remainder_processes import DEG_H, WITH_REMAINDER
+from gyrocal.calibration.result import DEGREES
 from studies.report import tables, trackers
 
 DOUBT = 0.01  # p-value below which the fit is called bad, and above one minus which too good

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from gyrocal import CalibrationResult, GyroParameters, InputError, Recording
 from gyrocal.calibration.problem import ROTATION_NAMES
-from gyrocal.calibration.remainder import WITH_REMAINDER
+from gyrocal.calibration.remainder_processes import WITH_REMAINDER
 from studies.allan import report as allan_report
 from studies.allan.analysis import analyse
 from studies.montecarlo.files import write_text

@@ -23,8 +23,8 @@ from diagnosis.diagnose import diagnose
 from diagnosis.result import Diagnosis
 from diagnosis.settings import DEFAULT
 from gyrocal import Recording, calibrate
-from gyrocal.calibration.davenport import CalibrationResult
 from gyrocal.calibration.remainder import add_remainder
+from gyrocal.calibration.result import CalibrationResult
 from gyrocal.estimation.prediction_consistency import compute_prediction_errors, cut_recording
 from gyrocal.estimation.remainder_noise import KnownCalibration
 from studies.montecarlo.manifest import digest

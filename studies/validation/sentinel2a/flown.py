@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.calibration.gyro_prior import prior_of_gyros
+from gyrocal.calibration.gyros import prior_of_gyros
 from gyrocal.estimation.predict import prior_covariance
 from gyrocal.importing import checked, import_csv, load_mapping
 from gyrocal.importing.build import Imported

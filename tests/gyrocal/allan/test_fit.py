@@ -10,7 +10,6 @@ from gyrocal.allan.terms import (
     FLICKER,
     MARKOV,
     RAMP,
-    RANDOM,
     RANDOM_WALK,
     RATE_WALK,
     covariance,
@@ -94,7 +93,7 @@ def test_what_is_known_is_no_term():
     assert np.all(np.abs(found.variance / fit.model - 1) < 4 * np.sqrt(2 / fit.degrees))
 
 
-@pytest.mark.parametrize("term", RANDOM)
+@pytest.mark.parametrize("term", TERMS[:5])
 @pytest.mark.parametrize("tau", [0.01, 0.3, 0.99, 1.01, 40.0])
 def test_allan_variance_follows_from_the_covariance(term, tau):
     constant = 30.0

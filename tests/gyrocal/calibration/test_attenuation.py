@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 import simulator
 from gyrocal import calibrate
 from gyrocal.calibration.attenuation import information
-from gyrocal.calibration.covariance import FULL, residual_covariance
+from gyrocal.calibration.covariance import integrate_white_noise, residual_covariance
 from studies.report.calibration import remarks
 from tests.diagnosis.recordings import of_rates
 
@@ -36,13 +36,14 @@ def test_information_is_that_of_all_residuals_about_a_turn():
     A = A @ A[0].T  # the propagation's R, from the first reference on
     sigma, t_s = rng.uniform(0.1, 1.0, (m + 1, 3)), np.cumsum(rng.uniform(0.2, 2.0, m))
     zero = np.zeros(m, dtype=np.intp)
-    V = residual_covariance(A[1:], zero, zero, np.arange(1, m + 1), t_s, sigma, arw, FULL, np.zeros((0, 3, 3)))
+    noise = np.einsum("ri,ij->rij", sigma**2, np.eye(3))
+    V = residual_covariance(A[1:], zero, zero, np.arange(1, m + 1), noise, integrate_white_noise(t_s, arw))
     weight = np.linalg.inv(V).reshape(m, 3, m, 3)
     expected = np.zeros((3, 3))
     for k, dt in enumerate(np.diff(t_s, prepend=0.0)):
         M = np.einsum("aij,aibl,blm->jm", A[1 + k :], weight[k:, :, k:], A[1 + k :])
         expected += 0.5 * dt * (A[k] @ M @ A[k].T + A[k + 1] @ M @ A[k + 1].T)
-    np.testing.assert_allclose(information(A, sigma**2, t_s, arw), expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(information(A, noise, t_s, arw), expected, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("psi", ["full", "linear"])

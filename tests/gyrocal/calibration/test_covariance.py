@@ -5,7 +5,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gyrocal import attitude
-from gyrocal.calibration.covariance import FULL, GIVEN, REFERENCES_ONLY, chained, residual_covariance
+from gyrocal.calibration.covariance import (
+    FULL,
+    GIVEN,
+    REFERENCES_ONLY,
+    chain_intervals,
+    integrate_white_noise,
+    model_covariance,
+    residual_covariance,
+)
 from gyrocal.calibration.normal_equations import whiten
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import propagate
@@ -13,7 +21,6 @@ from gyrocal.calibration.sampling import measurements
 from tests.builders import RPO, TRUTH, piecewise_recording
 
 # Two touching intervals with a turn, then a separate one; several references in each.
-NONE = np.zeros((0, 3, 3))
 PLAN = (
     (((0.0, -RPO, 0.0), 200.0), ((0.0, 0.0, np.deg2rad(0.4)), 200.0)),
     (((RPO, 0.0, 0.0), 200.0),),
@@ -22,21 +29,19 @@ PLAN = (
 
 def test_one_residual_by_hand():
     R = Rotation.from_rotvec([0, 0, np.pi / 2]).as_matrix()
-    sigma = np.array([[1.0, 2.0, 3.0], [0.1, 0.2, 0.3]])
-    args = (R[None], np.array([0]), np.array([0]), np.array([1]), np.array([100.0]), sigma)
-    # A quarter turn about z swaps the start's x and y.
-    paper = residual_covariance(*args, 0.5, REFERENCES_ONLY, NONE)
-    np.testing.assert_allclose(paper, np.diag([4.01, 1.04, 9.09]), atol=1e-14)
-    np.testing.assert_allclose(residual_covariance(*args, 0.5, FULL, NONE), np.diag([29.01, 26.04, 34.09]), atol=1e-13)
+    noise = np.array([np.diag([1.0, 4.0, 9.0]), np.diag([0.01, 0.04, 0.09])])
+    args = (R[None], np.array([0]), np.array([0]), np.array([1]), noise, integrate_white_noise(np.array([100.0]), 0.5))
     given = np.diag([1.0, 2.0, 3.0])[None]
-    np.testing.assert_array_equal(residual_covariance(*args, 0.5, GIVEN, given), given[0])
+    # A quarter turn about z swaps the start's x and y.
+    for model, expected in ((REFERENCES_ONLY, [4.01, 1.04, 9.09]), (FULL, [29.01, 26.04, 34.09]), (GIVEN, [1.0, 2.0, 3.0])):
+        np.testing.assert_allclose(model_covariance(*args, model, given), np.diag(expected), atol=1e-13)
 
 
 def test_chains_follow_shared_references():
-    assert chained(np.array([0, 2, 5]), np.array([2, 4, 6])) == [[0, 1], [2]]
-    assert chained(np.array([5, 0, 2]), np.array([6, 2, 4])) == [[1, 2], [0]]
-    assert chained(np.array([0, 1, 3]), np.array([5, 2, 6])) == [[0, 1, 2]]  # one inside another, which goes on after it
-    assert chained(np.array([0, 1]), np.array([2, 3])) == [[0, 1]]  # two references within the tolerance of a joint
+    assert chain_intervals(np.array([0, 2, 5]), np.array([2, 4, 6])) == [[0, 1], [2]]
+    assert chain_intervals(np.array([5, 0, 2]), np.array([6, 2, 4])) == [[1, 2], [0]]
+    assert chain_intervals(np.array([0, 1, 3]), np.array([5, 2, 6])) == [[0, 1, 2]]  # one inside another
+    assert chain_intervals(np.array([0, 1]), np.array([2, 3])) == [[0, 1]]  # two references within the tolerance of a joint
 
 
 @pytest.mark.parametrize("gap_s", [0.0, 50.0])
@@ -57,8 +62,7 @@ def test_full_covariance_is_that_of_simulated_residuals(gap_s):
         draws.append(problem.with_case(rates, seen).state(TRUTH).theta)
     draws = np.array(draws)
     for rows in groups:
-        per_row = (prepared.arcs.arc, prepared.start, prepared.row, prepared.elapsed_s)
-        V = residual_covariance(R[rows], *(values[rows] for values in per_row), plain.attitudes.sigma, arw, FULL, NONE)
+        V = problem.covariance(R[rows], rows)
         sample = draws[:, rows].reshape(cases, -1)
         white = np.linalg.solve(np.linalg.cholesky(V), sample.T)
         # Elements of a whitened covariance scatter by 1/sqrt(cases), its diagonal by sqrt(2/cases); 5 sigma.
@@ -69,10 +73,8 @@ def test_full_covariance_is_that_of_simulated_residuals(gap_s):
 
 def test_noise_rides_with_the_attitude():
     R = np.stack([attitude.rotation_matrix(np.array([0, 0, a])) for a in (0.4, 1.3)])
-    sigma = np.full((3, 3), 1e-12)
-    V = residual_covariance(
-        R, np.zeros(2, int), np.zeros(2, int), np.array([1, 2]), np.array([10.0, 40.0]), sigma, 2.0, FULL, NONE
-    )
+    noise, walk = np.zeros((3, 3, 3)), integrate_white_noise(np.array([10.0, 40.0]), 2.0)
+    V = residual_covariance(R, np.zeros(2, int), np.zeros(2, int), np.array([1, 2]), noise, walk)
     np.testing.assert_allclose(V[:3, 3:], 40.0 * R[0] @ R[1].T, atol=1e-9)
     np.testing.assert_allclose(V[3:, 3:], 160.0 * np.eye(3), atol=1e-9)
 

@@ -9,8 +9,7 @@ from scipy.linalg import expm
 import simulator
 from gyrocal import GyroArray, InputError, UnobservableError, calibrate, calibrate_gyros
 from gyrocal.attitude import cross_matrix, rotation_matrix
-from gyrocal.calibration.gyro_prior import prior_of_gyros
-from gyrocal.calibration.gyros import LARGEST_TURN, gain_jacobian, noise_walk, parity_sums
+from gyrocal.calibration.gyros import LARGEST_TURN, gain_jacobian, noise_walk, parity_sums, prior_of_gyros
 from gyrocal.recording.gyros import gain, nominal
 from gyrocal.recording.parts import without_attitudes
 from tests.builders import RPO, mean_bounds, piecewise_recording

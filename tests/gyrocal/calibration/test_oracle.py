@@ -5,9 +5,8 @@ import pytest
 from numpy.polynomial.legendre import leggauss
 from scipy.spatial.transform import Rotation
 
-from gyrocal import NAMES, GyroParameters, InputError, RecursiveCalibrator, UnobservableError, attitude, calibrate
+from gyrocal import NAMES, GyroParameters, InputError, UnobservableError, calibrate
 from gyrocal.calibration.gyro_space import GYRO_NAMES, SPACES, from_gyros, gyro_jacobian, to_gyros
-from gyrocal.calibration.sampling import measurements
 from tests.builders import PLAN, TRUTH, piecewise_recording
 
 PRELAUNCH = GyroParameters(
@@ -127,19 +126,6 @@ def test_the_independent_implementation_agrees(noisy, space, psi):
     np.testing.assert_allclose(np.rad2deg(flat(result.history[-1])), np.rad2deg(flat(theta)), rtol=0, atol=1e-11)
 
 
-def test_both_parametrisations_have_one_minimum_and_different_ways_to_it(noisy):
-    # Weights that do not depend on the parameters, so that the minimum does not either.
-    weights = {"initial": PRELAUNCH, "residual_covariance": np.eye(3 * len(measurements(noisy).row)) * 1e-8}
-    gain, gyro = (calibrate(noisy, parametrisation=space, **weights) for space in ("gain", "gyro"))
-    np.testing.assert_allclose(gyro.G, gain.G, rtol=0, atol=2e-11)
-    np.testing.assert_allclose(gyro.bias, gain.bias, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(gyro.sigma, gain.sigma, rtol=1e-6)
-    correlation = [one.covariance / np.outer(one.sigma, one.sigma) for one in (gyro, gain)]
-    np.testing.assert_allclose(*correlation, rtol=0, atol=1e-6)
-    first = [result.corrections[0].vector for result in (gain, gyro)]
-    assert np.abs(first[0] - first[1])[:9].max() > 1e-7
-
-
 @pytest.mark.parametrize("axis", "xyz")
 def test_one_gyro_is_calibrated_alone(axis):
     """Only this gyro is off: its own scale factor, axis and bias bring all of G and b back; row i of G does not."""
@@ -181,24 +167,6 @@ def test_jacobian_is_the_derivative():
         once, twice = ((from_gyros(y + m * step).vector - from_gyros(y - m * step).vector) / (2 * m * h[k]) for m in (1, 2))
         np.testing.assert_allclose(gyro_jacobian(PRELAUNCH)[:, k], (4 * once - twice) / 3, rtol=0, atol=2e-11)
     np.testing.assert_array_equal(SPACES["gain"].jacobian(PRELAUNCH), np.eye(12))
-
-
-def test_recursive_calibrator_equals_the_batch_in_gyro_space():
-    recording = piecewise_recording(arw=ARW, rng=np.random.default_rng(3), sample_s=10.0)
-    batch = calibrate(recording, initial=PRELAUNCH, iterations=1, parametrisation="gyro", solve_for="all,-c_y")
-    recursive = RecursiveCalibrator(PRELAUNCH, arw=ARW, parametrisation="gyro", solve_for="all,-c_y")
-    A, sigma = attitude.matrix_from_quaternion(recording.attitudes.quaternions), recording.attitudes.sigma
-    prepared = measurements(recording)
-    for j, interval in enumerate(recording.intervals):
-        recursive.start(A[prepared.start[j]], sigma[prepared.start[j]])
-        for raw in recording.gyro.rates[(recording.gyro.t_s >= interval.start_s) & (recording.gyro.t_s < interval.stop_s)]:
-            recursive.sample(raw, 10.0)
-        recursive.finish(A[prepared.row[j]], sigma[prepared.row[j]])
-    parameters, P = recursive.solve()
-    np.testing.assert_allclose(parameters.vector[:9], batch.parameters.vector[:9], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(parameters.bias, batch.bias, rtol=0, atol=1e-15)
-    keep = [k for k, name in enumerate(GYRO_NAMES) if name != "c_y"]
-    np.testing.assert_allclose(P, batch.own_covariance[np.ix_(keep, keep)], rtol=1e-7)
 
 
 def test_sigmas_of_gyro_space_are_those_of_its_own_parameters(noisy):

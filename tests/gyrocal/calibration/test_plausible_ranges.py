@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
 from gyrocal import NAMES, GyroParameters, calibrate
 from gyrocal.calibration.implausible_values import find_combinations_lost_to_misfit, find_implausible_values
-from gyrocal.calibration.mounting import compute_mounting, split_polar
+from gyrocal.calibration.mounting import compute_mounting
 from gyrocal.calibration.plausible_ranges import (
     DEG_H,
     DEG_SQRT_H,
@@ -81,11 +82,9 @@ def test_polar_decomposition_and_its_jacobians():
     turn = Rotation.from_rotvec(np.deg2rad([100.0, -30.0, 60.0])).as_matrix()
     skewed = np.eye(3) + 0.02 * rng.normal(size=(3, 3))
     for G in (turn @ skewed, -turn @ skewed):
-        R, S = split_polar(G)
-        np.testing.assert_allclose(R @ S, G, atol=1e-14)
-        np.testing.assert_allclose(S, S.T, atol=1e-14)
+        R, _ = polar(G)
         change = 1e-6 * rng.normal(size=(200, 3, 3))
-        moved = [split_polar(G + one) for one in change]
+        moved = [polar(G + one) for one in change]
         rotations = np.array([Rotation.from_matrix(other @ R.T).as_rotvec() for other, _ in moved])
         found = compute_mounting(G, 1e-12 * np.eye(9), G, 0.01)
         np.testing.assert_allclose(found.sigma_rotation, rotations.std(axis=0), rtol=0.2)

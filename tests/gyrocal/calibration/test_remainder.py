@@ -5,28 +5,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gyrocal import calibrate
 from gyrocal.calibration.jackknife import cut_into_blocks, estimate_jackknife_covariance
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.remainder import (
     MOST_RESIDUALS,
-    NOMINAL,
-    WITH_REMAINDER,
     add_remainder,
     build_paths,
     choose_evenly,
     compute_p_value,
     list_processes,
-    read_processes,
 )
 from gyrocal.calibration.remainder_processes import (
+    NOMINAL,
+    WITH_REMAINDER,
     Process,
     Stretches,
-    build_rate_columns,
-    build_reference_columns,
-    gather_rate_influence,
-    gather_reference_influence,
+    read_processes,
 )
 from gyrocal.calibration.sampling import measurements
 from gyrocal.estimation.remainder_noise import KnownCalibration, RemainderNoise, read_calibration
@@ -62,21 +59,22 @@ def test_rate_columns_are_the_derivative_of_the_residuals_by_an_error_of_one_str
             rates[own] += step * np.linalg.solve(TRUTH.G, np.broadcast_to(along, (own.sum(), 3)).T).T
             moved = replace(recording, gyro=replace(gyro, rates=rates))
             shifted = Problem.of(moved, measurements(moved)).state(TRUTH)
-            columns = build_rate_columns(paths.R, paths.turns[:, :, member], paths.interval)
+            columns = paths.gather(Process("rate", (member,), 1.0), member, np.eye(state.theta.size)).T
             np.testing.assert_allclose(columns[:, stretch], (shifted.theta - state.theta).ravel() / step, atol=3e-3)
 
 
-def test_influences_are_products_with_the_columns():
-    paths, _, _ = build_problem(simulate_remainder(1))
-    K = np.random.default_rng(0).normal(size=(3 * paths.row.size, 4))
-    turns = paths.turns[:, :, 9]
-    columns = build_rate_columns(paths.R, turns, paths.interval)
-    np.testing.assert_allclose(gather_rate_influence(paths.R, turns, paths.interval, K), columns.T @ K, atol=1e-12)
-    directions = paths.body_rates
-    columns, rows = build_reference_columns(paths.R, paths.start, paths.row, directions)
-    influence, same = gather_reference_influence(paths.R, paths.start, paths.row, directions, K)
-    np.testing.assert_allclose(influence, columns.T @ K, atol=1e-12)
-    np.testing.assert_array_equal(rows, same)
+def test_reference_columns_are_the_derivative_of_the_residuals_by_an_error_of_one_reference():
+    recording = simulate_remainder(1)
+    paths, _, state = build_problem(recording)
+    own, step = recording.attitudes, 1e-6
+    for process, along in (("reference", np.tile(np.eye(3)[2], (own.t_s.size, 1))), ("delay", paths.body_rates)):
+        columns = paths.gather(Process(process, (2,), 1.0), 2, np.eye(state.theta.size)).T
+        for place in (0, 5, 12):  # the first starts an interval, the last ends one and starts the next
+            q = own.quaternions.copy()
+            q[place] = (Rotation.from_quat(q[place]) * Rotation.from_rotvec(-step * along[place])).as_quat()
+            moved = replace(recording, attitudes=replace(own, quaternions=q))
+            shifted = Problem.of(moved, measurements(moved)).state(TRUTH)
+            np.testing.assert_allclose(columns[:, place], (shifted.theta - state.theta).ravel() / step, atol=3e-3)
 
 
 @pytest.mark.parametrize("time_scale", [0.3, 5.0, 1e7])

@@ -10,9 +10,8 @@ import gyrocal
 import simulator
 from gyrocal import AttitudeSensor, InputError, UnobservableError
 from gyrocal.attitude import rotation_matrix
-from gyrocal.calibration.covariance import FULL
-from gyrocal.calibration.covariance import residual_covariance as of_one
-from gyrocal.calibration.trackers import Mountings, differences, residual_covariance
+from gyrocal.calibration.covariance import integrate_white_noise, residual_covariance
+from gyrocal.calibration.trackers import Mountings, differences
 from simulator.simulate import motion, observe, true_gyros
 from simulator.streams import generator
 from tests.tracker_cases import AGILE, ESTIMATED, TETRAHEDRON, TURNED_DEG, truth
@@ -24,15 +23,22 @@ def observed(scenario, truth, case):
     )
 
 
-def test_covariance_is_that_of_a_single_sensor_where_there_is_one():
+def test_covariance_is_that_of_the_errors_of_each_reference():
+    """Against E diag(N) Eᵀ of the matrix E of ones and −R, with references that are shared in every way."""
     rng = np.random.default_rng(0)
     R = rotation_matrix(rng.normal(size=(5, 3)))
-    sigma = rng.uniform(1e-5, 1e-4, (6, 3))
     arc, start, row = np.array([0, 0, 0, 1, 1]), np.array([0, 0, 0, 3, 3]), np.array([1, 2, 3, 4, 5])
-    elapsed = np.array([10.0, 20.0, 30.0, 5.0, 15.0])
-    noise = np.einsum("ri,ij->rij", sigma**2, np.eye(3))
-    expected = of_one(R, arc, start, row, elapsed, sigma, 1e-5, FULL, np.zeros((0, 3, 3)))
-    assert np.allclose(residual_covariance(R, arc, start, row, elapsed, noise, 1e-5), expected, rtol=1e-12, atol=1e-22)
+    walk = integrate_white_noise(np.array([10.0, 20.0, 30.0, 5.0, 15.0]), 1e-5)
+    noise = np.array([1e-9 * part @ part.T for part in rng.normal(size=(6, 3, 3))])
+    E = np.zeros((5, 3, 6, 3))
+    E[np.arange(5), :, row] += np.eye(3)
+    E[np.arange(5), :, start] -= R
+    expected = np.einsum("aiuj,ujk,bluk->aibl", E, noise, E)
+    expected += np.einsum(
+        "aij,abjk,blk->aibl", R, walk[np.minimum.outer(range(5), range(5))] * (arc[:, None] == arc)[..., None, None], R
+    )
+    found = residual_covariance(R, arc, start, row, noise, walk)
+    np.testing.assert_allclose(found, expected.reshape(15, 15), rtol=1e-12, atol=1e-22)
 
 
 def test_one_named_sensor_is_calibrated_as_one_without_a_name():

@@ -6,13 +6,13 @@ import scipy.stats
 
 from gyrocal import InputError, UnobservableError
 from gyrocal.attitude import residual, rotation_matrix
-from gyrocal.estimation.arc import Columns, Estimate, columns, gyro_arc, linearise, measured_times
+from gyrocal.estimation.arc import Estimate, columns, gyro_arc, linearise, measured_times
 from gyrocal.estimation.batch import batch
 from gyrocal.sensors.series import SensorSeries
 from simulator.streams import generator
 from studies.estimation.attitude_cases import ORBIT, TRUE_BIAS, direction_sensor, flight
 from studies.estimation.flights import nadir
-from tests.builders import TRUE_G
+from tests.builders import TRUE_G, is_mean_of_chi2, squared_error
 
 SUN = np.array([np.cos(0.4), np.sin(0.4) * np.cos(0.41), np.sin(0.4) * np.sin(0.41)])
 SIGMA = 1e-3
@@ -35,17 +35,6 @@ def sensors(motion, rng=None, low=0.0, high=5490.0, every_s=30.0):
     seen = np.where(visible[:, None], sun.y, np.nan), np.where(visible[:, None], sun.sigma, np.inf)
     earth = direction_sensor("earth", nadir(t, ORBIT)).seen(motion, t, SIGMA, rng)
     return [SensorSeries(sun.model, t, *seen), earth]
-
-
-def inside(values, p, confidence=0.999):
-    """Whether the mean of NEES values is that of χ² with p degrees of freedom."""
-    n = len(values)
-    low, high = scipy.stats.chi2.ppf([(1 - confidence) / 2, (1 + confidence) / 2], n * p) / n
-    return low < np.mean(values) < high
-
-
-def nees(error, covariance):
-    return error @ np.linalg.solve(covariance, error)
 
 
 @pytest.mark.parametrize("weighting", ["exact", "plain"])
@@ -107,8 +96,8 @@ def cases(motion):
             error = np.concatenate([residual(motion.at(EPOCH), found.attitude), TRUE_BIAS - found.bias])
             many = residual(motion.at(TIMES), found.attitudes).ravel()
             # Without gyro noise four attitudes have six errors only.
-            together = np.nan if way == "formal" else nees(many, found.attitude_covariance)
-            out[way].append((nees(error, found.covariance), together, found.chi2))
+            together = np.nan if way == "formal" else squared_error(many, found.attitude_covariance)
+            out[way].append((squared_error(error, found.covariance), together, found.chi2))
         dof = found.dof
     return {way: np.array(values).T for way, values in out.items()}, dof
 
@@ -116,19 +105,19 @@ def cases(motion):
 @pytest.mark.parametrize("way", ["exact", "plain"])
 def test_errors_are_covered_one_by_one_and_together(cases, way):
     alone, together, _ = cases[0][way]
-    assert inside(alone, 6)
-    assert inside(together, 12)
+    assert is_mean_of_chi2(alone, 6)
+    assert is_mean_of_chi2(together, 12)
 
 
 def test_the_formal_covariance_of_plain_least_squares_is_far_too_small(cases):
     alone, _, _ = cases[0]["formal"]
     assert np.mean(alone) > 2.5 * 6
-    assert not inside(alone, 6)
+    assert not is_mean_of_chi2(alone, 6)
 
 
 def test_chi2_is_that_of_the_weighted_noise_and_not_of_plain_residuals(cases):
     values, dof = cases
-    assert inside(values["exact"][2], dof)
+    assert is_mean_of_chi2(values["exact"][2], dof)
     assert scipy.stats.kstest(scipy.stats.chi2.cdf(values["exact"][2], dof), "uniform").pvalue > 1e-3
 
 
@@ -190,15 +179,6 @@ def test_a_prior_of_the_bias_is_one_more_measurement(motion):
     np.testing.assert_allclose(between.covariance / np.outer(scale, scale), combined / np.outer(scale, scale), atol=5e-3)
 
 
-def test_residuals_are_in_the_unit_of_the_measurements(motion):
-    rng = generator(51, 0, "residuals")
-    series = sensors(motion, rng)
-    found = batch(series, motion.gyro(rng), motion.at(0.0))
-    for one, error in zip(series, found.residuals, strict=True):
-        np.testing.assert_array_equal(np.isnan(error), ~one.used)
-        assert np.nanstd(error) == pytest.approx(SIGMA, rel=0.1)
-
-
 def test_one_sun_direction_leaves_the_rotation_about_it(motion):
     series = sensors(motion)
     with pytest.raises(UnobservableError) as caught:
@@ -235,7 +215,3 @@ def test_what_cannot_be_used_is_refused_in_one_line(motion):
         with pytest.raises(InputError, match=match) as caught:
             batch(*arguments, **options)
         assert "\n" not in str(caught.value)
-
-
-def test_no_sensor_parameter_is_a_set_of_columns_too(motion):
-    assert columns(sensors(motion), {}) == Columns((), *(pytest.approx(np.zeros(0)),) * 2)

@@ -1,7 +1,6 @@
 """The on-board form: against the ground batch and the recursion, its covariance over seeds, its memory."""
 
 import dataclasses
-import pickle
 
 import numpy as np
 import pytest
@@ -24,7 +23,6 @@ from studies.estimation.filter_cases import (
     solved_with,
     vectors,
 )
-from studies.estimation.onboard import SteadyFlight
 from tests.builders import TRUTH, mean_bounds
 
 
@@ -82,27 +80,21 @@ def outcome(cases, openings=None, **options):
     return np.mean(solved, axis=0), np.mean(white, axis=0)
 
 
-def test_covariance_over_seeds_with_a_filter_that_runs_through():
+@pytest.mark.parametrize("opened", [False, True])
+def test_covariance_over_seeds(opened):
+    """Of a filter that runs through, and as N has it: opened after slews, the references forget the maneuver."""
     cases = 30
-    (own, naive), (white, white_naive) = outcome(cases)
+    options = {"openings": OPENINGS, "through_filter": False} if opened else {}
+    (own, naive), (white, white_naive) = outcome(cases, **options)
     low, high = mean_bounds(12, cases)
     assert low < own < high
     low, high = mean_bounds(3, cases * len(SPANS))
     assert low < white < high
-    # Independence counts the noise of the filter's time constant twice: too large, and the parameters look too good.
-    assert white_naive < 0.75 * 3
-    assert naive < 0.85 * own
-    assert naive < mean_bounds(12, cases, z=3.0)[0]
-
-
-def test_covariance_over_seeds_with_a_filter_opened_after_slews():
-    """As N has it: the references forget the maneuver, and Θ is that of the calibrator alone."""
-    cases = 30
-    (own, _), (white, _) = outcome(cases, OPENINGS, through_filter=False)
-    low, high = mean_bounds(12, cases)
-    assert low < own < high
-    low, high = mean_bounds(3, cases * len(SPANS))
-    assert low < white < high
+    if not opened:
+        # Independence counts the noise of the filter's time constant twice: too large, and the parameters look too good.
+        assert white_naive < 0.75 * 3
+        assert naive < 0.85 * own
+        assert naive < mean_bounds(12, cases, z=3.0)[0]
 
 
 def test_a_filter_that_runs_through_needs_its_own_sensitivity():
@@ -178,24 +170,6 @@ def test_reference_errors_are_added_at_both_ends():
     for one, other in zip(plain, stated, strict=True):
         D = np.diag(sigma**2)
         np.testing.assert_allclose(other.C - one.C, D + one.R @ D @ one.R.T, atol=1e-18)
-
-
-def test_memory_does_not_depend_on_the_number_of_samples():
-    flight = SteadyFlight()
-    flight.run(2000)  # what is made once: compiled code, caches of the interpreter
-    short = [flight.run(2000) for _ in range(3)]
-    short_peak = min(peak for _, peak in short)
-    # What else the interpreter makes or has not cleared away yet only adds to a peak, now and then: the least of three is
-    # the calibrator's own. Less than a byte for a sample more, where keeping the samples shows at once.
-    for _ in range(3):
-        long, long_peak = flight.run(20000)
-        if long_peak - short_peak < 18000:
-            break
-    assert len(pickle.dumps(long)) == len(pickle.dumps(short[0][0])) < 8192  # everything that hangs on the object
-    _, kept_peak = flight.run(20000, keep=True)
-    assert long_peak - short_peak < 18000
-    assert long_peak < 64 * 1024
-    assert kept_peak > 20000 * 3 * 8
 
 
 def test_samples_are_cut_at_events():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gyrocal.estimation.variance_components import _build_likelihood, estimate_variance_components
+from gyrocal.estimation.variance_components import estimate_variance_components, evaluate_likelihood
 from tests.builders import mean_bounds
 
 ROWS, PARAMETERS = 120, 5
@@ -28,21 +28,17 @@ def build_case(seed, variances, noise=1.0):
     return projector @ y, [projector @ part for part in components], basis
 
 
-@pytest.mark.parametrize("chosen", [(1, 2), (0, 1, 2)], ids=["by columns", "by kernels"])
-def test_likelihood_is_that_of_the_dense_covariance_with_its_gradient(chosen):
-    y, components, basis = build_case(1, (2.0, 1.0, 0.5))
-    parts, dof = [components[k] for k in chosen], ROWS - PARAMETERS
-    Z = np.hstack(parts)
-    owner = np.repeat(np.arange(len(parts)), [part.shape[1] for part in parts])
-    evaluate = _build_likelihood(y, parts, Z, owner, dof)
+def test_likelihood_is_that_of_the_dense_covariance_with_its_gradient():
+    y, parts, basis = build_case(1, (2.0, 1.0, 0.5))
+    kernels = np.array([part @ part.T for part in parts])
 
     def evaluate_densely(noise, theta):
         C = basis.T @ (noise * np.eye(ROWS) + sum(t * part @ part.T for t, part in zip(theta, parts, strict=True))) @ basis
         r = basis.T @ y
         return 0.5 * (np.linalg.slogdet(C)[1] + r @ np.linalg.solve(C, r))
 
-    x = np.log(np.array([1.3, 0.7, 2.1, 0.2])[: len(parts) + 1])
-    value, slope = evaluate(np.exp(x[0]), np.exp(x[1:]))
+    x = np.log([1.3, 0.7, 2.1, 0.2])
+    value, slope = evaluate_likelihood(np.exp(x[0]), np.exp(x[1:]), kernels, y, ROWS - PARAMETERS)
     assert value == pytest.approx(evaluate_densely(np.exp(x[0]), np.exp(x[1:])), rel=1e-10)
     for k in range(x.size):
         ahead, behind = x + 1e-5 * np.eye(x.size)[k], x - 1e-5 * np.eye(x.size)[k]
@@ -82,7 +78,7 @@ def test_without_components_in_the_residuals_nothing_is_gained():
     assert np.median([one.variances[0] for one in found]) < 0.1
 
 
-def test_whitening_is_by_the_dense_root_and_the_product_by_the_dense_covariance():
+def test_whitening_is_by_the_dense_root():
     y, components, basis = build_case(3, (4.0, 2.0, 0.3))
     found = estimate_variance_components(y, components, ROWS - PARAMETERS)
     C = found.noise * np.eye(ROWS) + sum(t * part @ part.T for t, part in zip(found.variances, components, strict=True))
@@ -91,8 +87,6 @@ def test_whitening_is_by_the_dense_root_and_the_product_by_the_dense_covariance(
     X = basis[:, :3]
     np.testing.assert_allclose(found.whiten(y), root @ y, atol=1e-8)
     np.testing.assert_allclose(found.whiten(X), root @ X, atol=1e-8)
-    np.testing.assert_allclose(found.covariance_times(y), C @ y, rtol=1e-7, atol=1e-7)
-    np.testing.assert_allclose(found.covariance_times(X), C @ X, rtol=1e-7, atol=1e-7)
 
 
 def test_a_component_without_columns_of_effect_has_no_size():
@@ -103,7 +97,6 @@ def test_a_component_without_columns_of_effect_has_no_size():
     assert found.variances[1] == alone.variances[0]
 
 
-def test_stated_noise_may_be_kept():
-    y, components, _ = build_case(5, (4.0, 0.0, 0.0), noise=2.0)
-    assert estimate_variance_components(y, components, ROWS - PARAMETERS, free_noise=False).noise == 1.0
+def test_noise_alone_is_the_power_over_the_degrees_of_freedom():
+    y, *_ = build_case(5, (4.0, 0.0, 0.0), noise=2.0)
     assert estimate_variance_components(y, [], ROWS - PARAMETERS).noise == pytest.approx(y @ y / (ROWS - PARAMETERS), rel=1e-3)

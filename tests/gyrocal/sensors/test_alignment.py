@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import scipy.stats
 
 from gyrocal import InputError, UnobservableError
 from gyrocal.attitude import rotation_matrix
@@ -22,6 +21,7 @@ from studies.estimation.attitude_cases import (
     direction_sensor,
 )
 from studies.estimation.flights import nadir
+from tests.builders import is_mean_of_chi2, squared_error
 
 INJECTED = np.concatenate([ANGLES, TRMM_BIASES])
 CASES = 60
@@ -35,16 +35,6 @@ def world():
 def error_of(result, M=M_TRUE, biases=TRMM_BIASES):
     """True minus estimate of DSS-2's angles and ESA's biases."""
     return alignment_error(result.misalignment["DSS-2"], result.penetration_biases["ESA"], M, biases)
-
-
-def nees(error, covariance):
-    return error @ np.linalg.solve(covariance, error)
-
-
-def inside(values, p, confidence=0.999):
-    n = len(values)
-    low, high = scipy.stats.chi2.ppf([(1 - confidence) / 2, (1 + confidence) / 2], n * p) / n
-    return low < np.mean(values) < high
 
 
 def test_R_3_is_found_without_noise_by_both_algorithms(world):
@@ -97,10 +87,10 @@ def cases(world):
         best = together(series, gyro, world.A[0], "DSS-1", weighting="exact")
         two = in_two_steps(series, gyro, world.A[0], "DSS-1")
         error = error_of(two)
-        out["together"].append(nees(error_of(one), one.covariance))
-        out["exact"].append(nees(error_of(best), best.covariance))
-        out["truth"].append(nees(error, two.covariance))
-        out["mean"].append(nees(error - (INJECTED - two.retained @ INJECTED), two.covariance))
+        out["together"].append(squared_error(error_of(one), one.covariance))
+        out["exact"].append(squared_error(error_of(best), best.covariance))
+        out["truth"].append(squared_error(error, two.covariance))
+        out["mean"].append(squared_error(error - (INJECTED - two.retained @ INJECTED), two.covariance))
         out["loss"].append(best.loss_after)
         if case < 3:
             repeated = in_two_steps(series, gyro, world.A[0], "DSS-1", rounds=None)
@@ -111,7 +101,7 @@ def cases(world):
 @pytest.mark.parametrize("way", ["together", "exact", "mean"])
 def test_injected_misalignments_are_covered(cases, way):
     """From whole counts and an independently simulated horizon; two steps about their own mean."""
-    assert inside(cases[0][way], 7)
+    assert is_mean_of_chi2(cases[0][way], 7)
 
 
 def test_one_round_of_two_steps_does_not_cover_the_truth(cases):
@@ -124,7 +114,7 @@ def test_repeated_steps_are_all_together(cases):
 
 
 def test_loss_of_the_exact_weights_is_chi2(cases):
-    assert inside(cases[0]["loss"], cases[1])
+    assert is_mean_of_chi2(cases[0]["loss"], cases[1])
 
 
 @pytest.mark.parametrize(("dss", "esa"), [(0.6, 0.6), (0.6, 1.0), (1.0, 0.6)])
@@ -137,11 +127,11 @@ def test_a_wrong_sigma_shows(world, dss, esa):
             for one, factor in zip(world.series(rng), (dss, dss, esa), strict=True)
         ]
         found = together(series, world.motion.gyro(rng), world.A[0], "DSS-1", weighting="exact")
-        values.append(nees(error_of(found), found.covariance))
+        values.append(squared_error(error_of(found), found.covariance))
         losses.append(found.loss_after)
-    assert not inside(losses, found.dof)
+    assert not is_mean_of_chi2(losses, found.dof)
     if esa < 1:  # the angles found rest on the Earth sensor and the gyro more than on the Sun sensors' noise
-        assert not inside(values, 7)
+        assert not is_mean_of_chi2(values, 7)
 
 
 def test_heads_that_are_not_square_cannot_be_a_rotation(world):
@@ -157,8 +147,8 @@ def test_heads_that_are_not_square_cannot_be_a_rotation(world):
         square.append(plain.loss_after)
     apparent = error_of(found, np.eye(3), np.zeros(4))[:3]
     assert np.rad2deg(np.abs(apparent).max()) > 0.05  # nothing is misaligned
-    assert inside(square, found.dof)
-    assert not inside(losses, found.dof)
+    assert is_mean_of_chi2(square, found.dof)
+    assert not is_mean_of_chi2(losses, found.dof)
     assert np.mean(losses) > 1.1 * found.dof
 
 
