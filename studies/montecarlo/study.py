@@ -177,12 +177,6 @@ def folder_of(study: Study) -> str:
     return str(Path(file).resolve().parent) if file and "." not in module else ""
 
 
-def reads_cases(study: Study) -> bool:
-    """Whether the study's module reads the number of cases of a configuration, as in ``config.cases``."""
-    text = Path(str(sys.modules[study.name.partition(":")[0]].__file__)).read_text(encoding="utf-8")
-    return re.search(r"(?<![\w.])\w+\.cases\b", text) is not None
-
-
 def load_config(study: Study, path: Path | None = None, changes: Mapping[str, Any] | None = None) -> Any:
     """Configuration of a study: its defaults, a TOML file over them, single values over both.
 
@@ -269,13 +263,23 @@ def resolved(config: Config) -> Config:
     return config.model_copy(update={"scenario": scenario, "overrides": {}})
 
 
-def config_sha256(study: Study, config: StudyConfig, cases: int | None = None) -> str:
-    """SHA-256 of the study's name and resolved configuration, as canonical JSON; if asked for with another number of cases."""
-    document = config.model_dump(mode="json") | {"cases": config.cases if cases is None else cases}
+def config_sha256(study: Study, config: StudyConfig) -> str:
+    """SHA-256 of what a study's rows depend on, its name and resolved configuration, as canonical JSON."""
+    document = config.model_dump(mode="json") | {"cases": None if may_grow(study, config) else config.cases}
     # Sorted keys must not hide the order of the dispersions, on which the Sobol dimensions depend.
     document["dispersions"] = list(document["dispersions"].items())
     text = json.dumps({"study": study.name, "config": document}, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def may_grow(study: Study, config: StudyConfig) -> bool:
+    """Whether the rows of the first cases are the same however many follow.
+
+    They are not if the study's module reads the number of cases of a configuration, as in ``config.cases``.
+    """
+    stratified = config.sampler == "lhs" and config.dispersions
+    text = Path(str(sys.modules[study.name.partition(":")[0]].__file__)).read_text(encoding="utf-8")
+    return not (isinstance(config, GridConfig) or stratified or re.search(r"(?<![\w.])\w+\.cases\b", text))
 
 
 def base_scenario(config: StudyConfig) -> Scenario:

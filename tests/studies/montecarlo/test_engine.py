@@ -536,15 +536,11 @@ def processes_of(session: int) -> list[str]:
     ("backend", "number", "how"),
     [
         ("serial", signal.SIGTERM, "interrupted by SIGTERM"),
-        ("threads", signal.SIGINT, "interrupted"),
         ("loky", signal.SIGINT, "interrupted"),
         ("loky", signal.SIGHUP, "interrupted by SIGHUP"),
-        ("dask", signal.SIGINT, "interrupted"),
     ],
 )
 def test_a_signal_stops_cleanly_and_says_how_to_resume(backend, number, how, tmp_path, monkeypatch):
-    if backend == "dask":
-        pytest.importorskip("distributed")
     process, config, folder = start(tmp_path, backend)
     os.killpg(process.pid, number)  # as a terminal or a batch system does: to the workers too
     output, errors = process.communicate(timeout=DEADLINE_S)
