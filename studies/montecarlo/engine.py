@@ -273,8 +273,8 @@ def work_folder(folder: Path, study: Study, config: StudyConfig) -> Path:
 
     Of each configuration, source code and machine its own, so that what another one left unfinished is never in the way.
     """
-    made = config_sha256(study, resolved(config)) + json.dumps(made_with(study), sort_keys=True)
-    return Path(folder) / WORK / digest(made.encode())[:12]
+    made = [config_sha256(study, resolved(config)), config.cases, made_with(study)]
+    return Path(folder) / WORK / digest(json.dumps(made, sort_keys=True).encode())[:12]
 
 
 def publish(outcome: Outcome, folder: Path, **about: Any) -> None:
