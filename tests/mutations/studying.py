@@ -42,6 +42,11 @@ RESUMED = [
         ],
     ),
     *of(
+        "studies/montecarlo/store.py",
+        f"{MONTECARLO}test_provenance.py",
+        [("a study that grows keeps a part of fewer cases", "if len(held) == len(cases) else None", "if held else None")],
+    ),
+    *of(
         "studies/montecarlo/session.py",
         f"{MONTECARLO}test_provenance.py",
         [
@@ -54,11 +59,6 @@ RESUMED = [
                 "rows of another machine are mixed",
                 'changes(before["machine"] or {}, self.made_with["machine"]) if more else ""',
                 'changes(before["machine"] or {}, before["machine"]) if more else ""',
-            ),
-            (
-                "a study that grows keeps a part of fewer cases",
-                "if len(held) == len(cases) else None",
-                "if held else None",
             ),
         ],
     ),
