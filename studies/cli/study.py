@@ -31,7 +31,7 @@ from studies.report.made import made_of
     help="Number of cases; the study's own by default. Studies of a grid have one for each point of it.",
 )
 @click.option("--entropy", type=click.IntRange(0), default=None, help="Seed of all random streams.")
-@click.option("--backend", type=click.Choice(["serial", "threads", "loky", "dask"]), default="loky", show_default=True)
+@click.option("--backend", type=click.Choice(["serial", "loky", "dask"]), default="loky", show_default=True)
 @click.option("--jobs", type=click.IntRange(1), default=None, help="Workers; the CPU count by default.")
 @click.option("--scheduler", default=None, help="Address of a dask scheduler, with --backend dask.")
 @click.option(

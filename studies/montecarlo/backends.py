@@ -5,25 +5,23 @@ are, and yields every task with its result as they end. A task whose worker died
 that shared its fate can be tried again alone.
 
 - ``serial``: in this thread.
-- ``threads``: in threads of this process; for studies that spend their time outside the interpreter lock.
 - ``loky``: in worker processes of this machine, kept warm for the next study.
-- ``dask``: on a cluster, by its scheduler's address, or else on a cluster of processes started here. Its workers must be able
-  to import the study. Nothing else is asked of them, no common file system either.
+- ``dask``: on a cluster, by its scheduler's address. Its workers must be able to import the study; nothing else is asked of
+  them, no common file system either.
 """
 
 import asyncio
 import contextlib
-import logging
 import os
 import queue
 import signal
 import threading
+import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from functools import partial
 from itertools import islice
 from multiprocessing import resource_tracker
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import joblib
 from joblib.externals.loky import get_reusable_executor
@@ -32,25 +30,21 @@ from joblib.externals.loky.process_executor import BrokenProcessPool, ShutdownEx
 from gyrocal.errors import GyrocalError, InputError
 from studies.montecarlo.cases import Result, Task
 
-Name = Literal["serial", "threads", "loky", "dask"]
-T = TypeVar("T")
+Name = Literal["serial", "loky", "dask"]
+Run = Callable[[Task], Result]
 
 IDLE_S = 60.0  # after which a warm worker ends
 FOLLOW_S = 0.5  # how often a worker looks whether its parent is alive
 CONNECT_S = 4.0  # to a scheduler
 WORKERS_S = 30.0  # for its first worker
 RETRIES = 2  # of a dask task that a connection or a lost worker's result failed
+PER_WORKER = 2  # tasks in flight per worker: one that runs, one that waits
 # What ends the study, and is left to the parent where a terminal or a batch system sends it to every process.
 ENDING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
-IGNORE_INTERRUPTS = """import signal
-signal.signal(signal.SIGINT, signal.SIG_IGN)
-signal.signal(signal.SIGHUP, signal.SIG_IGN)
-"""  # run in dask's workers as they start, which their nanny may end by SIGTERM
-PER_WORKER = 2  # tasks in flight per worker: one that runs, one that waits
 
 
 class Executor:
-    """Where tasks run; a backend says how one is handed out, what became of it, and how to let go of the workers.
+    """Where tasks run, here: in this thread. A backend says how a task is handed out and what became of it.
 
     Attributes
     ----------
@@ -58,15 +52,17 @@ class Executor:
     jobs : tasks that run at a time
     """
 
-    def __init__(self, run: Any, jobs: int, scheduler: str | None = None) -> None:
+    def __init__(self, run: Run, jobs: int = 1) -> None:
         self.run, self.jobs = run, jobs
 
     def submit(self, task: Task) -> Any:
         """Hand a task out; returns its future."""
-        raise NotImplementedError
+        future: Future[Result] = Future()
+        future.set_result(self.run(task))
+        return future
 
     def wait(self, futures: Collection[Any]) -> Iterable[Any]:
-        """Those of the futures that have ended, at least one."""
+        """Wait for at least one of the futures; returns those that have ended."""
         return wait(futures, return_when=FIRST_COMPLETED).done
 
     def result(self, future: Any) -> Result | None:
@@ -76,25 +72,32 @@ class Executor:
 
     def window(self) -> int:
         """Most tasks that are handed out at a time."""
-        return PER_WORKER * self.jobs
+        return 1
 
     def close(self, finished: bool) -> None:
         """Let go of the workers; if not finished, stop what they are doing."""
 
     def results(self, tasks: Iterable[Task], alone: bool = False) -> Iterator[tuple[Task, Result | None]]:
         """Run tasks, each alone if asked for; yields each as it ends, with its result, or None if its worker died."""
-        for task, future in windowed(tasks, (lambda: 1) if alone else self.window, self.submit, self.wait):
-            yield task, self.result(future)
+        waiting, flying = iter(tasks), dict[Any, Task]()
+        while True:
+            room = (1 if alone else self.window()) - len(flying)
+            for task in islice(waiting, max(0, room)):
+                flying[self.submit(task)] = task
+            if not flying:
+                return
+            for future in self.wait(list(flying)):
+                yield flying.pop(future), self.result(future)
 
 
-def open_backend(name: Name, run: Any, jobs: int | None = None, scheduler: str | None = None) -> Executor:
+def open_backend(name: Name, run: Run, jobs: int | None = None, scheduler: str | None = None) -> Executor:
     """Start a backend.
 
     Parameters
     ----------
     name : of the backend
     run : what to do with a task; importable in a worker
-    jobs : workers; by default as many as there are cores
+    jobs : workers of this machine; by default as many as there are cores
     scheduler : address of a dask scheduler
 
     Raises
@@ -102,65 +105,15 @@ def open_backend(name: Name, run: Any, jobs: int | None = None, scheduler: str |
     InputError
         There is no such backend, dask is not installed, or the scheduler does not answer or has no workers.
     """
-    if scheduler is not None and name != "dask":
-        raise InputError(f"--scheduler is for --backend dask, not {name}")
-    if name not in BACKENDS:
-        raise InputError(f"{name}: there is no such backend; there are serial, threads, loky and dask")
-    return BACKENDS[name](run, jobs or joblib.cpu_count(), scheduler)
-
-
-def windowed(
-    tasks: Iterable[T],
-    window: Callable[[], int],
-    submit: Callable[[T], Any],
-    wait_any: Callable[[Collection[Any]], Iterable[Any]],
-) -> Iterator[tuple[T, Any]]:
-    """Keep up to `window` tasks in flight; yields each with its future when that has ended.
-
-    Parameters
-    ----------
-    tasks : what to run; taken one by one as there is room
-    window : most tasks that are in flight or ended and not yet taken; asked again each time
-    submit : starts a task and returns its future
-    wait_any : waits for at least one of the futures and returns those that ended
-    """
-    waiting = iter(tasks)
-    flying: dict[Any, T] = {}
-    while True:
-        for task in islice(waiting, max(0, window() - len(flying))):
-            flying[submit(task)] = task
-        if not flying:
-            return
-        for future in wait_any(list(flying)):
-            yield flying.pop(future), future
-
-
-class _Serial(Executor):
-    def __init__(self, run: Any, jobs: int, scheduler: str | None = None) -> None:
-        super().__init__(run, 1)
-
-    def submit(self, task: Task) -> Future[Result]:
-        future: Future[Result] = Future()
-        future.set_result(self.run(task))
-        return future
-
-    def window(self) -> int:
-        return 1
-
-
-class _Threads(Executor):
-    def __init__(self, run: Any, jobs: int, scheduler: str | None = None) -> None:
-        self.stopped = threading.Event()
-        super().__init__(partial(run, stopped=self.stopped.is_set), jobs)
-        self.pool = ThreadPoolExecutor(jobs)
-
-    def submit(self, task: Task) -> Future[Result]:
-        return self.pool.submit(self.run, task)
-
-    def close(self, finished: bool) -> None:
-        # A thread cannot be stopped from outside; it gives up before its next case.
-        self.stopped.set()
-        self.pool.shutdown(cancel_futures=True)
+    if (scheduler is not None) != (name == "dask"):
+        raise InputError("--backend dask and --scheduler tcp://HOST:PORT go together; one machine needs neither")
+    if name == "serial":
+        return Executor(run)
+    if name == "loky":
+        return _Loky(run, jobs or joblib.cpu_count())
+    if name == "dask":
+        return _Dask(run, str(scheduler))
+    raise InputError(f"{name}: there is no such backend; there are serial, loky and dask")
 
 
 def _start_worker() -> None:
@@ -171,9 +124,8 @@ def _start_worker() -> None:
 
 
 def _follow(parent: int) -> None:
-    never = threading.Event()
     while os.getppid() == parent:
-        never.wait(FOLLOW_S)
+        time.sleep(FOLLOW_S)
     os._exit(1)
 
 
@@ -188,7 +140,7 @@ def _held_back() -> Iterator[None]:
 
 
 class _Loky(Executor):
-    def __init__(self, run: Any, jobs: int, scheduler: str | None = None) -> None:
+    def __init__(self, run: Run, jobs: int) -> None:
         super().__init__(run, jobs)
         # Started together with the first worker, this helper would (in Python 3.11) let Ctrl-C through to it.
         with _held_back():
@@ -211,6 +163,9 @@ class _Loky(Executor):
             return future.result()
         except (BrokenProcessPool, ShutdownExecutorError):
             return None
+
+    def window(self) -> int:
+        return PER_WORKER * self.jobs
 
     def close(self, finished: bool) -> None:
         if not finished:
@@ -251,45 +206,29 @@ def _knock(distributed: Any, address: str) -> None:
 
 
 class _Dask(Executor):
-    def __init__(self, run: Any, jobs: int, scheduler: str | None = None) -> None:
-        super().__init__(run, jobs)
+    def __init__(self, run: Run, scheduler: str) -> None:
+        super().__init__(run)
         try:
-            import dask
             import distributed
         except ImportError:
             raise InputError('--backend dask needs the extra: pip install "gyrocal[dask]"') from None
         self.distributed = distributed
-        if scheduler is not None:
-            _knock(distributed, scheduler)
-        self.resources = contextlib.ExitStack()
+        _knock(distributed, scheduler)
         try:
-            if scheduler is None:
-                # The first death of a worker must name the task: the second try is ours, one case at a time.
-                self.resources.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": 0}))
-                scheduler = self.resources.enter_context(
-                    distributed.LocalCluster(
-                        n_workers=jobs,
-                        threads_per_worker=1,
-                        processes=True,
-                        dashboard_address="127.0.0.1:0",
-                        silence_logs=logging.CRITICAL,
-                        preload=[IGNORE_INTERRUPTS],
-                    )
-                )
-            self.client = self.resources.enter_context(distributed.Client(scheduler, timeout=CONNECT_S, set_as_default=False))
+            self.client = distributed.Client(scheduler, timeout=CONNECT_S, set_as_default=False)
             self.client.wait_for_workers(1, timeout=WORKERS_S)
         except (OSError, TimeoutError, ValueError) as error:
-            self.resources.close()
+            self.close(finished=False)
             raise InputError(f"dask scheduler {scheduler!r}: {' '.join(str(error).split())}") from None
         except BaseException:
-            self.resources.close()
+            self.close(finished=False)
             raise
         self.window()
 
     def window(self) -> int:
         # Workers of a cluster come and go.
         self.jobs = max(1, sum(self.client.nthreads().values()))
-        return super().window()
+        return PER_WORKER * self.jobs
 
     def submit(self, task: Task) -> Any:
         # Not pure: a cluster may still know the result that an earlier version of the study gave.
@@ -312,7 +251,5 @@ class _Dask(Executor):
             future.release()
 
     def close(self, finished: bool) -> None:
-        self.resources.close()
-
-
-BACKENDS: dict[str, type[Executor]] = {"serial": _Serial, "threads": _Threads, "loky": _Loky, "dask": _Dask}
+        if hasattr(self, "client"):
+            self.client.close()

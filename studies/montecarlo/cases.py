@@ -3,28 +3,32 @@
 A worker is handed a `Task`, all of it plain text and numbers, and hands back a `Result`: the rows, and a record of what
 happened, since a worker's log and warnings would be seen by nobody. A case that raises is a row with its error, and a traceback
 in the record.
-
-While cases run, their process is calm (`studies.montecarlo.calm`): one BLAS thread, and warnings counted.
 """
 
 import threading
 import time
 import traceback
+import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
-from studies.montecarlo.calm import calm
 from studies.montecarlo.provenance import made_with
 from studies.montecarlo.study import DISPERSED, RESERVED, Streams, Study, StudyConfig, dispersed_values, find
 
 LONGEST_ERROR = 500  # characters of an error in a row
 KILLED = "WorkerDied: killed its worker"
 INT64 = range(-(2**63), 2**63)
+MOST_MESSAGES = 50  # different warnings that are kept apart
+OTHER_MESSAGES = "further warnings"
+# A worker of a cluster may have several threads, while the settings below are those of the process.
+ONE_AT_A_TIME = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -70,36 +74,45 @@ class Result:
         return {row["case"]: row["error"] for row in self.rows if row["error"]}
 
 
-class Stopped(Exception):  # noqa: N818  # an event, not a fault
-    """The study is being stopped; what the task has done is dropped."""
+@contextmanager
+def single_threaded() -> Iterator[Counter[str]]:
+    """Make the process the same wherever a case runs: one BLAS thread, and warnings counted.
 
+    With more threads BLAS may split a sum otherwise, and bits differ. Warnings are neither shown nor turned into errors by
+    whatever filter the process has: a warning that is an error in one place would be a failed case there.
 
-def run_cases(task: Task, stopped: Callable[[], bool] = lambda: False) -> Result:
-    """Run the cases of a task, one after the other.
-
-    Parameters
-    ----------
-    task : what to run
-    stopped : asked before each case whether to give up; raises `Stopped` if so
+    Yields
+    ------
+    how often each warning was given
     """
+    messages: Counter[str] = Counter()
+
+    def count(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        text = f"{category.__name__}: {' '.join(str(message).split())}"
+        messages[text if text in messages or len(messages) < MOST_MESSAGES else OTHER_MESSAGES] += 1
+
+    with warnings.catch_warnings(), threadpool_limits(1):
+        warnings.simplefilter("always")
+        warnings.showwarning = count
+        yield messages
+
+
+def run_cases(task: Task) -> Result:
+    """Run the cases of a task, one after the other."""
     study = find(task.study, task.folder)
     config = _config(study, task.config)
     rows: list[dict[str, Any]] = []
     kinds: dict[str, str] = {}
     tracebacks: dict[int, str] = {}
-    with calm() as messages:
-        # In a thread beside others, the process' CPU time is not this task's alone.
-        clock = time.process_time if threading.current_thread() is threading.main_thread() else time.thread_time
-        start = clock()
+    with ONE_AT_A_TIME, single_threaded() as messages:
+        start = time.process_time()
         for case in task.cases:
-            if stopped():
-                raise Stopped
             try:
                 rows += _case_rows(study, config, case, kinds)
             except (Exception, SystemExit) as error:
                 tracebacks[case] = "".join(traceback.format_exception(error))
                 rows.append({"case": case, "error": _one_line(error)})
-        return Result(rows, tracebacks, clock() - start, messages, made_with(study))
+        return Result(rows, tracebacks, time.process_time() - start, messages, made_with(study))
 
 
 def killed(task: Task) -> Result:

@@ -31,23 +31,12 @@ from pydantic import ValidationError
 from gyrocal import save
 from gyrocal.errors import GyrocalError, InputError
 from studies.montecarlo.backends import Executor, Name, open_backend
-from studies.montecarlo.calm import calm
-from studies.montecarlo.cases import Task, run_cases
+from studies.montecarlo.cases import Task, run_cases, single_threaded
 from studies.montecarlo.manifest import WORK, digest, write_manifest
 from studies.montecarlo.provenance import changes, made_with
 from studies.montecarlo.session import Interrupted, Session, known, locked, stoppable
 from studies.montecarlo.store import Parts, table_of
-from studies.montecarlo.study import (
-    GridConfig,
-    Streams,
-    Study,
-    StudyConfig,
-    config_sha256,
-    find,
-    folder_of,
-    reads_cases,
-    resolved,
-)
+from studies.montecarlo.study import Streams, Study, StudyConfig, config_sha256, find, folder_of, may_grow, resolved
 from studies.montecarlo.until import Until, looks
 
 __all__ = ["Interrupted", "Name", "Outcome", "Rerun", "Streams", "Study", "StudyConfig", "rerun", "run", "silent"]
@@ -185,28 +174,25 @@ def run(
     folder = Path(folder)
     with locked(folder), stoppable():
         document = about(study, config)
-        earlier = _earlier(study, ready, document, folder)
+        earlier = _earlier(document, folder)
         document["chunk"] = _chunk(config.cases, chunk, earlier, folder)
-        parts = _parts(study, ready, folder, document["chunk"], earlier)
+        parts = Parts(folder, config.cases, document["chunk"], document["config_sha256"])
         session = Session(parts, task_for, document, earlier, backend, made_with(study), mix)
         missing = session.survey(retry_failed)
         resumed = session.done
         table = folder / "table.parquet"
         with session.ending():
             session.write("running")
-            stop = config.cases
             if missing:
-                with calm() as messages, _opened(backend, jobs, scheduler) as workers:
+                with single_threaded() as messages, _opened(backend, jobs, scheduler) as workers:
                     try:
                         with progress(study.name, sum(map(len, missing))) as advance:
-                            stop = _finish(session, workers, missing, advance, until)
+                            _finish(session, workers, missing, advance, until)
                     finally:
                         session.run["jobs"] = workers.jobs
                 session.count(messages)
             elif until:
-                stop = _finish(session, None, missing, lambda count: None, until)
-            if stop < config.cases:
-                session.end_at(stop, about(study, config.model_copy(update={"cases": stop})))
+                _finish(session, None, missing, lambda count: None, until)
             for case in keep:
                 _keep(study, ready, case, folder)
             session.parts.write_table(table)
@@ -226,8 +212,8 @@ def run(
 
 def _finish(
     session: Session, workers: Executor | None, missing: list[range], advance: Callable[[int], None], until: Until | None
-) -> int:
-    """Run the missing cases, or as many as the criterion asks for; returns how many cases the study has."""
+) -> None:
+    """Run the missing cases, or as many as the criterion asks for; the study ends with these."""
     parts = session.parts
     for stop in looks(parts.cases, parts.chunk) if until else [parts.cases]:
         now = [cases for cases in missing if cases.stop <= stop]
@@ -235,21 +221,15 @@ def _finish(
         if workers and now:
             session.finish(workers, now, advance)
         if until is None:
-            break
+            return
         width = until.half_width(parts.values(until.column, stop))
         session.about["until"] = {"asked": str(until), "half_width": width, "met": width < until.limit}
         if width < until.limit:
-            break
-    return stop
+            session.end_at(stop)
+            return
 
 
-def may_grow(study: Study, config: StudyConfig) -> bool:
-    """Whether the rows of the first cases are the same however many follow."""
-    stratified = config.sampler == "lhs" and config.dispersions
-    return not (isinstance(config, GridConfig) or stratified or reads_cases(study))
-
-
-def _earlier(study: Study, ready: StudyConfig, document: Mapping[str, Any], folder: Path) -> dict[str, Any] | None:
+def _earlier(document: Mapping[str, Any], folder: Path) -> dict[str, Any] | None:
     """Manifest of the same study in the folder, with as many cases or fewer; None if there is none.
 
     Raises
@@ -258,25 +238,17 @@ def _earlier(study: Study, ready: StudyConfig, document: Mapping[str, Any], fold
         The folder holds another study, or one that cannot be continued.
     """
     found = known(folder)
-    if found is None or found["config_sha256"] == document["config_sha256"]:
+    if found is None:
+        return None
+    before, cases = found["cases"], document["cases"]
+    if found["config_sha256"] == document["config_sha256"] and before <= cases:
         return found
-    before = found.get("cases")
-    if before and found["config_sha256"] == config_sha256(study, ready, before):
-        if before < ready.cases and may_grow(study, ready):
-            return found
-        why = "it cannot have fewer" if before > ready.cases else "its rows depend on the number of cases"
-        raise InputError(f"{folder}: holds this study with cases: {before} → {ready.cases}, and {why}; choose another folder")
-    settings = {"study": found.get("study"), **found.get("config", {})}, {"study": document["study"], **document["config"]}
-    scenarios = {"scenario": found.get("scenario")}, {"scenario": document["scenario"]}
-    what = changes(*settings) or changes(*scenarios) or "the order of the dispersions"
+    settings = ({"study": one.get("study"), **one.get("config", {}), "cases": None} for one in (found, document))
+    scenarios = ({"scenario": one.get("scenario")} for one in (found, document))
+    why = "it cannot have fewer" if before > cases else "its rows depend on the number of cases"
+    number = f"cases: {before} → {cases}, and {why}" if before != cases else "the order of the dispersions"
+    what = changes(*settings) or changes(*scenarios) or number
     raise InputError(f"{folder}: holds a study with another configuration ({what}); choose another folder")
-
-
-def _parts(study: Study, ready: StudyConfig, folder: Path, chunk: int, earlier: Mapping[str, Any] | None) -> Parts:
-    """The parts of a study; those written when it had another number of cases are its own, if its rows do not depend on it."""
-    growing = may_grow(study, ready)
-    same = {config_sha256(study, ready), *([earlier["config_sha256"]] if earlier else [])}
-    return Parts(folder, ready.cases, chunk, config_sha256(study, ready, 0 if growing else None), frozenset(same))
 
 
 def _chunk(cases: int, wanted: int | None, earlier: Mapping[str, Any] | None, folder: Path) -> int:
@@ -301,8 +273,8 @@ def work_folder(folder: Path, study: Study, config: StudyConfig) -> Path:
 
     Of each configuration, source code and machine its own, so that what another one left unfinished is never in the way.
     """
-    made = config_sha256(study, resolved(config)) + json.dumps(made_with(study), sort_keys=True)
-    return Path(folder) / WORK / digest(made.encode())[:12]
+    made = [config_sha256(study, resolved(config)), config.cases, made_with(study)]
+    return Path(folder) / WORK / digest(json.dumps(made, sort_keys=True).encode())[:12]
 
 
 def publish(outcome: Outcome, folder: Path, **about: Any) -> None:
@@ -343,14 +315,15 @@ def rerun(study: Study, config: StudyConfig, case: int, folder: Path) -> Rerun:
     task_for, ready = _prepare(study, config)
     _check_case(config, case)
     folder = Path(folder)
-    manifest = _earlier(study, ready, about(study, config), folder)
+    document = about(study, config)
+    manifest = _earlier(document, folder)
     # First, since the case may end this process.
     recording = _keep(study, ready, case, folder) if study.recording else None
     result = run_cases(task_for(range(case, case + 1)))
     rows = table_of(result.rows).to_pandas()
     same = None
     if manifest:
-        before = _parts(study, ready, folder, manifest["chunk"], manifest).rows_of(case)
+        before = Parts(folder, config.cases, manifest["chunk"], document["config_sha256"]).rows_of(case)
         same = None if before is None else _same(before, rows)
     return Rerun(rows, result.tracebacks.get(case, ""), recording, same)
 
@@ -396,7 +369,7 @@ def _keep(study: Study, config: StudyConfig, case: int, folder: Path) -> Path | 
     assert study.recording is not None
     path = folder / "cases" / f"case-{case:06d}"
     try:
-        with calm():
+        with single_threaded():
             recording = study.recording(config, case, Streams(config.entropy, case))
     except Exception as error:
         logger.warning("case %d: no recording, %s: %s", case, type(error).__name__, error)

@@ -110,7 +110,7 @@ def known(folder: Path) -> dict[str, Any] | None:
     path = folder / MANIFEST
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
-        _ = manifest["config_sha256"], range(manifest["chunk"])
+        _ = manifest["config_sha256"], range(manifest["chunk"]), range(manifest["cases"])
         _ = [(run["commit"], run["python"]) for run in manifest["runs"]]
     except FileNotFoundError:
         return None
@@ -160,7 +160,6 @@ class Session:
         self.done, self.cpu_s = 0, 0.0
         self.failures: dict[int, str] = {}
         self.warnings: Counter[str] = Counter()
-        self.begun_with: dict[int, PartInfo] = {}  # parts that hold only their first cases
 
     def count(self, warnings: Mapping[str, int]) -> None:
         """Add to the run's warnings; each is logged when it is first met."""
@@ -180,11 +179,8 @@ class Session:
                 self.count({f"{self.parts.path(index)} is damaged ({info}); set aside as {aside.name} and computed again": 1})
             if not isinstance(info, PartInfo) or (retry_failed and info.failures):
                 missing.append(cases)
-                continue
-            self._add(range(cases.start, info.stop), info.failures, info.cpu_s)
-            if info.stop < cases.stop:
-                self.begun_with[index] = info
-                missing.append(range(info.stop, cases.stop))
+            else:
+                self._add(cases, info.failures, info.cpu_s)
         self.run["resumed"] = self.done
         self._compare(bool(missing))
         return missing
@@ -229,28 +225,25 @@ class Session:
             self._store(task.cases, merged(alone))
             advance(len(task.cases))
 
-    def end_at(self, cases: int, about: Mapping[str, Any]) -> None:
+    def end_at(self, cases: int) -> None:
         """The study has enough with so many cases: what it is, and its parts, are from now on of these."""
         self.parts = replace(self.parts, cases=cases)
-        self.about |= about
+        self.about |= {"cases": cases, "config": self.about["config"] | {"cases": cases}}
         self.done = cases
         self.failures = {case: error for case, error in self.failures.items() if case < cases}
 
     def _store(self, cases: range, result: Result) -> None:
-        """Store the rest of a part; its tracebacks first, so that a part that is there is complete."""
+        """Store a part; its tracebacks first, so that a part that is there is complete."""
         if result.made_with not in (None, self.made_with) and not self.mix:
             differs = changes(self.made_with["machine"], result.made_with["machine"]) or "its source code"
             raise InputError(f"a worker differs ({differs}); make them alike, or go on with --mix")
-        folder, index = self.parts.folder / "failures", cases.start // self.parts.chunk
         for case in cases:
-            path = folder / f"case-{case:06d}.txt"
+            path = self.parts.folder / "failures" / f"case-{case:06d}.txt"
             if case in result.tracebacks:
                 write_bytes(path, result.tracebacks[case].encode())
             else:
                 path.unlink(missing_ok=True)  # it failed in an earlier run
-        begun = self.begun_with.get(index)
-        rows = [*(self.parts.rows(index) if begun else []), *result.rows]
-        self.parts.write(index, rows, result.cpu_s + (begun.cpu_s if begun else 0.0))
+        self.parts.write(cases.start // self.parts.chunk, result.rows, result.cpu_s)
         self._add(cases, result.failures, result.cpu_s)
         self.count(result.warnings)
 

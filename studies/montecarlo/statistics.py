@@ -75,22 +75,17 @@ def coverage(errors: Array, sigmas: Array, level: str) -> tuple[int, int]:
 
 def binomial_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
     """Wilson's interval of a proportion; all of [0, 1] without a trial. E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209."""
+    from scipy.stats import binomtest  # scipy.stats costs every worker 45 MiB, and no case needs it
+
     if trials == 0:
         return 0.0, 1.0
-    z = float(scipy.special.ndtri(0.5 + confidence / 2))
-    share = successes / trials
-    middle = share + z**2 / (2 * trials)
-    half = z * float(np.sqrt(share * (1 - share) / trials + z**2 / (4 * trials**2)))
-    scale = 1 + z**2 / trials
-    # At the ends the two terms cancel, to rounding.
-    low = 0.0 if successes == 0 else (middle - half) / scale
-    high = 1.0 if successes == trials else (middle + half) / scale
-    return low, high
+    interval = binomtest(successes, trials).proportion_ci(confidence, method="wilson")
+    return float(interval.low), float(interval.high)
 
 
 def binomial_band(trials: int, share: float, confidence: float, counts: int = 1) -> tuple[int, int]:
     """Bounds that so many counts of `trials`, each expected to be that share, all keep to with at least this confidence."""
-    from scipy.stats import binom  # scipy.stats costs every worker 45 MiB, and no case needs it
+    from scipy.stats import binom
 
     tail = (1 - confidence) / (2 * counts)
     low, high = binom.ppf([tail, 1 - tail], trials, share)
@@ -144,14 +139,13 @@ def distribution(samples: Array, flight: Array | None = None) -> pd.DataFrame:
             "std": samples.std(axis=0, ddof=1),
             "p05": np.quantile(samples, 0.05, axis=0),
             "p95": np.quantile(samples, 0.95, axis=0),
+            "flight": np.nan,
+            "flight_percentile": np.nan,
         }
     )
-    if flight is None:
-        table["flight"], table["flight_percentile"] = np.nan, np.nan
-        return table
-    table["flight"] = flight
-    below = (samples < flight).mean(axis=0) + 0.5 * (samples == flight).mean(axis=0)
-    table["flight_percentile"] = 100 * below
+    if flight is not None:
+        table["flight"] = flight
+        table["flight_percentile"] = 100 * ((samples < flight).mean(axis=0) + 0.5 * (samples == flight).mean(axis=0))
     return table
 
 
@@ -178,13 +172,3 @@ def crossing(x: ArrayLike, y: ArrayLike, level: float) -> float:
     k = above[0]
     share = np.log(level / y[k]) / np.log(y[k + 1] / y[k])
     return float(x[k] * (x[k + 1] / x[k]) ** share)
-
-
-def span(values: ArrayLike, digits: int = 2) -> str:
-    """Smallest to largest of the values that are not NaN."""
-    finite = np.asarray(values, dtype=float)
-    finite = finite[np.isfinite(finite)]
-    if finite.size == 0:
-        return "nothing"
-    low, high = (f"{value:.{digits}g}" for value in (finite.min(), finite.max()))
-    return low if low == high else f"{low} to {high}"

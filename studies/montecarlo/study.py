@@ -177,12 +177,6 @@ def folder_of(study: Study) -> str:
     return str(Path(file).resolve().parent) if file and "." not in module else ""
 
 
-def reads_cases(study: Study) -> bool:
-    """Whether the study's module reads the number of cases of a configuration, as in ``config.cases``."""
-    text = Path(str(sys.modules[study.name.partition(":")[0]].__file__)).read_text(encoding="utf-8")
-    return re.search(r"(?<![\w.])\w+\.cases\b", text) is not None
-
-
 def load_config(study: Study, path: Path | None = None, changes: Mapping[str, Any] | None = None) -> Any:
     """Configuration of a study: its defaults, a TOML file over them, single values over both.
 
@@ -190,70 +184,34 @@ def load_config(study: Study, path: Path | None = None, changes: Mapping[str, An
     ----------
     study : the study
     path : TOML file
-    changes : by dotted path, as in `changed`
+    changes : values of settings; of overrides and dispersions also by the path in the scenario, e.g.
+        ``{"cases": 50, "overrides.gyro.sample_s": 1.0, "dispersions.gyro.true_G.0.0": {"kind": "normal", "sigma": 1e-3}}``
 
     Raises
     ------
     InputError
         One line with every fault of the result.
     """
-    document = read_toml(path) if path else {}
     # Defaults that are replaced need not be valid, such as a folder that is not there.
-    whole = {name: value for name, value in (changes or {}).items() if name in study.config.model_fields}
-    sources = [str(path)] * bool(path) + ["settings"] * bool(whole)
-    config = _validated(study.config, document | whole, " with ".join(sources) or study.name)
-    return changed(config, changes) if changes else config
-
-
-def changed(config: Config, changes: Mapping[str, Any]) -> Config:
-    """A configuration with some values replaced, validated again as a whole.
-
-    Parameters
-    ----------
-    config : the one to start from, left as it is
-    changes : values by dotted path; a new override or dispersion by its whole path, e.g.
-        ``{"cases": 50, "overrides.gyro.sample_s": 1.0, "dispersions.gyro.true_G.0.0": {"kind": "normal", "sigma": 1e-3}}``
-
-    Raises
-    ------
-    InputError
-        A path leads nowhere, or the result is not valid.
-    """
-    document = config.model_dump(mode="json")
-    for path, value in changes.items():
-        head = path.partition(".")[0]
-        if head not in type(config).model_fields:
-            raise InputError(f"{path}: there is no such setting; {hint(head, type(config).model_fields)}")
-        _assign(document, path, path, value)
-    return _validated(type(config), document, "settings")
-
-
-def _assign(place: Any, path: str, whole: str, value: Any) -> None:
-    """Set one value; the keys of overrides and dispersions hold dots themselves, so the longest key there is counts."""
-    if isinstance(place, list):
-        key, _, rest = path.partition(".")
-        if not key.isdecimal() or int(key) >= len(place):
-            raise InputError(f"{whole}: {key} is not the index of one of {len(place)} items, counted from 0")
-        index: Any = int(key)
-    elif isinstance(place, dict):
-        index = max((key for key in place if path == key or path.startswith(f"{key}.")), key=len, default=path)
-        rest = path[len(index) + 1 :]
-    else:
-        raise InputError(f"{whole}: there is no such setting; {path} would be inside a single value")
-    if rest:
-        _assign(place[index], rest, whole, value)
-    else:
-        place[index] = value
-
-
-def _validated(kind: type[Config], document: dict[str, Any], source: str) -> Config:
+    document = study.config.model_construct().model_dump(mode="json") | (read_toml(path) if path else {})
+    for setting, value in (changes or {}).items():
+        name, _, key = setting.partition(".")
+        if name not in study.config.model_fields:
+            raise InputError(f"{setting}: there is no such setting; {hint(name, study.config.model_fields)}")
+        if not key:
+            document[name] = value
+        elif isinstance(document[name], dict):
+            document[name] = document[name] | {key: value}
+        else:
+            raise InputError(f"{setting}: there is no such setting; give {name} as a whole")
+    source = " with ".join([*([str(path)] if path else []), *(["settings"] if changes else [])]) or study.name
     # As JSON, since strict validation would refuse the lists of TOML where tuples are meant.
     try:
-        return kind.model_validate_json(json.dumps(document))
+        return study.config.model_validate_json(json.dumps(document))
     except TypeError as error:
         raise InputError(f"{source}: {error}") from None
     except ValidationError as error:
-        raise InputError(f"{source}: {validation_message(error, kind)}") from None
+        raise InputError(f"{source}: {validation_message(error, study.config)}") from None
 
 
 def resolved(config: Config) -> Config:
@@ -269,13 +227,23 @@ def resolved(config: Config) -> Config:
     return config.model_copy(update={"scenario": scenario, "overrides": {}})
 
 
-def config_sha256(study: Study, config: StudyConfig, cases: int | None = None) -> str:
-    """SHA-256 of the study's name and resolved configuration, as canonical JSON; if asked for with another number of cases."""
-    document = config.model_dump(mode="json") | {"cases": config.cases if cases is None else cases}
+def config_sha256(study: Study, config: StudyConfig) -> str:
+    """SHA-256 of what a study's rows depend on, its name and resolved configuration, as canonical JSON."""
+    document = config.model_dump(mode="json") | {"cases": None if may_grow(study, config) else config.cases}
     # Sorted keys must not hide the order of the dispersions, on which the Sobol dimensions depend.
     document["dispersions"] = list(document["dispersions"].items())
     text = json.dumps({"study": study.name, "config": document}, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def may_grow(study: Study, config: StudyConfig) -> bool:
+    """Whether the rows of the first cases are the same however many follow.
+
+    They are not if the study's module reads the number of cases of a configuration, as in ``config.cases``.
+    """
+    stratified = config.sampler == "lhs" and config.dispersions
+    text = Path(str(sys.modules[study.name.partition(":")[0]].__file__)).read_text(encoding="utf-8")
+    return not (isinstance(config, GridConfig) or stratified or re.search(r"(?<![\w.])\w+\.cases\b", text))
 
 
 def base_scenario(config: StudyConfig) -> Scenario:

@@ -22,7 +22,7 @@ from typing import Self
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import bdtr, stdtrit
+from scipy import stats
 
 from gyrocal.errors import InputError
 from studies.montecarlo.statistics import binomial_interval
@@ -113,19 +113,14 @@ def _share(successes: int, trials: int) -> float:
 
 
 def _half_width(statistic: str, values: Array) -> float:
-    n, tail = len(values), (1 + LEVEL) / 2
-    t = float(stdtrit(n - 1, tail))
-    sigma = float(values.std(ddof=1))
+    n, sigma = len(values), float(values.std(ddof=1))
+    t = float(stats.t.ppf((1 + LEVEL) / 2, n - 1))
     if statistic == "mean":
         return t * sigma / math.sqrt(n)
     if statistic == "std":
         fourth = float(np.mean((values - values.mean()) ** 4))
         return t * math.sqrt(max(fourth - sigma**4, 0.0) / n) / (2 * sigma) if sigma else 0.0
     share = 0.5 if statistic == "median" else int(statistic[1:]) / 100
-    below = bdtr(np.arange(n + 1), n, share)  # P(at most k of n values are below the quantile)
-    low = int(np.searchsorted(below, 1 - tail))  # the largest k with P(fewer than k below) <= tail
-    high = int(np.searchsorted(below, tail)) + 1
-    if low < 1 or high > n:
-        return math.inf  # the interval reaches beyond the sample
-    ordered = np.sort(values)
-    return float(ordered[high - 1] - ordered[low - 1]) / 2
+    interval = stats.quantile_test(values, p=share).confidence_interval(LEVEL)
+    half = float(interval.high - interval.low) / 2
+    return half if math.isfinite(half) else math.inf  # the interval reaches beyond the sample

@@ -5,6 +5,7 @@ import sys
 import threading
 import time
 import warnings
+from itertools import cycle, repeat
 
 import numpy as np
 import pytest
@@ -12,15 +13,13 @@ import threadpoolctl
 
 from gyrocal.errors import InputError
 from studies.montecarlo import backends
-from studies.montecarlo.backends import open_backend, windowed
-from studies.montecarlo.calm import MOST_MESSAGES, OTHER_MESSAGES, calm
-from studies.montecarlo.cases import Task, run_cases
+from studies.montecarlo.backends import Executor, open_backend
+from studies.montecarlo.cases import MOST_MESSAGES, OTHER_MESSAGES, Task, run_cases, single_threaded
 from studies.montecarlo.engine import run
 from studies.montecarlo.study import resolved
 from tests.engine_studies import DRAWS, DrawsConfig
 
 needs_dask = pytest.mark.skipif(not importlib.util.find_spec("distributed"), reason="dask is an optional extra")
-PROCESSES = ["loky", pytest.param("dask", marks=needs_dask)]
 
 
 def task(config: DrawsConfig, cases: range) -> Task:
@@ -34,20 +33,52 @@ def reference(tmp_path_factory):
     return config, run(DRAWS, config, tmp_path_factory.mktemp("serial"), backend="serial").table.read_bytes()
 
 
-@pytest.mark.parametrize("backend", ["threads", *PROCESSES])
-def test_every_backend_gives_the_same_table_bit_for_bit(backend, reference, tmp_path):
+@pytest.fixture(scope="module")
+def address():
+    """Of the scheduler of a cluster of two processes."""
+    distributed = pytest.importorskip("distributed", reason="dask is an optional extra")
+    import dask
+
+    # The first death of a worker names the task: the second try is the engine's, one case at a time.
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50
+        ) as cluster,
+    ):
+        yield cluster.scheduler_address
+
+
+@pytest.fixture(params=["loky", "dask"])
+def where(request):
+    """Options of a run in processes."""
+    if request.param == "loky":
+        return {"backend": "loky", "jobs": 2}
+    return {"backend": "dask", "scheduler": request.getfixturevalue("address")}
+
+
+def test_every_backend_gives_the_same_table_bit_for_bit(where, reference, tmp_path):
     config, table = reference
-    outcome = run(DRAWS, config, tmp_path, backend=backend, jobs=2)
+    outcome = run(DRAWS, config, tmp_path, **where)
     assert outcome.table.read_bytes() == table
     assert outcome.failures == {3: "ValueError: case 3 is bad"}
     assert outcome.cpu_s > 0
 
 
-@pytest.mark.parametrize("backend", PROCESSES)
-def test_a_case_that_kills_its_worker_is_a_failed_row(backend, reference, tmp_path):
+def test_threads_of_a_worker_take_turns(reference, tmp_path):
+    distributed = pytest.importorskip("distributed", reason="dask is an optional extra")
+    config, table = reference
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=2, processes=False, dashboard_address="127.0.0.1:0"
+    ) as cluster:
+        outcome = run(DRAWS, config, tmp_path, backend="dask", scheduler=cluster.scheduler_address)
+    assert outcome.table.read_bytes() == table
+
+
+def test_a_case_that_kills_its_worker_is_a_failed_row(where, reference, tmp_path):
     config, _ = reference
     config = config.model_copy(update={"die": (7,)})
-    outcome = run(DRAWS, config, tmp_path, backend=backend, jobs=2, chunk=6)
+    outcome = run(DRAWS, config, tmp_path, chunk=6, **where)
     assert outcome.failures == {3: "ValueError: case 3 is bad", 7: "WorkerDied: killed its worker"}
     assert "ended without an answer" in (tmp_path / "failures" / "case-000007.txt").read_text()
     expected = run(DRAWS, config.model_copy(update={"die": ()}), tmp_path / "serial", backend="serial").load()
@@ -55,18 +86,6 @@ def test_a_case_that_kills_its_worker_is_a_failed_row(backend, reference, tmp_pa
     assert table.loc[7, "error"] == "WorkerDied: killed its worker"
     assert table.loc[7].drop(["case", "error"]).isna().all()
     assert table.drop(7).astype({"label": object}).equals(expected.drop(7).astype({"label": object}))
-
-
-@needs_dask
-def test_a_cluster_is_found_by_its_address(reference, tmp_path):
-    import distributed
-
-    config, table = reference
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=2, processes=False, dashboard_address="127.0.0.1:0"
-    ) as cluster:
-        outcome = run(DRAWS, config, tmp_path, backend="dask", scheduler=cluster.scheduler_address)
-    assert outcome.table.read_bytes() == table
 
 
 @needs_dask
@@ -102,14 +121,15 @@ def test_a_port_that_is_no_scheduler(tmp_path):
 def test_dask_is_optional(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"gyrocal\[dask\]"):
-        open_backend("dask", run_cases)
+        open_backend("dask", run_cases, scheduler="tcp://here:1")
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"name": "mpi"}, "no such backend; there are serial, threads, loky and dask"),
-        ({"name": "loky", "scheduler": "tcp://here:1"}, "--scheduler is for --backend dask"),
+        ({"name": "mpi"}, "no such backend; there are serial, loky and dask"),
+        ({"name": "loky", "scheduler": "tcp://here:1"}, "--backend dask and --scheduler .* go together"),
+        ({"name": "dask"}, "--backend dask and --scheduler .* go together"),
     ],
 )
 def test_options_that_mean_nothing(options, message):
@@ -132,96 +152,65 @@ def test_workers_that_are_stopped_leave_no_error_behind(monkeypatch):
     assert [pool.result(future) for future in waiting] == [None, None]
 
 
-def test_no_more_than_a_window_is_in_flight():
-    """Tasks are taken only as results are: with a million of them, memory holds a window."""
-    flying, most, taken = set(), 0, 0
+class Numbers(Executor):
+    """Tasks are numbers, and so are their futures; of those in flight the last two end."""
 
-    def tasks():
-        nonlocal taken
-        while taken < 1000:
-            taken += 1
-            yield taken
+    def __init__(self, windows):
+        super().__init__(run_cases)
+        self.windows, self.flying = iter(windows), []
 
-    def submit(number: int) -> int:
-        nonlocal most
-        flying.add(number)
-        most = max(most, len(flying))
-        return number
+    def window(self):
+        return next(self.windows)
 
-    for done, (number, future) in enumerate(windowed(tasks(), lambda: 4, submit, lambda futures: futures[-2:])):
-        assert number == future
-        assert taken - done <= 4
-        flying.discard(number)
-    assert (taken, done, most) == (1000, 999, 4)
+    def submit(self, task):
+        self.flying.append(task)
+        return task
+
+    def wait(self, futures):
+        return futures[-2:]
+
+    def result(self, future):
+        self.flying.remove(future)
+        return future
 
 
-def test_a_window_that_grows_is_filled():
-    sizes, submitted = iter([1, 3, 3, 3, 3, 3, 3, 3]), []
-    results = windowed(range(6), lambda: next(sizes), lambda n: submitted.append(n) or n, lambda futures: futures[:1])
-    next(results)
-    assert submitted == [0]
-    next(results)
-    assert submitted == [0, 1, 2, 3]
+@pytest.mark.parametrize("windows", [repeat(4), cycle([1, 3, 7])])
+def test_no_more_than_a_window_is_in_flight(windows):
+    """Tasks are taken only as results are: with a million of them, memory holds a window, which may grow."""
+    taken = []
+    pool = Numbers(windows)
+    done = []
+    for number, result in pool.results(number for number in range(1000) if not taken.append(number)):
+        assert number == result
+        done.append(number)
+        assert len(taken) - len(done) <= 7
+    assert sorted(done) == list(range(1000))
 
 
 def blas_threads() -> set[int]:
     return {library["num_threads"] for library in threadpoolctl.threadpool_info() if library["user_api"] == "blas"}
 
 
-def test_a_calm_process_has_one_blas_thread():
+def test_a_case_has_one_blas_thread():
     with threadpoolctl.threadpool_limits(2):
-        with calm(), calm():
+        with single_threaded(), single_threaded():
             np.ones((2, 2)) @ np.ones((2, 2))
             assert blas_threads() == {1}
         assert blas_threads() == {2}
 
 
-def test_a_thread_that_leaves_takes_nothing_from_the_others():
-    def visit():
-        with calm():
-            pass
-
-    with threadpoolctl.threadpool_limits(2):
-        with calm():
-            thread = threading.Thread(target=visit)
-            thread.start()
-            thread.join()
-            assert blas_threads() == {1}
-        assert blas_threads() == {2}
-
-
-def test_threads_share_a_calm_process_and_count_their_own_warnings():
-    """The first to leave must not take the calm from the others."""
-    entered, left = threading.Event(), threading.Event()
-    seen = {}
-
-    def first():
-        with calm() as messages:
+def test_warnings_are_counted_and_afterwards_shown_again():
+    with single_threaded() as outer:
+        with single_threaded() as inner:
             warnings.warn("first", RuntimeWarning, stacklevel=1)
-            entered.set()
-            seen["first"] = messages
-
-    def second():
-        with calm() as messages:
-            entered.wait()
-            left.wait()
-            warnings.warn("second", RuntimeWarning, stacklevel=1)
-            seen["second"] = messages
-
-    workers = [threading.Thread(target=target) for target in (second, first)]
-    for worker in workers:
-        worker.start()
-    workers[1].join()
-    left.set()
-    workers[0].join()
-    assert seen["first"] == {"RuntimeWarning: first": 1}
-    assert seen["second"] == {"RuntimeWarning: second": 1}
+        warnings.warn("second", RuntimeWarning, stacklevel=1)
+    assert (inner, outer) == ({"RuntimeWarning: first": 1}, {"RuntimeWarning: second": 1})
     with pytest.warns(RuntimeWarning, match="third"):
         warnings.warn("third", RuntimeWarning, stacklevel=1)
 
 
 def test_warnings_that_are_all_different_do_not_pile_up():
-    with calm() as messages:
+    with single_threaded() as messages:
         for number in range(1000):
             warnings.warn(f"number {number}", UserWarning, stacklevel=1)
     assert len(messages) == MOST_MESSAGES + 1

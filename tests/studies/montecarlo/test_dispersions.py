@@ -40,9 +40,9 @@ def test_distributions(sampler, distribution, law):
     assert stats.kstest(draws, stats.norm(law.mean() + 0.2 * law.std(), law.std()).cdf).pvalue < 1e-3
 
 
-@pytest.mark.parametrize("u", [2.0**-54, 1 - 2.0**-53])
-def test_the_ends_of_a_distribution_are_finite(u):
-    assert np.isfinite(TypeAdapter(Dispersion).validate_python({"kind": "normal", "sigma": 1.0}).quantile(u))
+def test_the_ends_of_a_distribution_are_finite():
+    normal = TypeAdapter(Dispersion).validate_python({"kind": "normal", "sigma": 1.0})
+    assert np.isfinite([normal.quantile(u) for u in (2.0**-54, 1 - 2.0**-53)]).all()
 
 
 def test_a_latin_hypercube_has_one_case_in_each_stratum():
@@ -98,10 +98,8 @@ def test_modes(mode, expected):
 # What each scenario value must move, and nothing else: gyro rates, reference attitudes, their times, what is known a priori.
 MOVES = {
     "gyro.true_G.0.1": (NORMAL, {"rates"}),
-    "gyro.true_G.2.2": (NORMAL, {"rates"}),
     "gyro.true_bias_deg_s.1": (NORMAL, {"rates"}),
     "gyro.apriori_G.1.0": (NORMAL, {"apriori_G"}),
-    "gyro.apriori_bias_deg_s.2": (NORMAL, {"apriori_bias"}),
     "gyro.arw_deg_per_sqrt_s": ({"kind": "loguniform", "low": 0.5, "high": 2.0, "mode": "factor"}, {"rates", "arw"}),
     "reference.sigma_deg.0": ({"kind": "uniform", "low": 0.02, "high": 0.05}, {"quaternions", "sigma"}),
     "reference.every_s": ({"kind": "uniform", "low": 70.0, "high": 90.0}, {"times", "quaternions"}),
@@ -118,7 +116,6 @@ MOVES = {
     "orbit.raan_deg": ({"kind": "uniform", "low": 10.0, "high": 20.0}, {"quaternions"}),
     "orbit.altitude_km": ({"kind": "normal", "sigma": 5.0, "mode": "offset"}, {"rates", "quaternions", "orbit"}),
     "control_motion.amplitude_deg.1": ({"kind": "uniform", "low": 0.1, "high": 0.2}, {"rates", "quaternions"}),
-    "control_motion.phase_deg.1": ({"kind": "uniform", "low": 10.0, "high": 90.0}, {"rates", "quaternions"}),
 }
 
 

@@ -88,7 +88,7 @@ def test_looks_are_whole_chunks_and_end_with_all():
     assert list(looks(10, 1)) == [10]
 
 
-@pytest.mark.parametrize("backend", ["serial", "threads"])
+@pytest.mark.parametrize("backend", ["serial", "loky"])
 def test_a_study_stops_when_it_has_enough(backend, tmp_path):
     def asked(limit, cases=1000):
         config = DrawsConfig(cases=cases, size=3, fail=(5,))

@@ -15,7 +15,6 @@ from simulator import scenario
 from simulator.effects.sensor import parse
 from simulator.simulate import simulate
 from studies import catalogue
-from studies.montecarlo.study import changed
 from studies.report import diagnosis_page as diagnosis_report
 from studies.report import sensor_words
 from studies.report.diagnosis_summary import lines
@@ -158,7 +157,7 @@ def test_an_orthogonal_fit_of_rs_truth_finds_r3():
 def test_the_study_of_the_heads(tmp_path, monkeypatch):
     few = FEW.model_copy(update={"interval": tuple(one for one in FEW.interval if not one.name.startswith("m"))})
     monkeypatch.setattr(sensor_story, "TRUTHS", ("heads", "misalignment", "nominal", "noise"))
-    config = changed(sensor_story.StoryConfig(cases=1, scenario=few), {"entropy": 5})
+    config = sensor_story.StoryConfig(cases=1, scenario=few, entropy=5)
     rows = pd.DataFrame(sensor_story.case(config, 0, sensor_story.Streams(5, 0))).assign(case=0)
     assert rows["right"].all(), rows[["truth", "verdict", "named"]]
     heads = rows.set_index("truth").loc["heads"]
