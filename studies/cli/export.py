@@ -1,24 +1,22 @@
 """The command group ``gyrocal export``: recordings in other formats."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal import InputError, Recording, load
+from gyrocal import Recording, load
 from gyrocal.importing import acm, aem, ck, csv_files, kalibr
 from gyrocal.importing.ccsds import Form
-from studies.cli.options import PATH, json_file
+from studies.cli.options import FOLDER, PATH, json_option, read_json
 from studies.montecarlo.files import check_writable, write_json
 
 CALIBRATION = click.option(
     "--calibration", type=PATH, metavar="RESULT.json", help="Of gyrocal calibrate --json: its values are written too."
 )
-AS_JSON = json_file("which files were made, and of what,")
+AS_JSON = json_option("which files were made, and of what,")
 FORM = click.option("--form", type=click.Choice(["kvn", "xml"]), default="kvn", show_default=True, help="Of the message.")
 
 
@@ -131,7 +129,7 @@ def kalibr_command(
 
 @command.command("csv")
 @click.argument("recording", type=PATH)
-@click.argument("out", type=click.Path(path_type=Path, file_okay=False))
+@click.argument("out", type=FOLDER)
 @AS_JSON
 def csv_command(recording: Path, out: Path, as_json: Path | None) -> None:
     """Write RECORDING as gyro.csv, attitude.csv and the mapping.toml that reads them to the folder OUT."""
@@ -151,11 +149,9 @@ def _calibration(path: Path | None) -> dict[str, NDArray[np.float64]]:
     """G, bias and its sigma of a result, in rad/s; nothing without one."""
     if path is None:
         return {}
-    try:
-        read: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        numbers = {name: np.array(read[name], dtype=np.float64) for name in ("G", "bias_deg_s", "sigma_bias_deg_s")}
-    except (ValueError, TypeError, KeyError, RecursionError) as fault:
-        raise InputError(f"{path}: not a result of gyrocal calibrate --json: {fault}") from None
+    names = ("G", "bias_deg_s", "sigma_bias_deg_s")
+    what = "a result of gyrocal calibrate --json"
+    numbers = read_json(path, what, lambda found: {name: np.array(found[name], dtype=np.float64) for name in names})
     return {
         "G": numbers["G"],
         "bias": np.deg2rad(numbers["bias_deg_s"]),

@@ -7,19 +7,18 @@ from typing import Any
 import click
 import pandas as pd
 
-from gyrocal import InputError, Recording, importing
+from gyrocal import Recording, importing
 from gyrocal.importing import acm, aem, ck, euroc, kalibr, rosbag
 from gyrocal.importing.build import Imported, build
 from gyrocal.importing.columns import resolve_columns
 from gyrocal.importing.streams import read_csv, streams
-from studies.cli.options import PATH, json_file
+from studies.cli.options import FOLDER, FORCE, PATH, json_option, refuse_existing
 from studies.montecarlo.files import write_json
 from studies.report import tables as render
 from studies.report.console import console
 
-OUT = click.argument("out", type=click.Path(path_type=Path, file_okay=False))
+OUT = click.argument("out", type=FOLDER)
 GYRO = click.argument("gyro_file", type=PATH, metavar="GYRO.csv")
-FORCE = click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
 SPACING = click.option("--spacing", "spacing_s", type=float, help="Least time between references, s.")
 MOUNTING = click.option(
     "--mounting",
@@ -27,7 +26,7 @@ MOUNTING = click.option(
     help="estimate: find the rotation from the gyro's axes to those of the attitudes.",
 )
 ESTIMATE = click.option("--estimate-noise", is_flag=True, help="Estimate the noise although the file states it.")
-AS_JSON = json_file("what was made, and what was assumed,")
+AS_JSON = json_option("what was made, and what was assumed,")
 TABLE = (
     click.option("--mapping", "file", type=PATH, help="Mapping of the gyro's table as TOML, as of import csv."),
     click.option("--time", metavar="COLUMN:UNIT", help="As of import csv; a date, as the attitudes have."),
@@ -38,12 +37,6 @@ TABLE = (
     FORCE,
     AS_JSON,
 )
-
-
-def refuse_existing(out: Path, force: bool) -> None:
-    """Refuse to write where a recording is."""
-    if (out / "recording.toml").exists() and not force:
-        raise InputError(f"{out}: a recording is there already; choose another folder, or replace it with --force")
 
 
 def of_table(function: Any) -> Any:

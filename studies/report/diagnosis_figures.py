@@ -26,6 +26,7 @@ AXIS_MARKERS = {"x": "o", "y": "s", "z": "^"}
 AXIS_TITLES = {"x": "x (roll)", "y": "y (pitch)", "z": "z (yaw)"}
 WIDTH = 11.0  # inches: the width of the page
 MOST_ROWS = 12  # lines of a figure; of more, the most telling
+FEW = 20  # references of an interval, above which its residuals are a line
 MOST_PANELS = 8  # intervals with panels of their own
 REACHED = 0.02  # of a cause's largest trace: an axis with less of it shows nothing
 STRONGEST = 12.0  # −log10 p at which the colours end
@@ -66,10 +67,11 @@ def residual_figure(residuals: pd.DataFrame) -> Figure:
         minutes = (part["t_s"] - part["t_s"].iloc[0]).to_numpy() / 60
         for axis in "xyz":
             band, before, after = (part[f"{what}_{axis}"].to_numpy() for what in ("band", "before", "after"))
+            look = ("-", "-") if len(part) > FEW else ("o", ".")
             allowed = Line(minutes, 0 * band, "what the baseline allows (±2 sigma)", "0.6", "-", -2 * band, 2 * band)
-            lines = [allowed, Line(minutes, before, "before: the baseline's own fit", BEFORE, "o", size=3.2, hollow=True)]
+            lines = [allowed, Line(minutes, before, "before: the baseline's own fit", BEFORE, look[0], size=3.2, hollow=True)]
             if differs(residuals):
-                lines.append(Line(minutes, after, "after: with the causes in the model", AFTER, ".", size=3.2))
+                lines.append(Line(minutes, after, "after: with the causes in the model", AFTER, look[1], size=3.2))
             title = f"{_short(name)}: {AXIS_TITLES[axis]}"
             y = "residual (deg)" if axis == "x" else ""
             x = "minutes since the interval's first reference" if name == names[-1] else ""

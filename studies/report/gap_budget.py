@@ -18,7 +18,7 @@ from studies.report import diagnosis_words as words
 from studies.report import panels
 from studies.report.panels import STYLE
 
-WIDTH = 11.0  # inches
+WIDTH = 8.5  # inches
 ROW = 0.32  # inches of a row
 HETEROGENEOUS = 0.01  # p-value below which the sizes by part do not agree
 SIDES = {
@@ -36,6 +36,20 @@ def name_step(step: Step) -> str:
         "remainder": "remainder: not explained",
         "floor": "floor: stated noise alone",
     }.get(step.step, f"with {step.step}")
+
+
+def summarise(diagnosis: Diagnosis) -> str:
+    """Summarise the budget in a sentence; without one, the test of the baseline."""
+    left = [step.closed for step in diagnosis.budget if step.step == "remainder"]
+    if not left or left[0] is None:
+        return words.gap(diagnosis)
+    if not diagnosis.causes:
+        return "No cause is identified, so nothing closes the misfit on held-out data."
+    if diagnosis.closure is not None and not words.is_measured(diagnosis.closure):
+        return f"{words.TOO_LITTLE}."
+    left_over = min(max(100 * left[0], 0.0), 100.0)
+    causes = "this cause closes" if len(diagnosis.causes) == 1 else f"these {len(diagnosis.causes)} causes close"
+    return f"In the model, {causes} {100 - left_over:.0f} % of the misfit on held-out data; {left_over:.0f} % is not explained."
 
 
 def describe(diagnosis: Diagnosis) -> Iterator[str]:

@@ -11,8 +11,8 @@ from gyrocal import InputError
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli import diagnose as cli_diagnose
 from studies.cli.main import main
-from studies.cli.stages import stages
-from studies.report import html, next_flight
+from studies.report import next_flight, svg
+from studies.report.console import stages
 from tests import ROOT
 from tests.diagnosis_cases import CASES
 
@@ -48,7 +48,7 @@ def refuse(text):
 @pytest.mark.parametrize("case", CASES)
 def test_any_verdict_is_a_success(run_cli, asked, rec, case, tmp_path, monkeypatch):
     """The figures of each verdict's page are drawn in tests/studies/report/test_diagnosis_page.py."""
-    monkeypatch.setattr(html.svg, "svg_bytes", lambda figure: b'<svg viewBox="0 0 1 1"></svg>')
+    monkeypatch.setattr(svg, "svg_bytes", lambda figure: b'<svg viewBox="0 0 1 1"></svg>')
     asked["case"] = case
     page, result = tmp_path / "page.html", tmp_path / "result.json"
     shown = run_cli("diagnose", rec, "--json", str(result), "--report", str(page))

@@ -9,7 +9,7 @@ import pytest
 
 from gyrocal import InputError, save
 from simulator import load, simulate
-from studies.cli.fail_on import compared
+from studies.cli.options import compare_conditions
 from studies.report.checks import Check
 from studies.report.junit import Verdict, of_checks, write_junit
 
@@ -50,10 +50,10 @@ def test_a_condition_that_is_none_is_refused_before_the_work(condition, recordin
 
 
 def test_what_is_not_known_fails():
-    assert compared(["p<0.001"], {"p": float("nan")}) == [Verdict("p<0.001", "p is not known")]
-    assert compared(["p<0.001"], {"p": 0.001}) == [Verdict("p<0.001")]
+    assert compare_conditions(["p<0.001"], {"p": float("nan")}) == [Verdict("p<0.001", "p is not known")]
+    assert compare_conditions(["p<0.001"], {"p": 0.001}) == [Verdict("p<0.001")]
     with pytest.raises(InputError):
-        compared(["x<1"], {"p": 0.5})
+        compare_conditions(["x<1"], {"p": 0.5})
 
 
 def test_checks_as_tests(tmp_path):
