@@ -7,7 +7,7 @@ import click
 
 from gyrocal import InputError, importing, save
 from studies.cli import import_formats
-from studies.cli.import_formats import AS_JSON, MOUNTING, OUT, show
+from studies.cli.import_formats import AS_JSON, MOUNTING, OUT, SPACING, TAG, show
 from studies.cli.options import FORCE, PATH, refuse_existing
 from studies.validation import broad
 
@@ -43,9 +43,9 @@ for one in import_formats.COMMANDS:
 @click.option("--lsb", metavar="'SIZE UNIT'", help="Of counts, e.g. '0.0175 deg/s', or '5e-9 rad' of accumulated angle.")
 @click.option("--wrap", type=float, help="Where an accumulated angle wraps, in the column's own unit.")
 @MOUNTING
-@click.option("--tag", type=click.Choice(["start", "middle", "end"]), help="Part of a sample that its tag times; start.")
+@TAG
 @click.option("--interval", "interval_s", type=float, help="Longest interval, s.")
-@click.option("--spacing", "spacing_s", type=float, help="Least time between references, s.")
+@SPACING
 @click.option("--title", help="Of the recording.")
 @click.option("--unchecked", is_flag=True, help="Import also where rates and attitudes do not fit each other.")
 @FORCE

@@ -69,6 +69,7 @@ def progress(label: str, total: int, quiet: bool = False) -> Iterator[Callable[[
         transient=True,
         disable=not output.is_terminal,
         get_time=clock,
+        speed_estimate_period=10 * LINE_EVERY_S,
     )
     with bar:
         task = bar.add_task(label, total=total)

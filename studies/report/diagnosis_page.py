@@ -12,12 +12,13 @@ from diagnosis.answer import Cause
 from diagnosis.model.sinusoid_causes import BIAS, PICKUP
 from diagnosis.result import Diagnosis
 from simulator.effects.sensor import SENSOR_EFFECTS
-from studies.report import diagnosis_card, gap_budget, sensor_figures, sensor_words
+from studies.report import diagnosis_card, gap_budget, sensor_figures, sensor_words, tables
 from studies.report import diagnosis_figures as figures
 from studies.report import diagnosis_words as words
 from studies.report.pages import Answer, Item, Made, Page, PageTable, Picture, Quiet, Section
 
 MOST_FINDINGS = 8
+MOST_EXPLANATIONS = 12
 MOST_STREAM_TESTS = 40
 BODY = "; taken for a motion of the body, not for a fault"  # said of lines that are no vibration
 KINDS = {"none": "", "not identifiable": "open"}  # of the answer; a gap for all other verdicts
@@ -160,19 +161,23 @@ def _explanations(diagnosis: Diagnosis) -> list[Section]:
     table = diagnosis.details.explanations
     if table.empty:
         return []
-    best = table.iloc[int(table["probability"].to_numpy().argmax())]
-    likeliest = words.together(str(best["effects"]).split(" + ") if best["effects"] else [])
-    picture = Picture(
-        "evidence",
-        lambda: figures.evidence_figure(table),
-        f"Bars of probability and log evidence of {min(len(table), figures.MOST_ROWS)} explanations; the likeliest: "
-        f"{likeliest}, {words.percent(float(best['probability']))}.",
-        "Log evidence counts in natural units: 3 more is about 20 times as likely. It is averaged over all plausible sizes, so "
-        "that an explanation does not win by having more parameters. Hatched bars contain something that is on no list.",
+    likeliest = table.nlargest(MOST_EXPLANATIONS, "probability", keep="first")
+    rows = pd.DataFrame(
+        {
+            "explanation": [words.together(str(text).split(" + ") if text else []) for text in likeliest["effects"]],
+            "probability": [words.percent(share) for share in likeliest["probability"]],
+            "log evidence": [
+                f"{value:.1f}" if math.isfinite(value) else tables.NO_VALUE for value in likeliest["log_evidence"]
+            ],
+        }
     )
-    unknown = words.percent(diagnosis.unknown_probability)
-    text = f"Something that is not on the list is at work with a probability of {unknown}."
-    return [Section("The explanations that were compared", [text, picture])]
+    text = (
+        f"Something that is not on the list is at work with a probability of {words.percent(diagnosis.unknown_probability)}. "
+        "Log evidence is against the baseline, in natural units: 3 more is about 20 times as likely. It is averaged over all "
+        "plausible sizes, so that an explanation does not win by having more parameters. Bold: with something unlisted."
+    )
+    shown = PageTable(rows, list(likeliest["unlisted"]), "Explanations")
+    return [Section("The explanations that were compared", [text, shown])]
 
 
 def _stream(diagnosis: Diagnosis) -> list[Section]:
@@ -246,8 +251,8 @@ def _map_picture(statistics: pd.DataFrame) -> Picture:
         partial(figures.statistics_figure, statistics),
         f"Map of {len(statistics)} tests by interval, axis and phase; {marked} are significant. The strongest: "
         f"{worst['interval']}, axis {worst['axis']}, {worst['phase']}, {words.p_value(float(worst['p_value']))}.",
-        "How far each part of the recording departs from the baseline: the stronger its colour, the further. A star marks "
-        "what is significant among all these tests (about 5 % of the stars may be chance). Grey: no data to test.",
+        "−log10 p of each part of the recording: the larger, the further it departs from the baseline. A cross marks "
+        "what is significant among all these tests (about 5 % of the crosses may be chance). Empty: no data to test.",
     )
 
 

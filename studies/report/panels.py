@@ -35,7 +35,6 @@ STYLE: dict[Any, Any] = svg.STYLE | {
 }
 # Tol's vibrant scheme, and near-black: apart for every kind of colour vision.
 RED, TEAL, BLUE, ORANGE, DARK, GREY = "#cc3311", "#009988", "#0077bb", "#e0661a", "#30343f", "0.6"
-MIDDLE = "#6b7280"  # for near-black that is drawn as pixels, which do not change with the page's colours
 COLOURS = {"x": RED, "y": TEAL, "z": DARK}
 LINES = {"x": "-.", "y": "--", "z": "-"}  # N draws the pitch rate dashed
 SMALL = 7  # font size of ticks and legends
@@ -195,9 +194,8 @@ def curves(lines: Sequence[Line], expected: tuple[float, float] | None = None, *
             on.axhspan(*expected, color="0.9")
         for line in lines:
             many = np.size(line.y) > MANY
-            colour = MIDDLE if many and line.colour in (DARK, "black") else line.colour
-            face = "none" if line.hollow else colour
-            style: dict[str, Any] = {"color": colour, "markersize": line.size, "markerfacecolor": face}
+            face = "none" if line.hollow else line.colour
+            style: dict[str, Any] = {"color": line.colour, "markersize": line.size, "markerfacecolor": face}
             on.plot(line.x, line.y, line.style, label=line.label or None, rasterized=many, **style)
             if line.low is None or line.high is None:
                 continue

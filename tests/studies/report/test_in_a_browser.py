@@ -4,7 +4,7 @@ import pytest
 
 import simulator
 from gyrocal import calibrate
-from studies.report import calibration_page, diagnosis_page, index_page, study_page
+from studies.report import calibration_page, diagnosis_page, index_page
 from tests import ROOT
 from tests.diagnosis_cases import CASES
 from tests.pages import BROWSER, SPILT, browsed
@@ -22,7 +22,6 @@ def pages(tmp_path_factory):
     return {
         "diagnosis": diagnosis_page.page(CASES["pair"]()),
         "calibration": calibration_page.page(calibrate(recording), recording),
-        "study": study_page.page(RESULTS / "studies" / "heads"),
         "index": index_page.page(papers, tmp_path_factory.mktemp("none")),
     }
 
