@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import textwrap
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,7 +15,7 @@ from studies.report.panels import Line
 
 Array = NDArray[np.float64]
 
-BEFORE, AFTER, OTHER, FLOOR = panels.RED, panels.BLUE, panels.ORANGE, "0.35"
+BEFORE, AFTER = panels.RED, panels.BLUE
 AXIS_MARKERS = {"x": "o", "y": "s", "z": "^"}
 AXIS_TITLES = {"x": "x (roll)", "y": "y (pitch)", "z": "z (yaw)"}
 WIDTH = 11.0  # inches: the width of the page
@@ -24,6 +23,7 @@ MOST_ROWS = 12  # lines of a figure; of more, the most telling
 FEW = 20  # references of an interval, above which its residuals are a line
 MOST_PANELS = 8  # intervals with panels of their own
 REACHED = 0.02  # of a cause's largest trace: an axis with less of it shows nothing
+STRONGEST = 12.0  # −log10 p at which the colours end
 PHASES = ("start", "slew", "hold", "end")
 DISCOVERY_RATE = 0.05
 
@@ -107,7 +107,8 @@ def statistics_figure(statistics: pd.DataFrame) -> Figure:
         grid = own.pivot_table(index="interval", columns="column", values="strength", aggfunc="max")
         grid = grid.reindex(index=names[::-1], columns=columns).rename(index=_short)
         title = f"axis {AXIS_TITLES.get(axis, axis)}"
-        drawn.append(panels.heat_map(grid, "{:.1f}", mark_above=float(np.nextafter(limit, 0)), title=title))
+        style = {"mark_above": np.nextafter(limit, 0), "limits": (0.0, STRONGEST), "title": title}
+        drawn.append(panels.heat_map(grid, "{:.1f}", **style))
     return panels.drawn(*drawn, size=(WIDTH, 0.3 * len(names) + 1.3))
 
 
@@ -140,24 +141,3 @@ def regressor_figure(regressors: pd.DataFrame, cause: str) -> Figure:
         panels.curves(both, None, legend="best", **along),
     )
     return panels.drawn(left, right, size=(WIDTH, 3.3), widths=(1, 1.5))
-
-
-# ---- closure -------------------------------------------------------------------------------------------------------------
-
-
-def closure_figure(by_interval: pd.DataFrame, total: tuple[float, float, float], measure: str) -> Figure:
-    """Before, after and floor on held-out data, a line an interval, all together last."""
-    table = by_interval[["interval", "before", "after", "floor"]]
-    shown = table[table["interval"].isin(most_telling(table, table["before"], 2 * MOST_ROWS))]
-    values = np.vstack([shown[["before", "after", "floor"]].to_numpy(dtype=float), total])
-    rows, (before, after, floor) = np.arange(len(values)), values.T
-    lines = [
-        Line(floor, rows, "floor: the baseline's own data", FLOOR, "|", size=14.0),
-        Line(before, rows, "before", BEFORE, "o", size=7.0, hollow=True),
-        Line(after, rows, "after: causes in the model", AFTER, "o", size=6.0),
-    ]
-    found = values[np.isfinite(values)]
-    wide = found.size > 0 and found.min() > 0 and found.max() > 20 * found.min()
-    names = [*(_short(name) for name in shown["interval"]), "all"]
-    axes: dict[str, Any] = {"log": "x" if wide else "", "rows": names, "levels": [len(names) - 1.5], "x": measure}
-    return panels.drawn(panels.curves(lines, **axes), size=(WIDTH, 0.3 * len(rows) + 1.2), legend="outside upper center")

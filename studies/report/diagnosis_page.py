@@ -94,15 +94,8 @@ def _closure(diagnosis: Diagnosis) -> Section:
     found, title = diagnosis.closure, "How far the gap closes"
     if found is None:
         return Section(title, [words.no_closure(diagnosis)])
-    picture = Picture(
-        "closure",
-        lambda: figures.closure_figure(found.by_interval, (found.before, found.after, found.floor), found.measure),
-        f"{found.measure} by interval, on held-out data: all together {found.before:.3g} before, {found.after:.3g} after, "
-        f"floor {found.floor:.3g}.",
-        f"Measured on held-out data ({found.split}), which took no part in choosing or fitting the causes. A blue dot on the "
-        "grey tick: only noise is left.",
-    )
-    return Section(title, [words.closure(found), picture])
+    by_interval = PageTable(found.by_interval[["interval", "before", "after", "floor"]], label=f"{found.measure} by interval")
+    return Section(title, [words.closure(found), by_interval])
 
 
 def _calibration(diagnosis: Diagnosis) -> Section:

@@ -220,7 +220,14 @@ def shades(values: Sequence[float]) -> dict[float, str]:
     return {value: mpl.colors.to_hex(step) for value, step in zip(values, steps, strict=True)}
 
 
-def heat_map(grid: pd.DataFrame, form: str = "{:.0e}", mark_above: float = np.inf, log: bool = False, **axes: Any) -> Panel:
+def heat_map(
+    grid: pd.DataFrame,
+    form: str = "{:.0e}",
+    mark_above: float = np.inf,
+    log: bool = False,
+    limits: tuple[float, float] | None = None,
+    **axes: Any,
+) -> Panel:
     """A table of numbers, coloured by their size, with the numbers in its cells.
 
     Parameters
@@ -229,15 +236,18 @@ def heat_map(grid: pd.DataFrame, form: str = "{:.0e}", mark_above: float = np.in
     form : of the numbers
     mark_above : limit above which a number is crossed
     log : colour by the logarithm
+    limits : of the colours, where several maps share them; those of the values by default
     axes : further attributes of the `Panel`
     """
     values = np.asarray(grid.to_numpy(dtype=float))
     strength = np.log10(values) if log else values
-    middle = float(np.nanmin(strength) + np.nanmax(strength)) / 2
+    low, high = limits or (float(np.nanmin(strength)), float(np.nanmax(strength)))
+    middle = (low + high) / 2
 
     def draw(on: Axes) -> None:
         on.grid(False)
-        on.pcolormesh(np.ma.masked_invalid(strength), cmap="viridis", edgecolors="white", linewidth=1)
+        style: dict[str, Any] = {"cmap": "viridis", "vmin": low, "vmax": high, "edgecolors": "white", "linewidth": 1}
+        on.pcolormesh(np.ma.masked_invalid(strength), **style)
         for (i, j), value in np.ndenumerate(values):
             if np.isfinite(value):
                 text = form.format(value).replace("e-0", "e-") + (" ✗" if value > mark_above else "")

@@ -95,43 +95,6 @@ def test_built_in_maneuvers_by_default(run_cli, asked):
     assert len(asked["extras"]) >= 9
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["nosuch"], "nosuch: neither a file nor a built-in scenario"),
-        (["trmm", "--effect", "bias_drfit"], "--effect bias_drfit: no such effect"),
-        (["trmm", "--extra", "nosuch.toml"], "nosuch.toml: no such file"),
-        (["trmm", "--json", "/nosuch/plan.json"], "no folder /nosuch"),
-    ],
-)
-def test_bad_input_is_one_line_and_status_2(run_cli, asked, arguments, message):
-    shown = run_cli("plan", *arguments)
-    assert shown.exit_code == 2
-    assert message in shown.stderr
-    assert shown.stderr.count("\n") == 1
-    assert not asked
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("title = 1", "no [[interval]] sections"),
-        (EXTRA.replace("title", "titel"), "titel is not known"),
-        (EXTRA.replace("6000.0", "-6000.0"), "time order"),
-        (EXTRA.replace('"+x"', '"+q"'), "mode"),
-        ("interval = 3", "no [[interval]] sections"),
-        ("[", "not a TOML file"),
-    ],
-)
-def test_bad_extra_files(run_cli, asked, tmp_path, text, message):
-    path = tmp_path / "extra.toml"
-    path.write_text(text)
-    shown = run_cli("plan", "trmm", "--extra", str(path))
-    assert shown.exit_code == 2
-    assert message in shown.stderr
-    assert shown.stderr.count("\n") == 1
-
-
 def test_a_plan_without_pairs_or_extras_is_shown(capsys):
     plan_report.show(Console(width=200), replace(FOUND, pairs=(), extras=()))
     shown = capsys.readouterr().out
@@ -147,9 +110,6 @@ def test_the_page_holds_the_tables(run_cli, asked, tmp_path):
         assert text.lower() in words.lower()
     alone = plan_report.page(replace(FOUND, pairs=(), extras=()))
     assert "Every pair can be told apart" in checked(alone).words
-    refused = run_cli("plan", "trmm", "--report", str(page), "--json", str(page))
-    assert refused.exit_code == 2
-    assert "files of their own" in refused.stderr
 
 
 def test_an_axis_that_cannot_be_seen_and_the_unit_of_a_size_are_told():
