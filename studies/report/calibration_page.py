@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gyrocal import CalibrationResult, GyroParameters, InputError, Recording
@@ -17,7 +16,7 @@ from studies.allan.analysis import analyse
 from studies.report import calibration as words
 from studies.report import tables
 from studies.report.pages import Answer, Item, Made, Page, PageTable, Picture, Section
-from studies.report.panels import BLUE, DARK, GREY, RED, Line, Panel, curves, drawn, heat_map
+from studies.report.panels import BLUE, GREY, RED, Line, curves, drawn, forest, heat_map
 
 UNITS = {"1": ("ppm", 1e6), "rad": ("µrad", 1e6), "deg/s": ("deg/h", 3600.0)}  # of a table's, what figures show
 TIGHT = 0.95  # correlation from which on two parameters are found together rather than each
@@ -44,7 +43,7 @@ def page(
     made : for the footer
     """
     kind, title = headline(result, to_tolerance)
-    picture = Picture("forest", partial(forest, result), _forest_alt(result), FOREST)
+    picture = Picture("forest", partial(draw_forest, result), _forest_alt(result), FOREST)
     sections = [
         Section("Parameters", [PageTable(words.parameter_table(result, truth), label="Parameters")]),
         Section(
@@ -195,22 +194,16 @@ def _shown(result: CalibrationResult) -> pd.DataFrame:
 # ---- figures -------------------------------------------------------------------------------------------------------------
 
 
-def forest(result: CalibrationResult) -> Figure:
+def draw_forest(result: CalibrationResult) -> Figure:
     """Corrections with their sigmas, a line a parameter, a panel a unit."""
     groups = list(_shown(result).groupby("unit", sort=False))
-    made = [_forest_panel(str(unit), part) for unit, part in groups]
+    made = [
+        forest(
+            part["parameter"], part["correction"], FOREST_SIGMA * part["sigma"], part["sigma"], at=[0], x=f"correction ({unit})"
+        )
+        for unit, part in groups
+    ]
     return drawn(*made, size=(8.5, 0.3 * max(len(part) for _, part in groups) + 1.0))
-
-
-def _forest_panel(unit: str, part: pd.DataFrame) -> Panel:
-    def draw(axes: Axes) -> None:
-        rows, value, sigma = np.arange(len(part)), part["correction"], part["sigma"]
-        axes.errorbar(value, rows, xerr=FOREST_SIGMA * sigma, fmt="none", ecolor=DARK, elinewidth=0.8, capsize=2)
-        axes.errorbar(value, rows, xerr=sigma, fmt="o", color=BLUE, elinewidth=3, markersize=4)
-        axes.axvline(0, color="0.4", linewidth=0.8)
-        axes.margins(x=0.08)
-
-    return Panel(draw, x=f"correction ({unit})", rows=list(part["parameter"]))
 
 
 def residual_figure(result: CalibrationResult) -> Figure:

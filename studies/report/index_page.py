@@ -21,7 +21,7 @@ from studies.natanson.claims import CLAIMS as NATANSON
 from studies.report import committed
 from studies.report.claims import Claim, Found, Judged, judged
 from studies.report.pages import Answer, Item, Made, Page, PageTable, Picture, Section, slug
-from studies.report.panels import COLOURS, DARK, GREY, RED, Line, Panel, curves, drawn
+from studies.report.panels import COLOURS, GREY, Line, curves, drawn, forest
 from studies.report.source import Source
 from studies.report.tables import NO_VALUE
 from studies.robertson.claims import CLAIMS as ROBERTSON
@@ -91,17 +91,11 @@ def draw_agreement(gap: pd.DataFrame, rungs: pd.DataFrame) -> Figure:
     lines = [Line(ends, ends, "", GREY, "-")]
     lines += [Line(part["flight_deg"], part["predicted_deg"], str(axis), colour, mark) for (axis, part), colour, mark in marks]
     left = curves(lines, title="N: residuals before calibration", x="flown (deg)", y="simulated (deg)", legend="upper left")
-    return drawn(left, _ladder(rungs), size=(8.0, 4.0), widths=(1, 1))
-
-
-def _ladder(rungs: pd.DataFrame) -> Panel:
-    rows = [_plain(str(name)) for name in rungs["effect"]]
-
-    def draw(on: Any) -> None:
-        low, high = (abs(rungs["factor_18"] - rungs[f"factor_18_{end}"]) for end in ("low", "high"))
-        on.errorbar(rungs["factor_18"], range(len(rows)), xerr=[low, high], fmt="o", color=RED, ecolor=DARK, capsize=2)
-
-    return Panel(draw, title="R: simulated over flown numbers", x="RMS factor", rows=rows, at=[1.0])
+    ranges = [(rungs["factor_18"] - rungs[f"factor_18_{end}"]).abs() for end in ("low", "high")]
+    names = [_plain(str(name)) for name in rungs["effect"]]
+    title = "R: simulated over flown numbers"
+    right = forest(names, rungs["factor_18"], ranges, at=[1.0], title=title, x="RMS factor")
+    return drawn(left, right, size=(8.0, 4.0))
 
 
 def _answers(name: str, found: Found, claims: Sequence[Judged]) -> Section:

@@ -261,6 +261,35 @@ def heat_map(
     return Panel(draw, **axes)
 
 
+def forest(
+    names: Sequence[str],
+    values: ArrayLike,
+    thin: ArrayLike,
+    thick: ArrayLike | None = None,
+    band: tuple[float, float] | None = None,
+    **axes: Any,
+) -> Panel:
+    """Values on a line a name, with their errors.
+
+    Parameters
+    ----------
+    names, values : (n,)
+    thin, thick : (n,) half lengths of the bars, or (2, n) of their left and right part
+    band : range to see them beside
+    axes : further attributes of the `Panel`
+    """
+    rows = np.arange(len(names))
+
+    def draw(on: Axes) -> None:
+        on.errorbar(values, rows, xerr=thin, fmt="none", ecolor=DARK, elinewidth=0.8, capsize=2)
+        on.errorbar(values, rows, xerr=thick, fmt="o", color=BLUE, elinewidth=3, markersize=4)
+        if band:
+            on.axvspan(*band, color=BLUE, alpha=0.2, linewidth=0)
+        on.margins(x=0.08)
+
+    return Panel(draw, rows=list(names), **axes)
+
+
 def histogram(counts: ArrayLike, expected: float, band: tuple[float, float], **axes: Any) -> Panel:
     """Counts in equal bins of [0, 1], with what is expected of each, and the band it should keep to."""
     found = np.asarray(counts, dtype=float)

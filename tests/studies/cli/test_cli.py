@@ -15,7 +15,6 @@ from click.testing import CliRunner
 import gyrocal
 from gyrocal import NAMES, load
 from simulator import scenario as scenarios
-from studies import catalogue
 from studies.cli.main import COMMANDS, main, read_help
 from studies.montecarlo import engine
 from studies.natanson import left_out, paper_tables, reproduce, slew_timings
@@ -125,19 +124,6 @@ def test_largest_residual_is_named(run_cli, tmp_path):
     assert "roll of m1 at t = 1200.0 s" in run_cli("calibrate", str(rec)).stdout
 
 
-def test_scenarios_are_listed_and_printed(run_cli, tmp_path):
-    assert [line.split()[0] for line in run_cli("scenarios").stdout.splitlines()] == list(scenarios.names())
-    (tmp_path / "mine.toml").write_text(run_cli("scenarios", "trmm").stdout)
-    assert scenarios.load(tmp_path / "mine.toml") == scenarios.load("trmm")
-
-
-def test_markup_in_names_is_text(run_cli, tmp_path):
-    run_cli("simulate", "trmm", str(tmp_path / "rec"), "--set", 'title="see [/b] note"')
-    result = run_cli("calibrate", str(tmp_path / "rec"))
-    assert result.exit_code == 0
-    assert "see [/b] note" in result.stdout
-
-
 def test_simulation_is_repeatable_and_seeds_differ(run_cli, tmp_path):
     for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
         assert run_cli("simulate", "trmm", str(tmp_path / name), "--seed", seed).exit_code == 0
@@ -179,12 +165,6 @@ def test_ctrl_c_has_its_own_status(run_cli, monkeypatch, tmp_path):
     assert result.exit_code == 130
     assert result.stderr.count("\n") == 1
     assert "resumes" in result.stderr
-
-
-def test_studies_are_listed(run_cli):
-    listed = run_cli("study").stdout
-    for name in catalogue.MODULES:
-        assert name in listed
 
 
 def test_reproduce_writes_everything_and_repeats_itself(run_cli, tmp_path, monkeypatch):

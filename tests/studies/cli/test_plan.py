@@ -76,11 +76,6 @@ def test_tables_and_json(run_cli, asked, tmp_path):
     assert document["extras"][1]["resolved"] == [["rate_lag", "time_offset"]]
 
 
-def test_json_to_standard_output_is_nothing_but_json(run_cli, asked):
-    shown = run_cli("plan", "trmm", "--json", "-")
-    assert json.loads(shown.stdout)["scenario"] == "A plan"
-
-
 def test_options_reach_the_plan(run_cli, asked, tmp_path):
     extra = tmp_path / "roll.toml"
     extra.write_text(EXTRA)

@@ -92,6 +92,8 @@ def test_scenarios_have_titles(run_cli, tmp_path):
     assert all(one["title"] for one in listed)
     assert run_cli("scenarios", "trmm", "--json", str(tmp_path / "b.json")).exit_code == 0
     assert json.loads((tmp_path / "b.json").read_text())["gyro"]["sample_s"] == 0.5
+    (tmp_path / "mine.toml").write_text(run_cli("scenarios", "trmm").stdout)
+    assert load(tmp_path / "mine.toml") == load("trmm")
 
 
 def test_commands_write_json(recording, run_cli, tmp_path):

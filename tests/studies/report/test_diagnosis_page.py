@@ -135,10 +135,6 @@ def test_summary_says_nothing_that_is_not_so(case):
     assert "Limits of this recording" in shown
 
 
-def test_lines_are_folded_under_their_dash():
-    assert max(len(line) for line in summary(CASES["pair"](), width=90).splitlines()) <= 90
-
-
 def test_probabilities_are_never_certain():
     assert words.percent(1.0) == "more than 99.9 %"
     assert words.percent(0.0) == "less than 0.1 %"
@@ -206,11 +202,9 @@ def test_a_share_of_a_gap_that_held_out_data_hardly_show_is_not_stated():
     scattered = words.closure(dataclasses.replace(found, closed=4.22, interval_90=(1.25, 7.19)))
     assert scattered.startswith("The held-out data show too little of the gap")
     assert "422" not in scattered
-
-
-def test_what_is_known_beside_the_unknown_is_said():
-    both = dataclasses.replace(CASES["unknown"](), causes=CASES["stream"]().causes)
-    assert words.verdict(both).endswith("not on the list. Beside it there is rate_quantization.")
+    for closed, text in ((1.31, "All of it (69 to 192 %)"), (-0.1, "None of it"), (0.5, "50 % of it")):
+        beyond = dataclasses.replace(found, closed=closed, interval_90=(0.69, 1.92))
+        assert words.closed_in_short(dataclasses.replace(CASES["named"](), closure=beyond)).startswith(text)
 
 
 def test_calibration_changes_are_in_ppm_and_degrees_an_hour():
@@ -235,6 +229,8 @@ def test_page_begins_with_the_answer(pages, case):
     diagnosis = CASES[case]()
     first, rest = re.sub("<figure.*?</figure>", "", pages[case].split("<body>")[1], flags=re.DOTALL).split("<h2", 1)
     first = first.partition("<nav")[0]
+    questions = ["Does it agree with the simulator?", "Where not?", "Which cause?", "How sure?", "How far does the gap shrink?"]
+    assert re.findall("<dt>(.*?)</dt>", first)[:5] == questions
     assert f"<h1>{escape(diagnosis_card.headline(diagnosis))}</h1>" in first
     assert not re.search(r"[a-z]+_[a-z]+", " ".join(diagnosis_card.names(diagnosis_card.card(diagnosis))))
     assert not any(name in first for name in ALL_EFFECTS)
@@ -299,12 +295,6 @@ def test_reliability_is_the_one_that_was_measured():
     assert f"Of {row['statements']:.0f} statements" in said
     assert f"{100 * row['there']:.0f} % were right" in said
     assert "not known" in diagnosis_card.reliability(committed["from"].min() / 2)
-
-
-@pytest.mark.parametrize(("closed", "text"), [(1.31, "All of it (69 to 192 %)"), (-0.1, "None of it"), (0.5, "50 % of it")])
-def test_a_share_beyond_the_whole_is_all_of_it(closed, text):
-    found = dataclasses.replace(CASES["named"]().closure, closed=closed, interval_90=(0.69, 1.92))
-    assert words.closed_in_short(dataclasses.replace(CASES["named"](), closure=found)).startswith(text)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -412,14 +402,6 @@ def test_the_card_names_no_more_than_is_sure():
     assert words.verdict(likely) == "There is a gap, most likely by time_offset, but not surely."
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_the_card_answers_six_questions_in_order(case):
-    questions = [question for question, _ in diagnosis_card.card(CASES[case]()).lines]
-    asked = ["Does it agree with the simulator?", "Where not?", "Which cause?", "How sure?", "How far does the gap shrink?"]
-    assert questions[:5] == asked
-    assert "What next?" in questions
-
-
 def test_every_stage_has_a_remedy():
     assert set(next_step.REMEDIES) == set(STAGE_NAMES)
     assert "time tags" in next_step.sentence(CASES["group"]())
@@ -459,4 +441,8 @@ def test_a_partial_answer_says_what_its_causes_close_and_what_to_look_at_first()
     assert next_step.sentence(one).startswith("Look at the reference attitudes first")
     two = dataclasses.replace(one, causes=(alone, CASES["named"]().causes[0]))
     assert ", the first of 2 causes; together they close 7 % of the gap" in diagnosis_card.headline(two)
-    assert len(gap_budget.draw_waterfall((*budget, Step("floor", 1.0, 0.1))).axes) == 1
+    whole = dataclasses.replace(one, budget=(*budget, Step("floor", 1.0, 0.1)))
+    assert len(gap_budget.draw_waterfall(whole.budget).axes) == 1
+    first = diagnosis_report.page(whole).partition("<dl>")[0]
+    assert '<figure id="budget">' in first
+    assert "In the model, this cause closes 7 % of the misfit on held-out data; 93 % is not explained." in first
