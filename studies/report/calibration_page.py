@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -121,7 +122,7 @@ def most_changed(result: CalibrationResult) -> str:
     """How many parameters change beyond doubt, and which most."""
     table = _shown(result)
     count = int((table["in_sigma"].abs() > FOREST_SIGMA).sum())
-    row = table.loc[table["in_sigma"].abs().idxmax()]
+    row = table.iloc[int(table["in_sigma"].abs().to_numpy().argmax())]
     return (
         f"{count} of {len(table)} parameters change by more than three sigma, most of all {row['parameter']} by "
         f"{_short(row['correction'], '+')} {row['unit']} ({abs(row['in_sigma']):.0f} sigma)."
@@ -270,7 +271,7 @@ def _determined(result: CalibrationResult) -> list[Item]:
 
 def _spectrum(values: np.ndarray) -> Figure:
     line = Line(np.arange(1, values.size + 1), np.maximum(values, 1e-3), "", BLUE, "o-")
-    axes = {"x": "combination", "y": "plausible range over sigma", "ticks": range(1, values.size + 1)}
+    axes: dict[str, Any] = {"x": "combination", "y": "plausible range over sigma", "ticks": range(1, values.size + 1)}
     return drawn(curves([line], log="y", levels=[1.0], **axes), size=(WIDTH / 2, 3.2))
 
 

@@ -14,7 +14,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import cache
+from functools import cache, cached_property
 from importlib import metadata, resources
 
 import pandas as pd
@@ -77,11 +77,11 @@ class PageTable:
     strong: Sequence[bool] | pd.Series = ()
     label: str = "Table"
 
-    @property
+    @cached_property
     def _texts(self) -> list[list[str]]:
         return list(format_cells(self.frame, {}))
 
-    @property
+    @cached_property
     def _numeric(self) -> list[bool]:
         return [all(NUMBER.match(text) for text in column) for column in zip(*self._texts, strict=True)]
 
@@ -94,9 +94,9 @@ class PageTable:
     @property
     def rows(self) -> Iterator[tuple[bool, list[tuple[str, bool]]]]:
         """Whether a row is strong, and its texts."""
-        numeric = self._numeric
-        for k, row in enumerate(self._texts):
-            yield bool(len(self.strong)) and bool(list(self.strong)[k]), list(zip(row, numeric, strict=True))
+        strong = list(self.strong) or [False] * len(self._texts)
+        for is_strong, row in zip(strong, self._texts, strict=True):
+            yield bool(is_strong), list(zip(row, self._numeric, strict=True))
 
 
 Item = str | Picture | PageTable | Mapping[str, str] | Sequence[str]

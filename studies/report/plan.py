@@ -7,7 +7,7 @@ from rich.console import Console
 
 from diagnosis.plan import SETTINGS, Extra, Pair, Plan, Visible
 from studies.report import tables
-from studies.report.pages import Made, Page, PageTable, Section
+from studies.report.pages import Item, Made, Page, PageTable, Section
 
 MOST_PAIRS = 25
 MOST_HIDDEN = 3
@@ -38,7 +38,9 @@ def show(console: Console, found: Plan) -> None:
 def page(found: Plan, made: Made | None = None) -> str:
     """The plan as one page: the answer, then the tables."""
     text = headline(found)
-    pairs = [f"{APART}. {SHARE}", PageTable(pairs_table(found), label=APART)] if found.pairs else [ALL_APART]
+    pairs: list[Item] = [ALL_APART]
+    if found.pairs:
+        pairs = [f"{APART}. {SHARE}", PageTable(pairs_table(found), label=APART)]
     sections = [
         Section("Smallest visible size", [_say_seen(found), PageTable(effects_table(found.effects), label="Sizes")]),
         Section("What cannot be told apart", pairs),
