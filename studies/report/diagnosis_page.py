@@ -108,7 +108,7 @@ def _calibration(diagnosis: Diagnosis) -> Section:
     else:
         table = table[["parameter", "baseline", "sigma", "unit"]]
     note = f"ω = G ω_raw + b; G has no unit, b is in deg/h. {note}"
-    items = [words.calibration_change(diagnosis), PageTable(table, strong, "Calibration"), Quiet(note)]
+    items: list[Item] = [words.calibration_change(diagnosis), PageTable(table, strong, "Calibration"), Quiet(note)]
     return Section("Effect on the calibration", items)
 
 
