@@ -44,7 +44,8 @@ def page(
     made : for the footer
     """
     kind, title = headline(result, to_tolerance)
-    picture = Picture("forest", partial(draw_forest, result), _forest_alt(result), FOREST)
+    caption = f"{FOREST} The sigmas are the nominal ones." if result.recommended == WITH_REMAINDER else FOREST
+    picture = Picture("forest", partial(draw_forest, result), _forest_alt(result), caption)
     sections = [
         Section("Parameters", [PageTable(words.parameter_table(result, truth), label="Parameters")]),
         Section(
@@ -123,8 +124,9 @@ def most_changed(result: CalibrationResult) -> str:
     table = _shown(result)
     count = int((table["in_sigma"].abs() > FOREST_SIGMA).sum())
     row = table.iloc[int(table["in_sigma"].abs().to_numpy().argmax())]
+    which = "nominal sigmas, which are too small here" if result.recommended == WITH_REMAINDER else "sigmas"
     return (
-        f"{count} of {len(table)} parameters change by more than three sigma, most of all {row['parameter']} by "
+        f"{count} of {len(table)} parameters change by more than three {which}; most of all {row['parameter']} by "
         f"{_short(row['correction'], '+')} {row['unit']} ({abs(row['in_sigma']):.0f} sigma)."
     )
 
