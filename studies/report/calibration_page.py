@@ -200,12 +200,10 @@ def _shown(result: CalibrationResult) -> pd.DataFrame:
 def draw_forest(result: CalibrationResult) -> Figure:
     """Corrections with their sigmas, a line a parameter, a panel a unit."""
     groups = list(_shown(result).groupby("unit", sort=False))
-    made = [
-        forest(
-            part["parameter"], part["correction"], FOREST_SIGMA * part["sigma"], part["sigma"], at=[0], x=f"correction ({unit})"
-        )
-        for unit, part in groups
-    ]
+    made = []
+    for unit, part in groups:
+        names, sigma = list(part["parameter"]), part["sigma"]
+        made.append(forest(names, part["correction"], FOREST_SIGMA * sigma, sigma, at=[0], x=f"correction ({unit})"))
     return drawn(*made, size=(8.5, 0.3 * max(len(part) for _, part in groups) + 1.0))
 
 
