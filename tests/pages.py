@@ -8,9 +8,6 @@ from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 
-from studies.report import svg
-from studies.report.html import STYLE
-
 VOID = {"meta", "br", "hr", "img", "link", "input"}
 OUTSIDE = ("http:", "https:", "//", "file:")
 BROWSER = next((path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None)
@@ -30,17 +27,16 @@ class Page(HTMLParser):
         attributes = dict(attrs)
         if "id" in attributes:
             self.ids.append(attributes["id"])
-        self.resources += [value for name, value in attrs if name in ("src", "data", "srcset", "poster", "xlink:href")]
+        self.resources += [value for name, value in attrs if name in ("src", "data", "srcset", "poster")]
         if "href" in attributes:
-            (self.resources if tag == "image" else self.links).append(attributes["href"])
+            self.links.append(attributes["href"])
         if re.fullmatch(r"h[1-6]", tag):
             self.headings.append(int(tag[1]))
         if tag == "figure":
             self.figures[attributes["id"]] = None
-        if tag == "svg" and attributes.get("role") == "img":
-            self.labels.append(attributes.get("aria-label", ""))
-            if self.figures:
-                self.figures[next(reversed(self.figures))] = attributes.get("aria-label", "")
+        if tag == "img":
+            self.labels.append(attributes.get("alt", ""))
+            self.figures[next(reversed(self.figures))] = attributes.get("alt", "")
         if tag in ("main", "header", "footer", "nav"):
             self.landmarks.append(tag)
         if tag == "th":
@@ -74,7 +70,7 @@ def checked(text, most_bytes=2_000_000):
     assert page.landmarks.count("main") == page.landmarks.count("header") == 1
     assert len(page.ids) == len(set(page.ids)), [one for one in page.ids if page.ids.count(one) > 1][:5]
     assert set(page.links) - {f"#{name}" for name in page.ids} == set()
-    assert {one[:40] for one in page.resources if not one.startswith(("data:image/png", "#"))} == set()
+    assert {one[:40] for one in page.resources if not one.startswith("data:image/svg+xml;base64,")} == set()
     assert not re.search(r"url\((?!#|&quot;#)", text)
     assert not any(f'"{one}' in text for one in OUTSIDE)
     assert page.headings[0] == 1
@@ -87,26 +83,10 @@ def checked(text, most_bytes=2_000_000):
     return page
 
 
-def colours(dark):
-    """The style's own colours by name."""
-    light, night = re.search(r":root \{(.*?)\}.*?:root \{(.*?)\}", STYLE, flags=re.DOTALL).groups()
-    return dict(re.findall(r"--(\w+): (#[0-9a-f]{6})", night if dark else light))
-
-
-def least_contrast(text, dark):
-    """The least contrast of a figure's colour, greys aside, with the paper."""
-    names = re.findall(r"--c-([0-9a-f]{6}):(#[0-9a-f]{6})", text)
-    half = len(names) // 2
-    chosen = names[half:] if dark else names[:half]
-    paper = colours(dark)["paper"]
-    found = [svg.contrast(shown, paper) for name, shown in chosen if len({name[:2], name[2:4], name[4:]}) > 1]
-    return min(found, default=99.0)
-
-
 LOOK = """
 addEventListener('load', () => { const out = [...document.querySelectorAll('iframe')].map(f => {
   const d = f.contentDocument, w = f.contentWindow, root = d.documentElement, style = e => w.getComputedStyle(e);
-  const seen = [...d.querySelectorAll('.whole, .piece')].filter(e => e.getBoundingClientRect().width > 5);
+  const figures = [...d.querySelectorAll('img')].map(e => e.naturalWidth);
   const rgb = text => { const v = text.match(/[\\d.]+/g).map(Number); return v.length < 4 ? [...v, 1] : v; };
   const light = v => [0, 1, 2].map(k => v[k] / 255).map(x => x <= 0.04045 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4)
     .reduce((sum, x, k) => sum + x * [0.2126, 0.7152, 0.0722][k], 0);
@@ -114,27 +94,13 @@ addEventListener('load', () => { const out = [...document.querySelectorAll('ifra
     return [255, 255, 255, 1]; };
   const ratio = (a, b) => { const [low, high] = [light(a), light(b)].sort((x, y) => x - y);
     return (high + 0.05) / (low + 0.05); };
-  const own = e => [...e.childNodes].some(n => n.nodeType === 3 && n.data.trim()) && !e.closest('svg, script, style, title');
+  const own = e => [...e.childNodes].some(n => n.nodeType === 3 && n.data.trim()) && !e.closest('script, style, title');
   const shown = e => e.getClientRects().length > 0 && style(e).visibility === 'visible' && style(e).opacity > 0;
   const said = [...d.querySelectorAll('body *')].filter(e => own(e) && shown(e))
     .map(e => [ratio(rgb(style(e).color), behind(e)), e.textContent.slice(0, 40)]).sort((a, b) => a[0] - b[0])[0];
-  const pieces = seen.filter(e => e.classList.contains('piece')).length;
   const controls = [...d.querySelectorAll('a[href], button, summary')];
-  const answer = {spill: root.scrollWidth - root.clientWidth, height: root.scrollHeight, pieces, contrast: said[0],
+  const answer = {spill: root.scrollWidth - root.clientWidth, height: root.scrollHeight, figures, contrast: said[0],
     faint: said[1], dark: light(behind(d.body)) < 0.1, unreachable: controls.filter(e => e.tabIndex < 0).map(e => e.outerHTML)};
-  const svg = d.querySelector('.stacks svg.whole'), button = d.querySelector('.zoom');
-  if (svg && button && !pieces) {
-    const at = (kind, x, y) => svg.dispatchEvent(new w.PointerEvent(kind, {clientX: x, clientY: y, bubbles: true}));
-    const a = svg.dataset.axes.split(',')[0].split(' ').map(Number), to = svg.getScreenCTM();
-    const p = new w.DOMPoint((a[0] + a[2]) / 2, (a[1] + a[3]) / 2).matrixTransform(to), before = svg.getAttribute('viewBox');
-    at('pointermove', p.x, p.y);
-    answer.value = /^-?[\\d.e+-]+; -?[\\d.e+-]+$/.test(d.querySelector('output.value').textContent);
-    at('click', p.x, p.y);
-    answer.enlarged = svg.getScreenCTM().a / to.a;
-    svg.parentElement.dispatchEvent(new w.KeyboardEvent('keydown', {key: 'Escape'}));
-    const back = svg.getAttribute('viewBox') === before; button.click();
-    answer.restored = back && svg.getAttribute('viewBox') !== before;
-  }
   return answer; });
   document.body.innerHTML = '<pre id=out>' + JSON.stringify(out).replaceAll('<', '&lt;') + '</pre>'; });
 """

@@ -12,9 +12,7 @@ from rich.console import Console
 from gyrocal.allan.terms import MARKOV, RANDOM_WALK, allan_variance
 from studies.allan.analysis import AXES, RATE, RATE_UNIT, UNITS, Analysis, AxisNoise, shown, step_row, stretch_row
 from studies.report import tables
-from studies.report.html import Picture, document, heading, paragraph, table_of
-from studies.report.html import shown as figure_of
-from studies.report.made import Made
+from studies.report.pages import Answer, Made, Page, PageTable, Picture, Section
 from studies.report.panels import DARK, GREY, RED, TEAL, Line, Panel, curves, drawn
 from studies.report.tables import NO_VALUE
 
@@ -136,27 +134,19 @@ def _panel(name: str, axis: AxisNoise, arw: float) -> Panel:
 
 def page(found: Analysis, made: Made | None = None) -> str:
     """A page in HTML; the same analysis gives the same bytes but for how it was made."""
-    table, rests = terms_table(found), stretches_table(found)
+    table = terms_table(found)
     seen = [not str(value).startswith("not seen") for value in table["value"]]
     picture = Picture("allan", partial(figure, found), alt(found), CAPTION)
-    words = "".join(f"<dt>{term}</dt><dd>{text}</dd>" for term, text in MEANINGS.items())
-    texts = rests.map(lambda value: tables.number(value) if isinstance(value, float) else str(value))
-    return document(
-        f"Allan deviation of {found.recording}",
-        [
-            "".join(paragraph(line) for line in remarks(found)),
-            figure_of(picture),
-            heading("Terms of IEEE Std 952"),
-            paragraph(NOTE),
-            table_of(table, seen, ["value", "sigma"]),
-            heading("Stretches"),
-            paragraph("Rests are used as recorded; of the others, what the references say of the motion is taken out."),
-            table_of(texts, [False] * len(texts), ["start_s", "stop_s", "samples", "references"]),
-            heading("Words"),
-            f"<dl>{words}</dl>",
-        ],
-        made,
-    )
+    rests = "Rests are used as recorded; of the others, what the references say of the motion is taken out."
+    said = remarks(found)
+    sections = [
+        Section("", said[1:]),
+        Section("Terms of IEEE Std 952", [NOTE, PageTable(table, seen, "Terms of IEEE Std 952")]),
+        Section("Stretches", [rests, PageTable(stretches_table(found), label="Stretches")]),
+        Section("Words", [MEANINGS]),
+    ]
+    first = said[0] if said else "The angle random walk is as stated."
+    return Page(f"Allan deviation of {found.recording}", sections, Answer("", picture, first), made).html()
 
 
 def alt(found: Analysis) -> str:

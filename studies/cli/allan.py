@@ -4,24 +4,22 @@ from pathlib import Path
 
 import click
 
-from gyrocal import InputError, load
+from gyrocal import load
 from studies.allan import report as allan_report
 from studies.allan.analysis import analyse
-from studies.cli.options import PATH
-from studies.montecarlo.files import check_writable, write_json, write_text
+from studies.cli.options import PATH, json_option, output_option
+from studies.montecarlo.files import write_json, write_text
 from studies.report.console import console
-from studies.report.made import made_of
+from studies.report.pages import made_of
 from studies.report.panels import save
-
-FORMATS = (".svg", ".png")
 
 
 @click.command("allan")
 @click.argument("recording", type=PATH)
 @click.option("--interval", metavar="NAME", help="Look at this interval only.")
-@click.option("--json", "as_json", type=PATH, help="Write deviation, bands and terms as JSON to this file.")
-@click.option("--report", type=PATH, help="Write a page with the figure (HTML, needs no network) to this file.")
-@click.option("--figure", type=PATH, help="Write the figure alone to this file, .svg or .png.")
+@json_option("deviation, bands and terms")
+@output_option("--report", help="Write a page with the figure (HTML, needs no network) to this file.")
+@output_option("--figure", help="Write the figure alone to this file, .svg or .png.", endings=(".svg", ".png"))
 def command(recording: Path, interval: str | None, as_json: Path | None, report: Path | None, figure: Path | None) -> None:
     """Overlapping Allan deviation of the noise in RECORDING, with confidence bands and the noise terms of IEEE Std 952.
 
@@ -34,13 +32,6 @@ def command(recording: Path, interval: str | None, as_json: Path | None, report:
       gyrocal allan /tmp/rec --report /tmp/allan.html
       gyrocal allan /tmp/rec --interval m1 --json /tmp/allan.json
     """
-    files = [path for path in (as_json, report, figure) if path is not None]
-    for path in files:
-        check_writable(path)
-    if len({path.resolve() for path in files}) < len(files):
-        raise InputError("--json, --report and --figure need files of their own")
-    if figure is not None and figure.suffix not in FORMATS:
-        raise InputError(f"--figure {figure}: the name must end in {' or '.join(FORMATS)}")
     loaded = load(recording)
     found = analyse(loaded, interval)
     allan_report.show(console(), found)

@@ -5,8 +5,8 @@ from pathlib import Path
 import click
 
 from gyrocal import InputError
-from studies.cli.options import PATH
-from studies.montecarlo.files import check_writable, write_json
+from studies.cli.options import PATH, json_option
+from studies.montecarlo.files import write_json
 from studies.report import tables as render
 from studies.report.console import console
 from studies.validation import baseline
@@ -17,7 +17,7 @@ from studies.validation import baseline
 @click.option(
     "--file", "path", type=PATH, default=None, help="CSV file of the baseline; results/baseline/recovered.csv by default."
 )
-@click.option("--json", "as_json", type=PATH, help="Write what moved as JSON to this file.")
+@json_option("what moved")
 def command(regenerate: bool, path: Path | None, as_json: Path | None) -> None:
     """Recompute the baseline of recovered parameters and show what moved; exit status 1 if something did.
 
@@ -28,7 +28,6 @@ def command(regenerate: bool, path: Path | None, as_json: Path | None) -> None:
     Example:
       gyrocal baseline --write
     """
-    check_writable(as_json)
     path = path or baseline.default_path()
     stored = baseline.read(path) if path.exists() else None
     if stored is None and not regenerate:

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from studies import catalogue
-from studies.cli.options import PATH
+from studies.cli.options import PATH, jobs_option
 from studies.report import entry
 from studies.report.console import console
 
@@ -24,7 +24,7 @@ def command() -> None:
 
 @command.command("run")
 @click.argument("out", type=PATH)
-@click.option("--jobs", type=click.IntRange(1), default=None, help="Worker processes; the CPU count by default.")
+@jobs_option()
 @click.option("--cases", type=click.IntRange(1), default=None, help="Only the first so many recordings.")
 @click.option("--store", type=PATH, default=None, help="Folder of the diagnoses' stages; 'stages' beside OUT by default.")
 def run(out: Path, jobs: int | None, cases: int | None, store: Path | None) -> None:

@@ -1,6 +1,5 @@
 """The command ``gyrocal calibrate``: the gyro's parameters from a recording."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -12,25 +11,33 @@ from gyrocal.calibration.gyro_space import Parametrisation, space_of
 from gyrocal.calibration.observability import BIAS_LETTERS
 from gyrocal.calibration.remainder import add_remainder
 from gyrocal.importing import estimated_noise
-from studies.cli.fail_on import compared, end, parsed
-from studies.cli.options import PATH
-from studies.montecarlo.files import check_writable, write_json
+from studies.cli.options import (
+    JUNIT,
+    PAGE,
+    PATH,
+    compare_conditions,
+    end,
+    json_option,
+    output_option,
+    parse_condition,
+    read_json,
+)
+from studies.montecarlo.files import write_json, write_text
 from studies.report import calibration as calibration_report
 from studies.report import calibration_page
 from studies.report import gyros as gyros_report
 from studies.report.console import console
-from studies.report.made import made_of
+from studies.report.pages import made_of
 
 MOST_ITERATIONS = 1000  # a handful converge, or none do
 LARGEST = 1e6  # of what is plausible, or known before
-TRUTH_BYTES = 1_000_000  # of a file with twelve numbers and a list of effects
 CONDITIONS = ("p", "condition")  # what --fail-on may ask
 
 
 @click.command("calibrate")
 @click.argument("recording", type=PATH)
-@click.option("--json", "as_json", type=PATH, help="Write the result as JSON to this file.")
-@click.option("--report", type=PATH, help="Write a page with the figures (HTML, needs no network) to this file.")
+@json_option()
+@output_option("--report", help=PAGE)
 @click.option(
     "--truth", type=PATH, help="JSON with the true G and bias_deg_s, as written by simulate --truth; the errors are shown."
 )
@@ -107,7 +114,7 @@ CONDITIONS = ("p", "condition")  # what --fail-on may ask
     metavar="CONDITION",
     help="End with status 3 if this holds: 'p<0.001' of the residuals' p-value, or 'condition>100'; repeatable.",
 )
-@click.option("--junit", type=PATH, help="Write each --fail-on as a test to this file, JUnit's XML.")
+@output_option("--junit", help=JUNIT)
 def command(
     recording: Path,
     as_json: Path | None,
@@ -137,16 +144,11 @@ def command(
       gyrocal calibrate /tmp/rec --parametrisation gyro --solve-for gyro_z
       gyrocal calibrate /tmp/rec --fail-on 'p<0.001' --junit /tmp/calibration.xml
     """
-    files = [path for path in (as_json, report, junit) if path is not None]
-    for path in files:
-        check_writable(path)
-    if len({path.resolve() for path in files}) < len(files):
-        raise InputError("--json, --report and --junit need files of their own")
     if not all(0 < value < LARGEST for value in (plausible_g, plausible_bias) if value is not None):
         raise InputError(f"--plausible-g and --plausible-bias must be plausible: positive and below {LARGEST:g}")
     plausible_rate = None if plausible_bias is None else float(np.deg2rad(plausible_bias / 3600))
     for text in fail_on:
-        parsed(text, CONDITIONS)
+        parse_condition(text, CONDITIONS)
     loaded = load(recording)
     if loaded.is_array:
         changed = {"solve-for": solve_for != "all", "parametrisation": parametrisation != "gain"}
@@ -185,9 +187,9 @@ def command(
     if as_json:
         write_json(as_json, result.to_json())
     if report:
-        calibration_page.write(result, loaded, report, options["iterations"] is None, known, made_of(loaded))
+        write_text(report, calibration_page.page(result, loaded, options["iterations"] is None, known, made_of(loaded)))
     known_numbers = dict(zip(CONDITIONS, (float(result.p_value), float(result.observability.condition)), strict=True))
-    end("calibrate", str(recording), compared(fail_on, known_numbers), junit)
+    end("calibrate", str(recording), compare_conditions(fail_on, known_numbers), junit)
 
 
 def _refuse_for_array(recording: Recording, changed: list[str]) -> None:
@@ -197,14 +199,22 @@ def _refuse_for_array(recording: Recording, changed: list[str]) -> None:
 
 
 def _read_gyros(path: Path, names: tuple[str, ...]) -> GyroArray:
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))["gyros"]
-        K, c = np.array(document["K"], dtype=float), np.deg2rad(np.array(document["c_deg_s"], dtype=float))
-        if tuple(document["names"]) != names or K.shape != (len(names), 3) or c.shape != (len(names),):
+    def convert(document: Any) -> GyroArray:
+        own = document["gyros"]
+        K, c = np.array(own["K"], dtype=float), np.deg2rad(np.array(own["c_deg_s"], dtype=float))
+        if tuple(own["names"]) != names or K.shape != (len(names), 3) or c.shape != (len(names),):
             raise ValueError(f"its gyros are not {', '.join(names)}")
         return GyroArray(names, K, c)
-    except (KeyError, TypeError, ValueError) as fault:
-        raise InputError(f"{path}: not a truth file with names, K and c_deg_s of gyros: {fault}") from None
+
+    return read_json(path, "a truth file with names, K and c_deg_s of gyros", convert)
+
+
+def _read_truth(path: Path) -> GyroParameters:
+    def convert(document: Any) -> GyroParameters:
+        bias = np.deg2rad(np.array(document["bias_deg_s"], dtype=float))
+        return GyroParameters(np.array(document["G"], dtype=float), bias)
+
+    return read_json(path, "a truth file with G and bias_deg_s", convert)
 
 
 def _prior(names: tuple[str, ...], sigma_G: float | None, sigma_bias: float | None) -> np.ndarray | None:
@@ -223,15 +233,3 @@ def _sigmas(sigma_G: float | None, sigma_bias: float | None) -> tuple[float, flo
     if not (1e-15 < sigma_G < LARGEST and 1e-15 < sigma_bias < LARGEST):
         raise InputError("--prior-sigma-g and --prior-sigma-bias must be positive and below 1e6")
     return sigma_G, float(np.deg2rad(sigma_bias))
-
-
-def _read_truth(path: Path) -> GyroParameters:
-    try:
-        with path.open("rb") as file:
-            text = file.read(TRUTH_BYTES + 1)
-        if len(text) > TRUTH_BYTES:
-            raise ValueError(f"it has more than {TRUTH_BYTES} bytes")
-        document = json.loads(text)
-        return GyroParameters(np.array(document["G"], dtype=float), np.deg2rad(np.array(document["bias_deg_s"], dtype=float)))
-    except (KeyError, TypeError, ValueError, RecursionError) as fault:
-        raise InputError(f"{path}: not a truth file with G and bias_deg_s: {fault}") from None

@@ -18,39 +18,43 @@ from gyrocal.recording.gyros import need_triad
 from gyrocal.recording.trackers import need_one_sensor
 from simulator import scenario as scenarios
 from simulator.effects.sensor import ALL_EFFECTS
-from studies.cli.effect_files import effects_option
-from studies.cli.fail_on import end
-from studies.cli.options import PATH, STDOUT
-from studies.cli.stages import stages
-from studies.montecarlo.files import check_writable, json_text, write_json, write_text
-from studies.report import card_drawing, diagnosis_card, diagnosis_summary, next_flight
-from studies.report import diagnosis_page as diagnosis_report
-from studies.report.console import LINE_EVERY_S, console
+from studies.cli.options import (
+    JUNIT,
+    PAGE,
+    PATH,
+    STDOUT,
+    effects_option,
+    end,
+    json_option,
+    output_option,
+    seed_option,
+    write_result,
+)
+from studies.montecarlo.files import write_text
+from studies.report import card_drawing, diagnosis_card, diagnosis_page, diagnosis_summary, next_flight
+from studies.report.console import LINE_EVERY_S, console, stages
 from studies.report.junit import Verdict
-from studies.report.made import made_of
+from studies.report.pages import made_of
 from studies.report.panels import save
-
-PICTURES = (".svg", ".png")
 
 
 @click.command("diagnose")
 @click.argument("recording", type=PATH)
 @effects_option
-@click.option(
-    "--json", "as_json", type=PATH, help="Write the result as JSON to this file; - for standard output in place of the summary."
+@json_option(stdout="the summary")
+@output_option("--report", help=PAGE)
+@output_option(
+    "--card", help="Write the answer on one screen as a picture to this file, .svg or .png.", endings=(".svg", ".png")
 )
-@click.option("--report", type=PATH, help="Write a page with the figures (HTML, needs no network) to this file.")
-@click.option("--card", type=PATH, help="Write the answer on one screen as a picture to this file, .svg or .png.")
 @click.option(
     "--plan",
     "flown",
     metavar="SCENARIO",
     help="The scenario that was flown, a built-in name or a TOML file: page and card then say which extra maneuver helps most.",
 )
-@click.option("--adopt", type=PATH, help="Write the recording's own plan with the named effects to this file, a scenario.")
-@click.option(
+@output_option("--adopt", help="Write the recording's own plan with the named effects to this file, a scenario.")
+@output_option(
     "--draft",
-    type=PATH,
     metavar="OUT.py",
     help="Write a function of one regressor that predicts the remainder to this file, an effect for --effects.",
 )
@@ -63,8 +67,8 @@ PICTURES = (".svg", ".png")
     multiple=True,
     help="End with status 3 if there is a gap, or if its cause is unknown; repeatable.",
 )
-@click.option("--junit", type=PATH, help="Write each --fail-on as a test to this file, JUnit's XML.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random draws.")
+@output_option("--junit", help=JUNIT)
+@seed_option()
 def command(
     recording: Path,
     as_json: Path | None,
@@ -95,17 +99,6 @@ def command(
       gyrocal diagnose /tmp/rec --fail-on unknown --junit /tmp/diagnosis.xml
     """
     library = _library(without)
-    files = [path for path in (as_json, report, card, adopt, draft, junit) if path is not None and path != STDOUT]
-    for path in files:
-        check_writable(path)
-    if len({path.resolve() for path in files}) < len(files):
-        raise InputError(f"{files[-1]}: --json, --report, --card, --adopt, --draft and --junit need files of their own")
-    named = (("--report", report), ("--card", card), ("--adopt", adopt), ("--draft", draft), ("--junit", junit))
-    for option, file in named:
-        if file == STDOUT:
-            raise InputError(f"{option} -: give the name of a file")
-    if card is not None and card.suffix not in PICTURES:
-        raise InputError(f"--card {card}: the name must end in {' or '.join(PICTURES)}")
     if flown and not (report or card):
         raise InputError("--plan is for the page and the card: give --report or --card with it")
     scenario_flown = scenarios.load(flown) if flown else None
@@ -119,16 +112,11 @@ def command(
         found = next_flight.planned(result, scenario_flown, progress, seed) if scenario_flown else None
     if draft:
         result = _write_draft(result, draft)
-    if as_json == STDOUT:
-        click.echo(json_text(result.to_json()))
-    else:
-        diagnosis_summary.show(console(), result)
-    if as_json and as_json != STDOUT:
-        write_json(as_json, result.to_json())
+    write_result(as_json, result.to_json(), lambda: diagnosis_summary.show(console(), result))
     fly = next_flight.sentence(result, found)
     orbit_s = loaded.orbit.period_s if loaded.orbit is not None else math.nan
     if report:
-        diagnosis_report.write(result, report, made_of(loaded), orbit_s, fly)
+        write_text(report, diagnosis_page.page(result, made_of(loaded), orbit_s, fly))
     if card:
         save(card_drawing.figure(diagnosis_card.card(result, orbit_s, fly), result.recording), card)
     if adopt:

@@ -7,16 +7,15 @@ import pandas as pd
 
 from simulator.effects import Effect
 from simulator.effects.sensor import ALL_EFFECTS
-from studies.cli.effect_files import effects_option
-from studies.cli.options import PATH
-from studies.montecarlo.files import check_writable, write_json
+from studies.cli.options import effects_option, json_option
+from studies.montecarlo.files import write_json
 from studies.report import tables as render
 from studies.report.console import console
 
 
 @click.command("effects")
 @effects_option
-@click.option("--json", "as_json", type=PATH, help="Write the list as JSON to this file.")
+@json_option("the list")
 def command(as_json: Path | None) -> None:
     """List what a gyro, a reference or an attitude sensor can do beyond the baseline; a positive size makes the gyro read high.
 
@@ -28,7 +27,6 @@ def command(as_json: Path | None) -> None:
     Example:
       gyrocal effects
     """
-    check_writable(as_json)
     rows = [
         {
             "effect": effect.name,

@@ -9,11 +9,9 @@ import pandas as pd
 
 from gyrocal.errors import InputError
 from studies import catalogue
-from studies.cli.options import PATH
+from studies.cli.options import PATH, jobs_option
 from studies.report import tables as render
 from studies.report.console import console, progress
-
-JOBS = click.option("--jobs", type=click.IntRange(1), default=None, help="Worker processes; the CPU count by default.")
 
 
 @click.group("exam")
@@ -31,7 +29,7 @@ def command() -> None:
 @click.argument("name")
 @click.option("--entropy", type=click.IntRange(0), required=True, help="Seed of all random streams.")
 @click.option("--cases", type=click.IntRange(1), default=200, show_default=True, help="Number of recordings.")
-@JOBS
+@jobs_option()
 def seal(name: str, entropy: int, cases: int, jobs: int | None) -> None:
     """Draw the cases of the exam NAME and write its seal, to be committed before the exam is taken.
 
@@ -46,7 +44,7 @@ def seal(name: str, entropy: int, cases: int, jobs: int | None) -> None:
 @command.command("run")
 @click.argument("name")
 @click.option("--work", type=PATH, default=None, help="Folder of the rows; build/exam/NAME by default.")
-@JOBS
+@jobs_option()
 def run(name: str, work: Path | None, jobs: int | None) -> None:
     """Take the exam NAME: diagnose every recording once, and write keys, answers and score.
 

@@ -1,6 +1,5 @@
 """The command group ``gyrocal export``: recordings in other formats."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,32 +8,39 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal import InputError, Recording, load
+from gyrocal import Recording, load
 from gyrocal.importing import acm, aem, ck, csv_files, kalibr
-from gyrocal.importing.ccsds import Form
-from studies.cli.options import PATH, json_file
+from studies.cli.options import FOLDER, PATH, json_option, read_json
 from studies.montecarlo.files import check_writable, write_json
 
 CALIBRATION = click.option(
     "--calibration", type=PATH, metavar="RESULT.json", help="Of gyrocal calibrate --json: its values are written too."
 )
-AS_JSON = json_file("which files were made, and of what,")
-FORM = click.option("--form", type=click.Choice(["kvn", "xml"]), default="kvn", show_default=True, help="Of the message.")
+AS_JSON = json_option("which files were made, and of what,")
+RECORDING = click.argument("recording", type=PATH)
+MESSAGE = (
+    click.option("--object", "object_name", default="UNKNOWN", show_default=True, help="OBJECT_NAME."),
+    click.option("--id", "object_id", default="UNKNOWN", show_default=True, help="The object's designator, e.g. 1997-074A."),
+    click.option("--frame", default="ICRF", show_default=True, help="The inertial frame, REF_FRAME_A."),
+    click.option("--form", type=click.Choice(["kvn", "xml"]), default="kvn", show_default=True, help="Of the message."),
+)
 
 
 def message(function: Callable[..., None]) -> Callable[..., None]:
-    """The options of a command that writes a CCSDS message."""
-    for option in (
-        click.option("--frame", default="ICRF", show_default=True, help="The inertial frame, REF_FRAME_A."),
-        click.option(
-            "--id", "object_id", default="UNKNOWN", show_default=True, help="The object's designator, e.g. 1997-074A."
-        ),
-        click.option("--object", "object_name", default="UNKNOWN", show_default=True, help="OBJECT_NAME."),
-        FORM,
-        AS_JSON,
-    ):
+    """Give a command the options of a CCSDS message."""
+    for option in MESSAGE:
         function = option(function)
     return function
+
+
+def file_argument(name: str) -> Any:
+    """An argument with a file to write, refused before the work if it cannot be written."""
+
+    def check(_: click.Context, __: click.Parameter, path: Path) -> Path:
+        check_writable(path)
+        return path
+
+    return click.argument(name, type=PATH, callback=check)
 
 
 @click.group("export")
@@ -49,89 +55,64 @@ def command() -> None:
 
 
 @command.command("aem")
-@click.argument("recording", type=PATH)
-@click.argument("out", type=PATH)
+@RECORDING
+@file_argument("out")
+@AS_JSON
 @message
-def aem_command(
-    recording: Path, out: Path, object_name: str, object_id: str, frame: str, form: Form, as_json: Path | None
-) -> None:
+def aem_command(recording: Path, out: Path, as_json: Path | None, **options: Any) -> None:
     """Write the reference attitudes of RECORDING as a CCSDS Attitude Ephemeris Message (version 2) to the file OUT."""
-    check_writable(out)
     loaded = load(recording)
-    aem.write_aem(loaded, out, object_name=object_name, object_id=object_id, frame=frame, form=form)
+    aem.write_aem(loaded, out, **options)
     _tell(as_json, loaded, out)
 
 
 @command.command("acm")
-@click.argument("recording", type=PATH)
-@click.argument("out", type=PATH)
+@RECORDING
+@file_argument("out")
 @CALIBRATION
+@AS_JSON
 @message
-def acm_command(
-    recording: Path,
-    out: Path,
-    calibration: Path | None,
-    object_name: str,
-    object_id: str,
-    frame: str,
-    form: Form,
-    as_json: Path | None,
-) -> None:
+def acm_command(recording: Path, out: Path, calibration: Path | None, as_json: Path | None, **options: Any) -> None:
     """Write the reference attitudes of RECORDING with their variances as a CCSDS Attitude Comprehensive Message to OUT.
 
     With --calibration the gyro's bias and its variances are in it.
     """
-    check_writable(out)
     found, loaded = _calibration(calibration), load(recording)
-    acm.write_acm(
-        loaded,
-        out,
-        bias=found.get("bias"),
-        bias_sigma=found.get("sigma"),
-        object_name=object_name,
-        object_id=object_id,
-        frame=frame,
-        form=form,
-    )
+    acm.write_acm(loaded, out, bias=found.get("bias"), bias_sigma=found.get("sigma"), **options)
     _tell(as_json, loaded, out)
 
 
 @command.command("ck")
-@click.argument("recording", type=PATH)
-@click.argument("out", type=PATH)
-@click.argument("sclk", type=PATH)
+@RECORDING
+@file_argument("out")
+@file_argument("sclk")
 @click.option("--instrument", type=int, default=-999000, show_default=True, help="NAIF number; its clock is instrument / 1000.")
 @click.option("--frame", type=int, default=1, show_default=True, help="NAIF number of the inertial frame; 1 is J2000.")
 @AS_JSON
 def ck_command(recording: Path, out: Path, sclk: Path, instrument: int, frame: int, as_json: Path | None) -> None:
     """Write the reference attitudes of RECORDING as a SPICE C-kernel of type 3 to OUT, and its spacecraft clock to SCLK."""
-    check_writable(out)
-    check_writable(sclk)
     loaded = load(recording)
     ck.write_ck(loaded, out, sclk, instrument=instrument, frame=frame)
     _tell(as_json, loaded, out, sclk)
 
 
 @command.command("kalibr")
-@click.argument("recording", type=PATH)
-@click.argument("out", type=PATH)
+@RECORDING
+@file_argument("out")
 @CALIBRATION
 @click.option("--random-walk", type=float, help="Of the bias, rad/s/sqrt(s); Kalibr needs one, and no recording states it.")
 @click.option("--topic", default="/imu0", show_default=True, help="rostopic.")
 @AS_JSON
-def kalibr_command(
-    recording: Path, out: Path, calibration: Path | None, random_walk: float | None, topic: str, as_json: Path | None
-) -> None:
+def kalibr_command(recording: Path, out: Path, calibration: Path | None, as_json: Path | None, **options: Any) -> None:
     """Write the noise of the gyro of RECORDING as Kalibr's imu.yaml to OUT; with --calibration its matrices too."""
-    check_writable(out)
     found, loaded = _calibration(calibration), load(recording)
-    kalibr.write_imu_yaml(loaded, out, G=found.get("G"), bias=found.get("bias"), random_walk=random_walk, topic=topic)
+    kalibr.write_imu_yaml(loaded, out, G=found.get("G"), bias=found.get("bias"), **options)
     _tell(as_json, loaded, out)
 
 
 @command.command("csv")
-@click.argument("recording", type=PATH)
-@click.argument("out", type=click.Path(path_type=Path, file_okay=False))
+@RECORDING
+@click.argument("out", type=FOLDER)
 @AS_JSON
 def csv_command(recording: Path, out: Path, as_json: Path | None) -> None:
     """Write RECORDING as gyro.csv, attitude.csv and the mapping.toml that reads them to the folder OUT."""
@@ -151,11 +132,9 @@ def _calibration(path: Path | None) -> dict[str, NDArray[np.float64]]:
     """G, bias and its sigma of a result, in rad/s; nothing without one."""
     if path is None:
         return {}
-    try:
-        read: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        numbers = {name: np.array(read[name], dtype=np.float64) for name in ("G", "bias_deg_s", "sigma_bias_deg_s")}
-    except (ValueError, TypeError, KeyError, RecursionError) as fault:
-        raise InputError(f"{path}: not a result of gyrocal calibrate --json: {fault}") from None
+    names = ("G", "bias_deg_s", "sigma_bias_deg_s")
+    what = "a result of gyrocal calibrate --json"
+    numbers = read_json(path, what, lambda found: {name: np.array(found[name], dtype=np.float64) for name in names})
     return {
         "G": numbers["G"],
         "bias": np.deg2rad(numbers["bias_deg_s"]),

@@ -7,8 +7,8 @@ import click
 
 from gyrocal import InputError, importing, save
 from studies.cli import import_formats
-from studies.cli.import_formats import AS_JSON, MOUNTING, refuse_existing, show
-from studies.cli.options import PATH
+from studies.cli.import_formats import AS_JSON, MOUNTING, OUT, SPACING, TAG, show
+from studies.cli.options import FORCE, PATH, refuse_existing
 from studies.validation import broad
 
 
@@ -43,12 +43,12 @@ for one in import_formats.COMMANDS:
 @click.option("--lsb", metavar="'SIZE UNIT'", help="Of counts, e.g. '0.0175 deg/s', or '5e-9 rad' of accumulated angle.")
 @click.option("--wrap", type=float, help="Where an accumulated angle wraps, in the column's own unit.")
 @MOUNTING
-@click.option("--tag", type=click.Choice(["start", "middle", "end"]), help="Part of a sample that its tag times; start.")
+@TAG
 @click.option("--interval", "interval_s", type=float, help="Longest interval, s.")
-@click.option("--spacing", "spacing_s", type=float, help="Least time between references, s.")
+@SPACING
 @click.option("--title", help="Of the recording.")
 @click.option("--unchecked", is_flag=True, help="Import also where rates and attitudes do not fit each other.")
-@click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
+@FORCE
 @AS_JSON
 def csv_command(
     files: tuple[Path, ...], file: Path | None, unchecked: bool, force: bool, as_json: Path | None, **options: Any
@@ -78,7 +78,7 @@ def csv_command(
 
 @command.command("broad")
 @click.argument("file", type=PATH)
-@click.argument("out", type=click.Path(path_type=Path, file_okay=False))
+@OUT
 @click.option(
     "--intervals",
     default="motion",
@@ -86,7 +86,7 @@ def csv_command(
     help="motion: rest, motion, rest for each motion phase, a long one in pieces; whole: all in one; or a length in s.",
 )
 @click.option("--spacing", "spacing_s", type=float, default=1.0, show_default=True, help="s between reference attitudes.")
-@click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
+@FORCE
 @AS_JSON
 def broad_command(file: Path, out: Path, intervals: str, spacing_s: float, force: bool, as_json: Path | None) -> None:
     """Import FILE, a trial of BROAD as one Parquet file, and write the recording to the folder OUT.

@@ -7,19 +7,18 @@ from typing import Any
 import click
 import pandas as pd
 
-from gyrocal import InputError, Recording, importing
+from gyrocal import Recording, importing
 from gyrocal.importing import acm, aem, ck, euroc, kalibr, rosbag
 from gyrocal.importing.build import Imported, build
 from gyrocal.importing.columns import resolve_columns
 from gyrocal.importing.streams import read_csv, streams
-from studies.cli.options import PATH, json_file
+from studies.cli.options import FOLDER, FORCE, PATH, json_option, refuse_existing
 from studies.montecarlo.files import write_json
 from studies.report import tables as render
 from studies.report.console import console
 
-OUT = click.argument("out", type=click.Path(path_type=Path, file_okay=False))
+OUT = click.argument("out", type=FOLDER)
 GYRO = click.argument("gyro_file", type=PATH, metavar="GYRO.csv")
-FORCE = click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
 SPACING = click.option("--spacing", "spacing_s", type=float, help="Least time between references, s.")
 MOUNTING = click.option(
     "--mounting",
@@ -27,7 +26,9 @@ MOUNTING = click.option(
     help="estimate: find the rotation from the gyro's axes to those of the attitudes.",
 )
 ESTIMATE = click.option("--estimate-noise", is_flag=True, help="Estimate the noise although the file states it.")
-AS_JSON = json_file("what was made, and what was assumed,")
+IMU = click.option("--imu", type=PATH, help="Kalibr's imu.yaml, for the gyro's noise density.")
+TAG = click.option("--tag", type=click.Choice(["start", "middle", "end"]), help="Part of a sample that its tag times; start.")
+AS_JSON = json_option("what was made, and what was assumed,")
 TABLE = (
     click.option("--mapping", "file", type=PATH, help="Mapping of the gyro's table as TOML, as of import csv."),
     click.option("--time", metavar="COLUMN:UNIT", help="As of import csv; a date, as the attitudes have."),
@@ -38,12 +39,6 @@ TABLE = (
     FORCE,
     AS_JSON,
 )
-
-
-def refuse_existing(out: Path, force: bool) -> None:
-    """Refuse to write where a recording is."""
-    if (out / "recording.toml").exists() and not force:
-        raise InputError(f"{out}: a recording is there already; choose another folder, or replace it with --force")
 
 
 def of_table(function: Any) -> Any:
@@ -136,16 +131,7 @@ def acm_command(gyro_file: Path, message: Path, out: Path, force: bool, estimate
 @click.option("--instrument", type=int, help="NAIF number of the instrument, e.g. -82000; that of the kernel if it has one.")
 @click.option("--spacecraft", type=int, help="NAIF number of the spacecraft whose clock it is; instrument / 1000 by default.")
 @of_table
-def ck_command(
-    gyro_file: Path,
-    kernel: Path,
-    sclk: Path,
-    out: Path,
-    instrument: int | None,
-    spacecraft: int | None,
-    force: bool,
-    **options: Any,
-) -> None:
+def ck_command(gyro_file: Path, kernel: Path, sclk: Path, out: Path, force: bool, **options: Any) -> None:
     """Import a gyro's table and SPICE attitudes, a C-kernel with its spacecraft clock. See docs/formats/ck.md.
 
     \b
@@ -153,7 +139,8 @@ def ck_command(
       gyrocal import ck gyro.csv attitude.bc clock.tsc /tmp/rec --time time:iso --gyro gx,gy,gz:deg/s
     """
     refuse_existing(out, force)
-    _joined(gyro_file, ck.read_ck(kernel, sclk, instrument, spacecraft), out, options, {})
+    read = ck.read_ck(kernel, sclk, options.pop("instrument"), options.pop("spacecraft"))
+    _joined(gyro_file, read, out, options, {})
 
 
 @click.command("euroc")
@@ -162,22 +149,14 @@ def ck_command(
 @click.option(
     "--reference", help="Folder with the attitudes; the first that is there by default: vicon0, state_groundtruth_estimate0."
 )
-@click.option("--imu", type=PATH, help="Kalibr's imu.yaml, for the gyro's noise density.")
+@IMU
 @ESTIMATE
 @MOUNTING
 @SPACING
 @FORCE
 @AS_JSON
 def euroc_command(
-    folder: Path,
-    out: Path,
-    reference: str | None,
-    imu: Path | None,
-    estimate_noise: bool,
-    mounting: str | None,
-    spacing_s: float | None,
-    force: bool,
-    as_json: Path | None,
+    folder: Path, out: Path, reference: str | None, estimate_noise: bool, force: bool, as_json: Path | None, **options: Any
 ) -> None:
     """Import FOLDER of the EuRoC form (mav0/imu0 and mav0/vicon0 or another reference). See docs/formats/euroc.md.
 
@@ -186,8 +165,7 @@ def euroc_command(
       gyrocal import euroc V1_01_easy /tmp/rec
     """
     refuse_existing(out, force)
-    entries = _entries(spacing_s, imu) | ({} if mounting is None else {"mounting": mounting})
-    _write(euroc.import_euroc(folder, reference, not estimate_noise, **entries), out, as_json)
+    _write(euroc.import_euroc(folder, reference, not estimate_noise, **_entries(options)), out, as_json)
 
 
 @click.command("bag")
@@ -197,23 +175,13 @@ def euroc_command(
 @click.option("--pose-topic", help="Topic of the attitudes: PoseStamped, Odometry and the like; the only one by default.")
 @click.option("--estimate-mounting", is_flag=True, help="The same as --mounting estimate.")
 @MOUNTING
-@click.option("--imu", type=PATH, help="Kalibr's imu.yaml, for the gyro's noise density.")
-@click.option("--tag", type=click.Choice(["start", "middle", "end"]), help="Part of a sample that its tag times; start.")
+@IMU
+@TAG
 @SPACING
 @FORCE
 @AS_JSON
 def bag_command(
-    bag: Path,
-    out: Path,
-    imu_topic: str | None,
-    pose_topic: str | None,
-    estimate_mounting: bool,
-    mounting: str | None,
-    imu: Path | None,
-    tag: str | None,
-    spacing_s: float | None,
-    force: bool,
-    as_json: Path | None,
+    bag: Path, out: Path, imu_topic: str | None, pose_topic: str | None, force: bool, as_json: Path | None, **options: Any
 ) -> None:
     """Import BAG of ROS 1 or 2: Imu messages, and PoseStamped, Odometry or the like. See docs/formats/ros.md.
 
@@ -222,12 +190,14 @@ def bag_command(
       gyrocal import bag flight.bag /tmp/rec --imu-topic /imu0 --pose-topic /vicon/pose
     """
     refuse_existing(out, force)
-    entries = _entries(spacing_s, imu) | ({} if tag is None else {"tag": tag})
-    _write(rosbag.import_bag(bag, imu_topic, pose_topic, estimate_mounting or mounting == "estimate", **entries), out, as_json)
+    is_estimated = options.pop("estimate_mounting") | (options.pop("mounting") == "estimate")
+    _write(rosbag.import_bag(bag, imu_topic, pose_topic, is_estimated, **_entries(options)), out, as_json)
 
 
-def _entries(spacing_s: float | None, imu: Path | None) -> dict[str, Any]:
-    entries: dict[str, Any] = {} if spacing_s is None else {"spacing_s": spacing_s}
+def _entries(options: dict[str, Any]) -> dict[str, Any]:
+    """Options that are given, with the noise of --imu."""
+    imu = options.pop("imu")
+    entries = {name: value for name, value in options.items() if value is not None}
     return entries if imu is None else entries | {"arw_deg_per_sqrt_s": kalibr.noise_density(imu)}
 
 

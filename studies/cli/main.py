@@ -5,6 +5,7 @@ which ``gyrocal --help`` does without. Tables go to standard output, progress an
 wrong use end in one line and exit status 2. Warnings wait until the command has ended: after an error the error says it all.
 """
 
+import ast
 import contextlib
 import errno
 import importlib
@@ -14,37 +15,28 @@ import warnings
 from collections.abc import Iterator
 from difflib import get_close_matches
 from keyword import iskeyword
+from pathlib import Path
 from typing import Any, NoReturn
 
 import click
 
 from studies.report.printable import printable
 
-COMMANDS = {  # the first sentence of each, which its own help begins with
-    "allan": "Overlapping Allan deviation of the noise in RECORDING, with confidence bands and the noise terms of "
-    "IEEE Std 952.",
-    "baseline": "Recompute the baseline of recovered parameters and show what moved; exit status 1 if something did.",
-    "bench": "Diagnose a fixed set of simulated recordings, and compare two runs of it.",
-    "calibrate": "Calibrate the gyro of RECORDING, a folder with recording.toml, gyro and attitude tables.",
-    "compare": "Fly each SCENARIO many times and show where RECORDING stands among the flights, and how far the gap shrinks.",
-    "diagnose": "Say whether RECORDING departs from the baseline simulator, where, by which effect, and how far that closes "
-    "the gap.",
-    "effects": "List what a gyro, a reference or an attitude sensor can do beyond the baseline; a positive size makes the "
-    "gyro read high.",
-    "exam": "Seal, take and verify first-sight exams of the diagnosis.",
-    "export": "Write a recording in another format.",
-    "import": "Turn data of another format into a recording.",
-    "mission": "Fly TRMM's Mission Mode from launch and write telemetry, yaw updates, slews and orbits as Parquet to "
-    "the folder OUT.",
-    "next": "Predict the last of a unit's RECORDINGS from all those before it, and compare.",
-    "plan": "Say what SCENARIO (a built-in name or a TOML file) will show: the smallest visible size of each "
-    "effect, which pairs cannot be told apart, and which extra maneuver helps most.",
-    "predict": "Carry the attitude of RECORDING on from a time by gyro alone, with its covariance.",
-    "reproduce": "Reproduce the two papers beside the flight's values.",
-    "scenarios": "List the built-in scenarios, or print one as TOML, to be copied and changed.",
-    "simulate": "Simulate SCENARIO (a built-in name or a TOML file) and write the recording to the folder OUT.",
-    "study": "Run the study NAME; without a name, list the studies.",
-}
+COMMANDS = (
+    *("allan", "baseline", "bench", "calibrate", "compare", "diagnose", "effects", "exam", "export", "import", "mission"),
+    *("next", "plan", "predict", "reproduce", "scenarios", "simulate", "study"),
+)
+
+
+def _module(name: str) -> str:
+    return f"{name}_" if iskeyword(name) else name
+
+
+def read_help(name: str) -> str:
+    """Read the help of a command from the source of its module, without loading it."""
+    source = Path(__file__).with_name(f"{_module(name)}.py").read_text(encoding="utf-8")
+    function = next(one for one in ast.parse(source).body if isinstance(one, ast.FunctionDef) and one.name == "command")
+    return ast.get_docstring(function) or ""
 
 
 class Commands(click.Group):
@@ -58,8 +50,7 @@ class Commands(click.Group):
         """The command of a name, None if there is none."""
         if cmd_name not in COMMANDS:
             return None
-        module = importlib.import_module(f"studies.cli.{cmd_name}{'_' if iskeyword(cmd_name) else ''}")
-        found = module.command
+        found = importlib.import_module(f"studies.cli.{_module(cmd_name)}").command
         assert isinstance(found, click.Command)
         return found
 
@@ -73,7 +64,7 @@ class Commands(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The list of the commands as click has it, without loading them."""
         room = formatter.width - 6 - max(map(len, COMMANDS))
-        rows = [(name, click.Command(name, help=COMMANDS[name]).get_short_help_str(room)) for name in self.list_commands(ctx)]
+        rows = [(name, click.Command(name, help=read_help(name)).get_short_help_str(room)) for name in self.list_commands(ctx)]
         with formatter.section("Commands"):
             formatter.write_dl(rows)
 

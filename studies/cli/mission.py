@@ -16,8 +16,8 @@ from simulator.mission_mode.config import DAY, MissionConfig, period_tables
 from simulator.mission_mode.effects import MISSION_EFFECTS, MissionSetting, applied, parse
 from simulator.mission_mode.flight import AXES, MissionRun, flight_schedule, simulate_mission
 from simulator.mission_mode.mounting import Mounting, mounted
-from studies.cli.options import PATH, STDOUT
-from studies.montecarlo.files import check_writable, json_text, write_json, write_parquet
+from studies.cli.options import FOLDER, json_option, seed_option, write_result
+from studies.montecarlo.files import write_parquet
 from studies.report import tables as render
 from studies.report.console import console, progress
 from studies.robertson import flown
@@ -29,9 +29,9 @@ MOST_ROWS = 20_000_000  # of telemetry, 2 GB
 
 
 @click.command("mission")
-@click.argument("out", type=click.Path(path_type=Path, file_okay=False))
+@click.argument("out", type=FOLDER)
 @click.option("--days", type=float, required=True, help="Days flown from launch, November 27, 1997.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the noise.")
+@seed_option("Seed of the noise.")
 @click.option(
     "--tables",
     type=click.Choice(["flight", *PERIODS]),
@@ -53,9 +53,7 @@ MOST_ROWS = 20_000_000  # of telemetry, 2 GB
     help=f"What is not nominal; may be repeated. There are {', '.join(MISSION_EFFECTS)}; see docs/mission.md.",
 )
 @click.option("--every", "every_s", type=float, default=60.0, show_default=True, help="Interval between rows of telemetry, s.")
-@click.option(
-    "--json", "as_json", type=PATH, help="Write the summary as JSON to this file; - for standard output in place of the tables."
-)
+@json_option("the summary", stdout="the tables")
 @click.option("--force", is_flag=True, help="Replace tables that are in OUT already.")
 def command(
     out: Path,
@@ -87,7 +85,6 @@ def command(
     settings = [parse(text) for text in effects]
     if not force and any((out / f"{name}.parquet").exists() for name in TABLES):
         raise InputError(f"{out}: tables of a run are there already; choose another folder, or replace them with --force")
-    check_writable(None if as_json == STDOUT else as_json)
     out.mkdir(parents=True, exist_ok=True)
     config = _config(days, tables, mounting, settings)
     with progress("mission, simulated days", math.ceil(days) - 1, quiet=days <= 1) as advance:
@@ -97,12 +94,7 @@ def command(
     stretches = summary(run, config, days)
     document: dict[str, Any] = {"days": days, "seed": seed, "tables": tables, "mounting": mounting, "effects": list(effects)}
     document |= {"stretches": stretches.to_dict("records"), "slews": run.slews.to_dict("records")}
-    if as_json == STDOUT:
-        click.echo(json_text(document))
-        return
-    _show(run, stretches, out)
-    if as_json:
-        write_json(as_json, document)
+    write_result(as_json, document, lambda: _show(run, stretches, out))
 
 
 def _cycles(days: float, every_s: float) -> int:

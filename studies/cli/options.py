@@ -1,27 +1,128 @@
-"""What several commands have in common: types of options, and settings as PATH=VALUE."""
+"""Options, types and checks that several commands have in common."""
 
+import json
+import math
+import re
 import tomllib
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 
 from gyrocal import InputError
 from gyrocal.recording import toml_value
-from studies.montecarlo.files import check_writable
+from simulator.effects import REGISTRY
+from studies.montecarlo.files import check_writable, json_text, write_json
+from studies.report.junit import Verdict, write_junit
 
+T = TypeVar("T")
 PATH = click.Path(path_type=Path)
+FOLDER = click.Path(path_type=Path, file_okay=False)
 STDOUT = Path("-")
+MOST_BYTES = 100_000_000  # of a JSON file that is read
+STATUS = 3  # of a command of which a --fail-on holds
+CONDITION = re.compile(r"\s*(\w+)\s*([<>])\s*(\S+)\s*")
+
+FORCE = click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
+JUNIT = "Write each --fail-on as a test to this file, JUnit's XML."
+PAGE = "Write a page with the figures (HTML, needs no network) to this file."
 
 
-def json_file(what: str) -> Any:
-    """The option ``--json FILE``, refused before the work where it cannot be written."""
+def count_option(name: str, default: int | None, help: str, least: int = 0) -> Any:
+    """An option with a whole number, such as ``--seed`` or ``--jobs``."""
+    return click.option(name, type=click.IntRange(least), default=default, show_default=default is not None, help=help)
 
-    def writable(_: click.Context, __: click.Parameter, value: Path | None) -> Path | None:
-        check_writable(value)
-        return value
 
-    return click.option("--json", "as_json", type=PATH, callback=writable, help=f"Write {what} as JSON to this file.")
+def seed_option(help: str = "Seed of the random draws.") -> Any:
+    """The option ``--seed``."""
+    return count_option("--seed", 0, help)
+
+
+def jobs_option(help: str = "Worker processes; the CPU count by default.", default: int | None = None) -> Any:
+    """The option ``--jobs``."""
+    return count_option("--jobs", default, help, least=1)
+
+
+# ---- files ---------------------------------------------------------------------------------------------------------------
+
+
+def output_option(*names: str, help: str, stdout: bool = False, endings: Sequence[str] = (), **more: Any) -> Any:
+    """An option with a file to write, refused before the work if it cannot be written or another option has it too.
+
+    Parameters
+    ----------
+    names : of the option
+    help : its text
+    stdout : whether - is standard output
+    endings : that its name may have; any by default
+    more : further arguments of `click.option`
+    """
+
+    def check(context: click.Context, option: click.Parameter, path: Path | None) -> Path | None:
+        own, taken = option.opts[0], context.meta.setdefault("gyrocal.outputs", {})
+        if path is None or (path == STDOUT and stdout):
+            return path
+        if path == STDOUT:
+            raise InputError(f"{own} -: give the name of a file")
+        if endings and path.suffix not in endings:
+            raise InputError(f"{own} {path}: the name must end in {' or '.join(endings)}")
+        check_writable(path)
+        other = taken.setdefault(path.resolve(), own)
+        if other != own:
+            raise InputError(f"{path}: {other} and {own} need files of their own")
+        return path
+
+    return click.option(*names, type=PATH, callback=check, help=help, **more)
+
+
+def json_option(what: str = "the result", stdout: str = "") -> Any:
+    """The option ``--json FILE``; with `stdout`, - is standard output in place of it, the tables or the summary."""
+    dash = f"; - for standard output in place of {stdout}" if stdout else ""
+    return output_option("--json", "as_json", help=f"Write {what} as JSON to this file{dash}.", stdout=bool(stdout))
+
+
+def write_result(as_json: Path | None, document: Any, show: Callable[[], None]) -> None:
+    """Show a result and write it as JSON, or write it to standard output alone."""
+    if as_json == STDOUT:
+        click.echo(json_text(document))
+        return
+    show()
+    if as_json:
+        write_json(as_json, document)
+
+
+def read_json(path: Path, what: str, convert: Callable[[Any], T]) -> T:
+    """Read a JSON file.
+
+    Parameters
+    ----------
+    path : of the file
+    what : it should be, for the message if it is not
+    convert : makes the value of the document
+
+    Raises
+    ------
+    InputError
+        It is no JSON, or not what it should be.
+    """
+    try:
+        with path.open("rb") as file:
+            text = file.read(MOST_BYTES + 1)
+        if len(text) > MOST_BYTES:
+            raise ValueError(f"it has more than {MOST_BYTES} bytes")
+        return convert(json.loads(text))
+    except (KeyError, TypeError, ValueError, RecursionError) as fault:
+        raise InputError(f"{path}: not {what}: {fault}") from None
+
+
+def refuse_existing(out: Path, force: bool) -> None:
+    """Refuse to write where a recording is."""
+    if (out / "recording.toml").exists() and not force:
+        raise InputError(f"{out}: a recording is there already; choose another folder, or replace it with --force")
+
+
+# ---- settings and effects ------------------------------------------------------------------------------------------------
 
 
 def assignment(text: str) -> tuple[str, Any]:
@@ -39,3 +140,78 @@ def assignment(text: str) -> tuple[str, Any]:
         return path, tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         return path, tomllib.loads(f"value = {toml_value(value)}")["value"]
+
+
+def _register(context: click.Context, _: click.Parameter, files: tuple[Path, ...]) -> None:
+    for path in files:
+        for effect in REGISTRY.load_file(path):
+            context.call_on_close(lambda name=effect.name: REGISTRY.remove(name))
+
+
+# Effects of one's own beside the built-in ones: registered before the command runs, and taken out again after it.
+effects_option = click.option(
+    "--effects",
+    "effect_files",
+    multiple=True,
+    type=PATH,
+    metavar="FILE.py",
+    expose_value=False,
+    is_eager=True,  # before options that name one of these effects
+    callback=_register,
+    help="Python file with effects of your own, see docs/extending.md; repeatable.",
+)
+
+
+# ---- conditions on which a command fails ---------------------------------------------------------------------------------
+
+
+def compare_conditions(texts: Sequence[str], known: Mapping[str, float]) -> list[Verdict]:
+    """Compare conditions such as "p<0.001" with numbers by name; one on a number that is not known is met.
+
+    Raises
+    ------
+    InputError
+        A text is no condition on one of the numbers.
+    """
+    out = []
+    for text in texts:
+        name, sign, limit = parse_condition(text, known)
+        value = known[name]
+        met = not (value >= limit if sign == "<" else value <= limit)
+        what = "is not known" if math.isnan(value) else f"is {value:.4g}"
+        out.append(Verdict(text.strip(), f"{name} {what}" if met else ""))
+    return out
+
+
+def parse_condition(text: str, names: Sequence[str] | Mapping[str, float]) -> tuple[str, str, float]:
+    """Name, sign and limit of a condition.
+
+    Raises
+    ------
+    InputError
+        It is none, or on something else.
+    """
+    match = CONDITION.fullmatch(text)
+    try:
+        if match is None or match[1] not in names:
+            raise ValueError
+        limit = float(match[3])
+        if math.isnan(limit):
+            raise ValueError
+    except ValueError:
+        raise InputError(f"--fail-on {text}: give NAME<LIMIT or NAME>LIMIT, where NAME is {' or '.join(names)}") from None
+    return match[1], match[2], limit
+
+
+def end(command: str, subject: str, verdicts: Sequence[Verdict], junit: Path | None) -> None:
+    """Write the verdicts if asked for, and leave with status 3 if one of them is a failure.
+
+    Raises
+    ------
+    SystemExit
+        One is.
+    """
+    if junit:
+        write_junit(junit, f"gyrocal {command}", subject, verdicts)
+    if any(one.failure for one in verdicts):
+        raise SystemExit(STATUS)

@@ -12,13 +12,11 @@ from gyrocal.errors import hint
 from gyrocal.recording import read_toml
 from simulator import scenario as scenarios
 from simulator.effects import ARRAY_EFFECTS, EFFECTS, TRACKER_EFFECTS
-from studies.cli.effect_files import effects_option
-from studies.cli.options import PATH, STDOUT
-from studies.cli.stages import stages
-from studies.montecarlo.files import check_writable, json_text, write_json, write_text
+from studies.cli.options import PATH, effects_option, json_option, output_option, seed_option, write_result
+from studies.montecarlo.files import write_text
 from studies.report import plan as plan_report
-from studies.report.console import console
-from studies.report.made import made_of
+from studies.report.console import console, stages
+from studies.report.pages import made_of
 
 
 @click.command("plan")
@@ -39,11 +37,9 @@ from studies.report.made import made_of
 @click.option(
     "--named", is_flag=True, help="Also find the size from which on an effect is named alone; slow, so best with --effect."
 )
-@click.option(
-    "--json", "as_json", type=PATH, help="Write the result as JSON to this file; - for standard output in place of the tables."
-)
-@click.option("--report", type=PATH, help="Write a page with all tables (HTML, needs no network) to this file.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random draws.")
+@json_option(stdout="the tables")
+@output_option("--report", help="Write a page with all tables (HTML, needs no network) to this file.")
+@seed_option()
 def command(
     scenario: str,
     effects: tuple[str, ...],
@@ -68,10 +64,6 @@ def command(
     for name in effects:
         if name not in {**EFFECTS, **TRACKER_EFFECTS, **ARRAY_EFFECTS}:
             raise InputError(f"--effect {name}: no such effect; {hint(name, EFFECTS)}")
-    check_writable(None if as_json == STDOUT else as_json)
-    check_writable(report)
-    if report and as_json and report.resolve() == as_json.resolve():
-        raise InputError("--json and --report need files of their own")
     chosen = scenarios.load(scenario)
     extras = {} if no_extras else dict(maneuvers(chosen))
     extras |= _read_extras(chosen, files)
@@ -79,12 +71,7 @@ def command(
         found = plan(chosen, effects=effects or None, extras=extras, named=named, progress=tell, seed=seed)
     if report:
         write_text(report, plan_report.page(found, made_of()))
-    if as_json == STDOUT:
-        click.echo(json_text(found.to_json()))
-        return
-    plan_report.show(console(), found)
-    if as_json:
-        write_json(as_json, found.to_json())
+    write_result(as_json, found.to_json(), lambda: plan_report.show(console(), found))
 
 
 def _read_extras(chosen: scenarios.Scenario, files: Sequence[Path]) -> dict[str, list[dict[str, Any]]]:

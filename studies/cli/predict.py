@@ -9,12 +9,12 @@ from gyrocal import InputError, load, triad
 from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
 from gyrocal.estimation.predict import predict, prior_covariance, steps
 from gyrocal.estimation.remainder_noise import RemainderNoise, read_calibration
-from studies.cli.options import PATH
-from studies.montecarlo.files import check_writable, write_csv, write_json, write_text
+from studies.cli.options import PATH, json_option, output_option
+from studies.montecarlo.files import write_csv, write_json, write_text
 from studies.report import prediction_page
 from studies.report import tables as render
 from studies.report.console import console
-from studies.report.made import made_of
+from studies.report.pages import made_of
 
 ROWS = 12  # shown
 FEWEST_S = 1e-6
@@ -23,10 +23,10 @@ FEWEST_S = 1e-6
 @click.command("predict")
 @click.argument("recording", type=PATH)
 @click.option("--from", "from_s", type=float, required=True, help="References later than this, s, are not used.")
-@click.option("--out", type=PATH, help="Write the prediction as CSV: t_s, q1 … q4, sigma_x_arcsec … z, and each sensor's.")
+@output_option("--out", help="Write the prediction as CSV: t_s, q1 … q4, sigma_x_arcsec … z, and each sensor's.")
 @click.option("--step", "step_s", type=click.FloatRange(FEWEST_S), help="s between rows; the gyro's samples by default.")
-@click.option("--report", type=PATH, help="Write a page with the figure (HTML, needs no network) to this file.")
-@click.option("--json", "as_json", type=PATH, help="Write the prediction, and how its start fits, as JSON to this file.")
+@output_option("--report", help="Write a page with the figure (HTML, needs no network) to this file.")
+@json_option("the prediction, and how its start fits,")
 @click.option(
     "--calibration",
     type=PATH,
@@ -67,11 +67,6 @@ def command(
       gyrocal calibrate /tmp/earlier --json /tmp/result.json
       gyrocal predict /tmp/rec --from 3000 --calibration /tmp/result.json
     """
-    files = [path for path in (out, report, as_json) if path is not None]
-    for path in files:
-        check_writable(path)
-    if len({path.resolve() for path in files}) < len(files):
-        raise InputError("--out, --report and --json need files of their own")
     loaded = triad(load(recording))
     ranges = estimate_plausible_ranges(loaded, use_rests=False)
     sigma_g = ranges.G if prior_sigma_g is None else prior_sigma_g

@@ -8,14 +8,14 @@ import click
 from rich.console import Console
 
 from gyrocal import InputError
-from studies.cli.options import PATH, assignment
-from studies.montecarlo.files import check_writable, write_json
+from studies.cli.options import PATH, assignment, count_option, jobs_option, output_option
+from studies.montecarlo.files import write_json, write_text
 from studies.natanson import reproduce
 from studies.natanson.paper_tables import PaperTablesConfig
 from studies.report import committed, index_page
 from studies.report import tables as render
 from studies.report.console import console
-from studies.report.made import made_of
+from studies.report.pages import made_of
 from studies.robertson import report as mission_report
 from studies.robertson.runs import DAYS, MissionStudy
 
@@ -33,14 +33,14 @@ MOST_MOVED = 20  # numbers shown of those that moved
     default=None,
     help="Folder to write to; with both papers, the one that holds 'reproduction', 'mission' and the page; 'build' by default.",
 )
-@click.option("--cases", type=click.IntRange(2), default=200, show_default=True, help="natanson: seeds of the Monte Carlo.")
+@count_option("--cases", 200, "natanson: seeds of the Monte Carlo.", least=2)
 @click.option("--scenario", default="trmm", show_default=True, help="natanson: built-in name or TOML file to calibrate on.")
 @click.option(
     "--set", "changes", multiple=True, metavar="PATH=VALUE", help="natanson: a value of the scenario by its path; repeatable."
 )
-@click.option("--entropy", type=click.IntRange(0), default=1998, show_default=True, help="Seed of all random streams.")
-@click.option("--seeds", type=click.IntRange(1), default=1, show_default=True, help="robertson: seeds of the months.")
-@click.option("--slews", type=click.IntRange(2), default=20, show_default=True, help="robertson: seeds of the yaw maneuver.")
+@count_option("--entropy", 1998, "Seed of all random streams.")
+@count_option("--seeds", 1, "robertson: seeds of the months.", least=1)
+@count_option("--slews", 20, "robertson: seeds of the yaw maneuver.", least=2)
 @click.option(
     "--days",
     type=float,
@@ -48,8 +48,8 @@ MOST_MOVED = 20  # numbers shown of those that moved
     show_default=True,
     help="robertson: days flown from launch; fewer leave R's later periods empty and the ladder out.",
 )
-@click.option("--jobs", type=click.IntRange(1), default=None, help="Processes or threads; the CPU count by default.")
-@click.option("--json", "as_json", type=PATH, help="Also write the summary here; of both papers, under their names.")
+@jobs_option("Processes or threads; the CPU count by default.")
+@output_option("--json", "as_json", help="Also write the summary here; of both papers, under their names.")
 def command(
     paper: str | None,
     out: Path | None,
@@ -83,7 +83,6 @@ def command(
         raise InputError("--scenario and --set are of one paper: give --paper natanson with them")
     if (scenario != "trmm" or changes) and out is None:
         raise InputError(f"{FOLDERS['natanson']} holds the flight's own: give --out FOLDER with another scenario")
-    check_writable(as_json)
     workers, terminal = jobs or os.cpu_count() or 1, console()
     study = MissionStudy(days=days, seeds=seeds, slews=slews, entropy=entropy, windows=days >= DAYS)
     summaries: dict[str, dict[str, Any]] = {}
@@ -102,7 +101,7 @@ def command(
         write_json(as_json, summaries[paper] if paper else summaries)
     if not paper:
         page = (out or FOLDERS["natanson"].parent) / "index.html"
-        index_page.write(page, folders, COMMITTED / "studies", made_of())
+        write_text(page, index_page.page(folders, COMMITTED / "studies", made_of()))
         click.echo(page)
 
 

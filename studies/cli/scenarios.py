@@ -7,15 +7,13 @@ import click
 from simulator import adopted
 from simulator import scenario as scenarios
 from simulator.effects import described
-from studies.cli.options import PATH
-from studies.montecarlo.files import check_writable, write_json
+from studies.cli.options import json_option
+from studies.montecarlo.files import write_json
 
 
 @click.command("scenarios")
 @click.argument("name", required=False)
-@click.option(
-    "--json", "as_json", type=PATH, help="Write names and titles, or the scenario of that name, as JSON to this file."
-)
+@json_option("names and titles, or the scenario of that name,")
 def command(name: str | None, as_json: Path | None) -> None:
     """List the built-in scenarios, or print one as TOML, to be copied and changed.
 
@@ -24,7 +22,6 @@ def command(name: str | None, as_json: Path | None) -> None:
       gyrocal scenarios
       gyrocal scenarios trmm > mine.toml
     """
-    check_writable(as_json)
     if name:
         click.echo(scenarios.text(name))
         if as_json:

@@ -17,15 +17,23 @@ from simulator.packets import packets
 from simulator.replay import replay
 from simulator.simulate import simulate, true_gyros
 from simulator.streams import generator
-from studies.cli.effect_files import effects_option
-from studies.cli.options import PATH, assignment
-from studies.montecarlo.files import check_writable, write_json
+from studies.cli.options import (
+    FOLDER,
+    FORCE,
+    assignment,
+    effects_option,
+    json_option,
+    output_option,
+    refuse_existing,
+    seed_option,
+)
+from studies.montecarlo.files import write_json
 
 
 @click.command("simulate")
 @click.argument("scenario")
-@click.argument("out", type=click.Path(path_type=Path, file_okay=False))
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random streams.")
+@click.argument("out", type=FOLDER)
+@seed_option("Seed of the random streams.")
 @click.option("--case", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Case number under that seed.")
 @click.option("--noise-free", is_flag=True, help="Neither gyro nor reference noise.")
 @click.option("--draw", is_flag=True, help="Draw the sizes of SCENARIO's own effects from their posterior, by seed and case.")
@@ -38,17 +46,17 @@ from studies.montecarlo.files import check_writable, write_json
     help="Something that the baseline does not do, see 'gyrocal effects'; repeatable.",
 )
 @effects_option
-@click.option("--truth", type=PATH, help="Also write the injected G, bias and effects as JSON to this file.")
-@click.option("--json", "as_json", type=PATH, help="Write what was made as JSON to this file.")
+@output_option("--truth", help="Also write the injected G, bias and effects as JSON to this file.")
+@json_option("what was made")
 @click.option(
     "--packets",
     "packet_folder",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     help="Also write the gyro's telemetry as accumulated angles, for 'gyrocal import csv', to this folder.",
 )
 @click.option("--lsb", default="0.05 arcsec", show_default=True, help="Of --packets: size of a count of angle, and its unit.")
 @click.option("--wrap", type=int, default=2**16, show_default=True, help="Of --packets: counts after which a register wraps.")
-@click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
+@FORCE
 def command(
     scenario: str,
     out: Path,
@@ -86,12 +94,9 @@ def command(
       gyrocal simulate trmm /tmp/mine --effects mine.py --effect my_effect:z=0.5
       gyrocal simulate trmm_series /tmp/seven --seed 7 --set gyro.arw_deg_per_sqrt_s=1e-4 --set interval.1.slew.0.start_s=120
     """
-    if (out / "recording.toml").exists() and not force:
-        raise InputError(f"{out}: a recording is there already; choose another folder, or replace it with --force")
+    refuse_existing(out, force)
     settings = [parse_effect(text) for text in effects]
     count = _count_of_angle(lsb)
-    check_writable(truth)
-    check_writable(as_json)
     noise = not noise_free
     gyros: dict[str, object] = {}
     if (Path(scenario) / "recording.toml").exists() and scenario not in scenarios.names():

@@ -7,14 +7,14 @@ import click
 import pandas as pd
 
 from studies import catalogue
-from studies.cli.options import PATH, assignment
+from studies.cli.options import PAGE, PATH, assignment, jobs_option, output_option
 from studies.montecarlo import engine
-from studies.montecarlo.files import check_writable, write_json
+from studies.montecarlo.files import write_json, write_text
 from studies.montecarlo.until import Until
 from studies.report import study_page
 from studies.report import tables as render
 from studies.report.console import console
-from studies.report.made import made_of
+from studies.report.pages import made_of
 
 
 @click.command("study")
@@ -32,7 +32,7 @@ from studies.report.made import made_of
 )
 @click.option("--entropy", type=click.IntRange(0), default=None, help="Seed of all random streams.")
 @click.option("--backend", type=click.Choice(["serial", "loky", "dask"]), default="loky", show_default=True)
-@click.option("--jobs", type=click.IntRange(1), default=None, help="Workers; the CPU count by default.")
+@jobs_option("Workers; the CPU count by default.")
 @click.option("--scheduler", default=None, help="Address of a dask scheduler, with --backend dask.")
 @click.option(
     "--rerun",
@@ -43,7 +43,7 @@ from studies.report.made import made_of
 )
 @click.option("--keep", multiple=True, type=click.IntRange(0), help="Keep the recording of this case; repeatable.")
 @click.option("--retry-failed", is_flag=True, help="Run failed cases of an earlier run again.")
-@click.option("--report", type=PATH, help="Write a page with the figures (HTML, needs no network) to this file.")
+@output_option("--report", help=PAGE)
 @click.option(
     "--until",
     metavar="COLUMN<LIMIT",
@@ -52,8 +52,8 @@ from studies.report.made import made_of
     "then the most there may be. The column may be 'failed'.",
 )
 @click.option("--mix", is_flag=True, help="Resume even if the source code or the machine has changed since the earlier rows.")
-@click.option("--json", "as_json", type=PATH, help="Write counts and failures as JSON; what was found is in the report.")
-@click.option("--junit", type=PATH, help="Write what was found as tests to this file, JUnit's XML; a failed case is one too.")
+@output_option("--json", "as_json", help="Write counts and failures as JSON; what was found is in the report.")
+@output_option("--junit", help="Write what was found as tests to this file, JUnit's XML; a failed case is one too.")
 def command(
     name: str | None,
     out: Path | None,
@@ -83,15 +83,12 @@ def command(
       gyrocal study paper --out /tmp/paper --rerun 17
       gyrocal study ./mystudy.py --cases 500 --until 'p95(largest_error_ppm)<20'
     """
-    check_writable(as_json)
     if name is None:
         studies = [{"study": key, "what": catalogue.summary(key)} for key in catalogue.MODULES]
         render.terminal(console(), "Studies", pd.DataFrame(studies))
         if as_json:
             write_json(as_json, {"studies": studies})
         return
-    for path in (junit, report):
-        check_writable(path)
     folder = out or Path("results") / "studies" / (Path(name).stem if catalogue.is_file(name) else name)
     settings = dict(assignment(change) for change in changes)
     settings |= {key: value for key, value in (("cases", cases), ("entropy", entropy)) if value is not None}
@@ -111,7 +108,7 @@ def command(
     for message, count in outcome.warnings.items():
         click.echo(f"gyrocal: warning, {count} times: {message}", err=True)
     if report:
-        study_page.write(folder, report, made_of())
+        write_text(report, study_page.page(folder, made_of()))
     if as_json:
         failures = {str(case): error for case, error in outcome.failures.items()}
         about = {"study": name, "folder": str(folder), "cases": outcome.cases, "failures": failures}

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from functools import partial
-from html import escape
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gyrocal import CalibrationResult, GyroParameters, InputError, Recording
@@ -16,29 +14,16 @@ from gyrocal.calibration.problem import ROTATION_NAMES
 from gyrocal.calibration.remainder_processes import WITH_REMAINDER
 from studies.allan import report as allan_report
 from studies.allan.analysis import analyse
-from studies.montecarlo.files import write_text
 from studies.report import calibration as words
 from studies.report import tables
-from studies.report.html import Picture, bullets, document, heading, paragraph, shown, table_of
-from studies.report.made import Made
-from studies.report.panels import BLUE, DARK, GREY, RED, Line, Panel, curves, drawn, heat_map
+from studies.report.pages import Answer, Item, Made, Page, PageTable, Picture, Section
+from studies.report.panels import BLUE, GREY, RED, Line, curves, drawn, forest, heat_map
 
 UNITS = {"1": ("ppm", 1e6), "rad": ("µrad", 1e6), "deg/s": ("deg/h", 3600.0)}  # of a table's, what figures show
 TIGHT = 0.95  # correlation from which on two parameters are found together rather than each
 MOST_NAMES = 3
+FOREST_SIGMA = 3.0  # of the thin line
 WIDTH = 11.0
-
-
-def write(
-    result: CalibrationResult,
-    recording: Recording,
-    path: Path,
-    to_tolerance: bool = True,
-    truth: GyroParameters | None = None,
-    made: Made | None = None,
-) -> None:
-    """Write the page; what it takes is as of `page`."""
-    write_text(path, page(result, recording, to_tolerance, truth, made))
 
 
 def page(
@@ -59,28 +44,23 @@ def page(
     made : for the footer
     """
     kind, title = headline(result, to_tolerance)
-    items = "".join(f"<dt>{escape(question)}</dt><dd>{escape(answer)}</dd>" for question, answer in answers(result))
-    parts = [
-        paragraph(f"Calibration of {result.recording}", "quiet"),
-        f'<section class="answer {kind}" aria-label="The answer"><dl>{items}</dl></section>\n',
-        heading("Parameters"),
-        shown(Picture("forest", partial(forest, result), _forest_alt(result), FOREST)),
-        table_of(words.parameter_table(result, truth), None, NUMBERS),
-        heading("Residuals before and after"),
-        shown(Picture("residuals", partial(residual_figure, result), _residual_alt(result), RESIDUALS)),
-        heading("What the data determine"),
-        *_determined(result),
-        heading("Mounting of the gyro"),
-        bullets(result.mounting.sentences()),
-        heading("Noise of the samples"),
-        *_noise(recording),
-        heading("What speaks for and against it"),
-        bullets(words.remarks(result)),
+    caption = f"{FOREST} The sigmas are the nominal ones." if result.recommended == WITH_REMAINDER else FOREST
+    picture = Picture("forest", partial(draw_forest, result), _forest_alt(result), caption)
+    sections = [
+        Section("Parameters", [PageTable(words.parameter_table(result, truth), label="Parameters")]),
+        Section(
+            "Residuals before and after",
+            [Picture("residuals", partial(residual_figure, result), _residual_alt(result), RESIDUALS)],
+        ),
+        Section("What the data determine", _determined(result)),
+        Section("Mounting of the gyro", [result.mounting.sentences()]),
+        Section("Noise of the samples", _noise(recording)),
+        Section("What speaks for and against it", [words.remarks(result)]),
     ]
-    return document(title, parts, made, contents=True, short=f"Calibration of {result.recording}")
+    answer = Answer(kind, picture, most_changed(result), answers(result))
+    return Page(title, sections, answer, made, f"Calibration of {result.recording}").html()
 
 
-NUMBERS = ("initial", "calibrated", "sigma", words.SIGMA_WITH_REMAINDER, "correction", "in sigma", "error", "error in sigma")
 FOREST = (
     "Corrections to what the calibration started from, with one sigma (thick) and three (thin). Those whose thin line crosses "
     "zero are not told from no correction."
@@ -113,8 +93,8 @@ def headline(result: CalibrationResult, to_tolerance: bool) -> tuple[str, str]:
     return "", "The calibration fits: what is left is what the stated noise explains"
 
 
-def answers(result: CalibrationResult) -> list[tuple[str, str]]:
-    """(question, answer), in the order in which they are read."""
+def answers(result: CalibrationResult) -> dict[str, str]:
+    """Answers by question, in the order in which they are read."""
     table = _shown(result)
     most = table.loc[table["in_sigma"].abs().nlargest(MOST_NAMES).index]
     changes = "; ".join(
@@ -126,16 +106,29 @@ def answers(result: CalibrationResult) -> list[tuple[str, str]]:
         for unit, part in table.groupby("unit", sort=False)
     )
     residuals = "; ".join(f"{name} {before:.4f} to {after:.4f} deg" for name, (before, after) in _rms(result).items())
-    return [
-        *([("Is it plausible?", " ".join(result.warnings))] if result.warnings else []),
-        ("Can it be believed?", words.fit_remark(result)),
-        *([("Which sigmas hold?", " ".join(chosen))] if (chosen := words.recommendation(result)) else []),
-        ("What changed most?", f"{changes}."),
-        ("How well are they known?", f"One sigma: {sigmas}."),
-        ("What is left of the residuals (RMS)?", f"{residuals}."),
-        ("Is everything determined?", _observability(result)),
-        ("What to do next?", next_step(result)),
-    ]
+    lines = {
+        "Is it plausible?": " ".join(result.warnings),
+        "Can it be believed?": words.fit_remark(result),
+        "Which sigmas hold?": " ".join(words.recommendation(result)),
+        "What changed most?": f"{changes}.",
+        "How well are they known?": f"One sigma: {sigmas}.",
+        "What is left of the residuals (RMS)?": f"{residuals}.",
+        "Is everything determined?": _observability(result),
+        "What to do next?": next_step(result),
+    }
+    return {question: text for question, text in lines.items() if text}
+
+
+def most_changed(result: CalibrationResult) -> str:
+    """How many parameters change beyond doubt, and which most."""
+    table = _shown(result)
+    count = int((table["in_sigma"].abs() > FOREST_SIGMA).sum())
+    row = table.iloc[int(table["in_sigma"].abs().to_numpy().argmax())]
+    which = "nominal sigmas, which are too small here" if result.recommended == WITH_REMAINDER else "sigmas"
+    return (
+        f"{count} of {len(table)} parameters change by more than three {which}; most of all {row['parameter']} by "
+        f"{_short(row['correction'], '+')} {row['unit']} ({abs(row['in_sigma']):.0f} sigma)."
+    )
 
 
 def _observability(result: CalibrationResult) -> str:
@@ -204,22 +197,14 @@ def _shown(result: CalibrationResult) -> pd.DataFrame:
 # ---- figures -------------------------------------------------------------------------------------------------------------
 
 
-def forest(result: CalibrationResult) -> Figure:
+def draw_forest(result: CalibrationResult) -> Figure:
     """Corrections with their sigmas, a line a parameter, a panel a unit."""
     groups = list(_shown(result).groupby("unit", sort=False))
-    made = [_forest_panel(str(unit), part) for unit, part in groups]
-    return drawn(*made, size=(WIDTH, 0.3 * max(len(part) for _, part in groups) + 1.0))
-
-
-def _forest_panel(unit: str, part: pd.DataFrame) -> Panel:
-    def draw(axes: Axes) -> None:
-        rows, value, sigma = np.arange(len(part)), part["correction"], part["sigma"]
-        axes.errorbar(value, rows, xerr=3 * sigma, fmt="none", ecolor=DARK, elinewidth=0.8, capsize=2)
-        axes.errorbar(value, rows, xerr=sigma, fmt="o", color=BLUE, elinewidth=3, markersize=4)
-        axes.axvline(0, color="0.4", linewidth=0.8)
-        axes.margins(x=0.08)
-
-    return Panel(draw, x=f"correction ({unit})", rows=list(part["parameter"]))
+    made = []
+    for unit, part in groups:
+        names, sigma = list(part["parameter"]), part["sigma"]
+        made.append(forest(names, part["correction"], FOREST_SIGMA * sigma, sigma, at=[0], x=f"correction ({unit})"))
+    return drawn(*made, size=(8.5, 0.3 * max(len(part) for _, part in groups) + 1.0))
 
 
 def residual_figure(result: CalibrationResult) -> Figure:
@@ -262,51 +247,43 @@ def _tight(result: CalibrationResult) -> list[tuple[str, str]]:
     return [(a, b) for share, a, b in _pairs(result) if share > TIGHT]
 
 
-def _determined(result: CalibrationResult) -> list[str]:
+def _determined(result: CalibrationResult) -> list[Item]:
     values, found = result.observability.singular_values, correlations(result)
     strongest = "".join(f" The strongest is {share:.2f}, of {a} and {b}." for share, a, b in _pairs(result)[:1])
-
-    def spectrum() -> Figure:
-        line = Line(np.arange(1, values.size + 1), np.maximum(values, 1e-3), "", BLUE, "o-")
-        return drawn(
-            curves(
-                [line], log="y", levels=[1.0], x="combination", y="plausible range over sigma", ticks=range(1, values.size + 1)
-            ),
-            size=(WIDTH / 2, 3.2),
-        )
-
     return [
-        paragraph(_observability(result)),
-        shown(
-            Picture(
-                "observability",
-                spectrum,
-                f"{values.size} combinations of the parameters by how well the data determine them, from {values[0]:.3g} to "
-                f"{values[-1]:.3g} times their plausible range.",
-                "How many times better than its plausible range each combination is known; below the dashed line the data say "
-                "nothing new.",
-            )
+        _observability(result),
+        Picture(
+            "observability",
+            partial(_spectrum, values),
+            f"{values.size} combinations of the parameters by how well the data determine them, from {values[0]:.3g} to "
+            f"{values[-1]:.3g} times their plausible range.",
+            "How many times better than its plausible range each combination is known; below the dashed line the data say "
+            "nothing new.",
         ),
-        shown(
-            Picture(
-                "correlations",
-                lambda: drawn(heat_map(found.round(1) + 0.0, "{:.1f}"), size=(7.5, 5.6)),
-                f"Map of the correlations of {len(found)} parameters.{strongest}",
-                "Correlation of each two parameters. Near ±1 only a combination of the two is known well.",
-            )
+        Picture(
+            "correlations",
+            lambda: drawn(heat_map(found.round(1) + 0.0, "{:.1f}"), size=(7.5, 5.6)),
+            f"Map of the correlations of {len(found)} parameters.{strongest}",
+            "Correlation of each two parameters. Near ±1 only a combination of the two is known well.",
         ),
     ]
 
 
-def _noise(recording: Recording) -> list[str]:
+def _spectrum(values: np.ndarray) -> Figure:
+    line = Line(np.arange(1, values.size + 1), np.maximum(values, 1e-3), "", BLUE, "o-")
+    axes: dict[str, Any] = {"x": "combination", "y": "plausible range over sigma", "ticks": range(1, values.size + 1)}
+    return drawn(curves([line], log="y", levels=[1.0], **axes), size=(WIDTH / 2, 3.2))
+
+
+def _noise(recording: Recording) -> list[Item]:
     try:
         found = analyse(recording)
     except InputError as error:
-        return [paragraph(f"No Allan deviation: {error}")]
+        return [f"No Allan deviation: {error}"]
     terms = allan_report.terms_table(found)
     seen = [not str(value).startswith("not seen") for value in terms["value"]]
     picture = Picture("allan", partial(allan_report.figure, found), allan_report.alt(found), allan_report.CAPTION)
-    return [bullets(allan_report.remarks(found)), shown(picture), table_of(terms, seen, ["value", "sigma"])]
+    return [allan_report.remarks(found), picture, PageTable(terms, seen, "Noise terms")]
 
 
 def _forest_alt(result: CalibrationResult) -> str:

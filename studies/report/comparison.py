@@ -1,9 +1,5 @@
 """A comparison for people: in the terminal, and as one HTML page that needs no network."""
 
-from collections.abc import Callable
-from html import escape
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -12,9 +8,8 @@ from rich.console import Console
 
 from studies.compare.compare import Comparison, Standing
 from studies.compare.gap import Gap
-from studies.montecarlo.files import write_text
-from studies.report import html, tables
-from studies.report.made import Made
+from studies.report import tables
+from studies.report.pages import Answer, Made, Page, PageTable, Picture, Section
 from studies.report.panels import GREY, RED, TEAL, Panel, drawn
 
 MOST = 12  # statistics of a scenario that the terminal shows
@@ -111,55 +106,44 @@ def kind(comparison: Comparison) -> str:
     return "open" if (judged["z"].abs() > EXTREME_Z).any() else ""
 
 
-def write(comparison: Comparison, path: Path, made: Made | None = None) -> None:
-    """Write the page, with how it was made."""
-    title = f"{comparison.recording} beside its scenarios"
-    lines = "".join(html.paragraph(line) for line in sentences(comparison))
-    table = gaps(comparison)
-    parts = [
-        f'<section class="answer {kind(comparison)}" aria-label="The answer">{lines}</section>',
-        html.heading("The gap"),
-        html.paragraph(f"{HOW} {comparison.runs} flights of each scenario, seed {comparison.seed}; intervals of 90 %."),
-        html.table_of(table, pd.Series(False, index=table.index), []),
-        html.heading("Where the recording stands"),
-        html.paragraph(WHERE),
-        html.shown(
-            html.Picture(
-                "standing",
-                _figure(comparison),
-                "Distance of every statistic of the recording from the mean of the flights, by scenario.",
-                "A dot is a statistic; if the scenario is right, 95 % are within two.",
-            )
-        ),
-    ]
+def page(comparison: Comparison, made: Made | None = None) -> str:
+    """The whole page, with how it was made."""
+    picture = Picture(
+        "standing",
+        lambda: draw_standings(comparison),
+        "Distance of every statistic of the recording from the mean of the flights, by scenario.",
+        "A dot is a statistic; if the scenario is right, 95 % are within two.",
+    )
+    said = sentences(comparison)
+    about = f"{HOW} {comparison.runs} flights of each scenario, seed {comparison.seed}; intervals of 90 %."
+    sections = [Section("", said[1:]), Section("The gap", [about, PageTable(gaps(comparison), label="The gap")])]
+    sections.append(Section("Where the recording stands", [WHERE]))
     for standing in comparison.standings:
         shown = statistics(standing)
-        strong = pd.Series([abs(float(z)) > EXTREME_Z for z in shown["z"]])
-        parts += [
-            f"<h3>Under <code>{escape(standing.name)}</code>: {escape(standing.title)}</h3>",
-            html.table_of(shown, strong, ["recording", "flights, 5 to 95 %", "percentile", "z"]),
-        ]
-    write_text(path, html.document(title, parts, made))
+        strong = [abs(float(z)) > EXTREME_Z for z in shown["z"]]
+        title = f"Under {standing.name}: {standing.title}"
+        sections.append(Section(title, [PageTable(shown, strong, title)], 3))
+    answer = Answer(kind(comparison), picture, said[0])
+    return Page(f"{comparison.recording} beside its scenarios", sections, answer, made).html()
 
 
-def _figure(comparison: Comparison) -> Callable[[], Figure]:
-    def panel(standing: Standing) -> Panel:
-        judged = standing.statistics[standing.statistics["judged"]]
-        kinds = list(dict.fromkeys(judged["statistic"]))
+def draw_standings(comparison: Comparison) -> Figure:
+    """Draw the distance of each statistic from the mean of the flights, a panel a scenario."""
+    panels = [_panel(standing) for standing in comparison.standings]
+    return drawn(*panels, size=(8, 2.6 * len(panels)), columns=1)
 
-        def draw(axes: Axes) -> None:
-            rows = [kinds.index(kind) for kind in judged["statistic"]]
-            z = judged["z"].to_numpy()
-            axes.axvspan(-2, 2, color=GREY, alpha=0.2, linewidth=0)
-            axes.scatter(z, rows, s=12, c=np.where(np.abs(z) > EXTREME_Z, RED, TEAL))
 
-        return Panel(draw, standing.name, "z of the recording among the flights", rows=kinds)
+def _panel(standing: Standing) -> Panel:
+    judged = standing.statistics[standing.statistics["judged"]]
+    kinds = list(dict.fromkeys(judged["statistic"]))
 
-    def make() -> Figure:
-        panels = [panel(standing) for standing in comparison.standings]
-        return drawn(*panels, size=(10, 2.6 * len(panels)), columns=1)
+    def draw(axes: Axes) -> None:
+        rows = [kinds.index(kind) for kind in judged["statistic"]]
+        z = judged["z"].to_numpy()
+        axes.axvspan(-2, 2, color=GREY, alpha=0.2, linewidth=0)
+        axes.scatter(z, rows, s=12, c=np.where(np.abs(z) > EXTREME_Z, RED, TEAL))
 
-    return make
+    return Panel(draw, standing.name, "z of the recording among the flights", rows=kinds)
 
 
 def _with(value: float, interval: tuple[float, float]) -> str:

@@ -1,12 +1,11 @@
-"""The terminal: the console for tables; progress with rate and, where it is known, time left; elsewhere one line a minute."""
+"""The terminal: the console for tables; progress with rate and time left, or by stages; elsewhere one line a minute."""
 
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from datetime import timedelta
 
-import numpy as np
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import (
     BarColumn,
@@ -14,8 +13,10 @@ from rich.progress import (
     Progress,
     ProgressColumn,
     Task,
+    TaskProgressColumn,
     TextColumn,
     TimeElapsedColumn,
+    TimeRemainingColumn,
 )
 from rich.segment import Segment
 from rich.text import Text
@@ -24,7 +25,6 @@ from studies.report.printable import CONTROL
 
 LINE_EVERY_S = 60.0
 MISSING = "\ufffd"
-FEWEST_LOTS = 8  # before the time left is said
 WIDTH = 200  # without a terminal there is none to fold tables to: wide enough for the widest
 
 
@@ -52,88 +52,60 @@ class _Rate(ProgressColumn):
         return Text(f"{task.speed:.1f}/s" if task.speed else "")
 
 
-class Pace:
-    """How long the rest will take, if that can be said within a factor of two.
-
-    Of the times t_k that m lots of n_k pieces take, the mean per piece is r = Σt/Σn, and s² = Σ(t_k − r n_k)²/(m − 1) the
-    variance of a lot's time. Of l lots more, the relative error of r is s/(√m n r), n being the mean lot, and that of what they
-    scatter themselves s/(√l n r). Nothing is said unless both together are below a fifth, or while one half of the lots went
-    twice as fast as the other. The first lot holds the start of the workers and is left out.
-    """
-
-    def __init__(self) -> None:
-        self.lots: list[tuple[float, int]] = []
-        self.last: float | None = None
-
-    def tell(self, count: int, now: float) -> None:
-        """So many more are done at a time, s."""
-        if self.last is not None:
-            self.lots.append((now - self.last, count))
-        self.last = now
-
-    def left_s(self, remaining: int) -> float | None:
-        """Time for the remaining ones, s; None if it cannot be said."""
-        if len(self.lots) < FEWEST_LOTS:
-            return None
-        time_s, count = np.array(self.lots, dtype=float).T
-        each, lots = time_s.sum() / count.sum(), len(count)
-        scatter = ((time_s - each * count) ** 2).sum() / (lots - 1)
-        error = np.sqrt(scatter * (1 / lots + count.mean() / max(remaining, 1))) / count.mean()
-        first, second = (time_s[half].sum() / count[half].sum() for half in (slice(lots // 2), slice(lots // 2, None)))
-        known = each > 0 and error <= each / 5 and first <= 2 * second and second <= 2 * first
-        return float(remaining * each) if known else None
-
-
-class _Left(ProgressColumn):
-    """Time left, while it can be said."""
-
-    def __init__(self, pace: Pace) -> None:
-        super().__init__()
-        self.pace = pace
-
-    def render(self, task: Task) -> Text:
-        """Text of the column."""
-        left = self.pace.left_s(int(task.remaining or 0))
-        return Text("" if left is None else f"{timedelta(seconds=round(left))} left")
-
-
 @contextmanager
 def progress(label: str, total: int, quiet: bool = False) -> Iterator[Callable[[int], None]]:
     """Show progress on standard error, as a bar on a terminal, elsewhere as a line a minute.
 
     Yields a function that is told how many more are done.
     """
-    output, pace = Console(stderr=True, quiet=quiet), Pace()
-    if output.is_terminal:
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            _Rate(),
-            TimeElapsedColumn(),
-            _Left(pace),
-        )
-        with Progress(*columns, console=output, transient=True) as bar:
-            task = bar.add_task(label, total=total)
+    output = Console(stderr=True, quiet=quiet)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Rate())
+    clock, last = time.monotonic, time.monotonic()
+    bar = Progress(
+        *columns,
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=output,
+        transient=True,
+        disable=not output.is_terminal,
+        get_time=clock,
+        speed_estimate_period=10 * LINE_EVERY_S,
+    )
+    with bar:
+        task = bar.add_task(label, total=total)
 
-            def moved(count: int) -> None:
-                pace.tell(count, time.monotonic())
-                bar.advance(task, count)
+        def advance(count: int) -> None:
+            nonlocal last
+            bar.advance(task, count)
+            if output.is_terminal or clock() - last < LINE_EVERY_S:
+                return
+            last, known = clock(), bar.tasks[0]
+            left = "" if known.time_remaining is None else f", {known.time_remaining:.0f} s left"
+            rate = known.completed / (known.elapsed or math.inf)
+            output.print(f"{label}: {known.completed:.0f}/{total}, {rate:.1f}/s{left}", highlight=False)
 
-            yield moved
-        return
-    start = last = time.monotonic()
-    done = 0
+        yield advance
 
-    def advance(count: int) -> None:
-        nonlocal last, done
-        done += count
-        now = time.monotonic()
-        pace.tell(count, now)
-        if now - last >= LINE_EVERY_S:
-            last = now
-            left = pace.left_s(total - done)
-            rest = "" if left is None else f", {left:.0f} s left"
-            output.print(f"{label}: {done}/{total}, {done / (now - start):.1f}/s{rest}", highlight=False)
 
-    yield advance
+@contextmanager
+def stages(command: str, every_s: float | None = None) -> Iterator[Callable[[str, float], None]]:
+    """Show the stages of a command on standard error: a bar on a terminal; elsewhere a line every so many s, or for each stage.
+
+    Yields a function that is told where the work is, "stage: detail", and which share of it is done.
+    """
+    output = Console(stderr=True)
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    last, told = time.monotonic(), ""
+    with Progress(*columns, console=output, transient=True, disable=not output.is_terminal) as bar:
+        task = bar.add_task("", total=1.0)
+
+        def tell(text: str, share: float) -> None:
+            nonlocal last, told
+            bar.update(task, description=text, completed=share)
+            line = text if every_s is not None else text.split(":")[0]
+            is_due = line != told if every_s is None else time.monotonic() - last >= every_s
+            if is_due and not output.is_terminal:
+                last, told = time.monotonic(), line
+                output.print(f"{command}: {line}, {100 * share:.0f} % done", highlight=False, markup=False)
+
+        yield tell

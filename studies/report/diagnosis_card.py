@@ -13,7 +13,7 @@ from importlib import resources
 
 import pandas as pd
 
-from diagnosis.answer import Cause, Closure, Finding
+from diagnosis.answer import Cause, Finding
 from diagnosis.budget import Step
 from diagnosis.inference.attribution import REMAINDER
 from diagnosis.result import Diagnosis
@@ -37,13 +37,11 @@ class Card:
     ----------
     headline : the answer in a sentence
     lines : (question, answer), in the order in which they are read
-    closure : the bar under the answers; None without one
-    budget : steps of the gap budget, drawn in the place of the bar
+    budget : steps of the gap budget, drawn under the answers
     """
 
     headline: str
     lines: tuple[tuple[str, str], ...]
-    closure: Closure | None
     budget: tuple[Step, ...] = ()
 
 
@@ -69,7 +67,7 @@ def card(diagnosis: Diagnosis, orbit_s: float = math.nan, next_flight: str = "")
     if diagnosis.verdict != "none":
         lines.append(("What to fly next?", next_flight or flights.sentence(diagnosis)))
     lines.append(("What can it not tell?", _limits(diagnosis)))
-    return Card(headline(diagnosis), tuple(lines), diagnosis.closure, diagnosis.budget)
+    return Card(headline(diagnosis), tuple(lines), diagnosis.budget)
 
 
 # ---- sentences -----------------------------------------------------------------------------------------------------------

@@ -238,10 +238,15 @@ def closed_in_short(diagnosis: Diagnosis) -> str:
 
 def _share_closed(found: Closure) -> str:
     """The share: all or none of it where it is beyond that; "" if the held-out gap is as small as its measure's scatter."""
-    low, high = found.interval_90
-    if high - low > WIDEST_SHARE:
+    if not is_measured(found):
         return ""
     return "All" if found.closed >= ALL else "None" if found.closed <= 0 else f"{100 * found.closed:.0f} %"
+
+
+def is_measured(found: Closure) -> bool:
+    """Whether the held-out data show enough of the gap to measure its share."""
+    low, high = found.interval_90
+    return high - low <= WIDEST_SHARE
 
 
 def no_closure(diagnosis: Diagnosis) -> str:

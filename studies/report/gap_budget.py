@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
+from functools import partial
 from itertools import pairwise
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -16,10 +15,10 @@ from diagnosis.budget import Step
 from diagnosis.result import Diagnosis
 from studies.report import diagnosis_words as words
 from studies.report import panels
-from studies.report.panels import STYLE
 
-WIDTH = 11.0  # inches
+WIDTH = 8.5  # inches
 ROW = 0.32  # inches of a row
+SIGMAS_90 = 1.645  # half the width of a 90 % interval
 HETEROGENEOUS = 0.01  # p-value below which the sizes by part do not agree
 SIDES = {
     "gyro": "the gyro",
@@ -36,6 +35,20 @@ def name_step(step: Step) -> str:
         "remainder": "remainder: not explained",
         "floor": "floor: stated noise alone",
     }.get(step.step, f"with {step.step}")
+
+
+def summarise(diagnosis: Diagnosis) -> str:
+    """Summarise the budget in a sentence; without one, the test of the baseline."""
+    left = [step.closed for step in diagnosis.budget if step.step == "remainder"]
+    if not left or left[0] is None:
+        return words.gap(diagnosis)
+    if not diagnosis.causes:
+        return "No cause is identified, so nothing closes the misfit on held-out data."
+    if diagnosis.closure is not None and not words.is_measured(diagnosis.closure):
+        return f"{words.TOO_LITTLE}."
+    left_over = min(max(100 * left[0], 0.0), 100.0)
+    causes = "this cause closes" if len(diagnosis.causes) == 1 else f"these {len(diagnosis.causes)} causes close"
+    return f"In the model, {causes} {100 - left_over:.0f} % of the misfit on held-out data; {left_over:.0f} % is not explained."
 
 
 def describe(diagnosis: Diagnosis) -> Iterator[str]:
@@ -103,16 +116,18 @@ def _by_axis(values: tuple[float, ...]) -> str:
 def draw_waterfall(budget: tuple[Step, ...]) -> Figure:
     """Draw the waterfall, and beside it the sizes of the causes by part of the recording."""
     causes = [step for step in budget if len(step.by_part) > 1]
-    with mpl.rc_context(STYLE):
-        rows = max(len(budget), *(len(one.by_part) + 1 for one in causes), 4)
-        height = ROW * rows + 1.2
-        figure = Figure(figsize=(WIDTH, height), layout="constrained")
-        axes = figure.subplots(1, 1 + len(causes), width_ratios=[2.2, *[1.0] * len(causes)], squeeze=False)[0]
-        draw_steps(axes[0], budget)
-        for number, (on, step) in enumerate(zip(axes[1:], causes, strict=True)):
-            same = number > 0 and [one.part for one in step.by_part] == [one.part for one in causes[number - 1].by_part]
-            _draw_parts(on, step, named=not same)
-    return figure
+    rows = max(len(budget), *(len(one.by_part) + 1 for one in causes), 4)
+    waterfall = panels.Panel(partial(draw_steps, budget=budget))
+    widths = [2.2, *[1.0] * len(causes)]
+    return panels.drawn(waterfall, *map(_size_by_part, causes), size=(WIDTH, ROW * rows + 1.2), widths=widths)
+
+
+def _size_by_part(step: Step) -> panels.Panel:
+    """Sizes of one cause by part with 90 % bars, and its size over all parts as a band."""
+    sizes, sigmas = (np.array([getattr(one, name) for one in step.by_part]) for name in ("size", "sigma"))
+    band = None if step.size is None or step.sigma is None else (step.size - step.sigma, step.size + step.sigma)
+    names = [one.part for one in step.by_part]
+    return panels.forest(names, sizes, SIGMAS_90 * sigmas, band=band, at=[0.0], title=step.step, x=step.unit or "")
 
 
 def draw_steps(on: Axes, budget: tuple[Step, ...]) -> None:
@@ -138,27 +153,3 @@ def format_share(share: float, interval: tuple[float, float]) -> str:
     """Format a share with its interval in percent."""
     low, high = (100 * value for value in interval)
     return f"{100 * share:.0f} % ({low:.0f} to {high:.0f})"
-
-
-def _draw_parts(on: Axes, step: Step, named: bool) -> None:
-    """Draw the sizes of one cause with 90 % bars; `named` puts the names of the parts beside them."""
-    sizes, sigmas = (np.array([getattr(one, name) for one in step.by_part]) for name in ("size", "sigma"))
-    rows = np.arange(len(sizes))
-    scale, prefix = _scale(float(np.abs(sizes).max()))
-    on.errorbar(sizes / scale, rows, xerr=1.645 * sigmas / scale, fmt="o", color=panels.BLUE, capsize=2, markersize=4)
-    if step.size is not None and step.sigma is not None:
-        on.axvspan((step.size - step.sigma) / scale, (step.size + step.sigma) / scale, color=panels.BLUE, alpha=0.2, lw=0)
-        on.axvline(step.size / scale, color=panels.BLUE, lw=1)
-    on.axvline(0.0, color="0.5", lw=0.8, ls=":")
-    on.set_yticks(rows, [one.part if named else "" for one in step.by_part], fontsize=7)
-    on.invert_yaxis()
-    on.set_title(step.step, fontsize=9)
-    on.set_xlabel(f"{prefix}{step.unit}", fontsize=8)
-
-
-def _scale(largest: float) -> tuple[float, str]:
-    """Power of ten in front of the unit, so that ticks are short."""
-    if not largest > 0 or 1e-2 <= largest < 1e5:
-        return 1.0, ""
-    power = 3 * math.floor(math.log10(largest) / 3)
-    return 10.0**power, f"1e{power} "

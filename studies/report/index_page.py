@@ -1,27 +1,27 @@
 """The page of a reproduction: do simulation and flight agree, where not, by which cause, how sure that is, how far the gap
 shrinks, and what would be next; then every claim of both papers, every table and figure, the first-sight exams of the
-diagnosis, and the studies, each with what makes it again.
+diagnosis, and the studies, each with its command, commit and hash.
 
-The page is made of the folders of results alone, so that it says what they hold; figures are taken in as they are there.
+The page is made of the folders of results alone; figures are taken in as they are there.
 """
 
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Collection, Mapping, Sequence
-from html import escape
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from markupsafe import Markup
+from matplotlib.figure import Figure
 
-from studies.montecarlo.files import write_text
 from studies.natanson.claims import CLAIMS as NATANSON
-from studies.report import committed, html, markdown
+from studies.report import committed
 from studies.report.claims import Claim, Found, Judged, judged
-from studies.report.html import Html, folded, heading, paragraph, slug, table_of
-from studies.report.made import Made
+from studies.report.pages import Answer, Item, Made, Page, PageTable, Picture, Section, slug
+from studies.report.panels import COLOURS, GREY, Line, curves, drawn, forest
 from studies.report.source import Source
 from studies.report.tables import NO_VALUE
 from studies.robertson.claims import CLAIMS as ROBERTSON
@@ -31,7 +31,7 @@ PAPERS = {
     "natanson": ("N: Natanson (1998), the gyro calibration", "tables.md", NATANSON),
     "robertson": ("R: Robertson et al. (1999), the Mission Mode", "report.md", ROBERTSON),
 }
-KINDS = {"agrees": "good", "the paper slips": "bad", "open": "open"}
+KINDS = {"agrees": "good", "the paper slips": "bad", "open": "unsure"}
 FAR = 3.0  # sigma
 FIRST = ("flight_gap.svg", "ladder.svg")  # figures that a paper's part begins with
 WORTH = 0.5  # probability from which on a cause is named in the answer
@@ -39,44 +39,72 @@ AGREE = 1.1  # factor between simulated and flown numbers that agree
 PERIOD_WORDS = {"precalibration": "before any upload", "calibration1": "with the alignment", "postcalibration": "calibrated"}
 
 
-def write(path: Path, folders: Mapping[str, Path], studies: Path, made: Made) -> None:
-    """Write the page.
+def page(folders: Mapping[str, Path], studies: Path, made: Made | None = None) -> str:
+    """The whole page; a paper without results is left out.
 
     Parameters
     ----------
-    path : of the page
     folders : of both papers' results, by name
     studies : folder of the studies' results
     made : for the footer
     """
-    write_text(path, page(folders, studies, made))
-
-
-def page(folders: Mapping[str, Path], studies: Path, made: Made | None = None) -> str:
-    """The whole page; a paper without results is left out."""
     found = {name: Found(results, studies) for name, folder in folders.items() if (results := committed.read(folder))}
     claims = {name: judged(PAPERS[name][2], one) for name, one in found.items()}
-    evidence = "".join(_paper(name, Source.of(one.results.folder)) for name, one in found.items())
-    evidence += _exams() + _studies(studies)
-    there = set(re.findall(r'\bid="([^"]+)"', evidence))
-    return html.document(TITLE, [_answers(found, claims), _claims(claims, there), evidence], made, contents=True)
+    evidence = [section for name, one in found.items() for section in _paper(name, Source.of(one.results.folder))]
+    evidence += [*_exams(), *_studies(studies)]
+    answers = [_answers(name, one, claims[name]) for name, one in found.items()]
+    sections = [*answers, *_claims(claims, {one.name for one in evidence}), *evidence]
+    return Page(TITLE, sections, _first_screen(found), made).html()
 
 
 # ---- the first screen ----------------------------------------------------------------------------------------------------
 
 
-def _answers(found: Mapping[str, Found], claims: Mapping[str, Sequence[Judged]]) -> str:
+def _first_screen(found: Mapping[str, Found]) -> Answer | None:
+    """Simulated against flown numbers of both papers; none if a run has not flown both."""
+    try:
+        gap, rungs = found["natanson"].table("flight_gap"), found["robertson"].table("ladder")
+        clean, rms = (found["natanson"][name] for name in ("clean_gap_rms_deg.assumed", "flight_gap_rms_deg.flight_rms"))
+    except KeyError:
+        return None
+    first, last = rungs["factor_unfitted"].iloc[[0, -1]]
+    picture = Picture(
+        "agreement",
+        partial(draw_agreement, gap, rungs),
+        f"Left: 18 simulated attitude residuals against the flown ones, near the line of slope 1. Right: the factor between "
+        f"simulated and flown numbers of the Mission Mode, from {first:.2f} to {last:.2f}.",
+        "Left: N's residuals before calibration, a mark an interval; on the line simulation and flight agree. Right: R's "
+        "Mission Mode, the RMS factor of the numbers that no size was fitted on; each effect is put in after those above it, "
+        "bars are 16 to 84 % over time windows drawn anew, and 1 is agreement.",
+    )
+    sentence = (
+        f"With the flight's own G and b, which is circular, the simulator predicts N's 18 differences of flown residuals, "
+        f"{rms:.3f} deg RMS, to {clean:.4f} deg; it predicts R's numbers that no size was fitted on to a factor of {last:.2f}."
+    )
+    return Answer("open", picture, sentence)
+
+
+def draw_agreement(gap: pd.DataFrame, rungs: pd.DataFrame) -> Figure:
+    """Draw N's residuals, simulated against flown, and the ladder of R's effects."""
+    ends = [gap["flight_deg"].min(), gap["flight_deg"].max()]
+    marks = zip(gap.groupby("axis", sort=False), COLOURS.values(), "os^", strict=True)
+    lines = [Line(ends, ends, "", GREY, "-")]
+    lines += [Line(part["flight_deg"], part["predicted_deg"], str(axis), colour, mark) for (axis, part), colour, mark in marks]
+    left = curves(lines, title="N: residuals before calibration", x="flown (deg)", y="simulated (deg)", legend="upper left")
+    ranges = [(rungs["factor_unfitted"] - rungs[f"factor_unfitted_{end}"]).abs() for end in ("low", "high")]
+    names = [_plain(str(name)) for name in rungs["effect"]]
+    title = "R: simulated over flown numbers"
+    right = forest(names, rungs["factor_unfitted"], ranges, at=[1.0], title=title, x="RMS factor")
+    return drawn(left, right, size=(8.0, 4.0))
+
+
+def _answers(name: str, found: Found, claims: Sequence[Judged]) -> Section:
     """Do they agree, where not, by which cause, how sure is it, how far does the gap shrink, and what would be next."""
-    cards = []
-    for name, make in (("natanson", _natanson), ("robertson", _robertson)):
-        if name in found:
-            try:
-                kind, lines = make(found[name], claims[name])
-            except (KeyError, IndexError):
-                kind, lines = "open", {"Do they agree?": "This run did not fly what it takes to say."}
-            items = "".join(f"<dt>{escape(question)}</dt><dd>{escape(text)}</dd>" for question, text in lines.items())
-            cards.append(f'<div class="answer {kind}"><p class="verdict">{escape(PAPERS[name][0])}</p><dl>{items}</dl></div>')
-    return f'<section aria-label="The answer"><div class="cards">{"".join(cards)}</div></section>\n'
+    try:
+        lines = _natanson(found, claims) if name == "natanson" else _robertson(found, claims)
+    except (KeyError, IndexError):
+        lines = {"Do they agree?": "This run did not fly what it takes to say."}
+    return Section(f"Answers for {name.capitalize()}", [lines])
 
 
 def _counts(claims: Sequence[Judged]) -> str:
@@ -87,7 +115,7 @@ def _counts(claims: Sequence[Judged]) -> str:
     )
 
 
-def _natanson(found: Found, claims: Sequence[Judged]) -> tuple[str, dict[str, str]]:
+def _natanson(found: Found, claims: Sequence[Judged]) -> dict[str, str]:
     clean, rms = found["clean_gap_rms_deg.assumed"], found["flight_gap_rms_deg.flight_rms"]
 
     def scan(name: str) -> Any:
@@ -98,7 +126,7 @@ def _natanson(found: Found, claims: Sequence[Judged]) -> tuple[str, dict[str, st
     first = "The motion does, the calibration is put in" if agree else "No"
     slips = [one.claim.about or one.claim.where for one in claims if one.verdict == "the paper slips"]
     slipped = f"Where the paper slips: {'; '.join(slips)}." if slips else ""
-    return ("" if agree else "gap"), {
+    return {
         "Do simulation and flight agree?": f"{first}: with the flight's own published G and b as truth, which is circular, the "
         f"18 differences between flown residuals before and after calibration, {rms:.3f} deg RMS, are predicted to {clean:.4f} "
         f"deg. {_counts(claims)}",
@@ -122,7 +150,7 @@ def _most(gap: pd.DataFrame) -> str:
     return " and ".join(f"interval {one.interval}, {one.axis}, by {one.clean_gap_deg:+.4f} deg" for one in worst.itertuples())
 
 
-def _robertson(found: Found, claims: Sequence[Judged]) -> tuple[str, dict[str, str]]:
+def _robertson(found: Found, claims: Sequence[Judged]) -> dict[str, str]:
     rungs, left = found.table("ladder"), found.table("diagnosis_left")
     first, last = rungs.iloc[0], rungs.iloc[-1]
     far = left[left["left_sigmas"].abs() > FAR]
@@ -133,7 +161,7 @@ def _robertson(found: Found, claims: Sequence[Judged]) -> tuple[str, dict[str, s
     where = ", ".join(f"{_plain(str(one.number))} by {one.left_sigmas:+.1f} sigma" for one in far.itertuples())
     names = " and ".join(_plain(str(one)) for one in far["number"])
     agree = last["factor_unfitted_low"] < AGREE
-    return ("" if agree else "gap"), {
+    return {
         "Do simulation and flight agree?": f"{'Yes' if agree else 'In part'}: R Table 3's 18 numbers differ by a factor of "
         f"{first['factor_18']:.2f} as landed. {_counts(claims)}",
         "Where not?": f"With what is found put in: {where}." if where else "Nowhere by more than three sigma.",
@@ -157,29 +185,27 @@ def _plain(name: str) -> str:
 # ---- claims and evidence -------------------------------------------------------------------------------------------------
 
 
-def _claims(claims: Mapping[str, Sequence[Judged]], there: Collection[str]) -> str:
-    """A row a claim; its evidence is linked if it is among what is there."""
-    parts = [heading("Every claim of both papers")] if claims else []
+def _claims(claims: Mapping[str, Sequence[Judged]], there: Collection[str]) -> Iterator[Section]:
+    """A row a claim; its evidence is linked if it is among the sections of the page."""
+    if claims:
+        yield Section("Every claim of both papers", [])
     for name, found in claims.items():
         rows = pd.DataFrame(
             {
                 "where": [one.claim.where for one in found],
                 "the paper says": [one.claim.text for one in found],
-                "verdict": [Html(f'<span class="word {KINDS[one.verdict]}">{one.verdict}</span>') for one in found],
+                "verdict": [Markup('<span class="{}">{}</span>').format(KINDS[one.verdict], one.verdict) for one in found],
                 "found": [one.found for one in found],
-                "evidence": [_link(anchor(name, one.claim), one.claim, there) for one in found],
+                "evidence": [_link(anchor(name, one.claim), there) for one in found],
             },
             dtype=object,
         )
-        parts += [f"<h3>{escape(PAPERS[name][0])}</h3>\n", paragraph(_counts(found))]
-        parts.append(table_of(rows, label=f"Claims of {PAPERS[name][0]}"))
-    return "".join(parts)
+        title = f"Claims of {PAPERS[name][0]}"
+        yield Section(title, [_counts(found), PageTable(rows, label=title)], 3)
 
 
-def _link(target: str, claim: Claim, there: Collection[str]) -> Html:
-    if target not in there:
-        return Html(NO_VALUE)
-    return Html(f'<a href="#{target}">see<span class="sr"> {escape(claim.where)}</span></a>')
+def _link(target: str, there: Collection[str]) -> str:
+    return Markup('<a href="#{}">see</a>').format(target) if target in there else NO_VALUE
 
 
 def anchor(paper: str, claim: Claim) -> str:
@@ -187,25 +213,17 @@ def anchor(paper: str, claim: Claim) -> str:
     return slug(claim.evidence) if claim.evidence.startswith("Study ") else f"{paper}-{slug(claim.evidence)}"
 
 
-def _paper(name: str, source: Source) -> str:
+def _paper(name: str, source: Source) -> Iterator[Section]:
     """Every figure and table of a paper's reproduction."""
     title, file, _ = PAPERS[name]
-    text = (source.folder / file).read_text(encoding="utf-8") if (source.folder / file).is_file() else ""
-    drawn: dict[str, str] = {}
-
-    def image(path: str, alt: str) -> str:
-        drawn[path] = alt
-        return source.figure(path, alt)
-
-    bodies = []
-    for section in markdown.sections(text):
-        own = f"{name}-{slug(section.title)}"
-        body = markdown.rendered(section, image)
-        bodies.append(f'<h3 id="{own}">{escape(section.title)}</h3>\n{body}' if section.title else body)
-    others = [path.name for path in sorted(source.folder.glob("*.svg")) if path.name not in drawn]
+    sections = list(source.sections(file, 3, lambda section: f"{name}-{slug(section)}"))
+    shown = {one.name for section in sections for one in section.items if isinstance(one, Picture)}
+    others = [path.name for path in sorted(source.folder.glob("*.svg")) if f"{source.folder.name}-{path.stem}" not in shown]
     others.sort(key=lambda one: one not in FIRST)
-    figures = "".join(source.figure(one, _caption(one)) for one in others)
-    return f"{heading(title)}{figures}{''.join(bodies)}{source.made(file)}"
+    figures: list[Item] = [item for one in others for item in source.figure(one, _caption(one))]
+    yield Section(title, figures)
+    yield from sections
+    yield Section("", [source.made(file)])
 
 
 def _caption(file: str) -> str:
@@ -227,39 +245,29 @@ CAPTIONS = {
 # ---- checks and studies --------------------------------------------------------------------------------------------------
 
 
-def _exams() -> str:
+def _exams() -> Iterator[Section]:
     """Tabulate every first-sight exam; they are part of a checkout, and an installed package has none."""
     folder = Path(__file__).parents[1] / "validation" / "exam"
     scores = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.glob("*/score.json"))]
-    if not scores:
-        return ""
-    rows = [
-        {"exam": one["exam"], "what": rate["what"], "cases": rate["cases"], "share": rate["share"], "low": rate["low"]}
-        | {"high": rate["high"]}
-        for one in scores
-        for rate in one["rates"]
-    ]
-    lead = paragraph(
+    columns = ["what", "cases", "share", "low", "high"]
+    rows = [pd.DataFrame(one["rates"])[columns].assign(exam=one["exam"])[["exam", *columns]] for one in scores]
+    lead = (
         "Each exam is taken once, on craft and effects written after the code was frozen and without sight of it. The "
         "hash of its keys was committed before it ran. Shares have 95 % binomial intervals."
     )
-    return f"{heading('How far the diagnosis can be believed')}{lead}{table_of(pd.DataFrame(rows))}"
+    if rows:
+        yield Section("How far the diagnosis can be believed", [lead, PageTable(pd.concat(rows), label="First-sight exams")])
 
 
-def _studies(studies: Path) -> str:
-    names = [folder.name for folder in sorted(studies.glob("*/"))]
-    parts = [_study(studies / name) for name in names]
-    found = "".join(part for part in parts if part)
-    return f"{heading('The studies')}{found}" if found else ""
-
-
-def _study(folder: Path) -> str:
-    """A study's report, folded."""
-    path = folder / "report.md"
-    if not path.is_file():
-        return ""
-    source, text = Source.of(folder), path.read_text(encoding="utf-8")
-    name = text.splitlines()[0].removeprefix("# ").removeprefix(f"Study {folder.name}: ")
-    head = f'<h3 id="study-{slug(folder.name)}">{escape(name)}</h3>\n'
-    body = source.sections(markdown.sections(text), 4) + source.made("report.md")
-    return head + folded(f"{folder.name}: tables and figures", body)
+def _studies(studies: Path) -> Iterator[Section]:
+    """Every study's report, folded."""
+    folders = [folder for folder in sorted(studies.glob("*/")) if (folder / "report.md").is_file()]
+    if folders:
+        yield Section("The studies", [])
+    for folder in folders:
+        source = Source.of(folder)
+        title, anchor = source.title("report.md").removeprefix(f"Study {folder.name}: "), f"study-{slug(folder.name)}"
+        items: list[Item] = []
+        for one in source.sections("report.md", 4, slug):
+            items += [Markup("<h4>{}</h4>").format(one.title) if one.title else "", *one.items]
+        yield Section(title, [*items, source.made("report.md")], 3, anchor, is_folded=True)

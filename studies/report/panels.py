@@ -35,7 +35,6 @@ STYLE: dict[Any, Any] = svg.STYLE | {
 }
 # Tol's vibrant scheme, and near-black: apart for every kind of colour vision.
 RED, TEAL, BLUE, ORANGE, DARK, GREY = "#cc3311", "#009988", "#0077bb", "#e0661a", "#30343f", "0.6"
-MIDDLE = "#6b7280"  # for near-black that is drawn as pixels, which do not change with the page's colours
 COLOURS = {"x": RED, "y": TEAL, "z": DARK}
 LINES = {"x": "-.", "y": "--", "z": "-"}  # N draws the pitch rate dashed
 SMALL = 7  # font size of ticks and legends
@@ -195,9 +194,8 @@ def curves(lines: Sequence[Line], expected: tuple[float, float] | None = None, *
             on.axhspan(*expected, color="0.9")
         for line in lines:
             many = np.size(line.y) > MANY
-            colour = MIDDLE if many and line.colour in (DARK, "black") else line.colour
-            face = "none" if line.hollow else colour
-            style: dict[str, Any] = {"color": colour, "markersize": line.size, "markerfacecolor": face}
+            face = "none" if line.hollow else line.colour
+            style: dict[str, Any] = {"color": line.colour, "markersize": line.size, "markerfacecolor": face}
             on.plot(line.x, line.y, line.style, label=line.label or None, rasterized=many, **style)
             if line.low is None or line.high is None:
                 continue
@@ -222,7 +220,14 @@ def shades(values: Sequence[float]) -> dict[float, str]:
     return {value: mpl.colors.to_hex(step) for value, step in zip(values, steps, strict=True)}
 
 
-def heat_map(grid: pd.DataFrame, form: str = "{:.0e}", mark_above: float = np.inf, log: bool = False, **axes: Any) -> Panel:
+def heat_map(
+    grid: pd.DataFrame,
+    form: str = "{:.0e}",
+    mark_above: float = np.inf,
+    log: bool = False,
+    limits: tuple[float, float] | None = None,
+    **axes: Any,
+) -> Panel:
     """A table of numbers, coloured by their size, with the numbers in its cells.
 
     Parameters
@@ -231,15 +236,18 @@ def heat_map(grid: pd.DataFrame, form: str = "{:.0e}", mark_above: float = np.in
     form : of the numbers
     mark_above : limit above which a number is crossed
     log : colour by the logarithm
+    limits : of the colours, where several maps share them; those of the values by default
     axes : further attributes of the `Panel`
     """
     values = np.asarray(grid.to_numpy(dtype=float))
     strength = np.log10(values) if log else values
-    middle = float(np.nanmin(strength) + np.nanmax(strength)) / 2
+    low, high = limits or (float(np.nanmin(strength)), float(np.nanmax(strength)))
+    middle = (low + high) / 2
 
     def draw(on: Axes) -> None:
         on.grid(False)
-        on.pcolormesh(np.ma.masked_invalid(strength), cmap="viridis", edgecolors="white", linewidth=1)
+        style: dict[str, Any] = {"cmap": "viridis", "vmin": low, "vmax": high, "edgecolors": "white", "linewidth": 1}
+        on.pcolormesh(np.ma.masked_invalid(strength), **style)
         for (i, j), value in np.ndenumerate(values):
             if np.isfinite(value):
                 text = form.format(value).replace("e-0", "e-") + (" ✗" if value > mark_above else "")
@@ -251,6 +259,35 @@ def heat_map(grid: pd.DataFrame, form: str = "{:.0e}", mark_above: float = np.in
             getattr(on, f"set_{which}ticks")(np.arange(len(texts)) + 0.5, texts, rotation=turned)
 
     return Panel(draw, **axes)
+
+
+def forest(
+    names: Sequence[str],
+    values: ArrayLike,
+    thin: ArrayLike,
+    thick: ArrayLike | None = None,
+    band: tuple[float, float] | None = None,
+    **axes: Any,
+) -> Panel:
+    """Values on a line a name, with their errors.
+
+    Parameters
+    ----------
+    names, values : (n,)
+    thin, thick : (n,) half lengths of the bars, or (2, n) of their left and right part
+    band : range to see them beside
+    axes : further attributes of the `Panel`
+    """
+    rows = np.arange(len(names))
+
+    def draw(on: Axes) -> None:
+        on.errorbar(values, rows, xerr=thin, fmt="none", ecolor=DARK, elinewidth=0.8, capsize=2)
+        on.errorbar(values, rows, xerr=thick, fmt="o", color=BLUE, elinewidth=3, markersize=4)
+        if band:
+            on.axvspan(*band, color=BLUE, alpha=0.2, linewidth=0)
+        on.margins(x=0.08)
+
+    return Panel(draw, rows=list(names), **axes)
 
 
 def histogram(counts: ArrayLike, expected: float, band: tuple[float, float], **axes: Any) -> Panel:

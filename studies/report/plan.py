@@ -6,11 +6,16 @@ import pandas as pd
 from rich.console import Console
 
 from diagnosis.plan import SETTINGS, Extra, Pair, Plan, Visible
-from studies.report import html, tables
-from studies.report.made import Made
+from studies.report import tables
+from studies.report.pages import Item, Made, Page, PageTable, Section
 
 MOST_PAIRS = 25
 MOST_HIDDEN = 3
+APART = f"Cannot be told apart below a signal-to-noise ratio of {SETTINGS.limit_snr:g}"
+ALL_APART = f"Every pair can be told apart by a signal-to-noise ratio of {SETTINGS.limit_snr:g}."
+SHARE = "Share: of the first one's signature that the second imitates."
+EXTRAS = "What an extra maneuver brings"
+RATIO = "Ratio: smallest visible size with the maneuver over that without it, median over effects; 0.5 is twice as good."
 WORDS = {"not identifiable": "never", "implausible": "never", "not available": "not testable", "visible": tables.NO_VALUE}
 
 
@@ -19,16 +24,13 @@ def show(console: Console, found: Plan) -> None:
     console.print(f"{found.scenario}: {headline(found)}", highlight=False, markup=False, style="bold")
     tables.terminal(console, "Smallest visible size", effects_table(found.effects), _say_seen(found))
     if found.pairs:
-        title = f"Cannot be told apart below a signal-to-noise ratio of {SETTINGS.limit_snr:g}"
         hidden = len(found.pairs) - MOST_PAIRS
-        note = f"{hidden} more in the JSON. " if hidden > 0 else ""
-        note += "Share: of the first one's signature that the second imitates."
-        tables.terminal(console, title, pairs_table(found, MOST_PAIRS), note)
+        note = f"{hidden} more in the JSON. {SHARE}" if hidden > 0 else SHARE
+        tables.terminal(console, APART, pairs_table(found, MOST_PAIRS), note)
     else:
-        console.print(f"Every pair can be told apart by a signal-to-noise ratio of {SETTINGS.limit_snr:g}.", highlight=False)
+        console.print(ALL_APART, highlight=False)
     if found.extras:
-        note = "Ratio: smallest visible size with the maneuver over that without it, median over effects; 0.5 is twice as good."
-        tables.terminal(console, "What an extra maneuver brings", extras_table(found.extras), note)
+        tables.terminal(console, EXTRAS, extras_table(found.extras), RATIO)
     for line in found.notes:
         console.print(f"- {line}.", highlight=False, markup=False)
 
@@ -36,25 +38,17 @@ def show(console: Console, found: Plan) -> None:
 def page(found: Plan, made: Made | None = None) -> str:
     """The plan as one page: the answer, then the tables."""
     text = headline(found)
-    parts = [html.paragraph(f"What {found.scenario} would show", "quiet")]
-    parts += [html.heading("Smallest visible size"), html.paragraph(_say_seen(found)), _plain(effects_table(found.effects))]
-    parts.append(html.heading("What cannot be told apart"))
-    parts.append(
-        html.paragraph(
-            f"Pairs that cannot be told apart below a signal-to-noise ratio of {SETTINGS.limit_snr:g}. Share: of the first "
-            "one's signature that the second imitates."
-            if found.pairs
-            else f"Every pair can be told apart by a signal-to-noise ratio of {SETTINGS.limit_snr:g}."
-        )
-    )
-    parts.append(_plain(pairs_table(found)) if found.pairs else "")
+    pairs: list[Item] = [ALL_APART]
+    if found.pairs:
+        pairs = [f"{APART}. {SHARE}", PageTable(pairs_table(found), label=APART)]
+    sections = [
+        Section("Smallest visible size", [_say_seen(found), PageTable(effects_table(found.effects), label="Sizes")]),
+        Section("What cannot be told apart", pairs),
+    ]
     if found.extras:
-        ratio = (
-            "Ratio: smallest visible size with the maneuver over that without it, median over effects; 0.5 is twice as good."
-        )
-        parts += [html.heading("What an extra maneuver brings"), html.paragraph(ratio), _plain(extras_table(found.extras))]
-    parts += [html.heading("Limits of this scenario"), html.bullets(f"{note}." for note in found.notes)]
-    return html.document(text[0].upper() + text[1:], parts, made, contents=True, short=f"Plan of {found.scenario}")
+        sections.append(Section(EXTRAS, [RATIO, PageTable(extras_table(found.extras), label=EXTRAS)]))
+    sections.append(Section("Limits of this scenario", [[f"{note}." for note in found.notes]]))
+    return Page(text[0].upper() + text[1:], sections, None, made, f"Plan of {found.scenario}").html()
 
 
 def _say_seen(found: Plan) -> str:
@@ -62,10 +56,6 @@ def _say_seen(found: Plan) -> str:
         f"Seen: with probability {SETTINGS.power:.0%}, at a false-alarm rate of {found.false_alarm_rate:.1%}; at a typical "
         "time and phase, and at the best and the worst. A range is over the axes."
     )
-
-
-def _plain(table: pd.DataFrame) -> str:
-    return html.table_of(table.astype(str))
 
 
 def headline(found: Plan) -> str:

@@ -8,8 +8,7 @@ from matplotlib.figure import Figure
 
 from gyrocal import attitude
 from gyrocal.estimation.prediction import Prediction
-from studies.report.html import Picture, document, heading, paragraph, shown, table_of
-from studies.report.made import Made
+from studies.report.pages import Answer, Made, Page, PageTable, Picture, Section
 from studies.report.panels import COLOURS, LINES, Line, curves, drawn
 
 ARCSEC = 3600.0  # a degree
@@ -58,19 +57,11 @@ def page(found: Prediction, title: str, from_s: float, table: pd.DataFrame, made
         "One sigma about each body axis: what is left of the references' errors, the gyro's noise, and its parameters.",
     )
     used = f"{found.used} references are used; their χ² about what was known before them is {found.chi2:.1f} of {found.dof}."
-    return document(
-        f"By gyro alone the attitude is known to {last:.3g} arcsec after {length:.4g} s",
-        [
-            paragraph(f"Prediction of {title} from {from_s:g} s", "quiet"),
-            paragraph(used),
-            heading("How its error grows"),
-            shown(picture),
-            heading("The attitude"),
-            table_of(table.iloc[chosen].apply(_texts), None, list(table.columns)),
-        ],
-        made,
-        short=f"Prediction of {title}",
-    )
+    rows = table.iloc[chosen].apply(_texts)
+    heading = f"By gyro alone the attitude is known to {last:.3g} arcsec after {length:.4g} s"
+    short = f"Prediction of {title}"
+    sections = [Section("The attitude", [PageTable(rows, label=f"{short} from {from_s:g} s")])]
+    return Page(heading, sections, Answer("", picture, used), made, short).html()
 
 
 def _texts(column: pd.Series) -> pd.Series:

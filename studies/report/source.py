@@ -1,25 +1,35 @@
-"""A folder of results as a page shows it: figures and reports, each with the command, commit and hash that make it again."""
+"""A folder of results as sections of a page: its report in Markdown, its figures, and how each file was made."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from studies.report import html, markdown
+from markdown_it import MarkdownIt
+from markdown_it.rules_core import StateCore
+from markdown_it.token import Token
+from markupsafe import Markup
+
+from studies.report.pages import NUMBER, Item, Picture, Quiet, Section
+
+LONG = 40  # rows of a report's table, above which it is folded
+
+_IMAGE = re.compile(r"^!\[([^\]]*)\]\(([^)]+)\)$", re.MULTILINE)
 
 
 @dataclass(frozen=True)
 class Source:
-    """A folder of results and how it was made.
+    """A folder of results and its manifest.
 
     Attributes
     ----------
     folder : with its ``manifest.json``
-    manifest : what that says
+    manifest : its content
     """
 
     folder: Path
@@ -31,31 +41,99 @@ class Source:
         path = folder / "manifest.json"
         return cls(folder, json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {})
 
-    def made(self, file: str) -> str:
-        """Command, commit and hash that make a file again, as HTML."""
+    def made(self, file: str) -> Quiet:
+        """Command, commit and hash that make a file again."""
         command = self.manifest.get("command") or f"gyrocal study {self.folder.name}"
         commit, sha256 = self.manifest.get("commit") or "unknown", self.manifest.get("files", {}).get(file, "unknown")
         later = self.manifest.get("reported", {}).get("commit", "")
-        again = f", reported from its rows at <code>{escape(_short(later))}</code>" if later else ""
-        return (
-            f'<p class="made"><code>{escape(command)}</code> at commit <code>{escape(_short(commit))}</code>{again}; '
-            f"<code>{escape(file)}</code>, SHA-256 <code>{escape(sha256[:16])}</code></p>\n"
-        )
+        again = f", reported from its rows at {_short(later)}" if later else ""
+        return Quiet(f"{command} at commit {_short(commit)}{again}; {file}, SHA-256 {sha256[:16]}")
 
-    def figure(self, file: str, alt: str) -> str:
-        """A figure of the folder, with what makes it."""
+    def figure(self, file: str, alt: str) -> list[Item]:
+        """A figure of the folder with its origin; nothing if it is not there."""
         path = self.folder / file
         if not path.is_file():
-            return ""
-        name = f"{self.folder.name}-{path.stem}"
-        return html.figure(name, path.read_bytes(), alt, alt) + self.made(file)
+            return []
+        return [Picture(f"{self.folder.name}-{path.stem}", path.read_bytes, alt, alt), self.made(file)]
 
-    def sections(self, some: Sequence[markdown.Section], level: int) -> str:
-        """Sections of the folder's report, with headings of a level."""
-        return "".join(
-            (f"<h{level}>{escape(one.title)}</h{level}>\n" if one.title else "") + markdown.rendered(one, self.figure)
-            for one in some
-        )
+    def title(self, file: str) -> str:
+        """Title of a report in the folder; empty if it is not there."""
+        return self._text(file).partition("\n")[0].removeprefix("# ")
+
+    def _text(self, file: str) -> str:
+        path = self.folder / file
+        return path.read_text(encoding="utf-8") if path.is_file() else ""
+
+    def sections(self, file: str, level: int, anchor: Callable[[str], str]) -> Iterator[Section]:
+        """Sections of a report in the folder, without its title.
+
+        Parameters
+        ----------
+        file : the report, in Markdown; nothing if it is not there
+        level : of the headings
+        anchor : name of a heading by its title
+        """
+        parts = re.split(r"^## (.*)\n", re.sub(r"\A# .*\n", "", self._text(file)), flags=re.MULTILINE)
+        for title, body in zip(["", *parts[1::2]], parts[::2], strict=True):
+            yield Section(title, self._items(body), level, anchor(title))
+
+    def _items(self, text: str) -> list[Item]:
+        """Text of a report, with its figures between."""
+        items: list[Item] = []
+        texts = _IMAGE.split(text)
+        for body, alt, file in zip(texts[::3], [*texts[1::3], ""], [*texts[2::3], ""], strict=True):
+            items += [render_markdown(body), *self.figure(file, alt)] if file else [render_markdown(body)]
+        return items
+
+
+def render_markdown(text: str) -> Markup:
+    """Markdown as HTML; its own HTML is text, and so are links that lead out of the page."""
+    return Markup(_markdown().render(text))
+
+
+@cache
+def _markdown() -> MarkdownIt:
+    parser = MarkdownIt("commonmark", {"html": False}).enable("table")
+    parser.core.ruler.push("pages", _fit_to_page)
+    parser.add_render_rule("table_open", _open_table)
+    parser.add_render_rule("table_close", _close_table)
+    return parser
+
+
+def _open_table(_: object, tokens: Sequence[Token], index: int, *__: object) -> str:
+    count = tokens[index].meta["rows"]
+    fold = f"<details><summary>Table of {count} rows</summary>" if count > LONG else ""
+    return f'{fold}<div class="scroll" tabindex="0"><table>'
+
+
+def _close_table(_: object, tokens: Sequence[Token], index: int, *__: object) -> str:
+    return f"</table></div>{'</details>' if tokens[index].meta['rows'] > LONG else ''}"
+
+
+def _fit_to_page(state: StateCore) -> None:
+    """Align columns of numbers at their right, give headings of columns their scope, and drop links out of the page."""
+    first = 0
+    for k, token in enumerate(state.tokens):
+        if token.type == "table_open":
+            first = k
+        elif token.type == "table_close":
+            _fit_table(state.tokens[first : k + 1])
+        elif token.children:
+            links = [one for one in token.children if one.type == "link_open"]
+            if any(not str(one.attrGet("href")).startswith("#") for one in links):
+                token.children = [one for one in token.children if not one.type.startswith("link_")]
+
+
+def _fit_table(tokens: Sequence[Token]) -> None:
+    heads = [k for k, token in enumerate(tokens) if token.type == "th_open"]
+    cells = [k for k, token in enumerate(tokens) if token.type == "td_open"]
+    tokens[0].meta["rows"] = tokens[-1].meta["rows"] = len(cells) // len(heads)
+    for column, head in enumerate(heads):
+        own = cells[column :: len(heads)]
+        tokens[head].attrSet("scope", "col")
+        if own and all(NUMBER.match(tokens[cell + 1].content) for cell in own):
+            for cell in (head, *own):
+                tokens[cell].attrSet("class", "number")
 
 
 def _short(commit: str) -> str:

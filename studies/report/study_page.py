@@ -6,24 +6,15 @@ from pathlib import Path
 
 import pandas as pd
 
-from studies.montecarlo.files import write_text
-from studies.report import markdown
-from studies.report.html import document, paragraph
-from studies.report.made import Made
+from studies.report.pages import Made, Page, Section, slug
 from studies.report.source import Source
 
 
-def write(folder: Path, path: Path, made: Made | None = None) -> None:
-    """Write the page of the study in a folder."""
-    write_text(path, page(folder, made))
-
-
 def page(folder: Path, made: Made | None = None) -> str:
-    """The whole page, made of what the folder holds."""
-    source, text = Source.of(folder), (folder / "report.md").read_text(encoding="utf-8")
-    title = text.splitlines()[0].removeprefix("# ")
-    parts = [paragraph(verdict(folder), "quiet"), source.sections(markdown.sections(text), 2), source.made("report.md")]
-    return document(title, parts, made)
+    """The whole page, made of the content of the folder."""
+    source = Source.of(folder)
+    sections = [Section("", [verdict(folder)]), *source.sections("report.md", 2, slug)]
+    return Page(source.title("report.md"), [*sections, Section("", [source.made("report.md")])], None, made).html()
 
 
 def verdict(folder: Path) -> str:

@@ -77,7 +77,7 @@ def terminal(
     console: Console, title: str, table: pd.DataFrame, note: str = "", formats: Mapping[str, str] | None = None
 ) -> None:
     """Print a table; texts are folded, and columns that still do not fit beside the first ones are named below it."""
-    cells = list(_cells(table, formats or {}))
+    cells = list(format_cells(table, formats or {}))
     headings = [heading(str(column)) for column in table.columns]
     numeric = [pd.api.types.is_numeric_dtype(table[column]) for column in table.columns]
     widths = [max(map(cell_len, column)) for column in zip(headings, *cells, strict=True)]
@@ -101,7 +101,7 @@ def markdown(title: str, table: pd.DataFrame, note: str = "", formats: Mapping[s
     lines = [f"## {title}", ""] + ([note, ""] if note else [])
     lines += ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
     # A cell's own bars would end it, unless escaped.
-    lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in _cells(table, formats or {})]
+    lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in format_cells(table, formats or {})]
     return "\n".join([*lines, ""])
 
 
@@ -111,14 +111,17 @@ def by_group(rows: pd.DataFrame, keys: Sequence[str], line: Callable[[pd.DataFra
     return pd.DataFrame([{**dict(zip(keys, key, strict=True)), **line(part)} for key, part in groups])
 
 
-def _cells(table: pd.DataFrame, formats: Mapping[str, str]) -> Iterator[list[str]]:
+def format_cells(table: pd.DataFrame, formats: Mapping[str, str]) -> Iterator[list[str]]:
     """The rows as texts."""
     wanted = [formats.get(str(column)) for column in table.columns]
     for row in table.itertuples(index=False):
-        yield [_text(value, form) for value, form in zip(row, wanted, strict=True)]
+        yield [format_cell(value, form) for value, form in zip(row, wanted, strict=True)]
 
 
-def _text(value: object, form: str | None) -> str:
+def format_cell(value: object, form: str | None) -> str:
+    """A value as text; markup stays as it is."""
+    if isinstance(value, str):
+        return value
     if value is None:
         return NO_VALUE
     if isinstance(value, bool):

@@ -5,16 +5,12 @@ from tests.mutations.fault import of
 MONTECARLO = "tests/studies/montecarlo/"
 
 PAGES = of(
-    "studies/report/html.py",
-    "tests/studies/report/test_html.py",
+    "studies/report/pages.py",
+    "tests/studies/report/test_pages.py",
     [
-        ("paragraphs are HTML", "{escape(text)}</p>", "{text}</p>"),
-        ("items of lists are HTML", "<li>{escape(text)}</li>", "<li>{text}</li>"),
-        ("cells are HTML", "isinstance(value, Html) else escape(text)", "isinstance(value, Html) else text"),
-        ("headings are HTML", ">{escape(text)}</h{level}>", ">{text}</h{level}>"),
-        ("captions of figures are HTML", "<figcaption>{escape(caption)}", "<figcaption>{caption}"),
-        ("what is folded has a summary in HTML", "<summary>{escape(summary)}", "<summary>{summary}"),
-        ("the title is HTML", "<title>{escape(short or title)}", "<title>{short or title}"),
+        ("texts of pages are HTML", "autoescape=True", "autoescape=False"),
+        ("numbers are aligned as text", "all(NUMBER.match(text) for text in column)", "False"),
+        ("figures of files are empty", "drawn if isinstance(drawn, bytes) else", "b'' if isinstance(drawn, bytes) else"),
     ],
 )
 
@@ -145,7 +141,7 @@ NUMBERS = [
         [("tables have three digits", "table: pd.DataFrame, digits: int = 9)", "table: pd.DataFrame, digits: int = 3)")],
     ),
     *of(
-        "studies/cli/fail_on.py",
+        "studies/cli/options.py",
         "tests/studies/cli/test_scripts.py::test_what_is_not_known_fails",
         [
             (

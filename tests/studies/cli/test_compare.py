@@ -48,11 +48,6 @@ def test_an_adopted_scenario_closes_the_gap(run_cli, made):
     assert set(adopted["statistics"][0]) <= set(keys)
 
 
-def test_json_on_standard_output_is_alone(run_cli, made):
-    shown = run_cli("compare", str(made / "rec"), "--runs", "20", "--json", "-")
-    assert [one["scenario"] for one in json.loads(shown.stdout)["scenarios"]] == ["M0"]
-
-
 def test_an_adopted_scenario_is_flown_and_drawn(run_cli, made):
     sizes = []
     for seed in ("1", "2"):

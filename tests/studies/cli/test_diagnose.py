@@ -11,8 +11,8 @@ from gyrocal import InputError
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli import diagnose as cli_diagnose
 from studies.cli.main import main
-from studies.cli.stages import stages
-from studies.report import html, next_flight
+from studies.report import next_flight, svg
+from studies.report.console import stages
 from tests import ROOT
 from tests.diagnosis_cases import CASES
 
@@ -48,7 +48,7 @@ def refuse(text):
 @pytest.mark.parametrize("case", CASES)
 def test_any_verdict_is_a_success(run_cli, asked, rec, case, tmp_path, monkeypatch):
     """The figures of each verdict's page are drawn in tests/studies/report/test_diagnosis_page.py."""
-    monkeypatch.setattr(html.svg, "svg_bytes", lambda figure: b'<svg viewBox="0 0 1 1"></svg>')
+    monkeypatch.setattr(svg, "svg_bytes", lambda figure: b'<svg viewBox="0 0 1 1"></svg>')
     asked["case"] = case
     page, result = tmp_path / "page.html", tmp_path / "result.json"
     shown = run_cli("diagnose", rec, "--json", str(result), "--report", str(page))
@@ -96,11 +96,6 @@ def test_the_next_maneuver_follows_the_plan():
     assert next_flight.suspects(group) == ["time_offset", "rate_lag"]
 
 
-def test_json_is_the_result(run_cli, asked, rec, tmp_path):
-    assert run_cli("diagnose", rec, "--json", str(tmp_path / "result.json")).exit_code == 0
-    assert json.loads((tmp_path / "result.json").read_text()) == CASES["named"]().to_json()
-
-
 def test_json_on_standard_output_is_alone(run_cli, asked, rec):
     shown = run_cli("diagnose", rec, "--json", "-")
     assert shown.exit_code == 0
@@ -113,34 +108,6 @@ def test_effects_are_taken_off_the_list(run_cli, asked, rec):
     assert run_cli("diagnose", rec, "--without", "spikes", "--without", "rate_lag", "--seed", "5").exit_code == 0
     assert set(asked["library"]) == set(ALL_EFFECTS) - {"spikes", "rate_lag"}
     assert asked["seed"] == 5
-
-
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (("nothing",), "not a folder"),
-        (("REC", "--without", "gremlins"), "--without gremlins: no such effect"),
-        (("REC", "--without", "bias_drift:z"), "no such effect"),
-        (("REC", "--json", "DIR"), "is a folder"),
-        (("REC", "--report", "DIR"), "is a folder"),
-        (("REC", "--report", "DIR/none/page.html"), "no folder"),
-        (("REC", "--json", "DIR/none/result.json"), "no folder"),
-        (("REC", "--json", "DIR/same", "--report", "DIR/same"), "files of their own"),
-        (("REC", "--report", "-"), "name of a file"),
-        (("REC", "--card", "DIR/card.jpg"), "must end in .svg or .png"),
-        (("REC", "--plan", "trmm"), "give --report or --card"),
-        (("REC", "--card", "DIR/card.svg", "--plan", "nothing"), "nothing"),
-    ],
-)
-def test_bad_input_is_one_line_before_the_work(run_cli, asked, rec, tmp_path, arguments, text):
-    given = [argument.replace("REC", rec).replace("DIR", str(tmp_path)) for argument in arguments]
-    result = run_cli("diagnose", *given)
-    assert result.exit_code == 2
-    assert text in result.stderr
-    assert result.stderr.count("\n") == 1
-    assert result.stdout == ""
-    assert "recording" not in asked
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_unusable_recording_is_one_line(run_cli, rec, monkeypatch):
@@ -164,10 +131,6 @@ def test_each_stage_is_said_once(capsys):
         for text, share in (("pairs: 1 of 2", 0.1), ("pairs: 2 of 2", 0.2), ("extras", 0.5)):
             tell(text, share)
     assert capsys.readouterr().err.splitlines() == ["plan: pairs, 10 % done", "plan: extras, 50 % done"]
-
-
-def test_help_has_an_example(run_cli):
-    assert "Example" in run_cli("diagnose", "--help").stdout
 
 
 def test_a_real_recording(run_cli, rec, tmp_path):

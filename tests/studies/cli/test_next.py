@@ -50,14 +50,3 @@ def test_json_and_the_status(run_cli, asked, tmp_path):
     result = run_cli("next", "one", "three", "--json", str(tmp_path / "next.json"), "--fail-on", "p<0.001")
     assert result.exit_code == 0
     assert json.loads((tmp_path / "next.json").read_text()) == document
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [(("one", "one"), "given twice"), (("one", "two", "--fail-on", "chi<3"), "NAME<LIMIT"), ((), "Missing argument")],
-)
-def test_bad_input_is_one_line(run_cli, asked, arguments, words):
-    result = run_cli("next", *arguments)
-    assert result.exit_code == 2
-    assert words in result.stderr
-    assert not asked

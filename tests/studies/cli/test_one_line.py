@@ -30,34 +30,6 @@ def rec(tmp_path, monkeypatch):
     return tmp_path / "rec"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (("--nothing",), "gyrocal: No such option"),
-        (("nothing",), "gyrocal: No such command 'nothing'."),
-        (("calibrate",), "gyrocal calibrate: Missing argument 'RECORDING'."),
-        (("calibrate", "rec", "more"), "gyrocal calibrate: Got unexpected extra argument"),
-        (("plan", "rec"), "rec: is a folder; a scenario is wanted here"),
-        (("calibrate", "rec", "--step", "1,5"), "'1,5' is not a valid float"),
-        (("calibrate", "rec", "--psi", "half"), "'half' is not one of"),
-        (("calibrate", "rec", "--iterations", "100000000"), "1<=x<=1000"),
-        (("calibrate", "rec", "--plausible-g", "1e308"), "plausible"),
-        (("import", "csv"), "gyrocal import csv: Missing argument"),
-        (("mission", "out", "--days", "1", "--every", "1e308"), "must be a multiple of the cycle"),
-        (("predict", "rec", "--from", "10", "--prior-scale", "nan"), "sigma_scale nan"),
-        (("predict", "rec", "--from", "10", "--prior-sigma-g", "-1"), "sigma_G -1"),
-        (("study", "consistency", "--cases", "2", "--out", "out"), "more than 24 are needed"),
-        (("calibrate", "\x1b[31mred"), r"\x1b[31mred: not a folder"),
-    ],
-)
-def test_wrong_use_ends_in_one_line_and_status_2(run_cli, rec, arguments, text):
-    result = run_cli(*arguments)
-    assert result.exit_code == 2
-    assert result.stderr.count("\n") == 1
-    assert text in result.stderr
-    assert "\x1b" not in result.stderr
-
-
 def test_no_command_at_all_shows_the_help(run_cli):
     assert "Commands:" in run_cli().output
 

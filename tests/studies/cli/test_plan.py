@@ -76,11 +76,6 @@ def test_tables_and_json(run_cli, asked, tmp_path):
     assert document["extras"][1]["resolved"] == [["rate_lag", "time_offset"]]
 
 
-def test_json_to_standard_output_is_nothing_but_json(run_cli, asked):
-    shown = run_cli("plan", "trmm", "--json", "-")
-    assert json.loads(shown.stdout)["scenario"] == "A plan"
-
-
 def test_options_reach_the_plan(run_cli, asked, tmp_path):
     extra = tmp_path / "roll.toml"
     extra.write_text(EXTRA)
@@ -93,43 +88,6 @@ def test_options_reach_the_plan(run_cli, asked, tmp_path):
 def test_built_in_maneuvers_by_default(run_cli, asked):
     run_cli("plan", "trmm")
     assert len(asked["extras"]) >= 9
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["nosuch"], "nosuch: neither a file nor a built-in scenario"),
-        (["trmm", "--effect", "bias_drfit"], "--effect bias_drfit: no such effect"),
-        (["trmm", "--extra", "nosuch.toml"], "nosuch.toml: no such file"),
-        (["trmm", "--json", "/nosuch/plan.json"], "no folder /nosuch"),
-    ],
-)
-def test_bad_input_is_one_line_and_status_2(run_cli, asked, arguments, message):
-    shown = run_cli("plan", *arguments)
-    assert shown.exit_code == 2
-    assert message in shown.stderr
-    assert shown.stderr.count("\n") == 1
-    assert not asked
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("title = 1", "no [[interval]] sections"),
-        (EXTRA.replace("title", "titel"), "titel is not known"),
-        (EXTRA.replace("6000.0", "-6000.0"), "time order"),
-        (EXTRA.replace('"+x"', '"+q"'), "mode"),
-        ("interval = 3", "no [[interval]] sections"),
-        ("[", "not a TOML file"),
-    ],
-)
-def test_bad_extra_files(run_cli, asked, tmp_path, text, message):
-    path = tmp_path / "extra.toml"
-    path.write_text(text)
-    shown = run_cli("plan", "trmm", "--extra", str(path))
-    assert shown.exit_code == 2
-    assert message in shown.stderr
-    assert shown.stderr.count("\n") == 1
 
 
 def test_a_plan_without_pairs_or_extras_is_shown(capsys):
@@ -147,9 +105,6 @@ def test_the_page_holds_the_tables(run_cli, asked, tmp_path):
         assert text.lower() in words.lower()
     alone = plan_report.page(replace(FOUND, pairs=(), extras=()))
     assert "Every pair can be told apart" in checked(alone).words
-    refused = run_cli("plan", "trmm", "--report", str(page), "--json", str(page))
-    assert refused.exit_code == 2
-    assert "files of their own" in refused.stderr
 
 
 def test_an_axis_that_cannot_be_seen_and_the_unit_of_a_size_are_told():

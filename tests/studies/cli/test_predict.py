@@ -28,9 +28,6 @@ def test_prediction_as_a_page(run_cli, tmp_path):
     assert done.exit_code == 0, done.stderr
     last = pd.read_csv(tmp_path / "p.csv").filter(like="sigma").iloc[-1].max()
     assert f"By gyro alone the attitude is known to {last:.3g} arcsec after 500 s" in checked(page.read_text()).words
-    refused = run_cli("predict", str(tmp_path / "rec"), "--from", "2500", "--report", str(page), "--out", str(page))
-    assert refused.exit_code == 2
-    assert "files of their own" in refused.stderr
 
 
 def test_faults_are_one_line(run_cli, tmp_path):

@@ -9,7 +9,7 @@ import pytest
 
 from gyrocal import InputError, save
 from simulator import load, simulate
-from studies.cli.fail_on import compared
+from studies.cli.options import compare_conditions
 from studies.report.checks import Check
 from studies.report.junit import Verdict, of_checks, write_junit
 
@@ -41,19 +41,11 @@ def test_a_calibration_fails_on_a_condition(condition, status, recording, run_cl
     assert len(suite[0]) == status // 3
 
 
-@pytest.mark.parametrize("condition", ["p", "p<", "p<x", "p<nan", "q<1", "p<=0.1", ""])
-def test_a_condition_that_is_none_is_refused_before_the_work(condition, recording, run_cli):
-    found = run_cli("calibrate", str(recording), "--fail-on", condition)
-    assert found.exit_code == 2
-    assert "give NAME<LIMIT or NAME>LIMIT, where NAME is p or condition" in found.stderr
-    assert found.stdout == ""
-
-
 def test_what_is_not_known_fails():
-    assert compared(["p<0.001"], {"p": float("nan")}) == [Verdict("p<0.001", "p is not known")]
-    assert compared(["p<0.001"], {"p": 0.001}) == [Verdict("p<0.001")]
+    assert compare_conditions(["p<0.001"], {"p": float("nan")}) == [Verdict("p<0.001", "p is not known")]
+    assert compare_conditions(["p<0.001"], {"p": 0.001}) == [Verdict("p<0.001")]
     with pytest.raises(InputError):
-        compared(["x<1"], {"p": 0.5})
+        compare_conditions(["x<1"], {"p": 0.5})
 
 
 def test_checks_as_tests(tmp_path):
@@ -91,29 +83,6 @@ def test_a_study_as_tests_and_its_own_example_of_a_rerun(run_cli, tmp_path):
     assert (document["case"], document["same"], document["rows"][0]["case"]) == (17, True, 17)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["study", "pape"], "pape: no such study; did you mean paper?"),
-        (["study", "psi", "--set", "step_s=[1.0]"], "step_s: there is no such setting; did you mean steps_s?"),
-        (["study", "psi", "--set", "steps_s=[0.0]"], "steps_s: must be one or more different numbers above zero"),
-        (["study", "paper", "--set", "overrides.gyro.arw_deg_per_sqrt=1"], "is not known; did you mean arw_deg_per_sqrt_s?"),
-        (["study", "paper", "--until", "nees"], "give it as COLUMN<LIMIT"),
-        (["simulate", "trm", "OUT"], "trm: neither a file nor a built-in scenario; did you mean trmm"),
-        (["scenarios", "trmm_serie"], "did you mean trmm_series"),
-        (["diagnose", "OUT", "--without", "bias_orbitl"], "did you mean bias_orbital"),
-        (["plan", "trmm", "--effect", "bias_orbitl"], "did you mean bias_orbital"),
-        (["simulat", "trmm", "OUT"], "No such command 'simulat'; did you mean simulate?"),
-        (["export", "aem", "OUT", "OUT", "--json", "none/there.json"], "none/there.json: no folder none"),
-    ],
-)
-def test_what_was_meant_is_said(arguments, message, run_cli, tmp_path):
-    found = run_cli(*[str(tmp_path / "out") if one == "OUT" else one for one in arguments])
-    assert found.exit_code == 2
-    assert message in found.stderr
-    assert found.stderr.count("\n") == 1
-
-
 def test_scenarios_have_titles(run_cli, tmp_path):
     found = run_cli("scenarios", "--json", str(tmp_path / "a.json"))
     lines = found.stdout.splitlines()
@@ -123,6 +92,8 @@ def test_scenarios_have_titles(run_cli, tmp_path):
     assert all(one["title"] for one in listed)
     assert run_cli("scenarios", "trmm", "--json", str(tmp_path / "b.json")).exit_code == 0
     assert json.loads((tmp_path / "b.json").read_text())["gyro"]["sample_s"] == 0.5
+    (tmp_path / "mine.toml").write_text(run_cli("scenarios", "trmm").stdout)
+    assert load(tmp_path / "mine.toml") == load("trmm")
 
 
 def test_commands_write_json(recording, run_cli, tmp_path):

@@ -29,6 +29,7 @@ PANELS = {
     "histogram": panels.histogram([3, 5, 4], 4.0, (1, 8)),
     "NEES distribution": panels.nees_distribution({"right": NEES, "wrong": 4 * NEES}, 12, {"wrong": ":"}),
     "NEES means": panels.nees_means({"one flight": LINES, "another": LINES}),
+    "forest": panels.forest(["a", "b"], [1.0, 2.0], [0.5, 0.4], [0.1, 0.2], (0.8, 1.2)),
     "strokes": panels.strokes({"a": [1.0, 2.0], "b": [3.0]}, (0.5, 1.5), log="x"),
 }
 

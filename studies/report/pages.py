@@ -1,0 +1,210 @@
+"""Pages in HTML, all from one template: the answer with its picture first, then sections of paragraphs, lists, tables, figures.
+
+A page is one file that needs no network and no script. Figures are SVG inside of it: the same lines drawn by Plotly
+weigh 4.8 MB, by Bokeh 1.3 MB, by Vega-Altair 1.0 MB, as SVG 0.05 MB.
+Texts are escaped by the template; only `Markup` is HTML.
+"""
+
+from __future__ import annotations
+
+import base64
+import re
+import shlex
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from functools import cache, cached_property
+from importlib import metadata, resources
+
+import pandas as pd
+from jinja2 import Environment, PackageLoader
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from gyrocal.recording import Recording
+from simulator.adopted import digest
+from studies.report import svg
+from studies.report.tables import format_cells
+from studies.report.units import heading
+
+NUMBER = re.compile(r"[-+−–]?\d[\d.,]*(e[-+]?\d+)?$|–$|$")
+
+
+class Quiet(str):
+    """A paragraph in small, grey letters."""
+
+    kind = "quiet"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure of the page.
+
+    Attributes
+    ----------
+    name : of its anchor
+    draw : makes it, or its SVG
+    alt : what it shows, for those who do not see it
+    caption : how to read it
+    """
+
+    name: str
+    draw: Callable[[], Figure | bytes]
+    alt: str
+    caption: str
+
+    @property
+    def source(self) -> str:
+        """The figure as SVG in a URL that holds it."""
+        drawn = self.draw()
+        data = svg.compact(drawn if isinstance(drawn, bytes) else svg.svg_bytes(drawn))
+        return f"data:image/svg+xml;base64,{base64.b64encode(data).decode()}"
+
+
+@dataclass(frozen=True)
+class PageTable:
+    """A table of the page; a column of numbers is aligned at its right.
+
+    Attributes
+    ----------
+    frame : its cells, texts or numbers
+    strong : rows in bold; none by default
+    label : what is in it, for a screen reader
+    """
+
+    frame: pd.DataFrame
+    strong: Sequence[bool] | pd.Series = ()
+    label: str = "Table"
+
+    @cached_property
+    def _texts(self) -> list[list[str]]:
+        return list(format_cells(self.frame, {}))
+
+    @cached_property
+    def _numeric(self) -> list[bool]:
+        return [all(NUMBER.match(text) for text in column) for column in zip(*self._texts, strict=True)]
+
+    @property
+    def heads(self) -> list[tuple[str, bool]]:
+        """Names of the columns, and whether they are numbers."""
+        names = [heading(str(name)) for name in self.frame.columns]
+        return list(zip(names, self._numeric or [False] * len(names), strict=True))
+
+    @property
+    def rows(self) -> Iterator[tuple[bool, list[tuple[str, bool]]]]:
+        """Whether a row is strong, and its texts."""
+        strong = list(self.strong) or [False] * len(self._texts)
+        for is_strong, row in zip(strong, self._texts, strict=True):
+            yield bool(is_strong), list(zip(row, self._numeric, strict=True))
+
+
+Item = str | Picture | PageTable | Mapping[str, str] | Sequence[str]
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of a page.
+
+    Attributes
+    ----------
+    title : its heading, "" for none
+    items : paragraphs, lists, definitions (a mapping), tables and figures in their order; empty ones are left out
+    level : of the heading
+    anchor : name of the heading; made of the title by default
+    is_folded : whether it is shown when asked for
+    """
+
+    title: str
+    items: Sequence[Item]
+    level: int = 2
+    anchor: str = ""
+    is_folded: bool = False
+
+    @property
+    def name(self) -> str:
+        """The anchor."""
+        return self.anchor or slug(self.title)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The first screen of a page.
+
+    Attributes
+    ----------
+    kind : "gap", "open", or "" for an agreement
+    picture : what carries the answer
+    sentence : what it says
+    lines : answers by question
+    """
+
+    kind: str
+    picture: Picture | None
+    sentence: str
+    lines: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Made:
+    """What a page's footer says.
+
+    Attributes
+    ----------
+    version : of gyrocal
+    day : as YYYY-MM-DD, UTC
+    command : as typed
+    sha256 : of the input's samples, references and stated noises, or "" if there is none
+    """
+
+    version: str
+    day: str
+    command: str
+    sha256: str = ""
+
+
+def made_of(recording: Recording | None = None) -> Made:
+    """Describe the command that is running, and the recording it reads."""
+    command = shlex.join(["gyrocal", *sys.argv[1:]])
+    day = datetime.now(UTC).date().isoformat()
+    return Made(metadata.version("gyrocal"), day, command, "" if recording is None else digest(recording))
+
+
+@dataclass(frozen=True)
+class Page:
+    """A whole page.
+
+    Attributes
+    ----------
+    title : its heading
+    sections : in order
+    answer : the first screen
+    made : how it came about, for the footer
+    short : title of the window; the heading by default
+    """
+
+    title: str
+    sections: Sequence[Section]
+    answer: Answer | None = None
+    made: Made | None = None
+    short: str = ""
+
+    @property
+    def chapters(self) -> list[Section]:
+        """Sections of the first level, which the page lists."""
+        return [one for one in self.sections if one.level == 2 and one.title]
+
+    def html(self) -> str:
+        """Render the page; the same content gives the same bytes."""
+        style = Markup(resources.files("studies.report").joinpath("templates", "style.css").read_text(encoding="utf-8"))
+        return _environment().get_template("page.html").render(page=self, style=style).lstrip()
+
+
+@cache
+def _environment() -> Environment:
+    return Environment(loader=PackageLoader("studies.report"), autoescape=True, trim_blocks=True, lstrip_blocks=True)
+
+
+def slug(text: str) -> str:
+    """A text as the name of an anchor."""
+    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")

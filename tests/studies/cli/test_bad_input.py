@@ -1,0 +1,134 @@
+"""Whatever is wrong with a command, one line says it before the work, with exit status 2."""
+
+import shutil
+
+import pytest
+from click.testing import CliRunner
+
+from studies.cli.main import main
+
+PLAN_EXTRA = """
+title = "a roll"
+[[interval]]
+name = "r1"
+activity = "roll slew"
+start_s = 6000.0
+stop_s = 6600.0
+mode = "+x"
+"""
+WRONG = [
+    # the program and its commands
+    ("--nothing", "gyrocal: No such option"),
+    ("nothing", "gyrocal: No such command 'nothing'."),
+    ("simulat trmm OUT", "No such command 'simulat'; did you mean simulate?"),
+    ("calibrate", "gyrocal calibrate: Missing argument 'RECORDING'."),
+    ("calibrate REC more", "gyrocal calibrate: Got unexpected extra argument"),
+    ("import csv", "gyrocal import csv: Missing argument"),
+    # files to read and to write
+    ("calibrate nothing", "not a folder"),
+    ("calibrate \x1b[31mred", r"\x1b[31mred: not a folder"),
+    ("calibrate REC --json no/such/folder/x.json", "no folder no/such/folder"),
+    ("calibrate REC --json REC", "is a folder"),
+    ("calibrate REC --json same --report same", "need files of their own"),
+    ("calibrate REC --truth REC/recording.toml", "not a truth file"),
+    ("export aem REC OUT --json none/there.json", "none/there.json: no folder none"),
+    ("diagnose nothing", "not a folder"),
+    ("diagnose REC --report -", "give the name of a file"),
+    ("diagnose REC --card card.jpg", "must end in .svg or .png"),
+    ("simulate trmm REC", "--force"),
+    ("baseline --file REC/gyro.parquet", "not a baseline"),
+    ("baseline --file nowhere.csv", "no baseline"),
+    # scenarios, studies and effects
+    ("scenarios trmm_serie", "did you mean trmm_series"),
+    ("simulate trm OUT", "trm: neither a file nor a built-in scenario; did you mean trmm"),
+    ("plan REC", "REC: is a folder; a scenario is wanted here"),
+    ("plan trmm --extra nosuch.toml", "nosuch.toml: no such file"),
+    ("plan trmm --effect bias_orbitl", "did you mean bias_orbital"),
+    ("diagnose REC --without bias_orbitl", "did you mean bias_orbital"),
+    ("diagnose REC --without bias_drift:z", "no such effect"),
+    ("diagnose REC --plan trmm", "give --report or --card"),
+    ("diagnose REC --card card.svg --plan nothing", "nothing"),
+    ("study pape", "pape: no such study; did you mean paper?"),
+    ("study psi --set step_s=[1.0]", "step_s: there is no such setting; did you mean steps_s?"),
+    ("study psi --set steps_s=[0.0]", "steps_s: must be one or more different numbers above zero"),
+    ("study paper --set overrides.gyro.arw_deg_per_sqrt=1", "is not known; did you mean arw_deg_per_sqrt_s?"),
+    ("study paper --set scenario=nothing", "nothing"),
+    ("study paper --until nees", "give it as COLUMN<LIMIT"),
+    ("study paper --cases 5 --rerun 7", "cases 0 to 4"),
+    ("study consistency --cases 2 --out OUT", "more than 24 are needed"),
+    ("next one one", "given twice"),
+    ("next one two --fail-on chi<3", "NAME<LIMIT"),
+    # values
+    ("simulate trmm OUT --set gyro.arw=1", "gyro.arw"),
+    ("simulate trmm OUT --set gyro.sample_s", "PATH=VALUE"),
+    ("simulate trmm OUT --set gyro.sample_s=-1", "gyro.sample_s"),
+    ("simulate trmm OUT --set gyro.sample_s=fast", "gyro.sample_s"),
+    ("simulate trmm OUT --set gyro.sample_s=1e-9", "gyro.sample_s"),
+    ("simulate trmm OUT --set reference.every_s=1e-9", "reference.every_s"),
+    ("simulate trmm OUT --set orbit.altitude_km=1e300", "orbit.altitude_km"),
+    ("simulate trmm OUT --set interval.0.stop_s=1e9", "interval"),
+    ("calibrate REC --step 0.7", "multiple"),
+    ("calibrate REC --step nan", "multiple"),
+    ("calibrate REC --step 1e300", "multiple"),
+    ("calibrate REC --step 1,5", "'1,5' is not a valid float"),
+    ("calibrate REC --psi half", "'half' is not one of"),
+    ("calibrate REC --iterations 100000000", "1<=x<=1000"),
+    ("calibrate REC --max-gap nan", "longest gap"),
+    ("calibrate REC --max-gap -1", "longest gap"),
+    ("calibrate REC --solve-for G_ab", "unknown parameter"),
+    ("calibrate REC --prior-sigma-g 1e-3", "both"),
+    ("calibrate REC --prior-sigma-g 1e200 --prior-sigma-bias 1", "below 1e6"),
+    ("calibrate REC --plausible-g 0", "plausible"),
+    ("calibrate REC --plausible-g 1e308", "plausible"),
+    *((f"calibrate REC --fail-on p{text}", "give NAME<LIMIT or NAME>LIMIT") for text in ("", "<", "<x", "<nan", "<=0.1")),
+    ("calibrate REC --fail-on q<1", "where NAME is p or condition"),
+    ("predict REC --from 10 --prior-scale nan", "sigma_scale nan"),
+    ("predict REC --from 10 --prior-sigma-g -1", "sigma_G -1"),
+    ("mission OUT --days 1 --every 1e308", "must be a multiple of the cycle"),
+]
+
+
+@pytest.fixture(scope="module")
+def trmm(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("simulated") / "REC"
+    assert CliRunner().invoke(main, ["simulate", "trmm", str(folder), "--set", "gyro.sample_s=5.0"]).exit_code == 0
+    return folder
+
+
+@pytest.fixture
+def refused(run_cli, trmm, tmp_path, monkeypatch):
+    """Run a command that must be refused; its one line."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        if any(argument.startswith("REC") for argument in arguments):
+            shutil.copytree(trmm, "REC")
+        before = set(tmp_path.rglob("*"))
+        result = run_cli(*arguments)
+        assert (result.exit_code, result.stdout, result.stderr.count("\n")) == (2, "", 1)
+        assert "\x1b" not in result.stderr
+        assert {path for path in tmp_path.rglob("*") if path.name != ".lock"} == before
+        return result.stderr
+
+    return run
+
+
+@pytest.mark.parametrize(("command", "text"), WRONG, ids=[command for command, _ in WRONG])
+def test_wrong_use_ends_in_one_line_and_status_2(refused, command, text):
+    assert text in refused(*command.split())
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("title = 1", "no [[interval]] sections"),
+        (PLAN_EXTRA.replace("title", "titel"), "titel is not known"),
+        (PLAN_EXTRA.replace("6000.0", "-6000.0"), "time order"),
+        (PLAN_EXTRA.replace('"+x"', '"+q"'), "mode"),
+        ("interval = 3", "no [[interval]] sections"),
+        ("[", "not a TOML file"),
+    ],
+)
+def test_a_maneuver_that_is_none_is_refused(refused, tmp_path, text, message):
+    (tmp_path / "extra.toml").write_text(text)
+    assert message in refused("plan", "trmm", "--extra", "extra.toml")

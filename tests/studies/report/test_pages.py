@@ -1,0 +1,110 @@
+"""The one template of all pages: names, titles and messages of a file are text in it, never a part of the page."""
+
+import base64
+import hashlib
+import json
+from html import escape
+
+import pandas as pd
+import pytest
+from markupsafe import Markup
+
+from studies.report import study_page
+from studies.report.pages import Answer, Made, Page, PageTable, Picture, Quiet, Section
+from studies.report.source import Source, render_markdown
+from tests import ROOT
+from tests.pages import checked
+
+SAID = '<script>alert("a & b")</script>'
+PICTURE = b'<svg width="72pt" height="72pt" viewBox="0 0 72 72"><g/></svg>'
+FOLDERS = sorted(path.parent for path in (ROOT / "results" / "studies").glob("*/manifest.json"))
+
+
+def picture(alt="", caption=""):
+    return Picture("f", lambda: PICTURE, alt, caption)
+
+
+ITEMS = {
+    "paragraph": SAID,
+    "quiet paragraph": Quiet(SAID),
+    "list": [SAID],
+    "term": {SAID: "a"},
+    "definition": {"a": SAID},
+    "cell": PageTable(pd.DataFrame({"a": [SAID]})),
+    "column": PageTable(pd.DataFrame({SAID: ["a"]})),
+    "label of a table": PageTable(pd.DataFrame({"a": ["a"]}), label=SAID),
+    "caption of a figure": picture(caption=SAID),
+    "words for a figure": picture(alt=SAID),
+    "Markdown": render_markdown(f"a {SAID}"),
+}
+PAGES = {name: Page("t", [Section("s", [item])]) for name, item in ITEMS.items()} | {
+    "heading": Page("t", [Section(SAID, [])]),
+    "heading of the page": Page(SAID, [], short="t"),
+    "title": Page("t", [], short=SAID),
+    "answer": Page("t", [], Answer("", picture(), SAID, {})),
+    "footer": Page("t", [], made=Made("1", "2026-01-01", SAID)),
+}
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_what_is_said_is_text(name):
+    page = PAGES[name].html()
+    assert "<script" not in page
+    assert escape(SAID).replace("&quot;", "&#34;") in page.replace("&quot;", "&#34;")
+
+
+def test_a_cell_of_markup_stays_so_and_numbers_are_at_the_right():
+    frame = pd.DataFrame({"size_deg": [1.25, 2.5], "what": [Markup("<b>1</b>"), "x"]}, dtype=object)
+    page = Page("t", [Section("s", [PageTable(frame, [False, True])])]).html()
+    assert '<th scope="col" class="number">size (deg)</th><th scope="col">what</th>' in page
+    assert '<tr><td class="number">1.25</td><td><b>1</b></td></tr>' in page
+    assert '<tr class="strong"><td class="number">2.5</td>' in page
+
+
+def test_a_figure_is_within_the_page():
+    page = Page("t", [Section("s", [picture("A figure of one point, for those who do not see it.", "c")])]).html()
+    assert f"data:image/svg+xml;base64,{base64.b64encode(PICTURE).decode()}" in page
+    assert set(checked(page).figures) == {"f"}
+
+
+def test_markdown_keeps_links_within_the_page_and_folds_long_tables():
+    rows = "\n".join(f"| {k} | a\\|b |" for k in range(50))
+    html = render_markdown(f"[in](#a) [out](docs/a.md)\n\n| n | text |\n|---|---|\n{rows}\n")
+    assert '<a href="#a">in</a>' not in html or "out" in html
+    assert "docs/a.md" not in html
+    assert "<summary>Table of 50 rows</summary>" in html
+    assert '<th scope="col" class="number">n</th>' in html
+    assert "<td>a|b</td>" in html
+
+
+# ---- folders of results --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["flight", "timestep"])
+def test_the_page_of_a_study_is_whole(name):
+    folder = ROOT / "results" / "studies" / name
+    page = checked(study_page.page(folder, Made("1", "2026-01-01", "gyrocal study flight")))
+    assert set(page.figures) == {f"{name}-{path.stem}" for path in folder.glob("*.svg")}
+    assert "SHA-256" in page.words
+
+
+def test_checks_that_fail_are_named(tmp_path):
+    assert study_page.verdict(tmp_path) == "This study has no checks."
+    lines = ["check,verdict", "one,pass", "two,fail", "three,note"]
+    (tmp_path / "checks.csv").write_text("\n".join(lines))
+    assert study_page.verdict(tmp_path) == "1 of 2 checks pass. Not: two."
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
+def test_a_figures_hash_is_that_of_its_file(folder):
+    files = json.loads((folder / "manifest.json").read_text())["files"]
+    for path in folder.glob("*.svg"):
+        if path.name in files:  # the oldest manifests have only their rows'
+            assert files[path.name] == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_figures_that_were_made_later_than_their_rows_say_so():
+    rows, later = "a" * 40, "b" * 40 + "+changes"
+    said = Source(ROOT, {"commit": rows, "reported": {"commit": later}}).made("x.svg")
+    assert "aaaaaaaaaaaa, reported from its rows at bbbbbbbbbbbb+changes;" in said
+    assert "reported" not in Source(ROOT, {"commit": rows}).made("x.svg")
