@@ -6,7 +6,7 @@ families are
 
 - rate errors that follow the rate in other ways: products, cubes, the acceleration, scale factors that drift;
 - rate errors that run with the time since an interval's start or with mission time, or that repeat with any period counted
-  from an interval's start (others are in `diagnosis.model.repeating`), and time tags that do so;
+  from an interval's start (others are in `diagnosis.model.periods`), and time tags that do so;
 - *directions*: sunlight and magnetic fields come from directions that are fixed inertially, or turn with the orbit. An error
   about body axis i that follows the component of such a direction along body axis k is a_jk(t) of the attitude matrix A times
   amplitudes for the inertial axes j; times cos nu and sin nu of the orbit angle u for directions that turn with it (the field
