@@ -320,19 +320,6 @@ class LinearModel:
             scales.append(np.full(own.size, self.scale(member)))
         return np.concatenate(places), np.concatenate(scales), np.array(shifts, dtype=np.intp)
 
-    def compact(self) -> LinearModel:
-        """Drop the columns that belong to no candidate."""
-        candidates, places, start = [], [np.empty(0, dtype=np.intp)], 0
-        for candidate in self.candidates:
-            options = []
-            for option in candidate.options:
-                places.append(np.arange(option.start, option.start + option.count))
-                options.append(replace(option, start=start))
-                start += option.count
-            candidates.append(replace(candidate, options=tuple(options)))
-        chosen = np.concatenate(places)
-        return replace(self, X=self.X[:, chosen], W=self.W[:, chosen], candidates=tuple(candidates))
-
     def with_options(
         self, place: int, options: Sequence[Option], W: Array, X: Array, scales: Array | None = None
     ) -> LinearModel:

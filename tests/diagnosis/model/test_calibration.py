@@ -74,14 +74,6 @@ def test_calibration_with_the_effect_in_covers_the_truth(label, text):
     assert nees["without"] > nees["with"]
 
 
-def test_without_effects_nothing_changes():
-    """The calibration of M0 is where the model is linearised, to a thousandth of a sigma."""
-    found = prepared(3)
-    change, covariance = calibrated(found.model, [])
-    assert np.abs(change / found.sigma).max() < 0.01
-    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), found.sigma, rtol=0.02)
-
-
 def test_effects_in_the_model_only_add_to_the_uncertainty():
     model, effects = named("bias_orbital:z", "bias_orbital:z=0.3,phase_deg=25")
     alone, together = calibrated(model, [])[1], calibrated(model, effects)[1][:12, :12]

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diagnosis.diagnose import diagnose
 from diagnosis.inference.criticism import check_explanation, combine_checks
 from diagnosis.model import linearise
 from diagnosis.model.candidates import linear_model
@@ -114,18 +113,15 @@ def test_what_averaging_hides_is_seen(monkeypatch):
     assert combine_checks(check_baseline(clean)) > 1e-2
 
 
-def test_a_misfit_without_a_cause_is_unknown():
+def test_noise_of_one_interval_is_a_misfit():
     """Noise of one interval's references: no candidate's, and no white noise of all of them."""
-    recording = recorded(5)
-    rng = np.random.default_rng(7)
-    part = recording.intervals[2]
-    inside = (recording.attitudes.t_s >= part.start_s) & (recording.attitudes.t_s <= part.stop_s)
-    more = rng.standard_normal(recording.attitudes.sigma.shape) * recording.attitudes.sigma * 2.0 * inside[:, None]
-    answer = diagnose(with_errors(recording, more))
-    assert answer.verdict == "unknown"
-    assert not answer.causes
-    assert answer.p_value < answer.false_alarm_rate
-    assert any(one.statistic in ("size", "scatter over intervals and rates") for one in answer.where)
+    found = prepared(5).model
+    rng, inside = np.random.default_rng(7), found.interval_of_reference == 2
+    more = 2.0 * np.einsum("mij,mj->mi", np.linalg.cholesky(found.errors), rng.standard_normal(found.residuals.shape))
+    checks = {
+        one.name: one.p_value for one in check_baseline(replace(found, residuals=found.residuals + more * inside[:, None]))
+    }
+    assert min(checks["size"], checks["scatter over intervals and rates"]) < 1e-6
 
 
 def test_nothing_is_said_of_few_references():
