@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from diagnosis.inference.search import Explanation, Search
+from diagnosis.inference.search import Explanation, Score, Search
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.settings import DiagnosisSettings
 
@@ -18,6 +18,7 @@ class RefinementSettings:
 
     nearly: float = 0.25  # of a member's log evidence, from which on another effect in its place may be it with finer options
     most_beside: int = 6  # of these
+    reach: float = 12.0  # log evidence below the best process, down to which another may be likelier with finer options
     refined: int = 3  # of the likeliest explanations, around whose members options are made finer
 
 
@@ -36,18 +37,58 @@ def search_with_refined_options(
     found = search.explanations()
     likely = found[: SETTINGS.refined]
     places = [member for explanation in likely for member in explanation.members]
-    processes = [member for member in places if search.model.candidate(member).process]
     places += beside(search, found[0]) if found else []
+    places = [member for member in places if not search.model.candidate(member).process]
+    processes = whole_processes(search.model, likely)
     search.forget()
     linear = search.model
-    for member in {member.candidate: member for member in reversed(places) if member not in processes}.values():
+    for member in {member.candidate: member for member in reversed(places)}.values():
         linear = linear.refine(linear, member)
     # Processes last: their finer scales are numbered anew, and the others of a set are held at theirs.
-    for member in {(member.candidate, member.option): member for member in processes}.values():
+    for member in processes:
         scales = linear.candidate(member).scales
         scale = int(np.argmin(np.abs(np.log(scales / search.model.scale(member)))))
         linear = linear.refine(linear, replace(member, scale=scale))
     return (linear, found) if linear is search.model else (linear, Search(linear, settings, tell).explanations())
+
+
+def whole_processes(model: LinearModel, likely: Sequence[Explanation]) -> list[Member]:
+    """Where random processes explain best with all of their columns: those in some explanations, and those that may be instead.
+
+    Of a strong process the columns that are usual hold a part only, of a short time constant more than of a long one. They
+    favour another option than all columns do, other effects beside it, and that process of several whose part is larger.
+    Each listed process about the same axis is therefore asked with all columns, alone and beside the other members.
+    """
+    random = [
+        (member, explanation) for explanation in likely for member in explanation.members if model.candidate(member).process
+    ]
+    axes = {model.candidate(member).axis for member, _ in random}
+    givens = list(dict.fromkeys([(), *(_others(explanation, member) for member, explanation in random)]))
+    found: dict[tuple[Member, ...], list[tuple[float, Member]]] = {given: [] for given in givens}
+    for number, entry in enumerate(model.candidates):
+        if not (entry.process and entry.listed and entry.axis in axes):
+            continue
+        for given, score in _as_a_whole(model, number, givens):
+            found[given].append((score.best, Member(number, score.option, score.scale)))
+    spots = []
+    for scored in found.values():
+        top = max((best for best, _ in scored), default=0.0)
+        spots += [member for best, member in scored if best > top - SETTINGS.reach]
+    return list({(member.candidate, member.option): member for member in spots}.values())
+
+
+def _as_a_whole(
+    model: LinearModel, number: int, givens: Sequence[tuple[Member, ...]]
+) -> Iterator[tuple[tuple[Member, ...], Score]]:
+    """Scores of a process with all columns that show at the scale that it has alone, given sets without it."""
+    own = [given for given in givens if all(member.candidate != number for member in given)]
+    members = list(dict.fromkeys(member for given in own for member in given))
+    held = [replace(model.candidate(member), options=(model.option(member),)) for member in members]
+    small = replace(model, candidates=(model.candidates[number], *held)).compact()
+    alone = Search(small).score(0, ())
+    whole = Search(small.whole(small, Member(0, alone.option, alone.scale)))
+    for given in own:
+        yield given, whole.score(0, tuple(Member(1 + members.index(one), 0, one.scale) for one in given))
 
 
 def _others(explanation: Explanation, member: Member) -> tuple[Member, ...]:

@@ -86,6 +86,12 @@ def of_columns(
         finer = with_finer_times if effect.switched else with_true_rates
         return finer(model, linear, member, effect)
 
+    def whole(linear: LinearModel, member: Member) -> LinearModel:
+        effect = effects.get(linear.candidate(member).effect)
+        if effect is None or effect.of_trackers or not linear.candidate(member).process:
+            return linear
+        return processes.with_whole_process(model, linear, member, effect)
+
     return LinearModel(
         y=model.y,
         X=W.X,
@@ -98,6 +104,7 @@ def of_columns(
         folds=lambda W: folds(model, W),
         room=store.room,
         refine=refine,
+        whole=whole,
     )
 
 

@@ -277,6 +277,8 @@ class LinearModel:
     room : memory behind X for the columns of further options
     refine : a model with more options around a member's own, for a parameter such as the time of a step that lies between the
         options; the model itself where there is nothing to refine
+    whole : a model with all columns of a random process that show at the scale at which a member is held, at each of its
+        options; the model itself where it is no process
     """
 
     y: Array
@@ -291,6 +293,7 @@ class LinearModel:
     folds: Callable[[Array], Iterable[Fold]] = field(default=lambda W: (), repr=False)
     room: Room | None = field(default=None, repr=False)
     refine: Callable[[LinearModel, Member], LinearModel] = field(default=lambda model, member: model, repr=False)
+    whole: Callable[[LinearModel, Member], LinearModel] = field(default=lambda model, member: model, repr=False)
 
     def find(self, label: str) -> int | None:
         """Index of a candidate by its label."""
@@ -319,6 +322,19 @@ class LinearModel:
             places.append(own)
             scales.append(np.full(own.size, self.scale(member)))
         return np.concatenate(places), np.concatenate(scales), np.array(shifts, dtype=np.intp)
+
+    def compact(self) -> LinearModel:
+        """Drop the columns that belong to no candidate."""
+        candidates, places, start = [], [np.empty(0, dtype=np.intp)], 0
+        for candidate in self.candidates:
+            options = []
+            for option in candidate.options:
+                places.append(np.arange(option.start, option.start + option.count))
+                options.append(replace(option, start=start))
+                start += option.count
+            candidates.append(replace(candidate, options=tuple(options)))
+        chosen = np.concatenate(places)
+        return replace(self, X=self.X[:, chosen], W=self.W[:, chosen], candidates=tuple(candidates))
 
     def with_options(
         self, place: int, options: Sequence[Option], W: Array, X: Array, scales: Array | None = None

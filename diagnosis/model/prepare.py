@@ -109,9 +109,9 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: P
     dead = _dead(recording, report, model.bias)
     if report.lines:
         likely = {zone.axis for zone in dead if zone.log_odds > REFERENCE_NOISE.likely}
+        told = within(tell, 0.08, 0.09)
         count = len(report.lines)
-        told = lambda done: tell("gyro samples: lines and references", 0.08 + 0.01 * done / count)  # noqa: E731
-        report = judge_lines(report, model, likely, told)
+        report = judge_lines(report, model, likely, lambda done: told("gyro samples: lines and references", done / count))
     if report.vibrations:
         report = replace(report, smooth=smoothed_rates(report.rates, recording))
         model, sigma = calibrate_baseline(recording, report, pieces, recording.attitudes.sigma)

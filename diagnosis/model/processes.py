@@ -190,14 +190,27 @@ def with_finer_process(model: RecordingModel, linear: LinearModel, member: Membe
     wanted = {member.option: replace(held, log_weight=weight), **{one: entry.options[one] for one in beside}}
     further = (replace(held, log_weight=weight, parameters=parameters) for parameters in halfway)
     wanted |= dict(enumerate(further, len(entry.options)))
+    return _as_a_whole(model, linear, member, effect, wanted, finer(entry.scales, member.scale))
+
+
+def with_whole_process(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
+    """The linear model with all columns of a random process that can be seen at a member's scale, at each of its options."""
+    entry = linear.candidate(member)
+    return _as_a_whole(model, linear, member, effect, dict(enumerate(entry.options)), entry.scales)
+
+
+def _as_a_whole(
+    model: RecordingModel, linear: LinearModel, member: Member, effect: Effect, wanted: Mapping[int, Option], scales: Array
+) -> LinearModel:
+    """The linear model with all columns that can be seen at a member's scale at some options of it, by their numbers."""
     covariance, places = process_places(model, effect)
-    place = places[AXES.index(str(entry.axis))]
-    options, columns, start = dict(enumerate(entry.options)), [], linear.W.shape[1]
+    place = places[AXES.index(str(linear.candidate(member).axis))]
+    options, columns, start = dict(enumerate(linear.candidate(member).options)), [], linear.W.shape[1]
     for number, one in wanted.items():
         columns.append(whole(place, covariance(one.parameters), SETTINGS.whole / linear.scale(member) ** 2))
         options[number] = replace(one, start=start, count=columns[-1].shape[1])
         start += columns[-1].shape[1]
-    W, scales = np.hstack(columns), finer(entry.scales, member.scale)
+    W = np.hstack(columns)
     return linear.with_options(member.candidate, list(options.values()), W, model.projected(W), scales)
 
 

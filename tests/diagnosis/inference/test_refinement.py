@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from diagnosis.diagnose import diagnose
-from diagnosis.inference.refinement import beside, search_with_refined_options
+from diagnosis.inference.refinement import beside, search_with_refined_options, whole_processes
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import Option
 from diagnosis.settings import DEFAULT
@@ -58,6 +58,40 @@ def test_only_listed_effects_with_some_evidence_are_beside():
     search = Search(model)
     best = search.of(("e1",))
     assert [member.candidate for member in beside(search, best)] == [0]  # the third explains nothing
+
+
+def truncated_process():
+    """A process with one column at either option, of which the second has two more that the others' amplitudes are in."""
+    rng = np.random.default_rng(4)
+    Q = np.linalg.qr(rng.standard_normal((80, 5)))[0] * 8
+    y = SIZE * (Q[:, 0] + Q[:, 1] + Q[:, 2]) + rng.standard_normal(80)
+    columns = [[Q[:, [0]], 0.01 * Q[:, [1]]], [Q[:, [3]], 0.5 * Q[:, [3]]], Q[:, [4]]]
+
+    def whole(model, member):
+        entry, all_of_it = model.candidates[member.candidate], Q[:, :3]
+        if not entry.process or entry.label != "e0":
+            return model
+        options = [entry.options[0], replace(entry.options[1], start=model.W.shape[1], count=3)]
+        return model.with_options(member.candidate, options, all_of_it, all_of_it)
+
+    changes = {0: {"process": True}, 1: {"process": True}}
+    return replace(linear_model(columns, y, changes=changes), whole=whole)
+
+
+def test_a_process_is_refined_where_all_its_columns_explain_most():
+    model = truncated_process()
+    likely = Search(model).explanations()[:1]
+    assert likely[0].members[0].option == 0
+    assert likely[0].key == {0}
+    spots = whole_processes(model, likely)
+    assert (0, 1) in {(member.candidate, member.option) for member in spots}
+    # What explains far less in its place, whatever its columns, is left as it is.
+    assert 1 not in {member.candidate for member in spots}
+
+
+def test_explanations_without_a_process_have_none_to_refine():
+    model = between_two_options()
+    assert whole_processes(model, Search(model).explanations()[:3]) == []
 
 
 def test_a_strong_process_is_not_taken_for_several():

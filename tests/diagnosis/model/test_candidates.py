@@ -207,6 +207,20 @@ def test_settings_reach_the_model(model):
     assert sum(float(np.sum(values)) for values in rivals.values()) == pytest.approx(0.5)
 
 
+def _with_candidates(made, *effects):
+    return replace(made, candidates=tuple(one for one in made.candidates if one.effect in effects)).compact()
+
+
+def test_parts_of_a_model_keep_their_columns(made):
+    part = _with_candidates(made, "bias_drift", "bias_orbital")
+    assert part.X.shape[1] == 3 * 1 + 3 * 2
+    for candidate in part.candidates:
+        old = made.candidates[made.find(candidate.label)]
+        for option, before in zip(candidate.options, old.options, strict=True):
+            np.testing.assert_array_equal(part.X[:, option.columns], made.X[:, before.columns])
+    assert _with_candidates(made).X.shape == (made.y.size, 0)
+
+
 def test_effects_that_need_what_the_recording_lacks_are_left_out(made):
     """No housekeeping here, so nothing can follow a temperature."""
     assert made.find("bias_temperature:x") is None
