@@ -24,9 +24,8 @@ from diagnosis.inference.amplitudes import Fitted, fit
 from diagnosis.inference.attribution import Attribution, attribute
 from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Explanation, Search
-from diagnosis.model.candidates import placed
 from diagnosis.model.folds import held_out
-from diagnosis.model.groups import Group
+from diagnosis.model.groups import Group, placed
 from diagnosis.model.linear import LinearModel, Parameters
 from diagnosis.settings import DEFAULT
 from simulator.mission_mode.config import MissionConfig

@@ -20,9 +20,8 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from diagnosis.inference.amplitudes import Fitted
-from diagnosis.model.candidates import placed
 from diagnosis.model.folds import held_out
-from diagnosis.model.groups import Group
+from diagnosis.model.groups import Group, placed
 from diagnosis.model.linear import LinearModel, Parameters
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from studies.natanson.flight_diagnosis.numbers import PLACES, Motion, motion, noise_factor
