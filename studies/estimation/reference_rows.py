@@ -5,9 +5,10 @@ from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
-from gyrocal import CalibrationResult, GyroParameters, attitude, calibrate
-from gyrocal.estimation.batch import BatchResult, batch
+from gyrocal import GyroParameters, attitude, calibrate
+from gyrocal.estimation.batch import batch
 from gyrocal.estimation.filter_run import run
 from gyrocal.estimation.full_filter import FullFilterResult
 from gyrocal.estimation.mekf import KalmanFilter
@@ -19,6 +20,7 @@ from studies.estimation.filter_cases import (
     fly,
     full_and_separate,
     independent_covariance,
+    judge_parameters,
     on_board_case,
     solved_with,
     vectors,
@@ -64,7 +66,7 @@ def attitudes(streams: Streams, truth: GyroParameters, arw: float) -> Rows:
         EXACT: (exact.attitudes, exact.attitude_covariance),
         PLAIN: (plain.attitudes, plain.attitude_covariance),
         FORMAL: (formal.attitudes, formal.attitude_covariance),
-        FILTER: (filtered.A, _on_diagonal(filtered.covariance[:, :3, :3])),
+        FILTER: (filtered.A, block_diag(*filtered.covariance[:, :3, :3])),
         SMOOTHER: (smoothed.A, smoothed.attitude_covariance),
     }
     ways = {SMOOTHER: smoothed.A, PLAIN: plain.attitudes, FILTER: filtered.A}
@@ -95,14 +97,6 @@ def attitudes(streams: Streams, truth: GyroParameters, arw: float) -> Rows:
     return rows
 
 
-def _on_diagonal(blocks: Array) -> Array:
-    """(3k, 3k) of (k, 3, 3)."""
-    out = np.zeros((3 * len(blocks), 3 * len(blocks)))
-    for k, block in enumerate(blocks):
-        out[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = block
-    return out
-
-
 @lru_cache(maxsize=2)
 def _setups(truth: tuple[float, ...], arw: float) -> tuple[ReferenceCase, ...]:
     parameters = GyroParameters.from_vector(np.array(truth))
@@ -116,46 +110,24 @@ def calibrations(streams: Streams, truth: GyroParameters, arw: float) -> Rows:
         for source, weighting in ((EXACT, "exact"), (PLAIN, "plain")):
             recording, batches = setup.draw(streams.generator(setup.name), "exact" if weighting == "exact" else "plain")
             results = {
-                WHOLE: calibrate(recording, residual_covariance=_whole(setup, batches)),
+                WHOLE: calibrate(recording, residual_covariance=residual_covariance(batches, setup.intervals, setup.arw)),
                 BLOCKS: calibrate(recording, interval_covariance=interval_covariance(batches, setup.intervals, setup.arw)),
                 INDEPENDENT: calibrate(recording),
             }
-            rows += [_calibrated(setup.name, source, name, converged(result), truth) for name, result in results.items()]
+            for name, result in results.items():
+                rows.append(_row(setup.name, source, name, converged(result).parameters.vector, result.covariance, truth))
     one = on_board_case(streams.generator("timeline"), truth=truth, arw=arw)
     found, P = one.onboard.solve()
-    rows.append(_solved("timeline", FILTER, CARRIED, found.vector, P, truth))
+    rows.append(_row("timeline", FILTER, CARRIED, found.vector, P, truth))
     naive = [independent_covariance(maneuver, arw) for maneuver in one.maneuvers]
-    rows.append(_solved("timeline", FILTER, INDEPENDENT, *solved_with(one.apriori, one.maneuvers, naive), truth))
+    rows.append(_row("timeline", FILTER, INDEPENDENT, *solved_with(one.apriori, one.maneuvers, naive), truth))
     return rows
 
 
-def _whole(setup: ReferenceCase, batches: list[BatchResult]) -> Array:
-    return residual_covariance(batches, setup.intervals, setup.arw)
-
-
-def _calibrated(setup: str, source: str, treatment: str, result: CalibrationResult, truth: GyroParameters) -> dict[str, object]:
-    return _solved(setup, source, treatment, result.parameters.vector, result.covariance, truth)
-
-
-def _solved(setup: str, source: str, treatment: str, x: Array, P: Array, truth: GyroParameters) -> dict[str, object]:
+def _row(setup: str, source: str, treatment: str, x: Array, P: Array, truth: GyroParameters) -> dict[str, object]:
     error = x - truth.vector
-    return {
-        "part": "calibration",
-        "setup": setup,
-        "estimator": source,
-        "treatment": treatment,
-        "dof": 12,
-        "nees": float(nees(error[None], P[None])[0]),
-        "nees_bias": float(nees(error[None, 9:], P[None, 9:, 9:])[0]),
-        **_sizes(error, P),
-    }
-
-
-def _sizes(error: Array, P: Array) -> dict[str, object]:
-    return {
-        "G_error_ppm": 1e6 * float(np.sqrt(np.mean(error[:9] ** 2))),
-        "G_sigma_ppm": 1e6 * float(np.sqrt(np.mean(np.diag(P)[:9]))),
-    }
+    keys = {"part": "calibration", "setup": setup, "estimator": source, "treatment": treatment, "dof": 12}
+    return keys | judge_parameters(error, P) | {"nees_bias": float(nees(error[None, 9:], P[None, 9:, 9:])[0])}
 
 
 def full_filter(streams: Streams, truth: GyroParameters, arw: float, misalignments_deg: tuple[float, ...]) -> Rows:
@@ -168,10 +140,9 @@ def full_filter(streams: Streams, truth: GyroParameters, arw: float, misalignmen
         if size_deg:
             solutions[STATED] = separate[1]
         for scheme, (parameters, P) in solutions.items():
-            error = parameters.vector - truth.vector
             row: dict[str, object] = {"part": "full filter", "setup": f"{WRONG} {size_deg:g} deg" if size_deg else RIGHT}
             row |= {"misaligned_deg": size_deg, "estimator": scheme, "dof": 12}
-            row |= {"nees": float(nees(error[None], P[None])[0]), **_sizes(error, P)}
+            row |= judge_parameters(parameters.vector - truth.vector, P)
             rows.append(row | (_own_checks(full) if scheme == FULL else {}))
     return rows
 

@@ -27,7 +27,7 @@ from pydantic import Field, field_validator
 
 from studies.calibration.prepared import true_parameters
 from studies.estimation import reference_rows as flown
-from studies.estimation.filter_cases import SENSOR
+from studies.estimation.filter_cases import SENSOR, rms_of
 from studies.estimation.flights import FixedFlightConfig
 from studies.estimation.reference_rows import BLOCKS, CARRIED, INDEPENDENT, WHOLE, Rows
 from studies.montecarlo.statistics import nees_line
@@ -107,7 +107,7 @@ def attitude_table(rows: pd.DataFrame) -> pd.DataFrame:
             row[f"within_{level}_sigma"] = np.nan if at == flown.TOGETHER else part[f"within_{level}"].sum() / (3 * len(part))
         return {
             **row,
-            **_rms(part, "error_mdeg", "sigma_mdeg"),
+            **rms_of(part, "error_mdeg", "sigma_mdeg"),
             "expected": expected_word(EXPECTED.get(("attitudes", estimator))),
         }
 
@@ -129,7 +129,7 @@ def calibration_table(rows: pd.DataFrame) -> pd.DataFrame:
         for name, values, dof in (("coverage_95", part["nees"], 12), ("bias_coverage_95", part["nees_bias"], 3)):
             row[name] = float((values <= scipy.special.chdtri(dof, 0.05)).mean())
         expected = {"expected": expected_word(EXPECTED.get(key)), "bias_expected": expected_word(EXPECTED_BIAS.get(key))}
-        return {**row, **_rms(part, "G_error_ppm", "G_sigma_ppm"), **expected}
+        return {**row, **rms_of(part, "G_error_ppm", "G_sigma_ppm"), **expected}
 
     own = rows[rows["part"] == "calibration"].rename(columns={"setup": "flight", "estimator": "references"})
     return by_group(own, ["flight", "references", "treatment"], line)
@@ -140,17 +140,13 @@ def full_filter_table(rows: pd.DataFrame) -> pd.DataFrame:
 
     def line(part: pd.DataFrame) -> dict[str, object]:
         key = tuple(part[["sensors", "scheme"]].iloc[0])
-        row = {**nees_line(part["nees"], 12), **_rms(part, "G_error_ppm", "G_sigma_ppm")}
+        row = {**nees_line(part["nees"], 12), **rms_of(part, "G_error_ppm", "G_sigma_ppm")}
         row |= {name: part[name].mean() for name in ("innovations_per_dof", "changes_per_dof")}
         large = np.deg2rad(part["misaligned_deg"].iloc[0]) >= TELLING * SENSOR * (1 - 1e-9)
         return row | {"expected": expected_word(False if large and key[1] != flown.STATED else EXPECTED.get(key))}
 
     own = rows[rows["part"] == "full filter"].rename(columns={"setup": "sensors", "estimator": "scheme"})
     return by_group(own, ["sensors", "scheme"], line)
-
-
-def _rms(part: pd.DataFrame, *names: str) -> dict[str, float]:
-    return {name: float(np.sqrt(np.mean(part[name] ** 2))) for name in names}
 
 
 SAME = "The exact batch and the smoother are one answer, and so is the filter at the last time, when it knows the same."

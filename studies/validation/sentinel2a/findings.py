@@ -247,4 +247,6 @@ def forecast_rows(flown: Imported) -> list[dict[str, Any]]:
         q = table[names].to_numpy()
         table[names] = q * np.sign(q @ sensor.q[-1])[:, None]
     kept = ["t_s", *(name for name in table.columns if name.startswith(tuple(f"{one.name.lower()}_" for one in flown.sensors)))]
-    return [{"kind": "prediction"} | {str(name): value for name, value in row.items()} for row in table[kept].to_dict("records")]
+    return [
+        {"kind": "prediction"} | {str(name): value for name, value in row.items()} for row in table[kept].to_dict("records")
+    ]
