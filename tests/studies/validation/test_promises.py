@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gyrocal import InputError
 from studies.montecarlo.study import Streams, load_config
 from studies.report.entry import write
 from studies.validation.promises import cases
@@ -87,8 +86,3 @@ def test_the_report_has_a_line_and_a_check_for_every_promise(tmp_path, rows):
     write(made, "Study promises", tmp_path)
     assert (tmp_path / "coverage.svg").stat().st_size > 0
     assert "too sure" in (tmp_path / "report.md").read_text()  # N's covariance
-
-
-def test_what_would_have_no_effect_is_refused():
-    with pytest.raises(InputError, match="the study's own"):
-        load_config(STUDY, changes={"overrides.gyro.sample_s": 1.0})
