@@ -92,13 +92,3 @@ def test_runs_that_do_not_converge_are_said_and_left_out(config, tmp_path):
     assert (failed.value, failed.verdict) == (4, "fail")
     assert made.check("smallest factor of a run that did not converge").value == 600
     assert iterations.enough(rows)["factor_1_sigma_median"].isna().all()
-
-
-def test_report(config, rows):
-    made = iterations.report(config, rows)
-    assert not [check.name for check in made.checks if check.verdict == "fail"]
-    assert sum(check.verdict == "pass" for check in made.checks) == 9
-    beside = iterations.second_iteration(rows).set_index("quantity")
-    assert beside.loc["G", "flight"] == pytest.approx(4e-6, abs=0.5e-6)
-    assert beside.loc["bias_deg_s", "flight"] == pytest.approx(4e-8, abs=0.5e-8)
-    assert 1e-6 < beside.loc["G", "median"] < 1e-5

@@ -85,11 +85,3 @@ def test_at_the_crossing_both_noises_count_the_same(rows):
     for k, ratio in enumerate(noise.crossings(rows)):
         share = formal(shared, ratio * np.deg2rad(0.005), np.deg2rad(0.005))[1][k]
         assert share == pytest.approx(0.5, abs=0.03)
-
-
-def test_report_has_its_numbers_from_the_rows(rows):
-    made = noise.report(CONFIG, rows)
-    assert made.check("sigma of G at the flight's noise, largest").value == rows.iloc[-1][SIGMAS[:9]].max()
-    assert made.check("formal sigmas within the spread's interval, of 60").value == 60
-    limited = [made.check(f"parameters limited by the {what} at the flight's noise").value for what in ("gyro", "references")]
-    assert sum(limited) == 12
