@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from studies.estimation import references
-from studies.estimation.reference_rows import (
+from studies.estimation.references import (
     BLOCKS,
     EXACT,
     FILTER,
@@ -14,11 +14,11 @@ from studies.estimation.reference_rows import (
     PLAIN,
     SMOOTHER,
     STATED,
+    STUDY,
     TIMES,
     UNSTATED,
     WHOLE,
 )
-from studies.estimation.references import STUDY
 from studies.montecarlo.statistics import CONSISTENT
 from studies.montecarlo.study import load_config
 from tests.studies.rows import run_study
