@@ -21,7 +21,7 @@ from simulator import scenario as scenarios
 from simulator.truth.maneuvers import Profile, Slew, trajectory
 from simulator.truth.orbit import CircularOrbit
 from simulator.truth.rotation import matrix
-from studies.calibration.prepared import true_parameters
+from studies.calibration.prepared import rms, true_parameters
 from studies.estimation.flights import DirectionSensor, Flight, nadir
 from studies.montecarlo.statistics import nees
 
@@ -180,13 +180,12 @@ def judge_parameters(error: Array, P: Array) -> dict[str, object]:
 
 def rms_sizes(error: Array, P: Array, of: slice) -> list[tuple[str, float]]:
     """RMS of some parameters' errors and sigmas."""
-    squares = {"error": error[of] ** 2, "sigma": np.diag(P)[of]}
-    return [(what, float(np.sqrt(np.mean(values)))) for what, values in squares.items()]
+    return [("error", rms(error[of])), ("sigma", rms(np.sqrt(np.diag(P)[of])))]
 
 
 def rms_of(rows: pd.DataFrame, *names: str) -> dict[str, float]:
     """RMS of some columns."""
-    return {name: float(np.sqrt(np.mean(rows[name] ** 2))) for name in names}
+    return {name: rms(rows[name]) for name in names}
 
 
 def timeline_legs() -> list[Leg]:

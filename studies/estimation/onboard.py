@@ -199,11 +199,9 @@ def from_ground(rows: pd.DataFrame) -> pd.DataFrame:
 
 def memory(rows: pd.DataFrame) -> pd.DataFrame:
     """Memory over the number of samples; empty if it was not measured."""
-    if "samples" not in rows:
-        return pd.DataFrame(columns=["samples", "object_bytes", "cost_peak_kib", "cost_kept_kib"])
-    part = rows[rows["part"] == "memory"].sort_values("samples")
-    whole = part[["samples", "object_bytes"]].astype(int)
-    return whole.assign(**{name: part[name] for name in ("cost_peak_kib", "cost_kept_kib")}).reset_index(drop=True)
+    names = ["samples", "object_bytes", "cost_peak_kib", "cost_kept_kib"]
+    part = rows[rows["part"] == "memory"].reindex(columns=names).sort_values("samples", ignore_index=True)
+    return part.astype({"samples": int, "object_bytes": int})
 
 
 SAME = "From the same references the on-board form and the ground's calibration are one answer, to rounding."

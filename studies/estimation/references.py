@@ -37,7 +37,7 @@ from gyrocal.estimation.full_filter import FullFilterResult
 from gyrocal.estimation.mekf import KalmanFilter
 from gyrocal.estimation.reference_covariance import interval_covariance, residual_covariance
 from gyrocal.estimation.smoother import smooth
-from studies.calibration.prepared import converged, true_parameters
+from studies.calibration.prepared import converged, rms, true_parameters
 from studies.estimation.filter_cases import (
     SENSOR,
     Z,
@@ -141,8 +141,8 @@ def attitudes(streams: Streams, truth: GyroParameters, arw: float) -> Rows:
                     "within_1": int(np.sum(np.abs(error[k]) <= sigma)),
                     "within_2": int(np.sum(np.abs(error[k]) <= 2 * sigma)),
                     "apart_sigma": float(apart_sigma[estimator][k].max()) if estimator in apart_sigma else None,
-                    "error_mdeg": 1e3 * float(np.rad2deg(np.sqrt(np.mean(error[k] ** 2)))),
-                    "sigma_mdeg": 1e3 * float(np.rad2deg(np.sqrt(np.mean(sigma**2)))),
+                    "error_mdeg": 1e3 * float(np.rad2deg(rms(error[k]))),
+                    "sigma_mdeg": 1e3 * float(np.rad2deg(rms(sigma))),
                 }
             )
         if estimator in (EXACT, PLAIN, SMOOTHER):  # a filter does not say what its estimates share; the formal P is singular

@@ -21,6 +21,7 @@ from gyrocal.calibration.sampling import measurements
 from gyrocal.estimation.predict import conditioned, predict, steps
 from gyrocal.importing.build import Imported
 from gyrocal.recording.gyros import nominal, parity
+from studies.calibration.prepared import rms
 from studies.report.prediction_page import rows as prediction_rows
 from studies.validation.sentinel2a.flown import ARCSEC, LSB_RAD, WINDOW_S, known, known_of_gyros
 
@@ -73,11 +74,6 @@ def drift(path: Array, over_s: float, within: tuple[float, float] = (-np.inf, np
     first, later = first[chosen], later[chosen]
     turn = R[later] @ R[first].transpose(0, 2, 1)
     return np.asarray(e[later] - np.einsum("nij,nj->ni", turn, e[first]))
-
-
-def rms(values: Array) -> float:
-    """Root mean square over rows and axes."""
-    return float(np.sqrt(np.mean(np.square(values)))) if values.size else float("nan")
 
 
 def drift_rows(flown: Imported) -> list[dict[str, Any]]:
