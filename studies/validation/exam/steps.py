@@ -27,7 +27,6 @@ FOLDER = Path(__file__).parent
 RELIABILITY = FOLDER.parents[1] / "data" / "reliability.csv"  # what the card of a diagnosis quotes
 GENERATOR = ("families.py", "plans.py")
 SEAL, KEYS, ANSWERS, SCORE = "seal.json", "keys.json", "answers.json", "score.json"
-CASES = 200
 DIGITS = 9  # of a number in the keys, so that another machine's last bits do not change their hash
 KEPT = ("verdict", "gap", "causes", "unknown_probability", "posterior", "closure", "calibration")
 

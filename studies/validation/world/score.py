@@ -38,7 +38,6 @@ from studies.validation.world.answers import CONFIDENT, GOOD, NAMING, label, siz
 Array = NDArray[np.float64]
 
 DETECTABLE, CLEAR = 8.0, 12.0  # SNR from which most effects must be seen, and unlisted ones told as such
-SNR_BINS = (5.0, 8.0, 12.0, 20.0, 35.0, np.inf)
 STATED = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1.0 + 1e-9)
 EXACT = 1e-5  # of a size; a smaller sigma is that of digits
 LEVELS = {"68 %": 0.6827, "95 %": 0.95, "99.7 %": 0.9973}
