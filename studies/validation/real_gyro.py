@@ -287,8 +287,9 @@ def draw_waterfalls(steps: pd.DataFrame) -> Draw:
 
 def build_step(row: Record) -> Step:
     """Build a step of a budget from its row."""
-    closed = () if pd.isna(row["closed"]) else (row["closed"], (row["closed_low"], row["closed_high"]))
-    return Step(row["step"], row["misfit"], row["misfit_deg"], *closed)
+    if pd.isna(row["closed"]):
+        return Step(row["step"], row["misfit"], row["misfit_deg"])
+    return Step(row["step"], row["misfit"], row["misfit_deg"], row["closed"], (row["closed_low"], row["closed_high"]))
 
 
 ENTRY = Entry(STUDY, "the gap budget of recorded MEMS gyros, and predictions of their second half (BROAD)", build_report)

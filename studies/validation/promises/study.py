@@ -126,7 +126,8 @@ def _wide(table: pd.DataFrame, key: str) -> pd.DataFrame:
 
 def _checks(whole: pd.DataFrame, mean: pd.DataFrame, *parts: pd.DataFrame) -> tuple[Check, ...]:
     out = []
-    shares = whole.assign(name=[f"{row.promise}, {100 * row.level:.3g} %, of {row.cases}" for row in whole.itertuples()])
+    names = [f"{row['promise']}, {100 * row['level']:.3g} %, of {row['cases']}" for row in whole.to_dict("records")]
+    shares = whole.assign(name=names)
     means = mean.assign(name="mean NEES, " + mean["promise"])
     for table, value, unit, meaning in ((shares, "share", "", SHARE), (means, "nees_per_dof", "NEES/dof", MEAN)):
         for row in table.to_dict("records"):
