@@ -181,7 +181,8 @@ def calibrations(streams: Streams, truth: GyroParameters, arw: float) -> Rows:
 def _row(setup: str, source: str, treatment: str, x: Array, P: Array, truth: GyroParameters) -> dict[str, object]:
     error = x - truth.vector
     keys = {"part": "calibration", "setup": setup, "estimator": source, "treatment": treatment, "dof": 12}
-    return keys | judge_parameters(error, P) | {"nees_bias": float(nees(error[None, 9:], P[None, 9:, 9:])[0])}
+    judged, of_bias = judge_parameters(error, P), float(nees(error[None, 9:], P[None, 9:, 9:])[0])
+    return {**keys, "nees": judged.pop("nees"), "nees_bias": of_bias, **judged}
 
 
 def full_filter(streams: Streams, truth: GyroParameters, arw: float, misalignments_deg: tuple[float, ...]) -> Rows:
