@@ -45,7 +45,7 @@ MODULES = {
     "heads": "studies.robertson.heads",
     "import": "studies.validation.imports",
     "sentinel2a": "studies.validation.sentinel2a",
-    "promises": "studies.validation.promises.report",
+    "promises": "studies.validation.promises.study",
 }
 
 

@@ -43,8 +43,6 @@ def ran(study: str, folder: Path, kernel: str, disabled: str, cases: int | None)
     more = {"OPENBLAS_CORETYPE": kernel, "NPY_DISABLE_CPU_FEATURES": disabled, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "gyrocal", "study", study, "--backend", "serial", "--out", str(folder)]
     command += ["--cases", str(cases)] if cases else []
-    if study == "promises":
-        command += ["--set", "diagnosed_every=1000"]
     return subprocess.run(command, cwd=ROOT, env={**os.environ, **more}, capture_output=True, text=True, check=False)
 
 

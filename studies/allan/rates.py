@@ -136,7 +136,8 @@ def _runs(recording: Recording, interval: Interval, usable: NDArray[np.bool_], n
     own = np.zeros_like(usable)
     own[first:last] = usable[first:last]
     out = []
-    for low, high in arcs(own & (consecutive(recording, own) | _begins(own))):
+    begins = own & ~np.append(False, own[:-1])
+    for low, high in arcs(own & (consecutive(recording, own) | begins)):
         begin = low if low == first else low + MARGIN
         end = high if high == last else high - MARGIN
         if noise is not None:
@@ -159,11 +160,6 @@ def _gentle(x: Array) -> int:
         else:
             k += 1
     return left
-
-
-def _begins(own: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The first sample of each run."""
-    return own & ~np.append(False, own[:-1])
 
 
 def _stretch(recording: Recording, interval: Interval, part: slice, parameters: Callable[[], GyroParameters]) -> Stretch | None:
@@ -210,7 +206,8 @@ def constant_rate_p(t_s: Array, attitudes: Rotation, sigma: Array) -> float:
     sigma : (m, 3) of their errors, rad
     """
     since = t_s - t_s[0]
-    start, rate = attitudes[0], _first_rate(since, attitudes)
+    steps = (attitudes[:-1].inv() * attitudes[1:]).as_rotvec() / np.diff(since)[:, None]
+    start, rate = attitudes[0], np.median(steps, axis=0)
     weights = 1 / sigma.reshape(-1)
     for _ in range(ITERATIONS):
         ahead = Rotation.from_rotvec(since[:, None] * rate)
@@ -222,12 +219,6 @@ def constant_rate_p(t_s: Array, attitudes: Rotation, sigma: Array) -> float:
         start, rate = start * Rotation.from_rotvec(step[:3]), rate + step[3:]
     chi2 = float(np.sum((left.reshape(-1) * weights) ** 2))
     return float(scipy.stats.chi2.sf(chi2, 3 * t_s.size - 6))
-
-
-def _first_rate(since: Array, attitudes: Rotation) -> Array:
-    """Median rate from one reference to the next."""
-    step = (attitudes[:-1].inv() * attitudes[1:]).as_rotvec() / np.diff(since)[:, None]
-    return np.asarray(np.median(step, axis=0))
 
 
 def _mean_turn(since: Array, rate: Array) -> Array:

@@ -38,7 +38,7 @@ from studies.montecarlo.study import Streams, Study, StudyConfig, base_scenario,
 from studies.report import panels
 from studies.report.checks import Check
 from studies.report.entry import Entry, Report
-from studies.report.tables import Table
+from studies.report.tables import Table, by_group
 from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES, columns
 
 Array = NDArray[np.float64]
@@ -118,12 +118,11 @@ def case(config: ConsistencyConfig, case: int, streams: Streams) -> list[dict[st
     truth = np.array([scenario_value(scenario, path) for path in PATHS]) * TO_SI
     start = GyroParameters.from_vector(mean)
     found = {
-        "with prior": calibrate(seen, initial=start, apriori_covariance=np.diag(sigma**2)),
-        "without prior": calibrate(seen, initial=start),
-        "references only": calibrate(seen, initial=start, covariance_model="references only"),
+        "with prior": converged(calibrate(seen, initial=start, apriori_covariance=np.diag(sigma**2))),
+        "without prior": converged(calibrate(seen, initial=start)),
+        "references only": converged(calibrate(seen, initial=start, covariance_model="references only")),
     }
     rows = [judged(name, r.parameters.vector - truth, r.covariance) for name, r in found.items()]
-    found = {name: converged(result) for name, result in found.items()}
     right = found["with prior"]
     for name, (scale, shift) in CONTROLS.items():
         rows.append(judged(name, right.parameters.vector - truth + shift * right.sigma, scale**2 * right.covariance))
@@ -227,22 +226,22 @@ def verdict(checks: pd.DataFrame) -> str:
     return " and ".join(map(str, wrong.value_counts().index)) if len(wrong) else CONSISTENT
 
 
-def judge(config: ConsistencyConfig, rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """`check` of each estimator."""
-    chosen = {name: rows[rows["estimator"] == name] for name in EXPECTED}
-    return {name: check(part, config.confidence, config.bins) for name, part in chosen.items()}
+def judge(config: ConsistencyConfig, rows: pd.DataFrame) -> pd.DataFrame:
+    """`check` of each estimator, in one table."""
+    parts = {name: check(rows[rows["estimator"] == name], config.confidence, config.bins) for name in EXPECTED}
+    return pd.concat([table.assign(estimator=name) for name, table in parts.items()], ignore_index=True)
 
 
-def _verdict_table(checks: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    out = []
-    for name, table in checks.items():
-        whole = table[table["parameter"] == WHOLE].set_index("statistic")[["value", "lower", "upper"]].astype(float)
-        nees = whole.T["nees"]
-        row: dict[str, object] = {"estimator": name, "expected": EXPECTED[name], "verdict": verdict(table)}
+def _verdict_table(checks: pd.DataFrame) -> pd.DataFrame:
+    def line(table: pd.DataFrame) -> dict[str, object]:
+        whole = table[table["parameter"] == WHOLE].set_index("statistic")
+        row: dict[str, object] = {"expected": EXPECTED[table["estimator"].iloc[0]], "verdict": verdict(table)}
         row |= {"statistics": len(table), "outside": int((table["verdict"] != CONSISTENT).sum())}
-        row |= {"nees_per_dof": nees["value"], "nees_per_dof_low": nees["lower"], "nees_per_dof_high": nees["upper"]}
-        out.append(row | {"spread": whole["value"]["spread"], "mean_F": whole["value"]["mean"]})
-    return pd.DataFrame(out)
+        names = {"value": "nees_per_dof", "lower": "nees_per_dof_low", "upper": "nees_per_dof_high"}
+        row |= {name: whole.loc["nees", column] for column, name in names.items()}
+        return row | {"spread": whole.loc["spread", "value"], "mean_F": whole.loc["mean", "value"]}
+
+    return by_group(checks, ["estimator"], line)
 
 
 def _parameter_table(rows: pd.DataFrame, checks: pd.DataFrame) -> pd.DataFrame:
@@ -255,15 +254,6 @@ def _parameter_table(rows: pd.DataFrame, checks: pd.DataFrame) -> pd.DataFrame:
     return table[kept].assign(nees=values["nees"].to_numpy(), rank_chi2=values["rank"].to_numpy())
 
 
-def _outside_table(checks: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    """How many of each statistic are outside, a row an estimator."""
-    out = []
-    for name, table in checks.items():
-        outside = (table["verdict"] != CONSISTENT).groupby(table["statistic"], sort=False).sum()
-        out.append({"estimator": name, **{str(key): int(count) for key, count in outside.items()}})
-    return pd.DataFrame(out)
-
-
 LINE = "The verdict on an estimator is consistent if all its statistics are within their limits; controls must be found out."
 
 
@@ -271,6 +261,8 @@ def report(config: ConsistencyConfig, rows: pd.DataFrame) -> Report:
     """Verdicts on the consistent estimators and on the controls."""
     judgements = judge(config, rows)
     verdicts = _verdict_table(judgements)
+    outside = judgements.assign(outside=judgements["verdict"] != CONSISTENT)
+    counts = outside.pivot_table(index="estimator", columns="statistic", values="outside", aggfunc="sum", sort=False)
     checks = [Check(line["estimator"], line["verdict"], line["expected"], "", LINE) for line in verdicts.to_dict("records")]
     for line in verdicts[verdicts["expected"] == CONSISTENT].to_dict("records"):
         bounds = (line["nees_per_dof_low"], line["nees_per_dof_high"])
@@ -281,9 +273,10 @@ def report(config: ConsistencyConfig, rows: pd.DataFrame) -> Report:
     tables = {
         "verdicts": Table(f"Verdicts, {rows['case'].nunique()} cases", verdicts, note),
         "parameters": Table(
-            "With prior, by parameter (coverage with 95 % Wilson intervals)", _parameter_table(right, judgements["with prior"])
+            "With prior, by parameter (coverage with 95 % Wilson intervals)",
+            _parameter_table(right, judgements[judgements["estimator"] == "with prior"]),
         ),
-        "outside": Table("Statistics outside their limits, of 13 each", _outside_table(judgements)),
+        "outside": Table("Statistics outside their limits, of 13 each", counts.reset_index()),
     }
     by_estimator = {name: samples(rows[rows["estimator"] == name])["G_xx"] for name in EXPECTED}
     by_parameter = {name: y for name, y in samples(right).items() if name != WHOLE}

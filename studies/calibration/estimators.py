@@ -40,7 +40,7 @@ from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.sampling import measurements
 from gyrocal.recording import Recording
 from simulator.scenario import load, override
-from studies.calibration.prepared import Flown, true_parameters
+from studies.calibration.prepared import Flown, rms, true_parameters
 from studies.montecarlo.study import Streams, Study, StudyConfig, dispersed, observed
 from studies.report import panels
 from studies.report.checks import Check, at_most
@@ -201,9 +201,9 @@ def case(config: EstimatorsConfig, case: int, streams: Streams) -> list[dict[str
             "from_oracle_deg_h": float(apart[9:].max() * PPM_DEG_H[-1]),
             "from_full_psi_G": float(np.abs(estimate.x - found[FULL_PSI].x)[:9].max()),
             "last_correction_G": None if np.isnan(estimate.last_correction_G) else estimate.last_correction_G,
-            "error_rms_G": float(np.sqrt(np.mean(error[:9] ** 2))),
-            "error_rms_deg_h": float(np.sqrt(np.mean(error[9:] ** 2)) * PPM_DEG_H[-1]),
-            "error_in_sigmas": float(np.sqrt(np.mean((error / sigma) ** 2))),
+            "error_rms_G": rms(error[:9]),
+            "error_rms_deg_h": rms(error[9:]) * PPM_DEG_H[-1],
+            "error_in_sigmas": rms(error / sigma),
             "passes": estimate.passes,
         }
         row |= dict(zip(ERRORS, (error * PPM_DEG_H).tolist(), strict=True))
@@ -223,9 +223,9 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
             "cases": len(part),
             "from_oracle_G_max": part["from_oracle_G"].max(),
             "from_oracle_deg_h_max": part["from_oracle_deg_h"].max(),
-            "error_rms_ppm": 1e6 * _rms(part["error_rms_G"]),
-            "error_rms_deg_h": _rms(part["error_rms_deg_h"]),
-            "error_in_sigmas": _rms(part["error_in_sigmas"]),
+            "error_rms_ppm": 1e6 * rms(part["error_rms_G"]),
+            "error_rms_deg_h": rms(part["error_rms_deg_h"]),
+            "error_in_sigmas": rms(part["error_in_sigmas"]),
             "passes": part["passes"].mean(),
             "cost_cpu_ms": part["cost_cpu_ms"].median(),
             "cost_ratio": (part.set_index("case")["cost_cpu_ms"] / one).median(),
@@ -236,14 +236,10 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
 
 def by_parameter(rows: pd.DataFrame) -> pd.DataFrame:
     """A row a parameter: the RMS error of each estimator that ran in every case."""
-    errors = rows[rows["estimator"] != STREAMING].groupby("estimator", sort=False)[ERRORS].agg(_rms)
+    errors = rows[rows["estimator"] != STREAMING].groupby("estimator", sort=False)[ERRORS].agg(rms)
     return pd.DataFrame(
         {"parameter": NAMES, "unit": PPM_DEG_H_NAMES, **{name: errors.loc[name].to_numpy() for name in errors.index}}
     )
-
-
-def _rms(values: pd.Series) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 AGREED = "Converged calibrator and oracle solve the same equations where the reference sigmas are the same on all axes."

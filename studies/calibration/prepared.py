@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import Any, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gyrocal import CalibrationResult, GyroParameters, InputError, attitude
 from gyrocal.recording import Recording
@@ -42,6 +42,11 @@ def converged(result: CalibrationResult) -> CalibrationResult:
     if not result.converged:
         raise InputError(f"diverged: the calibration still moves after {len(result.corrections)} iterations")
     return result
+
+
+def rms(values: ArrayLike) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def noise_of(streams: Streams) -> Noise:

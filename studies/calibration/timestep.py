@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from gyrocal import NAMES
 from gyrocal.calibration.problem import Iterates, Problem
 from gyrocal.calibration.sampling import Resampling, measurements
-from studies.calibration.prepared import Flown, noise_of, shared
+from studies.calibration.prepared import Flown, noise_of, rms, shared
 from studies.montecarlo import statistics
 from studies.montecarlo.settings import Rising
 from studies.montecarlo.statistics import crossing, order
@@ -193,10 +193,10 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
                     "held_sigma": (own["held"].abs() / own["formal_sigma"]).max(),
                     "held_most": (own["held"].abs() / own["formal_sigma"]).idxmax(),
                     "bias_z": ((own["bias"] - own["held"]).abs() / own["standard_error"]).max(),
-                    "spread_over_formal": _rms(own["spread"] / own["formal_sigma"]),
-                    "sigma_ratio": _rms(own["formal_sigma"] / whole["formal_sigma"]),
-                    "spread_ratio": _rms(own["spread"] / whole["spread"]),
-                    "gyro_ratio": _rms(own["gyro_spread"] / whole["gyro_spread"]),
+                    "spread_over_formal": rms(own["spread"] / own["formal_sigma"]),
+                    "sigma_ratio": rms(own["formal_sigma"] / whole["formal_sigma"]),
+                    "spread_ratio": rms(own["spread"] / whole["spread"]),
+                    "gyro_ratio": rms(own["gyro_spread"] / whole["gyro_spread"]),
                     "nees": check.value,
                     "nees_lower": check.lower,
                     "nees_upper": check.upper,
@@ -223,10 +223,6 @@ def gyro_order(rows: pd.DataFrame, resampling: str) -> tuple[float, float]:
 
     without = slopes(sums[:, None] - squares)
     return float(slopes(sums[:, None])[0]), float(np.sqrt((n - 1) * np.var(without)))
-
-
-def _rms(values: pd.Series) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def step_noise(rows: pd.DataFrame) -> pd.DataFrame:

@@ -72,7 +72,7 @@ def verify(names: tuple[str, ...]) -> None:
     """
     exam = catalogue.load_module("exam")
     faults = {name: exam.verify(name) for name in names or exam.exams()}
-    rows = [{"exam": name, "verdict": "; ".join(one.text for one in found) or "holds"} for name, found in faults.items()]
+    rows = [{"exam": name, "verdict": "; ".join(found) or "holds"} for name, found in faults.items()]
     render.terminal(console(), "Exams", pd.DataFrame(rows, columns=["exam", "verdict"]))
     failed = [name for name, found in faults.items() if found]
     if failed:

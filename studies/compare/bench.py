@@ -189,15 +189,9 @@ def _check_alike(name: str, recording: Recording, flown: Recording) -> None:
 
 def _predicted(effects: Sequence[Setting]) -> NDArray[np.intp]:
     """Places of the amplitudes of the effects that are functions of the motion."""
-    out: list[int] = []
-    start = 0
-    for one in effects:
-        effect = REGISTRY[one.effect]
-        count = effect.amplitudes(one).size
-        if effect.stage in PREDICTED:
-            out += range(start, start + count)
-        start += count
-    return np.array(out, dtype=np.intp)
+    counts = [REGISTRY[one.effect].amplitudes(one).size for one in effects]
+    predicted = [REGISTRY[one.effect].stage in PREDICTED for one in effects]
+    return np.flatnonzero(np.repeat(np.array(predicted, dtype=bool), counts))
 
 
 def _response(scenario: Adopted, plain: Recording, effects: Sequence[Setting]) -> Response:
@@ -205,6 +199,3 @@ def _response(scenario: Adopted, plain: Recording, effects: Sequence[Setting]) -
     predicted = [one for one in effects if REGISTRY[one.effect].stage in PREDICTED]
     shown = scenario.fly(effects=predicted, noise=False) if predicted else plain
     return Response(shown.gyro.rates - plain.gyro.rates, separation(plain.attitudes.quaternions, shown.attitudes.quaternions))
-
-
-__all__ = ["Bench", "Flight", "Response"]

@@ -19,6 +19,7 @@ from simulator.adopted import Adopted, Replayed
 from studies.compare.bench import Bench, Flight
 from studies.compare.gap import Gap, gap
 from studies.compare.measure import Measured, Ruler
+from studies.montecarlo.statistics import distribution
 
 Array = NDArray[np.float64]
 Display = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
@@ -148,7 +149,7 @@ def compare(
         for (name, scenario), bench in zip(named, benches, strict=True):
             flights = flown(bench, name, runs, seed, jobs, progress)
             if not standings:
-                floors = (mean_of([f.before for f in flights]), mean_of([f.before_samples for f in flights]))
+                floors = (float(np.mean([f.before for f in flights])), float(np.mean([f.before_samples for f in flights])))
             measured = ruler.measure(bench.under(recording))
             standings.append(standing(name, scenario, bench, bare, measured, flights, floors))
     return Comparison(recording.title, runs, seed, tuple(standings))
@@ -212,27 +213,18 @@ def table(measured: Measured, flights: Sequence[Measured], fitted: bool) -> pd.D
     flights : of the scenario
     fitted : whether the scenario's G and b are those that were found on the recording; they are then not judged
     """
-    rows = []
-    for key, value in measured.statistics.items():
-        drawn = np.array([flight.statistics.get(key, np.nan) for flight in flights])
-        if not (np.isfinite(drawn).all() and np.isfinite(value)):
-            continue
-        std = float(drawn.std(ddof=1))
-        below = float((drawn < value).mean() + 0.5 * (drawn == value).mean())
-        judged = std > 0 and not (fitted and key.kind == "parameter")
-        rows.append(
-            (
-                key.kind, key.of, key.axis, key.unit, value, float(drawn.mean()), std,
-                float(np.quantile(drawn, 0.05)), float(np.quantile(drawn, 0.95)),
-                below if judged else float("nan"), (value - float(drawn.mean())) / std if judged else float("nan"), judged,
-            )
-        )  # fmt: skip
-    return pd.DataFrame(rows, columns=list(COLUMNS))
-
-
-def mean_of(values: Sequence[float]) -> float:
-    """Mean; NaN if one is."""
-    return float(np.mean(values))
+    keys = list(measured.statistics)
+    value = np.array([measured.statistics[key] for key in keys])
+    drawn = np.array([[flight.statistics.get(key, np.nan) for key in keys] for flight in flights])
+    both = np.isfinite(drawn).all(axis=0) & np.isfinite(value)
+    chosen = [key for key, known in zip(keys, both, strict=True) if known]
+    out = distribution(drawn[:, both], value[both]).rename(columns={"flight": "recording"})
+    names = pd.DataFrame([(key.kind, key.of, key.axis, key.unit) for key in chosen], columns=list(COLUMNS[:4]))
+    out = pd.concat([names, out], axis=1)
+    out["judged"] = (out["std"] > 0) & ~(fitted & (out["statistic"] == "parameter"))
+    out["percentile"] = (out["flight_percentile"] / 100).where(out["judged"])
+    out["z"] = ((out["recording"] - out["mean"]) / out["std"]).where(out["judged"])
+    return out[list(COLUMNS)]
 
 
 def _some(bench: Bench, seed: int, cases: range) -> list[Flight]:

@@ -27,9 +27,11 @@ recording; a slow motion that the smoothing flattens is missing in both, recordi
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import periodogram
 
 from diagnosis.model.localization import label_phases
 from gyrocal import NAMES, GyroParameters, attitude
@@ -261,7 +263,7 @@ def thirds(parts: list[Array]) -> Iterator[tuple[str, float]]:
     if not long:
         return
     frequency = np.concatenate([np.fft.rfftfreq(u.size) for u in long])
-    power = np.concatenate([hann_power(u - u.mean()) for u in long])
+    power = np.concatenate([hann_power(u, "constant") for u in long])
     for number, name in enumerate(("lowest third", "middle third", "highest third")):
         band = (frequency > number / 6) & (frequency <= (number + 1) / 6)
         if band.any():
@@ -284,12 +286,10 @@ def averaged_spectrum(parts: list[Array]) -> tuple[Array, Array]:
     """
     half = SEGMENT // 2
     segments = np.concatenate([np.lib.stride_tricks.sliding_window_view(x, SEGMENT)[::half] for x in parts])
-    line = np.linalg.qr(np.vander(np.arange(SEGMENT, dtype=float), 2))[0]
-    power = hann_power(segments - (segments @ line) @ line.T)
-    return np.asarray(np.fft.rfftfreq(SEGMENT), dtype=float), np.asarray(power.mean(axis=0))
+    return np.asarray(np.fft.rfftfreq(SEGMENT), dtype=float), hann_power(segments, "linear").mean(axis=0)
 
 
-def hann_power(values: Array) -> Array:
+def hann_power(values: Array, detrend: Literal["constant", "linear"]) -> Array:
     """Power of values along the last axis under a Hann window; its mean is 1 for white noise of variance 1."""
-    window = np.hanning(values.shape[-1] + 1)[:-1]
-    return np.asarray(np.abs(np.fft.rfft(values * window)) ** 2 / np.sum(window**2))
+    power = periodogram(values, window="hann", detrend=detrend, return_onesided=False)[1]
+    return np.asarray(power[..., : values.shape[-1] // 2 + 1])

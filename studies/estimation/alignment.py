@@ -262,7 +262,8 @@ def _figure(rows: pd.DataFrame) -> panels.Draw:
     nees_of = {name: rows.loc[rows["algorithm"] == name, "nees"] for name in (EXACT, TOGETHER, REPEATED)}
     table = one_round(rows)
     sigma, error, predicted = (table[name] for name in ("esa_sigma_mdeg", "yaw_error_mdeg", "yaw_error_predicted_mdeg"))
-    found = Line(sigma, error, "found: mean, stated sigma", panels.RED, "o", *_either_side(error, table["sigma_mdeg"]), True)
+    low, high = error - table["sigma_mdeg"], error + table["sigma_mdeg"]
+    found = Line(sigma, error, "found: mean, stated sigma", panels.RED, "o", low, high, bars=True)
     lines = [found, Line(sigma, predicted, "(1 − T) × injected", panels.TEAL, "_")]
     axes: dict[str, Any] = {
         "log": "x",
@@ -276,7 +277,3 @@ def _figure(rows: pd.DataFrame) -> panels.Draw:
         panels.curves(lines, y="yaw error of DSS-2 after one round (mdeg)", **axes),
         size=(8.6, 3.2),
     )
-
-
-def _either_side(values: pd.Series, sigma: pd.Series) -> tuple[pd.Series, pd.Series]:
-    return values - sigma, values + sigma

@@ -29,6 +29,7 @@ Vector = Sequence[float] | Array
 
 ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=0.7, latitude_argument=0.2)
 RPO = ORBIT.mean_motion
+ORBIT_S, SAMPLE_S = 5490.0, 2.0
 DIRECTIONS = (np.array([1.0, 0.2, 0.1]) / np.sqrt(1.05), np.array([-0.3, 0.8, 0.5]) / np.sqrt(0.98))
 ALIGNED = ("m_x", "m_y", "m_z")
 TRUE_BIAS = np.deg2rad([-1.5e-4, 2.0e-4, 0.8e-4])
@@ -41,37 +42,28 @@ ANGLES = Rotation.from_matrix(M_TRUE).as_rotvec()
 SQUARE = (np.zeros(3), np.zeros(3))  # β heads at right angles
 
 
-def direction_sensor(name: str, directions: Array, M: Array | None = None, N: Array | None = None) -> DirectionSensor:
-    """A sensor of one direction (n, 3) whose misalignment may be solved for; it looks along the body axes by default."""
-    return DirectionSensor((directions,), name, np.eye(3) if M is None else M, np.eye(3) if N is None else N, ALIGNED)
+def direction_sensor(name: str, directions: Array, M: Array | None = None) -> DirectionSensor:
+    """A sensor of one direction (n, 3) whose misalignment may be solved for; it has none by default."""
+    return DirectionSensor((directions,), name, np.eye(3) if M is None else M, ALIGNED)
 
 
-def flight(
-    length_s: float = 5490.0,
-    sample_s: float = 2.0,
-    start_s: float = 0.0,
-    arw: float = ARW,
-    G: Array | None = None,
-    known_G: Array | None = None,
-) -> Flight:
-    """+x forward in LVLH, with a gyro of that G; known_G defaults to the true G."""
-    A0 = lvlh_attitude(ORBIT, np.array([start_s]))[0]
+def flight(arw: float = ARW, G: Array | None = None, known_G: Array | None = None) -> Flight:
+    """One orbit +x forward in LVLH, with a gyro of that G; known_G defaults to the true G."""
     G = np.eye(3) if G is None else G
-    made = timeline([((0.0, -RPO, 0.0), length_s)], G, sample_s, arw, start_s, A0)
+    made = timeline([((0.0, -RPO, 0.0), ORBIT_S)], G, arw, start=lvlh_attitude(ORBIT, np.zeros(1))[0])
     return replace(made, apriori=GyroParameters(G if known_G is None else known_G, np.zeros(3)))
 
 
 def timeline(
     parts: Sequence[tuple[Vector, float]],
     G: Array,
-    sample_s: float = 2.0,
     arw: float = ARW,
     start_s: float = 0.0,
     start: Array | None = None,
     bias: Array = TRUE_BIAS,
 ) -> Flight:
     """Parts at constant rate, ((rate, duration), …), with a gyro of that G and bias whose a-priori G is the identity."""
-    edges = start_s + sample_s * np.arange(round(sum(length for _, length in parts) / sample_s) + 1, dtype=np.float64)
+    edges = start_s + SAMPLE_S * np.arange(round(sum(length for _, length in parts) / SAMPLE_S) + 1, dtype=np.float64)
     knots = start_s + np.cumsum([length for _, length in parts])
     rates = np.array([rate for rate, _ in parts], dtype=float)
     A0 = np.eye(3) if start is None else start
@@ -79,7 +71,7 @@ def timeline(
         lambda t: rates[np.minimum(np.searchsorted(knots, t, side="right"), len(rates) - 1)], edges, quaternion_from_matrix(A0)
     )
     A, known = matrix_from_quaternion(path.quaternions), GyroParameters(np.eye(3), np.zeros(3))
-    return Flight(edges, A, path.angles / sample_s, GyroParameters(G, bias), arw, known)
+    return Flight(edges, A, path.angles / SAMPLE_S, GyroParameters(G, bias), arw, known)
 
 
 def star_batch(
@@ -164,7 +156,7 @@ class AlignmentOrbit:
 def alignment_orbit(arw: float = ARW) -> AlignmentOrbit:
     """The orbit, flown with a gyro of that angle random walk, rad/sqrt(s)."""
     motion = flight(arw=arw)
-    t = np.arange(0, 5490.0, 30.0)
+    t = np.arange(0, ORBIT_S, 30.0)
     A = motion.at(t)
     toward = lvlh_attitude(ORBIT, np.zeros(1))[0].T @ np.array([np.cos(0.436), -np.sin(0.436), 0.0])
     horizon, position = Horizon(), orbit_position(ORBIT, t)

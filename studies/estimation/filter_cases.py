@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from gyrocal import GyroParameters, GyroStream, attitude
@@ -20,8 +21,9 @@ from simulator import scenario as scenarios
 from simulator.truth.maneuvers import Profile, Slew, trajectory
 from simulator.truth.orbit import CircularOrbit
 from simulator.truth.rotation import matrix
-from studies.calibration.prepared import true_parameters
+from studies.calibration.prepared import rms, true_parameters
 from studies.estimation.flights import DirectionSensor, Flight, nadir
+from studies.montecarlo.statistics import nees
 
 Array = NDArray[np.float64]
 Turn = tuple[Array, float, float, float]  # axis, angle in degrees, start, duration
@@ -168,6 +170,22 @@ def solved_with(apriori: GyroParameters, maneuvers: Sequence[Maneuver], covarian
         W += H.T @ np.linalg.solve(C, H)
         u += H.T @ np.linalg.solve(C, one.residual)
     return apriori.vector - scale * np.linalg.solve(W, u), np.asarray(np.linalg.inv(W) * np.outer(scale, scale))
+
+
+def judge_parameters(error: Array, P: Array) -> dict[str, object]:
+    """NEES of an estimate of G and b, and the RMS of G's errors and sigmas, from its error (12,) and covariance (12, 12)."""
+    sizes = {f"G_{what}_ppm": 1e6 * value for what, value in rms_sizes(error, P, slice(9))}
+    return {"nees": float(nees(error[None], P[None])[0]), **sizes}
+
+
+def rms_sizes(error: Array, P: Array, of: slice) -> list[tuple[str, float]]:
+    """RMS of some parameters' errors and sigmas."""
+    return [("error", rms(error[of])), ("sigma", rms(np.sqrt(np.diag(P)[of])))]
+
+
+def rms_of(rows: pd.DataFrame, *names: str) -> dict[str, float]:
+    """RMS of some columns."""
+    return {name: rms(rows[name]) for name in names}
 
 
 def timeline_legs() -> list[Leg]:

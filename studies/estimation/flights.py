@@ -88,21 +88,19 @@ class Flight:
 
 @dataclass(frozen=True)
 class DirectionSensor:
-    """Sees inertial directions, each (n, 3): y = Mᵀ Nᵀ A r of one after the other; M ← exp([m×]) M by its parameters.
+    """Sees inertial directions, each (n, 3): y = Mᵀ A r of one after the other; M ← exp([m×]) M by its parameters.
 
     Attributes
     ----------
     directions : r of each
     name : of the sensor
     M : (3, 3) misalignment
-    N : (3, 3) nominal mounting
     parameters : those an estimator may solve for, none by default
     """
 
     directions: tuple[Array, ...]
     name: str = "vectors"
     M: Array = field(default_factory=lambda: np.eye(3))
-    N: Array = field(default_factory=lambda: np.eye(3))
     parameters: tuple[str, ...] = ()
 
     @property
@@ -121,17 +119,17 @@ class DirectionSensor:
 
     def predict(self, A: Array, rows: Indices) -> Array:
         """As in `gyrocal.sensors.series.SensorModel`."""
-        return (self._in_body(A, rows) @ (self.N @ self.M)).reshape(len(A), self.size)
+        return (self._in_body(A, rows) @ self.M).reshape(len(A), self.size)
 
     def jacobian(self, A: Array, rows: Indices) -> Array:
         """As in `gyrocal.sensors.series.SensorModel`."""
-        return (-(self.N @ self.M).T @ cross_matrix(self._in_body(A, rows))).reshape(len(A), self.size, 3)
+        return (-self.M.T @ cross_matrix(self._in_body(A, rows))).reshape(len(A), self.size, 3)
 
     def partials(self, A: Array, rows: Indices) -> Array:
         """As in `gyrocal.sensors.series.SensorModel`."""
         if not self.parameters:
             return np.zeros((len(A), self.size, 0))
-        return (self.M.T @ cross_matrix(self._in_body(A, rows) @ self.N)).reshape(len(A), self.size, 3)
+        return (self.M.T @ cross_matrix(self._in_body(A, rows))).reshape(len(A), self.size, 3)
 
     def corrected(self, change: Array) -> "DirectionSensor":
         """As in `gyrocal.sensors.series.SensorModel`."""

@@ -40,11 +40,14 @@ from studies.estimation.filter_cases import (
     TRUTH,
     OnBoardCase,
     independent_covariance,
+    judge_parameters,
     on_board_case,
+    rms_of,
+    rms_sizes,
     solved_with,
 )
 from studies.estimation.flights import DirectionSensor, FixedFlightConfig
-from studies.montecarlo.statistics import nees, nees_line
+from studies.montecarlo.statistics import nees_line
 from studies.montecarlo.study import Streams, Study, dispersed
 from studies.report import panels
 from studies.report.checks import Check, at_most, enough_cases, expected_word, of_lines
@@ -100,17 +103,9 @@ def case(config: OnBoardConfig, number: int, streams: Streams) -> list[dict[str,
 
 
 def _row(way: str, covariance: str, x: Array, P: Array, truth: GyroParameters) -> dict[str, object]:
-    error, sigma = x - truth.vector, np.sqrt(np.diag(P))
-    return {
-        "part": "accuracy",
-        "way": way,
-        "covariance": covariance,
-        "nees": float(nees(error[None], P[None])[0]),
-        "G_error_ppm": 1e6 * float(np.sqrt(np.mean(error[:9] ** 2))),
-        "G_sigma_ppm": 1e6 * float(np.sqrt(np.mean(sigma[:9] ** 2))),
-        "bias_error_deg_h": 3600 * float(np.rad2deg(np.sqrt(np.mean(error[9:] ** 2)))),
-        "bias_sigma_deg_h": 3600 * float(np.rad2deg(np.sqrt(np.mean(sigma[9:] ** 2)))),
-    }
+    error = x - truth.vector
+    sizes = {f"bias_{what}_deg_h": 3600 * float(np.rad2deg(value)) for what, value in rms_sizes(error, P, slice(9, 12))}
+    return {"part": "accuracy", "way": way, "covariance": covariance, **judge_parameters(error, P), **sizes}
 
 
 def _apart_from_ground(one: OnBoardCase, found: GyroParameters, P: Array) -> dict[str, object]:
@@ -189,8 +184,7 @@ def verdicts(rows: pd.DataFrame) -> pd.DataFrame:
 
     def line(part: pd.DataFrame) -> dict[str, object]:
         way, covariance = part[["way", "covariance"]].iloc[0]
-        sizes = ("G_error_ppm", "G_sigma_ppm", "bias_error_deg_h", "bias_sigma_deg_h")
-        rms = {name: float(np.sqrt(np.mean(part[name] ** 2))) for name in sizes}
+        rms = rms_of(part, "G_error_ppm", "G_sigma_ppm", "bias_error_deg_h", "bias_sigma_deg_h")
         return {**nees_line(part["nees"], 12), "expected": expected_word(EXPECTED.get((way, covariance))), **rms}
 
     return by_group(rows[rows["part"] == "accuracy"], ["way", "covariance"], line)
@@ -205,11 +199,9 @@ def from_ground(rows: pd.DataFrame) -> pd.DataFrame:
 
 def memory(rows: pd.DataFrame) -> pd.DataFrame:
     """Memory over the number of samples; empty if it was not measured."""
-    if "samples" not in rows:
-        return pd.DataFrame(columns=["samples", "object_bytes", "cost_peak_kib", "cost_kept_kib"])
-    part = rows[rows["part"] == "memory"].sort_values("samples")
-    whole = part[["samples", "object_bytes"]].astype(int)
-    return whole.assign(**{name: part[name] for name in ("cost_peak_kib", "cost_kept_kib")}).reset_index(drop=True)
+    names = ["samples", "object_bytes", "cost_peak_kib", "cost_kept_kib"]
+    part = rows[rows["part"] == "memory"].reindex(columns=names).sort_values("samples", ignore_index=True)
+    return part.astype({"samples": int, "object_bytes": int})
 
 
 SAME = "From the same references the on-board form and the ground's calibration are one answer, to rounding."

@@ -20,23 +20,57 @@ stated for each reference; the full filter has nowhere to state it.
 Of the scenario only the gyro's true parameters and angle random walk are used.
 """
 
+from dataclasses import replace
+from functools import lru_cache, partial
+
 import numpy as np
 import pandas as pd
 import scipy.special
+from numpy.typing import NDArray
 from pydantic import Field, field_validator
+from scipy.linalg import block_diag
 
-from studies.calibration.prepared import true_parameters
-from studies.estimation import reference_rows as flown
-from studies.estimation.filter_cases import SENSOR
-from studies.estimation.flights import FixedFlightConfig
-from studies.estimation.reference_rows import BLOCKS, CARRIED, INDEPENDENT, WHOLE, Rows
-from studies.montecarlo.statistics import nees_line
+from gyrocal import GyroParameters, attitude, calibrate
+from gyrocal.estimation.batch import batch
+from gyrocal.estimation.filter_run import run
+from gyrocal.estimation.full_filter import FullFilterResult
+from gyrocal.estimation.mekf import KalmanFilter
+from gyrocal.estimation.reference_covariance import interval_covariance, residual_covariance
+from gyrocal.estimation.smoother import smooth
+from studies.calibration.prepared import converged, rms, true_parameters
+from studies.estimation.filter_cases import (
+    SENSOR,
+    Z,
+    fly,
+    full_and_separate,
+    independent_covariance,
+    judge_parameters,
+    on_board_case,
+    rms_of,
+    solved_with,
+    vectors,
+)
+from studies.estimation.flights import FixedFlightConfig, Flight
+from studies.estimation.reference_cases import ReferenceCase, apart, chain
+from studies.montecarlo.statistics import nees, nees_line
 from studies.montecarlo.study import Streams, Study, dispersed
 from studies.report import panels
 from studies.report.checks import Check, at_most, enough_cases, expected_word, of_lines
 from studies.report.entry import Entry, Report
 from studies.report.tables import Table, by_group
 
+Array = NDArray[np.float64]
+Rows = list[dict[str, object]]
+
+TIMES = (100.0, 900.0, 1500.0)  # s
+TOGETHER = "all times"
+WIDE = np.repeat([0.01, 1e-5], 3)  # rad, rad/s: what filter and batch start from; the data leave a hundredth of it
+CHAIN_QUIET = 0.2  # of the scenario's angle random walk; at all of it, gyro noise hides what the intervals share
+
+EXACT, PLAIN, FORMAL, FILTER, SMOOTHER = "batch, exact", "batch, plain", "batch, plain, formal", "filter", "smoother"
+WHOLE, BLOCKS, CARRIED, INDEPENDENT = "one V", "C of each interval", "C carried along", "independent"
+FULL, STATED, UNSTATED = "full filter", "separate, error stated", "separate"
+RIGHT, WRONG = "as modelled", "misaligned by"
 TELLING = 0.2  # of a measurement's noise: a misalignment that must show
 # Filter and smoother start from a covariance a hundred times as wide as the data leave it, which counts 1e-4; at five of its
 # 1e-3 rad the start is 50 sigma off.
@@ -64,22 +98,132 @@ class ReferencesConfig(FixedFlightConfig):
         return value
 
 
+@lru_cache(maxsize=1)
+def _short_flight() -> Flight:
+    return fly([(Z, 90.0, 400.0, 500.0)], 1500.0)
+
+
+def attitudes(streams: Streams, truth: GyroParameters, arw: float) -> Rows:
+    """A row for each estimator and time, and one for all times together where the estimator says what they share."""
+    flight = replace(_short_flight(), truth=truth, arw=arw)
+    rng = streams.generator("attitudes")
+    off = rng.standard_normal(6) * np.repeat([1e-3, 1e-6], 3)
+    start = GyroParameters(truth.G, truth.bias + off[3:])
+    gyro, series = flight.gyro(rng, start), vectors(flight, rng)
+    A0 = attitude.rotation_matrix(-off[:3]) @ flight.A[0]
+    through = partial(batch, [series], gyro, A0, epoch_s=0.0, times=TIMES)
+    exact, plain = through(), through(weighting="plain")
+    formal = through(weighting="plain", covariance_model="measurements only")
+    filtered = run(KalmanFilter(A0, start, np.diag(WIDE**2), arw), gyro, [series], 0.0, np.array(TIMES), keep_history=True)
+    smoothed = smooth(filtered)
+    found: dict[str, tuple[Array, Array]] = {
+        EXACT: (exact.attitudes, exact.attitude_covariance),
+        PLAIN: (plain.attitudes, plain.attitude_covariance),
+        FORMAL: (formal.attitudes, formal.attitude_covariance),
+        FILTER: (filtered.A, block_diag(*filtered.covariance[:, :3, :3])),
+        SMOOTHER: (smoothed.A, smoothed.attitude_covariance),
+    }
+    ways = {SMOOTHER: smoothed.A, PLAIN: plain.attitudes, FILTER: filtered.A}
+    apart_sigma = {way: np.abs(attitude.residual(exact.attitudes, A) / exact.attitude_sigma) for way, A in ways.items()}
+    rows: Rows = []
+    for estimator, (A, P) in found.items():
+        error = attitude.residual(flight.at(TIMES), A)
+        for k, time in enumerate(TIMES):
+            own = P[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
+            sigma = np.sqrt(np.diag(own))
+            rows.append(
+                {
+                    "part": "attitudes",
+                    "estimator": estimator,
+                    "setup": f"{time:g} s",
+                    "dof": 3,
+                    "nees": float(nees(error[[k]], own[None])[0]),
+                    "within_1": int(np.sum(np.abs(error[k]) <= sigma)),
+                    "within_2": int(np.sum(np.abs(error[k]) <= 2 * sigma)),
+                    "apart_sigma": float(apart_sigma[estimator][k].max()) if estimator in apart_sigma else None,
+                    "error_mdeg": 1e3 * float(np.rad2deg(rms(error[k]))),
+                    "sigma_mdeg": 1e3 * float(np.rad2deg(rms(sigma))),
+                }
+            )
+        if estimator in (EXACT, PLAIN, SMOOTHER):  # a filter does not say what its estimates share; the formal P is singular
+            together = {"part": "attitudes", "estimator": estimator, "setup": TOGETHER, "dof": 9}
+            rows.append(together | {"nees": float(nees(error.reshape(1, -1), P[None])[0])})
+    return rows
+
+
+@lru_cache(maxsize=2)
+def _setups(truth: tuple[float, ...], arw: float) -> tuple[ReferenceCase, ...]:
+    parameters = GyroParameters.from_vector(np.array(truth))
+    return apart(parameters, arw), chain(parameters, CHAIN_QUIET * arw)
+
+
+def calibrations(streams: Streams, truth: GyroParameters, arw: float) -> Rows:
+    """A row for each flight, source of its references and treatment of what they share."""
+    rows: Rows = []
+    for setup in _setups(tuple(truth.vector.tolist()), arw):
+        for source, weighting in ((EXACT, "exact"), (PLAIN, "plain")):
+            recording, batches = setup.draw(streams.generator(setup.name), "exact" if weighting == "exact" else "plain")
+            results = {
+                WHOLE: calibrate(recording, residual_covariance=residual_covariance(batches, setup.intervals, setup.arw)),
+                BLOCKS: calibrate(recording, interval_covariance=interval_covariance(batches, setup.intervals, setup.arw)),
+                INDEPENDENT: calibrate(recording),
+            }
+            for name, result in results.items():
+                rows.append(_row(setup.name, source, name, converged(result).parameters.vector, result.covariance, truth))
+    one = on_board_case(streams.generator("timeline"), truth=truth, arw=arw)
+    found, P = one.onboard.solve()
+    rows.append(_row("timeline", FILTER, CARRIED, found.vector, P, truth))
+    naive = [independent_covariance(maneuver, arw) for maneuver in one.maneuvers]
+    rows.append(_row("timeline", FILTER, INDEPENDENT, *solved_with(one.apriori, one.maneuvers, naive), truth))
+    return rows
+
+
+def _row(setup: str, source: str, treatment: str, x: Array, P: Array, truth: GyroParameters) -> dict[str, object]:
+    error = x - truth.vector
+    keys = {"part": "calibration", "setup": setup, "estimator": source, "treatment": treatment, "dof": 12}
+    judged, of_bias = judge_parameters(error, P), float(nees(error[None, 9:], P[None, 9:, 9:])[0])
+    return {**keys, "nees": judged.pop("nees"), "nees_bias": of_bias, **judged}
+
+
+def full_filter(streams: Streams, truth: GyroParameters, arw: float, misalignments_deg: tuple[float, ...]) -> Rows:
+    """A row for each misalignment of the Sun sensor, none first, and scheme."""
+    rows: Rows = []
+    for size_deg in (0.0, *misalignments_deg):
+        size = float(np.deg2rad(size_deg))
+        full, separate = full_and_separate(streams.generator("full filter"), size, (0.0, size), truth, arw)
+        solutions = {FULL: (full.parameters, full.covariance), UNSTATED: separate[0]}
+        if size_deg:
+            solutions[STATED] = separate[1]
+        for scheme, (parameters, P) in solutions.items():
+            row: dict[str, object] = {"part": "full filter", "setup": f"{WRONG} {size_deg:g} deg" if size_deg else RIGHT}
+            row |= {"misaligned_deg": size_deg, "estimator": scheme, "dof": 12}
+            row |= judge_parameters(parameters.vector - truth.vector, P)
+            rows.append(row | (_own_checks(full) if scheme == FULL else {}))
+    return rows
+
+
+def _own_checks(full: FullFilterResult) -> dict[str, object]:
+    """What the full filter can see for itself."""
+    chi2, dof = (sum(getattr(one, name) for one in full.changes) for name in ("chi2", "dof"))
+    return {"innovations_per_dof": full.mean_nis, "changes_per_dof": chi2 / dof}
+
+
 def case(config: ReferencesConfig, number: int, streams: Streams) -> Rows:
     """Rows of all parts."""
     scenario = dispersed(config, number)
     truth, arw = true_parameters(scenario), float(np.deg2rad(scenario.gyro.arw_deg_per_sqrt_s))
-    rows = [*flown.attitudes(streams, truth, arw), *flown.calibrations(streams, truth, arw)]
+    rows = [*attitudes(streams, truth, arw), *calibrations(streams, truth, arw)]
     if number % config.full_filter_every:
         return rows
-    return [*rows, *flown.full_filter(streams, truth, arw, config.misalignments_deg)]
+    return [*rows, *full_filter(streams, truth, arw, config.misalignments_deg)]
 
 
 STUDY = Study("studies.estimation.references:STUDY", ReferencesConfig, case)
 
 # Which lines must be consistent and which must not be; those about which nothing is claimed are absent.
 EXPECTED: dict[tuple[str, ...], bool] = {
-    **{("attitudes", name): True for name in (flown.EXACT, flown.PLAIN, flown.FILTER, flown.SMOOTHER)},
-    ("attitudes", flown.FORMAL): False,
+    **{("attitudes", name): True for name in (EXACT, PLAIN, FILTER, SMOOTHER)},
+    ("attitudes", FORMAL): False,
     ("apart", WHOLE): True,
     ("apart", BLOCKS): True,
     ("apart", INDEPENDENT): False,
@@ -88,8 +232,8 @@ EXPECTED: dict[tuple[str, ...], bool] = {
     ("chain", INDEPENDENT): False,
     ("timeline", CARRIED): True,
     ("timeline", INDEPENDENT): False,
-    (flown.RIGHT, flown.FULL): True,
-    (flown.RIGHT, flown.UNSTATED): True,
+    (RIGHT, FULL): True,
+    (RIGHT, UNSTATED): True,
 }
 EXPECTED_BIAS: dict[tuple[str, ...], bool] = {  # of the bias alone, in the calibration
     **dict.fromkeys((("apart", WHOLE), ("apart", BLOCKS), ("chain", WHOLE), ("timeline", CARRIED)), True),
@@ -104,10 +248,10 @@ def attitude_table(rows: pd.DataFrame) -> pd.DataFrame:
         estimator, at = part[["estimator", "at"]].iloc[0]
         row = nees_line(part["nees"], int(part["dof"].iloc[0]))
         for level in (1, 2):
-            row[f"within_{level}_sigma"] = np.nan if at == flown.TOGETHER else part[f"within_{level}"].sum() / (3 * len(part))
+            row[f"within_{level}_sigma"] = np.nan if at == TOGETHER else part[f"within_{level}"].sum() / (3 * len(part))
         return {
             **row,
-            **_rms(part, "error_mdeg", "sigma_mdeg"),
+            **rms_of(part, "error_mdeg", "sigma_mdeg"),
             "expected": expected_word(EXPECTED.get(("attitudes", estimator))),
         }
 
@@ -129,7 +273,7 @@ def calibration_table(rows: pd.DataFrame) -> pd.DataFrame:
         for name, values, dof in (("coverage_95", part["nees"], 12), ("bias_coverage_95", part["nees_bias"], 3)):
             row[name] = float((values <= scipy.special.chdtri(dof, 0.05)).mean())
         expected = {"expected": expected_word(EXPECTED.get(key)), "bias_expected": expected_word(EXPECTED_BIAS.get(key))}
-        return {**row, **_rms(part, "G_error_ppm", "G_sigma_ppm"), **expected}
+        return {**row, **rms_of(part, "G_error_ppm", "G_sigma_ppm"), **expected}
 
     own = rows[rows["part"] == "calibration"].rename(columns={"setup": "flight", "estimator": "references"})
     return by_group(own, ["flight", "references", "treatment"], line)
@@ -140,17 +284,13 @@ def full_filter_table(rows: pd.DataFrame) -> pd.DataFrame:
 
     def line(part: pd.DataFrame) -> dict[str, object]:
         key = tuple(part[["sensors", "scheme"]].iloc[0])
-        row = {**nees_line(part["nees"], 12), **_rms(part, "G_error_ppm", "G_sigma_ppm")}
+        row = {**nees_line(part["nees"], 12), **rms_of(part, "G_error_ppm", "G_sigma_ppm")}
         row |= {name: part[name].mean() for name in ("innovations_per_dof", "changes_per_dof")}
         large = np.deg2rad(part["misaligned_deg"].iloc[0]) >= TELLING * SENSOR * (1 - 1e-9)
-        return row | {"expected": expected_word(False if large and key[1] != flown.STATED else EXPECTED.get(key))}
+        return row | {"expected": expected_word(False if large and key[1] != STATED else EXPECTED.get(key))}
 
     own = rows[rows["part"] == "full filter"].rename(columns={"setup": "sensors", "estimator": "scheme"})
     return by_group(own, ["sensors", "scheme"], line)
-
-
-def _rms(part: pd.DataFrame, *names: str) -> dict[str, float]:
-    return {name: float(np.sqrt(np.mean(part[name] ** 2))) for name in names}
 
 
 SAME = "The exact batch and the smoother are one answer, and so is the filter at the last time, when it knows the same."
@@ -160,19 +300,19 @@ SURE = "What a sensor's unknown misalignment shows is a filter too sure of itsel
 def _checks(rows: pd.DataFrame) -> list[Check]:
     attitudes, calibrations, full = attitude_table(rows), calibration_table(rows), full_filter_table(rows)
     apart = rows.groupby(["estimator", "setup"])["apart_sigma"].max()
-    last, limit = f"{flown.TIMES[-1]:g} s", at_most(ONE_ANSWER)
+    last, limit = f"{TIMES[-1]:g} s", at_most(ONE_ANSWER)
     out = [
-        Check("smoother from the exact batch, largest", apart[flown.SMOOTHER].max(), limit, "sigma", SAME),
-        Check(f"filter from the exact batch at {last}, largest", apart[flown.FILTER, last], limit, "sigma"),
+        Check("smoother from the exact batch, largest", apart[SMOOTHER].max(), limit, "sigma", SAME),
+        Check(f"filter from the exact batch at {last}, largest", apart[FILTER, last], limit, "sigma"),
     ]
     out += of_lines(attitudes, ["estimator", "at"])
     out += of_lines(calibrations, ["flight", "references", "treatment"])
     out += of_lines(calibrations, ["flight", "references", "treatment"], "bias_", "of the bias alone")
     out += of_lines(full, ["sensors", "scheme"])
     error = full.pivot_table(index="sensors", columns="scheme", values="G_error_ppm", sort=False)
-    for row in full[full["scheme"] == flown.FULL].to_dict("records"):
+    for row in full[full["scheme"] == FULL].to_dict("records"):
         sensors, ratio = row["sensors"], row["G_error_ppm"] / row["G_sigma_ppm"]
-        separate = row["G_error_ppm"] / error.loc[sensors, flown.UNSTATED]
+        separate = row["G_error_ppm"] / error.loc[sensors, UNSTATED]
         out.append(Check(f"full filter's error of G by the separate scheme's, sensors {sensors}", separate, meaning=SURE))
         out.append(Check(f"full filter's error of G by what it states, sensors {sensors}", ratio))
     return [*out, enough_cases(attitudes, calibrations, full)]

@@ -30,7 +30,7 @@ from studies.montecarlo import engine, statistics
 from studies.montecarlo.files import write_csv
 from studies.montecarlo.study import Streams, base_scenario
 from studies.natanson import paper_tables
-from studies.report.units import PPM_DEG_H
+from studies.report.units import ONE_DEG_S, PPM_DEG_H, columns
 
 Array = NDArray[np.float64]
 Estimates = tuple[Array, Array, Array]  # (12,) after one iteration, and after two, and their covariance (12, 12); SI
@@ -62,17 +62,10 @@ def compiled() -> pd.DataFrame:
         outcome.check()
         rows = outcome.load()
     out = rows.assign(way=COMPILED, parametrisation="gain")[KEYS].copy()
-    units = np.array([1.0] * 9 + [3600.0] * 3), np.array([1e6] * 9 + [1.0] * 3)
-    for label in ("first", "second"):
-        for k, name in enumerate(NAMES):
-            out[f"{label}_{_named(name)}"] = (rows[f"{label}_{name}"] - IDENTITY[k]) * units[0][k] * units[1][k]
-    for k, name in enumerate(NAMES):
-        out[f"sigma_{_named(name)}"] = rows[f"sigma_{name}"] * units[0][k] * units[1][k]
-    out["nees"] = rows["nees"]
-    return out
-
-
-# ---- the other ways ----------------------------------------------------------------------------------------------------------
+    for label, origin in (("first", IDENTITY), ("second", IDENTITY), ("sigma", np.zeros(12))):
+        values = rows[[f"{label}_{name}" for name in NAMES]].to_numpy() - origin
+        out[columns(label)] = values * PPM_DEG_H / ONE_DEG_S
+    return out.assign(nees=rows["nees"])
 
 
 def one_way(way: str) -> pd.DataFrame:
@@ -86,7 +79,7 @@ def one_way(way: str) -> pd.DataFrame:
         row: dict[str, object] = {"way": way, "parametrisation": parametrisation, "case": 0, "step_s": SLOW_SAMPLE_S}
         row |= {"resampling": "skip", "psi": "full", "covariance": "full"}
         for label, values in (("first", first - IDENTITY), ("second", second - IDENTITY), ("sigma", np.sqrt(np.diag(P)))):
-            row |= {f"{label}_{_named(n)}": value for n, value in zip(NAMES, values * PPM_DEG_H, strict=True)}
+            row |= dict(zip(columns(label), values * PPM_DEG_H, strict=True))
         rows.append(row | {"nees": float(statistics.nees((second - truth)[None], P[None])[0])})
     return pd.DataFrame(rows)
 
@@ -109,8 +102,7 @@ def by_command(recording: Recording, parametrisation: Parametrisation) -> Estima
                 calibrate_command.main([str(folder / "recording"), *options], standalone_mode=False)
             documents.append(json.loads((folder / "result.json").read_text(encoding="utf-8")))
     first, second = (GyroParameters(np.array(d["G"]), np.deg2rad(d["bias_deg_s"])).vector for d in documents)
-    radians = np.array([1.0] * 9 + [np.deg2rad(1.0)] * 3)
-    return first, second, np.array(documents[1]["covariance"]) * np.outer(radians, radians)
+    return first, second, np.array(documents[1]["covariance"]) / np.outer(ONE_DEG_S, ONE_DEG_S)
 
 
 def by_recursion(recording: Recording, parametrisation: Parametrisation) -> Estimates:
@@ -138,10 +130,6 @@ WAYS: dict[str, Callable[[Recording, Parametrisation], Estimates]] = {
     "gyrocal calibrate": by_command,
     "RecursiveCalibrator": by_recursion,
 }
-
-
-def _named(name: str) -> str:
-    return f"{name}_ppm" if name.startswith("G") else f"{name}_deg_h"
 
 
 def moved(old: pd.DataFrame, new: pd.DataFrame) -> pd.DataFrame:

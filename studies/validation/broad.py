@@ -17,9 +17,8 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from gyrocal import Attitudes, GyroStream, InputError, Interval, Recording
-from gyrocal.importing.noise import axis_sigma as axis_sigma
-from gyrocal.importing.noise import increment_residuals as increment_residuals
-from gyrocal.importing.rests import runs as runs
+from gyrocal.importing.noise import ALLAN_S, allan_walk, axis_sigma, increment_residuals
+from gyrocal.importing.rests import runs
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -45,7 +44,6 @@ LONG_S = 60.0  # a motion longer than this is cut
 PIECE_S = 30.0  # into pieces of at most so long
 STILL_S = 1.0  # rest counts as such so far from any movement
 SHORTEST_REST_S = 3.0
-ALLAN_S = 0.1  # where the Allan deviation of the rests is read
 FEWEST_INCREMENTS = 12  # for a sigma of its own at rest, or in motion
 
 
@@ -240,26 +238,17 @@ def references(trial: Trial, cut: tuple[int, int], spacing_s: float) -> Indices:
     tracked = np.flatnonzero(trial.tracked[first : last + 1]) + first
     if tracked.size == 0:
         return tracked
-    after = np.clip(np.searchsorted(tracked, wanted), 1, max(tracked.size - 1, 1))
-    after = np.minimum(after, tracked.size - 1)
-    before = np.maximum(after - 1, 0)
-    nearest = np.where(np.abs(tracked[before] - wanted) <= np.abs(tracked[after] - wanted), tracked[before], tracked[after])
+    nearest = tracked[[int(np.argmin(np.abs(tracked - place))) for place in wanted]]
     close = np.abs(nearest - wanted) <= 0.5 * (last - first) / count
     return np.unique(nearest[close])
 
 
 def rest_noise(trial: Trial) -> Array:
-    """Angle random walk per axis (3,) rad/sqrt(s): Allan deviation of the rests at `ALLAN_S`, times its root."""
-    m = trial.samples(ALLAN_S)
-    squares = []
-    for first, stop in runs(trial.still):
-        if stop - first >= 3 * m:
-            sums = np.cumsum(np.concatenate([np.zeros((1, 3)), trial.rates[first:stop]]), axis=0)
-            means = (sums[m:] - sums[:-m]) / m
-            squares.append(np.square(means[m:] - means[:-m]))
-    if not squares:
+    """Angle random walk per axis (3,) rad/sqrt(s), by the Allan deviation of the rests."""
+    found = allan_walk([trial.rates[first:stop] for first, stop in runs(trial.still)], trial.sample_s)
+    if found is None:
         raise InputError(f"{trial.name}: no rest of {3 * ALLAN_S:g} s to take the gyro noise from")
-    return np.asarray(np.sqrt(0.5 * np.concatenate(squares).mean(axis=0) * m * trial.sample_s))
+    return found
 
 
 def rest_bias(trial: Trial) -> Array:
@@ -312,14 +301,12 @@ def to_recording(trial: Trial, intervals: str | float = "motion", spacing_s: flo
         time_scale=TIME_SCALE,
         gyro=gyro,
         attitudes=Attitudes(trial.t_s[used], trial.quaternions[used], sigma, sigma_estimated=True),
-        intervals=tuple(_interval(trial, name, activity, rows) for name, activity, rows in chosen),
+        intervals=tuple(
+            Interval(name, activity, float(trial.t_s[rows[0]]), float(trial.t_s[rows[-1]])) for name, activity, rows in chosen
+        ),
         tables={"housekeeping": _housekeeping(trial)},
     )
     return Imported(recording, sigma_rest, sigma_motion, arw, np.asarray(still))
-
-
-def _interval(trial: Trial, name: str, activity: str, rows: Indices) -> Interval:
-    return Interval(name, activity, float(trial.t_s[rows[0]]), float(trial.t_s[rows[-1]]))
 
 
 def _housekeeping(trial: Trial) -> pd.DataFrame:

@@ -14,13 +14,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.stats import chi2
 
 from gyrocal import NAMES, InputError, calibrate
 from gyrocal.importing import checked
 from gyrocal.importing.build import build
 from gyrocal.importing.streams import streams
-from studies.montecarlo.statistics import binomial_interval
+from studies.montecarlo.statistics import accuracy_table, binomial_interval, nees_check
 from studies.montecarlo.study import Row, Streams, Study, StudyConfig
 from studies.report.checks import Check, at_least, at_most
 from studies.report.entry import Entry, Report
@@ -110,14 +109,14 @@ def parameters_table(rows: pd.DataFrame) -> pd.DataFrame:
     """Errors of each parameter in its sigmas."""
     right = rows[rows["kind"] == "right"]
     errors, sigmas = right[columns("error")].to_numpy(float), right[columns("sigma")].to_numpy(float)
-    z = errors / sigmas
+    z, accuracy = errors / sigmas, accuracy_table(errors, sigmas, NAMES, PPM_DEG_H_NAMES)
     return pd.DataFrame(
         {
             "parameter": NAMES,
             "unit": PPM_DEG_H_NAMES,
             "sigma": sigmas.mean(axis=0),
             "rms_error": np.sqrt(np.mean(np.square(errors), axis=0)),
-            "mean_in_standard_errors": errors.mean(axis=0) / (errors.std(axis=0, ddof=1) / np.sqrt(len(errors))),
+            "mean_in_standard_errors": accuracy["bias_in_standard_errors"],
             "largest_error_in_sigma": np.abs(z).max(axis=0),
             f"share_within_{BOUND:g}_sigma": np.mean(np.abs(z) <= BOUND, axis=0),
         }
@@ -140,11 +139,10 @@ NEES = "The mean NEES of the twelve parameters; its bounds are those of a consis
 def report(config: ImportConfig, rows: pd.DataFrame) -> Report:
     """Errors in sigmas, and how often a wrong mapping is named."""
     table, named = parameters_table(rows), named_table(rows)
-    nees = rows[rows["kind"] == "right"]["nees"].astype(float)
-    bounds = tuple(float(x) / len(nees) for x in chi2.ppf([0.005, 0.995], 12 * len(nees)))
+    found = nees_check(rows[rows["kind"] == "right"]["nees"], len(NAMES))
     checks = [
         Check("largest error of a parameter", float(table["largest_error_in_sigma"].max()), at_most(BOUND), "sigma"),
-        Check("mean NEES", float(nees.mean()), (bounds[0], bounds[1]), "", NEES),
+        Check("mean NEES", found.value, (found.lower, found.upper), "", NEES),
     ]
     for line in named.to_dict("records"):
         checks.append(Check(f"named: {line['wrong']}", line["named"] / line["trials"], at_least(0.95)))

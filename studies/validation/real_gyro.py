@@ -7,7 +7,7 @@ own budget. G, b and the remainder of the first half predict the attitudes of th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
@@ -156,18 +156,9 @@ def build_cause_rows(found: Diagnosis) -> list[Row]:
 
 def build_step_rows(found: Diagnosis) -> list[Row]:
     """Build a row for each step of the gap budget."""
+    names = ("step", "misfit", "misfit_deg", "closed", "size", "sigma", "unit")
     return [
-        {
-            "kind": "step",
-            "step": one.step,
-            "misfit": one.misfit,
-            "misfit_deg": one.misfit_deg,
-            "closed": one.closed,
-            **split_interval("closed", one.interval_90),
-            "size": one.size,
-            "sigma": one.sigma,
-            "unit": one.unit,
-        }
+        {"kind": "step", **{name: getattr(one, name) for name in names}, **split_interval("closed", one.interval_90)}
         for one in found.budget
     ]
 
@@ -286,16 +277,12 @@ def check_predictions(predictions: pd.DataFrame) -> list[Check]:
 def draw_waterfalls(steps: pd.DataFrame) -> Draw:
     """Draw the waterfalls of all trials."""
     budgets = {str(name): [build_step(row) for row in part.to_dict("records")] for name, part in steps.groupby("trial")}
-    panels = [Panel(draw_budget(budget), title=name, x="held-out whitened mean square") for name, budget in budgets.items()]
+    draws = {name: partial(gap_budget.draw_steps, budget=tuple(budget)) for name, budget in budgets.items()}
+    panels = [Panel(draw, title=name, x="held-out whitened mean square") for name, draw in draws.items()]
     columns = min(ACROSS, len(panels))
     panels += [Panel(Axes.set_axis_off)] * (-len(panels) % columns)
     height = STEP_INCHES * max(map(len, budgets.values())) + PANEL_INCHES
     return sheet(*panels, size=(5.5 * columns, height * (len(panels) // columns)), columns=columns)
-
-
-def draw_budget(budget: list[Step]) -> Callable[[Axes], None]:
-    """Draw the waterfall of a budget on given axes."""
-    return partial(gap_budget.draw_steps, budget=tuple(budget))
 
 
 def build_step(row: Record) -> Step:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,16 +27,8 @@ FOLDER = Path(__file__).parent
 RELIABILITY = FOLDER.parents[1] / "data" / "reliability.csv"  # what the card of a diagnosis quotes
 GENERATOR = ("families.py", "plans.py")
 SEAL, KEYS, ANSWERS, SCORE = "seal.json", "keys.json", "answers.json", "score.json"
-CASES = 200
 DIGITS = 9  # of a number in the keys, so that another machine's last bits do not change their hash
 KEPT = ("verdict", "gap", "causes", "unknown_probability", "posterior", "closure", "calibration")
-
-
-@dataclass(frozen=True)
-class Fault:
-    """What an exam's files or history do not show."""
-
-    text: str
 
 
 def folder_of(name: str, root: Path = FOLDER) -> Path:
@@ -189,23 +180,18 @@ def score_exam(folder: Path) -> dict[str, Any]:
     rows, answers = rows_of(folder), json.loads((folder / ANSWERS).read_text())
     stated = score.reliability(score.statements(rows))
     rates = score.rates(rows)
-    return dict(
-        _rounded(
-            plain(
-                {
-                    "exam": folder.name,
-                    "commit": answers["commit"],
-                    "recordings": len(rows),
-                    "failed": len(answers["failed"]),
-                    "cpu_s": answers["cpu_s"],
-                    "rates": rates[rates["cases"] > 0].to_dict("records"),
-                    "outcomes": counts(rows).to_dict("records"),
-                    "calibration_error": score.calibration_error(stated),
-                    "reliability": stated.to_dict("records"),
-                }
-            )
-        )
-    )
+    found = {
+        "exam": folder.name,
+        "commit": answers["commit"],
+        "recordings": len(rows),
+        "failed": len(answers["failed"]),
+        "cpu_s": answers["cpu_s"],
+        "rates": rates[rates["cases"] > 0].to_dict("records"),
+        "outcomes": counts(rows).to_dict("records"),
+        "calibration_error": score.calibration_error(stated),
+        "reliability": stated.to_dict("records"),
+    }
+    return dict(_rounded(plain(found)))
 
 
 def pooled_reliability(root: Path = FOLDER) -> pd.DataFrame:
@@ -214,7 +200,7 @@ def pooled_reliability(root: Path = FOLDER) -> pd.DataFrame:
     return score.reliability(pd.concat(stated, ignore_index=True))
 
 
-def verify(name: str, root: Path = FOLDER) -> list[Fault]:
+def verify(name: str, root: Path = FOLDER) -> list[str]:
     """Check an exam's files against one another and against the history of the repository; returns what is wrong.
 
     Raises
@@ -225,7 +211,7 @@ def verify(name: str, root: Path = FOLDER) -> list[Fault]:
     folder = folder_of(name, root)
     missing = [file for file in (SEAL, KEYS, ANSWERS, SCORE) if not (folder / file).exists()]
     if missing:
-        return [Fault(f"{folder.name}: {', '.join(missing)} missing")]
+        return [f"{folder.name}: {', '.join(missing)} missing"]
     sealed, answers = (json.loads((folder / file).read_text()) for file in (SEAL, ANSWERS))
     faults = []
     if digest((folder / KEYS).read_bytes()) != sealed["keys_sha256"]:
@@ -236,8 +222,7 @@ def verify(name: str, root: Path = FOLDER) -> list[Fault]:
         raise InputError(f"exam {name}: the history of the repository is needed to verify it; fetch all of it")
     seal_commit, answer_commit = (_added(folder, file) for file in (SEAL, ANSWERS))
     if not seal_commit or not answer_commit:
-        faults.append("seal and answers are not both committed")
-        return [Fault(f"{name}: {text}") for text in faults]
+        return [f"{name}: {text}" for text in [*faults, "seal and answers are not both committed"]]
     made_by = answers["commit"]
     if seal_commit == answer_commit:
         faults.append("seal and answers share a commit")
@@ -255,7 +240,7 @@ def verify(name: str, root: Path = FOLDER) -> list[Fault]:
             faults.append(f"{file} was changed between seal and answers")
     if _git(folder, "diff", "--name-only", seal_commit, "HEAD", "--", SEAL, strip=True):
         faults.append("the seal was changed after its commit")
-    return [Fault(f"{name}: {text}") for text in faults]
+    return [f"{name}: {text}" for text in faults]
 
 
 def _added(folder: Path, file: str) -> str:

@@ -1,8 +1,8 @@
 """One case of the study of promises: a plan and a grade of noise, flown once, and what each estimator states of it.
 
 A row is a statement about a truth that is known: a covariance P with the error e it is of, whose NEES eᵀP⁻¹e is χ² with
-its degrees of freedom if P is right, or an interval of a stated probability that holds the truth or not. All errors of one
-row are judged together, so that the rows of a promise are independent from case to case.
+its degrees of freedom if P is right. All errors of one row are judged together, so that the rows of a promise are independent
+from case to case.
 """
 
 from collections.abc import Iterator
@@ -50,13 +50,8 @@ def covariance(promise: str, error: Array, P: Array) -> Row:
 
 
 def of_chi2(promise: str, value: float, dof: int) -> Row:
-    """The row of a χ²."""
+    """The row of a χ²; level and inside would be those of an interval, and no promise is one."""
     return {"promise": promise, "dof": dof, "nees": value, "level": None, "inside": None}
-
-
-def interval(promise: str, level: float, inside: bool) -> Row:
-    """The row of an interval, or a set, that holds the truth or not."""
-    return {"promise": promise, "dof": None, "nees": None, "level": level, "inside": bool(inside)}
 
 
 def rows(number: int, streams: Streams) -> list[Row]:

@@ -5,11 +5,9 @@ Contains modified Copernicus Sentinel data 2020. The data and the mapping that t
 
 - `flown` imports, and says what was known of the gyros beforehand.
 - `findings` asks what the first 65 s tell: drift with parameters fitted to other thirds, noise, what is left, and what cannot
-  be told at a rate that is nearly constant.
-- `forecast` carries the trackers' attitudes on to 97 s.
+  be told at a rate that is nearly constant. It carries the trackers' attitudes on to 97 s.
 """
 
-from studies.validation.sentinel2a.report import ENTRY
-from studies.validation.sentinel2a.study import STUDY
+from studies.validation.sentinel2a.study import ENTRY, STUDY
 
 __all__ = ["ENTRY", "STUDY"]

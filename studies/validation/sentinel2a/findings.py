@@ -18,9 +18,11 @@ from scipy.signal import periodogram
 
 from gyrocal import Attitudes, Interval, attitude, calibrate, calibrate_gyros, propagate, triad
 from gyrocal.calibration.sampling import measurements
-from gyrocal.estimation.predict import conditioned, predict
+from gyrocal.estimation.predict import conditioned, predict, steps
 from gyrocal.importing.build import Imported
 from gyrocal.recording.gyros import nominal, parity
+from studies.calibration.prepared import rms
+from studies.report.prediction_page import rows as prediction_rows
 from studies.validation.sentinel2a.flown import ARCSEC, LSB_RAD, WINDOW_S, known, known_of_gyros
 
 Array = NDArray[np.float64]
@@ -31,6 +33,7 @@ THIRDS = 3
 CHECK_FROM_S = (22.0, 33.0, 43.0)
 BLOCK_S = 7.0
 SLOW_HZ = 4.0  # tones are looked for below
+STEP_S = 0.1  # of the forecast
 
 MODELS: dict[str, dict[str, bool] | None] = {
     "nominal count, as imported": None,
@@ -71,11 +74,6 @@ def drift(path: Array, over_s: float, within: tuple[float, float] = (-np.inf, np
     first, later = first[chosen], later[chosen]
     turn = R[later] @ R[first].transpose(0, 2, 1)
     return np.asarray(e[later] - np.einsum("nij,nj->ni", turn, e[first]))
-
-
-def rms(values: Array) -> float:
-    """Root mean square over rows and axes."""
-    return float(np.sqrt(np.mean(np.square(values)))) if values.size else float("nan")
 
 
 def drift_rows(flown: Imported) -> list[dict[str, Any]]:
@@ -229,3 +227,22 @@ def check_rows(flown: Imported) -> list[dict[str, Any]]:
                 row |= {"rms_in_sigma": rms(error[:, k] / sigma), "mean_arcsec": float(error[:, k].mean()) * ARCSEC}
                 rows.append(row | {"attitude_sigma_arcsec": rms(shown.sigma[:, k]) * ARCSEC})
     return rows
+
+
+def forecast_rows(flown: Imported) -> list[dict[str, Any]]:
+    """Both trackers' attitudes from 65 s to 97 s, as ``gyrocal predict --from 65 --step 0.1`` writes them; a row a time.
+
+    Times go on as the first tracker's did. A row's `sigma_…` is that of a reading of the tracker about its own axes: of the
+    attitude by gyro, of the mounting, and of the tracker's noise, which is most of it. `attitude_sigma_…` is that of the
+    attitude and the mounting alone. Quaternions are tracker to inertial, scalar last, as in the data, and go on in their sign.
+    """
+    last = float(flown.sensors[0].t_s[-1])
+    table = prediction_rows(predict(flown.recording, WINDOW_S, steps(flown.recording, last, STEP_S), known()))
+    for sensor in flown.sensors:
+        names = [f"{sensor.name.lower()}_q{k}" for k in (1, 2, 3, 4)]
+        q = table[names].to_numpy()
+        table[names] = q * np.sign(q @ sensor.q[-1])[:, None]
+    kept = ["t_s", *(name for name in table.columns if name.startswith(tuple(f"{one.name.lower()}_" for one in flown.sensors)))]
+    return [
+        {"kind": "prediction"} | {str(name): value for name, value in row.items()} for row in table[kept].to_dict("records")
+    ]

@@ -26,7 +26,6 @@ from studies.report.checks import Check
 from studies.report.entry import Entry, Report
 from studies.report.tables import Table
 from studies.validation.world import score
-from studies.validation.world.answers import GOOD
 from studies.validation.world.cases import ORDER
 from studies.validation.world.report import answers_figure, counts
 from studies.validation.world.study import INSTRUMENTS, WorldConfig, case, recording
@@ -63,12 +62,14 @@ STUDY = Study("studies.validation.world.bench:STUDY", BenchConfig, case, recordi
 
 def report(config: BenchConfig, rows: pd.DataFrame) -> Report:
     """Count outcomes and rates of the whole set and of its parts; cases are shown of the known sources only."""
-    good = _good(rows)
+    good = score.is_good(rows)
     known = rows[(rows["source"] != FRESH) & ~good]
     shown = ["case", "source", "kind", "plan", "grade", "effects", "snr", "outcome", "said", "probability"]
     tables = {
         "counts": Table("Outcomes by kind", counts(rows)),
-        "parts": Table("Answered well, by source and kind, with 95 % binomial intervals", _by_part(rows, good)),
+        "parts": Table(
+            "Answered well, by source and kind, with 95 % binomial intervals", score.by_group(rows, "source", sort=False)
+        ),
         "rates": Table("Rates, with 95 % binomial intervals", score.rates(rows)),
         "mixed_rates": Table("Mixed recordings: what is stated beside a remainder", score.mixed_rates(rows)),
         "fresh_rates": Table("The same of the fresh recordings alone", score.rates(rows[rows["source"] == FRESH])),
@@ -99,21 +100,6 @@ def cost(rows: pd.DataFrame) -> pd.DataFrame:
     return out.reindex([kind for kind in ORDER if kind in out.index]).reset_index()
 
 
-def _good(rows: pd.DataFrame) -> pd.Series:
-    good = [outcome in GOOD[kind] for kind, outcome in zip(rows["kind"], rows["outcome"], strict=True)]
-    return pd.Series(good, index=rows.index, dtype=bool)
-
-
-def _by_part(rows: pd.DataFrame, good: pd.Series) -> pd.DataFrame:
-    out = []
-    for (source, kind), own in rows.assign(good=good).groupby(["source", "kind"], sort=False):
-        line = score.rate(str(kind), own["good"])
-        wrong = int((own["outcome"] == "wrong name").sum())
-        out.append({"source": source, "kind": kind, **{key: line[key] for key in ("cases", "count", "share", "low", "high")}})
-        out[-1]["wrong_names"] = wrong
-    return pd.DataFrame(out)
-
-
 def compare(before: pd.DataFrame, after: pd.DataFrame) -> Report:
     """Compare two runs of the bench case by case.
 
@@ -131,7 +117,7 @@ def compare(before: pd.DataFrame, after: pd.DataFrame) -> Report:
     if not len(both) or len(both) != max(len(before), len(after)):
         raise InputError(f"the two runs share {len(both)} of {len(before)} and {len(after)} recordings; run both to their end")
     for part in ("before", "after"):
-        both[f"good_{part}"] = _good(both.rename(columns={f"outcome_{part}": "outcome"}))
+        both[f"good_{part}"] = score.is_good(both.rename(columns={f"outcome_{part}": "outcome"}))
     kinds = [*[(kind, both[both["kind"] == kind]) for kind in ORDER], ("all", both)]
     kinds += [(f"{source}, all", both[both["source"] == source]) for source, *_ in PARTS]
     table = pd.DataFrame([_paired(name, own) for name, own in kinds if len(own)])
@@ -164,8 +150,8 @@ def _paired(name: str, both: pd.DataFrame) -> dict[str, object]:
     lost = int((both["good_before"] & ~both["good_after"]).sum())
     p = float(scipy.stats.binomtest(gained, gained + lost).pvalue) if gained + lost else 1.0
     whole = both[(both["stored_before"] == "") & (both["stored_after"] == "")]
-    seconds = {part: float(whole[f"diagnose_s_{part}"].sum()) for part in ("before", "after")}
-    memory = {part: float(whole[f"peak_mb_{part}"].median()) for part in ("before", "after")}
+    seconds = [float(whole[f"diagnose_s_{part}"].sum()) for part in ("before", "after")]
+    memory = [float(whole[f"peak_mb_{part}"].median()) for part in ("before", "after")]
     return {
         "kind": name,
         "recordings": len(both),
@@ -176,12 +162,12 @@ def _paired(name: str, both: pd.DataFrame) -> dict[str, object]:
         "p": p,
         "wrong_before": int((both["outcome_before"] == "wrong name").sum()),
         "wrong_after": int((both["outcome_after"] == "wrong name").sum()),
-        "cpu_s_before": seconds["before"],
-        "cpu_s_after": seconds["after"],
-        "cpu_ratio": seconds["after"] / seconds["before"] if seconds["before"] else float("nan"),
-        "mb_before": memory["before"],
-        "mb_after": memory["after"],
-        "mb_ratio": memory["after"] / memory["before"],
+        "cpu_s_before": seconds[0],
+        "cpu_s_after": seconds[1],
+        "cpu_ratio": seconds[1] / seconds[0] if seconds[0] else float("nan"),
+        "mb_before": memory[0],
+        "mb_after": memory[1],
+        "mb_ratio": memory[1] / memory[0],
     }
 
 

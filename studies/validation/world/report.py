@@ -9,7 +9,7 @@ from studies.report.entry import Entry, Report
 from studies.report.panels import GREY, TEAL, Draw, Line, curves, sheet
 from studies.report.tables import Table
 from studies.validation.world import score
-from studies.validation.world.answers import GOOD, OUTCOMES
+from studies.validation.world.answers import OUTCOMES
 from studies.validation.world.cases import ORDER
 from studies.validation.world.study import STUDY, WorldConfig
 
@@ -30,7 +30,7 @@ def report(config: WorldConfig, rows: pd.DataFrame) -> Report:
         {"what": what, "median_s": rows[name].median(), "largest_s": rows[name].max(), "all_s": rows[name].sum()}
         for what, name in (("drawing a case and its recording", "make_s"), ("its diagnosis", "diagnose_s"))
     ]
-    wrong = rows[[outcome not in GOOD[kind] for kind, outcome in zip(rows["kind"], rows["outcome"], strict=True)]]
+    wrong = rows[~score.is_good(rows)]
     tables = {
         "counts": Table("Outcomes by kind", counts(rows)),
         "rates": Table("Rates, with 95 % binomial intervals", score.rates(rows)),
@@ -41,7 +41,10 @@ def report(config: WorldConfig, rows: pd.DataFrame) -> Report:
         ),
         "sizes": Table("Sizes within their sigmas", score.size_table(rows)),
         "sets": Table("Conformal sets of explanations", score.set_coverage(rows, DEFAULT.conformal)),
-        **{name: Table(f"Right answers by {title}", score.by_group(rows, name)) for name, title in GROUPS.items()},
+        **{
+            name: Table(f"Right answers by {title}", score.by_group(rows, name).drop(columns="count"))
+            for name, title in GROUPS.items()
+        },
         "run_time": Table("Processor time of a case", pd.DataFrame(seconds)),
         "misses": Table("What is not as it should be, case by case", wrong[[*SHOWN, "unknown_probability"]]),
     }

@@ -38,7 +38,6 @@ from studies.validation.world.answers import CONFIDENT, GOOD, NAMING, label, siz
 Array = NDArray[np.float64]
 
 DETECTABLE, CLEAR = 8.0, 12.0  # SNR from which most effects must be seen, and unlisted ones told as such
-SNR_BINS = (5.0, 8.0, 12.0, 20.0, 35.0, np.inf)
 STATED = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1.0 + 1e-9)
 EXACT = 1e-5  # of a size; a smaller sigma is that of digits
 LEVELS = {"68 %": 0.6827, "95 %": 0.95, "99.7 %": 0.9973}
@@ -76,11 +75,6 @@ def _whole(labels: Sequence[str]) -> list[str]:
     return out
 
 
-def truth_scores(rows: pd.DataFrame) -> list[float]:
-    """Conformal score of the truth of each recording."""
-    return [conformal.score(posterior_of(row), truth_of(row)) for row in records(rows)]
-
-
 # ---- rates ---------------------------------------------------------------------------------------------------------------
 
 
@@ -103,7 +97,7 @@ def rates(rows: pd.DataFrame) -> pd.DataFrame:
         ("unlisted and detected: unknown", seen, ("unknown",)),
         (f"unlisted of SNR {CLEAR:g} and more: unknown", clear, ("unknown",)),
         (f"unlisted of SNR {CLEAR:g} and more, detected: unknown", clear[clear["outcome"] != "missed"], ("unknown",)),
-        (f"unlisted of SNR {CLEAR:g} and more in the attitude: unknown", _in_attitude(clear), ("unknown",)),
+        (f"unlisted of SNR {CLEAR:g} and more in the attitude: unknown", clear[clear["attitude_snr"] >= CLEAR], ("unknown",)),
         ("mixed: all that is named is there", mixed, ("part",)),
         ("mixed: unknown", mixed, ("unknown",)),
         ("mixed: a confident wrong name", mixed, ("wrong name",)),
@@ -143,31 +137,35 @@ def _calibrated(rows: pd.DataFrame, level: float) -> list[bool]:
     return [abs(one[number % len(one)]) <= level for number, one in enumerate(errors) if one]
 
 
-def _in_attitude(rows: pd.DataFrame) -> pd.DataFrame:
-    return rows[rows["attitude_snr"] >= CLEAR]
-
-
 def _strong(rows: pd.DataFrame) -> pd.DataFrame:
     return rows[rows["snr"] >= DETECTABLE]
 
 
 def rate(name: str, hits: ArrayLike) -> dict[str, Any]:
+    """Count hits under a name."""
+    return {"what": name, **count_hits(hits)}
+
+
+def count_hits(hits: ArrayLike) -> dict[str, Any]:
     """Count hits, with their share and its 95 % binomial interval."""
     values = np.asarray(hits, dtype=bool)
     count, of = int(values.sum()), int(values.size)
     low, high = binomial_interval(count, of) if of else (np.nan, np.nan)
-    return {"what": name, "cases": of, "count": count, "share": count / of if of else np.nan, "low": low, "high": high}
+    return {"cases": of, "count": count, "share": count / of if of else np.nan, "low": low, "high": high}
 
 
-def by_group(rows: pd.DataFrame, column: str) -> pd.DataFrame:
+def is_good(rows: pd.DataFrame) -> pd.Series:
+    """Tell of each case whether it is answered well."""
+    good = [outcome in GOOD[kind] for kind, outcome in zip(rows["kind"], rows["outcome"], strict=True)]
+    return pd.Series(good, index=rows.index, dtype=bool)
+
+
+def by_group(rows: pd.DataFrame, column: str, sort: bool = True) -> pd.DataFrame:
     """Rates of right answers over the groups of a column, such as the kind of plan: no effect, one effect, unlisted."""
     out = []
-    for (group, kind), part in rows.groupby([column, "kind"], sort=True):
-        found = rate(str(kind), part["outcome"].isin(GOOD[str(kind)]))
+    for (group, kind), part in rows.groupby([column, "kind"], sort=sort):
         wrong = int((part["outcome"] == "wrong name").sum())
-        out.append(
-            {column: group, "kind": kind, **{k: found[k] for k in ("cases", "share", "low", "high")}, "wrong_names": wrong}
-        )
+        out.append({column: group, "kind": kind, **count_hits(is_good(part)), "wrong_names": wrong})
     return pd.DataFrame(out)
 
 
@@ -193,11 +191,9 @@ def reliability(stated: pd.DataFrame) -> pd.DataFrame:
     for low, high in pairwise(STATED):
         part = stated[(stated["probability"] >= low) & (stated["probability"] < high)]
         if len(part):
-            found = rate("", part["there"])
-            out.append(
-                {"from": low, "to": min(high, 1.0), "statements": len(part), "stated": float(part["probability"].mean()),
-                 "there": found["share"], "low": found["low"], "high": found["high"]}
-            )  # fmt: skip
+            found = count_hits(part["there"])
+            line = {"from": low, "to": min(high, 1.0), "statements": len(part), "stated": float(part["probability"].mean())}
+            out.append(line | {"there": found["share"], "low": found["low"], "high": found["high"]})
     return pd.DataFrame(out, columns=["from", "to", "statements", "stated", "there", "low", "high"])
 
 
@@ -252,11 +248,9 @@ def estimated(rows: pd.DataFrame) -> Array:
 
 def size_coverage(errors: Array) -> pd.DataFrame:
     """Shares of sizes within the sigmas of each level."""
-    out = []
-    for name, level in LEVELS.items():
-        found = rate(name, np.abs(errors) <= scipy.stats.norm.ppf(0.5 + level / 2))
-        out.append({"level": name, "expected": level, **{k: found[k] for k in ("cases", "count", "share", "low", "high")}})
-    return pd.DataFrame(out)
+    limits = {name: scipy.stats.norm.ppf(0.5 + level / 2) for name, level in LEVELS.items()}
+    lines = [{"level": k, "expected": LEVELS[k], **count_hits(np.abs(errors) <= limit)} for k, limit in limits.items()]
+    return pd.DataFrame(lines)
 
 
 def size_table(rows: pd.DataFrame) -> pd.DataFrame:

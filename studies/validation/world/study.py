@@ -25,11 +25,16 @@ trackers and raw sensor tables (`studies.validation.world.instruments`). A row h
 
 import json
 import time
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from diagnosis.budget import SETTINGS as BUDGET
+from diagnosis.budget import predict_held_out
+from diagnosis.model.prepare import prepare
+from diagnosis.settings import DEFAULT
 from gyrocal.recording import Recording
 from simulator.effects import REGISTRY
 from studies.montecarlo.files import plain
@@ -38,7 +43,6 @@ from studies.validation.world.answers import calibration_errors, label, merge_ax
 from studies.validation.world.cases import Drawn, draw
 from studies.validation.world.instruments import DrawnInstrument, draw_instrument
 from studies.validation.world.stages import diagnose_in_stages
-from studies.validation.world.true_share import measure_true_share
 from studies.validation.world.world import Spec
 
 CASES, ENTROPY = 150, 1962
@@ -144,6 +148,25 @@ def describe_answer(kind: str, truth: list[dict[str, Any]], found: dict[str, Any
         "posterior": json.dumps(plain(found["posterior"])),
         "size_sigmas": json.dumps(size_errors(merge_axes(found["causes"]), truth)),
     }
+
+
+def measure_true_share(drawn: Drawn, stated: Collection[str]) -> float:
+    """Measure the share that goes when the stated effects are taken out of the world, with all noise as it was.
+
+    Parameters
+    ----------
+    drawn : the case
+    stated : labels of the causes that an answer states; those that are not there close nothing
+    """
+    kept = [one for one in drawn.settings if not {label(one.effect, one.axis), one.effect} & set(stated)]
+    whole, left = (_measure_misfit(drawn.world.recording(settings)) for settings in (drawn.settings, kept))
+    return (whole - left) / (whole - BUDGET.floor)
+
+
+def _measure_misfit(recording: Recording) -> float:
+    """Measure the whitened mean square of held-out errors under M0."""
+    model = prepare(recording, DEFAULT, lambda text, share: None).model
+    return float(predict_held_out(model, model, ()).misfit[0])
 
 
 STUDY = Study("studies.validation.world.study:STUDY", WorldConfig, case, recording)

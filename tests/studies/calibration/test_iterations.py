@@ -1,14 +1,13 @@
 """Iterations: quadratic without noise, and where one is not enough."""
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from studies.calibration import iterations
 from studies.montecarlo import engine
 from studies.montecarlo.study import Streams, load_config
 from studies.natanson import flight, paper_tables
-from studies.report import entry as report
+from tests.studies.rows import run_study
 
 CASES = 12
 FACTORS = [0.3, 1.0, 3.0, 10.0]
@@ -21,9 +20,7 @@ def config():
 
 @pytest.fixture(scope="module")
 def rows(config, tmp_path_factory):
-    outcome = engine.run(iterations.STUDY, config, tmp_path_factory.mktemp("iterations"), backend="serial")
-    assert not outcome.failures
-    return outcome.load()
+    return run_study(iterations.STUDY, config, tmp_path_factory.mktemp("iterations"))
 
 
 @pytest.mark.parametrize(("claimed", "true"), [(2, True), (1, False), (3, False)])
@@ -95,18 +92,3 @@ def test_runs_that_do_not_converge_are_said_and_left_out(config, tmp_path):
     assert (failed.value, failed.verdict) == (4, "fail")
     assert made.check("smallest factor of a run that did not converge").value == 600
     assert iterations.enough(rows)["factor_1_sigma_median"].isna().all()
-
-
-def test_report(config, rows, tmp_path):
-    made = iterations.report(config, rows)
-    assert not [check.name for check in made.checks if check.verdict == "fail"]
-    assert sum(check.verdict == "pass" for check in made.checks) == 9
-    beside = iterations.second_iteration(rows).set_index("quantity")
-    assert beside.loc["G", "flight"] == pytest.approx(4e-6, abs=0.5e-6)
-    assert beside.loc["bias_deg_s", "flight"] == pytest.approx(4e-8, abs=0.5e-8)
-    assert 1e-6 < beside.loc["G", "median"] < 1e-5
-    first, again = (made.figures["iterations"](tmp_path / f"{name}.svg").read_bytes() for name in ("first", "again"))
-    assert first == again
-    few = rows[(rows["case"] == 0) & (rows["factor"] == 10)]  # whatever is left of a study has a report
-    assert isinstance(iterations.report(config, few).tables["convergence"].data, pd.DataFrame)
-    report.write(iterations.report(config, few), "iterations", tmp_path)

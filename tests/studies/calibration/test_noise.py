@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from gyrocal import NAMES, GyroParameters, InputError, calibrate
+from gyrocal import NAMES, GyroParameters, calibrate
 from simulator.scenario import override
 from simulator.simulate import motion, observe
 from studies.calibration import noise
 from studies.calibration.noise import SIGMAS, STUDY, formal
-from studies.montecarlo.engine import run
 from studies.montecarlo.study import base_scenario, load_config
 from studies.natanson import flight_gap
 from studies.report.units import PPM_DEG_H
+from tests.studies.rows import run_study
 
 CHANGES = {
     "arw_deg_per_sqrt_s": [5e-5, 2e-4, 1e-3],
@@ -24,9 +24,7 @@ CONFIG = load_config(STUDY, changes=CHANGES)
 
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory):
-    table = run(STUDY, CONFIG, tmp_path_factory.mktemp("noise"), backend="serial").load()
-    assert (table["error"] == "").all()
-    return table
+    return run_study(STUDY, CONFIG, tmp_path_factory.mktemp("noise"))
 
 
 def test_formal_sigmas_are_those_of_a_calibration(rows):
@@ -87,29 +85,3 @@ def test_at_the_crossing_both_noises_count_the_same(rows):
     for k, ratio in enumerate(noise.crossings(rows)):
         share = formal(shared, ratio * np.deg2rad(0.005), np.deg2rad(0.005))[1][k]
         assert share == pytest.approx(0.5, abs=0.03)
-
-
-def test_report_has_its_numbers_from_the_rows(rows, tmp_path):
-    made = noise.report(CONFIG, rows)
-    assert made.check("sigma of G at the flight's noise, largest").value == rows.iloc[-1][SIGMAS[:9]].max()
-    assert made.check("formal sigmas within the spread's interval, of 60").value == 60
-    limited = [made.check(f"parameters limited by the {what} at the flight's noise").value for what in ("gyro", "references")]
-    assert sum(limited) == 12
-    for name, draw in made.figures.items():
-        first, second = (draw(tmp_path / f"{name}{k}.svg").read_bytes() for k in range(2))
-        assert first == second
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"cases": 6}, "the grid has 43 points, one a case; change them by arw_deg_per_sqrt_s and sigma_deg"),
-        ({"sigma_deg": [0.01, 0.005]}, "rising"),
-        ({"arw_deg_per_sqrt_s": [0.0, 1e-4]}, "above zero"),
-        ({"dispersions.orbit.raan_deg": {"kind": "uniform", "low": 0.0, "high": 1.0}}, "not dispersed"),
-    ],
-)
-def test_bad_grids_are_refused(changes, message):
-    with pytest.raises(InputError, match=message) as caught:
-        load_config(STUDY, changes=changes)
-    assert "\n" not in str(caught.value)

@@ -3,22 +3,20 @@
 import numpy as np
 import pytest
 
-from gyrocal import InputError, calibrate
+from gyrocal import calibrate
 from simulator.simulate import motion, observe
 from studies.calibration import maneuvers_needed
 from studies.calibration.maneuvers_needed import SIGMAS, STUDY, minimal, part, shapley, subsets
-from studies.montecarlo.engine import run
 from studies.montecarlo.study import base_scenario, load_config
 from studies.report.units import PPM_DEG_H
+from tests.studies.rows import run_study
 
 CONFIG = load_config(STUDY, changes={"overrides.gyro.sample_s": 5.0, "series_s": 120.0})
 
 
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory):
-    table = run(STUDY, CONFIG, tmp_path_factory.mktemp("maneuvers"), backend="serial").load()
-    assert (table["error"] == "").all()
-    return table
+    return run_study(STUDY, CONFIG, tmp_path_factory.mktemp("maneuvers"))
 
 
 @pytest.fixture(scope="module")
@@ -67,12 +65,6 @@ def test_calibrate_agrees(rows, recording, maneuvers):
         assert row["condition"] == pytest.approx(result.observability.condition, rel=0.02)
 
 
-def test_both_kinds_of_subsets_are_among_those_compared(rows):
-    ends = rows[rows["references"] == "ends"].set_index("maneuvers")["lost"]
-    assert ends["m1+m2+m4+m6"] == 0
-    assert ends["m1+m3+m5+m6"] == 3
-
-
 def test_a_maneuver_that_keeps_its_rate_leaves_scale_and_bias_in_one(rows):
     row = rows[(rows["references"] == "series") & (rows["maneuvers"] == "m1")].iloc[0]
     assert "1 G_yy + 0.0657 deg/s b_y" in row["combinations"]
@@ -98,26 +90,6 @@ def test_shapley_shares_out_everything_and_favours_who_brings_more():
     assert shares == pytest.approx({"a": 3.5, "b": 1.5, "c": 1.0})
 
 
-def test_report(rows, tmp_path):
-    made = maneuvers_needed.report(CONFIG, rows)
-    count = int((rows[(rows["references"] == "ends") & (rows["size"] == 4)]["lost"] == 0).sum())
-    assert made.check("maneuvers in the smallest of them, references at ends").value == 4
-    assert made.check("determining subsets of that size, of 15, references at ends").value == count
+def test_shapley_shares_of_the_maneuvers_are_all_bits(rows):
     bits = maneuvers_needed.without_one(CONFIG, rows[rows["references"] == "ends"])["shapley_bits"].sum()
     assert bits == pytest.approx(rows["information_bits"][62], rel=1e-9)
-    for name, draw in made.figures.items():
-        first, second = (draw(tmp_path / f"{name}{k}.svg").read_bytes() for k in range(2))
-        assert first == second
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"cases": 63}, "the grid has 126 points, one a case; change them by scenario"),
-        ({"dispersions.orbit.raan_deg": {"kind": "uniform", "low": 0.0, "high": 1.0}}, "not dispersed"),
-    ],
-)
-def test_bad_grids_are_refused(changes, message):
-    with pytest.raises(InputError, match=message) as caught:
-        load_config(STUDY, changes=changes)
-    assert "\n" not in str(caught.value)

@@ -1,11 +1,9 @@
 """What cases share is built once a process, and anew where a case has a scenario of its own; noise is the case's."""
 
 import numpy as np
-import pytest
 
 from simulator import scenario as scenarios
 from studies.calibration.prepared import Flown, noise_of, shared
-from studies.montecarlo.settings import Different, Rising
 from studies.montecarlo.study import Streams, StudyConfig, observed
 
 CONFIG = StudyConfig(overrides={"gyro.sample_s": 60.0})
@@ -37,23 +35,3 @@ def test_noise_is_that_of_the_recording():
     np.testing.assert_array_equal(rates, seen.gyro.rates)
     np.testing.assert_array_equal(flown.realise()[0], flown.plain.gyro.rates)
     assert A.shape == (len(seen.attitudes.quaternions), 3, 3)
-
-
-class Settings(StudyConfig):
-    different: Different = (1.0,)
-    rising: Rising = (1.0,)
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"different": ()}, "different numbers above zero"),
-        ({"different": (1.0, 1.0)}, "different numbers above zero"),
-        ({"rising": (2.0, 1.0)}, "rising numbers above zero"),
-        ({"rising": (0.0, 1.0)}, "rising numbers above zero"),
-    ],
-)
-def test_settings_refuse_what_is_no_axis(values, message):
-    with pytest.raises(ValueError, match=message):
-        Settings(**values)
-    assert Settings(different=(2.0, 1.0), rising=(1.0, 2.0)).different == (2.0, 1.0)

@@ -7,9 +7,8 @@ import pytest
 from gyrocal import InputError, calibrate
 from simulator import scenario as scenarios
 from studies.calibration import psi
-from studies.montecarlo import engine
 from studies.montecarlo.study import Streams, load_config
-from studies.report import entry as report
+from tests.studies.rows import run_study
 
 TRMM = scenarios.load("trmm")
 SMALL = {"slew_rates_deg_s": [0.25, 2.0], "steps_s": [0.5, 1.0, 4.0], "slew_angles_deg": [90.0, 180.0]}
@@ -22,9 +21,7 @@ def config():
 
 @pytest.fixture(scope="module")
 def rows(config, tmp_path_factory):
-    outcome = engine.run(psi.STUDY, config, tmp_path_factory.mktemp("psi"), backend="serial")
-    assert not outcome.failures
-    return outcome.load()
+    return run_study(psi.STUDY, config, tmp_path_factory.mktemp("psi"))
 
 
 def test_a_row_for_every_point_of_the_grid(config, rows):
@@ -98,38 +95,7 @@ def test_run_flies_the_scenarios_own_angles(rows):
     pd.testing.assert_frame_equal(table, same[list(table)])
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"steps_s": [0.5], "cases": 90}, "the grid has 18 points, one a case; change them by slew_angles_deg and"),
-        ({"cases": 12}, "the grid has 90 points"),
-        ({"slew_rates_deg_s": [0.5, 0.0]}, "above zero"),
-        ({"slew_angles_deg": []}, "one or more"),
-        ({"dispersions.gyro.arw_deg_per_sqrt_s": {"kind": "normal", "sigma": 1e-5}}, "not dispersed"),
-    ],
-)
-def test_a_grid_that_is_none_is_refused_in_one_line(changes, message):
-    with pytest.raises(InputError, match=message) as refusal:
-        load_config(psi.STUDY, changes=changes)
-    assert "\n" not in str(refusal.value)
-
-
-def test_cases_follow_the_grid():
-    assert psi.PsiConfig(steps_s=(0.5,)).cases == 18
-    assert load_config(psi.STUDY, changes={"steps_s": [0.5, 2.0]}).cases == 36
-    assert psi.PsiConfig().cases == len(psi.PsiConfig().points())
-
-
-def test_report(config, rows, tmp_path):
-    made = psi.report(config, rows)
-    assert made.check("order in Δt of full ψ's error in G, smallest").value == psi.orders(rows)["full_error_G"].min()
-    assert made.check("order in Δt of full ψ's error in G, largest").verdict == "pass"
-    assert made.check("order in Δt of linear ψ's difference in G, largest").verdict == "pass"
-    assert made.check("G_difference of linear ψ at TRMM's rate and step, largest").verdict == "pass"
+def test_linear_psi_that_is_ten_times_worse_fails(config, rows):
+    name = "G_difference of linear ψ at TRMM's rate and step, largest"
     worse = rows.assign(G_difference=10 * rows["G_difference"])
-    assert psi.report(config, worse).check("G_difference of linear ψ at TRMM's rate and step, largest").verdict == "fail"
-    first, again = (made.figures["psi"](tmp_path / f"{name}.svg").read_bytes() for name in ("first", "again"))
-    assert first == again
-    one = rows.head(1)  # whatever is left of a study has a report
-    assert psi.report(config, one).checks
-    report.write(psi.report(config, one), "ψ", tmp_path)
+    assert [psi.report(config, table).check(name).verdict for table in (rows, worse)] == ["pass", "fail"]

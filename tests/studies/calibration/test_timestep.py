@@ -1,15 +1,14 @@
 """Skipping against averaging: what each costs in noise and in bias, and that the claimed covariance knows."""
 
 import numpy as np
-import pandas as pd
 import pytest
 
-from gyrocal import NAMES, InputError
+from gyrocal import NAMES
 from studies.calibration import timestep
 from studies.montecarlo import engine, statistics
 from studies.montecarlo.study import load_config
 from studies.natanson import flight, flight_gap
-from studies.report import entry as report
+from tests.studies.rows import run_study
 
 CASES = 60
 STEPS = [0.5, 1.0, 2.0, 8.0]
@@ -22,9 +21,7 @@ def config():
 
 @pytest.fixture(scope="module")
 def rows(config, tmp_path_factory):
-    outcome = engine.run(timestep.STUDY, config, tmp_path_factory.mktemp("timestep"), backend="serial")
-    assert not outcome.failures
-    return outcome.load()
+    return run_study(timestep.STUDY, config, tmp_path_factory.mktemp("timestep"))
 
 
 @pytest.mark.parametrize(
@@ -105,24 +102,13 @@ def test_flights_spread_is_that_of_the_flight_gap(rows):
     assert flight.STEPS == (0.5, 1.0, 2.0)
 
 
-@pytest.mark.parametrize("steps", [[], [1.0, 0.5], [0.0, 1.0]])
-def test_steps_must_rise(steps):
-    with pytest.raises(InputError, match="rising numbers above zero") as refusal:
-        load_config(timestep.STUDY, changes={"steps_s": steps})
-    assert "\n" not in str(refusal.value)
-
-
 def test_a_step_that_is_no_multiple_is_a_failed_case_and_says_why(tmp_path):
     config = load_config(timestep.STUDY, changes={"cases": 2, "steps_s": [0.5, 0.7]})
     outcome = engine.run(timestep.STUDY, config, tmp_path, backend="serial")
     assert "not a whole multiple" in outcome.failures[0]
 
 
-def test_report(config, rows, tmp_path):
-    made = timestep.report(config, rows)
-    assert 4 < made.check("step from which that bias exceeds 0.1 formal sigma").value < 5
-    failed = [check.name for check in made.checks if check.verdict == "fail"]
-    assert not failed
+def test_ways_that_are_swapped_fail(config, rows):
     at_8_s = timestep.summary(rows).set_index(["resampling", "step_s"])["gyro_ratio"].loc[("skip", 8.0)]
     assert at_8_s == pytest.approx(4, rel=4 * 0.06)  # sqrt(16); four relative standard errors of the spread's ratio
     swapped = rows.assign(
@@ -131,8 +117,3 @@ def test_report(config, rows, tmp_path):
         )
     )
     assert timestep.report(config, swapped).check("order in Δt of the gyro noise's part of the spread, skip").verdict == "fail"
-    first, again = (made.figures["timestep"](tmp_path / f"{name}.svg").read_bytes() for name in ("first", "again"))
-    assert first == again
-    one = rows[(rows["case"] == 0) & (rows["step_s"] == 0.5)]  # whatever is left of a study has a report
-    assert isinstance(timestep.report(config, one).tables["parameters"].data, pd.DataFrame)
-    report.write(timestep.report(config, one), "steps", tmp_path)

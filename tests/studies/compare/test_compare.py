@@ -147,13 +147,6 @@ def test_a_scenario_of_the_same_plan_may_be_compared():
     assert gap.after_90[0] <= 0 <= gap.after_90[1]
 
 
-def test_another_plan_is_refused():
-    from simulator import adopted as scenarios
-
-    with pytest.raises(InputError, match="trmm: flies another plan than the recording"):
-        compare(recorded(1), [("trmm", scenarios.load("trmm"))], runs=20)
-
-
 def test_too_few_runs_are_refused():
     with pytest.raises(InputError, match="at least 20"):
         compare(recorded(1), [], runs=5)

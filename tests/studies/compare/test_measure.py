@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from scipy.signal import periodogram
 
 from gyrocal import calibrate
 from studies.compare import measure
@@ -43,12 +42,6 @@ def test_white_noise_has_the_statistics_of_white_noise():
         # σ² of white noise of the rate falls as 1/n.
         paths = [np.append(0, np.cumsum(one)) for one in x]
         assert measure.allan(paths, count, 1.0) == pytest.approx(1 / np.sqrt(count), rel=0.05)
-
-
-def test_the_power_is_scipys():
-    u = np.random.default_rng(3).standard_normal(50)
-    _, other = periodogram(u, detrend="constant", window="hann")
-    np.testing.assert_allclose(2 * measure.hann_power(u - u.mean())[1:-1], other[1:-1])
 
 
 def test_allan_deviation_of_a_ramp():

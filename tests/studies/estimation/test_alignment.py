@@ -3,24 +3,22 @@
 import numpy as np
 import pytest
 
-from gyrocal import InputError, align_together
+from gyrocal import align_together
 from simulator.streams import generator
 from studies.estimation import alignment
 from studies.estimation.alignment import COMMON, ERRORS, HEADS, ONCE, REPEATED, SIGMAS, STUDY, TOGETHER
 from studies.estimation.attitude_cases import ANGLES, M_TRUE, alignment_error, alignment_orbit
-from studies.montecarlo.engine import run
 from studies.montecarlo.statistics import CONSISTENT
 from studies.montecarlo.study import base_scenario, load_config
 from tests.builders import mean_bounds
+from tests.studies.rows import run_study
 
 CONFIG = load_config(STUDY, changes={"cases": 4, "esa_factors": [1.0, 50.0]})
 
 
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory):
-    table = run(STUDY, CONFIG, tmp_path_factory.mktemp("alignment"), backend="serial").load()
-    assert (table["error"] == "").all()
-    return table
+    return run_study(STUDY, CONFIG, tmp_path_factory.mktemp("alignment"))
 
 
 def test_rows_are_those_of_the_algorithm(rows):
@@ -75,42 +73,7 @@ def test_verdicts_follow_the_rows(rows):
     assert alignment.report(CONFIG, halved).check(f"{TOGETHER}, esa factor 1").verdict == "fail"
 
 
-def test_report_has_its_numbers_from_the_rows(rows, tmp_path):
-    made = alignment.report(CONFIG, rows)
-    assert [check.name for check in made.checks if check.verdict == "fail"] == ["cases of the line with the fewest"]
-    assert made.checks[-1].value == 4
-    assert made.check("kept of DSS-2's yaw misalignment, one round, ESA 1 times better").value == pytest.approx(0.141, abs=5e-4)
-    assert made.check("calibrations that report the common rotation about x, y and z, of 20").verdict == "pass"
-    assert made.check("loss per degree of freedom with them").verdict == "pass"
-    for name, draw in made.figures.items():
-        first, second = (draw(tmp_path / f"{name}{k}.svg").read_bytes() for k in range(2))
-        assert first == second
-
-
-def test_one_case_has_a_report(rows):
-    made = alignment.report(CONFIG, rows[rows["case"] == 0].reset_index(drop=True))
-    assert "parameters" not in made.tables  # one case has no spread
-
-
 def test_injected_misalignment_is_the_rotation_of_the_papers_matrix():
     np.testing.assert_allclose(M_TRUE @ M_TRUE.T, np.eye(3), atol=1e-14)
     published = 1e-3 * np.array([[999.996, -1.98736, -1.99437], [1.99280, 999.994, 2.72920], [1.98893, -2.73316, 999.994]])
     np.testing.assert_allclose(M_TRUE, published, atol=6e-6)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"esa_factors": []}, "one or more different numbers"),
-        ({"esa_factors": [1.0, 1.0]}, "one or more different numbers"),
-        ({"esa_factors": [-1.0]}, "above zero"),
-        ({"tolerance": 0.0}, "tolerance"),
-        ({"overrides.orbit.altitude_km": 400.0}, "has no effect in this study"),
-        ({"overrides.gyro.true_G.0.0": 1.0}, "has no effect in this study"),
-        ({"dispersions.reference.sigma_deg.0": {"kind": "uniform", "low": 0.1, "high": 0.2}}, "has no effect in this study"),
-    ],
-)
-def test_bad_settings_are_refused(changes, message):
-    with pytest.raises(InputError, match=message) as caught:
-        load_config(STUDY, changes=changes)
-    assert "\n" not in str(caught.value)

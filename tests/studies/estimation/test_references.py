@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from gyrocal import InputError
 from studies.estimation import references
-from studies.estimation.reference_rows import (
+from studies.estimation.references import (
     BLOCKS,
     EXACT,
     FILTER,
@@ -15,23 +14,21 @@ from studies.estimation.reference_rows import (
     PLAIN,
     SMOOTHER,
     STATED,
+    STUDY,
     TIMES,
     UNSTATED,
     WHOLE,
 )
-from studies.estimation.references import STUDY
-from studies.montecarlo.engine import run
 from studies.montecarlo.statistics import CONSISTENT
 from studies.montecarlo.study import load_config
+from tests.studies.rows import run_study
 
 CONFIG = load_config(STUDY, changes={"cases": 3, "full_filter_every": 2, "misalignments_deg": [0.04]})
 
 
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory):
-    table = run(STUDY, CONFIG, tmp_path_factory.mktemp("references"), backend="serial").load()
-    assert (table["error"] == "").all()
-    return table
+    return run_study(STUDY, CONFIG, tmp_path_factory.mktemp("references"))
 
 
 def test_batch_filter_and_smoother_are_one_answer_where_they_know_the_same(rows):
@@ -90,20 +87,6 @@ def test_verdicts_follow_the_rows(rows):
     assert f"{FORMAL}, 900 s" in failed
 
 
-def test_report_has_its_numbers_from_the_rows(rows, tmp_path):
-    made = references.report(CONFIG, rows)
-    largest = rows.loc[rows["estimator"] == SMOOTHER, "apart_sigma"].max()
-    smoother = made.check("smoother from the exact batch, largest")
-    assert (smoother.value, smoother.verdict) == (largest, "pass")
-    error = np.sqrt(np.mean(rows.loc[(rows["estimator"] == FULL) & (rows["misaligned_deg"] > 0), "G_error_ppm"] ** 2))
-    stated = np.sqrt(np.mean(rows.loc[(rows["estimator"] == FULL) & (rows["misaligned_deg"] > 0), "G_sigma_ppm"] ** 2))
-    name = "full filter's error of G by what it states, sensors misaligned by 0.04 deg"
-    assert made.check(name).value == pytest.approx(error / stated)
-    for name, draw in made.figures.items():
-        first, second = (draw(tmp_path / f"{name}{k}.svg").read_bytes() for k in range(2))
-        assert first == second
-
-
 def test_full_filter_runs_in_every_so_many_cases(rows):
     assert set(rows.loc[rows["part"] == "full filter", "case"]) == {0, 2}
     assert set(rows.loc[rows["part"] == "calibration", "case"]) == {0, 1, 2}
@@ -123,20 +106,3 @@ def test_a_small_misalignment_need_not_show(rows):
     small["misaligned_deg"] *= 0.1
     table = references.full_filter_table(small)
     assert (table.loc[table["sensors"] != "as modelled", "expected"] == "").all()
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"full_filter_every": 0}, "full_filter_every"),
-        ({"misalignments_deg": []}, "between 0 and 1, ascending"),
-        ({"misalignments_deg": [0.0]}, "between 0 and 1, ascending"),
-        ({"misalignments_deg": [0.04, 0.01]}, "between 0 and 1, ascending"),
-        ({"misalignments_deg": 0.04}, "misalignments_deg"),
-        ({"overrides.orbit.altitude_km": 400.0}, "has no effect in this study"),
-    ],
-)
-def test_bad_settings_are_refused(changes, message):
-    with pytest.raises(InputError, match=message) as caught:
-        load_config(STUDY, changes=changes)
-    assert "\n" not in str(caught.value)

@@ -3,9 +3,8 @@
 import numpy as np
 import pandas as pd
 import pytest
-from pydantic import ValidationError
 
-from studies.montecarlo.study import Streams, find
+from studies.montecarlo.study import Streams
 from studies.validation.world import compare_check as check
 from studies.validation.world.compare_check import PERCENTILES, CompareConfig
 
@@ -37,10 +36,6 @@ def rows(pairs, rng, shrink=1.0, percentile=None):
 
 def verdicts(table):
     return {one.name: one.verdict for one in check.report(CompareConfig(), table).checks if one.verdict != "note"}
-
-
-def test_the_study_is_found_by_its_name():
-    assert find("studies.validation.world.compare_check:STUDY") == check.STUDY
 
 
 def test_percentiles_and_intervals_that_hold_pass():
@@ -83,8 +78,3 @@ def test_a_pair_and_a_control():
     control = check.case(config, 2, Streams(config.entropy, 2))
     assert control["kind"] == "M0, slews_and_rests"
     assert 0 <= control["samples lag-1 correlation z"] <= 1  # the samples are looked at
-
-
-def test_settings_are_checked():
-    with pytest.raises(ValidationError, match="fewer than"):
-        CompareConfig(cases=5, controls=5)

@@ -6,8 +6,8 @@ import pytest
 
 from gyrocal import attitude, triad
 from studies.validation.sentinel2a import findings
+from studies.validation.sentinel2a.findings import forecast_rows
 from studies.validation.sentinel2a.flown import ARCSEC, FOLDER, flown, known
-from studies.validation.sentinel2a.forecast import forecast_rows
 from tests import ROOT
 
 COMMITTED = ROOT / "results" / "studies" / "sentinel2a"

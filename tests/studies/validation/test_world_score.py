@@ -109,7 +109,6 @@ def test_sizes_within_their_sigmas_and_sets():
     rows = pd.DataFrame(
         [row("single", "right", "bias_drift:x", posterior=sure), row("unlisted", "group", "mine:x", posterior=open_)]
     )
-    assert score.truth_scores(rows) == [0.0, pytest.approx(1 / 3)]
     narrow, wide = (score.set_coverage(rows, limit).iloc[0] for limit in (0.0, 0.5))
     assert (narrow["share"], narrow["mean_length"]) == (0.5, 1.0)
     assert (wide["share"], wide["mean_length"]) == (1.0, 1.5)

@@ -1,0 +1,53 @@
+"""Every study's report is the committed one where it is made again of the committed rows, and any rows have a report."""
+
+import pandas as pd
+import pytest
+
+from studies import catalogue
+from studies.montecarlo import engine
+from studies.report import entry as report
+from tests import ROOT
+
+FOLDERS = [
+    ROOT / "results" / "studies" / name
+    for name in (
+        *("alignment", "consistency", "estimators", "import", "iterations", "noise", "observability", "onboard", "promises"),
+        *("psi", "references", "sentinel2a", "timestep"),
+    )
+]
+
+
+def committed_rows(folder):
+    rows = pd.read_parquet(folder / "table.parquet")
+    return rows[rows["error"] == ""].reset_index(drop=True)
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
+def test_a_report_made_again_of_committed_rows_is_the_committed_one(folder, tmp_path):
+    entry = catalogue.entry(folder.name)
+    report.write(entry.report(engine.config_in(entry.study, folder), committed_rows(folder)), folder.name, tmp_path)
+    kept = {"table.parquet", "manifest.json", "dispersions.csv"}  # the last by the engine, where settings are dispersed
+    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in folder.iterdir()} - kept
+    for path in tmp_path.glob("*.csv"):
+        # Six digits are written, and other processors differ in the last of them.
+        pd.testing.assert_frame_equal(pd.read_csv(path), pd.read_csv(folder / path.name), rtol=3e-6)
+
+
+# Rows of a study that was stopped early, or whose other cases failed.
+FEW = {
+    "iterations": "case == 0 and factor == 10",
+    "psi": "case == 0",
+    "timestep": "case == 0 and step_s == 0.5",
+    "alignment": "case == 0",
+    "onboard": "case == 5",  # memory is measured in the first cases
+}
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_whatever_is_left_of_a_study_has_a_report(name, tmp_path):
+    folder = ROOT / "results" / "studies" / name
+    entry = catalogue.entry(name)
+    rows = committed_rows(folder).query(FEW[name]).dropna(axis=1, how="all").reset_index(drop=True)
+    made = entry.report(engine.config_in(entry.study, folder), rows)
+    report.write(made, name, tmp_path)
+    assert made.checks

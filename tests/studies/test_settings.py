@@ -1,0 +1,47 @@
+"""Settings that a study cannot use are refused in one line that names them."""
+
+import pytest
+
+from gyrocal import InputError
+from studies import catalogue
+from studies.montecarlo.study import load_config
+
+UNIFORM = {"kind": "uniform", "low": 0.1, "high": 0.2}
+REFUSED = [
+    ("consistency", {"sampler": "sobol"}, "sampler"),
+    ("consistency", {"dispersions.gyro.true_G.0.0": UNIFORM}, "must be normal"),
+    ("consistency", {"confidence": 1.0}, "confidence"),
+    ("noise", {"cases": 6}, "the grid has 43 points, one a case; change them by arw_deg_per_sqrt_s and sigma_deg"),
+    ("noise", {"sigma_deg": [0.01, 0.005]}, "rising numbers above zero"),
+    ("noise", {"arw_deg_per_sqrt_s": [0.0, 1e-4]}, "above zero"),
+    ("observability", {"cases": 63}, "the grid has 126 points, one a case; change them by scenario"),
+    ("observability", {"dispersions.orbit.raan_deg": UNIFORM}, "not dispersed"),
+    ("psi", {"steps_s": [0.5], "cases": 90}, "the grid has 18 points, one a case; change them by slew_angles_deg and"),
+    ("psi", {"slew_rates_deg_s": [0.5, 0.5]}, "different numbers above zero"),
+    ("psi", {"slew_angles_deg": []}, "one or more"),
+    ("timestep", {"steps_s": [1.0, 0.5]}, "rising numbers above zero"),
+    ("iterations", {"iterations": 3}, "must be between 4 and 100"),
+    ("alignment", {"esa_factors": [-1.0]}, "above zero"),
+    ("alignment", {"tolerance": 0.0}, "tolerance"),
+    ("alignment", {"overrides.gyro.true_G.0.0": 1.0}, "has no effect in this study"),
+    ("alignment", {"dispersions.reference.sigma_deg.0": UNIFORM}, "has no effect in this study"),
+    ("onboard", {"memory_samples": [100]}, "200 samples or more"),
+    ("onboard", {"memory_samples": [1000, 1000]}, "200 samples or more, each once"),
+    ("references", {"full_filter_every": 0}, "full_filter_every"),
+    ("references", {"misalignments_deg": []}, "between 0 and 1, ascending"),
+    ("references", {"misalignments_deg": [0.04, 0.01]}, "between 0 and 1, ascending"),
+    ("references", {"misalignments_deg": [0.0]}, "between 0 and 1, ascending"),
+    ("promises", {"overrides.gyro.sample_s": 1.0}, "the study's own"),
+    ("bench", {"entropy": 3}, "fixed set"),
+    ("bench", {"source": "fresh"}, "fixed set"),
+    ("bench", {"overrides.gyro.sample_s": 1.0}, "fixed set"),
+    ("compare", {"cases": 3, "controls": 2}, "fewer than the 4 controls"),
+    ("compare", {"overrides.gyro.sample_s": 1.0}, "have no effect"),
+]
+
+
+@pytest.mark.parametrize(("name", "changes", "message"), REFUSED)
+def test_settings_that_cannot_be_used_are_refused_in_one_line(name, changes, message):
+    with pytest.raises(InputError, match=message) as refusal:
+        load_config(catalogue.entry(name).study, changes=changes)
+    assert "\n" not in str(refusal.value)
