@@ -18,7 +18,7 @@ import os
 import queue
 import signal
 import threading
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from functools import partial
 from itertools import islice
@@ -316,3 +316,29 @@ class _Dask(Executor):
 
 
 BACKENDS: dict[str, type[Executor]] = {"serial": _Serial, "threads": _Threads, "loky": _Loky, "dask": _Dask}
+
+
+def call_all(calls: Sequence[Callable[[], T]], jobs: int, done: Callable[[int], None] = lambda count: None) -> list[T]:
+    """Make independent calls, in worker processes if there are several; their results, in the order of the calls.
+
+    Parameters
+    ----------
+    calls : partials of functions that a worker can import, the longest first
+    jobs : worker processes
+    done : told of each call that has ended
+    """
+    workers = open_backend("loky" if jobs > 1 else "serial", _call, jobs)
+    found: dict[int, Any] = {}
+    try:
+        for (place, _), result in workers.results(enumerate(calls)):  # type: ignore[arg-type, misc]
+            found[place] = result
+            done(1)
+    finally:
+        workers.close(len(found) == len(calls))
+    if None in found.values():
+        raise GyrocalError("a worker process was killed; run the same command again, with fewer --jobs if memory was short")
+    return [found[place] for place in range(len(calls))]
+
+
+def _call(task: tuple[int, Callable[[], T]]) -> T:
+    return task[1]()

@@ -6,7 +6,7 @@ timings would fit as well.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import lru_cache
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -16,6 +16,7 @@ from scipy.optimize import minimize
 
 from gyrocal import InputError
 from simulator.scenario import IntervalSection, Scenario, override
+from studies.montecarlo.backends import call_all
 from studies.natanson import flight
 from studies.natanson.flight_diagnosis.table import outcomes
 from studies.natanson.flight_diagnosis.timings import slewing
@@ -33,6 +34,7 @@ from studies.natanson.flight_gap import (
 Array = NDArray[np.float64]
 
 SLEWING = (*YAW_INTERVALS, MINUS_Y)
+TIMED = (*SLEWING, HOLD)
 
 
 @dataclass(frozen=True)
@@ -163,7 +165,6 @@ class TimingFit:
     timings : fitted values by name
     at_bound : names of those that stopped at a bound
     clean_gap_rms_deg, gap_rms_deg : what is left of both
-    dof : numbers less fitted values
     """
 
     scenario: Scenario
@@ -171,7 +172,6 @@ class TimingFit:
     at_bound: tuple[str, ...]
     clean_gap_rms_deg: float
     gap_rms_deg: float
-    dof: int
 
     @property
     def count(self) -> int:
@@ -222,7 +222,7 @@ def fit_each(scenario: Scenario) -> TimingFit:
     It shows how far timing alone can go: an interval's three numbers leave one degree of freedom, or none, and a timing that
     stops at its bound has been asked for more than it can give.
     """
-    return _fitted(scenario, [(_timings_of(scenario, k), _own_timings(scenario, k)) for k in (*SLEWING, HOLD)])
+    return _fitted(scenario, [(_timings_of(scenario, k), _own_timings(scenario, k)) for k in TIMED])
 
 
 def fit_interval(scenario: Scenario, k: int) -> Scenario:
@@ -230,17 +230,34 @@ def fit_interval(scenario: Scenario, k: int) -> Scenario:
     return override(scenario, _timings_of(scenario, k).changes(_own_timings(scenario, k)))
 
 
+def fit_beside(
+    scenario: Scenario, candidates: Sequence[tuple[Scenario, int]], jobs: int, done: Callable[[int], None] = lambda count: None
+) -> TimingFit:
+    """`fit_common`, and beside it in worker processes the fits of single intervals (scenario, k), which are kept."""
+    wanted = [key for key in dict.fromkeys((_alone(*one), one[1]) for one in candidates) if key not in _KEPT]
+    common, *own = call_all([partial(fit_common, scenario), *(partial(_fit_alone, *key) for key in wanted)], jobs, done)
+    _KEPT.update(zip(wanted, own, strict=True))
+    return common
+
+
+_KEPT: dict[tuple[Scenario, int], Array] = {}  # fits of single intervals: the direction that was flown is asked for twice
+
+
+def _alone(scenario: Scenario, k: int) -> Scenario:
+    return scenario.model_copy(update={"interval": scenario.interval[k : k + 1]})
+
+
 def _own_timings(scenario: Scenario, k: int) -> Array:
     """Timings of interval k fitted to its three numbers."""
-    return _timings_alone(scenario.model_copy(update={"interval": scenario.interval[k : k + 1]}), k)
+    key = (_alone(scenario, k), k)
+    if key not in _KEPT:
+        _KEPT[key] = _fit_alone(*key)
+    return _KEPT[key]
 
 
-@lru_cache(maxsize=64)
-def _timings_alone(scenario: Scenario, k: int) -> Array:
-    """The same of a scenario that has this interval only; kept, since the direction that was flown is asked for twice."""
-    x = _minimise(scenario, _timings_of(scenario, 0), [0], without_noise()[[k]])
-    x.setflags(write=False)
-    return x
+def _fit_alone(scenario: Scenario, k: int) -> Array:
+    """The timings of a scenario that has interval k only."""
+    return _minimise(scenario, _timings_of(scenario, 0), [0], without_noise()[[k]])
 
 
 def _timings_of(scenario: Scenario, k: int) -> _Search:
@@ -277,12 +294,12 @@ def _fitted(scenario: Scenario, parts: list[tuple[_Search, Array]]) -> TimingFit
         timings |= dict(zip(search.names, map(float, x), strict=True))
         at_bound += search.at_bound(x)
     predicted = predict(scenario)
-    return TimingFit(scenario, timings, at_bound, clean_gap_rms(predicted), gap_rms(predicted), 18 - len(timings))
+    return TimingFit(scenario, timings, at_bound, clean_gap_rms(predicted), gap_rms(predicted))
 
 
 def _minimise(scenario: Scenario, search: _Search, intervals: Sequence[int], flown: Array) -> Array:
     """Nelder–Mead on the clean gap of some intervals from several starts; timings that cannot be flown count as a degree."""
-    coarse = _coarse(scenario)
+    coarse = override(scenario, {"gyro.sample_s": COARSE_SAMPLE_S})
     low, high = search.bounds.T
 
     def cost(y: Array) -> float:
@@ -304,7 +321,3 @@ def _minimise(scenario: Scenario, search: _Search, intervals: Sequence[int], flo
     if best.fun >= UNFLYABLE:
         raise InputError(f"no timing of {', '.join(search.names)} that can be flown was found")
     return np.asarray(low + np.clip(best.x, 0, 1) * (high - low))
-
-
-def _coarse(scenario: Scenario) -> Scenario:
-    return override(scenario, {"gyro.sample_s": COARSE_SAMPLE_S})

@@ -7,7 +7,7 @@ from itertools import pairwise
 import pandas as pd
 
 from studies.report.claims import Claim, Found, Judge, Verdict, agrees_if, slips_if
-from studies.robertson.runs import PERIODS
+from studies.robertson.calendar import PERIODS
 
 FACTOR = 1.1  # between simulated and flown numbers that agree
 APART = 3.0  # sigma

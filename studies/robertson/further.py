@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.mission_mode.config import MissionConfig, crossing_compensation, period_tables, uploads
-from simulator.mission_mode.effects import applied, parse
 from simulator.mission_mode.flight import simulate_mission
 from simulator.sensors.sun import trmm_alignments
-from studies.robertson.calendar import PERIODS
+from studies.robertson.calendar import ORBITS_TO_SLEW, PERIODS, slew_flight
 from studies.robertson.end_to_end import alignments
 from studies.robertson.ground import AXES
-from studies.robertson.maneuvers import ORBITS_TO_SLEW, slew_flight
+from studies.robertson.windows import configured
 
 Array = NDArray[np.float64]
 
@@ -36,7 +35,7 @@ BLOCKS = dict(zip(NAMES, [*(TABLE2,) * 3, *(R3,) * 3, *(R6,) * 4], strict=True))
 
 def further(effects: Sequence[str], entropy: int) -> dict[str, float]:
     """The numbers `NAMES` for a set of effects, and the scatter of R (3)'s between the early orbits, "scatter_m_…"."""
-    config = applied(MissionConfig(), [parse(text) for text in effects])
+    config = configured(effects)
     turns = np.rad2deg(alignments(config, config.tables, entropy)[0])
     spread = turns.std(axis=0, ddof=1) / np.sqrt(len(turns))
     values = [*table2_change(config, entropy), *turns.mean(axis=0), *coefficients(config)]

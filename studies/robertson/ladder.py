@@ -73,7 +73,7 @@ SETS = tuple(dict.fromkeys([*(rung.effects for rung in RUNGS), *TRIED]))
 """Every set of effects that windows are flown with."""
 
 
-def ladder(windows: Mapping[tuple[str, ...], pd.DataFrame]) -> list[dict[str, Any]]:
+def ladder(windows: Mapping[tuple[str, ...], pd.DataFrame]) -> pd.DataFrame:
     """The rungs from landed to last: effect, its setting, the four factors and their intervals."""
     out: list[dict[str, Any]] = []
     used: list[Number] = []
@@ -87,7 +87,7 @@ def ladder(windows: Mapping[tuple[str, ...], pd.DataFrame]) -> list[dict[str, An
             low, high = np.quantile([factor(one, numbers) for one in drawn], [0.16, 0.84])
             record |= {name: factor(values, numbers), f"{name}_low": float(low), f"{name}_high": float(high)}
         out.append(record)
-    return out
+    return pd.DataFrame(out)
 
 
 def groups(used: Sequence[Number] = ()) -> dict[str, list[Number]]:

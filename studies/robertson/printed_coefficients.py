@@ -22,8 +22,8 @@ from scipy.stats import norm
 
 from gyrocal.sensors.head_compensation import HEADS, PUBLISHED, at_alpha
 from simulator.mission_mode.config import MissionConfig
-from simulator.mission_mode.effects import applied, parse
 from studies.robertson.further import coefficients
+from studies.robertson.windows import configured
 
 Array = NDArray[np.float64]
 
@@ -63,11 +63,6 @@ def log_parts(config: MissionConfig) -> Array:
 def evidence(effects: Sequence[str]) -> float:
     """ln of the density of R (6) under a set of effects."""
     return float(logsumexp(log_parts(configured(effects)), axis=1).sum())
-
-
-def configured(effects: Sequence[str]) -> MissionConfig:
-    """The spacecraft with effects."""
-    return applied(MissionConfig(), [parse(text) for text in effects])
 
 
 def readings(effects: Sequence[str]) -> pd.DataFrame:

@@ -46,9 +46,14 @@ def days(period: str, count: int) -> Array:
     return np.asarray(start + (stop - start) * (np.arange(count) + 0.5) / count)
 
 
+def configured(effects: Sequence[str]) -> MissionConfig:
+    """The spacecraft with effects, as of `gyrocal mission --effect`."""
+    return applied(MissionConfig(), [parse(text) for text in effects])
+
+
 def window(effects: Sequence[str], period: str, k: int, count: int, entropy: int) -> dict[str, Any]:
     """One orbit, solved; a row of numbers, those of a ground with the tables found later beginning with "later_"."""
-    config = applied(MissionConfig(), [parse(text) for text in effects])
+    config = configured(effects)
     tables, day = period_tables(config), float(days(period, count)[k])
     seed = entropy + 1000 * PERIODS.index(period) + k
     flying = replace(moved(config, day), tables=tables[period])
@@ -115,3 +120,18 @@ def factor(values: Mapping[Number, float], numbers: Sequence[Number]) -> float:
         return float("nan")
     logs = [np.log(values[one] / flown.performance(*one)) for one in numbers]
     return float(np.exp(np.sqrt(np.mean(np.square(logs)))))
+
+
+def statistics(rows: pd.DataFrame) -> pd.DataFrame:
+    """The 18 numbers of one set of windows against the truth, the ground, and a ground with the tables found later."""
+    early = rows[rows["period"] == PERIODS[0]]
+    kinds = {name: simulated(rows, name) for name in ("onboard_minus_true", "onboard_minus_ground")}
+    out = []
+    for number in NUMBERS:
+        parameter, axis, period = number
+        row: dict[str, Any] = {"parameter": parameter, "axis": axis, "period": period, "flight": published()[number]}
+        row |= {name: values[number] for name, values in kinds.items()}
+        own = period == PERIODS[0] and parameter == "attitude_accuracy_deg"
+        row["later_tables"] = float(early[f"later_onboard_minus_ground_{axis}_deg"].mean()) if own else np.nan
+        out.append(row)
+    return pd.DataFrame(out)
