@@ -1,11 +1,15 @@
 """The flight's published numbers against the simulated motion: what is predicted, and what its own residuals give."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from simulator.scenario import Scenario
+from studies.montecarlo.backends import call_all
 from studies.natanson import flight, flight_gap, own_residuals, slew_directions, slew_timings
 from studies.natanson.flight_diagnosis import numbers
 from studies.natanson.flight_diagnosis.baselines import centred
@@ -15,6 +19,8 @@ from studies.report.claims import fill
 from studies.report.committed import flatten
 from studies.report.console import progress
 from studies.reproduction import Reproduction
+
+Array = NDArray[np.float64]
 
 SECOND_NOTE = (
     "x_old − x_new, in N's units. Sigma is the spread over 60 simulated calibrations. Since the flight's noise is in the "
@@ -42,10 +48,17 @@ GAP_NOTE = (
 def flight_part(scenario: Scenario, made: Reproduction, entropy: int) -> None:
     """Tables and summary of the flight's own numbers."""
     candidates = [*((scenario, k) for k in slew_timings.TIMED), *slew_directions.candidates(scenario)]
-    with progress("flight", 8, made.console.quiet) as advance:
-        common = slew_timings.fit_beside(scenario, candidates, made.jobs, advance)
+    missing = slew_timings.find_missing(candidates)
+    calls: list[Callable[[], Any]] = [
+        partial(slew_timings.fit_common, scenario),
+        partial(own_residuals.spread, scenario, entropy),
+        partial(slew_timings.timing_scan, scenario),
+        *(partial(slew_timings.fit_alone, *key) for key in missing),
+    ]
+    with progress("flight", len(calls), made.console.quiet) as advance:
+        common, sigma, scan, *own = call_all(calls, made.jobs, advance)
+    slew_timings.KEPT.update(zip(missing, own, strict=True))
     each = slew_timings.fit_each(scenario)
-    scan = slew_timings.timing_scan(scenario)
     made.add(
         "timing_scan",
         "Clean gap over all four common timings together",
@@ -54,7 +67,7 @@ def flight_part(scenario: Scenario, made: Reproduction, entropy: int) -> None:
         note=SCAN_NOTE,
     )
     directions(scenario, made)
-    own_part(scenario, {"assumed": scenario, "common": common.scenario, "each": each.scenario}, made, entropy)
+    own_part(scenario, {"assumed": scenario, "common": common.scenario, "each": each.scenario}, sigma, made)
     compared = flight_gap.comparison(scenario)
     for name, fit in (("common", common), ("each", each)):
         compared[f"clean_gap_{name}_deg"] = (flight_gap.without_noise() - flight_gap.predict(fit.scenario)).ravel()
@@ -116,19 +129,19 @@ def directions(scenario: Scenario, made: Reproduction) -> None:
     }
 
 
-def own_part(scenario: Scenario, timings: dict[str, Scenario], made: Reproduction, entropy: int) -> None:
+def own_part(scenario: Scenario, timings: dict[str, Scenario], sigma: dict[str, Array], made: Reproduction) -> None:
     """What the flight's own residuals give: calibrations beside N's, and N Table 5's second iteration.
 
     Parameters
     ----------
     timings : the scenario with the timings assumed, and with those fitted, by name
+    sigma : of the second iteration's corrections, as of `own_residuals.spread`
     """
     by_timings = {name: own_residuals.steps(one) for name, one in timings.items()}
     agreements = {name: own_residuals.agreement(one) for name, one in by_timings.items()}
     found, agreement = by_timings["assumed"], agreements["assumed"]
     residuals, parameters = own_residuals.residuals(found), own_residuals.parameters(found)
-    flips, sigma = own_residuals.flipped(found), own_residuals.spread(scenario, entropy)
-    second = own_residuals.second_iteration(scenario, sigma)
+    flips, second = own_residuals.flipped(found), own_residuals.second_iteration(scenario, sigma)
     own = "and what its residuals before give"
     made.add("own_agreement", "The flight's own residuals calibrated, beside N's", agreement, note=AGREEMENT_NOTE)
     made.add("own_residuals", f"N Table 2's calibrated columns, {own}", residuals, formats=dict.fromkeys(residuals, ".3f"))

@@ -6,7 +6,6 @@ timings would fit as well.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import partial
 from itertools import product
 
 import numpy as np
@@ -16,7 +15,6 @@ from scipy.optimize import minimize
 
 from gyrocal import InputError
 from simulator.scenario import IntervalSection, Scenario, override
-from studies.montecarlo.backends import call_all
 from studies.natanson import flight
 from studies.natanson.flight_diagnosis.table import outcomes
 from studies.natanson.flight_diagnosis.timings import slewing
@@ -230,32 +228,28 @@ def fit_interval(scenario: Scenario, k: int) -> Scenario:
     return override(scenario, _timings_of(scenario, k).changes(_own_timings(scenario, k)))
 
 
-def fit_beside(
-    scenario: Scenario, candidates: Sequence[tuple[Scenario, int]], jobs: int, done: Callable[[int], None] = lambda count: None
-) -> TimingFit:
-    """`fit_common`, and beside it in worker processes the fits of single intervals (scenario, k), which are kept."""
-    wanted = [key for key in dict.fromkeys((_alone(*one), one[1]) for one in candidates) if key not in _KEPT]
-    common, *own = call_all([partial(fit_common, scenario), *(partial(_fit_alone, *key) for key in wanted)], jobs, done)
-    _KEPT.update(zip(wanted, own, strict=True))
-    return common
+Alone = tuple[Scenario, int]  # a scenario that has one interval only, and which of N's it is
+KEPT: dict[Alone, Array] = {}  # timings fitted to single intervals: those of the direction that was flown are needed twice
 
 
-_KEPT: dict[tuple[Scenario, int], Array] = {}  # fits of single intervals: the direction that was flown is asked for twice
+def find_missing(candidates: Sequence[tuple[Scenario, int]]) -> list[Alone]:
+    """What `fit_alone` has to be called with for the timings of interval k of each scenario to be kept."""
+    return [key for key in dict.fromkeys(_alone(scenario, k) for scenario, k in candidates) if key not in KEPT]
 
 
-def _alone(scenario: Scenario, k: int) -> Scenario:
-    return scenario.model_copy(update={"interval": scenario.interval[k : k + 1]})
+def _alone(scenario: Scenario, k: int) -> Alone:
+    return scenario.model_copy(update={"interval": scenario.interval[k : k + 1]}), k
 
 
 def _own_timings(scenario: Scenario, k: int) -> Array:
     """Timings of interval k fitted to its three numbers."""
-    key = (_alone(scenario, k), k)
-    if key not in _KEPT:
-        _KEPT[key] = _fit_alone(*key)
-    return _KEPT[key]
+    key = _alone(scenario, k)
+    if key not in KEPT:
+        KEPT[key] = fit_alone(*key)
+    return KEPT[key]
 
 
-def _fit_alone(scenario: Scenario, k: int) -> Array:
+def fit_alone(scenario: Scenario, k: int) -> Array:
     """The timings of a scenario that has interval k only."""
     return _minimise(scenario, _timings_of(scenario, 0), [0], without_noise()[[k]])
 
