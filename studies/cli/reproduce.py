@@ -9,6 +9,7 @@ import click
 from rich.console import Console
 
 from gyrocal import InputError
+from simulator.mission_mode.config import MissionConfig
 from simulator.mission_mode.flight import simulate_mission
 from studies.cli.options import PATH, assignment
 from studies.montecarlo.backends import call_all
@@ -94,7 +95,10 @@ def command(
     before = {name: committed.read(COMMITTED / FOLDERS[name].name) for name in folders}
     if workers > 1 and not paper:
         # On a new checkout each paper's kernels are compiled by one worker, and not by every worker one after the other.
-        call_all([partial(paper_tables.run_case, PaperTablesConfig(), 0), partial(simulate_mission, seconds=60.0)], workers)
+        call_all(
+            [partial(paper_tables.run_case, PaperTablesConfig(), 0), partial(simulate_mission, MissionConfig(), seconds=60.0)],
+            workers,
+        )
     for name, folder in folders.items():
         if name == "natanson":
             overrides = dict(assignment(change) for change in changes)

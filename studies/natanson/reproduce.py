@@ -47,86 +47,45 @@ ESTIMATES = {  # questions on the estimates, with or without a flight
     "{table4:.0f} % of cases",
     "Does linear ψ do?": "at TRMM's rates it differs by {psi_difference_max.G:.1e} in G",
 }
-SECOND = (
-    "correlation {{table5_second_iteration.{0}.correlation:.2f}}; {{table5_second_iteration.{0}.rms_1e6_G:.2f}}e-6, "
-    "{{table5_second_iteration.{0}.rms_1e8_deg_s:.1f}}e-8 deg/s"
-)
-GYRO_SPACE = "table5_second_iteration.gyro_space"
-QUESTIONS = (  # question; simulated; flown; gap before; effect found; gap after, on numbers that fitted nothing
-    (
-        "Residuals before less after calibration (18)",
-        "noise-free, timings assumed",
-        "{flight_gap_rms_deg.flight_rms:.3f} deg RMS before",
-        "{clean_gap_rms_deg.assumed:.4f} deg",
-        "slews' timings; four common fitted: {clean_gap_rms_deg.common:.4f}, nine: {clean_gap_rms_deg.each:.4f}",
-        "{clean_gap_scan_deg.held_out.before:.4f} to {clean_gap_scan_deg.held_out.after:.4f} deg on intervals 2, 4, 6, each "
-        "held out",
-    ),
-    (
-        "Residuals before calibration (18)",
-        "noise-free, R (9) as truth",
-        "{flight_gap_rms_deg.flight_rms:.3f} deg RMS",
-        "{flight_gap_rms_deg.published:.4f} deg",
-        "the flight's noise, its residuals after: {flight_gap_rms_deg.floor:.4f}",
-        "{clean_gap_rms_deg.assumed:.4f} deg",
-    ),
-    (
-        "Residuals after, from those before, 0.5 s",
-        "least squares of the flown ones",
-        "N Table 2, calibrated",
-        "{own_calibration_rms_deg.assumed.0.5:.4f} deg",
-        "N's {own_calibration.0.5.steepest} is not the least-squares one: it leaves {own_calibration.0.5.gradient_deg:.3f} deg",
-        "{own_calibration.0.5.rms_of_the_others_deg:.4f} deg without {own_calibration_farthest.0.5}",
-    ),
-    (
-        "The same, 1 s",
-        "least squares",
-        "N Table 2, calibrated",
-        "{own_calibration_rms_deg.assumed.1:.4f} deg",
-        "none",
-        "{own_calibration_rms_deg.assumed.1:.4f} deg",
-    ),
-    (
-        "The same, 2 s",
-        "least squares",
-        "N Table 2, calibrated",
-        "{own_calibration.2.as_printed_deg:.4f} deg",
-        "a sign of Table 2, as Table 4 says",
-        "{own_calibration_rms_deg.assumed.2:.4f} deg",
-    ),
-    (
-        "Second iteration (12 cells)",
-        "of the flown residuals, 1 s, in (G, b)",
-        "N Table 5",
-        SECOND.format("gain_space"),
-        "N iterates in gyro space",
-        SECOND.format("gyro_space"),
-    ),
-    (
-        "The same, G⁻¹ at 0.5 s",
-        "in gyro space",
-        "N Table 5",
-        f"correlation {{{GYRO_SPACE}.correlation:.2f}}; {{{GYRO_SPACE}.rms_1e6_G:.2f}}e-6",
-        "its G⁻¹ is of 0.5 s, as its first iteration's",
-        f"correlation {{{GYRO_SPACE}.with_G_of_0.5_s.correlation:.2f}}; {{{GYRO_SPACE}.with_G_of_0.5_s.rms_1e6_G:.2f}}e-6",
-    ),
-    (
-        "Printed digits the second iteration changes, 0.5 s",
-        "{own_digits_changed.0.5.table2} of 18 in Table 2, {own_digits_changed.0.5.table4} of 6 in Table 4",
-        "none, says N",
-        "–",
-        "unknown",
-        "–",
-    ),
-    (
-        "Rate about x in -y forward",
-        "+1 RPO, as printed",
-        "N Table 2, interval 4",
-        "{minus_y_rate_rpo.gap_rms_deg.1:.3f} deg",
-        "it is -1 RPO",
-        "{minus_y_rate_rpo.gap_rms_deg.-1:.3f} deg",
-    ),
-)
+QUESTIONS = """
+Residuals before less after calibration (18) | noise-free, timings assumed
+| {flight_gap_rms_deg.flight_rms:.3f} deg RMS before | {clean_gap_rms_deg.assumed:.4f} deg
+| slews' timings; four common fitted: {clean_gap_rms_deg.common:.4f}, nine: {clean_gap_rms_deg.each:.4f}
+| {clean_gap_scan_deg.held_out.before:.4f} to {clean_gap_scan_deg.held_out.after:.4f} deg on intervals 2, 4, 6, each held out
+
+Residuals before calibration (18) | noise-free, R (9) as truth
+| {flight_gap_rms_deg.flight_rms:.3f} deg RMS | {flight_gap_rms_deg.published:.4f} deg
+| the flight's noise, its residuals after: {flight_gap_rms_deg.floor:.4f} | {clean_gap_rms_deg.assumed:.4f} deg
+
+Residuals after, from those before, 0.5 s | least squares of the flown ones
+| N Table 2, calibrated | {own_calibration_rms_deg.assumed.0.5:.4f} deg
+| N's {own_calibration.0.5.steepest} is not the least-squares one: it leaves {own_calibration.0.5.gradient_deg:.3f} deg
+| {own_calibration.0.5.rms_of_the_others_deg:.4f} deg without {own_calibration_farthest.0.5}
+
+The same, 1 s | least squares | N Table 2, calibrated | {own_calibration_rms_deg.assumed.1:.4f} deg | none
+| {own_calibration_rms_deg.assumed.1:.4f} deg
+
+The same, 2 s | least squares | N Table 2, calibrated | {own_calibration.2.as_printed_deg:.4f} deg
+| a sign of Table 2, as Table 4 says | {own_calibration_rms_deg.assumed.2:.4f} deg
+
+Second iteration (12 cells) | of the flown residuals, 1 s, in (G, b) | N Table 5
+| correlation {SECOND.gain_space.correlation:.2f}; {SECOND.gain_space.rms_1e6_G:.2f}e-6,
+{SECOND.gain_space.rms_1e8_deg_s:.1f}e-8 deg/s | N iterates in gyro space
+| correlation {SECOND.gyro_space.correlation:.2f}; {SECOND.gyro_space.rms_1e6_G:.2f}e-6,
+{SECOND.gyro_space.rms_1e8_deg_s:.1f}e-8 deg/s
+
+The same, G⁻¹ at 0.5 s | in gyro space | N Table 5
+| correlation {SECOND.gyro_space.correlation:.2f}; {SECOND.gyro_space.rms_1e6_G:.2f}e-6
+| its G⁻¹ is of 0.5 s, as its first iteration's
+| correlation {SECOND.gyro_space.with_G_of_0.5_s.correlation:.2f}; {SECOND.gyro_space.with_G_of_0.5_s.rms_1e6_G:.2f}e-6
+
+Printed digits the second iteration changes, 0.5 s
+| {own_digits_changed.0.5.table2} of 18 in Table 2, {own_digits_changed.0.5.table4} of 6 in Table 4 | none, says N
+| – | unknown | –
+
+Rate about x in -y forward | +1 RPO, as printed | N Table 2, interval 4 | {minus_y_rate_rpo.gap_rms_deg.1:.3f} deg
+| it is -1 RPO | {minus_y_rate_rpo.gap_rms_deg.-1:.3f} deg
+""".replace("SECOND", "table5_second_iteration")
 WORDS = """
 *Predicted* is the noise-free simulation with R eq. (9) as truth, processed with the pre-launch parameters of N Table 3. The
 *clean gap* is θ_pre − θ_cal − predicted, θ_pre and θ_cal being the flight's residuals before and after calibration: its noise
@@ -192,8 +151,8 @@ def summary_table(summary: dict[str, Any]) -> pd.DataFrame:
 def question_table(summary: dict[str, Any]) -> pd.DataFrame:
     """What parts simulated and flown on N, a row a question."""
     names = ["question", "simulated", "flown", "gap before", "effect found", "gap after, on numbers that fitted nothing"]
-    values = flatten(summary)
-    return pd.DataFrame([[fill(text, values) for text in row] for row in QUESTIONS], columns=names)
+    rows = fill(" ".join(QUESTIONS.replace("\n\n", "¶").split()), flatten(summary)).split("¶")
+    return pd.DataFrame([[cell.strip() for cell in row.split("|")] for row in rows], columns=names)
 
 
 def monte_carlo_part(rows: pd.DataFrame, config: PaperTablesConfig, scenario: Scenario, made: Reproduction) -> None:

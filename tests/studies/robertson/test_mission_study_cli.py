@@ -191,7 +191,8 @@ def test_both_papers_by_default(run_cli, monkeypatch, tmp_path):
     called = {}
     monkeypatch.setattr(cli_reproduce.reproduce, "run", lambda folder, *_: called.update(natanson=folder) or {"a": 1})
     monkeypatch.setattr(cli_reproduce.mission_report, "run", lambda folder, *_: called.update(robertson=folder) or {"b": 2})
-    assert run_cli("reproduce", "--out", str(tmp_path), "--json", str(tmp_path / "all.json")).exit_code == 0
+    options = ("--jobs", "1", "--out", str(tmp_path))
+    assert run_cli("reproduce", *options, "--json", str(tmp_path / "all.json")).exit_code == 0
     assert called == {"natanson": tmp_path / "reproduction", "robertson": tmp_path / "mission"}
     assert json.loads((tmp_path / "all.json").read_text()) == {"natanson": {"a": 1}, "robertson": {"b": 2}}
     called.clear()
