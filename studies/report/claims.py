@@ -15,6 +15,7 @@ from typing import Any, Literal
 import pandas as pd
 
 from studies.report.committed import Results
+from studies.report.tables import NO_VALUE
 
 Verdict = Literal["agrees", "the paper slips", "open"]
 NOT_FLOWN = "This run did not fly what it takes."
@@ -61,6 +62,9 @@ class _ByPath(Formatter):
 
     def get_field(self, field_name: str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> tuple[Any, str]:
         return kwargs[field_name], field_name
+
+    def format_field(self, value: Any, format_spec: str) -> Any:
+        return NO_VALUE if value is None else super().format_field(value, format_spec)
 
 
 def fill(text: str, values: Mapping[str, Any], **more: Any) -> str:

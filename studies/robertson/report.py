@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from rich.console import Console
 
@@ -17,7 +16,8 @@ from simulator.mission_mode.flight import MissionRun, flight_schedule
 from studies.montecarlo.backends import call_all
 from studies.report import checks
 from studies.report import tables as render
-from studies.report.committed import settled
+from studies.report.claims import fill
+from studies.report.committed import flatten, settled
 from studies.reproduction import Reproduction
 from studies.robertson import (
     all_data,
@@ -35,6 +35,7 @@ from studies.robertson import (
     words,
 )
 from studies.robertson.calendar import PERIODS
+from studies.robertson.flown import AXES
 from studies.robertson.runs import (
     SLEW_TABLES,
     SPIKE_FILTERS,
@@ -287,50 +288,41 @@ def _largest_errors(run: MissionRun) -> dict[str, float]:
 def summary_table(summary: dict[str, Any]) -> pd.DataFrame:
     """The questions a reader comes with, and the answers of this run."""
 
-    def three(values: dict[str, dict[str, float | None]], key: str, digits: int) -> str:
-        return " / ".join(_text(one[key], digits) for one in values.values())
+    def by_period(name: str, key: str, digits: int) -> str:
+        return " / ".join(f"{{{name}.{period}.{key}:.{digits}f}}" for period in PERIODS)
 
-    update, accuracy, bias = summary["yaw_update_deg"], summary["yaw_accuracy_deg"], summary["bias_z_minus_x_less_plus_x_deg_h"]
+    def by_axis(period: str) -> str:
+        simulated, flown = (
+            ", ".join(f"{{slew_deg.{best}.{period}.{axis}.{key}:+.3f}}" for axis in AXES) for key in ("simulated", "flight")
+        )
+        return f"{simulated} deg; flight {flown}"
+
     best = min(summary["slew_gap_deg"], key=summary["slew_gap_deg"].__getitem__)
-    before, after = (summary["slew_deg"][best][period] for period in SLEW_TABLES)
-    spikes = summary["spikes_deg"]
-    kept, missed = summary["requirements"]["postcalibration"], summary["requirements"]["precalibration"]
     rows = {
-        "Yaw update before, with alignment, calibrated?": f"{three(update, 'simulated', 3)} deg; flight "
-        f"{three(update, 'flight', 2)}",
-        "Yaw accuracy in the same periods?": f"{three(accuracy, 'simulated', 3)} deg; flight {three(accuracy, 'flight', 3)}",
-        "Requirements met when calibrated?": _verdict(kept),
-        "And before?": _verdict(missed),
-        "Does the z bias depend on orientation?": f"by {_text(bias['calibration1']['simulated'], 3)} deg/h before the gyro's "
-        f"upload (R (8): {_text(bias['calibration1']['formula'], 3)}), {_text(bias['postcalibration']['simulated'], 4)} ± "
-        f"{_text(bias['postcalibration']['standard_error'], 4)} after",
-        f"Error of a yaw maneuver, {words.signed(best)}, before?": _slew_text(before),
-        "And after?": _slew_text(after),
-        "Pitch spikes by the S filter, on board and true?": ", ".join(
-            f"{spikes[state]['pitch_on_board']:.3f} and {spikes[state]['pitch']:.3f} deg {name}"
-            for state, name in (("restarted", "restarted wrongly"), ("off", "off"))
-        ),
+        "Yaw update before, with alignment, calibrated?": f"{by_period('yaw_update_deg', 'simulated', 3)} deg; flight "
+        + by_period("yaw_update_deg", "flight", 2),
+        "Yaw accuracy in the same periods?": f"{by_period('yaw_accuracy_deg', 'simulated', 3)} deg; flight "
+        + by_period("yaw_accuracy_deg", "flight", 3),
+        "Requirements met when calibrated?": _verdict(summary["requirements"]["postcalibration"]),
+        "And before?": _verdict(summary["requirements"]["precalibration"]),
+        "Does the z bias depend on orientation?": "by {Z.calibration1.simulated:.3f} deg/h before the gyro's upload (R (8): "
+        "{Z.calibration1.formula:.3f}), {Z.postcalibration.simulated:.4f} ± {Z.postcalibration.standard_error:.4f} after",
+        f"Error of a yaw maneuver, {words.signed(best)}, before?": by_axis(SLEW_TABLES[0]),
+        "And after?": by_axis(SLEW_TABLES[1]),
+        "Pitch spikes by the S filter, on board and true?": "{spikes_deg.restarted.pitch_on_board:.3f} and "
+        "{spikes_deg.restarted.pitch:.3f} deg restarted wrongly, {spikes_deg.off.pitch_on_board:.3f} and "
+        "{spikes_deg.off.pitch:.3f} deg off",
     }
-    return pd.DataFrame({"question": rows.keys(), "answer": rows.values()})
-
-
-def _slew_text(axes: dict[str, dict[str, float | None]]) -> str:
-    """Roll, pitch and yaw beside the flight's."""
-    simulated, flown = (
-        ", ".join("–" if one[key] is None else f"{one[key]:+.3f}" for one in axes.values()) for key in ("simulated", "flight")
-    )
-    return f"{simulated} deg; flight {flown}"
-
-
-def _text(value: float | None, digits: int) -> str:
-    return render.number(np.nan if value is None else value, digits)
+    values = flatten(summary)
+    answers = [fill(text.replace("{Z.", "{bias_z_minus_x_less_plus_x_deg_h."), values) for text in rows.values()]
+    return pd.DataFrame({"question": rows.keys(), "answer": answers})
 
 
 def _verdict(requirements: dict[str, dict[str, Any]]) -> str:
     if any(one["met"] is None for name, one in requirements.items() if name != "stability"):
         return render.NO_VALUE
     held = {name: one for name, one in requirements.items() if name != "stability"}
-    cells = ", ".join(f"{name} {_text(one['worst_axis_deg'], 3)} of {one['limit_deg']:g} deg" for name, one in held.items())
+    cells = ", ".join(fill(f"{name} {{worst_axis_deg:.3f}} of {{limit_deg:g}} deg", one) for name, one in held.items())
     return f"{'yes' if all(one['met'] for one in held.values()) else 'NO'}: {cells}; stability is not verified"
 
 

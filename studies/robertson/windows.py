@@ -78,35 +78,26 @@ def walked(config: MissionConfig, day: float, entropy: int) -> Array:
     return np.asarray(rrw * np.sqrt(DAY) * steps[: round(day)].sum(axis=0))
 
 
+def _values(rows: pd.DataFrame, number: Number, against: str) -> pd.Series:
+    """What a number of R Table 3 is formed of, a value a window."""
+    parameter, axis, period = number
+    of_angles = {"attitude_accuracy_deg": f"{against}_{axis}_deg", "yaw_update_deg": "yaw_update_deg"}
+    return rows.loc[rows["period"] == period, of_angles.get(parameter, f"bias_{axis}_deg_h")]
+
+
 def simulated(rows: pd.DataFrame, against: str = "onboard_minus_ground") -> dict[Number, float]:
     """R Table 3's numbers of windows; against "onboard_minus_true" for the truth in place of the ground."""
-    out = {}
-    for parameter, axis, period in NUMBERS:
-        own = rows[rows["period"] == period]
-        if parameter == "attitude_accuracy_deg":
-            value = own[f"{against}_{axis}_deg"].mean()
-        elif parameter == "yaw_update_deg":
-            value = own["yaw_update_deg"].mean()
-        else:
-            value = own[f"bias_{axis}_deg_h"].std()
-        out[parameter, axis, period] = float(value)
-    return out
+    each = {number: _values(rows, number, against) for number in NUMBERS}
+    return {number: float(own.mean() if number[0] in ANGLES else own.std()) for number, own in each.items()}
 
 
 def scatter(rows: pd.DataFrame) -> dict[Number, float]:
     """Relative standard error of each number by the windows' scatter, which the flight's own finite record shares."""
-    out = {}
-    for parameter, axis, period in NUMBERS:
-        own = rows[rows["period"] == period]
-        n = len(own)
-        if parameter == "gyro_bias_std_deg_h":
-            out[parameter, axis, period] = float(1 / np.sqrt(2 * (n - 1)))
-        else:
-            values = (
-                own["yaw_update_deg"] if axis == "yaw" and parameter in ANGLES[1:] else own[f"onboard_minus_ground_{axis}_deg"]
-            )
-            out[parameter, axis, period] = float(values.std() / np.sqrt(n) / values.mean())
-    return out
+    each = {number: _values(rows, number, "onboard_minus_ground") for number in NUMBERS}
+    return {
+        number: float(own.std() / np.sqrt(len(own)) / own.mean() if number[0] in ANGLES else 1 / np.sqrt(2 * (len(own) - 1)))
+        for number, own in each.items()
+    }
 
 
 def published() -> dict[Number, float]:
