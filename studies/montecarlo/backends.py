@@ -335,7 +335,7 @@ def call_all(calls: Sequence[Callable[[], T]], jobs: int, done: Callable[[int], 
             done(1)
     finally:
         workers.close(len(found) == len(calls))
-    if None in found.values():
+    if any(result is None for result in found.values()):
         raise GyrocalError("a worker process was killed; run the same command again, with fewer --jobs if memory was short")
     return [found[place] for place in range(len(calls))]
 

@@ -39,7 +39,7 @@ from studies.robertson.calendar import PERIODS
 from studies.robertson.diagnosis import TRIALS, Beside, Diagnosis, Windows, linear_model
 from studies.robertson.diagnosis import diagnose as diagnose_model
 from studies.robertson.end_to_end import rotation
-from studies.robertson.further import BLOCKS, MANEUVER, NAMES, R3, TABLE2
+from studies.robertson.further import BLOCKS, MANEUVER, R3, TABLE2
 from studies.robertson.ground import AXES
 from studies.robertson.ladder import NOMINAL, RUNGS
 from studies.robertson.slews import noise_free
@@ -48,7 +48,7 @@ Array = NDArray[np.float64]
 Further = Mapping[tuple[str, ...], Mapping[str, float]]
 
 DURATIONS_S = (600.0, 800.0, 1000.0, 1200.0)
-COMPARED = tuple(name for name in NAMES if BLOCKS[name] in (TABLE2, R3))
+COMPARED = tuple(BLOCKS)
 SIGNS = ("yaw accuracy", "yaw update")
 MOST_EFFECTS = 8  # Table 3's and those of the others
 

@@ -78,26 +78,34 @@ def walked(config: MissionConfig, day: float, entropy: int) -> Array:
     return np.asarray(rrw * np.sqrt(DAY) * steps[: round(day)].sum(axis=0))
 
 
-def _values(rows: pd.DataFrame, number: Number, against: str) -> pd.Series:
-    """What a number of R Table 3 is formed of, a value a window."""
-    parameter, axis, period = number
+def column_of(number: Number, against: str = "onboard_minus_ground") -> str:
+    """The windows' column that a number of R Table 3 is formed of."""
+    parameter, axis, _ = number
     of_angles = {"attitude_accuracy_deg": f"{against}_{axis}_deg", "yaw_update_deg": "yaw_update_deg"}
-    return rows.loc[rows["period"] == period, of_angles.get(parameter, f"bias_{axis}_deg_h")]
+    return of_angles.get(parameter, f"bias_{axis}_deg_h")
+
+
+def form(number: Number, values: Array) -> Array:
+    """A number of R Table 3 of windows (…, n): a mean, or the standard deviation of the bias."""
+    return np.asarray(values.mean(axis=-1) if number[0] in ANGLES else values.std(axis=-1, ddof=1))
 
 
 def simulated(rows: pd.DataFrame, against: str = "onboard_minus_ground") -> dict[Number, float]:
     """R Table 3's numbers of windows; against "onboard_minus_true" for the truth in place of the ground."""
-    each = {number: _values(rows, number, against) for number in NUMBERS}
-    return {number: float(own.mean() if number[0] in ANGLES else own.std()) for number, own in each.items()}
+    parts = {period: rows[rows["period"] == period] for period in PERIODS}
+    return {
+        number: float(form(number, parts[number[2]][column_of(number, against)].to_numpy(dtype=float))) for number in NUMBERS
+    }
 
 
 def scatter(rows: pd.DataFrame) -> dict[Number, float]:
     """Relative standard error of each number by the windows' scatter, which the flight's own finite record shares."""
-    each = {number: _values(rows, number, "onboard_minus_ground") for number in NUMBERS}
-    return {
-        number: float(own.std() / np.sqrt(len(own)) / own.mean() if number[0] in ANGLES else 1 / np.sqrt(2 * (len(own) - 1)))
-        for number, own in each.items()
-    }
+    out = {}
+    for number in NUMBERS:
+        own = rows.loc[rows["period"] == number[2], column_of(number)]
+        n = len(own)
+        out[number] = float(own.std() / np.sqrt(n) / own.mean() if number[0] in ANGLES else 1 / np.sqrt(2 * (n - 1)))
+    return out
 
 
 def published() -> dict[Number, float]:
@@ -105,12 +113,12 @@ def published() -> dict[Number, float]:
     return {number: flown.performance(*number) for number in NUMBERS}
 
 
-def factor(values: Mapping[Number, float], numbers: Sequence[Number]) -> float:
+def factor(values: Mapping[Number, float] | Mapping[Number, Array], numbers: Sequence[Number]) -> Any:
     """RMS factor between simulated and flown over some numbers: exp of the RMS of the logarithm of their ratio."""
     if not numbers:
         return float("nan")
     logs = [np.log(values[one] / flown.performance(*one)) for one in numbers]
-    return float(np.exp(np.sqrt(np.mean(np.square(logs)))))
+    return np.exp(np.sqrt(np.mean(np.square(logs), axis=0)))
 
 
 def statistics(rows: pd.DataFrame) -> pd.DataFrame:
