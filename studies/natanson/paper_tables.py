@@ -154,9 +154,10 @@ def _distributions(rows: pd.DataFrame, flown: bool, build: Build) -> pd.DataFram
     """Distributions of the parts of every variant; `build` gets its rows, and its step where the flight has the same."""
     out = []
     comparable = flown and labels(rows) == [str(k) for k in range(1, 7)]
+    known: dict[object, float] = {step: step for step in flight.STEPS}
     for (psi, resampling, step), chosen in rows[rows["covariance"] == "full"].groupby(VARIANT, sort=False):
-        as_flown = comparable and resampling == "skip" and step in flight.STEPS
-        for samples, published, columns in build(chosen.sort_values("case"), step if as_flown else None):
+        as_flown = comparable and resampling == "skip"
+        for samples, published, columns in build(chosen.sort_values("case"), known.get(step) if as_flown else None):
             part = statistics.distribution(samples, published)
             keys = {"psi": psi, "resampling": resampling, "step_s": step} | columns
             out.append(pd.concat([pd.DataFrame(keys, index=part.index), part], axis=1))
@@ -225,7 +226,7 @@ def table4(rows: pd.DataFrame, flown: bool = True) -> pd.DataFrame:
     def build(chosen: pd.DataFrame, step: float | None) -> Iterator[Part]:
         for phase in PHASES:
             for name, compute in TABLE4.items():
-                columns = {"phase": phase, "statistic": name, "axis": list(flight.ROTATIONS)}
+                columns: dict[str, object] = {"phase": phase, "statistic": name, "axis": list(flight.ROTATIONS)}
                 yield compute(_residuals(chosen, phase)), published(phase, step, name), columns
 
     return _distributions(rows, flown, build)

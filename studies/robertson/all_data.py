@@ -39,8 +39,8 @@ from studies.robertson.calendar import PERIODS
 from studies.robertson.diagnosis import TRIALS, Beside, Diagnosis, Windows, linear_model
 from studies.robertson.diagnosis import diagnose as diagnose_model
 from studies.robertson.end_to_end import rotation
+from studies.robertson.flown import AXES
 from studies.robertson.further import BLOCKS, MANEUVER, R3, TABLE2
-from studies.robertson.ground import AXES
 from studies.robertson.ladder import NOMINAL, RUNGS
 from studies.robertson.slews import noise_free
 

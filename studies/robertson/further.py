@@ -15,7 +15,7 @@ from simulator.mission_mode.config import MissionConfig, period_tables
 from simulator.mission_mode.flight import simulate_mission
 from studies.robertson.calendar import ORBITS_TO_SLEW, PERIODS, slew_flight
 from studies.robertson.end_to_end import alignments
-from studies.robertson.ground import AXES
+from studies.robertson.flown import AXES
 from studies.robertson.windows import configured
 
 Array = NDArray[np.float64]

@@ -21,7 +21,8 @@ from simulator.mission_mode.flight import simulate_mission
 from simulator.streams import generator
 from studies.robertson import flown
 from studies.robertson.calendar import FIRST_DAYS, PERIODS, day_of, moved
-from studies.robertson.ground import AXES, solution
+from studies.robertson.flown import AXES
+from studies.robertson.ground import solution
 
 Array = NDArray[np.float64]
 Number = tuple[str, str, str]  # parameter, axis and period of R Table 3
