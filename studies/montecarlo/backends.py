@@ -330,7 +330,9 @@ def call_all(calls: Sequence[Callable[[], T]], jobs: int, done: Callable[[int], 
     workers = open_backend("loky" if jobs > 1 else "serial", _call, jobs)
     found: dict[int, Any] = {}
     try:
-        for (place, _), result in workers.results(enumerate(calls)):  # type: ignore[arg-type, misc]
+        numbered: Any = enumerate(calls)  # in place of the tasks of a study
+        ended: Iterator[Any] = workers.results(numbered)
+        for (place, _), result in ended:
             found[place] = result
             done(1)
     finally:

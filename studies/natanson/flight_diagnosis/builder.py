@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,7 +105,12 @@ def _timing(case: Motion, timings: Timings, u: Array, L: Array) -> Group:
 
 def _noise(table: Table, baseline: Baseline, case: Motion) -> Group:
     log_odds, mean, sigma = noise_factor(table, case.Theta, baseline)
-    evidence = {"log_odds": log_odds, "read": lambda _: (mean, {}), "size_sigma": lambda _: sigma, "scales": np.ones(1)}
+    evidence: dict[str, Any] = {
+        "log_odds": log_odds,
+        "read": lambda _: (mean, {}),
+        "size_sigma": lambda _: sigma,
+        "scales": np.ones(1),
+    }
     return make_candidate(NOISE, None, np.empty((len(PLACES), 0)), "factor", **evidence)
 
 
