@@ -95,10 +95,8 @@ def command(
     before = {name: committed.read(COMMITTED / FOLDERS[name].name) for name in folders}
     if workers > 1 and not paper:
         # On a new checkout each paper's kernels are compiled by one worker, and not by every worker one after the other.
-        call_all(
-            [partial(paper_tables.run_case, PaperTablesConfig(), 0), partial(simulate_mission, MissionConfig(), seconds=60.0)],
-            workers,
-        )
+        short: list[Any] = [partial(simulate_mission, MissionConfig(), seconds=60.0)]
+        call_all([partial(paper_tables.run_case, PaperTablesConfig(), 0), *short], workers)
     for name, folder in folders.items():
         if name == "natanson":
             overrides = dict(assignment(change) for change in changes)

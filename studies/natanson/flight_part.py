@@ -119,11 +119,11 @@ def directions(scenario: Scenario, made: Reproduction) -> None:
     by_rate = rate.set_index(rate["rate_rpo"].astype(str))
     made.summary |= {
         "minus_y_rate_rpo": {
-            "favoured": int(by_rate["gap_rms_deg"].idxmin()),
+            "favoured": int(str(by_rate["gap_rms_deg"].idxmin())),
             **{name: by_rate[name].to_dict() for name in ("gap_rms_deg", "fitted_gap_rms_deg")},
         },
         "yaw_direction_deg": {
-            str(k): int(rows.loc[rows["gap_rms_deg"].idxmin(), "yaw_deg"]) for k, rows in yaw.groupby("interval")
+            str(k): int(rows.sort_values("gap_rms_deg")["yaw_deg"].iloc[0]) for k, rows in yaw.groupby("interval")
         },
         "residual_sign_gap_rms_deg": dict(zip(("N (16)", "N (29) as printed"), sign["gap_rms_deg"].astype(float), strict=True)),
     }

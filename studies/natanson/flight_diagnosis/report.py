@@ -8,10 +8,11 @@ import pandas as pd
 from studies.montecarlo.statistics import binomial_interval
 from studies.natanson import flight
 from studies.natanson.flight_diagnosis.baselines import examine, rms_deg, trials, whitened
-from studies.natanson.flight_diagnosis.diagnosis import FALSE_ALARM, SURE, UNKNOWN
+from studies.natanson.flight_diagnosis.diagnosis import FALSE_ALARM, SURE
 from studies.natanson.flight_diagnosis.numbers import by_step, motion, where
 from studies.natanson.flight_diagnosis.simulated_tables import STUDY, FlightConfig
 from studies.natanson.flight_diagnosis.table import Baseline, flown
+from studies.printed_table import UNKNOWN
 from studies.report.checks import Check, at_least, at_most, near
 from studies.report.entry import Entry, Report
 from studies.report.panels import DARK, GREY, RED, TEAL, Draw, Line, curves, sheet

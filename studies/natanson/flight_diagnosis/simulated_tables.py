@@ -9,7 +9,7 @@ from simulator.scenario import IntervalSection, Scenario
 from studies.montecarlo.study import GridConfig, Streams, Study
 from studies.natanson import flight
 from studies.natanson.flight_diagnosis.builder import NOISE, RATE, TIMING, YAW
-from studies.natanson.flight_diagnosis.diagnosis import UNKNOWN, Effects, diagnose
+from studies.natanson.flight_diagnosis.diagnosis import Effects, diagnose
 from studies.natanson.flight_diagnosis.numbers import clock_derivatives
 from studies.natanson.flight_diagnosis.table import (
     CELL_DEG,
@@ -24,6 +24,7 @@ from studies.natanson.flight_diagnosis.table import (
     rounded,
 )
 from studies.natanson.flight_diagnosis.timings import TIMINGS
+from studies.printed_table import UNKNOWN
 
 KINDS: dict[str, Effects] = {
     "nothing": frozenset(),
