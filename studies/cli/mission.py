@@ -21,7 +21,7 @@ from studies.montecarlo.files import write_parquet
 from studies.report import tables as render
 from studies.report.console import console, progress
 from studies.robertson import flown
-from studies.robertson.runs import PERIODS
+from studies.robertson.calendar import PERIODS
 
 TABLES = ("telemetry", "updates", "slews", "orbits")
 LONGEST_DAYS = 1000.0

@@ -1,6 +1,7 @@
 """The command ``gyrocal reproduce``: both papers' numbers and figures beside the flight's."""
 
 import os
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -8,9 +9,12 @@ import click
 from rich.console import Console
 
 from gyrocal import InputError
+from simulator.mission_mode.config import MissionConfig
+from simulator.mission_mode.flight import simulate_mission
 from studies.cli.options import PATH, assignment, count_option, jobs_option, output_option
+from studies.montecarlo.backends import call_all
 from studies.montecarlo.files import write_json, write_text
-from studies.natanson import reproduce
+from studies.natanson import paper_tables, reproduce
 from studies.natanson.paper_tables import PaperTablesConfig
 from studies.report import committed, index_page
 from studies.report import tables as render
@@ -88,6 +92,10 @@ def command(
     summaries: dict[str, dict[str, Any]] = {}
     folders = {name: _folder(name, out, paper) for name in FOLDERS if paper in (None, name)}
     before = {name: committed.read(COMMITTED / FOLDERS[name].name) for name in folders}
+    if workers > 1 and not paper:
+        # On a new checkout each paper's kernels are compiled by one worker, and not by every worker one after the other.
+        short: list[Any] = [partial(simulate_mission, MissionConfig(), seconds=60.0)]
+        call_all([partial(paper_tables.run_case, PaperTablesConfig(), 0), *short], workers)
     for name, folder in folders.items():
         if name == "natanson":
             overrides = dict(assignment(change) for change in changes)

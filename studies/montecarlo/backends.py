@@ -17,11 +17,11 @@ import queue
 import signal
 import threading
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from itertools import islice
 from multiprocessing import resource_tracker
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import joblib
 from joblib.externals.loky import get_reusable_executor
@@ -32,6 +32,7 @@ from studies.montecarlo.cases import Result, Task
 
 Name = Literal["serial", "loky", "dask"]
 Run = Callable[[Task], Result]
+T = TypeVar("T")
 
 IDLE_S = 60.0  # after which a warm worker ends
 FOLLOW_S = 0.5  # how often a worker looks whether its parent is alive
@@ -253,3 +254,32 @@ class _Dask(Executor):
     def close(self, finished: bool) -> None:
         if hasattr(self, "client"):
             self.client.close()
+
+
+def call_all(calls: Sequence[Callable[[], T]], jobs: int, done: Callable[[int], None] = lambda count: None) -> list[T]:
+    """Make independent calls, in worker processes if there are several; their results, in the order of the calls.
+
+    Parameters
+    ----------
+    calls : partials of functions that a worker can import, the longest first
+    jobs : worker processes
+    done : told of each call that has ended
+    """
+    call: Any = _call  # in place of the function that runs the cases of a study
+    workers = open_backend("loky" if jobs > 1 else "serial", call, jobs)
+    found: dict[int, Any] = {}
+    try:
+        numbered: Any = enumerate(calls)  # in place of the tasks of a study
+        ended: Iterator[Any] = workers.results(numbered)
+        for (place, _), result in ended:
+            found[place] = result
+            done(1)
+    finally:
+        workers.close(len(found) == len(calls))
+    if any(result is None for result in found.values()):
+        raise GyrocalError("a worker process was killed; run the same command again, with fewer --jobs if memory was short")
+    return [found[place] for place in range(len(calls))]
+
+
+def _call(task: tuple[int, Callable[[], T]]) -> T:
+    return task[1]()

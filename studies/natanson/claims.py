@@ -5,47 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from studies.natanson import flight
-from studies.report.claims import Claim, Found, Verdict, agrees_if, slips_if
+from studies.report.claims import Claim, Found, Judge, Verdict, agrees, agrees_if, slips, slips_if
 
 PREDICTED = 0.1  # of the flight's RMS: what a prediction may miss it by
 HALF_DIGIT = 5e-6  # of the scale factors in N Table 3
 WITHIN = 0.8  # least share of flown numbers between 5 and 95 % of the simulated ones; nine of ten are expected
 TWICE = 2.0
-
-
-def _before(found: Found) -> tuple[Verdict, str]:
-    clean, rms = found["clean_gap_rms_deg.assumed"], found["flight_gap_rms_deg.flight_rms"]
-    text = (
-        f"Predicted from R (9), without noise, to {clean:.4f} deg RMS of {rms:.3f} with the slews' timings assumed; "
-        f"{found['clean_gap_rms_deg.each']:.4f} with nine fitted; print alone leaves {found['clean_gap_scan_deg.print']:.4f}."
-    )
-    return agrees_if(clean < PREDICTED * rms), text
-
-
-def _after(found: Found) -> tuple[Verdict, str]:
-    rms = [found[f"own_calibration_rms_deg.assumed.{step}"] for step in ("0.5", "1", "2")]
-    allowed = found["flight_noise.residual_rms_deg"]
-    shown = " / ".join(f"{one:.4f}" for one in rms)
-    return agrees_if(max(rms) < allowed / TWICE), (
-        f"Least squares of the flown residuals before gives those after to {shown} deg RMS at 0.5 / 1 / 2 s; the flight's own "
-        f"scatter is {allowed:.4f}."
-    )
-
-
-def _sign_at_2_s(found: Found) -> tuple[Verdict, str]:
-    printed, mended = found["own_calibration.2.as_printed_deg"], found["own_calibration_rms_deg.assumed.2"]
-    text = (
-        f"As printed, least squares misses the column by {printed:.4f} deg RMS; with the other sign of interval 3, yaw, as N "
-        f"Table 4's mean has it, by {mended:.4f}."
-    )
-    return slips_if(printed > TWICE * mended), text
-
-
-def _bias_z(found: Found) -> tuple[Verdict, str]:
-    name, left = found["own_calibration.0.5.steepest"], found["own_calibration.0.5.gradient_deg"]
-    other = found["own_calibration.1.gradient_deg"]
-    text = f"The printed {name} leaves a gradient of {left:.3f} deg at 0.5 s; at 1 s the largest of any is {other:.3f}."
-    return slips_if(left > TWICE * other), text
+STEPS = tuple(f"own_calibration_rms_deg.assumed.{step}" for step in ("0.5", "1", "2"))
+USUAL = "psi == 'full' and resampling == 'skip'"
 
 
 def _same_as_r(_: Found) -> tuple[Verdict, str]:
@@ -80,69 +47,21 @@ def _mixed_steps(_: Found) -> tuple[Verdict, str]:
     return slips_if(of_bias != of_G), text
 
 
-def _second_iteration(found: Found) -> tuple[Verdict, str]:
-    gyro, gain = (found[f"table5_second_iteration.{space}.correlation"] for space in ("gyro_space", "gain_space"))
-    beyond = found["table5_second_iteration.gyro_space.cells_beyond_3_sigma"]
-    text = (
-        f"Made again from the flown residuals, in each gyro's own parameters: correlation {gyro:.2f} over 12 cells, {beyond} "
-        f"beyond 3 sigma; in (G, b) it would be {gain:.2f}."
-    )
-    return agrees_if(gyro > 0.9 and beyond == 0), text
+def _skipped(step: float) -> Judge:
+    """Whether N Table 4 at a step lies within the simulated range."""
 
+    def judge(found: Found) -> tuple[Verdict, str]:
+        rows = found.table("table4").query(f"{USUAL} and step_s == @step and phase == 'calibrated' and flight == flight")
+        inside = int(((rows["p05"] <= rows["flight"]) & (rows["flight"] <= rows["p95"])).sum())
+        text = f"{inside} of {len(rows)} numbers of Table 4 lie within the simulated 5 to 95 %"
+        try:
+            steps = found.study("timestep", "steps").query("resampling == 'skip'").set_index("step_s")["sigma_ratio"]
+            text += f"; the parameters' sigmas are ×{steps[step]:.2f} those of 0.5 s"
+        except KeyError:
+            pass
+        return agrees_if(inside >= WITHIN * len(rows)), f"{text}."
 
-def _printed_digits(found: Found) -> tuple[Verdict, str]:
-    changed = {name: found[f"own_digits_changed.0.5.{name}"] for name in ("table2", "table4")}
-    text = (
-        f"Of the flown residuals at 0.5 s it changes {changed['table2']} of 18 printed digits of Table 2 and "
-        f"{changed['table4']} of 6 of Table 4; it is small all the same: {found['second_iteration_median.G']:.1e} in G."
-    )
-    return slips_if(sum(changed.values()) > 0), text
-
-
-def _linear(found: Found) -> tuple[Verdict, str]:
-    differs = found["psi_difference_max.G"]
-    text = f"Linear ψ differs by {differs:.1e} in G; half a printed digit of a scale factor is {HALF_DIGIT:.0e}."
-    return agrees_if(differs < HALF_DIGIT), text
-
-
-def _skip_one(found: Found) -> tuple[Verdict, str]:
-    return _inside(found, 1.0)
-
-
-def _skip_three(found: Found) -> tuple[Verdict, str]:
-    return _inside(found, 2.0)
-
-
-def _inside(found: Found, step: float) -> tuple[Verdict, str]:
-    rows = found.table("table4").query("psi == 'full' and resampling == 'skip' and step_s == @step and phase == 'calibrated'")
-    if rows.empty:
-        rows = found.table("table4").query(
-            "psi == 'full' and resampling == 'skip' and step_s == @step and phase != 'prelaunch'"
-        )
-    flown = rows[rows["flight"].notna()]
-    inside = int(((flown["p05"] <= flown["flight"]) & (flown["flight"] <= flown["p95"])).sum())
-    text = f"{inside} of {len(flown)} numbers of Table 4 lie within the simulated 5 to 95 %"
-    try:
-        steps = found.study("timestep", "steps").query("resampling == 'skip'").set_index("step_s")["sigma_ratio"]
-        text += f"; the parameters' sigmas are ×{steps[step]:.2f} those of 0.5 s"
-    except KeyError:
-        pass
-    return agrees_if(inside >= WITHIN * len(flown)), f"{text}."
-
-
-def _rate_sign(found: Found) -> tuple[Verdict, str]:
-    plus, minus = found["minus_y_rate_rpo.gap_rms_deg.1"], found["minus_y_rate_rpo.gap_rms_deg.-1"]
-    text = (
-        f"The residuals of interval 4 are missed by {plus:.3f} deg RMS with +1 RPO and by {minus:.3f} with -1 RPO; with z to "
-        f"nadir and y against the velocity, geometry gives -1."
-    )
-    return slips_if(found["minus_y_rate_rpo.favoured"] == -1), text
-
-
-def _sign_of_29(found: Found) -> tuple[Verdict, str]:
-    right, printed = found["residual_sign_gap_rms_deg.N (16)"], found["residual_sign_gap_rms_deg.N (29) as printed"]
-    text = f"By the sign of (16) the flown residuals are missed by {right:.3f} deg RMS, with (29) as printed by {printed:.3f}."
-    return slips_if(printed > TWICE * right), text
+    return judge
 
 
 def _eta(_: Found) -> tuple[Verdict, str]:
@@ -163,17 +82,8 @@ def _samples(_: Found) -> tuple[Verdict, str]:
     return slips_if(abs(count / 60_000 - 1) > 0.1), f"The intervals of Table 1 hold {count} samples at 0.5 s."
 
 
-def _covariance(found: Found) -> tuple[Verdict, str]:
-    paper, own = found["nees_references_only.value"], found["nees.value"]
-    text = (
-        f"The references' errors alone give a mean NEES of {paper:.1f}, where {found['nees.dof']} is right; with gyro noise "
-        f"and shared references in C it is {own:.1f}."
-    )
-    return slips_if(not found["nees_references_only.inside"]), text
-
-
 def _table_3(found: Found) -> tuple[Verdict, str]:
-    rows = found.table("table3").query("psi == 'full' and resampling == 'skip' and flight == flight")
+    rows = found.table("table3").query(f"{USUAL} and flight == flight")
     inside = int(rows["flight_percentile"].between(5, 95).sum())
     text = f"{inside} of {len(rows)} printed values lie within the simulated 5 to 95 %; that holds largely by construction."
     return agrees_if(inside >= WITHIN * len(rows)), text
@@ -181,66 +91,139 @@ def _table_3(found: Found) -> tuple[Verdict, str]:
 
 BEFORE = "Residuals before calibration at 0.5 s: flown and predicted"
 OWN = "The flight's own residuals calibrated, beside N's"
+TABLE2, TABLE3 = "N Table 2: residuals (deg)", "N Table 3: calibration parameters"
+TABLE4 = "N Table 4: mean and RMS over the intervals (deg)"
+TABLE5 = "N Table 5: corrections to b (deg/s) and G⁻¹, iterated in (G, b)"
+TABLE5_SECOND = "N Table 5: second iteration in both parametrisations, of the flight's residuals"
+DIGITS = "Printed digits the second iteration changes, of the flight's residuals"
+PSI_SWEEP = "Linear against full ψ over slew rate and step, noise-free"
 CLAIMS = (
+    Claim("N (11)", "η(φ) = 0.5 (1 − sin φ)/φ²", PSI_SWEEP, _eta, "η of (11)"),
     Claim(
-        "N (11)", "η(φ) = 0.5 (1 − sin φ)/φ²", "Linear against full ψ over slew rate and step, noise-free", _eta, "η of (11)"
+        "N (29)",
+        "θ ≈ ½ [δA23 − δA32, …]",
+        "Sign of the residual",
+        slips(
+            "By the sign of (16) the flown residuals are missed by {residual_sign_gap_rms_deg.N (16):.3f} deg RMS, with (29) "
+            "as printed by {residual_sign_gap_rms_deg.N (29) as printed:.3f}.",
+            lambda found: (
+                found["residual_sign_gap_rms_deg.N (29) as printed"] > TWICE * found["residual_sign_gap_rms_deg.N (16)"]
+            ),
+        ),
+        "the sign of (29)",
     ),
-    Claim("N (29)", "θ ≈ ½ [δA23 − δA32, …]", "Sign of the residual", _sign_of_29, "the sign of (29)"),
     Claim(
         "N (31), (32)",
         "The covariance P follows from the references' C alone",
         "Consistency of the claimed covariance",
-        _covariance,
+        slips(
+            "The references' errors alone give a mean NEES of {nees_references_only.value:.1f}, where {nees.dof} is right; "
+            "with gyro noise and shared references in C it is {nees.value:.1f}.",
+            lambda found: not found["nees_references_only.inside"],
+        ),
         "gyro noise missing in the covariance",
     ),
     Claim(
         "N V, Figure 2",
         "-y forward turns about x with +1 RPO",
         "Interval 4: rate about x",
-        _rate_sign,
+        slips(
+            "The residuals of interval 4 are missed by {minus_y_rate_rpo.gap_rms_deg.1:.3f} deg RMS with +1 RPO and by "
+            "{minus_y_rate_rpo.gap_rms_deg.-1:.3f} with -1 RPO; with z to nadir and y against the velocity, geometry gives -1.",
+            lambda found: found["minus_y_rate_rpo.favoured"] == -1,
+        ),
         "the sign of the rate in -y forward",
     ),
-    Claim("N V", "About 60 000 points for all six maneuvers", "N Table 2: residuals (deg)", _samples, "the count of samples"),
-    Claim("N Table 2, pre-launch", "18 residuals before calibration", BEFORE, _before),
-    Claim("N Table 2, calibrated", "The residuals after calibration, at three steps", OWN, _after),
-    Claim("N Table 2, 2 s", "Interval 3, yaw: −0.042 deg", OWN, _sign_at_2_s, "a sign in Table 2"),
-    Claim("N Table 3", "The calibrated parameters at three steps", "N Table 3: calibration parameters", _table_3),
-    Claim("N Table 3, 0.5 s", "The bias of the z gyro", OWN, _bias_z, "the z bias of Table 3"),
-    Claim("N Table 3, R (9)", "Two prints of one calibration", "N Table 3: calibration parameters", _same_as_r),
+    Claim("N V", "About 60 000 points for all six maneuvers", TABLE2, _samples, "the count of samples"),
     Claim(
-        "N Table 4", "“RMS Residuals”", "N Table 4: mean and RMS over the intervals (deg)", _not_an_rms, "the RMS of Table 4"
+        "N Table 2, pre-launch",
+        "18 residuals before calibration",
+        BEFORE,
+        agrees(
+            "Predicted from R (9), without noise, to {clean_gap_rms_deg.assumed:.4f} deg RMS of "
+            "{flight_gap_rms_deg.flight_rms:.3f} with the slews' timings assumed; {clean_gap_rms_deg.each:.4f} with nine "
+            "fitted; print alone leaves {clean_gap_scan_deg.print:.4f}.",
+            lambda found: found["clean_gap_rms_deg.assumed"] < PREDICTED * found["flight_gap_rms_deg.flight_rms"],
+        ),
     ),
     Claim(
-        "N V, Table 4",
-        "Every other measurement can be skipped without noticeable effect",
-        "N Table 4: mean and RMS over the intervals (deg)",
-        _skip_one,
+        "N Table 2, calibrated",
+        "The residuals after calibration, at three steps",
+        OWN,
+        agrees(
+            f"Least squares of the flown residuals before gives those after to {' / '.join(f'{{{one}:.4f}}' for one in STEPS)} "
+            "deg RMS at 0.5 / 1 / 2 s; the flight's own scatter is {flight_noise.residual_rms_deg:.4f}.",
+            lambda found: max(found[one] for one in STEPS) < found["flight_noise.residual_rms_deg"] / TWICE,
+        ),
     ),
     Claim(
-        "N V, Table 4",
-        "Skipping three of four still gives reasonably good results",
-        "N Table 4: mean and RMS over the intervals (deg)",
-        _skip_three,
+        "N Table 2, 2 s",
+        "Interval 3, yaw: −0.042 deg",
+        OWN,
+        slips(
+            "As printed, least squares misses the column by {own_calibration.2.as_printed_deg:.4f} deg RMS; with the other "
+            "sign of interval 3, yaw, as N Table 4's mean has it, by {own_calibration_rms_deg.assumed.2:.4f}.",
+            lambda found: found["own_calibration.2.as_printed_deg"] > TWICE * found["own_calibration_rms_deg.assumed.2"],
+        ),
+        "a sign in Table 2",
     ),
+    Claim("N Table 3", "The calibrated parameters at three steps", TABLE3, _table_3),
+    Claim(
+        "N Table 3, 0.5 s",
+        "The bias of the z gyro",
+        OWN,
+        slips(
+            "The printed {own_calibration.0.5.steepest} leaves a gradient of {own_calibration.0.5.gradient_deg:.3f} deg at "
+            "0.5 s; at 1 s the largest of any is {own_calibration.1.gradient_deg:.3f}.",
+            lambda found: found["own_calibration.0.5.gradient_deg"] > TWICE * found["own_calibration.1.gradient_deg"],
+        ),
+        "the z bias of Table 3",
+    ),
+    Claim("N Table 3, R (9)", "Two prints of one calibration", TABLE3, _same_as_r),
+    Claim("N Table 4", "“RMS Residuals”", TABLE4, _not_an_rms, "the RMS of Table 4"),
+    Claim("N V, Table 4", "Every other measurement can be skipped without noticeable effect", TABLE4, _skipped(1.0)),
+    Claim("N V, Table 4", "Skipping three of four still gives reasonably good results", TABLE4, _skipped(2.0)),
     Claim(
         "N Table 5, 1st iteration",
         "Corrections of G and of the biases, of one calibration",
-        "N Table 5: corrections to b (deg/s) and G⁻¹, iterated in (G, b)",
+        TABLE5,
         _mixed_steps,
         "the step sizes of Table 5",
     ),
     Claim(
         "N Table 5, 2nd iteration",
         "Its corrections",
-        "N Table 5: second iteration in both parametrisations, of the flight's residuals",
-        _second_iteration,
+        TABLE5_SECOND,
+        agrees(
+            "Made again from the flown residuals, in each gyro's own parameters: correlation "
+            "{table5_second_iteration.gyro_space.correlation:.2f} over 12 cells, "
+            "{table5_second_iteration.gyro_space.cells_beyond_3_sigma} beyond 3 sigma; in (G, b) it would be "
+            "{table5_second_iteration.gain_space.correlation:.2f}.",
+            lambda found: (
+                found["table5_second_iteration.gyro_space.correlation"] > 0.9
+                and found["table5_second_iteration.gyro_space.cells_beyond_3_sigma"] == 0
+            ),
+        ),
     ),
     Claim(
         "N V, Table 5",
         "The second iteration has no effect on the values in Tables 2 and 4, to the precision shown",
-        "Printed digits the second iteration changes, of the flight's residuals",
-        _printed_digits,
+        DIGITS,
+        slips(
+            "Of the flown residuals at 0.5 s it changes {own_digits_changed.0.5.table2} of 18 printed digits of Table 2 and "
+            "{own_digits_changed.0.5.table4} of 6 of Table 4; it is small all the same: {second_iteration_median.G:.1e} in G.",
+            lambda found: found["own_digits_changed.0.5.table2"] + found["own_digits_changed.0.5.table4"] > 0,
+        ),
         "digits that the second iteration changes",
     ),
-    Claim("N V", "The linear terms of ψ suffice", "Largest difference between full and linear ψ", _linear),
+    Claim(
+        "N V",
+        "The linear terms of ψ suffice",
+        "Largest difference between full and linear ψ",
+        agrees(
+            "Linear ψ differs by {psi_difference_max.G:.1e} in G; half a printed digit of a scale factor is "
+            f"{HALF_DIGIT:.0e}.",
+            lambda found: found["psi_difference_max.G"] < HALF_DIGIT,
+        ),
+    ),
 )

@@ -14,16 +14,19 @@ determine badly, and January's residuals show it without any drift too. The rows
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from gyrocal import GyroParameters, calibrate, residual_table
+from gyrocal import calibrate
 from gyrocal.recording import Recording, reference_rows
 from simulator import adopted
 from simulator.adopted import Adopted
+from studies.montecarlo.backends import call_all
 from studies.natanson import flight
+from studies.natanson.flight_gap import compute_residuals
 
 Array = NDArray[np.float64]
 
@@ -33,21 +36,24 @@ SEEDS = 40
 DECEMBER, JANUARY = (0, 1, 2, 3), (4, 5)
 
 
-def drift_table(entropy: int, seeds: int = SEEDS, scales: Sequence[float] = SCALES) -> pd.DataFrame:
+def drift_table(entropy: int, seeds: int = SEEDS, scales: Sequence[float] = SCALES, jobs: int = 1) -> pd.DataFrame:
     """RMS residuals (deg, medians over seeds) by the size of the walks, the flight's in the last row.
 
     share_below_flight: of the seeds, how many leave as little in January's intervals as the flight did after N's calibration.
     """
-    flown = adopted.load(SCENARIO)
     after = flight.residuals("calibrated")
     limit = _rms(after, JANUARY)
     rows: list[dict[str, object]] = []
-    for scale in scales:
-        cases = pd.DataFrame([case(flown, scale, entropy, number) for number in range(seeds)])
+    for scale, cases in zip(scales, call_all([partial(_cases, scale, entropy, seeds) for scale in scales], jobs), strict=True):
         row: dict[str, object] = {"scatter_of_R": scale, **{str(name): x for name, x in cases.median().items()}}
         rows.append(row | {"share_below_flight": float((cases["six_january_deg"] <= limit).mean())})
     known = {"six_december_deg": _rms(after, DECEMBER), "six_january_deg": limit}
     return pd.DataFrame([*rows, {"scatter_of_R": "flight", **known}])
+
+
+def _cases(scale: float, entropy: int, seeds: int) -> pd.DataFrame:
+    flown = adopted.load(SCENARIO)
+    return pd.DataFrame([case(flown, scale, entropy, number) for number in range(seeds)])
 
 
 def case(flown: Adopted, scale: float, entropy: int, number: int) -> dict[str, float]:
@@ -57,12 +63,12 @@ def case(flown: Adopted, scale: float, entropy: int, number: int) -> dict[str, f
     december, january = (part(recording, which) for which in (DECEMBER, JANUARY))
     six, first = calibrate(recording).parameters, calibrate(december).parameters
     again = calibrate(january, initial=first, solve_for="bias").parameters
-    six_residuals = residuals(recording, six)
+    six_residuals = compute_residuals(recording, six)
     return {
         "six_december_deg": _rms(six_residuals, DECEMBER),
         "six_january_deg": _rms(six_residuals, JANUARY),
-        "december_january_deg": _rms(residuals(recording, first), JANUARY),
-        "new_bias_january_deg": float(flight.rms(residuals(january, again).ravel())),
+        "december_january_deg": _rms(compute_residuals(recording, first), JANUARY),
+        "new_bias_january_deg": float(flight.rms(compute_residuals(january, again).ravel())),
     }
 
 
@@ -73,12 +79,6 @@ def part(recording: Recording, intervals: Sequence[int]) -> Recording:
     attitudes = recording.attitudes
     kept = replace(attitudes, t_s=attitudes.t_s[rows], quaternions=attitudes.quaternions[rows], sigma=attitudes.sigma[rows])
     return replace(recording, intervals=chosen, attitudes=kept)
-
-
-def residuals(recording: Recording, parameters: GyroParameters) -> Array:
-    """(intervals, 3) residuals under parameters, deg."""
-    table = residual_table(recording, parameters)
-    return table[[f"before_{name}_deg" for name in flight.ROTATIONS]].to_numpy()
 
 
 def _rms(values: Array, intervals: Sequence[int]) -> float:

@@ -1,6 +1,5 @@
 """The paper's figures, and those of its tables beside the flight."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +8,7 @@ import pandas as pd
 from simulator.scenario import Scenario
 from simulator.simulate import motion
 from studies.report import panels
-from studies.report.panels import COLOURS, LINES, Line, Panel
+from studies.report.panels import COLOURS, LINES, Draw, Line, Panel
 
 # N Figures 1 to 3: intervals, and which axes. In inertial hold z stays within the line's width of zero, as N says.
 LAYOUTS = {
@@ -19,7 +18,7 @@ LAYOUTS = {
 }
 
 
-def natanson_figures(scenario: Scenario, folder: Path) -> list[Path]:
+def natanson_figures(scenario: Scenario) -> dict[str, Draw]:
     """N Figures 1–3: body rates through both yaw maneuvers, in -y forward, and in inertial hold."""
     truth = motion(scenario)
 
@@ -32,14 +31,11 @@ def natanson_figures(scenario: Scenario, folder: Path) -> list[Path]:
         axes: dict[str, Any] = {"x": "minutes from the interval's start", "y": "body rate (deg/s)", "legend": "best"}
         return panels.curves(lines, title=title, **axes)
 
-    def figure(name: str) -> Path:
-        drawn = [body_rates(k, which) for k, which in LAYOUTS[name]]
-        return panels.sheet(*drawn, size=(7.0, 2.7 * len(drawn)), columns=1)(folder / f"{name}.svg")
-
-    return [figure(name) for name in LAYOUTS]
+    panels_of = {name: [body_rates(k, which) for k, which in parts] for name, parts in LAYOUTS.items()}
+    return {name: panels.sheet(*own, size=(7.0, 2.7 * len(own)), columns=1) for name, own in panels_of.items()}
 
 
-def flight_gap_figure(comparison: pd.DataFrame, distribution: pd.DataFrame, path: Path) -> Path:
+def flight_gap_figure(comparison: pd.DataFrame, distribution: pd.DataFrame) -> Draw:
     """Flown and predicted residuals of every interval and axis, with the Monte Carlo's 5–95 % range; below, the clean gap.
 
     Parameters
@@ -72,13 +68,13 @@ def flight_gap_figure(comparison: pd.DataFrame, distribution: pd.DataFrame, path
         ]
         legend = "" if below else "best"
         below.append(panels.curves(gaps, title="", legend=legend, **(axes | {"y": "" if below else "clean gap (deg)"})))
-    return panels.sheet(*drawn, *below, size=(8.0, 6.0), columns=3, sharey="row")(path)
+    return panels.sheet(*drawn, *below, size=(8.0, 6.0), columns=3, sharey="row")
 
 
-def error_figure(errors: np.ndarray, sigmas: np.ndarray, names: list[str], path: Path) -> Path:
+def error_figure(errors: np.ndarray, sigmas: np.ndarray, names: list[str]) -> Draw:
     """Recovered minus injected over formal sigma, a strip a parameter, with the 1-sigma spread it should have."""
     normalised = errors / sigmas
     samples = {name: normalised[:, k] for k, name in enumerate(names)}
     title = "a stroke a case; dark: their mean and spread; red: the spread claimed"
     panel = panels.strokes(samples, (-1.0, 1.0), spreads=True, title=title, x="error / formal sigma")
-    return panels.sheet(panel, size=(8.0, 3.6))(path)
+    return panels.sheet(panel, size=(8.0, 3.6))

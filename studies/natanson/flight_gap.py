@@ -30,7 +30,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from gyrocal import GyroParameters, residual_table
+from gyrocal import GyroParameters, Recording, attitude, propagate
+from gyrocal.calibration.normal_equations import residuals
+from gyrocal.calibration.sampling import measurements
 from simulator.scenario import Scenario
 from simulator.simulate import motion, observe
 from studies.natanson import flight
@@ -50,10 +52,21 @@ def predict(scenario: Scenario, truth: GyroParameters | None = None, initial: Gy
     truth : injected parameters, R eq. (9) by default
     initial : processed with these, N Table 3's pre-launch ones by default
     """
-    truth, initial = truth or flight.calibration(), initial or flight.parameters("prelaunch")
-    recording = observe(scenario, motion(scenario), gyro_rng=None, reference_rng=None, G=truth.G, bias=truth.bias)
-    table = residual_table(recording, initial)
-    return table[[f"before_{name}_deg" for name in flight.ROTATIONS]].to_numpy()
+    return compute_residuals(fly_without_noise(scenario, truth), initial or flight.parameters("prelaunch"))
+
+
+def fly_without_noise(scenario: Scenario, truth: GyroParameters | None = None) -> Recording:
+    """The scenario without noise, its gyro that of R (9) by default."""
+    truth = truth or flight.calibration()
+    return observe(scenario, motion(scenario), gyro_rng=None, reference_rng=None, G=truth.G, bias=truth.bias)
+
+
+def compute_residuals(recording: Recording, parameters: GyroParameters) -> Array:
+    """Residuals under parameters, (intervals, 3) deg: those of `gyrocal.residual_table`, without their covariance."""
+    prepared = measurements(recording)
+    R = propagate(prepared.arcs, parameters.G, parameters.bias).R
+    A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
+    return np.rad2deg(residuals(R, A[prepared.start], A[prepared.row]))
 
 
 def gap_rms(predicted: Array, intervals: Iterable[int] | None = None) -> float:

@@ -20,7 +20,7 @@ from simulator.simulate import motion, simulate
 from simulator.streams import generator
 from studies.natanson import flight, flight_gap
 from studies.natanson.drift import SCALES, drift_table
-from studies.natanson.products import Products
+from studies.reproduction import Reproduction
 
 ARCSEC = float(np.deg2rad(1 / 3600))
 LSBS_ARCSEC = (0.05, 0.8, 3.2)
@@ -50,32 +50,26 @@ DRIFT_NOTE = (
 )
 
 
-def left_out(scenario: Scenario, products: Products, entropy: int) -> None:
+def left_out(scenario: Scenario, made: Reproduction, entropy: int) -> None:
     """The three tables, and what of them the summary holds."""
-    orbits = products.add("orbits", "Clean gap with J2 and geodetic nadir", orbit_table(scenario), note=ORBIT_NOTE)
-    told = products.add(
-        "packets", "Calibrated from packets of accumulated angles", packet_table(scenario, entropy), note=PACKET_NOTE
-    )
-    drift = drift_table(entropy)
-    products.add("drift", "A bias that drifts from December to January (deg RMS)", drift, note=DRIFT_NOTE)
-    none, most = (drift[drift["scatter_of_R"] == scale].iloc[0] for scale in (SCALES[0], SCALES[-1]))
-    products.summary |= {
-        "orbit_clean_gap_rms_deg": dict(zip(orbits["orbit"], orbits["clean_gap_rms_deg"].astype(float), strict=True)),
-        "packets_largest_change_sigma": dict(
-            zip(told["lsb_arcsec"].map("{:g}".format), told["largest_change_sigma"].astype(float), strict=True)
-        ),
-        "drift": {
-            name: {key: float(row[key]) for key in ("six_january_deg", "december_january_deg", "share_below_flight")}
-            for name, row in (("none", none), ("scatter_of_R", most))
-        },
+    orbits = made.add("orbits", "Clean gap with J2 and geodetic nadir", orbit_table(scenario), note=ORBIT_NOTE)
+    told = packet_table(scenario, entropy)
+    made.add("packets", "Calibrated from packets of accumulated angles", told, note=PACKET_NOTE)
+    drift = drift_table(entropy, jobs=made.jobs)
+    made.add("drift", "A bias that drifts from December to January (deg RMS)", drift, note=DRIFT_NOTE)
+    by_scale = drift.set_index("scatter_of_R").rename(index={SCALES[0]: "none", SCALES[-1]: "scatter_of_R"})
+    kept = ["six_january_deg", "december_january_deg", "share_below_flight"]
+    made.summary |= {
+        "orbit_clean_gap_rms_deg": orbits.set_index("orbit")["clean_gap_rms_deg"].to_dict(),
+        "packets_largest_change_sigma": told.set_index(told["lsb_arcsec"].map("{:g}".format))["largest_change_sigma"].to_dict(),
+        "drift": by_scale.loc[["none", "scatter_of_R"], kept].to_dict("index"),
     }
 
 
 def orbit_table(scenario: Scenario) -> pd.DataFrame:
     """Prediction and N Figure 3's ω_x by how the orbit and nadir are modelled, a row each."""
     rows: list[dict[str, Any]] = []
-    plain = flight_gap.predict(scenario)
-    hold = flight_gap.HOLD
+    plain, hold = flight_gap.predict(scenario), flight_gap.HOLD
     for name, changes in ORBITS.items():
         changed = override(scenario, changes)
         predicted, truth = flight_gap.predict(changed), motion(changed)

@@ -26,7 +26,7 @@ from gyrocal.calibration.sampling import measurements
 from simulator.scenario import Scenario
 from simulator.simulate import motion, observe
 from simulator.streams import generator
-from studies.natanson import flight
+from studies.natanson import flight, flight_gap
 from studies.natanson.paper_forms import changed_digits, gyro_form
 from studies.report.units import ONE_DEG_S
 
@@ -39,12 +39,6 @@ DRAWS = 60
 BEYOND = 3.0  # sigma
 EQUAL = np.deg2rad(0.01) ** 2 * np.tile(np.eye(3), (6, 1, 1))  # weights: their size does not matter
 DOUBTED = (2.0, 2, 2)  # step, interval and axis of the sign that N Table 4 contradicts
-
-
-def plain(scenario: Scenario) -> Recording:
-    """The scenario without noise, its gyro that of R (9)."""
-    truth = flight.calibration()
-    return observe(scenario, motion(scenario), gyro_rng=None, reference_rng=None, G=truth.G, bias=truth.bias)
 
 
 def with_residuals(recording: Recording, cells_deg: Array, step_s: float) -> Recording:
@@ -120,7 +114,7 @@ class Step:
 
 def steps(scenario: Scenario) -> list[Step]:
     """The flight's residuals at each of N's steps, calibrated with the scenario's motion."""
-    recording, out = plain(scenario), []
+    recording, out = flight_gap.fly_without_noise(scenario), []
     for step_s in flight.STEPS:
         own = with_residuals(recording, flight.residuals("prelaunch", step_s), step_s)
         out.append(Step(step_s, own, (as_n_did(own, step_s, 1), as_n_did(own, step_s, 2))))
@@ -220,7 +214,7 @@ def second_iteration(scenario: Scenario, sigma: dict[str, Array]) -> pd.DataFram
 
     At 1 s, whose corrections to b they are, and for G⁻¹ at 0.5 s too, whose first iteration N prints.
     """
-    recording, flown = plain(scenario), printed()
+    recording, flown = flight_gap.fly_without_noise(scenario), printed()
     table = pd.DataFrame(
         {
             "quantity": ["G_inverse"] * 9 + ["bias"] * 3,

@@ -7,7 +7,7 @@ holds the residuals and parameters after each iteration; the tables are distribu
 `STUDY` is what the engine runs.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,7 +36,20 @@ Array = NDArray[np.float64]
 Variant = tuple[float, Resampling, Psi, CovarianceModel]
 KEYS = ("step_s", "resampling", "psi", "covariance")
 ITERATES = ("initial", "first", "second")
+VARIANT = ["psi", "resampling", "step_s"]  # columns that name one with the full covariance
 SIGMA_CELLS = [f"sigma_{name}" for name in NAMES]
+TITLES = {
+    "table2": "N Table 2: residuals (deg)",
+    "table3": "N Table 3: calibration parameters",
+    "table4": "N Table 4: mean and RMS over the intervals (deg)",
+    "table5": "N Table 5: corrections to b (deg/s) and G⁻¹, iterated in (G, b)",
+    "accuracy": "Recovered minus injected",
+    "consistency": "Consistency of the claimed covariance",
+    "psi_difference": "Largest difference between full and linear ψ",
+    "second_iteration": "Size of the second iteration's corrections",
+    "printed_digits": "Printed digits the second iteration changes",
+}
+STUDY_NAMES = {"table2": "residuals", "table3": "parameters", "table4": "means_and_rms", "table5": "corrections"}
 
 
 class PaperTablesConfig(StudyConfig):
@@ -133,30 +146,22 @@ def choose(
     return rows.query(f"step_s == @step_s and psi == @psi and covariance == @covariance{way}").sort_values("case")
 
 
-def variants(rows: pd.DataFrame) -> pd.DataFrame:
-    """The variants with the full covariance, a row each."""
-    full = rows[rows["covariance"] == "full"]
-    return full[["psi", "resampling", "step_s"]].drop_duplicates().reset_index(drop=True)
+Part = tuple[Array, Array | None, dict[str, object]]  # samples (n, m), the flight's (m,) or None, columns that name them
+Build = Callable[[pd.DataFrame, float | None], Iterator[Part]]
 
 
-def _over_variants(
-    rows: pd.DataFrame, build: Callable[[pd.DataFrame, float, bool], list[pd.DataFrame]], flown: bool = True
-) -> pd.DataFrame:
-    """Stack build(rows of the variant, step, whether the flight's column is of the same kind) over the variants."""
-    parts = []
+def _distributions(rows: pd.DataFrame, flown: bool, build: Build) -> pd.DataFrame:
+    """Distributions of the parts of every variant; `build` gets its rows, and its step where the flight has the same."""
+    out = []
     comparable = flown and labels(rows) == [str(k) for k in range(1, 7)]
-    for variant in variants(rows).to_dict("records"):
-        step, resampling = variant["step_s"], variant["resampling"]
-        as_flown = comparable and resampling == "skip" and step in flight.STEPS
-        built = build(choose(rows, step, resampling, variant["psi"]), step, as_flown)
-        keys = {"psi": variant["psi"], "resampling": resampling, "step_s": step}
-        parts += [_beside(part, **keys) for part in built]
-    return pd.concat(parts, ignore_index=True)
-
-
-def _beside(table: pd.DataFrame, **columns: object) -> pd.DataFrame:
-    """A table with columns before its own."""
-    return pd.concat([pd.DataFrame(columns, index=table.index), table], axis=1)
+    known: dict[object, float] = {step: step for step in flight.STEPS}
+    for (psi, resampling, step), chosen in rows[rows["covariance"] == "full"].groupby(VARIANT, sort=False):
+        as_flown = comparable and resampling == "skip"
+        for samples, published, columns in build(chosen.sort_values("case"), known.get(step) if as_flown else None):
+            part = statistics.distribution(samples, published)
+            keys = {"psi": psi, "resampling": resampling, "step_s": step} | columns
+            out.append(pd.concat([pd.DataFrame(keys, index=part.index), part], axis=1))
+    return pd.concat(out, ignore_index=True)
 
 
 def labels(rows: pd.DataFrame) -> list[str]:
@@ -183,53 +188,48 @@ def table2(rows: pd.DataFrame, flown: bool = True) -> pd.DataFrame:
     numbers = [int(name) for name in names] if all(name.isdigit() for name in names) else names
     cells: dict[str, object] = {"interval": np.repeat(numbers, 3), "axis": list(flight.ROTATIONS) * len(names)}
 
-    def build(chosen: pd.DataFrame, step: float, flown: bool) -> list[pd.DataFrame]:
-        parts = []
+    def build(chosen: pd.DataFrame, step: float | None) -> Iterator[Part]:
         for phase in PHASES:
-            known = flown and phase != "second iteration"
+            known = step is not None and phase != "second iteration"
             published = flight.residuals(phase, step).ravel() if known else None
-            part = statistics.distribution(_residuals(chosen, phase).reshape(len(chosen), -1), published)
-            parts.append(_beside(part, phase=phase, **cells))
-        return parts
+            yield _residuals(chosen, phase).reshape(len(chosen), -1), published, {"phase": phase, **cells}
 
-    return _over_variants(rows, build, flown)
+    return _distributions(rows, flown, build)
 
 
 def table3(rows: pd.DataFrame, flown: bool = True) -> pd.DataFrame:
     """N Table 3: bias, scale factor and misalignments per gyro before and after the first iteration, and after a second."""
 
-    def build(chosen: pd.DataFrame, step: float, flown: bool) -> list[pd.DataFrame]:
+    def build(chosen: pd.DataFrame, step: float | None) -> Iterator[Part]:
         cells, start = gyro_form(_iterate(chosen, "initial"))
         quantities, gyros = zip(*cells, strict=True)
-        published = gyro_form(flight.parameters("calibrated", step).vector[None] * ONE_DEG_S)[1][0] if flown else None
-        parts = []
         for phase in ("calibrated", "second iteration"):
-            known = published if phase == "calibrated" else None
-            part = statistics.distribution(gyro_form(_iterate(chosen, PHASES[phase]))[1], known)
-            parts.append(_beside(part, phase=phase, quantity=quantities, gyro=gyros, prelaunch=start.mean(axis=0)))
-        return parts
+            published = None
+            if step is not None and phase == "calibrated":
+                published = gyro_form(flight.parameters("calibrated", step).vector[None] * ONE_DEG_S)[1][0]
+            columns = {"phase": phase, "quantity": quantities, "gyro": gyros, "prelaunch": start.mean(axis=0)}
+            yield gyro_form(_iterate(chosen, PHASES[phase]))[1], published, columns
 
-    return _over_variants(rows, build, flown)
+    return _distributions(rows, flown, build)
 
 
 def table4(rows: pd.DataFrame, flown: bool = True) -> pd.DataFrame:
     """N Table 4: mean and the paper's "RMS", sqrt(Σx²)/n, over the residuals, with the true RMS beside it, deg."""
 
-    def published(phase: str, step: float, statistic: str) -> Array:
+    def published(phase: str, step: float | None, statistic: str) -> Array | None:
+        if step is None or phase == "second iteration":
+            return None
         if statistic == "rms":  # the paper has no true RMS; it follows from N Table 2
             return flight.rms(flight.residuals(phase, step))
         return flight.statistics(phase, step, statistic.removeprefix("paper_"))
 
-    def build(chosen: pd.DataFrame, step: float, flown: bool) -> list[pd.DataFrame]:
-        parts = []
+    def build(chosen: pd.DataFrame, step: float | None) -> Iterator[Part]:
         for phase in PHASES:
-            cube, known = _residuals(chosen, phase), flown and phase != "second iteration"
             for name, compute in TABLE4.items():
-                part = statistics.distribution(compute(cube), published(phase, step, name) if known else None)
-                parts.append(_beside(part, phase=phase, statistic=name, axis=list(flight.ROTATIONS)))
-        return parts
+                columns: dict[str, object] = {"phase": phase, "statistic": name, "axis": list(flight.ROTATIONS)}
+                yield compute(_residuals(chosen, phase)), published(phase, step, name), columns
 
-    return _over_variants(rows, build, flown)
+    return _distributions(rows, flown, build)
 
 
 def table5(rows: pd.DataFrame, flown: bool = True) -> pd.DataFrame:
@@ -240,23 +240,19 @@ def table5(rows: pd.DataFrame, flown: bool = True) -> pd.DataFrame:
     it from the flight's residuals; here (G, b) is iterated, whose second iteration has the same size and other cells.
     """
     cells: dict[str, object] = {"row": np.repeat(list("xyz"), 3), "gyro": list("xyz") * 3}
+    G_flight, bias_flight = flight.corrections(1)
 
-    def build(chosen: pd.DataFrame, step: float, flown: bool) -> list[pd.DataFrame]:
+    def build(chosen: pd.DataFrame, step: float | None) -> Iterator[Part]:
         iterates = [_iterate(chosen, label) for label in ITERATES]
         inverse = [np.linalg.inv(x[:, :9].reshape(-1, 3, 3)) for x in iterates]
-        G_flight, bias_flight = flight.corrections(1)
-        parts = []
-        for iteration in (1, 2):
-            known = flown and iteration == 1
-            bias = iterates[iteration][:, 9:] - iterates[iteration - 1][:, 9:]
-            part = statistics.distribution(bias, bias_flight if known and step == flight.STEPS[1] else None)
-            parts.append(_beside(part, iteration=iteration, quantity="bias_deg_s", row="", gyro=list("xyz")))
-            change = (inverse[iteration] - inverse[iteration - 1]).reshape(-1, 9)
-            part = statistics.distribution(change, G_flight.ravel() if known and step == flight.STEPS[0] else None)
-            parts.append(_beside(part, iteration=iteration, quantity="G_inverse", **cells))
-        return parts
+        for k in (1, 2):
+            bias, change = iterates[k][:, 9:] - iterates[k - 1][:, 9:], (inverse[k] - inverse[k - 1]).reshape(-1, 9)
+            flown_bias = bias_flight if k == 1 and step == flight.STEPS[1] else None
+            flown_G = G_flight.ravel() if k == 1 and step == flight.STEPS[0] else None
+            yield bias, flown_bias, {"iteration": k, "quantity": "bias_deg_s", "row": "", "gyro": list("xyz")}
+            yield change, flown_G, {"iteration": k, "quantity": "G_inverse", **cells}
 
-    return _over_variants(rows, build, flown)
+    return _distributions(rows, flown, build)
 
 
 def printed_digits(rows: pd.DataFrame) -> pd.DataFrame:
@@ -265,15 +261,15 @@ def printed_digits(rows: pd.DataFrame) -> pd.DataFrame:
     Of each case: whether none changes, how many do on average, and the largest change of a residual (median over the cases).
     """
 
-    def build(chosen: pd.DataFrame, step: float, flown: bool) -> list[pd.DataFrame]:
+    def line(chosen: pd.DataFrame) -> dict[str, float]:
         first, second = (_residuals(chosen, phase) for phase in ("calibrated", "second iteration"))
         out: dict[str, float] = {}
         for name, changed in zip(("table2", "table4"), changed_digits(first, second), strict=True):
             out |= {f"{name}_unchanged_share": float(np.mean(changed == 0)), f"{name}_changed_mean": float(np.mean(changed))}
         largest = 1e3 * np.abs(second - first).max(axis=(1, 2))
-        return [pd.DataFrame([out | {"largest_median_mdeg": np.median(largest), "largest_max_mdeg": largest.max()}])]
+        return out | {"largest_median_mdeg": float(np.median(largest)), "largest_max_mdeg": largest.max()}
 
-    return _over_variants(rows, build)
+    return by_group(rows[rows["covariance"] == "full"], VARIANT, line)
 
 
 def errors_and_sigmas(rows: pd.DataFrame, truth: GyroParameters) -> tuple[Array, Array]:
@@ -283,11 +279,12 @@ def errors_and_sigmas(rows: pd.DataFrame, truth: GyroParameters) -> tuple[Array,
 
 def accuracy(rows: pd.DataFrame, truth: GyroParameters) -> pd.DataFrame:
     """Recovered minus injected for every variant: bias, spread, formal sigma, coverage with binomial intervals."""
-
-    def build(chosen: pd.DataFrame, step: float, flown: bool) -> list[pd.DataFrame]:
-        return [statistics.accuracy_table(*errors_and_sigmas(chosen, truth), NAMES, ONE_DEG_S_NAMES)]
-
-    return _over_variants(rows, build)
+    parts = []
+    for variant, chosen in rows[rows["covariance"] == "full"].groupby(VARIANT, sort=False):
+        errors = errors_and_sigmas(chosen.sort_values("case"), truth)
+        part = statistics.accuracy_table(*errors, NAMES, ONE_DEG_S_NAMES)
+        parts.append(pd.concat([pd.DataFrame(dict(zip(VARIANT, variant, strict=True)), index=part.index), part], axis=1))
+    return pd.concat(parts, ignore_index=True)
 
 
 def consistency(rows: pd.DataFrame, truth: GyroParameters) -> pd.DataFrame:
@@ -301,7 +298,7 @@ def consistency(rows: pd.DataFrame, truth: GyroParameters) -> pd.DataFrame:
             row[f"coverage_{level}"] = inside / total
         return row
 
-    return by_group(rows, ["psi", "resampling", "step_s", "covariance"], line)
+    return by_group(rows, [*VARIANT, "covariance"], line)
 
 
 def psi_difference(rows: pd.DataFrame) -> pd.DataFrame:
@@ -319,14 +316,29 @@ def psi_difference(rows: pd.DataFrame) -> pd.DataFrame:
 def second_iteration(rows: pd.DataFrame) -> pd.DataFrame:
     """Largest and median size of the second iteration's corrections over the cases, a row per variant."""
 
-    def build(chosen: pd.DataFrame, step: float, flown: bool) -> list[pd.DataFrame]:
+    def line(chosen: pd.DataFrame) -> dict[str, float]:
         change = np.abs(_iterate(chosen, "second") - _iterate(chosen, "first"))
         sizes = {"G": change[:, :9].max(axis=1), "bias_deg_s": change[:, 9:].max(axis=1)}
-        return [
-            pd.DataFrame([{f"{name}_{how}": getattr(np, how)(x) for name, x in sizes.items() for how in ("max", "median")}])
-        ]
+        return {f"{name}_{how}": float(getattr(np, how)(x)) for name, x in sizes.items() for how in ("max", "median")}
 
-    return _over_variants(rows, build)
+    return by_group(rows[rows["covariance"] == "full"], VARIANT, line)
+
+
+def tables(rows: pd.DataFrame, config: PaperTablesConfig) -> dict[str, Table]:
+    """The paper's tables, in N's form where samples are skipped, and how right and consistent the estimates are.
+
+    The latter only where the truth is the same in every case.
+    """
+    flown, found = flight.flew(base_scenario(config)), {}
+    for name, build in {"table2": table2, "table3": table3, "table4": table4, "table5": table5}.items():
+        data = build(rows, flown)
+        found[name] = Table(TITLES[name], data, shown=paper_form(data, name) if "skip" in config.resamplings else None)
+    data_of = {"psi_difference": psi_difference(rows), "second_iteration": second_iteration(rows)}
+    data_of["printed_digits"] = printed_digits(rows)
+    if not any(path.startswith("gyro.true") for path in config.dispersions):
+        truth = true_parameters(base_scenario(config))
+        data_of = {"accuracy": accuracy(rows, truth), "consistency": consistency(rows, truth)} | data_of
+    return found | {name: Table(TITLES[name], data) for name, data in data_of.items()}
 
 
 PAPER = "The paper's covariance knows no gyro noise: it is the control, which must be found out."
@@ -336,36 +348,16 @@ def _checks(rows: pd.DataFrame, step_s: float) -> list[Check]:
     """Whether the covariances are consistent at a step, of both ψ, and the paper's is not."""
     out = []
     for name, chosen in rows[rows["step_s"] == step_s].groupby(["covariance", "psi", "resampling"], sort=False):
-        found = statistics.nees_check(chosen["nees"], len(NAMES))
-        control = name[0] != "full"
-        bounds = (found.lower, found.upper)
-        meaning = PAPER if control else ""
-        out.append(Check(f"mean NEES, {', '.join(map(str, name))}, {step_s:g} s", found.value, bounds, "", meaning, control))
+        found, control = statistics.nees_check(chosen["nees"], len(NAMES)), name[0] != "full"
+        what, bounds = f"mean NEES, {', '.join(map(str, name))}, {step_s:g} s", (found.lower, found.upper)
+        out.append(Check(what, found.value, bounds, "", PAPER if control else "", control))
     return out
 
 
 def report(config: PaperTablesConfig, rows: pd.DataFrame) -> Report:
-    """The paper's tables, with the consistency of the estimates; accuracy only where the truth is the same in every case."""
-
-    flown, skipped = flight.flew(base_scenario(config)), "skip" in config.resamplings
-
-    def in_ns_form(title: str, table: pd.DataFrame, name: str) -> Table:
-        return Table(title, table, shown=paper_form(table, name) if skipped else None)
-
-    tables = {
-        "residuals": in_ns_form("N Table 2: residuals (deg)", table2(rows, flown), "table2"),
-        "parameters": in_ns_form("N Table 3: parameters after the first iteration", table3(rows, flown), "table3"),
-        "means_and_rms": in_ns_form("N Table 4: mean and RMS over the intervals (deg)", table4(rows, flown), "table4"),
-        "corrections": in_ns_form("N Table 5: corrections to b and G⁻¹, in (G, b)", table5(rows, flown), "table5"),
-        "second_iteration": Table("Second iteration's corrections", second_iteration(rows)),
-        "printed_digits": Table("Printed digits of N Tables 2 and 4 the second iteration changes", printed_digits(rows)),
-        "psi_difference": Table("Largest difference of full and linear ψ", psi_difference(rows)),
-    }
-    if not any(path.startswith("gyro.true") for path in config.dispersions):
-        truth = true_parameters(base_scenario(config))
-        tables["accuracy"] = Table("Recovered minus injected", accuracy(rows, truth))
-        tables["consistency"] = Table("Consistency of the claimed covariance", consistency(rows, truth))
-    return Report(tables, checks=tuple(_checks(rows, min(config.steps_s))))
+    """The tables by the study's names for them."""
+    found = {STUDY_NAMES.get(name, name): table for name, table in tables(rows, config).items()}
+    return Report(found, checks=tuple(_checks(rows, min(config.steps_s))))
 
 
 ENTRY = Entry(STUDY, "N Tables 2-5 over seeds, step sizes, both ψ and two iterations", report)

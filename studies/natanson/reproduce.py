@@ -5,8 +5,6 @@ consistency of the estimates; N Figures 1–3; everything as CSV, Markdown and S
 scenario than TRMM's six intervals has no flight beside it: then the Monte Carlo is all.
 """
 
-import time
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,41 +16,76 @@ from gyrocal import NAMES
 from simulator.scenario import Scenario
 from studies.calibration import psi
 from studies.calibration.prepared import true_parameters
-from studies.montecarlo import engine, statistics
-from studies.montecarlo.backends import Name
-from studies.montecarlo.files import write_csv, write_json, write_parquet, write_text
+from studies.montecarlo import statistics
+from studies.montecarlo.files import write_parquet, write_text
 from studies.montecarlo.study import base_scenario
 from studies.natanson import figures, flight, paper_tables
-from studies.natanson.flight_part import flight_part, gap_note, summary_rows
+from studies.natanson.flight_part import flight_part, gap_note
 from studies.natanson.left_out import left_out
-from studies.natanson.paper_forms import LAYOUTS, paper_form, ways_form
+from studies.natanson.paper_forms import LAYOUTS, ways_form
 from studies.natanson.paper_tables import PaperTablesConfig
-from studies.natanson.products import Products
-from studies.natanson.questions import question_table
 from studies.report import panels
 from studies.report import tables as render
-from studies.report.committed import DIGITS, settled
-from studies.report.console import progress
+from studies.report.claims import fill
+from studies.report.committed import flatten, settled
+from studies.reproduction import Reproduction
 
 DEFAULT_FOLDER = Path("build") / "reproduction"
-TITLES = {
-    "table2": "N Table 2: residuals (deg)",
-    "table3": "N Table 3: calibration parameters",
-    "table4": "N Table 4: mean and RMS over the intervals (deg)",
-    "table5": "N Table 5: corrections to b (deg/s) and G⁻¹, iterated in (G, b)",
-}
 CELL_NOTE = (
     "Cells: the flight's value | mean ± standard deviation over seeds | share of seeds below the flight's. "
     "Where nothing flew: mean ± standard deviation. ψ full, samples skipped; the CSV has the other variants and 5-95 % ranges."
 )
-ESTIMATES = (  # questions on the estimates, with or without a flight
-    "Are the estimates unbiased?",
-    "Are the claimed sigmas consistent?",
-    "And the paper's, without gyro noise?",
-    "Does one iteration do?",
-    "Does linear ψ do?",
-)
 WAYS_NOTE = "Mean ± standard deviation over seeds, samples skipped."
+ESTIMATES = {  # questions on the estimates, with or without a flight
+    "Are the estimates unbiased?": "largest of 12 means {bias_in_standard_errors_max:.1f} standard errors ({unbiased}: below "
+    "4)",
+    "Are the claimed sigmas consistent?": "{consistent}: NEES {nees.value:.1f} in [{nees.bounds.0:.1f}, {nees.bounds.1:.1f}]; "
+    "{one:.1f} / {two:.1f} / {three:.2f} % within 1 / 2 / 3 sigma",
+    "And the paper's, without gyro noise?": "{control}: NEES {nees_references_only.value:.1f}",
+    "Does one iteration do?": "the second changes G by {second_iteration_median.G:.1e}, residuals by up to "
+    "{printed_digits.largest_median_mdeg:.2f} mdeg (medians), a printed digit of N Table 2 in {table2:.0f} %, of Table 4 in "
+    "{table4:.0f} % of cases",
+    "Does linear ψ do?": "at TRMM's rates it differs by {psi_difference_max.G:.1e} in G",
+}
+QUESTIONS = """
+Residuals before less after calibration (18) | noise-free, timings assumed
+| {flight_gap_rms_deg.flight_rms:.3f} deg RMS before | {clean_gap_rms_deg.assumed:.4f} deg
+| slews' timings; four common fitted: {clean_gap_rms_deg.common:.4f}, nine: {clean_gap_rms_deg.each:.4f}
+| {clean_gap_scan_deg.held_out.before:.4f} to {clean_gap_scan_deg.held_out.after:.4f} deg on intervals 2, 4, 6, each held out
+
+Residuals before calibration (18) | noise-free, R (9) as truth
+| {flight_gap_rms_deg.flight_rms:.3f} deg RMS | {flight_gap_rms_deg.published:.4f} deg
+| the flight's noise, its residuals after: {flight_gap_rms_deg.floor:.4f} | {clean_gap_rms_deg.assumed:.4f} deg
+
+Residuals after, from those before, 0.5 s | least squares of the flown ones
+| N Table 2, calibrated | {own_calibration_rms_deg.assumed.0.5:.4f} deg
+| N's {own_calibration.0.5.steepest} is not the least-squares one: it leaves {own_calibration.0.5.gradient_deg:.3f} deg
+| {own_calibration.0.5.rms_of_the_others_deg:.4f} deg without {own_calibration_farthest.0.5}
+
+The same, 1 s | least squares | N Table 2, calibrated | {own_calibration_rms_deg.assumed.1:.4f} deg | none
+| {own_calibration_rms_deg.assumed.1:.4f} deg
+
+The same, 2 s | least squares | N Table 2, calibrated | {own_calibration.2.as_printed_deg:.4f} deg
+| a sign of Table 2, as Table 4 says | {own_calibration_rms_deg.assumed.2:.4f} deg
+
+Second iteration (12 cells) | of the flown residuals, 1 s, in (G, b) | N Table 5
+| correlation {SECOND.gain_space.correlation:.2f}; {SECOND.gain_space.rms_1e6_G:.2f}e-6,
+{SECOND.gain_space.rms_1e8_deg_s:.1f}e-8 deg/s | N iterates in gyro space
+| correlation {SECOND.gyro_space.correlation:.2f}; {SECOND.gyro_space.rms_1e6_G:.2f}e-6,
+{SECOND.gyro_space.rms_1e8_deg_s:.1f}e-8 deg/s
+
+The same, G⁻¹ at 0.5 s | in gyro space | N Table 5
+| correlation {SECOND.gyro_space.correlation:.2f}; {SECOND.gyro_space.rms_1e6_G:.2f}e-6
+| its G⁻¹ is of 0.5 s, as its first iteration's
+| correlation {SECOND.gyro_space.with_G_of_0.5_s.correlation:.2f}; {SECOND.gyro_space.with_G_of_0.5_s.rms_1e6_G:.2f}e-6
+
+Printed digits the second iteration changes, 0.5 s
+| {own_digits_changed.0.5.table2} of 18 in Table 2, {own_digits_changed.0.5.table4} of 6 in Table 4 | none, says N
+| – | unknown | –
+
+Rate about x in -y forward | +1 RPO, as printed | N Table 2, interval 4 | {minus_y_rate_rpo.gap_rms_deg.1:.3f} deg
+| it is -1 RPO | {minus_y_rate_rpo.gap_rms_deg.-1:.3f} deg
+""".replace("SECOND", "table5_second_iteration")
 WORDS = """
 *Predicted* is the noise-free simulation with R eq. (9) as truth, processed with the pre-launch parameters of N Table 3. The
 *clean gap* is θ_pre − θ_cal − predicted, θ_pre and θ_cal being the flight's residuals before and after calibration: its noise
@@ -85,124 +118,116 @@ def run(
     jobs : worker processes; the results do not depend on it
     console : for tables; None prints nothing
     """
-    started = time.monotonic()
-    out = console or Console(quiet=True)
     config = config or PaperTablesConfig()
     scenario = base_scenario(config)
-    products = Products(out)
-    display = partial(progress, quiet=out.quiet)
-    work = engine.work_folder(folder, paper_tables.STUDY, config)
-    backend: Name = "loky" if jobs > 1 else "serial"
-    outcome = engine.run(paper_tables.STUDY, config, work, backend=backend, jobs=jobs, progress=display)
-    outcome.check()
+    made = Reproduction(console or Console(quiet=True), jobs)
+    outcome = made.run(paper_tables.STUDY, config, folder)
     rows = outcome.load()
     if flight.flew(scenario):
-        flight_part(scenario, products, config.entropy)
-        left_out(scenario, products, config.entropy)
-    products.summary |= {"cases": config.cases, "entropy": config.entropy}
-    monte_carlo_part(rows, scenario, products)
+        flight_part(scenario, made, config.entropy)
+        left_out(scenario, made, config.entropy)
+    made.summary |= {"cases": config.cases, "entropy": config.entropy}
+    monte_carlo_part(rows, config, scenario, made)
     if any(interval.slew for interval in scenario.interval):
-        products.add("psi_sweep", "Linear against full ψ over slew rate and step, noise-free", psi.run(scenario))
-    products.summary = settled(products.summary)
-    write(folder, config, scenario, products, rows)
-    write_json(folder / "summary.json", products.summary)
-    wall_s = round(time.monotonic() - started, 2)
-    engine.publish(outcome, folder, command="gyrocal reproduce", wall_s=wall_s)
-    render.terminal(out, "Summary", summary_table(products.summary))
-    out.print(f"Written to {folder} in {wall_s:.0f} s.", highlight=False)
-    return products.summary
+        made.add("psi_sweep", "Linear against full ψ over slew rate and step, noise-free", psi.run(scenario))
+    write(folder, config, scenario, made, rows)
+    made.publish(outcome, folder, command="gyrocal reproduce")
+    return made.summary
 
 
 def summary_table(summary: dict[str, Any]) -> pd.DataFrame:
-    """The questions a reader comes with, and the answers of this run."""
-    nees, paper, shares = summary["nees"], summary["nees_references_only"], summary["coverage"]
-    inside = f"NEES {nees['value']:.1f} in [{nees['bounds'][0]:.1f}, {nees['bounds'][1]:.1f}]"
-    changed = {name: 100 * (1 - summary["printed_digits"][f"{name}_unchanged_share"]) for name in ("table2", "table4")}
-    rows = summary_rows(summary) if "clean_gap_rms_deg" in summary else {}
-    answers = (
-        f"largest of 12 means {summary['bias_in_standard_errors_max']:.1f} standard errors "
-        f"({'yes' if summary['bias_in_standard_errors_max'] < 4 else 'NO'}: below 4)",
-        f"{'yes' if nees['inside'] else 'NO'}: {inside}; "
-        f"{100 * shares['68']:.1f} / {100 * shares['95']:.1f} / {100 * shares['99.7']:.2f} % within 1 / 2 / 3 sigma",
-        f"{'yes' if paper['inside'] else 'no'}: NEES {paper['value']:.1f}",
-        f"the second changes G by {summary['second_iteration_median']['G']:.1e}, residuals by up to "
-        f"{summary['printed_digits']['largest_median_mdeg']:.2f} mdeg (medians), a printed digit of N Table 2 in "
-        f"{changed['table2']:.0f} %, of Table 4 in {changed['table4']:.0f} % of cases",
-        f"at TRMM's rates it differs by {summary['psi_difference_max']['G']:.1e} in G",
-    )
-    rows |= dict(zip(ESTIMATES, answers, strict=True))
-    return pd.DataFrame({"question": rows.keys(), "answer": rows.values()})
+    """The questions on the estimates, and the answers of this run."""
+    percent = dict(zip(("one", "two", "three"), (100 * share for share in summary["coverage"].values()), strict=True))
+    percent |= {name: 100 * (1 - summary["printed_digits"][f"{name}_unchanged_share"]) for name in ("table2", "table4")}
+    words = {
+        "unbiased": "yes" if summary["bias_in_standard_errors_max"] < 4 else "NO",
+        "consistent": "yes" if summary["nees"]["inside"] else "NO",
+        "control": "yes" if summary["nees_references_only"]["inside"] else "no",
+    }
+    answers = [fill(text, flatten(summary), **percent, **words) for text in ESTIMATES.values()]
+    return pd.DataFrame({"question": ESTIMATES.keys(), "answer": answers})
 
 
-def monte_carlo_part(rows: pd.DataFrame, scenario: Scenario, products: Products) -> None:
+def question_table(summary: dict[str, Any]) -> pd.DataFrame:
+    """What parts simulated and flown on N, a row a question."""
+    names = ["question", "simulated", "flown", "gap before", "effect found", "gap after, on numbers that fitted nothing"]
+    rows = fill(" ".join(QUESTIONS.replace("\n\n", "¶").split()), flatten(summary)).split("¶")
+    return pd.DataFrame([[cell.strip() for cell in row.split("|")] for row in rows], columns=names)
+
+
+def monte_carlo_part(rows: pd.DataFrame, config: PaperTablesConfig, scenario: Scenario, made: Reproduction) -> None:
     """The paper's tables, and how right and how consistent the estimates are."""
-    truth, add = true_parameters(scenario), products.add
-    flown = flight.flew(scenario)
-    for name, title in TITLES.items():
-        table = getattr(paper_tables, name)(rows, flown)
-        add(name, title, table, note=CELL_NOTE, shown=paper_form(table, name))
-        products.show(name)
-        if LAYOUTS[name].ways_digits is not None:
-            add(f"{name}_ways", f"{title.split(':')[0]}, both ψ and both iterations", ways_form(table, name), note=WAYS_NOTE)
-    accuracy = add("accuracy", "Recovered minus injected", paper_tables.accuracy(rows, truth))
-    add("consistency", "Consistency of the claimed covariance", paper_tables.consistency(rows, truth))
-    between = add("psi_difference", "Largest difference between full and linear ψ", paper_tables.psi_difference(rows))
-    second = add("second_iteration", "Size of the second iteration's corrections", paper_tables.second_iteration(rows))
-    digits = add("printed_digits", "Printed digits the second iteration changes", paper_tables.printed_digits(rows))
-    finest = scenario.gyro.sample_s
-    headline = accuracy.query("psi == 'full' and step_s == @finest").drop(columns=["psi", "resampling", "step_s"])
+    for name, table in paper_tables.tables(rows, config).items():
+        note = CELL_NOTE if name in LAYOUTS else ""
+        made.add(name, table.title, table.data, note=note, shown=table.shown)
+        if name in LAYOUTS:
+            made.show(name)
+            if LAYOUTS[name].ways_digits is not None:
+                title = f"{table.title.split(':')[0]}, both ψ and both iterations"
+                made.add(f"{name}_ways", title, ways_form(table.data, name), note=WAYS_NOTE)
+    found = {name: made.tables[name].data for name in paper_tables.TITLES}
+    finest, usual = scenario.gyro.sample_s, "psi == 'full' and step_s == @finest"
+    headline = found["accuracy"].query(usual).drop(columns=["psi", "resampling", "step_s"])
     short = headline[[c for c in headline.columns if not c.endswith(("_low", "_high"))]]
-    render.terminal(products.console, f"Recovered minus injected, ψ full, Δt = {finest:g} s", short)
-    products.show("consistency", "second_iteration", "printed_digits", "psi_difference")
+    render.terminal(made.console, f"Recovered minus injected, ψ full, Δt = {finest:g} s", short)
+    made.show("consistency", "second_iteration", "printed_digits", "psi_difference")
     chosen = paper_tables.choose(rows, finest)
-    errors, sigmas = paper_tables.errors_and_sigmas(chosen, truth)
-    check = statistics.nees_check(chosen["nees"].to_numpy(), len(NAMES))
-    paper = statistics.nees_check(
-        paper_tables.choose(rows, finest, covariance="references only")["nees"].to_numpy(), len(NAMES)
+    counts = {level: statistics.coverage(*errors_of(chosen, scenario), level) for level in statistics.LEVELS}
+    nees, control = (
+        statistics.nees_check(paper_tables.choose(rows, finest, covariance=model)["nees"].to_numpy(), len(NAMES))
+        for model in ("full", "references only")
     )
-    counts = {level: statistics.coverage(errors, sigmas, level) for level in statistics.LEVELS}
-    at_finest = second.query("psi == 'full' and step_s == @finest").iloc[0]
-    psi_finest = between.query("step_s == @finest")
-    products.summary |= {
-        "second_iteration_max": {"G": float(at_finest["G_max"]), "bias_deg_s": float(at_finest["bias_deg_s_max"])},
-        "second_iteration_median": {"G": float(at_finest["G_median"]), "bias_deg_s": float(at_finest["bias_deg_s_median"])},
-        "printed_digits": digits.query("psi == 'full' and step_s == @finest").iloc[0, 3:].to_dict(),
-        "psi_difference_max": {name: float(psi_finest[name].max()) for name in ("G", "bias_deg_s")},
+    second = found["second_iteration"].query(usual).iloc[0]
+    made.summary |= {
+        f"second_iteration_{how}": {name: float(second[f"{name}_{how}"]) for name in ("G", "bias_deg_s")}
+        for how in ("max", "median")
+    }
+    between = found["psi_difference"].query("step_s == @finest")
+    made.summary |= {
+        "printed_digits": found["printed_digits"].query(usual).iloc[0, 3:].to_dict(),
+        "psi_difference_max": {name: float(between[name].max()) for name in ("G", "bias_deg_s")},
         "coverage": {level: inside / total for level, (inside, total) in counts.items()},
-        "nees": {"value": check.value, "bounds": [check.lower, check.upper], "dof": check.dof, "inside": check.inside},
-        "nees_references_only": {"value": paper.value, "bounds": [paper.lower, paper.upper], "inside": paper.inside},
+        "nees": {"value": nees.value, "bounds": [nees.lower, nees.upper], "dof": nees.dof, "inside": nees.inside},
+        "nees_references_only": {"value": control.value, "bounds": [control.lower, control.upper], "inside": control.inside},
         "bias_in_standard_errors_max": float(np.abs(headline["bias_in_standard_errors"]).max()),
     }
 
 
-def write(folder: Path, config: PaperTablesConfig, scenario: Scenario, products: Products, rows: pd.DataFrame) -> None:
-    """Tables as CSV, one Markdown page, the rows as Parquet, the figures."""
-    flown = "flight_gap" in products.tables
-    write_parquet(folder / "cases.parquet", rows)
-    sections = [
+def errors_of(rows: pd.DataFrame, scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+    """Recovered minus injected, and formal sigma, of rows of one variant."""
+    return paper_tables.errors_and_sigmas(rows, true_parameters(scenario))
+
+
+def write(folder: Path, config: PaperTablesConfig, scenario: Scenario, made: Reproduction, rows: pd.DataFrame) -> None:
+    """Tables as CSV and each as Markdown, one Markdown page, the rows as Parquet, the figures."""
+    made.summary, flown = settled(made.summary), "flight_gap" in made.tables
+    summary = {"Summary": summary_table(made.summary)}
+    if flown:
+        summary |= {"What parts simulated and flown": question_table(made.summary)}
+    head = [
         f"# Reproduction of the TRMM gyro calibration{'' if flown else f': {scenario.title}'}",
         "",
         f"{config.cases} seeds, entropy {config.entropy}; `gyrocal reproduce` makes this page.",
         "",
-        render.markdown("Summary", summary_table(products.summary), WORDS.strip() if flown else ""),
-        render.markdown("What parts simulated and flown", question_table(products.summary)) if flown else "",
-        gap_note(products.summary) if flown else "No flight stands beside this scenario.",
+        render.markdown("Summary", summary["Summary"], WORDS.strip() if flown else ""),
+        *(render.markdown(title, table) for title, table in list(summary.items())[1:]),
+        gap_note(made.summary) if flown else "No flight stands beside this scenario.",
         "",
     ]
-    for name, table in products.tables.items():
-        write_csv(folder / f"{name}.csv", table.data, digits=DIGITS)
-        text = render.markdown(table.title, table.for_people(), table.note, table.formats)
-        write_text(folder / f"{name}.md", text)
-        sections.append(text)
-    write_text(folder / "tables.md", "\n".join(sections))
+    write_parquet(folder / "cases.parquet", rows)
     if flown:
-        figures.natanson_figures(scenario, folder)
-        table2 = products.tables["table2"].data.query(
+        made.figures |= {name: ("", draw) for name, draw in figures.natanson_figures(scenario).items()}
+        table2 = made.tables["table2"].data.query(
             "psi == 'full' and resampling == 'skip' and step_s == 0.5 and phase == 'prelaunch'"
         )
-        figures.flight_gap_figure(products.tables["flight_gap"].data, table2.reset_index(drop=True), folder / "flight_gap.svg")
-    chosen = paper_tables.choose(rows, scenario.gyro.sample_s)
-    errors, sigmas = paper_tables.errors_and_sigmas(chosen, true_parameters(scenario))
-    figures.error_figure(errors, sigmas, list(NAMES), folder / "errors.svg")
-    if "psi_sweep" in products.tables:
-        panels.sheet(psi.map_of(products.tables["psi_sweep"].data), size=(6.0, 3.6))(folder / "psi_sweep.svg")
+        draw = figures.flight_gap_figure(made.tables["flight_gap"].data, table2.reset_index(drop=True))
+        made.figures["flight_gap"] = ("", draw)
+    errors, sigmas = errors_of(paper_tables.choose(rows, scenario.gyro.sample_s), scenario)
+    made.figures["errors"] = ("", figures.error_figure(errors, sigmas, list(NAMES)))
+    if "psi_sweep" in made.tables:
+        made.figures["psi_sweep"] = ("", panels.sheet(psi.map_of(made.tables["psi_sweep"].data), size=(6.0, 3.6)))
+    made.write(folder, "tables.md", head)
+    for name in made.tables:
+        write_text(folder / f"{name}.md", made.section(name))
+    for title, table in summary.items():
+        render.terminal(made.console, title, table)

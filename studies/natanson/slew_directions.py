@@ -3,23 +3,19 @@
 A gap with fitted timings says that no timing that can be flown saves the other direction.
 """
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from simulator.scenario import Scenario, override
 from studies.natanson import flight
 from studies.natanson.flight_gap import MINUS_Y, YAW_INTERVALS, gap_rms, predict
 from studies.natanson.slew_timings import fit_interval
 
-Array = NDArray[np.float64]
-
 
 def with_minus_y_rate(scenario: Scenario, sign: int) -> Scenario:
     """The scenario with ω_x = sign RPO in interval 4: −1 is −y forward, +1 needs +y forward, the slews reversed."""
     slews = scenario.interval[MINUS_Y].slew
     return override(
-        scenario, {f"interval.{MINUS_Y}.slew.{j}.angle_deg": -sign * -abs(s.angle_deg) * (-1) ** j for j, s in enumerate(slews)}
+        scenario, {f"interval.{MINUS_Y}.slew.{j}.angle_deg": sign * abs(s.angle_deg) * (-1) ** j for j, s in enumerate(slews)}
     )
 
 
@@ -29,6 +25,12 @@ def with_yaw_directions(scenario: Scenario, second: int, sixth: int) -> Scenario
         scenario,
         {f"interval.{k}.slew.0.angle_deg": 180.0 * sign for k, sign in zip(YAW_INTERVALS, (second, sixth), strict=True)},
     )
+
+
+def candidates(scenario: Scenario) -> list[tuple[Scenario, int]]:
+    """Each direction of the three intervals, with the interval."""
+    rates = [(with_minus_y_rate(scenario, sign), MINUS_Y) for sign in (-1, 1)]
+    return rates + [(with_yaw_directions(scenario, sign, sign), k) for k in YAW_INTERVALS for sign in (1, -1)]
 
 
 def _gaps(candidate: Scenario, k: int) -> dict[str, float]:

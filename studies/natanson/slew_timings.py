@@ -6,7 +6,6 @@ timings would fit as well.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -33,6 +32,7 @@ from studies.natanson.flight_gap import (
 Array = NDArray[np.float64]
 
 SLEWING = (*YAW_INTERVALS, MINUS_Y)
+TIMED = (*SLEWING, HOLD)
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,6 @@ class TimingFit:
     timings : fitted values by name
     at_bound : names of those that stopped at a bound
     clean_gap_rms_deg, gap_rms_deg : what is left of both
-    dof : numbers less fitted values
     """
 
     scenario: Scenario
@@ -171,7 +170,6 @@ class TimingFit:
     at_bound: tuple[str, ...]
     clean_gap_rms_deg: float
     gap_rms_deg: float
-    dof: int
 
     @property
     def count(self) -> int:
@@ -222,7 +220,7 @@ def fit_each(scenario: Scenario) -> TimingFit:
     It shows how far timing alone can go: an interval's three numbers leave one degree of freedom, or none, and a timing that
     stops at its bound has been asked for more than it can give.
     """
-    return _fitted(scenario, [(_timings_of(scenario, k), _own_timings(scenario, k)) for k in (*SLEWING, HOLD)])
+    return _fitted(scenario, [(_timings_of(scenario, k), _own_timings(scenario, k)) for k in TIMED])
 
 
 def fit_interval(scenario: Scenario, k: int) -> Scenario:
@@ -230,17 +228,30 @@ def fit_interval(scenario: Scenario, k: int) -> Scenario:
     return override(scenario, _timings_of(scenario, k).changes(_own_timings(scenario, k)))
 
 
+Alone = tuple[Scenario, int]  # a scenario that has one interval only, and which of N's it is
+KEPT: dict[Alone, Array] = {}  # timings fitted to single intervals: those of the direction that was flown are needed twice
+
+
+def find_missing(candidates: Sequence[tuple[Scenario, int]]) -> list[Alone]:
+    """What `fit_alone` has to be called with for the timings of interval k of each scenario to be kept."""
+    return [key for key in dict.fromkeys(_alone(scenario, k) for scenario, k in candidates) if key not in KEPT]
+
+
+def _alone(scenario: Scenario, k: int) -> Alone:
+    return scenario.model_copy(update={"interval": scenario.interval[k : k + 1]}), k
+
+
 def _own_timings(scenario: Scenario, k: int) -> Array:
     """Timings of interval k fitted to its three numbers."""
-    return _timings_alone(scenario.model_copy(update={"interval": scenario.interval[k : k + 1]}), k)
+    key = _alone(scenario, k)
+    if key not in KEPT:
+        KEPT[key] = fit_alone(*key)
+    return KEPT[key]
 
 
-@lru_cache(maxsize=64)
-def _timings_alone(scenario: Scenario, k: int) -> Array:
-    """The same of a scenario that has this interval only; kept, since the direction that was flown is asked for twice."""
-    x = _minimise(scenario, _timings_of(scenario, 0), [0], without_noise()[[k]])
-    x.setflags(write=False)
-    return x
+def fit_alone(scenario: Scenario, k: int) -> Array:
+    """The timings of a scenario that has interval k only."""
+    return _minimise(scenario, _timings_of(scenario, 0), [0], without_noise()[[k]])
 
 
 def _timings_of(scenario: Scenario, k: int) -> _Search:
@@ -277,12 +288,12 @@ def _fitted(scenario: Scenario, parts: list[tuple[_Search, Array]]) -> TimingFit
         timings |= dict(zip(search.names, map(float, x), strict=True))
         at_bound += search.at_bound(x)
     predicted = predict(scenario)
-    return TimingFit(scenario, timings, at_bound, clean_gap_rms(predicted), gap_rms(predicted), 18 - len(timings))
+    return TimingFit(scenario, timings, at_bound, clean_gap_rms(predicted), gap_rms(predicted))
 
 
 def _minimise(scenario: Scenario, search: _Search, intervals: Sequence[int], flown: Array) -> Array:
     """Nelder–Mead on the clean gap of some intervals from several starts; timings that cannot be flown count as a degree."""
-    coarse = _coarse(scenario)
+    coarse = override(scenario, {"gyro.sample_s": COARSE_SAMPLE_S})
     low, high = search.bounds.T
 
     def cost(y: Array) -> float:
@@ -304,7 +315,3 @@ def _minimise(scenario: Scenario, search: _Search, intervals: Sequence[int], flo
     if best.fun >= UNFLYABLE:
         raise InputError(f"no timing of {', '.join(search.names)} that can be flown was found")
     return np.asarray(low + np.clip(best.x, 0, 1) * (high - low))
-
-
-def _coarse(scenario: Scenario) -> Scenario:
-    return override(scenario, {"gyro.sample_s": COARSE_SAMPLE_S})

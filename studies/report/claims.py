@@ -5,14 +5,17 @@ A verdict and the sentence beside it are computed from the results; only the cla
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import ChainMap
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from string import Formatter
 from typing import Any, Literal
 
 import pandas as pd
 
 from studies.report.committed import Results
+from studies.report.tables import NO_VALUE
 
 Verdict = Literal["agrees", "the paper slips", "open"]
 NOT_FLOWN = "This run did not fly what it takes."
@@ -38,6 +41,10 @@ class Found:
             raise KeyError(path)
         return value
 
+    def say(self, text: str, **more: Any) -> str:
+        """A sentence with numbers of the summary, or further ones, in its fields."""
+        return fill(text, self, **more)  # type: ignore[arg-type]
+
     def table(self, name: str) -> pd.DataFrame:
         """A table of the reproduction."""
         return self.results.tables[name]
@@ -48,6 +55,21 @@ class Found:
         if not path.is_file():
             raise KeyError(path)
         return pd.read_csv(path)
+
+
+class _ByPath(Formatter):
+    """Formats "{path:.4f}" by the value of a path, whatever signs it has."""
+
+    def get_field(self, field_name: str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> tuple[Any, str]:
+        return kwargs[field_name], field_name
+
+    def format_field(self, value: Any, format_spec: str) -> Any:
+        return NO_VALUE if value is None else super().format_field(value, format_spec)
+
+
+def fill(text: str, values: Mapping[str, Any], **more: Any) -> str:
+    """A sentence with the numbers that its fields name: paths of a summary, or names of further values."""
+    return _ByPath().vformat(text, (), ChainMap(more, values))  # type: ignore[arg-type]
 
 
 Judge = Callable[[Found], tuple[Verdict, str]]
@@ -92,6 +114,16 @@ def judged(claims: Sequence[Claim], found: Found) -> list[Judged]:
             verdict, text = "open", NOT_FLOWN
         out.append(Judged(claim, verdict, text))
     return out
+
+
+def agrees(text: str, condition: Callable[[Found], bool]) -> Judge:
+    """A judge with that sentence: it agrees where the condition holds, and is open where it does not."""
+    return lambda found: (agrees_if(condition(found)), found.say(text))
+
+
+def slips(text: str, condition: Callable[[Found], bool]) -> Judge:
+    """A judge with that sentence: the paper slips where the condition holds."""
+    return lambda found: (slips_if(condition(found)), found.say(text))
 
 
 def agrees_if(condition: bool, otherwise: Verdict = "open") -> Verdict:

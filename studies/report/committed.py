@@ -61,15 +61,15 @@ def read(folder: Path) -> Results | None:
     except (OSError, ValueError):
         return None
     tables = {path.stem: pd.read_csv(path) for path in sorted(folder.glob("*.csv"))}
-    return Results(folder, {key: config[key] for key in KEPT if key in config}, _flat(summary), tables)
+    return Results(folder, {key: config[key] for key in KEPT if key in config}, flatten(summary), tables)
 
 
-def _flat(value: Any, path: str = "") -> dict[str, Any]:
-    """Leaves of a document by their paths."""
+def flatten(value: Any, path: str = "") -> dict[str, Any]:
+    """Leaves of a document by their paths, such as "a.b.0"."""
     parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else None
     if parts is None:
         return {path: value}
-    return {name: leaf for key, one in parts for name, leaf in _flat(one, f"{path}.{key}" if path else str(key)).items()}
+    return {name: leaf for key, one in parts for name, leaf in flatten(one, f"{path}.{key}" if path else str(key)).items()}
 
 
 def moved(now: Results, then: Results) -> pd.DataFrame:

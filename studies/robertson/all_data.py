@@ -21,7 +21,6 @@ R (6)
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import lru_cache
 from itertools import product
 from typing import Any
@@ -32,27 +31,16 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import log_ndtr
 
-from diagnosis.inference.search import Search
-from diagnosis.model.groups import Group
 from diagnosis.model.linear import LinearModel
 from diagnosis.settings import DEFAULT
 from simulator.mission_mode.mounting import R3_M
 from studies.robertson import flown, printed_coefficients
 from studies.robertson.calendar import PERIODS
-from studies.robertson.diagnosis import (
-    NOTHING,
-    TRIALS,
-    UNKNOWN,
-    UNKNOWN_LIMITS,
-    Beside,
-    Diagnosis,
-    Windows,
-    concluded,
-    linear_model,
-)
+from studies.robertson.diagnosis import TRIALS, Beside, Diagnosis, Windows, linear_model
+from studies.robertson.diagnosis import diagnose as diagnose_model
 from studies.robertson.end_to_end import rotation
-from studies.robertson.further import BLOCKS, MANEUVER, NAMES, R3, TABLE2
-from studies.robertson.ground import AXES
+from studies.robertson.flown import AXES
+from studies.robertson.further import BLOCKS, MANEUVER, R3, TABLE2
 from studies.robertson.ladder import NOMINAL, RUNGS
 from studies.robertson.slews import noise_free
 
@@ -60,7 +48,7 @@ Array = NDArray[np.float64]
 Further = Mapping[tuple[str, ...], Mapping[str, float]]
 
 DURATIONS_S = (600.0, 800.0, 1000.0, 1200.0)
-COMPARED = tuple(name for name in NAMES if BLOCKS[name] in (TABLE2, R3))
+COMPARED = tuple(BLOCKS)
 SIGNS = ("yaw accuracy", "yaw update")
 MOST_EFFECTS = 8  # Table 3's and those of the others
 
@@ -105,35 +93,20 @@ def sign_evidence(rows: pd.DataFrame) -> float:
 
 
 def beside(further: Further) -> Beside:
-    """Table 3's companions for the linear model: flown less nominal, sigmas, what each trial changes, and rivals."""
+    """Table 3's companions for the linear model: flown less nominal, sigmas, and what each trial changes."""
     sigma, base = sigmas(further[NOMINAL]), _array(further[NOMINAL])
     changes = {effects: (_array(values) - base) / sigma for effects, values in further.items()}
-    each = np.eye(len(COMPARED))
-    rivals = [
-        _rival(f"{UNKNOWN} in data beside", block, each[:, [k for k, name in enumerate(COMPARED) if BLOCKS[name] == block]])
-        for block in (TABLE2, R3)
-    ]
-    rivals += [_rival(f"{UNKNOWN} in a number beside", name, each[:, [k]]) for k, name in enumerate(COMPARED)]
-    return Beside(COMPARED, tuple(BLOCKS[name] for name in COMPARED), (observed() - base) / sigma, changes, tuple(rivals))
+    return Beside(COMPARED, tuple(BLOCKS[name] for name in COMPARED), (observed() - base) / sigma, changes)
 
 
 def _array(values: Mapping[str, float]) -> Array:
     return np.array([values[name] for name in COMPARED])
 
 
-def _rival(effect: str, axis: str, columns: Array) -> Group:
-    return Group(effect, axis, False, [columns], [{}], np.ones(1), UNKNOWN_LIMITS, "sigma", process=True)
-
-
 def diagnose(windows: Windows, further: Further) -> Diagnosis:
     """The diagnosis of Table 3 with R's other data: in the same model, or, signs and R (6), in each explanation's posterior."""
-    model, sigma = linear_model(windows, beside(further), MOST_EFFECTS)
-    told = further_odds(model, windows)
-    found = [
-        replace(one, log_posterior=one.log_posterior + sum(told[member.candidate] for member in one.members))
-        for one in [*Search(model).explanations(), NOTHING]
-    ]
-    return concluded(model, sigma, sorted(found, key=lambda one: -one.log_posterior))
+    model = linear_model(windows, beside(further), MOST_EFFECTS)
+    return diagnose_model(model, further_odds(model, windows))
 
 
 def further_odds(model: LinearModel, windows: Windows) -> list[float]:

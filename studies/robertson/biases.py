@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from simulator.mission_mode.config import PRELAUNCH_G, R9_BIAS, R9_G, MissionConfig
 from simulator.mission_mode.flight import MissionRun
 from studies.robertson import flown
+from studies.robertson.ground import DEG_H
 from studies.robertson.performance import GYRO_AXES, full, within
 
 Array = NDArray[np.float64]
-DEG_H = float(np.rad2deg(3600.0))  # of rad/s
 USED_G = {"calibration1": PRELAUNCH_G, "postcalibration": R9_G}
 
 
@@ -43,22 +43,12 @@ def table8(runs: Sequence[MissionRun]) -> pd.DataFrame:
                 means[k] = values.mean() if len(values) else np.nan
                 errors[k] = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.nan
                 formula[k] = solved_bias(G, forward)["xyz".index(axis)] * DEG_H
-                rows.append(_row(period, axis, forward, means[k], errors[k], formula[k]))
-            spread = float(np.hypot(errors[0], errors[1]))
-            rows.append(_row(period, axis, "-x minus +x", means[1] - means[0], spread, formula[1] - formula[0]))
-    return pd.DataFrame(rows)
-
-
-def _row(period: str, axis: str, forward: str, mean: float, error: float, formula: float) -> dict[str, object]:
-    return {
-        "period": period,
-        "axis": axis,
-        "forward": forward,
-        "simulated_deg_h": mean,
-        "standard_error_deg_h": float(error),
-        "formula_deg_h": formula,
-        "simulated_minus_formula_deg_h": mean - formula,
-    }
+                rows.append((period, axis, forward, means[k], errors[k], formula[k]))
+            spread = np.hypot(errors[0], errors[1])
+            rows.append((period, axis, "-x minus +x", means[1] - means[0], spread, formula[1] - formula[0]))
+    names = ["period", "axis", "forward", "simulated_deg_h", "standard_error_deg_h", "formula_deg_h"]
+    table = pd.DataFrame(rows, columns=names)
+    return table.assign(simulated_minus_formula_deg_h=table["simulated_deg_h"] - table["formula_deg_h"])
 
 
 def scatter(runs: Sequence[MissionRun]) -> pd.DataFrame:

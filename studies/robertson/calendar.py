@@ -1,4 +1,4 @@
-"""R Table 3's periods, and a mission begun on a later day."""
+"""R Table 3's periods, a mission begun on a later day, and the yaw maneuvers of N's intervals 2 and 6 as flights."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import replace
 import pandas as pd
 
 from simulator.mission_mode.calendar import sun_angle
-from simulator.mission_mode.config import DAY, MissionConfig
+from simulator.mission_mode.config import DAY, MissionConfig, OnBoardTables, YawManeuver
+from simulator.mission_mode.flight import flight_schedule
 
 PERIODS = ("precalibration", "calibration1", "postcalibration")
 FIRST_DAYS = {  # UTC, of R Table 3's periods; each ends where the next one starts but for the last days of February
@@ -15,6 +16,8 @@ FIRST_DAYS = {  # UTC, of R Table 3's periods; each ends where the next one star
     "calibration1": ("1997-12-11T12:00:00+00:00", "1998-02-27T12:00:00+00:00"),
     "postcalibration": ("1998-03-01T00:00:00+00:00", "1998-05-01T00:00:00+00:00"),
 }
+MANEUVERS = {"+x to -x": "1997-12-13T13:20:00+00:00", "-x to +x": "1998-01-14T20:57:00+00:00"}  # N Table 1, UTC
+ORBITS_TO_SLEW = 4.5  # before the maneuver, for yaw updates to settle
 
 
 def moved(config: MissionConfig, days: float) -> MissionConfig:
@@ -33,3 +36,11 @@ def moved(config: MissionConfig, days: float) -> MissionConfig:
 def day_of(moment: str, config: MissionConfig) -> float:
     """Days from the config's epoch to a moment, UTC."""
     return float((pd.Timestamp(moment) - pd.Timestamp(config.epoch)).total_seconds() / DAY)
+
+
+def slew_flight(config: MissionConfig, tables: OnBoardTables, maneuver: str) -> MissionConfig:
+    """A run with the yaw maneuver nearest to one of `MANEUVERS`, with these tables throughout."""
+    planned = flight_schedule(config, 60.0).maneuvers
+    start = min(planned, key=lambda one: abs(one.start_s / DAY - day_of(MANEUVERS[maneuver], config))).start_s
+    lead = ORBITS_TO_SLEW * config.orbit.period
+    return replace(moved(config, (start - lead) / DAY), tables=tables, maneuvers=(YawManeuver(lead),))

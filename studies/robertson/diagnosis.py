@@ -12,8 +12,9 @@ all 18 numbers, whole periods are held out: sizes from two periods predict the t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,28 +24,23 @@ from diagnosis.answer import Closure
 from diagnosis.inference.amplitudes import Fitted, fit
 from diagnosis.inference.attribution import Attribution, attribute
 from diagnosis.inference.closure import compute_closure
-from diagnosis.inference.search import Explanation, Search
-from diagnosis.model.folds import held_out
-from diagnosis.model.groups import Group, placed
+from diagnosis.model.groups import Group
 from diagnosis.model.linear import LinearModel, Parameters
 from diagnosis.settings import DEFAULT
-from simulator.mission_mode.config import MissionConfig
-from simulator.mission_mode.effects import applied, parse
+from studies.printed_table import UNKNOWN, build_model, make_candidate, make_rival, rank_explanations
 from studies.robertson.calendar import PERIODS
 from studies.robertson.ground import DEG_H
 from studies.robertson.ladder import HORIZON, LANDED, NOMINAL
-from studies.robertson.windows import NUMBERS, Number, published, scatter, simulated, walked
+from studies.robertson.windows import NUMBERS, Number, configured, published, scatter, simulated, walked
 
 Array = NDArray[np.float64]
 Windows = Mapping[tuple[str, ...], pd.DataFrame]
 
 DIGITS = {"attitude_accuracy_deg": 1e-3, "yaw_update_deg": 1e-2, "gyro_bias_std_deg_h": 1e-4}  # R Table 3's last ones
-UNKNOWN = "unknown"
 UNKNOWN_LIMITS = (0.3, 300.0)  # sigmas of a random difference
 MOST_EFFECTS = 4
 BEAM = 20
 WALK_SIZE = 0.02  # deg/h/sqrt(day), that a walk's column is formed with
-NOTHING = Explanation((), 0.0, float(np.log(DEFAULT.unlisted_share)))
 
 
 @dataclass(frozen=True)
@@ -88,21 +84,19 @@ TRIALS = (
 
 @dataclass(frozen=True)
 class Beside:
-    """Further observations in the model of Table 3, and candidates that act on them alone.
+    """Further observations in the model of Table 3.
 
     Attributes
     ----------
     names, blocks : (m,) of the observations, and what each belongs to
     y : (m,) flown less nominal, in sigmas
     changes : (m,) of each set of effects, in sigmas
-    groups : candidates with columns (m, k)
     """
 
     names: tuple[str, ...] = ()
     blocks: tuple[str, ...] = ()
     y: Array = field(default_factory=lambda: np.zeros(0))
     changes: Mapping[tuple[str, ...], Array] = field(default_factory=dict)
-    groups: tuple[Group, ...] = ()
 
 
 ALONE = Beside()
@@ -118,14 +112,12 @@ class Diagnosis:
     fitted : effects of the likeliest explanation
     closed : with whole periods held out; None where nothing listed was found
     left : (n,) flown minus simulated with the listed effects of the explanation, in sigmas; Table 3's 18 numbers first
-    sigma : (18,) of a number of Table 3
     """
 
     attribution: Attribution
     fitted: tuple[Fitted, ...]
     closed: Closure | None
     left: Array
-    sigma: Array
 
     @property
     def probabilities(self) -> dict[str, float]:
@@ -136,73 +128,61 @@ class Diagnosis:
                 out[label] = out.get(label, 0.0) + one.probability
         return dict(sorted(out.items(), key=lambda item: -item[1]))
 
+    def summary(self) -> dict[str, Any]:
+        """The verdict with its probabilities, for summary.json."""
+        sure = [label for label, p in self.probabilities.items() if p >= DEFAULT.named and not label.startswith(UNKNOWN)]
+        unknown, closed = self.attribution.unknown, self.closed
+        return {
+            "verdict": f"{' + '.join(sure) or 'nothing'} named; unknown beside it with probability {unknown:.2f}",
+            "probabilities": self.probabilities,
+            "unknown": unknown,
+            "periods_held_out": closed and {"before": closed.before, "after": closed.after, "floor": closed.floor},
+        }
 
-def diagnose(windows: Windows) -> Diagnosis:
-    """Search, attribution, sizes and closure."""
-    model, sigma = linear_model(windows)
-    return concluded(model, sigma, sorted([*Search(model).explanations(), NOTHING], key=lambda one: -one.log_posterior))
 
-
-def concluded(model: LinearModel, sigma: Array, weighed: list[Explanation]) -> Diagnosis:
-    """The diagnosis that follows from explanations, the likeliest first."""
-    attribution = attribute(model, weighed)
+def diagnose(model: LinearModel, odds: Sequence[float] = ()) -> Diagnosis:
+    """Search, attribution, sizes and closure; `odds` as of `rank_explanations`."""
+    weighed = rank_explanations(model, DEFAULT.unlisted_share, odds)
     members = list(weighed[0].members)
     fitted = tuple(fit(model, members)) if members else ()
     listed = [one for one in fitted if not one.effect.startswith(UNKNOWN)]
     explained = sum((one.contribution for one in listed), np.zeros(len(model.y)))
     closed = compute_closure(model, members) if listed else None
-    return Diagnosis(attribution, fitted, closed, model.y - explained, sigma)
+    return Diagnosis(attribute(model, weighed), fitted, closed, model.y - explained)
 
 
-def linear_model(windows: Windows, beside: Beside = ALONE, most_effects: int = MOST_EFFECTS) -> tuple[LinearModel, Array]:
-    """The model of R Table 3 about the nominal, other observations below it, and each of Table 3's sigmas (18,)."""
+def diagnose_table3(windows: Windows) -> Diagnosis:
+    """The diagnosis of Table 3 alone."""
+    return diagnose(linear_model(windows))
+
+
+def linear_model(windows: Windows, beside: Beside = ALONE, most_effects: int = MOST_EFFECTS) -> LinearModel:
+    """The model of R Table 3 about the nominal, other observations below it."""
     rows = windows[NOMINAL]
-    base, flight = _array(simulated(rows)), _array(published())
-    relative = _array(scatter(rows))
+    base, flight, relative = (_array(values) for values in (simulated(rows), published(), scatter(rows)))
     digits = np.array([DIGITS[parameter] for parameter, _, _ in NUMBERS]) / np.sqrt(12.0)
     sigma = np.sqrt((relative * base) ** 2 + (relative * flight) ** 2 + digits**2)
-    more = len(beside.names)
-    groups = [_group(one, windows, base, sigma, beside.changes.get(one.setting, np.zeros(more))) for one in TRIALS]
-    groups += [_padded(group, after=more) for group in _rivals()]
-    groups += [_padded(group, before=len(NUMBERS)) for group in beside.groups]
+    none = np.zeros(len(beside.names))
+    groups = []
+    for one in TRIALS:
+        flown = windows[one.setting] if one.setting else with_walk(rows, one)
+        change = np.concatenate([(_array(simulated(flown)) - base) / sigma, beside.changes.get(one.setting, none)])
+        groups.append(_group(one, change[:, None]))
     y = np.concatenate([(flight - base) / sigma, beside.y])
-    candidates, W = placed(groups, lambda columns: columns, DEFAULT, len(y))
-    period = np.array([*(number[2] for number in NUMBERS), *beside.blocks])
-    model = LinearModel(
-        y=y,
-        X=W,
-        W=W,
-        candidates=candidates,
-        dof=len(y),
-        projected=lambda values: values,
-        most_effects=most_effects,
-        beam=(BEAM,) * (most_effects - 1),
-        split="a period at a time",
-        folds=lambda W: (held_out(np.eye(len(y)), y, W, period == name, period) for name in PERIODS),
-    )
-    return model, sigma
+    owner = np.array([*(number[2] for number in NUMBERS), *beside.blocks])
+    groups += _rivals(owner, beside)
+    return build_model(y, np.eye(len(y)), groups, owner, PERIODS, "a period at a time", most_effects, BEAM)
 
 
-def _padded(group: Group, before: int = 0, after: int = 0) -> Group:
-    """A candidate that does nothing to the observations before and after its own."""
-    return replace(group, columns=[np.pad(part, ((before, after), (0, 0))) for part in group.columns])
-
-
-def _group(one: Tried, windows: Windows, base: Array, sigma: Array, further: Array) -> Group:
-    rows = windows[one.setting] if one.setting else with_walk(windows[NOMINAL], one)
-    change = np.concatenate([(_array(simulated(rows)) - base) / sigma, further])[:, None]
+def _group(one: Tried, change: Array) -> Group:
     if one.switch:
-        return Group(
-            one.effect, one.axis, True, [change], [{}], np.ones(1), one.limits, one.unit,
-            read=lambda _: (one.size, {}), shifted=True, scales=np.ones(1),
-        )  # fmt: skip
+        there: dict[str, Any] = {"read": lambda _: (one.size, {}), "shifted": True, "scales": np.ones(1)}
+        return make_candidate(one.effect, one.axis, change, one.unit, one.limits, **there)
     # An effect's amplitude is its size, or the square of it.
-    unit = one.size**2 if one.squared else one.size
-    low, high = (limit**2 if one.squared else limit for limit in one.limits)
-    return Group(
-        one.effect, one.axis, True, [change / unit], [{}], np.ones(1), (low, high), one.unit, positive=True,
-        read=_root if one.squared else _plain, size_sigma=lambda size: 0.0,
-    )  # fmt: skip
+    power = 2 if one.squared else 1
+    limits = (one.limits[0] ** power, one.limits[1] ** power)
+    read = _root if one.squared else _plain
+    return make_candidate(one.effect, one.axis, change / one.size**power, one.unit, limits, positive=True, read=read)
 
 
 def _root(amplitudes: Array) -> tuple[float, Parameters]:
@@ -215,26 +195,25 @@ def _plain(amplitudes: Array) -> tuple[float, Parameters]:
 
 def with_walk(rows: pd.DataFrame, one: Tried, entropy: int = 1998) -> pd.DataFrame:
     """The nominal's windows with a walk of the gyro's bias: what the batch finds moves with the bias, nothing else does."""
-    config = applied(MissionConfig(), [parse(f"{one.effect}:{one.axis}={one.size}")])
+    config = configured([f"{one.effect}:{one.axis}={one.size}"])
     column = f"bias_{one.axis}_deg_h"
     bias = [walked(config, day, entropy)["xyz".index(str(one.axis))] * DEG_H for day in rows["day"]]
     return rows.assign(**{column: rows[column] + bias})
 
 
-def _rivals() -> Iterator[Group]:
-    """Random differences, in sigmas."""
-    each = np.eye(len(NUMBERS))
-    places: list[tuple[str, str | None, Array]] = [("unknown in all numbers", None, each)]
-    places += [
-        ("unknown in a period", period, each[:, [k for k, number in enumerate(NUMBERS) if number[2] == period]])
-        for period in PERIODS
-    ]
-    places += [("unknown in a number", named(number), each[:, [k]]) for k, number in enumerate(NUMBERS)]
-    for effect, axis, columns in places:
-        yield Group(effect, axis, False, [columns], [{}], np.ones(1), UNKNOWN_LIMITS, "sigma", process=True)
+def _rivals(owner: NDArray[np.str_], beside: Beside) -> list[Group]:
+    """Random differences, in sigmas: of Table 3's numbers, and of those beside it."""
+    each, first = np.eye(len(owner)), len(NUMBERS)
+    named = [("a number", name_number(number)) for number in NUMBERS]
+    named += [("a number beside", name) for name in beside.names]
+    blocks = [("a period", name, each[:, owner == name]) for name in PERIODS]
+    beyond = [("data beside", name, each[:, owner == name]) for name in dict.fromkeys(beside.blocks)]
+    numbers = [(what, name, each[:, [k]]) for k, (what, name) in enumerate(named)]
+    places = [("all numbers", None, each[:, :first]), *blocks, *numbers[:first], *beyond, *numbers[first:]]
+    return [make_rival(what, name, columns, "sigma", UNKNOWN_LIMITS) for what, name, columns in places]
 
 
-def named(number: Number) -> str:
+def name_number(number: Number) -> str:
     """A number of R Table 3 in words."""
     parameter, axis, period = number
     what = {"attitude_accuracy_deg": axis, "yaw_update_deg": "update", "gyro_bias_std_deg_h": f"b_{axis}"}[parameter]
@@ -247,16 +226,13 @@ def _array(values: Mapping[Number, float]) -> Array:
 
 def tables(found: Diagnosis) -> dict[str, pd.DataFrame]:
     """Probabilities of the candidates, sizes of the likeliest explanation, and what it leaves number by number."""
+    likely = {label: p for label, p in found.probabilities.items() if p >= DEFAULT.group_share}
+    sizes = [{"cause": one.label, "size": one.size, "sigma": size_sigma(one), "unit": one.unit} for one in found.fitted]
+    left = {"number": [name_number(number) for number in NUMBERS], "left_sigmas": found.left[: len(NUMBERS)]}
     return {
-        "diagnosis": pd.DataFrame(
-            [{"cause": label, "probability": p} for label, p in found.probabilities.items() if p >= DEFAULT.group_share]
-        ),
-        "diagnosis_sizes": pd.DataFrame(
-            [{"cause": one.label, "size": one.size, "sigma": size_sigma(one), "unit": one.unit} for one in found.fitted]
-        ),
-        "diagnosis_left": pd.DataFrame(
-            [{"number": named(number), "left_sigmas": float(x)} for number, x in zip(NUMBERS, found.left, strict=True)]
-        ),
+        "diagnosis": pd.DataFrame({"cause": likely.keys(), "probability": likely.values()}),
+        "diagnosis_sizes": pd.DataFrame(sizes),
+        "diagnosis_left": pd.DataFrame(left),
     }
 
 
@@ -264,10 +240,3 @@ def size_sigma(one: Fitted) -> float:
     """Sigma of a size, of an amplitude a that is the size's square σ_a/(2 √a)."""
     squared = any(trial.squared and trial.effect == one.effect and not trial.switch for trial in TRIALS)
     return float(one.sigmas[0] / (2 * one.size)) if squared and one.size > 0 else one.sigma
-
-
-def verdict(found: Diagnosis) -> str:
-    """What is named, or that something unknown is at work, with the probability of that."""
-    sure = [label for label, p in found.probabilities.items() if p >= DEFAULT.named and not label.startswith(UNKNOWN)]
-    unknown = found.attribution.unknown
-    return f"{' + '.join(sure) or 'nothing'} named; unknown beside it with probability {unknown:.2f}"

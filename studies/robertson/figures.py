@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,11 +11,13 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from simulator.mission_mode.config import DAY, MissionConfig
-from simulator.mission_mode.flight import flight_schedule
+from simulator.mission_mode.flight import MissionRun, flight_schedule
 from studies.report.panels import DARK, RED, TEAL, Draw, Line, Panel, curves, sheet
 from studies.robertson import flown
-from studies.robertson.performance import AXES, GYRO_AXES, full
-from studies.robertson.runs import FIRST_DAYS, Runs, day_of
+from studies.robertson.calendar import FIRST_DAYS, PERIODS, day_of
+from studies.robertson.flown import AXES
+from studies.robertson.performance import GYRO_AXES, full, within
+from studies.robertson.runs import Runs
 from studies.robertson.words import signed
 
 YELLOW = "#f2c14e"
@@ -34,8 +35,8 @@ TITLES = {
 }
 
 
-def draw(runs: Runs, daily: pd.DataFrame, updates: pd.DataFrame, days: float, folder: Path) -> dict[str, str]:
-    """All of them into the folder; what each shows, by file name."""
+def draw(runs: Runs, daily: pd.DataFrame, updates: pd.DataFrame, days: float) -> dict[str, tuple[str, Draw]]:
+    """Titles and what draws them, by file name."""
     drawn = (
         yaw_figure(runs),
         spike_figure(runs),
@@ -44,7 +45,7 @@ def draw(runs: Runs, daily: pd.DataFrame, updates: pd.DataFrame, days: float, fo
         bias_figure(daily, days),
         attitude_figure(runs),
     )
-    return {one(folder / f"{name}.svg").name: TITLES[name] for one, name in zip(drawn, TITLES, strict=True)}
+    return {name: (title, one) for (name, title), one in zip(TITLES.items(), drawn, strict=True)}
 
 
 def yaw_figure(runs: Runs) -> Draw:
@@ -187,3 +188,27 @@ def _by_calendar(panel: Panel, days: float, published: tuple[str, str] | None = 
         on.grid(axis="x", visible=False)
 
     return replace(panel, draw=draw, at=[maneuver.start_s / DAY for maneuver in schedule.maneuvers])
+
+
+def ladder_figure(rungs: pd.DataFrame) -> Draw:
+    """The four factors rung by rung."""
+    x = np.arange(1, len(rungs) + 1)
+    colours = {"factor_18": DARK, "factor_12": RED, "factor_6": TEAL, "factor_unfitted": YELLOW}
+    words = {"factor_18": "all 18", "factor_12": "12 of attitude", "factor_6": "6 of yaw", "factor_unfitted": "not fitted"}
+    lines = [Line(x, rungs[name], words[name], colour, "o-") for name, colour in colours.items()]
+    names = ", ".join(f"{k} {name}" for k, name in zip(x, rungs["effect"], strict=True))
+    panel = curves(lines, x="rung", y="RMS factor, simulated to flown", ticks=x.tolist(), levels=(1.3,))
+    return sheet(panel, size=(8.0, 3.8), columns=1, legend="outside lower center", title=names)
+
+
+def sun_angle_figure(months: Sequence[MissionRun]) -> Draw:
+    """Size of each update against the sun angle, a panel a period."""
+    panels = []
+    for period in PERIODS:
+        updates = pd.concat([within(run.updates, period) for run in months])
+        lines = []
+        for forward, colour in (("+x", RED), ("-x", TEAL)):
+            own = updates[updates["forward"] == forward]
+            lines.append(Line(own["sun_angle_deg"], own["update_deg"].abs(), f"{forward} forward", colour, ".", size=2.0))
+        panels.append(curves(lines, title=period, x="sun angle (deg)", y="update (deg)" if period == PERIODS[0] else ""))
+    return sheet(*panels, size=(9.0, 3.2), columns=3, legend="outside upper right")

@@ -6,6 +6,8 @@ although its layout puts the first of them under precalibration. R dates the man
 
 from __future__ import annotations
 
+from functools import cache
+
 import pandas as pd
 
 from studies.natanson import flight
@@ -13,6 +15,7 @@ from studies.natanson import flight
 AXES = ("roll", "pitch", "yaw")
 
 
+@cache  # a query each, and the ladder's intervals have tens of thousands
 def performance(parameter: str, axis: str, period: str) -> float:
     """A number of R Table 3; NaN where R has none."""
     rows = flight.table("mission_performance").query("parameter == @parameter and axis == @axis")

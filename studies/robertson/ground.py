@@ -26,6 +26,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gyrocal.attitude import residual, rotation_matrix
+from gyrocal.estimation.arc import gyro_arc
 from gyrocal.estimation.batch import batch
 from gyrocal.recording import GyroStream
 from gyrocal.sensors.earth import EarthModel, EarthSensor
@@ -36,10 +37,10 @@ from simulator.mission_mode.target_frame import commanded_attitude
 from simulator.sensors.horizon import orbit_position
 from simulator.sensors.sun import observe, trmm_alignments
 from simulator.truth.sun import DAY, eclipse, julian_date, sun_vector
+from studies.robertson.flown import AXES
 
 Array = NDArray[np.float64]
 
-AXES = ("roll", "pitch", "yaw")
 EVERY_S = 30.0  # from a measurement of the batch to the next
 QUADRANTS = 4
 DEG_H = float(np.rad2deg(3600.0))  # of rad/s
@@ -51,13 +52,11 @@ class Solution:
 
     Attributes
     ----------
-    t_s : (n,) times of the measurements, s
     onboard_minus_ground, ground_minus_true, onboard_minus_true : (n, 3) roll, pitch, yaw, rad
     bias : (3,) that the batch found, rad/s
     attitudes : (n, 3, 3) the batch's
     """
 
-    t_s: Array
     onboard_minus_ground: Array
     ground_minus_true: Array
     onboard_minus_true: Array
@@ -131,16 +130,12 @@ def solution(
         The telemetry skips cycles.
     """
     data = sent(config, telemetry, tables, rng, every_s)
-    start = data.onboard[0]
-    found = batch(data.series, data.gyro, start, epoch_s=data.t_s[0], times=data.t_s, weighting="plain")
-    return Solution(
-        data.t_s,
-        residual(data.onboard, found.attitudes),
-        residual(found.attitudes, data.true),
-        residual(data.onboard, data.true),
-        found.bias,
-        found.attitudes,
-    )
+    found = batch(data.series, data.gyro, data.onboard[0], epoch_s=data.t_s[0], weighting="plain")
+    # Propagated here, since with the attitudes the batch would compute the covariance of all of them, for half of its time.
+    path = gyro_arc(data.gyro, data.t_s, tables.G)
+    attitudes = path.carried(found.bias)[0][path.node(data.t_s)] @ found.attitude
+    differences = residual(data.onboard, attitudes), residual(attitudes, data.true), residual(data.onboard, data.true)
+    return Solution(*differences, found.bias, attitudes)
 
 
 def _columns(table: pd.DataFrame, pattern: str, names: Iterable[str]) -> Array:

@@ -48,7 +48,7 @@ from studies.montecarlo.study import Row, Streams, Study, StudyConfig, base_scen
 from studies.report import panels, sensor_figures
 from studies.report.checks import Check, at_most
 from studies.report.entry import Entry, Report
-from studies.report.tables import Table
+from studies.report.tables import Table, by_group
 from studies.robertson.heads_truth import ALIGNMENT, HEADS, ORTHOGONAL, amplitudes_of, beside_heads, held
 
 STORY: Mapping[str, tuple[str, ...]] = {
@@ -180,39 +180,35 @@ def report(config: StoryConfig, rows: pd.DataFrame) -> Report:
 
 def verdict_table(rows: pd.DataFrame) -> pd.DataFrame:
     """Counts of verdicts by truth."""
-    out = []
-    for truth, own in rows.groupby("truth", sort=False):
-        out.append(
-            {
-                "truth": truth,
-                "cases": len(own),
-                "all named, and nothing else": int(own["right"].sum()),
-                "a wrong name": int((own["wrong"] > 0).sum()),
-                "group": int((own["verdict"] == "group").sum()),
-                "unknown": int((own["verdict"] == "unknown").sum()),
-                "no gap": int((own["verdict"] == "none").sum()),
-                "least probability": own["probability"].min(),
-                "evidence against orthogonal, least ln B": own["log_ratio"].min() if truth in ("R", "heads") else np.nan,
-            }
-        )
-    return pd.DataFrame(out)
+
+    def line(own: pd.DataFrame) -> dict[str, object]:
+        verdicts = {"group": "group", "unknown": "unknown", "no gap": "none"}
+        with_heads = own["truth"].iloc[0] in ("R", "heads")
+        return {
+            "cases": len(own),
+            "all named, and nothing else": int(own["right"].sum()),
+            "a wrong name": int((own["wrong"] > 0).sum()),
+            **{name: int((own["verdict"] == verdict).sum()) for name, verdict in verdicts.items()},
+            "least probability": own["probability"].min(),
+            "evidence against orthogonal, least ln B": own["log_ratio"].min() if with_heads else np.nan,
+        }
+
+    return by_group(rows, ["truth"], line)
 
 
 def gap_table(rows: pd.DataFrame) -> pd.DataFrame:
     """Means over the cases of the gap on held-out days, and what a case scatters by."""
-    out = []
-    for truth, own in rows.groupby("truth", sort=False):
-        out.append(
-            {
-                "truth": truth,
-                **{label: own[name].mean() for name, label in LABELS.items()},
-                "floor": 1.0,
-                "one sigma of a case": float(np.sqrt(2 / own["dof"].mean())),
-                "orthogonal: largest p": own["orthogonal_p"].max(),
-                "named: least p": own["after_p"].min(),
-            }
-        )
-    return pd.DataFrame(out)
+
+    def line(own: pd.DataFrame) -> dict[str, object]:
+        return {
+            **{label: own[name].mean() for name, label in LABELS.items()},
+            "floor": 1.0,
+            "one sigma of a case": float(np.sqrt(2 / own["dof"].mean())),
+            "orthogonal: largest p": own["orthogonal_p"].max(),
+            "named: least p": own["after_p"].min(),
+        }
+
+    return by_group(rows, ["truth"], line)
 
 
 def size_table(rows: pd.DataFrame, scenario: Scenario) -> pd.DataFrame:

@@ -21,10 +21,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from simulator.streams import generator
 from studies.robertson.calendar import PERIODS
-from studies.robertson.windows import ANGLES, NUMBERS, Number, factor, simulated
+from studies.robertson.windows import ANGLES, NUMBERS, Number, column_of, factor, form, simulated
 
 LANDED = ("boresight_elevation=0", "printed_coefficients=1")
 HORIZON = "horizon_noise=0.0287"
@@ -73,7 +74,7 @@ SETS = tuple(dict.fromkeys([*(rung.effects for rung in RUNGS), *TRIED]))
 """Every set of effects that windows are flown with."""
 
 
-def ladder(windows: Mapping[tuple[str, ...], pd.DataFrame]) -> list[dict[str, Any]]:
+def ladder(windows: Mapping[tuple[str, ...], pd.DataFrame]) -> pd.DataFrame:
     """The rungs from landed to last: effect, its setting, the four factors and their intervals."""
     out: list[dict[str, Any]] = []
     used: list[Number] = []
@@ -84,10 +85,10 @@ def ladder(windows: Mapping[tuple[str, ...], pd.DataFrame]) -> list[dict[str, An
         record: dict[str, Any] = {"effect": rung.name, "setting": " ".join(rung.effects) or "nominal"}
         own, drawn = groups(used), redrawn(rows, rung.against)
         for name, numbers in own.items():
-            low, high = np.quantile([factor(one, numbers) for one in drawn], [0.16, 0.84])
-            record |= {name: factor(values, numbers), f"{name}_low": float(low), f"{name}_high": float(high)}
+            low, high = np.quantile(factor(drawn, numbers), [0.16, 0.84])
+            record |= {name: float(factor(values, numbers)), f"{name}_low": float(low), f"{name}_high": float(high)}
         out.append(record)
-    return out
+    return pd.DataFrame(out)
 
 
 def groups(used: Sequence[Number] = ()) -> dict[str, list[Number]]:
@@ -102,14 +103,17 @@ def groups(used: Sequence[Number] = ()) -> dict[str, list[Number]]:
     }
 
 
-def redrawn(rows: pd.DataFrame, against: str) -> list[dict[Number, float]]:
+def redrawn(rows: pd.DataFrame, against: str) -> dict[Number, NDArray[np.float64]]:
     """R Table 3's numbers of windows drawn anew within each period, `DRAWS` times."""
     rng = generator(1998, 0, "ladder_intervals")
-    parts = [rows[rows["period"] == period] for period in PERIODS]
-    return [
-        simulated(pd.concat([part.iloc[rng.integers(0, len(part), len(part))] for part in parts]), against)
-        for _ in range(DRAWS)
-    ]
+    parts = {period: rows[rows["period"] == period] for period in PERIODS}
+    draws = [{period: rng.integers(0, len(part), len(part)) for period, part in parts.items()} for _ in range(DRAWS)]
+    out = {}
+    for number in NUMBERS:
+        period = number[2]
+        values = parts[period][column_of(number, against)].to_numpy(dtype=float)
+        out[number] = form(number, values[np.array([one[period] for one in draws])])
+    return out
 
 
 def numbers_table(windows: Mapping[tuple[str, ...], pd.DataFrame], published: Mapping[Number, float]) -> pd.DataFrame:

@@ -8,6 +8,7 @@ orbit would find, ω − G ω_raw with the G on board. Each is formed for each s
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -16,12 +17,15 @@ from numpy.typing import NDArray
 from simulator.mission_mode.config import DAY, MissionConfig
 from simulator.mission_mode.flight import MissionRun, flight_schedule
 from studies.robertson import flown
-from studies.robertson.runs import FIRST_DAYS, PERIODS, day_of
+from studies.robertson.calendar import FIRST_DAYS, PERIODS, day_of
+from studies.robertson.flown import AXES
+from studies.robertson.runs import Runs
 
 Array = NDArray[np.float64]
 
-AXES = ("roll", "pitch", "yaw")
 GYRO_AXES = {"x": "roll", "y": "pitch", "z": "yaw"}
+BINS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0)  # of the sun angle
+SETTLED = 4  # yaw updates of a mounting left out, until the cycle has settled
 
 
 def within(table: pd.DataFrame, period: str) -> pd.DataFrame:
@@ -54,28 +58,18 @@ def table3(runs: Sequence[MissionRun]) -> pd.DataFrame:
     """R Table 3, a row a number: the flight's, the seeds' mean, their lowest and highest, and simulated minus flown."""
     rows = []
     for period in PERIODS:
-        for axis in AXES:
-            rows.append(_row("attitude_accuracy_deg", axis, period, [accuracy(run, period, axis) for run in runs]))
-        rows.append(_row("yaw_update_deg", "yaw", period, [yaw_update(run, period) for run in runs]))
+        of = {("attitude_accuracy_deg", axis): [accuracy(run, period, axis) for run in runs] for axis in AXES}
+        of["yaw_update_deg", "yaw"] = [yaw_update(run, period) for run in runs]
         if period != "precalibration":
-            for axis in GYRO_AXES:
-                rows.append(_row("gyro_bias_std_deg_h", axis, period, [bias_scatter(run, period, axis) for run in runs]))
-    return pd.DataFrame(rows)
-
-
-def _row(parameter: str, axis: str, period: str, values: Sequence[float]) -> dict[str, object]:
-    flight, mean = flown.performance(parameter, axis, period), float(np.mean(values))
-    return {
-        "parameter": parameter,
-        "axis": axis,
-        "period": period,
-        "flight": flight,
-        "simulated": mean,
-        "lowest": min(values),
-        "highest": max(values),
-        "simulated_minus_flight": mean - flight,
-        "simulated_over_flight": mean / flight,
-    }
+            of |= {("gyro_bias_std_deg_h", axis): [bias_scatter(run, period, axis) for run in runs] for axis in GYRO_AXES}
+        for (parameter, axis), values in of.items():
+            flight = flown.performance(parameter, axis, period)
+            rows.append((parameter, axis, period, flight, float(np.mean(values)), min(values), max(values)))
+    names = ["parameter", "axis", "period", "flight", "simulated", "lowest", "highest"]
+    table = pd.DataFrame(rows, columns=names)
+    return table.assign(
+        simulated_minus_flight=table["simulated"] - table["flight"], simulated_over_flight=table["simulated"] / table["flight"]
+    )
 
 
 def requirements(runs: Sequence[MissionRun]) -> pd.DataFrame:
@@ -157,3 +151,26 @@ def maneuver_dates(days: float) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows, columns=["simulated_utc", "forward_after", "flight", "flight_utc", "simulated_minus_flight_days"])
+
+
+def sun_angles(months: Sequence[MissionRun]) -> pd.DataFrame:
+    """Mean size of the yaw updates, a row a period, orientation, sensor and bin of the sun angle."""
+    out = []
+    for period in PERIODS:
+        updates = pd.concat([within(run.updates, period) for run in months])
+        place = pd.cut(updates["sun_angle_deg"].abs(), BINS_DEG, labels=[f"{a:g} to {b:g}" for a, b in pairwise(BINS_DEG)])
+        for (forward, sensor, angle), own in updates.groupby(["forward", "sensor", place], observed=True):
+            row = {"period": period, "forward": forward, "sensor": f"DSS-{sensor}", "sun_angle_deg": angle}
+            out.append(row | {"updates": len(own), "yaw_update_deg": float(own["update_deg"].abs().mean())})
+    return pd.DataFrame(out)
+
+
+def mounting_table(runs: Runs) -> pd.DataFrame:
+    """Mean size of the yaw updates by mounting and tables, deg, and the flight's."""
+    rows: dict[str, dict[str, object]] = {}
+    for name, run in runs.items():
+        if name[0] == "mounting":
+            row = rows.setdefault(name[1], {"mounting": name[1]})
+            row[name[2]] = float(run.updates["update_deg"][SETTLED:].abs().mean())
+    flight = {"mounting": "flight", **{period: flown.performance("yaw_update_deg", "yaw", period) for period in PERIODS}}
+    return pd.DataFrame([flight, *rows.values()])[["mounting", *PERIODS]]

@@ -21,9 +21,9 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from gyrocal.sensors.head_compensation import HEADS, PUBLISHED, at_alpha
-from simulator.mission_mode.config import MissionConfig
-from simulator.mission_mode.effects import applied, parse
-from studies.robertson.further import coefficients
+from simulator.mission_mode.config import MissionConfig, crossing_compensation, uploads
+from simulator.sensors.sun import trmm_alignments
+from studies.robertson.windows import configured
 
 Array = NDArray[np.float64]
 
@@ -32,6 +32,7 @@ SLIPS = (1.0, 10.0, 100.0)
 SHARES = (0.6, 0.1, 0.1)
 ELSE = 0.2
 DECADES = 1e4
+ALL_ANGLES_DEG = (0.0, 58.4)
 LATE_ANGLES_DEG = (15.0, 58.4)  # of −x forward between the uploads
 ROUNDING = 1 / np.sqrt(12.0)  # 1e-6
 
@@ -39,6 +40,14 @@ ROUNDING = 1 / np.sqrt(12.0)  # 1e-6
 def printed() -> Array:
     """c − 1 and d of both sensors, (4,) 1e-6."""
     return 1e6 * np.array([value for one in PUBLISHED.values() for value in (one.c - 1, one.d)])
+
+
+def coefficients(config: MissionConfig, angles_deg: tuple[float, float] = ALL_ANGLES_DEG) -> Array:
+    """c − 1 and d of DSS-1 and DSS-2, (4,) 1e-6, for the sensors as they sit; angles as of `crossing_compensation`."""
+    tables, nominal = uploads(config)[0], trmm_alignments(*config.boresights)
+    parts = zip(config.sun_sensors, tables.misalignments, nominal, strict=True)
+    pairs = [crossing_compensation(*one, tables.coefficients_beta[k], angles_deg) for k, one in enumerate(parts)]
+    return 1e6 * np.array([value for c, d in pairs for value in (c - 1, d)])
 
 
 def expected(config: MissionConfig) -> tuple[Array, Array]:
@@ -63,11 +72,6 @@ def log_parts(config: MissionConfig) -> Array:
 def evidence(effects: Sequence[str]) -> float:
     """ln of the density of R (6) under a set of effects."""
     return float(logsumexp(log_parts(configured(effects)), axis=1).sum())
-
-
-def configured(effects: Sequence[str]) -> MissionConfig:
-    """The spacecraft with effects."""
-    return applied(MissionConfig(), [parse(text) for text in effects])
 
 
 def readings(effects: Sequence[str]) -> pd.DataFrame:

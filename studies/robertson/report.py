@@ -2,30 +2,49 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from rich.console import Console
 
 from simulator.mission_mode.config import DAY, MissionConfig
 from simulator.mission_mode.flight import MissionRun, flight_schedule
-from studies.montecarlo import engine
-from studies.montecarlo.files import write_csv, write_json, write_text
+from studies.montecarlo.backends import call_all
 from studies.report import checks
 from studies.report import tables as render
-from studies.report.committed import DIGITS, settled
-from studies.report.console import progress
-from studies.robertson import biases, figures, mountings, performance, slews, words
-from studies.robertson.against_flight import NOTES as MORE_NOTES
-from studies.robertson.against_flight import TITLES as MORE_TITLES
-from studies.robertson.against_flight import AgainstFlight, section
-from studies.robertson.runs import PERIODS, SLEW_TABLES, SPIKE_FILTERS, STUDY, MissionStudy, Runs, further_rows, window_rows
+from studies.report.claims import fill
+from studies.report.committed import flatten, settled
+from studies.reproduction import Reproduction
+from studies.robertson import (
+    all_data,
+    biases,
+    diagnosis,
+    end_to_end,
+    figures,
+    geometry,
+    ladder,
+    performance,
+    printed_coefficients,
+    slews,
+    stability,
+    windows,
+    words,
+)
+from studies.robertson.calendar import PERIODS
+from studies.robertson.flown import AXES
+from studies.robertson.runs import (
+    SLEW_TABLES,
+    SPIKE_FILTERS,
+    STUDY,
+    MissionStudy,
+    Runs,
+    further_rows,
+    window_rows,
+)
 from studies.robertson.runs import runs as flown_runs
 
 DEFAULT_FOLDER = Path("build") / "mission"
@@ -38,6 +57,24 @@ TITLES = {
     "orientation": "Yaw by orientation",
     "mountings": "Yaw updates by how the sun sensors are mounted (deg)",
     "yaw_maneuvers": "Yaw maneuvers",
+    "statistics": "R Table 3 by what it is compared with (deg, deg/h)",
+    "ladder": "The ladder: RMS factor between simulated and flown",
+    "ladder_numbers": "R Table 3 on every rung (deg, deg/h)",
+    "diagnosis": "What parts the nominal from the flight",
+    "diagnosis_sizes": "Sizes of the likeliest explanation",
+    "diagnosis_left": "Flown minus simulated with the listed effects of that explanation, in sigmas",
+    "all_data_ladder": "R's other data on every rung: Table 2, R (3), R (6), orientation signs",
+    "all_data_numbers": "R's other data, number by number",
+    "all_data": "What the other data change in the diagnosis",
+    "printed_coefficients": "How probably R (6) is as printed, has lost zeros, or is something else",
+    "sun_angles": "Yaw updates by sun angle, sensor and orientation (deg)",
+    "availability": "Share of the orbit with sun sensor data, by the boresights' tilt and elevation toward zenith",
+    "tangents": "What (c, d) of R (6) say of tan α",
+    "chance": "Probability that random digits do as well as R (6)'s, slips allowed",
+    "end_to_end": "From end to end: yaw updates by sun angle (deg)",
+    "end_to_end_found": "From end to end: what was found, beside R's",
+    "table2_change": "R Table 2, before minus after calibration (deg)",
+    "stability": "R Table 1's stability with assumed sources of jitter",
 }
 NOTES = {
     "table2": "calibration1 has the gyro's parameters of before launch. std: over seeds. noise_free: by the two G and b alone, "
@@ -50,6 +87,32 @@ NOTES = {
     "has no source of jitter, and TRMM's are not published; the table of stability says how large some would have to be.",
     "mountings": "A run of a day each; the first four updates are left out.",
     "bias_scatter": "Of the second period, with the simulated share of the two orientations.",
+    "statistics": "Single orbits through each period, the spacecraft as landed: boresights level, (c, d) as printed. "
+    "onboard_minus_true has the scatter of the batch's bias too, since no other solution has one. later_tables: before "
+    "December 11 the ground may have used the tables that were uploaded then; R does not say.",
+    "ladder": "factor: exp of the RMS logarithm of simulated over flown; 18: all of R Table 3, 12: attitude and updates, 6: "
+    "yaw, unfitted: those that no size was fitted on, of the 12 and of all. low, high: 16 to 84 % over windows drawn anew. "
+    "Sizes are fitted on the postcalibration period only; the time constant of 250 s is assumed, and which effects are rungs "
+    "was chosen with all 18 numbers in view.",
+    "diagnosis": "Probability that a cause is at work, in any set; the rest is below 2 %.",
+    "all_data_ladder": "R less simulated; no size was fitted on any of it. Sigmas: Table 2's of what R leaves open (duration, "
+    "yaw bias), R (3)'s of the early orbits. R (3) is nearly put in, by the mounting. ln B: how much less likely R (6) is than "
+    "of the nominal mounting. Ratios: R saw both above one.",
+    "all_data_numbers": "change: before less after calibration, yaw maneuver from +x to −x, deg. m: of DSS-2, deg.",
+    "printed_coefficients": "Of the nominal mounting, with prior shares, chosen, of 0.6, 0.1, 0.1, 0.2. sigma: of how it is "
+    "computed.",
+    "all_data": "Probability that a cause is at work: of Table 3 alone, and with the other data and signs in the same linear "
+    "model; causes of 2 % in either.",
+    "sun_angles": "Months of the nominal spacecraft, all updates of the period.",
+    "availability": "Averaged over the sun angles of a year; the nominal spacecraft has a tilt of 20° and 29.4°.",
+    "tangents": "Published over the head's angle, as printed and with the power of ten that comes nearest to the geometry. "
+    "computed: for the least error at the updates of the nominal spacecraft.",
+    "end_to_end": "Sensors as designed but for the heads; alignment at sun angles of 8 to 12°.",
+    "table2_change": "The noise of the one flown maneuver is in both of R's columns and cancels, as for N.",
+    "stability": "Largest peak to peak within a second over an orbit of the calibrated spacecraft, by the loop's cycle. size: "
+    "assumed, not TRMM's. closed_form: on the axis moved most; size_of_limit: that which alone uses up 0.1°. Steps of the "
+    "arrays last two cycles here while the body drifts back, so that less is flown. The body is rigid; one that rings "
+    "moves more. `gyrocal mission OUT --calibrated --effect scan_torque=1` or `--effect array_step=0.1` flies one.",
 }
 
 
@@ -65,35 +128,34 @@ def run(
     jobs : worker processes; the results do not depend on it
     console : for tables; None prints nothing
     """
-    started = time.monotonic()
-    out, what = console or Console(quiet=True), study or MissionStudy()
-    work = engine.work_folder(folder, STUDY, what)
-    shown = partial(progress, quiet=out.quiet)
-    outcome = engine.run(STUDY, what, work, backend="loky" if jobs > 1 else "serial", jobs=jobs, progress=shown)
-    outcome.check()
+    what = study or MissionStudy()
+    made = Reproduction(console or Console(quiet=True), jobs)
+    outcome = made.run(STUDY, what, folder)
     runs = flown_runs(what, outcome.table)
     months = [runs["months", str(k)] for k in range(what.seeds)]
     tables = make_tables(runs, months, what)
-    summary = summarise(tables, runs)
-    beside = None
+    made.summary = summarise(tables, runs)
+    figures_of_months(made, runs, months, what)
     if what.windows:
-        beside = section(window_rows(outcome.table), further_rows(outcome.table), months, tables["table2"], what.entropy)
-    summary = settled(summary | (beside.summary if beside else {}))
-    _write(folder, what, runs, months, tables, summary, beside)
-    wall_s = round(time.monotonic() - started, 2)
+        further = against_flight(made, window_rows(outcome.table), further_rows(outcome.table), what.entropy)
+        tables |= further | {"sun_angles": performance.sun_angles(months), "table2_change": slews.change(tables["table2"])}
+        made.figures["figure10_sun_angle"] = ("Yaw updates against the sun angle", figures.sun_angle_figure(months))
+    for name, title in TITLES.items():
+        if name in tables:
+            table = tables[name]
+            made.add(name, title, table, note=NOTES.get(name, ""), formats=dict.fromkeys(table.select_dtypes("float"), ".4f"))
+    made.summary = settled(made.summary)
+    write(folder, what, made)
+    made.show("table3", "table2", "requirements")
+    render.terminal(made.console, "Mission Mode beside the flight", summary_table(made.summary))
     seeds = {"entropy": what.entropy, "stream": "generator(entropy + k, 0, 'mission_mode') of seed k"}
-    flown = asdict(MissionConfig())
     command = "gyrocal reproduce --paper robertson"
-    engine.publish(outcome, folder, command=command, scenario=flown, seeds=seeds, wall_s=wall_s)
-    for name in ("table3", "table2", "requirements"):
-        render.terminal(out, TITLES[name], _rounded(tables[name]))
-    render.terminal(out, "Mission Mode beside the flight", summary_table(summary))
-    out.print(f"Written to {folder} in {wall_s:.0f} s.", highlight=False)
-    return summary
+    made.publish(outcome, folder, command=command, scenario=asdict(MissionConfig()), seeds=seeds)
+    return made.summary
 
 
 def make_tables(runs: Runs, months: Sequence[MissionRun], study: MissionStudy) -> dict[str, pd.DataFrame]:
-    """All tables by name, see `TITLES`."""
+    """The tables of the flights without effects, by name, see `TITLES`."""
     return {
         "table2": slews.table2(slews.targeting(runs)),
         "table3": performance.table3(months),
@@ -101,9 +163,68 @@ def make_tables(runs: Runs, months: Sequence[MissionRun], study: MissionStudy) -
         "biases": biases.table8(months),
         "bias_scatter": biases.scatter(months),
         "orientation": performance.by_orientation(months),
-        "mountings": mountings.mounting_table(runs),
+        "mountings": performance.mounting_table(runs),
         "yaw_maneuvers": performance.maneuver_dates(study.days),
     }
+
+
+def against_flight(
+    made: Reproduction,
+    rows: dict[tuple[str, ...], pd.DataFrame],
+    further: dict[tuple[str, ...], dict[str, float]],
+    entropy: int,
+) -> dict[str, pd.DataFrame]:
+    """R's own statistics, the geometry, the ladder and its diagnosis, and the story from end to end, which is flown here."""
+    calls: list[Any] = [
+        partial(end_to_end.story, entropy),
+        partial(ladder.ladder, rows),
+        partial(all_data.diagnose, rows, further),
+        partial(stability.stability_table, entropy),
+        partial(diagnosis.diagnose_table3, rows),
+        geometry.availability_table,
+    ]
+    story, rungs, together, steady, found, share = call_all(calls, made.jobs)
+    tangents = geometry.tangents()
+    made.figures["figure6_geometry"] = ("R Figure 6: fields of view of the sun sensors", geometry.figure6())
+    made.figures["ladder"] = ("The ladder from the Mission Mode as landed to the flight", figures.ladder_figure(rungs))
+    made.summary |= {
+        "ladder": rungs.to_dict("records"),
+        "diagnosis": found.summary(),
+        "diagnosis_all_data": together.summary(),
+        "geometry": geometry.geometry_summary(share, tangents),
+        "end_to_end": {
+            "updates_deg": story.updates.to_dict("records"),
+            "c_d": [list(one) for one in story.factors],
+            "m_dss_2_deg": story.misalignment.tolist(),
+        },
+        "stability": stability.told(steady),
+    }
+    return {
+        "statistics": windows.statistics(rows[ladder.LANDED]),
+        "ladder": rungs,
+        "ladder_numbers": ladder.numbers_table(rows, windows.published()),
+        **diagnosis.tables(found),
+        "all_data_ladder": all_data.rungs_table(rows, further),
+        "all_data_numbers": all_data.numbers_table(further),
+        "all_data": all_data.probabilities_table(found, together),
+        "printed_coefficients": printed_coefficients.readings(ladder.NOMINAL),
+        "availability": share,
+        "tangents": tangents,
+        "chance": pd.DataFrame([{"numbers": name, "probability": p} for name, p in geometry.chance().items()]),
+        "end_to_end": story.updates,
+        "end_to_end_found": story.compared(),
+        "stability": steady,
+    }
+
+
+def figures_of_months(made: Reproduction, runs: Runs, months: Sequence[MissionRun], study: MissionStudy) -> None:
+    """R Figures 7 to 13, and as tables without a place on the page what they show."""
+    uploads = [at for at, _ in flight_schedule(MissionConfig(), study.days).uploads]
+    daily = figures.daily_means(months[0].orbits, uploads)
+    made.figures |= figures.draw(runs, daily, months[0].updates, study.days)
+    updates = months[0].updates.assign(day=months[0].updates["t_s"] / DAY)[["day", "sensor", "forward", "update_deg"]]
+    for name, table in {"daily": daily, "slews": slews.targeting(runs), "updates": updates}.items():
+        made.add(name, "", table)
 
 
 def summarise(tables: dict[str, pd.DataFrame], runs: Runs) -> dict[str, Any]:
@@ -167,79 +288,53 @@ def _largest_errors(run: MissionRun) -> dict[str, float]:
 def summary_table(summary: dict[str, Any]) -> pd.DataFrame:
     """The questions a reader comes with, and the answers of this run."""
 
-    def three(values: dict[str, dict[str, float | None]], key: str, digits: int) -> str:
-        return " / ".join(_text(one[key], digits) for one in values.values())
+    def by_period(name: str, key: str, digits: int) -> str:
+        return " / ".join(f"{{{name}.{period}.{key}:.{digits}f}}" for period in PERIODS)
 
-    update, accuracy, bias = summary["yaw_update_deg"], summary["yaw_accuracy_deg"], summary["bias_z_minus_x_less_plus_x_deg_h"]
+    def by_axis(period: str) -> str:
+        simulated, flown = (
+            ", ".join(f"{{slew_deg.{best}.{period}.{axis}.{key}:+.3f}}" for axis in AXES) for key in ("simulated", "flight")
+        )
+        return f"{simulated} deg; flight {flown}"
+
     best = min(summary["slew_gap_deg"], key=summary["slew_gap_deg"].__getitem__)
-    before, after = (summary["slew_deg"][best][period] for period in SLEW_TABLES)
-    spikes = summary["spikes_deg"]
-    kept, missed = summary["requirements"]["postcalibration"], summary["requirements"]["precalibration"]
     rows = {
-        "Yaw update before, with alignment, calibrated?": f"{three(update, 'simulated', 3)} deg; flight "
-        f"{three(update, 'flight', 2)}",
-        "Yaw accuracy in the same periods?": f"{three(accuracy, 'simulated', 3)} deg; flight {three(accuracy, 'flight', 3)}",
-        "Requirements met when calibrated?": _verdict(kept),
-        "And before?": _verdict(missed),
-        "Does the z bias depend on orientation?": f"by {_text(bias['calibration1']['simulated'], 3)} deg/h before the gyro's "
-        f"upload (R (8): {_text(bias['calibration1']['formula'], 3)}), {_text(bias['postcalibration']['simulated'], 4)} ± "
-        f"{_text(bias['postcalibration']['standard_error'], 4)} after",
-        f"Error of a yaw maneuver, {words.signed(best)}, before?": _slew_text(before),
-        "And after?": _slew_text(after),
-        "Pitch spikes by the S filter, on board and true?": ", ".join(
-            f"{spikes[state]['pitch_on_board']:.3f} and {spikes[state]['pitch']:.3f} deg {name}"
-            for state, name in (("restarted", "restarted wrongly"), ("off", "off"))
-        ),
+        "Yaw update before, with alignment, calibrated?": f"{by_period('yaw_update_deg', 'simulated', 3)} deg; flight "
+        + by_period("yaw_update_deg", "flight", 2),
+        "Yaw accuracy in the same periods?": f"{by_period('yaw_accuracy_deg', 'simulated', 3)} deg; flight "
+        + by_period("yaw_accuracy_deg", "flight", 3),
+        "Requirements met when calibrated?": _verdict(summary["requirements"]["postcalibration"]),
+        "And before?": _verdict(summary["requirements"]["precalibration"]),
+        "Does the z bias depend on orientation?": "by {Z.calibration1.simulated:.3f} deg/h before the gyro's upload (R (8): "
+        "{Z.calibration1.formula:.3f}), {Z.postcalibration.simulated:.4f} ± {Z.postcalibration.standard_error:.4f} after",
+        f"Error of a yaw maneuver, {words.signed(best)}, before?": by_axis(SLEW_TABLES[0]),
+        "And after?": by_axis(SLEW_TABLES[1]),
+        "Pitch spikes by the S filter, on board and true?": "{spikes_deg.restarted.pitch_on_board:.3f} and "
+        "{spikes_deg.restarted.pitch:.3f} deg restarted wrongly, {spikes_deg.off.pitch_on_board:.3f} and "
+        "{spikes_deg.off.pitch:.3f} deg off",
     }
-    return pd.DataFrame({"question": rows.keys(), "answer": rows.values()})
-
-
-def _slew_text(axes: dict[str, dict[str, float | None]]) -> str:
-    """Roll, pitch and yaw beside the flight's."""
-    simulated, flown = (
-        ", ".join("–" if one[key] is None else f"{one[key]:+.3f}" for one in axes.values()) for key in ("simulated", "flight")
-    )
-    return f"{simulated} deg; flight {flown}"
-
-
-def _text(value: float | None, digits: int) -> str:
-    return render.number(np.nan if value is None else value, digits)
+    values = flatten(summary)
+    answers = [fill(text.replace("{Z.", "{bias_z_minus_x_less_plus_x_deg_h."), values) for text in rows.values()]
+    return pd.DataFrame({"question": rows.keys(), "answer": answers})
 
 
 def _verdict(requirements: dict[str, dict[str, Any]]) -> str:
     if any(one["met"] is None for name, one in requirements.items() if name != "stability"):
         return render.NO_VALUE
     held = {name: one for name, one in requirements.items() if name != "stability"}
-    cells = ", ".join(f"{name} {_text(one['worst_axis_deg'], 3)} of {one['limit_deg']:g} deg" for name, one in held.items())
+    cells = ", ".join(fill(f"{name} {{worst_axis_deg:.3f}} of {{limit_deg:g}} deg", one) for name, one in held.items())
     return f"{'yes' if all(one['met'] for one in held.values()) else 'NO'}: {cells}; stability is not verified"
 
 
-def _write(
-    folder: Path,
-    study: MissionStudy,
-    runs: Runs,
-    months: Sequence[MissionRun],
-    tables: dict[str, pd.DataFrame],
-    summary: dict[str, Any],
-    beside: AgainstFlight | None,
-) -> None:
-    """Tables as CSV, figures, the page, the summary."""
-    uploads = [at for at, _ in flight_schedule(MissionConfig(), study.days).uploads]
-    daily = figures.daily_means(months[0].orbits, uploads)
-    drawn = figures.draw(runs, daily, months[0].updates, study.days, folder)
-    updates = months[0].updates.assign(day=months[0].updates["t_s"] / DAY)[["day", "sensor", "forward", "update_deg"]]
-    extra = {"daily": daily, "slews": slews.targeting(runs), "updates": updates}
-    further = beside.tables if beside else {}
-    drawn |= {one(folder / f"{name}.svg").name: title for name, (title, one) in (beside.figures if beside else {}).items()}
-    for name, table in {**tables, **extra, **further}.items():
-        write_csv(folder / f"{name}.csv", table, digits=DIGITS)
-    found = words.checks(tables, summary)
-    sections = [
+def write(folder: Path, study: MissionStudy, made: Reproduction) -> None:
+    """The page and what is on it."""
+    found = words.checks({name: table.data for name, table in made.tables.items()}, made.summary)
+    head = [
         "# Mission Mode beside the flight",
         "",
         words.LEAD.strip(),
         "",
-        render.markdown("Summary", summary_table(summary)),
+        render.markdown("Summary", summary_table(made.summary)),
         render.markdown("What was found", checks.shown(found)),
         *(f"- {one}" for one in checks.meanings(found)),
         "",
@@ -247,26 +342,9 @@ def _write(
         "",
         *(f"- {one}" for one in words.NOT_PUBLISHED),
         "",
-        *(render.markdown(title, _rounded(tables[name]), NOTES.get(name, "")) for name, title in TITLES.items()),
-        *(render.markdown(title, _rounded(further[name]), MORE_NOTES.get(name, "")) for name, title in more(further)),
-        f"Months: {study.seeds} seeds of {study.days:g} days; yaw maneuver: {study.slews} seeds. Figures 9 to 11 show the "
-        "first seed; `daily.csv` and `updates.csv` hold what they show.",
-        "",
     ]
-    for name, title in drawn.items():
-        sections += [f"## {title}", "", f"![{title}]({name})", ""]
-    write_text(folder / "report.md", "\n".join(sections))
-    write_json(folder / "summary.json", summary)
-
-
-def more(tables: dict[str, pd.DataFrame]) -> list[tuple[str, str]]:
-    """Names and titles of the further tables that there are."""
-    return [(name, title) for name, title in MORE_TITLES.items() if name in tables]
-
-
-def _rounded(table: pd.DataFrame) -> pd.DataFrame:
-    """Numbers to four decimals, as text."""
-    out = table.copy()
-    for name in out.select_dtypes("float").columns:
-        out[name] = [render.number(value, 4) for value in out[name]]
-    return out
+    closing = (
+        f"Months: {study.seeds} seeds of {study.days:g} days; yaw maneuver: {study.slews} seeds. Figures 9 to 11 show the "
+        "first seed; `daily.csv` and `updates.csv` hold what they show."
+    )
+    made.write(folder, "report.md", head, [closing, ""])

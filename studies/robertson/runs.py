@@ -31,15 +31,9 @@ from simulator.mission_mode.flight import MissionRun, flight_schedule, simulate_
 from simulator.mission_mode.mounting import Mounting, mounted
 from simulator.sensors.earth import Filter
 from studies.montecarlo.study import GridConfig, Streams, Study
-from studies.robertson.calendar import FIRST_DAYS as FIRST_DAYS
-from studies.robertson.calendar import PERIODS as PERIODS
-from studies.robertson.calendar import day_of as day_of
-from studies.robertson.calendar import moved as moved
+from studies.robertson.calendar import MANEUVERS, ORBITS_TO_SLEW, PERIODS, moved, slew_flight
 from studies.robertson.further import further
 from studies.robertson.ladder import SETS
-from studies.robertson.maneuvers import MANEUVERS as MANEUVERS
-from studies.robertson.maneuvers import ORBITS_TO_SLEW
-from studies.robertson.maneuvers import slew_flight as slew_flight
 from studies.robertson.windows import COUNTS, window
 
 DAYS = 154.2  # from launch to the end of April 1998
@@ -85,7 +79,12 @@ class MissionStudy(GridConfig):
 
     def points(self) -> list[Name]:
         """Name of each flight, the longest first."""
-        return [*flights(self), *([*windows(), *further_names()] if self.windows else ())]
+        seeds = map(str, range(self.slews))
+        names: list[Name] = [("months", str(k)) for k in range(self.seeds)]
+        names += [("mounting", *which) for which in product(get_args(Mounting), PERIODS)]
+        names += [*(("yaw", period) for period in YAW_DAYS), *(("spikes", state) for state in SPIKE_FILTERS)]
+        names += [("slew", *which) for which in product(MANEUVERS, SLEW_TABLES, seeds)]
+        return names + (of_sets() if self.windows else [])
 
 
 @dataclass(frozen=True)
@@ -111,30 +110,26 @@ def spike_day(config: MissionConfig) -> float:
     return float(days[np.argmax(angle >= SPIKE_SUN_DEG)])
 
 
-def flights(study: MissionStudy) -> dict[Name, Flight]:
-    """Everything that is to be flown, the longest first."""
-    base, tables = MissionConfig(), period_tables()
-    period, first = base.orbit.period, study.entropy
-    schedule = flight_schedule(base, study.days)
-    out: dict[Name, Flight] = {}
-    for k in range(study.seeds):
-        out["months", str(k)] = Flight(schedule, study.days * DAY, first + k)
-    for mounting in get_args(Mounting):
+def flight(study: MissionStudy, name: Name) -> Flight:
+    """The flight of a name, of those without effects."""
+    base, first, (kind, *which) = MissionConfig(), study.entropy, name
+    period = base.orbit.period
+    if kind == "months":
+        return Flight(flight_schedule(base, study.days), study.days * DAY, first + int(which[0]))
+    if kind == "mounting":
+        mounting: Mounting = which[0]  # type: ignore[assignment]
         sat = replace(base, mounting=mounting, sun_sensors=mounted(mounting))
-        for name, own in period_tables(sat).items():
-            config = replace(sat, tables=own)
-            out["mounting", mounting, name] = Flight(config, study.mounting_days * DAY, first)
-    for name, day in YAW_DAYS.items():
-        out["yaw", name] = Flight(replace(moved(base, day), tables=tables[name]), YAW_ORBITS * period, first, 20)
-    turned = moved(base, spike_day(base))
-    for s_filter in SPIKE_FILTERS:
+        return Flight(replace(sat, tables=period_tables(sat)[which[1]]), study.mounting_days * DAY, first)
+    tables = period_tables()
+    if kind == "yaw":
+        day = YAW_DAYS[which[0]]
+        return Flight(replace(moved(base, day), tables=tables[which[0]]), YAW_ORBITS * period, first, 20)
+    if kind == "spikes":
+        s_filter: Filter = which[0]  # type: ignore[assignment]
         own = replace(tables["postcalibration"], s_filter=s_filter)
-        out["spikes", s_filter] = Flight(replace(turned, tables=own), SPIKE_ORBITS * period, first, 4)
-    for maneuver, name in product(MANEUVERS, SLEW_TABLES):
-        config = slew_flight(base, tables[name], maneuver)
-        for k in range(study.slews):
-            out["slew", maneuver, name, str(k)] = Flight(config, (ORBITS_TO_SLEW + 0.5) * period, first + k)
-    return out
+        return Flight(replace(moved(base, spike_day(base)), tables=own), SPIKE_ORBITS * period, first, 4)
+    maneuver, upload, seed = which
+    return Flight(slew_flight(base, tables[upload], maneuver), (ORBITS_TO_SLEW + 0.5) * period, first + int(seed))
 
 
 def case(config: MissionStudy, number: int, streams: Streams) -> list[dict[str, Any]]:
@@ -145,7 +140,7 @@ def case(config: MissionStudy, number: int, streams: Streams) -> list[dict[str, 
         return [{"table": WINDOW, **window(SETS[int(effects)], period, int(k), COUNTS[period], config.entropy)}]
     if name[0] == FURTHER:
         return [{"table": FURTHER, **further(SETS[int(name[1])], config.entropy)}]
-    run = flights(config)[name].fly()
+    run = flight(config, name).fly()
     return [{"table": table, **row} for table in KEPT[name[0]] for row in getattr(run, table).to_dict("records")]
 
 
@@ -163,37 +158,32 @@ def runs(config: MissionStudy, path: Path) -> Runs:
     }
 
 
-def windows() -> list[Name]:
-    """Names of the ladder's windows: set of effects, period, and number within it."""
-    return [
-        (WINDOW, str(place), period, str(k))
-        for place in range(len(SETS))
-        for period, count in COUNTS.items()
-        for k in range(count)
+def of_sets() -> list[Name]:
+    """Names of what is flown with the ladder's sets of effects: windows, by period and number, and what is beside Table 3."""
+    sets = [str(place) for place in range(len(SETS))]
+    names: list[Name] = [
+        (WINDOW, effects, period, str(k)) for effects in sets for period, count in COUNTS.items() for k in range(count)
     ]
+    return names + [(FURTHER, effects) for effects in sets]
 
 
 def window_rows(path: Path) -> dict[tuple[str, ...], pd.DataFrame]:
     """The windows of each set of effects from the study's table."""
-    rows = pq.read_table(path, filters=pc.field("table") == WINDOW)
-    rows = rows.select([name for name in rows.column_names if rows[name].null_count < len(rows)]).to_pandas()
-    each = sum(COUNTS.values())
+    rows, each = _filled(pq.read_table(path, filters=pc.field("table") == WINDOW)).to_pandas(), sum(COUNTS.values())
     return {effects: rows.iloc[k * each : (k + 1) * each].reset_index(drop=True) for k, effects in enumerate(SETS)}
-
-
-def further_names() -> list[Name]:
-    """Names of what each of the ladder's sets says beside Table 3."""
-    return [(FURTHER, str(place)) for place in range(len(SETS))]
 
 
 def further_rows(path: Path) -> dict[tuple[str, ...], dict[str, float]]:
     """What each set of effects says beside Table 3, from the study's table."""
-    rows = pq.read_table(path, filters=pc.field("table") == FURTHER)
-    rows = rows.select([name for name in rows.column_names[3:] if rows[name].null_count < len(rows)]).to_pylist()
-    return dict(zip(SETS, rows, strict=True))
+    rows = _filled(pq.read_table(path, filters=pc.field("table") == FURTHER))
+    return dict(zip(SETS, rows.to_pylist(), strict=True))
 
 
 def _table(rows: pa.Table, number: int, name: str) -> pd.DataFrame:
-    """One table of one flight: the columns that hold anything; by Arrow, which tells NaN from nothing."""
-    own = rows.filter((pc.field("case") == number) & (pc.field("table") == name))
-    return own.select([column for column in own.column_names[3:] if own[column].null_count < len(own)]).to_pandas()
+    """One table of one flight; by Arrow, which tells NaN from nothing."""
+    return _filled(rows.filter((pc.field("case") == number) & (pc.field("table") == name))).to_pandas()
+
+
+def _filled(rows: pa.Table) -> pa.Table:
+    """The columns that hold anything, those of the engine and the table's name left out."""
+    return rows.select([column for column in rows.column_names[3:] if rows[column].null_count < len(rows)])

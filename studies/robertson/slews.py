@@ -18,8 +18,9 @@ from scipy.spatial.transform import Rotation
 from simulator.mission_mode.config import PRELAUNCH_BIAS, PRELAUNCH_G, R9_BIAS, R9_G, MissionConfig, YawManeuver
 from studies.robertson import flown
 from studies.robertson.biases import solved_bias
-from studies.robertson.performance import AXES
-from studies.robertson.runs import MANEUVERS, SLEW_TABLES, Runs
+from studies.robertson.calendar import MANEUVERS
+from studies.robertson.flown import AXES
+from studies.robertson.runs import SLEW_TABLES, Runs
 
 Array = NDArray[np.float64]
 R_PHASE = {"calibration1": "precalibration", "postcalibration": "postcalibration"}
@@ -109,3 +110,18 @@ def noise_free(maneuver: str, tables: str, solved: bool = True, duration_s: floa
 def _attitude(yaw: Array, pitch: Array) -> Array:
     """Body axes turned by the pitch about y and then by the yaw about z, (k, 3, 3)."""
     return np.asarray(Rotation.from_euler("YZ", np.stack([pitch, yaw], axis=-1)).as_matrix().transpose(0, 2, 1))
+
+
+def change(table: pd.DataFrame) -> pd.DataFrame:
+    """R Table 2 before minus after calibration, flown, simulated and by G and b alone."""
+    out = []
+    keys = ["maneuver", "axis"]
+    before, after = (table[table["tables"] == name].set_index(keys) for name in ("calibration1", "postcalibration"))
+    for maneuver in before.index.get_level_values(0).unique():
+        for axis in AXES:
+            row: dict[str, object] = {"maneuver": maneuver, "axis": axis}
+            names = ["flight_deg", "simulated_deg", "noise_free_deg", "flight_by_N_deg"]
+            change = before.loc[(maneuver, axis), names].astype(float) - after.loc[(maneuver, axis), names].astype(float)
+            left = {"simulated_minus_flight_deg": change["simulated_deg"] - change["flight_deg"]}
+            out.append(row | change.to_dict() | left)
+    return pd.DataFrame(out)

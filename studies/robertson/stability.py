@@ -25,13 +25,13 @@ from simulator.mission_mode.effects import applied, parse
 from simulator.mission_mode.flight import simulate_mission
 from studies.robertson import flown
 from studies.robertson.calendar import FIRST_DAYS, PERIODS, day_of, moved
+from studies.robertson.flown import AXES
 
 CYCLES_S = (0.25, 0.5, 1.0)
 SOURCES = {"none": None, "instrument scan": ("scan_torque", 1.0), "array steps": ("array_step", 0.1)}
 WHEELS_KGM2 = 1e-5
 UNITS = {"instrument scan": "N m", "array steps": "deg", "wheel imbalance": "kg m²"}
 ORBITS = 3.0  # of which the last is looked at
-AXES = ("roll", "pitch", "yaw")
 
 
 def stability_table(entropy: int) -> pd.DataFrame:

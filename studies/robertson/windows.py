@@ -21,7 +21,8 @@ from simulator.mission_mode.flight import simulate_mission
 from simulator.streams import generator
 from studies.robertson import flown
 from studies.robertson.calendar import FIRST_DAYS, PERIODS, day_of, moved
-from studies.robertson.ground import AXES, solution
+from studies.robertson.flown import AXES
+from studies.robertson.ground import solution
 
 Array = NDArray[np.float64]
 Number = tuple[str, str, str]  # parameter, axis and period of R Table 3
@@ -46,9 +47,14 @@ def days(period: str, count: int) -> Array:
     return np.asarray(start + (stop - start) * (np.arange(count) + 0.5) / count)
 
 
+def configured(effects: Sequence[str]) -> MissionConfig:
+    """The spacecraft with effects, as of `gyrocal mission --effect`."""
+    return applied(MissionConfig(), [parse(text) for text in effects])
+
+
 def window(effects: Sequence[str], period: str, k: int, count: int, entropy: int) -> dict[str, Any]:
     """One orbit, solved; a row of numbers, those of a ground with the tables found later beginning with "later_"."""
-    config = applied(MissionConfig(), [parse(text) for text in effects])
+    config = configured(effects)
     tables, day = period_tables(config), float(days(period, count)[k])
     seed = entropy + 1000 * PERIODS.index(period) + k
     flying = replace(moved(config, day), tables=tables[period])
@@ -73,34 +79,33 @@ def walked(config: MissionConfig, day: float, entropy: int) -> Array:
     return np.asarray(rrw * np.sqrt(DAY) * steps[: round(day)].sum(axis=0))
 
 
+def column_of(number: Number, against: str = "onboard_minus_ground") -> str:
+    """The windows' column that a number of R Table 3 is formed of."""
+    parameter, axis, _ = number
+    of_angles = {"attitude_accuracy_deg": f"{against}_{axis}_deg", "yaw_update_deg": "yaw_update_deg"}
+    return of_angles.get(parameter, f"bias_{axis}_deg_h")
+
+
+def form(number: Number, values: Array) -> Array:
+    """A number of R Table 3 of windows (…, n): a mean, or the standard deviation of the bias."""
+    return np.asarray(values.mean(axis=-1) if number[0] in ANGLES else values.std(axis=-1, ddof=1))
+
+
 def simulated(rows: pd.DataFrame, against: str = "onboard_minus_ground") -> dict[Number, float]:
     """R Table 3's numbers of windows; against "onboard_minus_true" for the truth in place of the ground."""
-    out = {}
-    for parameter, axis, period in NUMBERS:
-        own = rows[rows["period"] == period]
-        if parameter == "attitude_accuracy_deg":
-            value = own[f"{against}_{axis}_deg"].mean()
-        elif parameter == "yaw_update_deg":
-            value = own["yaw_update_deg"].mean()
-        else:
-            value = own[f"bias_{axis}_deg_h"].std()
-        out[parameter, axis, period] = float(value)
-    return out
+    parts = {period: rows[rows["period"] == period] for period in PERIODS}
+    return {
+        number: float(form(number, parts[number[2]][column_of(number, against)].to_numpy(dtype=float))) for number in NUMBERS
+    }
 
 
 def scatter(rows: pd.DataFrame) -> dict[Number, float]:
     """Relative standard error of each number by the windows' scatter, which the flight's own finite record shares."""
     out = {}
-    for parameter, axis, period in NUMBERS:
-        own = rows[rows["period"] == period]
+    for number in NUMBERS:
+        own = rows.loc[rows["period"] == number[2], column_of(number)]
         n = len(own)
-        if parameter == "gyro_bias_std_deg_h":
-            out[parameter, axis, period] = float(1 / np.sqrt(2 * (n - 1)))
-        else:
-            values = (
-                own["yaw_update_deg"] if axis == "yaw" and parameter in ANGLES[1:] else own[f"onboard_minus_ground_{axis}_deg"]
-            )
-            out[parameter, axis, period] = float(values.std() / np.sqrt(n) / values.mean())
+        out[number] = float(own.std() / np.sqrt(n) / own.mean() if number[0] in ANGLES else 1 / np.sqrt(2 * (n - 1)))
     return out
 
 
@@ -109,9 +114,24 @@ def published() -> dict[Number, float]:
     return {number: flown.performance(*number) for number in NUMBERS}
 
 
-def factor(values: Mapping[Number, float], numbers: Sequence[Number]) -> float:
+def factor(values: Mapping[Number, float] | Mapping[Number, Array], numbers: Sequence[Number]) -> Any:
     """RMS factor between simulated and flown over some numbers: exp of the RMS of the logarithm of their ratio."""
     if not numbers:
         return float("nan")
     logs = [np.log(values[one] / flown.performance(*one)) for one in numbers]
-    return float(np.exp(np.sqrt(np.mean(np.square(logs)))))
+    return np.exp(np.sqrt(np.mean(np.square(logs), axis=0)))
+
+
+def statistics(rows: pd.DataFrame) -> pd.DataFrame:
+    """The 18 numbers of one set of windows against the truth, the ground, and a ground with the tables found later."""
+    early = rows[rows["period"] == PERIODS[0]]
+    kinds = {name: simulated(rows, name) for name in ("onboard_minus_true", "onboard_minus_ground")}
+    out = []
+    for number in NUMBERS:
+        parameter, axis, period = number
+        row: dict[str, Any] = {"parameter": parameter, "axis": axis, "period": period, "flight": published()[number]}
+        row |= {name: values[number] for name, values in kinds.items()}
+        own = period == PERIODS[0] and parameter == "attitude_accuracy_deg"
+        row["later_tables"] = float(early[f"later_onboard_minus_ground_{axis}_deg"].mean()) if own else np.nan
+        out.append(row)
+    return pd.DataFrame(out)

@@ -8,9 +8,8 @@ from typing import Any
 import pandas as pd
 
 from studies.natanson import reproduce
-from studies.natanson.questions import question_table
 from studies.robertson import report
-from studies.robertson.runs import PERIODS
+from studies.robertson.calendar import PERIODS
 
 GTSAM_CPP_NS = 152.0  # a sample of gtsam's own benchmark in C++: full navigation state and covariance (gtsam issue 2765)
 EXAMS = Path("studies") / "validation" / "exam"
@@ -98,12 +97,12 @@ def _summary(root: Path) -> dict[str, Any]:
 
 def natanson_questions(root: Path, chosen: tuple[str, ...] = ()) -> str:
     """Tabulate what parted simulated and flown numbers of N."""
-    table = question_table(_summary(root))
+    table = reproduce.question_table(_summary(root))
     rows = [row for row in table.itertuples(index=False) if not chosen or row[0] in chosen]
     return _table(rows, table.columns)
 
 
-def natanson_estimates(root: Path, chosen: tuple[str, ...] = reproduce.ESTIMATES) -> str:
+def natanson_estimates(root: Path, chosen: tuple[str, ...] = tuple(reproduce.ESTIMATES)) -> str:
     """Tabulate the answers on N's estimates."""
     table = reproduce.summary_table(_summary(root))
     return _table([row for row in table.itertuples(index=False) if row.question in chosen], table.columns)

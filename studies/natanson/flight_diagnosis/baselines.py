@@ -1,6 +1,6 @@
 """The flight's table under the present baseline and under deliberately wrong ones."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from simulator.scenario import Scenario
 from studies.natanson import flight
 from studies.natanson.flight_diagnosis.builder import NOISE, RATE, TIMING, YAW
-from studies.natanson.flight_diagnosis.diagnosis import Diagnosis, Effects, diagnose
+from studies.natanson.flight_diagnosis.diagnosis import Diagnosis, diagnose
 from studies.natanson.flight_diagnosis.table import Baseline, flown, present, reversed_slews
 from studies.natanson.flight_diagnosis.timings import RAMPS, slewing
 from studies.natanson.flight_gap import MINUS_Y, YAW_INTERVALS
@@ -16,32 +16,24 @@ from studies.natanson.flight_gap import MINUS_Y, YAW_INTERVALS
 CENTRED_RATE_DEG_S, CENTRED_STAY_S = 0.2, 3600.0  # peak rate, and time between the slews of interval 4
 
 
-@dataclass(frozen=True)
-class Trial:
-    """A baseline the flight is diagnosed under, and what was done to it on purpose."""
-
-    baseline: Baseline
-    done: Effects
-
-
 @cache
-def trials() -> tuple[Trial, ...]:
+def trials() -> tuple[Baseline, ...]:
     """The present baseline first, then the deliberately wrong ones."""
     right = present()
 
-    def wrong(name: str, effect: str, *flips: int) -> Trial:
+    def wrong(name: str, effect: str, *flips: int) -> Baseline:
         sections = tuple(reversed_slews(s) if k in flips else s for k, s in enumerate(right.scenario.interval))
-        return Trial(Baseline(name, right.scenario.model_copy(update={"interval": sections})), frozenset({effect}))
+        return Baseline(name, right.scenario.model_copy(update={"interval": sections}), done=frozenset({effect}))
 
     return (
-        Trial(right, frozenset()),
+        right,
         wrong("yaw of 2 reversed", YAW, 1),
         wrong("yaw of 6 reversed", YAW, 5),
         wrong("both yaws reversed", YAW, 1, 5),
         wrong("rate of 4 at +1 RPO", RATE, MINUS_Y),
-        Trial(Baseline("slews centred and smooth", centred(right.scenario)), frozenset({TIMING})),
-        Trial(replace(right, name="noise three times", noise_factor=3.0), frozenset({NOISE})),
-        Trial(replace(right, name="noise a third", noise_factor=1 / 3), frozenset({NOISE})),
+        Baseline("slews centred and smooth", centred(right.scenario), done=frozenset({TIMING})),
+        replace(right, name="noise three times", noise_factor=3.0, done=frozenset({NOISE})),
+        replace(right, name="noise a third", noise_factor=1 / 3, done=frozenset({NOISE})),
     )
 
 
@@ -57,9 +49,9 @@ def centred(scenario: Scenario) -> Scenario:
 
 
 @cache
-def examine(trial: Trial) -> Diagnosis:
+def examine(trial: Baseline) -> Diagnosis:
     """Diagnose the flight's table under one baseline."""
-    return diagnose(flown(), trial.baseline)
+    return diagnose(flown(), trial)
 
 
 def rms_deg(found: Diagnosis) -> dict[str, float]:

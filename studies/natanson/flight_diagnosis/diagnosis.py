@@ -21,21 +21,21 @@ from diagnosis.answer import Closure, Verdict
 from diagnosis.inference.amplitudes import Fitted, fit
 from diagnosis.inference.attribution import Attribution, attribute
 from diagnosis.inference.closure import compute_closure
-from diagnosis.inference.search import Explanation, Search
+from diagnosis.inference.search import Search
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.settings import DEFAULT
 from studies.natanson.flight_diagnosis.builder import NOISE, RATE, SPLITS, TIMING, YAW, Point, linear_model, moved
 from studies.natanson.flight_diagnosis.numbers import gap_test, motion, noise_factor
 from studies.natanson.flight_diagnosis.table import Baseline, Table
 from studies.natanson.flight_diagnosis.timings import TIMINGS
+from studies.printed_table import UNKNOWN, rank_explanations
 
 Array = NDArray[np.float64]
 Effects = frozenset[str]
 
 SURE = 0.95
 FALSE_ALARM = 0.01
-UNKNOWN = "unknown"  # anything unlisted
-NOTHING = Explanation((), 0.0, float(np.log(0.2)))  # chance alone, as likely beforehand as one kind of effect
+NOTHING = 0.2  # prior share of chance alone, as likely beforehand as one kind of effect
 ROUNDS = 5  # of search and new linearisation
 ITERATIONS = 10  # of the linearisation, between two searches
 SETTLED = 0.01  # of a timing between zero and one
@@ -51,7 +51,6 @@ class Diagnosis:
     verdict : "none", "named", "group" or "unknown"
     causes : effects with a probability of `SURE`, "unknown" left out
     sets : probability of each set of effects, the likeliest first, whatever their axes
-    labels : probability of each candidate
     fitted : effects of the likeliest explanation, unlisted ones included
     noise : mean and sigma of the noise over the baseline's
     closed : by the likeliest explanation with the amplitudes that the other numbers give it, of each of `SPLITS`; empty
@@ -64,7 +63,6 @@ class Diagnosis:
     verdict: Verdict
     causes: tuple[str, ...]
     sets: Mapping[Effects, float]
-    labels: Mapping[str, float]
     fitted: tuple[Fitted, ...]
     noise: tuple[float, float]
     closed: Mapping[str, Closure]
@@ -98,7 +96,7 @@ def diagnose(table: Table, baseline: Baseline) -> Diagnosis:
     case = motion(table, baseline)
     noise = noise_factor(table, case.Theta, baseline)[1:]
     if gap["p_value"] > FALSE_ALARM:
-        return Diagnosis(gap, "none", (), {frozenset(): 1.0}, {}, (), noise, {}, case.d, case.d, case.covariance)
+        return Diagnosis(gap, "none", (), {frozenset(): 1.0}, (), noise, {}, case.d, case.d, case.covariance)
     model, attribution, point = explained(table, baseline)
     best = attribution.ranked[0].labels
     members = [_member(model, label) for label in best]
@@ -108,14 +106,17 @@ def diagnose(table: Table, baseline: Baseline) -> Diagnosis:
     explains = sum((np.linalg.cholesky(last.covariance) @ one.contribution for one in known), np.zeros(case.d.size))
     held = Search(model).settled(tuple(members)).members
     closed = {split: compute_closure(linear_model(table, baseline, point, split), held) for split in SPLITS}
-    sets, labels = _probabilities(attribution)
+    sets: dict[Effects, float] = defaultdict(float)
+    for one in attribution.ranked:
+        sets[frozenset(UNKNOWN if label.startswith(UNKNOWN) else label.split(":")[0] for label in one.labels)] += (
+            one.probability
+        )
     causes = tuple(name for name in (YAW, RATE, TIMING, NOISE) if sum(p for own, p in sets.items() if name in own) >= SURE)
     return Diagnosis(
         gap=gap,
         verdict="named" if causes else "unknown" if attribution.unknown > DEFAULT.unknown else "group",
         causes=causes,
-        sets=sets,
-        labels=labels,
+        sets=dict(sorted(sets.items(), key=lambda item: -item[1])),
         fitted=fitted,
         noise=noise,
         closed={split: one for split, one in closed.items() if one is not None},
@@ -131,8 +132,7 @@ def explained(table: Table, baseline: Baseline) -> tuple[LinearModel, Attributio
     for _ in range(ROUNDS):
         point = settled(table, baseline, point, found)
         model = linear_model(table, baseline, point)
-        weighed = sorted([*Search(model).explanations(), NOTHING], key=lambda one: -one.log_posterior)
-        attribution = attribute(model, weighed)
+        attribution = attribute(model, rank_explanations(model, NOTHING))
         best = tuple(label for label in attribution.ranked[0].labels if not label.startswith(UNKNOWN))
         if set(best) == set(found):
             break
@@ -165,15 +165,3 @@ def _member(model: LinearModel, label: str) -> Member:
     place = model.find(label)
     assert place is not None
     return Member(place, 0, 0)
-
-
-def _probabilities(attribution: Attribution) -> tuple[dict[Effects, float], dict[str, float]]:
-    """Of each set of effects, the likeliest first, and of each candidate."""
-    sets: dict[Effects, float] = defaultdict(float)
-    labels: dict[str, float] = defaultdict(float)
-    for one in attribution.ranked:
-        effects = frozenset(UNKNOWN if label.startswith(UNKNOWN) else label.split(":")[0] for label in one.labels)
-        sets[effects] += one.probability
-        for label in one.labels:
-            labels[label] += one.probability
-    return dict(sorted(sets.items(), key=lambda item: -item[1])), dict(labels)

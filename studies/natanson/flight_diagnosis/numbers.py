@@ -29,8 +29,8 @@ from studies.natanson.flight_diagnosis.table import (
     Baseline,
     Table,
     kept_outcomes,
-    outcome,
     outcomes,
+    outcomes_apart,
     present,
     reversed_slews,
 )
@@ -74,7 +74,7 @@ class Motion:
 def motion(table: Table, baseline: Baseline, flips: Collection[int] = ()) -> Motion:
     """The motion numbers under a baseline with the slews of some intervals reversed."""
     sections = tuple(reversed_slews(s) if k in flips else s for k, s in enumerate(baseline.scenario.interval))
-    theta, Theta = (np.array(part) for part in zip(*(outcome(section) for section in sections), strict=True))
+    theta, Theta = outcomes_apart(sections)
     shift = table.published - flight.calibration().vector
     prediction = theta - Theta @ shift
     d = (table.before - table.after - prediction).ravel()
@@ -198,7 +198,7 @@ def by_step() -> pd.DataFrame:
     A check that shares no print but that of the pre-launch parameters: what is motion is the same in all three columns.
     """
     sections = present().scenario.interval
-    theta, Theta = (np.array(part) for part in zip(*(outcome(section) for section in sections), strict=True))
+    theta, Theta = outcomes_apart(sections)
     digits = np.where(np.eye(3, dtype=bool).ravel(), 1e-5, MILLIDEGREE)
     table3 = np.append(digits, np.deg2rad([1e-6] * 3))
     H = Theta.reshape(18, 12)

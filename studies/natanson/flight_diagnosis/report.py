@@ -4,18 +4,18 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 
 from studies.montecarlo.statistics import binomial_interval
 from studies.natanson import flight
-from studies.natanson.flight_diagnosis.baselines import Trial, examine, rms_deg, trials, whitened
-from studies.natanson.flight_diagnosis.diagnosis import FALSE_ALARM, SURE, UNKNOWN
+from studies.natanson.flight_diagnosis.baselines import examine, rms_deg, trials, whitened
+from studies.natanson.flight_diagnosis.diagnosis import FALSE_ALARM, SURE
 from studies.natanson.flight_diagnosis.numbers import by_step, motion, where
 from studies.natanson.flight_diagnosis.simulated_tables import STUDY, FlightConfig
-from studies.natanson.flight_diagnosis.table import flown
+from studies.natanson.flight_diagnosis.table import Baseline, flown
+from studies.printed_table import UNKNOWN
 from studies.report.checks import Check, at_least, at_most, near
 from studies.report.entry import Entry, Report
-from studies.report.panels import DARK, RED, TEAL, Draw, Panel, sheet
+from studies.report.panels import DARK, GREY, RED, TEAL, Draw, Line, curves, sheet
 from studies.report.tables import Table, by_group
 
 WORTH_SHOWING = 1e-4  # probability of a set of effects
@@ -44,7 +44,7 @@ def power(rows: pd.DataFrame) -> pd.DataFrame:
 def _flight_checks() -> list[Check]:
     first, *wrong = trials()
     found, rms = examine(first), rms_deg(examine(first))
-    places, columns = where(flown(), first.baseline), by_step()
+    places, columns = where(flown(), first), by_step()
     places = places[places["p_holm"] < FALSE_ALARM]
     gaps = columns["gap_deg"].to_numpy().reshape(len(flight.STEPS), -1)[:, places.index]
     steady = int((np.sign(gaps) == np.sign(gaps[0])).all(axis=0).sum())
@@ -69,7 +69,7 @@ def _flight_checks() -> list[Check]:
         ),
         Check("noise over the stated one", found.noise[0], near(1.0, 4 * found.noise[1])),
         *(
-            Check(f"causes with {trial.baseline.name}", " + ".join(examine(trial).causes), " + ".join(trial.done), "", WRONG)
+            Check(f"causes with {trial.name}", " + ".join(examine(trial).causes), " + ".join(trial.done), "", WRONG)
             for trial in wrong
         ),
     ]  # fmt: skip
@@ -94,10 +94,10 @@ def _simulated_checks(rows: pd.DataFrame) -> list[Check]:
     return out
 
 
-def _row(trial: Trial) -> dict[str, Any]:
+def _row(trial: Baseline) -> dict[str, Any]:
     found, rms = examine(trial), rms_deg(examine(trial))
     return {
-        "baseline": trial.baseline.name,
+        "baseline": trial.name,
         "done": " + ".join(trial.done) or "nothing",
         "verdict": found.verdict,
         "causes": " + ".join(found.causes) or "none",
@@ -112,21 +112,21 @@ def make_report(config: FlightConfig, rows: pd.DataFrame) -> Report:
     """The flight's table under every baseline, and what simulated tables say of the diagnosis."""
     first, yaw, *_ = trials()
     timings = [
-        {"baseline": trial.baseline.name, "of": one.axis, "timing": name, "value": value, "sigma_over_that_of_prior": sigma}
+        {"baseline": trial.name, "of": one.axis, "timing": name, "value": value, "sigma_over_that_of_prior": sigma}
         for trial in trials()
         for one in examine(trial).fitted
         for (name, value), sigma in zip(one.parameters.items(), one.sigmas, strict=False)
     ]
-    left = [{"baseline": trial.baseline.name, **whitened(examine(trial))} for trial in trials()]
+    left = [{"baseline": trial.name, **whitened(examine(trial))} for trial in trials()]
     sets = [
-        {"baseline": trial.baseline.name, "effects": " + ".join(sorted(effects)) or "nothing", "probability": p}
+        {"baseline": trial.name, "effects": " + ".join(sorted(effects)) or "nothing", "probability": p}
         for trial in trials()
         for effects, p in examine(trial).sets.items()
         if p > WORTH_SHOWING
     ]
     tables = {
         "baselines": Table("The flight's table under each baseline", pd.DataFrame([_row(trial) for trial in trials()])),
-        "where": Table("Where, under the present baseline", where(flown(), first.baseline)),
+        "where": Table("Where, under the present baseline", where(flown(), first)),
         "gap_by_step": Table("The gap at each step", by_step()),
         "whitened_gap": Table("Mean square of the whitened gap", pd.DataFrame(left)),
         "timings": Table("Timings of the likeliest explanation", pd.DataFrame(timings)),
@@ -143,32 +143,27 @@ def make_report(config: FlightConfig, rows: pd.DataFrame) -> Report:
 ENTRY = Entry(STUDY, "N Table 2 diagnosed: what parts predicted from flown pre-launch residuals", make_report)
 
 
-def _gap_figure(trial: Trial) -> Draw:
+def _gap_figure(trial: Baseline) -> Draw:
     """Flown and predicted residuals above; below flown minus predicted before and after, and the flight's after calibration."""
     found, table = examine(trial), flown()
     before, after = (values.reshape(6, 3) + table.after for values in (found.before, found.after))
     sigma = np.sqrt(np.diag(found.covariance)).reshape(6, 3)
-    prediction = motion(table, trial.baseline).prediction
+    prediction = motion(table, trial).prediction
     x = np.arange(1, 7)
-    style: dict[str, Any] = {"capsize": 2, "markersize": 4, "linewidth": 1}
-
-    def top(on: Axes, j: int) -> None:
-        on.plot(x, prediction[:, j], "_", color=TEAL, markersize=13, markeredgewidth=2, label="predicted")
-        on.plot(x, (table.before - after)[:, j], "x", color=DARK, markersize=5, label="with the explanation")
-        on.plot(x, table.before[:, j], "o", color=RED, markersize=4, label="flown")
-
-    def low(on: Axes, j: int) -> None:
-        on.axhline(0, color="0.4", linewidth=0.8)
-        on.bar(x, table.after[:, j], width=0.7, color="0.85", label="flown, after calibration")
-        on.errorbar(x - 0.15, before[:, j], sigma[:, j], fmt="s", color=TEAL, label="gap before", **style)
-        on.errorbar(x + 0.15, after[:, j], sigma[:, j], fmt="o", color=DARK, label="gap after", **style)
-
-    def panel(draw: Any, j: int, title: str, x_name: str, y_name: str) -> Panel:
-        last, first = "best" if j == 2 else "", y_name if j == 0 else ""
-        return Panel(lambda on: draw(on, j), title, x_name, first, ticks=x.tolist(), legend=last)
-
-    axes = list(enumerate(flight.ROTATIONS))
-    panels = [panel(top, j, name, "", "residual (deg)") for j, name in axes]
-    panels += [panel(low, j, "", "calibration interval", "flown − predicted (deg)") for j, _ in axes]
-    title = f"Baseline: {trial.baseline.name}; explanation: {found.best}; bars: 1σ of print"
-    return sheet(*panels, size=(9.0, 5.0), columns=3, title=title)
+    above, below = [], []
+    for j, name in enumerate(flight.ROTATIONS):
+        residuals = [
+            Line(x, prediction[:, j], "predicted", TEAL, "_", size=13.0),
+            Line(x, (table.before - after)[:, j], "with the explanation", DARK, "x", size=5.0),
+            Line(x, table.before[:, j], "flown", RED, "o"),
+        ]
+        gaps = [Line(x, table.after[:, j], "flown, after calibration", GREY, "_", size=13.0)]
+        for place, values, label, colour in ((-0.15, before, "gap before", TEAL), (0.15, after, "gap after", DARK)):
+            y, width = values[:, j], sigma[:, j]
+            gaps.append(Line(x + place, y, label, colour, "o", y - width, y + width, bars=True))
+        legend = "best" if j == 2 else ""
+        above.append(curves(residuals, title=name, y="" if j else "residual (deg)", ticks=x.tolist(), legend=legend))
+        axes: dict[str, Any] = {"x": "calibration interval", "y": "" if j else "flown − predicted (deg)", "levels": (0.0,)}
+        below.append(curves(gaps, ticks=x.tolist(), legend=legend, **axes))
+    title = f"Baseline: {trial.name}; explanation: {found.best}; bars: 1σ of print"
+    return sheet(*above, *below, size=(9.0, 5.0), columns=3, title=title)

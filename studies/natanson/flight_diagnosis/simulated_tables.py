@@ -9,7 +9,7 @@ from simulator.scenario import IntervalSection, Scenario
 from studies.montecarlo.study import GridConfig, Streams, Study
 from studies.natanson import flight
 from studies.natanson.flight_diagnosis.builder import NOISE, RATE, TIMING, YAW
-from studies.natanson.flight_diagnosis.diagnosis import UNKNOWN, Effects, diagnose
+from studies.natanson.flight_diagnosis.diagnosis import Effects, diagnose
 from studies.natanson.flight_diagnosis.numbers import clock_derivatives
 from studies.natanson.flight_diagnosis.table import (
     CELL_DEG,
@@ -18,12 +18,13 @@ from studies.natanson.flight_diagnosis.table import (
     PUBLISHED_DIGITS,
     Baseline,
     Table,
-    outcome,
+    outcomes_apart,
     present,
     reversed_slews,
     rounded,
 )
 from studies.natanson.flight_diagnosis.timings import TIMINGS
+from studies.printed_table import UNKNOWN
 
 KINDS: dict[str, Effects] = {
     "nothing": frozenset(),
@@ -63,7 +64,7 @@ def simulated(kind: str, baseline: Baseline, rng: np.random.Generator) -> Table:
     sections = simulated_motion(kind, baseline.scenario, rng)
     factor = {"noise x3": 3.0, "noise /3": 1 / 3}.get(kind, 1.0)
     total, gyro = (factor**2 * v for v in baseline.variances())
-    theta, Theta = (np.array(part) for part in zip(*(outcome(section) for section in sections), strict=True))
+    theta, Theta = outcomes_apart(sections)
     for k, section in enumerate(sections):
         theta[k] += clock_derivatives(section) @ rng.uniform(-0.5, 0.5, 2) * CLOCK_S  # Table 1 rounds the times
     H = Theta.reshape(18, 12)

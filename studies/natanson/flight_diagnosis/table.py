@@ -15,7 +15,6 @@ from gyrocal.calibration import normal_equations as accumulation
 from gyrocal.calibration.sampling import measurements
 from simulator import scenario as scenarios
 from simulator.scenario import IntervalSection, Scenario
-from simulator.simulate import motion, observe
 from studies.natanson import flight, flight_gap
 
 Array = NDArray[np.float64]
@@ -68,11 +67,13 @@ class Baseline:
     name : for people
     scenario : motion and noise
     noise_factor : on the scenario's noise
+    done : effects that it was made wrong by on purpose
     """
 
     name: str
     scenario: Scenario
     noise_factor: float = 1.0
+    done: frozenset[str] = frozenset()
 
     def variances(self) -> tuple[Array, Array]:
         """(6,) of a residual, and its gyro part a²T, deg²."""
@@ -107,8 +108,7 @@ def outcomes(sections: Sequence[IntervalSection]) -> tuple[Array, Array]:
         for i, section in enumerate(sections)
     )
     scenario = trmm().model_copy(update={"interval": moved})
-    truth, initial = flight.calibration(), flight.parameters("prelaunch")
-    recording = observe(scenario, motion(scenario), gyro_rng=None, reference_rng=None, G=truth.G, bias=truth.bias)
+    initial, recording = flight.parameters("prelaunch"), flight_gap.fly_without_noise(scenario)
     prepared = measurements(recording)
     passed = propagate(prepared.arcs, initial.G, initial.bias)
     A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
@@ -116,20 +116,25 @@ def outcomes(sections: Sequence[IntervalSection]) -> tuple[Array, Array]:
     return np.rad2deg(theta), np.rad2deg(passed.Theta)
 
 
-@lru_cache(maxsize=256)
-def outcome(section: IntervalSection) -> tuple[Array, Array]:
-    """`outcomes` of one interval, kept: (3,) and (3, 12)."""
-    theta, Theta = outcomes([section])
-    return theta[0], Theta[0]
-
-
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=1024)
 def kept_outcomes(sections: tuple[IntervalSection, ...]) -> tuple[Array, Array]:
     """`outcomes` of the same intervals together, kept: a model about another timing flies the others as it did before."""
     theta, Theta = outcomes(sections)
     theta.setflags(write=False)
     Theta.setflags(write=False)
     return theta, Theta
+
+
+def outcome(section: IntervalSection) -> tuple[Array, Array]:
+    """`outcomes` of one interval, kept: (3,) and (3, 12)."""
+    theta, Theta = kept_outcomes((section,))
+    return theta[0], Theta[0]
+
+
+def outcomes_apart(sections: Sequence[IntervalSection]) -> tuple[Array, Array]:
+    """`outcomes` of intervals each of which is kept by itself."""
+    theta, Theta = zip(*map(outcome, sections), strict=True)
+    return np.array(theta), np.array(Theta)
 
 
 def reversed_slews(section: IntervalSection) -> IntervalSection:

@@ -21,7 +21,7 @@ from studies.natanson.flight_diagnosis.timings import TIMINGS
 from studies.report import entry
 
 PRESENT = table.present()
-TRIALS = {trial.baseline.name: trial for trial in baselines.trials()}
+TRIALS = {trial.name: trial for trial in baselines.trials()}
 BY_AXIS = {one.axis: one for one in TIMINGS}
 GRIDS = {"5": (40, 40), "2": (40, 40, 4)}  # points of a prior, dense enough for an integral over it
 NODES = {"5": (9, 9), "2": (9, 9, 5)}  # those that are flown: between them cubics change an integral by less than 0.02
@@ -236,7 +236,7 @@ def test_a_reversed_yaw_is_closed_to_the_present_gap():
     for split, closed in found.closed.items():
         assert closed.before > 50 * closed.after
         assert closed.after == pytest.approx(right.closed[split].before)
-    places = numbers.where(table.flown(), trial.baseline).sort_values("p_holm")
+    places = numbers.where(table.flown(), trial).sort_values("p_holm")
     assert set(places["interval"][:2]) == {2}
 
 

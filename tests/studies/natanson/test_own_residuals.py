@@ -6,7 +6,7 @@ import pytest
 from gyrocal import residual_table
 from simulator import scenario as scenarios
 from simulator import simulate
-from studies.natanson import flight, own_residuals
+from studies.natanson import flight, flight_gap, own_residuals
 
 TRMM = scenarios.load("trmm")
 
@@ -45,7 +45,7 @@ def test_what_is_found_is_least_squares_and_the_truth_takes_no_part(found):
     assert np.abs((Theta / np.linalg.norm(Theta, axis=0)).T @ own.ravel()).max() < 1e-4
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(flight, "calibration", lambda: flight.parameters("prelaunch"))
-        recording = own_residuals.plain(TRMM)
+        recording = flight_gap.fly_without_noise(TRMM)
     other = own_residuals.with_residuals(recording, flight.residuals("prelaunch"), 0.5)
     after = own_residuals.as_n_did(other, 0.5, 1).residuals[[f"after_{name}_deg" for name in flight.ROTATIONS]].to_numpy()
     np.testing.assert_allclose(after, step.after[0], rtol=0, atol=7e-4)

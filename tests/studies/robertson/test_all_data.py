@@ -54,7 +54,7 @@ def test_level_boresights_speak_against_r6(made):
     np.testing.assert_allclose(parts, 1.0, rtol=1e-12)
     apart = printed_coefficients.evidence(ladder.LANDED) - printed_coefficients.evidence(ladder.NOMINAL)
     assert apart < -2.0
-    model, _ = diagnosis.linear_model(made[0], all_data.beside(made[1]))
+    model = diagnosis.linear_model(made[0], all_data.beside(made[1]))
     odds = dict(zip([one.label for one in model.candidates], all_data.further_odds(model, made[0]), strict=True))
     assert odds.get("boresights level", apart) == pytest.approx(apart)
 
@@ -81,6 +81,6 @@ def test_tables_have_every_rung_number_and_cause(made):
     assert numbers["number"].tolist() == list(all_data.COMPARED)
     values = dict(further[ladder.NOMINAL]) | {"m_x_deg": 0.5}
     together = all_data.diagnose(windows, dict.fromkeys(windows, values))
-    table = all_data.probabilities_table(diagnosis.diagnose(windows), together).set_index("cause")
+    table = all_data.probabilities_table(diagnosis.diagnose_table3(windows), together).set_index("cause")
     assert table.loc["unknown in a number beside:m_x_deg", "all_data"] > 0.5
     assert np.isnan(table.loc["unknown in a number beside:m_x_deg", "table_3"])

@@ -137,11 +137,11 @@ def test_a_planted_cause_is_named_and_an_unlisted_one_is_not(monkeypatch):
     trials |= {ladder.NOMINAL: base}
     planted = simulated(trials[(ladder.HORIZON,)])
     monkeypatch.setattr(diagnosis, "published", lambda: planted)
-    found = diagnosis.diagnose(trials)
+    found = diagnosis.diagnose_table3(trials)
     assert found.probabilities["horizon_noise"] > 0.9
     assert found.fitted[0].size == pytest.approx(0.0287, rel=0.1)
     # Control: a change that no effect makes is unknown.
     odd = simulated(base) | {(ANGLES[1], "yaw", PERIODS[0]): 0.5}
     monkeypatch.setattr(diagnosis, "published", lambda: odd)
-    other = diagnosis.diagnose(trials)
+    other = diagnosis.diagnose_table3(trials)
     assert other.attribution.unknown > 0.9

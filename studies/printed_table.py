@@ -1,0 +1,97 @@
+"""The diagnosis of a printed table: a few numbers, jointly normal under the baseline, as one more source of the linear model.
+
+Observations d are flown minus simulated, with the covariance Σ = L Lᵀ under the baseline; observations and columns are whitened
+by L. Beside what may be named there are unlisted rivals, a random difference of any size in some of the numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from diagnosis.inference.search import Explanation, Search
+from diagnosis.model.candidates import placed
+from diagnosis.model.folds import held_out
+from diagnosis.model.groups import Group
+from diagnosis.model.linear import LinearModel
+from diagnosis.settings import DEFAULT
+
+Array = NDArray[np.float64]
+
+UNKNOWN = "unknown"  # every rival's name begins with it
+
+
+def whiten(L: Array, values: Array) -> Array:
+    """Values in sigmas."""
+    return np.asarray(scipy.linalg.solve_triangular(L, values, lower=True))
+
+
+def make_candidate(
+    effect: str, axis: str | None, columns: Array, unit: str, limits: tuple[float, float] = (0.0, np.inf), **more: Any
+) -> Group:
+    """A cause with one set of whitened columns; further attributes as of `Group`."""
+    return Group(effect, axis, True, [columns], [{}], np.ones(1), limits, unit, **more)
+
+
+def make_rival(effect: str, axis: str | None, columns: Array, unit: str, limits: tuple[float, float]) -> Group:
+    """A random difference of any size within limits."""
+    return Group(f"{UNKNOWN} in {effect}", axis, False, [columns], [{}], np.ones(1), limits, unit, process=True)
+
+
+def build_model(
+    d: Array,
+    covariance: Array,
+    groups: Sequence[Group],
+    owner: NDArray[np.str_],
+    held: Iterable[str],
+    split: str,
+    most_effects: int,
+    width: int,
+) -> LinearModel:
+    """The linear model of a table.
+
+    Parameters
+    ----------
+    d, covariance : (n,), (n, n) flown minus simulated under the baseline
+    groups : candidates with whitened columns (n, k)
+    owner, held : (n,) what each number belongs to, and what is held out in turn
+    split : what that is, in words
+    most_effects, width : of the search
+    """
+    L = np.asarray(np.linalg.cholesky(covariance))
+    candidates, W = placed(groups, lambda columns: columns, DEFAULT, d.size)
+    return LinearModel(
+        y=whiten(L, d),
+        X=W,
+        W=W,
+        candidates=candidates,
+        dof=d.size,
+        projected=lambda values: values,
+        most_effects=most_effects,
+        beam=(width,) * (most_effects - 1),
+        split=split,
+        folds=lambda W: (held_out(covariance, d, L @ W, owner == name, owner) for name in held),
+    )
+
+
+def rank_explanations(model: LinearModel, nothing: float, odds: Sequence[float] = ()) -> list[Explanation]:
+    """The explanations of a table's difference with chance alone beside them, the likeliest first.
+
+    Parameters
+    ----------
+    model : of the table
+    nothing : prior share of chance alone
+    odds : for each candidate, what data outside the model add to the log posterior of explanations with it
+    """
+    found = [*Search(model).explanations(), Explanation((), 0.0, float(np.log(nothing)))]
+    if len(odds):
+        found = [
+            replace(one, log_posterior=one.log_posterior + sum(odds[member.candidate] for member in one.members))
+            for one in found
+        ]
+    return sorted(found, key=lambda one: -one.log_posterior)
