@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from gyrocal import Attitudes, GyroStream, InputError, Interval, Recording
-from gyrocal.importing.noise import ALLAN_S, allan_walk, axis_sigma, increment_residuals
+from gyrocal.importing.noise import ALLAN_S, axis_sigma, estimate_walk_at_rest, increment_residuals
 from gyrocal.importing.rests import runs
 
 Array = NDArray[np.float64]
@@ -245,7 +245,7 @@ def references(trial: Trial, cut: tuple[int, int], spacing_s: float) -> Indices:
 
 def rest_noise(trial: Trial) -> Array:
     """Angle random walk per axis (3,) rad/sqrt(s), by the Allan deviation of the rests."""
-    found = allan_walk([trial.rates[first:stop] for first, stop in runs(trial.still)], trial.sample_s)
+    found = estimate_walk_at_rest([trial.rates[first:stop] for first, stop in runs(trial.still)], trial.sample_s)
     if found is None:
         raise InputError(f"{trial.name}: no rest of {3 * ALLAN_S:g} s to take the gyro noise from")
     return found
