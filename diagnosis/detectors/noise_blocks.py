@@ -221,4 +221,5 @@ OF_MOTION = _power_of(SETTINGS.order - 2)  # M_k
 _KAPPA, SPREAD = _of_the_mean_square()
 _DESIGN = np.column_stack([np.ones(SETTINGS.showing), OF_MOTION])
 _LEVEL = np.linalg.inv(_DESIGN.T @ _DESIGN)
+LEVEL_WEIGHTS = (_LEVEL @ _DESIGN.T)[0]  # (showing,) from squares of a block to its noise power beside any motion
 _RISE = np.linalg.pinv(np.column_stack([READ_OUT, OF_MOTION]))[0]  # q² from powers less than what is stated

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy.ndimage
 from numpy.typing import NDArray
 
 from diagnosis.detectors.clipping import find_clipping
@@ -19,6 +20,7 @@ from diagnosis.detectors.dead_zone_crossings import find_near_edges, find_zones
 from diagnosis.detectors.dead_zone_zeros import find_zeros
 from diagnosis.detectors.denoised import smoothed_rates
 from diagnosis.detectors.lattice import Kind
+from diagnosis.detectors.noise_dependence import find_noise_dependence, lower_likeness
 from diagnosis.detectors.number_format import NumberFormats, find_number_formats, undo_lattices
 from diagnosis.detectors.outliers import find_outliers
 from diagnosis.detectors.own_repeats import find_own_repeats
@@ -126,6 +128,20 @@ def _examine_noise(stream: Stream, formats: NumberFormats, clipped: Mask, settin
     outliers, stream = find_outliers(stream, still, local, steps, event_p, within(tell, 0.25, 0.3))
     lines, tests = find_lines(stream, still, formats.steps > SETTINGS.hiding * sigma, settings.line, within(tell, 0.3, 0.65))
     noise = measure_noise(stream, clipped, formats, lines, event_p, within(tell, 0.65, 0.8))
+    dependence, p_values = find_noise_dependence(*_choose_noise(stream, clipped, formats, lines, zones), event_p)
+    levels = replace(noise.findings, symptoms=lower_likeness(noise.findings.symptoms, p_values))
     stream, hidden = undo_lattices(replace(stream, density=stream.density * noise.density), formats)
-    found = held, outliers, tests, noise.findings, zeros
+    found = held, outliers, tests, levels, dependence, zeros
     return NoisyPart(stream, found, lines, zones, tuple(noise.factor.tolist()), tuple(hidden.tolist()))
+
+
+def _choose_noise(
+    stream: Stream, clipped: Mask, formats: NumberFormats, lines: tuple[Line, ...], zones: dict[int, Zone]
+) -> tuple[Stream, Mask, Mask]:
+    """Choose readings without tones, samples that were measured, and gyros in which nothing but noise is in the blocks."""
+    rates = stream.rates.copy()
+    for line in lines:
+        rates[:, line.axis] -= line.waveform
+    tested = ~formats.coarse & ~np.array([axis in zones for axis in range(3)])
+    measured = stream.used & ~scipy.ndimage.binary_dilation(stream.filled | clipped, iterations=2)
+    return replace(stream, rates=rates), measured, np.asarray(tested)

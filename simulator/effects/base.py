@@ -61,6 +61,7 @@ ON_REFERENCES = ("reference", "random_reference", "reference_noise", "reference_
 
 SYMPTOMS = (
     "white_noise_level",  # white noise of the samples other than stated
+    "noise_pattern",  # noise of one gyro whose level depends on the motion or the time
     "readout_noise",  # noise of the samples whose spectrum rises as f²
     "lattice_rounded",  # readings are multiples of a step, rounded to it
     "lattice_cut",  # readings are multiples of a step, cut toward zero
