@@ -133,7 +133,7 @@ def calibrate_beside(model: RecordingModel, effects: Sequence[tuple[Array, float
     y = model.whitened(model.zeta)
     y = y - Q @ (Q.T @ y)
     prior = np.concatenate([1e-2 / PLAUSIBLE_RANGE**2, *(np.full(part.shape[1], 1 / sigma**2) for part, sigma in effects)])
-    scale = 1.0 / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    scale = 1.0 / np.sqrt(np.sum(columns**2, axis=0) + prior)  # which makes the diagonal of the information one
     information = (columns * scale).T @ (columns * scale) + np.diag(prior * scale**2)
     covariance = np.linalg.pinv(information, rcond=1e-13, hermitian=True) * np.outer(scale, scale)
     change = covariance @ (columns.T @ y)

@@ -84,7 +84,7 @@ def build_rival(
 ) -> Group:
     """Build a discrepancy that is on no list, with options of equal prior unless a scan for periods gives their weights."""
     count, scanned = len(columns), weights is not None
-    shares = np.full(count, 1 / count) if weights is None else weights
+    shares = np.full(count, 1 / max(count, 1)) if weights is None else weights
     return Group(name, axis, False, columns, [{}] * count, shares, (0.0, np.inf), "", process, scanned=scanned)
 
 
