@@ -13,8 +13,9 @@ from diagnosis.detectors.stream_faults import find_faults, remove_faults
 from diagnosis.draft import propose_draft
 from diagnosis.explain import Explained, explain_prepared
 from diagnosis.merge import merged
+from diagnosis.model.fault_causes import convert_faults
 from diagnosis.model.prepare import Prepared, Progress, prepare
-from diagnosis.model.symptoms import convert_faults, list_sample_causes
+from diagnosis.model.symptoms import list_sample_causes
 from diagnosis.remainder_search import identify_beside_remainder
 from diagnosis.result import Diagnosis
 from diagnosis.sensor_tables import diagnose_sensors
@@ -64,8 +65,7 @@ def diagnose(
         tell("gyro samples", 0.0)
         faults = find_faults(recording, effects)
         usable = remove_faults(recording, faults)
-        prepared = prepare(usable, settings, tell)
-        explained = explain_prepared(prepared, effects, settings, seed, tell)
+        prepared, explained = explain_prepared(prepare(usable, settings, tell), effects, settings, seed, tell)
         found = answer(prepared, explained, effects, settings, time.perf_counter() - began, faults)
         if draft:
             found = _with_draft(found, prepared, explained, effects, settings, tell)

@@ -33,8 +33,11 @@ from diagnosis.inference.search import NOTHING, Explanation, Search
 from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.dead_zone import bound_p_of_passes, dead_zone_groups
+from diagnosis.model.judgement import reclassify_without_effects
+from diagnosis.model.known_effects import known
+from diagnosis.model.layout import tabulate_observations
 from diagnosis.model.linear import Candidate, LinearModel, Member
-from diagnosis.model.misfit import check_baseline, compute_attitude_errors, tabulate_observations
+from diagnosis.model.misfit import check_baseline, compute_attitude_errors
 from diagnosis.model.prepare import Prepared, Progress
 from diagnosis.model.symptoms import list_sample_causes
 from diagnosis.remainder_search import BesideRemainder, identify_beside_remainder
@@ -57,6 +60,7 @@ class Explained:
     p_value : that M0 alone departs so far
     attribution : None without a gap
     fitted : amplitudes of the effects that are named
+    rejected : amplitudes of those that would be, but for the checks of what they leave
     checks : of what the named effects leave
     passed : p-value of the checks of all listed explanations together, averaged over their posterior; None without a check
     left : what M0 leaves of all references, before any averaging
@@ -78,16 +82,28 @@ class Explained:
     passed: float | None = None
     left: tuple[Check, ...] = ()
     unseen: tuple[Ranked, ...] = ()
+    rejected: tuple[Fitted, ...] = ()
     beside: BesideRemainder | None = None
     budget: tuple[Step, ...] = ()
 
 
 def explain_prepared(
     prepared: Prepared, effects: Sequence[Effect], settings: DiagnosisSettings, seed: int, tell: Progress
-) -> Explained:
-    """Explain what the attitude shows of a prepared recording; parameters as of `diagnose`."""
+) -> tuple[Prepared, Explained]:
+    """Explain what the attitude shows of a prepared recording, which may be judged anew; parameters as of `diagnose`.
+
+    Lines and the references' noise were judged with all effects in the residuals, and are judged anew without those that are
+    found. Where the checks reject these, a wrong judgement may be why: it is taken back if they are found again without it.
+    """
     explained = explain(prepared, effects, settings, seed, tell)
-    return _add_remainder(prepared, explained, effects, settings, partial(_once_more, tell))
+    once_more = partial(_once_more, tell)
+    at_work = known(explained.fitted or explained.rejected, {effect.name: effect for effect in effects})
+    again = reclassify_without_effects(prepared, at_work, settings, once_more)
+    if again is not None:
+        anew = explain(again, effects, settings, seed, once_more)
+        found, before = ({(one.effect, one.axis) for one in part} for part in (anew.fitted, explained.rejected))
+        prepared, explained = (again, anew) if before <= found else (prepared, explained)
+    return prepared, _add_remainder(prepared, explained, effects, settings, once_more)
 
 
 def _add_remainder(
@@ -209,6 +225,7 @@ def judged(
     p, left = min(p / (1 - share), shown), 1.0 if left is None else left / share
     attribution: Attribution | None = None
     fitted: tuple[Fitted, ...] = ()
+    rejected: tuple[Fitted, ...] = ()
     checks: tuple[Check, ...] = ()
     passed: float | None = None
     closed: Closure | None = None
@@ -233,7 +250,7 @@ def judged(
                 passed = average_checks(weighed, partial(_checked, linear, check, step), partial(is_listed, linear))
             attribution = weigh_unlisted(linear, attribution, passed, settings)
             if not attribution.slots:
-                members, fitted = (), ()
+                members, fitted, rejected = (), (), fitted
             tell("held-out data", 0.85)
             closed = compute_closure(linear, members) if members else None
     elif left < settings.false_alarm_rate:
@@ -242,7 +259,7 @@ def judged(
         quiet = unseen(linear, search.singles(), of_all, settings)
     return Explained(
         linear.candidates, min(p, left, 1.0), attribution, fitted, checks, closed, np.zeros(12), np.zeros((12, 12)), passed,
-        unseen=quiet,
+        unseen=quiet, rejected=rejected,
     )  # fmt: skip
 
 

@@ -30,12 +30,13 @@ from diagnosis.detectors.samples import examine
 from diagnosis.explain import Explained, explain, judged
 from diagnosis.inference.criticism import Check, check_explanation
 from diagnosis.model import localization
+from diagnosis.model.array_model import ArrayModel
 from diagnosis.model.calibration import calibrated
 from diagnosis.model.folds import SETTINGS as FOLDS
-from diagnosis.model.gyro_array import ArrayModel, ParityModel, build_parity_model
 from diagnosis.model.gyros import build_array_model
+from diagnosis.model.layout import tabulate_observations
 from diagnosis.model.linear import LinearModel, Member
-from diagnosis.model.misfit import tabulate_observations
+from diagnosis.model.parity import ParityModel, build_parity_model
 from diagnosis.model.prepare import Prepared, prepare
 from diagnosis.model.symptoms import claimed, drop_estimated_levels, reference_symptoms
 from diagnosis.result import Details, Diagnosis

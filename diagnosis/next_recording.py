@@ -32,16 +32,16 @@ from diagnosis.explain import judged
 from diagnosis.inference.amplitudes import Fitted
 from diagnosis.inference.criticism import Check, check_explanation
 from diagnosis.model import processes
-from diagnosis.model.calibration import check_residuals
 from diagnosis.model.dead_zone import bound_p_of_passes, dead_zone_groups
 from diagnosis.model.folds import Conditioned, conditioned
+from diagnosis.model.gate import check_residuals
+from diagnosis.model.groups import process_places
+from diagnosis.model.layout import tabulate_observations
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.linearise import linearised
 from diagnosis.model.localization import compute_chi2
-from diagnosis.model.misfit import tabulate_observations
 from diagnosis.model.periods import make_columns
 from diagnosis.model.prepare import Prepared, Progress, check_usable, prepare, unclipped
-from diagnosis.model.processes import process_places
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.unit import Unit, joined, own_biases, unit_model
 from diagnosis.settings import DEFAULT, DiagnosisSettings

@@ -31,8 +31,9 @@ from diagnosis.inference.search import NOTHING, Explanation, Search
 from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model, of_columns
 from diagnosis.model.linear import ColumnStore, LinearModel, Member
+from diagnosis.model.misfit import build_basis
 from diagnosis.model.prepare import Progress
-from diagnosis.model.recording import RecordingModel, build_basis
+from diagnosis.model.recording import RecordingModel
 from diagnosis.model.remainder import (
     Process,
     Remainder,

@@ -22,7 +22,8 @@ from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import LinearModel
 from diagnosis.model.sensors.arcs import FittedArc, MisfitError, arcs_of, fit_arc, fitted_arcs
-from diagnosis.model.sensors.columns import GYRO, Held, held_error, list_orthogonal
+from diagnosis.model.sensors.columns import GYRO, Held, held_error
+from diagnosis.model.sensors.orthogonal import list_orthogonal
 from diagnosis.model.sensors.reading import find_misreading
 from diagnosis.model.sensors.refine import refine_parameters
 from diagnosis.model.sensors.residuals import findings, residual_table

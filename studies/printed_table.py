@@ -15,8 +15,9 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from diagnosis.inference.search import Explanation, Search
+from diagnosis.model.candidates import placed
 from diagnosis.model.folds import held_out
-from diagnosis.model.groups import Group, placed
+from diagnosis.model.groups import Group
 from diagnosis.model.linear import LinearModel
 from diagnosis.settings import DEFAULT
 

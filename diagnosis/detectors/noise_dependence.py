@@ -61,14 +61,12 @@ def find_noise_dependence(stream: Stream, measured: Mask, tested: Mask, event_p:
         for axis in range(3)
         if texts[axis]
     )
-    departing = np.flatnonzero((p_values < event_p) & (sizes > SETTINGS.notable))
-    symptoms = []
-    if departing.size == 1:
-        axis = int(departing[0])
-        p, size = float(p_values[axis]), float(sizes[axis])
-        symptoms.append(Symptom("noise_pattern", AXES[axis], size, "of its power", 0.0, {}, p, texts[axis]))
-    alone = np.where(np.arange(3) == (departing[0] if departing.size == 1 else -1), p_values, 1.0)
-    return Findings(tests, tuple(symptoms)), alone
+    departing = (p_values < event_p) & (sizes > SETTINGS.notable)
+    if np.count_nonzero(departing) != 1:
+        return Findings(tests), np.ones(3)
+    one = int(np.argmax(departing))
+    found = Symptom("noise_pattern", AXES[one], float(sizes[one]), "of its power", 0.0, {}, float(p_values[one]), texts[one])
+    return Findings(tests, (found,)), np.where(departing, p_values, 1.0)
 
 
 def lower_likeness(symptoms: tuple[Symptom, ...], p_values: Array) -> tuple[Symptom, ...]:

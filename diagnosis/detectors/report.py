@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,7 @@ class Symptom:
     probability : that an effect is at work and not a motion of the body, where that was weighed
     rivals : other symptoms that this may be as well, about the same axis, with their shares of the probability
     likeness : p-value of how it behaves, if it is what its kind says (`diagnosis.detectors.repeats`)
+    of_line : whether it is a line of the spectrum, which the attitude has judged
     """
 
     kind: str
@@ -80,6 +81,7 @@ class Symptom:
     probability: float = 1.0
     rivals: tuple[tuple[str, float], ...] = ()
     likeness: float = 1.0
+    of_line: bool = False
 
 
 @dataclass(frozen=True)
@@ -205,6 +207,14 @@ class SampleReport:
     motions: tuple[Line, ...] = ()
     unconfirmed: tuple[Line, ...] = ()
     cut_odds: float | None = None
+
+    def unjudged(self) -> SampleReport:
+        """Return the report as it was before any line was judged."""
+        rates = self.rates.copy()
+        for line in self.vibrations:
+            rates[:, line.axis] += line.waveform
+        left = tuple(one for one in self.symptoms if not one.of_line)
+        return replace(self, rates=rates, symptoms=left, vibrations=(), motions=(), unconfirmed=())
 
 
 def inside(recording: Recording) -> Mask:

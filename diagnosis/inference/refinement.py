@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from diagnosis.inference.search import Explanation, Score, Search
-from diagnosis.model.linear import LinearModel, Member
+from diagnosis.model.linear import LinearModel, Member, Wanted
 from diagnosis.settings import DiagnosisSettings
 
 
@@ -35,13 +35,14 @@ def search_with_refined_options(
     process would explain.
     """
     found = search.explanations()
+    moments = search.model.moments(search.model, _wanted(search, found[: SETTINGS.refined]))
     likely = found[: SETTINGS.refined]
     places = [member for explanation in likely for member in explanation.members]
     places += beside(search, found[0]) if found else []
     places = [member for member in places if not search.model.candidate(member).process]
     processes = whole_processes(search.model, likely)
     search.forget()
-    linear = search.model
+    linear = moments
     for member in {member.candidate: member for member in reversed(places)}.values():
         linear = linear.refine(linear, member)
     # Processes last: their finer scales are numbered anew, and the others of a set are held at theirs.
@@ -93,6 +94,17 @@ def _as_a_whole(
 
 def _others(explanation: Explanation, member: Member) -> tuple[Member, ...]:
     return tuple(one for one in explanation.members if one != member)
+
+
+def _wanted(search: Search, found: Sequence[Explanation]) -> list[Wanted]:
+    """Explanations with one of their members away, and what a step must explain beside the others to be looked at closely."""
+    wanted: dict[frozenset[Member], Wanted] = {}
+    for explanation in found:
+        for member in explanation.members:
+            others = _others(explanation, member)
+            least = SETTINGS.nearly * search.score(member.candidate, others).best
+            wanted.setdefault(frozenset(others), (others, least))
+    return list(wanted.values())
 
 
 def beside(search: Search, best: Explanation) -> list[Member]:

@@ -1,7 +1,7 @@
 """The linear model of a recording: every effect that could be named, and every unlisted rival, side by side.
 
-Each is a group of columns (`diagnosis.model.groups`). Listed effects have columns or a covariance; unlisted rivals are those of
-`diagnosis.model.unlisted`, `diagnosis.model.periods`, `diagnosis.model.processes` and `diagnosis.model.trackers`.
+Each is a group of columns of its own (`diagnosis.model.groups`); here they get their places, their scales and their priors, and
+the recording's nuisance parameters are taken out of them.
 """
 
 from __future__ import annotations
@@ -11,20 +11,19 @@ from dataclasses import replace
 from itertools import chain
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
-from diagnosis.model import periods, processes, trackers, unlisted
+from diagnosis.model.finer_processes import with_finer_process, with_whole_process
 from diagnosis.model.folds import SPLIT, folds
-from diagnosis.model.groups import AXES, Group, build_rival, group_of, list_candidates
-from diagnosis.model.gyro_array import ArrayModel
+from diagnosis.model.groups import Group, listed, unlisted_groups
+from diagnosis.model.linear import EVERY, Candidate, ColumnStore, LinearModel, Member, Option, Wanted, scales_of, spaced
 from diagnosis.model.linear import SETTINGS as LINEAR
-from diagnosis.model.linear import Candidate, ColumnStore, LinearModel, Member, spaced
-from diagnosis.model.nonlinear import build_delay_column, with_true_rates
+from diagnosis.model.periods import add_finer_periods, scan_periods
 from diagnosis.model.recording import RecordingModel
-from diagnosis.model.steps import StepTimes, step_times, switched_columns, with_finer_times
+from diagnosis.model.steps import with_finer_times, with_moments
+from diagnosis.model.true_rates import with_true_rates
 from diagnosis.settings import DEFAULT, DiagnosisSettings
-from simulator.effects.base import Effect, Surroundings, Trial
+from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
 
@@ -51,7 +50,7 @@ def linear_model(
     tell : called with the number of candidates that are made, before each
     """
     tell(0)
-    found = periods.scan_periods(model) if scan else None
+    found = scan_periods(model) if scan else None
 
     store = ColumnStore(model.nuisance)
 
@@ -63,6 +62,79 @@ def linear_model(
 
     candidates = list_candidates(list(made()), lambda projected: projected, settings)
     return of_columns(model, candidates, store, {effect.name: effect for effect in effects}, settings)
+
+
+def placed(
+    groups: Sequence[Group],
+    projected: Callable[[Array], Array],
+    settings: DiagnosisSettings,
+    size: int = 0,
+    visible: tuple[float, float] = LINEAR.visible,
+) -> tuple[tuple[Candidate, ...], Array]:
+    """Place the columns (N, p) of all groups side by side, and list their candidates; see `list_candidates`."""
+    candidates, columns = list_candidates(groups, projected, settings, visible), [np.empty((size, 0))]
+    parts = [part for group in groups for part in group.columns]
+    return candidates, np.hstack(parts or columns)
+
+
+def list_candidates(
+    groups: Sequence[Group],
+    projected: Callable[[Array], Array],
+    settings: DiagnosisSettings,
+    visible: tuple[float, float] = LINEAR.visible,
+) -> tuple[Candidate, ...]:
+    """List the candidates of groups whose columns lie side by side, with their scales and priors.
+
+    Each effect has the same prior, shared by its axes, and so has each rival; what could not be seen is left out.
+
+    Parameters
+    ----------
+    groups : the candidates
+    projected : takes the nuisance parameters out of columns
+    settings : priors
+    visible : signal-to-noise ratios of interest
+    """
+    names = {group.effect for group in groups if group.listed}
+    rivals = {group.effect for group in groups if not group.listed}
+    share = settings.unlisted_share if rivals and names else float(bool(rivals))
+    axes = {name: sum(group.effect == name for group in groups) for name in names | rivals}
+    candidates, stop = [], 0
+    for group in groups:
+        stops = stop + np.cumsum([part.shape[1] for part in group.columns], dtype=int)
+        stop = int(stops[-1]) if stops.size else stop
+        norms = [np.linalg.norm(projected(part), axis=0) for part in group.columns]
+        largest = max((float(norm.max()) for norm in norms if norm.size), default=0.0)
+        shown = visible[0], max(visible[1], group.loudest)
+        scales = scales_of(largest, group.limits, shown) if group.scales is None else group.scales
+        # What a size of a random process shows differs between its options, each of which has scales of its own.
+        windows = [_window(norm, group.limits, shown) for norm in norms] if group.process and group.scales is None else []
+        if windows and scales.size:
+            scales = spaced(min(low for low, high in windows if low < high), max(high for low, high in windows if low < high))
+        if not scales.size:
+            continue
+        family = (1 - share) / len(names) if group.listed else share / len(rivals)
+        options = []
+        windows = windows or [EVERY] * len(norms)
+        for end, norm, weight, parameters, window in zip(
+            stops.tolist(), norms, group.weights, group.parameters, windows, strict=True
+        ):
+            if not window[0] < window[1] or (group.scales is None and not norm.size):  # nothing of it can be seen here
+                continue
+            options.append(Option(end - norm.size, norm.size, float(np.log(weight)), parameters, window))
+        prior = float(np.log(group.weight * family / axes[group.effect]))
+        candidates.append(
+            Candidate(
+                group.effect, group.axis, group.listed, prior, tuple(options), scales, group.unit, group.process,
+                group.positive, group.log_odds, group.read, group.size_sigma, group.shifted, group.scanned, group.roughness,
+            )
+        )  # fmt: skip
+    return tuple(candidates)
+
+
+def _window(norms: Array, limits: tuple[float, float], visible: tuple[float, float]) -> tuple[float, float]:
+    """Range of the scales that an option can show; no range where nothing of it can be seen."""
+    largest = float(norms.max(initial=0.0))
+    return (max(limits[0], visible[0] / largest), min(limits[1], visible[1] / largest)) if largest > 0 else (np.inf, 0.0)
 
 
 def of_columns(
@@ -80,9 +152,9 @@ def of_columns(
         if effect is None or effect.of_trackers:
             return linear
         if effect.scanned:
-            return periods.add_finer_periods(model, linear, member, effect)
+            return add_finer_periods(model, linear, member, effect)
         if linear.candidate(member).process:
-            return processes.with_finer_process(model, linear, member, effect)
+            return with_finer_process(model, linear, member, effect)
         finer = with_finer_times if effect.switched else with_true_rates
         return finer(model, linear, member, effect)
 
@@ -90,7 +162,10 @@ def of_columns(
         effect = effects.get(linear.candidate(member).effect)
         if effect is None or effect.of_trackers or not linear.candidate(member).process:
             return linear
-        return processes.with_whole_process(model, linear, member, effect)
+        return with_whole_process(model, linear, member, effect)
+
+    def moments(linear: LinearModel, wanted: Sequence[Wanted]) -> LinearModel:
+        return with_moments(model, linear, effects, wanted)
 
     return LinearModel(
         y=model.y,
@@ -105,130 +180,5 @@ def of_columns(
         room=store.room,
         refine=refine,
         whole=whole,
+        moments=moments,
     )
-
-
-# ---- listed effects ------------------------------------------------------------------------------------------------------
-
-
-def listed(
-    model: RecordingModel, effects: Sequence[Effect], found: periods.Found | None, steps: StepTimes | None = None
-) -> Iterator[Group]:
-    """The effects that have columns or a covariance and can be seen in this recording.
-
-    Parameters
-    ----------
-    model, effects : the recording and what may be named
-    found : by a scan for periods
-    steps : times that steps are tried at; those of `step_times` by default
-    """
-    around = model.around
-    for effect in effects:
-        if effect.missing(around) is not None:
-            continue
-        if effect.of_trackers:
-            yield from trackers.list_tracker_groups(model, effect)
-        elif effect.has_columns:
-            for axis in effect.axes or (None,):
-                if effect.scanned and found is not None:
-                    if found:
-                        yield scanned_group(model, effect, str(axis), found)
-                elif effect.switched:
-                    yield switched_group(model, effect, axis, around, steps)
-                else:
-                    yield plain_group(model, effect, axis, around)
-        elif effect.is_process:
-            yield from process_groups(model, effect, around)
-
-
-def plain_group(model: RecordingModel | ArrayModel, effect: Effect, axis: str | None, around: Surroundings) -> Group:
-    """An effect whose columns are there throughout, with an option for each set of parameters worth trying."""
-    trials = list(effect.trials(around))
-    columns = [periods.make_columns(model, effect, axis, trial.parameters) for trial in trials]
-    if isinstance(model, RecordingModel) and effect.stage == "clock" and effect.unit == "s":  # one delay, of any length
-        long = build_delay_column(model, columns[0], effect.prior)
-        columns, trials = (columns, trials) if long is None else ([columns[0], long], [Trial({}, 0.5), Trial({}, 0.5)])
-    return group_of(effect, axis, columns, trials)
-
-
-def switched_group(
-    model: RecordingModel | ArrayModel, effect: Effect, axis: str | None, around: Surroundings, steps: StepTimes | None = None
-) -> Group:
-    """An effect that is switched on at some time, with an option for each time that is tried."""
-    times, widths, weights, firsts = steps or step_times(model)
-    columns: list[Array] = []
-    trials: list[Trial] = []
-    for trial in effect.trials(around):
-        columns += np.split(switched_columns(model, effect, axis, trial.parameters, firsts), times.size, axis=1)
-        for time, width, weight in zip(times.tolist(), widths.tolist(), weights.tolist(), strict=True):
-            trials.append(Trial({**trial.parameters, "time_s": time, "time_sigma_s": width}, trial.weight * weight))
-    return group_of(effect, axis, columns, trials)
-
-
-def process_groups(model: RecordingModel, effect: Effect, around: Surroundings) -> Iterator[Group]:
-    """A random process about each axis."""
-    trials = effect.trials(around)
-    covariance, places = processes.process_places(model, effect)
-    columns: dict[str, list[Array]] = {axis: [] for axis in effect.axes}
-    for trial in trials:
-        K = covariance(trial.parameters)  # one at a time: there may be two thousand times
-        for place, made in zip(places, columns.values(), strict=True):
-            made.append(processes.usual(place, K))
-    for axis, made in columns.items():
-        yield group_of(effect, axis, made, trials, process=True)
-
-
-def scanned_group(model: RecordingModel, effect: Effect, axis: str, found: periods.Found) -> Group:
-    """An effect that swings with any period, with an option for each period that a scan of the data has kept."""
-    options = found[effect.on_references, AXES.index(axis)]
-    columns = periods.make_effect_columns(model, effect, axis, np.array([one.frequency for one in options]))
-    group = group_of(effect, axis, columns, [Trial(one.parameters, float(np.exp(one.log_weight))) for one in options])
-    # What a size shows grows with the period: the scales are those of all options, not only of the strongest.
-    norms = np.array([max(np.linalg.norm(model.projected(part), axis=0).max(), 1e-300) for part in columns])
-    low, high = max(effect.prior[0], LINEAR.visible[0] / norms.max()), min(effect.prior[1], LINEAR.visible[1] / norms.min())
-    return replace(group, scanned=True, scales=spaced(low, high))
-
-
-# ---- unlisted rivals -----------------------------------------------------------------------------------------------------
-
-
-def unlisted_groups(model: RecordingModel, found: periods.Found, effects: Sequence[Effect]) -> Iterator[Group]:
-    """Every discrepancy that is on no list, with an amplitude of any size."""
-    yield from periods.list_repeating(model, found, [effect.on_references for effect in effects if effect.scanned])
-    yield from unlisted.build_families(model)
-    cells, around = processes.cell_times(model), model.around
-    known = [
-        effect.covariance(cells, trial.parameters)
-        for effect in effects
-        if effect.is_process and not effect.on_references and not effect.of_trackers and effect.missing(around) is None
-        for trial in effect.trials(around)
-    ]
-    between = steps_between(model, effects)
-    for process in processes.unlisted(model, known):
-        others = [one for one in process.columns if not _is_within(model.projected(one), between[str(process.axis)])]
-        if others:
-            yield build_rival(process.effect, process.axis, others, True)
-    yield from trackers.list_tracker_rivals(model)
-
-
-def steps_between(model: RecordingModel, effects: Sequence[Effect]) -> dict[str, list[Array]]:
-    """Orthonormal bases (N, k) of what steps of listed effects about each axis look like between two intervals.
-
-    Where there are just two, what has a value of its own in each is a step between them, and no rival of it.
-    """
-    found: dict[str, list[Array]] = {axis: [] for axis in AXES}
-    if len(model.blocks) != 2:
-        return found
-    second = np.array([model.blocks[1].steps.start])
-    for effect in effects:
-        if effect.switched and effect.has_columns and not effect.on_references and effect.missing(model.around) is None:
-            for axis in AXES:
-                steps = [switched_columns(model, effect, axis, one.parameters, second) for one in effect.trials(model.around)]
-                found[axis].append(scipy.linalg.orth(model.projected(np.hstack(steps))))
-    return found
-
-
-def _is_within(columns: Array, bases: Sequence[Array]) -> bool:
-    """Whether some projected columns (N, r) lie in the span of one of the bases, but for a small part of their power."""
-    power = float(np.sum(columns**2))
-    return any(float(np.sum((basis.T @ columns) ** 2)) > processes.SETTINGS.alike * power for basis in bases)

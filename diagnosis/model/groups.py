@@ -1,21 +1,30 @@
-"""Candidates before their place in the linear model is known, and the model's candidates that are made of them.
+"""Every effect that could be named, and every unlisted rival, as a group of columns of a recording.
 
 An effect says itself which columns or which covariance it has, which options are worth trying and how plausible it is
-(`simulator.effects.base.Effect`). An unlisted rival is a discrepancy that is on no list, with amplitudes of any size.
+(`simulator.effects.base.Effect`); here its columns become observations of the recording. Unlisted rivals are those of
+`diagnosis.model.unlisted`, `diagnosis.model.repeating` and `diagnosis.model.processes`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
-from diagnosis.model.linear import EVERY, Candidate, Option, Parameters, exactly, first_amplitude, scales_of, spaced
+from diagnosis.model import processes, repeating, trackers, unlisted
+from diagnosis.model.array_model import ArrayModel
 from diagnosis.model.linear import SETTINGS as LINEAR
-from diagnosis.settings import DiagnosisSettings
-from simulator.effects.base import Effect, Trial
+from diagnosis.model.linear import Parameters, exactly, first_amplitude, spaced
+from diagnosis.model.periods import Found, make_columns, make_effect_columns
+from diagnosis.model.places import Place
+from diagnosis.model.recording import RecordingModel
+from diagnosis.model.steps import StepTimes, step_times, switched_columns
+from diagnosis.model.time_offset import delays
+from simulator.effects.base import Effect, Surroundings, Value
 
 Array = NDArray[np.float64]
 
@@ -59,103 +68,180 @@ class Group:
     roughness: float = 0.0
 
 
-def group_of(
-    effect: Effect, axis: str | None, columns: Sequence[Array], trials: Sequence[Trial], process: bool = False
+# ---- listed effects ------------------------------------------------------------------------------------------------------
+
+
+def listed(
+    model: RecordingModel, effects: Sequence[Effect], found: Found | None, steps: StepTimes | None = None
+) -> Iterator[Group]:
+    """The effects that have columns or a covariance and can be seen in this recording.
+
+    Parameters
+    ----------
+    model, effects : the recording and what may be named
+    found : by a scan for periods
+    steps : times that steps are tried at; those of `step_times` by default
+    """
+    around = model.around
+    for effect in effects:
+        if effect.missing(around) is not None:
+            continue
+        if effect.of_trackers:
+            trials = effect.trials(around)
+            parameters, weights = [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials]
+            for name, columns in trackers.list_tracker_columns(model, effect):
+                yield replace(group_of(effect, name, columns, parameters, weights), process=effect.is_process)
+            continue
+        if effect.has_columns:
+            for axis in effect.axes or (None,):
+                if effect.scanned and found is not None:
+                    if found:
+                        yield scanned_group(model, effect, str(axis), found)
+                elif effect.switched:
+                    yield switched_group(model, effect, axis, around, steps)
+                else:
+                    yield plain_group(model, effect, axis, around)
+        elif effect.is_process:
+            yield from process_groups(model, effect, around)
+
+
+def plain_group(model: RecordingModel | ArrayModel, effect: Effect, axis: str | None, around: Surroundings) -> Group:
+    """An effect whose columns are there throughout, with an option for each set of parameters worth trying."""
+    trials = effect.trials(around)
+    columns = [make_columns(model, effect, axis, trial.parameters) for trial in trials]
+    parameters, weights = [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials]
+    if isinstance(model, RecordingModel) and effect.stage == "clock" and effect.unit == "s":  # one delay, of any length
+        long = delays(model, columns[0], effect.prior)
+        columns += [one.columns for one in long]
+        parameters += [{} for _ in long]
+        weights = [0.5, *(0.5 * one.weight for one in long)] if long else weights
+    return group_of(effect, axis, columns, parameters, weights)
+
+
+def switched_group(
+    model: RecordingModel | ArrayModel, effect: Effect, axis: str | None, around: Surroundings, steps: StepTimes | None = None
 ) -> Group:
-    """Build the group of a listed effect by its columns at each set of parameters."""
+    """An effect that is switched on at some time, with an option for each time that is tried."""
+    times, widths, weights, firsts = steps or step_times(model)
+    columns: list[Array] = []
+    parameters: list[Parameters] = []
+    shares: list[float] = []
+    for trial in effect.trials(around):
+        block = switched_columns(model, effect, axis, trial.parameters, firsts)
+        columns += [block[:, [k]] for k in range(times.size)]
+        parameters += [
+            {**trial.parameters, "time_s": float(time), "time_sigma_s": float(width)}
+            for time, width in zip(times, widths, strict=True)
+        ]
+        shares += (trial.weight * weights).tolist()
+    return group_of(effect, axis, columns, parameters, shares)
+
+
+def process_places(model: RecordingModel, effect: Effect) -> tuple[Callable[[Mapping[str, Value]], Array], tuple[Place, ...]]:
+    """Covariance of a random process at the times it is taken at, by its parameters; and where it acts, about each axis."""
+    times = processes.node_times(model) if effect.on_references else processes.part_times(model)
+    return partial(effect.covariance, times), model.reference_places if effect.on_references else model.cell_places
+
+
+def process_groups(model: RecordingModel, effect: Effect, around: Surroundings) -> Iterator[Group]:
+    """A random process about each axis."""
+    trials = effect.trials(around)
+    covariance, places = process_places(model, effect)
+    columns: dict[str, list[Array]] = {axis: [] for axis in effect.axes}
+    for trial in trials:
+        K = covariance(trial.parameters)  # one at a time: there may be two thousand times
+        for place, made in zip(places, columns.values(), strict=True):
+            made.append(processes.usual(place, K))
+    for axis, made in columns.items():
+        group = group_of(effect, axis, made, [dict(t.parameters) for t in trials], [t.weight for t in trials])
+        yield replace(group, process=True)
+
+
+def group_of(
+    effect: Effect, axis: str | None, columns: Sequence[Array], parameters: Sequence[Parameters], weights: Sequence[float]
+) -> Group:
+    """An effect as a group, by its columns at each set of parameters."""
     return Group(
         effect=effect.name,
         axis=axis,
         listed=True,
         columns=columns,
-        parameters=[dict(trial.parameters) for trial in trials],
-        weights=np.array([trial.weight for trial in trials]),
+        parameters=parameters,
+        weights=np.array(weights),
         limits=effect.prior,
         unit=effect.unit,
-        process=process,
         positive=effect.sign == "positive",
         weight=effect.weight,
         read=effect.from_amplitudes,
     )
 
 
-def build_rival(
-    name: str, axis: str | None, columns: Sequence[Array], process: bool = False, weights: Array | None = None
-) -> Group:
-    """Build a discrepancy that is on no list, with options of equal prior unless a scan for periods gives their weights."""
-    count, scanned = len(columns), weights is not None
-    shares = np.full(count, 1 / max(count, 1)) if weights is None else weights
-    return Group(name, axis, False, columns, [{}] * count, shares, (0.0, np.inf), "", process, scanned=scanned)
+# ---- the period of a swing -----------------------------------------------------------------------------------------------
 
 
-def placed(
-    groups: Sequence[Group],
-    projected: Callable[[Array], Array],
-    settings: DiagnosisSettings,
-    size: int = 0,
-    visible: tuple[float, float] = LINEAR.visible,
-) -> tuple[tuple[Candidate, ...], Array]:
-    """Place the columns (N, p) of all groups side by side, and list their candidates; see `list_candidates`."""
-    candidates, columns = list_candidates(groups, projected, settings, visible), [np.empty((size, 0))]
-    parts = [part for group in groups for part in group.columns]
-    return candidates, np.hstack(parts or columns)
+def scanned_group(model: RecordingModel, effect: Effect, axis: str, found: Found) -> Group:
+    """An effect that swings with any period, with an option for each period that a scan of the data has kept."""
+    options = found[effect.on_references, AXES.index(axis)]
+    columns = make_effect_columns(model, effect, axis, np.array([one.frequency for one in options]))
+    parameters = [one.parameters for one in options]
+    group = group_of(effect, axis, columns, parameters, [float(np.exp(one.log_weight)) for one in options])
+    # What a size shows grows with the period: the scales are those of all options, not only of the strongest.
+    norms = np.array([max(np.linalg.norm(model.projected(part), axis=0).max(), 1e-300) for part in columns])
+    low, high = max(effect.prior[0], LINEAR.visible[0] / norms.max()), min(effect.prior[1], LINEAR.visible[1] / norms.min())
+    return replace(group, scanned=True, scales=spaced(low, high))
 
 
-def list_candidates(
-    groups: Sequence[Group],
-    projected: Callable[[Array], Array],
-    settings: DiagnosisSettings,
-    visible: tuple[float, float] = LINEAR.visible,
-) -> tuple[Candidate, ...]:
-    """List the candidates of groups whose columns lie side by side, with their scales and priors.
+# ---- unlisted rivals -----------------------------------------------------------------------------------------------------
 
-    Each effect has the same prior, shared by its axes, and so has each rival; what could not be seen is left out.
 
-    Parameters
-    ----------
-    groups : the candidates
-    projected : takes the nuisance parameters out of columns
-    settings : priors
-    visible : signal-to-noise ratios of interest
+def unlisted_groups(model: RecordingModel, found: Found, effects: Sequence[Effect]) -> Iterator[Group]:
+    """Every discrepancy that is on no list, with an amplitude of any size."""
+    named = [effect.on_references for effect in effects if effect.scanned]
+    for one in repeating.list_families(model, found, named):
+        yield replace(build_rival(one.name, one.axis, one.columns, False, one.weights), scanned=True)
+    for family in unlisted.build_families(model):
+        yield build_rival(family.name, family.axis, family.columns, False)
+    cells, around = processes.cell_times(model), model.around
+    known = [
+        effect.covariance(cells, trial.parameters)
+        for effect in effects
+        if effect.is_process and not effect.on_references and not effect.of_trackers and effect.missing(around) is None
+        for trial in effect.trials(around)
+    ]
+    between = steps_between(model, effects)
+    for process in processes.unlisted(model, known):
+        others = [one for one in process.columns if not _is_within(model.projected(one), between[process.axis])]
+        if others:
+            yield build_rival(process.name, process.axis, others, True)
+    for rival in trackers.list_tracker_rivals(model):
+        yield build_rival(*rival)
+
+
+def steps_between(model: RecordingModel, effects: Sequence[Effect]) -> dict[str, list[Array]]:
+    """Orthonormal bases (N, k) of what steps of listed effects about each axis look like between two intervals.
+
+    Where there are just two, what has a value of its own in each is a step between them, and no rival of it.
     """
-    names = {group.effect for group in groups if group.listed}
-    rivals = {group.effect for group in groups if not group.listed}
-    share = settings.unlisted_share if rivals and names else float(bool(rivals))
-    axes = {name: sum(group.effect == name for group in groups) for name in names | rivals}
-    candidates, stop = [], 0
-    for group in groups:
-        stops = stop + np.cumsum([part.shape[1] for part in group.columns], dtype=int)
-        stop = int(stops[-1]) if stops.size else stop
-        norms = [np.linalg.norm(projected(part), axis=0) for part in group.columns]
-        largest = max((float(norm.max()) for norm in norms if norm.size), default=0.0)
-        shown = visible[0], max(visible[1], group.loudest)
-        scales = scales_of(largest, group.limits, shown) if group.scales is None else group.scales
-        # What a size of a random process shows differs between its options, each of which has scales of its own.
-        windows = [_window(norm, group.limits, shown) for norm in norms] if group.process and group.scales is None else []
-        if windows and scales.size:
-            scales = spaced(min(low for low, high in windows if low < high), max(high for low, high in windows if low < high))
-        if not scales.size:
-            continue
-        family = (1 - share) / len(names) if group.listed else share / len(rivals)
-        options = []
-        windows = windows or [EVERY] * len(norms)
-        for end, norm, weight, parameters, window in zip(
-            stops.tolist(), norms, group.weights, group.parameters, windows, strict=True
-        ):
-            if not window[0] < window[1] or (group.scales is None and not norm.size):  # nothing of it can be seen here
-                continue
-            options.append(Option(end - norm.size, norm.size, float(np.log(weight)), parameters, window))
-        prior = float(np.log(group.weight * family / axes[group.effect]))
-        candidates.append(
-            Candidate(
-                group.effect, group.axis, group.listed, prior, tuple(options), scales, group.unit, group.process,
-                group.positive, group.log_odds, group.read, group.size_sigma, group.shifted, group.scanned, group.roughness,
-            )
-        )  # fmt: skip
-    return tuple(candidates)
+    found: dict[str, list[Array]] = {axis: [] for axis in AXES}
+    if len(model.blocks) != 2:
+        return found
+    second = np.array([model.blocks[1].steps.start])
+    for effect in effects:
+        if effect.switched and effect.has_columns and not effect.on_references and effect.missing(model.around) is None:
+            for axis in AXES:
+                steps = [switched_columns(model, effect, axis, one.parameters, second) for one in effect.trials(model.around)]
+                found[axis].append(scipy.linalg.orth(model.projected(np.hstack(steps))))
+    return found
 
 
-def _window(norms: Array, limits: tuple[float, float], visible: tuple[float, float]) -> tuple[float, float]:
-    """Range of the scales that an option can show; no range where nothing of it can be seen."""
-    largest = float(norms.max(initial=0.0))
-    return (max(limits[0], visible[0] / largest), min(limits[1], visible[1] / largest)) if largest > 0 else (np.inf, 0.0)
+def _is_within(columns: Array, bases: Sequence[Array]) -> bool:
+    """Whether some projected columns (N, r) lie in the span of one of the bases, but for a small part of their power."""
+    power = float(np.sum(columns**2))
+    return any(float(np.sum((basis.T @ columns) ** 2)) > processes.SETTINGS.alike * power for basis in bases)
+
+
+def build_rival(name: str, axis: str | None, columns: Sequence[Array], process: bool, weights: Array | None = None) -> Group:
+    """Build a discrepancy that is on no list, with options of equal prior unless their weights are given."""
+    count = len(columns)
+    shares = np.full(count, 1 / count) if weights is None else weights
+    return Group(name, axis, False, columns, [{}] * count, shares, (0.0, np.inf), "", process)

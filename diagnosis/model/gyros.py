@@ -17,10 +17,10 @@ from itertools import zip_longest
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model import folds, processes
-from diagnosis.model.candidates import listed, plain_group, switched_group, unlisted_groups
-from diagnosis.model.groups import Group, build_rival, group_of, placed
-from diagnosis.model.gyro_array import ArrayModel
+from diagnosis.model import folds, groups, processes
+from diagnosis.model.array_model import ArrayModel
+from diagnosis.model.candidates import placed
+from diagnosis.model.groups import Group
 from diagnosis.model.linear import Fold, LinearModel, Member
 from diagnosis.model.places import Place
 from diagnosis.model.steps import with_finer_times
@@ -46,7 +46,7 @@ def build_array_model(model: ArrayModel, effects: Sequence[Effect], settings: Di
     if model.body is not None:
         common = [effect for effect in effects if effect.on_references or not effect.axes]
         below = ((0, model.parity.size), (0, 0))  # no parity shows these
-        for one in (*listed(model.body, common, None), *unlisted_groups(model.body, {}, common)):
+        for one in (*groups.listed(model.body, common, None), *groups.unlisted_groups(model.body, {}, common)):
             offered.append(replace(one, columns=[np.pad(part, below) for part in one.columns]))
     found, W = placed(offered, model.projected, settings, model.size)
     return LinearModel(
@@ -75,11 +75,13 @@ def list_gyro_groups(model: ArrayModel, effects: Sequence[Effect]) -> Iterator[G
     for gyro, name in enumerate(model.stream.gyros):
         for effect in here:
             if effect.has_columns:
-                yield (switched_group if effect.switched else plain_group)(model, effect, name, around)
+                yield (groups.switched_group if effect.switched else groups.plain_group)(model, effect, name, around)
         unit = model.unit_columns(gyro)
         place = Place.of(unit, unit.T @ model.projected(unit))
         for effect, own in zip(random, covariances, strict=True):
-            yield group_of(effect, name, [processes.usual(place, K) for K in own], effect.trials(around), process=True)
+            trials, columns = effect.trials(around), [processes.usual(place, K) for K in own]
+            parameters, weights = [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials]
+            yield replace(groups.group_of(effect, name, columns, parameters, weights), process=True)
         rate = np.interp(at.t_s, model.stream.t_s, model.stream.raw[:, gyro])
         along = np.outer(rate, rate)
         for words, kinds in (
@@ -88,7 +90,7 @@ def list_gyro_groups(model: ArrayModel, effects: Sequence[Effect]) -> Iterator[G
             ("scale factor of a gyro differs between intervals", [levels * along]),
             ("scale factor of a gyro wanders", [fast[2] * along]),
         ):
-            yield build_rival(words, name, [processes.usual(place, K) for K in kinds], True)
+            yield groups.build_rival(words, name, [processes.usual(place, K) for K in kinds], True)
 
 
 def refine_steps(model: ArrayModel, linear: LinearModel, member: Member, effects: Mapping[str, Effect]) -> LinearModel:

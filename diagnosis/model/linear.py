@@ -153,6 +153,9 @@ class Member:
     scale: int
 
 
+Wanted = tuple[tuple[Member, ...], float]  # members, and the log of the likelihood ratio that something beside them must have
+
+
 @dataclass(frozen=True)
 class Fold:
     """One part of the data held out, and the rest to learn from.
@@ -279,6 +282,8 @@ class LinearModel:
         options; the model itself where there is nothing to refine
     whole : a model with all columns of a random process that show at the scale at which a member is held, at each of its
         options; the model itself where it is no process
+    moments : a model with more options of effects that are switched on, at the moments when they explain most beside each of
+        some sets of members
     """
 
     y: Array
@@ -294,6 +299,7 @@ class LinearModel:
     room: Room | None = field(default=None, repr=False)
     refine: Callable[[LinearModel, Member], LinearModel] = field(default=lambda model, member: model, repr=False)
     whole: Callable[[LinearModel, Member], LinearModel] = field(default=lambda model, member: model, repr=False)
+    moments: Callable[[LinearModel, Sequence[Wanted]], LinearModel] = field(default=lambda model, wanted: model, repr=False)
 
     def find(self, label: str) -> int | None:
         """Index of a candidate by its label."""

@@ -5,19 +5,6 @@ one or more samples with their mean rate, of which there are at most `MOST_STEPS
 references, neighbouring ones are averaged to one observation; with W_i the covariance of g at the i-th of n references that are
 averaged (counted from zero), the mean has the walk covariance Σ_i (2(n − i) − 1) W_i/n², and its covariance with any later
 observation is Σ_i W_i/n.
-
-Where the propagated path is too far from the references, a recording is linearised along another one. With A the true and
-A_prop the propagated attitude, Aᵀ = E A_propᵀ, and E = exp([ζ×]) obeys Ė Eᵀ = [(Aᵀ δω)×] exactly, δω being the error of the
-calibrated rates. The integral of Aᵀ δω, which is linear in δω once the path is known, therefore is the sum of the small turns
-of E,
-
-    z_k = Σ_{j<k} log(S_{j+1} S_jᵀ) + log(E_k S_kᵀ),
-
-with S_j a path near E. First order in ζ gives ζ itself, which misses half the square of it: 0.9 deg for 10 deg. The sum misses
-half the square of what a reference is off the path S. That is a moving average of ζ over as many references as bring their
-noise to a small part of ζ, since noise in S adds up as ½ Σ ε_j × ε_{j+1}.
-
-Source of the kinematics: Natanson (1998), (14) to (16); the sum is the integral of the left Jacobian of SO(3) times ζ̇.
 """
 
 from __future__ import annotations
@@ -27,11 +14,11 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-import scipy.ndimage
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from diagnosis.model.recording import Block, RecordingModel
+from diagnosis.model.relinearised_path import true_path
 from gyrocal.calibration.propagation import Arcs, propagate
 from gyrocal.calibration.sampling import Measurements, measurements
 from gyrocal.recording import Attitudes, Interval, Recording, reference_rows
@@ -48,9 +35,6 @@ class LineariseSettings:
     most_steps: int = 60_000  # steps on which columns are made
     most_observations: int = 500  # attitudes that enter the model; its cost grows with the square of them
     fewest_observations: int = 10  # of an interval that are left by averaging; with few of them its motion would be lost
-    small: float = 0.3  # sigmas of a reference in half the square of ζ, up to which first order is enough
-    path_noise: float = 0.05  # of the largest ζ, that the noise of another path may be
-    widest: float = 0.2  # of the references of an interval in an average
 
 
 SETTINGS = LineariseSettings()
@@ -82,6 +66,7 @@ def linearised(
     stream = recording.gyro.rates if rates is None else rates
     shown = stream if smooth is None else smooth
     sigmas = recording.attitudes.sigma if sigma is None else sigma
+    tags = recording.gyro.t_s
     references_each = max(1, -(-parts.row.size // SETTINGS.most_observations))
     edges, first, last, arc = _steps(parts)
     run = propagate(Arcs(stream, parts.arcs.dt, parts.arcs.sample, first, last, arc), G, bias)
@@ -111,7 +96,7 @@ def linearised(
         if path is not None:
             zeta, at, middle = path.errors, path.turned(at), path.between(ends) @ middle
         elapsed = np.append(0.0, parts.elapsed_s[outputs])
-        began = recording.attitudes.t_s[references[0]]  # where the first step begins
+        began = tags[samples[0]] + _offset(tags[samples[0]], recording.attitudes.t_s[references[0]])
         references, ends, elapsed = references[order], ends[order], elapsed[order]
         at, zeta, off = at[order], zeta[order], off[order]
         t_s = began + np.cumsum(length) - 0.5 * length
@@ -137,10 +122,24 @@ def linearised(
     t_s, dt, raw, to_inertial, at_reference, observations, residuals, off, errors, walks = (
         np.concatenate(values) for values in zip(*made, strict=True)
     )
+    rates = raw @ G.T + bias
     return RecordingModel(
-        recording, G, bias, t_s, dt, raw, raw @ G.T + bias, to_inertial, at_reference, tuple(blocks), observations,
-        residuals, off, errors, walks,
-    )  # fmt: skip
+        recording,
+        G,
+        bias,
+        t_s,
+        dt,
+        raw,
+        rates,
+        to_inertial,
+        at_reference,
+        tuple(blocks),
+        observations,
+        residuals,
+        off,
+        errors,
+        walks,
+    )
 
 
 def _steps(parts: Measurements) -> tuple[list[Indices], Indices, Indices, Indices]:
@@ -191,6 +190,11 @@ def _own_axes(attitudes: Attitudes, references: Indices, A_T: Array) -> Array:
     return A_T if attitudes.sensor is None else A_T @ to_axes(attitudes)[references].transpose(0, 2, 1)
 
 
+def _offset(tag: float, first: float) -> float:
+    """From the tag of the first sample to the first reference, where the first step begins."""
+    return first - tag
+
+
 def _walk(turned: Array, power: Array, ends: Indices) -> Array:
     """(m, 3, 3) covariance of the integrated gyro noise at each reference; power (n, 3) in rad², of each step."""
     ends, place = np.unique(ends, return_inverse=True)
@@ -232,51 +236,3 @@ def _overlapping(errors: Array, walk: Array, groups: Indices, elapsed: Array) ->
     noise = errors / (np.repeat(counts, counts) ** 2)[:, None, None]
     V[np.arange(count), :, np.arange(count)] += np.add.reduceat(noise, groups, axis=0)
     return np.asarray(V.reshape(3 * count, 3 * count))
-
-
-# ---- the path of large errors --------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class TruePath:
-    """Turns from the propagated to the true attitudes of an interval.
-
-    Attributes
-    ----------
-    errors : (m, 3) z at the references, rad
-    turns : (m, 3) rotation vectors of S there, inertial axes
-    """
-
-    errors: Array
-    turns: Array
-
-    def turned(self, propagated: Array) -> Array:
-        """(m, 3, 3) Aᵀ along the path at the references, of those as propagated."""
-        return np.asarray(Rotation.from_rotvec(self.turns).as_matrix() @ propagated)
-
-    def between(self, ends: Indices) -> Array:
-        """(n, 3, 3) S in the middle of each step, with (m,) steps done at each reference, of which the last has all."""
-        middle = np.arange(ends[-1]) + 0.5
-        turns = np.column_stack([np.interp(middle, ends, self.turns[:, axis]) for axis in range(3)])
-        return np.asarray(Rotation.from_rotvec(turns).as_matrix())
-
-
-def true_path(zeta: Array, sigma: Array) -> TruePath | None:
-    """The path of an interval; None where first order is enough.
-
-    Parameters
-    ----------
-    zeta : (m, 3) attitude errors of the propagation in inertial axes at the references, rad
-    sigma : (m, 3) of the references, rad
-    """
-    largest = float(np.linalg.norm(zeta, axis=1).max())
-    if 0.5 * largest**2 < SETTINGS.small * float(sigma.min()):
-        return None
-    wanted = (float(sigma.max()) / (SETTINGS.path_noise * largest)) ** 2
-    count = int(np.clip(np.ceil(wanted), 1, max(1, SETTINGS.widest * len(zeta))))
-    smooth = scipy.ndimage.uniform_filter1d(zeta, count, axis=0, mode="nearest")
-    S, E = Rotation.from_rotvec(smooth), Rotation.from_rotvec(zeta)
-    run = np.cumsum((S[1:] * S[:-1].inv()).as_rotvec(), axis=0)
-    # S begins at the average of the first references, not at the first, so that its own turn comes first.
-    errors = smooth[0] + np.concatenate([np.zeros((1, 3)), run]) + (E * S.inv()).as_rotvec()
-    return TruePath(errors, smooth)

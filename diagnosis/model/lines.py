@@ -27,14 +27,12 @@ from diagnosis.detectors.gap_interpolation import runs
 from diagnosis.detectors.report import AXES, Line, SampleReport, Symptom
 from diagnosis.model.misfit import project_innovations
 from diagnosis.model.recording import RecordingModel
+from diagnosis.model.sinusoid_causes import BIAS, PICKUP, SinusoidCause
 from diagnosis.sinusoids.fit import make_waves
 from gyrocal.recording import GyroStream
 from simulator.effects.periodic import period_band
 
 Array = NDArray[np.float64]
-
-
-BIAS, PICKUP = "bias_tone", "spectral_line"
 
 
 @dataclass(frozen=True)
@@ -110,26 +108,26 @@ def compute_probability_of_bias(line: Line, gyro: GyroStream, fastest_hz: float)
 
 def make_symptom(line: Line, probability: float, bias: float, gyro: GyroStream) -> Symptom:
     """Make the symptom of a line that is no motion: a vibration, or a variation of the bias; the other is its alternative."""
-    size, sigma, unit = float(np.rad2deg(line.amplitude)), float(np.rad2deg(line.sigma)), "deg/s"
+    size, sigma = float(np.rad2deg(line.amplitude)), float(np.rad2deg(line.sigma))
     text = f"a line of {size:.3g} deg/s at {line.frequency_hz:.4f} Hz that is no motion of the body"
-    kind, other = PICKUP, BIAS
+    kind, other, unit = PICKUP, BIAS, "deg/s"
     parameters: dict[str, float | str] = {"apparent_hz": line.frequency_hz}
     if bias > 0.5:
-        kind, other, unit = BIAS, PICKUP, "deg/h"
-        mean = float(np.sinc(line.frequency_hz * gyro.sample_s))  # of a bias a sample shows its mean
-        size, sigma = 3600 * size / mean, 3600 * sigma / mean
-        parameters = {"period_s": 1 / line.frequency_hz, "phase_deg": fit_phase(line, gyro)}
+        kind, other = BIAS, PICKUP
+        size, sigma, unit, parameters = _as_bias(line, gyro).state()
     share = min(bias, 1 - bias)
     rivals = ((other, share),) if share > 0 else ()
-    return Symptom(kind, AXES[line.axis], size, unit, sigma, parameters, line.p_value, text, probability, rivals)
+    return Symptom(kind, AXES[line.axis], size, unit, sigma, parameters, line.p_value, text, probability, rivals, of_line=True)
 
 
-def fit_phase(line: Line, gyro: GyroStream) -> float:
-    """Fit the phase of a line, deg, in the longest run of samples that holds it."""
+def _as_bias(line: Line, gyro: GyroStream) -> SinusoidCause:
+    """The line as one of the bias, of which a sample shows the mean, in phase with the longest run that holds it."""
     low, high = max(runs(line.waveform != 0.0), key=lambda run: run[1] - run[0])
     wave = make_waves(line.frequency_hz, gyro.t_s[low:high] + 0.5 * gyro.sample_s)
-    sine, cosine = np.linalg.lstsq(wave, line.waveform[low:high], rcond=None)[0]
-    return float(np.rad2deg(np.arctan2(cosine, sine)))
+    found = np.linalg.lstsq(wave, line.waveform[low:high], rcond=None)[0]
+    mean = float(np.sinc(line.frequency_hz * gyro.sample_s))
+    amplitudes = line.amplitude / mean * found / np.hypot(*found)
+    return SinusoidCause(BIAS, line.axis, line.frequency_hz, amplitudes, line.sigma / mean)
 
 
 def compute_log_ratio(model: RecordingModel, line: Line) -> float:

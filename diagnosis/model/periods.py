@@ -10,27 +10,23 @@ of several aliases, periods that differ by the gaps between intervals, is not pr
 
 The prior is even in the logarithm of the period, so that the option at f has the share ∝ 1/f of all that were tried, whether or
 not it is kept. Orbit harmonics are left out where the orbit is known: they are other effects.
-
-Unlisted rivals repeat with the periods that explain most as a sine: in shapes that are no sine, and in sines that may not be
-named.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from diagnosis.model.groups import AXES, Group, build_rival
-from diagnosis.model.gyro_array import ArrayModel
+from diagnosis.model.array_model import ArrayModel
 from diagnosis.model.linear import LinearModel, Member, Option, Parameters
 from diagnosis.model.recording import RecordingModel
 from diagnosis.sinusoids.coherence import IntervalProducts, find_tops
 from diagnosis.sinusoids.fit import make_waves
-from simulator.effects.base import Effect, Value
+from simulator.effects.base import AXES, Effect, Value
 from simulator.effects.gyros import columns_of
 from simulator.effects.periodic import SHORTEST, period_band
 
@@ -57,10 +53,6 @@ class PeriodSettings:
     # share of χ² and χ² by which such an alias may explain less
     nearly: float = 0.03
     enough: float = 12.0
-    repeated: int = 4  # best periods at which a swing that is no sine is tried
-    shape: int = 3  # its harmonics of any phase
-    highest: int = 7  # its highest harmonic that is locked to the fundamental
-    doubled: int = 2  # best periods that may be the second harmonics of others
 
 
 SETTINGS = PeriodSettings()
@@ -278,60 +270,3 @@ def _find_aliases(linear: LinearModel, member: Member) -> list[Option]:
 def _get_period(option: Option) -> Period:
     frequency = 1 / float(option.parameters["period_s"])
     return Period(frequency, option.log_weight, float(option.parameters["period_sigma_s"]) * float(np.sqrt(12)) * frequency**2)
-
-
-# ---- unlisted rivals -----------------------------------------------------------------------------------------------------
-
-
-def list_repeating(model: RecordingModel, found: Found, listed: Collection[bool]) -> Iterator[Group]:
-    """List unlisted rivals that repeat with any period: not as a sine, and as a sine where no listed effect does.
-
-    The k-th harmonic of a shape with jumps falls as 1/k. The second and the third one may have any phase; or those of a square
-    wave, sin kθ/k of odd k, or these and those of even k, as in a sawtooth, are locked to the phase θ of the fundamental. That
-    has less freedom, so that a weak harmonic tells more. A period whose fundamental is weak is found at its second harmonic.
-
-    Parameters
-    ----------
-    model : the recording
-    found : by the scan
-    listed : for which kinds of error, of the references or not, a swing may be named
-    """
-    for (on_references, axis), periods in found.items():
-        what = "references repeat" if on_references else "bias repeats"
-        doubled = [replace(one, frequency=0.5 * one.frequency) for one in periods[: SETTINGS.doubled]]
-        shapes = [*periods[: SETTINGS.repeated], *doubled]
-        options, at = [], []
-        for one in shapes:
-            orders = one.frequency * np.arange(1.0, SETTINGS.highest + 1)
-            several = make_shapes(model, make_period_columns(model, axis, on_references, orders))
-            options += several
-            at += [replace(one, log_weight=one.log_weight - float(np.log(len(several))))] * len(several)
-        yield _build_repeating(model, f"{what} with a period, not as a sine", axis, options, at)
-        if on_references not in listed:
-            options = make_period_columns(model, axis, on_references, np.array([one.frequency for one in periods]))
-            yield _build_repeating(model, f"{what} with another period", axis, options, periods)
-
-
-def make_shapes(model: RecordingModel, waves: Sequence[Array]) -> list[Array]:
-    """Make shapes that repeat, each as (N, k) columns of which the first two are sine and cosine of the fundamental.
-
-    Parameters
-    ----------
-    model : the recording
-    waves : (N, 2) sine and cosine of each order, the fundamental first
-    """
-    falling = [wave / order for order, wave in enumerate(waves, 1)]
-    X = model.projected(waves[0])
-    sine, cosine = np.linalg.lstsq(X, model.y, rcond=None)[0]
-    theta = np.arctan2(cosine, sine)
-    # sin k(ωt + φ) of sine and cosine of kωt
-    locked = [wave @ [np.cos(k * theta), np.sin(k * theta)] for k, wave in enumerate(falling, 1)]
-    odd, even = sum(locked[2::2], np.zeros(len(X))), sum(locked[1::2], np.zeros(len(X)))
-    return [np.hstack(falling[: SETTINGS.shape]), np.column_stack([waves[0], odd]), np.column_stack([waves[0], odd, even])]
-
-
-def _build_repeating(model: RecordingModel, name: str, axis: int, options: list[Array], at: Sequence[Period]) -> Group:
-    """Build it with columns of which the first two have unit size together, so that amplitudes at any periods compare."""
-    sizes = [float(np.linalg.norm(model.projected(part[:, :2]))) for part in options]
-    scaled = [part / max(size, 1e-300) for part, size in zip(options, sizes, strict=True)]
-    return build_rival(name, AXES[axis], scaled, weights=np.exp([one.log_weight for one in at]))

@@ -1,14 +1,13 @@
 """From a recording to its linearisation about its own calibration under M0.
 
-The samples are examined first, since a clipped or repeated sample spoils every test of the attitude. White noise that is not as
-stated, of the samples or of the references, is an effect of its own. So are lines in the samples that the attitude shows to be
-no motion of the body (`diagnosis.model.lines`).
-The model then is without the lines, and has the actual noise.
+The samples are examined first, since a clipped or repeated sample spoils every test of the attitude. White noise that is not
+as stated, of the samples or of the references, is an effect of its own; it is found here, and the model then has the actual
+noise. What the references say of lines in the samples and of their own noise is in `diagnosis.model.judgement`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,18 +15,12 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from diagnosis.detectors.dead_zone_rests import DeadZoneEvidence, dead_zone_evidence, of_zero_samples, usual_slow_rate
-from diagnosis.detectors.denoised import smoothed_rates
 from diagnosis.detectors.lattice import Kind
-from diagnosis.detectors.reference_noise import ReferenceNoise
 from diagnosis.detectors.report import SampleReport, inside, within
 from diagnosis.detectors.samples import examine
-from diagnosis.model.calibration import calibrate_baseline
-from diagnosis.model.lines import judge_lines
-from diagnosis.model.motion import with_motion
+from diagnosis.model.baseline import baseline
+from diagnosis.model.judgement import Prepared, Progress, Unclassified, judge
 from diagnosis.model.recording import RecordingModel
-from diagnosis.model.reference_noise import SETTINGS as REFERENCE_NOISE
-from diagnosis.model.reference_noise import measure_reference_noise
-from diagnosis.model.remainder import add_rounding
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.calibration.gate import LargeResidualError
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
@@ -35,8 +28,9 @@ from gyrocal.calibration.sampling import measurements
 from gyrocal.errors import InputError
 from gyrocal.recording import Interval, Recording, reference_rows
 
+__all__ = ["Prepared", "Progress", "check_usable", "prepare", "unclipped"]
+
 Array = NDArray[np.float64]
-Progress = Callable[[str, float], None]
 
 First = tuple[RecordingModel, Array, tuple[Interval, ...]]  # model, sigma of the references, intervals
 
@@ -54,37 +48,6 @@ class PrepareSettings:
 
 
 SETTINGS = PrepareSettings()
-
-
-@dataclass(frozen=True)
-class Prepared:
-    """A recording ready for the attitude tests.
-
-    Attributes
-    ----------
-    model : linearised about the calibration, on the repaired stream
-    samples : what the samples showed
-    sigma : (12,) of the calibration under M0: G_xx … G_zz, b_x … b_z (rad/s)
-    reference_noise : test of the references' noise, None without a series of them
-    dead : gyros that read zero for long, and may have a dead zone
-    notes : limits of this recording
-    pieces : the intervals that the model is propagated over
-    tracker_noise : the test of the references' noise for each of several sensors, by name
-    """
-
-    model: RecordingModel
-    samples: SampleReport
-    sigma: Array
-    reference_noise: ReferenceNoise | None
-    dead: tuple[DeadZoneEvidence, ...]
-    notes: tuple[str, ...]
-    pieces: tuple[Interval, ...]
-    tracker_noise: tuple[tuple[str, ReferenceNoise], ...] = ()
-
-    @property
-    def is_white(self) -> bool:
-        """Whether the readings have white noise; those on a lattice coarser than it have errors that are not."""
-        return not (self.samples.lattice | self.samples.hidden).any()
 
 
 def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: Progress = lambda text, share: None) -> Prepared:
@@ -107,36 +70,7 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: P
         report, (model, sigma, pieces) = _cut_or_rounded(recording, report, (model, sigma, pieces), settings, tell)
     tell("gyro samples: dead zones", 0.08)
     dead = _dead(recording, report, model.bias)
-    if report.lines:
-        likely = {zone.axis for zone in dead if zone.log_odds > REFERENCE_NOISE.likely}
-        told = within(tell, 0.08, 0.09)
-        count = len(report.lines)
-        report = judge_lines(report, model, likely, lambda done: told("gyro samples: lines and references", done / count))
-    if report.vibrations:
-        report = replace(report, smooth=smoothed_rates(report.rates, recording))
-        model, sigma = calibrate_baseline(recording, report, pieces, recording.attitudes.sigma)
-    tell("gyro samples: noise of the references", 0.095)
-    sensors = recording.attitudes.sensors if recording.attitudes.sensor is not None else ()
-    if sensors:
-        noise = None
-        each = [(one.name, measure_reference_noise(model, report, dead, settings, k)) for k, one in enumerate(sensors)]
-    else:
-        noise = measure_reference_noise(model, report, dead, settings)
-        each = [("", noise)]
-    factors = np.ones(recording.attitudes.sigma.shape)
-    for number, (_, one) in enumerate(each):
-        if one is not None and one.departs:
-            factors[slice(None) if recording.attitudes.sensor is None else recording.attitudes.sensor == number] = one.factors
-    if (factors != 1.0).any():
-        model, sigma = calibrate_baseline(recording, report, pieces, recording.attitudes.sigma * factors)
-    if not (report.lattice | report.hidden).any():  # what these do to a reading is no noise of a known density
-        smoothed = within(lambda text, share: tell(f"gyro samples: {text}", share), 0.096, 0.099)
-        model = with_motion(model, report, pieces, recording.attitudes.sigma * factors, smoothed)
-    elif report.lattice.any() and not sensors:
-        model = add_rounding(model, np.deg2rad(_coarse_steps(report)))
-    found = Prepared(
-        model, report, sigma, noise, dead, (), pieces, tuple((name, one) for name, one in each if one is not None and name)
-    )
+    found = judge(Unclassified(recording, report, model, sigma, pieces, dead), settings, tell)
     return replace(found, notes=(*report_noise_levels(found), *_notes(recording, pieces, found.sigma)))
 
 
@@ -211,7 +145,7 @@ def _first(recording: Recording, report: SampleReport, tell: Progress = lambda t
             f"gyro {' and '.join(levels)} stands at its largest reading between all reference attitudes, as a clipped gyro "
             "does; give intervals in which it is not clipped"
         )
-    return *calibrate_baseline(recording, report, pieces, recording.attitudes.sigma, tell), pieces
+    return *baseline(recording, report, pieces, recording.attitudes.sigma, tell), pieces
 
 
 def _misfit(model: RecordingModel) -> float:
@@ -252,12 +186,6 @@ def _dead(recording: Recording, report: SampleReport, bias: Array) -> tuple[Dead
         if one is not None:
             found.append(one)
     return tuple(found)
-
-
-def _coarse_steps(report: SampleReport) -> Array:
-    """Return the (3,) steps of readings that are coarser than their noise, deg/s; 0 where there are none."""
-    steps = {one.axis: one.value for one in report.tests if one.statistic == "lattice_step"}
-    return np.where(report.lattice, [steps.get(axis, 0.0) for axis in "xyz"], 0.0)
 
 
 def unclipped(recording: Recording, report: SampleReport) -> tuple[Interval, ...]:

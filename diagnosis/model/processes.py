@@ -7,32 +7,28 @@ group like any other (`diagnosis.inference.evidence`).
 Listed processes bring their own covariance (`simulator.effects.base.Effect.covariance`). The unlisted rivals are Markov rate
 errors of several time constants, unless a listed process is the same, a level of its own in each interval, processes that
 follow the rate, and references that are off by another angle in each interval.
-
-The first search gives a process the columns in which it usually shows, at the options of its group. Where it is likely, it is
-tried again with all of its columns and with finer time constants.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.groups import AXES, Group, build_rival
-from diagnosis.model.linear import Candidate, LinearModel, Member, Option, Parameters, finer
 from diagnosis.model.places import DECOMPOSITION, Place, cell_parts, nodes
 from diagnosis.model.recording import RecordingModel
-from simulator.effects.base import Effect, ProcessTimes, Value
+from simulator.effects.base import ProcessTimes
 from simulator.effects.common import markov
 
 Array = NDArray[np.float64]
 
+AXES = "xyz"
+
 
 @dataclass(frozen=True)
-class ProcessSettings:
+class ProcesseSettings:
     """Constants of `diagnosis.model.processes`."""
 
     seen: float = 1e-4  # power relative to the strongest column, below which a column is left out
@@ -45,11 +41,27 @@ class ProcessSettings:
     alike: float = 0.95  # cosine of two covariances from which on they are one process
 
 
-SETTINGS = ProcessSettings()
+SETTINGS = ProcesseSettings()
 
 
 # Near the smallest size that can be detected, a column of power λ adds to the expected evidence in proportion to λ². A larger
 # process of slow variations shows in its weaker columns too.
+
+
+@dataclass(frozen=True)
+class Process:
+    """A random discrepancy about one axis.
+
+    Attributes
+    ----------
+    name : what it does, in words
+    axis : body axis
+    columns : per option (N, r) whitened columns of unit amplitude, orthogonal once projected
+    """
+
+    name: str
+    axis: str
+    columns: list[Array]
 
 
 def cell_times(model: RecordingModel) -> ProcessTimes:
@@ -132,7 +144,7 @@ def is_one_of(K: Array, known: Sequence[Array]) -> bool:
     return any(float(np.sum(K * one)) > SETTINGS.alike * float(np.linalg.norm(K) * np.linalg.norm(one)) for one in known)
 
 
-def unlisted(model: RecordingModel, known: Sequence[Array] = ()) -> Iterator[Group]:
+def unlisted(model: RecordingModel, known: Sequence[Array] = ()) -> Iterator[Process]:
     """Random discrepancies that are on no list, about each axis.
 
     Parameters
@@ -158,73 +170,9 @@ def unlisted(model: RecordingModel, known: Sequence[Array] = ()) -> Iterator[Gro
             ("scale factor or misalignment wanders", (usual(place, slow * np.outer(u, u), 0.0) for u in w.T)),
             ("references offset differently in each interval", (of_values(model.reference_places[axis], offsets),)),
         )
-        yield from (build_rival(words, name, made, True) for words, columns in kinds if (made := list(columns)))
+        yield from (Process(words, name, made) for words, columns in kinds if (made := list(columns)))
 
 
 def _indicators(interval: NDArray[np.intp]) -> Array:
     """(q, n) one in each of the intervals."""
     return np.equal.outer(interval, np.unique(interval)).astype(float)
-
-
-# ---- listed processes ------------------------------------------------------------------------------------------------------
-
-
-def process_places(model: RecordingModel, effect: Effect) -> tuple[Callable[[Mapping[str, Value]], Array], tuple[Place, ...]]:
-    """Covariance of a random process at the times it is taken at, by its parameters; and where it acts, about each axis."""
-    times = node_times(model) if effect.on_references else part_times(model)
-    return partial(effect.covariance, times), model.reference_places if effect.on_references else model.cell_places
-
-
-def with_finer_process(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
-    """The linear model with a random process as a whole at the option where a member is held, and at those beside it.
-
-    Between them, halfway in log between its parameter and its neighbours', are further ones that share its prior; an effect
-    whose options differ in more than one number, or not in numbers, has no neighbours. Between the scale at which it is held
-    and its neighbours are further ones, too: what a variance that is off by half leaves of hundreds of amplitudes would be
-    another effect.
-    """
-    entry, held = linear.candidate(member), linear.option(member)
-    beside = _beside(entry, held)
-    weight = held.log_weight - float(np.log(1 + len(beside)))
-    halfway = [_between(held.parameters, entry.options[one].parameters) for one in beside]
-    wanted = {member.option: replace(held, log_weight=weight), **{one: entry.options[one] for one in beside}}
-    further = (replace(held, log_weight=weight, parameters=parameters) for parameters in halfway)
-    wanted |= dict(enumerate(further, len(entry.options)))
-    return _as_a_whole(model, linear, member, effect, wanted, finer(entry.scales, member.scale))
-
-
-def with_whole_process(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
-    """The linear model with all columns of a random process that can be seen at a member's scale, at each of its options."""
-    entry = linear.candidate(member)
-    return _as_a_whole(model, linear, member, effect, dict(enumerate(entry.options)), entry.scales)
-
-
-def _as_a_whole(
-    model: RecordingModel, linear: LinearModel, member: Member, effect: Effect, wanted: Mapping[int, Option], scales: Array
-) -> LinearModel:
-    """The linear model with all columns that can be seen at a member's scale at some options of it, by their numbers."""
-    covariance, places = process_places(model, effect)
-    place = places[AXES.index(str(linear.candidate(member).axis))]
-    options, columns, start = dict(enumerate(linear.candidate(member).options)), [], linear.W.shape[1]
-    for number, one in wanted.items():
-        columns.append(whole(place, covariance(one.parameters), SETTINGS.whole / linear.scale(member) ** 2))
-        options[number] = replace(one, start=start, count=columns[-1].shape[1])
-        start += columns[-1].shape[1]
-    W = np.hstack(columns)
-    return linear.with_options(member.candidate, list(options.values()), W, model.projected(W), scales)
-
-
-def _beside(entry: Candidate, held: Option) -> list[int]:
-    """Options whose one parameter is next to that of an option, below and above it."""
-    if len(held.parameters) != 1 or any(isinstance(value, str) for value in held.parameters.values()):
-        return []
-    (name,) = held.parameters
-    order = sorted(range(len(entry.options)), key=lambda one: float(entry.options[one].parameters[name]))
-    place = next(k for k, one in enumerate(order) if entry.options[one] is held)
-    return [order[k] for k in (place - 1, place + 1) if 0 <= k < len(order)]
-
-
-def _between(one: Parameters, other: Parameters) -> Parameters:
-    """The parameter halfway in log between two."""
-    ((name, low),), ((_, high),) = one.items(), other.items()
-    return {name: float(np.sqrt(float(low) * float(high)))}

@@ -13,7 +13,7 @@ sum; a reading that is high by r has δω = −G r. The first reference is one o
 parameter.
 
 Where ζ is not small, Aᵀ along the propagated attitude is not Aᵀ along the true one, and the first order is not enough.
-`diagnosis.model.linearise` then takes A along the references, and for ζ the integral of the error along that path.
+`diagnosis.model.relinearised_path` then takes A along the references, and for ζ the integral of the error along that path.
 
 The nuisance parameters of M0 (φ of every interval, G, b) are projected out: the whitened observations y then are N(0, I) on
 the complement of their columns if M0 is true, and an effect adds its projected column. Nothing else is needed for tests,
@@ -247,16 +247,6 @@ class RecordingModel:
         """What the recording offers to effects."""
         gyro, sigma = self.recording.gyro, self.recording.attitudes.sigma[self.reference_rows]
         return Surroundings(self.stream, self.references, gyro.arw, gyro.sample_s, sigma)
-
-    def steps_at(self, t_s: Array, interval: Indices) -> Indices:
-        """(k,) step in progress at each of some times (k,), s since the epoch, each within an interval (k,)."""
-        first, stop = np.array([(block.steps.start, block.steps.stop) for block in self.blocks], dtype=np.intp).T
-        return in_progress(self.t_s, first, stop, t_s, interval)
-
-    @cached_property
-    def steps_at_references(self) -> Indices:
-        """(m,) step in progress at each reference."""
-        return self.steps_at(self.references.t_s, self.interval_of_reference)
 
     # ---- columns ---------------------------------------------------------------------------------------------------------
 
@@ -518,12 +508,3 @@ def _totals(increments: Array, block: Block) -> Array:
     parts = np.add.reduceat(increments[block.steps], ends[:-1], axis=0)
     total = np.concatenate([np.zeros((1, *parts.shape[1:])), np.cumsum(parts, axis=0)])
     return np.asarray(total[place])
-
-
-def in_progress(middle_s: Array, first: Indices, stop: Indices, t_s: Array, interval: Indices) -> Indices:
-    """Find the steps, or bins of these, with middles (n,) that are in progress at times (k,), each within an interval (k,).
-
-    An interval ends with a reference, behind its last step. The next step is of another interval, in which the body may turn
-    about another axis, or rest: the step in progress at that reference is the last one of its own interval.
-    """
-    return np.asarray(np.clip(np.searchsorted(middle_s, t_s), first[interval], stop[interval] - 1))

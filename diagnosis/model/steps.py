@@ -1,19 +1,27 @@
-"""The moment at which an effect is switched on: the times that are tried, and finer ones around the likeliest.
+"""The moment at which an effect is switched on: the times that are tried, and the ones that explain most given the rest.
 
-A step is tried at some times beforehand. Around a time that explains the data it gets further options, close enough together to
-be told apart. Their prior is that of the time they span.
+A step is tried at some times beforehand. On a body that never rests another moment makes another column, so that none of
+those times may be near enough to show at all. Therefore every switched effect is then tried at many times of the recording at
+once. With y the observations, x the column of a step at one of them, and S = 1 + C Cᵀ the covariance of y beside the columns C
+of what else is thought to be there, the log of the likelihood ratio of a step of any size is
+
+    (xᵀS⁻¹y)² / (2 xᵀS⁻¹x),        S⁻¹ = 1 − C (1 + CᵀC)⁻¹ Cᵀ,
+
+the latter by the matrix inversion lemma. Where it peaks, the step gets further options, close enough together to be told apart.
+Their prior is that of the time they span.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
-from diagnosis.model.gyro_array import ArrayModel
-from diagnosis.model.linear import LinearModel, Member, Option, Parameters
+from diagnosis.model.array_model import ArrayModel
+from diagnosis.model.linear import LinearModel, Member, Option, Parameters, Wanted
 from diagnosis.model.recording import RecordingModel
 from simulator.effects.base import Effect, Value
 from simulator.effects.gyros import columns_of
@@ -32,7 +40,10 @@ class StepSettings:
     fine_step_times: int = 48  # times around one that was found
     between_intervals: float = 0.5  # prior of a step in a gap between intervals
     already_on: float = 1.0  # s before the first sample, when a switched column is on throughout
+    scanned_times: int = 600  # that a step is looked for at, over the recording
+    most_moments: int = 5  # steps that get further options; each makes every later search slower
     rounding: int = 6  # decimals of a duration in s
+    peak: float = 8.0  # log of a likelihood ratio to the highest, down to which a peak reaches
 
 
 SETTINGS = StepSettings()
@@ -94,18 +105,135 @@ def with_finer_times(model: RecordingModel | ArrayModel, linear: LinearModel, me
     # Of elements of one row, the one whose tried time is nearest to the true one would win over the true one.
     for fixed in _fixed(option.parameters for option in entry.options):
         givers = [one for one in inside if _without_time(one.parameters) == fixed]
-        if not givers:
-            continue
-        start, W = linear.W.shape[1], switched_columns(model, effect, entry.axis, fixed, firsts)
-        weight = float(np.log(0.5 * sum(np.exp(one.log_weight) for one in givers) / firsts.size))
-        finer = [
-            Option(start + k, 1, weight, {**fixed, "time_s": float(model.stream.t_s[first]), "time_sigma_s": 0.0})
-            for k, first in enumerate(firsts)
-        ]
-        options = linear.candidates[member.candidate].options
-        coarse = [replace(one, log_weight=one.log_weight - float(np.log(2))) if one in givers else one for one in options]
-        linear = linear.with_options(member.candidate, [*coarse, *finer], W, model.projected(W))
+        if givers:
+            linear = _with_times(model, linear, effect, member.candidate, fixed, firsts, givers, 0.5)
     return linear
+
+
+def _with_times(
+    model: RecordingModel | ArrayModel,
+    linear: LinearModel,
+    effect: Effect,
+    place: int,
+    fixed: Parameters,
+    firsts: Indices,
+    givers: Sequence[Option],
+    share: float,
+) -> LinearModel:
+    """The linear model with options of a step at further times, which take a share of the prior of some of those there are."""
+    entry, start = linear.candidates[place], linear.W.shape[1]
+    W = switched_columns(model, effect, entry.axis, fixed, firsts)
+    weight = float(np.log(share * sum(np.exp(one.log_weight) for one in givers) / firsts.size))
+    finer = [
+        Option(start + k, 1, weight, {**fixed, "time_s": float(model.stream.t_s[first]), "time_sigma_s": 0.0})
+        for k, first in enumerate(firsts)
+    ]
+    left = float(np.log1p(-share))
+    coarse = [replace(one, log_weight=one.log_weight + left) if one in givers else one for one in entry.options]
+    return linear.with_options(place, [*coarse, *finer], W, model.projected(W))
+
+
+# ---- looked for over the whole recording ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Peak:
+    """Where a step explains most of what some members leave.
+
+    Attributes
+    ----------
+    height : log of its likelihood ratio there
+    candidate : of the linear model
+    fixed : parameters other than its time
+    low, high : steps of the recording between which the peak lies
+    """
+
+    height: float
+    candidate: int
+    fixed: Parameters
+    low: int
+    high: int
+
+
+class Left:
+    """What is left of observations (N,) and columns (N, k) beside some members."""
+
+    def __init__(self, linear: LinearModel, members: Sequence[Member]):
+        places, scales, shifts = linear.design(members)
+        self._C = linear.X[:, places] * scales
+        self._factor = scipy.linalg.cho_factor(np.eye(places.size) + self._C.T @ self._C) if places.size else None
+        self.y = self.of(linear.y - linear.X[:, shifts].sum(axis=1))
+
+    def of(self, values: Array) -> Array:
+        """S⁻¹ of observations or columns."""
+        if self._factor is None:
+            return values
+        return np.asarray(values - self._C @ scipy.linalg.cho_solve(self._factor, self._C.T @ values))
+
+    def log_ratio(self, X: Array) -> Array:
+        """(k,) log of the likelihood ratio of each column with an amplitude of any size."""
+        power = np.einsum("nk,nk->k", X, X)
+        if self._factor is not None:
+            inner = self._C.T @ X
+            power = power - np.einsum("rk,rk->k", inner, scipy.linalg.cho_solve(self._factor, inner))
+        seen = power > 0
+        return np.where(seen, 0.5 * (X.T @ self.y) ** 2 / np.where(seen, power, 1.0), 0.0)
+
+
+def with_moments(
+    model: RecordingModel,
+    linear: LinearModel,
+    effects: Mapping[str, Effect],
+    wanted: Sequence[Wanted],
+) -> LinearModel:
+    """The linear model with further times for the steps that explain most beside some members.
+
+    Parameters
+    ----------
+    model : what the columns are made from
+    linear : of it
+    effects : those that may be named
+    wanted : sets of members, and the log of the likelihood ratio that a step must have beside each
+    """
+    left = [Left(linear, members) for members, _ in wanted]
+    taken = [{member.candidate for member in members} for members, _ in wanted]
+    firsts = np.unique(np.linspace(1, model.t_s.size - 1, min(SETTINGS.scanned_times, model.t_s.size - 1)).astype(np.intp))
+    found: list[list[Peak]] = [[] for _ in wanted]
+    for candidate, entry in enumerate(linear.candidates):
+        effect = effects.get(entry.effect) if entry.listed else None
+        if effect is None or not effect.switched:
+            continue
+        for fixed in _fixed(option.parameters for option in entry.options):
+            X = model.projected(switched_columns(model, effect, entry.axis, fixed, firsts))
+            for number, one in enumerate(left):
+                if candidate not in taken[number]:
+                    found[number].append(_peak(one.log_ratio(X), firsts, candidate, fixed))
+    worth = [
+        (peak.height / max(least, 1.0), peak)
+        for (_, least), peaks in zip(wanted, found, strict=True)
+        for peak in peaks
+        if peak.height > max(least, 0.0)
+    ]
+    chosen: dict[tuple[object, ...], Peak] = {}
+    for _, peak in sorted(worth, key=lambda one: -one[0]):
+        chosen.setdefault((peak.candidate, *peak.fixed.items(), peak.low, peak.high), peak)
+    for peak in list(chosen.values())[: SETTINGS.most_moments]:
+        linear = _around(model, linear, effects[linear.candidates[peak.candidate].effect], peak)
+    return linear
+
+
+def _around(model: RecordingModel, linear: LinearModel, effect: Effect, peak: Peak) -> LinearModel:
+    """The linear model with further times around a peak."""
+    givers = [
+        one
+        for one in linear.candidates[peak.candidate].options
+        if _without_time(one.parameters) == peak.fixed and not float(one.parameters["time_sigma_s"])
+    ]
+    if not givers:
+        return linear
+    firsts = np.unique(np.linspace(peak.low, peak.high, SETTINGS.fine_step_times).astype(np.intp))
+    share = min(0.5, (peak.high - peak.low) / model.t_s.size)
+    return _with_times(model, linear, effect, peak.candidate, peak.fixed, firsts, givers, share)
 
 
 def _without_time(parameters: Parameters) -> Parameters:
@@ -120,3 +248,12 @@ def _fixed(parameters: Iterable[Parameters]) -> list[Parameters]:
         if fixed not in found:
             found.append(fixed)
     return found
+
+
+def _peak(ratio: Array, firsts: Indices, candidate: int, fixed: Parameters) -> Peak:
+    """The highest peak, and one time further to each side."""
+    top = int(np.argmax(ratio))
+    below = np.flatnonzero(ratio < ratio[top] - SETTINGS.peak)
+    low = int(below[below < top].max(initial=0))
+    high = int(below[below > top].min(initial=ratio.size - 1))
+    return Peak(float(ratio[top]), candidate, fixed, int(firsts[low]), int(firsts[high]))

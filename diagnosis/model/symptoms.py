@@ -21,7 +21,7 @@ from diagnosis.inference.attribution import against
 from diagnosis.model.prepare import Prepared
 from diagnosis.settings import DiagnosisSettings
 from gyrocal.recording import Recording
-from simulator.effects.base import Detection, Effect, Fault, SampleView
+from simulator.effects.base import Detection, Effect, SampleView
 from simulator.effects.recorded import interval_slices
 
 AXES = "xyz"
@@ -149,7 +149,7 @@ def claimed(
     probability are left out.
     """
     claims: dict[str | None, str] = {effect.symptom: effect.name for effect in effects if effect.symptom is not None}
-    own = [_convert_detection(one) for effect in effects for one in effect.detect(view) if one.p_value < settings.sample_event]
+    own = [_detected(one) for effect in effects for one in effect.detect(view) if one.p_value < settings.sample_event]
     own_test = {effect.name for effect in effects if effect.implements("detect")}
     found = []
     for one in symptoms:
@@ -264,16 +264,9 @@ def _view(prepared: Prepared) -> SampleView:
     )
 
 
-def convert_faults(faults: Sequence[Fault]) -> tuple[SampleCause, ...]:
-    """Convert faults, for which stretches were taken out of the recording, into causes that the data show by themselves."""
-    return tuple(
-        _convert_detection(fault.detection, "attitude" if fault.references.any() else "gyro stream") for fault in faults
-    )
-
-
-def _convert_detection(found: Detection, signal: str = "gyro stream") -> SampleCause:
+def _detected(found: Detection) -> SampleCause:
     symptom = Symptom(
         found.effect, found.axis, found.size, found.unit, found.sigma, dict(found.parameters), found.p_value, found.text
     )
-    finding = Finding(signal, None, found.axis, None, found.effect, found.size, found.p_value, found.text)
+    finding = Finding("gyro stream", None, found.axis, None, found.effect, found.size, found.p_value, found.text)
     return SampleCause(symptom, found.effect, finding)

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.model import processes
-from diagnosis.model.groups import Group, build_rival, group_of
 from diagnosis.model.periods import make_columns
 from diagnosis.model.places import Place
 from diagnosis.model.recording import RecordingModel
@@ -40,27 +39,26 @@ class RivalSettings:
 SETTINGS = RivalSettings()
 
 
-def list_tracker_groups(model: RecordingModel, effect: Effect) -> Iterator[Group]:
-    """List one effect on each tracker that it may act on."""
+def list_tracker_columns(model: RecordingModel, effect: Effect) -> Iterator[tuple[str, list[Array]]]:
+    """List one effect on each tracker that it may act on: the tracker's name, and (N, k) whitened columns at each trial."""
     seen = model.references.trackers
     if seen is None or not isinstance(effect, TrackerEffect) or not (effect.has_columns or effect.is_process):
         return
     trials = effect.trials(model.around)
     for name in effect.trackers(seen):
         if effect.has_columns:
-            yield group_of(effect, name, [make_columns(model, effect, name, trial.parameters) for trial in trials], trials)
+            yield name, [make_columns(model, effect, name, trial.parameters) for trial in trials]
             continue
         number = seen.names.index(name)
         at, own = _find_times(model, seen, number)
         if own.size:
             places = [_build_place(model, number, axis, own) for axis in range(SETTINGS.across)]
             covariances = [effect.covariance(at, trial.parameters) for trial in trials]
-            columns = [np.hstack([processes.whole(place, K) for place in places]) for K in covariances]
-            yield group_of(effect, name, columns, trials, process=True)
+            yield name, [np.hstack([processes.whole(place, K) for place in places]) for K in covariances]
 
 
-def list_tracker_rivals(model: RecordingModel) -> Iterator[Group]:
-    """List the rivals of every tracker."""
+def list_tracker_rivals(model: RecordingModel) -> Iterator[tuple[str, str, list[Array], bool]]:
+    """List the rivals of every tracker: words, the tracker's name, whitened columns, and whether it is a random process."""
     seen = model.references.trackers
     for number, name in enumerate(() if seen is None else seen.names):
         assert seen is not None
@@ -76,9 +74,9 @@ def list_tracker_rivals(model: RecordingModel) -> Iterator[Group]:
                 ("errors of a star tracker correlate in time", wander),
                 ("a star tracker is turned differently in each interval", [apart]),
             ):
-                yield build_rival(words, name, [processes.usual(place, K) for K in covariances], True)
+                yield words, name, [processes.usual(place, K) for K in covariances], True
             for words, courses in _list_courses(model, seen, own, at):
-                yield build_rival(words, name, [place.columns @ _scale(course) for course in courses])
+                yield words, name, [place.columns @ _scale(course) for course in courses], False
 
 
 def _list_courses(model: RecordingModel, seen: Trackers, own: Indices, at: ProcessTimes) -> Iterator[tuple[str, list[Array]]]:

@@ -6,7 +6,7 @@ families are
 
 - rate errors that follow the rate in other ways: products, cubes, the acceleration, scale factors that drift;
 - rate errors that run with the time since an interval's start or with mission time, or that repeat with any period counted
-  from an interval's start (others are in `diagnosis.model.periods`), and time tags that do so;
+  from an interval's start (others are in `diagnosis.model.repeating`), and time tags that do so;
 - *directions*: sunlight and magnetic fields come from directions that are fixed inertially, or turn with the orbit. An error
   about body axis i that follows the component of such a direction along body axis k is a_jk(t) of the attitude matrix A times
   amplitudes for the inertial axes j; times cos nu and sin nu of the orbit angle u for directions that turn with it (the field
@@ -24,20 +24,19 @@ of the sizes that the recording can show, since nothing is known of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain, combinations_with_replacement
 
 import numpy as np
-import scipy.sparse
 from numpy.typing import NDArray
 
-from diagnosis.model.groups import AXES, Group, build_rival
-from diagnosis.model.recording import RecordingModel, in_progress
+from diagnosis.model.bins import Bins, Family, binned, build_rate_families, build_reference_families, observed
+from diagnosis.model.recording import RecordingModel
+from diagnosis.model.step_index import bins_at_references, steps_at_references
 from simulator.effects.common import recursion
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 DAY = 86400.0
 
@@ -46,8 +45,6 @@ DAY = 86400.0
 class UnlistedSettings:
     """Times and sizes that the families take."""
 
-    longest: float = 8.0  # s, of a bin; the slews of most spacecraft take minutes
-    most: int = 6000  # bins about, of a recording whose motion may be faster
     warm_up_s: tuple[float, ...] = (200.0, 600.0, 1800.0)  # time constants of errors that decay after an interval's start
     memory_s: tuple[float, ...] = (30.0, 100.0, 300.0, 1000.0)  # time constants after which the effect of a slew decays
     lags_s: tuple[float, ...] = (300.0, 1000.0, 3000.0)  # by which an error follows a temperature
@@ -60,114 +57,7 @@ SETTINGS = UnlistedSettings()
 Options = Mapping[str, list[Array]]  # of each family by name, the values (n, k) of each option
 
 
-# ---- bins of time --------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Bins:
-    """Short times over which smooth regressors are taken as constant."""
-
-    turned: Array  # (n, 3, 3) Aᵀ dt summed
-    t_s: Array
-    rates: Array  # (n, 3)
-    acceleration: Array  # (n, 3)
-    since_s: Array  # since the interval's start
-    dt: Array
-    interval: NDArray[np.intp]
-    ends: list[NDArray[np.intp]]  # of each block: bins done at each reference
-
-
-def binned(model: RecordingModel, bin_s: float | None = None) -> Bins:
-    """Bins of about `bin_s`, by default as short as a few thousand allow, that end at every reference."""
-    bin_s = min(SETTINGS.longest, float(model.dt.sum()) / SETTINGS.most) if bin_s is None else bin_s
-    first: list[NDArray[np.intp]] = []
-    ends: list[NDArray[np.intp]] = []
-    interval = []
-    step = max(1, round(bin_s / float(np.median(model.dt))))
-    count = 0
-    for number, block in enumerate(model.blocks):
-        length = block.steps.stop - block.steps.start
-        inner = np.union1d(np.arange(0, length, step), block.ends[block.ends < length])
-        first.append(inner + block.steps.start)
-        ends.append(np.searchsorted(inner, block.ends))
-        interval.append(np.full(inner.size, number))
-        count += inner.size
-    starts = np.concatenate(first)
-    dt = np.add.reduceat(model.dt, starts)
-    mean = np.add.reduceat(model.rates * model.dt[:, None], starts, axis=0) / dt[:, None]
-    t = np.add.reduceat(model.t_s * model.dt, starts) / dt
-    belongs = np.concatenate(interval)
-    begin = np.array([model.t_s[block.steps.start] for block in model.blocks])
-    acceleration = np.empty_like(mean)
-    for number in range(len(model.blocks)):
-        inside = belongs == number
-        acceleration[inside] = np.gradient(mean[inside], t[inside], axis=0) if inside.sum() > 1 else 0.0
-    return Bins(
-        turned=np.add.reduceat(model.to_inertial * model.dt[:, None, None], starts, axis=0),
-        t_s=t,
-        rates=mean,
-        acceleration=acceleration,
-        since_s=t - begin[belongs],
-        dt=dt,
-        interval=belongs,
-        ends=ends,
-    )
-
-
-def observed(model: RecordingModel, bins: Bins, axis: int, values: Array) -> Array:
-    """(N, k) whitened columns of rate errors about one axis, (bins, k)."""
-    out = np.empty((model.size, values.shape[1]))
-    for number, block in enumerate(model.blocks):
-        own, (ends, place) = values[bins.interval == number], np.unique(bins.ends[number], return_inverse=True)
-        turned = bins.turned[bins.interval == number, :, axis][: ends[-1]].T.copy()
-        sums = [scipy.sparse.csr_array((along, np.arange(ends[-1]), ends)) @ own[: ends[-1]] for along in turned]
-        total = np.concatenate([np.zeros((1, 3, values.shape[1])), np.cumsum(np.stack(sums, axis=1), axis=0)])
-        out[block.rows] = block.observed(total[place]).reshape(-1, values.shape[1])
-    return model.whitened(out)
-
-
-def unit(values: Array) -> Array:
-    """Columns scaled to a root mean square of one, so that amplitudes compare."""
-    size = np.sqrt(np.mean(values**2, axis=0))
-    return values / np.where(size > 0, size, 1.0)
-
-
-def bins_at_references(model: RecordingModel, bins: Bins) -> Indices:
-    """(m,) bin in progress at each reference."""
-    numbers = np.arange(len(model.blocks))
-    first, stop = (np.searchsorted(bins.interval, numbers, side) for side in ("left", "right"))
-    return in_progress(bins.t_s, first, stop, model.references.t_s, model.interval_of_reference)
-
-
-def _build_rate_families(model: RecordingModel, bins: Bins, name: str, options: list[Array]) -> Iterator[Group]:
-    """Build one rival for each axis from rate errors (bins, k) that do not depend on the axis; none without options."""
-    return _build_families(name, options, lambda axis, values: observed(model, bins, axis, values))
-
-
-def _build_reference_families(model: RecordingModel, name: str, options: list[Array]) -> Iterator[Group]:
-    """Build one rival for each axis from errors of the references (m, k) alike for all axes; none without options."""
-
-    def observe(axis: int, values: Array) -> Array:
-        error = np.zeros((len(values), 3, values.shape[1]))
-        error[:, axis] = values
-        return model.whitened(model.reference_error(error))
-
-    return _build_families(name, options, observe)
-
-
-def _build_families(name: str, options: list[Array], observe: Callable[[int, Array], Array]) -> Iterator[Group]:
-    if not options:
-        return
-    stops = np.cumsum([option.shape[1] for option in options])[:-1]
-    together = unit(np.hstack(options))
-    for axis in range(3):
-        yield build_rival(name, AXES[axis], np.split(observe(axis, together), stops, axis=1))
-
-
-# ---- families ------------------------------------------------------------------------------------------------------------
-
-
-def build_families(model: RecordingModel) -> Iterator[Group]:
+def build_families(model: RecordingModel) -> Iterator[Family]:
     """Build all families with a few columns."""
     bins = binned(model)
     sides = (
@@ -178,12 +68,12 @@ def build_families(model: RecordingModel) -> Iterator[Group]:
         _run_in_time(model, bins),
     )
     for name, options in chain.from_iterable(one.items() for one in sides):
-        yield from _build_rate_families(model, bins, name, options)
+        yield from build_rate_families(model, bins, name, options)
     tags = build_late_tags(model, bins)
     if tags.columns:
         yield tags
     for name, options in {**_reference_surroundings(model, bins), **_reference_courses(model)}.items():
-        yield from _build_reference_families(model, name, [one for one in options if np.ptp(one, axis=0).any()])
+        yield from build_reference_families(model, name, [one for one in options if np.ptp(one, axis=0).any()])
 
 
 # ---- rates ---------------------------------------------------------------------------------------------------------------
@@ -204,7 +94,7 @@ def _follow_rates(bins: Bins) -> Options:
     }
 
 
-def build_late_tags(model: RecordingModel, bins: Bins) -> Group:
+def build_late_tags(model: RecordingModel, bins: Bins) -> Family:
     """Build the columns of time tags that run late: the longer an interval lasts, or by a delay of each interval.
 
     Readings that are late by τ show −d(τ ω)/dt more. One delay for all, one that grows with mission time and one that steps
@@ -217,7 +107,7 @@ def build_late_tags(model: RecordingModel, bins: Bins) -> Group:
     columns = sum(observed(model, bins, axis, errors[:, axis]) for axis in range(3)) / np.maximum(late.max(axis=0), 1.0)
     seen = np.linalg.norm(columns, axis=0) > SETTINGS.visible * np.linalg.norm(columns, axis=0).max()
     options = [columns[:, [0]]] * (blocks > 1) + [columns[:, 1:][:, seen[1:]]] * (blocks > 2)
-    return build_rival("time tags run late", None, [one for one in options if one.any()])
+    return Family("time tags run late", None, [one for one in options if one.any()])
 
 
 # ---- time ----------------------------------------------------------------------------------------------------------------
@@ -351,7 +241,7 @@ def _reference_surroundings(model: RecordingModel, bins: Bins) -> Options:
     directions += [build_second_harmonics(A[:, axis]) for axis in range(3)]
     if np.isfinite(orbit):  # as the velocity, whose aberration it is
         directions += [turn_with_orbit(A[:, axis], t_s, orbit, 1) for axis in range(3)]
-    place, now = model.steps_at_references, bins_at_references(model, bins)
+    place, now = steps_at_references(model), bins_at_references(model, bins)
     loads = [one[now] for axis in range(3) for one in (hold_sign(bins.rates[:, axis], bins), bins.acceleration[:, [axis]])]
     both = np.hstack([bins.rates, np.abs(bins.rates)])
     past = [one[now] for memory in SETTINGS.memory_s for one in _each_column(filter_low_pass(both, bins, memory))]
@@ -371,7 +261,7 @@ def _reference_courses(model: RecordingModel) -> Options:
     t = references.t_s[:, None]
     begin = np.array([model.t_s[block.steps.start] for block in model.blocks])
     since = t - begin[model.interval_of_reference][:, None]
-    orbit, w = model.stream.orbit_period_s, model.rates[model.steps_at_references]
+    orbit, w = model.stream.orbit_period_s, model.rates[steps_at_references(model)]
     others = sorted(set(references.forward) - {"-x", "+x"})  # which a listed effect covers
     inside = [t[model.interval_of_reference == number, 0] for number in range(len(model.blocks))]
     times = np.concatenate([np.linspace(own[0], own[-1], 7)[1:-1] for own in inside])

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.candidates import listed
-from diagnosis.model.groups import Group
+from diagnosis.model.groups import Group, listed
 from diagnosis.model.linearise import linearised
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.steps import StepTimes

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from diagnosis.answer import Cause
-from diagnosis.model.lines import BIAS, PICKUP
+from diagnosis.model.sinusoid_causes import BIAS, PICKUP
 from diagnosis.result import Diagnosis
 from simulator.effects.sensor import SENSOR_EFFECTS
 from studies.report import diagnosis_card, gap_budget, sensor_figures, sensor_words, tables

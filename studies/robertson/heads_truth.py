@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from diagnosis.inference.amplitudes import Fitted, fit
 from diagnosis.inference.search import Search
 from diagnosis.model.sensors.arcs import arcs_of, fitted_arcs
-from diagnosis.model.sensors.columns import Held, list_solved_for
+from diagnosis.model.sensors.columns import Held
+from diagnosis.model.sensors.orthogonal import list_solved_for
 from diagnosis.model.sensors.tables import build_tables, linear_model
 from diagnosis.sensor_tables import relinearised
 from diagnosis.settings import DEFAULT

@@ -1,7 +1,6 @@
 """From a p-value to an alarm: a gap is one from the stated rate of false alarms on."""
 
 from importlib import import_module
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -30,14 +29,3 @@ def test_thresholds_are_those_of_the_validation():
     """Every validated figure is of these thresholds; who moves one makes the figures anew, and moves it here."""
     values = (DEFAULT.false_alarm_rate, DEFAULT.named, DEFAULT.unknown, DEFAULT.conformal)
     assert values == (0.002, 0.9, 0.5, 0.762)
-
-
-def test_an_effect_that_the_checks_reject_is_not_reported():
-    """A drift in data that are much quieter than stated: the effect is there, and the checks of the size reject it."""
-    rng = np.random.default_rng(1)
-    drift = np.linspace(-1, 1, 300)[:, None]
-    model = linear_model([drift, rng.standard_normal((300, 1))], 40 * drift[:, 0] + 0.3 * rng.standard_normal(300))
-    found = EXPLAIN.judged(model, lambda *_: (SimpleNamespace(name="size", p_value=1e-12),), DEFAULT, 0, lambda *_: None)
-    assert found.fitted == ()
-    usual = EXPLAIN.judged(model, lambda *_: (), DEFAULT, 0, lambda *_: None)
-    assert [one.effect for one in usual.fitted] == ["e0"]

@@ -125,8 +125,8 @@ EVIDENCE = [
         ],
     ),
     *of(
-        "diagnosis/model/misfit.py",
-        "tests/diagnosis/model/test_misfit.py",
+        "diagnosis/model/layout.py",
+        "tests/diagnosis/model/test_layout.py",
         [("the rate at a reference is that before it", "at, np.minimum(at + count, stop[:, None])", "at - count, at")],
     ),
     *of(
@@ -141,7 +141,7 @@ EVIDENCE = [
         ],
     ),
     *of(
-        "diagnosis/model/candidates.py",
+        "diagnosis/model/groups.py",
         "tests/diagnosis/model/test_unlisted.py::test_of_two_intervals_a_value_of_each_is_a_step_between_them",
         [("a step is a rival of itself", "!= 2:", "!= 0:")],
     ),
@@ -242,7 +242,7 @@ SAMPLES = [
         [("a hundred clipped samples are none", "fewest_clipped: int = 5 ", "fewest_clipped: int = 500_000 ")],
     ),
     *of(
-        "diagnosis/model/calibration.py",
+        "diagnosis/model/gate.py",
         "tests/diagnosis/model/test_gate.py",
         [
             (
@@ -253,8 +253,8 @@ SAMPLES = [
         ],
     ),
     *of(
-        "diagnosis/model/recording.py",
-        "tests/diagnosis/model/test_unlisted.py",
+        "diagnosis/model/step_index.py",
+        "tests/diagnosis/model/test_step_index.py",
         [
             (
                 "what is in progress at the end of an interval is of the next one",

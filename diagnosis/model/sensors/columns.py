@@ -11,11 +11,6 @@ The column of an effect is the derivative of its error by an amplitude, which ea
 
 Sensors that sit differently each day, or drift through the months, are rivals too. Their columns are those of a listed
 misalignment or of biases, taken day by day (`diagnosis.model.sensors.tables`).
-
-An alignment calibration knows orthogonal matrices and biases only. In place of heads that are not at right angles it puts a
-misalignment of DSS-2, and of what DSS-1's head turns, biases of the Earth sensor. That explanation is tested beside the one
-that is identified. Which effects it solves for, and which it mistakes for them, the effects say themselves
-(`simulator.effects.sensor.SensorEffect.alignment`).
 """
 
 from __future__ import annotations
@@ -27,9 +22,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.groups import Group, build_rival, group_of
+from diagnosis.model.groups import Group, group_of
 from diagnosis.model.sensors.arcs import FittedArc
-from simulator.effects.base import Trial, Value
+from simulator.effects.base import Value
 from simulator.effects.sensor import SENSOR_EFFECTS, SensorEffect, Sightings
 from simulator.sensors.horizon import AZIMUTHS, Horizon
 
@@ -79,7 +74,7 @@ def build_groups(fitted: FittedArc, effects: Iterable[SensorEffect], about: Mapp
     about : amplitudes by label about which the errors are linearised; zero where there are none
     """
     listed = [_build_listed(fitted, effect, axis, about) for effect in effects for axis in effect.axes or (None,)]
-    return [*listed, *(build_rival(name, None, build(fitted)) for name, build in RIVALS.items())]
+    return [*listed, *(build_rival(name, build(fitted)) for name, build in RIVALS.items())]
 
 
 # ---- listed effects ------------------------------------------------------------------------------------------------------
@@ -99,7 +94,7 @@ def _build_listed(fitted: FittedArc, effect: SensorEffect, axis: str | None, abo
         # Parameters that were found between the options are tried there only, with the prior share of one option.
         options, share = (at.parameters, *at.others), 1 / len(effect.options)
     columns = [_derivatives(fitted, effect, axis, replace(at, parameters=option)) for option in options]
-    return group_of(effect, axis, columns, [Trial(option, share / len(options)) for option in options])
+    return group_of(effect, axis, columns, [dict(option) for option in options], [share / len(options)] * len(options))
 
 
 def _derivatives(fitted: FittedArc, effect: SensorEffect, axis: str | None, held: Held) -> Array:
@@ -127,6 +122,12 @@ def held_error(sightings: Sightings, held: Mapping[str, Held]) -> tuple[Array, A
 
 
 # ---- unlisted rivals -----------------------------------------------------------------------------------------------------
+
+
+def build_rival(name: str, columns: Sequence[Array]) -> Group:
+    """Build a discrepancy that is on no list, with an amplitude of any size, by the columns of its options."""
+    count = len(columns)
+    return Group(name, None, False, columns, [{}] * count, np.full(count, 1 / count), (0.0, np.inf), "")
 
 
 def _build_smooth(fitted: FittedArc, number: int) -> list[Array]:
@@ -208,30 +209,3 @@ RIVALS: Mapping[str, Callable[[FittedArc], list[Array]]] = {
     "Earth sensor near the Sun": _build_near_sun,
     GYRO: _build_gyro_harmonics,
 }
-
-
-# ---- alignment calibrations ----------------------------------------------------------------------------------------------
-
-
-def list_solved_for(effects: Iterable[SensorEffect]) -> tuple[str, ...]:
-    """List the labels of what an alignment calibration solves for; none where one of them is not among the effects."""
-    whole = [effect for effect in SENSOR_EFFECTS.values() if effect.alignment == "solved"]
-    given = {effect.name for effect in effects}
-    return tuple(effect.name for effect in whole) if all(effect.name in given for effect in whole) else ()
-
-
-def list_orthogonal(named: Sequence[str], effects: Iterable[SensorEffect]) -> tuple[str, ...]:
-    """List the labels of the explanation of an alignment calibration beside the one that is named.
-
-    Parameters
-    ----------
-    named : labels of the causes
-    effects : that may be named
-
-    Returns
-    -------
-    None where no cause is one that such a calibration mistakes
-    """
-    others = list_solved_for(effects)
-    kept = [label for label in named if effect_of(label)[0].alignment != "mistaken"]
-    return tuple(dict.fromkeys([*kept, *others])) if len(kept) < len(named) and others else ()

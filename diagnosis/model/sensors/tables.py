@@ -17,10 +17,11 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from diagnosis.model.groups import Group, build_rival, placed
+from diagnosis.model.candidates import placed
+from diagnosis.model.groups import Group
 from diagnosis.model.linear import Fold, LinearModel
 from diagnosis.model.sensors.arcs import FittedArc
-from diagnosis.model.sensors.columns import Held, build_groups
+from diagnosis.model.sensors.columns import Held, build_groups, build_rival
 from diagnosis.settings import DiagnosisSettings
 from simulator.effects.sensor import SENSOR_EFFECTS, SensorEffect
 
@@ -141,8 +142,8 @@ def _wandering(tables: Tables) -> Iterator[Group]:
         # The search looks at the first columns first. The prior of the amplitudes is the same for any rotation of them.
         _, turn = np.linalg.eigh(days.T @ days)
         months = (tables.t_s - tables.t_s.mean()) / SETTINGS.month
-        yield build_rival(f"{sensor} sits differently each day", None, [days @ turn[:, ::-1]])
-        yield build_rival(f"{sensor} drifts", None, [months[tables.owner][:, None] * columns])
+        yield build_rival(f"{sensor} sits differently each day", [days @ turn[:, ::-1]])
+        yield build_rival(f"{sensor} drifts", [months[tables.owner][:, None] * columns])
 
 
 def _folds(tables: Tables, W: Array) -> Iterator[Fold]:

@@ -79,11 +79,11 @@ def diagnose_in_stages(recording: Recording, store: Path | None, name: str) -> T
                 stored, (prepared, explained) = "attitude", _read(places["attitude"])
             else:
                 if places["samples"].exists():
-                    stored, prepared = "samples", _read(places["samples"])
+                    stored, examined = "samples", _read(places["samples"])
                 else:
-                    prepared = prepare(recording, DEFAULT, _quiet)
-                    storing += _write(places["samples"], prepared)
-                explained = explain_prepared(prepared, effects, DEFAULT, SEED, _quiet)
+                    examined = prepare(recording, DEFAULT, _quiet)
+                    storing += _write(places["samples"], examined)
+                prepared, explained = explain_prepared(examined, effects, DEFAULT, SEED, _quiet)
                 storing += _write(places["attitude"], (prepared, _without_functions(explained)))
             found = answer(prepared, explained, effects, DEFAULT, time.process_time() - begun - storing)
     return Timed(found.to_json(), time.process_time() - begun - storing, _peak_mb(), stored)

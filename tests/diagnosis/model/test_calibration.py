@@ -12,6 +12,8 @@ from diagnosis.model.calibration import calibrated
 from diagnosis.model.linear import Member
 from diagnosis.model.prepare import prepare
 from gyrocal import InputError, calibrate
+from simulator import scenario
+from simulator.simulate import simulate
 from tests.diagnosis.recordings import linear, plan, prepared, recorded
 
 
@@ -74,11 +76,63 @@ def test_calibration_with_the_effect_in_covers_the_truth(label, text):
     assert nees["without"] > nees["with"]
 
 
+def test_without_effects_nothing_changes():
+    """The calibration of M0 is where the model is linearised, to a thousandth of a sigma."""
+    found = prepared(3)
+    change, covariance = calibrated(found.model, [])
+    assert np.abs(change / found.sigma).max() < 0.01
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), found.sigma, rtol=0.02)
+
+
 def test_effects_in_the_model_only_add_to_the_uncertainty():
     model, effects = named("bias_orbital:z", "bias_orbital:z=0.3,phase_deg=25")
     alone, together = calibrated(model, [])[1], calibrated(model, effects)[1][:12, :12]
     assert (np.diag(together) >= np.diag(alone) * (1 - 1e-9)).all()
     assert (np.diag(together) > 1.05 * np.diag(alone)).any()
+
+
+# ---- the noise of the references -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("stated", "axis"), [((1, 1, 1), None), ((1.5, 1.5, 1.5), None), ((1, 1.6, 1), 1)])
+def test_noise_of_the_references(stated, axis):
+    recording = recorded(22, every_s=60.0)
+    sigma = recording.attitudes.sigma / np.array(stated)
+    found = prepare(replace(recording, attitudes=replace(recording.attitudes, sigma=sigma)))
+    noise = found.reference_noise
+    assert noise.departs == (stated != (1, 1, 1))
+    if noise.departs:
+        assert noise.axis == axis
+        assert np.abs((noise.factor - stated) / noise.sigma).max() < 4
+        # The model then has the noise there is.
+        model = found.model
+        assert scipy.stats.chi2.sf(model.y @ model.y, model.degrees_of_freedom) > 1e-4
+
+
+@pytest.mark.parametrize("text", ["bias_orbital:y=1.0", "reference_orbital:x=0.05", "bias_random_walk:z=1.0"])
+def test_noise_of_the_references_is_no_slow_error(text):
+    """Second differences leave a drifting bias and a slow reference error out."""
+    assert not prepared(23, text, every_s=60.0).reference_noise.departs
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_noisy_gyro_is_no_noise_of_the_references(seed):
+    found = prepared(seed, "noise_excess:y=3", every_s=60.0).reference_noise
+    assert found is not None
+    assert not found.departs
+
+
+def test_a_small_dead_zone_is_no_noise_of_the_references():
+    found = prepared(4, "rate_deadzone:z=9e-4", sample_s=0.5, every_s=60.0)
+    assert [one.axis for one in found.dead] == [2]
+    assert found.reference_noise is None or not found.reference_noise.departs
+
+
+def test_without_a_series_of_references_their_noise_is_not_tested():
+    ends = scenario.override(plan(), {"reference.at": "ends"})
+    found = prepare(simulate(ends, seed=1))
+    assert found.reference_noise is None
+    assert any("degrees of freedom" in note for note in found.notes)
 
 
 def test_nothing_left_between_clipped_samples_is_an_error():

@@ -7,8 +7,8 @@ import pytest
 from scipy.special import logsumexp
 
 from diagnosis.inference.search import Search
-from diagnosis.model.candidates import linear_model
-from diagnosis.model.groups import Group, placed
+from diagnosis.model.candidates import linear_model, placed
+from diagnosis.model.groups import Group
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.linearise import linearised
 from diagnosis.model.periods import make_columns
@@ -125,20 +125,6 @@ def test_finer_times_surround_the_one_that_was_found(model):
     drift = Member(linear_one.find("bias_drift:y"), 0, 0)
     effect = EFFECTS["bias_drift"]
     assert with_finer_times(prepared(5, f"bias_step:y=3,time_s={true}").model, linear_one, drift, effect) is linear_one
-
-
-def test_every_element_of_a_row_gets_the_finer_times():
-    """Where rates about two axes go together, the element whose tried time is nearest to the true one would win."""
-    model = prepared(11, "g_matrix_step:y=3000,toward=y,time_s=21456").model
-    linear = linear_model(model, [EFFECTS["g_matrix_step"]], rivals=False)
-    place = linear.find("g_matrix_step:y")
-    option = next(k for k, one in enumerate(linear.candidates[place].options) if not one.parameters["time_sigma_s"])
-    finer = with_finer_times(model, linear, Member(place, option, 0), EFFECTS["g_matrix_step"]).candidates[place]
-    more = finer.options[len(linear.candidates[place].options) :]
-    times = {toward: [one.parameters["time_s"] for one in more if one.parameters["toward"] == toward] for toward in "xyz"}
-    assert len(times["x"]) > 10
-    assert times["x"] == times["y"] == times["z"]
-    assert np.exp(finer.log_weights).sum() == pytest.approx(np.exp(linear.candidates[place].log_weights).sum())
 
 
 def test_priors_are_equal_for_each_effect_and_shared_by_its_axes(made):
@@ -269,6 +255,7 @@ def test_options_of_a_process_have_scales_of_their_own():
     ("arw_deg", "sigma_deg"),
     [
         pytest.param(1e-2, 0.3, id="consumer MEMS"),
+        pytest.param(1e-4, 5e-3, id="fibre-optic"),
         pytest.param(1e-6, 3e-4, id="HRG"),
     ],
 )

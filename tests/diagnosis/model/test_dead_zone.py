@@ -53,13 +53,9 @@ def wide():
     return replace(made, gyro=replace(made.gyro, rates=np.where(hidden, made.gyro.rates - true, made.gyro.rates)))
 
 
-@pytest.fixture(scope="module")
-def ready(wide):
-    return prepare(wide)
-
-
-def test_what_is_missing_acts_along_the_true_input_axis(ready):
+def test_what_is_missing_acts_along_the_true_input_axis(wide):
     """M0 explains some of what is missing with its G; the column of the true one is (1, 0, 0), to four sigmas of M0's."""
+    ready = prepare(wide)
     (one,) = ready.dead
     assert one.passed
     sigma = ready.sigma[:9].reshape(3, 3)[:, 0]
@@ -68,8 +64,9 @@ def test_what_is_missing_acts_along_the_true_input_axis(ready):
     assert np.abs((beside - [1, 0, 0]) / sigma).max() < 4
 
 
-def test_the_course_between_the_edges_is_nearly_the_hidden_motion(ready):
+def test_the_course_between_the_edges_is_nearly_the_hidden_motion(wide):
     """The straight course of each pass turns the body by what the zone hides, to a twentieth."""
+    ready = prepare(wide)
     (one,) = ready.dead
     model, toward = ready.model, np.array([1.0, 0.0, 0.0])
     true = np.deg2rad(0.12) * np.sin(2 * np.pi / 310 * model.t_s)

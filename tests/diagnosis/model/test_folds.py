@@ -105,14 +105,25 @@ def test_closure_of_the_truth_of_nothing_and_of_a_wrong_effect():
     assert set(right.by_interval["interval"]) == {interval.name for interval in recorded(21, ORBITAL).intervals}
 
 
-@pytest.mark.parametrize(
-    ("label", "text"), [("bias_random_walk:x", "bias_random_walk:x=1.0"), ("bias_step:y", "bias_step:y=0.5,time_s=22000")]
-)
-def test_a_process_and_a_step_that_begins_in_a_fold_are_predicted(label, text):
-    made = linear_model(prepared(22, text).model, [EFFECTS[label[:-2]]], rivals=False)
-    found = compute_closure(made, [member(made, label)])
+def test_closure_of_a_random_process():
+    made = linear(22, "bias_random_walk:x=1.0")
+    found = compute_closure(made, [member(made, "bias_random_walk:x")])
     assert found.before > found.after
     assert 0.7 < found.closed < 1.3
+
+
+def test_before_is_at_the_floor_for_m0():
+    values = []
+    for seed in (35, 36, 37):
+        made = linear_model(prepared(seed).model, [EFFECTS["bias_drift"]], rivals=False)
+        values.append(compute_closure(made, []).before)
+    assert abs(np.mean(values) - 1.0) < 4 * np.sqrt(2 / (3 * made.y.size))
+
+
+def test_a_step_that_begins_in_a_fold_is_still_predicted():
+    made = linear(23, "bias_step:y=0.5,time_s=22000")
+    found = compute_closure(made, [member(made, "bias_step:y")])
+    assert found.closed > 0.85
 
 
 def test_true_response_of_a_recording():

@@ -8,12 +8,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from diagnosis.detectors.samples import examine
+from diagnosis.inference import null
+from diagnosis.inference.search import Search
 from diagnosis.model import recording as recordings
-from diagnosis.model.calibration import check_residuals
+from diagnosis.model.candidates import linear_model
+from diagnosis.model.gate import check_residuals
 from diagnosis.model.linearise import linearised
 from diagnosis.model.prepare import prepare
 from gyrocal import InputError, calibrate
 from gyrocal.calibration.gate import LargeResidualError
+from simulator.effects import EFFECTS
 from tests.corpus_recordings import slews
 from tests.diagnosis.recordings import of_rates
 
@@ -129,6 +133,15 @@ def test_columns_are_projected_some_at_a_time(monkeypatch):
         np.testing.assert_allclose(model.projected(columns), whole, rtol=0, atol=1e-13)
         np.testing.assert_allclose(model.projected(columns[:, 3]), whole[:, 3], rtol=0, atol=1e-13)
     assert np.abs(model.nuisance.T @ model.projected(columns)).max() < 1e-12
+
+
+def test_the_null_distribution_is_drawn_some_at_a_time(monkeypatch):
+    linear = linear_model(prepare(recording()).model, [EFFECTS["bias_drift"], EFFECTS["bias_random_walk"]], rivals=False)
+    found = []
+    for at_once in (7, 250):
+        monkeypatch.setattr(null, "AT_ONCE", at_once)
+        found.append(null.p_value(Search(linear), 5, 100))
+    assert found[0] == found[1] > 0.01
 
 
 def test_a_coarse_a_priori_calibration_leads_astray_over_an_interval_and_not_between_two_references():

@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from diagnosis.detectors.report import Line
+from diagnosis.diagnose import diagnose
 from diagnosis.model import lines
 from diagnosis.model.linearise import linearised
 from diagnosis.model.lines import compute_log_ratio
@@ -43,11 +44,6 @@ def plan(every_s=1.0):
 @lru_cache
 def recorded(*effects, every_s=1.0):
     return simulate(plan(every_s), seed=1, effects=[parse(text) for text in effects])
-
-
-@lru_cache
-def ready(*effects, every_s=1.0):
-    return prepare(recorded(*effects, every_s=every_s))
 
 
 def swaying(recording, turn):
@@ -91,7 +87,7 @@ def band(amplitude_deg, frequency_hz, width_hz, seed=1):
 
 @pytest.mark.parametrize(
     "turn",
-    [tone(0.001, 1 / 2.3), band(0.002, 0.3, 0.03), band(5e-5, 6.3, 0.2)],
+    [tone(0.002, 1 / 5.1), tone(0.001, 1 / 2.3), band(0.002, 0.3, 0.03), band(0.0003, 1.7, 0.05), band(5e-5, 6.3, 0.2)],
 )
 def test_a_body_that_sways_is_no_vibration(turn):
     """Steady and slow, where the references follow it; over a band, whether they can or not, far beyond their rate too."""
@@ -102,15 +98,16 @@ def test_a_body_that_sways_is_no_vibration(turn):
     assert len(found.samples.motions) + len(found.samples.unconfirmed) == len(found.samples.lines)
 
 
-@pytest.fixture(scope="module")
-def slow_sway():
-    """A steady sway that the references follow, prepared."""
-    return prepare(swaying(recorded(), tone(0.002, 1 / 5.1)))
+def test_a_diagnosis_of_a_swaying_body_finds_no_gap_and_says_why():
+    answer = diagnose(swaying(recorded(), tone(0.002, 1 / 5.1)))
+    assert answer.verdict == "none"
+    assert answer.causes == ()
+    assert any("of the body" in note for note in answer.notes)
 
 
-@pytest.mark.parametrize(("frequency", "size"), [(0.43, 0.004), (41.0, 0.002)])
+@pytest.mark.parametrize(("frequency", "size"), [(0.43, 0.004), (13.7, 0.001), (41.0, 0.002)])
 def test_a_vibration_is_one_at_any_frequency(frequency, size):
-    found = ready(f"vibration:y={size},apparent_hz={frequency}")
+    found = prepare(recorded(f"vibration:y={size},apparent_hz={frequency}"))
     (symptom,) = found.samples.symptoms
     assert (symptom.kind, symptom.axis) == ("spectral_line", "y")
     assert abs(symptom.size - size) < 4 * symptom.sigma
@@ -122,6 +119,12 @@ def test_a_vibration_is_one_at_any_frequency(frequency, size):
     assert np.std(found.samples.rates[:, 1] - clean) < 0.2 * before
 
 
+def test_a_diagnosis_names_a_vibration_of_a_fast_gyro():
+    answer = diagnose(recorded("vibration:y=0.004,apparent_hz=0.43"))
+    assert [(cause.effect, cause.axis) for cause in answer.causes] == [("vibration", "y")]
+    assert answer.verdict == "named"
+
+
 def test_a_vibration_beside_a_sway_is_told_from_it():
     """On another axis, and beyond the band of the motion on the same one."""
     found = prepare(swaying(recorded("vibration:z=0.002,apparent_hz=31.0"), tone(0.002, 1 / 5.1)))
@@ -131,20 +134,20 @@ def test_a_vibration_beside_a_sway_is_told_from_it():
 
 def test_a_tone_that_no_reference_resolves_is_a_vibration_only_in_the_upper_part_of_the_band():
     """Structures ring in each octave alike, and a vibration shows evenly: the lower a tone, the likelier it is a motion."""
-    low, high = (ready(f"vibration:z=0.002,apparent_hz={hz}").samples for hz in (9.0, 31.0))
+    low, high = (prepare(recorded(f"vibration:z=0.002,apparent_hz={hz}")).samples for hz in (9.0, 31.0))
     assert ([one.axis for one in low.unconfirmed], low.vibrations) == ([2], ())
     assert ([one.axis for one in high.vibrations], high.unconfirmed) == ([2], ())
 
 
 def test_quiet_samples_show_no_line():
-    found = ready()
+    found = prepare(recorded())
     assert found.samples.lines == ()
     assert found.samples.symptoms == ()
 
 
-def test_the_log_ratio_is_what_the_references_can_tell(slow_sway):
+def test_the_log_ratio_is_what_the_references_can_tell():
     """About ½ cᵀc in favour of a vibration, the same against it for a motion, and nothing where they could not see it."""
-    still, moved = ready("vibration:y=0.004,apparent_hz=0.43"), slow_sway
+    still, moved = prepare(recorded("vibration:y=0.004,apparent_hz=0.43")), prepare(swaying(recorded(), tone(0.002, 1 / 5.1)))
     (line,) = still.samples.lines
     before = replace(still.samples, rates=recorded("vibration:y=0.004,apparent_hz=0.43").gyro.rates)
     # The model of the repaired samples does not hold the line any more: put the other way round it is a motion.
@@ -183,10 +186,11 @@ def test_references_that_are_too_few_leave_it_to_the_prior():
     assert abs(compute_log_ratio(found.model, line)) < 2
 
 
-def test_power_beside_a_line_that_is_none_of_noise_takes_from_what_the_references_tell(slow_sway):
+def test_power_beside_a_line_that_is_none_of_noise_takes_from_what_the_references_tell():
     """References with ten times their noise make a projection of ten sigmas, which of noise alone would be certain; weighed by
     its power it is a tenth of that, less than one beside the references' own answer."""
-    model, (line,) = slow_sway.model, slow_sway.samples.lines
+    found = prepare(swaying(recorded(), tone(0.002, 1 / 5.1)))
+    model, (line,) = found.model, found.samples.lines
     assert compute_log_ratio(model, line) < -10
     rng, ratios = np.random.default_rng(5), []
     for _ in range(10):
@@ -227,7 +231,7 @@ def test_a_swing_of_a_bias_has_its_amplitude_period_and_phase():
     """A sample is the mean of the swing: sinc(f d) of it."""
     line, gyro = a_line(0.31, gap=(1000, 1500))
     found = lines.make_symptom(line, 0.97, 0.8, gyro)
-    assert (found.kind, found.unit, found.probability) == ("bias_tone", "deg/h", 0.97)
+    assert (found.kind, found.unit, found.of_line, found.probability) == ("bias_tone", "deg/h", True, 0.97)
     assert found.size == pytest.approx(np.rad2deg(1e-4) * 3600 / np.sinc(0.031))
     assert found.sigma == pytest.approx(np.rad2deg(1e-6) * 3600 / np.sinc(0.031))
     assert found.parameters["period_s"] == pytest.approx(1 / 0.31)
@@ -246,3 +250,19 @@ def test_a_swing_is_as_likely_in_each_octave_and_a_vibration_at_each_frequency(f
     """Half the sampling rate is 5 Hz, and the periods span five in their logarithm: densities 1/5 and 1/(5 f)."""
     line, gyro = a_line(frequency_hz)
     assert lines.compute_probability_of_bias(line, gyro, fastest_hz) == pytest.approx(expected)
+
+
+def test_a_swing_that_the_samples_show_may_be_either():
+    """References every 0.4 s follow a swing of 1.25 s, and a vibration may show at its frequency, too."""
+    answer = diagnose(recorded("bias_periodic:z=25,period_s=1.25", every_s=0.4))
+    (cause,) = answer.causes
+    assert (cause.effect, cause.axis, set(cause.group)) == ("bias_periodic", "z", {"bias_periodic:z", "vibration:z"})
+    assert abs(cause.size - 25) < 4 * cause.sigma
+    assert answer.verdict == "group"
+
+
+def test_a_slow_swing_that_the_samples_show_is_left_to_the_search():
+    """Of twelve seconds, a hundred times as likely as a vibration at that very frequency: what the references say goes."""
+    found = prepare(recorded("bias_periodic:z=25,period_s=12.0"))
+    assert found.samples.symptoms == ()
+    assert found.samples.vibrations == ()

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from diagnosis.gyros import check_parity
-from diagnosis.model.gyro_array import ArrayModel, build_parity_model
+from diagnosis.model.array_model import ArrayModel
 from diagnosis.model.linearise import linearised
+from diagnosis.model.parity import build_parity_model
 from diagnosis.model.periods import make_columns
 from diagnosis.model.steps import switched_columns
 from gyrocal import GyroArray, triad

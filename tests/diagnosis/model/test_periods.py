@@ -7,7 +7,7 @@ import pytest
 
 from diagnosis.inference.evidence import log_bayes
 from diagnosis.inference.search import Search
-from diagnosis.model import linearise, periods
+from diagnosis.model import linearise, periods, repeating
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.linear import Member
 from diagnosis.model.linearise import linearised
@@ -172,7 +172,7 @@ def test_finer_periods_are_around_each_alias_and_share_its_prior(swinging):
 
 def test_rivals_repeat_but_not_as_a_sine_that_may_be_named(model):
     found = periods.scan_periods(model)
-    groups = {(one.effect, one.axis): one for one in periods.list_repeating(model, found, [False])}
+    groups = {(one.name, one.axis): one for one in repeating.list_families(model, found, [False])}
     names = {name for name, _ in groups}
     assert names == {
         "bias repeats with a period, not as a sine",
@@ -199,7 +199,7 @@ def test_harmonics_are_locked_to_the_phase_of_the_fundamental(model):
         error[:, 0, 0] = shape
         y = model.prepared(model.reference_error(error))[:, 0]
         about = replace_y(model, y)
-        options = periods.make_shapes(about, periods.make_period_columns(model, 0, True, np.arange(1, 8) / period))
+        options = repeating.make_shapes(about, periods.make_period_columns(model, 0, True, np.arange(1, 8) / period))
         left = [1 - _chi2(model, part, y) / float(y @ y) for part in (options[place][:, :2], options[place])]
         assert left[1] < 0.45 * left[0]
 

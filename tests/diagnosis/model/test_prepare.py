@@ -63,7 +63,7 @@ def test_gyros_of_which_some_cut_and_some_round_are_taken_as_their_samples_say(m
         assert examine(made).cut_odds == asked
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(4))
 def test_a_bias_that_wanders_does_not_say_how_readings_came_onto_a_lattice(seed):
     """Errors that stay for a while go with any half step by chance: each counts once, not at every reference."""
     made = recorded(seed, "rate_quantization=4e-4", "bias_random_walk:x=20", sample_s=1.0, every_s=60.0)

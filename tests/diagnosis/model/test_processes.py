@@ -8,11 +8,11 @@ import scipy.stats
 
 from diagnosis.inference.evidence import log_bayes
 from diagnosis.model import linearise, places, processes
-from diagnosis.model.candidates import process_groups
+from diagnosis.model.groups import process_groups, process_places
 from diagnosis.model.places import DECOMPOSITION, Place, cell_parts, directions, nodes
-from diagnosis.model.processes import markov, process_places, same, usual, whole
+from diagnosis.model.processes import markov, same, usual, whole
 from simulator.effects import EFFECTS, ProcessTimes
-from tests.diagnosis.recordings import of_rates, prepared, recorded
+from tests.diagnosis.recordings import linear, of_rates, prepared, recorded
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +124,7 @@ def test_a_simulated_process_has_the_power_of_its_columns(name, size, trial, sha
     parameters = effect.trials(prepared(3).model.around)[trial].parameters
     text = ",".join([f"{name}:y={size}", *(f"{key}={value}" for key, value in parameters.items())])
     total, dof = 0.0, 0
-    for seed in range(4):
+    for seed in range(6):
         model = prepared(seed, text).model
         group = next(one for one in process_groups(model, effect, model.around) if one.axis == "y")
         C = size * model.projected(group.columns[trial])
@@ -136,17 +136,25 @@ def test_a_simulated_process_has_the_power_of_its_columns(name, size, trial, sha
     assert scipy.stats.chi2.cdf(total, dof) > 1e-3
 
 
+def test_unlisted_processes_are_about_each_axis_and_can_be_seen():
+    made = linear(3)
+    names = {candidate.effect for candidate in made.candidates if candidate.process and not candidate.listed}
+    assert len(names) >= 4
+    for name in names:
+        assert {c.axis for c in made.candidates if c.effect == name} == set("xyz")
+
+
 def test_a_rival_is_no_process_that_is_on_the_list(model):
     """Of any size; the others stay."""
     at, longest = processes.cell_times(model), max(float(block.elapsed_s[-1]) for block in model.blocks)
     name = "random bias, correlated in time"
     known = [7.0 * same(at.interval) * markov(at.t_s, longest / share) for share in (20, 6)]
-    count = {one.effect: len(one.columns) for one in processes.unlisted(model)}
-    left = {one.effect: len(one.columns) for one in processes.unlisted(model, known)}
+    count = {one.name: len(one.columns) for one in processes.unlisted(model)}
+    left = {one.name: len(one.columns) for one in processes.unlisted(model, known)}
     assert (count[name], left[name]) == (3, 1)
     assert {key: left[key] for key in left if key != name} == {key: count[key] for key in count if key != name}
     assert name not in {
-        one.effect for one in processes.unlisted(model, [*known, same(at.interval) * markov(at.t_s, longest / 60)])
+        one.name for one in processes.unlisted(model, [*known, same(at.interval) * markov(at.t_s, longest / 60)])
     }
 
 

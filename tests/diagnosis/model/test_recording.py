@@ -139,8 +139,13 @@ def chi2_of_m0(seeds):
     return sum(one.y @ one.y for one in made), sum(one.degrees_of_freedom for one in made)
 
 
+def test_residuals_of_m0_have_unit_variance():
+    """χ² of the projected observations over seeds, with the stated degrees of freedom."""
+    assert 1e-3 < scipy.stats.chi2.cdf(*chi2_of_m0(range(6))) < 1 - 1e-3
+
+
 def test_averaged_references_on_condensed_steps_have_unit_variance(monkeypatch):
-    """χ² of the projected observations over seeds, with three references an observation and four samples a step."""
+    """The same with three references an observation and four samples a step."""
     monkeypatch.setattr(linearise, "SETTINGS", replace(linearise.SETTINGS, most_steps=4000))
     monkeypatch.setattr(linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=70))
     total, dof = chi2_of_m0(range(6))
@@ -280,6 +285,14 @@ def test_an_interval_with_few_references_keeps_them(recording, model, monkeypatc
     for block, count in zip(made.blocks, counts, strict=True):
         assert block.groups.size >= min(count, 10)
     assert made.size < 0.5 * model.size
+
+
+def test_condensing_hardly_changes_what_an_effect_can_show(model, condensed):
+    """‖x‖ of slow effects: a third of the observations hold nearly all there is to know."""
+    for k in (2, 4):
+        fine = np.linalg.norm(model.prepared(model.reading(waves(model)[:, :, [k]])))
+        coarse = np.linalg.norm(condensed.prepared(condensed.reading(waves(condensed)[:, :, [k]])))
+        assert 0.9 < coarse / fine < 1.001
 
 
 # ---- preparation ---------------------------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ import pytest
 
 from diagnosis.inference.evidence import log_bayes
 from diagnosis.sinusoids.coherence import SETTINGS as COHERENCE
-from diagnosis.sinusoids.coherence import IntervalProducts, find_tops
+from diagnosis.sinusoids.coherence import compute_products, find_tops
 from diagnosis.sinusoids.fit import make_waves
 
 TIMES = [np.arange(0.0, 300.0), np.arange(2000.0, 2200.0), np.arange(7000.0, 7300.0)]
@@ -17,11 +17,7 @@ NEAR = MADE[:, None] + 1e-5 * np.arange(-8, 9)  # at most 1/(32 · 300 s) from t
 
 
 def evidence_of(y):
-    """Evidence by the products of waves in each interval, without nuisance parameters."""
-    waves, starts = make_waves(MADE, T), np.flatnonzero(np.diff(OWNER, prepend=-1))
-    a = (waves[:, 1::2] + 1j * waves[:, ::2]) * np.exp(-2j * np.pi * np.outer(MIDDLE, MADE))[OWNER]
-    z, s = (np.add.reduceat(part, starts, axis=0).T[:, :, None] for part in (a * y[:, None], a * a))
-    return IntervalProducts(MIDDLE, z, np.sum(np.abs(a) ** 2, axis=0), s).compute_log_evidence(NEAR)
+    return compute_products(MADE, make_waves(MADE, T), y, OWNER, MIDDLE).compute_log_evidence(NEAR)
 
 
 def test_evidence_is_that_of_columns_made_at_each_frequency():

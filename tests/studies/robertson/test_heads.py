@@ -44,7 +44,7 @@ def of_the_attitudes(monkeypatch, found):
     empty = {"causes": (), "closure": None, "where": (), "notes": (), "sensors": None, "posterior": (((), 1.0),)}
     nothing = replace(found, verdict="none", present=False, **empty)
     monkeypatch.setattr("diagnosis.diagnose.prepare", lambda *_: ())
-    monkeypatch.setattr("diagnosis.diagnose.explain_prepared", lambda *_: ())
+    monkeypatch.setattr("diagnosis.diagnose.explain_prepared", lambda *_: ((), ()))
     monkeypatch.setattr("diagnosis.diagnose.list_sample_causes", lambda *_: ())
     monkeypatch.setattr("diagnosis.diagnose.build_diagnosis", lambda *_: nothing)
     return nothing

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from diagnosis.model.linearise import true_path
+from diagnosis.model.relinearised_path import true_path
 
 STEP_S, COUNT, EACH = 0.05, 6000, 60
 

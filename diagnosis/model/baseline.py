@@ -1,0 +1,114 @@
+"""The calibration under M0 that a diagnosis starts from: Gauss–Newton on the linear model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.detectors.report import SampleReport, Tell, silent
+from diagnosis.model.gate import check_residuals
+from diagnosis.model.linearise import linearised
+from diagnosis.model.recording import RecordingModel
+from gyrocal.calibration.gate import LargeResidualError
+from gyrocal.calibration.observability import PLAUSIBLE_RANGE
+from gyrocal.recording import Interval, Recording, reference_rows
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BaselineSettings:
+    """Constants of `diagnosis.model.baseline`."""
+
+    iterations: int = 10  # of Gauss and Newton at most; two or three are usual
+    settled: float = 1e-3  # sigmas of the last correction
+    # stretches between two references that a calibration starts from, where whole intervals lead too far astray
+    most_short: int = 200
+    fewest_short: int = 6  # of them, for twelve parameters
+    settled_short: float = 1e-6  # of G
+
+
+SETTINGS = BaselineSettings()
+
+
+IMPLAUSIBLE = np.array([0.2] * 9 + [np.deg2rad(0.1)] * 3)  # changes of G and b, rad/s
+
+
+def baseline(
+    recording: Recording, report: SampleReport, pieces: tuple[Interval, ...], reference_sigma: Array, tell: Tell = silent
+) -> tuple[RecordingModel, Array]:
+    """The model about its own calibration, and the (12,) sigma of that.
+
+    Raises
+    ------
+    InputError
+        Rates and references do not fit each other, before the calibration or after it.
+    """
+    G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
+    sigma, short = PLAUSIBLE_RANGE, False
+    for number in range(SETTINGS.iterations):
+        tell(f"first calibration, step {number + 1}", number / SETTINGS.iterations)
+        model = linearised(recording, G, bias, report.rates, report.smooth, report.density, pieces, reference_sigma)
+        tell(f"first calibration, step {number + 1}: residuals", (number + 0.5) / SETTINGS.iterations)
+        try:
+            check_residuals(model, report.rates)
+        except LargeResidualError:
+            better = None if short else _over_short_pieces(recording, report, pieces, reference_sigma)
+            if better is None:
+                raise
+            (G, bias), short = better, True
+            continue
+        change, covariance = correction(model)
+        sigma = np.sqrt(np.diag(covariance))
+        if np.abs(change / sigma).max() < SETTINGS.settled:
+            break
+        G, bias = G + change[:9].reshape(3, 3), bias + change[9:]
+    return model, sigma
+
+
+def _over_short_pieces(
+    recording: Recording, report: SampleReport, pieces: tuple[Interval, ...], reference_sigma: Array
+) -> tuple[Array, Array] | None:
+    """G and b from references next to each other, between which a coarse a-priori calibration does not lead far astray.
+
+    None where they are not plausible, as with rates in another unit, or where even those are too far off.
+    """
+    gaps = [
+        Interval(f"{piece.name}/{number}", piece.activity, float(low), float(high))
+        for piece in pieces
+        for number, (low, high) in enumerate(pairwise(recording.attitudes.t_s[reference_rows(recording.attitudes.t_s, piece)]))
+        if high - low > recording.gyro.sample_s
+    ]
+    some = tuple(gaps[k] for k in np.unique(np.linspace(0, len(gaps) - 1, SETTINGS.most_short).astype(np.intp))) if gaps else ()
+    if len(some) < SETTINGS.fewest_short or not report.rates.any():
+        return None
+    G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
+    for _ in range(SETTINGS.iterations):
+        model = linearised(recording, G, bias, report.rates, report.smooth, report.density, some, reference_sigma)
+        try:
+            check_residuals(model, report.rates)
+        except LargeResidualError:
+            return None
+        change, _ = correction(model)
+        G, bias = G + change[:9].reshape(3, 3), bias + change[9:]
+        if np.abs(change[:9]).max() < SETTINGS.settled_short:
+            break
+    moved = np.append((G - recording.gyro.apriori_G).ravel(), bias - recording.gyro.apriori_bias)
+    return None if (np.abs(moved) > IMPLAUSIBLE).any() else (G, bias)
+
+
+def correction(model: RecordingModel) -> tuple[Array, Array]:
+    """Least-squares correction of G and b with the start attitudes as nuisance parameters, (12,), and its covariance (12, 12).
+
+    A broad prior, ten plausible ranges wide, keeps what cannot be observed where it is.
+    """
+    Q = np.linalg.qr(model.attitude_nuisance)[0]
+    scaled = (model.calibration - Q @ (Q.T @ model.calibration)) * PLAUSIBLE_RANGE
+    observed = model.whitened(model.zeta)
+    observed = observed - Q @ (Q.T @ observed)
+    information = scaled.T @ scaled + 1e-2 * np.eye(12)
+    covariance = np.linalg.inv(information) * np.outer(PLAUSIBLE_RANGE, PLAUSIBLE_RANGE)
+    return np.asarray(np.linalg.solve(information, scaled.T @ observed) * PLAUSIBLE_RANGE), np.asarray(covariance)

@@ -1,0 +1,109 @@
+"""What the observations of a recording stand for, so that checks of what an explanation leaves can be general.
+
+Innovations are asked whether they follow the rate and its changes. A rate that is read holds the gyro's noise, and so do the
+innovations of the references behind it, the more often the more references there are: of a body at rest, where there is little
+else in a rate, each would follow the other by themselves. An innovation is independent of all noise that comes after it. The
+rate at a reference therefore is the mean of the readings that follow it, of as many as bring their noise to `QUIET` of the
+scatter of the rates. An error of timing follows the change of the rate since the reference before; where the noise of a
+reading is `HEARD` by that many innovations, the change until the reference that comes next stands for it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.inference.criticism import Layout
+from diagnosis.model.recording import RecordingModel
+from diagnosis.model.step_index import steps_at
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class LayoutSettings:
+    """Constants of `diagnosis.model.layout`."""
+
+    quiet: float = 0.25  # of the scatter of the rates, that their noise may have
+    # of the variance of the rates, from which on noise of readings times the number of innovations is too much
+    heard: float = 0.1
+    outlier: float = 10.0  # sigma of a reading, beyond which it is replaced by the smoothed one
+
+
+SETTINGS = LayoutSettings()
+
+
+TINY = 1e-300
+
+
+def tabulate_observations(model: RecordingModel) -> Layout:
+    """Tabulate what the innovations of the observations may follow."""
+    rows = np.concatenate([block.last_of_each for block in model.blocks])
+    return _tabulate(model, rows, model.observation_block, model.observation_t_s, model.observation_attitude)
+
+
+def tabulate_references(model: RecordingModel, kept: Mask) -> Layout:
+    """Tabulate what the innovations of some references (m,) may follow."""
+    t_s = model.recording.attitudes.t_s[model.reference_rows]
+    whole = _tabulate(model, model.reference_rows, model.interval_of_reference, t_s, model.at_reference)
+    return Layout(whole.axes[kept], whole.interval[kept], whole.regressors[kept], whole.speed[kept])
+
+
+def _tabulate(model: RecordingModel, rows: Indices, block: Indices, t_s: Array, to_inertial: Array) -> Layout:
+    rates, change = measure_motion(model, rows, block)
+    place = steps_at(model, t_s, block)
+    housekeeping = [values[place] for values in model.stream.housekeeping.values()]
+    mission = (t_s - t_s.mean()) / max(float(np.ptp(t_s)), 1.0)
+    regressors = np.column_stack([rates, np.abs(rates), change, mission, mission**2, *housekeeping])
+    return Layout(to_inertial.transpose(0, 2, 1), block, regressors, np.linalg.norm(rates, axis=1))
+
+
+def measure_motion(model: RecordingModel, references: Indices, block: Indices) -> tuple[Array, Array]:
+    """Measure the rate about each axis at some references, and its change, without the noise of their innovations.
+
+    Parameters
+    ----------
+    model : of the recording
+    references : (r,) their rows in the recording, in the order of time within each block
+    block : (r,) index of the block of each
+
+    Returns
+    -------
+    rates : (r, 3) rad/s
+    change : (r, 3) since the reference before, or where that would hold their noise until the next, rad/s; 0 without one
+    """
+    gyro, t_s = model.recording.gyro, model.recording.attitudes.t_s[references]
+    first, stop = np.array([(one.steps.start, one.steps.stop - 1) for one in model.blocks])[block].T
+    smooth = model.rates[np.clip(np.searchsorted(model.t_s, t_s), first, stop)]
+    noise = (gyro.arw**2 / gyro.sample_s) / np.maximum(smooth.var(axis=0), TINY)
+    first, stop = np.searchsorted(gyro.t_s, model.t_s[first]), np.searchsorted(gyro.t_s, model.t_s[stop])
+    most = np.maximum(1, (stop - first) // np.bincount(block)[block])  # no more than lie between two references
+    count = np.clip(np.ceil(noise / SETTINGS.quiet**2).astype(np.intp), 1, most[:, None])
+    at = np.searchsorted(gyro.t_s, t_s - 0.5 * gyro.sample_s)[:, None]
+    total = _sums(model)
+    rates = _means(total, at, np.minimum(at + count, stop[:, None]), smooth)
+    before = _means(total, np.maximum(at - count, first[:, None]), np.minimum(at, stop[:, None]), smooth)
+    starts = np.diff(block, prepend=-1) != 0
+    since, until = np.zeros_like(rates), np.zeros_like(rates)
+    since[1:], until[:-1] = rates[1:] - before[:-1], np.diff(rates, axis=0)
+    since[starts] = until[np.append(starts[1:], True)] = 0.0
+    return rates, np.where(noise * references.size < SETTINGS.heard, since, until)
+
+
+def _sums(model: RecordingModel) -> Array:
+    """(samples + 1, 3) of the calibrated readings up to each sample; single odd ones are replaced by the smooth rate."""
+    gyro = model.recording.gyro
+    smooth = model.rates[np.clip(np.searchsorted(model.t_s, gyro.t_s), 0, model.t_s.size - 1)]
+    readings = gyro.rates @ model.G.T + model.bias
+    odd = np.abs(readings - smooth) > SETTINGS.outlier * gyro.arw / np.sqrt(gyro.sample_s)
+    return np.vstack([np.zeros(3), np.cumsum(np.where(odd, smooth, readings), axis=0)])
+
+
+def _means(total: Array, low: Indices, high: Indices, otherwise: Array) -> Array:
+    """(r, 3) means of the readings from `low` to before `high`, (r, 3) each, of running sums; of none, something else."""
+    low, high, axes = np.broadcast_arrays(low, high, np.arange(3))
+    return np.where(high > low, (total[high, axes] - total[low, axes]) / np.maximum(high - low, 1), otherwise)

@@ -1,0 +1,137 @@
+"""Gyro tags that are late by seconds: the attitude errors of that, not to first order.
+
+With tags late by s, the attitude as propagated, A_prop(t), is the true one of s before, A_true(t − s), but for a constant turn.
+So E_k = A_true,kᵀ A_prop,k at the references is A_prop(t_k + s)ᵀ A_prop(t_k) but for a constant turn about inertial axes, which
+the start attitude takes. To first order that is −s Aᵀω, the integral of the column −dω_raw/dt; where the rate changes much
+during s, it is not.
+
+With E_obs,k of the recording and z_k as the model has it, the observation of exactly that delay is z_k + log(E_k E_obs,kᵀ):
+what is left of the recording then is the noise. Per second it is a column c(s). Delays on a grid around the one at which a fit
+of c(s) gives s back are tried, and the one of least squares beside it. Each that fits is an option with an amplitude a of its
+own; since the truth is at a = s, its prior share is the likelihood there over that at the best a.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+from scipy.spatial.transform import Rotation
+
+from diagnosis.model.recording import RecordingModel
+from gyrocal.calibration.propagation import Arcs, propagate
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LateTagSettings:
+    """Constants of `diagnosis.model.time_offset`."""
+
+    rounds: int = 10  # in which a delay settles
+    settled: float = 0.01  # relative change, at which it has
+    nonlinear: float = 0.3  # sigmas of all observations together, by which a column then differs from that of a short delay
+    # factor to either side of that delay, and delays that are tried
+    widest: float = 4.0
+    tried: int = 17
+    fitting: float = 12.0  # χ² above the least, up to which a delay is an option
+
+
+SETTINGS = LateTagSettings()
+
+
+@dataclass(frozen=True)
+class Delay:
+    """(N, 1) whitened columns per second at some delay, and the share of that delay."""
+
+    columns: Array
+    weight: float
+
+
+def delays(model: RecordingModel, small: Array, prior: tuple[float, float]) -> list[Delay]:
+    """Columns at the delays that fit the data, where those of a short one do not describe them; none elsewhere.
+
+    Parameters
+    ----------
+    model : the recording
+    small : (N, 1) whitened columns of a short delay
+    prior : shortest and longest delay that is plausible, s
+    """
+    path = _Path(model)
+
+    def left(delay: float) -> float:
+        return float(np.sum((model.y - delay * model.projected(path.column(delay))[:, 0]) ** 2))
+
+    column, delay = small, 0.0
+    for _ in range(SETTINGS.rounds):
+        before, delay = delay, float(np.clip(_fitted(model, column), -prior[1], prior[1]))
+        if abs(delay) < prior[0]:
+            return []
+        column = path.column(delay)
+        if abs(delay - before) < SETTINGS.settled * abs(delay):
+            break
+    if abs(delay) * float(np.linalg.norm(model.projected(column - small))) < SETTINGS.nonlinear:
+        return []
+    factors = np.geomspace(1 / SETTINGS.widest, SETTINGS.widest, SETTINGS.tried)
+    tried = [delay * float(factor) for factor in factors if abs(delay * factor) <= prior[1]]
+    nearest = min(tried, key=left)
+    step = SETTINGS.widest ** (2 / (SETTINGS.tried - 1))
+    low, high = sorted((nearest / step, nearest * step))
+    tried.append(float(minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * abs(delay)}).x))
+    values = [left(one) for one in tried]
+    found = [
+        (one, path.column(one)) for one, value in zip(tried, values, strict=True) if value < min(values) + SETTINGS.fitting
+    ]
+    # A fit of the amplitude gains (a − s)² |c|² over it.
+    gains = [(_fitted(model, c) - one) ** 2 * float(np.sum(model.projected(c) ** 2)) for one, c in found]
+    return [Delay(c, float(share)) for (_, c), share in zip(found, shares(np.array(gains)), strict=True)]
+
+
+def shares(gains: Array) -> Array:
+    """Shares (d,) of delays that explain χ² less than a fit of their amplitude, by what they explain less."""
+    weights = np.exp(-0.5 * (gains - gains.min()))
+    return np.asarray(weights / weights.sum())
+
+
+class _Path:
+    """The propagated attitude of a recording at any time."""
+
+    def __init__(self, model: RecordingModel) -> None:
+        self.model = model
+        count = model.t_s.size
+        block = np.repeat(np.arange(len(model.blocks)), [one.steps.stop - one.steps.start for one in model.blocks])
+        places = np.arange(count)
+        turned = propagate(Arcs(model.rates, model.dt, places, places, places + 1, block), np.eye(3), np.zeros(3)).R
+        quaternions = model.recording.attitudes.quaternions
+        self.begin = [np.append(0.0, np.cumsum(model.dt[one.steps])) for one in model.blocks]
+        self.to_inertial = []
+        for one in model.blocks:
+            start = Rotation.from_quat(quaternions[one.references[np.argmin(one.elapsed_s)]]).inv()
+            relative = Rotation.from_matrix(turned[one.steps])
+            self.to_inertial.append(start.inv() * Rotation.concatenate([Rotation.identity(), relative]).inv())
+
+    def column(self, delay: float) -> Array:
+        """(N, 1) whitened observations of a delay, per second of it."""
+        start, parts = 0, []
+        for number, block in enumerate(self.model.blocks):
+            own = slice(start, start + block.references.size)
+            first = self._at(number, np.array([delay])) * self._at(number, np.zeros(1)).inv()
+            E = first.inv() * self._at(number, block.elapsed_s + delay) * self._at(number, block.elapsed_s).inv()
+            off = (E * Rotation.from_rotvec(self.model.off[own]).inv()).as_rotvec()
+            parts.append(block.observed(self.model.residuals[own] + off).ravel())
+            start = own.stop
+        return self.model.whitened(np.concatenate(parts)[:, None] / delay)
+
+    def _at(self, number: int, t: Array) -> Rotation:
+        """Aᵀ at times from a block's start; beyond its ends at constant rate."""
+        edges, rates = self.begin[number], self.model.rates[self.model.blocks[number].steps]
+        k = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(rates) - 1)
+        return self.to_inertial[number][k] * Rotation.from_rotvec(rates[k] * (t - edges[k])[:, None])
+
+
+def _fitted(model: RecordingModel, column: Array) -> float:
+    """Least-squares amplitude of a column."""
+    x = model.projected(column)[:, 0]
+    return float(x @ model.y / max(float(x @ x), 1e-300))

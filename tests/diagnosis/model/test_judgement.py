@@ -1,0 +1,125 @@
+"""What is judged by the residuals, and judged anew without the effects that were found."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.detectors.reference_noise import ReferenceSeries, reference_noise
+from diagnosis.inference.amplitudes import Fitted
+from diagnosis.model.judgement import reclassify_without_effects
+from diagnosis.model.known_effects import KnownEffect, known, without
+from diagnosis.model.prepare import prepare
+from diagnosis.settings import DEFAULT
+from simulator.effects import EFFECTS
+from tests.diagnosis.recordings import of_rates, prepared, recorded
+
+CHANGE = 2e-2  # of a misalignment, in the middle of the recording
+
+
+def fitted(label, amplitudes, **parameters):
+    """An effect as the search would have found it; only amplitudes and parameters count here."""
+    effect, _, axis = label.partition(":")
+    one, none = np.array(amplitudes, dtype=float), np.empty(0)
+    columns = np.empty((0, one.size))
+    return Fitted(label, effect, axis or None, "", float(one[0]), 0.0, parameters, columns, one, one, 1.0, False, none)
+
+
+def spinning(change):
+    """A body that spins about z and nutates, with a misalignment of x towards z that changes by so much halfway; 4 Hz."""
+    t_s = 0.25 * np.arange(4800)
+    rates = np.deg2rad(
+        np.column_stack([0.3 * np.sin(0.21 * t_s), 0.3 * np.cos(0.21 * t_s), 6.0 + 0.5 * np.sin(2 * np.pi * t_s / 600)])
+    )
+    one = of_rates(rates, 16, 0.25, np.deg2rad(2e-4), np.deg2rad(0.004), seed=5)
+    read = one.gyro.rates.copy()
+    read[2400:, 0] += change * rates[2400:, 2]
+    return replace(one, gyro=replace(one.gyro, rates=read))
+
+
+@pytest.mark.parametrize(
+    ("text", "amplitudes"),
+    [
+        ("bias_drift:y=0.02", [0.02]),
+        ("scale_asymmetry:z=900", [900.0]),
+        ("time_offset=1.0", [1.0]),
+        ("reference_horizon:x=0.02,phase_deg=30", [0.02 * np.cos(np.pi / 6), 0.02 * np.sin(np.pi / 6)]),
+    ],
+)
+def test_without_an_effect_the_residuals_are_those_of_m0(text, amplitudes):
+    """What is left beside G and b differs by second orders from a recording with the same noise and no effect."""
+    with_it, clean = prepared(3, text).model, prepared(3).model
+    effect = EFFECTS[text.partition("=")[0].partition(":")[0]]
+    one = KnownEffect(effect, fitted(text.partition("=")[0], amplitudes))
+    left = without(with_it, [one])
+    size = np.linalg.norm(with_it.y - clean.y)
+    assert size > 5
+    assert np.linalg.norm(left.y - clean.y) < 0.05 * size
+
+
+def test_processes_and_effects_without_columns_are_not_taken_out():
+    walk = replace(fitted("bias_random_walk:x", [1.0]), process=True)
+    assert known([walk, fitted("spikes:x", [1.0])], EFFECTS) == ()
+    assert [one.effect.name for one in known([fitted("bias_drift:x", [1.0])], EFFECTS)] == ["bias_drift"]
+
+
+def test_noise_of_the_references_is_judged_without_what_changes_it():
+    """A changed misalignment of a spinning body makes its references noisier from then on; without it they are as stated."""
+    changed, clean = prepare(spinning(CHANGE)), prepare(spinning(0.0))
+    assert clean.judged == ()
+    assert any("reference noise" in what for what, _ in changed.judged)
+    found = fitted("g_matrix_step:x", [CHANGE * 1e6], time_s=600.0, toward="z")
+    again = reclassify_without_effects(changed, [KnownEffect(EFFECTS["g_matrix_step"], found)], DEFAULT)
+    assert again is not None
+    assert again.judged == ()
+    # The noise is that which is stated, as without the change.
+    sigma, stated = again.model.errors[0], clean.model.errors[0]
+    np.testing.assert_allclose(sigma, stated, rtol=1e-6, atol=1e-12 * np.abs(stated).max())
+
+
+def test_what_follows_the_motion_or_drifts_is_no_noise_of_the_references():
+    """Half-way changes of a misalignment, and biases that drift while the body turns, are taken out before it is judged."""
+    small = prepare(spinning(CHANGE / 4))
+    assert small.judged == ()
+    still = spinning(0.0)
+    drift = np.deg2rad(0.02) * np.linspace(-1, 1, still.gyro.t_s.size)[:, None] * [1.0, 0.0, 0.0]
+    drifting = replace(still, gyro=replace(still.gyro, rates=still.gyro.rates + drift))
+    assert prepare(drifting).judged == ()
+    assert misjudged(drifting)
+
+
+def misjudged(recording):
+    """Whether the references' noise is not as stated where nothing that follows the motion is taken out."""
+    model = prepare(recording).model
+    series = ReferenceSeries(
+        t_s=model.references.t_s,
+        interval=model.interval_of_reference,
+        sigma=recording.attitudes.sigma[model.reference_rows],
+        to_inertial=model.at_reference,
+        residuals=model.residuals,
+        rates=np.zeros((model.references.t_s.size, 3)),
+    )
+    silent = np.zeros(recording.gyro.rates.shape, dtype=bool)
+    return reference_noise(series, np.full(3, recording.gyro.arw**2), recording.gyro.t_s, silent).odd
+
+
+def test_what_is_judged_the_same_stays_as_it_is():
+    """An effect that moves no reference by much changes nothing, and without effects nothing is asked again."""
+    changed = prepare(spinning(CHANGE))
+    drift = KnownEffect(EFFECTS["bias_drift"], fitted("bias_drift:x", [1e-6]))
+    assert reclassify_without_effects(changed, [drift], DEFAULT) is None
+    assert reclassify_without_effects(changed, [], DEFAULT) is None
+    assert any("reference noise" in what for what, _ in changed.judged)
+
+
+def test_a_report_before_its_lines_were_judged():
+    """A vibration is back in the samples, and no symptom any more; the report itself stays as it was."""
+    report = prepare(recorded(1, "vibration:y=0.05,apparent_hz=0.083", every_s=10.0)).samples
+    assert [one.kind for one in report.symptoms] == ["spectral_line"]
+    before = report.rates.copy()
+    earlier = report.unjudged()
+    assert earlier.symptoms == ()
+    assert earlier.vibrations == ()
+    (line,) = report.vibrations
+    np.testing.assert_allclose(earlier.rates[:, 1] - report.rates[:, 1], line.waveform, atol=1e-15)
+    np.testing.assert_array_equal(report.rates, before)

@@ -1,0 +1,53 @@
+"""What innovations are asked to follow holds none of the noise that they hold."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.inference.criticism import check_explanation
+from diagnosis.model.candidates import linear_model
+from diagnosis.model.layout import tabulate_observations
+from diagnosis.model.prepare import prepare
+from diagnosis.model.step_index import steps_at
+from simulator.effects import EFFECTS
+from tests.diagnosis.recordings import of_rates, prepared, slews_between_references
+
+CHANGE = slice(6, 9)
+
+
+def with_readings(model, rates):
+    gyro = replace(model.recording.gyro, rates=rates)
+    return replace(model, recording=replace(model.recording, gyro=gyro))
+
+
+def resting(seed):
+    """Slews between references, and a sway at them that is as large as the gyro's noise."""
+    return of_rates(slews_between_references(300, 72, 0.5, 3e-5), 72, 0.5, 3.8e-5, 7e-5, seed)
+
+
+def test_the_rate_at_an_observation_holds_no_reading_from_before_it():
+    model = prepare(resting(0)).model
+    gyro, at = model.recording.gyro, model.observation_t_s.size // 2
+    early = gyro.t_s < model.observation_t_s[at]
+    noisy = gyro.rates + 1e-6 * np.random.default_rng(0).standard_normal(gyro.rates.shape) * early[:, None]
+    change = tabulate_observations(with_readings(model, noisy)).regressors - tabulate_observations(model).regressors
+    np.testing.assert_allclose(change[at:-1, :9], 0, atol=1e-15)  # after the last one there are no readings
+
+
+def test_where_noise_is_not_heard_a_change_is_that_since_the_observation_before():
+    """Of axes that turn by far more than the noise: an innovation with an error of timing follows what came before it."""
+    model = prepared(1).model
+    rates = model.rates[steps_at(model, model.observation_t_s, model.observation_block)]
+    later = np.flatnonzero(np.diff(model.observation_block) == 0)
+    change = tabulate_observations(model).regressors[later + 1, CHANGE]
+    for axis in (0, 1):
+        assert np.corrcoef(rates[later + 1, axis] - rates[later, axis], change[:, axis])[0, 1] > 0.999
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_noise_that_is_read_as_a_rate_is_no_dependence_on_it(seed):
+    model = prepare(resting(seed)).model
+    linear = linear_model(model, [EFFECTS["bias_drift"]], rivals=False)
+    found = {one.name: one for one in check_explanation(linear, (), tabulate_observations(model))}
+    assert found["dependence on what is known"].p_value > 1e-3

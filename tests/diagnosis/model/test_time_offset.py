@@ -1,0 +1,40 @@
+"""Gyro tags that are late by much: their columns at the delay that the data give."""
+
+import numpy as np
+import pytest
+
+from diagnosis.model.time_offset import delays, shares
+from simulator.effects import EFFECTS
+from tests.diagnosis.recordings import prepared
+
+
+def model_and_columns(size):
+    model = prepared(11, f"time_offset={size}", every_s=4.0).model
+    effect = EFFECTS["time_offset"]
+    small = model.whitened(model.reading(effect.columns(model.stream, None, {})))
+    return model, small, delays(model, small, (5e-3, 100.0))
+
+
+@pytest.mark.parametrize("size", [10.0, -10.0])
+def test_the_columns_of_a_large_offset_give_it_back_and_leave_noise(size):
+    model, small, large = model_and_columns(size)
+    best = max(large, key=lambda one: one.weight)
+    x = model.projected(best.columns)[:, 0]
+    fitted = x @ model.y / (x @ x)
+    assert abs(fitted - size) < 4 / np.linalg.norm(x)
+    dof = model.degrees_of_freedom - 1
+    assert np.sum((model.y - fitted * x) ** 2) < dof + 4 * np.sqrt(2 * dof)
+    # That of a small one does not leave noise only.
+    x = model.projected(small)[:, 0]
+    assert np.sum((model.y - x @ model.y / (x @ x) * x) ** 2) > dof + 8 * np.sqrt(2 * dof)
+    assert sum(one.weight for one in large) == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("size", [0.0, 0.05])
+def test_a_small_one_has_no_others(size):
+    assert model_and_columns(size)[2] == []
+
+
+def test_shares_of_delays_that_all_explain_far_less_are_numbers():
+    """As where a dead zone makes a gap of hundreds of sigmas, and no delay is anywhere near."""
+    np.testing.assert_allclose(shares(np.array([1e5, 1e5 + 2.0])), [1 / (1 + np.exp(-1)), np.exp(-1) / (1 + np.exp(-1))])
