@@ -44,7 +44,7 @@ def page(
     made : for the footer
     """
     kind, title = headline(result, to_tolerance)
-    caption = f"{FOREST} The sigmas are the nominal ones." if result.recommended == WITH_REMAINDER else FOREST
+    caption = f"{FOREST} The sigmas include the remainder." if result.recommended == WITH_REMAINDER else FOREST
     picture = Picture("forest", partial(draw_forest, result), _forest_alt(result), caption)
     sections = [
         Section("Parameters", [PageTable(words.parameter_table(result, truth), label="Parameters")]),
@@ -62,8 +62,8 @@ def page(
 
 
 FOREST = (
-    "Corrections to what the calibration started from, with one sigma (thick) and three (thin). Those whose thin line crosses "
-    "zero are not told from no correction."
+    "Corrections of the initial parameters, with one sigma (thick) and three (thin). A correction whose thin line crosses zero "
+    "is not significant."
 )
 RESIDUALS = (
     "One point a reference attitude, in the order of the intervals (dotted lines between them). In the grey band, two sigma "
@@ -124,7 +124,7 @@ def most_changed(result: CalibrationResult) -> str:
     table = _shown(result)
     count = int((table["in_sigma"].abs() > FOREST_SIGMA).sum())
     row = table.iloc[int(table["in_sigma"].abs().to_numpy().argmax())]
-    which = "nominal sigmas, which are too small here" if result.recommended == WITH_REMAINDER else "sigmas"
+    which = "sigmas with remainder" if result.recommended == WITH_REMAINDER else "sigmas"
     return (
         f"{count} of {len(table)} parameters change by more than three {which}; most of all {row['parameter']} by "
         f"{_short(row['correction'], '+')} {row['unit']} ({abs(row['in_sigma']):.0f} sigma)."
@@ -183,8 +183,11 @@ def _rms(result: CalibrationResult) -> dict[str, tuple[float, float]]:
 
 
 def _shown(result: CalibrationResult) -> pd.DataFrame:
-    """The solved parameters in the units that figures have."""
-    table = result.summary().query("solved").copy()
+    """The solved parameters in the units that figures have, with the recommended sigmas."""
+    table, widened = result.summary(), words.sigma_with_remainder(result)
+    if widened is not None and result.recommended == WITH_REMAINDER:
+        table["sigma"] = widened
+    table = table.query("solved").copy()
     scales = [UNITS.get(unit, (unit, 1.0)) for unit in table["unit"]]
     factors = np.array([factor for _, factor in scales])
     table["unit"] = [unit for unit, _ in scales]
