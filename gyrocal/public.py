@@ -1,0 +1,94 @@
+"""The names of the package `gyrocal`, which loads this module when one of them is asked for."""
+
+from gyrocal.calibration.davenport import RecursiveCalibrator, calibrate, residual_table
+from gyrocal.calibration.gyros import GyroArray, GyrosResult, calibrate_gyros
+from gyrocal.calibration.observability import Observability
+from gyrocal.calibration.parameters import NAMES, GyroParameters, select
+from gyrocal.calibration.propagation import Arcs, StreamingPropagation, propagate, psi_matrix
+from gyrocal.calibration.result import CalibrationResult
+from gyrocal.errors import GyrocalError, InputError, UnobservableError
+from gyrocal.estimation.batch import BatchResult, batch
+from gyrocal.estimation.filter_run import FilterRun
+from gyrocal.estimation.filter_run import run as run_filter
+from gyrocal.estimation.full_filter import FullFilterResult, Leg
+from gyrocal.estimation.full_filter import run_legs as run_full_filter
+from gyrocal.estimation.mekf import KalmanFilter
+from gyrocal.estimation.onboard import Maneuver, OnBoardCalibrator
+from gyrocal.estimation.onboard import replay as run_on_board
+from gyrocal.estimation.reference_covariance import interval_covariance, reference_attitudes, residual_covariance
+from gyrocal.estimation.smoother import Smoothed, smooth
+from gyrocal.recording import (
+    Attitudes,
+    AttitudeSensor,
+    GyroStream,
+    Interval,
+    Orbit,
+    Recording,
+    load,
+    of_sensor,
+    save,
+    triad,
+)
+from gyrocal.sensors.alignment import AlignmentResult
+from gyrocal.sensors.alignment import in_two_steps as align_in_two_steps
+from gyrocal.sensors.alignment import together as align_together
+from gyrocal.sensors.earth import EarthModel, EarthSensor
+from gyrocal.sensors.series import SensorModel, SensorSeries
+from gyrocal.sensors.sun import SunModel, SunSensor, trmm_sun_sensors
+
+__all__ = [
+    "NAMES",
+    "AlignmentResult",
+    "Arcs",
+    "AttitudeSensor",
+    "Attitudes",
+    "BatchResult",
+    "CalibrationResult",
+    "EarthModel",
+    "EarthSensor",
+    "FilterRun",
+    "FullFilterResult",
+    "GyroArray",
+    "GyroParameters",
+    "GyroStream",
+    "GyrocalError",
+    "GyrosResult",
+    "InputError",
+    "Interval",
+    "KalmanFilter",
+    "Leg",
+    "Maneuver",
+    "Observability",
+    "OnBoardCalibrator",
+    "Orbit",
+    "Recording",
+    "RecursiveCalibrator",
+    "SensorModel",
+    "SensorSeries",
+    "Smoothed",
+    "StreamingPropagation",
+    "SunModel",
+    "SunSensor",
+    "UnobservableError",
+    "align_in_two_steps",
+    "align_together",
+    "batch",
+    "calibrate",
+    "calibrate_gyros",
+    "interval_covariance",
+    "load",
+    "of_sensor",
+    "propagate",
+    "psi_matrix",
+    "reference_attitudes",
+    "residual_covariance",
+    "residual_table",
+    "run_filter",
+    "run_full_filter",
+    "run_on_board",
+    "save",
+    "select",
+    "smooth",
+    "triad",
+    "trmm_sun_sensors",
+]
