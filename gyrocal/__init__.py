@@ -29,6 +29,7 @@ Symbols
 import logging as _logging
 from importlib import import_module as _import_module
 from importlib.metadata import version as _version
+from importlib.util import find_spec as _find_spec
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
@@ -43,6 +44,8 @@ def __getattr__(name: str) -> _Any:
     """Load the public names at the first use of one: numba and scipy take most of a second."""
     if name.startswith("_") and name != "__all__":
         raise AttributeError(f"module 'gyrocal' has no attribute {name!r}")
+    if name != "__all__" and _find_spec(f"gyrocal.{name}") is not None:  # a module of the package is no public name
+        return _import_module(f"gyrocal.{name}")
     public = _import_module("gyrocal.public")
     names = {**{one: getattr(public, one) for one in public.__all__}, "__all__": [*public.__all__, "__version__"]}
     if name not in names:
