@@ -1,5 +1,6 @@
 """The wheel is small, holds no test world and no results, and works where there is no checkout."""
 
+import os
 import subprocess
 import sys
 import sysconfig
@@ -53,8 +54,10 @@ def test_the_tutorial_begins_outside_the_checkout(installed, tmp_path):
     script = (ROOT / "docs" / "examples" / "own_log.py").read_text()
     (tmp_path / "own_log.py").write_text(script)
 
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+
     def run(*arguments):
-        return subprocess.run([installed, *arguments], cwd=tmp_path, capture_output=True, text=True)
+        return subprocess.run([installed, *arguments], cwd=tmp_path, env=environment, capture_output=True, text=True)
 
     where = run("-c", "import gyrocal, studies; print(gyrocal.__file__, studies.__file__)").stdout
     assert str(ROOT) not in where
