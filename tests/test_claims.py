@@ -105,7 +105,7 @@ def test_every_committed_study_has_cases_that_are_run_again():
     folders = [path.parent for path in (ROOT / "results" / "studies").glob("*/manifest.json")]
     assert {folder.name for folder in folders} == {*rerun.QUICK, *rerun.SLOW}
     tables = {folder.name for folder in folders if not (folder / "table.parquet").exists()}
-    assert tables == set(rerun.TABLES)
+    assert tables <= set(rerun.TABLES)  # one that is not committed may be there all the same
     paper, first = (ROOT / "results" / name / "manifest.json" for name in ("studies/paper", "reproduction"))
     assert json.loads(paper.read_text())["config"] | {"cases": 200} == json.loads(first.read_text())["config"]
 
