@@ -3,8 +3,9 @@
 White noise of any level depends on nothing. Each short block (`diagnosis.detectors.noise_blocks`) has one estimate of the noise
 power in which a motion with rough accelerations cancels: the squares of its cosines, weighted as the least squares of white
 noise beside such a motion weigh them. Blocks in six classes of equal size, by a reading, its change or the time, have the same
-mean then. An analysis of variance tests that, of each covariate; it is robust against other variances where classes are of
-equal size. A body that shakes while it turns has it on several gyros, so that a dependence of one gyro alone is reported.
+mean then. An analysis of variance tests that, of each covariate; where classes are of equal size, it is robust against unequal
+variances (Box, Annals of Mathematical Statistics 25, 1954). A body that shakes while it turns has it on several gyros, so
+that a dependence of one gyro alone is reported.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ class NoiseDependenceSettings:
 
     fewest_blocks: int = 150  # in six classes of 25, below which no test is made
     classes: int = 6  # of blocks
-    largest: float = 6.0  # standard deviations of white noise above the mean, at which the power of a block counts at most
-    notable: float = 0.05  # standard deviation of the classes' means, as a share of the power, that matters
+    largest: float = 6.0  # standard deviations of white noise above the mean, at which a block's power is cut off; by judgement
+    notable: float = 0.05  # standard deviation of the classes' means, as a share of the power, that matters; by judgement
 
 
 SETTINGS = NoiseDependenceSettings()

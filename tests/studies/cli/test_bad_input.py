@@ -6,16 +6,8 @@ import pytest
 from click.testing import CliRunner
 
 from studies.cli.main import main
+from tests.studies.cli.test_plan import EXTRA
 
-PLAN_EXTRA = """
-title = "a roll"
-[[interval]]
-name = "r1"
-activity = "roll slew"
-start_s = 6000.0
-stop_s = 6600.0
-mode = "+x"
-"""
 WRONG = [
     # the program and its commands
     ("--nothing", "gyrocal: No such option"),
@@ -122,9 +114,9 @@ def test_wrong_use_ends_in_one_line_and_status_2(refused, command, text):
     ("text", "message"),
     [
         ("title = 1", "no [[interval]] sections"),
-        (PLAN_EXTRA.replace("title", "titel"), "titel is not known"),
-        (PLAN_EXTRA.replace("6000.0", "-6000.0"), "time order"),
-        (PLAN_EXTRA.replace('"+x"', '"+q"'), "mode"),
+        (EXTRA.replace("title", "titel"), "titel is not known"),
+        (EXTRA.replace("6000.0", "-6000.0"), "time order"),
+        (EXTRA.replace('"+x"', '"+q"'), "mode"),
         ("interval = 3", "no [[interval]] sections"),
         ("[", "not a TOML file"),
     ],
