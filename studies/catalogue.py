@@ -39,7 +39,6 @@ MODULES = {
     "onboard": "studies.estimation.onboard",
     "world": "studies.validation.world.report",
     "bench": "studies.validation.world.bench",
-    "compare": "studies.validation.world.compare_check",
     "flight": "studies.natanson.flight_diagnosis",
     "real": "studies.validation.real_gyro",
     "heads": "studies.robertson.heads",

@@ -1,6 +1,5 @@
 """The command ``gyrocal bench``: a fixed set of recordings, diagnosed by two versions of the code and compared."""
 
-import os
 from pathlib import Path
 
 import click
@@ -26,16 +25,14 @@ def command() -> None:
 @click.argument("out", type=PATH)
 @jobs_option()
 @click.option("--cases", type=click.IntRange(1), default=None, help="Only the first so many recordings.")
-@click.option("--store", type=PATH, default=None, help="Folder of the diagnoses' stages; 'stages' beside OUT by default.")
-def run(out: Path, jobs: int | None, cases: int | None, store: Path | None) -> None:
+def run(out: Path, jobs: int | None, cases: int | None) -> None:
     """Diagnose the set with the code as it is, and write rows and report to the folder OUT.
 
     \b
     Example:
       gyrocal bench run build/bench/before
     """
-    settings: dict[str, object] = {"store": os.path.abspath(store or out.parent / "stages")}
-    settings |= {} if cases is None else {"cases": cases}
+    settings = {} if cases is None else {"cases": cases}
     terminal = console()
     outcome = catalogue.run("bench", out, settings, terminal, jobs=jobs)
     terminal.print(outcome.summary(), highlight=False, markup=False)

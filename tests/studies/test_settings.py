@@ -35,8 +35,6 @@ REFUSED = [
     ("bench", {"entropy": 3}, "fixed set"),
     ("bench", {"source": "fresh"}, "fixed set"),
     ("bench", {"overrides.gyro.sample_s": 1.0}, "fixed set"),
-    ("compare", {"cases": 3, "controls": 2}, "fewer than the 4 controls"),
-    ("compare", {"overrides.gyro.sample_s": 1.0}, "have no effect"),
 ]
 
 

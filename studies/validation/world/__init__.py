@@ -6,8 +6,8 @@
 - `evidence`: how strongly an effect shows, whatever the stage of the measuring chain it acts at
 - `world`, `placing`, `novelty`: what effects do to a plan, their sizes, and what no listed effect explains
 - `sources`, `cases`: families, plans and grades by the name of their source; a case by its number
-- `stages`: a diagnosis whose stages are stored; `answers`, `score`: what an answer is worth, and all together
-- `study`, `report`: ``gyrocal study world``; `bench`: ``gyrocal bench``; `compare_check`: ``gyrocal study compare``
+- `timed`: a diagnosis with its time and memory; `answers`, `score`: what an answer is worth, and all together
+- `study`, `report`: ``gyrocal study world``; `bench`: ``gyrocal bench``
 
 It is part of a checkout and not of the installed package.
 """

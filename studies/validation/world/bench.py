@@ -6,8 +6,6 @@
 
 The set changes only when the families of an exam join it: `PARTS` are numbers of cases of each source at a fixed entropy. A
 hundred of them are of the source ``fresh``, written without sight of the diagnosis; of these every table shows counts only.
-What each stage of a diagnosis found is stored beside the runs (``stages/``, about 10 GB), so that a change of a later stage is
-run from there (`studies.validation.world.stages`).
 
 McNemar's exact test compares two runs: of the recordings that only one of them answers well, both would have half.
 """
@@ -36,7 +34,7 @@ SUMMARY = "is the diagnosis as right as before a change, case by case"
 
 
 class BenchConfig(WorldConfig):
-    """The fixed set; only the folder of the stages is free, and no row depends on it."""
+    """The fixed set."""
 
     cases: int = sum(count for _, _, count in PARTS)
 
@@ -140,7 +138,7 @@ def compare(before: pd.DataFrame, after: pd.DataFrame) -> Report:
 
 PAIRED = (
     "Gained and lost are recordings that only the later and only the earlier run answers well, wrong names those with a "
-    "confident wrong name. Times are of recordings that both runs diagnosed from the beginning."
+    "confident wrong name."
 )
 
 
@@ -149,9 +147,8 @@ def _paired(name: str, both: pd.DataFrame) -> dict[str, object]:
     gained = int((~both["good_before"] & both["good_after"]).sum())
     lost = int((both["good_before"] & ~both["good_after"]).sum())
     p = float(scipy.stats.binomtest(gained, gained + lost).pvalue) if gained + lost else 1.0
-    whole = both[(both["stored_before"] == "") & (both["stored_after"] == "")]
-    seconds = [float(whole[f"diagnose_s_{part}"].sum()) for part in ("before", "after")]
-    memory = [float(whole[f"peak_mb_{part}"].median()) for part in ("before", "after")]
+    seconds = [float(both[f"diagnose_s_{part}"].sum()) for part in ("before", "after")]
+    memory = [float(both[f"peak_mb_{part}"].median()) for part in ("before", "after")]
     return {
         "kind": name,
         "recordings": len(both),

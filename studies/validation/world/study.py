@@ -19,14 +19,12 @@ trackers and raw sensor tables (`studies.validation.world.instruments`). A row h
 - ``true_closed``: of a mixed recording with a gap budget, the share that its causes close in truth; else NaN
 - ``causes``, ``posterior``: JSON, as the diagnosis states them
 - ``size_sigmas``: JSON, (size − true size)/sigma of each cause that is there; ``calibration_sigmas``: the same of G and b
-- ``make_s``, ``diagnose_s``: processor time, s; ``peak_mb`` of the diagnosis, and the ``stored`` stage that it began from:
-  these are all that differs from run to run
+- ``make_s``, ``diagnose_s``: processor time, s; ``peak_mb`` of the diagnosis: these are all that differs from run to run
 """
 
 import json
 import time
 from collections.abc import Collection
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,7 +40,7 @@ from studies.montecarlo.study import Streams, Study, StudyConfig
 from studies.validation.world.answers import calibration_errors, label, merge_axes, score_answer, size_errors
 from studies.validation.world.cases import Drawn, draw
 from studies.validation.world.instruments import DrawnInstrument, draw_instrument
-from studies.validation.world.stages import diagnose_in_stages
+from studies.validation.world.timed import diagnose_timed
 from studies.validation.world.world import Spec
 
 CASES, ENTROPY = 150, 1962
@@ -55,14 +53,12 @@ class WorldConfig(StudyConfig):
     Attributes
     ----------
     source : of the cases, see `studies.validation.world.sources`, or instruments
-    store : folder of the stages of diagnoses, see `studies.validation.world.stages`; none by default
     keep_answer : whether a row has the whole answer, as JSON
     """
 
     cases: int = CASES
     entropy: int = ENTROPY
     source: str = "known"
-    store: str = ""
     keep_answer: bool = False
 
     def part(self, number: int) -> tuple[str, int, int]:
@@ -84,8 +80,7 @@ def case(config: WorldConfig, number: int, streams: Streams) -> dict[str, Any]:
     made = drawn.recording if isinstance(drawn, DrawnInstrument) else drawn.recording()
     about, truth = describe_case(drawn, made)
     make_s = time.process_time() - begun
-    store = Path(config.store) if config.store else None
-    found = diagnose_in_stages(made, store, f"{source.replace('/', '-')}-{entropy}-{place}")
+    found = diagnose_timed(made)
     row = {"source": source, **about, "truth": json.dumps(plain(truth)), **describe_answer(about["kind"], truth, found.answer)}
     errors: list[float] = []
     if isinstance(drawn, Drawn):
@@ -98,7 +93,7 @@ def case(config: WorldConfig, number: int, streams: Streams) -> dict[str, Any]:
         row["true_closed"] = measure_true_share(drawn, stated)
     if config.keep_answer:
         row["answer"] = json.dumps(plain({key: value for key, value in found.answer.items() if key != "where"}))
-    return row | {"make_s": make_s, "diagnose_s": found.cpu_s, "peak_mb": found.peak_mb, "stored": found.stored}
+    return row | {"make_s": make_s, "diagnose_s": found.cpu_s, "peak_mb": found.peak_mb}
 
 
 def describe_case(drawn: Drawn | DrawnInstrument, made: Recording) -> tuple[dict[str, Any], list[dict[str, Any]]]:

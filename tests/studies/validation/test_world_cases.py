@@ -17,7 +17,7 @@ from studies.validation.world.novelty import novelty
 from studies.validation.world.placing import scaled
 from studies.validation.world.report import report
 from studies.validation.world.sources import find_source
-from studies.validation.world.stages import Timed
+from studies.validation.world.timed import Timed
 from studies.validation.world.world import SNR, Spec
 from tests.studies.validation.world_plans import small_world
 
@@ -171,16 +171,16 @@ def test_an_effect_about_all_axes_is_one():
     assert len(merge_axes(said(*drifts)["causes"])) == 3
 
 
-def fake(recording, store, name):
+def fake(recording):
     answer = said(verdict="none", present=False) | {
         "posterior": [{"effects": [], "probability": 0.9}],
         "calibration": {"G": np.eye(3), "bias_deg_s": np.zeros(3), "sigma_G": np.ones((3, 3)), "sigma_bias_deg_s": np.ones(3)},
     }
-    return Timed(answer, 1.0, 100.0, "")
+    return Timed(answer, 1.0, 100.0)
 
 
 def test_a_small_study_runs_and_resumes(tmp_path, monkeypatch):
-    monkeypatch.setattr(world_study, "diagnose_in_stages", fake)
+    monkeypatch.setattr(world_study, "diagnose_timed", fake)
     config = load_config(world_study.STUDY, None, {"cases": CHEAP, "entropy": 2})
     outcome = engine.run(world_study.STUDY, config, tmp_path, backend="serial", chunk=2)
     assert not outcome.failures
