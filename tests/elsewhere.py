@@ -16,9 +16,9 @@ import numpy as np
 import pandas as pd
 
 from studies.montecarlo.files import write_csv, write_text
+from studies.montecarlo.manifest import commit
 from studies.report import tables as render
 from tests import ROOT
-from tests.mutations.run import commit
 
 KERNELS = ("Haswell", "SkylakeX")  # OPENBLAS_CORETYPE
 WIDE = ("X86_V4", "AVX512")

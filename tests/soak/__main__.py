@@ -8,9 +8,9 @@ import pandas as pd
 from numpy import sqrt
 
 from studies.montecarlo.files import write_csv, write_text
+from studies.montecarlo.manifest import commit
 from studies.report import tables as render
 from tests import ROOT
-from tests.mutations.run import commit
 from tests.soak.run import Runs, disturbed, joined, undisturbed
 from tests.soak.study import SAMPLE_S
 
