@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal import Arcs
-from gyrocal.calibration.propagation import SERIES_LIMIT, Propagation
+from gyrocal.calibration.propagation import PSI_SERIES_LIMIT, Propagation
 
 Array = NDArray[np.float64]
 
@@ -153,7 +153,7 @@ def prepared(library: ctypes.CDLL, packed: Packed, G: Array, bias: Array) -> Cal
     increments, pieces = packed.increments, packed.pieces
     G, bias = np.ascontiguousarray(G), np.ascontiguousarray(bias)
     turned = np.einsum("ij,tjl->til", G, increments[:, :-1]) + bias[:, None] * increments[:, -1:]
-    if np.linalg.norm(turned, axis=1).max() >= SERIES_LIMIT:
+    if np.linalg.norm(turned, axis=1).max() >= PSI_SERIES_LIMIT:
         raise ValueError("a step turns too far for the series of the C kernel")
     work = np.empty((SUMS, increments.shape[2]))
     R, S = np.empty((len(pieces), 3, 3)), np.empty((len(pieces), 4, 3, 3))

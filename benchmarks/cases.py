@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from benchmarks.streams import ENTROPY, Flight
 from gyrocal import attitude
-from gyrocal.calibration.packing import packed_shape
+from gyrocal.calibration.increment_packing import compute_packed_shape
 from simulator.simulate import realise
 from simulator.streams import generator
-from studies.montecarlo.workspace import workspace
+from studies.montecarlo.workspace import get_workspace
 
 Array = NDArray[np.float64]
 
@@ -31,10 +31,10 @@ KIB = 1024
 def case(flight: Flight, number: int) -> Array:
     """x (12,) and its sigma (12,) of one case: one pass over the samples, as an onboard calibration would do it."""
     gyro_rng, reference_rng = (generator(ENTROPY, number, name) for name in ("gyro_noise", "reference_noise"))
-    noisy = workspace("rates", flight.rates.shape)
+    noisy = get_workspace("rates", flight.rates.shape)
     rates, quaternions = realise(flight.scenario, flight.motion, flight.rates, gyro_rng, reference_rng, out=noisy)
-    packed = workspace("packed", packed_shape(flight.problem.measurements.arcs.pieces))
-    problem = flight.problem.with_case(rates, attitude.matrix_from_quaternion(quaternions), packed)
+    packed = get_workspace("packed", compute_packed_shape(flight.problem.measurements.arcs.pieces))
+    problem = flight.problem.replace_case(rates, attitude.matrix_from_quaternion(quaternions), packed)
     result = problem.iterate(flight.initial.vector, 1, look_back=False)
     return np.concatenate([result.x[1], np.sqrt(np.diag(result.P))])
 

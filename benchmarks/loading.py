@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from benchmarks.streams import Flight
 from gyrocal import Recording, load, save
 from gyrocal.calibration.problem import Problem
-from gyrocal.calibration.sampling import measurements
+from gyrocal.calibration.sampling import prepare_measurements
 
 Array = NDArray[np.float64]
 
@@ -39,6 +39,6 @@ def loaders(flight: Flight, finer: int) -> Iterator[dict[str, Callable[[], Array
 
         def residuals(folder: Path) -> Array:
             recording = load(folder)
-            return Problem.of(recording, measurements(recording)).state(flight.initial).theta
+            return Problem.of(recording, prepare_measurements(recording)).state(flight.initial).theta
 
         yield {"parquet": lambda: residuals(parquet), "csv": lambda: residuals(csv)}

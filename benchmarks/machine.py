@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.c_kernel import compiler_version
-from studies.montecarlo.manifest import PACKAGES
+from studies.montecarlo.manifest import REPORTED_PACKAGES
 
 OPTIONAL = ("gtsam",)
 
@@ -20,7 +20,7 @@ def machine() -> dict[str, Any]:
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
         "compiler": compiler_version(),
-        "packages": {name: _version(name) for name in (*PACKAGES, *OPTIONAL)},
+        "packages": {name: _version(name) for name in (*REPORTED_PACKAGES, *OPTIONAL)},
     }
 
 

@@ -18,7 +18,7 @@ from benchmarks.loading import loaders
 from benchmarks.machine import machine
 from benchmarks.streams import Flight, disagreement, run_packed, run_unpacked
 from benchmarks.timing import Candidate, interleaved
-from studies.montecarlo.manifest import commit
+from studies.montecarlo.manifest import read_commit
 
 Libraries = dict[c_kernel.Variant, ctypes.CDLL]
 Say = Callable[[str], None]
@@ -109,7 +109,7 @@ def run(quick: bool = False, say: Say = lambda text: None) -> dict[str, Any]:
     document["ratios"] |= gyros.ratios(arrays)
     return {
         "command": "python -m benchmarks" + (" --quick" if quick else ""),
-        "commit": commit(),
+        "commit": read_commit(),
         "method": METHOD,
         "machine": machine(),
         **document,

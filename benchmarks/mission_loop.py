@@ -14,7 +14,7 @@ from typing import Any
 
 import click
 
-from simulator.mission_mode.config import MissionConfig, period_tables
+from simulator.mission_mode.config import MissionConfig, build_period_tables
 from simulator.mission_mode.flight import MissionRun, simulate_mission
 
 SEED = 1997
@@ -24,7 +24,7 @@ DAY = 86400.0
 
 def fly(seconds: float) -> tuple[float, MissionRun]:
     """Wall time, s, and a run of the calibrated configuration with telemetry once a minute."""
-    config = MissionConfig(tables=period_tables()["postcalibration"])
+    config = MissionConfig(tables=build_period_tables()["postcalibration"])
     start = time.perf_counter()
     run = simulate_mission(config, seconds=seconds, seed=SEED)
     return time.perf_counter() - start, run

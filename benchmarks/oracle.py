@@ -32,7 +32,7 @@ def solvers(flight: Flight) -> dict[str, Callable[[], Array]]:
 
     def residuals(x: Array) -> Array:
         R = run_packed(arcs, GyroParameters.from_vector(initial + x * SCALE)).R
-        return np.asarray(accumulation.residuals(R, A_start, A_obs)).ravel() / SIGMA
+        return np.asarray(accumulation.compute_attitude_residuals(R, A_start, A_obs)).ravel() / SIGMA
 
     def by_least_squares() -> Array:
         found: Any = least_squares(residuals, np.zeros(12), diff_step=DIFF_STEP)

@@ -31,7 +31,7 @@ def write(document: dict[str, Any], folder: Path) -> None:
 
 def _figure(growth: dict[str, Any], path: Path) -> None:
     samples, cases = pd.DataFrame(growth["samples"]), pd.DataFrame(growth["cases"])
-    with mpl.rc_context(panels.STYLE):
+    with mpl.rc_context(panels.PANEL_STYLE):
         figure = Figure(figsize=(9.0, 2.9), layout="constrained")
         time, wall, memory = figure.subplots(1, 3)
         curves = {"kernel_ms": ("kernel", "#d1495b"), "c_ms": ("C", "#30343f"), "packing_ms": ("packing", "#00798c")}

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from gyrocal import Arcs, GyroParameters, Recording
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import Propagation, propagate, propagate_packed
-from gyrocal.calibration.sampling import measurements
+from gyrocal.calibration.sampling import prepare_measurements
 from simulator import scenario as scenarios
 from simulator.scenario import Scenario
-from simulator.simulate import motion, noise_free_rates, observe
+from simulator.simulate import compute_noise_free_rates, motion, observe
 from simulator.streams import generator
 from simulator.truth.motion import Motion
 
@@ -37,7 +37,7 @@ class Flight:
     @cached_property
     def rates(self) -> Array:
         """(n, 3) noise-free raw rates, rad/s."""
-        return noise_free_rates(self.scenario, self.motion)
+        return compute_noise_free_rates(self.scenario, self.motion)
 
     @cached_property
     def recording(self) -> Recording:
@@ -53,7 +53,7 @@ class Flight:
     @cached_property
     def problem(self) -> Problem:
         """Case 0, prepared."""
-        return Problem.of(self.recording, measurements(self.recording))
+        return Problem.of(self.recording, prepare_measurements(self.recording))
 
     def arcs(self, finer: int = 1) -> Arcs:
         """The steps of case 0, each cut into so many equal ones: the same motion from `finer` times as many samples."""

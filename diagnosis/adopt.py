@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from diagnosis.answer import Amplitudes, Cause
 from diagnosis.result import Diagnosis
 from gyrocal.recording import Recording
-from simulator.adopted import digest, document
+from simulator.adopted_scenario import format_adopted, hash_recording
 from simulator.effects import REGISTRY, Setting, setting
 
 Array = NDArray[np.float64]
@@ -54,14 +54,14 @@ class Adoption:
         return f"a scenario with {', '.join(one.label() for one in self.effects)}{note}"
 
 
-def adopted(diagnosis: Diagnosis) -> Adoption:
+def adopt_causes(diagnosis: Diagnosis) -> Adoption:
     """The effects that a diagnosis names, and the posterior of their amplitudes."""
     if diagnosis.verdict not in NAMING:
         reason = "there is no gap" if diagnosis.verdict == "none" else f"the cause is {diagnosis.verdict}"
         return Adoption((), np.empty((0, 0)), (), reason)
     flyable = [cause for cause in diagnosis.causes if REGISTRY[cause.effect].stage != "sensor"]
     left_out = tuple(cause.label for cause in diagnosis.causes if cause not in flyable)
-    parts = [_amplitudes(cause, diagnosis.amplitudes) for cause in flyable]
+    parts = [_locate_amplitudes(cause, diagnosis.amplitudes) for cause in flyable]
     effects = tuple(one for one, _, _ in parts)
     independent = len(diagnosis.amplitudes.labels)
     rows = [row for _, places, _ in parts for row in places or [independent]]
@@ -73,7 +73,7 @@ def adopted(diagnosis: Diagnosis) -> Adoption:
     return Adoption(effects, covariance, left_out, reason, tuple(one for one in others if one[1]))
 
 
-def scenario(diagnosis: Diagnosis, recording: Recording, folder: Path, out: Path) -> tuple[str, Adoption]:
+def write_adopted_scenario(diagnosis: Diagnosis, recording: Recording, folder: Path, out: Path) -> tuple[str, Adoption]:
     """The scenario as TOML, and what is in it.
 
     Parameters
@@ -83,14 +83,14 @@ def scenario(diagnosis: Diagnosis, recording: Recording, folder: Path, out: Path
     folder : the recording's
     out : the file that the text is for; it names the recording's folder relative to its own
     """
-    adoption = adopted(diagnosis)
+    adoption = adopt_causes(diagnosis)
     where = os.path.relpath(folder.resolve(), out.resolve().parent)
     title = f"{recording.title}, {' with '.join(['flown again', *(one.label() for one in adoption.effects)])}"
     G, bias = diagnosis.G, diagnosis.bias
-    return document(title, where, digest(recording), G, bias, adoption.effects, adoption.covariance), adoption
+    return format_adopted(title, where, hash_recording(recording), G, bias, adoption.effects, adoption.covariance), adoption
 
 
-def _amplitudes(cause: Cause, found: Amplitudes) -> tuple[Setting, list[int], float]:
+def _locate_amplitudes(cause: Cause, found: Amplitudes) -> tuple[Setting, list[int], float]:
     """The setting of a cause, the places of its amplitudes among those found, and its sigma where there are none."""
     effect = REGISTRY[cause.effect]
     known = {parameter.name for parameter in effect.parameters}

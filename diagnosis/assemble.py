@@ -12,24 +12,24 @@ from numpy.typing import NDArray
 
 from diagnosis import notes, posterior
 from diagnosis.answer import Amplitudes, Cause, Explanations, Finding
-from diagnosis.detail_tables import details
+from diagnosis.detail_tables import build_details
 from diagnosis.identifiable import explain_blindness
-from diagnosis.inference.amplitudes import Fitted
+from diagnosis.inference.amplitudes import FittedEffect
 from diagnosis.inference.attribution import REMAINDER, Attribution
 from diagnosis.model import localization
-from diagnosis.model.calibration import calibrated
+from diagnosis.model.calibration import calibrate_with_effects
 from diagnosis.model.misfit import list_findings
-from diagnosis.model.prepare import Prepared
+from diagnosis.model.prepare import PreparedRecording
 from diagnosis.model.symptoms import SampleCause, weigh_consequences
 from diagnosis.result import Details, Diagnosis
 from diagnosis.settings import DiagnosisSettings
 from diagnosis.verdict import decide_verdict
 from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
-from gyrocal.calibration.trackers import differences
+from gyrocal.calibration.trackers import compare_sensors
 from simulator.effects import ALL_EFFECTS
 
 if TYPE_CHECKING:
-    from diagnosis.explain import Explained
+    from diagnosis.explain import AttitudeInference
 
 Array = NDArray[np.float64]
 
@@ -45,13 +45,13 @@ class AssembleSettings:
 SETTINGS = AssembleSettings()
 
 
-TINY = 1e-300
+LEAST_POSITIVE = 1e-300
 
 
 def build_diagnosis(
-    prepared: Prepared,
+    prepared: PreparedRecording,
     samples: Sequence[SampleCause],
-    explained: Explained,
+    explained: AttitudeInference,
     settings: DiagnosisSettings,
     runtime_s: float,
 ) -> Diagnosis:
@@ -62,8 +62,8 @@ def build_diagnosis(
     sigma = np.sqrt(np.diag(explained.covariance)[:12])
     seen = AnswerInputs(
         recording=model.recording.title,
-        where=_of_attitude(explained, table, settings) if gap else (),
-        p_values=p_values(prepared, explained),
+        where=_list_attitude_findings(explained, table, settings) if gap else (),
+        p_values=collect_p_values(prepared, explained),
         G=model.G + explained.change[:9].reshape(3, 3),
         bias=model.bias + explained.change[9:],
         sigma_G=sigma[:9].reshape(3, 3),
@@ -72,29 +72,31 @@ def build_diagnosis(
         baseline_bias=model.bias,
         motions=notes.list_motions(prepared),
         notes=(*notes.explain_fitting_residuals(prepared, samples, explained, gap), *prepared.notes),
-        details=details(prepared, explained, table),
-        amplitudes=amplitudes(explained.fitted, explained.covariance),
-        sigma_nominal=_nominal_sigma(prepared, explained),
+        details=build_details(prepared, explained, table),
+        amplitudes=compute_joint_amplitudes(explained.fitted, explained.covariance),
+        sigma_nominal=_compute_nominal_sigma(prepared, explained),
         blind=_explain_blindness(prepared, settings),
     )
     return build_answer(seen, samples, explained, settings, runtime_s)
 
 
-def _explain_blindness(prepared: Prepared, settings: DiagnosisSettings) -> str | None:
+def _explain_blindness(prepared: PreparedRecording, settings: DiagnosisSettings) -> str | None:
     model = prepared.model
     plausible = estimate_plausible_ranges(model.recording)
     sigma_G = prepared.sigma[:9].reshape(3, 3)
     return explain_blindness(model.degrees_of_freedom, model.G, sigma_G, model.recording.gyro.apriori_G, plausible.G, settings)
 
 
-def _nominal_sigma(prepared: Prepared, explained: Explained) -> Array | None:
+def _compute_nominal_sigma(prepared: PreparedRecording, explained: AttitudeInference) -> Array | None:
     """Sigmas (12,) of G and b with the causes in the model under the stated noise alone, where a remainder is estimated."""
     if explained.beside is None or not explained.fitted:
         return None
-    return np.asarray(np.sqrt(np.diag(calibrated(prepared.model, explained.fitted)[1])[:12]))
+    return np.asarray(np.sqrt(np.diag(calibrate_with_effects(prepared.model, explained.fitted)[1])[:12]))
 
 
-def _of_attitude(explained: Explained, table: pd.DataFrame, settings: DiagnosisSettings) -> tuple[Finding, ...]:
+def _list_attitude_findings(
+    explained: AttitudeInference, table: pd.DataFrame, settings: DiagnosisSettings
+) -> tuple[Finding, ...]:
     """Parts of the recording, and statistics of all references, that depart; the strongest first."""
     found = [
         *localization.list_findings(table),
@@ -129,7 +131,11 @@ class AnswerInputs:
 
 
 def build_answer(
-    seen: AnswerInputs, samples: Sequence[SampleCause], explained: Explained, settings: DiagnosisSettings, runtime_s: float
+    seen: AnswerInputs,
+    samples: Sequence[SampleCause],
+    explained: AttitudeInference,
+    settings: DiagnosisSettings,
+    runtime_s: float,
 ) -> Diagnosis:
     """The answer of what is seen and explained, whatever the linear model was built from."""
     attribution = explained.attribution
@@ -138,7 +144,7 @@ def build_answer(
     slots = () if attribution is None else attribution.slots
     named = [(ALL_EFFECTS[one.effect], one.axis, slot.probability) for slot, one in zip(slots, explained.fitted, strict=False)]
     samples = weigh_consequences(samples, named, settings)
-    causes = _causes(samples, attribution, explained.fitted, settings)
+    causes = _merge_causes(samples, attribution, explained.fitted, settings)
     unknown = 0.0 if attribution is None else attribution.unknown
     unknown = 1 - (1 - unknown) * float(np.prod(posterior.list_listed(samples, settings)))
     present = gap or bool(samples)
@@ -152,7 +158,7 @@ def build_answer(
         false_alarm_rate=settings.false_alarm_rate,
         where=tuple(where),
         causes=causes,
-        alternatives=alternatives(attribution),
+        alternatives=list_next_explanations(attribution),
         unknown_probability=float(unknown),
         closure=explained.closed,
         G=seen.G,
@@ -163,17 +169,17 @@ def build_answer(
         baseline_bias=seen.baseline_bias,
         notes=(
             *filter(None, (seen.blind,)),
-            *notes.of_checks(explained),
+            *notes.explain_failed_checks(explained),
             *notes.list_odd_symptoms(samples, settings),
-            *notes.of_units(samples),
+            *notes.list_unit_mistakes(samples),
             *seen.motions,
-            *notes.likely(explained, settings),
+            *notes.list_likely_effects(explained, settings),
             *seen.notes,
         ),
         runtime_s=runtime_s,
         details=seen.details,
         p_values=seen.p_values,
-        posterior=posterior.of_all(samples, explained, gap, settings),
+        posterior=posterior.combine_posteriors(samples, explained, gap, settings),
         amplitudes=seen.amplitudes,
         gyros=seen.gyros,
         budget=explained.budget,
@@ -182,7 +188,7 @@ def build_answer(
     )
 
 
-def amplitudes(fitted: Sequence[Fitted], covariance: Array) -> Amplitudes:
+def compute_joint_amplitudes(fitted: Sequence[FittedEffect], covariance: Array) -> Amplitudes:
     """Joint posterior of the effects that have columns of their own.
 
     The joint covariance holds nonlinear parameters and priors' scales at their best; where the mixture over them is wider, its
@@ -191,7 +197,7 @@ def amplitudes(fitted: Sequence[Fitted], covariance: Array) -> Amplitudes:
     Parameters
     ----------
     fitted : the effects that are named
-    covariance : joint covariance of G, b and all amplitudes, see `diagnosis.model.calibration.calibrated`
+    covariance : joint covariance of G, b and all amplitudes, see `diagnosis.model.calibration.calibrate_with_effects`
     """
     labels: list[str] = []
     values: list[float] = []
@@ -208,25 +214,25 @@ def amplitudes(fitted: Sequence[Fitted], covariance: Array) -> Amplitudes:
             places += range(start, start + count)
         start += count
     joint = covariance[np.ix_(places, places)]
-    wider = np.maximum(1.0, np.array(sigmas) / np.maximum(np.sqrt(np.diag(joint)), TINY))
+    wider = np.maximum(1.0, np.array(sigmas) / np.maximum(np.sqrt(np.diag(joint)), LEAST_POSITIVE))
     return Amplitudes(tuple(labels), np.array(values), joint * np.outer(wider, wider))
 
 
-def _causes(
-    samples: Sequence[SampleCause], attribution: Attribution | None, fitted: Sequence[Fitted], settings: DiagnosisSettings
+def _merge_causes(
+    samples: Sequence[SampleCause], attribution: Attribution | None, fitted: Sequence[FittedEffect], settings: DiagnosisSettings
 ) -> tuple[Cause, ...]:
     """The causes of the samples and of the attitude; one that both show has the smaller sigma and both probabilities."""
     shown = [one.cause(settings) for one in samples if one.effect is not None]
-    of_attitude = causes_of(attribution, fitted)
+    of_attitude = list_attitude_causes(attribution, fitted)
     both = {one.label: one for one in of_attitude if one.label in {other.label for other in shown}}
-    shown = [_joined(one, both[one.label]) if one.label in both else one for one in shown]
+    shown = [_combine_cause(one, both[one.label]) if one.label in both else one for one in shown]
     others = [one for one in of_attitude if one.label not in both]
     # Beside a remainder, the causes that close most of the misfit come first.
     first = attribution is not None and attribution.verdict == "partial"
     return tuple([*others, *shown] if first else [*shown, *others])
 
 
-def _joined(one: Cause, other: Cause) -> Cause:
+def _combine_cause(one: Cause, other: Cause) -> Cause:
     """Join what two independent parts of the data say of one cause."""
     better = min(one, other, key=lambda cause: cause.sigma)
     p = 1 - (1 - one.probability) * (1 - other.probability)
@@ -234,7 +240,7 @@ def _joined(one: Cause, other: Cause) -> Cause:
     return replace(better, probability=p, group_probability=group_p)
 
 
-def causes_of(attribution: Attribution | None, fitted: Sequence[Fitted]) -> tuple[Cause, ...]:
+def list_attitude_causes(attribution: Attribution | None, fitted: Sequence[FittedEffect]) -> tuple[Cause, ...]:
     """The causes that the data of a linear model show."""
     if attribution is None:
         return ()
@@ -247,7 +253,7 @@ def causes_of(attribution: Attribution | None, fitted: Sequence[Fitted]) -> tupl
     )  # fmt: skip
 
 
-def p_values(prepared: Prepared, explained: Explained) -> dict[str, float]:
+def collect_p_values(prepared: PreparedRecording, explained: AttitudeInference) -> dict[str, float]:
     """P-values of all tests: of the attitude, of the samples by statistic and axis, of what a named explanation leaves."""
     out = {"attitude": explained.p_value}
     for test in prepared.samples.tests:
@@ -257,7 +263,7 @@ def p_values(prepared: Prepared, explained: Explained) -> dict[str, float]:
         out["reference_noise"] = float(prepared.reference_noise.p_value)
     for name, noise in prepared.tracker_noise:
         out[f"tracker_noise:{name}"] = float(noise.p_value)
-    for one in differences(prepared.model.recording):
+    for one in compare_sensors(prepared.model.recording):
         if one.dof > 0:
             out[f"trackers {one.first} and {one.second}"] = one.p_value
     out.update({f"misfit: {check.name}": check.p_value for check in explained.left})
@@ -267,7 +273,7 @@ def p_values(prepared: Prepared, explained: Explained) -> dict[str, float]:
     return out
 
 
-def alternatives(attribution: Attribution | None) -> Explanations:
+def list_next_explanations(attribution: Attribution | None) -> Explanations:
     """The next best explanations with their probabilities."""
     if attribution is None:
         return ()

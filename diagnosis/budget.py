@@ -19,10 +19,10 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from diagnosis.answer import Closure
-from diagnosis.inference.amplitudes import Fitted
+from diagnosis.inference.amplitudes import FittedEffect
 from diagnosis.model.calibration import calibrate_beside
-from diagnosis.model.folds import SPLIT, Conditioned, conditioned, parts, unwhitened
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.folds import RECORDING_SPLIT, ConditionedRows, assign_folds, condition_rows, reverse_whitening
+from diagnosis.model.recording_model import RecordingModel
 from diagnosis.replication import PartSize, Replication
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ class BudgetSettings:
 SETTINGS = BudgetSettings()
 
 
-TINY = 1e-9
+LEAST_TOTAL_MISFIT = 1e-9
 
 
 @dataclass(frozen=True)
@@ -116,14 +116,14 @@ class HeldOut:
         picks = rng.integers(0, len(self.dof), (SETTINGS.draws, len(self.dof)))
         whole = self.squares[:, 0] - SETTINGS.floor * self.dof
         gained = self.squares[:, before] - self.squares[:, after]
-        total = max(float(whole.sum()), TINY)
+        total = max(float(whole.sum()), LEAST_TOTAL_MISFIT)
         drawn = whole[picks].sum(axis=1)
-        shares = gained[picks].sum(axis=1) / np.where(np.abs(drawn) > TINY, drawn, TINY)
+        shares = gained[picks].sum(axis=1) / np.where(np.abs(drawn) > LEAST_TOTAL_MISFIT, drawn, LEAST_TOTAL_MISFIT)
         low, high = np.quantile(shares[drawn > 0], [0.05, 0.95]) if (drawn > 0).any() else (-np.inf, np.inf)
         return float(gained.sum()) / total, (float(low), float(high))
 
 
-def predict_held_out(model: RecordingModel, with_remainder: RecordingModel, effects: Sequence[Fitted]) -> HeldOut:
+def predict_held_out(model: RecordingModel, with_remainder: RecordingModel, effects: Sequence[FittedEffect]) -> HeldOut:
     """Predict every held-out part by M0 alone, with the first effect, with the first two, and so on.
 
     Parameters
@@ -146,7 +146,7 @@ def _predict_parts(
 ) -> Iterator[tuple[Mask, Array, Array]]:
     """Predict each part from columns whitened by either noise, at whose end are the shifts, one for each effect."""
     for out in list_parts(model):
-        stated, learnt = conditioned(model, W0, out), conditioned(with_remainder, W1, out)
+        stated, learnt = condition_rows(model, W0, out), condition_rows(with_remainder, W1, out)
         errors = []
         for count in range(stops.size):
             own, shifts = slice(0, stops[count]), slice(stops[-1], stops[-1] + count)
@@ -159,11 +159,11 @@ def _predict_parts(
 
 def list_parts(model: RecordingModel) -> Iterator[Mask]:
     """List the rows (N,) of each part that is held out."""
-    fold = np.repeat(parts(model), 3)
+    fold = np.repeat(assign_folds(model), 3)
     yield from (fold == number for number in np.unique(fold) if (fold != number).any())
 
 
-def whiten_prediction(told: Conditioned, errors: Array) -> Array:
+def whiten_prediction(told: ConditionedRows, errors: Array) -> Array:
     """Whiten errors (s, k) of a prediction by their covariance."""
     factor = np.linalg.cholesky(told.covariance)
     return np.asarray(scipy.linalg.solve_triangular(factor, errors, lower=True, check_finite=False))
@@ -185,7 +185,7 @@ def collect_held_out(model: RecordingModel, predicted: Iterable[tuple[Mask, Arra
 
 def convert(source: RecordingModel, target: RecordingModel, columns: Array) -> Array:
     """Convert columns whitened by the noise of one model to those whitened by the noise of another."""
-    return target.whitened(unwhitened(source, source.unmixed(columns)))
+    return target.whitened(reverse_whitening(source, source.undo_mounting_whitening(columns)))
 
 
 def summarise_closure(held: HeldOut) -> Closure:
@@ -204,13 +204,13 @@ def summarise_closure(held: HeldOut) -> Closure:
         }
     )
     before, after = float(held.misfit[0]), float(held.misfit[last])
-    return Closure("held-out whitened mean square", SPLIT, before, after, SETTINGS.floor, closed, interval, table)
+    return Closure("held-out whitened mean square", RECORDING_SPLIT, before, after, SETTINGS.floor, closed, interval, table)
 
 
 def build_budget(
     held: HeldOut,
     with_remainder: RecordingModel,
-    effects: Sequence[Fitted],
+    effects: Sequence[FittedEffect],
     probabilities: Sequence[float],
     replications: Sequence[Replication],
 ) -> tuple[Step, ...]:

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from diagnosis.detectors.report import SampleTest
+from diagnosis.detectors.sample_report import SampleTest
 from diagnosis.inference.attribution import Attribution
 from diagnosis.model import localization
-from diagnosis.model.prepare import Prepared
+from diagnosis.model.prepare import PreparedRecording
 from diagnosis.result import Details
 from diagnosis.sensor_result import EXPLANATIONS
 
 if TYPE_CHECKING:
-    from diagnosis.explain import Explained
+    from diagnosis.explain import AttitudeInference
 
 AXES = "xyz"
 
@@ -32,7 +32,7 @@ class DetailTableSettings:
 SETTINGS = DetailTableSettings()
 
 
-def explanation_table(attribution: Attribution | None) -> pd.DataFrame:
+def tabulate_explanations(attribution: Attribution | None) -> pd.DataFrame:
     """All explanations with a probability worth keeping."""
     ranked = [one for one in attribution.ranked if one.probability >= SETTINGS.worth_keeping] if attribution is not None else []
     return pd.DataFrame.from_records(
@@ -41,7 +41,7 @@ def explanation_table(attribution: Attribution | None) -> pd.DataFrame:
     )
 
 
-def details(prepared: Prepared, explained: Explained, table: pd.DataFrame) -> Details:
+def build_details(prepared: PreparedRecording, explained: AttitudeInference, table: pd.DataFrame) -> Details:
     """The tables of an answer's figures, of the attitude and the samples."""
     model, fitted = prepared.model, explained.fitted
     contribution = sum((model.projected(one.contribution) for one in fitted), np.zeros(model.size))
@@ -76,7 +76,7 @@ def details(prepared: Prepared, explained: Explained, table: pd.DataFrame) -> De
         residuals=residuals,
         statistics=table,
         regressors=pd.concat(regressors, ignore_index=True) if regressors else pd.DataFrame(columns=columns),
-        explanations=explanation_table(explained.attribution),
+        explanations=tabulate_explanations(explained.attribution),
         stream=test_table(prepared.samples.tests),
     )
 

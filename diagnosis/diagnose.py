@@ -10,11 +10,11 @@ from threadpoolctl import threadpool_limits
 
 from diagnosis.assemble import build_diagnosis
 from diagnosis.detectors.stream_faults import find_faults, remove_faults
-from diagnosis.draft import propose_draft
-from diagnosis.explain import Explained, explain_prepared
-from diagnosis.merge import merged
+from diagnosis.draft import suggest_draft
+from diagnosis.explain import AttitudeInference, explain_prepared
+from diagnosis.merge import merge_answers
 from diagnosis.model.fault_causes import convert_faults
-from diagnosis.model.prepare import Prepared, Progress, prepare
+from diagnosis.model.prepare import PreparedRecording, Progress, prepare
 from diagnosis.model.symptoms import list_sample_causes
 from diagnosis.remainder_search import identify_beside_remainder
 from diagnosis.result import Diagnosis
@@ -60,22 +60,22 @@ def diagnose(
         if recording.is_array:
             from diagnosis.gyros import diagnose_gyros  # late: it explains as this module does
 
-            return diagnose_gyros(recording, nameable(library, True, several), settings, seed, tell)
-        effects = nameable(library, of_trackers=several)
+            return diagnose_gyros(recording, list_nameable_effects(library, True, several), settings, seed, tell)
+        effects = list_nameable_effects(library, of_trackers=several)
         tell("gyro samples", 0.0)
         faults = find_faults(recording, effects)
         usable = remove_faults(recording, faults)
         prepared, explained = explain_prepared(prepare(usable, settings, tell), effects, settings, seed, tell)
-        found = answer(prepared, explained, effects, settings, time.perf_counter() - began, faults)
+        found = compose_diagnosis(prepared, explained, effects, settings, time.perf_counter() - began, faults)
         if draft:
-            found = _with_draft(found, prepared, explained, effects, settings, tell)
-        return found if recording.sensors is None else with_sensors(found, recording, library, settings, seed)
+            found = _add_draft(found, prepared, explained, effects, settings, tell)
+        return found if recording.sensors is None else add_sensor_findings(found, recording, library, settings, seed)
 
 
-def _with_draft(
+def _add_draft(
     found: Diagnosis,
-    prepared: Prepared,
-    explained: Explained,
+    prepared: PreparedRecording,
+    explained: AttitudeInference,
     effects: Sequence[Effect],
     settings: DiagnosisSettings,
     tell: Progress,
@@ -84,13 +84,13 @@ def _with_draft(
     beside = explained.beside
     if beside is None and any(one.process for one in explained.fitted) and prepared.model.recording.attitudes.sensor is None:
         beside = identify_beside_remainder(prepared.model, effects, settings, tell)
-    proposed = None if beside is None else propose_draft(prepared.model, beside)
+    proposed = None if beside is None else suggest_draft(prepared.model, beside)
     return found if beside is None or proposed is None else replace(found, draft=proposed, remainder=beside.remainder)
 
 
-def answer(
-    prepared: Prepared,
-    explained: Explained,
+def compose_diagnosis(
+    prepared: PreparedRecording,
+    explained: AttitudeInference,
     effects: Sequence[Effect],
     settings: DiagnosisSettings,
     runtime_s: float,
@@ -101,7 +101,7 @@ def answer(
     return build_diagnosis(prepared, samples, explained, settings, runtime_s)
 
 
-def nameable(library: Sequence[str] | None, of_arrays: bool = False, of_trackers: bool = False) -> list[Effect]:
+def list_nameable_effects(library: Sequence[str] | None, of_arrays: bool = False, of_trackers: bool = False) -> list[Effect]:
     """The effects that may be named; those of one of several gyros, or of several star trackers, where there are such."""
     unknown = [] if library is None else [name for name in library if name not in ALL_EFFECTS]
     if unknown:
@@ -110,7 +110,7 @@ def nameable(library: Sequence[str] | None, of_arrays: bool = False, of_trackers
     return [effect for name, effect in known.items() if library is None or name in library]
 
 
-def with_sensors(
+def add_sensor_findings(
     found: Diagnosis, recording: Recording, library: Sequence[str] | None, settings: DiagnosisSettings, seed: int
 ) -> Diagnosis:
     """Add what the raw sensor tables show to an answer; parameters as of `diagnose`."""
@@ -120,4 +120,4 @@ def with_sensors(
         sensors = diagnose_sensors(recording, effects, settings, seed)
     except InputError as error:
         return replace(found, notes=(*found.notes, f"The raw sensor tables were not looked at: {error}"))
-    return replace(merged(found, sensors, settings), runtime_s=found.runtime_s + time.perf_counter() - began)
+    return replace(merge_answers(found, sensors, settings), runtime_s=found.runtime_s + time.perf_counter() - began)

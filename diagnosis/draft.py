@@ -33,8 +33,8 @@ from scipy.special import logsumexp
 
 from diagnosis.budget import collect_held_out, convert, list_parts, whiten_prediction
 from diagnosis.model.folds import SETTINGS as FOLDS
-from diagnosis.model.folds import conditioned, unwhitened
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.folds import condition_rows, reverse_whitening
+from diagnosis.model.recording_model import RecordingModel
 from diagnosis.model.remainder import add_remainder, build_processes, estimate_remainder
 from diagnosis.remainder_search import BesideRemainder
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 AXES_TRIED = tuple(axes for count in (1, 2, 3) for axes in combinations(range(3), count))
-UNITS = {"gyro": ("deg/h", np.deg2rad(1.0) / 3600), "scale": ("ppm", 1e-6), "reference": ("deg", np.deg2rad(1.0))}
+DRAFT_UNITS = {"gyro": ("deg/h", np.deg2rad(1.0) / 3600), "scale": ("ppm", 1e-6), "reference": ("deg", np.deg2rad(1.0))}
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ class Draft:
     tied: tuple[str, ...] = ()
 
 
-def propose_draft(stated: RecordingModel, beside: BesideRemainder) -> Draft | None:
+def suggest_draft(stated: RecordingModel, beside: BesideRemainder) -> Draft | None:
     """Propose a function of one regressor for the remainder.
 
     Parameters
@@ -148,7 +148,7 @@ def propose_draft(stated: RecordingModel, beside: BesideRemainder) -> Draft | No
     None where no function of a regressor predicts held-out data better
     """
     shift = sum((one.shift for one in beside.fitted), np.zeros(stated.size))  # what the effects add beside their columns
-    left = stated.zeta - unwhitened(beside.model, beside.model.unmixed(shift))
+    left = stated.zeta - reverse_whitening(beside.model, beside.model.undo_mounting_whitening(shift))
     stated, noisy = replace(stated, zeta=left), replace(beside.model, zeta=left)
     shapes = list(build_shapes(stated))
     if not shapes:
@@ -156,7 +156,7 @@ def propose_draft(stated: RecordingModel, beside: BesideRemainder) -> Draft | No
     causes = np.hstack([np.zeros((stated.size, 0)), *(one.columns * one.prior_sigma for one in beside.fitted)])
     free = np.linalg.qr(noisy.projected(causes))[0]
     whitened = noisy.whitened(np.hstack([one.columns for one in shapes]))
-    ranked = rank_shapes(shapes, _without(free, noisy.projected(whitened)), _without(free, noisy.y))
+    ranked = rank_shapes(shapes, _remove_directions(free, noisy.projected(whitened)), _remove_directions(free, noisy.y))
     known, processes = convert(noisy, stated, causes), build_processes(stated)
     without = estimate_remainder(stated, processes, known)
     best = shapes[ranked[0].shape]
@@ -171,12 +171,12 @@ def propose_draft(stated: RecordingModel, beside: BesideRemainder) -> Draft | No
     if not interval[0] > 0:
         return None
     free = np.linalg.qr(final.projected(convert(stated, final, known)))[0]
-    X, y = _without(free, final.prepared(best.columns)), _without(free, final.y)
+    X, y = _remove_directions(free, final.prepared(best.columns)), _remove_directions(free, final.y)
     tied = [shapes[one.shape].name for one in ranked[1:] if one.log_evidence > ranked[0].log_evidence - SETTINGS.tied]
     return replace(_fit_draft(best, X, y, closed, interval), tied=tuple(tied))
 
 
-def _without(basis: Array, columns: Array) -> Array:
+def _remove_directions(basis: Array, columns: Array) -> Array:
     """Take the directions of an orthonormal basis out of columns."""
     return np.asarray(columns - basis @ (basis.T @ columns))
 
@@ -194,16 +194,16 @@ def build_shapes(model: RecordingModel) -> Iterator[Shape]:
             continue
         hats = tabulate(values, knots, np.eye(SETTINGS.knots))
         weights = hats.T @ stream.duration_s
-        yield Shape("gyro", one, knots, weights, model.reading(_about_axes(hats)))
+        yield Shape("gyro", one, knots, weights, model.reading(_expand_axes(hats)))
         if not one.name.startswith(("rate_", "speed", "acceleration_")):
-            scaled = _about_axes(hats) * stream.rates[:, :, None]
+            scaled = _expand_axes(hats) * stream.rates[:, :, None]
             yield Shape("scale", one, knots, weights, model.reading(scaled))
     for one in list_regressors(references).values():
         values = one.compute()
         knots = place_knots(values, np.ones(values.size))
         if knots is not None:
             hats = tabulate(values, knots, np.eye(SETTINGS.knots))
-            yield Shape("reference", one, knots, hats.sum(axis=0), model.reference_error(_about_axes(hats)))
+            yield Shape("reference", one, knots, hats.sum(axis=0), model.observe_reference_error(_expand_axes(hats)))
 
 
 def place_knots(values: Array, weights: Array) -> Array | None:
@@ -216,7 +216,7 @@ def place_knots(values: Array, weights: Array) -> Array | None:
     return np.asarray(0.5 * (quantiles + even)) if changes else None
 
 
-def _about_axes(hats: Array) -> Array:
+def _expand_axes(hats: Array) -> Array:
     """Put functions (n, k) on each axis by itself, (n, 3, 3k)."""
     out = np.zeros((len(hats), 3, 3 * hats.shape[1]))
     for axis in range(3):
@@ -239,7 +239,7 @@ def fit_shape(number: int, knots: Array, gram: Array, along: Array) -> Choice:
     """Fit the functions of one shape from the products of its columns (3k, 3k) and with the observations (3k,)."""
     k, best, evidences, kept = knots.size, -np.inf, [], None
     for bend in SETTINGS.bends:
-        root = _prior_root(knots, bend)
+        root = _build_prior_root(knots, bend)
         for axes in AXES_TRIED:
             R = np.zeros((3 * k, root.shape[1] * len(axes)))
             for place, axis in enumerate(axes):
@@ -260,7 +260,7 @@ def fit_shape(number: int, knots: Array, gram: Array, along: Array) -> Choice:
     return Choice(number, float(logsumexp(total) - np.log(total.size)), *kept)
 
 
-def _prior_root(knots: Array, bend: float) -> Array:
+def _build_prior_root(knots: Array, bend: float) -> Array:
     """(k, k) root of the prior covariance at τ = 1, see the module."""
     u = (knots - knots[0]) / (knots[-1] - knots[0])
     low, high = np.minimum.outer(u, u), np.maximum.outer(u, u)
@@ -279,14 +279,14 @@ def _predict_parts(
     Effects that are identified beside the remainder are nuisance parameters. Their columns `causes` (N, q) are whitened by the
     stated noise, in units of priors.
     """
-    known = causes / (FOLDS.broad * PLAUSIBLE_RANGE[-1])  # which `conditioned` multiplies by
+    known = causes / (FOLDS.broad * PLAUSIBLE_RANGE[-1])  # which `condition_rows` multiplies by
     causes = convert(stated, noisy, known)
     whitened = noisy.whitened(np.hstack([one.columns for one in shapes]))
     for out in list_parts(stated):
-        learnt = conditioned(noisy, whitened, out, causes)
+        learnt = condition_rows(noisy, whitened, out, causes)
         choice = rank_shapes(shapes, learnt.train_X, learnt.train_y)[0]
-        told = conditioned(stated, stated.whitened(shapes[choice.shape].columns), out, known)
-        alone = conditioned(stated, np.zeros((stated.size, 0)), out)
+        told = condition_rows(stated, stated.whitened(shapes[choice.shape].columns), out, known)
+        alone = condition_rows(stated, np.zeros((stated.size, 0)), out)
         change = told.error_X @ choice.values if choice.log_evidence > 0 else np.zeros(told.error_y.size)
         errors = np.column_stack([alone.error_y, told.error_y, told.error_y - change])
         yield out, errors, np.column_stack([whiten_prediction(alone, errors[:, :1]), whiten_prediction(told, errors[:, 1:])])
@@ -300,7 +300,7 @@ def _fit_draft(shape: Shape, X: Array, y: Array, closed: float, interval_90: tup
     found = fit_shape(0, shape.knots, X.T @ X, X.T @ y)
     seen = X @ found.root
     covariance = found.root @ np.linalg.solve(np.eye(seen.shape[1]) + seen.T @ seen, found.root.T)
-    unit, scale = UNITS[shape.kind]
+    unit, scale = DRAFT_UNITS[shape.kind]
     centred = build_centering(shape)
     values = centred @ found.values.reshape(3, -1).T / scale
     own = covariance.reshape(3, shape.knots.size, 3, shape.knots.size)
@@ -331,7 +331,7 @@ def render_draft(draft: Draft) -> str:
     shown = " * stream.rates" if draft.kind == "scale" else ""
     factor = {"gyro": "DEG_H", "scale": "PPM", "reference": "DEG"}[draft.kind]
     rows = "\n".join(
-        f"    ({_numbers([knot])}, {_numbers(value)}, {_numbers(sigma)}),"
+        f"    ({_format_numbers([knot])}, {_format_numbers(value)}, {_format_numbers(sigma)}),"
         for knot, value, sigma in zip(draft.knots, draft.values, draft.sigmas, strict=True)
     )
     return f'''"""Draft of an effect outside the library: the {of[draft.kind]} follows {draft.regressor.words}.
@@ -388,5 +388,5 @@ def summarise_draft(draft: Draft) -> str:
     )
 
 
-def _numbers(values: Sequence[float] | Array) -> str:
+def _format_numbers(values: Sequence[float] | Array) -> str:
     return ", ".join(f"{value:.6g}" for value in values)

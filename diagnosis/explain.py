@@ -12,33 +12,33 @@ from numpy.typing import NDArray
 
 from diagnosis.answer import Closure
 from diagnosis.budget import Step, build_budget, convert, predict_held_out, summarise_closure
-from diagnosis.inference.amplitudes import Fitted, amplitudes, refined
+from diagnosis.inference.amplitudes import FittedEffect, estimate_amplitudes, refine_explanation
 from diagnosis.inference.attribution import (
     Attribution,
-    Ranked,
-    against,
-    attribute,
+    RankedExplanation,
     average_checks,
+    build_unknown_attribution,
+    compute_bayes_factor_bound,
+    infer_attribution,
     is_listed,
     rank_beside_remainder,
-    unexplained,
-    unseen,
+    rank_weak_effects,
     weigh_unlisted,
 )
 from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.criticism import Check, check_explanation, combine_checks
-from diagnosis.inference.null import p_value
+from diagnosis.inference.null import compute_null_p
 from diagnosis.inference.refinement import search_with_refined_options
-from diagnosis.inference.search import NOTHING, Explanation, Search
-from diagnosis.model.calibration import calibrated
-from diagnosis.model.candidates import linear_model
-from diagnosis.model.dead_zone import bound_p_of_passes, dead_zone_groups
-from diagnosis.model.judgement import reclassify_without_effects
-from diagnosis.model.known_effects import known
+from diagnosis.inference.search import BASELINE_EXPLANATION, Explanation, Search
+from diagnosis.model.calibration import calibrate_with_effects
+from diagnosis.model.candidates import build_linear_model
+from diagnosis.model.dead_zone import bound_p_of_passes, list_dead_zone_groups
+from diagnosis.model.known_effects import select_known_effects
 from diagnosis.model.layout import tabulate_observations
-from diagnosis.model.linear import Candidate, LinearModel, Member
+from diagnosis.model.linear import Candidate, LinearModel, SelectedCandidate
 from diagnosis.model.misfit import check_baseline, compute_attitude_errors
-from diagnosis.model.prepare import Prepared, Progress
+from diagnosis.model.noise_classification import reclassify_without_effects
+from diagnosis.model.prepare import PreparedRecording, Progress
 from diagnosis.model.symptoms import list_sample_causes
 from diagnosis.remainder_search import BesideRemainder, identify_beside_remainder
 from diagnosis.replication import estimate_by_part
@@ -47,11 +47,11 @@ from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
 
-Checker = Callable[[LinearModel, tuple[Member, ...]], tuple[Check, ...]]  # checks of an explanation
+Checker = Callable[[LinearModel, tuple[SelectedCandidate, ...]], tuple[Check, ...]]  # checks of an explanation
 
 
 @dataclass(frozen=True)
-class Explained:
+class AttitudeInference:
     """What the attitude says.
 
     Attributes
@@ -74,30 +74,30 @@ class Explained:
     candidates: tuple[Candidate, ...]
     p_value: float
     attribution: Attribution | None
-    fitted: tuple[Fitted, ...]
+    fitted: tuple[FittedEffect, ...]
     checks: tuple[Check, ...]
     closed: Closure | None
     change: Array
     covariance: Array
     passed: float | None = None
     left: tuple[Check, ...] = ()
-    unseen: tuple[Ranked, ...] = ()
-    rejected: tuple[Fitted, ...] = ()
+    unseen: tuple[RankedExplanation, ...] = ()
+    rejected: tuple[FittedEffect, ...] = ()
     beside: BesideRemainder | None = None
     budget: tuple[Step, ...] = ()
 
 
 def explain_prepared(
-    prepared: Prepared, effects: Sequence[Effect], settings: DiagnosisSettings, seed: int, tell: Progress
-) -> tuple[Prepared, Explained]:
+    prepared: PreparedRecording, effects: Sequence[Effect], settings: DiagnosisSettings, seed: int, tell: Progress
+) -> tuple[PreparedRecording, AttitudeInference]:
     """Explain what the attitude shows of a prepared recording, which may be judged anew; parameters as of `diagnose`.
 
     Lines and the references' noise were judged with all effects in the residuals, and are judged anew without those that are
     found. Where the checks reject these, a wrong judgement may be why: it is taken back if they are found again without it.
     """
     explained = explain(prepared, effects, settings, seed, tell)
-    once_more = partial(_once_more, tell)
-    at_work = known(explained.fitted or explained.rejected, {effect.name: effect for effect in effects})
+    once_more = partial(_tell_repetition, tell)
+    at_work = select_known_effects(explained.fitted or explained.rejected, {effect.name: effect for effect in effects})
     again = reclassify_without_effects(prepared, at_work, settings, once_more)
     if again is not None:
         anew = explain(again, effects, settings, seed, once_more)
@@ -107,8 +107,12 @@ def explain_prepared(
 
 
 def _add_remainder(
-    prepared: Prepared, explained: Explained, effects: Sequence[Effect], settings: DiagnosisSettings, tell: Progress
-) -> Explained:
+    prepared: PreparedRecording,
+    explained: AttitudeInference,
+    effects: Sequence[Effect],
+    settings: DiagnosisSettings,
+    tell: Progress,
+) -> AttitudeInference:
     """Judge effects in the presence of a remainder where listed effects alone do not explain the data.
 
     So it is where the samples show something unlisted, and where an explanation needs as many effects as one may have and a
@@ -145,18 +149,18 @@ def _add_remainder(
     )  # fmt: skip
 
 
-def _once_more(tell: Progress, text: str, share: float) -> None:
+def _tell_repetition(tell: Progress, text: str, share: float) -> None:
     """Progress of what is done once more, at the end of all."""
     tell(f"once more: {text}", 0.97 + 0.03 * share)
 
 
 def explain(
-    prepared: Prepared,
+    prepared: PreparedRecording,
     effects: Sequence[Effect],
     settings: DiagnosisSettings,
     seed: int,
     tell: Progress,
-) -> Explained:
+) -> AttitudeInference:
     """What the attitude says of a recording."""
     model = prepared.model
     tell("candidates", 0.1)
@@ -164,22 +168,22 @@ def explain(
     by_name = {effect.name: effect for effect in effects}
     table = tabulate_observations(model)
 
-    def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
-        return (*check_explanation(found, members, table, seed), *_left_beside(prepared, found, members, by_name))
+    def check(found: LinearModel, members: tuple[SelectedCandidate, ...]) -> tuple[Check, ...]:
+        return (*check_explanation(found, members, table, seed), *_check_all_references(prepared, found, members, by_name))
 
-    dead, of_all = dead_zone_groups(prepared, effects), combine_checks(left) if left else None
-    told = counted(tell, "candidates", 0.1, 0.3, 100)
+    dead, of_all = list_dead_zone_groups(prepared, effects), combine_checks(left) if left else None
+    told = count_progress(tell, "candidates", 0.1, 0.3, 100)
     # No name for it here: the columns of a long recording are hundreds of megabytes, which are let go before the end.
-    explained = judged(
-        linear_model(model, effects, dead, settings, tell=told),
+    explained = infer_causes(
+        build_linear_model(model, effects, dead, settings, tell=told),
         check, settings, seed, tell, bound_p_of_passes(prepared.dead), of_all,
     )  # fmt: skip
-    change, covariance = calibrated(model, explained.fitted)
+    change, covariance = calibrate_with_effects(model, explained.fitted)
     return replace(explained, change=change, covariance=covariance, left=left)
 
 
-def _left_beside(
-    prepared: Prepared, linear: LinearModel, members: tuple[Member, ...], effects: Mapping[str, Effect]
+def _check_all_references(
+    prepared: PreparedRecording, linear: LinearModel, members: tuple[SelectedCandidate, ...], effects: Mapping[str, Effect]
 ) -> tuple[Check, ...]:
     """What M0 with the named effects leaves of all references, where columns at one set of parameters describe them all."""
     beside = []
@@ -193,12 +197,12 @@ def _left_beside(
     return tuple(replace(one, name=f"{one.name}, of all references") for one in check_baseline(prepared.model, beside))
 
 
-def skip_checks(linear: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
+def skip_checks(linear: LinearModel, members: tuple[SelectedCandidate, ...]) -> tuple[Check, ...]:
     """No checks."""
     return ()
 
 
-def judged(
+def infer_causes(
     linear: LinearModel,
     check: Checker,
     settings: DiagnosisSettings,
@@ -206,7 +210,7 @@ def judged(
     tell: Progress,
     shown: float = 1.0,
     left: float | None = None,
-) -> Explained:
+) -> AttitudeInference:
     """What a linear model says, whatever it was built from; without a calibration.
 
     Parameters
@@ -217,53 +221,53 @@ def judged(
     shown : p-value of what shows a gap beside the candidates
     left : p-value of what M0 leaves of all references, which is a gap but says nothing of its cause; None if it was not asked
     """
-    search = Search(linear, settings, counted(tell, "explanations", 0.5, 0.6, 1000))
+    search = Search(linear, settings, count_progress(tell, "explanations", 0.5, 0.6, 1000))
     told = partial(tell, "null distribution")
-    p = p_value(search, seed, settings.null_draws, settings.scanned_share, lambda share: told(0.35 + 0.15 * share))
-    quiet: tuple[Ranked, ...] = ()
+    p = compute_null_p(search, seed, settings.null_draws, settings.scanned_share, lambda share: told(0.35 + 0.15 * share))
+    quiet: tuple[RankedExplanation, ...] = ()
     share, of_all = (0.0, 1.0) if left is None else (settings.misfit_share, left)
     p, left = min(p / (1 - share), shown), 1.0 if left is None else left / share
     attribution: Attribution | None = None
-    fitted: tuple[Fitted, ...] = ()
-    rejected: tuple[Fitted, ...] = ()
+    fitted: tuple[FittedEffect, ...] = ()
+    rejected: tuple[FittedEffect, ...] = ()
     checks: tuple[Check, ...] = ()
     passed: float | None = None
     closed: Closure | None = None
     if p < settings.false_alarm_rate:
         tell("explanations", 0.5)
         linear, explanations = search_with_refined_options(
-            search, settings, counted(tell, "finer explanations", 0.6, 0.7, 1000)
+            search, settings, count_progress(tell, "finer explanations", 0.6, 0.7, 1000)
         )
-        weighed = sorted([*explanations, NOTHING], key=lambda one: -one.log_posterior)
-        attribution = attribute(linear, weighed, settings)
+        weighed = sorted([*explanations, BASELINE_EXPLANATION], key=lambda one: -one.log_posterior)
+        attribution = infer_attribution(linear, weighed, settings)
         tell("amplitudes", 0.7)
         members = tuple(slot.member for slot in attribution.slots)
         if members:
-            linear, members = refined(linear, members)
+            linear, members = refine_explanation(linear, members)
             tell("amplitudes", 0.72)
-            fitted = tuple(amplitudes(linear, members))
+            fitted = tuple(estimate_amplitudes(linear, members))
             tell("checks", 0.74)
             checks = check(linear, members)
             passed = combine_checks(checks) if checks else None
-            if passed is not None and against(passed) < 1:
-                step = map(counted(tell, "checks", 0.75, 0.85, 5), count()).__next__
-                passed = average_checks(weighed, partial(_checked, linear, check, step), partial(is_listed, linear))
+            if passed is not None and compute_bayes_factor_bound(passed) < 1:
+                step = map(count_progress(tell, "checks", 0.75, 0.85, 5), count()).__next__
+                passed = average_checks(weighed, partial(_compute_check_p, linear, check, step), partial(is_listed, linear))
             attribution = weigh_unlisted(linear, attribution, passed, settings)
             if not attribution.slots:
                 members, fitted, rejected = (), (), fitted
             tell("held-out data", 0.85)
             closed = compute_closure(linear, members) if members else None
     elif left < settings.false_alarm_rate:
-        attribution = unexplained(left, settings)
+        attribution = build_unknown_attribution(left, settings)
     else:
-        quiet = unseen(linear, search.singles(), of_all, settings)
-    return Explained(
+        quiet = rank_weak_effects(linear, search.score_singles(), of_all, settings)
+    return AttitudeInference(
         linear.candidates, min(p, left, 1.0), attribution, fitted, checks, closed, np.zeros(12), np.zeros((12, 12)), passed,
         unseen=quiet, rejected=rejected,
     )  # fmt: skip
 
 
-def _checked(
+def _compute_check_p(
     linear: LinearModel,
     check: Checker,
     tell: Callable[[], None],
@@ -271,9 +275,9 @@ def _checked(
 ) -> float:
     """P-value of all checks of an explanation together, told of before."""
     tell()
-    return combine_checks(check(*refined(linear, explanation.members)))
+    return combine_checks(check(*refine_explanation(linear, explanation.members)))
 
 
-def counted(tell: Progress, text: str, begin: float, stop: float, usual: int) -> Callable[[int], None]:
+def count_progress(tell: Progress, text: str, begin: float, stop: float, usual: int) -> Callable[[int], None]:
     """Progress of a stage by what is done of it, where how much there is to do is known only roughly."""
     return lambda count: tell(text, begin + (stop - begin) * count / (count + usual))

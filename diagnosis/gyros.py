@@ -23,36 +23,36 @@ import scipy.special
 from numpy.typing import NDArray
 
 from diagnosis.answer import Finding
-from diagnosis.assemble import AnswerInputs, build_answer, p_values
-from diagnosis.detail_tables import details, explanation_table, test_table
-from diagnosis.detectors.report import Findings, SampleTest, Symptom
+from diagnosis.assemble import AnswerInputs, build_answer, collect_p_values
+from diagnosis.detail_tables import build_details, tabulate_explanations, test_table
+from diagnosis.detectors.sample_report import Findings, SampleTest, Symptom
 from diagnosis.detectors.samples import examine
-from diagnosis.explain import Explained, explain, judged
+from diagnosis.explain import AttitudeInference, explain, infer_causes
 from diagnosis.inference.criticism import Check, check_explanation
 from diagnosis.model import localization
 from diagnosis.model.array_model import ArrayModel
-from diagnosis.model.calibration import calibrated
+from diagnosis.model.calibration import calibrate_with_effects
 from diagnosis.model.folds import SETTINGS as FOLDS
 from diagnosis.model.gyros import build_array_model
 from diagnosis.model.layout import tabulate_observations
-from diagnosis.model.linear import LinearModel, Member
+from diagnosis.model.linear import LinearModel, SelectedCandidate
 from diagnosis.model.parity import ParityModel, build_parity_model
-from diagnosis.model.prepare import Prepared, prepare
-from diagnosis.model.symptoms import claimed, drop_estimated_levels, reference_symptoms
+from diagnosis.model.prepare import PreparedRecording, prepare
+from diagnosis.model.symptoms import assign_symptoms, drop_estimated_levels, list_reference_symptoms
 from diagnosis.result import Details, Diagnosis
 from diagnosis.settings import DiagnosisSettings
-from gyrocal.calibration.gyros import GyroArray, calibrate_gyros, fitted_to_parity
+from gyrocal.calibration.gyros import GyroArray, calibrate_gyros, fit_to_parity
 from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording, triad
-from gyrocal.recording.gyros import gain, inside, nominal
-from gyrocal.recording.parts import GyroStream, without_attitudes
+from gyrocal.recording.gyros import compute_gyro_gain, compute_nominal_gyros, select_interval_samples
+from gyrocal.recording.parts import GyroStream, build_empty_attitudes
 from simulator.effects.base import Effect, SampleView
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
-NOTHING_TO_SEE = Explained((), 1.0, None, (), (), None, np.zeros(12), np.zeros((12, 12)))
+NOTHING_TO_SEE = AttitudeInference((), 1.0, None, (), (), None, np.zeros(12), np.zeros((12, 12)))
 
 
 def diagnose_gyros(
@@ -74,19 +74,19 @@ def diagnose_gyros(
     tell("gyro samples", 0.0)
     of_arrays = [effect for effect in effects if effect.of_arrays and effect.implements("detect")]
     of_one = [effect for effect in effects if not effect.of_arrays]
-    dead = claimed([], [], of_arrays, _view(recording), settings)
+    dead = assign_symptoms([], [], of_arrays, _build_sample_view(recording), settings)
     failed = [str(one.symptom.axis) for one in dead]
     recording = leave_out(recording, failed) if failed else recording
     shown, noise, notes = test_samples(recording, settings)
     if failed:
         notes = (f"Gyro {', '.join(failed)} is left out of all that follows, also before it failed", *notes)
-    start = GyroArray(recording.gyro.names, *nominal(recording.gyro))
+    start = GyroArray(recording.gyro.names, *compute_nominal_gyros(recording.gyro))
     gyros, body = linearise_gyros(recording, start, noise, settings)
     symptoms = [
         *drop_estimated_levels(shown.symptoms, recording),
-        *([] if body is None else reference_symptoms(body, settings)),
+        *([] if body is None else list_reference_symptoms(body, settings)),
     ]
-    samples = (*dead, *claimed(symptoms, shown.tests, of_one, _view(recording), settings))
+    samples = (*dead, *assign_symptoms(symptoms, shown.tests, of_one, _build_sample_view(recording), settings))
     parity = build_parity_model(recording, gyros, recording.gyro.arw * noise)
     explained, where = NOTHING_TO_SEE, tuple[Finding, ...]()
     if parity is not None:
@@ -98,20 +98,20 @@ def diagnose_gyros(
     else:
         notes = (*notes, "No more than three gyros are left, and no reference attitudes: only the samples could be tested")
     if body is None:
-        seen = _see_by_parity(recording.title, start, explained, shown, where)
+        seen = _build_parity_inputs(recording.title, start, explained, shown, where)
     else:
-        seen = _see_by_attitude(body, explained, gyros, shown, where, noise)
+        seen = _build_attitude_inputs(body, explained, gyros, shown, where, noise)
     seen = replace(seen, notes=(*notes, *seen.notes))
     return build_answer(seen, samples, explained, settings, time.perf_counter() - began)
 
 
 def explain_array(
     model: ArrayModel, effects: Sequence[Effect], settings: DiagnosisSettings, seed: int, tell: Progress
-) -> tuple[Explained, tuple[Finding, ...]]:
+) -> tuple[AttitudeInference, tuple[Finding, ...]]:
     """Explain parity and attitude, and find gyros and intervals that depart; parameters as of `diagnose_gyros`."""
     tell("candidates", 0.1)
     linear = build_array_model(model, effects, settings)
-    explained = judged(linear, partial(check_array, model, seed), settings, seed, tell)
+    explained = infer_causes(linear, partial(check_array, model, seed), settings, seed, tell)
     if explained.p_value >= settings.false_alarm_rate:
         return explained, ()
     return explained, (*find_faulty_gyros(explained, model.stream.gyros, settings), *find_parity(model, settings))
@@ -120,11 +120,13 @@ def explain_array(
 # ---- samples -------------------------------------------------------------------------------------------------------------
 
 
-def _view(recording: Recording) -> SampleView:
+def _build_sample_view(recording: Recording) -> SampleView:
     """View the samples of the intervals in which all gyros were on."""
     gyro = recording.gyro
     n = len(gyro.names)
-    parts = [inside(recording, k)[0] for k in range(len(recording.intervals)) if recording.switched_on(k).size == n]
+    parts = [
+        select_interval_samples(recording, k)[0] for k in range(len(recording.intervals)) if recording.switched_on(k).size == n
+    ]
     used = np.zeros(gyro.t_s.size, dtype=bool)
     for part in parts:
         used[part] = True
@@ -144,7 +146,7 @@ def leave_out(recording: Recording, names: Sequence[str]) -> Recording:
     """
     gyro = recording.gyro
     kept = [k for k, name in enumerate(gyro.names) if name not in names]
-    K, c = nominal(gyro)
+    K, c = compute_nominal_gyros(gyro)
     G = np.asarray(np.linalg.pinv(K[kept]))
     left = tuple(gyro.names[k] for k in kept)
     stream = replace(gyro, rates=gyro.rates[:, kept], apriori_G=G, apriori_bias=-G @ c[kept], names=left)
@@ -175,7 +177,7 @@ def test_samples(recording: Recording, settings: DiagnosisSettings) -> tuple[Fin
             notes.append(f"The samples of gyros {', '.join(own)} were not tested: never on together")
             continue
         stream = GyroStream(gyro.t_s, np.nan_to_num(gyro.rates[:, three]), gyro.sample_s, gyro.arw, names=own)
-        part = replace(recording, gyro=stream, attitudes=without_attitudes(), sensors=None)
+        part = replace(recording, gyro=stream, attitudes=build_empty_attitudes(), sensors=None)
         report = examine(replace(part, intervals=tuple(replace(one, gyros=None) for one in on)), settings=settings)
         new = {axis: k for axis, k in zip("xyz", three, strict=True) if k >= low}
         known = {one.kind for one in symptoms}
@@ -190,11 +192,11 @@ def test_samples(recording: Recording, settings: DiagnosisSettings) -> tuple[Fin
 
 def linearise_gyros(
     recording: Recording, start: GyroArray, noise: Array, settings: DiagnosisSettings
-) -> tuple[GyroArray, Prepared | None]:
+) -> tuple[GyroArray, PreparedRecording | None]:
     """Find K and c to linearise about, and prepare the body rates made of them; None without reference attitudes."""
     broad = FOLDS.broad * PLAUSIBLE_G, FOLDS.broad * PLAUSIBLE_BIAS
     if not recording.attitudes.t_s.size:
-        return fitted_to_parity(recording, start, broad), None
+        return fit_to_parity(recording, start, broad), None
     gyros = calibrate_gyros(recording, prior_sigma=broad, iterations=3).gyros
     return gyros, prepare(triad(recording, gyros.K, gyros.c, noise), settings)
 
@@ -202,7 +204,7 @@ def linearise_gyros(
 # ---- checks and findings -------------------------------------------------------------------------------------------------
 
 
-def check_array(model: ArrayModel, seed: int, linear: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
+def check_array(model: ArrayModel, seed: int, linear: LinearModel, members: tuple[SelectedCandidate, ...]) -> tuple[Check, ...]:
     """Check what an explanation leaves of the attitude and of the parity."""
     rows = model.attitude_rows
     checks: tuple[Check, ...] = ()
@@ -212,7 +214,7 @@ def check_array(model: ArrayModel, seed: int, linear: LinearModel, members: tupl
             dof=model.body.degrees_of_freedom,
         )  # fmt: skip
         checks = check_explanation(own, members, tabulate_observations(model.body), seed)
-    places, scales, shifts = linear.design(members)
+    places, scales, shifts = linear.build_design(members)
     C = scales * linear.X[rows:, places]
     left = linear.y[rows:] - linear.X[rows:, shifts].sum(axis=1)
     return (*checks, *check_parity(model.parity, np.linalg.solve(np.linalg.cholesky(np.eye(left.size) + C @ C.T), left)))
@@ -249,7 +251,7 @@ def find_parity(model: ArrayModel, settings: DiagnosisSettings) -> tuple[Finding
     return tuple(sorted(out, key=lambda one: one.p_value))
 
 
-def find_faulty_gyros(explained: Explained, names: Sequence[str], settings: DiagnosisSettings) -> tuple[Finding, ...]:
+def find_faulty_gyros(explained: AttitudeInference, names: Sequence[str], settings: DiagnosisSettings) -> tuple[Finding, ...]:
     """Find gyros that are as sure to be at fault as a cause that is named, by whatever it is: also where that is on no list.
 
     Explanations by an unlisted error of a gyro are of that gyro as well, so that the gyro can be known where its fault is not.
@@ -267,9 +269,9 @@ def find_faulty_gyros(explained: Explained, names: Sequence[str], settings: Diag
 # ---- answers -------------------------------------------------------------------------------------------------------------
 
 
-def _see_by_attitude(
-    body: Prepared,
-    explained: Explained,
+def _build_attitude_inputs(
+    body: PreparedRecording,
+    explained: AttitudeInference,
     gyros: GyroArray,
     shown: Findings,
     where: tuple[Finding, ...],
@@ -279,15 +281,15 @@ def _see_by_attitude(
     model = body.model
     fitted = tuple(replace(one, columns=one.columns[: model.size], shift=one.shift[: model.size]) for one in explained.fitted)
     explained = replace(explained, fitted=fitted)
-    change, C = calibrated(model, fitted)
+    change, C = calibrate_with_effects(model, fitted)
     body = replace(body, samples=replace(body.samples, tests=shown.tests, symptoms=shown.symptoms))
     table = localization.compute_statistics(model)
-    G = gain(gyros.K, np.arange(len(gyros.names)), noise)
+    G = compute_gyro_gain(gyros.K, np.arange(len(gyros.names)), noise)
     T, shift = model.G + change[:9].reshape(3, 3), model.bias + change[9:]
     return AnswerInputs(
         recording=model.recording.title,
         where=(*where, *(localization.list_findings(table) if explained.attribution is not None else ())),
-        p_values=p_values(body, explained),
+        p_values=collect_p_values(body, explained),
         G=T @ G,
         bias=shift - T @ G @ gyros.c,
         sigma_G=np.sqrt([np.sum((G.T @ C[k : k + 3, k : k + 3]) * G.T, axis=1) for k in (0, 3, 6)]),
@@ -296,13 +298,13 @@ def _see_by_attitude(
         baseline_bias=model.bias - model.G @ G @ gyros.c,
         motions=(),
         notes=body.notes,
-        details=details(body, explained, table),
+        details=build_details(body, explained, table),
         gyros=gyros.names,
     )
 
 
-def _see_by_parity(
-    title: str, gyros: GyroArray, explained: Explained, shown: Findings, where: tuple[Finding, ...]
+def _build_parity_inputs(
+    title: str, gyros: GyroArray, explained: AttitudeInference, shown: Findings, where: tuple[Finding, ...]
 ) -> AnswerInputs:
     """See G and b as they were known before."""
     tests = {one.statistic if one.axis is None else f"{one.statistic}:{one.axis}": float(one.p_value) for one in shown.tests}
@@ -327,7 +329,7 @@ def _see_by_parity(
             residuals=pd.DataFrame(columns=columns),
             statistics=pd.DataFrame(columns=["interval", "axis", "phase", "statistic", "value", "dof", "p_value"]),
             regressors=pd.DataFrame(columns=["cause", "interval", "axis", "t_s", "regressor_deg", "residual_deg"]),
-            explanations=explanation_table(explained.attribution),
+            explanations=tabulate_explanations(explained.attribution),
             stream=test_table(shown.tests),
         ),
         gyros=gyros.names,

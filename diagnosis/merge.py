@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 from diagnosis.answer import Explanations
-from diagnosis.posterior import likeliest
+from diagnosis.posterior import select_likeliest
 from diagnosis.result import Diagnosis
 from diagnosis.sensor_result import SensorDiagnosis
 from diagnosis.settings import DiagnosisSettings
 from diagnosis.verdict import decide_verdict
 
-UNKNOWN = ("unknown",)
+UNKNOWN_LABELS = ("unknown",)
 
 
-def merged(attitude: Diagnosis, sensors: SensorDiagnosis, settings: DiagnosisSettings) -> Diagnosis:
+def merge_answers(attitude: Diagnosis, sensors: SensorDiagnosis, settings: DiagnosisSettings) -> Diagnosis:
     """The result of both: a gap where either has one, the causes of both, and the verdict of all of it.
 
     Alternatives and closure are those of the gyro and the references if they show a gap, else those of the sensors.
@@ -39,16 +39,16 @@ def merged(attitude: Diagnosis, sensors: SensorDiagnosis, settings: DiagnosisSet
         closure=leading.closure,
         notes=(*sensors.notes, *attitude.notes),
         p_values={**attitude.p_values, "sensor tables": sensors.p_value},
-        posterior=_joint(attitude, sensors),
+        posterior=_join_posteriors(attitude, sensors),
         sensors=sensors,
     )
 
 
-def _joint(attitude: Diagnosis, sensors: SensorDiagnosis) -> Explanations:
+def _join_posteriors(attitude: Diagnosis, sensors: SensorDiagnosis) -> Explanations:
     """Explanations of both together, which are independent of one another."""
     found: dict[tuple[str, ...], float] = {}
     for one, p in attitude.posterior:
         for other, q in sensors.posterior:
-            labels = UNKNOWN if UNKNOWN in (one, other) else (*one, *other)
+            labels = UNKNOWN_LABELS if UNKNOWN_LABELS in (one, other) else (*one, *other)
             found[labels] = found.get(labels, 0.0) + p * q
-    return likeliest(found)
+    return select_likeliest(found)

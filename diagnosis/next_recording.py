@@ -27,23 +27,23 @@ from numpy.typing import NDArray
 
 from diagnosis.answer import Verdict
 from diagnosis.detectors.samples import examine
-from diagnosis.diagnose import nameable
-from diagnosis.explain import judged
-from diagnosis.inference.amplitudes import Fitted
+from diagnosis.diagnose import list_nameable_effects
+from diagnosis.explain import infer_causes
+from diagnosis.inference.amplitudes import FittedEffect
 from diagnosis.inference.criticism import Check, check_explanation
 from diagnosis.model import processes
-from diagnosis.model.dead_zone import bound_p_of_passes, dead_zone_groups
-from diagnosis.model.folds import Conditioned, conditioned
+from diagnosis.model.dead_zone import bound_p_of_passes, list_dead_zone_groups
+from diagnosis.model.folds import ConditionedRows, condition_rows
 from diagnosis.model.gate import check_residuals
-from diagnosis.model.groups import process_places
+from diagnosis.model.groups import list_process_places
 from diagnosis.model.layout import tabulate_observations
-from diagnosis.model.linear import LinearModel, Member
-from diagnosis.model.linearise import linearised
+from diagnosis.model.linear import LinearModel, SelectedCandidate
+from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.localization import compute_chi2
 from diagnosis.model.periods import make_columns
-from diagnosis.model.prepare import Prepared, Progress, check_usable, prepare, unclipped
-from diagnosis.model.recording import RecordingModel
-from diagnosis.model.unit import Unit, joined, own_biases, unit_model
+from diagnosis.model.prepare import PreparedRecording, Progress, check_usable, find_unclipped_pieces, prepare
+from diagnosis.model.recording_model import RecordingModel
+from diagnosis.model.unit import Unit, build_own_biases, build_unit_model, join_recordings
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.errors import InputError
 from gyrocal.recording import Attitudes, Recording
@@ -105,7 +105,7 @@ class Comparison:
 
 
 @dataclass(frozen=True)
-class Foretold:
+class RecordingPrediction:
     """The next recording of a unit beside what those before it predict.
 
     Attributes
@@ -143,7 +143,7 @@ class Foretold:
         }
 
 
-def foretell(
+def predict_next_recording(
     recordings: Mapping[str, Recording],
     *,
     own_bias: bool = False,
@@ -151,7 +151,7 @@ def foretell(
     settings: DiagnosisSettings = DEFAULT,
     seed: int = 0,
     tell: Progress = lambda text, share: None,
-) -> Foretold:
+) -> RecordingPrediction:
     """Predict the last of some recordings of one unit from all others, and compare.
 
     Parameters
@@ -170,40 +170,40 @@ def foretell(
     """
     if len(recordings) < 2:
         raise InputError("give two recordings of one unit or more: the last is predicted from those before it")
-    unit, last = joined(recordings), list(recordings)[-1]
+    unit, last = join_recordings(recordings), list(recordings)[-1]
     try:
         check_usable(recordings[last], settings)  # before minutes are spent on those that predict it
     except InputError as error:
         raise InputError(f"{last}: {error}") from None
-    before = _before(unit, last)
+    before = _drop_last_recording(unit, last)
     prepared = prepare(before.recording, settings, tell)
-    effects = nameable(library)
+    effects = list_nameable_effects(library)
     tell("candidates", 0.1)
-    groups = dead_zone_groups(prepared, effects)
-    linear = unit_model(prepared.model, before.owner, effects, groups, settings, own_bias=own_bias)
+    groups = list_dead_zone_groups(prepared, effects)
+    linear = build_unit_model(prepared.model, before.owner, effects, groups, settings, own_bias=own_bias)
 
-    def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
+    def check(found: LinearModel, members: tuple[SelectedCandidate, ...]) -> tuple[Check, ...]:
         return check_explanation(found, members, tabulate_observations(prepared.model), seed)
 
-    explained = judged(linear, check, settings, seed, tell, bound_p_of_passes(prepared.dead))
+    explained = infer_causes(linear, check, settings, seed, tell, bound_p_of_passes(prepared.dead))
     tell("the next recording", 0.95)
-    model = _whole(prepared, unit, settings)
+    model = _linearise_all(prepared, unit, settings)
     named = explained.attribution.verdict if explained.attribution is not None else "none"
-    made = [(one, _columns(model, one)) for one in explained.fitted]
+    made = [(one, _build_effect_columns(model, one)) for one in explained.fitted]
     kept = [(one, columns) for one, columns in made if columns is not None]
     own = [(one.size if one.process else one.prior_sigma, columns) for one, columns in kept]
-    return Foretold(
+    return RecordingPrediction(
         recordings=tuple(recordings)[:-1],
         following=last,
         verdict=named,
         causes=tuple(one.label for one, _ in kept),
         left_out=tuple(one.label for one, columns in made if columns is None),
-        predicted=compared(model, unit.owner, last, own, own_bias),
-        baseline=compared(model, unit.owner, last, [], own_bias),
+        predicted=compare_with_prediction(model, unit.owner, last, own, own_bias),
+        baseline=compare_with_prediction(model, unit.owner, last, [], own_bias),
     )
 
 
-def compared(
+def compare_with_prediction(
     model: RecordingModel, owner: Sequence[str], last: str, effects: Sequence[tuple[float, Array]], own_bias: bool = False
 ) -> Comparison:
     """One recording of a unit beside its prediction from the others.
@@ -219,14 +219,14 @@ def compared(
     names = np.array(owner)[[block.interval for block in model.blocks]]
     out = np.repeat(names[model.observation_block] == last, 3)
     W = np.hstack([np.empty((model.size, 0)), *(scale * columns for scale, columns in effects)])
-    found = conditioned(model, W, out, own_biases(model, names) if own_bias else None)
+    found = condition_rows(model, W, out, build_own_biases(model, names) if own_bias else None)
     gain = np.asarray(np.linalg.solve(np.eye(W.shape[1]) + found.train_X.T @ found.train_X, found.train_X.T))
     expected = found.error_X @ (gain @ found.train_y)
     spread = np.eye(W.shape[1]) - gain @ found.train_X
-    return _judged(model, found, out, expected, found.error_X @ spread @ found.error_X.T)
+    return _score_prediction(model, found, out, expected, found.error_X @ spread @ found.error_X.T)
 
 
-def _judged(model: RecordingModel, found: Conditioned, out: Mask, expected: Array, more: Array) -> Comparison:
+def _score_prediction(model: RecordingModel, found: ConditionedRows, out: Mask, expected: Array, more: Array) -> Comparison:
     """χ² of the errors of a prediction, whose expectation (s,) and covariance (s, s) the effects add to."""
     known = found.known > SETTINGS.known
     D = found.shared[:, known]
@@ -256,9 +256,9 @@ def _judged(model: RecordingModel, found: Conditioned, out: Mask, expected: Arra
                     Band(
                         interval=name,
                         axis=AXES[axis],
-                        residual_deg=_rms_deg(residual[rows] ** 2),
-                        band_deg=_rms_deg(np.diag(S)[rows]),
-                        effect_deg=_rms_deg(effect[rows] ** 2),
+                        residual_deg=_compute_rms_deg(residual[rows] ** 2),
+                        band_deg=_compute_rms_deg(np.diag(S)[rows]),
+                        effect_deg=_compute_rms_deg(effect[rows] ** 2),
                         chi2=own,
                         dof=own_dof,
                         p_value=float(scipy.special.chdtrc(own_dof, own)),
@@ -267,14 +267,14 @@ def _judged(model: RecordingModel, found: Conditioned, out: Mask, expected: Arra
     return Comparison(value, dof, float(scipy.special.chdtrc(dof, value)), tuple(bands))
 
 
-def _rms_deg(squares: Array) -> float:
+def _compute_rms_deg(squares: Array) -> float:
     return float(np.rad2deg(np.sqrt(np.mean(squares))))
 
 
 # ---- the recordings before -----------------------------------------------------------------------------------------------
 
 
-def _before(unit: Unit, last: str) -> Unit:
+def _drop_last_recording(unit: Unit, last: str) -> Unit:
     """The unit without its last recording."""
     whole = unit.recording
     count = sum(name != last for name in unit.owner)
@@ -292,25 +292,25 @@ def _before(unit: Unit, last: str) -> Unit:
 # ---- the next one --------------------------------------------------------------------------------------------------------
 
 
-def _whole(prepared: Prepared, unit: Unit, settings: DiagnosisSettings) -> RecordingModel:
+def _linearise_all(prepared: PreparedRecording, unit: Unit, settings: DiagnosisSettings) -> RecordingModel:
     """All recordings linearised about the calibration of those before, their noise as it was found there."""
     report = examine(unit.recording, settings=settings)
     noise = prepared.reference_noise
     factors = noise.factors if noise is not None and noise.departs else 1.0
-    model = linearised(
+    model = linearise_recording(
         unit.recording, prepared.model.G, prepared.model.bias, report.rates, report.smooth, report.density,
-        unclipped(unit.recording, report), unit.recording.attitudes.sigma * factors,
+        find_unclipped_pieces(unit.recording, report), unit.recording.attitudes.sigma * factors,
     )  # fmt: skip
     check_residuals(model, report.rates)
     return model
 
 
-def _columns(model: RecordingModel, one: Fitted) -> Array | None:
+def _build_effect_columns(model: RecordingModel, one: FittedEffect) -> Array | None:
     """(N, k) whitened columns of a named effect over all recordings; None of one that has none of its own."""
     effect = EFFECTS[one.effect]
     if one.process:
-        covariance, places = process_places(model, effect)
-        return processes.whole(
+        covariance, places = list_process_places(model, effect)
+        return processes.build_all_columns(
             places[AXES.index(str(one.axis))], covariance(one.parameters), processes.SETTINGS.whole / one.size**2
         )
     if not effect.has_columns:

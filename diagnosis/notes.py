@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.special
 
-from diagnosis.detectors.report import Line
-from diagnosis.model.linearise import linearised
+from diagnosis.detectors.sample_report import Line
+from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.misfit import compute_innovations
-from diagnosis.model.prepare import Prepared
+from diagnosis.model.prepare import PreparedRecording
 from diagnosis.model.symptoms import SampleCause
 from diagnosis.settings import DiagnosisSettings
 
 if TYPE_CHECKING:
-    from diagnosis.explain import Explained
+    from diagnosis.explain import AttitudeInference
 
 AXES = "xyz"
-TINY = 1e-300
+LEAST_POSITIVE = 1e-300
 
 
 @dataclass(frozen=True)
@@ -50,14 +50,14 @@ MISTAKEN = {  # factors of white noise that a number in another unit makes, by s
 
 
 def explain_fitting_residuals(
-    prepared: Prepared, samples: Sequence[SampleCause], explained: Explained, gap: bool
+    prepared: PreparedRecording, samples: Sequence[SampleCause], explained: AttitudeInference, gap: bool
 ) -> tuple[str, ...]:
     """Why there is a gap although the residuals of a calibration fit the stated noise, where that is so."""
     own = prepared.model
     if not (gap or samples) or own.recording.attitudes.sensor is not None:
         return ()
     # As a calibration has it: all references, the samples as they are, and the noise as stated.
-    e, _, taken = compute_innovations(linearised(own.recording, own.G, own.bias, pieces=prepared.pieces))
+    e, _, taken = compute_innovations(linearise_recording(own.recording, own.G, own.bias, pieces=prepared.pieces))
     chi2, dof = float(np.sum(e**2)), e.size - taken.shape[1]
     p = float(scipy.special.chdtrc(dof, chi2)) if dof > 0 else 0.0
     if p < SETTINGS.fits:
@@ -77,7 +77,7 @@ def explain_fitting_residuals(
     )
 
 
-def of_checks(explained: Explained) -> tuple[str, ...]:
+def explain_failed_checks(explained: AttitudeInference) -> tuple[str, ...]:
     """Which checks the likeliest explanation fails, where nothing is named for that."""
     failed = [check for check in explained.checks if check.p_value < 1e-3]
     if not failed or explained.attribution is None or explained.attribution.slots:
@@ -98,28 +98,31 @@ def list_odd_symptoms(samples: Sequence[SampleCause], settings: DiagnosisSetting
             )
 
 
-def of_units(samples: Sequence[SampleCause]) -> Iterator[str]:
+def list_unit_mistakes(samples: Sequence[SampleCause]) -> Iterator[str]:
     """That a noise is off by what another unit makes."""
     for one in samples:
-        off = [(abs(np.log(max(one.symptom.size, TINY) / ratio)), what) for ratio, what in MISTAKEN.get(one.symptom.kind, ())]
+        off = [
+            (abs(np.log(max(one.symptom.size, LEAST_POSITIVE) / ratio)), what)
+            for ratio, what in MISTAKEN.get(one.symptom.kind, ())
+        ]
         least, what = min(off, default=(np.inf, ""))
         if one.effect is not None and least < SETTINGS.alike:
             yield f"{one.effect} is about {what}: look at the number that is stated, and its unit"
 
 
-def list_motions(prepared: Prepared) -> tuple[str, ...]:
+def list_motions(prepared: PreparedRecording) -> tuple[str, ...]:
     """Lines in the spectrum of the samples that are no effect, gyro by gyro."""
     report = prepared.samples
     return (
-        *_of_lines(report.motions, "the references follow them, so they are motions of the body"),
-        *_of_lines(
+        *_list_lines(report.motions, "the references follow them, so they are motions of the body"),
+        *_list_lines(
             report.unconfirmed,
             "they are taken for motions of the body, which no reference can confirm: a vibration of the gyro may look the same",
         ),
     )
 
 
-def _of_lines(lines: Sequence[Line], what: str) -> Iterator[str]:
+def _list_lines(lines: Sequence[Line], what: str) -> Iterator[str]:
     """A sentence for each gyro that shows some lines."""
     found: dict[int, list[str]] = {}
     for line in lines:
@@ -128,7 +131,7 @@ def _of_lines(lines: Sequence[Line], what: str) -> Iterator[str]:
         yield f"Gyro {AXES[axis]} shows spectral lines at {', '.join(frequencies)}; {what}"
 
 
-def likely(explained: Explained, settings: DiagnosisSettings) -> tuple[str, ...]:
+def list_likely_effects(explained: AttitudeInference, settings: DiagnosisSettings) -> tuple[str, ...]:
     """Of an unknown gap: effects that nearly every explanation holds, though none of them is the whole story."""
     attribution = explained.attribution
     if attribution is None or attribution.verdict != "unknown":

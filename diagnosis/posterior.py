@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from diagnosis.answer import Explanations
-from diagnosis.inference.attribution import Attribution, Ranked
+from diagnosis.inference.attribution import Attribution, RankedExplanation
 from diagnosis.model.symptoms import OF_NOISE, SampleCause
 from diagnosis.settings import DiagnosisSettings
 
 if TYPE_CHECKING:
-    from diagnosis.explain import Explained
+    from diagnosis.explain import AttitudeInference
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,9 @@ class PosteriorSettings:
 SETTINGS = PosteriorSettings()
 
 
-def of_all(samples: Sequence[SampleCause], explained: Explained, gap: bool, settings: DiagnosisSettings) -> Explanations:
+def combine_posteriors(
+    samples: Sequence[SampleCause], explained: AttitudeInference, gap: bool, settings: DiagnosisSettings
+) -> Explanations:
     """Probability of each explanation, those of the samples and of the attitude together; to a sum of `KEPT`."""
     shown: dict[tuple[str, ...], float] = {(): 1.0}
     for one, likely in zip(samples, list_listed(samples, settings), strict=True):
@@ -40,14 +42,18 @@ def of_all(samples: Sequence[SampleCause], explained: Explained, gap: bool, sett
             for name, share in zip(cause.group, shares, strict=True)
         }
     found: dict[tuple[str, ...], float] = {}
-    attitude = of_attitude(explained.attribution) if gap else _without_gap(explained.unseen, bool(samples), settings)
+    attitude = (
+        list_attitude_explanations(explained.attribution)
+        if gap
+        else _rank_without_gap(explained.unseen, bool(samples), settings)
+    )
     for labels, p in attitude:
         for own, share in shown.items():
             both = labels if "unknown" in labels else (*own, *(label for label in labels if label not in own))
             found[both] = found.get(both, 0.0) + p * share
     # Something unlisted may have made what the samples show.
     found[("unknown",)] = found.get(("unknown",), 0.0) + 1 - sum(found.values())
-    return likeliest({labels: p for labels, p in found.items() if p > 0})
+    return select_likeliest({labels: p for labels, p in found.items() if p > 0})
 
 
 def list_listed(samples: Sequence[SampleCause], settings: DiagnosisSettings) -> list[float]:
@@ -66,7 +72,7 @@ def list_listed(samples: Sequence[SampleCause], settings: DiagnosisSettings) -> 
     return found
 
 
-def _without_gap(unseen: Sequence[Ranked], beside: bool, settings: DiagnosisSettings) -> Explanations:
+def _rank_without_gap(unseen: Sequence[RankedExplanation], beside: bool, settings: DiagnosisSettings) -> Explanations:
     """Of M0 and what is too weak to be told; beside what the samples show, all that is one more effect."""
     if not unseen:
         return (((), 1.0),)
@@ -76,10 +82,10 @@ def _without_gap(unseen: Sequence[Ranked], beside: bool, settings: DiagnosisSett
         labels = ("unknown",) if one.unlisted else tuple(sorted(one.labels))
         found[labels] = found.get(labels, 0.0) + one.probability * (odds if labels else 1.0)
     norm = sum(found.values())
-    return likeliest({labels: p / norm for labels, p in found.items()})
+    return select_likeliest({labels: p / norm for labels, p in found.items()})
 
 
-def of_attitude(attribution: Attribution | None) -> Explanations:
+def list_attitude_explanations(attribution: Attribution | None) -> Explanations:
     """Probability of each explanation of the data of a linear model, to a sum of `KEPT`; the empty one without a gap."""
     if attribution is None:
         return (((), 1.0),)
@@ -87,10 +93,10 @@ def of_attitude(attribution: Attribution | None) -> Explanations:
     for one in attribution.ranked:
         labels = ("unknown",) if one.unlisted else tuple(sorted(one.labels))
         found[labels] = found.get(labels, 0.0) + one.probability
-    return likeliest(found)
+    return select_likeliest(found)
 
 
-def likeliest(found: Mapping[tuple[str, ...], float]) -> Explanations:
+def select_likeliest(found: Mapping[tuple[str, ...], float]) -> Explanations:
     """Explanations with their probabilities, the likeliest first, to a sum of `KEPT`."""
     out, total = [], 0.0
     for labels, probability in sorted(found.items(), key=lambda pair: -pair[1]):

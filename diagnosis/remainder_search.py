@@ -25,18 +25,18 @@ from scipy.special import expit
 
 from diagnosis.answer import Closure, Regressor, RemainderSummary
 from diagnosis.budget import Step, build_budget, convert, predict_held_out, summarise_closure
-from diagnosis.inference.amplitudes import Fitted, amplitudes, refined
-from diagnosis.inference.attribution import Slot, find_slots
-from diagnosis.inference.search import NOTHING, Explanation, Search
-from diagnosis.model.calibration import calibrated
-from diagnosis.model.candidates import linear_model, of_columns
-from diagnosis.model.linear import ColumnStore, LinearModel, Member
+from diagnosis.inference.amplitudes import FittedEffect, estimate_amplitudes, refine_explanation
+from diagnosis.inference.attribution import CredibleGroup, find_slots
+from diagnosis.inference.search import BASELINE_EXPLANATION, Explanation, Search
+from diagnosis.model.calibration import calibrate_with_effects
+from diagnosis.model.candidates import assemble_linear_model, build_linear_model
+from diagnosis.model.linear import ColumnStore, LinearModel, SelectedCandidate
 from diagnosis.model.misfit import build_basis
 from diagnosis.model.prepare import Progress
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.recording_model import RecordingModel
 from diagnosis.model.remainder import (
-    Process,
     Remainder,
+    RemainderProcess,
     add_remainder,
     build_processes,
     estimate_remainder,
@@ -74,13 +74,13 @@ class BesideRemainder:
     fitted : their amplitudes; size and sigma are those over the parts of the recording
     budget : steps on held-out data
     closed : how far all causes together close the misfit; None without a cause
-    change, covariance : of the calibration with the causes in the model, see `diagnosis.model.calibration.calibrated`
+    change, covariance : of the calibration with the causes in the model, see `diagnosis.model.calibration.calibrate_with_effects`
     """
 
     model: RecordingModel
     remainder: RemainderSummary
-    slots: tuple[Slot, ...]
-    fitted: tuple[Fitted, ...]
+    slots: tuple[CredibleGroup, ...]
+    fitted: tuple[FittedEffect, ...]
     budget: tuple[Step, ...]
     closed: Closure | None
     change: Array
@@ -105,54 +105,56 @@ def identify_beside_remainder(
     columns, labels = np.zeros((model.size, 0)), frozenset[str]()
     remainder = estimate_remainder(model, processes, columns)
     noisy = add_remainder(model, remainder)
-    linear = linear_model(noisy, rivals, (), rules)
+    linear = build_linear_model(noisy, rivals, (), rules)
     for number in range(SETTINGS.rounds):
         tell(f"remainder, round {number + 1}", 0.9 + 0.02 * number)
         if number:
             before, noisy = noisy, add_remainder(model, remainder)
             store = ColumnStore(noisy.nuisance)
             store.add(convert(before, noisy, linear.W[:, :]))
-            linear = of_columns(noisy, linear.candidates, store, {effect.name: effect for effect in rivals}, rules)
+            linear = assemble_linear_model(noisy, linear.candidates, store, {effect.name: effect for effect in rivals}, rules)
         search = Search(linear, rules)
-        explanations = sorted([*search.explanations(), NOTHING], key=lambda one: -one.log_posterior)
+        explanations = sorted([*search.explanations(), BASELINE_EXPLANATION], key=lambda one: -one.log_posterior)
         best = explanations[0]
         shaped = [member for member in best.members if not linear.candidate(member).process]
         found = frozenset(linear.candidate(member).label for member in shaped)
-        columns = _prior_columns(model, noisy, linear, shaped)
+        columns = _build_prior_columns(model, noisy, linear, shaped)
         if found == labels:
             break
         labels = found
         remainder = estimate_remainder(model, processes, columns, remainder)
     slots = [slot for slot in find_slots(linear, best, explanations, rules) if not linear.candidate(slot.member).process]
-    slots = _without_larger_remainder(model, noisy, linear, best, slots, processes, remainder, rules)
-    return _confirmed(model, noisy, linear, remainder, slots, settings)
+    slots = _weigh_larger_remainder(model, noisy, linear, best, slots, processes, remainder, rules)
+    return _confirm_effects(model, noisy, linear, remainder, slots, settings)
 
 
-def _prior_columns(model: RecordingModel, noisy: RecordingModel, linear: LinearModel, members: Sequence[Member]) -> Array:
+def _build_prior_columns(
+    model: RecordingModel, noisy: RecordingModel, linear: LinearModel, members: Sequence[SelectedCandidate]
+) -> Array:
     """(N, q) columns of some members in units of their priors, whitened by the stated noise."""
     parts = [np.zeros((model.size, 0))]
     for member in members:
-        places, scale, _ = linear.design((member,))
+        places, scale, _ = linear.build_design((member,))
         parts.append(linear.W[:, places] * scale)
     return convert(noisy, model, np.hstack(parts))
 
 
-def _without_larger_remainder(
+def _weigh_larger_remainder(
     model: RecordingModel,
     noisy: RecordingModel,
     linear: LinearModel,
     best: Explanation,
-    slots: Sequence[Slot],
-    processes: tuple[Process, ...],
+    slots: Sequence[CredibleGroup],
+    processes: tuple[RemainderProcess, ...],
     remainder: Remainder,
     settings: DiagnosisSettings,
-) -> list[Slot]:
+) -> list[CredibleGroup]:
     """Multiply the posterior of each effect by that against a larger remainder in its place."""
-    whole = estimate_remainder(model, processes, _prior_columns(model, noisy, linear, best.members), remainder)
+    whole = estimate_remainder(model, processes, _build_prior_columns(model, noisy, linear, best.members), remainder)
     out = []
     for slot in slots:
         others = [member for member in best.members if member != slot.member]
-        less = estimate_remainder(model, processes, _prior_columns(model, noisy, linear, others), remainder)
+        less = estimate_remainder(model, processes, _build_prior_columns(model, noisy, linear, others), remainder)
         entry, option = linear.candidate(slot.member), linear.option(slot.member)
         odds = whole.log_likelihood - less.log_likelihood - float(np.log(entry.scales.size)) + option.log_weight
         share = float(expit(odds + entry.log_prior + np.log(settings.another)))
@@ -162,19 +164,19 @@ def _without_larger_remainder(
     return out
 
 
-def _confirmed(
+def _confirm_effects(
     model: RecordingModel,
     noisy: RecordingModel,
     linear: LinearModel,
     remainder: Remainder,
-    slots: Sequence[Slot],
+    slots: Sequence[CredibleGroup],
     settings: DiagnosisSettings,
 ) -> BesideRemainder:
     """Keep the effects that are likely, replicate and close a share of the misfit on held-out data."""
     likely = [slot for slot in slots if sum(p for _, p in slot.group) >= settings.named]
     while True:
-        fine, members = refined(linear, tuple(slot.member for slot in likely)) if likely else (linear, ())
-        fitted = amplitudes(fine, members)
+        fine, members = refine_explanation(linear, tuple(slot.member for slot in likely)) if likely else (linear, ())
+        fitted = estimate_amplitudes(fine, members)
         replications = [estimate_by_part(noisy, fitted, number) for number in range(len(fitted))]
         order = sorted(range(len(fitted)), key=lambda k: -float(np.sum(noisy.projected(fitted[k].contribution) ** 2)))
         likely, fitted = [likely[k] for k in order], [fitted[k] for k in order]
@@ -189,7 +191,7 @@ def _confirmed(
         if all(kept):
             break
         likely = [slot for slot, good in zip(likely, kept, strict=True) if good]
-    change, covariance = calibrated(noisy, fitted)
+    change, covariance = calibrate_with_effects(noisy, fitted)
     sized = [
         replace(one, size=parts.mean, sigma=max(parts.sigma, one.sigma))
         for one, parts in zip(fitted, replications, strict=True)
@@ -204,7 +206,7 @@ def _confirmed(
 
 
 def find_regressors(
-    model: RecordingModel, noisy: RecordingModel, linear: LinearModel, fitted: Sequence[Fitted]
+    model: RecordingModel, noisy: RecordingModel, linear: LinearModel, fitted: Sequence[FittedEffect]
 ) -> tuple[Regressor, ...]:
     """Find what the remainder follows: score tests of shapes outside the library, in the presence of the remainder."""
     left = noisy.y - sum((noisy.projected(one.contribution) for one in fitted), np.zeros(noisy.size))

@@ -15,8 +15,8 @@ import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
-from diagnosis.inference.amplitudes import Fitted
-from diagnosis.model.recording import RecordingModel
+from diagnosis.inference.amplitudes import FittedEffect
+from diagnosis.model.recording_model import RecordingModel
 
 Array = NDArray[np.float64]
 
@@ -81,7 +81,7 @@ def name_parts(model: RecordingModel) -> NDArray[np.str_]:
     return np.array(names)
 
 
-def estimate_by_part(model: RecordingModel, effects: Sequence[Fitted], number: int) -> Replication:
+def estimate_by_part(model: RecordingModel, effects: Sequence[FittedEffect], number: int) -> Replication:
     """Estimate the size of one effect in each part of the recording, the other effects held in the model.
 
     Parameters

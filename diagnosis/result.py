@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from diagnosis.answer import Amplitudes, Cause, Closure, Explanations, Finding, RemainderSummary, Verdict
 from diagnosis.budget import Step
 from diagnosis.draft import Draft
-from diagnosis.inference.conformal import conformal_set
+from diagnosis.inference.conformal import build_conformal_set
 from diagnosis.sensor_result import SensorDiagnosis
 from diagnosis.settings import DEFAULT
 
@@ -104,9 +104,9 @@ class Diagnosis:
     @property
     def conformal_90(self) -> tuple[str, ...]:
         """Explanations in the set that holds the truth in nine of ten recordings; ``none`` is the baseline."""
-        return conformal_set(self.posterior, DEFAULT.conformal)
+        return build_conformal_set(self.posterior, DEFAULT.conformal)
 
-    def _sigmas(self) -> dict[str, Any]:
+    def _summarise_sigmas(self) -> dict[str, Any]:
         """Sigmas under the stated noise and with the remainder, G row by row and b in deg/s, and which to use."""
         own = np.concatenate([self.sigma_G.ravel(), self.sigma_bias])
         unit = np.concatenate([np.ones(self.sigma_G.size), np.full(3, np.rad2deg(1.0))])
@@ -163,7 +163,7 @@ class Diagnosis:
                 "sigma_bias_deg_s": np.rad2deg(self.sigma_bias).tolist(),
                 "baseline_G": self.baseline_G.tolist(),
                 "baseline_bias_deg_s": np.rad2deg(self.baseline_bias).tolist(),
-                **self._sigmas(),
+                **self._summarise_sigmas(),
             },
             "budget": [step.to_json() for step in self.budget],
             "remainder": None if self.remainder is None else self.remainder.to_json(),

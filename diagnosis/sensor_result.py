@@ -9,12 +9,12 @@ import pandas as pd
 
 from diagnosis.answer import Cause, Closure, Explanations, Finding, Verdict
 
-RESIDUALS = ["sensor", "angle", "interval", "t_s", "alpha_deg", "beta_deg", "before_deg", "after_deg"]
+SENSOR_RESIDUAL_COLUMNS = ["sensor", "angle", "interval", "t_s", "alpha_deg", "beta_deg", "before_deg", "after_deg"]
 EXPLANATIONS = ["effects", "probability", "log_evidence", "unlisted"]
 
 
 @dataclass(frozen=True)
-class Rejected:
+class RejectedExplanation:
     """An explanation that was put to the test beside the one that is named.
 
     Attributes
@@ -70,10 +70,10 @@ class SensorDiagnosis:
     alternatives: Explanations = ()
     unknown_probability: float = 1.0
     closure: Closure | None = None
-    rejected: tuple[Rejected, ...] = ()
+    rejected: tuple[RejectedExplanation, ...] = ()
     notes: tuple[str, ...] = ()
     posterior: Explanations = ((("unknown",), 1.0),)
-    residuals: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=RESIDUALS), repr=False)
+    residuals: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=SENSOR_RESIDUAL_COLUMNS), repr=False)
     explanations: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=EXPLANATIONS), repr=False)
 
     def to_json(self) -> dict[str, Any]:

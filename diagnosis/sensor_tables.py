@@ -13,31 +13,31 @@ from dataclasses import dataclass, replace
 from scipy.special import chdtrc
 
 from diagnosis.answer import Closure, Finding, Verdict
-from diagnosis.assemble import alternatives, causes_of
-from diagnosis.detail_tables import explanation_table
-from diagnosis.explain import Explained, judged, skip_checks
+from diagnosis.assemble import list_attitude_causes, list_next_explanations
+from diagnosis.detail_tables import tabulate_explanations
+from diagnosis.explain import AttitudeInference, infer_causes, skip_checks
 from diagnosis.inference.amplitudes import fit
 from diagnosis.inference.attribution import Attribution
 from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import LinearModel
-from diagnosis.model.sensors.arcs import FittedArc, MisfitError, arcs_of, fit_arc, fitted_arcs
-from diagnosis.model.sensors.columns import GYRO, Held, held_error
+from diagnosis.model.sensors.arcs import FittedArc, MisfitError, build_arcs, fit_arc, fit_arcs
+from diagnosis.model.sensors.columns import GYRO_RIVAL, HeldAmplitudes, compute_held_error
 from diagnosis.model.sensors.orthogonal import list_orthogonal
 from diagnosis.model.sensors.reading import find_misreading
 from diagnosis.model.sensors.refine import refine_parameters
-from diagnosis.model.sensors.residuals import findings, residual_table
-from diagnosis.model.sensors.tables import Noise, Tables, build_tables, in_noise, linear_model, noise_of
-from diagnosis.posterior import of_attitude
-from diagnosis.sensor_result import Rejected, SensorDiagnosis
+from diagnosis.model.sensors.residuals import list_sensor_findings, tabulate_sensor_residuals
+from diagnosis.model.sensors.tables import Noise, Tables, build_sensor_model, build_tables, estimate_sensor_noise, rescale_noise
+from diagnosis.posterior import list_attitude_explanations
+from diagnosis.sensor_result import RejectedExplanation, SensorDiagnosis
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.errors import InputError, UnobservableError
 from gyrocal.recording import Recording
 from simulator.effects.sensor import SensorEffect
 
-TINY = 1e-300
+LEAST_POSITIVE = 1e-300
 ANY = "sensors"  # signal of what is no matter of one sensor alone
-COMMON = (
+UNOBSERVABLE_ROTATION_NOTE = (
     "A rotation of all sensors together is an attitude error and cannot be seen; DSS-1 and the Earth sensor's model are the "
     "reference, so a misalignment of DSS-1 shows as one of DSS-2 and as biases of the Earth sensor"
 )
@@ -62,14 +62,14 @@ class ExplainedTables:
     about_m0: Tables
     linear: LinearModel
     noise: Noise
-    found: Explained
+    found: AttitudeInference
     notes: tuple[str, ...]
     misfits: tuple[str, ...] = ()
 
     @property
     def scaled(self) -> LinearModel:
         """The linear model in units of the noise found."""
-        return in_noise(self.linear, self.noise.factor)
+        return rescale_noise(self.linear, self.noise.factor)
 
 
 def diagnose_sensors(
@@ -96,7 +96,9 @@ def diagnose_sensors(
         except MisfitError as error:
             wrong = str(error)
     where = (_find_misfit(f"the sensor tables do not fit the nominal sensors: {wrong}"),)
-    return SensorDiagnosis("unknown", True, TINY, settings.false_alarm_rate, where, notes=(COMMON,))
+    return SensorDiagnosis(
+        "unknown", True, LEAST_POSITIVE, settings.false_alarm_rate, where, notes=(UNOBSERVABLE_ROTATION_NOTE,)
+    )
 
 
 def explain_tables(
@@ -109,22 +111,22 @@ def explain_tables(
     MisfitError
         The measurements of no arc fit the nominal sensors.
     """
-    arcs, skipped = arcs_of(recording)
-    fits, unfitted, misfits = fitted_arcs(arcs)
+    arcs, skipped = build_arcs(recording)
+    fits, unfitted, misfits = fit_arcs(arcs)
     if not effects:
         raise InputError("no sensor effect may be named")
     about_m0 = build_tables(fits, effects)
-    linear = linear_model(about_m0, effects, settings)
-    noise = noise_of(linear, settings)
+    linear = build_sensor_model(about_m0, effects, settings)
+    noise = estimate_sensor_noise(linear, settings)
     # Nothing is held out yet, as where there is a gap the model is made anew.
-    first = replace(in_noise(linear, noise.factor), folds=lambda W: ())
-    found = judged(first, skip_checks, settings, seed, _tell_nobody)
+    first = replace(rescale_noise(linear, noise.factor), folds=lambda W: ())
+    found = infer_causes(first, skip_checks, settings, seed, _tell_nobody)
     p = found.p_value
     if found.attribution is not None:
-        anew = relinearised(fits, effects, listed_part(first, found.attribution), settings)
+        anew = relinearise_tables(fits, effects, fit_listed_effects(first, found.attribution), settings)
         if anew is not None:
-            linear, noise = anew, noise_of(anew, settings)
-        found = judged(in_noise(linear, noise.factor), skip_checks, settings, seed, _tell_nobody, p)
+            linear, noise = anew, estimate_sensor_noise(anew, settings)
+        found = infer_causes(rescale_noise(linear, noise.factor), skip_checks, settings, seed, _tell_nobody, p)
     found = replace(found, p_value=min(p, noise.p_value))
     return ExplainedTables(tuple(fits), about_m0, linear, noise, found, (*skipped, *unfitted), tuple(misfits))
 
@@ -133,76 +135,80 @@ def _tell_nobody(text: str, share: float) -> None:
     """No progress: the tables take a second or two."""
 
 
-def listed_part(model: LinearModel, attribution: Attribution) -> dict[str, Held]:
+def fit_listed_effects(model: LinearModel, attribution: Attribution) -> dict[str, HeldAmplitudes]:
     """Amplitudes of the listed effects of the likeliest explanation, by label.
 
     They are found for an unknown too: the second order of what is listed must not look like another effect.
     """
     members = [member for member in attribution.best.members if model.candidate(member).listed]
-    return {one.label: Held(one.amplitudes, one.parameters) for one in fit(model, members)} if members else {}
+    return {one.label: HeldAmplitudes(one.amplitudes, one.parameters) for one in fit(model, members)} if members else {}
 
 
-def relinearised(
-    fits: Sequence[FittedArc], effects: Sequence[SensorEffect], found: Mapping[str, Held], settings: DiagnosisSettings
+def relinearise_tables(
+    fits: Sequence[FittedArc], effects: Sequence[SensorEffect], found: Mapping[str, HeldAmplitudes], settings: DiagnosisSettings
 ) -> LinearModel | None:
     """The linear model about amplitudes that were found; None where there are none, or the arcs do not fit with them."""
     if not found:
         return None
     held = refine_parameters(fits, found)
     try:
-        again = [fit_arc(one.arc, *held_error(one.arc.sightings, held)) for one in fits]
+        again = [fit_arc(one.arc, *compute_held_error(one.arc.sightings, held)) for one in fits]
     except (UnobservableError, InputError):
         return None
-    return linear_model(build_tables(again, effects, held), effects, settings)
+    return build_sensor_model(build_tables(again, effects, held), effects, settings)
 
 
 # ---- the answer ----------------------------------------------------------------------------------------------------------
 
 
-def verdict_of(explained: ExplainedTables, settings: DiagnosisSettings = DEFAULT) -> tuple[Verdict, Attribution | None]:
+def decide_sensor_verdict(
+    explained: ExplainedTables, settings: DiagnosisSettings = DEFAULT
+) -> tuple[Verdict, Attribution | None]:
     """Decide the verdict, and return the attribution that stands behind it."""
     attribution = explained.found.attribution
     if explained.misfits:
         return "unknown", attribution
     if attribution is None:
         return "unknown" if explained.noise.factor > 1 else "none", None
-    of_gyro = sum(one.probability for one in attribution.ranked if set(one.labels) <= {GYRO})
+    of_gyro = sum(one.probability for one in attribution.ranked if set(one.labels) <= {GYRO_RIVAL})
     if of_gyro > settings.unknown and explained.noise.factor == 1:  # no matter of the sensors
         return "none", None
     return attribution.verdict, attribution
 
 
 def _build_answer(explained: ExplainedTables, effects: Sequence[SensorEffect], settings: DiagnosisSettings) -> SensorDiagnosis:
-    (verdict, attribution), found = verdict_of(explained, settings), explained.found
+    (verdict, attribution), found = decide_sensor_verdict(explained, settings), explained.found
     present, misfits = verdict != "none", explained.misfits
     y, dof = explained.about_m0.y, explained.linear.dof
-    held = {one.label: Held(one.amplitudes, one.parameters) for one in found.fitted}
+    held = {one.label: HeldAmplitudes(one.amplitudes, one.parameters) for one in found.fitted}
     where = (
         *map(_find_misfit, misfits),
         *_find_noise(explained.noise),
-        *findings(explained.about_m0, settings.false_alarm_rate),
+        *list_sensor_findings(explained.about_m0, settings.false_alarm_rate),
     )
     return SensorDiagnosis(
         verdict=verdict,
         present=present,
-        p_value=TINY if misfits else found.p_value,
+        p_value=LEAST_POSITIVE if misfits else found.p_value,
         false_alarm_rate=settings.false_alarm_rate,
         where=where if present else (),
         mean_square=float(y @ y) / dof,
         dof=dof,
-        causes=causes_of(attribution, found.fitted),
-        alternatives=alternatives(attribution),
+        causes=list_attitude_causes(attribution, found.fitted),
+        alternatives=list_next_explanations(attribution),
         unknown_probability=min(1.0, float(attribution.unknown)) if attribution and not misfits else float(present),
         closure=_order(found.closed, explained.about_m0.names),
         rejected=_reject(explained, effects),
-        notes=(COMMON, *_list_notes(explained)),
-        posterior=((("unknown",), 1.0),) if misfits or (present and not attribution) else of_attitude(attribution),
-        residuals=residual_table(explained.fits, held),
-        explanations=explanation_table(found.attribution),
+        notes=(UNOBSERVABLE_ROTATION_NOTE, *_list_notes(explained)),
+        posterior=((("unknown",), 1.0),)
+        if misfits or (present and not attribution)
+        else list_attitude_explanations(attribution),
+        residuals=tabulate_sensor_residuals(explained.fits, held),
+        explanations=tabulate_explanations(found.attribution),
     )
 
 
-def _reject(explained: ExplainedTables, effects: Sequence[SensorEffect]) -> tuple[Rejected, ...]:
+def _reject(explained: ExplainedTables, effects: Sequence[SensorEffect]) -> tuple[RejectedExplanation, ...]:
     """The explanation of an alignment calibration, tested beside what is named."""
     found, linear = explained.found, explained.scaled
     labels = list_orthogonal([one.label for one in found.fitted], effects)
@@ -211,8 +217,8 @@ def _reject(explained: ExplainedTables, effects: Sequence[SensorEffect]) -> tupl
     if other is None or held_out is None or found.attribution is None:
         return ()
     factor = found.attribution.best.log_evidence - other.log_evidence
-    p = max(float(chdtrc(linear.dof, held_out.after * linear.dof)), TINY)
-    return (Rejected(labels, factor, held_out.before, held_out.after, p),)
+    p = max(float(chdtrc(linear.dof, held_out.after * linear.dof)), LEAST_POSITIVE)
+    return (RejectedExplanation(labels, factor, held_out.before, held_out.after, p),)
 
 
 def _order(closed: Closure | None, names: Sequence[str]) -> Closure | None:
@@ -224,7 +230,7 @@ def _order(closed: Closure | None, names: Sequence[str]) -> Closure | None:
 
 def _list_notes(explained: ExplainedTables) -> tuple[str, ...]:
     notes, attribution, factor = list(explained.notes), explained.found.attribution, explained.noise.factor
-    if attribution is not None and GYRO in attribution.ranked[0].labels:
+    if attribution is not None and GYRO_RIVAL in attribution.ranked[0].labels:
         gyro = "The sensors' residuals look like a rate error at orbit rate, an error of the gyro and not of the sensors"
         notes.insert(0, gyro)
     if factor > 1:
@@ -233,7 +239,7 @@ def _list_notes(explained: ExplainedTables) -> tuple[str, ...]:
 
 
 def _find_misfit(text: str) -> Finding:
-    return Finding(ANY, None, None, None, "fit", 0.0, TINY, text)
+    return Finding(ANY, None, None, None, "fit", 0.0, LEAST_POSITIVE, text)
 
 
 def _find_noise(noise: Noise) -> tuple[Finding, ...]:

@@ -28,7 +28,7 @@ def is_opened(path: Path) -> bool:
     return bool(re.fullmatch("/dev|/proc/[^/]+/fd", os.path.realpath(path.parent))) and path.is_symlink()
 
 
-def replaced(path: Path) -> bool:
+def is_replaced(path: Path) -> bool:
     """Whether what is written takes the place of a path: of a regular file or of nothing; else it is written into it.
 
     Raises
@@ -44,7 +44,7 @@ def replaced(path: Path) -> bool:
 
 
 @contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+def open_replacement(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """A binary file that takes the place of the one at the path when the block ends; after an error the old one stays.
 
     Raises
@@ -55,12 +55,12 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     path = Path(path)
     temporary = path.with_name(f"{path.name}.{secrets.token_hex(4)}{TEMPORARY}") if path.name else path
     try:
-        if not replaced(path):
+        if not is_replaced(path):
             with open(path, "ab") as file:
                 yield file
             return
         # Exclusive: neither a file nor a link that somebody else put there is written to, nor removed below.
-        with open(temporary, "xb") as file, _removed_on_error(temporary):
+        with open(temporary, "xb") as file, _remove_on_error(temporary):
             yield file
             file.close()
             os.replace(temporary, path)
@@ -71,7 +71,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
 
 @contextmanager
-def _removed_on_error(path: Path) -> Iterator[None]:
+def _remove_on_error(path: Path) -> Iterator[None]:
     try:
         yield
     except BaseException:
@@ -98,16 +98,16 @@ def write_together(folder: Path, files: Mapping[str, Callable[[BinaryIO], Any]],
     """
     folder.mkdir(parents=True, exist_ok=True)
     for name in files:
-        if not replaced(folder / name):
+        if not is_replaced(folder / name):
             raise OSError(errno.EEXIST, "is there already, and no regular file", str(folder / name))
     with tempfile.TemporaryDirectory(prefix=".", suffix=TEMPORARY, dir=folder) as made:
         for name, write in files.items():
             try:
-                with replacing(Path(made) / name) as file:
+                with open_replacement(Path(made) / name) as file:
                     write(file)
             except OSError as error:
                 raise OSError(error.errno or errno.EIO, error.strerror or str(error), str(folder / name)) from error
-        with held(folder):
+        with lock_folder(folder):
             for name in (*list(files)[-1:], *without):
                 (folder / name).unlink(missing_ok=True)
             for name in files:
@@ -115,7 +115,7 @@ def write_together(folder: Path, files: Mapping[str, Callable[[BinaryIO], Any]],
 
 
 @contextmanager
-def held(folder: Path, shared: bool = False) -> Iterator[None]:
+def lock_folder(folder: Path, shared: bool = False) -> Iterator[None]:
     """Hold a folder against those that would change its files, or shared, read them; where locks do not work, do without."""
     opened = None
     with suppress(ImportError, OSError):

@@ -30,8 +30,8 @@ from gyrocal.recording import (
     triad,
 )
 from gyrocal.sensors.alignment import AlignmentResult
-from gyrocal.sensors.alignment import in_two_steps as align_in_two_steps
-from gyrocal.sensors.alignment import together as align_together
+from gyrocal.sensors.alignment import align_in_two_steps as align_in_two_steps
+from gyrocal.sensors.alignment import align_together as align_together
 from gyrocal.sensors.earth import EarthModel, EarthSensor
 from gyrocal.sensors.series import SensorModel, SensorSeries
 from gyrocal.sensors.sun import SunModel, SunSensor, trmm_sun_sensors

@@ -6,13 +6,13 @@ The linear algebra of numpy, as numba compiles it, takes seconds to compile and 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 
 Array = NDArray[np.float64]
 
 
-@compiled
-def root(S: Array) -> Array:  # pragma: no cover - compiled
+@compile_cached
+def compute_lower_root(S: Array) -> Array:  # pragma: no cover - compiled
     """Lower root L of a covariance, S = L Lᵀ; (3, 3)."""
     L = np.zeros((3, 3))
     for i in range(3):
@@ -29,8 +29,8 @@ def root(S: Array) -> Array:  # pragma: no cover - compiled
     return L
 
 
-@compiled
-def under(L: Array, b: Array) -> Array:  # pragma: no cover - compiled
+@compile_cached
+def solve_lower(L: Array, b: Array) -> Array:  # pragma: no cover - compiled
     """L⁻¹ b of a lower root (3, 3) and columns (3, k)."""
     x = b.copy()
     for i in range(3):

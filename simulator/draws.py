@@ -21,18 +21,18 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array
 
 Words = NDArray[np.uint64]
 # Width w of each layer, that of the negative numbers second, and the m below which a draw is quick; (512,) each.
 Layers = tuple[Array, NDArray[np.int64]]
 
-LAYERS = 256
+ZIGGURAT_LAYERS = 256
 MANTISSA = 2**52
-MARGIN = 1e-9  # of k, far above its rounding; so much of the quick draws are left to numpy
+ZIGGURAT_MARGIN = 1e-9  # of k, far above its rounding; so much of the quick draws are left to numpy
 
-BY_LAYER, BELOW_SIGN = np.uint64(2 * LAYERS - 1), np.uint64(9)
+BY_LAYER, BELOW_SIGN = np.uint64(2 * ZIGGURAT_LAYERS - 1), np.uint64(9)
 OF_MANTISSA = np.int64(MANTISSA - 1)
 ONE, XOR_BY, ROTATE, ROTATE_BACK, NINE = (np.uint64(value) for value in (1, 11, 24, 40, 9))
 
@@ -47,28 +47,28 @@ def state_words(rng: np.random.Generator) -> Words | None:
 
 
 @lru_cache(maxsize=1)
-def layers() -> Layers:
+def read_layers() -> Layers:
     """Widths and bounds of the layers, read off numpy; a layer that is not as it should be has no quick draws."""
     rng = np.random.Generator(np.random.SFC64(0))
     words = state_words(rng)
     assert words is not None
 
-    def drawn(layer: int, m: int) -> float:
+    def draw_layer(layer: int, m: int) -> float:
         words[:] = layer | m << 9, 0, 0, 0  # the first word is a + b + n
         return float(rng.standard_normal())
 
-    width = np.array([drawn(layer, 1) for layer in range(LAYERS)])
+    width = np.array([draw_layer(layer, 1) for layer in range(ZIGGURAT_LAYERS)])
     inside = np.roll(width, 1) / width
-    bound = (MANTISSA * (1 - MARGIN) * inside).astype(np.int64)
+    bound = (MANTISSA * (1 - ZIGGURAT_MARGIN) * inside).astype(np.int64)
     bound[1] = 0
     for layer in np.flatnonzero(bound):
         m = int(bound[layer]) - 1
-        if drawn(int(layer), m) != m * width[layer] or words[3] != 1:  # or it took a second word
+        if draw_layer(int(layer), m) != m * width[layer] or words[3] != 1:  # or it took a second word
             bound[layer] = 0
     return np.concatenate([width, -width]), np.concatenate([bound, bound])
 
 
-@compiled
+@compile_cached
 def add_normals(
     rng: np.random.Generator, words: Words, layers: Layers, rates: Array, size: float, duration: Array, out: Array
 ) -> None:  # pragma: no cover - compiled

@@ -17,12 +17,12 @@ import pandas as pd
 
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
-from simulator.effects.recorded import TIME_TOLERANCE, durations
+from simulator.effects.recording_view import TIME_TOLERANCE, compute_durations
 
 MOST_COUNTS = 2**52  # what a register may hold for its counts to be exact as floating-point numbers
 
 
-def packets(recording: Recording, lsb: float, wrap: int, rng: np.random.Generator) -> pd.DataFrame:
+def simulate_packets(recording: Recording, lsb: float, wrap: int, rng: np.random.Generator) -> pd.DataFrame:
     """The packets of a recording.
 
     Parameters
@@ -45,7 +45,7 @@ def packets(recording: Recording, lsb: float, wrap: int, rng: np.random.Generato
         raise InputError(f"packets: the size of a count must be positive, not {lsb:g} rad")
     if not 2 <= wrap <= MOST_COUNTS:
         raise InputError(f"packets: the register wraps after {wrap} counts; it must be 2 to 2^52")
-    gyro, lasts = recording.gyro, durations(recording)
+    gyro, lasts = recording.gyro, compute_durations(recording)
     angles = gyro.rates * lasts[:, None] / lsb  # counts
     fastest = float(np.abs(angles).max())
     if not fastest + 1 < wrap / 2:

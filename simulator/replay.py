@@ -21,22 +21,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from gyrocal.recording import Recording, reference_rows
+from gyrocal.recording import Recording, find_reference_rows
 from gyrocal.recording.trackers import need_one_sensor
 from simulator.arrays import Array
 from simulator.effects import Setting
-from simulator.effects.recorded import durations, interval_slices, smoothed_rates
-from simulator.sensors.gyro import raw_rates
-from simulator.simulate import disturbed, make_noise_streams
+from simulator.effects.recording_view import compute_durations, find_interval_slices, smooth_rates
+from simulator.sensors.gyro import compute_raw_rates
+from simulator.simulate import add_effects_and_noise, make_noise_streams
 from simulator.truth.integration import accumulate
 from simulator.truth.motion import Motion
-from simulator.truth.rotation import matrix, perturbed, separation
+from simulator.truth.rotation import apply_rotation_errors, convert_to_matrix, separation
 
 PASSES = 2  # the correction is linear in the error; what is left after one pass is its square
-NEAR = 1.5  # mean square distance to the references, in sigma, that is near
+NEAR_MEAN_SQUARE = 1.5  # mean square distance to the references, in sigma, that is near
 LOOSER = 10.0  # factor on q where they are missed
 MOST_LOOSE = 10  # times
-EXACT = 1e-9  # rad; of an attitude that another interval has settled
+SETTLED_ATTITUDE_TOLERANCE = 1e-9  # rad; of an attitude that another interval has settled
 
 
 def replay(
@@ -58,37 +58,39 @@ def replay(
     effects : what M0 does not know
     seed, case : of the random streams
     noise : whether gyro and references have their white noise
-    motion : of `replayed`, if it is at hand; the costly part, and the same for every case
+    motion : of `reconstruct_motion`, if it is at hand; the costly part, and the same for every case
     """
-    path = replayed(recording, G, bias) if motion is None else motion
+    path = reconstruct_motion(recording, G, bias) if motion is None else motion
     plain, (gyro_rng, reference_rng) = build_noise_free(recording, path, G, bias), make_noise_streams(seed, case, noise)
-    return disturbed(plain, path, effects, gyro_rng, reference_rng, seed, case)
+    return add_effects_and_noise(plain, path, effects, gyro_rng, reference_rng, seed, case)
 
 
 def build_noise_free(recording: Recording, motion: Motion, G: Array, bias: Array) -> Recording:
     """The recording of a motion without noise, by a gyro with G (3, 3) and bias (3,), rad/s; all else stays as recorded."""
     return replace(
         recording,
-        gyro=replace(recording.gyro, rates=raw_rates(motion.rates, G, bias)),
+        gyro=replace(recording.gyro, rates=compute_raw_rates(motion.rates, G, bias)),
         attitudes=replace(recording.attitudes, quaternions=motion.quaternions),
     )
 
 
-def replayed(recording: Recording, G: Array, bias: Array) -> Motion:
+def reconstruct_motion(recording: Recording, G: Array, bias: Array) -> Motion:
     """The motion of a recording, as of a scenario, by its calibration G (3, 3) and bias (3,), rad/s."""
     need_one_sensor(recording.attitudes)
-    rates = smoothed_rates(recording, G, bias)
-    duration = durations(recording)
+    rates = smooth_rates(recording, G, bias)
+    duration = compute_durations(recording)
     quaternions = recording.attitudes.quaternions.copy()
-    slices = interval_slices(recording)
+    slices = find_interval_slices(recording)
     sigma = np.sqrt((recording.attitudes.sigma**2).mean(axis=1))
     for part, interval in sorted(zip(slices, recording.intervals, strict=True), key=lambda pair: pair[1].start_s):
-        rows = reference_rows(recording.attitudes.t_s, interval)
+        rows = find_reference_rows(recording.attitudes.t_s, interval)
         if part.stop > part.start:
             references = _References(recording.attitudes.t_s[rows], quaternions[rows], sigma[rows])
             samples = _Samples(recording.gyro.t_s[part], duration[part], recording.gyro.arw)
-            rates[part], quaternions[rows] = _led(samples, rates[part], references)
-            sigma[rows[-1]] = EXACT  # where the next interval starts at the same reference, the attitude is that
+            rates[part], quaternions[rows] = _fit_to_references(samples, rates[part], references)
+            sigma[rows[-1]] = (
+                SETTLED_ATTITUDE_TOLERANCE  # where the next interval starts at the same reference, the attitude is that
+            )
     return Motion(
         t_s=recording.gyro.t_s,
         duration_s=duration,
@@ -117,26 +119,26 @@ class _References:
     sigma: Array
 
 
-def _led(samples: _Samples, rates: Array, references: _References) -> tuple[Array, Array]:
+def _fit_to_references(samples: _Samples, rates: Array, references: _References) -> tuple[Array, Array]:
     """Rates of one interval led near its references, (n, 3), and the attitudes then, (m, 4)."""
     start = references.quaternions[0]
     t_ref = references.t_s
     for _ in range(PASSES):
-        path, grid = _path(samples, rates, t_ref[0], start, t_ref)
+        path, grid = _integrate_path(samples, rates, t_ref[0], start, t_ref)
         here = path[np.searchsorted(grid, t_ref)]
-        off = _inertial(here, separation(here, references.quaternions))
-        x = _followed(off, references.sigma, np.diff(t_ref), samples.arw)
-        start = perturbed(start[None], (matrix(start) @ x[0])[None])[0]
+        off = _convert_to_inertial(here, separation(here, references.quaternions))
+        x = _smooth_errors(off, references.sigma, np.diff(t_ref), samples.arw)
+        start = apply_rotation_errors(start[None], (convert_to_matrix(start) @ x[0])[None])[0]
         slope = np.diff(x, axis=0) / np.diff(t_ref)[:, None]
         gap = np.clip(np.searchsorted(t_ref, samples.begin + 0.5 * samples.duration) - 1, 0, len(slope) - 1)
-        at_sample = matrix(path[np.searchsorted(grid, samples.begin)])
+        at_sample = convert_to_matrix(path[np.searchsorted(grid, samples.begin)])
         # exp([e×]) A with e = A x turns with the body rate ω − A dx/dt.
         rates = rates - np.einsum("nij,nj->ni", at_sample, slope[gap])
-    path, grid = _path(samples, rates, t_ref[0], start, t_ref)
+    path, grid = _integrate_path(samples, rates, t_ref[0], start, t_ref)
     return rates, path[np.searchsorted(grid, t_ref)]
 
 
-def _path(samples: _Samples, rates: Array, first_s: float, first: Array, marks: Array) -> tuple[Array, Array]:
+def _integrate_path(samples: _Samples, rates: Array, first_s: float, first: Array, marks: Array) -> tuple[Array, Array]:
     """Attitudes (k, 4) at a grid of times (k,) with all samples' edges and the marks; the one at first_s is given."""
     begin = samples.begin
     end = np.minimum(begin + samples.duration, np.append(begin[1:], np.inf))
@@ -152,12 +154,12 @@ def _path(samples: _Samples, rates: Array, first_s: float, first: Array, marks: 
     return accumulate(np.ascontiguousarray(first), angles), grid
 
 
-def _inertial(quaternions: Array, errors: Array) -> Array:
+def _convert_to_inertial(quaternions: Array, errors: Array) -> Array:
     """Body-axis errors in inertial axes, Aᵀ e."""
-    return np.asarray(np.einsum("nji,nj->ni", matrix(quaternions), errors))
+    return np.asarray(np.einsum("nji,nj->ni", convert_to_matrix(quaternions), errors))
 
 
-def _followed(off: Array, sigma: Array, dt: Array, arw: float) -> Array:
+def _smooth_errors(off: Array, sigma: Array, dt: Array, arw: float) -> Array:
     """Smoothed attitude errors x_k, (m, 3); see the module."""
     weight = 1 / sigma**2
     q = max(arw, 1e-12) ** 2
@@ -165,7 +167,7 @@ def _followed(off: Array, sigma: Array, dt: Array, arw: float) -> Array:
         tie = 1 / (q * dt)
         diagonal = weight + np.append(tie, 0.0) + np.append(0.0, tie)
         x = solveh_banded(np.vstack([np.append(0.0, -tie), diagonal]), weight[:, None] * off)
-        if np.mean(((off - x) / sigma[:, None]) ** 2) < NEAR:
+        if np.mean(((off - x) / sigma[:, None]) ** 2) < NEAR_MEAN_SQUARE:
             break
         q *= LOOSER
     return np.asarray(x)

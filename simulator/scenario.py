@@ -31,9 +31,9 @@ from pydantic import (
     model_validator,
 )
 
-from gyrocal.errors import InputError, hint
-from gyrocal.recording import read_toml, validation_message
-from gyrocal.recording.checks import spans
+from gyrocal.errors import InputError, suggest_names
+from gyrocal.recording import format_validation_error, read_toml
+from gyrocal.recording.checks import is_full_rank
 from gyrocal.recording.names import GYRO_NAME, MOST_GYROS
 from gyrocal.recording.trackers import MAPS, SensorHeader, check_header
 from simulator.truth.maneuvers import MODE_YAW, Hold, Profile, Slew, Sway
@@ -44,18 +44,18 @@ Vector = Annotated[tuple[float, float, float], Field(strict=False)]
 Matrix = Annotated[tuple[Vector, Vector, Vector], Field(strict=False)]
 
 
-def _above_zero(value: Vector) -> Vector:
+def _check_positive(value: Vector) -> Vector:
     if min(value) <= 0:
         raise ValueError("must be positive")
     return value
 
 
-PositiveVector = Annotated[Vector, AfterValidator(_above_zero)]
+PositiveVector = Annotated[Vector, AfterValidator(_check_positive)]
 
 TOUCH_TOLERANCE = 1e-6  # s; intervals closer than this touch
 JOIN_TOLERANCE = 1e-8  # attitude matrix elements of two intervals that touch
 MOST_SAMPLES = 2e7
-BESIDE = ("replay", "effect", "posterior")  # tables of `simulator.adopted`
+ADOPTED_TABLES = ("replay", "effect", "posterior")  # tables of `simulator.adopted_scenario`
 MOST_BASES = 30  # of a scenario, one of the other
 SMALLEST_DETERMINANT = 1e-3  # of a G that counts as invertible
 
@@ -76,7 +76,7 @@ class OrbitSection(Section):
     j2: bool = False
     nadir: Literal["geocentric", "geodetic"] = "geocentric"
 
-    def circular_orbit(self) -> CircularOrbit:
+    def build_circular_orbit(self) -> CircularOrbit:
         """The orbit in metres and radians."""
         return CircularOrbit(
             altitude=1e3 * self.altitude_km,
@@ -103,14 +103,14 @@ class ArraySection(Section):
 
     @field_validator("axes")
     @classmethod
-    def _span_space(cls, value: tuple[Vector, ...]) -> tuple[Vector, ...]:
+    def _validate_axes(cls, value: tuple[Vector, ...]) -> tuple[Vector, ...]:
         lengths = np.linalg.norm(value, axis=1)
-        if not (lengths > 1e-6).all() or not spans(np.linalg.pinv(np.array(value) / lengths[:, None])):
+        if not (lengths > 1e-6).all() or not is_full_rank(np.linalg.pinv(np.array(value) / lengths[:, None])):
             raise ValueError("must not be zero, nor lie in one plane")
         return value
 
     @model_validator(mode="after")
-    def _of_one_length(self) -> "ArraySection":
+    def _validate_lengths(self) -> "ArraySection":
         for name in ("names", "scale_ppm", "misalignment_deg", "bias_deg_s"):
             given = getattr(self, name)
             if given and len(given) != len(self.axes):
@@ -158,7 +158,7 @@ class GyroSection(Section):
 
     @field_validator("true_G", "apriori_G")
     @classmethod
-    def _invertible(cls, value: Matrix) -> Matrix:
+    def _validate_invertible(cls, value: Matrix) -> Matrix:
         if abs(np.linalg.det(np.array(value))) < SMALLEST_DETERMINANT:
             raise ValueError("must be invertible")
         return value
@@ -181,11 +181,11 @@ class TrackerSection(Section):
     sun_exclusion_deg: float | None = Field(default=None, ge=0, lt=180)
 
     @model_validator(mode="after")
-    def _as_in_a_recording(self) -> "TrackerSection":
-        self.header()
+    def _validate_header(self) -> "TrackerSection":
+        self.build_header()
         return self
 
-    def header(self) -> SensorHeader:
+    def build_header(self) -> SensorHeader:
         """What the recording states of it; a quaternion is normalised."""
         q = np.array(self.mounting) / max(float(np.linalg.norm(self.mounting)), 1e-300)
         prior = None if self.mounting_sigma_deg is None else list(self.mounting_sigma_deg)
@@ -211,7 +211,7 @@ class ReferenceSection(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _sigma_of_trackers(cls, values: Any) -> Any:
+    def _fill_sigma(cls, values: Any) -> Any:
         """Where only trackers state theirs, that of the first stands for the section's."""
         if isinstance(values, dict) and values.get("tracker") and "sigma_deg" not in values:
             first = values["tracker"][0]
@@ -219,14 +219,14 @@ class ReferenceSection(Section):
         return values
 
     @model_validator(mode="after")
-    def _trackers_fit(self) -> "ReferenceSection":
+    def _validate_trackers(self) -> "ReferenceSection":
         if self.tracker:
-            check_header(2, MAPS, [one.header() for one in self.tracker])
+            check_header(2, MAPS, [one.build_header() for one in self.tracker])
         return self
 
     @field_validator("every_s")
     @classmethod
-    def _given_for_a_series(cls, value: float | None, info: ValidationInfo) -> float | None:
+    def _validate_spacing(cls, value: float | None, info: ValidationInfo) -> float | None:
         if info.data.get("at") == "series" and value is None:
             raise ValueError('is required with at = "series"')
         return value
@@ -263,7 +263,7 @@ class SlewSection(Section):
 
     @field_validator("axis")
     @classmethod
-    def _not_zero(cls, value: Vector) -> Vector:
+    def _validate_axis(cls, value: Vector) -> Vector:
         if not 1e-6 < np.linalg.norm(value) < 1e6:
             raise ValueError("must have a length between 1e-6 and 1e6; it is normalised")
         return value
@@ -284,12 +284,12 @@ class HoldSection(Section):
 
     @field_validator("transition_s")
     @classmethod
-    def _fits(cls, value: float, info: ValidationInfo) -> float:
+    def _validate_transitions(cls, value: float, info: ValidationInfo) -> float:
         if {"start_s", "stop_s"} <= info.data.keys() and 2 * value > info.data["stop_s"] - info.data["start_s"]:
             raise ValueError("two transitions do not fit between start_s and stop_s")
         return value
 
-    def inertial_hold(self) -> Hold:
+    def build_hold(self) -> Hold:
         """The hold in radians."""
         return Hold(self.start_s, self.stop_s, self.transition_s, np.deg2rad(self.offset_deg))
 
@@ -308,14 +308,14 @@ class IntervalSection(Section):
 
     @field_validator("stop_s")
     @classmethod
-    def _after_start(cls, value: float, info: ValidationInfo) -> float:
+    def _validate_stop(cls, value: float, info: ValidationInfo) -> float:
         if "start_s" in info.data and not value > info.data["start_s"]:
             raise ValueError("must be after start_s")
         return value
 
     @field_validator("slew")
     @classmethod
-    def _slews_fit(cls, value: tuple[SlewSection, ...], info: ValidationInfo) -> tuple[SlewSection, ...]:
+    def _validate_slews(cls, value: tuple[SlewSection, ...], info: ValidationInfo) -> tuple[SlewSection, ...]:
         length = info.data.get("stop_s", np.inf) - info.data.get("start_s", 0.0)
         spans = [(slew.start_s, slew.start_s + slew.duration_s) for slew in value]
         faults = [
@@ -334,7 +334,7 @@ class IntervalSection(Section):
 
     @field_validator("hold")
     @classmethod
-    def _hold_fits(cls, value: HoldSection | None, info: ValidationInfo) -> HoldSection | None:
+    def _validate_hold(cls, value: HoldSection | None, info: ValidationInfo) -> HoldSection | None:
         if value is None:
             return value
         length = info.data.get("stop_s", np.inf) - info.data.get("start_s", 0.0)
@@ -348,10 +348,10 @@ class IntervalSection(Section):
             raise ValueError(", ".join(faults))
         return value
 
-    def profile(self, orbit: CircularOrbit, sway: Sway | None = None) -> Profile:
+    def build_profile(self, orbit: CircularOrbit, sway: Sway | None = None) -> Profile:
         """The interval's motion in radians."""
         slews = tuple(section.slew() for section in self.slew)
-        hold = self.hold.inertial_hold() if self.hold else None
+        hold = self.hold.build_hold() if self.hold else None
         return Profile(orbit, self.start_s, self.stop_s, MODE_YAW[self.mode], slews, hold, sway)
 
 
@@ -370,13 +370,13 @@ class Scenario(Section):
 
     @field_validator("epoch")
     @classmethod
-    def _iso(cls, value: str) -> str:
+    def _validate_epoch(cls, value: str) -> str:
         datetime.fromisoformat(value)
         return value
 
     @field_validator("interval")
     @classmethod
-    def _not_endless(cls, value: tuple[IntervalSection, ...], info: ValidationInfo) -> tuple[IntervalSection, ...]:
+    def _validate_size(cls, value: tuple[IntervalSection, ...], info: ValidationInfo) -> tuple[IntervalSection, ...]:
         if "gyro" in info.data:
             samples = sum(section.stop_s - section.start_s for section in value) / info.data["gyro"].sample_s
             if samples > MOST_SAMPLES:
@@ -385,7 +385,7 @@ class Scenario(Section):
 
     @field_validator("interval")
     @classmethod
-    def _intervals_fit(cls, value: tuple[IntervalSection, ...], info: ValidationInfo) -> tuple[IntervalSection, ...]:
+    def _validate_intervals(cls, value: tuple[IntervalSection, ...], info: ValidationInfo) -> tuple[IntervalSection, ...]:
         names = [interval.name for interval in value]
         repeated = sorted({name for name in names if names.count(name) > 1})
         faults = [f"name {name} is used more than once" for name in repeated]
@@ -394,22 +394,22 @@ class Scenario(Section):
             if gap < -TOUCH_TOLERANCE:
                 faults.append(f"{second.name} starts before {first.name} stops; intervals must be in time order")
             elif gap <= TOUCH_TOLERANCE and {"orbit", "gyro"} <= info.data.keys():
-                orbit = info.data["orbit"].circular_orbit()
-                faults += _joining_faults(first, second, orbit, info.data["gyro"].sample_s)
+                orbit = info.data["orbit"].build_circular_orbit()
+                faults += _find_joining_faults(first, second, orbit, info.data["gyro"].sample_s)
         if faults:
             raise ValueError(", ".join(faults))
         return value
 
 
-def _joining_faults(first: IntervalSection, second: IntervalSection, orbit: CircularOrbit, sample_s: float) -> list[str]:
+def _find_joining_faults(first: IntervalSection, second: IntervalSection, orbit: CircularOrbit, sample_s: float) -> list[str]:
     """What keeps the attitude or the samples from running on where two intervals touch."""
     faults = []
     samples = (first.stop_s - first.start_s) / sample_s
     if abs(samples - round(samples)) * sample_s > TOUCH_TOLERANCE:
         faults.append(f"{second.name} touches {first.name}, which is not a whole number of samples long")
-    before, after = first.profile(orbit), second.profile(orbit)
-    end = before.tracking_attitude(np.array([before.stop_s - before.start_s]))
-    if np.abs(end - after.tracking_attitude(np.zeros(1))).max() > JOIN_TOLERANCE:
+    before, after = first.build_profile(orbit), second.build_profile(orbit)
+    end = before.compute_tracking_attitude(np.array([before.stop_s - before.start_s]))
+    if np.abs(end - after.compute_tracking_attitude(np.zeros(1))).max() > JOIN_TOLERANCE:
         faults.append(f"{second.name} touches {first.name} but starts in another attitude than the one it ends in")
     return faults
 
@@ -420,10 +420,10 @@ def names() -> tuple[str, ...]:
     return tuple(sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".toml")))
 
 
-def text(name: str) -> str:
+def read_text(name: str) -> str:
     """TOML of a built-in scenario, as it is on file."""
     if name not in names():
-        raise InputError(f"{name}: no built-in scenario; {hint(name, names())}")
+        raise InputError(f"{name}: no built-in scenario; {suggest_names(name, names())}")
     return resources.files("simulator").joinpath("scenarios", f"{name}.toml").read_text(encoding="utf-8")
 
 
@@ -435,18 +435,18 @@ def load(name_or_path: str | os.PathLike[str]) -> Scenario:
     InputError
         There is no such scenario, one line with every fault of it by its path in the document, or it holds effects.
     """
-    name, values = os.fspath(name_or_path), document(name_or_path)
-    beside = [key for key in BESIDE if key in values]
+    name, values = os.fspath(name_or_path), load_document(name_or_path)
+    beside = [key for key in ADOPTED_TABLES if key in values]
     if beside:
         raise InputError(
             f"{name}: holds [{beside[0]}], which 'gyrocal simulate' and 'gyrocal compare' fly; a plan alone is wanted here"
         )
-    return validated(values, name)
+    return validate_scenario(values, name)
 
 
-def document(name_or_path: str | os.PathLike[str]) -> dict[str, Any]:
+def load_document(name_or_path: str | os.PathLike[str]) -> dict[str, Any]:
     """A scenario's document as it stands, bases merged in and not validated; arguments and errors as of `load`."""
-    return _document(os.fspath(name_or_path), Path(), ())
+    return _merge_bases(os.fspath(name_or_path), Path(), ())
 
 
 def override(scenario: Scenario, values: Mapping[str, object]) -> Scenario:
@@ -462,28 +462,28 @@ def override(scenario: Scenario, values: Mapping[str, object]) -> Scenario:
     InputError
         A path leads nowhere, or the result is not a valid scenario.
     """
-    changed = _lists(scenario.model_dump(exclude_none=True))
+    changed = _convert_to_lists(scenario.model_dump(exclude_none=True))
     for path, value in values.items():
         _assign(changed, path, value)
-    return validated(changed, "override")
+    return validate_scenario(changed, "override")
 
 
-def profiles(scenario: Scenario) -> tuple[Profile, ...]:
+def build_profiles(scenario: Scenario) -> tuple[Profile, ...]:
     """The motion of each interval, in radians."""
-    orbit = scenario.orbit.circular_orbit()
+    orbit = scenario.orbit.build_circular_orbit()
     sway = scenario.control_motion.sway() if scenario.control_motion else None
-    return tuple(interval.profile(orbit, sway) for interval in scenario.interval)
+    return tuple(interval.build_profile(orbit, sway) for interval in scenario.interval)
 
 
-def validated(values: dict[str, Any], source: str) -> Scenario:
+def validate_scenario(values: dict[str, Any], source: str) -> Scenario:
     """The scenario of a document; one `InputError` with every fault, which names the source."""
     try:
         return Scenario.model_validate(values)
     except ValidationError as error:
-        raise InputError(f"{source}: {validation_message(error, Scenario)}") from None
+        raise InputError(f"{source}: {format_validation_error(error, Scenario)}") from None
 
 
-def _document(name: str, folder: Path, inside: tuple[str, ...]) -> dict[str, Any]:
+def _merge_bases(name: str, folder: Path, inside: tuple[str, ...]) -> dict[str, Any]:
     """A scenario's document with its bases merged in; inside are the identities of the scenarios on the way here."""
     path = folder / name
     identity = name if name in names() else str(path.resolve())
@@ -499,28 +499,28 @@ def _document(name: str, folder: Path, inside: tuple[str, ...]) -> dict[str, Any
     elif path.is_dir():
         raise InputError(f"{name}: is a folder; a scenario is wanted here: a TOML file, or one of {', '.join(names())}")
     else:
-        raise InputError(f"{name}: neither a file nor a built-in scenario; {hint(name, names())}")
+        raise InputError(f"{name}: neither a file nor a built-in scenario; {suggest_names(name, names())}")
     base = document.pop("base", None)
     if base is None:
         return document
     if not isinstance(base, str):
         raise InputError(f"{name}: base must be the name or path of a scenario")
-    merged: dict[str, Any] = _merged(_document(base, path.parent, (*inside, identity)), document)
+    merged: dict[str, Any] = _merge_tables(_merge_bases(base, path.parent, (*inside, identity)), document)
     return merged
 
 
-def _merged(base: Any, changes: Any) -> Any:
+def _merge_tables(base: Any, changes: Any) -> Any:
     """Tables merged, all else replaced."""
     if isinstance(base, dict) and isinstance(changes, dict):
-        return {**base, **{key: _merged(base.get(key), value) for key, value in changes.items()}}
+        return {**base, **{key: _merge_tables(base.get(key), value) for key, value in changes.items()}}
     return changes
 
 
-def _lists(value: Any) -> Any:
+def _convert_to_lists(value: Any) -> Any:
     """The document with lists in place of tuples, so that items can be replaced."""
     if isinstance(value, dict):
-        return {key: _lists(item) for key, item in value.items()}
-    return [_lists(item) for item in value] if isinstance(value, tuple) else value
+        return {key: _convert_to_lists(item) for key, item in value.items()}
+    return [_convert_to_lists(item) for item in value] if isinstance(value, tuple) else value
 
 
 def _assign(document: dict[str, Any], path: str, value: object) -> None:
@@ -528,15 +528,15 @@ def _assign(document: dict[str, Any], path: str, value: object) -> None:
     *parents, last = path.split(".")
     place: Any = document
     for key in parents:
-        place = place.setdefault(key, {}) if isinstance(place, dict) else _item(place, key, path)
+        place = place.setdefault(key, {}) if isinstance(place, dict) else _select_item(place, key, path)
     if isinstance(place, dict):
         place[last] = value
     else:
-        _item(place, last, path)
+        _select_item(place, last, path)
         place[int(last)] = value
 
 
-def _item(place: Any, key: str, path: str) -> Any:
+def _select_item(place: Any, key: str, path: str) -> Any:
     if not isinstance(place, list):
         raise InputError(f"{path}: there is no such value; {key} would be inside a single value")
     if not key.isdecimal() or int(key) >= len(place):

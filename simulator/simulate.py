@@ -17,28 +17,28 @@ import numpy as np
 
 from gyrocal.errors import InputError
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
-from gyrocal.recording.gyros import nominal
+from gyrocal.recording.gyros import compute_nominal_gyros
 from gyrocal.recording.names import TRIAD
-from gyrocal.recording.parts import without_attitudes
+from gyrocal.recording.parts import build_empty_attitudes
 from simulator.arrays import Array
-from simulator.effects import REGISTRY, Setting, Surroundings, references_of
-from simulator.effects.chain import activated, readings, referenced
-from simulator.effects.housekeeping import gyro_temperature, table_acceleration
-from simulator.effects.recorded import build_stream
+from simulator.effects import REGISTRY, Setting, Surroundings, extract_references
+from simulator.effects.chain import prepare_effects, simulate_readings, simulate_references
+from simulator.effects.housekeeping_columns import simulate_gyro_temperature, simulate_table_acceleration
+from simulator.effects.recording_view import build_stream
 from simulator.effects.sensor import SENSOR_EFFECTS
-from simulator.scenario import Scenario, profiles
-from simulator.sensors.gyro import raw_rates, with_white_noise
-from simulator.sensors.record import sensed
-from simulator.sensors.reference import TIME_TOLERANCE, measured, reference_times
-from simulator.sensors.trackers import orbit_of, tracked
+from simulator.scenario import Scenario, build_profiles
+from simulator.sensors.gyro import add_white_noise, compute_raw_rates
+from simulator.sensors.raw_tables import simulate_sensor_tables
+from simulator.sensors.reference import TIME_TOLERANCE, add_reference_errors, list_reference_times
+from simulator.sensors.trackers import build_recorded_orbit, simulate_tracker_references
 from simulator.streams import generator
-from simulator.truth.maneuvers import Profile, trajectory
+from simulator.truth.maneuvers import Profile, integrate_trajectory
 from simulator.truth.motion import Motion
 
 
 def motion(scenario: Scenario, substeps: int = 1) -> Motion:
     """Noise-free truth of a scenario; more than one integration step per gyro sample only shows that one is enough."""
-    parts = [_move(profile, scenario, substeps) for profile in profiles(scenario)]
+    parts = [_move(profile, scenario, substeps) for profile in build_profiles(scenario)]
 
     def join(name: str) -> Array:
         return np.concatenate([getattr(part, name) for part in parts])
@@ -50,16 +50,16 @@ def motion(scenario: Scenario, substeps: int = 1) -> Motion:
         t_s=join("t_s"),
         duration_s=join("duration_s"),
         rates=join("rates"),
-        intervals=_slices([part.t_s.size for part in parts]),
+        intervals=_build_slices([part.t_s.size for part in parts]),
         reference_t_s=reference_t_s[kept],
         quaternions=join("quaternions")[kept],
         sensor_t_s=join("sensor_t_s"),
         sensor_quaternions=join("sensor_quaternions"),
-        sensor_intervals=_slices([part.sensor_t_s.size for part in parts]),
+        sensor_intervals=_build_slices([part.sensor_t_s.size for part in parts]),
     )
 
 
-def _slices(counts: Sequence[int]) -> tuple[slice, ...]:
+def _build_slices(counts: Sequence[int]) -> tuple[slice, ...]:
     return tuple(slice(int(a), int(b)) for a, b in pairwise(np.cumsum([0, *counts])))
 
 
@@ -73,13 +73,13 @@ def _move(profile: Profile, scenario: Scenario, substeps: int) -> Motion:
     """Motion of one interval."""
     length, section = profile.stop_s - profile.start_s, scenario.reference
     edges = sample_edges(length, scenario.gyro.sample_s)
-    reference_tau = reference_times(profile, section.every_s if section.at == "series" else None, bool(section.tracker))
+    reference_tau = list_reference_times(profile, section.every_s if section.at == "series" else None, bool(section.tracker))
     knots = profile.knots[(profile.knots > 0) & (profile.knots < length)]
     # Up to the last before the end, so that intervals that touch share no tag.
     tagged = scenario.sensors.every_s if scenario.sensors else None
     sensor_tau = np.asarray(tagged * np.arange(int(np.ceil(length / tagged))), dtype=float) if tagged else np.zeros(0)
     grid = np.unique(np.concatenate([edges, reference_tau, knots, sensor_tau]))
-    path = trajectory(profile, grid, substeps)
+    path = integrate_trajectory(profile, grid, substeps)
     duration = np.diff(edges)
     angles = np.add.reduceat(path.angles, np.searchsorted(grid, edges[:-1]), axis=0)
     return Motion(
@@ -94,18 +94,18 @@ def _move(profile: Profile, scenario: Scenario, substeps: int) -> Motion:
     )
 
 
-def noise_free_rates(scenario: Scenario, motion: Motion, G: Array | None = None, bias: Array | None = None) -> Array:
+def compute_noise_free_rates(scenario: Scenario, motion: Motion, G: Array | None = None, bias: Array | None = None) -> Array:
     """What the uncalibrated gyros would show without noise, (n, gyros) rad/s; G and bias as for `observe`."""
     true_G = np.array(scenario.gyro.true_G) if G is None else G
     true_bias = np.deg2rad(scenario.gyro.true_bias_deg_s) if bias is None else bias
-    unit = raw_rates(motion.rates, true_G, true_bias)
+    unit = compute_raw_rates(motion.rates, true_G, true_bias)
     if scenario.gyro.array is None:
         return unit
     K, c = scenario.gyro.array.true
     return np.asarray(unit @ K.T + c)
 
 
-def true_gyros(scenario: Scenario) -> tuple[Array, Array]:
+def compute_true_gyros(scenario: Scenario) -> tuple[Array, Array]:
     """K (gyros, 3) and c (gyros,) rad/s of what each gyro truly reads of the body's rate, ω_raw = K ω + c."""
     K, c = (np.eye(3), np.zeros(3)) if scenario.gyro.array is None else scenario.gyro.array.true
     K = K @ np.linalg.inv(np.array(scenario.gyro.true_G))
@@ -125,7 +125,7 @@ def realise(
 
     Parameters
     ----------
-    rates : (n, 3) as made by `noise_free_rates`, rad/s
+    rates : (n, 3) as made by `compute_noise_free_rates`, rad/s
     out : (n, 3) array the noisy rates are written to; a new one by default
     others : as for `observe`
 
@@ -136,10 +136,10 @@ def realise(
     if scenario.reference.tracker and reference_rng is not None:
         raise InputError("references of several trackers are made by observe, a whole recording at a time")
     if gyro_rng is not None:
-        rates = with_white_noise(gyro_rng, rates, float(np.deg2rad(scenario.gyro.arw_deg_per_sqrt_s)), motion.duration_s, out)
+        rates = add_white_noise(gyro_rng, rates, float(np.deg2rad(scenario.gyro.arw_deg_per_sqrt_s)), motion.duration_s, out)
     quaternions = motion.quaternions
     if reference_rng is not None:
-        quaternions = measured(reference_rng, quaternions, np.deg2rad(scenario.reference.sigma_deg))
+        quaternions = add_reference_errors(reference_rng, quaternions, np.deg2rad(scenario.reference.sigma_deg))
     return rates, quaternions
 
 
@@ -169,17 +169,17 @@ def observe(
     """
     if effects:
         plain = observe(scenario, motion, gyro_rng=None, reference_rng=None, G=G, bias=bias)
-        plain = _with_housekeeping(plain, motion, effects, seed, case)
+        plain = _add_housekeeping(plain, motion, effects, seed, case)
         point = scenario.gyro.reading == "point"
-        return disturbed(plain, motion, effects, gyro_rng, reference_rng, seed, case, point=point)
+        return add_effects_and_noise(plain, motion, effects, gyro_rng, reference_rng, seed, case, point=point)
     gyro = scenario.gyro
     of_one = None if scenario.reference.tracker else reference_rng
-    rates, quaternions = realise(scenario, motion, noise_free_rates(scenario, motion, G, bias), gyro_rng, of_one)
+    rates, quaternions = realise(scenario, motion, compute_noise_free_rates(scenario, motion, G, bias), gyro_rng, of_one)
     sigma = np.deg2rad(scenario.reference.sigma_deg)
     if scenario.reference.at == "none":
-        attitudes = without_attitudes()
+        attitudes = build_empty_attitudes()
     elif scenario.reference.tracker:
-        attitudes = tracked(scenario, motion, reference_rng)
+        attitudes = simulate_tracker_references(scenario, motion, reference_rng)
     else:
         attitudes = Attitudes(motion.reference_t_s, quaternions, np.tile(sigma, (len(quaternions), 1)))
     apriori_G = np.array(gyro.apriori_G)
@@ -198,11 +198,11 @@ def observe(
         ),
         attitudes=attitudes,
         intervals=tuple(Interval(i.name, i.activity, i.start_s, i.stop_s, None, i.gyros) for i in scenario.interval),
-        orbit=orbit_of(scenario),
+        orbit=build_recorded_orbit(scenario),
     )
 
 
-def disturbed(
+def add_effects_and_noise(
     plain: Recording,
     motion: Motion,
     effects: Sequence[Setting],
@@ -220,54 +220,54 @@ def disturbed(
     plain : noise-free rates and true attitudes, with the stated noise, the housekeeping and all else
     motion : what it is a recording of
     point : whether a sample shows the rate at its start
-    around : `surroundings` of these, if they are at hand; the same for every case
+    around : `build_surroundings` of these, if they are at hand; the same for every case
     others : as for `observe`
     """
-    active = activated(effects, seed, case)
-    around = surroundings(plain, motion, point) if around is None else around
+    active = prepare_effects(effects, seed, case)
+    around = build_surroundings(plain, motion, point) if around is None else around
     return replace(
         plain,
-        gyro=replace(plain.gyro, rates=readings(around, active, gyro_rng)),
-        attitudes=replace(plain.attitudes, quaternions=referenced(around, active, reference_rng)),
+        gyro=replace(plain.gyro, rates=simulate_readings(around, active, gyro_rng)),
+        attitudes=replace(plain.attitudes, quaternions=simulate_references(around, active, reference_rng)),
     )
 
 
-def surroundings(plain: Recording, motion: Motion, point: bool = False) -> Surroundings:
+def build_surroundings(plain: Recording, motion: Motion, point: bool = False) -> Surroundings:
     """The noise-free truth as effects see it."""
     t_s = motion.t_s if point else motion.t_s + 0.5 * motion.duration_s
     stream = build_stream(plain, t_s, motion.duration_s, motion.rates, plain.gyro.rates, motion.intervals)
     if plain.is_array:
-        stream = replace(stream, gyros=plain.gyro.names, axes=nominal(plain.gyro)[0])
-    return Surroundings(stream, references_of(plain, stream), plain.gyro.arw, plain.gyro.sample_s, plain.attitudes.sigma)
+        stream = replace(stream, gyros=plain.gyro.names, axes=compute_nominal_gyros(plain.gyro)[0])
+    return Surroundings(stream, extract_references(plain, stream), plain.gyro.arw, plain.gyro.sample_s, plain.attitudes.sigma)
 
 
-def with_gyro_temperature(plain: Recording, seed: int = 0, case: int = 0) -> Recording:
+def add_gyro_temperature(plain: Recording, seed: int = 0, case: int = 0) -> Recording:
     """With the simulator's own gyro temperature as housekeeping; as it is where there is no orbit."""
     if plain.orbit is None:
         return plain
     spans = [(interval.start_s, interval.stop_s) for interval in plain.intervals]
-    table = gyro_temperature(generator(seed, case, "housekeeping"), spans, plain.orbit.period_s)
+    table = simulate_gyro_temperature(generator(seed, case, "housekeeping"), spans, plain.orbit.period_s)
     return replace(plain, tables={**plain.tables, "housekeeping": table})
 
 
-def with_acceleration(plain: Recording, seed: int = 0, case: int = 0) -> Recording:
+def add_acceleration(plain: Recording, seed: int = 0, case: int = 0) -> Recording:
     """Add the accelerations of a body on a rate table to the housekeeping."""
     attitudes, table = plain.attitudes, plain.tables.get("housekeeping")
-    shown = table_acceleration(generator(seed, case, "acceleration"), attitudes.t_s, attitudes.quaternions)
+    shown = simulate_table_acceleration(generator(seed, case, "acceleration"), attitudes.t_s, attitudes.quaternions)
     merged = shown if table is None else table.merge(shown, on="t_s", how="outer")
     return replace(plain, tables={**plain.tables, "housekeeping": merged})
 
 
-def _with_housekeeping(plain: Recording, motion: Motion, effects: Sequence[Setting], seed: int, case: int) -> Recording:
+def _add_housekeeping(plain: Recording, motion: Motion, effects: Sequence[Setting], seed: int, case: int) -> Recording:
     """With a gyro temperature or accelerations, if an effect misses them."""
     recording = plain
-    for add in (with_gyro_temperature, with_acceleration):
-        around = surroundings(recording, motion)
+    for add in (add_gyro_temperature, add_acceleration):
+        around = build_surroundings(recording, motion)
         lacking = [effect for effect in (REGISTRY[one.effect] for one in effects) if effect.missing(around) is not None]
         if not lacking:
             break
         more = add(recording, seed, case)
-        around = surroundings(more, motion)
+        around = build_surroundings(more, motion)
         recording = more if any(effect.missing(around) is None for effect in lacking) else recording
     return recording
 
@@ -301,4 +301,4 @@ def simulate(
     on_sensors = [setting for setting in effects if setting.effect in SENSOR_EFFECTS]
     others = [setting for setting in effects if setting.effect not in SENSOR_EFFECTS]
     recording = observe(scenario, truth, gyro_rng=gyro_rng, reference_rng=reference_rng, effects=others, seed=seed, case=case)
-    return replace(recording, sensors=sensed(scenario, truth, on_sensors, seed, case, noise))
+    return replace(recording, sensors=simulate_sensor_tables(scenario, truth, on_sensors, seed, case, noise))

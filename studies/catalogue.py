@@ -14,18 +14,18 @@ from typing import Any
 from rich.console import Console
 
 from gyrocal import InputError
-from gyrocal.errors import hint
+from gyrocal.errors import suggest_names
 from studies.montecarlo import engine
 from studies.montecarlo.manifest import write_manifest
 from studies.montecarlo.study import Study, load_config
 from studies.report import entry as report
 from studies.report import sensitivity
-from studies.report.columns import of_columns
-from studies.report.console import progress
+from studies.report.columns import report_columns
+from studies.report.console import show_progress
 from studies.report.entry import Entry
-from studies.report.junit import Verdict, of_checks, write_junit
+from studies.report.junit import Verdict, convert_checks, write_junit
 
-MODULES = {
+STUDY_MODULES = {
     "paper": "studies.natanson.paper_tables",
     "psi": "studies.calibration.psi",
     "iterations": "studies.calibration.iterations",
@@ -49,7 +49,7 @@ MODULES = {
 
 
 CHECKOUT = ("studies.validation.world", "studies.validation.exam")  # packages of a checkout that are not installed
-EXAM = "studies.validation.exam.steps"
+EXAM_MODULE = "studies.validation.exam.steps"
 
 
 def load_module(name: str) -> Any:
@@ -60,7 +60,7 @@ def load_module(name: str) -> Any:
     InputError
         It is part of a checkout, and this is an installed package.
     """
-    module = EXAM if name == "exam" else MODULES[name]
+    module = EXAM_MODULE if name == "exam" else STUDY_MODULES[name]
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
@@ -69,7 +69,7 @@ def load_module(name: str) -> Any:
         raise InputError(f"{name}: belongs to the test world, which is not installed; run it from a checkout") from error
 
 
-def entry(name: str) -> Entry:
+def find_entry(name: str) -> Entry:
     """The study of a name, or of a file with a STUDY in it.
 
     Raises
@@ -78,9 +78,9 @@ def entry(name: str) -> Entry:
         There is none of that name, or it is about an effect that has been taken out; the file holds no study.
     """
     if is_file(name):
-        return of_file(Path(name))
-    if name not in MODULES:
-        raise InputError(f"{name}: no such study; {hint(name, MODULES)}")
+        return load_study_file(Path(name))
+    if name not in STUDY_MODULES:
+        raise InputError(f"{name}: no such study; {suggest_names(name, STUDY_MODULES)}")
     try:
         found = load_module(name).ENTRY
     except ImportError as error:
@@ -94,7 +94,7 @@ def is_file(name: str) -> bool:
     return name.endswith(".py") or "/" in name
 
 
-def of_file(path: Path) -> Entry:
+def load_study_file(path: Path) -> Entry:
     """The ENTRY of a file, or its STUDY with a report on all columns; the file is imported as a module of its name.
 
     Raises
@@ -102,7 +102,7 @@ def of_file(path: Path) -> Entry:
     InputError
         It cannot be imported, holds no study, or a study of another name.
     """
-    module = _imported(path)
+    module = _import_file(path)
     found = getattr(module, "ENTRY", None)
     study = getattr(module, "STUDY", None) if found is None else found.study
     if not isinstance(study, Study):
@@ -111,10 +111,10 @@ def of_file(path: Path) -> Entry:
     if where != path.stem or getattr(module, attribute, None) != study:
         raise InputError(f'{path}: its STUDY is called {study.name!r}; call it "{path.stem}:STUDY"')
     described = (module.__doc__ or path.stem).strip().splitlines()[0]
-    return found if isinstance(found, Entry) else Entry(study, described, of_columns)
+    return found if isinstance(found, Entry) else Entry(study, described, report_columns)
 
 
-def _imported(path: Path) -> ModuleType:
+def _import_file(path: Path) -> ModuleType:
     """A file as the module of its name; its folder is where Python looks last, also for what stands beside it."""
     name, folder = path.stem, str(path.resolve().parent)
     if not path.is_file():
@@ -137,10 +137,10 @@ def _imported(path: Path) -> ModuleType:
         raise InputError(f"{where}: {type(error).__name__}: {' '.join(str(error).split())}") from None
 
 
-def summary(name: str) -> str:
+def describe_study(name: str) -> str:
     """What a study shows, or why it cannot be loaded."""
     try:
-        return entry(name).summary
+        return find_entry(name).summary
     except InputError as error:
         return str(error)
 
@@ -165,28 +165,28 @@ def run(
     junit : a file for what was found, as tests
     options : how and where it runs, as of `engine.run`; none of them changes its rows
     """
-    chosen = entry(name)
+    chosen = find_entry(name)
     settings = load_config(chosen.study, config, changes)
     name = Path(name).stem
-    outcome = engine.run(chosen.study, settings, folder, progress=partial(progress, quiet=console.quiet), **options)
+    outcome = engine.run(chosen.study, settings, folder, progress=partial(show_progress, quiet=console.quiet), **options)
     rows = outcome.load()
     good = rows[rows["error"] == ""].reset_index(drop=True)
     if good.empty:
         raise InputError(f"{folder}: every case failed, the first one with {rows['error'].iloc[0]}")
     made = chosen.report(settings.model_copy(update={"cases": outcome.cases}), good)
     if settings.dispersions:
-        made = replace(made, tables={**made.tables, **sensitivity.tables(rows)})
+        made = replace(made, tables={**made.tables, **sensitivity.build_sensitivity_tables(rows)})
     report.write(made, f"Study {name}: {chosen.summary}", folder)
     write_manifest(folder, outcome.manifest)
     report.show(made, console)
     if junit:
         failed = [Verdict(f"case {case}", error) for case, error in outcome.failures.items()]
-        write_junit(junit, f"gyrocal study {name}", str(folder), [*of_checks(made.checks), *failed])
+        write_junit(junit, f"gyrocal study {name}", str(folder), [*convert_checks(made.checks), *failed])
     return outcome
 
 
 def rerun(name: str, folder: Path, changes: Mapping[str, Any], case: int, config: Path | None = None) -> engine.Rerun:
     """Repeat one case of a study and keep its recording; without settings, those of the study in the folder."""
-    study = entry(name).study
-    found = None if changes or config else engine.config_in(study, folder)
+    study = find_entry(name).study
+    found = None if changes or config else engine.load_stored_config(study, folder)
     return engine.rerun(study, found or load_config(study, config, changes), case, folder)

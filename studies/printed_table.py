@@ -15,15 +15,15 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from diagnosis.inference.search import Explanation, Search
-from diagnosis.model.candidates import placed
-from diagnosis.model.folds import held_out
-from diagnosis.model.groups import Group
+from diagnosis.model.candidates import place_candidates
+from diagnosis.model.folds import build_normal_fold
+from diagnosis.model.groups import CandidateColumns
 from diagnosis.model.linear import LinearModel
 from diagnosis.settings import DEFAULT
 
 Array = NDArray[np.float64]
 
-UNKNOWN = "unknown"  # every rival's name begins with it
+UNKNOWN_NAME = "unknown"  # every rival's name begins with it
 
 
 def whiten(L: Array, values: Array) -> Array:
@@ -33,20 +33,20 @@ def whiten(L: Array, values: Array) -> Array:
 
 def make_candidate(
     effect: str, axis: str | None, columns: Array, unit: str, limits: tuple[float, float] = (0.0, np.inf), **more: Any
-) -> Group:
-    """A cause with one set of whitened columns; further attributes as of `Group`."""
-    return Group(effect, axis, True, [columns], [{}], np.ones(1), limits, unit, **more)
+) -> CandidateColumns:
+    """A cause with one set of whitened columns; further attributes as of `CandidateColumns`."""
+    return CandidateColumns(effect, axis, True, [columns], [{}], np.ones(1), limits, unit, **more)
 
 
-def make_rival(effect: str, axis: str | None, columns: Array, unit: str, limits: tuple[float, float]) -> Group:
+def make_rival(effect: str, axis: str | None, columns: Array, unit: str, limits: tuple[float, float]) -> CandidateColumns:
     """A random difference of any size within limits."""
-    return Group(f"{UNKNOWN} in {effect}", axis, False, [columns], [{}], np.ones(1), limits, unit, process=True)
+    return CandidateColumns(f"{UNKNOWN_NAME} in {effect}", axis, False, [columns], [{}], np.ones(1), limits, unit, process=True)
 
 
 def build_model(
     d: Array,
     covariance: Array,
-    groups: Sequence[Group],
+    groups: Sequence[CandidateColumns],
     owner: NDArray[np.str_],
     held: Iterable[str],
     split: str,
@@ -64,7 +64,7 @@ def build_model(
     most_effects, width : of the search
     """
     L = np.asarray(np.linalg.cholesky(covariance))
-    candidates, W = placed(groups, lambda columns: columns, DEFAULT, d.size)
+    candidates, W = place_candidates(groups, lambda columns: columns, DEFAULT, d.size)
     return LinearModel(
         y=whiten(L, d),
         X=W,
@@ -75,7 +75,7 @@ def build_model(
         most_effects=most_effects,
         beam=(width,) * (most_effects - 1),
         split=split,
-        folds=lambda W: (held_out(covariance, d, L @ W, owner == name, owner) for name in held),
+        folds=lambda W: (build_normal_fold(covariance, d, L @ W, owner == name, owner) for name in held),
     )
 
 

@@ -16,7 +16,7 @@ from studies.montecarlo import engine
 from studies.montecarlo.files import write_csv, write_json, write_text
 from studies.montecarlo.study import Study, StudyConfig
 from studies.report import tables as render
-from studies.report.console import progress
+from studies.report.console import show_progress
 from studies.report.panels import Draw
 from studies.report.tables import Table
 
@@ -44,8 +44,8 @@ class Reproduction:
 
     def run(self, study: Study, config: StudyConfig, folder: Path) -> engine.Outcome:
         """Run the study whose rows the paper is reproduced from; none of its cases may fail."""
-        display = partial(progress, quiet=self.console.quiet)
-        work = engine.work_folder(folder, study, config)
+        display = partial(show_progress, quiet=self.console.quiet)
+        work = engine.get_work_folder(folder, study, config)
         backend: Any = "loky" if self.jobs > 1 else "serial"
         outcome = engine.run(study, config, work, backend=backend, jobs=self.jobs, progress=display)
         outcome.check()
@@ -59,18 +59,18 @@ class Reproduction:
     def show(self, *names: str) -> None:
         """Print tables."""
         for table in map(self.tables.__getitem__, names):
-            render.terminal(self.console, table.title, table.for_people(), table.note, table.formats)
+            render.print_table(self.console, table.title, table.get_shown_data(), table.note, table.formats)
 
-    def section(self, name: str) -> str:
+    def format_section(self, name: str) -> str:
         """A table for the page."""
         table = self.tables[name]
-        return render.markdown(table.title, table.for_people(), table.note, table.formats)
+        return render.format_markdown(table.title, table.get_shown_data(), table.note, table.formats)
 
     def write(self, folder: Path, page: str, head: Sequence[str], closing: Sequence[str] = ()) -> None:
         """Write tables, figures, the summary, and the page: its head, the tables, closing lines, the figures."""
         for name, table in self.tables.items():
             write_csv(folder / f"{name}.csv", table.data, table.digits)
-        shown = [self.section(name) for name, table in self.tables.items() if table.title]
+        shown = [self.format_section(name) for name, table in self.tables.items() if table.title]
         drawn: list[str] = []
         for name, (title, draw) in self.figures.items():
             draw(folder / f"{name}.svg")
@@ -81,5 +81,5 @@ class Reproduction:
     def publish(self, outcome: engine.Outcome, folder: Path, **about: Any) -> None:
         """Write the manifest; `about` is what it says differently from that of the study."""
         wall_s = round(time.monotonic() - self.begun, 2)
-        engine.publish(outcome, folder, **about, wall_s=wall_s)
+        engine.finish_folder(outcome, folder, **about, wall_s=wall_s)
         self.console.print(f"Written to {folder} in {wall_s:.0f} s.", highlight=False)

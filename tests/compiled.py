@@ -12,7 +12,7 @@ from simulator import scenario
 from simulator.mission_mode.config import MissionConfig
 from simulator.mission_mode.flight import simulate_mission
 from simulator.simulate import simulate
-from studies.estimation.filter_cases import on_board_case
+from studies.estimation.filter_cases import run_onboard_case
 from tests.diagnosis.recordings import recorded
 
 
@@ -22,7 +22,7 @@ def main() -> None:
     plain = simulate(scenario.load("trmm"), seed=1)
     calibrate(plain)
     calibrate(plain, psi="linear", iterations=1)
-    on_board_case(np.random.default_rng(1))
+    run_onboard_case(np.random.default_rng(1))
     diagnose(recorded(1, "bias_step:z=0.3,time_s=22000"))
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from studies.montecarlo.files import write_csv, write_text
-from studies.montecarlo.manifest import commit
+from studies.montecarlo.manifest import read_commit
 from studies.report import tables as render
 from tests import ROOT
 
@@ -92,13 +92,13 @@ def main(words: list[str]) -> int:
     table = pd.DataFrame(found)
     if not words:
         note = (
-            f"`python -m tests.elsewhere` at commit {commit()}: OPENBLAS_CORETYPE {' and '.join(KERNELS)}, each with all\n"
+            f"`python -m tests.elsewhere` at commit {read_commit()}: OPENBLAS_CORETYPE {' and '.join(KERNELS)}, each with all\n"
             f"of numpy's vector units and without {vectors()['no AVX-512']}. Tables are those that a study commits, compared\n"
             "byte for byte; rows are compared with those of the first, differences by the largest number of their column."
         )
         folder = ROOT / "build" / "elsewhere"
         write_csv(folder / "elsewhere.csv", table)
-        write_text(folder / "report.md", render.markdown("The same studies elsewhere", table, note))
+        write_text(folder / "report.md", render.format_markdown("The same studies elsewhere", table, note))
     return int((table["tables_that_differ"] != "none").any() or (table["resume_elsewhere"] != "refused").any())
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from studies.validation.exam.steps import exams, verify
+from studies.validation.exam.steps import list_taken_exams, verify
 from tests import ROOT
 from tests.claims import check, rerun, text
 from tests.claims.registry import CLAIMS
@@ -150,5 +150,5 @@ def test_the_exams_that_were_taken_hold():
     shallow = subprocess.run(["git", "rev-parse", "--is-shallow-repository"], cwd=ROOT, capture_output=True, text=True)
     if shallow.stdout.strip() != "false":
         pytest.skip("needs the whole history of the repository")
-    for name in exams():
+    for name in list_taken_exams():
         assert verify(name) == []

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import gyrocal
 import simulator.scenario
-from simulator import adopted
+from simulator import adopted_scenario
 from studies.cli import export, import_
 from tests import ROOT
 
@@ -129,6 +129,6 @@ def test_compare_example_is_a_scenario(tmp_path):
     (block,) = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "compare.md").read_text(), flags=re.DOTALL)
     gyrocal.save(simulator.simulate(simulator.load("trmm"), seed=1), tmp_path / "rec")
     (tmp_path / "mine.toml").write_text(re.sub(r'sha256 = ".*?"', "", block))
-    loaded = adopted.load(tmp_path / "mine.toml")
+    loaded = adopted_scenario.load(tmp_path / "mine.toml")
     assert loaded.covariance.shape == (2, 2)
     assert loaded.fly(1, draw=True).gyro.rates.shape == loaded.plan.recording.gyro.rates.shape

@@ -12,12 +12,12 @@ import simulator
 from diagnosis.diagnose import diagnose
 from diagnosis.settings import DEFAULT
 from gyrocal import load
-from simulator.effects import REGISTRY, STAGES, ProcessTimes, SampleView, parse, setting, surroundings_of
+from simulator.effects import REGISTRY, STAGES, ProcessTimes, SampleView, extract_surroundings, parse, setting
 from simulator.effects.base import SYMPTOMS
-from simulator.effects.recorded import interval_slices
+from simulator.effects.recording_view import find_interval_slices
 from simulator.effects.sensor import SensorEffect
-from simulator.sensors.record import nominal_suite
-from simulator.simulate import surroundings
+from simulator.sensors.raw_tables import build_nominal_suite
+from simulator.simulate import build_surroundings
 from simulator.truth.rotation import separation
 from tests import ROOT
 
@@ -99,7 +99,7 @@ def test_an_example_can_be_drawn_and_tried(example):
     if isinstance(example, SensorEffect):
         return
     path = simulator.motion(SCENARIO)
-    around = surroundings(simulator.simulate(SCENARIO, noise=False), path)
+    around = build_surroundings(simulator.simulate(SCENARIO, noise=False), path)
     assert example.missing(around) is None
     assert sum(trial.weight for trial in example.trials(around)) == pytest.approx(1.0)
     axis, parameters = example.draw(np.random.default_rng(1), around)
@@ -120,7 +120,7 @@ def test_the_bias_differs_in_the_shadow(example):
 @one_of("bias_swing")
 def test_the_swing_has_its_covariance(example):
     path = simulator.motion(SCENARIO)
-    stream = surroundings(simulator.simulate(SCENARIO, noise=False), path).stream
+    stream = build_surroundings(simulator.simulate(SCENARIO, noise=False), path).stream
     few = slice(0, 3000, 250)
     short = replace(
         stream, t_s=stream.t_s[few], duration_s=stream.duration_s[few], raw=stream.raw[few], rates=stream.rates[few]
@@ -133,13 +133,13 @@ def test_the_swing_has_its_covariance(example):
 
 def view_of(recording):
     """The samples of a recording as an effect's own test sees them."""
-    around = surroundings_of(recording, np.eye(3), np.zeros(3))
+    around = extract_surroundings(recording, np.eye(3), np.zeros(3))
     inside = np.zeros(recording.gyro.t_s.size, dtype=bool)
-    for one in interval_slices(recording):
+    for one in find_interval_slices(recording):
         inside[one] = True
     sigma = np.full(3, recording.gyro.arw / math.sqrt(recording.gyro.sample_s))
     return SampleView(
-        around.stream.t_s, recording.gyro.sample_s, recording.gyro.rates, sigma, inside, interval_slices(recording),
+        around.stream.t_s, recording.gyro.sample_s, recording.gyro.rates, sigma, inside, find_interval_slices(recording),
         np.full_like(recording.gyro.rates, np.nan),
     )  # fmt: skip
 
@@ -172,7 +172,7 @@ def test_the_reference_errs_three_times_an_orbit(example):
 def test_the_sun_sensor_reads_high_as_its_error_says(example):
     """At some angles, by the counts that the changed sensor gives and the nominal one reads."""
     made = parse(ASKED["dss_focal"])
-    nominal = nominal_suite(0.0, 0.0)
+    nominal = build_nominal_suite(0.0, 0.0)
     changed = example.fitted(nominal, made)
     before, after = nominal.sun_sensors[1], changed.sun_sensors[1]
     assert nominal.sun_sensors[0] is changed.sun_sensors[0]

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf, expit
 
-from diagnosis.detectors.gap_interpolation import runs
+from diagnosis.detectors.gap_interpolation import find_mask_runs
 from diagnosis.detectors.number_format import NumberFormats
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, Findings, SampleTest, Symptom
+from diagnosis.detectors.sample_report import AXES, IMPOSSIBLE, Findings, SampleTest, Symptom
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
@@ -104,7 +104,7 @@ def compute_probability_of_clipping(x: Array, used: Mask, clipped: Mask, sigma: 
     if float(np.abs(x[used]).max()) > level + SETTINGS.reached * sigma:
         return 0.0
     log_odds = 0.0
-    for low, high in runs(clipped):
+    for low, high in find_mask_runs(clipped):
         for outside in (x[max(low - SETTINGS.outside, 0) : low][::-1], x[high : high + SETTINGS.outside]):
             if outside.size == SETTINGS.outside:
                 change = max(float(np.abs(np.diff(outside)).max()), sigma)
@@ -133,7 +133,7 @@ def _is_plateau(at: Mask, step: float) -> bool:
 
     A reading stays on its lattice point at best with the probability that noise is less than half a step.
     """
-    longest = max(high - low for low, high in runs(at))
+    longest = max(high - low for low, high in find_mask_runs(at))
     stays = float(erf(0.5 * step / np.sqrt(2)))
     chance = np.log(at.size) + longest * np.log(stays) if stays < 1 else 0.0
     return longest >= SETTINGS.fewest_plateau and chance < np.log(SETTINGS.plateau_p)

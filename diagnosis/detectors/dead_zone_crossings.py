@@ -32,8 +32,8 @@ import scipy.ndimage
 from numpy.typing import NDArray
 from scipy.special import betaln, gammaln, logsumexp, ndtr, xlog1py, xlogy
 
-from diagnosis.detectors.report import AXES, Stream, Tell, Zone
-from simulator.effects.recorded import interval_slices
+from diagnosis.detectors.sample_report import AXES, Stream, Tell, Zone
+from simulator.effects.recording_view import find_interval_slices
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -73,21 +73,21 @@ class DeadZoneCrossingSettings:
 SETTINGS = DeadZoneCrossingSettings()
 
 
-LEVELS = (
+BAND_EDGES = (
     SETTINGS.core,
     SETTINGS.hole,
     *(1.0 + k * SETTINGS.band for k in range(4)),
 )  # upper ends of core, hole, edge and bands, in half widths
 STRAY = np.geomspace(0.01, 0.9, 8)  # share of readings that are anywhere, not beyond the edge
-TINY = 1e-300
+LEAST_POSITIVE = 1e-300
 
 
 def find_zones(stream: Stream, coarse: NDArray[np.bool_], tell: Tell) -> dict[int, Zone]:
     """Find the dead zones that motions pass through, of gyros on no coarse lattice."""
-    found, parts = dict[int, Zone](), interval_slices(stream.recording)
+    found, parts = dict[int, Zone](), find_interval_slices(stream.recording)
     for axis in np.flatnonzero(~coarse).tolist():
         tell(f"dead zone of gyro {AXES[axis]}", 0.05 + 0.05 * axis)
-        one = zone(stream.rates[:, axis], parts, stream.sigma)
+        one = find_best_zone(stream.rates[:, axis], parts, stream.sigma)
         if one is not None:
             found[axis] = one
     return found
@@ -102,7 +102,7 @@ def find_near_edges(zones: Mapping[int, Zone], size: int) -> NDArray[np.bool_]:
     return np.asarray(scipy.ndimage.binary_dilation(jumps, iterations=SETTINGS.beside)) if jumps.any() else jumps
 
 
-def zone(x: Array, parts: Sequence[slice], noise: float) -> Zone | None:
+def find_best_zone(x: Array, parts: Sequence[slice], noise: float) -> Zone | None:
     """The dead zone of one gyro that its passes show best; None if none is likelier than a motion.
 
     Parameters
@@ -124,8 +124,8 @@ def zone(x: Array, parts: Sequence[slice], noise: float) -> Zone | None:
     if log_odds <= 0:
         return None
     best = int(np.argmax(odds))
-    size, sigma = _edge(sums, float(tried[best]), noise, lambda edge: _odds_of_edge(edge, tried, odds))
-    return Zone(size, sigma, log_odds, _find_dead(x, parts, size, _window(size, noise)))
+    size, sigma = _estimate_edge(sums, float(tried[best]), noise, lambda edge: _interpolate_edge_odds(edge, tried, odds))
+    return Zone(size, sigma, log_odds, _find_dead(x, parts, size, _choose_window_length(size, noise)))
 
 
 def _find_dead(x: Array, parts: Sequence[slice], size: float, count: int) -> NDArray[np.bool_]:
@@ -139,32 +139,32 @@ def _find_dead(x: Array, parts: Sequence[slice], size: float, count: int) -> NDA
     return dead
 
 
-def _window(size: float, noise: float) -> int:
+def _choose_window_length(size: float, noise: float) -> int:
     return max(1, int(np.ceil((SETTINGS.resolved * noise / size) ** 2)))
 
 
-def _means(total: Array, count: int) -> Array:
+def _average_windows(total: Array, count: int) -> Array:
     """Means over windows of `count` samples, from cumulated sums."""
     return np.asarray(np.diff(total[::count]) / count)
 
 
 def _log_odds(sums: Sequence[Array], size: float, noise: float) -> float:
     """log odds of a zone of some half width, over the passes of all intervals."""
-    count = _window(size, noise)
-    windows = [_means(total, count) / size for total in sums if total.size > SETTINGS.fewest_windows * count]
+    count = _choose_window_length(size, noise)
+    windows = [_average_windows(total, count) / size for total in sums if total.size > SETTINGS.fewest_windows * count]
     if not windows:
         return 0.0
-    hole, band, behind = np.concatenate([_passes(u) for u in windows], axis=1)
+    hole, band, behind = np.concatenate([_count_pass_windows(u) for u in windows], axis=1)
     telling = band >= SETTINGS.fewest_in_band
     if telling.sum() < SETTINGS.fewest_passes:
         return 0.0
     h, o = hole[telling].astype(np.intp), band[telling].astype(np.intp)
     blur = noise / size / np.sqrt(count)
     near = SETTINGS.steps + SETTINGS.certain * blur * o / (3 * SETTINGS.band)
-    return _of_passes(h, o, behind[telling] < near, near) + _silent(windows, blur)
+    return _compute_pass_log_odds(h, o, behind[telling] < near, near) + _compute_core_log_likelihood(windows, blur)
 
 
-def _of_passes(h: Indices, o: Indices, at_the_edge: NDArray[np.bool_], near: Array) -> float:
+def _compute_pass_log_odds(h: Indices, o: Indices, at_the_edge: NDArray[np.bool_], near: Array) -> float:
     """log odds of a zone against a motion, of the windows in the hole and in the band, and of where each pass goes on.
 
     Parameters
@@ -177,13 +177,13 @@ def _of_passes(h: Indices, o: Indices, at_the_edge: NDArray[np.bool_], near: Arr
     there = np.where(at_the_edge, np.log1p(-SETTINGS.odd), np.log(SETTINGS.odd))
     chance = np.clip(near / o, SETTINGS.odd, 1 - SETTINGS.odd)  # that a jump to anywhere in the bands ends there
     anywhere = np.where(at_the_edge, np.log(chance), np.log1p(-chance))
-    empty = [_poisson(h, mean) for mean in SETTINGS.straddling]
+    empty = [_compute_log_poisson(h, mean) for mean in SETTINGS.straddling]
     smooth = [
-        _negative_binomial(h, shape, shape / (shape + ratio * wide * o)) + there
+        _compute_log_negative_binomial(h, shape, shape / (shape + ratio * wide * o)) + there
         for ratio in SETTINGS.ratios
         for shape in SETTINGS.dispersions
     ]
-    odd = np.log(SETTINGS.odd) + _negative_binomial(h, 1.0, 1 / (1 + wide * o))
+    odd = np.log(SETTINGS.odd) + _compute_log_negative_binomial(h, 1.0, 1 / (1 + wide * o))
     of_zone = [np.sum(np.logaddexp(np.log1p(-SETTINGS.odd) + own, odd) + there) for own in empty]
     of_motion = [
         np.sum(np.logaddexp(np.log1p(-share) + one, np.log(share) + own + anywhere))
@@ -197,23 +197,23 @@ def _of_passes(h: Indices, o: Indices, at_the_edge: NDArray[np.bool_], near: Arr
 # The distributions of scipy.stats give the same numbers, but look at their arguments for ten times as long as they compute.
 
 
-def _poisson(h: Indices, mean: float) -> Array:
+def _compute_log_poisson(h: Indices, mean: float) -> Array:
     """log of the probability of each count."""
     return np.asarray(xlogy(h, mean) - gammaln(h + 1) - mean)
 
 
-def _negative_binomial(h: Indices, shape: float, p: NDArray[np.floating[Any]]) -> Array:
+def _compute_log_negative_binomial(h: Indices, shape: float, p: NDArray[np.floating[Any]]) -> Array:
     """log of the probability of each count, with the mean shape (1 − p)/p."""
     return np.asarray(gammaln(shape + h) - gammaln(h + 1) - gammaln(shape) + shape * np.log(p) + xlog1py(h, -p))
 
 
-def _odds_of_edge(edge: Array, tried: Array, odds: Array) -> Array:
+def _interpolate_edge_odds(edge: Array, tried: Array, odds: Array) -> Array:
     """log odds of a zone with its edge at some rates (k,), rad/s: those of the half widths whose hole ends before the edge."""
     fitting = edge[:, None] / np.linspace(SETTINGS.hole, 1.0, 5)
     return np.asarray(np.interp(np.log(fitting), np.log(tried), odds).max(axis=1))
 
 
-def _edge(sums: Sequence[Array], size: float, noise: float, odds: Callable[[Array], Array]) -> tuple[float, float]:
+def _estimate_edge(sums: Sequence[Array], size: float, noise: float, odds: Callable[[Array], Array]) -> tuple[float, float]:
     """Half width and its sigma, rad/s: where the readings of the passes set in.
 
     Parameters
@@ -223,32 +223,32 @@ def _edge(sums: Sequence[Array], size: float, noise: float, odds: Callable[[Arra
     noise : of a sample, rad/s
     odds : log odds of a zone with its edge at some rates, rad/s
     """
-    count, found = _window(size, noise), []
+    count, found = _choose_window_length(size, noise), []
     for total in sums:
         if total.size > SETTINGS.fewest_windows * count:
-            u = _means(total, count) / size
-            begin, end = _ends(np.digitize(np.abs(u), LEVELS), len(LEVELS))
+            u = _average_windows(total, count) / size
+            begin, end = _find_pass_ends(np.digitize(np.abs(u), BAND_EDGES), len(BAND_EDGES))
             within = np.zeros(u.size + 1)
             np.add.at(within, begin + 1, 1)
             np.add.at(within, end, -1)
             found.append(np.abs(u[np.cumsum(within[:-1]) > 0]))
     v = np.concatenate(found)
-    v, blur = v[(v > SETTINGS.core) & (v < LEVELS[-1])], noise / size / np.sqrt(count)
+    v, blur = v[(v > SETTINGS.core) & (v < BAND_EDGES[-1])], noise / size / np.sqrt(count)
     tried = np.linspace(*SETTINGS.edges, SETTINGS.edges_tried)
-    middle, sigma = _likely_edge(v, tried, blur, LEVELS[-1], odds(size * tried))
+    middle, sigma = _estimate_edge_posterior(v, tried, blur, BAND_EDGES[-1], odds(size * tried))
     near = 4 * max(sigma, float(tried[1] - tried[0]))
     tried = np.linspace(max(middle - near, SETTINGS.core), middle + near, SETTINGS.edges_tried)
-    middle, sigma = _likely_edge(v, tried, blur, LEVELS[-1], odds(size * tried))
+    middle, sigma = _estimate_edge_posterior(v, tried, blur, BAND_EDGES[-1], odds(size * tried))
     return size * middle, size * float(np.hypot(sigma, blur))
 
 
-def _likely_edge(v: Array, tried: Array, blur: float, top: float, odds: Array) -> tuple[float, float]:
+def _estimate_edge_posterior(v: Array, tried: Array, blur: float, top: float, odds: Array) -> tuple[float, float]:
     """Mean and sigma of the edge over some (k,) with odds beforehand, of readings (n,) from core to `top`; in half widths."""
     span = top - SETTINGS.core
     grid = SETTINGS.core + span * (np.arange(SETTINGS.grid) + 0.5) / SETTINGS.grid
     likely = np.empty(tried.size)
     for k, edge in enumerate(tried):
-        beyond = ndtr((v - edge) / blur) / max(float(ndtr((grid - edge) / blur).mean()), TINY)
+        beyond = ndtr((v - edge) / blur) / max(float(ndtr((grid - edge) / blur).mean()), LEAST_POSITIVE)
         likely[k] = logsumexp(np.log(STRAY[:, None] + (1 - STRAY[:, None]) * beyond).sum(axis=1))
     likely += odds
     weights = np.exp(likely - likely.max())
@@ -257,7 +257,7 @@ def _likely_edge(v: Array, tried: Array, blur: float, top: float, odds: Array) -
     return middle, float(np.sqrt(weights @ (tried - middle) ** 2))
 
 
-def _silent(windows: Sequence[Array], sigma: float) -> float:
+def _compute_core_log_likelihood(windows: Sequence[Array], sigma: float) -> float:
     """log of the likelihood of the core's windows under a zone, in which they read nothing but noise, over that of a motion."""
     core = [np.abs(u) < SETTINGS.core for u in windows]
     inside = [one[1:-1] & one[:-2] & one[2:] for one in core]
@@ -271,14 +271,14 @@ def _silent(windows: Sequence[Array], sigma: float) -> float:
     return float(of_zone - betaln(off + 1, u.size - off + 1))
 
 
-def _passes(u: Array) -> Array:
+def _count_pass_windows(u: Array) -> Array:
     """(3, passes) windows in the hole and in the band that is passed fastest, on each way between the core and far off.
 
     None are counted in the bands where the body rests in one of them. The third is how far behind the edge the first window
     outside is, in mean steps from one window to the next.
     """
-    level = np.digitize(np.abs(u), LEVELS)
-    begin, end = _ends(level, len(LEVELS))
+    level = np.digitize(np.abs(u), BAND_EDGES)
+    begin, end = _find_pass_ends(level, len(BAND_EDGES))
     if not begin.size:
         return np.zeros((3, 0))
     counts = [np.append(0, np.cumsum(level == one)) for one in (1, 3, 4, 5)]
@@ -294,7 +294,7 @@ def _passes(u: Array) -> Array:
     return np.array([hole, np.where(even, fastest, 0), behind])
 
 
-def _ends(level: Indices, far: int) -> tuple[Indices, Indices]:
+def _find_pass_ends(level: Indices, far: int) -> tuple[Indices, Indices]:
     """First and last window of each way between the core and far off."""
     ends = np.flatnonzero((level == 0) | (level == far))
     change = np.flatnonzero(np.diff(level[ends]) != 0)

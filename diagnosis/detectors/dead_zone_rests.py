@@ -25,10 +25,10 @@ import scipy.ndimage
 import scipy.special
 from numpy.typing import NDArray
 
-from diagnosis.detectors.gap_interpolation import runs
-from diagnosis.detectors.report import Zone
+from diagnosis.detectors.gap_interpolation import find_mask_runs
+from diagnosis.detectors.sample_report import Zone
 from gyrocal.recording import Recording
-from simulator.effects.recorded import interval_slices
+from simulator.effects.recording_view import find_interval_slices
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -91,7 +91,7 @@ class DeadZoneEvidence:
     passed: bool = False
 
 
-def dead_zone_evidence(
+def find_dead_zone_evidence(
     recording: Recording, rates: Array, noise: Array, usual: float, biases: Array, zones: Mapping[int, Zone]
 ) -> list[DeadZoneEvidence]:
     """Gyros whose slow readings are zero in runs.
@@ -109,34 +109,34 @@ def dead_zone_evidence(
         return []
     sizes = (usual, float(np.sqrt(np.mean(biases**2))), float(np.median(biases)))
     noisy = [axis for axis in range(3) if noise[axis] > 0]
-    found = {axis: _of_axis(recording, rates[:, axis], float(noise[axis]), axis, sizes) for axis in noisy}
-    passed = {axis: of_passes(axis, found) for axis, found in zones.items()}
-    return [one for axis in noisy if (one := _likelier(found[axis], passed.get(axis))) is not None]
+    found = {axis: _search_axis(recording, rates[:, axis], float(noise[axis]), axis, sizes) for axis in noisy}
+    passed = {axis: convert_zone(axis, found) for axis, found in zones.items()}
+    return [one for axis in noisy if (one := _combine_evidence(found[axis], passed.get(axis))) is not None]
 
 
-def _likelier(rest: DeadZoneEvidence | None, passed: DeadZoneEvidence | None) -> DeadZoneEvidence | None:
+def _combine_evidence(rest: DeadZoneEvidence | None, passed: DeadZoneEvidence | None) -> DeadZoneEvidence | None:
     """What rests show, or what passes show; both speak for the zone whose edge was passed."""
     if rest is None or passed is None:
         return rest or passed
     return replace(passed, log_odds=passed.log_odds + max(rest.log_odds, 0.0))
 
 
-def of_passes(axis: int, found: Zone) -> DeadZoneEvidence:
+def convert_zone(axis: int, found: Zone) -> DeadZoneEvidence:
     """What one gyro shows where the motion passes through its zone."""
-    part, size = number_parts(found.dead), found.half_width
+    part, size = label_runs(found.dead), found.half_width
     odds = min(found.log_odds, SETTINGS.most_odds)
     return DeadZoneEvidence(axis, part, odds, size, True, size, found.sigma / size, passed=True)
 
 
-def number_parts(mask: Mask) -> Parts:
+def label_runs(mask: Mask) -> Parts:
     """Number the runs of a mask (n,) from the longest down, up to `MOST_PARTS`; −1 elsewhere."""
     part = np.full(mask.size, -1, dtype=np.int16)
-    for number, (low, high) in enumerate(sorted(runs(mask), key=lambda run: run[0] - run[1])):
+    for number, (low, high) in enumerate(sorted(find_mask_runs(mask), key=lambda run: run[0] - run[1])):
         part[low:high] = min(number, SETTINGS.most_parts)
     return part
 
 
-def of_zero_samples(recording: Recording, axis: int, smallest: float, usual: float) -> DeadZoneEvidence | None:
+def find_zero_sample_evidence(recording: Recording, axis: int, smallest: float, usual: float) -> DeadZoneEvidence | None:
     """The slow parts of a gyro whose samples read exactly zero in its zone, as one whose noise comes before it does.
 
     Parameters
@@ -151,12 +151,12 @@ def of_zero_samples(recording: Recording, axis: int, smallest: float, usual: flo
     if not often.any():
         return None
     # Every zero misses its rate; the longest stretches of them have one of their own, the others share one.
-    numbers = number_parts(often)
+    numbers = label_runs(often)
     part = np.where(zero, np.where(numbers >= 0, numbers, SETTINGS.most_parts), -1).astype(np.int16)
     return DeadZoneEvidence(axis, part, SETTINGS.most_odds, smallest, True, max(usual, smallest))
 
 
-def half_width(one: DeadZoneEvidence, missing: Array) -> tuple[float, float]:
+def estimate_half_width(one: DeadZoneEvidence, missing: Array) -> tuple[float, float]:
     """Half width and its sigma, deg/s, between the largest rate that is missing and the smallest that is read.
 
     Parameters
@@ -175,37 +175,37 @@ def half_width(one: DeadZoneEvidence, missing: Array) -> tuple[float, float]:
     return low, SETTINGS.edge * low
 
 
-def usual_slow_rate(recording: Recording, rates: Array, bias: Array) -> float:
+def estimate_slow_rate(recording: Recording, rates: Array, bias: Array) -> float:
     """Usual size of slow raw rates, rad/s: that of the biases, or the slower half of what the middle one of the gyros reads."""
     count = max(1, round(SETTINGS.slow_window_s / recording.gyro.sample_s))
     windows = np.column_stack(
-        [np.concatenate([part for _, part in _windows(recording, rates[:, axis], count)]) for axis in range(3)]
+        [np.concatenate([part for _, part in _average_interval_windows(recording, rates[:, axis], count)]) for axis in range(3)]
     )
     slow = np.sort(np.abs(windows), axis=0)[: max(1, len(windows) // 2)]
     read = float(np.median(np.sqrt(np.mean(slow**2, axis=0)))) if len(windows) else 0.0
     return max(float(np.sqrt(np.mean(bias**2))), read)
 
 
-def _of_axis(recording: Recording, x: Array, noise: float, axis: int, sizes: Sequence[float]) -> DeadZoneEvidence | None:
+def _search_axis(recording: Recording, x: Array, noise: float, axis: int, sizes: Sequence[float]) -> DeadZoneEvidence | None:
     usual = sizes[0]
     longest = max(SETTINGS.window_samples, round(SETTINGS.longest_window_s / recording.gyro.sample_s))
     count = max(SETTINGS.window_samples, min(int((SETTINGS.resolved * noise / usual) ** 2), longest))
     sigma = noise / np.sqrt(count)
     zero, slow, others = np.zeros(x.size, dtype=bool), np.zeros(x.size, dtype=bool), []
-    for low, windows in _windows(recording, x, count):
+    for low, windows in _average_interval_windows(recording, x, count):
         still = np.zeros(windows.size, dtype=bool)
-        for a, b in runs(np.abs(windows) < SETTINGS.zero * sigma):
+        for a, b in find_mask_runs(np.abs(windows) < SETTINGS.zero * sigma):
             still[a:b] = b - a >= SETTINGS.shortest_windows and _is_zero(windows[a:b] / sigma)
         here, limit = slice(low, low + windows.size * count), max(SETTINGS.nonzero * sigma, SETTINGS.slow * usual)
         zero[here] = np.repeat(still, count)
         slow[here] = np.repeat(np.abs(windows) < limit, count)
         others.append(windows[~still])
     rests = np.zeros(x.size, dtype=bool)
-    for own in interval_slices(recording):
-        for low, high in runs(slow[own]):
+    for own in find_interval_slices(recording):
+        for low, high in find_mask_runs(slow[own]):
             rests[own.start + low : own.start + high] = high - low >= SETTINGS.shortest_windows * count
     means, sigmas = [], []
-    for low, high in runs(rests):
+    for low, high in find_mask_runs(rests):
         read = x[low:high][zero[low:high]]
         if read.size > SETTINGS.mostly * (high - low):
             means.append(float(read.mean()))
@@ -218,10 +218,10 @@ def _of_axis(recording: Recording, x: Array, noise: float, axis: int, sizes: Seq
     if alive < SETTINGS.telling * SETTINGS.nonzero * sigma:  # the noise, not the zone, says which rates pass for zero
         alive = np.inf
     odds = min(_log_odds(np.array(means), np.array(sigmas), sizes), SETTINGS.most_odds)
-    return DeadZoneEvidence(axis, number_parts(rests), odds, alive, False, usual)
+    return DeadZoneEvidence(axis, label_runs(rests), odds, alive, False, usual)
 
 
-def _windows(recording: Recording, x: Array, count: int) -> list[tuple[int, Array]]:
+def _average_interval_windows(recording: Recording, x: Array, count: int) -> list[tuple[int, Array]]:
     """First sample and means over windows of each interval."""
     t = recording.gyro.t_s
     out = []

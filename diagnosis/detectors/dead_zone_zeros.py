@@ -12,9 +12,9 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
 
-from diagnosis.detectors.gap_interpolation import runs
+from diagnosis.detectors.gap_interpolation import find_mask_runs
 from diagnosis.detectors.number_format import NumberFormats
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, Findings, SampleTest, Stream, Symptom
+from diagnosis.detectors.sample_report import AXES, IMPOSSIBLE, Findings, SampleTest, Stream, Symptom
 
 Mask = NDArray[np.bool_]
 
@@ -43,7 +43,7 @@ def find_zeros(stream: Stream, formats: NumberFormats) -> tuple[Findings, Mask]:
         sizes = np.sort(np.abs(stream.recording.gyro.rates[stream.used & ~zero, axis]))
         smallest = float(sizes[: SETTINGS.smallest].mean()) if sizes.size else 0.0
         is_away = smallest > max(SETTINGS.of_noise * stream.sigma, SETTINGS.first * float(formats.steps[axis]))
-        zone = is_away and sizes.size > SETTINGS.next and len(runs(zero)) >= SETTINGS.fewest_stretches
+        zone = is_away and sizes.size > SETTINGS.next and len(find_mask_runs(zero)) >= SETTINGS.fewest_stretches
         p, text = IMPOSSIBLE if zone else 1.0, f"{int(zero.sum())} samples read exactly zero"
         tests.append(SampleTest("zero_samples", AXES[axis], int(zero.sum()), 0.0, p, "dead_zone", text))
         if zone:

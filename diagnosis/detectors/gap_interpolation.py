@@ -46,13 +46,13 @@ class GapInterpolationSettings:
 SETTINGS = GapInterpolationSettings()
 
 
-def runs(mask: Mask) -> list[tuple[int, int]]:
+def find_mask_runs(mask: Mask) -> list[tuple[int, int]]:
     """Unbroken runs as slices."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def filled(t_s: Array, rates: Array, bad: Mask, sample_s: float, sigma: float = 0.0) -> tuple[Array, Array, Array]:
+def fill_gaps(t_s: Array, rates: Array, bad: Mask, sample_s: float, sigma: float = 0.0) -> tuple[Array, Array, Array]:
     """Rates with the bad samples bridged.
 
     Parameters
@@ -75,33 +75,35 @@ def filled(t_s: Array, rates: Array, bad: Mask, sample_s: float, sigma: float = 
     for axis in range(3):
         out[bad, axis] = np.interp(t_s[bad], t_s[good], rates[good, axis])
     follows = np.append(False, np.diff(t_s) < 1.5 * sample_s)
-    for low, high in runs(bad):
+    for low, high in find_mask_runs(bad):
         n = high - low
         factor[max(low - 1, 0) : high + 1] = 1 + n / 2
-        before = _side(t_s, bad, range(low - 1, max(low - 1 - SETTINGS.side, -1), -1), sample_s)
-        after = _side(t_s, bad, range(high, min(high + SETTINGS.side, len(rates))), sample_s)
+        before = _collect_side(t_s, bad, range(low - 1, max(low - 1 - SETTINGS.side, -1), -1), sample_s)
+        after = _collect_side(t_s, bad, range(high, min(high + SETTINGS.side, len(rates))), sample_s)
         m = min(before.size, after.size)
         if not m or not follows[low : high + 1].all():
             continue
         near = slice(max(low - SETTINGS.reach, 0), high + SETTINGS.reach)
-        W, of_motion = _chosen(rates[near], bad[near], follows[near], 0.5 * (low + high) - near.start, (n, m), sigma)
+        W, of_motion = _choose_bridge(rates[near], bad[near], follows[near], 0.5 * (low + high) - near.start, (n, m), sigma)
         m = W.shape[1] // 2
         out[low:high] = W @ np.concatenate([rates[low - m : low], rates[high : high + m]])
         factor[low - 1 : high + 1] = (float(np.sum((1 + W.sum(axis=0)) ** 2)) - 2 * (m - 1)) / (n + 2)
         density[low:high] = of_motion * sample_s / n
         if n > SETTINGS.short and min(before.size, after.size) >= SETTINGS.fewest:
             span = float(t_s[high] - t_s[low - 1])
-            change = _slope(t_s, rates, before) - _slope(t_s, rates, after)
+            change = _fit_slope(t_s, rates, before) - _fit_slope(t_s, rates, after)
             density[low:high] += (change * span**2 / 24) ** 2 / span
     return out, factor, density
 
 
-def _chosen(rates: Array, bad: Mask, follows: Mask, middle: float, run: tuple[int, int], sigma: float) -> tuple[Array, Array]:
+def _choose_bridge(
+    rates: Array, bad: Mask, follows: Mask, middle: float, run: tuple[int, int], sigma: float
+) -> tuple[Array, Array]:
     """The bridge over n samples with m readings at a side, and M² (3,) over Δt², (rad/s)²; zero where nothing says it."""
     n, most = run
-    usual = _polynomial(n, 1, 1) if n <= SETTINGS.short or most < SETTINGS.fewest else _cubic(n, most)
+    usual = _build_polynomial_bridge(n, 1, 1) if n <= SETTINGS.short or most < SETTINGS.fewest else _build_cubic_bridge(n, most)
     best, least, of_best = usual, np.inf, np.zeros(3)
-    for W in (usual, *(_polynomial(n, m, degree) for m, degree in SETTINGS.polynomials if m <= most)):
+    for W in (usual, *(_build_polynomial_bridge(n, m, degree) for m, degree in SETTINGS.polynomials if m <= most)):
         m, w = W.shape[1] // 2, W.sum(axis=0)
         kernel = np.concatenate([w[:m], -np.ones(n), w[m:]])
         whole = ~np.convolve(bad | ~follows, np.ones(kernel.size, dtype=int), "valid").astype(bool)
@@ -122,7 +124,7 @@ def _chosen(rates: Array, bad: Mask, follows: Mask, middle: float, run: tuple[in
     return best, of_best
 
 
-def _side(t_s: Array, bad: Mask, places: range, sample_s: float) -> NDArray[np.intp]:
+def _collect_side(t_s: Array, bad: Mask, places: range, sample_s: float) -> NDArray[np.intp]:
     """Readings of a side, from the run outward until one is missing or bad."""
     kept: list[int] = []
     for place in places:
@@ -133,7 +135,7 @@ def _side(t_s: Array, bad: Mask, places: range, sample_s: float) -> NDArray[np.i
 
 
 @cache
-def _polynomial(n: int, m: int, degree: int) -> Array:
+def _build_polynomial_bridge(n: int, m: int, degree: int) -> Array:
     """(n, 2m) to a run of n from the polynomial nearest to m readings on either side."""
     at = (np.arange(n + 2 * m) - 0.5 * (n + 2 * m - 1)) / (0.5 * (n + 2 * m))
     P = np.polynomial.legendre.legvander(at, degree)
@@ -142,7 +144,7 @@ def _polynomial(n: int, m: int, degree: int) -> Array:
 
 
 @cache
-def _cubic(n: int, m: int) -> Array:
+def _build_cubic_bridge(n: int, m: int) -> Array:
     """(n, 2m) to a run of n from the lines through m readings on either side, by Hermite's cubic."""
     ahead = np.arange(m) - 0.5 * (m - 1)
     slope = ahead / (ahead @ ahead)
@@ -158,7 +160,7 @@ def _cubic(n: int, m: int) -> Array:
     )  # fmt: skip
 
 
-def _slope(t_s: Array, rates: Array, places: NDArray[np.intp]) -> Array:
+def _fit_slope(t_s: Array, rates: Array, places: NDArray[np.intp]) -> Array:
     """(3,) of the straight line through some readings, rad/s²."""
     t = t_s[places] - t_s[places].mean()
     return np.asarray(t @ rates[places] / (t @ t))

@@ -68,7 +68,7 @@ def find_lattice_step(x: Array) -> float:
     return step if exact else 0.0
 
 
-def mean_reading(x: Array, step: float, sigma: float, kind: Kind) -> Array:
+def compute_mean_reading(x: Array, step: float, sigma: float, kind: Kind) -> Array:
     """f(x): mean reading at true readings x with noise sigma, within `REACH` steps of zero."""
     shift = 0.5 if kind == "rounded" else 1.0
     out = np.zeros_like(x)
@@ -104,23 +104,25 @@ def undo_lattice(x: Array, sample_s: float, step: float, sigma: float, kind: Kin
     # Away from zero the stairs are all alike, and cut readings are rounded ones half a step nearer to zero.
     stair = np.linspace(-0.5, 0.5, 401) * step
     level = np.round(mean / step) * step
-    true, slope = _inverted(mean - level, stair, mean_reading(stair, step, max(sigma, 1e-3 * step), "rounded"))
+    true, slope = _invert_mean_reading(
+        mean - level, stair, compute_mean_reading(stair, step, max(sigma, 1e-3 * step), "rounded")
+    )
     true = true + level
     if kind == "cut":
         near = np.abs(mean) < (SETTINGS.reach - 2) * step
         grid = np.linspace(-SETTINGS.reach, SETTINGS.reach, 4001) * step
-        low, low_slope = _inverted(mean, grid, mean_reading(grid, step, max(sigma, 1e-3 * step), "cut"))
+        low, low_slope = _invert_mean_reading(mean, grid, compute_mean_reading(grid, step, max(sigma, 1e-3 * step), "cut"))
         true = np.where(near, low, true + 0.5 * step * np.sign(mean))
         slope = np.where(near, low_slope, slope)
     factor = np.where(moving, 1.0, 1.0 / np.clip(slope, SETTINGS.least_slope, 1.0) ** 2)
     # On a flat stair the rate may be anywhere in between, and stay there for a while.
     hidden = np.where(~moving & (slope < SETTINGS.hidden), step**2 / 12 * SETTINGS.mean_s, 0.0)
     width = step * np.where((kind == "cut") & (counts == 0), 2.0, 1.0)
-    turning = np.where(moving, width**2 / 12 * (held_s(counts, sample_s) - sample_s), 0.0)
+    turning = np.where(moving, width**2 / 12 * (measure_hold_times(counts, sample_s) - sample_s), 0.0)
     return x + np.where(moving, half, true - mean), factor, hidden + turning
 
 
-def held_s(counts: Array, sample_s: float) -> Array:
+def measure_hold_times(counts: Array, sample_s: float) -> Array:
     """For how long each reading's error keeps its sign, s, one sample's time where the rate passes through its step.
 
     A rate that turns round inside a step is in error by up to half of it, on one side, for as long as it stays there.
@@ -132,7 +134,7 @@ def held_s(counts: Array, sample_s: float) -> Array:
     return np.repeat(np.where(passes, 1, length), length) * sample_s
 
 
-def _inverted(mean: Array, grid: Array, curve: Array) -> tuple[Array, Array]:
+def _invert_mean_reading(mean: Array, grid: Array, curve: Array) -> tuple[Array, Array]:
     """True readings whose mean is given, and the slope of the mean there."""
     # The grid is symmetric about zero: on a flat stair its middle is taken, not an edge.
     rising = np.maximum.accumulate(curve + 1e-9 * grid)

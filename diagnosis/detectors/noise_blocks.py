@@ -60,20 +60,20 @@ class NoiseBlockSettings:
 SETTINGS = NoiseBlockSettings()
 
 
-SLOW = 1 / SETTINGS.samples  # cycles a sample, up to which a tone leaves nothing in the blocks
+HIDDEN_TONE_FREQUENCY = 1 / SETTINGS.samples  # cycles a sample, up to which a tone leaves nothing in the blocks
 MEDIAN_SQUARE = float(scipy.special.chdtri(1, 0.5))  # of white noise of unit variance
 
 
-def samples_of(parts: list[Array]) -> Array:
+def cut_blocks(parts: list[Array]) -> Array:
     """(b, samples + order) samples of the same blocks."""
     windows, length = np.lib.stride_tricks.sliding_window_view, SETTINGS.samples + SETTINGS.order
     found = [windows(part, length)[:: SETTINGS.samples] for part in parts if part.size >= length]
     return np.concatenate([np.empty((0, length)), *found])
 
 
-def passes_zero(samples: Array, sigma: float) -> NDArray[np.bool_]:
+def find_zero_crossings(samples: Array, sigma: float) -> NDArray[np.bool_]:
     """(b,) blocks whose readings move through zero or set out from there, where a dead zone makes jumps."""
-    smooth = samples - np.diff(samples, SETTINGS.order, axis=1) @ WHITE[: SETTINGS.showing].T @ BACK
+    smooth = samples - np.diff(samples, SETTINGS.order, axis=1) @ WHITE_COSINES[: SETTINGS.showing].T @ BACK
     at_zero = (smooth.min(axis=1) < SETTINGS.at_zero * sigma) & (smooth.max(axis=1) > -SETTINGS.at_zero * sigma)
     return np.asarray(at_zero & (np.abs(smooth).max(axis=1) > SETTINGS.from_zero * sigma))
 
@@ -85,7 +85,7 @@ def has_spike(blocks: Array) -> NDArray[np.bool_]:
     return np.asarray((np.abs(blocks[:, : SETTINGS.showing] @ BACK) > limit).any(axis=1))
 
 
-def by_calm(blocks: Array) -> NDArray[np.intp]:
+def rank_calm_blocks(blocks: Array) -> NDArray[np.intp]:
     """Blocks in the order of their slow power, the calmest first, without those that are far from calm."""
     slow = blocks[:, SETTINGS.showing :] ** 2
     if not len(slow):
@@ -95,7 +95,7 @@ def by_calm(blocks: Array) -> NDArray[np.intp]:
     return order[unrest[order] < SETTINGS.unrest * np.median(unrest)]
 
 
-def powers_of(blocks: Array) -> Array:
+def estimate_powers(blocks: Array) -> Array:
     """(k,) mean squares over the blocks, P_k, without those that are far out; zero where most are."""
     squares = blocks**2
     power = np.median(squares, axis=0) / MEDIAN_SQUARE
@@ -110,7 +110,7 @@ def powers_of(blocks: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Fit:
+class WhiteNoiseFit:
     """White noise in the mean squares of blocks.
 
     Attributes
@@ -130,7 +130,7 @@ class Fit:
     rise: float
 
 
-def fitted(powers: Array, blocks: int) -> Fit:
+def fit_white_noise(powers: Array, blocks: int) -> WhiteNoiseFit:
     """White noise that explains the powers of so many blocks, in units of what is stated, and readout noise beside that."""
     variance = SPREAD / blocks
     white, motion = _LEVEL @ (_DESIGN.T @ powers)
@@ -139,10 +139,10 @@ def fitted(powers: Array, blocks: int) -> Fit:
     still = motion < SETTINGS.moving * white * float(np.sqrt(_LEVEL[1, 1] * variance))
     rise = float(_RISE @ (powers - 1) / np.sqrt(_RISE @ _RISE * variance))
     error, of_motion = float(white * np.sqrt(_LEVEL[0, 0] * variance)), max(float(motion * OF_MOTION.mean()), 0.0)
-    return Fit(float(white), error, bool(fits), bool(still), of_motion, rise)
+    return WhiteNoiseFit(float(white), error, bool(fits), bool(still), of_motion, rise)
 
 
-def outside_bands(powers: Array, expected: float) -> float:
+def compute_broadband_share(powers: Array, expected: float) -> float:
     """Share of the power above what is expected that is left beside any third of the spectrum, if it were even in it.
 
     It is one of white noise and 0.77 of readout noise, which have it everywhere. What has it in one band, as a body that shakes
@@ -150,7 +150,7 @@ def outside_bands(powers: Array, expected: float) -> float:
 
     Parameters
     ----------
-    powers : (k,) as `powers_of`
+    powers : (k,) as `estimate_powers`
     expected : variance of the white noise that is stated
     """
     above = powers / expected - 1
@@ -179,23 +179,23 @@ def is_even(blocks: Array) -> bool:
     return bool(high < (1 + SETTINGS.even * error) * low)
 
 
-def _covariance(order: int) -> Array:
+def _build_difference_covariance(order: int) -> Array:
     """(samples, samples) of differences of white noise of unit variance."""
     kernel = np.array([(-1.0) ** k * math.comb(order, k) for k in range(order + 1)])
     lags = np.correlate(kernel, kernel, "full")[order:]
     return np.asarray(scipy.linalg.toeplitz(np.append(lags, np.zeros(SETTINGS.samples - lags.size))))
 
 
-def _white_cosines() -> Array:
+def _build_white_cosines() -> Array:
     """(samples − slowest, samples) from differences to coefficients, downward, that are independent under white noise."""
     cosines = scipy.fft.dct(np.eye(SETTINGS.samples), axis=0, norm="ortho")[SETTINGS.slowest :][::-1]
-    factor = np.linalg.cholesky(cosines @ _covariance(SETTINGS.order) @ cosines.T)
+    factor = np.linalg.cholesky(cosines @ _build_difference_covariance(SETTINGS.order) @ cosines.T)
     return np.asarray(scipy.linalg.solve_triangular(factor, cosines, lower=True))
 
 
-def _power_of(order: int) -> Array:
+def _compute_process_power(order: int) -> Array:
     """(showing,) power of each of a process whose differences of the given order white noise has in those of the sixth."""
-    return np.diag(WHITE @ _covariance(order) @ WHITE.T)[: SETTINGS.showing].copy()
+    return np.diag(WHITE_COSINES @ _build_difference_covariance(order) @ WHITE_COSINES.T)[: SETTINGS.showing].copy()
 
 
 def _compute_chi2_density(x: Array | float, dof: int) -> Array:
@@ -204,7 +204,7 @@ def _compute_chi2_density(x: Array | float, dof: int) -> Array:
     return np.asarray(np.exp((half - 1) * np.log(x) - 0.5 * np.asarray(x) - half * np.log(2) - scipy.special.gammaln(half)))
 
 
-def _of_the_mean_square() -> tuple[float, float]:
+def _compute_truncation_factors() -> tuple[float, float]:
     """κ and V of the mean of the squares below CUT."""
     f1, f3, f5 = (float(scipy.special.chdtr(n, SETTINGS.cut)) for n in (1, 3, 5))
     kappa = f3 / f1
@@ -212,13 +212,13 @@ def _of_the_mean_square() -> tuple[float, float]:
     return kappa, (3 * f5 - f3**2 / f1) / slope**2
 
 
-WHITE = _white_cosines()
-BACK = WHITE[: SETTINGS.showing] @ np.diff(
+WHITE_COSINES = _build_white_cosines()
+BACK = WHITE_COSINES[: SETTINGS.showing] @ np.diff(
     np.eye(SETTINGS.samples + SETTINGS.order), SETTINGS.order, axis=0
 )  # (showing, samples + order) from samples to cosines
-READ_OUT = _power_of(SETTINGS.order + 1)  # R_k
-OF_MOTION = _power_of(SETTINGS.order - 2)  # M_k
-_KAPPA, SPREAD = _of_the_mean_square()
+READ_OUT = _compute_process_power(SETTINGS.order + 1)  # R_k
+OF_MOTION = _compute_process_power(SETTINGS.order - 2)  # M_k
+_KAPPA, SPREAD = _compute_truncation_factors()
 _DESIGN = np.column_stack([np.ones(SETTINGS.showing), OF_MOTION])
 _LEVEL = np.linalg.inv(_DESIGN.T @ _DESIGN)
 LEVEL_WEIGHTS = (_LEVEL @ _DESIGN.T)[0]  # (showing,) from squares of a block to its noise power beside any motion

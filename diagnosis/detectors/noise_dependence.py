@@ -16,9 +16,9 @@ import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
-from diagnosis.detectors.noise_blocks import LEVEL_WEIGHTS, WHITE, by_calm, passes_zero
+from diagnosis.detectors.noise_blocks import LEVEL_WEIGHTS, WHITE_COSINES, find_zero_crossings, rank_calm_blocks
 from diagnosis.detectors.noise_blocks import SETTINGS as NOISE_BLOCKS
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, Findings, SampleTest, Stream, Symptom
+from diagnosis.detectors.sample_report import AXES, IMPOSSIBLE, Findings, SampleTest, Stream, Symptom
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -87,10 +87,10 @@ def _test_axis(stream: Stream, window: NDArray[np.intp], axis: int) -> tuple[flo
     if len(window) < SETTINGS.fewest_blocks:
         return 1.0, 0.0, ""
     x = stream.rates[window, axis]
-    cosines = np.diff(x, NOISE_BLOCKS.order, axis=1) @ WHITE.T
+    cosines = np.diff(x, NOISE_BLOCKS.order, axis=1) @ WHITE_COSINES.T
     calm = np.zeros(len(x), dtype=bool)
-    calm[by_calm(cosines)] = True
-    calm &= ~passes_zero(x, stream.sigma)
+    calm[rank_calm_blocks(cosines)] = True
+    calm &= ~find_zero_crossings(x, stream.sigma)
     if np.count_nonzero(calm) < SETTINGS.fewest_blocks:
         return 1.0, 0.0, ""
     window, power = window[calm], cosines[calm, : NOISE_BLOCKS.showing] ** 2 @ LEVEL_WEIGHTS

@@ -22,14 +22,14 @@ from scipy.special import expit
 from diagnosis.detectors.noise_blocks import (
     OF_MOTION,
     READ_OUT,
-    WHITE,
-    by_calm,
-    fitted,
+    WHITE_COSINES,
+    cut_blocks,
+    estimate_powers,
+    find_zero_crossings,
+    fit_white_noise,
     has_spike,
     is_even,
-    passes_zero,
-    powers_of,
-    samples_of,
+    rank_calm_blocks,
     smooth_errors,
 )
 from diagnosis.detectors.noise_blocks import SETTINGS as NOISE_BLOCKS
@@ -70,7 +70,7 @@ class Readout:
     probability: float
 
     @property
-    def as_stated(self) -> bool:
+    def is_as_stated(self) -> bool:
         """Whether the white noise is."""
         return self.white_sigma == 0.0
 
@@ -109,15 +109,15 @@ def fit_noise_level(x: Array, arcs: list[tuple[int, int]], expected: float) -> N
     arcs : runs of samples
     expected : variance of a sample's noise as stated, (rad/s)²
     """
-    samples = samples_of([x[low:high] for low, high in arcs])
-    blocks = np.diff(samples, NOISE_BLOCKS.order, axis=1) @ WHITE.T
+    samples = cut_blocks([x[low:high] for low, high in arcs])
+    blocks = np.diff(samples, NOISE_BLOCKS.order, axis=1) @ WHITE_COSINES.T
     # Spikes that are too small to be repaired beside the motion are no level.
     single = ~has_spike(blocks)
     samples, blocks = samples[single], blocks[single]
-    through = passes_zero(samples, float(np.sqrt(expected)))
-    if not _are_one(blocks[through], blocks[~through]):
+    through = find_zero_crossings(samples, float(np.sqrt(expected)))
+    if not _has_same_level(blocks[through], blocks[~through]):
         blocks = blocks[~through]
-    order = by_calm(blocks)
+    order = rank_calm_blocks(blocks)
     moving: list[NoiseLevel] = []
     for share in SETTINGS.calm_shares:
         chosen = np.sort(order[: int(share * order.size)])
@@ -130,14 +130,14 @@ def fit_noise_level(x: Array, arcs: list[tuple[int, int]], expected: float) -> N
     return min(moving, key=lambda one: one.sigma, default=None)
 
 
-def _are_one(some: Array, rest: Array) -> bool:
+def _has_same_level(some: Array, rest: Array) -> bool:
     """Whether blocks that pass zero show the level of the rest, as those with the jumps of a dead zone do not."""
     levels: list[tuple[float, float]] = []
     for blocks in (some, rest):
-        chosen = by_calm(blocks)
+        chosen = rank_calm_blocks(blocks)
         if chosen.size < SETTINGS.fewest_blocks:
             return rest.size < some.size
-        fit = fitted(powers_of(blocks[chosen, : NOISE_BLOCKS.showing]), chosen.size)
+        fit = fit_white_noise(estimate_powers(blocks[chosen, : NOISE_BLOCKS.showing]), chosen.size)
         levels.append((fit.white, fit.sigma))
     (one, error), (other, other_error) = levels
     return bool(abs(one - other) < SETTINGS.same * np.hypot(error, other_error))
@@ -145,10 +145,10 @@ def _are_one(some: Array, rest: Array) -> bool:
 
 def _fit_blocks(blocks: Array, expected: float) -> NoiseLevel | None:
     """Fit the noise of some blocks; None where they show more than noise and a weak motion."""
-    powers, count = powers_of(blocks), len(blocks)
+    powers, count = estimate_powers(blocks), len(blocks)
     if not powers.all():  # readings that stand still on a lattice in most of the blocks
         return None
-    fit = fitted(powers / expected, count)
+    fit = fit_white_noise(powers / expected, count)
     readout = fit_readout(powers, smooth_errors(powers, count), expected)
     explained = fit.fits or (fit.still and readout is not None and readout.probability >= 0.5)
     half = NOISE_BLOCKS.samples // 2

@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from scipy.special import expit, logsumexp, ndtr
 
 from diagnosis.detectors.lattice import Kind, find_lattice_step, undo_lattice
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, Findings, SampleTest, Stream, Symptom
-from simulator.effects.recorded import interval_slices
+from diagnosis.detectors.sample_report import AXES, IMPOSSIBLE, Findings, SampleTest, Stream, Symptom
+from simulator.effects.recording_view import find_interval_slices
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -60,7 +60,7 @@ class FormatSettings:
 
 
 SETTINGS = FormatSettings()
-TINY = 1e-12  # of a probability
+LEAST_CELL_PROBABILITY = 1e-12  # of a probability
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ def compute_log_likelihood(parts: Iterable[Array], step: float, sigma: float) ->
     blocks = [np.round(x[: x.size // SETTINGS.block * SETTINGS.block] / step).reshape(-1, SETTINGS.block) for x in parts]
     counts = np.concatenate([np.empty((0, SETTINGS.block)), *blocks])
     counts = counts[(counts.min(axis=1) <= 1) & (counts.max(axis=1) >= -1) & (np.ptp(counts, axis=1) > 0)]
-    left = counts - counts @ _projection()
+    left = counts - counts @ _build_polynomial_projection()
     noise = (sigma / step) ** 2 + 1 / 12
     counts = counts[np.sum(left**2, axis=1) < SETTINGS.loud**2 * noise * (SETTINGS.block - SETTINGS.degree - 1)]
     passes = (counts.min(axis=1) < -1) & (counts.max(axis=1) > 1)
@@ -199,31 +199,35 @@ def compute_bins(counts: Array, name: str) -> tuple[Array, Array]:
 
 def _sum_over_blocks(low: Array, high: Array, passes: Mask) -> float:
     """Log likelihood of all blocks (k, `block`) of bins; integrated over the phase of those that pass through zero."""
-    onto = _projection()
+    onto = _build_polynomial_projection()
     y, variance = 0.5 * (low + high), (high - low) ** 2 / 12
     for _ in range(SETTINGS.rounds):
         mean = y @ onto
         sigma = np.sqrt(np.maximum(np.mean((y - mean) ** 2 + variance, axis=1, keepdims=True), SETTINGS.least_sigma**2))
         a, b = (low - mean) / sigma, (high - mean) / sigma
-        inside = np.maximum(_mass(a, b), TINY)
+        inside = np.maximum(_compute_normal_mass(a, b), LEAST_CELL_PROBABILITY)
         at_a, at_b = (np.exp(-0.5 * edge**2) / np.sqrt(2 * np.pi) for edge in (a, b))
         shift = (at_a - at_b) / inside
         y = np.clip(mean + sigma * shift, low, high)
         variance = np.clip(sigma**2 * (1 + (a * at_a - b * at_b) / inside - shift**2), 0.0, (high - low) ** 2 / 4)
     shifts = np.array(SETTINGS.shifts)
     shifted = mean[:, None] + shifts[:, None]
-    likely = np.log(np.maximum(_mass(low[:, None] - shifted, high[:, None] - shifted, sigma[:, None]), TINY)).sum(axis=2)
+    likely = np.log(
+        np.maximum(
+            _compute_normal_mass(low[:, None] - shifted, high[:, None] - shifted, sigma[:, None]), LEAST_CELL_PROBABILITY
+        )
+    ).sum(axis=2)
     whole = logsumexp(likely, axis=1) + np.log(shifts[1] - shifts[0])
     return float(np.where(passes, whole, likely.max(axis=1)).sum())
 
 
-def _projection() -> Array:
+def _build_polynomial_projection() -> Array:
     """(`block`, `block`) projection onto polynomials."""
     q, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, SETTINGS.block), SETTINGS.degree + 1))
     return np.asarray(q @ q.T)
 
 
-def _mass(low: Array, high: Array, sigma: Array | float = 1.0) -> Array:
+def _compute_normal_mass(low: Array, high: Array, sigma: Array | float = 1.0) -> Array:
     """Probability of a normal variable between two edges, exact in both tails."""
     a, b = low / sigma, high / sigma
     flipped = a > 0
@@ -237,7 +241,7 @@ def undo_lattices(stream: Stream, formats: NumberFormats) -> tuple[Stream, Mask]
     for axis in np.flatnonzero(formats.coarse):
         step, kind = float(formats.steps[axis]), FORMATS[int(formats.cut[axis])]
         density[:, axis] += step**2 / 12 * sample_s
-        for part in interval_slices(stream.recording):
+        for part in find_interval_slices(stream.recording):
             rates[part, axis], factor, more = undo_lattice(rates[part, axis], sample_s, step, stream.sigma, kind)
             density[part, axis] = density[part, axis] * factor + more
             hidden[axis] |= bool(np.mean(more > 0) > SETTINGS.hidden)

@@ -17,7 +17,7 @@ import scipy.ndimage
 import scipy.special
 from numpy.typing import NDArray
 
-from diagnosis.detectors.report import (
+from diagnosis.detectors.sample_report import (
     AXES,
     IMPOSSIBLE,
     Findings,
@@ -25,8 +25,8 @@ from diagnosis.detectors.report import (
     Stream,
     Symptom,
     Tell,
-    consecutive,
-    silent,
+    ignore_progress,
+    mark_consecutive_samples,
 )
 
 Array = NDArray[np.float64]
@@ -102,7 +102,7 @@ class OutlierFit:
 
 
 def find_outliers(
-    stream: Stream, quiet: Mask, noise: Array, steps: Array, event_p: float, tell: Tell = silent
+    stream: Stream, quiet: Mask, noise: Array, steps: Array, event_p: float, tell: Tell = ignore_progress
 ) -> tuple[Findings, Stream]:
     """Find single samples far outside of their neighbours, and bridge them.
 
@@ -173,8 +173,8 @@ def _fit_heights(found: list[Outliers], judged: Mask, noise: Array) -> OutlierFi
 
 def _find_of_gyros(stream: Stream, quiet: Mask, noise: Array, steps: Array, tell: Tell) -> tuple[list[Outliers], Mask]:
     """Find the outliers of each gyro; also the samples that were judged."""
-    used, follows = stream.used, consecutive(stream.recording, quiet)
-    whole = scipy.ndimage.binary_erosion(used & consecutive(stream.recording, used), iterations=SETTINGS.side)
+    used, follows = stream.used, mark_consecutive_samples(stream.recording, quiet)
+    whole = scipy.ndimage.binary_erosion(used & mark_consecutive_samples(stream.recording, used), iterations=SETTINGS.side)
     # Beside a sample that was bridged the motion is known less well than the noise says.
     known = ~scipy.ndimage.binary_dilation(stream.filled, iterations=len(BETWEEN) // 2)
     resting = quiet & follows & np.roll(follows, -1) & known

@@ -23,7 +23,7 @@ import scipy.special
 from numpy.typing import NDArray
 
 from diagnosis.detectors.number_format import NumberFormats
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, Findings, SampleTest, Stream, Symptom, consecutive
+from diagnosis.detectors.sample_report import AXES, IMPOSSIBLE, Findings, SampleTest, Stream, Symptom, mark_consecutive_samples
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -53,7 +53,7 @@ def find_own_repeats(stream: Stream, formats: NumberFormats, zone: Mask, event_p
     """
     recording, used = stream.recording, stream.used
     rates, tests, symptoms = recording.gyro.rates, [], []
-    follows = consecutive(recording, used)[1:]
+    follows = mark_consecutive_samples(recording, used)[1:]
     change = np.diff(rates, axis=0)
     together = (change == 0.0).all(axis=1)
     for axis in np.flatnonzero(~formats.coarse):

@@ -131,7 +131,7 @@ class Differences:
     hidden: Mask
 
 
-def reference_noise(
+def estimate_reference_noise(
     series: ReferenceSeries,
     density: Array,
     gyro_s: Array,
@@ -158,7 +158,7 @@ def reference_noise(
     # Single large differences, as beside a slew with wrong time tags, are not noise.
     usual = [np.median(np.abs(z[~found.hidden[:, axis], axis])) if enough[axis] else 0.0 for axis in range(3)]
     kept = (np.abs(z) < SETTINGS.trim * np.array(usual) / 0.6745) & ~found.hidden & enough
-    factor, sigma, p, axis = _level(found, kept, enough)
+    factor, sigma, p, axis = _estimate_factors(found, kept, enough)
     of_gyro = False
     if p < settings.sample_event and np.any(factor[enough] > 1):
         axes = np.flatnonzero(enough) if axis is None else np.array([axis])
@@ -196,14 +196,14 @@ def _find_differences(
     series: ReferenceSeries, density: Array, gyro_s: Array, dead: Mask, motion: Array | None, apart: int
 ) -> Differences:
     """Find the second differences of each reference or of every other one, without the part that follows a motion."""
-    found = _differences(series, density, gyro_s, dead, apart)
+    found = _compute_second_differences(series, density, gyro_s, dead, apart)
     if motion is None:
         return found
     each = [replace(series, residuals=error) for error in np.moveaxis(motion, 2, 0)]
-    return _without(found, [_differences(one, density, gyro_s, dead, apart) for one in each])
+    return _remove_motion_errors(found, [_compute_second_differences(one, density, gyro_s, dead, apart) for one in each])
 
 
-def _differences(series: ReferenceSeries, density: Array, gyro_s: Array, dead: Mask, apart: int) -> Differences:
+def _compute_second_differences(series: ReferenceSeries, density: Array, gyro_s: Array, dead: Mask, apart: int) -> Differences:
     """Those of three references at even spacing in one interval, no gap between them; of each one or of every other."""
     t_s, owner = series.t_s, series.interval
     before, after = t_s[apart:-apart] - t_s[: -2 * apart], t_s[2 * apart :] - t_s[apart:-apart]
@@ -230,7 +230,7 @@ def _differences(series: ReferenceSeries, density: Array, gyro_s: Array, dead: M
     )
 
 
-def _without(found: Differences, motion: list[Differences]) -> Differences:
+def _remove_motion_errors(found: Differences, motion: list[Differences]) -> Differences:
     """Differences without what is explained by those of some errors, as large on the whole as noise is that is fitted so."""
     scale = np.sqrt(found.stated + found.walk)
     z = found.values / scale
@@ -246,7 +246,7 @@ def _without(found: Differences, motion: list[Differences]) -> Differences:
     return replace(found, values=left * scale * np.sqrt(used.sum() / (used.sum() - rank)))
 
 
-def _level(found: Differences, kept: Mask, enough: Mask) -> tuple[Array, Array, float, int | None]:
+def _estimate_factors(found: Differences, kept: Mask, enough: Mask) -> tuple[Array, Array, float, int | None]:
     """Actual over stated noise and its sigma, (3,) each, the p-value of all being one, and the axis that departs alone.
 
     One does if the others are as stated, or are rather that than all are too large by one factor.

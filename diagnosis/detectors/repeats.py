@@ -28,8 +28,16 @@ import scipy.optimize
 import scipy.special
 from numpy.typing import NDArray
 
-from diagnosis.detectors.gap_interpolation import filled, runs
-from diagnosis.detectors.report import IMPOSSIBLE, Findings, SampleTest, Stream, Symptom, consecutive, since_start
+from diagnosis.detectors.gap_interpolation import fill_gaps, find_mask_runs
+from diagnosis.detectors.sample_report import (
+    IMPOSSIBLE,
+    Findings,
+    SampleTest,
+    Stream,
+    Symptom,
+    count_since_start,
+    mark_consecutive_samples,
+)
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -219,7 +227,7 @@ def bridge_repeats(stream: Stream, event_p: float) -> tuple[Findings, Stream]:
     rates, gyro = stream.rates, stream.recording.gyro
     # A clipped reading stands at the largest one.
     is_largest = (np.abs(rates) >= np.abs(rates[stream.used]).max(axis=0) * (1 - 1e-12)).any(axis=1)
-    found = find_repeats(rates, consecutive(stream.recording, stream.used) & ~is_largest)
+    found = find_repeats(rates, mark_consecutive_samples(stream.recording, stream.used) & ~is_largest)
     if found is None:
         return Findings(), stream
     test = SampleTest(
@@ -230,13 +238,13 @@ def bridge_repeats(stream: Stream, event_p: float) -> tuple[Findings, Stream]:
         return Findings((test,)), stream
     likeness = 1.0
     if not found.expected and found.mask.any():  # runs of chance begin at other times
-        likeness = compute_p_of_times(since_start(stream.recording)[[low for low, _ in runs(found.mask)]])
+        likeness = compute_p_of_times(count_since_start(stream.recording)[[low for low, _ in find_mask_runs(found.mask)]])
     parameters: dict[str, float | str] = {"fraction": found.fraction}
     kind, text = "repeats", ""
     if not is_measured(gyro.rates, found.mask):
         kind, text = "filled_samples", "samples repeat a value that is far from its neighbours, so that it was filled in"
     symptom = Symptom(kind, None, found.size, "samples", found.sigma, parameters, found.p_value, text, likeness=likeness)
-    rates, factor, density = filled(gyro.t_s, rates, found.mask, gyro.sample_s, stream.sigma)
+    rates, factor, density = fill_gaps(gyro.t_s, rates, found.mask, gyro.sample_s, stream.sigma)
     repaired = replace(
         stream, rates=rates, density=stream.density * factor[:, None] + density, filled=stream.filled | found.mask
     )
@@ -245,7 +253,7 @@ def bridge_repeats(stream: Stream, event_p: float) -> tuple[Findings, Stream]:
 
 def is_measured(rates: Array, repeated: Mask) -> bool:
     """Tell whether the values that repeat lie among their neighbours, as samples held over do and filler does not."""
-    edges = [(low, high) for low, high in runs(repeated) if low >= 3 and high + 1 < len(rates)]
+    edges = [(low, high) for low, high in find_mask_runs(repeated) if low >= 3 and high + 1 < len(rates)]
     if not edges:
         return True
     low, high = np.array(edges).T

@@ -16,11 +16,21 @@ import scipy.special
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
-from diagnosis.detectors.noise_blocks import SLOW, outside_bands
+from diagnosis.detectors.noise_blocks import HIDDEN_TONE_FREQUENCY, compute_broadband_share
 from diagnosis.detectors.noise_level import SETTINGS as LEVEL
 from diagnosis.detectors.noise_level import Readout, fit_noise_level
 from diagnosis.detectors.number_format import NumberFormats
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, Findings, Line, SampleTest, Stream, Symptom, Tell, silent
+from diagnosis.detectors.sample_report import (
+    AXES,
+    IMPOSSIBLE,
+    Findings,
+    Line,
+    SampleTest,
+    Stream,
+    Symptom,
+    Tell,
+    ignore_progress,
+)
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -86,7 +96,7 @@ class NoiseFactor:
     log_odds: float
 
 
-def local_noise(rates: Array, sigma: float, coarse: Mask, steps: Array, filled: Mask) -> Array:
+def estimate_local_noise(rates: Array, sigma: float, coarse: Mask, steps: Array, filled: Mask) -> Array:
     """(3,) robust noise of a sample that was measured, where enough were; what bridges the others has less."""
     order = SETTINGS.order
     if len(rates) <= order:
@@ -101,7 +111,7 @@ def local_noise(rates: Array, sigma: float, coarse: Mask, steps: Array, filled: 
     return np.asarray(np.maximum(np.where(robust > 0, robust, sigma), floor))
 
 
-def quiet(rates: Array, noise: Array, tell: Tell = silent) -> Mask:
+def find_quiet_samples(rates: Array, noise: Array, tell: Tell = ignore_progress) -> Mask:
     """Samples around which the mean rate does not visibly change on any axis."""
     half, moving = SETTINGS.half, np.zeros(len(rates), dtype=bool)
     for axis, level in enumerate(noise):
@@ -113,7 +123,7 @@ def quiet(rates: Array, noise: Array, tell: Tell = silent) -> Mask:
 
 
 def measure_noise(
-    stream: Stream, clipped: Mask, formats: NumberFormats, lines: Sequence[Line], event_p: float, tell: Tell = silent
+    stream: Stream, clipped: Mask, formats: NumberFormats, lines: Sequence[Line], event_p: float, tell: Tell = ignore_progress
 ) -> SampleNoise:
     """Measure the noise of each axis, beside the lines of the spectrum.
 
@@ -154,7 +164,9 @@ def _measure_axis(
     x, where = stream.rates[:, axis].copy(), measured
     for line in lines:
         x -= line.waveform
-        if line.frequency_hz * stream.recording.gyro.sample_s > SLOW:  # where it was not taken out, it is in the blocks
+        if (
+            line.frequency_hz * stream.recording.gyro.sample_s > HIDDEN_TONE_FREQUENCY
+        ):  # where it was not taken out, it is in the blocks
             where = where & (line.waveform != 0.0)
     if formats.may_be_cut[axis]:
         where = where & _is_off_zero(x, step, sigma)
@@ -163,7 +175,7 @@ def _measure_axis(
         return None
     factor = float(np.sqrt(max(1 + (level.variance - expected) / sigma**2, 1e-6)))
     p, rough = max(level.p_value, IMPOSSIBLE), coarse and step > SETTINGS.dithered * sigma
-    in_one_band = p < event_p and factor > 1 and outside_bands(level.powers, expected) < SETTINGS.elsewhere
+    in_one_band = p < event_p and factor > 1 and compute_broadband_share(level.powers, expected) < SETTINGS.elsewhere
     # Rounding to a few noise sigmas is not uniform noise.
     if in_one_band or (rough and abs(factor - 1) < SETTINGS.slack):
         p = 1.0
@@ -183,7 +195,7 @@ def _is_off_zero(x: Array, step: float, sigma: float) -> Mask:
 def _describe(stream: Stream, odd: dict[int, NoiseFactor], event_p: float) -> tuple[list[Symptom], Array]:
     """Describe noise that is not as stated: white or readout noise; also (3,) the factor of the noise density."""
     density = np.ones(3)
-    together = len(odd) == 3 and all(one.value > 1 for one in odd.values()) and _are_one(list(odd.values()))
+    together = len(odd) == 3 and all(one.value > 1 for one in odd.values()) and _has_one_factor(list(odd.values()))
     log_odds = {axis: sum(each.log_odds for each in odd.values()) if together else one.log_odds for axis, one in odd.items()}
     symptoms, white = list[Symptom](), list[int]()
     for axis, one in odd.items():
@@ -193,7 +205,7 @@ def _describe(stream: Stream, odd: dict[int, NoiseFactor], event_p: float) -> tu
         else:
             white.append(axis)
             density[axis] = one.value**2
-    common = len(white) == 3 and _are_one([odd[axis] for axis in white])
+    common = len(white) == 3 and _has_one_factor([odd[axis] for axis in white])
     for name, axes in [(None, white)] if common else [(AXES[axis], [axis]) for axis in white]:
         size = float(np.mean([odd[axis].value for axis in axes]))
         error = float(np.sqrt(np.mean([odd[axis].sigma ** 2 for axis in axes]) / len(axes)))
@@ -204,7 +216,7 @@ def _describe(stream: Stream, odd: dict[int, NoiseFactor], event_p: float) -> tu
     return symptoms, density
 
 
-def _are_one(factors: Sequence[NoiseFactor]) -> bool:
+def _has_one_factor(factors: Sequence[NoiseFactor]) -> bool:
     """Whether the noise factors of some gyros are one."""
     values, errors = np.array([one.value for one in factors]), np.array([one.sigma for one in factors])
     off = (values - np.average(values, weights=1 / errors**2)) / np.maximum(errors, SETTINGS.least_error)
@@ -218,9 +230,9 @@ def _describe_readout(
     sample_s, sigma = stream.recording.gyro.sample_s, stream.sigma
     size, error = (float(np.rad2deg(value) * 3600 * sample_s) for value in (readout.reading, readout.sigma))
     text = f"the noise of the samples rises with the frequency as that of readings of the angle of {size:.3g} arcsec"
-    rivals = (("white_noise_level", 1 - probability),) if readout.as_stated and 1 - probability > SETTINGS.possible else ()
+    rivals = (("white_noise_level", 1 - probability),) if readout.is_as_stated and 1 - probability > SETTINGS.possible else ()
     found = [Symptom("readout_noise", AXES[axis], size, "arcsec", error, {}, one.p_value, text, rivals=rivals)]
-    if readout.as_stated:
+    if readout.is_as_stated:
         return found, 1.0
     white = float(np.sqrt(readout.white)) / sigma
     error = 0.5 * readout.white_sigma / sigma**2 / white

@@ -18,19 +18,30 @@ from numpy.typing import NDArray
 from diagnosis.detectors.clipping import find_clipping
 from diagnosis.detectors.dead_zone_crossings import find_near_edges, find_zones
 from diagnosis.detectors.dead_zone_zeros import find_zeros
-from diagnosis.detectors.denoised import smoothed_rates
 from diagnosis.detectors.lattice import Kind
 from diagnosis.detectors.noise_dependence import find_noise_dependence, lower_likeness
+from diagnosis.detectors.noise_removal import remove_noise
 from diagnosis.detectors.number_format import NumberFormats, find_number_formats, undo_lattices
 from diagnosis.detectors.outliers import find_outliers
 from diagnosis.detectors.own_repeats import find_own_repeats
 from diagnosis.detectors.repeats import bridge_repeats
-from diagnosis.detectors.report import AXES, Findings, Line, SampleReport, Stream, Tell, Zone, inside, silent, within
-from diagnosis.detectors.sample_noise import local_noise, measure_noise, quiet
+from diagnosis.detectors.sample_noise import estimate_local_noise, find_quiet_samples, measure_noise
+from diagnosis.detectors.sample_report import (
+    AXES,
+    Findings,
+    Line,
+    SampleReport,
+    Stream,
+    Tell,
+    Zone,
+    ignore_progress,
+    mark_interval_samples,
+    scale_progress,
+)
 from diagnosis.detectors.spectral_lines import find_lines
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.recording import Recording
-from simulator.effects.recorded import interval_slices
+from simulator.effects.recording_view import find_interval_slices
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -47,7 +58,7 @@ SETTINGS = SampleSettings()
 
 
 def examine(
-    recording: Recording, lattice: Kind | None = None, settings: DiagnosisSettings = DEFAULT, tell: Tell = silent
+    recording: Recording, lattice: Kind | None = None, settings: DiagnosisSettings = DEFAULT, tell: Tell = ignore_progress
 ) -> SampleReport:
     """Test all samples of a recording, and repair the stream.
 
@@ -58,13 +69,13 @@ def examine(
     settings : thresholds
     tell : called with what is looked for and the share done
     """
-    gyro, used = recording.gyro, inside(recording)
+    gyro, used = recording.gyro, mark_interval_samples(recording)
     density = np.full(gyro.rates.shape, gyro.arw**2)
     stream = Stream(recording, gyro.rates.copy(), density, np.zeros(gyro.t_s.size, dtype=bool), used)
     tell("repeated samples", 0.0)
     repeated, stream = bridge_repeats(stream, settings.sample_event)
     tell("number format", 0.02)
-    formats = find_number_formats(gyro.rates, used, ~stream.filled, interval_slices(recording), stream.sigma, lattice)
+    formats = find_number_formats(gyro.rates, used, ~stream.filled, find_interval_slices(recording), stream.sigma, lattice)
     tell("plateaus", 0.03)
     clipping, clipped = find_clipping(recording, used, formats, stream.sigma)
     noisy = NoisyPart(stream)
@@ -80,7 +91,7 @@ def examine(
         filled=noisy.stream.filled,
         noise_factor=np.array(noisy.factor),
         noise=stream.sigma * np.array(noisy.factor),
-        smooth=smoothed_rates(noisy.stream.rates, recording, within(tell, 0.8, 1)),
+        smooth=remove_noise(noisy.stream.rates, recording, scale_progress(tell, 0.8, 1)),
         hidden=np.array(noisy.hidden),
         lattice=formats.steps > SETTINGS.hiding * stream.sigma,
         zones=noisy.zones,
@@ -119,15 +130,17 @@ def _examine_noise(stream: Stream, formats: NumberFormats, clipped: Mask, settin
     zone = np.array([axis in {one.axis for one in zeros.symptoms} for axis in AXES])
     held = find_own_repeats(stream, formats, zone, event_p)
     tell("noise here and there", 0.045)
-    local = local_noise(stream.rates, sigma, coarse, formats.steps, stream.filled)
+    local = estimate_local_noise(stream.rates, sigma, coarse, formats.steps, stream.filled)
     zones = find_zones(stream, coarse, tell)
     # The jumps at the edges of a zone are neither noise nor motion; of readings beside zeros, some were made zeros.
     stream = replace(stream, used=stream.used & ~find_near_edges(zones, len(stream.rates)) & ~near_zeros)
-    still = stream.used & quiet(stream.rates, local, within(tell, 0.2, 0.25))
+    still = stream.used & find_quiet_samples(stream.rates, local, scale_progress(tell, 0.2, 0.25))
     steps = np.where(coarse, formats.steps, 0.0)
-    outliers, stream = find_outliers(stream, still, local, steps, event_p, within(tell, 0.25, 0.3))
-    lines, tests = find_lines(stream, still, formats.steps > SETTINGS.hiding * sigma, settings.line, within(tell, 0.3, 0.65))
-    noise = measure_noise(stream, clipped, formats, lines, event_p, within(tell, 0.65, 0.8))
+    outliers, stream = find_outliers(stream, still, local, steps, event_p, scale_progress(tell, 0.25, 0.3))
+    lines, tests = find_lines(
+        stream, still, formats.steps > SETTINGS.hiding * sigma, settings.line, scale_progress(tell, 0.3, 0.65)
+    )
+    noise = measure_noise(stream, clipped, formats, lines, event_p, scale_progress(tell, 0.65, 0.8))
     dependence, p_values = find_noise_dependence(*_choose_noise(stream, clipped, formats, lines, zones), event_p)
     levels = replace(noise.findings, symptoms=lower_likeness(noise.findings.symptoms, p_values))
     stream, hidden = undo_lattices(replace(stream, density=stream.density * noise.density), formats)

@@ -14,11 +14,11 @@ import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
-from diagnosis.detectors.report import IMPOSSIBLE, Line
+from diagnosis.detectors.sample_report import IMPOSSIBLE, Line
 from diagnosis.sinusoids.fit import Piece, SinusoidFit, find_frequency, fit_sinusoid, make_waves
 from diagnosis.sinusoids.spectrum import Arcs, compute_power
 from gyrocal.recording import Recording
-from simulator.effects.recorded import interval_slices
+from simulator.effects.recording_view import find_interval_slices
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ def fit_line(
     sample_s, t_s = recording.gyro.sample_s, recording.gyro.t_s
     span_s = max(high - low for low, high in arcs) * sample_s
     pieces = [_make_piece(x[low:high], t_s[low:high], centre_hz * sample_s) for low, high in arcs]
-    f = find_frequency([_without_jolts(piece) for piece in pieces], centre_hz, max(width_hz, 1.5 / span_s), sample_s)
+    f = find_frequency([_remove_jolts(piece) for piece in pieces], centre_hz, max(width_hz, 1.5 / span_s), sample_s)
     first = fit_sinusoid(pieces, f, 0.0, steps=0)
     calm = [_is_calm(residual) for residual in first.residuals]
     pieces = [piece.select(rows) for piece, rows in zip(pieces, calm, strict=True)]
@@ -119,7 +119,7 @@ def _is_calm(residual: Array) -> NDArray[np.bool_]:
     return np.asarray(np.abs(residual) <= SETTINGS.sudden * spread)
 
 
-def _without_jolts(piece: Piece) -> Piece:
+def _remove_jolts(piece: Piece) -> Piece:
     return replace(piece, data=np.where(_is_calm(piece.data), piece.data, 0.0))
 
 
@@ -187,7 +187,7 @@ def _make_waveform(fit: SinusoidFit, recording: Recording, arcs: Arcs, beside: b
     """
     low, high = np.array(arcs).T
     waveform, reach = np.zeros(recording.gyro.t_s.size), (high - low) * beside
-    for part in interval_slices(recording):
+    for part in find_interval_slices(recording):
         own = np.flatnonzero((low >= part.start) & (low < part.stop))
         if own.size:
             sample = np.arange(part.start, part.stop)

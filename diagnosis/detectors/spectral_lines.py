@@ -16,7 +16,7 @@ import scipy.fft
 import scipy.ndimage
 from numpy.typing import NDArray
 
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, Findings, Line, SampleTest, Stream, Tell, silent
+from diagnosis.detectors.sample_report import AXES, IMPOSSIBLE, Findings, Line, SampleTest, Stream, Tell, ignore_progress
 from diagnosis.detectors.sinusoids_in_arcs import fit_line
 from diagnosis.sinusoids.spectrum import Arcs, compute_log_p, compute_segment_spectrum
 from gyrocal.recording import Recording
@@ -71,7 +71,7 @@ class Look:
 
 
 def find_lines(
-    stream: Stream, quiet: Mask, lattice: Mask, line_p: float, tell: Tell = silent
+    stream: Stream, quiet: Mask, lattice: Mask, line_p: float, tell: Tell = ignore_progress
 ) -> tuple[tuple[Line, ...], Findings]:
     """Find the lines of each axis: first in all samples that can be used, then in the quiet ones.
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.recording import Attitudes, Interval, Recording, reference_rows
+from gyrocal.recording import Attitudes, Interval, Recording, find_reference_rows
 from simulator.effects.base import Effect, Fault, Surroundings
 from simulator.effects.innovations import compute_innovations
-from simulator.effects.recorded import surroundings_of
+from simulator.effects.recording_view import extract_surroundings
 
 Mask = NDArray[np.bool_]
 
@@ -43,12 +43,12 @@ def find_faults(recording: Recording, effects: Sequence[Effect]) -> tuple[Fault,
     for effect in able:
         # A fault that was found is out of the way of those that are looked for after it.
         left = remove_faults(recording, found)
-        around = surroundings_of(left, left.gyro.apriori_G, left.gyro.apriori_bias, 0)
+        around = extract_surroundings(left, left.gyro.apriori_G, left.gyro.apriori_bias, 0)
         if effect.missing(around) is None:
             faults = [
                 fault for fault in effect.find_faults(around) if _is_exception(fault) and not _is_along_rate(fault, around)
             ]
-            found += [_in_whole(fault, left, recording) for fault in faults]
+            found += [_expand_fault(fault, left, recording) for fault in faults]
     return tuple(found)
 
 
@@ -75,7 +75,7 @@ def _is_exception(fault: Fault) -> bool:
     return bool(fault.references.mean() < SETTINGS.most_lost and fault.samples.mean() < SETTINGS.most_lost)
 
 
-def _in_whole(fault: Fault, part: Recording, whole: Recording) -> Fault:
+def _expand_fault(fault: Fault, part: Recording, whole: Recording) -> Fault:
     """A fault with the references of the whole recording in place of those of a part."""
     lost = np.isin(whole.attitudes.t_s, part.attitudes.t_s[fault.references])
     return replace(fault, references=lost)
@@ -93,7 +93,7 @@ def remove_faults(recording: Recording, faults: Sequence[Fault]) -> Recording:
         return recording
     inside = np.zeros(kept.t_s.size, dtype=bool)
     for piece in pieces:
-        inside[reference_rows(kept.t_s, piece)] = True
+        inside[find_reference_rows(kept.t_s, piece)] = True
     return replace(recording, attitudes=_keep_references(kept, inside), intervals=pieces)
 
 
@@ -105,7 +105,7 @@ def _cut_intervals(recording: Recording, reference_s: NDArray[np.float64], lost_
     """The parts of the intervals between lost samples that have references enough."""
     out = []
     for interval in recording.intervals:
-        times = reference_s[reference_rows(reference_s, interval)]
+        times = reference_s[find_reference_rows(reference_s, interval)]
         part = np.searchsorted(lost_s, times)
         numbers = np.unique(part)
         for number in numbers:

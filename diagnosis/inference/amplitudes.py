@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp
 
-from diagnosis.inference.evidence import log_bayes, unshifted
+from diagnosis.inference.evidence import log_bayes, remove_shift
 from diagnosis.inference.products import Conditioning
 from diagnosis.inference.search import Search
-from diagnosis.model.linear import Candidate, LinearModel, Member, Option, Parameters
+from diagnosis.model.linear import Candidate, LinearModel, ParameterChoice, Parameters, SelectedCandidate
 
 Array = NDArray[np.float64]
 
@@ -38,15 +38,15 @@ class AmplitudeSettings:
 SETTINGS = AmplitudeSettings()
 
 
-TIME = "time_s"
+TIME_KEY = "time_s"
 TIME_WIDTH = "time_sigma_s"  # of an option: what is not known of its own time
-PERIOD = "period_s"
+PERIOD_KEY = "period_s"
 PERIOD_WIDTH = "period_sigma_s"  # the same of a period
 PROBABILITY = "_probability"  # of a parameter that is no number, such as the element of G
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedEffect:
     """Amplitudes of one effect.
 
     Attributes
@@ -81,25 +81,27 @@ class Fitted:
         return np.asarray(self.columns @ self.amplitudes + self.shift)
 
 
-def fit(model: LinearModel, members: Sequence[Member]) -> list[Fitted]:
+def fit(model: LinearModel, members: Sequence[SelectedCandidate]) -> list[FittedEffect]:
     """Amplitudes of all members of an explanation, over finer options around their own."""
-    return amplitudes(*refined(model, members))
+    return estimate_amplitudes(*refine_explanation(model, members))
 
 
-def refined(model: LinearModel, members: Sequence[Member]) -> tuple[LinearModel, tuple[Member, ...]]:
+def refine_explanation(
+    model: LinearModel, members: Sequence[SelectedCandidate]
+) -> tuple[LinearModel, tuple[SelectedCandidate, ...]]:
     """The model with finer options around those of an explanation, and the explanation at its best among them."""
     for member in members:
         model = model.refine(model, member)
     return model, Search(model).settled(tuple(members)).members
 
 
-def amplitudes(model: LinearModel, members: tuple[Member, ...]) -> list[Fitted]:
+def estimate_amplitudes(model: LinearModel, members: tuple[SelectedCandidate, ...]) -> list[FittedEffect]:
     """Amplitudes of all members of an explanation that is at its best."""
     search = Search(model)
-    return [_one(search, members, place) for place in range(len(members))]
+    return [_estimate_member(search, members, place) for place in range(len(members))]
 
 
-def _one(search: Search, members: tuple[Member, ...], place: int) -> Fitted:
+def _estimate_member(search: Search, members: tuple[SelectedCandidate, ...], place: int) -> FittedEffect:
     model, member = search.model, members[place]
     given = search.given(members[:place] + members[place + 1 :])
     entry = model.candidate(member)
@@ -109,42 +111,44 @@ def _one(search: Search, members: tuple[Member, ...], place: int) -> Fitted:
     # Options with other columns, such as a richer form of the same effect, have amplitudes of another meaning.
     alike = [k for k, one in enumerate(entry.options) if entry.process or one.count == option.count]
     alike = [k for k in alike if weights[k].sum() > SETTINGS.negligible or k == member.option]
-    products = {k: _products(search, member.candidate, k, given) for k in alike}
+    products = {k: _compute_member_products(search, member.candidate, k, given) for k in alike}
     if entry.process:
         size, sigma = _process_size(entry, products, entry.scales[member.scale])
-        (values,), (spread,) = _normal(*products[member.option], entry.scales[[member.scale]], entry.positive)
+        (values,), (spread,) = _compute_amplitude_moments(
+            *products[member.option], entry.scales[[member.scale]], entry.positive
+        )
         shown: Parameters = dict(option.parameters)
     else:
-        own_kind = [k for k in alike if _named(entry.options[k]) == _named(option)]
-        values, spread = _over(entry, products, weights, own_kind, member.option)
+        own_kind = [k for k in alike if _select_text_parameters(entry.options[k]) == _select_text_parameters(option)]
+        values, spread = _average_options(entry, products, weights, own_kind, member.option)
         size, more = entry.read(values)
         sigma = float(np.hypot(_read_sigma(entry, values, spread), entry.size_sigma(size)))
         if len(own_kind) < len(alike):
-            sigma = _beside(entry, products, weights, alike, member.option, size, sigma)
-        shown = {**_parameters(entry, weights, member.option), **more}
-    own, _, shifts = model.design((member,))
-    return Fitted(
+            sigma = _compute_alternative_sigma(entry, products, weights, alike, member.option, size, sigma)
+        shown = {**_summarise_parameters(entry, weights, member.option), **more}
+    own, _, shifts = model.build_design((member,))
+    return FittedEffect(
         entry.label, entry.effect, entry.axis, entry.unit, size, sigma, shown, model.W[:, own], values,
         np.sqrt(np.maximum(np.diag(spread), 0.0)), model.scale(member), entry.process, model.W[:, shifts].sum(axis=1),
     )  # fmt: skip
 
 
-def _named(option: Option) -> Parameters:
+def _select_text_parameters(option: ParameterChoice) -> Parameters:
     """What an option is of that is no number, such as an element of G: amplitudes of another one are of another thing."""
     return {name: value for name, value in option.parameters.items() if isinstance(value, str)}
 
 
-def _over(
+def _average_options(
     entry: Candidate, products: Mapping[int, tuple[Array, Array]], weights: Array, some: Sequence[int], held: int
 ) -> tuple[Array, Array]:
     """Mean and covariance of the amplitudes over some options and all scales, those of `held` in their meaning."""
-    parts = [_normal(*products[k], entry.scales, entry.positive) for k in some]
+    parts = [_compute_amplitude_moments(*products[k], entry.scales, entry.positive) for k in some]
     if entry.scanned:
-        parts = _in_phase([weights[k] for k in some], parts, some.index(held))
-    return _mixture(weights[some] / weights[some].sum(), *zip(*parts, strict=True))
+        parts = _align_phases([weights[k] for k in some], parts, some.index(held))
+    return _merge_moments(weights[some] / weights[some].sum(), *zip(*parts, strict=True))
 
 
-def _beside(
+def _compute_alternative_sigma(
     entry: Candidate,
     products: Mapping[int, tuple[Array, Array]],
     weights: Array,
@@ -159,31 +163,31 @@ def _beside(
     elements apart, and the size is that of either.
     """
     square, total = 0.0, 0.0
-    kinds = [_named(entry.options[k]) for k in alike]
+    kinds = [_select_text_parameters(entry.options[k]) for k in alike]
     for kind in [one for place, one in enumerate(kinds) if one not in kinds[:place]]:
         some = [k for k, one in zip(alike, kinds, strict=True) if one == kind]
         share, away = float(weights[some].sum()), sigma**2
         if held not in some:
-            values, spread = _over(entry, products, weights, some, some[0])
+            values, spread = _average_options(entry, products, weights, some, some[0])
             away = (entry.read(values)[0] - size) ** 2 + _read_sigma(entry, values, spread) ** 2
         square, total = square + share * away, total + share
     return float(np.sqrt(square / total))
 
 
-def _products(search: Search, candidate: int, number: int, given: Conditioning | None) -> tuple[Array, Array]:
+def _compute_member_products(search: Search, candidate: int, number: int, given: Conditioning | None) -> tuple[Array, Array]:
     """XᵀX (k, k) and Xᵀy (k,) of an option given the other members, a shift taken out of y."""
     entry = search.model.candidates[candidate]
     option = entry.options[number]
     places = np.arange(option.start, option.start + option.count)[None]
     gram, correlation = search.gram.single(candidate, number)[None], search.correlation[places]
     if given is not None:
-        gram, correlation = given.reduced_products(gram, correlation, places)
+        gram, correlation = given.reduce_products(gram, correlation, places)
     if entry.shifted:
-        gram, correlation, _ = unshifted(gram, correlation)
+        gram, correlation, _ = remove_shift(gram, correlation)
     return gram[0], correlation[0]
 
 
-def _normal(gram: Array, correlation: Array, scales: Array, positive: bool) -> tuple[Array, Array]:
+def _compute_amplitude_moments(gram: Array, correlation: Array, scales: Array, positive: bool) -> tuple[Array, Array]:
     """Mean (s, k) and covariance (s, k, k) of the amplitudes at each scale."""
     values, vectors = np.linalg.eigh(gram)
     variance = scales[:, None] ** 2 / (1 + scales[:, None] ** 2 * np.maximum(values, 0.0))  # (s, k)
@@ -198,7 +202,7 @@ def _normal(gram: Array, correlation: Array, scales: Array, positive: bool) -> t
     return np.asarray(mean), np.asarray(covariance)
 
 
-def _mixture(weights: Array, means: Sequence[Array], covariances: Sequence[Array]) -> tuple[Array, Array]:
+def _merge_moments(weights: Array, means: Sequence[Array], covariances: Sequence[Array]) -> tuple[Array, Array]:
     """Mean and covariance over options and scales."""
     mean = sum((w @ m for w, m in zip(weights, means, strict=True)), np.zeros(means[0].shape[1]))
     spread = np.zeros((mean.size, mean.size))
@@ -208,7 +212,7 @@ def _mixture(weights: Array, means: Sequence[Array], covariances: Sequence[Array
     return mean, spread
 
 
-def _in_phase(weights: Sequence[Array], parts: Sequence[tuple[Array, Array]], held: int) -> list[tuple[Array, Array]]:
+def _align_phases(weights: Sequence[Array], parts: Sequence[tuple[Array, Array]], held: int) -> list[tuple[Array, Array]]:
     """Amplitudes of sines of different periods, each turned to the phase of the one at which the member is held.
 
     Far from the middle of the data the phase changes with the period while size and fit hardly do.
@@ -222,32 +226,33 @@ def _in_phase(weights: Sequence[Array], parts: Sequence[tuple[Array, Array]], he
     return out
 
 
-def _parameters(entry: Candidate, weights: Array, best: int) -> Parameters:
+def _summarise_parameters(entry: Candidate, weights: Array, best: int) -> Parameters:
     """Parameters of the best option, and mean and sigma of the numbers that differ between the options."""
     shown = {name: value for name, value in entry.options[best].parameters.items() if name not in (TIME_WIDTH, PERIOD_WIDTH)}
     share = weights.sum(axis=1)
-    names = _named(entry.options[best])
+    names = _select_text_parameters(entry.options[best])
     of_names = float(
-        sum(one for one, option in zip(share, entry.options, strict=True) if _named(option) == names) / share.sum()
+        sum(one for one, option in zip(share, entry.options, strict=True) if _select_text_parameters(option) == names)
+        / share.sum()
     )
     if of_names < SETTINGS.certain:
         shown |= {f"{name}{PROBABILITY}": of_names for name in names}
     if PERIOD_WIDTH in entry.options[best].parameters:
         # Of the option itself, since its phase is that of its own period.
-        others = np.array([[float(one.parameters[name]) for name in (PERIOD, PERIOD_WIDTH)] for one in entry.options])
-        away = (others[:, 0] - float(shown[PERIOD])) ** 2 + others[:, 1] ** 2
+        others = np.array([[float(one.parameters[name]) for name in (PERIOD_KEY, PERIOD_WIDTH)] for one in entry.options])
+        away = (others[:, 0] - float(shown[PERIOD_KEY])) ** 2 + others[:, 1] ** 2
         shown[PERIOD_WIDTH] = float(np.sqrt(share @ away / share.sum()))
-    if TIME in shown:
+    if TIME_KEY in shown:
         alike = [
             k
             for k, option in enumerate(entry.options)
-            if all(option.parameters.get(name) == value for name, value in shown.items() if name != TIME)
+            if all(option.parameters.get(name) == value for name, value in shown.items() if name != TIME_KEY)
         ]
-        times = np.array([float(entry.options[k].parameters[TIME]) for k in alike], dtype=float)
+        times = np.array([float(entry.options[k].parameters[TIME_KEY]) for k in alike], dtype=float)
         widths = np.array([float(entry.options[k].parameters.get(TIME_WIDTH, 0.0)) for k in alike])
         w = share[alike] / share[alike].sum()
         mean = float(w @ times)
-        shown[TIME] = mean
+        shown[TIME_KEY] = mean
         shown[TIME_WIDTH] = float(np.sqrt(w @ ((times - mean) ** 2 + widths**2)))
     return shown
 

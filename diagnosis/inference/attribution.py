@@ -34,8 +34,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from diagnosis.answer import Verdict
-from diagnosis.inference.search import NOTHING, Explanation, total
-from diagnosis.model.linear import LinearModel, Member
+from diagnosis.inference.search import BASELINE_EXPLANATION, Explanation, sum_log_posterior
+from diagnosis.model.linear import LinearModel, SelectedCandidate
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 
 
@@ -56,7 +56,7 @@ REMAINDER = "a remainder"  # in explanations
 
 
 @dataclass(frozen=True)
-class Slot:
+class CredibleGroup:
     """One effect of the best explanation, and the alternatives that this recording cannot tell from it.
 
     Attributes
@@ -66,13 +66,13 @@ class Slot:
     group : labels with probabilities, itself included, the likeliest first
     """
 
-    member: Member
+    member: SelectedCandidate
     probability: float
     group: tuple[tuple[str, float], ...]
 
 
 @dataclass(frozen=True)
-class Ranked:
+class RankedExplanation:
     """One explanation for the list of all of them."""
 
     labels: tuple[str, ...]
@@ -96,17 +96,19 @@ class Attribution:
 
     verdict: Verdict
     best: Explanation
-    slots: tuple[Slot, ...]
+    slots: tuple[CredibleGroup, ...]
     unknown: float
-    ranked: tuple[Ranked, ...]
+    ranked: tuple[RankedExplanation, ...]
 
 
-def attribute(model: LinearModel, explanations: list[Explanation], settings: DiagnosisSettings = DEFAULT) -> Attribution:
+def infer_attribution(
+    model: LinearModel, explanations: list[Explanation], settings: DiagnosisSettings = DEFAULT
+) -> Attribution:
     """From sets with their evidence to an answer."""
-    norm = total(explanations)
+    norm = sum_log_posterior(explanations)
     probability = {explanation.key: float(np.exp(explanation.log_posterior - norm)) for explanation in explanations}
     ranked = tuple(
-        Ranked(
+        RankedExplanation(
             tuple(model.candidate(member).label for member in explanation.members),
             probability[explanation.key],
             explanation.log_evidence,
@@ -118,44 +120,44 @@ def attribute(model: LinearModel, explanations: list[Explanation], settings: Dia
     listed = [one for one in explanations if one.members and is_listed(model, one)]
     if not listed or unknown > settings.unknown:
         return Attribution("unknown", explanations[0], (), unknown, ranked)
-    best = _best(listed, probability)
-    slots = tuple(_slot(model, best, member, probability, settings) for member in best.members)
-    return Attribution(_verdict(slots, settings), best, _shown(slots, settings), unknown, ranked)
+    best = _find_best_explanation(listed, probability)
+    slots = tuple(_build_credible_group(model, best, member, probability, settings) for member in best.members)
+    return Attribution(_decide_attribution_verdict(slots, settings), best, _trim_groups(slots, settings), unknown, ranked)
 
 
 def find_slots(
     model: LinearModel, best: Explanation, explanations: Sequence[Explanation], settings: DiagnosisSettings = DEFAULT
-) -> list[Slot]:
+) -> list[CredibleGroup]:
     """Find the listed effects of an explanation, with their posterior over all explanations, and their alternatives."""
-    norm = total(list(explanations))
+    norm = sum_log_posterior(list(explanations))
     probability = {one.key: float(np.exp(one.log_posterior - norm)) for one in explanations}
     listed = [member for member in best.members if model.candidate(member).listed]
-    return [_slot(model, best, member, probability, settings) for member in listed]
+    return [_build_credible_group(model, best, member, probability, settings) for member in listed]
 
 
-def rank_beside_remainder(slots: Sequence[Slot]) -> tuple[Ranked, ...]:
+def rank_beside_remainder(slots: Sequence[CredibleGroup]) -> tuple[RankedExplanation, ...]:
     """Rank the explanations by identified effects and a remainder: each effect or one of its alternatives, independently."""
     ranked = []
     for choice in itertools.product(*(slot.group for slot in slots)):
         probability = math.prod(p for _, p in choice)
-        ranked.append(Ranked((*(name for name, _ in choice), REMAINDER), probability, 0.0, True))
-    ranked.append(Ranked((REMAINDER,), max(0.0, 1 - sum(one.probability for one in ranked)), 0.0, True))
+        ranked.append(RankedExplanation((*(name for name, _ in choice), REMAINDER), probability, 0.0, True))
+    ranked.append(RankedExplanation((REMAINDER,), max(0.0, 1 - sum(one.probability for one in ranked)), 0.0, True))
     return tuple(sorted(ranked, key=lambda one: -one.probability))
 
 
-def unexplained(p_value: float, settings: DiagnosisSettings = DEFAULT) -> Attribution:
+def build_unknown_attribution(p_value: float, settings: DiagnosisSettings = DEFAULT) -> Attribution:
     """Of a gap that no candidate shows: M0 against something unlisted, as likely beforehand, with the p-value of the gap."""
-    unknown = 1 / (1 + against(p_value))
+    unknown = 1 / (1 + compute_bayes_factor_bound(p_value))
     nothing, other = (
-        Ranked((), 1 - unknown, 0.0, False),
-        Ranked(("residuals that are not white, as of no candidate",), unknown, 0.0, True),
+        RankedExplanation((), 1 - unknown, 0.0, False),
+        RankedExplanation(("residuals that are not white, as of no candidate",), unknown, 0.0, True),
     )
-    return Attribution("unknown", NOTHING, (), unknown, (other, nothing))
+    return Attribution("unknown", BASELINE_EXPLANATION, (), unknown, (other, nothing))
 
 
-def unseen(
+def rank_weak_effects(
     model: LinearModel, explanations: Sequence[Explanation], p_value: float, settings: DiagnosisSettings = DEFAULT
-) -> tuple[Ranked, ...]:
+) -> tuple[RankedExplanation, ...]:
     """Of a recording without a gap: M0, as likely beforehand as all else, and what may be at work and too weak to be told.
 
     Parameters
@@ -168,18 +170,18 @@ def unseen(
     -------
     All of them, the likeliest first
     """
-    hidden = float(np.log(settings.unlisted_share / against(p_value)))
-    norm = float(np.logaddexp(total([NOTHING, *explanations]), hidden))
+    hidden = float(np.log(settings.unlisted_share / compute_bayes_factor_bound(p_value)))
+    norm = float(np.logaddexp(sum_log_posterior([BASELINE_EXPLANATION, *explanations]), hidden))
     found = [
-        Ranked(
+        RankedExplanation(
             tuple(model.candidate(member).label for member in one.members),
             float(np.exp(one.log_posterior - norm)),
             one.log_evidence,
             not is_listed(model, one),
         )
-        for one in (NOTHING, *explanations)
+        for one in (BASELINE_EXPLANATION, *explanations)
     ]
-    found.append(Ranked(("something that no candidate shows",), float(np.exp(hidden - norm)), 0.0, True))
+    found.append(RankedExplanation(("something that no candidate shows",), float(np.exp(hidden - norm)), 0.0, True))
     return tuple(sorted(found, key=lambda one: -one.probability))
 
 
@@ -197,7 +199,7 @@ def weigh_unlisted(
     attribution : of an explanation that has effects to name
     p_value : of all checks of what the explanation leaves together; None where nothing could be checked
     """
-    factor = 1.0 if p_value is None else 1 / against(p_value)
+    factor = 1.0 if p_value is None else 1 / compute_bayes_factor_bound(p_value)
     beside = settings.another * settings.unlisted_share
     alone = 1 / (1 + factor * beside / (1 - beside))
     own = [_keep(model, slot, factor, settings) for slot in attribution.slots]
@@ -211,10 +213,12 @@ def weigh_unlisted(
         replace(slot, probability=slot.probability * part, group=tuple((name, p * part) for name, p in slot.group))
         for slot, part in zip(attribution.slots, own, strict=True)
     ]
-    return Attribution(_verdict(slots, settings), attribution.best, _shown(slots, settings), unknown, tuple(ranked))
+    return Attribution(
+        _decide_attribution_verdict(slots, settings), attribution.best, _trim_groups(slots, settings), unknown, tuple(ranked)
+    )
 
 
-def _keep(model: LinearModel, slot: Slot, factor: float, settings: DiagnosisSettings) -> float:
+def _keep(model: LinearModel, slot: CredibleGroup, factor: float, settings: DiagnosisSettings) -> float:
     """Compute the probability that no remainder stands in the place of an effect; `factor` is that of the checks."""
     entry = model.candidate(slot.member)
     if not entry.process:
@@ -223,7 +227,7 @@ def _keep(model: LinearModel, slot: Slot, factor: float, settings: DiagnosisSett
     return 1 / (1 + odds * math.exp(-max(entry.log_odds, 0.0)))
 
 
-def _rank_unlisted(attribution: Attribution, own: Sequence[float], alone: float) -> Iterator[Ranked]:
+def _rank_unlisted(attribution: Attribution, own: Sequence[float], alone: float) -> Iterator[RankedExplanation]:
     """Rank the explanations that have a remainder in the place of some causes, or beside all of them.
 
     Parameters
@@ -237,10 +241,10 @@ def _rank_unlisted(attribution: Attribution, own: Sequence[float], alone: float)
         probability = math.prod(p if is_true else 1 - p for p, is_true in zip(own, true, strict=True))
         kept = [name for name, is_true in zip(names, true, strict=True) if is_true]
         share = 1 - alone if all(true) else 1.0
-        yield Ranked((*kept, REMAINDER), probability * share, attribution.best.log_evidence, True)
+        yield RankedExplanation((*kept, REMAINDER), probability * share, attribution.best.log_evidence, True)
 
 
-def against(p_value: float) -> float:
+def compute_bayes_factor_bound(p_value: float) -> float:
     """Bayes factor 1/B for a model against what its checks may see, of their p-value; two at most."""
     x = -math.log(min(max(p_value, SETTINGS.least), 1.0))
     return 1 / (0.5 + x / 6) if x < SETTINGS.certain else x**2 / (math.expm1(x) - x)
@@ -251,19 +255,19 @@ def average_checks(
 ) -> float:
     """P-value of the checks, averaged over the posterior of the listed explanations that have enough of it."""
     entries = [one for one in explanations if one.members and listed(one)]
-    norm = total(entries)
+    norm = sum_log_posterior(entries)
     weighed = [(float(np.exp(one.log_posterior - norm)), one) for one in entries]
     kept = [(weight, one) for weight, one in weighed if weight > SETTINGS.worth_a_check][: SETTINGS.most_checked]
     return sum(weight * check(one) for weight, one in kept) / sum(weight for weight, _ in kept)
 
 
-def _verdict(slots: Sequence[Slot], settings: DiagnosisSettings) -> Verdict:
+def _decide_attribution_verdict(slots: Sequence[CredibleGroup], settings: DiagnosisSettings) -> Verdict:
     return "named" if all(slot.probability >= settings.named for slot in slots) else "group"
 
 
-def _shown(slots: Sequence[Slot], settings: DiagnosisSettings) -> tuple[Slot, ...]:
+def _trim_groups(slots: Sequence[CredibleGroup], settings: DiagnosisSettings) -> tuple[CredibleGroup, ...]:
     """The slots with the alternatives that are shown: none beside causes that are all named."""
-    most = 1 if _verdict(slots, settings) == "named" else settings.largest_group
+    most = 1 if _decide_attribution_verdict(slots, settings) == "named" else settings.largest_group
     return tuple(replace(slot, group=slot.group[:most]) for slot in slots)
 
 
@@ -272,7 +276,7 @@ def is_listed(model: LinearModel, explanation: Explanation) -> bool:
     return all(model.candidates[k].listed for k in explanation.key)
 
 
-def _best(listed: list[Explanation], probability: dict[frozenset[int], float]) -> Explanation:
+def _find_best_explanation(listed: list[Explanation], probability: dict[frozenset[int], float]) -> Explanation:
     """The likeliest set, of the likeliest number of effects."""
     by_size: dict[int, float] = defaultdict(float)
     for explanation in listed:
@@ -281,13 +285,13 @@ def _best(listed: list[Explanation], probability: dict[frozenset[int], float]) -
     return next(explanation for explanation in listed if len(explanation.key) == size)
 
 
-def _slot(
+def _build_credible_group(
     model: LinearModel,
     best: Explanation,
-    member: Member,
+    member: SelectedCandidate,
     probability: dict[frozenset[int], float],
     settings: DiagnosisSettings,
-) -> Slot:
+) -> CredibleGroup:
     """The effect with the alternatives that stand in its place in explanations with the same other effects."""
     others = best.key - {member.candidate}
     own = sum(p for key, p in probability.items() if member.candidate in key)
@@ -305,4 +309,4 @@ def _slot(
         for candidate, p in sorted(shares.items(), key=lambda item: -item[1])
         if p > settings.group_share * whole
     ]
-    return Slot(member, own, tuple(group))
+    return CredibleGroup(member, own, tuple(group))

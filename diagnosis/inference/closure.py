@@ -20,15 +20,15 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from diagnosis.answer import Closure
-from diagnosis.model.linear import Fold, LinearModel, Member
+from diagnosis.model.linear import Fold, LinearModel, SelectedCandidate
 
 Array = NDArray[np.float64]
 
 MEASURE = "held-out whitened mean square"
-TINY = 1e-6
+LEAST_MISFIT = 1e-6
 
 
-def compute_closure(model: LinearModel, members: Sequence[Member]) -> Closure | None:
+def compute_closure(model: LinearModel, members: Sequence[SelectedCandidate]) -> Closure | None:
     """Compute how far an explanation closes the misfit on held-out data.
 
     Parameters
@@ -41,8 +41,8 @@ def compute_closure(model: LinearModel, members: Sequence[Member]) -> Closure | 
     None where nothing can be held out
     """
     listed = sorted(members, key=lambda member: not model.candidate(member).listed)
-    places, scale, shifts = model.design(listed)
-    own = model.design([member for member in listed if model.candidate(member).listed])[0].size
+    places, scale, shifts = model.build_design(listed)
+    own = model.build_design([member for member in listed if model.candidate(member).listed])[0].size
     columns = np.hstack([model.W[:, places] * scale, model.W[:, shifts].sum(axis=1)[:, None]])
     folds = list(model.folds(columns))
     errors = [_predict(fold, own) for fold in folds]
@@ -71,9 +71,9 @@ def average_closure(errors: Sequence[Array], folds: Sequence[Fold], split: str) 
     degrees = table[:, 2]
     before, after = (float(value) for value in table[:, :2].sum(axis=0) / degrees.sum())
     gap = before - 1.0
-    closed = 1.0 - (after - 1.0) / gap if abs(gap) > TINY else 0.0
+    closed = 1.0 - (after - 1.0) / gap if abs(gap) > LEAST_MISFIT else 0.0
     # The noise of the held-out data is in both; what it adds to the difference from the floor scatters by √(2/dof).
-    spread = 1.645 * float(np.sqrt(2.0 / degrees.sum())) / max(abs(gap), TINY)
+    spread = 1.645 * float(np.sqrt(2.0 / degrees.sum())) / max(abs(gap), LEAST_MISFIT)
     by_interval = pd.DataFrame(
         {"interval": names, "before": table[:, 0] / degrees, "after": table[:, 1] / degrees, "floor": 1.0, "dof": degrees}
     )

@@ -43,7 +43,7 @@ def name_of(labels: Iterable[str]) -> str:
     return " + ".join(sorted(labels)) or NONE
 
 
-def scores(posterior: Posterior) -> dict[str, float]:
+def compute_scores(posterior: Posterior) -> dict[str, float]:
     """Score of each explanation of a posterior, by its name; ``unknown`` is always among them."""
     most = max((probability for _, probability in posterior), default=SETTINGS.missing)
     out: dict[str, float] = {}
@@ -55,10 +55,10 @@ def scores(posterior: Posterior) -> dict[str, float]:
 
 def score(posterior: Posterior, truth: Iterable[str]) -> float:
     """Score of the truth."""
-    return scores(posterior).get(name_of(truth), SETTINGS.missing)
+    return compute_scores(posterior).get(name_of(truth), SETTINGS.missing)
 
 
-def threshold(truths: Sequence[float], level: float = SETTINGS.covered) -> float:
+def compute_score_threshold(truths: Sequence[float], level: float = SETTINGS.covered) -> float:
     """The threshold τ from the scores of the truth of n recordings; infinite where they are too few."""
     import scipy.stats  # late: it takes half a second to import, and a diagnosis does without
 
@@ -66,6 +66,6 @@ def threshold(truths: Sequence[float], level: float = SETTINGS.covered) -> float
     return sorted(truths)[rank - 1] if rank <= len(truths) else math.inf
 
 
-def conformal_set(posterior: Posterior, limit: float) -> tuple[str, ...]:
+def build_conformal_set(posterior: Posterior, limit: float) -> tuple[str, ...]:
     """The explanations with a score of at most the limit, the likeliest first."""
-    return tuple(name for name, value in scores(posterior).items() if value <= limit)
+    return tuple(name for name, value in compute_scores(posterior).items() if value <= limit)

@@ -28,12 +28,12 @@ import scipy.linalg
 import scipy.special
 from numpy.typing import NDArray
 
-from diagnosis.model.linear import LinearModel, Member
+from diagnosis.model.linear import LinearModel, SelectedCandidate
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-TINY = 1e-300  # least p-value
+LEAST_POSITIVE = 1e-300  # least p-value
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,13 @@ class CriticismSettings:
     power: float = 2 / 3  # of |e| in the test of the scatter
 
 
-DEFAULT = CriticismSettings()
-MEAN = 2 ** (DEFAULT.power / 2) * scipy.special.gamma((DEFAULT.power + 1) / 2) / np.sqrt(np.pi)  # of |z|^POWER, z normal
-VARIANCE = 2**DEFAULT.power * scipy.special.gamma(DEFAULT.power + 0.5) / np.sqrt(np.pi) - MEAN**2
+DEFAULT_CRITICISM = CriticismSettings()
+MEAN_ABSOLUTE_POWER = (
+    2 ** (DEFAULT_CRITICISM.power / 2) * scipy.special.gamma((DEFAULT_CRITICISM.power + 1) / 2) / np.sqrt(np.pi)
+)  # of |z|^POWER, z normal
+VARIANCE = (
+    2**DEFAULT_CRITICISM.power * scipy.special.gamma(DEFAULT_CRITICISM.power + 0.5) / np.sqrt(np.pi) - MEAN_ABSOLUTE_POWER**2
+)
 
 
 @dataclass(frozen=True)
@@ -100,7 +104,9 @@ class Innovations:
         return np.asarray(1 - np.sum(self.basis**2, axis=2))
 
 
-def check_explanation(model: LinearModel, members: Sequence[Member], layout: Layout, seed: int = 0) -> tuple[Check, ...]:
+def check_explanation(
+    model: LinearModel, members: Sequence[SelectedCandidate], layout: Layout, seed: int = 0
+) -> tuple[Check, ...]:
     """Test the innovations of an explanation, and its random processes; no tests where there is too little data.
 
     Parameters
@@ -110,9 +116,9 @@ def check_explanation(model: LinearModel, members: Sequence[Member], layout: Lay
     layout : of the observations
     seed : of the draws
     """
-    if model.dof < DEFAULT.fewest:
+    if model.dof < DEFAULT_CRITICISM.fewest:
         return ()
-    places, scales, shifts = model.design(members)
+    places, scales, shifts = model.build_design(members)
     C, shift = scales * model.X[:, places], model.X[:, shifts].sum(axis=1)
     L = np.asarray(np.linalg.cholesky(np.eye(model.y.size) + C @ C.T), dtype=float)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"residual_checks")))
@@ -122,8 +128,8 @@ def check_explanation(model: LinearModel, members: Sequence[Member], layout: Lay
     found = list(check_innovations(Innovations(body[:, :, 0], body[:, :, 1:]), layout))
     processes = [member for member in members if model.candidate(member).process]
     if processes:
-        noise = model.projected(rng.standard_normal((model.y.size, DEFAULT.draws)))
-        drawn = _solve(L, np.hstack([y, noise + C @ rng.standard_normal((C.shape[1], DEFAULT.draws))]))
+        noise = model.projected(rng.standard_normal((model.y.size, DEFAULT_CRITICISM.draws)))
+        drawn = _solve(L, np.hstack([y, noise + C @ rng.standard_normal((C.shape[1], DEFAULT_CRITICISM.draws))]))
         found += [_check_changes(model, member, _solve(L, drawn, trans="T"), layout) for member in processes]
     return tuple(found)
 
@@ -141,9 +147,11 @@ def check_innovations(found: Innovations, layout: Layout) -> Iterator[Check]:
     )
     yield _test_regressors(found, layout.regressors)
     yield _test_correlation(found, layout.interval)
-    seen = found.kept > DEFAULT.shown
+    seen = found.kept > DEFAULT_CRITICISM.shown
     standard = found.e / np.sqrt(np.where(seen, found.kept, 1.0))
-    yield _test_scatter(np.where(seen, (np.abs(standard) ** DEFAULT.power - MEAN) / np.sqrt(VARIANCE), 0.0), layout)
+    yield _test_scatter(
+        np.where(seen, (np.abs(standard) ** DEFAULT_CRITICISM.power - MEAN_ABSOLUTE_POWER) / np.sqrt(VARIANCE), 0.0), layout
+    )
     kurtosis, p = compute_kurtosis(standard[seen])
     yield _build_check("shape", kurtosis, 3.0, p)
 
@@ -162,15 +170,15 @@ def compute_kurtosis(x: Array) -> tuple[float, float]:
 
 
 def _build_check(name: str, value: float, expected: float, p_value: float) -> Check:
-    return Check(name, value, float(expected), float(np.clip(p_value, TINY, 1.0)))
+    return Check(name, value, float(expected), float(np.clip(p_value, LEAST_POSITIVE, 1.0)))
 
 
 def _test_regressors(found: Innovations, regressors: Array) -> Check:
     """Test the components of the innovations along regressors (r, k) about each axis."""
     basis = found.basis.reshape(found.e.size, -1)
-    X = np.kron(_orthonormalise(regressors), np.eye(3))
+    X = np.kron(_build_orthonormal_basis(regressors), np.eye(3))
     U, s, _ = np.linalg.svd(X - basis @ (basis.T @ X), full_matrices=False)
-    along = U[:, s**2 > DEFAULT.shown].T @ found.e.ravel()
+    along = U[:, s**2 > DEFAULT_CRITICISM.shown].T @ found.e.ravel()
     value = float(along @ along)
     return _build_check("dependence on what is known", value, along.size, scipy.special.chdtrc(max(along.size, 1), value))
 
@@ -178,11 +186,11 @@ def _test_regressors(found: Innovations, regressors: Array) -> Check:
 def _test_correlation(found: Innovations, interval: Indices) -> Check:
     """Test the products of innovations at some lags about each axis."""
     value, count = 0.0, 0
-    for lag in range(1, DEFAULT.lags + 1):
+    for lag in range(1, DEFAULT_CRITICISM.lags + 1):
         same = interval[lag:] == interval[:-lag]
         mean = -np.einsum("raq,raq->ra", found.basis[lag:][same], found.basis[:-lag][same])
         products = found.e[lag:][same] * found.e[:-lag][same] - mean
-        if len(products) >= DEFAULT.fewest:
+        if len(products) >= DEFAULT_CRITICISM.fewest:
             value += float(np.sum(products.sum(axis=0) ** 2 / np.sum(products**2, axis=0)))
             count += 3
     return _build_check("correlation in time", value, count, scipy.special.chdtrc(count, value) if count else 1.0)
@@ -191,12 +199,12 @@ def _test_correlation(found: Innovations, interval: Indices) -> Check:
 def _test_scatter(sizes: Array, layout: Layout) -> Check:
     """Test whether normalised sizes (r, 3) follow the intervals and the rate."""
     own = (layout.interval[:, None] == np.unique(layout.interval)).astype(float)
-    W = _orthonormalise(np.column_stack([own, layout.speed]))
+    W = _build_orthonormal_basis(np.column_stack([own, layout.speed]))
     value, count = float(np.sum((W.T @ sizes) ** 2)), 3 * W.shape[1]
     return _build_check("scatter over intervals and rates", value, count, scipy.special.chdtrc(max(count, 1), value))
 
 
-def _orthonormalise(regressors: Array) -> Array:
+def _build_orthonormal_basis(regressors: Array) -> Array:
     """Build an orthonormal basis (r, ≤ k) of regressors (r, k) less their means."""
     centred = regressors - regressors.mean(axis=0)
     size = np.linalg.norm(centred, axis=0)
@@ -209,7 +217,7 @@ def _build_nuisance(model: LinearModel, rng: np.random.Generator) -> Array:
     return np.asarray(np.linalg.qr(trial - model.projected(trial))[0])
 
 
-def _check_changes(model: LinearModel, member: Member, weighed: Array, layout: Layout) -> Check:
+def _check_changes(model: LinearModel, member: SelectedCandidate, weighed: Array, layout: Layout) -> Check:
     """Test the changes of a random process from one observation to the next, by Geary's ratio (Biometrika 27, 1935).
 
     The ratio of mean size and RMS is small where few changes are large. Each row is in units of its scatter in the draws.
@@ -220,15 +228,15 @@ def _check_changes(model: LinearModel, member: Member, weighed: Array, layout: L
     weighed : (N, d) S⁻¹ y of the data and of draws
     layout : of the observations
     """
-    places, scales, _ = model.design((member,))
+    places, scales, _ = model.build_design((member,))
     C = scales * model.X[:, places]
     mean = C @ (C.T @ weighed)
-    z = mean / np.maximum(mean[:, 1:].std(axis=1, keepdims=True), TINY)
+    z = mean / np.maximum(mean[:, 1:].std(axis=1, keepdims=True), LEAST_POSITIVE)
     body = np.matmul(layout.axes, z.reshape(len(layout.axes), 3, -1))
     size = np.linalg.norm(np.diff(body, axis=0)[np.diff(layout.interval) == 0], axis=1)
-    ratio = size.mean(axis=0) / np.maximum(np.sqrt((size**2).mean(axis=0)), TINY)
-    score = -np.log(np.maximum(ratio, TINY))
-    usual, spread = float(score[1:].mean()), max(float(score[1:].std()), TINY)
+    ratio = size.mean(axis=0) / np.maximum(np.sqrt((size**2).mean(axis=0)), LEAST_POSITIVE)
+    score = -np.log(np.maximum(ratio, LEAST_POSITIVE))
+    usual, spread = float(score[1:].mean()), max(float(score[1:].std()), LEAST_POSITIVE)
     p = float(scipy.special.ndtr(-(score[0] - usual) / spread))
     return _build_check(f"jumps, of {model.candidate(member).label} itself", float(ratio[0]), float(ratio[1:].mean()), p)
 

@@ -43,7 +43,7 @@ class EvidenceSettings:
 SETTINGS = EvidenceSettings()
 
 
-BLOCK = 64  # of columns that LAPACK works on together
+LAPACK_BLOCK_COLUMNS = 64  # of columns that LAPACK works on together
 
 
 def log_bayes(gram: Array, correlation: Array, scales: Array, positive: bool = False, shifted: bool = False) -> Array:
@@ -62,10 +62,10 @@ def log_bayes(gram: Array, correlation: Array, scales: Array, positive: bool = F
     (o, s), or (o, s, d)
     """
     if shifted:
-        gram, correlation, known = unshifted(gram, correlation)
+        gram, correlation, known = remove_shift(gram, correlation)
         return known[:, None] + log_bayes(gram, correlation, scales, positive)
     if correlation.ndim == 2 and gram.shape[1] >= SETTINGS.many:
-        found = [_of_many(own, along, scales) for own, along in zip(gram, correlation, strict=True)]
+        found = [_compute_tridiagonal_evidence(own, along, scales) for own, along in zip(gram, correlation, strict=True)]
         if np.isfinite(found).all():
             return np.array(found)
     # Most groups are of one column, which needs no decomposition.
@@ -83,11 +83,11 @@ def log_bayes(gram: Array, correlation: Array, scales: Array, positive: bool = F
     return np.asarray(out[:, :, 0] if single else out)
 
 
-def _of_many(gram: Array, correlation: Array, scales: Array) -> Array:
+def _compute_tridiagonal_evidence(gram: Array, correlation: Array, scales: Array) -> Array:
     """(s,) log B of one group of many columns, by a tridiagonal form of XᵀX; NaN where rounding leaves it negative."""
-    reflectors, diagonal, beside, factors, _ = lapack.dsytrd(gram, lower=1, lwork=BLOCK * len(gram))
+    reflectors, diagonal, beside, factors, _ = lapack.dsytrd(gram, lower=1, lwork=LAPACK_BLOCK_COLUMNS * len(gram))
     # Qᵀ Xᵀy; the first reflection leaves the first place as it is, and the others are those of a QR decomposition.
-    turned, _, _ = lapack.dormqr("L", "T", reflectors[1:, :-1], factors, correlation[1:, None], lwork=BLOCK)
+    turned, _, _ = lapack.dormqr("L", "T", reflectors[1:, :-1], factors, correlation[1:, None], lwork=LAPACK_BLOCK_COLUMNS)
     along = np.append(correlation[0], turned)
     out = []
     for variance in scales**2:
@@ -96,14 +96,14 @@ def _of_many(gram: Array, correlation: Array, scales: Array) -> Array:
     return np.array(out)
 
 
-def unshifted(gram: Array, correlation: Array) -> tuple[Array, Array, Array]:
+def remove_shift(gram: Array, correlation: Array) -> tuple[Array, Array, Array]:
     """XᵀX and Xᵀ(y − o) without the shift o in the last column, and <o, y> − ½ <o, o>, (o,) or (o, d)."""
     own = gram[:, :, -1] if correlation.ndim == 2 else gram[:, :, -1:]
     known = correlation[:, -1] - 0.5 * own[:, -1]
     return gram[:, :-1, :-1], correlation[:, :-1] - own[:, :-1], known
 
 
-def averaged(table: Array, log_weights: Array) -> float:
+def average_evidence(table: Array, log_weights: Array) -> float:
     """log of B averaged over options and scales; (o, s) and (o,) log weights that sum to one."""
     values = table + log_weights[:, None]
     top = values.max()

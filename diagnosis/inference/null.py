@@ -27,8 +27,8 @@ from diagnosis.settings import DEFAULT
 
 Array = NDArray[np.float64]
 
-TINY = 1e-300
-AT_ONCE = 250  # draws
+LEAST_POSITIVE = 1e-300
+DRAWS_PER_BATCH = 250  # draws
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class NullSettings:
 SETTINGS = NullSettings()
 
 
-def p_value(
+def compute_null_p(
     search: Search,
     seed: int,
     draws: int,
@@ -62,16 +62,16 @@ def p_value(
     scanned_share : of the false alarms, that what a scan has chosen may have
     tell : called with the share of the draws that are done
     """
-    observed = _observed(search)
+    observed = _compute_observed_statistic(search)
     bound = float(np.exp(-max(observed, 0.0)))
     if bound * (1 + draws) < 1:
-        return _with_scanned(search, bound, scanned_share)
-    null = null_draws(search, seed, draws, tell, observed)
-    usual = SETTINGS.enough / null.size if null.size < draws else _simulated(observed, null)
-    return _with_scanned(search, usual, scanned_share)
+        return _combine_scanned_p(search, bound, scanned_share)
+    null = draw_null_statistics(search, seed, draws, tell, observed)
+    usual = SETTINGS.enough / null.size if null.size < draws else _compute_simulated_p(observed, null)
+    return _combine_scanned_p(search, usual, scanned_share)
 
 
-def null_draws(
+def draw_null_statistics(
     search: Search,
     seed: int,
     draws: int,
@@ -86,36 +86,36 @@ def null_draws(
     noise = search.model.projected(rng.standard_normal((search.model.y.size, draws)))
     # Some at a time: there are thousands of candidates' columns, and several numbers for each of their products.
     found = np.empty(0)
-    for k in range(0, draws, AT_ONCE):
+    for k in range(0, draws, DRAWS_PER_BATCH):
         tell(k / draws)
-        found = np.append(found, search.null_statistic(search.model.X.T @ noise[:, k : k + AT_ONCE]))
+        found = np.append(found, search.compute_null_statistic(search.model.X.T @ noise[:, k : k + DRAWS_PER_BATCH]))
         beyond = np.flatnonzero(found >= observed)
         if beyond.size >= SETTINGS.enough:
             return np.asarray(found[: beyond[SETTINGS.enough - 1] + 1])
     return found
 
 
-def among(search: Search, null: Array, scanned_share: float = DEFAULT.scanned_share) -> float:
+def compute_p_among_draws(search: Search, null: Array, scanned_share: float = DEFAULT.scanned_share) -> float:
     """P-value of what was observed, among the statistics of draws of M0."""
-    return _with_scanned(search, _simulated(_observed(search), null), scanned_share)
+    return _combine_scanned_p(search, _compute_simulated_p(_compute_observed_statistic(search), null), scanned_share)
 
 
-def _simulated(observed: float, null: Array) -> float:
+def _compute_simulated_p(observed: float, null: Array) -> float:
     """P-value among draws, or beyond what they can resolve the bound on the evidence."""
     simulated = (1 + int(np.sum(null >= observed))) / (1 + null.size)
     bound = float(np.exp(-max(observed, 0.0)))
     return bound if bound * (1 + null.size) < 1 else simulated
 
 
-def _observed(search: Search) -> float:
-    return float(search.null_statistic(search.correlation[:, None])[0])
+def _compute_observed_statistic(search: Search) -> float:
+    return float(search.compute_null_statistic(search.correlation[:, None])[0])
 
 
-def _with_scanned(search: Search, usual: float, scanned_share: float) -> float:
+def _combine_scanned_p(search: Search, usual: float, scanned_share: float) -> float:
     """P-value of both tests, from that of the candidates whose options no scan has chosen."""
     listed = [candidate for candidate in search.model.candidates if candidate.scanned and candidate.listed]
     if not listed:
-        return max(usual, TINY)
+        return max(usual, LEAST_POSITIVE)
     prior = float(logsumexp([candidate.log_prior for candidate in listed]))
-    of_scan = float(np.exp(min(prior - search.null_statistic(search.correlation[:, None], scanned=True)[0], 0.0)))
-    return max(min(usual / (1 - scanned_share), of_scan / scanned_share, 1.0), TINY)
+    of_scan = float(np.exp(min(prior - search.compute_null_statistic(search.correlation[:, None], scanned=True)[0], 0.0)))
+    return max(min(usual / (1 - scanned_share), of_scan / scanned_share, 1.0), LEAST_POSITIVE)

@@ -13,12 +13,12 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from diagnosis.model.linear import LinearModel, Member
+from diagnosis.model.linear import LinearModel, SelectedCandidate
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-SMALL = 24  # most columns of options that are computed together, those of one size at a time
+MOST_BATCH_COLUMNS = 24  # most columns of options that are computed together, those of one size at a time
 MOST_KEPT = 8_000_000  # products of columns that are kept
 
 
@@ -45,7 +45,7 @@ class Conditioning:
         self._y = self._inverse @ correlation
         self.log_bayes = float(0.5 * self._y @ self._y - np.log(np.diag(factor)).sum())
 
-    def reduced_products(self, gram: Array, correlation: Array, places: Indices) -> tuple[Array, Array]:
+    def reduce_products(self, gram: Array, correlation: Array, places: Indices) -> tuple[Array, Array]:
         """Products XᵀX (o, k, k) and Xᵀy (o, k) of the columns at `places` (o, k), given what is in."""
         reduced = self._rows(self._inverse, places.ravel()).reshape(len(self._inverse), *places.shape)  # (r, o, k)
         # Products of (o, k, r) and (o, r, l) are far quicker than one sum over all indices.
@@ -66,12 +66,12 @@ class Products:
         self._found: dict[tuple[int, int, bytes], Array] = {}
         self._kept = 0  # numbers in them
 
-    def of(self, member: Member, places: Indices) -> Array:
+    def of(self, member: SelectedCandidate, places: Indices) -> Array:
         """(k, n) products of a member's columns but a shift with other columns of the model."""
         key = (member.candidate, member.option, places.tobytes())  # the first columns of three options are as many as one has
         if key not in self._found:
             X = self._model.X
-            found = X[:, _as_slice(self._model.design((member,))[0])].T @ X[:, _as_slice(places)]
+            found = X[:, _convert_to_slice(self._model.build_design((member,))[0])].T @ X[:, _convert_to_slice(places)]
             if self._kept + found.size > MOST_KEPT:
                 self.forget()
             self._kept += found.size
@@ -116,17 +116,17 @@ class Grams:
             counts = np.array([option.count if most is None else min(option.count, most) for option in options])
             groups = [np.flatnonzero(counts == count) for count in dict.fromkeys(counts.tolist())]
             self._found[key] = [
-                self._batch(candidate, some, int(counts[own[0]]))
+                self._build_batch(candidate, some, int(counts[own[0]]))
                 for own in groups
-                for some in ([own] if counts[own[0]] <= SMALL else own[:, None])
+                for some in ([own] if counts[own[0]] <= MOST_BATCH_COLUMNS else own[:, None])
             ]
         return self._found[key]
 
-    def _batch(self, candidate: int, own: Indices, count: int) -> Batch:
+    def _build_batch(self, candidate: int, own: Indices, count: int) -> Batch:
         starts = np.array([self._model.candidates[candidate].options[k].start for k in own])
         places = starts[:, None] + np.arange(count)
         if count == 1:  # hundreds of times of a step
-            X = self._model.X[:, _as_slice(places.ravel())]
+            X = self._model.X[:, _convert_to_slice(places.ravel())]
             return Batch(own, np.einsum("no,no->o", X, X)[:, None, None], places)
         return Batch(own, np.array([self.single(candidate, int(k))[:count, :count] for k in own]), places)
 
@@ -138,7 +138,7 @@ class Grams:
         return self._single[candidate, option]
 
 
-def _as_slice(places: Indices) -> Indices | slice:
+def _convert_to_slice(places: Indices) -> Indices | slice:
     """Places without a gap as a slice, which needs no copy of the columns."""
     whole = places.size and places[-1] - places[0] + 1 == places.size and (np.diff(places) == 1).all()
     return slice(int(places[0]), int(places[-1]) + 1) if whole else places

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from diagnosis.inference.search import Explanation, Score, Search
-from diagnosis.model.linear import LinearModel, Member, Wanted
+from diagnosis.model.linear import LinearModel, SelectedCandidate, Wanted
 from diagnosis.settings import DiagnosisSettings
 
 
@@ -35,12 +35,12 @@ def search_with_refined_options(
     process would explain.
     """
     found = search.explanations()
-    moments = search.model.moments(search.model, _wanted(search, found[: SETTINGS.refined]))
+    moments = search.model.moments(search.model, _list_wanted_sets(search, found[: SETTINGS.refined]))
     likely = found[: SETTINGS.refined]
     places = [member for explanation in likely for member in explanation.members]
-    places += beside(search, found[0]) if found else []
+    places += find_near_alternatives(search, found[0]) if found else []
     places = [member for member in places if not search.model.candidate(member).process]
-    processes = whole_processes(search.model, likely)
+    processes = find_whole_processes(search.model, likely)
     search.forget()
     linear = moments
     for member in {member.candidate: member for member in reversed(places)}.values():
@@ -53,7 +53,7 @@ def search_with_refined_options(
     return (linear, found) if linear is search.model else (linear, Search(linear, settings, tell).explanations())
 
 
-def whole_processes(model: LinearModel, likely: Sequence[Explanation]) -> list[Member]:
+def find_whole_processes(model: LinearModel, likely: Sequence[Explanation]) -> list[SelectedCandidate]:
     """Where random processes explain best with all of their columns: those in some explanations, and those that may be instead.
 
     Of a strong process the columns that are usual hold a part only, of a short time constant more than of a long one. They
@@ -64,13 +64,13 @@ def whole_processes(model: LinearModel, likely: Sequence[Explanation]) -> list[M
         (member, explanation) for explanation in likely for member in explanation.members if model.candidate(member).process
     ]
     axes = {model.candidate(member).axis for member, _ in random}
-    givens = list(dict.fromkeys([(), *(_others(explanation, member) for member, explanation in random)]))
-    found: dict[tuple[Member, ...], list[tuple[float, Member]]] = {given: [] for given in givens}
+    givens = list(dict.fromkeys([(), *(_list_other_members(explanation, member) for member, explanation in random)]))
+    found: dict[tuple[SelectedCandidate, ...], list[tuple[float, SelectedCandidate]]] = {given: [] for given in givens}
     for number, entry in enumerate(model.candidates):
         if not (entry.process and entry.listed and entry.axis in axes):
             continue
-        for given, score in _as_a_whole(model, number, givens):
-            found[given].append((score.best, Member(number, score.option, score.scale)))
+        for given, score in _score_whole_process(model, number, givens):
+            found[given].append((score.best, SelectedCandidate(number, score.option, score.scale)))
     spots = []
     for scored in found.values():
         top = max((best for best, _ in scored), default=0.0)
@@ -78,44 +78,44 @@ def whole_processes(model: LinearModel, likely: Sequence[Explanation]) -> list[M
     return list({(member.candidate, member.option): member for member in spots}.values())
 
 
-def _as_a_whole(
-    model: LinearModel, number: int, givens: Sequence[tuple[Member, ...]]
-) -> Iterator[tuple[tuple[Member, ...], Score]]:
+def _score_whole_process(
+    model: LinearModel, number: int, givens: Sequence[tuple[SelectedCandidate, ...]]
+) -> Iterator[tuple[tuple[SelectedCandidate, ...], Score]]:
     """Scores of a process with all columns that show at the scale that it has alone, given sets without it."""
     own = [given for given in givens if all(member.candidate != number for member in given)]
     members = list(dict.fromkeys(member for given in own for member in given))
     held = [replace(model.candidate(member), options=(model.option(member),)) for member in members]
     small = replace(model, candidates=(model.candidates[number], *held)).compact()
     alone = Search(small).score(0, ())
-    whole = Search(small.whole(small, Member(0, alone.option, alone.scale)))
+    whole = Search(small.whole(small, SelectedCandidate(0, alone.option, alone.scale)))
     for given in own:
-        yield given, whole.score(0, tuple(Member(1 + members.index(one), 0, one.scale) for one in given))
+        yield given, whole.score(0, tuple(SelectedCandidate(1 + members.index(one), 0, one.scale) for one in given))
 
 
-def _others(explanation: Explanation, member: Member) -> tuple[Member, ...]:
+def _list_other_members(explanation: Explanation, member: SelectedCandidate) -> tuple[SelectedCandidate, ...]:
     return tuple(one for one in explanation.members if one != member)
 
 
-def _wanted(search: Search, found: Sequence[Explanation]) -> list[Wanted]:
+def _list_wanted_sets(search: Search, found: Sequence[Explanation]) -> list[Wanted]:
     """Explanations with one of their members away, and what a step must explain beside the others to be looked at closely."""
-    wanted: dict[frozenset[Member], Wanted] = {}
+    wanted: dict[frozenset[SelectedCandidate], Wanted] = {}
     for explanation in found:
         for member in explanation.members:
-            others = _others(explanation, member)
+            others = _list_other_members(explanation, member)
             least = SETTINGS.nearly * search.score(member.candidate, others).best
             wanted.setdefault(frozenset(others), (others, least))
     return list(wanted.values())
 
 
-def beside(search: Search, best: Explanation) -> list[Member]:
+def find_near_alternatives(search: Search, best: Explanation) -> list[SelectedCandidate]:
     """Listed effects that explain nearly as much as a member of an explanation in its place, with the others of it.
 
     One whose parameter lies between two that are tried may explain all of it with finer ones; one that is not linear in the
     rates, with those that the body has beside it. Each kind has its own places.
     """
-    found: dict[int, tuple[float, Member]] = {}
+    found: dict[int, tuple[float, SelectedCandidate]] = {}
     for member in best.members:
-        others = _others(best, member)
+        others = _list_other_members(best, member)
         own = search.score(member.candidate, others).best
         for number, entry in enumerate(search.model.candidates):
             if number in best.key or not entry.listed or entry.process:
@@ -123,7 +123,7 @@ def beside(search: Search, best: Explanation) -> list[Member]:
             score = search.score(number, others)
             share = score.best / own if own > 0 else 0.0
             if share > max(SETTINGS.nearly, found.get(number, (0.0, member))[0]):
-                found[number] = share, Member(number, score.option, score.scale)
+                found[number] = share, SelectedCandidate(number, score.option, score.scale)
     ranked = [member for _, member in sorted(found.values(), key=lambda one: -one[0])]
     alone = {member: len(search.model.candidate(member).options) == 1 for member in ranked}
     return [

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from diagnosis.inference.evidence import averaged, log_bayes
+from diagnosis.inference.evidence import average_evidence, log_bayes
 from diagnosis.inference.products import Conditioning, Grams, Products
-from diagnosis.model.linear import Candidate, LinearModel, Member
+from diagnosis.model.linear import Candidate, LinearModel, SelectedCandidate
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 
 Array = NDArray[np.float64]
@@ -69,7 +69,7 @@ class Explanation:
     log_posterior : with the prior, not normalised
     """
 
-    members: tuple[Member, ...]
+    members: tuple[SelectedCandidate, ...]
     log_evidence: float
     log_posterior: float
 
@@ -79,7 +79,7 @@ class Explanation:
         return frozenset(member.candidate for member in self.members)
 
 
-NOTHING = Explanation((), 0.0, 0.0)  # the baseline, as likely beforehand as any gap
+BASELINE_EXPLANATION = Explanation((), 0.0, 0.0)  # the baseline, as likely beforehand as any gap
 
 
 class Search:
@@ -95,8 +95,8 @@ class Search:
         self.gram = Grams(model)
         self.correlation = model.X.T @ model.y
         self._products = Products(model)
-        self._scores: dict[tuple[int, frozenset[Member], int | None], Score] = {}
-        self._given: tuple[tuple[Member, ...], Conditioning | None] = ((), None)  # what was asked for last
+        self._scores: dict[tuple[int, frozenset[SelectedCandidate], int | None], Score] = {}
+        self._given: tuple[tuple[SelectedCandidate, ...], Conditioning | None] = ((), None)  # what was asked for last
 
     # ---- one candidate ---------------------------------------------------------------------------------------------------
 
@@ -105,17 +105,17 @@ class Search:
         entry = self.model.candidates[candidate]
         found = np.empty((len(entry.options), entry.scales.size))
         for batch in self.gram.of(candidate, most):
-            found[batch.options] = self._table(batch.gram, batch.places, entry, given)
+            found[batch.options] = self._compute_table(batch.gram, batch.places, entry, given)
         found[entry.outside] = -np.inf
         return found
 
-    def _table(self, gram: Array, places: Indices, entry: Candidate, given: Conditioning | None) -> Array:
+    def _compute_table(self, gram: Array, places: Indices, entry: Candidate, given: Conditioning | None) -> Array:
         correlation = self.correlation[places]
         if given is not None:
-            gram, correlation = given.reduced_products(gram, correlation, places)
+            gram, correlation = given.reduce_products(gram, correlation, places)
         return log_bayes(gram, correlation, entry.scales, entry.positive, entry.shifted)
 
-    def score(self, candidate: int, members: tuple[Member, ...], most: int | None = None) -> Score:
+    def score(self, candidate: int, members: tuple[SelectedCandidate, ...], most: int | None = None) -> Score:
         """Average and best of a candidate's evidence given some members, with its `most` strongest columns only.
 
         Scores are kept: most moves of a member to its best, and most exchanges, come back to sets that were looked at before.
@@ -130,10 +130,12 @@ class Search:
             # Of times that explain the data alike, the one with more prior: a gap between intervals rather than one moment.
             option, scale = np.unravel_index(int(np.argmax(table + weights[:, None])), table.shape)
             before = 0.0 if given is None else given.log_bayes
-            self._scores[key] = Score(averaged(table, weights), float(table[option, scale]), int(option), int(scale), before)
+            self._scores[key] = Score(
+                average_evidence(table, weights), float(table[option, scale]), int(option), int(scale), before
+            )
         return self._scores[key]
 
-    def null_statistic(self, correlation: Array, scanned: bool = False) -> Array:
+    def compute_null_statistic(self, correlation: Array, scanned: bool = False) -> Array:
         """log of the evidence averaged over candidates with their priors, for many observations at once.
 
         Parameters
@@ -165,18 +167,18 @@ class Search:
         self._products.forget()
         self._given = ((), None)
 
-    def given(self, members: tuple[Member, ...]) -> Conditioning | None:
+    def given(self, members: tuple[SelectedCandidate, ...]) -> Conditioning | None:
         """Inner products given some members, ready to score the others against; None without members."""
         if not members:
             return None
         if members != self._given[0]:
-            self._given = (members, self._conditioned(members))
+            self._given = (members, self._build_conditioning(members))
         return self._given[1]
 
-    def _conditioned(self, members: tuple[Member, ...]) -> Conditioning:
+    def _build_conditioning(self, members: tuple[SelectedCandidate, ...]) -> Conditioning:
         """Inner products given some members."""
-        own, scale, shifts = self.model.design(members)
-        stops = np.cumsum([self.model.design((member,))[0].size for member in members])[:-1]
+        own, scale, shifts = self.model.build_design(members)
+        stops = np.cumsum([self.model.build_design((member,))[0].size for member in members])[:-1]
         products = self._products  # and not the search, which keeps what is made here: it would hold on to itself
 
         def rows(factors: Array, places: Indices) -> Array:
@@ -190,7 +192,7 @@ class Search:
         given.log_bayes += float(self.correlation[shifts].sum() - 0.5 * shift[shifts].sum())
         return given
 
-    def settled(self, members: tuple[Member, ...]) -> Explanation:
+    def settled(self, members: tuple[SelectedCandidate, ...]) -> Explanation:
         """A set with its members moved to their best, one after another, and its evidence."""
         occam = np.zeros(len(members))
         best = 0.0
@@ -198,64 +200,64 @@ class Search:
             moved = False
             for place, member in enumerate(members):
                 score = self.score(member.candidate, members[:place] + members[place + 1 :])
-                new = Member(member.candidate, score.option, score.scale)
+                new = SelectedCandidate(member.candidate, score.option, score.scale)
                 moved |= new != member
                 members = (*members[:place], new, *members[place + 1 :])
                 occam[place] = score.average - score.best
                 best = score.best + score.before
             if sweep and not moved:
                 break
-        return self._explanation(members, best + float(occam.sum()))
+        return self._build_explanation(members, best + float(occam.sum()))
 
     def of(self, labels: tuple[str, ...]) -> Explanation | None:
         """The explanation by given labels, whatever its evidence; None if one of them cannot be seen at all."""
         places = [self.model.find(label) for label in labels]
         if not places or any(place is None for place in places):
             return None
-        return self.settled(tuple(Member(place, 0, 0) for place in places if place is not None))
+        return self.settled(tuple(SelectedCandidate(place, 0, 0) for place in places if place is not None))
 
-    def _explanation(self, members: tuple[Member, ...], log_evidence: float) -> Explanation:
+    def _build_explanation(self, members: tuple[SelectedCandidate, ...], log_evidence: float) -> Explanation:
         entries = [self.model.candidate(member) for member in members]
         prior = sum(entry.log_prior + entry.log_odds for entry in entries)
         prior += (len(members) - 1) * float(np.log(self.settings.another))
         if len(members) < self.model.most_effects:
             prior += float(np.log1p(-self.settings.another))
-        return Explanation(members, log_evidence, log_evidence + prior - _of_roughness(entries, log_evidence))
+        return Explanation(members, log_evidence, log_evidence + prior - _compute_roughness_evidence(entries, log_evidence))
 
-    def singles(self) -> list[Explanation]:
+    def score_singles(self) -> list[Explanation]:
         """Every candidate alone."""
         found = []
         for candidate in range(len(self.model.candidates)):
             score = self.score(candidate, ())
-            found.append(self._explanation((Member(candidate, score.option, score.scale),), score.average))
-        return _ranked(found)
+            found.append(self._build_explanation((SelectedCandidate(candidate, score.option, score.scale),), score.average))
+        return _rank_explanations(found)
 
     def explanations(self) -> list[Explanation]:
         """Search the sets of effects, and return them with the best first."""
         depth = self.model.most_effects
-        found = {explanation.key: explanation for explanation in self.singles()}
+        found = {explanation.key: explanation for explanation in self.score_singles()}
         level = list(found.values())
         for width in self.model.beam[: depth - 1]:
             new: dict[frozenset[int], Explanation] = {}
-            for parent in self._beam(level, width):
-                for child in self._children(parent, SETTINGS.children):
+            for parent in self._select_beam(level, width):
+                for child in self._list_children(parent, SETTINGS.children):
                     if child.key not in new or child.log_posterior > new[child.key].log_posterior:
                         new[child.key] = child
-            level = _ranked([self.settled(one.members) for one in self._beam(list(new.values()), 2 * width)])
+            level = _rank_explanations([self.settled(one.members) for one in self._select_beam(list(new.values()), 2 * width)])
             top = max(explanation.log_posterior for explanation in found.values())
             found.update({explanation.key: explanation for explanation in level})
             if not level or level[0].log_posterior < top - SETTINGS.hopeless:
                 break
         if depth > 1:
-            self._exchange(found)
-        return _ranked(list(found.values()))
+            self._replace_members(found)
+        return _rank_explanations(list(found.values()))
 
-    def _exchange(self, found: dict[frozenset[int], Explanation]) -> None:
+    def _replace_members(self, found: dict[frozenset[int], Explanation]) -> None:
         """Replace each member of the best set by others; a beam that once took a detour may not get there by itself."""
         tried: set[frozenset[int]] = set()
         for _ in range(SETTINGS.exchanges):
-            for other in _ranked(list(found.values()))[1 : SETTINGS.thinned]:
-                self._thin(other, found)
+            for other in _rank_explanations(list(found.values()))[1 : SETTINGS.thinned]:
+                self._drop_members(other, found)
             best = max(found.values(), key=lambda explanation: explanation.log_posterior)
             for member in best.members if len(best.members) > 1 else ():
                 others = tuple(one for one in best.members if one != member)
@@ -265,13 +267,13 @@ class Search:
                 tried.add(key)
                 parent = self.settled(others)
                 found.setdefault(parent.key, parent)
-                for child in self._children(parent, SETTINGS.exchanged_for):
+                for child in self._list_children(parent, SETTINGS.exchanged_for):
                     if child.key not in found:
                         found[child.key] = self.settled(child.members)
             if best is max(found.values(), key=lambda explanation: explanation.log_posterior):
                 break
 
-    def _thin(self, explanation: Explanation, found: dict[frozenset[int], Explanation]) -> None:
+    def _drop_members(self, explanation: Explanation, found: dict[frozenset[int], Explanation]) -> None:
         """Every subset with one member fewer."""
         for member in explanation.members if len(explanation.members) > 1 else ():
             others = tuple(one for one in explanation.members if one != member)
@@ -279,44 +281,44 @@ class Search:
             if key not in found:
                 found[key] = self.settled(others)
 
-    def _beam(self, level: list[Explanation], width: int) -> list[Explanation]:
+    def _select_beam(self, level: list[Explanation], width: int) -> list[Explanation]:
         """The best sets, then the best of listed effects only, then the best of each other combination of effects.
 
         Sets of listed effects keep a part of the beam for themselves: flexible rivals explain a part of anything, and would
         otherwise crowd out the first of several listed effects.
         """
-        ranked = _ranked(level)
+        ranked = _rank_explanations(level)
         kept = ranked[: width // 2]
         listed = [one for one in ranked if self._is_listed(one) and one not in kept]
         kept += listed[: width // 4]
-        names = {self._names(one) for one in kept}
+        names = {self._list_effect_names(one) for one in kept}
         for one in ranked:
             if len(kept) >= width:
                 break
-            if self._names(one) not in names:
+            if self._list_effect_names(one) not in names:
                 kept.append(one)
-                names.add(self._names(one))
+                names.add(self._list_effect_names(one))
         return kept
 
     def _is_listed(self, explanation: Explanation) -> bool:
         return all(self.model.candidates[k].listed for k in explanation.key)
 
-    def _names(self, explanation: Explanation) -> frozenset[str]:
+    def _list_effect_names(self, explanation: Explanation) -> frozenset[str]:
         return frozenset(self.model.candidates[k].effect for k in explanation.key)
 
-    def _children(self, parent: Explanation, most: int) -> list[Explanation]:
+    def _list_children(self, parent: Explanation, most: int) -> list[Explanation]:
         """The set with one more candidate."""
         children = []
         for candidate in range(len(self.model.candidates)):
             if candidate in parent.key:
                 continue
             score = self.score(candidate, parent.members, SETTINGS.screen_columns)
-            member = Member(candidate, score.option, score.scale)
-            children.append(self._explanation((*parent.members, member), parent.log_evidence + score.average))
-        return _ranked(children)[:most]
+            member = SelectedCandidate(candidate, score.option, score.scale)
+            children.append(self._build_explanation((*parent.members, member), parent.log_evidence + score.average))
+        return _rank_explanations(children)[:most]
 
 
-def _of_roughness(entries: Sequence[Candidate], log_evidence: float) -> float:
+def _compute_roughness_evidence(entries: Sequence[Candidate], log_evidence: float) -> float:
     """Log evidence that an unlisted error has from what the columns of an effect about the same axis leave of that.
 
     The log evidence of a strong effect is half the power of its errors. A share of it is left where the columns are rough, and
@@ -326,10 +328,10 @@ def _of_roughness(entries: Sequence[Candidate], log_evidence: float) -> float:
     return max(log_evidence, 0.0) * sum(entry.roughness for entry in entries if entry.axis in free)
 
 
-def _ranked(explanations: list[Explanation]) -> list[Explanation]:
+def _rank_explanations(explanations: list[Explanation]) -> list[Explanation]:
     return sorted(explanations, key=lambda explanation: -explanation.log_posterior)
 
 
-def total(explanations: list[Explanation]) -> float:
+def sum_log_posterior(explanations: list[Explanation]) -> float:
     """log of the summed posterior, not normalised."""
     return float(logsumexp([explanation.log_posterior for explanation in explanations]))

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from diagnosis.model import processes
 from diagnosis.model.parity import ParityModel
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.recording_model import RecordingModel
 from gyrocal.recording import Recording
-from simulator.effects import Stream, Surroundings, references_of
+from simulator.effects import Stream, Surroundings, extract_references
 from simulator.effects.base import ProcessTimes
 
 Array = NDArray[np.float64]
@@ -78,7 +78,7 @@ class ArrayModel:
     @cached_property
     def around(self) -> Surroundings:
         """What the recording offers to effects on a gyro."""
-        gyro, references = self.recording.gyro, references_of(self.recording)
+        gyro, references = self.recording.gyro, extract_references(self.recording)
         return Surroundings(self.stream, references, gyro.arw, gyro.sample_s, self.recording.attitudes.sigma)
 
     # ---- columns ---------------------------------------------------------------------------------------------------------
@@ -86,17 +86,19 @@ class ArrayModel:
     def reading(self, high: Array) -> Array:
         """Compute observations of readings that are high, (n, gyros, k) rad/s → (N, k); attitude rows not yet whitened."""
         own = self.parity.reading(high)
-        return own if self.body is None else np.concatenate([self.body.reading(self._turn(high)), own])
+        return own if self.body is None else np.concatenate([self.body.reading(self._average_body_rates(high)), own])
 
-    def reading_steps(self, high: Array, starts: Indices) -> Array:
+    def observe_reading_steps(self, high: Array, starts: Indices) -> Array:
         """Compute the same of readings (n, gyros) switched on at each of several samples (s,), (N, s)."""
-        own = self.parity.reading_steps(high, starts)
+        own = self.parity.observe_reading_steps(high, starts)
         if self.body is None:
             return own
         firsts = np.searchsorted(self.body.t_s, self.stream.t_s[starts] - 0.5 * self.stream.duration_s[starts])
-        return np.concatenate([self.body.reading_steps(self._turn(high[:, :, None])[:, :, 0], firsts), own])
+        return np.concatenate(
+            [self.body.observe_reading_steps(self._average_body_rates(high[:, :, None])[:, :, 0], firsts), own]
+        )
 
-    def _turn(self, high: Array) -> Array:
+    def _average_body_rates(self, high: Array) -> Array:
         """Compute the body rates' part of readings, (n, gyros, k) → means over the attitude's steps (steps, 3, k)."""
         parts = zip(self.parity.gains, self.stream.intervals, strict=True)
         turned = np.concatenate([np.matmul(G, high[part]) for G, part in parts])
@@ -123,11 +125,13 @@ class ArrayModel:
         """Times at which a random process of a gyro is taken: the attitude's cells, or the parity's blocks without attitude."""
         if self.body is None:
             one = self.parity
-            return ProcessTimes(one.means(one.stream.t_s), np.cumsum(one.duration_s) - 0.5 * one.duration_s, one.interval)
-        at = processes.cell_times(self.body)
+            return ProcessTimes(
+                one.average_blocks(one.stream.t_s), np.cumsum(one.duration_s) - 0.5 * one.duration_s, one.interval
+            )
+        at = processes.compute_cell_times(self.body)
         return replace(at, interval=np.array([block.interval for block in self.body.blocks])[at.interval])
 
-    def unit_columns(self, gyro: int) -> Array:
+    def build_unit_columns(self, gyro: int) -> Array:
         """Compute (N, times) whitened observations of a unit error of one gyro at each time of a process."""
         own = self.parity.rows[:, [gyro]] * self._held[self.parity.block]
         if self.body is None:

@@ -8,13 +8,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.report import SampleReport, Tell, silent
+from diagnosis.detectors.sample_report import SampleReport, Tell, ignore_progress
 from diagnosis.model.gate import check_residuals
-from diagnosis.model.linearise import linearised
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.linearise import linearise_recording
+from diagnosis.model.recording_model import RecordingModel
 from gyrocal.calibration.gate import LargeResidualError
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
-from gyrocal.recording import Interval, Recording, reference_rows
+from gyrocal.recording import Interval, Recording, find_reference_rows
 
 Array = NDArray[np.float64]
 
@@ -37,8 +37,12 @@ SETTINGS = BaselineSettings()
 IMPLAUSIBLE = np.array([0.2] * 9 + [np.deg2rad(0.1)] * 3)  # changes of G and b, rad/s
 
 
-def baseline(
-    recording: Recording, report: SampleReport, pieces: tuple[Interval, ...], reference_sigma: Array, tell: Tell = silent
+def calibrate_baseline(
+    recording: Recording,
+    report: SampleReport,
+    pieces: tuple[Interval, ...],
+    reference_sigma: Array,
+    tell: Tell = ignore_progress,
 ) -> tuple[RecordingModel, Array]:
     """The model about its own calibration, and the (12,) sigma of that.
 
@@ -51,17 +55,17 @@ def baseline(
     sigma, short = PLAUSIBLE_RANGE, False
     for number in range(SETTINGS.iterations):
         tell(f"first calibration, step {number + 1}", number / SETTINGS.iterations)
-        model = linearised(recording, G, bias, report.rates, report.smooth, report.density, pieces, reference_sigma)
+        model = linearise_recording(recording, G, bias, report.rates, report.smooth, report.density, pieces, reference_sigma)
         tell(f"first calibration, step {number + 1}: residuals", (number + 0.5) / SETTINGS.iterations)
         try:
             check_residuals(model, report.rates)
         except LargeResidualError:
-            better = None if short else _over_short_pieces(recording, report, pieces, reference_sigma)
+            better = None if short else _calibrate_short_pieces(recording, report, pieces, reference_sigma)
             if better is None:
                 raise
             (G, bias), short = better, True
             continue
-        change, covariance = correction(model)
+        change, covariance = compute_correction(model)
         sigma = np.sqrt(np.diag(covariance))
         if np.abs(change / sigma).max() < SETTINGS.settled:
             break
@@ -69,7 +73,7 @@ def baseline(
     return model, sigma
 
 
-def _over_short_pieces(
+def _calibrate_short_pieces(
     recording: Recording, report: SampleReport, pieces: tuple[Interval, ...], reference_sigma: Array
 ) -> tuple[Array, Array] | None:
     """G and b from references next to each other, between which a coarse a-priori calibration does not lead far astray.
@@ -79,7 +83,9 @@ def _over_short_pieces(
     gaps = [
         Interval(f"{piece.name}/{number}", piece.activity, float(low), float(high))
         for piece in pieces
-        for number, (low, high) in enumerate(pairwise(recording.attitudes.t_s[reference_rows(recording.attitudes.t_s, piece)]))
+        for number, (low, high) in enumerate(
+            pairwise(recording.attitudes.t_s[find_reference_rows(recording.attitudes.t_s, piece)])
+        )
         if high - low > recording.gyro.sample_s
     ]
     some = tuple(gaps[k] for k in np.unique(np.linspace(0, len(gaps) - 1, SETTINGS.most_short).astype(np.intp))) if gaps else ()
@@ -87,12 +93,12 @@ def _over_short_pieces(
         return None
     G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
     for _ in range(SETTINGS.iterations):
-        model = linearised(recording, G, bias, report.rates, report.smooth, report.density, some, reference_sigma)
+        model = linearise_recording(recording, G, bias, report.rates, report.smooth, report.density, some, reference_sigma)
         try:
             check_residuals(model, report.rates)
         except LargeResidualError:
             return None
-        change, _ = correction(model)
+        change, _ = compute_correction(model)
         G, bias = G + change[:9].reshape(3, 3), bias + change[9:]
         if np.abs(change[:9]).max() < SETTINGS.settled_short:
             break
@@ -100,7 +106,7 @@ def _over_short_pieces(
     return None if (np.abs(moved) > IMPLAUSIBLE).any() else (G, bias)
 
 
-def correction(model: RecordingModel) -> tuple[Array, Array]:
+def compute_correction(model: RecordingModel) -> tuple[Array, Array]:
     """Least-squares correction of G and b with the start attitudes as nuisance parameters, (12,), and its covariance (12, 12).
 
     A broad prior, ten plausible ranges wide, keeps what cannot be observed where it is.

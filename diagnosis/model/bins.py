@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.recording_model import RecordingModel
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ class Bins:
     ends: list[NDArray[np.intp]]  # of each block: bins done at each reference
 
 
-def binned(model: RecordingModel, bin_s: float | None = None) -> Bins:
+def build_bins(model: RecordingModel, bin_s: float | None = None) -> Bins:
     """Bins of about `bin_s`, by default as short as a few thousand allow, that end at every reference."""
     bin_s = min(SETTINGS.longest, float(model.dt.sum()) / SETTINGS.most) if bin_s is None else bin_s
     first: list[NDArray[np.intp]] = []
@@ -97,7 +97,7 @@ def binned(model: RecordingModel, bin_s: float | None = None) -> Bins:
     )
 
 
-def observed(model: RecordingModel, bins: Bins, axis: int, values: Array) -> Array:
+def observe_rate_errors(model: RecordingModel, bins: Bins, axis: int, values: Array) -> Array:
     """(N, k) whitened columns of rate errors about one axis, (bins, k)."""
     out = np.empty((model.size, values.shape[1]))
     for number, block in enumerate(model.blocks):
@@ -109,7 +109,7 @@ def observed(model: RecordingModel, bins: Bins, axis: int, values: Array) -> Arr
     return model.whitened(out)
 
 
-def unit(values: Array) -> Array:
+def normalise_columns(values: Array) -> Array:
     """Columns scaled to a root mean square of one, so that amplitudes compare."""
     size = np.sqrt(np.mean(values**2, axis=0))
     return values / np.where(size > 0, size, 1.0)
@@ -117,7 +117,7 @@ def unit(values: Array) -> Array:
 
 def build_rate_families(model: RecordingModel, bins: Bins, name: str, options: list[Array]) -> Iterator[Family]:
     """Build one family for each axis from rate errors (bins, k) that do not depend on the axis; none without options."""
-    return _build_families(name, options, lambda axis, values: observed(model, bins, axis, values))
+    return _build_families(name, options, lambda axis, values: observe_rate_errors(model, bins, axis, values))
 
 
 def build_reference_families(model: RecordingModel, name: str, options: list[Array]) -> Iterator[Family]:
@@ -126,7 +126,7 @@ def build_reference_families(model: RecordingModel, name: str, options: list[Arr
     def observe(axis: int, values: Array) -> Array:
         error = np.zeros((len(values), 3, values.shape[1]))
         error[:, axis] = values
-        return model.whitened(model.reference_error(error))
+        return model.whitened(model.observe_reference_error(error))
 
     return _build_families(name, options, observe)
 
@@ -135,7 +135,7 @@ def _build_families(name: str, options: list[Array], observe: Callable[[int, Arr
     if not options:
         return
     widths = np.cumsum([0] + [option.shape[1] for option in options])
-    together = unit(np.hstack(options))
+    together = normalise_columns(np.hstack(options))
     for axis in range(3):
         columns = observe(axis, together)
         yield Family(name, AXES[axis], [columns[:, a:b] for a, b in pairwise(widths)])

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.inference.amplitudes import Fitted
-from diagnosis.model.recording import RecordingModel
+from diagnosis.inference.amplitudes import FittedEffect
+from diagnosis.model.recording_model import RecordingModel
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 
 Array = NDArray[np.float64]
 
 
-def calibrated(model: RecordingModel, effects: Sequence[Fitted]) -> tuple[Array, Array]:
+def calibrate_with_effects(model: RecordingModel, effects: Sequence[FittedEffect]) -> tuple[Array, Array]:
     """Change of G and b with the effects in the model, (12,), and the joint covariance of it and all amplitudes.
 
     Start attitudes, mountings that are estimated, calibration and the amplitudes of the effects are estimated together, the

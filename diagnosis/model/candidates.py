@@ -13,25 +13,35 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.finer_processes import with_finer_process, with_whole_process
-from diagnosis.model.folds import SPLIT, folds
-from diagnosis.model.groups import Group, listed, unlisted_groups
-from diagnosis.model.linear import EVERY, Candidate, ColumnStore, LinearModel, Member, Option, Wanted, scales_of, spaced
+from diagnosis.model.finer_processes import add_finer_process, expand_whole_process
+from diagnosis.model.folds import RECORDING_SPLIT, build_folds
+from diagnosis.model.groups import CandidateColumns, list_alternative_groups, list_effect_groups
 from diagnosis.model.linear import SETTINGS as LINEAR
+from diagnosis.model.linear import (
+    UNBOUNDED_SCALES,
+    Candidate,
+    ColumnStore,
+    LinearModel,
+    ParameterChoice,
+    SelectedCandidate,
+    Wanted,
+    build_scales,
+    choose_scales,
+)
 from diagnosis.model.periods import add_finer_periods, scan_periods
-from diagnosis.model.recording import RecordingModel
-from diagnosis.model.steps import with_finer_times, with_moments
-from diagnosis.model.true_rates import with_true_rates
+from diagnosis.model.recording_model import RecordingModel
+from diagnosis.model.steps import add_finer_times, add_step_times
+from diagnosis.model.true_rates import use_true_rates
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
 
 
-def linear_model(
+def build_linear_model(
     model: RecordingModel,
     effects: Sequence[Effect],
-    further: Iterable[Group] = (),
+    further: Iterable[CandidateColumns] = (),
     settings: DiagnosisSettings = DEFAULT,
     rivals: bool = True,
     scan: bool = True,
@@ -54,18 +64,18 @@ def linear_model(
 
     store = ColumnStore(model.nuisance)
 
-    def made() -> Iterator[Group]:
-        others = unlisted_groups(model, found or {}, effects) if rivals else ()
-        for count, group in enumerate(chain(listed(model, effects, found), further, others)):
+    def store_groups() -> Iterator[CandidateColumns]:
+        others = list_alternative_groups(model, found or {}, effects) if rivals else ()
+        for count, group in enumerate(chain(list_effect_groups(model, effects, found), further, others)):
             tell(count)
             yield replace(group, columns=[store.add(part) for part in group.columns])
 
-    candidates = list_candidates(list(made()), lambda projected: projected, settings)
-    return of_columns(model, candidates, store, {effect.name: effect for effect in effects}, settings)
+    candidates = list_candidates(list(store_groups()), lambda projected: projected, settings)
+    return assemble_linear_model(model, candidates, store, {effect.name: effect for effect in effects}, settings)
 
 
-def placed(
-    groups: Sequence[Group],
+def place_candidates(
+    groups: Sequence[CandidateColumns],
     projected: Callable[[Array], Array],
     settings: DiagnosisSettings,
     size: int = 0,
@@ -78,7 +88,7 @@ def placed(
 
 
 def list_candidates(
-    groups: Sequence[Group],
+    groups: Sequence[CandidateColumns],
     projected: Callable[[Array], Array],
     settings: DiagnosisSettings,
     visible: tuple[float, float] = LINEAR.visible,
@@ -105,22 +115,26 @@ def list_candidates(
         norms = [np.linalg.norm(projected(part), axis=0) for part in group.columns]
         largest = max((float(norm.max()) for norm in norms if norm.size), default=0.0)
         shown = visible[0], max(visible[1], group.loudest)
-        scales = scales_of(largest, group.limits, shown) if group.scales is None else group.scales
+        scales = choose_scales(largest, group.limits, shown) if group.scales is None else group.scales
         # What a size of a random process shows differs between its options, each of which has scales of its own.
-        windows = [_window(norm, group.limits, shown) for norm in norms] if group.process and group.scales is None else []
+        windows = (
+            [_find_scale_range(norm, group.limits, shown) for norm in norms] if group.process and group.scales is None else []
+        )
         if windows and scales.size:
-            scales = spaced(min(low for low, high in windows if low < high), max(high for low, high in windows if low < high))
+            scales = build_scales(
+                min(low for low, high in windows if low < high), max(high for low, high in windows if low < high)
+            )
         if not scales.size:
             continue
         family = (1 - share) / len(names) if group.listed else share / len(rivals)
         options = []
-        windows = windows or [EVERY] * len(norms)
+        windows = windows or [UNBOUNDED_SCALES] * len(norms)
         for end, norm, weight, parameters, window in zip(
             stops.tolist(), norms, group.weights, group.parameters, windows, strict=True
         ):
             if not window[0] < window[1] or (group.scales is None and not norm.size):  # nothing of it can be seen here
                 continue
-            options.append(Option(end - norm.size, norm.size, float(np.log(weight)), parameters, window))
+            options.append(ParameterChoice(end - norm.size, norm.size, float(np.log(weight)), parameters, window))
         prior = float(np.log(group.weight * family / axes[group.effect]))
         candidates.append(
             Candidate(
@@ -131,13 +145,13 @@ def list_candidates(
     return tuple(candidates)
 
 
-def _window(norms: Array, limits: tuple[float, float], visible: tuple[float, float]) -> tuple[float, float]:
+def _find_scale_range(norms: Array, limits: tuple[float, float], visible: tuple[float, float]) -> tuple[float, float]:
     """Range of the scales that an option can show; no range where nothing of it can be seen."""
     largest = float(norms.max(initial=0.0))
     return (max(limits[0], visible[0] / largest), min(limits[1], visible[1] / largest)) if largest > 0 else (np.inf, 0.0)
 
 
-def of_columns(
+def assemble_linear_model(
     model: RecordingModel,
     candidates: tuple[Candidate, ...],
     store: ColumnStore,
@@ -147,25 +161,25 @@ def of_columns(
     """The linear model of a recording, by the columns of all candidates side by side."""
     W = store.restore()
 
-    def refine(linear: LinearModel, member: Member) -> LinearModel:
+    def refine(linear: LinearModel, member: SelectedCandidate) -> LinearModel:
         effect = effects.get(linear.candidate(member).effect)
         if effect is None or effect.of_trackers:
             return linear
         if effect.scanned:
             return add_finer_periods(model, linear, member, effect)
         if linear.candidate(member).process:
-            return with_finer_process(model, linear, member, effect)
-        finer = with_finer_times if effect.switched else with_true_rates
+            return add_finer_process(model, linear, member, effect)
+        finer = add_finer_times if effect.switched else use_true_rates
         return finer(model, linear, member, effect)
 
-    def whole(linear: LinearModel, member: Member) -> LinearModel:
+    def whole(linear: LinearModel, member: SelectedCandidate) -> LinearModel:
         effect = effects.get(linear.candidate(member).effect)
         if effect is None or effect.of_trackers or not linear.candidate(member).process:
             return linear
-        return with_whole_process(model, linear, member, effect)
+        return expand_whole_process(model, linear, member, effect)
 
     def moments(linear: LinearModel, wanted: Sequence[Wanted]) -> LinearModel:
-        return with_moments(model, linear, effects, wanted)
+        return add_step_times(model, linear, effects, wanted)
 
     return LinearModel(
         y=model.y,
@@ -175,8 +189,8 @@ def of_columns(
         dof=model.degrees_of_freedom,
         projected=model.projected,
         most_effects=settings.largest_set,
-        split=SPLIT,
-        folds=lambda W: folds(model, W),
+        split=RECORDING_SPLIT,
+        folds=lambda W: build_folds(model, W),
         room=store.room,
         refine=refine,
         whole=whole,

@@ -7,7 +7,7 @@ one number, win over it wherever both explain the data. The rate that is missing
 scale of the amplitudes; a run in which the attitude denies such a rate speaks against the zone.
 
 With m missing of the reading ω = G (ω_raw + m e) + b, and its column is along G e of the true G. M0 has to explain what is
-missing, and its G is off; the product of m and of what that lacks is not linear in them (`input_axis`).
+missing, and its G is off; the product of m and of what that lacks is not linear in them (`estimate_input_axis`).
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.detectors.dead_zone_rests import SETTINGS as DEAD_ZONE_RESTS
-from diagnosis.detectors.dead_zone_rests import DeadZoneEvidence, half_width
-from diagnosis.detectors.gap_interpolation import runs
+from diagnosis.detectors.dead_zone_rests import DeadZoneEvidence, estimate_half_width
+from diagnosis.detectors.gap_interpolation import find_mask_runs
 from diagnosis.model.calibration import calibrate_beside
-from diagnosis.model.groups import Group
+from diagnosis.model.groups import CandidateColumns
 from diagnosis.model.linear import Parameters
-from diagnosis.model.prepare import Prepared
+from diagnosis.model.prepare import PreparedRecording
 from diagnosis.model.processes import SETTINGS as PROCESSES
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.recording_model import RecordingModel
 from simulator.effects.base import Effect
 from simulator.effects.common import markov
 
@@ -58,7 +58,7 @@ class DeadZoneSettings:
 SETTINGS = DeadZoneSettings()
 
 
-def input_axis(model: RecordingModel, one: DeadZoneEvidence) -> Array:
+def estimate_input_axis(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     """(3,) change of the calibrated rate with that of the gyro, G e, as what the zone leaves of the readings tells it.
 
     M0 has to explain the missing rates with its G, which may be several percent off, and a rate that is missing acts along the
@@ -66,23 +66,23 @@ def input_axis(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     """
     toward, usual = model.G[:, one.axis], float(np.rad2deg(one.usual))
     for _ in range(SETTINGS.calibrated):
-        hidden = model.whitened(missing(model, one, toward))
-        beside = unseen_motion(model, one, toward)
+        hidden = model.whitened(observe_missing_rates(model, one, toward))
+        beside = build_unseen_motion(model, one, toward)
         change, _ = calibrate_beside(model, [(hidden, usual), (beside, usual)])
         toward = model.G[:, one.axis] + change[:9].reshape(3, 3)[:, one.axis]
     return toward
 
 
-def missing(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -> Array:
+def observe_missing_rates(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -> Array:
     """Observations of a missing rate, deg/s: in all runs alike, and its difference in each; (N, shapes + runs).
 
-    `toward` is the gyro's `input_axis`.
+    `toward` is the gyro's `estimate_input_axis`.
     """
     step = np.searchsorted(model.recording.gyro.t_s, model.t_s, side="right") - 1
     part = one.part[step]
     numbers = np.unique(part[(part >= 0) & (part < DEAD_ZONE_RESTS.most_parts)])
     low = np.deg2rad(1.0) * np.column_stack([part >= 0, *(SETTINGS.difference * (part == number) for number in numbers)])
-    return model.rate_error(toward[:, None] * low[:, None, :])
+    return model.observe_rate_error(toward[:, None] * low[:, None, :])
 
 
 def bridge_passes(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -> Array:
@@ -94,15 +94,15 @@ def bridge_passes(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -
     gyro, course = model.recording.gyro, np.zeros(one.part.size)
     signs = np.sign(gyro.rates[:, one.axis])
     follows = np.append(False, np.diff(gyro.t_s) < 1.5 * gyro.sample_s)
-    for low, high in runs(one.part >= 0):
+    for low, high in find_mask_runs(one.part >= 0):
         enter = signs[low - 1] if follows[low] else 0.0
         leave = signs[high] if high < course.size and follows[high] else 0.0
         course[low:high] = one.alive * np.linspace(enter, leave, high - low)
     step = np.searchsorted(gyro.t_s, model.t_s, side="right") - 1
-    return model.rate_error(toward[:, None] * course[step][:, None, None])
+    return model.observe_rate_error(toward[:, None] * course[step][:, None, None])
 
 
-def unseen_motion(
+def build_unseen_motion(
     model: RecordingModel, one: DeadZoneEvidence, toward: Array, size: float = SETTINGS.unseen[-1], memory: float = 0.0
 ) -> Array:
     """(N, r) whitened observations of a random rate, deg/s, in the slow part of each cell: a level, and a slope over it.
@@ -110,7 +110,7 @@ def unseen_motion(
     A body that turns about other axes meanwhile turns the blind one with it: what is missing at the beginning of a passage has
     another direction than at its end.
     """
-    level, slope = _in_cells(model, one, toward)
+    level, slope = _observe_cells(model, one, toward)
     run_s = model.cells.run_s
     if memory and run_s.size > 1:
         spread = markov(run_s, memory * float(np.median(np.diff(run_s)))) + SETTINGS.rounding * np.eye(run_s.size)
@@ -125,7 +125,7 @@ def unseen_motion(
     return np.asarray(columns @ turned[:, seen]) * np.deg2rad(1.0)
 
 
-def _in_cells(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -> tuple[Array, Array]:
+def _observe_cells(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -> tuple[Array, Array]:
     """(N, c) observations of a missing rate in the slow part of each cell: a level, and a slope over it."""
     step = np.searchsorted(model.recording.gyro.t_s, model.t_s, side="right") - 1
     silent = one.part[step] >= 0
@@ -135,10 +135,10 @@ def _in_cells(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -> tu
     count = before[high] - before[low]
     place = np.repeat(np.arange(low.size), high - low)
     along = (before[:-1] - before[low][place] + 0.5) / np.maximum(count[place], 1)  # of the slow part of the cell
-    return _over_cells(model, toward, level), _over_cells(model, toward, level * (2 * along - 1))
+    return _integrate_cells(model, toward, level), _integrate_cells(model, toward, level * (2 * along - 1))
 
 
-def _over_cells(model: RecordingModel, toward: Array, weights: Array) -> Array:
+def _integrate_cells(model: RecordingModel, toward: Array, weights: Array) -> Array:
     """(N, c) observations of a reading that is too low by `weights` (n,) in the steps of one cell."""
     turned = (model.to_inertial @ toward) * (model.dt * weights)[:, None]
     total = np.vstack([np.zeros(3), np.cumsum(turned, axis=0)])
@@ -158,7 +158,7 @@ def bound_p_of_passes(dead: Sequence[DeadZoneEvidence]) -> float:
     )
 
 
-def dead_zone_groups(prepared: Prepared, effects: Sequence[Effect]) -> Iterator[Group]:
+def list_dead_zone_groups(prepared: PreparedRecording, effects: Sequence[Effect]) -> Iterator[CandidateColumns]:
     """A candidate for each gyro that may have a dead zone, if an effect claims that symptom."""
     effect = next((one for one in effects if one.symptom == "dead_zone"), None)
     if effect is None:
@@ -169,22 +169,22 @@ def dead_zone_groups(prepared: Prepared, effects: Sequence[Effect]) -> Iterator[
         yield replace(_group(prepared.model, one, effect), weight=weight)
 
 
-def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Group:
+def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> CandidateColumns:
     usual = float(np.rad2deg(one.usual))
-    toward = input_axis(model, one)
-    rates = model.whitened(missing(model, one, toward))
+    toward = estimate_input_axis(model, one)
+    rates = model.whitened(observe_missing_rates(model, one, toward))
     course = [model.whitened(bridge_passes(model, one, toward))] if one.passed else []
     moving = [
-        np.hstack([rates, unseen_motion(model, one, toward, size, memory)])
+        np.hstack([rates, build_unseen_motion(model, one, toward, size, memory)])
         for size in SETTINGS.unseen
         for memory in (0.0, SETTINGS.memory)
     ]
     count = rates.shape[1]
 
     def read(amplitudes: Array) -> tuple[float, Parameters]:
-        return half_width(one, amplitudes[0] + SETTINGS.difference * amplitudes[1:count])[0], {}
+        return estimate_half_width(one, amplitudes[0] + SETTINGS.difference * amplitudes[1:count])[0], {}
 
-    return Group(
+    return CandidateColumns(
         effect=effect.name,
         axis=AXES[one.axis],
         listed=True,
@@ -195,13 +195,13 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Grou
         unit=effect.unit,
         log_odds=float(np.clip(one.log_odds, SETTINGS.least_odds, SETTINGS.most_passed if one.passed else SETTINGS.most_odds)),
         read=read,
-        size_sigma=lambda size: half_width_sigma(one, size),
+        size_sigma=lambda size: compute_half_width_sigma(one, size),
         roughness=SETTINGS.roughness,
         shifted=one.passed,
         loudest=np.inf,  # each of hundreds of amplitudes is that large, and a smaller scale would hold all of them back
     )
 
 
-def half_width_sigma(one: DeadZoneEvidence, size: float) -> float:
+def compute_half_width_sigma(one: DeadZoneEvidence, size: float) -> float:
     """What the samples leave open of the half width, deg/s."""
-    return half_width(one, np.array([size]))[1]
+    return estimate_half_width(one, np.array([size]))[1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from diagnosis.answer import Finding
-from diagnosis.detectors.report import Symptom
+from diagnosis.detectors.sample_report import Symptom
 from diagnosis.model.symptoms import SampleCause
 from simulator.effects.base import Fault
 

@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.model import processes
-from diagnosis.model.groups import AXES, process_places
-from diagnosis.model.linear import Candidate, LinearModel, Member, Option, Parameters, finer
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.groups import AXES, list_process_places
+from diagnosis.model.linear import Candidate, LinearModel, ParameterChoice, Parameters, SelectedCandidate, refine_scales
+from diagnosis.model.recording_model import RecordingModel
 from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
 
 
-def with_finer_process(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
+def add_finer_process(model: RecordingModel, linear: LinearModel, member: SelectedCandidate, effect: Effect) -> LinearModel:
     """The linear model with a random process as a whole at the option where a member is held, and at those beside it.
 
     Between them, halfway in log between its parameter and its neighbours', are further ones that share its prior; an effect
@@ -30,37 +30,44 @@ def with_finer_process(model: RecordingModel, linear: LinearModel, member: Membe
     another effect.
     """
     entry, held = linear.candidate(member), linear.option(member)
-    beside = _beside(entry, held)
+    beside = _find_neighbour_options(entry, held)
     weight = held.log_weight - float(np.log(1 + len(beside)))
-    halfway = [_between(held.parameters, entry.options[one].parameters) for one in beside]
+    halfway = [_interpolate_parameter(held.parameters, entry.options[one].parameters) for one in beside]
     wanted = {member.option: replace(held, log_weight=weight), **{one: entry.options[one] for one in beside}}
     further = (replace(held, log_weight=weight, parameters=parameters) for parameters in halfway)
     wanted |= dict(enumerate(further, len(entry.options)))
-    return _as_a_whole(model, linear, member, effect, wanted, finer(entry.scales, member.scale))
+    return _build_whole_options(model, linear, member, effect, wanted, refine_scales(entry.scales, member.scale))
 
 
-def with_whole_process(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
+def expand_whole_process(model: RecordingModel, linear: LinearModel, member: SelectedCandidate, effect: Effect) -> LinearModel:
     """The linear model with all columns of a random process that can be seen at a member's scale, at each of its options."""
     entry = linear.candidate(member)
-    return _as_a_whole(model, linear, member, effect, dict(enumerate(entry.options)), entry.scales)
+    return _build_whole_options(model, linear, member, effect, dict(enumerate(entry.options)), entry.scales)
 
 
-def _as_a_whole(
-    model: RecordingModel, linear: LinearModel, member: Member, effect: Effect, wanted: Mapping[int, Option], scales: Array
+def _build_whole_options(
+    model: RecordingModel,
+    linear: LinearModel,
+    member: SelectedCandidate,
+    effect: Effect,
+    wanted: Mapping[int, ParameterChoice],
+    scales: Array,
 ) -> LinearModel:
     """The linear model with all columns that can be seen at a member's scale at some options of it, by their numbers."""
-    covariance, places = process_places(model, effect)
+    covariance, places = list_process_places(model, effect)
     place = places[AXES.index(str(linear.candidate(member).axis))]
     options, columns, start = dict(enumerate(linear.candidate(member).options)), [], linear.W.shape[1]
     for number, one in wanted.items():
-        columns.append(processes.whole(place, covariance(one.parameters), processes.SETTINGS.whole / linear.scale(member) ** 2))
+        columns.append(
+            processes.build_all_columns(place, covariance(one.parameters), processes.SETTINGS.whole / linear.scale(member) ** 2)
+        )
         options[number] = replace(one, start=start, count=columns[-1].shape[1])
         start += columns[-1].shape[1]
     W = np.hstack(columns)
-    return linear.with_options(member.candidate, list(options.values()), W, model.projected(W), scales)
+    return linear.replace_options(member.candidate, list(options.values()), W, model.projected(W), scales)
 
 
-def _beside(entry: Candidate, held: Option) -> list[int]:
+def _find_neighbour_options(entry: Candidate, held: ParameterChoice) -> list[int]:
     """Options whose one parameter is next to that of an option, below and above it."""
     if len(held.parameters) != 1 or any(isinstance(value, str) for value in held.parameters.values()):
         return []
@@ -70,7 +77,7 @@ def _beside(entry: Candidate, held: Option) -> list[int]:
     return [order[k] for k in (place - 1, place + 1) if 0 <= k < len(order)]
 
 
-def _between(one: Parameters, other: Parameters) -> Parameters:
+def _interpolate_parameter(one: Parameters, other: Parameters) -> Parameters:
     """The parameter halfway in log between two."""
     ((name, low),), ((_, high),) = one.items(), other.items()
     return {name: float(np.sqrt(float(low) * float(high)))}

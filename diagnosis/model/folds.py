@@ -34,7 +34,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from diagnosis.model.linear import Fold
-from diagnosis.model.recording import Block, RecordingModel
+from diagnosis.model.recording_model import Block, RecordingModel
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 
 Array = NDArray[np.float64]
@@ -52,31 +52,33 @@ class FoldSettings:
 SETTINGS = FoldSettings()
 
 
-SPLIT = "an eighth of each interval at a time"
-AT_ONCE = 256  # columns; these stay in a processor's cache
+RECORDING_SPLIT = "an eighth of each interval at a time"
+FOLD_COLUMNS_PER_BATCH = 256  # columns; these stay in a processor's cache
 
 
-def folds(model: RecordingModel, W: Array, part: NDArray[np.intp] | None = None, biases: Array | None = None) -> Iterator[Fold]:
+def build_folds(
+    model: RecordingModel, W: Array, part: NDArray[np.intp] | None = None, biases: Array | None = None
+) -> Iterator[Fold]:
     """Folds of a recording; those that would leave nothing to learn from are left out.
 
     Parameters
     ----------
     model : the recording
     W : (N, p) whitened columns
-    part : (r,) fold of each observation; by default that of `parts`
+    part : (r,) fold of each observation; by default that of `assign_folds`
     biases : (N, q) whitened columns of further biases
     """
     names = np.array([model.recording.intervals[block.interval].name for block in model.blocks])
     owner = np.repeat(names[model.observation_block], 3)
-    rows = np.repeat(parts(model) if part is None else part, 3)
+    rows = np.repeat(assign_folds(model) if part is None else part, 3)
     for number in np.unique(rows):
         out = rows == number
         if not out.all():
-            yield _held_out(model, W, out, owner, biases)
+            yield _build_recording_fold(model, W, out, owner, biases)
 
 
 @dataclass(frozen=True)
-class Conditioned:
+class ConditionedRows:
     """Some rows of a recording, given the others.
 
     Attributes
@@ -103,24 +105,24 @@ class Conditioned:
         return self.noise + (self.shared / (1 + self.known**2)) @ self.shared.T
 
 
-def conditioned(model: RecordingModel, W: Array, out: NDArray[np.bool_], biases: Array | None = None) -> Conditioned:
+def condition_rows(model: RecordingModel, W: Array, out: NDArray[np.bool_], biases: Array | None = None) -> ConditionedRows:
     """Rows (N,) of a recording that are `out`, and whitened columns W (N, p) there, given the others; see the module."""
-    parts = [_part(block, np.flatnonzero(out[block.rows])) for block in model.blocks]
-    B, D = _parted(parts, shared_columns(model, biases))
-    train_y, error_y = _parted(parts, model.unmixed(model.whitened(model.zeta)))
+    parts = [_build_part(block, np.flatnonzero(out[block.rows])) for block in model.blocks]
+    B, D = _split_values(parts, build_shared_columns(model, biases))
+    train_y, error_y = _split_values(parts, model.undo_mounting_whitening(model.whitened(model.zeta)))
     # With as many rows of zeros below, there is a singular value for what no training row shows as well.
     Q, S, U = np.linalg.svd(np.vstack([B, np.zeros((B.shape[1], B.shape[1]))]), full_matrices=False)
     Q, D = Q[: len(B)], D @ U.T
     shrunk, gain = Q * (1 - 1 / np.sqrt(1 + S**2)), D * (S / (1 + S**2))
     train_X, error_X = np.empty(W.shape, order="F"), np.empty((len(D), W.shape[1]), order="F")
-    for first in range(0, W.shape[1], AT_ONCE):
-        some = slice(first, first + AT_ONCE)
-        train, error = _parted(parts, model.unmixed(W[:, some]))
+    for first in range(0, W.shape[1], FOLD_COLUMNS_PER_BATCH):
+        some = slice(first, first + FOLD_COLUMNS_PER_BATCH)
+        train, error = _split_values(parts, model.undo_mounting_whitening(W[:, some]))
         along = Q.T @ train
         train_X[:, some], error_X[:, some] = train - shrunk @ along, error - gain @ along
     along_y = Q.T @ train_y
     noise = scipy.linalg.block_diag(*(part.shown @ part.shown.T for part in parts))
-    return Conditioned(train_y - shrunk @ along_y, train_X, error_y - gain @ along_y, error_X, noise, D, S)
+    return ConditionedRows(train_y - shrunk @ along_y, train_X, error_y - gain @ along_y, error_X, noise, D, S)
 
 
 @dataclass(frozen=True)
@@ -132,12 +134,12 @@ class _Part:
     shown: Array
 
 
-def _part(block: Block, so: NDArray[np.intp]) -> _Part:
-    Z = _hidden(block.whitener, so)
+def _build_part(block: Block, so: NDArray[np.intp]) -> _Part:
+    Z = _build_hidden_basis(block.whitener, so)
     return _Part(block.rows, Z, block.whitener[so] @ Z)
 
 
-def _parted(parts: list[_Part], values: Array) -> tuple[Array, Array]:
+def _split_values(parts: list[_Part], values: Array) -> tuple[Array, Array]:
     """Whitened values (N,) or (N, k) without what training rows do not show, x̃, and of the rows held out L_s Z Zᵀx."""
     left, shown = np.array(values, order="F"), []
     for part in parts:
@@ -147,22 +149,24 @@ def _parted(parts: list[_Part], values: Array) -> tuple[Array, Array]:
     return left, np.concatenate(shown)
 
 
-def _hidden(L: Array, rows: NDArray[np.intp]) -> Array:
+def _build_hidden_basis(L: Array, rows: NDArray[np.intp]) -> Array:
     """(n, s) orthonormal basis of the whitened values of which the other rows of a block show nothing."""
     if rows.size == len(L):
         return np.eye(len(L))
     units = np.zeros((len(L), rows.size))
     units[rows, np.arange(rows.size)] = 1.0
-    return np.asarray(np.linalg.qr(_solved(L, units))[0])
+    return np.asarray(np.linalg.qr(_solve_lower(L, units))[0])
 
 
-def _held_out(model: RecordingModel, W: Array, out: NDArray[np.bool_], owner: NDArray[np.str_], biases: Array | None) -> Fold:
+def _build_recording_fold(
+    model: RecordingModel, W: Array, out: NDArray[np.bool_], owner: NDArray[np.str_], biases: Array | None
+) -> Fold:
     """One part of a recording held out."""
-    found = conditioned(model, W, out, biases)
+    found = condition_rows(model, W, out, biases)
     return _fold(found.train_y, found.train_X, found.error_y, found.error_X, found.covariance, owner[out])
 
 
-def held_out(sigma: Array, observed: Array, columns: Array, out: NDArray[np.bool_], owner: NDArray[np.str_]) -> Fold:
+def build_normal_fold(sigma: Array, observed: Array, columns: Array, out: NDArray[np.bool_], owner: NDArray[np.str_]) -> Fold:
     """One part of jointly normal observations held out.
 
     Parameters
@@ -174,8 +178,8 @@ def held_out(sigma: Array, observed: Array, columns: Array, out: NDArray[np.bool
     owner : (N,) name of what each belongs to
     """
     train = np.asarray(np.linalg.cholesky(sigma[np.ix_(~out, ~out)]))
-    gain = _solved(train, sigma[np.ix_(~out, out)])
-    train_y, train_X = _solved(train, observed[~out]), _solved(train, columns[~out])
+    gain = _solve_lower(train, sigma[np.ix_(~out, out)])
+    train_y, train_X = _solve_lower(train, observed[~out]), _solve_lower(train, columns[~out])
     error_y, error_X = observed[out] - gain.T @ train_y, columns[out] - gain.T @ train_X
     return _fold(train_y, train_X, error_y, error_X, sigma[np.ix_(out, out)] - gain.T @ gain, owner[out])
 
@@ -184,10 +188,10 @@ def _fold(train_y: Array, train_X: Array, error_y: Array, error_X: Array, covari
     """A fold by the errors of its prediction and their covariance."""
     left = np.asarray(np.linalg.cholesky(covariance))
     dof = {str(name): float(np.sum(owner == name)) for name in np.unique(owner)}
-    return Fold(train_y, train_X, _solved(left, error_y), _solved(left, error_X), owner, dof)
+    return Fold(train_y, train_X, _solve_lower(left, error_y), _solve_lower(left, error_X), owner, dof)
 
 
-def parts(model: RecordingModel) -> NDArray[np.intp]:
+def assign_folds(model: RecordingModel) -> NDArray[np.intp]:
     """(r,) fold of each observation: which eighth of its interval, counted from another one in each interval.
 
     Intervals are ranked by length, so that two of one kind, such as two slews, do not hold the same part out together.
@@ -200,17 +204,17 @@ def parts(model: RecordingModel) -> NDArray[np.intp]:
     return np.concatenate(each)
 
 
-def shared_columns(model: RecordingModel, biases: Array | None = None) -> Array:
+def build_shared_columns(model: RecordingModel, biases: Array | None = None) -> Array:
     """(N, q) whitened columns B of what all intervals share, in units of their priors: starts, mountings, G, b, biases."""
     more = np.empty((model.size, 0)) if biases is None else biases
     own = np.full(more.shape[1], SETTINGS.broad * PLAUSIBLE_RANGE[-1])
     attitude = model.attitude_nuisance
     scale = np.concatenate([np.full(attitude.shape[1], SETTINGS.start), SETTINGS.broad * PLAUSIBLE_RANGE, own])
-    shared = model.unmixed(np.hstack([attitude, model.calibration, more]) * scale)
+    shared = model.undo_mounting_whitening(np.hstack([attitude, model.calibration, more]) * scale)
     return np.hstack([shared, model.known_mountings])
 
 
-def unwhitened(model: RecordingModel, columns: Array) -> Array:
+def reverse_whitening(model: RecordingModel, columns: Array) -> Array:
     """L times columns."""
     out = np.empty_like(columns)
     for block in model.blocks:
@@ -218,5 +222,5 @@ def unwhitened(model: RecordingModel, columns: Array) -> Array:
     return out
 
 
-def _solved(factor: Array, values: Array) -> Array:
+def _solve_lower(factor: Array, values: Array) -> Array:
     return np.asarray(scipy.linalg.solve_triangular(factor, values, lower=True, check_finite=False))

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from diagnosis.model.recording import RecordingModel
-from gyrocal.calibration.gate import LARGEST_RESIDUAL, LargeResidualError, check, refusal
+from diagnosis.model.recording_model import RecordingModel
+from gyrocal.calibration.gate import LARGEST_RESIDUAL, LargeResidualError, build_refusal, check
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -43,7 +43,7 @@ def check_residuals(model: RecordingModel, rates: Array) -> None:
     LargeResidualError
         With the interval, the time and the reading that would fit.
     """
-    error, kept = _too_large(model)
+    error, kept = _find_large_residuals(model)
     if error is None:
         return
     recording, gyro = model.recording, model.recording.gyro
@@ -51,17 +51,17 @@ def check_residuals(model: RecordingModel, rates: Array) -> None:
     name = recording.intervals[model.blocks[model.interval_of_reference[number]].interval].name
     t_s = recording.attitudes.t_s[model.reference_rows[number]]
     repaired = replace(recording, gyro=replace(gyro, rates=rates))
-    raise refusal(error, repaired, name, t_s, gyro.apriori_G, gyro.apriori_bias)
+    raise build_refusal(error, repaired, name, t_s, gyro.apriori_G, gyro.apriori_bias)
 
 
-def _too_large(model: RecordingModel) -> tuple[LargeResidualError | None, Mask]:
+def _find_large_residuals(model: RecordingModel) -> tuple[LargeResidualError | None, Mask]:
     """The error of residuals that are too large, None if none is, and which references it counts."""
     residuals = np.where(np.isfinite(model.off), model.off, np.inf)
     kept = np.ones(len(residuals), dtype=bool)
     if (np.linalg.norm(residuals, axis=1) <= LARGEST_RESIDUAL).all():
         return None, kept
     if np.isfinite(residuals).all():
-        residuals, kept = _without_outliers(residuals, model.interval_of_reference)
+        residuals, kept = _drop_outliers(residuals, model.interval_of_reference)
     try:
         check(residuals)
     except LargeResidualError as error:
@@ -69,14 +69,14 @@ def _too_large(model: RecordingModel) -> tuple[LargeResidualError | None, Mask]:
     return None, kept
 
 
-def _without_outliers(residuals: Array, block: NDArray[np.intp]) -> tuple[Array, Mask]:
+def _drop_outliers(residuals: Array, block: NDArray[np.intp]) -> tuple[Array, Mask]:
     """Residuals (k, 3) of the references that are no single outliers, from the first of those of their block, and which."""
     kept = np.ones(len(residuals), dtype=bool)
     based = residuals.copy()
     for number in np.unique(block):
         rows = np.flatnonzero(block == number)
         turned = Rotation.from_rotvec(residuals[rows])
-        good = ~_alone(turned)
+        good = ~_find_isolated(turned)
         kept[rows] = good
         based[rows] = (turned[int(np.argmax(good))].inv() * turned).as_rotvec()
     if np.sum(~kept) > max(1, SETTINGS.outliers * kept.size):
@@ -84,7 +84,7 @@ def _without_outliers(residuals: Array, block: NDArray[np.intp]) -> tuple[Array,
     return based[kept], kept
 
 
-def _alone(turned: Rotation) -> Mask:
+def _find_isolated(turned: Rotation) -> Mask:
     """Which of the residuals of a block are far from both their neighbours, which agree; at an end, from the two nearest."""
     count = len(turned)
     if count < 4:

@@ -2,7 +2,7 @@
 
 An effect says itself which columns or which covariance it has, which options are worth trying and how plausible it is
 (`simulator.effects.base.Effect`); here its columns become observations of the recording. Unlisted rivals are those of
-`diagnosis.model.unlisted`, `diagnosis.model.repeating` and `diagnosis.model.processes`.
+`diagnosis.model.deterministic_alternatives`, `diagnosis.model.periodic_alternatives` and `diagnosis.model.processes`.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from diagnosis.model import processes, repeating, trackers, unlisted
+from diagnosis.model import deterministic_alternatives, periodic_alternatives, processes, trackers
 from diagnosis.model.array_model import ArrayModel
 from diagnosis.model.linear import SETTINGS as LINEAR
-from diagnosis.model.linear import Parameters, exactly, first_amplitude, spaced
+from diagnosis.model.linear import Parameters, add_no_sigma, build_scales, read_first_amplitude
 from diagnosis.model.periods import Found, make_columns, make_effect_columns
-from diagnosis.model.places import Place
-from diagnosis.model.recording import RecordingModel
-from diagnosis.model.steps import StepTimes, step_times, switched_columns
-from diagnosis.model.time_offset import delays
+from diagnosis.model.process_projection import ProcessProjection
+from diagnosis.model.recording_model import RecordingModel
+from diagnosis.model.steps import StepTimes, build_switched_columns, step_times
+from diagnosis.model.time_offset import fit_delays
 from simulator.effects.base import Effect, Surroundings, Value
 
 Array = NDArray[np.float64]
@@ -32,7 +32,7 @@ AXES = "xyz"
 
 
 @dataclass(frozen=True)
-class Group:
+class CandidateColumns:
     """A candidate before its place in the model is known.
 
     Attributes
@@ -59,8 +59,8 @@ class Group:
     positive: bool = False
     weight: float = 1.0
     log_odds: float = 0.0
-    read: Callable[[Array], tuple[float, Parameters]] = first_amplitude
-    size_sigma: Callable[[float], float] = exactly
+    read: Callable[[Array], tuple[float, Parameters]] = read_first_amplitude
+    size_sigma: Callable[[float], float] = add_no_sigma
     shifted: bool = False
     scales: Array | None = None
     scanned: bool = False
@@ -71,9 +71,9 @@ class Group:
 # ---- listed effects ------------------------------------------------------------------------------------------------------
 
 
-def listed(
+def list_effect_groups(
     model: RecordingModel, effects: Sequence[Effect], found: Found | None, steps: StepTimes | None = None
-) -> Iterator[Group]:
+) -> Iterator[CandidateColumns]:
     """The effects that have columns or a covariance and can be seen in this recording.
 
     Parameters
@@ -90,78 +90,82 @@ def listed(
             trials = effect.trials(around)
             parameters, weights = [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials]
             for name, columns in trackers.list_tracker_columns(model, effect):
-                yield replace(group_of(effect, name, columns, parameters, weights), process=effect.is_process)
+                yield replace(build_group(effect, name, columns, parameters, weights), process=effect.is_process)
             continue
         if effect.has_columns:
             for axis in effect.axes or (None,):
                 if effect.scanned and found is not None:
                     if found:
-                        yield scanned_group(model, effect, str(axis), found)
+                        yield build_scanned_group(model, effect, str(axis), found)
                 elif effect.switched:
-                    yield switched_group(model, effect, axis, around, steps)
+                    yield build_switched_group(model, effect, axis, around, steps)
                 else:
-                    yield plain_group(model, effect, axis, around)
+                    yield build_plain_group(model, effect, axis, around)
         elif effect.is_process:
-            yield from process_groups(model, effect, around)
+            yield from list_process_groups(model, effect, around)
 
 
-def plain_group(model: RecordingModel | ArrayModel, effect: Effect, axis: str | None, around: Surroundings) -> Group:
+def build_plain_group(
+    model: RecordingModel | ArrayModel, effect: Effect, axis: str | None, around: Surroundings
+) -> CandidateColumns:
     """An effect whose columns are there throughout, with an option for each set of parameters worth trying."""
     trials = effect.trials(around)
     columns = [make_columns(model, effect, axis, trial.parameters) for trial in trials]
     parameters, weights = [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials]
     if isinstance(model, RecordingModel) and effect.stage == "clock" and effect.unit == "s":  # one delay, of any length
-        long = delays(model, columns[0], effect.prior)
+        long = fit_delays(model, columns[0], effect.prior)
         columns += [one.columns for one in long]
         parameters += [{} for _ in long]
         weights = [0.5, *(0.5 * one.weight for one in long)] if long else weights
-    return group_of(effect, axis, columns, parameters, weights)
+    return build_group(effect, axis, columns, parameters, weights)
 
 
-def switched_group(
+def build_switched_group(
     model: RecordingModel | ArrayModel, effect: Effect, axis: str | None, around: Surroundings, steps: StepTimes | None = None
-) -> Group:
+) -> CandidateColumns:
     """An effect that is switched on at some time, with an option for each time that is tried."""
     times, widths, weights, firsts = steps or step_times(model)
     columns: list[Array] = []
     parameters: list[Parameters] = []
     shares: list[float] = []
     for trial in effect.trials(around):
-        block = switched_columns(model, effect, axis, trial.parameters, firsts)
+        block = build_switched_columns(model, effect, axis, trial.parameters, firsts)
         columns += [block[:, [k]] for k in range(times.size)]
         parameters += [
             {**trial.parameters, "time_s": float(time), "time_sigma_s": float(width)}
             for time, width in zip(times, widths, strict=True)
         ]
         shares += (trial.weight * weights).tolist()
-    return group_of(effect, axis, columns, parameters, shares)
+    return build_group(effect, axis, columns, parameters, shares)
 
 
-def process_places(model: RecordingModel, effect: Effect) -> tuple[Callable[[Mapping[str, Value]], Array], tuple[Place, ...]]:
+def list_process_places(
+    model: RecordingModel, effect: Effect
+) -> tuple[Callable[[Mapping[str, Value]], Array], tuple[ProcessProjection, ...]]:
     """Covariance of a random process at the times it is taken at, by its parameters; and where it acts, about each axis."""
-    times = processes.node_times(model) if effect.on_references else processes.part_times(model)
+    times = processes.compute_node_times(model) if effect.on_references else processes.compute_part_times(model)
     return partial(effect.covariance, times), model.reference_places if effect.on_references else model.cell_places
 
 
-def process_groups(model: RecordingModel, effect: Effect, around: Surroundings) -> Iterator[Group]:
+def list_process_groups(model: RecordingModel, effect: Effect, around: Surroundings) -> Iterator[CandidateColumns]:
     """A random process about each axis."""
     trials = effect.trials(around)
-    covariance, places = process_places(model, effect)
+    covariance, places = list_process_places(model, effect)
     columns: dict[str, list[Array]] = {axis: [] for axis in effect.axes}
     for trial in trials:
         K = covariance(trial.parameters)  # one at a time: there may be two thousand times
         for place, made in zip(places, columns.values(), strict=True):
-            made.append(processes.usual(place, K))
+            made.append(processes.build_usual_columns(place, K))
     for axis, made in columns.items():
-        group = group_of(effect, axis, made, [dict(t.parameters) for t in trials], [t.weight for t in trials])
+        group = build_group(effect, axis, made, [dict(t.parameters) for t in trials], [t.weight for t in trials])
         yield replace(group, process=True)
 
 
-def group_of(
+def build_group(
     effect: Effect, axis: str | None, columns: Sequence[Array], parameters: Sequence[Parameters], weights: Sequence[float]
-) -> Group:
+) -> CandidateColumns:
     """An effect as a group, by its columns at each set of parameters."""
-    return Group(
+    return CandidateColumns(
         effect=effect.name,
         axis=axis,
         listed=True,
@@ -179,37 +183,37 @@ def group_of(
 # ---- the period of a swing -----------------------------------------------------------------------------------------------
 
 
-def scanned_group(model: RecordingModel, effect: Effect, axis: str, found: Found) -> Group:
+def build_scanned_group(model: RecordingModel, effect: Effect, axis: str, found: Found) -> CandidateColumns:
     """An effect that swings with any period, with an option for each period that a scan of the data has kept."""
     options = found[effect.on_references, AXES.index(axis)]
     columns = make_effect_columns(model, effect, axis, np.array([one.frequency for one in options]))
     parameters = [one.parameters for one in options]
-    group = group_of(effect, axis, columns, parameters, [float(np.exp(one.log_weight)) for one in options])
+    group = build_group(effect, axis, columns, parameters, [float(np.exp(one.log_weight)) for one in options])
     # What a size shows grows with the period: the scales are those of all options, not only of the strongest.
     norms = np.array([max(np.linalg.norm(model.projected(part), axis=0).max(), 1e-300) for part in columns])
     low, high = max(effect.prior[0], LINEAR.visible[0] / norms.max()), min(effect.prior[1], LINEAR.visible[1] / norms.min())
-    return replace(group, scanned=True, scales=spaced(low, high))
+    return replace(group, scanned=True, scales=build_scales(low, high))
 
 
 # ---- unlisted rivals -----------------------------------------------------------------------------------------------------
 
 
-def unlisted_groups(model: RecordingModel, found: Found, effects: Sequence[Effect]) -> Iterator[Group]:
+def list_alternative_groups(model: RecordingModel, found: Found, effects: Sequence[Effect]) -> Iterator[CandidateColumns]:
     """Every discrepancy that is on no list, with an amplitude of any size."""
     named = [effect.on_references for effect in effects if effect.scanned]
-    for one in repeating.list_families(model, found, named):
+    for one in periodic_alternatives.list_families(model, found, named):
         yield replace(build_rival(one.name, one.axis, one.columns, False, one.weights), scanned=True)
-    for family in unlisted.build_families(model):
+    for family in deterministic_alternatives.build_families(model):
         yield build_rival(family.name, family.axis, family.columns, False)
-    cells, around = processes.cell_times(model), model.around
+    cells, around = processes.compute_cell_times(model), model.around
     known = [
         effect.covariance(cells, trial.parameters)
         for effect in effects
         if effect.is_process and not effect.on_references and not effect.of_trackers and effect.missing(around) is None
         for trial in effect.trials(around)
     ]
-    between = steps_between(model, effects)
-    for process in processes.unlisted(model, known):
+    between = build_interval_steps(model, effects)
+    for process in processes.list_process_alternatives(model, known):
         others = [one for one in process.columns if not _is_within(model.projected(one), between[process.axis])]
         if others:
             yield build_rival(process.name, process.axis, others, True)
@@ -217,7 +221,7 @@ def unlisted_groups(model: RecordingModel, found: Found, effects: Sequence[Effec
         yield build_rival(*rival)
 
 
-def steps_between(model: RecordingModel, effects: Sequence[Effect]) -> dict[str, list[Array]]:
+def build_interval_steps(model: RecordingModel, effects: Sequence[Effect]) -> dict[str, list[Array]]:
     """Orthonormal bases (N, k) of what steps of listed effects about each axis look like between two intervals.
 
     Where there are just two, what has a value of its own in each is a step between them, and no rival of it.
@@ -229,7 +233,9 @@ def steps_between(model: RecordingModel, effects: Sequence[Effect]) -> dict[str,
     for effect in effects:
         if effect.switched and effect.has_columns and not effect.on_references and effect.missing(model.around) is None:
             for axis in AXES:
-                steps = [switched_columns(model, effect, axis, one.parameters, second) for one in effect.trials(model.around)]
+                steps = [
+                    build_switched_columns(model, effect, axis, one.parameters, second) for one in effect.trials(model.around)
+                ]
                 found[axis].append(scipy.linalg.orth(model.projected(np.hstack(steps))))
     return found
 
@@ -240,8 +246,10 @@ def _is_within(columns: Array, bases: Sequence[Array]) -> bool:
     return any(float(np.sum((basis.T @ columns) ** 2)) > processes.SETTINGS.alike * power for basis in bases)
 
 
-def build_rival(name: str, axis: str | None, columns: Sequence[Array], process: bool, weights: Array | None = None) -> Group:
+def build_rival(
+    name: str, axis: str | None, columns: Sequence[Array], process: bool, weights: Array | None = None
+) -> CandidateColumns:
     """Build a discrepancy that is on no list, with options of equal prior unless their weights are given."""
     count = len(columns)
     shares = np.full(count, 1 / count) if weights is None else weights
-    return Group(name, axis, False, columns, [{}] * count, shares, (0.0, np.inf), "", process)
+    return CandidateColumns(name, axis, False, columns, [{}] * count, shares, (0.0, np.inf), "", process)

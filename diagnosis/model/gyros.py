@@ -19,16 +19,16 @@ from numpy.typing import NDArray
 
 from diagnosis.model import folds, groups, processes
 from diagnosis.model.array_model import ArrayModel
-from diagnosis.model.candidates import placed
-from diagnosis.model.groups import Group
-from diagnosis.model.linear import Fold, LinearModel, Member
-from diagnosis.model.places import Place
-from diagnosis.model.steps import with_finer_times
+from diagnosis.model.candidates import place_candidates
+from diagnosis.model.groups import CandidateColumns
+from diagnosis.model.linear import Fold, LinearModel, SelectedCandidate
+from diagnosis.model.process_projection import ProcessProjection
+from diagnosis.model.steps import add_finer_times
 from diagnosis.settings import DiagnosisSettings
 from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G
 from simulator.effects.base import Effect
 from simulator.effects.common import markov
-from simulator.effects.gyros import acts_on_one
+from simulator.effects.gyros import is_axis_independent
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -41,14 +41,17 @@ BY_ROW = ("train_y", "train_X", "left_y", "left_X", "owner")  # of a fold
 
 def build_array_model(model: ArrayModel, effects: Sequence[Effect], settings: DiagnosisSettings) -> LinearModel:
     """Build the linear model of several gyros: effects of each, of the references, and unlisted rivals of both."""
-    of_gyros = {effect.name: effect for effect in effects if effect.axes and acts_on_one(effect)}
+    of_gyros = {effect.name: effect for effect in effects if effect.axes and is_axis_independent(effect)}
     offered = list(list_gyro_groups(model, list(of_gyros.values())))
     if model.body is not None:
         common = [effect for effect in effects if effect.on_references or not effect.axes]
         below = ((0, model.parity.size), (0, 0))  # no parity shows these
-        for one in (*groups.listed(model.body, common, None), *groups.unlisted_groups(model.body, {}, common)):
+        for one in (
+            *groups.list_effect_groups(model.body, common, None),
+            *groups.list_alternative_groups(model.body, {}, common),
+        ):
             offered.append(replace(one, columns=[np.pad(part, below) for part in one.columns]))
-    found, W = placed(offered, model.projected, settings, model.size)
+    found, W = place_candidates(offered, model.projected, settings, model.size)
     return LinearModel(
         y=model.y,
         X=model.projected(W),
@@ -57,31 +60,33 @@ def build_array_model(model: ArrayModel, effects: Sequence[Effect], settings: Di
         dof=model.degrees_of_freedom,
         projected=model.projected,
         most_effects=settings.largest_set,
-        split=folds.SPLIT,
+        split=folds.RECORDING_SPLIT,
         folds=lambda W: fold_array(model, W),
         refine=lambda linear, member: refine_steps(model, linear, member, of_gyros),
     )
 
 
-def list_gyro_groups(model: ArrayModel, effects: Sequence[Effect]) -> Iterator[Group]:
+def list_gyro_groups(model: ArrayModel, effects: Sequence[Effect]) -> Iterator[CandidateColumns]:
     """List effects with columns or a covariance on each gyro, and the unlisted errors of each."""
     around, at = model.around, model.process_times
     here = [effect for effect in effects if effect.missing(around) is None]
     random = [effect for effect in here if effect.is_process]
     covariances = [[effect.covariance(at, trial.parameters) for trial in effect.trials(around)] for effect in random]
     longest = max(float(np.ptp(at.t_s[at.interval == k])) for k in np.unique(at.interval))
-    levels = processes.same(at.interval)
+    levels = processes.match_labels(at.interval)
     fast = [levels * markov(at.t_s, longest / part) for part in (60, 20, 6)]
     for gyro, name in enumerate(model.stream.gyros):
         for effect in here:
             if effect.has_columns:
-                yield (groups.switched_group if effect.switched else groups.plain_group)(model, effect, name, around)
-        unit = model.unit_columns(gyro)
-        place = Place.of(unit, unit.T @ model.projected(unit))
+                yield (groups.build_switched_group if effect.switched else groups.build_plain_group)(
+                    model, effect, name, around
+                )
+        unit = model.build_unit_columns(gyro)
+        place = ProcessProjection.of(unit, unit.T @ model.projected(unit))
         for effect, own in zip(random, covariances, strict=True):
-            trials, columns = effect.trials(around), [processes.usual(place, K) for K in own]
+            trials, columns = effect.trials(around), [processes.build_usual_columns(place, K) for K in own]
             parameters, weights = [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials]
-            yield replace(groups.group_of(effect, name, columns, parameters, weights), process=True)
+            yield replace(groups.build_group(effect, name, columns, parameters, weights), process=True)
         rate = np.interp(at.t_s, model.stream.t_s, model.stream.raw[:, gyro])
         along = np.outer(rate, rate)
         for words, kinds in (
@@ -90,10 +95,12 @@ def list_gyro_groups(model: ArrayModel, effects: Sequence[Effect]) -> Iterator[G
             ("scale factor of a gyro differs between intervals", [levels * along]),
             ("scale factor of a gyro wanders", [fast[2] * along]),
         ):
-            yield groups.build_rival(words, name, [processes.usual(place, K) for K in kinds], True)
+            yield groups.build_rival(words, name, [processes.build_usual_columns(place, K) for K in kinds], True)
 
 
-def refine_steps(model: ArrayModel, linear: LinearModel, member: Member, effects: Mapping[str, Effect]) -> LinearModel:
+def refine_steps(
+    model: ArrayModel, linear: LinearModel, member: SelectedCandidate, effects: Mapping[str, Effect]
+) -> LinearModel:
     """Add times of a step around the one at which a member is held, to every step of every gyro.
 
     Steps of different gyros may look alike. One alone with finer times would win over the others for no other reason.
@@ -105,7 +112,7 @@ def refine_steps(model: ArrayModel, linear: LinearModel, member: Member, effects
         effect = effects.get(entry.effect)
         if effect is not None and effect.switched:
             nearest = np.argmin([abs(float(option.parameters["time_s"]) - float(time_s)) for option in entry.options])
-            linear = with_finer_times(model, linear, Member(number, int(nearest), 0), effect)
+            linear = add_finer_times(model, linear, SelectedCandidate(number, int(nearest), 0), effect)
     return linear
 
 
@@ -115,7 +122,7 @@ def refine_steps(model: ArrayModel, linear: LinearModel, member: Member, effects
 def fold_array(model: ArrayModel, W: Array) -> Iterator[Fold]:
     """Split attitude and parity, which are independent under M0, into common folds."""
     rows = model.attitude_rows
-    of_attitude = folds.folds(model.body, W[:rows]) if model.body is not None else iter(())
+    of_attitude = folds.build_folds(model.body, W[:rows]) if model.body is not None else iter(())
     for pair in zip_longest(of_attitude, _fold_parity(model, W[rows:])):
         found = [one for one in pair if one is not None]
         names = {name for one in found for name in one.dof}
@@ -136,4 +143,4 @@ def _fold_parity(model: ArrayModel, W: Array) -> Iterator[Fold]:
     for number in np.unique(part):
         out = (part == number)[parity.block]
         if not out.all():
-            yield folds.held_out(sigma, parity.observed, W, out, names[parity.interval[parity.block]])
+            yield folds.build_normal_fold(sigma, parity.observed, W, out, names[parity.interval[parity.block]])

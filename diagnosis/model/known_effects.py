@@ -1,7 +1,7 @@
 """What is left of a recording's residuals without effects that are known to be at work.
 
 Whether a line in the samples is a vibration, and whether the references' noise is as stated, is judged by what M0 leaves of
-the references (`diagnosis.model.judgement`). An effect that moves those residuals speaks there, too: a lag makes a real sway
+the references (`diagnosis.model.noise_classification`). An effect that moves those residuals speaks there, too: a lag makes a real sway
 look like one that the references deny, a changed misalignment makes the references of a spinning body look noisier from some
 moment on, and either hides a vibration. Once the search has found effects with columns, these are judged anew without them:
 
@@ -19,10 +19,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.inference.amplitudes import Fitted
-from diagnosis.model.baseline import correction
+from diagnosis.inference.amplitudes import FittedEffect
+from diagnosis.model.baseline import compute_correction
 from diagnosis.model.misfit import compute_attitude_errors
-from diagnosis.model.recording import RecordingModel, parameter_errors
+from diagnosis.model.recording_model import RecordingModel, build_parameter_errors
 from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ class KnownEffect:
     """An effect with columns, and their amplitudes (k,)."""
 
     effect: Effect
-    fitted: Fitted
+    fitted: FittedEffect
 
     def errors(self, model: RecordingModel) -> Array | None:
         """(m, 3) attitude errors at every reference, rad; None where the columns are not those of its amplitudes."""
@@ -42,7 +42,7 @@ class KnownEffect:
         return np.asarray(columns @ self.fitted.amplitudes) if same else None
 
 
-def known(fitted: Sequence[Fitted], effects: Mapping[str, Effect]) -> tuple[KnownEffect, ...]:
+def select_known_effects(fitted: Sequence[FittedEffect], effects: Mapping[str, Effect]) -> tuple[KnownEffect, ...]:
     """Those of the effects that are named whose attitude errors are known, and not only how they scatter."""
     return tuple(
         KnownEffect(effects[one.effect], one)
@@ -51,18 +51,18 @@ def known(fitted: Sequence[Fitted], effects: Mapping[str, Effect]) -> tuple[Know
     )
 
 
-def without(model: RecordingModel, at_work: Sequence[KnownEffect]) -> RecordingModel:
+def subtract_effects(model: RecordingModel, at_work: Sequence[KnownEffect]) -> RecordingModel:
     """The model with the residuals that are left without some effects."""
     errors = [error for one in at_work if (error := one.errors(model)) is not None]
     if not errors:
         return model
-    left = _with_residuals(model, model.residuals - np.sum(errors, axis=0))
-    change, _ = correction(left)
-    high = -np.einsum("ij,njk->nik", np.linalg.inv(model.G), parameter_errors(model.raw))
-    return _with_residuals(model, left.residuals - model.turned_by(high) @ change)
+    left = _replace_residuals(model, model.residuals - np.sum(errors, axis=0))
+    change, _ = compute_correction(left)
+    high = -np.einsum("ij,njk->nik", np.linalg.inv(model.G), build_parameter_errors(model.raw))
+    return _replace_residuals(model, left.residuals - model.compute_attitude_turns(high) @ change)
 
 
-def _with_residuals(model: RecordingModel, residuals: Array) -> RecordingModel:
+def _replace_residuals(model: RecordingModel, residuals: Array) -> RecordingModel:
     observations, start = [], 0
     for block in model.blocks:
         observations.append(block.observed(residuals[start : start + block.references.size]).ravel())

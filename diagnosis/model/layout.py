@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.inference.criticism import Layout
-from diagnosis.model.recording import RecordingModel
-from diagnosis.model.step_index import steps_at
+from diagnosis.model.recording_model import RecordingModel
+from diagnosis.model.step_index import find_steps
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -37,7 +37,7 @@ class LayoutSettings:
 SETTINGS = LayoutSettings()
 
 
-TINY = 1e-300
+LEAST_POSITIVE = 1e-300
 
 
 def tabulate_observations(model: RecordingModel) -> Layout:
@@ -55,7 +55,7 @@ def tabulate_references(model: RecordingModel, kept: Mask) -> Layout:
 
 def _tabulate(model: RecordingModel, rows: Indices, block: Indices, t_s: Array, to_inertial: Array) -> Layout:
     rates, change = measure_motion(model, rows, block)
-    place = steps_at(model, t_s, block)
+    place = find_steps(model, t_s, block)
     housekeeping = [values[place] for values in model.stream.housekeeping.values()]
     mission = (t_s - t_s.mean()) / max(float(np.ptp(t_s)), 1.0)
     regressors = np.column_stack([rates, np.abs(rates), change, mission, mission**2, *housekeeping])
@@ -79,14 +79,14 @@ def measure_motion(model: RecordingModel, references: Indices, block: Indices) -
     gyro, t_s = model.recording.gyro, model.recording.attitudes.t_s[references]
     first, stop = np.array([(one.steps.start, one.steps.stop - 1) for one in model.blocks])[block].T
     smooth = model.rates[np.clip(np.searchsorted(model.t_s, t_s), first, stop)]
-    noise = (gyro.arw**2 / gyro.sample_s) / np.maximum(smooth.var(axis=0), TINY)
+    noise = (gyro.arw**2 / gyro.sample_s) / np.maximum(smooth.var(axis=0), LEAST_POSITIVE)
     first, stop = np.searchsorted(gyro.t_s, model.t_s[first]), np.searchsorted(gyro.t_s, model.t_s[stop])
     most = np.maximum(1, (stop - first) // np.bincount(block)[block])  # no more than lie between two references
     count = np.clip(np.ceil(noise / SETTINGS.quiet**2).astype(np.intp), 1, most[:, None])
     at = np.searchsorted(gyro.t_s, t_s - 0.5 * gyro.sample_s)[:, None]
-    total = _sums(model)
-    rates = _means(total, at, np.minimum(at + count, stop[:, None]), smooth)
-    before = _means(total, np.maximum(at - count, first[:, None]), np.minimum(at, stop[:, None]), smooth)
+    total = _accumulate_readings(model)
+    rates = _average_readings(total, at, np.minimum(at + count, stop[:, None]), smooth)
+    before = _average_readings(total, np.maximum(at - count, first[:, None]), np.minimum(at, stop[:, None]), smooth)
     starts = np.diff(block, prepend=-1) != 0
     since, until = np.zeros_like(rates), np.zeros_like(rates)
     since[1:], until[:-1] = rates[1:] - before[:-1], np.diff(rates, axis=0)
@@ -94,7 +94,7 @@ def measure_motion(model: RecordingModel, references: Indices, block: Indices) -
     return rates, np.where(noise * references.size < SETTINGS.heard, since, until)
 
 
-def _sums(model: RecordingModel) -> Array:
+def _accumulate_readings(model: RecordingModel) -> Array:
     """(samples + 1, 3) of the calibrated readings up to each sample; single odd ones are replaced by the smooth rate."""
     gyro = model.recording.gyro
     smooth = model.rates[np.clip(np.searchsorted(model.t_s, gyro.t_s), 0, model.t_s.size - 1)]
@@ -103,7 +103,7 @@ def _sums(model: RecordingModel) -> Array:
     return np.vstack([np.zeros(3), np.cumsum(np.where(odd, smooth, readings), axis=0)])
 
 
-def _means(total: Array, low: Indices, high: Indices, otherwise: Array) -> Array:
+def _average_readings(total: Array, low: Indices, high: Indices, otherwise: Array) -> Array:
     """(r, 3) means of the readings from `low` to before `high`, (r, 3) each, of running sums; of none, something else."""
     low, high, axes = np.broadcast_arrays(low, high, np.arange(3))
     return np.where(high > low, (total[high, axes] - total[low, axes]) / np.maximum(high - low, 1), otherwise)

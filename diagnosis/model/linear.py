@@ -45,13 +45,13 @@ class LinearSettings:
 SETTINGS = LinearSettings()
 
 
-MOST_COLUMNS = 30_000  # of a model, usually; what is not used takes no memory
-AT_ONCE = 64  # rows of columns that are restored together
-EVERY = (0.0, np.inf)  # window of an option that may have any scale
+COLUMN_CAPACITY = 30_000  # of a model, usually; what is not used takes no memory
+RESTORED_ROWS_PER_BATCH = 64  # rows of columns that are restored together
+UNBOUNDED_SCALES = (0.0, np.inf)  # window of an option that may have any scale
 
 
 @dataclass(frozen=True)
-class Option:
+class ParameterChoice:
     """One way in which an effect can be present.
 
     Attributes
@@ -66,7 +66,7 @@ class Option:
     count: int
     log_weight: float
     parameters: Parameters
-    window: tuple[float, float] = EVERY
+    window: tuple[float, float] = UNBOUNDED_SCALES
 
     @property
     def columns(self) -> slice:
@@ -74,12 +74,12 @@ class Option:
         return slice(self.start, self.start + self.count)
 
 
-def first_amplitude(amplitudes: Array) -> tuple[float, Parameters]:
+def read_first_amplitude(amplitudes: Array) -> tuple[float, Parameters]:
     """Size of an effect with one amplitude."""
     return float(amplitudes[0]), {}
 
 
-def exactly(size: float) -> float:
+def add_no_sigma(size: float) -> float:
     """No further sigma."""
     return 0.0
 
@@ -112,14 +112,14 @@ class Candidate:
     axis: str | None
     listed: bool
     log_prior: float
-    options: tuple[Option, ...]
+    options: tuple[ParameterChoice, ...]
     scales: Array
     unit: str
     process: bool = False
     positive: bool = False
     log_odds: float = 0.0
-    read: Callable[[Array], tuple[float, Parameters]] = first_amplitude
-    size_sigma: Callable[[float], float] = exactly
+    read: Callable[[Array], tuple[float, Parameters]] = read_first_amplitude
+    size_sigma: Callable[[float], float] = add_no_sigma
     shifted: bool = False
     scanned: bool = False
     roughness: float = 0.0
@@ -145,7 +145,7 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Member:
+class SelectedCandidate:
     """A candidate in an explanation, with the option and the scale at which it is held."""
 
     candidate: int
@@ -153,7 +153,9 @@ class Member:
     scale: int
 
 
-Wanted = tuple[tuple[Member, ...], float]  # members, and the log of the likelihood ratio that something beside them must have
+Wanted = tuple[
+    tuple[SelectedCandidate, ...], float
+]  # members, and the log of the likelihood ratio that something beside them must have
 
 
 @dataclass(frozen=True)
@@ -179,7 +181,7 @@ class Fold:
 
 
 @dataclass(frozen=True)
-class Restored:
+class RestoredColumns:
     """Whitened columns before the projection, by the projected ones and what the projection took: hundreds of megabytes less.
 
     Attributes
@@ -203,8 +205,8 @@ class Restored:
         rows, columns = place if isinstance(place, tuple) else (place, slice(None))
         X, basis, hidden = self.X[rows], self.basis[rows], self.hidden[:, columns]
         found = np.empty((len(X), *hidden.shape[1:]), order="F")
-        for first in range(0, len(found), AT_ONCE):  # all at once would be as large again
-            some = slice(first, first + AT_ONCE)
+        for first in range(0, len(found), RESTORED_ROWS_PER_BATCH):  # all at once would be as large again
+            some = slice(first, first + RESTORED_ROWS_PER_BATCH)
             found[some] = X[some, columns] + basis[some] @ hidden
         return found
 
@@ -246,7 +248,7 @@ class ColumnStore:
 
     def __init__(self, basis: Array):
         self.basis = basis  # (N, q) orthonormal basis of the nuisance parameters' columns
-        self.room, self._hidden = (Room(np.empty((rows, MOST_COLUMNS), order="F")) for rows in basis.shape)
+        self.room, self._hidden = (Room(np.empty((rows, COLUMN_CAPACITY), order="F")) for rows in basis.shape)
 
     def add(self, W: Array) -> Array:
         """Add whitened columns (N, k); returns them projected."""
@@ -255,10 +257,10 @@ class ColumnStore:
         self.room.append(W - self.basis @ hidden)
         return self.room.memory[:, used : self.room.used]
 
-    def restore(self) -> Restored:
+    def restore(self) -> RestoredColumns:
         """All columns, projected and before that."""
         used = self.room.used
-        return Restored(self.room.memory[:, :used], self.basis, self._hidden.memory[:, :used])
+        return RestoredColumns(self.room.memory[:, :used], self.basis, self._hidden.memory[:, :used])
 
 
 @dataclass(frozen=True)
@@ -288,7 +290,7 @@ class LinearModel:
 
     y: Array
     X: Array
-    W: Array | Restored
+    W: Array | RestoredColumns
     candidates: tuple[Candidate, ...]
     dof: int
     projected: Callable[[Array], Array] = field(repr=False)
@@ -297,27 +299,27 @@ class LinearModel:
     split: str = ""
     folds: Callable[[Array], Iterable[Fold]] = field(default=lambda W: (), repr=False)
     room: Room | None = field(default=None, repr=False)
-    refine: Callable[[LinearModel, Member], LinearModel] = field(default=lambda model, member: model, repr=False)
-    whole: Callable[[LinearModel, Member], LinearModel] = field(default=lambda model, member: model, repr=False)
+    refine: Callable[[LinearModel, SelectedCandidate], LinearModel] = field(default=lambda model, member: model, repr=False)
+    whole: Callable[[LinearModel, SelectedCandidate], LinearModel] = field(default=lambda model, member: model, repr=False)
     moments: Callable[[LinearModel, Sequence[Wanted]], LinearModel] = field(default=lambda model, wanted: model, repr=False)
 
     def find(self, label: str) -> int | None:
         """Index of a candidate by its label."""
         return next((k for k, candidate in enumerate(self.candidates) if candidate.label == label), None)
 
-    def candidate(self, member: Member) -> Candidate:
+    def candidate(self, member: SelectedCandidate) -> Candidate:
         """The candidate of a member."""
         return self.candidates[member.candidate]
 
-    def option(self, member: Member) -> Option:
+    def option(self, member: SelectedCandidate) -> ParameterChoice:
         """The option at which a member is held."""
         return self.candidates[member.candidate].options[member.option]
 
-    def scale(self, member: Member) -> float:
+    def scale(self, member: SelectedCandidate) -> float:
         """The scale at which a member is held."""
         return float(self.candidates[member.candidate].scales[member.scale])
 
-    def design(self, members: Sequence[Member]) -> tuple[Indices, Array, Indices]:
+    def build_design(self, members: Sequence[SelectedCandidate]) -> tuple[Indices, Array, Indices]:
         """An explanation: columns with unknown amplitudes, the scale of each, and shifts."""
         places, scales, shifts = [np.empty(0, dtype=np.intp)], [np.empty(0)], []
         for member in members:
@@ -342,14 +344,14 @@ class LinearModel:
         chosen = np.concatenate(places)
         return replace(self, X=self.X[:, chosen], W=self.W[:, chosen], candidates=tuple(candidates))
 
-    def with_options(
-        self, place: int, options: Sequence[Option], W: Array, X: Array, scales: Array | None = None
+    def replace_options(
+        self, place: int, options: Sequence[ParameterChoice], W: Array, X: Array, scales: Array | None = None
     ) -> LinearModel:
         """The model with other options of one candidate, its new columns appended to those there are, and its scales."""
         candidates, own = list(self.candidates), self.candidates[place].scales if scales is None else scales
         candidates[place] = replace(candidates[place], options=tuple(options), scales=own)
         together = np.hstack([self.X, X]) if self.room is None else self.room.beside(self.X, X)
-        if isinstance(self.W, Restored):
+        if isinstance(self.W, RestoredColumns):
             taken = self.W.basis.T @ W
             # A model whose columns have lost more than this basis has others than those that W is restored from.
             own = together if self.W.X is self.X else np.hstack([self.W.X, W - self.W.basis @ taken])
@@ -358,7 +360,7 @@ class LinearModel:
         return replace(self, W=np.hstack([self.W, W]), X=together, candidates=tuple(candidates))
 
 
-def scales_of(largest: float, limits: tuple[float, float], visible: tuple[float, float] = SETTINGS.visible) -> Array:
+def choose_scales(largest: float, limits: tuple[float, float], visible: tuple[float, float] = SETTINGS.visible) -> Array:
     """Scales to average over: those that the data can show and that are physically plausible, evenly spaced in log.
 
     Parameters
@@ -374,17 +376,17 @@ def scales_of(largest: float, limits: tuple[float, float], visible: tuple[float,
     if not largest > 0:
         return np.empty(0)
     low, high = max(limits[0], visible[0] / largest), min(limits[1], visible[1] / largest)
-    return spaced(low, high)
+    return build_scales(low, high)
 
 
-def finer(scales: Array, held: int) -> Array:
+def refine_scales(scales: Array, held: int) -> Array:
     """The scales with further ones around one of them, `FINER` from it to each neighbour."""
     beside = [scales[k] for k in (held - 1, held + 1) if 0 <= k < scales.size]
     more = [np.geomspace(scales[held], one, SETTINGS.finer + 2)[1:-1] for one in beside]
     return np.unique(np.concatenate([scales, *more]))
 
 
-def spaced(low: float, high: float) -> Array:
+def build_scales(low: float, high: float) -> Array:
     """Scales from one to another, evenly spaced in log; none if there are none between."""
     if low >= high:
         return np.empty(0)

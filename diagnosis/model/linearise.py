@@ -1,4 +1,4 @@
-"""From a recording to its linear model (`diagnosis.model.recording`): propagation, steps, averages, covariance.
+"""From a recording to its linear model (`diagnosis.model.recording_model`): propagation, steps, averages, covariance.
 
 Long recordings are condensed in two ways, neither of which touches the propagation itself. Columns are made on *steps*, each of
 one or more samples with their mean rate, of which there are at most `MOST_STEPS`. Where there are more than `MOST_OBSERVATIONS`
@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from diagnosis.model.recording import Block, RecordingModel
-from diagnosis.model.relinearised_path import true_path
+from diagnosis.model.recording_model import Block, RecordingModel
+from diagnosis.model.relinearised_path import find_relinearised_path
 from gyrocal.calibration.propagation import Arcs, propagate
-from gyrocal.calibration.sampling import Measurements, measurements
-from gyrocal.recording import Attitudes, Interval, Recording, reference_rows
-from gyrocal.recording.trackers import kept_rows, to_axes
+from gyrocal.calibration.sampling import Measurements, prepare_measurements
+from gyrocal.recording import Attitudes, Interval, Recording, find_reference_rows
+from gyrocal.recording.trackers import keep_rows, stack_sensor_axes
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -40,7 +40,7 @@ class LineariseSettings:
 SETTINGS = LineariseSettings()
 
 
-def linearised(
+def linearise_recording(
     recording: Recording,
     G: Array,
     bias: Array,
@@ -62,13 +62,13 @@ def linearised(
     pieces : intervals to propagate over in place of the recording's own, such as its parts between clipped samples
     sigma : (references, 3) sigma of the references in place of the stated one, rad
     """
-    parts, row_of = _measured(recording, pieces)
+    parts, row_of = _measure_pieces(recording, pieces)
     stream = recording.gyro.rates if rates is None else rates
     shown = stream if smooth is None else smooth
     sigmas = recording.attitudes.sigma if sigma is None else sigma
     tags = recording.gyro.t_s
     references_each = max(1, -(-parts.row.size // SETTINGS.most_observations))
-    edges, first, last, arc = _steps(parts)
+    edges, first, last, arc = _choose_steps(parts)
     run = propagate(Arcs(stream, parts.arcs.dt, parts.arcs.sample, first, last, arc), G, bias)
     blocks: list[Block] = []
     made: list[tuple[Array, ...]] = []
@@ -76,7 +76,7 @@ def linearised(
     for number, own in enumerate(edges):
         outputs = np.flatnonzero(parts.arcs.arc == number)
         references = row_of[np.append(parts.start[outputs[0]], parts.row[outputs])]
-        order, groups = _gathered(recording.attitudes, references, references_each)
+        order, groups = _group_references(recording.attitudes, references, references_each)
         samples = parts.arcs.sample[own[0] : own[-1]]
         dt = parts.arcs.dt[own[0] : own[-1]]
         begin = own[:-1] - own[0]
@@ -92,11 +92,11 @@ def linearised(
         observed = Rotation.from_quat(recording.attitudes.quaternions[references]).inv()
         theta = (observed * Rotation.from_matrix(at)).as_rotvec()
         off = -np.einsum("mij,mj->mi", at, theta)
-        path, zeta = true_path(off, sigmas[references]), off
+        path, zeta = find_relinearised_path(off, sigmas[references]), off
         if path is not None:
             zeta, at, middle = path.errors, path.turned(at), path.between(ends) @ middle
         elapsed = np.append(0.0, parts.elapsed_s[outputs])
-        began = tags[samples[0]] + _offset(tags[samples[0]], recording.attitudes.t_s[references[0]])
+        began = tags[samples[0]] + _compute_first_offset(tags[samples[0]], recording.attitudes.t_s[references[0]])
         references, ends, elapsed = references[order], ends[order], elapsed[order]
         at, zeta, off = at[order], zeta[order], off[order]
         t_s = began + np.cumsum(length) - 0.5 * length
@@ -104,10 +104,10 @@ def linearised(
             walk = recording.gyro.arw**2 * elapsed[:, None, None] * np.eye(3)
         else:
             power = np.add.reduceat(density[samples] * dt[:, None], begin, axis=0)
-            walk = _walk(middle @ G, power, ends)
-        axes = _own_axes(recording.attitudes, references, at)
+            walk = _accumulate_gyro_noise(middle @ G, power, ends)
+        axes = _rotate_sigma_axes(recording.attitudes, references, at)
         errors = np.einsum("mij,mj,mkj->mik", axes, sigmas[references] ** 2, axes)
-        V = _covariance(errors, walk, groups, elapsed)
+        V = _build_interval_covariance(errors, walk, groups, elapsed)
         whitener = np.asarray(np.linalg.cholesky(V))
         times = recording.attitudes.t_s[references]
         middle_time = 0.5 * (times.min() + times.max())
@@ -142,7 +142,7 @@ def linearised(
     )
 
 
-def _steps(parts: Measurements) -> tuple[list[Indices], Indices, Indices, Indices]:
+def _choose_steps(parts: Measurements) -> tuple[list[Indices], Indices, Indices, Indices]:
     """Edges of the steps of each arc among its samples, and the arcs that have an output at each of them."""
     each = max(1, -(-parts.arcs.dt.size // SETTINGS.most_steps))
     edges, firsts, lasts, arcs = [], [], [], []
@@ -159,16 +159,16 @@ def _steps(parts: Measurements) -> tuple[list[Indices], Indices, Indices, Indice
     return edges, np.concatenate(firsts), np.concatenate(lasts), np.concatenate(arcs)
 
 
-def _measured(recording: Recording, pieces: Sequence[Interval] | None) -> tuple[Measurements, Indices]:
+def _measure_pieces(recording: Recording, pieces: Sequence[Interval] | None) -> tuple[Measurements, Indices]:
     """The arcs of some pieces, and the recording's row of each reference they count."""
     attitudes = recording.attitudes
     if pieces is None:
-        return measurements(recording), np.arange(attitudes.t_s.size)
-    rows = np.unique(np.concatenate([reference_rows(attitudes.t_s, piece) for piece in pieces]))
-    return measurements(replace(recording, intervals=tuple(pieces), attitudes=kept_rows(attitudes, rows))), rows
+        return prepare_measurements(recording), np.arange(attitudes.t_s.size)
+    rows = np.unique(np.concatenate([find_reference_rows(attitudes.t_s, piece) for piece in pieces]))
+    return prepare_measurements(replace(recording, intervals=tuple(pieces), attitudes=keep_rows(attitudes, rows))), rows
 
 
-def _gathered(attitudes: Attitudes, references: Indices, each: int) -> tuple[Indices, Indices]:
+def _group_references(attitudes: Attitudes, references: Indices, each: int) -> tuple[Indices, Indices]:
     """The references of an interval in the order in which they are averaged, and the first of each observation.
 
     Neighbours of one sensor are averaged, so that what sensors differ in is not lost.
@@ -185,17 +185,17 @@ def _gathered(attitudes: Attitudes, references: Indices, each: int) -> tuple[Ind
     return order, np.unique(observation[order], return_index=True)[1]
 
 
-def _own_axes(attitudes: Attitudes, references: Indices, A_T: Array) -> Array:
+def _rotate_sigma_axes(attitudes: Attitudes, references: Indices, A_T: Array) -> Array:
     """(m, 3, 3) from the axes in which each reference's sigmas are to inertial ones."""
-    return A_T if attitudes.sensor is None else A_T @ to_axes(attitudes)[references].transpose(0, 2, 1)
+    return A_T if attitudes.sensor is None else A_T @ stack_sensor_axes(attitudes)[references].transpose(0, 2, 1)
 
 
-def _offset(tag: float, first: float) -> float:
+def _compute_first_offset(tag: float, first: float) -> float:
     """From the tag of the first sample to the first reference, where the first step begins."""
     return first - tag
 
 
-def _walk(turned: Array, power: Array, ends: Indices) -> Array:
+def _accumulate_gyro_noise(turned: Array, power: Array, ends: Indices) -> Array:
     """(m, 3, 3) covariance of the integrated gyro noise at each reference; power (n, 3) in rad², of each step."""
     ends, place = np.unique(ends, return_inverse=True)
     added = np.matmul(turned * power[:, None, :], turned.transpose(0, 2, 1))
@@ -203,14 +203,14 @@ def _walk(turned: Array, power: Array, ends: Indices) -> Array:
     return np.concatenate([np.zeros((1, 3, 3)), total])[place]
 
 
-def _covariance(errors: Array, walk: Array, groups: Indices, elapsed: Array) -> Array:
+def _build_interval_covariance(errors: Array, walk: Array, groups: Indices, elapsed: Array) -> Array:
     """(3r, 3r) covariance of an interval's observations, from (m, 3, 3) of its references, as the module's text has it.
 
     Where observations of several sensors overlap in time, the covariance of two is Σ_k f_ak f_bk ΔW_k over the stretches k
     between references, f the share of an observation's references that come after a stretch.
     """
     if (np.diff(elapsed) < 0).any():
-        return _overlapping(errors, walk, groups, elapsed)
+        return _build_overlapping_covariance(errors, walk, groups, elapsed)
     counts = np.diff(np.append(groups, len(walk)))
     within = np.arange(len(walk)) - np.repeat(groups, counts)
     share = np.repeat(counts, counts)
@@ -225,8 +225,8 @@ def _covariance(errors: Array, walk: Array, groups: Indices, elapsed: Array) -> 
     return np.asarray(V.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count))
 
 
-def _overlapping(errors: Array, walk: Array, groups: Indices, elapsed: Array) -> Array:
-    """As `_covariance` for references in any order."""
+def _build_overlapping_covariance(errors: Array, walk: Array, groups: Indices, elapsed: Array) -> Array:
+    """As `_build_interval_covariance` for references in any order."""
     counts = np.diff(np.append(groups, len(walk)))
     order = np.argsort(elapsed, kind="stable")
     steps = np.diff(walk[order], axis=0, prepend=np.zeros((1, 3, 3)))

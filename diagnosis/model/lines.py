@@ -23,14 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from diagnosis.detectors.gap_interpolation import runs
-from diagnosis.detectors.report import AXES, Line, SampleReport, Symptom
+from diagnosis.detectors.gap_interpolation import find_mask_runs
+from diagnosis.detectors.sample_report import AXES, Line, SampleReport, Symptom
 from diagnosis.model.misfit import project_innovations
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.recording_model import RecordingModel
 from diagnosis.model.sinusoid_causes import BIAS, PICKUP, SinusoidCause
 from diagnosis.sinusoids.fit import make_waves
 from gyrocal.recording import GyroStream
-from simulator.effects.periodic import period_band
+from simulator.effects.periodic import compute_period_band
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ class LinePrior:
     beside: tuple[float, ...] = (-8.0, -6.5, -5.0, -3.5, -2.0, 2.0, 3.5, 5.0, 6.5, 8.0)
 
 
-PRIOR = LinePrior()
+LINE_PRIOR = LinePrior()
 
 
 def judge_lines(
@@ -65,7 +65,7 @@ def judge_lines(
     Lines that are motions of the body stay where they are, and so do those in the band of motion of gyros that are silent in a
     dead zone, whose edges make lines of their own. `tell` is called with the number of lines that are done, before each.
     """
-    gyro, band = model.recording.gyro, period_band(model.around)
+    gyro, band = model.recording.gyro, compute_period_band(model.around)
     fastest_hz = 0.0 if band is None else 1 / band[0]
     rates, symptoms = report.rates.copy(), list(report.symptoms)
     vibrations: list[Line] = []
@@ -78,10 +78,10 @@ def judge_lines(
         of_attitude = compute_log_ratio(model, line)
         odds = compute_log_prior_odds(line, gyro) + line.log_constancy + of_attitude
         if odds <= 0:
-            (motions if of_attitude < PRIOR.confirmed else unconfirmed).append(line)
+            (motions if of_attitude < LINE_PRIOR.confirmed else unconfirmed).append(line)
             continue
         bias = compute_probability_of_bias(line, gyro, fastest_hz)
-        if bias > PRIOR.left_to_search:
+        if bias > LINE_PRIOR.left_to_search:
             continue
         vibrations.append(line)
         rates[:, line.axis] -= line.waveform
@@ -95,15 +95,15 @@ def judge_lines(
 def compute_log_prior_odds(line: Line, gyro: GyroStream) -> float:
     """Return the prior log odds of a vibration against a motion."""
     if not line.isolated:
-        return PRIOR.within_motion
-    return PRIOR.vibration + float(np.log(PRIOR.motion_range * line.frequency_hz * 2 * gyro.sample_s))
+        return LINE_PRIOR.within_motion
+    return LINE_PRIOR.vibration + float(np.log(LINE_PRIOR.motion_range * line.frequency_hz * 2 * gyro.sample_s))
 
 
 def compute_probability_of_bias(line: Line, gyro: GyroStream, fastest_hz: float) -> float:
     """Return the probability that a line that is no motion is one of the bias, up to the frequency that references follow."""
     if line.frequency_hz > fastest_hz:
         return 0.0
-    return float(expit(-np.log(PRIOR.bias_range * line.frequency_hz * 2 * gyro.sample_s)))
+    return float(expit(-np.log(LINE_PRIOR.bias_range * line.frequency_hz * 2 * gyro.sample_s)))
 
 
 def make_symptom(line: Line, probability: float, bias: float, gyro: GyroStream) -> Symptom:
@@ -114,15 +114,15 @@ def make_symptom(line: Line, probability: float, bias: float, gyro: GyroStream) 
     parameters: dict[str, float | str] = {"apparent_hz": line.frequency_hz}
     if bias > 0.5:
         kind, other = BIAS, PICKUP
-        size, sigma, unit, parameters = _as_bias(line, gyro).state()
+        size, sigma, unit, parameters = _convert_to_bias(line, gyro).state()
     share = min(bias, 1 - bias)
     rivals = ((other, share),) if share > 0 else ()
     return Symptom(kind, AXES[line.axis], size, unit, sigma, parameters, line.p_value, text, probability, rivals, of_line=True)
 
 
-def _as_bias(line: Line, gyro: GyroStream) -> SinusoidCause:
+def _convert_to_bias(line: Line, gyro: GyroStream) -> SinusoidCause:
     """The line as one of the bias, of which a sample shows the mean, in phase with the longest run that holds it."""
-    low, high = max(runs(line.waveform != 0.0), key=lambda run: run[1] - run[0])
+    low, high = max(find_mask_runs(line.waveform != 0.0), key=lambda run: run[1] - run[0])
     wave = make_waves(line.frequency_hz, gyro.t_s[low:high] + 0.5 * gyro.sample_s)
     found = np.linalg.lstsq(wave, line.waveform[low:high], rcond=None)[0]
     mean = float(np.sinc(line.frequency_hz * gyro.sample_s))
@@ -133,8 +133,8 @@ def _as_bias(line: Line, gyro: GyroStream) -> SinusoidCause:
 def compute_log_ratio(model: RecordingModel, line: Line) -> float:
     """Return the log likelihood of the attitude with the line a vibration, over that with it a motion of the body."""
     gyro = model.recording.gyro
-    longest_s = max(high - low for low, high in runs(line.waveform != 0.0)) * gyro.sample_s
-    beside = line.frequency_hz + np.array(PRIOR.beside) / longest_s
+    longest_s = max(high - low for low, high in find_mask_runs(line.waveform != 0.0)) * gyro.sample_s
+    beside = line.frequency_hz + np.array(LINE_PRIOR.beside) / longest_s
     y, (c, *others) = _observe(model, line.axis, _make_waveforms(line, gyro.t_s, beside[beside > 0]))
     # In the directions of tones beside it, whatever else is at work shows its power at these frequencies; noise has one.
     Q = np.linalg.qr(np.column_stack([c, *others]))[0]
@@ -169,6 +169,6 @@ def _observe(model: RecordingModel, axis: int, waveforms: Iterable[Array]) -> tu
     high[:, axis] = np.column_stack(rates)
     if model.recording.attitudes.sensor is not None or all((block.counts == 1).all() for block in model.blocks):
         return model.y, list(model.prepared(model.reading(high)).T)
-    left, _, _ = project_innovations(model, np.dstack([model.residuals, model.turned_by(high)]))
+    left, _, _ = project_innovations(model, np.dstack([model.residuals, model.compute_attitude_turns(high)]))
     y, *columns = left.T
     return y, columns

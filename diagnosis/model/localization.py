@@ -16,7 +16,7 @@ import scipy.special
 from numpy.typing import NDArray
 
 from diagnosis.answer import Finding
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.recording_model import RecordingModel
 
 Array = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ def compute_body_residuals(model: RecordingModel, y: Array) -> tuple[Array, Arra
     y : (N,) whitened, projected residuals
     """
     residual, variance = np.empty((2, len(model.observation_attitude), 3))
-    own_y, nuisance = model.unmixed(y), model.unmixed(model.nuisance)
+    own_y, nuisance = model.undo_mounting_whitening(y), model.undo_mounting_whitening(model.nuisance)
     for number, block in enumerate(model.blocks):
         mine = model.observation_block == number
         L = block.whitener.reshape(-1, 3, len(block.whitener))

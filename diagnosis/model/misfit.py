@@ -23,12 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.answer import Finding
-from diagnosis.inference.criticism import DEFAULT, Check, Innovations, check_innovations
+from diagnosis.inference.criticism import DEFAULT_CRITICISM, Check, Innovations, check_innovations
 from diagnosis.model.layout import tabulate_references
-from diagnosis.model.recording import SETTINGS as RECORDING
-from diagnosis.model.recording import RecordingModel, parameter_errors
-from gyrocal.compiled import compiled
-from gyrocal.small_matrices import root, under
+from diagnosis.model.recording_model import SETTINGS as RECORDING
+from diagnosis.model.recording_model import RecordingModel, build_parameter_errors
+from gyrocal.jit_cache import compile_cached
+from gyrocal.small_matrices import compute_lower_root, solve_lower
 from simulator.effects.base import Effect, Value
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ TEXTS = {  # of each test, with its value and the expected one
     "scatter over intervals and rates": "scatter differently over intervals or rates: χ² {value:.4g} for {expected:.4g}",
     "shape": "have a kurtosis of {value:.3g}, where normal ones have {expected:.3g}",
 }
-TINY = 1e-300
+LEAST_POSITIVE = 1e-300
 
 
 def check_baseline(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Check, ...]:
@@ -56,7 +56,7 @@ def check_baseline(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple
         return ()
     e, later, taken = compute_innovations(model, beside)
     found = Innovations(e, taken.reshape(*e.shape, -1))
-    return tuple(check_innovations(found, tabulate_references(model, later))) if found.dof >= DEFAULT.fewest else ()
+    return tuple(check_innovations(found, tabulate_references(model, later))) if found.dof >= DEFAULT_CRITICISM.fewest else ()
 
 
 def list_findings(checks: Sequence[Check], event_p: float) -> tuple[Finding, ...]:
@@ -75,7 +75,7 @@ def compute_attitude_errors(model: RecordingModel, effect: Effect, axis: str | N
     """Compute the attitude errors (m, 3, k) of an effect with columns at every reference, inertial axes."""
     if effect.on_references:
         return -np.matmul(model.at_reference, effect.reference_columns(model.references, axis, parameters))
-    return model.turned_by(effect.columns(model.stream, axis, parameters))
+    return model.compute_attitude_turns(effect.columns(model.stream, axis, parameters))
 
 
 def compute_innovations(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Array, Mask, Array]:
@@ -87,7 +87,9 @@ def compute_innovations(model: RecordingModel, beside: Sequence[Array] = ()) -> 
 def project_innovations(model: RecordingModel, errors: Array, beside: Sequence[Array] = ()) -> tuple[Array, Mask, Array]:
     """Compute the same of any attitude errors at every reference, inertial axes: (m, 3, c) → (3k, c)."""
     count = errors.shape[2]
-    white, later = whiten_errors(model, np.concatenate([errors, model.turned_by(parameter_errors(model.raw)), *beside], axis=2))
+    white, later = whiten_errors(
+        model, np.concatenate([errors, model.compute_attitude_turns(build_parameter_errors(model.raw)), *beside], axis=2)
+    )
     y, U = white[:, :count], build_basis(white[:, count:])
     return np.asarray(y - U @ (U.T @ y)), later, U
 
@@ -97,19 +99,19 @@ def whiten_errors(model: RecordingModel, columns: Array) -> tuple[Array, Mask]:
     first = np.diff(model.interval_of_reference, prepend=-1) != 0
     added = np.diff(model.walk, axis=0, prepend=model.walk[:1])
     added[first] = 0.0
-    white = _whitened(columns, added, model.errors, first)[~first]
+    white = _whiten_innovations(columns, added, model.errors, first)[~first]
     body = np.matmul(model.at_reference[~first].transpose(0, 2, 1), white)
     return body.reshape(3 * len(body), -1), ~first
 
 
 def build_basis(columns: Array) -> Array:
     """Build an orthonormal basis of columns (n, c), without directions that add nothing to the others."""
-    U, s, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), TINY), full_matrices=False)
+    U, s, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), LEAST_POSITIVE), full_matrices=False)
     return np.asarray(U[:, s > RECORDING.rank * s[0]])
 
 
-@compiled
-def _whitened(z: Array, added: Array, R: Array, first: Mask) -> Array:  # pragma: no cover - compiled
+@compile_cached
+def _whiten_innovations(z: Array, added: Array, R: Array, first: Mask) -> Array:  # pragma: no cover - compiled
     """(m, 3, k) innovations over their root covariance, column by column; zero at the first reference of each interval."""
     out = np.zeros(z.shape)
     P, x = np.zeros((3, 3)), np.zeros((3, z.shape[2]))
@@ -119,8 +121,8 @@ def _whitened(z: Array, added: Array, R: Array, first: Mask) -> Array:  # pragma
             continue
         P = P + added[k]
         S = P + R[k]
-        L = root(S)
-        white, half = under(L, z[k] - x), under(L, P)  # K v = (L⁻¹P)ᵀ L⁻¹v, and K P = (L⁻¹P)ᵀ L⁻¹P
+        L = compute_lower_root(S)
+        white, half = solve_lower(L, z[k] - x), solve_lower(L, P)  # K v = (L⁻¹P)ᵀ L⁻¹v, and K P = (L⁻¹P)ᵀ L⁻¹P
         out[k] = white
         for i in range(3):
             for a in range(3):

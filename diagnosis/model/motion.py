@@ -26,16 +26,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from diagnosis.detectors.denoised import smoothed_rates
-from diagnosis.detectors.report import SampleReport, Tell, silent, within
-from diagnosis.model.linearise import linearised
-from diagnosis.model.recording import RecordingModel
+from diagnosis.detectors.noise_removal import remove_noise
+from diagnosis.detectors.sample_report import SampleReport, Tell, ignore_progress, scale_progress
+from diagnosis.model.linearise import linearise_recording
+from diagnosis.model.recording_model import RecordingModel
 from gyrocal.recording import Interval
 
 Array = NDArray[np.float64]
 
 
-def gyro_noise(model: RecordingModel, density: Array | None) -> tuple[Array, Array]:
+def estimate_gyro_noise(model: RecordingModel, density: Array | None) -> tuple[Array, Array]:
     """What the residuals tell of the gyro's noise.
 
     Parameters
@@ -76,13 +76,13 @@ def gyro_noise(model: RecordingModel, density: Array | None) -> tuple[Array, Arr
     return noise, turned
 
 
-def with_motion(
-    model: RecordingModel, report: SampleReport, pieces: tuple[Interval, ...], sigma: Array, tell: Tell = silent
+def add_expected_motion(
+    model: RecordingModel, report: SampleReport, pieces: tuple[Interval, ...], sigma: Array, tell: Tell = ignore_progress
 ) -> RecordingModel:
     """The model with columns of the motion that gyro and references show together; sigma (references, 3) rad."""
     tell("noise that gyro and references show", 0.0)
-    noise, turned = gyro_noise(model, report.density)
-    shown = smoothed_rates(report.rates - noise, model.recording, within(tell, 0.1, 0.9))
+    noise, turned = estimate_gyro_noise(model, report.density)
+    shown = remove_noise(report.rates - noise, model.recording, scale_progress(tell, 0.1, 0.9))
     tell("model with the motion of both", 0.9)
-    again = linearised(model.recording, model.G, model.bias, report.rates, shown, report.density, pieces, sigma)
+    again = linearise_recording(model.recording, model.G, model.bias, report.rates, shown, report.density, pieces, sigma)
     return replace(again, at_reference=Rotation.from_rotvec(turned).as_matrix() @ again.at_reference)

@@ -18,12 +18,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.recording import build_basis
+from diagnosis.model.recording_model import build_basis
 from gyrocal.calibration.gyros import GyroArray
 from gyrocal.recording import Recording
-from gyrocal.recording.gyros import gain, inside, parity
+from gyrocal.recording.gyros import compute_gyro_gain, compute_parity_basis, select_interval_samples
 from simulator.effects import Stream
-from simulator.effects.recorded import housekeeping_at
+from simulator.effects.recording_view import interpolate_housekeeping
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -72,7 +72,7 @@ class ParityModel:
         """(B,) of each block."""
         return np.asarray(np.add.reduceat(self.stream.duration_s, self.edges[:-1]))
 
-    def means(self, values: Array) -> Array:
+    def average_blocks(self, values: Array) -> Array:
         """Compute means over the blocks, (n, …) → (B, …)."""
         trailing = (1,) * (values.ndim - 1)
         sums = np.add.reduceat(values * self.stream.duration_s.reshape(-1, *trailing), self.edges[:-1], axis=0)
@@ -80,9 +80,9 @@ class ParityModel:
 
     def reading(self, high: Array) -> Array:
         """Compute observations of readings that are high, (n, gyros, k) → (R, k)."""
-        return np.asarray(np.einsum("rg,rgk->rk", self.rows, self.means(high)[self.block]))
+        return np.asarray(np.einsum("rg,rgk->rk", self.rows, self.average_blocks(high)[self.block]))
 
-    def reading_steps(self, high: Array, starts: Indices) -> Array:
+    def observe_reading_steps(self, high: Array, starts: Indices) -> Array:
         """Compute observations of readings (n, gyros) switched on at each of several samples (s,), (R, s)."""
         out = np.zeros((self.size, starts.size))
         since = np.maximum(self.edges[:, None], starts)
@@ -94,7 +94,7 @@ class ParityModel:
     @cached_property
     def nuisance_columns(self) -> Array:
         """(R, 4 gyros) columns of K_x, K_y, K_z and c, gyro by gyro."""
-        w = np.column_stack([self.means(self.stream.rates), np.ones(self.interval.size)])[self.block]
+        w = np.column_stack([self.average_blocks(self.stream.rates), np.ones(self.interval.size)])[self.block]
         return (self.rows[:, :, None] * w[:, None, :]).reshape(self.size, -1)
 
     @cached_property
@@ -126,7 +126,9 @@ def build_parity_model(recording: Recording, gyros: GyroArray, arw: Array) -> Pa
     gyros : K and c to take it about; that of its own parity leaves nothing nonlinear
     arw : (gyros,) angle random walk of each, rad/sqrt(s)
     """
-    gains = np.stack([gain(gyros.K, recording.switched_on(number), arw) for number in range(len(recording.intervals))])
+    gains = np.stack(
+        [compute_gyro_gain(gyros.K, recording.switched_on(number), arw) for number in range(len(recording.intervals))]
+    )
     stream = _build_stream(recording, gyros, gains)
     total = float(stream.duration_s.sum())
     edges: list[Indices] = []
@@ -141,7 +143,7 @@ def build_parity_model(recording: Recording, gyros: GyroArray, arw: Array) -> Pa
         blocks = max(1, min(dt.size, round(SETTINGS.most_blocks * float(dt.sum()) / total)))
         first = np.linspace(0, dt.size, blocks + 1).round().astype(np.intp)[:-1]
         duration = np.add.reduceat(dt, first)
-        V = parity(gyros.K, recording.switched_on(number))
+        V = compute_parity_basis(gyros.K, recording.switched_on(number))
         white = np.linalg.solve(np.linalg.cholesky(V.T * arw**2 @ V), V.T)  # (m, gyros)
         scaled = np.sqrt(duration)[:, None, None] * white
         means = np.add.reduceat(_read(recording, gyros, number) * dt[:, None], first, axis=0) / duration[:, None]
@@ -166,15 +168,15 @@ def build_parity_model(recording: Recording, gyros: GyroArray, arw: Array) -> Pa
 def _read(recording: Recording, gyros: GyroArray, interval: int) -> Array:
     """Compute what the gyros read in an interval less their biases (n, gyros), zero for those that were off."""
     chosen = recording.switched_on(interval)
-    out = np.zeros((inside(recording, interval)[1].size, len(gyros.names)))
-    out[:, chosen] = recording.gyro.rates[inside(recording, interval)[0]][:, chosen] - gyros.c[chosen]
+    out = np.zeros((select_interval_samples(recording, interval)[1].size, len(gyros.names)))
+    out[:, chosen] = recording.gyro.rates[select_interval_samples(recording, interval)[0]][:, chosen] - gyros.c[chosen]
     return out
 
 
 def _build_stream(recording: Recording, gyros: GyroArray, gains: Array) -> Stream:
     """Build the samples inside the intervals as effects on one of the gyros see them."""
     intervals = recording.intervals
-    parts = [inside(recording, number) for number in range(len(intervals))]
+    parts = [select_interval_samples(recording, number) for number in range(len(intervals))]
     ends = np.cumsum([0, *(own.size for _, own in parts)]).tolist()
     dt = np.concatenate([own for _, own in parts])
     t_s = np.concatenate([recording.gyro.t_s[part] for part, _ in parts]) + 0.5 * dt
@@ -187,7 +189,7 @@ def _build_stream(recording: Recording, gyros: GyroArray, gains: Array) -> Strea
         intervals=tuple(slice(low, high) for low, high in pairwise(ends)),
         orbit_period_s=recording.orbit.period_s if recording.orbit is not None else float("nan"),
         span_s=(min(one.start_s for one in intervals), max(one.stop_s for one in intervals)),
-        housekeeping=housekeeping_at(recording, t_s),
+        housekeeping=interpolate_housekeeping(recording, t_s),
         gyros=gyros.names,
         axes=gyros.K,
     )

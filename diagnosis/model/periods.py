@@ -22,13 +22,13 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from diagnosis.model.array_model import ArrayModel
-from diagnosis.model.linear import LinearModel, Member, Option, Parameters
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.linear import LinearModel, ParameterChoice, Parameters, SelectedCandidate
+from diagnosis.model.recording_model import RecordingModel
 from diagnosis.sinusoids.coherence import IntervalProducts, find_tops
 from diagnosis.sinusoids.fit import make_waves
-from simulator.effects.base import AXES, Effect, Value
-from simulator.effects.gyros import columns_of
-from simulator.effects.periodic import SHORTEST, period_band
+from simulator.effects.base import AXIS_NAMES, Effect, Value
+from simulator.effects.gyros import compute_columns
+from simulator.effects.periodic import SHORTEST_PERIOD_SPACINGS, compute_period_band
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -95,12 +95,12 @@ Found = dict[tuple[bool, int], tuple[Period, ...]]  # by whether it is an error 
 
 def make_grid(model: RecordingModel) -> Grid | None:
     """Make the frequencies to try in a recording; None without a series of references."""
-    band = period_band(model.around)
+    band = compute_period_band(model.around)
     if band is None:
         return None
     t, block = model.observation_t_s, model.observation_block
     apart = np.diff(t)[(np.diff(block) == 0) & (np.diff(t) > 0)]
-    shortest = max(band[0], SHORTEST * float(np.median(apart)) if apart.size else np.inf)
+    shortest = max(band[0], SHORTEST_PERIOD_SPACINGS * float(np.median(apart)) if apart.size else np.inf)
     span, arc = band[1], max(float(one.elapsed_s[-1]) for one in model.blocks)
     step = SETTINGS.step / span
     highest = min(1 / shortest, SETTINGS.most * step)
@@ -124,7 +124,7 @@ def make_grid(model: RecordingModel) -> Grid | None:
 
 def scan_periods(model: RecordingModel) -> Found:
     """Scan for each kind of error, of the references or not, about each axis; nothing without a series of references."""
-    model = model.without_priors()  # whose blocks have nothing in common but nuisance parameters
+    model = model.drop_mounting_priors()  # whose blocks have nothing in common but nuisance parameters
     at = make_grid(model)
     out: Found = {}
     if at is None:
@@ -206,7 +206,7 @@ def make_period_columns(model: RecordingModel, axis: int, on_references: bool, f
     if on_references:
         errors = np.zeros((t_s.size, 3, swing.shape[1]))
         errors[:, axis] = swing
-        both = model.whitened(model.reference_error(errors))
+        both = model.whitened(model.observe_reference_error(errors))
     else:
         both = model.cell_columns[axis] @ swing
     return np.split(both, frequencies.size, axis=1)
@@ -217,19 +217,19 @@ def make_columns(
 ) -> Array:
     """Make (N, k) whitened columns of an effect per unit of its amplitudes; the axis is the name of a gyro, of any number."""
     if isinstance(model, RecordingModel) and effect.on_references:
-        return model.whitened(model.reference_error(effect.reference_columns(model.references, axis, parameters)))
-    return model.whitened(model.reading(columns_of(effect, model.stream, axis, parameters)))
+        return model.whitened(model.observe_reference_error(effect.reference_columns(model.references, axis, parameters)))
+    return model.whitened(model.reading(compute_columns(effect, model.stream, axis, parameters)))
 
 
 def make_effect_columns(model: RecordingModel, effect: Effect, axis: str, frequencies: Array) -> list[Array]:
     """Make (N, 2) whitened columns of an effect at several frequencies, Hz, in its unit: the first decides on it."""
-    found = make_period_columns(model, AXES.index(axis), effect.on_references, frequencies)
+    found = make_period_columns(model, AXIS_NAMES.index(axis), effect.on_references, frequencies)
     exact = make_columns(model, effect, axis, {"period_s": 1 / float(frequencies[0])})
     factor = float(np.sum(found[0] * exact) / np.sum(found[0] ** 2))
     return [factor * part for part in found]
 
 
-def add_finer_periods(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
+def add_finer_periods(model: RecordingModel, linear: LinearModel, member: SelectedCandidate, effect: Effect) -> LinearModel:
     """Add more periods to a linear model, close together around the one at which a member is held and its aliases.
 
     Each of these options keeps half of its prior; the new ones, which reach to its neighbours, share as much as it had.
@@ -247,12 +247,12 @@ def add_finer_periods(model: RecordingModel, linear: LinearModel, member: Member
     ]
     W = np.hstack(make_effect_columns(model, effect, str(entry.axis), np.array([one.frequency for one in near])))
     start = linear.W.shape[1]
-    finer = [Option(start + 2 * k, 2, one.log_weight, one.parameters) for k, one in enumerate(near)]
+    finer = [ParameterChoice(start + 2 * k, 2, one.log_weight, one.parameters) for k, one in enumerate(near)]
     options = [replace(one, log_weight=one.log_weight - np.log(2)) if one in held else one for one in entry.options]
-    return linear.with_options(member.candidate, [*options, *finer], W, model.projected(W))
+    return linear.replace_options(member.candidate, [*options, *finer], W, model.projected(W))
 
 
-def _find_aliases(linear: LinearModel, member: Member) -> list[Option]:
+def _find_aliases(linear: LinearModel, member: SelectedCandidate) -> list[ParameterChoice]:
     """The option at which a sinusoid is held, and others, none next to another, that explain nearly as much by themselves."""
     options, first = linear.candidate(member).options, linear.option(member)
     chi2 = {one.start: float(np.sum((scipy.linalg.orth(linear.X[:, one.columns]).T @ linear.y) ** 2)) for one in options}
@@ -267,6 +267,6 @@ def _find_aliases(linear: LinearModel, member: Member) -> list[Option]:
     return found
 
 
-def _get_period(option: Option) -> Period:
+def _get_period(option: ParameterChoice) -> Period:
     frequency = 1 / float(option.parameters["period_s"])
     return Period(frequency, option.log_weight, float(option.parameters["period_sigma_s"]) * float(np.sqrt(12)) * frequency**2)

@@ -2,7 +2,7 @@
 
 The samples are examined first, since a clipped or repeated sample spoils every test of the attitude. White noise that is not
 as stated, of the samples or of the references, is an effect of its own; it is found here, and the model then has the actual
-noise. What the references say of lines in the samples and of their own noise is in `diagnosis.model.judgement`.
+noise. What the references say of lines in the samples and of their own noise is in `diagnosis.model.noise_classification`.
 """
 
 from __future__ import annotations
@@ -14,21 +14,26 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from diagnosis.detectors.dead_zone_rests import DeadZoneEvidence, dead_zone_evidence, of_zero_samples, usual_slow_rate
+from diagnosis.detectors.dead_zone_rests import (
+    DeadZoneEvidence,
+    estimate_slow_rate,
+    find_dead_zone_evidence,
+    find_zero_sample_evidence,
+)
 from diagnosis.detectors.lattice import Kind
-from diagnosis.detectors.report import SampleReport, inside, within
+from diagnosis.detectors.sample_report import SampleReport, mark_interval_samples, scale_progress
 from diagnosis.detectors.samples import examine
-from diagnosis.model.baseline import baseline
-from diagnosis.model.judgement import Prepared, Progress, Unclassified, judge
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.baseline import calibrate_baseline
+from diagnosis.model.noise_classification import PreparedRecording, Progress, UnclassifiedRecording, classify_lines_and_noise
+from diagnosis.model.recording_model import RecordingModel
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.calibration.gate import LargeResidualError
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
-from gyrocal.calibration.sampling import measurements
+from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.errors import InputError
-from gyrocal.recording import Interval, Recording, reference_rows
+from gyrocal.recording import Interval, Recording, find_reference_rows
 
-__all__ = ["Prepared", "Progress", "check_usable", "prepare", "unclipped"]
+__all__ = ["PreparedRecording", "Progress", "check_usable", "find_unclipped_pieces", "prepare"]
 
 Array = NDArray[np.float64]
 
@@ -50,7 +55,9 @@ class PrepareSettings:
 SETTINGS = PrepareSettings()
 
 
-def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: Progress = lambda text, share: None) -> Prepared:
+def prepare(
+    recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: Progress = lambda text, share: None
+) -> PreparedRecording:
     """Examine the samples, calibrate under M0 by Gauss–Newton on the linear model, and linearise there.
 
     Parameters
@@ -65,41 +72,43 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: P
         The stream does not cover the intervals, or nothing is left of them.
     """
     _check_samples(recording)
-    report, (model, sigma, pieces) = _readable(recording, settings, tell)
+    report, (model, sigma, pieces) = _choose_lattice_reading(recording, settings, tell)
     if report.cut_odds is not None:
         report, (model, sigma, pieces) = _cut_or_rounded(recording, report, (model, sigma, pieces), settings, tell)
     tell("gyro samples: dead zones", 0.08)
-    dead = _dead(recording, report, model.bias)
-    found = judge(Unclassified(recording, report, model, sigma, pieces, dead), settings, tell)
-    return replace(found, notes=(*report_noise_levels(found), *_notes(recording, pieces, found.sigma)))
+    dead = _find_dead_zones(recording, report, model.bias)
+    found = classify_lines_and_noise(UnclassifiedRecording(recording, report, model, sigma, pieces, dead), settings, tell)
+    return replace(found, notes=(*report_noise_levels(found), *_write_notes(recording, pieces, found.sigma)))
 
 
 def check_usable(recording: Recording, settings: DiagnosisSettings = DEFAULT) -> None:
     """Raise an `InputError` where `prepare` would, without its tests of lines and noise, which take most of its time."""
     _check_samples(recording)
-    _readable(recording, settings, lambda text, share: None)
+    _choose_lattice_reading(recording, settings, lambda text, share: None)
 
 
 def _check_samples(recording: Recording) -> None:
-    if inside(recording).sum() < 2 * len(recording.intervals):
-        measurements(recording)  # says which interval lacks samples
-    if not inside(recording).any():
+    if mark_interval_samples(recording).sum() < 2 * len(recording.intervals):
+        prepare_measurements(recording)  # says which interval lacks samples
+    if not mark_interval_samples(recording).any():
         raise InputError("no gyro sample starts inside any interval")
 
 
-def _readable(recording: Recording, settings: DiagnosisSettings, tell: Progress) -> tuple[SampleReport, First]:
+def _choose_lattice_reading(recording: Recording, settings: DiagnosisSettings, tell: Progress) -> tuple[SampleReport, First]:
     """What the samples show and the first model, with readings on a lattice taken in the way in which they fit at all."""
     tell("gyro samples: noise, lines, outliers", 0.01)
-    report = examine(recording, settings=settings, tell=_examined(tell, "", 0.01, 0.06))
+    report = examine(recording, settings=settings, tell=_tell_examination(tell, "", 0.01, 0.06))
     try:
-        return report, _first(recording, report, _examined(tell, "", 0.06, 0.07))
+        return report, _build_first_model(recording, report, _tell_examination(tell, "", 0.06, 0.07))
     except LargeResidualError:
         kinds = {symptom.kind for symptom in report.symptoms if symptom.kind.startswith("lattice")}
         if not kinds:
             raise
         way: Kind = "rounded" if "lattice_cut" in kinds else "cut"
-        other = examine(recording, lattice=way, settings=settings, tell=_examined(tell, f"once more, {way}", 0.06, 0.07))
-        return other, _first(recording, other)
+        other = examine(
+            recording, lattice=way, settings=settings, tell=_tell_examination(tell, f"once more, {way}", 0.06, 0.07)
+        )
+        return other, _build_first_model(recording, other)
 
 
 def _cut_or_rounded(
@@ -113,12 +122,14 @@ def _cut_or_rounded(
     if any(symptom.kind == "lattice_rounded" for symptom in report.symptoms):
         ways = ("rounded", "cut")
     now, other = ways
-    again = examine(recording, lattice=other, settings=settings, tell=_examined(tell, f"once more, {other}", 0.06, 0.08))
+    again = examine(
+        recording, lattice=other, settings=settings, tell=_tell_examination(tell, f"once more, {other}", 0.06, 0.08)
+    )
     try:
-        second = _first(recording, again)
-        misfits = [_misfit(model) for model, _, _ in (first, second)]
+        second = _build_first_model(recording, again)
+        misfits = [_compute_misfit(model) for model, _, _ in (first, second)]
         better = first[0] if misfits[0] < misfits[1] else second[0]
-        gain = 0.5 * (misfits[0] - misfits[1]) / (max(min(misfits) / better.y.size, 1.0) * _alike(better.y))
+        gain = 0.5 * (misfits[0] - misfits[1]) / (max(min(misfits) / better.y.size, 1.0) * _estimate_redundancy(better.y))
     except LargeResidualError:
         second, gain = first, -np.inf
     odds = float(report.cut_odds or 0.0)
@@ -130,29 +141,29 @@ def _cut_or_rounded(
     return replace(report, symptoms=symptoms), first
 
 
-def _examined(tell: Progress, way: str, begin: float, stop: float) -> Progress:
+def _tell_examination(tell: Progress, way: str, begin: float, stop: float) -> Progress:
     """Progress of a look at the samples, as a part of all."""
     before = f"gyro samples: {way}: " if way else "gyro samples: "
-    return within(lambda text, share: tell(before + text, share), begin, stop)
+    return scale_progress(lambda text, share: tell(before + text, share), begin, stop)
 
 
-def _first(recording: Recording, report: SampleReport, tell: Progress = lambda text, share: None) -> First:
+def _build_first_model(recording: Recording, report: SampleReport, tell: Progress = lambda text, share: None) -> First:
     """The model with the references as stated, its sigma, and the intervals it is propagated over."""
-    pieces = unclipped(recording, report)
+    pieces = find_unclipped_pieces(recording, report)
     if not pieces:
         levels = [f"{one.axis} at {one.size:.4g} {one.unit}" for one in report.symptoms if one.kind == "plateau"]
         raise InputError(
             f"gyro {' and '.join(levels)} stands at its largest reading between all reference attitudes, as a clipped gyro "
             "does; give intervals in which it is not clipped"
         )
-    return *baseline(recording, report, pieces, recording.attitudes.sigma, tell), pieces
+    return *calibrate_baseline(recording, report, pieces, recording.attitudes.sigma, tell), pieces
 
 
-def _misfit(model: RecordingModel) -> float:
+def _compute_misfit(model: RecordingModel) -> float:
     return float(model.y @ model.y)
 
 
-def _alike(y: Array) -> float:
+def _estimate_redundancy(y: Array) -> float:
     """How many residuals (3r,) of observations that follow one another say what one would: 1 if they are independent.
 
     A bias that wanders leaves such as go with any slow error. It is the sum of their correlations over all lags, up to the
@@ -168,27 +179,27 @@ def _alike(y: Array) -> float:
     return total
 
 
-def _dead(recording: Recording, report: SampleReport, bias: Array) -> tuple[DeadZoneEvidence, ...]:
+def _find_dead_zones(recording: Recording, report: SampleReport, bias: Array) -> tuple[DeadZoneEvidence, ...]:
     """Gyros that may have a dead zone; a lattice makes zeros of its own."""
     coarse = {symptom.axis for symptom in report.symptoms if symptom.kind.startswith("lattice")}
     if None in coarse:
         return ()
     exact = {symptom.axis: symptom for symptom in report.symptoms if symptom.kind == "dead_zone"}
     biases = np.maximum(np.abs(bias), np.abs(recording.gyro.apriori_bias))
-    usual = usual_slow_rate(recording, report.rates, biases)
+    usual = estimate_slow_rate(recording, report.rates, biases)
     found = [
         one
-        for one in dead_zone_evidence(recording, report.rates, report.noise, usual, biases, report.zones)
+        for one in find_dead_zone_evidence(recording, report.rates, report.noise, usual, biases, report.zones)
         if AXES[one.axis] not in {*coarse, *exact}
     ]
     for axis, symptom in exact.items():
-        one = of_zero_samples(recording, AXES.index(str(axis)), float(np.deg2rad(symptom.size)), usual)
+        one = find_zero_sample_evidence(recording, AXES.index(str(axis)), float(np.deg2rad(symptom.size)), usual)
         if one is not None:
             found.append(one)
     return tuple(found)
 
 
-def unclipped(recording: Recording, report: SampleReport) -> tuple[Interval, ...]:
+def find_unclipped_pieces(recording: Recording, report: SampleReport) -> tuple[Interval, ...]:
     """The parts of the intervals between clipped samples that have two references or more.
 
     What a clipped gyro missed in a slew may be many degrees, far outside the linear model; the propagation starts afresh at
@@ -199,7 +210,7 @@ def unclipped(recording: Recording, report: SampleReport) -> tuple[Interval, ...
     clipped_times = recording.gyro.t_s[report.clipped]
     out = []
     for interval in recording.intervals:
-        times = recording.attitudes.t_s[reference_rows(recording.attitudes.t_s, interval)]
+        times = recording.attitudes.t_s[find_reference_rows(recording.attitudes.t_s, interval)]
         part = np.searchsorted(clipped_times, times)
         for number in np.unique(part):
             chosen = times[part == number]
@@ -209,7 +220,7 @@ def unclipped(recording: Recording, report: SampleReport) -> tuple[Interval, ...
     return tuple(out)
 
 
-def report_noise_levels(found: Prepared) -> Iterator[str]:
+def report_noise_levels(found: PreparedRecording) -> Iterator[str]:
     """Sentences with the noise that the diagnosis estimated, where the recording states none of its own."""
     recording, noise = found.model.recording, found.reference_noise
     if recording.gyro.arw_estimated:
@@ -221,9 +232,9 @@ def report_noise_levels(found: Prepared) -> Iterator[str]:
         yield f"Noise of the references estimated as {sigmas} deg about x, y, z; the recording states an estimate only"
 
 
-def _notes(recording: Recording, pieces: tuple[Interval, ...], sigma: Array) -> tuple[str, ...]:
+def _write_notes(recording: Recording, pieces: tuple[Interval, ...], sigma: Array) -> tuple[str, ...]:
     notes = []
-    counts = [reference_rows(recording.attitudes.t_s, interval).size for interval in recording.intervals]
+    counts = [find_reference_rows(recording.attitudes.t_s, interval).size for interval in recording.intervals]
     if max(counts) <= 2:
         left = 3 * len(counts) - 12
         notes.append(

@@ -1,7 +1,7 @@
 """Random processes as groups of columns, and those of them that are unlisted rivals.
 
 A process of variance s² K over the cells, or over the references, is a group of columns with equal, independent amplitudes of
-variance s² (`diagnosis.model.places`). They are orthogonal, and those that cannot be seen are left out, so that a process is a
+variance s² (`diagnosis.model.process_projection`). They are orthogonal, and those that cannot be seen are left out, so that a process is a
 group like any other (`diagnosis.inference.evidence`).
 
 Listed processes bring their own covariance (`simulator.effects.base.Effect.covariance`). The unlisted rivals are Markov rate
@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.places import DECOMPOSITION, Place, cell_parts, nodes
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.process_projection import DECOMPOSITION, ProcessProjection, select_nodes, split_cells
+from diagnosis.model.recording_model import RecordingModel
 from simulator.effects.base import ProcessTimes
 from simulator.effects.common import markov
 
@@ -28,7 +28,7 @@ AXES = "xyz"
 
 
 @dataclass(frozen=True)
-class ProcesseSettings:
+class ProcessSettings:
     """Constants of `diagnosis.model.processes`."""
 
     seen: float = 1e-4  # power relative to the strongest column, below which a column is left out
@@ -41,7 +41,7 @@ class ProcesseSettings:
     alike: float = 0.95  # cosine of two covariances from which on they are one process
 
 
-SETTINGS = ProcesseSettings()
+SETTINGS = ProcessSettings()
 
 
 # Near the smallest size that can be detected, a column of power λ adds to the expected evidence in proportion to λ². A larger
@@ -64,15 +64,15 @@ class Process:
     columns: list[Array]
 
 
-def cell_times(model: RecordingModel) -> ProcessTimes:
+def compute_cell_times(model: RecordingModel) -> ProcessTimes:
     """Times of the cells, for a process of the rates."""
     cells = model.cells
     return ProcessTimes(t_s=cells.t_s, run_s=cells.run_s, interval=cells.interval)
 
 
-def part_times(model: RecordingModel) -> ProcessTimes:
-    """Times of the parts of the cells, see `diagnosis.model.places`."""
-    first, cell = cell_parts(model)
+def compute_part_times(model: RecordingModel) -> ProcessTimes:
+    """Times of the parts of the cells, see `diagnosis.model.process_projection`."""
+    first, cell = split_cells(model)
     last = np.append(first[1:], 0)
     last[np.append(cell[1:] - 1, first.size - 1)] = model.cells.last
     counts = np.diff(np.append(cell, first.size))
@@ -81,62 +81,62 @@ def part_times(model: RecordingModel) -> ProcessTimes:
     return ProcessTimes(t_s=t_s, run_s=began + t_s, interval=np.repeat(model.cells.interval, counts))
 
 
-def reference_times(model: RecordingModel) -> ProcessTimes:
+def compute_reference_times(model: RecordingModel) -> ProcessTimes:
     """Times of the observations, for a process of the references."""
-    return _times(model, model.observation_t_s, model.observation_block)
+    return _compute_run_times(model, model.observation_t_s, model.observation_block)
 
 
-def node_times(model: RecordingModel) -> ProcessTimes:
-    """Times of the nodes, see `diagnosis.model.places`."""
-    rows, _ = nodes(model)
-    return _times(model, model.references.t_s[rows], model.interval_of_reference[rows])
+def compute_node_times(model: RecordingModel) -> ProcessTimes:
+    """Times of the nodes, see `diagnosis.model.process_projection`."""
+    rows, _ = select_nodes(model)
+    return _compute_run_times(model, model.references.t_s[rows], model.interval_of_reference[rows])
 
 
-def _times(model: RecordingModel, t_s: Array, interval: NDArray[np.intp]) -> ProcessTimes:
+def _compute_run_times(model: RecordingModel, t_s: Array, interval: NDArray[np.intp]) -> ProcessTimes:
     """Times with those that ran while the gyro was sampled, the gaps between the intervals left out."""
     ends = np.cumsum([0.0, *(float(block.elapsed_s[-1]) for block in model.blocks)])
     begins = np.array([t_s[interval == number][0] for number in range(len(model.blocks))])
     return ProcessTimes(t_s=t_s, run_s=t_s - begins[interval] + ends[interval], interval=interval)
 
 
-def same(labels: NDArray[np.intp]) -> Array:
+def match_labels(labels: NDArray[np.intp]) -> Array:
     """One where two belong together."""
     return np.equal.outer(labels, labels).astype(float)
 
 
-def usual(place: Place, K: Array, share: float = DECOMPOSITION.share) -> Array:
-    """The strongest columns (N, r) of a process of covariance K, which hold most of what can be told of it; see `whole`."""
+def build_usual_columns(place: ProcessProjection, K: Array, share: float = DECOMPOSITION.share) -> Array:
+    """The strongest columns (N, r) of a process of covariance K, which hold most of what can be told of it; see `build_all_columns`."""
     powers, columns = place.powers(K, share)
-    kept = _seen(powers, SETTINGS.seen * _strongest(powers))[: SETTINGS.most_columns]
+    kept = _select_powers(powers, SETTINGS.seen * _find_largest_power(powers))[: SETTINGS.most_columns]
     enough = int(np.searchsorted(np.cumsum(powers[kept] ** 2), SETTINGS.information * float(np.sum(powers**2)))) + 1
     return columns(kept[: max(enough, SETTINGS.usual_columns)])
 
 
-def whole(place: Place, K: Array, least: float | None = None) -> Array:
+def build_all_columns(place: ProcessProjection, K: Array, least: float | None = None) -> Array:
     """All columns (N, r) of a process of covariance K whose power reaches the least one, the strongest first.
 
     By default those that can be seen beside the strongest. There is one at least, but of a process that nothing shows of, such
     as a walk over cells of one time.
     """
     powers, columns = place.powers(K, least=least or 0.0)
-    kept = _seen(powers, SETTINGS.seen * _strongest(powers) if least is None else least)
-    return columns(kept if kept.size else _seen(powers, 0.0)[:1])
+    kept = _select_powers(powers, SETTINGS.seen * _find_largest_power(powers) if least is None else least)
+    return columns(kept if kept.size else _select_powers(powers, 0.0)[:1])
 
 
-def of_values(place: Place, values: Array) -> Array:
+def build_course_columns(place: ProcessProjection, values: Array) -> Array:
     """Columns (N, k) of a process that is a sum of k courses (q, k) with independent amplitudes, the strongest first."""
     made = values if place.mean is None else place.mean @ values
     powers, turned = np.linalg.eigh(made.T @ place.gram @ made)
-    return np.asarray(place.columns @ (made @ turned[:, _seen(powers, SETTINGS.seen * _strongest(powers))]))
+    return np.asarray(place.columns @ (made @ turned[:, _select_powers(powers, SETTINGS.seen * _find_largest_power(powers))]))
 
 
-def _strongest(powers: Array) -> float:
+def _find_largest_power(powers: Array) -> float:
     return float(powers.max(initial=0.0))
 
 
-def _seen(powers: Array, least: float) -> NDArray[np.intp]:
+def _select_powers(powers: Array, least: float) -> NDArray[np.intp]:
     """Places of the powers beyond one and beyond rounding, the strongest first."""
-    return np.flatnonzero(powers > max(least, SETTINGS.rounding * _strongest(powers)))[::-1]
+    return np.flatnonzero(powers > max(least, SETTINGS.rounding * _find_largest_power(powers)))[::-1]
 
 
 def is_one_of(K: Array, known: Sequence[Array]) -> bool:
@@ -144,7 +144,7 @@ def is_one_of(K: Array, known: Sequence[Array]) -> bool:
     return any(float(np.sum(K * one)) > SETTINGS.alike * float(np.linalg.norm(K) * np.linalg.norm(one)) for one in known)
 
 
-def unlisted(model: RecordingModel, known: Sequence[Array] = ()) -> Iterator[Process]:
+def list_process_alternatives(model: RecordingModel, known: Sequence[Array] = ()) -> Iterator[Process]:
     """Random discrepancies that are on no list, about each axis.
 
     Parameters
@@ -152,27 +152,30 @@ def unlisted(model: RecordingModel, known: Sequence[Array] = ()) -> Iterator[Pro
     model : of the recording
     known : covariances over the cells of processes of the rates that are on the list: a rival is something else
     """
-    cells, at = cell_times(model), part_times(model)
-    first, _ = cell_parts(model)
+    cells, at = compute_cell_times(model), compute_part_times(model)
+    first, _ = split_cells(model)
     longest = max(float(block.elapsed_s[-1]) for block in model.blocks)
     w = np.add.reduceat(model.rates * model.dt[:, None], first, axis=0) / np.add.reduceat(model.dt, first)[:, None]
-    separate, taus = same(at.interval), (longest / 60, longest / 20, longest / 6)
-    new = [tau for tau in taus if not is_one_of(same(cells.interval) * markov(cells.t_s, tau), known)]
-    slow, own = separate * markov(at.t_s, taus[-1]), _indicators(at.interval)
-    offsets = np.deg2rad(1.0) * _indicators(node_times(model).interval)
+    separate, taus = match_labels(at.interval), (longest / 60, longest / 20, longest / 6)
+    new = [tau for tau in taus if not is_one_of(match_labels(cells.interval) * markov(cells.t_s, tau), known)]
+    slow, own = separate * markov(at.t_s, taus[-1]), _build_indicators(at.interval)
+    offsets = np.deg2rad(1.0) * _build_indicators(compute_node_times(model).interval)
     for axis, name in enumerate(AXES):
         place = model.cell_places[axis]
         # One at a time: a covariance is tens of megabytes. What follows rates is as rough as they are.
         kinds: tuple[tuple[str, Iterable[Array]], ...] = (
-            ("random bias, correlated in time", (usual(place, separate * markov(at.t_s, tau)) for tau in new)),
-            ("bias differs between intervals", (of_values(place, own),)),
-            ("scale factor or misalignment differs between intervals", (of_values(place, u[:, None] * own) for u in w.T)),
-            ("scale factor or misalignment wanders", (usual(place, slow * np.outer(u, u), 0.0) for u in w.T)),
-            ("references offset differently in each interval", (of_values(model.reference_places[axis], offsets),)),
+            ("random bias, correlated in time", (build_usual_columns(place, separate * markov(at.t_s, tau)) for tau in new)),
+            ("bias differs between intervals", (build_course_columns(place, own),)),
+            (
+                "scale factor or misalignment differs between intervals",
+                (build_course_columns(place, u[:, None] * own) for u in w.T),
+            ),
+            ("scale factor or misalignment wanders", (build_usual_columns(place, slow * np.outer(u, u), 0.0) for u in w.T)),
+            ("references offset differently in each interval", (build_course_columns(model.reference_places[axis], offsets),)),
         )
         yield from (Process(words, name, made) for words, columns in kinds if (made := list(columns)))
 
 
-def _indicators(interval: NDArray[np.intp]) -> Array:
+def _build_indicators(interval: NDArray[np.intp]) -> Array:
     """(q, n) one in each of the intervals."""
     return np.equal.outer(interval, np.unique(interval)).astype(float)

@@ -22,12 +22,12 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from diagnosis.inference.evidence import averaged, log_bayes
+from diagnosis.inference.evidence import average_evidence, log_bayes
 from diagnosis.model.linear import SETTINGS as LINEAR
-from diagnosis.model.linear import spaced
-from diagnosis.model.lines import PRIOR
+from diagnosis.model.linear import build_scales
+from diagnosis.model.lines import LINE_PRIOR
 from diagnosis.model.misfit import build_basis, compute_innovations, whiten_errors
-from diagnosis.model.recording import RecordingModel, parameter_errors
+from diagnosis.model.recording_model import RecordingModel, build_parameter_errors
 from diagnosis.model.sinusoid_causes import (
     BIAS,
     PICKUP,
@@ -41,13 +41,13 @@ from diagnosis.sinusoids.coherence import compute_products, find_tops
 from diagnosis.sinusoids.fit import Piece, fit_sinusoid, make_waves
 from diagnosis.sinusoids.spectrum import compute_log_p, compute_piece_spectrum
 from gyrocal.recording import Recording
-from simulator.effects.recorded import interval_slices
-from simulator.effects.timing import delay_columns
+from simulator.effects.recording_view import find_interval_slices
+from simulator.effects.timing import compute_delay_columns
 
 Array = NDArray[np.float64]
 
-AXES = range(3)
-BESIDE = np.arange(3, 15)  # coefficients of the samples to either side, in units of the frequency resolution
+AXIS_INDICES = range(3)
+NEIGHBOUR_OFFSETS = np.arange(3, 15)  # coefficients of the samples to either side, in units of the frequency resolution
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ SETTINGS = ToneSettings()
 
 
 @dataclass(frozen=True)
-class Innovations:
+class ReferenceInnovations:
     """Innovations of all references.
 
     Attributes
@@ -98,7 +98,7 @@ class Innovations:
         for place, axis in enumerate(axes):
             made[:, axis, :, place] = own.reshape(len(own), -1, 2)
         made = made.reshape(len(own), 3, -1)
-        errors = -np.matmul(model.at_reference, made) if on_references else model.turned_by(made)
+        errors = -np.matmul(model.at_reference, made) if on_references else model.compute_attitude_turns(made)
         return whiten_errors(model, errors)[0]
 
     def compute_chi2(self, columns: Array, beside: Array) -> float:
@@ -110,10 +110,10 @@ class Innovations:
         """Return the log evidence of columns with amplitudes of any size that is plausible and could be seen."""
         own = (columns - self.taken @ (self.taken.T @ columns)) / np.sqrt(level)
         largest = np.linalg.norm(own, axis=0).max()
-        scales = spaced(max(LINEAR.visible[0] / largest, limits[0]), min(LINEAR.visible[1] / largest, limits[1]))
+        scales = build_scales(max(LINEAR.visible[0] / largest, limits[0]), min(LINEAR.visible[1] / largest, limits[1]))
         if not scales.size:
             return -np.inf
-        return averaged(log_bayes((own.T @ own)[None], (own.T @ self.y)[None] / np.sqrt(level), scales), np.zeros(1))
+        return average_evidence(log_bayes((own.T @ own)[None], (own.T @ self.y)[None] / np.sqrt(level), scales), np.zeros(1))
 
 
 def find_reference_tone(model: RecordingModel, rates: Array, p_least: float, unlisted: float) -> ReferenceTone | None:
@@ -131,8 +131,8 @@ def find_reference_tone(model: RecordingModel, rates: Array, p_least: float, unl
         return None
     centre, p_value, reach = peak
     series = make_innovations(model)
-    columns = series.make_columns(np.array([centre]), True, AXES)
-    axis = int(np.argmax([series.compute_chi2(columns[:, 2 * k : 2 * k + 2], series.taken) for k in AXES]))
+    columns = series.make_columns(np.array([centre]), True, AXIS_INDICES)
+    axis = int(np.argmax([series.compute_chi2(columns[:, 2 * k : 2 * k + 2], series.taken) for k in AXIS_INDICES]))
     (frequency,) = find_coherent(series, np.array([centre]), axis, reach)
     columns = series.make_columns(np.array([frequency]), True, [axis])
     chi2 = series.compute_chi2(columns, series.taken)
@@ -180,15 +180,19 @@ def find_peak(model: RecordingModel) -> tuple[float, float, float] | None:
     return fit.frequency_hz, max(float(np.exp(log_p[place, axis])), 1e-300), step
 
 
-def make_innovations(model: RecordingModel) -> Innovations:
+def make_innovations(model: RecordingModel) -> ReferenceInnovations:
     """Make the innovations of a recording, and the bases of what they do not tell."""
-    rows = [model.residuals[:, :, None], model.turned_by(parameter_errors(model.raw)), model.turned_by(_follow_motion(model))]
+    rows = [
+        model.residuals[:, :, None],
+        model.compute_attitude_turns(build_parameter_errors(model.raw)),
+        model.compute_attitude_turns(_follow_motion(model)),
+    ]
     white, _ = whiten_errors(model, np.concatenate(rows, axis=2))
     taken = build_basis(white[:, 1:13])
-    return Innovations(model, white[:, 0] - taken @ (taken.T @ white[:, 0]), taken, build_basis(white[:, 1:]))
+    return ReferenceInnovations(model, white[:, 0] - taken @ (taken.T @ white[:, 0]), taken, build_basis(white[:, 1:]))
 
 
-def find_coherent(series: Innovations, frequencies: Array, axis: int, reach: float) -> Array:
+def find_coherent(series: ReferenceInnovations, frequencies: Array, axis: int, reach: float) -> Array:
     """Move each frequency, by at most a reach, to where one phase over all intervals explains most, Hz.
 
     A wave of the readings has the same phases as one of the references, but for a quarter of a turn.
@@ -230,13 +234,13 @@ def list_aliases(model: RecordingModel, frequency: float) -> Array:
 
 
 def _list_causes(
-    series: Innovations, frequency: float, aliases: Array, axis: int, level: float, rates: Array
+    series: ReferenceInnovations, frequency: float, aliases: Array, axis: int, level: float, rates: Array
 ) -> Iterator[SinusoidCause]:
     """The references or a bias about each axis, and a vibration at one of the aliases."""
     recording = series.model.recording
     sample_s = recording.gyro.sample_s
-    even_in_log, even = -float(np.log(PRIOR.bias_range * frequency)), float(np.log(2 * sample_s))
-    tried = [(kind, one, np.array([frequency]), even_in_log) for kind in (REFERENCE, BIAS) for one in AXES]
+    even_in_log, even = -float(np.log(LINE_PRIOR.bias_range * frequency)), float(np.log(2 * sample_s))
+    tried = [(kind, one, np.array([frequency]), even_in_log) for kind in (REFERENCE, BIAS) for one in AXIS_INDICES]
     for kind, one, at, log_prior in [*tried, (PICKUP, axis, aliases, even)]:
         columns = series.make_columns(at, kind == REFERENCE, [one])
         if kind == PICKUP:  # which is not averaged over a sample
@@ -257,15 +261,15 @@ def _list_causes(
             yield SinusoidCause(kind, one, float(f), amplitudes, sigma, evidence + log_prior + of_samples)
 
 
-def _list_alternatives(series: Innovations, frequency: float, axis: int, level: float) -> Iterator[SinusoidCause]:
+def _list_alternatives(series: ReferenceInnovations, frequency: float, axis: int, level: float) -> Iterator[SinusoidCause]:
     """A sinusoid about no single axis, and one whose amplitude changes between parts of the recording."""
     model, at = series.model, np.array([frequency])
     number = model.interval_of_reference if len(model.blocks) > 1 else model.references.t_s
     cuts = np.unique(np.quantile(number, np.linspace(0, 1, SETTINGS.segments + 1)[1:-1]))
     part = np.searchsorted(cuts, number, side="right")
     parts = np.asarray(part[:, None] == np.unique(part), dtype=float)
-    prior = -float(np.log(2 * PRIOR.bias_range * frequency))
-    for columns in (series.make_columns(at, True, AXES), series.make_columns(at, True, [axis], parts)):
+    prior = -float(np.log(2 * LINE_PRIOR.bias_range * frequency))
+    for columns in (series.make_columns(at, True, AXIS_INDICES), series.make_columns(at, True, [axis], parts)):
         yield SinusoidCause(UNLISTED, axis, frequency, np.zeros(2), 0.0, series.compute_evidence(columns, level) + prior)
 
 
@@ -280,16 +284,16 @@ def compute_sample_log_ratio(recording: Recording, rates: Array, cause: Sinusoid
     has a large S of any phase, which favours neither.
     """
     total, sample_s = 0.0, recording.gyro.sample_s
-    wave, n = cause.compute_in_samples(recording), 2 * BESIDE.size
-    for part in interval_slices(recording):
+    wave, n = cause.compute_in_samples(recording), 2 * NEIGHBOUR_OFFSETS.size
+    for part in find_interval_slices(recording):
         count = part.stop - part.start
-        edge = BESIDE[-1] / (count * sample_s)
+        edge = NEIGHBOUR_OFFSETS[-1] / (count * sample_s)
         if not edge < cause.frequency_hz < 0.5 / sample_s - edge:
             continue
         turned = np.exp(-2j * np.pi * cause.frequency_hz * sample_s * np.arange(count)) * np.hanning(count)
         x = rates[part, cause.axis]
         spectrum, a = scipy.fft.fft(turned * (x - x.mean())), np.sum(turned * wave[part])
-        S, P = spectrum[0], float(np.mean(np.abs(spectrum[np.concatenate([BESIDE, -BESIDE])]) ** 2))
+        S, P = spectrum[0], float(np.mean(np.abs(spectrum[np.concatenate([NEIGHBOUR_OFFSETS, -NEIGHBOUR_OFFSETS])]) ** 2))
         if P > 0:
             v = P + 2 * abs(a) ** 2 / max(chi2, 2.0)
             total += (n + 1) * float(np.log1p(abs(S) ** 2 / (n * P)) - np.log1p(abs(S - a) ** 2 / (n * v)))
@@ -300,9 +304,9 @@ def compute_sample_log_ratio(recording: Recording, rates: Array, cause: Sinusoid
 def _follow_motion(model: RecordingModel) -> Array:
     """(n, 3, k) errors of readings that follow the motion: products of rates, their sizes and their changes."""
     raw = model.raw
-    products = [raw[:, i] * raw[:, j] for i in AXES for j in range(i, 3)]
-    own = np.column_stack([*products, *np.abs(raw).T, *delay_columns(model.stream)[:, :, 0].T])
+    products = [raw[:, i] * raw[:, j] for i in AXIS_INDICES for j in range(i, 3)]
+    own = np.column_stack([*products, *np.abs(raw).T, *compute_delay_columns(model.stream)[:, :, 0].T])
     out = np.zeros((len(raw), 3, 3 * own.shape[1]))
-    for axis in AXES:
+    for axis in AXIS_INDICES:
         out[:, axis, axis * own.shape[1] : (axis + 1) * own.shape[1]] = own
     return out

@@ -27,7 +27,7 @@ Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class TruePathSettings:
+class RelinearisedPathSettings:
     """Constants of `diagnosis.model.relinearised_path`."""
 
     small: float = 0.3  # sigmas of a reference in half the square of ζ, up to which first order is enough
@@ -35,11 +35,11 @@ class TruePathSettings:
     widest: float = 0.2  # of the references of an interval in an average
 
 
-SETTINGS = TruePathSettings()
+SETTINGS = RelinearisedPathSettings()
 
 
 @dataclass(frozen=True)
-class TruePath:
+class RelinearisedPath:
     """Turns from the propagated to the true attitudes of an interval.
 
     Attributes
@@ -62,7 +62,7 @@ class TruePath:
         return np.asarray(Rotation.from_rotvec(turns).as_matrix())
 
 
-def true_path(zeta: Array, sigma: Array) -> TruePath | None:
+def find_relinearised_path(zeta: Array, sigma: Array) -> RelinearisedPath | None:
     """The path of an interval; None where first order is enough.
 
     Parameters
@@ -80,4 +80,4 @@ def true_path(zeta: Array, sigma: Array) -> TruePath | None:
     run = np.cumsum((S[1:] * S[:-1].inv()).as_rotvec(), axis=0)
     # S begins at the average of the first references, not at the first, so that its own turn comes first.
     errors = smooth[0] + np.concatenate([np.zeros((1, 3)), run]) + (E * S.inv()).as_rotvec()
-    return TruePath(errors, smooth)
+    return RelinearisedPath(errors, smooth)

@@ -2,7 +2,7 @@
 
 A real recording holds several effects and a part that no listed effect explains. Effects are judged in the presence of that
 part. It is modelled as a sum of random processes (Kennedy and O'Hagan, Journal of the Royal Statistical Society B 63, 2001). In
-the whitened observations y of `diagnosis.model.recording`, whose stated noise has the covariance I,
+the whitened observations y of `diagnosis.model.recording_model`, whose stated noise has the covariance I,
 
     y ~ N(0, C + B Bᵀ),    C = φ I + Σ_k θ_k K_k
 
@@ -29,8 +29,8 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from diagnosis.answer import Regressor, RemainderSummary
-from diagnosis.model.folds import shared_columns
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.folds import build_shared_columns
+from diagnosis.model.recording_model import RecordingModel
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -56,7 +56,7 @@ Side = Literal["gyro", "reference", "time tags"]
 
 
 @dataclass(frozen=True)
-class Process:
+class RemainderProcess:
     """One process of the remainder.
 
     Attributes
@@ -88,31 +88,31 @@ class Remainder:
 
     noise: float
     variances: Array
-    processes: tuple[Process, ...]
+    processes: tuple[RemainderProcess, ...]
     log_likelihood: float
 
 
-def build_processes(model: RecordingModel) -> tuple[Process, ...]:
+def build_processes(model: RecordingModel) -> tuple[RemainderProcess, ...]:
     """Build the processes that a remainder may consist of."""
     length = float(np.median([block.elapsed_s[-1] for block in model.blocks]))
     cells = model.cells
     steps = [block.steps.start + np.minimum(block.ends, block.steps.stop - block.steps.start - 1) for block in model.blocks]
     body_rates = model.rates[np.concatenate(steps)][model.reference_rows_of_observations]
     cell_rates = np.add.reduceat(model.rates * model.dt[:, None], cells.first, axis=0) / cells.duration_s[:, None]
-    gyro = np.stack([model.unmixed(one) for one in model.cell_columns])
-    reference = np.stack([model.unmixed(one) for one in model.reference_columns])
+    gyro = np.stack([model.undo_mounting_whitening(one) for one in model.cell_columns])
+    reference = np.stack([model.undo_mounting_whitening(one) for one in model.reference_columns])
     late = np.einsum("anr,ra->nr", reference, body_rates)
     out = []
     for tau in np.array(SETTINGS.gyro_times) * length:
         for axis, columns in zip(AXES, gyro, strict=True):
-            out.append(Process("gyro", axis, tau, _correlate(model, [columns], cells.t_s, cells.interval, tau)))
+            out.append(RemainderProcess("gyro", axis, tau, _correlate(model, [columns], cells.t_s, cells.interval, tau)))
     follow = [columns * w for columns in gyro for w in cell_rates.T]
-    out.append(Process("gyro", None, tau, _correlate(model, follow, cells.t_s, cells.interval, tau)))
+    out.append(RemainderProcess("gyro", None, tau, _correlate(model, follow, cells.t_s, cells.interval, tau)))
     at = (model.observation_t_s, model.observation_block)
     for tau in np.array(SETTINGS.reference_times) * length:
         for axis, columns in zip(AXES, reference, strict=True):
-            out.append(Process("reference", axis, tau, _correlate(model, [columns], *at, tau)))
-        out.append(Process("time tags", None, tau, _correlate(model, [late], *at, tau)))
+            out.append(RemainderProcess("reference", axis, tau, _correlate(model, [columns], *at, tau)))
+        out.append(RemainderProcess("time tags", None, tau, _correlate(model, [late], *at, tau)))
     return tuple(out)
 
 
@@ -129,7 +129,7 @@ def _correlate(model: RecordingModel, columns: Sequence[Array], t_s: Array, owne
 
 def estimate_remainder(
     model: RecordingModel,
-    processes: Sequence[Process],
+    processes: Sequence[RemainderProcess],
     effects: Array,
     start: Remainder | None = None,
     *,
@@ -145,8 +145,8 @@ def estimate_remainder(
     start : sizes from which the optimisation starts
     largest : (K,) bounds of the variances where they are known; the white noise then is as stated
     """
-    y = model.unmixed(model.whitened(model.zeta))
-    B = np.hstack([shared_columns(model), model.unmixed(effects)])
+    y = model.undo_mounting_whitening(model.whitened(model.zeta))
+    B = np.hstack([build_shared_columns(model), model.undo_mounting_whitening(effects)])
     rows = [block.rows for block in model.blocks]
     traces = np.array([sum(float(np.trace(K)) for K in one.blocks) for one in processes])
     left = y - B @ np.linalg.lstsq(B, y, rcond=None)[0]
@@ -155,7 +155,7 @@ def estimate_remainder(
     high = max(float(np.log(power / dof)), 0.0)
 
     def objective(x: Array) -> tuple[float, Array]:
-        return _negative_log_likelihood(float(np.exp(x[0])), np.exp(x[1:]), y, B, rows, processes)
+        return _compute_negative_log_likelihood(float(np.exp(x[0])), np.exp(x[1:]), y, B, rows, processes)
 
     if start is None:
         excess = max(1.0 - dof / max(power, dof), 0.05)
@@ -196,14 +196,14 @@ def add_rounding(model: RecordingModel, steps: Array) -> RecordingModel:
     return add_remainder(model, estimate_remainder(model, processes, np.zeros((model.size, 0)), largest=largest))
 
 
-def _build_covariance(noise: float, theta: Array, processes: Sequence[Process], number: int) -> Array:
+def _build_covariance(noise: float, theta: Array, processes: Sequence[RemainderProcess], number: int) -> Array:
     """Build C (n, n) of one interval."""
     blocks = [variance * process.blocks[number] for variance, process in zip(theta, processes, strict=True)]
     return np.sum([noise * np.eye(len(blocks[0])), *blocks], axis=0)
 
 
-def _negative_log_likelihood(
-    noise: float, theta: Array, y: Array, B: Array, rows: Sequence[slice], processes: Sequence[Process]
+def _compute_negative_log_likelihood(
+    noise: float, theta: Array, y: Array, B: Array, rows: Sequence[slice], processes: Sequence[RemainderProcess]
 ) -> tuple[float, Array]:
     """−log L and its gradient with respect to log φ and log θ, see the module."""
     Cy, CB = np.empty_like(y), np.empty_like(B)

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.report import Symptom
+from diagnosis.detectors.sample_report import Symptom
 from diagnosis.sinusoids.fit import make_waves
 from gyrocal.recording import Recording
 from simulator.effects import EFFECTS, Effect
-from simulator.truth.rotation import perturbed
+from simulator.truth.rotation import apply_rotation_errors
 
 Array = NDArray[np.float64]
 
@@ -69,7 +69,9 @@ class SinusoidCause:
         if self.kind == REFERENCE:
             error = np.zeros((attitudes.t_s.size, 3))
             error[:, self.axis] = self.compute_at(attitudes.t_s)
-            return replace(recording, attitudes=replace(attitudes, quaternions=perturbed(attitudes.quaternions, -error))), rates
+            return replace(
+                recording, attitudes=replace(attitudes, quaternions=apply_rotation_errors(attitudes.quaternions, -error))
+            ), rates
         rates = rates.copy()
         rates[:, self.axis] -= self.compute_in_samples(recording)
         return recording, rates

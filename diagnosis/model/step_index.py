@@ -10,30 +10,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.model.bins import Bins
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.recording_model import RecordingModel
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
-def steps_at(model: RecordingModel, t_s: Array, interval: Indices) -> Indices:
+def find_steps(model: RecordingModel, t_s: Array, interval: Indices) -> Indices:
     """(k,) step in progress at each of some times (k,), s since the epoch, each within an interval (k,)."""
     first, stop = np.array([(block.steps.start, block.steps.stop) for block in model.blocks], dtype=np.intp).T
-    return _held(model.t_s, first, stop, t_s, interval)
+    return _find_in_progress(model.t_s, first, stop, t_s, interval)
 
 
-def steps_at_references(model: RecordingModel) -> Indices:
+def find_reference_steps(model: RecordingModel) -> Indices:
     """(m,) step in progress at each reference."""
-    return steps_at(model, model.references.t_s, model.interval_of_reference)
+    return find_steps(model, model.references.t_s, model.interval_of_reference)
 
 
-def bins_at_references(model: RecordingModel, bins: Bins) -> Indices:
+def find_reference_bins(model: RecordingModel, bins: Bins) -> Indices:
     """(m,) bin in progress at each reference."""
     numbers = np.arange(len(model.blocks))
     first, stop = (np.searchsorted(bins.interval, numbers, side) for side in ("left", "right"))
-    return _held(bins.t_s, first, stop, model.references.t_s, model.interval_of_reference)
+    return _find_in_progress(bins.t_s, first, stop, model.references.t_s, model.interval_of_reference)
 
 
-def _held(middle_s: Array, first: Indices, stop: Indices, t_s: Array, interval: Indices) -> Indices:
+def _find_in_progress(middle_s: Array, first: Indices, stop: Indices, t_s: Array, interval: Indices) -> Indices:
     """The first with its middle behind a time, held among those of its interval."""
     return np.asarray(np.clip(np.searchsorted(middle_s, t_s), first[interval], stop[interval] - 1))

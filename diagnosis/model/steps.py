@@ -21,10 +21,10 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from diagnosis.model.array_model import ArrayModel
-from diagnosis.model.linear import LinearModel, Member, Option, Parameters, Wanted
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.linear import LinearModel, ParameterChoice, Parameters, SelectedCandidate, Wanted
+from diagnosis.model.recording_model import RecordingModel
 from simulator.effects.base import Effect, Value
-from simulator.effects.gyros import columns_of
+from simulator.effects.gyros import compute_columns
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -75,17 +75,19 @@ def step_times(model: RecordingModel | ArrayModel, spacing_s: float = SETTINGS.l
     return np.array(times), np.array(widths), np.array(weights), np.array(firsts)
 
 
-def switched_columns(
+def build_switched_columns(
     model: RecordingModel | ArrayModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value], firsts: Indices
 ) -> Array:
     """(N, s) whitened columns of an effect that is switched on at each of several steps."""
     stream = model.stream
     begin = float(stream.t_s[0]) - SETTINGS.already_on - float(stream.duration_s[0])
-    on = columns_of(effect, stream, axis, {**parameters, "time_s": begin})[:, :, 0]
-    return model.whitened(model.reading_steps(on, firsts))
+    on = compute_columns(effect, stream, axis, {**parameters, "time_s": begin})[:, :, 0]
+    return model.whitened(model.observe_reading_steps(on, firsts))
 
 
-def with_finer_times(model: RecordingModel | ArrayModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
+def add_finer_times(
+    model: RecordingModel | ArrayModel, linear: LinearModel, member: SelectedCandidate, effect: Effect
+) -> LinearModel:
     """The linear model with more times for a step of any element, close together around the one at which a member is held.
 
     They take over half the prior of the times between which they lie; a gap between intervals keeps its own.
@@ -103,41 +105,41 @@ def with_finer_times(model: RecordingModel | ArrayModel, linear: LinearModel, me
     known = [o for o in entry.options if not float(o.parameters["time_sigma_s"])]
     inside = [o for o in known if low <= float(o.parameters["time_s"]) <= high]
     # Of elements of one row, the one whose tried time is nearest to the true one would win over the true one.
-    for fixed in _fixed(option.parameters for option in entry.options):
-        givers = [one for one in inside if _without_time(one.parameters) == fixed]
+    for fixed in _list_fixed_parameters(option.parameters for option in entry.options):
+        givers = [one for one in inside if _drop_time(one.parameters) == fixed]
         if givers:
-            linear = _with_times(model, linear, effect, member.candidate, fixed, firsts, givers, 0.5)
+            linear = _add_times(model, linear, effect, member.candidate, fixed, firsts, givers, 0.5)
     return linear
 
 
-def _with_times(
+def _add_times(
     model: RecordingModel | ArrayModel,
     linear: LinearModel,
     effect: Effect,
     place: int,
     fixed: Parameters,
     firsts: Indices,
-    givers: Sequence[Option],
+    givers: Sequence[ParameterChoice],
     share: float,
 ) -> LinearModel:
     """The linear model with options of a step at further times, which take a share of the prior of some of those there are."""
     entry, start = linear.candidates[place], linear.W.shape[1]
-    W = switched_columns(model, effect, entry.axis, fixed, firsts)
+    W = build_switched_columns(model, effect, entry.axis, fixed, firsts)
     weight = float(np.log(share * sum(np.exp(one.log_weight) for one in givers) / firsts.size))
     finer = [
-        Option(start + k, 1, weight, {**fixed, "time_s": float(model.stream.t_s[first]), "time_sigma_s": 0.0})
+        ParameterChoice(start + k, 1, weight, {**fixed, "time_s": float(model.stream.t_s[first]), "time_sigma_s": 0.0})
         for k, first in enumerate(firsts)
     ]
     left = float(np.log1p(-share))
     coarse = [replace(one, log_weight=one.log_weight + left) if one in givers else one for one in entry.options]
-    return linear.with_options(place, [*coarse, *finer], W, model.projected(W))
+    return linear.replace_options(place, [*coarse, *finer], W, model.projected(W))
 
 
 # ---- looked for over the whole recording ---------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class Peak:
+class StepPeak:
     """Where a step explains most of what some members leave.
 
     Attributes
@@ -155,11 +157,11 @@ class Peak:
     high: int
 
 
-class Left:
+class ResidualProducts:
     """What is left of observations (N,) and columns (N, k) beside some members."""
 
-    def __init__(self, linear: LinearModel, members: Sequence[Member]):
-        places, scales, shifts = linear.design(members)
+    def __init__(self, linear: LinearModel, members: Sequence[SelectedCandidate]):
+        places, scales, shifts = linear.build_design(members)
         self._C = linear.X[:, places] * scales
         self._factor = scipy.linalg.cho_factor(np.eye(places.size) + self._C.T @ self._C) if places.size else None
         self.y = self.of(linear.y - linear.X[:, shifts].sum(axis=1))
@@ -180,7 +182,7 @@ class Left:
         return np.where(seen, 0.5 * (X.T @ self.y) ** 2 / np.where(seen, power, 1.0), 0.0)
 
 
-def with_moments(
+def add_step_times(
     model: RecordingModel,
     linear: LinearModel,
     effects: Mapping[str, Effect],
@@ -195,65 +197,65 @@ def with_moments(
     effects : those that may be named
     wanted : sets of members, and the log of the likelihood ratio that a step must have beside each
     """
-    left = [Left(linear, members) for members, _ in wanted]
+    left = [ResidualProducts(linear, members) for members, _ in wanted]
     taken = [{member.candidate for member in members} for members, _ in wanted]
     firsts = np.unique(np.linspace(1, model.t_s.size - 1, min(SETTINGS.scanned_times, model.t_s.size - 1)).astype(np.intp))
-    found: list[list[Peak]] = [[] for _ in wanted]
+    found: list[list[StepPeak]] = [[] for _ in wanted]
     for candidate, entry in enumerate(linear.candidates):
         effect = effects.get(entry.effect) if entry.listed else None
         if effect is None or not effect.switched:
             continue
-        for fixed in _fixed(option.parameters for option in entry.options):
-            X = model.projected(switched_columns(model, effect, entry.axis, fixed, firsts))
+        for fixed in _list_fixed_parameters(option.parameters for option in entry.options):
+            X = model.projected(build_switched_columns(model, effect, entry.axis, fixed, firsts))
             for number, one in enumerate(left):
                 if candidate not in taken[number]:
-                    found[number].append(_peak(one.log_ratio(X), firsts, candidate, fixed))
+                    found[number].append(_find_ratio_peak(one.log_ratio(X), firsts, candidate, fixed))
     worth = [
         (peak.height / max(least, 1.0), peak)
         for (_, least), peaks in zip(wanted, found, strict=True)
         for peak in peaks
         if peak.height > max(least, 0.0)
     ]
-    chosen: dict[tuple[object, ...], Peak] = {}
+    chosen: dict[tuple[object, ...], StepPeak] = {}
     for _, peak in sorted(worth, key=lambda one: -one[0]):
         chosen.setdefault((peak.candidate, *peak.fixed.items(), peak.low, peak.high), peak)
     for peak in list(chosen.values())[: SETTINGS.most_moments]:
-        linear = _around(model, linear, effects[linear.candidates[peak.candidate].effect], peak)
+        linear = _add_peak_times(model, linear, effects[linear.candidates[peak.candidate].effect], peak)
     return linear
 
 
-def _around(model: RecordingModel, linear: LinearModel, effect: Effect, peak: Peak) -> LinearModel:
+def _add_peak_times(model: RecordingModel, linear: LinearModel, effect: Effect, peak: StepPeak) -> LinearModel:
     """The linear model with further times around a peak."""
     givers = [
         one
         for one in linear.candidates[peak.candidate].options
-        if _without_time(one.parameters) == peak.fixed and not float(one.parameters["time_sigma_s"])
+        if _drop_time(one.parameters) == peak.fixed and not float(one.parameters["time_sigma_s"])
     ]
     if not givers:
         return linear
     firsts = np.unique(np.linspace(peak.low, peak.high, SETTINGS.fine_step_times).astype(np.intp))
     share = min(0.5, (peak.high - peak.low) / model.t_s.size)
-    return _with_times(model, linear, effect, peak.candidate, peak.fixed, firsts, givers, share)
+    return _add_times(model, linear, effect, peak.candidate, peak.fixed, firsts, givers, share)
 
 
-def _without_time(parameters: Parameters) -> Parameters:
+def _drop_time(parameters: Parameters) -> Parameters:
     return {name: value for name, value in parameters.items() if not name.startswith("time_")}
 
 
-def _fixed(parameters: Iterable[Parameters]) -> list[Parameters]:
+def _list_fixed_parameters(parameters: Iterable[Parameters]) -> list[Parameters]:
     """Each set of parameters but the time, once."""
     found: list[Parameters] = []
     for one in parameters:
-        fixed = _without_time(one)
+        fixed = _drop_time(one)
         if fixed not in found:
             found.append(fixed)
     return found
 
 
-def _peak(ratio: Array, firsts: Indices, candidate: int, fixed: Parameters) -> Peak:
+def _find_ratio_peak(ratio: Array, firsts: Indices, candidate: int, fixed: Parameters) -> StepPeak:
     """The highest peak, and one time further to each side."""
     top = int(np.argmax(ratio))
     below = np.flatnonzero(ratio < ratio[top] - SETTINGS.peak)
     low = int(below[below < top].max(initial=0))
     high = int(below[below > top].min(initial=ratio.size - 1))
-    return Peak(float(ratio[top]), candidate, fixed, int(firsts[low]), int(firsts[high]))
+    return StepPeak(float(ratio[top]), candidate, fixed, int(firsts[low]), int(firsts[high]))

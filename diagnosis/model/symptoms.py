@@ -16,13 +16,13 @@ import numpy as np
 
 from diagnosis.answer import Cause, Finding
 from diagnosis.detectors.reference_noise import ReferenceNoise
-from diagnosis.detectors.report import SampleTest, Symptom
-from diagnosis.inference.attribution import against
-from diagnosis.model.prepare import Prepared
+from diagnosis.detectors.sample_report import SampleTest, Symptom
+from diagnosis.inference.attribution import compute_bayes_factor_bound
+from diagnosis.model.prepare import PreparedRecording
 from diagnosis.settings import DiagnosisSettings
 from gyrocal.recording import Recording
 from simulator.effects.base import Detection, Effect, SampleView
-from simulator.effects.recorded import interval_slices
+from simulator.effects.recording_view import find_interval_slices
 
 AXES = "xyz"
 OF_NOISE = ("white_noise_level", "readout_noise")
@@ -67,14 +67,14 @@ def compute_posterior(symptom: Symptom, settings: DiagnosisSettings, claimed: bo
       effect is at work it is small: over the densities a p^(a−1) with 0 < a < 1, the Bayes factor is at most 1/(−e p ln p)
       (Sellke, Bayarri and Berger, American Statistician 55, 2001). The weight is the inverse of prior odds times that factor.
     - *Unlisted.* The prior odds are ι/(1 − ι). The p-value of how the symptom behaves is uniform under the listed effect and
-      has any power law under something unlisted, which gives the Bayes factor of `against`; without such a test it is one.
+      has any power law under something unlisted, which gives the Bayes factor of `compute_bayes_factor_bound`; without such a test it is one.
     - *Motion.* Where a likelihood has compared the effect with a motion of the body, its probability r gives the odds
       (1 − r)/r.
     """
     prior = settings.another / (1 - settings.another) / SETTINGS.tests
     p = min(max(symptom.p_value, LEAST_P), LARGEST_P)
     chance = -math.e * p * np.log(p) / prior
-    behaviour = against(symptom.likeness) if symptom.likeness < 1 else 1.0
+    behaviour = compute_bayes_factor_bound(symptom.likeness) if symptom.likeness < 1 else 1.0
     unlisted = settings.unlisted_in_samples / (1 - settings.unlisted_in_samples) / behaviour
     motion = 1 / max(symptom.probability, LEAST_P) - 1
     weights = np.array([1.0, unlisted, motion, chance] if claimed else [0.0, 1.0, motion, chance])
@@ -121,13 +121,15 @@ class SampleCause:
         )  # fmt: skip
 
 
-def list_sample_causes(prepared: Prepared, effects: Sequence[Effect], settings: DiagnosisSettings) -> tuple[SampleCause, ...]:
+def list_sample_causes(
+    prepared: PreparedRecording, effects: Sequence[Effect], settings: DiagnosisSettings
+) -> tuple[SampleCause, ...]:
     """The causes that the samples and the references' noise show by themselves, and the unlisted ones among them."""
     symptoms = [
         *drop_estimated_levels(prepared.samples.symptoms, prepared.model.recording),
-        *reference_symptoms(prepared, settings),
+        *list_reference_symptoms(prepared, settings),
     ]
-    return claimed(symptoms, prepared.samples.tests, effects, _view(prepared), settings)
+    return assign_symptoms(symptoms, prepared.samples.tests, effects, _build_prepared_view(prepared), settings)
 
 
 def drop_estimated_levels(symptoms: Sequence[Symptom], recording: Recording) -> list[Symptom]:
@@ -135,7 +137,7 @@ def drop_estimated_levels(symptoms: Sequence[Symptom], recording: Recording) -> 
     return [one for one in symptoms if not (one.kind == "white_noise_level" and recording.gyro.arw_estimated)]
 
 
-def claimed(
+def assign_symptoms(
     symptoms: Sequence[Symptom],
     tests: Sequence[SampleTest],
     effects: Sequence[Effect],
@@ -149,7 +151,7 @@ def claimed(
     probability are left out.
     """
     claims: dict[str | None, str] = {effect.symptom: effect.name for effect in effects if effect.symptom is not None}
-    own = [_detected(one) for effect in effects for one in effect.detect(view) if one.p_value < settings.sample_event]
+    own = [_convert_detection(one) for effect in effects for one in effect.detect(view) if one.p_value < settings.sample_event]
     own_test = {effect.name for effect in effects if effect.implements("detect")}
     found = []
     for one in symptoms:
@@ -161,7 +163,7 @@ def claimed(
             effect = None
         weighed = replace(one, probability=one.probability * (1 - max(explained, default=0.0)))
         if _is_more_than_chance(weighed, settings):
-            found.append(SampleCause(weighed, effect, _finding(tests, one), _rivals(one, claims)))
+            found.append(SampleCause(weighed, effect, _build_finding(tests, one), _list_rivals(one, claims)))
     return (*found, *own)
 
 
@@ -206,20 +208,20 @@ def list_symptoms(effect: Effect) -> tuple[str, ...]:
     return ("outliers",) if effect.symptom == "dead_zone" else ()
 
 
-def _rivals(symptom: Symptom, claims: Mapping[str | None, str]) -> tuple[tuple[str, float], ...]:
+def _list_rivals(symptom: Symptom, claims: Mapping[str | None, str]) -> tuple[tuple[str, float], ...]:
     """The effects that the symptom's rivals are signs of."""
     return tuple((claims[kind], share) for kind, share in symptom.rivals if kind in claims)
 
 
-def reference_symptoms(prepared: Prepared, settings: DiagnosisSettings) -> list[Symptom]:
+def list_reference_symptoms(prepared: PreparedRecording, settings: DiagnosisSettings) -> list[Symptom]:
     """The references' noise, where it is not white noise of the stated size."""
     estimated = prepared.model.recording.attitudes.sigma_estimated
     if prepared.tracker_noise:
-        return [one for name, noise in prepared.tracker_noise for one in _of_noise(noise, settings, estimated, name)]
-    return [] if prepared.reference_noise is None else _of_noise(prepared.reference_noise, settings, estimated)
+        return [one for name, noise in prepared.tracker_noise for one in _list_noise_symptoms(noise, settings, estimated, name)]
+    return [] if prepared.reference_noise is None else _list_noise_symptoms(prepared.reference_noise, settings, estimated)
 
 
-def _of_noise(
+def _list_noise_symptoms(
     noise: ReferenceNoise, settings: DiagnosisSettings, sigma_estimated: bool, tracker: str | None = None
 ) -> list[Symptom]:
     """The same of one test; the noise of one of several trackers has its name in the place of an axis."""
@@ -236,7 +238,7 @@ def _of_noise(
     return found
 
 
-def _finding(all_tests: Sequence[SampleTest], symptom: Symptom) -> Finding:
+def _build_finding(all_tests: Sequence[SampleTest], symptom: Symptom) -> Finding:
     if symptom.text:
         signal = "attitude" if symptom.kind.startswith(("reference", "tracker")) else "gyro stream"
         return Finding(signal, None, symptom.axis, None, symptom.kind, symptom.size, symptom.p_value, symptom.text)
@@ -247,10 +249,10 @@ def _finding(all_tests: Sequence[SampleTest], symptom: Symptom) -> Finding:
     return Finding("gyro stream", None, symptom.axis, None, test.statistic, test.value, test.p_value, test.text)
 
 
-def _view(prepared: Prepared) -> SampleView:
+def _build_prepared_view(prepared: PreparedRecording) -> SampleView:
     recording, report = prepared.model.recording, prepared.samples
     inside = np.zeros(recording.gyro.t_s.size, dtype=bool)
-    slices = interval_slices(recording)
+    slices = find_interval_slices(recording)
     for part in slices:
         inside[part] = True
     return SampleView(
@@ -264,7 +266,7 @@ def _view(prepared: Prepared) -> SampleView:
     )
 
 
-def _detected(found: Detection) -> SampleCause:
+def _convert_detection(found: Detection) -> SampleCause:
     symptom = Symptom(
         found.effect, found.axis, found.size, found.unit, found.sigma, dict(found.parameters), found.p_value, found.text
     )

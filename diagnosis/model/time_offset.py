@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.recording_model import RecordingModel
 from gyrocal.calibration.propagation import Arcs, propagate
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class LateTagSettings:
+class DelaySettings:
     """Constants of `diagnosis.model.time_offset`."""
 
     rounds: int = 10  # in which a delay settles
@@ -39,7 +39,7 @@ class LateTagSettings:
     fitting: float = 12.0  # χ² above the least, up to which a delay is an option
 
 
-SETTINGS = LateTagSettings()
+SETTINGS = DelaySettings()
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Delay:
     weight: float
 
 
-def delays(model: RecordingModel, small: Array, prior: tuple[float, float]) -> list[Delay]:
+def fit_delays(model: RecordingModel, small: Array, prior: tuple[float, float]) -> list[Delay]:
     """Columns at the delays that fit the data, where those of a short one do not describe them; none elsewhere.
 
     Parameters
@@ -61,12 +61,12 @@ def delays(model: RecordingModel, small: Array, prior: tuple[float, float]) -> l
     """
     path = _Path(model)
 
-    def left(delay: float) -> float:
+    def compute_left_chi2(delay: float) -> float:
         return float(np.sum((model.y - delay * model.projected(path.column(delay))[:, 0]) ** 2))
 
     column, delay = small, 0.0
     for _ in range(SETTINGS.rounds):
-        before, delay = delay, float(np.clip(_fitted(model, column), -prior[1], prior[1]))
+        before, delay = delay, float(np.clip(_fit_amplitude(model, column), -prior[1], prior[1]))
         if abs(delay) < prior[0]:
             return []
         column = path.column(delay)
@@ -76,20 +76,22 @@ def delays(model: RecordingModel, small: Array, prior: tuple[float, float]) -> l
         return []
     factors = np.geomspace(1 / SETTINGS.widest, SETTINGS.widest, SETTINGS.tried)
     tried = [delay * float(factor) for factor in factors if abs(delay * factor) <= prior[1]]
-    nearest = min(tried, key=left)
+    nearest = min(tried, key=compute_left_chi2)
     step = SETTINGS.widest ** (2 / (SETTINGS.tried - 1))
     low, high = sorted((nearest / step, nearest * step))
-    tried.append(float(minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * abs(delay)}).x))
-    values = [left(one) for one in tried]
+    tried.append(
+        float(minimize_scalar(compute_left_chi2, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * abs(delay)}).x)
+    )
+    values = [compute_left_chi2(one) for one in tried]
     found = [
         (one, path.column(one)) for one, value in zip(tried, values, strict=True) if value < min(values) + SETTINGS.fitting
     ]
     # A fit of the amplitude gains (a − s)² |c|² over it.
-    gains = [(_fitted(model, c) - one) ** 2 * float(np.sum(model.projected(c) ** 2)) for one, c in found]
-    return [Delay(c, float(share)) for (_, c), share in zip(found, shares(np.array(gains)), strict=True)]
+    gains = [(_fit_amplitude(model, c) - one) ** 2 * float(np.sum(model.projected(c) ** 2)) for one, c in found]
+    return [Delay(c, float(share)) for (_, c), share in zip(found, compute_delay_shares(np.array(gains)), strict=True)]
 
 
-def shares(gains: Array) -> Array:
+def compute_delay_shares(gains: Array) -> Array:
     """Shares (d,) of delays that explain χ² less than a fit of their amplitude, by what they explain less."""
     weights = np.exp(-0.5 * (gains - gains.min()))
     return np.asarray(weights / weights.sum())
@@ -117,21 +119,25 @@ class _Path:
         start, parts = 0, []
         for number, block in enumerate(self.model.blocks):
             own = slice(start, start + block.references.size)
-            first = self._at(number, np.array([delay])) * self._at(number, np.zeros(1)).inv()
-            E = first.inv() * self._at(number, block.elapsed_s + delay) * self._at(number, block.elapsed_s).inv()
+            first = self._compute_attitude(number, np.array([delay])) * self._compute_attitude(number, np.zeros(1)).inv()
+            E = (
+                first.inv()
+                * self._compute_attitude(number, block.elapsed_s + delay)
+                * self._compute_attitude(number, block.elapsed_s).inv()
+            )
             off = (E * Rotation.from_rotvec(self.model.off[own]).inv()).as_rotvec()
             parts.append(block.observed(self.model.residuals[own] + off).ravel())
             start = own.stop
         return self.model.whitened(np.concatenate(parts)[:, None] / delay)
 
-    def _at(self, number: int, t: Array) -> Rotation:
+    def _compute_attitude(self, number: int, t: Array) -> Rotation:
         """Aᵀ at times from a block's start; beyond its ends at constant rate."""
         edges, rates = self.begin[number], self.model.rates[self.model.blocks[number].steps]
         k = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(rates) - 1)
         return self.to_inertial[number][k] * Rotation.from_rotvec(rates[k] * (t - edges[k])[:, None])
 
 
-def _fitted(model: RecordingModel, column: Array) -> float:
+def _fit_amplitude(model: RecordingModel, column: Array) -> float:
     """Least-squares amplitude of a column."""
     x = model.projected(column)[:, 0]
     return float(x @ model.y / max(float(x @ x), 1e-300))

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.detectors.reference_noise import ReferenceNoise, ReferenceSeries
-from diagnosis.model.recording import RecordingModel
-from diagnosis.model.step_index import steps_at
+from diagnosis.model.recording_model import RecordingModel
+from diagnosis.model.step_index import find_steps
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ class TrackerNoiseSettings:
 SETTINGS = TrackerNoiseSettings()
 
 
-def series_of(model: RecordingModel, sensor: int) -> ReferenceSeries:
+def build_tracker_series(model: RecordingModel, sensor: int) -> ReferenceSeries:
     """The references of one tracker, in the order of time."""
     attitudes = model.recording.attitudes
     assert attitudes.sensor is not None
@@ -38,21 +38,21 @@ def series_of(model: RecordingModel, sensor: int) -> ReferenceSeries:
     own = own[np.lexsort((attitudes.t_s[model.reference_rows[own]], model.interval_of_reference[own]))]
     interval, to_inertial = model.interval_of_reference[own], model.at_reference[own] @ attitudes.sensors[sensor].M.T
     times = attitudes.t_s[model.reference_rows[own]]
-    rates = model.rates[steps_at(model, times, interval)]
-    kept = _steady(rates, interval)
-    residuals = _without_turn(model.residuals[own], to_inertial, interval)
+    rates = model.rates[find_steps(model, times, interval)]
+    kept = _find_steady_rates(rates, interval)
+    residuals = _remove_turns(model.residuals[own], to_inertial, interval)
     sigma = attitudes.sigma[model.reference_rows[own]]
     return ReferenceSeries(times[kept], interval[kept], sigma[kept], to_inertial[kept], residuals[kept], rates[kept])
 
 
-def _steady(rates: Array, interval: NDArray[np.intp]) -> NDArray[np.bool_]:
+def _find_steady_rates(rates: Array, interval: NDArray[np.intp]) -> NDArray[np.bool_]:
     """(m,) whether the rate is the same at the references before and after."""
     change = np.linalg.norm(np.diff(rates, axis=0), axis=1) * (np.diff(interval) == 0)
     moved = change > SETTINGS.steady * np.linalg.norm(rates, axis=1).max(initial=0.0)
     return np.asarray(~(np.append(moved, False) | np.append(False, moved)))
 
 
-def _without_turn(residuals: Array, to_inertial: Array, interval: NDArray[np.intp]) -> Array:
+def _remove_turns(residuals: Array, to_inertial: Array, interval: NDArray[np.intp]) -> Array:
     """ζ (m, 3) less the best φ of each interval and m."""
     if not len(residuals):
         return residuals
@@ -64,7 +64,7 @@ def _without_turn(residuals: Array, to_inertial: Array, interval: NDArray[np.int
     return np.asarray(residuals - (columns @ np.linalg.lstsq(columns, residuals.ravel(), rcond=None)[0]).reshape(-1, 3))
 
 
-def alike(noise: ReferenceNoise) -> bool:
+def is_one_factor(noise: ReferenceNoise) -> bool:
     """Whether noise that departs does so by one factor about all axes; what does not is no white noise stated too small.
 
     An error in the field of view acts across the boresight only, and changes from one reference to the next like noise: where
@@ -73,11 +73,11 @@ def alike(noise: ReferenceNoise) -> bool:
     if not noise.departs:
         return True
     weight, factor = 1 / noise.sigma**2, noise.factor
-    every, across = _about_mean(weight, factor), _about_mean(weight[:2], factor[:2])
+    every, across = _compute_factor_chi2(weight, factor), _compute_factor_chi2(weight[:2], factor[:2])
     return every < min(SETTINGS.alike, across + float(weight[2] * (factor[2] - 1) ** 2))
 
 
-def _about_mean(weight: Array, factor: Array) -> float:
+def _compute_factor_chi2(weight: Array, factor: Array) -> float:
     """χ² of factors about their common one."""
     mean = np.sum(weight * factor) / np.sum(weight)
     return float(np.sum(weight * (factor - mean) ** 2))

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from diagnosis.model import processes
 from diagnosis.model.periods import make_columns
-from diagnosis.model.places import Place
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.process_projection import ProcessProjection
+from diagnosis.model.recording_model import RecordingModel
 from simulator.effects.base import Effect, ProcessTimes, Trackers
 from simulator.effects.common import harmonic, markov
 from simulator.effects.tracker.base import TrackerEffect
@@ -54,7 +54,7 @@ def list_tracker_columns(model: RecordingModel, effect: Effect) -> Iterator[tupl
         if own.size:
             places = [_build_place(model, number, axis, own) for axis in range(SETTINGS.across)]
             covariances = [effect.covariance(at, trial.parameters) for trial in trials]
-            yield name, [np.hstack([processes.whole(place, K) for place in places]) for K in covariances]
+            yield name, [np.hstack([processes.build_all_columns(place, K) for place in places]) for K in covariances]
 
 
 def list_tracker_rivals(model: RecordingModel) -> Iterator[tuple[str, str, list[Array], bool]]:
@@ -66,7 +66,7 @@ def list_tracker_rivals(model: RecordingModel) -> Iterator[tuple[str, str, list[
         if own.size < 2:
             continue
         longest = max(float(np.ptp(at.t_s[at.interval == k])) for k in np.unique(at.interval))
-        apart = processes.same(at.interval)
+        apart = processes.match_labels(at.interval)
         wander = [apart * markov(at.t_s, max(longest, 1.0) / part) for part in SETTINGS.slow]
         for axis in range(3):
             place = _build_place(model, number, axis, own)
@@ -74,7 +74,7 @@ def list_tracker_rivals(model: RecordingModel) -> Iterator[tuple[str, str, list[
                 ("errors of a star tracker correlate in time", wander),
                 ("a star tracker is turned differently in each interval", [apart]),
             ):
-                yield words, name, [processes.usual(place, K) for K in covariances], True
+                yield words, name, [processes.build_usual_columns(place, K) for K in covariances], True
             for words, courses in _list_courses(model, seen, own, at):
                 yield words, name, [place.columns @ _scale(course) for course in courses], False
 
@@ -108,12 +108,12 @@ def _find_times(model: RecordingModel, seen: Trackers, number: int) -> tuple[Pro
     """Find times and paths of a tracker's observations, and which these are among all."""
     first = model.reference_rows_of_observations
     own = np.flatnonzero(seen.sensor[first] == number)
-    every = processes.reference_times(model)
+    every = processes.compute_reference_times(model)
     return ProcessTimes(every.t_s[own], every.run_s[own], every.interval[own], seen.path[first[own]]), own
 
 
-def _build_place(model: RecordingModel, number: int, axis: int, own: Indices) -> Place:
+def _build_place(model: RecordingModel, number: int, axis: int, own: Indices) -> ProcessProjection:
     """Build the place of errors about one of a tracker's axes at each of its observations."""
     along = model.recording.attitudes.sensors[number].M[axis]  # in body axes
     unit = np.asarray(sum(model.reference_columns[k][:, own] * along[k] for k in range(3)))
-    return Place.of(unit, unit.T @ model.projected(unit))
+    return ProcessProjection.of(unit, unit.T @ model.projected(unit))

@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.linear import LinearModel, Member
-from diagnosis.model.recording import SETTINGS as RECORDING
-from diagnosis.model.recording import RecordingModel, parameter_errors
+from diagnosis.model.linear import LinearModel, SelectedCandidate
+from diagnosis.model.recording_model import SETTINGS as RECORDING
+from diagnosis.model.recording_model import RecordingModel, build_parameter_errors
 from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
@@ -37,10 +37,10 @@ class TrueRateSettings:
 SETTINGS = TrueRateSettings()
 
 
-TINY = 1e-300
+LEAST_POSITIVE = 1e-300
 
 
-def with_true_rates(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
+def use_true_rates(model: RecordingModel, linear: LinearModel, member: SelectedCandidate, effect: Effect) -> LinearModel:
     """The linear model with the columns of a member's option at the true rates, where those differ enough.
 
     Parameters
@@ -55,25 +55,25 @@ def with_true_rates(model: RecordingModel, linear: LinearModel, member: Member, 
         return linear
     before = linear.X[:, option.columns]
     high, W, X = effect.columns(model.stream, entry.axis, option.parameters), linear.W[:, option.columns], before
-    amplitudes = _fitted(linear, member, X)
+    amplitudes = _fit_amplitudes(linear, member, X)
     for _ in range(SETTINGS.rounds):
         change = _change(model, W @ amplitudes)
         G = model.G + change[:9].reshape(3, 3)
-        rates = model.rates + parameter_errors(model.raw) @ change - (high @ amplitudes) @ G.T
+        rates = model.rates + build_parameter_errors(model.raw) @ change - (high @ amplitudes) @ G.T
         high, last = effect.columns(replace(model.stream, rates=rates), entry.axis, option.parameters), X @ amplitudes
-        W = model.whitened(model.rate_error(-np.einsum("ij,njk->nik", G, high)))
+        W = model.whitened(model.observe_rate_error(-np.einsum("ij,njk->nik", G, high)))
         X = model.projected(W)
-        amplitudes = _fitted(linear, member, X)
+        amplitudes = _fit_amplitudes(linear, member, X)
         if np.linalg.norm(X @ amplitudes - last) < SETTINGS.settled:
             break
     if np.linalg.norm((X - before) @ amplitudes) < SETTINGS.nonlinear:
         return linear
     options = list(entry.options)
     options[member.option] = replace(option, start=linear.X.shape[1])
-    return linear.with_options(member.candidate, options, W, X)
+    return linear.replace_options(member.candidate, options, W, X)
 
 
-def _fitted(linear: LinearModel, member: Member, X: Array) -> Array:
+def _fit_amplitudes(linear: LinearModel, member: SelectedCandidate, X: Array) -> Array:
     """(k,) amplitudes of columns (N, k) under the prior at which the member is held."""
     return np.asarray(np.linalg.solve(X.T @ X + np.eye(X.shape[1]) / linear.scale(member) ** 2, X.T @ linear.y))
 
@@ -81,6 +81,6 @@ def _fitted(linear: LinearModel, member: Member, X: Array) -> Array:
 def _change(model: RecordingModel, explained: Array) -> Array:
     """(12,) by how much G_xx, …, G_zz and b, rad/s, differ from M0's beside what an effect explains, (N,) whitened."""
     columns = np.hstack([model.calibration, model.attitude_nuisance])
-    scale = 1 / np.maximum(np.linalg.norm(columns, axis=0), TINY)
+    scale = 1 / np.maximum(np.linalg.norm(columns, axis=0), LEAST_POSITIVE)
     left = model.whitened(model.zeta) - explained
     return np.asarray((scale * np.linalg.lstsq(columns * scale, left, rcond=RECORDING.rank)[0])[:12])

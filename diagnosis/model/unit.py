@@ -18,11 +18,11 @@ import pandas as pd
 import scipy.linalg
 from numpy.typing import NDArray
 
-from diagnosis.model.candidates import linear_model
-from diagnosis.model.folds import folds
-from diagnosis.model.groups import Group
-from diagnosis.model.linear import LinearModel, Member
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.candidates import build_linear_model
+from diagnosis.model.folds import build_folds
+from diagnosis.model.groups import CandidateColumns
+from diagnosis.model.linear import LinearModel, SelectedCandidate
+from diagnosis.model.recording_model import RecordingModel
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.errors import InputError
 from gyrocal.recording import Attitudes, Recording
@@ -31,7 +31,7 @@ from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
 
-SPLIT = "a recording at a time"
+UNIT_SPLIT = "a recording at a time"
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Unit:
     owner: tuple[str, ...]
 
 
-def joined(recordings: Mapping[str, Recording]) -> Unit:
+def join_recordings(recordings: Mapping[str, Recording]) -> Unit:
     """Recordings of one sensor unit side by side.
 
     Parameters
@@ -77,7 +77,7 @@ def joined(recordings: Mapping[str, Recording]) -> Unit:
         need_one_sensor(part.attitudes)
     if any(abs(part.gyro.sample_s - first.gyro.sample_s) > 1e-9 for part in parts):
         raise InputError("recordings of one unit must have samples of one length")
-    shifts = _shifts(parts)
+    shifts = _compute_time_shifts(parts)
     gyro = replace(
         first.gyro,
         t_s=np.concatenate([part.gyro.t_s + shift for part, shift in zip(parts, shifts, strict=True)]),
@@ -115,7 +115,7 @@ def joined(recordings: Mapping[str, Recording]) -> Unit:
     return Unit(whole, tuple(owner))
 
 
-def _shifts(parts: Sequence[Recording]) -> list[float]:
+def _compute_time_shifts(parts: Sequence[Recording]) -> list[float]:
     """What is added to the times of each recording, s."""
     epochs = [datetime.fromisoformat(part.epoch) for part in parts]
     shifts = [(epoch - epochs[0]).total_seconds() for epoch in epochs]
@@ -129,11 +129,11 @@ def _shifts(parts: Sequence[Recording]) -> list[float]:
     return shifts
 
 
-def unit_model(
+def build_unit_model(
     model: RecordingModel,
     owner: Sequence[str],
     effects: Sequence[Effect],
-    further: Iterable[Group] = (),
+    further: Iterable[CandidateColumns] = (),
     settings: DiagnosisSettings = DEFAULT,
     rivals: bool = True,
     own_bias: bool = False,
@@ -144,40 +144,40 @@ def unit_model(
     ----------
     model : the joined recording, linearised
     owner : which recording each of its intervals comes from
-    effects, further, settings, rivals : as in `diagnosis.model.candidates.linear_model`
+    effects, further, settings, rivals : as in `diagnosis.model.candidates.build_linear_model`
     own_bias : whether each recording has a bias of its own
     """
-    linear = linear_model(model, effects, further, settings, rivals)
+    linear = build_linear_model(model, effects, further, settings, rivals)
     names = np.array(owner)[[block.interval for block in model.blocks]]
     part = np.unique(names, return_inverse=True)[1][model.observation_block]
-    own = own_biases(model, names) if own_bias else np.empty((model.size, 0))
+    own = build_own_biases(model, names) if own_bias else np.empty((model.size, 0))
     basis = scipy.linalg.orth(model.projected(own)) if own_bias else own
 
-    def projected(columns: Array) -> Array:
+    def project_with_biases(columns: Array) -> Array:
         seen = model.projected(columns)
         return np.asarray(seen - basis @ (basis.T @ seen))
 
-    def refine(current: LinearModel, member: Member) -> LinearModel:
+    def refine(current: LinearModel, member: SelectedCandidate) -> LinearModel:
         finer = linear.refine(current, member)
-        return finer if finer is current else replace(finer, X=projected(finer.W[:, :]))
+        return finer if finer is current else replace(finer, X=project_with_biases(finer.W[:, :]))
 
     return replace(
         linear,
-        y=projected(linear.y),
-        X=projected(linear.W[:, :]),
-        projected=projected,
+        y=project_with_biases(linear.y),
+        X=project_with_biases(linear.W[:, :]),
+        projected=project_with_biases,
         dof=linear.dof - basis.shape[1],
-        split=SPLIT,
-        folds=lambda W: folds(model, W, part, own),
+        split=UNIT_SPLIT,
+        folds=lambda W: build_folds(model, W, part, own),
         refine=refine,
     )
 
 
-def own_biases(model: RecordingModel, names: NDArray[np.str_]) -> Array:
+def build_own_biases(model: RecordingModel, names: NDArray[np.str_]) -> Array:
     """(N, 3 recordings) whitened columns of a bias of each recording."""
     kinds = np.unique(names)
     error = np.zeros((model.t_s.size, 3, 3 * kinds.size))
     for block, name in zip(model.blocks, names, strict=True):
         place = 3 * int(np.searchsorted(kinds, name))
         error[block.steps, :, place : place + 3] = np.eye(3)
-    return model.whitened(model.rate_error(error))
+    return model.whitened(model.observe_rate_error(error))

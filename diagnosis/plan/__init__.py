@@ -11,9 +11,9 @@
 - `planning`: all of it in turn; `result`: what comes out; `settings`: thresholds
 """
 
-from diagnosis.plan.extras import appended, maneuvers
-from diagnosis.plan.planning import plan
+from diagnosis.plan.extras import append_intervals, list_maneuvers
+from diagnosis.plan.pipeline import plan
 from diagnosis.plan.result import Extra, Pair, Plan, Visible
 from diagnosis.plan.settings import SETTINGS
 
-__all__ = ["SETTINGS", "Extra", "Pair", "Plan", "Visible", "appended", "maneuvers", "plan"]
+__all__ = ["SETTINGS", "Extra", "Pair", "Plan", "Visible", "append_intervals", "list_maneuvers", "plan"]

@@ -1,7 +1,7 @@
 """Signatures: what each effect does to the whitened and projected observations, per unit of its size.
 
 Columns and options are the candidates of the diagnosis itself (`diagnosis.model.groups`), with G, b and the start attitudes
-projected out (`diagnosis.model.recording`), linearised at the scenario's true G and b. A random effect is a covariance X Xᵀ.
+projected out (`diagnosis.model.recording_model`), linearised at the scenario's true G and b. A random effect is a covariance X Xᵀ.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.groups import Group, listed
-from diagnosis.model.linearise import linearised
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.groups import CandidateColumns, list_effect_groups
+from diagnosis.model.linearise import linearise_recording
+from diagnosis.model.recording_model import RecordingModel
 from diagnosis.model.steps import StepTimes
 from simulator.effects import EFFECTS
 from simulator.scenario import Scenario
-from simulator.simulate import simulate, with_gyro_temperature
+from simulator.simulate import add_gyro_temperature, simulate
 
 Array = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ class Signature:
     @property
     def middle(self) -> int:
         """The option with the median ‖x‖."""
-        return median_index(self.norms, self.weights)
+        return find_median_index(self.norms, self.weights)
 
     @property
     def amplitudes(self) -> Array:
@@ -83,10 +83,10 @@ class Signature:
         return np.asarray(self.X[:, self.middle] @ self.amplitudes)[:, None]
 
 
-def noise_free(scenario: Scenario) -> RecordingModel:
+def linearise_noise_free(scenario: Scenario) -> RecordingModel:
     """The model about the true G and b, without noise, and with the simulator's gyro temperature as housekeeping."""
-    recording = with_gyro_temperature(simulate(scenario, noise=False))
-    return linearised(recording, np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
+    recording = add_gyro_temperature(simulate(scenario, noise=False))
+    return linearise_recording(recording, np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
 
 
 def build_signatures(model: RecordingModel, names: Sequence[str], steps: StepTimes | None = None) -> list[Signature]:
@@ -99,7 +99,7 @@ def build_signatures(model: RecordingModel, names: Sequence[str], steps: StepTim
     steps : times of steps as `step_times` returns them; those that the diagnosis tries by default
     """
     out = []
-    for group in listed(model, [EFFECTS[name] for name in names], None, steps):
+    for group in list_effect_groups(model, [EFFECTS[name] for name in names], None, steps):
         for label, options in _split(group).items():
             W = np.stack([group.columns[k] for k in options], axis=1)
             X = model.projected(W.reshape(model.size, -1)).reshape(W.shape)
@@ -109,13 +109,13 @@ def build_signatures(model: RecordingModel, names: Sequence[str], steps: StepTim
     return sorted(out, key=lambda one: one.process)
 
 
-def _split(group: Group) -> dict[str, list[int]]:
+def _split(group: CandidateColumns) -> dict[str, list[int]]:
     """Options of each signature of a candidate: one signature for each set of parameters of an effect that is switched on."""
     effect = EFFECTS[group.effect]
     label = group.effect if group.axis is None else f"{group.effect}:{group.axis}"
     if group.process:
         usual = {one.name: one.default for one in effect.parameters}
-        return {label: [min(range(len(group.columns)), key=lambda k: _unusual(group.parameters[k], usual))]}
+        return {label: [min(range(len(group.columns)), key=lambda k: _measure_unusualness(group.parameters[k], usual))]}
     if not effect.switched:
         return {label: list(range(len(group.columns)))}
     found: dict[str, list[int]] = {}
@@ -125,7 +125,7 @@ def _split(group: Group) -> dict[str, list[int]]:
     return found
 
 
-def _unusual(parameters: Mapping[str, float | str], usual: Mapping[str, float | str | None]) -> float:
+def _measure_unusualness(parameters: Mapping[str, float | str], usual: Mapping[str, float | str | None]) -> float:
     """How far an option is from the defaults of its effect."""
     away = 0.0
     for name, value in parameters.items():
@@ -137,7 +137,7 @@ def _unusual(parameters: Mapping[str, float | str], usual: Mapping[str, float | 
     return away
 
 
-def median_index(values: Array, weights: Array) -> int:
+def find_median_index(values: Array, weights: Array) -> int:
     """Index of the weighted median."""
     order = np.argsort(values)
     total = np.cumsum(weights[order])

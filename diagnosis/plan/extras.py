@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.recording_model import RecordingModel
 from diagnosis.model.steps import step_times
-from diagnosis.plan.columns import Signature, build_signatures, median_index, noise_free
-from diagnosis.plan.result import Extra, Pair, Visible, ordered
+from diagnosis.plan.columns import Signature, build_signatures, find_median_index, linearise_noise_free
+from diagnosis.plan.result import Extra, Pair, Visible, order_pair
 from diagnosis.plan.separability import list_pairs
 from diagnosis.plan.settings import SETTINGS
 from simulator.effects import EFFECTS
@@ -27,7 +27,7 @@ AXES = "xyz"
 DAY = 86400.0
 
 
-def appended(scenario: Scenario, sections: Sequence[Mapping[str, Any]]) -> Scenario:
+def append_intervals(scenario: Scenario, sections: Sequence[Mapping[str, Any]]) -> Scenario:
     """The scenario with intervals after its end, whose start_s and stop_s count from there.
 
     Raises
@@ -46,43 +46,45 @@ def appended(scenario: Scenario, sections: Sequence[Mapping[str, Any]]) -> Scena
     return override(scenario, {"interval": intervals})
 
 
-def maneuvers(scenario: Scenario) -> dict[str, list[dict[str, Any]]]:
+def list_maneuvers(scenario: Scenario) -> dict[str, list[dict[str, Any]]]:
     """The built-in extra maneuvers, an orbit after the scenario's end; times count from its end."""
-    orbit = float(scenario.orbit.circular_orbit().period)
+    orbit = float(scenario.orbit.build_circular_orbit().period)
     orbit = round(orbit / scenario.gyro.sample_s) * scenario.gyro.sample_s
     start = SETTINGS.gap_orbits * orbit
 
     def one(activity: str, mode: str, length: float, **more: Any) -> list[dict[str, Any]]:
-        name = _unused("extra", {interval.name for interval in scenario.interval})
+        name = _find_unused_name("extra", {interval.name for interval in scenario.interval})
         return [{"name": name, "activity": activity, "start_s": start, "stop_s": start + length, "mode": mode, **more}]
 
     out = {
         "+x forward, one orbit (-1 RPO about y)": one("+x forward", "+x", orbit),
         "-x forward, one orbit (+1 RPO about y)": one("-x forward", "-x", orbit),
         "+y forward, one orbit": one("+y forward", "+y", orbit),
-        "pitch turn, one orbit (-2 RPO about y)": one("pitch turn", "+x", orbit, slew=[_slew("y", -360, 60, orbit - 120)]),
+        "pitch turn, one orbit (-2 RPO about y)": one(
+            "pitch turn", "+x", orbit, slew=[_build_slew("y", -360, 60, orbit - 120)]
+        ),
         "inertial hold, one orbit": one(
             "inertial hold", "+x", orbit, hold={"start_s": 6.0, "stop_s": orbit - 6.0, "transition_s": 31.0}
         ),
-        "yaw +180 deg": one("yaw slew", "+x", 1000.0, slew=[_slew("z", 180, 60, 800)]),
-        "yaw -180 deg": one("yaw slew", "-x", 1000.0, slew=[_slew("z", -180, 60, 800)]),
+        "yaw +180 deg": one("yaw slew", "+x", 1000.0, slew=[_build_slew("z", 180, 60, 800)]),
+        "yaw -180 deg": one("yaw slew", "-x", 1000.0, slew=[_build_slew("z", -180, 60, 800)]),
     }
     for name, axis in (("roll", "x"), ("pitch", "y")):
-        there_and_back = [_slew(axis, 60, 60, 280), _slew(axis, -60, 640, 280)]
+        there_and_back = [_build_slew(axis, 60, 60, 280), _build_slew(axis, -60, 640, 280)]
         out[f"{name} +60 deg and back"] = one(f"{name} slews", "+x", 1000.0, slew=there_and_back)
     moved, repeat = 30 * DAY - scenario.interval[0].start_s, []
     taken = {interval.name for interval in scenario.interval}
     for interval in scenario.interval:
         section = interval.model_dump(mode="json", exclude_none=True)
         section |= {"start_s": section["start_s"] + moved, "stop_s": section["stop_s"] + moved}
-        section["name"] = _unused(f"{section['name']}b", taken)
+        section["name"] = _find_unused_name(f"{section['name']}b", taken)
         taken.add(section["name"])
         repeat.append(section)
     out["the whole plan again, a month later"] = repeat
     return out
 
 
-def _slew(axis: str, angle: float, start: float, duration: float) -> dict[str, Any]:
+def _build_slew(axis: str, angle: float, start: float, duration: float) -> dict[str, Any]:
     along = [float(axis == name) for name in AXES]
     return {
         "axis": along,
@@ -93,13 +95,13 @@ def _slew(axis: str, angle: float, start: float, duration: float) -> dict[str, A
     }
 
 
-def _unused(name: str, taken: set[str]) -> str:
+def _find_unused_name(name: str, taken: set[str]) -> str:
     while name in taken:
         name += "b"
     return name
 
 
-def helped_by(
+def evaluate_extra(
     name: str,
     scenario: Scenario,
     extended: Scenario,
@@ -109,7 +111,7 @@ def helped_by(
     found: Sequence[Pair],
 ) -> Extra:
     """What the extended scenario brings: sizes, pairs told apart, and effects gained over those seen and found without it."""
-    longer = noise_free(extended)
+    longer = linearise_noise_free(extended)
     names = [name for name in EFFECTS if name in {one.effect for one in every}]
     # The same steps as without it: the extra intervals come after all of them.
     after = {one.label: one for one in build_signatures(longer, names, step_times(model))}
@@ -120,7 +122,7 @@ def helped_by(
         # The simulated temperature of another span is another one.
         if EFFECTS[one.effect].missing(bare) is None and one.share.max() > SETTINGS.gone:
             quotients = one.norms / np.maximum(after[one.label].norms, 1e-300)
-            ratio[one.label] = float(quotients[median_index(quotients, one.weights)])
+            ratio[one.label] = float(quotients[find_median_index(quotients, one.weights)])
     gained = [
         one.label
         for one in every
@@ -130,8 +132,8 @@ def helped_by(
         and after[one.label].share.max() > SETTINGS.gone
     ]
     now = [replace(one, size=one.size * ratio.get(one.label, 1.0), best=one.best * ratio.get(one.label, 1.0)) for one in seen]
-    left = {ordered(one.effect, one.other) for one in list_pairs(list(after.values()), now)}
-    were = {ordered(one.effect, one.other) for one in found}
+    left = {order_pair(one.effect, one.other) for one in list_pairs(list(after.values()), now)}
+    were = {order_pair(one.effect, one.other) for one in found}
     by_effect: dict[str, list[float]] = {}
     for label, value in ratio.items():
         if before[label].verdict == "visible":

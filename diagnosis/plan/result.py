@@ -115,9 +115,9 @@ class Plan:
     notes: tuple[str, ...]
     runtime_s: float
 
-    def unordered(self) -> set[tuple[str, str]]:
+    def list_unordered_pairs(self) -> set[tuple[str, str]]:
         """The inseparable pairs, each once."""
-        return {ordered(pair.effect, pair.other) for pair in self.pairs}
+        return {order_pair(pair.effect, pair.other) for pair in self.pairs}
 
     def to_json(self) -> dict[str, Any]:
         """Document of `gyrocal plan --json`, format 1."""
@@ -136,6 +136,6 @@ class Plan:
         }
 
 
-def ordered(one: str, other: str) -> tuple[str, str]:
+def order_pair(one: str, other: str) -> tuple[str, str]:
     """A pair of labels in one order, whichever imitates which."""
     return (one, other) if one < other else (other, one)

@@ -11,28 +11,28 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from diagnosis.detectors import clipping, number_format, outliers, reference_noise, sample_noise, spectral_lines
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.recording_model import RecordingModel
 from diagnosis.plan.result import Verdict, Visible
 from diagnosis.plan.settings import SETTINGS
-from diagnosis.plan.visibility import row_of
+from diagnosis.plan.visibility import build_visibility_row
 from diagnosis.settings import DEFAULT
 from simulator.effects import Effect, SampleTests, setting
-from simulator.scenario import Scenario, profiles
+from simulator.scenario import Scenario, build_profiles
 
 
-def quiet_samples(scenario: Scenario) -> tuple[int, ...]:
+def count_quiet_samples(scenario: Scenario) -> tuple[int, ...]:
     """Gyro samples in each arc outside slews and transitions and clear of their edges."""
     out = []
-    for profile in profiles(scenario):
+    for profile in build_profiles(scenario):
         edges = [0.0, *(t for span in sorted(profile.moving) for t in span), profile.stop_s - profile.start_s]
         for begin, end in zip(edges[::2], edges[1::2], strict=True):
             out.append(max(int((end - begin) / scenario.gyro.sample_s) - 2 * sample_noise.SETTINGS.half, 0))
     return tuple(out)
 
 
-def sample_tests(scenario: Scenario) -> SampleTests:
+def build_sample_tests(scenario: Scenario) -> SampleTests:
     """The tests of the diagnosis, on the samples of a scenario."""
-    quiet = quiet_samples(scenario)
+    quiet = count_quiet_samples(scenario)
     return SampleTests(
         power=SETTINGS.power,
         quiet=quiet,
@@ -49,26 +49,26 @@ def sample_tests(scenario: Scenario) -> SampleTests:
     )
 
 
-def samples_seen(scenario: Scenario, model: RecordingModel, effects: Sequence[Effect], snr: float) -> Iterator[Visible]:
+def list_sample_sizes(scenario: Scenario, model: RecordingModel, effects: Sequence[Effect], snr: float) -> Iterator[Visible]:
     """Smallest visible sizes of those of some effects that show in the samples; snr is what the others need."""
-    tests = sample_tests(scenario)
+    tests = build_sample_tests(scenario)
     for effect in effects:
         if not effect.in_samples or effect.missing(model.around) is not None:
             continue
         if effect.on_references and model.references.trackers is not None:
-            yield row_of(
+            yield build_visibility_row(
                 effect, "not available", np.inf, "noise of several star trackers is tested of each by itself", "samples", None
             )
             continue
         found = effect.smallest(model.around, tests)
         for one in found:
             verdict: Verdict = "visible" if np.isfinite(one.size) else "not identifiable"
-            yield row_of(effect, verdict, one.size, one.text, "samples", one.axis)
+            yield build_visibility_row(effect, verdict, one.size, one.text, "samples", one.axis)
         if not found and effect.implements("apply"):
-            yield from _by_attitude(effect, model, snr)
+            yield from _find_attitude_sizes(effect, model, snr)
 
 
-def _by_attitude(effect: Effect, model: RecordingModel, snr: float) -> Iterator[Visible]:
+def _find_attitude_sizes(effect: Effect, model: RecordingModel, snr: float) -> Iterator[Visible]:
     """The size from which on what it does to the noise-free readings has the signal-to-noise ratio that other effects need."""
     sizes = np.geomspace(*effect.prior, SETTINGS.sizes)
     rng = np.random.default_rng(0)
@@ -80,6 +80,6 @@ def _by_attitude(effect: Effect, model: RecordingModel, snr: float) -> Iterator[
         seen = np.flatnonzero(norms >= snr)
         if seen.size:
             text = "from about here on by the rates that are missing or wrong"
-            yield row_of(effect, "visible", float(sizes[seen[0]]), text, "attitude", axis)
+            yield build_visibility_row(effect, "visible", float(sizes[seen[0]]), text, "attitude", axis)
         else:
-            yield row_of(effect, "implausible", np.inf, "nothing of it shows in the attitude", "attitude", axis)
+            yield build_visibility_row(effect, "implausible", np.inf, "nothing of it shows in the attitude", "attitude", axis)

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.plan.columns import Signature, median_index
+from diagnosis.plan.columns import Signature, find_median_index
 from diagnosis.plan.result import Pair, Visible
 from diagnosis.plan.settings import SETTINGS
 from simulator.effects import EFFECTS
@@ -25,13 +25,13 @@ from simulator.effects import EFFECTS
 Array = NDArray[np.float64]
 
 
-def shares(every: Sequence[Signature]) -> tuple[Array, Array]:
+def compute_confusion_shares(every: Sequence[Signature]) -> tuple[Array, Array]:
     """ρ² of each effect (row) by each other (column), and the size of the other that does it per unit of the first.
 
     Over the options of the other the best imitation counts, over those of the effect itself the median.
     """
     count = len(every)
-    bases = [_basis(one) for one in every]
+    bases = [_build_basis(one) for one in every]
     Q = np.hstack([basis.reshape(len(basis), -1) for basis in bases])
     parts = np.cumsum([0] + [one.X.shape[1] * one.X.shape[2] for one in every])
     rho, ratio = np.zeros((count, count)), np.zeros((count, count))
@@ -44,20 +44,20 @@ def shares(every: Sequence[Signature]) -> tuple[Array, Array]:
             best = by.argmax(axis=0)
             imitated = by[best, np.arange(power.size)]
             share = np.minimum(imitated / np.maximum(power, 1e-300), 1.0)
-            middle = median_index(share, one.weights)
+            middle = find_median_index(share, one.weights)
             rho[i, j] = share[middle]
             ratio[i, j] = np.sqrt(imitated[middle] / one.X.shape[2]) / max(other.norms[best[middle]], 1e-300)
     return rho, ratio
 
 
-def _basis(one: Signature) -> Array:
+def _build_basis(one: Signature) -> Array:
     """(N, o, k) orthonormal basis of each option; zero where the option cannot be seen."""
     U, s, _ = np.linalg.svd(one.X.transpose(1, 0, 2), full_matrices=False)
     kept = (s > 1e-9 * max(float(s.max()), 1e-300)) & (one.share > SETTINGS.gone)[:, None]
     return np.asarray((U * kept[:, None, :]).transpose(1, 0, 2))
 
 
-def separating_snr(share: Array) -> Array:
+def compute_separating_snr(share: Array) -> Array:
     """SNR that gives log odds of ln 19 where a share ρ² can be imitated."""
     left = 1 - np.asarray(share)
     return np.where(left > SETTINGS.exact, np.sqrt(2 * SETTINGS.log_odds / np.maximum(left, SETTINGS.exact)), np.inf)
@@ -73,8 +73,8 @@ def list_pairs(every: Sequence[Signature], seen: Sequence[Visible]) -> list[Pair
     some = [one for one in every if one.label in known and not one.process]
     out = []
     if some:
-        rho, ratio = shares(some)
-        snr = separating_snr(rho)
+        rho, ratio = compute_confusion_shares(some)
+        snr = compute_separating_snr(rho)
         for i, j in np.argwhere(snr > SETTINGS.limit_snr):
             if i == j:
                 continue
@@ -87,13 +87,13 @@ def list_pairs(every: Sequence[Signature], seen: Sequence[Visible]) -> list[Pair
     for first in noisy:
         for second in noisy:
             if first.label != second.label:
-                size = telling_size(first, second, known[first.label].size)
+                size = find_separating_size(first, second, known[first.label].size)
                 if size > SETTINGS.limit_snr / SETTINGS.snr * known[first.label].size:
                     out.append(Pair(first.label, second.label, float("nan"), float("nan"), size))
     return sorted(out, key=lambda pair: (-np.nan_to_num(pair.snr, nan=0.0), pair.effect, pair.other))
 
 
-def telling_size(one: Signature, other: Signature, start: float) -> float:
+def find_separating_size(one: Signature, other: Signature, start: float) -> float:
     """Size of a random effect at which another differs by a divergence of ln 19 at its best size.
 
     With orthogonal columns X of squared lengths d and unit directions Q, S = I + r² X Xᵀ has S⁻¹ = I − Q g Qᵀ with

@@ -21,10 +21,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.inference.null import null_draws
+from diagnosis.inference.null import draw_null_statistics
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import LinearModel
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.recording_model import RecordingModel
 from diagnosis.plan.columns import Signature
 from diagnosis.plan.result import Verdict, Visible
 from diagnosis.plan.settings import SETTINGS
@@ -34,7 +34,7 @@ from simulator.effects import EFFECTS, Effect
 Array = NDArray[np.float64]
 
 
-class PowerOf:
+class DetectionPower:
     """The statistic of the diagnosis on draws.
 
     Parameters
@@ -54,7 +54,7 @@ class PowerOf:
         self.settings = settings
         self.search = Search(linear, settings)
         self.rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"diagnosis_plan")))
-        null = null_draws(self.search, seed, SETTINGS.null_draws)
+        null = draw_null_statistics(self.search, seed, SETTINGS.null_draws)
         # Beyond ln(draws + 1) the diagnosis goes by the bound P(B ≥ c) ≤ 1/c.
         self.threshold = float(min(np.quantile(null, 1 - settings.false_alarm_rate), np.log(1 + settings.null_draws)))
         self.noise = linear.projected(self.rng.standard_normal((linear.y.size, SETTINGS.power_draws)))
@@ -62,11 +62,11 @@ class PowerOf:
 
     def statistic(self, y: Array) -> Array:
         """(d,) the statistic of observations y (N, d)."""
-        return self.search.null_statistic(self.linear.X.T @ y)
+        return self.search.compute_null_statistic(self.linear.X.T @ y)
 
-    def excess(self, moved: Array, amplitude: float) -> float:
+    def compute_excess(self, moved: Array, amplitude: float) -> float:
         """The statistic that nine draws in ten pass, less the threshold; moved is (p, 1) or (p, d), Xᵀx."""
-        values = self.search.null_statistic(self._correlation + amplitude * moved)
+        values = self.search.compute_null_statistic(self._correlation + amplitude * moved)
         return float(np.quantile(values, 1 - SETTINGS.power)) - self.threshold
 
     def size(self, x: Array, start: float) -> float:
@@ -75,7 +75,7 @@ class PowerOf:
         A secant in log amplitude from `start`; the statistic grows about as the square of the amplitude.
         """
         moved = self.linear.X.T @ x
-        here, value = start, self.excess(moved, start)
+        here, value = start, self.compute_excess(moved, start)
         low, high = 0.0, np.inf
         slope = 25.0
         for _ in range(SETTINGS.steps):
@@ -85,24 +85,24 @@ class PowerOf:
             there = here * float(np.exp(np.clip(-value / slope, -0.9, 0.9)))
             if not low < there < high:
                 there = float(np.sqrt(low * high)) if np.isfinite(high) and low > 0 else (2 * low if low > 0 else 0.5 * high)
-            new = self.excess(moved, there)
+            new = self.compute_excess(moved, there)
             slope = max((new - value) / np.log(there / here), 1.0)
             here, value = there, new
         return here if abs(value) < 1.0 else float("inf")
 
 
-def find_visible_size(one: Signature, power: PowerOf) -> Visible:
+def find_visible_size(one: Signature, power: DetectionPower) -> Visible:
     """Find the smallest visible size of an effect."""
     effect = EFFECTS[one.effect]
     smallest, largest = one.extremes
     reason = "acts like a change of G, b or start attitudes"
-    row = replace(row_of(effect, "not identifiable", np.inf, reason, "attitude", one.axis), label=one.label)
+    row = replace(build_visibility_row(effect, "not identifiable", np.inf, reason, "attitude", one.axis), label=one.label)
     if one.share.max() < SETTINGS.gone:
         return row
     x = one.draw(power.rng, SETTINGS.power_draws)
     if one.process:
         size = best = worst = power.size(x, SETTINGS.random / float(one.norms[0]))
-        snr, text = float("nan"), ", ".join(_in_words(name, value) for name, value in one.parameters[0].items())
+        snr, text = float("nan"), ", ".join(_format_parameter(name, value) for name, value in one.parameters[0].items())
     else:
         norm = max(float(np.linalg.norm(x)), 1e-300)
         size = power.size(x, SETTINGS.snr / norm)
@@ -116,21 +116,21 @@ def find_visible_size(one: Signature, power: PowerOf) -> Visible:
     return replace(row, text="hidden at worst") if worst > effect.prior[1] else row
 
 
-def _in_words(name: str, value: float | str) -> str:
+def _format_parameter(name: str, value: float | str) -> str:
     return f"{name} {value:.4g}" if isinstance(value, float) else value
 
 
-def unavailable(model: RecordingModel, effects: Sequence[Effect]) -> Iterator[Visible]:
+def list_unavailable_effects(model: RecordingModel, effects: Sequence[Effect]) -> Iterator[Visible]:
     """Effects that this scenario has not what it takes for, and faults of the references that are taken out."""
     for effect in effects:
         reason = effect.missing(model.around)
         if reason is None and not effect.in_samples and effect.implements("find_faults"):
             reason = "a fault that is found by itself and taken out; its smallest size is not predicted"
         if reason is not None:
-            yield row_of(effect, "not available", np.inf, reason, "samples" if effect.in_samples else "attitude")
+            yield build_visibility_row(effect, "not available", np.inf, reason, "samples" if effect.in_samples else "attitude")
 
 
-def row_of(
+def build_visibility_row(
     effect: Effect, verdict: Verdict, size: float, text: str, seen_in: Literal["attitude", "samples"], axis: str | None = None
 ) -> Visible:
     """An answer of one size for every time and phase."""

@@ -31,7 +31,7 @@ class SpectrumSettings:
 SETTINGS = SpectrumSettings()
 
 
-TINY = 1e-300
+LEAST_POSITIVE = 1e-300
 COSINES = {"hann": (0.5, 0.5), "blackmanharris": (0.35875, 0.48829, 0.14128, 0.01168)}  # shares of each in a taper
 
 
@@ -87,9 +87,9 @@ def compute_segment_spectrum(x: Array, arcs: Arcs, length: int, sample_s: float,
     power, some = np.zeros(length // 2 + 1), max(1, SETTINGS.samples_at_once // length)
     for first in range(0, places.size, some):
         segments = np.array([x[start : start + length] for start in places[first : first + some]])
-        power += (np.abs(scipy.fft.rfft(_without_line(segments) * taper, axis=1)) ** 2).sum(axis=0)
+        power += (np.abs(scipy.fft.rfft(_remove_trend(segments) * taper, axis=1)) ** 2).sum(axis=0)
     power /= places.size * np.sum(taper**2)
-    count = np.array([_independent([own.size for own in starts], taper, step)])
+    count = np.array([_count_independent_segments([own.size for own in starts], taper, step)])
     amplitude = float(2 * np.sqrt(np.sum(taper**2)) / np.sum(taper))
     return Spectrum(np.arange(power.size) / (length * sample_s), power, count, amplitude)
 
@@ -122,14 +122,14 @@ def compute_power(t_s: Array, values: Array, frequency_hz: Array) -> Array:
     return power
 
 
-def _without_line(segments: Array) -> Array:
+def _remove_trend(segments: Array) -> Array:
     """Segments (k, n) less the straight line that fits each best; scipy's ``detrend`` takes longer than all spectra."""
     t = np.arange(segments.shape[1]) - 0.5 * (segments.shape[1] - 1)
     slope = segments @ t / (t @ t)
     return np.asarray(segments - segments.mean(axis=1, keepdims=True) - slope[:, None] * t)
 
 
-def _independent(counts: Sequence[int], taper: Array, step: int) -> float:
+def _count_independent_segments(counts: Sequence[int], taper: Array, step: int) -> float:
     """Number of independent segments that as many overlapping ones are worth (Welch 1967)."""
     n, total, shared = taper.size, float(sum(counts)), 0.0
     for j in range(1, (n - 1) // step + 1):

@@ -6,7 +6,7 @@ import numpy as np
 
 import gyrocal
 import simulator
-from studies.report.panels import BLUE, RED, TEAL, Line, curves, drawn, save
+from studies.report.panels import BLUE, RED, TEAL, Line, draw_panels, make_curves, save
 
 scenario = simulator.load("trmm_series")
 result = gyrocal.calibrate(simulator.simulate(scenario, seed=1))
@@ -21,9 +21,11 @@ found = np.append(result.G, result.bias)
 errors = (found - truth) / result.sigma
 parameters = Line(errors, np.arange(12), "", TEAL, "o")
 
-figure = drawn(
-    curves(lines, title="Residuals of the references", x="reference, in order", y="size, deg", log="y", legend="upper left"),
-    curves([parameters], title="Errors of G and b", x="sigma", at=(-2, 0, 2), rows=gyrocal.NAMES),
+figure = draw_panels(
+    make_curves(
+        lines, title="Residuals of the references", x="reference, in order", y="size, deg", log="y", legend="upper left"
+    ),
+    make_curves([parameters], title="Errors of G and b", x="sigma", at=(-2, 0, 2), rows=gyrocal.NAMES),
     size=(7.5, 3.0),
 )
 print(f"chi2 {result.chi2:.0f} of {result.dof}, p = {result.p_value:.2f}")

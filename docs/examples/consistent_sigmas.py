@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 import gyrocal
 import simulator
-from studies.report.panels import BLUE, GREY, RED, Line, curves, drawn, save
+from studies.report.panels import BLUE, GREY, RED, Line, draw_panels, make_curves, save
 
 CASES = 100
 MODELS = {"full covariance": "full", "references only, as the paper": "references only"}
@@ -31,4 +31,4 @@ lines = [Line(x, chi2.cdf(x, 12), "χ², 12 degrees of freedom", GREY, "-")]
 for (name, nees), colour, style in zip(samples.items(), (BLUE, RED), "^.", strict=True):
     lines.append(Line(np.sort(nees), share, name, colour, style, size=3))
 axes = {"x": "NEES", "y": "share of cases below", "log": "x", "legend": "lower right"}
-save(drawn(curves(lines, **axes), size=(6.0, 3.2)), Path("consistent_sigmas.svg"))
+save(draw_panels(make_curves(lines, **axes), size=(6.0, 3.2)), Path("consistent_sigmas.svg"))

@@ -5,15 +5,15 @@ from pathlib import Path
 import numpy as np
 
 import simulator
-from gyrocal.recording.gyros import parity
-from simulator.simulate import true_gyros
-from studies.report.panels import BLUE, RED, Line, curves, drawn, save
+from gyrocal.recording.gyros import compute_parity_basis
+from simulator.simulate import compute_true_gyros
+from studies.report.panels import BLUE, RED, Line, draw_panels, make_curves, save
 
 DAY_H = 8.0  # that are shown: three intervals
 scenario = simulator.override(simulator.load("trmm_tetrahedron"), {"gyro.sample_s": 2.0})
 step = simulator.effects.parse("bias_step:4=3,time_s=13000")
-K, c = true_gyros(scenario)
-V = parity(K, np.arange(4))
+K, c = compute_true_gyros(scenario)
+V = compute_parity_basis(K, np.arange(4))
 panels = []
 for title, effects, colour in (("All four as calibrated", (), BLUE), ("Gyro 4 steps by 3 deg/h at 13000 s", (step,), RED)):
     recording = simulator.simulate(scenario, seed=1, effects=effects)
@@ -23,5 +23,5 @@ for title, effects, colour in (("All four as calibrated", (), BLUE), ("Gyro 4 st
     smooth, hours = smooth[hours < DAY_H], hours[hours < DAY_H]
     print(f"{title}: {smooth[hours < 3.6].mean():+.2f} deg/h before, {smooth[hours > 3.65].mean():+.2f} after 13000 s")
     axes = {"title": title, "x": "h since the epoch", "y": "parity, deg/h"}
-    panels.append(curves([Line(hours, smooth, "", colour, ".", size=3)], at=(13000 / 3600,), **axes))
-save(drawn(*panels, size=(7.5, 3.0), sharey=True), Path("four_gyros.svg"))
+    panels.append(make_curves([Line(hours, smooth, "", colour, ".", size=3)], at=(13000 / 3600,), **axes))
+save(draw_panels(*panels, size=(7.5, 3.0), sharey=True), Path("four_gyros.svg"))

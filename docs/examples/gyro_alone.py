@@ -8,7 +8,7 @@ import simulator
 from gyrocal.attitude import quaternion_from_matrix
 from gyrocal.estimation.predict import predict, prior_covariance
 from simulator.truth.rotation import separation
-from studies.report.panels import BLUE, GREY, RED, Line, curves, drawn, save
+from studies.report.panels import BLUE, GREY, RED, Line, draw_panels, make_curves, save
 
 FROM_S, SEEDS = 3000.0, 12
 times = np.arange(3030.0, 6000.0, 30.0)
@@ -27,4 +27,4 @@ lines += [Line(times - FROM_S, sigma, "stated sigma", RED, "-"), Line(times - FR
 print(f"yaw sigma after {times[-1] - FROM_S:.0f} s: {sigma[-1]:.0f} arcsec")
 lines.append(Line([0], [0], "last reference used", BLUE, "o"))
 axes = {"x": "s since the last reference", "y": "yaw error, arcsec", "legend": "upper left"}
-save(drawn(curves(lines, **axes), size=(6.0, 3.2)), Path("gyro_alone.svg"))
+save(draw_panels(make_curves(lines, **axes), size=(6.0, 3.2)), Path("gyro_alone.svg"))

@@ -9,7 +9,7 @@ import own_log
 import gyrocal
 from diagnosis.diagnose import diagnose
 from gyrocal.importing import import_csv
-from studies.report.panels import BLUE, RED, Line, curves, drawn, save
+from studies.report.panels import BLUE, RED, Line, draw_panels, make_curves, save
 
 rng, folder = np.random.default_rng(7), Path(tempfile.mkdtemp())
 own_log.gyro(rng).to_csv(folder / "gyro.csv", index=False)
@@ -33,4 +33,4 @@ lines = [
     for name, result, colour, style in (("as logged", first, RED, "."), ("attitudes 12 ms later", second, BLUE, "^"))
 ]
 axes = {"title": "Yaw residuals after the calibration", "x": "s since the start", "y": "deg", "legend": "lower right"}
-save(drawn(curves(lines, **axes), size=(6.5, 3.0)), Path("late_gyro.svg"))
+save(draw_panels(make_curves(lines, **axes), size=(6.5, 3.0)), Path("late_gyro.svg"))

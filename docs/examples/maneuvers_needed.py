@@ -9,7 +9,7 @@ import pandas as pd
 import gyrocal
 import simulator
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
-from studies.report.panels import drawn, heat_map, save
+from studies.report.panels import draw_panels, make_heat_map, save
 
 recording = simulator.simulate(simulator.override(simulator.load("trmm"), {"gyro.sample_s": 2.0}), seed=1)
 
@@ -30,5 +30,5 @@ rows = {
 }
 grid = pd.DataFrame(rows, index=list(gyrocal.NAMES)).T.iloc[::-1]
 print(grid.round(1).to_string())
-figure = drawn(heat_map(grid, "{:.1f}", log=True, title="Sigma by that of all six"), size=(8.0, 3.2))
+figure = draw_panels(make_heat_map(grid, "{:.1f}", log=True, title="Sigma by that of all six"), size=(8.0, 3.2))
 save(figure, Path("maneuvers_needed.svg"))

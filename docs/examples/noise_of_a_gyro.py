@@ -6,7 +6,7 @@ import numpy as np
 
 import simulator
 from gyrocal.allan import fit_terms, overlapping_allan_deviation
-from studies.report.panels import BLUE, DARK, RED, Line, curves, drawn, power_law, save
+from studies.report.panels import BLUE, DARK, RED, Line, draw_panels, make_curves, make_power_law, save
 
 scenario = simulator.load("trmm")
 lines = []
@@ -22,7 +22,7 @@ for effects, name, colour, style in (((), "white noise", BLUE, "^"), (("noise_fl
 
 tau = lines[0].x
 stated = 3600 * scenario.gyro.arw_deg_per_sqrt_s / np.sqrt(tau[0])
-lines.append(power_law(tau, -0.5, stated, "as stated"))
+lines.append(make_power_law(tau, -0.5, stated, "as stated"))
 lines.append(Line(tau, np.full(len(tau), 0.4 * np.sqrt(2 * np.log(2) / np.pi)), "0.4 deg/h of bias instability", DARK, ":"))
 axes = {"x": "averaging time, s", "y": "overlapping Allan deviation, deg/h", "log": "xy", "legend": "lower left"}
-save(drawn(curves(lines, **axes), size=(5.5, 3.4)), Path("noise_of_a_gyro.svg"))
+save(draw_panels(make_curves(lines, **axes), size=(5.5, 3.4)), Path("noise_of_a_gyro.svg"))

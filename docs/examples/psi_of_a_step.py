@@ -7,7 +7,7 @@ from scipy.integrate import quad_vec
 from scipy.spatial.transform import Rotation
 
 from gyrocal import psi_matrix
-from studies.report.panels import BLUE, ORANGE, RED, TEAL, Line, curves, drawn, save
+from studies.report.panels import BLUE, ORANGE, RED, TEAL, Line, draw_panels, make_curves, save
 
 angles = np.logspace(-3, 0.5, 30)  # rad in one step of one second
 axis = np.array([2.0, -1.0, 2.0]) / 3
@@ -26,9 +26,9 @@ mended, printed = 0.5 * (1 - np.sin(angles) / angles) / angles**2, 0.5 * (1 - np
 errors = [Line(angles, off["linear"], "linear ψ", ORANGE), Line(angles, np.fmax(off["full"], 1e-17), "full ψ", BLUE, "^-")]
 eta = [Line(angles, printed, "as printed", RED), Line(angles, mended, "with ν(φ) = sin φ/φ", TEAL, "^-")]
 axes = {"x": "angle in a step φ, rad", "log": "xy"}
-figure = drawn(
-    curves(errors, title="Error of ψ, per second", y="largest element", legend="upper left", **axes),
-    curves(eta, title="η of N (11)", y="η", legend="upper right", **axes),
+figure = draw_panels(
+    make_curves(errors, title="Error of ψ, per second", y="largest element", legend="upper left", **axes),
+    make_curves(eta, title="η of N (11)", y="η", legend="upper right", **axes),
     size=(7.5, 3.0),
 )
 print(f"η at {angles[0]:.0e} rad: {mended[0]:.4f}, as printed {printed[0]:.0f}")

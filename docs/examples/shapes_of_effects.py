@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import simulator
-from studies.report.panels import BLUE, Line, curves, drawn, save
+from studies.report.panels import BLUE, Line, draw_panels, make_curves, save
 
 EFFECTS = (
     "bias_orbital:z=0.2,phase_deg=60",
@@ -25,5 +25,7 @@ for text in EFFECTS:
     made = simulator.simulate(scenario, noise=False, effects=[simulator.effects.parse(text)])
     change = np.rad2deg(made.gyro.rates - plain.gyro.rates)[shown, 2] * 3600
     print(f"{text}: {change.min():+.3g} to {change.max():+.3g} deg/h")
-    panels.append(curves([Line(hours, change, "", BLUE, ".", size=2)], title=text, x="h since the epoch", y="z gyro, deg/h"))
-save(drawn(*panels, size=(8.0, 4.6), columns=3), Path("shapes_of_effects.svg"))
+    panels.append(
+        make_curves([Line(hours, change, "", BLUE, ".", size=2)], title=text, x="h since the epoch", y="z gyro, deg/h")
+    )
+save(draw_panels(*panels, size=(8.0, 4.6), columns=3), Path("shapes_of_effects.svg"))

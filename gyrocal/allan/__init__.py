@@ -1,17 +1,17 @@
 """Allan deviation of a gyro's rates and the noise terms of IEEE Std 952 in it, from arrays alone."""
 
-from gyrocal.allan.deviation import Deviation, edf, overlapping_allan_deviation, pooled_edf
+from gyrocal.allan.deviation import Deviation, compute_edf, compute_pooled_edf, overlapping_allan_deviation
 from gyrocal.allan.fit import Fit, TermEstimate, fit_terms
-from gyrocal.allan.terms import TERMS, allan_variance
+from gyrocal.allan.terms import TERMS, compute_allan_variance
 
 __all__ = [
     "TERMS",
     "Deviation",
     "Fit",
     "TermEstimate",
-    "allan_variance",
-    "edf",
+    "compute_allan_variance",
+    "compute_edf",
+    "compute_pooled_edf",
     "fit_terms",
     "overlapping_allan_deviation",
-    "pooled_edf",
 ]

@@ -19,13 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.allan.deviation import Deviation
-from gyrocal.allan.terms import ANGLE_WHITE, RAMP, covariance
+from gyrocal.allan.terms import ANGLE_WHITE, RAMP, compute_term_covariance
 
 Array = NDArray[np.float64]
 Lags = NDArray[np.intp]
 
-ALPHA = (1.0, -2.0, 1.0)
-FINE = 8  # steps in the shorter average
+DIFFERENCE_WEIGHTS = (1.0, -2.0, 1.0)
+FINE_AVERAGE_STEPS = 8  # steps in the shorter average
 REACH = 8  # longer averages, beyond which second differences have nothing in common
 DECAY = 6  # time constants, beyond which Markov noise has not
 
@@ -45,40 +45,40 @@ def estimate_covariance(found: Deviation, squares: Mapping[str, float], time_con
     reach_s = DECAY * time_constant_s / found.sample_s
     coloured = {term: square for term, square in squares.items() if square and term not in (ANGLE_WHITE, RAMP)}
 
-    def kappa(lags: Lags) -> Array:
+    def compute_kappa(lags: Lags) -> Array:
         parts = (
-            square * covariance(term, np.asarray(lags * found.sample_s, dtype=np.float64), time_constant_s)
+            square * compute_term_covariance(term, np.asarray(lags * found.sample_s, dtype=np.float64), time_constant_s)
             for term, square in coloured.items()
         )
         return np.asarray(sum(parts, np.zeros(len(lags))))
 
     for i, a in enumerate(factors):
         for j, b in enumerate(factors[: i + 1]):
-            lags, weights = _lags(a, b, found.lengths, REACH * a + int(min(reach_s, 8 * REACH * a)))
-            c = _smooth(lags, a, b, kappa)
+            lags, weights = _select_lags(a, b, found.lengths, REACH * a + int(min(reach_s, 8 * REACH * a)))
+            c = _smooth(lags, a, b, compute_kappa)
             total = weights @ (2 * c**2 + 4 * ramp[i] * ramp[j] * c)
             white = squares.get(ANGLE_WHITE, 0.0)
             if white:
-                single = _single(a, b)
+                single = _compute_white_weights(a, b)
                 place = np.array(sorted(single), dtype=np.intp)
                 own = white * np.array([single[int(k)] for k in place])
-                smooth = _smooth(place, a, b, kappa)
-                pairs = _pairs(place, a, b, found.lengths)
+                smooth = _smooth(place, a, b, compute_kappa)
+                pairs = _count_pairs(place, a, b, found.lengths)
                 total += pairs @ (4 * smooth * own + 2 * own**2 + 4 * ramp[i] * ramp[j] * own)
             scale = 4.0 * found.counts[i] * found.counts[j] * found.tau_s[i] ** 2 * found.tau_s[j] ** 2
             out[i, j] = out[j, i] = total / scale
     return out
 
 
-def _lags(a: int, b: int, lengths: tuple[int, ...], reach: int) -> tuple[Lags, Array]:
+def _select_lags(a: int, b: int, lengths: tuple[int, ...], reach: int) -> tuple[Lags, Array]:
     """Lags i − j at which c_ab is summed, and the number of pairs that each stands for."""
-    step = max(1, min(a, b) // FINE)
+    step = max(1, min(a, b) // FINE_AVERAGE_STEPS)
     furthest = min(reach, max(lengths))
     lags = step * np.arange(-(furthest // step), furthest // step + 1)
-    return lags, step * _pairs(lags, a, b, lengths)
+    return lags, step * _count_pairs(lags, a, b, lengths)
 
 
-def _pairs(lags: Lags, a: int, b: int, lengths: tuple[int, ...]) -> Array:
+def _count_pairs(lags: Lags, a: int, b: int, lengths: tuple[int, ...]) -> Array:
     """Number of pairs of differences (i over a, j over b) of one stretch with i − j = lag, all stretches together."""
     total = np.zeros(len(lags))
     for n in lengths:
@@ -90,7 +90,7 @@ def _pairs(lags: Lags, a: int, b: int, lengths: tuple[int, ...]) -> Array:
 
 def _smooth(lags: Lags, a: int, b: int, kappa: Callable[[Lags], Array]) -> Array:
     """c_ab at some lags, ascending, for κ as a function of the lag."""
-    single = _single(a, b)
+    single = _compute_white_weights(a, b)
     step = int(lags[1] - lags[0])
     if a % step or b % step or (np.diff(lags) != step).any():
         return np.asarray(sum(weight * kappa(lags - lag) for lag, weight in single.items()))
@@ -101,11 +101,11 @@ def _smooth(lags: Lags, a: int, b: int, kappa: Callable[[Lags], Array]) -> Array
     return np.asarray(sum(weight * at[first[lag] : first[lag] + len(lags)] for lag, weight in single.items()))
 
 
-def _single(a: int, b: int) -> dict[int, float]:
+def _compute_white_weights(a: int, b: int) -> dict[int, float]:
     """c_ab of unit angle white noise at the lags where it is not zero."""
     out: dict[int, float] = {}
-    for s, weight in enumerate(ALPHA):
-        for t, other in enumerate(ALPHA):
+    for s, weight in enumerate(DIFFERENCE_WEIGHTS):
+        for t, other in enumerate(DIFFERENCE_WEIGHTS):
             lag = t * b - s * a
             out[lag] = out.get(lag, 0.0) + weight * other
     return out

@@ -33,8 +33,10 @@ Array = NDArray[np.float64]
 Counts = NDArray[np.intp]
 
 ALPHAS = (2, 1, 0, -1, -2)  # angle white noise, angle flicker, angle random walk, bias instability, rate random walk
-LARGE = 512  # samples in an average, from where on the difference in s_x is a derivative; its error is of the order of 1/m
-FEWEST = 8  # samples in the longest stretch
+LARGE_AVERAGE_SAMPLES = (
+    512  # samples in an average, from where on the difference in s_x is a derivative; its error is of the order of 1/m
+)
+FEWEST_STRETCH_SAMPLES = 8  # samples in the longest stretch
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ class Deviation:
         return np.sqrt(degrees * self.variance / low), np.sqrt(degrees * self.variance / high)
 
 
-def octaves(longest: int) -> Counts:
+def list_octaves(longest: int) -> Counts:
     """(t,) averaging factors 1, 2, 4 … of which a stretch of so many samples holds at least m differences."""
     return np.asarray(2 ** np.arange(int(np.floor(np.log2((longest + 1) / 3))) + 1), dtype=np.intp)
 
@@ -96,9 +98,11 @@ def overlapping_allan_deviation(
     """
     lengths = tuple(len(part) for part in parts if len(part) > 2)
     longest = max(lengths, default=0)
-    if longest < FEWEST:
-        raise InputError(f"Allan deviation: the longest stretch has {longest} samples; at least {FEWEST} are needed")
-    chosen = octaves(longest) if factors is None else np.asarray(factors, dtype=np.intp)
+    if longest < FEWEST_STRETCH_SAMPLES:
+        raise InputError(
+            f"Allan deviation: the longest stretch has {longest} samples; at least {FEWEST_STRETCH_SAMPLES} are needed"
+        )
+    chosen = list_octaves(longest) if factors is None else np.asarray(factors, dtype=np.intp)
     if chosen.size == 0 or chosen.min() < 1 or 2 * chosen.max() > longest:
         raise InputError(f"Allan deviation: averaging factors must be from 1 to {longest // 2}, half the longest stretch")
     total, counts = np.zeros(chosen.size), np.zeros(chosen.size, dtype=np.intp)
@@ -114,7 +118,7 @@ def overlapping_allan_deviation(
     return Deviation(sample_s, chosen, total / (2.0 * counts * chosen.astype(float) ** 2), counts, lengths)
 
 
-def edf(alpha: int, factor: int, samples: int) -> float:
+def compute_edf(alpha: int, factor: int, samples: int) -> float:
     """Equivalent degrees of freedom of the overlapping Allan variance of one stretch.
 
     Parameters
@@ -134,39 +138,39 @@ def edf(alpha: int, factor: int, samples: int) -> float:
     if factor < 1 or count < 1:
         raise InputError(f"edf: {samples} samples are too few for averages over {factor}")
     last = min(count, 3 * factor)
-    sz = _sz(np.arange(last + 1) / factor, factor, alpha)
+    sz = _compute_sz(np.arange(last + 1) / factor, factor, alpha)
     j = np.arange(1, last)
     total = sz[0] ** 2 + 2 * np.sum((1 - j / count) * sz[1:last] ** 2) + (1 - last / count) * sz[last] ** 2
     return float(count * sz[0] ** 2 / total)
 
 
-def pooled_edf(alpha: int, factor: int, lengths: Sequence[int]) -> float:
+def compute_pooled_edf(alpha: int, factor: int, lengths: Sequence[int]) -> float:
     """Equivalent degrees of freedom of all stretches together, each weighted with its number of differences."""
     counts = {n: n + 1 - 2 * factor for n in lengths if n + 1 > 2 * factor}
     total = sum(counts[n] for n in lengths if n in counts)
-    own = {n: count**2 / edf(alpha, factor, n) for n, count in counts.items()}
+    own = {n: count**2 / compute_edf(alpha, factor, n) for n, count in counts.items()}
     return float(total**2 / sum(own[n] for n in lengths if n in own))
 
 
-def _sz(t: Array, factor: int, alpha: int) -> Array:
+def _compute_sz(t: Array, factor: int, alpha: int) -> Array:
     """s_z of second differences."""
     return np.asarray(
-        6 * _sx(t, factor, alpha)
-        - 4 * (_sx(t - 1, factor, alpha) + _sx(t + 1, factor, alpha))
-        + _sx(t - 2, factor, alpha)
-        + _sx(t + 2, factor, alpha)
+        6 * _compute_sx(t, factor, alpha)
+        - 4 * (_compute_sx(t - 1, factor, alpha) + _compute_sx(t + 1, factor, alpha))
+        + _compute_sx(t - 2, factor, alpha)
+        + _compute_sx(t + 2, factor, alpha)
     )
 
 
-def _sx(t: Array, factor: int, alpha: int) -> Array:
+def _compute_sx(t: Array, factor: int, alpha: int) -> Array:
     """s_x of sums; for α = 2 and 1 the derivative has no finite values, and the difference loses no digits."""
-    if factor > LARGE and alpha < 1:
-        return _sw(t, alpha + 2)
+    if factor > LARGE_AVERAGE_SAMPLES and alpha < 1:
+        return _compute_sw(t, alpha + 2)
     step = 1.0 / factor
-    return np.asarray(factor**2 * (2 * _sw(t, alpha) - _sw(t - step, alpha) - _sw(t + step, alpha)))
+    return np.asarray(factor**2 * (2 * _compute_sw(t, alpha) - _compute_sw(t - step, alpha) - _compute_sw(t + step, alpha)))
 
 
-def _sw(t: Array, alpha: int) -> Array:
+def _compute_sw(t: Array, alpha: int) -> Array:
     """s_w, a generalised autocovariance of noise whose spectrum is ∝ f^(α−4)."""
     size = np.abs(t)
     if alpha % 2:

@@ -22,22 +22,24 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-from gyrocal.allan.deviation import Deviation, pooled_edf
-from gyrocal.allan.problem import Problem, problem_of
-from gyrocal.allan.terms import ALPHA, MARKOV, RAMP, RANDOM_WALK, TERMS, allan_variance
+from gyrocal.allan.deviation import Deviation, compute_pooled_edf
+from gyrocal.allan.problem import Problem, build_problem
+from gyrocal.allan.terms import MARKOV, POWER_LAW_EXPONENTS, RAMP, RANDOM_WALK, TERMS, compute_allan_variance
 from gyrocal.errors import InputError
 
 Array = NDArray[np.float64]
 
 PRICE = 9.0  # of χ², for each number of a term: three sigma
-ALIKE = 4.0  # of χ² and prices, up to which a set is as good as the best
-BOUND = 2.71  # of χ², at a one-sided limit of 95 %
+CHI2_TIE_MARGIN = 4.0  # of χ² and prices, up to which a set is as good as the best
+CHI2_LIMIT_95 = 2.71  # of χ², at a one-sided limit of 95 %
 LARGEST_SET = 3  # terms
 FEWEST_TIMES = 5
-WORTH = 15.0  # of χ² and prices, up to which a set is looked at more closely
-ROUNDS = 2  # in which the terms of a set and the covariance that they predict follow one another
-STARTS = (0.03, 0.15, 0.6)  # of the longest averaging time: time constants that a fit begins at
-SMALLEST = 100.0  # share of the size that fills the deviation at one time, at which the search for an upper bound begins
+CANDIDATE_CHI2_MARGIN = 15.0  # of χ² and prices, up to which a set is looked at more closely
+REWEIGHTING_ROUNDS = 2  # in which the terms of a set and the covariance that they predict follow one another
+START_TIME_CONSTANTS = (0.03, 0.15, 0.6)  # of the longest averaging time: time constants that a fit begins at
+SEARCH_START_SHARE = (
+    100.0  # share of the size that fills the deviation at one time, at which the search for an upper bound begins
+)
 STEP, STEPS = 0.5, 40  # of the logarithm, in that search
 
 
@@ -89,7 +91,7 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class _Set:
+class _TermSet:
     """A set of terms with its best coefficients: their logarithms, then that of the time constant of Markov noise."""
 
     terms: tuple[str, ...]
@@ -136,18 +138,20 @@ def fit_terms(found: Deviation, known: Array | None = None) -> Fit:
             f"Allan deviation: {found.factors.size} averaging times are too few for terms; {FEWEST_TIMES} are needed"
         )
     floor = np.zeros(found.factors.size) if known is None else known
-    rough = min(_sets(found, problem_of(found, floor, *_first(found, floor))), key=lambda one: one.cost)
-    sets = _sets(found, problem_of(found, floor, rough.squares(), rough.time_constant_s))
+    rough = min(
+        _fit_all_sets(found, build_problem(found, floor, *_estimate_rough_terms(found, floor))), key=lambda one: one.cost
+    )
+    sets = _fit_all_sets(found, build_problem(found, floor, rough.squares(), rough.time_constant_s))
     least = min(one.cost for one in sets)
     # Sets worth a thought, each under the covariance that it predicts itself: a trend scatters less than noise of its size.
-    sets = [_settled(one, found, floor) for one in sets if one.cost < least + WORTH]
+    sets = [_refine_set(one, found, floor) for one in sets if one.cost < least + CANDIDATE_CHI2_MARGIN]
     best = min(sets, key=lambda one: one.cost)
-    problem = problem_of(found, floor, best.squares(), best.time_constant_s)
+    problem = build_problem(found, floor, best.squares(), best.time_constant_s)
     alike = tuple(one.terms for one in sorted(sets, key=lambda one: one.cost) if one is not best and _is_alike(one, best))
-    model = floor + problem.shares(best.terms, best.logs).sum(axis=0)
+    model = floor + problem.compute_term_variances(best.terms, best.logs).sum(axis=0)
     return Fit(
         tuple(_estimate(term, best, problem) for term in TERMS),
-        _degrees(found, best, floor),
+        _compute_degrees_of_freedom(found, best, floor),
         model,
         best.chi2,
         found.factors.size - best.logs.size,
@@ -155,62 +159,66 @@ def fit_terms(found: Deviation, known: Array | None = None) -> Fit:
     )
 
 
-def _settled(one: _Set, found: Deviation, floor: Array) -> _Set:
+def _refine_set(one: _TermSet, found: Deviation, floor: Array) -> _TermSet:
     """A set at its best under its own covariance."""
-    for _ in range(ROUNDS):
-        one = _fitted(one.terms, problem_of(found, floor, one.squares(), one.time_constant_s), one.logs)
+    for _ in range(REWEIGHTING_ROUNDS):
+        one = _fit_set(one.terms, build_problem(found, floor, one.squares(), one.time_constant_s), one.logs)
     return one
 
 
-def _is_alike(one: _Set, best: _Set) -> bool:
+def _is_alike(one: _TermSet, best: _TermSet) -> bool:
     """Whether a set is as good as the best, and not the best with a term more that it does not need."""
-    return one.cost < best.cost + ALIKE and not set(best.terms) < set(one.terms)
+    return one.cost < best.cost + CHI2_TIE_MARGIN and not set(best.terms) < set(one.terms)
 
 
-def _first(found: Deviation, floor: Array) -> tuple[dict[str, float], float]:
+def _estimate_rough_terms(found: Deviation, floor: Array) -> tuple[dict[str, float], float]:
     """A rough set: angle random walk as at the shortest time, so that a covariance can be had at all."""
     return {RANDOM_WALK: max(found.variance[0] - floor[0], 1e-3 * found.variance[0]) * found.tau_s[0]}, 1.0
 
 
-def _degrees(found: Deviation, best: _Set, floor: Array) -> Array:
+def _compute_degrees_of_freedom(found: Deviation, best: _TermSet, floor: Array) -> Array:
     """Equivalent degrees of freedom at each time, for the strongest term there; what is known is white noise of the angle."""
     squares = best.squares()
-    strength = np.array([floor, *(squares[t] * allan_variance(t, found.tau_s, best.time_constant_s) for t in best.terms)])
-    alphas = [2, *(ALPHA[term] for term in best.terms)]
+    strength = np.array(
+        [floor, *(squares[t] * compute_allan_variance(t, found.tau_s, best.time_constant_s) for t in best.terms)]
+    )
+    alphas = [2, *(POWER_LAW_EXPONENTS[term] for term in best.terms)]
     strongest = [alphas[k] for k in np.argmax(strength, axis=0)]
-    return np.array([pooled_edf(alpha, int(m), found.lengths) for alpha, m in zip(strongest, found.factors, strict=True)])
+    return np.array(
+        [compute_pooled_edf(alpha, int(m), found.lengths) for alpha, m in zip(strongest, found.factors, strict=True)]
+    )
 
 
-def _sets(found: Deviation, problem: Problem) -> list[_Set]:
+def _fit_all_sets(found: Deviation, problem: Problem) -> list[_TermSet]:
     """The best coefficients of every set of up to three terms, at least one of them random."""
     return [
-        _fitted(terms, problem)
+        _fit_set(terms, problem)
         for size in range(1, LARGEST_SET + 1)
         for terms in combinations(TERMS, size)
         if terms != (RAMP,) and len(terms) + (MARKOV in terms) < found.factors.size
     ]
 
 
-def _fitted(terms: tuple[str, ...], problem: Problem, near: Array | None = None) -> _Set:
+def _fit_set(terms: tuple[str, ...], problem: Problem, near: Array | None = None) -> _TermSet:
     """A set at its best, from several beginnings or near one."""
     variance, longest = np.exp(problem.logs), float(problem.tau_s[-1])
     tries = []
-    for start in STARTS if MARKOV in terms and near is None else (1.0,):
+    for start in START_TIME_CONSTANTS if MARKOV in terms and near is None else (1.0,):
         constant = start * longest
         # Each term begins at the size at which it touches the deviation from below.
-        first = [0.5 * np.log(np.min(variance / allan_variance(term, problem.tau_s, constant))) for term in terms]
+        first = [0.5 * np.log(np.min(variance / compute_allan_variance(term, problem.tau_s, constant))) for term in terms]
         tries.append(
             problem.minimum(terms, np.array([*first, np.log(constant)] if MARKOV in terms else first) if near is None else near)
         )
     logs, chi2 = min(tries, key=lambda one: one[1])
     J = problem.jacobian(terms, logs)
-    return _Set(terms, logs, chi2, np.asarray(np.linalg.pinv(J.T @ J)), problem.spread)
+    return _TermSet(terms, logs, chi2, np.asarray(np.linalg.pinv(J.T @ J)), problem.spread)
 
 
-def _estimate(term: str, best: _Set, problem: Problem) -> TermEstimate:
+def _estimate(term: str, best: _TermSet, problem: Problem) -> TermEstimate:
     nothing = float("nan")
     if term not in best.terms:
-        return TermEstimate(term, False, nothing, nothing, _upper(term, best, problem))
+        return TermEstimate(term, False, nothing, nothing, _estimate_upper_bound(term, best, problem))
     place = best.terms.index(term)
     value = float(np.exp(best.logs[place]))
     out = TermEstimate(term, True, value, value * float(np.sqrt(best.inverse[place, place])), nothing)
@@ -220,33 +228,37 @@ def _estimate(term: str, best: _Set, problem: Problem) -> TermEstimate:
     return replace(out, time_constant_s=constant, time_constant_sigma_s=constant * float(np.sqrt(best.inverse[-1, -1])))
 
 
-def _upper(term: str, best: _Set, problem: Problem) -> float:
+def _estimate_upper_bound(term: str, best: _TermSet, problem: Problem) -> float:
     """Largest coefficient of a term beside the best set that the deviation allows, at 95 %.
 
     Markov noise is worst at the time constant that hides best; it is bounded at each of those that a fit begins at, and the
     largest bound is told.
     """
     if term == MARKOV:
-        constants: Sequence[float] = [start * float(problem.tau_s[-1]) for start in STARTS]
-        return max(_bounded(term, best, problem, constant) for constant in constants)
-    return _bounded(term, best, problem, 1.0)
+        constants: Sequence[float] = [start * float(problem.tau_s[-1]) for start in START_TIME_CONSTANTS]
+        return max(_solve_upper_bound(term, best, problem, constant) for constant in constants)
+    return _solve_upper_bound(term, best, problem, 1.0)
 
 
-def _bounded(term: str, best: _Set, problem: Problem, constant: float) -> float:
-    """The coefficient at which χ² has risen by `BOUND` from the least there is; infinite if it never does."""
-    variance = allan_variance(term, problem.tau_s, constant)
+def _solve_upper_bound(term: str, best: _TermSet, problem: Problem, constant: float) -> float:
+    """The coefficient at which χ² has risen by `CHI2_LIMIT_95` from the least there is; infinite if it never does."""
+    variance = compute_allan_variance(term, problem.tau_s, constant)
 
-    def chi2(log: float) -> float:
+    def compute_chi2(log: float) -> float:
         return replace(problem, known=problem.known + np.exp(2 * log) * variance).minimum(best.terms, best.logs)[1]
 
     full = 0.5 * float(np.log(np.min(np.exp(problem.logs) / variance)))
-    sizes = full - np.log(SMALLEST) + STEP * np.arange(STEPS)
+    sizes = full - np.log(SEARCH_START_SHARE) + STEP * np.arange(STEPS)
     least = best.chi2
     for low, high in pairwise(sizes):
-        now = chi2(high)
+        now = compute_chi2(high)
         least = min(least, now)
-        if now > least + BOUND:
+        if now > least + CHI2_LIMIT_95:
             return float(
-                np.exp(scipy.optimize.brentq(lambda log, limit: chi2(log) - limit, low, high, (least + BOUND,), xtol=1e-3))
+                np.exp(
+                    scipy.optimize.brentq(
+                        lambda log, limit: compute_chi2(log) - limit, low, high, (least + CHI2_LIMIT_95,), xtol=1e-3
+                    )
+                )
             )
     return float("inf")

@@ -13,7 +13,7 @@ from scipy.special import digamma, polygamma
 
 from gyrocal.allan.covariance import estimate_covariance
 from gyrocal.allan.deviation import Deviation
-from gyrocal.allan.terms import ANGLE_WHITE, MARKOV, TERMS, allan_variance
+from gyrocal.allan.terms import ANGLE_WHITE, MARKOV, TERMS, compute_allan_variance
 
 Array = NDArray[np.float64]
 
@@ -38,16 +38,18 @@ class Problem:
     @cached_property
     def _units(self) -> dict[str, Array]:
         """Allan variance of each term per square of its coefficient, but for Markov noise, whose time constant is fitted."""
-        return {term: allan_variance(term, self.tau_s) for term in TERMS if term != MARKOV}
+        return {term: compute_allan_variance(term, self.tau_s) for term in TERMS if term != MARKOV}
 
-    def shares(self, terms: tuple[str, ...], logs: Array) -> Array:
+    def compute_term_variances(self, terms: tuple[str, ...], logs: Array) -> Array:
         """(terms, t) Allan variance of each term."""
         squares = np.exp(2 * np.clip(logs[: len(terms)], -LARGEST_LOG, LARGEST_LOG))
-        return squares[:, None] * np.array([self._markov(logs) if term == MARKOV else self._units[term] for term in terms])
+        return squares[:, None] * np.array(
+            [self._compute_markov_variance(logs) if term == MARKOV else self._units[term] for term in terms]
+        )
 
-    def _markov(self, logs: Array) -> Array:
+    def _compute_markov_variance(self, logs: Array) -> Array:
         """(t,) Allan variance of Markov noise per square of its coefficient."""
-        return allan_variance(MARKOV, self.tau_s, self.time_constant_s(logs))
+        return compute_allan_variance(MARKOV, self.tau_s, self.time_constant_s(logs))
 
     def time_constant_s(self, logs: Array) -> float:
         """The last number, kept between half a sample's and twice the longest averaging time."""
@@ -55,16 +57,18 @@ class Problem:
 
     def residuals(self, terms: tuple[str, ...], logs: Array) -> Array:
         """(t,) whitened."""
-        return np.asarray(self.whitening @ (self.logs - np.log(self.known + self.shares(terms, logs).sum(axis=0))))
+        return np.asarray(
+            self.whitening @ (self.logs - np.log(self.known + self.compute_term_variances(terms, logs).sum(axis=0)))
+        )
 
     def jacobian(self, terms: tuple[str, ...], logs: Array) -> Array:
         """(t, n) derivative of the whitened residuals."""
-        shares = self.shares(terms, logs)
+        shares = self.compute_term_variances(terms, logs)
         total = self.known + shares.sum(axis=0)
         rows = [2 * share / total for share in shares]
         if MARKOV in terms:
             share, moved = shares[terms.index(MARKOV)], np.append(logs[:-1], logs[-1] + SHIFT)
-            now, then = self._markov(logs), self._markov(moved)
+            now, then = self._compute_markov_variance(logs), self._compute_markov_variance(moved)
             rows.append(share * (then / now - 1) / total / SHIFT)
         return np.asarray(-self.whitening @ np.array(rows).T)
 
@@ -88,7 +92,7 @@ class Problem:
         return x, float(told["fvec"] @ told["fvec"])
 
 
-def problem_of(found: Deviation, floor: Array, squares: Mapping[str, float], time_constant_s: float) -> Problem:
+def build_problem(found: Deviation, floor: Array, squares: Mapping[str, float], time_constant_s: float) -> Problem:
     """Logarithms of the estimates and the covariance of their errors under some terms.
 
     Parameters
@@ -97,10 +101,10 @@ def problem_of(found: Deviation, floor: Array, squares: Mapping[str, float], tim
     floor : (t,) Allan variance of what is known, whose share of each estimate scatters as that of angle white noise
     squares, time_constant_s : of the terms, as for `estimate_covariance`
     """
-    own = _relative(found, squares, time_constant_s)
+    own = _compute_relative_covariance(found, squares, time_constant_s)
     if floor.any():
-        share = floor / (floor + _variance(found, squares, time_constant_s))
-        white = _relative(found, {ANGLE_WHITE: 1.0}, 1.0)
+        share = floor / (floor + _compute_variance(found, squares, time_constant_s))
+        white = _compute_relative_covariance(found, {ANGLE_WHITE: 1.0}, 1.0)
         crossed = np.sqrt(np.diag(own) * np.diag(white)) * share * (1 - share)
         V = own * np.outer(1 - share, 1 - share) + white * np.outer(share, share) + 2 * np.diag(crossed)
     else:
@@ -114,13 +118,13 @@ def problem_of(found: Deviation, floor: Array, squares: Mapping[str, float], tim
     return Problem(logs, np.linalg.inv(np.linalg.cholesky(covariance)), floor, found.tau_s)
 
 
-def _variance(found: Deviation, squares: Mapping[str, float], time_constant_s: float) -> Array:
+def _compute_variance(found: Deviation, squares: Mapping[str, float], time_constant_s: float) -> Array:
     """(t,) Allan variance of some terms."""
-    parts = (square * allan_variance(term, found.tau_s, time_constant_s) for term, square in squares.items())
+    parts = (square * compute_allan_variance(term, found.tau_s, time_constant_s) for term, square in squares.items())
     return np.asarray(sum(parts, np.zeros(found.factors.size)))
 
 
-def _relative(found: Deviation, squares: Mapping[str, float], time_constant_s: float) -> Array:
+def _compute_relative_covariance(found: Deviation, squares: Mapping[str, float], time_constant_s: float) -> Array:
     """(t, t) covariance of the estimates under some terms, relative to what they should be."""
-    expected = _variance(found, squares, time_constant_s)
+    expected = _compute_variance(found, squares, time_constant_s)
     return np.asarray(estimate_covariance(found, squares, time_constant_s) / np.outer(expected, expected))

@@ -33,12 +33,12 @@ ANGLE_WHITE, RANDOM_WALK, FLICKER, RATE_WALK, MARKOV, RAMP = TERMS = (
     "Markov noise",
     "rate ramp",
 )
-ALPHA = {ANGLE_WHITE: 2, RANDOM_WALK: 0, FLICKER: -1, RATE_WALK: -2, MARKOV: -2, RAMP: -2}
+POWER_LAW_EXPONENTS = {ANGLE_WHITE: 2, RANDOM_WALK: 0, FLICKER: -1, RATE_WALK: -2, MARKOV: -2, RAMP: -2}
 """Exponent of the spectrum where a term is the strongest. Markov noise has 0 beyond its time constant, and with −2 too few
 degrees of freedom rather than too many; over a ramp the noise under it is not seen, and is taken as the reddest."""
 
 
-def covariance(term: str, t_s: Array, time_constant_s: float = 1.0) -> Array:
+def compute_term_covariance(term: str, t_s: Array, time_constant_s: float = 1.0) -> Array:
     """κ(t) of a random term per square of its coefficient, without the part of angle white noise at t = 0; as t_s."""
     t = np.abs(np.asarray(t_s, dtype=float))
     if term == ANGLE_WHITE:
@@ -50,17 +50,17 @@ def covariance(term: str, t_s: Array, time_constant_s: float = 1.0) -> Array:
     if term == RATE_WALK:
         return np.asarray(t * t * t / 12)
     if term == MARKOV:
-        return np.asarray(-(time_constant_s**2) * _settling(t / time_constant_s))
+        return np.asarray(-(time_constant_s**2) * _compute_settling_integral(t / time_constant_s))
     raise ValueError(f"{term} is not random")
 
 
-def _settling(x: Array) -> Array:
+def _compute_settling_integral(x: Array) -> Array:
     """x − 1 + e^(−x), by its series where that loses digits."""
     # Products, since numpy takes the cube and higher powers by logarithms, at the cost of all the rest.
     return np.asarray(np.where(x < 1e-3, x * x * (1 / 2 - x * (1 / 6 - x / 24)), x + np.expm1(-x)))
 
 
-def allan_variance(term: str, tau_s: Array, time_constant_s: float = 1.0) -> Array:
+def compute_allan_variance(term: str, tau_s: Array, time_constant_s: float = 1.0) -> Array:
     """Allan variance of a term per square of its coefficient, as tau_s."""
     tau = np.asarray(tau_s, dtype=float)
     if term == ANGLE_WHITE:
@@ -75,11 +75,15 @@ def allan_variance(term: str, tau_s: Array, time_constant_s: float = 1.0) -> Arr
         return np.asarray(tau**2 / 2)
     x = tau / time_constant_s
     # Where τ is far below T the two parts of κ nearly cancel: 8 s(x) − 2 s(2x) with s(x) = x − 1 + e^(−x).
-    difference = np.where(x < 1e-2, x * x * x * (4 / 3 - x * (1 - 7 * x / 15)), 8 * _settling(x) - 2 * _settling(2 * x))
+    difference = np.where(
+        x < 1e-2,
+        x * x * x * (4 / 3 - x * (1 - 7 * x / 15)),
+        8 * _compute_settling_integral(x) - 2 * _compute_settling_integral(2 * x),
+    )
     return np.asarray(difference / (2 * x * x))
 
 
-def sinusoid_variance(amplitude: float, frequency_hz: float, tau_s: Array) -> Array:
+def compute_sinusoid_variance(amplitude: float, frequency_hz: float, tau_s: Array) -> Array:
     """Allan variance of a sinusoid, as tau_s."""
     angle = np.pi * frequency_hz * np.asarray(tau_s, dtype=float)
     return np.asarray((amplitude * np.sin(angle) ** 2 / angle) ** 2)

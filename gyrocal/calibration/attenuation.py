@@ -32,7 +32,7 @@ from gyrocal.calibration.problem import Problem
 Array = NDArray[np.float64]
 
 
-def information(A: Array, noise: Array, elapsed_s: Array, arw: float) -> Array:
+def integrate_information(A: Array, noise: Array, elapsed_s: Array, arw: float) -> Array:
     """∫ M(s) ds over an interval.
 
     Parameters
@@ -58,7 +58,7 @@ def information(A: Array, noise: Array, elapsed_s: Array, arw: float) -> Array:
     return np.asarray(np.einsum("a,aij->ij", 0.5 * dt, ends[0] + ends[1]))
 
 
-def attenuation(problem: Problem, G: Array, P: Array) -> Array:
+def estimate_attenuation(problem: Problem, G: Array, P: Array) -> Array:
     """E[Δx] (12,) of G and b, in the order of `gyrocal.NAMES`; b in rad/s.
 
     Parameters
@@ -72,5 +72,5 @@ def attenuation(problem: Problem, G: Array, P: Array) -> Array:
     for one in np.unique(made.arcs.arc):
         own = np.flatnonzero(made.arcs.arc == one)
         rows = np.append(made.start[own[0]], made.row[own])
-        total += information(problem.A[rows], problem.noise[rows], made.elapsed_s[own], arw)
+        total += integrate_information(problem.A[rows], problem.noise[rows], made.elapsed_s[own], arw)
     return np.asarray(-P @ np.append((arw**2 * total @ G).ravel(), np.zeros(3)))

@@ -25,7 +25,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -53,7 +53,7 @@ def chain_intervals(first_rows: Indices, last_rows: Indices) -> list[list[int]]:
 
 
 def group_residuals(interval: Indices, start: Indices, row: Indices) -> tuple[Indices, Indices]:
-    """Residuals (m,) group by group of those that correlate, and one past the end of each group; see `residual_covariance`."""
+    """Residuals (m,) group by group of those that correlate, and one past the end of each group; see `compute_residual_covariance`."""
     numbers, firsts = np.unique(interval, return_index=True)
     lasts = np.append(firsts[1:], len(row)) - 1
     chains = chain_intervals(start[firsts], row[lasts])
@@ -66,8 +66,8 @@ def integrate_white_noise(elapsed_s: Array, arw: float) -> Array:
     return np.asarray(arw**2 * elapsed_s[:, None, None] * np.eye(3))
 
 
-@compiled
-def residual_covariance(
+@compile_cached
+def compute_residual_covariance(
     R: Array, interval: Indices, start: Indices, row: Indices, noise: Array, walk: Array
 ) -> Array:  # pragma: no cover - compiled
     """Covariance V (3m, 3m) of m residuals.
@@ -111,7 +111,7 @@ def residual_covariance(
     return V
 
 
-@compiled
+@compile_cached
 def model_covariance(
     R: Array,
     interval: Indices,
@@ -126,19 +126,19 @@ def model_covariance(
 
     Parameters
     ----------
-    R, interval, start, row, noise, walk : as in `residual_covariance`
+    R, interval, start, row, noise, walk : as in `compute_residual_covariance`
     model : FULL, REFERENCES_ONLY, GIVEN for a C of each interval, or JOINT for one V of these very residuals
     given : (intervals, 3, 3) those C, or (1, 3m, 3m) V, rad²; not used otherwise
     """
     if model == JOINT:
         return given[0].copy()
     if model == FULL:
-        return residual_covariance(R, interval, start, row, noise, walk)
+        return compute_residual_covariance(R, interval, start, row, noise, walk)
     V = np.zeros((3 * len(row), 3 * len(row)))
     for a in range(len(row)):
         own, at = slice(a, a + 1), slice(3 * a, 3 * a + 3)
         if model == GIVEN:
             V[at, at] = given[interval[a]]
         else:
-            V[at, at] = residual_covariance(R[own], interval[own], start[own], row[own], noise, 0.0 * walk[own])
+            V[at, at] = compute_residual_covariance(R[own], interval[own], start[own], row[own], noise, 0.0 * walk[own])
     return V

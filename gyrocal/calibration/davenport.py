@@ -28,18 +28,18 @@ from numpy.typing import NDArray
 
 from gyrocal import attitude
 from gyrocal.calibration import normal_equations as accumulation
-from gyrocal.calibration.attenuation import attenuation
+from gyrocal.calibration.attenuation import estimate_attenuation
 from gyrocal.calibration.covariance import CovarianceModel
-from gyrocal.calibration.gate import LargeResidualError, refusal
-from gyrocal.calibration.gyro_space import Parametrisation, space_of
-from gyrocal.calibration.observability import PLAUSIBLE_RANGE, list_combinations, observability
+from gyrocal.calibration.gate import LargeResidualError, build_refusal
+from gyrocal.calibration.gyro_space import Parametrisation, select_parameter_space
+from gyrocal.calibration.observability import PLAUSIBLE_RANGE, evaluate_observability, list_combinations
 from gyrocal.calibration.parameters import GyroParameters, select
 from gyrocal.calibration.plausible_ranges import PlausibleRanges, estimate_plausible_ranges
 from gyrocal.calibration.problem import Problem, State, tabulate_residuals
 from gyrocal.calibration.propagation import Psi, StreamingPropagation
 from gyrocal.calibration.result import PLAUSIBLE_PRIOR, CalibrationResult
-from gyrocal.calibration.sampling import Resampling, measurements
-from gyrocal.calibration.trackers import differences, estimate, free_mountings
+from gyrocal.calibration.sampling import Resampling, prepare_measurements
+from gyrocal.calibration.trackers import compare_sensors, count_free_mountings, estimate
 from gyrocal.errors import InputError, UnobservableError
 from gyrocal.recording import Recording
 
@@ -110,12 +110,12 @@ class RecursiveCalibrator:
         parametrisation: Parametrisation = "gain",
     ):
         self.parameters = parameters
-        self._space = space_of(parametrisation)
+        self._space = select_parameter_space(parametrisation)
         self.names = select(solve_for, self._space.names)
-        self._columns = np.array([self._space.names.index(name) for name in self.names])
-        self._jacobian = self._space.jacobian(parameters)[:, self._columns]
+        self._build_columns = np.array([self._space.names.index(name) for name in self.names])
+        self._jacobian = self._space.jacobian(parameters)[:, self._build_columns]
         self._arw, self._psi = arw, psi
-        self._sums = Accumulation(self._columns, apriori_covariance)
+        self._sums = Accumulation(self._build_columns, apriori_covariance)
 
     def start(self, A_obs: Array, sigma: Array) -> None:
         """Begin a maneuver at the observed attitude A_obs (3, 3), with 1-sigma (3,) rad per body axis."""
@@ -140,7 +140,7 @@ class RecursiveCalibrator:
         """Corrected parameters, and the covariance (p, p) of those solved for, after the last maneuver, N (33)."""
         correction, P = self._sums.solve()
         x = self._space.vector(self.parameters)
-        x[self._columns] -= correction
+        x[self._build_columns] -= correction
         return self._space.parameters(x), P
 
 
@@ -182,7 +182,7 @@ def calibrate(
     interval_covariance : (intervals, 3, 3) C of each interval's residuals, rad², instead of a model
     residual_covariance : (3m, 3m) V of all m residuals together, rad², interval by interval in the order of time, instead;
         see `gyrocal.estimation.reference_covariance`
-    step_s, resampling, max_gap_s : see `gyrocal.calibration.sampling.measurements`
+    step_s, resampling, max_gap_s : see `gyrocal.calibration.sampling.prepare_measurements`
     plausible_G, plausible_bias : how far parameters without unit, and biases (rad/s), may plausibly be off; those of the gyro's
         grade by default, see `gyrocal.calibration.plausible_ranges`. A combination the data do not determine better than that
         counts as not found; without an a-priori covariance these ranges then are the a-priori sigmas of all solved-for
@@ -201,7 +201,7 @@ def calibrate(
     InputError
         The recording or an argument cannot be used.
     """
-    space = space_of(parametrisation)
+    space = select_parameter_space(parametrisation)
     names = select(solve_for, space.names)
     p = len(names)
     limit = max_iterations if iterations is None else iterations
@@ -212,7 +212,7 @@ def calibrate(
     if interval_covariance is not None and residual_covariance is not None:
         raise InputError("give interval_covariance or residual_covariance, not both")
     given = _check_interval_covariance(interval_covariance, len(recording.intervals))
-    prepared = measurements(recording, step_s, resampling, max_gap_s)
+    prepared = prepare_measurements(recording, step_s, resampling, max_gap_s)
     joint = _check_residual_covariance(residual_covariance, len(prepared.row))
     problem = Problem.of(recording, prepared, names, psi, covariance_model, given, joint, parametrisation)
     ranges = estimate_plausible_ranges(recording, plausible_G, plausible_bias)
@@ -223,13 +223,13 @@ def calibrate(
     corrections: list[GyroParameters] = []
     history: list[Array] = []
     converged = False
-    first = state = _state(problem, recording, start, start)
-    judged = observability(state.H / problem.scale, plausible, names)
+    first = state = _evaluate_problem(problem, recording, start, start)
+    judged = evaluate_observability(state.H / problem.scale, plausible, names)
     prior_from = None if apriori_covariance is None else "given"
     if judged.unobservable and apriori_covariance is None:
         if judged.is_undetermined:
             raise UnobservableError(
-                _unobservable_message(recording, len(state.theta), judged.unobservable, ranges, problem),
+                _format_unobservable(recording, len(state.theta), judged.unobservable, ranges, problem),
                 judged.unobservable,
             )
         apriori_covariance, prior_from = np.diag(plausible**2), PLAUSIBLE_PRIOR
@@ -243,7 +243,7 @@ def calibrate(
         before, parameters = parameters, space.parameters(x)
         corrections.append(GyroParameters.from_vector(parameters.vector - before.vector))
         history.append(state.theta)
-        state = _state(problem, recording, parameters, start)
+        state = _evaluate_problem(problem, recording, parameters, start)
         converged = bool(np.abs(step[:9]).max() <= tolerance_G and np.abs(step[9:]).max() <= tolerance_bias)
         if converged and iterations is None:
             break
@@ -265,9 +265,9 @@ def calibrate(
         residuals=tabulate_residuals(recording, prepared, first, state, FORMS),
         history=(*history, state.theta),
         observability=judged,
-        chi2=state.chi2 + _prior_chi2(x - x0, columns, apriori_covariance),
+        chi2=state.chi2 + _compute_prior_chi2(x - x0, columns, apriori_covariance),
         # A prior adds p equations and the solution takes p away.
-        dof=3 * len(state.theta) - (p if apriori_covariance is None else 0) - free_mountings(problem.mountings),
+        dof=3 * len(state.theta) - (p if apriori_covariance is None else 0) - count_free_mountings(problem.mountings),
         options={
             "step_s": step_s or recording.gyro.sample_s,
             "resampling": resampling,
@@ -280,13 +280,13 @@ def calibrate(
         },
         parametrisation=parametrisation,
         mountings=estimate(problem.mountings, solved.eliminated, P / np.outer(problem.scale, problem.scale)),
-        differences=differences(recording),
-        attenuation=attenuation(problem, parameters.G, J @ covariance @ J.T) if has_attenuation else None,
+        differences=compare_sensors(recording),
+        attenuation=estimate_attenuation(problem, parameters.G, J @ covariance @ J.T) if has_attenuation else None,
         plausible=ranges,
     )
 
 
-def _state(problem: Problem, recording: Recording, parameters: GyroParameters, start: GyroParameters) -> State:
+def _evaluate_problem(problem: Problem, recording: Recording, parameters: GyroParameters, start: GyroParameters) -> State:
     """The state at some parameters; where residuals are too large, an error that says where and what would fit at the start."""
     try:
         return problem.state(parameters)
@@ -294,7 +294,7 @@ def _state(problem: Problem, recording: Recording, parameters: GyroParameters, s
         prepared = problem.measurements
         interval = recording.intervals[prepared.arcs.arc[error.output]].name
         t_s = recording.attitudes.t_s[prepared.row[error.output]]
-        raise refusal(error, recording, interval, t_s, start.G, start.bias) from None
+        raise build_refusal(error, recording, interval, t_s, start.G, start.bias) from None
 
 
 def residual_table(
@@ -307,8 +307,8 @@ def residual_table(
     max_gap_s: float | None = None,
 ) -> pd.DataFrame:
     """Residuals under given parameters, nothing estimated; columns as in `CalibrationResult.residuals`, "before" only."""
-    prepared = measurements(recording, step_s, resampling, max_gap_s)
-    state = _state(Problem.of(recording, prepared, psi=psi), recording, parameters, parameters)
+    prepared = prepare_measurements(recording, step_s, resampling, max_gap_s)
+    state = _evaluate_problem(Problem.of(recording, prepared, psi=psi), recording, parameters, parameters)
     table = tabulate_residuals(recording, prepared, state, state, FORMS)
     return table[[column for column in table.columns if not column.startswith("after")]]
 
@@ -341,14 +341,14 @@ def _check_residual_covariance(value: Array | None, residuals: int) -> Array | N
     return _check_covariance(value, size, f"residual_covariance, three rows for each of {residuals} residuals,")
 
 
-def _prior_chi2(change: Array, columns: Indices, apriori_covariance: Array | None) -> float:
+def _compute_prior_chi2(change: Array, columns: Indices, apriori_covariance: Array | None) -> float:
     """(x − x₀)ᵀ P₀⁻¹ (x − x₀), zero without a prior."""
     if apriori_covariance is None:
         return 0.0
     return float(change[columns] @ np.linalg.solve(apriori_covariance, change[columns]))
 
 
-def _unobservable_message(
+def _format_unobservable(
     recording: Recording, references: int, combinations: tuple[str, ...], ranges: PlausibleRanges, problem: Problem
 ) -> str:
     """One line; references is the number of residual vectors."""

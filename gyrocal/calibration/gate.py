@@ -44,10 +44,10 @@ def check(theta: Array) -> None:
     angle = np.where(np.isfinite(angle), angle, np.inf)
     worst = int(np.argmax(angle))
     if angle[worst] > LARGEST_RESIDUAL:
-        raise _error(float(angle[worst]), worst)
+        raise _build_error(float(angle[worst]), worst)
 
 
-def refusal(
+def build_refusal(
     error: LargeResidualError, recording: Recording, interval: str, t_s: float, G: Array, bias: Array
 ) -> LargeResidualError:
     """The same error with the interval and the time, and the reading of the tables that would fit if there is one.
@@ -59,13 +59,13 @@ def refusal(
     interval, t_s : name of the interval, and time of the reference attitude, s since the epoch
     G, bias : (3, 3), (3,) rad/s that the calibration starts from
     """
-    from gyrocal.importing.agreement import explained  # late: needed only for a recording that is refused
+    from gyrocal.importing.agreement import explain_residuals  # late: needed only for a recording that is refused
 
-    reason = explained(recording, G, bias) if recording.attitudes.sensor is None else None
-    return _error(error.angle, error.output, f"interval {interval}, t_s = {t_s}: ", f"; {reason}" if reason else "")
+    reason = explain_residuals(recording, G, bias) if recording.attitudes.sensor is None else None
+    return _build_error(error.angle, error.output, f"interval {interval}, t_s = {t_s}: ", f"; {reason}" if reason else "")
 
 
-def _error(angle: float, output: int, where: str = "", reason: str = "") -> LargeResidualError:
+def _build_error(angle: float, output: int, where: str = "", reason: str = "") -> LargeResidualError:
     text = (
         f"{where}an attitude residual of {np.rad2deg(angle):.1f} deg is too large to linearise; "
         "are the rates in deg/s, the quaternions scalar last and inertial to body, the a-priori G and bias right, "

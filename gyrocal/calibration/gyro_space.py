@@ -29,17 +29,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.calibration.parameters import AXES, NAMES, GyroParameters
+from gyrocal.calibration.parameters import AXIS_NAMES, NAMES, GyroParameters
 from gyrocal.errors import InputError
 
 Array = NDArray[np.float64]
 Parametrisation = Literal["gain", "gyro"]
 
-GYRO_NAMES = (*(f"s_{i}" if i == j else f"u_{i}{j}" for i in AXES for j in AXES), *(f"c_{i}" for i in AXES))
+GYRO_NAMES = (*(f"s_{i}" if i == j else f"u_{i}{j}" for i in AXIS_NAMES for j in AXIS_NAMES), *(f"c_{i}" for i in AXIS_NAMES))
 SMALLEST_OWN = 0.1  # component of a gyro's axis along its own body axis, below which the other two do not describe it
 
 
-def to_gyros(parameters: GyroParameters) -> Array:
+def convert_to_gyro_space(parameters: GyroParameters) -> Array:
     """(12,) in the order of `GYRO_NAMES`; s and u dimensionless, c in rad/s.
 
     Raises
@@ -55,7 +55,7 @@ def to_gyros(parameters: GyroParameters) -> Array:
     return np.concatenate([y.ravel(), -K @ parameters.bias])
 
 
-def from_gyros(y: Array) -> GyroParameters:
+def convert_from_gyro_space(y: Array) -> GyroParameters:
     """G and b of (12,) in the order of `GYRO_NAMES`.
 
     Raises
@@ -74,7 +74,7 @@ def from_gyros(y: Array) -> GyroParameters:
 
 
 def _check_own(own: Array) -> None:
-    far = [AXES[i] for i in range(3) if not own[i] >= SMALLEST_OWN]
+    far = [AXIS_NAMES[i] for i in range(3) if not own[i] >= SMALLEST_OWN]
     if far:
         raise InputError(
             f"the axis of gyro {', '.join(far)} is more than 84 deg from its body axis, which gyro space cannot describe; "
@@ -82,7 +82,7 @@ def _check_own(own: Array) -> None:
         )
 
 
-def gyro_jacobian(parameters: GyroParameters) -> Array:
+def compute_gyro_jacobian(parameters: GyroParameters) -> Array:
     """J = ∂(G, b)/∂y, (12, 12), rows in the order of `NAMES`, columns of `GYRO_NAMES`."""
     G, bias = parameters.G, parameters.bias
     K = np.linalg.inv(G)
@@ -103,7 +103,7 @@ def gyro_jacobian(parameters: GyroParameters) -> Array:
 
 
 @dataclass(frozen=True)
-class Space:
+class ParameterSpace:
     """A parametrisation of a gyro's calibration.
 
     Attributes
@@ -120,13 +120,13 @@ class Space:
     jacobian: Callable[[GyroParameters], Array]
 
 
-SPACES: dict[str, Space] = {
-    "gain": Space(NAMES, lambda x: x.vector, GyroParameters.from_vector, lambda _: np.eye(12)),
-    "gyro": Space(GYRO_NAMES, to_gyros, from_gyros, gyro_jacobian),
+SPACES: dict[str, ParameterSpace] = {
+    "gain": ParameterSpace(NAMES, lambda x: x.vector, GyroParameters.from_vector, lambda _: np.eye(12)),
+    "gyro": ParameterSpace(GYRO_NAMES, convert_to_gyro_space, convert_from_gyro_space, compute_gyro_jacobian),
 }
 
 
-def space_of(parametrisation: str) -> Space:
+def select_parameter_space(parametrisation: str) -> ParameterSpace:
     """The parametrisation of a name.
 
     Raises

@@ -35,23 +35,29 @@ import scipy.special
 from numpy.typing import NDArray
 
 from gyrocal.attitude import cross_matrix
-from gyrocal.calibration.observability import Observability, list_combinations, observability
+from gyrocal.calibration.observability import Observability, evaluate_observability, list_combinations
 from gyrocal.calibration.plausible_ranges import PlausibleRanges, estimate_plausible_ranges
 from gyrocal.calibration.problem import Problem, State, tabulate_residuals
-from gyrocal.calibration.propagation import Arcs, Psi, body_sums, propagate
-from gyrocal.calibration.sampling import measurements
+from gyrocal.calibration.propagation import Arcs, Psi, convert_to_body_sums, propagate
+from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.calibration.trackers import (
     Difference,
     MountingEstimate,
-    differences,
+    compare_sensors,
+    count_free_mountings,
     estimate,
-    free_mountings,
-    of_trackers,
+    format_tracker_results,
 )
-from gyrocal.compiled import compiled
 from gyrocal.errors import InputError, UnobservableError
+from gyrocal.jit_cache import compile_cached
 from gyrocal.recording import Recording
-from gyrocal.recording.gyros import gain, inside, nominal, parity, triad
+from gyrocal.recording.gyros import (
+    compute_gyro_gain,
+    compute_nominal_gyros,
+    compute_parity_basis,
+    select_interval_samples,
+    triad,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,9 +65,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-ROUNDING = 1e-12  # relative size of what a singular sum of products leaves
-SETTLED = 1e-4  # sigmas of the last correction
-ALIKE = 1e-9  # relative difference of the noise about the axes that is none
+SINGULAR_PRODUCT_TOLERANCE = 1e-12  # relative size of what a singular sum of products leaves
+CONVERGED_SIGMAS = 1e-4  # sigmas of the last correction
+EQUAL_NOISE_TOLERANCE = 1e-9  # relative difference of the noise about the axes that is none
 LARGEST_TURN = 0.02  # rad, that the noise is taken over at once, at its middle: wrong by LARGEST_TURN²/24
 
 
@@ -133,7 +139,7 @@ class ParitySums:
 
     def moments(self, gyros: GyroArray) -> tuple[Array, Array, Array, Array]:
         """V (n, m), M̂ (4, 4), X (m, 4) and Σ e eᵀ Δt (m, m) at these parameters."""
-        G, V = gain(gyros.K, self.chosen), parity(gyros.K, self.chosen)
+        G, V = compute_gyro_gain(gyros.K, self.chosen), compute_parity_basis(gyros.K, self.chosen)
         B = np.zeros((4, len(self.Y)))
         B[:3, :-1], B[:3, -1], B[3, -1] = G, -G @ gyros.c, 1.0
         E = np.column_stack([V.T, -V.T @ gyros.c])
@@ -142,11 +148,11 @@ class ParitySums:
     def rows(self, gyros: GyroArray, arw: float) -> tuple[Array, Array]:
         """H (r, 4n) and z (r,) of Δ, whitened, whose normal equations are those of all samples; r is 4m or less."""
         V, seen, X, _ = self.moments(gyros)
-        G = gain(gyros.K, self.chosen)
+        G = compute_gyro_gain(gyros.K, self.chosen)
         true = seen.copy()
         true[:3, :3] -= self.samples * arw**2 * G @ G.T
         # M = L Q diag(q) Qᵀ Lᵀ with L Lᵀ = M̂; what is only noise has q ≈ 0 and must not become negative.
-        L, inverse = _root(seen)
+        L, inverse = _compute_root_and_inverse(seen)
         q, Q = np.linalg.eigh(inverse @ true @ inverse.T)
         root = L @ Q * np.maximum(q, 0.0)  # root rootᵀ = M M̂⁻¹ M
         H = np.einsum("im,wk->mkiw", V, root).reshape(V.shape[1] * len(q), -1) / arw
@@ -157,17 +163,17 @@ class ParitySums:
         return float(np.trace(self.moments(gyros)[3]) / arw**2)
 
 
-def _root(M: Array) -> tuple[Array, Array]:
+def _compute_root_and_inverse(M: Array) -> tuple[Array, Array]:
     """L (4, r) with L Lᵀ = M, and its pseudo-inverse; motion without noise may leave M singular."""
     scale = np.sqrt(np.maximum(np.diag(M), 0.0))  # rounding may leave a diagonal below zero
     scale = np.where(scale > 0, scale, 1.0)
     values, U = np.linalg.eigh(M / np.outer(scale, scale))
-    kept = values > ROUNDING * values[-1]
+    kept = values > SINGULAR_PRODUCT_TOLERANCE * values[-1]
     root, U = np.sqrt(values[kept]), U[:, kept]
     return scale[:, None] * U * root, (U / root).T / scale
 
 
-def parity_sums(recording: Recording) -> tuple[ParitySums, ...]:
+def compute_parity_sums(recording: Recording) -> tuple[ParitySums, ...]:
     """Sums over all samples inside the intervals, for each set of more than three gyros that was on."""
     found: dict[tuple[int, ...], list[int]] = {}
     for number in range(len(recording.intervals)):
@@ -180,7 +186,7 @@ def parity_sums(recording: Recording) -> tuple[ParitySums, ...]:
         Y, count = np.zeros((n + 1, n + 1)), 0
         places = np.array([*columns, n])
         for number in numbers:
-            part, dt = inside(recording, number)
+            part, dt = select_interval_samples(recording, number)
             values = np.column_stack([recording.gyro.rates[part][:, columns], np.ones(dt.size)])
             Y[np.ix_(places, places)] += (values * dt[:, None]).T @ values
             count += dt.size
@@ -202,14 +208,14 @@ class _Part:
         level = float(np.trace(N)) / 3
         total = np.concatenate([[0.0], np.cumsum(steps.dt)])
         begins = steps.first[np.searchsorted(steps.arc, steps.arc)]
-        if np.abs(N - level * np.eye(3)).max() < ALIKE * level:
+        if np.abs(N - level * np.eye(3)).max() < EQUAL_NOISE_TOLERANCE * level:
             return np.asarray(level * (total[steps.last] - total[begins])[:, None, None] * np.eye(3))
         out = np.empty((steps.arc.size, 3, 3))
         for number in np.unique(steps.arc):
             own = steps.arc == number
             span = slice(int(steps.first[own][0]), int(steps.last[own][-1]))
             rates = steps.rates[steps.sample[span]] @ G.T + bias
-            out[own] = noise_walk(rates, steps.dt[span], steps.last[own] - span.start, N)
+            out[own] = integrate_noise_walk(rates, steps.dt[span], steps.last[own] - span.start, N)
         return out
 
 
@@ -224,7 +230,7 @@ class _Steps:
     @classmethod
     def of(cls, recording: Recording, psi: Psi, max_gap_s: float | None) -> _Steps:
         body = triad(recording)
-        measured = measurements(body, max_gap_s=max_gap_s)
+        measured = prepare_measurements(body, max_gap_s=max_gap_s)
         arcs, found = measured.arcs, dict[tuple[int, ...], list[int]]()
         for output, number in enumerate(arcs.arc.tolist()):
             found.setdefault(tuple(recording.switched_on(number).tolist()), []).append(output)
@@ -248,17 +254,17 @@ class _Steps:
         Theta, R, walk = np.empty((m, 3, 4 * len(gyros.names))), np.empty((m, 3, 3)), np.empty((m, 3, 3))
         with np.errstate(over="ignore", invalid="ignore"):
             for part in self.parts:
-                gains = gain(gyros.K, part.chosen)
+                gains = compute_gyro_gain(gyros.K, part.chosen)
                 G, bias = gains[:, part.chosen], -gains @ gyros.c
                 run = propagate(part.arcs, G, bias, self.problem.psi)
                 R[part.outputs], walk[part.outputs] = run.R, part.walk(G, bias, self.arw)
-                S = body_sums(run.S, G, bias)
+                S = convert_to_body_sums(run.S, G, bias)
                 Theta[part.outputs] = -np.einsum("mqra,ai->mriq", S, gains).reshape(len(S), 3, -1)
         return self.problem.compute_state(R, Theta.reshape(3 * m, -1), walk)
 
 
-@compiled
-def noise_walk(rates: Array, dt: Array, ends: Indices, N: Array) -> Array:  # pragma: no cover - compiled
+@compile_cached
+def integrate_noise_walk(rates: Array, dt: Array, ends: Indices, N: Array) -> Array:  # pragma: no cover - compiled
     """∫ Aᵀ N A dt from the start of an arc to each of some steps, (m, 3, 3), with A = I at the start.
 
     Steps are taken together until they turn by `LARGEST_TURN`, or an output comes.
@@ -280,8 +286,8 @@ def noise_walk(rates: Array, dt: Array, ends: Indices, N: Array) -> Array:  # pr
                 span += dt[k]
                 k += 1
             middle[:] = P
-            _turn(middle, 0.5 * x, 0.5 * y, 0.5 * z)
-            _turn(P, x, y, z)
+            _rotate_in_place(middle, 0.5 * x, 0.5 * y, 0.5 * z)
+            _rotate_in_place(P, x, y, z)
             for a in range(3):
                 for b in range(3):
                     turned[a, b] = middle[a, 0] * N[0, b] + middle[a, 1] * N[1, b] + middle[a, 2] * N[2, b]
@@ -294,8 +300,8 @@ def noise_walk(rates: Array, dt: Array, ends: Indices, N: Array) -> Array:  # pr
     return out
 
 
-@compiled
-def _turn(P: Array, x: float, y: float, z: float) -> None:  # pragma: no cover - compiled
+@compile_cached
+def _rotate_in_place(P: Array, x: float, y: float, z: float) -> None:  # pragma: no cover - compiled
     """P ← P exp([(x, y, z)×]), with A = Pᵀ."""
     f = x * x + y * y + z * z
     angle = np.sqrt(f)
@@ -369,7 +375,7 @@ class GyrosResult:
     @property
     def gain_covariance(self) -> Array:
         """(3n + 3, 3n + 3) of G by rows, then b."""
-        J = gain_jacobian(self.gyros)
+        J = compute_gain_jacobian(self.gyros)
         return np.asarray(J @ self.covariance @ J.T)
 
     @property
@@ -419,7 +425,7 @@ class GyrosResult:
             "sigma_bias_deg_s": np.rad2deg(sigma[3 * n :]).tolist(),
             "K": self.gyros.K.tolist(),
             "c_deg_s": np.rad2deg(self.gyros.c).tolist(),
-            "parameters": list(parameter_names(self.gyros.names)),
+            "parameters": list(list_gyro_parameters(self.gyros.names)),
             "covariance": (self.covariance * np.outer(deg, deg)).tolist(),
             "gyros": self.summary().to_dict("records"),
             "residuals": self.residuals.to_dict("records"),
@@ -434,16 +440,16 @@ class GyrosResult:
                 "degrees_of_freedom": self.parity_dof,
                 "p_value": self.parity_p_value if self.parity_dof > 0 else None,
             },
-            **of_trackers(self.mountings, self.differences),
+            **format_tracker_results(self.mountings, self.differences),
         }
 
 
-def parameter_names(names: Sequence[str]) -> tuple[str, ...]:
+def list_gyro_parameters(names: Sequence[str]) -> tuple[str, ...]:
     """Of the parameters of some gyros, in the order of `GyroArray.vector`."""
     return tuple(name for gyro in names for name in (*(f"K_{gyro}{axis}" for axis in "xyz"), f"c_{gyro}"))
 
 
-def gain_jacobian(gyros: GyroArray) -> Array:
+def compute_gain_jacobian(gyros: GyroArray) -> Array:
     """∂(G by rows, b)/∂(K, c), (3n + 3, 4n): dG = −G dK G + G Gᵀ dKᵀ (I − K G), db = −dG c − G dc."""
     n, G, K = len(gyros.names), gyros.G, gyros.K
     J = np.zeros((3 * n + 3, 4 * n))
@@ -479,9 +485,9 @@ def calibrate_gyros(
     psi : "full" or "linear"
     iterations : exactly so many; None iterates until they change nothing
     max_iterations : bound on those
-    max_gap_s : see `gyrocal.calibration.sampling.measurements`
+    max_gap_s : see `gyrocal.calibration.sampling.prepare_measurements`
     prior_sigma : of every element of K, and of every c (rad/s), about `initial`
-    prior_covariance : (4n, 4n) in its place, of K_x, K_y, K_z and c, gyro by gyro; see `prior_of_gyros`
+    prior_covariance : (4n, 4n) in its place, of K_x, K_y, K_z and c, gyro by gyro; see `build_prior_covariance`
     plausible_G, plausible_bias : how far elements of K, and c (rad/s), may plausibly be off; those of the gyros' grade by
         default, see `gyrocal.calibration.plausible_ranges`. A combination that the data do not determine better than that is
         not found; without a prior these ranges then are the a-priori sigmas of all parameters about `initial`
@@ -499,12 +505,12 @@ def calibrate_gyros(
         raise InputError(f"at least one iteration is needed, not {limit}")
     if not stream.arw > 0:
         raise InputError("the recording states no gyro noise; parity is weighed by it, so give arw_deg_per_sqrt_s")
-    start = initial or GyroArray(stream.names, *nominal(stream))
-    names, n = parameter_names(start.names), len(start.names)
-    steps, sums = _Steps.of(recording, psi, max_gap_s), parity_sums(recording)
+    start = initial or GyroArray(stream.names, *compute_nominal_gyros(stream))
+    names, n = list_gyro_parameters(start.names), len(start.names)
+    steps, sums = _Steps.of(recording, psi, max_gap_s), compute_parity_sums(recording)
     ranges = estimate_plausible_ranges(recording, plausible_G, plausible_bias)
     plausible = ranges.vector(np.tile([False] * 3 + [True], n))
-    prior = _prior_rows(n, prior_sigma, prior_covariance)
+    prior = _build_prior_rows(n, prior_sigma, prior_covariance)
     prior_from = None if prior is None else "given"
     gyros, first = start, steps.state(start)
     state, converged, done = first, False, 0
@@ -513,12 +519,12 @@ def calibrate_gyros(
         parts = [(state.H, state.z), *(one.rows(gyros, stream.arw) for one in sums)]
         H, z = np.vstack([rows for rows, _ in parts]), np.concatenate([values for _, values in parts])
         if judged is None:
-            judged = observability(H, plausible, names)
+            judged = evaluate_observability(H, plausible, names)
             if judged.unobservable and prior is None:
                 if judged.is_undetermined:
-                    raise UnobservableError(_unobservable_message(judged.unobservable, ranges), judged.unobservable)
+                    raise UnobservableError(_format_unobservable(judged.unobservable, ranges), judged.unobservable)
                 prior_sigma, prior_from = (ranges.G, ranges.bias), "plausible ranges"
-                prior = _prior_rows(n, prior_sigma, None)
+                prior = _build_prior_rows(n, prior_sigma, None)
         if done == limit or (converged and iterations is None):
             break
         if prior is not None:
@@ -529,7 +535,7 @@ def calibrate_gyros(
         gyros, solved = gyros.at(gyros.vector - step), state
         steps = replace(steps, problem=steps.problem.after(state, step))
         state, done = steps.state(gyros), done + 1
-        converged = bool(np.abs(step / np.sqrt(np.diag(P))).max() < SETTLED)
+        converged = bool(np.abs(step / np.sqrt(np.diag(P))).max() < CONVERGED_SIGMAS)
     parity_chi2 = sum(one.chi2(gyros, stream.arw) for one in sums)
     parity_rows = sum(one.samples * (one.chosen.size - 3) for one in sums)
     seen = np.linalg.matrix_rank(np.vstack([rows * plausible for rows, _ in parts[1:]])) if sums else 0
@@ -547,18 +553,20 @@ def calibrate_gyros(
         residuals=tabulate_residuals(recording, steps.problem.measurements, first, state),
         observability=judged,
         chi2=chi2,
-        dof=state.theta.size + parity_rows - (4 * n if prior is None else 0) - free_mountings(steps.problem.mountings),
+        dof=state.theta.size + parity_rows - (4 * n if prior is None else 0) - count_free_mountings(steps.problem.mountings),
         parity_chi2=parity_chi2,
         parity_dof=parity_rows - int(seen),
         prior_sigma=prior_sigma,
         mountings=estimate(steps.problem.mountings, solved.eliminated, P),
-        differences=differences(recording),
+        differences=compare_sensors(recording),
         plausible=ranges,
         prior_from=prior_from,
     )
 
 
-def prior_of_gyros(K: Array, sigma_K: float, sigma_c: float, sigma_mounting: float = 0.0, sigma_scale: float = 0.0) -> Array:
+def build_prior_covariance(
+    K: Array, sigma_K: float, sigma_c: float, sigma_mounting: float = 0.0, sigma_scale: float = 0.0
+) -> Array:
     """(4n, 4n) covariance of K_x, K_y, K_z and c, gyro by gyro, known beforehand, as `calibrate_gyros` takes it.
 
     To first order a rotation φ of all gyros about the body's axes changes K by −K [φ×], a common scale factor s of
@@ -566,7 +574,7 @@ def prior_of_gyros(K: Array, sigma_K: float, sigma_c: float, sigma_mounting: flo
 
     Parameters
     ----------
-    K : (n, 3) as known beforehand, see `nominal`
+    K : (n, 3) as known beforehand, see `compute_nominal_gyros`
     sigma_K, sigma_c : 1-sigma of each element of K, and of each c, rad/s, by itself
     sigma_mounting : 1-sigma of a rotation of all gyros about each axis, rad
     sigma_scale : 1-sigma of a common scale factor
@@ -580,7 +588,7 @@ def prior_of_gyros(K: Array, sigma_K: float, sigma_c: float, sigma_mounting: flo
     return P
 
 
-def _prior_rows(n: int, sigma: tuple[float, float] | None, covariance: Array | None) -> Array | None:
+def _build_prior_rows(n: int, sigma: tuple[float, float] | None, covariance: Array | None) -> Array | None:
     """W (4n, 4n) with WᵀW the information of what is known beforehand; None where nothing is.
 
     Raises
@@ -602,7 +610,7 @@ def _prior_rows(n: int, sigma: tuple[float, float] | None, covariance: Array | N
         raise wrong from None
 
 
-def fitted_to_parity(recording: Recording, start: GyroArray, plausible: tuple[float, float], iterations: int = 3) -> GyroArray:
+def fit_to_parity(recording: Recording, start: GyroArray, plausible: tuple[float, float], iterations: int = 3) -> GyroArray:
     """The gyros whose parity is nearest to zero, within what is plausible; what only attitude sees is left as it was.
 
     Parameters
@@ -612,7 +620,7 @@ def fitted_to_parity(recording: Recording, start: GyroArray, plausible: tuple[fl
     plausible : prior sigma of K, and of c, rad/s
     iterations : how many
     """
-    sums, gyros = parity_sums(recording), start
+    sums, gyros = compute_parity_sums(recording), start
     prior = np.tile([plausible[0]] * 3 + [plausible[1]], len(start.names))
     for _ in range(iterations if sums else 0):
         parts = [one.rows(gyros, recording.gyro.arw) for one in sums]
@@ -622,7 +630,7 @@ def fitted_to_parity(recording: Recording, start: GyroArray, plausible: tuple[fl
     return gyros
 
 
-def _unobservable_message(combinations: Sequence[str], ranges: PlausibleRanges) -> str:
+def _format_unobservable(combinations: Sequence[str], ranges: PlausibleRanges) -> str:
     return (
         f"none of {len(combinations)} parameter combination(s) can be found with the stated noise to within its plausible "
         f"range ({ranges.G:g} in K, {ranges.bias_deg_h:.3g} deg/h in c; {ranges.reason}): "

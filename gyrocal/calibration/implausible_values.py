@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.calibration.mounting import Mounting
-from gyrocal.calibration.observability import list_combinations, observability
+from gyrocal.calibration.observability import evaluate_observability, list_combinations
 from gyrocal.calibration.plausible_ranges import PlausibleRanges
 
 Array = NDArray[np.float64]
@@ -19,7 +19,7 @@ LARGEST_SCALE_ERROR = 0.1  # MEMS data sheets state sensitivities to 3 to 6 %
 LARGEST_ROTATION = np.deg2rad(10.0)  # from the stated mounting; beyond it, axes are not mounted as assumed
 LARGEST_BIAS = 3.0  # plausible ranges of the grade
 REST_RANGES = 0.1  # plausible ranges, by which b may be off the rests
-REST_SIGMAS = 5.0
+IMPLAUSIBLE_REST_SIGMAS = 5.0
 
 
 def find_implausible_values(
@@ -70,7 +70,7 @@ def find_combinations_lost_to_misfit(
     scaled = covariance / np.outer(ranges, ranges)
     values, directions = np.linalg.eigh(scaled)
     whitened = directions.T / (np.sqrt(np.maximum(values, np.finfo(float).tiny))[:, None] * wider)
-    lost = observability(whitened / ranges, ranges, names).unobservable
+    lost = evaluate_observability(whitened / ranges, ranges, names).unobservable
     if not lost:
         return ()
     return (
@@ -116,7 +116,7 @@ def _find_bias_off_rests(G: Array, bias: Array, sigma_bias: Array, plausible: Pl
     if plausible.rest is None:
         return []
     off = bias - plausible.rest.bias(G)
-    allowed = np.maximum(REST_RANGES * plausible.bias, REST_SIGMAS * np.hypot(sigma_bias, plausible.rest.sigma))
+    allowed = np.maximum(REST_RANGES * plausible.bias, IMPLAUSIBLE_REST_SIGMAS * np.hypot(sigma_bias, plausible.rest.sigma))
     worst = int(np.argmax(np.abs(off) / allowed))
     if abs(off[worst]) <= allowed[worst]:
         return []

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from gyrocal.calibration.davenport import calibrate
 from gyrocal.errors import InputError
-from gyrocal.recording import Interval, Recording, reference_rows
-from gyrocal.recording.trackers import kept_rows
+from gyrocal.recording import Interval, Recording, find_reference_rows
+from gyrocal.recording.trackers import keep_rows
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ def cut_into_blocks(recording: Recording, least_blocks: int) -> tuple[Interval, 
     parts = -(-least_blocks // len(recording.intervals))
     blocks: list[Interval] = []
     for one in recording.intervals:
-        times = recording.attitudes.t_s[reference_rows(recording.attitudes.t_s, one)]
+        times = recording.attitudes.t_s[find_reference_rows(recording.attitudes.t_s, one)]
         edges = np.unique(np.linspace(0, times.size - 1, parts + 1).round().astype(int))
         for k, (low, high) in enumerate(pairwise(edges)):
             name = one.name if edges.size == 2 else f"{one.name} part {k + 1}"
@@ -75,6 +75,6 @@ def _keep_intervals(recording: Recording, intervals: tuple[Interval, ...]) -> Re
     times = recording.attitudes.t_s
     inside = np.zeros(times.size, dtype=bool)
     for one in intervals:
-        inside[reference_rows(times, one)] = True
-    attitudes = kept_rows(recording.attitudes, inside)
+        inside[find_reference_rows(times, one)] = True
+    attitudes = keep_rows(recording.attitudes, inside)
     return replace(recording, attitudes=attitudes, intervals=intervals, tables={}, sensors=None)

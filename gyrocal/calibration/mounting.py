@@ -25,7 +25,7 @@ from gyrocal.attitude import cross_matrix
 
 Array = NDArray[np.float64]
 
-AXES = ("x", "y", "z")
+AXIS_NAMES = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
@@ -64,13 +64,13 @@ class Mounting:
         """Angle of that rotation, rad."""
         return float(np.linalg.norm(self.rotation))
 
-    def sentences(self) -> list[str]:
+    def format_sentences(self) -> list[str]:
         """What the decomposition says, and what it cannot say."""
         vector = ", ".join(f"{value:.4g}" for value in np.rad2deg(self.rotation))
         sigma = ", ".join(f"{value:.2g}" for value in np.rad2deg(self.sigma_rotation))
         scale = ", ".join(f"{self.S[i, i]:.5f} ± {self.sigma_S[i, i]:.1g}" for i in range(3))
         skew = ", ".join(
-            f"{AXES[i]}{AXES[j]} {np.rad2deg(self.S[i, j]):.3g} ± {np.rad2deg(self.sigma_S[i, j]):.1g}"
+            f"{AXIS_NAMES[i]}{AXIS_NAMES[j]} {np.rad2deg(self.S[i, j]):.3g} ± {np.rad2deg(self.sigma_S[i, j]):.1g}"
             for i, j in ((0, 1), (0, 2), (1, 2))
         )
         lines = [
@@ -98,7 +98,7 @@ class Mounting:
             "sigma_S": self.sigma_S.tolist(),
             "mirrored": self.is_mirrored,
             "undetermined_axes": list(self.undetermined),
-            "sentences": self.sentences(),
+            "sentences": self.format_sentences(),
         }
 
 
@@ -114,16 +114,16 @@ def compute_mounting(G: Array, covariance: Array, apriori_G: Array, plausible_G:
         its prior then has as much weight as the data
     """
     R, S = scipy.linalg.polar(G)
-    to_rotation, to_S = _jacobians(R, S)
+    to_rotation, to_S = _compute_jacobians(R, S)
     sigma = np.sqrt(np.diag(to_rotation @ covariance @ to_rotation.T))
     sigma_S = np.sqrt(np.diag(to_S @ covariance @ to_S.T)).reshape(3, 3)
     turn = R @ scipy.linalg.polar(apriori_G)[0].T
     change = float(np.linalg.norm(Rotation.from_matrix(turn).as_rotvec())) if np.linalg.det(turn) > 0 else float(np.pi)
-    undetermined = tuple(axis for axis, value in zip(AXES, sigma, strict=True) if value > plausible_G / np.sqrt(2))
+    undetermined = tuple(axis for axis, value in zip(AXIS_NAMES, sigma, strict=True) if value > plausible_G / np.sqrt(2))
     return Mounting(R, S, sigma, sigma_S, change, undetermined)
 
 
-def _jacobians(R: Array, S: Array) -> tuple[Array, Array]:
+def _compute_jacobians(R: Array, S: Array) -> tuple[Array, Array]:
     """∂δφ/∂G (3, 9), about the axes of the body, and ∂S/∂G (9, 9), G and S by rows."""
     inverse = np.linalg.inv(np.trace(S) * np.eye(3) - S)
     sign = np.sign(np.linalg.det(R))

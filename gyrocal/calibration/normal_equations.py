@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.calibration.covariance import model_covariance
-from gyrocal.calibration.packing import THREE
+from gyrocal.calibration.increment_packing import THREE_GYROS
 from gyrocal.calibration.propagation import propagate_packed
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -25,8 +25,8 @@ Indices = NDArray[np.intp]
 SMALL_SINE = 1e-9  # below it a rotation vector is its sine to rounding
 
 
-@compiled
-def residuals(R: Array, A_start: Array, A_obs: Array) -> Array:  # pragma: no cover - compiled
+@compile_cached
+def compute_attitude_residuals(R: Array, A_start: Array, A_obs: Array) -> Array:  # pragma: no cover - compiled
     """θ (m, 3) of N (16), exp([θ×]) = A_obs (R A_start)ᵀ; the full rotation vector, below half a turn."""
     m = len(R)
     theta = np.empty((m, 3))
@@ -50,7 +50,7 @@ def residuals(R: Array, A_start: Array, A_obs: Array) -> Array:  # pragma: no co
     return theta
 
 
-@compiled
+@compile_cached
 def whiten(V: Array, values: Array) -> Array:  # pragma: no cover - compiled
     """L⁻¹ values with V = L Lᵀ; values (r, c)."""
     L = np.linalg.cholesky(V)
@@ -67,8 +67,8 @@ def whiten(V: Array, values: Array) -> Array:  # pragma: no cover - compiled
     return out
 
 
-@compiled
-def sensitivity(S: Array, columns: Indices, scale: Array) -> Array:  # pragma: no cover - compiled
+@compile_cached
+def build_sensitivity(S: Array, columns: Indices, scale: Array) -> Array:  # pragma: no cover - compiled
     """Θ D (3m, p) from the regressor sums S (m, 4, 3, 3); column k of the twelve is G[k // 3, k % 3], or b[k − 9]."""
     m, p = len(S), len(columns)
     out = np.empty((3 * m, p))
@@ -81,7 +81,7 @@ def sensitivity(S: Array, columns: Indices, scale: Array) -> Array:  # pragma: n
     return out
 
 
-@compiled
+@compile_cached
 def whiten_groups(
     theta: Array,
     Theta: Array,
@@ -98,7 +98,7 @@ def whiten_groups(
     ----------
     theta, Theta : (m, 3) residuals and (3m, p) scaled sensitivity
     groups : (m,) residuals, group by group, and one past the end of each group; with one V of all residuals there is one
-    references : interval, start, row and noise as in `gyrocal.calibration.covariance.residual_covariance`
+    references : interval, start, row and noise as in `gyrocal.calibration.covariance.compute_residual_covariance`
     walk, model, given : as in `gyrocal.calibration.covariance.model_covariance`
     """
     interval, start, row, noise = references
@@ -119,7 +119,7 @@ def whiten_groups(
     return out[:, :p].copy(), out[:, p].copy(), variance
 
 
-@compiled
+@compile_cached
 def iterate(
     iterations: int,
     x: Array,
@@ -167,9 +167,9 @@ def iterate(
             chi2 = np.nan
             break
         G, bias = xs[n, :9].copy().reshape(3, 3), xs[n, 9:].copy()
-        R, S = propagate_packed(increments, increments, ends, last, arc, G, bias, linear, beyond_series, THREE)
-        thetas[n] = residuals(R, A_start, A_obs)
-        Theta = sensitivity(S, columns, scale)
+        R, S = propagate_packed(increments, increments, ends, last, arc, G, bias, linear, beyond_series, THREE_GYROS)
+        thetas[n] = compute_attitude_residuals(R, A_start, A_obs)
+        Theta = build_sensitivity(S, columns, scale)
         H, z, _ = whiten_groups(thetas[n], Theta, R, groups, references, walk, model, given)
         if n == iterations:
             chi2 = np.sum(z * z)

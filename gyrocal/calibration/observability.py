@@ -22,7 +22,7 @@ PLAUSIBLE_BIAS = float(np.deg2rad(10 / 3600))
 PLAUSIBLE_RANGE = np.array([PLAUSIBLE_G] * 9 + [PLAUSIBLE_BIAS] * 3)
 BIAS_LETTERS = ("b", "c")  # that the names of biases begin with, in both parametrisations
 MOST_SHOWN = 3  # parameter combinations that a message names
-ROUNDING = 1e-11  # singular values this far below the largest are rounding, however small the stated noise
+OBSERVABILITY_RANK_TOLERANCE = 1e-11  # singular values this far below the largest are rounding, however small the stated noise
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Observability:
         return np.asarray(np.abs(self.leads) * np.sqrt(np.einsum("kp,pq,kq->k", along, covariance, along)))
 
 
-def observability(whitened: Array, plausible: Array, names: tuple[str, ...]) -> Observability:
+def evaluate_observability(whitened: Array, plausible: Array, names: tuple[str, ...]) -> Observability:
     """Judge a whitened sensitivity.
 
     Parameters
@@ -79,10 +79,10 @@ def observability(whitened: Array, plausible: Array, names: tuple[str, ...]) -> 
     p = len(names)
     rows = np.zeros((max(0, p - len(whitened)), p))
     _, values, directions = np.linalg.svd(np.vstack([whitened * plausible, rows]), full_matrices=False)
-    free = (values < 1.0) | (values < ROUNDING * values[0])
+    free = (values < 1.0) | (values < OBSERVABILITY_RANK_TOLERANCE * values[0])
     basis = make_sparse_basis(directions[free])
     basis = basis / np.linalg.norm(basis, axis=1, keepdims=True)
-    leads = [(direction * plausible)[_leading_parameter(direction, plausible, names)] for direction in basis]
+    leads = [(direction * plausible)[_find_leading_parameter(direction, plausible, names)] for direction in basis]
     texts = tuple(_name_combination(direction, plausible, names) for direction in basis)
     return Observability(values, texts, basis, np.array(leads))
 
@@ -102,25 +102,25 @@ def make_sparse_basis(directions: Array) -> Array:
     return np.asarray(basis[np.argsort(pivots[: len(directions)])])
 
 
-def _named_parameters(direction: Array) -> Indices:
+def _find_notable_parameters(direction: Array) -> Indices:
     """Places of the parameters that take a notable part in a direction."""
     return np.flatnonzero(np.abs(direction) > 0.01 * np.abs(direction).max())
 
 
-def _leading_parameter(direction: Array, scale: Array, names: tuple[str, ...]) -> int:
+def _find_leading_parameter(direction: Array, scale: Array, names: tuple[str, ...]) -> int:
     """Place of the parameter that a combination is named after: no bias if another takes part, then the largest change."""
-    keep = _named_parameters(direction)
+    keep = _find_notable_parameters(direction)
     elements = [k for k in keep if not names[k].startswith(BIAS_LETTERS)]
     return int(max(elements or keep, key=lambda k: abs(direction[k] * scale[k])))
 
 
 def _name_combination(direction: Array, scale: Array, names: tuple[str, ...]) -> str:
     """One direction as "G_yy - 0.0656 deg/s b_y": what may be added to the parameters without the data noticing."""
-    keep = _named_parameters(direction)
+    keep = _find_notable_parameters(direction)
     physical = direction * scale
     biases = [k for k in keep if names[k].startswith(BIAS_LETTERS)]
     elements = [k for k in keep if k not in biases]
-    lead = _leading_parameter(direction, scale, names)
+    lead = _find_leading_parameter(direction, scale, names)
     physical = physical / physical[lead]
     terms = [(physical[k], f"{abs(physical[k]):.3g} {names[k]}") for k in elements]
     unit = np.rad2deg(1.0) if elements else 1.0

@@ -21,21 +21,21 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-AXES = ("x", "y", "z")
-NAMES = tuple(f"G_{i}{j}" for i in AXES for j in AXES) + tuple(f"b_{i}" for i in AXES)
-SCALE_FACTORS = tuple(f"G_{i}{i}" for i in AXES)
-MISALIGNMENTS = tuple(f"G_{i}{j}" for i in AXES for j in AXES if i != j)
-BIASES = tuple(f"b_{i}" for i in AXES)
+AXIS_NAMES = ("x", "y", "z")
+NAMES = tuple(f"G_{i}{j}" for i in AXIS_NAMES for j in AXIS_NAMES) + tuple(f"b_{i}" for i in AXIS_NAMES)
+SCALE_FACTORS = tuple(f"G_{i}{i}" for i in AXIS_NAMES)
+MISALIGNMENT_NAMES = tuple(f"G_{i}{j}" for i in AXIS_NAMES for j in AXIS_NAMES if i != j)
+BIAS_NAMES = tuple(f"b_{i}" for i in AXIS_NAMES)
 
 
-def groups(names: tuple[str, ...] = NAMES) -> dict[str, tuple[str, ...]]:
+def list_parameter_groups(names: tuple[str, ...] = NAMES) -> dict[str, tuple[str, ...]]:
     """Names that stand for several of twelve parameters: nine of a matrix by rows, then three biases."""
     return {
         "all": names,
         "bias": names[9:],
         "scale": names[:9:4],
         "misalignment": tuple(name for k, name in enumerate(names[:9]) if k % 4),
-        **{f"gyro_{axis}": (*names[3 * i : 3 * i + 3], names[9 + i]) for i, axis in enumerate(AXES)},
+        **{f"gyro_{axis}": (*names[3 * i : 3 * i + 3], names[9 + i]) for i, axis in enumerate(AXIS_NAMES)},
     }
 
 
@@ -114,10 +114,10 @@ class GyroParameters:
         misalignment = np.rad2deg(self.misalignment)
         return pd.DataFrame(
             {
-                "gyro": AXES,
+                "gyro": AXIS_NAMES,
                 "bias_deg_s": np.rad2deg(self.bias),
                 "scale_factor": self.scale_factor,
-                **{f"misalignment_{j}_deg": misalignment[:, k] for k, j in enumerate(AXES)},
+                **{f"misalignment_{j}_deg": misalignment[:, k] for k, j in enumerate(AXIS_NAMES)},
             }
         )
 
@@ -137,7 +137,7 @@ def select(names: str | Iterable[str], known: tuple[str, ...] = NAMES) -> tuple[
         An unknown name, or nothing left.
     """
     parts = [part.strip() for part in names.split(",")] if isinstance(names, str) else list(names)
-    of_group = groups(known)
+    of_group = list_parameter_groups(known)
     chosen: set[str] = set()
     for part in parts:
         key = part.removeprefix("-")

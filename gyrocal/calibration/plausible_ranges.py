@@ -27,15 +27,15 @@ from gyrocal.recording import Recording
 Array = NDArray[np.float64]
 Grade = Literal["space", "tactical", "MEMS"]
 
-DEG_H = float(np.deg2rad(1 / 3600))  # rad/s
+RAD_S_PER_DEG_H = float(np.deg2rad(1 / 3600))  # rad/s
 DEG_SQRT_H = float(np.deg2rad(1 / 60))  # rad/sqrt(s)
 SPACE_ARW = 0.05  # deg/sqrt(h), largest of a space gyro: where the tactical grade of Yazdi et al. begins
 TACTICAL_ARW = 0.1  # deg/sqrt(h), largest of a tactical gyro, see above
 TACTICAL_G = 0.02  # scale factor errors of 0.1 % and a mounting by hand, about 1 deg
-TACTICAL_BIAS = 360 * DEG_H  # 0.1 deg/s from one switching-on to the next
+TACTICAL_BIAS = 360 * RAD_S_PER_DEG_H  # 0.1 deg/s from one switching-on to the next
 MEMS_G = 0.1  # data sheets state sensitivities to 3 to 6 %, cross-axis 2 %; a mounting by hand, about 6 deg
-MEMS_BIAS = 36000 * DEG_H  # 10 deg/s, the zero-rate level of consumer data sheets
-REST_SIGMAS = 3.0  # by which the bias in a rest must exceed the range of a grade before the next one is taken
+MEMS_BIAS = 36000 * RAD_S_PER_DEG_H  # 10 deg/s, the zero-rate level of consumer data sheets
+REST_BIAS_SIGMAS = 3.0  # by which the bias in a rest must exceed the range of a grade before the next one is taken
 LONGEST_SPACING_S = 3.0  # between references, of which rests can be seen
 
 
@@ -81,7 +81,7 @@ class PlausibleRanges:
     @property
     def bias_deg_h(self) -> float:
         """Plausible range of an element of b, deg/h."""
-        return self.bias / DEG_H
+        return self.bias / RAD_S_PER_DEG_H
 
     def vector(self, is_bias: NDArray[np.bool_]) -> Array:
         """(p,) range of each parameter; is_bias (p,) says which are biases.
@@ -134,7 +134,7 @@ def estimate_plausible_ranges(
     if rest is not None:
         size = float(np.abs(rest.bias(recording.gyro.apriori_G)).max())
         # An error of G in a slow motion is no bias.
-        unsure = REST_SIGMAS * rest.sigma + RANGES[place][2] * float(np.linalg.norm(rest.reference))
+        unsure = REST_BIAS_SIGMAS * rest.sigma + RANGES[place][2] * float(np.linalg.norm(rest.reference))
         needed = next((k for k, (*_, bias) in enumerate(RANGES) if size - unsure <= bias), len(RANGES) - 1)
         if needed > place:
             reason = f"a bias of {np.rad2deg(size):.2g} deg/s in the rests, beyond the range of {RANGES[place][0]} grade"
@@ -152,7 +152,7 @@ def estimate_plausible_ranges(
 
 def compute_rest_rates(recording: Recording) -> RestRates | None:
     """Compute the mean rates over the rests of three gyros; None where no rest is seen, or several sensors give attitudes."""
-    from gyrocal.importing.rests import rests, speed  # late: the import's modules use this package
+    from gyrocal.importing.rests import compute_speed, find_rests  # late: the import's modules use this package
 
     gyro, references = recording.gyro, recording.attitudes
     t_ref = references.t_s
@@ -163,7 +163,7 @@ def compute_rest_rates(recording: Recording) -> RestRates | None:
     A = attitude.matrix_from_quaternion(references.quaternions)
     raw, reference, seconds, variance = np.zeros(3), np.zeros(3), 0.0, 0.0
     # The speed needs the references in the order of time; an instant that two intervals share stands twice.
-    for first, stop in rests(gyro.rates, gyro.sample_s, speed(t_ref, references.quaternions, gyro.t_s)):
+    for first, stop in find_rests(gyro.rates, gyro.sample_s, compute_speed(t_ref, references.quaternions, gyro.t_s)):
         rows = np.flatnonzero((t_ref >= gyro.t_s[first]) & (t_ref <= gyro.t_s[stop - 1]))
         if rows.size < 2 or not t_ref[rows[-1]] > t_ref[rows[0]]:
             continue

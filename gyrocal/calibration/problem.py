@@ -23,15 +23,15 @@ from gyrocal.calibration.covariance import (
     integrate_white_noise,
     model_covariance,
 )
-from gyrocal.calibration.gyro_space import Parametrisation, space_of
+from gyrocal.calibration.gyro_space import Parametrisation, select_parameter_space
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.calibration.parameters import NAMES, GyroParameters
 from gyrocal.calibration.propagation import Psi, propagate
 from gyrocal.calibration.sampling import Measurements
-from gyrocal.calibration.trackers import Eliminated, Mountings
+from gyrocal.calibration.trackers import Mountings, ReducedEquations
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
-from gyrocal.recording.trackers import covariance as in_body_axes
+from gyrocal.recording.trackers import compute_body_covariance as in_body_axes
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,7 +60,7 @@ class State:
     sigma: Array
     H: Array
     z: Array
-    eliminated: Eliminated | None = None
+    eliminated: ReducedEquations | None = None
 
     @property
     def chi2(self) -> float:
@@ -85,7 +85,7 @@ class Iterates:
     P: Array
     chi2: float
 
-    def checked(self) -> "Iterates":
+    def check_convergence(self) -> "Iterates":
         """These, if each iteration was within what one linearisation can correct, as `Problem.state` asks; they must look back.
 
         Raises
@@ -111,7 +111,7 @@ class Problem:
 
     Attributes
     ----------
-    measurements : steps and references, see `gyrocal.calibration.sampling.measurements`
+    measurements : steps and references, see `gyrocal.calibration.sampling.prepare_measurements`
     A : (references, 3, 3) observed attitudes
     noise : (references, 3, 3) covariance of each in body axes, rad²
     arw : rad/sqrt(s), of the full stream
@@ -161,7 +161,7 @@ class Problem:
     @cached_property
     def columns(self) -> Indices:
         """(p,) positions of the solved-for parameters among the twelve."""
-        known = space_of(self.parametrisation).names
+        known = select_parameter_space(self.parametrisation).names
         return np.array([known.index(name) for name in self.names])
 
     @cached_property
@@ -179,7 +179,7 @@ class Problem:
 
     @cached_property
     def references(self) -> tuple[Indices, Indices, Indices, Array]:
-        """Interval, start, row and noise, as in `gyrocal.calibration.covariance.residual_covariance`."""
+        """Interval, start, row and noise, as in `gyrocal.calibration.covariance.compute_residual_covariance`."""
         made = self.measurements
         return made.arcs.arc, made.start, made.row, np.ascontiguousarray(self.noise)
 
@@ -211,7 +211,7 @@ class Problem:
         """
         with np.errstate(over="ignore", invalid="ignore"):
             propagation = propagate(self.measurements.arcs, parameters.G, parameters.bias, self.psi)
-        return self.compute_state(propagation.R, self._sensitivity(propagation.S, parameters))
+        return self.compute_state(propagation.R, self._compute_sensitivity(propagation.S, parameters))
 
     def compute_state(self, R: Array, Theta: Array, walk: Array | None = None) -> State:
         """Compute residuals and whiten them, from the propagation of any number of gyros.
@@ -231,12 +231,12 @@ class Problem:
         A = self.A if self.mountings is None else self.mountings.corrected(self.A)
         A_start, A_obs = A[prepared.start], A[prepared.row]
         with np.errstate(over="ignore", invalid="ignore"):
-            theta = accumulation.residuals(R, A_start, A_obs)
+            theta = accumulation.compute_attitude_residuals(R, A_start, A_obs)
         gate.check(np.where(np.isfinite(R).all(axis=2), theta, np.inf))
         linear = attitude.residual_linear(A_obs, R @ A_start)
         p, free = Theta.shape[1], self.mountings is not None and self.mountings.misalignment.size > 0
         if self.mountings is not None:
-            Theta = np.hstack([Theta, self.mountings.sensitivity(R, prepared.start, prepared.row)])
+            Theta = np.hstack([Theta, self.mountings.compute_sensitivity(R, prepared.start, prepared.row)])
         walk = self.walk if walk is None else walk
         H, z, variance = accumulation.whiten_groups(theta, Theta, R, self.groups, self.references, walk, *self._model)
         if self.mountings is None or not free:
@@ -250,12 +250,12 @@ class Problem:
             return self
         return replace(self, mountings=self.mountings.moved(state.eliminated, change))
 
-    def _sensitivity(self, S: Array, parameters: GyroParameters) -> Array:
+    def _compute_sensitivity(self, S: Array, parameters: GyroParameters) -> Array:
         """Θ D (3m, p) with respect to the solved-for parameters."""
         if self.parametrisation == "gain":
-            return np.asarray(accumulation.sensitivity(S, self.columns, self.scale))
-        J = space_of(self.parametrisation).jacobian(parameters)[:, self.columns] * self.scale
-        return np.asarray(accumulation.sensitivity(S, np.arange(12), PLAUSIBLE_RANGE) @ (J / PLAUSIBLE_RANGE[:, None]))
+            return np.asarray(accumulation.build_sensitivity(S, self.columns, self.scale))
+        J = select_parameter_space(self.parametrisation).jacobian(parameters)[:, self.columns] * self.scale
+        return np.asarray(accumulation.build_sensitivity(S, np.arange(12), PLAUSIBLE_RANGE) @ (J / PLAUSIBLE_RANGE[:, None]))
 
     def iterate(self, x: Array, iterations: int, psi: Psi | None = None, look_back: bool = True) -> Iterates:
         """A fixed number of iterations in (G, b) without a prior, compiled from end to end.
@@ -289,7 +289,7 @@ class Problem:
         )
         return Iterates(*values)
 
-    def with_case(self, rates: Array, A: Array, workspace: Array | None = None) -> "Problem":
+    def replace_case(self, rates: Array, A: Array, workspace: Array | None = None) -> "Problem":
         """The same problem with another case's gyro rates (samples, 3) rad/s and observed attitudes (references, 3, 3).
 
         A workspace (see `gyrocal.calibration.propagation.Arcs`) makes the new problem valid only until the next case is packed
@@ -323,9 +323,9 @@ def tabulate_residuals(
     for label, state in (("before", before), ("after", after)):
         values = {"": state.theta, "linear_": state.theta_linear}
         for form in forms:
-            columns |= _by_axis(f"{label}_{form}", values[form])
-    return pd.DataFrame(columns | _by_axis("sigma_", after.sigma))
+            columns |= _label_by_axis(f"{label}_{form}", values[form])
+    return pd.DataFrame(columns | _label_by_axis("sigma_", after.sigma))
 
 
-def _by_axis(label: str, values: Array) -> dict[str, Array]:
+def _label_by_axis(label: str, values: Array) -> dict[str, Array]:
     return {f"{label}{name}_deg": np.rad2deg(values[:, k]) for k, name in enumerate(ROTATION_NAMES)}

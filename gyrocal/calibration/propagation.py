@@ -37,37 +37,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.attitude import cross_matrix, rotation_matrix
-from gyrocal.calibration.packing import (
+from gyrocal.calibration.increment_packing import (
     LANES,
-    THREE,
+    THREE_GYROS,
     TILE,
     Gyros,
     Pieces,
     Stream,
-    gyros_of,
+    compute_packed_shape,
+    encode_gyro_count,
+    is_unbroken,
     pack_increments,
-    packed_shape,
-    unbroken,
 )
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 
 Array = NDArray[np.float64]
 Psi = Literal["full", "linear"]
 Indices = NDArray[np.intp]
 
 CACHE_LINE = 8  # doubles
-GROUP = 4  # regressors carried by one pass
+REGRESSOR_GROUP_SIZE = 4  # regressors carried by one pass
 
-SERIES_LIMIT = 0.1  # rad; below it the series of c and d are exact to rounding, above it the closed forms are
+PSI_SERIES_LIMIT = 0.1  # rad; below it the series of c and d are exact to rounding, above it the closed forms are
 C0, C1, C2, C3, C4 = 1 / 2, -1 / 24, 1 / 720, -1 / 40320, 1 / 3628800
 D0, D1, D2, D3, D4 = 1 / 6, -1 / 120, 1 / 5040, -1 / 362880, 1 / 39916800
 
 
-def psi_coefficients(phi: Array) -> tuple[Array, Array]:
+def compute_psi_coefficients(phi: Array) -> tuple[Array, Array]:
     """c = (1 − cos φ)/φ² and d = (φ − sin φ)/φ³, to rounding at every φ ≥ 0."""
     phi = np.asarray(phi, dtype=float)
     x = phi * phi
-    small = phi < SERIES_LIMIT
+    small = phi < PSI_SERIES_LIMIT
     safe = np.where(small, 1.0, phi)
     half = np.sin(safe / 2) / safe
     c = np.where(small, C0 + x * (C1 + x * (C2 + x * (C3 + x * C4))), 2 * half * half)
@@ -93,7 +93,7 @@ def psi_matrix(omega: Array, dt: float | Array, psi: Psi = "full") -> Array:
     if psi == "linear":
         return np.broadcast_to(np.eye(3), (*omega.shape[:-1], 3, 3)) * step
     rotvec = omega * np.asarray(dt, dtype=float)[..., None]
-    c, d = psi_coefficients(np.linalg.norm(rotvec, axis=-1))
+    c, d = compute_psi_coefficients(np.linalg.norm(rotvec, axis=-1))
     K = cross_matrix(rotvec)
     return np.asarray((np.eye(3) - c[..., None, None] * K + d[..., None, None] * (K @ K)) * step)
 
@@ -164,7 +164,7 @@ class Arcs:
         """(n, gyros) raw rate of each step, rad/s."""
         if self.fine is None or self.fine_dt is None:
             return np.asarray(self.rates[self.sample])
-        return np.asarray(_averages(np.ascontiguousarray(self.rates), self.sample, self.fine, self.fine_dt))
+        return np.asarray(_average_rates(np.ascontiguousarray(self.rates), self.sample, self.fine, self.fine_dt))
 
     @cached_property
     def pieces(self) -> Pieces:
@@ -179,11 +179,11 @@ class Arcs:
     @property
     def gyros(self) -> Gyros:
         """The number of gyros, as compiled functions are told of it."""
-        return gyros_of(self.rates.shape[1])
+        return encode_gyro_count(self.rates.shape[1])
 
     @cached_property
     def _unbroken(self) -> bool:
-        return bool(unbroken(self.sample, *self.pieces)) if self.fine is None else True
+        return bool(is_unbroken(self.sample, *self.pieces)) if self.fine is None else True
 
     @cached_property
     def _packed(self) -> tuple[Array, float]:
@@ -194,7 +194,7 @@ class Arcs:
         else:
             stream = self.raw, np.arange(len(dt)), dt, True
         # numpy's allocation, not numba's: it asks for huge pages, and a fault for every 4 KiB costs as much as the packing.
-        increments = np.empty(packed_shape(self.pieces, len(self.gyros))) if self.workspace is None else self.workspace
+        increments = np.empty(compute_packed_shape(self.pieces, len(self.gyros))) if self.workspace is None else self.workspace
         return increments, float(pack_increments(stream, self.pieces, increments, self.gyros))
 
     @property
@@ -217,7 +217,7 @@ class Arcs:
     def beyond_series(self, G: Array, bias: Array) -> bool:
         """Whether a step may reach the limit of the series: |G h + b Δt| ≤ ‖G‖ |h| + |b| Δt of the largest and longest step."""
         # The Frobenius norm bounds the spectral one, and needs no singular values.
-        return bool(np.linalg.norm(G) * self.largest_increment + np.linalg.norm(bias) * self.longest_step >= SERIES_LIMIT)
+        return bool(np.linalg.norm(G) * self.largest_increment + np.linalg.norm(bias) * self.longest_step >= PSI_SERIES_LIMIT)
 
     @cached_property
     def longest_step(self) -> float:
@@ -262,17 +262,17 @@ def propagate(arcs: Arcs, G: Array, bias: Array, psi: Psi = "full") -> Propagati
     """
     G, bias = np.ascontiguousarray(G, dtype=float), np.ascontiguousarray(bias, dtype=float)
     options = (arcs.ends, arcs.last, arcs.arc, G, bias, psi == "linear", arcs.beyond_series(G, bias), arcs.gyros)
-    return Propagation(*propagate_packed(arcs.increments, arcs.increments if arcs.gyros == THREE else None, *options))
+    return Propagation(*propagate_packed(arcs.increments, arcs.increments if arcs.gyros == THREE_GYROS else None, *options))
 
 
-def body_sums(S: Array, G: Array, bias: Array) -> Array:
+def convert_to_body_sums(S: Array, G: Array, bias: Array) -> Array:
     """S (m, 4, 3, 3) to the body's rates and 1, of any number of gyros: ω = G ω_raw + b is a sum of the raw rates of three."""
-    if G.shape[1] != len(THREE):
+    if G.shape[1] != len(THREE_GYROS):
         return S
     return np.asarray(np.concatenate([np.einsum("qj,mjra->mqra", np.column_stack([G, bias]), S), S[:, 3:4]], axis=1))
 
 
-@compiled
+@compile_cached
 def cut(first: Indices, last: Indices) -> tuple[Indices, Indices]:  # pragma: no cover - compiled
     """Start and length of pieces that end at every output and fill whole batches of lanes with little padding.
 
@@ -304,8 +304,8 @@ def cut(first: Indices, last: Indices) -> tuple[Indices, Indices]:  # pragma: no
     return starts, lengths
 
 
-@compiled
-def _averages(rates: Array, sample: Indices, fine: Indices, fine_dt: Array) -> Array:  # pragma: no cover - compiled
+@compile_cached
+def _average_rates(rates: Array, sample: Indices, fine: Indices, fine_dt: Array) -> Array:  # pragma: no cover - compiled
     """Raw rate of every step, (n, gyros): the mean over its fine steps, each by its duration."""
     out = np.zeros((len(fine) - 1, rates.shape[1]))
     for step in range(len(out)):
@@ -319,7 +319,7 @@ def _averages(rates: Array, sample: Indices, fine: Indices, fine_dt: Array) -> A
     return out
 
 
-@compiled
+@compile_cached
 def propagate_packed(
     increments: Array,
     weights: Array | None,
@@ -344,17 +344,17 @@ def propagate_packed(
     out[:, 0], out[:, 4], out[:, 8] = 1.0, 1.0, 1.0
     for batch in range(len(increments)):
         if weights is None:
-            _lanes(increments[batch], None, G, bias, linear, beyond_series, out[batch], gyros)
+            _propagate_lanes(increments[batch], None, G, bias, linear, beyond_series, out[batch], gyros)
         else:
-            _lanes(increments[batch], weights[batch], G, bias, linear, beyond_series, out[batch], gyros)
-    return _joined(out, ends, last, arc)
+            _propagate_lanes(increments[batch], weights[batch], G, bias, linear, beyond_series, out[batch], gyros)
+    return _chain_pieces(out, ends, last, arc)
 
 
-@compiled
-def _joined(out: Array, ends: Indices, last: Indices, arc: Indices) -> tuple[Array, Array]:  # pragma: no cover - compiled
+@compile_cached
+def _chain_pieces(out: Array, ends: Indices, last: Indices, arc: Indices) -> tuple[Array, Array]:  # pragma: no cover - compiled
     """R (m, 3, 3) and S (m, 4, 3, 3) at every output, the pieces (batches, 45, lanes) chained."""
-    R_out, S_out = np.empty((len(arc), 3, 3)), np.empty((len(arc), GROUP, 3, 3))
-    P, P_new, S = np.eye(3), np.empty((3, 3)), np.zeros((GROUP, 3, 3))
+    R_out, S_out = np.empty((len(arc), 3, 3)), np.empty((len(arc), REGRESSOR_GROUP_SIZE, 3, 3))
+    P, P_new, S = np.eye(3), np.empty((3, 3)), np.zeros((REGRESSOR_GROUP_SIZE, 3, 3))
     piece = 0
     for output in range(len(arc)):
         if output == 0 or arc[output] != arc[output - 1]:
@@ -368,7 +368,7 @@ def _joined(out: Array, ends: Indices, last: Indices, arc: Indices) -> tuple[Arr
                     P_new[i, j] = 0.0
                     for k in range(3):
                         P_new[i, j] += P[i, k] * out[batch, 3 * k + j, lane]
-                        for q in range(GROUP):
+                        for q in range(REGRESSOR_GROUP_SIZE):
                             S[q, i, j] += P[i, k] * out[batch, 9 + 9 * q + 3 * k + j, lane]
             P[:] = P_new
             reached = ends[piece] == last[output]
@@ -376,13 +376,13 @@ def _joined(out: Array, ends: Indices, last: Indices, arc: Indices) -> tuple[Arr
         for i in range(3):
             for j in range(3):
                 R_out[output, i, j] = P[j, i]
-                for q in range(GROUP):
+                for q in range(REGRESSOR_GROUP_SIZE):
                     S_out[output, q, i, j] = P[0, i] * S[q, 0, j] + P[1, i] * S[q, 1, j] + P[2, i] * S[q, 2, j]
     return R_out, S_out
 
 
-@compiled(fastmath={"contract"})
-def _lanes(
+@compile_cached(fastmath={"contract"})
+def _propagate_lanes(
     increments: Array,
     weights: Array | None,
     G: Array,
@@ -402,10 +402,10 @@ def _lanes(
     steps = increments.shape[0]
     # Channels of a tile: φ (0–2), E (3–11).
     tile = np.empty((TILE, 12, LANES + CACHE_LINE))
-    u = _to_cache_line(tile)
+    u = _count_to_cache_line(tile)
     # Row i of P (0–2), then row i of S for each regressor (3–14).
     state = np.zeros((3, 15, LANES + CACHE_LINE))
-    v = _to_cache_line(state)
+    v = _count_to_cache_line(state)
     for i in range(3):
         for lane in range(LANES):
             for j in range(3):
@@ -425,14 +425,14 @@ def _lanes(
                 f = x * x + y * y + z * z
                 c = C0 + f * (C1 + f * (C2 + f * (C3 + f * C4)))
                 d = D0 + f * (D1 + f * (D2 + f * (D3 + f * D4)))
-                _sensitivity(tile, t, u + lane, x, y, z, c, d)
+                _compute_step_sensitivity(tile, t, u + lane, x, y, z, c, d)
             if beyond_series:
                 for lane in range(LANES):
                     x, y, z = tile[t, 0, u + lane], tile[t, 1, u + lane], tile[t, 2, u + lane]
                     f = x * x + y * y + z * z
-                    if f >= SERIES_LIMIT * SERIES_LIMIT:
-                        c, d = _closed_coefficients(f)
-                        _sensitivity(tile, t, u + lane, x, y, z, c, d)
+                    if f >= PSI_SERIES_LIMIT * PSI_SERIES_LIMIT:
+                        c, d = _compute_closed_coefficients(f)
+                        _compute_step_sensitivity(tile, t, u + lane, x, y, z, c, d)
         for i in range(3):
             # A row of P and of S stays in registers over the tile. That needs the loop over t unrolled before the one over the
             # lanes is vectorised: beyond TILE = 4 the compiler no longer does, and it costs 6×.
@@ -471,14 +471,14 @@ def _lanes(
                     out[9 + 9 * q + 3 * i + j, lane] = state[i, 3 + 3 * q + j, v + lane]
 
 
-@compiled(inline="always")
-def _to_cache_line(values: Array) -> int:  # pragma: no cover - compiled
+@compile_cached(inline="always")
+def _count_to_cache_line(values: Array) -> int:  # pragma: no cover - compiled
     """Doubles from the start of an array to the next cache line, 0 to 7."""
     return (-values.ctypes.data >> 3) & (CACHE_LINE - 1)
 
 
-@compiled(inline="always")
-def _sensitivity(
+@compile_cached(inline="always")
+def _compute_step_sensitivity(
     tile: Array, t: int, lane: int, x: float, y: float, z: float, c: float, d: float
 ) -> None:  # pragma: no cover - compiled
     """Φ and E = I + c[φ×] + d[φ×]² of one step into the tile."""
@@ -492,8 +492,8 @@ def _sensitivity(
     tile[t, 9, lane], tile[t, 10, lane], tile[t, 11, lane] = xz - cy, yz + cx, 1 - xx - yy
 
 
-@compiled
-def _closed_coefficients(f: float) -> tuple[float, float]:  # pragma: no cover - compiled
+@compile_cached
+def _compute_closed_coefficients(f: float) -> tuple[float, float]:  # pragma: no cover - compiled
     """c and d of φ² = f where the series no longer serves."""
     phi = sqrt(f)
     half = np.sin(phi / 2) / phi

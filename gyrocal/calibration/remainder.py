@@ -35,14 +35,14 @@ import scipy.linalg
 import scipy.special
 from numpy.typing import NDArray
 
-from gyrocal.calibration.gyro_space import space_of
+from gyrocal.calibration.gyro_space import select_parameter_space
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.remainder_processes import (
-    BIASES,
-    BLOCK,
-    MISALIGNMENTS,
-    SCALES,
+    BIAS_INDICES,
+    CORRELATION_BLOCK_ROWS,
+    MISALIGNMENT_INDICES,
+    SCALE_FACTOR_INDICES,
     SIGNIFICANT,
     Process,
     Remainder,
@@ -50,7 +50,7 @@ from gyrocal.calibration.remainder_processes import (
     compute_turns,
     correlate_references,
 )
-from gyrocal.calibration.sampling import measurements
+from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.estimation.variance_components import VarianceComponents, estimate_variance_components
 from gyrocal.recording import GyroStream, Recording
 
@@ -67,7 +67,7 @@ FEWEST_FOR_AXES = 120  # degrees of freedom, from which each axis has a size of 
 FEWEST_FOR_PROCESSES = 30  # degrees of freedom, below which only the factor of the noise is estimated
 LEAST_VISIBLE = 0.05  # share of a process's power in the residuals; below it the calibration takes it up, unseen
 NEGLIGIBLE = 0.003  # power of a process in the residuals relative to that of the stated noise; a smaller one is left out
-RANK = 1e-9  # of singular values and eigenvalues, relative to the largest: below it they are rounding
+SINGULAR_VALUE_TOLERANCE = 1e-9  # of singular values and eigenvalues, relative to the largest: below it they are rounding
 
 
 def add_remainder(recording: Recording, result: CalibrationResult) -> CalibrationResult:
@@ -86,7 +86,7 @@ def add_remainder(recording: Recording, result: CalibrationResult) -> Calibratio
     if result.covariance_model == "given" or recording.attitudes.sensor is not None:
         return result
     options = result.options
-    prepared = measurements(recording, options["step_s"], options["resampling"], options["max_gap_s"])
+    prepared = prepare_measurements(recording, options["step_s"], options["resampling"], options["max_gap_s"])
     names, psi, space = result.solved_for, result.psi, result.parametrisation
     model = "full" if result.covariance_model == "full" else "references only"
     problem = Problem.of(recording, prepared, names, psi, model, parametrisation=space)  # type: ignore[arg-type]
@@ -108,7 +108,7 @@ def estimate_remainder(recording: Recording, problem: Problem, result: Calibrati
     scaled = result.own_covariance[np.ix_(columns, columns)] / problem.scale[:, None]
     nominal = result.covariance
     thin = paths.select(choose_evenly(paths.row.size, MOST_RESIDUALS))
-    J = space_of(problem.parametrisation).jacobian(result.parameters)
+    J = select_parameter_space(problem.parametrisation).jacobian(result.parameters)
     sizes, processes, dof, effective = _estimate_sizes(
         thin, state.theta[thin.kept], thin.Theta.reshape(-1, 12) @ J[:, columns], problem
     )
@@ -117,7 +117,7 @@ def estimate_remainder(recording: Recording, problem: Problem, result: Calibrati
         return Remainder((), 1.0, sizes.log_likelihood_gain, p_value, nominal)
     found = tuple(replace(one, variance=float(v)) for one, v in zip(processes, sizes.variances, strict=True) if v > 0)
     white = state.H @ scaled
-    extra = (sizes.noise - 1.0) * white.T @ white + _propagate_processes(paths, found, _unwhiten(problem, paths.R, white))
+    extra = (sizes.noise - 1.0) * white.T @ white + _propagate_processes(paths, found, _undo_whitening(problem, paths.R, white))
     own = np.zeros((12, 12))
     own[np.ix_(columns, columns)] = extra
     covariance = nominal + J @ own @ J.T
@@ -242,11 +242,13 @@ def list_processes(scales: Sequence[float], dof: int) -> tuple[Process, ...]:
         return ()
     middle = scales[len(scales) // 2]
     by_axis = dof >= FEWEST_FOR_AXES
-    biases = [(k,) for k in BIASES] if by_axis else [BIASES]
+    biases = [(k,) for k in BIAS_INDICES] if by_axis else [BIAS_INDICES]
     axes = [(k,) for k in range(3)] if by_axis else [(0, 1, 2)]
     rates = [Process("rate", members, scale) for members in biases for scale in (0.0, *scales, np.inf)]
-    diagonal = [(k,) for k in SCALES] if by_axis else [SCALES]
-    gains = [Process("rate", members, scale) for members in (*diagonal, MISALIGNMENTS) for scale in (0.0, *scales, np.inf)]
+    diagonal = [(k,) for k in SCALE_FACTOR_INDICES] if by_axis else [SCALE_FACTOR_INDICES]
+    gains = [
+        Process("rate", members, scale) for members in (*diagonal, MISALIGNMENT_INDICES) for scale in (0.0, *scales, np.inf)
+    ]
     references = [Process("reference", members, scale) for members in axes for scale in (0.0, *scales[-2:])]
     delays = [Process("delay", (0,), scale) for scale in (0.0, middle, np.inf)]
     return (*rates, *gains, *references, *delays)
@@ -287,7 +289,7 @@ def _estimate_sizes(
         return np.asarray(scipy.linalg.solve_triangular(L, values, lower=True, check_finite=False))
 
     H = whiten(Theta)
-    Q = _basis(H)
+    Q = _compute_basis(H)
     dof = theta.size - Q.shape[1]
     y = whiten(theta.ravel())
     y = y - Q @ (Q.T @ y)
@@ -297,7 +299,7 @@ def _estimate_sizes(
     for process in list_processes(choose_time_scales(paths.stretches), dof):
         key = (process.kind == "rate", process.time_scale_s)
         if key not in roots:
-            roots[key] = _root(paths.correlate(process))
+            roots[key] = _compute_correlation_root(paths.correlate(process))
         parts = []
         for member in process.members:
             if (process.kind, member) not in columns:
@@ -320,13 +322,13 @@ def _propagate_processes(paths: Paths, processes: Sequence[Process], K: Array) -
     for process in processes:
         for member in process.members:
             influence = paths.gather(process, member, K)
-            for low in range(0, len(influence), BLOCK):
-                rows = slice(low, low + BLOCK)
+            for low in range(0, len(influence), CORRELATION_BLOCK_ROWS):
+                rows = slice(low, low + CORRELATION_BLOCK_ROWS)
                 total += process.variance * influence[rows].T @ (paths.correlate(process, rows) @ influence)
     return total
 
 
-def _unwhiten(problem: Problem, R: Array, white: Array) -> Array:
+def _undo_whitening(problem: Problem, R: Array, white: Array) -> Array:
     """Multiply (3m, p) group by group by L⁻ᵀ, with V = L Lᵀ; the result is residual by residual."""
     out = np.empty_like(white)
     rows, ends = problem.groups
@@ -340,15 +342,15 @@ def _unwhiten(problem: Problem, R: Array, white: Array) -> Array:
     return out
 
 
-def _basis(H: Array) -> Array:
+def _compute_basis(H: Array) -> Array:
     """Orthonormal basis (N, r) of the columns of H."""
     size = np.linalg.norm(H, axis=0)
     U, s, _ = np.linalg.svd(H[:, size > 0] / size[size > 0], full_matrices=False)
-    return np.asarray(U[:, s > RANK * s[0]])
+    return np.asarray(U[:, s > SINGULAR_VALUE_TOLERANCE * s[0]])
 
 
-def _root(C: Array) -> Array:
+def _compute_correlation_root(C: Array) -> Array:
     """(n, r) Z of a correlation matrix C = Z Zᵀ."""
     values, vectors = np.linalg.eigh(C)
-    kept = values > RANK * values[-1]
+    kept = values > SINGULAR_VALUE_TOLERANCE * values[-1]
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))

@@ -31,14 +31,14 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Kind = Literal["rate", "reference", "delay"]
 
-BIASES = (9, 10, 11)  # places of b_x, b_y, b_z among the twelve parameters
-SCALES = (0, 4, 8)
-MISALIGNMENTS = (1, 2, 3, 5, 6, 7)
+BIAS_INDICES = (9, 10, 11)  # places of b_x, b_y, b_z among the twelve parameters
+SCALE_FACTOR_INDICES = (0, 4, 8)
+MISALIGNMENT_INDICES = (1, 2, 3, 5, 6, 7)
 NOMINAL, WITH_REMAINDER = "nominal", "with_remainder"  # which sigmas are recommended
 SIGNIFICANT = 0.01  # p-value of the likelihood ratio below which the sigmas with remainder are recommended
-DEG_H = float(np.rad2deg(3600.0))
-BLOCK = 1000  # rows of a correlation matrix that are made at a time
-SMALL = 1e-4  # of a stretch over a time scale, below which the series of its variance is used
+DEG_H_PER_RAD_S = float(np.rad2deg(3600.0))
+CORRELATION_BLOCK_ROWS = 1000  # rows of a correlation matrix that are made at a time
+VARIANCE_SERIES_LIMIT = 1e-4  # of a stretch over a time scale, below which the series of its variance is used
 
 
 @dataclass(frozen=True)
@@ -108,19 +108,19 @@ class Remainder:
     @property
     def gyro(self) -> Array:
         """(3,) 1-sigma of the rate error about each body axis that lasts, rad/s."""
-        return self._sizes(BIASES, lambda one: one.kind == "rate" and one.time_scale_s > 0)
+        return self._sum_sizes(BIAS_INDICES, lambda one: one.kind == "rate" and one.time_scale_s > 0)
 
     @property
     def rate_noise(self) -> Array:
         """(3,) root PSD of the white rate error about each body axis beside the stated one, rad/√s."""
-        return self._sizes(BIASES, lambda one: one.kind == "rate" and one.time_scale_s == 0)
+        return self._sum_sizes(BIAS_INDICES, lambda one: one.kind == "rate" and one.time_scale_s == 0)
 
     @property
     def reference(self) -> Array:
         """(3,) 1-sigma of the references' error about each body axis beside the stated one, rad."""
-        return self._sizes(range(3), lambda one: one.kind == "reference")
+        return self._sum_sizes(range(3), lambda one: one.kind == "reference")
 
-    def _sizes(self, members: Sequence[int], is_chosen: Callable[[Process], bool]) -> Array:
+    def _sum_sizes(self, members: Sequence[int], is_chosen: Callable[[Process], bool]) -> Array:
         """Root of the sum of the variances of the chosen processes of each member."""
         own = [one for one in self.processes if is_chosen(one)]
         return np.array([np.sqrt(sum(one.variance for one in own if member in one.members)) for member in members])
@@ -133,13 +133,13 @@ class Remainder:
     @property
     def time_scale_s(self) -> Array:
         """(3,) time scale of the rate error about each axis, s: geometric mean of finite ones by variance; NaN if none."""
-        return np.array([_average_time_scale(self.processes, axis) for axis in BIASES])
+        return np.array([_average_time_scale(self.processes, axis) for axis in BIAS_INDICES])
 
     def to_json(self) -> dict[str, Any]:
         """The remainder as plain values; lists are by body axis."""
         scales = [float(value) if np.isfinite(value) else None for value in self.time_scale_s]
         return {
-            "gyro_deg_h": (self.gyro * DEG_H).tolist(),
+            "gyro_deg_h": (self.gyro * DEG_H_PER_RAD_S).tolist(),
             "rate_noise_deg_per_sqrt_s": np.rad2deg(self.rate_noise).tolist(),
             "reference_deg": np.rad2deg(self.reference).tolist(),
             "time_scale_s": scales,
@@ -180,8 +180,8 @@ class Stretches:
         if np.isinf(tau):
             return np.asarray((own == self.interval).astype(np.float64))
         gap = np.maximum(np.maximum(low - self.to_s, self.from_s - high), 0.0)
-        apart = _mean_of_decay(a / tau) * _mean_of_decay(b / tau) * np.exp(-gap / tau)
-        return np.where(same, _variance_of_mean(a / tau), apart)
+        apart = _compute_mean_decay(a / tau) * _compute_mean_decay(b / tau) * np.exp(-gap / tau)
+        return np.where(same, _compute_mean_variance(a / tau), apart)
 
 
 def correlate_references(process: Process, t_s: Array, others_s: Array) -> Array:
@@ -207,14 +207,14 @@ def compute_turns(R: Array, Theta: Array, interval: Indices) -> Array:
     return turns
 
 
-def _mean_of_decay(x: Array) -> Array:
+def _compute_mean_decay(x: Array) -> Array:
     """Compute (1 − e^{−x})/x."""
     return np.asarray(-np.expm1(-x) / x)
 
 
-def _variance_of_mean(x: Array) -> Array:
+def _compute_mean_variance(x: Array) -> Array:
     """Compute 2/x (1 − (1 − e^{−x})/x)."""
-    return np.asarray(np.where(x < SMALL, 1 - x / 3, 2 / x * (1 - _mean_of_decay(x))))
+    return np.asarray(np.where(x < VARIANCE_SERIES_LIMIT, 1 - x / 3, 2 / x * (1 - _compute_mean_decay(x))))
 
 
 def _average_time_scale(processes: Sequence[Process], axis: int) -> float:

@@ -12,18 +12,18 @@ import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
-from gyrocal.calibration.gyro_space import Parametrisation, space_of
+from gyrocal.calibration.gyro_space import Parametrisation, select_parameter_space
 from gyrocal.calibration.implausible_values import find_combinations_lost_to_misfit, find_implausible_values
 from gyrocal.calibration.mounting import Mounting, compute_mounting
 from gyrocal.calibration.observability import BIAS_LETTERS, PLAUSIBLE_RANGE, Observability
-from gyrocal.calibration.parameters import AXES, NAMES, GyroParameters
+from gyrocal.calibration.parameters import AXIS_NAMES, NAMES, GyroParameters
 from gyrocal.calibration.plausible_ranges import PlausibleRanges
 from gyrocal.calibration.problem import ROTATION_NAMES
 from gyrocal.calibration.propagation import Psi
 from gyrocal.calibration.remainder_processes import NOMINAL, WITH_REMAINDER, Remainder
-from gyrocal.calibration.trackers import Difference, MountingEstimate, of_trackers
+from gyrocal.calibration.trackers import Difference, MountingEstimate, format_tracker_results
 from gyrocal.errors import InputError
-from gyrocal.recording import arrays
+from gyrocal.recording import representation
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -104,7 +104,7 @@ class CalibrationResult:
     @property
     def covariance(self) -> Array:
         """(12, 12) of G and b in the order of `gyrocal.NAMES`; b in rad/s. In (G, b) zero for held parameters."""
-        J = space_of(self.parametrisation).jacobian(self.parameters)
+        J = select_parameter_space(self.parametrisation).jacobian(self.parameters)
         return self.own_covariance if self.parametrisation == "gain" else np.asarray(J @ self.own_covariance @ J.T)
 
     @property
@@ -138,7 +138,7 @@ class CalibrationResult:
         if not self.has_plausible_prior:
             return ()
         prior = self.options["prior_sigma"]
-        space = space_of(self.parametrisation)
+        space = select_parameter_space(self.parametrisation)
         sigma = dict(zip(space.names, np.sqrt(np.diag(self.own_covariance)), strict=True))
         # As much information from the data as from the prior leaves 1/sqrt(2) of its sigma.
         return tuple(name for name in self.solved_for if sigma[name] > prior[name] / np.sqrt(2))
@@ -148,12 +148,12 @@ class CalibrationResult:
         """1-sigma of each combination not found, in the unit of the parameter it begins with; biases in rad/s."""
         if self.plausible is None or not self.observability.unobservable:
             return ()
-        columns, covariance = self._solved()
+        columns, covariance = self._select_solved()
         return tuple(self.observability.combination_sigmas(covariance, self.plausible.vector(columns >= 9)).tolist())
 
-    def _solved(self) -> tuple[Indices, Array]:
+    def _select_solved(self) -> tuple[Indices, Array]:
         """Places (p,) of the solved-for parameters among the twelve, and their covariance (p, p)."""
-        names = space_of(self.parametrisation).names
+        names = select_parameter_space(self.parametrisation).names
         columns = np.array([names.index(name) for name in self.solved_for])
         return columns, self.own_covariance[np.ix_(columns, columns)]
 
@@ -171,7 +171,7 @@ class CalibrationResult:
         found = find_implausible_values(self.mounting, self.G, self.bias, self.sigma[9:], self.plausible)
         if self.options.get("prior_from") is not None:
             return found
-        columns, covariance = self._solved()
+        columns, covariance = self._select_solved()
         ranges = self.plausible.vector(columns >= 9)
         return (*found, *find_combinations_lost_to_misfit(covariance, ranges, self.solved_for, self.chi2, self.dof))
 
@@ -179,7 +179,7 @@ class CalibrationResult:
         """A row per parameter of the parametrisation: initial, calibrated, correction and sigma; biases in deg/s."""
         import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
-        space = space_of(self.parametrisation)
+        space = select_parameter_space(self.parametrisation)
         initial, final = space.vector(self.initial) * DEGREES, space.vector(self.parameters) * DEGREES
         return pd.DataFrame(
             {
@@ -197,7 +197,7 @@ class CalibrationResult:
         """`summary`, under the name that other libraries give such a table."""
         return self.summary()
 
-    def _facts(self) -> list[tuple[str, str]]:
+    def _list_facts(self) -> list[tuple[str, str]]:
         """What was found, a row a quantity."""
         deg = np.rad2deg(1.0)
         rows = [
@@ -205,12 +205,12 @@ class CalibrationResult:
             ("iterations", f"{len(self.corrections)}, {'converged' if self.converged else 'NOT converged'}"),
             ("chi2", f"{self.chi2:.1f} of {self.dof}, p = {self.p_value:.3g}"),
         ]
-        for i, axis in enumerate(AXES):
+        for i, axis in enumerate(AXIS_NAMES):
             values = " ".join(f"{value:+.6f}" for value in self.G[i])
             rows.append(
                 (f"G_{axis}x … G_{axis}z", f"{values}  ± {' '.join(f'{s:.1e}' for s in self.sigma[3 * i : 3 * i + 3])}")
             )
-        for i, axis in enumerate(AXES):
+        for i, axis in enumerate(AXIS_NAMES):
             rows.append((f"b_{axis}", f"{deg * self.bias[i]:+.6g} ± {deg * self.sigma[9 + i]:.2g} deg/s"))
         if self.observability.unobservable:
             rows.append(("not found", "; ".join(self.observability.unobservable)))
@@ -218,10 +218,10 @@ class CalibrationResult:
         return rows
 
     def __repr__(self) -> str:
-        return arrays.text("CalibrationResult", self._facts())
+        return representation.format_text("CalibrationResult", self._list_facts())
 
     def _repr_html_(self) -> str:
-        return arrays.page("CalibrationResult", self._facts())
+        return representation.format_html("CalibrationResult", self._list_facts())
 
     @property
     def bias_deg_s(self) -> Array:
@@ -241,7 +241,7 @@ class CalibrationResult:
             raise InputError("to_xarray needs xarray: pip install 'gyrocal[xarray]'") from None
         deg, deg_s = {"units": "deg"}, {"units": "deg/s"}
         parts = {
-            f"{label}_deg": (("residual", "rotation"), self._residuals(label).to_numpy(), deg)
+            f"{label}_deg": (("residual", "rotation"), self._select_residuals(label).to_numpy(), deg)
             for label in ("before", "after", "sigma")
         }
         return xarray.Dataset(
@@ -254,8 +254,8 @@ class CalibrationResult:
                 **parts,
             },
             {
-                "body": list(AXES),
-                "gyro": list(AXES),
+                "body": list(AXIS_NAMES),
+                "gyro": list(AXIS_NAMES),
                 "parameter": list(NAMES),
                 "other": list(NAMES),
                 "rotation": list(ROTATION_NAMES),
@@ -265,7 +265,7 @@ class CalibrationResult:
             {"recording": self.recording, "chi2": self.chi2, "degrees_of_freedom": self.dof},
         )
 
-    def _residuals(self, label: str) -> pd.DataFrame:
+    def _select_residuals(self, label: str) -> pd.DataFrame:
         """Columns of the residuals "before" or "after", or of their "sigma", deg."""
         return self.residuals[[f"{label}_{name}_deg" for name in ROTATION_NAMES]]
 
@@ -305,7 +305,7 @@ class CalibrationResult:
         """The result as plain values, degrees and deg/s."""
         sigma = self.sigma * DEGREES
         times = self.residuals[["interval", "t_s"]].to_dict("records")
-        both = zip(*(self._residuals(label).to_numpy().tolist() for label in ("before", "after")), strict=True)
+        both = zip(*(self._select_residuals(label).to_numpy().tolist() for label in ("before", "after")), strict=True)
         rows = [row | {"before_deg": a, "after_deg": b} for row, (a, b) in zip(times, both, strict=True)]
         return {
             "format": 1,
@@ -326,7 +326,7 @@ class CalibrationResult:
             "corrections": [{"G": c.G.tolist(), "bias_deg_s": np.rad2deg(c.bias).tolist()} for c in self.corrections],
             "residuals": rows,
             "unobservable": list(self.observability.unobservable),
-            "unobservable_sigma": self._unobservable_sigma_of_json(),
+            "unobservable_sigma": self._convert_unobservable_sigma(),
             "undetermined_parameters": list(self.undetermined),
             "plausible_ranges": None if self.plausible is None else self.plausible.to_json(),
             "mounting": self.mounting.to_json(),
@@ -339,11 +339,11 @@ class CalibrationResult:
             "options": dict(self.options),
             "version": metadata.version("gyrocal"),
             "gyros": self.parameters.table().to_dict("records"),
-            **self._remainder_of_json(),
-            **of_trackers(self.mountings, self.differences),
+            **self._format_remainder(),
+            **format_tracker_results(self.mountings, self.differences),
         }
 
-    def _remainder_of_json(self) -> dict[str, Any]:
+    def _format_remainder(self) -> dict[str, Any]:
         """Both sigmas, the recommended one and the remainder; null where it was not estimated."""
         found = self.remainder
         return {
@@ -354,7 +354,7 @@ class CalibrationResult:
             "remainder": None if found is None else found.to_json(),
         }
 
-    def _unobservable_sigma_of_json(self) -> list[float]:
+    def _convert_unobservable_sigma(self) -> list[float]:
         """`unobservable_sigma` with combinations of biases alone in deg/s."""
         return [
             float(np.rad2deg(sigma)) if text.split()[1].startswith(BIAS_LETTERS) else sigma

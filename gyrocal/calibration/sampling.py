@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gyrocal.calibration.propagation import Arcs
 from gyrocal.errors import InputError
-from gyrocal.recording import GyroStream, Interval, Recording, reference_rows
+from gyrocal.recording import GyroStream, Interval, Recording, find_reference_rows
 from gyrocal.recording.gyros import need_triad
 
 Array = NDArray[np.float64]
@@ -50,7 +50,7 @@ class Measurements:
     held_s: float
 
 
-def measurements(
+def prepare_measurements(
     recording: Recording,
     step_s: float | None = None,
     resampling: Resampling = "average",
@@ -79,11 +79,11 @@ def measurements(
     steps = fine_steps = 0
     held_s = 0.0
     for number, interval in enumerate(recording.intervals):
-        rows = reference_rows(recording.attitudes.t_s, interval)
+        rows = find_reference_rows(recording.attitudes.t_s, interval)
         times = recording.attitudes.t_s[rows]
-        low, tags = covering_samples(gyro, interval, times, limit)
+        low, tags = find_covering_samples(gyro, interval, times, limit)
         fine_dt, stretch, ends = cut_at(tags, times)
-        fine, outputs = _grouped(ends, factor)
+        fine, outputs = _group_steps(ends, factor)
         dt = np.add.reduceat(fine_dt, fine)
         arc = np.full(rows.size - 1, number)
         ends_of = (steps + outputs[:-1], steps + outputs[1:])
@@ -127,13 +127,13 @@ def _factor(step_s: float | None, sample_s: float) -> int:
     return round(ratio)
 
 
-def _grouped(ends: Indices, factor: int) -> tuple[Indices, Indices]:
+def _group_steps(ends: Indices, factor: int) -> tuple[Indices, Indices]:
     """First fine step of every step of `factor` fine ones, counted afresh from each of `ends`; and those ends in steps."""
     firsts = [np.arange(low, high, factor) for low, high in pairwise(ends)]
     return np.concatenate(firsts), np.concatenate([[0], np.cumsum([len(part) for part in firsts])])
 
 
-def covering_samples(gyro: GyroStream, interval: Interval, times: Array, max_gap_s: float) -> tuple[int, Array]:
+def find_covering_samples(gyro: GyroStream, interval: Interval, times: Array, max_gap_s: float) -> tuple[int, Array]:
     """Gyro samples that hold between the first and the last of some times.
 
     Parameters

@@ -17,7 +17,7 @@ whitened equations before these are solved, and found after it:
 
 which is the joint least-squares solution, and leaves all that looks at H and z as it is for a single sensor.
 
-Two sensors see the same attitude: e_i − e_j = A_i A_jᵀ at one time, whatever the gyro does. `differences` tests whether they
+Two sensors see the same attitude: e_i − e_j = A_i A_jᵀ at one time, whatever the gyro does. `compare_sensors` tests whether they
 agree, as parity does for gyros.
 """
 
@@ -35,7 +35,7 @@ from scipy.special import chdtrc
 
 from gyrocal import attitude
 from gyrocal.errors import UnobservableError
-from gyrocal.recording.trackers import covariance
+from gyrocal.recording.trackers import compute_body_covariance
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-RANK = 1e-7  # of whitened columns of misalignments, relative to the largest: below it they are not seen
+MISALIGNMENT_RANK_TOLERANCE = 1e-7  # of whitened columns of misalignments, relative to the largest: below it they are not seen
 SAME_TIME = 0.5  # of a gyro sample: references within it are of one time
 AXES = "xyz"
 
@@ -91,15 +91,15 @@ class Mountings:
             return A
         return np.asarray(attitude.rotation_matrix(-self.turns @ self.misalignment) @ A)
 
-    def sensitivity(self, R: Array, start: Indices, row: Indices) -> Array:
+    def compute_sensitivity(self, R: Array, start: Indices, row: Indices) -> Array:
         """∂θ/∂Δm (3m, q)."""
         return np.asarray(-(self.turns[row] - R @ self.turns[start]).reshape(3 * len(row), -1))
 
-    def moved(self, free: Eliminated | None, change: Array) -> Mountings:
+    def moved(self, free: ReducedEquations | None, change: Array) -> Mountings:
         """As they are after a correction Δx (p,) of the other parameters, scaled as H is."""
         return self if free is None else replace(self, misalignment=self.misalignment - free.step(change))
 
-    def eliminated(self, H: Array, z: Array, Hm: Array) -> Eliminated:
+    def eliminated(self, H: Array, z: Array, Hm: Array) -> ReducedEquations:
         """Whitened equations without them; H (3m, p), z (3m,) and Hm (3m, q), group by group.
 
         Raises
@@ -112,7 +112,7 @@ class Mountings:
         H, z = np.vstack([H, np.zeros((known.size, H.shape[1]))]), np.append(z, (self.misalignment / self.prior)[known])
         size = np.linalg.norm(Hm, axis=0)
         U, s, Vt = np.linalg.svd(Hm / np.maximum(size, 1e-300), full_matrices=False)
-        if (size == 0).any() or (s < RANK * s[0]).any():
+        if (size == 0).any() or (s < MISALIGNMENT_RANK_TOLERANCE * s[0]).any():
             weak = [name for name, part in zip(self.names, np.abs(Vt[-1]), strict=True) if part > 0.3]
             raise UnobservableError(
                 f"the mounting of {', '.join(self.sensors)} cannot be found from these references ({', '.join(weak)}); "
@@ -120,11 +120,11 @@ class Mountings:
                 tuple(weak),
             )
         inverse = (Vt.T / s @ U.T) / size[:, None]
-        return Eliminated(H - U @ (U.T @ H), z - U @ (U.T @ z), H, z, inverse)
+        return ReducedEquations(H - U @ (U.T @ H), z - U @ (U.T @ z), H, z, inverse)
 
 
 @dataclass(frozen=True)
-class Eliminated:
+class ReducedEquations:
     """Equations with the misalignments taken out, and what they were before.
 
     Attributes
@@ -180,14 +180,14 @@ class MountingEstimate:
         )
 
 
-def estimate(mountings: Mountings | None, eliminated: Eliminated | None, P: Array) -> MountingEstimate | None:
+def estimate(mountings: Mountings | None, eliminated: ReducedEquations | None, P: Array) -> MountingEstimate | None:
     """What was found, with the covariance P of the other parameters, scaled as H is; None where nothing was estimated."""
     if mountings is None or eliminated is None:
         return None
     return MountingEstimate(mountings.sensors, mountings.misalignment, eliminated.covariance(P))
 
 
-def free_mountings(mountings: Mountings | None) -> int:
+def count_free_mountings(mountings: Mountings | None) -> int:
     """Number of misalignments without a prior; one with a prior brings an equation of its own."""
     return 0 if mountings is None else int(np.sum(~np.isfinite(mountings.prior)))
 
@@ -244,7 +244,7 @@ class Difference:
         }
 
 
-def differences(recording: Recording) -> tuple[Difference, ...]:
+def compare_sensors(recording: Recording) -> tuple[Difference, ...]:
     """Each two sensors against one another, where both have a reference within half a gyro sample.
 
     The body turns by ω Δt between the two of a pair, which is taken off by the gyro as it is known beforehand. Where one of
@@ -253,38 +253,38 @@ def differences(recording: Recording) -> tuple[Difference, ...]:
     attitudes = recording.attitudes
     if len(attitudes.sensors) < 2 or attitudes.sensor is None:
         return ()
-    noise, inertial, out = covariance(attitudes), Rotation.from_quat(attitudes.quaternions), []
+    noise, inertial, out = compute_body_covariance(attitudes), Rotation.from_quat(attitudes.quaternions), []
     for i, j in combinations(range(len(attitudes.sensors)), 2):
-        a, b = _pairs(recording, i, j)
+        a, b = _pair_references(recording, i, j)
         if not a.size:
             continue
         # A_b A_aᵀ = exp([d×]), with d = e_b − e_a.
         apart = attitude.residual(inertial[b].as_matrix().transpose(0, 2, 1), inertial[a].as_matrix().transpose(0, 2, 1))
-        apart = apart + _turned(recording, attitudes.t_s[b], attitudes.t_s[a])
+        apart = apart + _compute_pair_turns(recording, attitudes.t_s[b], attitudes.t_s[a])
         L = np.linalg.cholesky(noise[a] + noise[b])
         white = np.linalg.solve(L, apart[:, :, None])[:, :, 0]
         both = [attitudes.sensors[k] for k in (i, j) if attitudes.sensors[k].estimated]
         loose = any(one.mounting_sigma is None for one in both)
         if both:
             sides = [one.M.T * (1.0 if one.mounting_sigma is None else one.mounting_sigma) for one in both]
-            white = _without_turn(np.linalg.solve(L, np.broadcast_to(np.eye(3), L.shape)), np.hstack(sides), white, loose)
+            white = _remove_turn(np.linalg.solve(L, np.broadcast_to(np.eye(3), L.shape)), np.hstack(sides), white, loose)
         names = attitudes.sensors[i].name, attitudes.sensors[j].name
-        out.append(Difference(*names, attitudes.t_s[a], _interval_of(recording, attitudes.t_s[a]), apart, white, loose))
+        out.append(Difference(*names, attitudes.t_s[a], _find_intervals(recording, attitudes.t_s[a]), apart, white, loose))
     return tuple(out)
 
 
-def _without_turn(inverse: Array, spread: Array, white: Array, loose: bool) -> Array:
+def _remove_turn(inverse: Array, spread: Array, white: Array, loose: bool) -> Array:
     """(k, 3) whitened differences under a constant turn: B Bᵀ = spread spreadᵀ of it is more noise, or it is taken out.
 
     With the columns C = L⁻¹ B of all pairs, (I + C Cᵀ)^−½ z is white again; a turn without a prior leaves z − C C⁺ z.
     """
     U, s, _ = np.linalg.svd((inverse @ spread).reshape(white.size, -1), full_matrices=False)
-    U, s = U[:, s > RANK * s[0]], s[s > RANK * s[0]]
+    U, s = U[:, s > MISALIGNMENT_RANK_TOLERANCE * s[0]], s[s > MISALIGNMENT_RANK_TOLERANCE * s[0]]
     factor = np.zeros_like(s) if loose else 1 / np.sqrt(1 + s**2)
     return np.asarray(white + (U @ ((factor - 1) * (U.T @ white.ravel()))).reshape(-1, 3))
 
 
-def of_trackers(mountings: MountingEstimate | None, compared: Sequence[Difference]) -> dict[str, Any]:
+def format_tracker_results(mountings: MountingEstimate | None, compared: Sequence[Difference]) -> dict[str, Any]:
     """What a result has as plain values of several sensors; nothing of one."""
     found: dict[str, Any] = {}
     if mountings is not None:
@@ -294,7 +294,7 @@ def of_trackers(mountings: MountingEstimate | None, compared: Sequence[Differenc
     return found
 
 
-def _pairs(recording: Recording, i: int, j: int) -> tuple[Indices, Indices]:
+def _pair_references(recording: Recording, i: int, j: int) -> tuple[Indices, Indices]:
     """Rows of references of two sensors at nearly the same time, each used once."""
     t_s, sensor = recording.attitudes.t_s, recording.attitudes.sensor
     first, second = np.flatnonzero(sensor == i), np.flatnonzero(sensor == j)
@@ -308,7 +308,7 @@ def _pairs(recording: Recording, i: int, j: int) -> tuple[Indices, Indices]:
     return first[near][once], second[taken]
 
 
-def _turned(recording: Recording, later: Array, earlier: Array) -> Array:
+def _compute_pair_turns(recording: Recording, later: Array, earlier: Array) -> Array:
     """(k, 3) angle in body axes that the body turns from the earlier to the later time of each pair, rad."""
     gyro, gap = recording.gyro, later - earlier
     if not gap.any():
@@ -318,7 +318,7 @@ def _turned(recording: Recording, later: Array, earlier: Array) -> Array:
     return np.asarray(rates * gap[:, None])
 
 
-def _interval_of(recording: Recording, t_s: Array) -> Indices:
+def _find_intervals(recording: Recording, t_s: Array) -> Indices:
     starts = np.array([one.start_s for one in recording.intervals])
     order = np.argsort(starts)
     return np.asarray(order[np.clip(np.searchsorted(starts[order], t_s + 1e-6, side="right") - 1, 0, None)])

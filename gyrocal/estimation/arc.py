@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.calibration.propagation import Arcs, propagate
-from gyrocal.calibration.sampling import covering_samples, cut_at
+from gyrocal.calibration.sampling import cut_at, find_covering_samples
 from gyrocal.errors import InputError
 from gyrocal.estimation.least_squares import Rows
 from gyrocal.recording import GyroStream, Interval
@@ -41,7 +41,7 @@ class GyroArc:
     G: Array
     q: Array
 
-    def carried(self, bias: Array) -> tuple[Array, Array]:
+    def propagate_nodes(self, bias: Array) -> tuple[Array, Array]:
         """R_n and S_n, (N, 3, 3) each, under a bias (3,) rad/s."""
         passed = propagate(self.arcs, self.G, bias)
         R = np.concatenate([np.eye(3)[None], passed.R])
@@ -53,7 +53,7 @@ class GyroArc:
         return np.searchsorted(self.t, np.asarray(t) - SAME_TIME_S)
 
 
-def gyro_arc(gyro: GyroStream, times: Array, G: Array, max_gap_s: float | None = None) -> GyroArc:
+def build_gyro_arc(gyro: GyroStream, times: Array, G: Array, max_gap_s: float | None = None) -> GyroArc:
     """The arc through some times.
 
     Parameters
@@ -73,7 +73,7 @@ def gyro_arc(gyro: GyroStream, times: Array, G: Array, max_gap_s: float | None =
     if t.size < 2:
         raise InputError("a batch needs measurements at two different times at least, or a bias has no effect")
     limit = gyro.sample_s + max(0.5 * gyro.sample_s, max_gap_s or 0.0)
-    low, tags = covering_samples(gyro, Interval("of the batch", "", t[0], t[-1]), t, limit)
+    low, tags = find_covering_samples(gyro, Interval("of the batch", "", t[0], t[-1]), t, limit)
     dt, held, ends = cut_at(tags, t)
     arcs = Arcs(gyro.rates, dt, low + held, ends[:-1], ends[1:], np.zeros(t.size - 1, dtype=np.intp))
     return GyroArc(t, arcs, np.asarray(G, dtype=float), gyro.arw * np.sqrt(np.diff(t)))
@@ -126,7 +126,7 @@ class Columns:
         return tuple(out)
 
 
-def columns(series: Sequence[SensorSeries], free: Mapping[str, Sequence[str]]) -> Columns:
+def choose_columns(series: Sequence[SensorSeries], free: Mapping[str, Sequence[str]]) -> Columns:
     """Columns of the freed parameters.
 
     Parameters
@@ -160,7 +160,7 @@ def columns(series: Sequence[SensorSeries], free: Mapping[str, Sequence[str]]) -
 
 
 @dataclass(frozen=True)
-class Linearised:
+class LinearisedMeasurements:
     """Measurements along the arc, linearised about an estimate.
 
     Attributes
@@ -176,9 +176,9 @@ class Linearised:
     S: Array
 
 
-def linearise(path: GyroArc, series: Sequence[SensorSeries], estimate: Estimate, solved: Columns) -> Linearised:
+def linearise(path: GyroArc, series: Sequence[SensorSeries], estimate: Estimate, solved: Columns) -> LinearisedMeasurements:
     """Residuals and sensitivities at an estimate, each divided by its sigma."""
-    R, S = path.carried(estimate.bias)
+    R, S = path.propagate_nodes(estimate.bias)
     A = R @ estimate.C
     q = len(solved.names)
     parts: list[Rows] = []
@@ -207,14 +207,14 @@ def linearise(path: GyroArc, series: Sequence[SensorSeries], estimate: Estimate,
                 error[row][keep] / sigma,
             )
         )
-    return Linearised(joined(parts), tuple(residuals), R, S)
+    return LinearisedMeasurements(join_rows(parts), tuple(residuals), R, S)
 
 
-def joined(parts: Sequence[Rows]) -> Rows:
+def join_rows(parts: Sequence[Rows]) -> Rows:
     """Rows one after another."""
     return Rows(*(np.concatenate([getattr(part, name) for part in parts]) for name in Rows.__dataclass_fields__))
 
 
-def measured_times(series: Sequence[SensorSeries]) -> Array:
+def list_measured_times(series: Sequence[SensorSeries]) -> Array:
     """Times at which a number is to be used, s, series by series."""
     return np.concatenate([one.t[one.used.any(axis=1)] for one in series] or [np.zeros(0)])

@@ -34,9 +34,19 @@ from numpy.typing import NDArray
 
 from gyrocal.attitude import residual, rotation_matrix
 from gyrocal.errors import InputError
-from gyrocal.estimation.arc import Columns, Estimate, GyroArc, Linearised, columns, gyro_arc, joined, linearise, measured_times
+from gyrocal.estimation.arc import (
+    Columns,
+    Estimate,
+    GyroArc,
+    LinearisedMeasurements,
+    build_gyro_arc,
+    choose_columns,
+    join_rows,
+    linearise,
+    list_measured_times,
+)
 from gyrocal.estimation.batch_observability import check_observable
-from gyrocal.estimation.least_squares import Exact, Influence, Plain, Rows
+from gyrocal.estimation.least_squares import ExactLeastSquares, Influence, PlainLeastSquares, Rows
 from gyrocal.recording import GyroStream
 from gyrocal.sensors.series import SensorModel, SensorSeries
 
@@ -175,30 +185,32 @@ def batch(
         raise InputError("exact weighting takes the gyro noise in; its covariance is the full one")
     if np.shape(start) != (3, 3) or not np.allclose(start @ np.transpose(start), np.eye(3), atol=1e-6):
         raise InputError("the start attitude must be a rotation matrix, 3×3, inertial to body")
-    solved = columns(series, free or {})
-    measured = measured_times(series)
+    solved = choose_columns(series, free or {})
+    measured = list_measured_times(series)
     if not measured.size:
         raise InputError("a batch needs measurements; there are none to be used")
     epoch = float(measured.min()) if epoch_s is None else float(epoch_s)
     wanted = np.asarray(times, dtype=float)
-    path = gyro_arc(gyro, np.concatenate([measured, [epoch], wanted]), gyro.apriori_G, max_gap_s)
-    R, _ = path.carried(gyro.apriori_bias)
+    path = build_gyro_arc(gyro, np.concatenate([measured, [epoch], wanted]), gyro.apriori_G, max_gap_s)
+    R, _ = path.propagate_nodes(gyro.apriori_bias)
     C = np.tile(R[path.node(np.array([epoch]))[0]].T @ start, (len(path.t), 1, 1))
     first = Estimate(C, np.array(gyro.apriori_bias), tuple(one.model for one in series))
     prior = _weigh_prior(bias_sigma)
     estimate, iterations = _iterate(path, series, first, solved, prior, weighting, max_iterations, tolerance)
     state = linearise(path, series, estimate, solved)
     rows = _add_prior(state.rows, prior, first.bias - estimate.bias)
-    system = solver(path, rows, estimate.C, weighting)
+    system = build_solver(path, rows, estimate.C, weighting)
     nodes = path.node(np.concatenate([[epoch], wanted]))
-    errors = _errors(path, state, system.influence(nodes, state.S[nodes]), estimate.C[0], nodes, len(solved.names))
+    errors = _compute_errors(
+        path, state, system.compute_influence(nodes, state.S[nodes]), estimate.C[0], nodes, len(solved.names)
+    )
     if covariance_model == "measurements only":
         errors = replace(errors, walk=np.zeros_like(errors.walk))
     joint = errors.covariance
     size = 6 + len(solved.names)
     A = state.R[nodes] @ estimate.C[nodes]
     # The increments are as many measurements as unknowns.
-    chi2 = rows.chi2 + (system.walk_chi2 if isinstance(system, Exact) else 0.0)
+    chi2 = rows.chi2 + (system.walk_chi2 if isinstance(system, ExactLeastSquares) else 0.0)
     return BatchResult(
         epoch_s=epoch,
         attitude=A[0],
@@ -234,15 +246,15 @@ def _add_prior(rows: Rows, weight: Array, change: Array) -> Rows:
     if not weight.any():
         return rows
     c = np.hstack([np.diag(weight), np.zeros((3, rows.parameters.shape[1] - 3))])
-    return joined([rows, Rows(np.zeros(3, dtype=np.intp), np.zeros((3, 3)), c, weight * change)])
+    return join_rows([rows, Rows(np.zeros(3, dtype=np.intp), np.zeros((3, 3)), c, weight * change)])
 
 
-def solver(path: GyroArc, rows: Rows, C: Array, weighting: Weighting) -> Plain | Exact:
+def build_solver(path: GyroArc, rows: Rows, C: Array, weighting: Weighting) -> PlainLeastSquares | ExactLeastSquares:
     """The factorised system of a weighting; where the walk is negligible, plain is as good as exact, and better conditioned."""
     walk = np.sqrt(np.sum(path.q**2)) * np.linalg.norm(rows.attitude)
     if weighting == "plain" or walk < NEGLIGIBLE_WALK * np.sqrt(len(path.t)):
-        return Plain(rows, len(path.t))
-    return Exact(rows, path.q, residual(C[1:], C[:-1]))
+        return PlainLeastSquares(rows, len(path.t))
+    return ExactLeastSquares(rows, path.q, residual(C[1:], C[:-1]))
 
 
 def _iterate(
@@ -264,8 +276,8 @@ def _iterate(
             break
         # Every time: a wrong start or bias can make a direction look determined that is not.
         check_observable(rows, estimate.C[0], solved.names)
-        gamma, delta, length = solver(path, rows, estimate.C, weighting).step()
-        estimate = moved(estimate, gamma, delta, solved)
+        gamma, delta, length = build_solver(path, rows, estimate.C, weighting).step()
+        estimate = correct_estimate(estimate, gamma, delta, solved)
         if length <= tolerance:
             return estimate, iteration
     raise InputError(
@@ -274,7 +286,7 @@ def _iterate(
     )
 
 
-def moved(estimate: Estimate, gamma: Array, delta: Array, solved: Columns) -> Estimate:
+def correct_estimate(estimate: Estimate, gamma: Array, delta: Array, solved: Columns) -> Estimate:
     """The estimate with corrections γ (N, 3) and δ (3 + q,) made."""
     return Estimate(
         rotation_matrix(gamma) @ estimate.C,
@@ -283,7 +295,9 @@ def moved(estimate: Estimate, gamma: Array, delta: Array, solved: Columns) -> Es
     )
 
 
-def _errors(path: GyroArc, state: Linearised, influence: Influence, C: Array, nodes: NDArray[np.intp], q: int) -> Errors:
+def _compute_errors(
+    path: GyroArc, state: LinearisedMeasurements, influence: Influence, C: Array, nodes: NDArray[np.intp], q: int
+) -> Errors:
     """Errors of epoch attitude, bias, sensor parameters, wanted attitudes, in this order; attitudes in body axes there."""
     p = 3 + q
     turn = scipy.linalg.block_diag(np.eye(p), *state.R[nodes])

@@ -31,20 +31,20 @@ from math import cos, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-SERIES_LIMIT = 1.0  # rad; the closed forms below lose up to five digits of a covariance there, the series none
+COVARIANCE_SERIES_LIMIT = 1.0  # rad; the closed forms below lose up to five digits of a covariance there, the series none
 SERIES_TERMS = 9
 
 
-@compiled
+@compile_cached
 def step_integrals(phi: float) -> tuple[float, float, float, float]:  # pragma: no cover - compiled
     """c, d, e, f of a step that turns by phi ≥ 0 rad."""
     x = phi * phi
-    if phi >= SERIES_LIMIT:
+    if phi >= COVARIANCE_SERIES_LIMIT:
         return (
             (1 - cos(phi)) / x,
             (phi - sin(phi)) / (x * phi),
@@ -62,8 +62,8 @@ def step_integrals(phi: float) -> tuple[float, float, float, float]:  # pragma: 
     return c, d, e, f
 
 
-@compiled
-def rotation(x: float, y: float, z: float, R: Array) -> tuple[float, float]:  # pragma: no cover - compiled
+@compile_cached
+def compute_rotation(x: float, y: float, z: float, R: Array) -> tuple[float, float]:  # pragma: no cover - compiled
     """R = exp(−[φ×]) of φ = (x, y, z) rad into (3, 3); returns c and d."""
     xx, yy, zz = x * x, y * y, z * z
     squared = xx + yy + zz
@@ -76,8 +76,8 @@ def rotation(x: float, y: float, z: float, R: Array) -> tuple[float, float]:  # 
     return c, d
 
 
-@compiled
-def transition(
+@compile_cached
+def compute_transition(
     x: Array, raw: Array, dt: float, columns: Indices, R: Array, B: Array
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
     """R and B = ψF of one step into (3, 3) and (3, p).
@@ -96,7 +96,7 @@ def transition(
     wy = (x[3] * raw[0] + x[4] * raw[1] + x[5] * raw[2] + x[10]) * dt
     wz = (x[6] * raw[0] + x[7] * raw[1] + x[8] * raw[2] + x[11]) * dt
     xx, yy, zz = wx * wx, wy * wy, wz * wz
-    c, d = rotation(wx, wy, wz, R)
+    c, d = compute_rotation(wx, wy, wz, R)
     for q in range(len(columns)):
         axis, h = (columns[q] // 3, raw[columns[q] % 3] * dt) if columns[q] < 9 else (columns[q] - 9, dt)
         if axis == 0:
@@ -108,7 +108,7 @@ def transition(
     return wx, wy, wz
 
 
-@compiled
+@compile_cached
 def process_noise(
     angle: tuple[float, float, float], dt: float, arw: float, walk: float
 ) -> tuple[Array, Array, float]:  # pragma: no cover - compiled
@@ -133,7 +133,7 @@ def process_noise(
     return Q, cross, w * dt
 
 
-@compiled
+@compile_cached
 def propagate_covariance(
     P: Array, R: Array, B: Array, Q: Array, cross: Array, bias_variance: float
 ) -> None:  # pragma: no cover - compiled
@@ -162,8 +162,8 @@ def propagate_covariance(
             P[i, i] += bias_variance
 
 
-@compiled
-def turn(A: Array, R: Array) -> None:  # pragma: no cover - compiled
+@compile_cached
+def rotate_attitude(A: Array, R: Array) -> None:  # pragma: no cover - compiled
     """A ← R A in place."""
     for j in range(3):
         x, y, z = A[0, j], A[1, j], A[2, j]
@@ -171,22 +171,22 @@ def turn(A: Array, R: Array) -> None:  # pragma: no cover - compiled
             A[i, j] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
 
 
-@compiled
-def step(
+@compile_cached
+def propagate_step(
     A: Array, P: Array, x: Array, raw: Array, dt: float, columns: Indices, arw: float, walk: float, R: Array, B: Array
 ) -> None:  # pragma: no cover - compiled
     """Propagate A (3, 3) and P (3 + p, 3 + p) over one step in place, and set its R and B; the others as in `advance`."""
-    angle = transition(x, raw, dt, columns, R, B)
+    angle = compute_transition(x, raw, dt, columns, R, B)
     Q, cross, bias_variance = process_noise(angle, dt, arw, walk)
     propagate_covariance(P, R, B, Q, cross, bias_variance)
-    turn(A, R)
+    rotate_attitude(A, R)
 
 
-@compiled
-def corrected(A: Array, theta: Array) -> Array:  # pragma: no cover - compiled
+@compile_cached
+def correct_attitude(A: Array, theta: Array) -> Array:  # pragma: no cover - compiled
     """exp([θ×]) A, taken to the nearest orthogonal matrix by a Newton step, A ← ½ A (3 I − AᵀA)."""
     R, turned = np.empty((3, 3)), np.empty((3, 3))
-    rotation(-theta[0], -theta[1], -theta[2], R)
+    compute_rotation(-theta[0], -theta[1], -theta[2], R)
     for i in range(3):
         for j in range(3):
             turned[i, j] = R[i, 0] * A[0, j] + R[i, 1] * A[1, j] + R[i, 2] * A[2, j]
@@ -201,7 +201,7 @@ def corrected(A: Array, theta: Array) -> Array:  # pragma: no cover - compiled
     return out
 
 
-@compiled
+@compile_cached
 def advance(
     A: Array,
     P: Array,
@@ -225,7 +225,7 @@ def advance(
     tags : (samples,) when a sample's rate begins to hold, which it does until the next one's does
     rates : (samples, 3) raw rates, rad/s
     first : sample that holds at `start`
-    others : as in `transition` and `process_noise`
+    others : as in `compute_transition` and `process_noise`
 
     Returns
     -------
@@ -243,7 +243,7 @@ def advance(
         if t >= stop:
             return k
         until = min(stop, tags[k + 1]) if k + 1 < len(tags) else stop
-        step(A, P, x, rates[k], until - t, columns, arw, walk, R, B)
+        propagate_step(A, P, x, rates[k], until - t, columns, arw, walk, R, B)
         for j in range(3 + p):
             a, b, c = Phi[0, j], Phi[1, j], Phi[2, j]
             for i in range(3):
@@ -251,8 +251,10 @@ def advance(
         t = until
 
 
-@compiled
-def gain(P: Array, H: Array, sigma: Array, z: Array) -> tuple[Array, Array, float]:  # pragma: no cover - compiled
+@compile_cached
+def compute_kalman_gain(
+    P: Array, H: Array, sigma: Array, z: Array
+) -> tuple[Array, Array, float]:  # pragma: no cover - compiled
     """K (n, m), S (m, m) and zᵀS⁻¹z of a measurement, H (m, 3)."""
     PH = np.ascontiguousarray(P[:, :3]) @ H.T
     S = H @ PH[:3] + np.diag(sigma * sigma)
@@ -260,8 +262,8 @@ def gain(P: Array, H: Array, sigma: Array, z: Array) -> tuple[Array, Array, floa
     return PH @ weight, S, float(z @ weight @ z)
 
 
-@compiled
-def joseph(P: Array, K: Array, H: Array, sigma: Array) -> None:  # pragma: no cover - compiled
+@compile_cached
+def update_covariance(P: Array, K: Array, H: Array, sigma: Array) -> None:  # pragma: no cover - compiled
     """P ← (I − K H) P (I − K H)ᵀ + K N Kᵀ in place, N = diag(σ²)."""
     left = np.eye(len(P))
     left[:, :3] -= K @ H  # which only meets the attitude

@@ -134,8 +134,8 @@ def run(
     times = np.asarray(times, dtype=float)
     if not times.size or times[0] < start_s or (np.diff(times) < 0).any():
         raise InputError("the requested times must ascend and not precede the start")
-    k = covering(gyro, start_s, float(times[-1]), max_gap_s)
-    t, which, row = _stops(series, start_s, times)
+    k = find_held_sample(gyro, start_s, float(times[-1]), max_gap_s)
+    t, which, row = _order_stops(series, start_s, times)
     Phi = np.empty((3, len(estimator.P)))
     rates = np.ascontiguousarray(gyro.rates)
     noise = estimator.arw, estimator.rate_random_walk
@@ -170,7 +170,7 @@ def run(
     )
 
 
-def covering(gyro: GyroStream, start_s: float, stop_s: float, max_gap_s: float | None = None) -> int:
+def find_held_sample(gyro: GyroStream, start_s: float, stop_s: float, max_gap_s: float | None = None) -> int:
     """The sample that holds at `start_s`, once it is sure that samples cover the time from there to `stop_s`.
 
     Raises
@@ -192,7 +192,7 @@ def covering(gyro: GyroStream, start_s: float, stop_s: float, max_gap_s: float |
     return first
 
 
-def _stops(series: Sequence[SensorSeries], start_s: float, times: Array) -> tuple[Array, Indices, Indices]:
+def _order_stops(series: Sequence[SensorSeries], start_s: float, times: Array) -> tuple[Array, Indices, Indices]:
     """Times at which something happens, which series it belongs to (−1 a request), and the row of that; ordered.
 
     Measurements without a number to be used are left out.

@@ -109,7 +109,7 @@ class FullFilterResult:
         return float(nis.sum() / dof.sum())
 
 
-def starting_covariance(attitude_sigma: float, parameter_covariance: Array) -> Array:
+def build_starting_covariance(attitude_sigma: float, parameter_covariance: Array) -> Array:
     """(3 + p, 3 + p) of an attitude with equal 1-sigma about all axes, rad, and of parameters (p, p)."""
     p = len(parameter_covariance)
     P = np.zeros((3 + p, 3 + p))
@@ -146,11 +146,11 @@ def run_legs(
     used_until = -np.inf  # a measurement at a joint belongs to the leg before
     for number, leg in enumerate(legs):
         if leg.A is not None:
-            estimator.restart(leg.A, starting_covariance(restart_sigma, estimator.P[3:, 3:]))
+            estimator.restart(leg.A, build_starting_covariance(restart_sigma, estimator.P[3:, 3:]))
         elif number and leg.start_s != legs[number - 1].stop_s:
             raise InputError(f"leg {leg.name} starts at {leg.start_s} s without an attitude and does not go on")
         before, P_before = estimator.x[estimator.columns].copy(), estimator.P[3:, 3:].copy()
-        fresh = [part for one in series if (part := _after(one, used_until)) is not None]
+        fresh = [part for one in series if (part := _mask_until(one, used_until)) is not None]
         runs.append(run(estimator, gyro, fresh, leg.start_s, np.array([leg.stop_s])))
         used_until = leg.stop_s
         after, P_after = estimator.x[estimator.columns].copy(), estimator.P[3:, 3:].copy()
@@ -161,13 +161,13 @@ def run_legs(
                 after,
                 np.sqrt(np.diag(P_before)),
                 np.sqrt(np.diag(P_after)),
-                *change_chi2(after - before, P_before, P_after),
+                *compute_change_chi2(after - before, P_before, P_after),
             )
         )
     return FullFilterResult(estimator.parameters, estimator.P[3:, 3:].copy(), estimator.names, tuple(changes), tuple(runs))
 
 
-def change_chi2(change: Array, P_before: Array, P_after: Array, learnt: float = LEARNT) -> tuple[float, int]:
+def compute_change_chi2(change: Array, P_before: Array, P_after: Array, learnt: float = LEARNT) -> tuple[float, int]:
     """χ² of an estimate's change (p,) while its covariance went from P_before to P_after (p, p), and the degrees of freedom.
 
     In the combinations that diagonalise both, those whose variance shrank by less than the share `learnt` are left out.
@@ -181,7 +181,7 @@ def change_chi2(change: Array, P_before: Array, P_after: Array, learnt: float = 
     return float(np.sum(along[told] ** 2 / shrunk[told])), int(told.sum())
 
 
-def _after(series: SensorSeries, time: float) -> SensorSeries | None:
+def _mask_until(series: SensorSeries, time: float) -> SensorSeries | None:
     """The series with everything up to a time masked; None if nothing is left."""
     sigma = np.where((series.t > time)[:, None], series.sigma, np.inf)
     return replace(series, sigma=sigma) if np.isfinite(sigma).any() else None

@@ -82,14 +82,14 @@ class Influence:
     walk: Array
 
 
-def wanted(nodes: Indices, bias_maps: Array, p: int) -> Array:
+def map_corrections(nodes: Indices, bias_maps: Array, p: int) -> Array:
     """(p + 3k, p) what δ contributes to δ and to γ_n − S_n δb at the nodes."""
     maps = np.zeros((3 * len(nodes), p))
     maps[:, :3] = -bias_maps.reshape(-1, 3)
     return np.vstack([np.eye(p), maps])
 
 
-class Plain:
+class PlainLeastSquares:
     """Least squares without the walk.
 
     Parameters
@@ -116,7 +116,7 @@ class Plain:
         solution = self._scale * scipy.linalg.solve_triangular(self._R, projected)
         return np.tile(solution[:3], (self._count, 1)), solution[3:], float(np.linalg.norm(projected))
 
-    def influence(self, nodes: Indices, bias_maps: Array) -> Influence:
+    def compute_influence(self, nodes: Indices, bias_maps: Array) -> Influence:
         """Errors of δ and of γ_n − S_n δb at some nodes, stacked: J = p + 3k.
 
         Parameters
@@ -126,22 +126,24 @@ class Plain:
         """
         rows = self._rows
         p = rows.parameters.shape[1]
-        T = np.hstack([np.vstack([np.zeros((p, 3)), np.tile(np.eye(3), (len(nodes), 1))]), wanted(nodes, bias_maps, p)])
+        T = np.hstack(
+            [np.vstack([np.zeros((p, 3)), np.tile(np.eye(3), (len(nodes), 1))]), map_corrections(nodes, bias_maps, p)]
+        )
         errors = -T @ self.gain
-        walk = per_increment(rows, errors, self._count)
+        walk = accumulate_by_increment(rows, errors, self._count)
         for k, node in enumerate(nodes):
             walk[:node, p + 3 * k : p + 3 * k + 3] += np.eye(3)
         return Influence(errors, walk)
 
 
-def per_increment(rows: Rows, errors: Array, count: int) -> Array:
+def accumulate_by_increment(rows: Rows, errors: Array, count: int) -> Array:
     """Errors (J, r) per unit of the rows' residuals as errors (N − 1, J, 3) per increment: one enters all later nodes."""
     at_node = np.zeros((count, len(errors), 3))
     np.add.at(at_node, rows.node, errors.T[:, :, None] * rows.attitude[:, None, :])
     return np.asarray(np.cumsum(at_node[:0:-1], axis=0)[::-1])
 
 
-class Exact:
+class ExactLeastSquares:
     """Least squares with the walk weighted as it correlates.
 
     Parameters
@@ -166,26 +168,26 @@ class Exact:
                 band[offset, :, i] = diagonal[:, i + offset, i]
         band[3, :-1] = -weight[:, None]
         self._factor = scipy.linalg.cholesky_banded(band.reshape(4, -1), lower=True)
-        self._border = self._at_nodes(c)
-        self._solved_border = self._band_solve(self._border)
+        self._border = self._gather_at_nodes(c)
+        self._solved_border = self._solve_banded(self._border)
         self._schur = scipy.linalg.cho_factor(c.T @ c - self._border.T @ self._solved_border)
 
-    def _at_nodes(self, columns: Array) -> Array:
+    def _gather_at_nodes(self, columns: Array) -> Array:
         """(3N, k) products Jᵀ of the rows' attitude columns, each at its node, with columns (r, k)."""
         spread = np.zeros((len(self._q) + 1, 3, columns.shape[1]))
         np.add.at(spread, self._rows.node, self._rows.attitude[:, :, None] * columns[:, None, :])
         return spread.reshape(-1, columns.shape[1])
 
-    def _band_solve(self, right: Array) -> Array:
+    def _solve_banded(self, right: Array) -> Array:
         return np.asarray(scipy.linalg.cho_solve_banded((self._factor, True), right))
 
     def _solve(self, right_nodes: Array, right_parameters: Array) -> tuple[Array, Array]:
         """Λ⁻¹ of (3N, J) and (p, J) right-hand sides; scaled parameters."""
         parameters = scipy.linalg.cho_solve(self._schur, right_parameters - self._solved_border.T @ right_nodes)
-        return self._band_solve(right_nodes) - self._solved_border @ parameters, parameters
+        return self._solve_banded(right_nodes) - self._solved_border @ parameters, parameters
 
     def step(self) -> tuple[Array, Array, float]:
-        """As of `Plain`."""
+        """As of `PlainLeastSquares`."""
         rows, count = self._rows, len(self._q) + 1
         right = np.zeros((count, 3))
         np.add.at(right, rows.node, rows.attitude * rows.z[:, None])
@@ -197,14 +199,14 @@ class Exact:
         square = np.vdot(nodes, right_nodes) + np.vdot(parameters, right_parameters)
         return nodes.reshape(count, 3), self._scale * parameters[:, 0], float(np.sqrt(max(square, 0.0)))
 
-    def influence(self, nodes: Indices, bias_maps: Array) -> Influence:
-        """As of `Plain`."""
+    def compute_influence(self, nodes: Indices, bias_maps: Array) -> Influence:
+        """As of `PlainLeastSquares`."""
         rows, count, p = self._rows, len(self._q) + 1, len(self._scale)
         J = p + 3 * len(nodes)
         right_nodes = np.zeros((3 * count, J))
         for k, node in enumerate(nodes):
             right_nodes[3 * node : 3 * node + 3, p + 3 * k : p + 3 * k + 3] = np.eye(3)
-        right_parameters = wanted(nodes, bias_maps, p).T * self._scale[:, None]
+        right_parameters = map_corrections(nodes, bias_maps, p).T * self._scale[:, None]
         solved, parameters = self._solve(right_nodes, right_parameters)
         by_node = solved.reshape(count, 3, J)
         errors = -np.einsum("ri,rij->jr", rows.attitude, by_node[rows.node])
@@ -214,7 +216,7 @@ class Exact:
 
     def project(self, columns: Array) -> Array:
         """(k, k) products of columns (r, k) of the rows with the attitude at all nodes and the parameters projected out."""
-        by_node, by_parameter = self._at_nodes(columns), (self._rows.parameters * self._scale).T @ columns
+        by_node, by_parameter = self._gather_at_nodes(columns), (self._rows.parameters * self._scale).T @ columns
         nodes, parameters = self._solve(by_node, by_parameter)
         out = columns.T @ columns - by_node.T @ nodes - by_parameter.T @ parameters
         return np.asarray((out + out.T) / 2)

@@ -22,9 +22,9 @@ import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
-from gyrocal.calibration.parameters import BIASES, NAMES, GyroParameters, select
+from gyrocal.calibration.parameters import BIAS_NAMES, NAMES, GyroParameters, select
 from gyrocal.errors import InputError
-from gyrocal.estimation.error_state import Indices, corrected, gain, joseph, step
+from gyrocal.estimation.error_state import Indices, compute_kalman_gain, correct_attitude, propagate_step, update_covariance
 from gyrocal.sensors.series import SensorModel
 
 Array = NDArray[np.float64]
@@ -91,7 +91,7 @@ class KalmanFilter:
         gate: float | None = None,
     ):
         self.names = select(names)
-        if rate_random_walk > 0 and self.names[-3:] != BIASES:
+        if rate_random_walk > 0 and self.names[-3:] != BIAS_NAMES:
             raise InputError("a bias that walks must be solved for: with a rate random walk the filter needs all three")
         if gate is not None and not 0 < gate < 1:
             raise InputError(f"the gate must be a probability between 0 and 1, not {gate:g}")
@@ -128,7 +128,7 @@ class KalmanFilter:
         R (3, 3) and ψF (3, p) of the step; overwritten by the next.
         """
         noise = (self.arw, self.rate_random_walk)
-        step(self.A, self.P, self.x, np.asarray(raw, dtype=float), float(dt), self.columns, *noise, self._R, self._B)
+        propagate_step(self.A, self.P, self.x, np.asarray(raw, dtype=float), float(dt), self.columns, *noise, self._R, self._B)
         return self._R, self._B
 
     def update(self, model: SensorModel, row: int, y: Array, sigma: Array) -> Innovation | None:
@@ -156,21 +156,21 @@ class KalmanFilter:
         if not used.all():
             z, H, sigma = z[used], H[used], sigma[used]
         H, sigma = np.ascontiguousarray(H), np.ascontiguousarray(sigma)
-        K, S, nis = gain(self.P, H, sigma, z)
+        K, S, nis = compute_kalman_gain(self.P, H, sigma, z)
         if self.gate is not None and nis > scipy.special.chdtri(len(z), self.gate):
             self.rejected += 1
             return Innovation(z, S, nis, False, H, np.zeros_like(K), used)
-        joseph(self.P, K, H, sigma)
+        update_covariance(self.P, K, H, sigma)
         self.correct(K @ z)
         return Innovation(z, S, nis, True, H, K, used)
 
     def correct(self, state: Array) -> None:
         """Move the estimate by an estimated state (n,): A ← exp([θ×]) A, x ← x − Δx."""
-        self.A = corrected(self.A, state[:3])
+        self.A = correct_attitude(self.A, state[:3])
         self.x[self.columns] -= state[3:]
 
 
-def nees(errors: Array, covariance: Array) -> Array:
+def compute_nees(errors: Array, covariance: Array) -> Array:
     """(k,) normalised estimation error squared sᵀ P⁻¹ s of errors (k, n) with covariance (k, n, n); χ² with n if consistent."""
     scale = np.sqrt(np.einsum("...ii->...i", covariance))  # parameters and attitude differ by many decades
     scaled = covariance / (scale[..., :, None] * scale[..., None, :])

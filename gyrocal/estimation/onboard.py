@@ -56,11 +56,11 @@ from gyrocal import attitude
 from gyrocal.calibration.davenport import Accumulation
 from gyrocal.calibration.normal_equations import whiten
 from gyrocal.calibration.parameters import NAMES, GyroParameters, select
-from gyrocal.compiled import compiled
 from gyrocal.errors import InputError
-from gyrocal.estimation.error_state import Indices, transition, turn
-from gyrocal.estimation.filter_run import covering
+from gyrocal.estimation.error_state import Indices, compute_transition, rotate_attitude
+from gyrocal.estimation.filter_run import find_held_sample
 from gyrocal.estimation.mekf import Innovation, KalmanFilter
+from gyrocal.jit_cache import compile_cached
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
 from gyrocal.sensors.series import SensorModel, SensorSeries
 
@@ -125,8 +125,8 @@ class OnBoardCalibrator:
         self.estimator, self.apriori, self.names = estimator, apriori, select(solve_for)
         self._x = apriori.vector
         self._reference = np.diag(np.zeros(3) if reference_sigma is None else np.square(reference_sigma))
-        self._columns: Indices = np.array([NAMES.index(name) for name in self.names])
-        self._sums = Accumulation(self._columns, apriori_covariance)
+        self._build_columns: Indices = np.array([NAMES.index(name) for name in self.names])
+        self._sums = Accumulation(self._build_columns, apriori_covariance)
         held = [name for name in self.names if name not in estimator.names] if through_filter else []
         self._held: Indices = np.array([NAMES.index(name) for name in held], dtype=np.intp)
         self._held_among = [self.names.index(name) for name in held]
@@ -145,10 +145,12 @@ class OnBoardCalibrator:
         x = self.estimator.x
         R, B = self.estimator.step(raw, dt)
         if len(self._held):
-            _carry_sensitivity(x, raw, dt, self._held, R, B, self._S_e, self._S_x)
+            _propagate_sensitivity(x, raw, dt, self._held, R, B, self._S_e, self._S_x)
         if self._running:
             q = self.estimator.arw**2 * dt
-            _carry_maneuver(self._x, raw, dt, self._columns, self._R, self._Theta, self._P_rho, self._X_e, self._X_x, R, B, q)
+            _propagate_maneuver(
+                self._x, raw, dt, self._build_columns, self._R, self._Theta, self._P_rho, self._X_e, self._X_x, R, B, q
+            )
             self._elapsed_s += dt
 
     def measurement(self, model: SensorModel, row: int, y: Array, sigma: Array) -> Innovation | None:
@@ -202,7 +204,7 @@ class OnBoardCalibrator:
         """Corrected parameters and their covariance (p, p), N (33)."""
         correction, P = self._sums.solve()
         x = self.apriori.vector
-        x[self._columns] -= correction
+        x[self._build_columns] -= correction
         return GyroParameters.from_vector(x), P
 
 
@@ -233,7 +235,7 @@ def replay(
     bounds = np.array(maneuvers, dtype=float).ravel()
     if not len(bounds) or bounds[0] < start_s or (np.diff(bounds) < 0).any() or (np.diff(bounds)[::2] == 0).any():
         raise InputError("maneuvers must begin after the start, last, and follow one another")
-    k = covering(gyro, start_s, float(bounds[-1]))
+    k = find_held_sample(gyro, start_s, float(bounds[-1]))
     # At one time: measurements, then openings, then the end of a maneuver, then the start of the next.
     events: list[tuple[float, int, int, int]] = []
     for number, one in enumerate(series):
@@ -261,7 +263,7 @@ def replay(
     return tuple(found)
 
 
-def recorded(
+def build_ground_recording(
     maneuvers: Sequence[Maneuver], spans: Sequence[tuple[float, float]], gyro: GyroStream, title: str, epoch: str
 ) -> tuple[Recording, Array]:
     """The maneuvers as a recording for the ground, and their C (maneuvers, 3, 3) for `gyrocal.calibrate`'s interval_covariance.
@@ -285,18 +287,18 @@ def recorded(
     return recording, np.array([one.C for one in maneuvers])
 
 
-@compiled
-def _carry_sensitivity(
+@compile_cached
+def _propagate_sensitivity(
     x: Array, raw: Array, dt: float, held: Indices, R: Array, B: Array, S_e: Array, S_x: Array
 ) -> None:  # pragma: no cover - compiled
     """S ← Φ S + (ψF; 0) in place, of the parameters that the filter holds."""
     B_held = np.empty((3, len(held)))
-    transition(x, raw, dt, held, np.empty((3, 3)), B_held)
+    compute_transition(x, raw, dt, held, np.empty((3, 3)), B_held)
     S_e[:] = R @ S_e + B @ S_x + B_held
 
 
-@compiled
-def _carry_maneuver(
+@compile_cached
+def _propagate_maneuver(
     x: Array,
     raw: Array,
     dt: float,
@@ -312,8 +314,8 @@ def _carry_maneuver(
 ) -> None:  # pragma: no cover - compiled
     """R̄, Θ, P_ρ and X over one sample, in place."""
     step, B = np.empty((3, 3)), np.empty((3, len(columns)))
-    transition(x, raw, dt, columns, step, B)
-    turn(R, step)
+    compute_transition(x, raw, dt, columns, step, B)
+    rotate_attitude(R, step)
     Theta[:] = step @ Theta + B
     P_rho[:] = step @ P_rho @ step.T
     X_e[:] = step @ (X_e @ R_filter.T + X_x @ B_filter.T)

@@ -48,21 +48,21 @@ from gyrocal.calibration.parameters import GyroParameters
 from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
 from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.remainder import interpolate_rates
-from gyrocal.calibration.sampling import measurements
+from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.calibration.trackers import MountingEstimate, Mountings
 from gyrocal.errors import InputError
 from gyrocal.estimation.prediction import Prediction
 from gyrocal.estimation.remainder_noise import MOST_BINS, GyroWalk, RemainderNoise
 from gyrocal.recording import Attitudes, Interval, Recording, triad
-from gyrocal.recording.trackers import covariance, kept_rows
+from gyrocal.recording.trackers import compute_body_covariance, keep_rows
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 ANCHOR = 1e3  # sigmas of a reference: what is known of the anchor before it is used itself
-ITERATIONS = 3
+CALIBRATION_ITERATIONS = 3
 SAME_TIME_S = 1e-6
-GAP = 1.5  # samples
+GAP_SAMPLES = 1.5  # samples
 LARGEST_SIGMA = 1e6  # of what is known before; one beyond is a mistake, and its square may be no number
 
 
@@ -136,7 +136,7 @@ def predict(
     interval = max(begun, key=lambda one: one.start_s)
     stop = gyro.t_s[-1] + gyro.sample_s
     if times is None:
-        last = _last_sample(recording, from_s)
+        last = _find_last_sample(recording, from_s)
         times = np.append(gyro.t_s[: last + 1], gyro.t_s[last] + gyro.sample_s)
         times = times[times > from_s]
     times = np.asarray(times, dtype=float)
@@ -144,24 +144,24 @@ def predict(
         raise InputError(f"the gyro ends at {stop:g} s, and nothing can be predicted beyond it")
     t_ref = recording.attitudes.t_s
     used = (t_ref >= interval.start_s - SAME_TIME_S) & (t_ref <= from_s)
-    return conditioned(recording, used, times, apriori_covariance, noise)
+    return condition_on_references(recording, used, times, apriori_covariance, noise)
 
 
-def _last_sample(recording: Recording, from_s: float) -> int:
+def _find_last_sample(recording: Recording, from_s: float) -> int:
     """The last sample of the gyro before its first gap after a time."""
     gyro = recording.gyro
-    gaps = np.flatnonzero((np.diff(gyro.t_s) > GAP * gyro.sample_s) & (gyro.t_s[1:] > from_s))
+    gaps = np.flatnonzero((np.diff(gyro.t_s) > GAP_SAMPLES * gyro.sample_s) & (gyro.t_s[1:] > from_s))
     return int(gaps[0]) if gaps.size else gyro.t_s.size - 1
 
 
-def steps(recording: Recording, from_s: float, step_s: float) -> Array:
+def list_step_times(recording: Recording, from_s: float, step_s: float) -> Array:
     """(k,) times of equal steps from a time, s, to the gyro's first gap after it."""
     gyro = recording.gyro
-    stop = gyro.t_s[_last_sample(recording, from_s)] + gyro.sample_s
+    stop = gyro.t_s[_find_last_sample(recording, from_s)] + gyro.sample_s
     return np.asarray(from_s + step_s * np.arange(1, max(int((stop - from_s) / step_s + SAME_TIME_S), 0) + 1), dtype=np.float64)
 
 
-def conditioned(
+def condition_on_references(
     recording: Recording,
     used: Mask,
     times: Array,
@@ -195,11 +195,11 @@ def conditioned(
         anchor -= 1
     if anchor < 0:
         raise InputError(f"no attitude to start from at or before {times[0]:g} s")
-    seen, mountings = kept_rows(references, rows), Mountings.of(references)
+    seen, mountings = keep_rows(references, rows), Mountings.of(references)
     if apriori_covariance is None:
         ranges = estimate_plausible_ranges(recording, use_rests=False)
         apriori_covariance = prior_covariance(ranges.G, ranges.bias)
-    P0 = _with_mountings(apriori_covariance, references, mountings)
+    P0 = _append_mountings(apriori_covariance, references, mountings)
     start_s = float(references.t_s[anchor])
     at = np.union1d(times, references.t_s[rows])
     remainder = RemainderNoise() if noise is None else noise
@@ -207,23 +207,23 @@ def conditioned(
         at = np.union1d(at, np.linspace(start_s, at[-1], MOST_BINS + 1))
     at = at[np.concatenate([[True], np.diff(at) > SAME_TIME_S])]
     at = at[at > start_s + SAME_TIME_S]
-    stretch = _stretch(recording, anchor, at)
-    prepared = measurements(stretch)
+    stretch = _build_stretch(recording, anchor, at)
+    prepared = prepare_measurements(stretch)
     A0 = attitude.matrix_from_quaternion(references.quaternions[anchor])
     A_obs = attitude.matrix_from_quaternion(seen.quaternions)
-    stated, turns = remainder.factor * covariance(seen), mountings.turns[rows]
+    stated, turns = remainder.factor * compute_body_covariance(seen), mountings.turns[rows]
     gyro = recording.gyro
     G, bias = gyro.apriori_G, gyro.apriori_bias
     seen_rates, wanted_rates = (interpolate_rates(gyro, G, bias, at_s) for at_s in (seen.t_s, times))
-    shared = remainder.reference_covariance(seen.t_s, seen_rates, seen.t_s, seen_rates).reshape(3 * rows.size, -1)
-    place = _places(start_s, at, references.t_s[rows])
-    wanted = _places(start_s, at, times)
+    shared = remainder.compute_reference_covariance(seen.t_s, seen_rates, seen.t_s, seen_rates).reshape(3 * rows.size, -1)
+    place = _locate_times(start_s, at, references.t_s[rows])
+    wanted = _locate_times(start_s, at, times)
     elapsed = np.concatenate([[0.0], at - start_s])
     x0 = np.concatenate([G.ravel(), bias, np.zeros(turns.shape[2])])
     x = x0.copy()
-    S = scipy.linalg.block_diag(ANCHOR * float(references.sigma[anchor].max()) * np.eye(3), _root(P0))
+    S = scipy.linalg.block_diag(ANCHOR * float(references.sigma[anchor].max()) * np.eye(3), _compute_covariance_root(P0))
     size = 3 * rows.size
-    for _ in range(ITERATIONS):
+    for _ in range(CALIBRATION_ITERATIONS):
         run = propagate(prepared.arcs, x[:9].reshape(3, 3), x[9:12])
         R = np.concatenate([np.eye(3)[None], run.R])
         F = np.zeros((len(R), 3, 3 + x.size))
@@ -260,11 +260,11 @@ def conditioned(
     if with_readings:
         gain = half.T + B.reshape(3 * times.size, -1) @ Q[:size].T
         gain = scipy.linalg.solve_triangular(L, gain.T, lower=True, trans="T").T * scale
-        lasting = remainder.reference_covariance(seen.t_s, seen_rates, times, wanted_rates).reshape(size, times.size, 3)
+        lasting = remainder.compute_reference_covariance(seen.t_s, seen_rates, times, wanted_rates).reshape(size, times.size, 3)
         both = np.einsum("tir,rtj->tij", gain.reshape(times.size, 3, size), lasting, optimize=True)
         own = np.array(
             [
-                remainder.reference_covariance(*(one := (t[None], w[None])), *one)[0, :, 0]
+                remainder.compute_reference_covariance(*(one := (t[None], w[None])), *one)[0, :, 0]
                 for t, w in zip(times, wanted_rates, strict=True)
             ]
         )
@@ -288,20 +288,20 @@ def conditioned(
     )
 
 
-def _with_mountings(P0: Array, references: Attitudes, mountings: Mountings) -> Array:
+def _append_mountings(P0: Array, references: Attitudes, mountings: Mountings) -> Array:
     """P₀ with the misalignments that are estimated; one without a prior is as good as unknown."""
     wide = {one.name: references.sigma[references.sensor == k].max() for k, one in enumerate(references.sensors)}
     free = np.repeat([ANCHOR * wide[name] for name in mountings.sensors], 3)
     return scipy.linalg.block_diag(P0, np.diag(np.square(np.where(np.isfinite(mountings.prior), mountings.prior, free))))
 
 
-def _places(start_s: float, at: Array, times: Array) -> NDArray[np.intp]:
+def _locate_times(start_s: float, at: Array, times: Array) -> NDArray[np.intp]:
     """Positions of times among the start and the outputs."""
     nodes = np.concatenate([[start_s], at])
     return np.searchsorted(nodes, times - 2 * SAME_TIME_S)
 
 
-def _stretch(recording: Recording, anchor: int, at: Array) -> Recording:
+def _build_stretch(recording: Recording, anchor: int, at: Array) -> Recording:
     """One interval from the anchor to the last of some times, each of which is a reference in name."""
     references = recording.attitudes
     t_s = np.concatenate([[references.t_s[anchor]], at])
@@ -315,7 +315,7 @@ def _stretch(recording: Recording, anchor: int, at: Array) -> Recording:
     )
 
 
-def _root(P: Array) -> Array:
+def _compute_covariance_root(P: Array) -> Array:
     """(p, p) S of a covariance P = S Sᵀ, of any units and rank."""
     scale = np.sqrt(np.maximum(np.diag(P), 0.0))
     safe = np.where(scale > 0, scale, 1.0)

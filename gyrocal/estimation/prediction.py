@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Seen:
+class SensorPrediction:
     """What a sensor would show.
 
     Attributes
@@ -85,7 +85,7 @@ class Prediction:
         """(k, 3) 1-sigma about each body axis, rad."""
         return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2)))
 
-    def of_sensor(self, name: str) -> Seen:
+    def of_sensor(self, name: str) -> SensorPrediction:
         """What a sensor would show.
 
         Raises
@@ -104,4 +104,4 @@ class Prediction:
             A = attitude.rotation_matrix(self.mountings.misalignment[own]) @ A
             both = M @ self.cross[:, :, own]
             covariance = covariance + both + both.transpose(0, 2, 1) + self.mountings.covariance[own, own]
-        return Seen(A, np.asarray(covariance), self.noise[names.index(name)])
+        return SensorPrediction(A, np.asarray(covariance), self.noise[names.index(name)])

@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 from gyrocal import attitude
 from gyrocal.calibration.remainder import choose_evenly
 from gyrocal.errors import InputError
-from gyrocal.estimation.predict import SAME_TIME_S, conditioned
+from gyrocal.estimation.predict import SAME_TIME_S, condition_on_references
 from gyrocal.estimation.remainder_noise import KnownCalibration
 from gyrocal.recording import Attitudes, Recording
-from gyrocal.recording.trackers import kept_rows
+from gyrocal.recording.trackers import keep_rows
 
 Array = NDArray[np.float64]
 
 HORIZONS_S = (1.0, 5.0, 20.0)
 MOST_STARTS = 40
 MOST_USED = 60  # references before a start that a prediction uses
-TOLERANCE = 0.3  # of a horizon, within which a reference is compared
+HORIZON_TOLERANCE = 0.3  # of a horizon, within which a reference is compared
 
 
 @dataclass(frozen=True)
@@ -87,13 +87,13 @@ def compute_prediction_errors(
     rows = _choose_starts(recording, horizons_s[0], most_starts)
     found: list[list[tuple[float, Array, Array]]] = [[] for _ in horizons_s]
     for row in rows:
-        wanted = [_reference_after(recording, row, horizon) for horizon in horizons_s]
+        wanted = [_find_reference_after(recording, row, horizon) for horizon in horizons_s]
         targets = sorted({one for one in wanted if one is not None})
-        used = _references_before(recording, row)
+        used = _select_references_before(recording, row)
         if not targets:
             continue
         try:
-            made = conditioned(recording, used, t_s[targets], known.covariance, known.noise, with_readings=True)
+            made = condition_on_references(recording, used, t_s[targets], known.covariance, known.noise, with_readings=True)
         except InputError:  # the gyro has a gap there
             continue
         if made.readings is None:
@@ -112,7 +112,7 @@ def compute_prediction_errors(
 def cut_recording(recording: Recording, from_s: float, to_s: float) -> Recording:
     """Cut a recording: its references and intervals from one time to another, s, and the gyro samples that cover them."""
     attitudes, gyro = recording.attitudes, recording.gyro
-    kept = kept_rows(attitudes, (attitudes.t_s >= from_s - SAME_TIME_S) & (attitudes.t_s <= to_s + SAME_TIME_S))
+    kept = keep_rows(attitudes, (attitudes.t_s >= from_s - SAME_TIME_S) & (attitudes.t_s <= to_s + SAME_TIME_S))
     intervals = []
     for one in recording.intervals:
         inside = kept.t_s[(kept.t_s >= one.start_s - SAME_TIME_S) & (kept.t_s <= one.stop_s + SAME_TIME_S)]
@@ -135,7 +135,7 @@ def _choose_starts(recording: Recording, least_s: float, most: int) -> list[int]
     return [rows[k] for k in choose_evenly(len(rows), most)] if rows else []
 
 
-def _references_before(recording: Recording, row: int) -> NDArray[np.bool_]:
+def _select_references_before(recording: Recording, row: int) -> NDArray[np.bool_]:
     """Mask of the latest references up to a row in the interval that holds it."""
     attitudes: Attitudes = recording.attitudes
     start_s = max(one.start_s for one in recording.intervals if one.start_s < attitudes.t_s[row] - SAME_TIME_S)
@@ -144,12 +144,12 @@ def _references_before(recording: Recording, row: int) -> NDArray[np.bool_]:
     return np.asarray(used)
 
 
-def _reference_after(recording: Recording, row: int, horizon_s: float) -> int | None:
+def _find_reference_after(recording: Recording, row: int, horizon_s: float) -> int | None:
     """Row of the reference nearest to a horizon after another one; None if there is none within the tolerance."""
     t_s = recording.attitudes.t_s
     wanted = t_s[row] + horizon_s
     nearest = int(np.abs(t_s - wanted).argmin())
-    return nearest if nearest > row and abs(t_s[nearest] - wanted) <= TOLERANCE * horizon_s else None
+    return nearest if nearest > row and abs(t_s[nearest] - wanted) <= HORIZON_TOLERANCE * horizon_s else None
 
 
 def _gather(horizon_s: float, ones: list[tuple[float, Array, Array]]) -> PredictionErrors:

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from gyrocal.attitude import quaternion_from_matrix
 from gyrocal.errors import InputError
 from gyrocal.estimation.batch import BatchResult
-from gyrocal.recording import Attitudes, Interval, reference_rows
+from gyrocal.recording import Attitudes, Interval, find_reference_rows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -88,7 +88,7 @@ def interval_covariance(batches: Sequence[BatchResult], intervals: Sequence[Inte
     """
     t, *_ = _gather_references(batches)
     for interval in intervals:
-        count = reference_rows(t, interval).size
+        count = find_reference_rows(t, interval).size
         if count != 2:
             raise InputError(f"interval {interval.name} has {count} references; a C of its own needs one at each end")
     V = residual_covariance(batches, intervals, arw)
@@ -117,7 +117,7 @@ def _find_ends(t: Array, intervals: Sequence[Interval]) -> tuple[Indices, Indice
     start: list[int] = []
     end: list[int] = []
     for interval in intervals:
-        rows = reference_rows(t, interval)
+        rows = find_reference_rows(t, interval)
         if rows.size < 2:
             raise InputError(f"interval {interval.name}: {rows.size} reference(s); at least two are needed")
         start += [int(rows[0])] * (rows.size - 1)

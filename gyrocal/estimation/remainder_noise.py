@@ -59,7 +59,7 @@ class RemainderNoise:
     processes: tuple[Process, ...] = ()
     factor: float = 1.0
 
-    def reference_covariance(self, t_s: Array, rates: Array, others_s: Array, other_rates: Array) -> Array:
+    def compute_reference_covariance(self, t_s: Array, rates: Array, others_s: Array, other_rates: Array) -> Array:
         """Compute the covariance (n, 3, k, 3) of the errors of references at two sets of times without the stated noise, rad².
 
         Parameters
@@ -119,7 +119,7 @@ class GyroWalk:
         total = total.reshape(3 * left.size, 3 * right.size)
         for process, member in self._lasting:
             correlation = process.variance * self._stretches.covariance(process)
-            total += self._columns(member, left) @ correlation @ self._columns(member, right).T
+            total += self._build_columns(member, left) @ correlation @ self._build_columns(member, right).T
         return np.asarray(total)
 
     def variances(self, nodes: Indices) -> Array:
@@ -129,7 +129,7 @@ class GyroWalk:
         if self._white is not None:
             total = total + R @ self._white[nodes] @ R.transpose(0, 2, 1)
         for process, member in self._lasting:
-            columns = self._columns(member, nodes)
+            columns = self._build_columns(member, nodes)
             spread = (columns @ (process.variance * self._stretches.covariance(process))).reshape(nodes.size, 3, -1)
             total = total + spread @ columns.reshape(nodes.size, 3, -1).transpose(0, 2, 1)
         return np.asarray(total)
@@ -157,7 +157,7 @@ class GyroWalk:
         times = self.elapsed_s[self.edges]
         return Stretches(times[:-1], times[1:], np.zeros(times.size - 1, dtype=np.intp))
 
-    def _columns(self, member: int, nodes: Indices) -> Array:
+    def _build_columns(self, member: int, nodes: Indices) -> Array:
         """(3 nodes, bins) turn at each node by an error of one parameter in each bin."""
         turned = np.concatenate([np.zeros((1, 3)), self.turns[:, :, member].cumsum(axis=0)])
         low, high = self.edges[:-1], self.edges[1:]

@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-START = 0.3  # share of the excess power that all components have together where the optimisation starts
+START_SHARE = 0.3  # share of the excess power that all components have together where the optimisation starts
 PRECISION = 1e-6  # relative change of −log L at which the optimisation ends
-LEAST = 1e-8  # share of the power below which a component is zero
-ROUNDING = 1e-10  # relative size of a singular value that is rounding
+LEAST_POWER_SHARE = 1e-8  # share of the power below which a component is zero
+COMPONENT_RANK_TOLERANCE = 1e-10  # relative size of a singular value that is rounding
 
 
 @dataclass(frozen=True)
@@ -84,18 +84,20 @@ def estimate_variance_components(residuals: Array, components: Sequence[Array], 
     unit = max(power, dof) / each  # variance with which a component would make all the power alone
     kernels = np.array([part @ part.T for part in components]).reshape(len(components), residuals.size, residuals.size)
 
-    def objective(x: Array) -> tuple[float, Array]:
+    def evaluate_objective(x: Array) -> tuple[float, Array]:
         return evaluate_likelihood(float(np.exp(x[0])), np.exp(x[1:]), kernels, residuals, dof)
 
     high = max(np.log(max(power, dof) / dof), 1e-9)
     excess = max(1.0 - dof / max(power, dof), 0.05)
-    start = np.concatenate([[0.5 * high], np.log(max(START / max(len(counts), 1) * excess, 10 * LEAST) * unit)])
-    bounds = [(0.0, high), *((np.log(LEAST * one), np.log(10 * one)) for one in unit)]
+    start = np.concatenate(
+        [[0.5 * high], np.log(max(START_SHARE / max(len(counts), 1) * excess, 10 * LEAST_POWER_SHARE) * unit)]
+    )
+    bounds = [(0.0, high), *((np.log(LEAST_POWER_SHARE * one), np.log(10 * one)) for one in unit)]
     options = {"maxiter": 100, "ftol": PRECISION}
-    found = scipy.optimize.minimize(objective, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    found = scipy.optimize.minimize(evaluate_objective, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     noise, theta = float(np.exp(found.x[0])), np.exp(found.x[1:])
-    theta = np.where(theta > 1.5 * LEAST * unit, theta, 0.0)
-    basis, powers = _spectrum(Z, theta[owner] / noise if len(counts) else np.zeros(0))
+    theta = np.where(theta > 1.5 * LEAST_POWER_SHARE * unit, theta, 0.0)
+    basis, powers = _decompose_spectrum(Z, theta[owner] / noise if len(counts) else np.zeros(0))
     return VarianceComponents(noise, theta, -float(found.fun) + 0.5 * power, basis, powers)
 
 
@@ -115,7 +117,7 @@ def evaluate_likelihood(noise: float, theta: Array, kernels: Array, y: Array, do
     return float(value), slope
 
 
-def _spectrum(Z: Array, ratios: Array) -> tuple[Array, Array]:
+def _decompose_spectrum(Z: Array, ratios: Array) -> tuple[Array, Array]:
     """Compute directions (N, r) and powers (r,) of Z diag(ratios) Zᵀ that are not zero."""
     used = ratios > 0
     W = Z[:, used] * np.sqrt(ratios[used])
@@ -123,6 +125,6 @@ def _spectrum(Z: Array, ratios: Array) -> tuple[Array, Array]:
         return np.zeros((len(Z), 0)), np.zeros(0)
     small = W.T @ W if W.shape[1] <= W.shape[0] else W @ W.T
     powers, vectors = np.linalg.eigh(small)
-    kept = powers > ROUNDING * max(powers[-1], 1e-300)
+    kept = powers > COMPONENT_RANK_TOLERANCE * max(powers[-1], 1e-300)
     powers, vectors = powers[kept], vectors[:, kept]
     return (W @ (vectors / np.sqrt(powers)) if W.shape[1] <= W.shape[0] else vectors), powers

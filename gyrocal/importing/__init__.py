@@ -13,17 +13,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyrocal.errors import InputError
-from gyrocal.files import replacing
-from gyrocal.importing.mapping import Mapping, checked, load_mapping
-from gyrocal.recording import save, toml_value
+from gyrocal.files import open_replacement
+from gyrocal.importing.column_mapping import Mapping, load_mapping, validate_mapping
+from gyrocal.recording import format_toml, save
 
 if TYPE_CHECKING:
-    from gyrocal.importing.build import Imported
+    from gyrocal.importing.build import ImportResult
 
-NOTES = "import.toml"  # beside recording.toml; a recording is read without it
-NOISE = ("angle random walk", "sigma of the references", "1-sigma about")  # how an estimate of it begins
+NOTES_FILE = "import.toml"  # beside recording.toml; a recording is read without it
+NOISE_PHRASES = ("angle random walk", "sigma of the references", "1-sigma about")  # how an estimate of it begins
 
-__all__ = ["NOTES", "Mapping", "checked", "estimated_noise", "import_csv", "load_mapping", "write"]
+__all__ = ["NOTES_FILE", "Mapping", "import_csv", "load_mapping", "read_estimated_noise", "validate_mapping", "write"]
 
 
 def import_csv(
@@ -33,7 +33,7 @@ def import_csv(
     mapping: Mapping | None = None,
     check: bool = True,
     **entries: Any,
-) -> Imported:
+) -> ImportResult:
     """A recording of one or two CSV tables.
 
     Parameters
@@ -51,33 +51,33 @@ def import_csv(
     """
     from gyrocal.importing.build import build
     from gyrocal.importing.columns import resolve_columns
-    from gyrocal.importing.streams import read_csv, streams
+    from gyrocal.importing.streams import read_csv, read_streams
 
     if mapping is None:
-        mapping = checked(entries, "mapping")
+        mapping = validate_mapping(entries, "mapping")
     elif entries:
         raise InputError("give a mapping or its entries, not both")
     table = read_csv(Path(gyro_file))
     other = read_csv(Path(attitude_file)) if attitude_file is not None else table
     table, other, mapping = resolve_columns(table, other, mapping)
-    return build(streams(table, other, mapping), mapping, check)
+    return build(read_streams(table, other, mapping), mapping, check)
 
 
-def write(imported: Imported, folder: str | os.PathLike[str]) -> None:
-    """Write the recording, and beside it `NOTES`: the mapping and what was assumed."""
+def write(imported: ImportResult, folder: str | os.PathLike[str]) -> None:
+    """Write the recording, and beside it `NOTES_FILE`: the mapping and what was assumed."""
     save(imported.recording, folder)
     entries = imported.mapping.model_dump(exclude_none=True, exclude_defaults=True)
     lines = ["# How this recording was imported.", "assumed = ["]
-    lines += [f"    {toml_value(text)}," for text in imported.assumed] + ["]", "", "[mapping]"]
-    lines += [f"{key} = {toml_value(value)}" for key, value in entries.items()]
-    with replacing(Path(folder) / NOTES) as file:
+    lines += [f"    {format_toml(text)}," for text in imported.assumed] + ["]", "", "[mapping]"]
+    lines += [f"{key} = {format_toml(value)}" for key, value in entries.items()]
+    with open_replacement(Path(folder) / NOTES_FILE) as file:
         file.write(("\n".join(lines) + "\n").encode())
 
 
-def estimated_noise(folder: str | os.PathLike[str]) -> list[str]:
+def read_estimated_noise(folder: str | os.PathLike[str]) -> list[str]:
     """What an import estimated of the noise of gyro and references, a sentence each; none where nothing of it is known."""
     try:
-        assumed = tomllib.loads((Path(folder) / NOTES).read_text(encoding="utf-8"))["assumed"]
-        return [text for text in assumed if text.startswith(NOISE)]
+        assumed = tomllib.loads((Path(folder) / NOTES_FILE).read_text(encoding="utf-8"))["assumed"]
+        return [text for text in assumed if text.startswith(NOISE_PHRASES)]
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError, AttributeError, TypeError):
         return []

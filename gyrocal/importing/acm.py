@@ -23,14 +23,14 @@ from numpy.typing import ArrayLike, NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing import ccsds
 from gyrocal.importing.aem import Aem
-from gyrocal.recording import Recording, reference_rows
+from gyrocal.recording import Recording, find_reference_rows
 
 Array = NDArray[np.float64]
 
-NEEDED = ("TIME_SYSTEM", "EPOCH_TZERO")
+ACM_REQUIRED_KEYS = ("TIME_SYSTEM", "EPOCH_TZERO")
 ATT_NEEDED = ("REF_FRAME_A", "REF_FRAME_B", "ATT_TYPE")
 ATT_KNOWN = (*ATT_NEEDED, "ATT_ID", "ATT_PREV_ID", "ATT_BASIS", "ATT_BASIS_ID", "NUMBER_STATES", "RATE_TYPE", "EULER_ROT_SEQ")
-BIASED = "ANGLE_GYROBIAS"
+GYRO_BIAS_STATE = "ANGLE_GYROBIAS"
 SIGN = "GYRO_BIAS is the correction to be added about the body axes: w = G w_raw + GYRO_BIAS"
 
 
@@ -65,7 +65,7 @@ def read_acm(path: str | os.PathLike[str]) -> Acm:
     path = Path(path)
     _, blocks = ccsds.read(path, "ACM")
     meta = next((block.entries for block in blocks if block.kind == "META"), {})
-    ccsds.check_keywords(meta, NEEDED, path)
+    ccsds.check_keywords(meta, ACM_REQUIRED_KEYS, path)
     system = meta["TIME_SYSTEM"]
     scale = ccsds.read_scale(system, path)
     try:
@@ -86,24 +86,24 @@ def read_acm(path: str | os.PathLike[str]) -> Acm:
         biased = block.entries.get("RATE_TYPE", "").upper() == "GYRO_BIAS"
         for where, words in block.lines:
             numbers = ccsds.parse_numbers(words[1:], 7 if biased else 4, path, where)
-            times.append(_time(words[0], zero, system, path, where))
+            times.append(_parse_message_time(words[0], zero, system, path, where))
             rows.append(numbers[:4])
             biases += [np.deg2rad(numbers[4:7])] if biased else []
     if len(ends) > 1:
         raise InputError(f"{path}: its attitude blocks have different frames; give one message for each")
     inertial, body, conjugate = ends.pop() if ends else ("", "", False)
     clock, q = ccsds.build_attitudes(times, rows, scale, conjugate, path)
-    angles, bias_variance = _variances([block for block in blocks if block.kind == "COV"], path)
+    angles, bias_variance = _read_variances([block for block in blocks if block.kind == "COV"], path)
     return Acm(
         attitudes=Aem(clock, q, meta.get("OBJECT_NAME", path.stem), (inertial, body)),
         sigma=None if angles is None else np.sqrt(np.mean(angles, axis=0)),
         gyro_bias=np.array(biases) if len(biases) == len(rows) else None,
         gyro_bias_sigma=None if bias_variance is None else np.sqrt(bias_variance),
-        arw=_walk([block for block in blocks if block.kind == "AD"], path),
+        arw=_read_walk([block for block in blocks if block.kind == "AD"], path),
     )
 
 
-def noise(message: Acm) -> tuple[dict[str, Any], tuple[str, ...]]:
+def extract_noise(message: Acm) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Entries of a mapping with the noise that a message states, and what is said of it."""
     entries: dict[str, Any] = {}
     said = []
@@ -119,7 +119,7 @@ def noise(message: Acm) -> tuple[dict[str, Any], tuple[str, ...]]:
     return entries, tuple(said)
 
 
-def _time(word: str, zero: tuple[int, float], system: str, path: Path, where: str) -> tuple[int, float]:
+def _parse_message_time(word: str, zero: tuple[int, float], system: str, path: Path, where: str) -> tuple[int, float]:
     """A time of its own, or seconds from another."""
     try:
         if "T" in word.upper():
@@ -131,7 +131,7 @@ def _time(word: str, zero: tuple[int, float], system: str, path: Path, where: st
         raise InputError(f"{path}: {where}: {fault}") from None
 
 
-def _variances(blocks: list[ccsds.Block], path: Path) -> tuple[Array | None, Array | None]:
+def _read_variances(blocks: list[ccsds.Block], path: Path) -> tuple[Array | None, Array | None]:
     """Variances of angles (k, 3) rad² about the body's axes, and of the gyro's bias (3,) (rad/s)²."""
     angles: list[Array] = []
     bias = None
@@ -140,15 +140,15 @@ def _variances(blocks: list[ccsds.Block], path: Path) -> tuple[Array | None, Arr
         if not kind.startswith("ANGLE") or not frame.upper().startswith(ccsds.BODY_FRAMES):
             continue
         for where, words in block.lines:
-            values = ccsds.parse_numbers(words[1:], 6 if kind == BIASED else 3, path, where) * np.deg2rad(1.0) ** 2
+            values = ccsds.parse_numbers(words[1:], 6 if kind == GYRO_BIAS_STATE else 3, path, where) * np.deg2rad(1.0) ** 2
             if (values < 0).any():
                 raise InputError(f"{path}: {where}: a variance is negative")
             angles.append(values[:3])
-            bias = values[3:6] if kind == BIASED else bias
+            bias = values[3:6] if kind == GYRO_BIAS_STATE else bias
     return (np.array(angles) if angles else None), bias
 
 
-def _walk(blocks: list[ccsds.Block], path: Path) -> float | None:
+def _read_walk(blocks: list[ccsds.Block], path: Path) -> float | None:
     text = next((block.entries["SIGMA_V"] for block in blocks if "SIGMA_V" in block.entries), None)
     if text is None:
         return None
@@ -184,17 +184,17 @@ def write_acm(
         The recording's times have no date, or a bias has no sigma.
     """
     scale, epoch = ccsds.require_dates(recording, "an ACM")
-    rates, variances = _bias(bias, bias_sigma)
-    kind = BIASED if rates else "ANGLE"
-    ends = {"REF_FRAME_A": frame, "REF_FRAME_B": ccsds.BODY}
+    rates, variances = _format_bias(bias, bias_sigma)
+    kind = GYRO_BIAS_STATE if rates else "ANGLE"
+    ends = {"REF_FRAME_A": frame, "REF_FRAME_B": ccsds.SPACECRAFT_BODY_FRAME}
     att_head = {"COMMENT": SIGN} if rates else {}
     att_head |= ends | {"NUMBER_STATES": str(4 + len(rates)), "ATT_TYPE": "QUATERNION"}
     att_head |= {"RATE_TYPE": "GYRO_BIAS"} if rates else {}
-    cov_head = {"COV_BASIS": "DETERMINED_GND", "COV_REF_FRAME": ccsds.BODY, "COV_TYPE": kind}
+    cov_head = {"COV_BASIS": "DETERMINED_GND", "COV_REF_FRAME": ccsds.SPACECRAFT_BODY_FRAME, "COV_TYPE": kind}
     states, covariances = [], []
     for interval in recording.intervals:
         references = recording.attitudes
-        chosen = reference_rows(references.t_s, interval)
+        chosen = find_reference_rows(references.t_s, interval)
         times = ccsds.format_numbers(references.t_s[chosen])
         att = [("", [t, *ccsds.format_numbers(q), *rates]) for t, q in zip(times, references.quaternions[chosen], strict=True)]
         squares = np.square(np.rad2deg(references.sigma[chosen]))
@@ -215,7 +215,7 @@ def write_acm(
     ccsds.write(path, "ACM", blocks, recording.title, form)
 
 
-def _bias(bias: ArrayLike | None, sigma: ArrayLike | None) -> tuple[list[str], list[str]]:
+def _format_bias(bias: ArrayLike | None, sigma: ArrayLike | None) -> tuple[list[str], list[str]]:
     """b in deg/s, and its variances in (deg/s)², as they are written; nothing without a bias."""
     if bias is None and sigma is None:
         return [], []

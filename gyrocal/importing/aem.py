@@ -18,18 +18,21 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing import ccsds
 from gyrocal.importing.units import WEEK_S, Clock
-from gyrocal.recording import Recording, reference_rows
+from gyrocal.recording import Recording, find_reference_rows
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Array = NDArray[np.float64]
 
-NEEDED = ("REF_FRAME_A", "REF_FRAME_B", "TIME_SYSTEM", "ATTITUDE_TYPE")
+AEM_REQUIRED_KEYS = ("REF_FRAME_A", "REF_FRAME_B", "TIME_SYSTEM", "ATTITUDE_TYPE")
 DIRECTED = ("ATTITUDE_DIR", "QUATERNION_TYPE")  # of version 1 alone
-OTHERS = ("OBJECT_NAME", "OBJECT_ID", "CENTER_NAME", "EULER_ROT_SEQ", "INTERPOLATION_METHOD", "INTERPOLATION_DEGREE")
+AEM_OPTIONAL_KEYS = ("OBJECT_NAME", "OBJECT_ID", "CENTER_NAME", "EULER_ROT_SEQ", "INTERPOLATION_METHOD", "INTERPOLATION_DEGREE")
 SPAN = ("START_TIME", "USEABLE_START_TIME", "USEABLE_STOP_TIME", "STOP_TIME")
-KNOWN = {"1.0": (*NEEDED, *OTHERS, *SPAN, *DIRECTED, "RATE_FRAME"), "2.0": (*NEEDED, *OTHERS, *SPAN, "ANGVEL_FRAME")}
+KNOWN = {
+    "1.0": (*AEM_REQUIRED_KEYS, *AEM_OPTIONAL_KEYS, *SPAN, *DIRECTED, "RATE_FRAME"),
+    "2.0": (*AEM_REQUIRED_KEYS, *AEM_OPTIONAL_KEYS, *SPAN, "ANGVEL_FRAME"),
+}
 TYPES = {
     "1.0": ("QUATERNION", "QUATERNION/DERIVATIVE", "QUATERNION/RATE"),
     "2.0": ("QUATERNION", "QUATERNION/DERIVATIVE", "QUATERNION/ANGVEL"),
@@ -90,7 +93,7 @@ def read_aem(path: str | os.PathLike[str]) -> Aem:
     return Aem(clock, q, meta.get("OBJECT_NAME", path.stem), (inertial, body))
 
 
-def table(message: Aem) -> tuple[pd.DataFrame, dict[str, str]]:
+def tabulate_attitudes(message: Aem) -> tuple[pd.DataFrame, dict[str, str]]:
     """The attitudes as a table, and the entries of a mapping that reads it."""
     import pandas as pd
 
@@ -106,7 +109,7 @@ def table(message: Aem) -> tuple[pd.DataFrame, dict[str, str]]:
 
 def _check_metadata(meta: dict[str, str], version: str, path: Path) -> tuple[str, str, str, bool]:
     """Inertial frame, body frame, time scale and whether the message goes from body to inertial."""
-    ccsds.check_keywords(meta, (*NEEDED, *DIRECTED) if version == "1.0" else NEEDED, path, KNOWN[version])
+    ccsds.check_keywords(meta, (*AEM_REQUIRED_KEYS, *DIRECTED) if version == "1.0" else AEM_REQUIRED_KEYS, path, KNOWN[version])
     kind = meta["ATTITUDE_TYPE"].upper()
     if kind not in TYPES[version]:
         raise InputError(f"{path}: attitude type {kind} is not read; read are {', '.join(TYPES[version])}")
@@ -145,13 +148,13 @@ def write_aem(
     scale, epoch = ccsds.require_dates(recording, "an AEM")
     blocks = []
     for interval in recording.intervals:
-        rows = reference_rows(recording.attitudes.t_s, interval)
+        rows = find_reference_rows(recording.attitudes.t_s, interval)
         stamps = [ccsds.format_time(epoch, float(t)) for t in recording.attitudes.t_s[rows]]
         meta = {
             "OBJECT_NAME": object_name,
             "OBJECT_ID": object_id,
             "REF_FRAME_A": frame,
-            "REF_FRAME_B": ccsds.BODY,
+            "REF_FRAME_B": ccsds.SPACECRAFT_BODY_FRAME,
             "TIME_SYSTEM": scale,
             "START_TIME": stamps[0],
             "STOP_TIME": stamps[-1],

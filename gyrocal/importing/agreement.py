@@ -26,7 +26,7 @@ from itertools import permutations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.importing.motion import ELEMENTS, Motion, motion, rotate_onto
+from gyrocal.importing.motion import QUATERNION_INDICES, Motion, build_motion, rotate_onto
 from gyrocal.importing.units import RATE_UNITS, TIME_UNITS
 from gyrocal.recording import Recording
 
@@ -34,20 +34,20 @@ Array = NDArray[np.float64]
 
 FITS = 0.1  # residual over motion of rates that are read rightly: errors of G and noise
 HOPELESS = 0.5
-BETTER = 0.5  # times the residual as read: an alternative must fit so much better
-ALIKE = 1.25  # times the best residual: as good
+LARGEST_RESIDUAL_RATIO = 0.5  # times the residual as read: an alternative must fit so much better
+RESIDUAL_TIE_FACTOR = 1.25  # times the best residual: as good
 LEAST_WINDOWS = 6  # from which a rotation of three angles is told
 LARGE_DRIFT = np.deg2rad(10.0)  # by a bias over the longest interval
 LONGEST_LAG = 0.25  # of the recording
-UNITS = ("rad/s", "deg/s", "deg/h")  # that one is taken for another of
-TIMES = ("ms", "s", "us", "ns")
+ALTERNATIVE_RATE_UNITS = ("rad/s", "deg/s", "deg/h")  # that one is taken for another of
+ALTERNATIVE_TIME_UNITS = ("ms", "s", "us", "ns")
 RATE_FACTORS = {  # of rates on file, which have one unit: a prefix or a conversion that was forgotten or made twice
     f"the rates {words}": factor
     for number, factor in (("1000", 1e3), ("3600", 3600.0), ("57.296", 180 / np.pi), ("206265", 3600 * 180 / np.pi))
     for words, factor in ((f"divided by {number}", 1 / factor), (f"times {number}", factor))
 }
 GAINED = 0.7  # of 1 − correlation: an offset that leaves more has gained nothing
-ORDERS = {  # in which they may be instead
+ALTERNATIVE_ORDERS = {  # in which they may be instead
     "": {},
     "scalar-last": {(1, 2, 3, 0): "the quaternion's scalar part first (scalar-first)"},
     "scalar-first": {(3, 0, 1, 2): "the quaternion's scalar part last (scalar-last)"},
@@ -137,7 +137,7 @@ class Agreement:
         return f"{lead}; {100 * min(one.residual for one in self.better):.1f} % with {ways}{more}"
 
 
-def agreement(
+def evaluate_agreement(
     windows: Motion,
     unit: str = "",
     time_unit: str = "",
@@ -155,34 +155,34 @@ def agreement(
     reverse : whether the quaternions on file have been conjugated to be inertial to body
     factors : of the rates that are tried beside those of units, with their words
     """
-    as_read = _as_read(windows)
+    as_read = _evaluate_as_read(windows)
     if as_read.residual <= FITS:
         return Agreement(as_read, ())
-    ways = _ways(windows, order, reverse)
-    units = list(_scales(unit, "").values())  # name what factors would only number
+    ways = _list_readings(windows, order, reverse)
+    units = list(_list_scales(unit, "").values())  # name what factors would only number
     numbered = {words: factor for words, factor in (factors or {}).items() if not np.isclose(factor, units).any()}
-    scales = _scales(unit, time_unit) | numbered
-    tried = [one for words, reference in ways for one in _readings(windows, reference, words, 0.0, scales)]
+    scales = _list_scales(unit, time_unit) | numbered
+    tried = [one for words, reference in ways for one in _evaluate_readings(windows, reference, words, 0.0, scales)]
     if min((one.residual for one in tried), default=np.inf) > FITS:
         for words, reference in ways:
-            offset = _offset(windows, reference)
-            tried += _readings(windows, reference, words, offset, scales) if offset else []
+            offset = _estimate_offset(windows, reference)
+            tried += _evaluate_readings(windows, reference, words, offset, scales) if offset else []
     best = min((one.residual for one in tried), default=np.inf)
     rotated = None
     if best > FITS:
-        rotated = _find_rotation(windows, ways, scales, BETTER * min(best, as_read.residual, 2 * HOPELESS))
-    if best > min(BETTER * as_read.residual, HOPELESS):
+        rotated = _find_rotation(windows, ways, scales, LARGEST_RESIDUAL_RATIO * min(best, as_read.residual, 2 * HOPELESS))
+    if best > min(LARGEST_RESIDUAL_RATIO * as_read.residual, HOPELESS):
         return Agreement(as_read, (), rotated)
-    good = [one for one in tried if one.residual <= max(ALIKE * best, best + 0.02)]
+    good = [one for one in tried if one.residual <= max(RESIDUAL_TIE_FACTOR * best, best + 0.02)]
     fewest = min(one.count for one in good)
     chosen = sorted((one for one in good if one.count == fewest), key=lambda one: one.residual)
     return Agreement(as_read, tuple(chosen[:3]), rotated)
 
 
-def _ways(windows: Motion, order: str, reverse: bool) -> list[tuple[tuple[str, ...], Array]]:
+def _list_readings(windows: Motion, order: str, reverse: bool) -> list[tuple[tuple[str, ...], Array]]:
     """All readings of the attitudes: what each changes, and the mean rates by it."""
     out: list[tuple[tuple[str, ...], Array]] = []
-    for places, word in {ELEMENTS: "", **ORDERS[order]}.items():
+    for places, word in {QUATERNION_INDICES: "", **ALTERNATIVE_ORDERS[order]}.items():
         for other in (False, True):
             words = tuple(filter(None, (word, DIRECTION_WORDS[reverse] if other else "")))
             out.append((words, windows.attitudes(places, other, reverse)))
@@ -193,7 +193,7 @@ def _ways(windows: Motion, order: str, reverse: bool) -> list[tuple[tuple[str, .
     return out
 
 
-def explained(recording: Recording, G: Array, bias: Array) -> str:
+def explain_residuals(recording: Recording, G: Array, bias: Array) -> str:
     """Why residuals of a recording are so large, with the parameters it starts from; empty if that cannot be told.
 
     Parameters
@@ -203,10 +203,10 @@ def explained(recording: Recording, G: Array, bias: Array) -> str:
     gyro, references = recording.gyro, recording.attitudes
     if not gyro.rates.any():
         return "all rates are zero"
-    windows = motion(gyro.t_s, gyro.rates @ G.T + bias, gyro.sample_s, references.t_s, references.quaternions)
+    windows = build_motion(gyro.t_s, gyro.rates @ G.T + bias, gyro.sample_s, references.t_s, references.quaternions)
     if windows is None:
         return ""
-    found = agreement(windows, "deg/s", "s", "scalar-last", factors=RATE_FACTORS)
+    found = evaluate_agreement(windows, "deg/s", "s", "scalar-last", factors=RATE_FACTORS)
     if not found.fits:
         return found.sentence if found.better or found.rotated else ""
     if found.rotated is not None:
@@ -223,18 +223,18 @@ def explained(recording: Recording, G: Array, bias: Array) -> str:
     )
 
 
-def _as_read(windows: Motion) -> Reading:
+def _evaluate_as_read(windows: Motion) -> Reading:
     reference = windows.attitudes()
     gyro, inside = windows.gyro()
     reference, gyro = reference[inside], gyro[inside]
     if len(reference) < 3:
         return Reading((), 0, np.inf, 0.0)
     left = reference - gyro
-    centred = _rms(left - left.mean(axis=0)) / _rms(reference - reference.mean(axis=0))
-    return Reading((), 0, min(_rms(left) / _rms(reference), centred), 0.0)
+    centred = _compute_rms(left - left.mean(axis=0)) / _compute_rms(reference - reference.mean(axis=0))
+    return Reading((), 0, min(_compute_rms(left) / _compute_rms(reference), centred), 0.0)
 
 
-def _readings(
+def _evaluate_readings(
     windows: Motion, reference: Array, words: tuple[str, ...], offset: float, scales: dict[str, float]
 ) -> list[Reading]:
     """The best of all s and Π for one reading of the attitudes at one time offset."""
@@ -244,11 +244,11 @@ def _readings(
     late = (f"{offset:+.3g} s added to the attitudes' time tags",) if offset else ()
     return [
         Reading((*words, *one.changes, *late), one.count + len(words) + len(late), one.residual, offset)
-        for one in _fits(reference[inside], gyro[inside], scales)
+        for one in _fit_scales_and_axes(reference[inside], gyro[inside], scales)
     ]
 
 
-def _fits(reference: Array, gyro: Array, scales: dict[str, float]) -> list[Reading]:
+def _fit_scales_and_axes(reference: Array, gyro: Array, scales: dict[str, float]) -> list[Reading]:
     """The best of all s and Π."""
     r, g = reference - reference.mean(axis=0), gyro - gyro.mean(axis=0)
     whole = float(np.sum(r * r))
@@ -275,7 +275,7 @@ def _find_rotation(
     """
     found = []
     for words, reference in ways:
-        for offset in {0.0, _offset(windows, reference)}:
+        for offset in {0.0, _estimate_offset(windows, reference)}:
             gyro, inside = windows.gyro(offset)
             if inside.sum() < LEAST_WINDOWS:
                 continue
@@ -285,7 +285,7 @@ def _find_rotation(
                 for name, scale in scales.items()
             ]
     best = min((one.residual for one in found), default=np.inf)
-    good = [one for one in found if one.residual <= max(ALIKE * best, best + 0.02)]
+    good = [one for one in found if one.residual <= max(RESIDUAL_TIE_FACTOR * best, best + 0.02)]
     return min(good, key=lambda one: (len(one.changes), one.residual)) if best <= largest else None
 
 
@@ -298,26 +298,26 @@ def _rotate(reference: Array, gyro: Array, scale: float) -> tuple[float, float]:
     return float(np.sqrt(max(left, 0.0) / whole)), float(np.arccos(np.clip((np.trace(C) - 1) / 2, -1.0, 1.0)))
 
 
-def _offset(windows: Motion, reference: Array) -> float:
+def _estimate_offset(windows: Motion, reference: Array) -> float:
     """τ at which the magnitudes of both rates correlate best, s; 0 if they do so no better than as they are."""
     span = windows.stop_s[-1] - windows.start_s[0]
     speed = np.linalg.norm(reference, axis=1)
     length = float(np.median(windows.stop_s - windows.start_s))
     steps = np.arange(-LONGEST_LAG * span, LONGEST_LAG * span, max(length, span / 2000))
-    scores = np.array([_correlation(windows, speed, tau) for tau in steps])
+    scores = np.array([_correlate_speeds(windows, speed, tau) for tau in steps])
     if not np.isfinite(scores).any():
         return 0.0
     best = float(steps[int(np.nanargmax(scores))])
     for fine in (length / 8, length / 40, length / 200):
         near = best + fine * np.arange(-6, 7)
-        scores = np.array([_correlation(windows, speed, tau) for tau in near])
+        scores = np.array([_correlate_speeds(windows, speed, tau) for tau in near])
         if np.isfinite(scores).any():
             best = float(near[int(np.nanargmax(scores))])
-    at_zero, gained = _correlation(windows, speed, 0.0), _correlation(windows, speed, best)
+    at_zero, gained = _correlate_speeds(windows, speed, 0.0), _correlate_speeds(windows, speed, best)
     return best if np.isnan(at_zero) or 1 - gained < GAINED * (1 - at_zero) else 0.0
 
 
-def _correlation(windows: Motion, speed: Array, tau: float) -> float:
+def _correlate_speeds(windows: Motion, speed: Array, tau: float) -> float:
     gyro, inside = windows.gyro(tau)
     if inside.sum() < max(3, 0.5 * inside.size):
         return np.nan
@@ -326,19 +326,27 @@ def _correlation(windows: Motion, speed: Array, tau: float) -> float:
     return float(np.sum(a * b) / max(np.sqrt(np.sum(a * a) * np.sum(b * b)), np.finfo(float).tiny))
 
 
-def _scales(unit: str, time_unit: str) -> dict[str, float]:
+def _list_scales(unit: str, time_unit: str) -> dict[str, float]:
     """Factors of the gyro's rates with the units that they stand for, the one as read first."""
     out = {"": 1.0}
-    if unit in UNITS:
-        out |= {f"the gyro in {true}, not {unit}": RATE_UNITS[true] / RATE_UNITS[unit] for true in UNITS if true != unit}
-    if time_unit in TIMES[:3]:
+    if unit in ALTERNATIVE_RATE_UNITS:
+        out |= {
+            f"the gyro in {true}, not {unit}": RATE_UNITS[true] / RATE_UNITS[unit]
+            for true in ALTERNATIVE_RATE_UNITS
+            if true != unit
+        }
+    if time_unit in ALTERNATIVE_TIME_UNITS[:3]:
         # Times that are read too long make the attitudes' rates too small.
         read = TIME_UNITS[time_unit]
-        out |= {f"times in {true}, not {time_unit}": 10.0 ** (read - TIME_UNITS[true]) for true in TIMES if true != time_unit}
+        out |= {
+            f"times in {true}, not {time_unit}": 10.0 ** (read - TIME_UNITS[true])
+            for true in ALTERNATIVE_TIME_UNITS
+            if true != time_unit
+        }
     return out
 
 
-def _turns() -> list[tuple[str, Array]]:
+def _list_turns() -> list[tuple[str, Array]]:
     """The 48 orders and signs of three axes, with words for those that are not as read."""
     out = []
     for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
@@ -349,8 +357,8 @@ def _turns() -> list[tuple[str, Array]]:
     return sorted(out, key=lambda one: one[0] != "")
 
 
-def _rms(values: Array) -> float:
+def _compute_rms(values: Array) -> float:
     return max(float(np.sqrt(np.mean(np.sum(np.square(values), axis=1)))), np.finfo(float).tiny)
 
 
-TURNS = _turns()
+TURNS = _list_turns()

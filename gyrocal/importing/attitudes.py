@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gyrocal.importing.column_mapping import Mapping
 from gyrocal.importing.estimates import estimate_sensor_sigma
 from gyrocal.importing.intervals import select_rows
-from gyrocal.importing.mapping import Mapping
 from gyrocal.importing.sensors import JoinedAttitudes
 from gyrocal.importing.streams import Sensor
 from gyrocal.recording import Attitudes, GyroStream
 from gyrocal.recording.names import GYRO_NAME, TRIAD
 from gyrocal.recording.parts import AttitudeSensor
-from gyrocal.recording.trackers import NAME, to_body
+from gyrocal.recording.trackers import NAME, convert_to_body
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -71,7 +71,7 @@ def build_references(
         if mapping.interval is not None:
             rows_of.append(select_rows(one.t_s, mapping.interval, mapping.spacing_s or 0.0))
         else:
-            rows_of.append([_nearest(one.t_s, joined.t_s[rows]) for rows in chosen])
+            rows_of.append([_find_nearest(one.t_s, joined.t_s[rows]) for rows in chosen])
     sigma = joined.sigma
     if mapping.sigma_deg is None:
         sigma = {
@@ -88,7 +88,7 @@ def build_references(
     measured = np.concatenate([one.q for one in sensors])[place]
     return Attitudes(
         t_s=t_s[place],
-        quaternions=to_body(measured, sensor, known),
+        quaternions=convert_to_body(measured, sensor, known),
         sigma=np.array([sigma[one.name] for one in sensors])[sensor],
         sensor=sensor,
         sensors=known,
@@ -96,7 +96,7 @@ def build_references(
     )
 
 
-def _nearest(t_s: Array, wanted: Array) -> Indices:
+def _find_nearest(t_s: Array, wanted: Array) -> Indices:
     """Rows of some times from the first to the last of the wanted ones, of each the nearest."""
     inside = np.flatnonzero((t_s >= wanted[0] - SAME_S) & (t_s <= wanted[-1] + SAME_S))
     if not inside.size:

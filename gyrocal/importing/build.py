@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from gyrocal.errors import InputError
 from gyrocal.importing import attitudes
-from gyrocal.importing.agreement import agreement
+from gyrocal.importing.agreement import evaluate_agreement
+from gyrocal.importing.column_mapping import ATTITUDE_DIRECTIONS, QUATERNION_ORDERS, Mapping, is_scalar_first, parse_spec
 from gyrocal.importing.estimates import (
     compute_largest_miss,
     estimate_bias,
@@ -23,14 +24,13 @@ from gyrocal.importing.estimates import (
     estimate_walk,
     format_degrees,
 )
-from gyrocal.importing.intervals import intervals, name_interval
-from gyrocal.importing.mapping import DIRECTIONS, ORDERS, Mapping, scalar_first, spec
-from gyrocal.importing.motion import Motion, motion, rotate_onto
-from gyrocal.importing.rests import rests, speed
+from gyrocal.importing.intervals import choose_intervals, name_interval
+from gyrocal.importing.motion import Motion, build_motion, rotate_onto
+from gyrocal.importing.rests import compute_speed, find_rests
 from gyrocal.importing.sensors import JoinedAttitudes, join_sensors
 from gyrocal.importing.streams import Sensor, Streams
 from gyrocal.recording import Attitudes, GyroStream, Recording
-from gyrocal.recording.gyros import parity
+from gyrocal.recording.gyros import compute_parity_basis
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ ARRIVES = np.deg2rad(10.0)  # a turn at random is as small as this once in 4000 
 
 
 @dataclass(frozen=True)
-class Imported:
+class ImportResult:
     """A recording and how it came about.
 
     Attributes
@@ -72,7 +72,7 @@ class Imported:
         return pd.DataFrame([*rows, *(("assumed", text) for text in self.assumed)], columns=["what", "value"])
 
 
-def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence[str] = ()) -> Imported:
+def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence[str] = ()) -> ImportResult:
     """A recording of the streams.
 
     Parameters
@@ -93,27 +93,27 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
         streams.sensors,
         attitudes.read_stated_sigma(mapping, streams.sensors),
         mapping.spacing_s or 0.0,
-        mapping.body_to_sensor(),
+        mapping.build_mountings(),
     )
     G = mapping.directions(streams.raw.shape[1])
     said += _describe_mountings(joined, mapping)
     _check_overlap(streams, joined)
     if mapping.mounting == "estimate":
-        few = motion(streams.t_s, streams.raw @ G.T, streams.sample_s, joined.t_s, joined.q, 12)
+        few = build_motion(streams.t_s, streams.raw @ G.T, streams.sample_s, joined.t_s, joined.q, 12)
         C = estimate_mounting(few, mirrored=mapping.axes == "tetrahedron")
         G = C @ G
         said.append(f"the gyros' axes are turned to those of the attitudes by {_describe_turn(C)}")
         if np.linalg.det(C) < 0:
             said.append("the tetrahedron is the mirror image of the one with the axes (1,1,1), (1,−1,−1), (−1,1,−1), (−1,−1,1)")
     rates = streams.raw @ G.T  # of the body, but for the bias
-    windows = motion(streams.t_s, rates, streams.sample_s, joined.t_s, joined.q)
+    windows = build_motion(streams.t_s, rates, streams.sample_s, joined.t_s, joined.q)
     if windows is None:
         raise InputError("too few attitudes within the gyro's time to compare the two")
     K = np.asarray(np.linalg.pinv(G))
-    unmoved = np.asarray(streams.raw @ parity(K, np.arange(len(K))))  # (n, k − 3), whatever the motion
+    unmoved = np.asarray(streams.raw @ compute_parity_basis(K, np.arange(len(K))))  # (n, k − 3), whatever the motion
     estimated = partial(_estimate_gyro, streams, mapping, rates, joined, windows, unmoved)
     said += _check_agreement(
-        windows, mapping, LATE * streams.sample_s if check else np.inf, lambda: _largest_miss(joined, estimated)
+        windows, mapping, LATE * streams.sample_s if check else np.inf, lambda: _find_largest_miss(joined, estimated)
     )
     gyro, still, chosen = estimated(said)
     if len(streams.sensors) == 1:
@@ -136,22 +136,22 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
         if mapping.interval is None
         else tuple(one.interval for one in mapping.interval),
     )
-    return Imported(recording, mapping, tuple(said), streams.sensors, joined)
+    return ImportResult(recording, mapping, tuple(said), streams.sensors, joined)
 
 
 def _estimate_gyro(
     streams: Streams, mapping: Mapping, rates: Array, joined: JoinedAttitudes, windows: Motion, parity: Array, said: list[str]
 ) -> tuple[GyroStream, list[tuple[int, int]], list[NDArray[np.intp]]]:
     """Body rates with their bias and noise, rests, and the rows of the attitudes of each interval."""
-    still = rests(rates, streams.sample_s, speed(joined.t_s, joined.q, streams.t_s))
+    still = find_rests(rates, streams.sample_s, compute_speed(joined.t_s, joined.q, streams.t_s))
     said.append(f"{len(still)} rest(s) found" if still else "no rest found")
     bias = estimate_bias(mapping, rates, still, windows, said)
     arw = estimate_walk(mapping, streams, rates, still, parity, said)
     gyro = GyroStream(streams.t_s, rates, streams.sample_s, arw, np.eye(3), bias)
-    return gyro, still, intervals(gyro, joined, mapping, said)
+    return gyro, still, choose_intervals(gyro, joined, mapping, said)
 
 
-def _largest_miss(
+def _find_largest_miss(
     joined: JoinedAttitudes, estimated: Callable[[list[str]], tuple[GyroStream, Any, list[NDArray[np.intp]]]]
 ) -> float:
     """By how much the gyro misses the next attitude at most, rad; infinite where that cannot be said."""
@@ -220,14 +220,14 @@ def _check_agreement(windows: Motion, mapping: Mapping, late_s: float, carry: Ca
     Where attitudes are so far apart that the body turns over between them, their mean rates say nothing: then it counts that
     the gyro, as read, leads from each to the next, which no wrong reading does several times by chance.
     """
-    _, (unit, *_) = spec(mapping.gyro, "gyro")
-    _, (time_unit, *_) = spec(mapping.time, "time")
+    _, (unit, *_) = parse_spec(mapping.gyro, "gyro")
+    _, (time_unit, *_) = parse_spec(mapping.time, "time")
     order, reverse = "", False
-    names, words = spec(str(getattr(mapping, mapping.attitude)), mapping.attitude)
+    names, words = parse_spec(str(getattr(mapping, mapping.attitude)), mapping.attitude)
     if mapping.attitude == "quat":
-        order = ORDERS[0] if scalar_first(names, words) else ORDERS[1]
-    reverse = any(DIRECTIONS.get(word, False) for word in words)
-    found = agreement(windows, unit, {"unix": "s"}.get(time_unit, time_unit), order, reverse)
+        order = QUATERNION_ORDERS[0] if is_scalar_first(names, words) else QUATERNION_ORDERS[1]
+    reverse = any(ATTITUDE_DIRECTIONS.get(word, False) for word in words)
+    found = evaluate_agreement(windows, unit, {"unix": "s"}.get(time_unit, time_unit), order, reverse)
     if not found.fits:
         offset_alone = found.better and all(one.count == 1 and 0 < abs(one.offset_s) <= late_s for one in found.better)
         if np.isfinite(late_s) and offset_alone:

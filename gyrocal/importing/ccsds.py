@@ -29,8 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
-from gyrocal.files import replacing
-from gyrocal.importing.units import GPS_EPOCH, UNIX_EPOCH, Clock, date_of
+from gyrocal.files import open_replacement
+from gyrocal.importing.units import GPS_EPOCH, UNIX_EPOCH, Clock, parse_date
 from gyrocal.recording import Recording
 from gyrocal.recording.trackers import need_one_sensor
 
@@ -38,10 +38,10 @@ Array = NDArray[np.float64]
 
 Form = Literal["kvn", "xml"]
 
-VERSIONS = {"AEM": ("1.0", "2.0"), "ACM": ("2.0",)}  # the last one is written
-ELEMENTS = ("Q1", "Q2", "Q3", "QC")
+CCSDS_VERSIONS = {"AEM": ("1.0", "2.0"), "ACM": ("2.0",)}  # the last one is written
+QUATERNION_KEYS = ("Q1", "Q2", "Q3", "QC")
 BODY_FRAMES = ("SC_BODY", "SC BODY", "IMU_FRAME", "GYRO_", "STARTRACKER", "AST_", "BODY", "INSTRUMENT", "SENSOR_")
-BODY = "SC_BODY_1"
+SPACECRAFT_BODY_FRAME = "SC_BODY_1"
 # Without their signs - and _. Mean and true frames of date turn by less than 1e-5 deg/h, precession and nutation together.
 INERTIAL = re.compile(
     "(ICRF|GCRF)[0-9]*|EME2000|J2000|B1950|ECLIPJ2000|GALACTIC|CIRS|TEME(OFDATE|OFEPOCH)?|MCI|(MOD|MOE|TOD|TOE)(EARTH)?"
@@ -73,13 +73,13 @@ def read(path: Path, kind: str) -> tuple[str, list[Block]]:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as fault:
         raise InputError(f"{path}: cannot be read: {fault}") from None
-    version, blocks = (_from_xml if text.lstrip().startswith("<") else _from_kvn)(text, kind, path)
-    if version not in VERSIONS[kind]:
-        raise InputError(f"{path}: {kind} version {version} is not read; read is {' or '.join(VERSIONS[kind])}")
+    version, blocks = (_parse_xml if text.lstrip().startswith("<") else _parse_kvn)(text, kind, path)
+    if version not in CCSDS_VERSIONS[kind]:
+        raise InputError(f"{path}: {kind} version {version} is not read; read is {' or '.join(CCSDS_VERSIONS[kind])}")
     return version, blocks
 
 
-def _from_kvn(text: str, kind: str, path: Path) -> tuple[str, list[Block]]:
+def _parse_kvn(text: str, kind: str, path: Path) -> tuple[str, list[Block]]:
     lines = text.splitlines()
     first = next((line for line in lines if line.strip()), "")
     key, _, version = (part.strip() for part in first.partition("="))
@@ -107,7 +107,7 @@ def _from_kvn(text: str, kind: str, path: Path) -> tuple[str, list[Block]]:
     return version, blocks
 
 
-def _from_xml(text: str, kind: str, path: Path) -> tuple[str, list[Block]]:
+def _parse_xml(text: str, kind: str, path: Path) -> tuple[str, list[Block]]:
     try:
         root = ET.fromstring(text)
     except ET.ParseError as fault:
@@ -120,14 +120,14 @@ def _from_xml(text: str, kind: str, path: Path) -> tuple[str, list[Block]]:
             continue
         for part in segment:
             if _name(part) == "metadata":
-                blocks.append(_block("META", part))
+                blocks.append(_parse_block("META", part))
                 if "QUATERNION_TYPE" in blocks[-1].entries:  # of lines; here the elements have names
                     blocks[-1].entries["QUATERNION_TYPE"] = "LAST"
             elif kind == "AEM":
                 states = [state for state in part if _name(state) == "attitudeState"]
-                blocks.append(Block("DATA", {}, [_state(k, state) for k, state in enumerate(states, 1)]))
+                blocks.append(Block("DATA", {}, [_parse_state(k, state) for k, state in enumerate(states, 1)]))
             else:
-                blocks += [_block(_name(element).upper(), element) for element in part]
+                blocks += [_parse_block(_name(element).upper(), element) for element in part]
     return root.get("version", "unknown"), blocks
 
 
@@ -135,7 +135,7 @@ def _name(element: ET.Element) -> str:
     return element.tag.rpartition("}")[2]
 
 
-def _block(kind: str, element: ET.Element) -> Block:
+def _parse_block(kind: str, element: ET.Element) -> Block:
     block = Block(kind)
     for child in element:
         words = (child.text or "").split()
@@ -146,10 +146,10 @@ def _block(kind: str, element: ET.Element) -> Block:
     return block
 
 
-def _state(number: int, state: ET.Element) -> tuple[str, list[str]]:
+def _parse_state(number: int, state: ET.Element) -> tuple[str, list[str]]:
     """One attitude of an AEM in XML as the words of a line in KVN; elements are found by their names, whatever their order."""
     found = {_name(one): (one.text or "").strip() for one in state.iter()}
-    return f"attitude {number}", [found[name] for name in ("EPOCH", *ELEMENTS) if name in found]
+    return f"attitude {number}", [found[name] for name in ("EPOCH", *QUATERNION_KEYS) if name in found]
 
 
 def write(path: str | os.PathLike[str], kind: str, blocks: Sequence[Block], title: str, form: Form) -> None:
@@ -159,46 +159,46 @@ def write(path: str | os.PathLike[str], kind: str, blocks: Sequence[Block], titl
         "CREATION_DATE": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S}",
         "ORIGINATOR": "GYROCAL",
     }
-    text = {"kvn": _kvn, "xml": _xml}[form](kind, header, blocks)
-    with replacing(path) as file:
+    text = {"kvn": _format_kvn, "xml": _format_xml}[form](kind, header, blocks)
+    with open_replacement(path) as file:
         file.write(text.encode())
 
 
-def _kvn(kind: str, header: dict[str, str], blocks: Sequence[Block]) -> str:
-    def entries(values: dict[str, str]) -> list[str]:
+def _format_kvn(kind: str, header: dict[str, str], blocks: Sequence[Block]) -> str:
+    def format_entries(values: dict[str, str]) -> list[str]:
         one_line = {name: " ".join(value.split()) for name, value in values.items()}
         return [f"COMMENT {value}" if name == "COMMENT" else f"{name} = {value}" for name, value in one_line.items()]
 
-    lines = [f"CCSDS_{kind}_VERS = {VERSIONS[kind][-1]}", *entries(header), ""]
+    lines = [f"CCSDS_{kind}_VERS = {CCSDS_VERSIONS[kind][-1]}", *format_entries(header), ""]
     for block in blocks:
-        lines += [f"{block.kind}_START", *entries(block.entries)]
+        lines += [f"{block.kind}_START", *format_entries(block.entries)]
         lines += [*(" ".join(words) for _, words in block.lines), f"{block.kind}_STOP", ""]
     return "\n".join(lines)
 
 
-def _xml(kind: str, header: dict[str, str], blocks: Sequence[Block]) -> str:
-    root = ET.Element(kind.lower(), id=f"CCSDS_{kind}_VERS", version=VERSIONS[kind][-1])
+def _format_xml(kind: str, header: dict[str, str], blocks: Sequence[Block]) -> str:
+    root = ET.Element(kind.lower(), id=f"CCSDS_{kind}_VERS", version=CCSDS_VERSIONS[kind][-1])
 
-    def grown(parent: ET.Element, name: str, entries: dict[str, str]) -> ET.Element:
+    def add_element(parent: ET.Element, name: str, entries: dict[str, str]) -> ET.Element:
         element = ET.SubElement(parent, name)
         for key, value in entries.items():
             ET.SubElement(element, key).text = value
         return element
 
-    grown(root, "header", header)
+    add_element(root, "header", header)
     body = ET.SubElement(root, "body")
     segment = data = body
     for block in blocks:
         if block.kind == "META":
             segment = ET.SubElement(body, "segment")
-            grown(segment, "metadata", block.entries)
+            add_element(segment, "metadata", block.entries)
             data = ET.SubElement(segment, "data")
         elif block.kind == "DATA":
             for _, words in block.lines:
-                state = grown(ET.SubElement(data, "attitudeState"), "quaternionEphemeris", {"EPOCH": words[0]})
-                grown(state, "quaternion", dict(zip(ELEMENTS, words[1:], strict=True)))
+                state = add_element(ET.SubElement(data, "attitudeState"), "quaternionEphemeris", {"EPOCH": words[0]})
+                add_element(state, "quaternion", dict(zip(QUATERNION_KEYS, words[1:], strict=True)))
         else:
-            element = grown(data, block.kind.lower(), block.entries)
+            element = add_element(data, block.kind.lower(), block.entries)
             for _, words in block.lines:
                 ET.SubElement(element, f"{block.kind.lower()}Line").text = " ".join(words)
     ET.indent(root)
@@ -280,7 +280,7 @@ def require_dates(recording: Recording, what: str) -> tuple[str, datetime]:
     scale = recording.time_scale.upper()
     if scale not in ("UTC", "GPS"):
         raise InputError(f"{what} needs dates in UTC or GPS time; the recording's time scale is {recording.time_scale!r}")
-    return scale, date_of(recording.epoch)
+    return scale, parse_date(recording.epoch)
 
 
 def format_time(epoch: datetime, t_s: float) -> str:

@@ -25,18 +25,18 @@ from numpy.typing import NDArray
 
 from gyrocal import attitude
 from gyrocal.errors import InputError
-from gyrocal.files import replacing
+from gyrocal.files import open_replacement
 from gyrocal.importing import ccsds
 from gyrocal.importing.aem import Aem
-from gyrocal.importing.units import GPS_EPOCH, Clock, leap_seconds
-from gyrocal.recording import Recording, reference_rows
+from gyrocal.importing.units import GPS_EPOCH, Clock, count_leap_seconds
+from gyrocal.recording import Recording, find_reference_rows
 
 Array = NDArray[np.float64]
 
-BUILT_IN = 21  # SPICE's inertial frames have the numbers 1 to 21
+LAST_INERTIAL_FRAME = 21  # SPICE's inertial frames have the numbers 1 to 21
 CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 TICKS = (10**9, 10**6, 10**3)  # a second; the finest that a double still counts is written
-LONGEST = 2**53  # ticks that a double counts exactly
+MOST_EXACT_TICKS = 2**53  # ticks that a double counts exactly
 # J2000 is 2000-01-01T12:00:00 TT; GPS time is TT − 51.184 s and counts from 1980-01-06, 7300.5 days before.
 GPS_AT_J2000 = Decimal(7300 * 86400 + 43200) - Decimal("51.184")
 # TDB − TT by the constants of NAIF's leap second kernels; the leap seconds themselves are not needed.
@@ -44,7 +44,7 @@ TDB = ["DELTET/DELTA_T_A = 32.184", "DELTET/K = 1.657D-3", "DELTET/EB = 1.671D-2
 
 
 @contextmanager
-def _toolkit(what: str, *kernels: str | os.PathLike[str]) -> Iterator[Any]:
+def _open_toolkit(what: str, *kernels: str | os.PathLike[str]) -> Iterator[Any]:
     """Give NAIF's toolkit with some kernels loaded, and unload them afterwards.
 
     Parameters
@@ -89,7 +89,7 @@ def read_ck(
         One of the two cannot be used.
     """
     path = Path(path)
-    with _toolkit(f"{path}, {sclk}", sclk, path) as spice:
+    with _open_toolkit(f"{path}, {sclk}", sclk, path) as spice:
         if spice.getfat(str(path)) != ("DAF", "CK"):
             raise InputError(f"{path}: not a binary C-kernel of SPICE")
         there = sorted(spice.ckobj(str(path)))
@@ -98,14 +98,14 @@ def read_ck(
         if instrument is None or instrument not in there:
             which = f"no instrument {instrument}" if instrument is not None else "several instruments"
             raise InputError(f"{path}: {which}; there are {', '.join(map(str, there))}")
-        ticks, frame = _tags(spice, path, instrument)
+        ticks, frame = _read_tags(spice, path, instrument)
         number = int(instrument / 1000) if spacecraft is None else spacecraft
         C = np.array([spice.ckgp(instrument, tick, 0.0, frame)[0] for tick in ticks])
-        clock = _gps(spice, spice.sct2e(number, ticks))
+        clock = _convert_to_gps(spice, spice.sct2e(number, ticks))
     return Aem(clock, attitude.quaternion_from_matrix(C), f"spacecraft {number}", (frame, str(instrument)))
 
 
-def _tags(spice: Any, path: Path, instrument: int) -> tuple[Array, str]:
+def _read_tags(spice: Any, path: Path, instrument: int) -> tuple[Array, str]:
     """Encoded spacecraft clock (m,) of an instrument's attitudes, and the inertial frame that they are in.
 
     A segment's numbers lie one kind after another. Types 1 and 3: n quaternions (with rates 7 numbers each), n times. Type 2: n
@@ -126,12 +126,12 @@ def _tags(spice: Any, path: Path, instrument: int) -> tuple[Array, str]:
         size, times = (8, 2 * count) if kind == 2 else (7 if rates else 4, count)
         begin = first + count * size
         tags.append(spice.dafgda(handle, begin, begin + times - 1))
-    if len(frames) > 1 or not 1 <= min(frames) <= BUILT_IN:
+    if len(frames) > 1 or not 1 <= min(frames) <= LAST_INERTIAL_FRAME:
         raise InputError(f"{path}: the reference frame is {', '.join(map(str, sorted(frames)))}; one inertial frame is needed")
     return np.unique(np.concatenate(tags)), spice.frmnam(frames.pop())
 
 
-def _gps(spice: Any, tdb_s: Array) -> Clock:
+def _convert_to_gps(spice: Any, tdb_s: Array) -> Clock:
     """GPS time at (n,) seconds of TDB past J2000, which are doubles: they resolve 1e-7 s."""
     tt_s = np.array([spice.unitim(one, "TDB", "TDT") for one in tdb_s])
     floor = np.floor(tt_s)
@@ -163,24 +163,24 @@ def write_ck(
         The recording's times have no date, or a number is not one that SPICE takes.
     """
     spacecraft = int(instrument / 1000)
-    if spacecraft >= 0 or not 1 <= frame <= BUILT_IN:
+    if spacecraft >= 0 or not 1 <= frame <= LAST_INERTIAL_FRAME:
         raise InputError(
-            f"CK: instrument {instrument} must be -1000 or less, and frame {frame} an inertial one, 1 to {BUILT_IN}"
+            f"CK: instrument {instrument} must be -1000 or less, and frame {frame} an inertial one, 1 to {LAST_INERTIAL_FRAME}"
         )
     scale, epoch = ccsds.require_dates(recording, "a CK")
     t_s = recording.attitudes.t_s
     first = int(np.floor(t_s[0]))
-    per_second = next((n for n in TICKS if (t_s[-1] - first) * n < LONGEST), 1)
+    per_second = next((n for n in TICKS if (t_s[-1] - first) * n < MOST_EXACT_TICKS), 1)
     ticks = np.round((t_s - first) * per_second)
     if (np.diff(ticks) <= 0).any():
         raise InputError("CK: two attitudes lie within one tick of the clock")
     since = (
         Decimal((epoch - GPS_EPOCH) // timedelta(microseconds=1)) / 10**6
     )  # of GPS time, or of UTC as if without leap seconds
-    gps = since + first + (leap_seconds(epoch) if scale == "UTC" else 0)
+    gps = since + first + (count_leap_seconds(epoch) if scale == "UTC" else 0)
     q = np.ascontiguousarray(np.roll(recording.attitudes.quaternions, 1, axis=1) * CONJUGATE)
-    starts = np.unique(ticks[_starts(recording)])
-    with tempfile.TemporaryDirectory() as folder, _toolkit("CK") as spice:
+    starts = np.unique(ticks[_find_interval_starts(recording)])
+    with tempfile.TemporaryDirectory() as folder, _open_toolkit("CK") as spice:
         made = Path(folder) / "made.bc"  # SPICE writes no file that is there already
         handle = spice.ckopn(str(made), " ".join(recording.title.encode("ascii", "replace").decode().split())[:60], 0)
         numbers = (ticks.size, ticks, q, np.zeros((ticks.size, 3)), starts.size, starts)
@@ -188,13 +188,13 @@ def write_ck(
         spice.ckcls(handle)
         content = made.read_bytes()
     _write_clock(sclk, spacecraft, gps - GPS_AT_J2000, per_second, recording.title)
-    with replacing(path) as file:
+    with open_replacement(path) as file:
         file.write(content)
 
 
-def _starts(recording: Recording) -> NDArray[np.intp]:
+def _find_interval_starts(recording: Recording) -> NDArray[np.intp]:
     """First references of the intervals; of two that share one there is nothing between them to leave out."""
-    rows = [reference_rows(recording.attitudes.t_s, one) for one in recording.intervals]
+    rows = [find_reference_rows(recording.attitudes.t_s, one) for one in recording.intervals]
     return np.array([rows[0][0], *(b[0] for a, b in pairwise(rows) if b[0] != a[-1])])
 
 
@@ -218,14 +218,14 @@ SCLK_KERNEL_ID             = ( @2000-JAN-01/12:00 )
 SCLK_DATA_TYPE_{n}        = ( 1 )
 SCLK01_TIME_SYSTEM_{n}    = ( 2 )
 SCLK01_N_FIELDS_{n}       = ( 2 )
-SCLK01_MODULI_{n}         = ( {LONGEST // per_second} {per_second} )
+SCLK01_MODULI_{n}         = ( {MOST_EXACT_TICKS // per_second} {per_second} )
 SCLK01_OFFSETS_{n}        = ( 0 0 )
 SCLK01_OUTPUT_DELIM_{n}   = ( 1 )
 SCLK_PARTITION_START_{n}  = ( 0 )
-SCLK_PARTITION_END_{n}    = ( {LONGEST} )
+SCLK_PARTITION_END_{n}    = ( {MOST_EXACT_TICKS} )
 SCLK01_COEFFICIENTS_{n}   = ( 0 {tt_s:f} 1 )
 
 \\begintext
 """
-    with replacing(path) as file:
+    with open_replacement(path) as file:
         file.write(text.encode("ascii", "replace"))

@@ -18,16 +18,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gyrocal.errors import InputError
-from gyrocal.importing.mapping import DIRECTIONS, ORDERS, Mapping
-from gyrocal.importing.units import ANGLE_UNITS, CALENDARS, COUNTS, RATE_UNITS, TIME_UNITS
+from gyrocal.importing.column_mapping import ATTITUDE_DIRECTIONS, QUATERNION_ORDERS, Mapping
+from gyrocal.importing.units import ANGLE_UNITS, CALENDARS, COUNTS_UNIT, RATE_UNITS, TIME_UNITS
 
 if TYPE_CHECKING:
     import pandas as pd
 
 SEPARATORS = (",", ";", "\t")
-NUMBER = re.compile(r"#?([1-9][0-9]{0,5})")
+COLUMN_NUMBER = re.compile(r"#?([1-9][0-9]{0,5})")
 SEQUENCE = re.compile("[xyz]{3}|[XYZ]{3}")
-WORDS = {*DIRECTIONS, *ORDERS, *ANGLE_UNITS, *RATE_UNITS, *TIME_UNITS, *CALENDARS, COUNTS}
+MAPPING_WORDS = {*ATTITUDE_DIRECTIONS, *QUATERNION_ORDERS, *ANGLE_UNITS, *RATE_UNITS, *TIME_UNITS, *CALENDARS, COUNTS_UNIT}
 
 
 def read_two_headers(path: Path) -> tuple[str, list[str]] | None:
@@ -40,12 +40,12 @@ def read_two_headers(path: Path) -> tuple[str, list[str]] | None:
         groups, elements, values = ([cell.strip() for cell in row] for row in csv.reader(lines, delimiter=separator))
         # A separator at the end of the headers alone names a column without values.
         values += [""] * (len(groups) - len(values))
-        if len(groups) > 1 and len(groups) == len(elements) == len(values) and _are_headers(groups, elements, values):
+        if len(groups) > 1 and len(groups) == len(elements) == len(values) and _has_two_headers(groups, elements, values):
             return separator, join_headers(groups, elements)
     return None
 
 
-def _are_headers(groups: list[str], elements: list[str], values: list[str]) -> bool:
+def _has_two_headers(groups: list[str], elements: list[str], values: list[str]) -> bool:
     """Whether the first two rows are names and the third holds numbers below them."""
     named = [k for k, cell in enumerate(elements) if cell]
     if len(named) < 2 or any(_is_number(cell) for cell in (*groups, *elements) if cell):
@@ -117,7 +117,9 @@ def _resolve_text(text: str, columns: list[str], what: str, renamed: dict[str, s
     if not ways:
         return text
     # A column may be named as a word is: the reading whose words are all known goes before.
-    found, words = next((way for way in ways if all(word in WORDS or SEQUENCE.fullmatch(word) for word in way[1])), ways[0])
+    found, words = next(
+        (way for way in ways if all(word in MAPPING_WORDS or SEQUENCE.fullmatch(word) for word in way[1])), ways[0]
+    )
     names = []
     for sign, name in (one for one in found if one is not None):
         if re.search("[,:]", name):
@@ -133,7 +135,7 @@ def _find_column(name: str, columns: list[str], what: str) -> tuple[str, str] | 
     sign, plain = ("-", name[1:].strip()) if name.startswith("-") else ("", name)
     if plain in columns:
         return sign, plain
-    number = NUMBER.fullmatch(plain)
+    number = COLUMN_NUMBER.fullmatch(plain)
     if number is None:
         return None
     place = int(number.group(1))

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
-from gyrocal.files import replacing
-from gyrocal.importing.units import UNIX_RANGE_S, WEEK_S, date_of, second_of
-from gyrocal.recording import Attitudes, Interval, Recording, toml_value
+from gyrocal.files import open_replacement
+from gyrocal.importing.units import UNIX_RANGE_S, WEEK_S, convert_to_second, parse_date
+from gyrocal.recording import Attitudes, Interval, Recording, format_toml
 from gyrocal.recording.names import TRIAD
-from gyrocal.recording.trackers import COLUMN
+from gyrocal.recording.trackers import SENSOR_COLUMN
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,8 +60,8 @@ def _write(recording: Recording, gyro: pd.DataFrame, read: dict[str, Any], folde
         raise InputError("the recording has no reference attitudes, without which its tables are no import")
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    gyro, time, begins_s = _timed(gyro, recording)
-    attitude, _, _ = _timed(recording.to_frame("attitude"), recording)
+    gyro, time, begins_s = _insert_times(gyro, recording)
+    attitude, _, _ = _insert_times(recording.to_frame("attitude"), recording)
     entries = (
         time
         | read
@@ -75,28 +75,28 @@ def _write(recording: Recording, gyro: pd.DataFrame, read: dict[str, Any], folde
     )
     if recording.gyro.arw > 0:
         entries["arw_deg_per_sqrt_s"] = float(np.rad2deg(recording.gyro.arw))
-    entries["interval"] = [_span(one, begins_s) for one in recording.intervals]
+    entries["interval"] = [_format_span(one, begins_s) for one in recording.intervals]
     for name, table in (("gyro", gyro), ("attitude", attitude)):
-        with replacing(folder / f"{name}.csv") as file:
+        with open_replacement(folder / f"{name}.csv") as file:
             file.write(table.to_csv(index=False).encode())
-    with replacing(folder / "mapping.toml") as file:
-        file.write("".join(f"{name} = {toml_value(value)}\n" for name, value in entries.items()).encode())
+    with open_replacement(folder / "mapping.toml") as file:
+        file.write("".join(f"{name} = {format_toml(value)}\n" for name, value in entries.items()).encode())
 
 
 def _describe_sensors(attitudes: Attitudes) -> dict[str, Any]:
     """What a mapping says of the attitude sensors, or of the only one."""
 
-    def sigma(rows: Any) -> list[float]:
+    def compute_sigma(rows: Any) -> list[float]:
         return np.rad2deg(np.sqrt(np.mean(np.square(attitudes.sigma[rows]), axis=0))).tolist()
 
     if attitudes.sensor is None:
-        return {"sigma_deg": sigma(slice(None))}
+        return {"sigma_deg": compute_sigma(slice(None))}
     seen = {one.name: attitudes.sensor == number for number, one in enumerate(attitudes.sensors)}
     priors = {one.name: one.mounting_sigma for one in attitudes.sensors if one.mounting_sigma is not None}
     free = [one.name for one in attitudes.sensors if one.estimated and one.mounting_sigma is None]
     said: dict[str, Any] = {
-        "attitude_by": COLUMN,
-        "sigma_deg": {name: sigma(rows) for name, rows in seen.items()},
+        "attitude_by": SENSOR_COLUMN,
+        "sigma_deg": {name: compute_sigma(rows) for name, rows in seen.items()},
         "mountings": {one.name: one.mounting.tolist() for one in attitudes.sensors},
     }
     if priors:
@@ -104,24 +104,24 @@ def _describe_sensors(attitudes: Attitudes) -> dict[str, Any]:
     return said | ({"estimated_mountings": free} if free else {})
 
 
-def _span(interval: Interval, begins_s: float) -> dict[str, Any]:
+def _format_span(interval: Interval, begins_s: float) -> dict[str, Any]:
     """An interval as a mapping states it, without what is not said."""
     values = asdict(interval) | {"start_s": interval.start_s + begins_s, "stop_s": interval.stop_s + begins_s}
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _timed(table: pd.DataFrame, recording: Recording) -> tuple[pd.DataFrame, dict[str, Any], float]:
+def _insert_times(table: pd.DataFrame, recording: Recording) -> tuple[pd.DataFrame, dict[str, Any], float]:
     """The table with its times, the entries of a mapping that read them, and what of the epoch is no whole second, s."""
     scale = recording.time_scale.upper()
-    epoch = date_of(recording.epoch)
+    epoch = parse_date(recording.epoch)
     whole, values = epoch.replace(microsecond=0), table.drop(columns="t_s")
     nanoseconds = np.round(table["t_s"].to_numpy(dtype=np.float64) * NANO).astype(np.int64) + epoch.microsecond * 1000
-    unix = second_of(epoch, "UTC")
+    unix = convert_to_second(epoch, "UTC")
     if scale == "UTC" and UNIX_RANGE_S[0] < unix < UNIX_RANGE_S[1]:
         values.insert(0, "unix_ns", unix * NANO + nanoseconds)
         return values, {"time": "unix_ns:ns", "epoch": whole.isoformat()}, epoch.microsecond / 1e6
     if scale == "GPS":
-        seconds = second_of(epoch, "GPS") + nanoseconds // NANO
+        seconds = convert_to_second(epoch, "GPS") + nanoseconds // NANO
         values.insert(0, "gps_week", seconds // WEEK_S)
         values.insert(1, "gps_second", seconds % WEEK_S + nanoseconds % NANO / NANO)
         said = {"time": "gps_week,gps_second:gps", "epoch": whole.replace(tzinfo=None).isoformat()}

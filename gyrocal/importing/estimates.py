@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gyrocal import attitude
 from gyrocal.errors import InputError
 from gyrocal.importing import noise
-from gyrocal.importing.mapping import Mapping
+from gyrocal.importing.column_mapping import Mapping
 from gyrocal.importing.motion import Motion
 from gyrocal.importing.sensors import JoinedAttitudes
 from gyrocal.importing.streams import Sensor, Streams
@@ -21,7 +21,7 @@ Indices = NDArray[np.intp]
 
 FEWEST_PAIRS = 12
 FEWEST_ARRIVALS = 3
-MOST_PAIRS = 600
+MOST_REFERENCE_PAIRS = 600
 LEAST_SIGMA = np.deg2rad(2e-9)
 
 
@@ -117,14 +117,14 @@ def estimate_sensor_sigma(
 
 def _list_pairs(chosen: list[Indices]) -> list[tuple[int, int]]:
     pairs = [pair for rows in chosen for pair in pairwise(rows.tolist())]
-    return pairs[:: max(-(-len(pairs) // MOST_PAIRS), 1)]
+    return pairs[:: max(-(-len(pairs) // MOST_REFERENCE_PAIRS), 1)]
 
 
 def _estimate_sigma_of_turns(gyro: GyroStream, t_s: Array, q: Array, pairs: list[tuple[int, int]], M: Array) -> Array:
     """(3,) sigma about axes that M takes those of the body to, from the turns between two attitudes (m, 4) of the body."""
-    left, R = noise.increment_residuals(_build_pieces(gyro, t_s, q, pairs))
+    left, R = noise.compute_increment_residuals(_build_pieces(gyro, t_s, q, pairs))
     elapsed = float(np.median([t_s[b] - t_s[a] for a, b in pairs]))
-    return noise.axis_sigma(left @ M.T, M @ R @ M.T, gyro.arw**2 * elapsed)
+    return noise.estimate_axis_sigma(left @ M.T, M @ R @ M.T, gyro.arw**2 * elapsed)
 
 
 def compute_largest_miss(gyro: GyroStream, joined: JoinedAttitudes, chosen: list[Indices]) -> float:
@@ -132,7 +132,7 @@ def compute_largest_miss(gyro: GyroStream, joined: JoinedAttitudes, chosen: list
     pairs = _list_pairs(chosen)
     if len(pairs) < FEWEST_ARRIVALS:
         return np.inf
-    theta, *_ = noise.missed(_build_pieces(gyro, joined.t_s, joined.q, pairs))
+    theta, *_ = noise.compute_misses(_build_pieces(gyro, joined.t_s, joined.q, pairs))
     return float(np.linalg.norm(theta, axis=1).max())
 
 

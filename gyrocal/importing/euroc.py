@@ -17,31 +17,31 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gyrocal.errors import InputError
-from gyrocal.importing.build import Imported, build
-from gyrocal.importing.kalibr import noise_density, read_yaml
-from gyrocal.importing.mapping import checked
-from gyrocal.importing.streams import read_csv, streams
+from gyrocal.importing.build import ImportResult, build
+from gyrocal.importing.column_mapping import validate_mapping
+from gyrocal.importing.kalibr import read_noise_density, read_yaml
+from gyrocal.importing.streams import read_csv, read_streams
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Array = NDArray[np.float64]
 
-REFERENCES = ("vicon0", "state_groundtruth_estimate0", "mocap0")
+REFERENCE_FOLDERS = ("vicon0", "state_groundtruth_estimate0", "mocap0")
 RATES = tuple(f"w_RS_S_{axis}" for axis in "xyz")
-ELEMENTS = tuple(f"q_RS_{element}" for element in "wxyz")
+EUROC_QUATERNION_COLUMNS = tuple(f"q_RS_{element}" for element in "wxyz")
 ESTIMATED = "state_groundtruth_estimate0"
 
 
 def import_euroc(
     folder: str | os.PathLike[str], reference: str | None = None, stated_noise: bool = True, **entries: Any
-) -> Imported:
+) -> ImportResult:
     """A recording of a folder of the EuRoC form.
 
     Parameters
     ----------
     folder : with mav0 in it, or mav0 itself
-    reference : the folder with the attitudes; the first of `REFERENCES` that is there by default
+    reference : the folder with the attitudes; the first of `REFERENCE_FOLDERS` that is there by default
     stated_noise : whether the noise density of ``imu0/sensor.yaml`` is used; otherwise it is estimated
     entries : of the mapping, beyond the columns
 
@@ -52,9 +52,11 @@ def import_euroc(
     """
     folder = Path(folder)
     root = folder / "mav0" if (folder / "mav0").is_dir() else folder
-    there = [name for name in REFERENCES if (root / name / "data.csv").is_file()]
+    there = [name for name in REFERENCE_FOLDERS if (root / name / "data.csv").is_file()]
     if not (root / "imu0" / "data.csv").is_file() or not (there or reference):
-        raise InputError(f"{folder}: not a folder of the EuRoC form: mav0/imu0/data.csv and one of {', '.join(REFERENCES)}")
+        raise InputError(
+            f"{folder}: not a folder of the EuRoC form: mav0/imu0/data.csv and one of {', '.join(REFERENCE_FOLDERS)}"
+        )
     chosen = reference or there[0]
     gyro, attitude = read_csv(root / "imu0" / "data.csv"), read_csv(root / chosen / "data.csv")
     said = [f"attitudes are those of {chosen}"]
@@ -62,10 +64,10 @@ def import_euroc(
         said.append(f"{ESTIMATED} was estimated with the gyro itself: what it says of the gyro is not independent of it")
     sheet = root / "imu0" / "sensor.yaml"
     if stated_noise and "arw_deg_per_sqrt_s" not in entries and sheet.is_file():
-        entries["arw_deg_per_sqrt_s"] = noise_density(sheet)
+        entries["arw_deg_per_sqrt_s"] = read_noise_density(sheet)
         said.append("the angle random walk is the noise density of imu0/sensor.yaml")
-    names = _columns(attitude, ELEMENTS, chosen)
-    turn = _turn(root, chosen)
+    names = _find_columns(attitude, EUROC_QUATERNION_COLUMNS, chosen)
+    turn = _read_turn(root, chosen)
     if np.abs(turn - np.eye(3)).max() > 1e-9:
         q = np.roll(attitude[names].to_numpy(dtype=float), -1, axis=1)
         # q takes the reference sensor's axes to the world, and T_BS those of the IMU to them.
@@ -74,15 +76,15 @@ def import_euroc(
     made = {
         "time": f"{gyro.columns[0]}:ns",
         "attitude_time": f"{attitude.columns[0]}:ns",
-        "gyro": f"{','.join(_columns(gyro, RATES, 'imu0'))}:rad/s",
+        "gyro": f"{','.join(_find_columns(gyro, RATES, 'imu0'))}:rad/s",
         "quat": f"{','.join(names)}:scalar-first:body-to-world",
         "title": f"EuRoC form, {root.resolve().parent.name}",
     }
-    mapping = checked(made | entries, str(folder))
-    return build(streams(gyro, attitude, mapping), mapping, said=said)
+    mapping = validate_mapping(made | entries, str(folder))
+    return build(read_streams(gyro, attitude, mapping), mapping, said=said)
 
 
-def _columns(table: pd.DataFrame, wanted: tuple[str, ...], where: str) -> list[str]:
+def _find_columns(table: pd.DataFrame, wanted: tuple[str, ...], where: str) -> list[str]:
     """Columns by the first word of their names: "w_RS_S_x [rad s^-1]"."""
     found = {str(name).split()[0]: str(name) for name in table.columns}
     missing = [name for name in wanted if name not in found]
@@ -91,7 +93,7 @@ def _columns(table: pd.DataFrame, wanted: tuple[str, ...], where: str) -> list[s
     return [found[name] for name in wanted]
 
 
-def _turn(root: Path, reference: str) -> Array:
+def _read_turn(root: Path, reference: str) -> Array:
     """(3, 3) from the IMU's axes to those of the reference sensor; the identity where no file says otherwise."""
     turns = []
     for name in (reference, "imu0"):

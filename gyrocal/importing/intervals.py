@@ -10,21 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
-from gyrocal.importing.mapping import Mapping, Span
+from gyrocal.importing.column_mapping import Mapping, Span
 from gyrocal.importing.sensors import JoinedAttitudes
-from gyrocal.importing.streams import GAP
-from gyrocal.recording import GyroStream, Interval, reference_rows
+from gyrocal.importing.streams import GAP_SAMPLES
+from gyrocal.recording import GyroStream, Interval, find_reference_rows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-TURN = np.deg2rad(720.0)  # of an interval, summed: one percent of G is then 7 deg
+MOST_INTERVAL_TURN = np.deg2rad(720.0)  # of an interval, summed: one percent of G is then 7 deg
 INTERVAL_S = (30.0, 1800.0)
-REFERENCES = 150  # of an interval, at most
-HOLE = 5.0  # times the usual spacing without an attitude
+MOST_INTERVAL_REFERENCES = 150  # of an interval, at most
+ATTITUDE_GAP_FACTOR = 5.0  # times the usual spacing without an attitude
 
 
-def intervals(gyro: GyroStream, joined: JoinedAttitudes, mapping: Mapping, said: list[str]) -> list[Indices]:
+def choose_intervals(gyro: GyroStream, joined: JoinedAttitudes, mapping: Mapping, said: list[str]) -> list[Indices]:
     """Rows of the attitudes of each interval."""
     t_ref, sample_s = joined.t_s, gyro.sample_s
     if mapping.interval is not None:
@@ -36,18 +36,18 @@ def intervals(gyro: GyroStream, joined: JoinedAttitudes, mapping: Mapping, said:
                 )
         return chosen
     stop = np.append(gyro.t_s[1:], gyro.t_s[-1] + sample_s)
-    gap = np.flatnonzero(stop - gyro.t_s > GAP * sample_s)
+    gap = np.flatnonzero(stop - gyro.t_s > GAP_SAMPLES * sample_s)
     # Stretches of the gyro without a gap: from the start of a sample to the end of the last before a gap.
     starts = np.concatenate([[gyro.t_s[0]], stop[gap]])
     stops = np.concatenate([gyro.t_s[gap] + sample_s, [stop[-1]]])
     if gap.size:
-        said.append(f"{gap.size} gap(s) of the gyro longer than {GAP:g} samples end an interval")
+        said.append(f"{gap.size} gap(s) of the gyro longer than {GAP_SAMPLES:g} samples end an interval")
     usual = float(np.median(np.diff(t_ref)))
-    holes = np.diff(t_ref) > HOLE * usual
+    holes = np.diff(t_ref) > ATTITUDE_GAP_FACTOR * usual
     turned = np.concatenate([[0.0], np.cumsum(np.linalg.norm(gyro.rates + gyro.apriori_bias, axis=1) * (stop - gyro.t_s))])
     turn_at = np.interp(t_ref, np.append(gyro.t_s, stop[-1]), turned)
     span = float(np.clip(stop[-1] - gyro.t_s[0], *INTERVAL_S))
-    least = mapping.spacing_s or max(usual, min(span, _longest(mapping, turn_at, t_ref)) / REFERENCES)
+    least = mapping.spacing_s or max(usual, min(span, _choose_length(mapping, turn_at, t_ref)) / MOST_INTERVAL_REFERENCES)
     found: list[list[int]] = []
     stretch = np.searchsorted(starts, t_ref + 1e-9, side="right") - 1
     now: list[int] = []
@@ -59,10 +59,10 @@ def intervals(gyro: GyroStream, joined: JoinedAttitudes, mapping: Mapping, said:
             apart = stretch[now[-1]] != k or bool(holes[now[-1] : row].any())
             long = time - t_ref[now[0]] > (mapping.interval_s or INTERVAL_S[1]) or (
                 mapping.interval_s is None
-                and turn_at[row] - turn_at[now[0]] > TURN
+                and turn_at[row] - turn_at[now[0]] > MOST_INTERVAL_TURN
                 and time - t_ref[now[0]] > min(INTERVAL_S[0], 0.25 * (t_ref[-1] - t_ref[0]))
             )
-            if apart or long or len(now) >= 4 * REFERENCES:
+            if apart or long or len(now) >= 4 * MOST_INTERVAL_REFERENCES:
                 found.append(now)
                 now = []
             elif time - t_ref[now[-1]] < (1 - 1e-6) * least:
@@ -81,19 +81,19 @@ def select_rows(t_ref: Array, spans: list[Span], spacing_s: float) -> list[Indic
     chosen = []
     for one in spans:
         kept: list[int] = []
-        for row in reference_rows(t_ref, one.interval).tolist():
+        for row in find_reference_rows(t_ref, one.interval).tolist():
             if not kept or t_ref[row] - t_ref[kept[-1]] >= (1 - 1e-6) * spacing_s:
                 kept.append(row)
         chosen.append(np.array(kept, dtype=np.intp))
     return chosen
 
 
-def _longest(mapping: Mapping, turn_at: Array, t_ref: Array) -> float:
+def _choose_length(mapping: Mapping, turn_at: Array, t_ref: Array) -> float:
     """Length of an interval by the turn allowed in it, s."""
     if mapping.interval_s is not None:
         return mapping.interval_s
     rate = (turn_at[-1] - turn_at[0]) / (t_ref[-1] - t_ref[0])
-    return float(np.clip(TURN / max(rate, 1e-12), *INTERVAL_S))
+    return float(np.clip(MOST_INTERVAL_TURN / max(rate, 1e-12), *INTERVAL_S))
 
 
 def name_interval(t_ref: Array, rows: Indices, still: list[tuple[int, int]], t_s: Array, number: int) -> Interval:

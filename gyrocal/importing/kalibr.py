@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gyrocal.errors import InputError
-from gyrocal.files import replacing
-from gyrocal.recording import Recording, toml_value
+from gyrocal.files import open_replacement
+from gyrocal.recording import Recording, format_toml
 from gyrocal.recording.gyros import need_triad
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ def read_yaml(path: str | os.PathLike[str]) -> dict[str, Any]:
     return found
 
 
-def noise_density(path: str | os.PathLike[str]) -> float:
+def read_noise_density(path: str | os.PathLike[str]) -> float:
     """Angle random walk, deg/sqrt(s), of Kalibr's imu.yaml or EuRoC's sensor.yaml: rad/s/sqrt(Hz) is rad/sqrt(s).
 
     Raises
@@ -62,7 +62,7 @@ def noise_density(path: str | os.PathLike[str]) -> float:
     return float(np.rad2deg(value))
 
 
-def scale_and_misalignment(G: ArrayLike) -> tuple[Array, Array]:
+def decompose_gain(G: ArrayLike) -> tuple[Array, Array]:
     """Kalibr's M (3, 3), lower triangular, and C_gyro_i (3, 3), a rotation, of G (3, 3).
 
     Raises
@@ -78,10 +78,10 @@ def scale_and_misalignment(G: ArrayLike) -> tuple[Array, Array]:
     return np.asarray((signs[:, None] * R).T), np.asarray((Q * signs).T)
 
 
-def _flow(values: ArrayLike) -> str:
+def _format_flow(values: ArrayLike) -> str:
     """Numbers as YAML 1.1 reads them: with a point before an exponent."""
     if np.ndim(values):
-        return "[" + ", ".join(_flow(one) for one in np.asarray(values)) + "]"
+        return "[" + ", ".join(_format_flow(one) for one in np.asarray(values)) + "]"
     text = repr(float(np.asarray(values)))
     return text if "." in text else text.replace("e", ".0e")
 
@@ -119,19 +119,19 @@ def write_imu_yaml(
         raise InputError("Kalibr: give G and bias of a calibration, or neither")
     lines = [
         f"# {' '.join(recording.title.split())}, by gyrocal. Kalibr also needs accelerometer_noise_density and _random_walk.",
-        f"gyroscope_noise_density: {_flow(recording.gyro.arw)}  # rad/s/sqrt(Hz): the angle random walk in rad/sqrt(s)",
+        f"gyroscope_noise_density: {_format_flow(recording.gyro.arw)}  # rad/s/sqrt(Hz): the angle random walk in rad/sqrt(s)",
         "# gyroscope_random_walk is not known: the recording does not state it"
         if random_walk is None
-        else f"gyroscope_random_walk: {_flow(random_walk)}  # rad/s^2/sqrt(Hz)",
-        f"rostopic: {toml_value(topic)}",
-        f"update_rate: {_flow(1 / recording.gyro.sample_s)}",
+        else f"gyroscope_random_walk: {_format_flow(random_walk)}  # rad/s^2/sqrt(Hz)",
+        f"rostopic: {format_toml(topic)}",
+        f"update_rate: {_format_flow(1 / recording.gyro.sample_s)}",
     ]
     if G is not None and bias is not None:
-        M, C = scale_and_misalignment(G)
+        M, C = decompose_gain(G)
         offset = -np.linalg.solve(np.asarray(G, dtype=np.float64), np.asarray(bias, dtype=np.float64))
         lines += ["model: scale-misalignment  # measured = M C_gyro_i w + bias", "gyroscopes:"]
-        lines += [f"  {name}: {_flow(values)}" for name, values in (("M", M), ("C_gyro_i", C))]
+        lines += [f"  {name}: {_format_flow(values)}" for name, values in (("M", M), ("C_gyro_i", C))]
         lines += ["  A: [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]  # of accelerations: not estimated"]
-        lines += [f"# bias, which Kalibr estimates anew: {_flow(offset)} rad/s"]
-    with replacing(path) as file:
+        lines += [f"# bias, which Kalibr estimates anew: {_format_flow(offset)} rad/s"]
+    with open_replacement(path) as file:
         file.write(("\n".join(lines) + "\n").encode())

@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 
-ELEMENTS = (0, 1, 2, 3)  # of a quaternion, in the order in which they are read
+QUATERNION_INDICES = (0, 1, 2, 3)  # of a quaternion, in the order in which they are read
 WINDOWS = 60  # at least so many in a recording, as far as there are attitudes
 MOST_WINDOWS = 4000
-TURN = np.deg2rad(20.0)  # of a window: the mean rate of more is not that of the axes at its ends
+MOST_WINDOW_TURN = np.deg2rad(20.0)  # of a window: the mean rate of more is not that of the axes at its ends
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,9 @@ class Motion:
         turn = np.stack([np.interp(b, self.t_s, x) - np.interp(a, self.t_s, x) for x in self.angle.T], axis=1)
         return turn / (b - a)[:, None], inside
 
-    def attitudes(self, order: tuple[int, ...] = ELEMENTS, reverse: bool = False, reversed_before: bool = False) -> Array:
+    def attitudes(
+        self, order: tuple[int, ...] = QUATERNION_INDICES, reverse: bool = False, reversed_before: bool = False
+    ) -> Array:
         """Mean body rates (n, 3) of the attitudes, read in another way.
 
         Parameters
@@ -75,14 +77,14 @@ def rotate_onto(reference: Array, rates: Array, mirrored: bool = False) -> tuple
     return np.asarray(U * signs @ Vt), float(values @ signs)
 
 
-def motion(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Array, count: int = WINDOWS) -> Motion | None:
+def build_motion(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Array, count: int = WINDOWS) -> Motion | None:
     """Windows over what both sides cover; None if there are too few.
 
     Parameters
     ----------
     t_s, rates, sample_s : gyro tags (n,), raw or adjusted rates (n, 3) rad/s, length of a sample
     t_ref, q : attitudes, (m,) s and (m, 4) inertial to body, scalar last
-    count : of windows side by side, as far as none turns by more than `TURN`
+    count : of windows side by side, as far as none turns by more than `MOST_WINDOW_TURN`
     """
     edges = np.append(t_s, t_s[-1] + sample_s)
     angle = np.concatenate([np.zeros((1, 3)), np.cumsum(rates * np.diff(edges)[:, None], axis=0)])
@@ -92,7 +94,7 @@ def motion(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Array, co
     step = float(np.median(np.diff(t_ref[inside])))
     turned = Rotation.from_quat(q[inside])
     speed = np.percentile((turned[:-1].inv() * turned[1:]).magnitude() / np.diff(t_ref[inside]), 90)
-    length = min(TURN / max(float(speed), 1e-12), (t_ref[inside[-1]] - t_ref[inside[0]]) / count)
+    length = min(MOST_WINDOW_TURN / max(float(speed), 1e-12), (t_ref[inside[-1]] - t_ref[inside[0]]) / count)
     stride = max(int(length / step), 1)
     first, last = inside[:-stride], inside[stride:]
     whole = t_ref[last] - t_ref[first] < 1.5 * stride * step

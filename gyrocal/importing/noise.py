@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gyrocal import attitude
 from gyrocal.calibration.propagation import Propagation, propagate
-from gyrocal.calibration.sampling import Measurements, measurements
+from gyrocal.calibration.sampling import Measurements, prepare_measurements
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
@@ -52,15 +52,15 @@ def estimate_walk_in_motion(rates: Array, sample_s: float) -> Array:
     return np.asarray(MAD_TO_SIGMA * np.median(np.abs(third), axis=0) / np.sqrt(20.0) * np.sqrt(sample_s))
 
 
-def missed(recording: Recording) -> tuple[Array, Measurements, Propagation]:
+def compute_misses(recording: Recording) -> tuple[Array, Measurements, Propagation]:
     """(m, 3) by how much the gyro, from each interval's first reference, misses those after it, rad; arcs and their pass."""
-    prepared = measurements(recording)
+    prepared = prepare_measurements(recording)
     run = propagate(prepared.arcs, recording.gyro.apriori_G, recording.gyro.apriori_bias)
     A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
     return attitude.residual(A[prepared.row], run.R @ A[prepared.start]), prepared, run
 
 
-def increment_residuals(recording: Recording) -> tuple[Array, Array]:
+def compute_increment_residuals(recording: Recording) -> tuple[Array, Array]:
     """What a preliminary fit leaves of the turns between successive references.
 
     G, bias and a time offset between gyro and references are fitted by least squares and forgotten: without them their effect
@@ -75,7 +75,7 @@ def increment_residuals(recording: Recording) -> tuple[Array, Array]:
     (m, 3) residuals in the body axes of the second reference, rad, and (m, 3, 3) rotations from the first to it
     """
     gyro = recording.gyro
-    theta, prepared, run = missed(recording)
+    theta, prepared, run = compute_misses(recording)
     at = np.searchsorted(gyro.t_s, recording.attitudes.t_s - 0.5 * gyro.sample_s)
     rate = gyro.rates[np.minimum(at, len(gyro.rates) - 1)]
     shift = rate[prepared.row] - np.einsum("mij,mj->mi", run.R, rate[prepared.start])
@@ -92,7 +92,7 @@ def increment_residuals(recording: Recording) -> tuple[Array, Array]:
     return left, run.R
 
 
-def axis_sigma(left: Array, R: Array, gyro_variance: float) -> Array:
+def estimate_axis_sigma(left: Array, R: Array, gyro_variance: float) -> Array:
     """Reference 1-sigma per body axis (3,) rad from residuals e₁ − R e₀ + gyro noise of increments.
 
     Their variance is σ_a² + Σ_b R_ab² σ_b² + that of the gyro, gyro_variance in rad². It is taken about the median: a bias at

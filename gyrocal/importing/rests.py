@@ -9,21 +9,21 @@ from scipy.spatial.transform import Rotation
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-WINDOW_S = 0.5  # in which the scatter of the rates tells rest from motion
-FEWEST = 5  # samples in it
+REST_WINDOW_S = 0.5  # in which the scatter of the rates tells rest from motion
+FEWEST_REST_SAMPLES = 5  # samples in it
 QUIET = 2.5  # times the quietest scatter
-SLOW = 0.02  # of the motion: a body that turns slower is at rest, as far as the attitudes tell
+REST_SPEED_SHARE = 0.02  # of the motion: a body that turns slower is at rest, as far as the attitudes tell
 SHORTEST_REST_S = 3.0
 SPEED_S = 1.0
 
 
-def runs(mask: Mask) -> list[tuple[int, int]]:
+def find_runs(mask: Mask) -> list[tuple[int, int]]:
     """First and one past the last index of each stretch of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
     return [(int(first), int(stop)) for first, stop in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def rests(rates: Array, sample_s: float, speed: Array) -> list[tuple[int, int]]:
+def find_rests(rates: Array, sample_s: float, speed: Array) -> list[tuple[int, int]]:
     """Stretches of samples at rest: the rates scatter as little as anywhere, and the attitudes do not turn.
 
     Parameters
@@ -31,7 +31,7 @@ def rests(rates: Array, sample_s: float, speed: Array) -> list[tuple[int, int]]:
     rates : (n, 3) rad/s
     speed : (n,) magnitude of the body rate by the attitudes about each sample, rad/s
     """
-    size = max(round(WINDOW_S / sample_s), FEWEST)
+    size = max(round(REST_WINDOW_S / sample_s), FEWEST_REST_SAMPLES)
     count = len(rates) // size
     if count < 4:
         return []
@@ -39,9 +39,9 @@ def rests(rates: Array, sample_s: float, speed: Array) -> list[tuple[int, int]]:
     scatter = np.sqrt(np.mean(parts.var(axis=1), axis=1))
     turning = np.array([np.median(part) for part in speed[: count * size].reshape(count, size)])
     motion = float(np.sqrt(np.mean(np.square(speed))))
-    still = (scatter <= QUIET * np.percentile(scatter, 5)) & (turning <= SLOW * motion)
+    still = (scatter <= QUIET * np.percentile(scatter, 5)) & (turning <= REST_SPEED_SHARE * motion)
     out = []
-    for first, stop in runs(still):
+    for first, stop in find_runs(still):
         # A window at either end may hold the beginning of a motion.
         a, b = (first + 1) * size, (stop - 1) * size
         if (b - a) * sample_s >= SHORTEST_REST_S:
@@ -49,7 +49,7 @@ def rests(rates: Array, sample_s: float, speed: Array) -> list[tuple[int, int]]:
     return out
 
 
-def speed(t_ref: Array, q: Array, t_s: Array) -> Array:
+def compute_speed(t_ref: Array, q: Array, t_s: Array) -> Array:
     """(n,) speed by the attitudes over `SPEED_S` about the gyro's tags, rad/s: so long that their noise does not count.
 
     Parameters

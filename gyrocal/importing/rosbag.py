@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gyrocal.errors import InputError
-from gyrocal.importing.build import Imported, build
-from gyrocal.importing.mapping import checked
-from gyrocal.importing.streams import streams
+from gyrocal.importing.build import ImportResult, build
+from gyrocal.importing.column_mapping import validate_mapping
+from gyrocal.importing.streams import read_streams
 
 if TYPE_CHECKING:
     import pandas as pd
 
-IMU = "sensor_msgs/msg/Imu"
+IMU_MESSAGE_TYPE = "sensor_msgs/msg/Imu"
 POSES: dict[str, Callable[[Any], Any]] = {
     "geometry_msgs/msg/PoseStamped": lambda message: message.pose.orientation,
     "geometry_msgs/msg/PoseWithCovarianceStamped": lambda message: message.pose.pose.orientation,
@@ -41,7 +41,7 @@ def import_bag(
     pose_topic: str | None = None,
     estimate_mounting: bool = False,
     **entries: Any,
-) -> Imported:
+) -> ImportResult:
     """A recording of a bag.
 
     Parameters
@@ -65,8 +65,8 @@ def import_bag(
         "title": f"bag {path.resolve().stem}",
     }
     made |= {"mounting": "estimate"} if estimate_mounting else {}
-    mapping = checked(made | entries, str(path))
-    return build(streams(gyro, attitude, mapping), mapping, said=said)
+    mapping = validate_mapping(made | entries, str(path))
+    return build(read_streams(gyro, attitude, mapping), mapping, said=said)
 
 
 def read_bag(
@@ -84,11 +84,11 @@ def read_bag(
     try:
         # Bags of ROS 2 need not hold the definitions of their messages; those of these have not changed.
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
-            gyro_topic = _chosen(reader, (IMU,), imu_topic, "--imu-topic", path)
-            other_topic = _chosen(reader, tuple(POSES), pose_topic, "--pose-topic", path)
-            gyro, said = _table(reader, gyro_topic, lambda message: message.angular_velocity, ["x", "y", "z"])
+            gyro_topic = _choose_topic(reader, (IMU_MESSAGE_TYPE,), imu_topic, "--imu-topic", path)
+            other_topic = _choose_topic(reader, tuple(POSES), pose_topic, "--pose-topic", path)
+            gyro, said = _read_topic(reader, gyro_topic, lambda message: message.angular_velocity, ["x", "y", "z"])
             kind = reader.topics[other_topic].msgtype
-            attitude, more = _table(reader, other_topic, POSES[str(kind)], ["qx", "qy", "qz", "qw"])
+            attitude, more = _read_topic(reader, other_topic, POSES[str(kind)], ["qx", "qy", "qz", "qw"])
     except InputError:
         raise
     except Exception as fault:  # a damaged bag raises a zoo of types
@@ -99,7 +99,7 @@ def read_bag(
     return gyro, attitude, said
 
 
-def _chosen(reader: Any, kinds: tuple[str, ...], topic: str | None, option: str, path: Path) -> str:
+def _choose_topic(reader: Any, kinds: tuple[str, ...], topic: str | None, option: str, path: Path) -> str:
     """The topic of a kind of messages that is asked for, or the only one."""
     there = sorted(name for name, one in reader.topics.items() if one.msgtype in kinds)
     if topic is None and len(there) == 1:
@@ -111,7 +111,7 @@ def _chosen(reader: Any, kinds: tuple[str, ...], topic: str | None, option: str,
     raise InputError(f"{path}: {problem}; {f'give {option}: ' if there else 'there are '}{', '.join(there or reader.topics)}")
 
 
-def _table(reader: Any, topic: str, vector: Callable[[Any], Any], names: list[str]) -> tuple[pd.DataFrame, list[str]]:
+def _read_topic(reader: Any, topic: str, vector: Callable[[Any], Any], names: list[str]) -> tuple[pd.DataFrame, list[str]]:
     """Nanoseconds and numbers of a topic's messages."""
     import pandas as pd
 
@@ -119,7 +119,7 @@ def _table(reader: Any, topic: str, vector: Callable[[Any], Any], names: list[st
     tags, written, rows = [], [], []
     for connection, recorded, raw in reader.messages(connections=connections):
         message = reader.deserialize(raw, connection.msgtype)
-        stamp, values = message.header.stamp, vector(message)
+        stamp, values = message.build_header.stamp, vector(message)
         tags.append(stamp.sec * NANO + stamp.nanosec)
         written.append(recorded)
         rows.append([getattr(values, name[-1]) for name in names])

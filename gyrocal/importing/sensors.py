@@ -30,9 +30,9 @@ from gyrocal.importing.streams import Sensor
 
 Array = NDArray[np.float64]
 
-FEWEST = 10  # common times
-GAP = 1.5  # of a sensor's usual step: it has dropped out in a longer one
-TURNED = np.deg2rad(2.0)  # of a sensor from its stated mounting: more is another mounting
+FEWEST_COMMON_TIMES = 10  # common times
+GAP_STEPS = 1.5  # of a sensor's usual step: it has dropped out in a longer one
+MOUNTING_TOLERANCE = np.deg2rad(2.0)  # of a sensor from its stated mounting: more is another mounting
 
 
 @dataclass(frozen=True)
@@ -80,19 +80,19 @@ def join_sensors(
     if len(sensors) == 1:
         covariance = None if stated is None else np.diag(np.square(stated[first.name]))
         return JoinedAttitudes(first.t_s, first.q, covariance, {first.name: np.eye(3)}, dict(stated or {}), {})
-    t_s = _times(sensors)
-    seen = [_seen(one, t_s) for one in sensors]
-    own = [_at(one, t_s) for one in sensors]  # inertial to sensor, (m, 3, 3)
+    t_s = _merge_times(sensors)
+    seen = [_has_attitude(one, t_s) for one in sensors]
+    own = [_interpolate_attitudes(one, t_s) for one in sensors]  # inertial to sensor, (m, 3, 3)
     mounting = {first.name: np.eye(3) if mountings is None else mountings[first.name].T}
     A = mounting[first.name] @ own[0]
     for one, mask, values in zip(sensors[1:], seen[1:], own[1:], strict=True):
         common = seen[0] & mask
-        if common.sum() < FEWEST:
+        if common.sum() < FEWEST_COMMON_TIMES:
             raise InputError(f"attitude: {int(common.sum())} common times of {first.name}, {one.name} are too few")
         mean = Rotation.from_matrix(A[common] @ values[common].transpose(0, 2, 1)).mean().as_matrix()
         mounting[one.name] = mean if mountings is None else mountings[one.name].T
         off = float(Rotation.from_matrix(mounting[one.name].T @ mean).magnitude())
-        if off > TURNED:
+        if off > MOUNTING_TOLERANCE:
             raise InputError(
                 f"mountings: the attitudes of {first.name} and {one.name} say that {one.name} sits {np.rad2deg(off):.1f} deg "
                 "from where it is stated; are they quaternions from body to sensor, scalar last?"
@@ -118,11 +118,11 @@ def join_sensors(
     return JoinedAttitudes(t_s, q, np.asarray(np.linalg.inv(sum(weights))), mounting, sigma, apart)
 
 
-def _step(sensor: Sensor) -> float:
+def _compute_spacing(sensor: Sensor) -> float:
     return float(np.median(np.diff(sensor.t_s)))
 
 
-def _times(sensors: tuple[Sensor, ...]) -> Array:
+def _merge_times(sensors: tuple[Sensor, ...]) -> Array:
     """Times of the first, and of each further one where all before it have dropped out."""
     t_s = sensors[0].t_s
     for one in sensors[1:]:
@@ -130,20 +130,20 @@ def _times(sensors: tuple[Sensor, ...]) -> Array:
             t_s[np.clip(np.searchsorted(t_s, one.t_s), 1, t_s.size - 1)],
             t_s[np.clip(np.searchsorted(t_s, one.t_s) - 1, 0, None)],
         )
-        away = np.minimum(np.abs(near[0] - one.t_s), np.abs(near[1] - one.t_s)) > GAP * _step(sensors[0])
+        away = np.minimum(np.abs(near[0] - one.t_s), np.abs(near[1] - one.t_s)) > GAP_STEPS * _compute_spacing(sensors[0])
         t_s = np.sort(np.concatenate([t_s, one.t_s[away]]))
     return t_s
 
 
-def _seen(sensor: Sensor, t_s: Array) -> NDArray[np.bool_]:
+def _has_attitude(sensor: Sensor, t_s: Array) -> NDArray[np.bool_]:
     """(m,) whether a sensor has an attitude at each time, or one soon before and after it."""
     after = np.clip(np.searchsorted(sensor.t_s, t_s), 1, sensor.t_s.size - 1)
-    short = sensor.t_s[after] - sensor.t_s[after - 1] <= GAP * _step(sensor)
+    short = sensor.t_s[after] - sensor.t_s[after - 1] <= GAP_STEPS * _compute_spacing(sensor)
     inside = (t_s >= sensor.t_s[0]) & (t_s <= sensor.t_s[-1])
     return np.asarray(inside & (short | np.isin(t_s, sensor.t_s)))
 
 
-def _at(sensor: Sensor, t_s: Array) -> Array:
+def _interpolate_attitudes(sensor: Sensor, t_s: Array) -> Array:
     """(m, 3, 3) inertial to the sensor, between its attitudes where it has none."""
     between = Slerp(sensor.t_s, Rotation.from_quat(sensor.q))(np.clip(t_s, sensor.t_s[0], sensor.t_s[-1]))
     return np.asarray(between.inv().as_matrix())
@@ -154,7 +154,7 @@ def estimate_scatter(sensor: Sensor, lag_s: float) -> Array:
     step = float(np.median(np.diff(sensor.t_s)))
     lag = max(round(lag_s / step), 1)
     q = Rotation.from_quat(sensor.q)
-    if sensor.t_s.size < 2 * lag + FEWEST:
+    if sensor.t_s.size < 2 * lag + FEWEST_COMMON_TIMES:
         raise InputError(f"attitude {sensor.name}: too few rows to take its noise from; give sigma_deg")
     middle = q[lag:-lag].inv()
     turns = (middle * q[2 * lag :]).as_rotvec() + (middle * q[: -2 * lag]).as_rotvec()

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.importing import units
-from gyrocal.importing.mapping import Mapping, attitude_quaternions, spec
+from gyrocal.importing.column_mapping import Mapping, convert_attitude, parse_spec
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 
 UNDATED = "2000-01-01T00:00:00"  # epoch of files without a date
 WRAPS = (2.0**16, 2.0**24, 2.0**32, 360.0, 2 * np.pi)
-GAP = 1.5  # samples without a gyro reading
-NEAR = 0.02  # of a wrap: how near a jump must come to it to be one
+GAP_SAMPLES = 1.5  # samples without a gyro reading
+WRAP_TOLERANCE = 0.02  # of a wrap: how near a jump must come to it to be one
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def read_csv(path: Path) -> pd.DataFrame:
     return frame
 
 
-def streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -> Streams:
+def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -> Streams:
     """Both tables as the mapping reads them.
 
     Raises
@@ -105,15 +105,15 @@ def streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -> Str
     InputError
         A column is missing or does not hold what the mapping says.
     """
-    clock_g, raw, channels, assumed = _gyro(gyro, mapping)
-    named, clocks, said = _attitudes(attitude, mapping)
+    clock_g, raw, channels, assumed = _read_gyro(gyro, mapping)
+    named, clocks, said = _read_attitudes(attitude, mapping)
     assumed += said
-    clock_g, clocks = _one_scale([clock_g, *clocks])
+    clock_g, clocks = _convert_to_one_scale([clock_g, *clocks])
     scale = clock_g.scale
     start = min(int(one.whole.min()) for one in (clock_g, *clocks))
-    origin = (start if mapping.epoch is None else _second(mapping.epoch, scale)) if scale else 0
+    origin = (start if mapping.epoch is None else _parse_epoch(mapping.epoch, scale)) if scale else 0
     if scale:
-        epoch = units.epoch_of(origin, scale).replace(tzinfo=None).isoformat() + ("Z" if scale == "UTC" else "")
+        epoch = units.convert_to_date(origin, scale).replace(tzinfo=None).isoformat() + ("Z" if scale == "UTC" else "")
     else:
         epoch = mapping.epoch or UNDATED
         assumed.append("the time tags carry no date: the epoch is " + ("the given one" if mapping.epoch else epoch))
@@ -122,28 +122,28 @@ def streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -> Str
         assumed.append(f"{offset:g} s added to the time tags of the attitudes")
     sensors = []
     for (name, q), one in zip(named, clocks, strict=True):
-        *ordered, said = _ordered(one.since(origin) + offset, q, f"attitude {name}".strip())
+        *ordered, said = _sort_rows(one.subtract(origin) + offset, q, f"attitude {name}".strip())
         sensors.append(Sensor(name, *ordered))
         assumed += said
-    t_s, raw, said = _ordered(clock_g.since(origin), raw, "gyro")
+    t_s, raw, said = _sort_rows(clock_g.subtract(origin), raw, "gyro")
     assumed += said
-    t_s, raw, sample_s, said = _samples(t_s, raw, mapping)
+    t_s, raw, sample_s, said = _build_samples(t_s, raw, mapping)
     time_scale = scale or "seconds of the file"
     return Streams(t_s, raw, sample_s, channels, tuple(sensors), epoch, time_scale, (*assumed, *said))
 
 
-def _gyro(frame: pd.DataFrame, mapping: Mapping) -> tuple[units.Clock, Array, tuple[str, ...], list[str]]:
-    names, words = spec(mapping.gyro, "gyro")
-    tags, unit = spec(mapping.time, "time")
+def _read_gyro(frame: pd.DataFrame, mapping: Mapping) -> tuple[units.Clock, Array, tuple[str, ...], list[str]]:
+    names, words = parse_spec(mapping.gyro, "gyro")
+    tags, unit = parse_spec(mapping.time, "time")
     if mapping.gyro_by is not None:
-        frame, names = _side_by_side(frame, mapping.gyro_by, tags, names)
+        frame, names = _arrange_by_gyro(frame, mapping.gyro_by, tags, names)
     if len(words) != 1:
         raise InputError(f"gyro: {mapping.gyro!r} must have one unit")
-    clock, values, assumed = _rows(frame, names, "gyro", "gyro", ("time", tags, unit), mapping.gyro_by is None)
+    clock, values, assumed = _read_rows(frame, names, "gyro", "gyro", ("time", tags, unit), mapping.gyro_by is None)
     return clock, values, tuple(name.removeprefix("-") for name in names), assumed
 
 
-def _rows(
+def _read_rows(
     frame: pd.DataFrame, names: list[str], key: str, what: str, time: tuple[str, list[str], list[str]], places: bool = True
 ) -> tuple[units.Clock, Array, list[str]]:
     """Time tags and numbers of the rows that hold numbers, and what is said of the others.
@@ -154,21 +154,21 @@ def _rows(
     time : entry of the mapping, columns and unit
     places : whether the rows are those of the table, so that the first left out can be told
     """
-    values = numbers(frame, names, key)
+    values = read_numbers(frame, names, key)
     good = np.isfinite(values).all(axis=1)
     if not good.any():
         raise InputError(f"{key}: no row of {', '.join(names)} holds numbers")
     entry, tags, unit = time
-    clock = units.clock(_picked(frame, tags, entry).iloc[np.flatnonzero(good)], _word(unit, entry))
+    clock = units.build_clock(_select_columns(frame, tags, entry).iloc[np.flatnonzero(good)], _require_one_unit(unit, entry))
     if good.all():
         return clock, values, []
     first = f", the first of them row {int(frame.index[np.flatnonzero(~good)[0]])}" if places else ""
     return clock, values[good], [f"{int((~good).sum())} {what} row(s) without numbers are left out{first}"]
 
 
-def _side_by_side(frame: pd.DataFrame, by: str, tags: list[str], names: list[str]) -> tuple[pd.DataFrame, list[str]]:
+def _arrange_by_gyro(frame: pd.DataFrame, by: str, tags: list[str], names: list[str]) -> tuple[pd.DataFrame, list[str]]:
     """Rows of several gyros as one row a time: a column a gyro, in the order in which they first come."""
-    _picked(frame, [by, *tags, *names], "gyro")
+    _select_columns(frame, [by, *tags, *names], "gyro")
     if len(names) != 1:
         raise InputError(f"gyro: with gyro_by = {by!r} one column is wanted, not {len(names)}")
     order = [str(name) for name in frame[by].unique()]
@@ -176,25 +176,25 @@ def _side_by_side(frame: pd.DataFrame, by: str, tags: list[str], names: list[str
     return table[order].reset_index(), order
 
 
-def _attitudes(frame: pd.DataFrame, mapping: Mapping) -> tuple[list[tuple[str, Array]], list[units.Clock], list[str]]:
+def _read_attitudes(frame: pd.DataFrame, mapping: Mapping) -> tuple[list[tuple[str, Array]], list[units.Clock], list[str]]:
     kind = mapping.attitude
     text = str(getattr(mapping, kind))
-    names, _ = spec(text, kind)
-    tags, unit = spec(mapping.attitude_time or mapping.time, "attitude_time")
+    names, _ = parse_spec(text, kind)
+    tags, unit = parse_spec(mapping.attitude_time or mapping.time, "attitude_time")
     parts = [("", frame)]
     if mapping.attitude_by is not None:
-        _picked(frame, [mapping.attitude_by], "attitude")
+        _select_columns(frame, [mapping.attitude_by], "attitude")
         parts = [(str(name), part) for name, part in frame.groupby(mapping.attitude_by, sort=False)]
     named, clocks, assumed = [], [], []
     for name, part in parts:
-        clock, values, said = _rows(part, names, kind, "attitude", ("attitude_time", tags, unit))
+        clock, values, said = _read_rows(part, names, kind, "attitude", ("attitude_time", tags, unit))
         assumed += said
-        named.append((name, attitude_quaternions(kind, text, values)))
+        named.append((name, convert_attitude(kind, text, values)))
         clocks.append(clock)
     return named, clocks, assumed
 
 
-def numbers(frame: pd.DataFrame, names: list[str], what: str) -> Array:
+def read_numbers(frame: pd.DataFrame, names: list[str], what: str) -> Array:
     """Columns (rows, names) as numbers, those with a minus before the name with the other sign."""
     import pandas as pd
 
@@ -203,44 +203,44 @@ def numbers(frame: pd.DataFrame, names: list[str], what: str) -> Array:
     twice = sorted({name for name in plain if plain.count(name) > 1})
     if twice:
         raise InputError(f"{what}: column {', '.join(twice)} is named twice")
-    chosen = _picked(frame, plain, what)
+    chosen = _select_columns(frame, plain, what)
     for name in plain:
         if not pd.api.types.is_numeric_dtype(chosen[name]) or pd.api.types.is_bool_dtype(chosen[name]):
             raise InputError(f"{what}: column {name} holds {chosen[name].dtype}, not numbers")
     return np.asarray(chosen.to_numpy(dtype=np.float64) * sign)
 
 
-def _picked(frame: pd.DataFrame, names: list[str], what: str) -> pd.DataFrame:
+def _select_columns(frame: pd.DataFrame, names: list[str], what: str) -> pd.DataFrame:
     missing = [name for name in names if name not in frame.columns]
     if missing:
         raise InputError(f"{what}: no column {', '.join(missing)}; there are {', '.join(map(str, frame.columns))}")
     return frame[names]
 
 
-def _word(words: list[str], what: str) -> str:
+def _require_one_unit(words: list[str], what: str) -> str:
     if len(words) != 1:
         raise InputError(f"{what}: one unit is wanted, not {':'.join(words)}")
     return words[0]
 
 
-def _one_scale(clocks: list[units.Clock]) -> tuple[units.Clock, list[units.Clock]]:
+def _convert_to_one_scale(clocks: list[units.Clock]) -> tuple[units.Clock, list[units.Clock]]:
     """All clocks in one scale: as they are if they share it, otherwise UTC."""
     if len({one.scale for one in clocks}) > 1:
         for what, one in zip(("time", *["attitude_time"] * (len(clocks) - 1)), clocks, strict=True):
             units.expect_date(one, what)
-        clocks = [units.to_utc(one) for one in clocks]
+        clocks = [units.convert_to_utc(one) for one in clocks]
     return clocks[0], clocks[1:]
 
 
-def _second(epoch: str, scale: str) -> int:
+def _parse_epoch(epoch: str, scale: str) -> int:
     """The whole second of a clock in which an epoch is."""
     try:
-        return units.second_of(units.date_of(epoch), scale)
+        return units.convert_to_second(units.parse_date(epoch), scale)
     except ValueError as fault:
         raise InputError(f"epoch: {fault}") from None
 
 
-def _ordered(t_s: Array, values: Array, what: str) -> tuple[Array, Array, list[str]]:
+def _sort_rows(t_s: Array, values: Array, what: str) -> tuple[Array, Array, list[str]]:
     """Rows in the order of time, each time once, and what is said of those that were not."""
     said = []
     back = np.flatnonzero(np.diff(t_s) < 0) + 1
@@ -257,19 +257,19 @@ def _ordered(t_s: Array, values: Array, what: str) -> tuple[Array, Array, list[s
     return t_s[first], values[first], said
 
 
-def _samples(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, Array, float, list[str]]:
+def _build_samples(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, Array, float, list[str]]:
     """Starts, rates and length of the gyro's samples."""
-    _, words = spec(mapping.gyro, "gyro")
-    factor, accumulated = units.gyro_factor(words[0], mapping.lsb)
+    _, words = parse_spec(mapping.gyro, "gyro")
+    factor, accumulated = units.compute_gyro_factor(words[0], mapping.lsb)
     spacing = np.diff(t_s)
     sample_s = float(np.median(spacing))
     if accumulated:
         # How often it wraps in a gap, and what it does there, nobody knows: no sample begins at the last tag before one.
-        whole = spacing <= GAP * sample_s
-        step, said = _unwrapped(np.diff(raw, axis=0)[whole], mapping.wrap)
+        whole = spacing <= GAP_SAMPLES * sample_s
+        step, said = _unwrap_steps(np.diff(raw, axis=0)[whole], mapping.wrap)
         rates = factor * step / spacing[whole, None]
         if not whole.all():
-            said.append(f"{int((~whole).sum())} differences over gaps longer than {GAP:g} samples are left out")
+            said.append(f"{int((~whole).sum())} differences over gaps longer than {GAP_SAMPLES:g} samples are left out")
         return t_s[:-1][whole], rates, sample_s, [*said, "rates are differences of accumulated angles"]
     if mapping.wrap is not None:
         raise InputError("wrap: goes with accumulated angles, not with rates")
@@ -285,7 +285,7 @@ def _samples(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, Array, fl
     return t_s - late, factor * raw, sample_s, said
 
 
-def _unwrapped(step: Array, wrap: float | None) -> tuple[Array, list[str]]:
+def _unwrap_steps(step: Array, wrap: float | None) -> tuple[Array, list[str]]:
     """Differences of an accumulated angle without the jumps at its wrap, which is guessed where it is not given."""
     said: list[str] = []
     if wrap is None:
@@ -294,7 +294,7 @@ def _unwrapped(step: Array, wrap: float | None) -> tuple[Array, list[str]]:
         if jumps.size == 0:
             return step, said
         room = [float(np.abs(jumps / one - 1).max()) for one in WRAPS]
-        if min(room) > NEAR:
+        if min(room) > WRAP_TOLERANCE:
             raise InputError(
                 f"gyro: the accumulated angle jumps by {jumps.max():.6g}; if it wraps there, say where: --wrap VALUE"
             )

@@ -32,7 +32,7 @@ RATE_UNITS = {
     "mdeg/s": 1e-3 * DEGREE,
     "arcsec/s": DEGREE / 3600,
 }
-COUNTS = "counts"
+COUNTS_UNIT = "counts"
 TIME_UNITS = {"s": 0, "ms": 3, "us": 6, "ns": 9, "unix": 0}  # decimal places of a second
 CALENDARS = ("iso", "gps")
 
@@ -62,28 +62,28 @@ class Clock:
     part: Array
     scale: str
 
-    def since(self, second: int) -> Array:
+    def subtract(self, second: int) -> Array:
         """(n,) s since a whole second."""
         return np.asarray((self.whole - second) + self.part)
 
 
-def leap_seconds(utc: datetime) -> int:
+def count_leap_seconds(utc: datetime) -> int:
     """GPS time minus UTC, s, at a time in UTC."""
     return sum(utc >= datetime.fromisoformat(f"{month}-01T00:00:00+00:00") for month in LEAP_MONTHS)
 
 
-def epoch_of(second: int, scale: str) -> datetime:
+def convert_to_date(second: int, scale: str) -> datetime:
     """The date of a whole second of a clock; its tzinfo is UTC whatever the scale."""
     return {"UTC": UNIX_EPOCH, "GPS": GPS_EPOCH}[scale] + timedelta(seconds=second)
 
 
-def date_of(text: str) -> datetime:
+def parse_date(text: str) -> datetime:
     """An ISO 8601 date with tzinfo UTC; one without an offset from UTC is taken as of the clock's own scale."""
     date = datetime.fromisoformat(text)
     return date.astimezone(UTC) if date.tzinfo else date.replace(tzinfo=UTC)
 
 
-def second_of(date: datetime, scale: str) -> int:
+def convert_to_second(date: datetime, scale: str) -> int:
     """The whole second of a clock in which a date is."""
     return (date - {"UTC": UNIX_EPOCH, "GPS": GPS_EPOCH}[scale]) // timedelta(seconds=1)
 
@@ -100,18 +100,18 @@ def expect_date(clock: Clock, what: str) -> None:
             raise InputError(f"{what}: the first tag, {clock.whole[0]} s, is no date; is its unit too fine by {by:g}?")
 
 
-def to_utc(clock: Clock) -> Clock:
+def convert_to_utc(clock: Clock) -> Clock:
     """GPS tags as UTC ones; UTC ones as they are."""
     if clock.scale == "UTC":
         return clock
     if clock.scale != "GPS":
         raise InputError("time: one table has dates and the other seconds from an unknown start; give both the same kind")
     shift = round((GPS_EPOCH - UNIX_EPOCH).total_seconds())
-    behind = leap_seconds(epoch_of(int(clock.whole[0]), "GPS"))
+    behind = count_leap_seconds(convert_to_date(int(clock.whole[0]), "GPS"))
     return Clock(clock.whole + shift - behind, clock.part, "UTC")
 
 
-def clock(columns: pd.DataFrame, unit: str) -> Clock:
+def build_clock(columns: pd.DataFrame, unit: str) -> Clock:
     """Time tags of one column, or of GPS week and second of the week in two."""
     import pandas as pd
 
@@ -121,21 +121,21 @@ def clock(columns: pd.DataFrame, unit: str) -> Clock:
             stamps = pd.to_datetime(columns.iloc[:, 0], utc=True, format="ISO8601").astype("datetime64[ns, UTC]")
         except (ValueError, TypeError) as fault:
             raise InputError(f"time: column {name} is not ISO 8601: {' '.join(str(fault).split())}") from None
-        return _parted(stamps.astype("int64").to_numpy(), 9, "UTC")
+        return _split_seconds(stamps.astype("int64").to_numpy(), 9, "UTC")
     if unit not in TIME_UNITS and unit != "gps":
         raise InputError(f"time: unit {unit} of {name} is not known; known are {', '.join((*TIME_UNITS, *CALENDARS))}")
-    values = [_numeric(columns.iloc[:, k], name) for k in range(columns.shape[1])]
+    values = [_read_numeric(columns.iloc[:, k], name) for k in range(columns.shape[1])]
     if unit == "gps":
         if len(values) == 2:
-            seconds = _parted(values[1], 0, "GPS")
+            seconds = _split_seconds(values[1], 0, "GPS")
             return Clock(seconds.whole + values[0].astype(np.int64) * WEEK_S, seconds.part, "GPS")
-        return _parted(values[0], 0, "GPS")
-    made = _parted(values[0], TIME_UNITS[unit], "")
+        return _split_seconds(values[0], 0, "GPS")
+    made = _split_seconds(values[0], TIME_UNITS[unit], "")
     calendar = unit == "unix" or UNIX_RANGE_S[0] <= made.whole[0] <= UNIX_RANGE_S[1]
     return Clock(made.whole, made.part, "UTC" if calendar else "")
 
 
-def _numeric(column: pd.Series, name: str) -> NDArray[np.generic]:
+def _read_numeric(column: pd.Series, name: str) -> NDArray[np.generic]:
     import pandas as pd
 
     if not pd.api.types.is_numeric_dtype(column) or pd.api.types.is_bool_dtype(column):
@@ -148,7 +148,7 @@ def _numeric(column: pd.Series, name: str) -> NDArray[np.generic]:
     return values
 
 
-def _parted(values: NDArray[np.generic], places: int, scale: str) -> Clock:
+def _split_seconds(values: NDArray[np.generic], places: int, scale: str) -> Clock:
     """Whole seconds and the rest; integers, which nanoseconds of unix time need, stay exact."""
     if np.issubdtype(values.dtype, np.integer):
         unit = 10**places
@@ -159,7 +159,7 @@ def _parted(values: NDArray[np.generic], places: int, scale: str) -> Clock:
     return Clock(floor.astype(np.int64), seconds - floor, scale)
 
 
-def quantity(text: str, what: str) -> tuple[float, str]:
+def parse_quantity(text: str, what: str) -> tuple[float, str]:
     """Number and unit of a text such as "5e-9 rad"."""
     number, _, unit = text.strip().partition(" ")
     unit = unit.strip()
@@ -173,15 +173,15 @@ def quantity(text: str, what: str) -> tuple[float, str]:
     return value, unit
 
 
-def gyro_factor(unit: str, lsb: str | None) -> tuple[float, bool]:
+def compute_gyro_factor(unit: str, lsb: str | None) -> tuple[float, bool]:
     """What a column's number is multiplied with to be rad/s or rad, and whether it is an accumulated angle."""
-    if unit == COUNTS:
+    if unit == COUNTS_UNIT:
         if lsb is None:
             raise InputError("gyro: counts need the size of one, e.g. --lsb '0.0175 deg/s', or '5e-9 rad' of accumulated angle")
-        value, of = quantity(lsb, "lsb")
+        value, of = parse_quantity(lsb, "lsb")
         return value * (ANGLE_UNITS | RATE_UNITS)[of], of in ANGLE_UNITS
     if lsb is not None:
         raise InputError(f"lsb: goes with counts, not with {unit}")
     if unit not in ANGLE_UNITS | RATE_UNITS:
-        raise InputError(f"gyro: unit {unit} is not known; known are {', '.join((*RATE_UNITS, *ANGLE_UNITS, COUNTS))}")
+        raise InputError(f"gyro: unit {unit} is not known; known are {', '.join((*RATE_UNITS, *ANGLE_UNITS, COUNTS_UNIT))}")
     return (ANGLE_UNITS | RATE_UNITS)[unit], unit in ANGLE_UNITS

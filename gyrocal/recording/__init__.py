@@ -1,11 +1,11 @@
 """A recording: gyro stream, reference attitudes and raw sensor tables; loaded, validated and saved."""
 
-from gyrocal.recording.faults import validation_message
+from gyrocal.recording.faults import format_validation_error
 from gyrocal.recording.format import load, save
 from gyrocal.recording.gyros import triad
-from gyrocal.recording.parts import Attitudes, AttitudeSensor, GyroStream, Interval, Orbit, reference_rows
-from gyrocal.recording.recording import Recording, of_sensor
-from gyrocal.recording.toml import read_toml, toml_value
+from gyrocal.recording.parts import Attitudes, AttitudeSensor, GyroStream, Interval, Orbit, find_reference_rows
+from gyrocal.recording.recording_data import Recording, of_sensor
+from gyrocal.recording.toml import format_toml, read_toml
 
 __all__ = [
     "AttitudeSensor",
@@ -14,12 +14,12 @@ __all__ = [
     "Interval",
     "Orbit",
     "Recording",
+    "find_reference_rows",
+    "format_toml",
+    "format_validation_error",
     "load",
     "of_sensor",
     "read_toml",
-    "reference_rows",
     "save",
-    "toml_value",
     "triad",
-    "validation_message",
 ]

@@ -14,7 +14,7 @@ from pathlib import Path
 from gyrocal.errors import InputError
 
 MOST_VALUES = 400_000_000  # in a table, 3.2 GB; 10⁷ samples of four columns are a tenth of it
-MOST_COLUMNS = 1000
+MOST_FILE_COLUMNS = 1000
 LARGEST_LINE = 1 << 20  # bytes of names
 LARGEST_HEADER = 1 << 24  # bytes of recording.toml
 
@@ -39,15 +39,15 @@ def check_header(path: Path) -> None:
 def check_table(path: Path) -> None:
     """Refuse a table that is no regular file or claims more than can be read; a damaged one is left to whoever reads it."""
     check_regular(path)
-    rows, columns = _of_parquet(path) if path.suffix == ".parquet" else (0, _columns_of_csv(path))
-    if columns > MOST_COLUMNS:
-        raise InputError(f"{path}: {columns} columns, of {MOST_COLUMNS} at most; keep those that are needed")
+    rows, columns = _read_parquet_shape(path) if path.suffix == ".parquet" else (0, _count_csv_columns(path))
+    if columns > MOST_FILE_COLUMNS:
+        raise InputError(f"{path}: {columns} columns, of {MOST_FILE_COLUMNS} at most; keep those that are needed")
     if rows * columns > MOST_VALUES:
         what = f"{rows} rows of {columns} columns are more than can be read, {MOST_VALUES} values"
         raise InputError(f"{path}: {what}; cut the recording into parts")
 
 
-def _of_parquet(path: Path) -> tuple[int, int]:
+def _read_parquet_shape(path: Path) -> tuple[int, int]:
     """Rows and columns that a Parquet file claims; zeros where it is damaged."""
     import pyarrow as pa  # late, as pandas
     import pyarrow.parquet as pq
@@ -59,7 +59,7 @@ def _of_parquet(path: Path) -> tuple[int, int]:
     return int(about.num_rows), int(about.num_columns)
 
 
-def _columns_of_csv(path: Path) -> int:
+def _count_csv_columns(path: Path) -> int:
     """Columns that the first line of a CSV file names."""
     with path.open("rb") as file:
         return file.readline(LARGEST_LINE).count(b",") + 1

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.recording.names import check_names
-from gyrocal.recording.parts import FORWARD, TIME_TOLERANCE_S, Attitudes, GyroStream, Interval, reference_rows
+from gyrocal.recording.parts import FORWARD_AXES, TIME_TOLERANCE_S, Attitudes, GyroStream, Interval, find_reference_rows
 
 Array = NDArray[np.float64]
 
@@ -19,7 +19,7 @@ LARGEST_RATE = float(np.deg2rad(1e5))  # no gyro measures more
 SIGMA_RANGE = (float(np.deg2rad(1e-9)), float(np.deg2rad(180.0)))  # nothing outside is the sigma of an attitude
 
 
-def spans(G: Array) -> bool:
+def is_full_rank(G: Array) -> bool:
     """Whether gyros with this G (3, gyros) see all three axes: the product of its singular values is not near zero."""
     return bool(np.sqrt(max(float(np.linalg.det(G @ G.T)), 0.0)) >= SMALLEST_DETERMINANT)
 
@@ -45,7 +45,7 @@ def check_gyro(gyro: GyroStream) -> None:
     gyros = len(gyro.names)
     if gyro.rates.shape != (gyro.t_s.size, gyros):
         raise InputError(f"gyro: rates must be {'three' if gyros == 3 else gyros} a sample")
-    if gyro.apriori_G.shape != (3, gyros) or not spans(gyro.apriori_G):
+    if gyro.apriori_G.shape != (3, gyros) or not is_full_rank(gyro.apriori_G):
         raise InputError(f"gyro: G must be 3×{gyros}, and the gyros' axes must not lie in one plane")
     if not gyro.sample_s > 0:
         raise InputError("gyro: sample_s must be positive")
@@ -104,8 +104,8 @@ def check_intervals(intervals: tuple[Interval, ...]) -> None:
     if repeated:
         raise InputError(f"interval name {', '.join(repeated)} is used more than once")
     for interval in intervals:
-        if interval.forward not in (None, *FORWARD):
-            raise InputError(f"interval {interval.name}: forward {interval.forward} must be one of {', '.join(FORWARD)}")
+        if interval.forward not in (None, *FORWARD_AXES):
+            raise InputError(f"interval {interval.name}: forward {interval.forward} must be one of {', '.join(FORWARD_AXES)}")
         if not interval.stop_s > interval.start_s:
             raise InputError(f"interval {interval.name}: stop_s {interval.stop_s} is not after start_s {interval.start_s}")
     ordered = sorted(intervals, key=lambda interval: interval.start_s)
@@ -128,7 +128,7 @@ def check_switched_on(gyro: GyroStream, intervals: tuple[Interval, ...]) -> None
         if unknown:
             raise InputError(f"interval {interval.name}: no gyro {', '.join(unknown)}; there are {', '.join(gyro.names)}")
         columns = [k for k, name in enumerate(gyro.names) if name in chosen]
-        if len(columns) < 3 or not spans(np.linalg.pinv(np.linalg.pinv(gyro.apriori_G)[columns])):
+        if len(columns) < 3 or not is_full_rank(np.linalg.pinv(np.linalg.pinv(gyro.apriori_G)[columns])):
             raise InputError(f"interval {interval.name}: its gyros {', '.join(chosen)} do not see all three axes")
         used = (gyro.t_s > interval.start_s - gyro.sample_s + TIME_TOLERANCE_S) & (
             gyro.t_s < interval.stop_s - TIME_TOLERANCE_S
@@ -142,7 +142,7 @@ def check_references(t_s: Array, intervals: tuple[Interval, ...]) -> None:
     """Every interval has a reference to start from and one to reach, and every reference is in an interval."""
     used = np.zeros(t_s.size, dtype=bool)
     for interval in intervals:
-        rows = reference_rows(t_s, interval)
+        rows = find_reference_rows(t_s, interval)
         used[rows] = True
         if np.unique(t_s[rows]).size < 2:
             raise InputError(

@@ -6,10 +6,10 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from gyrocal.errors import hint
+from gyrocal.errors import suggest_names
 
 # In this order; the rest of a message stays as it is.
-WORDS = (
+MESSAGE_REPLACEMENTS = (
     (r"^(Value|Assertion) error, ", ""),
     (r"^Extra inputs are not permitted$", "is not known"),
     (r"^Field required$", "is missing"),
@@ -28,7 +28,7 @@ WORDS = (
 UNKNOWN, MISSING = "extra_forbidden", "missing"
 
 
-def validation_message(error: ValidationError, model: type[BaseModel] | None = None) -> str:
+def format_validation_error(error: ValidationError, model: type[BaseModel] | None = None) -> str:
     """All faults of a validated document in one line, each by its path.
 
     Parameters
@@ -36,40 +36,40 @@ def validation_message(error: ValidationError, model: type[BaseModel] | None = N
     error : of the validation
     model : what the document should have been; for a key that there is not, its keys are told
     """
-    return "; ".join(_fault(one, model) for one in error.errors(include_url=False))
+    return "; ".join(_format_fault(one, model) for one in error.errors(include_url=False))
 
 
-def _fault(fault: Any, model: type[BaseModel] | None) -> str:
+def _format_fault(fault: Any, model: type[BaseModel] | None) -> str:
     text = str(fault["msg"])
-    for pattern, words in WORDS:
+    for pattern, words in MESSAGE_REPLACEMENTS:
         text = re.sub(pattern, words, text)
     if fault["type"] == UNKNOWN and model is not None:
-        known = _keys(model, fault["loc"][:-1])
-        text += f"; {hint(str(fault['loc'][-1]), known)}" if known else ""
+        known = _list_keys(model, fault["loc"][:-1])
+        text += f"; {suggest_names(str(fault['loc'][-1]), known)}" if known else ""
     return f"{'.'.join(str(part) for part in fault['loc']) or 'document'}: {text}"
 
 
-def _keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
+def _list_keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
     """Keys of the table at a path of a document; none where that is not known."""
     here: list[type[BaseModel]] = [model]
     for part in path:
         if isinstance(part, int):
             continue  # an item of a list is what the list holds
-        tagged = [kind for kind in here if _tagged(kind, part)]
-        inside = [found for kind in here if part in kind.model_fields for found in _models(kind.model_fields[part])]
+        tagged = [kind for kind in here if _has_tag(kind, part)]
+        inside = [found for kind in here if part in kind.model_fields for found in _list_models(kind.model_fields[part])]
         here = inside or tagged or here
     return list(dict.fromkeys(key for kind in here for key in kind.model_fields))
 
 
-def _tagged(kind: type[BaseModel], tag: str) -> bool:
+def _has_tag(kind: type[BaseModel], tag: str) -> bool:
     """Whether a model is the one of a union that this tag stands for."""
     return any(tag in get_args(field.annotation) for field in kind.model_fields.values())
 
 
-def _models(field: Any) -> Iterator[type[BaseModel]]:
+def _list_models(field: Any) -> Iterator[type[BaseModel]]:
     """The models in the type of a field, or a part of a type."""
     kind = getattr(field, "annotation", field)
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         yield kind
     for inner in (*get_args(kind), *getattr(kind, "__metadata__", ())):
-        yield from _models(inner)
+        yield from _list_models(inner)

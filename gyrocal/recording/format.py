@@ -20,11 +20,11 @@ from pathlib import Path
 import numpy as np
 
 from gyrocal.errors import InputError
-from gyrocal.files import held, write_together
+from gyrocal.files import lock_folder, write_together
 from gyrocal.recording import checks, header, sensor_tables, tables, trackers
-from gyrocal.recording.names import OPTIONAL_TABLES, QUATERNION_COLUMNS, SIGMA_COLUMNS, TRIAD, rate_columns
-from gyrocal.recording.parts import Attitudes, GyroStream, Orbit, without_attitudes
-from gyrocal.recording.recording import Recording
+from gyrocal.recording.names import OPTIONAL_TABLES, QUATERNION_COLUMNS, SIGMA_COLUMNS, TRIAD, list_rate_columns
+from gyrocal.recording.parts import Attitudes, GyroStream, Orbit, build_empty_attitudes
+from gyrocal.recording.recording_data import Recording
 
 HEADER = "recording.toml"
 IS_A_RECORDING = f"a recording is a folder with {HEADER} in it"
@@ -45,7 +45,7 @@ def load(folder: str | os.PathLike[str]) -> Recording:
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError(f"{folder}: not a folder; {IS_A_RECORDING}")
-    with held(folder, shared=True):
+    with lock_folder(folder, shared=True):
         if not (folder / HEADER).exists():
             raise InputError(f"{folder / HEADER}: no such file; {IS_A_RECORDING}")
         return _load(folder)
@@ -54,7 +54,7 @@ def load(folder: str | os.PathLike[str]) -> Recording:
 def _load(folder: Path) -> Recording:
     said = header.read(folder / HEADER)
     names = tuple(said.gyro.names)
-    rates = rate_columns(names)
+    rates = list_rate_columns(names)
     switched = any(one.gyros is not None for one in said.interval)
     gyro_name, gyro = tables.read(folder, "gyro", ("t_s", *rates), rates if switched else ())
     attitude_name, attitude = "attitude", None
@@ -64,8 +64,8 @@ def _load(folder: Path) -> Recording:
         attitude_name, attitude = tables.read(folder, "attitude", wanted)
     optional = {name: tables.read(folder, name, ("t_s",))[1] for name in OPTIONAL_TABLES if tables.find(folder, name)}
     stream = GyroStream(
-        t_s=tables.column(gyro, "t_s"),
-        rates=np.deg2rad(tables.columns(gyro, rates)),
+        t_s=tables.convert_column(gyro, "t_s"),
+        rates=np.deg2rad(tables.convert_columns(gyro, rates)),
         sample_s=said.gyro.sample_s,
         arw=float(np.deg2rad(said.gyro.arw_deg_per_sqrt_s)),
         apriori_G=np.array(said.gyro.apriori_G),
@@ -73,28 +73,28 @@ def _load(folder: Path) -> Recording:
         names=names,
         arw_estimated=said.gyro.arw_estimated,
     )
-    attitudes = without_attitudes()
+    attitudes = build_empty_attitudes()
     if attitude is not None and said.attitude.sensor:
-        with _told_of(folder / attitude_name):
+        with _name_in_error(folder / attitude_name):
             rows = trackers.read(attitude, said.attitude.sensor, SIGMA_COLUMNS)
-        attitudes = Attitudes(tables.column(attitude, "t_s"), *rows, sigma_estimated=said.attitude.sigma_estimated)
+        attitudes = Attitudes(tables.convert_column(attitude, "t_s"), *rows, sigma_estimated=said.attitude.sigma_estimated)
     elif attitude is not None:
-        with _told_of(folder / attitude_name):
+        with _name_in_error(folder / attitude_name):
             trackers.check_unnamed(attitude, said.format)
         attitudes = Attitudes(
-            t_s=tables.column(attitude, "t_s"),
-            quaternions=tables.columns(attitude, QUATERNION_COLUMNS),
-            sigma=np.deg2rad(tables.columns(attitude, SIGMA_COLUMNS)),
+            t_s=tables.convert_column(attitude, "t_s"),
+            quaternions=tables.convert_columns(attitude, QUATERNION_COLUMNS),
+            sigma=np.deg2rad(tables.convert_columns(attitude, SIGMA_COLUMNS)),
             sigma_estimated=said.attitude.sigma_estimated,
         )
-    with _told_of(folder):
+    with _name_in_error(folder):
         sensors = sensor_tables.read(optional)
-    with _told_of(folder / gyro_name):  # checked here first so that the message can name the file
+    with _name_in_error(folder / gyro_name):  # checked here first so that the message can name the file
         checks.check_gyro(stream)
     if attitude is not None:
-        with _told_of(folder / attitude_name):
+        with _name_in_error(folder / attitude_name):
             checks.check_attitudes(attitudes)
-    with _told_of(folder):
+    with _name_in_error(folder):
         return Recording(
             title=said.title,
             epoch=said.epoch,
@@ -103,13 +103,13 @@ def _load(folder: Path) -> Recording:
             attitudes=attitudes,
             intervals=tuple(one.interval for one in said.interval),
             orbit=Orbit(**said.orbit.model_dump()) if said.orbit else None,
-            tables={name: table for name, table in optional.items() if name not in sensor_tables.known(optional)},
+            tables={name: table for name, table in optional.items() if name not in sensor_tables.list_known_tables(optional)},
             sensors=sensors,
         )
 
 
 @contextmanager
-def _told_of(path: Path) -> Iterator[None]:
+def _name_in_error(path: Path) -> Iterator[None]:
     """Name the file or folder in the message of an `InputError`."""
     try:
         yield
@@ -121,9 +121,9 @@ def save(recording: Recording, folder: str | os.PathLike[str]) -> None:
     """Write a recording; the folder is made, and an existing recording in it is replaced as a whole or, after an error, not."""
     from gyrocal.recording import parquet  # late, as pandas
 
-    frames = tables.frames(recording.gyro, recording.attitudes, recording.tables, recording.sensors)
+    frames = tables.build_frames(recording.gyro, recording.attitudes, recording.tables, recording.sensors)
     absent = [f"{name}.parquet" for name in ("gyro", "attitude", *OPTIONAL_TABLES) if name not in frames]
     in_csv = [f"{name}.csv" for name in ("gyro", "attitude", *OPTIONAL_TABLES)]  # of a recording that was here before
     files = {f"{name}.parquet": partial(parquet.write, frame) for name, frame in frames.items()}
-    text = header.text(recording).encode()
+    text = header.format_header(recording).encode()
     write_together(Path(folder), {**files, HEADER: lambda file: file.write(text)}, (*absent, *in_csv))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.recording.names import TRIAD
 from gyrocal.recording.parts import GyroStream
-from gyrocal.recording.recording import Recording
+from gyrocal.recording.recording_data import Recording
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -28,13 +28,13 @@ Indices = NDArray[np.intp]
 TAG_ROUNDING = 1e-6  # of a sample
 
 
-def nominal(gyro: GyroStream) -> tuple[Array, Array]:
+def compute_nominal_gyros(gyro: GyroStream) -> tuple[Array, Array]:
     """K (n, 3) and c (n,) rad/s that the a-priori G and b stand for: K = G⁺, c = −K b."""
     K = np.linalg.pinv(gyro.apriori_G)
     return np.asarray(K), -K @ gyro.apriori_bias
 
 
-def gain(K: Array, chosen: Indices, sigma: Array | None = None) -> Array:
+def compute_gyro_gain(K: Array, chosen: Indices, sigma: Array | None = None) -> Array:
     """G (3, n) of the chosen gyros, zero for the others.
 
     With the sigmas (n,) of gyros of different noise it is that of weighted least squares, (KᵀWK)⁻¹ KᵀW with W = σ⁻², whose
@@ -46,14 +46,14 @@ def gain(K: Array, chosen: Indices, sigma: Array | None = None) -> Array:
     return G
 
 
-def parity(K: Array, chosen: Indices) -> Array:
+def compute_parity_basis(K: Array, chosen: Indices) -> Array:
     """V (n, chosen − 3), an orthonormal basis of the parity of the chosen gyros, zero for the others."""
     V = np.zeros((len(K), len(chosen) - 3))
     V[chosen] = np.linalg.svd(K[chosen])[0][:, 3:]
     return V
 
 
-def inside(recording: Recording, interval: int) -> tuple[slice, Array]:
+def select_interval_samples(recording: Recording, interval: int) -> tuple[slice, Array]:
     """The gyro samples that start in an interval, and the time that each averages over, s."""
     gyro, one = recording.gyro, recording.intervals[interval]
     margin = TAG_ROUNDING * gyro.sample_s
@@ -83,18 +83,18 @@ def triad(recording: Recording, K: Array | None = None, c: Array | None = None, 
         raise InputError("the recording has no reference attitudes; its gyros can only be compared with one another")
     gyro = recording.gyro
     bias = np.array(gyro.apriori_bias) if c is None else np.zeros(3)
-    K = nominal(gyro)[0] if K is None else K
+    K = compute_nominal_gyros(gyro)[0] if K is None else K
     read = gyro.rates - (0.0 if c is None else c)
     factor = np.ones(len(K)) if noise is None else noise
-    rates = np.nan_to_num(read) @ gain(K, np.arange(len(K)), factor).T
+    rates = np.nan_to_num(read) @ compute_gyro_gain(K, np.arange(len(K)), factor).T
     power = []
     for number in range(len(recording.intervals)):
-        part, _ = inside(recording, number)
+        part, _ = select_interval_samples(recording, number)
         chosen = recording.switched_on(number)
         begins = recording.intervals[number].start_s + TAG_ROUNDING * gyro.sample_s
         if part.start and gyro.t_s[part.start - 1] + gyro.sample_s > begins:  # a sample that the interval starts in
             part = slice(part.start - 1, part.stop)
-        G = gain(K, chosen, factor)
+        G = compute_gyro_gain(K, chosen, factor)
         rates[part] = np.nan_to_num(read[part]) @ G.T
         power.append(float(np.sum((G * factor) ** 2)) / 3)
     body = replace(

@@ -15,12 +15,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationIn
 
 from gyrocal.errors import InputError
 from gyrocal.recording import bounds, trackers
-from gyrocal.recording.checks import spans
-from gyrocal.recording.faults import validation_message
+from gyrocal.recording.checks import is_full_rank
+from gyrocal.recording.faults import format_validation_error
 from gyrocal.recording.names import MOST_GYROS, TRIAD, check_names
 from gyrocal.recording.parts import Interval
-from gyrocal.recording.recording import Recording
-from gyrocal.recording.toml import read_toml, toml_value
+from gyrocal.recording.recording_data import Recording
+from gyrocal.recording.toml import format_toml, read_toml
 from gyrocal.recording.trackers import SensorHeader
 
 
@@ -39,17 +39,17 @@ class _GyroHeader(_Model):
 
     @field_validator("names")
     @classmethod
-    def _named(cls, value: list[str]) -> list[str]:
+    def _validate_names(cls, value: list[str]) -> list[str]:
         check_names(tuple(value))
         return value
 
     @field_validator("apriori_G")
     @classmethod
-    def _three_by_gyros(cls, value: list[list[float]], info: ValidationInfo) -> list[list[float]]:
+    def _validate_shape(cls, value: list[list[float]], info: ValidationInfo) -> list[list[float]]:
         gyros = len(info.data.get("names", TRIAD))
         if len(value) != 3 or any(len(row) != gyros for row in value):
             raise ValueError(f"must be 3 rows of {gyros} numbers")
-        if not spans(np.array(value)):
+        if not is_full_rank(np.array(value)):
             raise ValueError("must be invertible")
         return value
 
@@ -99,12 +99,12 @@ class Header(_Model):
 
     @field_validator("epoch")
     @classmethod
-    def _iso(cls, value: str) -> str:
+    def _validate_epoch(cls, value: str) -> str:
         datetime.fromisoformat(value)
         return value
 
     @model_validator(mode="after")
-    def _of_its_format(self) -> Header:
+    def _validate_format(self) -> Header:
         trackers.check_header(self.format, self.attitude.maps, self.attitude.sensor)
         if self.format == 1 and (tuple(self.gyro.names) != TRIAD or any(one.gyros is not None for one in self.interval)):
             raise ValueError("names of gyros, and gyros of an interval, need format = 2")
@@ -120,10 +120,10 @@ def read(path: Path) -> Header:
     try:
         return Header.model_validate(read_toml(path))
     except ValidationError as error:
-        raise InputError(f"{path}: {validation_message(error, Header)}") from None
+        raise InputError(f"{path}: {format_validation_error(error, Header)}") from None
 
 
-def text(recording: Recording) -> str:
+def format_header(recording: Recording) -> str:
     """The header of a recording as it is on file."""
     gyro, attitudes = recording.gyro, recording.attitudes
     known = {} if recording.orbit is None else vars(recording.orbit)
@@ -160,7 +160,7 @@ def text(recording: Recording) -> str:
                 "sigma_estimated": attitudes.sigma_estimated or None,
             },
         ),
-        *(("[[attitude.sensor]]", trackers.entries(one)) for one in attitudes.sensors),
+        *(("[[attitude.sensor]]", trackers.list_entries(one)) for one in attitudes.sensors),
         *([("[orbit]", orbit)] if orbit else []),
         *(
             ("[[interval]]", vars(one) | {"start_s": float(one.start_s), "stop_s": float(one.stop_s)})
@@ -169,6 +169,6 @@ def text(recording: Recording) -> str:
     ]
     blocks = []
     for title, entries in sections:
-        lines = [f"{key} = {toml_value(value)}" for key, value in entries.items() if value is not None]
+        lines = [f"{key} = {format_toml(value)}" for key, value in entries.items() if value is not None]
         blocks.append("\n".join([title, *lines] if title else lines))
     return "\n\n".join(blocks) + "\n"

@@ -13,10 +13,10 @@ MOST_GYROS = 24
 RATE_COLUMNS = ("rate_x_deg_s", "rate_y_deg_s", "rate_z_deg_s")
 QUATERNION_COLUMNS = ("q1", "q2", "q3", "q4")
 SIGMA_COLUMNS = ("sigma_x_deg", "sigma_y_deg", "sigma_z_deg")
-OPTIONAL_TABLES = ("housekeeping", *sensor_tables.NAMES)
+OPTIONAL_TABLES = ("housekeeping", *sensor_tables.SENSOR_TABLE_NAMES)
 
 
-def rate_columns(names: Sequence[str]) -> tuple[str, ...]:
+def list_rate_columns(names: Sequence[str]) -> tuple[str, ...]:
     """Columns of the gyros' rates on file."""
     return tuple(f"rate_{name}_deg_s" for name in names)
 

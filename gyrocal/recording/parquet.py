@@ -20,7 +20,7 @@ CONTENT = b"gyrocal.sha256"
 def write(frame: pd.DataFrame, file: BinaryIO) -> None:
     """Write a table with checksums, its index left out."""
     table = pa.Table.from_pandas(frame, preserve_index=False)
-    table = table.replace_schema_metadata({**(table.schema.metadata or {}), CONTENT: digest(table)})
+    table = table.replace_schema_metadata({**(table.schema.metadata or {}), CONTENT: hash_table(table)})
     pq.write_table(table, file, write_page_checksum=True)
 
 
@@ -38,7 +38,7 @@ def read(path: Path) -> pd.DataFrame:
         about, table = file.metadata, file.read()
     counted = sum(about.row_group(k).num_rows for k in range(about.num_row_groups))
     stated = (table.schema.metadata or {}).get(CONTENT)
-    if not about.num_rows == counted == table.num_rows or (stated is not None and stated != digest(table)):
+    if not about.num_rows == counted == table.num_rows or (stated is not None and stated != hash_table(table)):
         raise ValueError("it is damaged: it does not hold the rows that were written")
     twice = sorted({name for name in table.column_names if table.column_names.count(name) > 1})
     if twice:
@@ -46,16 +46,16 @@ def read(path: Path) -> pd.DataFrame:
     return table.to_pandas()
 
 
-def digest(table: pa.Table) -> bytes:
+def hash_table(table: pa.Table) -> bytes:
     """SHA-256 of the names, types and values of a table's columns, in hexadecimal."""
     hashed = hashlib.sha256()
     for name, column in zip(table.column_names, table.columns, strict=True):
-        for part in (repr(name).encode(), *_bytes(column)):
+        for part in (repr(name).encode(), *_encode_column(column)):
             hashed.update(part)
     return hashed.hexdigest().encode()
 
 
-def _bytes(column: Any) -> list[bytes]:
+def _encode_column(column: Any) -> list[bytes]:
     """A column's type and values, however it is cut into chunks; of text and the like, which have many types, the values."""
     if not pa.types.is_primitive(column.type):
         return [repr(column.to_pylist()).encode()]

@@ -12,7 +12,7 @@ from gyrocal.recording.names import TRIAD
 
 Array = NDArray[np.float64]
 
-FORWARD = ("+x", "-x", "+y", "-y", "none")
+FORWARD_AXES = ("+x", "-x", "+y", "-y", "none")
 TIME_TOLERANCE_S = 1e-6  # rounding of a time tag some years after the epoch
 
 
@@ -25,7 +25,7 @@ class Interval:
     name : of its own
     activity : for people
     start_s, stop_s : s since the epoch
-    forward : one of `FORWARD`, the body axis along the velocity throughout; None leaves it to the attitudes
+    forward : one of `FORWARD_AXES`, the body axis along the velocity throughout; None leaves it to the attitudes
     gyros : names of those that were switched on; None for all
     """
 
@@ -139,12 +139,12 @@ class Orbit:
     argument_of_latitude_deg: float | None = None
 
 
-def without_attitudes() -> Attitudes:
+def build_empty_attitudes() -> Attitudes:
     """No reference attitudes at all."""
     return Attitudes(np.empty(0), np.empty((0, 4)), np.empty((0, 3)))
 
 
-def reference_rows(t_s: Array, interval: Interval) -> NDArray[np.intp]:
+def find_reference_rows(t_s: Array, interval: Interval) -> NDArray[np.intp]:
     """Indices of the reference attitudes inside an interval, both ends included."""
     inside = (t_s >= interval.start_s - TIME_TOLERANCE_S) & (t_s <= interval.stop_s + TIME_TOLERANCE_S)
     return np.flatnonzero(inside)

@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-NAMES = ("sun_sensor", "earth_sensor", "ephemeris")
-COUNTS = ("count_alpha", "count_beta")
+SENSOR_TABLE_NAMES = ("sun_sensor", "earth_sensor", "ephemeris")
+SUN_COUNT_COLUMNS = ("count_alpha", "count_beta")
 PENETRATIONS = tuple(f"penetration_{i}_deg" for i in range(1, 5))
 USED = tuple(f"used_{i}" for i in range(1, 5))
 POSITION = ("position_x_m", "position_y_m", "position_z_m")
-SUN = ("sun_x", "sun_y", "sun_z")
+SUN_DIRECTION_COLUMNS = ("sun_x", "sun_y", "sun_z")
 SAME_TIME_S = 1e-6
 UNIT = 1e-5  # |s| − 1 of a direction written with six digits
 NEAREST_M = 6.3e6  # no orbit is nearer to the Earth's centre
@@ -122,30 +122,34 @@ class SensorTables:
                 raise InputError(f"ephemeris: no row at t_s = {table.t_s[lost[0]]} of {name} ({lost.size} such)")
 
 
-def known(frames: Mapping[str, pd.DataFrame]) -> tuple[str, ...]:
+def list_known_tables(frames: Mapping[str, pd.DataFrame]) -> tuple[str, ...]:
     """Names of the tables that `read` understands, or that try to be so."""
-    own = {"sun_sensor": ("sensor", *COUNTS), "earth_sensor": (*PENETRATIONS, *USED), "ephemeris": ("t_s", *POSITION, *SUN)}
-    return tuple(name for name in NAMES if name in frames and set(own[name]) & set(frames[name].columns))
+    own = {
+        "sun_sensor": ("sensor", *SUN_COUNT_COLUMNS),
+        "earth_sensor": (*PENETRATIONS, *USED),
+        "ephemeris": ("t_s", *POSITION, *SUN_DIRECTION_COLUMNS),
+    }
+    return tuple(name for name in SENSOR_TABLE_NAMES if name in frames and set(own[name]) & set(frames[name].columns))
 
 
 def read(frames: Mapping[str, pd.DataFrame]) -> SensorTables | None:
     """The sensors' tables among those of a recording; None if there is none of them."""
-    names = known(frames)
+    names = list_known_tables(frames)
     if not names:
         return None
-    sun = _sun(frames["sun_sensor"]) if "sun_sensor" in names else None
-    earth = _earth(frames["earth_sensor"]) if "earth_sensor" in names else None
-    return SensorTables(sun, earth, _ephemeris(frames["ephemeris"]) if "ephemeris" in names else None)
+    sun = _read_sun(frames["sun_sensor"]) if "sun_sensor" in names else None
+    earth = _read_earth(frames["earth_sensor"]) if "earth_sensor" in names else None
+    return SensorTables(sun, earth, _read_ephemeris(frames["ephemeris"]) if "ephemeris" in names else None)
 
 
-def frames(tables: SensorTables) -> dict[str, pd.DataFrame]:
+def build_sensor_frames(tables: SensorTables) -> dict[str, pd.DataFrame]:
     """The tables as they are on file."""
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
     out = {}
     if tables.sun is not None:
         sun = tables.sun
-        counts = {name: sun.counts[:, k].astype(np.int64) for k, name in enumerate(COUNTS)}
+        counts = {name: sun.counts[:, k].astype(np.int64) for k, name in enumerate(SUN_COUNT_COLUMNS)}
         out["sun_sensor"] = pd.DataFrame({"t_s": sun.t_s, "sensor": sun.sensor, **counts})
     if tables.earth is not None:
         angles = np.rad2deg(tables.earth.angles)
@@ -155,13 +159,16 @@ def frames(tables: SensorTables) -> dict[str, pd.DataFrame]:
         out["earth_sensor"] = pd.DataFrame(columns)
     if tables.ephemeris is not None:
         values = np.column_stack([tables.ephemeris.t_s, tables.ephemeris.position, tables.ephemeris.sun])
-        out["ephemeris"] = pd.DataFrame(values, columns=["t_s", *POSITION, *SUN])
+        out["ephemeris"] = pd.DataFrame(values, columns=["t_s", *POSITION, *SUN_DIRECTION_COLUMNS])
     return out
 
 
-def _sun(frame: pd.DataFrame) -> SunCounts:
-    t_s = _numbers(frame, "sun_sensor", ("t_s",))[:, 0]
-    sensor, counts = _numbers(frame, "sun_sensor", ("sensor",))[:, 0], _numbers(frame, "sun_sensor", COUNTS)
+def _read_sun(frame: pd.DataFrame) -> SunCounts:
+    t_s = _read_numbers(frame, "sun_sensor", ("t_s",))[:, 0]
+    sensor, counts = (
+        _read_numbers(frame, "sun_sensor", ("sensor",))[:, 0],
+        _read_numbers(frame, "sun_sensor", SUN_COUNT_COLUMNS),
+    )
     for name, values in (("sensor", sensor), ("count_alpha", counts[:, 0]), ("count_beta", counts[:, 1])):
         _refuse("sun_sensor", values != np.round(values), f"{name} is not a whole number")
     _refuse("sun_sensor", (sensor < 1) | (sensor > 2), "sensors are numbered 1 and 2")
@@ -174,23 +181,23 @@ def _sun(frame: pd.DataFrame) -> SunCounts:
     return SunCounts(t_s, sensor.astype(np.int64), counts)
 
 
-def _earth(frame: pd.DataFrame) -> PenetrationAngles:
+def _read_earth(frame: pd.DataFrame) -> PenetrationAngles:
     name = "earth_sensor"
-    t_s = _numbers(frame, name, ("t_s",))[:, 0]
-    used = _numbers(frame, name, USED)
+    t_s = _read_numbers(frame, name, ("t_s",))[:, 0]
+    used = _read_numbers(frame, name, USED)
     _refuse(name, ((used != 0) & (used != 1)).any(axis=1), "used_1 … used_4 must be true or false")
     flags = used == 1
-    angles = np.deg2rad(_numbers(frame, name, PENETRATIONS, finite=False))
+    angles = np.deg2rad(_read_numbers(frame, name, PENETRATIONS, finite=False))
     _refuse(name, (flags & ~np.isfinite(angles)).any(axis=1), "a penetration angle that is used is not a finite number")
     _refuse(name, (flags & (np.abs(angles) > np.pi / 2)).any(axis=1), "a penetration angle is beyond 90 deg")
     _refuse(name, np.diff(t_s, prepend=-np.inf) <= 0, "time goes backwards or repeats")
     return PenetrationAngles(t_s, angles, flags)
 
 
-def _ephemeris(frame: pd.DataFrame) -> Ephemeris:
+def _read_ephemeris(frame: pd.DataFrame) -> Ephemeris:
     name = "ephemeris"
-    t_s = _numbers(frame, name, ("t_s",))[:, 0]
-    position, sun = _numbers(frame, name, POSITION), _numbers(frame, name, SUN)
+    t_s = _read_numbers(frame, name, ("t_s",))[:, 0]
+    position, sun = _read_numbers(frame, name, POSITION), _read_numbers(frame, name, SUN_DIRECTION_COLUMNS)
     _refuse(name, np.diff(t_s, prepend=-np.inf) <= 0, "time goes backwards or repeats")
     below = np.linalg.norm(position, axis=1) < NEAREST_M
     _refuse(name, below, f"the position is within {NEAREST_M / 1e3:g} km of the Earth's centre; is the unit metres?")
@@ -198,7 +205,7 @@ def _ephemeris(frame: pd.DataFrame) -> Ephemeris:
     return Ephemeris(t_s, position, sun)
 
 
-def _numbers(frame: pd.DataFrame, name: str, columns: tuple[str, ...], finite: bool = True) -> Array:
+def _read_numbers(frame: pd.DataFrame, name: str, columns: tuple[str, ...], finite: bool = True) -> Array:
     missing = [column for column in columns if column not in frame.columns]
     if missing:
         raise InputError(f"{name}: column {', '.join(missing)} is missing; found {', '.join(map(str, frame.columns))}")

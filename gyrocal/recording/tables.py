@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.recording import bounds, sensor_tables, trackers
-from gyrocal.recording.names import QUATERNION_COLUMNS, SIGMA_COLUMNS, rate_columns
+from gyrocal.recording.names import QUATERNION_COLUMNS, SIGMA_COLUMNS, list_rate_columns
 from gyrocal.recording.parts import Attitudes, GyroStream
 from gyrocal.recording.sensor_tables import SensorTables
 
@@ -78,33 +78,33 @@ def _read_parquet(path: Path) -> pd.DataFrame:
     return parquet.read(path)
 
 
-def column(frame: pd.DataFrame, name: str) -> Array:
+def convert_column(frame: pd.DataFrame, name: str) -> Array:
     """A column as numbers (n,)."""
     return frame[name].to_numpy(dtype=np.float64)
 
 
-def columns(frame: pd.DataFrame, names: tuple[str, ...]) -> Array:
+def convert_columns(frame: pd.DataFrame, names: tuple[str, ...]) -> Array:
     """Columns as numbers (n, columns)."""
     return np.ascontiguousarray(frame[list(names)].to_numpy(dtype=np.float64))
 
 
-def frames(
+def build_frames(
     gyro: GyroStream, attitudes: Attitudes, others: Mapping[str, pd.DataFrame], sensors: SensorTables | None
 ) -> dict[str, pd.DataFrame]:
     """The tables of a recording as they are on file."""
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
-    of_gyro = ["t_s", *rate_columns(gyro.names)]
+    of_gyro = ["t_s", *list_rate_columns(gyro.names)]
     own = {"gyro": pd.DataFrame(np.column_stack([gyro.t_s, np.rad2deg(gyro.rates)]), columns=of_gyro)}
     if attitudes.t_s.size:
         own["attitude"] = pd.DataFrame(
-            np.column_stack([attitudes.t_s, trackers.to_sensors(attitudes), np.rad2deg(attitudes.sigma)]),
+            np.column_stack([attitudes.t_s, trackers.convert_to_sensors(attitudes), np.rad2deg(attitudes.sigma)]),
             columns=["t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS],
         )
         if attitudes.sensor is not None:
-            own["attitude"][trackers.COLUMN] = [attitudes.sensors[k].name for k in attitudes.sensor]
+            own["attitude"][trackers.SENSOR_COLUMN] = [attitudes.sensors[k].name for k in attitudes.sensor]
     return {
         **own,
         **others,
-        **(sensor_tables.frames(sensors) if sensors is not None else {}),
+        **(sensor_tables.build_sensor_frames(sensors) if sensors is not None else {}),
     }

@@ -24,7 +24,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: not a TOML file: {fault}") from None
 
 
-def toml_value(value: object) -> str:
+def format_toml(value: object) -> str:
     """One TOML value; floats with all their digits, so that what is read is what was written."""
     if isinstance(value, bool):
         return "true" if value else "false"
@@ -35,11 +35,11 @@ def toml_value(value: object) -> str:
     if isinstance(value, float):
         return repr(float(value))
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_key(str(key))} = {toml_value(item)}" for key, item in value.items()) + "}"
+        return "{" + ", ".join(f"{_format_key(str(key))} = {format_toml(item)}" for key, item in value.items()) + "}"
     if isinstance(value, Iterable):
-        return "[" + ", ".join(toml_value(item) for item in value) + "]"
+        return "[" + ", ".join(format_toml(item) for item in value) + "]"
     raise TypeError(f"no TOML form for {value!r}")
 
 
-def _key(name: str) -> str:
-    return name if re.fullmatch("[A-Za-z0-9_-]+", name) else toml_value(name)
+def _format_key(name: str) -> str:
+    return name if re.fullmatch("[A-Za-z0-9_-]+", name) else format_toml(name)

@@ -34,7 +34,7 @@ Indices = NDArray[np.intp]
 
 NAME = re.compile(r"[A-Za-z_]*[0-9]+")  # as a gyro's, so that it can stand in the place of an axis
 MAPS = "inertial to sensor"
-COLUMN = "sensor"
+SENSOR_COLUMN = "sensor"
 
 
 class SensorHeader(BaseModel):
@@ -50,20 +50,20 @@ class SensorHeader(BaseModel):
 
     @field_validator("name")
     @classmethod
-    def _ends_with_a_digit(cls, value: str) -> str:
+    def _validate_name(cls, value: str) -> str:
         if not NAME.fullmatch(value):
             raise ValueError("must be letters with digits at the end, such as st1")
         return value
 
     @field_validator("mounting")
     @classmethod
-    def _unit(cls, value: list[float]) -> list[float]:
+    def _validate_mounting(cls, value: list[float]) -> list[float]:
         if abs(np.linalg.norm(value) - 1) > NORM_TOLERANCE:
             raise ValueError("must be a quaternion of norm 1")
         return value
 
     @model_validator(mode="after")
-    def _prior_of_an_estimate(self) -> SensorHeader:
+    def _validate_prior(self) -> SensorHeader:
         if self.mounting_sigma_deg is not None and not self.estimated:
             raise ValueError("mounting_sigma_deg is the prior of a mounting that is estimated: give estimated = true")
         return self
@@ -88,7 +88,7 @@ def check_header(format: int, maps: str, sensors: Sequence[SensorHeader]) -> Non
         raise ValueError(f"the mounting of {names[0]} cannot be estimated: the first sensor defines the axes of the body")
 
 
-def entries(sensor: AttitudeSensor) -> dict[str, object]:
+def list_entries(sensor: AttitudeSensor) -> dict[str, object]:
     """A sensor's entries in recording.toml; what is None is left out."""
     prior = sensor.mounting_sigma
     return {
@@ -106,46 +106,50 @@ def read(
     frame: pd.DataFrame, headers: Sequence[SensorHeader], sigmas: tuple[str, ...]
 ) -> tuple[Array, Array, Indices, tuple[AttitudeSensor, ...]]:
     """Quaternions inertial to body (m, 4), sigmas (m, 3) rad, sensor of each row (m,), and the sensors."""
-    sensor, sensors = _sensor_of_rows(frame, [one.name for one in headers]), tuple(one.sensor for one in headers)
+    sensor, sensors = _match_sensors(frame, [one.name for one in headers]), tuple(one.sensor for one in headers)
     measured = frame[["q1", "q2", "q3", "q4"]].to_numpy(dtype=np.float64)
     check_norms(measured)
     there = all(name in frame.columns for name in sigmas)
     own = frame[list(sigmas)].to_numpy(dtype=np.float64) if there else np.array([one.sigma_deg for one in headers])[sensor]
-    return to_body(measured, sensor, sensors), np.deg2rad(own), sensor, sensors
+    return convert_to_body(measured, sensor, sensors), np.deg2rad(own), sensor, sensors
 
 
-def _sensor_of_rows(frame: pd.DataFrame, names: Sequence[str]) -> Indices:
-    if COLUMN not in frame.columns:
+def _match_sensors(frame: pd.DataFrame, names: Sequence[str]) -> Indices:
+    if SENSOR_COLUMN not in frame.columns:
         if len(names) > 1:
-            raise InputError(f"column {COLUMN} is missing, which says of which of {', '.join(names)} a row is")
+            raise InputError(f"column {SENSOR_COLUMN} is missing, which says of which of {', '.join(names)} a row is")
         return np.zeros(len(frame), dtype=np.intp)
-    given = frame[COLUMN].astype(object).fillna("(empty)").astype(str)
+    given = frame[SENSOR_COLUMN].astype(object).fillna("(empty)").astype(str)
     unknown = sorted(set(given) - set(names))
     if unknown:
-        raise InputError(f"column {COLUMN}: no [[attitude.sensor]] {', '.join(unknown[:3])}; there are {', '.join(names)}")
+        raise InputError(
+            f"column {SENSOR_COLUMN}: no [[attitude.sensor]] {', '.join(unknown[:3])}; there are {', '.join(names)}"
+        )
     return np.array([names.index(name) for name in given], dtype=np.intp)
 
 
 def check_unnamed(frame: pd.DataFrame, format: int) -> None:
     """Raise an `InputError` where rows name sensors that are stated nowhere; format 1 knows none."""
-    if format > 1 and COLUMN in frame.columns:
-        raise InputError(f"attitude: rows name a {COLUMN}, but recording.toml has no [[attitude.sensor]] with its mounting")
+    if format > 1 and SENSOR_COLUMN in frame.columns:
+        raise InputError(
+            f"attitude: rows name a {SENSOR_COLUMN}, but recording.toml has no [[attitude.sensor]] with its mounting"
+        )
 
 
-def to_body(measured: Array, sensor: Indices, sensors: Sequence[AttitudeSensor]) -> Array:
+def convert_to_body(measured: Array, sensor: Indices, sensors: Sequence[AttitudeSensor]) -> Array:
     """Quaternions inertial to body of those inertial to sensor, (m, 4)."""
-    return np.asarray((Rotation.from_quat(measured) * _mounted(sensor, sensors).inv()).as_quat())
+    return np.asarray((Rotation.from_quat(measured) * _stack_mountings(sensor, sensors).inv()).as_quat())
 
 
-def to_sensors(attitudes: Attitudes) -> Array:
+def convert_to_sensors(attitudes: Attitudes) -> Array:
     """Quaternions inertial to sensor, (m, 4), as they stand on file."""
     if attitudes.sensor is None:
         return attitudes.quaternions
-    turned = Rotation.from_quat(attitudes.quaternions) * _mounted(attitudes.sensor, attitudes.sensors)
+    turned = Rotation.from_quat(attitudes.quaternions) * _stack_mountings(attitudes.sensor, attitudes.sensors)
     return np.asarray(turned.as_quat())
 
 
-def _mounted(sensor: Indices, sensors: Sequence[AttitudeSensor]) -> Rotation:
+def _stack_mountings(sensor: Indices, sensors: Sequence[AttitudeSensor]) -> Rotation:
     """Of every row, active: as a matrix it is Mᵀ."""
     return Rotation.from_quat(np.array([one.mounting for one in sensors])[sensor])
 
@@ -165,7 +169,7 @@ def check(attitudes: Attitudes) -> None:
             raise InputError(f"attitude: time of {one.name} repeats at t_s = {own[1:][np.diff(own) <= 0][0]}")
 
 
-def kept_rows(attitudes: Attitudes, rows: Any) -> Attitudes:
+def keep_rows(attitudes: Attitudes, rows: Any) -> Attitudes:
     """Some of the references, by their rows."""
     sensor = None if attitudes.sensor is None else attitudes.sensor[rows]
     return replace(
@@ -180,16 +184,16 @@ def kept_rows(attitudes: Attitudes, rows: Any) -> Attitudes:
 # ---- one of them ---------------------------------------------------------------------------------------------------------
 
 
-def to_axes(attitudes: Attitudes) -> Array:
+def stack_sensor_axes(attitudes: Attitudes) -> Array:
     """(m, 3, 3) M of every row, body to the axes in which its sigmas are; the identity of a single sensor in body axes."""
     if attitudes.sensor is None:
         return np.broadcast_to(np.eye(3), (attitudes.t_s.size, 3, 3))
     return np.array([one.M for one in attitudes.sensors])[attitudes.sensor]
 
 
-def covariance(attitudes: Attitudes) -> Array:
+def compute_body_covariance(attitudes: Attitudes) -> Array:
     """(m, 3, 3) covariance Mᵀ diag(σ²) M of every reference in body axes, rad²."""
-    M = to_axes(attitudes)
+    M = stack_sensor_axes(attitudes)
     return np.einsum("mki,mk,mkj->mij", M, attitudes.sigma**2, M)
 
 

@@ -5,9 +5,9 @@ the epoch. R writes it for observed vectors and weights W_i; here a Sun sensor's
 sensor's four penetration angles, since these are what the noise is in. Misalignments are rotations M, R (1), the Earth
 sensor's is four penetration biases.
 
-Algorithm 1, `together`
+Algorithm 1, `align_together`
     Epoch attitude, gyro bias and misalignments m at once: a batch of `gyrocal.estimation.batch` with sensor parameters freed.
-Algorithm 2, `in_two_steps`
+Algorithm 2, `align_in_two_steps`
     Attitude and bias with the sensors as they are; then the misalignments with that attitude fixed.
 
 One sensor is the reference, its M held. R solves step two for all sensors and makes the reference's M the identity by turning
@@ -47,10 +47,19 @@ from numpy.typing import NDArray
 
 from gyrocal.attitude import rotation_matrix
 from gyrocal.errors import InputError
-from gyrocal.estimation.arc import Columns, Estimate, GyroArc, Linearised, columns, gyro_arc, linearise, measured_times
+from gyrocal.estimation.arc import (
+    Columns,
+    Estimate,
+    GyroArc,
+    LinearisedMeasurements,
+    build_gyro_arc,
+    choose_columns,
+    linearise,
+    list_measured_times,
+)
 from gyrocal.estimation.batch import Weighting, batch
-from gyrocal.estimation.batch_observability import check_observable, direction_text, free_directions
-from gyrocal.estimation.least_squares import per_increment
+from gyrocal.estimation.batch_observability import check_observable, find_free_directions, format_free_direction
+from gyrocal.estimation.least_squares import accumulate_by_increment
 from gyrocal.recording import GyroStream
 from gyrocal.sensors.earth import EarthModel
 from gyrocal.sensors.series import SensorModel, SensorSeries
@@ -59,7 +68,7 @@ from gyrocal.sensors.sun import SunModel
 Array = NDArray[np.float64]
 
 COMMON_PART = 0.1  # of the plausible ranges: 0.1° of attitude, 0.05° of a sensor, 1 deg/h of bias
-CONSTANT = 0.05  # scatter of an attitude change along the arc, relative to its size, that still is one rotation
+SINGLE_ROTATION_SCATTER = 0.05  # scatter of an attitude change along the arc, relative to its size, that still is one rotation
 MAX_STEPS = 20
 
 
@@ -124,7 +133,7 @@ class AlignmentResult:
         return float(scipy.special.chdtrc(self.dof, self.loss_after))
 
 
-def together(
+def align_together(
     series: Sequence[SensorSeries],
     gyro: GyroStream,
     start: Array,
@@ -147,7 +156,7 @@ def together(
     UnobservableError, InputError
         As `gyrocal.estimation.batch.batch`, or the reference is unknown or freed.
     """
-    free = _freed(series, reference, free)
+    free = _select_free(series, reference, free)
     found = batch(series, gyro, start, free=free, epoch_s=epoch_s, weighting=weighting)
     q = len(found.names)
     return AlignmentResult(
@@ -164,11 +173,11 @@ def together(
         loss_after=found.chi2,
         dof=found.dof,
         rounds=1,
-        unobservable=_undetermined(series, gyro, found.models, found.epoch_s, found.attitude, found.bias),
+        unobservable=_find_undetermined(series, gyro, found.models, found.epoch_s, found.attitude, found.bias),
     )
 
 
-def in_two_steps(
+def align_in_two_steps(
     series: Sequence[SensorSeries],
     gyro: GyroStream,
     start: Array,
@@ -184,30 +193,30 @@ def in_two_steps(
 
     Parameters
     ----------
-    series, gyro, start, reference, free, epoch_s : as of `together`
+    series, gyro, start, reference, free, epoch_s : as of `align_together`
     rounds : how often to make both steps, R: once; None to repeat until the misalignments stay within the tolerance
     tolerance, max_rounds : largest last change of a parameter in sigmas, and bound on the rounds to it
 
     Raises
     ------
     UnobservableError, InputError
-        As `together`, or the repeated steps do not converge.
+        As `align_together`, or the repeated steps do not converge.
     """
     limit = max_rounds if rounds is None else rounds
     if limit < 1:
         raise InputError(f"at least one round is needed, not {limit}")
-    solved = columns(series, _freed(series, reference, free))
-    epoch = float(measured_times(series).min()) if epoch_s is None else float(epoch_s)
-    path = gyro_arc(gyro, np.append(measured_times(series), epoch), gyro.apriori_G)
+    solved = choose_columns(series, _select_free(series, reference, free))
+    epoch = float(list_measured_times(series).min()) if epoch_s is None else float(epoch_s)
+    path = build_gyro_arc(gyro, np.append(list_measured_times(series), epoch), gyro.apriori_G)
     at_epoch = path.node(np.array([epoch]))[0]
     attitude, present, losses = start, tuple(series), []
     for done in range(1, limit + 1):
         first = batch(present, gyro, attitude, epoch_s=epoch, weighting="plain")
         losses.append(first.chi2)
-        fixed = _carried_back(path, first.bias, epoch, first.attitude, first.models)
+        fixed = _propagate_back(path, first.bias, epoch, first.attitude, first.models)
         if done == 1:
             check_observable(linearise(path, series, fixed, solved).rows, fixed.C[0], solved.names)
-        estimate, state, change = _second_step(path, series, fixed, solved)
+        estimate, state, change = _solve_second_step(path, series, fixed, solved)
         attitude = state.R[at_epoch] @ estimate.C[at_epoch]
         present = tuple(replace(one, model=model) for one, model in zip(series, estimate.models, strict=True))
         L = _step_gain(state)
@@ -216,8 +225,8 @@ def in_two_steps(
     else:
         if rounds is None:
             raise InputError(f"the two steps did not converge in {limit} rounds; solve for all together")
-    gain, retained = _repeated(L, L @ state.rows.parameters[:, 3:], None if rounds is None else done)
-    walk = per_increment(state.rows, gain, len(path.t)) * path.q[:, None, None]
+    gain, retained = _repeat_rounds(L, L @ state.rows.parameters[:, 3:], None if rounds is None else done)
+    walk = accumulate_by_increment(state.rows, gain, len(path.t)) * path.q[:, None, None]
     walk_flat = walk.transpose(1, 0, 2).reshape(len(gain), -1)
     return AlignmentResult(
         algorithm="in two steps",
@@ -233,11 +242,11 @@ def in_two_steps(
         loss_after=state.rows.chi2,
         dof=len(state.rows.z) - 6 - len(solved.names),
         rounds=done,
-        unobservable=_undetermined(series, gyro, estimate.models, epoch, attitude, estimate.bias),
+        unobservable=_find_undetermined(series, gyro, estimate.models, epoch, attitude, estimate.bias),
     )
 
 
-def _freed(
+def _select_free(
     series: Sequence[SensorSeries], reference: str, free: Mapping[str, Sequence[str]] | None
 ) -> Mapping[str, Sequence[str]]:
     names = [one.model.name for one in series]
@@ -252,16 +261,16 @@ def _freed(
     return free
 
 
-def _carried_back(path: GyroArc, bias: Array, epoch: float, attitude: Array, models: tuple[SensorModel, ...]) -> Estimate:
+def _propagate_back(path: GyroArc, bias: Array, epoch: float, attitude: Array, models: tuple[SensorModel, ...]) -> Estimate:
     """The estimate of an attitude (3, 3) at the epoch and a bias."""
-    R, _ = path.carried(bias)
+    R, _ = path.propagate_nodes(bias)
     C = R[path.node(np.array([epoch]))[0]].T @ attitude
     return Estimate(np.tile(C, (len(path.t), 1, 1)), bias, models)
 
 
-def _second_step(
+def _solve_second_step(
     path: GyroArc, series: Sequence[SensorSeries], estimate: Estimate, solved: Columns
-) -> tuple[Estimate, Linearised, Array]:
+) -> tuple[Estimate, LinearisedMeasurements, Array]:
     """Misalignments with the attitude fixed but for κ; the estimate, its linearisation, and the change of the parameters."""
     total = np.zeros(len(solved.names))
     for _ in range(MAX_STEPS):
@@ -275,13 +284,13 @@ def _second_step(
     return estimate, linearise(path, series, estimate, solved), total
 
 
-def _step_columns(state: Linearised) -> Array:
+def _step_columns(state: LinearisedMeasurements) -> Array:
     """K = [H, D] (r, 3 + q)."""
     H = np.einsum("ri,rji->rj", state.rows.attitude, state.R[state.rows.node])
     return np.hstack([H, state.rows.parameters[:, 3:]])
 
 
-def _step_gain(state: Linearised) -> Array:
+def _step_gain(state: LinearisedMeasurements) -> Array:
     """L (q, r): misalignments of step two by residuals before step one."""
     X = np.hstack([state.rows.attitude, state.rows.parameters[:, :3]])
     Q, _ = np.linalg.qr(X / np.linalg.norm(X, axis=0))
@@ -289,7 +298,7 @@ def _step_gain(state: Linearised) -> Array:
     return np.asarray(gain - (gain @ Q) @ Q.T)
 
 
-def _repeated(L: Array, T: Array, rounds: int | None) -> tuple[Array, Array]:
+def _repeat_rounds(L: Array, T: Array, rounds: int | None) -> tuple[Array, Array]:
     """L_k and T_k after so many rounds, or at convergence."""
     q = len(T)
     if rounds is None:
@@ -301,7 +310,7 @@ def _repeated(L: Array, T: Array, rounds: int | None) -> tuple[Array, Array]:
     return np.asarray(total @ L), np.eye(q) - left
 
 
-def _undetermined(
+def _find_undetermined(
     series: Sequence[SensorSeries],
     gyro: GyroStream,
     models: tuple[SensorModel, ...],
@@ -310,14 +319,14 @@ def _undetermined(
     bias: Array,
 ) -> tuple[str, ...]:
     """What is free when every parameter of every sensor is."""
-    path = gyro_arc(gyro, np.append(measured_times(series), epoch), gyro.apriori_G)
-    solved = columns(series, {one.model.name: one.model.parameters for one in series})
-    estimate = _carried_back(path, bias, epoch, attitude, models)
+    path = build_gyro_arc(gyro, np.append(list_measured_times(series), epoch), gyro.apriori_G)
+    solved = choose_columns(series, {one.model.name: one.model.parameters for one in series})
+    estimate = _propagate_back(path, bias, epoch, attitude, models)
     state = linearise(path, series, estimate, solved)
-    return _in_words(free_directions(state.rows, COMMON_PART), state, estimate.C[0], solved.names)
+    return _format_directions(find_free_directions(state.rows, COMMON_PART), state, estimate.C[0], solved.names)
 
 
-def _in_words(directions: Array, state: Linearised, C: Array, names: tuple[str, ...]) -> tuple[str, ...]:
+def _format_directions(directions: Array, state: LinearisedMeasurements, C: Array, names: tuple[str, ...]) -> tuple[str, ...]:
     """Free directions (f, 3 + p): rotations that are one for the whole arc as rotations of all sensors, others by name."""
     if not len(directions):
         return ()
@@ -331,9 +340,9 @@ def _in_words(directions: Array, state: Linearised, C: Array, names: tuple[str, 
     texts = []
     for k in range(rank):
         along = np.einsum("f,fni->ni", mix[:, k], theta)
-        if np.sqrt(np.mean(np.sum((along - axes[k]) ** 2, axis=1))) < CONSTANT:
+        if np.sqrt(np.mean(np.sum((along - axes[k]) ** 2, axis=1))) < SINGLE_ROTATION_SCATTER:
             axis = "xyz"[k] if rank == 3 else "({:.3f}, {:.3f}, {:.3f})".format(*(axes[k] + 0.0))
             texts.append(f"a rotation of all sensors together about body {axis}")
         else:
-            texts.append(direction_text(mix[:, k] @ directions, C, names))
-    return (*texts, *(direction_text(U[:, k] @ directions, C, names) for k in range(rank, len(directions))))
+            texts.append(format_free_direction(mix[:, k] @ directions, C, names))
+    return (*texts, *(format_free_direction(U[:, k] @ directions, C, names) for k in range(rank, len(directions))))

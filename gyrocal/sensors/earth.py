@@ -41,7 +41,9 @@ Indices = NDArray[np.intp]
 
 EQUATORIAL_RADIUS, POLAR_RADIUS = 6378137.0, 6356752.314245  # m, WGS 84
 AZIMUTHS = np.deg2rad([45.0, 135.0, 225.0, 315.0])
-SIDES = np.sqrt(0.5) * np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0]])  # s of each quadrant
+QUADRANT_DIRECTIONS = np.sqrt(0.5) * np.array(
+    [[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0]]
+)  # s of each quadrant
 
 #: b_ESA that R found with M_DSS-1 = I, in the order printed there, rad. R lists the quadrants as NE, NW, SE, SW in the text
 #: but does not say that the biases are in that order, nor their sign. With the sign and the flight direction (+x forward)
@@ -130,17 +132,17 @@ class EarthModel:
 
     def predict(self, A: Array, rows: Indices) -> Array:
         """Expected penetration angles at attitudes (n, 3, 3); (n, 4), NaN where a scan plane misses the Earth."""
-        return np.asarray(_limb(self._cone(A, rows)) - self.sensor.nominal + self.sensor.biases)
+        return np.asarray(_compute_limb(self._compute_cone(A, rows)) - self.sensor.nominal + self.sensor.biases)
 
     def jacobian(self, A: Array, rows: Indices) -> Array:
         """∂y/∂θ for A → exp([θ×]) A; (n, 4, 3)."""
-        C = self._cone(A, rows)
-        eta = _limb(C)[..., None]
+        C = self._compute_cone(A, rows)
+        eta = _compute_limb(C)[..., None]
         pole = np.array([0.0, 0.0, 1.0])
-        e = np.sin(eta) * SIDES + np.cos(eta) * pole
-        along = np.cos(eta) * SIDES - np.sin(eta) * pole
+        e = np.sin(eta) * QUADRANT_DIRECTIONS + np.cos(eta) * pole
+        along = np.cos(eta) * QUADRANT_DIRECTIONS - np.sin(eta) * pole
         normal = e @ C  # C is symmetric
-        return np.asarray(_cross(e, normal) / (along * normal).sum(axis=-1, keepdims=True))
+        return np.asarray(_compute_cross(e, normal) / (along * normal).sum(axis=-1, keepdims=True))
 
     def partials(self, A: Array, rows: Indices) -> Array:
         """∂y/∂bias: unit matrices, (n, 4, 4)."""
@@ -150,22 +152,22 @@ class EarthModel:
         """The model with its biases moved by change (4,), rad."""
         return replace(self, sensor=replace(self.sensor, biases=self.sensor.biases + change))
 
-    def _cone(self, A: Array, rows: Indices) -> Array:
+    def _compute_cone(self, A: Array, rows: Indices) -> Array:
         C = self.sensor.cone(self.position[rows])
         return np.asarray(A @ C @ np.swapaxes(A, -1, -2))
 
 
-def _cross(a: Array, b: Array) -> Array:
+def _compute_cross(a: Array, b: Array) -> Array:
     """a × b of two (..., 3); `np.cross` takes several times as long for a few vectors, and a filter asks for four."""
     x, y, z, u, v, w = *np.moveaxis(a, -1, 0), *np.moveaxis(b, -1, 0)
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
-def _limb(C: Array) -> Array:
+def _compute_limb(C: Array) -> Array:
     """η of the four quadrants from the cone in the body; (n, 3, 3) → (n, 4)."""
     alpha = C[..., 2, 2][..., None]
-    beta = C[..., 2, :] @ SIDES.T
-    gamma = np.einsum("qi,...ij,qj->...q", SIDES, C, SIDES)
+    beta = C[..., 2, :] @ QUADRANT_DIRECTIONS.T
+    gamma = np.einsum("qi,...ij,qj->...q", QUADRANT_DIRECTIONS, C, QUADRANT_DIRECTIONS)
     square = beta**2 - alpha * gamma
     root = np.sqrt(np.where(square < 0, np.nan, square))
     return np.asarray(np.arctan2(beta + root, -gamma))

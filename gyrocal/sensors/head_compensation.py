@@ -20,7 +20,7 @@ At one α
     (boresight in the plane of the yaw update) nothing is left to compensate: c − 1 = −6e-6 and d = −4e-6 for DSS-2.
 
 The published (c, d)
-    `PUBLISHED` does not follow from `HEADS`. By (ii) d/(c − 1) = e₂/e₁ whatever α is: −0.18 (DSS-1) and +0.30 (DSS-2), but
+    `PUBLISHED_COMPENSATION` does not follow from `HEAD_ANGLES`. By (ii) d/(c − 1) = e₂/e₁ whatever α is: −0.18 (DSS-1) and +0.30 (DSS-2), but
     +1.81 and −2.30 are published, of the other sign in both and 8 to 10 times as large. They move β by 0.005° (DSS-1) and
     0.003° (DSS-2) at most, a tenth of the 0.06° by which R's yaw update fell when they went up. Head angles can matter that
     much: at tan α = 0.36, (ii) of DSS-2 is c = 1.0013, d = 0.00038, which moves β by 0.02° at the boresight and by 0.05° at
@@ -46,11 +46,11 @@ class Compensation:
 
 
 # R: alignment records of the β heads, 2-3-1 Euler angles in rad, and the (c, d) said to follow from them.
-HEADS = {"DSS-1": np.deg2rad([0.044, -0.008, 0.067]), "DSS-2": np.deg2rad([0.206, 0.061, 0.182])}
-PUBLISHED = {"DSS-1": Compensation(1.000047, 0.000085), "DSS-2": Compensation(0.999977, 0.000053)}
+HEAD_ANGLES = {"DSS-1": np.deg2rad([0.044, -0.008, 0.067]), "DSS-2": np.deg2rad([0.206, 0.061, 0.182])}
+PUBLISHED_COMPENSATION = {"DSS-1": Compensation(1.000047, 0.000085), "DSS-2": Compensation(0.999977, 0.000053)}
 
 
-def at_alpha(head: Array, alpha: float) -> Compensation:
+def compute_compensation(head: Array, alpha: float) -> Compensation:
     """(c, d) that are exact at one α, (ii), once e₃ is taken out of β'.
 
     Parameters

@@ -90,17 +90,19 @@ class SensorSeries:
             if values.shape != expected:
                 raise InputError(f"{name}: the {field} must be {expected}, not {values.shape}")
         if not np.isfinite(self.t).all():
-            raise InputError(f"{name}: row {_first(~np.isfinite(self.t))}: the time is not finite")
+            raise InputError(f"{name}: row {_find_first(~np.isfinite(self.t))}: the time is not finite")
         backward = np.diff(self.t, prepend=-np.inf) <= 0
         if backward.any():
-            k = _first(backward)
+            k = _find_first(backward)
             raise InputError(f"{name}: row {k}: times must ascend, {self.t[k]:.9g} s follows {self.t[k - 1]:.9g} s")
         improper = ~(self.sigma > 0).all(axis=1)  # a NaN is improper too
         if improper.any():
-            raise InputError(f"{name}: row {_first(improper)}: sigma must be positive, or infinite for a number not to be used")
+            raise InputError(
+                f"{name}: row {_find_first(improper)}: sigma must be positive, or infinite for a number not to be used"
+            )
         missing = (~np.isfinite(self.y) & self.used).any(axis=1)
         if missing.any():
-            raise InputError(f"{name}: row {_first(missing)}: a measurement is not finite but its sigma is")
+            raise InputError(f"{name}: row {_find_first(missing)}: a measurement is not finite but its sigma is")
 
     @property
     def used(self) -> NDArray[np.bool_]:
@@ -108,5 +110,5 @@ class SensorSeries:
         return np.isfinite(self.sigma)
 
 
-def _first(mask: npt.ArrayLike) -> int:
+def _find_first(mask: npt.ArrayLike) -> int:
     return int(np.argmax(mask))

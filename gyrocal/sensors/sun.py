@@ -38,11 +38,11 @@ Indices = NDArray[np.intp]
 
 # R publishes the form of (5) and no coefficients. These are made up: 14-bit counts with the boresight at their middle,
 # 0.0083° a count there, sines of 0.02° and 0.01°.
-ALPHA = (-1.1918, 1.4549e-4, 3.5e-4, 1.5340e-3, 0.40, 1.7e-4, 6.1359e-3, 1.10, 2.6e-4)
-BETA = (-1.1925, 1.4556e-4, 3.1e-4, 1.5340e-3, 2.30, 2.0e-4, 6.1359e-3, 0.20, -1.9e-4)
-HALF_FOV = float(np.deg2rad(48.0))  # R: 96° about a head's boresight
-TILT = float(np.deg2rad(20.0))  # of the boresights, not published
-SIGMA = float(np.deg2rad(0.0056))  # 0.005° of noise (not published) and 0.0083°/sqrt(12) of quantisation
+ALPHA_COEFFICIENTS = (-1.1918, 1.4549e-4, 3.5e-4, 1.5340e-3, 0.40, 1.7e-4, 6.1359e-3, 1.10, 2.6e-4)
+BETA_COEFFICIENTS = (-1.1925, 1.4556e-4, 3.1e-4, 1.5340e-3, 2.30, 2.0e-4, 6.1359e-3, 0.20, -1.9e-4)
+HEAD_HALF_FOV = float(np.deg2rad(48.0))  # R: 96° about a head's boresight
+BORESIGHT_TILT = float(np.deg2rad(20.0))  # of the boresights, not published
+SUN_ANGLE_SIGMA = float(np.deg2rad(0.0056))  # 0.005° of noise (not published) and 0.0083°/sqrt(12) of quantisation
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,10 @@ class SunSensor:
     name: str
     alignment: Array
     misalignment: Array = field(default_factory=lambda: np.eye(3))
-    coefficients_alpha: Array = field(default_factory=lambda: np.array(ALPHA))
-    coefficients_beta: Array = field(default_factory=lambda: np.array(BETA))
-    half_fov: float = HALF_FOV
-    sigma: float = SIGMA
+    coefficients_alpha: Array = field(default_factory=lambda: np.array(ALPHA_COEFFICIENTS))
+    coefficients_beta: Array = field(default_factory=lambda: np.array(BETA_COEFFICIENTS))
+    half_fov: float = HEAD_HALF_FOV
+    sigma: float = SUN_ANGLE_SIGMA
 
     def __post_init__(self) -> None:
         for what, shape in (
@@ -94,7 +94,10 @@ class SunSensor:
     def angles(self, counts: npt.ArrayLike) -> Array:
         """(α, β) of counts (n, 2) by R (5), rad; (n, 2)."""
         N = np.asarray(counts, dtype=float)
-        return np.stack([_transfer(N[..., 0], self.coefficients_alpha), _transfer(N[..., 1], self.coefficients_beta)], axis=-1)
+        return np.stack(
+            [_evaluate_transfer(N[..., 0], self.coefficients_alpha), _evaluate_transfer(N[..., 1], self.coefficients_beta)],
+            axis=-1,
+        )
 
     def in_view(self, angles: Array) -> NDArray[np.bool_]:
         """(n,) both angles (n, 2) within the field of view."""
@@ -116,19 +119,19 @@ class SunSensor:
         return SensorSeries(SunModel(self, sun), t, angles, sigma)
 
 
-def _transfer(N: Array, k: Array) -> Array:
+def _evaluate_transfer(N: Array, k: Array) -> Array:
     bracket = k[0] + k[1] * N + k[2] * np.sin(k[3] * N + k[4]) + k[5] * np.sin(k[6] * N + k[7])
     return np.asarray(np.arctan(bracket) + k[8])
 
 
-def vector(angles: Array) -> Array:
+def compute_direction(angles: Array) -> Array:
     """Unit vectors O (n, 3) in the sensor frame of angles (α, β) (n, 2) rad, R (4)."""
     tangents = np.tan(angles)
     along = np.concatenate([tangents, np.ones((*tangents.shape[:-1], 1))], axis=-1)
     return np.asarray(along / np.linalg.norm(along, axis=-1, keepdims=True))
 
 
-def angles_of(observed: Array) -> Array:
+def compute_angles(observed: Array) -> Array:
     """(α, β) (n, 2) rad of directions O (n, 3) in the sensor frame, O_z > 0; the inverse of R (4)."""
     x, y, z = observed[..., 0], observed[..., 1], observed[..., 2]
     return np.stack([np.arctan2(x, z), np.arctan2(y, z)], axis=-1)
@@ -156,29 +159,29 @@ class SunModel:
 
     def predict(self, A: Array, rows: Indices) -> Array:
         """(α, β) at attitudes A (n, 3, 3), rad; (n, 2)."""
-        return angles_of(self._nominal(A, rows) @ self.sensor.misalignment)
+        return compute_angles(self._compute_nominal(A, rows) @ self.sensor.misalignment)
 
     def jacobian(self, A: Array, rows: Indices) -> Array:
         """∂(α, β)/∂θ; (n, 2, 3)."""
         to_sensor = (self.sensor.alignment @ self.sensor.misalignment).T
         body = np.einsum("nij,nj->ni", A, self.sun[rows])
-        return self._angle_rates(body @ to_sensor.T) @ (to_sensor @ -cross_matrix(body))
+        return self._compute_angle_rates(body @ to_sensor.T) @ (to_sensor @ -cross_matrix(body))
 
     def partials(self, A: Array, rows: Indices) -> Array:
         """∂(α, β)/∂m; (n, 2, 3)."""
-        M, nominal = self.sensor.misalignment, self._nominal(A, rows)
-        return self._angle_rates(nominal @ M) @ (M.T @ cross_matrix(nominal))
+        M, nominal = self.sensor.misalignment, self._compute_nominal(A, rows)
+        return self._compute_angle_rates(nominal @ M) @ (M.T @ cross_matrix(nominal))
 
     def corrected(self, change: Array) -> SunModel:
         """The model with M → exp([m×]) M, change m (3,) rad."""
         return replace(self, sensor=replace(self.sensor, misalignment=rotation_matrix(change) @ self.sensor.misalignment))
 
-    def _nominal(self, A: Array, rows: Indices) -> Array:
+    def _compute_nominal(self, A: Array, rows: Indices) -> Array:
         """Nᵀ A r (n, 3), the Sun in the nominal sensor frame."""
         return np.asarray(np.einsum("nij,nj->ni", A, self.sun[rows]) @ self.sensor.alignment)
 
     @staticmethod
-    def _angle_rates(observed: Array) -> Array:
+    def _compute_angle_rates(observed: Array) -> Array:
         """∂(α, β)/∂O; (n, 2, 3)."""
         x, y, z = observed.T
         out = np.zeros((len(observed), 2, 3))
@@ -187,7 +190,7 @@ class SunModel:
         return out
 
 
-def trmm_sun_sensors(tilt: float = TILT, elevation: float = 0.0) -> tuple[SunSensor, SunSensor]:
+def trmm_sun_sensors(tilt: float = BORESIGHT_TILT, elevation: float = 0.0) -> tuple[SunSensor, SunSensor]:
     """TRMM's two sensors with no misalignment; sensor and body axes as follows.
 
     The boresight z lies in the body's XY plane, `tilt` rad from +X (DSS-1) or −X (DSS-2) toward −Y, where the Sun is kept. y

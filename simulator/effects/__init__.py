@@ -22,10 +22,10 @@ from simulator.effects.base import (
     Trial,
 )
 from simulator.effects.builtin import BUILT_IN
-from simulator.effects.flight_mode import directions_flown
-from simulator.effects.recorded import references_of, stream_of, surroundings_of
+from simulator.effects.flight_mode import find_flight_directions
+from simulator.effects.recording_view import extract_references, extract_stream, extract_surroundings
 from simulator.effects.registry import ALL_EFFECTS, ARRAY_EFFECTS, EFFECTS, REGISTRY, TRACKER_EFFECTS, Registry
-from simulator.effects.settings import described, parse, setting
+from simulator.effects.settings import parse, setting, tabulate_setting
 
 __all__ = [
     "ALL_EFFECTS",
@@ -48,11 +48,11 @@ __all__ = [
     "Stream",
     "Surroundings",
     "Trial",
-    "described",
-    "directions_flown",
+    "extract_references",
+    "extract_stream",
+    "extract_surroundings",
+    "find_flight_directions",
     "parse",
-    "references_of",
     "setting",
-    "stream_of",
-    "surroundings_of",
+    "tabulate_setting",
 ]

@@ -27,7 +27,7 @@ from simulator.arrays import Flags
 Value = float | str
 Parameters = Mapping[str, Value]
 
-AXES = ("x", "y", "z")
+AXIS_NAMES = ("x", "y", "z")
 
 
 class Stage(NamedTuple):
@@ -276,7 +276,7 @@ class Trial:
     weight: float = 1.0
 
 
-def absent(method: Method) -> Method:
+def mark_absent(method: Method) -> Method:
     """Mark a method as not implemented; `Effect.implements` is false until a subclass gives its own."""
     setattr(method, "absent", True)  # noqa: B010 - a function has no such attribute for the type checker
     return method
@@ -318,7 +318,7 @@ class Effect:
     stage: str
     prior: tuple[float, float]
     bounds: tuple[float, float] = (-1e9, 1e9)
-    axes: tuple[str, ...] = AXES
+    axes: tuple[str, ...] = AXIS_NAMES
     axis_optional: bool = False
     parameters: tuple[Parameter, ...] = ()
     meaning: str = ""
@@ -381,12 +381,12 @@ class Effect:
 
     # ---- what it does, by stage ------------------------------------------------------------------------------------------
 
-    @absent
+    @mark_absent
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """What is added to the raw reading per unit of each linear amplitude, (n, 3, k) rad/s."""
         raise NotImplementedError(f"{self.name} has no columns on the rates")
 
-    @absent
+    @mark_absent
     def reference_columns(self, references: References, axis: str | None, parameters: Parameters) -> Array:
         """Error angle e of the references per unit of each linear amplitude, (m, 3, k) rad."""
         raise NotImplementedError(f"{self.name} has no columns on the references")
@@ -399,32 +399,32 @@ class Effect:
         """Size, and the parameters that the amplitudes hold."""
         return float(amplitudes[0]), {}
 
-    @absent
+    @mark_absent
     def wander(self, rng: np.random.Generator, stream: Stream, setting: Setting) -> Array:
         """Random error of the raw rates, (n, 3) rad/s."""
         raise NotImplementedError(f"{self.name} is no random process on the rates")
 
-    @absent
+    @mark_absent
     def retimed(self, raw: Array, stream: Stream, setting: Setting) -> Array:
         """Noise-free raw rates with the fault in their timing, (n, 3) rad/s."""
         raise NotImplementedError(f"{self.name} does not act on timing")
 
-    @absent
+    @mark_absent
     def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
         """Raw samples (n, 3), rad/s, as they are put out."""
         raise NotImplementedError(f"{self.name} does not act on samples")
 
-    @absent
+    @mark_absent
     def noise_factor(self, setting: Setting) -> Array:
         """What the white noise of each axis is multiplied by, (3,)."""
         raise NotImplementedError(f"{self.name} is no factor on white noise")
 
-    @absent
+    @mark_absent
     def reference_wander(self, rng: np.random.Generator, references: References, setting: Setting) -> Array:
         """Random error e of the references, (m, 3) rad."""
         raise NotImplementedError(f"{self.name} is no random process on the references")
 
-    @absent
+    @mark_absent
     def replace_references(
         self, rng: np.random.Generator, quaternions: Array, references: References, setting: Setting
     ) -> Array:
@@ -433,7 +433,7 @@ class Effect:
 
     # ---- how a diagnosis tries it ----------------------------------------------------------------------------------------
 
-    @absent
+    @mark_absent
     def covariance(self, at: ProcessTimes, parameters: Parameters) -> Array:
         """Covariance (c, c) of a random process on one axis per unit size², (rad/s)² on the rates, rad² on the references."""
         raise NotImplementedError(f"{self.name} is no random process")
@@ -451,12 +451,12 @@ class Effect:
         """Why it cannot act on, or be seen in, a recording; None if it can."""
         return self.requirement(around) if self.requirement else None
 
-    @absent
+    @mark_absent
     def detect(self, view: SampleView) -> Sequence[Detection]:
         """What a test of its own finds in the samples; for effects that no `symptom` shows."""
         return ()
 
-    @absent
+    @mark_absent
     def find_faults(self, around: Surroundings) -> Sequence[Fault]:
         """Find stretches without a rate or an attitude, from samples and references as recorded at the a-priori calibration."""
         return ()

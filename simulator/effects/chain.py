@@ -17,16 +17,16 @@ import numpy as np
 
 from gyrocal.errors import InputError
 from simulator.effects.base import STAGES, Array, Effect, Setting, Surroundings
-from simulator.effects.gyros import check_gyro, of_one, standing_in
+from simulator.effects.gyros import check_gyro, replace_axis, select_gyro
 from simulator.effects.registry import REGISTRY
-from simulator.effects.tracker.base import rows_of
-from simulator.sensors.gyro import with_white_noise
+from simulator.effects.tracker.base import find_tracker_rows
+from simulator.sensors.gyro import add_white_noise
 from simulator.streams import generator
-from simulator.truth.rotation import perturbed
+from simulator.truth.rotation import apply_rotation_errors
 
 
 @dataclass(frozen=True)
-class Active:
+class ActiveEffect:
     """An effect at work: its definition, its numbers and its random stream."""
 
     effect: Effect
@@ -34,7 +34,7 @@ class Active:
     rng: np.random.Generator
 
 
-def activated(settings: Sequence[Setting], seed: int, case: int) -> list[Active]:
+def prepare_effects(settings: Sequence[Setting], seed: int, case: int) -> list[ActiveEffect]:
     """Effects with their random streams."""
     seen: Counter[str] = Counter()
     out = []
@@ -45,47 +45,47 @@ def activated(settings: Sequence[Setting], seed: int, case: int) -> list[Active]
         effect = REGISTRY[setting.effect]
         if effect.stage == "sensor":
             raise InputError(f"{label}: acts on raw sensor tables, not on rates and references")
-        out.append(Active(effect, setting, generator(seed, case, f"effect:{name}")))
+        out.append(ActiveEffect(effect, setting, generator(seed, case, f"effect:{name}")))
     return out
 
 
-def readings(around: Surroundings, active: Sequence[Active], rng: np.random.Generator | None) -> Array:
+def simulate_readings(around: Surroundings, active: Sequence[ActiveEffect], rng: np.random.Generator | None) -> Array:
     """Raw samples as recorded, (n, gyros) rad/s; rng is the source of the white noise, None for none."""
     raw = around.stream.raw
     for stage in STAGES:
         if stage.name == "white_noise":
-            raw = raw + _white_noise(around, active, rng)
+            raw = raw + _draw_white_noise(around, active, rng)
             continue
-        for one in _at(active, stage.name):
+        for one in _select_stage(active, stage.name):
             if one.effect.of_trackers:  # whose name is no gyro's
                 continue
-            raw = _passed(one, raw, around, stage.calls)
+            raw = _apply_effect(one, raw, around, stage.calls)
     return raw
 
 
-def _passed(one: Active, raw: Array, around: Surroundings, method: str) -> Array:
+def _apply_effect(one: ActiveEffect, raw: Array, around: Surroundings, method: str) -> Array:
     """Raw readings behind one effect."""
     check_gyro(one.setting, one.effect, around.stream.gyros)
     if around.stream.axes is None:
-        return _through(one, raw, around, method)
+        return _apply_method(one, raw, around, method)
     out = raw.copy()
     for column, name in enumerate(around.stream.gyros):
         if one.setting.axis not in (None, name):
             continue
         # What has no axis at all, such as late tags or lost samples, is common to all gyros, and so are its draws.
         rng = one.rng if one.effect.axes else copy.deepcopy(one.rng)
-        alone = replace(one, setting=standing_in(one.setting), rng=rng)
-        own = replace(around, stream=of_one(around.stream, column))
+        alone = replace(one, setting=replace_axis(one.setting), rng=rng)
+        own = replace(around, stream=select_gyro(around.stream, column))
         shown = np.zeros((len(raw), 3))
         shown[:, 0] = raw[:, column]
-        out[:, column] = _through(alone, shown, own, method)[:, 0]
+        out[:, column] = _apply_method(alone, shown, own, method)[:, 0]
     return out
 
 
-def _through(one: Active, raw: Array, around: Surroundings, method: str) -> Array:
+def _apply_method(one: ActiveEffect, raw: Array, around: Surroundings, method: str) -> Array:
     if method == "columns":
         _check_step_time(one, around)
-        return raw + _seen(one, around, one.effect.columns(around.stream, one.setting.axis, one.setting.parameters))
+        return raw + _evaluate_columns(one, around, one.effect.columns(around.stream, one.setting.axis, one.setting.parameters))
     if method == "wander":
         return raw + one.effect.wander(one.rng, around.stream, one.setting)
     if method == "retimed":
@@ -95,43 +95,43 @@ def _through(one: Active, raw: Array, around: Surroundings, method: str) -> Arra
     return raw
 
 
-def _white_noise(around: Surroundings, active: Sequence[Active], rng: np.random.Generator | None) -> Array:
+def _draw_white_noise(around: Surroundings, active: Sequence[ActiveEffect], rng: np.random.Generator | None) -> Array:
     gyros = around.stream.gyros
     if rng is None:
         return np.zeros(len(gyros))
     factor = np.ones(len(gyros))
-    for one in _at(active, "white_noise"):
+    for one in _select_stage(active, "white_noise"):
         check_gyro(one.setting, one.effect, gyros)
         if around.stream.axes is None:
             factor *= one.effect.noise_factor(one.setting)
         else:
             on = [one.setting.axis in (None, name) for name in gyros]
-            factor[on] *= one.effect.noise_factor(standing_in(one.setting))[0]
-    return with_white_noise(rng, np.zeros_like(around.stream.raw), around.arw, around.stream.duration_s) * factor
+            factor[on] *= one.effect.noise_factor(replace_axis(one.setting))[0]
+    return add_white_noise(rng, np.zeros_like(around.stream.raw), around.arw, around.stream.duration_s) * factor
 
 
-def referenced(around: Surroundings, active: Sequence[Active], rng: np.random.Generator | None) -> Array:
+def simulate_references(around: Surroundings, active: Sequence[ActiveEffect], rng: np.random.Generator | None) -> Array:
     """Reference attitudes as recorded, (m, 4); rng is the source of the white errors, None for none."""
     references = around.references
     error = np.zeros((len(references.t_s), 3))
     if rng is not None:
-        error = rng.standard_normal(error.shape) * around.reference_sigma * _reference_factor(around, active)
+        error = rng.standard_normal(error.shape) * around.reference_sigma * _compute_reference_factor(around, active)
         if references.trackers is not None:
             error = np.einsum("mji,mj->mi", references.trackers.to_axes, error)  # drawn about the axes of each sensor
     for one in active:
         if one.effect.stage == "reference":
             _check_step_time(one, around)
             columns = one.effect.reference_columns(references, one.setting.axis, one.setting.parameters)
-            error = error + _seen(one, around, columns)
+            error = error + _evaluate_columns(one, around, columns)
         elif one.effect.stage == "random_reference":
             error = error + one.effect.reference_wander(one.rng, references, one.setting)
-    shown = perturbed(references.quaternions, error) if error.any() else references.quaternions
-    for one in _at(active, "reference_telemetry"):
+    shown = apply_rotation_errors(references.quaternions, error) if error.any() else references.quaternions
+    for one in _select_stage(active, "reference_telemetry"):
         shown = one.effect.replace_references(one.rng, shown, references, one.setting)
     return shown
 
 
-def _at(active: Sequence[Active], stage: str) -> list[Active]:
+def _select_stage(active: Sequence[ActiveEffect], stage: str) -> list[ActiveEffect]:
     """The effects at one stage; those that do not simply add up are in the order of the registry, others come after them."""
     here = [one for one in active if one.effect.stage == stage]
     if len(here) > 1 and here[0].effect.implements("apply"):
@@ -140,18 +140,18 @@ def _at(active: Sequence[Active], stage: str) -> list[Active]:
     return here
 
 
-def _reference_factor(around: Surroundings, active: Sequence[Active]) -> Array:
+def _compute_reference_factor(around: Surroundings, active: Sequence[ActiveEffect]) -> Array:
     """What the white errors of the references are multiplied by, (3,) or (m, 3)."""
     factor = np.ones(3)
-    for one in sorted(_at(active, "reference_noise"), key=lambda one: one.effect.of_trackers):
+    for one in sorted(_select_stage(active, "reference_noise"), key=lambda one: one.effect.of_trackers):
         own = one.effect.noise_factor(one.setting)
         if one.effect.of_trackers:
-            own = np.where(rows_of(around.references, str(one.setting.axis), one.effect)[:, None], own, 1.0)
+            own = np.where(find_tracker_rows(around.references, str(one.setting.axis), one.effect)[:, None], own, 1.0)
         factor = factor * own
     return factor
 
 
-def _seen(one: Active, around: Surroundings, columns: Array) -> Array:
+def _evaluate_columns(one: ActiveEffect, around: Surroundings, columns: Array) -> Array:
     """Columns times amplitudes; an effect that could not act here is an error rather than silently nothing."""
     if not np.isfinite(columns).all() or not columns.any():
         reason = one.effect.missing(around) or "what it follows is zero throughout"
@@ -159,7 +159,7 @@ def _seen(one: Active, around: Surroundings, columns: Array) -> Array:
     return np.asarray(columns @ one.effect.amplitudes(one.setting))
 
 
-def _check_step_time(one: Active, around: Surroundings) -> None:
+def _check_step_time(one: ActiveEffect, around: Surroundings) -> None:
     """A step before the first sample or after the last is none."""
     if not one.effect.switched:
         return

@@ -6,11 +6,11 @@ from itertools import pairwise
 import numpy as np
 import scipy.special
 
-from gyrocal.compiled import compiled
 from gyrocal.errors import InputError
+from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array
 from simulator.effects.base import (
-    AXES,
+    AXIS_NAMES,
     Parameter,
     Parameters,
     SampleTests,
@@ -25,24 +25,24 @@ from simulator.effects.base import log_uniform as log_uniform
 
 DEG = float(np.deg2rad(1.0))  # rad
 DEG_H = DEG / 3600  # rad/s
-ARCSEC = DEG / 3600  # rad
+RAD_PER_ARCSEC = DEG / 3600  # rad
 PPM = 1e-6
 DAY = 86400.0
 HOUR = 3600.0
 DISTINCT = 0.7  # share of the readings that differ, from where on they count as a lattice
-HOLE = 0.5  # of a sample: a longer pause between two samples separates them
+PAUSE_SAMPLES = 0.5  # of a sample: a longer pause between two samples separates them
 
 STEP_INSIDE = 0.7  # of the drawn steps fall into an interval, the rest into the gaps
 
 
-def any_phase(rng: np.random.Generator, around: Surroundings) -> Value:
+def draw_phase(rng: np.random.Generator, around: Surroundings) -> Value:
     """A phase, deg."""
     return float(rng.uniform(-180.0, 180.0))
 
 
-def any_step_time(rng: np.random.Generator, around: Surroundings) -> Value:
+def draw_step_time(rng: np.random.Generator, around: Surroundings) -> Value:
     """Time of a step: inside an interval, the longer ones more often, or in the middle of a gap between two."""
-    begin, end = spans(around.stream)
+    begin, end = list_spans(around.stream)
     if rng.random() < STEP_INSIDE or len(begin) == 1:
         length = end - begin
         chosen = int(rng.choice(len(begin), p=length / length.sum()))
@@ -51,12 +51,14 @@ def any_step_time(rng: np.random.Generator, around: Surroundings) -> Value:
     return float(0.5 * (end[gap] + begin[gap + 1]))
 
 
-TIME = Parameter("time_s", "s", None, "time of the step since the epoch", -1e12, 1e12, draw=any_step_time)
-TOWARD = Parameter("toward", "", None, "body axis whose rate is picked up", choices=AXES, draw=AXES, tried=AXES)
-PHASE = Parameter("phase_deg", "deg", 0.0, "phase at the epoch", -360.0, 360.0, draw=any_phase)
+TIME_PARAMETER = Parameter("time_s", "s", None, "time of the step since the epoch", -1e12, 1e12, draw=draw_step_time)
+TOWARD = Parameter(
+    "toward", "", None, "body axis whose rate is picked up", choices=AXIS_NAMES, draw=AXIS_NAMES, tried=AXIS_NAMES
+)
+PHASE = Parameter("phase_deg", "deg", 0.0, "phase at the epoch", -360.0, 360.0, draw=draw_phase)
 
 
-def spans(stream: Stream) -> tuple[Array, Array]:
+def list_spans(stream: Stream) -> tuple[Array, Array]:
     """Start and stop of each interval's samples, s; (intervals,) each."""
     begin = [stream.t_s[part.start] - 0.5 * stream.duration_s[part.start] for part in stream.intervals]
     end = [stream.t_s[part.stop - 1] + 0.5 * stream.duration_s[part.stop - 1] for part in stream.intervals]
@@ -70,17 +72,17 @@ def number(parameters: Parameters, name: str) -> float:
 
 def index(axis: str | None) -> int:
     """0, 1 or 2 of an axis that must be given."""
-    if axis not in AXES:
+    if axis not in AXIS_NAMES:
         raise InputError(f"axis {axis}: must be one of x, y, z")
-    return AXES.index(axis)
+    return AXIS_NAMES.index(axis)
 
 
-def chosen(axis: str | None) -> list[int]:
+def select_axes(axis: str | None) -> list[int]:
     """Indices of an optional axis: all if it is not given."""
     return [0, 1, 2] if axis is None else [index(axis)]
 
 
-def on_axis(values: Array, axis: str | None) -> Array:
+def put_on_axis(values: Array, axis: str | None) -> Array:
     """Time functions (n,) or (n, k) put on one axis, (n, 3, k)."""
     values = values.reshape(len(values), -1)
     out = np.zeros((len(values), 3, values.shape[1]))
@@ -88,7 +90,7 @@ def on_axis(values: Array, axis: str | None) -> Array:
     return out
 
 
-def share_after(stream: Stream, time_s: float) -> Array:
+def compute_share_after(stream: Stream, time_s: float) -> Array:
     """Share of each sample that is after a time, (n,): the mean of H(t − time_s) over the sample."""
     return np.asarray(np.clip((stream.t_s + 0.5 * stream.duration_s - time_s) / stream.duration_s, 0.0, 1.0))
 
@@ -105,18 +107,18 @@ def phase_amplitudes(setting: Setting) -> Array:
     return setting.size * np.array([np.cos(phase), np.sin(phase)])
 
 
-def from_phase_amplitudes(amplitudes: Array) -> tuple[float, dict[str, Value]]:
+def convert_phase_amplitudes(amplitudes: Array) -> tuple[float, dict[str, Value]]:
     """Size ≥ 0 and phase, the reverse of `phase_amplitudes`."""
     return float(np.hypot(*amplitudes)), {"phase_deg": float(np.rad2deg(np.arctan2(amplitudes[1], amplitudes[0])))}
 
 
-def runs(stream: Stream) -> list[slice]:
+def list_runs(stream: Stream) -> list[slice]:
     """Stretches of samples that follow one another without a hole, none longer than an interval."""
     end = stream.t_s + 0.5 * stream.duration_s
     begin = stream.t_s - 0.5 * stream.duration_s
     out = []
     for part in stream.intervals:
-        holes = np.flatnonzero(begin[part][1:] - end[part][:-1] > HOLE * stream.duration_s[part][:-1]) + 1
+        holes = np.flatnonzero(begin[part][1:] - end[part][:-1] > PAUSE_SAMPLES * stream.duration_s[part][:-1]) + 1
         edges = [part.start, *(part.start + holes), part.stop]
         out += [slice(int(a), int(b)) for a, b in pairwise(edges) if b > a]
     return out
@@ -141,7 +143,7 @@ def markov(t_s: Array, time_constant_s: float) -> Array:
     return np.asarray(np.exp(lag, out=lag))
 
 
-def reference_arc(around: Surroundings) -> tuple[float, float]:
+def measure_reference_arc(around: Surroundings) -> tuple[float, float]:
     """Median spacing of the references, s, infinite without a series; and the longest interval that they cover, s."""
     references = around.references
     inside = (np.diff(references.interval) == 0) & (np.diff(references.t_s) > 0)
@@ -151,7 +153,7 @@ def reference_arc(around: Surroundings) -> tuple[float, float]:
     return float(np.median(np.diff(references.t_s)[inside])), longest
 
 
-def time_constants(low: float, high: float, ratio: float, most: int = 100) -> tuple[Trial, ...]:
+def list_time_constants(low: float, high: float, ratio: float, most: int = 100) -> tuple[Trial, ...]:
     """Trials of ``time_constant_s`` from low to high, s, a ratio apart or more and even in their logarithm."""
     if not high > low:
         return ()
@@ -163,7 +165,7 @@ def time_constants(low: float, high: float, ratio: float, most: int = 100) -> tu
 def build_factor(axis: str | None, size: float) -> Array:
     """A factor on the noise of one axis, or of all, (3,)."""
     factor = np.ones(3)
-    factor[chosen(axis)] = size
+    factor[select_axes(axis)] = size
     return factor
 
 
@@ -193,7 +195,7 @@ def no_orbit(around: Surroundings) -> str | None:
     return None if np.isfinite(around.stream.orbit_period_s) else "the recording does not state its orbit's period"
 
 
-def noncentrality(point: float, degrees: int, power: float) -> float:
+def compute_noncentrality(point: float, degrees: int, power: float) -> float:
     """Of a χ² that passes a point with some probability."""
     return float(scipy.special.chndtrinc(point, degrees, 1 - power))
 
@@ -201,12 +203,12 @@ def noncentrality(point: float, degrees: int, power: float) -> float:
 def round_to_multiples(samples: Array, axis: str | None, step: float, rounded: Callable[[Array], Array]) -> Array:
     """Samples (n, 3) with one axis, or all, at whole multiples of a step."""
     out = samples.copy()
-    axes = chosen(axis)
+    axes = select_axes(axis)
     out[:, axes] = rounded(samples[:, axes] / step) * step
     return out
 
 
-def smallest_steps(around: Surroundings, tests: SampleTests) -> list[Smallest]:
+def find_smallest_steps(around: Surroundings, tests: SampleTests) -> list[Smallest]:
     """Of readings that are multiples of a step: one on which many fall together, and that is not far below the noise."""
     sigma = around.sample_sigma_deg
     raw = np.rad2deg(around.stream.raw)
@@ -216,11 +218,11 @@ def smallest_steps(around: Surroundings, tests: SampleTests) -> list[Smallest]:
     for axis in range(3):
         few = [np.unique(np.round(x[:, axis] / step)).size <= DISTINCT * len(x) for step in steps]
         step = float(steps[int(np.argmax(few))]) if any(few) else np.inf
-        out.append(Smallest(AXES[axis], max(step, tests.coarse * sigma), "exact: readings are multiples of it"))
+        out.append(Smallest(AXIS_NAMES[axis], max(step, tests.coarse * sigma), "exact: readings are multiples of it"))
     return out
 
 
-@compiled
+@compile_cached
 def recursion(decay: Array, drive: Array) -> Array:  # pragma: no cover - compiled
     """x_k = decay_k x_{k−1} + drive_k from x_{−1} = 0, (n,)."""
     out = np.empty_like(drive)

@@ -13,19 +13,19 @@ not matter. An interval whose `forward` is given is taken at its word; what its 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.recording import GyroStream, Interval, Recording, reference_rows, triad
+from gyrocal.recording import GyroStream, Interval, Recording, find_reference_rows, triad
 from simulator.arrays import Flags
 from simulator.effects.base import Array
 
 SHORTEST_S = 10.0  # to either side of a reference; half a transition to an inertial hold
 LONGEST_S = 150.0
-NOISE = 0.05  # of orbit rate: the rate must be known as well as that
-NEAR = 0.25  # of orbit rate: how far the rate may be from that of pointing to nadir, and about z from no turn
-AXES = np.array(["+x", "-x", "+y", "-y"])
-DIRECTIONS = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+RATE_NOISE_LIMIT = 0.05  # of orbit rate: the rate must be known as well as that
+NADIR_RATE_TOLERANCE = 0.25  # of orbit rate: how far the rate may be from that of pointing to nadir, and about z from no turn
+FLIGHT_DIRECTIONS = np.array(["+x", "-x", "+y", "-y"])
+HEADING_VECTORS = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 
 
-def directions_flown(recording: Recording) -> tuple[NDArray[np.str_], Array]:
+def find_flight_directions(recording: Recording) -> tuple[NDArray[np.str_], Array]:
     """Where each reference flies, "" and NaN where no axis is forward.
 
     The body axis along the velocity, (m,), and the angle of the velocity in the body's xy-plane from +x to +y, (m,) rad.
@@ -35,7 +35,7 @@ def directions_flown(recording: Recording) -> tuple[NDArray[np.str_], Array]:
     taken = np.zeros(t_s.size, dtype=bool)
     gyro = triad(recording).gyro if t_s.size else recording.gyro
     for interval in recording.intervals:
-        rows = reference_rows(t_s, interval)
+        rows = find_reference_rows(t_s, interval)
         rows = rows[~taken[rows]]
         taken[rows] = True
         if not rows.size:
@@ -43,16 +43,16 @@ def directions_flown(recording: Recording) -> tuple[NDArray[np.str_], Array]:
         if interval.forward is not None:
             if interval.forward != "none":
                 axes[rows] = interval.forward
-                headings[rows] = _angle(DIRECTIONS[np.isin(AXES, interval.forward)])
+                headings[rows] = _compute_heading(HEADING_VECTORS[np.isin(FLIGHT_DIRECTIONS, interval.forward)])
         elif recording.orbit is not None:
             rate = 2 * np.pi / recording.orbit.period_s
-            rates = _rates_at(gyro, interval, t_s[rows], NOISE * rate) / rate
-            axes[rows] = _flown(rates)
-            headings[rows] = np.where(_to_nadir(rates), _angle(_velocity(rates)), np.nan)
+            rates = _estimate_rates(gyro, interval, t_s[rows], RATE_NOISE_LIMIT * rate) / rate
+            axes[rows] = _find_forward_axes(rates)
+            headings[rows] = np.where(_is_nadir_pointing(rates), _compute_heading(_compute_velocity(rates)), np.nan)
     return axes, headings
 
 
-def _rates_at(gyro: GyroStream, interval: Interval, t_s: Array, accuracy: float) -> Array:
+def _estimate_rates(gyro: GyroStream, interval: Interval, t_s: Array, accuracy: float) -> Array:
     """Body rates at some times of an interval, (m, 3) rad/s; NaN where the samples are too noisy to know them."""
     half = max(SHORTEST_S, 0.5 * (gyro.arw / accuracy) ** 2)
     out = np.full((t_s.size, 3), np.nan)
@@ -67,32 +67,32 @@ def _rates_at(gyro: GyroStream, interval: Interval, t_s: Array, accuracy: float)
     return out @ gyro.apriori_G.T + gyro.apriori_bias
 
 
-def _flown(rates: Array) -> NDArray[np.str_]:
+def _find_forward_axes(rates: Array) -> NDArray[np.str_]:
     """Forward axes of the references of an interval, from rates (m, 3) in orbit rates."""
     out = np.full(len(rates), "", dtype="<U2")
-    velocity = _velocity(rates)
-    alike = velocity @ DIRECTIONS.T
-    pointing = _to_nadir(rates)
-    steady = pointing & (np.abs(rates[:, 2]) < NEAR)
-    out[steady] = AXES[alike[steady].argmax(axis=1)]
+    velocity = _compute_velocity(rates)
+    alike = velocity @ HEADING_VECTORS.T
+    pointing = _is_nadir_pointing(rates)
+    steady = pointing & (np.abs(rates[:, 2]) < NADIR_RATE_TOLERANCE)
+    out[steady] = FLIGHT_DIRECTIONS[alike[steady].argmax(axis=1)]
     for row in np.flatnonzero(pointing & ~steady):
         known = np.flatnonzero(steady)
         beside = {*known[known < row][-1:], *known[known > row][:1]}
-        choices = np.isin(AXES, out[list(beside)]) if beside else np.ones(AXES.size, dtype=bool)
-        out[row] = AXES[np.where(choices, alike[row], -np.inf).argmax()]
+        choices = np.isin(FLIGHT_DIRECTIONS, out[list(beside)]) if beside else np.ones(FLIGHT_DIRECTIONS.size, dtype=bool)
+        out[row] = FLIGHT_DIRECTIONS[np.where(choices, alike[row], -np.inf).argmax()]
     return out
 
 
-def _velocity(rates: Array) -> Array:
+def _compute_velocity(rates: Array) -> Array:
     """ẑ × ω in the xy-plane, (m, 2), which is the direction of the velocity where the body points to nadir."""
     return np.column_stack([-rates[:, 1], rates[:, 0]])
 
 
-def _to_nadir(rates: Array) -> Flags:
+def _is_nadir_pointing(rates: Array) -> Flags:
     """Where the rate across z is that of the orbit."""
-    return np.abs(np.linalg.norm(_velocity(rates), axis=1) - 1) < NEAR
+    return np.abs(np.linalg.norm(_compute_velocity(rates), axis=1) - 1) < NADIR_RATE_TOLERANCE
 
 
-def _angle(velocity: Array) -> Array:
+def _compute_heading(velocity: Array) -> Array:
     """From +x to +y, rad."""
     return np.arctan2(velocity[:, 1], velocity[:, 0])

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 from simulator.effects.base import Array, Surroundings
-from simulator.truth.rotation import perturbed, separation
+from simulator.truth.rotation import apply_rotation_errors, separation
 
 PASSES = 2  # of the integration: the second one with the rates of the first one's fit
-ROUNDS = 8  # of the robust fit
+ROBUST_FIT_ROUNDS = 8  # of the robust fit
 HUBER = 1.5  # sigmas beyond which an innovation counts less
 NORMAL = 0.6745  # median of the absolute value of a standard normal variable
 EARLIEST_S = 1e-6  # two references closer than that are one
@@ -54,7 +54,7 @@ def compute_innovations(around: Surroundings) -> Innovations:
     turns, values = np.zeros((first.size, 3)), np.zeros((first.size, 3))
     for _ in range(PASSES):
         turns, columns = integrate_turns(begin, rates, start, stop)
-        predicted = perturbed(references.quaternions[first], -turns)
+        predicted = apply_rotation_errors(references.quaternions[first], -turns)
         values = separation(predicted, references.quaternions[second]) if first.size else values
         fit, scale = _fit_calibration_errors(values, columns, stated)
         rates = rates + rates @ fit[:9].reshape(3, 3) + fit[9:]
@@ -70,7 +70,7 @@ def _fit_calibration_errors(values: Array, columns: Array, stated: Array) -> tup
     X, y = columns / stated[:, :, None], values / stated
     norms = np.maximum(np.linalg.norm(X, axis=(0, 1)), 1e-300)
     X, weights = X / norms, np.ones(len(values))
-    for _ in range(ROUNDS):
+    for _ in range(ROBUST_FIT_ROUNDS):
         root = np.sqrt(weights)[:, None]
         X_w = (X * root[:, :, None]).reshape(-1, norms.size)
         fit = np.linalg.lstsq(X_w.T @ X_w, X_w.T @ (y * root).ravel(), rcond=1e-10)[0]
@@ -103,7 +103,7 @@ def integrate_turns(begin_s: Array, rates: Array, start_s: Array, stop_s: Array)
     return np.asarray(Rotation.from_quat(quaternions).as_rotvec()), columns
 
 
-@compiled
+@compile_cached
 def _multiply(begin_s, rates, start_s, stop_s, low):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
     """Quaternions (k, 4) of the turns, and ∫ R ω_b dt of each b and ∫ R dt, (k, 4, 3, 3), R from a time to the stop."""
     out, K = np.zeros((start_s.size, 4)), np.zeros((start_s.size, 4, 3, 3))

@@ -11,29 +11,32 @@ from dataclasses import dataclass
 import numpy as np
 
 from simulator.effects.base import Array, Effect, Parameter, Setting, Surroundings, Trial, Value
-from simulator.effects.common import PHASE, from_phase_amplitudes, log_uniform, phase_amplitudes, reference_arc
+from simulator.effects.common import PHASE, convert_phase_amplitudes, log_uniform, measure_reference_arc, phase_amplitudes
 
-SHORTEST = 2.5  # spacings of the references; a swing is sampled twice in a period at least
-DRAWN = (1.2, 1.5)  # periods of a blind check: from so many times the shortest one to so many times the longest interval
-TRIALS = 16  # periods of a plan, for which nothing can be scanned
+SHORTEST_PERIOD_SPACINGS = 2.5  # spacings of the references; a swing is sampled twice in a period at least
+DRAWN_PERIOD_FACTORS = (
+    1.2,
+    1.5,
+)  # periods of a blind check: from so many times the shortest one to so many times the longest interval
+PLANNED_PERIODS = 16  # periods of a plan, for which nothing can be scanned
 
 
-def period_band(around: Surroundings) -> tuple[float, float] | None:
+def compute_period_band(around: Surroundings) -> tuple[float, float] | None:
     """Shortest and longest period that can show, s; None without a series of references."""
-    spacing, arc = reference_arc(around)
-    if not arc > 2 * SHORTEST * spacing:
+    spacing, arc = measure_reference_arc(around)
+    if not arc > 2 * SHORTEST_PERIOD_SPACINGS * spacing:
         return None
-    return SHORTEST * spacing, float(np.ptp(around.references.t_s))
+    return SHORTEST_PERIOD_SPACINGS * spacing, float(np.ptp(around.references.t_s))
 
 
-def any_period(rng: np.random.Generator, around: Surroundings) -> Value:
+def draw_period(rng: np.random.Generator, around: Surroundings) -> Value:
     """From what the references can show to somewhat more than an interval, s."""
-    spacing, arc = reference_arc(around)
-    low = DRAWN[0] * SHORTEST * spacing
-    return log_uniform(rng, low, max(min(DRAWN[1] * arc, float(np.ptp(around.references.t_s))), 1.1 * low))
+    spacing, arc = measure_reference_arc(around)
+    low = DRAWN_PERIOD_FACTORS[0] * SHORTEST_PERIOD_SPACINGS * spacing
+    return log_uniform(rng, low, max(min(DRAWN_PERIOD_FACTORS[1] * arc, float(np.ptp(around.references.t_s))), 1.1 * low))
 
 
-PERIOD = Parameter("period_s", "s", 1000.0, "period", 1e-3, 1e12, draw=any_period)
+PERIOD_PARAMETER = Parameter("period_s", "s", 1000.0, "period", 1e-3, 1e12, draw=draw_period)
 
 
 @dataclass(frozen=True)
@@ -48,21 +51,25 @@ class Sinusoid(Effect):
 
     def from_amplitudes(self, amplitudes: Array) -> tuple[float, dict[str, Value]]:
         """Size and phase."""
-        return from_phase_amplitudes(amplitudes)
+        return convert_phase_amplitudes(amplitudes)
 
 
 @dataclass(frozen=True)
 class Periodic(Sinusoid):
     """A sinusoid of any period."""
 
-    parameters: tuple[Parameter, ...] = (PERIOD, PHASE)
+    parameters: tuple[Parameter, ...] = (PERIOD_PARAMETER, PHASE)
     scanned: bool = True
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
         """Some periods, evenly spaced in their logarithm."""
-        band = period_band(around)
-        return () if band is None else tuple(Trial({"period_s": float(p)}, 1 / TRIALS) for p in np.geomspace(*band, TRIALS))
+        band = compute_period_band(around)
+        return (
+            ()
+            if band is None
+            else tuple(Trial({"period_s": float(p)}, 1 / PLANNED_PERIODS) for p in np.geomspace(*band, PLANNED_PERIODS))
+        )
 
     def missing(self, around: Surroundings) -> str | None:
         """It needs references that follow one another."""
-        return None if period_band(around) else "it needs a series of references"
+        return None if compute_period_band(around) else "it needs a series of references"

@@ -18,7 +18,7 @@ from typing import TypeGuard, TypeVar
 from gyrocal.errors import InputError
 from simulator.effects.base import STAGE_NAMES, STAGES, SYMPTOMS, Effect
 
-GROUP = "gyrocal.effects"
+ENTRY_POINT_GROUP = "gyrocal.effects"
 FILE_MODULE = "gyrocal_effects_"  # begins the names of modules that are loaded from files
 
 Kind = TypeVar("Kind", bound=Effect)
@@ -81,11 +81,13 @@ class Registry(Mapping[str, Effect]):
         if self._plugins_loaded:
             return
         self._plugins_loaded = True
-        for point in entry_points(group=GROUP):
+        for point in entry_points(group=ENTRY_POINT_GROUP):
             try:
-                self.register_all(_effects_of(point.load()))
+                self.register_all(_collect_effects(point.load()))
             except Exception as fault:  # a plug-in may fail in any way, and its traceback would not say whose fault it is
-                warnings.warn(f"effect plug-in {point.name} ({point.value}) is left out: {_one_line(fault)}", stacklevel=2)
+                warnings.warn(
+                    f"effect plug-in {point.name} ({point.value}) is left out: {_format_exception(fault)}", stacklevel=2
+                )
 
     def load_file(self, path: Path) -> list[Effect]:
         """Register the effects of a Python file, its `EFFECT` or `EFFECTS`; an `InputError` is one line that names the file."""
@@ -95,9 +97,9 @@ class Registry(Mapping[str, Effect]):
         module = importlib.util.module_from_spec(spec)
         try:
             spec.loader.exec_module(module)
-            return self.register_all(_effects_of(module))
+            return self.register_all(_collect_effects(module))
         except (Exception, SystemExit) as fault:  # anything may be in it
-            raise InputError(f"{path}: {_one_line(fault)}") from fault
+            raise InputError(f"{path}: {_format_exception(fault)}") from fault
 
     def register_all(self, effects: Iterable[Effect]) -> list[Effect]:
         """Add several effects."""
@@ -137,13 +139,13 @@ class View(Mapping[str, Kind]):
         return sum(1 for _ in self)
 
 
-def _effects_of(found: object) -> list[Effect]:
+def _collect_effects(found: object) -> list[Effect]:
     """The effects that an entry point or a module gives."""
     if isinstance(found, ModuleType):
         given = [getattr(found, name) for name in ("EFFECT", "EFFECTS") if hasattr(found, name)]
         if not given:
             raise InputError("defines neither EFFECT nor EFFECTS")
-        return [effect for one in given for effect in _effects_of(one)]
+        return [effect for one in given for effect in _collect_effects(one)]
     if isinstance(found, Effect):
         return [found]
     if isinstance(found, list | tuple) and all(isinstance(one, Effect) for one in found):
@@ -151,7 +153,7 @@ def _effects_of(found: object) -> list[Effect]:
     raise InputError(f"gives {type(found).__name__}, not an Effect or several")
 
 
-def _one_line(fault: BaseException) -> str:
+def _format_exception(fault: BaseException) -> str:
     """What went wrong, in one line; the kind of error too unless it is bad input."""
     words = " ".join(str(fault).split())
     return words if isinstance(fault, InputError) else f"{type(fault).__name__}: {words}"

@@ -8,7 +8,7 @@
 import math
 from collections.abc import Mapping
 
-from gyrocal.errors import InputError, hint
+from gyrocal.errors import InputError, suggest_names
 from gyrocal.recording.names import GYRO_NAME
 from simulator.effects.base import Effect, Parameter, Setting, Value
 from simulator.effects.registry import REGISTRY
@@ -22,15 +22,15 @@ def setting(name: str, axis: str | None, size: float, parameters: Mapping[str, V
     InputError
         One line: unknown effect, axis or parameter, or a value that is not finite or out of bounds.
     """
-    effect = _effect(name)
+    effect = _find_effect(name)
     given = dict(parameters or {})
     unknown = [key for key in given if key not in {parameter.name for parameter in effect.parameters}]
     if unknown:
         known = ", ".join(parameter.name for parameter in effect.parameters) or "none"
         raise InputError(f"{name}: no parameter {unknown[0]}; it has {known}")
     low, high = effect.bounds
-    values = {parameter.name: _value(name, parameter, given.get(parameter.name)) for parameter in effect.parameters}
-    return Setting(name, _axis(effect, axis), read_number(name, "size", size, low, high, effect.unit), values)
+    values = {parameter.name: _check_value(name, parameter, given.get(parameter.name)) for parameter in effect.parameters}
+    return Setting(name, _check_axis(effect, axis), read_number(name, "size", size, low, high, effect.unit), values)
 
 
 def parse(text: str) -> Setting:
@@ -46,10 +46,10 @@ def parse(text: str) -> Setting:
     name, axis, size, parameters = split_text(text)
     if not name:
         raise InputError(f"effect '{text}': give it as NAME:AXIS=SIZE, e.g. bias_drift:z=0.01")
-    effect = _effect(name)
+    effect = _find_effect(name)
     if not size:
-        raise InputError(f"{text}: give its size in {effect.unit}, as {_usage(effect)}")
-    return effect.completed(setting(name, axis, _number(name, "size", size), parameters))
+        raise InputError(f"{text}: give its size in {effect.unit}, as {_format_usage(effect)}")
+    return effect.completed(setting(name, axis, _parse_number(name, "size", size), parameters))
 
 
 def split_text(text: str) -> tuple[str, str | None, str, dict[str, Value]]:
@@ -68,7 +68,7 @@ def split_text(text: str) -> tuple[str, str | None, str, dict[str, Value]]:
     return name, axis if colon else None, size, parameters
 
 
-def described(chosen: Setting) -> dict[str, object]:
+def tabulate_setting(chosen: Setting) -> dict[str, object]:
     """A setting for a JSON file, with its unit."""
     return {
         "effect": chosen.effect,
@@ -79,19 +79,19 @@ def described(chosen: Setting) -> dict[str, object]:
     }
 
 
-def _effect(name: str) -> Effect:
+def _find_effect(name: str) -> Effect:
     if name in REGISTRY:
         return REGISTRY[name]
-    raise InputError(f"{name}: no such effect; {hint(name, REGISTRY)}")
+    raise InputError(f"{name}: no such effect; {suggest_names(name, REGISTRY)}")
 
 
-def _usage(effect: Effect) -> str:
+def _format_usage(effect: Effect) -> str:
     axis = ":AXIS" if effect.axes and not effect.axis_optional else ""
     required = "".join(f",{parameter.name}=…" for parameter in effect.parameters if parameter.default is None)
     return f"{effect.name}{axis}=SIZE{required}"
 
 
-def _axis(effect: Effect, axis: str | None) -> str | None:
+def _check_axis(effect: Effect, axis: str | None) -> str | None:
     if effect.of_trackers:
         if axis is None or not GYRO_NAME.fullmatch(axis):
             raise InputError(
@@ -100,20 +100,20 @@ def _axis(effect: Effect, axis: str | None) -> str | None:
         return axis
     if not effect.axes:
         if axis is not None:
-            raise InputError(f"{effect.name}: has no axis; write {_usage(effect)}")
+            raise InputError(f"{effect.name}: has no axis; write {_format_usage(effect)}")
         return None
     if axis is None:
         if effect.axis_optional:
             return None
         words = f"{', '.join(effect.axes[:-1])} or {effect.axes[-1]}"
-        raise InputError(f"{effect.name}: which axis? write {_usage(effect)} with {words}")
+        raise InputError(f"{effect.name}: which axis? write {_format_usage(effect)} with {words}")
     of_gyro = effect.stage != "sensor" and not effect.on_references and GYRO_NAME.fullmatch(axis)
     if axis not in effect.axes and not of_gyro:
         raise InputError(f"{effect.name}: axis '{axis}' must be one of {', '.join(effect.axes)}")
     return axis
 
 
-def _value(name: str, parameter: Parameter, given: Value | None) -> Value:
+def _check_value(name: str, parameter: Parameter, given: Value | None) -> Value:
     value = parameter.default if given is None else given
     if value is None:
         raise InputError(f"{name}: {parameter.name} is missing ({parameter.summary})")
@@ -126,7 +126,7 @@ def _value(name: str, parameter: Parameter, given: Value | None) -> Value:
     return read_number(name, parameter.name, value, parameter.lower, parameter.upper, parameter.unit)
 
 
-def _number(name: str, what: str, value: Value) -> float:
+def _parse_number(name: str, what: str, value: Value) -> float:
     try:
         return float(value)
     except ValueError:
@@ -135,7 +135,7 @@ def _number(name: str, what: str, value: Value) -> float:
 
 def read_number(name: str, what: str, value: Value, low: float = -math.inf, high: float = math.inf, unit: str = "") -> float:
     """Read a finite number within bounds; an `InputError` says what of which effect it is."""
-    number = _number(name, what, value)
+    number = _parse_number(name, what, value)
     if not math.isfinite(number):
         raise InputError(f"{name}: {what} {value} is not a finite number")
     if not low <= number <= high:

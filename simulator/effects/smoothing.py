@@ -24,30 +24,30 @@ import numpy as np
 from scipy.linalg import lstsq
 from scipy.ndimage import convolve1d, median_filter
 
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Flags
 from simulator.effects.base import Array
 
-ORDER = 2  # of the local polynomial in the rate
-AGREEMENT = 4.0  # sigma; tens of thousands of samples
+POLYNOMIAL_ORDER = 2  # of the local polynomial in the rate
+AGREEMENT_SIGMAS = 4.0  # sigma; tens of thousands of samples
 OUTLIER = 10.0  # sigma
-BLOCKS = 33  # of a long window; a quadratic bends little over a thirtieth of it
+WINDOW_BLOCKS = 33  # of a long window; a quadratic bends little over a thirtieth of it
 SHARP = 11  # samples; a bend within a window so short may be seen in one of them alone
-SHORTEST = 5  # samples; a quadratic through three is no smoothing
+SHORTEST_WINDOW_SAMPLES = 5  # samples; a quadratic through three is no smoothing
 
 
-def noise_level(rates: Array, stated: float) -> Array:
+def estimate_sample_sigma(rates: Array, stated: float) -> Array:
     """Sigma of one sample of each axis, rad/s: the stated one, or that of the second differences if it is larger; (3,).
 
     Second differences of a smooth rate are noise with the standard deviation √6 σ; the median is not moved by slews.
     """
-    if len(rates) < SHORTEST:
+    if len(rates) < SHORTEST_WINDOW_SAMPLES:
         return np.full(rates.shape[1], stated)
     second = np.abs(np.diff(rates, n=2, axis=0))
     return np.asarray(np.maximum(stated, np.median(second, axis=0) * 1.4826 / np.sqrt(6)))
 
 
-def smoothed(rates: Array, sample_s: float, smooth_s: float, sigma: Array) -> Array:
+def smooth_run(rates: Array, sample_s: float, smooth_s: float, sigma: Array) -> Array:
     """Smoothed rates (n, 3) of one run of samples, rad/s.
 
     Parameters
@@ -57,24 +57,24 @@ def smoothed(rates: Array, sample_s: float, smooth_s: float, sigma: Array) -> Ar
     smooth_s : longest window, s; infinite for the whole run, zero for no smoothing
     sigma : (3,) noise of one sample of each axis, rad/s
     """
-    if min(smooth_s / sample_s, len(rates)) < SHORTEST:
+    if min(smooth_s / sample_s, len(rates)) < SHORTEST_WINDOW_SAMPLES:
         return rates
-    read = [without_outliers(rates[:, axis], level) for axis, level in enumerate(sigma)]
-    return np.column_stack([smoothed_axis(x, sample_s, smooth_s, level)[0] for x, level in zip(read, sigma, strict=True)])
+    read = [replace_outliers(rates[:, axis], level) for axis, level in enumerate(sigma)]
+    return np.column_stack([smooth_axis(x, sample_s, smooth_s, level)[0] for x, level in zip(read, sigma, strict=True)])
 
 
-def smoothed_axis(rates: Array, sample_s: float, smooth_s: float, sigma: float) -> tuple[Array, float]:
+def smooth_axis(rates: Array, sample_s: float, smooth_s: float, sigma: float) -> tuple[Array, float]:
     """Smoothed rates of one axis without outliers, (n,), and their degrees of freedom: so many times σ² is in them.
 
     These are the sum over the samples of what each contributes to its own estimate, n without smoothing.
     """
     longest = int(min(smooth_s / sample_s, len(rates) - 1 + len(rates) % 2))
-    if longest < SHORTEST or not sigma > 0:
+    if longest < SHORTEST_WINDOW_SAMPLES or not sigma > 0:
         return rates, float(rates.size)
-    return _axis(rates, _ladder(longest), sigma)
+    return _smooth_with_windows(rates, _list_windows(longest), sigma)
 
 
-def without_outliers(rates: Array, sigma: float) -> Array:
+def replace_outliers(rates: Array, sigma: float) -> Array:
     """Rates of one axis (n,) with single outliers replaced by the median of five; all as they are where there is no noise."""
     if not sigma > 0:
         return rates
@@ -82,19 +82,19 @@ def without_outliers(rates: Array, sigma: float) -> Array:
     return np.where(np.abs(rates - median) > OUTLIER * sigma, median, rates)
 
 
-def _axis(rates: Array, windows: Sequence[int], sigma: float) -> tuple[Array, float]:
+def _smooth_with_windows(rates: Array, windows: Sequence[int], sigma: float) -> tuple[Array, float]:
     """One axis, by the longest windows at each sample that agree with the shorter ones; (n,), and its degrees of freedom."""
-    best, low, high = rates, rates - AGREEMENT * sigma, rates + AGREEMENT * sigma
+    best, low, high = rates, rates - AGREEMENT_SIGMAS * sigma, rates + AGREEMENT_SIGMAS * sigma
     going = np.ones(rates.size, dtype=bool)
     last, own, last_own = rates, np.ones(rates.size), np.ones(rates.size)
     trust: Array | None = None  # in the windows up to this one; all of it as long as no sample stops
     for window in windows:
-        estimate, weight = _fitted(rates, window)
-        _narrowed(estimate, weight, AGREEMENT * sigma, going, low, high)
-        stops = ~going if window <= SHARP else _in_a_row(~going)
+        estimate, weight = _fit_window(rates, window)
+        _tighten_limits(estimate, weight, AGREEMENT_SIGMAS * sigma, going, low, high)
+        stops = ~going if window <= SHARP else _keep_rows_of_three(~going)
         share = weight**2  # of a sample in its own estimate, if that is a least-squares fit
         if stops.any():
-            ramp = _ramp(stops, 0.5 * window)
+            ramp = _compute_ramp(stops, 0.5 * window)
             trust = ramp if trust is None else np.minimum(trust, ramp)
         if trust is None:
             best, own = estimate, share
@@ -106,8 +106,8 @@ def _axis(rates: Array, windows: Sequence[int], sigma: float) -> tuple[Array, fl
     return np.asarray(best), float(own.sum())
 
 
-@compiled
-def _narrowed(
+@compile_cached
+def _tighten_limits(
     estimate: Array, weight: Array, width: float, going: Flags, low: Array, high: Array
 ) -> None:  # pragma: no cover - compiled
     """Which samples go on that lie between the limits of all windows before, and the limits with this one, all in place."""
@@ -117,7 +117,7 @@ def _narrowed(
         high[k] = min(high[k], estimate[k] + width * weight[k])
 
 
-def _in_a_row(marked: Flags) -> Flags:
+def _keep_rows_of_three(marked: Flags) -> Flags:
     """Those marked that are three in a row or more; noise alone marks one here and there, and motion all over its bend."""
     core = marked[:-2] & marked[1:-1] & marked[2:]
     out = np.zeros(marked.size, dtype=bool)
@@ -127,8 +127,8 @@ def _in_a_row(marked: Flags) -> Flags:
     return out
 
 
-@compiled
-def _ramp(stops: Flags, length: float) -> Array:  # pragma: no cover - compiled
+@compile_cached
+def _compute_ramp(stops: Flags, length: float) -> Array:  # pragma: no cover - compiled
     """Distance of each sample from the nearest one that stops, over a length; one at most."""
     out = np.empty(stops.size)
     away = length
@@ -142,26 +142,26 @@ def _ramp(stops: Flags, length: float) -> Array:  # pragma: no cover - compiled
     return out
 
 
-def _fitted(rates: Array, window: int) -> tuple[Array, Array]:
+def _fit_window(rates: Array, window: int) -> tuple[Array, Array]:
     """Local quadratic of a window at each sample (n,), and its sigma per unit sigma of a sample (n,)."""
-    block = max(1, window // BLOCKS)
+    block = max(1, window // WINDOW_BLOCKS)
     if block == 1:
-        return _filtered(rates, window), _weights(window, len(rates))
+        return _filter_window(rates, window), _compute_sample_sigmas(window, len(rates))
     count = len(rates) // block
     means = rates[: count * block].reshape(count, block).mean(axis=1)
     width = min(window // block // 2 * 2 + 1, count - 1 + count % 2)
-    estimate = _between(_filtered(means, width), block, len(rates))
-    return estimate, _weights(width, len(rates), block) / float(np.sqrt(block))
+    estimate = _interpolate_blocks(_filter_window(means, width), block, len(rates))
+    return estimate, _compute_sample_sigmas(width, len(rates), block) / float(np.sqrt(block))
 
 
-def _filtered(rates: Array, window: int) -> Array:
+def _filter_window(rates: Array, window: int) -> Array:
     """Local quadratic of an odd window at each sample (n,); at either end, that of the first or the last whole window.
 
     It is scipy's ``savgol_filter`` to the bit. That one solves for a window's coefficients anew each time, and comes with all
     of scipy.signal and scipy.stats, which take each process half a second to load.
     """
-    out = convolve1d(rates, _coefficients(window), mode="constant")
-    powers, scale = _powers(window)
+    out = convolve1d(rates, _compute_coefficients(window), mode="constant")
+    powers, scale = _compute_powers(window)
     half = window // 2
     for part, own in ((slice(0, window), slice(0, half)), (slice(rates.size - window, None), slice(window - half, window))):
         c = lstsq(powers, rates[part], cond=window * np.finfo(float).eps)[0] / scale
@@ -171,23 +171,23 @@ def _filtered(rates: Array, window: int) -> Array:
 
 
 @lru_cache(maxsize=256)
-def _coefficients(window: int) -> Array:
+def _compute_coefficients(window: int) -> Array:
     """(window,) of a local quadratic; all intervals and axes share a few windows."""
     at = np.arange(window // 2, -(window // 2) - 1, -1, dtype=float)
-    powers = at ** np.arange(ORDER + 1, dtype=float)[:, None]
-    return np.asarray(lstsq(powers, np.eye(ORDER + 1)[0], cond=window * np.finfo(float).eps)[0])
+    powers = at ** np.arange(POLYNOMIAL_ORDER + 1, dtype=float)[:, None]
+    return np.asarray(lstsq(powers, np.eye(POLYNOMIAL_ORDER + 1)[0], cond=window * np.finfo(float).eps)[0])
 
 
 @lru_cache(maxsize=256)
-def _powers(window: int) -> tuple[Array, Array]:
+def _compute_powers(window: int) -> tuple[Array, Array]:
     """(window, 3) powers of the samples' numbers, highest first, each of length one, and their lengths before (3,)."""
-    powers = np.arange(window, dtype=float)[:, None] ** np.arange(ORDER, -1, -1, dtype=float)
+    powers = np.arange(window, dtype=float)[:, None] ** np.arange(POLYNOMIAL_ORDER, -1, -1, dtype=float)
     scale = np.sqrt(np.sum(powers * powers, axis=0))
     return powers / scale, scale
 
 
-@compiled
-def _between(values: Array, block: int, count: int) -> Array:  # pragma: no cover - compiled
+@compile_cached
+def _interpolate_blocks(values: Array, block: int, count: int) -> Array:  # pragma: no cover - compiled
     """Values in the middles of blocks, straight lines between them and beyond the first and the last, at each sample (n,)."""
     out = np.empty(count)
     for k in range(count):
@@ -197,11 +197,11 @@ def _between(values: Array, block: int, count: int) -> Array:  # pragma: no cove
     return out
 
 
-def _weights(window: int, count: int, block: int = 1) -> Array:
+def _compute_sample_sigmas(window: int, count: int, block: int = 1) -> Array:
     """(count,) sigma of the quadratic of so many blocks at each sample, per unit sigma of a block; at either end it is twice
     that of the middle.
     """
-    middle, ends = _sigmas(window)
+    middle, ends = _compute_window_sigmas(window)
     out = np.full(count, middle)
     at = (np.arange(ends.size * block) - 0.5 * (block - 1)) / block
     first = np.interp(at, np.arange(ends.size + 1), np.append(ends, middle)) if block > 1 else ends
@@ -210,15 +210,15 @@ def _weights(window: int, count: int, block: int = 1) -> Array:
 
 
 @lru_cache(maxsize=256)
-def _sigmas(window: int) -> tuple[float, Array]:
+def _compute_window_sigmas(window: int) -> tuple[float, Array]:
     """Sigma of a window's quadratic in its middle, and before that from its first sample on (window // 2,)."""
-    basis = np.linalg.qr(_powers(window)[0])[0]
-    return float(np.linalg.norm(_coefficients(window))), np.asarray(np.linalg.norm(basis, axis=1)[: window // 2])
+    basis = np.linalg.qr(_compute_powers(window)[0])[0]
+    return float(np.linalg.norm(_compute_coefficients(window))), np.asarray(np.linalg.norm(basis, axis=1)[: window // 2])
 
 
-def _ladder(longest: int) -> list[int]:
+def _list_windows(longest: int) -> list[int]:
     """Odd windows from the shortest to the longest, each about 1.5 times the one before."""
-    windows, window = [], float(SHORTEST)
+    windows, window = [], float(SHORTEST_WINDOW_SAMPLES)
     while window < longest:
         windows.append(int(window) // 2 * 2 + 1)
         window *= 1.5

@@ -10,45 +10,45 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from simulator.effects.base import Array, Stream
-from simulator.effects.common import runs
+from simulator.effects.common import list_runs
 
-FEWEST = 3  # samples that fix a cubic by themselves; with less, the first and the last mean rate are the slopes
+FEWEST_CUBIC_SAMPLES = 3  # samples that fix a cubic by themselves; with less, the first and the last mean rate are the slopes
 
 
-def edges(duration_s: Array) -> Array:
+def compute_edges(duration_s: Array) -> Array:
     """Time of the samples' edges from the first, s; (n,) → (n + 1,)."""
     return np.append(0.0, np.cumsum(duration_s))
 
 
-def cumulative_angle(rates: Array, duration_s: Array) -> CubicSpline:
-    """Θ as a spline over `edges`, (n, 3) rad/s and (n,) s."""
+def build_angle_spline(rates: Array, duration_s: Array) -> CubicSpline:
+    """Θ as a spline over `compute_edges`, (n, 3) rad/s and (n,) s."""
     angle = np.vstack([np.zeros(3), np.cumsum(rates * duration_s[:, None], axis=0)])
-    few = len(rates) < FEWEST
-    return CubicSpline(edges(duration_s), angle, bc_type=((1, rates[0]), (1, rates[-1])) if few else "not-a-knot")
+    few = len(rates) < FEWEST_CUBIC_SAMPLES
+    return CubicSpline(compute_edges(duration_s), angle, bc_type=((1, rates[0]), (1, rates[-1])) if few else "not-a-knot")
 
 
-def continued(spline: CubicSpline, t: Array) -> Array:
+def extend_spline(spline: CubicSpline, t: Array) -> Array:
     """Θ(t) with constant rate outside of the spline's range; (n,) → (n, 3)."""
     inside = np.clip(t, spline.x[0], spline.x[-1])
     return np.asarray(spline(inside) + (t - inside)[:, None] * spline(inside, 1))
 
 
-def delayed(raw: Array, stream: Stream, delay_s: Array) -> Array:
+def delay_rates(raw: Array, stream: Stream, delay_s: Array) -> Array:
     """Read each noise-free sample (n, 3), rad/s, at [t − delay, t − delay + Δ) in place of [t, t + Δ); the delays (n,) in s."""
     out = raw.copy()
-    for part in runs(stream):
+    for part in list_runs(stream):
         duration, late = stream.duration_s[part], delay_s[part]
-        spline, tags = cumulative_angle(raw[part], duration), edges(duration)
-        turned = continued(spline, tags[1:] - late) - continued(spline, tags[:-1] - late)
+        spline, tags = build_angle_spline(raw[part], duration), compute_edges(duration)
+        turned = extend_spline(spline, tags[1:] - late) - extend_spline(spline, tags[:-1] - late)
         out[part] = turned / duration[:, None]
     return out
 
 
-def delay_columns(stream: Stream) -> Array:
+def compute_delay_columns(stream: Stream) -> Array:
     """Change of the raw reading per second of a short delay, −dω_raw/dt, on all axes; (n, 3, 1) rad/s per s."""
     out = np.zeros((len(stream.t_s), 3, 1))
-    for part in runs(stream):
+    for part in list_runs(stream):
         duration = stream.duration_s[part]
-        slope = cumulative_angle(stream.raw[part], duration)(edges(duration), 1)
+        slope = build_angle_spline(stream.raw[part], duration)(compute_edges(duration), 1)
         out[part, :, 0] = -np.diff(slope, axis=0) / duration[:, None]
     return out

@@ -12,23 +12,23 @@ is to be positive in the one and negative in the other. Its largest value is the
 import numpy as np
 
 from simulator.arrays import Array
-from simulator.truth.orbit import CircularOrbit, lvlh_attitude
-from simulator.truth.sun import DAY, julian_date, sun_vector
+from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude
+from simulator.truth.sun import DAY, compute_julian_date, compute_sun_vector
 
-STEP = 3600.0  # s, of the search; β passes zero twice in 46 days
+SEARCH_STEP_S = 3600.0  # s, of the search; β passes zero twice in 46 days
 
 
-def sun_angle(epoch: str, orbit: CircularOrbit, t: Array | float) -> Array:
+def compute_sun_angle(epoch: str, orbit: CircularOrbit, t: Array | float) -> Array:
     """β of the Sun above the orbit plane, positive toward the orbit normal, rad; t (n,) s since the epoch."""
     times = np.asarray(t, dtype=float)
-    normal = -lvlh_attitude(orbit, times)[..., 1, :]
-    return np.arcsin((normal * sun_vector(julian_date(epoch) + times / DAY)).sum(axis=-1))
+    normal = -compute_lvlh_attitude(orbit, times)[..., 1, :]
+    return np.arcsin((normal * compute_sun_vector(compute_julian_date(epoch) + times / DAY)).sum(axis=-1))
 
 
-def plane_crossings(epoch: str, orbit: CircularOrbit, days: float) -> Array:
+def find_plane_crossings(epoch: str, orbit: CircularOrbit, days: float) -> Array:
     """Moments at which the Sun crosses the orbit plane, s since the epoch, ascending."""
-    t = np.arange(0.0, days * DAY + STEP, STEP)
-    beta = sun_angle(epoch, orbit, t)
+    t = np.arange(0.0, days * DAY + SEARCH_STEP_S, SEARCH_STEP_S)
+    beta = compute_sun_angle(epoch, orbit, t)
     before = np.flatnonzero(beta[:-1] * beta[1:] < 0)
-    moments = t[before] - beta[before] * STEP / (beta[before + 1] - beta[before])
+    moments = t[before] - beta[before] * SEARCH_STEP_S / (beta[before + 1] - beta[before])
     return np.asarray(moments[moments < days * DAY])

@@ -8,7 +8,7 @@ How the sun sensors are mounted is in `simulator.mission_mode.mounting`.
 
 Coefficients
     R (6) with the published (c, d) moves yaw by 0.005° (DSS-1) and 0.003° (DSS-2). What (6) is for, the least error of β where
-    the Sun crosses the XY plane, is `crossing_compensation`; it is found from the sensors as they are, better than the ground
+    the Sun crosses the XY plane, is `fit_crossing_compensation`; it is found from the sensors as they are, better than the ground
     could, and so is a bound on what (6) can do. With the boresights raised it gives DSS-1 (1.00046, 0.000078), R's 1.000047
     and 0.000085 with a zero slipped in c. Uploads take the computed pair unless asked for the published one.
 """
@@ -19,8 +19,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from simulator.arrays import Array
-from simulator.mission_mode.mounting import BORESIGHTS, R3_M, Mounting, mounted
-from simulator.mission_mode.onboard_attitude import head_angle
+from simulator.mission_mode.mounting import BORESIGHTS, R3_M, Mounting, build_mounted_sensors
+from simulator.mission_mode.onboard_attitude import compute_head_angle
 from simulator.mission_mode.wheels import EQUAL_ELEVATION
 from simulator.sensors import sun as sun_sensor
 from simulator.sensors.earth import Filter, TrueEarthSensor
@@ -29,7 +29,7 @@ from simulator.truth.orbit import CircularOrbit
 
 Forward = Literal["+x", "-x"]
 
-EPOCH = "1997-11-27T21:30:00+00:00"  # R: launched November 27, 1997; near the launch's hour
+MISSION_EPOCH = "1997-11-27T21:30:00+00:00"  # R: launched November 27, 1997; near the launch's hour
 NODE_DEG = 46.0  # not published; chosen so that the Sun crosses the orbit plane on December 13, N's first yaw maneuver
 DAY = 86400.0
 
@@ -84,8 +84,12 @@ class OnBoardTables:
     # (2, 3, 3) M of DSS-1 and DSS-2, R (1)
     misalignments: Array = field(default_factory=lambda: np.stack([np.eye(3), np.eye(3)]))
     # (2, 9) of R (5)
-    coefficients_alpha: Array = field(default_factory=lambda: np.stack([sun_sensor.ALPHA, sun_sensor.ALPHA]))
-    coefficients_beta: Array = field(default_factory=lambda: np.stack([sun_sensor.BETA, sun_sensor.BETA]))
+    coefficients_alpha: Array = field(
+        default_factory=lambda: np.stack([sun_sensor.SIMULATED_ALPHA_COEFFICIENTS, sun_sensor.SIMULATED_ALPHA_COEFFICIENTS])
+    )
+    coefficients_beta: Array = field(
+        default_factory=lambda: np.stack([sun_sensor.SIMULATED_BETA_COEFFICIENTS, sun_sensor.SIMULATED_BETA_COEFFICIENTS])
+    )
     penetration_biases: Array = field(default_factory=lambda: np.zeros(4))  # (4,) rad
     s_filter: Filter = "restarted"  # of the Earth sensor
 
@@ -139,7 +143,7 @@ class EphemerisError:
 class MissionConfig:
     """A run."""
 
-    epoch: str = EPOCH  # ISO 8601, UTC
+    epoch: str = MISSION_EPOCH  # ISO 8601, UTC
     # with node and argument of latitude at the epoch
     orbit: CircularOrbit = field(
         default_factory=lambda: CircularOrbit(350e3, float(np.deg2rad(35.0)), float(np.deg2rad(NODE_DEG)), j2=True)
@@ -147,7 +151,7 @@ class MissionConfig:
     # as they are; the Earth sensor's filter is that of the tables
     spacecraft: Spacecraft = field(default_factory=Spacecraft)
     gyro: TrueGyro = field(default_factory=TrueGyro)
-    sun_sensors: tuple[TrueSunSensor, TrueSunSensor] = field(default_factory=lambda: mounted())
+    sun_sensors: tuple[TrueSunSensor, TrueSunSensor] = field(default_factory=lambda: build_mounted_sensors())
     earth_sensor: TrueEarthSensor = field(default_factory=lambda: TrueEarthSensor(biases=PENETRATION_BIASES))
     # tilt and elevation of the sun sensors' nominal boresights that the computer holds, rad
     boresights: tuple[float, float] = BORESIGHTS
@@ -166,7 +170,7 @@ class MissionConfig:
     maneuvers: tuple[YawManeuver, ...] = ()  # yaw maneuvers, ascending, each of which swaps it
 
 
-def compensated(coefficients: Array, c: float, d: float) -> Array:
+def apply_compensation(coefficients: Array, c: float, d: float) -> Array:
     """R (6): b₁ → c b₁ + d, and b₂, b₃, b₆ times c, of b (9,)."""
     out = np.array(coefficients, dtype=float)
     out[[0, 1, 2, 5]] *= c
@@ -174,11 +178,11 @@ def compensated(coefficients: Array, c: float, d: float) -> Array:
     return out
 
 
-def crossing_compensation(
+def fit_crossing_compensation(
     sensor: TrueSunSensor,
     on_board: Array,
     nominal: Array,
-    coefficients: Array = sun_sensor.BETA,
+    coefficients: Array = sun_sensor.SIMULATED_BETA_COEFFICIENTS,
     angles_deg: tuple[float, float] = (0.0, 58.4),
 ) -> tuple[float, float]:
     """(c, d) of R (6) for the least error of β at the yaw update.
@@ -196,15 +200,15 @@ def crossing_compensation(
     side = np.sign(nominal[0, 2])
     angle = np.deg2rad(np.linspace(*angles_deg, 50))
     body = np.stack([side * np.cos(angle), -np.sin(angle), np.zeros_like(angle)], axis=-1)
-    seen = [sun_sensor.head_tangents(x, y, z, sensor.head) for x, y, z in body @ sensor.alignment]
-    counts = [sun_sensor.counts_of(*one, sensor.coefficients_alpha, sensor.coefficients_beta)[1] for one in seen]
-    bracket = np.tan(np.array([head_angle(count, coefficients) for count in counts]) - coefficients[8])
+    seen = [sun_sensor.compute_head_tangents(x, y, z, sensor.head) for x, y, z in body @ sensor.alignment]
+    counts = [sun_sensor.compute_counts(*one, sensor.coefficients_alpha, sensor.coefficients_beta)[1] for one in seen]
+    bracket = np.tan(np.array([compute_head_angle(count, coefficients) for count in counts]) - coefficients[8])
     wanted = body @ nominal @ on_board
     slope, offset = np.polyfit(bracket, np.tan(np.arctan(wanted[:, 1] / wanted[:, 2]) - coefficients[8]), 1)
     return float(slope), float(offset)
 
 
-def alignment_upload(before: OnBoardTables, mounting: Mounting = "solved") -> OnBoardTables:
+def build_alignment_upload(before: OnBoardTables, mounting: Mounting = "solved") -> OnBoardTables:
     """R's first upload, December 11: R (3) for DSS-2 and the penetration biases."""
     turn = np.diag([-1.0, -1.0, 1.0]) if mounting == "alike" else np.eye(3)
     return replace(
@@ -215,37 +219,37 @@ def alignment_upload(before: OnBoardTables, mounting: Mounting = "solved") -> On
     )
 
 
-def filter_upload(before: OnBoardTables) -> OnBoardTables:
+def build_filter_upload(before: OnBoardTables) -> OnBoardTables:
     """S filter turned off, the remedy R describes."""
     return replace(before, bias=None, s_filter="off")
 
 
-def coefficient_upload(before: OnBoardTables, config: MissionConfig | None = None) -> OnBoardTables:
+def build_coefficient_upload(before: OnBoardTables, config: MissionConfig | None = None) -> OnBoardTables:
     """R's second upload, February 27 and 28: the gyro's R (9), and b coefficients by R (6).
 
-    (c, d) are computed by `crossing_compensation` for the sensors of a config; without one they are the published pairs.
+    (c, d) are computed by `fit_crossing_compensation` for the sensors of a config; without one they are the published pairs.
     """
     factors = R6
     if config is not None:
-        parts = config.sun_sensors, before.misalignments, sun_sensor.trmm_alignments(*config.boresights)
-        first, second = (crossing_compensation(*own) for own in zip(*parts, before.coefficients_beta, strict=True))
+        parts = config.sun_sensors, before.misalignments, sun_sensor.build_trmm_alignments(*config.boresights)
+        first, second = (fit_crossing_compensation(*own) for own in zip(*parts, before.coefficients_beta, strict=True))
         factors = first, second
-    beta = np.stack([compensated(b, *cd) for b, cd in zip(before.coefficients_beta, factors, strict=True)])
+    beta = np.stack([apply_compensation(b, *cd) for b, cd in zip(before.coefficients_beta, factors, strict=True)])
     return replace(before, G=R9_G, bias=R9_BIAS, coefficients_beta=beta)
 
 
-def uploads(config: MissionConfig) -> tuple[OnBoardTables, OnBoardTables]:
+def build_uploads(config: MissionConfig) -> tuple[OnBoardTables, OnBoardTables]:
     """Tables of both uploads."""
-    first = alignment_upload(config.tables, config.mounting)
+    first = build_alignment_upload(config.tables, config.mounting)
     if config.filter_off_first:
-        first = filter_upload(first)
-    second = coefficient_upload(first, None if config.printed_coefficients else config)
-    return first, filter_upload(second) if not config.filter_off_first else second
+        first = build_filter_upload(first)
+    second = build_coefficient_upload(first, None if config.printed_coefficients else config)
+    return first, build_filter_upload(second) if not config.filter_off_first else second
 
 
-def period_tables(config: MissionConfig | None = None) -> dict[str, OnBoardTables]:
+def build_period_tables(config: MissionConfig | None = None) -> dict[str, OnBoardTables]:
     """Tables of R Table 3's periods: precalibration, calibration1, postcalibration, each with a bias to start from."""
     config = config or MissionConfig()
-    first, second = uploads(config)
+    first, second = build_uploads(config)
     third = replace(second, bias=R9_BIAS)
     return {"precalibration": config.tables, "calibration1": replace(first, bias=PRELAUNCH_BIAS), "postcalibration": third}

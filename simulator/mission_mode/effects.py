@@ -13,13 +13,13 @@ import numpy as np
 
 from gyrocal.errors import InputError
 from simulator.effects.settings import read_number, split_text
-from simulator.mission_mode.config import DAY, HorizonError, MissionConfig, compensated
-from simulator.mission_mode.mounting import ALIGNED_AT, mounted
-from simulator.sensors.sun import trmm_alignments
+from simulator.mission_mode.config import DAY, HorizonError, MissionConfig, apply_compensation
+from simulator.mission_mode.mounting import ALIGNED_AT, build_mounted_sensors
+from simulator.sensors.sun import build_trmm_alignments
 
 Parameters = Mapping[str, float]
 Change = Callable[[MissionConfig, float, Parameters], MissionConfig]
-DEG_H = math.radians(1.0) / 3600.0  # rad/s
+DEG_H_IN_RAD_S = math.radians(1.0) / 3600.0  # rad/s
 AXES = "xyz"
 
 
@@ -49,21 +49,21 @@ class MissionSetting:
         return f"{self.effect}:{AXES[int(self.parameters['axis'])]}" if "axis" in self.parameters else self.effect
 
 
-def _elevation(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+def _set_elevation(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
     boresights = math.radians(own["tilt_deg"]), -math.radians(size)
-    return replace(config, boresights=boresights, sun_sensors=mounted(config.mounting, boresights))
+    return replace(config, boresights=boresights, sun_sensors=build_mounted_sensors(config.mounting, boresights))
 
 
-def _horizon_noise(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+def _set_horizon_noise(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
     horizon = replace(config.horizon, sigma=math.radians(size), time_constant_s=own["tau_s"])
     return replace(config, horizon=horizon)
 
 
-def _horizon_season(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+def _set_horizon_season(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
     return replace(config, horizon=replace(config.horizon, season=math.radians(size)))
 
 
-def _transfer(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+def _set_transfer_scale(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
     """The true β of DSS-2 has another scale than the tables, about the angle at which the ground aligned it.
 
     B_true = (1 + s) B − s B₀ with the bracket B of R (5), and B₀ that of the yaw update at the alignment's sun angle: an
@@ -71,99 +71,100 @@ def _transfer(config: MissionConfig, size: float, own: Parameters) -> MissionCon
     """
     first, second = config.sun_sensors
     angle = math.radians(ALIGNED_AT[1])
-    sun = np.array([-math.cos(angle), -math.sin(angle), 0.0]) @ trmm_alignments(*config.boresights)[1]
+    sun = np.array([-math.cos(angle), -math.sin(angle), 0.0]) @ build_trmm_alignments(*config.boresights)[1]
     return replace(
         config,
         sun_sensors=(
             first,
             replace(
-                second, coefficients_beta=compensated(second.coefficients_beta, 1.0 + size, -size * float(sun[1] / sun[2]))
+                second,
+                coefficients_beta=apply_compensation(second.coefficients_beta, 1.0 + size, -size * float(sun[1] / sun[2])),
             ),
         ),
     )
 
 
-def _walk(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+def _set_rate_walk(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
     rrw = np.broadcast_to(np.asarray(config.gyro.rrw, dtype=float), 3).copy()
-    rrw[int(own["axis"])] = size * DEG_H / math.sqrt(DAY)
+    rrw[int(own["axis"])] = size * DEG_H_IN_RAD_S / math.sqrt(DAY)
     return replace(config, gyro=replace(config.gyro, rrw=rrw))
 
 
-def _orbital(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+def _set_orbital_bias(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
     orbital, phase = np.array(config.gyro.orbital, dtype=float), math.radians(own["phase_deg"])
-    orbital[int(own["axis"])] += size * DEG_H * np.array([math.cos(phase), math.sin(phase)])
+    orbital[int(own["axis"])] += size * DEG_H_IN_RAD_S * np.array([math.cos(phase), math.sin(phase)])
     return replace(config, gyro=replace(config.gyro, orbital=orbital))
 
 
-def _gain(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+def _set_bias_gain(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
     return replace(config, controller=replace(config.controller, bias_gain=size))
 
 
-def _cross_track(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+def _set_cross_track_error(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
     angle, phase = 1e3 * size / config.orbit.radius, math.radians(own["phase_deg"])
     node = -angle * math.cos(phase) / math.sin(config.orbit.inclination)
     return replace(config, ephemeris=replace(config.ephemeris, node=node, inclination=angle * math.sin(phase)))
 
 
-def _scan(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+def _set_scan(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
     body = config.spacecraft._replace(scan_torque=size, scan_rate=2 * math.pi * own["rpm"] / 60.0)
     return replace(config, spacecraft=body)
 
 
-def _array(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+def _set_array_step(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
     body = config.spacecraft._replace(array_step=math.radians(size), array_inertia=own["inertia_kgm2"])
     return replace(config, spacecraft=body)
 
 
-def _printed(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+def _set_printed_coefficients(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
     return replace(config, printed_coefficients=size > 0)
 
 
-def _late_filter(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+def _set_late_filter(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
     return replace(config, filter_off_first=size <= 0)
 
 
-def _unsquare(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+def _scale_heads(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
     """Heads so many times as far from square as recorded, on sensors that sit as they do."""
     first, second = (replace(one, head=size * one.head) for one in config.sun_sensors)
     return replace(config, sun_sensors=(first, second))
 
 
 TAU_S = HorizonError().time_constant_s
-ALL = (
+ALL_MISSION_EFFECTS = (
     MissionEffect(
-        "boresight_elevation", "deg", "the sun sensors look so far toward zenith; nominal is 29.4", (-40.0, 40.0), _elevation,
+        "boresight_elevation", "deg", "the sun sensors look so far toward zenith; nominal is 29.4", (-40.0, 40.0), _set_elevation,
         {"tilt_deg": 20.0},
     ),
-    MissionEffect("head_sense", "times", "the β heads' angles times this; nominal is 1", (-3.0, 3.0), _unsquare),
-    MissionEffect("printed_coefficients", "", "1: the second upload has (c, d) of R (6) as printed", (0.0, 1.0), _printed),
-    MissionEffect("late_filter_upload", "", "1: the S filter is turned off with the second upload", (0.0, 1.0), _late_filter),
-    MissionEffect("dss_transfer", "1", "the β head of DSS-2 has another scale than the tables", (-0.05, 0.05), _transfer),
+    MissionEffect("head_sense", "times", "the β heads' angles times this; nominal is 1", (-3.0, 3.0), _scale_heads),
+    MissionEffect("printed_coefficients", "", "1: the second upload has (c, d) of R (6) as printed", (0.0, 1.0), _set_printed_coefficients),
+    MissionEffect("late_filter_upload", "", "1: the S filter is turned off with the second upload", (0.0, 1.0), _set_late_filter),
+    MissionEffect("dss_transfer", "1", "the β head of DSS-2 has another scale than the tables", (-0.05, 0.05), _set_transfer_scale),
     MissionEffect(
         "horizon_noise", "deg", "radiance of the horizon: noise of each quadrant that is correlated in time", (0.0, 1.0),
-        _horizon_noise, {"tau_s": TAU_S},
+        _set_horizon_noise, {"tau_s": TAU_S},
     ),
     MissionEffect(
         "horizon_season", "deg", "the winter hemisphere's limb is lower, by this times the sine of the latitude in January",
-        (-1.0, 1.0), _horizon_season,
+        (-1.0, 1.0), _set_horizon_season,
     ),
-    MissionEffect("gyro_walk", "deg/h/sqrt(day)", "random walk of the gyro's bias", (0.0, 10.0), _walk, axes=AXES),
+    MissionEffect("gyro_walk", "deg/h/sqrt(day)", "random walk of the gyro's bias", (0.0, 10.0), _set_rate_walk, axes=AXES),
     MissionEffect(
-        "gyro_orbital", "deg/h", "the gyro's bias swings with the argument of latitude", (-10.0, 10.0), _orbital,
+        "gyro_orbital", "deg/h", "the gyro's bias swings with the argument of latitude", (-10.0, 10.0), _set_orbital_bias,
         {"phase_deg": 0.0}, AXES,
     ),
-    MissionEffect("bias_gain", "1", "share of a yaw update that goes into the yaw bias; nominal is 1", (0.0, 1.9), _gain),
+    MissionEffect("bias_gain", "1", "share of a yaw update that goes into the yaw bias; nominal is 1", (0.0, 1.9), _set_bias_gain),
     MissionEffect(
         "cross_track", "km", "the ephemeris on board is off across the track, with the sine of the latitude argument",
-        (-100.0, 100.0), _cross_track, {"phase_deg": 0.0},
+        (-100.0, 100.0), _set_cross_track_error, {"phase_deg": 0.0},
     ),
-    MissionEffect("scan_torque", "N m", "an instrument scans about z out of balance", (0.0, 100.0), _scan, {"rpm": 31.6}),
+    MissionEffect("scan_torque", "N m", "an instrument scans about z out of balance", (0.0, 100.0), _set_scan, {"rpm": 31.6}),
     MissionEffect(
-        "array_step", "deg", "the solar arrays are driven about y in steps, once round an orbit", (0.0, 10.0), _array,
+        "array_step", "deg", "the solar arrays are driven about y in steps, once round an orbit", (0.0, 10.0), _set_array_step,
         {"inertia_kgm2": 400.0},
     ),
 )  # fmt: skip
-MISSION_EFFECTS: Mapping[str, MissionEffect] = {one.name: one for one in ALL}
+MISSION_EFFECTS: Mapping[str, MissionEffect] = {one.name: one for one in ALL_MISSION_EFFECTS}
 
 
 def parse(text: str) -> MissionSetting:
@@ -183,8 +184,8 @@ def parse(text: str) -> MissionSetting:
     return MissionSetting(name, read_number(name, "size", size or "''", *effect.bounds, effect.unit), values)
 
 
-def applied(config: MissionConfig, settings: Sequence[MissionSetting]) -> MissionConfig:
-    """The config with effects, in the order of `ALL` whatever the order given: a mounting comes before what changes it."""
+def apply_mission_settings(config: MissionConfig, settings: Sequence[MissionSetting]) -> MissionConfig:
+    """The config with effects, in the order of `ALL_MISSION_EFFECTS` whatever the order given: a mounting comes before what changes it."""
     order = list(MISSION_EFFECTS)
     for one in sorted(settings, key=lambda setting: order.index(setting.effect)):
         config = MISSION_EFFECTS[one.effect].change(config, one.size, one.parameters)

@@ -20,30 +20,34 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from simulator.arrays import Array
-from simulator.mission_mode.calendar import plane_crossings, sun_angle
+from simulator.mission_mode.calendar import compute_sun_angle, find_plane_crossings
 from simulator.mission_mode.config import (
     DAY,
     Forward,
     MissionConfig,
     OnBoardTables,
     YawManeuver,
-    uploads,
+    build_uploads,
 )
 from simulator.mission_mode.loop import YEARLY, fly
-from simulator.mission_mode.magnetic_field import sidereal_angle
-from simulator.mission_mode.state import AXES as AXES
+from simulator.mission_mode.magnetic_field import compute_sidereal_angle
 from simulator.mission_mode.state import NEVER, ORBIT_COLUMNS, SUN_STEP, TELEMETRY, UPDATES, Plant, Sensors, Slew, State, Tables
-from simulator.mission_mode.target_frame import commanded_attitude
-from simulator.mission_mode.wheels import pyramid
-from simulator.sensors.sun import trmm_alignments
+from simulator.mission_mode.state import ROTATION_NAMES as ROTATION_NAMES
+from simulator.mission_mode.target_frame import compute_commanded_attitude
+from simulator.mission_mode.wheels import build_wheel_pyramid
+from simulator.sensors.sun import build_trmm_alignments
 from simulator.streams import generator
-from simulator.truth.orbit import lvlh_rate
-from simulator.truth.rotation import quaternion
-from simulator.truth.sun import julian_date, sun_vector
+from simulator.truth.orbit import compute_lvlh_rate
+from simulator.truth.rotation import convert_to_quaternion
+from simulator.truth.sun import compute_julian_date, compute_sun_vector
 
 COLDEST = "1998-01-15T00:00:00+00:00"  # when the horizon's season is at its largest
 SECONDS_PER_HOUR = 3600.0
-SLEW_NUMBERS = (*(f"pointing_{axis}_deg" for axis in AXES), *(f"targeting_{axis}_deg" for axis in AXES), "bias_yaw_deg_h")
+SLEW_NUMBERS = (
+    *(f"pointing_{axis}_deg" for axis in ROTATION_NAMES),
+    *(f"targeting_{axis}_deg" for axis in ROTATION_NAMES),
+    "bias_yaw_deg_h",
+)
 
 
 @dataclass(frozen=True)
@@ -111,18 +115,18 @@ def simulate_mission(
     return _Flight(config, cycles, seed).fly(every, telemetry, progress)
 
 
-def flight_schedule(config: MissionConfig, days: float) -> MissionConfig:
+def build_flight_schedule(config: MissionConfig, days: float) -> MissionConfig:
     """The config with R's uploads on their days, and a yaw maneuver whenever the Sun crosses the orbit plane, for some days.
 
     Alignment on December 11, the gyro and DSS coefficients on February 27, 1998. A maneuver is centred on its crossing.
     """
-    start = julian_date(config.epoch)
-    days_of = [(julian_date(date) - start) * DAY for date in ("1997-12-11T12:00:00+00:00", "1998-02-27T12:00:00+00:00")]
-    second, third = uploads(config)
-    moments = plane_crossings(config.epoch, config.orbit, days)
+    start = compute_julian_date(config.epoch)
+    days_of = [(compute_julian_date(date) - start) * DAY for date in ("1997-12-11T12:00:00+00:00", "1998-02-27T12:00:00+00:00")]
+    second, third = build_uploads(config)
+    moments = find_plane_crossings(config.epoch, config.orbit, days)
     standard = YawManeuver(0.0)
     maneuvers = tuple(replace(standard, start_s=float(t) - 0.5 * standard.duration_s) for t in moments)
-    forward: Forward = "+x" if sun_angle(config.epoch, config.orbit, 0.0) > 0 else "-x"
+    forward: Forward = "+x" if compute_sun_angle(config.epoch, config.orbit, 0.0) > 0 else "-x"
     dated = (days_of[0], second), (days_of[1], third)
     return replace(config, uploads=dated, maneuvers=maneuvers, forward=forward)
 
@@ -136,20 +140,20 @@ class _Flight:
         self.rng, self.extra = generator(seed, 0, "mission_mode"), generator(seed, 0, "mission_effects")
         self.wander = generator(seed, 0, "mission_walk")
         orbits = int((cycles - 1) * self.cycle / config.orbit.period) + 1
-        self.plant = _plant(config, cycles * self.cycle)
+        self.plant = _build_plant(config, cycles * self.cycle)
         self.orbits = np.zeros((orbits, ORBIT_COLUMNS))
         self.updates = np.empty((2 * orbits + 4, len(UPDATES)))
         self.tables = config.tables
         self.forward = config.forward
-        self.state = _initial(config, self.extra)
+        self.state = _build_initial_state(config, self.extra)
 
     def fly(self, every: int, telemetry: Array, progress: Callable[[int], None] | None) -> MissionRun:
         """All of it."""
-        slew, count, k, bias = self._resting(), 0, 0, 0.0
+        slew, count, k, bias = self._build_resting_slew(), 0, 0, 0.0
         slews: list[dict[str, float | str]] = []
-        for at, what in [*self._events(progress is not None), (self.cycles, None)]:
-            sensors = _sensors(self.config, self.tables)
-            tables = _tables(self.config, self.tables)
+        for at, what in [*self._list_events(progress is not None), (self.cycles, None)]:
+            sensors = _build_flight_sensors(self.config, self.tables)
+            tables = _build_tables(self.config, self.tables)
             outputs = every, telemetry, self.updates, count, self.orbits
             count = fly(self.rng, self.extra, self.wander, k, at, self.plant, sensors, tables, slew, self.state, *outputs)
             k = at
@@ -165,11 +169,11 @@ class _Flight:
                 slew = Slew(slew.yaw, angle, what.start_s, what.duration_s, what.ramp_fraction)
             elif what == "end":
                 self.forward = "-x" if self.forward == "+x" else "+x"
-                slews.append(self._slew_row(slew, bias))
-                slew = self._resting()
-        return self._result(telemetry, count, slews)
+                slews.append(self._tabulate_slew(slew, bias))
+                slew = self._build_resting_slew()
+        return self._build_result(telemetry, count, slews)
 
-    def _events(self, daily: bool) -> list[tuple[int, OnBoardTables | YawManeuver | str]]:
+    def _list_events(self, daily: bool) -> list[tuple[int, OnBoardTables | YawManeuver | str]]:
         """Cycle before which each event takes place, in order; a maneuver that the run does not see the end of is left out."""
         events: list[tuple[int, OnBoardTables | YawManeuver | str]] = [
             (int(np.ceil(at / self.cycle)), tables) for at, tables in self.config.uploads
@@ -184,41 +188,46 @@ class _Flight:
         events += [(k, "day") for k in range(day, self.cycles, day) if daily]
         return sorted(((max(at, 0), what) for at, what in events if at < self.cycles), key=lambda event: event[0])
 
-    def _resting(self) -> Slew:
+    def _build_resting_slew(self) -> Slew:
         return Slew(0.0 if self.forward == "+x" else np.pi, 0.0, 0.0, 0.0, 0.5)
 
-    def _slew_row(self, slew: Slew, bias: float) -> dict[str, float | str]:
+    def _tabulate_slew(self, slew: Slew, bias: float) -> dict[str, float | str]:
         last = self.state.past[0]
         targeting = np.rad2deg(last - self.state.probe)
         return {
             "start_s": slew.start,
             "stop_s": slew.start + slew.duration,
             "forward": self.forward,
-            **{f"pointing_{axis}_deg": value for axis, value in zip(AXES, np.rad2deg(last), strict=True)},
-            **{f"targeting_{axis}_deg": value for axis, value in zip(AXES, targeting, strict=True)},
+            **{f"pointing_{axis}_deg": value for axis, value in zip(ROTATION_NAMES, np.rad2deg(last), strict=True)},
+            **{f"targeting_{axis}_deg": value for axis, value in zip(ROTATION_NAMES, targeting, strict=True)},
             "bias_yaw_deg_h": np.rad2deg(bias) * SECONDS_PER_HOUR,
         }
 
-    def _result(self, telemetry: Array, count: int, slews: list[dict[str, float | str]]) -> MissionRun:
+    def _build_result(self, telemetry: Array, count: int, slews: list[dict[str, float | str]]) -> MissionRun:
         return MissionRun(
             _tabulate(telemetry, TELEMETRY),
-            self._update_table(count),
+            self._tabulate_updates(count),
             pd.DataFrame(slews, columns=["start_s", "stop_s", "forward", *SLEW_NUMBERS]),
-            self._orbit_table(),
+            self._tabulate_orbits(),
         )
 
-    def _update_table(self, count: int) -> pd.DataFrame:
+    def _tabulate_updates(self, count: int) -> pd.DataFrame:
         table = _tabulate(self.updates[:count], UPDATES).astype({"sensor": int, "bias_solved": bool})
-        forward = self._forward(table["t_s"].to_numpy())
-        beta = np.rad2deg(sun_angle(self.config.epoch, self.config.orbit, table["t_s"].to_numpy()))
+        forward = self._find_forward_axis(table["t_s"].to_numpy())
+        beta = np.rad2deg(compute_sun_angle(self.config.epoch, self.config.orbit, table["t_s"].to_numpy()))
         return table.assign(forward=forward, sun_angle_deg=np.where(forward == "+x", beta, -beta))
 
-    def _orbit_table(self) -> pd.DataFrame:
+    def _tabulate_orbits(self) -> pd.DataFrame:
         rows = self.orbits
         samples = np.where(rows[:, 0] > 0, rows[:, 0], np.nan)
         start = self.config.orbit.period * np.arange(len(rows), dtype=float)
-        table: dict[str, object] = {"t_s": start, "forward": self._forward(start), "samples": rows[:, 0], "lost": rows[:, 1]}
-        for i, axis in enumerate(AXES):
+        table: dict[str, object] = {
+            "t_s": start,
+            "forward": self._find_forward_axis(start),
+            "samples": rows[:, 0],
+            "lost": rows[:, 1],
+        }
+        for i, axis in enumerate(ROTATION_NAMES):
             table[f"rms_error_{axis}_deg"] = np.rad2deg(np.sqrt(rows[:, 2 + i] / samples))
             table[f"rms_knowledge_{axis}_deg"] = np.rad2deg(np.sqrt(rows[:, 5 + i] / samples))
             for name, column in (("largest_error", 8), ("largest_knowledge", 11), ("jitter", 14)):
@@ -227,7 +236,7 @@ class _Flight:
         table |= {"momentum_nms": rows[:, 20], "wheel_nms": rows[:, 21], "moment_am2": rows[:, 22]}
         return pd.DataFrame({**table, "three_quadrants": rows[:, 23] / samples})
 
-    def _forward(self, t: NDArray[np.floating]) -> NDArray[np.str_]:
+    def _find_forward_axis(self, t: NDArray[np.floating]) -> NDArray[np.str_]:
         """Axis along the velocity at times t, a maneuver counting from its middle."""
         flown = [m for m in self.config.maneuvers if m.start_s + m.duration_s < self.cycles * self.cycle]
         swaps = np.searchsorted([m.start_s + 0.5 * m.duration_s for m in flown], t)
@@ -243,10 +252,10 @@ def _tabulate(values: Array, names: tuple[str, ...]) -> pd.DataFrame:
     return table
 
 
-def _plant(config: MissionConfig, span: float) -> Plant:
+def _build_plant(config: MissionConfig, span: float) -> Plant:
     body, orbit = config.spacecraft, config.orbit
-    axes = pyramid(body.elevation)
-    start = julian_date(config.epoch)
+    axes = build_wheel_pyramid(body.elevation)
+    start = compute_julian_date(config.epoch)
     moments = np.arange(0.0, span + 2 * SUN_STEP, SUN_STEP)
     carried = orbit.inclination + config.ephemeris.inclination
     return Plant(
@@ -264,12 +273,12 @@ def _plant(config: MissionConfig, span: float) -> Plant:
         sin_i=float(np.sin(orbit.inclination)),
         on_board=np.array([config.ephemeris.node, np.cos(carried), np.sin(carried)]),
         radius=orbit.radius,
-        sidereal=sidereal_angle(start),
-        sun=np.ascontiguousarray(sun_vector(start + moments / DAY)),
+        sidereal=compute_sidereal_angle(start),
+        sun=np.ascontiguousarray(compute_sun_vector(start + moments / DAY)),
     )
 
 
-def _sensors(config: MissionConfig, tables: OnBoardTables) -> Sensors:
+def _build_flight_sensors(config: MissionConfig, tables: OnBoardTables) -> Sensors:
     gyro, cycle, pair = config.gyro, config.controller.cycle_s, config.sun_sensors
     earth = replace(config.earth_sensor, s_filter=tables.s_filter)
     return Sensors(
@@ -283,7 +292,7 @@ def _sensors(config: MissionConfig, tables: OnBoardTables) -> Sensors:
         horizon_keep=float(np.exp(-cycle / config.horizon.time_constant_s)),
         horizon_sigma=config.horizon.sigma,
         horizon_season=config.horizon.season,
-        season_phase=YEARLY * (julian_date(config.epoch) - julian_date(COLDEST)) * DAY,
+        season_phase=YEARLY * (compute_julian_date(config.epoch) - compute_julian_date(COLDEST)) * DAY,
         alignments=np.stack([sensor.alignment for sensor in pair]),
         heads=np.stack([sensor.head for sensor in pair]),
         a=np.stack([sensor.coefficients_alpha for sensor in pair]),
@@ -293,13 +302,13 @@ def _sensors(config: MissionConfig, tables: OnBoardTables) -> Sensors:
     )
 
 
-def _tables(config: MissionConfig, tables: OnBoardTables) -> Tables:
+def _build_tables(config: MissionConfig, tables: OnBoardTables) -> Tables:
     law = config.controller
     stiffness = law.inertia * law.bandwidth**2
     return Tables(
         G=np.ascontiguousarray(tables.G, dtype=float),
         penetration_biases=np.asarray(tables.penetration_biases, dtype=float),
-        alignments=np.ascontiguousarray(np.stack(trmm_alignments(*config.boresights)) @ tables.misalignments),
+        alignments=np.ascontiguousarray(np.stack(build_trmm_alignments(*config.boresights)) @ tables.misalignments),
         a=np.ascontiguousarray(tables.coefficients_alpha),
         b=np.ascontiguousarray(tables.coefficients_beta),
         inertia=np.asarray(law.inertia, dtype=float),
@@ -312,15 +321,15 @@ def _tables(config: MissionConfig, tables: OnBoardTables) -> Tables:
     )
 
 
-def _initial(config: MissionConfig, rng: np.random.Generator) -> State:
+def _build_initial_state(config: MissionConfig, rng: np.random.Generator) -> State:
     """On the commanded frame and turning with it, the wheels at rest, the estimate right."""
     cycle, orbit = config.controller.cycle_s, config.orbit
     yaw = 0.0 if config.forward == "+x" else np.pi
-    before, now = commanded_attitude(orbit, np.array([-cycle, 0.0]), yaw)
-    rate = lvlh_rate(orbit, np.zeros(1))[0] * np.array([np.cos(yaw), np.cos(yaw), 1.0])
+    before, now = compute_commanded_attitude(orbit, np.array([-cycle, 0.0]), yaw)
+    rate = compute_lvlh_rate(orbit, np.zeros(1))[0] * np.array([np.cos(yaw), np.cos(yaw), 1.0])
     bias = np.zeros(3) if config.tables.bias is None else config.tables.bias
     return State(
-        q=quaternion(now),
+        q=convert_to_quaternion(now),
         omega=rate,
         wheels=np.zeros(4),
         true_bias=np.array(config.gyro.bias, dtype=float),

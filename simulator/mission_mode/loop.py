@@ -15,24 +15,24 @@ import math
 
 import numpy as np
 
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array
-from simulator.mission_mode.magnetic_field import DIPOLE, EARTH_RATE, dipole_field
-from simulator.mission_mode.onboard_attitude import half_turn, propagate_error, sun_azimuth
-from simulator.mission_mode.rigid_body import attitude_matrix, multiply, rigid_body_step
-from simulator.mission_mode.state import NEVER, SUN_STEP, Plant, Sensors, Slew, State, Tables, count_orbit, yaw_command
-from simulator.mission_mode.target_frame import geodetic_axes, lvlh_axes, rotation_between, turn_about_z
-from simulator.mission_mode.wheels import WHEELS, distribute, unloading_moment
-from simulator.sensors.earth import measure, roll_pitch
+from simulator.mission_mode.magnetic_field import DIPOLE, EARTH_RATE, compute_dipole_field
+from simulator.mission_mode.onboard_attitude import compute_sun_azimuth, propagate_error, wrap_angle
+from simulator.mission_mode.rigid_body import compute_attitude_matrix, multiply, step_rigid_body
+from simulator.mission_mode.state import NEVER, SUN_STEP, Plant, Sensors, Slew, State, Tables, compute_yaw_command, count_orbit
+from simulator.mission_mode.target_frame import compute_geodetic_axes, compute_lvlh_axes, compute_rotation_between, turn_about_z
+from simulator.mission_mode.wheels import WHEELS, compute_unloading_moment, distribute
+from simulator.sensors.earth import compute_roll_pitch, measure
 from simulator.sensors.horizon import COSINES, SINES
-from simulator.sensors.sun import sensor_counts
+from simulator.sensors.sun import compute_sensor_counts
 
 YEARLY = 2 * math.pi / (365.25 * 86400.0)  # rad/s
 SHORTEST_BIAS_INTERVAL = 600.0  # s; updates closer than that set the yaw and leave the bias
 
 
-@compiled
-def _gyro(
+@compile_cached
+def _simulate_gyro(
     rng: np.random.Generator,
     wander: np.random.Generator,
     u: float,
@@ -62,8 +62,8 @@ def _gyro(
             state.true_bias[i] += sensors.walk_sigma[i] * wander.standard_normal()
 
 
-@compiled
-def _horizon(
+@compile_cached
+def _simulate_horizon(
     rng: np.random.Generator, t: float, A: Array, position: Array, sensors: Sensors, state: State, angles: Array
 ) -> None:  # pragma: no cover - compiled
     """What the horizon's radiance adds to the penetration angles (4,), rad.
@@ -83,8 +83,8 @@ def _horizon(
         angles[i] += state.horizon[i] - season * latitude
 
 
-@compiled
-def _yaw_update(
+@compile_cached
+def _update_yaw(
     rng: np.random.Generator,
     t: float,
     A: Array,
@@ -103,7 +103,7 @@ def _yaw_update(
     s_y = frame[1, 0] * sun[0] + frame[1, 1] * sun[1] + frame[1, 2] * sun[2]
     i = 0 if s_x > 0.0 else 1
     noise_alpha, noise_beta = sensors.noise[i] * rng.standard_normal(), sensors.noise[i] * rng.standard_normal()
-    n_alpha, n_beta, visible = sensor_counts(
+    n_alpha, n_beta, visible = compute_sensor_counts(
         A,
         sun,
         sensors.alignments[i],
@@ -116,8 +116,8 @@ def _yaw_update(
     )
     if not visible:
         return count
-    seen = sun_azimuth(float(n_alpha), float(n_beta), tables.a[i], tables.b[i], tables.alignments[i])
-    measured = half_turn(math.atan2(s_y, s_x) - seen)
+    seen = compute_sun_azimuth(float(n_alpha), float(n_beta), tables.a[i], tables.b[i], tables.alignments[i])
+    measured = wrap_angle(math.atan2(s_y, s_x) - seen)
     size = measured - state.estimate[2]
     interval = t - state.memory[1]
     solve = state.memory[1] > NEVER and interval >= SHORTEST_BIAS_INTERVAL
@@ -130,8 +130,8 @@ def _yaw_update(
     return count + 1
 
 
-@compiled
-def _wanted_torque(
+@compile_cached
+def _compute_wanted_torque(
     rate: Array, moved: Array, momentum: Array, integrate: bool, plant: Plant, state: State, tables: Tables, torque: Array
 ) -> None:  # pragma: no cover - compiled
     """The control law of the module's text; rate (3,) by the gyro and moved (3,) rad of the frame; torque (3,) is written."""
@@ -155,8 +155,8 @@ def _wanted_torque(
         )
 
 
-@compiled
-def _outer_torque(
+@compile_cached
+def _compute_outer_torque(
     rng: np.random.Generator,
     t: float,
     A: Array,
@@ -170,12 +170,14 @@ def _outer_torque(
 ) -> float:  # pragma: no cover - compiled
     """Torque of the air and of the moments in the field, body axes, in torque (3,); the largest moment of a torquer."""
     body, r = plant.body, -plant.radius
-    b_x, b_y, b_z = dipole_field(r * lvlh[2, 0], r * lvlh[2, 1], r * lvlh[2, 2], plant.sidereal + EARTH_RATE * t, DIPOLE)
+    b_x, b_y, b_z = compute_dipole_field(
+        r * lvlh[2, 0], r * lvlh[2, 1], r * lvlh[2, 2], plant.sidereal + EARTH_RATE * t, DIPOLE
+    )
     B_x, B_y, B_z = multiply(A, b_x, b_y, b_z)
     m_x, m_y, m_z = 0.0, 0.0, 0.0
     if tables.unloading > 0.0:
         sigma = sensors.magnetometer_sigma
-        m_x, m_y, m_z = unloading_moment(
+        m_x, m_y, m_z = compute_unloading_moment(
             momentum[0],
             momentum[1],
             momentum[2],
@@ -209,7 +211,7 @@ def _outer_torque(
     return largest
 
 
-@compiled
+@compile_cached
 def fly(
     rng: np.random.Generator,
     extra: np.random.Generator,
@@ -257,11 +259,11 @@ def fly(
     for k in range(first, last):
         t = k * dt
         u, node = plant.latitude_argument + plant.mean_motion * t, plant.node + plant.nodal_rate * t
-        lvlh_axes(u, node + plant.on_board[0], plant.on_board[1], plant.on_board[2], lvlh)
-        geodetic_axes(lvlh, plant.radius, frame)
-        turn_about_z(frame, yaw_command(t, slew))
-        rotation_between(state.frame, frame, moved)
-        lvlh_axes(u, node, plant.cos_i, plant.sin_i, lvlh)
+        compute_lvlh_axes(u, node + plant.on_board[0], plant.on_board[1], plant.on_board[2], lvlh)
+        compute_geodetic_axes(lvlh, plant.radius, frame)
+        turn_about_z(frame, compute_yaw_command(t, slew))
+        compute_rotation_between(state.frame, frame, moved)
+        compute_lvlh_axes(u, node, plant.cos_i, plant.sin_i, lvlh)
         at = t / SUN_STEP
         index = int(at)
         share = at - index
@@ -271,8 +273,8 @@ def fly(
             momentum[i] = 0.0
             for j in range(WHEELS):
                 momentum[i] += plant.axes[i, j] * state.wheels[j]
-        attitude_matrix(state.q, A)
-        rotation_between(frame, A, error)
+        compute_attitude_matrix(state.q, A)
+        compute_rotation_between(frame, A, error)
         slewing = slew.duration > 0.0 and slew.start < t <= slew.start + slew.duration
         if slewing:
             state.memory[1], state.memory[2] = NEVER, 1.0
@@ -280,33 +282,33 @@ def fly(
             for i in range(3):
                 state.probe[i] = error[i]
         # On board.
-        _gyro(rng, wander, u, plant, sensors, state, tables, apparent, turned, raw)
+        _simulate_gyro(rng, wander, u, plant, sensors, state, tables, apparent, turned, raw)
         propagate_error(state.estimate, turned, moved)
         if slewing:
             propagate_error(state.probe, turned, moved)
         for j in range(8):
             noise[j] = rng.standard_normal()
         measure(A, frame, position, sun, noise, sensors.earth_gain, sensors.earth, state.s_filter, state.quadrants, angles)
-        _horizon(extra, t, A, position, sensors, state, angles)
+        _simulate_horizon(extra, t, A, position, sensors, state, angles)
         used = 0
         for j in range(4):
             seen[j] = angles[j]
             angles[j] -= tables.penetration_biases[j]
             used += 1 if state.quadrants[j] else 0
         if used >= 3 and not slewing:
-            roll, pitch = roll_pitch(angles, state.quadrants)
+            roll, pitch = compute_roll_pitch(angles, state.quadrants)
             if not (math.isnan(roll) or math.isnan(pitch)):  # a quadrant that misses the Earth shows nothing
                 state.estimate[0], state.estimate[1] = roll, pitch
         height = frame[2, 0] * sun[0] + frame[2, 1] * sun[1] + frame[2, 2] * sun[2]
         if height * state.memory[0] < 0.0 and not slewing:
-            count = _yaw_update(rng, t, A, frame, sun, error[2], plant, sensors, state, tables, updates, count)
+            count = _update_yaw(rng, t, A, frame, sun, error[2], plant, sensors, state, tables, updates, count)
         state.memory[0] = height
         for i in range(3):
             rate[i] = turned[i] / dt
-        _wanted_torque(rate, moved, momentum, not slewing, plant, state, tables, torque)
+        _compute_wanted_torque(rate, moved, momentum, not slewing, plant, state, tables, torque)
         # Actuators, and what the body does of it.
         distribute(torque, plant.distribution, state.wheels, body.torque_limit, body.momentum_limit, dt, wheel_torque)
-        largest = _outer_torque(rng, t, A, lvlh, sun, momentum, plant, sensors, tables, outer)
+        largest = _compute_outer_torque(rng, t, A, lvlh, sun, momentum, plant, sensors, tables, outer)
         normal = state.memory[2] == 0.0
         count_orbit(orbits[int(t / period)], error, apparent, normal, used == 3, momentum, largest, state)
         row = k // every
@@ -334,7 +336,7 @@ def fly(
         state.memory[3] += 1.0
         for j in range(WHEELS):
             state.wheels[j] += wheel_torque[j] * dt
-        rigid_body_step(
+        step_rigid_body(
             state.q,
             state.omega,
             held,

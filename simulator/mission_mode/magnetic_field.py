@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array
 
 DIPOLE = np.array([-1784e-9, 5306e-9, -29692e-9])  # d of IGRF 1995.0, T, Earth-fixed
@@ -27,13 +27,13 @@ J2000 = 2451545.0  # Julian date
 EARTH_RATE = math.radians(360.98564736629) / 86400.0  # rad/s
 
 
-def sidereal_angle(julian_date: float) -> float:
+def compute_sidereal_angle(julian_date: float) -> float:
     """Right ascension of Greenwich, rad, at a Julian date (UT)."""
     return math.radians((280.46061837 + 360.98564736629 * (julian_date - J2000)) % 360.0)
 
 
-@compiled
-def dipole_field(
+@compile_cached
+def compute_dipole_field(
     x: float, y: float, z: float, angle: float, dipole: Array
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
     """Inertial field, T, of an Earth-fixed dipole d (3,), T, at an inertial position, m; angle: that of Greenwich, rad."""

@@ -41,78 +41,82 @@ Mounting = Literal["solved", "added", "heads", "alike"]
 
 ALTITUDE = 350e3  # m
 DIP = float(np.arccos(EARTH_RADIUS / (EARTH_RADIUS + ALTITUDE)))  # rad, of the limb below the local horizontal
-ELEVATION = DIP - sun_sensor.HALF_FOV  # rad, toward +Z, nadir: raised toward zenith
-BORESIGHTS = (float(sun_sensor.TILT), float(ELEVATION))
+ELEVATION = DIP - sun_sensor.SIMULATED_HALF_FOV  # rad, toward +Z, nadir: raised toward zenith
+BORESIGHTS = (float(sun_sensor.SIMULATED_BORESIGHT_TILT), float(ELEVATION))
 R3_M = 1e-3 * np.array([[999.996, -1.98736, -1.99437], [1.9928, 999.994, 2.7292], [1.98893, -2.73316, 999.994]])
 ALIGNED_AT = (8.0, 10.0, 12.0)  # deg, sun angles of the ground's alignment
 PATH_STEP = 2.0  # deg of the Sun's path
-NEWTON = 4  # steps; the first leaves 1e-5 of the angles
+MOUNTING_NEWTON_STEPS = 4  # steps; the first leaves 1e-5 of the angles
 
 
-def mounted(mounting: Mounting = "solved", boresights: tuple[float, float] = BORESIGHTS) -> tuple[TrueSunSensor, TrueSunSensor]:
+def build_mounted_sensors(
+    mounting: Mounting = "solved", boresights: tuple[float, float] = BORESIGHTS
+) -> tuple[TrueSunSensor, TrueSunSensor]:
     """TRMM's sun sensors with the flight's heads, at nominal tilt toward −Y and elevation toward nadir, rad; see the module."""
     heads = sun_sensor.HEAD_DSS1, sun_sensor.HEAD_DSS2
     turns = np.eye(3), np.eye(3)
     if mounting == "alike":
         # To first order the other sense of the angles is their negative, and x and y reversed is e₁ and e₃ negative.
         heads = -heads[0], heads[1] * np.array([1.0, -1.0, 1.0])
-        turns = _turn([-heads[0][2], 0.0, 0.0]), _turn([heads[0][2], 0.0, 0.0])
+        turns = _build_rotation([-heads[0][2], 0.0, 0.0]), _build_rotation([heads[0][2], 0.0, 0.0])
     elif mounting == "solved":
-        turns = solved_turns(boresights)
+        turns = solve_turns(boresights)
     elif mounting == "added":
         turns = np.eye(3), R3_M
-    return sun_sensor.trmm_sun_sensors(boresights[0], turns, heads, boresights[1])
+    return sun_sensor.build_trmm_sensors(boresights[0], turns, heads, boresights[1])
 
 
 @lru_cache(maxsize=8)
-def solved_turns(boresights: tuple[float, float]) -> tuple[Array, Array]:
-    """M of both sensors as they sit, (3, 3) each, for which `ground_fit` finds no common rotation and R (3)."""
+def solve_turns(boresights: tuple[float, float]) -> tuple[Array, Array]:
+    """M of both sensors as they sit, (3, 3) each, for which `fit_on_ground` finds no common rotation and R (3)."""
     U, _, V = np.linalg.svd(R3_M)
     wanted = np.concatenate([np.zeros(3), Rotation.from_matrix(U @ V).as_rotvec()])
     turns = np.zeros(6)
-    for _ in range(NEWTON):
-        found = ground_fit(turns, boresights)
+    for _ in range(MOUNTING_NEWTON_STEPS):
+        found = fit_on_ground(turns, boresights)
         step = 1e-5
-        J = np.stack([(ground_fit(turns + step * axis, boresights) - found) / step for axis in np.eye(6)], axis=1)
+        J = np.stack([(fit_on_ground(turns + step * axis, boresights) - found) / step for axis in np.eye(6)], axis=1)
         turns = turns - np.linalg.solve(J, found - wanted)
-    return _turn(turns[:3]), _turn(turns[3:])
+    return _build_rotation(turns[:3]), _build_rotation(turns[3:])
 
 
-def ground_fit(turns: Array, boresights: tuple[float, float], angles_deg: tuple[float, ...] = ALIGNED_AT) -> Array:
+def fit_on_ground(turns: Array, boresights: tuple[float, float], angles_deg: tuple[float, ...] = ALIGNED_AT) -> Array:
     """What a fit that takes the heads for square finds of sensors with the flight's heads.
 
     Of M of DSS-1 and DSS-2 as they sit, rotation vectors (6,), from data at some sun angles: the common rotation of the body
     and the rotation vector of DSS-2's M, (6,) rad.
     """
-    sun = sun_path(angles_deg)
+    sun = compute_sun_path(angles_deg)
     seen = []
     for N, turn, head in zip(
-        sun_sensor.trmm_alignments(*boresights),
+        sun_sensor.build_trmm_alignments(*boresights),
         (turns[:3], turns[3:]),
         (sun_sensor.HEAD_DSS1, sun_sensor.HEAD_DSS2),
         strict=True,
     ):
-        s = sun @ (N @ _turn(turn))
-        tangents = np.array([sun_sensor.head_tangents(x, y, z, head) if z > 0.05 else (np.inf, np.inf) for x, y, z in s])
-        view = (np.abs(tangents) <= np.tan(sun_sensor.HALF_FOV)).all(axis=1)
+        s = sun @ (N @ _build_rotation(turn))
+        tangents = np.array(
+            [sun_sensor.compute_head_tangents(x, y, z, head) if z > 0.05 else (np.inf, np.inf) for x, y, z in s]
+        )
+        view = (np.abs(tangents) <= np.tan(sun_sensor.SIMULATED_HALF_FOV)).all(axis=1)
         seen.append((sun[view], N, np.arctan(tangents[view])))
 
-    def error(x: Array) -> Array:
+    def compute_error(x: Array) -> Array:
         parts = []
         for (path, N, angles), turn in zip(seen, (np.zeros(3), x[3:]), strict=True):
-            s = path @ _turn(x[:3]).T @ N @ _turn(turn)
+            s = path @ _build_rotation(x[:3]).T @ N @ _build_rotation(turn)
             parts.append(np.arctan2(s[:, :2], s[:, 2:]) - angles)
         return np.concatenate(parts).ravel()
 
     x = np.zeros(6)
-    for _ in range(NEWTON):
-        e, step = error(x), 1e-6
-        J = np.stack([(error(x + step * axis) - e) / step for axis in np.eye(6)], axis=1)
+    for _ in range(MOUNTING_NEWTON_STEPS):
+        e, step = compute_error(x), 1e-6
+        J = np.stack([(compute_error(x + step * axis) - e) / step for axis in np.eye(6)], axis=1)
         x = x - np.linalg.lstsq(J, e, rcond=None)[0]
     return x
 
 
-def sun_path(angles_deg: tuple[float, ...]) -> Array:
+def compute_sun_path(angles_deg: tuple[float, ...]) -> Array:
     """(n, 3) directions of the Sun in the body, `PATH_STEP` of an orbit apart, where it is not eclipsed, at some sun angles."""
     height = np.deg2rad(np.arange(0.0, 360.0, PATH_STEP))
     parts = []
@@ -123,5 +127,5 @@ def sun_path(angles_deg: tuple[float, ...]) -> Array:
     return np.concatenate(parts)
 
 
-def _turn(vector: Array | list[float]) -> Array:
+def _build_rotation(vector: Array | list[float]) -> Array:
     return np.asarray(Rotation.from_rotvec(vector).as_matrix())

@@ -21,11 +21,11 @@ from one update to the next. The sign of d turns, the drift has the wrong sense,
 
 import math
 
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array
 
 
-@compiled
+@compile_cached
 def propagate_error(error: Array, turned: Array, moved: Array) -> None:  # pragma: no cover - compiled
     """Equation (1), to second order in the frame's turn: ε (3,) in place, of φ by the gyro and φ_c, all in rad."""
     x, y, z = error[0], error[1], error[2]
@@ -36,26 +36,28 @@ def propagate_error(error: Array, turned: Array, moved: Array) -> None:  # pragm
     error[2] = z - f_z + 0.5 * (a * f_y - b * f_x) + turned[2] - c
 
 
-@compiled
-def head_angle(count: float, k: Array) -> float:  # pragma: no cover - compiled
+@compile_cached
+def compute_head_angle(count: float, k: Array) -> float:  # pragma: no cover - compiled
     """Angle of a head's count by R (5) with coefficients k (9,), rad."""
     bracket = k[0] + k[1] * count + k[2] * math.sin(k[3] * count + k[4]) + k[5] * math.sin(k[6] * count + k[7])
     return math.atan(bracket) + k[8]
 
 
-@compiled
-def sun_azimuth(n_alpha: float, n_beta: float, a: Array, b: Array, alignment: Array) -> float:  # pragma: no cover - compiled
+@compile_cached
+def compute_sun_azimuth(
+    n_alpha: float, n_beta: float, a: Array, b: Array, alignment: Array
+) -> float:  # pragma: no cover - compiled
     """Azimuth of the Sun about body z, from x toward y, rad, by R (5), (4) and (1); coefficients (9,), alignment N M.
 
     (4)'s normalisation does not change it and is left out.
     """
-    tan_alpha, tan_beta = math.tan(head_angle(n_alpha, a)), math.tan(head_angle(n_beta, b))
+    tan_alpha, tan_beta = math.tan(compute_head_angle(n_alpha, a)), math.tan(compute_head_angle(n_beta, b))
     x = alignment[0, 0] * tan_alpha + alignment[0, 1] * tan_beta + alignment[0, 2]
     y = alignment[1, 0] * tan_alpha + alignment[1, 1] * tan_beta + alignment[1, 2]
     return math.atan2(y, x)
 
 
-@compiled
-def half_turn(angle: float) -> float:  # pragma: no cover - compiled
+@compile_cached
+def wrap_angle(angle: float) -> float:  # pragma: no cover - compiled
     """An angle brought to −π ≤ angle < π, rad."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi

@@ -18,15 +18,15 @@ The integral of the rate over the step, what a gyro shows, has the weights of th
 
 import math
 
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array
 
 Triple = tuple[float, float, float]
 Quad = tuple[float, float, float, float]
 
 
-@compiled
-def attitude_matrix(q: Array, out: Array) -> None:  # pragma: no cover - compiled
+@compile_cached
+def compute_attitude_matrix(q: Array, out: Array) -> None:  # pragma: no cover - compiled
     """A(q), inertial to body, of a quaternion (4,), scalar last, into out (3, 3)."""
     x, y, z, w = q[0], q[1], q[2], q[3]
     out[0, 0], out[0, 1], out[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)
@@ -34,7 +34,7 @@ def attitude_matrix(q: Array, out: Array) -> None:  # pragma: no cover - compile
     out[2, 0], out[2, 1], out[2, 2] = 2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)
 
 
-@compiled(inline="always")
+@compile_cached(inline="always")
 def multiply(M: Array, x: float, y: float, z: float) -> Triple:  # pragma: no cover - compiled
     """Product of a matrix (3, 3) and a vector."""
     return (
@@ -44,8 +44,8 @@ def multiply(M: Array, x: float, y: float, z: float) -> Triple:  # pragma: no co
     )
 
 
-@compiled(inline="always")
-def _acceleration(
+@compile_cached(inline="always")
+def _compute_acceleration(
     inertia: Array, inverse: Array, q: Quad, w: Triple, h: Triple, torque: Triple, z: Triple, gradient: float
 ) -> Triple:  # pragma: no cover - compiled
     """ω' of (1); torque is T − w, z inertial, gradient 3 n²."""
@@ -64,16 +64,16 @@ def _acceleration(
     )
 
 
-@compiled(inline="always")
-def _turning(q: Quad, w: Triple) -> Quad:  # pragma: no cover - compiled
+@compile_cached(inline="always")
+def _differentiate_quaternion(q: Quad, w: Triple) -> Quad:  # pragma: no cover - compiled
     """q' of (1)."""
     a, b, c, d = q
     x, y, z = 0.5 * w[0], 0.5 * w[1], 0.5 * w[2]
     return (d * x + b * z - c * y, d * y - a * z + c * x, d * z + a * y - b * x, -a * x - b * y - c * z)
 
 
-@compiled
-def rigid_body_step(
+@compile_cached
+def step_rigid_body(
     q: Array,
     omega: Array,
     momentum: Array,
@@ -115,16 +115,16 @@ def rigid_body_step(
     h2 = (h1[0] + half * wheel_torque[0], h1[1] + half * wheel_torque[1], h1[2] + half * wheel_torque[2])
     h4 = (h1[0] + dt * wheel_torque[0], h1[1] + dt * wheel_torque[1], h1[2] + dt * wheel_torque[2])
     q1, w1 = (q[0], q[1], q[2], q[3]), (omega[0], omega[1], omega[2])
-    a1, p1 = _acceleration(inertia, inverse, q1, w1, h1, total, z1, gradient), _turning(q1, w1)
+    a1, p1 = _compute_acceleration(inertia, inverse, q1, w1, h1, total, z1, gradient), _differentiate_quaternion(q1, w1)
     w2 = (w1[0] + half * a1[0], w1[1] + half * a1[1], w1[2] + half * a1[2])
     q2 = (q1[0] + half * p1[0], q1[1] + half * p1[1], q1[2] + half * p1[2], q1[3] + half * p1[3])
-    a2, p2 = _acceleration(inertia, inverse, q2, w2, h2, total, z2, gradient), _turning(q2, w2)
+    a2, p2 = _compute_acceleration(inertia, inverse, q2, w2, h2, total, z2, gradient), _differentiate_quaternion(q2, w2)
     w3 = (w1[0] + half * a2[0], w1[1] + half * a2[1], w1[2] + half * a2[2])
     q3 = (q1[0] + half * p2[0], q1[1] + half * p2[1], q1[2] + half * p2[2], q1[3] + half * p2[3])
-    a3, p3 = _acceleration(inertia, inverse, q3, w3, h2, total, z2, gradient), _turning(q3, w3)
+    a3, p3 = _compute_acceleration(inertia, inverse, q3, w3, h2, total, z2, gradient), _differentiate_quaternion(q3, w3)
     w4 = (w1[0] + dt * a3[0], w1[1] + dt * a3[1], w1[2] + dt * a3[2])
     q4 = (q1[0] + dt * p3[0], q1[1] + dt * p3[1], q1[2] + dt * p3[2], q1[3] + dt * p3[3])
-    a4, p4 = _acceleration(inertia, inverse, q4, w4, h4, total, z4, gradient), _turning(q4, w4)
+    a4, p4 = _compute_acceleration(inertia, inverse, q4, w4, h4, total, z4, gradient), _differentiate_quaternion(q4, w4)
     sixth = dt / 6.0
     for i in range(3):
         turned[i] += sixth * (w1[i] + 2.0 * (w2[i] + w3[i]) + w4[i])

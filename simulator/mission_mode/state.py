@@ -3,18 +3,18 @@
 import math
 from typing import NamedTuple
 
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array, Flags
 from simulator.mission_mode.config import Spacecraft
 from simulator.mission_mode.wheels import WHEELS
 from simulator.sensors.earth import Constants
 
-AXES = ("roll", "pitch", "yaw")
+ROTATION_NAMES = ("roll", "pitch", "yaw")
 # Columns of the tables in their units; the loop writes radians and seconds.
 TELEMETRY = (
     "t_s",
-    *(f"error_{axis}_deg" for axis in AXES),
-    *(f"estimate_{axis}_deg" for axis in AXES),
+    *(f"error_{axis}_deg" for axis in ROTATION_NAMES),
+    *(f"estimate_{axis}_deg" for axis in ROTATION_NAMES),
     "bias_yaw_deg_h",
     *(f"wheel_{i}_nms" for i in range(1, WHEELS + 1)),
     "quadrants",
@@ -123,8 +123,8 @@ class State(NamedTuple):
     memory: Array  # (4,) Sun's height over the XY plane; time of the last update; 1 from a slew to the next update; cycles
 
 
-@compiled
-def yaw_command(t: float, slew: Slew) -> float:  # pragma: no cover - compiled
+@compile_cached
+def compute_yaw_command(t: float, slew: Slew) -> float:  # pragma: no cover - compiled
     """Yaw commanded at a time; the rate's ramps are smoothsteps, as in `simulator.truth.maneuvers.Slew`."""
     if slew.duration <= 0.0 or t <= slew.start:
         return slew.yaw
@@ -138,7 +138,7 @@ def yaw_command(t: float, slew: Slew) -> float:  # pragma: no cover - compiled
     return slew.yaw + slew.angle * share / (1.0 - r)
 
 
-@compiled
+@compile_cached
 def count_orbit(
     row: Array, error: Array, apparent: Array, normal: bool, three: bool, momentum: Array, largest: float, state: State
 ) -> None:  # pragma: no cover - compiled

@@ -22,17 +22,17 @@ import math
 
 import numpy as np
 
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array
 from simulator.sensors.horizon import FLATTENING
 from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit
 
 SQUARED_ECCENTRICITY = FLATTENING * (2 - FLATTENING)
-ROUNDS = 3  # of the iteration for the latitude; leaves less than 1e-9 rad at any latitude from 350 km
+LATITUDE_ITERATIONS = 3  # of the iteration for the latitude; leaves less than 1e-9 rad at any latitude from 350 km
 
 
-@compiled
-def lvlh_axes(u: float, node: float, cos_i: float, sin_i: float, out: Array) -> None:  # pragma: no cover - compiled
+@compile_cached
+def compute_lvlh_axes(u: float, node: float, cos_i: float, sin_i: float, out: Array) -> None:  # pragma: no cover - compiled
     """LVLH axes as in `simulator.truth.orbit`, the rows of out (3, 3), at an argument of latitude and a node, rad."""
     cu, su, cn, sn = math.cos(u), math.sin(u), math.cos(node), math.sin(node)
     out[0, 0], out[0, 1], out[0, 2] = -su * cn - cu * cos_i * sn, -su * sn + cu * cos_i * cn, cu * sin_i
@@ -40,14 +40,14 @@ def lvlh_axes(u: float, node: float, cos_i: float, sin_i: float, out: Array) -> 
     out[2, 0], out[2, 1], out[2, 2] = -cu * cn + su * cos_i * sn, -cu * sn - su * cos_i * cn, -su * sin_i
 
 
-@compiled
-def geodetic_axes(lvlh: Array, radius: float, out: Array) -> None:  # pragma: no cover - compiled
+@compile_cached
+def compute_geodetic_axes(lvlh: Array, radius: float, out: Array) -> None:  # pragma: no cover - compiled
     """Rows of the geodetic frame, in out (3, 3), from LVLH axes (3, 3) and the distance from the Earth's centre, m."""
     x, y, z = -radius * lvlh[2, 0], -radius * lvlh[2, 1], -radius * lvlh[2, 2]
     rho = math.sqrt(x * x + y * y)
     slope = z / rho
     tangent = slope
-    for _ in range(ROUNDS):
+    for _ in range(LATITUDE_ITERATIONS):
         square = tangent * tangent
         N = EARTH_RADIUS / math.sqrt(1.0 - SQUARED_ECCENTRICITY * square / (1.0 + square))
         tangent = slope / (1.0 - SQUARED_ECCENTRICITY * N / (rho * math.sqrt(1.0 + square)))
@@ -62,7 +62,7 @@ def geodetic_axes(lvlh: Array, radius: float, out: Array) -> None:  # pragma: no
     out[2, 0], out[2, 1], out[2, 2] = d_x, d_y, d_z
 
 
-@compiled
+@compile_cached
 def turn_about_z(frame: Array, yaw: float) -> None:  # pragma: no cover - compiled
     """Turn the rows of a frame (3, 3) by a yaw about its own z, rad, in place."""
     cosine, sine = math.cos(yaw), math.sin(yaw)
@@ -71,8 +71,8 @@ def turn_about_z(frame: Array, yaw: float) -> None:  # pragma: no cover - compil
         frame[0, j], frame[1, j] = cosine * x + sine * y, cosine * y - sine * x
 
 
-@compiled
-def rotation_between(before: Array, after: Array, out: Array) -> None:  # pragma: no cover - compiled
+@compile_cached
+def compute_rotation_between(before: Array, after: Array, out: Array) -> None:  # pragma: no cover - compiled
     """Small rotation vector φ with after = exp(−[φ×]) before, rad, in out (3,); relative error |φ|⁴/15.
 
     With M = after beforeᵀ, the vector ½ (M₂₃ − M₃₂, M₃₁ − M₁₃, M₁₂ − M₂₁) is φ sin|φ|/|φ|.
@@ -89,7 +89,7 @@ def rotation_between(before: Array, after: Array, out: Array) -> None:  # pragma
         out[i] *= scale
 
 
-def commanded_attitude(
+def compute_commanded_attitude(
     orbit: CircularOrbit, t: Array, yaw: Array | float = 0.0, node_error: float = 0.0, inclination_error: float = 0.0
 ) -> Array:
     """Attitude matrices (n, 3, 3) of the commanded frame, inertial to commanded, at times (n,), s since the orbit's epoch.
@@ -103,7 +103,7 @@ def commanded_attitude(
     cos_i, sin_i = math.cos(carried), math.sin(carried)
     for k, time in enumerate(times):
         u, node = orbit.latitude_argument + orbit.mean_motion * time, orbit.node + node_error + orbit.nodal_rate * time
-        lvlh_axes(u, node, cos_i, sin_i, lvlh)
-        geodetic_axes(lvlh, orbit.radius, out[k])
+        compute_lvlh_axes(u, node, cos_i, sin_i, lvlh)
+        compute_geodetic_axes(lvlh, orbit.radius, out[k])
         turn_about_z(out[k], yaws[k])
     return out

@@ -18,21 +18,21 @@ import math
 
 import numpy as np
 
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array
 
 WHEELS = 4
 EQUAL_ELEVATION = math.asin(1 / math.sqrt(3))  # rad; the pyramid alike in all directions
 
 
-def pyramid(elevation: float = EQUAL_ELEVATION) -> Array:
+def build_wheel_pyramid(elevation: float = EQUAL_ELEVATION) -> Array:
     """Spin axes W, (3, 4) unit columns, of a pyramid about body z; elevation above the XY plane in rad."""
     azimuth = np.deg2rad([45.0, 135.0, 225.0, 315.0])
     flat = math.cos(elevation) * np.stack([np.cos(azimuth), np.sin(azimuth)])
     return np.concatenate([flat, np.full((1, WHEELS), math.sin(elevation))])
 
 
-@compiled
+@compile_cached
 def distribute(
     torque: Array, distribution: Array, momentum: Array, torque_limit: float, momentum_limit: float, dt: float, out: Array
 ) -> None:  # pragma: no cover - compiled
@@ -58,8 +58,8 @@ def distribute(
         out[i] = (after - momentum[i]) / dt
 
 
-@compiled
-def unloading_moment(
+@compile_cached
+def compute_unloading_moment(
     h_x: float, h_y: float, h_z: float, b_x: float, b_y: float, b_z: float, gain: float, limit: float
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
     """Moment m of the torquers by the cross-product law.

@@ -41,10 +41,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array, Flags
-from simulator.sensors.horizon import COSINES, POLAR_RADIUS, QUADRANTS, SINES, Horizon, hidden
-from simulator.sensors.horizon import penetration as penetration
+from simulator.sensors.horizon import COSINES, POLAR_RADIUS, QUADRANTS, SINES, Horizon, is_hidden
+from simulator.sensors.horizon import compute_penetration as compute_penetration
 from simulator.truth.orbit import EARTH_RADIUS
 
 Filter = Literal["off", "correct", "held", "restarted"]
@@ -52,7 +52,7 @@ Filter = Literal["off", "correct", "held", "restarted"]
 OFF, CORRECT, HELD, RESTARTED = 0, 1, 2, 3
 FILTER_CODES: dict[Filter, int] = {"off": OFF, "correct": CORRECT, "held": HELD, "restarted": RESTARTED}
 LIMB_DETECTORS = 3
-NOISE = 2 * QUADRANTS  # standard normal numbers a measurement takes
+NOISE_DRAWS = 2 * QUADRANTS  # standard normal numbers a measurement takes
 
 
 class Constants(NamedTuple):
@@ -135,8 +135,8 @@ class TrueEarthSensor:
         return -math.expm1(-sample_s / self.s_time_constant)
 
 
-@compiled
-def toward_sun(A: Array, sun: Array, quadrant: int, nominal: float) -> float:  # pragma: no cover - compiled
+@compile_cached
+def compute_sun_cosine(A: Array, sun: Array, quadrant: int, nominal: float) -> float:  # pragma: no cover - compiled
     """Cosine of the angle between a quadrant's nominal limb direction and the Sun, sun (3,) an inertial unit vector."""
     x = A[0, 0] * sun[0] + A[0, 1] * sun[1] + A[0, 2] * sun[2]
     y = A[1, 0] * sun[0] + A[1, 1] * sun[1] + A[1, 2] * sun[2]
@@ -144,8 +144,8 @@ def toward_sun(A: Array, sun: Array, quadrant: int, nominal: float) -> float:  #
     return math.sin(nominal) * (COSINES[quadrant] * x + SINES[quadrant] * y) + math.cos(nominal) * z
 
 
-@compiled
-def intrusion(
+@compile_cached
+def is_sun_intruding(
     A: Array, position: Array, sun: Array, quadrant: int, nominal: float, cos_field: float
 ) -> bool:  # pragma: no cover - compiled
     """Whether the Sun, not eclipsed by the Earth, is within a field about a quadrant's nominal limb direction.
@@ -153,11 +153,13 @@ def intrusion(
     A (3, 3) is the true attitude, or the estimated one for a prediction; the position, m, and the Sun's unit vector are
     inertial, the limb's nominal angle from +z is in rad.
     """
-    return toward_sun(A, sun, quadrant, nominal) > cos_field and not hidden(position, sun, EARTH_RADIUS, POLAR_RADIUS)
+    return compute_sun_cosine(A, sun, quadrant, nominal) > cos_field and not is_hidden(
+        position, sun, EARTH_RADIUS, POLAR_RADIUS
+    )
 
 
-@compiled
-def limb_signal(angle: float, offset: float, width: float) -> float:  # pragma: no cover - compiled
+@compile_cached
+def sum_limb_signals(angle: float, offset: float, width: float) -> float:  # pragma: no cover - compiled
     """Sum of the three limb detectors' signals at a penetration angle, in units of the Earth's radiance."""
     total = 0.0
     for detector in range(LIMB_DETECTORS):
@@ -166,8 +168,8 @@ def limb_signal(angle: float, offset: float, width: float) -> float:  # pragma: 
     return total
 
 
-@compiled
-def filtered_s(
+@compile_cached
+def filter_s(
     state: float, S: float, used: bool, was_used: bool, gain: float, mode: int, restart: float
 ) -> float:  # pragma: no cover - compiled
     """S_f after one sample.
@@ -190,7 +192,7 @@ def filtered_s(
     return state + gain * (S - state)
 
 
-@compiled
+@compile_cached
 def measure(
     A: Array,
     A_onboard: Array,
@@ -220,22 +222,22 @@ def measure(
         unfiltered.
     """
     for i in range(QUADRANTS):
-        offset = constants.offset + constants.swing * toward_sun(A, sun, i, constants.nominal)
-        true = penetration(A, position, i, constants.a, constants.c, constants.nominal)
+        offset = constants.offset + constants.swing * compute_sun_cosine(A, sun, i, constants.nominal)
+        true = compute_penetration(A, position, i, constants.a, constants.c, constants.nominal)
         S = offset + constants.sigma_s * noise[QUADRANTS + i]
-        if intrusion(A, position, sun, i, constants.nominal, constants.cos_field):
+        if is_sun_intruding(A, position, sun, i, constants.nominal, constants.cos_field):
             S += constants.sun_radiance
-        use = not intrusion(A_onboard, position, sun, i, constants.nominal, constants.cos_predicted)
-        state[i] = filtered_s(state[i], S, use, used[i], gain, constants.mode, constants.restart)
+        use = not is_sun_intruding(A_onboard, position, sun, i, constants.nominal, constants.cos_predicted)
+        state[i] = filter_s(state[i], S, use, used[i], gain, constants.mode, constants.restart)
         used[i] = use
-        signal = limb_signal(true + constants.bias[i], offset, constants.width)
+        signal = sum_limb_signals(true + constants.bias[i], offset, constants.width)
         level = state[i] if use else S
         angle = constants.width * (signal - LIMB_DETECTORS * level - 0.5 * LIMB_DETECTORS) + constants.sigma * noise[i]
         angles[i] = round(angle / constants.step) * constants.step if constants.step > 0.0 else angle
 
 
-@compiled
-def roll_pitch(angles: Array, used: Flags) -> tuple[float, float]:  # pragma: no cover - compiled
+@compile_cached
+def compute_roll_pitch(angles: Array, used: Flags) -> tuple[float, float]:  # pragma: no cover - compiled
     """Roll ρ and pitch ϑ of the body from the horizon's bisector, rad, of one sample of angles (4,) and flags (4,).
 
     NaN with fewer than three quadrants.
@@ -280,7 +282,7 @@ def observe(
     return angles, used
 
 
-@compiled
+@compile_cached
 def _observe(
     rng: np.random.Generator,
     constants: Constants,
@@ -291,9 +293,9 @@ def _observe(
     angles: Array,
     used: Flags,
 ) -> None:  # pragma: no cover - compiled
-    state, flags, noise = np.full(QUADRANTS, np.nan), np.ones(QUADRANTS, dtype=np.bool_), np.empty(NOISE)
+    state, flags, noise = np.full(QUADRANTS, np.nan), np.ones(QUADRANTS, dtype=np.bool_), np.empty(NOISE_DRAWS)
     for k in range(len(gains)):
-        for j in range(NOISE):
+        for j in range(NOISE_DRAWS):
             noise[j] = rng.standard_normal()
         measure(A[k], A[k], position[k], sun[k], noise, gains[k], constants, state, flags, angles[k])
         used[k] = flags

@@ -9,17 +9,17 @@ is N/√Δt.
 
 import numpy as np
 
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array
-from simulator.draws import add_normals, layers, state_words
+from simulator.draws import add_normals, read_layers, state_words
 
 
-def raw_rates(omega: Array, G: Array, bias: Array) -> Array:
+def compute_raw_rates(omega: Array, G: Array, bias: Array) -> Array:
     """Noise-free raw rates G⁻¹ (ω − b), R (7) solved for ω_raw; ω (n, 3) and b (3,) in rad/s, G rows body, columns gyros."""
     return np.asarray((omega - bias) @ np.linalg.inv(G).T)
 
 
-def with_white_noise(rng: np.random.Generator, rates: Array, arw: float, duration: Array, out: Array | None = None) -> Array:
+def add_white_noise(rng: np.random.Generator, rates: Array, arw: float, duration: Array, out: Array | None = None) -> Array:
     """Rates with the white noise of the gyros' samples added, rad/s.
 
     Drawing and adding in one compiled loop is several times faster than numpy's own; the numbers are the same to the bit.
@@ -41,11 +41,11 @@ def with_white_noise(rng: np.random.Generator, rates: Array, arw: float, duratio
     if words is None:
         _add_noise(rng, rates, arw / np.sqrt(duration), out)
     else:
-        add_normals(rng, words, layers(), rates, arw, duration, out)
+        add_normals(rng, words, read_layers(), rates, arw, duration, out)
     return out
 
 
-@compiled
+@compile_cached
 def _add_noise(rng: np.random.Generator, rates: Array, sigma: Array, out: Array) -> None:  # pragma: no cover - compiled
     for k in range(len(rates)):
         for i in range(rates.shape[1]):

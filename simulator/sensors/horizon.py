@@ -36,9 +36,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array
-from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, lvlh_attitude
+from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, compute_lvlh_attitude
 
 FLATTENING = 1 / 298.257223563  # WGS 84
 POLAR_RADIUS = EARTH_RADIUS * (1 - FLATTENING)  # m
@@ -65,8 +65,8 @@ class Horizon:
         return math.asin((EARTH_RADIUS + self.co2_height) / (EARTH_RADIUS + self.altitude))
 
 
-@compiled
-def limb_angle(
+@compile_cached
+def compute_limb_angle(
     A: Array, position: Array, cos_azimuth: float, sin_azimuth: float, a: float, c: float
 ) -> float:  # pragma: no cover - compiled
     """Angle η from body +z, rad, at which the line of sight at an azimuth ζ about +z, from +x toward +y, touches the horizon.
@@ -91,19 +91,19 @@ def limb_angle(
     return math.atan2(beta + math.sqrt(discriminant), -gamma)
 
 
-@compiled
-def penetration(
+@compile_cached
+def compute_penetration(
     A: Array, position: Array, quadrant: int, a: float, c: float, nominal: float
 ) -> float:  # pragma: no cover - compiled
     """True penetration angle of a quadrant 0..3, without bias, rad; NaN where the scan plane misses the Earth.
 
     a, c, nominal are the semi-axes, m, and the nominal angle, rad, of a `Horizon`; the attitude and position are the true ones.
     """
-    return limb_angle(A, position, COSINES[quadrant], SINES[quadrant], a, c) - nominal
+    return compute_limb_angle(A, position, COSINES[quadrant], SINES[quadrant], a, c) - nominal
 
 
-@compiled
-def hidden(position: Array, direction: Array, a: float, c: float) -> bool:  # pragma: no cover - compiled
+@compile_cached
+def is_hidden(position: Array, direction: Array, a: float, c: float) -> bool:  # pragma: no cover - compiled
     """Whether a line of sight from a position (3,), m, along a direction (3,) meets the ellipsoid of semi-axes a, c, m."""
     p0, p1, p2 = position[0] / a, position[1] / a, position[2] / c
     q0, q1, q2 = direction[0] / a, direction[1] / a, direction[2] / c
@@ -111,16 +111,16 @@ def hidden(position: Array, direction: Array, a: float, c: float) -> bool:  # pr
     return pq < 0.0 and pq * pq > (q0 * q0 + q1 * q1 + q2 * q2) * (p0 * p0 + p1 * p1 + p2 * p2 - 1.0)
 
 
-def orbit_position(orbit: CircularOrbit, t: Array) -> Array:
+def compute_orbit_position(orbit: CircularOrbit, t: Array) -> Array:
     """Inertial position at times t (n,), s since the orbit's epoch; (n, 3), m."""
-    return np.asarray(-orbit.radius * lvlh_attitude(orbit, t)[..., 2, :])
+    return np.asarray(-orbit.radius * compute_lvlh_attitude(orbit, t)[..., 2, :])
 
 
-@compiled
-def penetrations(A: Array, position: Array, a: float, c: float, nominal: float) -> Array:  # pragma: no cover - compiled
-    """True penetration angles (n, 4), rad, of attitudes (n, 3, 3) at positions (n, 3), m; the rest as in `penetration`."""
+@compile_cached
+def compute_penetrations(A: Array, position: Array, a: float, c: float, nominal: float) -> Array:  # pragma: no cover - compiled
+    """True penetration angles (n, 4), rad, of attitudes (n, 3, 3) at positions (n, 3), m; the rest as in `compute_penetration`."""
     out = np.empty((len(A), QUADRANTS))
     for k in range(len(A)):
         for i in range(QUADRANTS):
-            out[k, i] = penetration(A[k], position[k], i, a, c, nominal)
+            out[k, i] = compute_penetration(A[k], position[k], i, a, c, nominal)
     return out

@@ -8,12 +8,12 @@ import numpy as np
 
 from simulator.arrays import Array
 from simulator.truth.maneuvers import Profile
-from simulator.truth.rotation import perturbed
+from simulator.truth.rotation import apply_rotation_errors
 
 TIME_TOLERANCE = 1e-6  # s; times closer than this are one
 
 
-def reference_times(profile: Profile, every: float | None, moving: bool = False) -> Array:
+def list_reference_times(profile: Profile, every: float | None, moving: bool = False) -> Array:
     """Local times of an interval's reference attitudes, (m,) s, strictly increasing, both ends included.
 
     Parameters
@@ -31,6 +31,6 @@ def reference_times(profile: Profile, every: float | None, moving: bool = False)
     return np.concatenate([[0.0], inner, [length]])
 
 
-def measured(rng: np.random.Generator, quaternions: Array, sigma: Array) -> Array:
+def add_reference_errors(rng: np.random.Generator, quaternions: Array, sigma: Array) -> Array:
     """Reference attitudes (m, 4) with their random errors, of standard deviations (3,) about each body axis, rad."""
-    return perturbed(quaternions, rng.standard_normal((len(quaternions), 3)) * sigma)
+    return apply_rotation_errors(quaternions, rng.standard_normal((len(quaternions), 3)) * sigma)

@@ -16,8 +16,8 @@ from simulator.arrays import Array
 from simulator.sensors import earth as earth_sensor
 from simulator.sensors import sun as sun_sensor
 from simulator.sensors.earth import TrueEarthSensor
-from simulator.sensors.sun import TrueSunSensor, trmm_sun_sensors
-from simulator.truth.sun import eclipse
+from simulator.sensors.sun import TrueSunSensor, build_trmm_sensors
+from simulator.truth.sun import is_eclipsed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 class SensorSuite:
     """The attitude sensors of a spacecraft."""
 
-    sun_sensors: tuple[TrueSunSensor, ...] = field(default_factory=trmm_sun_sensors)  # numbered 1, 2, … in the table
+    sun_sensors: tuple[TrueSunSensor, ...] = field(default_factory=build_trmm_sensors)  # numbered 1, 2, … in the table
     earth: TrueEarthSensor = field(default_factory=TrueEarthSensor)  # the Earth sensor
 
 
-def sun_table(
+def simulate_sun_table(
     rng: np.random.Generator | None, sensors: tuple[TrueSunSensor, ...], t: Array, A: Array, position: Array, sun: Array
 ) -> pd.DataFrame:
     """Counts of the sun sensors.
@@ -52,7 +52,7 @@ def sun_table(
     """
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
-    lit = ~eclipse(position, sun)
+    lit = ~is_eclipsed(position, sun)
     parts = []
     for number, sensor in enumerate(sensors, start=1):
         counts, visible = sun_sensor.observe(rng, sensor, A, sun)
@@ -64,10 +64,10 @@ def sun_table(
     return table.astype({"sensor": np.int64})
 
 
-def earth_table(
+def simulate_earth_table(
     rng: np.random.Generator, sensor: TrueEarthSensor, t: Array, A: Array, position: Array, sun: Array
 ) -> pd.DataFrame:
-    """Penetration angles of the Earth sensor; parameters as in `sun_table`.
+    """Penetration angles of the Earth sensor; parameters as in `simulate_sun_table`.
 
     Returns
     -------

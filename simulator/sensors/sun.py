@@ -32,16 +32,16 @@ from math import cos, sin, tan
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array, Flags
 
 Counts = NDArray[np.int64]
 
-ALPHA = np.array([-1.1918, 1.4549e-4, 3.5e-4, 1.5340e-3, 0.40, 1.7e-4, 6.1359e-3, 1.10, 2.6e-4])
-BETA = np.array([-1.1925, 1.4556e-4, 3.1e-4, 1.5340e-3, 2.30, 2.0e-4, 6.1359e-3, 0.20, -1.9e-4])
-HALF_FOV = np.deg2rad(48.0)  # R: 96° about a head's boresight
-TILT = np.deg2rad(20.0)  # of the boresights from ±X toward −Y, not published
-NOISE = np.deg2rad(0.005)  # 1-sigma of an angle before it is quantised, not published
+SIMULATED_ALPHA_COEFFICIENTS = np.array([-1.1918, 1.4549e-4, 3.5e-4, 1.5340e-3, 0.40, 1.7e-4, 6.1359e-3, 1.10, 2.6e-4])
+SIMULATED_BETA_COEFFICIENTS = np.array([-1.1925, 1.4556e-4, 3.1e-4, 1.5340e-3, 2.30, 2.0e-4, 6.1359e-3, 0.20, -1.9e-4])
+SIMULATED_HALF_FOV = np.deg2rad(48.0)  # R: 96° about a head's boresight
+SIMULATED_BORESIGHT_TILT = np.deg2rad(20.0)  # of the boresights from ±X toward −Y, not published
+SUN_ANGLE_NOISE = np.deg2rad(0.005)  # 1-sigma of an angle before it is quantised, not published
 
 # R: the β heads' 2-3-1 Euler angles against the α heads, from alignment records.
 HEAD_DSS1 = np.deg2rad([0.044, -0.008, 0.067])
@@ -59,11 +59,11 @@ class TrueSunSensor:
     coefficients_alpha: Array  # (9,) of R (5), rad where an angle
     coefficients_beta: Array
     head: Array  # (3,) 2-3-1 Euler angles (e₁, e₂, e₃) of the β head, rad
-    half_fov: float = HALF_FOV  # of each head, rad
-    noise: float = NOISE  # 1-sigma of each angle before it is quantised, rad
+    half_fov: float = SIMULATED_HALF_FOV  # of each head, rad
+    noise: float = SUN_ANGLE_NOISE  # 1-sigma of each angle before it is quantised, rad
 
 
-def trmm_alignments(tilt: float = TILT, elevation: float = 0.0) -> tuple[Array, Array]:
+def build_trmm_alignments(tilt: float = SIMULATED_BORESIGHT_TILT, elevation: float = 0.0) -> tuple[Array, Array]:
     """Nominal sensor-to-body matrices of DSS-1 and DSS-2, (3, 3) each.
 
     The boresights z lie in the body's XY plane, `tilt` rad from +X (DSS-1) and −X (DSS-2) toward −Y, where the Sun is kept. y
@@ -77,8 +77,8 @@ def trmm_alignments(tilt: float = TILT, elevation: float = 0.0) -> tuple[Array, 
     return first, second
 
 
-def trmm_sun_sensors(
-    tilt: float = TILT,
+def build_trmm_sensors(
+    tilt: float = SIMULATED_BORESIGHT_TILT,
     misalignments: tuple[Array, Array] | None = None,
     heads: tuple[Array, Array] = (HEAD_DSS1, HEAD_DSS2),
     elevation: float = 0.0,
@@ -87,20 +87,22 @@ def trmm_sun_sensors(
 
     Parameters
     ----------
-    tilt, elevation : see `trmm_alignments`
+    tilt, elevation : see `build_trmm_alignments`
     misalignments : M of R (1) of each, (3, 3), true to nominal sensor frame; none by default
     heads : (3,) Euler angles of each β head, rad; the flight's by default, zeros for heads at right angles
     """
     turns = misalignments or (np.eye(3), np.eye(3))
     first, second = (
-        TrueSunSensor(f"DSS-{k + 1}", N @ turns[k], ALPHA, BETA, heads[k])
-        for k, N in enumerate(trmm_alignments(tilt, elevation))
+        TrueSunSensor(f"DSS-{k + 1}", N @ turns[k], SIMULATED_ALPHA_COEFFICIENTS, SIMULATED_BETA_COEFFICIENTS, heads[k])
+        for k, N in enumerate(build_trmm_alignments(tilt, elevation))
     )
     return first, second
 
 
-@compiled
-def head_tangents(s_x: float, s_y: float, s_z: float, head: Array) -> tuple[float, float]:  # pragma: no cover - compiled
+@compile_cached
+def compute_head_tangents(
+    s_x: float, s_y: float, s_z: float, head: Array
+) -> tuple[float, float]:  # pragma: no cover - compiled
     """Tangents (tan α, tan β') that the heads see of a direction s in the α head's frame, s_z > 0; head (3,) rad."""
     c1, s1 = cos(head[0]), sin(head[0])
     c2, s2 = cos(head[1]), sin(head[1])
@@ -110,7 +112,7 @@ def head_tangents(s_x: float, s_y: float, s_z: float, head: Array) -> tuple[floa
     return s_x / s_z, (c3 * y2 + s3 * z1) / (c3 * z1 - s3 * y2)
 
 
-@compiled
+@compile_cached
 def _count(tangent: float, k: Array) -> float:  # pragma: no cover - compiled
     """Count N, unrounded, at which R (5) with coefficients k (9,) gives an angle of this tangent."""
     offset = tan(k[8])
@@ -127,14 +129,14 @@ def _count(tangent: float, k: Array) -> float:  # pragma: no cover - compiled
     return N
 
 
-@compiled
-def counts_of(tan_alpha: float, tan_beta: float, a: Array, b: Array) -> tuple[float, float]:  # pragma: no cover - compiled
+@compile_cached
+def compute_counts(tan_alpha: float, tan_beta: float, a: Array, b: Array) -> tuple[float, float]:  # pragma: no cover - compiled
     """Counts (N_α, N_β), unrounded, of two tangents; a, b (9,) coefficients of R (5)."""
     return _count(tan_alpha, a), _count(tan_beta, b)
 
 
-@compiled
-def sensor_counts(
+@compile_cached
+def compute_sensor_counts(
     A: Array,
     sun: Array,
     alignment: Array,
@@ -164,19 +166,19 @@ def sensor_counts(
         s[i] = alignment[0, i] * body[0] + alignment[1, i] * body[1] + alignment[2, i] * body[2]
     if s[2] <= 0.0:
         return 0, 0, False
-    tan_alpha, tan_beta = head_tangents(s[0], s[1], s[2], head)
+    tan_alpha, tan_beta = compute_head_tangents(s[0], s[1], s[2], head)
     edge = tan(half_fov)
     if abs(tan_alpha) > edge or abs(tan_beta) > edge:
         return 0, 0, False
     e_alpha, e_beta = tan(noise_alpha), tan(noise_beta)
-    n_alpha, n_beta = counts_of(
+    n_alpha, n_beta = compute_counts(
         (tan_alpha + e_alpha) / (1.0 - tan_alpha * e_alpha), (tan_beta + e_beta) / (1.0 - tan_beta * e_beta), a, b
     )
     return round(n_alpha), round(n_beta), True
 
 
 def observe(rng: np.random.Generator | None, sensor: TrueSunSensor, A: Array, sun: Array) -> tuple[Counts, Flags]:
-    """Counts of a sensor at a series of moments; the Earth's shadow is not looked at (see `simulator.truth.sun.eclipse`).
+    """Counts of a sensor at a series of moments; the Earth's shadow is not looked at (see `simulator.truth.sun.is_eclipsed`).
 
     Parameters
     ----------
@@ -206,7 +208,7 @@ def observe(rng: np.random.Generator | None, sensor: TrueSunSensor, A: Array, su
     return counts, visible
 
 
-@compiled
+@compile_cached
 def _observe(
     A: Array,
     sun: Array,
@@ -220,6 +222,6 @@ def _observe(
     visible: Flags,
 ) -> None:  # pragma: no cover - compiled
     for k in range(len(A)):
-        counts[k, 0], counts[k, 1], visible[k] = sensor_counts(
+        counts[k, 0], counts[k, 1], visible[k] = compute_sensor_counts(
             A[k], sun[k], alignment, head, a, b, half_fov, noise[k, 0], noise[k, 1]
         )

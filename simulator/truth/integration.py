@@ -26,9 +26,9 @@ from math import sqrt
 
 import numpy as np
 
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array
-from simulator.truth.rotation import cross
+from simulator.truth.rotation import compute_cross
 
 Rate = Callable[[Array], Array]
 
@@ -57,12 +57,12 @@ def integrate(rate: Rate, t: Array, start: Array, substeps: int = 1) -> Trajecto
     step = np.repeat(np.diff(t) / substeps, substeps)
     begin = np.repeat(t[:-1], substeps) + step * np.tile(np.arange(substeps), t.size - 1)
     times = begin[:, None] + step[:, None] * NODES
-    sigma, angles = magnus(rate(times.ravel()).reshape(-1, 3, 3), step)
+    sigma, angles = compute_magnus_exponent(rate(times.ravel()).reshape(-1, 3, 3), step)
     quaternions = accumulate(np.asarray(start, dtype=float), sigma)
     return Trajectory(t, quaternions[::substeps], angles.reshape(-1, substeps, 3).sum(axis=1))
 
 
-def magnus(omega: Array, h: Array) -> tuple[Array, Array]:
+def compute_magnus_exponent(omega: Array, h: Array) -> tuple[Array, Array]:
     """Magnus exponent σ and the integral of the rate, both (n, 3) rad, of n steps.
 
     Parameters
@@ -75,13 +75,13 @@ def magnus(omega: Array, h: Array) -> tuple[Array, Array]:
     a1 = width * w2
     a2 = (sqrt(15) / 3) * width * (w3 - w1)
     a3 = (10 / 3) * width * (w3 - 2 * w2 + w1)
-    c1 = -cross(a1, a2)
-    c2 = cross(a1, 2 * a3 + c1) / 60
+    c1 = -compute_cross(a1, a2)
+    c2 = compute_cross(a1, 2 * a3 + c1) / 60
     angle = a1 + a3 / 12
-    return angle + cross(20 * a1 + a3 - c1, a2 + c2) / 240, angle
+    return angle + compute_cross(20 * a1 + a3 - c1, a2 + c2) / 240, angle
 
 
-@compiled
+@compile_cached
 def accumulate(start: Array, sigma: Array) -> Array:
     """Attitudes (n + 1, 4) from a start (4,) on after rotation vectors (n, 3), rad: A_k = exp(−[σ_k×]) A_{k−1}."""
     out = np.empty((sigma.shape[0] + 1, 4))

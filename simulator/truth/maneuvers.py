@@ -32,12 +32,12 @@ from scipy.optimize import root
 
 from gyrocal.errors import InputError
 from simulator.arrays import Array
-from simulator.truth.integration import NODES, Trajectory, accumulate, integrate, magnus
-from simulator.truth.nadir import pointing_attitude, pointing_rate
+from simulator.truth.integration import NODES, Trajectory, accumulate, compute_magnus_exponent, integrate
+from simulator.truth.nadir import compute_pointing_attitude, compute_pointing_rate
 from simulator.truth.orbit import CircularOrbit
-from simulator.truth.rotation import quaternion, separation, turn_matrix, turned
+from simulator.truth.rotation import build_turn_matrix, convert_to_quaternion, separation, turned
 
-AXES = np.eye(3)
+AXIS_VECTORS = np.eye(3)
 MODE_YAW = {"+x": 0.0, "-x": np.pi, "+y": -np.pi / 2, "-y": np.pi / 2}
 """Yaw from LVLH, rad, of the mode with this body axis along the velocity."""
 
@@ -140,16 +140,16 @@ class Hold:
         """Local times where a derivative of the rate jumps, s."""
         return self.start, self.start + self.transition, self.stop - self.transition, self.stop
 
-    def tracking_share(self, tau: Array) -> Array:
+    def compute_tracking_share(self, tau: Array) -> Array:
         """s(τ): 1 outside the hold, 0 inside; (n,) → (n,)."""
         entry = smoothstep((tau - self.start) / self.transition)
         return 1 - entry + smoothstep((tau - self.stop + self.transition) / self.transition)
 
-    def entry_pulse(self, tau: Array) -> Array:
+    def compute_entry_pulse(self, tau: Array) -> Array:
         """p_in(τ), 1/s; (n,) → (n,)."""
         return pulse((tau - self.start) / self.transition) / self.transition
 
-    def return_pulse(self, tau: Array) -> Array:
+    def compute_return_pulse(self, tau: Array) -> Array:
         """p_out(τ), 1/s; (n,) → (n,)."""
         return pulse((tau - self.stop + self.transition) / self.transition) / self.transition
 
@@ -181,38 +181,40 @@ class Profile:
         parts = [slew.knots for slew in self.slews] + ([self.hold.knots] if self.hold else [])
         return np.unique(np.concatenate(parts)) if parts else np.empty(0)
 
-    def tracking_rate(self, tau: Array) -> Array:
+    def compute_tracking_rate(self, tau: Array) -> Array:
         """Body rate of mode and slews alone, without hold and sway, rad/s; (n,) s → (n, 3)."""
-        omega = turned(AXES[2], np.full(tau.shape, self.yaw), pointing_rate(self.orbit, self.start_s + tau))
+        omega = turned(AXIS_VECTORS[2], np.full(tau.shape, self.yaw), compute_pointing_rate(self.orbit, self.start_s + tau))
         for slew in self.slews:
             omega = turned(slew.axis, slew.angles(tau), omega) + slew.rates(tau)[:, None] * slew.axis
         return omega
 
-    def tracking_attitude(self, tau: Array) -> Array:
+    def compute_tracking_attitude(self, tau: Array) -> Array:
         """Closed-form attitude of mode and slews alone, inertial to body; (n,) s → (n, 3, 3)."""
-        A = turn_matrix(AXES[2], np.full(tau.shape, self.yaw)) @ pointing_attitude(self.orbit, self.start_s + tau)
+        A = build_turn_matrix(AXIS_VECTORS[2], np.full(tau.shape, self.yaw)) @ compute_pointing_attitude(
+            self.orbit, self.start_s + tau
+        )
         for slew in self.slews:
-            A = turn_matrix(slew.axis, slew.angles(tau)) @ A
+            A = build_turn_matrix(slew.axis, slew.angles(tau)) @ A
         return A
 
     def rate(self, tau: Array) -> Array:
         """Body rate, rad/s; (n,) local time, s → (n, 3)."""
-        omega = self.tracking_rate(tau)
+        omega = self.compute_tracking_rate(tau)
         if self.hold:
-            omega = _faded(self.hold, tau, omega) + self.hold.return_pulse(tau)[:, None] * self.return_rotation
+            omega = _apply_hold(self.hold, tau, omega) + self.hold.compute_return_pulse(tau)[:, None] * self.return_rotation
         if self.sway:
             angles, rates = self.sway.angles(self.start_s, tau), self.sway.rates(self.start_s, tau)
             for axis in range(3):
-                omega = turned(AXES[axis], angles[:, axis], omega) + rates[:, axis, None] * AXES[axis]
+                omega = turned(AXIS_VECTORS[axis], angles[:, axis], omega) + rates[:, axis, None] * AXIS_VECTORS[axis]
         return omega
 
     def attitude(self, tau: Array) -> Array:
         """Closed-form attitude, inertial to body, valid outside of a hold; (n,) s → (n, 3, 3)."""
-        A = self.tracking_attitude(tau)
+        A = self.compute_tracking_attitude(tau)
         if self.sway:
             angles = self.sway.angles(self.start_s, tau)
             for axis in range(3):
-                A = turn_matrix(AXES[axis], angles[:, axis]) @ A
+                A = build_turn_matrix(AXIS_VECTORS[axis], angles[:, axis]) @ A
         return A
 
     @cached_property
@@ -220,11 +222,11 @@ class Profile:
         """The vector r that brings the attitude back to the mode at the end of the hold, rad; (3,)."""
         if self.hold is None:
             return np.zeros(3)
-        return _solve_return(self.hold, self.tracking_rate, self.tracking_attitude)
+        return _solve_return(self.hold, self.compute_tracking_rate, self.compute_tracking_attitude)
 
 
-def _faded(hold: Hold, tau: Array, omega: Array) -> Array:
-    return hold.tracking_share(tau)[:, None] * omega + hold.entry_pulse(tau)[:, None] * hold.offset
+def _apply_hold(hold: Hold, tau: Array, omega: Array) -> Array:
+    return hold.compute_tracking_share(tau)[:, None] * omega + hold.compute_entry_pulse(tau)[:, None] * hold.offset
 
 
 def _solve_return(hold: Hold, rate: Callable[[Array], Array], attitude: Callable[[Array], Array]) -> Array:
@@ -234,25 +236,25 @@ def _solve_return(hold: Hold, rate: Callable[[Array], Array], attitude: Callable
     way; the solver then only corrects for its mixing with the tracking rate.
     """
     start, held, leaving, stop = hold.knots
-    before, after = (quaternion(attitude(np.array([time])))[0] for time in (start, stop))
-    entry = integrate(lambda tau: _faded(hold, tau, rate(tau)), np.linspace(start, held, TRANSITION_STEPS + 1), before)
+    before, after = (convert_to_quaternion(attitude(np.array([time])))[0] for time in (start, stop))
+    entry = integrate(lambda tau: _apply_hold(hold, tau, rate(tau)), np.linspace(start, held, TRANSITION_STEPS + 1), before)
     grid = np.linspace(leaving, stop, TRANSITION_STEPS + 1)
     step = np.diff(grid)
     times = (grid[:-1, None] + step[:, None] * NODES).ravel()
-    fading = _faded(hold, times, rate(times))
-    pulses = hold.return_pulse(times)[:, None]
+    fading = _apply_hold(hold, times, rate(times))
+    pulses = hold.compute_return_pulse(times)[:, None]
 
-    def miss(r: Array) -> Array:
-        sigma, _ = magnus((fading + pulses * r).reshape(-1, 3, 3), step)
+    def compute_miss(r: Array) -> Array:
+        sigma, _ = compute_magnus_exponent((fading + pulses * r).reshape(-1, 3, 3), step)
         return separation(accumulate(entry.quaternions[-1], sigma)[-1], after)
 
     # A rotation r in body axes takes A to exp(−[r×]) A, hence the sign.
-    solution = root(miss, -miss(np.zeros(3)), options={"xtol": 1e-15})
-    if np.linalg.norm(miss(solution.x)) > RETURN_TOLERANCE:
+    solution = root(compute_miss, -compute_miss(np.zeros(3)), options={"xtol": 1e-15})
+    if np.linalg.norm(compute_miss(solution.x)) > RETURN_TOLERANCE:
         raise InputError("inertial hold: no smooth way back to the mode was found; lengthen transition_s")
     return np.asarray(solution.x)
 
 
-def trajectory(profile: Profile, tau: Array, substeps: int = 1) -> Trajectory:
+def integrate_trajectory(profile: Profile, tau: Array, substeps: int = 1) -> Trajectory:
     """Integrated true attitude at local times (n + 1,) from 0 on, strictly increasing and with all knots that they span."""
-    return integrate(profile.rate, tau, quaternion(profile.attitude(tau[:1]))[0], substeps)
+    return integrate(profile.rate, tau, convert_to_quaternion(profile.attitude(tau[:1]))[0], substeps)

@@ -21,36 +21,36 @@ and its rate follows from α' and β'. At 35° and 350 km it leans by up to 0.18
 import numpy as np
 
 from simulator.arrays import Array
-from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, lvlh_attitude, lvlh_rate
-from simulator.truth.rotation import turn_matrix, turned
+from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, compute_lvlh_attitude, compute_lvlh_rate
+from simulator.truth.rotation import build_turn_matrix, turned
 
 FLATTENING = 1 / 298.257223563  # WGS 84
 SQUARED_ECCENTRICITY = FLATTENING * (2 - FLATTENING)
-ROUNDS = 8  # of the iteration for φ, each of which takes e² off the error
+NADIR_ITERATIONS = 8  # of the iteration for φ, each of which takes e² off the error
 SMALLEST_COSINE = 1e-9  # of the latitude: over a pole north has no direction, and the normal no lean
 ROLL, PITCH = np.eye(3)[0], np.eye(3)[1]
 
 
-def pointing_attitude(orbit: CircularOrbit, t: Array) -> Array:
+def compute_pointing_attitude(orbit: CircularOrbit, t: Array) -> Array:
     """Attitude matrices of the frame the orbit's nadir makes, inertial to it; (n,) s since the epoch → (n, 3, 3)."""
-    A = lvlh_attitude(orbit, t)
+    A = compute_lvlh_attitude(orbit, t)
     if not orbit.geodetic:
         return A
-    alpha, beta, _, _ = lean(orbit, t)
-    return np.asarray(turn_matrix(PITCH, beta) @ turn_matrix(ROLL, alpha) @ A)
+    alpha, beta, _, _ = compute_nadir_tilt(orbit, t)
+    return np.asarray(build_turn_matrix(PITCH, beta) @ build_turn_matrix(ROLL, alpha) @ A)
 
 
-def pointing_rate(orbit: CircularOrbit, t: Array) -> Array:
+def compute_pointing_rate(orbit: CircularOrbit, t: Array) -> Array:
     """Inertial rate of that frame in its own axes, rad/s; (n,) s since the epoch → (n, 3)."""
-    omega = lvlh_rate(orbit, t)
+    omega = compute_lvlh_rate(orbit, t)
     if not orbit.geodetic:
         return omega
-    alpha, beta, alpha_rate, beta_rate = lean(orbit, t)
+    alpha, beta, alpha_rate, beta_rate = compute_nadir_tilt(orbit, t)
     omega = turned(ROLL, alpha, omega) + alpha_rate[:, None] * ROLL
     return np.asarray(turned(PITCH, beta, omega) + beta_rate[:, None] * PITCH)
 
 
-def lean(orbit: CircularOrbit, t: Array) -> tuple[Array, Array, Array, Array]:
+def compute_nadir_tilt(orbit: CircularOrbit, t: Array) -> tuple[Array, Array, Array, Array]:
     """α and β of geodetic nadir, rad, and their rates, rad/s; each (n,)."""
     u = orbit.latitude_argument + orbit.mean_motion * t
     cu, su = np.cos(u), np.sin(u)
@@ -58,7 +58,7 @@ def lean(orbit: CircularOrbit, t: Array) -> tuple[Array, Array, Array, Array]:
     sl = si * su
     cl = np.maximum(np.sqrt(1 - sl**2), SMALLEST_COSINE)
     latitude, latitude_rate = np.arctan2(sl, cl), orbit.mean_motion * si * cu / cl
-    geodetic, slope = _geodetic_latitude(latitude, orbit.radius)
+    geodetic, slope = _compute_geodetic_latitude(latitude, orbit.radius)
     delta, delta_rate = geodetic - latitude, (slope - 1) * latitude_rate
     sd, cd = np.sin(delta), np.cos(delta)
     # sin δ/cos λ and its rate are in both horizontal components.
@@ -72,11 +72,11 @@ def lean(orbit: CircularOrbit, t: Array) -> tuple[Array, Array, Array, Array]:
     return np.arctan2(-d_y, d_z), np.arctan2(d_x, height), alpha_rate, rate_x / height
 
 
-def _geodetic_latitude(latitude: Array, radius: float) -> tuple[Array, Array]:
+def _compute_geodetic_latitude(latitude: Array, radius: float) -> tuple[Array, Array]:
     """φ of a geocentric latitude at a distance from the Earth's centre, rad, and dφ/dλ."""
     sl, cl = np.sin(latitude), np.maximum(np.cos(latitude), SMALLEST_COSINE)
     phi = latitude
-    for _ in range(ROUNDS):
+    for _ in range(NADIR_ITERATIONS):
         W = np.sqrt(1 - SQUARED_ECCENTRICITY * np.sin(phi) ** 2)
         phi = np.arctan2(radius * sl + SQUARED_ECCENTRICITY * EARTH_RADIUS * np.sin(phi) / W, radius * cl)
     W = np.sqrt(1 - SQUARED_ECCENTRICITY * np.sin(phi) ** 2)

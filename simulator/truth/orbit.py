@@ -61,7 +61,7 @@ class CircularOrbit:
         return float(-1.5 * self.mean_motion * J2 * (EARTH_RADIUS / self.radius) ** 2 * np.cos(self.inclination))
 
 
-def lvlh_attitude(orbit: CircularOrbit, t: Array) -> Array:
+def compute_lvlh_attitude(orbit: CircularOrbit, t: Array) -> Array:
     """Attitude matrices A_li, inertial to LVLH; (n,) s since the epoch → (n, 3, 3)."""
     u, node = orbit.latitude_argument + orbit.mean_motion * t, orbit.node + orbit.nodal_rate * t
     cu, su, cn, sn = np.cos(u), np.sin(u), np.cos(node), np.sin(node)
@@ -73,7 +73,7 @@ def lvlh_attitude(orbit: CircularOrbit, t: Array) -> Array:
     return out
 
 
-def lvlh_rate(orbit: CircularOrbit, t: Array) -> Array:
+def compute_lvlh_rate(orbit: CircularOrbit, t: Array) -> Array:
     """Inertial rate of the LVLH frame in its own axes, rad/s; (n,) s since the epoch → (n, 3)."""
     out = np.zeros((*np.shape(t), 3))
     out[..., 1] = -(orbit.mean_motion + orbit.nodal_rate * np.cos(orbit.inclination))

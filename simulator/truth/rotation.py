@@ -17,10 +17,10 @@ def turned(axis: Array, angle: Array, vectors: Array) -> Array:
     """Components R(e, α) v (n, 3) of vectors (n, 3) or (3,) in a frame turned about one unit axis e by (n,) α, rad."""
     cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
     along = (vectors @ axis)[..., None] * axis
-    return np.asarray(along + cosine * (vectors - along) - sine * cross(axis, vectors))
+    return np.asarray(along + cosine * (vectors - along) - sine * compute_cross(axis, vectors))
 
 
-def cross(a: Array, b: Array) -> Array:
+def compute_cross(a: Array, b: Array) -> Array:
     """a × b along the last axis; several times faster than `numpy.cross` on long arrays."""
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
@@ -29,22 +29,22 @@ def cross(a: Array, b: Array) -> Array:
     return out
 
 
-def turn_matrix(axis: Array, angle: Array) -> Array:
+def build_turn_matrix(axis: Array, angle: Array) -> Array:
     """R(e, α) as matrices, (n, 3, 3)."""
     return np.asarray(Rotation.from_rotvec(-np.asarray(angle)[:, None] * axis).as_matrix())
 
 
-def matrix(quaternions: Array) -> Array:
+def convert_to_matrix(quaternions: Array) -> Array:
     """A(q), inertial to body; (..., 4) → (..., 3, 3)."""
     return np.asarray(np.swapaxes(Rotation.from_quat(quaternions).as_matrix(), -1, -2))
 
 
-def quaternion(A: Array) -> Array:
+def convert_to_quaternion(A: Array) -> Array:
     """Quaternion of attitude matrices, scalar part ≥ 0; (..., 3, 3) → (..., 4)."""
     return np.asarray(Rotation.from_matrix(np.swapaxes(A, -1, -2)).as_quat(canonical=True))
 
 
-def perturbed(quaternions: Array, errors: Array) -> Array:
+def apply_rotation_errors(quaternions: Array, errors: Array) -> Array:
     """Quaternions (n, 4) of exp([e×]) A(q), scalar part ≥ 0; e (n, 3), rad in body axes."""
     # As an active rotation q is Aᵀ, and (exp([e×]) A)ᵀ = Aᵀ exp(−[e×]).
     return np.asarray((Rotation.from_quat(quaternions) * Rotation.from_rotvec(-errors)).as_quat(canonical=True))

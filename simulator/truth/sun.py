@@ -28,7 +28,7 @@ J2000 = 2451545.0  # Julian date of 2000-01-01 12:00
 DAY = 86400.0  # s
 
 
-def julian_date(epoch: str | datetime) -> float:
+def compute_julian_date(epoch: str | datetime) -> float:
     """Julian date of a moment, in its own time scale, days, good to 40 µs; without a time zone it is taken as it stands."""
     moment = datetime.fromisoformat(epoch) if isinstance(epoch, str) else epoch
     if moment.tzinfo is None:
@@ -36,7 +36,7 @@ def julian_date(epoch: str | datetime) -> float:
     return J2000 + (moment - datetime(2000, 1, 1, 12, tzinfo=UTC)).total_seconds() / DAY
 
 
-def sun_vector(julian_date: Array | float) -> Array:
+def compute_sun_vector(julian_date: Array | float) -> Array:
     """Unit vectors (..., 3) to the Sun in the Earth's mean equator and equinox of date, of `julian_date(epoch) + t / DAY`."""
     n = np.asarray(julian_date, dtype=float) - J2000
     g = np.deg2rad(357.528 + 0.9856003 * n)
@@ -46,7 +46,7 @@ def sun_vector(julian_date: Array | float) -> Array:
     return np.stack([np.cos(longitude), np.cos(obliquity) * sine, np.sin(obliquity) * sine], axis=-1)
 
 
-def eclipse(position: Array, sun: Array) -> Flags:
+def is_eclipsed(position: Array, sun: Array) -> Flags:
     """Whether positions (..., 3) from the Earth's centre, m, lie in its cylindrical shadow; sun (..., 3) unit vectors."""
     along = (position * sun).sum(axis=-1)
     across = np.linalg.norm(position - along[..., None] * sun, axis=-1)

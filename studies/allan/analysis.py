@@ -12,23 +12,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.report import Line, Stream
+from diagnosis.detectors.sample_report import Line, Stream
 from diagnosis.detectors.spectral_lines import SETTINGS, find_lines
 from diagnosis.settings import DEFAULT
 from gyrocal import Recording
 from gyrocal.allan import Deviation, Fit, TermEstimate, fit_terms, overlapping_allan_deviation
-from gyrocal.allan.terms import ANGLE_WHITE, FLICKER, MARKOV, RAMP, RANDOM_WALK, RATE_WALK, sinusoid_variance
+from gyrocal.allan.terms import ANGLE_WHITE, FLICKER, MARKOV, RAMP, RANDOM_WALK, RATE_WALK, compute_sinusoid_variance
 from simulator.streams import generator
-from studies.allan.rates import Stretch, stretches
-from studies.allan.steps import Step, step_in
+from studies.allan.rates import Stretch, find_stretches
+from studies.allan.steps import RateStep, find_rate_step
 
 Array = NDArray[np.float64]
 
 AXES = "xyz"
-CONFIDENCE = 0.95
-DRAWS = 32  # of the references' errors
+BOUND_CONFIDENCE = 0.95
+REFERENCE_ERROR_DRAWS = 32  # of the references' errors
 DEG, HOUR = float(np.rad2deg(1.0)), 3600.0
-UNITS = {  # of a coefficient: from radians and seconds to the unit shown
+COEFFICIENT_UNITS = {  # of a coefficient: from radians and seconds to the unit shown
     ANGLE_WHITE: ("arcsec", DEG * 3600),
     RANDOM_WALK: ("deg/√h", DEG * np.sqrt(HOUR)),
     FLICKER: ("deg/h", DEG * HOUR),
@@ -40,7 +40,7 @@ RATE_UNIT, RATE = "deg/h", DEG * HOUR
 
 
 @dataclass(frozen=True)
-class Sinusoid:
+class LineSearch:
     """Lines of one axis.
 
     Attributes
@@ -76,12 +76,12 @@ class AxisNoise:
     model: Array
     references: Array
     fit: Fit
-    sinusoid: Sinusoid
-    steps: tuple[tuple[int, Step], ...]
+    sinusoid: LineSearch
+    steps: tuple[tuple[int, RateStep], ...]
 
 
 @dataclass(frozen=True)
-class Analysis:
+class NoiseAnalysis:
     """Noise of a recording.
 
     Attributes
@@ -103,15 +103,18 @@ class Analysis:
         """Everything as numbers with their units."""
         return {
             "recording": self.recording,
-            "stated_angle_random_walk": {"value": self.arw * UNITS[RANDOM_WALK][1], "unit": UNITS[RANDOM_WALK][0]},
-            "confidence": CONFIDENCE,
-            "stretches": [stretch_row(one) for one in self.stretches],
-            "axes": {axis: _axis_json(one, self.stretches) for axis, one in zip(AXES, self.axes, strict=True)},
+            "stated_angle_random_walk": {
+                "value": self.arw * COEFFICIENT_UNITS[RANDOM_WALK][1],
+                "unit": COEFFICIENT_UNITS[RANDOM_WALK][0],
+            },
+            "confidence": BOUND_CONFIDENCE,
+            "stretches": [describe_stretch(one) for one in self.stretches],
+            "axes": {axis: _describe_axis(one, self.stretches) for axis, one in zip(AXES, self.axes, strict=True)},
             "notes": list(self.notes),
         }
 
 
-def analyse(recording: Recording, interval: str | None = None) -> Analysis:
+def estimate_noise_terms(recording: Recording, interval: str | None = None) -> NoiseAnalysis:
     """Allan deviation and noise terms of a recording, or of one of its intervals.
 
     Raises
@@ -119,31 +122,33 @@ def analyse(recording: Recording, interval: str | None = None) -> Analysis:
     InputError
         There is no such interval, or no stretch of samples shows the gyro's noise.
     """
-    parts, notes = stretches(recording, interval)
-    sinusoids, clean = _without_lines(recording, parts)
-    return Analysis(
+    parts, notes = find_stretches(recording, interval)
+    sinusoids, clean = _subtract_lines(recording, parts)
+    return NoiseAnalysis(
         recording.title,
         recording.gyro.arw,
         parts,
-        tuple(_axis(recording.gyro.sample_s, parts, k, clean, sinusoids[k]) for k in range(3)),
+        tuple(_estimate_axis_noise(recording.gyro.sample_s, parts, k, clean, sinusoids[k]) for k in range(3)),
         notes,
     )
 
 
-def _axis(sample_s: float, parts: tuple[Stretch, ...], axis: int, clean: list[Array], sinusoid: Sinusoid) -> AxisNoise:
+def _estimate_axis_noise(
+    sample_s: float, parts: tuple[Stretch, ...], axis: int, clean: list[Array], sinusoid: LineSearch
+) -> AxisNoise:
     deviation = overlapping_allan_deviation([one.rates[:, axis] for one in parts], sample_s)
-    floor = _reference_variance(sample_s, parts, axis)
+    floor = _simulate_reference_variance(sample_s, parts, axis)
     fit = fit_terms(overlapping_allan_deviation([rates[:, axis] for rates in clean], sample_s), floor)
-    low, high = deviation.band(fit.degrees, CONFIDENCE)
-    tones = (sinusoid_variance(line.amplitude, line.frequency_hz, deviation.tau_s) for line in sinusoid.found)
-    found = ((place, step_in(rates[:, axis])) for place, rates in enumerate(clean))
+    low, high = deviation.band(fit.degrees, BOUND_CONFIDENCE)
+    tones = (compute_sinusoid_variance(line.amplitude, line.frequency_hz, deviation.tau_s) for line in sinusoid.found)
+    found = ((place, find_rate_step(rates[:, axis])) for place, rates in enumerate(clean))
     steps = tuple((place, step) for place, step in found if step is not None)
     return AxisNoise(deviation, low, high, sum(tones, fit.model), floor, fit, sinusoid, steps)
 
 
-def _reference_variance(sample_s: float, parts: tuple[Stretch, ...], axis: int) -> Array:
+def _simulate_reference_variance(sample_s: float, parts: tuple[Stretch, ...], axis: int) -> Array:
     """(t,) Allan variance that errors of the references make where they are taken out of the rates."""
-    draws = DRAWS if any(not one.rest for one in parts) else 1
+    draws = REFERENCE_ERROR_DRAWS if any(not one.rest for one in parts) else 1
     found = []
     for case in range(draws):
         rng = generator(0, case, "allan references")
@@ -152,7 +157,7 @@ def _reference_variance(sample_s: float, parts: tuple[Stretch, ...], axis: int) 
     return np.asarray(np.mean(found, axis=0))
 
 
-def _without_lines(recording: Recording, parts: tuple[Stretch, ...]) -> tuple[list[Sinusoid], list[Array]]:
+def _subtract_lines(recording: Recording, parts: tuple[Stretch, ...]) -> tuple[list[LineSearch], list[Array]]:
     """The lines of each axis, and the rates of each stretch without them."""
     rates, used = recording.gyro.rates.copy(), np.zeros(recording.gyro.t_s.size, dtype=bool)
     for one in parts:
@@ -168,14 +173,14 @@ def _without_lines(recording: Recording, parts: tuple[Stretch, ...]) -> tuple[li
         # Of a line whose power exceeds the level around it P times the amplitude scatters by 1/√(2P) of itself.
         power = np.log(used.size / 2) - np.log(test.p_value) if test else np.nan
         upper = np.deg2rad(test.value) * (1 + 1.645 / np.sqrt(2 * power)) if test and not own else np.nan
-        sinusoids.append(Sinusoid(own, float(upper), longest_s))
+        sinusoids.append(LineSearch(own, float(upper), longest_s))
     waves = np.zeros_like(rates)
     for line in found:
         waves[:, line.axis] += line.waveform
     return sinusoids, [one.rates - waves[one.samples] for one in parts]
 
 
-def stretch_row(one: Stretch) -> dict[str, Any]:
+def describe_stretch(one: Stretch) -> dict[str, Any]:
     """A stretch in a few words."""
     return {
         "interval": one.interval,
@@ -188,22 +193,27 @@ def stretch_row(one: Stretch) -> dict[str, Any]:
     }
 
 
-def shown(estimate: TermEstimate) -> TermEstimate:
+def convert_to_display_unit(estimate: TermEstimate) -> TermEstimate:
     """An estimate in the unit shown."""
-    factor = UNITS[estimate.term][1]
+    factor = COEFFICIENT_UNITS[estimate.term][1]
     return replace(estimate, value=estimate.value * factor, sigma=estimate.sigma * factor, upper=estimate.upper * factor)
 
 
-def step_row(place: int, step: Step, parts: tuple[Stretch, ...]) -> dict[str, Any]:
+def describe_step(place: int, step: RateStep, parts: tuple[Stretch, ...]) -> dict[str, Any]:
     """Where and how large a step is."""
     own = parts[place]
     return {"interval": own.interval, "time_s": float(own.edges[step.at]), "size": step.size * RATE, "unit": RATE_UNIT}
 
 
-def _axis_json(one: AxisNoise, parts: tuple[Stretch, ...]) -> dict[str, Any]:
+def _describe_axis(one: AxisNoise, parts: tuple[Stretch, ...]) -> dict[str, Any]:
     terms = {}
-    for estimate in map(shown, one.fit.estimates):
-        entry = {"seen": estimate.seen, "unit": UNITS[estimate.term][0], "value": estimate.value, "sigma": estimate.sigma}
+    for estimate in map(convert_to_display_unit, one.fit.estimates):
+        entry = {
+            "seen": estimate.seen,
+            "unit": COEFFICIENT_UNITS[estimate.term][0],
+            "value": estimate.value,
+            "sigma": estimate.sigma,
+        }
         entry["upper_95"] = estimate.upper
         if estimate.term == MARKOV:
             entry |= {"time_constant_s": estimate.time_constant_s, "time_constant_sigma_s": estimate.time_constant_sigma_s}
@@ -224,7 +234,7 @@ def _axis_json(one: AxisNoise, parts: tuple[Stretch, ...]) -> dict[str, Any]:
         "sinusoids": lines_found,
         "sinusoid_upper_95_deg_h": one.sinusoid.upper * RATE,
         "sinusoid_longest_period_s": one.sinusoid.longest_s,
-        "steps": [step_row(place, step, parts) for place, step in one.steps],
+        "steps": [describe_step(place, step, parts) for place, step in one.steps],
         "chi2": one.fit.chi2,
         "dof": one.fit.dof,
         "as_well": [list(terms) for terms in one.fit.alternatives],

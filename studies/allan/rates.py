@@ -21,22 +21,22 @@ import scipy.stats
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from diagnosis.detectors.report import arcs, consecutive, inside
-from diagnosis.detectors.sample_noise import local_noise, quiet
+from diagnosis.detectors.sample_noise import estimate_local_noise, find_quiet_samples
+from diagnosis.detectors.sample_report import find_long_runs, mark_consecutive_samples, mark_interval_samples
 from gyrocal import GyroParameters, InputError, Recording, UnobservableError, calibrate
 from gyrocal.attitude import cross_matrix
-from gyrocal.recording import Interval, reference_rows
+from gyrocal.recording import Interval, find_reference_rows
 from gyrocal.recording.gyros import need_triad
 from gyrocal.recording.trackers import need_one_sensor
 
 Array = NDArray[np.float64]
 
-MARGIN = 60  # samples beside a visible motion that are left out, since it may have begun gently
+MOTION_MARGIN_SAMPLES = 60  # samples beside a visible motion that are left out, since it may have begun gently
 GENTLE = (20, 40, 80, 160)  # samples whose means show that it has, where they are no rest yet
 DEPARTS = 4.0  # sigmas between two such means, one beside the other, from which on the latter belongs to a motion
 DENIED = 1e-4  # p-value of a constant rate, below which the references deny it
 FEWEST_REFERENCES = 5  # for a spline
-ITERATIONS = 6  # of the fit of a constant rate
+CONSTANT_RATE_ITERATIONS = 6  # of the fit of a constant rate
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Stretch:
         return np.asarray(np.diff(angle, axis=0) / np.diff(self.edges)[:, None])
 
 
-def stretches(recording: Recording, interval: str | None = None) -> tuple[tuple[Stretch, ...], tuple[str, ...]]:
+def find_stretches(recording: Recording, interval: str | None = None) -> tuple[tuple[Stretch, ...], tuple[str, ...]]:
     """The stretches of a recording, or of one interval, that show the gyro's noise; and what to know of them.
 
     Raises
@@ -90,20 +90,20 @@ def stretches(recording: Recording, interval: str | None = None) -> tuple[tuple[
 
     @cache
     def calibration() -> tuple[GyroParameters, list[str]]:
-        return _calibration(recording)  # costs seconds, and only a motion asks for it
+        return _calibrate_or_use_stated(recording)  # costs seconds, and only a motion asks for it
 
-    used = inside(recording)
+    used = mark_interval_samples(recording)
     sigma = recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
     none = np.zeros(recording.gyro.t_s.size, dtype=bool)
-    noise = local_noise(recording.gyro.rates, sigma, np.zeros(3, dtype=bool), np.zeros(3), none)
-    still = quiet(recording.gyro.rates, noise)
+    noise = estimate_local_noise(recording.gyro.rates, sigma, np.zeros(3, dtype=bool), np.zeros(3), none)
+    still = find_quiet_samples(recording.gyro.rates, noise)
     chosen = [one for one in recording.intervals if interval in (None, one.name)]
-    runs = [(one, run) for one in chosen for run in _runs(recording, one, used & still, noise)]
+    runs = [(one, run) for one in chosen for run in _find_usable_runs(recording, one, used & still, noise)]
     if not runs:  # a body that moves gently all the time; the references say how
-        runs = [(one, run) for one in chosen for run in _runs(recording, one, used & still, None)]
+        runs = [(one, run) for one in chosen for run in _find_usable_runs(recording, one, used & still, None)]
     found, lost = list[Stretch](), 0
     for one, (low, high) in runs:
-        stretch = _stretch(recording, one, slice(low, high), lambda: calibration()[0])
+        stretch = _build_stretch(recording, one, slice(low, high), lambda: calibration()[0])
         lost += stretch is None
         found += [] if stretch is None else [stretch]
     if lost:
@@ -118,7 +118,7 @@ def stretches(recording: Recording, interval: str | None = None) -> tuple[tuple[
     return tuple(found), tuple(notes)
 
 
-def _calibration(recording: Recording) -> tuple[GyroParameters, list[str]]:
+def _calibrate_or_use_stated(recording: Recording) -> tuple[GyroParameters, list[str]]:
     """G and b of the recording's own calibration, as stated where it cannot be calibrated."""
     try:
         found = calibrate(recording)
@@ -129,7 +129,9 @@ def _calibration(recording: Recording) -> tuple[GyroParameters, list[str]]:
         return stated, ["These maneuvers do not determine G and b: the motion is taken out with the stated ones"]
 
 
-def _runs(recording: Recording, interval: Interval, usable: NDArray[np.bool_], noise: Array | None) -> list[tuple[int, int]]:
+def _find_usable_runs(
+    recording: Recording, interval: Interval, usable: NDArray[np.bool_], noise: Array | None
+) -> list[tuple[int, int]]:
     """Unbroken runs of usable samples of an interval, without what beside a visible motion goes with it beyond the noise."""
     t = recording.gyro.t_s
     first, last = np.searchsorted(t, [interval.start_s - 1e-6, interval.stop_s - recording.gyro.sample_s + 1e-6], side="left")
@@ -137,19 +139,19 @@ def _runs(recording: Recording, interval: Interval, usable: NDArray[np.bool_], n
     own[first:last] = usable[first:last]
     out = []
     begins = own & ~np.append(False, own[:-1])
-    for low, high in arcs(own & (consecutive(recording, own) | begins)):
-        begin = low if low == first else low + MARGIN
-        end = high if high == last else high - MARGIN
+    for low, high in find_long_runs(own & (mark_consecutive_samples(recording, own) | begins)):
+        begin = low if low == first else low + MOTION_MARGIN_SAMPLES
+        end = high if high == last else high - MOTION_MARGIN_SAMPLES
         if noise is not None:
             x = recording.gyro.rates[begin:end] / noise
-            end -= 0 if high == last else _gentle(x[::-1])
-            begin += 0 if low == first else _gentle(x)
+            end -= 0 if high == last else _count_gentle_samples(x[::-1])
+            begin += 0 if low == first else _count_gentle_samples(x)
         if end - begin >= 256:
             out.append((int(begin), int(end)))
     return out
 
 
-def _gentle(x: Array) -> int:
+def _count_gentle_samples(x: Array) -> int:
     """How many samples (n, 3), in sigmas, still belong to the motion before them, which ends gently."""
     left, k = 0, 0
     while k < len(GENTLE) and left + 2 * GENTLE[k] <= len(x):
@@ -162,15 +164,17 @@ def _gentle(x: Array) -> int:
     return left
 
 
-def _stretch(recording: Recording, interval: Interval, part: slice, parameters: Callable[[], GyroParameters]) -> Stretch | None:
+def _build_stretch(
+    recording: Recording, interval: Interval, part: slice, parameters: Callable[[], GyroParameters]
+) -> Stretch | None:
     """One stretch; None if it moves and too few references say how."""
     gyro, attitudes = recording.gyro, recording.attitudes
     need_one_sensor(attitudes)
-    rows = reference_rows(attitudes.t_s, interval)
+    rows = find_reference_rows(attitudes.t_s, interval)
     end = gyro.t_s[part.stop - 1] + gyro.sample_s
     rows = rows[(attitudes.t_s[rows] >= gyro.t_s[part.start] - 1e-6) & (attitudes.t_s[rows] <= end + 1e-6)]
     t, turned, sigma = attitudes.t_s[rows], Rotation.from_quat(attitudes.quaternions[rows]), attitudes.sigma[rows]
-    p = constant_rate_p(t, turned, sigma) if rows.size > 2 else float("nan")
+    p = compute_constant_rate_p(t, turned, sigma) if rows.size > 2 else float("nan")
     if not p < DENIED:
         edges = np.append(gyro.t_s[part], end)
         return Stretch(interval.name, part, True, rows.size, p, gyro.rates[part], np.empty((0, 3)), np.empty(0), edges)
@@ -181,14 +185,14 @@ def _stretch(recording: Recording, interval: Interval, part: slice, parameters: 
     if part.stop - part.start < 256:
         return None
     edges = np.append(gyro.t_s[part], gyro.t_s[part.stop - 1] + gyro.sample_s)
-    attitude = interpolated(t, turned, edges)
+    attitude = interpolate_attitudes(t, turned, edges)
     motion = (attitude[:-1].inv() * attitude[1:]).as_rotvec() / np.diff(edges)[:, None]
     G, bias = parameters().G, parameters().bias
     rates = gyro.rates[part] @ G.T + bias - motion
     return Stretch(interval.name, part, False, rows.size, p, rates, sigma, t, edges)
 
 
-def interpolated(t_s: Array, attitudes: Rotation, at_s: Array) -> Rotation:
+def interpolate_attitudes(t_s: Array, attitudes: Rotation, at_s: Array) -> Rotation:
     """Attitudes at other times by a cubic spline of quaternions, in which nothing is assumed of the rate at the ends."""
     q = attitudes.as_quat()
     same = np.sign(np.sum(q[1:] * q[:-1], axis=1))
@@ -196,7 +200,7 @@ def interpolated(t_s: Array, attitudes: Rotation, at_s: Array) -> Rotation:
     return Rotation.from_quat(scipy.interpolate.CubicSpline(t_s, q)(at_s))
 
 
-def constant_rate_p(t_s: Array, attitudes: Rotation, sigma: Array) -> float:
+def compute_constant_rate_p(t_s: Array, attitudes: Rotation, sigma: Array) -> float:
     """P-value of attitudes being those of a constant rate in body axes, with errors of the stated size.
 
     Parameters
@@ -209,19 +213,19 @@ def constant_rate_p(t_s: Array, attitudes: Rotation, sigma: Array) -> float:
     steps = (attitudes[:-1].inv() * attitudes[1:]).as_rotvec() / np.diff(since)[:, None]
     start, rate = attitudes[0], np.median(steps, axis=0)
     weights = 1 / sigma.reshape(-1)
-    for _ in range(ITERATIONS):
+    for _ in range(CONSTANT_RATE_ITERATIONS):
         ahead = Rotation.from_rotvec(since[:, None] * rate)
         left = (attitudes.inv() * (start * ahead)).as_rotvec()
         # A change of ω turns the attitude by the mean over the time since the start of ω seen from the body axes then.
         back = ahead.inv().as_matrix()
-        design = np.concatenate([back, since[:, None, None] * _mean_turn(since, rate)], axis=2).reshape(-1, 6)
+        design = np.concatenate([back, since[:, None, None] * _average_rotation(since, rate)], axis=2).reshape(-1, 6)
         step = np.linalg.lstsq(design * weights[:, None], -left.reshape(-1) * weights, rcond=None)[0]
         start, rate = start * Rotation.from_rotvec(step[:3]), rate + step[3:]
     chi2 = float(np.sum((left.reshape(-1) * weights) ** 2))
     return float(scipy.stats.chi2.sf(chi2, 3 * t_s.size - 6))
 
 
-def _mean_turn(since: Array, rate: Array) -> Array:
+def _average_rotation(since: Array, rate: Array) -> Array:
     """(m, 3, 3) mean of exp(−[ω×]s) over s from zero to each time: I − (1 − cos φ)/φ [u×] + (1 − sin φ/φ) [u×]²."""
     size = float(np.linalg.norm(rate))
     unit = rate / max(size, 1e-300)

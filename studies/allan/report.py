@@ -9,11 +9,21 @@ import pandas as pd
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from gyrocal.allan.terms import MARKOV, RANDOM_WALK, allan_variance
-from studies.allan.analysis import AXES, RATE, RATE_UNIT, UNITS, Analysis, AxisNoise, shown, step_row, stretch_row
+from gyrocal.allan.terms import MARKOV, RANDOM_WALK, compute_allan_variance
+from studies.allan.analysis import (
+    AXES,
+    COEFFICIENT_UNITS,
+    RATE,
+    RATE_UNIT,
+    AxisNoise,
+    NoiseAnalysis,
+    convert_to_display_unit,
+    describe_step,
+    describe_stretch,
+)
 from studies.report import tables
-from studies.report.pages import Answer, Made, Page, PageTable, Picture, Section
-from studies.report.panels import DARK, GREY, RED, TEAL, Line, Panel, curves, drawn
+from studies.report.pages import Answer, Page, PageTable, Picture, ProvenanceFooter, Section
+from studies.report.panels import DARK, GREY, RED, TEAL, Line, Panel, draw_panels, make_curves
 from studies.report.tables import NO_VALUE
 
 SINUSOID = "sinusoid"
@@ -27,7 +37,7 @@ MEANINGS = {
     "rate ramp": "a bias that drifts evenly",
     SINUSOID: "a bias that swings with one period, or a vibration",
 }
-NOTE = (
+ALLAN_TERMS_NOTE = (
     "Sigma is that of the terms that are seen, all others taken as zero; a bound is one-sided, 95 %. Not seen: the deviation "
     "is explained as well without it."
 )
@@ -37,29 +47,29 @@ CAPTION = (
 )
 
 
-def terms_table(found: Analysis) -> pd.DataFrame:
+def build_terms_table(found: NoiseAnalysis) -> pd.DataFrame:
     """A row for each term and axis, as texts."""
     rows = []
     for name, axis in zip(AXES, found.axes, strict=True):
         for one in axis.fit.estimates:
-            estimate, unit = shown(one), UNITS[one.term][0]
+            estimate, unit = convert_to_display_unit(one), COEFFICIENT_UNITS[one.term][0]
             row = {"axis": name, "term": one.term, "value": "not seen", "sigma": NO_VALUE, "unit": unit}
             row |= {"time constant": NO_VALUE, "stated": NO_VALUE}
             if estimate.seen:
-                row |= {"value": tables.to_sigma(estimate.value, estimate.sigma)}
-                row |= {"sigma": tables.to_sigma(estimate.sigma, estimate.sigma)}
+                row |= {"value": tables.format_to_sigma(estimate.value, estimate.sigma)}
+                row |= {"sigma": tables.format_to_sigma(estimate.sigma, estimate.sigma)}
             else:
                 row["value"] = f"not seen, below {estimate.upper:.2g}"
             if estimate.seen and one.term == MARKOV:
                 row["time constant"] = f"{estimate.time_constant_s:.3g} ± {estimate.time_constant_sigma_s:.2g} s"
             if one.term == RANDOM_WALK:
-                row["stated"] = tables.number(found.arw * UNITS[RANDOM_WALK][1])
+                row["stated"] = tables.format_number(found.arw * COEFFICIENT_UNITS[RANDOM_WALK][1])
             rows.append(row)
-        rows += _sinusoids(name, axis)
+        rows += _build_sinusoid_rows(name, axis)
     return pd.DataFrame(rows)
 
 
-def _sinusoids(name: str, axis: AxisNoise) -> list[dict[str, str]]:
+def _build_sinusoid_rows(name: str, axis: AxisNoise) -> list[dict[str, str]]:
     base = {"axis": name, "term": SINUSOID, "sigma": NO_VALUE, "unit": RATE_UNIT, "time constant": NO_VALUE, "stated": NO_VALUE}
     if not axis.sinusoid.found:
         upper = axis.sinusoid.upper * RATE
@@ -68,15 +78,15 @@ def _sinusoids(name: str, axis: AxisNoise) -> list[dict[str, str]]:
     return [
         base
         | {
-            "value": tables.to_sigma(line.amplitude * RATE, line.sigma * RATE),
-            "sigma": tables.to_sigma(line.sigma * RATE, line.sigma * RATE),
+            "value": tables.format_to_sigma(line.amplitude * RATE, line.sigma * RATE),
+            "sigma": tables.format_to_sigma(line.sigma * RATE, line.sigma * RATE),
             "time constant": f"period {1 / line.frequency_hz:.4g} s",
         }
         for line in axis.sinusoid.found
     ]
 
 
-def remarks(found: Analysis) -> list[str]:
+def list_remarks(found: NoiseAnalysis) -> list[str]:
     """What is found, in sentences."""
     out = [] if found.arw else ["The recording states no angle random walk."]
     for name, axis in zip(AXES, found.axes, strict=True):
@@ -86,7 +96,7 @@ def remarks(found: Analysis) -> list[str]:
         elif found.arw and abs(walk.value - found.arw) > OFF * walk.sigma:
             off, ratio = abs(walk.value - found.arw) / walk.sigma, walk.value / found.arw
             out.append(f"{name}: the angle random walk is {ratio:.3g} times the stated one, {off:.0f} sigma off.")
-        for row in (step_row(place, step, found.stretches) for place, step in axis.steps):
+        for row in (describe_step(place, step, found.stretches) for place, step in axis.steps):
             where = f'{row["size"]:+.3g} {row["unit"]} at {row["time_s"]:.0f} s in "{row["interval"]}"'
             out.append(
                 f"{name}: one step of the rate, {where}, explains its course far better than a drift: what is told of slow "
@@ -97,59 +107,59 @@ def remarks(found: Analysis) -> list[str]:
     return [*out, *found.notes]
 
 
-def stretches_table(found: Analysis) -> pd.DataFrame:
+def build_stretches_table(found: NoiseAnalysis) -> pd.DataFrame:
     """The stretches that the deviation rests on."""
-    return pd.DataFrame([stretch_row(one) for one in found.stretches])
+    return pd.DataFrame([describe_stretch(one) for one in found.stretches])
 
 
-def show(console: Console, found: Analysis) -> None:
+def show_analysis(console: Console, found: NoiseAnalysis) -> None:
     """Print the tables and the remarks."""
-    tables.terminal(console, "Stretches", stretches_table(found))
-    tables.terminal(console, f"{found.recording}: noise terms of IEEE Std 952", terms_table(found), NOTE)
-    for line in remarks(found):
+    tables.print_table(console, "Stretches", build_stretches_table(found))
+    tables.print_table(console, f"{found.recording}: noise terms of IEEE Std 952", build_terms_table(found), ALLAN_TERMS_NOTE)
+    for line in list_remarks(found):
         console.print(line, highlight=False, markup=False)
 
 
-def figure(found: Analysis) -> Figure:
+def draw_allan_figure(found: NoiseAnalysis) -> Figure:
     """The deviation of each axis with its terms."""
-    panels = [_panel(name, axis, found.arw) for name, axis in zip(AXES, found.axes, strict=True)]
-    return drawn(*panels, size=(11.0, 4.2), sharey=True)
+    panels = [_draw_axis_panel(name, axis, found.arw) for name, axis in zip(AXES, found.axes, strict=True)]
+    return draw_panels(*panels, size=(11.0, 4.2), sharey=True)
 
 
-def _panel(name: str, axis: AxisNoise, arw: float) -> Panel:
+def _draw_axis_panel(name: str, axis: AxisNoise, arw: float) -> Panel:
     tau = axis.deviation.tau_s
     lines = [
         Line(tau, axis.deviation.deviation * RATE, "deviation, 95 %", TEAL, "o-", axis.low * RATE, axis.high * RATE),
         Line(tau, np.sqrt(axis.model) * RATE, "all terms", RED, "-"),
     ]
     for one, style in zip([one for one in axis.fit.estimates if one.seen], ("--", ":", "-."), strict=False):
-        own = one.value * np.sqrt(allan_variance(one.term, tau, one.time_constant_s))
+        own = one.value * np.sqrt(compute_allan_variance(one.term, tau, one.time_constant_s))
         lines.append(Line(tau, own * RATE, one.term, DARK, style))
     if arw > 0:
         lines.append(Line(tau, arw / np.sqrt(tau) * RATE, "stated", GREY, "-"))
     if axis.references.any():
         lines.append(Line(tau, np.sqrt(axis.references) * RATE, "references", GREY, ":"))
-    return curves(lines, title=name, x="averaging time (s)", y="Allan deviation (deg/h)", log="xy", legend="upper right")
+    return make_curves(lines, title=name, x="averaging time (s)", y="Allan deviation (deg/h)", log="xy", legend="upper right")
 
 
-def page(found: Analysis, made: Made | None = None) -> str:
+def build_allan_page(found: NoiseAnalysis, made: ProvenanceFooter | None = None) -> str:
     """A page in HTML; the same analysis gives the same bytes but for how it was made."""
-    table = terms_table(found)
+    table = build_terms_table(found)
     seen = [not str(value).startswith("not seen") for value in table["value"]]
-    picture = Picture("allan", partial(figure, found), alt(found), CAPTION)
+    picture = Picture("allan", partial(draw_allan_figure, found), describe_allan_figure(found), CAPTION)
     rests = "Rests are used as recorded; of the others, what the references say of the motion is taken out."
-    said = remarks(found)
+    said = list_remarks(found)
     sections = [
         Section("", said[1:]),
-        Section("Terms of IEEE Std 952", [NOTE, PageTable(table, seen, "Terms of IEEE Std 952")]),
-        Section("Stretches", [rests, PageTable(stretches_table(found), label="Stretches")]),
+        Section("Terms of IEEE Std 952", [ALLAN_TERMS_NOTE, PageTable(table, seen, "Terms of IEEE Std 952")]),
+        Section("Stretches", [rests, PageTable(build_stretches_table(found), label="Stretches")]),
         Section("Words", [MEANINGS]),
     ]
     first = said[0] if said else "The angle random walk is as stated."
-    return Page(f"Allan deviation of {found.recording}", sections, Answer("", picture, first), made).html()
+    return Page(f"Allan deviation of {found.recording}", sections, Answer("", picture, first), made).render_html()
 
 
-def alt(found: Analysis) -> str:
+def describe_allan_figure(found: NoiseAnalysis) -> str:
     """The figure in words."""
     parts = []
     for name, axis in zip(AXES, found.axes, strict=True):

@@ -17,12 +17,12 @@ Array = NDArray[np.float64]
 
 BINS = 256
 FEWEST_BINS = 16
-BETTER = 50.0  # by how much the two levels' χ² is below that of the line, of noise that the levels leave
-WHITE = 1.7  # mean square change from bin to bin over the variance, at least; 2 for white noise
+STEP_CHI2_MARGIN = 50.0  # by how much the two levels' χ² is below that of the line, of noise that the levels leave
+WHITE_VARIANCE_RATIO = 1.7  # mean square change from bin to bin over the variance, at least; 2 for white noise
 
 
 @dataclass(frozen=True)
-class Step:
+class RateStep:
     """A step of the rate.
 
     Attributes
@@ -35,7 +35,7 @@ class Step:
     size: float
 
 
-def step_in(rates: Array) -> Step | None:
+def find_rate_step(rates: Array) -> RateStep | None:
     """The step that explains the course of a stretch's rates (n,), rad/s; None where a line or noise explains it as well."""
     each = max(1, rates.size // BINS)
     count = rates.size // each
@@ -52,6 +52,6 @@ def step_in(rates: Array) -> Step | None:
     variance = float(np.sum(left**2)) / (count - 3)
     better = float(np.sum(of_line**2) - np.sum(left**2))
     white = float(np.mean(np.diff(left) ** 2)) / max(variance, 1e-300)
-    if better < BETTER * variance or white < WHITE:
+    if better < STEP_CHI2_MARGIN * variance or white < WHITE_VARIANCE_RATIO:
         return None
-    return Step((best + 1) * each, float(high[best] - low[best]))
+    return RateStep((best + 1) * each, float(high[best] - low[best]))

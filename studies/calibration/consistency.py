@@ -11,7 +11,7 @@ then, over the cases, of its errors e and covariance P
 - the k-sigma range covers the truth as often as it says,
 - the rank of the truth within the posterior, u = Φ((x_true − x)/σ), is uniform; of the whole, u = χ²₁₂(|y|²).
 
-`case` produces, `check` judges. A statistic that fails is laid to the mean of y (biased) or to its spread about that mean
+`run_case` produces, `check` judges. A statistic that fails is laid to the mean of y (biased) or to its spread about that mean
 (over-confident, under-confident). The mean is tested by Hotelling's T², which a wrong sigma does not move, and the spread by
 χ², which a bias does not move. All limits are Bonferroni's over one estimator's statistics, so that a consistent estimator
 passes them all with at least the stated confidence.
@@ -30,16 +30,16 @@ from pydantic import Field, model_validator
 
 from gyrocal import NAMES, GyroParameters, calibrate
 from simulator import scenario as scenarios
-from studies.calibration.prepared import converged
+from studies.calibration.shared_truth import require_converged
 from studies.montecarlo import statistics
-from studies.montecarlo.dispersions import Dispersion, Normal, scenario_value
-from studies.montecarlo.statistics import CONSISTENT, OVER_CONFIDENT, UNDER_CONFIDENT, binomial_band
-from studies.montecarlo.study import Streams, Study, StudyConfig, base_scenario, dispersed, observed
+from studies.montecarlo.dispersions import Dispersion, Normal, get_scenario_value
+from studies.montecarlo.statistics import CONSISTENT, OVER_CONFIDENT, UNDER_CONFIDENT, compute_binomial_band
+from studies.montecarlo.study import Streams, Study, StudyConfig, dispersed, load_base_scenario, observed
 from studies.report import panels
 from studies.report.checks import Check
 from studies.report.entry import Entry, Report
-from studies.report.tables import Table, by_group
-from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES, columns
+from studies.report.tables import Table, summarise_groups
+from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES, name_columns
 
 Array = NDArray[np.float64]
 Samples = Mapping[str, Array]
@@ -50,24 +50,24 @@ PRIOR_SIGMA_DEG_H = 0.02
 
 PATHS = tuple(f"gyro.true_G.{i}.{j}" for i in range(3) for j in range(3)) + tuple(f"gyro.true_bias_deg_s.{i}" for i in range(3))
 TO_SI = np.array([1.0] * 9 + [np.deg2rad(1.0)] * 3)
-ERRORS, SIGMAS = columns("error"), columns("sigma")
-WHITE = [f"white_{k + 1}" for k in range(12)]
+ERRORS, SIGMAS = name_columns("error"), name_columns("sigma")
+WHITE_COLUMNS = [f"white_{k + 1}" for k in range(12)]
 WHOLE = "whole"
-BIASED = "biased"
+BIASED_ESTIMATOR = "biased"
 
 # What each estimator must be found to be.
-EXPECTED = {
+EXPECTED_VERDICTS = {
     "with prior": CONSISTENT,
     "without prior": CONSISTENT,
     "references only": OVER_CONFIDENT,
     "sigma × 0.7": OVER_CONFIDENT,
     "sigma × 1.4": UNDER_CONFIDENT,
-    "half a sigma added": BIASED,
+    "half a sigma added": BIASED_ESTIMATOR,
 }
-CONTROLS = {"sigma × 0.7": (0.7, 0.0), "sigma × 1.4": (1.4, 0.0), "half a sigma added": (1.0, 0.5)}  # of "with prior"
+PERTURBED_CONTROLS = {"sigma × 0.7": (0.7, 0.0), "sigma × 1.4": (1.4, 0.0), "half a sigma added": (1.0, 0.5)}  # of "with prior"
 
 
-def default_prior() -> dict[str, Dispersion]:
+def build_default_prior() -> dict[str, Dispersion]:
     """Normals about the TRMM scenario's a-priori parameters."""
     gyro = scenarios.load("trmm").gyro
     means = [*np.ravel(gyro.apriori_G).tolist(), *gyro.apriori_bias_deg_s]
@@ -85,7 +85,7 @@ class ConsistencyConfig(StudyConfig):
     """
 
     cases: int = 400
-    dispersions: dict[str, Dispersion] = Field(default_factory=default_prior)
+    dispersions: dict[str, Dispersion] = Field(default_factory=build_default_prior)
     confidence: float = Field(default=0.99, gt=0.5, lt=1)
     bins: int = Field(default=20, ge=2, le=100)
 
@@ -102,34 +102,36 @@ class ConsistencyConfig(StudyConfig):
         return self
 
 
-def prior(config: ConsistencyConfig) -> tuple[Array, Array]:
+def compute_prior_moments(config: ConsistencyConfig) -> tuple[Array, Array]:
     """Mean (12,) and sigma (12,) of the prior; G dimensionless, b rad/s."""
-    scenario = base_scenario(config)
+    scenario = load_base_scenario(config)
     normals = [config.dispersions[path] for path in PATHS]
-    means = [d.applied(d.quantile(0.5), scenario_value(scenario, path)) for d, path in zip(normals, PATHS, strict=True)]
+    means = [d.apply_draw(d.quantile(0.5), get_scenario_value(scenario, path)) for d, path in zip(normals, PATHS, strict=True)]
     return np.array(means) * TO_SI, np.array([d.sigma for d in normals if isinstance(d, Normal)]) * TO_SI
 
 
-def case(config: ConsistencyConfig, case: int, streams: Streams) -> list[dict[str, object]]:
+def run_case(config: ConsistencyConfig, case: int, streams: Streams) -> list[dict[str, object]]:
     """A row for each estimator: errors and sigmas of the parameters, ppm and deg/h, and the whitened error."""
     scenario = dispersed(config, case)
     seen = observed(config, case, streams)
-    mean, sigma = prior(config)
-    truth = np.array([scenario_value(scenario, path) for path in PATHS]) * TO_SI
+    mean, sigma = compute_prior_moments(config)
+    truth = np.array([get_scenario_value(scenario, path) for path in PATHS]) * TO_SI
     start = GyroParameters.from_vector(mean)
     found = {
-        "with prior": converged(calibrate(seen, initial=start, apriori_covariance=np.diag(sigma**2))),
-        "without prior": converged(calibrate(seen, initial=start)),
-        "references only": converged(calibrate(seen, initial=start, covariance_model="references only")),
+        "with prior": require_converged(calibrate(seen, initial=start, apriori_covariance=np.diag(sigma**2))),
+        "without prior": require_converged(calibrate(seen, initial=start)),
+        "references only": require_converged(calibrate(seen, initial=start, covariance_model="references only")),
     }
-    rows = [judged(name, r.parameters.vector - truth, r.covariance) for name, r in found.items()]
+    rows = [build_estimate_row(name, r.parameters.vector - truth, r.covariance) for name, r in found.items()]
     right = found["with prior"]
-    for name, (scale, shift) in CONTROLS.items():
-        rows.append(judged(name, right.parameters.vector - truth + shift * right.sigma, scale**2 * right.covariance))
+    for name, (scale, shift) in PERTURBED_CONTROLS.items():
+        rows.append(
+            build_estimate_row(name, right.parameters.vector - truth + shift * right.sigma, scale**2 * right.covariance)
+        )
     return rows
 
 
-def judged(estimator: str, error: Array, covariance: Array) -> dict[str, object]:
+def build_estimate_row(estimator: str, error: Array, covariance: Array) -> dict[str, object]:
     """The row of an estimate.
 
     Parameters
@@ -142,25 +144,29 @@ def judged(estimator: str, error: Array, covariance: Array) -> dict[str, object]
     L = np.linalg.cholesky(covariance / np.outer(sigma, sigma))
     white = np.linalg.solve(L, error / sigma)
     values = [*(error * PPM_DEG_H).tolist(), *(sigma * PPM_DEG_H).tolist(), *white.tolist()]
-    return {"estimator": estimator, "nees": float(white @ white), **dict(zip([*ERRORS, *SIGMAS, *WHITE], values, strict=True))}
+    return {
+        "estimator": estimator,
+        "nees": float(white @ white),
+        **dict(zip([*ERRORS, *SIGMAS, *WHITE_COLUMNS], values, strict=True)),
+    }
 
 
-def samples(rows: pd.DataFrame) -> dict[str, Array]:
+def normalise_errors(rows: pd.DataFrame) -> dict[str, Array]:
     """What should be standard normal, (cases, d), of one estimator's rows: each parameter's e/σ, and the whole, whitened."""
     normalised = rows[ERRORS].to_numpy() / rows[SIGMAS].to_numpy()
-    return {**{name: normalised[:, [k]] for k, name in enumerate(NAMES)}, WHOLE: rows[WHITE].to_numpy()}
+    return {**{name: normalised[:, [k]] for k, name in enumerate(NAMES)}, WHOLE: rows[WHITE_COLUMNS].to_numpy()}
 
 
-def ranks(y: Array) -> Array:
+def compute_ranks(y: Array) -> Array:
     """Share of the posterior below the truth, (cases,), of normalised errors (cases, d); of several at once by |y|²."""
     if y.shape[1] == 1:
         return np.asarray(scipy.stats.norm.cdf(-y[:, 0]))
     return np.asarray(scipy.stats.chi2.cdf(np.sum(y**2, axis=1), y.shape[1]))
 
 
-def histogram(y: Array, bins: int) -> NDArray[np.intp]:
+def count_ranks(y: Array, bins: int) -> NDArray[np.intp]:
     """Counts of the ranks in equal bins."""
-    return np.bincount(np.minimum((ranks(y) * bins).astype(int), bins - 1), minlength=bins)
+    return np.bincount(np.minimum((compute_ranks(y) * bins).astype(int), bins - 1), minlength=bins)
 
 
 def check(rows: pd.DataFrame, confidence: float = 0.99, bins: int = 20) -> pd.DataFrame:
@@ -168,7 +174,7 @@ def check(rows: pd.DataFrame, confidence: float = 0.99, bins: int = 20) -> pd.Da
 
     Parameters
     ----------
-    rows : a row per case, as made by `case`
+    rows : a row per case, as made by `run_case`
     confidence : probability that a consistent estimator passes everything
     bins : of the rank histograms
 
@@ -179,20 +185,20 @@ def check(rows: pd.DataFrame, confidence: float = 0.99, bins: int = 20) -> pd.Da
     spread (variance of y about its mean), coverage_68 and coverage_95 (value is the share meant; limits are Wilson's about the
     share found), rank (χ² of the histogram's uniformity) and rank_band (bins outside their simultaneous binomial band).
     """
-    groups = samples(rows)
+    groups = normalise_errors(rows)
     each = 1 - (1 - confidence) / (7 * len(groups))
-    parts = [_checked(y, each, bins).assign(parameter=name) for name, y in groups.items()]
+    parts = [_compute_statistics(y, each, bins).assign(parameter=name) for name, y in groups.items()]
     table = pd.concat(parts, ignore_index=True)
     return table[["parameter", "statistic", "value", "lower", "upper", "verdict"]]
 
 
-def _checked(y: Array, confidence: float, bins: int) -> pd.DataFrame:
+def _compute_statistics(y: Array, confidence: float, bins: int) -> pd.DataFrame:
     """All statistics of normalised errors (cases, d), each at this confidence."""
     n, d = y.shape
     tail = (1 - confidence) / 2
     mean, square = y.mean(axis=0), np.sum(y**2, axis=1)
     hotelling = n * mean @ np.linalg.solve(np.atleast_2d(np.cov(y.T)), mean)
-    nees = statistics.nees_check(square, d, confidence)
+    nees = statistics.check_mean_nees(square, d, confidence)
     limits = [(n - d) / (d * (n - 1)) * hotelling, 0.0, scipy.stats.f.isf(1 - confidence, d, n - d)]
     table: dict[str, list[float]] = {
         "nees": [nees.value / d, nees.lower / d, nees.upper / d],
@@ -200,27 +206,30 @@ def _checked(y: Array, confidence: float, bins: int) -> pd.DataFrame:
         "spread": [y.var(axis=0, ddof=1).mean(), *scipy.stats.chi2.ppf([tail, 1 - tail], (n - 1) * d) / ((n - 1) * d)],
     }
     for level in ("68", "95"):
-        inside = int(np.sum(square <= scipy.stats.chi2.ppf(statistics.LEVELS[level], d)))
-        table[f"coverage_{level}"] = [statistics.LEVELS[level], *statistics.binomial_interval(inside, n, confidence)]
-    counts = histogram(y, bins)
-    low, high = binomial_band(n, 1 / bins, confidence, bins)
+        inside = int(np.sum(square <= scipy.stats.chi2.ppf(statistics.SIGMA_LEVELS[level], d)))
+        table[f"coverage_{level}"] = [
+            statistics.SIGMA_LEVELS[level],
+            *statistics.compute_binomial_interval(inside, n, confidence),
+        ]
+    counts = count_ranks(y, bins)
+    low, high = compute_binomial_band(n, 1 / bins, confidence, bins)
     table["rank"] = [np.sum((counts - n / bins) ** 2) / (n / bins), 0.0, scipy.stats.chi2.isf(1 - confidence, bins - 1)]
     table["rank_band"] = [float(np.sum((counts < low) | (counts > high))), 0.0, 0.0]
     out = pd.DataFrame.from_dict(table, orient="index", columns=["value", "lower", "upper"]).rename_axis("statistic")
-    out["verdict"] = _verdicts(out)
+    out["verdict"] = _decide_verdicts(out)
     return out.reset_index()
 
 
-def _verdicts(table: pd.DataFrame) -> list[str]:
+def _decide_verdicts(table: pd.DataFrame) -> list[str]:
     """What each statistic that is outside its limits is laid to."""
     outside = (table["value"] < table["lower"]) | (table["value"] > table["upper"])
     spread = OVER_CONFIDENT if table["value"]["spread"] > 1 else UNDER_CONFIDENT
-    cause = BIASED if outside["mean"] and not outside["spread"] else spread
-    causes = {"mean": BIASED, "spread": spread}
+    cause = BIASED_ESTIMATOR if outside["mean"] and not outside["spread"] else spread
+    causes = {"mean": BIASED_ESTIMATOR, "spread": spread}
     return [str(causes.get(str(name), cause)) if out else CONSISTENT for name, out in outside.items()]
 
 
-def verdict(checks: pd.DataFrame) -> str:
+def summarise_verdicts(checks: pd.DataFrame) -> str:
     """One estimator's verdict: "consistent" if every statistic is, or what is wrong, the most frequent first."""
     wrong = checks.loc[checks["verdict"] != CONSISTENT, "verdict"]
     return " and ".join(map(str, wrong.value_counts().index)) if len(wrong) else CONSISTENT
@@ -228,42 +237,49 @@ def verdict(checks: pd.DataFrame) -> str:
 
 def judge(config: ConsistencyConfig, rows: pd.DataFrame) -> pd.DataFrame:
     """`check` of each estimator, in one table."""
-    parts = {name: check(rows[rows["estimator"] == name], config.confidence, config.bins) for name in EXPECTED}
+    parts = {name: check(rows[rows["estimator"] == name], config.confidence, config.bins) for name in EXPECTED_VERDICTS}
     return pd.concat([table.assign(estimator=name) for name, table in parts.items()], ignore_index=True)
 
 
-def _verdict_table(checks: pd.DataFrame) -> pd.DataFrame:
+def _build_verdict_table(checks: pd.DataFrame) -> pd.DataFrame:
     def line(table: pd.DataFrame) -> dict[str, object]:
         whole = table[table["parameter"] == WHOLE].set_index("statistic")
-        row: dict[str, object] = {"expected": EXPECTED[table["estimator"].iloc[0]], "verdict": verdict(table)}
+        row: dict[str, object] = {
+            "expected": EXPECTED_VERDICTS[table["estimator"].iloc[0]],
+            "verdict": summarise_verdicts(table),
+        }
         row |= {"statistics": len(table), "outside": int((table["verdict"] != CONSISTENT).sum())}
         names = {"value": "nees_per_dof", "lower": "nees_per_dof_low", "upper": "nees_per_dof_high"}
         row |= {name: whole.loc["nees", column] for column, name in names.items()}
         return row | {"spread": whole.loc["spread", "value"], "mean_F": whole.loc["mean", "value"]}
 
-    return by_group(checks, ["estimator"], line)
+    return summarise_groups(checks, ["estimator"], line)
 
 
-def _parameter_table(rows: pd.DataFrame, checks: pd.DataFrame) -> pd.DataFrame:
+def _build_parameter_table(rows: pd.DataFrame, checks: pd.DataFrame) -> pd.DataFrame:
     """A row a parameter of one estimator."""
     errors, sigmas = rows[ERRORS].to_numpy(), rows[SIGMAS].to_numpy()
-    table = statistics.accuracy_table(errors, sigmas, NAMES, PPM_DEG_H_NAMES)
+    table = statistics.tabulate_accuracy(errors, sigmas, NAMES, PPM_DEG_H_NAMES)
     kept = ["parameter", "unit", "formal_sigma", "spread_over_formal", "bias_in_standard_errors"]
     kept += [f"coverage_{level}{end}" for level in ("68", "95") for end in ("", "_low", "_high")]
     values = checks.pivot_table(index="parameter", columns="statistic", values="value").loc[list(NAMES)]
     return table[kept].assign(nees=values["nees"].to_numpy(), rank_chi2=values["rank"].to_numpy())
 
 
-LINE = "The verdict on an estimator is consistent if all its statistics are within their limits; controls must be found out."
+VERDICT_NOTE = (
+    "The verdict on an estimator is consistent if all its statistics are within their limits; controls must be found out."
+)
 
 
 def report(config: ConsistencyConfig, rows: pd.DataFrame) -> Report:
     """Verdicts on the consistent estimators and on the controls."""
     judgements = judge(config, rows)
-    verdicts = _verdict_table(judgements)
+    verdicts = _build_verdict_table(judgements)
     outside = judgements.assign(outside=judgements["verdict"] != CONSISTENT)
     counts = outside.pivot_table(index="estimator", columns="statistic", values="outside", aggfunc="sum", sort=False)
-    checks = [Check(line["estimator"], line["verdict"], line["expected"], "", LINE) for line in verdicts.to_dict("records")]
+    checks = [
+        Check(line["estimator"], line["verdict"], line["expected"], "", VERDICT_NOTE) for line in verdicts.to_dict("records")
+    ]
     for line in verdicts[verdicts["expected"] == CONSISTENT].to_dict("records"):
         bounds = (line["nees_per_dof_low"], line["nees_per_dof_high"])
         checks.append(Check(f"mean NEES, {line['estimator']}", line["nees_per_dof"], bounds, "NEES/dof"))
@@ -274,27 +290,33 @@ def report(config: ConsistencyConfig, rows: pd.DataFrame) -> Report:
         "verdicts": Table(f"Verdicts, {rows['case'].nunique()} cases", verdicts, note),
         "parameters": Table(
             "With prior, by parameter (coverage with 95 % Wilson intervals)",
-            _parameter_table(right, judgements[judgements["estimator"] == "with prior"]),
+            _build_parameter_table(right, judgements[judgements["estimator"] == "with prior"]),
         ),
         "outside": Table("Statistics outside their limits, of 13 each", counts.reset_index()),
     }
-    by_estimator = {name: samples(rows[rows["estimator"] == name])["G_xx"] for name in EXPECTED}
-    by_parameter = {name: y for name, y in samples(right).items() if name != WHOLE}
+    by_estimator = {name: normalise_errors(rows[rows["estimator"] == name])["G_xx"] for name in EXPECTED_VERDICTS}
+    by_parameter = {name: y for name, y in normalise_errors(right).items() if name != WHOLE}
     figures = {
-        "ranks_by_estimator": _rank_figure(config, by_estimator, 3, "rank of the true G_xx within the posterior, by estimator"),
-        "ranks_by_parameter": _rank_figure(config, by_parameter, 4, "rank of the truth within the posterior, with prior"),
+        "ranks_by_estimator": _draw_rank_figure(
+            config, by_estimator, 3, "rank of the true G_xx within the posterior, by estimator"
+        ),
+        "ranks_by_parameter": _draw_rank_figure(config, by_parameter, 4, "rank of the truth within the posterior, with prior"),
     }
     return Report(tables, figures, tuple(checks))
 
 
-def _rank_figure(config: ConsistencyConfig, ranked: Samples, columns: int, title: str) -> panels.Draw:
+def _draw_rank_figure(config: ConsistencyConfig, ranked: Samples, columns: int, title: str) -> panels.Draw:
     """Histograms with the band that all bins of all panels together keep to."""
     n = len(next(iter(ranked.values())))
-    band = binomial_band(n, 1 / config.bins, 1 - (1 - config.confidence) / len(ranked), config.bins)
-    found = [panels.histogram(histogram(y, config.bins), n / config.bins, band, title=name) for name, y in ranked.items()]
+    band = compute_binomial_band(n, 1 / config.bins, 1 - (1 - config.confidence) / len(ranked), config.bins)
+    found = [
+        panels.make_histogram(count_ranks(y, config.bins), n / config.bins, band, title=name) for name, y in ranked.items()
+    ]
     size = (7.6, 0.5 + 1.45 * (len(ranked) // columns))
-    return panels.sheet(*found, size=size, columns=columns, title=f"{title}; {n} cases, band {band[0]} to {band[1]} a bin")
+    return panels.build_sheet(
+        *found, size=size, columns=columns, title=f"{title}; {n} cases, band {band[0]} to {band[1]} a bin"
+    )
 
 
-STUDY = Study("studies.calibration.consistency:STUDY", ConsistencyConfig, case, observed)
+STUDY = Study("studies.calibration.consistency:STUDY", ConsistencyConfig, run_case, observed)
 ENTRY = Entry(STUDY, "is the stated covariance consistent, and would it be noticed if it were not", report)

@@ -33,24 +33,24 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from gyrocal import NAMES, GyroParameters, InputError, RecursiveCalibrator, attitude
-from gyrocal.calibration.covariance import residual_covariance
+from gyrocal.calibration.covariance import compute_residual_covariance
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import propagate
-from gyrocal.calibration.sampling import measurements
+from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.recording import Recording
 from simulator.scenario import load, override
-from studies.calibration.prepared import Flown, rms, true_parameters
+from studies.calibration.shared_truth import NoiseFreeSimulation, compute_rms, get_true_parameters
 from studies.montecarlo.study import Streams, Study, StudyConfig, dispersed, observed
 from studies.report import panels
-from studies.report.checks import Check, at_most
+from studies.report.checks import Check, bound_above
 from studies.report.entry import Entry, Report
-from studies.report.tables import Table, by_group
-from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES, columns
+from studies.report.tables import Table, summarise_groups
+from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES, name_columns
 
 Array = NDArray[np.float64]
 
-ERRORS = columns("error")
+ERRORS = name_columns("error")
 FULL_PSI, LINEAR_PSI, CONVERGED = "one iteration, full ψ", "one iteration, linear ψ", "converged"
 ORACLE, STREAMING = "least squares", "streaming"
 AGREEMENT_G = 1e-9  # between the oracle and the converged answer
@@ -87,7 +87,7 @@ class Estimate:
     passes: int
 
 
-def interval_covariances(problem: Problem, x: Array) -> Array:
+def compute_interval_covariances(problem: Problem, x: Array) -> Array:
     """C (intervals, 3, 3) of each interval's residual at parameters (12,), rad².
 
     Raises
@@ -100,11 +100,11 @@ def interval_covariances(problem: Problem, x: Array) -> Array:
     if (groups > 1).any():
         raise InputError("estimators: the intervals must have references at their ends only, and not touch")
     R = propagate(prepared.arcs, x[:9].reshape(3, 3), x[9:]).R
-    V = residual_covariance(R, *problem.references, problem.walk)
+    V = compute_residual_covariance(R, *problem.references, problem.walk)
     return np.array([V[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] for k in range(len(R))])
 
 
-def residuals(problem: Problem, x: Array) -> Array:
+def whiten_nonlinear_residuals(problem: Problem, x: Array) -> Array:
     """The full non-linear residuals L⁻¹ θ (3m,), C = L Lᵀ, at parameters (12,), without any sensitivity."""
     prepared = problem.measurements
     R = propagate(prepared.arcs, x[:9].reshape(3, 3), x[9:]).R
@@ -114,29 +114,29 @@ def residuals(problem: Problem, x: Array) -> Array:
     return np.linalg.solve(L, theta[..., None]).ravel()
 
 
-def davenport(problem: Problem, start: Array, iterations: int, psi: str) -> Estimate:
+def fit_davenport(problem: Problem, start: Array, iterations: int, psi: str) -> Estimate:
     """Davenport's form with a fixed number of iterations; the pass that evaluates the last residual is counted."""
     found = problem.iterate(start, iterations, "linear" if psi == "linear" else "full").x
     return Estimate(found[-1], float(np.abs(found[-1] - found[-2])[:9].max()), iterations + 1)
 
 
-def least_squares(problem: Problem, start: Array) -> Estimate:
+def fit_least_squares(problem: Problem, start: Array) -> Estimate:
     """The non-linear minimum by scipy."""
     # Its differences reach 6e-6 of a unit: 3e-6 in G, where truncation and rounding of the derivatives are both near 1e-10.
     scale = 50 * PLAUSIBLE_RANGE
     passes = [0]
 
-    def evaluated(step: Array) -> Array:
+    def evaluate_residuals(step: Array) -> Array:
         passes[0] += 1
-        return residuals(problem, start + scale * step)
+        return whiten_nonlinear_residuals(problem, start + scale * step)
 
-    found = scipy.optimize.least_squares(evaluated, np.zeros(12), jac="3-point", xtol=1e-13, ftol=1e-15, gtol=None)
+    found = scipy.optimize.least_squares(evaluate_residuals, np.zeros(12), jac="3-point", xtol=1e-13, ftol=1e-15, gtol=None)
     # It asks for a lower cost, which is flat to rounding while the parameters are still up to 1e-9 off: so one step more.
     step = found.x - np.linalg.lstsq(found.jac, found.fun)[0]
     return Estimate(start + scale * step, float("nan"), passes[0])
 
 
-def streamed(problem: Problem, recording: Recording, start: Array) -> Estimate:
+def run_recursive_calibrator(problem: Problem, recording: Recording, start: Array) -> Estimate:
     """One iteration of the recursive calibrator, one gyro sample at a time."""
     calibrator = RecursiveCalibrator(GyroParameters.from_vector(start), arw=recording.gyro.arw)
     prepared, sigma = problem.measurements, recording.attitudes.sigma
@@ -150,44 +150,46 @@ def streamed(problem: Problem, recording: Recording, start: Array) -> Estimate:
     return Estimate(x, float(np.abs(x - start)[:9].max()), 1)
 
 
-def given_weights(seen: Recording, start: Array) -> Problem:
+def fix_weights(seen: Recording, start: Array) -> Problem:
     """The problem whose weights are fixed, at the parameters (12,) it starts from."""
-    prepared = measurements(seen)
-    return Problem.of(seen, prepared, given=interval_covariances(Problem.of(seen, prepared), start))
+    prepared = prepare_measurements(seen)
+    return Problem.of(seen, prepared, given=compute_interval_covariances(Problem.of(seen, prepared), start))
 
 
 @lru_cache(maxsize=1)
-def _warm() -> None:
+def _load_compiled_code() -> None:
     """Load what is compiled, once a process, with a recording of a few samples."""
-    flown = Flown.of(override(load("trmm"), {"gyro.sample_s": 60.0}))
+    flown = NoiseFreeSimulation.of(override(load("trmm"), {"gyro.sample_s": 60.0}))
     seen, start = flown.plain, flown.initial
-    problem = given_weights(seen, start)
-    for run in _runs(problem, seen, start, 1, True).values():
+    problem = fix_weights(seen, start)
+    for run in _prepare_runs(problem, seen, start, 1, True).values():
         run()
 
 
-def _runs(problem: Problem, seen: Recording, start: Array, iterations: int, streams: bool) -> dict[str, Callable[[], Estimate]]:
+def _prepare_runs(
+    problem: Problem, seen: Recording, start: Array, iterations: int, streams: bool
+) -> dict[str, Callable[[], Estimate]]:
     """Every estimator, ready to run."""
     runs: dict[str, Callable[[], Estimate]] = {
-        FULL_PSI: partial(davenport, problem, start, 1, "full"),
-        LINEAR_PSI: partial(davenport, problem, start, 1, "linear"),
-        CONVERGED: partial(davenport, problem, start, iterations, "full"),
-        ORACLE: partial(least_squares, problem, start),
+        FULL_PSI: partial(fit_davenport, problem, start, 1, "full"),
+        LINEAR_PSI: partial(fit_davenport, problem, start, 1, "linear"),
+        CONVERGED: partial(fit_davenport, problem, start, iterations, "full"),
+        ORACLE: partial(fit_least_squares, problem, start),
     }
-    return runs | ({STREAMING: partial(streamed, problem, seen, start)} if streams else {})
+    return runs | ({STREAMING: partial(run_recursive_calibrator, problem, seen, start)} if streams else {})
 
 
-def case(config: EstimatorsConfig, case: int, streams: Streams) -> list[dict[str, object]]:
+def run_case(config: EstimatorsConfig, case: int, streams: Streams) -> list[dict[str, object]]:
     """A row for each estimator: errors against the truth, difference to the oracle, and the cost."""
-    _warm()
+    _load_compiled_code()
     seen = observed(config, case, streams)
-    truth = true_parameters(dispersed(config, case)).vector
+    truth = get_true_parameters(dispersed(config, case)).vector
     start = GyroParameters(seen.gyro.apriori_G, seen.gyro.apriori_bias).vector
-    problem = given_weights(seen, start)
+    problem = fix_weights(seen, start)
     # Packs the stream as well, which all but streaming share.
     sigma = np.sqrt(np.diag(problem.iterate(start, 1).P))
     found, cost = {}, {}
-    for name, run in _runs(problem, seen, start, config.iterations, case % config.streaming_every == 0).items():
+    for name, run in _prepare_runs(problem, seen, start, config.iterations, case % config.streaming_every == 0).items():
         begun = time.process_time()
         found[name] = run()
         cost[name] = 1e3 * (time.process_time() - begun)
@@ -196,14 +198,14 @@ def case(config: EstimatorsConfig, case: int, streams: Streams) -> list[dict[str
         error, apart = estimate.x - truth, np.abs(estimate.x - found[ORACLE].x)
         row: dict[str, object] = {
             "estimator": name,
-            "objective": float(np.sum(residuals(problem, estimate.x) ** 2)),
+            "objective": float(np.sum(whiten_nonlinear_residuals(problem, estimate.x) ** 2)),
             "from_oracle_G": float(apart[:9].max()),
             "from_oracle_deg_h": float(apart[9:].max() * PPM_DEG_H[-1]),
             "from_full_psi_G": float(np.abs(estimate.x - found[FULL_PSI].x)[:9].max()),
             "last_correction_G": None if np.isnan(estimate.last_correction_G) else estimate.last_correction_G,
-            "error_rms_G": rms(error[:9]),
-            "error_rms_deg_h": rms(error[9:]) * PPM_DEG_H[-1],
-            "error_in_sigmas": rms(error / sigma),
+            "error_rms_G": compute_rms(error[:9]),
+            "error_rms_deg_h": compute_rms(error[9:]) * PPM_DEG_H[-1],
+            "error_in_sigmas": compute_rms(error / sigma),
             "passes": estimate.passes,
         }
         row |= dict(zip(ERRORS, (error * PPM_DEG_H).tolist(), strict=True))
@@ -211,10 +213,10 @@ def case(config: EstimatorsConfig, case: int, streams: Streams) -> list[dict[str
     return rows
 
 
-STUDY = Study("studies.calibration.estimators:STUDY", EstimatorsConfig, case, observed)
+STUDY = Study("studies.calibration.estimators:STUDY", EstimatorsConfig, run_case, observed)
 
 
-def summary(rows: pd.DataFrame) -> pd.DataFrame:
+def summarise_estimators(rows: pd.DataFrame) -> pd.DataFrame:
     """A row an estimator: agreement with the oracle, accuracy against the truth, and cost by that of one iteration."""
     one = rows[rows["estimator"] == FULL_PSI].set_index("case")["cost_cpu_ms"]
 
@@ -223,63 +225,65 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
             "cases": len(part),
             "from_oracle_G_max": part["from_oracle_G"].max(),
             "from_oracle_deg_h_max": part["from_oracle_deg_h"].max(),
-            "error_rms_ppm": 1e6 * rms(part["error_rms_G"]),
-            "error_rms_deg_h": rms(part["error_rms_deg_h"]),
-            "error_in_sigmas": rms(part["error_in_sigmas"]),
+            "error_rms_ppm": 1e6 * compute_rms(part["error_rms_G"]),
+            "error_rms_deg_h": compute_rms(part["error_rms_deg_h"]),
+            "error_in_sigmas": compute_rms(part["error_in_sigmas"]),
             "passes": part["passes"].mean(),
             "cost_cpu_ms": part["cost_cpu_ms"].median(),
             "cost_ratio": (part.set_index("case")["cost_cpu_ms"] / one).median(),
         }
 
-    return by_group(rows, ["estimator"], line)
+    return summarise_groups(rows, ["estimator"], line)
 
 
-def by_parameter(rows: pd.DataFrame) -> pd.DataFrame:
+def tabulate_parameter_errors(rows: pd.DataFrame) -> pd.DataFrame:
     """A row a parameter: the RMS error of each estimator that ran in every case."""
-    errors = rows[rows["estimator"] != STREAMING].groupby("estimator", sort=False)[ERRORS].agg(rms)
+    errors = rows[rows["estimator"] != STREAMING].groupby("estimator", sort=False)[ERRORS].agg(compute_rms)
     return pd.DataFrame(
         {"parameter": NAMES, "unit": PPM_DEG_H_NAMES, **{name: errors.loc[name].to_numpy() for name in errors.index}}
     )
 
 
 AGREED = "Converged calibrator and oracle solve the same equations where the reference sigmas are the same on all axes."
-SAME = "Streaming sample by sample is one iteration with full ψ, to rounding."
+STREAMING_NOTE = "Streaming sample by sample is one iteration with full ψ, to rounding."
 COST = "Costs are CPU times, and their median ratio to one iteration with full ψ; they are not the same in another run."
 
 
-def _checks(rows: pd.DataFrame) -> list[Check]:
+def _build_checks(rows: pd.DataFrame) -> list[Check]:
     def largest(name: str, column: str) -> float:
         return float(rows.loc[rows["estimator"] == name, column].max())
 
     out = [
-        Check("converged from the oracle in G, largest", largest(CONVERGED, "from_oracle_G"), at_most(AGREEMENT_G), "", AGREED),
+        Check(
+            "converged from the oracle in G, largest", largest(CONVERGED, "from_oracle_G"), bound_above(AGREEMENT_G), "", AGREED
+        ),
         Check("converged from the oracle in b, largest", largest(CONVERGED, "from_oracle_deg_h"), None, "deg/h"),
         Check("last correction of the converged in G, largest", largest(CONVERGED, "last_correction_G")),
         Check("linear from full ψ, one iteration, in G, largest", 1e6 * largest(LINEAR_PSI, "from_full_psi_G"), None, "ppm"),
     ]
     if (rows["estimator"] == STREAMING).any():
         apart = largest(STREAMING, "from_full_psi_G")
-        out.append(Check("streaming from one iteration in G, largest", apart, at_most(STREAMED_G), "", SAME))
+        out.append(Check("streaming from one iteration in G, largest", apart, bound_above(STREAMED_G), "", STREAMING_NOTE))
     return out
 
 
 def report(config: EstimatorsConfig, rows: pd.DataFrame) -> Report:
     """Agreement, accuracy and cost."""
     tables = {
-        "estimators": Table("Agreement, accuracy and cost", summary(rows), COST),
-        "parameters": Table("RMS error against the truth, by parameter", by_parameter(rows)),
+        "estimators": Table("Agreement, accuracy and cost", summarise_estimators(rows), COST),
+        "parameters": Table("RMS error against the truth, by parameter", tabulate_parameter_errors(rows)),
     }
-    return Report(tables, {"agreement": _figure(rows)}, tuple(_checks(rows)))
+    return Report(tables, {"agreement": _draw_figure(rows)}, tuple(_build_checks(rows)))
 
 
-def _figure(rows: pd.DataFrame) -> panels.Draw:
+def _draw_figure(rows: pd.DataFrame) -> panels.Draw:
     """Distance from the oracle of every case, beside the error that noise makes; no costs, so its bytes do not change."""
     of = {str(name): part["from_oracle_G"].clip(lower=1e-16) for name, part in rows.groupby("estimator", sort=False)}
     noise = rows.loc[rows["estimator"] == ORACLE, "error_rms_G"]
     distances = {name: of[name] for name in (LINEAR_PSI, FULL_PSI, STREAMING, CONVERGED) if name in of}
     axes: dict[str, Any] = {"log": "x", "at": [AGREEMENT_G], "x": "largest difference in G to the oracle; a stroke a case"}
     title = "dotted: limit of the agreement; red: RMS error of G by noise"
-    return panels.sheet(panels.strokes(distances, (noise.min(), noise.max()), title=title, **axes), size=(7.0, 2.4))
+    return panels.build_sheet(panels.make_strokes(distances, (noise.min(), noise.max()), title=title, **axes), size=(7.0, 2.4))
 
 
 ENTRY = Entry(STUDY, "Davenport's forms against non-linear least squares: same answer, at what cost", report)

@@ -17,26 +17,26 @@ from pydantic import field_validator
 
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import Psi
-from gyrocal.calibration.sampling import measurements
-from studies.calibration.prepared import Flown, noise_of, shared
+from gyrocal.calibration.sampling import prepare_measurements
+from studies.calibration.shared_truth import NoiseFreeSimulation, build_once, make_noise_generators
 from studies.montecarlo.settings import Different
-from studies.montecarlo.statistics import beside, crossing, order
+from studies.montecarlo.statistics import find_level_crossing, fit_log_slope, summarise_with_flight
 from studies.montecarlo.study import Streams, Study, StudyConfig, observed
 from studies.natanson import flight
 from studies.report import panels
-from studies.report.checks import Check, at_least, at_most
+from studies.report.checks import Check, bound_above, bound_below
 from studies.report.entry import Entry, Report
 from studies.report.panels import Line
-from studies.report.tables import Table, by_group
+from studies.report.tables import Table, summarise_groups
 
 Array = NDArray[np.float64]
 
 FACTORS = (0.3, 0.6, 1.0, 2.0, 3.0, 6.0, 10.0, 20.0, 30.0)
-SHOWN = 3  # iterations whose errors and corrections are in the rows
+SHOWN_ITERATIONS = 3  # iterations whose errors and corrections are in the rows
 LIMITS = (0.1, 1.0)  # sigma
-ROUNDING = 1e-7  # sigma; what is smaller is no longer an error of the iteration
+ITERATION_TOLERANCE_SIGMAS = 1e-7  # sigma; what is smaller is no longer an error of the iteration
 CONVERGED = 1e-6  # sigma; largest last correction of what counts as converged
-DIRECTIONS = ("flown", "random")
+ERROR_DIRECTIONS = ("flown", "random")
 
 
 class IterationsConfig(StudyConfig):
@@ -56,18 +56,18 @@ class IterationsConfig(StudyConfig):
 
     @field_validator("iterations")
     @classmethod
-    def _enough(cls, value: int) -> int:
-        if not SHOWN < value <= 100:
-            raise ValueError(f"must be between {SHOWN + 1} and 100")
+    def _check_iterations(cls, value: int) -> int:
+        if not SHOWN_ITERATIONS < value <= 100:
+            raise ValueError(f"must be between {SHOWN_ITERATIONS + 1} and 100")
         return value
 
 
-@shared
-def _prepared(config: IterationsConfig, flown: Flown) -> tuple[Flown, Problem]:
-    return flown, Problem.of(flown.plain, measurements(flown.plain))
+@build_once
+def _prepare_problem(config: IterationsConfig, flown: NoiseFreeSimulation) -> tuple[NoiseFreeSimulation, Problem]:
+    return flown, Problem.of(flown.plain, prepare_measurements(flown.plain))
 
 
-def random_direction(rng: np.random.Generator, error: Array) -> Array:
+def draw_error_direction(rng: np.random.Generator, error: Array) -> Array:
     """(12,) a random direction with the norms that G and b of the error have."""
     out = rng.standard_normal(12)
     for part in (slice(0, 9), slice(9, 12)):
@@ -75,22 +75,22 @@ def random_direction(rng: np.random.Generator, error: Array) -> Array:
     return out
 
 
-def case(config: IterationsConfig, number: int, streams: Streams) -> list[dict[str, object]]:
+def run_case(config: IterationsConfig, number: int, streams: Streams) -> list[dict[str, object]]:
     """One case: a row for each direction, with and without noise, and factor."""
-    flown, prepared = _prepared(config, number)
+    flown, prepared = _prepare_problem(config, number)
     own = flown.initial - flown.truth
-    directions = {"flown": own, "random": random_direction(streams.generator("initial_error"), own)}
+    directions = {"flown": own, "random": draw_error_direction(streams.generator("initial_error"), own)}
     rows = []
     for noise in (False, True):
-        problem = prepared.with_case(*flown.realise(noise_of(streams) if noise else None))
+        problem = prepared.replace_case(*flown.realise(make_noise_generators(streams) if noise else None))
         for direction, error in directions.items():
             for factor in config.factors:
                 keys = {"direction": direction, "noise": noise, "factor": factor}
-                rows.append(keys | _iterated(config, problem, flown.truth, factor * error))
+                rows.append(keys | _run_iterations(config, problem, flown.truth, factor * error))
     return rows
 
 
-def _iterated(config: IterationsConfig, problem: Problem, truth: Array, error: Array) -> dict[str, object]:
+def _run_iterations(config: IterationsConfig, problem: Problem, truth: Array, error: Array) -> dict[str, object]:
     """What each iteration from truth + error leaves; sigmas are the formal ones of the last iteration."""
     result = problem.iterate(truth + error, config.iterations, config.psi)
     sigma = np.sqrt(np.diag(result.P))
@@ -102,25 +102,25 @@ def _iterated(config: IterationsConfig, problem: Problem, truth: Array, error: A
         "initial_bias_deg_s": float(np.rad2deg(np.abs(error[9:]).max())),
         "converged": bool((np.abs(corrections[-1]) / sigma).max() < CONVERGED),
     }
-    for k in range(SHOWN + 1):
+    for k in range(SHOWN_ITERATIONS + 1):
         for name, values in (("left", left[k]), ("error", wrong[k])):
             row[f"{name}_{k}_G_sigma"], row[f"{name}_{k}_bias_sigma"] = float(values[:9].max()), float(values[9:].max())
     row["error_converged_G_sigma"], row["error_converged_bias_sigma"] = float(wrong[-1, :9].max()), float(wrong[-1, 9:].max())
-    for k in range(SHOWN):
+    for k in range(SHOWN_ITERATIONS):
         row[f"correction_{k + 1}_G"] = float(np.abs(corrections[k, :9]).max())
         row[f"correction_{k + 1}_bias_deg_s"] = float(np.rad2deg(np.abs(corrections[k, 9:]).max()))
     return row
 
 
-STUDY = Study("studies.calibration.iterations:STUDY", IterationsConfig, case, observed)
+STUDY = Study("studies.calibration.iterations:STUDY", IterationsConfig, run_case, observed)
 
 
-def _left(rows: pd.DataFrame, k: int) -> pd.Series:
+def _compute_remaining_error(rows: pd.DataFrame, k: int) -> pd.Series:
     """Largest of what iteration k leaves in G and b, sigma."""
     return rows[[f"left_{k}_G_sigma", f"left_{k}_bias_sigma"]].max(axis=1)
 
 
-def after_each(rows: pd.DataFrame) -> pd.DataFrame:
+def summarise_iterations(rows: pd.DataFrame) -> pd.DataFrame:
     """A row per direction, noise and factor: medians over the cases of what is left and of the corrections.
 
     Cases that do not converge count in `converged`, a share, and are left out of the rest.
@@ -139,27 +139,29 @@ def after_each(rows: pd.DataFrame) -> pd.DataFrame:
     return table.reset_index()
 
 
-def convergence(rows: pd.DataFrame) -> pd.DataFrame:
+def estimate_convergence_orders(rows: pd.DataFrame) -> pd.DataFrame:
     """A row per direction and noise: slopes of log left over log left before, median over cases, and the ratio at factor 1.
 
     Columns slope_k: of what iteration k leaves over what was left before it, across the factors; two is quadratic.
     """
-    good = rows[rows["converged"]].assign(**{f"left_{k}": _left(rows, k) for k in range(SHOWN + 1)})
+    good = rows[rows["converged"]].assign(
+        **{f"left_{k}": _compute_remaining_error(rows, k) for k in range(SHOWN_ITERATIONS + 1)}
+    )
 
     def line(part: pd.DataFrame) -> dict[str, object]:
         row: dict[str, object] = {}
         for k in (1, 2):
-            clear = part[part[f"left_{k}"] > ROUNDING]
-            slopes = [order(one[f"left_{k - 1}"], one[f"left_{k}"]) for _, one in clear.groupby("case")]
+            clear = part[part[f"left_{k}"] > ITERATION_TOLERANCE_SIGMAS]
+            slopes = [fit_log_slope(one[f"left_{k - 1}"], one[f"left_{k}"]) for _, one in clear.groupby("case")]
             row[f"slope_{k}"] = float(np.nanmedian(slopes)) if np.isfinite(slopes).any() else np.nan
         nearest = part[part["factor"] == min(part["factor"], key=lambda factor: abs(np.log(factor)))]
         ratio = float((nearest["left_2"] / nearest["left_1"]).median())
         return row | {"factor": nearest["factor"].iloc[0], "second_over_first": ratio}
 
-    return by_group(good.sort_values(["direction", "noise"], kind="stable"), ["direction", "noise"], line)
+    return summarise_groups(good.sort_values(["direction", "noise"], kind="stable"), ["direction", "noise"], line)
 
 
-def enough(rows: pd.DataFrame) -> pd.DataFrame:
+def find_limiting_factors(rows: pd.DataFrame) -> pd.DataFrame:
     """A row per direction, noise and iteration: the factor from which it leaves more than each of `LIMITS`.
 
     By the median over the cases, and for each limit by the 95 % quantile; interpolated, NaN where the factors do not reach it.
@@ -167,36 +169,42 @@ def enough(rows: pd.DataFrame) -> pd.DataFrame:
     out = []
     for (direction, noise), part in rows[rows["converged"]].groupby(["direction", "noise"]):
         for k in (1, 2):
-            by_factor = _left(part, k).groupby(part["factor"])
+            by_factor = _compute_remaining_error(part, k).groupby(part["factor"])
             row: dict[str, object] = {"direction": direction, "noise": noise, "iterations": k}
             for limit in LIMITS:
                 for name, share in (("median", 0.5), ("p95", 0.95)):
                     left = by_factor.quantile(share)
-                    row[f"factor_{limit:g}_sigma_{name}"] = crossing(left.index, left, limit)
+                    row[f"factor_{limit:g}_sigma_{name}"] = find_level_crossing(left.index, left, limit)
             out.append(row)
     return pd.DataFrame(out)
 
 
-def second_iteration(rows: pd.DataFrame) -> pd.DataFrame:
+def compare_second_iteration(rows: pd.DataFrame) -> pd.DataFrame:
     """The second iteration's largest correction in G and b at factor 1 with noise, beside the largest of N Table 5.
 
     The flight's is of G⁻¹ or of G, which does not matter to its size. Empty without that factor.
     """
     chosen = rows[(rows["direction"] == "flown") & rows["noise"] & (rows["factor"] == 1) & rows["converged"]]
-    published = dict(zip(("G", "bias_deg_s"), (float(np.abs(one).max()) for one in flight.corrections(2)), strict=True))
-    lines = [{"quantity": name, **beside(chosen[f"correction_2_{name}"], flown)} for name, flown in published.items()]
+    published = dict(
+        zip(("G", "bias_deg_s"), (float(np.abs(one).max()) for one in flight.read_published_corrections(2)), strict=True)
+    )
+    lines = [
+        {"quantity": name, **summarise_with_flight(chosen[f"correction_2_{name}"], flown)} for name, flown in published.items()
+    ]
     return pd.DataFrame(lines if len(chosen) else [])
 
 
 QUADRATIC = "Without noise an iteration of Gauss–Newton leaves the square of the error before it, a slope of 2."
 LINEAR = "Noise leaves residuals, and with them a small part that an iteration reduces by a factor only."
-PUBLISHED = "N Table 5 does not say whether its second corrections are of G⁻¹ or of G; only their size can be compared."
+CORRECTION_SIZE_NOTE = (
+    "N Table 5 does not say whether its second corrections are of G⁻¹ or of G; only their size can be compared."
+)
 
 
-def _checks(rows: pd.DataFrame) -> list[Check]:
+def _build_checks(rows: pd.DataFrame) -> list[Check]:
     out = []
-    slopes = convergence(rows).set_index(["direction", "noise"])
-    for direction in (one for one in DIRECTIONS if (one, False) in slopes.index):
+    slopes = estimate_convergence_orders(rows).set_index(["direction", "noise"])
+    for direction in (one for one in ERROR_DIRECTIONS if (one, False) in slopes.index):
         for k, which in ((1, "first"), (2, "second")):
             name = f"power of what was left that the {which} iteration leaves, {direction} error, no noise"
             out.append(Check(name, slopes[f"slope_{k}"][(direction, False)], (1.9, 2.1), "", QUADRATIC))
@@ -204,16 +212,16 @@ def _checks(rows: pd.DataFrame) -> list[Check]:
         if True in ratio.index:
             name = f"what the second iteration leaves by what the first left, {direction} error, noise by no noise"
             # A quotient of differences of 1e-8, whose sixth digit is the machine's.
-            out.append(Check(name, float(f"{ratio[True] / ratio[False]:.4g}"), at_least(10), "", LINEAR))
-    own = after_each(rows).query("direction == 'flown' and noise and factor == 1")
+            out.append(Check(name, float(f"{ratio[True] / ratio[False]:.4g}"), bound_below(10), "", LINEAR))
+    own = summarise_iterations(rows).query("direction == 'flown' and noise and factor == 1")
     for row in own.to_dict("records"):
         for k in (1, 2):
             left = max(row[f"left_{k}_G_sigma"], row[f"left_{k}_bias_sigma"])
             name = f"left of the scenario's own error by {k} iteration(s), largest, median"
-            out.append(Check(name, left, at_most(LIMITS[0]), "sigma"))
-    for row in second_iteration(rows).to_dict("records"):
+            out.append(Check(name, left, bound_above(LIMITS[0]), "sigma"))
+    for row in compare_second_iteration(rows).to_dict("records"):
         name = f"largest correction by the second iteration, {row['quantity']}, flight by simulated median"
-        out.append(Check(name, row["flight"] / row["median"], meaning=PUBLISHED))
+        out.append(Check(name, row["flight"] / row["median"], meaning=CORRECTION_SIZE_NOTE))
     failed = rows[~rows["converged"]]
     out.append(Check(f"runs that did not converge, of {len(rows)}", len(failed), (0, 0)))
     return [*out, Check("smallest factor of a run that did not converge", failed["factor"].min())]
@@ -221,15 +229,15 @@ def _checks(rows: pd.DataFrame) -> list[Check]:
 
 def report(config: IterationsConfig, rows: pd.DataFrame) -> Report:
     """What each iteration leaves, how fast, and from what initial error one is not enough."""
-    medians = after_each(rows)
+    medians = summarise_iterations(rows)
     keys = ["direction", "noise", "factor"]
-    left = [f"left_{k}_{what}_sigma" for k in range(SHOWN + 1) for what in ("G", "bias")]
-    corrections = [f"correction_{k}_{what}" for k in range(1, SHOWN + 1) for what in ("G", "bias_deg_s")]
+    left = [f"left_{k}_{what}_sigma" for k in range(SHOWN_ITERATIONS + 1) for what in ("G", "bias")]
+    corrections = [f"correction_{k}_{what}" for k in range(1, SHOWN_ITERATIONS + 1) for what in ("G", "bias_deg_s")]
     errors = [name for name in medians if str(name).startswith("error_")]
     tables = {
-        "enough": Table("From what initial error one or two iterations leave too much", enough(rows)),
-        "convergence": Table("Order of convergence", convergence(rows)),
-        "second_iteration": Table("Second iteration's corrections beside N Table 5", second_iteration(rows)),
+        "enough": Table("From what initial error one or two iterations leave too much", find_limiting_factors(rows)),
+        "convergence": Table("Order of convergence", estimate_convergence_orders(rows)),
+        "second_iteration": Table("Second iteration's corrections beside N Table 5", compare_second_iteration(rows)),
         "left": Table(
             "Left after each iteration (distance from converged, sigma; medians)",
             medians[[*keys, "converged", "residual_deg", *left]],
@@ -237,22 +245,24 @@ def report(config: IterationsConfig, rows: pd.DataFrame) -> Report:
         "corrections": Table("Corrections (largest of G, and of b; medians)", medians[[*keys, *corrections]]),
         "errors": Table("Error from the truth (sigma, medians)", medians[[*keys, *errors]]),
     }
-    return Report(tables, {"iterations": _figure(rows[rows["converged"]])}, tuple(_checks(rows)))
+    return Report(tables, {"iterations": _draw_figure(rows[rows["converged"]])}, tuple(_build_checks(rows)))
 
 
 ENTRY = Entry(STUDY, "one, two, converged iterations over the size of the initial error", report)
 
-LOOKS = {0: (panels.GREY, "at the start"), 1: (panels.RED, "after one"), 2: (panels.TEAL, "after two")}
-TITLES = {"flown": "pre-launch − truth", "random": "random directions of the same norm"}
+ITERATION_STYLES = {0: (panels.GREY, "at the start"), 1: (panels.RED, "after one"), 2: (panels.TEAL, "after two")}
+DIRECTION_TITLES = {"flown": "pre-launch − truth", "random": "random directions of the same norm"}
 
 
-def _figure(rows: pd.DataFrame) -> panels.Draw:
+def _draw_figure(rows: pd.DataFrame) -> panels.Draw:
     """What iterations leave over the size of the initial error, a panel a direction."""
 
     def lines(part: pd.DataFrame) -> list[Line]:
         out = []
-        for k, (colour, label) in LOOKS.items():
-            quiet, noisy = ((_left(one, k).groupby(one["factor"])) for one in (part[~part["noise"]], part[part["noise"]]))
+        for k, (colour, label) in ITERATION_STYLES.items():
+            quiet, noisy = (
+                (_compute_remaining_error(one, k).groupby(one["factor"])) for one in (part[~part["noise"]], part[part["noise"]])
+            )
             median, low, high = (noisy.quantile(share) for share in (0.5, 0.05, 0.95))
             out.append(Line(quiet.median().index, quiet.median(), "", colour, ":"))
             out.append(Line(median.index, median, label, colour, "-", low, high))
@@ -260,6 +270,6 @@ def _figure(rows: pd.DataFrame) -> panels.Draw:
 
     axes: dict[str, Any] = {"log": "xy", "levels": LIMITS, "x": "factor on the initial error", "legend": "lower right"}
     axes |= {"y": "distance from converged (formal sigma)", "legend_title": "solid: noise, 5–95 %; dotted: none"}
-    parts = {direction: rows[rows["direction"] == direction] for direction in DIRECTIONS}
-    figures = [panels.curves(lines(part), title=TITLES[direction], **axes) for direction, part in parts.items()]
-    return panels.sheet(*figures, size=(9.0, 3.6), sharey=True)
+    parts = {direction: rows[rows["direction"] == direction] for direction in ERROR_DIRECTIONS}
+    figures = [panels.make_curves(lines(part), title=DIRECTION_TITLES[direction], **axes) for direction, part in parts.items()]
+    return panels.build_sheet(*figures, size=(9.0, 3.6), sharey=True)

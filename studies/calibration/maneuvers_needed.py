@@ -24,24 +24,24 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from gyrocal import NAMES, GyroParameters
-from gyrocal.calibration.observability import PLAUSIBLE_RANGE, observability
+from gyrocal.calibration.observability import PLAUSIBLE_RANGE, evaluate_observability
 from gyrocal.calibration.problem import Problem
-from gyrocal.calibration.sampling import measurements
+from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.recording import Recording
 from simulator.scenario import override
-from studies.calibration.prepared import Flown, shared, true_parameters
-from studies.montecarlo.study import GridConfig, Streams, Study, base_scenario
+from studies.calibration.shared_truth import NoiseFreeSimulation, build_once, get_true_parameters
+from studies.montecarlo.study import GridConfig, Streams, Study, load_base_scenario
 from studies.report import panels
 from studies.report.checks import Check
 from studies.report.entry import Entry, Report
 from studies.report.tables import Table
-from studies.report.units import PPM_DEG_H, columns
+from studies.report.units import PPM_DEG_H, name_columns
 
 Array = NDArray[np.float64]
 
-REFERENCES = ("ends", "series")
+REFERENCE_PLACEMENTS = ("ends", "series")
 MOST_INTERVALS = 10
-SIGMAS = columns("sigma")
+SIGMAS = name_columns("sigma")
 GROWTHS = [f"growth_{name}" for name in NAMES]
 
 
@@ -58,26 +58,30 @@ class ManeuversNeededConfig(GridConfig):
 
     def points(self) -> list[tuple[str, tuple[int, ...]]]:
         """Kind of references and subset of the scenario's intervals."""
-        intervals = len(base_scenario(self).interval)
+        intervals = len(load_base_scenario(self).interval)
         if intervals > MOST_INTERVALS:
             raise ValueError(f"scenario: has {intervals} intervals; all subsets of more than {MOST_INTERVALS} are too many")
-        return list(product(REFERENCES, subsets(intervals)))
+        return list(product(REFERENCE_PLACEMENTS, list_subsets(intervals)))
 
 
-def subsets(intervals: int) -> list[tuple[int, ...]]:
+def list_subsets(intervals: int) -> list[tuple[int, ...]]:
     """All but the empty one, the smallest first."""
     return [chosen for size in range(1, intervals + 1) for chosen in combinations(range(intervals), size)]
 
 
-@shared
-def _whole(config: ManeuversNeededConfig, flown: Flown) -> tuple[dict[str, Recording], GyroParameters]:
+@build_once
+def _simulate_all_intervals(
+    config: ManeuversNeededConfig, flown: NoiseFreeSimulation
+) -> tuple[dict[str, Recording], GyroParameters]:
     """Noise-free recordings with all intervals, by the kind of references, and the true parameters."""
     every: dict[str, dict[str, float]] = {"ends": {}, "series": {"reference.every_s": config.series_s}}
-    scenarios = {kind: override(flown.scenario, {"reference.at": kind, **every[kind]}) for kind in REFERENCES}
-    return {kind: Flown.of(scenario).plain for kind, scenario in scenarios.items()}, true_parameters(flown.scenario)
+    scenarios = {kind: override(flown.scenario, {"reference.at": kind, **every[kind]}) for kind in REFERENCE_PLACEMENTS}
+    return {kind: NoiseFreeSimulation.of(scenario).plain for kind, scenario in scenarios.items()}, get_true_parameters(
+        flown.scenario
+    )
 
 
-def part(recording: Recording, chosen: Collection[int]) -> Recording:
+def select_intervals(recording: Recording, chosen: Collection[int]) -> Recording:
     """The recording with some of its intervals and their references."""
     intervals = tuple(recording.intervals[k] for k in chosen)
     seen = recording.attitudes
@@ -86,14 +90,14 @@ def part(recording: Recording, chosen: Collection[int]) -> Recording:
     return replace(recording, attitudes=kept, intervals=intervals)
 
 
-def case(config: ManeuversNeededConfig, case: int, streams: Streams) -> dict[str, object]:
+def run_case(config: ManeuversNeededConfig, case: int, streams: Streams) -> dict[str, object]:
     """What a subset determines."""
     references, chosen = config.points()[case]
-    whole, truth = _whole(config, case)
-    recording = part(whole[references], chosen)
-    state = Problem.of(recording, measurements(recording)).state(truth)
+    whole, truth = _simulate_all_intervals(config, case)
+    recording = select_intervals(whole[references], chosen)
+    state = Problem.of(recording, prepare_measurements(recording)).state(truth)
     # H has the plausible range as its unit already.
-    judged = observability(state.H / PLAUSIBLE_RANGE, PLAUSIBLE_RANGE, NAMES)
+    judged = evaluate_observability(state.H / PLAUSIBLE_RANGE, PLAUSIBLE_RANGE, NAMES)
     sigma = np.sqrt(np.diag(np.linalg.inv(state.H.T @ state.H + np.eye(12)))) * PLAUSIBLE_RANGE * PPM_DEG_H
     row: dict[str, object] = {
         "references": references,
@@ -110,22 +114,22 @@ def case(config: ManeuversNeededConfig, case: int, streams: Streams) -> dict[str
     return row | dict(zip(SIGMAS, sigma.tolist(), strict=True))
 
 
-STUDY = Study("studies.calibration.maneuvers_needed:STUDY", ManeuversNeededConfig, case)
+STUDY = Study("studies.calibration.maneuvers_needed:STUDY", ManeuversNeededConfig, run_case)
 
 
-def _members(rows: pd.DataFrame) -> list[frozenset[str]]:
+def _parse_maneuver_sets(rows: pd.DataFrame) -> list[frozenset[str]]:
     return [frozenset(text.split("+")) for text in rows["maneuvers"]]
 
 
-def minimal(rows: pd.DataFrame) -> pd.DataFrame:
+def find_minimal_subsets(rows: pd.DataFrame) -> pd.DataFrame:
     """Rows of the subsets that determine all twelve while no smaller part of them does; the best conditioned first."""
     sufficient = rows[rows["lost"] == 0]
-    sets = _members(sufficient)
+    sets = _parse_maneuver_sets(sufficient)
     kept = [not any(other < own for other in sets) for own in sets]
     return sufficient[kept].sort_values(["size", "condition"])
 
 
-def without_one(config: ManeuversNeededConfig, rows: pd.DataFrame) -> pd.DataFrame:
+def compute_leave_one_out(config: ManeuversNeededConfig, rows: pd.DataFrame) -> pd.DataFrame:
     """What each maneuver adds, a row each, from the rows of one kind of references.
 
     Returns
@@ -133,11 +137,11 @@ def without_one(config: ManeuversNeededConfig, rows: pd.DataFrame) -> pd.DataFra
     maneuver, activity; lost, combinations: not determined without it; bits_added to all others, shapley_bits; most_helped: the
     parameter whose sigma grows most without it, by growth; growth_<parameter>: every such factor.
     """
-    intervals = base_scenario(config).interval
-    by_set = dict(zip(_members(rows), rows.to_dict("records"), strict=True))
+    intervals = load_base_scenario(config).interval
+    by_set = dict(zip(_parse_maneuver_sets(rows), rows.to_dict("records"), strict=True))
     everything = frozenset(i.name for i in intervals)
     full = by_set[everything]
-    shares = shapley({own: row["information_bits"] for own, row in by_set.items()}, everything)
+    shares = compute_shapley_values({own: row["information_bits"] for own, row in by_set.items()}, everything)
     out = []
     for interval in intervals:
         rest = by_set.get(everything - {interval.name})
@@ -151,7 +155,7 @@ def without_one(config: ManeuversNeededConfig, rows: pd.DataFrame) -> pd.DataFra
     return pd.DataFrame(out)
 
 
-def shapley(information: dict[frozenset[str], float], everything: Iterable[str]) -> dict[str, float]:
+def compute_shapley_values(information: dict[frozenset[str], float], everything: Iterable[str]) -> dict[str, float]:
     """Each member's mean addition over all orders; information by subset, that of the empty one zero."""
     members = sorted(everything)
     n = len(members)
@@ -164,15 +168,17 @@ def shapley(information: dict[frozenset[str], float], everything: Iterable[str])
     return out
 
 
-def blocking(rows: pd.DataFrame) -> pd.DataFrame:
+def find_blocking_sets(rows: pd.DataFrame) -> pd.DataFrame:
     """The smallest sets of maneuvers without which the others, together, leave something undetermined.
 
     Returns
     -------
     without, left, lost, combinations; no row's set contains another's, and none if even each alone determines everything.
     """
-    whole = frozenset.union(*_members(rows))
-    failing = [(whole - own, row) for own, row in zip(_members(rows), rows.to_dict("records"), strict=True) if row["lost"]]
+    whole = frozenset.union(*_parse_maneuver_sets(rows))
+    failing = [
+        (whole - own, row) for own, row in zip(_parse_maneuver_sets(rows), rows.to_dict("records"), strict=True) if row["lost"]
+    ]
     least = [(gone, row) for gone, row in failing if not any(other < gone for other, _ in failing)]
     table = [
         {"without": "+".join(sorted(gone)), "left": row["maneuvers"], "lost": row["lost"], "combinations": row["combinations"]}
@@ -181,7 +187,7 @@ def blocking(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(table, columns=["without", "left", "lost", "combinations"])
 
 
-def by_size(rows: pd.DataFrame) -> pd.DataFrame:
+def count_by_size(rows: pd.DataFrame) -> pd.DataFrame:
     """Subsets by references and size: how many determine everything, and the fewest combinations lost."""
     grouped = rows.groupby(["references", "size"])
     return grouped.agg(
@@ -194,34 +200,34 @@ def by_size(rows: pd.DataFrame) -> pd.DataFrame:
     ).reset_index()
 
 
-LEAST = "Of the smallest subsets that determine all twelve parameters the best conditioned one is named."
+SMALLEST_SUBSET_NOTE = "Of the smallest subsets that determine all twelve parameters the best conditioned one is named."
 LOST = "What the other maneuvers together do not determine, for the smallest sets that may not all be left out."
 TELLS = "Information is shared out by Shapley's value, the mean addition over all orders of flying the maneuvers."
 
 
-def _checks(config: ManeuversNeededConfig, rows: pd.DataFrame, references: str) -> list[Check]:
+def _build_checks(config: ManeuversNeededConfig, rows: pd.DataFrame, references: str) -> list[Check]:
     """What is found with one kind of references."""
     at = f"references at {references}"
-    least = minimal(rows)
+    least = find_minimal_subsets(rows)
     out = [Check(f"subsets that determine all twelve, {at}", int((rows["lost"] == 0).sum()))]
     if len(least):
         smallest = least[least["size"] == least["size"].min()]
         best = smallest.iloc[0]
         of_size = int((rows["size"] == best["size"]).sum())
         worst = max(best[name] / limit for name, limit in zip(SIGMAS, PLAUSIBLE_RANGE * PPM_DEG_H, strict=True))
-        common = sorted(frozenset.intersection(*_members(least)))
+        common = sorted(frozenset.intersection(*_parse_maneuver_sets(least)))
         out += [
             Check(f"maneuvers in the smallest of them, {at}", int(best["size"])),
             Check(f"determining subsets of that size, of {of_size}, {at}", len(smallest)),
-            Check(f"best conditioned of these, {at}", best["maneuvers"], meaning=LEAST),
+            Check(f"best conditioned of these, {at}", best["maneuvers"], meaning=SMALLEST_SUBSET_NOTE),
             Check(f"its worst sigma by the plausible range, {at}", worst),
             Check(f"in every determining subset, {at}", ", ".join(common) or "none"),
         ]
-    needed = blocking(rows)
+    needed = find_blocking_sets(rows)
     members = needed["without"].str.count("\\+")
     for line in needed[members == members.min()].to_dict("records"):
         out.append(Check(f"lost without {line['without']}, {at}", line["combinations"], meaning=LOST))
-    table = without_one(config, rows)
+    table = compute_leave_one_out(config, rows)
     if len(table):
         most = table.sort_values("shapley_bits").iloc[-1]
         out.append(Check(f"maneuver that tells most, {at}", f"{most['maneuver']} ({most['activity']})", meaning=TELLS))
@@ -232,42 +238,46 @@ def _checks(config: ManeuversNeededConfig, rows: pd.DataFrame, references: str) 
 def report(config: ManeuversNeededConfig, rows: pd.DataFrame) -> Report:
     """Smallest determining subsets, indispensable maneuvers, and what each adds."""
     checks: list[Check] = []
-    tables = {"by_size": Table("Subsets by size", by_size(rows))}
-    kinds = {references: rows[rows["references"] == references] for references in REFERENCES}
+    tables = {"by_size": Table("Subsets by size", count_by_size(rows))}
+    kinds = {references: rows[rows["references"] == references] for references in REFERENCE_PLACEMENTS}
     shown = ["maneuvers", "size", "condition", "weakest", "information_bits", *SIGMAS]
     for kind, chosen in kinds.items():
-        checks += _checks(config, chosen, kind)
-        least, needed, added = minimal(chosen)[shown], blocking(chosen), without_one(config, chosen)
+        checks += _build_checks(config, chosen, kind)
+        least, needed, added = (
+            find_minimal_subsets(chosen)[shown],
+            find_blocking_sets(chosen),
+            compute_leave_one_out(config, chosen),
+        )
         at = f"references at {kind}"
         tables[f"minimal_{kind}"] = Table(f"Smallest determining subsets, {at}", least)
         tables[f"needed_{kind}"] = Table(f"Maneuvers of which at least one must be flown, {at}", needed)
         tables[f"added_{kind}"] = Table(f"What each maneuver adds, {at}", added.drop(columns=GROWTHS, errors="ignore"))
     everything = ["references", "maneuvers", "lost", "condition", "combinations"]
     tables["subsets"] = Table("Every subset: combinations not determined", rows[everything])
-    figures = {"left_out": _growth_figure(config, kinds), "lost_by_size": _size_figure(kinds)}
+    figures = {"left_out": _draw_growth_figure(config, kinds), "lost_by_size": _draw_size_figure(kinds)}
     return Report(tables, figures, tuple(checks))
 
 
-def _growth_figure(config: ManeuversNeededConfig, kinds: Mapping[str, pd.DataFrame]) -> panels.Draw:
+def _draw_growth_figure(config: ManeuversNeededConfig, kinds: Mapping[str, pd.DataFrame]) -> panels.Draw:
     """Growth of each sigma when one maneuver is left out."""
     drawn = []
     for kind, rows in kinds.items():
-        table = without_one(config, rows)
+        table = compute_leave_one_out(config, rows)
         names = [f"{maneuver}: {activity}" for maneuver, activity in zip(table["maneuver"], table["activity"], strict=True)]
         grid = table[GROWTHS].set_axis(names).set_axis(NAMES, axis=1)[::-1]
-        drawn.append(panels.heat_map(grid, "{:.3g}", log=True, title=f"references: {kind}"))
+        drawn.append(panels.make_heat_map(grid, "{:.3g}", log=True, title=f"references: {kind}"))
     title = "factor by which a sigma grows when one maneuver is left out"
-    return panels.sheet(*drawn, size=(10.0, 3.6), title=title, sharey=True)
+    return panels.build_sheet(*drawn, size=(10.0, 3.6), title=title, sharey=True)
 
 
-def _size_figure(kinds: Mapping[str, pd.DataFrame]) -> panels.Draw:
+def _draw_size_figure(kinds: Mapping[str, pd.DataFrame]) -> panels.Draw:
     """How many subsets of a size lose how many combinations."""
     axes: dict[str, Any] = {"x": "maneuvers in the subset", "y": "combinations not determined"}
     grids = {
         kind: rows.pivot_table(index="lost", columns="size", values="equations", aggfunc="size") for kind, rows in kinds.items()
     }
-    drawn = [panels.heat_map(grid, "{:.0f}", title=f"subsets, references: {kind}", **axes) for kind, grid in grids.items()]
-    return panels.sheet(*drawn, size=(6.4, 3.0))
+    drawn = [panels.make_heat_map(grid, "{:.0f}", title=f"subsets, references: {kind}", **axes) for kind, grid in grids.items()]
+    return panels.build_sheet(*drawn, size=(6.4, 3.0))
 
 
 ENTRY = Entry(STUDY, "which maneuvers are needed for which parameters", report)

@@ -10,7 +10,7 @@ that share is also the scaling law: V_gyro ∝ ARW² gives ∂ ln σ_j / ∂ ln 
 The share depends on the ratio ARW/σ_ref only; where it passes one half the limit changes.
 
 The study is a grid, a case a point of it: one more, the last, has the flight's own noise, the ARW that the spread between the
-step sizes of N Table 2 shows (`studies.natanson.flight_gap.noise_from_steps`) with the scenario's references. At the grid's
+step sizes of N Table 2 shows (`studies.natanson.flight_gap.estimate_noise_from_steps`) with the scenario's references. At the grid's
 corners and at the flight's point the formal sigma is set against the spread of estimates over seeds, as a Monte Carlo of its
 own.
 """
@@ -27,31 +27,31 @@ from pydantic import Field
 
 from gyrocal import NAMES, InputError
 from gyrocal.calibration import normal_equations as accumulation
-from gyrocal.calibration.covariance import integrate_white_noise, residual_covariance
-from gyrocal.calibration.parameters import BIASES, MISALIGNMENTS, SCALE_FACTORS
+from gyrocal.calibration.covariance import compute_residual_covariance, integrate_white_noise
+from gyrocal.calibration.parameters import BIAS_NAMES, MISALIGNMENT_NAMES, SCALE_FACTORS
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import propagate
-from gyrocal.calibration.sampling import measurements
+from gyrocal.calibration.sampling import prepare_measurements
 from simulator.scenario import override
-from studies.calibration.prepared import Flown, noise_of, shared
+from studies.calibration.shared_truth import NoiseFreeSimulation, build_once, make_noise_generators
 from studies.montecarlo.settings import Rising
-from studies.montecarlo.study import GridConfig, Streams, Study, base_scenario
+from studies.montecarlo.study import GridConfig, Streams, Study, load_base_scenario
 from studies.natanson import flight_gap
 from studies.report import panels
-from studies.report.checks import Check, extremes
+from studies.report.checks import Check, check_extremes
 from studies.report.entry import Entry, Report
 from studies.report.panels import Line
 from studies.report.tables import Table
-from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES, columns
+from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES, name_columns
 
 Array = NDArray[np.float64]
 
-ARW_DEG_PER_SQRT_S = (2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3)
-SIGMA_DEG = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
+ARW_GRID_DEG_PER_SQRT_S = (2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3)
+SIGMA_GRID_DEG = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
 
-SIGMAS, SPREADS = columns("sigma"), columns("spread")
-SHARES = [f"gyro_share_{name}" for name in NAMES]
-GROUPS = {"scale factors": SCALE_FACTORS, "misalignments": MISALIGNMENTS, "biases": BIASES}
+SIGMAS, SPREADS = name_columns("sigma"), name_columns("spread")
+GYRO_SHARE_COLUMNS = [f"gyro_share_{name}" for name in NAMES]
+PARAMETER_GROUPS = {"scale factors": SCALE_FACTORS, "misalignments": MISALIGNMENT_NAMES, "biases": BIAS_NAMES}
 
 
 class NoiseConfig(GridConfig):
@@ -65,14 +65,14 @@ class NoiseConfig(GridConfig):
     """
 
     axes: ClassVar = ("arw_deg_per_sqrt_s", "sigma_deg")
-    arw_deg_per_sqrt_s: Rising = Field(default=ARW_DEG_PER_SQRT_S, min_length=2)
-    sigma_deg: Rising = Field(default=SIGMA_DEG, min_length=2)
+    arw_deg_per_sqrt_s: Rising = Field(default=ARW_GRID_DEG_PER_SQRT_S, min_length=2)
+    sigma_deg: Rising = Field(default=SIGMA_GRID_DEG, min_length=2)
     seeds: int = Field(default=200, ge=3)
     confidence: float = Field(default=0.99, gt=0.5, lt=1)
 
     def points(self) -> list[tuple[float, float]]:
         """ARW and reference sigma of each point: those of the grid, and last the flight's."""
-        return [*product(self.arw_deg_per_sqrt_s, self.sigma_deg), flight_noise(self)]
+        return [*product(self.arw_deg_per_sqrt_s, self.sigma_deg), estimate_flight_noise(self)]
 
     def has_spread(self, case: int) -> bool:
         """Whether a point is a corner of the grid or the flight's."""
@@ -81,35 +81,37 @@ class NoiseConfig(GridConfig):
 
 
 @dataclass(frozen=True)
-class _Prepared:
+class _CovarianceParts:
     """What all points share: the flight without noise, and Θ and the two parts of V per unit of variance."""
 
-    flown: Flown
+    flown: NoiseFreeSimulation
     problem: Problem
     Theta: Array
     V_reference: Array
     V_gyro: Array
 
 
-@shared
-def _prepared(config: NoiseConfig, flown: Flown) -> _Prepared:
-    prepared = measurements(flown.plain)
+@build_once
+def _prepare_covariances(config: NoiseConfig, flown: NoiseFreeSimulation) -> _CovarianceParts:
+    prepared = prepare_measurements(flown.plain)
     problem = Problem.of(flown.plain, prepared)
     pass_ = propagate(prepared.arcs, flown.truth[:9].reshape(3, 3), flown.truth[9:])
     where, units = problem.references[:3], np.tile(np.eye(3), (len(problem.A), 1, 1))
     walk = integrate_white_noise(prepared.elapsed_s, 1.0)
-    V_reference = residual_covariance(pass_.R, *where, units, 0.0 * walk)
-    V_gyro = residual_covariance(pass_.R, *where, 0.0 * units, walk)
-    return _Prepared(flown, problem, accumulation.sensitivity(pass_.S, problem.columns, problem.scale), V_reference, V_gyro)
+    V_reference = compute_residual_covariance(pass_.R, *where, units, 0.0 * walk)
+    V_gyro = compute_residual_covariance(pass_.R, *where, 0.0 * units, walk)
+    return _CovarianceParts(
+        flown, problem, accumulation.build_sensitivity(pass_.S, problem.columns, problem.scale), V_reference, V_gyro
+    )
 
 
-def flight_noise(config: NoiseConfig) -> tuple[float, float]:
+def estimate_flight_noise(config: NoiseConfig) -> tuple[float, float]:
     """ARW (deg/sqrt(s)) of the flight's residuals, and the scenario's reference sigma (deg) as the root mean square axis."""
-    sigma = base_scenario(config).reference.sigma_deg
-    return flight_gap.noise_from_steps()["arw_deg_per_sqrt_s"], float(np.sqrt(np.mean(np.square(sigma))))
+    sigma = load_base_scenario(config).reference.sigma_deg
+    return flight_gap.estimate_noise_from_steps()["arw_deg_per_sqrt_s"], float(np.sqrt(np.mean(np.square(sigma))))
 
 
-def formal(prepared: _Prepared, arw: float, sigma: float) -> tuple[Array, Array]:
+def compute_formal_sigmas(prepared: _CovarianceParts, arw: float, sigma: float) -> tuple[Array, Array]:
     """Formal sigma (12,), G dimensionless and b rad/s, and the gyro's share (12,) of each parameter's variance.
 
     Parameters
@@ -124,63 +126,66 @@ def formal(prepared: _Prepared, arw: float, sigma: float) -> tuple[Array, Array]
     return prepared.problem.scale * np.sqrt(np.diag(P)), np.diag(K @ V_gyro @ K.T) / np.diag(P)
 
 
-def case(config: NoiseConfig, case: int, streams: Streams) -> dict[str, object]:
+def run_case(config: NoiseConfig, case: int, streams: Streams) -> dict[str, object]:
     """Formal sigmas at a point, the gyro's shares, and at some points the spread over seeds (missing elsewhere)."""
-    prepared = _prepared(config, case)
+    prepared = _prepare_covariances(config, case)
     arw_deg, sigma_deg = config.points()[case]
-    sigmas, shares = formal(prepared, np.deg2rad(arw_deg), np.deg2rad(sigma_deg))
+    sigmas, shares = compute_formal_sigmas(prepared, np.deg2rad(arw_deg), np.deg2rad(sigma_deg))
     row: dict[str, object] = {"arw_deg_per_sqrt_s": arw_deg, "sigma_deg": sigma_deg, "flight": case == config.cases - 1}
-    row |= dict(zip([*SIGMAS, *SHARES], [*(sigmas * PPM_DEG_H).tolist(), *shares.tolist()], strict=True))
+    row |= dict(zip([*SIGMAS, *GYRO_SHARE_COLUMNS], [*(sigmas * PPM_DEG_H).tolist(), *shares.tolist()], strict=True))
     row["seeds"] = config.seeds if config.has_spread(case) else 0
     if config.has_spread(case):
-        spread = estimates(config, prepared, arw_deg, sigma_deg, streams).std(axis=0, ddof=1)
+        spread = simulate_estimates(config, prepared, arw_deg, sigma_deg, streams).std(axis=0, ddof=1)
         row |= dict(zip(SPREADS, (spread * PPM_DEG_H).tolist(), strict=True))
     return row
 
 
-def estimates(config: NoiseConfig, prepared: _Prepared, arw_deg: float, sigma_deg: float, streams: Streams) -> Array:
+def simulate_estimates(
+    config: NoiseConfig, prepared: _CovarianceParts, arw_deg: float, sigma_deg: float, streams: Streams
+) -> Array:
     """(seeds, 12) estimates after two iterations from the a-priori parameters; G dimensionless, b rad/s."""
     levels = {"gyro.arw_deg_per_sqrt_s": arw_deg} | {f"reference.sigma_deg.{axis}": sigma_deg for axis in range(3)}
     flown = replace(prepared.flown, scenario=override(prepared.flown.scenario, levels))
     variance = np.tile(np.deg2rad(sigma_deg) ** 2 * np.eye(3), (len(prepared.problem.A), 1, 1))
     problem = replace(prepared.problem, arw=float(np.deg2rad(arw_deg)), noise=variance)
-    noise = noise_of(streams)
-    cases = (problem.with_case(*flown.realise(noise)) for _ in range(config.seeds))
-    return np.array([one.iterate(flown.initial, 2).checked().x[-1] for one in cases])
+    noise = make_noise_generators(streams)
+    cases = (problem.replace_case(*flown.realise(noise)) for _ in range(config.seeds))
+    return np.array([one.iterate(flown.initial, 2).check_convergence().x[-1] for one in cases])
 
 
-STUDY = Study("studies.calibration.noise:STUDY", NoiseConfig, case)
+STUDY = Study("studies.calibration.noise:STUDY", NoiseConfig, run_case)
 
 
-def _flight(rows: pd.DataFrame) -> pd.Series:
+def _select_flight_row(rows: pd.DataFrame) -> pd.Series:
     chosen = rows[rows["flight"]]
     if len(chosen) != 1:
         raise InputError("noise: the case with the flight's noise failed; run the study again with its failed cases")
     return chosen.iloc[0]
 
 
-def flight_table(rows: pd.DataFrame) -> pd.DataFrame:
+def build_flight_table(rows: pd.DataFrame) -> pd.DataFrame:
     """The twelve parameters at the flight's own noise."""
-    flown = _flight(rows)
+    flown = _select_flight_row(rows)
     values = {
-        name: flown[keys].to_numpy(float) for name, keys in (("sigma", SIGMAS), ("spread", SPREADS), ("gyro_share", SHARES))
+        name: flown[keys].to_numpy(float)
+        for name, keys in (("sigma", SIGMAS), ("spread", SPREADS), ("gyro_share", GYRO_SHARE_COLUMNS))
     }
     table = pd.DataFrame({"parameter": NAMES, "unit": PPM_DEG_H_NAMES, **values})
     limited = np.where(table["gyro_share"] > 0.5, "gyro", "references")
-    return table.assign(limited_by=limited, crossing_arw_deg_per_sqrt_s=crossings(rows) * flown["sigma_deg"])
+    return table.assign(limited_by=limited, crossing_arw_deg_per_sqrt_s=find_share_crossings(rows) * flown["sigma_deg"])
 
 
-def crossings(rows: pd.DataFrame) -> Array:
+def find_share_crossings(rows: pd.DataFrame) -> Array:
     """(12,) ARW/σ_ref, 1/sqrt(s), where the gyro's share is one half, interpolated in its logarithm; NaN outside the grid."""
     ratio = np.log((rows["arw_deg_per_sqrt_s"] / rows["sigma_deg"]).to_numpy())
     order = np.argsort(ratio)
-    shares = rows[SHARES].to_numpy()[order]
+    shares = rows[GYRO_SHARE_COLUMNS].to_numpy()[order]
     # The logit is nearly a straight line: a share of s²/(1 + s²) has 2 ln s.
     logits = np.log(shares / (1 - shares))
     return np.array([np.exp(np.interp(0.0, column, ratio[order], left=np.nan, right=np.nan)) for column in logits.T])
 
 
-def spread_table(config: NoiseConfig, rows: pd.DataFrame) -> pd.DataFrame:
+def build_spread_table(config: NoiseConfig, rows: pd.DataFrame) -> pd.DataFrame:
     """Spread over seeds by formal sigma, a row a point and parameter, with χ² limits of all of them together.
 
     Returns
@@ -202,10 +207,10 @@ def spread_table(config: NoiseConfig, rows: pd.DataFrame) -> pd.DataFrame:
     return pd.concat(out, ignore_index=True)
 
 
-def limits_table(rows: pd.DataFrame) -> pd.DataFrame:
+def build_limits_table(rows: pd.DataFrame) -> pd.DataFrame:
     """How many of the twelve parameters the gyro limits, reference sigma down, ARW across."""
     grid = rows[~rows["flight"]]
-    table = grid.assign(limited=(grid[SHARES] > 0.5).sum(axis=1))
+    table = grid.assign(limited=(grid[GYRO_SHARE_COLUMNS] > 0.5).sum(axis=1))
     table = table.pivot_table(index="sigma_deg", columns="arw_deg_per_sqrt_s", values="limited").astype(int)
     table.columns = [f"ARW {arw:g}" for arw in table.columns]
     return table.reset_index()
@@ -213,44 +218,46 @@ def limits_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 LAW = "The sigma of a parameter goes with ARW^s σ_ref^(1 − s), s the share of the gyro's noise in its variance."
 CROSSING = "Above the ARW of its crossing the gyro's noise limits a parameter, below it the references do."
-SPREAD = "The bounds of the formal sigma by the spread over seeds are those of all points and parameters together."
+SPREAD_NOTE = "The bounds of the formal sigma by the spread over seeds are those of all points and parameters together."
 
 
-def _checks(rows: pd.DataFrame, spreads: pd.DataFrame) -> list[Check]:
-    table, flown = flight_table(rows), _flight(rows)
+def _build_checks(rows: pd.DataFrame, spreads: pd.DataFrame) -> list[Check]:
+    table, flown = build_flight_table(rows), _select_flight_row(rows)
     out = [Check("ARW of the flight", flown["arw_deg_per_sqrt_s"], None, "deg/√s")]
     out.append(Check("sigma of its references", flown["sigma_deg"], None, "deg"))
-    out += extremes("sigma of G at the flight's noise", table["sigma"][:9], None, "ppm")
-    out += extremes("sigma of b at the flight's noise", table["sigma"][9:], None, "deg/h")
+    out += check_extremes("sigma of G at the flight's noise", table["sigma"][:9], None, "ppm")
+    out += check_extremes("sigma of b at the flight's noise", table["sigma"][9:], None, "deg/h")
     for limit in ("gyro", "references"):
         out.append(Check(f"parameters limited by the {limit} at the flight's noise", int((table["limited_by"] == limit).sum())))
-    out += extremes("gyro's share of a variance at the flight's noise", table["gyro_share"], meaning=LAW)
+    out += check_extremes("gyro's share of a variance at the flight's noise", table["gyro_share"], meaning=LAW)
     crossing = table["crossing_arw_deg_per_sqrt_s"]
-    out += extremes("ARW at which the limit changes, with these references", crossing, None, "deg/√s", CROSSING)
+    out += check_extremes("ARW at which the limit changes, with these references", crossing, None, "deg/√s", CROSSING)
     inside = int(spreads["inside"].sum())
-    out.append(Check(f"formal sigmas within the spread's interval, of {len(spreads)}", inside, (len(spreads),) * 2, "", SPREAD))
-    return [*out, *extremes("spread over seeds by formal sigma", spreads["spread"] / spreads["sigma"])]
+    out.append(
+        Check(f"formal sigmas within the spread's interval, of {len(spreads)}", inside, (len(spreads),) * 2, "", SPREAD_NOTE)
+    )
+    return [*out, *check_extremes("spread over seeds by formal sigma", spreads["spread"] / spreads["sigma"])]
 
 
 def report(config: NoiseConfig, rows: pd.DataFrame) -> Report:
     """Sigmas at the flight's noise, what limits them, scaling laws, and the spread that confirms them."""
-    spreads = spread_table(config, rows)
+    spreads = build_spread_table(config, rows)
     limits = "Parameters limited by the gyro, of 12 (reference sigma down, ARW in deg/√s across)"
     tables = {
-        "flight": Table("Sigma of each parameter at the flight's own noise", flight_table(rows)),
-        "limits": Table(limits, limits_table(rows)),
+        "flight": Table("Sigma of each parameter at the flight's own noise", build_flight_table(rows)),
+        "limits": Table(limits, build_limits_table(rows)),
         "spread": Table("Spread over seeds and formal sigma", spreads),
     }
-    return Report(tables, {"sigma_over_arw": _figure(rows, spreads)}, tuple(_checks(rows, spreads)))
+    return Report(tables, {"sigma_over_arw": _draw_figure(rows, spreads)}, tuple(_build_checks(rows, spreads)))
 
 
-def _figure(rows: pd.DataFrame, spreads: pd.DataFrame) -> panels.Draw:
+def _draw_figure(rows: pd.DataFrame, spreads: pd.DataFrame) -> panels.Draw:
     """Largest sigma of each group of parameters over ARW, a line for each reference sigma."""
     grid = rows[~rows["flight"]].sort_values("arw_deg_per_sqrt_s")
-    shades = panels.shades(sorted(grid["sigma_deg"].unique()))
-    axes: dict[str, Any] = {"log": "xy", "x": "ARW (deg/√s)", "at": [_flight(rows)["arw_deg_per_sqrt_s"]]}
+    shades = panels.make_shades(sorted(grid["sigma_deg"].unique()))
+    axes: dict[str, Any] = {"log": "xy", "x": "ARW (deg/√s)", "at": [_select_flight_row(rows)["arw_deg_per_sqrt_s"]]}
     drawn = []
-    for group, members in GROUPS.items():
+    for group, members in PARAMETER_GROUPS.items():
         keys = [SIGMAS[NAMES.index(name)] for name in members]
         lines = []
         for level, colour in shades.items():
@@ -261,8 +268,8 @@ def _figure(rows: pd.DataFrame, spreads: pd.DataFrame) -> panels.Draw:
         ranges = worst["spread_low"], worst["spread_high"], True
         lines.append(Line(worst["arw_deg_per_sqrt_s"], worst["spread"], "spread of seeds", panels.RED, "s", *ranges))
         unit = "deg/h" if group == "biases" else "ppm"
-        drawn.append(panels.curves(lines, title=f"worst of the {group}", y=f"sigma ({unit})", **axes))
-    return panels.sheet(
+        drawn.append(panels.make_curves(lines, title=f"worst of the {group}", y=f"sigma ({unit})", **axes))
+    return panels.build_sheet(
         *drawn,
         size=(8.6, 3.2),
         title="dotted: the flight's ARW",

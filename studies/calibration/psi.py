@@ -20,25 +20,25 @@ from gyrocal.recording import Recording
 from simulator.scenario import Scenario, override
 from simulator.simulate import motion, observe
 from studies.montecarlo.settings import Different
-from studies.montecarlo.statistics import crossing, order
-from studies.montecarlo.study import GridConfig, Streams, Study, base_scenario
+from studies.montecarlo.statistics import find_level_crossing, fit_log_slope
+from studies.montecarlo.study import GridConfig, Streams, Study, load_base_scenario
 from studies.report import panels
-from studies.report.checks import Check, at_most, extremes
+from studies.report.checks import Check, bound_above, check_extremes
 from studies.report.entry import Entry, Report
 from studies.report.panels import Line
-from studies.report.tables import Table, by_group
+from studies.report.tables import Table, summarise_groups
 
-RATES_DEG_S = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
+SLEW_RATES_DEG_S = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
 STEPS_S = (0.5, 1.0, 2.0, 4.0, 8.0)
 ANGLES_DEG = (45.0, 90.0, 180.0)
 GOOD_ENOUGH = 1e-5  # in G: a tenth of what the TRMM references allow to be known
 RAMP = 0.1
-MARGIN_S = 60.0
+SLEW_MARGIN_S = 60.0
 SUBSTEP_S = 0.5  # of the truth's integration
 MAX_ITERATIONS = 30
 STEPS_PER_RAMP = 2.0  # fewer, and the error no longer follows a power of the step
 ORDERED = ("G_difference", "bias_difference_deg_s", "full_error_G", "full_error_bias_deg_s")
-FLOWN = (0.25, 0.5)  # rate and step of the TRMM calibration
+FLOWN_RATE_AND_STEP = (0.25, 0.5)  # rate and step of the TRMM calibration
 
 
 class PsiConfig(GridConfig):
@@ -52,12 +52,12 @@ class PsiConfig(GridConfig):
     """
 
     axes: ClassVar = ("slew_angles_deg", "slew_rates_deg_s", "steps_s")
-    slew_rates_deg_s: Different = RATES_DEG_S
+    slew_rates_deg_s: Different = SLEW_RATES_DEG_S
     steps_s: Different = STEPS_S
     slew_angles_deg: Different = ANGLES_DEG
 
 
-def with_slew_angle(scenario: Scenario, angle_deg: float) -> Scenario:
+def scale_slew_angles(scenario: Scenario, angle_deg: float) -> Scenario:
     """The scenario with its largest slew turning through the angle, and the others scaled with it.
 
     Raises
@@ -76,13 +76,13 @@ def with_slew_angle(scenario: Scenario, angle_deg: float) -> Scenario:
     return override(scenario, changes)
 
 
-def with_slew_rate(scenario: Scenario, rate_deg_s: float) -> Scenario:
+def set_slew_rate(scenario: Scenario, rate_deg_s: float) -> Scenario:
     """The scenario with every slew coasting at the rate; arcs at constant rate between slews keep their length."""
     changes: dict[str, float] = {}
     for k, interval in enumerate(scenario.interval):
         if not interval.slew:
             continue
-        clock, previous_stop = MARGIN_S, None
+        clock, previous_stop = SLEW_MARGIN_S, None
         for j, slew in enumerate(interval.slew):
             if previous_stop is not None:
                 clock += slew.start_s - previous_stop
@@ -91,11 +91,11 @@ def with_slew_rate(scenario: Scenario, rate_deg_s: float) -> Scenario:
             changes |= {f"{path}.start_s": clock, f"{path}.duration_s": duration, f"{path}.ramp_fraction": RAMP}
             clock += duration
             previous_stop = slew.start_s + slew.duration_s
-        changes[f"interval.{k}.stop_s"] = interval.start_s + 8.0 * ceil((clock + MARGIN_S) / 8.0)
+        changes[f"interval.{k}.stop_s"] = interval.start_s + 8.0 * ceil((clock + SLEW_MARGIN_S) / 8.0)
     return override(scenario, changes)
 
 
-def point(scenario: Scenario, rate_deg_s: float, step_s: float) -> dict[str, float]:
+def compare_psi(scenario: Scenario, rate_deg_s: float, step_s: float) -> dict[str, float]:
     """Both ψ at one slew rate and step.
 
     Returns
@@ -104,7 +104,7 @@ def point(scenario: Scenario, rate_deg_s: float, step_s: float) -> dict[str, flo
     after one iteration, each one's error in G and b then and when converged, and the iterations to convergence; NaN where it
     did not converge.
     """
-    recording = flown(scenario, rate_deg_s, step_s)
+    recording = simulate_noise_free(scenario, rate_deg_s, step_s)
     row = {"slew_rate_deg_s": rate_deg_s, "step_s": step_s, "angle_per_step_deg": rate_deg_s * step_s}
     first = {psi: calibrate(recording, psi=psi, iterations=1) for psi in ("full", "linear")}
     row["G_difference"] = float(np.abs(first["linear"].G - first["full"].G).max())
@@ -115,18 +115,18 @@ def point(scenario: Scenario, rate_deg_s: float, step_s: float) -> dict[str, flo
         except InputError:
             final = None  # diverged until the residual could not be linearised any more
         for label, result in ((f"{psi}_first", first[psi]), (psi, final)):
-            row[f"{label}_error_G"], row[f"{label}_error_bias_deg_s"] = _errors(scenario, result)
+            row[f"{label}_error_G"], row[f"{label}_error_bias_deg_s"] = _compute_largest_errors(scenario, result)
         row[f"{psi}_iterations"] = float(len(final.corrections)) if final and final.converged else np.nan
     return row
 
 
-def flown(scenario: Scenario, rate_deg_s: float, step_s: float) -> Recording:
+def simulate_noise_free(scenario: Scenario, rate_deg_s: float, step_s: float) -> Recording:
     """The scenario without noise, its slews coasting at the rate, its gyro sampled at the step."""
-    changed = override(with_slew_rate(scenario, rate_deg_s), {"gyro.sample_s": step_s})
+    changed = override(set_slew_rate(scenario, rate_deg_s), {"gyro.sample_s": step_s})
     return observe(changed, motion(changed, substeps=ceil(step_s / SUBSTEP_S)), gyro_rng=None, reference_rng=None)
 
 
-def _errors(scenario: Scenario, result: CalibrationResult | None) -> tuple[float, float]:
+def _compute_largest_errors(scenario: Scenario, result: CalibrationResult | None) -> tuple[float, float]:
     """Largest error in G, and in b in deg/s; NaN without a result."""
     if result is None:
         return np.nan, np.nan
@@ -134,28 +134,30 @@ def _errors(scenario: Scenario, result: CalibrationResult | None) -> tuple[float
     return float(np.abs(G).max()), float(np.abs(bias).max())
 
 
-def run(scenario: Scenario, rates_deg_s: tuple[float, ...] = RATES_DEG_S, steps_s: tuple[float, ...] = STEPS_S) -> pd.DataFrame:
-    """A row per slew rate and step, as in `point` but for the errors in b, with the scenario's own slew angles."""
-    table = pd.DataFrame([point(scenario, rate, step) for rate in rates_deg_s for step in steps_s])
+def run(
+    scenario: Scenario, rates_deg_s: tuple[float, ...] = SLEW_RATES_DEG_S, steps_s: tuple[float, ...] = STEPS_S
+) -> pd.DataFrame:
+    """A row per slew rate and step, as in `compare_psi` but for the errors in b, with the scenario's own slew angles."""
+    table = pd.DataFrame([compare_psi(scenario, rate, step) for rate in rates_deg_s for step in steps_s])
     return table[[name for name in table if not str(name).endswith("error_bias_deg_s")]]
 
 
-def case(config: PsiConfig, number: int, streams: Streams) -> dict[str, float]:
+def run_case(config: PsiConfig, number: int, streams: Streams) -> dict[str, float]:
     """One point of the grid."""
     angle, rate, step = config.points()[number]
-    return {"slew_angle_deg": angle} | point(with_slew_angle(base_scenario(config), angle), rate, step)
+    return {"slew_angle_deg": angle} | compare_psi(scale_slew_angles(load_base_scenario(config), angle), rate, step)
 
 
-def recording(config: PsiConfig, number: int, streams: Streams) -> Recording:
+def make_case_recording(config: PsiConfig, number: int, streams: Streams) -> Recording:
     """The recording of one point of the grid."""
     angle, rate, step = config.points()[number]
-    return flown(with_slew_angle(base_scenario(config), angle), rate, step)
+    return simulate_noise_free(scale_slew_angles(load_base_scenario(config), angle), rate, step)
 
 
-STUDY = Study("studies.calibration.psi:STUDY", PsiConfig, case, recording)
+STUDY = Study("studies.calibration.psi:STUDY", PsiConfig, run_case, make_case_recording)
 
 
-def limits(rows: pd.DataFrame) -> pd.DataFrame:
+def find_psi_limits(rows: pd.DataFrame) -> pd.DataFrame:
     """A row per slew angle and step: the slew rate, and the angle per step, at which each ψ exceeds `GOOD_ENOUGH` in G.
 
     For linear ψ by its difference from full ψ after one iteration, for full ψ by its error when converged. NaN where the grid's
@@ -165,21 +167,21 @@ def limits(rows: pd.DataFrame) -> pd.DataFrame:
     def line(part: pd.DataFrame) -> dict[str, object]:
         row: dict[str, object] = {}
         for psi, column in (("linear", "G_difference"), ("full", "full_error_G")):
-            rate = crossing(part["slew_rate_deg_s"], part[column], GOOD_ENOUGH)
+            rate = find_level_crossing(part["slew_rate_deg_s"], part[column], GOOD_ENOUGH)
             row |= {f"{psi}_rate_deg_s": rate, f"{psi}_angle_per_step_deg": rate * part["step_s"].iloc[0]}
         return row
 
     keys = ["slew_angle_deg", "step_s"]
-    return by_group(rows.sort_values([*keys, "slew_rate_deg_s"]), keys, line)
+    return summarise_groups(rows.sort_values([*keys, "slew_rate_deg_s"]), keys, line)
 
 
-def _asymptotic(rows: pd.DataFrame) -> pd.DataFrame:
+def _select_resolved_ramps(rows: pd.DataFrame) -> pd.DataFrame:
     """The points at which the ramp of the largest slew lasts `STEPS_PER_RAMP` steps or more: elsewhere there is no order."""
     ramp_s = RAMP / (1 - RAMP) * rows["slew_angle_deg"] / rows["slew_rate_deg_s"]
     return rows[ramp_s >= STEPS_PER_RAMP * rows["step_s"]]
 
 
-def orders(rows: pd.DataFrame) -> pd.DataFrame:
+def estimate_step_orders(rows: pd.DataFrame) -> pd.DataFrame:
     """A row per slew angle and rate: the order in Δt of linear ψ's difference, and of full ψ's error when converged.
 
     Over the steps that resolve the slews' ramps; NaN where fewer than two do.
@@ -187,38 +189,40 @@ def orders(rows: pd.DataFrame) -> pd.DataFrame:
     keys = ["slew_angle_deg", "slew_rate_deg_s"]
 
     def line(part: pd.DataFrame) -> dict[str, object]:
-        return {"steps": float(len(part)), **{name: order(part["step_s"], part[name]) for name in ORDERED}}
+        return {"steps": float(len(part)), **{name: fit_log_slope(part["step_s"], part[name]) for name in ORDERED}}
 
-    table = by_group(_asymptotic(rows).sort_values(keys), keys, line)
+    table = summarise_groups(_select_resolved_ramps(rows).sort_values(keys), keys, line)
     return table.reindex(columns=[*keys, "steps", *ORDERED])
 
 
-def rate_orders(rows: pd.DataFrame) -> pd.DataFrame:
+def estimate_rate_orders(rows: pd.DataFrame) -> pd.DataFrame:
     """A row per slew angle and pair of neighbouring rates: the order in the rate of linear ψ's difference, smallest step."""
     out = []
     for angle, part in rows[rows["step_s"] == rows["step_s"].min()].groupby("slew_angle_deg"):
         points = part.sort_values("slew_rate_deg_s")[["slew_rate_deg_s", "G_difference"]].to_numpy()
         for low, high in pairwise(points):
-            slope = order([low[0], high[0]], [low[1], high[1]])
+            slope = fit_log_slope([low[0], high[0]], [low[1], high[1]])
             out.append({"slew_angle_deg": angle, "from_deg_s": low[0], "to_deg_s": high[0], "G_difference": slope})
     return pd.DataFrame(out, columns=["slew_angle_deg", "from_deg_s", "to_deg_s", "G_difference"])
 
 
-FIRST = "Linear ψ's difference is of first order in the angle per step; steps that do not resolve a slew's ramp are left out."
+FIRST_ORDER_NOTE = (
+    "Linear ψ's difference is of first order in the angle per step; steps that do not resolve a slew's ramp are left out."
+)
 SECOND = "Holding the mean rate over a step is what limits full ψ, an error of second order in the step."
 
 
-def _checks(rows: pd.DataFrame) -> list[Check]:
-    limit, slopes, by_rate = limits(rows), orders(rows), rate_orders(rows)
+def _build_checks(rows: pd.DataFrame) -> list[Check]:
+    limit, slopes, by_rate = find_psi_limits(rows), estimate_step_orders(rows), estimate_rate_orders(rows)
     at = f"a difference of {GOOD_ENOUGH:g} in G"
-    out = extremes(f"angle per step from which linear ψ exceeds {at}", limit["linear_angle_per_step_deg"], None, "deg")
-    out += extremes(f"angle per step from which full ψ exceeds {at}", limit["full_angle_per_step_deg"], None, "deg")
-    trmm = rows[(rows["slew_rate_deg_s"] == FLOWN[0]) & (rows["step_s"] == FLOWN[1])]
-    for name, bounds, unit in (("G_difference", at_most(GOOD_ENOUGH), ""), ("bias_difference_deg_s", None, "deg/s")):
+    out = check_extremes(f"angle per step from which linear ψ exceeds {at}", limit["linear_angle_per_step_deg"], None, "deg")
+    out += check_extremes(f"angle per step from which full ψ exceeds {at}", limit["full_angle_per_step_deg"], None, "deg")
+    trmm = rows[(rows["slew_rate_deg_s"] == FLOWN_RATE_AND_STEP[0]) & (rows["step_s"] == FLOWN_RATE_AND_STEP[1])]
+    for name, bounds, unit in (("G_difference", bound_above(GOOD_ENOUGH), ""), ("bias_difference_deg_s", None, "deg/s")):
         out.append(Check(f"{name} of linear ψ at TRMM's rate and step, largest", trmm[name].max(), bounds, unit))
-    out += extremes("order in Δt of linear ψ's difference in G", slopes["G_difference"], (0.9, 1.1), "", FIRST)
-    out += extremes("order in Δt of full ψ's error in G", slopes["full_error_G"], (1.9, 2.1), "", SECOND)
-    out += extremes("order in the slew rate of linear ψ's difference in G, smallest step", by_rate["G_difference"])
+    out += check_extremes("order in Δt of linear ψ's difference in G", slopes["G_difference"], (0.9, 1.1), "", FIRST_ORDER_NOTE)
+    out += check_extremes("order in Δt of full ψ's error in G", slopes["full_error_G"], (1.9, 2.1), "", SECOND)
+    out += check_extremes("order in the slew rate of linear ψ's difference in G, smallest step", by_rate["G_difference"])
     out.append(Check("difference of the converged errors in G", (rows["linear_error_G"] - rows["full_error_G"]).abs().max()))
     for psi in ("full", "linear"):
         out.append(Check(f"points at which {psi} ψ did not converge", rows[f"{psi}_iterations"].isna().sum(), (0, 0)))
@@ -228,20 +232,20 @@ def _checks(rows: pd.DataFrame) -> list[Check]:
 def report(config: PsiConfig, rows: pd.DataFrame) -> Report:
     """Where linear ψ and full ψ stop being good enough, and how their errors scale."""
     tables = {
-        "limits": Table("Where each ψ exceeds the limit in G", limits(rows)),
-        "step_orders": Table("Order of the error in Δt", orders(rows)),
-        "rate_orders": Table("Order of linear ψ's difference in the slew rate", rate_orders(rows)),
+        "limits": Table("Where each ψ exceeds the limit in G", find_psi_limits(rows)),
+        "step_orders": Table("Order of the error in Δt", estimate_step_orders(rows)),
+        "rate_orders": Table("Order of linear ψ's difference in the slew rate", estimate_rate_orders(rows)),
         "points": Table("Both ψ over slew angle, slew rate and step", rows.drop(columns=["case", "error"], errors="ignore")),
     }
-    return Report(tables, {"psi": _figure(rows)}, tuple(_checks(rows)))
+    return Report(tables, {"psi": _draw_figure(rows)}, tuple(_build_checks(rows)))
 
 
 ENTRY = Entry(STUDY, "linear against full ψ over slew rate, step and slew angle", report)
 
 
-def map_of(rows: pd.DataFrame) -> panels.Panel:
+def make_psi_map(rows: pd.DataFrame) -> panels.Panel:
     """Linear ψ's difference from full ψ after one iteration, over slew rate and step."""
-    return panels.heat_map(
+    return panels.make_heat_map(
         rows.pivot_table(index="slew_rate_deg_s", columns="step_s", values="G_difference"),
         mark_above=GOOD_ENOUGH,
         log=True,
@@ -251,16 +255,16 @@ def map_of(rows: pd.DataFrame) -> panels.Panel:
     )
 
 
-def _figure(rows: pd.DataFrame) -> panels.Draw:
+def _draw_figure(rows: pd.DataFrame) -> panels.Draw:
     """That difference as a map, and with full ψ's own error over the angle per step; largest slew angle."""
     shown = rows[rows["slew_angle_deg"] == rows["slew_angle_deg"].max()].sort_values("step_s")
     lines = []
-    for rate, colour in panels.shades(sorted(set(shown["slew_rate_deg_s"]))).items():
+    for rate, colour in panels.make_shades(sorted(set(shown["slew_rate_deg_s"]))).items():
         part = shown[shown["slew_rate_deg_s"] == rate]
         lines.append(Line(part["angle_per_step_deg"], part["G_difference"], f"{rate:g} deg/s", colour))
         lines.append(Line(part["angle_per_step_deg"], part["full_error_G"], "", colour, ":"))
     axes: dict[str, Any] = {"log": "xy", "levels": [GOOD_ENOUGH], "legend": "lower right"}
     axes |= {"x": "angle per step (deg)", "y": "largest element of G"}
-    curves = panels.curves(lines, title="solid: linear − full; dotted: full's error, converged", **axes)
+    curves = panels.make_curves(lines, title="solid: linear − full; dotted: full's error, converged", **axes)
     title = f"Slews of up to {shown['slew_angle_deg'].iloc[0]:g}°, no noise"
-    return panels.sheet(map_of(shown), curves, size=(9.0, 3.6), widths=(1.25, 1), title=title)
+    return panels.build_sheet(make_psi_map(shown), curves, size=(9.0, 3.6), widths=(1.25, 1), title=title)

@@ -9,7 +9,7 @@ changes, of second order in Δt. A row is one case calibrated one way:
 - ``held_``: the same without noise, which is the bias that the step itself makes
 - ``sigma_``: the formal sigma; ``nees`` that of the error and ``held_nees`` what the bias alone adds to it
 - ``step_arw_deg_per_sqrt_s``: the angle random walk by the spread of the 18 pre-launch residuals between this step and the next
-  finer one, both by skipping, as `studies.natanson.flight_gap.noise_from_steps` takes it from the flight
+  finer one, both by skipping, as `studies.natanson.flight_gap.estimate_noise_from_steps` takes it from the flight
 
 G is dimensionless, b in deg/s.
 """
@@ -24,15 +24,15 @@ from numpy.typing import NDArray
 
 from gyrocal import NAMES
 from gyrocal.calibration.problem import Iterates, Problem
-from gyrocal.calibration.sampling import Resampling, measurements
-from studies.calibration.prepared import Flown, noise_of, rms, shared
+from gyrocal.calibration.sampling import Resampling, prepare_measurements
+from studies.calibration.shared_truth import NoiseFreeSimulation, build_once, compute_rms, make_noise_generators
 from studies.montecarlo import statistics
 from studies.montecarlo.settings import Rising
-from studies.montecarlo.statistics import crossing, order
+from studies.montecarlo.statistics import find_level_crossing, fit_log_slope
 from studies.montecarlo.study import Streams, Study, StudyConfig, observed
 from studies.natanson import flight, flight_gap
 from studies.report import panels
-from studies.report.checks import Check, at_most, extremes, near
+from studies.report.checks import Check, bound_above, bound_near, check_extremes
 from studies.report.entry import Entry, Report
 from studies.report.panels import Line
 from studies.report.tables import Table
@@ -42,7 +42,7 @@ Array = NDArray[np.float64]
 Way = tuple[float, Resampling]
 
 STEPS_S = (0.5, 1.0, 2.0, 4.0, 8.0)
-ITERATIONS = 3  # leaves less than 1e-6 sigma; see studies.calibration.iterations
+CALIBRATION_ITERATIONS = 3  # leaves less than 1e-6 sigma; see studies.calibration.iterations
 LIMIT = 0.1  # formal sigmas of bias that count as none
 
 
@@ -63,7 +63,7 @@ class TimestepConfig(StudyConfig):
 
 
 @dataclass(frozen=True)
-class _Prepared:
+class _TimestepProblems:
     """What cases with the same scenario share.
 
     Attributes
@@ -74,42 +74,45 @@ class _Prepared:
     held : (12,) noise-free error of each way
     """
 
-    flown: Flown
+    flown: NoiseFreeSimulation
     T_s: Array
     problems: dict[Way, Problem]
     held: dict[Way, Array]
 
 
-@shared
-def _prepared(config: TimestepConfig, flown: Flown) -> _Prepared:
-    measured = {way: measurements(flown.plain, *way) for way in config.ways(flown.scenario.gyro.sample_s)}
+@build_once
+def _prepare_problems(config: TimestepConfig, flown: NoiseFreeSimulation) -> _TimestepProblems:
+    measured = {way: prepare_measurements(flown.plain, *way) for way in config.ways(flown.scenario.gyro.sample_s)}
     problems = {way: Problem.of(flown.plain, one) for way, one in measured.items()}
-    held = {way: problem.iterate(flown.initial, ITERATIONS).checked().x[-1] - flown.truth for way, problem in problems.items()}
-    return _Prepared(flown, next(iter(measured.values())).elapsed_s[:, None], problems, held)
+    held = {
+        way: problem.iterate(flown.initial, CALIBRATION_ITERATIONS).check_convergence().x[-1] - flown.truth
+        for way, problem in problems.items()
+    }
+    return _TimestepProblems(flown, next(iter(measured.values())).elapsed_s[:, None], problems, held)
 
 
-def case(config: TimestepConfig, number: int, streams: Streams) -> list[dict[str, object]]:
+def run_case(config: TimestepConfig, number: int, streams: Streams) -> list[dict[str, object]]:
     """One case: a row for each way."""
-    prepared = _prepared(config, number)
+    prepared = _prepare_problems(config, number)
     flown, sample_s = prepared.flown, prepared.flown.scenario.gyro.sample_s
-    (rates, A), (_, A_true) = flown.realise(noise_of(streams)), flown.realise()
+    (rates, A), (_, A_true) = flown.realise(make_noise_generators(streams)), flown.realise()
     rows: list[dict[str, object]] = []
     finer: tuple[float, Array] | None = None
     for way, problem in prepared.problems.items():
         step, resampling = way
-        result = problem.with_case(rates, A).iterate(flown.initial, ITERATIONS).checked()
-        gyro = problem.with_case(rates, A_true).iterate(flown.initial, ITERATIONS).checked()
+        result = problem.replace_case(rates, A).iterate(flown.initial, CALIBRATION_ITERATIONS).check_convergence()
+        gyro = problem.replace_case(rates, A_true).iterate(flown.initial, CALIBRATION_ITERATIONS).check_convergence()
         arw = np.nan
         if resampling == "skip":
             if finer is not None:
-                arw = step_arw(result.theta[0] - finer[1], prepared.T_s, (step - finer[0]) / sample_s)
+                arw = compute_step_arw(result.theta[0] - finer[1], prepared.T_s, (step - finer[0]) / sample_s)
             finer = step, result.theta[0]
         row: dict[str, object] = {"step_s": step, "resampling": resampling}
-        rows.append(row | _values(flown.truth, result, gyro, prepared.held[way]) | {"step_arw_deg_per_sqrt_s": arw})
+        rows.append(row | _compute_errors(flown.truth, result, gyro, prepared.held[way]) | {"step_arw_deg_per_sqrt_s": arw})
     return rows
 
 
-def _values(truth: Array, result: Iterates, gyro: Iterates, held: Array) -> dict[str, float]:
+def _compute_errors(truth: Array, result: Iterates, gyro: Iterates, held: Array) -> dict[str, float]:
     """Errors, sigmas and NEES of one way."""
     sigma, error = np.sqrt(np.diag(result.P)), result.x[-1] - truth
     columns = {"error": error, "gyro": gyro.x[-1] - truth, "held": held, "sigma": sigma}
@@ -118,11 +121,11 @@ def _values(truth: Array, result: Iterates, gyro: Iterates, held: Array) -> dict
         for label, vector in columns.items()
         for name, value in zip(NAMES, vector * ONE_DEG_S, strict=True)
     }
-    both = statistics.nees(np.stack([error, held]), np.stack([result.P, result.P]))
+    both = statistics.compute_nees(np.stack([error, held]), np.stack([result.P, result.P]))
     return out | {"nees": float(both[0]), "held_nees": float(both[1])}
 
 
-def step_arw(difference: Array, T_s: Array, samples: float) -> float:
+def compute_step_arw(difference: Array, T_s: Array, samples: float) -> float:
     """Angle random walk from residuals (m, 3) rad of two skipped steps, `samples` samples apart, over T_s (m, 1); deg/√s.
 
     A step of f samples held by skipping has f times the noise variance ARW² T of the full stream, and shares with a finer step
@@ -131,24 +134,24 @@ def step_arw(difference: Array, T_s: Array, samples: float) -> float:
     return float(np.rad2deg(np.sqrt(np.mean(difference**2 / (samples * T_s)))))
 
 
-STUDY = Study("studies.calibration.timestep:STUDY", TimestepConfig, case, observed)
+STUDY = Study("studies.calibration.timestep:STUDY", TimestepConfig, run_case, observed)
 
 
-def choose(rows: pd.DataFrame, step_s: float, resampling: str) -> pd.DataFrame:
+def select_step(rows: pd.DataFrame, step_s: float, resampling: str) -> pd.DataFrame:
     """Rows of one way; those of the full stream, for which there is but one, under either name."""
     of_step = rows[rows["step_s"] == step_s]
     return of_step[of_step["resampling"] == resampling] if resampling in set(of_step["resampling"]) else of_step
 
 
-def _cells(rows: pd.DataFrame, label: str) -> Array:
+def _select_columns(rows: pd.DataFrame, label: str) -> Array:
     return rows[[f"{label}_{name}" for name in NAMES]].to_numpy()
 
 
-def by_parameter(rows: pd.DataFrame) -> pd.DataFrame:
+def tabulate_parameter_biases(rows: pd.DataFrame) -> pd.DataFrame:
     """A row per way and parameter: bias with its standard error, the bias without noise, spread, formal sigma."""
     out = []
     for (resampling, step), part in rows.groupby(["resampling", "step_s"]):
-        error, gyro, held, sigma = (_cells(part, label) for label in ("error", "gyro", "held", "sigma"))
+        error, gyro, held, sigma = (_select_columns(part, label) for label in ("error", "gyro", "held", "sigma"))
         spread = error.std(axis=0, ddof=1) if len(part) > 1 else np.full(len(NAMES), np.nan)
         columns = {
             "bias": error.mean(axis=0),
@@ -163,7 +166,7 @@ def by_parameter(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.concat(out, ignore_index=True)
 
 
-def summary(rows: pd.DataFrame) -> pd.DataFrame:
+def summarise_steps(rows: pd.DataFrame) -> pd.DataFrame:
     """A row per way and step.
 
     Returns
@@ -176,15 +179,15 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
         RMS over the parameters
     nees with its 99 % bounds, whether it is inside, and what the bias alone adds
     """
-    table = by_parameter(rows)
+    table = tabulate_parameter_biases(rows)
     finest = rows["step_s"].min()
     whole = table[table["step_s"] == finest].groupby("parameter", sort=False).first()
     out = []
     for resampling in ("skip", "average"):
         for step in sorted(set(rows["step_s"])):
-            part = choose(rows, step, resampling)
+            part = select_step(rows, step, resampling)
             own = table[(table["step_s"] == step) & (table["resampling"] == part["resampling"].iloc[0])].set_index("parameter")
-            check = statistics.nees_check(part["nees"].to_numpy(), len(NAMES))
+            check = statistics.check_mean_nees(part["nees"].to_numpy(), len(NAMES))
             out.append(
                 {
                     "resampling": resampling,
@@ -193,10 +196,10 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
                     "held_sigma": (own["held"].abs() / own["formal_sigma"]).max(),
                     "held_most": (own["held"].abs() / own["formal_sigma"]).idxmax(),
                     "bias_z": ((own["bias"] - own["held"]).abs() / own["standard_error"]).max(),
-                    "spread_over_formal": rms(own["spread"] / own["formal_sigma"]),
-                    "sigma_ratio": rms(own["formal_sigma"] / whole["formal_sigma"]),
-                    "spread_ratio": rms(own["spread"] / whole["spread"]),
-                    "gyro_ratio": rms(own["gyro_spread"] / whole["gyro_spread"]),
+                    "spread_over_formal": compute_rms(own["spread"] / own["formal_sigma"]),
+                    "sigma_ratio": compute_rms(own["formal_sigma"] / whole["formal_sigma"]),
+                    "spread_ratio": compute_rms(own["spread"] / whole["spread"]),
+                    "gyro_ratio": compute_rms(own["gyro_spread"] / whole["gyro_spread"]),
                     "nees": check.value,
                     "nees_lower": check.lower,
                     "nees_upper": check.upper,
@@ -207,11 +210,11 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(out)
 
 
-def gyro_order(rows: pd.DataFrame, resampling: str) -> tuple[float, float]:
+def estimate_gyro_order(rows: pd.DataFrame, resampling: str) -> tuple[float, float]:
     """Order in Δt of the gyro noise's part of the spread, and its standard error by leaving out one case at a time."""
     steps = sorted(set(rows["step_s"]))
-    parts = [choose(rows, step, resampling).sort_values("case") for step in steps]
-    squares = np.stack([(_cells(part, "gyro") - _cells(part, "held")) ** 2 for part in parts])
+    parts = [select_step(rows, step, resampling).sort_values("case") for step in steps]
+    squares = np.stack([(_select_columns(part, "gyro") - _select_columns(part, "held")) ** 2 for part in parts])
     sums = squares.sum(axis=1)
     n = squares.shape[1]
     if n < 2 or len(steps) < 2:
@@ -225,42 +228,52 @@ def gyro_order(rows: pd.DataFrame, resampling: str) -> tuple[float, float]:
     return float(slopes(sums[:, None])[0]), float(np.sqrt((n - 1) * np.var(without)))
 
 
-def step_noise(rows: pd.DataFrame) -> pd.DataFrame:
+def estimate_step_noise(rows: pd.DataFrame) -> pd.DataFrame:
     """A row per step: the angle random walk by the spread to the next finer one, simulated and, where both flew, in flight."""
     out = []
     skipped = rows[rows["resampling"] == "skip"]
     for finer, step in pairwise(sorted(set(skipped["step_s"]))):
         values = skipped[skipped["step_s"] == step]["step_arw_deg_per_sqrt_s"]
         flown = np.nan
-        if finer in flight.STEPS and step in flight.STEPS:
-            difference = np.deg2rad(flight.residuals("prelaunch", step) - flight.residuals("prelaunch", finer))
-            flown = step_arw(difference, flight.durations()[:, None], (step - finer) / flight.STEPS[0])
-        out.append({"from_s": finer, "to_s": step, **statistics.beside(values, flown)})
+        if finer in flight.FLIGHT_STEPS_S and step in flight.FLIGHT_STEPS_S:
+            difference = np.deg2rad(
+                flight.read_published_residuals("prelaunch", step) - flight.read_published_residuals("prelaunch", finer)
+            )
+            flown = compute_step_arw(
+                difference, flight.compute_interval_durations()[:, None], (step - finer) / flight.FLIGHT_STEPS_S[0]
+            )
+        out.append({"from_s": finer, "to_s": step, **statistics.summarise_with_flight(values, flown)})
     return pd.DataFrame(out, columns=["from_s", "to_s", "median", "p05", "p95", "flight", "flight_percentile"])
 
 
-ORDER = "Skipping f samples leaves the noise of one, which grows with the square root of f; averaging does not change it."
+NOISE_GROWTH_NOTE = (
+    "Skipping f samples leaves the noise of one, which grows with the square root of f; averaging does not change it."
+)
 BIAS = "Holding the mean rate over a step is wrong to second order in the step."
-FLOWN = "The bounds of the flight's angle random walk are the 5 % and 95 % quantiles of the simulated ones."
+FLOWN_ARW_NOTE = "The bounds of the flight's angle random walk are the 5 % and 95 % quantiles of the simulated ones."
 
 
-def _checks(rows: pd.DataFrame) -> list[Check]:
-    table, steps = summary(rows), step_noise(rows)
+def _build_checks(rows: pd.DataFrame) -> list[Check]:
+    table, steps = summarise_steps(rows), estimate_step_noise(rows)
     out = []
     for way, expected, slack in (("skip", 0.5, 0.0), ("average", 0.0, 1e-3)):
-        power, uncertain = gyro_order(rows, way)
-        bounds = near(expected, 4 * uncertain + slack)
-        out.append(Check(f"order in Δt of the gyro noise's part of the spread, {way}", power, bounds, meaning=ORDER))
+        power, uncertain = estimate_gyro_order(rows, way)
+        bounds = bound_near(expected, 4 * uncertain + slack)
+        out.append(
+            Check(f"order in Δt of the gyro noise's part of the spread, {way}", power, bounds, meaning=NOISE_GROWTH_NOTE)
+        )
     average = table[table["resampling"] == "average"]
     held = average["step_s"], average["held_sigma"]
-    out.append(Check("order in Δt of the bias without noise, average", order(*held), (1.9, 2.1), meaning=BIAS))
-    out.append(Check(f"step from which that bias exceeds {LIMIT:g} formal sigma", crossing(*held, LIMIT), None, "s"))
-    out.append(Check("mean error less the bias without noise, largest", table["bias_z"].max(), at_most(4), "standard errors"))
-    out += extremes("mean NEES of a way", table["nees"], (table["nees_lower"].iloc[0], table["nees_upper"].iloc[0]))
+    out.append(Check("order in Δt of the bias without noise, average", fit_log_slope(*held), (1.9, 2.1), meaning=BIAS))
+    out.append(Check(f"step from which that bias exceeds {LIMIT:g} formal sigma", find_level_crossing(*held, LIMIT), None, "s"))
+    out.append(
+        Check("mean error less the bias without noise, largest", table["bias_z"].max(), bound_above(4), "standard errors")
+    )
+    out += check_extremes("mean NEES of a way", table["nees"], (table["nees_lower"].iloc[0], table["nees_upper"].iloc[0]))
     for row in steps[steps["flight"].notna()].to_dict("records"):
         name = f"angle random walk of the flight by its spread from {row['from_s']:g} to {row['to_s']:g} s"
-        out.append(Check(name, row["flight"], (row["p05"], row["p95"]), "deg/√s", FLOWN))
-    noise = flight_gap.noise_from_steps()
+        out.append(Check(name, row["flight"], (row["p05"], row["p95"]), "deg/√s", FLOWN_ARW_NOTE))
+    noise = flight_gap.estimate_noise_from_steps()
     out.append(Check("angle random walk of the flight by all its spreads", noise["arw_deg_per_sqrt_s"], None, "deg/√s"))
     return [*out, Check("relative standard error of that", noise["relative_sigma"])]
 
@@ -268,34 +281,36 @@ def _checks(rows: pd.DataFrame) -> list[Check]:
 def report(config: TimestepConfig, rows: pd.DataFrame) -> Report:
     """What skipping and averaging cost in noise and in bias."""
     tables = {
-        "steps": Table("Skipping and averaging (largest or RMS over the parameters; ratios to the full stream)", summary(rows)),
-        "step_noise": Table("Angle random walk by the spread between steps", step_noise(rows)),
-        "parameters": Table("Bias and spread of each parameter", by_parameter(rows)),
+        "steps": Table(
+            "Skipping and averaging (largest or RMS over the parameters; ratios to the full stream)", summarise_steps(rows)
+        ),
+        "step_noise": Table("Angle random walk by the spread between steps", estimate_step_noise(rows)),
+        "parameters": Table("Bias and spread of each parameter", tabulate_parameter_biases(rows)),
     }
-    return Report(tables, {"timestep": _figure(summary(rows))}, tuple(_checks(rows)))
+    return Report(tables, {"timestep": _draw_figure(summarise_steps(rows))}, tuple(_build_checks(rows)))
 
 
 ENTRY = Entry(STUDY, "skipping against averaging samples, steps of 0.5 to 8 s", report)
 
-LOOKS = {"skip": (panels.RED, "o-"), "average": (panels.TEAL, "s-")}
+RESAMPLING_STYLES = {"skip": (panels.RED, "o-"), "average": (panels.TEAL, "s-")}
 
 
-def _figure(table: pd.DataFrame) -> panels.Draw:
+def _draw_figure(table: pd.DataFrame) -> panels.Draw:
     """Noise, bias and NEES of skipping and averaging over the step."""
 
     def lines(name: str, dotted: bool = False) -> list[Line]:
-        parts = {way: table[table["resampling"] == way] for way in LOOKS}
-        looks = {way: (colour, ":" if dotted else style) for way, (colour, style) in LOOKS.items()}
+        parts = {way: table[table["resampling"] == way] for way in RESAMPLING_STYLES}
+        looks = {way: (colour, ":" if dotted else style) for way, (colour, style) in RESAMPLING_STYLES.items()}
         return [Line(part["step_s"], part[name], "" if dotted else way, *looks[way]) for way, part in parts.items()]
 
     steps = sorted(set(table["step_s"]))
-    noise = [*lines("gyro_ratio"), *lines("spread_ratio", dotted=True), panels.power_law(steps, 0.5, label="sqrt Δt")]
+    noise = [*lines("gyro_ratio"), *lines("spread_ratio", dotted=True), panels.make_power_law(steps, 0.5, label="sqrt Δt")]
     axes: dict[str, Any] = {"x": "step Δt (s)", "ticks": steps}
     key: dict[str, Any] = {"legend": "upper left", "legend_title": "solid: gyro's part; dotted: all"}
     inside = (table["nees_lower"].iloc[0], table["nees_upper"].iloc[0])
-    return panels.sheet(
-        panels.curves(noise, log="xy", title="noise / that of the full stream", **key, **axes),
-        panels.curves(lines("held_sigma"), log="xy", levels=[LIMIT], title="bias without noise (formal sigma)", **axes),
-        panels.curves(lines("nees"), inside, log="x", title="mean NEES; grey: 99 % bounds", **axes),
+    return panels.build_sheet(
+        panels.make_curves(noise, log="xy", title="noise / that of the full stream", **key, **axes),
+        panels.make_curves(lines("held_sigma"), log="xy", levels=[LIMIT], title="bias without noise (formal sigma)", **axes),
+        panels.make_curves(lines("nees"), inside, log="x", title="mean NEES; grey: 99 % bounds", **axes),
         size=(9.6, 3.2),
     )

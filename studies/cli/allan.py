@@ -6,20 +6,20 @@ import click
 
 from gyrocal import load
 from studies.allan import report as allan_report
-from studies.allan.analysis import analyse
-from studies.cli.options import PATH, json_option, output_option
+from studies.allan.analysis import estimate_noise_terms
+from studies.cli.options import PATH, add_json_option, add_output_option
 from studies.montecarlo.files import write_json, write_text
-from studies.report.console import console
-from studies.report.pages import made_of
+from studies.report.console import make_console
+from studies.report.pages import build_provenance_footer
 from studies.report.panels import save
 
 
 @click.command("allan")
 @click.argument("recording", type=PATH)
 @click.option("--interval", metavar="NAME", help="Look at this interval only.")
-@json_option("deviation, bands and terms")
-@output_option("--report", help="Write a page with the figure (HTML, needs no network) to this file.")
-@output_option("--figure", help="Write the figure alone to this file, .svg or .png.", endings=(".svg", ".png"))
+@add_json_option("deviation, bands and terms")
+@add_output_option("--report", help="Write a page with the figure (HTML, needs no network) to this file.")
+@add_output_option("--figure", help="Write the figure alone to this file, .svg or .png.", endings=(".svg", ".png"))
 def command(recording: Path, interval: str | None, as_json: Path | None, report: Path | None, figure: Path | None) -> None:
     """Overlapping Allan deviation of the noise in RECORDING, with confidence bands and the noise terms of IEEE Std 952.
 
@@ -33,11 +33,11 @@ def command(recording: Path, interval: str | None, as_json: Path | None, report:
       gyrocal allan /tmp/rec --interval m1 --json /tmp/allan.json
     """
     loaded = load(recording)
-    found = analyse(loaded, interval)
-    allan_report.show(console(), found)
+    found = estimate_noise_terms(loaded, interval)
+    allan_report.show_analysis(make_console(), found)
     if as_json:
         write_json(as_json, found.to_json())
     if report:
-        write_text(report, allan_report.page(found, made_of(loaded)))
+        write_text(report, allan_report.build_allan_page(found, build_provenance_footer(loaded)))
     if figure:
-        save(allan_report.figure(found), figure)
+        save(allan_report.draw_allan_figure(found), figure)

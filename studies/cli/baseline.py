@@ -5,10 +5,10 @@ from pathlib import Path
 import click
 
 from gyrocal import InputError
-from studies.cli.options import PATH, json_option
+from studies.cli.options import PATH, add_json_option
 from studies.montecarlo.files import write_json
 from studies.report import tables as render
-from studies.report.console import console
+from studies.report.console import make_console
 from studies.validation import baseline
 
 
@@ -17,7 +17,7 @@ from studies.validation import baseline
 @click.option(
     "--file", "path", type=PATH, default=None, help="CSV file of the baseline; results/baseline/recovered.csv by default."
 )
-@json_option("what moved")
+@add_json_option("what moved")
 def command(regenerate: bool, path: Path | None, as_json: Path | None) -> None:
     """Recompute the baseline of recovered parameters and show what moved; exit status 1 if something did.
 
@@ -28,23 +28,23 @@ def command(regenerate: bool, path: Path | None, as_json: Path | None) -> None:
     Example:
       gyrocal baseline --write
     """
-    path = path or baseline.default_path()
-    stored = baseline.read(path) if path.exists() else None
+    path = path or baseline.find_baseline_path()
+    stored = baseline.read_baseline(path) if path.exists() else None
     if stored is None and not regenerate:
         raise InputError(f"{path}: no baseline there; run in the project's folder, or write one with --write")
-    new = baseline.recovered()
+    new = baseline.estimate_baseline_parameters()
     if stored is not None:
-        table = baseline.moved(stored, new)
+        table = baseline.find_changed_values(stored, new)
         if as_json:
             write_json(as_json, {"file": str(path), "moved": table.to_dict("records")})
         if table.empty:
             click.echo(f"{path}: nothing moved by more than {baseline.RTOL:g} of itself")
         else:
-            render.terminal(
-                console(), f"{len(table)} values moved by more than {baseline.RTOL:g} of themselves", table.head(40)
+            render.print_table(
+                make_console(), f"{len(table)} values moved by more than {baseline.RTOL:g} of themselves", table.head(40)
             )
     if regenerate:
-        baseline.write(new, path)
+        baseline.write_baseline(new, path)
         click.echo(f"{path}: written")
     elif not table.empty:
         raise SystemExit(1)

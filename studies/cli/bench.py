@@ -5,9 +5,9 @@ from pathlib import Path
 import click
 
 from studies import catalogue
-from studies.cli.options import PATH, jobs_option
+from studies.cli.options import PATH, add_jobs_option
 from studies.report import entry
-from studies.report.console import console
+from studies.report.console import make_console
 
 
 @click.group("bench")
@@ -23,7 +23,7 @@ def command() -> None:
 
 @command.command("run")
 @click.argument("out", type=PATH)
-@jobs_option()
+@add_jobs_option()
 @click.option("--cases", type=click.IntRange(1), default=None, help="Only the first so many recordings.")
 def run(out: Path, jobs: int | None, cases: int | None) -> None:
     """Diagnose the set with the code as it is, and write rows and report to the folder OUT.
@@ -33,7 +33,7 @@ def run(out: Path, jobs: int | None, cases: int | None) -> None:
       gyrocal bench run build/bench/before
     """
     settings = {} if cases is None else {"cases": cases}
-    terminal = console()
+    terminal = make_console()
     outcome = catalogue.run("bench", out, settings, terminal, jobs=jobs)
     terminal.print(outcome.summary(), highlight=False, markup=False)
 
@@ -51,6 +51,6 @@ def compare(before: Path, after: Path, out: Path | None) -> None:
     """
     bench = catalogue.load_module("bench")
     made = bench.compare(bench.load_run(before), bench.load_run(after))
-    entry.show(made, console())
+    entry.show(made, make_console())
     if out:
         entry.write(made, f"Bench: {before.name} and {after.name}", out)

@@ -7,18 +7,18 @@ import click
 import numpy as np
 
 from gyrocal import GyroArray, GyroParameters, InputError, Recording, calibrate, calibrate_gyros, load, select
-from gyrocal.calibration.gyro_space import Parametrisation, space_of
+from gyrocal.calibration.gyro_space import Parametrisation, select_parameter_space
 from gyrocal.calibration.observability import BIAS_LETTERS
 from gyrocal.calibration.remainder import add_remainder
-from gyrocal.importing import estimated_noise
+from gyrocal.importing import read_estimated_noise
 from studies.cli.options import (
     JUNIT,
     PAGE,
     PATH,
+    add_json_option,
+    add_output_option,
     compare_conditions,
     end,
-    json_option,
-    output_option,
     parse_condition,
     read_json,
 )
@@ -26,8 +26,8 @@ from studies.montecarlo.files import write_json, write_text
 from studies.report import calibration as calibration_report
 from studies.report import calibration_page
 from studies.report import gyros as gyros_report
-from studies.report.console import console
-from studies.report.pages import made_of
+from studies.report.console import make_console
+from studies.report.pages import build_provenance_footer
 
 MOST_ITERATIONS = 1000  # a handful converge, or none do
 LARGEST = 1e6  # of what is plausible, or known before
@@ -36,8 +36,8 @@ CONDITIONS = ("p", "condition")  # what --fail-on may ask
 
 @click.command("calibrate")
 @click.argument("recording", type=PATH)
-@json_option()
-@output_option("--report", help=PAGE)
+@add_json_option()
+@add_output_option("--report", help=PAGE)
 @click.option(
     "--truth", type=PATH, help="JSON with the true G and bias_deg_s, as written by simulate --truth; the errors are shown."
 )
@@ -114,7 +114,7 @@ CONDITIONS = ("p", "condition")  # what --fail-on may ask
     metavar="CONDITION",
     help="End with status 3 if this holds: 'p<0.001' of the residuals' p-value, or 'condition>100'; repeatable.",
 )
-@output_option("--junit", help=JUNIT)
+@add_output_option("--junit", help=JUNIT)
 def command(
     recording: Path,
     as_json: Path | None,
@@ -161,11 +161,11 @@ def command(
             psi=options["psi"],
             iterations=options["iterations"],
             max_gap_s=options["max_gap_s"],
-            prior_sigma=_sigmas(prior_sigma_g, prior_sigma_bias),
+            prior_sigma=_convert_prior_sigmas(prior_sigma_g, prior_sigma_bias),
             plausible_G=plausible_g,
             plausible_bias=plausible_rate,
         )
-        gyros_report.show(console(), found, of_gyros)
+        gyros_report.show(make_console(), found, of_gyros)
         if as_json:
             write_json(as_json, found.to_json())
         return
@@ -173,7 +173,9 @@ def command(
     result = calibrate(
         loaded,
         solve_for=solve_for,
-        apriori_covariance=_prior(select(solve_for, space_of(parametrisation).names), prior_sigma_g, prior_sigma_bias),
+        apriori_covariance=_build_prior(
+            select(solve_for, select_parameter_space(parametrisation).names), prior_sigma_g, prior_sigma_bias
+        ),
         covariance_model="full" if covariance == "full" else "references only",
         plausible_G=plausible_g,
         plausible_bias=plausible_rate,
@@ -181,13 +183,18 @@ def command(
         **options,
     )
     result = add_remainder(loaded, result)
-    calibration_report.show(console(), result, options["iterations"] is None, known)
-    for line in calibration_report.of_import(result, estimated_noise(recording)):
-        console().print(line, highlight=False, markup=False)
+    calibration_report.show(make_console(), result, options["iterations"] is None, known)
+    for line in calibration_report.describe_import_noise(result, read_estimated_noise(recording)):
+        make_console().print(line, highlight=False, markup=False)
     if as_json:
         write_json(as_json, result.to_json())
     if report:
-        write_text(report, calibration_page.page(result, loaded, options["iterations"] is None, known, made_of(loaded)))
+        write_text(
+            report,
+            calibration_page.build_calibration_page(
+                result, loaded, options["iterations"] is None, known, build_provenance_footer(loaded)
+            ),
+        )
     known_numbers = dict(zip(CONDITIONS, (float(result.p_value), float(result.observability.condition)), strict=True))
     end("calibrate", str(recording), compare_conditions(fail_on, known_numbers), junit)
 
@@ -217,14 +224,14 @@ def _read_truth(path: Path) -> GyroParameters:
     return read_json(path, "a truth file with G and bias_deg_s", convert)
 
 
-def _prior(names: tuple[str, ...], sigma_G: float | None, sigma_bias: float | None) -> np.ndarray | None:
-    sigmas = _sigmas(sigma_G, sigma_bias)
+def _build_prior(names: tuple[str, ...], sigma_G: float | None, sigma_bias: float | None) -> np.ndarray | None:
+    sigmas = _convert_prior_sigmas(sigma_G, sigma_bias)
     if sigmas is None:
         return None
     return np.diag([(sigmas[1] if name.startswith(BIAS_LETTERS) else sigmas[0]) ** 2 for name in names])
 
 
-def _sigmas(sigma_G: float | None, sigma_bias: float | None) -> tuple[float, float] | None:
+def _convert_prior_sigmas(sigma_G: float | None, sigma_bias: float | None) -> tuple[float, float] | None:
     """A-priori sigmas without unit, and of biases in rad/s."""
     if sigma_G is None and sigma_bias is None:
         return None

@@ -6,15 +6,23 @@ from pathlib import Path
 import click
 
 from gyrocal import InputError, load
-from simulator import adopted
+from simulator import adopted_scenario
 from simulator.effects import REGISTRY
 from simulator.effects.registry import FILE_MODULE
-from studies.cli.options import PATH, effects_option, jobs_option, json_option, output_option, seed_option, write_result
+from studies.cli.options import (
+    PATH,
+    add_jobs_option,
+    add_json_option,
+    add_output_option,
+    add_seed_option,
+    effects_option,
+    write_result,
+)
 from studies.compare.compare import BASELINE, FEWEST_FLIGHTS, compare
 from studies.montecarlo.files import write_text
 from studies.report import comparison as comparison_report
-from studies.report.console import console, progress
-from studies.report.pages import made_of
+from studies.report.console import make_console, show_progress
+from studies.report.pages import build_provenance_footer
 
 
 @click.command("compare")
@@ -24,10 +32,10 @@ from studies.report.pages import made_of
 @click.option(
     "--runs", type=click.IntRange(FEWEST_FLIGHTS), default=200, show_default=True, help="Flights of each scenario, and of M0."
 )
-@seed_option("Root of the random streams.")
-@jobs_option("Processes; results do not depend on it.", default=1)
-@json_option(stdout="the tables")
-@output_option("--report", help="Write a page with all statistics (HTML, needs no network) to this file.")
+@add_seed_option("Root of the random streams.")
+@add_jobs_option("Processes; results do not depend on it.", default=1)
+@add_json_option(stdout="the tables")
+@add_output_option("--report", help="Write a page with all statistics (HTML, needs no network) to this file.")
 def command(
     recording: Path,
     scenarios: tuple[str, ...],
@@ -51,17 +59,17 @@ def command(
     if len(set(scenarios)) < len(scenarios) or BASELINE in scenarios:
         raise InputError(f"give each scenario once; {BASELINE} is flown anyway")
     loaded = load(recording)
-    chosen = [(name, adopted.load(name)) for name in scenarios]
-    foreign = [one.effect for _, scenario in chosen for one in scenario.effects if _from_file(one.effect)]
+    chosen = [(name, adopted_scenario.load(name)) for name in scenarios]
+    foreign = [one.effect for _, scenario in chosen for one in scenario.effects if _is_from_file(one.effect)]
     if foreign and jobs > 1:
         raise InputError(f"{foreign[0]}: an effect of a file is not known to other processes; leave --jobs out")
-    terminal = console()
-    found = compare(loaded, chosen, runs=runs, seed=seed, jobs=jobs, progress=partial(progress, quiet=terminal.quiet))
+    terminal = make_console()
+    found = compare(loaded, chosen, runs=runs, seed=seed, jobs=jobs, progress=partial(show_progress, quiet=terminal.quiet))
     write_result(as_json, found.to_json(), partial(comparison_report.show, terminal, found))
     if report:
-        write_text(report, comparison_report.page(found, made_of(loaded)))
+        write_text(report, comparison_report.build_comparison_page(found, build_provenance_footer(loaded)))
 
 
-def _from_file(effect: str) -> bool:
+def _is_from_file(effect: str) -> bool:
     """Whether an effect is one of --effects."""
     return type(REGISTRY[effect]).__module__.startswith(FILE_MODULE)

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import click
 
-from diagnosis.adopt import scenario
+from diagnosis.adopt import write_adopted_scenario
 from diagnosis.diagnose import diagnose
 from diagnosis.draft import render_draft, summarise_draft
 from diagnosis.result import Diagnosis
 from gyrocal import InputError, load
-from gyrocal.errors import hint
+from gyrocal.errors import suggest_names
 from gyrocal.recording.gyros import need_triad
 from gyrocal.recording.trackers import need_one_sensor
 from simulator import scenario as scenarios
@@ -23,27 +23,27 @@ from studies.cli.options import (
     PAGE,
     PATH,
     STDOUT,
+    add_json_option,
+    add_output_option,
+    add_seed_option,
     effects_option,
     end,
-    json_option,
-    output_option,
-    seed_option,
     write_result,
 )
 from studies.montecarlo.files import write_text
 from studies.report import card_drawing, diagnosis_card, diagnosis_page, diagnosis_summary, next_flight
-from studies.report.console import LINE_EVERY_S, console, stages
+from studies.report.console import LINE_EVERY_S, make_console, show_stages
 from studies.report.junit import Verdict
-from studies.report.pages import made_of
+from studies.report.pages import build_provenance_footer
 from studies.report.panels import save
 
 
 @click.command("diagnose")
 @click.argument("recording", type=PATH)
 @effects_option
-@json_option(stdout="the summary")
-@output_option("--report", help=PAGE)
-@output_option(
+@add_json_option(stdout="the summary")
+@add_output_option("--report", help=PAGE)
+@add_output_option(
     "--card", help="Write the answer on one screen as a picture to this file, .svg or .png.", endings=(".svg", ".png")
 )
 @click.option(
@@ -52,8 +52,8 @@ from studies.report.panels import save
     metavar="SCENARIO",
     help="The scenario that was flown, a built-in name or a TOML file: page and card then say which extra maneuver helps most.",
 )
-@output_option("--adopt", help="Write the recording's own plan with the named effects to this file, a scenario.")
-@output_option(
+@add_output_option("--adopt", help="Write the recording's own plan with the named effects to this file, a scenario.")
+@add_output_option(
     "--draft",
     metavar="OUT.py",
     help="Write a function of one regressor that predicts the remainder to this file, an effect for --effects.",
@@ -67,8 +67,8 @@ from studies.report.panels import save
     multiple=True,
     help="End with status 3 if there is a gap, or if its cause is unknown; repeatable.",
 )
-@output_option("--junit", help=JUNIT)
-@seed_option()
+@add_output_option("--junit", help=JUNIT)
+@add_seed_option()
 def command(
     recording: Path,
     as_json: Path | None,
@@ -98,7 +98,7 @@ def command(
       gyrocal diagnose /tmp/rec --draft /tmp/draft.py
       gyrocal diagnose /tmp/rec --fail-on unknown --junit /tmp/diagnosis.xml
     """
-    library = _library(without)
+    library = _select_library(without)
     if flown and not (report or card):
         raise InputError("--plan is for the page and the card: give --report or --card with it")
     scenario_flown = scenarios.load(flown) if flown else None
@@ -107,20 +107,20 @@ def command(
         need_triad(loaded.gyro)
         need_one_sensor(loaded.attitudes)
     run = partial(diagnose, draft=True) if draft else diagnose
-    with stages("diagnose", LINE_EVERY_S) as progress:
+    with show_stages("diagnose", LINE_EVERY_S) as progress:
         result = run(loaded, progress=progress, seed=seed, library=library)
-        found = next_flight.planned(result, scenario_flown, progress, seed) if scenario_flown else None
+        found = next_flight.plan_next_flight(result, scenario_flown, progress, seed) if scenario_flown else None
     if draft:
         result = _write_draft(result, draft)
-    write_result(as_json, result.to_json(), lambda: diagnosis_summary.show(console(), result))
-    fly = next_flight.sentence(result, found)
+    write_result(as_json, result.to_json(), lambda: diagnosis_summary.show(make_console(), result))
+    fly = next_flight.describe_next_flight(result, found)
     orbit_s = loaded.orbit.period_s if loaded.orbit is not None else math.nan
     if report:
-        write_text(report, diagnosis_page.page(result, made_of(loaded), orbit_s, fly))
+        write_text(report, diagnosis_page.build_diagnosis_page(result, build_provenance_footer(loaded), orbit_s, fly))
     if card:
-        save(card_drawing.figure(diagnosis_card.card(result, orbit_s, fly), result.recording), card)
+        save(card_drawing.draw_card(diagnosis_card.build_card(result, orbit_s, fly), result.recording), card)
     if adopt:
-        text, adoption = scenario(result, loaded, recording, adopt)
+        text, adoption = write_adopted_scenario(result, loaded, recording, adopt)
         write_text(adopt, text)
         click.echo(f"{adopt}: {adoption.sentence()}", err=as_json == STDOUT)
     if draft:
@@ -143,9 +143,9 @@ def _write_draft(result: Diagnosis, path: Path) -> Diagnosis:
     return replace(result, remainder=replace(result.remainder, draft=str(path)))
 
 
-def _library(without: Sequence[str]) -> list[str] | None:
+def _select_library(without: Sequence[str]) -> list[str] | None:
     """Effects that may be named; None for all."""
     for name in without:
         if name not in ALL_EFFECTS:
-            raise InputError(f"--without {name}: no such effect; {hint(name, ALL_EFFECTS)}")
+            raise InputError(f"--without {name}: no such effect; {suggest_names(name, ALL_EFFECTS)}")
     return [name for name in ALL_EFFECTS if name not in without] if without else None

@@ -7,15 +7,15 @@ import pandas as pd
 
 from simulator.effects import Effect
 from simulator.effects.sensor import ALL_EFFECTS
-from studies.cli.options import effects_option, json_option
+from studies.cli.options import add_json_option, effects_option
 from studies.montecarlo.files import write_json
 from studies.report import tables as render
-from studies.report.console import console
+from studies.report.console import make_console
 
 
 @click.command("effects")
 @effects_option
-@json_option("the list")
+@add_json_option("the list")
 def command(as_json: Path | None) -> None:
     """List what a gyro, a reference or an attitude sensor can do beyond the baseline; a positive size makes the gyro read high.
 
@@ -33,17 +33,17 @@ def command(as_json: Path | None) -> None:
             "what": effect.summary,
             "unit": effect.unit,
             "axis": "tracker" if effect.of_trackers else ", ".join(effect.axes) + (" or all" if effect.axis_optional else ""),
-            "parameters": _parameters(effect),
+            "parameters": _format_parameters(effect),
             "plausible": f"{effect.prior[0]:g} to {effect.prior[1]:g}",
         }
         for effect in ALL_EFFECTS.values()
     ]
-    render.terminal(console(), "Effects", pd.DataFrame(rows))
+    render.print_table(make_console(), "Effects", pd.DataFrame(rows))
     if as_json:
         write_json(as_json, {"effects": rows})
 
 
-def _parameters(effect: Effect) -> str:
+def _format_parameters(effect: Effect) -> str:
     """An effect's parameters with their defaults, or that they have one; without "=" those that must be given."""
     shown = [one.name if one.default is None else f"{one.name}={one.default}" for one in effect.parameters]
     if len(shown) <= 2:

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from gyrocal import Recording, load
 from gyrocal.importing import acm, aem, ck, csv_files, kalibr
-from studies.cli.options import FOLDER, PATH, json_option, read_json
+from studies.cli.options import FOLDER_TYPE, PATH, add_json_option, read_json
 from studies.montecarlo.files import check_writable, write_json
 
 CALIBRATION = click.option(
     "--calibration", type=PATH, metavar="RESULT.json", help="Of gyrocal calibrate --json: its values are written too."
 )
-AS_JSON = json_option("which files were made, and of what,")
+EXPORT_JSON_OPTION = add_json_option("which files were made, and of what,")
 RECORDING = click.argument("recording", type=PATH)
 MESSAGE = (
     click.option("--object", "object_name", default="UNKNOWN", show_default=True, help="OBJECT_NAME."),
@@ -26,14 +26,14 @@ MESSAGE = (
 )
 
 
-def message(function: Callable[..., None]) -> Callable[..., None]:
+def add_message_options(function: Callable[..., None]) -> Callable[..., None]:
     """Give a command the options of a CCSDS message."""
     for option in MESSAGE:
         function = option(function)
     return function
 
 
-def file_argument(name: str) -> Any:
+def add_file_argument(name: str) -> Any:
     """An argument with a file to write, refused before the work if it cannot be written."""
 
     def check(_: click.Context, __: click.Parameter, path: Path) -> Path:
@@ -56,10 +56,10 @@ def command() -> None:
 
 @command.command("aem")
 @RECORDING
-@file_argument("out")
-@AS_JSON
-@message
-def aem_command(recording: Path, out: Path, as_json: Path | None, **options: Any) -> None:
+@add_file_argument("out")
+@EXPORT_JSON_OPTION
+@add_message_options
+def export_aem_command(recording: Path, out: Path, as_json: Path | None, **options: Any) -> None:
     """Write the reference attitudes of RECORDING as a CCSDS Attitude Ephemeris Message (version 2) to the file OUT."""
     loaded = load(recording)
     aem.write_aem(loaded, out, **options)
@@ -68,28 +68,28 @@ def aem_command(recording: Path, out: Path, as_json: Path | None, **options: Any
 
 @command.command("acm")
 @RECORDING
-@file_argument("out")
+@add_file_argument("out")
 @CALIBRATION
-@AS_JSON
-@message
-def acm_command(recording: Path, out: Path, calibration: Path | None, as_json: Path | None, **options: Any) -> None:
+@EXPORT_JSON_OPTION
+@add_message_options
+def export_acm_command(recording: Path, out: Path, calibration: Path | None, as_json: Path | None, **options: Any) -> None:
     """Write the reference attitudes of RECORDING with their variances as a CCSDS Attitude Comprehensive Message to OUT.
 
     With --calibration the gyro's bias and its variances are in it.
     """
-    found, loaded = _calibration(calibration), load(recording)
+    found, loaded = _read_calibration(calibration), load(recording)
     acm.write_acm(loaded, out, bias=found.get("bias"), bias_sigma=found.get("sigma"), **options)
     _tell(as_json, loaded, out)
 
 
 @command.command("ck")
 @RECORDING
-@file_argument("out")
-@file_argument("sclk")
+@add_file_argument("out")
+@add_file_argument("sclk")
 @click.option("--instrument", type=int, default=-999000, show_default=True, help="NAIF number; its clock is instrument / 1000.")
 @click.option("--frame", type=int, default=1, show_default=True, help="NAIF number of the inertial frame; 1 is J2000.")
-@AS_JSON
-def ck_command(recording: Path, out: Path, sclk: Path, instrument: int, frame: int, as_json: Path | None) -> None:
+@EXPORT_JSON_OPTION
+def export_ck_command(recording: Path, out: Path, sclk: Path, instrument: int, frame: int, as_json: Path | None) -> None:
     """Write the reference attitudes of RECORDING as a SPICE C-kernel of type 3 to OUT, and its spacecraft clock to SCLK."""
     loaded = load(recording)
     ck.write_ck(loaded, out, sclk, instrument=instrument, frame=frame)
@@ -98,23 +98,23 @@ def ck_command(recording: Path, out: Path, sclk: Path, instrument: int, frame: i
 
 @command.command("kalibr")
 @RECORDING
-@file_argument("out")
+@add_file_argument("out")
 @CALIBRATION
 @click.option("--random-walk", type=float, help="Of the bias, rad/s/sqrt(s); Kalibr needs one, and no recording states it.")
 @click.option("--topic", default="/imu0", show_default=True, help="rostopic.")
-@AS_JSON
-def kalibr_command(recording: Path, out: Path, calibration: Path | None, as_json: Path | None, **options: Any) -> None:
+@EXPORT_JSON_OPTION
+def export_kalibr_command(recording: Path, out: Path, calibration: Path | None, as_json: Path | None, **options: Any) -> None:
     """Write the noise of the gyro of RECORDING as Kalibr's imu.yaml to OUT; with --calibration its matrices too."""
-    found, loaded = _calibration(calibration), load(recording)
+    found, loaded = _read_calibration(calibration), load(recording)
     kalibr.write_imu_yaml(loaded, out, G=found.get("G"), bias=found.get("bias"), **options)
     _tell(as_json, loaded, out)
 
 
 @command.command("csv")
 @RECORDING
-@click.argument("out", type=FOLDER)
-@AS_JSON
-def csv_command(recording: Path, out: Path, as_json: Path | None) -> None:
+@click.argument("out", type=FOLDER_TYPE)
+@EXPORT_JSON_OPTION
+def export_csv_command(recording: Path, out: Path, as_json: Path | None) -> None:
     """Write RECORDING as gyro.csv, attitude.csv and the mapping.toml that reads them to the folder OUT."""
     loaded = load(recording)
     csv_files.write_csv(loaded, out)
@@ -128,7 +128,7 @@ def _tell(as_json: Path | None, recording: Recording, *files: Path) -> None:
         write_json(as_json, {"recording": made, "files": [str(path) for path in files]})
 
 
-def _calibration(path: Path | None) -> dict[str, NDArray[np.float64]]:
+def _read_calibration(path: Path | None) -> dict[str, NDArray[np.float64]]:
     """G, bias and its sigma of a result, in rad/s; nothing without one."""
     if path is None:
         return {}

@@ -7,7 +7,7 @@ import click
 
 from gyrocal import InputError, importing, save
 from studies.cli import import_formats
-from studies.cli.import_formats import AS_JSON, MOUNTING, OUT, SPACING, TAG, show
+from studies.cli.import_formats import IMPORT_JSON_OPTION, MOUNTING, OUT, SPACING, TAG, show
 from studies.cli.options import FORCE, PATH, refuse_existing
 from studies.validation import broad
 
@@ -24,7 +24,7 @@ def command() -> None:
     """
 
 
-for one in import_formats.COMMANDS:
+for one in import_formats.IMPORT_COMMANDS:
     command.add_command(one)
 
 
@@ -49,8 +49,8 @@ for one in import_formats.COMMANDS:
 @click.option("--title", help="Of the recording.")
 @click.option("--unchecked", is_flag=True, help="Import also where rates and attitudes do not fit each other.")
 @FORCE
-@AS_JSON
-def csv_command(
+@IMPORT_JSON_OPTION
+def import_csv_command(
     files: tuple[Path, ...], file: Path | None, unchecked: bool, force: bool, as_json: Path | None, **options: Any
 ) -> None:
     """Import GYRO.csv and ATTITUDE.csv, or one table with both, and write the recording to the folder OUT: FILES are these.
@@ -70,7 +70,7 @@ def csv_command(
     refuse_existing(out, force)
     entries = importing.load_mapping(file) if file else {}
     entries |= {name: value for name, value in options.items() if value is not None}
-    mapping = importing.checked(entries, str(file) if file else "options")
+    mapping = importing.validate_mapping(entries, str(file) if file else "options")
     imported = importing.import_csv(*tables, mapping=mapping, check=not unchecked)
     importing.write(imported, out)
     show(imported.recording, imported.summary(), imported.assumed, out, as_json)
@@ -87,8 +87,8 @@ def csv_command(
 )
 @click.option("--spacing", "spacing_s", type=float, default=1.0, show_default=True, help="s between reference attitudes.")
 @FORCE
-@AS_JSON
-def broad_command(file: Path, out: Path, intervals: str, spacing_s: float, force: bool, as_json: Path | None) -> None:
+@IMPORT_JSON_OPTION
+def import_broad_command(file: Path, out: Path, intervals: str, spacing_s: float, force: bool, as_json: Path | None) -> None:
     """Import FILE, a trial of BROAD as one Parquet file, and write the recording to the folder OUT.
 
     Raw gyro and optical orientations go in as they are; noise and sigmas are estimated from the trial. See docs/broad.md.
@@ -99,13 +99,13 @@ def broad_command(file: Path, out: Path, intervals: str, spacing_s: float, force
       gyrocal calibrate /tmp/rec
     """
     refuse_existing(out, force)
-    imported = broad.to_recording(broad.read(file), _intervals(intervals), spacing_s)
+    imported = broad.build_recording(broad.read(file), _parse_intervals(intervals), spacing_s)
     save(imported.recording, out)
     show(imported.recording, imported.summary(), (), out, as_json)
-    click.echo(broad.ATTRIBUTION)
+    click.echo(broad.BROAD_ATTRIBUTION)
 
 
-def _intervals(text: str) -> str | float:
+def _parse_intervals(text: str) -> str | float:
     if text in ("motion", "whole"):
         return text
     try:

@@ -9,16 +9,16 @@ import pandas as pd
 
 from gyrocal import Recording, importing
 from gyrocal.importing import acm, aem, ck, euroc, kalibr, rosbag
-from gyrocal.importing.build import Imported, build
+from gyrocal.importing.build import ImportResult, build
 from gyrocal.importing.columns import resolve_columns
-from gyrocal.importing.streams import read_csv, streams
-from studies.cli.options import FOLDER, FORCE, PATH, json_option, refuse_existing
+from gyrocal.importing.streams import read_csv, read_streams
+from studies.cli.options import FOLDER_TYPE, FORCE, PATH, add_json_option, refuse_existing
 from studies.montecarlo.files import write_json
 from studies.report import tables as render
-from studies.report.console import console
+from studies.report.console import make_console
 
-OUT = click.argument("out", type=FOLDER)
-GYRO = click.argument("gyro_file", type=PATH, metavar="GYRO.csv")
+OUT = click.argument("out", type=FOLDER_TYPE)
+GYRO_ARGUMENT = click.argument("gyro_file", type=PATH, metavar="GYRO.csv")
 SPACING = click.option("--spacing", "spacing_s", type=float, help="Least time between references, s.")
 MOUNTING = click.option(
     "--mounting",
@@ -26,9 +26,9 @@ MOUNTING = click.option(
     help="estimate: find the rotation from the gyro's axes to those of the attitudes.",
 )
 ESTIMATE = click.option("--estimate-noise", is_flag=True, help="Estimate the noise although the file states it.")
-IMU = click.option("--imu", type=PATH, help="Kalibr's imu.yaml, for the gyro's noise density.")
+IMU_OPTION = click.option("--imu", type=PATH, help="Kalibr's imu.yaml, for the gyro's noise density.")
 TAG = click.option("--tag", type=click.Choice(["start", "middle", "end"]), help="Part of a sample that its tag times; start.")
-AS_JSON = json_option("what was made, and what was assumed,")
+IMPORT_JSON_OPTION = add_json_option("what was made, and what was assumed,")
 TABLE = (
     click.option("--mapping", "file", type=PATH, help="Mapping of the gyro's table as TOML, as of import csv."),
     click.option("--time", metavar="COLUMN:UNIT", help="As of import csv; a date, as the attitudes have."),
@@ -37,11 +37,11 @@ TABLE = (
     MOUNTING,
     SPACING,
     FORCE,
-    AS_JSON,
+    IMPORT_JSON_OPTION,
 )
 
 
-def of_table(function: Any) -> Any:
+def add_table_options(function: Any) -> Any:
     """The options of a command that reads the gyro from a table."""
     for option in reversed(TABLE):
         function = option(function)
@@ -50,7 +50,7 @@ def of_table(function: Any) -> Any:
 
 def show(recording: Recording, summary: pd.DataFrame, assumed: Sequence[str], out: Path, as_json: Path | None) -> None:
     """Say what was made, on the terminal and as JSON, units in the names."""
-    render.terminal(console(), str(out), summary)
+    render.print_table(make_console(), str(out), summary)
     if as_json:
         gyro = recording.gyro
         made = {
@@ -69,31 +69,31 @@ def show(recording: Recording, summary: pd.DataFrame, assumed: Sequence[str], ou
         write_json(as_json, made)
 
 
-def _write(imported: Imported, out: Path, as_json: Path | None) -> None:
+def _write(imported: ImportResult, out: Path, as_json: Path | None) -> None:
     importing.write(imported, out)
     show(imported.recording, imported.summary(), imported.assumed, out, as_json)
 
 
-def _joined(
+def _join_gyro_and_attitudes(
     gyro_file: Path, read: aem.Aem, out: Path, given: dict[str, Any], stated: dict[str, Any], said: tuple[str, ...] = ()
 ) -> None:
     """A recording of a gyro's table and attitudes of a message; what the user gives goes before what the message states."""
-    attitude, entries = aem.table(read)
+    attitude, entries = aem.tabulate_attitudes(read)
     file, as_json = given.pop("file"), given.pop("as_json")
     own = importing.load_mapping(file) if file else {}
     options = {name: value for name, value in given.items() if value is not None}
     entries = {"title": read.title} | stated | own | entries | options
-    mapping = importing.checked(entries, str(file) if file else "options")
+    mapping = importing.validate_mapping(entries, str(file) if file else "options")
     table, attitude, mapping = resolve_columns(read_csv(gyro_file), attitude, mapping)
-    _write(build(streams(table, attitude, mapping), mapping, said=said), out, as_json)
+    _write(build(read_streams(table, attitude, mapping), mapping, said=said), out, as_json)
 
 
 @click.command("aem")
-@GYRO
+@GYRO_ARGUMENT
 @click.argument("message", type=PATH, metavar="ATTITUDE.aem")
 @OUT
-@of_table
-def aem_command(gyro_file: Path, message: Path, out: Path, force: bool, **options: Any) -> None:
+@add_table_options
+def import_aem_command(gyro_file: Path, message: Path, out: Path, force: bool, **options: Any) -> None:
     """Import a gyro's table and a CCSDS Attitude Ephemeris Message (version 1 or 2, KVN or XML). See docs/formats/aem.md.
 
     \b
@@ -101,16 +101,16 @@ def aem_command(gyro_file: Path, message: Path, out: Path, force: bool, **option
       gyrocal import aem gyro.csv attitude.aem /tmp/rec --time time:iso --gyro gx,gy,gz:deg/s
     """
     refuse_existing(out, force)
-    _joined(gyro_file, aem.read_aem(message), out, options, {})
+    _join_gyro_and_attitudes(gyro_file, aem.read_aem(message), out, options, {})
 
 
 @click.command("acm")
-@GYRO
+@GYRO_ARGUMENT
 @click.argument("message", type=PATH, metavar="ATTITUDE.acm")
 @OUT
 @ESTIMATE
-@of_table
-def acm_command(gyro_file: Path, message: Path, out: Path, force: bool, estimate_noise: bool, **options: Any) -> None:
+@add_table_options
+def import_acm_command(gyro_file: Path, message: Path, out: Path, force: bool, estimate_noise: bool, **options: Any) -> None:
     """Import a gyro's table and a CCSDS Attitude Comprehensive Message (KVN or XML). See docs/formats/acm.md.
 
     \b
@@ -119,19 +119,19 @@ def acm_command(gyro_file: Path, message: Path, out: Path, force: bool, estimate
     """
     refuse_existing(out, force)
     read = acm.read_acm(message)
-    stated, said = ({}, ()) if estimate_noise else acm.noise(read)
-    _joined(gyro_file, read.attitudes, out, options, stated, said)
+    stated, said = ({}, ()) if estimate_noise else acm.extract_noise(read)
+    _join_gyro_and_attitudes(gyro_file, read.attitudes, out, options, stated, said)
 
 
 @click.command("ck")
-@GYRO
+@GYRO_ARGUMENT
 @click.argument("kernel", type=PATH, metavar="ATTITUDE.bc")
 @click.argument("sclk", type=PATH, metavar="CLOCK.tsc")
 @OUT
 @click.option("--instrument", type=int, help="NAIF number of the instrument, e.g. -82000; that of the kernel if it has one.")
 @click.option("--spacecraft", type=int, help="NAIF number of the spacecraft whose clock it is; instrument / 1000 by default.")
-@of_table
-def ck_command(gyro_file: Path, kernel: Path, sclk: Path, out: Path, force: bool, **options: Any) -> None:
+@add_table_options
+def import_ck_command(gyro_file: Path, kernel: Path, sclk: Path, out: Path, force: bool, **options: Any) -> None:
     """Import a gyro's table and SPICE attitudes, a C-kernel with its spacecraft clock. See docs/formats/ck.md.
 
     \b
@@ -140,7 +140,7 @@ def ck_command(gyro_file: Path, kernel: Path, sclk: Path, out: Path, force: bool
     """
     refuse_existing(out, force)
     read = ck.read_ck(kernel, sclk, options.pop("instrument"), options.pop("spacecraft"))
-    _joined(gyro_file, read, out, options, {})
+    _join_gyro_and_attitudes(gyro_file, read, out, options, {})
 
 
 @click.command("euroc")
@@ -149,13 +149,13 @@ def ck_command(gyro_file: Path, kernel: Path, sclk: Path, out: Path, force: bool
 @click.option(
     "--reference", help="Folder with the attitudes; the first that is there by default: vicon0, state_groundtruth_estimate0."
 )
-@IMU
+@IMU_OPTION
 @ESTIMATE
 @MOUNTING
 @SPACING
 @FORCE
-@AS_JSON
-def euroc_command(
+@IMPORT_JSON_OPTION
+def import_euroc_command(
     folder: Path, out: Path, reference: str | None, estimate_noise: bool, force: bool, as_json: Path | None, **options: Any
 ) -> None:
     """Import FOLDER of the EuRoC form (mav0/imu0 and mav0/vicon0 or another reference). See docs/formats/euroc.md.
@@ -165,7 +165,7 @@ def euroc_command(
       gyrocal import euroc V1_01_easy /tmp/rec
     """
     refuse_existing(out, force)
-    _write(euroc.import_euroc(folder, reference, not estimate_noise, **_entries(options)), out, as_json)
+    _write(euroc.import_euroc(folder, reference, not estimate_noise, **_collect_entries(options)), out, as_json)
 
 
 @click.command("bag")
@@ -175,12 +175,12 @@ def euroc_command(
 @click.option("--pose-topic", help="Topic of the attitudes: PoseStamped, Odometry and the like; the only one by default.")
 @click.option("--estimate-mounting", is_flag=True, help="The same as --mounting estimate.")
 @MOUNTING
-@IMU
+@IMU_OPTION
 @TAG
 @SPACING
 @FORCE
-@AS_JSON
-def bag_command(
+@IMPORT_JSON_OPTION
+def import_bag_command(
     bag: Path, out: Path, imu_topic: str | None, pose_topic: str | None, force: bool, as_json: Path | None, **options: Any
 ) -> None:
     """Import BAG of ROS 1 or 2: Imu messages, and PoseStamped, Odometry or the like. See docs/formats/ros.md.
@@ -191,14 +191,14 @@ def bag_command(
     """
     refuse_existing(out, force)
     is_estimated = options.pop("estimate_mounting") | (options.pop("mounting") == "estimate")
-    _write(rosbag.import_bag(bag, imu_topic, pose_topic, is_estimated, **_entries(options)), out, as_json)
+    _write(rosbag.import_bag(bag, imu_topic, pose_topic, is_estimated, **_collect_entries(options)), out, as_json)
 
 
-def _entries(options: dict[str, Any]) -> dict[str, Any]:
+def _collect_entries(options: dict[str, Any]) -> dict[str, Any]:
     """Options that are given, with the noise of --imu."""
     imu = options.pop("imu")
     entries = {name: value for name, value in options.items() if value is not None}
-    return entries if imu is None else entries | {"arw_deg_per_sqrt_s": kalibr.noise_density(imu)}
+    return entries if imu is None else entries | {"arw_deg_per_sqrt_s": kalibr.read_noise_density(imu)}
 
 
-COMMANDS = (aem_command, acm_command, ck_command, euroc_command, bag_command)
+IMPORT_COMMANDS = (import_aem_command, import_acm_command, import_ck_command, import_euroc_command, import_bag_command)

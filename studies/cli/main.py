@@ -20,21 +20,21 @@ from typing import Any, NoReturn
 
 import click
 
-from studies.report.printable import printable
+from studies.report.printable import make_printable
 
-COMMANDS = (
+COMMAND_NAMES = (
     *("allan", "baseline", "bench", "calibrate", "compare", "diagnose", "effects", "exam", "export", "import", "mission"),
     *("next", "plan", "predict", "reproduce", "scenarios", "simulate", "study"),
 )
 
 
-def _module(name: str) -> str:
+def _format_module_name(name: str) -> str:
     return f"{name}_" if iskeyword(name) else name
 
 
 def read_help(name: str) -> str:
     """Read the help of a command from the source of its module, without loading it."""
-    source = Path(__file__).with_name(f"{_module(name)}.py").read_text(encoding="utf-8")
+    source = Path(__file__).with_name(f"{_format_module_name(name)}.py").read_text(encoding="utf-8")
     function = next(one for one in ast.parse(source).body if isinstance(one, ast.FunctionDef) and one.name == "command")
     return ast.get_docstring(function) or ""
 
@@ -44,43 +44,43 @@ class Commands(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """All names."""
-        return sorted(COMMANDS)
+        return sorted(COMMAND_NAMES)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command of a name, None if there is none."""
-        if cmd_name not in COMMANDS:
+        if cmd_name not in COMMAND_NAMES:
             return None
-        found = importlib.import_module(f"studies.cli.{_module(cmd_name)}").command
+        found = importlib.import_module(f"studies.cli.{_format_module_name(cmd_name)}").command
         assert isinstance(found, click.Command)
         return found
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
         """The command that the first word names; of one that there is not, those that may have been meant."""
-        near = [] if args[0] in COMMANDS else get_close_matches(args[0], COMMANDS)
+        near = [] if args[0] in COMMAND_NAMES else get_close_matches(args[0], COMMAND_NAMES)
         if near:
             ctx.fail(f"No such command '{args[0]}'; did you mean {' or '.join(near)}?")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The list of the commands as click has it, without loading them."""
-        room = formatter.width - 6 - max(map(len, COMMANDS))
+        room = formatter.width - 6 - max(map(len, COMMAND_NAMES))
         rows = [(name, click.Command(name, help=read_help(name)).get_short_help_str(room)) for name in self.list_commands(ctx)]
         with formatter.section("Commands"):
             formatter.write_dl(rows)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Options before the command."""
-        with _in_one_line(ctx):
+        with _handle_user_errors(ctx):
             return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run a command."""
-        with _in_one_line(ctx), _warnings():
+        with _handle_user_errors(ctx), _show_warnings():
             return super().invoke(ctx)
 
 
 @contextlib.contextmanager
-def _in_one_line(ctx: click.Context) -> Iterator[None]:
+def _handle_user_errors(ctx: click.Context) -> Iterator[None]:
     """End whatever is no fault of the program in one line."""
     try:
         yield
@@ -104,12 +104,12 @@ def _in_one_line(ctx: click.Context) -> Iterator[None]:
 
 
 def _end(ctx: click.Context, message: str, status: int = 2, where: str = "gyrocal") -> NoReturn:
-    click.echo(printable(f"{where}: {message}"), err=True)
+    click.echo(make_printable(f"{where}: {message}"), err=True)
     ctx.exit(status)
 
 
 @contextlib.contextmanager
-def _warnings() -> Iterator[None]:
+def _show_warnings() -> Iterator[None]:
     """Show warnings when all has gone well: the project's own in a line each, those of the packages it uses in one line."""
     with warnings.catch_warnings(record=True) as met:
         yield
@@ -117,19 +117,19 @@ def _warnings() -> Iterator[None]:
     numeric = dict.fromkeys(str(one.message) for one in met if one.category is not UserWarning)
     lines = [*own, *(["while computing: " + "; ".join(numeric) + "; look whether the results can be meant"] if numeric else [])]
     for line in lines:
-        click.echo(printable(f"gyrocal: warning: {line}"), err=True)
+        click.echo(make_printable(f"gyrocal: warning: {line}"), err=True)
 
 
 @click.group("gyrocal", cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="gyrocal")
 def main() -> None:
     """In-flight gyro calibration: simulate it, run it, validate it."""
-    sys.stdout, sys.stderr = sys.stdout or _nowhere(), sys.stderr or _nowhere()
+    sys.stdout, sys.stderr = sys.stdout or _open_null_stream(), sys.stderr or _open_null_stream()
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # a terminal that cannot show ψ shows ? instead of a traceback
             stream.reconfigure(errors="replace")
 
 
-def _nowhere() -> Any:
+def _open_null_stream() -> Any:
     """What stands in for a stream that the shell has closed."""
     return open(os.devnull, "w", encoding="utf-8")  # open as long as the program runs

@@ -12,26 +12,26 @@ import numpy as np
 import pandas as pd
 
 from gyrocal import InputError
-from simulator.mission_mode.config import DAY, MissionConfig, period_tables
-from simulator.mission_mode.effects import MISSION_EFFECTS, MissionSetting, applied, parse
-from simulator.mission_mode.flight import AXES, MissionRun, flight_schedule, simulate_mission
-from simulator.mission_mode.mounting import Mounting, mounted
-from studies.cli.options import FOLDER, json_option, seed_option, write_result
+from simulator.mission_mode.config import DAY, MissionConfig, build_period_tables
+from simulator.mission_mode.effects import MISSION_EFFECTS, MissionSetting, apply_mission_settings, parse
+from simulator.mission_mode.flight import ROTATION_NAMES, MissionRun, build_flight_schedule, simulate_mission
+from simulator.mission_mode.mounting import Mounting, build_mounted_sensors
+from studies.cli.options import FOLDER_TYPE, add_json_option, add_seed_option, write_result
 from studies.montecarlo.files import write_parquet
 from studies.report import tables as render
-from studies.report.console import console, progress
-from studies.robertson import flown
+from studies.report.console import make_console, show_progress
+from studies.robertson import published_tables
 from studies.robertson.calendar import PERIODS
 
 TABLES = ("telemetry", "updates", "slews", "orbits")
-LONGEST_DAYS = 1000.0
-MOST_ROWS = 20_000_000  # of telemetry, 2 GB
+LONGEST_MISSION_DAYS = 1000.0
+MOST_TELEMETRY_ROWS = 20_000_000  # of telemetry, 2 GB
 
 
 @click.command("mission")
-@click.argument("out", type=FOLDER)
+@click.argument("out", type=FOLDER_TYPE)
 @click.option("--days", type=float, required=True, help="Days flown from launch, November 27, 1997.")
-@seed_option("Seed of the noise.")
+@add_seed_option("Seed of the noise.")
 @click.option(
     "--tables",
     type=click.Choice(["flight", *PERIODS]),
@@ -53,7 +53,7 @@ MOST_ROWS = 20_000_000  # of telemetry, 2 GB
     help=f"What is not nominal; may be repeated. There are {', '.join(MISSION_EFFECTS)}; see docs/mission.md.",
 )
 @click.option("--every", "every_s", type=float, default=60.0, show_default=True, help="Interval between rows of telemetry, s.")
-@json_option("the summary", stdout="the tables")
+@add_json_option("the summary", stdout="the tables")
 @click.option("--force", is_flag=True, help="Replace tables that are in OUT already.")
 def command(
     out: Path,
@@ -81,43 +81,45 @@ def command(
     if calibrated and tables not in (None, "postcalibration"):
         raise InputError(f"--calibrated and --tables {tables} exclude each other")
     tables = "postcalibration" if calibrated else tables or "flight"
-    every = _cycles(days, every_s)
+    every = _count_cycles(days, every_s)
     settings = [parse(text) for text in effects]
     if not force and any((out / f"{name}.parquet").exists() for name in TABLES):
         raise InputError(f"{out}: tables of a run are there already; choose another folder, or replace them with --force")
     out.mkdir(parents=True, exist_ok=True)
-    config = _config(days, tables, mounting, settings)
-    with progress("mission, simulated days", math.ceil(days) - 1, quiet=days <= 1) as advance:
+    config = _build_config(days, tables, mounting, settings)
+    with show_progress("mission, simulated days", math.ceil(days) - 1, quiet=days <= 1) as advance:
         run = simulate_mission(config, days=days, seed=seed, telemetry_every=every, progress=advance)
     for name in TABLES:
         write_parquet(out / f"{name}.parquet", getattr(run, name))
-    stretches = summary(run, config, days)
+    stretches = summarise_periods(run, config, days)
     document: dict[str, Any] = {"days": days, "seed": seed, "tables": tables, "mounting": mounting, "effects": list(effects)}
     document |= {"stretches": stretches.to_dict("records"), "slews": run.slews.to_dict("records")}
     write_result(as_json, document, lambda: _show(run, stretches, out))
 
 
-def _cycles(days: float, every_s: float) -> int:
+def _count_cycles(days: float, every_s: float) -> int:
     """Cycles between two rows of telemetry; refuses what cannot be flown."""
     cycle = MissionConfig().controller.cycle_s
-    if not cycle / DAY <= days <= LONGEST_DAYS:
-        raise InputError(f"--days {days:g}: must be between one cycle, {cycle:g} s, and {LONGEST_DAYS:g} days")
+    if not cycle / DAY <= days <= LONGEST_MISSION_DAYS:
+        raise InputError(f"--days {days:g}: must be between one cycle, {cycle:g} s, and {LONGEST_MISSION_DAYS:g} days")
     if not math.isfinite(every_s / cycle) or every_s < cycle or abs(every_s / cycle - round(every_s / cycle)) > 1e-9:
         raise InputError(f"--every {every_s:g}: must be a multiple of the cycle, {cycle:g} s")
-    if days * DAY / every_s > MOST_ROWS:
+    if days * DAY / every_s > MOST_TELEMETRY_ROWS:
         raise InputError(f"--every {every_s:g}: {days * DAY / every_s:.0f} rows of telemetry are too many")
     return round(every_s / cycle)
 
 
-def _config(days: float, tables: str, mounting: Mounting, settings: Sequence[MissionSetting]) -> MissionConfig:
-    base = applied(replace(MissionConfig(), mounting=mounting, sun_sensors=mounted(mounting)), settings)
-    schedule = flight_schedule(base, days)
+def _build_config(days: float, tables: str, mounting: Mounting, settings: Sequence[MissionSetting]) -> MissionConfig:
+    base = apply_mission_settings(
+        replace(MissionConfig(), mounting=mounting, sun_sensors=build_mounted_sensors(mounting)), settings
+    )
+    schedule = build_flight_schedule(base, days)
     if tables == "flight":
         return schedule
-    return replace(schedule, uploads=(), tables=period_tables(base)[tables])
+    return replace(schedule, uploads=(), tables=build_period_tables(base)[tables])
 
 
-def summary(run: MissionRun, config: MissionConfig, days: float) -> pd.DataFrame:
+def summarise_periods(run: MissionRun, config: MissionConfig, days: float) -> pd.DataFrame:
     """A row for each period between uploads: yaw updates, knowledge, pointing (3-sigma) and stability by axis, deg."""
     end = days * DAY
     bounds = [0.0, *(at for at, _ in config.uploads if at < end), end]
@@ -131,7 +133,7 @@ def summary(run: MissionRun, config: MissionConfig, days: float) -> pd.DataFrame
             "yaw_updates": len(updates),
             "yaw_update_deg": float(updates.mean()),
         }
-        for axis in AXES:
+        for axis in ROTATION_NAMES:
             for name, column in (("knowledge", "rms_knowledge"), ("pointing", "rms_error")):
                 mean_square = (orbits[f"{column}_{axis}_deg"] ** 2 * orbits["samples"]).sum() / orbits["samples"].sum()
                 row[f"{name}_{axis}_deg"] = 3 * float(np.sqrt(mean_square))
@@ -141,16 +143,16 @@ def summary(run: MissionRun, config: MissionConfig, days: float) -> pd.DataFrame
 
 
 def _show(run: MissionRun, stretches: pd.DataFrame, out: Path) -> None:
-    terminal = console()
+    terminal = make_console()
     days = [f"{row.from_day:.1f} to {row.to_day:.1f}" for row in stretches.itertuples()]
-    shown = {"days": days, "updates": stretches["yaw_updates"], "yaw update": _deg(stretches["yaw_update_deg"])}
+    shown = {"days": days, "updates": stretches["yaw_updates"], "yaw update": _format_degrees(stretches["yaw_update_deg"])}
     for name in ("knowledge", "pointing", "stability"):
-        limit = flown.requirement(name)
-        for axis in AXES:
+        limit = published_tables.read_requirement(name)
+        for axis in ROTATION_NAMES:
             values = stretches[f"{name}_{axis}_deg"]
             shown[f"{name} {axis}"] = [f"{value:.3f}{' ✗' if value >= limit else ''}" for value in values]
-    limits = ", ".join(f"{name} {flown.requirement(name):g}" for name in ("knowledge", "pointing", "stability"))
-    render.terminal(
+    limits = ", ".join(f"{name} {published_tables.read_requirement(name):g}" for name in ("knowledge", "pointing", "stability"))
+    render.print_table(
         terminal,
         "Mission Mode, deg",
         pd.DataFrame(shown).T.reset_index().set_axis(["", *(f"period {k + 1}" for k in range(len(stretches)))], axis=1),
@@ -158,12 +160,12 @@ def _show(run: MissionRun, stretches: pd.DataFrame, out: Path) -> None:
     )
     if len(run.slews):
         slews = pd.DataFrame({"day": run.slews["start_s"] / DAY, "forward after": run.slews["forward"]})
-        for axis in AXES:
-            slews[f"targeting {axis}"] = _deg(run.slews[f"targeting_{axis}_deg"])
-        render.terminal(terminal, "Yaw maneuvers: true minus propagated by gyro, deg", slews)
+        for axis in ROTATION_NAMES:
+            slews[f"targeting {axis}"] = _format_degrees(run.slews[f"targeting_{axis}_deg"])
+        render.print_table(terminal, "Yaw maneuvers: true minus propagated by gyro, deg", slews)
     counts = ", ".join(f"{len(getattr(run, name))} {name}" for name in TABLES)
     click.echo(f"{out}: rows of {counts}")
 
 
-def _deg(values: pd.Series) -> list[str]:
-    return [render.number(value, 3) for value in values]
+def _format_degrees(values: pd.Series) -> list[str]:
+    return [render.format_number(value, 3) for value in values]

@@ -4,20 +4,20 @@ from pathlib import Path
 
 import click
 
-from diagnosis.next_recording import foretell
+from diagnosis.next_recording import predict_next_recording
 from gyrocal import InputError, load
 from gyrocal.recording.gyros import need_triad
-from studies.cli.options import PATH, compare_conditions, end, json_option, parse_condition, seed_option, write_result
+from studies.cli.options import PATH, add_json_option, add_seed_option, compare_conditions, end, parse_condition, write_result
 from studies.report import next_recording
-from studies.report.console import LINE_EVERY_S, console, stages
+from studies.report.console import LINE_EVERY_S, make_console, show_stages
 
 
 @click.command("next")
 @click.argument("recordings", type=PATH, nargs=-1, required=True)
 @click.option("--own-bias", is_flag=True, help="Each recording has a bias of its own, as after a restart of the gyros.")
-@json_option(stdout="the table")
+@add_json_option(stdout="the table")
 @click.option("--fail-on", multiple=True, metavar="CONDITION", help="End with status 3 if it holds, as p<0.001; repeatable.")
-@seed_option()
+@add_seed_option()
 def command(recordings: tuple[Path, ...], own_bias: bool, as_json: Path | None, fail_on: tuple[str, ...], seed: int) -> None:
     """Predict the last of a unit's RECORDINGS from all those before it, and compare.
 
@@ -38,7 +38,7 @@ def command(recordings: tuple[Path, ...], own_bias: bool, as_json: Path | None, 
     loaded = {str(path): load(path) for path in recordings}
     for one in loaded.values():
         need_triad(one.gyro)
-    with stages("next", LINE_EVERY_S) as progress:
-        found = foretell(loaded, own_bias=own_bias, seed=seed, tell=progress)
-    write_result(as_json, found.to_json(), lambda: next_recording.show(console(), found))
+    with show_stages("next", LINE_EVERY_S) as progress:
+        found = predict_next_recording(loaded, own_bias=own_bias, seed=seed, tell=progress)
+    write_result(as_json, found.to_json(), lambda: next_recording.show(make_console(), found))
     end("next", found.following, compare_conditions(fail_on, {"p": found.predicted.p_value}), None)

@@ -11,14 +11,14 @@ from typing import Any, TypeVar
 import click
 
 from gyrocal import InputError
-from gyrocal.recording import toml_value
+from gyrocal.recording import format_toml
 from simulator.effects import REGISTRY
-from studies.montecarlo.files import check_writable, json_text, write_json
+from studies.montecarlo.files import check_writable, format_json, write_json
 from studies.report.junit import Verdict, write_junit
 
 T = TypeVar("T")
 PATH = click.Path(path_type=Path)
-FOLDER = click.Path(path_type=Path, file_okay=False)
+FOLDER_TYPE = click.Path(path_type=Path, file_okay=False)
 STDOUT = Path("-")
 MOST_BYTES = 100_000_000  # of a JSON file that is read
 STATUS = 3  # of a command of which a --fail-on holds
@@ -29,25 +29,25 @@ JUNIT = "Write each --fail-on as a test to this file, JUnit's XML."
 PAGE = "Write a page with the figures (HTML, needs no network) to this file."
 
 
-def count_option(name: str, default: int | None, help: str, least: int = 0) -> Any:
+def add_count_option(name: str, default: int | None, help: str, least: int = 0) -> Any:
     """An option with a whole number, such as ``--seed`` or ``--jobs``."""
     return click.option(name, type=click.IntRange(least), default=default, show_default=default is not None, help=help)
 
 
-def seed_option(help: str = "Seed of the random draws.") -> Any:
+def add_seed_option(help: str = "Seed of the random draws.") -> Any:
     """The option ``--seed``."""
-    return count_option("--seed", 0, help)
+    return add_count_option("--seed", 0, help)
 
 
-def jobs_option(help: str = "Worker processes; the CPU count by default.", default: int | None = None) -> Any:
+def add_jobs_option(help: str = "Worker processes; the CPU count by default.", default: int | None = None) -> Any:
     """The option ``--jobs``."""
-    return count_option("--jobs", default, help, least=1)
+    return add_count_option("--jobs", default, help, least=1)
 
 
 # ---- files ---------------------------------------------------------------------------------------------------------------
 
 
-def output_option(*names: str, help: str, stdout: bool = False, endings: Sequence[str] = (), **more: Any) -> Any:
+def add_output_option(*names: str, help: str, stdout: bool = False, endings: Sequence[str] = (), **more: Any) -> Any:
     """An option with a file to write, refused before the work if it cannot be written or another option has it too.
 
     Parameters
@@ -76,16 +76,16 @@ def output_option(*names: str, help: str, stdout: bool = False, endings: Sequenc
     return click.option(*names, type=PATH, callback=check, help=help, **more)
 
 
-def json_option(what: str = "the result", stdout: str = "") -> Any:
+def add_json_option(what: str = "the result", stdout: str = "") -> Any:
     """The option ``--json FILE``; with `stdout`, - is standard output in place of it, the tables or the summary."""
     dash = f"; - for standard output in place of {stdout}" if stdout else ""
-    return output_option("--json", "as_json", help=f"Write {what} as JSON to this file{dash}.", stdout=bool(stdout))
+    return add_output_option("--json", "as_json", help=f"Write {what} as JSON to this file{dash}.", stdout=bool(stdout))
 
 
 def write_result(as_json: Path | None, document: Any, show: Callable[[], None]) -> None:
     """Show a result and write it as JSON, or write it to standard output alone."""
     if as_json == STDOUT:
-        click.echo(json_text(document))
+        click.echo(format_json(document))
         return
     show()
     if as_json:
@@ -125,7 +125,7 @@ def refuse_existing(out: Path, force: bool) -> None:
 # ---- settings and effects ------------------------------------------------------------------------------------------------
 
 
-def assignment(text: str) -> tuple[str, Any]:
+def parse_assignment(text: str) -> tuple[str, Any]:
     """Path and value of a setting; a value that is no TOML is text.
 
     Raises
@@ -139,7 +139,7 @@ def assignment(text: str) -> tuple[str, Any]:
     try:
         return path, tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
-        return path, tomllib.loads(f"value = {toml_value(value)}")["value"]
+        return path, tomllib.loads(f"value = {format_toml(value)}")["value"]
 
 
 def _register(context: click.Context, _: click.Parameter, files: tuple[Path, ...]) -> None:

@@ -6,17 +6,17 @@ from typing import Any
 
 import click
 
-from diagnosis.plan import appended, maneuvers, plan
+from diagnosis.plan import append_intervals, list_maneuvers, plan
 from gyrocal import InputError
-from gyrocal.errors import hint
+from gyrocal.errors import suggest_names
 from gyrocal.recording import read_toml
 from simulator import scenario as scenarios
 from simulator.effects import ARRAY_EFFECTS, EFFECTS, TRACKER_EFFECTS
-from studies.cli.options import PATH, effects_option, json_option, output_option, seed_option, write_result
+from studies.cli.options import PATH, add_json_option, add_output_option, add_seed_option, effects_option, write_result
 from studies.montecarlo.files import write_text
 from studies.report import plan as plan_report
-from studies.report.console import console, stages
-from studies.report.pages import made_of
+from studies.report.console import make_console, show_stages
+from studies.report.pages import build_provenance_footer
 
 
 @click.command("plan")
@@ -37,9 +37,9 @@ from studies.report.pages import made_of
 @click.option(
     "--named", is_flag=True, help="Also find the size from which on an effect is named alone; slow, so best with --effect."
 )
-@json_option(stdout="the tables")
-@output_option("--report", help="Write a page with all tables (HTML, needs no network) to this file.")
-@seed_option()
+@add_json_option(stdout="the tables")
+@add_output_option("--report", help="Write a page with all tables (HTML, needs no network) to this file.")
+@add_seed_option()
 def command(
     scenario: str,
     effects: tuple[str, ...],
@@ -63,15 +63,15 @@ def command(
     """
     for name in effects:
         if name not in {**EFFECTS, **TRACKER_EFFECTS, **ARRAY_EFFECTS}:
-            raise InputError(f"--effect {name}: no such effect; {hint(name, EFFECTS)}")
+            raise InputError(f"--effect {name}: no such effect; {suggest_names(name, EFFECTS)}")
     chosen = scenarios.load(scenario)
-    extras = {} if no_extras else dict(maneuvers(chosen))
+    extras = {} if no_extras else dict(list_maneuvers(chosen))
     extras |= _read_extras(chosen, files)
-    with stages("plan") as tell:
+    with show_stages("plan") as tell:
         found = plan(chosen, effects=effects or None, extras=extras, named=named, progress=tell, seed=seed)
     if report:
-        write_text(report, plan_report.page(found, made_of()))
-    write_result(as_json, found.to_json(), lambda: plan_report.show(console(), found))
+        write_text(report, plan_report.build_plan_page(found, build_provenance_footer()))
+    write_result(as_json, found.to_json(), lambda: plan_report.show(make_console(), found))
 
 
 def _read_extras(chosen: scenarios.Scenario, files: Sequence[Path]) -> dict[str, list[dict[str, Any]]]:
@@ -86,7 +86,7 @@ def _read_extras(chosen: scenarios.Scenario, files: Sequence[Path]) -> dict[str,
         if not isinstance(sections, list) or not sections or not all(isinstance(one, dict) for one in sections):
             raise InputError(f"{path}: no [[interval]] sections")
         try:
-            appended(chosen, sections)
+            append_intervals(chosen, sections)
         except InputError as error:
             raise InputError(f"{path}: {str(error).removeprefix('override: ')}") from None
         out[str(document.get("title", path.stem))] = sections

@@ -7,14 +7,14 @@ import numpy as np
 
 from gyrocal import InputError, load, triad
 from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
-from gyrocal.estimation.predict import predict, prior_covariance, steps
+from gyrocal.estimation.predict import list_step_times, predict, prior_covariance
 from gyrocal.estimation.remainder_noise import RemainderNoise, read_calibration
-from studies.cli.options import PATH, json_option, output_option
+from studies.cli.options import PATH, add_json_option, add_output_option
 from studies.montecarlo.files import write_csv, write_json, write_text
 from studies.report import prediction_page
 from studies.report import tables as render
-from studies.report.console import console
-from studies.report.pages import made_of
+from studies.report.console import make_console
+from studies.report.pages import build_provenance_footer
 
 ROWS = 12  # shown
 FEWEST_S = 1e-6
@@ -23,10 +23,10 @@ FEWEST_S = 1e-6
 @click.command("predict")
 @click.argument("recording", type=PATH)
 @click.option("--from", "from_s", type=float, required=True, help="References later than this, s, are not used.")
-@output_option("--out", help="Write the prediction as CSV: t_s, q1 … q4, sigma_x_arcsec … z, and each sensor's.")
+@add_output_option("--out", help="Write the prediction as CSV: t_s, q1 … q4, sigma_x_arcsec … z, and each sensor's.")
 @click.option("--step", "step_s", type=click.FloatRange(FEWEST_S), help="s between rows; the gyro's samples by default.")
-@output_option("--report", help="Write a page with the figure (HTML, needs no network) to this file.")
-@json_option("the prediction, and how its start fits,")
+@add_output_option("--report", help="Write a page with the figure (HTML, needs no network) to this file.")
+@add_json_option("the prediction, and how its start fits,")
 @click.option(
     "--calibration",
     type=PATH,
@@ -79,16 +79,18 @@ def command(
             raise InputError("--calibration has the covariance of G and b: leave out --prior-sigma-g and the other priors")
         known = read_calibration(calibration)
         loaded, P0, noise = known.apply(loaded), known.covariance, known.noise
-    times = None if step_s is None else steps(loaded, from_s, step_s)
+    times = None if step_s is None else list_step_times(loaded, from_s, step_s)
     found = predict(loaded, from_s, times, P0, noise)
-    whole = prediction_page.rows(found)
+    whole = prediction_page.tabulate_prediction(found)
     if out:
         write_csv(out, whole, digits=12)
     if report:
-        write_text(report, prediction_page.page(found, loaded.title, from_s, whole, made_of(loaded)))
+        write_text(
+            report, prediction_page.build_prediction_page(found, loaded.title, from_s, whole, build_provenance_footer(loaded))
+        )
     if as_json:
         start = {"recording": loaded.title, "from_s": from_s, "used": found.used, "chi2": found.chi2, "dof": found.dof}
         write_json(as_json, start | {"prediction": whole.to_dict("records")})
     note = f"{found.used} references used; their χ² about what was known before them is {found.chi2:.1f} of {found.dof}."
     chosen = np.unique(np.linspace(0, len(whole) - 1, ROWS).round().astype(int))
-    render.terminal(console(), f"Attitude by gyro alone from {from_s:g} s", whole.iloc[chosen], note)
+    render.print_table(make_console(), f"Attitude by gyro alone from {from_s:g} s", whole.iloc[chosen], note)

@@ -11,40 +11,40 @@ from rich.console import Console
 from gyrocal import InputError
 from simulator.mission_mode.config import MissionConfig
 from simulator.mission_mode.flight import simulate_mission
-from studies.cli.options import PATH, assignment, count_option, jobs_option, output_option
+from studies.cli.options import PATH, add_count_option, add_jobs_option, add_output_option, parse_assignment
 from studies.montecarlo.backends import call_all
 from studies.montecarlo.files import write_json, write_text
 from studies.natanson import paper_tables, reproduce
 from studies.natanson.paper_tables import PaperTablesConfig
-from studies.report import committed, index_page
+from studies.report import committed_results, index_page
 from studies.report import tables as render
-from studies.report.console import console
-from studies.report.pages import made_of
+from studies.report.console import make_console
+from studies.report.pages import build_provenance_footer
 from studies.robertson import report as mission_report
 from studies.robertson.runs import DAYS, MissionStudy
 
-LONGEST_DAYS = 200.0
-FOLDERS = {"natanson": reproduce.DEFAULT_FOLDER, "robertson": mission_report.DEFAULT_FOLDER}
+LONGEST_REPRODUCED_DAYS = 200.0
+PAPER_FOLDERS = {"natanson": reproduce.REPRODUCTION_FOLDER, "robertson": mission_report.MISSION_FOLDER}
 COMMITTED = Path("results")
 MOST_MOVED = 20  # numbers shown of those that moved
 
 
 @click.command("reproduce")
-@click.option("--paper", type=click.Choice(list(FOLDERS)), default=None, help="One paper only; both by default.")
+@click.option("--paper", type=click.Choice(list(PAPER_FOLDERS)), default=None, help="One paper only; both by default.")
 @click.option(
     "--out",
     type=PATH,
     default=None,
     help="Folder to write to; with both papers, the one that holds 'reproduction', 'mission' and the page; 'build' by default.",
 )
-@count_option("--cases", 200, "natanson: seeds of the Monte Carlo.", least=2)
+@add_count_option("--cases", 200, "natanson: seeds of the Monte Carlo.", least=2)
 @click.option("--scenario", default="trmm", show_default=True, help="natanson: built-in name or TOML file to calibrate on.")
 @click.option(
     "--set", "changes", multiple=True, metavar="PATH=VALUE", help="natanson: a value of the scenario by its path; repeatable."
 )
-@count_option("--entropy", 1998, "Seed of all random streams.")
-@count_option("--seeds", 1, "robertson: seeds of the months.", least=1)
-@count_option("--slews", 20, "robertson: seeds of the yaw maneuver.", least=2)
+@add_count_option("--entropy", 1998, "Seed of all random streams.")
+@add_count_option("--seeds", 1, "robertson: seeds of the months.", least=1)
+@add_count_option("--slews", 20, "robertson: seeds of the yaw maneuver.", least=2)
 @click.option(
     "--days",
     type=float,
@@ -52,8 +52,8 @@ MOST_MOVED = 20  # numbers shown of those that moved
     show_default=True,
     help="robertson: days flown from launch; fewer leave R's later periods empty and the ladder out.",
 )
-@jobs_option("Processes or threads; the CPU count by default.")
-@output_option("--json", "as_json", help="Also write the summary here; of both papers, under their names.")
+@add_jobs_option("Processes or threads; the CPU count by default.")
+@add_output_option("--json", "as_json", help="Also write the summary here; of both papers, under their names.")
 def command(
     paper: str | None,
     out: Path | None,
@@ -81,49 +81,49 @@ def command(
       gyrocal reproduce --paper natanson --scenario mine.toml --out /tmp/mine
       gyrocal reproduce --paper robertson --seeds 1 --out /tmp/mission
     """
-    if not 1.0 <= days <= LONGEST_DAYS:
-        raise InputError(f"--days {days:g}: must be between 1 and {LONGEST_DAYS:g}")
+    if not 1.0 <= days <= LONGEST_REPRODUCED_DAYS:
+        raise InputError(f"--days {days:g}: must be between 1 and {LONGEST_REPRODUCED_DAYS:g}")
     if paper != "natanson" and (scenario != "trmm" or changes):
         raise InputError("--scenario and --set are of one paper: give --paper natanson with them")
     if (scenario != "trmm" or changes) and out is None:
-        raise InputError(f"{FOLDERS['natanson']} holds the flight's own: give --out FOLDER with another scenario")
-    workers, terminal = jobs or os.cpu_count() or 1, console()
+        raise InputError(f"{PAPER_FOLDERS['natanson']} holds the flight's own: give --out FOLDER with another scenario")
+    workers, terminal = jobs or os.cpu_count() or 1, make_console()
     study = MissionStudy(days=days, seeds=seeds, slews=slews, entropy=entropy, windows=days >= DAYS)
     summaries: dict[str, dict[str, Any]] = {}
-    folders = {name: _folder(name, out, paper) for name in FOLDERS if paper in (None, name)}
-    before = {name: committed.read(COMMITTED / FOLDERS[name].name) for name in folders}
+    folders = {name: _choose_folder(name, out, paper) for name in PAPER_FOLDERS if paper in (None, name)}
+    before = {name: committed_results.read(COMMITTED / PAPER_FOLDERS[name].name) for name in folders}
     if workers > 1 and not paper:
         # On a new checkout each paper's kernels are compiled by one worker, and not by every worker one after the other.
         short: list[Any] = [partial(simulate_mission, MissionConfig(), seconds=60.0)]
-        call_all([partial(paper_tables.run_case, PaperTablesConfig(), 0), *short], workers)
+        call_all([partial(paper_tables.tabulate_case, PaperTablesConfig(), 0), *short], workers)
     for name, folder in folders.items():
         if name == "natanson":
-            overrides = dict(assignment(change) for change in changes)
+            overrides = dict(parse_assignment(change) for change in changes)
             config = PaperTablesConfig(cases=cases, entropy=entropy, scenario=scenario, overrides=overrides)
             summaries[name] = reproduce.run(folder, config, workers, terminal)
         else:
             summaries[name] = mission_report.run(folder, study, workers, terminal)
     for name, folder in folders.items():
-        _compare(committed.read(folder), before[name], terminal)
+        _compare(committed_results.read(folder), before[name], terminal)
     if as_json:
         write_json(as_json, summaries[paper] if paper else summaries)
     if not paper:
-        page = (out or FOLDERS["natanson"].parent) / "index.html"
-        write_text(page, index_page.page(folders, COMMITTED / "studies", made_of()))
+        page = (out or PAPER_FOLDERS["natanson"].parent) / "index.html"
+        write_text(page, index_page.build_index_page(folders, COMMITTED / "studies", build_provenance_footer()))
         click.echo(page)
 
 
-def _folder(name: str, out: Path | None, paper: str | None) -> Path:
+def _choose_folder(name: str, out: Path | None, paper: str | None) -> Path:
     """Where a paper's results go."""
-    return FOLDERS[name] if out is None else out if paper else out / FOLDERS[name].name
+    return PAPER_FOLDERS[name] if out is None else out if paper else out / PAPER_FOLDERS[name].name
 
 
-def _compare(now: committed.Results | None, then: committed.Results | None, terminal: Console) -> None:
+def _compare(now: committed_results.Results | None, then: committed_results.Results | None, terminal: Console) -> None:
     """Say what agrees with the committed results and what moved."""
     if now is None:
         return
     comparable = then is not None and then.config == now.config
-    differences = committed.moved(now, then) if then and comparable else None
+    differences = committed_results.list_moved_numbers(now, then) if then and comparable else None
     if differences is not None and len(differences):
-        render.terminal(terminal, f"Moved against {then.folder if then else ''}", differences.head(MOST_MOVED).astype(str))
-    terminal.print(committed.sentence(now, then, differences), highlight=False, markup=False)
+        render.print_table(terminal, f"Moved against {then.folder if then else ''}", differences.head(MOST_MOVED).astype(str))
+    terminal.print(committed_results.describe_moved_numbers(now, then, differences), highlight=False, markup=False)

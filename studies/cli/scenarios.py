@@ -4,16 +4,16 @@ from pathlib import Path
 
 import click
 
-from simulator import adopted
+from simulator import adopted_scenario
 from simulator import scenario as scenarios
-from simulator.effects import described
-from studies.cli.options import json_option
+from simulator.effects import tabulate_setting
+from studies.cli.options import add_json_option
 from studies.montecarlo.files import write_json
 
 
 @click.command("scenarios")
 @click.argument("name", required=False)
-@json_option("names and titles, or the scenario of that name,")
+@add_json_option("names and titles, or the scenario of that name,")
 def command(name: str | None, as_json: Path | None) -> None:
     """List the built-in scenarios, or print one as TOML, to be copied and changed.
 
@@ -23,14 +23,14 @@ def command(name: str | None, as_json: Path | None) -> None:
       gyrocal scenarios trmm > mine.toml
     """
     if name:
-        click.echo(scenarios.text(name))
+        click.echo(scenarios.read_text(name))
         if as_json:
-            flown = adopted.load(name)
+            flown = adopted_scenario.load(name)
             assert isinstance(flown.plan, scenarios.Scenario)  # none that is built in flies a recording again
-            effects = {"effect": [described(one) for one in flown.effects]} if flown.effects else {}
+            effects = {"effect": [tabulate_setting(one) for one in flown.effects]} if flown.effects else {}
             write_json(as_json, flown.plan.model_dump(mode="json") | effects)
         return
-    titles = {one: str(scenarios.document(one).get("title", "")) for one in scenarios.names()}
+    titles = {one: str(scenarios.load_document(one).get("title", "")) for one in scenarios.names()}
     width = max(map(len, titles))
     click.echo("\n".join(f"{one:{width}}  {title}" for one, title in titles.items()))
     if as_json:

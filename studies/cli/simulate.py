@@ -7,33 +7,33 @@ import numpy as np
 
 from gyrocal import InputError, calibrate, load, save
 from gyrocal.importing.csv_files import write_packets
-from gyrocal.importing.units import COUNTS, gyro_factor
-from simulator import adopted
+from gyrocal.importing.units import COUNTS_UNIT, compute_gyro_factor
+from simulator import adopted_scenario
 from simulator import scenario as scenarios
-from simulator.adopted import Replayed
-from simulator.effects.sensor import SENSOR_EFFECTS, described
+from simulator.adopted_scenario import ReplayPlan
+from simulator.effects.sensor import SENSOR_EFFECTS, tabulate_setting
 from simulator.effects.sensor import parse as parse_effect
-from simulator.packets import packets
+from simulator.packets import simulate_packets
 from simulator.replay import replay
-from simulator.simulate import simulate, true_gyros
+from simulator.simulate import compute_true_gyros, simulate
 from simulator.streams import generator
 from studies.cli.options import (
-    FOLDER,
+    FOLDER_TYPE,
     FORCE,
-    assignment,
+    add_json_option,
+    add_output_option,
+    add_seed_option,
     effects_option,
-    json_option,
-    output_option,
+    parse_assignment,
     refuse_existing,
-    seed_option,
 )
 from studies.montecarlo.files import write_json
 
 
 @click.command("simulate")
 @click.argument("scenario")
-@click.argument("out", type=FOLDER)
-@seed_option("Seed of the random streams.")
+@click.argument("out", type=FOLDER_TYPE)
+@add_seed_option("Seed of the random streams.")
 @click.option("--case", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Case number under that seed.")
 @click.option("--noise-free", is_flag=True, help="Neither gyro nor reference noise.")
 @click.option("--draw", is_flag=True, help="Draw the sizes of SCENARIO's own effects from their posterior, by seed and case.")
@@ -46,12 +46,12 @@ from studies.montecarlo.files import write_json
     help="Something that the baseline does not do, see 'gyrocal effects'; repeatable.",
 )
 @effects_option
-@output_option("--truth", help="Also write the injected G, bias and effects as JSON to this file.")
-@json_option("what was made")
+@add_output_option("--truth", help="Also write the injected G, bias and effects as JSON to this file.")
+@add_json_option("what was made")
 @click.option(
     "--packets",
     "packet_folder",
-    type=FOLDER,
+    type=FOLDER_TYPE,
     help="Also write the gyro's telemetry as accumulated angles, for 'gyrocal import csv', to this folder.",
 )
 @click.option("--lsb", default="0.05 arcsec", show_default=True, help="Of --packets: size of a count of angle, and its unit.")
@@ -109,29 +109,31 @@ def command(
         recording = replay(original, fitted.G, fitted.bias, settings, seed=seed, case=case, noise=noise)
         G, bias_deg_s = fitted.G.tolist(), np.rad2deg(fitted.bias).tolist()
     else:
-        chosen = adopted.load(scenario)
-        own = chosen.with_amplitudes(chosen.drawn(generator(seed, case, "posterior"))) if draw else chosen.effects
+        chosen = adopted_scenario.load(scenario)
+        own = chosen.replace_amplitudes(chosen.drawn(generator(seed, case, "posterior"))) if draw else chosen.effects
         settings = [*own, *settings]
-        if isinstance(chosen.plan, Replayed):
+        if isinstance(chosen.plan, ReplayPlan):
             _refuse(changes)
             recording = chosen.fly(seed, case, settings, noise)
             G, bias_deg_s = chosen.plan.G.tolist(), np.rad2deg(chosen.plan.bias).tolist()
         else:
-            plan = scenarios.override(chosen.plan, dict(assignment(change) for change in changes))
+            plan = scenarios.override(chosen.plan, dict(parse_assignment(change) for change in changes))
             recording = simulate(plan, seed=seed, case=case, noise=noise, effects=settings)
             G, bias_deg_s = plan.gyro.true_G, plan.gyro.true_bias_deg_s
             if plan.gyro.array is not None:
-                K, c = true_gyros(plan)
+                K, c = compute_true_gyros(plan)
                 gyros = {"gyros": {"names": plan.gyro.array.gyros, "K": K.tolist(), "c_deg_s": np.rad2deg(c).tolist()}}
     if packet_folder:
-        sent = packets(recording, count, wrap, generator(seed, case, "packets"))
+        sent = simulate_packets(recording, count, wrap, generator(seed, case, "packets"))
         write_packets(recording, sent, lsb, wrap, packet_folder)
     save(recording, out)
     if truth:
-        write_json(truth, {"G": G, "bias_deg_s": bias_deg_s, **gyros, "effects": [described(setting) for setting in settings]})
+        write_json(
+            truth, {"G": G, "bias_deg_s": bias_deg_s, **gyros, "effects": [tabulate_setting(setting) for setting in settings]}
+        )
     if as_json:
         counts = {"intervals": len(recording.intervals), "gyro_samples": recording.gyro.t_s.size}
-        effects_done = [described(setting) for setting in settings]
+        effects_done = [tabulate_setting(setting) for setting in settings]
         about = {"folder": str(out), "title": recording.title, "seed": seed, "case": case, "effects": effects_done}
         write_json(as_json, about | counts | {"reference_attitudes": recording.attitudes.t_s.size})
     click.echo(
@@ -142,7 +144,7 @@ def command(
 
 def _count_of_angle(lsb: str) -> float:
     """Size of a count, rad."""
-    size, of_angle = gyro_factor(COUNTS, lsb)
+    size, of_angle = compute_gyro_factor(COUNTS_UNIT, lsb)
     if not of_angle:
         raise InputError(f"--lsb {lsb}: a packet holds an angle; give the count in rad, deg or arcsec")
     return size

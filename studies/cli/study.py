@@ -7,14 +7,14 @@ import click
 import pandas as pd
 
 from studies import catalogue
-from studies.cli.options import PAGE, PATH, assignment, jobs_option, output_option
+from studies.cli.options import PAGE, PATH, add_jobs_option, add_output_option, parse_assignment
 from studies.montecarlo import engine
 from studies.montecarlo.files import write_json, write_text
-from studies.montecarlo.until import Until
+from studies.montecarlo.stopping_rule import StoppingRule
 from studies.report import study_page
 from studies.report import tables as render
-from studies.report.console import console
-from studies.report.pages import made_of
+from studies.report.console import make_console
+from studies.report.pages import build_provenance_footer
 
 
 @click.command("study")
@@ -32,7 +32,7 @@ from studies.report.pages import made_of
 )
 @click.option("--entropy", type=click.IntRange(0), default=None, help="Seed of all random streams.")
 @click.option("--backend", type=click.Choice(["serial", "loky", "dask"]), default="loky", show_default=True)
-@jobs_option("Workers; the CPU count by default.")
+@add_jobs_option("Workers; the CPU count by default.")
 @click.option("--scheduler", default=None, help="Address of a dask scheduler, with --backend dask.")
 @click.option(
     "--rerun",
@@ -43,7 +43,7 @@ from studies.report.pages import made_of
 )
 @click.option("--keep", multiple=True, type=click.IntRange(0), help="Keep the recording of this case; repeatable.")
 @click.option("--retry-failed", is_flag=True, help="Run failed cases of an earlier run again.")
-@output_option("--report", help=PAGE)
+@add_output_option("--report", help=PAGE)
 @click.option(
     "--until",
     metavar="COLUMN<LIMIT",
@@ -52,8 +52,8 @@ from studies.report.pages import made_of
     "then the most there may be. The column may be 'failed'.",
 )
 @click.option("--mix", is_flag=True, help="Resume even if the source code or the machine has changed since the earlier rows.")
-@output_option("--json", "as_json", help="Write counts and failures as JSON; what was found is in the report.")
-@output_option("--junit", help="Write what was found as tests to this file, JUnit's XML; a failed case is one too.")
+@add_output_option("--json", "as_json", help="Write counts and failures as JSON; what was found is in the report.")
+@add_output_option("--junit", help="Write what was found as tests to this file, JUnit's XML; a failed case is one too.")
 def command(
     name: str | None,
     out: Path | None,
@@ -84,13 +84,13 @@ def command(
       gyrocal study ./mystudy.py --cases 500 --until 'p95(largest_error_ppm)<20'
     """
     if name is None:
-        studies = [{"study": key, "what": catalogue.summary(key)} for key in catalogue.MODULES]
-        render.terminal(console(), "Studies", pd.DataFrame(studies))
+        studies = [{"study": key, "what": catalogue.describe_study(key)} for key in catalogue.STUDY_MODULES]
+        render.print_table(make_console(), "Studies", pd.DataFrame(studies))
         if as_json:
             write_json(as_json, {"studies": studies})
         return
     folder = out or Path("results") / "studies" / (Path(name).stem if catalogue.is_file(name) else name)
-    settings = dict(assignment(change) for change in changes)
+    settings = dict(parse_assignment(change) for change in changes)
     settings |= {key: value for key, value in (("cases", cases), ("entropy", entropy)) if value is not None}
     if again is not None:
         result = catalogue.rerun(name, folder, settings, again, config)
@@ -101,14 +101,14 @@ def command(
                 as_json, {"study": name, "case": again, "rows": rows, "same": result.same, "traceback": result.traceback}
             )
         return
-    options["until"] = Until.parse(until) if until else None
-    terminal = console()
+    options["until"] = StoppingRule.parse(until) if until else None
+    terminal = make_console()
     outcome = catalogue.run(name, folder, settings, terminal, config, junit=junit, **options)
     terminal.print(outcome.summary(), highlight=False, markup=False)
     for message, count in outcome.warnings.items():
         click.echo(f"gyrocal: warning, {count} times: {message}", err=True)
     if report:
-        write_text(report, study_page.page(folder, made_of()))
+        write_text(report, study_page.build_study_page(folder, build_provenance_footer()))
     if as_json:
         failures = {str(case): error for case, error in outcome.failures.items()}
         about = {"study": name, "folder": str(folder), "cases": outcome.cases, "failures": failures}
@@ -116,7 +116,7 @@ def command(
 
 
 def _show_rerun(result: engine.Rerun, folder: Path) -> None:
-    render.terminal(console(), "Rows of the case", result.rows.T.reset_index().astype(str))
+    render.print_table(make_console(), "Rows of the case", result.rows.T.reset_index().astype(str))
     if result.traceback:
         click.echo(result.traceback, err=True)
     if result.recording:

@@ -9,19 +9,19 @@ from numpy.typing import NDArray
 from gyrocal import GyroParameters
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
-from simulator.adopted import Adopted, Replayed, digest
+from simulator.adopted_scenario import AdoptedScenario, ReplayPlan, hash_recording
 from simulator.effects import REGISTRY, Setting
 from simulator.streams import generator
-from simulator.truth.rotation import perturbed, separation
-from studies.compare.measure import Measured, Ruler
+from simulator.truth.rotation import apply_rotation_errors, separation
+from studies.compare.measure import MeasurementSetup, RecordingStatistics
 
 Array = NDArray[np.float64]
 
 # Stages whose effects are functions of the motion; what comes later in the chain acts on samples with noise in them.
-PREDICTED = ("rate", "filter", "clock", "threshold", "reference")
+PREDICTABLE_STAGES = ("rate", "filter", "clock", "threshold", "reference")
 RELATIVE_STEP = 1e-3  # of an amplitude without a sigma, for its response
-TINY = 1e-12
-SAME_TIME_S = 1e-3
+LEAST_DERIVATIVE_STEP = 1e-12
+MATCHING_TIME_S = 1e-3
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Response:
     rates: Array
     references: Array
 
-    def taken_out(self, recording: Recording) -> Recording:
+    def subtract_from(self, recording: Recording) -> Recording:
         """A recording without it."""
         if not self.rates.any() and not self.references.any():
             return recording
@@ -39,10 +39,10 @@ class Response:
         return replace(
             recording,
             gyro=replace(gyro, rates=gyro.rates - self.rates),
-            attitudes=replace(attitudes, quaternions=perturbed(attitudes.quaternions, -self.references)),
+            attitudes=replace(attitudes, quaternions=apply_rotation_errors(attitudes.quaternions, -self.references)),
         )
 
-    def plus(self, others: Sequence["Response"], shares: Array) -> "Response":
+    def add_shares(self, others: Sequence["Response"], shares: Array) -> "Response":
         """With shares of others added."""
         rates, references = self.rates, self.references
         for other, share in zip(others, shares, strict=True):
@@ -51,7 +51,7 @@ class Response:
 
 
 @dataclass(frozen=True)
-class Flight:
+class FlightStatistics:
     """What one flight gave.
 
     Attributes
@@ -64,11 +64,11 @@ class Flight:
     before: float
     before_samples: float
     error: float
-    under: Measured
+    under: RecordingStatistics
 
 
 @dataclass(frozen=True)
-class Bench:
+class PreparedScenario:
     """A scenario with all that its flights have in common.
 
     Attributes
@@ -83,8 +83,8 @@ class Bench:
     W : (N, k) whitened columns of the amplitudes, projected off Q
     """
 
-    scenario: Adopted
-    ruler: Ruler
+    scenario: AdoptedScenario
+    ruler: MeasurementSetup
     fitted: bool
     stated: Response
     slopes: tuple[Response, ...]
@@ -93,7 +93,7 @@ class Bench:
     W: Array
 
     @classmethod
-    def of(cls, scenario: Adopted, recording: Recording, recorded: Ruler, name: str) -> "Bench":
+    def of(cls, scenario: AdoptedScenario, recording: Recording, recorded: MeasurementSetup, name: str) -> "PreparedScenario":
         """Make a scenario ready.
 
         A replay is flown on the plan of the recording that is compared, whichever recording it was adopted from.
@@ -111,32 +111,32 @@ class Bench:
             A scenario with a plan of its own has other samples or references than the recording, or an effect cannot act.
         """
         plan, fitted, start = scenario.plan, False, GyroParameters.from_vector(recorded.start)
-        if isinstance(plan, Replayed):
-            fitted = digest(plan.recording) == digest(recording)
+        if isinstance(plan, ReplayPlan):
+            fitted = hash_recording(plan.recording) == hash_recording(recording)
             if not fitted:
-                scenario = replace(scenario, plan=Replayed(recording, plan.G, plan.bias))
+                scenario = replace(scenario, plan=ReplayPlan(recording, plan.G, plan.bias))
         else:
             start = GyroParameters(np.array(plan.gyro.true_G), np.deg2rad(plan.gyro.true_bias_deg_s))
         plain = scenario.fly(effects=(), noise=False)
         _check_alike(name, recording, plain)
         # Stretches of quiet samples are those of the recording, so that the same samples of all are looked at.
-        ruler = replace(Ruler.of(plain, start), quiet=recorded.quiet)
+        ruler = replace(MeasurementSetup.of(plain, start), quiet=recorded.quiet)
         amplitudes = scenario.amplitudes
         sigma = np.zeros(amplitudes.size) if scenario.covariance is None else np.sqrt(np.diag(scenario.covariance))
-        places = _predicted(scenario.effects)
-        stated = _response(scenario, plain, scenario.effects)
+        places = _find_predicted_amplitudes(scenario.effects)
+        stated = _compute_response(scenario, plain, scenario.effects)
         base = ruler.state(plain)
         Q = np.linalg.qr(base.H)[0]
         slopes: list[Response] = []
         W = np.empty((base.z.size, places.size))
         for column, place in enumerate(places):
-            step = float(sigma[place]) or max(RELATIVE_STEP * abs(float(amplitudes[place])), TINY)
+            step = float(sigma[place]) or max(RELATIVE_STEP * abs(float(amplitudes[place])), LEAST_DERIVATIVE_STEP)
             moved = amplitudes.copy()
             moved[place] += step
-            other = _response(scenario, plain, scenario.with_amplitudes(moved))
+            other = _compute_response(scenario, plain, scenario.replace_amplitudes(moved))
             change = Response(other.rates - stated.rates, other.references - stated.references)
             # By a step as small as its sigma: a unit of an amplitude may be many degrees.
-            W[:, column] = (base.z - ruler.state(change.taken_out(plain)).z) / step
+            W[:, column] = (base.z - ruler.state(change.subtract_from(plain)).z) / step
             slopes.append(Response(change.rates / step, change.references / step))
         return cls(scenario, ruler, fitted, stated, tuple(slopes), places, Q, W - Q @ (Q.T @ W))
 
@@ -151,23 +151,23 @@ class Bench:
 
     def under(self, recording: Recording) -> Recording:
         """A recording with the stated response taken out."""
-        return self.stated.taken_out(recording)
+        return self.stated.subtract_from(recording)
 
-    def fly(self, seed: int, case: int) -> Flight:
+    def fly(self, seed: int, case: int) -> FlightStatistics:
         """One flight, its sizes drawn from the posterior."""
         scenario, ruler = self.scenario, self.ruler
         drawn = scenario.drawn(generator(seed, case, "posterior"))
-        flown = scenario.fly(seed, case, scenario.with_amplitudes(drawn))
+        flown = scenario.fly(seed, case, scenario.replace_amplitudes(drawn))
         left = self.under(flown)
         if self.fitted and self.places.size:
             z = ruler.state(left).z
             off = np.asarray(np.linalg.lstsq(self.W, z - self.Q @ (self.Q.T @ z), rcond=None)[0], dtype=float)
-            left = self.stated.plus(self.slopes, off).taken_out(flown)
+            left = self.stated.add_shares(self.slopes, off).subtract_from(flown)
         under = ruler.measure(left)
         before = under.mean_square if left is flown else ruler.misfit(flown)
         added = self.W @ drawn[self.places]
         error = before - float(added @ added) / ruler.degrees_of_freedom
-        return Flight(before, ruler.samples_mean_square(flown), error, under)
+        return FlightStatistics(before, ruler.compute_samples_mean_square(flown), error, under)
 
 
 def _check_alike(name: str, recording: Recording, flown: Recording) -> None:
@@ -177,7 +177,7 @@ def _check_alike(name: str, recording: Recording, flown: Recording) -> None:
         ("reference attitudes", recording.attitudes.t_s, flown.attitudes.t_s),
     )
     for what, own, other in pairs:
-        if own.shape != other.shape or np.abs(own - other).max() > SAME_TIME_S:
+        if own.shape != other.shape or np.abs(own - other).max() > MATCHING_TIME_S:
             raise InputError(
                 f"{name}: flies another plan than the recording: {other.size} {what} from {other[0]:g} to {other[-1]:g} s, not "
                 f"{own.size} from {own[0]:g} to {own[-1]:g} s; give a scenario of its plan, such as one of 'diagnose --adopt'"
@@ -187,15 +187,15 @@ def _check_alike(name: str, recording: Recording, flown: Recording) -> None:
         raise InputError(f"{name}: has intervals of other names than the recording's {', '.join(names)}")
 
 
-def _predicted(effects: Sequence[Setting]) -> NDArray[np.intp]:
+def _find_predicted_amplitudes(effects: Sequence[Setting]) -> NDArray[np.intp]:
     """Places of the amplitudes of the effects that are functions of the motion."""
     counts = [REGISTRY[one.effect].amplitudes(one).size for one in effects]
-    predicted = [REGISTRY[one.effect].stage in PREDICTED for one in effects]
+    predicted = [REGISTRY[one.effect].stage in PREDICTABLE_STAGES for one in effects]
     return np.flatnonzero(np.repeat(np.array(predicted, dtype=bool), counts))
 
 
-def _response(scenario: Adopted, plain: Recording, effects: Sequence[Setting]) -> Response:
+def _compute_response(scenario: AdoptedScenario, plain: Recording, effects: Sequence[Setting]) -> Response:
     """What the predicted ones of some effects add to a noise-free flight."""
-    predicted = [one for one in effects if REGISTRY[one.effect].stage in PREDICTED]
+    predicted = [one for one in effects if REGISTRY[one.effect].stage in PREDICTABLE_STAGES]
     shown = scenario.fly(effects=predicted, noise=False) if predicted else plain
     return Response(shown.gyro.rates - plain.gyro.rates, separation(plain.attitudes.quaternions, shown.attitudes.quaternions))

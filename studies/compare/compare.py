@@ -15,24 +15,24 @@ from threadpoolctl import threadpool_limits
 from gyrocal import calibrate
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
-from simulator.adopted import Adopted, Replayed
-from studies.compare.bench import Bench, Flight
-from studies.compare.gap import Gap, gap
-from studies.compare.measure import Measured, Ruler
-from studies.montecarlo.statistics import distribution
+from simulator.adopted_scenario import AdoptedScenario, ReplayPlan
+from studies.compare.bench import FlightStatistics, PreparedScenario
+from studies.compare.gap import Gap, compute_gap
+from studies.compare.measure import MeasurementSetup, RecordingStatistics
+from studies.montecarlo.statistics import summarise_distribution
 
 Array = NDArray[np.float64]
 Display = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 
 BASELINE = "M0"
-CHUNK = 5  # flights that are handed out together
+CHUNK_FLIGHTS = 5  # flights that are handed out together
 FEWEST_FLIGHTS = 20
 EXTREME = 0.01  # percentile from either end that counts as extreme
-COLUMNS = ("statistic", "of", "axis", "unit", "recording", "mean", "std", "p05", "p95", "percentile", "z", "judged")
+COMPARISON_COLUMNS = ("statistic", "of", "axis", "unit", "recording", "mean", "std", "p05", "p95", "percentile", "z", "judged")
 
 
 @dataclass(frozen=True)
-class Standing:
+class ScenarioComparison:
     """Where a recording stands in one scenario.
 
     Attributes
@@ -42,7 +42,7 @@ class Standing:
     effects : labels of its effects
     fitted : whether its sizes, or its G and b, were found on this very recording
     flights : their number
-    statistics : a row a statistic, `COLUMNS`; percentile in 0 … 1 with ties counted half, empty where the scenario took the
+    statistics : a row a statistic, `COMPARISON_COLUMNS`; percentile in 0 … 1 with ties counted half, empty where the scenario took the
         number over from the recording
     gap, samples : before and after, of the attitude and of the samples; the latter is None where too few samples are quiet
     """
@@ -95,7 +95,7 @@ class Comparison:
     recording: str
     runs: int
     seed: int
-    standings: tuple[Standing, ...]
+    standings: tuple[ScenarioComparison, ...]
 
     def to_json(self) -> dict[str, Any]:
         """The result as one object, format 1."""
@@ -110,7 +110,7 @@ class Comparison:
 
 def compare(
     recording: Recording,
-    scenarios: Sequence[tuple[str, Adopted]],
+    scenarios: Sequence[tuple[str, AdoptedScenario]],
     *,
     runs: int = 200,
     seed: int = 0,
@@ -139,43 +139,45 @@ def compare(
         found = calibrate(recording)
         if found.dof < 1:
             raise InputError(f"{recording.title}: no more residuals than parameters; there is nothing to compare")
-        ruler = Ruler.of(recording, found.parameters)
-        baseline = Adopted("the baseline on the recording's own plan", Replayed(recording, found.G, found.bias))
+        ruler = MeasurementSetup.of(recording, found.parameters)
+        baseline = AdoptedScenario("the baseline on the recording's own plan", ReplayPlan(recording, found.G, found.bias))
         named = [(BASELINE, baseline), *scenarios]
-        benches = [Bench.of(scenario, recording, ruler, name) for name, scenario in named]
+        benches = [PreparedScenario.of(scenario, recording, ruler, name) for name, scenario in named]
         bare = ruler.measure(recording)
-        standings: list[Standing] = []
+        standings: list[ScenarioComparison] = []
         floors = (float("nan"), float("nan"))
         for (name, scenario), bench in zip(named, benches, strict=True):
-            flights = flown(bench, name, runs, seed, jobs, progress)
+            flights = simulate_flights(bench, name, runs, seed, jobs, progress)
             if not standings:
                 floors = (float(np.mean([f.before for f in flights])), float(np.mean([f.before_samples for f in flights])))
             measured = ruler.measure(bench.under(recording))
-            standings.append(standing(name, scenario, bench, bare, measured, flights, floors))
+            standings.append(build_scenario_comparison(name, scenario, bench, bare, measured, flights, floors))
     return Comparison(recording.title, runs, seed, tuple(standings))
 
 
-def flown(bench: Bench, name: str, runs: int, seed: int, jobs: int, progress: Display | None) -> list[Flight]:
+def simulate_flights(
+    bench: PreparedScenario, name: str, runs: int, seed: int, jobs: int, progress: Display | None
+) -> list[FlightStatistics]:
     """All flights of a scenario, in the order of their numbers."""
-    parts = [range(first, min(first + CHUNK, runs)) for first in range(0, runs, CHUNK)]
+    parts = [range(first, min(first + CHUNK_FLIGHTS, runs)) for first in range(0, runs, CHUNK_FLIGHTS)]
     pool = joblib.Parallel(n_jobs=jobs, return_as="generator", max_nbytes=None)
-    out: list[Flight] = []
-    with _shown(progress, name, runs) as advance:
-        for flights in pool(joblib.delayed(_some)(bench, seed, part) for part in parts):
+    out: list[FlightStatistics] = []
+    with _start_progress(progress, name, runs) as advance:
+        for flights in pool(joblib.delayed(_fly_cases)(bench, seed, part) for part in parts):
             out += flights
             advance(len(flights))
     return out
 
 
-def standing(
+def build_scenario_comparison(
     name: str,
-    scenario: Adopted,
-    bench: Bench,
-    bare: Measured,
-    measured: Measured,
-    flights: Sequence[Flight],
+    scenario: AdoptedScenario,
+    bench: PreparedScenario,
+    bare: RecordingStatistics,
+    measured: RecordingStatistics,
+    flights: Sequence[FlightStatistics],
     floors: tuple[float, float],
-) -> Standing:
+) -> ScenarioComparison:
     """Where a recording stands among the flights of a scenario.
 
     Parameters
@@ -187,24 +189,26 @@ def standing(
     under = np.array([flight.under.mean_square for flight in flights])
     samples = np.array([flight.under.samples for flight in flights])
     errors = np.column_stack([[flight.error for flight in flights], under])
-    own = gap((bare.mean_square, measured.mean_square), (floors[0], float(under.mean())), errors, shift=bench.size_error)
+    own = compute_gap(
+        (bare.mean_square, measured.mean_square), (floors[0], float(under.mean())), errors, shift=bench.size_error
+    )
     of_samples = None
     if np.isfinite([bare.samples, floors[1], *samples]).all():
         errors = np.column_stack([[flight.before_samples for flight in flights], samples])
-        of_samples = gap((bare.samples, measured.samples), (floors[1], float(samples.mean())), errors)
-    return Standing(
+        of_samples = compute_gap((bare.samples, measured.samples), (floors[1], float(samples.mean())), errors)
+    return ScenarioComparison(
         name=name,
         title=scenario.title,
         effects=tuple(one.label() for one in scenario.effects),
         fitted=bench.fitted,
         flights=len(flights),
-        statistics=table(measured, [flight.under for flight in flights], bench.fitted),
+        statistics=tabulate_statistics(measured, [flight.under for flight in flights], bench.fitted),
         gap=own,
         samples=of_samples,
     )
 
 
-def table(measured: Measured, flights: Sequence[Measured], fitted: bool) -> pd.DataFrame:
+def tabulate_statistics(measured: RecordingStatistics, flights: Sequence[RecordingStatistics], fitted: bool) -> pd.DataFrame:
     """A row for each statistic that the recording and all flights have.
 
     Parameters
@@ -218,20 +222,20 @@ def table(measured: Measured, flights: Sequence[Measured], fitted: bool) -> pd.D
     drawn = np.array([[flight.statistics.get(key, np.nan) for key in keys] for flight in flights])
     both = np.isfinite(drawn).all(axis=0) & np.isfinite(value)
     chosen = [key for key, known in zip(keys, both, strict=True) if known]
-    out = distribution(drawn[:, both], value[both]).rename(columns={"flight": "recording"})
-    names = pd.DataFrame([(key.kind, key.of, key.axis, key.unit) for key in chosen], columns=list(COLUMNS[:4]))
+    out = summarise_distribution(drawn[:, both], value[both]).rename(columns={"flight": "recording"})
+    names = pd.DataFrame([(key.kind, key.of, key.axis, key.unit) for key in chosen], columns=list(COMPARISON_COLUMNS[:4]))
     out = pd.concat([names, out], axis=1)
     out["judged"] = (out["std"] > 0) & ~(fitted & (out["statistic"] == "parameter"))
     out["percentile"] = (out["flight_percentile"] / 100).where(out["judged"])
     out["z"] = ((out["recording"] - out["mean"]) / out["std"]).where(out["judged"])
-    return out[list(COLUMNS)]
+    return out[list(COMPARISON_COLUMNS)]
 
 
-def _some(bench: Bench, seed: int, cases: range) -> list[Flight]:
+def _fly_cases(bench: PreparedScenario, seed: int, cases: range) -> list[FlightStatistics]:
     """Flights of some numbers, in a worker."""
     with threadpool_limits(1, user_api="blas"):
         return [bench.fly(seed, case) for case in cases]
 
 
-def _shown(progress: Display | None, name: str, runs: int) -> AbstractContextManager[Callable[[int], None]]:
+def _start_progress(progress: Display | None, name: str, runs: int) -> AbstractContextManager[Callable[[int], None]]:
     return nullcontext(lambda count: None) if progress is None else progress(f"compare: {name}", runs)

@@ -67,7 +67,7 @@ class Gap:
     shrinkage_90: tuple[float, float]
 
 
-def gap(recorded: tuple[float, float], floors: tuple[float, float], errors: Array, shift: float = 0.0) -> Gap:
+def compute_gap(recorded: tuple[float, float], floors: tuple[float, float], errors: Array, shift: float = 0.0) -> Gap:
     """The gap of a recording.
 
     Parameters
@@ -80,7 +80,7 @@ def gap(recorded: tuple[float, float], floors: tuple[float, float], errors: Arra
     before, after = recorded[0] - floors[0], recorded[1] - floors[1] + shift
     V = np.atleast_2d(np.cov(errors, rowvar=False)) * (1 + 1 / len(errors))
     half = Z90 * np.sqrt(np.diag(V))
-    low, high = fieller(after, before, V[::-1, ::-1])
+    low, high = compute_fieller_interval(after, before, V[::-1, ::-1])
     return Gap(
         before=before,
         before_90=(float(before - half[0]), float(before + half[0])),
@@ -91,7 +91,7 @@ def gap(recorded: tuple[float, float], floors: tuple[float, float], errors: Arra
     )
 
 
-def fieller(a: float, b: float, V: Array, z: float = Z90) -> tuple[float, float]:
+def compute_fieller_interval(a: float, b: float, V: Array, z: float = Z90) -> tuple[float, float]:
     """Interval of a/b for estimates (a, b) with covariance V (2, 2); infinite where b is not clear of zero.
 
     The κ with (a − κ b)² ≤ z² (V_aa − 2 κ V_ab + κ² V_bb) are those between the roots of

@@ -17,7 +17,7 @@ the residuals θ of N (16) that are left, in body axes:
 smoothed motion, which still holds the part of the recording's noise that the smoothing lets through, and adds new noise. Truth
 and references of the replay agree with that motion, so that nothing of it is left in θ: statistics of the residuals are free
 of it. In the samples it is there twice, below the corner frequency of the window: a quadratic over n samples lets 9/(4n) of the
-noise's power pass, most of it below 1.5/n cycles a sample. Replays of `simulator.adopted` have windows of 41 samples or more,
+noise's power pass, most of it below 1.5/n cycles a sample. Replays of `simulator.adopted_scenario` have windows of 41 samples or more,
 shorter ones only where the rates change. Samples are therefore looked at only in the upper two octaves and by second
 differences, and only where the smoothed rates have next to no second difference, half a window and more away from where they do
 and from the ends. What is really motion of the body in those two octaves is missing in a replay, and shows as noise of the
@@ -36,18 +36,18 @@ from scipy.signal import periodogram
 from diagnosis.model.localization import label_phases
 from gyrocal import NAMES, GyroParameters, attitude
 from gyrocal.calibration.problem import Problem, State
-from gyrocal.calibration.sampling import measurements
+from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.recording import Recording
-from simulator.effects.recorded import interval_slices, smoothed_rates
+from simulator.effects.recording_view import find_interval_slices, smooth_rates
 from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 AXES = "xyz"
-ITERATIONS = 3
-FEWEST = 8  # residual rates of an interval for a spectrum, and for a correlation of all of them
-SHORTEST = 64  # quiet samples in a row
+CALIBRATION_ITERATIONS = 3
+FEWEST_RESIDUAL_RATES = 8  # residual rates of an interval for a spectrum, and for a correlation of all of them
+SHORTEST_QUIET_RUN = 64  # quiet samples in a row
 SEGMENT = 64  # samples of a segment of a spectrum
 WINDOW = 41  # samples over which the motion is smoothed at least, to see where it is smooth
 MOTION_S = 20.0  # s; a longer window says nothing more of where the motion is smooth
@@ -72,7 +72,7 @@ class Statistic:
 
 
 @dataclass(frozen=True)
-class Measured:
+class RecordingStatistics:
     """Statistics of one recording.
 
     Attributes
@@ -90,7 +90,7 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Ruler:
+class MeasurementSetup:
     """How recordings of one plan are measured: made of one of them, and the same for all.
 
     Attributes
@@ -113,9 +113,9 @@ class Ruler:
     sample_s: float
 
     @classmethod
-    def of(cls, recording: Recording, start: GyroParameters) -> "Ruler":
+    def of(cls, recording: Recording, start: GyroParameters) -> "MeasurementSetup":
         """For recordings with these sample tags, reference times and stated noises."""
-        prepared = measurements(recording)
+        prepared = prepare_measurements(recording)
         gyro = recording.gyro
         noise = gyro.arw / np.sqrt(gyro.sample_s)
         return cls(
@@ -123,7 +123,7 @@ class Ruler:
             start=start.vector,
             names=tuple(interval.name for interval in recording.intervals),
             t_s=recording.attitudes.t_s[prepared.row],
-            quiet=quiet_stretches(recording, start, noise),
+            quiet=find_quiet_stretches(recording, start, noise),
             noise=noise,
             sample_s=gyro.sample_s,
         )
@@ -145,16 +145,16 @@ class Ruler:
 
     def case(self, recording: Recording) -> Problem:
         """The problem with another recording of the same plan."""
-        return self.problem.with_case(recording.gyro.rates, attitude.matrix_from_quaternion(recording.attitudes.quaternions))
+        return self.problem.replace_case(recording.gyro.rates, attitude.matrix_from_quaternion(recording.attitudes.quaternions))
 
     def state(self, recording: Recording) -> State:
         """Whitened residuals and sensitivities at the start."""
         return self.case(recording).state(GyroParameters.from_vector(self.start))
 
-    def measure(self, recording: Recording) -> Measured:
+    def measure(self, recording: Recording) -> RecordingStatistics:
         """Calibrate a recording and compute its statistics."""
         problem = self.case(recording)
-        found = problem.iterate(self.start, ITERATIONS)
+        found = problem.iterate(self.start, CALIBRATION_ITERATIONS)
         theta, x = found.theta[-1], found.x[-1]
         values: dict[Statistic, float] = {}
         mean_square = found.chi2 / self.degrees_of_freedom
@@ -163,13 +163,13 @@ class Ruler:
             values.update(statistics)
         for name, value, unit in zip(NAMES, x * PPM_DEG_H, PPM_DEG_H_NAMES, strict=True):
             values[Statistic("parameter", name, "", unit)] = float(value)
-        return Measured(mean_square, self.samples_mean_square(recording), values, x)
+        return RecordingStatistics(mean_square, self.compute_samples_mean_square(recording), values, x)
 
     def misfit(self, recording: Recording) -> float:
         """The mean square of a recording's calibration alone."""
-        return self.case(recording).iterate(self.start, ITERATIONS).chi2 / self.degrees_of_freedom
+        return self.case(recording).iterate(self.start, CALIBRATION_ITERATIONS).chi2 / self.degrees_of_freedom
 
-    def samples_mean_square(self, recording: Recording) -> float:
+    def compute_samples_mean_square(self, recording: Recording) -> float:
         """Mean square of the samples' second differences in units of the stated noise's; NaN if too few are quiet."""
         if not self.quiet or self.noise == 0:
             return float("nan")
@@ -201,15 +201,15 @@ class Ruler:
         tau = float(np.median(np.concatenate(spacing)))
         for k, axis in enumerate(AXES):
             own = [rate[:, k] for rate in rates]
-            if sum(len(u) - 1 for u in own) >= FEWEST:
-                yield Statistic("residual rate", "lag-1 correlation", axis, "1"), lag_one(own)
-            for name, level in thirds(own):
+            if sum(len(u) - 1 for u in own) >= FEWEST_RESIDUAL_RATES:
+                yield Statistic("residual rate", "lag-1 correlation", axis, "1"), compute_lag_correlation(own)
+            for name, level in compute_band_powers(own):
                 yield Statistic("residual rate", f"spectrum, {name}", axis, "deg/h"), level
             path = [np.append(0.0, np.cumsum(np.rad2deg(turn[:, k]) * 3600)) for turn in turns]
             count = 1
-            while sum(max(len(one) - 2 * count, 0) for one in path) >= 2 * FEWEST * count:
+            while sum(max(len(one) - 2 * count, 0) for one in path) >= 2 * FEWEST_RESIDUAL_RATES * count:
                 of = f"Allan deviation at {count} reference{'s' if count > 1 else ''}"
-                yield Statistic("residual rate", of, axis, "deg/h"), allan(path, count, tau)
+                yield Statistic("residual rate", of, axis, "deg/h"), compute_allan_deviation(path, count, tau)
                 count *= 2
 
     # ---- samples ---------------------------------------------------------------------------------------------------------
@@ -222,23 +222,23 @@ class Ruler:
             second = [np.diff(x, n=2) / (np.sqrt(6) * self.noise) for x in parts]
             joined = np.concatenate(second)
             yield Statistic("samples' mean square", "", axis, "1"), float(np.mean(joined**2))
-            yield Statistic("samples", "lag-1 correlation", axis, "1"), lag_one(second)
+            yield Statistic("samples", "lag-1 correlation", axis, "1"), compute_lag_correlation(second)
             yield Statistic("samples", "largest", axis, "sigma"), float(np.abs(joined).max())
             repeats = np.concatenate([np.abs(np.diff(x)) < REPEAT for x in parts])
             yield Statistic("samples", "repeated", axis, "1"), float(repeats.mean())
-            frequency, power = averaged_spectrum(parts)
+            frequency, power = average_spectrum(parts)
             for name, low, high in (("octave below the highest", 0.125, 0.25), ("highest octave", 0.25, 0.5)):
                 band = (frequency > low) & (frequency <= high)
                 yield Statistic("samples", f"spectrum, {name}", axis, "1"), float(power[band].mean() / self.noise**2)
 
 
-def quiet_stretches(recording: Recording, parameters: GyroParameters, noise: float) -> tuple[slice, ...]:
+def find_quiet_stretches(recording: Recording, parameters: GyroParameters, noise: float) -> tuple[slice, ...]:
     """Stretches of samples inside an interval, without a hole, where the smoothed motion has next to no second difference."""
     gyro = recording.gyro
-    smooth = smoothed_rates(recording, parameters.G, parameters.bias, max(MOTION_S, WINDOW * gyro.sample_s))
+    smooth = smooth_rates(recording, parameters.G, parameters.bias, max(MOTION_S, WINDOW * gyro.sample_s))
     out = []
-    for part in interval_slices(recording):
-        if part.stop - part.start < SHORTEST:
+    for part in find_interval_slices(recording):
+        if part.stop - part.start < SHORTEST_QUIET_RUN:
             continue
         t = gyro.t_s[part]
         calm = np.ones(t.size, dtype=bool)
@@ -247,30 +247,30 @@ def quiet_stretches(recording: Recording, parameters: GyroParameters, noise: flo
         for at in [0, *np.flatnonzero(rough) + 1, *np.flatnonzero(holes), t.size - 1]:
             calm[max(at - GROWN, 0) : at + GROWN + 1] = False
         edges = np.flatnonzero(np.diff(np.concatenate([[0], calm.astype(np.int8), [0]])))
-        out += [slice(part.start + int(a), part.start + int(b)) for a, b in edges.reshape(-1, 2) if b - a >= SHORTEST]
+        out += [slice(part.start + int(a), part.start + int(b)) for a, b in edges.reshape(-1, 2) if b - a >= SHORTEST_QUIET_RUN]
     return tuple(out)
 
 
-def lag_one(parts: list[Array]) -> float:
+def compute_lag_correlation(parts: list[Array]) -> float:
     """Σ u_j u_{j+1}/Σ u_j² over pairs of neighbours within the parts."""
     square = sum(float(u @ u) for u in parts)
     return sum(float(u[1:] @ u[:-1]) for u in parts) / square if square > 0 else float("nan")
 
 
-def thirds(parts: list[Array]) -> Iterator[tuple[str, float]]:
+def compute_band_powers(parts: list[Array]) -> Iterator[tuple[str, float]]:
     """Root of the mean power in each third of the band up to half the rate of the references, of the longer parts."""
-    long = [u for u in parts if len(u) >= FEWEST]
+    long = [u for u in parts if len(u) >= FEWEST_RESIDUAL_RATES]
     if not long:
         return
     frequency = np.concatenate([np.fft.rfftfreq(u.size) for u in long])
-    power = np.concatenate([hann_power(u, "constant") for u in long])
+    power = np.concatenate([compute_hann_power(u, "constant") for u in long])
     for number, name in enumerate(("lowest third", "middle third", "highest third")):
         band = (frequency > number / 6) & (frequency <= (number + 1) / 6)
         if band.any():
             yield name, float(np.sqrt(power[band].mean()))
 
 
-def allan(paths: list[Array], count: int, tau_s: float) -> float:
+def compute_allan_deviation(paths: list[Array], count: int, tau_s: float) -> float:
     """Overlapping Allan deviation of rates from their running sums, in the paths' unit a second.
 
     σ² = ⟨(x_{j+2n} − 2 x_{j+n} + x_j)²⟩/(2 (nτ)²), IEEE Std 952, over all parts; τ is the usual spacing.
@@ -279,17 +279,17 @@ def allan(paths: list[Array], count: int, tau_s: float) -> float:
     return float(np.sqrt(np.mean(second**2) / 2) / (count * tau_s))
 
 
-def averaged_spectrum(parts: list[Array]) -> tuple[Array, Array]:
+def average_spectrum(parts: list[Array]) -> tuple[Array, Array]:
     """Frequencies in cycles a sample, and the spectrum averaged over all segments; 1 for white noise of variance 1.
 
     Segments of `SEGMENT` samples overlap by half; each is rid of its trend and has a Hann window.
     """
     half = SEGMENT // 2
     segments = np.concatenate([np.lib.stride_tricks.sliding_window_view(x, SEGMENT)[::half] for x in parts])
-    return np.asarray(np.fft.rfftfreq(SEGMENT), dtype=float), hann_power(segments, "linear").mean(axis=0)
+    return np.asarray(np.fft.rfftfreq(SEGMENT), dtype=float), compute_hann_power(segments, "linear").mean(axis=0)
 
 
-def hann_power(values: Array, detrend: Literal["constant", "linear"]) -> Array:
+def compute_hann_power(values: Array, detrend: Literal["constant", "linear"]) -> Array:
     """Power of values along the last axis under a Hann window; its mean is 1 for white noise of variance 1."""
     power = periodogram(values, window="hann", detrend=detrend, return_onesided=False)[1]
     return np.asarray(power[..., : values.shape[-1] // 2 + 1])

@@ -19,45 +19,47 @@ from gyrocal.sensors.earth import TRMM_BIASES, EarthModel, EarthSensor
 from gyrocal.sensors.series import SensorSeries
 from gyrocal.sensors.sun import trmm_sun_sensors
 from simulator.sensors import sun as true_sun
-from simulator.sensors.horizon import Horizon, orbit_position, penetration
+from simulator.sensors.horizon import Horizon, compute_orbit_position, compute_penetration
 from simulator.truth.integration import integrate
-from simulator.truth.orbit import CircularOrbit, lvlh_attitude
+from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude
 from studies.estimation.flights import DirectionSensor, Flight
 
 Array = NDArray[np.float64]
 Vector = Sequence[float] | Array
 
-ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=0.7, latitude_argument=0.2)
-RPO = ORBIT.mean_motion
+ATTITUDE_CASE_ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=0.7, latitude_argument=0.2)
+RPO = ATTITUDE_CASE_ORBIT.mean_motion
 ORBIT_S, SAMPLE_S = 5490.0, 2.0
-DIRECTIONS = (np.array([1.0, 0.2, 0.1]) / np.sqrt(1.05), np.array([-0.3, 0.8, 0.5]) / np.sqrt(0.98))
+STAR_DIRECTIONS = (np.array([1.0, 0.2, 0.1]) / np.sqrt(1.05), np.array([-0.3, 0.8, 0.5]) / np.sqrt(0.98))
 ALIGNED = ("m_x", "m_y", "m_z")
 TRUE_BIAS = np.deg2rad([-1.5e-4, 2.0e-4, 0.8e-4])
-ARW = float(np.deg2rad(2.5e-4))  # rad/sqrt(s)
+ATTITUDE_CASE_ARW = float(np.deg2rad(2.5e-4))  # rad/sqrt(s)
 
 # R (3), and the rotation nearest to it, as a rotation vector.
 M_DSS2 = 1e-3 * np.array([[999.996, -1.98736, -1.99437], [1.99280, 999.994, 2.72920], [1.98893, -2.73316, 999.994]])
 M_TRUE = Rotation.from_matrix(M_DSS2).as_matrix()
-ANGLES = Rotation.from_matrix(M_TRUE).as_rotvec()
+TRUE_MISALIGNMENT_ANGLES = Rotation.from_matrix(M_TRUE).as_rotvec()
 SQUARE = (np.zeros(3), np.zeros(3))  # β heads at right angles
 
 
-def direction_sensor(name: str, directions: Array, M: Array | None = None) -> DirectionSensor:
+def make_direction_sensor(name: str, directions: Array, M: Array | None = None) -> DirectionSensor:
     """A sensor of one direction (n, 3) whose misalignment may be solved for; it has none by default."""
     return DirectionSensor((directions,), name, np.eye(3) if M is None else M, ALIGNED)
 
 
-def flight(arw: float = ARW, G: Array | None = None, known_G: Array | None = None) -> Flight:
+def build_orbit_flight(arw: float = ATTITUDE_CASE_ARW, G: Array | None = None, known_G: Array | None = None) -> Flight:
     """One orbit +x forward in LVLH, with a gyro of that G; known_G defaults to the true G."""
     G = np.eye(3) if G is None else G
-    made = timeline([((0.0, -RPO, 0.0), ORBIT_S)], G, arw, start=lvlh_attitude(ORBIT, np.zeros(1))[0])
+    made = build_timeline_flight(
+        [((0.0, -RPO, 0.0), ORBIT_S)], G, arw, start=compute_lvlh_attitude(ATTITUDE_CASE_ORBIT, np.zeros(1))[0]
+    )
     return replace(made, apriori=GyroParameters(G if known_G is None else known_G, np.zeros(3)))
 
 
-def timeline(
+def build_timeline_flight(
     parts: Sequence[tuple[Vector, float]],
     G: Array,
-    arw: float = ARW,
+    arw: float = ATTITUDE_CASE_ARW,
     start_s: float = 0.0,
     start: Array | None = None,
     bias: Array = TRUE_BIAS,
@@ -74,7 +76,7 @@ def timeline(
     return Flight(edges, A, path.angles / SAMPLE_S, GyroParameters(G, bias), arw, known)
 
 
-def star_batch(
+def run_star_batch(
     motion: Flight,
     gyro: GyroStream,
     low: float,
@@ -87,7 +89,9 @@ def star_batch(
 ) -> BatchResult:
     """A batch of two sensors of fixed directions, always in view, between two times, with attitudes wanted at some."""
     t = np.arange(low, high + 1e-9, every_s)
-    sensors = [direction_sensor(f"star {k}", np.tile(direction, (t.size, 1))) for k, direction in enumerate(DIRECTIONS)]
+    sensors = [
+        make_direction_sensor(f"star {k}", np.tile(direction, (t.size, 1))) for k, direction in enumerate(STAR_DIRECTIONS)
+    ]
     series = [sensor.seen(motion, t, sigma, rng) for sensor in sensors]
     return batch(series, gyro, motion.at([low])[0], epoch_s=low, times=times, weighting=weighting)
 
@@ -132,7 +136,7 @@ class AlignmentOrbit:
         esa_factor : by which the ESA's noise, and what is stated of it, is smaller than TRMM's
         """
         out = []
-        pairs = zip(true_sun.trmm_sun_sensors(misalignments=(np.eye(3), M), heads=heads), trmm_sun_sensors(), strict=True)
+        pairs = zip(true_sun.build_trmm_sensors(misalignments=(np.eye(3), M), heads=heads), trmm_sun_sensors(), strict=True)
         for true, nominal in pairs:
             counts, visible = true_sun.observe(rng, true, self.A, self.sun)
             out.append(nominal.series(self.t, counts, self.sun, visible))
@@ -147,26 +151,31 @@ class AlignmentOrbit:
         """The same without noise and without counting, by the models themselves."""
         out = []
         rows = np.arange(self.t.size)
-        for one, change in zip(self.series(), (np.zeros(3), ANGLES, TRMM_BIASES), strict=True):
+        for one, change in zip(self.series(), (np.zeros(3), TRUE_MISALIGNMENT_ANGLES, TRMM_BIASES), strict=True):
             y = one.model.corrected(change).predict(self.A, rows)
             out.append(SensorSeries(one.model, self.t, y, one.sigma))
         return out
 
 
-def alignment_orbit(arw: float = ARW) -> AlignmentOrbit:
+def build_alignment_orbit(arw: float = ATTITUDE_CASE_ARW) -> AlignmentOrbit:
     """The orbit, flown with a gyro of that angle random walk, rad/sqrt(s)."""
-    motion = flight(arw=arw)
+    motion = build_orbit_flight(arw=arw)
     t = np.arange(0, ORBIT_S, 30.0)
     A = motion.at(t)
-    toward = lvlh_attitude(ORBIT, np.zeros(1))[0].T @ np.array([np.cos(0.436), -np.sin(0.436), 0.0])
-    horizon, position = Horizon(), orbit_position(ORBIT, t)
+    toward = compute_lvlh_attitude(ATTITUDE_CASE_ORBIT, np.zeros(1))[0].T @ np.array([np.cos(0.436), -np.sin(0.436), 0.0])
+    horizon, position = Horizon(), compute_orbit_position(ATTITUDE_CASE_ORBIT, t)
     angles = np.array(
-        [[penetration(A[k], position[k], q, *horizon.semi_axes, horizon.nominal) for q in range(4)] for k in range(t.size)]
+        [
+            [compute_penetration(A[k], position[k], q, *horizon.semi_axes, horizon.nominal) for q in range(4)]
+            for k in range(t.size)
+        ]
     )
     return AlignmentOrbit(motion, t, A, np.tile(toward, (t.size, 1)), position, angles)
 
 
-def alignment_error(misalignment: Array, penetration_biases: Array, M: Array = M_TRUE, biases: Array = TRMM_BIASES) -> Array:
+def compute_alignment_error(
+    misalignment: Array, penetration_biases: Array, M: Array = M_TRUE, biases: Array = TRMM_BIASES
+) -> Array:
     """True minus estimate (7,) of DSS-2's angles and ESA's biases, rad, from the M (3, 3) and biases (4,) found."""
     turn = Rotation.from_matrix(M @ misalignment.T).as_rotvec()
     return np.concatenate([turn, biases - penetration_biases])

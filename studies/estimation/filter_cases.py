@@ -1,7 +1,7 @@
 """Flights with slews, gyro streams and idealised sensors for filters and what runs beside them.
 
 Nadir pointing with analytic slews (`simulator.truth.maneuvers`), a sensor that sees the Sun and nadir with equal noise on each
-component, and one timeline of seven slews about all axes, `maneuver_timeline`, with the spans that a calibrator uses.
+component, and one timeline of seven slews about all axes, `build_maneuver_timeline`, with the spans that a calibrator uses.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,32 +13,32 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gyrocal import GyroParameters, GyroStream, attitude
-from gyrocal.estimation.full_filter import FullFilterResult, Leg, run_legs, starting_covariance
+from gyrocal.estimation.full_filter import FullFilterResult, Leg, build_starting_covariance, run_legs
 from gyrocal.estimation.mekf import KalmanFilter
 from gyrocal.estimation.onboard import Maneuver, OnBoardCalibrator, replay
 from gyrocal.sensors.series import SensorSeries
 from simulator import scenario as scenarios
-from simulator.truth.maneuvers import Profile, Slew, trajectory
+from simulator.truth.maneuvers import Profile, Slew, integrate_trajectory
 from simulator.truth.orbit import CircularOrbit
-from simulator.truth.rotation import matrix
-from studies.calibration.prepared import rms, true_parameters
-from studies.estimation.flights import DirectionSensor, Flight, nadir
-from studies.montecarlo.statistics import nees
+from simulator.truth.rotation import convert_to_matrix
+from studies.calibration.shared_truth import compute_rms, get_true_parameters
+from studies.estimation.flights import DirectionSensor, Flight, compute_nadir
+from studies.montecarlo.statistics import compute_nees
 
 Array = NDArray[np.float64]
 Turn = tuple[Array, float, float, float]  # axis, angle in degrees, start, duration
 
 
-TRUTH = true_parameters(scenarios.load("trmm"))
-ARW = float(np.deg2rad(2.6e-4))
-ORBIT = CircularOrbit(altitude=350e3, inclination=np.deg2rad(35.0), node=0.7)
-NOISE = float(np.deg2rad(0.02))
+TRUTH = get_true_parameters(scenarios.load("trmm"))
+FILTER_CASE_ARW = float(np.deg2rad(2.6e-4))
+FILTER_CASE_ORBIT = CircularOrbit(altitude=350e3, inclination=np.deg2rad(35.0), node=0.7)
+FILTER_CASE_SIGMA = float(np.deg2rad(0.02))
 X, Y, Z = np.eye(3)
 
 # Seven slews about all axes, and what a calibrator uses: modes, and spans that hold a slew.
-STEP = 2.0  # s
-SENSOR = float(np.deg2rad(0.05))
-SLEWS: tuple[Turn, ...] = (
+FILTER_CASE_SAMPLE_S = 2.0  # s
+DIRECTION_SENSOR_SIGMA = float(np.deg2rad(0.05))
+FILTER_CASE_SLEWS: tuple[Turn, ...] = (
     (Z, 180.0, 3000.0, 700.0),
     (Z, -90.0, 6300.0, 350.0),
     (Z, 90.0, 8200.0, 350.0),
@@ -57,53 +57,57 @@ SPANS = (
     (11700.0, 12500.0),
     (12800.0, 14200.0),
 )
-START = np.repeat([np.deg2rad(0.5), np.deg2rad(1e-3)], 3)  # of attitude and bias
+FILTER_START_SIGMA = np.repeat([np.deg2rad(0.5), np.deg2rad(1e-3)], 3)  # of attitude and bias
 OPENING = np.diag(np.repeat([np.deg2rad(0.5), np.deg2rad(5e-4)], 3) ** 2)
-OPENINGS = {start + duration: OPENING for _, _, start, duration in SLEWS}
+OPENINGS = {start + duration: OPENING for _, _, start, duration in FILTER_CASE_SLEWS}
 PRIOR_G, PRIOR_B = 1e-3, float(np.deg2rad(1e-4))
 START_SIGMA = float(np.deg2rad(0.5))
 
 
-def fly(slews: Sequence[Turn] = (), length: float = 6000.0, sample_s: float = 1.0, orbit: CircularOrbit = ORBIT) -> Flight:
+def fly(
+    slews: Sequence[Turn] = (), length: float = 6000.0, sample_s: float = 1.0, orbit: CircularOrbit = FILTER_CASE_ORBIT
+) -> Flight:
     """Nadir pointing with slews (axis, angle in degrees, start, duration), and the gyro of the TRMM scenario."""
     turns = tuple(Slew(np.asarray(axis), np.deg2rad(angle), start, duration, 0.25) for axis, angle, start, duration in slews)
     t = sample_s * np.arange(round(length / sample_s) + 1, dtype=np.float64)
-    path = trajectory(Profile(orbit, 0.0, length, 0.0, turns), t)
-    return Flight(t, matrix(path.quaternions), path.angles / sample_s, TRUTH, ARW, TRUTH)
+    path = integrate_trajectory(Profile(orbit, 0.0, length, 0.0, turns), t)
+    return Flight(t, convert_to_matrix(path.quaternions), path.angles / sample_s, TRUTH, FILTER_CASE_ARW, TRUTH)
 
 
 @lru_cache(maxsize=1)
-def _timeline() -> Flight:
-    return fly(SLEWS, 14400.0, sample_s=STEP)
+def _simulate_timeline() -> Flight:
+    return fly(FILTER_CASE_SLEWS, 14400.0, sample_s=FILTER_CASE_SAMPLE_S)
 
 
-def maneuver_timeline(truth: GyroParameters = TRUTH, arw: float = ARW) -> Flight:
-    """The flight with all of `SLEWS`."""
-    return replace(_timeline(), truth=truth, arw=arw, apriori=truth)
+def build_maneuver_timeline(truth: GyroParameters = TRUTH, arw: float = FILTER_CASE_ARW) -> Flight:
+    """The flight with all of `FILTER_CASE_SLEWS`."""
+    return replace(_simulate_timeline(), truth=truth, arw=arw, apriori=truth)
 
 
-def vectors(
+def simulate_direction_series(
     flight: Flight,
     rng: np.random.Generator | None = None,
     every: float = 10.0,
-    sigma: float = NOISE,
+    sigma: float = FILTER_CASE_SIGMA,
     sun_offset: Array | None = None,
 ) -> SensorSeries:
     """The Sun, fixed, and nadir, turning; sun_offset (3,) rad is an alignment error of the sensor that sees the Sun."""
     times = np.arange(0.0, flight.t[-1] + 1e-9, every)
     sun = np.tile([0.36, -0.8, 0.48], (len(times), 1))
     turn = None if sun_offset is None else attitude.rotation_matrix(sun_offset)
-    return DirectionSensor((sun, nadir(times, ORBIT))).seen(flight, times, sigma, rng, turn)
+    return DirectionSensor((sun, compute_nadir(times, FILTER_CASE_ORBIT))).seen(flight, times, sigma, rng, turn)
 
 
-def parameters_near(rng: np.random.Generator, sigma_G: float, sigma_b: float, truth: GyroParameters = TRUTH) -> GyroParameters:
+def draw_apriori_parameters(
+    rng: np.random.Generator, sigma_G: float, sigma_b: float, truth: GyroParameters = TRUTH
+) -> GyroParameters:
     """A-priori parameters off the truth by random amounts."""
     off = rng.standard_normal(12) * np.repeat([sigma_G, sigma_b], [9, 3])
     return GyroParameters.from_vector(truth.vector + off)
 
 
-def prior(sigma_G: float = PRIOR_G, sigma_b: float = PRIOR_B) -> Array:
-    """(12, 12) covariance that `parameters_near` draws from."""
+def build_apriori_covariance(sigma_G: float = PRIOR_G, sigma_b: float = PRIOR_B) -> Array:
+    """(12, 12) covariance that `draw_apriori_parameters` draws from."""
     return np.diag(np.repeat([sigma_G, sigma_b], [9, 3]) ** 2)
 
 
@@ -125,12 +129,12 @@ class OnBoardCase:
     gyro: GyroStream
 
 
-def on_board_case(
+def run_onboard_case(
     rng: np.random.Generator,
     openings: Mapping[float, Array] | None = None,
     start: GyroParameters | None = None,
     truth: GyroParameters = TRUTH,
-    arw: float = ARW,
+    arw: float = FILTER_CASE_ARW,
     apriori_covariance: Array | None = None,
     through_filter: bool = True,
     reference_sigma: Array | None = None,
@@ -145,23 +149,25 @@ def on_board_case(
     truth, arw : of the gyro
     apriori_covariance, through_filter, reference_sigma : as of `gyrocal.estimation.onboard.OnBoardCalibrator`
     """
-    flight = maneuver_timeline(truth, arw)
-    near = parameters_near(rng, PRIOR_G, PRIOR_B, truth)
+    flight = build_maneuver_timeline(truth, arw)
+    near = draw_apriori_parameters(rng, PRIOR_G, PRIOR_B, truth)
     apriori = start or near
-    gyro, series = flight.gyro(rng, apriori), vectors(flight, rng, sigma=SENSOR)
-    off = rng.standard_normal(6) * START
+    gyro, series = flight.gyro(rng, apriori), simulate_direction_series(flight, rng, sigma=DIRECTION_SENSOR_SIGMA)
+    off = rng.standard_normal(6) * FILTER_START_SIGMA
     A = attitude.rotation_matrix(-off[:3]) @ flight.A[0]
-    estimator = KalmanFilter(A, GyroParameters(apriori.G, truth.bias + off[3:]), np.diag(START**2), arw)
+    estimator = KalmanFilter(A, GyroParameters(apriori.G, truth.bias + off[3:]), np.diag(FILTER_START_SIGMA**2), arw)
     onboard = OnBoardCalibrator(estimator, apriori, "all", apriori_covariance, through_filter, reference_sigma)
     return OnBoardCase(apriori, onboard, replay(onboard, gyro, [series], 0.0, SPANS, openings), gyro)
 
 
-def independent_covariance(one: Maneuver, arw: float = ARW) -> Array:
+def compute_independent_covariance(one: Maneuver, arw: float = FILTER_CASE_ARW) -> Array:
     """C (3, 3) of a maneuver with the ends and the gyro's noise taken for independent, rad²."""
     return np.asarray(one.P_end + one.R @ one.P_start @ one.R.T + arw**2 * one.elapsed_s * np.eye(3))
 
 
-def solved_with(apriori: GyroParameters, maneuvers: Sequence[Maneuver], covariances: Sequence[Array]) -> tuple[Array, Array]:
+def solve_with_covariances(
+    apriori: GyroParameters, maneuvers: Sequence[Maneuver], covariances: Sequence[Array]
+) -> tuple[Array, Array]:
     """Parameters (12,) and covariance (12, 12) from on-board maneuvers with other C (3, 3) each."""
     scale = np.repeat([1e-3, 1e-6], [9, 3])
     W, u = np.zeros((12, 12)), np.zeros(12)
@@ -174,21 +180,21 @@ def solved_with(apriori: GyroParameters, maneuvers: Sequence[Maneuver], covarian
 
 def judge_parameters(error: Array, P: Array) -> dict[str, object]:
     """NEES of an estimate of G and b, and the RMS of G's errors and sigmas, from its error (12,) and covariance (12, 12)."""
-    sizes = {f"G_{what}_ppm": 1e6 * value for what, value in rms_sizes(error, P, slice(9))}
-    return {"nees": float(nees(error[None], P[None])[0]), **sizes}
+    sizes = {f"G_{what}_ppm": 1e6 * value for what, value in compute_rms_sizes(error, P, slice(9))}
+    return {"nees": float(compute_nees(error[None], P[None])[0]), **sizes}
 
 
-def rms_sizes(error: Array, P: Array, of: slice) -> list[tuple[str, float]]:
+def compute_rms_sizes(error: Array, P: Array, of: slice) -> list[tuple[str, float]]:
     """RMS of some parameters' errors and sigmas."""
-    return [("error", rms(error[of])), ("sigma", rms(np.sqrt(np.diag(P)[of])))]
+    return [("error", compute_rms(error[of])), ("sigma", compute_rms(np.sqrt(np.diag(P)[of])))]
 
 
-def rms_of(rows: pd.DataFrame, *names: str) -> dict[str, float]:
+def compute_column_rms(rows: pd.DataFrame, *names: str) -> dict[str, float]:
     """RMS of some columns."""
-    return {name: rms(rows[name]) for name in names}
+    return {name: compute_rms(rows[name]) for name in names}
 
 
-def timeline_legs() -> list[Leg]:
+def list_timeline_legs() -> list[Leg]:
     """Maneuvers of the timeline, and the modes between them."""
     legs, present = [], 0.0
     for number, (start, stop) in enumerate(SPANS):
@@ -199,12 +205,12 @@ def timeline_legs() -> list[Leg]:
     return legs
 
 
-def full_and_separate(
+def run_full_and_separate(
     rng: np.random.Generator,
     offset_sigma: float = 0.0,
     reference_sigmas: Sequence[float] = (0.0,),
     truth: GyroParameters = TRUTH,
-    arw: float = ARW,
+    arw: float = FILTER_CASE_ARW,
 ) -> tuple[FullFilterResult, list[tuple[GyroParameters, Array]]]:
     """The full filter, and filter and calibrator side by side, on one pass with a random alignment error of the Sun sensor.
 
@@ -217,17 +223,22 @@ def full_and_separate(
     -------
     What the full filter found, and parameters and covariance (12, 12) of the separate scheme for each reference_sigma.
     """
-    flight = maneuver_timeline(truth, arw)
-    apriori = parameters_near(rng, PRIOR_G, PRIOR_B, truth)
+    flight = build_maneuver_timeline(truth, arw)
+    apriori = draw_apriori_parameters(rng, PRIOR_G, PRIOR_B, truth)
     offset = offset_sigma * rng.standard_normal(3)
-    gyro, series = flight.gyro(rng, apriori), vectors(flight, rng, sigma=SENSOR, sun_offset=offset)
+    gyro, series = (
+        flight.gyro(rng, apriori),
+        simulate_direction_series(flight, rng, sigma=DIRECTION_SENSOR_SIGMA, sun_offset=offset),
+    )
     A = attitude.rotation_matrix(-START_SIGMA * rng.standard_normal(3)) @ flight.A[0]
-    estimator = KalmanFilter(A, apriori, starting_covariance(START_SIGMA, prior()), arw, names="all")
-    full = run_legs(estimator, gyro, [series], timeline_legs())
+    estimator = KalmanFilter(A, apriori, build_starting_covariance(START_SIGMA, build_apriori_covariance()), arw, names="all")
+    full = run_legs(estimator, gyro, [series], list_timeline_legs())
     separate = []
     for sigma in reference_sigmas:
-        alone = KalmanFilter(A, apriori, starting_covariance(START_SIGMA, np.eye(3) * np.deg2rad(1e-3) ** 2), arw)
-        side = OnBoardCalibrator(alone, apriori, apriori_covariance=prior(), reference_sigma=np.full(3, sigma))
+        alone = KalmanFilter(A, apriori, build_starting_covariance(START_SIGMA, np.eye(3) * np.deg2rad(1e-3) ** 2), arw)
+        side = OnBoardCalibrator(
+            alone, apriori, apriori_covariance=build_apriori_covariance(), reference_sigma=np.full(3, sigma)
+        )
         replay(side, gyro, [series], 0.0, SPANS)
         separate.append(side.solve())
     return full, separate

@@ -11,8 +11,8 @@ from pydantic import model_validator
 from gyrocal import GyroParameters, GyroStream
 from gyrocal.attitude import cross_matrix, rotation_matrix
 from gyrocal.sensors.series import SensorSeries
-from simulator.sensors.gyro import raw_rates, with_white_noise
-from simulator.truth.orbit import CircularOrbit, lvlh_attitude
+from simulator.sensors.gyro import add_white_noise, compute_raw_rates
+from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude
 from studies.montecarlo.study import StudyConfig
 
 Array = NDArray[np.float64]
@@ -30,16 +30,16 @@ class FixedFlightConfig(StudyConfig):
     used: ClassVar[tuple[str, ...]] = ("gyro.true_G", "gyro.true_bias_deg_s", "gyro.arw_deg_per_sqrt_s")
 
     @model_validator(mode="after")
-    def _takes_nothing_else(self) -> "FixedFlightConfig":
+    def _refuse_unused_settings(self) -> "FixedFlightConfig":
         for path in (*self.overrides, *self.dispersions):
             if not any(path == name or path.startswith(f"{name}.") for name in self.used):
                 raise ValueError(f"{path} has no effect in this study, which uses {', '.join(self.used)} only")
         return self
 
 
-def nadir(t: ArrayLike, orbit: CircularOrbit) -> Array:
+def compute_nadir(t: ArrayLike, orbit: CircularOrbit) -> Array:
     """(n, 3) inertial direction to the Earth's centre from an orbit."""
-    return np.asarray(lvlh_attitude(orbit, np.asarray(t, dtype=float))[:, 2])
+    return np.asarray(compute_lvlh_attitude(orbit, np.asarray(t, dtype=float))[:, 2])
 
 
 @dataclass(frozen=True)
@@ -75,9 +75,9 @@ class Flight:
         bias : (n, 3) true bias of each sample in place of the constant one, rad/s
         """
         sample_s = float(self.t[1] - self.t[0])
-        raw = raw_rates(self.rates, self.truth.G, self.truth.bias if bias is None else bias)
+        raw = compute_raw_rates(self.rates, self.truth.G, self.truth.bias if bias is None else bias)
         if rng is not None:
-            raw = with_white_noise(rng, raw, self.arw, np.full(len(raw), sample_s))
+            raw = add_white_noise(rng, raw, self.arw, np.full(len(raw), sample_s))
         start = apriori or self.apriori
         return GyroStream(self.t[:-1], raw, sample_s, self.arw, start.G, start.bias)
 
@@ -113,23 +113,23 @@ class DirectionSensor:
         """(n, 3, directions): all of them side by side, which a filter then turns in one product at every measurement."""
         return np.stack(self.directions, axis=-1)
 
-    def _in_body(self, A: Array, rows: Indices) -> Array:
+    def _rotate_to_body(self, A: Array, rows: Indices) -> Array:
         """(n, directions, 3)."""
         return np.asarray(np.swapaxes(A @ self._inertial[rows], -1, -2))
 
     def predict(self, A: Array, rows: Indices) -> Array:
         """As in `gyrocal.sensors.series.SensorModel`."""
-        return (self._in_body(A, rows) @ self.M).reshape(len(A), self.size)
+        return (self._rotate_to_body(A, rows) @ self.M).reshape(len(A), self.size)
 
     def jacobian(self, A: Array, rows: Indices) -> Array:
         """As in `gyrocal.sensors.series.SensorModel`."""
-        return (-self.M.T @ cross_matrix(self._in_body(A, rows))).reshape(len(A), self.size, 3)
+        return (-self.M.T @ cross_matrix(self._rotate_to_body(A, rows))).reshape(len(A), self.size, 3)
 
     def partials(self, A: Array, rows: Indices) -> Array:
         """As in `gyrocal.sensors.series.SensorModel`."""
         if not self.parameters:
             return np.zeros((len(A), self.size, 0))
-        return (self.M.T @ cross_matrix(self._in_body(A, rows))).reshape(len(A), self.size, 3)
+        return (self.M.T @ cross_matrix(self._rotate_to_body(A, rows))).reshape(len(A), self.size, 3)
 
     def corrected(self, change: Array) -> "DirectionSensor":
         """As in `gyrocal.sensors.series.SensorModel`."""

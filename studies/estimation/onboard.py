@@ -28,41 +28,41 @@ from pydantic import field_validator
 
 from gyrocal import GyroParameters, attitude, calibrate
 from gyrocal.estimation.mekf import KalmanFilter
-from gyrocal.estimation.onboard import OnBoardCalibrator, recorded
-from studies.calibration.prepared import true_parameters
+from gyrocal.estimation.onboard import OnBoardCalibrator, build_ground_recording
+from studies.calibration.shared_truth import get_true_parameters
 from studies.estimation.attitude_cases import RPO
 from studies.estimation.filter_cases import (
-    ARW,
+    DIRECTION_SENSOR_SIGMA,
+    FILTER_CASE_ARW,
+    FILTER_START_SIGMA,
     OPENINGS,
-    SENSOR,
     SPANS,
-    START,
     TRUTH,
     OnBoardCase,
-    independent_covariance,
+    compute_column_rms,
+    compute_independent_covariance,
+    compute_rms_sizes,
     judge_parameters,
-    on_board_case,
-    rms_of,
-    rms_sizes,
-    solved_with,
+    run_onboard_case,
+    solve_with_covariances,
 )
 from studies.estimation.flights import DirectionSensor, FixedFlightConfig
-from studies.montecarlo.statistics import nees_line
+from studies.montecarlo.statistics import build_nees_row
 from studies.montecarlo.study import Streams, Study, dispersed
 from studies.report import panels
-from studies.report.checks import Check, at_most, enough_cases, expected_word, of_lines
+from studies.report.checks import Check, bound_above, check_case_count, check_nees_rows, format_expectation
 from studies.report.entry import Entry, Report
 from studies.report.panels import Line
-from studies.report.tables import Table, by_group
+from studies.report.tables import Table, summarise_groups
 
 Array = NDArray[np.float64]
 
 OPENED, THROUGH, WITHOUT = "opened after slews", "through", "through, Θ of N"
 OWN, INDEPENDENT = "C carried along", "taken for independent"
-AGREEMENT = 1e-9  # of G, and of b in rad/s, to the ground's calibration
+GROUND_AGREEMENT_TOLERANCE = 1e-9  # of G, and of b in rad/s, to the ground's calibration
 
 # Opened anew, the filter has no noise left from before the maneuver that could be counted twice.
-EXPECTED = {(OPENED, OWN): True, (THROUGH, OWN): True, (THROUGH, INDEPENDENT): False, (WITHOUT, OWN): False}
+EXPECTED_ONBOARD_CONSISTENCY = {(OPENED, OWN): True, (THROUGH, OWN): True, (THROUGH, INDEPENDENT): False, (WITHOUT, OWN): False}
 _tracing = threading.Lock()
 
 
@@ -79,38 +79,38 @@ class OnBoardConfig(FixedFlightConfig):
 
     @field_validator("memory_samples")
     @classmethod
-    def _many(cls, value: tuple[int, ...]) -> tuple[int, ...]:
+    def _check_memory_samples(cls, value: tuple[int, ...]) -> tuple[int, ...]:
         if any(samples < 200 for samples in value) or len(set(value)) < len(value):
             raise ValueError("must be numbers of 200 samples or more, each once: a maneuver ends within 200")
         return value
 
 
-def case(config: OnBoardConfig, number: int, streams: Streams) -> list[dict[str, object]]:
+def run_case(config: OnBoardConfig, number: int, streams: Streams) -> list[dict[str, object]]:
     """A row for each way and covariance, and one of memory in the first cases."""
     scenario = dispersed(config, number)
-    truth, arw = true_parameters(scenario), float(np.deg2rad(scenario.gyro.arw_deg_per_sqrt_s))
+    truth, arw = get_true_parameters(scenario), float(np.deg2rad(scenario.gyro.arw_deg_per_sqrt_s))
     rows: list[dict[str, object]] = []
     for way, openings, through in ((OPENED, OPENINGS, False), (THROUGH, None, True), (WITHOUT, None, False)):
-        one = on_board_case(streams.generator("pass"), openings, truth=truth, arw=arw, through_filter=through)
+        one = run_onboard_case(streams.generator("pass"), openings, truth=truth, arw=arw, through_filter=through)
         found, P = one.onboard.solve()
-        ground = _apart_from_ground(one, found, P) if way == OPENED else {}
-        rows.append(_row(way, OWN, found.vector, P, truth) | ground)
-        naive = [independent_covariance(maneuver, arw) for maneuver in one.maneuvers]
-        rows.append(_row(way, INDEPENDENT, *solved_with(one.apriori, one.maneuvers, naive), truth))
+        ground = _compare_with_ground(one, found, P) if way == OPENED else {}
+        rows.append(_build_row(way, OWN, found.vector, P, truth) | ground)
+        naive = [compute_independent_covariance(maneuver, arw) for maneuver in one.maneuvers]
+        rows.append(_build_row(way, INDEPENDENT, *solve_with_covariances(one.apriori, one.maneuvers, naive), truth))
     if number < len(config.memory_samples):
-        rows.append(_memory(config.memory_samples[number]))
+        rows.append(_measure_memory(config.memory_samples[number]))
     return rows
 
 
-def _row(way: str, covariance: str, x: Array, P: Array, truth: GyroParameters) -> dict[str, object]:
+def _build_row(way: str, covariance: str, x: Array, P: Array, truth: GyroParameters) -> dict[str, object]:
     error = x - truth.vector
-    sizes = {f"bias_{what}_deg_h": 3600 * float(np.rad2deg(value)) for what, value in rms_sizes(error, P, slice(9, 12))}
+    sizes = {f"bias_{what}_deg_h": 3600 * float(np.rad2deg(value)) for what, value in compute_rms_sizes(error, P, slice(9, 12))}
     return {"part": "accuracy", "way": way, "covariance": covariance, **judge_parameters(error, P), **sizes}
 
 
-def _apart_from_ground(one: OnBoardCase, found: GyroParameters, P: Array) -> dict[str, object]:
+def _compare_with_ground(one: OnBoardCase, found: GyroParameters, P: Array) -> dict[str, object]:
     """Largest differences from the ground's calibration of the same references."""
-    recording, C = recorded(one.maneuvers, SPANS, one.gyro, "on board", "1998-01-01T00:00:00Z")
+    recording, C = build_ground_recording(one.maneuvers, SPANS, one.gyro, "on board", "1998-01-01T00:00:00Z")
     ground = calibrate(recording, iterations=1, interval_covariance=C)
     apart = np.abs(found.vector - ground.parameters.vector)
     return {
@@ -138,10 +138,10 @@ class SteadyFlight:
         samples : how many, with a measurement every twenty and a maneuver every two hundred
         keep : whether to keep the samples, as a batch must
         """
-        estimator = KalmanFilter(np.eye(3), TRUTH, np.diag(START**2), ARW)
+        estimator = KalmanFilter(np.eye(3), TRUTH, np.diag(FILTER_START_SIGMA**2), FILTER_CASE_ARW)
         onboard = OnBoardCalibrator(estimator, TRUTH)
         kept = []
-        A, row, sigma = np.eye(3), np.array([0]), np.full(6, SENSOR)
+        A, row, sigma = np.eye(3), np.array([0]), np.full(6, DIRECTION_SENSOR_SIGMA)
         gc.collect()
         tracemalloc.start()
         for k in range(samples):
@@ -155,14 +155,14 @@ class SteadyFlight:
                 kept.append(raw)
             A = self.step @ A
             if k % 20 == 0:
-                y = self.model.predict(A[None], row)[0] + SENSOR * self.rng.standard_normal(6)
+                y = self.model.predict(A[None], row)[0] + DIRECTION_SENSOR_SIGMA * self.rng.standard_normal(6)
                 onboard.measurement(self.model, 0, y, sigma)
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         return onboard, peak
 
 
-def _memory(samples: int) -> dict[str, object]:
+def _measure_memory(samples: int) -> dict[str, object]:
     flight = SteadyFlight()
     with _tracing:  # the tracing is one for all threads
         flight.run(400)  # what is made once: compiled code, caches of the interpreter
@@ -176,79 +176,99 @@ def _memory(samples: int) -> dict[str, object]:
     }
 
 
-STUDY = Study("studies.estimation.onboard:STUDY", OnBoardConfig, case)
+STUDY = Study("studies.estimation.onboard:STUDY", OnBoardConfig, run_case)
 
 
-def verdicts(rows: pd.DataFrame) -> pd.DataFrame:
+def build_verdict_table(rows: pd.DataFrame) -> pd.DataFrame:
     """A row for each way and covariance: NEES of the twelve parameters with bounds, accuracy, and distance from the ground."""
 
     def line(part: pd.DataFrame) -> dict[str, object]:
         way, covariance = part[["way", "covariance"]].iloc[0]
-        rms = rms_of(part, "G_error_ppm", "G_sigma_ppm", "bias_error_deg_h", "bias_sigma_deg_h")
-        return {**nees_line(part["nees"], 12), "expected": expected_word(EXPECTED.get((way, covariance))), **rms}
+        rms = compute_column_rms(part, "G_error_ppm", "G_sigma_ppm", "bias_error_deg_h", "bias_sigma_deg_h")
+        return {
+            **build_nees_row(part["nees"], 12),
+            "expected": format_expectation(EXPECTED_ONBOARD_CONSISTENCY.get((way, covariance))),
+            **rms,
+        }
 
-    return by_group(rows[rows["part"] == "accuracy"], ["way", "covariance"], line)
+    return summarise_groups(rows[rows["part"] == "accuracy"], ["way", "covariance"], line)
 
 
-def from_ground(rows: pd.DataFrame) -> pd.DataFrame:
+def summarise_ground_difference(rows: pd.DataFrame) -> pd.DataFrame:
     """Largest difference from the ground's calibration over all cases: of the parameters (G, and b in rad/s), and of P."""
     part = rows[(rows.get("way") == OPENED) & (rows["covariance"] == OWN)]
     table = part[["apart", "apart_sigma", "covariance_apart"]].agg(["median", "max"]).rename_axis("over the cases")
     return table.reset_index()
 
 
-def memory(rows: pd.DataFrame) -> pd.DataFrame:
+def tabulate_memory(rows: pd.DataFrame) -> pd.DataFrame:
     """Memory over the number of samples; empty if it was not measured."""
     names = ["samples", "object_bytes", "cost_peak_kib", "cost_kept_kib"]
     part = rows[rows["part"] == "memory"].reindex(columns=names).sort_values("samples", ignore_index=True)
     return part.astype({"samples": int, "object_bytes": int})
 
 
-SAME = "From the same references the on-board form and the ground's calibration are one answer, to rounding."
-CONSTANT = "What hangs on the calibrator is as large after any number of samples; a program that keeps the samples grows."
+ONBOARD_ANSWER_NOTE = "From the same references the on-board form and the ground's calibration are one answer, to rounding."
+CONSTANT_MEMORY_NOTE = (
+    "What hangs on the calibrator is as large after any number of samples; a program that keeps the samples grows."
+)
 
 
-def _checks(rows: pd.DataFrame) -> list[Check]:
-    apart, table, used = from_ground(rows).iloc[-1], verdicts(rows), memory(rows)
+def _build_checks(rows: pd.DataFrame) -> list[Check]:
+    apart, table, used = summarise_ground_difference(rows).iloc[-1], build_verdict_table(rows), tabulate_memory(rows)
     out = [
-        Check("from the ground's calibration (G, and b in rad/s), largest", apart["apart"], at_most(AGREEMENT), "", SAME),
-        Check("from the ground's calibration, largest", apart["apart_sigma"], at_most(AGREEMENT), "sigma"),
-        *of_lines(table, ["way", "covariance"]),
+        Check(
+            "from the ground's calibration (G, and b in rad/s), largest",
+            apart["apart"],
+            bound_above(GROUND_AGREEMENT_TOLERANCE),
+            "",
+            ONBOARD_ANSWER_NOTE,
+        ),
+        Check("from the ground's calibration, largest", apart["apart_sigma"], bound_above(GROUND_AGREEMENT_TOLERANCE), "sigma"),
+        *check_nees_rows(table, ["way", "covariance"]),
     ]
     if len(used):
         first, last = used.iloc[0], used.iloc[-1]
         kept = (float(first["object_bytes"]),) * 2
         out.append(
-            Check(f"memory kept after {last['samples']:.0f} samples", float(last["object_bytes"]), kept, "bytes", CONSTANT)
+            Check(
+                f"memory kept after {last['samples']:.0f} samples",
+                float(last["object_bytes"]),
+                kept,
+                "bytes",
+                CONSTANT_MEMORY_NOTE,
+            )
         )
-    return [*out, enough_cases(table)]
+    return [*out, check_case_count(table)]
 
 
 def report(config: OnBoardConfig, rows: pd.DataFrame) -> Report:
     """The on-board form beside the ground batch, its consistency and its memory."""
     about = "NEES of twelve parameters per degree of freedom, with 99.9 % bounds; errors are the RMS over the cases."
     tables = {
-        "ways": Table("Ways and covariances", verdicts(rows), about),
-        "from_ground": Table("Difference from the ground's calibration of the same references", from_ground(rows)),
+        "ways": Table("Ways and covariances", build_verdict_table(rows), about),
+        "from_ground": Table(
+            "Difference from the ground's calibration of the same references", summarise_ground_difference(rows)
+        ),
     }
-    if len(memory(rows)):
-        tables["memory"] = Table("Memory", memory(rows))
-    return Report(tables, {"onboard": _figure(rows)}, tuple(_checks(rows)))
+    if len(tabulate_memory(rows)):
+        tables["memory"] = Table("Memory", tabulate_memory(rows))
+    return Report(tables, {"onboard": _draw_figure(rows)}, tuple(_build_checks(rows)))
 
 
 ENTRY = Entry(STUDY, "is the on-board form the ground batch, consistent, and of constant memory", report)
 
 
-def _figure(rows: pd.DataFrame) -> panels.Draw:
+def _draw_figure(rows: pd.DataFrame) -> panels.Draw:
     """NEES of both covariances beside χ², and memory over the number of samples."""
-    through, table = rows[rows["way"] == THROUGH], memory(rows)
+    through, table = rows[rows["way"] == THROUGH], tabulate_memory(rows)
     nees_of = {name: through.loc[through["covariance"] == name, "nees"] for name in (OWN, INDEPENDENT)}
-    drawn = [panels.nees_distribution(nees_of, 12, x="NEES of the twelve parameters, filter runs through")]
+    drawn = [panels.make_nees_distribution(nees_of, 12, x="NEES of the twelve parameters, filter runs through")]
     if len(table):
         lines = [
             Line(table["samples"], table["cost_kept_kib"], "samples kept, most in use", panels.RED),
             Line(table["samples"], table["cost_peak_kib"], "on board, most in use", panels.TEAL),
             Line(table["samples"], table["object_bytes"] / 1024, "on board, kept", panels.DARK, "s--"),
         ]
-        drawn.append(panels.curves(lines, log="xy", x="samples", y="memory (KiB)", legend="best"))
-    return panels.sheet(*drawn, size=(4.3 * len(drawn), 3.2))
+        drawn.append(panels.make_curves(lines, log="xy", x="samples", y="memory (KiB)", legend="best"))
+    return panels.build_sheet(*drawn, size=(4.3 * len(drawn), 3.2))

@@ -1,10 +1,10 @@
 """Two flights whose reference attitudes come from batches: intervals that share nothing, and a chain that shares its batches.
 
-`apart`
+`build_separate_case`
     Four arcs at constant rate, both ends of each extrapolated by the gyro from one batch in its middle third: the ends
     share the batch's bias. Four slews between batches before and after. No two intervals share a batch, so that a C of each
     interval says all.
-`chain`
+`build_chain_case`
     Seven arcs with slews between them, intervals all; a batch of each arc gives its start and its end, and so ends one
     slew and starts the next. Only one covariance V of all residuals says all.
 """
@@ -19,16 +19,16 @@ from gyrocal import GyroParameters, GyroStream, Interval, Recording
 from gyrocal.attitude import rotation_matrix
 from gyrocal.estimation.batch import BatchResult, Weighting
 from gyrocal.estimation.reference_covariance import reference_attitudes
-from studies.estimation.attitude_cases import ARW, RPO, star_batch, timeline
+from studies.estimation.attitude_cases import ATTITUDE_CASE_ARW, RPO, build_timeline_flight, run_star_batch
 from studies.estimation.flights import Flight
 
 Array = NDArray[np.float64]
 Rate = tuple[float, float, float]
 Span = tuple[float, float, tuple[float, ...]]  # measured from, measured to, attitudes wanted at
 
-EPOCH = "2000-01-01T00:00:00Z"
-SIGMA = 5e-4  # of each component a sensor sees
-SLEW = float(np.deg2rad(0.3))  # rad/s
+REFERENCE_CASE_EPOCH = "2000-01-01T00:00:00Z"
+COMPONENT_SIGMA = 5e-4  # of each component a sensor sees
+SLEW_RATE = float(np.deg2rad(0.3))  # rad/s
 FORWARD, BACKWARD, SIDEWAYS, STILL = (0.0, -RPO, 0.0), (0.0, RPO, 0.0), (RPO, 0.0, 0.0), (0.0, 0.0, 0.0)
 
 
@@ -58,32 +58,34 @@ class ReferenceCase:
         """A recording with noise, its references by batches with these weights; and the batches."""
         gyros = [motion.gyro(rng) for motion in self.motions]
         batches = [
-            star_batch(self.motions[k], gyros[k], low, high, times, rng, SIGMA, weighting)
+            run_star_batch(self.motions[k], gyros[k], low, high, times, rng, COMPONENT_SIGMA, weighting)
             for k, (low, high, times) in self.spans
         ]
         t, rates = (np.concatenate([getattr(gyro, field) for gyro in gyros]) for field in ("t_s", "rates"))
         stream = GyroStream(t, rates, gyros[0].sample_s, self.arw)
-        return Recording(self.name, EPOCH, stream, reference_attitudes(batches), self.intervals), batches
+        return Recording(self.name, REFERENCE_CASE_EPOCH, stream, reference_attitudes(batches), self.intervals), batches
 
 
-def apart(truth: GyroParameters, arw: float = ARW) -> ReferenceCase:
+def build_separate_case(truth: GyroParameters, arw: float = ATTITUDE_CASE_ARW) -> ReferenceCase:
     """Intervals that share nothing; arw in rad/sqrt(s)."""
     Plan = tuple[Sequence[tuple[Rate, float]], Sequence[Span], tuple[float, float], float]
     flights: list[Plan] = []
     for k, rate in enumerate((FORWARD, BACKWARD, SIDEWAYS, STILL)):
         flights.append(([(rate, 1800.0)], [(600.0, 1200.0, (0.0, 1800.0))], (0.0, 1800.0), 4000.0 * k))
     slews = (
-        (FORWARD, (0.0, 0.0, SLEW), BACKWARD),
-        (BACKWARD, (SLEW, 0.0, 0.0), STILL),
-        (FORWARD, (0.0, SLEW, 0.0), STILL),
-        (SIDEWAYS, (0.0, 0.0, -SLEW), FORWARD),
+        (FORWARD, (0.0, 0.0, SLEW_RATE), BACKWARD),
+        (BACKWARD, (SLEW_RATE, 0.0, 0.0), STILL),
+        (FORWARD, (0.0, SLEW_RATE, 0.0), STILL),
+        (SIDEWAYS, (0.0, 0.0, -SLEW_RATE), FORWARD),
     )
     for k, (before, slew, after) in enumerate(slews):
         parts = [(before, 900.0), (slew, 600.0), (after, 900.0)]
         two = [(0.0, 900.0, (900.0,)), (1500.0, 2400.0, (1500.0,))]
         flights.append((parts, two, (900.0, 1500.0), 16000.0 + 4000.0 * k))
     motions = tuple(
-        timeline(parts, truth.G, arw=arw, start_s=at, start=rotation_matrix(np.array([0.1, 0.2 * k, 0.3])), bias=truth.bias)
+        build_timeline_flight(
+            parts, truth.G, arw=arw, start_s=at, start=rotation_matrix(np.array([0.1, 0.2 * k, 0.3])), bias=truth.bias
+        )
         for k, (parts, _, _, at) in enumerate(flights)
     )
     spans = tuple(
@@ -95,10 +97,17 @@ def apart(truth: GyroParameters, arw: float = ARW) -> ReferenceCase:
     return ReferenceCase("apart", motions, spans, intervals)
 
 
-def chain(truth: GyroParameters, arw: float = 0.2 * ARW) -> ReferenceCase:
+def build_chain_case(truth: GyroParameters, arw: float = 0.2 * ATTITUDE_CASE_ARW) -> ReferenceCase:
     """Intervals that share batches; arw in rad/sqrt(s), small, or the gyro's noise hides what is shared."""
     rates = (FORWARD, BACKWARD, FORWARD, SIDEWAYS, BACKWARD, STILL, FORWARD)
-    slews = ((0.0, 0.0, SLEW), (0.0, 0.0, -SLEW), (SLEW, 0.0, 0.0), (0.0, SLEW, 0.0), (0.0, -SLEW, 0.0), (-SLEW, 0.0, 0.0))
+    slews = (
+        (0.0, 0.0, SLEW_RATE),
+        (0.0, 0.0, -SLEW_RATE),
+        (SLEW_RATE, 0.0, 0.0),
+        (0.0, SLEW_RATE, 0.0),
+        (0.0, -SLEW_RATE, 0.0),
+        (-SLEW_RATE, 0.0, 0.0),
+    )
     parts: list[tuple[Rate, float]] = []
     intervals: list[Interval] = []
     spans: list[tuple[int, Span]] = []
@@ -110,5 +119,5 @@ def chain(truth: GyroParameters, arw: float = 0.2 * ARW) -> ReferenceCase:
             parts.append((turn, length))
             intervals.append(Interval(name, "", clock, clock + length))
             clock += length
-    motion = timeline(parts, truth.G, arw=arw, bias=truth.bias)
+    motion = build_timeline_flight(parts, truth.G, arw=arw, bias=truth.bias)
     return ReferenceCase("chain", (motion,), tuple(spans), tuple(intervals))

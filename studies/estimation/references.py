@@ -37,32 +37,32 @@ from gyrocal.estimation.full_filter import FullFilterResult
 from gyrocal.estimation.mekf import KalmanFilter
 from gyrocal.estimation.reference_covariance import interval_covariance, residual_covariance
 from gyrocal.estimation.smoother import smooth
-from studies.calibration.prepared import converged, rms, true_parameters
+from studies.calibration.shared_truth import compute_rms, get_true_parameters, require_converged
 from studies.estimation.filter_cases import (
-    SENSOR,
+    DIRECTION_SENSOR_SIGMA,
     Z,
+    compute_column_rms,
+    compute_independent_covariance,
     fly,
-    full_and_separate,
-    independent_covariance,
     judge_parameters,
-    on_board_case,
-    rms_of,
-    solved_with,
-    vectors,
+    run_full_and_separate,
+    run_onboard_case,
+    simulate_direction_series,
+    solve_with_covariances,
 )
 from studies.estimation.flights import FixedFlightConfig, Flight
-from studies.estimation.reference_cases import ReferenceCase, apart, chain
-from studies.montecarlo.statistics import nees, nees_line
+from studies.estimation.reference_cases import ReferenceCase, build_chain_case, build_separate_case
+from studies.montecarlo.statistics import build_nees_row, compute_nees
 from studies.montecarlo.study import Streams, Study, dispersed
 from studies.report import panels
-from studies.report.checks import Check, at_most, enough_cases, expected_word, of_lines
+from studies.report.checks import Check, bound_above, check_case_count, check_nees_rows, format_expectation
 from studies.report.entry import Entry, Report
-from studies.report.tables import Table, by_group
+from studies.report.tables import Table, summarise_groups
 
 Array = NDArray[np.float64]
 Rows = list[dict[str, object]]
 
-TIMES = (100.0, 900.0, 1500.0)  # s
+COMPARED_TIMES_S = (100.0, 900.0, 1500.0)  # s
 TOGETHER = "all times"
 WIDE = np.repeat([0.01, 1e-5], 3)  # rad, rad/s: what filter and batch start from; the data leave a hundredth of it
 CHAIN_QUIET = 0.2  # of the scenario's angle random walk; at all of it, gyro noise hides what the intervals share
@@ -92,29 +92,31 @@ class ReferencesConfig(FixedFlightConfig):
 
     @field_validator("misalignments_deg")
     @classmethod
-    def _small(cls, value: tuple[float, ...]) -> tuple[float, ...]:
+    def _check_misalignments(cls, value: tuple[float, ...]) -> tuple[float, ...]:
         if not value or not 0 < min(value) <= max(value) < 1 or list(value) != sorted(set(value)):
             raise ValueError("must be one or more numbers between 0 and 1, ascending")
         return value
 
 
 @lru_cache(maxsize=1)
-def _short_flight() -> Flight:
+def _simulate_short_flight() -> Flight:
     return fly([(Z, 90.0, 400.0, 500.0)], 1500.0)
 
 
-def attitudes(streams: Streams, truth: GyroParameters, arw: float) -> Rows:
+def estimate_attitudes(streams: Streams, truth: GyroParameters, arw: float) -> Rows:
     """A row for each estimator and time, and one for all times together where the estimator says what they share."""
-    flight = replace(_short_flight(), truth=truth, arw=arw)
+    flight = replace(_simulate_short_flight(), truth=truth, arw=arw)
     rng = streams.generator("attitudes")
     off = rng.standard_normal(6) * np.repeat([1e-3, 1e-6], 3)
     start = GyroParameters(truth.G, truth.bias + off[3:])
-    gyro, series = flight.gyro(rng, start), vectors(flight, rng)
+    gyro, series = flight.gyro(rng, start), simulate_direction_series(flight, rng)
     A0 = attitude.rotation_matrix(-off[:3]) @ flight.A[0]
-    through = partial(batch, [series], gyro, A0, epoch_s=0.0, times=TIMES)
+    through = partial(batch, [series], gyro, A0, epoch_s=0.0, times=COMPARED_TIMES_S)
     exact, plain = through(), through(weighting="plain")
     formal = through(weighting="plain", covariance_model="measurements only")
-    filtered = run(KalmanFilter(A0, start, np.diag(WIDE**2), arw), gyro, [series], 0.0, np.array(TIMES), keep_history=True)
+    filtered = run(
+        KalmanFilter(A0, start, np.diag(WIDE**2), arw), gyro, [series], 0.0, np.array(COMPARED_TIMES_S), keep_history=True
+    )
     smoothed = smooth(filtered)
     found: dict[str, tuple[Array, Array]] = {
         EXACT: (exact.attitudes, exact.attitude_covariance),
@@ -127,8 +129,8 @@ def attitudes(streams: Streams, truth: GyroParameters, arw: float) -> Rows:
     apart_sigma = {way: np.abs(attitude.residual(exact.attitudes, A) / exact.attitude_sigma) for way, A in ways.items()}
     rows: Rows = []
     for estimator, (A, P) in found.items():
-        error = attitude.residual(flight.at(TIMES), A)
-        for k, time in enumerate(TIMES):
+        error = attitude.residual(flight.at(COMPARED_TIMES_S), A)
+        for k, time in enumerate(COMPARED_TIMES_S):
             own = P[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
             sigma = np.sqrt(np.diag(own))
             rows.append(
@@ -137,30 +139,30 @@ def attitudes(streams: Streams, truth: GyroParameters, arw: float) -> Rows:
                     "estimator": estimator,
                     "setup": f"{time:g} s",
                     "dof": 3,
-                    "nees": float(nees(error[[k]], own[None])[0]),
+                    "nees": float(compute_nees(error[[k]], own[None])[0]),
                     "within_1": int(np.sum(np.abs(error[k]) <= sigma)),
                     "within_2": int(np.sum(np.abs(error[k]) <= 2 * sigma)),
                     "apart_sigma": float(apart_sigma[estimator][k].max()) if estimator in apart_sigma else None,
-                    "error_mdeg": 1e3 * float(np.rad2deg(rms(error[k]))),
-                    "sigma_mdeg": 1e3 * float(np.rad2deg(rms(sigma))),
+                    "error_mdeg": 1e3 * float(np.rad2deg(compute_rms(error[k]))),
+                    "sigma_mdeg": 1e3 * float(np.rad2deg(compute_rms(sigma))),
                 }
             )
         if estimator in (EXACT, PLAIN, SMOOTHER):  # a filter does not say what its estimates share; the formal P is singular
             together = {"part": "attitudes", "estimator": estimator, "setup": TOGETHER, "dof": 9}
-            rows.append(together | {"nees": float(nees(error.reshape(1, -1), P[None])[0])})
+            rows.append(together | {"nees": float(compute_nees(error.reshape(1, -1), P[None])[0])})
     return rows
 
 
 @lru_cache(maxsize=2)
-def _setups(truth: tuple[float, ...], arw: float) -> tuple[ReferenceCase, ...]:
+def _build_setups(truth: tuple[float, ...], arw: float) -> tuple[ReferenceCase, ...]:
     parameters = GyroParameters.from_vector(np.array(truth))
-    return apart(parameters, arw), chain(parameters, CHAIN_QUIET * arw)
+    return build_separate_case(parameters, arw), build_chain_case(parameters, CHAIN_QUIET * arw)
 
 
-def calibrations(streams: Streams, truth: GyroParameters, arw: float) -> Rows:
+def run_calibrations(streams: Streams, truth: GyroParameters, arw: float) -> Rows:
     """A row for each flight, source of its references and treatment of what they share."""
     rows: Rows = []
-    for setup in _setups(tuple(truth.vector.tolist()), arw):
+    for setup in _build_setups(tuple(truth.vector.tolist()), arw):
         for source, weighting in ((EXACT, "exact"), (PLAIN, "plain")):
             recording, batches = setup.draw(streams.generator(setup.name), "exact" if weighting == "exact" else "plain")
             results = {
@@ -169,28 +171,30 @@ def calibrations(streams: Streams, truth: GyroParameters, arw: float) -> Rows:
                 INDEPENDENT: calibrate(recording),
             }
             for name, result in results.items():
-                rows.append(_row(setup.name, source, name, converged(result).parameters.vector, result.covariance, truth))
-    one = on_board_case(streams.generator("timeline"), truth=truth, arw=arw)
+                rows.append(
+                    _build_row(setup.name, source, name, require_converged(result).parameters.vector, result.covariance, truth)
+                )
+    one = run_onboard_case(streams.generator("timeline"), truth=truth, arw=arw)
     found, P = one.onboard.solve()
-    rows.append(_row("timeline", FILTER, CARRIED, found.vector, P, truth))
-    naive = [independent_covariance(maneuver, arw) for maneuver in one.maneuvers]
-    rows.append(_row("timeline", FILTER, INDEPENDENT, *solved_with(one.apriori, one.maneuvers, naive), truth))
+    rows.append(_build_row("timeline", FILTER, CARRIED, found.vector, P, truth))
+    naive = [compute_independent_covariance(maneuver, arw) for maneuver in one.maneuvers]
+    rows.append(_build_row("timeline", FILTER, INDEPENDENT, *solve_with_covariances(one.apriori, one.maneuvers, naive), truth))
     return rows
 
 
-def _row(setup: str, source: str, treatment: str, x: Array, P: Array, truth: GyroParameters) -> dict[str, object]:
+def _build_row(setup: str, source: str, treatment: str, x: Array, P: Array, truth: GyroParameters) -> dict[str, object]:
     error = x - truth.vector
     keys = {"part": "calibration", "setup": setup, "estimator": source, "treatment": treatment, "dof": 12}
-    judged, of_bias = judge_parameters(error, P), float(nees(error[None, 9:], P[None, 9:, 9:])[0])
+    judged, of_bias = judge_parameters(error, P), float(compute_nees(error[None, 9:], P[None, 9:, 9:])[0])
     return {**keys, "nees": judged.pop("nees"), "nees_bias": of_bias, **judged}
 
 
-def full_filter(streams: Streams, truth: GyroParameters, arw: float, misalignments_deg: tuple[float, ...]) -> Rows:
+def compare_full_filter(streams: Streams, truth: GyroParameters, arw: float, misalignments_deg: tuple[float, ...]) -> Rows:
     """A row for each misalignment of the Sun sensor, none first, and scheme."""
     rows: Rows = []
     for size_deg in (0.0, *misalignments_deg):
         size = float(np.deg2rad(size_deg))
-        full, separate = full_and_separate(streams.generator("full filter"), size, (0.0, size), truth, arw)
+        full, separate = run_full_and_separate(streams.generator("full filter"), size, (0.0, size), truth, arw)
         solutions = {FULL: (full.parameters, full.covariance), UNSTATED: separate[0]}
         if size_deg:
             solutions[STATED] = separate[1]
@@ -198,30 +202,30 @@ def full_filter(streams: Streams, truth: GyroParameters, arw: float, misalignmen
             row: dict[str, object] = {"part": "full filter", "setup": f"{WRONG} {size_deg:g} deg" if size_deg else RIGHT}
             row |= {"misaligned_deg": size_deg, "estimator": scheme, "dof": 12}
             row |= judge_parameters(parameters.vector - truth.vector, P)
-            rows.append(row | (_own_checks(full) if scheme == FULL else {}))
+            rows.append(row | (_summarise_own_checks(full) if scheme == FULL else {}))
     return rows
 
 
-def _own_checks(full: FullFilterResult) -> dict[str, object]:
+def _summarise_own_checks(full: FullFilterResult) -> dict[str, object]:
     """What the full filter can see for itself."""
     chi2, dof = (sum(getattr(one, name) for one in full.changes) for name in ("chi2", "dof"))
     return {"innovations_per_dof": full.mean_nis, "changes_per_dof": chi2 / dof}
 
 
-def case(config: ReferencesConfig, number: int, streams: Streams) -> Rows:
+def run_case(config: ReferencesConfig, number: int, streams: Streams) -> Rows:
     """Rows of all parts."""
     scenario = dispersed(config, number)
-    truth, arw = true_parameters(scenario), float(np.deg2rad(scenario.gyro.arw_deg_per_sqrt_s))
-    rows = [*attitudes(streams, truth, arw), *calibrations(streams, truth, arw)]
+    truth, arw = get_true_parameters(scenario), float(np.deg2rad(scenario.gyro.arw_deg_per_sqrt_s))
+    rows = [*estimate_attitudes(streams, truth, arw), *run_calibrations(streams, truth, arw)]
     if number % config.full_filter_every:
         return rows
-    return [*rows, *full_filter(streams, truth, arw, config.misalignments_deg)]
+    return [*rows, *compare_full_filter(streams, truth, arw, config.misalignments_deg)]
 
 
-STUDY = Study("studies.estimation.references:STUDY", ReferencesConfig, case)
+STUDY = Study("studies.estimation.references:STUDY", ReferencesConfig, run_case)
 
 # Which lines must be consistent and which must not be; those about which nothing is claimed are absent.
-EXPECTED: dict[tuple[str, ...], bool] = {
+EXPECTED_REFERENCE_CONSISTENCY: dict[tuple[str, ...], bool] = {
     **{("attitudes", name): True for name in (EXACT, PLAIN, FILTER, SMOOTHER)},
     ("attitudes", FORMAL): False,
     ("apart", WHOLE): True,
@@ -241,25 +245,25 @@ EXPECTED_BIAS: dict[tuple[str, ...], bool] = {  # of the bias alone, in the cali
 }
 
 
-def attitude_table(rows: pd.DataFrame) -> pd.DataFrame:
+def build_attitude_verdicts(rows: pd.DataFrame) -> pd.DataFrame:
     """A row for each estimator and time: NEES with bounds, coverage, error and stated sigma."""
 
     def line(part: pd.DataFrame) -> dict[str, object]:
         estimator, at = part[["estimator", "at"]].iloc[0]
-        row = nees_line(part["nees"], int(part["dof"].iloc[0]))
+        row = build_nees_row(part["nees"], int(part["dof"].iloc[0]))
         for level in (1, 2):
             row[f"within_{level}_sigma"] = np.nan if at == TOGETHER else part[f"within_{level}"].sum() / (3 * len(part))
         return {
             **row,
-            **rms_of(part, "error_mdeg", "sigma_mdeg"),
-            "expected": expected_word(EXPECTED.get(("attitudes", estimator))),
+            **compute_column_rms(part, "error_mdeg", "sigma_mdeg"),
+            "expected": format_expectation(EXPECTED_REFERENCE_CONSISTENCY.get(("attitudes", estimator))),
         }
 
     own = rows[rows["part"] == "attitudes"].rename(columns={"setup": "at"})
-    return by_group(own, ["estimator", "at"], line)
+    return summarise_groups(own, ["estimator", "at"], line)
 
 
-def calibration_table(rows: pd.DataFrame) -> pd.DataFrame:
+def build_calibration_verdicts(rows: pd.DataFrame) -> pd.DataFrame:
     """A row for each flight, source of references and treatment: NEES of twelve parameters and of the bias alone.
 
     Coverage is the share of cases in which the truth is within the ellipsoid that should hold 95 %.
@@ -267,80 +271,95 @@ def calibration_table(rows: pd.DataFrame) -> pd.DataFrame:
 
     def line(part: pd.DataFrame) -> dict[str, object]:
         key = tuple(part[["flight", "treatment"]].iloc[0])
-        bias = nees_line(part["nees_bias"], 3)
-        row = nees_line(part["nees"], 12)
+        bias = build_nees_row(part["nees_bias"], 3)
+        row = build_nees_row(part["nees"], 12)
         row |= {f"bias_{name}": bias[name] for name in ("nees_per_dof", "low", "high", "verdict")}
         for name, values, dof in (("coverage_95", part["nees"], 12), ("bias_coverage_95", part["nees_bias"], 3)):
             row[name] = float((values <= scipy.special.chdtri(dof, 0.05)).mean())
-        expected = {"expected": expected_word(EXPECTED.get(key)), "bias_expected": expected_word(EXPECTED_BIAS.get(key))}
-        return {**row, **rms_of(part, "G_error_ppm", "G_sigma_ppm"), **expected}
+        expected = {
+            "expected": format_expectation(EXPECTED_REFERENCE_CONSISTENCY.get(key)),
+            "bias_expected": format_expectation(EXPECTED_BIAS.get(key)),
+        }
+        return {**row, **compute_column_rms(part, "G_error_ppm", "G_sigma_ppm"), **expected}
 
     own = rows[rows["part"] == "calibration"].rename(columns={"setup": "flight", "estimator": "references"})
-    return by_group(own, ["flight", "references", "treatment"], line)
+    return summarise_groups(own, ["flight", "references", "treatment"], line)
 
 
-def full_filter_table(rows: pd.DataFrame) -> pd.DataFrame:
+def build_full_filter_verdicts(rows: pd.DataFrame) -> pd.DataFrame:
     """A row for each sensor model and scheme: NEES, error and sigma of G, and the full filter's own checks."""
 
     def line(part: pd.DataFrame) -> dict[str, object]:
         key = tuple(part[["sensors", "scheme"]].iloc[0])
-        row = {**nees_line(part["nees"], 12), **rms_of(part, "G_error_ppm", "G_sigma_ppm")}
+        row = {**build_nees_row(part["nees"], 12), **compute_column_rms(part, "G_error_ppm", "G_sigma_ppm")}
         row |= {name: part[name].mean() for name in ("innovations_per_dof", "changes_per_dof")}
-        large = np.deg2rad(part["misaligned_deg"].iloc[0]) >= TELLING * SENSOR * (1 - 1e-9)
-        return row | {"expected": expected_word(False if large and key[1] != STATED else EXPECTED.get(key))}
+        large = np.deg2rad(part["misaligned_deg"].iloc[0]) >= TELLING * DIRECTION_SENSOR_SIGMA * (1 - 1e-9)
+        return row | {
+            "expected": format_expectation(False if large and key[1] != STATED else EXPECTED_REFERENCE_CONSISTENCY.get(key))
+        }
 
     own = rows[rows["part"] == "full filter"].rename(columns={"setup": "sensors", "estimator": "scheme"})
-    return by_group(own, ["sensors", "scheme"], line)
+    return summarise_groups(own, ["sensors", "scheme"], line)
 
 
-SAME = "The exact batch and the smoother are one answer, and so is the filter at the last time, when it knows the same."
-SURE = "What a sensor's unknown misalignment shows is a filter too sure of itself, more than one less accurate."
+SMOOTHER_ANSWER_NOTE = (
+    "The exact batch and the smoother are one answer, and so is the filter at the last time, when it knows the same."
+)
+OVERCONFIDENCE_NOTE = "What a sensor's unknown misalignment shows is a filter too sure of itself, more than one less accurate."
 
 
-def _checks(rows: pd.DataFrame) -> list[Check]:
-    attitudes, calibrations, full = attitude_table(rows), calibration_table(rows), full_filter_table(rows)
+def _build_checks(rows: pd.DataFrame) -> list[Check]:
+    attitudes, calibrations, full = (
+        build_attitude_verdicts(rows),
+        build_calibration_verdicts(rows),
+        build_full_filter_verdicts(rows),
+    )
     apart = rows.groupby(["estimator", "setup"])["apart_sigma"].max()
-    last, limit = f"{TIMES[-1]:g} s", at_most(ONE_ANSWER)
+    last, limit = f"{COMPARED_TIMES_S[-1]:g} s", bound_above(ONE_ANSWER)
     out = [
-        Check("smoother from the exact batch, largest", apart[SMOOTHER].max(), limit, "sigma", SAME),
+        Check("smoother from the exact batch, largest", apart[SMOOTHER].max(), limit, "sigma", SMOOTHER_ANSWER_NOTE),
         Check(f"filter from the exact batch at {last}, largest", apart[FILTER, last], limit, "sigma"),
     ]
-    out += of_lines(attitudes, ["estimator", "at"])
-    out += of_lines(calibrations, ["flight", "references", "treatment"])
-    out += of_lines(calibrations, ["flight", "references", "treatment"], "bias_", "of the bias alone")
-    out += of_lines(full, ["sensors", "scheme"])
+    out += check_nees_rows(attitudes, ["estimator", "at"])
+    out += check_nees_rows(calibrations, ["flight", "references", "treatment"])
+    out += check_nees_rows(calibrations, ["flight", "references", "treatment"], "bias_", "of the bias alone")
+    out += check_nees_rows(full, ["sensors", "scheme"])
     error = full.pivot_table(index="sensors", columns="scheme", values="G_error_ppm", sort=False)
     for row in full[full["scheme"] == FULL].to_dict("records"):
         sensors, ratio = row["sensors"], row["G_error_ppm"] / row["G_sigma_ppm"]
         separate = row["G_error_ppm"] / error.loc[sensors, UNSTATED]
-        out.append(Check(f"full filter's error of G by the separate scheme's, sensors {sensors}", separate, meaning=SURE))
+        out.append(
+            Check(
+                f"full filter's error of G by the separate scheme's, sensors {sensors}", separate, meaning=OVERCONFIDENCE_NOTE
+            )
+        )
         out.append(Check(f"full filter's error of G by what it states, sensors {sensors}", ratio))
-    return [*out, enough_cases(attitudes, calibrations, full)]
+    return [*out, check_case_count(attitudes, calibrations, full)]
 
 
 def report(config: ReferencesConfig, rows: pd.DataFrame) -> Report:
     """Verdicts on references, on the calibrations fed with them, and on the full filter."""
-    calibrations = calibration_table(rows)
+    calibrations = build_calibration_verdicts(rows)
     short = calibrations.drop(columns=["dof", "bias_low", "bias_high", "bias_expected"])
     lines = "NEES per degree of freedom, with 99.9 % bounds; errors and sigmas are the RMS over cases and components."
     tables = {
-        "attitudes": Table("Attitudes", attitude_table(rows), lines),
+        "attitudes": Table("Attitudes", build_attitude_verdicts(rows), lines),
         "calibrations": Table("Calibration from these references, and of the bias alone", calibrations, lines, shown=short),
-        "full_filter": Table("Full filter beside the separate scheme", full_filter_table(rows), lines),
+        "full_filter": Table("Full filter beside the separate scheme", build_full_filter_verdicts(rows), lines),
     }
-    return Report(tables, {"references": _figure(rows)}, tuple(_checks(rows)))
+    return Report(tables, {"references": _draw_figure(rows)}, tuple(_build_checks(rows)))
 
 
 ENTRY = Entry(STUDY, "batch, filter, smoother: consistent references, and the calibration fed with them", report)
 
 
-def _figure(rows: pd.DataFrame) -> panels.Draw:
+def _draw_figure(rows: pd.DataFrame) -> panels.Draw:
     """Mean NEES per degree of freedom of the calibrations and of the full filter, with bounds of consistent ones."""
     groups = {
         f"{flight}, references by {source}": part.drop(columns=["flight", "references"])
-        for (flight, source), part in calibration_table(rows).groupby(["flight", "references"], sort=False)
+        for (flight, source), part in build_calibration_verdicts(rows).groupby(["flight", "references"], sort=False)
     }
-    for sensors, part in full_filter_table(rows).groupby("sensors", sort=False):
+    for sensors, part in build_full_filter_verdicts(rows).groupby("sensors", sort=False):
         groups[f"sensors {sensors}"] = part.drop(columns="sensors")
     lines = sum(1 + len(part) for part in groups.values())
-    return panels.sheet(panels.nees_means(groups), size=(7.6, 0.7 + 0.21 * lines))
+    return panels.build_sheet(panels.make_nees_means(groups), size=(7.6, 0.7 + 0.21 * lines))

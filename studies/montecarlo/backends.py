@@ -131,7 +131,7 @@ def _follow(parent: int) -> None:
 
 
 @contextlib.contextmanager
-def _held_back() -> Iterator[None]:
+def _delay_signals() -> Iterator[None]:
     """What would end the study waits, also for the processes that are started meanwhile."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     try:
@@ -144,7 +144,7 @@ class _Loky(Executor):
     def __init__(self, run: Run, jobs: int) -> None:
         super().__init__(run, jobs)
         # Started together with the first worker, this helper would (in Python 3.11) let Ctrl-C through to it.
-        with _held_back():
+        with _delay_signals():
             resource_tracker.ensure_running()
 
     def _pool(self) -> Any:
@@ -152,7 +152,7 @@ class _Loky(Executor):
 
     def submit(self, task: Task) -> Future[Result]:
         # Workers that are started here inherit that Ctrl-C is held back, and are safe from it before `_start_worker`.
-        with _held_back():
+        with _delay_signals():
             # The pool may be found broken only now; asked for again it is a new one.
             for _ in range(self.jobs):
                 with contextlib.suppress(BrokenProcessPool, ShutdownExecutorError):
@@ -179,7 +179,7 @@ class _Loky(Executor):
             pool.shutdown(wait=True, kill_workers=True)
 
 
-def _knock(distributed: Any, address: str) -> None:
+def _check_scheduler(distributed: Any, address: str) -> None:
     """Shake hands with a scheduler; a client that meets none would log, and wait once more when it is thrown away.
 
     Raises
@@ -214,7 +214,7 @@ class _Dask(Executor):
         except ImportError:
             raise InputError('--backend dask needs the extra: pip install "gyrocal[dask]"') from None
         self.distributed = distributed
-        _knock(distributed, scheduler)
+        _check_scheduler(distributed, scheduler)
         try:
             self.client = distributed.Client(scheduler, timeout=CONNECT_S, set_as_default=False)
             self.client.wait_for_workers(1, timeout=WORKERS_S)

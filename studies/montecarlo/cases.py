@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from studies.montecarlo.provenance import made_with
-from studies.montecarlo.study import DISPERSED, RESERVED, Streams, Study, StudyConfig, dispersed_values, find
+from studies.montecarlo.provenance import describe_provenance
+from studies.montecarlo.study import DISPERSED, RESERVED, Streams, Study, StudyConfig, draw_case_values, find
 
 LONGEST_ERROR = 500  # characters of an error in a row
 KILLED = "WorkerDied: killed its worker"
@@ -59,7 +59,7 @@ class Result:
     tracebacks : text for each failed case's file
     cpu_s : CPU time of the cases
     warnings : how often each warning was given
-    made_with : the worker's `made_with`; None if it died
+    made_with : the worker's `describe_provenance`; None if it died
     """
 
     rows: list[dict[str, Any]]
@@ -75,7 +75,7 @@ class Result:
 
 
 @contextmanager
-def single_threaded() -> Iterator[Counter[str]]:
+def run_single_threaded() -> Iterator[Counter[str]]:
     """Make the process the same wherever a case runs: one BLAS thread, and warnings counted.
 
     With more threads BLAS may split a sum otherwise, and bits differ. Warnings are neither shown nor turned into errors by
@@ -100,29 +100,29 @@ def single_threaded() -> Iterator[Counter[str]]:
 def run_cases(task: Task) -> Result:
     """Run the cases of a task, one after the other."""
     study = find(task.study, task.folder)
-    config = _config(study, task.config)
+    config = _parse_config(study, task.config)
     rows: list[dict[str, Any]] = []
     kinds: dict[str, str] = {}
     tracebacks: dict[int, str] = {}
-    with ONE_AT_A_TIME, single_threaded() as messages:
+    with ONE_AT_A_TIME, run_single_threaded() as messages:
         start = time.process_time()
         for case in task.cases:
             try:
-                rows += _case_rows(study, config, case, kinds)
+                rows += _compute_case_rows(study, config, case, kinds)
             except (Exception, SystemExit) as error:
                 tracebacks[case] = "".join(traceback.format_exception(error))
-                rows.append({"case": case, "error": _one_line(error)})
-        return Result(rows, tracebacks, time.process_time() - start, messages, made_with(study))
+                rows.append({"case": case, "error": _format_error(error)})
+        return Result(rows, tracebacks, time.process_time() - start, messages, describe_provenance(study))
 
 
-def killed(task: Task) -> Result:
+def build_killed_result(task: Task) -> Result:
     """Result of a single case whose worker died of it."""
     (case,) = task.cases
     text = f"{KILLED}\n\nThe process that ran this case alone ended without an answer: a signal, os._exit, or no memory left.\n"
     return Result([{"case": case, "error": KILLED}], {case: text})
 
 
-def merged(results: Iterable[Result]) -> Result:
+def merge_results(results: Iterable[Result]) -> Result:
     """One result from several."""
     whole = Result([], {})
     for one in results:
@@ -132,28 +132,28 @@ def merged(results: Iterable[Result]) -> Result:
 
 
 @lru_cache(maxsize=4)
-def _config(study: Study, text: str) -> StudyConfig:
+def _parse_config(study: Study, text: str) -> StudyConfig:
     """The configuration for a study as it is now: one that was edited and imported anew is another one."""
     return study.config.model_validate_json(text)
 
 
-def _case_rows(study: Study, config: StudyConfig, case: int, kinds: dict[str, str]) -> list[dict[str, Any]]:
+def _compute_case_rows(study: Study, config: StudyConfig, case: int, kinds: dict[str, str]) -> list[dict[str, Any]]:
     """The rows of one case; kinds remembers what each column holds."""
-    drawn = {DISPERSED + path: value for path, value in dispersed_values(config, case).items()}
+    drawn = {DISPERSED + path: value for path, value in draw_case_values(config, case).items()}
     made = study.case(config, case, Streams(config.entropy, case))
     rows = [made] if isinstance(made, Mapping) else list(made)
     if not rows:
         raise ValueError("the study returned no row for this case")
-    return [{"case": case, "error": "", **drawn, **_plain(row, drawn, kinds)} for row in rows]
+    return [{"case": case, "error": "", **drawn, **_convert_row(row, drawn, kinds)} for row in rows]
 
 
-def _plain(row: Mapping[str, Any], drawn: Mapping[str, float], kinds: dict[str, str]) -> dict[str, Any]:
+def _convert_row(row: Mapping[str, Any], drawn: Mapping[str, float], kinds: dict[str, str]) -> dict[str, Any]:
     plain = {}
     for name, value in row.items():
         if not isinstance(name, str) or name in RESERVED or name in drawn:
             raise TypeError(f"a study's row cannot have a column {name!r}")
         item = value.item() if isinstance(value, np.generic) else value
-        kind = _kind(item)
+        kind = _determine_kind(item)
         if kind is None or (kind == "number" and isinstance(item, int) and item not in INT64):
             raise TypeError(f"column {name}: a number, truth value, text or None is expected, not {value!r:.60}")
         if kind != "nothing" and kinds.setdefault(name, kind) != kind:
@@ -162,12 +162,12 @@ def _plain(row: Mapping[str, Any], drawn: Mapping[str, float], kinds: dict[str, 
     return plain
 
 
-def _kind(value: object) -> str | None:
+def _determine_kind(value: object) -> str | None:
     for kind, types in (("nothing", type(None)), ("truth value", bool), ("number", (int, float)), ("text", str)):
         if isinstance(value, types):
             return kind
     return None
 
 
-def _one_line(error: BaseException) -> str:
+def _format_error(error: BaseException) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())}"[:LONGEST_ERROR]

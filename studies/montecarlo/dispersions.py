@@ -45,7 +45,7 @@ class _Distribution(BaseModel):
 
     mode: Literal["absolute", "offset", "factor"] = "absolute"
 
-    def applied(self, draw: float, value: float) -> float:
+    def apply_draw(self, draw: float, value: float) -> float:
         """What the scenario's value becomes."""
         return draw if self.mode == "absolute" else value + draw if self.mode == "offset" else value * draw
 
@@ -68,7 +68,7 @@ class _Range(_Distribution):
 
     @field_validator("high")
     @classmethod
-    def _above_low(cls, value: float, info: ValidationInfo) -> float:
+    def _check_above_low(cls, value: float, info: ValidationInfo) -> float:
         if "low" in info.data and not value > info.data["low"]:
             raise ValueError("must be above low")
         return value
@@ -98,21 +98,21 @@ class LogUniform(_Range):
 Dispersion = Annotated[Normal | Uniform | LogUniform, Field(discriminator="kind")]
 
 
-def uniforms(paths: tuple[str, ...], sampler: Sampler, *, entropy: int, case: int, cases: int) -> Iterator[float]:
+def draw_uniforms(paths: tuple[str, ...], sampler: Sampler, *, entropy: int, case: int, cases: int) -> Iterator[float]:
     """One number of (0, 1) for each path, in the order of the paths."""
     for dimension, path in enumerate(paths):
         if sampler == "random":
             u = float(generator(entropy, case, f"dispersions/{path}").random())
         elif sampler == "lhs":
-            u = float(_hypercube(entropy, path, cases)[case])
+            u = float(_draw_hypercube(entropy, path, cases)[case])
         else:
             block, row = divmod(case, SOBOL_BLOCK)
-            u = float(_sobol(entropy, path, dimension, block)[row])
+            u = float(_generate_sobol(entropy, path, dimension, block)[row])
         yield max(u, SMALLEST_U)
 
 
 @lru_cache(maxsize=64)
-def _hypercube(entropy: int, path: str, cases: int) -> Array:
+def _draw_hypercube(entropy: int, path: str, cases: int) -> Array:
     """(cases,) the path's column of the Latin hypercube: one number in each of so many equal strata."""
     from scipy.stats import qmc  # only here: it costs every process 30 MB
 
@@ -121,7 +121,7 @@ def _hypercube(entropy: int, path: str, cases: int) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _sobol(entropy: int, path: str, dimension: int, block: int) -> Array:
+def _generate_sobol(entropy: int, path: str, dimension: int, block: int) -> Array:
     """(SOBOL_BLOCK,) rows of one dimension of the Sobol sequence, scrambled from the path's own stream."""
     from scipy.stats import qmc  # only here: it costs every process 30 MB
 
@@ -133,7 +133,7 @@ def _sobol(entropy: int, path: str, dimension: int, block: int) -> Array:
     return np.asarray(engine.random(SOBOL_BLOCK)[:, dimension]) + 0.5 ** (SOBOL_BITS + 1)
 
 
-def scenario_value(scenario: Scenario, path: str) -> float:
+def get_scenario_value(scenario: Scenario, path: str) -> float:
     """The number at a dotted path of a scenario.
 
     Raises
@@ -163,12 +163,12 @@ def check(dispersions: Mapping[str, Dispersion], scenario: Scenario) -> None:
         A path leads to no number, a factor has a zero to multiply, or the scenario is invalid with every draw at its median.
     """
     for path, dispersion in dispersions.items():
-        if dispersion.mode == "factor" and scenario_value(scenario, path) == 0:
+        if dispersion.mode == "factor" and get_scenario_value(scenario, path) == 0:
             raise InputError(f'dispersions: {path}: a factor leaves its value, 0, as it is; use mode = "offset"')
-    override(scenario, at_shares(dispersions, scenario, repeat(0.5)))
+    override(scenario, evaluate_at_shares(dispersions, scenario, repeat(0.5)))
 
 
-def values(
+def draw_values(
     dispersions: Mapping[str, Dispersion], scenario: Scenario, sampler: Sampler, *, entropy: int, case: int, cases: int
 ) -> dict[str, float]:
     """What the dispersed values of a scenario are in one case, by path.
@@ -182,13 +182,13 @@ def values(
     case : number of the case, 0 ≤ case < cases
     cases : number of cases of the study
     """
-    shares = uniforms(tuple(dispersions), sampler, entropy=entropy, case=case, cases=cases)
-    return at_shares(dispersions, scenario, shares)
+    shares = draw_uniforms(tuple(dispersions), sampler, entropy=entropy, case=case, cases=cases)
+    return evaluate_at_shares(dispersions, scenario, shares)
 
 
-def at_shares(dispersions: Mapping[str, Dispersion], scenario: Scenario, shares: Iterable[float]) -> dict[str, float]:
+def evaluate_at_shares(dispersions: Mapping[str, Dispersion], scenario: Scenario, shares: Iterable[float]) -> dict[str, float]:
     """What the dispersed values become, each at a share of its distribution, in the order of the dispersions."""
     return {
-        path: dispersion.applied(dispersion.quantile(share), scenario_value(scenario, path))
+        path: dispersion.apply_draw(dispersion.quantile(share), get_scenario_value(scenario, path))
         for (path, dispersion), share in zip(dispersions.items(), shares, strict=False)
     }

@@ -31,15 +31,35 @@ from pydantic import ValidationError
 from gyrocal import save
 from gyrocal.errors import GyrocalError, InputError
 from studies.montecarlo.backends import Executor, Name, open_backend
-from studies.montecarlo.cases import Task, run_cases, single_threaded
-from studies.montecarlo.manifest import WORK, digest, write_manifest
-from studies.montecarlo.provenance import changes, made_with
-from studies.montecarlo.session import Interrupted, Session, known, locked, stoppable
-from studies.montecarlo.store import Parts, table_of
-from studies.montecarlo.study import Streams, Study, StudyConfig, config_sha256, find, folder_of, may_grow, resolved
-from studies.montecarlo.until import Until, looks
+from studies.montecarlo.cases import Task, run_cases, run_single_threaded
+from studies.montecarlo.manifest import WORK, hash_bytes, write_manifest
+from studies.montecarlo.provenance import describe_provenance, list_changes
+from studies.montecarlo.session import Session, StudyInterrupted, handle_stop_signals, open_study_folder, read_study_manifest
+from studies.montecarlo.stopping_rule import StoppingRule, list_checkpoints
+from studies.montecarlo.store import Parts, build_table
+from studies.montecarlo.study import (
+    Streams,
+    Study,
+    StudyConfig,
+    find,
+    find_study_folder,
+    hash_config,
+    is_extendable,
+    resolve_config,
+)
 
-__all__ = ["Interrupted", "Name", "Outcome", "Rerun", "Streams", "Study", "StudyConfig", "rerun", "run", "silent"]
+__all__ = [
+    "Name",
+    "Outcome",
+    "Rerun",
+    "Streams",
+    "Study",
+    "StudyConfig",
+    "StudyInterrupted",
+    "rerun",
+    "run",
+    "show_no_progress",
+]
 
 logger = logging.getLogger(__name__)
 
@@ -117,7 +137,7 @@ class Rerun:
     same: bool | None
 
 
-def silent(label: str, total: int) -> AbstractContextManager[Callable[[int], None]]:
+def show_no_progress(label: str, total: int) -> AbstractContextManager[Callable[[int], None]]:
     """No progress."""
     return nullcontext(lambda count: None)
 
@@ -131,10 +151,10 @@ def run(
     jobs: int | None = None,
     scheduler: str | None = None,
     chunk: int | None = None,
-    progress: Display = silent,
+    progress: Display = show_no_progress,
     keep: Collection[int] = (),
     retry_failed: bool = False,
-    until: Until | None = None,
+    until: StoppingRule | None = None,
     mix: bool = False,
 ) -> Outcome:
     """Run a study, or what is left of it, and write its table.
@@ -150,7 +170,7 @@ def run(
     scheduler : address of a dask scheduler
     chunk : cases that are handed out and stored together; changes nothing in the table
     progress : (label, cases left) to a context with a function that is told how many more have ended; for example
-        ``functools.partial(studies.report.console.progress, console)``
+        ``functools.partial(studies.report.console.show_progress, console)``
     keep : cases whose recordings are kept
     retry_failed : run failed cases of earlier runs again
     until : stop as soon as this is met; the configuration's number of cases is then the most there may be
@@ -169,22 +189,22 @@ def run(
         raise InputError(f"study {study.name}: has no recordings to keep")
     for case in keep:
         _check_case(config, case)
-    if until and not may_grow(study, ready):
+    if until and not is_extendable(study, ready):
         raise InputError(f"study {study.name}: --until needs rows that do not depend on the number of cases")
     folder = Path(folder)
-    with locked(folder), stoppable():
-        document = about(study, config)
-        earlier = _earlier(document, folder)
-        document["chunk"] = _chunk(config.cases, chunk, earlier, folder)
+    with open_study_folder(folder), handle_stop_signals():
+        document = describe_configuration(study, config)
+        earlier = _load_earlier_manifest(document, folder)
+        document["chunk"] = _choose_chunk_size(config.cases, chunk, earlier, folder)
         parts = Parts(folder, config.cases, document["chunk"], document["config_sha256"])
-        session = Session(parts, task_for, document, earlier, backend, made_with(study), mix)
-        missing = session.survey(retry_failed)
+        session = Session(parts, task_for, document, earlier, backend, describe_provenance(study), mix)
+        missing = session.find_missing_cases(retry_failed)
         resumed = session.done
         table = folder / "table.parquet"
-        with session.ending():
+        with session.record_ending():
             session.write("running")
             if missing:
-                with single_threaded() as messages, _opened(backend, jobs, scheduler) as workers:
+                with run_single_threaded() as messages, _open_executor(backend, jobs, scheduler) as workers:
                     try:
                         with progress(study.name, sum(map(len, missing))) as advance:
                             _finish(session, workers, missing, advance, until)
@@ -211,11 +231,11 @@ def run(
 
 
 def _finish(
-    session: Session, workers: Executor | None, missing: list[range], advance: Callable[[int], None], until: Until | None
+    session: Session, workers: Executor | None, missing: list[range], advance: Callable[[int], None], until: StoppingRule | None
 ) -> None:
     """Run the missing cases, or as many as the criterion asks for; the study ends with these."""
     parts = session.parts
-    for stop in looks(parts.cases, parts.chunk) if until else [parts.cases]:
+    for stop in list_checkpoints(parts.cases, parts.chunk) if until else [parts.cases]:
         now = [cases for cases in missing if cases.stop <= stop]
         missing = missing[len(now) :]
         if workers and now:
@@ -229,7 +249,7 @@ def _finish(
             return
 
 
-def _earlier(document: Mapping[str, Any], folder: Path) -> dict[str, Any] | None:
+def _load_earlier_manifest(document: Mapping[str, Any], folder: Path) -> dict[str, Any] | None:
     """Manifest of the same study in the folder, with as many cases or fewer; None if there is none.
 
     Raises
@@ -237,7 +257,7 @@ def _earlier(document: Mapping[str, Any], folder: Path) -> dict[str, Any] | None
     InputError
         The folder holds another study, or one that cannot be continued.
     """
-    found = known(folder)
+    found = read_study_manifest(folder)
     if found is None:
         return None
     before, cases = found["cases"], document["cases"]
@@ -247,11 +267,11 @@ def _earlier(document: Mapping[str, Any], folder: Path) -> dict[str, Any] | None
     scenarios = ({"scenario": one.get("scenario")} for one in (found, document))
     why = "it cannot have fewer" if before > cases else "its rows depend on the number of cases"
     number = f"cases: {before} → {cases}, and {why}" if before != cases else "the order of the dispersions"
-    what = changes(*settings) or changes(*scenarios) or number
+    what = list_changes(*settings) or list_changes(*scenarios) or number
     raise InputError(f"{folder}: holds a study with another configuration ({what}); choose another folder")
 
 
-def _chunk(cases: int, wanted: int | None, earlier: Mapping[str, Any] | None, folder: Path) -> int:
+def _choose_chunk_size(cases: int, wanted: int | None, earlier: Mapping[str, Any] | None, folder: Path) -> int:
     """Cases of a chunk: what the folder's parts have, else what is wanted, else what suits the number of cases.
 
     Raises
@@ -268,17 +288,17 @@ def _chunk(cases: int, wanted: int | None, earlier: Mapping[str, Any] | None, fo
     return int(earlier["chunk"])
 
 
-def work_folder(folder: Path, study: Study, config: StudyConfig) -> Path:
+def get_work_folder(folder: Path, study: Study, config: StudyConfig) -> Path:
     """Where a study runs whose rows are not kept, in the folder of what is made of them.
 
     Of each configuration, source code and machine its own, so that what another one left unfinished is never in the way.
     """
-    made = [config_sha256(study, resolved(config)), config.cases, made_with(study)]
-    return Path(folder) / WORK / digest(json.dumps(made, sort_keys=True).encode())[:12]
+    made = [hash_config(study, resolve_config(config)), config.cases, describe_provenance(study)]
+    return Path(folder) / WORK / hash_bytes(json.dumps(made, sort_keys=True).encode())[:12]
 
 
-def publish(outcome: Outcome, folder: Path, **about: Any) -> None:
-    """Write the manifest of what was made of a study's rows, and remove the `work_folder` of the folder.
+def finish_folder(outcome: Outcome, folder: Path, **about: Any) -> None:
+    """Write the manifest of what was made of a study's rows, and remove the `get_work_folder` of the folder.
 
     Parameters
     ----------
@@ -290,9 +310,9 @@ def publish(outcome: Outcome, folder: Path, **about: Any) -> None:
     shutil.rmtree(Path(folder) / WORK)
 
 
-def config_in(study: Study, folder: Path) -> StudyConfig | None:
+def load_stored_config(study: Study, folder: Path) -> StudyConfig | None:
     """Configuration of the study that a folder holds, as it was given; None without one that this study can have."""
-    found = known(folder)
+    found = read_study_manifest(folder)
     try:
         return study.config.model_validate_json(json.dumps(found["config"])) if found else None
     except (KeyError, ValidationError):
@@ -315,27 +335,27 @@ def rerun(study: Study, config: StudyConfig, case: int, folder: Path) -> Rerun:
     task_for, ready = _prepare(study, config)
     _check_case(config, case)
     folder = Path(folder)
-    document = about(study, config)
-    manifest = _earlier(document, folder)
+    document = describe_configuration(study, config)
+    manifest = _load_earlier_manifest(document, folder)
     # First, since the case may end this process.
     recording = _keep(study, ready, case, folder) if study.recording else None
     result = run_cases(task_for(range(case, case + 1)))
-    rows = table_of(result.rows).to_pandas()
+    rows = build_table(result.rows).to_pandas()
     same = None
     if manifest:
-        before = Parts(folder, config.cases, manifest["chunk"], document["config_sha256"]).rows_of(case)
-        same = None if before is None else _same(before, rows)
+        before = Parts(folder, config.cases, manifest["chunk"], document["config_sha256"]).read_case_rows(case)
+        same = None if before is None else _is_same_table(before, rows)
     return Rerun(rows, result.tracebacks.get(case, ""), recording, same)
 
 
 def _prepare(study: Study, config: StudyConfig) -> tuple[Callable[[range], Task], StudyConfig]:
     """What makes a task of a range of cases, and the resolved configuration."""
-    folder = folder_of(study)
+    folder = find_study_folder(study)
     if find(study.name, folder) != study:
         raise InputError(f"study {study.name}: what stands there is not the study of that name")
     if type(config) is not study.config:
         raise InputError(f"study {study.name}: needs a {study.config.__name__}, not a {type(config).__name__}")
-    ready = resolved(config)
+    ready = resolve_config(config)
     text = ready.model_dump_json()
     return lambda cases: Task(study.name, text, cases, folder), study.config.model_validate_json(text)
 
@@ -345,18 +365,18 @@ def _check_case(config: StudyConfig, case: int) -> None:
         raise InputError(f"case {case}: the study has the cases 0 to {config.cases - 1}")
 
 
-def about(study: Study, config: StudyConfig) -> dict[str, Any]:
+def describe_configuration(study: Study, config: StudyConfig) -> dict[str, Any]:
     """What the manifest says about a study: the configuration as given, the scenario it stands for, and the hash of both."""
-    ready = resolved(config)
+    ready = resolve_config(config)
     given = config.model_dump(mode="json")
     if not isinstance(config.scenario, str):
         given["scenario"] = config.scenario.title
     scenario = ready.model_dump(mode="json")["scenario"]
-    sha256 = config_sha256(study, ready)
+    sha256 = hash_config(study, ready)
     return {"study": study.name, "config": given, "scenario": scenario, "config_sha256": sha256, "cases": config.cases}
 
 
-def _same(before: pd.DataFrame, now: pd.DataFrame) -> bool:
+def _is_same_table(before: pd.DataFrame, now: pd.DataFrame) -> bool:
     """Whether two tables of a case hold the same; columns that only other cases have are empty."""
     if not set(now) <= set(before):
         return False
@@ -369,7 +389,7 @@ def _keep(study: Study, config: StudyConfig, case: int, folder: Path) -> Path | 
     assert study.recording is not None
     path = folder / "cases" / f"case-{case:06d}"
     try:
-        with single_threaded():
+        with run_single_threaded():
             recording = study.recording(config, case, Streams(config.entropy, case))
     except Exception as error:
         logger.warning("case %d: no recording, %s: %s", case, type(error).__name__, error)
@@ -379,7 +399,7 @@ def _keep(study: Study, config: StudyConfig, case: int, folder: Path) -> Path | 
 
 
 @contextmanager
-def _opened(name: Name, jobs: int | None, scheduler: str | None) -> Iterator[Executor]:
+def _open_executor(name: Name, jobs: int | None, scheduler: str | None) -> Iterator[Executor]:
     backend = open_backend(name, run_cases, jobs, scheduler)
     finished = False
     try:

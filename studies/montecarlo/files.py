@@ -1,4 +1,4 @@
-"""The files a study or a command writes: text, JSON and tables, each through `gyrocal.files.replacing`."""
+"""The files a study or a command writes: text, JSON and tables, each through `gyrocal.files.open_replacement`."""
 
 import json
 import math
@@ -10,13 +10,13 @@ import numpy as np
 import pandas as pd
 
 from gyrocal.errors import InputError
-from gyrocal.files import replaced, replacing
+from gyrocal.files import is_replaced, open_replacement
 
 
 def write_bytes(path: Path, data: bytes) -> None:
     """Write a file, in a folder that is made if need be."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as file:
+    with open_replacement(path) as file:
         file.write(data)
 
 
@@ -25,14 +25,14 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode())
 
 
-def json_text(value: Any) -> str:
+def format_json(value: Any) -> str:
     """A value as JSON for people; numbers that are none (NaN, infinity) become null, numpy's scalars become numbers."""
-    return json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False)
+    return json.dumps(convert_to_plain(value), indent=2, ensure_ascii=False, allow_nan=False)
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write a value as `json_text`."""
-    write_text(path, json_text(value) + "\n")
+    """Write a value as `format_json`."""
+    write_text(path, format_json(value) + "\n")
 
 
 def write_csv(path: Path, table: pd.DataFrame, digits: int = 9) -> None:
@@ -45,18 +45,18 @@ def write_csv(path: Path, table: pd.DataFrame, digits: int = 9) -> None:
 
 def write_parquet(path: Path, table: pd.DataFrame) -> None:
     """Write a table as Parquet, packed as hard as is quick: answers of a thousand diagnoses are text that repeats itself."""
-    with replacing(path) as file:
+    with open_replacement(path) as file:
         table.to_parquet(file, index=False, write_page_checksum=True, compression="zstd")
 
 
-def plain(value: Any) -> Any:
+def convert_to_plain(value: Any) -> Any:
     """A value as JSON can have it: numpy's scalars and arrays as numbers and lists, what is not finite as None."""
     if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): convert_to_plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [convert_to_plain(item) for item in value]
     if isinstance(value, np.generic | np.ndarray):
-        return plain(value.tolist())
+        return convert_to_plain(value.tolist())
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -76,7 +76,7 @@ def check_writable(path: Path | None) -> None:
         raise InputError(f"{path}: no folder {path.parent}")
     # A regular file is replaced, which its folder must allow; a device or a pipe is only written to.
     try:
-        allowed = os.access(path.parent if replaced(path) else path, os.W_OK)
+        allowed = os.access(path.parent if is_replaced(path) else path, os.W_OK)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from None
     if not allowed or (path.exists() and not os.access(path, os.W_OK)):

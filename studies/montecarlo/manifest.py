@@ -11,17 +11,17 @@ from typing import Any
 from studies.montecarlo.files import write_json
 
 MANIFEST = "manifest.json"
-PACKAGES = ("gyrocal", "numpy", "scipy", "pandas", "numba", "matplotlib", "joblib", "pydantic", "pyarrow")
+REPORTED_PACKAGES = ("gyrocal", "numpy", "scipy", "pandas", "numba", "matplotlib", "joblib", "pydantic", "pyarrow")
 WORK = "work"
 AT_WORK = ("parts", "failures", "cases", WORK)  # folders of a study that hold no result
 
 
-def digest(data: bytes) -> str:
+def hash_bytes(data: bytes) -> str:
     """SHA-256 in hexadecimal."""
     return hashlib.sha256(data).hexdigest()
 
 
-def commit() -> str | None:
+def read_commit() -> str | None:
     """Commit of the source this runs from, with "+changes" if it is not clean; None outside a repository."""
     folder = Path(__file__).parent
     try:
@@ -34,13 +34,13 @@ def commit() -> str | None:
     return head.stdout.strip() + ("+changes" if status.stdout.strip() else "")
 
 
-def versions(more: Iterable[str] = ()) -> dict[str, Any]:
-    """Commit, Python, and packages, some more than `PACKAGES` if asked for."""
-    packages = {name: metadata.version(name) for name in (*PACKAGES, *more)}
-    return {"commit": commit(), "python": platform.python_version(), "packages": packages}
+def collect_versions(more: Iterable[str] = ()) -> dict[str, Any]:
+    """Commit, Python, and packages, some more than `REPORTED_PACKAGES` if asked for."""
+    packages = {name: metadata.version(name) for name in (*REPORTED_PACKAGES, *more)}
+    return {"commit": read_commit(), "python": platform.python_version(), "packages": packages}
 
 
-def results(folder: Path) -> list[Path]:
+def list_results(folder: Path) -> list[Path]:
     """The files of a folder that are results: all but the manifest, hidden ones, and what a study works with."""
     found = (path for path in folder.rglob("*") if path.is_file() and path.name != MANIFEST)
     inside = ((path, path.relative_to(folder).parts) for path in found)
@@ -57,7 +57,7 @@ def write_manifest(folder: Path, about: Mapping[str, Any], complete: bool = True
     complete : whether all results are there; only then are they hashed
     """
     files = {}
-    for path in results(folder) if complete else ():
+    for path in list_results(folder) if complete else ():
         with path.open("rb") as file:
             files[str(path.relative_to(folder))] = hashlib.file_digest(file, "sha256").hexdigest()
     write_json(folder / MANIFEST, dict(about) | {"files": files})

@@ -21,18 +21,18 @@ from typing import Any
 
 from gyrocal.errors import GyrocalError, InputError
 from studies.montecarlo.backends import Executor
-from studies.montecarlo.cases import Result, Task, killed, merged
+from studies.montecarlo.cases import Result, Task, build_killed_result, merge_results
 from studies.montecarlo.files import write_bytes
-from studies.montecarlo.manifest import MANIFEST, versions, write_manifest
-from studies.montecarlo.provenance import changes
+from studies.montecarlo.manifest import MANIFEST, collect_versions, write_manifest
+from studies.montecarlo.provenance import list_changes
 from studies.montecarlo.store import PartInfo, Parts
 
 logger = logging.getLogger(__name__)
 
-SEEDS = "SeedSequence(entropy, spawn_key=(case, *name.encode()))"
+SEED_FORMULA = "SeedSequence(entropy, spawn_key=(case, *name.encode()))"
 
 
-class Interrupted(GyrocalError):  # noqa: N818  # an event, not a fault
+class StudyInterrupted(GyrocalError):  # noqa: N818  # an event, not a fault
     """The study was stopped; the message says how far it is and that the same command resumes it.
 
     Attributes
@@ -45,7 +45,7 @@ class Interrupted(GyrocalError):  # noqa: N818  # an event, not a fault
         self.exit_status = 128 + number
 
 
-class _Told(KeyboardInterrupt):
+class _StopSignal(KeyboardInterrupt):
     """A signal that is to end the run as Ctrl-C does."""
 
     def __init__(self, number: int) -> None:
@@ -58,7 +58,7 @@ class StorageError(InputError):
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def open_study_folder(folder: Path) -> Iterator[None]:
     """Make the folder and hold it for this run; the lock goes with the process, however that ends.
 
     Raises
@@ -77,7 +77,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def stoppable() -> Iterator[None]:
+def handle_stop_signals() -> Iterator[None]:
     """SIGTERM and SIGHUP raise what Ctrl-C does, once; one that is ignored, as under nohup, stays so."""
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may say what signals do
@@ -88,7 +88,7 @@ def stoppable() -> Iterator[None]:
     def tell(number: int, frame: object) -> None:
         for one in before:
             signal.signal(one, signal.SIG_IGN)
-        raise _Told(number)
+        raise _StopSignal(number)
 
     try:
         for number in before:
@@ -99,7 +99,7 @@ def stoppable() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def known(folder: Path) -> dict[str, Any] | None:
+def read_study_manifest(folder: Path) -> dict[str, Any] | None:
     """Manifest of the study in a folder, None if there is none.
 
     Raises
@@ -153,7 +153,7 @@ class Session:
     ) -> None:
         self.parts, self.task_for, self.before, self.made_with, self.mix = parts, task_for, earlier or {}, made_with, mix
         self.begun = time.monotonic()
-        installed = versions(["distributed"] if backend == "dask" else [])
+        installed = collect_versions(["distributed"] if backend == "dask" else [])
         self.about = {**about, **installed, **made_with}
         status = {"status": "running", "backend": backend, "jobs": None, "resumed": 0, "wall_s": 0.0}
         self.run = {**status, **installed, "machine": made_with["machine"]}
@@ -168,12 +168,12 @@ class Session:
                 logger.warning(text)
         self.warnings.update(warnings)
 
-    def survey(self, retry_failed: bool) -> list[range]:
+    def find_missing_cases(self, retry_failed: bool) -> list[range]:
         """The cases that are still to be computed, part by part; damaged parts are set aside."""
         self.parts.remove_temporary()
         missing = []
         for index in range(len(self.parts)):
-            info, cases = self.parts.inspect(index), self.parts.range(index)
+            info, cases = self.parts.inspect(index), self.parts.list_cases(index)
             if isinstance(info, str):
                 aside = self.parts.set_aside(index)
                 self.count({f"{self.parts.path(index)} is damaged ({info}); set aside as {aside.name} and computed again": 1})
@@ -199,7 +199,7 @@ class Session:
         if not more:  # this run makes no rows: what made them stays in the manifest
             self.about |= before
         edited = before["source_sha256"] != self.made_with["source_sha256"]
-        elsewhere = changes(before["machine"] or {}, self.made_with["machine"]) if more else ""
+        elsewhere = list_changes(before["machine"] or {}, self.made_with["machine"]) if more else ""
         finished = f"{self.parts.folder}: {self.done} finished cases were computed"
         if not edited and not elsewhere:
             return
@@ -221,8 +221,8 @@ class Session:
                 advance(len(task.cases))
         for task in died:
             singles = [self.task_for(range(case, case + 1)) for case in task.cases]
-            alone = (result or killed(single) for single, result in workers.results(singles, alone=True))
-            self._store(task.cases, merged(alone))
+            alone = (result or build_killed_result(single) for single, result in workers.results(singles, alone=True))
+            self._store(task.cases, merge_results(alone))
             advance(len(task.cases))
 
     def end_at(self, cases: int) -> None:
@@ -235,7 +235,7 @@ class Session:
     def _store(self, cases: range, result: Result) -> None:
         """Store a part; its tracebacks first, so that a part that is there is complete."""
         if result.made_with not in (None, self.made_with) and not self.mix:
-            differs = changes(self.made_with["machine"], result.made_with["machine"]) or "its source code"
+            differs = list_changes(self.made_with["machine"], result.made_with["machine"]) or "its source code"
             raise InputError(f"a worker differs ({differs}); make them alike, or go on with --mix")
         for case in cases:
             path = self.parts.folder / "failures" / f"case-{case:06d}.txt"
@@ -261,7 +261,7 @@ class Session:
         """Write the manifest, and return it without the hashes."""
         self.run |= {"status": status, "wall_s": round(self.wall_s, 3)}
         document = self.about | {
-            "seeds": {"entropy": self.about["config"]["entropy"], "stream": SEEDS},
+            "seeds": {"entropy": self.about["config"]["entropy"], "stream": SEED_FORMULA},
             **{name: self.run[name] for name in ("status", "backend", "jobs", "wall_s")},
             "cpu_s": round(self.cpu_s, 3),
             "done": self.done,
@@ -274,7 +274,7 @@ class Session:
         return document
 
     @contextmanager
-    def ending(self) -> Iterator[None]:
+    def record_ending(self) -> Iterator[None]:
         """Whatever ends the run early is written down, and said in one line if it is not the program's fault."""
         try:
             yield
@@ -285,7 +285,7 @@ class Session:
             if isinstance(error, KeyboardInterrupt):
                 number = getattr(error, "number", signal.SIGINT)
                 how = "" if number == signal.SIGINT else f" by {signal.Signals(number).name}"
-                raise Interrupted(f"interrupted{how}; {safe}; the same command resumes", number) from None
+                raise StudyInterrupted(f"interrupted{how}; {safe}; the same command resumes", number) from None
             if isinstance(error, OSError):
                 full = error.errno in (errno.ENOSPC, errno.EDQUOT)
                 how = "free some space, and the same command resumes" if full else "the same command resumes"

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-LEVELS = {"68": 0.682689492137, "95": 0.954499736104, "99.7": 0.997300203937}  # 1, 2 and 3 sigma of a Gaussian
+SIGMA_LEVELS = {"68": 0.682689492137, "95": 0.954499736104, "99.7": 0.997300203937}  # 1, 2 and 3 sigma of a Gaussian
 CONSISTENT, OVER_CONFIDENT, UNDER_CONFIDENT = "consistent", "over-confident", "under-confident"
 LINE_CONFIDENCE = 0.999  # of each line of a table: a dozen lines with consistent covariances pass together with 99 %
 
@@ -41,7 +41,7 @@ class Nees:
         return CONSISTENT if self.inside else OVER_CONFIDENT if self.value > self.upper else UNDER_CONFIDENT
 
 
-def nees(errors: Array, covariances: Array) -> Array:
+def compute_nees(errors: Array, covariances: Array) -> Array:
     """eᵀP⁻¹e of each case; errors (n, p), covariances (n, p, p), scaled inside so that mixed units do no harm."""
     scale = np.sqrt(np.einsum("nii->ni", covariances))
     normalised = errors / scale
@@ -49,7 +49,7 @@ def nees(errors: Array, covariances: Array) -> Array:
     return np.einsum("ni,ni->n", normalised, np.linalg.solve(correlation, normalised[..., None])[..., 0])
 
 
-def nees_check(values: ArrayLike, dof: int, confidence: float = 0.99) -> Nees:
+def check_mean_nees(values: ArrayLike, dof: int, confidence: float = 0.99) -> Nees:
     """Mean NEES of n independent cases against its χ² bounds at the given confidence; cases without one, NaN, are left out."""
     found = np.asarray(values, dtype=float)
     found = found[np.isfinite(found)]
@@ -59,21 +59,21 @@ def nees_check(values: ArrayLike, dof: int, confidence: float = 0.99) -> Nees:
     return Nees(float(np.mean(found)), float(lower), float(upper), dof, n)
 
 
-def nees_line(values: ArrayLike, dof: int, confidence: float = LINE_CONFIDENCE) -> dict[str, Any]:
+def build_nees_row(values: ArrayLike, dof: int, confidence: float = LINE_CONFIDENCE) -> dict[str, Any]:
     """The columns of a table that judge a mean NEES: cases, dof, nees_per_dof, low, high, verdict."""
-    found = nees_check(values, dof, confidence)
+    found = check_mean_nees(values, dof, confidence)
     numbers = {"nees_per_dof": found.value / dof, "low": found.lower / dof, "high": found.upper / dof}
     return {"cases": found.cases, "dof": dof, **numbers, "verdict": found.verdict}
 
 
-def coverage(errors: Array, sigmas: Array, level: str) -> tuple[int, int]:
+def count_covered(errors: Array, sigmas: Array, level: str) -> tuple[int, int]:
     """How many |e| are within the level's k sigma, and of how many."""
-    k = scipy.special.ndtri(0.5 + LEVELS[level] / 2)
+    k = scipy.special.ndtri(0.5 + SIGMA_LEVELS[level] / 2)
     inside = np.abs(errors) <= k * sigmas
     return int(inside.sum()), int(inside.size)
 
 
-def binomial_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
+def compute_binomial_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
     """Wilson's interval of a proportion; all of [0, 1] without a trial. E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209."""
     from scipy.stats import binomtest  # scipy.stats costs every worker 45 MiB, and no case needs it
 
@@ -83,7 +83,7 @@ def binomial_interval(successes: int, trials: int, confidence: float = 0.95) -> 
     return float(interval.low), float(interval.high)
 
 
-def binomial_band(trials: int, share: float, confidence: float, counts: int = 1) -> tuple[int, int]:
+def compute_binomial_band(trials: int, share: float, confidence: float, counts: int = 1) -> tuple[int, int]:
     """Bounds that so many counts of `trials`, each expected to be that share, all keep to with at least this confidence."""
     from scipy.stats import binom
 
@@ -92,7 +92,7 @@ def binomial_band(trials: int, share: float, confidence: float, counts: int = 1)
     return int(low), int(high)
 
 
-def accuracy_table(errors: Array, sigmas: Array, names: Sequence[str], units: Sequence[str]) -> pd.DataFrame:
+def tabulate_accuracy(errors: Array, sigmas: Array, names: Sequence[str], units: Sequence[str]) -> pd.DataFrame:
     """Bias, spread, formal sigma and coverage of each parameter over the cases.
 
     Parameters
@@ -113,15 +113,15 @@ def accuracy_table(errors: Array, sigmas: Array, names: Sequence[str], units: Se
         }
     )
     table["spread_over_formal"] = table["spread"] / table["formal_sigma"]
-    for level in LEVELS:
-        counts = [coverage(errors[:, j], sigmas[:, j], level) for j in range(errors.shape[1])]
+    for level in SIGMA_LEVELS:
+        counts = [count_covered(errors[:, j], sigmas[:, j], level) for j in range(errors.shape[1])]
         table[f"coverage_{level}"] = [inside / total for inside, total in counts]
-        limits = np.array([binomial_interval(*count) for count in counts])
+        limits = np.array([compute_binomial_interval(*count) for count in counts])
         table[f"coverage_{level}_low"], table[f"coverage_{level}_high"] = limits[:, 0], limits[:, 1]
     return table
 
 
-def distribution(samples: Array, flight: Array | None = None) -> pd.DataFrame:
+def summarise_distribution(samples: Array, flight: Array | None = None) -> pd.DataFrame:
     """Mean, standard deviation, 5–95 % range of each column, and where the flight's value falls.
 
     Parameters
@@ -149,21 +149,21 @@ def distribution(samples: Array, flight: Array | None = None) -> pd.DataFrame:
     return table
 
 
-def beside(values: pd.Series, flight: float) -> dict[str, float]:
+def summarise_with_flight(values: pd.Series, flight: float) -> dict[str, float]:
     """Median and 5–95 % range of simulated values, the flight's, and the percentage of them below it; NaN if it did not fly."""
     low, median, high = np.quantile(values, [0.05, 0.5, 0.95]) if len(values) else np.full(3, np.nan)
     percentile = np.nan if np.isnan(flight) else 100 * float((values < flight).mean())
     return {"median": median, "p05": low, "p95": high, "flight": flight, "flight_percentile": percentile}
 
 
-def order(x: ArrayLike, y: ArrayLike) -> float:
+def fit_log_slope(x: ArrayLike, y: ArrayLike) -> float:
     """Slope of log y over log x by least squares: the n of y ∝ xⁿ; NaN from fewer than two points above zero."""
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     good = (x > 0) & (y > 0)
     return float(np.polyfit(np.log(x[good]), np.log(y[good]), 1)[0]) if good.sum() > 1 else float("nan")
 
 
-def crossing(x: ArrayLike, y: ArrayLike, level: float) -> float:
+def find_level_crossing(x: ArrayLike, y: ArrayLike, level: float) -> float:
     """Where y first rises through the level, interpolated in log x and log y; NaN if it does not between first and last x."""
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     above = np.flatnonzero((y[:-1] < level) & (y[1:] >= level))

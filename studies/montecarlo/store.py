@@ -20,8 +20,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from gyrocal.errors import GyrocalError, InputError, hint
-from gyrocal.files import TEMPORARY, replacing
+from gyrocal.errors import GyrocalError, InputError, suggest_names
+from gyrocal.files import TEMPORARY, open_replacement
 from studies.montecarlo.files import write_bytes
 
 ROW_GROUP = 8192  # rows of the table's row groups
@@ -42,13 +42,13 @@ class PartInfo:
     cpu_s: float
 
 
-def table_of(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
+def build_table(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
     """Rows as a table; a column is there for every name that a row has, in order of appearance."""
     names = dict.fromkeys(name for row in rows for name in row)
-    return pa.table({name: _array([row.get(name) for row in rows]) for name in names})
+    return pa.table({name: _build_array([row.get(name) for row in rows]) for name in names})
 
 
-def _array(values: list[Any]) -> pa.Array:
+def _build_array(values: list[Any]) -> pa.Array:
     if any(isinstance(value, float) for value in values):
         return pa.array([None if value is None else float(value) for value in values], pa.float64())
     return pa.array(values)
@@ -74,7 +74,7 @@ class Parts:
     def __len__(self) -> int:
         return -(-self.cases // self.chunk)
 
-    def range(self, index: int) -> range:
+    def list_cases(self, index: int) -> range:
         """The cases of a part."""
         return range(index * self.chunk, min((index + 1) * self.chunk, self.cases))
 
@@ -92,7 +92,7 @@ class Parts:
         """Write a part: the rows of its cases in their order, and their CPU time."""
         about = json.dumps({"config_sha256": self.config_sha256, "cpu_s": cpu_s})
         sink = pa.BufferOutputStream()
-        pq.write_table(table_of(rows).replace_schema_metadata({METADATA: about}), sink, write_page_checksum=True)
+        pq.write_table(build_table(rows).replace_schema_metadata({METADATA: about}), sink, write_page_checksum=True)
         write_bytes(self.path(index), sink.getvalue())
 
     def read(self, index: int) -> pa.Table:
@@ -118,14 +118,14 @@ class Parts:
             return " ".join(str(error).split()) or type(error).__name__
         if about["config_sha256"] != self.config_sha256:
             raise InputError(f"{self.path(index)}: belongs to a study with another configuration; choose another folder")
-        cases, held = self.range(index), sorted(set(numbers))
+        cases, held = self.list_cases(index), sorted(set(numbers))
         if held != list(cases)[: len(held)]:
             return f"it does not hold the cases {cases.start} to {cases.stop - 1}"
         failures = {number: error for number, error in zip(numbers, errors, strict=True) if error}
         # The last part of a study that had fewer cases when it was written has to be computed again.
         return PartInfo(failures, about["cpu_s"]) if len(held) == len(cases) else None
 
-    def rows_of(self, case: int) -> pd.DataFrame | None:
+    def read_case_rows(self, case: int) -> pd.DataFrame | None:
         """The rows of one case; None if they are not there or damaged."""
         index = case // self.chunk
         if not isinstance(self.inspect(index), PartInfo):
@@ -160,11 +160,11 @@ class Parts:
         """
         table = self.table(stop)
         if column not in table.column_names:
-            raise InputError(f"{column}: the rows have no such column; {hint(column, table.column_names)}")
+            raise InputError(f"{column}: the rows have no such column; {suggest_names(column, table.column_names)}")
         return table.select(list(dict.fromkeys(["case", "error", column]))).to_pandas()
 
     def write_table(self, path: Path) -> None:
         """Write the table of all parts; if it cannot be written, the one that was there before stays."""
         table = self.table(self.cases)
-        with replacing(path) as file:
+        with open_replacement(path) as file:
             pq.write_table(table, file, row_group_size=ROW_GROUP, write_page_checksum=True)

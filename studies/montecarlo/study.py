@@ -31,8 +31,8 @@ from typing import Any, ClassVar, Self, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from gyrocal.errors import InputError, hint
-from gyrocal.recording import Recording, read_toml, validation_message
+from gyrocal.errors import InputError, suggest_names
+from gyrocal.recording import Recording, format_validation_error, read_toml
 from simulator import scenario as scenarios
 from simulator.scenario import Scenario
 from simulator.simulate import motion, observe
@@ -72,14 +72,14 @@ class StudyConfig(BaseModel):
     # Not as constraints of the fields, which a study that gives another default would lose.
     @field_validator("cases")
     @classmethod
-    def _countable(cls, value: int) -> int:
+    def _check_cases(cls, value: int) -> int:
         if not 1 <= value <= MAX_CASE:
             raise ValueError(f"must be between 1 and {MAX_CASE}")
         return value
 
     @field_validator("entropy")
     @classmethod
-    def _not_negative(cls, value: int) -> int:
+    def _check_entropy(cls, value: int) -> int:
         if value < 0:
             raise ValueError("must not be negative")
         return value
@@ -102,7 +102,7 @@ class GridConfig(StudyConfig):
         return list(product(*(getattr(self, name) for name in self.axes)))
 
     @model_validator(mode="after")
-    def _one_case_a_point(self) -> Self:
+    def _set_cases(self) -> Self:
         if self.dispersions:
             raise ValueError("dispersions: the points of a grid are not dispersed; change the scenario by overrides")
         points = len(self.points())
@@ -170,7 +170,7 @@ def find(name: str, folder: str = "") -> Study:
     return study
 
 
-def folder_of(study: Study) -> str:
+def find_study_folder(study: Study) -> str:
     """Folder of a study whose module is a single file, where a worker finds it; empty for a module of a package."""
     module = study.name.partition(":")[0]
     file = getattr(sys.modules.get(module), "__file__", None)
@@ -197,7 +197,7 @@ def load_config(study: Study, path: Path | None = None, changes: Mapping[str, An
     for setting, value in (changes or {}).items():
         name, _, key = setting.partition(".")
         if name not in study.config.model_fields:
-            raise InputError(f"{setting}: there is no such setting; {hint(name, study.config.model_fields)}")
+            raise InputError(f"{setting}: there is no such setting; {suggest_names(name, study.config.model_fields)}")
         if not key:
             document[name] = value
         elif isinstance(document[name], dict):
@@ -211,10 +211,10 @@ def load_config(study: Study, path: Path | None = None, changes: Mapping[str, An
     except TypeError as error:
         raise InputError(f"{source}: {error}") from None
     except ValidationError as error:
-        raise InputError(f"{source}: {validation_message(error, study.config)}") from None
+        raise InputError(f"{source}: {format_validation_error(error, study.config)}") from None
 
 
-def resolved(config: Config) -> Config:
+def resolve_config(config: Config) -> Config:
     """The configuration with its scenario's content, overrides applied, in place of the scenario's name; checked.
 
     Raises
@@ -222,21 +222,21 @@ def resolved(config: Config) -> Config:
     InputError
         The scenario, an override or a dispersion cannot be used.
     """
-    scenario = base_scenario(config)
+    scenario = load_base_scenario(config)
     dispersions.check(config.dispersions, scenario)
     return config.model_copy(update={"scenario": scenario, "overrides": {}})
 
 
-def config_sha256(study: Study, config: StudyConfig) -> str:
+def hash_config(study: Study, config: StudyConfig) -> str:
     """SHA-256 of what a study's rows depend on, its name and resolved configuration, as canonical JSON."""
-    document = config.model_dump(mode="json") | {"cases": None if may_grow(study, config) else config.cases}
+    document = config.model_dump(mode="json") | {"cases": None if is_extendable(study, config) else config.cases}
     # Sorted keys must not hide the order of the dispersions, on which the Sobol dimensions depend.
     document["dispersions"] = list(document["dispersions"].items())
     text = json.dumps({"study": study.name, "config": document}, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def may_grow(study: Study, config: StudyConfig) -> bool:
+def is_extendable(study: Study, config: StudyConfig) -> bool:
     """Whether the rows of the first cases are the same however many follow.
 
     They are not if the study's module reads the number of cases of a configuration, as in ``config.cases``.
@@ -246,18 +246,18 @@ def may_grow(study: Study, config: StudyConfig) -> bool:
     return not (isinstance(config, GridConfig) or stratified or re.search(r"(?<![\w.])\w+\.cases\b", text))
 
 
-def base_scenario(config: StudyConfig) -> Scenario:
+def load_base_scenario(config: StudyConfig) -> Scenario:
     """The scenario with its overrides, before any dispersion."""
     scenario = scenarios.load(config.scenario) if isinstance(config.scenario, str) else config.scenario
     return scenarios.override(scenario, config.overrides) if config.overrides else scenario
 
 
-def dispersed_values(config: StudyConfig, case: int) -> dict[str, float]:
+def draw_case_values(config: StudyConfig, case: int) -> dict[str, float]:
     """The scenario's dispersed values in one case, by path."""
     if not config.dispersions:
         return {}
     sampling = {"entropy": config.entropy, "case": case, "cases": config.cases}
-    return dispersions.values(config.dispersions, base_scenario(config), config.sampler, **sampling)
+    return dispersions.draw_values(config.dispersions, load_base_scenario(config), config.sampler, **sampling)
 
 
 def dispersed(config: StudyConfig, case: int) -> Scenario:
@@ -268,12 +268,12 @@ def dispersed(config: StudyConfig, case: int) -> Scenario:
     InputError
         The draws make no valid scenario.
     """
-    drawn = dispersed_values(config, case)
-    scenario = base_scenario(config)
+    drawn = draw_case_values(config, case)
+    scenario = load_base_scenario(config)
     return scenarios.override(scenario, drawn) if drawn else scenario
 
 
-def case_motion(scenario: Scenario) -> Motion:
+def simulate_case_motion(scenario: Scenario) -> Motion:
     """Noise-free motion of a scenario, kept from one case to the next while nothing that moves is dispersed.
 
     What the motion does not depend on, the gyro's parameters and the noise levels, is set to constants to find it again.
@@ -283,11 +283,11 @@ def case_motion(scenario: Scenario) -> Motion:
     still = {"true_G": unit, "apriori_G": unit, "true_bias_deg_s": zero, "apriori_bias_deg_s": zero, "arw_deg_per_sqrt_s": 0.0}
     gyro = scenario.gyro.model_copy(update=still)
     reference = scenario.reference.model_copy(update={"sigma_deg": (1.0, 1.0, 1.0)})
-    return _motion(scenario.model_copy(update={"gyro": gyro, "reference": reference}))
+    return _simulate_cached_motion(scenario.model_copy(update={"gyro": gyro, "reference": reference}))
 
 
 @lru_cache(maxsize=2)
-def _motion(scenario: Scenario) -> Motion:
+def _simulate_cached_motion(scenario: Scenario) -> Motion:
     return motion(scenario)
 
 
@@ -296,7 +296,7 @@ def observed(config: StudyConfig, case: int, streams: Streams) -> Recording:
     scenario = dispersed(config, case)
     return observe(
         scenario,
-        case_motion(scenario),
+        simulate_case_motion(scenario),
         gyro_rng=streams.generator("gyro_noise"),
         reference_rng=streams.generator("reference_noise"),
     )

@@ -11,6 +11,6 @@ from numpy.typing import NDArray
 
 
 @lru_cache(maxsize=16)
-def workspace(name: object, shape: tuple[int, ...]) -> NDArray[np.float64]:
+def get_workspace(name: object, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Return this process' array of that name and shape, uninitialised when it is new."""
     return np.empty(shape)

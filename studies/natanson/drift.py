@@ -21,9 +21,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gyrocal import calibrate
-from gyrocal.recording import Recording, reference_rows
-from simulator import adopted
-from simulator.adopted import Adopted
+from gyrocal.recording import Recording, find_reference_rows
+from simulator import adopted_scenario
+from simulator.adopted_scenario import AdoptedScenario
 from studies.montecarlo.backends import call_all
 from studies.natanson import flight
 from studies.natanson.flight_gap import compute_residuals
@@ -31,55 +31,59 @@ from studies.natanson.flight_gap import compute_residuals
 Array = NDArray[np.float64]
 
 SCENARIO = "trmm_drift"
-SCALES = (0.0, 0.25, 0.5, 1.0)  # of R Table 3's scatter
-SEEDS = 40
+SCATTER_FRACTIONS = (0.0, 0.25, 0.5, 1.0)  # of R Table 3's scatter
+DRIFT_SEEDS = 40
 DECEMBER, JANUARY = (0, 1, 2, 3), (4, 5)
 
 
-def drift_table(entropy: int, seeds: int = SEEDS, scales: Sequence[float] = SCALES, jobs: int = 1) -> pd.DataFrame:
+def build_drift_table(
+    entropy: int, seeds: int = DRIFT_SEEDS, scales: Sequence[float] = SCATTER_FRACTIONS, jobs: int = 1
+) -> pd.DataFrame:
     """RMS residuals (deg, medians over seeds) by the size of the walks, the flight's in the last row.
 
     share_below_flight: of the seeds, how many leave as little in January's intervals as the flight did after N's calibration.
     """
-    after = flight.residuals("calibrated")
-    limit = _rms(after, JANUARY)
+    after = flight.read_published_residuals("calibrated")
+    limit = _compute_interval_rms(after, JANUARY)
     rows: list[dict[str, object]] = []
-    for scale, cases in zip(scales, call_all([partial(_cases, scale, entropy, seeds) for scale in scales], jobs), strict=True):
+    for scale, cases in zip(
+        scales, call_all([partial(_run_drift_cases, scale, entropy, seeds) for scale in scales], jobs), strict=True
+    ):
         row: dict[str, object] = {"scatter_of_R": scale, **{str(name): x for name, x in cases.median().items()}}
         rows.append(row | {"share_below_flight": float((cases["six_january_deg"] <= limit).mean())})
-    known = {"six_december_deg": _rms(after, DECEMBER), "six_january_deg": limit}
+    known = {"six_december_deg": _compute_interval_rms(after, DECEMBER), "six_january_deg": limit}
     return pd.DataFrame([*rows, {"scatter_of_R": "flight", **known}])
 
 
-def _cases(scale: float, entropy: int, seeds: int) -> pd.DataFrame:
-    flown = adopted.load(SCENARIO)
-    return pd.DataFrame([case(flown, scale, entropy, number) for number in range(seeds)])
+def _run_drift_cases(scale: float, entropy: int, seeds: int) -> pd.DataFrame:
+    flown = adopted_scenario.load(SCENARIO)
+    return pd.DataFrame([run_drift_case(flown, scale, entropy, number) for number in range(seeds)])
 
 
-def case(flown: Adopted, scale: float, entropy: int, number: int) -> dict[str, float]:
+def run_drift_case(flown: AdoptedScenario, scale: float, entropy: int, number: int) -> dict[str, float]:
     """RMS residuals of one seed, deg, by what is calibrated and where they are."""
     effects = [replace(one, size=scale * one.size) for one in flown.effects] if scale > 0 else []
     recording = flown.fly(entropy, number, effects)
-    december, january = (part(recording, which) for which in (DECEMBER, JANUARY))
+    december, january = (select_intervals(recording, which) for which in (DECEMBER, JANUARY))
     six, first = calibrate(recording).parameters, calibrate(december).parameters
     again = calibrate(january, initial=first, solve_for="bias").parameters
     six_residuals = compute_residuals(recording, six)
     return {
-        "six_december_deg": _rms(six_residuals, DECEMBER),
-        "six_january_deg": _rms(six_residuals, JANUARY),
-        "december_january_deg": _rms(compute_residuals(recording, first), JANUARY),
-        "new_bias_january_deg": float(flight.rms(compute_residuals(january, again).ravel())),
+        "six_december_deg": _compute_interval_rms(six_residuals, DECEMBER),
+        "six_january_deg": _compute_interval_rms(six_residuals, JANUARY),
+        "december_january_deg": _compute_interval_rms(compute_residuals(recording, first), JANUARY),
+        "new_bias_january_deg": float(flight.compute_rms(compute_residuals(january, again).ravel())),
     }
 
 
-def part(recording: Recording, intervals: Sequence[int]) -> Recording:
+def select_intervals(recording: Recording, intervals: Sequence[int]) -> Recording:
     """A recording of some of the intervals."""
     chosen = tuple(recording.intervals[k] for k in intervals)
-    rows = np.concatenate([reference_rows(recording.attitudes.t_s, one) for one in chosen])
+    rows = np.concatenate([find_reference_rows(recording.attitudes.t_s, one) for one in chosen])
     attitudes = recording.attitudes
     kept = replace(attitudes, t_s=attitudes.t_s[rows], quaternions=attitudes.quaternions[rows], sigma=attitudes.sigma[rows])
     return replace(recording, intervals=chosen, attitudes=kept)
 
 
-def _rms(values: Array, intervals: Sequence[int]) -> float:
-    return float(flight.rms(values[list(intervals)].ravel()))
+def _compute_interval_rms(values: Array, intervals: Sequence[int]) -> float:
+    return float(flight.compute_rms(values[list(intervals)].ravel()))

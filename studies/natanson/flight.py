@@ -2,7 +2,7 @@
 
 Some printed values contradict each other; what is used here and why:
 
-- N Table 4's "RMS" is sqrt(Σx²)/n, not sqrt(Σx²/n); see `paper_rms`.
+- N Table 4's "RMS" is sqrt(Σx²)/n, not sqrt(Σx²/n); see `compute_paper_rms`.
 - N Table 5's first-iteration bias corrections are those of Δt = 1 s, its G corrections those of G⁻¹ at Δt = 0.5 s.
 - N Table 2, calibrated, 2 s, interval 3, yaw −0.042 does not fit Table 4's mean; +0.042 would. It is kept as printed.
 - N Table 3 at 0.5 s and R eq. (9) are the same calibration; R eq. (9) has more digits.
@@ -20,27 +20,34 @@ from simulator.scenario import Scenario
 
 Array = NDArray[np.float64]
 
-STEPS = (0.5, 1.0, 2.0)
-MANEUVERS = [(0, False), (1, False), (0, False), (2, False), (0, True), (1, False)]  # slews, and a hold, of N's intervals
+FLIGHT_STEPS_S = (0.5, 1.0, 2.0)
+INTERVAL_MANEUVERS = [
+    (0, False),
+    (1, False),
+    (0, False),
+    (2, False),
+    (0, True),
+    (1, False),
+]  # slews, and a hold, of N's intervals
 ROTATIONS = ("roll", "pitch", "yaw")
 _ROTATION_COLUMNS = [f"{name}_deg" for name in ROTATIONS]
 
 
 @cache
-def table(name: str) -> pd.DataFrame:
+def read_published_table(name: str) -> pd.DataFrame:
     """One table as it is on file: table1_intervals, table2_residuals, …, g_matrix. Treat it as read-only."""
     with resources.files("studies").joinpath("data", "flight", f"{name}.csv").open("rb") as file:
         return pd.read_csv(file)
 
 
 @cache
-def residuals(phase: str, step_s: float = 0.5) -> Array:
+def read_published_residuals(phase: str, step_s: float = 0.5) -> Array:
     """N Table 2, (6, 3) deg; phase "prelaunch" or "calibrated"."""
-    rows = table("table2_residuals").query("phase == @phase and step_s == @step_s")
-    return _kept(rows[_ROTATION_COLUMNS].to_numpy())
+    rows = read_published_table("table2_residuals").query("phase == @phase and step_s == @step_s")
+    return _copy_read_only(rows[_ROTATION_COLUMNS].to_numpy())
 
 
-def _kept(values: Array) -> Array:
+def _copy_read_only(values: Array) -> Array:
     """Values that a fit asks for thousands of times, safe from being changed."""
     out = values.copy()
     out.setflags(write=False)
@@ -48,9 +55,9 @@ def _kept(values: Array) -> Array:
 
 
 @cache
-def parameters(phase: str, step_s: float | None = None) -> GyroParameters:
+def read_published_parameters(phase: str, step_s: float | None = None) -> GyroParameters:
     """N Table 3; phase "prelaunch" (no step) or "calibrated"."""
-    rows = table("table3_parameters").query("phase == @phase")
+    rows = read_published_table("table3_parameters").query("phase == @phase")
     if step_s is not None:
         rows = rows.query("step_s == @step_s")
     misalignment = np.deg2rad(rows[[f"misalignment_{axis}_deg" for axis in "xyz"]].to_numpy())
@@ -59,45 +66,49 @@ def parameters(phase: str, step_s: float | None = None) -> GyroParameters:
 
 
 @cache
-def calibration() -> GyroParameters:
+def read_published_calibration() -> GyroParameters:
     """R eq. (9)."""
-    rows = table("g_matrix")
+    rows = read_published_table("g_matrix")
     return GyroParameters(rows[["g_x", "g_y", "g_z"]].to_numpy(), np.deg2rad(rows["bias_deg_s"].to_numpy()))
 
 
-def statistics(phase: str, step_s: float, statistic: str) -> Array:
+def read_published_statistics(phase: str, step_s: float, statistic: str) -> Array:
     """N Table 4, (3,) deg; statistic "mean" or "rms"."""
-    rows = table("table4_statistics").query("phase == @phase and step_s == @step_s and statistic == @statistic")
+    rows = read_published_table("table4_statistics").query("phase == @phase and step_s == @step_s and statistic == @statistic")
     return rows[_ROTATION_COLUMNS].to_numpy()[0]
 
 
-def corrections(iteration: int) -> tuple[Array, Array]:
+def read_published_corrections(iteration: int) -> tuple[Array, Array]:
     """N Table 5: corrections to G⁻¹ (3, 3) and to the bias (3,) deg/s, as printed."""
-    rows = table("table5_corrections").query("iteration == @iteration")
+    rows = read_published_table("table5_corrections").query("iteration == @iteration")
     values = rows[["x_gyro", "y_gyro", "z_gyro"]].to_numpy()
     is_bias = (rows["quantity"] == "bias_deg_s").to_numpy()
     return values[~is_bias], values[is_bias][0]
 
 
-def durations() -> Array:
+def compute_interval_durations() -> Array:
     """Length of the six intervals of N Table 1, s."""
-    rows = table("table1_intervals")
+    rows = read_published_table("table1_intervals")
     length = pd.to_datetime(rows["stop_utc"]) - pd.to_datetime(rows["start_utc"])
     return np.asarray(length.dt.total_seconds(), dtype=float)
 
 
-def flew(scenario: Scenario) -> bool:
+def matches_flight(scenario: Scenario) -> bool:
     """Whether a scenario has the intervals and maneuvers of N Table 1, references at their ends: only then it compares."""
     lengths = [interval.stop_s - interval.start_s for interval in scenario.interval]
     maneuvers = [(len(interval.slew), interval.hold is not None) for interval in scenario.interval]
-    return scenario.reference.at == "ends" and np.array_equal(lengths, durations()) and maneuvers == MANEUVERS
+    return (
+        scenario.reference.at == "ends"
+        and np.array_equal(lengths, compute_interval_durations())
+        and maneuvers == INTERVAL_MANEUVERS
+    )
 
 
-def paper_rms(values: Array) -> Array:
+def compute_paper_rms(values: Array) -> Array:
     """N Table 4's "RMS", sqrt(Σx²)/n along the first axis: smaller than the RMS by sqrt(n)."""
     return np.asarray(np.sqrt(np.sum(np.square(values), axis=0)) / len(values))
 
 
-def rms(values: Array) -> Array:
+def compute_rms(values: Array) -> Array:
     """sqrt(Σx²/n) along the first axis."""
     return np.asarray(np.sqrt(np.mean(np.square(values), axis=0)))

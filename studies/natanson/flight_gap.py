@@ -15,7 +15,7 @@ What is circular. The truth put in, R (9), is what N fitted to these very 18 res
 that motion, signs and conventions are right, and nothing of the gyro beyond that. The angle random walk is taken from the
 spread between the step sizes of N Table 2, the references' sigma from the residuals after calibration: the Monte Carlo cannot
 but have the flight's scatter, and its Table 3, centred on R (9), cannot but have the flight's values near the 50th percentile.
-Not circular are the clean gap with timings that were assumed before looking, and what `studies.natanson.own_residuals` does:
+Not circular are the clean gap with timings that were assumed before looking, and what `studies.natanson.flight_recalibration` does:
 it calibrates from the flight's 18 residuals with simulated motion only, and compares with what N found.
 
 Noise. Skipping samples leaves steps of f samples with the noise of one, so that the residual's noise variance is a²Tf for
@@ -31,8 +31,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gyrocal import GyroParameters, Recording, attitude, propagate
-from gyrocal.calibration.normal_equations import residuals
-from gyrocal.calibration.sampling import measurements
+from gyrocal.calibration.normal_equations import compute_attitude_residuals
+from gyrocal.calibration.sampling import prepare_measurements
 from simulator.scenario import Scenario
 from simulator.simulate import motion, observe
 from studies.natanson import flight
@@ -43,7 +43,7 @@ COARSE_SAMPLE_S = 2.0  # mean rates over longer samples: the prediction moves by
 YAW_INTERVALS, MINUS_Y, HOLD = (1, 5), 3, 4
 
 
-def predict(scenario: Scenario, truth: GyroParameters | None = None, initial: GyroParameters | None = None) -> Array:
+def predict_residuals(scenario: Scenario, truth: GyroParameters | None = None, initial: GyroParameters | None = None) -> Array:
     """Noise-free residuals under the initial parameters, (intervals, 3) deg.
 
     Parameters
@@ -52,51 +52,55 @@ def predict(scenario: Scenario, truth: GyroParameters | None = None, initial: Gy
     truth : injected parameters, R eq. (9) by default
     initial : processed with these, N Table 3's pre-launch ones by default
     """
-    return compute_residuals(fly_without_noise(scenario, truth), initial or flight.parameters("prelaunch"))
+    return compute_residuals(simulate_without_noise(scenario, truth), initial or flight.read_published_parameters("prelaunch"))
 
 
-def fly_without_noise(scenario: Scenario, truth: GyroParameters | None = None) -> Recording:
+def simulate_without_noise(scenario: Scenario, truth: GyroParameters | None = None) -> Recording:
     """The scenario without noise, its gyro that of R (9) by default."""
-    truth = truth or flight.calibration()
+    truth = truth or flight.read_published_calibration()
     return observe(scenario, motion(scenario), gyro_rng=None, reference_rng=None, G=truth.G, bias=truth.bias)
 
 
 def compute_residuals(recording: Recording, parameters: GyroParameters) -> Array:
     """Residuals under parameters, (intervals, 3) deg: those of `gyrocal.residual_table`, without their covariance."""
-    prepared = measurements(recording)
+    prepared = prepare_measurements(recording)
     R = propagate(prepared.arcs, parameters.G, parameters.bias).R
     A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
-    return np.rad2deg(residuals(R, A[prepared.start], A[prepared.row]))
+    return np.rad2deg(compute_attitude_residuals(R, A[prepared.start], A[prepared.row]))
 
 
-def gap_rms(predicted: Array, intervals: Iterable[int] | None = None) -> float:
+def compute_gap_rms(predicted: Array, intervals: Iterable[int] | None = None) -> float:
     """RMS of flown minus predicted at 0.5 s, over all 18 numbers or some intervals', deg."""
-    return _rms(flight.residuals("prelaunch") - predicted, intervals)
+    return _compute_difference_rms(flight.read_published_residuals("prelaunch") - predicted, intervals)
 
 
-def without_noise() -> Array:
+def compute_noise_free_residuals() -> Array:
     """θ_pre − θ_cal of the flight at 0.5 s, in which its noise cancels, (6, 3) deg."""
-    return flight.residuals("prelaunch") - flight.residuals("calibrated")
+    return flight.read_published_residuals("prelaunch") - flight.read_published_residuals("calibrated")
 
 
-def clean_gap_rms(predicted: Array, intervals: Iterable[int] | None = None) -> float:
+def compute_clean_gap_rms(predicted: Array, intervals: Iterable[int] | None = None) -> float:
     """RMS of the clean gap at 0.5 s, over all 18 numbers or some intervals', deg."""
-    return _rms(without_noise() - predicted, intervals)
+    return _compute_difference_rms(compute_noise_free_residuals() - predicted, intervals)
 
 
-def _rms(difference: Array, intervals: Iterable[int] | None) -> float:
+def _compute_difference_rms(difference: Array, intervals: Iterable[int] | None) -> float:
     rows = difference if intervals is None else difference[list(intervals)]
-    return float(flight.rms(rows.ravel()))
+    return float(flight.compute_rms(rows.ravel()))
 
 
-def floor_rms() -> float:
+def compute_floor_rms() -> float:
     """RMS of the flight's calibrated residuals at 0.5 s, what the gap would be with the true timings, deg."""
-    return float(flight.rms(flight.residuals("calibrated").ravel()))
+    return float(flight.compute_rms(flight.read_published_residuals("calibrated").ravel()))
 
 
-def comparison(scenario: Scenario) -> pd.DataFrame:
+def build_gap_comparison(scenario: Scenario) -> pd.DataFrame:
     """The 18 numbers: flown, predicted, gap, the flight's residual after calibration, and the clean gap."""
-    flown, predicted, after = flight.residuals("prelaunch"), predict(scenario), flight.residuals("calibrated")
+    flown, predicted, after = (
+        flight.read_published_residuals("prelaunch"),
+        predict_residuals(scenario),
+        flight.read_published_residuals("calibrated"),
+    )
     count, axes = len(flown), flight.ROTATIONS
     gap = flown - predicted
     columns = {"flight": flown, "predicted": predicted, "gap": gap, "flight_calibrated": after, "clean_gap": gap - after}
@@ -110,18 +114,18 @@ def comparison(scenario: Scenario) -> pd.DataFrame:
     )
 
 
-def residual_sign(scenario: Scenario) -> pd.DataFrame:
+def compare_residual_signs(scenario: Scenario) -> pd.DataFrame:
     """Gap with the residual's sign of N (16), and of N (29) as printed."""
-    predicted = predict(scenario)
+    predicted = predict_residuals(scenario)
     return pd.DataFrame(
         {
             "residual": ["N (16): exp([θ×]) = A_obs A_propᵀ", "N (29) as printed, the opposite sign"],
-            "gap_rms_deg": [gap_rms(predicted), gap_rms(-predicted)],
+            "gap_rms_deg": [compute_gap_rms(predicted), compute_gap_rms(-predicted)],
         }
     )
 
 
-def noise_from_steps() -> dict[str, float]:
+def estimate_noise_from_steps() -> dict[str, float]:
     """The flight's angle random walk from the spread between step sizes, and what it means for one residual.
 
     Returns
@@ -129,8 +133,8 @@ def noise_from_steps() -> dict[str, float]:
     arw_deg_per_sqrt_s with its relative_sigma, rate_noise_deg_s of one 0.5 s sample, and residual_rms_deg, the RMS noise of the
     18 residuals at 0.5 s that comes from the gyro.
     """
-    columns = [flight.residuals("prelaunch", step) for step in flight.STEPS]
-    T = flight.durations()[:, None]
+    columns = [flight.read_published_residuals("prelaunch", step) for step in flight.FLIGHT_STEPS_S]
+    T = flight.compute_interval_durations()[:, None]
     samples = np.concatenate([((columns[1] - columns[0]) ** 2 / T).ravel(), ((columns[2] - columns[1]) ** 2 / (2 * T)).ravel()])
     arw = float(np.sqrt(samples.mean()))
     return {

@@ -7,12 +7,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from studies.natanson import flight
-from studies.report.tables import number
+from studies.report.tables import format_number
 
 Array = NDArray[np.float64]
 
-PHASES = {"prelaunch": "before", "calibrated": "first", "second iteration": "second"}
-COLUMNS = {"prelaunch": "pre-launch", "calibrated": "1st iteration", "second iteration": "2nd iteration"}
+ITERATION_PHASES = {"prelaunch": "before", "calibrated": "first", "second iteration": "second"}
+TABLE_COLUMN_TITLES = {"prelaunch": "pre-launch", "calibrated": "1st iteration", "second iteration": "2nd iteration"}
 
 
 @dataclass(frozen=True)
@@ -27,24 +27,24 @@ class Layout:
     ways_digits: int | None
 
 
-LAYOUTS = {
+TABLE_LAYOUTS = {
     "table2": Layout(("interval", "axis"), 3, 4),
     "table3": Layout(("quantity", "gyro"), 6, 6),
     "table4": Layout(("statistic", "axis"), 4, 5),
     "table5": Layout(("quantity", "row", "gyro"), None, None),
 }
-TABLE4 = {
+TABLE4_STATISTICS = {
     "mean": lambda x: x.mean(axis=1),
-    "paper_rms": lambda x: flight.paper_rms(x.transpose(1, 0, 2)),
-    "rms": lambda x: flight.rms(x.transpose(1, 0, 2)),
+    "paper_rms": lambda x: flight.compute_paper_rms(x.transpose(1, 0, 2)),
+    "rms": lambda x: flight.compute_rms(x.transpose(1, 0, 2)),
 }
 TABLE3_ORDER = {
     name: k for k, name in enumerate(["bias_deg_s", "scale_factor", *(f"misalignment_{a}_deg" for a in "xyz"), *"xyz"])
 }
-DIGITS = {"table2": 3, "table4": 4}  # as printed
+PRINTED_DIGITS = {"table2": 3, "table4": 4}  # as printed
 
 
-def gyro_form(vectors: Array) -> tuple[list[tuple[str, str]], Array]:
+def convert_to_gyro_form(vectors: Array) -> tuple[list[tuple[str, str]], Array]:
     """Cells of N Table 3 and their values from (n, 12) of G and b in deg/s."""
     G, bias = vectors[:, :9].reshape(-1, 3, 3), vectors[:, 9:]
     cells, columns = [], []
@@ -58,7 +58,7 @@ def gyro_form(vectors: Array) -> tuple[list[tuple[str, str]], Array]:
     return cells, np.stack(columns, axis=1)
 
 
-def changed_digits(first: Array, second: Array) -> tuple[Array, Array]:
+def count_digit_changes(first: Array, second: Array) -> tuple[Array, Array]:
     """How many printed digits a further iteration changes: of N Table 2, and of both of N Table 4's statistics, (n,) each.
 
     Parameters
@@ -67,63 +67,70 @@ def changed_digits(first: Array, second: Array) -> tuple[Array, Array]:
     """
 
     def cells(x: Array) -> tuple[Array, Array]:
-        statistics = np.concatenate([TABLE4[name](x) for name in ("mean", "paper_rms")], axis=1)
-        return np.round(x, DIGITS["table2"]).reshape(len(x), -1), np.round(statistics, DIGITS["table4"])
+        statistics = np.concatenate([TABLE4_STATISTICS[name](x) for name in ("mean", "paper_rms")], axis=1)
+        return np.round(x, PRINTED_DIGITS["table2"]).reshape(len(x), -1), np.round(statistics, PRINTED_DIGITS["table4"])
 
     table2, table4 = (np.sum(a != b, axis=1) for a, b in zip(cells(first), cells(second), strict=True))
     return table2, table4
 
 
-def paper_form(table: pd.DataFrame, name: str, psi: str = "full", resampling: str = "skip") -> pd.DataFrame:
+def format_paper_table(table: pd.DataFrame, name: str, psi: str = "full", resampling: str = "skip") -> pd.DataFrame:
     """A table of distributions, made by `studies.natanson.paper_tables`, in N's rows and columns, as texts."""
-    rows, digits = list(LAYOUTS[name].rows), LAYOUTS[name].digits
+    rows, digits = list(TABLE_LAYOUTS[name].rows), TABLE_LAYOUTS[name].digits
     chosen = table.query("psi == @psi and resampling == @resampling")
     if "phase" in chosen:
         chosen = chosen[chosen["phase"] != "second iteration"]
-    wide = _pivot(
-        chosen, rows, [_heading(row) for _, row in chosen.iterrows()], [_cell(row, digits) for _, row in chosen.iterrows()]
+    wide = _arrange_by_heading(
+        chosen,
+        rows,
+        [_format_heading(row) for _, row in chosen.iterrows()],
+        [_format_paper_cell(row, digits) for _, row in chosen.iterrows()],
     )
     if name != "table3":
         return wide
     start = chosen.drop_duplicates(rows)[[*rows, "prelaunch"]]
-    start["prelaunch"] = [number(value, digits) for value in start["prelaunch"]]
-    wide = start.merge(wide, on=rows).rename(columns={"prelaunch": COLUMNS["prelaunch"]})
+    start["prelaunch"] = [format_number(value, digits) for value in start["prelaunch"]]
+    wide = start.merge(wide, on=rows).rename(columns={"prelaunch": TABLE_COLUMN_TITLES["prelaunch"]})
     return wide.sort_values(rows, key=lambda column: column.map(TABLE3_ORDER), ignore_index=True)
 
 
-def ways_form(table: pd.DataFrame, name: str, resampling: str = "skip") -> pd.DataFrame:
+def format_ways_table(table: pd.DataFrame, name: str, resampling: str = "skip") -> pd.DataFrame:
     """Full beside linear ψ and one iteration beside two, at every step: mean ± standard deviation over the seeds, as texts."""
-    digits = LAYOUTS[name].ways_digits
+    digits = TABLE_LAYOUTS[name].ways_digits
     chosen = table.query("resampling == @resampling and phase != 'prelaunch'").sort_values("step_s", kind="stable")
-    headings = [f"{row['psi']} ψ, {COLUMNS[row['phase']]}" for _, row in chosen.iterrows()]
-    return _pivot(chosen, ["step_s", *LAYOUTS[name].rows], headings, [_spread(row, digits) for _, row in chosen.iterrows()])
+    headings = [f"{row['psi']} ψ, {TABLE_COLUMN_TITLES[row['phase']]}" for _, row in chosen.iterrows()]
+    return _arrange_by_heading(
+        chosen, ["step_s", *TABLE_LAYOUTS[name].rows], headings, [_format_spread(row, digits) for _, row in chosen.iterrows()]
+    )
 
 
-def _heading(row: pd.Series) -> str:
+def _format_heading(row: pd.Series) -> str:
     """The heading of N's column a row belongs in."""
-    phase = COLUMNS[row["phase"]] if "phase" in row else f"{'1st' if row['iteration'] == 1 else '2nd'} iteration"
+    phase = TABLE_COLUMN_TITLES[row["phase"]] if "phase" in row else f"{'1st' if row['iteration'] == 1 else '2nd'} iteration"
     return f"{phase}, Δt = {row['step_s']:g} s"
 
 
-def _pivot(chosen: pd.DataFrame, rows: list[str], headings: list[str], texts: list[str]) -> pd.DataFrame:
+def _arrange_by_heading(chosen: pd.DataFrame, rows: list[str], headings: list[str], texts: list[str]) -> pd.DataFrame:
     """Texts under their headings, columns in the order of N: all steps before launch, then all of each iteration."""
     cells = chosen.assign(heading=headings, text=texts)
     wide = cells.pivot_table(index=rows, columns="heading", values="text", aggfunc="first", sort=False)
-    by_phase = sorted(dict.fromkeys(headings), key=lambda heading: list(COLUMNS.values()).index(_phase_of(heading)))
+    by_phase = sorted(
+        dict.fromkeys(headings), key=lambda heading: list(TABLE_COLUMN_TITLES.values()).index(_find_phase(heading))
+    )
     return wide[by_phase].reset_index().rename_axis(columns=None)
 
 
-def _phase_of(heading: str) -> str:
-    return next(name for name in COLUMNS.values() if name in heading)
+def _find_phase(heading: str) -> str:
+    return next(name for name in TABLE_COLUMN_TITLES.values() if name in heading)
 
 
-def _spread(row: pd.Series, digits: int | None) -> str:
-    return f"{number(row['mean'], digits)} ± {number(row['std'], digits)}"
+def _format_spread(row: pd.Series, digits: int | None) -> str:
+    return f"{format_number(row['mean'], digits)} ± {format_number(row['std'], digits)}"
 
 
-def _cell(row: pd.Series, digits: int | None) -> str:
+def _format_paper_cell(row: pd.Series, digits: int | None) -> str:
     """Mean ± standard deviation and, where it flew, the flight's value and its percentile."""
-    text = _spread(row, digits)
+    text = _format_spread(row, digits)
     if pd.isna(row["flight"]):
         return text
-    return f"{number(row['flight'], digits)} | {text} | {row['flight_percentile']:.0f} %"
+    return f"{format_number(row['flight'], digits)} | {text} | {row['flight_percentile']:.0f} %"

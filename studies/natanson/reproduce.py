@@ -15,22 +15,22 @@ from rich.console import Console
 from gyrocal import NAMES
 from simulator.scenario import Scenario
 from studies.calibration import psi
-from studies.calibration.prepared import true_parameters
+from studies.calibration.shared_truth import get_true_parameters
 from studies.montecarlo import statistics
 from studies.montecarlo.files import write_parquet, write_text
-from studies.montecarlo.study import base_scenario
+from studies.montecarlo.study import load_base_scenario
 from studies.natanson import figures, flight, paper_tables
-from studies.natanson.flight_part import flight_part, gap_note
-from studies.natanson.left_out import left_out
-from studies.natanson.paper_forms import LAYOUTS, ways_form
+from studies.natanson.flight_comparison import compare_with_flight, describe_gap
+from studies.natanson.omitted_effects import add_omitted_effects
+from studies.natanson.paper_forms import TABLE_LAYOUTS, format_ways_table
 from studies.natanson.paper_tables import PaperTablesConfig
 from studies.report import panels
 from studies.report import tables as render
 from studies.report.claims import fill
-from studies.report.committed import flatten, settled
+from studies.report.committed_results import flatten, round_values
 from studies.reproduction import Reproduction
 
-DEFAULT_FOLDER = Path("build") / "reproduction"
+REPRODUCTION_FOLDER = Path("build") / "reproduction"
 CELL_NOTE = (
     "Cells: the flight's value | mean ± standard deviation over seeds | share of seeds below the flight's. "
     "Where nothing flew: mean ± standard deviation. ψ full, samples skipped; the CSV has the other variants and 5-95 % ranges."
@@ -86,7 +86,7 @@ Printed digits the second iteration changes, 0.5 s
 Rate about x in -y forward | +1 RPO, as printed | N Table 2, interval 4 | {minus_y_rate_rpo.gap_rms_deg.1:.3f} deg
 | it is -1 RPO | {minus_y_rate_rpo.gap_rms_deg.-1:.3f} deg
 """.replace("SECOND", "table5_second_iteration")
-WORDS = """
+REPRODUCTION_TEXT = """
 *Predicted* is the noise-free simulation with R eq. (9) as truth, processed with the pre-launch parameters of N Table 3. The
 *clean gap* is θ_pre − θ_cal − predicted, θ_pre and θ_cal being the flight's residuals before and after calibration: its noise
 cancels, and what is left is the motion's, and print. The *gap* is θ_pre − predicted, and its *floor* θ_cal. The slews' timings
@@ -104,7 +104,7 @@ nothing but the motion from the simulator, and N Table 5's second iteration, whi
 
 
 def run(
-    folder: Path = DEFAULT_FOLDER,
+    folder: Path = REPRODUCTION_FOLDER,
     config: PaperTablesConfig | None = None,
     jobs: int = 1,
     console: Console | None = None,
@@ -119,23 +119,23 @@ def run(
     console : for tables; None prints nothing
     """
     config = config or PaperTablesConfig()
-    scenario = base_scenario(config)
+    scenario = load_base_scenario(config)
     made = Reproduction(console or Console(quiet=True), jobs)
     outcome = made.run(paper_tables.STUDY, config, folder)
     rows = outcome.load()
-    if flight.flew(scenario):
-        flight_part(scenario, made, config.entropy)
-        left_out(scenario, made, config.entropy)
+    if flight.matches_flight(scenario):
+        compare_with_flight(scenario, made, config.entropy)
+        add_omitted_effects(scenario, made, config.entropy)
     made.summary |= {"cases": config.cases, "entropy": config.entropy}
-    monte_carlo_part(rows, config, scenario, made)
+    add_monte_carlo_tables(rows, config, scenario, made)
     if any(interval.slew for interval in scenario.interval):
         made.add("psi_sweep", "Linear against full ψ over slew rate and step, noise-free", psi.run(scenario))
-    write(folder, config, scenario, made, rows)
+    write_reproduction(folder, config, scenario, made, rows)
     made.publish(outcome, folder, command="gyrocal reproduce")
     return made.summary
 
 
-def summary_table(summary: dict[str, Any]) -> pd.DataFrame:
+def build_estimates_table(summary: dict[str, Any]) -> pd.DataFrame:
     """The questions on the estimates, and the answers of this run."""
     percent = dict(zip(("one", "two", "three"), (100 * share for share in summary["coverage"].values()), strict=True))
     percent |= {name: 100 * (1 - summary["printed_digits"][f"{name}_unchanged_share"]) for name in ("table2", "table4")}
@@ -148,33 +148,35 @@ def summary_table(summary: dict[str, Any]) -> pd.DataFrame:
     return pd.DataFrame({"question": ESTIMATES.keys(), "answer": answers})
 
 
-def question_table(summary: dict[str, Any]) -> pd.DataFrame:
+def build_question_table(summary: dict[str, Any]) -> pd.DataFrame:
     """What parts simulated and flown on N, a row a question."""
     names = ["question", "simulated", "flown", "gap before", "effect found", "gap after, on numbers that fitted nothing"]
     rows = fill(" ".join(QUESTIONS.replace("\n\n", "¶").split()), flatten(summary)).split("¶")
     return pd.DataFrame([[cell.strip() for cell in row.split("|")] for row in rows], columns=names)
 
 
-def monte_carlo_part(rows: pd.DataFrame, config: PaperTablesConfig, scenario: Scenario, made: Reproduction) -> None:
+def add_monte_carlo_tables(rows: pd.DataFrame, config: PaperTablesConfig, scenario: Scenario, made: Reproduction) -> None:
     """The paper's tables, and how right and how consistent the estimates are."""
-    for name, table in paper_tables.tables(rows, config).items():
-        note = CELL_NOTE if name in LAYOUTS else ""
+    for name, table in paper_tables.build_paper_tables(rows, config).items():
+        note = CELL_NOTE if name in TABLE_LAYOUTS else ""
         made.add(name, table.title, table.data, note=note, shown=table.shown)
-        if name in LAYOUTS:
+        if name in TABLE_LAYOUTS:
             made.show(name)
-            if LAYOUTS[name].ways_digits is not None:
+            if TABLE_LAYOUTS[name].ways_digits is not None:
                 title = f"{table.title.split(':')[0]}, both ψ and both iterations"
-                made.add(f"{name}_ways", title, ways_form(table.data, name), note=WAYS_NOTE)
-    found = {name: made.tables[name].data for name in paper_tables.TITLES}
+                made.add(f"{name}_ways", title, format_ways_table(table.data, name), note=WAYS_NOTE)
+    found = {name: made.tables[name].data for name in paper_tables.PAPER_TABLE_TITLES}
     finest, usual = scenario.gyro.sample_s, "psi == 'full' and step_s == @finest"
     headline = found["accuracy"].query(usual).drop(columns=["psi", "resampling", "step_s"])
     short = headline[[c for c in headline.columns if not c.endswith(("_low", "_high"))]]
-    render.terminal(made.console, f"Recovered minus injected, ψ full, Δt = {finest:g} s", short)
+    render.print_table(made.console, f"Recovered minus injected, ψ full, Δt = {finest:g} s", short)
     made.show("consistency", "second_iteration", "printed_digits", "psi_difference")
-    chosen = paper_tables.choose(rows, finest)
-    counts = {level: statistics.coverage(*errors_of(chosen, scenario), level) for level in statistics.LEVELS}
+    chosen = paper_tables.select_variant(rows, finest)
+    counts = {
+        level: statistics.count_covered(*compute_variant_errors(chosen, scenario), level) for level in statistics.SIGMA_LEVELS
+    }
     nees, control = (
-        statistics.nees_check(paper_tables.choose(rows, finest, covariance=model)["nees"].to_numpy(), len(NAMES))
+        statistics.check_mean_nees(paper_tables.select_variant(rows, finest, covariance=model)["nees"].to_numpy(), len(NAMES))
         for model in ("full", "references only")
     )
     second = found["second_iteration"].query(usual).iloc[0]
@@ -193,41 +195,43 @@ def monte_carlo_part(rows: pd.DataFrame, config: PaperTablesConfig, scenario: Sc
     }
 
 
-def errors_of(rows: pd.DataFrame, scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+def compute_variant_errors(rows: pd.DataFrame, scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
     """Recovered minus injected, and formal sigma, of rows of one variant."""
-    return paper_tables.errors_and_sigmas(rows, true_parameters(scenario))
+    return paper_tables.compute_errors_and_sigmas(rows, get_true_parameters(scenario))
 
 
-def write(folder: Path, config: PaperTablesConfig, scenario: Scenario, made: Reproduction, rows: pd.DataFrame) -> None:
+def write_reproduction(
+    folder: Path, config: PaperTablesConfig, scenario: Scenario, made: Reproduction, rows: pd.DataFrame
+) -> None:
     """Tables as CSV and each as Markdown, one Markdown page, the rows as Parquet, the figures."""
-    made.summary, flown = settled(made.summary), "flight_gap" in made.tables
-    summary = {"Summary": summary_table(made.summary)}
+    made.summary, flown = round_values(made.summary), "flight_gap" in made.tables
+    summary = {"Summary": build_estimates_table(made.summary)}
     if flown:
-        summary |= {"What parts simulated and flown": question_table(made.summary)}
+        summary |= {"What parts simulated and flown": build_question_table(made.summary)}
     head = [
         f"# Reproduction of the TRMM gyro calibration{'' if flown else f': {scenario.title}'}",
         "",
         f"{config.cases} seeds, entropy {config.entropy}; `gyrocal reproduce` makes this page.",
         "",
-        render.markdown("Summary", summary["Summary"], WORDS.strip() if flown else ""),
-        *(render.markdown(title, table) for title, table in list(summary.items())[1:]),
-        gap_note(made.summary) if flown else "No flight stands beside this scenario.",
+        render.format_markdown("Summary", summary["Summary"], REPRODUCTION_TEXT.strip() if flown else ""),
+        *(render.format_markdown(title, table) for title, table in list(summary.items())[1:]),
+        describe_gap(made.summary) if flown else "No flight stands beside this scenario.",
         "",
     ]
     write_parquet(folder / "cases.parquet", rows)
     if flown:
-        made.figures |= {name: ("", draw) for name, draw in figures.natanson_figures(scenario).items()}
+        made.figures |= {name: ("", draw) for name, draw in figures.draw_natanson_figures(scenario).items()}
         table2 = made.tables["table2"].data.query(
             "psi == 'full' and resampling == 'skip' and step_s == 0.5 and phase == 'prelaunch'"
         )
-        draw = figures.flight_gap_figure(made.tables["flight_gap"].data, table2.reset_index(drop=True))
+        draw = figures.draw_flight_gap_figure(made.tables["flight_gap"].data, table2.reset_index(drop=True))
         made.figures["flight_gap"] = ("", draw)
-    errors, sigmas = errors_of(paper_tables.choose(rows, scenario.gyro.sample_s), scenario)
-    made.figures["errors"] = ("", figures.error_figure(errors, sigmas, list(NAMES)))
+    errors, sigmas = compute_variant_errors(paper_tables.select_variant(rows, scenario.gyro.sample_s), scenario)
+    made.figures["errors"] = ("", figures.draw_error_figure(errors, sigmas, list(NAMES)))
     if "psi_sweep" in made.tables:
-        made.figures["psi_sweep"] = ("", panels.sheet(psi.map_of(made.tables["psi_sweep"].data), size=(6.0, 3.6)))
+        made.figures["psi_sweep"] = ("", panels.build_sheet(psi.make_psi_map(made.tables["psi_sweep"].data), size=(6.0, 3.6)))
     made.write(folder, "tables.md", head)
     for name in made.tables:
-        write_text(folder / f"{name}.md", made.section(name))
+        write_text(folder / f"{name}.md", made.format_section(name))
     for title, table in summary.items():
-        render.terminal(made.console, title, table)
+        render.print_table(made.console, title, table)

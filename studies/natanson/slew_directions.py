@@ -7,11 +7,11 @@ import pandas as pd
 
 from simulator.scenario import Scenario, override
 from studies.natanson import flight
-from studies.natanson.flight_gap import MINUS_Y, YAW_INTERVALS, gap_rms, predict
-from studies.natanson.slew_timings import fit_interval
+from studies.natanson.flight_gap import MINUS_Y, YAW_INTERVALS, compute_gap_rms, predict_residuals
+from studies.natanson.slew_timings import fit_interval_timings
 
 
-def with_minus_y_rate(scenario: Scenario, sign: int) -> Scenario:
+def set_minus_y_rate(scenario: Scenario, sign: int) -> Scenario:
     """The scenario with ω_x = sign RPO in interval 4: −1 is −y forward, +1 needs +y forward, the slews reversed."""
     slews = scenario.interval[MINUS_Y].slew
     return override(
@@ -19,7 +19,7 @@ def with_minus_y_rate(scenario: Scenario, sign: int) -> Scenario:
     )
 
 
-def with_yaw_directions(scenario: Scenario, second: int, sixth: int) -> Scenario:
+def set_yaw_directions(scenario: Scenario, second: int, sixth: int) -> Scenario:
     """The scenario with the given signs of the 180 deg yaws in intervals 2 and 6."""
     return override(
         scenario,
@@ -27,19 +27,22 @@ def with_yaw_directions(scenario: Scenario, second: int, sixth: int) -> Scenario
     )
 
 
-def candidates(scenario: Scenario) -> list[tuple[Scenario, int]]:
+def list_direction_candidates(scenario: Scenario) -> list[tuple[Scenario, int]]:
     """Each direction of the three intervals, with the interval."""
-    rates = [(with_minus_y_rate(scenario, sign), MINUS_Y) for sign in (-1, 1)]
-    return rates + [(with_yaw_directions(scenario, sign, sign), k) for k in YAW_INTERVALS for sign in (1, -1)]
+    rates = [(set_minus_y_rate(scenario, sign), MINUS_Y) for sign in (-1, 1)]
+    return rates + [(set_yaw_directions(scenario, sign, sign), k) for k in YAW_INTERVALS for sign in (1, -1)]
 
 
-def _gaps(candidate: Scenario, k: int) -> dict[str, float]:
+def _compare_timing_gaps(candidate: Scenario, k: int) -> dict[str, float]:
     """Gap of interval k with the scenario's timings, and with its own fitted to the three numbers free of noise."""
-    fitted = fit_interval(candidate, k)
-    return {"gap_rms_deg": gap_rms(predict(candidate), [k]), "fitted_gap_rms_deg": gap_rms(predict(fitted), [k])}
+    fitted = fit_interval_timings(candidate, k)
+    return {
+        "gap_rms_deg": compute_gap_rms(predict_residuals(candidate), [k]),
+        "fitted_gap_rms_deg": compute_gap_rms(predict_residuals(fitted), [k]),
+    }
 
 
-def minus_y_rate_test(scenario: Scenario) -> pd.DataFrame:
+def compare_minus_y_rates(scenario: Scenario) -> pd.DataFrame:
     """Gap of interval 4 for either sign of its rate, with the scenario's timings and with its own fitted to that sign.
 
     The fitted gap of the favoured sign says little, three timings being fitted to three numbers; that of the other says that
@@ -47,18 +50,18 @@ def minus_y_rate_test(scenario: Scenario) -> pd.DataFrame:
     """
     rows = []
     for sign in (-1, 1):
-        candidate = with_minus_y_rate(scenario, sign)
-        gap = flight.residuals("prelaunch")[MINUS_Y] - predict(candidate)[MINUS_Y]
-        row = {"rate_rpo": sign, "mode": "-y forward" if sign < 0 else "+y forward", **_gaps(candidate, MINUS_Y)}
+        candidate = set_minus_y_rate(scenario, sign)
+        gap = flight.read_published_residuals("prelaunch")[MINUS_Y] - predict_residuals(candidate)[MINUS_Y]
+        row = {"rate_rpo": sign, "mode": "-y forward" if sign < 0 else "+y forward", **_compare_timing_gaps(candidate, MINUS_Y)}
         rows.append(row | {f"gap_{name}_deg": value for name, value in zip(flight.ROTATIONS, gap, strict=True)})
     return pd.DataFrame(rows)
 
 
-def yaw_direction_test(scenario: Scenario) -> pd.DataFrame:
+def compare_yaw_directions(scenario: Scenario) -> pd.DataFrame:
     """Gap of intervals 2 and 6 for each direction of their yaw maneuvers, with and without fitted timings."""
     return pd.DataFrame(
         [
-            {"interval": k + 1, "yaw_deg": 180 * sign, **_gaps(with_yaw_directions(scenario, sign, sign), k)}
+            {"interval": k + 1, "yaw_deg": 180 * sign, **_compare_timing_gaps(set_yaw_directions(scenario, sign, sign), k)}
             for k in YAW_INTERVALS
             for sign in (1, -1)
         ]

@@ -16,17 +16,17 @@ from scipy.optimize import minimize
 from gyrocal import InputError
 from simulator.scenario import IntervalSection, Scenario, override
 from studies.natanson import flight
-from studies.natanson.flight_diagnosis.table import outcomes
-from studies.natanson.flight_diagnosis.timings import slewing
+from studies.natanson.flight_diagnosis.table import simulate_residuals
+from studies.natanson.flight_diagnosis.timings import replace_slew_timings
 from studies.natanson.flight_gap import (
     COARSE_SAMPLE_S,
     HOLD,
     MINUS_Y,
     YAW_INTERVALS,
-    clean_gap_rms,
-    gap_rms,
-    predict,
-    without_noise,
+    compute_clean_gap_rms,
+    compute_gap_rms,
+    compute_noise_free_residuals,
+    predict_residuals,
 )
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ TIMED = (*SLEWING, HOLD)
 
 
 @dataclass(frozen=True)
-class Timing:
+class CommonTiming:
     """Timings common to all maneuvers, where N and R leave them open.
 
     Attributes
@@ -65,11 +65,11 @@ class Timing:
         return out
 
 
-def timing_of(scenario: Scenario) -> Timing:
+def read_common_timing(scenario: Scenario) -> CommonTiming:
     """The common timing a TRMM scenario was written with, read off its -y forward interval."""
     into, back = scenario.interval[MINUS_Y].slew
     rate = abs(into.angle_deg) / (into.duration_s * (1 - into.ramp_fraction))
-    return Timing(into.start_s, rate, into.ramp_fraction, back.start_s - into.start_s)
+    return CommonTiming(into.start_s, rate, into.ramp_fraction, back.start_s - into.start_s)
 
 
 SCANNED = {
@@ -80,17 +80,19 @@ SCANNED = {
 }
 
 
-def timing_scan(scenario: Scenario) -> pd.DataFrame:
+def scan_common_timings(scenario: Scenario) -> pd.DataFrame:
     """Gap and clean gap over a grid of all four common timings together; slews that do not fit their interval are left out.
 
     It says how much the numbers without a fit owe to the guess. An interval without slews keeps its residuals, and those of the
     yaw maneuvers do not depend on the stay.
     """
-    flown, clean = flight.residuals("prelaunch"), without_noise()
+    flown, clean = flight.read_published_residuals("prelaunch"), compute_noise_free_residuals()
     still = [k for k in range(len(scenario.interval)) if k not in SLEWING]
-    kept = predict(scenario)[still]
+    kept = predict_residuals(scenario)[still]
     timings = [
-        timing for timing in product(*SCANNED.values()) if all(_flyable(scenario.interval[k], Timing(*timing)) for k in SLEWING)
+        timing
+        for timing in product(*SCANNED.values())
+        if all(_is_flyable(scenario.interval[k], CommonTiming(*timing)) for k in SLEWING)
     ]
     # Sums of squares of both gaps, over the intervals without slews and over each with them.
     of_still = np.array([np.sum((cells[still] - kept) ** 2) for cells in (flown, clean)])
@@ -98,20 +100,22 @@ def timing_scan(scenario: Scenario) -> pd.DataFrame:
     for k in SLEWING:
         own = {timing: timing if k == MINUS_Y else timing[:3] for timing in timings}
         different = list(dict.fromkeys(own.values()))
-        theta, _ = outcomes([_flown_with(scenario.interval[k], Timing(*(*values, 0.0)[:4])) for values in different])
+        theta, _ = simulate_residuals(
+            [_apply_common_timing(scenario.interval[k], CommonTiming(*(*values, 0.0)[:4])) for values in different]
+        )
         found = dict(zip(different, theta, strict=True))
         values = np.array([found[own[timing]] for timing in timings])
         of_slewing[k] = np.array([np.sum((cells[k] - values) ** 2, axis=1) for cells in (flown, clean)])
     gap, clean_gap = np.sqrt((of_still[:, None] + sum(of_slewing.values())) / flown.size)
     table = pd.DataFrame(timings, columns=list(SCANNED)).assign(gap_rms_deg=gap, clean_gap_rms_deg=clean_gap)
-    return table.assign(**{_of_interval(k): np.sqrt(both[1] / len(flight.ROTATIONS)) for k, both in of_slewing.items()})
+    return table.assign(**{_name_gap_column(k): np.sqrt(both[1] / len(flight.ROTATIONS)) for k, both in of_slewing.items()})
 
 
-def _of_interval(k: int) -> str:
+def _name_gap_column(k: int) -> str:
     return f"clean_gap_{k + 1}_rms_deg"
 
 
-def held_out(scan: pd.DataFrame, assumed: Timing) -> dict[str, float]:
+def score_held_out_intervals(scan: pd.DataFrame, assumed: CommonTiming) -> dict[str, float]:
     """Clean gap of the three slewing intervals, each with the scanned timing that is best for the other two; RMS, deg.
 
     The stay in -y forward is left as assumed where that interval is the one held out. "before" has the assumed timings.
@@ -119,15 +123,15 @@ def held_out(scan: pd.DataFrame, assumed: Timing) -> dict[str, float]:
     mine = np.all([scan[name] == getattr(assumed, name) for name in SCANNED], axis=0)
     before, after = [], []
     for k in SLEWING:
-        rest = [_of_interval(other) for other in SLEWING if other != k]
+        rest = [_name_gap_column(other) for other in SLEWING if other != k]
         candidates = scan[scan["stay_s"] == assumed.stay_s] if k == MINUS_Y else scan
         best = np.square(candidates[rest]).sum(axis=1).idxmin()
-        before.append(float(scan.loc[mine, _of_interval(k)].iloc[0]) if mine.any() else float("nan"))
-        after.append(float(scan.loc[best, _of_interval(k)]))
-    return {"before": float(flight.rms(np.array(before))), "after": float(flight.rms(np.array(after)))}
+        before.append(float(scan.loc[mine, _name_gap_column(k)].iloc[0]) if mine.any() else float("nan"))
+        after.append(float(scan.loc[best, _name_gap_column(k)]))
+    return {"before": float(flight.compute_rms(np.array(before))), "after": float(flight.compute_rms(np.array(after)))}
 
 
-def scan_by_value(scan: pd.DataFrame) -> pd.DataFrame:
+def summarise_scan_by_value(scan: pd.DataFrame) -> pd.DataFrame:
     """The scan for people: the smallest and largest clean gap at each value of each timing, whatever the others are."""
     return pd.DataFrame(
         [
@@ -138,19 +142,21 @@ def scan_by_value(scan: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def _duration(section: IntervalSection, timing: Timing) -> float:
+def _compute_slew_duration(section: IntervalSection, timing: CommonTiming) -> float:
     return abs(section.slew[0].angle_deg) / (timing.slew_rate_deg_s * (1 - timing.ramp_fraction))
 
 
-def _flyable(section: IntervalSection, timing: Timing) -> bool:
+def _is_flyable(section: IntervalSection, timing: CommonTiming) -> bool:
     """Whether the slews fit into their interval, and the stay between them."""
-    duration = _duration(section, timing)
+    duration = _compute_slew_duration(section, timing)
     stay = timing.stay_s if len(section.slew) > 1 else duration
     return duration <= stay and timing.delay_s + duration + (len(section.slew) - 1) * stay <= section.stop_s - section.start_s
 
 
-def _flown_with(section: IntervalSection, timing: Timing) -> IntervalSection:
-    return slewing(section, timing.delay_s, _duration(section, timing), timing.ramp_fraction, timing.stay_s)
+def _apply_common_timing(section: IntervalSection, timing: CommonTiming) -> IntervalSection:
+    return replace_slew_timings(
+        section, timing.delay_s, _compute_slew_duration(section, timing), timing.ramp_fraction, timing.stay_s
+    )
 
 
 @dataclass(frozen=True)
@@ -182,11 +188,11 @@ BOUNDS = {"delay_s": (0.0, 300.0), "slew_rate_deg_s": (0.15, 0.6), "ramp_fractio
 MEAN_RATES_DEG_S = (0.1, 0.6)
 TRANSITION_BOUNDS_S = (10.0, 600.0)
 UNFLYABLE = 1.0  # deg, what timings that do not fit into their interval cost
-STARTS = (0.2, 0.5, 0.8)  # of the way through the bounds, beside the scenario's own timings
+START_FRACTIONS = (0.2, 0.5, 0.8)  # of the way through the bounds, beside the scenario's own timings
 
 
 @dataclass(frozen=True)
-class _Search:
+class _TimingSearch:
     """Timings to fit: their names, where to start, (n, 2) bounds, and the overrides that set them."""
 
     names: tuple[str, ...]
@@ -200,65 +206,73 @@ class _Search:
         return tuple(name for name, stopped in zip(self.names, near, strict=True) if stopped)
 
 
-def fit_common(scenario: Scenario) -> TimingFit:
+def fit_common_timings(scenario: Scenario) -> TimingFit:
     """Fit the four timings common to all maneuvers."""
-    base = timing_of(scenario)
-    names = tuple(field.name for field in fields(Timing))
-    search = _Search(
+    base = read_common_timing(scenario)
+    names = tuple(field.name for field in fields(CommonTiming))
+    search = _TimingSearch(
         names=names,
         start=np.array([getattr(base, name) for name in names]),
         bounds=np.array([BOUNDS[name] for name in names]),
-        changes=lambda x: Timing(*map(float, x)).overrides(scenario),
+        changes=lambda x: CommonTiming(*map(float, x)).overrides(scenario),
     )
     with_slews = sorted(SLEWING)
-    return _fitted(scenario, [(search, _minimise(scenario, search, with_slews, without_noise()[with_slews]))])
+    return _build_timing_fit(
+        scenario, [(search, _fit_to_clean_gap(scenario, search, with_slews, compute_noise_free_residuals()[with_slews]))]
+    )
 
 
-def fit_each(scenario: Scenario) -> TimingFit:
+def fit_each_maneuver(scenario: Scenario) -> TimingFit:
     """Fit the timings of each maneuver by itself, nine values for the twelve numbers of four intervals.
 
     It shows how far timing alone can go: an interval's three numbers leave one degree of freedom, or none, and a timing that
     stops at its bound has been asked for more than it can give.
     """
-    return _fitted(scenario, [(_timings_of(scenario, k), _own_timings(scenario, k)) for k in TIMED])
+    return _build_timing_fit(scenario, [(_list_interval_timings(scenario, k), _fit_cached_timings(scenario, k)) for k in TIMED])
 
 
-def fit_interval(scenario: Scenario, k: int) -> Scenario:
+def fit_interval_timings(scenario: Scenario, k: int) -> Scenario:
     """The scenario with the timings of interval k fitted to its three numbers, within what can be flown."""
-    return override(scenario, _timings_of(scenario, k).changes(_own_timings(scenario, k)))
+    return override(scenario, _list_interval_timings(scenario, k).changes(_fit_cached_timings(scenario, k)))
 
 
 Alone = tuple[Scenario, int]  # a scenario that has one interval only, and which of N's it is
-KEPT: dict[Alone, Array] = {}  # timings fitted to single intervals: those of the direction that was flown are needed twice
+TIMING_CACHE: dict[
+    Alone, Array
+] = {}  # timings fitted to single intervals: those of the direction that was flown are needed twice
 
 
-def find_missing(candidates: Sequence[tuple[Scenario, int]]) -> list[Alone]:
-    """What `fit_alone` has to be called with for the timings of interval k of each scenario to be kept."""
-    return [key for key in dict.fromkeys(_alone(scenario, k) for scenario, k in candidates) if key not in KEPT]
+def list_missing_fits(candidates: Sequence[tuple[Scenario, int]]) -> list[Alone]:
+    """What `fit_isolated_interval` has to be called with for the timings of interval k of each scenario to be kept."""
+    return [
+        key
+        for key in dict.fromkeys(_select_single_interval(scenario, k) for scenario, k in candidates)
+        if key not in TIMING_CACHE
+    ]
 
 
-def _alone(scenario: Scenario, k: int) -> Alone:
+def _select_single_interval(scenario: Scenario, k: int) -> Alone:
     return scenario.model_copy(update={"interval": scenario.interval[k : k + 1]}), k
 
 
-def _own_timings(scenario: Scenario, k: int) -> Array:
+def _fit_cached_timings(scenario: Scenario, k: int) -> Array:
     """Timings of interval k fitted to its three numbers."""
-    key = _alone(scenario, k)
-    if key not in KEPT:
-        KEPT[key] = fit_alone(*key)
-    return KEPT[key]
+    key = _select_single_interval(scenario, k)
+    if key not in TIMING_CACHE:
+        TIMING_CACHE[key] = fit_isolated_interval(*key)
+    return TIMING_CACHE[key]
 
 
-def fit_alone(scenario: Scenario, k: int) -> Array:
+def fit_isolated_interval(scenario: Scenario, k: int) -> Array:
     """The timings of a scenario that has interval k only."""
-    return _minimise(scenario, _timings_of(scenario, 0), [0], without_noise()[[k]])
+    return _fit_to_clean_gap(scenario, _list_interval_timings(scenario, 0), [0], compute_noise_free_residuals()[[k]])
 
 
-def _timings_of(scenario: Scenario, k: int) -> _Search:
+def _list_interval_timings(scenario: Scenario, k: int) -> _TimingSearch:
     """Timings to fit of one interval: of its slews, which last equally long, or of its hold."""
     interval, path = scenario.interval[k], f"interval.{k}"
     if interval.hold:
-        return _Search(
+        return _TimingSearch(
             names=(f"{interval.name} hold start_s", f"{interval.name} hold transition_s"),
             start=np.array([interval.hold.start_s, interval.hold.transition_s]),
             bounds=np.array([(0.0, 300.0), TRANSITION_BOUNDS_S]),
@@ -277,21 +291,21 @@ def _timings_of(scenario: Scenario, k: int) -> _Search:
         out = {f"{path}.slew.{j}.duration_s": float(x[1]) for j in range(len(slews))}
         return out | {f"{path}.slew.{j}.start_s": float(x[0] + (x[2] if j else 0.0)) for j in range(len(slews))}
 
-    return _Search(tuple(names), np.array(start), np.array(bounds), changes)
+    return _TimingSearch(tuple(names), np.array(start), np.array(bounds), changes)
 
 
-def _fitted(scenario: Scenario, parts: list[tuple[_Search, Array]]) -> TimingFit:
+def _build_timing_fit(scenario: Scenario, parts: list[tuple[_TimingSearch, Array]]) -> TimingFit:
     timings: dict[str, float] = {}
     at_bound: tuple[str, ...] = ()
     for search, x in parts:
         scenario = override(scenario, search.changes(x))
         timings |= dict(zip(search.names, map(float, x), strict=True))
         at_bound += search.at_bound(x)
-    predicted = predict(scenario)
-    return TimingFit(scenario, timings, at_bound, clean_gap_rms(predicted), gap_rms(predicted))
+    predicted = predict_residuals(scenario)
+    return TimingFit(scenario, timings, at_bound, compute_clean_gap_rms(predicted), compute_gap_rms(predicted))
 
 
-def _minimise(scenario: Scenario, search: _Search, intervals: Sequence[int], flown: Array) -> Array:
+def _fit_to_clean_gap(scenario: Scenario, search: _TimingSearch, intervals: Sequence[int], flown: Array) -> Array:
     """Nelder–Mead on the clean gap of some intervals from several starts; timings that cannot be flown count as a degree."""
     coarse = override(scenario, {"gyro.sample_s": COARSE_SAMPLE_S})
     low, high = search.bounds.T
@@ -300,13 +314,13 @@ def _minimise(scenario: Scenario, search: _Search, intervals: Sequence[int], flo
         try:
             changed = override(coarse, search.changes(low + y * (high - low)))
             some = changed.model_copy(update={"interval": tuple(changed.interval[k] for k in intervals)})
-            return float(flight.rms((predict(some) - flown).ravel()))
+            return float(flight.compute_rms((predict_residuals(some) - flown).ravel()))
         except InputError:
             return UNFLYABLE
 
     count = len(search.names)
     # Between bounds, the scenario's own timings first; then along the box's diagonal, for a valley elsewhere.
-    starts = [np.clip((search.start - low) / (high - low), 0, 1), *(np.full(count, share) for share in STARTS)]
+    starts = [np.clip((search.start - low) / (high - low), 0, 1), *(np.full(count, share) for share in START_FRACTIONS)]
     options = {"xatol": 1e-4, "fatol": 1e-6, "maxfev": 60 * count}
     best = min(
         (minimize(cost, y, method="Nelder-Mead", bounds=[(0, 1)] * count, options=options) for y in starts),

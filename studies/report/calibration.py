@@ -7,16 +7,16 @@ import pandas as pd
 from rich.console import Console
 
 from gyrocal import NAMES, CalibrationResult, GyroParameters
-from gyrocal.calibration.gyro_space import space_of
+from gyrocal.calibration.gyro_space import select_parameter_space
 from gyrocal.calibration.observability import BIAS_LETTERS
 from gyrocal.calibration.problem import ROTATION_NAMES
-from gyrocal.calibration.remainder_processes import DEG_H, WITH_REMAINDER
+from gyrocal.calibration.remainder_processes import DEG_H_PER_RAD_S, WITH_REMAINDER
 from gyrocal.calibration.result import DEGREES
 from studies.report import tables, trackers
 
 DOUBT = 0.01  # p-value below which the fit is called bad, and above one minus which too good
 LARGE_SHARE = 4.0  # sigma of a single residual worth naming
-SMALLEST = 1e-99  # p-value that is written out
+SMALLEST_P_VALUE = 1e-99  # p-value that is written out
 SIGMA_WITH_REMAINDER = "sigma with remainder"  # column
 NOTABLE = 0.3  # sigma of an expected error worth naming; it makes a sigma 4 % too small
 
@@ -28,24 +28,24 @@ def show(console: Console, result: CalibrationResult, to_tolerance: bool, truth:
     for line in result.warnings:
         console.print(f"Warning: {line}", highlight=False, markup=False)
     title = f"{result.recording}: {count} iteration(s), {how}; {result.psi} ψ, covariance {result.covariance_model}"
-    tables.terminal(console, title, parameter_table(result, truth))
+    tables.print_table(console, title, build_parameter_table(result, truth))
     shown = ["interval", "t_s"] + [f"{when}_{axis}_deg" for when in ("before", "after") for axis in ROTATION_NAMES]
     last = result.residuals[shown].groupby("interval", sort=False).tail(1)
-    tables.terminal(console, "Residuals at the end of each interval", last.assign(t_s=[f"{t:.1f}" for t in last["t_s"]]))
-    for line in [*remarks(result), *result.mounting.sentences()]:
+    tables.print_table(console, "Residuals at the end of each interval", last.assign(t_s=[f"{t:.1f}" for t in last["t_s"]]))
+    for line in [*list_remarks(result), *result.mounting.format_sentences()]:
         console.print(line, highlight=False, markup=False)
     trackers.show(console, result.mountings, result.differences)
 
 
-def parameter_table(result: CalibrationResult, truth: GyroParameters | None = None) -> pd.DataFrame:
+def build_parameter_table(result: CalibrationResult, truth: GyroParameters | None = None) -> pd.DataFrame:
     """Parameters as texts, each to two digits of its sigma."""
     summary = result.summary()
-    known = None if truth is None else space_of(result.parametrisation).vector(truth) * DEGREES
-    widened = sigma_with_remainder(result)
+    known = None if truth is None else select_parameter_space(result.parametrisation).vector(truth) * DEGREES
+    widened = compute_sigma_with_remainder(result)
     rows = []
     for k, row in summary.iterrows():
         sigma = row["sigma"]
-        number = tables.to_sigma if row["solved"] else tables.plain
+        number = tables.format_to_sigma if row["solved"] else tables.format_plain
         line = {
             "parameter": row["parameter"],
             "unit": row["unit"],
@@ -67,16 +67,16 @@ def parameter_table(result: CalibrationResult, truth: GyroParameters | None = No
     return pd.DataFrame(rows)
 
 
-def sigma_with_remainder(result: CalibrationResult) -> np.ndarray | None:
+def compute_sigma_with_remainder(result: CalibrationResult) -> np.ndarray | None:
     """(12,) sigmas with remainder of the parametrisation's parameters, biases in deg/s; None where they do not differ."""
     if result.remainder is None or not result.remainder.is_significant:
         return None
-    J = space_of(result.parametrisation).jacobian(result.parameters)
+    J = select_parameter_space(result.parametrisation).jacobian(result.parameters)
     half = np.linalg.solve(J, result.remainder.covariance)
     return np.asarray(np.sqrt(np.maximum(np.diag(np.linalg.solve(J, half.T)), 0.0)) * DEGREES)
 
 
-def recommendation(result: CalibrationResult) -> list[str]:
+def recommend_sigmas(result: CalibrationResult) -> list[str]:
     """Which sigmas are recommended and why, in sentences; empty where no remainder was estimated."""
     found = result.remainder
     if found is None:
@@ -87,33 +87,33 @@ def recommendation(result: CalibrationResult) -> list[str]:
     growth = found.sigma[used] / result.sigma[used]
     parts = []
     if found.gyro.any():
-        parts.append(f"rate errors of {_by_axis(found.gyro * DEG_H)} deg/h that last")
+        parts.append(f"rate errors of {_format_by_axis(found.gyro * DEG_H_PER_RAD_S)} deg/h that last")
     if found.reference.any():
-        parts.append(f"reference errors of {_by_axis(np.rad2deg(found.reference))} deg")
+        parts.append(f"reference errors of {_format_by_axis(np.rad2deg(found.reference))} deg")
     if found.delay_s > 0:
-        parts.append(f"time tags that are off by {_short(found.delay_s * 1e3)} ms")
-    parts.append(f"stated noise with {_short(found.noise_factor)} times its variance")
-    probable = f"p = {found.p_value:.2g}" if found.p_value > SMALLEST else f"p < {SMALLEST:g}"
+        parts.append(f"time tags that are off by {_format_short(found.delay_s * 1e3)} ms")
+    parts.append(f"stated noise with {_format_short(found.noise_factor)} times its variance")
+    probable = f"p = {found.p_value:.2g}" if found.p_value > SMALLEST_P_VALUE else f"p < {SMALLEST_P_VALUE:g}"
     return [
         f"Use the sigmas with remainder: the residuals do not fit the stated noise (likelihood ratio, {probable}). They are "
-        f"{_short(growth.min())} to {_short(growth.max())} times the nominal ones.",
+        f"{_format_short(growth.min())} to {_format_short(growth.max())} times the nominal ones.",
         f"The remainder, 1-sigma about x, y, z: {'; '.join(parts)}.",
     ]
 
 
-def _by_axis(values: np.ndarray) -> str:
-    return ", ".join(_short(value) for value in values)
+def _format_by_axis(values: np.ndarray) -> str:
+    return ", ".join(_format_short(value) for value in values)
 
 
-def _short(value: float) -> str:
+def _format_short(value: float) -> str:
     """Format a number to two digits."""
     return f"{float(f'{value:.2g}'):g}"
 
 
-def remarks(result: CalibrationResult) -> list[str]:
+def list_remarks(result: CalibrationResult) -> list[str]:
     """What speaks for and against the result, in sentences."""
-    lines = [fit_remark(result), *recommendation(result)]
-    worst = worst_residual(result)
+    lines = [describe_fit(result), *recommend_sigmas(result)]
+    worst = describe_worst_residual(result)
     if worst:
         lines.append(worst)
     if len(result.solved_for) < len(result.sigma):
@@ -124,11 +124,11 @@ def remarks(result: CalibrationResult) -> list[str]:
     held = result.options["held_s"]
     if held > 0:
         lines.append(f"The last rate was held over {held:g} s of missing samples; its error is not in the sigmas.")
-    lines += attenuated(result)
-    return lines + plausible_remarks(result)
+    lines += describe_attenuation(result)
+    return lines + list_plausible_remarks(result)
 
 
-def plausible_remarks(result: CalibrationResult) -> list[str]:
+def list_plausible_remarks(result: CalibrationResult) -> list[str]:
     """The gyro's grade with its plausible ranges, and the combinations that the data do not determine to within them."""
     ranges, free = result.plausible, result.observability.unobservable
     if ranges is None:
@@ -145,7 +145,7 @@ def plausible_remarks(result: CalibrationResult) -> list[str]:
     return lines
 
 
-def attenuated(result: CalibrationResult) -> list[str]:
+def describe_attenuation(result: CalibrationResult) -> list[str]:
     """By how much noise in the rates is expected to make elements of G too small, if that matters beside their sigma."""
     if result.attenuation is None:
         return []
@@ -160,7 +160,7 @@ def attenuated(result: CalibrationResult) -> list[str]:
     ]
 
 
-def fit_remark(result: CalibrationResult) -> str:
+def describe_fit(result: CalibrationResult) -> str:
     """Whether what is left fits the stated noise, and what to suspect if not."""
     if result.dof <= 0:
         return "No degrees of freedom are left, so the residuals after the calibration say nothing about the fit."
@@ -169,7 +169,7 @@ def fit_remark(result: CalibrationResult) -> str:
         f"p = {result.p_value:.2g}."
     )
     if result.p_value < DOUBT:
-        doubtful = ", ".join(suspects(result))
+        doubtful = ", ".join(list_misfit_reasons(result))
         trust = "" if result.recommended == WITH_REMAINDER else ": do not trust the sigmas"
         return f"{text} They are larger than the stated noise allows{trust}. Suspect {doubtful}."
     if result.p_value > 1 - DOUBT:
@@ -180,14 +180,14 @@ def fit_remark(result: CalibrationResult) -> str:
     return f"{text} They fit the stated noise."
 
 
-def of_import(result: CalibrationResult, estimated: Sequence[str]) -> list[str]:
+def describe_import_noise(result: CalibrationResult, estimated: Sequence[str]) -> list[str]:
     """Where the noise that the residuals do not fit comes from, if an import estimated it."""
     if not estimated or result.dof <= 0 or DOUBT <= result.p_value <= 1 - DOUBT:
         return []
     return [f"The import estimated this noise: {'; '.join(estimated)}. State what is known of it, see docs/import.md."]
 
 
-def suspects(result: CalibrationResult) -> list[str]:
+def list_misfit_reasons(result: CalibrationResult) -> list[str]:
     """What may make residuals too large, the choices of this run first."""
     out = []
     if result.options["prior_sigma"] is not None and not result.has_plausible_prior:
@@ -204,7 +204,7 @@ def suspects(result: CalibrationResult) -> list[str]:
     return [*out, "an effect that is not modelled (gyrocal diagnose looks for one)"]
 
 
-def worst_residual(result: CalibrationResult) -> str:
+def describe_worst_residual(result: CalibrationResult) -> str:
     """The largest residual after in its own sigma, if it is large."""
     table = result.residuals
     normalised = np.column_stack([table[f"after_{name}_deg"] / table[f"sigma_{name}_deg"] for name in ROTATION_NAMES])

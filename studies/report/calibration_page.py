@@ -13,25 +13,25 @@ from gyrocal import CalibrationResult, GyroParameters, InputError, Recording
 from gyrocal.calibration.problem import ROTATION_NAMES
 from gyrocal.calibration.remainder_processes import WITH_REMAINDER
 from studies.allan import report as allan_report
-from studies.allan.analysis import analyse
+from studies.allan.analysis import estimate_noise_terms
 from studies.report import calibration as words
 from studies.report import tables
-from studies.report.pages import Answer, Item, Made, Page, PageTable, Picture, Section
-from studies.report.panels import BLUE, GREY, RED, Line, curves, drawn, forest, heat_map
+from studies.report.pages import Answer, Item, Page, PageTable, Picture, ProvenanceFooter, Section
+from studies.report.panels import BLUE, GREY, RED, Line, draw_panels, make_curves, make_forest, make_heat_map
 
-UNITS = {"1": ("ppm", 1e6), "rad": ("µrad", 1e6), "deg/s": ("deg/h", 3600.0)}  # of a table's, what figures show
+FIGURE_UNITS = {"1": ("ppm", 1e6), "rad": ("µrad", 1e6), "deg/s": ("deg/h", 3600.0)}  # of a table's, what figures show
 TIGHT = 0.95  # correlation from which on two parameters are found together rather than each
 MOST_NAMES = 3
 FOREST_SIGMA = 3.0  # of the thin line
-WIDTH = 11.0
+FIGURE_WIDTH_IN = 11.0
 
 
-def page(
+def build_calibration_page(
     result: CalibrationResult,
     recording: Recording,
     to_tolerance: bool = True,
     truth: GyroParameters | None = None,
-    made: Made | None = None,
+    made: ProvenanceFooter | None = None,
 ) -> str:
     """The whole page.
 
@@ -43,29 +43,29 @@ def page(
     truth : known parameters; None if they are not
     made : for the footer
     """
-    kind, title = headline(result, to_tolerance)
+    kind, title = format_headline(result, to_tolerance)
     caption = f"{FOREST} The sigmas include the remainder." if result.recommended == WITH_REMAINDER else FOREST
-    picture = Picture("forest", partial(draw_forest, result), _forest_alt(result), caption)
+    picture = Picture("forest", partial(draw_forest, result), _describe_forest(result), caption)
     sections = [
-        Section("Parameters", [PageTable(words.parameter_table(result, truth), label="Parameters")]),
+        Section("Parameters", [PageTable(words.build_parameter_table(result, truth), label="Parameters")]),
         Section(
             "Residuals before and after",
-            [Picture("residuals", partial(residual_figure, result), _residual_alt(result), RESIDUALS)],
+            [Picture("residuals", partial(draw_residual_figure, result), _describe_residuals(result), RESIDUAL_FIGURE_NOTE)],
         ),
-        Section("What the data determine", _determined(result)),
-        Section("Mounting of the gyro", [result.mounting.sentences()]),
-        Section("Noise of the samples", _noise(recording)),
-        Section("What speaks for and against it", [words.remarks(result)]),
+        Section("What the data determine", _build_observability_items(result)),
+        Section("Mounting of the gyro", [result.mounting.format_sentences()]),
+        Section("Noise of the samples", _build_noise_items(recording)),
+        Section("What speaks for and against it", [words.list_remarks(result)]),
     ]
-    answer = Answer(kind, picture, most_changed(result), answers(result))
-    return Page(title, sections, answer, made, f"Calibration of {result.recording}").html()
+    answer = Answer(kind, picture, describe_largest_changes(result), list_answers(result))
+    return Page(title, sections, answer, made, f"Calibration of {result.recording}").render_html()
 
 
 FOREST = (
     "Corrections of the initial parameters, with one sigma (thick) and three (thin). A correction whose thin line crosses zero "
     "is not significant."
 )
-RESIDUALS = (
+RESIDUAL_FIGURE_NOTE = (
     "One point a reference attitude, in the order of the intervals (dotted lines between them). In the grey band, two sigma "
     "either way, is what the stated noise explains."
 )
@@ -74,7 +74,7 @@ RESIDUALS = (
 # ---- the first screen ----------------------------------------------------------------------------------------------------
 
 
-def headline(result: CalibrationResult, to_tolerance: bool) -> tuple[str, str]:
+def format_headline(result: CalibrationResult, to_tolerance: bool) -> tuple[str, str]:
     """Kind of the answer, and the answer in a sentence."""
     if result.warnings:
         return "gap", f"Do not use it as it is: {result.warnings[0]}"
@@ -93,57 +93,57 @@ def headline(result: CalibrationResult, to_tolerance: bool) -> tuple[str, str]:
     return "", "The calibration fits: what is left is what the stated noise explains"
 
 
-def answers(result: CalibrationResult) -> dict[str, str]:
+def list_answers(result: CalibrationResult) -> dict[str, str]:
     """Answers by question, in the order in which they are read."""
-    table = _shown(result)
+    table = _build_solved_table(result)
     most = table.loc[table["in_sigma"].abs().nlargest(MOST_NAMES).index]
     changes = "; ".join(
-        f"{r['parameter']} by {_short(r['correction'], '+')} {r['unit']} ({abs(r['in_sigma']):.0f} sigma)"
+        f"{r['parameter']} by {_format_short(r['correction'], '+')} {r['unit']} ({abs(r['in_sigma']):.0f} sigma)"
         for r in most.to_dict("records")
     )
     sigmas = "; ".join(
-        f"{_short(part['sigma'].min())} to {_short(part['sigma'].max())} {unit}"
+        f"{_format_short(part['sigma'].min())} to {_format_short(part['sigma'].max())} {unit}"
         for unit, part in table.groupby("unit", sort=False)
     )
-    residuals = "; ".join(f"{name} {before:.4f} to {after:.4f} deg" for name, (before, after) in _rms(result).items())
+    residuals = "; ".join(f"{name} {before:.4f} to {after:.4f} deg" for name, (before, after) in _compute_rms(result).items())
     lines = {
         "Is it plausible?": " ".join(result.warnings),
-        "Can it be believed?": words.fit_remark(result),
-        "Which sigmas hold?": " ".join(words.recommendation(result)),
+        "Can it be believed?": words.describe_fit(result),
+        "Which sigmas hold?": " ".join(words.recommend_sigmas(result)),
         "What changed most?": f"{changes}.",
         "How well are they known?": f"One sigma: {sigmas}.",
         "What is left of the residuals (RMS)?": f"{residuals}.",
-        "Is everything determined?": _observability(result),
-        "What to do next?": next_step(result),
+        "Is everything determined?": _describe_observability(result),
+        "What to do next?": recommend_next_step(result),
     }
     return {question: text for question, text in lines.items() if text}
 
 
-def most_changed(result: CalibrationResult) -> str:
+def describe_largest_changes(result: CalibrationResult) -> str:
     """How many parameters change beyond doubt, and which most."""
-    table = _shown(result)
+    table = _build_solved_table(result)
     count = int((table["in_sigma"].abs() > FOREST_SIGMA).sum())
     row = table.iloc[int(table["in_sigma"].abs().to_numpy().argmax())]
     which = "sigmas with remainder" if result.recommended == WITH_REMAINDER else "sigmas"
     return (
         f"{count} of {len(table)} parameters change by more than three {which}; most of all {row['parameter']} by "
-        f"{_short(row['correction'], '+')} {row['unit']} ({abs(row['in_sigma']):.0f} sigma)."
+        f"{_format_short(row['correction'], '+')} {row['unit']} ({abs(row['in_sigma']):.0f} sigma)."
     )
 
 
-def _observability(result: CalibrationResult) -> str:
+def _describe_observability(result: CalibrationResult) -> str:
     free = result.observability.unobservable
     if free:
-        return f"No: not found by the data are {'; '.join(free)}. {_ranges(result)}".strip()
-    pairs = _tight(result)
+        return f"No: not found by the data are {'; '.join(free)}. {_describe_ranges(result)}".strip()
+    pairs = _find_tight_pairs(result)
     more = f"; found together rather than each: {', '.join(f'{a} and {b}' for a, b in pairs[:MOST_NAMES])}" if pairs else ""
     return (
         f"Yes: the worst combination is known {result.observability.singular_values[-1]:.0f} times better than its plausible "
-        f"range{more}. {_ranges(result)}"
+        f"range{more}. {_describe_ranges(result)}"
     ).strip()
 
 
-def _ranges(result: CalibrationResult) -> str:
+def _describe_ranges(result: CalibrationResult) -> str:
     """The plausible ranges and their origin, a sentence; empty if they are not known."""
     ranges = result.plausible
     if ranges is None:
@@ -151,7 +151,7 @@ def _ranges(result: CalibrationResult) -> str:
     return f"Plausible are {ranges.G:g} in G and {ranges.bias_deg_h:.3g} deg/h in b ({ranges.reason})."
 
 
-def next_step(result: CalibrationResult) -> str:
+def recommend_next_step(result: CalibrationResult) -> str:
     """What the result asks for."""
     if result.warnings:
         return "Check how the recording was made and read: the warning above names the suspects."
@@ -160,35 +160,35 @@ def next_step(result: CalibrationResult) -> str:
     if result.dof <= 0:
         return "Add reference attitudes or intervals, so that something is left to check with."
     if result.p_value < words.DOUBT:
-        worst = words.worst_residual(result)
+        worst = words.describe_worst_residual(result)
         return f"{worst} Ask gyrocal diagnose which effect makes the residuals too large, and where.".strip()
     if result.p_value > 1 - words.DOUBT:
         return "State the noise of gyro and references as it is: gyrocal allan measures the gyro's."
     return "Use it. gyrocal predict carries the attitude on by gyro with its covariance, which held-out references can check."
 
 
-def _short(value: float, sign: str = "") -> str:
+def _format_short(value: float, sign: str = "") -> str:
     """A number to three digits, without an exponent where that can be."""
     return f"{float(f'{value:.3g}'):{sign}g}"
 
 
-def _rms(result: CalibrationResult) -> dict[str, tuple[float, float]]:
+def _compute_rms(result: CalibrationResult) -> dict[str, tuple[float, float]]:
     """Root mean square of the residuals before and after, deg, by axis."""
     table = result.residuals
 
-    def of(name: str) -> float:
+    def compute_axis_rms(name: str) -> float:
         return float(np.sqrt(np.mean(np.square(table[f"{name}_deg"]))))
 
-    return {name: (of(f"before_{name}"), of(f"after_{name}")) for name in ROTATION_NAMES}
+    return {name: (compute_axis_rms(f"before_{name}"), compute_axis_rms(f"after_{name}")) for name in ROTATION_NAMES}
 
 
-def _shown(result: CalibrationResult) -> pd.DataFrame:
+def _build_solved_table(result: CalibrationResult) -> pd.DataFrame:
     """The solved parameters in the units that figures have, with the recommended sigmas."""
-    table, widened = result.summary(), words.sigma_with_remainder(result)
+    table, widened = result.summary(), words.compute_sigma_with_remainder(result)
     if widened is not None and result.recommended == WITH_REMAINDER:
         table["sigma"] = widened
     table = table.query("solved").copy()
-    scales = [UNITS.get(unit, (unit, 1.0)) for unit in table["unit"]]
+    scales = [FIGURE_UNITS.get(unit, (unit, 1.0)) for unit in table["unit"]]
     factors = np.array([factor for _, factor in scales])
     table["unit"] = [unit for unit, _ in scales]
     for name in ("correction", "sigma"):
@@ -202,15 +202,15 @@ def _shown(result: CalibrationResult) -> pd.DataFrame:
 
 def draw_forest(result: CalibrationResult) -> Figure:
     """Corrections with their sigmas, a line a parameter, a panel a unit."""
-    groups = list(_shown(result).groupby("unit", sort=False))
+    groups = list(_build_solved_table(result).groupby("unit", sort=False))
     made = []
     for unit, part in groups:
         names, sigma = list(part["parameter"]), part["sigma"]
-        made.append(forest(names, part["correction"], FOREST_SIGMA * sigma, sigma, at=[0], x=f"correction ({unit})"))
-    return drawn(*made, size=(8.5, 0.3 * max(len(part) for _, part in groups) + 1.0))
+        made.append(make_forest(names, part["correction"], FOREST_SIGMA * sigma, sigma, at=[0], x=f"correction ({unit})"))
+    return draw_panels(*made, size=(8.5, 0.3 * max(len(part) for _, part in groups) + 1.0))
 
 
-def residual_figure(result: CalibrationResult) -> Figure:
+def draw_residual_figure(result: CalibrationResult) -> Figure:
     """Residuals before and after by axis, over the references, with what the covariance model expects."""
     table = result.residuals
     number = np.arange(len(table))
@@ -225,11 +225,11 @@ def residual_figure(result: CalibrationResult) -> Figure:
                 Line(number, table[f"{when}_{name}_deg"], when, colour, "o" if when == "before" else "s", size=3.0),
             ]
             x = "reference" if when == "after" else ""
-            made.append(curves(lines, x=x, y=f"{name} {when} (deg)", at=edges))
-    return drawn(*made, size=(WIDTH, 5.0), columns=len(ROTATION_NAMES))
+            made.append(make_curves(lines, x=x, y=f"{name} {when} (deg)", at=edges))
+    return draw_panels(*made, size=(FIGURE_WIDTH_IN, 5.0), columns=len(ROTATION_NAMES))
 
 
-def correlations(result: CalibrationResult) -> pd.DataFrame:
+def compute_correlations(result: CalibrationResult) -> pd.DataFrame:
     """Correlation of the solved parameters."""
     names = list(result.summary()["parameter"])
     solved = [names.index(name) for name in result.solved_for]
@@ -238,26 +238,26 @@ def correlations(result: CalibrationResult) -> pd.DataFrame:
     return pd.DataFrame(covariance / np.outer(sigma, sigma), index=list(result.solved_for), columns=list(result.solved_for))
 
 
-def _pairs(result: CalibrationResult) -> list[tuple[float, str, str]]:
+def _rank_correlated_pairs(result: CalibrationResult) -> list[tuple[float, str, str]]:
     """Size of the correlation of each two parameters with their names, the strongest first."""
-    found = correlations(result)
+    found = compute_correlations(result)
     names, values = [str(name) for name in found.index], np.abs(found.to_numpy(dtype=float))
     return sorted(((float(values[i, j]), names[i], names[j]) for i in range(len(names)) for j in range(i)), reverse=True)
 
 
-def _tight(result: CalibrationResult) -> list[tuple[str, str]]:
+def _find_tight_pairs(result: CalibrationResult) -> list[tuple[str, str]]:
     """Pairs of parameters that are found together, the tightest first."""
-    return [(a, b) for share, a, b in _pairs(result) if share > TIGHT]
+    return [(a, b) for share, a, b in _rank_correlated_pairs(result) if share > TIGHT]
 
 
-def _determined(result: CalibrationResult) -> list[Item]:
-    values, found = result.observability.singular_values, correlations(result)
-    strongest = "".join(f" The strongest is {share:.2f}, of {a} and {b}." for share, a, b in _pairs(result)[:1])
+def _build_observability_items(result: CalibrationResult) -> list[Item]:
+    values, found = result.observability.singular_values, compute_correlations(result)
+    strongest = "".join(f" The strongest is {share:.2f}, of {a} and {b}." for share, a, b in _rank_correlated_pairs(result)[:1])
     return [
-        _observability(result),
+        _describe_observability(result),
         Picture(
             "observability",
-            partial(_spectrum, values),
+            partial(_draw_spectrum, values),
             f"{values.size} combinations of the parameters by how well the data determine them, from {values[0]:.3g} to "
             f"{values[-1]:.3g} times their plausible range.",
             "How many times better than its plausible range each combination is known; below the dashed line the data say "
@@ -265,39 +265,41 @@ def _determined(result: CalibrationResult) -> list[Item]:
         ),
         Picture(
             "correlations",
-            lambda: drawn(heat_map(found.round(1) + 0.0, "{:.1f}"), size=(7.5, 5.6)),
+            lambda: draw_panels(make_heat_map(found.round(1) + 0.0, "{:.1f}"), size=(7.5, 5.6)),
             f"Map of the correlations of {len(found)} parameters.{strongest}",
             "Correlation of each two parameters. Near ±1 only a combination of the two is known well.",
         ),
     ]
 
 
-def _spectrum(values: np.ndarray) -> Figure:
+def _draw_spectrum(values: np.ndarray) -> Figure:
     line = Line(np.arange(1, values.size + 1), np.maximum(values, 1e-3), "", BLUE, "o-")
     axes: dict[str, Any] = {"x": "combination", "y": "plausible range over sigma", "ticks": range(1, values.size + 1)}
-    return drawn(curves([line], log="y", levels=[1.0], **axes), size=(WIDTH / 2, 3.2))
+    return draw_panels(make_curves([line], log="y", levels=[1.0], **axes), size=(FIGURE_WIDTH_IN / 2, 3.2))
 
 
-def _noise(recording: Recording) -> list[Item]:
+def _build_noise_items(recording: Recording) -> list[Item]:
     try:
-        found = analyse(recording)
+        found = estimate_noise_terms(recording)
     except InputError as error:
         return [f"No Allan deviation: {error}"]
-    terms = allan_report.terms_table(found)
+    terms = allan_report.build_terms_table(found)
     seen = [not str(value).startswith("not seen") for value in terms["value"]]
-    picture = Picture("allan", partial(allan_report.figure, found), allan_report.alt(found), allan_report.CAPTION)
-    return [allan_report.remarks(found), picture, PageTable(terms, seen, "Noise terms")]
+    picture = Picture(
+        "allan", partial(allan_report.draw_allan_figure, found), allan_report.describe_allan_figure(found), allan_report.CAPTION
+    )
+    return [allan_report.list_remarks(found), picture, PageTable(terms, seen, "Noise terms")]
 
 
-def _forest_alt(result: CalibrationResult) -> str:
-    table = _shown(result)
+def _describe_forest(result: CalibrationResult) -> str:
+    table = _build_solved_table(result)
     cells = ", ".join(
-        f"{r['parameter']} {tables.to_sigma(r['correction'], r['sigma'])} ± {r['sigma']:.2g} {r['unit']}"
+        f"{r['parameter']} {tables.format_to_sigma(r['correction'], r['sigma'])} ± {r['sigma']:.2g} {r['unit']}"
         for r in table.to_dict("records")
     )
     return f"Corrections of {len(table)} parameters: {cells}."
 
 
-def _residual_alt(result: CalibrationResult) -> str:
-    cells = ", ".join(f"{name} from {before:.4f} to {after:.4f} deg" for name, (before, after) in _rms(result).items())
+def _describe_residuals(result: CalibrationResult) -> str:
+    cells = ", ".join(f"{name} from {before:.4f} to {after:.4f} deg" for name, (before, after) in _compute_rms(result).items())
     return f"Residuals of {len(result.residuals)} reference attitudes; RMS {cells}."

@@ -9,26 +9,26 @@ from matplotlib.figure import Figure
 
 from studies.report import gap_budget
 from studies.report.diagnosis_card import Card
-from studies.report.panels import STYLE
+from studies.report.panels import PANEL_STYLE
 
-LINE = 92  # characters of a line of the picture
+LINE_CHARACTERS = 92  # characters of a line of the picture
 
 
-def figure(found: Card, recording: str) -> Figure:
+def draw_card(found: Card, recording: str) -> Figure:
     """The card as a picture of its own."""
-    texts: list[tuple[str, str]] = [("title", line) for line in textwrap.wrap(found.headline, LINE * 2 // 3)]
+    texts: list[tuple[str, str]] = [("title", line) for line in textwrap.wrap(found.headline, LINE_CHARACTERS * 2 // 3)]
     texts.append(("quiet", recording))
     for question, answer in found.lines:
         texts.append(("question", question))
-        texts += [("answer", line) for line in textwrap.wrap(answer, LINE)]
+        texts += [("answer", line) for line in textwrap.wrap(answer, LINE_CHARACTERS)]
     bars = 0.28 * len(found.budget) + 0.75 if found.budget else 0.0
     height = sum(_LOOKS[kind][3] for kind, _ in texts) + 0.25 + bars
-    with mpl.rc_context(STYLE):
+    with mpl.rc_context(PANEL_STYLE):
         drawn = Figure(figsize=(8.0, height))
         y = height - 0.15
         for kind, text in texts:
             size, weight, colour, step = _LOOKS[kind]
-            drawn.text(0.02, y / height, _literal(text), fontsize=size, fontweight=weight, color=colour, va="top")
+            drawn.text(0.02, y / height, _quote_dollars(text), fontsize=size, fontweight=weight, color=colour, va="top")
             y -= step
         if found.budget:
             axes = drawn.add_axes((0.3, 0.45 / height, 0.66, (bars - 0.6) / height))
@@ -44,6 +44,6 @@ _LOOKS: dict[str, tuple[float, str, str, float]] = {  # size, weight, colour, in
 }
 
 
-def _literal(text: str) -> str:
+def _quote_dollars(text: str) -> str:
     """A text in which a dollar is one."""
     return text.replace("$", r"\$")

@@ -13,15 +13,17 @@ from typing import Literal
 import pandas as pd
 
 from studies.montecarlo.statistics import CONSISTENT
-from studies.report.tables import NO_VALUE, number
-from studies.report.units import heading
+from studies.report.tables import NO_VALUE, format_number
+from studies.report.units import format_heading
 
 Verdict = Literal["pass", "fail", "note"]
 Bounds = tuple[float, float]
 
 ENOUGH = 50  # cases of a line, below which its bounds let most things pass
-ALONE = "The mean NEES over the cases by its degrees of freedom; a control must be outside the bounds of a consistent one."
-FEW = f"With fewer than {ENOUGH} cases the bounds are so wide that most covariances are within them."
+CONTROL_NEES_NOTE = (
+    "The mean NEES over the cases by its degrees of freedom; a control must be outside the bounds of a consistent one."
+)
+FEW_CASES_NOTE = f"With fewer than {ENOUGH} cases the bounds are so wide that most covariances are within them."
 
 
 @dataclass(frozen=True)
@@ -59,22 +61,22 @@ class Check:
         return "pass" if inside != self.outside else "fail"
 
 
-def at_most(limit: float) -> Bounds:
+def bound_above(limit: float) -> Bounds:
     """Bounds of a size that may be anything up to a limit."""
     return (-math.inf, limit)
 
 
-def at_least(limit: float) -> Bounds:
+def bound_below(limit: float) -> Bounds:
     """Bounds of a value that must reach a limit."""
     return (limit, math.inf)
 
 
-def near(expected: float, room: float) -> Bounds:
+def bound_near(expected: float, room: float) -> Bounds:
     """Bounds of a value that must be as expected, within some room."""
     return (expected - room, expected + room)
 
 
-def extremes(
+def check_extremes(
     name: str, values: Iterable[float], bounds: Bounds | None = None, unit: str = "", meaning: str = ""
 ) -> list[Check]:
     """The smallest and the largest of some values, NaN left out."""
@@ -85,12 +87,12 @@ def extremes(
     ]
 
 
-def expected_word(consistent: bool | None) -> str:
+def format_expectation(consistent: bool | None) -> str:
     """Column "expected" of a line whose covariance must be consistent, must not be, or may be either."""
     return {None: "", True: CONSISTENT, False: f"not {CONSISTENT}"}[consistent]
 
 
-def of_lines(table: pd.DataFrame, keys: Sequence[str], prefix: str = "", of: str = "") -> list[Check]:
+def check_nees_rows(table: pd.DataFrame, keys: Sequence[str], prefix: str = "", of: str = "") -> list[Check]:
     """A check for each line of a table of mean NEES that is expected to be consistent, or not to be.
 
     Parameters
@@ -102,21 +104,21 @@ def of_lines(table: pd.DataFrame, keys: Sequence[str], prefix: str = "", of: str
     """
     out = []
     for row in table[table[f"{prefix}expected"] != ""].to_dict("records"):
-        names = [f"{heading(key)} {row[key]:g}" if isinstance(row[key], float) else str(row[key]) for key in keys]
+        names = [f"{format_heading(key)} {row[key]:g}" if isinstance(row[key], float) else str(row[key]) for key in keys]
         name = ", ".join([*names, of] if of else names)
         bounds = (row[f"{prefix}low"], row[f"{prefix}high"])
         outside = row[f"{prefix}expected"] != CONSISTENT
-        out.append(Check(name, row[f"{prefix}nees_per_dof"], bounds, "NEES/dof", ALONE, outside))
+        out.append(Check(name, row[f"{prefix}nees_per_dof"], bounds, "NEES/dof", CONTROL_NEES_NOTE, outside))
     return out
 
 
-def enough_cases(*tables: pd.DataFrame) -> Check:
+def check_case_count(*tables: pd.DataFrame) -> Check:
     """Whether every line of tables with a column "cases" rests on so many that its bounds tell something."""
     fewest = min((float(table["cases"].min()) for table in tables if len(table)), default=math.nan)
-    return Check("cases of the line with the fewest", fewest, at_least(ENOUGH), "", FEW)
+    return Check("cases of the line with the fewest", fewest, bound_below(ENOUGH), "", FEW_CASES_NOTE)
 
 
-def frame(checks: Iterable[Check]) -> pd.DataFrame:
+def build_check_frame(checks: Iterable[Check]) -> pd.DataFrame:
     """A row a check, with numbers as they are."""
     rows = []
     for check in checks:
@@ -127,16 +129,18 @@ def frame(checks: Iterable[Check]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def shown(checks: Iterable[Check]) -> pd.DataFrame:
+def format_checks(checks: Iterable[Check]) -> pd.DataFrame:
     """A row a check, as texts for people."""
     rows = []
     for check in checks:
-        value = check.value if isinstance(check.value, str) else number(check.value)
-        rows.append({"check": check.name, "value": value, "unit": check.unit, "asked": _asked(check), "verdict": check.verdict})
+        value = check.value if isinstance(check.value, str) else format_number(check.value)
+        rows.append(
+            {"check": check.name, "value": value, "unit": check.unit, "asked": _format_bounds(check), "verdict": check.verdict}
+        )
     return pd.DataFrame(rows)
 
 
-def _asked(check: Check) -> str:
+def _format_bounds(check: Check) -> str:
     """The bounds in words."""
     if check.bounds is None:
         return NO_VALUE
@@ -144,14 +148,14 @@ def _asked(check: Check) -> str:
         return f"not {check.bounds}" if check.outside else check.bounds
     low, high = check.bounds
     if math.isinf(low):
-        text = f"at most {number(high)}"
+        text = f"at most {format_number(high)}"
     elif math.isinf(high):
-        text = f"at least {number(low)}"
+        text = f"at least {format_number(low)}"
     else:
-        text = number(low) if low == high else f"{number(low)} to {number(high)}"
+        text = format_number(low) if low == high else f"{format_number(low)} to {format_number(high)}"
     return f"outside {text}" if check.outside else text
 
 
-def meanings(checks: Iterable[Check]) -> list[str]:
+def list_meanings(checks: Iterable[Check]) -> list[str]:
     """The sentences of some checks, each once."""
     return list(dict.fromkeys(check.meaning for check in checks if check.meaning))

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import pandas as pd
 
-from studies.report.committed import Results
+from studies.report.committed_results import Results
 from studies.report.tables import NO_VALUE
 
 Verdict = Literal["agrees", "the paper slips", "open"]
@@ -22,7 +22,7 @@ NOT_FLOWN = "This run did not fly what it takes."
 
 
 @dataclass(frozen=True)
-class Found:
+class PaperResults:
     """What a paper's reproduction found.
 
     Attributes
@@ -57,7 +57,7 @@ class Found:
         return pd.read_csv(path)
 
 
-class _ByPath(Formatter):
+class _PathFormatter(Formatter):
     """Formats "{path:.4f}" by the value of a path, whatever signs it has."""
 
     def get_field(self, field_name: str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> tuple[Any, str]:
@@ -69,10 +69,10 @@ class _ByPath(Formatter):
 
 def fill(text: str, values: Mapping[str, Any], **more: Any) -> str:
     """A sentence with the numbers that its fields name: paths of a summary, or names of further values."""
-    return _ByPath().vformat(text, (), ChainMap(more, values))  # type: ignore[arg-type]
+    return _PathFormatter().vformat(text, (), ChainMap(more, values))  # type: ignore[arg-type]
 
 
-Judge = Callable[[Found], tuple[Verdict, str]]
+Judge = Callable[[PaperResults], tuple[Verdict, str]]
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Claim:
 
 
 @dataclass(frozen=True)
-class Judged:
+class JudgedClaim:
     """A claim with its verdict."""
 
     claim: Claim
@@ -104,7 +104,7 @@ class Judged:
     found: str
 
 
-def judged(claims: Sequence[Claim], found: Found) -> list[Judged]:
+def judge_claims(claims: Sequence[Claim], found: PaperResults) -> list[JudgedClaim]:
     """Every claim with its verdict; open where a run has not what it takes."""
     out = []
     for claim in claims:
@@ -112,25 +112,25 @@ def judged(claims: Sequence[Claim], found: Found) -> list[Judged]:
             verdict, text = claim.judge(found)
         except (KeyError, IndexError):
             verdict, text = "open", NOT_FLOWN
-        out.append(Judged(claim, verdict, text))
+        out.append(JudgedClaim(claim, verdict, text))
     return out
 
 
-def agrees(text: str, condition: Callable[[Found], bool]) -> Judge:
+def make_agreement_judge(text: str, condition: Callable[[PaperResults], bool]) -> Judge:
     """A judge with that sentence: it agrees where the condition holds, and is open where it does not."""
-    return lambda found: (agrees_if(condition(found)), found.say(text))
+    return lambda found: (decide_agreement(condition(found)), found.say(text))
 
 
-def slips(text: str, condition: Callable[[Found], bool]) -> Judge:
+def make_slip_judge(text: str, condition: Callable[[PaperResults], bool]) -> Judge:
     """A judge with that sentence: the paper slips where the condition holds."""
-    return lambda found: (slips_if(condition(found)), found.say(text))
+    return lambda found: (decide_slip(condition(found)), found.say(text))
 
 
-def agrees_if(condition: bool, otherwise: Verdict = "open") -> Verdict:
+def decide_agreement(condition: bool, otherwise: Verdict = "open") -> Verdict:
     """A verdict by a condition."""
     return "agrees" if condition else otherwise
 
 
-def slips_if(condition: bool) -> Verdict:
+def decide_slip(condition: bool) -> Verdict:
     """The paper slips, or what it prints holds."""
     return "the paper slips" if condition else "agrees"

@@ -12,10 +12,12 @@ from studies.report.tables import Table
 QUANTILES = {"p05": 0.05, "median": 0.5, "p95": 0.95}
 
 
-def of_columns(config: Any, rows: pd.DataFrame) -> Report:
+def report_columns(config: Any, rows: pd.DataFrame) -> Report:
     """Mean, its standard error, spread and quantiles of each numeric column, and the counts of each text."""
     tables = {
-        "columns": Table(f"Columns, {rows['case'].nunique()} cases", _numbers(rows), "Of truth values the mean is a share.")
+        "columns": Table(
+            f"Columns, {rows['case'].nunique()} cases", _summarise_numbers(rows), "Of truth values the mean is a share."
+        )
     }
     texts = rows.select_dtypes(exclude=["number", "bool"]).drop(columns=list(RESERVED), errors="ignore")
     counts = [
@@ -28,7 +30,7 @@ def of_columns(config: Any, rows: pd.DataFrame) -> Report:
     return Report(tables)
 
 
-def _numbers(rows: pd.DataFrame) -> pd.DataFrame:
+def _summarise_numbers(rows: pd.DataFrame) -> pd.DataFrame:
     numbers = rows.select_dtypes(["number", "bool"]).drop(columns=list(RESERVED), errors="ignore").astype(float)
     lines = []
     for name, values in numbers.items():

@@ -6,13 +6,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from studies.compare.compare import Comparison, Standing
+from studies.compare.compare import Comparison, ScenarioComparison
 from studies.compare.gap import Gap
 from studies.report import tables
-from studies.report.pages import Answer, Made, Page, PageTable, Picture, Section
-from studies.report.panels import GREY, RED, TEAL, Panel, drawn
+from studies.report.pages import Answer, Page, PageTable, Picture, ProvenanceFooter, Section
+from studies.report.panels import GREY, RED, TEAL, Panel, draw_panels
 
-MOST = 12  # statistics of a scenario that the terminal shows
+MOST_STATISTICS = 12  # statistics of a scenario that the terminal shows
 EXTREME_Z = 3.0
 HOW = (
     "The gap is the mean square of the whitened residuals above what the scenario's own flights leave, in units of what noise "
@@ -23,16 +23,18 @@ WHERE = "percentile: share of the flights below the recording, ties counted half
 
 def show(console: Console, comparison: Comparison) -> None:
     """Print the gaps, then the statistics that stand out most under each scenario."""
-    tables.terminal(console, f"{comparison.recording}: the gap, {comparison.runs} flights each", gaps(comparison), HOW)
+    tables.print_table(
+        console, f"{comparison.recording}: the gap, {comparison.runs} flights each", build_scenario_table(comparison), HOW
+    )
     for standing in comparison.standings:
         note = WHERE if standing is comparison.standings[-1] else ""
-        title = f"Under {standing.name}, the {MOST} statistics furthest from the flights' mean"
-        tables.terminal(console, title, statistics(standing).head(MOST), note)
-    for line in sentences(comparison):
+        title = f"Under {standing.name}, the {MOST_STATISTICS} statistics furthest from the flights' mean"
+        tables.print_table(console, title, build_statistics_table(standing).head(MOST_STATISTICS), note)
+    for line in describe_comparison(comparison):
         console.print(line, highlight=False, markup=False)
 
 
-def gaps(comparison: Comparison) -> pd.DataFrame:
+def build_scenario_table(comparison: Comparison) -> pd.DataFrame:
     """A row for each scenario, as texts."""
     rows = []
     for standing in comparison.standings:
@@ -41,16 +43,18 @@ def gaps(comparison: Comparison) -> pd.DataFrame:
         row = {
             "scenario": standing.name,
             "effects": ", ".join(standing.effects) or "none",
-            "gap": _with(gap.after, gap.after_90),
-            "shrinkage": "" if standing is comparison.standings[0] else _shrinkage(gap),
-            "gap of the samples": "" if standing.samples is None else _with(standing.samples.after, standing.samples.after_90),
+            "gap": _format_interval(gap.after, gap.after_90),
+            "shrinkage": "" if standing is comparison.standings[0] else _format_shrinkage(gap),
+            "gap of the samples": ""
+            if standing.samples is None
+            else _format_interval(standing.samples.after, standing.samples.after_90),
             "beyond 1 % at either end": f"{count} of {of}",
         }
         rows.append(row)
     return pd.DataFrame(rows)
 
 
-def statistics(standing: Standing) -> pd.DataFrame:
+def build_statistics_table(standing: ScenarioComparison) -> pd.DataFrame:
     """The judged statistics as texts, the furthest from the flights' mean first."""
     judged = standing.statistics.assign(name=standing.names)
     judged = judged[judged["judged"]]
@@ -67,18 +71,18 @@ def statistics(standing: Standing) -> pd.DataFrame:
     )
 
 
-def sentences(comparison: Comparison) -> list[str]:
+def describe_comparison(comparison: Comparison) -> list[str]:
     """What it comes to."""
     out = []
     baseline = comparison.standings[0].gap
     if baseline.before_90[0] <= 0 <= baseline.before_90[1]:
-        apart = "; single statistics stand apart, which a diagnosis asks as well" if kind(comparison) else ""
+        apart = "; single statistics stand apart, which a diagnosis asks as well" if determine_answer_kind(comparison) else ""
         out.append(f"Under M0 the interval of the gap holds zero: the attitude's mean square shows no gap{apart}.")
-    out += [_furthest(standing) for standing in comparison.standings]
+    out += [_describe_furthest(standing) for standing in comparison.standings]
     for standing in comparison.standings[1:]:
         low, high = standing.gap.shrinkage_90
         if np.isfinite([low, high]).all():
-            words = f"the gap shrinks by {_percent(standing.gap.shrinkage, low, high)}, the 90 % interval in brackets"
+            words = f"the gap shrinks by {_format_percent(standing.gap.shrinkage, low, high)}, the 90 % interval in brackets"
         else:
             words = "how far the gap shrinks cannot be told, since there is none in the attitude that is clear of zero"
         fitted = (
@@ -90,14 +94,14 @@ def sentences(comparison: Comparison) -> list[str]:
     return out
 
 
-def _furthest(standing: Standing) -> str:
+def _describe_furthest(standing: ScenarioComparison) -> str:
     """How many single statistics stand apart, how many would by chance, and which does most."""
-    (count, of), judged = standing.extreme, statistics(standing)
+    (count, of), judged = standing.extreme, build_statistics_table(standing)
     text = f"Under {standing.name} {count} of {of} statistics are beyond 1 % at either end, {standing.by_chance:.1f} by chance"
     return f"{text}; most of all {judged['statistic'].iloc[0]}, z = {judged['z'].iloc[0]}." if len(judged) else f"{text}."
 
 
-def kind(comparison: Comparison) -> str:
+def determine_answer_kind(comparison: Comparison) -> str:
     """Kind of the answer: a gap, none, or single statistics that stand apart although the mean square does not."""
     first = comparison.standings[0]
     if first.gap.before_90[0] > 0:
@@ -106,7 +110,7 @@ def kind(comparison: Comparison) -> str:
     return "open" if (judged["z"].abs() > EXTREME_Z).any() else ""
 
 
-def page(comparison: Comparison, made: Made | None = None) -> str:
+def build_comparison_page(comparison: Comparison, made: ProvenanceFooter | None = None) -> str:
     """The whole page, with how it was made."""
     picture = Picture(
         "standing",
@@ -114,26 +118,29 @@ def page(comparison: Comparison, made: Made | None = None) -> str:
         "Distance of every statistic of the recording from the mean of the flights, by scenario.",
         "A dot is a statistic; if the scenario is right, 95 % are within two.",
     )
-    said = sentences(comparison)
+    said = describe_comparison(comparison)
     about = f"{HOW} {comparison.runs} flights of each scenario, seed {comparison.seed}; intervals of 90 %."
-    sections = [Section("", said[1:]), Section("The gap", [about, PageTable(gaps(comparison), label="The gap")])]
+    sections = [
+        Section("", said[1:]),
+        Section("The gap", [about, PageTable(build_scenario_table(comparison), label="The gap")]),
+    ]
     sections.append(Section("Where the recording stands", [WHERE]))
     for standing in comparison.standings:
-        shown = statistics(standing)
+        shown = build_statistics_table(standing)
         strong = [abs(float(z)) > EXTREME_Z for z in shown["z"]]
         title = f"Under {standing.name}: {standing.title}"
         sections.append(Section(title, [PageTable(shown, strong, title)], 3))
-    answer = Answer(kind(comparison), picture, said[0])
-    return Page(f"{comparison.recording} beside its scenarios", sections, answer, made).html()
+    answer = Answer(determine_answer_kind(comparison), picture, said[0])
+    return Page(f"{comparison.recording} beside its scenarios", sections, answer, made).render_html()
 
 
 def draw_standings(comparison: Comparison) -> Figure:
     """Draw the distance of each statistic from the mean of the flights, a panel a scenario."""
-    panels = [_panel(standing) for standing in comparison.standings]
-    return drawn(*panels, size=(8, 2.6 * len(panels)), columns=1)
+    panels = [_build_panel(standing) for standing in comparison.standings]
+    return draw_panels(*panels, size=(8, 2.6 * len(panels)), columns=1)
 
 
-def _panel(standing: Standing) -> Panel:
+def _build_panel(standing: ScenarioComparison) -> Panel:
     judged = standing.statistics[standing.statistics["judged"]]
     kinds = list(dict.fromkeys(judged["statistic"]))
 
@@ -146,13 +153,13 @@ def _panel(standing: Standing) -> Panel:
     return Panel(draw, standing.name, "z of the recording among the flights", rows=kinds)
 
 
-def _with(value: float, interval: tuple[float, float]) -> str:
+def _format_interval(value: float, interval: tuple[float, float]) -> str:
     return f"{value:.3g} ({interval[0]:.3g} to {interval[1]:.3g})"
 
 
-def _shrinkage(gap: Gap) -> str:
-    return _percent(gap.shrinkage, *gap.shrinkage_90) if np.isfinite(gap.shrinkage_90).all() else "no gap before"
+def _format_shrinkage(gap: Gap) -> str:
+    return _format_percent(gap.shrinkage, *gap.shrinkage_90) if np.isfinite(gap.shrinkage_90).all() else "no gap before"
 
 
-def _percent(value: float, low: float, high: float) -> str:
+def _format_percent(value: float, low: float, high: float) -> str:
     return f"{100 * value:.0f} % ({100 * low:.0f} to {100 * high:.0f} %)"

@@ -21,27 +21,27 @@ from rich.progress import (
 from rich.segment import Segment
 from rich.text import Text
 
-from studies.report.printable import CONTROL
+from studies.report.printable import CONTROL_CHARACTERS
 
 LINE_EVERY_S = 60.0
 MISSING = "\ufffd"
-WIDTH = 200  # without a terminal there is none to fold tables to: wide enough for the widest
+TERMINAL_WIDTH = 200  # without a terminal there is none to fold tables to: wide enough for the widest
 
 
-class _Printable(Console):
+class _PrintableConsole(Console):
     """A console that shows the control characters of a text as one that is missing: in a file's words they are not meant."""
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
         """The pieces of what is printed, before the console adds what it says to the terminal itself."""
         for piece in super().render(renderable, options):
-            lines = (CONTROL.sub(MISSING, line) for line in piece.text.split("\n"))
+            lines = (CONTROL_CHARACTERS.sub(MISSING, line) for line in piece.text.split("\n"))
             yield piece if piece.control else piece._replace(text="\n".join(lines))
 
 
-def console() -> Console:
+def make_console() -> Console:
     """Standard output, for tables."""
     terminal = sys.stdout.isatty()
-    return _Printable(width=None if terminal else WIDTH, soft_wrap=not terminal)
+    return _PrintableConsole(width=None if terminal else TERMINAL_WIDTH, soft_wrap=not terminal)
 
 
 class _Rate(ProgressColumn):
@@ -53,7 +53,7 @@ class _Rate(ProgressColumn):
 
 
 @contextmanager
-def progress(label: str, total: int, quiet: bool = False) -> Iterator[Callable[[int], None]]:
+def show_progress(label: str, total: int, quiet: bool = False) -> Iterator[Callable[[int], None]]:
     """Show progress on standard error, as a bar on a terminal, elsewhere as a line a minute.
 
     Yields a function that is told how many more are done.
@@ -88,7 +88,7 @@ def progress(label: str, total: int, quiet: bool = False) -> Iterator[Callable[[
 
 
 @contextmanager
-def stages(command: str, every_s: float | None = None) -> Iterator[Callable[[str, float], None]]:
+def show_stages(command: str, every_s: float | None = None) -> Iterator[Callable[[str, float], None]]:
     """Show the stages of a command on standard error: a bar on a terminal; elsewhere a line every so many s, or for each stage.
 
     Yields a function that is told where the work is, "stage: detail", and which share of it is done.

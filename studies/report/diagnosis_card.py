@@ -24,9 +24,9 @@ from studies.report import gap_budget, next_step, pointing_cost
 from studies.report import next_flight as flights
 
 FEWEST_STATEMENTS = 5  # of a probability, below which how many of them were right says nothing
-MOST_FINDINGS = 2
-WORTH = 0.01  # probability of an explanation from which on the card tells it
-ORDER = ("First", "Second", "Third", "Fourth", "Fifth", "Sixth", "Seventh", "Eighth")
+MOST_CARD_FINDINGS = 2
+CARD_PROBABILITY = 0.01  # probability of an explanation from which on the card tells it
+ORDINALS = ("First", "Second", "Third", "Fourth", "Fifth", "Sixth", "Seventh", "Eighth")
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Card:
     budget: tuple[Step, ...] = ()
 
 
-def card(diagnosis: Diagnosis, orbit_s: float = math.nan, next_flight: str = "") -> Card:
+def build_card(diagnosis: Diagnosis, orbit_s: float = math.nan, next_flight: str = "") -> Card:
     """The card of a diagnosis.
 
     Parameters
@@ -55,41 +55,43 @@ def card(diagnosis: Diagnosis, orbit_s: float = math.nan, next_flight: str = "")
     next_flight : what to fly next, in a sentence, of `studies.report.next_flight`; without a plan by default
     """
     lines = [
-        ("Does it agree with the simulator?", _gap(diagnosis)),
-        ("Where not?", _where(diagnosis)),
-        ("Which cause?", _which(diagnosis)),
-        ("How sure?", _sure(diagnosis)),
-        ("How far does the gap shrink?", words.closed_in_short(diagnosis)),
+        ("Does it agree with the simulator?", _describe_gap(diagnosis)),
+        ("Where not?", _describe_places(diagnosis)),
+        ("Which cause?", _describe_causes(diagnosis)),
+        ("How sure?", _describe_certainty(diagnosis)),
+        ("How far does the gap shrink?", words.describe_closure_briefly(diagnosis)),
     ]
     if diagnosis.causes:
-        lines.append(("What does it cost in pointing?", pointing_cost.sentence(diagnosis.details.regressors, orbit_s)))
-    lines.append(("What next?", next_step.sentence(diagnosis)))
+        lines.append(
+            ("What does it cost in pointing?", pointing_cost.describe_pointing_cost(diagnosis.details.regressors, orbit_s))
+        )
+    lines.append(("What next?", next_step.describe_next_step(diagnosis)))
     if diagnosis.verdict != "none":
-        lines.append(("What to fly next?", next_flight or flights.sentence(diagnosis)))
-    lines.append(("What can it not tell?", _limits(diagnosis)))
-    return Card(headline(diagnosis), tuple(lines), diagnosis.budget)
+        lines.append(("What to fly next?", next_flight or flights.describe_next_flight(diagnosis)))
+    lines.append(("What can it not tell?", _describe_limits(diagnosis)))
+    return Card(format_headline(diagnosis), tuple(lines), diagnosis.budget)
 
 
 # ---- sentences -----------------------------------------------------------------------------------------------------------
 
 
-def headline(diagnosis: Diagnosis) -> str:
+def format_headline(diagnosis: Diagnosis) -> str:
     """The answer as a sentence that anyone can read."""
     if diagnosis.verdict == "none":
         return "This recording shows nothing that the simulator would not do"
     if diagnosis.verdict == "unknown":
-        beside = [clause(cause) for cause in diagnosis.causes]
-        more = f"; beside it, {words.listed(beside, 'and')}" if beside else ""
+        beside = [format_clause(cause) for cause in diagnosis.causes]
+        more = f"; beside it, {words.join_items(beside, 'and')}" if beside else ""
         if diagnosis.unknown_probability < DEFAULT.named:
             return f"There is a gap whose cause is not known; it may be on no list of known causes{more}"
         return f"Something is at work that is on no list of known causes{more}"
     if diagnosis.verdict == "not identifiable" or not diagnosis.causes:
         there = "There is a gap, and this" if diagnosis.present else "This"
         return f"{there} recording cannot show {'its cause' if diagnosis.present else 'whether there is a gap'}"
-    told = [_either(cause, diagnosis) for cause in diagnosis.causes]
+    told = [_format_alternatives(cause, diagnosis) for cause in diagnosis.causes]
     if diagnosis.verdict == "partial":
-        return _capital(f"{told[0]}{_state_shares(diagnosis)}")
-    return _capital(("; and " if diagnosis.verdict == "group" else ", and ").join(told))
+        return _start_with_capital(f"{told[0]}{_state_shares(diagnosis)}")
+    return _start_with_capital(("; and " if diagnosis.verdict == "group" else ", and ").join(told))
 
 
 def _state_shares(diagnosis: Diagnosis) -> str:
@@ -100,24 +102,24 @@ def _state_shares(diagnosis: Diagnosis) -> str:
     return f"{causes} {max(100 - left, 0.0):.0f} % of the gap, {left:.0f} % is not explained"
 
 
-def clause(cause: Cause) -> str:
+def format_clause(cause: Cause) -> str:
     """What is so when a cause is at work, with its size."""
     if cause.effect not in EFFECTS:
         return f"something acts that is on no list ({cause.effect})"
-    return EFFECTS[cause.effect].sentence(cause.axis, cause.size, magnitude(cause))
+    return EFFECTS[cause.effect].sentence(cause.axis, cause.size, format_magnitude(cause))
 
 
-def _either(cause: Cause, diagnosis: Diagnosis, more: str = "") -> str:
+def _format_alternatives(cause: Cause, diagnosis: Diagnosis, more: str = "") -> str:
     """A cause and more of it, or that it or another is at work where these cannot be told apart; with doubt, where there is."""
-    others = [_bare(member) for member in cause.group if member != cause.label]
-    told = f"{clause(cause)}{more}"
+    others = [_format_unsized(member) for member in cause.group if member != cause.label]
+    told = f"{format_clause(cause)}{more}"
     if diagnosis.verdict not in ("group", "partial"):
         return told
     doubt = "" if (cause.group_probability if others else cause.probability) >= DEFAULT.named else "most likely "
-    return f"{doubt}either {told}, or {words.listed(others, 'or')}" if others else f"{doubt}{told}"
+    return f"{doubt}either {told}, or {words.join_items(others, 'or')}" if others else f"{doubt}{told}"
 
 
-def _bare(label: str) -> str:
+def _format_unsized(label: str) -> str:
     """What is so when an effect is at work, without a size."""
     name, _, axis = label.partition(":")
     if name not in EFFECTS:
@@ -126,7 +128,7 @@ def _bare(label: str) -> str:
     return EFFECTS[name].sentence(axis or None, 1.0, "some amount")
 
 
-def magnitude(cause: Cause) -> str:
+def format_magnitude(cause: Cause) -> str:
     """The size without its sign to two digits, three where its sigma is below a percent, and its unit."""
     value = abs(cause.size)
     unit = "" if cause.unit == "factor" else f" {cause.unit.split(',')[0]}"
@@ -137,29 +139,39 @@ def magnitude(cause: Cause) -> str:
     return f"{round(value, decimals):.{max(decimals, 0)}f}{unit}"
 
 
-def _gap(diagnosis: Diagnosis) -> str:
+def _describe_gap(diagnosis: Diagnosis) -> str:
     answer = "No, there is a gap" if diagnosis.present else "Yes, no gap is seen"
     if diagnosis.verdict == "not identifiable" and not diagnosis.present:
         answer = "This recording cannot show it"
     return (
-        f"{answer}: noise as stated would depart so far with {words.p_value(diagnosis.p_value)}; of recordings without a gap "
+        f"{answer}: noise as stated would depart so far with {words.format_p_value(diagnosis.p_value)}; of recordings without a gap "
         f"{100 * diagnosis.false_alarm_rate:g} % would be said to have one."
     )
 
 
-def _which(diagnosis: Diagnosis) -> str:
+def _describe_causes(diagnosis: Diagnosis) -> str:
     """The causes with their sizes; of an unknown one what it behaves like."""
     told = [
-        _capital(_either(cause, diagnosis, f" ({'; '.join([words.cause_size(cause), *words.moment(cause, diagnosis)])})"))
+        _start_with_capital(
+            _format_alternatives(
+                cause, diagnosis, f" ({'; '.join([words.format_cause_size(cause), *words.describe_onset(cause, diagnosis)])})"
+            )
+        )
         for cause in diagnosis.causes
     ]
     if diagnosis.verdict == "none":
         return "None is called for."
     if diagnosis.verdict == "unknown":
-        like = [f"{_behaviour(one)} ({words.percent(share)})" for one, share in diagnosis.alternatives if _telling(one, share)]
+        like = [
+            f"{_describe_behaviour(one)} ({words.format_percent(share)})"
+            for one, share in diagnosis.alternatives
+            if _is_telling(one, share)
+        ]
         surely = diagnosis.unknown_probability >= DEFAULT.named
         none = f"None of the {len(EFFECTS)} that are known" if surely else "None that could be named"
-        told.insert(0, f"{none}. It behaves most like this: {words.listed(like[:MOST_FINDINGS], 'or')}" if like else none)
+        told.insert(
+            0, f"{none}. It behaves most like this: {words.join_items(like[:MOST_CARD_FINDINGS], 'or')}" if like else none
+        )
         if diagnosis.remainder is not None:
             told.append(gap_budget.describe_side(diagnosis.remainder).rstrip("."))
     elif not told:
@@ -167,49 +179,49 @@ def _which(diagnosis: Diagnosis) -> str:
     return " ".join(f"{one}." for one in told)
 
 
-def _telling(effects: Sequence[str], share: float) -> bool:
+def _is_telling(effects: Sequence[str], share: float) -> bool:
     """Tell whether an explanation says how the gap behaves: no unlikely one, nor a remainder."""
-    return share >= WORTH and REMAINDER not in effects
+    return share >= CARD_PROBABILITY and REMAINDER not in effects
 
 
-def _behaviour(effects: Sequence[str]) -> str:
+def _describe_behaviour(effects: Sequence[str]) -> str:
     """An explanation in plain words, without sizes."""
-    known = [_bare(one) if one.partition(":")[0] in EFFECTS else one.replace(":", ", axis ") for one in effects]
+    known = [_format_unsized(one) if one.partition(":")[0] in EFFECTS else one.replace(":", ", axis ") for one in effects]
     return " together with ".join(known)
 
 
-def _capital(text: str) -> str:
+def _start_with_capital(text: str) -> str:
     return text[0].upper() + text[1:]
 
 
-def _sure(diagnosis: Diagnosis) -> str:
+def _describe_certainty(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "none":
         return "A gap smaller than the noise would not be seen."
-    unknown = words.percent(diagnosis.unknown_probability)
+    unknown = words.format_percent(diagnosis.unknown_probability)
     if diagnosis.verdict == "not identifiable":
         return f"This recording cannot tell: a probability of {unknown} for something that is on no list."
     if diagnosis.verdict == "unknown":
         return f"With a probability of {unknown} something is at work that is on no list."
     parts = []
     for number, cause in enumerate(diagnosis.causes):
-        which = f"{ORDER[number]}: p" if len(diagnosis.causes) > 1 else "P"
-        text = f"{which}robability {words.percent(cause.probability)}"
+        which = f"{ORDINALS[number]}: p" if len(diagnosis.causes) > 1 else "P"
+        text = f"{which}robability {words.format_percent(cause.probability)}"
         if len(cause.group) > 1:
-            text += f", {words.percent(cause.group_probability)} that it is this or what cannot be told from it"
-        parts.append(f"{text}. {reliability(cause.probability)}".strip())
+            text += f", {words.format_percent(cause.group_probability)} that it is this or what cannot be told from it"
+        parts.append(f"{text}. {describe_reliability(cause.probability)}".strip())
     return " ".join(dict.fromkeys(parts))
 
 
 @cache
-def _measured() -> pd.DataFrame:
+def _read_reliability_table() -> pd.DataFrame:
     """How often what was stated was there, by stated probability; of the first-sight exams."""
     with resources.files("studies").joinpath("data", "reliability.csv").open("rb") as file:
         return pd.read_csv(file)
 
 
-def reliability(probability: float) -> str:
+def describe_reliability(probability: float) -> str:
     """How often statements of such a probability were right when it was measured."""
-    rows = _measured()
+    rows = _read_reliability_table()
     rows = rows[(rows["from"] <= probability) & (probability <= rows["to"]) & (rows["statements"] >= FEWEST_STATEMENTS)]
     if rows.empty:
         return "How often so sure a statement is right is not known: the first-sight exams had next to none."
@@ -220,12 +232,12 @@ def reliability(probability: float) -> str:
     )
 
 
-def _where(diagnosis: Diagnosis) -> str:
-    places = list(dict.fromkeys(_place(one) for one in diagnosis.where[:MOST_FINDINGS]))
-    return f"Most of all {words.listed(places, 'and')}." if places else "Nowhere."
+def _describe_places(diagnosis: Diagnosis) -> str:
+    places = list(dict.fromkeys(_describe_place(one) for one in diagnosis.where[:MOST_CARD_FINDINGS]))
+    return f"Most of all {words.join_items(places, 'and')}." if places else "Nowhere."
 
 
-def _place(one: Finding) -> str:
+def _describe_place(one: Finding) -> str:
     axis = f" about {one.axis}" if one.axis else ""
     interval = f" in {one.interval}" if one.interval else ""
     window = f", {one.window_s[0]:.0f} to {one.window_s[1]:.0f} s after its start" if one.window_s and one.interval else ""
@@ -233,13 +245,13 @@ def _place(one: Finding) -> str:
     return f"in the {what}{axis}{interval}{window}"
 
 
-def _limits(diagnosis: Diagnosis) -> str:
-    others = [_bare(member) for cause in diagnosis.causes for member in cause.group if member != cause.label]
+def _describe_limits(diagnosis: Diagnosis) -> str:
+    others = [_format_unsized(member) for cause in diagnosis.causes for member in cause.group if member != cause.label]
     if others:
-        return f"Whether it is not rather that {words.listed(list(dict.fromkeys(others)), 'or')}."
+        return f"Whether it is not rather that {words.join_items(list(dict.fromkeys(others)), 'or')}."
     return "Constant errors of scale, alignment and bias, which the calibration takes up, and what is below the noise."
 
 
-def names(found: Card) -> Sequence[str]:
+def list_texts(found: Card) -> Sequence[str]:
     """All that the card says, for a check that no name of an effect is in it."""
     return [found.headline, *(text for line in found.lines for text in line)]

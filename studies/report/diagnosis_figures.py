@@ -18,9 +18,9 @@ Array = NDArray[np.float64]
 BEFORE, AFTER = panels.RED, panels.BLUE
 AXIS_MARKERS = {"x": "o", "y": "s", "z": "^"}
 AXIS_TITLES = {"x": "x (roll)", "y": "y (pitch)", "z": "z (yaw)"}
-WIDTH = 11.0  # inches: the width of the page
-MOST_ROWS = 12  # lines of a figure; of more, the most telling
-FEW = 20  # references of an interval, above which its residuals are a line
+FIGURE_WIDTH_IN = 11.0  # inches: the width of the page
+MOST_FIGURE_LINES = 12  # lines of a figure; of more, the most telling
+MOST_SEPARATE_POINTS = 20  # references of an interval, above which its residuals are a line
 MOST_PANELS = 8  # intervals with panels of their own
 REACHED = 0.02  # of a cause's largest trace: an axis with less of it shows nothing
 STRONGEST = 12.0  # −log10 p at which the colours end
@@ -28,7 +28,7 @@ PHASES = ("start", "slew", "hold", "end")
 DISCOVERY_RATE = 0.05
 
 
-def most_telling(table: pd.DataFrame, weight: pd.Series, most: int) -> list[str]:
+def select_telling_intervals(table: pd.DataFrame, weight: pd.Series, most: int) -> list[str]:
     """Names of intervals in their order; of too many, those with the largest weight."""
     names = list(dict.fromkeys(table["interval"]))
     if len(names) <= most:
@@ -37,12 +37,12 @@ def most_telling(table: pd.DataFrame, weight: pd.Series, most: int) -> list[str]
     return [name for name in names if name in kept]
 
 
-def differs(residuals: pd.DataFrame) -> bool:
+def is_residual_changed(residuals: pd.DataFrame) -> bool:
     """Whether after is another residual than before."""
     return any(not np.allclose(residuals[f"before_{a}"], residuals[f"after_{a}"], rtol=1e-6, atol=1e-12) for a in "xyz")
 
 
-def in_sigma(residuals: pd.DataFrame, when: str = "before") -> pd.Series:
+def normalise_by_band(residuals: pd.DataFrame, when: str = "before") -> pd.Series:
     """Largest residual of a row over its band."""
     bands = residuals[[f"band_{a}" for a in "xyz"]].to_numpy()
     values = np.abs(residuals[[f"{when}_{a}" for a in "xyz"]].to_numpy())
@@ -53,29 +53,29 @@ def in_sigma(residuals: pd.DataFrame, when: str = "before") -> pd.Series:
 # ---- residuals -----------------------------------------------------------------------------------------------------------
 
 
-def residual_figure(residuals: pd.DataFrame) -> Figure:
+def draw_interval_residuals(residuals: pd.DataFrame) -> Figure:
     """Residuals by interval and axis, before and after, with the band of M0: two sigma either way."""
-    names = most_telling(residuals, in_sigma(residuals), MOST_PANELS)
+    names = select_telling_intervals(residuals, normalise_by_band(residuals), MOST_PANELS)
     drawn = []
     for name in names:
         part = residuals[residuals["interval"] == name]
         minutes = (part["t_s"] - part["t_s"].iloc[0]).to_numpy() / 60
         for axis in "xyz":
             band, before, after = (part[f"{what}_{axis}"].to_numpy() for what in ("band", "before", "after"))
-            look = ("-", "-") if len(part) > FEW else ("o", ".")
+            look = ("-", "-") if len(part) > MOST_SEPARATE_POINTS else ("o", ".")
             allowed = Line(minutes, 0 * band, "what the baseline allows (±2 sigma)", "0.6", "-", -2 * band, 2 * band)
             lines = [allowed, Line(minutes, before, "before: the baseline's own fit", BEFORE, look[0], size=3.2, hollow=True)]
-            if differs(residuals):
+            if is_residual_changed(residuals):
                 lines.append(Line(minutes, after, "after: with the causes in the model", AFTER, look[1], size=3.2))
-            title = f"{_short(name)}: {AXIS_TITLES[axis]}"
+            title = f"{_shorten_name(name)}: {AXIS_TITLES[axis]}"
             y = "residual (deg)" if axis == "x" else ""
             x = "minutes since the interval's first reference" if name == names[-1] else ""
-            drawn.append(panels.curves(lines, title=title, x=x, y=y))
-    size = (WIDTH, 1.55 * len(names) + 0.9)
-    return panels.drawn(*drawn, size=size, columns=3, sharey="col", legend="outside upper center")
+            drawn.append(panels.make_curves(lines, title=title, x=x, y=y))
+    size = (FIGURE_WIDTH_IN, 1.55 * len(names) + 0.9)
+    return panels.draw_panels(*drawn, size=size, columns=3, sharey="col", legend="outside upper center")
 
 
-def _short(name: object, most: int = 24) -> str:
+def _shorten_name(name: object, most: int = 24) -> str:
     """A name that is text and no formula, and not too long."""
     return textwrap.shorten(str(name), most, placeholder="…").replace("$", r"\$") or str(name)[:most]
 
@@ -83,12 +83,12 @@ def _short(name: object, most: int = 24) -> str:
 # ---- map of statistics ---------------------------------------------------------------------------------------------------
 
 
-def significant(statistics: pd.DataFrame) -> NDArray[np.bool_]:
+def find_significant_tests(statistics: pd.DataFrame) -> NDArray[np.bool_]:
     """Which tests are significant among all."""
     return np.asarray(scipy.stats.false_discovery_control(statistics["p_value"].to_numpy(dtype=float)) <= DISCOVERY_RATE)
 
 
-def statistics_figure(statistics: pd.DataFrame) -> Figure:
+def draw_statistics_figure(statistics: pd.DataFrame) -> Figure:
     """−log10 p by interval, axis and phase; marked where significant among all at a false discovery rate of 5 %."""
     table = statistics.assign(
         interval=statistics["interval"].fillna("all"),
@@ -97,32 +97,32 @@ def statistics_figure(statistics: pd.DataFrame) -> Figure:
     )
     kinds = list(dict.fromkeys(table["statistic"]))
     table["column"] = table["phase"] if len(kinds) == 1 else table["statistic"] + " " + table["phase"]
-    names = most_telling(table, table["strength"], 2 * MOST_ROWS)
+    names = select_telling_intervals(table, table["strength"], 2 * MOST_FIGURE_LINES)
     columns = sorted(dict.fromkeys(table["column"]), key=lambda name: PHASES.index(name) if name in PHASES else len(PHASES))
-    marked = significant(statistics)
+    marked = find_significant_tests(statistics)
     limit = float(table["strength"][marked].min()) if marked.any() else np.inf
     drawn = []
     for axis in dict.fromkeys(table["axis"]):
         own = table[table["axis"] == axis]
         grid = own.pivot_table(index="interval", columns="column", values="strength", aggfunc="max")
-        grid = grid.reindex(index=names[::-1], columns=columns).rename(index=_short)
+        grid = grid.reindex(index=names[::-1], columns=columns).rename(index=_shorten_name)
         title = f"axis {AXIS_TITLES.get(axis, axis)}"
         style = {"mark_above": np.nextafter(limit, 0), "limits": (0.0, STRONGEST), "title": title}
-        drawn.append(panels.heat_map(grid, "{:.1f}", **style))
-    return panels.drawn(*drawn, size=(WIDTH, 0.3 * len(names) + 1.3))
+        drawn.append(panels.make_heat_map(grid, "{:.1f}", **style))
+    return panels.draw_panels(*drawn, size=(FIGURE_WIDTH_IN, 0.3 * len(names) + 1.3))
 
 
 # ---- causes --------------------------------------------------------------------------------------------------------------
 
 
-def regressor_figure(regressors: pd.DataFrame, cause: str) -> Figure:
+def draw_regressor_figure(regressors: pd.DataFrame, cause: str) -> Figure:
     """What the baseline leaves against what the cause does, and both over time where it does most."""
     part = regressors[regressors["cause"] == cause]
     reach = part.groupby("axis")["regressor_deg"].agg(lambda values: values.abs().max())
     part = part[part["axis"].isin(reach[reach >= REACHED * reach.max()].index)]
     points = []
     for name, rows in part.groupby("axis"):
-        look = panels.COLOURS[str(name)], AXIS_MARKERS[str(name)]
+        look = panels.AXIS_COLOURS[str(name)], AXIS_MARKERS[str(name)]
         points.append(Line(rows["regressor_deg"], rows["residual_deg"], f"axis {name}", *look, size=3.2))
     limits = part["regressor_deg"].agg(["min", "max"])
     slope = Line(limits, limits, "slope 1: the size found", "black", "-")
@@ -134,10 +134,10 @@ def regressor_figure(regressors: pd.DataFrame, cause: str) -> Figure:
         Line(minutes, shown["regressor_deg"], "the cause", "black", "-" if len(shown) > 2 else "_"),
     ]
     across = {"x": "what the cause does at the size found (deg)", "y": "what the baseline leaves (deg)"}
-    title = f"where it does most: {_short(place['interval'])}, axis {place['axis']}"
+    title = f"where it does most: {_shorten_name(place['interval'])}, axis {place['axis']}"
     along = {"x": "minutes since the interval's first reference", "y": "deg", "title": title}
     left, right = (
-        panels.curves([*points, slope], None, legend="best", **across),
-        panels.curves(both, None, legend="best", **along),
+        panels.make_curves([*points, slope], None, legend="best", **across),
+        panels.make_curves(both, None, legend="best", **along),
     )
-    return panels.drawn(left, right, size=(WIDTH, 3.3), widths=(1, 1.5))
+    return panels.draw_panels(left, right, size=(FIGURE_WIDTH_IN, 3.3), widths=(1, 1.5))

@@ -15,14 +15,14 @@ from simulator.effects.sensor import SENSOR_EFFECTS
 from studies.report import diagnosis_card, gap_budget, sensor_figures, sensor_words, tables
 from studies.report import diagnosis_figures as figures
 from studies.report import diagnosis_words as words
-from studies.report.pages import Answer, Item, Made, Page, PageTable, Picture, Quiet, Section
+from studies.report.pages import Answer, Item, Page, PageTable, Picture, ProvenanceFooter, Section, SmallParagraph
 
-MOST_FINDINGS = 8
+MOST_PAGE_FINDINGS = 8
 MOST_EXPLANATIONS = 12
 MOST_STREAM_TESTS = 40
-BODY = "; taken for a motion of the body, not for a fault"  # said of lines that are no vibration
-KINDS = {"none": "", "not identifiable": "open"}  # of the answer; a gap for all other verdicts
-TERMS = {
+BODY_MOTION_NOTE = "; taken for a motion of the body, not for a fault"  # said of lines that are no vibration
+VERDICT_STYLES = {"none": "", "not identifiable": "open"}  # of the answer; a gap for all other verdicts
+GLOSSARY = {
     "baseline": "The simulator M0: constant G and b, white gyro noise and white reference noise as stated.",
     "gap": "Anything in the recording that the baseline cannot produce.",
     "sign": "A positive size makes the gyro read high; b has the opposite sign, since it is added to the reading.",
@@ -31,105 +31,120 @@ TERMS = {
 }
 
 
-def page(diagnosis: Diagnosis, made: Made | None = None, orbit_s: float = math.nan, next_flight: str = "") -> str:
+def build_diagnosis_page(
+    diagnosis: Diagnosis, made: ProvenanceFooter | None = None, orbit_s: float = math.nan, next_flight: str = ""
+) -> str:
     """The whole page; the same diagnosis gives the same bytes but for how it was made.
 
     Parameters
     ----------
     diagnosis : the answer
     made : for the footer
-    orbit_s, next_flight : as of `studies.report.diagnosis_card.card`
+    orbit_s, next_flight : as of `studies.report.diagnosis_card.build_card`
     """
-    card = diagnosis_card.card(diagnosis, orbit_s, next_flight)
-    picture = _budget_picture(diagnosis) if diagnosis.budget else _residual_picture(diagnosis)
-    answer = Answer(KINDS.get(diagnosis.verdict, "gap"), picture, gap_budget.summarise(diagnosis), dict(card.lines))
-    evidence = [*_where(diagnosis), *_sensors(diagnosis), *_explanations(diagnosis), *_stream(diagnosis)]
-    consequence = [_closure(diagnosis), _calibration(diagnosis)]
-    sections = [
-        Section("The answer in the words of the list of effects", _answer(diagnosis)),
-        *_causes(diagnosis),
-        *(consequence + evidence if diagnosis.causes else evidence + consequence),
-        Section("Limits of this recording", [_limits(diagnosis)]),
-        Section("Words", [{name: words.meaning(name) for name in words.mentioned(diagnosis)} | TERMS]),
+    card = diagnosis_card.build_card(diagnosis, orbit_s, next_flight)
+    picture = _build_budget_picture(diagnosis) if diagnosis.budget else _build_residual_picture(diagnosis)
+    answer = Answer(VERDICT_STYLES.get(diagnosis.verdict, "gap"), picture, gap_budget.summarise(diagnosis), dict(card.lines))
+    evidence = [
+        *_build_place_sections(diagnosis),
+        *_build_sensor_sections(diagnosis),
+        *_build_explanation_sections(diagnosis),
+        *_build_stream_sections(diagnosis),
     ]
-    return Page(card.headline, sections, answer, made, f"Diagnosis of {diagnosis.recording}").html()
+    consequence = [_build_closure_section(diagnosis), _build_calibration_section(diagnosis)]
+    sections = [
+        Section("The answer in the words of the list of effects", _build_answer(diagnosis)),
+        *_build_cause_sections(diagnosis),
+        *(consequence + evidence if diagnosis.causes else evidence + consequence),
+        Section("Limits of this recording", [_list_limits(diagnosis)]),
+        Section("Words", [{name: words.explain_effect(name) for name in words.list_mentioned_effects(diagnosis)} | GLOSSARY]),
+    ]
+    return Page(card.headline, sections, answer, made, f"Diagnosis of {diagnosis.recording}").render_html()
 
 
 # ---- sections ------------------------------------------------------------------------------------------------------------
 
 
-def _answer(diagnosis: Diagnosis) -> list[Item]:
-    sizes = [f"{cause.label}: {words.cause_size(cause)}; {words.probability(cause)}." for cause in diagnosis.causes]
-    return [words.verdict(diagnosis), words.gap(diagnosis), sizes, list(gap_budget.describe(diagnosis))]
+def _build_answer(diagnosis: Diagnosis) -> list[Item]:
+    sizes = [
+        f"{cause.label}: {words.format_cause_size(cause)}; {words.describe_probability(cause)}." for cause in diagnosis.causes
+    ]
+    return [words.describe_verdict(diagnosis), words.describe_gap_test(diagnosis), sizes, list(gap_budget.describe(diagnosis))]
 
 
-def _causes(diagnosis: Diagnosis) -> list[Section]:
+def _build_cause_sections(diagnosis: Diagnosis) -> list[Section]:
     if not diagnosis.causes:
         return []
     sections = [Section("Cause" if len(diagnosis.causes) == 1 else "Causes", [])]
     for cause in diagnosis.causes:
         if cause.label in set(diagnosis.details.regressors["cause"]):
-            seen: Item = _regressor_picture(diagnosis, cause)
+            seen: Item = _build_regressor_picture(diagnosis, cause)
         elif cause.effect in SENSOR_EFFECTS:
             seen = "It is seen in the raw tables of the sensors; see there."
         else:
             seen = "It is seen in the samples themselves; see the gyro stream below."
-        sections.append(Section(cause.label, [words.meaning(cause.effect), _cause_rows(cause, diagnosis), seen], 3))
+        sections.append(
+            Section(cause.label, [words.explain_effect(cause.effect), _build_cause_rows(cause, diagnosis), seen], 3)
+        )
     return sections
 
 
-def _cause_rows(cause: Cause, diagnosis: Diagnosis) -> dict[str, str]:
-    rows = {"size": words.cause_size(cause)}
+def _build_cause_rows(cause: Cause, diagnosis: Diagnosis) -> dict[str, str]:
+    rows = {"size": words.format_cause_size(cause)}
     if cause.parameters:
-        rows["details"] = "; ".join(words.parameters(cause, diagnosis))
-    rows["probability"] = words.percent(cause.probability)
+        rows["details"] = "; ".join(words.describe_parameters(cause, diagnosis))
+    rows["probability"] = words.format_percent(cause.probability)
     others = [words.label(member) for member in cause.group if member != cause.label]
-    rows["indistinguishable from"] = words.listed(others, "or") if others else "no other effect on the list"
+    rows["indistinguishable from"] = words.join_items(others, "or") if others else "no other effect on the list"
     if others:
-        rows["one of these at work"] = words.percent(cause.group_probability)
+        rows["one of these at work"] = words.format_percent(cause.group_probability)
     return rows
 
 
-def _closure(diagnosis: Diagnosis) -> Section:
+def _build_closure_section(diagnosis: Diagnosis) -> Section:
     found, title = diagnosis.closure, "How far the gap closes"
     if found is None:
-        return Section(title, [words.no_closure(diagnosis)])
+        return Section(title, [words.explain_missing_closure(diagnosis)])
     by_interval = PageTable(found.by_interval[["interval", "before", "after", "floor"]], label=f"{found.measure} by interval")
-    return Section(title, [words.closure(found), by_interval])
+    return Section(title, [words.describe_closure(found), by_interval])
 
 
-def _calibration(diagnosis: Diagnosis) -> Section:
-    table = words.calibration(diagnosis)
+def _build_calibration_section(diagnosis: Diagnosis) -> Section:
+    table = words.tabulate_calibration_change(diagnosis)
     note = "Sigmas in ppm for G and deg/h for b."
     strong = pd.Series(False, index=table.index)
-    if words.changed(diagnosis):
+    if words.is_calibration_changed(diagnosis):
         strong = pd.to_numeric(table["change in sigma"], errors="coerce").abs() > 3
         note = "Changes and sigmas in ppm for G and deg/h for b; bold: more than three sigma."
     else:
         table = table[["parameter", "baseline", "sigma", "unit"]]
     note = f"ω = G ω_raw + b; G has no unit, b is in deg/h. {note}"
-    items: list[Item] = [words.calibration_change(diagnosis), PageTable(table, strong, "Calibration"), Quiet(note)]
+    items: list[Item] = [
+        words.describe_calibration_change(diagnosis),
+        PageTable(table, strong, "Calibration"),
+        SmallParagraph(note),
+    ]
     return Section("Effect on the calibration", items)
 
 
-def _where(diagnosis: Diagnosis) -> list[Section]:
-    found = [f"{one.signal}: {one.text} ({words.p_value(one.p_value)})" for one in diagnosis.where]
-    items: list[Item] = [found[:MOST_FINDINGS] or "No place departs from the baseline."]
-    if len(found) > MOST_FINDINGS:
-        items.append(Quiet(f"And {len(found) - MOST_FINDINGS} more, in the JSON result."))
+def _build_place_sections(diagnosis: Diagnosis) -> list[Section]:
+    found = [f"{one.signal}: {one.text} ({words.format_p_value(one.p_value)})" for one in diagnosis.where]
+    items: list[Item] = [found[:MOST_PAGE_FINDINGS] or "No place departs from the baseline."]
+    if len(found) > MOST_PAGE_FINDINGS:
+        items.append(SmallParagraph(f"And {len(found) - MOST_PAGE_FINDINGS} more, in the JSON result."))
     statistics = diagnosis.details.statistics
     if not statistics.empty:
-        items.append(_map_picture(statistics))
-    if diagnosis.budget and (picture := _residual_picture(diagnosis)):
+        items.append(_build_map_picture(statistics))
+    if diagnosis.budget and (picture := _build_residual_picture(diagnosis)):
         items.append(picture)
     return [Section("Where: what the answer rests on", items)]
 
 
-def _sensors(diagnosis: Diagnosis) -> list[Section]:
+def _build_sensor_sections(diagnosis: Diagnosis) -> list[Section]:
     sensors = diagnosis.sensors
     if sensors is None:
         return []
-    items: list[Item] = [*sensor_words.sentences(diagnosis)]
+    items: list[Item] = [*sensor_words.describe_sensors(diagnosis)]
     titles = {"before_deg": "nominal sensors", "after_deg": "with the causes"}
     if not sensors.causes:
         titles.pop("after_deg")
@@ -141,7 +156,7 @@ def _sensors(diagnosis: Diagnosis) -> list[Section]:
         items.append(
             Picture(
                 f"sensor-{name.lower()}",
-                partial(sensor_figures.sun_residual_figure, sensors.residuals, name, titles),
+                partial(sensor_figures.draw_sun_residuals, sensors.residuals, name, titles),
                 f"Residuals of {name} over the Sun's two angles: {'; '.join(rms)}.",
                 "Measured minus predicted by each arc's own attitude and gyro bias; noise and the gyro's random walk leave a "
                 "band about zero, the same everywhere in the field of view.",
@@ -150,22 +165,22 @@ def _sensors(diagnosis: Diagnosis) -> list[Section]:
     return [Section("Sun and Earth sensors", items)]
 
 
-def _explanations(diagnosis: Diagnosis) -> list[Section]:
+def _build_explanation_sections(diagnosis: Diagnosis) -> list[Section]:
     table = diagnosis.details.explanations
     if table.empty:
         return []
     likeliest = table.nlargest(MOST_EXPLANATIONS, "probability", keep="first")
     rows = pd.DataFrame(
         {
-            "explanation": [words.together(str(text).split(" + ") if text else []) for text in likeliest["effects"]],
-            "probability": [words.percent(share) for share in likeliest["probability"]],
+            "explanation": [words.join_effects(str(text).split(" + ") if text else []) for text in likeliest["effects"]],
+            "probability": [words.format_percent(share) for share in likeliest["probability"]],
             "log evidence": [
                 f"{value:.1f}" if math.isfinite(value) else tables.NO_VALUE for value in likeliest["log_evidence"]
             ],
         }
     )
     text = (
-        f"Something that is not on the list is at work with a probability of {words.percent(diagnosis.unknown_probability)}. "
+        f"Something that is not on the list is at work with a probability of {words.format_percent(diagnosis.unknown_probability)}. "
         "Log evidence is against the baseline, in natural units: 3 more is about 20 times as likely. It is averaged over all "
         "plausible sizes, so that an explanation does not win by having more parameters. Bold: with something unlisted."
     )
@@ -173,7 +188,7 @@ def _explanations(diagnosis: Diagnosis) -> list[Section]:
     return [Section("The explanations that were compared", [text, shown])]
 
 
-def _stream(diagnosis: Diagnosis) -> list[Section]:
+def _build_stream_sections(diagnosis: Diagnosis) -> list[Section]:
     table = diagnosis.details.stream
     if table.empty:
         return []
@@ -187,8 +202,8 @@ def _stream(diagnosis: Diagnosis) -> list[Section]:
             "axis": shown["axis"].fillna("all"),
             "found": shown["value"],
             "baseline": shown["expected"],
-            "chance": [words.p_value(p) for p in shown["p_value"]],
-            "what": [f"{text}{BODY if own else ''}" for text, own in zip(shown["text"], moving, strict=True)],
+            "chance": [words.format_p_value(p) for p in shown["p_value"]],
+            "what": [f"{text}{BODY_MOTION_NOTE if own else ''}" for text, own in zip(shown["text"], moving, strict=True)],
         }
     )
     rows["test"] = rows["test"].str.replace("_", " ")
@@ -199,19 +214,21 @@ def _stream(diagnosis: Diagnosis) -> list[Section]:
     return [Section("The gyro stream", [note, PageTable(rows, strong, "Tests of the samples")])]
 
 
-def _limits(diagnosis: Diagnosis) -> list[str]:
+def _list_limits(diagnosis: Diagnosis) -> list[str]:
     notes = [*diagnosis.notes, words.ALWAYS_HIDDEN]
     for cause in diagnosis.causes:
         others = [words.label(member) for member in cause.group if member != cause.label]
         if others:
-            notes.append(f"Whether it is {words.listed([cause.label, *others], 'or')}: here they leave nearly the same trace.")
+            notes.append(
+                f"Whether it is {words.join_items([cause.label, *others], 'or')}: here they leave nearly the same trace."
+            )
     return notes
 
 
 # ---- figures -------------------------------------------------------------------------------------------------------------
 
 
-def _budget_picture(diagnosis: Diagnosis) -> Picture:
+def _build_budget_picture(diagnosis: Diagnosis) -> Picture:
     steps = "; ".join(f"{gap_budget.name_step(step)} {step.misfit:.3g}" for step in diagnosis.budget)
     caption = "Misfit on held-out data and the share that each cause closes, with its 90 % interval."
     if any(len(step.by_part) > 1 for step in diagnosis.budget):
@@ -221,13 +238,13 @@ def _budget_picture(diagnosis: Diagnosis) -> Picture:
     return Picture("budget", partial(gap_budget.draw_waterfall, diagnosis.budget), alt, caption)
 
 
-def _regressor_picture(diagnosis: Diagnosis, cause: Cause) -> Picture:
+def _build_regressor_picture(diagnosis: Diagnosis, cause: Cause) -> Picture:
     table = diagnosis.details.regressors
     part = table[table["cause"] == cause.label]
     fit = float(np.corrcoef(part["regressor_deg"], part["residual_deg"])[0, 1]) if part["regressor_deg"].std() > 0 else 0.0
     return Picture(
         f"cause-{cause.label.replace(':', '-')}",
-        partial(figures.regressor_figure, table, cause.label),
+        partial(figures.draw_regressor_figure, table, cause.label),
         f"Residuals that the baseline leaves against what {cause.label} does at the size found, {len(part)} points with a "
         f"correlation of {fit:.2f}; and both over time in the interval where the cause does most.",
         "Left: each point is a reference attitude about one axis, other causes taken out. If the cause is right, points "
@@ -236,32 +253,32 @@ def _regressor_picture(diagnosis: Diagnosis, cause: Cause) -> Picture:
     )
 
 
-def _map_picture(statistics: pd.DataFrame) -> Picture:
-    marked = int(figures.significant(statistics).sum())
+def _build_map_picture(statistics: pd.DataFrame) -> Picture:
+    marked = int(figures.find_significant_tests(statistics).sum())
     worst = statistics.iloc[int(statistics["p_value"].to_numpy().argmin())]
     return Picture(
         "map",
-        partial(figures.statistics_figure, statistics),
+        partial(figures.draw_statistics_figure, statistics),
         f"Map of {len(statistics)} tests by interval, axis and phase; {marked} are significant. The strongest: "
-        f"{worst['interval']}, axis {worst['axis']}, {worst['phase']}, {words.p_value(float(worst['p_value']))}.",
+        f"{worst['interval']}, axis {worst['axis']}, {worst['phase']}, {words.format_p_value(float(worst['p_value']))}.",
         "−log10 p of each part of the recording: the larger, the further it departs from the baseline. A cross marks "
         "what is significant among all these tests (about 5 % of the crosses may be chance). Empty: no data to test.",
     )
 
 
-def _residual_picture(diagnosis: Diagnosis) -> Picture | None:
+def _build_residual_picture(diagnosis: Diagnosis) -> Picture | None:
     """Residuals before and after with the baseline's band; none if no reference was compared."""
     residuals = diagnosis.details.residuals
     if residuals.empty:
         return None
     count = residuals["interval"].nunique()
-    shown = len(figures.most_telling(residuals, figures.in_sigma(residuals), figures.MOST_PANELS))
+    shown = len(figures.select_telling_intervals(residuals, figures.normalise_by_band(residuals), figures.MOST_PANELS))
     subset = "" if shown == count else f" The {shown} of {count} intervals with the largest residuals."
-    after = ", and blue with the causes in the model" if figures.differs(residuals) else ""
-    before, left = (figures.in_sigma(residuals, when).max() for when in ("before", "after"))
+    after = ", and blue with the causes in the model" if figures.is_residual_changed(residuals) else ""
+    before, left = (figures.normalise_by_band(residuals, when).max() for when in ("before", "after"))
     return Picture(
         "residuals",
-        partial(figures.residual_figure, residuals),
+        partial(figures.draw_interval_residuals, residuals),
         f"Attitude residuals of {count} intervals about x, y and z against time, with the baseline's band; the largest is "
         f"{before:.1f} sigma before and {left:.1f} after.{subset}",
         f"Red: what is left of each reference attitude after the baseline's own fit{after}. In the grey band is what "

@@ -12,18 +12,18 @@ from diagnosis.result import Diagnosis
 from studies.report import diagnosis_words as words
 from studies.report import gap_budget, sensor_words, tables
 
-MOST_FINDINGS = 4
+MOST_SUMMARY_FINDINGS = 4
 MOST_ALTERNATIVES = 4
 
 
 def show(console: Console, diagnosis: Diagnosis) -> None:
     """Print the whole summary."""
-    _print(console, lines(diagnosis))
-    if words.changed(diagnosis):
+    _print(console, format_answer_lines(diagnosis))
+    if words.is_calibration_changed(diagnosis):
         console.print()
         note = "ω = G ω_raw + b: values of G have no unit, those of b are in deg/h; change and sigma are in the unit shown"
-        tables.terminal(console, "Calibration", words.calibration(diagnosis), note)
-    _print(console, closing(diagnosis))
+        tables.print_table(console, "Calibration", words.tabulate_calibration_change(diagnosis), note)
+    _print(console, format_closing_lines(diagnosis))
 
 
 def _print(console: Console, shown: list[str]) -> None:
@@ -34,17 +34,17 @@ def _print(console: Console, shown: list[str]) -> None:
         console.print(folded, highlight=False, markup=False, emoji=False)
 
 
-def lines(diagnosis: Diagnosis) -> list[str]:
+def format_answer_lines(diagnosis: Diagnosis) -> list[str]:
     """Everything above the table of the calibration."""
-    out = [f"{diagnosis.recording}: {words.verdict(diagnosis)}", words.gap(diagnosis)]
+    out = [f"{diagnosis.recording}: {words.describe_verdict(diagnosis)}", words.describe_gap_test(diagnosis)]
     for title, part in (
-        ("Where it departs from the baseline, strongest test first", _where(diagnosis)),
-        ("Cause" if len(diagnosis.causes) == 1 else "Causes", _causes(diagnosis)),
-        ("Other explanations", _alternatives(diagnosis)),
-        ("How far the gap closes", iter([_closure(diagnosis)])),
-        ("Gap budget on held-out data", _budget(diagnosis)),
-        ("Raw tables of sun and Earth sensors", _sensors(diagnosis)),
-        ("Effect on the calibration", iter([words.calibration_change(diagnosis)])),
+        ("Where it departs from the baseline, strongest test first", _format_places(diagnosis)),
+        ("Cause" if len(diagnosis.causes) == 1 else "Causes", _format_causes(diagnosis)),
+        ("Other explanations", _format_alternatives(diagnosis)),
+        ("How far the gap closes", iter([_format_closure(diagnosis)])),
+        ("Gap budget on held-out data", _format_budget(diagnosis)),
+        ("Raw tables of sun and Earth sensors", _format_sensors(diagnosis)),
+        ("Effect on the calibration", iter([words.describe_calibration_change(diagnosis)])),
     ):
         body = [f"  {line}" for line in part]
         if body:
@@ -52,49 +52,49 @@ def lines(diagnosis: Diagnosis) -> list[str]:
     return out
 
 
-def closing(diagnosis: Diagnosis) -> list[str]:
+def format_closing_lines(diagnosis: Diagnosis) -> list[str]:
     """The limits of the recording, and the time it took."""
     out = ["", "Limits of this recording"]
     out += [f"  - {note}" for note in (*diagnosis.notes, words.ALWAYS_HIDDEN)]
     return [*out, "", f"Took {diagnosis.runtime_s:.1f} s."]
 
 
-def _where(diagnosis: Diagnosis) -> Iterator[str]:
-    for finding in diagnosis.where[:MOST_FINDINGS]:
-        yield f"- {finding.signal}: {finding.text} ({words.p_value(finding.p_value)})"
-    more = len(diagnosis.where) - MOST_FINDINGS
+def _format_places(diagnosis: Diagnosis) -> Iterator[str]:
+    for finding in diagnosis.where[:MOST_SUMMARY_FINDINGS]:
+        yield f"- {finding.signal}: {finding.text} ({words.format_p_value(finding.p_value)})"
+    more = len(diagnosis.where) - MOST_SUMMARY_FINDINGS
     if more > 0:
         yield f"and {more} more, in what --json writes under 'where'"
 
 
-def _causes(diagnosis: Diagnosis) -> Iterator[str]:
+def _format_causes(diagnosis: Diagnosis) -> Iterator[str]:
     for cause in diagnosis.causes:
-        yield from _cause(cause, diagnosis)
+        yield from _format_cause(cause, diagnosis)
 
 
-def _cause(cause: Cause, diagnosis: Diagnosis) -> Iterator[str]:
-    yield "; ".join([f"- {cause.label}: {words.cause_size(cause)}", *words.parameters(cause, diagnosis)])
-    yield f"  {words.probability(cause)}"
-    yield f"  {words.meaning(cause.effect)}"
+def _format_cause(cause: Cause, diagnosis: Diagnosis) -> Iterator[str]:
+    yield "; ".join([f"- {cause.label}: {words.format_cause_size(cause)}", *words.describe_parameters(cause, diagnosis)])
+    yield f"  {words.describe_probability(cause)}"
+    yield f"  {words.explain_effect(cause.effect)}"
 
 
-def _alternatives(diagnosis: Diagnosis) -> Iterator[str]:
+def _format_alternatives(diagnosis: Diagnosis) -> Iterator[str]:
     for effects, probability in diagnosis.alternatives[:MOST_ALTERNATIVES]:
-        yield f"- {words.together(effects)}: {words.percent(probability)}"
+        yield f"- {words.join_effects(effects)}: {words.format_percent(probability)}"
     if diagnosis.verdict != "none":
-        yield f"- in all, with some effect that is not on the list: {words.percent(diagnosis.unknown_probability)}"
+        yield f"- in all, with some effect that is not on the list: {words.format_percent(diagnosis.unknown_probability)}"
 
 
-def _sensors(diagnosis: Diagnosis) -> Iterator[str]:
-    yield from (f"- {sentence}" for sentence in sensor_words.sentences(diagnosis))
+def _format_sensors(diagnosis: Diagnosis) -> Iterator[str]:
+    yield from (f"- {sentence}" for sentence in sensor_words.describe_sensors(diagnosis))
 
 
-def _budget(diagnosis: Diagnosis) -> Iterator[str]:
+def _format_budget(diagnosis: Diagnosis) -> Iterator[str]:
     for step in diagnosis.budget:
         share = "" if step.closed is None else f"  {100 * step.closed:5.0f} %"
         yield f"{gap_budget.name_step(step):32s}{step.misfit:9.3g}{share}"
     yield from (f"- {sentence}" for sentence in gap_budget.describe(diagnosis))
 
 
-def _closure(diagnosis: Diagnosis) -> str:
-    return words.no_closure(diagnosis) if diagnosis.closure is None else words.closure(diagnosis.closure)
+def _format_closure(diagnosis: Diagnosis) -> str:
+    return words.explain_missing_closure(diagnosis) if diagnosis.closure is None else words.describe_closure(diagnosis.closure)

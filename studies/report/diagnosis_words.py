@@ -12,14 +12,14 @@ from diagnosis.answer import Cause, Closure
 from diagnosis.result import Details, Diagnosis
 from diagnosis.settings import DEFAULT
 from gyrocal import NAMES
-from gyrocal.calibration.parameters import AXES
+from gyrocal.calibration.parameters import AXIS_NAMES
 from simulator.effects.sensor import ALL_EFFECTS as EFFECTS
 from studies.report import tables
 
-UNLISTED = "Not on the list of effects: the description says how it behaves, not what causes it."
-ROUNDING = 1e-3  # sigmas: a change of a parameter below which there is none
+UNLISTED_NOTE = "Not on the list of effects: the description says how it behaves, not what causes it."
+UNCHANGED_SIGMAS = 1e-3  # sigmas: a change of a parameter below which there is none
 TOO_LITTLE = "The held-out data show too little of the gap to measure how far it closes"
-ALL = 0.995  # closed share that is shown as all of it
+WHOLE_CLOSED_SHARE = 0.995  # closed share that is shown as all of it
 WIDEST_SHARE = 2.0  # width of the 90 % interval of a closed share, above which the share says nothing
 ALWAYS_HIDDEN = (
     "Constant errors of G and b are removed by the calibration and are not a gap. "
@@ -30,7 +30,7 @@ ALWAYS_HIDDEN = (
 # ---- numbers -------------------------------------------------------------------------------------------------------------
 
 
-def percent(share: float) -> str:
+def format_percent(share: float) -> str:
     """A probability, never rounded to certainty."""
     if not math.isfinite(share):
         return tables.NO_VALUE
@@ -42,14 +42,14 @@ def percent(share: float) -> str:
     return f"{value:.1f} %" if value < 1 or value > 99 else f"{value:.0f} %"
 
 
-def p_value(p: float) -> str:
+def format_p_value(p: float) -> str:
     """A p-value with its relation: p = 0.012, p < 1e-99."""
     if not math.isfinite(p):
         return "p unknown"
     return "p < 1e-99" if p < 1e-99 else f"p = {p:.2g}"
 
 
-def sized(value: float, sigma: float, unit: str) -> str:
+def format_size(value: float, sigma: float, unit: str) -> str:
     """A size ± sigma and unit, to two digits of its sigma."""
     if not 0 < sigma < math.inf:
         return f"{value:.5g} {unit} (its error is not known)"
@@ -60,11 +60,11 @@ def sized(value: float, sigma: float, unit: str) -> str:
     if max(abs(value), sigma) < 1e-3:
         power = math.floor(math.log10(max(abs(value), sigma)))
         value, sigma = value / 10.0**power, sigma / 10.0**power
-        return f"({tables.to_sigma(value, sigma)} ± {tables.to_sigma(sigma, sigma)})e{power} {unit}"
-    return f"{tables.to_sigma(value, sigma)} ± {tables.to_sigma(sigma, sigma)} {unit}"
+        return f"({tables.format_to_sigma(value, sigma)} ± {tables.format_to_sigma(sigma, sigma)})e{power} {unit}"
+    return f"{tables.format_to_sigma(value, sigma)} ± {tables.format_to_sigma(sigma, sigma)} {unit}"
 
 
-def listed(items: Sequence[str], last: str) -> str:
+def join_items(items: Sequence[str], last: str) -> str:
     """A, b and c."""
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} {last} {items[-1]}"
 
@@ -78,88 +78,90 @@ def label(text: str) -> str:
     return f"something unlisted ({name}, axis {axis})" if separator else f"something unlisted ({text})"
 
 
-def together(effects: Sequence[str]) -> str:
+def join_effects(effects: Sequence[str]) -> str:
     """An explanation's effects; none is the baseline."""
     return " + ".join(label(effect) for effect in effects) or "no effect"
 
 
-def meaning(text: str) -> str:
+def explain_effect(text: str) -> str:
     """What an effect is, by its label."""
     name = text.split(":")[0]
-    return (EFFECTS[name].meaning or EFFECTS[name].summary) if name in EFFECTS else UNLISTED
+    return (EFFECTS[name].meaning or EFFECTS[name].summary) if name in EFFECTS else UNLISTED_NOTE
 
 
 # ---- sentences -----------------------------------------------------------------------------------------------------------
 
 
-def verdict(diagnosis: Diagnosis) -> str:
+def describe_verdict(diagnosis: Diagnosis) -> str:
     """The answer in one sentence."""
     causes = [cause.label for cause in diagnosis.causes]
     if diagnosis.verdict == "none":
         return "No gap: this recording shows nothing that the baseline simulator would not do."
     if diagnosis.verdict == "unknown":
-        beside = f" Beside it there is {listed(causes, 'and')}." if causes else ""
+        beside = f" Beside it there is {join_items(causes, 'and')}." if causes else ""
         known = "that no known effect explains" if diagnosis.unknown_probability >= DEFAULT.named else "of unknown cause"
         return (
             f"There is a gap {known}: with a probability of "
-            f"{percent(diagnosis.unknown_probability)} something is at work that is not on the list.{beside}"
+            f"{format_percent(diagnosis.unknown_probability)} something is at work that is not on the list.{beside}"
         )
     if diagnosis.verdict == "partial":
-        identified = listed([" or ".join(label(one) for one in cause.group) for cause in diagnosis.causes], "and")
+        identified = join_items([" or ".join(label(one) for one in cause.group) for cause in diagnosis.causes], "and")
         return f"There is a gap. Identified: {identified}. A significant remainder is left that no identified cause explains."
     if diagnosis.verdict == "not identifiable":
         if diagnosis.present:
             return "There is a gap, but this recording cannot show what causes it."
         return "This recording cannot show whether there is a gap."
     if diagnosis.verdict == "group" and not any(len(cause.group) > 1 for cause in diagnosis.causes):
-        return f"There is a gap, most likely by {listed(causes, 'and')}, but not surely."
+        return f"There is a gap, most likely by {join_items(causes, 'and')}, but not surely."
     if diagnosis.verdict == "group" or not causes:
-        return f"There is a gap, and this recording cannot tell apart what explains it: {'; and '.join(groups(diagnosis))}."
+        return (
+            f"There is a gap, and this recording cannot tell apart what explains it: {'; and '.join(list_groups(diagnosis))}."
+        )
     if len(causes) == 1:
         return f"There is a gap, and one cause explains it: {causes[0]}."
-    return f"There is a gap, and {len(causes)} causes together explain it: {listed(causes, 'and')}."
+    return f"There is a gap, and {len(causes)} causes together explain it: {join_items(causes, 'and')}."
 
 
-def groups(diagnosis: Diagnosis) -> list[str]:
+def list_groups(diagnosis: Diagnosis) -> list[str]:
     """For each cause, what it could be."""
-    return [listed([label(member) for member in cause.group or (cause.label,)], "or") for cause in diagnosis.causes]
+    return [join_items([label(member) for member in cause.group or (cause.label,)], "or") for cause in diagnosis.causes]
 
 
-def gap(diagnosis: Diagnosis) -> str:
+def describe_gap_test(diagnosis: Diagnosis) -> str:
     """How sure the gap is."""
     answer = "a gap is reported" if diagnosis.present else "no gap is reported"
     return (
-        f"Test of the baseline simulator: {p_value(diagnosis.p_value)}, so {answer}. At this threshold "
+        f"Test of the baseline simulator: {format_p_value(diagnosis.p_value)}, so {answer}. At this threshold "
         f"{100 * diagnosis.false_alarm_rate:g} % of recordings without a gap would be reported as having one."
     )
 
 
-def cause_size(cause: Cause) -> str:
+def format_cause_size(cause: Cause) -> str:
     """How large a cause is, and its other numbers."""
-    return sized(cause.size, cause.sigma, cause.unit)
+    return format_size(cause.size, cause.sigma, cause.unit)
 
 
-def probability(cause: Cause) -> str:
+def describe_probability(cause: Cause) -> str:
     """How likely a cause is, and the alternatives that are indistinguishable from it here."""
     others = [label(member) for member in cause.group if member != cause.label]
-    own = f"probability {percent(cause.probability)}"
+    own = f"probability {format_percent(cause.probability)}"
     if not others:
         return f"{own}; no other effect on the list explains the data as well"
-    one = percent(cause.group_probability)
-    return f"{own}; indistinguishable here from {listed(others, 'or')} (probability that it is one of these: {one})"
+    one = format_percent(cause.group_probability)
+    return f"{own}; indistinguishable here from {join_items(others, 'or')} (probability that it is one of these: {one})"
 
 
-def parameters(cause: Cause, diagnosis: Diagnosis) -> list[str]:
+def describe_parameters(cause: Cause, diagnosis: Diagnosis) -> list[str]:
     """A cause's other numbers, each in plain words."""
-    return [_parameter(name, value, cause, diagnosis) for name, value in cause.parameters.items()]
+    return [_describe_parameter(name, value, cause, diagnosis) for name, value in cause.parameters.items()]
 
 
-def moment(cause: Cause, diagnosis: Diagnosis) -> list[str]:
+def describe_onset(cause: Cause, diagnosis: Diagnosis) -> list[str]:
     """When a cause set in, of one that did at one time."""
-    return [_parameter(name, value, cause, diagnosis) for name, value in cause.parameters.items() if name == "time_s"]
+    return [_describe_parameter(name, value, cause, diagnosis) for name, value in cause.parameters.items() if name == "time_s"]
 
 
-def _parameter(name: str, value: float | str, cause: Cause, diagnosis: Diagnosis) -> str:
+def _describe_parameter(name: str, value: float | str, cause: Cause, diagnosis: Diagnosis) -> str:
     if name == "toward":
         if value == cause.axis:
             return f"the scale factor of axis {cause.axis} (G_{cause.axis}{value})"
@@ -174,9 +176,9 @@ def _parameter(name: str, value: float | str, cause: Cause, diagnosis: Diagnosis
     if not math.isfinite(value):
         return f"{name.replace('_', ' ')} not known"
     if name.endswith("_probability"):
-        return f"which of them is not certain: this one with {percent(value)}, and the sigma is over all"
+        return f"which of them is not certain: this one with {format_percent(value)}, and the sigma is over all"
     if name == "time_s":
-        return f"at {value:.0f} s since the epoch{_place(value, diagnosis.details)}"
+        return f"at {value:.0f} s since the epoch{_locate_interval(value, diagnosis.details)}"
     if name == "phase_deg":
         return f"phase {value:.0f}° at the epoch"
     if name == "period_s":
@@ -184,14 +186,14 @@ def _parameter(name: str, value: float | str, cause: Cause, diagnosis: Diagnosis
     if name == "apparent_hz":
         return f"seen at {value:.5g} Hz"
     if name == "fraction":
-        return f"{percent(value)} of the samples"
+        return f"{format_percent(value)} of the samples"
     if name == "time_constant_s":
         return f"lasting about {value:.3g} s"
     quantity, _, unit = name.rpartition("_")
     return f"{quantity.replace('_', ' ')} {value:.5g} {unit}" if quantity else f"{name} {value:.5g}"
 
 
-def _place(t_s: float, details: Details) -> str:
+def _locate_interval(t_s: float, details: Details) -> str:
     """Which interval a time is in, or between which two.
 
     The first residual is that of the first observation, which may be a mean of references and not where the interval starts.
@@ -212,10 +214,10 @@ def _place(t_s: float, details: Details) -> str:
     return ""
 
 
-def closure(found: Closure) -> str:
+def describe_closure(found: Closure) -> str:
     """How far the gap closes."""
     low, high = (100 * share for share in found.interval_90)
-    share = _share_closed(found)
+    share = _format_closed_share(found)
     shown = f"{share} of the gap is closed on held-out data" if share else TOO_LITTLE
     return (
         f"{shown} (90 % interval {low:.0f} to {high:.0f} %; held out: {found.split}). The {found.measure} is "
@@ -224,23 +226,23 @@ def closure(found: Closure) -> str:
     )
 
 
-def closed_in_short(diagnosis: Diagnosis) -> str:
+def describe_closure_briefly(diagnosis: Diagnosis) -> str:
     """How far the gap closes, without the numbers behind it."""
     found = diagnosis.closure
     if found is None:
-        return no_closure(diagnosis)
-    share, (low, high) = _share_closed(found), (100 * one for one in found.interval_90)
+        return explain_missing_closure(diagnosis)
+    share, (low, high) = _format_closed_share(found), (100 * one for one in found.interval_90)
     if not share:
         return f"{TOO_LITTLE}."
     part = f"{share} of it ({low:.0f} to {high:.0f} %)"
     return f"{part}, once the cause is in the model; measured on data that took no part in finding it."
 
 
-def _share_closed(found: Closure) -> str:
+def _format_closed_share(found: Closure) -> str:
     """The share: all or none of it where it is beyond that; "" if the held-out gap is as small as its measure's scatter."""
     if not is_measured(found):
         return ""
-    return "All" if found.closed >= ALL else "None" if found.closed <= 0 else f"{100 * found.closed:.0f} %"
+    return "All" if found.closed >= WHOLE_CLOSED_SHARE else "None" if found.closed <= 0 else f"{100 * found.closed:.0f} %"
 
 
 def is_measured(found: Closure) -> bool:
@@ -249,7 +251,7 @@ def is_measured(found: Closure) -> bool:
     return high - low <= WIDEST_SHARE
 
 
-def no_closure(diagnosis: Diagnosis) -> str:
+def explain_missing_closure(diagnosis: Diagnosis) -> str:
     """Why there is none."""
     if diagnosis.verdict == "none":
         return "There is no gap to close."
@@ -258,16 +260,16 @@ def no_closure(diagnosis: Diagnosis) -> str:
     return "No cause is named, so nothing closes the gap."
 
 
-def changed(diagnosis: Diagnosis) -> bool:
+def is_calibration_changed(diagnosis: Diagnosis) -> bool:
     """Whether there are causes, and the calibration is another one with them in, beyond rounding."""
     if not diagnosis.causes:
         return False
-    G = np.abs(diagnosis.G - diagnosis.baseline_G) > ROUNDING * diagnosis.sigma_G
-    bias = np.abs(diagnosis.bias - diagnosis.baseline_bias) > ROUNDING * diagnosis.sigma_bias
+    G = np.abs(diagnosis.G - diagnosis.baseline_G) > UNCHANGED_SIGMAS * diagnosis.sigma_G
+    bias = np.abs(diagnosis.bias - diagnosis.baseline_bias) > UNCHANGED_SIGMAS * diagnosis.sigma_bias
     return bool(G.any() or bias.any())
 
 
-def calibration(diagnosis: Diagnosis) -> pd.DataFrame:
+def tabulate_calibration_change(diagnosis: Diagnosis) -> pd.DataFrame:
     """The parameters G and b as texts: under M0, with the causes in, and what they change.
 
     Values of G have no unit, of b deg/h; changes and sigmas are in ppm and deg/h.
@@ -277,47 +279,47 @@ def calibration(diagnosis: Diagnosis) -> pd.DataFrame:
     before = np.append(diagnosis.baseline_G.ravel(), diagnosis.baseline_bias * per_hour)
     after = np.append(diagnosis.G.ravel(), diagnosis.bias * per_hour)
     sigma = np.append(diagnosis.sigma_G.ravel(), diagnosis.sigma_bias * per_hour)
-    for name, old, new, error in zip(gain_names(diagnosis.gyros), before, after, sigma, strict=True):
+    for name, old, new, error in zip(list_gain_names(diagnosis.gyros), before, after, sigma, strict=True):
         scale, unit = (1e6, "ppm") if name.startswith("G") else (1.0, "deg/h")
         change = (new - old) * scale
         relative = change / error / scale if 0 < error < math.inf else math.nan
         rows.append(
             {
                 "parameter": name,
-                "baseline": tables.to_sigma(old, error),
-                "with causes": tables.to_sigma(new, error),
-                "change": _unsigned_zero(tables.to_sigma(change, error * scale)),
-                "sigma": tables.to_sigma(error * scale, error * scale),
+                "baseline": tables.format_to_sigma(old, error),
+                "with causes": tables.format_to_sigma(new, error),
+                "change": _remove_zero_sign(tables.format_to_sigma(change, error * scale)),
+                "sigma": tables.format_to_sigma(error * scale, error * scale),
                 "unit": unit,
-                "change in sigma": _unsigned_zero(f"{relative:+.1f}") if math.isfinite(relative) else tables.NO_VALUE,
+                "change in sigma": _remove_zero_sign(f"{relative:+.1f}") if math.isfinite(relative) else tables.NO_VALUE,
             }
         )
     return pd.DataFrame(rows)
 
 
-def gain_names(gyros: tuple[str, ...]) -> tuple[str, ...]:
+def list_gain_names(gyros: tuple[str, ...]) -> tuple[str, ...]:
     """Names of G by rows, then of b: those of the calibration for the gyros x, y and z."""
-    return (*(f"G_{axis}{gyro}" for axis in AXES for gyro in gyros), *NAMES[9:])
+    return (*(f"G_{axis}{gyro}" for axis in AXIS_NAMES for gyro in gyros), *NAMES[9:])
 
 
-def _unsigned_zero(text: str) -> str:
+def _remove_zero_sign(text: str) -> str:
     return text if float(text) else text.lstrip("+-")
 
 
-def calibration_change(diagnosis: Diagnosis) -> str:
+def describe_calibration_change(diagnosis: Diagnosis) -> str:
     """What the causes change in the calibration, and whether it can be trusted."""
     if not diagnosis.causes:
         if not diagnosis.present:
             return "The calibration is the baseline's: no cause is in the model."
         return "No cause is in the model: what is at work may have moved G and b by many sigmas. Do not trust the sigmas."
     beside = " What has no name is not in the model: do not trust the sigmas." if diagnosis.verdict == "unknown" else ""
-    return _moved(diagnosis) + beside
+    return _describe_moved_parameters(diagnosis) + beside
 
 
-def _moved(diagnosis: Diagnosis) -> str:
-    if not changed(diagnosis):
+def _describe_moved_parameters(diagnosis: Diagnosis) -> str:
+    if not is_calibration_changed(diagnosis):
         return "The causes change nothing in the calibration."
-    table = calibration(diagnosis)
+    table = tabulate_calibration_change(diagnosis)
     count = len(table)
     table = table.assign(moved=pd.to_numeric(table["change in sigma"], errors="coerce").abs()).query("moved > 1")
     if table.empty:
@@ -326,10 +328,10 @@ def _moved(diagnosis: Diagnosis) -> str:
     texts = [f"{name} by {float(by):+g} {unit}" for name, by, unit in most[["parameter", "change", "unit"]].to_numpy()]
     if len(table) == 1:
         return f"1 of {count} parameters moves by more than its sigma: {texts[0]}."
-    return f"{len(table)} of {count} parameters move by more than their sigma, most of all {listed(texts, 'and')}."
+    return f"{len(table)} of {count} parameters move by more than their sigma, most of all {join_items(texts, 'and')}."
 
 
-def mentioned(diagnosis: Diagnosis) -> list[str]:
+def list_mentioned_effects(diagnosis: Diagnosis) -> list[str]:
     """Effects that the answer speaks of, each once, in the order they come; what is unlisted is left out."""
     labels = [member for cause in diagnosis.causes for member in (cause.label, *cause.group)]
     labels += [effect for effects, _ in diagnosis.alternatives for effect in effects]

@@ -14,7 +14,7 @@ from studies.report import checks as rendering
 from studies.report import tables as rendered
 from studies.report.checks import Check
 from studies.report.panels import Draw
-from studies.report.tables import DIGITS, Table
+from studies.report.tables import SIGNIFICANT_DIGITS, Table
 
 CHECKS = "What was found"
 
@@ -59,13 +59,13 @@ class Entry:
 
 def write(report: Report, title: str, folder: Path) -> None:
     """Write checks and tables as Markdown and, each by its name, as CSV, the figures as SVG."""
-    lines = [f"# {title}", "", *_sentences(report), ""]
+    lines = [f"# {title}", "", *_format_findings(report), ""]
     if report.checks:
-        write_csv(folder / "checks.csv", rendering.frame(report.checks), DIGITS)
-        lines.append(rendered.markdown(CHECKS, rendering.shown(report.checks)))
+        write_csv(folder / "checks.csv", rendering.build_check_frame(report.checks), SIGNIFICANT_DIGITS)
+        lines.append(rendered.format_markdown(CHECKS, rendering.format_checks(report.checks)))
     for name, table in report.tables.items():
         write_csv(folder / f"{name}.csv", table.data, table.digits)
-        lines.append(rendered.markdown(table.title, table.for_people(), table.note, table.formats))
+        lines.append(rendered.format_markdown(table.title, table.get_shown_data(), table.note, table.formats))
     for name, draw in report.figures.items():
         draw(folder / f"{name}.svg")
         lines += [f"![{name}]({name}.svg)", ""]
@@ -75,12 +75,12 @@ def write(report: Report, title: str, folder: Path) -> None:
 def show(report: Report, console: Console) -> None:
     """Print tables, then checks, so that these are what stays in view."""
     for table in report.tables.values():
-        rendered.terminal(console, table.title, table.for_people(), table.note, table.formats)
+        rendered.print_table(console, table.title, table.get_shown_data(), table.note, table.formats)
     if report.checks:
-        rendered.terminal(console, CHECKS, rendering.shown(report.checks))
-    for sentence in _sentences(report):
+        rendered.print_table(console, CHECKS, rendering.format_checks(report.checks))
+    for sentence in _format_findings(report):
         console.print(sentence, highlight=False, markup=False)
 
 
-def _sentences(report: Report) -> list[str]:
-    return [f"- {sentence}" for sentence in (*report.findings, *rendering.meanings(report.checks))]
+def _format_findings(report: Report) -> list[str]:
+    return [f"- {sentence}" for sentence in (*report.findings, *rendering.list_meanings(report.checks))]

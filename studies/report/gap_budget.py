@@ -16,11 +16,11 @@ from diagnosis.result import Diagnosis
 from studies.report import diagnosis_words as words
 from studies.report import panels
 
-WIDTH = 8.5  # inches
+BUDGET_WIDTH_IN = 8.5  # inches
 ROW = 0.32  # inches of a row
 SIGMAS_90 = 1.645  # half the width of a 90 % interval
 HETEROGENEOUS = 0.01  # p-value below which the sizes by part do not agree
-SIDES = {
+SIDE_NAMES = {
     "gyro": "the gyro",
     "reference": "the reference attitudes",
     "time tags": "the time tags",
@@ -41,7 +41,7 @@ def summarise(diagnosis: Diagnosis) -> str:
     """Summarise the budget in a sentence; without one, the test of the baseline."""
     left = [step.closed for step in diagnosis.budget if step.step == "remainder"]
     if not left or left[0] is None:
-        return words.gap(diagnosis)
+        return words.describe_gap_test(diagnosis)
     if not diagnosis.causes:
         return "No cause is identified, so nothing closes the misfit on held-out data."
     if diagnosis.closure is not None and not words.is_measured(diagnosis.closure):
@@ -58,12 +58,12 @@ def describe(diagnosis: Diagnosis) -> Iterator[str]:
             continue
         low, high = (100 * share for share in step.interval_90)
         text = f"{step.step} closes {100 * step.closed:.0f} % of the held-out misfit (90 % interval {low:.0f} to {high:.0f} %)"
-        yield f"{text}{_agreement(step)}."
+        yield f"{text}{_describe_agreement(step)}."
     if diagnosis.remainder is not None:
         yield from describe_remainder(diagnosis.remainder)
 
 
-def _agreement(step: Step) -> str:
+def _describe_agreement(step: Step) -> str:
     if len(step.by_part) < 2 or step.heterogeneity_p is None:
         return ""
     count = len(step.by_part)
@@ -80,33 +80,33 @@ def describe_remainder(left: RemainderSummary) -> Iterator[str]:
     yield f"No identified cause explains {100 * left.share:.0f} % of the misfit (90 % interval {low:.0f} to {high:.0f} %)."
     yield describe_side(left)
     for one in left.regressors:
-        yield f"It {_follows(one.name)} ({words.p_value(one.p_value)}; {100 * one.share:.0f} % of the misfit)."
+        yield f"It {_describe_behaviour(one.name)} ({words.format_p_value(one.p_value)}; {100 * one.share:.0f} % of the misfit)."
 
 
 def describe_side(left: RemainderSummary) -> str:
     """Describe where most of a remainder comes from, its time scale and its sizes."""
     lasting = f", with a correlation time of about {left.time_scale_s:.2g} s" if left.time_scale_s > 0 else ""
-    return f"Most of it comes from {SIDES[left.side]}{lasting}. Its sizes (1 sigma, x, y, z): {list_sizes(left)}."
+    return f"Most of it comes from {SIDE_NAMES[left.side]}{lasting}. Its sizes (1 sigma, x, y, z): {list_sizes(left)}."
 
 
 def list_sizes(left: RemainderSummary) -> str:
     """List the sizes of a remainder, 1 sigma about x, y and z."""
     sizes = []
     if any(left.gyro_deg_h):
-        sizes.append(f"{_by_axis(left.gyro_deg_h)} deg/h of gyro rate")
+        sizes.append(f"{_format_by_axis(left.gyro_deg_h)} deg/h of gyro rate")
     if any(left.reference_deg):
-        sizes.append(f"{_by_axis(left.reference_deg)} deg of reference attitude")
+        sizes.append(f"{_format_by_axis(left.reference_deg)} deg of reference attitude")
     if left.time_tags_s > 0:
         sizes.append(f"{left.time_tags_s:.2g} s of time tags")
     return "; ".join(sizes) or "none"
 
 
-def _follows(name: str) -> str:
+def _describe_behaviour(name: str) -> str:
     behaviour, _, axis = name.partition(":")
     return f"behaves like this: {behaviour}{f', axis {axis}' if axis else ''}"
 
 
-def _by_axis(values: tuple[float, ...]) -> str:
+def _format_by_axis(values: tuple[float, ...]) -> str:
     return ", ".join(np.format_float_positional(value, precision=2, fractional=False, trim="-") for value in values)
 
 
@@ -119,15 +119,17 @@ def draw_waterfall(budget: tuple[Step, ...]) -> Figure:
     rows = max(len(budget), *(len(one.by_part) + 1 for one in causes), 4)
     waterfall = panels.Panel(partial(draw_steps, budget=budget))
     widths = [2.2, *[1.0] * len(causes)]
-    return panels.drawn(waterfall, *map(_size_by_part, causes), size=(WIDTH, ROW * rows + 1.2), widths=widths)
+    return panels.draw_panels(
+        waterfall, *map(_draw_size_by_part, causes), size=(BUDGET_WIDTH_IN, ROW * rows + 1.2), widths=widths
+    )
 
 
-def _size_by_part(step: Step) -> panels.Panel:
+def _draw_size_by_part(step: Step) -> panels.Panel:
     """Sizes of one cause by part with 90 % bars, and its size over all parts as a band."""
     sizes, sigmas = (np.array([getattr(one, name) for one in step.by_part]) for name in ("size", "sigma"))
     band = None if step.size is None or step.sigma is None else (step.size - step.sigma, step.size + step.sigma)
     names = [one.part for one in step.by_part]
-    return panels.forest(names, sizes, SIGMAS_90 * sigmas, band=band, at=[0.0], title=step.step, x=step.unit or "")
+    return panels.make_forest(names, sizes, SIGMAS_90 * sigmas, band=band, at=[0.0], title=step.step, x=step.unit or "")
 
 
 def draw_steps(on: Axes, budget: tuple[Step, ...]) -> None:

@@ -3,16 +3,16 @@
 import pandas as pd
 from rich.console import Console
 
-from diagnosis.next_recording import Foretold
+from diagnosis.next_recording import RecordingPrediction
 from studies.report import tables
 
-NOTE = (
+NEXT_RECORDING_NOTE = (
     "residual: root mean square of the attitude residuals; band: its expectation; effect: what the named effects were expected "
     "to add; p: of this interval and axis alone"
 )
 
 
-def lines(found: Foretold) -> list[str]:
+def describe_prediction(found: RecordingPrediction) -> list[str]:
     """The result in sentences."""
     with_effects = f" with {', '.join(found.causes)}" if found.causes else ""
     one = found.predicted
@@ -29,12 +29,12 @@ def lines(found: Foretold) -> list[str]:
     return out
 
 
-def show(console: Console, found: Foretold) -> None:
+def show(console: Console, found: RecordingPrediction) -> None:
     """Print all of it."""
-    for line in lines(found):
+    for line in describe_prediction(found):
         console.print(line, highlight=False, markup=False, emoji=False)
-    tables.terminal(console, "Residuals by interval and axis", _bands(found), NOTE)
+    tables.print_table(console, "Residuals by interval and axis", _build_band_table(found), NEXT_RECORDING_NOTE)
 
 
-def _bands(found: Foretold) -> pd.DataFrame:
+def _build_band_table(found: RecordingPrediction) -> pd.DataFrame:
     return pd.DataFrame([vars(band) for band in found.predicted.bands])

@@ -33,7 +33,7 @@ REMEDIES = {
 }
 
 
-def sentence(diagnosis: Diagnosis) -> str:
+def describe_next_step(diagnosis: Diagnosis) -> str:
     """What to do, without what to fly."""
     if diagnosis.verdict == "none":
         return "Use the calibration as it is."
@@ -46,12 +46,12 @@ def sentence(diagnosis: Diagnosis) -> str:
         )
     if not diagnosis.causes:
         return "Do not decide by this recording: fly more."
-    remedies = list(dict.fromkeys(_remedy(cause) for cause in diagnosis.causes))
+    remedies = list(dict.fromkeys(_find_remedy(cause) for cause in diagnosis.causes))
     left = diagnosis.remainder
     if left is not None and left.share > 0.5:
-        remedies.insert(0, f"Look at {gap_budget.SIDES[left.side]} first, from which most of the gap comes")
+        remedies.insert(0, f"Look at {gap_budget.SIDE_NAMES[left.side]} first, from which most of the gap comes")
     return " ".join(f"{one}." for one in remedies)
 
 
-def _remedy(cause: Cause) -> str:
+def _find_remedy(cause: Cause) -> str:
     return REMEDIES[ALL_EFFECTS[cause.effect].stage] if cause.effect in ALL_EFFECTS else _IN_MODEL

@@ -23,15 +23,15 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from gyrocal.recording import Recording
-from simulator.adopted import digest
+from simulator.adopted_scenario import hash_recording
 from studies.report import svg
 from studies.report.tables import format_cells
-from studies.report.units import heading
+from studies.report.units import format_heading
 
-NUMBER = re.compile(r"[-+−–]?\d[\d.,]*(e[-+]?\d+)?$|–$|$")
+NUMERIC_CELL = re.compile(r"[-+−–]?\d[\d.,]*(e[-+]?\d+)?$|–$|$")
 
 
-class Quiet(str):
+class SmallParagraph(str):
     """A paragraph in small, grey letters."""
 
     kind = "quiet"
@@ -58,7 +58,7 @@ class Picture:
     def source(self) -> str:
         """The figure as SVG in a URL that holds it."""
         drawn = self.draw()
-        data = svg.compact(drawn if isinstance(drawn, bytes) else svg.svg_bytes(drawn))
+        data = svg.shorten_svg(drawn if isinstance(drawn, bytes) else svg.render_svg(drawn))
         return f"data:image/svg+xml;base64,{base64.b64encode(data).decode()}"
 
 
@@ -83,12 +83,12 @@ class PageTable:
 
     @cached_property
     def _numeric(self) -> list[bool]:
-        return [all(NUMBER.match(text) for text in column) for column in zip(*self._texts, strict=True)]
+        return [all(NUMERIC_CELL.match(text) for text in column) for column in zip(*self._texts, strict=True)]
 
     @property
     def heads(self) -> list[tuple[str, bool]]:
         """Names of the columns, and whether they are numbers."""
-        names = [heading(str(name)) for name in self.frame.columns]
+        names = [format_heading(str(name)) for name in self.frame.columns]
         return list(zip(names, self._numeric or [False] * len(names), strict=True))
 
     @property
@@ -124,7 +124,7 @@ class Section:
     @property
     def name(self) -> str:
         """The anchor."""
-        return self.anchor or slug(self.title)
+        return self.anchor or make_slug(self.title)
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class Made:
+class ProvenanceFooter:
     """What a page's footer says.
 
     Attributes
@@ -163,11 +163,11 @@ class Made:
     sha256: str = ""
 
 
-def made_of(recording: Recording | None = None) -> Made:
+def build_provenance_footer(recording: Recording | None = None) -> ProvenanceFooter:
     """Describe the command that is running, and the recording it reads."""
     command = shlex.join(["gyrocal", *sys.argv[1:]])
     day = datetime.now(UTC).date().isoformat()
-    return Made(metadata.version("gyrocal"), day, command, "" if recording is None else digest(recording))
+    return ProvenanceFooter(metadata.version("gyrocal"), day, command, "" if recording is None else hash_recording(recording))
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ class Page:
     title: str
     sections: Sequence[Section]
     answer: Answer | None = None
-    made: Made | None = None
+    made: ProvenanceFooter | None = None
     short: str = ""
 
     @property
@@ -194,17 +194,17 @@ class Page:
         """Sections of the first level, which the page lists."""
         return [one for one in self.sections if one.level == 2 and one.title]
 
-    def html(self) -> str:
+    def render_html(self) -> str:
         """Render the page; the same content gives the same bytes."""
         style = Markup(resources.files("studies.report").joinpath("templates", "style.css").read_text(encoding="utf-8"))
-        return _environment().get_template("page.html").render(page=self, style=style).lstrip()
+        return _create_environment().get_template("page.html").render(page=self, style=style).lstrip()
 
 
 @cache
-def _environment() -> Environment:
+def _create_environment() -> Environment:
     return Environment(loader=PackageLoader("studies.report"), autoescape=True, trim_blocks=True, lstrip_blocks=True)
 
 
-def slug(text: str) -> str:
+def make_slug(text: str) -> str:
     """A text as the name of an anchor."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")

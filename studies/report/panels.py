@@ -1,6 +1,6 @@
 """Panels of figures, in one style: a study hands over its numbers, and how to name them.
 
-A panel draws on axes it is given; `drawn` puts panels side by side in a figure, and `sheet` returns what draws them to a file.
+A panel draws on axes it is given; `draw_panels` puts panels side by side in a figure, and `build_sheet` returns what draws them to a file.
 SVG bytes do not depend on the day or the run.
 """
 
@@ -16,14 +16,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from gyrocal.files import replacing
+from gyrocal.files import open_replacement
 from studies.montecarlo.statistics import CONSISTENT
 from studies.report import svg
 
 Array = NDArray[np.float64]
 Draw = Callable[[Path], Path]
 
-STYLE: dict[Any, Any] = svg.STYLE | {
+PANEL_STYLE: dict[Any, Any] = svg.SVG_STYLE | {
     "font.size": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -35,9 +35,9 @@ STYLE: dict[Any, Any] = svg.STYLE | {
 }
 # Tol's vibrant scheme, and near-black: apart for every kind of colour vision.
 RED, TEAL, BLUE, ORANGE, DARK, GREY = "#cc3311", "#009988", "#0077bb", "#e0661a", "#30343f", "0.6"
-COLOURS = {"x": RED, "y": TEAL, "z": DARK}
-LINES = {"x": "-.", "y": "--", "z": "-"}  # N draws the pitch rate dashed
-SMALL = 7  # font size of ticks and legends
+AXIS_COLOURS = {"x": RED, "y": TEAL, "z": DARK}
+AXIS_LINE_STYLES = {"x": "-.", "y": "--", "z": "-"}  # N draws the pitch rate dashed
+SMALL_FONT_SIZE = 7  # font size of ticks and legends
 MANY = 200  # points of a line: more are drawn as pixels
 
 
@@ -88,11 +88,11 @@ class Panel:
         axes.set_xlabel(self.x)
         axes.set_ylabel(self.y)
         if self.legend:
-            style: dict[str, Any] = {"loc": self.legend, "fontsize": SMALL, "title_fontsize": SMALL}
+            style: dict[str, Any] = {"loc": self.legend, "fontsize": SMALL_FONT_SIZE, "title_fontsize": SMALL_FONT_SIZE}
             axes.legend(title=self.legend_title or None, **style)
 
 
-def drawn(
+def draw_panels(
     *panels: Panel,
     size: tuple[float, float],
     columns: int = 0,
@@ -117,7 +117,7 @@ def drawn(
     sharex, sharey : as of matplotlib; labels of y are then on the left only
     """
     columns = columns or len(panels)
-    with mpl.rc_context(STYLE):
+    with mpl.rc_context(PANEL_STYLE):
         figure = Figure(figsize=size, layout="constrained")
         rows = -(-len(panels) // columns)
         grid = figure.subplots(rows, columns, squeeze=False, width_ratios=widths, sharex=sharex, sharey=sharey)
@@ -137,16 +137,16 @@ def drawn(
     return figure
 
 
-def sheet(*panels: Panel, **options: Any) -> Draw:
-    """What saves panels side by side; options as of `drawn`."""
-    return lambda path: save(drawn(*panels, **options), path)
+def build_sheet(*panels: Panel, **options: Any) -> Draw:
+    """What saves panels side by side; options as of `draw_panels`."""
+    return lambda path: save(draw_panels(*panels, **options), path)
 
 
 def save(figure: Figure, path: Path) -> Path:
     """Write SVG (and PNG for a .png path) with stable bytes."""
-    with mpl.rc_context(STYLE), replacing(path) as file:
+    with mpl.rc_context(PANEL_STYLE), open_replacement(path) as file:
         if path.suffix == ".svg":
-            file.write(svg.svg_bytes(figure))
+            file.write(svg.render_svg(figure))
         else:
             figure.savefig(file, format=path.suffix[1:], dpi=160)
     return path
@@ -179,7 +179,7 @@ class Line:
     hollow: bool = False
 
 
-def curves(lines: Sequence[Line], expected: tuple[float, float] | None = None, **axes: Any) -> Panel:
+def make_curves(lines: Sequence[Line], expected: tuple[float, float] | None = None, **axes: Any) -> Panel:
     """Series with their ranges: over time, or as scaling laws on logarithmic axes (log="xy").
 
     Parameters
@@ -208,19 +208,19 @@ def curves(lines: Sequence[Line], expected: tuple[float, float] | None = None, *
     return Panel(draw, **axes)
 
 
-def power_law(x: ArrayLike, order: float, at: float = 1.0, label: str = "") -> Line:
+def make_power_law(x: ArrayLike, order: float, at: float = 1.0, label: str = "") -> Line:
     """A line of that slope on logarithmic axes, through y = at in the first point."""
     values = np.asarray(x, dtype=float)
     return Line(values, at * (values / values[0]) ** order, label, GREY, "--")
 
 
-def shades(values: Sequence[float]) -> dict[float, str]:
+def make_shades(values: Sequence[float]) -> dict[float, str]:
     """Colours of the values of a setting, dark to light."""
     steps = mpl.colormaps["viridis"](np.linspace(0, 0.85, len(values)))
     return {value: mpl.colors.to_hex(step) for value, step in zip(values, steps, strict=True)}
 
 
-def heat_map(
+def make_heat_map(
     grid: pd.DataFrame,
     form: str = "{:.0e}",
     mark_above: float = np.inf,
@@ -261,7 +261,7 @@ def heat_map(
     return Panel(draw, **axes)
 
 
-def forest(
+def make_forest(
     names: Sequence[str],
     values: ArrayLike,
     thin: ArrayLike,
@@ -290,7 +290,7 @@ def forest(
     return Panel(draw, rows=list(names), **axes)
 
 
-def histogram(counts: ArrayLike, expected: float, band: tuple[float, float], **axes: Any) -> Panel:
+def make_histogram(counts: ArrayLike, expected: float, band: tuple[float, float], **axes: Any) -> Panel:
     """Counts in equal bins of [0, 1], with what is expected of each, and the band it should keep to."""
     found = np.asarray(counts, dtype=float)
 
@@ -304,7 +304,7 @@ def histogram(counts: ArrayLike, expected: float, band: tuple[float, float], **a
     return Panel(draw, **{"ticks": [0, 0.5, 1]} | axes)
 
 
-def nees_distribution(
+def make_nees_distribution(
     samples: Mapping[str, ArrayLike], dof: int, styles: Mapping[str, str] | None = None, **axes: Any
 ) -> Panel:
     """The share of cases below each NEES, by estimator, over the one that χ² has.
@@ -331,7 +331,7 @@ def nees_distribution(
     return Panel(draw, **{"y": "share of cases below", "legend": "lower right"} | axes)
 
 
-def nees_means(groups: Mapping[str, pd.DataFrame], **axes: Any) -> Panel:
+def make_nees_means(groups: Mapping[str, pd.DataFrame], **axes: Any) -> Panel:
     """Mean NEES per degree of freedom, a line each under the heading of its group, with the bounds of a consistent covariance.
 
     Parameters
@@ -350,10 +350,10 @@ def nees_means(groups: Mapping[str, pd.DataFrame], **axes: Any) -> Panel:
             on.fill_betweenx(band, *part[["low", "high"]].iloc[0], color=TEAL, alpha=0.2, linewidth=0)
             for name, value, verdict in zip(part.iloc[:, 0], part["nees_per_dof"], part["verdict"], strict=True):
                 on.plot(value, len(names), "o", color=DARK if verdict == CONSISTENT else RED, markersize=5)
-                noted(on, f"{value:.3g}", value, len(names))
+                add_note(on, f"{value:.3g}", value, len(names))
                 names.append(str(name))
         on.set_ylim(len(names) - 0.5, -0.5)
-        on.set_yticks(range(len(names)), names, fontsize=SMALL)
+        on.set_yticks(range(len(names)), names, fontsize=SMALL_FONT_SIZE)
         for label in on.get_yticklabels():
             label.set_fontweight("bold" if label.get_text() in groups else "normal")
         on.margins(x=0.12)
@@ -361,7 +361,7 @@ def nees_means(groups: Mapping[str, pd.DataFrame], **axes: Any) -> Panel:
     return Panel(draw, **{"x": "NEES per degree of freedom; band: consistent; red: outside", "log": "x"} | axes)
 
 
-def strokes(
+def make_strokes(
     samples: Mapping[str, ArrayLike], expected: tuple[float, float] | None = None, spreads: bool = False, **axes: Any
 ) -> Panel:
     """The values of every case, a stroke each, on a line a name.
@@ -388,6 +388,6 @@ def strokes(
     return Panel(draw, **axes)
 
 
-def noted(on: Axes, text: str, x: float, y: float, offset: tuple[float, float] = (6, 0)) -> None:
+def add_note(on: Axes, text: str, x: float, y: float, offset: tuple[float, float] = (6, 0)) -> None:
     """A small text beside a point."""
-    on.annotate(text, (x, y), xytext=offset, textcoords="offset points", fontsize=SMALL, va="center")
+    on.annotate(text, (x, y), xytext=offset, textcoords="offset points", fontsize=SMALL_FONT_SIZE, va="center")

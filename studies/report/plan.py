@@ -7,65 +7,72 @@ from rich.console import Console
 
 from diagnosis.plan import SETTINGS, Extra, Pair, Plan, Visible
 from studies.report import tables
-from studies.report.pages import Item, Made, Page, PageTable, Section
+from studies.report.pages import Item, Page, PageTable, ProvenanceFooter, Section
 
-MOST_PAIRS = 25
+MOST_SHOWN_PAIRS = 25
 MOST_HIDDEN = 3
-APART = f"Cannot be told apart below a signal-to-noise ratio of {SETTINGS.limit_snr:g}"
+INSEPARABLE_NOTE = f"Cannot be told apart below a signal-to-noise ratio of {SETTINGS.limit_snr:g}"
 ALL_APART = f"Every pair can be told apart by a signal-to-noise ratio of {SETTINGS.limit_snr:g}."
-SHARE = "Share: of the first one's signature that the second imitates."
+SHARE_NOTE = "Share: of the first one's signature that the second imitates."
 EXTRAS = "What an extra maneuver brings"
-RATIO = "Ratio: smallest visible size with the maneuver over that without it, median over effects; 0.5 is twice as good."
-WORDS = {"not identifiable": "never", "implausible": "never", "not available": "not testable", "visible": tables.NO_VALUE}
+RATIO_NOTE = "Ratio: smallest visible size with the maneuver over that without it, median over effects; 0.5 is twice as good."
+VERDICT_WORDS = {
+    "not identifiable": "never",
+    "implausible": "never",
+    "not available": "not testable",
+    "visible": tables.NO_VALUE,
+}
 
 
 def show(console: Console, found: Plan) -> None:
     """Print the plan."""
-    console.print(f"{found.scenario}: {headline(found)}", highlight=False, markup=False, style="bold")
-    tables.terminal(console, "Smallest visible size", effects_table(found.effects), _say_seen(found))
+    console.print(f"{found.scenario}: {format_headline(found)}", highlight=False, markup=False, style="bold")
+    tables.print_table(console, "Smallest visible size", build_effects_table(found.effects), _explain_visibility(found))
     if found.pairs:
-        hidden = len(found.pairs) - MOST_PAIRS
-        note = f"{hidden} more in the JSON. {SHARE}" if hidden > 0 else SHARE
-        tables.terminal(console, APART, pairs_table(found, MOST_PAIRS), note)
+        hidden = len(found.pairs) - MOST_SHOWN_PAIRS
+        note = f"{hidden} more in the JSON. {SHARE_NOTE}" if hidden > 0 else SHARE_NOTE
+        tables.print_table(console, INSEPARABLE_NOTE, build_pairs_table(found, MOST_SHOWN_PAIRS), note)
     else:
         console.print(ALL_APART, highlight=False)
     if found.extras:
-        tables.terminal(console, EXTRAS, extras_table(found.extras), RATIO)
+        tables.print_table(console, EXTRAS, build_extras_table(found.extras), RATIO_NOTE)
     for line in found.notes:
         console.print(f"- {line}.", highlight=False, markup=False)
 
 
-def page(found: Plan, made: Made | None = None) -> str:
+def build_plan_page(found: Plan, made: ProvenanceFooter | None = None) -> str:
     """The plan as one page: the answer, then the tables."""
-    text = headline(found)
+    text = format_headline(found)
     pairs: list[Item] = [ALL_APART]
     if found.pairs:
-        pairs = [f"{APART}. {SHARE}", PageTable(pairs_table(found), label=APART)]
+        pairs = [f"{INSEPARABLE_NOTE}. {SHARE_NOTE}", PageTable(build_pairs_table(found), label=INSEPARABLE_NOTE)]
     sections = [
-        Section("Smallest visible size", [_say_seen(found), PageTable(effects_table(found.effects), label="Sizes")]),
+        Section(
+            "Smallest visible size", [_explain_visibility(found), PageTable(build_effects_table(found.effects), label="Sizes")]
+        ),
         Section("What cannot be told apart", pairs),
     ]
     if found.extras:
-        sections.append(Section(EXTRAS, [RATIO, PageTable(extras_table(found.extras), label=EXTRAS)]))
+        sections.append(Section(EXTRAS, [RATIO_NOTE, PageTable(build_extras_table(found.extras), label=EXTRAS)]))
     sections.append(Section("Limits of this scenario", [[f"{note}." for note in found.notes]]))
-    return Page(text[0].upper() + text[1:], sections, None, made, f"Plan of {found.scenario}").html()
+    return Page(text[0].upper() + text[1:], sections, None, made, f"Plan of {found.scenario}").render_html()
 
 
-def _say_seen(found: Plan) -> str:
+def _explain_visibility(found: Plan) -> str:
     return (
         f"Seen: with probability {SETTINGS.power:.0%}, at a false-alarm rate of {found.false_alarm_rate:.1%}; at a typical "
         "time and phase, and at the best and the worst. A range is over the axes."
     )
 
 
-def headline(found: Plan) -> str:
+def format_headline(found: Plan) -> str:
     """The answer in a line."""
     by_effect: dict[str, bool] = {}
     for one in found.effects:
         by_effect[one.effect] = by_effect.get(one.effect, False) or one.verdict == "visible"
-    count = len(found.unordered())
+    count = len(found.list_unordered_pairs())
     pairs = f"{count} pair{'' if count == 1 else 's'}"
-    seen = f"{sum(by_effect.values())} of {len(by_effect)} effects can be seen{_but(found, by_effect)}"
+    seen = f"{sum(by_effect.values())} of {len(by_effect)} effects can be seen{_format_hidden_axes(found, by_effect)}"
     text = f"{seen}, {pairs} cannot be separated"
     if found.extras and found.extras[0].ratio < 1:
         text += f"; most is gained by: {found.extras[0].name}"
@@ -75,35 +82,35 @@ def headline(found: Plan) -> str:
     return text
 
 
-def _but(found: Plan, by_effect: Mapping[str, bool]) -> str:
+def _format_hidden_axes(found: Plan, by_effect: Mapping[str, bool]) -> str:
     """Axes about which an effect cannot be seen, of those that can be about another."""
     hidden = [one.label for one in found.effects if by_effect[one.effect] and one.verdict != "visible"]
     more = f" and {len(hidden) - MOST_HIDDEN} more" if len(hidden) > MOST_HIDDEN else ""
     return f" (but not {', '.join(hidden[:MOST_HIDDEN])}{more})" if hidden else ""
 
 
-def effects_table(effects: tuple[Visible, ...]) -> pd.DataFrame:
+def build_effects_table(effects: tuple[Visible, ...]) -> pd.DataFrame:
     """A row for each effect and axis; axes that are alike in words and within a tenth share one."""
     named = any(pd.notna(one.named) for one in effects)
     rows = []
-    for group in _alike(effects):
+    for group in _group_alike(effects):
         first = group[0]
         label = first.label if len(group) == 1 else f"{first.effect}:{''.join(one.axis or '' for one in group)}"
         finite = any(pd.notna(one.size) and one.size < float("inf") for one in group)
         varies = any(one.best < one.worst for one in group)
         row = {
             "effect": label,
-            "size": _size(group, "size") if finite else WORDS[first.verdict],
-            "best": _size(group, "best") if varies else "",
-            "worst": _size(group, "worst") if varies else "",
+            "size": _format_size(group, "size") if finite else VERDICT_WORDS[first.verdict],
+            "best": _format_size(group, "best") if varies else "",
+            "worst": _format_size(group, "worst") if varies else "",
         }
         if named:
-            row["named"] = _size(group, "named")
+            row["named"] = _format_size(group, "named")
         rows.append(row | {"unit": first.unit, "by": first.seen_in, "remark": first.text})
     return pd.DataFrame(rows)
 
 
-def _alike(effects: tuple[Visible, ...]) -> list[list[Visible]]:
+def _group_alike(effects: tuple[Visible, ...]) -> list[list[Visible]]:
     """Runs of axes of an effect that make one row."""
     groups: list[list[Visible]] = []
     for one in effects:
@@ -121,7 +128,7 @@ def _alike(effects: tuple[Visible, ...]) -> list[list[Visible]]:
     return groups
 
 
-def _size(group: list[Visible], name: str) -> str:
+def _format_size(group: list[Visible], name: str) -> str:
     values = [getattr(one, name) for one in group]
     if any(pd.isna(value) or value == float("inf") for value in values):
         return tables.NO_VALUE
@@ -129,7 +136,7 @@ def _size(group: list[Visible], name: str) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def pairs_table(found: Plan, most: int | None = None) -> pd.DataFrame:
+def build_pairs_table(found: Plan, most: int | None = None) -> pd.DataFrame:
     """A row for each effect that another imitates, of at most as many."""
     known = {one.label: one for one in found.effects}
     return pd.DataFrame(
@@ -137,16 +144,16 @@ def pairs_table(found: Plan, most: int | None = None) -> pd.DataFrame:
             {
                 "effect": one.effect,
                 "imitated by": one.other,
-                "share": tables.NO_VALUE if pd.isna(one.share) else _share(one.share),
-                "SNR to separate": "never" if one.snr == float("inf") else tables.number(float(f"{one.snr:.3g}")),
-                "size to separate": _separating(one, known.get(one.effect)),
+                "share": tables.NO_VALUE if pd.isna(one.share) else _format_share(one.share),
+                "SNR to separate": "never" if one.snr == float("inf") else tables.format_number(float(f"{one.snr:.3g}")),
+                "size to separate": _format_separating_size(one, known.get(one.effect)),
             }
             for one in found.pairs[:most]
         ]
     )
 
 
-def _separating(pair: Pair, effect: Visible | None) -> str:
+def _format_separating_size(pair: Pair, effect: Visible | None) -> str:
     """Size that tells a pair apart, in its unit, and whether it is a plausible one."""
     if pair.size == float("inf"):
         return "never"
@@ -155,11 +162,11 @@ def _separating(pair: Pair, effect: Visible | None) -> str:
     return f"{pair.size:.3g} {effect.unit}{' (not plausible)' if pair.size > effect.plausible[1] else ''}"
 
 
-def _share(value: float) -> str:
+def _format_share(value: float) -> str:
     return "100 %" if value > 1 - 1e-7 else f"{min(100 * value, 99.999):.3f} %"
 
 
-def extras_table(extras: tuple[Extra, ...]) -> pd.DataFrame:
+def build_extras_table(extras: tuple[Extra, ...]) -> pd.DataFrame:
     """A row for each maneuver, the most helpful first."""
     rows = []
     for one in extras:

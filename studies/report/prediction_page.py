@@ -8,35 +8,37 @@ from matplotlib.figure import Figure
 
 from gyrocal import attitude
 from gyrocal.estimation.prediction import Prediction
-from studies.report.pages import Answer, Made, Page, PageTable, Picture, Section
-from studies.report.panels import COLOURS, LINES, Line, curves, drawn
+from studies.report.pages import Answer, Page, PageTable, Picture, ProvenanceFooter, Section
+from studies.report.panels import AXIS_COLOURS, AXIS_LINE_STYLES, Line, draw_panels, make_curves
 
-ARCSEC = 3600.0  # a degree
+ARCSEC_PER_DEG = 3600.0  # a degree
 ROWS = 12  # of the table
 
 
-def rows(found: Prediction) -> pd.DataFrame:
+def tabulate_prediction(found: Prediction) -> pd.DataFrame:
     """A row a time: inertial to body, scalar last, and 1-sigma about the body's axes; the same of each of several sensors.
 
     A sensor's quaternion is inertial to sensor, sigma that of a reading of it, and attitude_sigma that of the attitude alone,
     about the sensor's own axes.
     """
-    columns: dict[str, np.ndarray] = {"t_s": found.t_s} | _of("", found.A, {"sigma": found.sigma})
+    columns: dict[str, np.ndarray] = {"t_s": found.t_s} | _build_columns("", found.A, {"sigma": found.sigma})
     for one in found.sensors:
         seen = found.of_sensor(one.name)
-        columns |= _of(f"{one.name.lower()}_", seen.A, {"sigma": seen.reading_sigma, "attitude_sigma": seen.sigma})
+        columns |= _build_columns(f"{one.name.lower()}_", seen.A, {"sigma": seen.reading_sigma, "attitude_sigma": seen.sigma})
     return pd.DataFrame(columns)
 
 
-def _of(prefix: str, A: np.ndarray, sigmas: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _build_columns(prefix: str, A: np.ndarray, sigmas: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     q = attitude.quaternion_from_matrix(A)
     out = {f"{prefix}q{k + 1}": q[:, k] for k in range(4)}
     for label, sigma in sigmas.items():
-        out |= {f"{prefix}{label}_{axis}_arcsec": np.rad2deg(sigma[:, k]) * ARCSEC for k, axis in enumerate("xyz")}
+        out |= {f"{prefix}{label}_{axis}_arcsec": np.rad2deg(sigma[:, k]) * ARCSEC_PER_DEG for k, axis in enumerate("xyz")}
     return out
 
 
-def page(found: Prediction, title: str, from_s: float, table: pd.DataFrame, made: Made | None = None) -> str:
+def build_prediction_page(
+    found: Prediction, title: str, from_s: float, table: pd.DataFrame, made: ProvenanceFooter | None = None
+) -> str:
     """The whole page.
 
     Parameters
@@ -47,30 +49,30 @@ def page(found: Prediction, title: str, from_s: float, table: pd.DataFrame, made
     table : a row a time, as the command writes it
     made : for the footer
     """
-    sigma = np.rad2deg(found.sigma) * ARCSEC
+    sigma = np.rad2deg(found.sigma) * ARCSEC_PER_DEG
     last, length = sigma[-1].max(), found.t_s[-1] - from_s
     chosen = np.unique(np.linspace(0, len(table) - 1, ROWS).round().astype(int))
     picture = Picture(
         "sigma",
-        lambda: _figure(found.t_s - from_s, sigma),
+        lambda: _draw_figure(found.t_s - from_s, sigma),
         f"One sigma of the attitude about x, y and z over {length:.4g} s, from {sigma[0].max():.3g} to {last:.3g} arcsec.",
         "One sigma about each body axis: what is left of the references' errors, the gyro's noise, and its parameters.",
     )
     used = f"{found.used} references are used; their χ² about what was known before them is {found.chi2:.1f} of {found.dof}."
-    rows = table.iloc[chosen].apply(_texts)
+    rows = table.iloc[chosen].apply(_format_column)
     heading = f"By gyro alone the attitude is known to {last:.3g} arcsec after {length:.4g} s"
     short = f"Prediction of {title}"
     sections = [Section("The attitude", [PageTable(rows, label=f"{short} from {from_s:g} s")])]
-    return Page(heading, sections, Answer("", picture, used), made, short).html()
+    return Page(heading, sections, Answer("", picture, used), made, short).render_html()
 
 
-def _texts(column: pd.Series) -> pd.Series:
+def _format_column(column: pd.Series) -> pd.Series:
     """Texts of a column, all in one form."""
     form = "{:.6f}" if str(column.name).startswith("q") else "{:.1f}" if column.name == "t_s" else "{:.2f}"
     return column.map(form.format)
 
 
-def _figure(t: np.ndarray, sigma: np.ndarray) -> Figure:
-    lines = [Line(t, sigma[:, k], axis, COLOURS[axis], LINES[axis]) for k, axis in enumerate("xyz")]
-    panel = curves(lines, x="s after the last reference", y="sigma (arcsec)", legend="upper left")
-    return drawn(panel, size=(8.0, 3.4))
+def _draw_figure(t: np.ndarray, sigma: np.ndarray) -> Figure:
+    lines = [Line(t, sigma[:, k], axis, AXIS_COLOURS[axis], AXIS_LINE_STYLES[axis]) for k, axis in enumerate("xyz")]
+    panel = make_curves(lines, x="s after the last reference", y="sigma (arcsec)", legend="upper left")
+    return draw_panels(panel, size=(8.0, 3.4))

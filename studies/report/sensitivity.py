@@ -32,15 +32,15 @@ from studies.report.tables import Table
 Array = NDArray[np.float64]
 
 HARMONICS = 6  # M
-TERMS = HARMONICS + 2  # k
-FEWEST = 50  # cases, below which no index is stated
-MOST = 20_000  # cases that are looked at; more would change no digit that counts
+REGRESSION_TERMS = HARMONICS + 2  # k
+FEWEST_CASES = 50  # cases, below which no index is stated
+MOST_CASES = 20_000  # cases that are looked at; more would change no digit that counts
 REPLICATES = 200
-SHOWN = 30  # lines for people; the CSV file has all
+SHOWN_LINES = 30  # lines for people; the CSV file has all
 FIFTH = 0.2
 
 
-def basis(x: Array) -> Array:
+def build_rank_basis(x: Array) -> Array:
     """(n, k + 1) functions of the ranks of x (n,) that fit E[y | x], the constant first."""
     u = (pd.Series(x).rank(method="average").to_numpy() - 0.5) / len(x)
     z = ndtri(u)
@@ -48,7 +48,7 @@ def basis(x: Array) -> Array:
     return np.column_stack([np.ones(len(x)), *waves, z, z**2])
 
 
-def _r_squared(functions: Array, outputs: Array, weights: Array) -> Array:
+def _compute_r_squared(functions: Array, outputs: Array, weights: Array) -> Array:
     """R² of each output on one dispersion's functions, for each row of weights.
 
     Parameters
@@ -75,7 +75,7 @@ def _r_squared(functions: Array, outputs: Array, weights: Array) -> Array:
     return np.asarray(1 - (square - explained) / np.where(scatter > 0, scatter, np.nan))
 
 
-def first_order(inputs: Array, outputs: Array, seed: int = 0) -> tuple[Array, Array, Array]:
+def estimate_first_order(inputs: Array, outputs: Array, seed: int = 0) -> tuple[Array, Array, Array]:
     """First-order Sobol indices with their 95 % bootstrap intervals.
 
     Parameters
@@ -94,26 +94,26 @@ def first_order(inputs: Array, outputs: Array, seed: int = 0) -> tuple[Array, Ar
     weights = np.vstack([np.ones(n), drawn])
     found = []
     for x in inputs.T:
-        r2 = _r_squared(basis(x), outputs, weights)
-        adjusted = 1 - (1 - r2) * (n - 1) / (n - TERMS - 1)
+        r2 = _compute_r_squared(build_rank_basis(x), outputs, weights)
+        adjusted = 1 - (1 - r2) * (n - 1) / (n - REGRESSION_TERMS - 1)
         low, high = np.nanquantile(adjusted[1:] - r2[0], [0.975, 0.025], axis=0)
         found.append((adjusted[0], np.clip(adjusted[0] - low, 0, 1), np.clip(adjusted[0] - high, 0, 1)))
     index, lower, upper = (np.array(part) for part in zip(*found, strict=True))
     return index, lower, upper
 
 
-def ranking(rows: pd.DataFrame) -> pd.DataFrame:
+def rank_dispersions(rows: pd.DataFrame) -> pd.DataFrame:
     """Each column's dispersions by their first-order index, of all rows of a study with dispersions.
 
     Returns
     -------
     column, dispersion, first_order, low, high; largest first within a column; empty with too few good cases
     """
-    inputs, outputs = _by_case(rows[rows["error"] == ""])
-    return _ranked(inputs, outputs)
+    inputs, outputs = _group_by_case(rows[rows["error"] == ""])
+    return _rank_columns(inputs, outputs)
 
 
-def failures(rows: pd.DataFrame) -> pd.DataFrame:
+def rank_failure_causes(rows: pd.DataFrame) -> pd.DataFrame:
     """Which dispersions drive the failures: their index on "failed", and the share failed at both ends of each.
 
     Returns
@@ -122,9 +122,9 @@ def failures(rows: pd.DataFrame) -> pd.DataFrame:
     """
     # A case that failed before its values were drawn has none.
     drawn = rows.dropna(subset=[name for name in rows if str(name).startswith(DISPERSED)])
-    inputs, _ = _by_case(drawn)
+    inputs, _ = _group_by_case(drawn)
     failed = (drawn.groupby("case")["error"].first() != "").astype(float).rename("failed").to_frame()
-    table = _ranked(inputs, failed).drop(columns="column", errors="ignore")
+    table = _rank_columns(inputs, failed).drop(columns="column", errors="ignore")
     ends = {}
     for name in inputs:
         share = inputs[name].rank(pct=True)
@@ -134,9 +134,9 @@ def failures(rows: pd.DataFrame) -> pd.DataFrame:
     return table
 
 
-def tables(rows: pd.DataFrame) -> dict[str, Table]:
+def build_sensitivity_tables(rows: pd.DataFrame) -> dict[str, Table]:
     """The tables of a study with dispersions: ``dispersions``, and ``failures`` if a case failed."""
-    found = ranking(rows)
+    found = rank_dispersions(rows)
     if found.empty:
         return {}
     sure = found[found["low"] > 0]
@@ -144,10 +144,10 @@ def tables(rows: pd.DataFrame) -> dict[str, Table]:
     note = (
         "Share of a column's variance that a dispersion explains alone (first-order Sobol index), 95 % bootstrap intervals; "
         f"of a case with several rows, their mean. {len(sure)} of {len(found)} are surely above zero"
-        f"{'' if len(sure) <= SHOWN else f', {SHOWN} are shown'}; dispersions.csv has all."
+        f"{'' if len(sure) <= SHOWN_LINES else f', {SHOWN_LINES} are shown'}; dispersions.csv has all."
     )
-    out = {"dispersions": Table("What the dispersions drive", found, note, shown=sure.loc[order].head(SHOWN))}
-    failed = failures(rows)
+    out = {"dispersions": Table("What the dispersions drive", found, note, shown=sure.loc[order].head(SHOWN_LINES))}
+    failed = rank_failure_causes(rows)
     if len(failed):
         what = (
             "The same index of whether a case failed, and the shares that failed in the lowest and highest fifth of its values."
@@ -156,7 +156,7 @@ def tables(rows: pd.DataFrame) -> dict[str, Table]:
     return out
 
 
-def _by_case(rows: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+def _group_by_case(rows: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Dispersed values, and those numbers that every row has, a row a case."""
     drawn = [str(name) for name in rows if str(name).startswith(DISPERSED)]
     kept = [name for name in rows.select_dtypes(["number", "bool"]) if name not in {*drawn, *RESERVED}]
@@ -166,16 +166,16 @@ def _by_case(rows: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     return inputs.rename(columns=lambda name: str(name).removeprefix(DISPERSED)), finite
 
 
-def _ranked(inputs: pd.DataFrame, outputs: pd.DataFrame) -> pd.DataFrame:
+def _rank_columns(inputs: pd.DataFrame, outputs: pd.DataFrame) -> pd.DataFrame:
     """A row for each column and dispersion."""
     names = ["column", "dispersion", "first_order", "low", "high"]
-    inputs, outputs = inputs.head(MOST), outputs.head(MOST)
+    inputs, outputs = inputs.head(MOST_CASES), outputs.head(MOST_CASES)
     # To rounding a constant has a spread too.
     outputs = outputs.loc[:, outputs.std() > 1e-12 * outputs.abs().max()] if len(outputs) else outputs
-    inputs = inputs.loc[:, inputs.nunique() > 2 * TERMS]
-    if len(inputs) < FEWEST or not len(outputs.columns) or not len(inputs.columns):
+    inputs = inputs.loc[:, inputs.nunique() > 2 * REGRESSION_TERMS]
+    if len(inputs) < FEWEST_CASES or not len(outputs.columns) or not len(inputs.columns):
         return pd.DataFrame(columns=names)
-    index, low, high = first_order(inputs.to_numpy(), outputs.to_numpy())
+    index, low, high = estimate_first_order(inputs.to_numpy(), outputs.to_numpy())
     parts: Sequence[pd.DataFrame] = [
         pd.DataFrame(
             {"column": column, "dispersion": inputs.columns, "first_order": index[:, q], "low": low[:, q], "high": high[:, q]}

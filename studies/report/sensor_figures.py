@@ -12,11 +12,11 @@ from studies.report import panels
 from studies.report.panels import Line
 
 BEFORE, BETWEEN, AFTER = panels.RED, "#999999", panels.BLUE
-COLOURS = {"before_deg": BEFORE, "after_deg": AFTER}
+RESIDUAL_COLOURS = {"before_deg": BEFORE, "after_deg": AFTER}
 MOST_POINTS = 1500
 
 
-def sun_residual_figure(residuals: pd.DataFrame, sensor: str, titles: dict[str, str]) -> Figure:
+def draw_sun_residuals(residuals: pd.DataFrame, sensor: str, titles: dict[str, str]) -> Figure:
     """Residuals of α and β over α and over β.
 
     Parameters
@@ -31,15 +31,15 @@ def sun_residual_figure(residuals: pd.DataFrame, sensor: str, titles: dict[str, 
         part = own[own["angle"] == angle]
         part = part.iloc[:: max(1, len(part) // MOST_POINTS)]
         for over in ("alpha", "beta"):
-            looks = {name: (title, COLOURS.get(name, BETWEEN), ".") for name, title in titles.items()}
+            looks = {name: (title, RESIDUAL_COLOURS.get(name, BETWEEN), ".") for name, title in titles.items()}
             lines = [Line(part[f"{over}_deg"], part[name], *look, size=2.0) for name, look in looks.items()]
             y = f"residual of {angle} (deg)" if over == "alpha" else ""
-            drawn.append(panels.curves(lines, levels=[0], x=f"Sun's {over} (deg)", y=y))
+            drawn.append(panels.make_curves(lines, levels=[0], x=f"Sun's {over} (deg)", y=y))
     title = f"{sensor}, measured minus predicted"
-    return panels.drawn(*drawn, size=(8.6, 4.6), columns=2, title=title, sharey="all", legend="outside upper right")
+    return panels.draw_panels(*drawn, size=(8.6, 4.6), columns=2, title=title, sharey="all", legend="outside upper right")
 
 
-def gap_figure(gaps: pd.DataFrame, columns: list[str]) -> Figure:
+def draw_gap_figure(gaps: pd.DataFrame, columns: list[str]) -> Figure:
     """Held-out mean square by truth, a mark for each explanation; logarithmic, with the floor.
 
     Parameters
@@ -55,4 +55,4 @@ def gap_figure(gaps: pd.DataFrame, columns: list[str]) -> Figure:
         "rows": [f"truth: {name}" for name in gaps["truth"]],
         "x": "mean square of held-out residuals in sigmas; dotted: floor",
     }
-    return panels.drawn(panels.curves(lines, **axes), size=(7.4, 2.6), legend="outside upper center")
+    return panels.draw_panels(panels.make_curves(lines, **axes), size=(7.4, 2.6), legend="outside upper center")

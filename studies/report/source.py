@@ -15,7 +15,7 @@ from markdown_it.rules_core import StateCore
 from markdown_it.token import Token
 from markupsafe import Markup
 
-from studies.report.pages import NUMBER, Item, Picture, Quiet, Section
+from studies.report.pages import NUMERIC_CELL, Item, Picture, Section, SmallParagraph
 
 LONG = 40  # rows of a report's table, above which it is folded
 
@@ -41,13 +41,13 @@ class Source:
         path = folder / "manifest.json"
         return cls(folder, json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {})
 
-    def made(self, file: str) -> Quiet:
+    def made(self, file: str) -> SmallParagraph:
         """Command, commit and hash that make a file again."""
         command = self.manifest.get("command") or f"gyrocal study {self.folder.name}"
         commit, sha256 = self.manifest.get("commit") or "unknown", self.manifest.get("files", {}).get(file, "unknown")
         later = self.manifest.get("reported", {}).get("commit", "")
-        again = f", reported from its rows at {_short(later)}" if later else ""
-        return Quiet(f"{command} at commit {_short(commit)}{again}; {file}, SHA-256 {sha256[:16]}")
+        again = f", reported from its rows at {_shorten_commit(later)}" if later else ""
+        return SmallParagraph(f"{command} at commit {_shorten_commit(commit)}{again}; {file}, SHA-256 {sha256[:16]}")
 
     def figure(self, file: str, alt: str) -> list[Item]:
         """A figure of the folder with its origin; nothing if it is not there."""
@@ -58,9 +58,9 @@ class Source:
 
     def title(self, file: str) -> str:
         """Title of a report in the folder; empty if it is not there."""
-        return self._text(file).partition("\n")[0].removeprefix("# ")
+        return self._read_text(file).partition("\n")[0].removeprefix("# ")
 
-    def _text(self, file: str) -> str:
+    def _read_text(self, file: str) -> str:
         path = self.folder / file
         return path.read_text(encoding="utf-8") if path.is_file() else ""
 
@@ -73,11 +73,11 @@ class Source:
         level : of the headings
         anchor : name of a heading by its title
         """
-        parts = re.split(r"^## (.*)\n", re.sub(r"\A# .*\n", "", self._text(file)), flags=re.MULTILINE)
+        parts = re.split(r"^## (.*)\n", re.sub(r"\A# .*\n", "", self._read_text(file)), flags=re.MULTILINE)
         for title, body in zip(["", *parts[1::2]], parts[::2], strict=True):
-            yield Section(title, self._items(body), level, anchor(title))
+            yield Section(title, self._build_items(body), level, anchor(title))
 
-    def _items(self, text: str) -> list[Item]:
+    def _build_items(self, text: str) -> list[Item]:
         """Text of a report, with its figures between."""
         items: list[Item] = []
         texts = _IMAGE.split(text)
@@ -88,11 +88,11 @@ class Source:
 
 def render_markdown(text: str) -> Markup:
     """Markdown as HTML; its own HTML is text, and so are links that lead out of the page."""
-    return Markup(_markdown().render(text))
+    return Markup(_create_parser().render(text))
 
 
 @cache
-def _markdown() -> MarkdownIt:
+def _create_parser() -> MarkdownIt:
     parser = MarkdownIt("commonmark", {"html": False}).enable("table")
     parser.core.ruler.push("pages", _fit_to_page)
     parser.add_render_rule("table_open", _open_table)
@@ -131,11 +131,11 @@ def _fit_table(tokens: Sequence[Token]) -> None:
     for column, head in enumerate(heads):
         own = cells[column :: len(heads)]
         tokens[head].attrSet("scope", "col")
-        if own and all(NUMBER.match(tokens[cell + 1].content) for cell in own):
+        if own and all(NUMERIC_CELL.match(tokens[cell + 1].content) for cell in own):
             for cell in (head, *own):
                 tokens[cell].attrSet("class", "number")
 
 
-def _short(commit: str) -> str:
+def _shorten_commit(commit: str) -> str:
     """A commit by twelve digits, and whether there were changes."""
     return commit[:12] + commit[40:]

@@ -6,18 +6,18 @@ from pathlib import Path
 
 import pandas as pd
 
-from studies.report.pages import Made, Page, Section, slug
+from studies.report.pages import Page, ProvenanceFooter, Section, make_slug
 from studies.report.source import Source
 
 
-def page(folder: Path, made: Made | None = None) -> str:
+def build_study_page(folder: Path, made: ProvenanceFooter | None = None) -> str:
     """The whole page, made of the content of the folder."""
     source = Source.of(folder)
-    sections = [Section("", [verdict(folder)]), *source.sections("report.md", 2, slug)]
-    return Page(source.title("report.md"), [*sections, Section("", [source.made("report.md")])], None, made).html()
+    sections = [Section("", [summarise_checks(folder)]), *source.sections("report.md", 2, make_slug)]
+    return Page(source.title("report.md"), [*sections, Section("", [source.made("report.md")])], None, made).render_html()
 
 
-def verdict(folder: Path) -> str:
+def summarise_checks(folder: Path) -> str:
     """How many checks of a study pass, and which do not."""
     path = folder / "checks.csv"
     if not path.is_file():

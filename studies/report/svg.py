@@ -12,9 +12,9 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from studies.report.printable import well_formed
+from studies.report.printable import make_well_formed
 
-STYLE: dict[Any, Any] = {
+SVG_STYLE: dict[Any, Any] = {
     "svg.hashsalt": "gyrocal",
     "svg.fonttype": "none",
     "font.sans-serif": ["DejaVu Sans", "Verdana", "sans-serif"],
@@ -24,16 +24,16 @@ NO_METADATA: dict[str, None] = {"Date": None, "Creator": None, "Format": None, "
 # A marker, or a clip path or hatch from its name to its end; and places of such names.
 DEFINED = re.compile(rb'<path id="(m[0-9a-f]{10})".*?/>|<(clipPath|pattern)[^>]* id="([a-z][0-9a-f]{10})".*?</\2>', re.DOTALL)
 NAMED = re.compile(rb'(id="|#)([a-z][0-9a-f]{10})(?=["\')])')
-PLACES = re.compile(rb'\b(?:d|x|y)="[^"]*"')
-FINE = re.compile(rb"(\.\d)\d+")  # a tenth of a point is not seen
+COORDINATE_ATTRIBUTES = re.compile(rb'\b(?:d|x|y)="[^"]*"')
+EXCESS_DECIMALS = re.compile(rb"(\.\d)\d+")  # a tenth of a point is not seen
 
 
-def svg_bytes(figure: Figure, dpi: int = 130) -> bytes:
+def render_svg(figure: Figure, dpi: int = 130) -> bytes:
     """A figure as SVG; its pixels, where it has some, are so many an inch."""
     out = io.BytesIO()
-    with mpl.rc_context(STYLE):
+    with mpl.rc_context(SVG_STYLE):
         figure.savefig(out, format="svg", dpi=dpi, metadata=NO_METADATA)
-    return name_by_content(well_formed(out.getvalue()))
+    return name_by_content(make_well_formed(out.getvalue()))
 
 
 def name_by_content(svg: bytes) -> bytes:
@@ -45,6 +45,6 @@ def name_by_content(svg: bytes) -> bytes:
     return NAMED.sub(lambda found: found[1] + names.get(found[2], found[2]), svg)
 
 
-def compact(svg: bytes) -> bytes:
+def shorten_svg(svg: bytes) -> bytes:
     """The same SVG for a page: places to a tenth of a point, without line breaks."""
-    return re.sub(rb"\s*\n\s*", b" ", PLACES.sub(lambda found: FINE.sub(rb"\1", found[0]), svg))
+    return re.sub(rb"\s*\n\s*", b" ", COORDINATE_ATTRIBUTES.sub(lambda found: EXCESS_DECIMALS.sub(rb"\1", found[0]), svg))

@@ -15,12 +15,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
-from studies.report.units import heading
+from studies.report.units import format_heading
 
 NO_VALUE = "–"
 # Significant ones in CSV files: between BLAS kernels and vector units numbers differ by some 1e-13 of themselves, and by 1e-8
 # where they are small differences of large ones, such as the mean of errors; seldom does that turn a sixth digit.
-DIGITS = 6
+SIGNIFICANT_DIGITS = 6
 FOLDED = 24  # characters of a text, which a narrow terminal folds to no less
 
 
@@ -43,16 +43,16 @@ class Table:
     note: str = ""
     formats: Mapping[str, str] = field(default_factory=dict)
     shown: pd.DataFrame | list[str] | None = None
-    digits: int = DIGITS
+    digits: int = SIGNIFICANT_DIGITS
 
-    def for_people(self) -> pd.DataFrame:
+    def get_shown_data(self) -> pd.DataFrame:
         """What people see."""
         if self.shown is None:
             return self.data
         return self.data[self.shown] if isinstance(self.shown, list) else self.shown
 
 
-def number(value: float, digits: int | None = None) -> str:
+def format_number(value: float, digits: int | None = None) -> str:
     """A number with so many decimals; without a count in few characters, with an exponent where that is shorter."""
     if pd.isna(value):
         return NO_VALUE
@@ -63,22 +63,22 @@ def number(value: float, digits: int | None = None) -> str:
     return f"{value:.2e}"
 
 
-def to_sigma(value: float, sigma: float) -> str:
+def format_to_sigma(value: float, sigma: float) -> str:
     """A value to two digits of its sigma."""
-    return f"{value:.{min(max(1 - floor(log10(sigma)), 0), 12)}f}" if 0 < sigma < inf else plain(value, sigma)
+    return f"{value:.{min(max(1 - floor(log10(sigma)), 0), 12)}f}" if 0 < sigma < inf else format_plain(value, sigma)
 
 
-def plain(value: float, _: float) -> str:
+def format_plain(value: float, _: float) -> str:
     """A value whose sigma says nothing about its digits."""
     return f"{value:.9g}"
 
 
-def terminal(
+def print_table(
     console: Console, title: str, table: pd.DataFrame, note: str = "", formats: Mapping[str, str] | None = None
 ) -> None:
     """Print a table; texts are folded, and columns that still do not fit beside the first ones are named below it."""
     cells = list(format_cells(table, formats or {}))
-    headings = [heading(str(column)) for column in table.columns]
+    headings = [format_heading(str(column)) for column in table.columns]
     numeric = [pd.api.types.is_numeric_dtype(table[column]) for column in table.columns]
     widths = [max(map(cell_len, column)) for column in zip(headings, *cells, strict=True)]
     needed = [3 + (width if is_number else min(width, FOLDED)) for width, is_number in zip(widths, numeric, strict=True)]
@@ -95,9 +95,9 @@ def terminal(
     console.print(out)
 
 
-def markdown(title: str, table: pd.DataFrame, note: str = "", formats: Mapping[str, str] | None = None) -> str:
+def format_markdown(title: str, table: pd.DataFrame, note: str = "", formats: Mapping[str, str] | None = None) -> str:
     """A Markdown section."""
-    header = [heading(str(column)) for column in table.columns]
+    header = [format_heading(str(column)) for column in table.columns]
     lines = [f"## {title}", ""] + ([note, ""] if note else [])
     lines += ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
     # A cell's own bars would end it, unless escaped.
@@ -105,7 +105,9 @@ def markdown(title: str, table: pd.DataFrame, note: str = "", formats: Mapping[s
     return "\n".join([*lines, ""])
 
 
-def by_group(rows: pd.DataFrame, keys: Sequence[str], line: Callable[[pd.DataFrame], Mapping[str, object]]) -> pd.DataFrame:
+def summarise_groups(
+    rows: pd.DataFrame, keys: Sequence[str], line: Callable[[pd.DataFrame], Mapping[str, object]]
+) -> pd.DataFrame:
     """A line for each group of rows with the same keys, in the order they come in: the keys, and what `line` makes of it."""
     groups = rows.groupby(list(keys), sort=False)
     return pd.DataFrame([{**dict(zip(keys, key, strict=True)), **line(part)} for key, part in groups])
@@ -127,5 +129,5 @@ def format_cell(value: object, form: str | None) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return f"{value:{form}}" if form and not pd.isna(value) else number(value)
+        return f"{value:{form}}" if form and not pd.isna(value) else format_number(value)
     return str(value)

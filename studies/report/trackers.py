@@ -18,13 +18,13 @@ def show(console: Console, mountings: MountingEstimate | None, compared: Sequenc
         shown = mountings.summary()
         sigma = shown["sigma_arcsec"]
         for column in ("misalignment_arcsec", "sigma_arcsec"):
-            shown[column] = [tables.to_sigma(value, one) for value, one in zip(shown[column], sigma, strict=True)]
-        tables.terminal(console, "Misalignments from the mountings as stated, about the sensors' own axes", shown)
-    for line in remarks(compared):
+            shown[column] = [tables.format_to_sigma(value, one) for value, one in zip(shown[column], sigma, strict=True)]
+        tables.print_table(console, "Misalignments from the mountings as stated, about the sensors' own axes", shown)
+    for line in list_remarks(compared):
         console.print(line, highlight=False, markup=False)
 
 
-def remarks(compared: Sequence[Difference]) -> list[str]:
+def list_remarks(compared: Sequence[Difference]) -> list[str]:
     """A sentence for each two sensors that see at one time."""
     lines = []
     for one in compared:

@@ -33,14 +33,14 @@ ENDINGS = {
 PARAMETER = re.compile(r"\b(G|b) ([xyz]{1,2})\b")
 
 
-def columns(quantity: str) -> list[str]:
+def name_columns(quantity: str) -> list[str]:
     """Columns of a quantity of the twelve parameters in ppm and deg/h, such as error_G_xx_ppm."""
     return [f"{quantity}_{name}_{unit.replace('/', '_')}" for name, unit in zip(NAMES, PPM_DEG_H_NAMES, strict=True)]
 
 
-def heading(column: str) -> str:
+def format_heading(column: str) -> str:
     """A column's name for people: words in place of underscores, and its unit in brackets."""
     for ending, unit in ENDINGS.items():
         if column.endswith(f"_{ending}"):
-            return f"{heading(column.removesuffix(f'_{ending}'))} ({unit})"
+            return f"{format_heading(column.removesuffix(f'_{ending}'))} ({unit})"
     return PARAMETER.sub(r"\1_\2", column.replace("_", " "))

@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 
 from simulator.mission_mode.config import PRELAUNCH_G, R9_BIAS, R9_G, MissionConfig
 from simulator.mission_mode.flight import MissionRun
-from studies.robertson import flown
-from studies.robertson.ground import DEG_H
-from studies.robertson.performance import GYRO_AXES, full, within
+from studies.robertson import published_tables
+from studies.robertson.ground import DEG_H_PER_RAD_S
+from studies.robertson.performance import GYRO_AXES, select_full_orbits, select_period
 
 Array = NDArray[np.float64]
 USED_G = {"calibration1": PRELAUNCH_G, "postcalibration": R9_G}
 
 
-def solved_bias(G: Array, forward: str) -> Array:
+def compute_solved_bias(G: Array, forward: str) -> Array:
     """b' at ∓1 RPO about y, flying +x or −x forward, with G in the solution; (3,) rad/s."""
     orbit = MissionConfig().orbit
     rate = orbit.mean_motion + orbit.nodal_rate * np.cos(orbit.inclination)
@@ -31,18 +31,18 @@ def solved_bias(G: Array, forward: str) -> Array:
     return np.asarray(omega - G @ np.linalg.solve(R9_G, omega - R9_BIAS))
 
 
-def table8(runs: Sequence[MissionRun]) -> pd.DataFrame:
+def build_apparent_bias_table(runs: Sequence[MissionRun]) -> pd.DataFrame:
     """Mean bias seen in each orientation before and after the gyro's upload, its standard error, and the formula; deg/h."""
     rows = []
     for period, G in USED_G.items():
-        orbits = pd.concat([full(within(run.orbits, period)) for run in runs])
+        orbits = pd.concat([select_full_orbits(select_period(run.orbits, period)) for run in runs])
         for axis, angle in GYRO_AXES.items():
             means, errors, formula = np.empty(2), np.empty(2), np.empty(2)
             for k, forward in enumerate(("+x", "-x")):
                 values = orbits.loc[orbits["forward"] == forward, f"apparent_bias_{angle}_deg_h"].to_numpy(dtype=float)
                 means[k] = values.mean() if len(values) else np.nan
                 errors[k] = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.nan
-                formula[k] = solved_bias(G, forward)["xyz".index(axis)] * DEG_H
+                formula[k] = compute_solved_bias(G, forward)["xyz".index(axis)] * DEG_H_PER_RAD_S
                 rows.append((period, axis, forward, means[k], errors[k], formula[k]))
             spread = np.hypot(errors[0], errors[1])
             rows.append((period, axis, "-x minus +x", means[1] - means[0], spread, formula[1] - formula[0]))
@@ -51,18 +51,21 @@ def table8(runs: Sequence[MissionRun]) -> pd.DataFrame:
     return table.assign(simulated_minus_formula_deg_h=table["simulated_deg_h"] - table["formula_deg_h"])
 
 
-def scatter(runs: Sequence[MissionRun]) -> pd.DataFrame:
+def compute_orientation_scatter(runs: Sequence[MissionRun]) -> pd.DataFrame:
     """The scatter of the bias that orientation alone gives before the upload, with two G in the solution; deg/h.
 
     With a share p of the orbits in one orientation the standard deviation is |b'₊ − b'₋| √(p (1 − p)).
     """
-    orbits = pd.concat([full(within(run.orbits, "calibration1")) for run in runs])
+    orbits = pd.concat([select_full_orbits(select_period(run.orbits, "calibration1")) for run in runs])
     share = float((orbits["forward"] == "+x").mean())
     rows = []
     for k, axis in enumerate(GYRO_AXES):
-        row: dict[str, object] = {"axis": axis, "flight": flown.performance("gyro_bias_std_deg_h", axis, "calibration1")}
+        row: dict[str, object] = {
+            "axis": axis,
+            "flight": published_tables.read_published_performance("gyro_bias_std_deg_h", axis, "calibration1"),
+        }
         for name, G in (("prelaunch_G", PRELAUNCH_G), ("G_is_I", np.eye(3))):
-            difference = (solved_bias(G, "+x") - solved_bias(G, "-x"))[k]
-            row[name] = abs(float(difference)) * np.sqrt(share * (1 - share)) * DEG_H
+            difference = (compute_solved_bias(G, "+x") - compute_solved_bias(G, "-x"))[k]
+            row[name] = abs(float(difference)) * np.sqrt(share * (1 - share)) * DEG_H_PER_RAD_S
         rows.append(row)
     return pd.DataFrame(rows)

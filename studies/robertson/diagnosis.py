@@ -21,30 +21,38 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from diagnosis.answer import Closure
-from diagnosis.inference.amplitudes import Fitted, fit
-from diagnosis.inference.attribution import Attribution, attribute
+from diagnosis.inference.amplitudes import FittedEffect, fit
+from diagnosis.inference.attribution import Attribution, infer_attribution
 from diagnosis.inference.closure import compute_closure
-from diagnosis.model.groups import Group
+from diagnosis.model.groups import CandidateColumns
 from diagnosis.model.linear import LinearModel, Parameters
 from diagnosis.settings import DEFAULT
-from studies.printed_table import UNKNOWN, build_model, make_candidate, make_rival, rank_explanations
+from studies.printed_table import UNKNOWN_NAME, build_model, make_candidate, make_rival, rank_explanations
 from studies.robertson.calendar import PERIODS
-from studies.robertson.ground import DEG_H
+from studies.robertson.ground import DEG_H_PER_RAD_S
 from studies.robertson.ladder import HORIZON, LANDED, NOMINAL
-from studies.robertson.windows import NUMBERS, Number, configured, published, scatter, simulated, walked
+from studies.robertson.windows import (
+    WINDOW_NUMBERS,
+    Number,
+    apply_mission_effects,
+    compute_simulated_numbers,
+    estimate_relative_error,
+    read_published_numbers,
+    simulate_bias_walk,
+)
 
 Array = NDArray[np.float64]
 Windows = Mapping[tuple[str, ...], pd.DataFrame]
 
-DIGITS = {"attitude_accuracy_deg": 1e-3, "yaw_update_deg": 1e-2, "gyro_bias_std_deg_h": 1e-4}  # R Table 3's last ones
+LAST_DIGITS = {"attitude_accuracy_deg": 1e-3, "yaw_update_deg": 1e-2, "gyro_bias_std_deg_h": 1e-4}  # R Table 3's last ones
 UNKNOWN_LIMITS = (0.3, 300.0)  # sigmas of a random difference
-MOST_EFFECTS = 4
-BEAM = 20
+MOST_MISSION_EFFECTS = 4
+MISSION_BEAM_WIDTH = 20
 WALK_SIZE = 0.02  # deg/h/sqrt(day), that a walk's column is formed with
 
 
 @dataclass(frozen=True)
-class Tried:
+class TrialEffect:
     """An effect as it was flown about the nominal.
 
     Attributes
@@ -67,23 +75,23 @@ class Tried:
     switch: bool = False
 
 
-TRIALS = (
-    Tried("horizon_noise", None, "deg", 0.0287, (0.003, 0.2), (HORIZON,)),
-    Tried("horizon_season", "winter lower", "deg", 0.15, (0.02, 0.6), ("horizon_season=0.15",)),
-    Tried("horizon_season", "winter higher", "deg", 0.15, (0.02, 0.6), ("horizon_season=-0.15",)),
-    Tried("dss_transfer", "up", "1", 0.001, (1e-4, 0.01), ("dss_transfer=0.001",), squared=False),
-    Tried("dss_transfer", "down", "1", 0.001, (1e-4, 0.01), ("dss_transfer=-0.001",), squared=False),
-    Tried("cross_track", None, "km", 2.0, (0.2, 10.0), ("cross_track=2",)),
-    Tried("bias_gain", None, "1", 0.3, (0.02, 0.6), ("bias_gain=1.3",), squared=False),
-    *(Tried("gyro_walk", axis, "deg/h/sqrt(day)", WALK_SIZE, (0.001, 0.2)) for axis in "xyz"),
-    Tried("late_filter_upload", None, "", 1.0, (0.0, 1.0), ("late_filter_upload=1",), switch=True),
-    Tried("printed_coefficients", None, "", 1.0, (0.0, 1.0), LANDED[1:], switch=True),
-    Tried("boresights level", None, "", 1.0, (0.0, 1.0), LANDED, switch=True),
+TRIED_EFFECTS = (
+    TrialEffect("horizon_noise", None, "deg", 0.0287, (0.003, 0.2), (HORIZON,)),
+    TrialEffect("horizon_season", "winter lower", "deg", 0.15, (0.02, 0.6), ("horizon_season=0.15",)),
+    TrialEffect("horizon_season", "winter higher", "deg", 0.15, (0.02, 0.6), ("horizon_season=-0.15",)),
+    TrialEffect("dss_transfer", "up", "1", 0.001, (1e-4, 0.01), ("dss_transfer=0.001",), squared=False),
+    TrialEffect("dss_transfer", "down", "1", 0.001, (1e-4, 0.01), ("dss_transfer=-0.001",), squared=False),
+    TrialEffect("cross_track", None, "km", 2.0, (0.2, 10.0), ("cross_track=2",)),
+    TrialEffect("bias_gain", None, "1", 0.3, (0.02, 0.6), ("bias_gain=1.3",), squared=False),
+    *(TrialEffect("gyro_walk", axis, "deg/h/sqrt(day)", WALK_SIZE, (0.001, 0.2)) for axis in "xyz"),
+    TrialEffect("late_filter_upload", None, "", 1.0, (0.0, 1.0), ("late_filter_upload=1",), switch=True),
+    TrialEffect("printed_coefficients", None, "", 1.0, (0.0, 1.0), LANDED[1:], switch=True),
+    TrialEffect("boresights level", None, "", 1.0, (0.0, 1.0), LANDED, switch=True),
 )
 
 
 @dataclass(frozen=True)
-class Beside:
+class FurtherObservations:
     """Further observations in the model of Table 3.
 
     Attributes
@@ -99,11 +107,11 @@ class Beside:
     changes: Mapping[tuple[str, ...], Array] = field(default_factory=dict)
 
 
-ALONE = Beside()
+NO_FURTHER_DATA = FurtherObservations()
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class PerformanceDiagnosis:
     """What the numbers say.
 
     Attributes
@@ -115,7 +123,7 @@ class Diagnosis:
     """
 
     attribution: Attribution
-    fitted: tuple[Fitted, ...]
+    fitted: tuple[FittedEffect, ...]
     closed: Closure | None
     left: Array
 
@@ -130,7 +138,7 @@ class Diagnosis:
 
     def summary(self) -> dict[str, Any]:
         """The verdict with its probabilities, for summary.json."""
-        sure = [label for label, p in self.probabilities.items() if p >= DEFAULT.named and not label.startswith(UNKNOWN)]
+        sure = [label for label, p in self.probabilities.items() if p >= DEFAULT.named and not label.startswith(UNKNOWN_NAME)]
         unknown, closed = self.attribution.unknown, self.closed
         return {
             "verdict": f"{' + '.join(sure) or 'nothing'} named; unknown beside it with probability {unknown:.2f}",
@@ -140,71 +148,78 @@ class Diagnosis:
         }
 
 
-def diagnose(model: LinearModel, odds: Sequence[float] = ()) -> Diagnosis:
+def diagnose(model: LinearModel, odds: Sequence[float] = ()) -> PerformanceDiagnosis:
     """Search, attribution, sizes and closure; `odds` as of `rank_explanations`."""
     weighed = rank_explanations(model, DEFAULT.unlisted_share, odds)
     members = list(weighed[0].members)
     fitted = tuple(fit(model, members)) if members else ()
-    listed = [one for one in fitted if not one.effect.startswith(UNKNOWN)]
+    listed = [one for one in fitted if not one.effect.startswith(UNKNOWN_NAME)]
     explained = sum((one.contribution for one in listed), np.zeros(len(model.y)))
     closed = compute_closure(model, members) if listed else None
-    return Diagnosis(attribute(model, weighed), fitted, closed, model.y - explained)
+    return PerformanceDiagnosis(infer_attribution(model, weighed), fitted, closed, model.y - explained)
 
 
-def diagnose_table3(windows: Windows) -> Diagnosis:
+def diagnose_table3(windows: Windows) -> PerformanceDiagnosis:
     """The diagnosis of Table 3 alone."""
-    return diagnose(linear_model(windows))
+    return diagnose(build_performance_model(windows))
 
 
-def linear_model(windows: Windows, beside: Beside = ALONE, most_effects: int = MOST_EFFECTS) -> LinearModel:
+def build_performance_model(
+    windows: Windows, beside: FurtherObservations = NO_FURTHER_DATA, most_effects: int = MOST_MISSION_EFFECTS
+) -> LinearModel:
     """The model of R Table 3 about the nominal, other observations below it."""
     rows = windows[NOMINAL]
-    base, flight, relative = (_array(values) for values in (simulated(rows), published(), scatter(rows)))
-    digits = np.array([DIGITS[parameter] for parameter, _, _ in NUMBERS]) / np.sqrt(12.0)
+    base, flight, relative = (
+        _order_numbers(values)
+        for values in (compute_simulated_numbers(rows), read_published_numbers(), estimate_relative_error(rows))
+    )
+    digits = np.array([LAST_DIGITS[parameter] for parameter, _, _ in WINDOW_NUMBERS]) / np.sqrt(12.0)
     sigma = np.sqrt((relative * base) ** 2 + (relative * flight) ** 2 + digits**2)
     none = np.zeros(len(beside.names))
     groups = []
-    for one in TRIALS:
-        flown = windows[one.setting] if one.setting else with_walk(rows, one)
-        change = np.concatenate([(_array(simulated(flown)) - base) / sigma, beside.changes.get(one.setting, none)])
-        groups.append(_group(one, change[:, None]))
+    for one in TRIED_EFFECTS:
+        flown = windows[one.setting] if one.setting else add_bias_walk(rows, one)
+        change = np.concatenate(
+            [(_order_numbers(compute_simulated_numbers(flown)) - base) / sigma, beside.changes.get(one.setting, none)]
+        )
+        groups.append(_make_effect_candidate(one, change[:, None]))
     y = np.concatenate([(flight - base) / sigma, beside.y])
-    owner = np.array([*(number[2] for number in NUMBERS), *beside.blocks])
-    groups += _rivals(owner, beside)
-    return build_model(y, np.eye(len(y)), groups, owner, PERIODS, "a period at a time", most_effects, BEAM)
+    owner = np.array([*(number[2] for number in WINDOW_NUMBERS), *beside.blocks])
+    groups += _list_random_differences(owner, beside)
+    return build_model(y, np.eye(len(y)), groups, owner, PERIODS, "a period at a time", most_effects, MISSION_BEAM_WIDTH)
 
 
-def _group(one: Tried, change: Array) -> Group:
+def _make_effect_candidate(one: TrialEffect, change: Array) -> CandidateColumns:
     if one.switch:
         there: dict[str, Any] = {"read": lambda _: (one.size, {}), "shifted": True, "scales": np.ones(1)}
         return make_candidate(one.effect, one.axis, change, one.unit, one.limits, **there)
     # An effect's amplitude is its size, or the square of it.
     power = 2 if one.squared else 1
     limits = (one.limits[0] ** power, one.limits[1] ** power)
-    read = _root if one.squared else _plain
+    read = _read_square_root if one.squared else _read_amplitude
     return make_candidate(one.effect, one.axis, change / one.size**power, one.unit, limits, positive=True, read=read)
 
 
-def _root(amplitudes: Array) -> tuple[float, Parameters]:
+def _read_square_root(amplitudes: Array) -> tuple[float, Parameters]:
     return float(np.sqrt(max(amplitudes[0], 0.0))), {}
 
 
-def _plain(amplitudes: Array) -> tuple[float, Parameters]:
+def _read_amplitude(amplitudes: Array) -> tuple[float, Parameters]:
     return float(amplitudes[0]), {}
 
 
-def with_walk(rows: pd.DataFrame, one: Tried, entropy: int = 1998) -> pd.DataFrame:
+def add_bias_walk(rows: pd.DataFrame, one: TrialEffect, entropy: int = 1998) -> pd.DataFrame:
     """The nominal's windows with a walk of the gyro's bias: what the batch finds moves with the bias, nothing else does."""
-    config = configured([f"{one.effect}:{one.axis}={one.size}"])
+    config = apply_mission_effects([f"{one.effect}:{one.axis}={one.size}"])
     column = f"bias_{one.axis}_deg_h"
-    bias = [walked(config, day, entropy)["xyz".index(str(one.axis))] * DEG_H for day in rows["day"]]
+    bias = [simulate_bias_walk(config, day, entropy)["xyz".index(str(one.axis))] * DEG_H_PER_RAD_S for day in rows["day"]]
     return rows.assign(**{column: rows[column] + bias})
 
 
-def _rivals(owner: NDArray[np.str_], beside: Beside) -> list[Group]:
+def _list_random_differences(owner: NDArray[np.str_], beside: FurtherObservations) -> list[CandidateColumns]:
     """Random differences, in sigmas: of Table 3's numbers, and of those beside it."""
-    each, first = np.eye(len(owner)), len(NUMBERS)
-    named = [("a number", name_number(number)) for number in NUMBERS]
+    each, first = np.eye(len(owner)), len(WINDOW_NUMBERS)
+    named = [("a number", name_number(number)) for number in WINDOW_NUMBERS]
     named += [("a number beside", name) for name in beside.names]
     blocks = [("a period", name, each[:, owner == name]) for name in PERIODS]
     beyond = [("data beside", name, each[:, owner == name]) for name in dict.fromkeys(beside.blocks)]
@@ -220,15 +235,15 @@ def name_number(number: Number) -> str:
     return f"{what} {period}"
 
 
-def _array(values: Mapping[Number, float]) -> Array:
-    return np.array([values[number] for number in NUMBERS])
+def _order_numbers(values: Mapping[Number, float]) -> Array:
+    return np.array([values[number] for number in WINDOW_NUMBERS])
 
 
-def tables(found: Diagnosis) -> dict[str, pd.DataFrame]:
+def build_diagnosis_tables(found: PerformanceDiagnosis) -> dict[str, pd.DataFrame]:
     """Probabilities of the candidates, sizes of the likeliest explanation, and what it leaves number by number."""
     likely = {label: p for label, p in found.probabilities.items() if p >= DEFAULT.group_share}
-    sizes = [{"cause": one.label, "size": one.size, "sigma": size_sigma(one), "unit": one.unit} for one in found.fitted]
-    left = {"number": [name_number(number) for number in NUMBERS], "left_sigmas": found.left[: len(NUMBERS)]}
+    sizes = [{"cause": one.label, "size": one.size, "sigma": compute_size_sigma(one), "unit": one.unit} for one in found.fitted]
+    left = {"number": [name_number(number) for number in WINDOW_NUMBERS], "left_sigmas": found.left[: len(WINDOW_NUMBERS)]}
     return {
         "diagnosis": pd.DataFrame({"cause": likely.keys(), "probability": likely.values()}),
         "diagnosis_sizes": pd.DataFrame(sizes),
@@ -236,7 +251,7 @@ def tables(found: Diagnosis) -> dict[str, pd.DataFrame]:
     }
 
 
-def size_sigma(one: Fitted) -> float:
+def compute_size_sigma(one: FittedEffect) -> float:
     """Sigma of a size, of an amplitude a that is the size's square σ_a/(2 √a)."""
-    squared = any(trial.squared and trial.effect == one.effect and not trial.switch for trial in TRIALS)
+    squared = any(trial.squared and trial.effect == one.effect and not trial.switch for trial in TRIED_EFFECTS)
     return float(one.sigmas[0] / (2 * one.size)) if squared and one.size > 0 else one.sigma

@@ -4,7 +4,7 @@ The sun sensors are mounted as designed, with the heads' angles of the alignment
 has no biases. Then what the flight did is done with simulated telemetry alone:
 
 1. early orbits before December 11, with the first tables, whose sun angles are 8 to 12°;
-2. the alignment: R's first algorithm (`gyrocal.sensors.alignment.together`), DSS-1 held, M of DSS-2 and penetration biases
+2. the alignment: R's first algorithm (`gyrocal.sensors.alignment.align_together`), DSS-1 held, M of DSS-2 and penetration biases
    found;
 3. its upload; orbits of the second period with sun angles of up to 58°, the size of their yaw updates;
 4. (c, d) of R (6), fitted for each sensor to the readings of those orbits with the Sun within 4° of the XY plane, against
@@ -25,16 +25,16 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gyrocal.sensors.alignment import together
-from gyrocal.sensors.head_compensation import PUBLISHED
-from simulator.mission_mode.calendar import sun_angle
-from simulator.mission_mode.config import DAY, PRELAUNCH_BIAS, R9_BIAS, R9_G, MissionConfig, OnBoardTables, compensated
+from gyrocal.sensors.alignment import align_together
+from gyrocal.sensors.head_compensation import PUBLISHED_COMPENSATION
+from simulator.mission_mode.calendar import compute_sun_angle
+from simulator.mission_mode.config import DAY, PRELAUNCH_BIAS, R9_BIAS, R9_G, MissionConfig, OnBoardTables, apply_compensation
 from simulator.mission_mode.flight import MissionRun, simulate_mission
-from simulator.mission_mode.mounting import R3_M, mounted
-from simulator.sensors.sun import BETA, head_tangents, trmm_alignments
+from simulator.mission_mode.mounting import R3_M, build_mounted_sensors
+from simulator.sensors.sun import SIMULATED_BETA_COEFFICIENTS, build_trmm_alignments, compute_head_tangents
 from simulator.streams import generator
-from studies.robertson.calendar import FIRST_DAYS, day_of, moved
-from studies.robertson.ground import sent, solution
+from studies.robertson.calendar import FIRST_DAYS, convert_to_mission_day, shift_mission_start
+from studies.robertson.ground import collect_ground_data, solve_ground_attitude
 
 Array = NDArray[np.float64]
 
@@ -43,11 +43,11 @@ EARLY_ORBITS = 3
 LATE_DEG = (5.0, 20.0, 35.0, 45.0, 57.0)  # of the second period
 SETTLING, SETTLED_UPDATES = 2.0, 3
 NEAR_PLANE_DEG = 4.0
-EVERY_S = 30.0  # of the readings that (c, d) are fitted to
+READING_SPACING_S = 30.0  # of the readings that (c, d) are fitted to
 
 
 @dataclass(frozen=True)
-class Story:
+class HistoryResult:
     """What came out.
 
     Attributes
@@ -62,32 +62,32 @@ class Story:
     factors: tuple[tuple[float, float], tuple[float, float]]
     updates: pd.DataFrame
 
-    def compared(self) -> pd.DataFrame:
+    def compare_published(self) -> pd.DataFrame:
         """What was found beside R's."""
-        published = np.rad2deg(Rotation.from_matrix(rotation(R3_M)).as_rotvec())
+        published = np.rad2deg(Rotation.from_matrix(find_nearest_rotation(R3_M)).as_rotvec())
         rows = [
             {"what": f"m_{axis} of DSS-2 (deg)", "found": found, "R": one}
             for axis, found, one in zip("xyz", self.misalignment, published, strict=True)
         ]
-        for (name, one), (c, d) in zip(PUBLISHED.items(), self.factors, strict=True):
+        for (name, one), (c, d) in zip(PUBLISHED_COMPENSATION.items(), self.factors, strict=True):
             rows.append({"what": f"(c − 1) of {name} (1e-6)", "found": (c - 1) * 1e6, "R": (one.c - 1) * 1e6})
             rows.append({"what": f"d of {name} (1e-6)", "found": d * 1e6, "R": one.d * 1e6})
         return pd.DataFrame(rows)
 
 
-def story(entropy: int = 1998) -> Story:
+def simulate_full_history(entropy: int = 1998) -> HistoryResult:
     """All five steps."""
-    base = MissionConfig(mounting="heads", sun_sensors=mounted("heads"))
+    base = MissionConfig(mounting="heads", sun_sensors=build_mounted_sensors("heads"))
     base = replace(base, earth_sensor=replace(base.earth_sensor, biases=np.zeros(4)))
     first = OnBoardTables()
-    turn, biases = _aligned(base, first, entropy)
+    turn, biases = _average_alignment(base, first, entropy)
     second = replace(
         first, misalignments=np.stack([np.eye(3), turn]), penetration_biases=biases, s_filter="off", bias=PRELAUNCH_BIAS
     )
-    days = [_day(base, angle, FIRST_DAYS["calibration1"]) for angle in LATE_DEG]
-    flown = [_flown(base, second, day, entropy + k) for k, day in enumerate(days)]
-    factors = _factors(base, second, flown, entropy)
-    beta = np.stack([compensated(b, *cd) for b, cd in zip(second.coefficients_beta, factors, strict=True)])
+    days = [_find_day_by_sun(base, angle, FIRST_DAYS["calibration1"]) for angle in LATE_DEG]
+    flown = [_simulate_day(base, second, day, entropy + k) for k, day in enumerate(days)]
+    factors = _fit_compensation_factors(base, second, flown, entropy)
+    beta = np.stack([apply_compensation(b, *cd) for b, cd in zip(second.coefficients_beta, factors, strict=True)])
     third = replace(second, G=R9_G, bias=R9_BIAS, coefficients_beta=beta)
     rows = []
     for k, day in enumerate(days):
@@ -96,33 +96,37 @@ def story(entropy: int = 1998) -> Story:
             {
                 "sun_angle_deg": float(run.updates["sun_angle_deg"].mean()),
                 "forward": config.forward,
-                "first_tables_deg": _size(_flown(base, first, day, entropy + k)[1]),
-                "aligned_deg": _size(run),
-                "coefficients_deg": _size(_flown(base, third, day, entropy + k)[1]),
+                "first_tables_deg": _average_update_size(_simulate_day(base, first, day, entropy + k)[1]),
+                "aligned_deg": _average_update_size(run),
+                "coefficients_deg": _average_update_size(_simulate_day(base, third, day, entropy + k)[1]),
             }
         )
-    return Story(np.rad2deg(Rotation.from_matrix(turn).as_rotvec()), np.rad2deg(biases), factors, pd.DataFrame(rows))
+    return HistoryResult(np.rad2deg(Rotation.from_matrix(turn).as_rotvec()), np.rad2deg(biases), factors, pd.DataFrame(rows))
 
 
-def _aligned(base: MissionConfig, tables: OnBoardTables, entropy: int) -> tuple[Array, Array]:
+def _average_alignment(base: MissionConfig, tables: OnBoardTables, entropy: int) -> tuple[Array, Array]:
     """M (3, 3) of DSS-2 and penetration biases (4,), means of the early orbits'."""
-    turns, biases = alignments(base, tables, entropy)
+    turns, biases = estimate_orbit_alignments(base, tables, entropy)
     return np.asarray(Rotation.from_rotvec(turns.mean(axis=0)).as_matrix()), np.asarray(biases.mean(axis=0))
 
 
-def alignments(base: MissionConfig, tables: OnBoardTables, entropy: int) -> tuple[Array, Array]:
+def estimate_orbit_alignments(base: MissionConfig, tables: OnBoardTables, entropy: int) -> tuple[Array, Array]:
     """What each early orbit alone gives: rotation vectors (n, 3) of M of DSS-2 and penetration biases (n, 4), rad."""
     turns, biases = [], []
     for k, angle in enumerate(np.linspace(*EARLY_DEG, EARLY_ORBITS)):
-        config, run = _flown(base, tables, _day(base, angle, FIRST_DAYS["precalibration"]), entropy + 100 + k)
-        data = sent(config, _last_orbit(config, run), tables, generator(entropy, k, "end_to_end_alignment"))
-        found = together(data.series, data.gyro, data.onboard[0], "DSS-1", epoch_s=data.t_s[0])
+        config, run = _simulate_day(
+            base, tables, _find_day_by_sun(base, angle, FIRST_DAYS["precalibration"]), entropy + 100 + k
+        )
+        data = collect_ground_data(
+            config, _select_last_orbit(config, run), tables, generator(entropy, k, "end_to_end_alignment")
+        )
+        found = align_together(data.series, data.gyro, data.onboard[0], "DSS-1", epoch_s=data.t_s[0])
         turns.append(Rotation.from_matrix(found.misalignment["DSS-2"]).as_rotvec())
         biases.append(found.penetration_biases["ESA"])
     return np.array(turns), np.array(biases)
 
 
-def _factors(
+def _fit_compensation_factors(
     base: MissionConfig, tables: OnBoardTables, flown: Sequence[tuple[MissionConfig, MissionRun]], entropy: int
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """(c, d) by a straight line from the bracket of R (5) that was read to the one that the ground's attitude wants."""
@@ -130,46 +134,46 @@ def _factors(
     wanted: tuple[list[Array], list[Array]] = ([], [])
     noise = generator(entropy, 0, "end_to_end_coefficients")
     for config, run in flown:
-        rows = _last_orbit(config, run)
-        ground = solution(config, rows, tables, generator(entropy, 1, "end_to_end_ground"), EVERY_S)
-        data = sent(config, rows, tables, generator(entropy, 1, "end_to_end_ground"), EVERY_S)
+        rows = _select_last_orbit(config, run)
+        ground = solve_ground_attitude(config, rows, tables, generator(entropy, 1, "end_to_end_ground"), READING_SPACING_S)
+        data = collect_ground_data(config, rows, tables, generator(entropy, 1, "end_to_end_ground"), READING_SPACING_S)
         body, seen = (np.einsum("nij,nj->ni", A, data.sun) for A in (ground.attitudes, data.true))
         near = np.abs(np.rad2deg(np.arcsin(body[:, 2]))) < NEAR_PLANE_DEG
-        for k, (N, sensor) in enumerate(zip(trmm_alignments(*base.boresights), config.sun_sensors, strict=True)):
+        for k, (N, sensor) in enumerate(zip(build_trmm_alignments(*base.boresights), config.sun_sensors, strict=True)):
             s = seen @ sensor.alignment
             chosen = near & (s[:, 2] > 0.3)
-            beta = np.arctan([head_tangents(x, y, z, sensor.head)[1] for x, y, z in s[chosen]])
+            beta = np.arctan([compute_head_tangents(x, y, z, sensor.head)[1] for x, y, z in s[chosen]])
             beta += sensor.noise * noise.standard_normal(len(beta))
             v = body[chosen] @ (N @ tables.misalignments[k])
-            read[k].append(np.tan(beta - BETA[8]))
-            wanted[k].append(np.tan(np.arctan2(v[:, 1], v[:, 2]) - BETA[8]))
+            read[k].append(np.tan(beta - SIMULATED_BETA_COEFFICIENTS[8]))
+            wanted[k].append(np.tan(np.arctan2(v[:, 1], v[:, 2]) - SIMULATED_BETA_COEFFICIENTS[8]))
     lines = [np.polyfit(np.concatenate(read[k]), np.concatenate(wanted[k]), 1) for k in range(2)]
     return (float(lines[0][0]), float(lines[0][1])), (float(lines[1][0]), float(lines[1][1]))
 
 
-def _flown(base: MissionConfig, tables: OnBoardTables, day: float, seed: int) -> tuple[MissionConfig, MissionRun]:
-    config = replace(moved(base, day), tables=tables)
+def _simulate_day(base: MissionConfig, tables: OnBoardTables, day: float, seed: int) -> tuple[MissionConfig, MissionRun]:
+    config = replace(shift_mission_start(base, day), tables=tables)
     span = (SETTLING + 1.0) * config.orbit.period
     return config, simulate_mission(config, seconds=span, seed=seed, telemetry_every=1)
 
 
-def _last_orbit(config: MissionConfig, run: MissionRun) -> pd.DataFrame:
+def _select_last_orbit(config: MissionConfig, run: MissionRun) -> pd.DataFrame:
     return run.telemetry[run.telemetry["t_s"] >= SETTLING * config.orbit.period]
 
 
-def _size(run: MissionRun) -> float:
+def _average_update_size(run: MissionRun) -> float:
     return float(run.updates["update_deg"].abs()[SETTLED_UPDATES:].mean())
 
 
-def _day(base: MissionConfig, angle_deg: float, period: tuple[str, str]) -> float:
+def _find_day_by_sun(base: MissionConfig, angle_deg: float, period: tuple[str, str]) -> float:
     """Day of a period whose sun angle is nearest to one."""
-    start, stop = (day_of(moment, base) for moment in period)
+    start, stop = (convert_to_mission_day(moment, base) for moment in period)
     days = np.arange(start + 0.5, stop - 0.5, 0.05)
-    angle = np.abs(np.rad2deg(sun_angle(base.epoch, base.orbit, days * DAY)))
+    angle = np.abs(np.rad2deg(compute_sun_angle(base.epoch, base.orbit, days * DAY)))
     return float(days[np.argmin(np.abs(angle - angle_deg))])
 
 
-def rotation(M: Array) -> Array:
+def find_nearest_rotation(M: Array) -> Array:
     """The rotation nearest to a published matrix, which is rounded."""
     U, _, V = np.linalg.svd(M)
     return np.asarray(U @ V)

@@ -11,21 +11,21 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from simulator.mission_mode.config import DAY, MissionConfig
-from simulator.mission_mode.flight import MissionRun, flight_schedule
-from studies.report.panels import DARK, RED, TEAL, Draw, Line, Panel, curves, sheet
-from studies.robertson import flown
-from studies.robertson.calendar import FIRST_DAYS, PERIODS, day_of
-from studies.robertson.flown import AXES
-from studies.robertson.performance import GYRO_AXES, full, within
+from simulator.mission_mode.flight import MissionRun, build_flight_schedule
+from studies.report.panels import DARK, RED, TEAL, Draw, Line, Panel, build_sheet, make_curves
+from studies.robertson import published_tables
+from studies.robertson.calendar import FIRST_DAYS, PERIODS, convert_to_mission_day
+from studies.robertson.performance import GYRO_AXES, select_full_orbits, select_period
+from studies.robertson.published_tables import ROTATION_NAMES
+from studies.robertson.report_text import format_direction
 from studies.robertson.runs import Runs
-from studies.robertson.words import signed
 
 YELLOW = "#f2c14e"
-FORWARD = {"+x": RED, "-x": TEAL}
+FORWARD_COLOURS = {"+x": RED, "-x": TEAL}
 SHOWN_ORBITS = 4.0  # of the yaw runs, the last ones
 MONTHS = ("1997-12-01", "1998-01-01", "1998-02-01", "1998-03-01", "1998-04-01", "1998-05-01")
 STACKED: dict[str, Any] = {"columns": 1, "sharex": True, "legend": "outside upper right"}
-TITLES = {
+MISSION_FIGURE_TITLES = {
     "figure7_12_yaw": "R Figures 7 and 12: yaw on board and true through yaw updates",
     "figure8_spikes": "R Figure 8: position error while the Sun is in a quadrant's view",
     "figure9_accuracy": "R Figure 9: RMS of the on-board attitude's error",
@@ -35,92 +35,99 @@ TITLES = {
 }
 
 
-def draw(runs: Runs, daily: pd.DataFrame, updates: pd.DataFrame, days: float) -> dict[str, tuple[str, Draw]]:
+def draw_mission_figures(runs: Runs, daily: pd.DataFrame, updates: pd.DataFrame, days: float) -> dict[str, tuple[str, Draw]]:
     """Titles and what draws them, by file name."""
     drawn = (
-        yaw_figure(runs),
-        spike_figure(runs),
-        accuracy_figure(daily, days),
-        update_figure(updates, days),
-        bias_figure(daily, days),
-        attitude_figure(runs),
+        draw_yaw_figure(runs),
+        draw_spike_figure(runs),
+        draw_accuracy_figure(daily, days),
+        draw_update_figure(updates, days),
+        draw_bias_figure(daily, days),
+        draw_attitude_figure(runs),
     )
-    return {name: (title, one) for (name, title), one in zip(TITLES.items(), drawn, strict=True)}
+    return {name: (title, one) for (name, title), one in zip(MISSION_FIGURE_TITLES.items(), drawn, strict=True)}
 
 
-def yaw_figure(runs: Runs) -> Draw:
+def draw_yaw_figure(runs: Runs) -> Draw:
     """Figures 7 and 12: on-board and true yaw through several yaw updates, before any calibration and after all."""
     panels = []
     for period, title in {"precalibration": "before (R Figure 7)", "postcalibration": "after (R Figure 12)"}.items():
-        rows, start = last_orbits(runs["yaw", period].telemetry)
+        rows, start = select_last_orbits(runs["yaw", period].telemetry)
         seen = runs["yaw", period].updates["t_s"]
         at = ((seen[seen > start] - start) / 60).tolist()
-        panels.append(curves(_errors(rows, "yaw", start), at=at, title=f"{title}; dotted: yaw updates", y="yaw (deg)"))
-    return sheet(*_minutes(panels), size=(8.0, 5.0), sharey=True, **STACKED)
+        panels.append(
+            make_curves(_build_error_lines(rows, "yaw", start), at=at, title=f"{title}; dotted: yaw updates", y="yaw (deg)")
+        )
+    return build_sheet(*_label_last_axis(panels), size=(8.0, 5.0), sharey=True, **STACKED)
 
 
-def spike_figure(runs: Runs) -> Draw:
+def draw_spike_figure(runs: Runs) -> Draw:
     """Figure 8: position error while the Sun passes a quadrant of the Earth sensor, S filter restarted wrongly and off."""
     panels = []
     for state, title in {"restarted": "S filter restarted from a wrong value", "off": "S filter off"}.items():
         rows = runs["spikes", state].telemetry
-        error = curves(_errors(rows, "pitch", 0.0), title=title, y="error of pitch (deg)")
-        panels.append(_shaded(error, rows["t_s"] / 60, rows["quadrants"] < 4, "three quadrants, the Sun in the fourth"))
-    return sheet(*_minutes(panels), size=(8.0, 5.0), sharey=True, **STACKED)
+        error = make_curves(_build_error_lines(rows, "pitch", 0.0), title=title, y="error of pitch (deg)")
+        panels.append(_mark_times(error, rows["t_s"] / 60, rows["quadrants"] < 4, "three quadrants, the Sun in the fourth"))
+    return build_sheet(*_label_last_axis(panels), size=(8.0, 5.0), sharey=True, **STACKED)
 
 
-def attitude_figure(runs: Runs) -> Draw:
+def draw_attitude_figure(runs: Runs) -> Draw:
     """Figure 13: attitude over an orbit after all calibrations."""
-    rows, start = last_orbits(runs["yaw", "postcalibration"].telemetry, 1.0)
-    panels = [curves(_errors(rows, axis, start), y=f"{axis} (deg)") for axis in AXES]
+    rows, start = select_last_orbits(runs["yaw", "postcalibration"].telemetry, 1.0)
+    panels = [make_curves(_build_error_lines(rows, axis, start), y=f"{axis} (deg)") for axis in ROTATION_NAMES]
     title = "attitude against the commanded one, one orbit"
-    return sheet(*_minutes(panels), size=(8.0, 4.6), sharey="all", title=title, **STACKED)
+    return build_sheet(*_label_last_axis(panels), size=(8.0, 4.6), sharey="all", title=title, **STACKED)
 
 
-def accuracy_figure(daily: pd.DataFrame, days: float) -> Draw:
+def draw_accuracy_figure(daily: pd.DataFrame, days: float) -> Draw:
     """Figure 9: RMS of the on-board attitude's error, daily means, with the requirement's 1-sigma and R Table 3."""
-    limit = flown.requirement("knowledge") / 3
+    limit = published_tables.read_requirement("knowledge") / 3
     panels = []
-    for axis in AXES:
+    for axis in ROTATION_NAMES:
         line = Line(daily["day"], daily[f"rms_knowledge_{axis}_deg"], "simulated", DARK, ".-")
-        panel = curves([line, Line([0, days], [limit, limit], "requirement, 1σ", RED, "--")], y=f"{axis}, RMS (deg)")
-        panels.append(_by_calendar(panel, days, ("attitude_accuracy_deg", axis)))
-    return sheet(*panels, size=(8.0, 5.4), title=CALENDAR_WORDS, **STACKED)
+        panel = make_curves([line, Line([0, days], [limit, limit], "requirement, 1σ", RED, "--")], y=f"{axis}, RMS (deg)")
+        panels.append(_add_calendar(panel, days, ("attitude_accuracy_deg", axis)))
+    return build_sheet(*panels, size=(8.0, 5.4), title=CALENDAR_WORDS, **STACKED)
 
 
-def update_figure(updates: pd.DataFrame, days: float) -> Draw:
+def draw_update_figure(updates: pd.DataFrame, days: float) -> Draw:
     """Figure 10: size of every yaw update, with R Table 3's means."""
-    parts = {forward: updates[updates["forward"] == forward] for forward in FORWARD}
-    lines = [_forward(rows["t_s"] / DAY, rows["update_deg"].abs(), forward, 3.0) for forward, rows in parts.items()]
-    panel = _by_calendar(curves(lines, y="size of yaw update (deg)"), days, ("yaw_update_deg", "yaw"))
-    return sheet(panel, size=(8.0, 3.4), title=CALENDAR_WORDS, **STACKED)
+    parts = {forward: updates[updates["forward"] == forward] for forward in FORWARD_COLOURS}
+    lines = [
+        _build_orientation_line(rows["t_s"] / DAY, rows["update_deg"].abs(), forward, 3.0) for forward, rows in parts.items()
+    ]
+    panel = _add_calendar(make_curves(lines, y="size of yaw update (deg)"), days, ("yaw_update_deg", "yaw"))
+    return build_sheet(panel, size=(8.0, 3.4), title=CALENDAR_WORDS, **STACKED)
 
 
-def bias_figure(daily: pd.DataFrame, days: float) -> Draw:
+def draw_bias_figure(daily: pd.DataFrame, days: float) -> Draw:
     """Figure 11: gyro bias as an attitude solution finds it, daily means."""
-    parts = {forward: daily[daily["forward"] == forward] for forward in FORWARD}
+    parts = {forward: daily[daily["forward"] == forward] for forward in FORWARD_COLOURS}
     panels = []
     for axis, name in GYRO_AXES.items():
-        lines = [_forward(rows["day"], rows[f"apparent_bias_{name}_deg_h"], forward, 5.0) for forward, rows in parts.items()]
-        panels.append(_by_calendar(curves(lines, y=f"bias {axis} (deg/h)"), days))
-    return sheet(*panels, size=(8.0, 5.4), title=CALENDAR_WORDS, **STACKED)
+        lines = [
+            _build_orientation_line(rows["day"], rows[f"apparent_bias_{name}_deg_h"], forward, 5.0)
+            for forward, rows in parts.items()
+        ]
+        panels.append(_add_calendar(make_curves(lines, y=f"bias {axis} (deg/h)"), days))
+    return build_sheet(*panels, size=(8.0, 5.4), title=CALENDAR_WORDS, **STACKED)
 
 
 CALENDAR_WORDS = "dotted: yaw maneuvers; solid: uploads"
 
 
-def last_orbits(telemetry: pd.DataFrame, orbits: float = SHOWN_ORBITS) -> tuple[pd.DataFrame, float]:
+def select_last_orbits(telemetry: pd.DataFrame, orbits: float = SHOWN_ORBITS) -> tuple[pd.DataFrame, float]:
     """Telemetry of so many orbits at the end, and when they start, s."""
     start = float(telemetry["t_s"].iloc[-1]) - orbits * MissionConfig().orbit.period
     return telemetry[telemetry["t_s"] >= start], start
 
 
-def daily_means(orbits: pd.DataFrame, uploads: Sequence[float] = ()) -> pd.DataFrame:
+def average_by_day(orbits: pd.DataFrame, uploads: Sequence[float] = ()) -> pd.DataFrame:
     """Means of an orbit table over each day and orientation, apart before and after each upload (s), in full orbits.
 
     The column day is the middle of the orbits' times, in days.
     """
-    rows = full(orbits)
+    rows = select_full_orbits(orbits)
     numbers = [name for name in rows.columns if name.startswith(("rms_", "apparent_"))]
     tables = pd.Series(np.searchsorted(np.asarray(uploads, dtype=float), rows["t_s"]), index=rows.index, name="tables")
     day = np.floor(rows["t_s"] / DAY).astype(int).rename("of")
@@ -129,7 +136,7 @@ def daily_means(orbits: pd.DataFrame, uploads: Sequence[float] = ()) -> pd.DataF
     return means.drop(columns=["of", "tables"]).sort_values("day", ignore_index=True)
 
 
-def _errors(rows: pd.DataFrame, axis: str, start: float) -> list[Line]:
+def _build_error_lines(rows: pd.DataFrame, axis: str, start: float) -> list[Line]:
     """An angle on board and true, over minutes from the start."""
     minutes = (rows["t_s"] - start) / 60
     return [
@@ -138,17 +145,17 @@ def _errors(rows: pd.DataFrame, axis: str, start: float) -> list[Line]:
     ]
 
 
-def _forward(x: pd.Series, y: pd.Series, forward: str, size: float) -> Line:
+def _build_orientation_line(x: pd.Series, y: pd.Series, forward: str, size: float) -> Line:
     """Points of one direction of flight."""
-    return Line(x, y, f"{signed(forward)} forward", FORWARD[forward], ".", size=size)
+    return Line(x, y, f"{format_direction(forward)} forward", FORWARD_COLOURS[forward], ".", size=size)
 
 
-def _minutes(panels: list[Panel]) -> list[Panel]:
+def _label_last_axis(panels: list[Panel]) -> list[Panel]:
     """Panels one below the other, with the axis named at the last."""
     return [*panels[:-1], replace(panels[-1], x="minutes")]
 
 
-def _shaded(panel: Panel, minutes: pd.Series, where: pd.Series, label: str) -> Panel:
+def _mark_times(panel: Panel, minutes: pd.Series, where: pd.Series, label: str) -> Panel:
     """A panel with the times shaded at which something holds."""
 
     def draw(on: Axes) -> None:
@@ -159,7 +166,7 @@ def _shaded(panel: Panel, minutes: pd.Series, where: pd.Series, label: str) -> P
     return replace(panel, draw=draw)
 
 
-def _by_calendar(panel: Panel, days: float, published: tuple[str, str] | None = None) -> Panel:
+def _add_calendar(panel: Panel, days: float, published: tuple[str, str] | None = None) -> Panel:
     """A panel over the days of the months, with yaw maneuvers and uploads, and R Table 3's mean of each period.
 
     Parameters
@@ -169,20 +176,20 @@ def _by_calendar(panel: Panel, days: float, published: tuple[str, str] | None = 
     published : parameter and axis of R Table 3
     """
     config = MissionConfig()
-    schedule = flight_schedule(config, days)
+    schedule = build_flight_schedule(config, days)
 
     def draw(on: Axes) -> None:
         panel.draw(on)
         for k, (period, moments) in enumerate(FIRST_DAYS.items() if published else ()):
-            start, stop = (day_of(moment, config) for moment in moments)
-            mean = flown.performance(*published, period) if published else np.nan
+            start, stop = (convert_to_mission_day(moment, config) for moment in moments)
+            mean = published_tables.read_published_performance(*published, period) if published else np.nan
             on.hlines(mean, start, stop, color=YELLOW, linewidth=2, zorder=3, label="_" if k else "R Table 3")
         if published:
             on.set_ylim(0, None)
         for at, _ in schedule.uploads:
             if at < days * DAY:
                 on.axvline(at / DAY, color="0.3", linewidth=1)
-        ticks = [day_of(f"{month}T00:00:00+00:00", config) for month in MONTHS]
+        ticks = [convert_to_mission_day(f"{month}T00:00:00+00:00", config) for month in MONTHS]
         on.set_xticks(ticks, [f"{pd.Timestamp(month):%b 1 %Y}" for month in MONTHS])
         on.set_xlim(0, days)
         on.grid(axis="x", visible=False)
@@ -190,25 +197,25 @@ def _by_calendar(panel: Panel, days: float, published: tuple[str, str] | None = 
     return replace(panel, draw=draw, at=[maneuver.start_s / DAY for maneuver in schedule.maneuvers])
 
 
-def ladder_figure(rungs: pd.DataFrame) -> Draw:
+def draw_ladder_figure(rungs: pd.DataFrame) -> Draw:
     """The four factors rung by rung."""
     x = np.arange(1, len(rungs) + 1)
     colours = {"factor_18": DARK, "factor_12": RED, "factor_6": TEAL, "factor_unfitted": YELLOW}
     words = {"factor_18": "all 18", "factor_12": "12 of attitude", "factor_6": "6 of yaw", "factor_unfitted": "not fitted"}
     lines = [Line(x, rungs[name], words[name], colour, "o-") for name, colour in colours.items()]
     names = ", ".join(f"{k} {name}" for k, name in zip(x, rungs["effect"], strict=True))
-    panel = curves(lines, x="rung", y="RMS factor, simulated to flown", ticks=x.tolist(), levels=(1.3,))
-    return sheet(panel, size=(8.0, 3.8), columns=1, legend="outside lower center", title=names)
+    panel = make_curves(lines, x="rung", y="RMS factor, simulated to flown", ticks=x.tolist(), levels=(1.3,))
+    return build_sheet(panel, size=(8.0, 3.8), columns=1, legend="outside lower center", title=names)
 
 
-def sun_angle_figure(months: Sequence[MissionRun]) -> Draw:
+def draw_sun_angle_figure(months: Sequence[MissionRun]) -> Draw:
     """Size of each update against the sun angle, a panel a period."""
     panels = []
     for period in PERIODS:
-        updates = pd.concat([within(run.updates, period) for run in months])
+        updates = pd.concat([select_period(run.updates, period) for run in months])
         lines = []
         for forward, colour in (("+x", RED), ("-x", TEAL)):
             own = updates[updates["forward"] == forward]
             lines.append(Line(own["sun_angle_deg"], own["update_deg"].abs(), f"{forward} forward", colour, ".", size=2.0))
-        panels.append(curves(lines, title=period, x="sun angle (deg)", y="update (deg)" if period == PERIODS[0] else ""))
-    return sheet(*panels, size=(9.0, 3.2), columns=3, legend="outside upper right")
+        panels.append(make_curves(lines, title=period, x="sun angle (deg)", y="update (deg)" if period == PERIODS[0] else ""))
+    return build_sheet(*panels, size=(9.0, 3.2), columns=3, legend="outside upper right")

@@ -26,28 +26,28 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gyrocal.attitude import residual, rotation_matrix
-from gyrocal.estimation.arc import gyro_arc
+from gyrocal.estimation.arc import build_gyro_arc
 from gyrocal.estimation.batch import batch
 from gyrocal.recording import GyroStream
 from gyrocal.sensors.earth import EarthModel, EarthSensor
 from gyrocal.sensors.series import SensorSeries
 from gyrocal.sensors.sun import SunSensor
 from simulator.mission_mode.config import MissionConfig, OnBoardTables
-from simulator.mission_mode.target_frame import commanded_attitude
-from simulator.sensors.horizon import orbit_position
-from simulator.sensors.sun import observe, trmm_alignments
-from simulator.truth.sun import DAY, eclipse, julian_date, sun_vector
-from studies.robertson.flown import AXES
+from simulator.mission_mode.target_frame import compute_commanded_attitude
+from simulator.sensors.horizon import compute_orbit_position
+from simulator.sensors.sun import build_trmm_alignments, observe
+from simulator.truth.sun import DAY, compute_julian_date, compute_sun_vector, is_eclipsed
+from studies.robertson.published_tables import ROTATION_NAMES
 
 Array = NDArray[np.float64]
 
-EVERY_S = 30.0  # from a measurement of the batch to the next
+MEASUREMENT_SPACING_S = 30.0  # from a measurement of the batch to the next
 QUADRANTS = 4
-DEG_H = float(np.rad2deg(3600.0))  # of rad/s
+DEG_H_PER_RAD_S = float(np.rad2deg(3600.0))  # of rad/s
 
 
 @dataclass(frozen=True)
-class Solution:
+class GroundSolution:
     """A batch over a stretch of telemetry, beside the attitude on board and the true one.
 
     Attributes
@@ -68,12 +68,14 @@ class Solution:
         out: dict[str, float] = {}
         for name in ("onboard_minus_ground", "ground_minus_true", "onboard_minus_true"):
             rms = np.rad2deg(np.sqrt(np.mean(getattr(self, name) ** 2, axis=0)))
-            out |= {f"{name}_{axis}_deg": float(value) for axis, value in zip(AXES, rms, strict=True)}
-        return out | {f"bias_{axis}_deg_h": float(value) * DEG_H for axis, value in zip("xyz", self.bias, strict=True)}
+            out |= {f"{name}_{axis}_deg": float(value) for axis, value in zip(ROTATION_NAMES, rms, strict=True)}
+        return out | {
+            f"bias_{axis}_deg_h": float(value) * DEG_H_PER_RAD_S for axis, value in zip("xyz", self.bias, strict=True)
+        }
 
 
 @dataclass(frozen=True)
-class Sent:
+class GroundData:
     """What the ground has of a stretch of telemetry, and the truth beside it.
 
     Attributes
@@ -92,28 +94,39 @@ class Sent:
     sun: Array
 
 
-def sent(
-    config: MissionConfig, telemetry: pd.DataFrame, tables: OnBoardTables, rng: np.random.Generator, every_s: float = EVERY_S
-) -> Sent:
-    """The ground's data of a stretch of telemetry; parameters and errors as of `solution`."""
+def collect_ground_data(
+    config: MissionConfig,
+    telemetry: pd.DataFrame,
+    tables: OnBoardTables,
+    rng: np.random.Generator,
+    every_s: float = MEASUREMENT_SPACING_S,
+) -> GroundData:
+    """The ground's data of a stretch of telemetry; parameters and errors as of `solve_ground_attitude`."""
     t, cycle = telemetry["t_s"].to_numpy(dtype=float), config.controller.cycle_s
     if len(t) < 2 or not np.allclose(np.diff(t), cycle):
         raise ValueError("the ground's batch needs telemetry of every cycle")
-    gyro = GyroStream(t[:-1], np.deg2rad(_columns(telemetry, "raw_{}_deg_s", "xyz")[1:]), cycle, config.gyro.arw, tables.G)
+    gyro = GyroStream(
+        t[:-1], np.deg2rad(_select_columns(telemetry, "raw_{}_deg_s", "xyz")[1:]), cycle, config.gyro.arw, tables.G
+    )
     rows = telemetry.iloc[:: max(1, round(every_s / cycle))]
     at = rows["t_s"].to_numpy(dtype=float)
     yaw = 0.0 if config.forward == "+x" else np.pi
-    C = commanded_attitude(config.orbit, at, yaw, config.ephemeris.node, config.ephemeris.inclination)
+    C = compute_commanded_attitude(config.orbit, at, yaw, config.ephemeris.node, config.ephemeris.inclination)
     true, onboard = (
-        rotation_matrix(-np.deg2rad(_columns(rows, f"{what}_{{}}_deg", AXES))) @ C for what in ("error", "estimate")
+        rotation_matrix(-np.deg2rad(_select_columns(rows, f"{what}_{{}}_deg", ROTATION_NAMES))) @ C
+        for what in ("error", "estimate")
     )
-    sun = sun_vector(julian_date(config.epoch) + at / DAY)
-    return Sent(_series(config, rows, at, true, sun, tables, rng), gyro, at, true, onboard, sun)
+    sun = compute_sun_vector(compute_julian_date(config.epoch) + at / DAY)
+    return GroundData(_build_sensor_series(config, rows, at, true, sun, tables, rng), gyro, at, true, onboard, sun)
 
 
-def solution(
-    config: MissionConfig, telemetry: pd.DataFrame, tables: OnBoardTables, rng: np.random.Generator, every_s: float = EVERY_S
-) -> Solution:
+def solve_ground_attitude(
+    config: MissionConfig,
+    telemetry: pd.DataFrame,
+    tables: OnBoardTables,
+    rng: np.random.Generator,
+    every_s: float = MEASUREMENT_SPACING_S,
+) -> GroundSolution:
     """The ground's batch over telemetry of every cycle, without a yaw maneuver in it.
 
     Parameters
@@ -129,20 +142,20 @@ def solution(
     ValueError
         The telemetry skips cycles.
     """
-    data = sent(config, telemetry, tables, rng, every_s)
+    data = collect_ground_data(config, telemetry, tables, rng, every_s)
     found = batch(data.series, data.gyro, data.onboard[0], epoch_s=data.t_s[0], weighting="plain")
     # Propagated here, since with the attitudes the batch would compute the covariance of all of them, for half of its time.
-    path = gyro_arc(data.gyro, data.t_s, tables.G)
-    attitudes = path.carried(found.bias)[0][path.node(data.t_s)] @ found.attitude
+    path = build_gyro_arc(data.gyro, data.t_s, tables.G)
+    attitudes = path.propagate_nodes(found.bias)[0][path.node(data.t_s)] @ found.attitude
     differences = residual(data.onboard, attitudes), residual(attitudes, data.true), residual(data.onboard, data.true)
-    return Solution(*differences, found.bias, attitudes)
+    return GroundSolution(*differences, found.bias, attitudes)
 
 
-def _columns(table: pd.DataFrame, pattern: str, names: Iterable[str]) -> Array:
+def _select_columns(table: pd.DataFrame, pattern: str, names: Iterable[str]) -> Array:
     return table[[pattern.format(name) for name in names]].to_numpy(dtype=float)
 
 
-def _series(
+def _build_sensor_series(
     config: MissionConfig,
     rows: pd.DataFrame,
     t: Array,
@@ -152,19 +165,19 @@ def _series(
     rng: np.random.Generator,
 ) -> list[SensorSeries]:
     """The Earth sensor's angles as flown, and both sun sensors' at the true attitudes A, as the ground's tables read them."""
-    position = orbit_position(config.orbit, t)
-    lit = ~eclipse(position, sun)
+    position = compute_orbit_position(config.orbit, t)
+    lit = ~is_eclipsed(position, sun)
     horizon = config.earth_sensor.horizon
     earth = EarthSensor(tables.penetration_biases, horizon.co2_height, horizon.altitude, config.earth_sensor.sigma)
     whole = (rows["quadrants"] == QUADRANTS).to_numpy()
     sigma = np.where(whole, earth.sigma, np.inf)[:, None] * np.ones(QUADRANTS)
-    angles = np.deg2rad(_columns(rows, "angle_{}_deg", map(str, range(1, QUADRANTS + 1))))
+    angles = np.deg2rad(_select_columns(rows, "angle_{}_deg", map(str, range(1, QUADRANTS + 1))))
     out = [SensorSeries(EarthModel(earth, position), t, angles, sigma)]
     for k, sensor in enumerate(config.sun_sensors):
         counts, visible = observe(rng, sensor, A, sun)
         read = SunSensor(
             sensor.name,
-            trmm_alignments(*config.boresights)[k],
+            build_trmm_alignments(*config.boresights)[k],
             tables.misalignments[k],
             tables.coefficients_alpha[k],
             tables.coefficients_beta[k],

@@ -31,41 +31,48 @@ import numpy as np
 import pandas as pd
 from scipy.stats import chi2
 
-from diagnosis.inference.amplitudes import Fitted, fit
+from diagnosis.inference.amplitudes import FittedEffect, fit
 from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Search
-from diagnosis.model.sensors.residuals import residual_table
-from diagnosis.sensor_tables import ExplainedTables, explain_tables, verdict_of
+from diagnosis.model.sensors.residuals import tabulate_sensor_residuals
+from diagnosis.sensor_tables import ExplainedTables, decide_sensor_verdict, explain_tables
 from gyrocal.recording import Recording
 from simulator.effects import Setting
 from simulator.effects.sensor import SENSOR_EFFECTS, dss_misalignment, parse
 from simulator.effects.sensor.base import VectorEffect
 from simulator.scenario import Scenario
-from simulator.sensors.record import sensed
+from simulator.sensors.raw_tables import simulate_sensor_tables
 from simulator.sensors.suite import SensorSuite
 from simulator.simulate import observe
-from studies.montecarlo.study import Row, Streams, Study, StudyConfig, base_scenario, case_motion, dispersed
+from studies.montecarlo.study import Row, Streams, Study, StudyConfig, dispersed, load_base_scenario, simulate_case_motion
 from studies.report import panels, sensor_figures
-from studies.report.checks import Check, at_most
+from studies.report.checks import Check, bound_above
 from studies.report.entry import Entry, Report
-from studies.report.tables import Table, by_group
-from studies.robertson.heads_truth import ALIGNMENT, HEADS, ORTHOGONAL, amplitudes_of, beside_heads, held
+from studies.report.tables import Table, summarise_groups
+from studies.robertson.heads_truth import (
+    ALIGNMENT,
+    ORTHOGONAL,
+    TRUE_HEAD_EFFECTS,
+    collect_held_amplitudes,
+    compute_sensor_amplitudes,
+    solve_further_truth,
+)
 
 STORY: Mapping[str, tuple[str, ...]] = {
-    "R": HEADS,  # and what `beside_heads` finds
-    "heads": HEADS,
+    "R": TRUE_HEAD_EFFECTS,  # and what `solve_further_truth` finds
+    "heads": TRUE_HEAD_EFFECTS,
     "misalignment": ALIGNMENT[:1],
     "nominal": (),
 }
-OTHERS: Mapping[str, tuple[str, ...]] = {
+OTHER_EFFECT_SETS: Mapping[str, tuple[str, ...]] = {
     "biases": ALIGNMENT[1:],
     "S filter": ("esa_s_filter=0.74",),
     "Sun intrusion": ("esa_sun_intrusion=1",),
     "geocentric nadir": ("esa_nadir=1",),
 }
 SCALE, NOISE = 3e-3, 1.5  # of the α head's counts, and of the Earth sensor's noise; on no list
-EFFECTS = tuple(SENSOR_EFFECTS.values())
-RIGHT = "Right is to name every effect that is there and no other, and to call what is on no list unknown."
+LISTED_SENSOR_EFFECTS = tuple(SENSOR_EFFECTS.values())
+CORRECT_ANSWER_NOTE = "Right is to name every effect that is there and no other, and to call what is on no list unknown."
 R3 = "R's truth is the misalignment and biases of which, beside the heads, an orthogonal calibration finds R (3)."
 LABELS = {"before": "nominal sensors", "orthogonal": "orthogonal misalignment and biases", "after": "what is named"}
 
@@ -77,52 +84,61 @@ class StoryConfig(StudyConfig):
     scenario: str | Scenario = "trmm_months"
 
 
-def _scaled(suite: SensorSuite) -> SensorSuite:
+def _scale_alpha_counts(suite: SensorSuite) -> SensorSuite:
     first, second = suite.sun_sensors
     coefficients = second.coefficients_alpha * np.array([1 + SCALE, 1 + SCALE, *np.ones(7)])
     return replace(suite, sun_sensors=(first, replace(second, coefficients_alpha=coefficients)))
 
 
-def _noisy(suite: SensorSuite) -> SensorSuite:
+def _scale_earth_noise(suite: SensorSuite) -> SensorSuite:
     assert suite.earth is not None
     return replace(suite, earth=replace(suite.earth, sigma=NOISE * suite.earth.sigma))
 
 
-UNLISTED: Mapping[str, Callable[[SensorSuite], SensorSuite]] = {"transfer function": _scaled, "noise": _noisy}
-TRUTHS = (*STORY, *OTHERS, *UNLISTED)
+UNLISTED_CHANGES: Mapping[str, Callable[[SensorSuite], SensorSuite]] = {
+    "transfer function": _scale_alpha_counts,
+    "noise": _scale_earth_noise,
+}
+TRUTHS = (*STORY, *OTHER_EFFECT_SETS, *UNLISTED_CHANGES)
 
 
-def settings(truth: str, scenario: Scenario) -> tuple[Setting, ...]:
+def list_true_settings(truth: str, scenario: Scenario) -> tuple[Setting, ...]:
     """Effects of a truth; none if it is nominal or on no list."""
-    stated = tuple(parse(text) for text in {**STORY, **OTHERS}.get(truth, ()))
-    return (*stated, *beside_heads(scenario)) if truth == "R" else stated
+    stated = tuple(parse(text) for text in {**STORY, **OTHER_EFFECT_SETS}.get(truth, ()))
+    return (*stated, *solve_further_truth(scenario)) if truth == "R" else stated
 
 
-def recorded(config: StoryConfig, case: int, streams: Streams, truth: str = "R") -> Recording:
+def record_truth(config: StoryConfig, case: int, streams: Streams, truth: str = "R") -> Recording:
     """The recording of one case under a truth; noise is the same under all of them."""
     scenario = dispersed(config, case)
-    motion = case_motion(scenario)
+    motion = simulate_case_motion(scenario)
     plain = observe(
         scenario,
         motion,
         gyro_rng=streams.generator("gyro_noise"),
         reference_rng=streams.generator("reference_noise"),
     )
-    effects = settings(truth, base_scenario(config))
-    tables = sensed(scenario, motion, effects, streams.entropy, streams.case, change=UNLISTED.get(truth))
+    effects = list_true_settings(truth, load_base_scenario(config))
+    tables = simulate_sensor_tables(
+        scenario, motion, effects, streams.entropy, streams.case, change=UNLISTED_CHANGES.get(truth)
+    )
     return replace(plain, sensors=tables)
 
 
-def case(config: StoryConfig, number: int, streams: Streams) -> Sequence[Row]:
+def run_case(config: StoryConfig, number: int, streams: Streams) -> Sequence[Row]:
     """A row for each truth."""
-    base = base_scenario(config)
+    base = load_base_scenario(config)
     return [
-        _row(truth, settings(truth, base), explain_tables(recorded(config, number, streams, truth), EFFECTS, seed=number))
+        _build_truth_row(
+            truth,
+            list_true_settings(truth, base),
+            explain_tables(record_truth(config, number, streams, truth), LISTED_SENSOR_EFFECTS, seed=number),
+        )
         for truth in TRUTHS
     ]
 
 
-def _row(truth: str, effects: Sequence[Setting], seen: ExplainedTables) -> dict[str, object]:
+def _build_truth_row(truth: str, effects: Sequence[Setting], seen: ExplainedTables) -> dict[str, object]:
     true = {setting.label() for setting in effects}
     found = seen.found
     attribution = found.attribution
@@ -133,12 +149,12 @@ def _row(truth: str, effects: Sequence[Setting], seen: ExplainedTables) -> dict[
     assert orthogonal is not None
     after = found.closed.after if found.closed is not None else orthogonal.before
     best = attribution.best if attribution is not None else None
-    said, _ = verdict_of(seen)
+    said, _ = decide_sensor_verdict(seen)
     row: dict[str, object] = {
         "truth": truth,
         "verdict": said,
         "named": " + ".join(sorted(named)),
-        "right": named == true and said == ("unknown" if truth in UNLISTED else "named" if true else "none"),
+        "right": named == true and said == ("unknown" if truth in UNLISTED_CHANGES else "named" if true else "none"),
         "wrong": len(named - true),
         "probability": min((slot.probability for slot in attribution.slots), default=np.nan) if attribution else np.nan,
         "p_value": found.p_value,
@@ -151,13 +167,13 @@ def _row(truth: str, effects: Sequence[Setting], seen: ExplainedTables) -> dict[
         "log_ratio": best.log_evidence - without.log_evidence if best is not None else np.nan,
     }
     for one in found.fitted:
-        row |= _numbers(one.label, one)
+        row |= _list_amplitudes(one.label, one)
     for one in fit(seen.scaled, without.members):
-        row |= _numbers(f"orthogonal {one.label}", one)
+        row |= _list_amplitudes(f"orthogonal {one.label}", one)
     return row
 
 
-def _numbers(label: str, one: Fitted) -> dict[str, object]:
+def _list_amplitudes(label: str, one: FittedEffect) -> dict[str, object]:
     pairs = enumerate(zip(one.amplitudes, one.sigmas, strict=True))
     return {
         f"{label} {k} {name}": float(value) for k, pair in pairs for name, value in zip(("found", "sigma"), pair, strict=True)
@@ -166,19 +182,19 @@ def _numbers(label: str, one: Fitted) -> dict[str, object]:
 
 def report(config: StoryConfig, rows: pd.DataFrame) -> Report:
     """Checks, tables and figures."""
-    verdicts, gaps, sizes = verdict_table(rows), gap_table(rows), size_table(rows, base_scenario(config))
+    verdicts, gaps, sizes = count_verdicts(rows), average_gaps(rows), build_found_sizes(rows, load_base_scenario(config))
     return Report(
         {
             "verdicts": Table("What is named", verdicts),
             "gaps": Table("Held-out mean square of the residuals in sigmas; 1 is the floor", gaps),
             "sizes": Table("Sizes found, deg or flattenings", sizes),
         },
-        {"dss2_residuals": partial(_residual_figure, config), "gaps": partial(_gap_figure, gaps)},
-        checks(rows),
+        {"dss2_residuals": partial(_save_residual_figure, config), "gaps": partial(_save_gap_figure, gaps)},
+        build_head_checks(rows),
     )
 
 
-def verdict_table(rows: pd.DataFrame) -> pd.DataFrame:
+def count_verdicts(rows: pd.DataFrame) -> pd.DataFrame:
     """Counts of verdicts by truth."""
 
     def line(own: pd.DataFrame) -> dict[str, object]:
@@ -193,10 +209,10 @@ def verdict_table(rows: pd.DataFrame) -> pd.DataFrame:
             "evidence against orthogonal, least ln B": own["log_ratio"].min() if with_heads else np.nan,
         }
 
-    return by_group(rows, ["truth"], line)
+    return summarise_groups(rows, ["truth"], line)
 
 
-def gap_table(rows: pd.DataFrame) -> pd.DataFrame:
+def average_gaps(rows: pd.DataFrame) -> pd.DataFrame:
     """Means over the cases of the gap on held-out days, and what a case scatters by."""
 
     def line(own: pd.DataFrame) -> dict[str, object]:
@@ -208,30 +224,34 @@ def gap_table(rows: pd.DataFrame) -> pd.DataFrame:
             "named: least p": own["after_p"].min(),
         }
 
-    return by_group(rows, ["truth"], line)
+    return summarise_groups(rows, ["truth"], line)
 
 
-def size_table(rows: pd.DataFrame, scenario: Scenario) -> pd.DataFrame:
+def build_found_sizes(rows: pd.DataFrame, scenario: Scenario) -> pd.DataFrame:
     """Every angle found under the truths with effects: mean, scatter and formal sigma, beside the truth."""
     out = []
-    for truth in (*STORY, *OTHERS):
+    for truth in (*STORY, *OTHER_EFFECT_SETS):
         own = rows[rows["truth"] == truth]
-        for setting in settings(truth, scenario) if len(own) else ():
+        for setting in list_true_settings(truth, scenario) if len(own) else ():
             effect = SENSOR_EFFECTS[setting.effect]
             vector = isinstance(effect, VectorEffect)
             true = effect.amplitudes(setting) if isinstance(effect, VectorEffect) else np.array([setting.size])
             for k, value in enumerate(true):
                 number = effect.parameters[k].name if vector else "size"
                 record = {"truth": truth, "effect": setting.label(), "number": number, "true": value}
-                out.append(record | _scatter(own, setting.label(), k, value) | _alone(own, truth, setting.label(), k))
+                out.append(
+                    record
+                    | _measure_size_scatter(own, setting.label(), k, value)
+                    | _find_orthogonal_mean(own, truth, setting.label(), k)
+                )
         if truth == "heads":
             for k, parameter in enumerate(dss_misalignment.EFFECT.parameters):
                 record = {"truth": truth, "effect": dss_misalignment.EFFECT.name, "number": parameter.name, "true": 0.0}
-                out.append(record | _alone(own, truth, dss_misalignment.EFFECT.name, k))
+                out.append(record | _find_orthogonal_mean(own, truth, dss_misalignment.EFFECT.name, k))
     return pd.DataFrame(out)
 
 
-def _scatter(own: pd.DataFrame, label: str, k: int, true: float) -> dict[str, float]:
+def _measure_size_scatter(own: pd.DataFrame, label: str, k: int, true: float) -> dict[str, float]:
     if f"{label} {k} found" not in own:
         return {}
     found, sigma = own[f"{label} {k} found"], own[f"{label} {k} sigma"]
@@ -239,19 +259,19 @@ def _scatter(own: pd.DataFrame, label: str, k: int, true: float) -> dict[str, fl
     return {"found": found.mean(), "scatter": found.std(), "sigma": sigma.mean(), "RMS error in sigma": float(error)}
 
 
-def _alone(own: pd.DataFrame, truth: str, label: str, k: int) -> dict[str, float]:
+def _find_orthogonal_mean(own: pd.DataFrame, truth: str, label: str, k: int) -> dict[str, float]:
     name = f"orthogonal {label} {k} found"
     return {"found without heads": own[name].mean()} if truth in ("R", "heads") and name in own else {}
 
 
-def checks(rows: pd.DataFrame) -> tuple[Check, ...]:
+def build_head_checks(rows: pd.DataFrame) -> tuple[Check, ...]:
     """What the study answers beside its tables."""
     groups = {
         "R's heads, misalignment and biases": ["R"],
         "turned heads alone": ["heads"],
         "a true misalignment": ["misalignment"],
-        "another effect of the sensors": list(OTHERS),
-        "an effect on no list": list(UNLISTED),
+        "another effect of the sensors": list(OTHER_EFFECT_SETS),
+        "an effect on no list": list(UNLISTED_CHANGES),
     }
     heads, nominal = (rows[rows["truth"] == truth] for truth in ("heads", "nominal"))
     misled = [heads[f"orthogonal dss_misalignment {k} found"].mean() for k in range(3)]
@@ -259,36 +279,45 @@ def checks(rows: pd.DataFrame) -> tuple[Check, ...]:
     off = [
         ours[f"orthogonal {one.effect} {k} found"].mean() - value
         for one in map(parse, ALIGNMENT if len(ours) else ())
-        for k, value in enumerate(amplitudes_of(one))
+        for k, value in enumerate(compute_sensor_amplitudes(one))
     ]
     return (
-        *(Check(f"share of right answers, {name}", _right(rows, truths), meaning=RIGHT) for name, truths in groups.items()),
+        *(
+            Check(f"share of right answers, {name}", _compute_right_share(rows, truths), meaning=CORRECT_ANSWER_NOTE)
+            for name, truths in groups.items()
+        ),
         Check("misalignment that an orthogonal calibration makes of heads alone", float(np.linalg.norm(misled)), unit="deg"),
-        Check("what it makes of R's truth, less R (3) and R's biases", np.abs(off).max(initial=0.0), at_most(0.005), "deg", R3),
+        Check(
+            "what it makes of R's truth, less R (3) and R's biases", np.abs(off).max(initial=0.0), bound_above(0.005), "deg", R3
+        ),
         Check("false alarms with nominal sensors", float((nominal["verdict"] != "none").sum()), unit=f"of {len(nominal)}"),
-        Check("diagnoses with a wrong name", float((rows["wrong"] > 0).sum()), at_most(0), f"of {len(rows)}"),
+        Check("diagnoses with a wrong name", float((rows["wrong"] > 0).sum()), bound_above(0), f"of {len(rows)}"),
     )
 
 
-def _right(rows: pd.DataFrame, truths: list[str]) -> float:
+def _compute_right_share(rows: pd.DataFrame, truths: list[str]) -> float:
     return float(rows.loc[rows["truth"].isin(truths), "right"].mean())
 
 
-def _residual_figure(config: StoryConfig, path: Path) -> Path:
+def _save_residual_figure(config: StoryConfig, path: Path) -> Path:
     """Residuals of DSS-2 in the first case."""
-    seen = explain_tables(recorded(config, 0, Streams(config.entropy, 0)), EFFECTS)
+    seen = explain_tables(record_truth(config, 0, Streams(config.entropy, 0)), LISTED_SENSOR_EFFECTS)
     without = Search(seen.scaled).of(ORTHOGONAL)
     assert without is not None
-    table = residual_table(seen.fits, held(seen.found.fitted))
-    table = table.assign(orthogonal_deg=residual_table(seen.fits, held(fit(seen.scaled, without.members)))["after_deg"])
+    table = tabulate_sensor_residuals(seen.fits, collect_held_amplitudes(seen.found.fitted))
+    table = table.assign(
+        orthogonal_deg=tabulate_sensor_residuals(seen.fits, collect_held_amplitudes(fit(seen.scaled, without.members)))[
+            "after_deg"
+        ]
+    )
     titles = {f"{name}_deg": label for name, label in LABELS.items()}
-    return panels.save(sensor_figures.sun_residual_figure(table, "DSS-2", titles), path)
+    return panels.save(sensor_figures.draw_sun_residuals(table, "DSS-2", titles), path)
 
 
-def _gap_figure(gaps: pd.DataFrame, path: Path) -> Path:
+def _save_gap_figure(gaps: pd.DataFrame, path: Path) -> Path:
     chosen = gaps[gaps["truth"].isin(list(STORY))]
-    return panels.save(sensor_figures.gap_figure(chosen, list(LABELS.values())), path)
+    return panels.save(sensor_figures.draw_gap_figure(chosen, list(LABELS.values())), path)
 
 
-STUDY = Study("studies.robertson.heads:STUDY", StoryConfig, case, recorded)
+STUDY = Study("studies.robertson.heads:STUDY", StoryConfig, run_case, record_truth)
 ENTRY = Entry(STUDY, "R's sun sensor heads: diagnosed from simulated months, against an orthogonal misalignment", report)

@@ -25,12 +25,20 @@ from numpy.typing import NDArray
 
 from simulator.streams import generator
 from studies.robertson.calendar import PERIODS
-from studies.robertson.windows import ANGLES, NUMBERS, Number, column_of, factor, form, simulated
+from studies.robertson.windows import (
+    ANGLE_STATISTICS,
+    WINDOW_NUMBERS,
+    Number,
+    compute_rms_factor,
+    compute_simulated_numbers,
+    find_number_column,
+    summarise_windows,
+)
 
 LANDED = ("boresight_elevation=0", "printed_coefficients=1")
 HORIZON = "horizon_noise=0.0287"
 WALK = "gyro_walk:y=0.018"
-DRAWS = 200
+LADDER_DRAWS = 200
 POST = PERIODS[2]
 
 
@@ -57,7 +65,7 @@ RUNGS = (
     Rung("ground batch", LANDED),
     Rung("boresight_elevation", LANDED[1:]),
     Rung("computed coefficients", ()),
-    Rung("horizon_noise", (HORIZON,), fitted=tuple((ANGLES[0], axis, POST) for axis in ("roll", "pitch"))),
+    Rung("horizon_noise", (HORIZON,), fitted=tuple((ANGLE_STATISTICS[0], axis, POST) for axis in ("roll", "pitch"))),
     Rung("gyro_walk:y", (HORIZON, WALK), fitted=(("gyro_bias_std_deg_h", "y", POST),)),
 )
 NOMINAL = RUNGS[3].effects
@@ -74,54 +82,54 @@ SETS = tuple(dict.fromkeys([*(rung.effects for rung in RUNGS), *TRIED]))
 """Every set of effects that windows are flown with."""
 
 
-def ladder(windows: Mapping[tuple[str, ...], pd.DataFrame]) -> pd.DataFrame:
+def build_ladder_table(windows: Mapping[tuple[str, ...], pd.DataFrame]) -> pd.DataFrame:
     """The rungs from landed to last: effect, its setting, the four factors and their intervals."""
     out: list[dict[str, Any]] = []
     used: list[Number] = []
     for rung in RUNGS:
         used += rung.fitted
         rows = windows[rung.effects]
-        values = simulated(rows, rung.against)
+        values = compute_simulated_numbers(rows, rung.against)
         record: dict[str, Any] = {"effect": rung.name, "setting": " ".join(rung.effects) or "nominal"}
-        own, drawn = groups(used), redrawn(rows, rung.against)
+        own, drawn = group_numbers(used), resample_numbers(rows, rung.against)
         for name, numbers in own.items():
-            low, high = np.quantile(factor(drawn, numbers), [0.16, 0.84])
-            record |= {name: float(factor(values, numbers)), f"{name}_low": float(low), f"{name}_high": float(high)}
+            low, high = np.quantile(compute_rms_factor(drawn, numbers), [0.16, 0.84])
+            record |= {name: float(compute_rms_factor(values, numbers)), f"{name}_low": float(low), f"{name}_high": float(high)}
         out.append(record)
     return pd.DataFrame(out)
 
 
-def groups(used: Sequence[Number] = ()) -> dict[str, list[Number]]:
+def group_numbers(used: Sequence[Number] = ()) -> dict[str, list[Number]]:
     """The numbers each factor is over."""
-    twelve = [one for one in NUMBERS if one[0] in ANGLES]
+    twelve = [one for one in WINDOW_NUMBERS if one[0] in ANGLE_STATISTICS]
     return {
-        "factor_18": list(NUMBERS),
+        "factor_18": list(WINDOW_NUMBERS),
         "factor_12": twelve,
         "factor_6": [one for one in twelve if one[1] == "yaw"],
         "factor_12_unfitted": [one for one in twelve if one not in used],
-        "factor_unfitted": [one for one in NUMBERS if one not in used],
+        "factor_unfitted": [one for one in WINDOW_NUMBERS if one not in used],
     }
 
 
-def redrawn(rows: pd.DataFrame, against: str) -> dict[Number, NDArray[np.float64]]:
-    """R Table 3's numbers of windows drawn anew within each period, `DRAWS` times."""
+def resample_numbers(rows: pd.DataFrame, against: str) -> dict[Number, NDArray[np.float64]]:
+    """R Table 3's numbers of windows drawn anew within each period, `LADDER_DRAWS` times."""
     rng = generator(1998, 0, "ladder_intervals")
     parts = {period: rows[rows["period"] == period] for period in PERIODS}
-    draws = [{period: rng.integers(0, len(part), len(part)) for period, part in parts.items()} for _ in range(DRAWS)]
+    draws = [{period: rng.integers(0, len(part), len(part)) for period, part in parts.items()} for _ in range(LADDER_DRAWS)]
     out = {}
-    for number in NUMBERS:
+    for number in WINDOW_NUMBERS:
         period = number[2]
-        values = parts[period][column_of(number, against)].to_numpy(dtype=float)
-        out[number] = form(number, values[np.array([one[period] for one in draws])])
+        values = parts[period][find_number_column(number, against)].to_numpy(dtype=float)
+        out[number] = summarise_windows(number, values[np.array([one[period] for one in draws])])
     return out
 
 
-def numbers_table(windows: Mapping[tuple[str, ...], pd.DataFrame], published: Mapping[Number, float]) -> pd.DataFrame:
+def build_rung_numbers(windows: Mapping[tuple[str, ...], pd.DataFrame], published: Mapping[Number, float]) -> pd.DataFrame:
     """R Table 3's 18 numbers: the flight's, and those of every rung."""
     rows = []
-    for number in NUMBERS:
+    for number in WINDOW_NUMBERS:
         row: dict[str, Any] = dict(zip(("parameter", "axis", "period"), number, strict=True)) | {"flight": published[number]}
         for rung in RUNGS:
-            row[rung.name.replace(" ", "_")] = simulated(windows[rung.effects], rung.against)[number]
+            row[rung.name.replace(" ", "_")] = compute_simulated_numbers(windows[rung.effects], rung.against)[number]
         rows.append(row | {"last_over_flight": row[RUNGS[-1].name] / published[number]})
     return pd.DataFrame(rows)

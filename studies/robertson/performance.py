@@ -15,55 +15,60 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from simulator.mission_mode.config import DAY, MissionConfig
-from simulator.mission_mode.flight import MissionRun, flight_schedule
-from studies.robertson import flown
-from studies.robertson.calendar import FIRST_DAYS, PERIODS, day_of
-from studies.robertson.flown import AXES
+from simulator.mission_mode.flight import MissionRun, build_flight_schedule
+from studies.robertson import published_tables
+from studies.robertson.calendar import FIRST_DAYS, PERIODS, convert_to_mission_day
+from studies.robertson.published_tables import ROTATION_NAMES
 from studies.robertson.runs import Runs
 
 Array = NDArray[np.float64]
 
 GYRO_AXES = {"x": "roll", "y": "pitch", "z": "yaw"}
 BINS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0)  # of the sun angle
-SETTLED = 4  # yaw updates of a mounting left out, until the cycle has settled
+SETTLING_UPDATES = 4  # yaw updates of a mounting left out, until the cycle has settled
 
 
-def within(table: pd.DataFrame, period: str) -> pd.DataFrame:
+def select_period(table: pd.DataFrame, period: str) -> pd.DataFrame:
     """Rows of a table with t_s that are in one of R Table 3's periods."""
-    start, stop = (day_of(moment, MissionConfig()) * DAY for moment in FIRST_DAYS[period])
+    start, stop = (convert_to_mission_day(moment, MissionConfig()) * DAY for moment in FIRST_DAYS[period])
     return table[table["t_s"].between(start, stop, inclusive="left")]
 
 
-def full(orbits: pd.DataFrame) -> pd.DataFrame:
+def select_full_orbits(orbits: pd.DataFrame) -> pd.DataFrame:
     """Orbits in normal pointing throughout; R's differences are each "over at least a full orbit"."""
     return orbits[(orbits["samples"] > 0) & (orbits["lost"] == 0)]
 
 
-def accuracy(run: MissionRun, period: str, axis: str) -> float:
+def compute_attitude_accuracy(run: MissionRun, period: str, axis: str) -> float:
     """Mean over the period's orbits of the RMS on-board attitude error, deg."""
-    return float(full(within(run.orbits, period))[f"rms_knowledge_{axis}_deg"].mean())
+    return float(select_full_orbits(select_period(run.orbits, period))[f"rms_knowledge_{axis}_deg"].mean())
 
 
-def yaw_update(run: MissionRun, period: str) -> float:
+def compute_mean_update(run: MissionRun, period: str) -> float:
     """Mean size of the period's yaw updates, deg."""
-    return float(within(run.updates, period)["update_deg"].abs().mean())
+    return float(select_period(run.updates, period)["update_deg"].abs().mean())
 
 
-def bias_scatter(run: MissionRun, period: str, axis: str) -> float:
+def compute_bias_scatter(run: MissionRun, period: str, axis: str) -> float:
     """Standard deviation over the period's orbits of the bias seen about a body axis, deg/h."""
-    return float(full(within(run.orbits, period))[f"apparent_bias_{GYRO_AXES[axis]}_deg_h"].std())
+    return float(select_full_orbits(select_period(run.orbits, period))[f"apparent_bias_{GYRO_AXES[axis]}_deg_h"].std())
 
 
-def table3(runs: Sequence[MissionRun]) -> pd.DataFrame:
+def build_performance_table(runs: Sequence[MissionRun]) -> pd.DataFrame:
     """R Table 3, a row a number: the flight's, the seeds' mean, their lowest and highest, and simulated minus flown."""
     rows = []
     for period in PERIODS:
-        of = {("attitude_accuracy_deg", axis): [accuracy(run, period, axis) for run in runs] for axis in AXES}
-        of["yaw_update_deg", "yaw"] = [yaw_update(run, period) for run in runs]
+        of = {
+            ("attitude_accuracy_deg", axis): [compute_attitude_accuracy(run, period, axis) for run in runs]
+            for axis in ROTATION_NAMES
+        }
+        of["yaw_update_deg", "yaw"] = [compute_mean_update(run, period) for run in runs]
         if period != "precalibration":
-            of |= {("gyro_bias_std_deg_h", axis): [bias_scatter(run, period, axis) for run in runs] for axis in GYRO_AXES}
+            of |= {
+                ("gyro_bias_std_deg_h", axis): [compute_bias_scatter(run, period, axis) for run in runs] for axis in GYRO_AXES
+            }
         for (parameter, axis), values in of.items():
-            flight = flown.performance(parameter, axis, period)
+            flight = published_tables.read_published_performance(parameter, axis, period)
             rows.append((parameter, axis, period, flight, float(np.mean(values)), min(values), max(values)))
     names = ["parameter", "axis", "period", "flight", "simulated", "lowest", "highest"]
     table = pd.DataFrame(rows, columns=names)
@@ -72,19 +77,19 @@ def table3(runs: Sequence[MissionRun]) -> pd.DataFrame:
     )
 
 
-def requirements(runs: Sequence[MissionRun]) -> pd.DataFrame:
+def build_requirements_table(runs: Sequence[MissionRun]) -> pd.DataFrame:
     """R Table 1 in each period and axis: three times the RMS over all orbits in normal pointing, and the worst orbit's."""
     rows = []
     columns = {"knowledge": "rms_knowledge", "pointing": "rms_error", "stability": "jitter"}
     for period in PERIODS:
-        orbits = pd.concat([within(run.orbits, period) for run in runs])
+        orbits = pd.concat([select_period(run.orbits, period) for run in runs])
         orbits = orbits[orbits["samples"] > 0]
         for name, column in columns.items():
-            limit = flown.requirement(name)
-            for axis in AXES:
+            limit = published_tables.read_requirement(name)
+            for axis in ROTATION_NAMES:
                 values, weights = orbits[f"{column}_{axis}_deg"].to_numpy(), orbits["samples"].to_numpy()
-                together = _largest(values) if name == "stability" else 3 * _rms(values, weights)
-                worst = _largest(values) if name == "stability" else 3 * _largest(values)
+                together = _find_largest(values) if name == "stability" else 3 * _compute_weighted_rms(values, weights)
+                worst = _find_largest(values) if name == "stability" else 3 * _find_largest(values)
                 rows.append(
                     {
                         "period": period,
@@ -101,20 +106,20 @@ def requirements(runs: Sequence[MissionRun]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _rms(values: Array, weights: Array) -> float:
+def _compute_weighted_rms(values: Array, weights: Array) -> float:
     return float(np.sqrt(weights @ values**2 / weights.sum())) if len(values) else np.nan
 
 
-def _largest(values: Array) -> float:
+def _find_largest(values: Array) -> float:
     return float(values.max()) if len(values) else np.nan
 
 
-def by_orientation(runs: Sequence[MissionRun]) -> pd.DataFrame:
+def compare_orientations(runs: Sequence[MissionRun]) -> pd.DataFrame:
     """Yaw accuracy and updates of each period, flying +x and −x forward."""
     rows = []
     for period in PERIODS:
-        orbits = pd.concat([full(within(run.orbits, period)) for run in runs])
-        updates = pd.concat([within(run.updates, period) for run in runs])
+        orbits = pd.concat([select_full_orbits(select_period(run.orbits, period)) for run in runs])
+        updates = pd.concat([select_period(run.updates, period) for run in runs])
         for forward in ("+x", "-x"):
             rows.append(
                 {
@@ -128,11 +133,11 @@ def by_orientation(runs: Sequence[MissionRun]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def maneuver_dates(days: float) -> pd.DataFrame:
+def compare_maneuver_dates(days: float) -> pd.DataFrame:
     """When the simulated spacecraft turns, and how far that is from the maneuvers whose dates are published."""
     base = MissionConfig()
-    schedule = flight_schedule(base, days)
-    published = flown.maneuver_dates()
+    schedule = build_flight_schedule(base, days)
+    published = published_tables.read_maneuver_dates()
     rows = []
     forward = schedule.forward
     for maneuver in schedule.maneuvers:
@@ -153,11 +158,11 @@ def maneuver_dates(days: float) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["simulated_utc", "forward_after", "flight", "flight_utc", "simulated_minus_flight_days"])
 
 
-def sun_angles(months: Sequence[MissionRun]) -> pd.DataFrame:
+def average_by_sun_angle(months: Sequence[MissionRun]) -> pd.DataFrame:
     """Mean size of the yaw updates, a row a period, orientation, sensor and bin of the sun angle."""
     out = []
     for period in PERIODS:
-        updates = pd.concat([within(run.updates, period) for run in months])
+        updates = pd.concat([select_period(run.updates, period) for run in months])
         place = pd.cut(updates["sun_angle_deg"].abs(), BINS_DEG, labels=[f"{a:g} to {b:g}" for a, b in pairwise(BINS_DEG)])
         for (forward, sensor, angle), own in updates.groupby(["forward", "sensor", place], observed=True):
             row = {"period": period, "forward": forward, "sensor": f"DSS-{sensor}", "sun_angle_deg": angle}
@@ -165,12 +170,15 @@ def sun_angles(months: Sequence[MissionRun]) -> pd.DataFrame:
     return pd.DataFrame(out)
 
 
-def mounting_table(runs: Runs) -> pd.DataFrame:
+def compare_mountings(runs: Runs) -> pd.DataFrame:
     """Mean size of the yaw updates by mounting and tables, deg, and the flight's."""
     rows: dict[str, dict[str, object]] = {}
     for name, run in runs.items():
         if name[0] == "mounting":
             row = rows.setdefault(name[1], {"mounting": name[1]})
-            row[name[2]] = float(run.updates["update_deg"][SETTLED:].abs().mean())
-    flight = {"mounting": "flight", **{period: flown.performance("yaw_update_deg", "yaw", period) for period in PERIODS}}
+            row[name[2]] = float(run.updates["update_deg"][SETTLING_UPDATES:].abs().mean())
+    flight = {
+        "mounting": "flight",
+        **{period: published_tables.read_published_performance("yaw_update_deg", "yaw", period) for period in PERIODS},
+    }
     return pd.DataFrame([flight, *rows.values()])[["mounting", *PERIODS]]

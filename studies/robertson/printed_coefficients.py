@@ -20,65 +20,68 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from gyrocal.sensors.head_compensation import HEADS, PUBLISHED, at_alpha
-from simulator.mission_mode.config import MissionConfig, crossing_compensation, uploads
-from simulator.sensors.sun import trmm_alignments
-from studies.robertson.windows import configured
+from gyrocal.sensors.head_compensation import HEAD_ANGLES, PUBLISHED_COMPENSATION, compute_compensation
+from simulator.mission_mode.config import MissionConfig, build_uploads, fit_crossing_compensation
+from simulator.sensors.sun import build_trmm_alignments
+from studies.robertson.windows import apply_mission_effects
 
 Array = NDArray[np.float64]
 
-NUMBERS = tuple(f"{number} of {sensor}" for sensor in PUBLISHED for number in ("c - 1", "d"))
+COEFFICIENT_NAMES = tuple(f"{number} of {sensor}" for sensor in PUBLISHED_COMPENSATION for number in ("c - 1", "d"))
 SLIPS = (1.0, 10.0, 100.0)
-SHARES = (0.6, 0.1, 0.1)
+SLIP_PROBABILITIES = (0.6, 0.1, 0.1)
 ELSE = 0.2
 DECADES = 1e4
 ALL_ANGLES_DEG = (0.0, 58.4)
 LATE_ANGLES_DEG = (15.0, 58.4)  # of −x forward between the uploads
-ROUNDING = 1 / np.sqrt(12.0)  # 1e-6
+ROUNDING_SIGMA = 1 / np.sqrt(12.0)  # 1e-6
 
 
-def printed() -> Array:
+def read_printed_coefficients() -> Array:
     """c − 1 and d of both sensors, (4,) 1e-6."""
-    return 1e6 * np.array([value for one in PUBLISHED.values() for value in (one.c - 1, one.d)])
+    return 1e6 * np.array([value for one in PUBLISHED_COMPENSATION.values() for value in (one.c - 1, one.d)])
 
 
-def coefficients(config: MissionConfig, angles_deg: tuple[float, float] = ALL_ANGLES_DEG) -> Array:
-    """c − 1 and d of DSS-1 and DSS-2, (4,) 1e-6, for the sensors as they sit; angles as of `crossing_compensation`."""
-    tables, nominal = uploads(config)[0], trmm_alignments(*config.boresights)
+def compute_coefficients(config: MissionConfig, angles_deg: tuple[float, float] = ALL_ANGLES_DEG) -> Array:
+    """c − 1 and d of DSS-1 and DSS-2, (4,) 1e-6, for the sensors as they sit; angles as of `fit_crossing_compensation`."""
+    tables, nominal = build_uploads(config)[0], build_trmm_alignments(*config.boresights)
     parts = zip(config.sun_sensors, tables.misalignments, nominal, strict=True)
-    pairs = [crossing_compensation(*one, tables.coefficients_beta[k], angles_deg) for k, one in enumerate(parts)]
+    pairs = [fit_crossing_compensation(*one, tables.coefficients_beta[k], angles_deg) for k, one in enumerate(parts)]
     return 1e6 * np.array([value for c, d in pairs for value in (c - 1, d)])
 
 
-def expected(config: MissionConfig) -> tuple[Array, Array]:
+def predict_coefficients(config: MissionConfig) -> tuple[Array, Array]:
     """What R (6) should be for the sensors as they sit, and its sigma; (4,) 1e-6 each."""
     tangent = -config.boresights[1]
-    closed = [at_alpha(HEADS[name], sign * tangent) for name, sign in zip(PUBLISHED, (1.0, -1.0), strict=True)]
+    closed = [
+        compute_compensation(HEAD_ANGLES[name], sign * tangent)
+        for name, sign in zip(PUBLISHED_COMPENSATION, (1.0, -1.0), strict=True)
+    ]
     ways = [
-        coefficients(config),
-        coefficients(config, LATE_ANGLES_DEG),
+        compute_coefficients(config),
+        compute_coefficients(config, LATE_ANGLES_DEG),
         1e6 * np.array([value for one in closed for value in (one.c - 1, one.d)]),
     ]
-    return ways[0], np.hypot(np.std(ways, axis=0, ddof=1), ROUNDING)
+    return ways[0], np.hypot(np.std(ways, axis=0, ddof=1), ROUNDING_SIGMA)
 
 
-def log_parts(config: MissionConfig) -> Array:
+def compute_log_densities(config: MissionConfig) -> Array:
     """(4, 4) ln of each term of the density: of a number, by its slip and, last, of anything else."""
-    p, (x, sigma) = printed(), expected(config)
-    slipped = [np.log(share * s) + norm.logpdf(s * p, x, sigma) for s, share in zip(SLIPS, SHARES, strict=True)]
+    p, (x, sigma) = read_printed_coefficients(), predict_coefficients(config)
+    slipped = [np.log(share * s) + norm.logpdf(s * p, x, sigma) for s, share in zip(SLIPS, SLIP_PROBABILITIES, strict=True)]
     return np.column_stack([*slipped, np.log(ELSE / (2 * np.abs(p) * np.log(DECADES)))])
 
 
-def evidence(effects: Sequence[str]) -> float:
+def compute_coefficient_evidence(effects: Sequence[str]) -> float:
     """ln of the density of R (6) under a set of effects."""
-    return float(logsumexp(log_parts(configured(effects)), axis=1).sum())
+    return float(logsumexp(compute_log_densities(apply_mission_effects(effects)), axis=1).sum())
 
 
-def readings(effects: Sequence[str]) -> pd.DataFrame:
+def build_reading_table(effects: Sequence[str]) -> pd.DataFrame:
     """Each number as printed and computed, and how probably it is as printed, has lost zeros, or is something else."""
-    config = configured(effects)
-    parts, (x, sigma) = log_parts(config), expected(config)
+    config = apply_mission_effects(effects)
+    parts, (x, sigma) = compute_log_densities(config), predict_coefficients(config)
     shares = np.exp(parts - logsumexp(parts, axis=1, keepdims=True))
-    rows = {"number": NUMBERS, "printed_1e6": printed(), "computed_1e6": x, "sigma_1e6": sigma}
+    rows = {"number": COEFFICIENT_NAMES, "printed_1e6": read_printed_coefficients(), "computed_1e6": x, "sigma_1e6": sigma}
     names = ("as_printed", "one_zero", "two_zeros", "something_else")
     return pd.DataFrame(rows | dict(zip(names, shares.T, strict=True)))

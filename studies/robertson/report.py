@@ -12,16 +12,16 @@ import pandas as pd
 from rich.console import Console
 
 from simulator.mission_mode.config import DAY, MissionConfig
-from simulator.mission_mode.flight import MissionRun, flight_schedule
+from simulator.mission_mode.flight import MissionRun, build_flight_schedule
 from studies.montecarlo.backends import call_all
 from studies.report import checks
 from studies.report import tables as render
 from studies.report.claims import fill
-from studies.report.committed import flatten, settled
+from studies.report.committed_results import flatten, round_values
 from studies.reproduction import Reproduction
 from studies.robertson import (
-    all_data,
     biases,
+    combined_diagnosis,
     diagnosis,
     end_to_end,
     figures,
@@ -29,26 +29,26 @@ from studies.robertson import (
     ladder,
     performance,
     printed_coefficients,
+    report_text,
     slews,
     stability,
     windows,
-    words,
 )
 from studies.robertson.calendar import PERIODS
-from studies.robertson.flown import AXES
+from studies.robertson.published_tables import ROTATION_NAMES
 from studies.robertson.runs import (
     SLEW_TABLES,
     SPIKE_FILTERS,
     STUDY,
     MissionStudy,
     Runs,
-    further_rows,
-    window_rows,
+    load_further_numbers,
+    load_windows,
 )
-from studies.robertson.runs import runs as flown_runs
+from studies.robertson.runs import load_flights as flown_runs
 
-DEFAULT_FOLDER = Path("build") / "mission"
-TITLES = {
+MISSION_FOLDER = Path("build") / "mission"
+MISSION_TABLE_TITLES = {
     "table2": "R Table 2: attitude error of the yaw maneuver (deg, propagated minus true)",
     "table3": "R Table 3: Mission Mode performance",
     "requirements": "R Table 1: requirements",
@@ -76,7 +76,7 @@ TITLES = {
     "table2_change": "R Table 2, before minus after calibration (deg)",
     "stability": "R Table 1's stability with assumed sources of jitter",
 }
-NOTES = {
+TABLE_NOTES = {
     "table2": "calibration1 has the gyro's parameters of before launch. std: over seeds. noise_free: by the two G and b alone, "
     "the yaw bias as solved for before the maneuver; published_bias: with that of before launch. flight_by_N: N Table 2, "
     "intervals 2 and 6, each processed with the published biases.",
@@ -117,7 +117,7 @@ NOTES = {
 
 
 def run(
-    folder: Path = DEFAULT_FOLDER, study: MissionStudy | None = None, jobs: int = 1, console: Console | None = None
+    folder: Path = MISSION_FOLDER, study: MissionStudy | None = None, jobs: int = 1, console: Console | None = None
 ) -> dict[str, Any]:
     """Fly everything, write everything, and return the summary.
 
@@ -133,42 +133,47 @@ def run(
     outcome = made.run(STUDY, what, folder)
     runs = flown_runs(what, outcome.table)
     months = [runs["months", str(k)] for k in range(what.seeds)]
-    tables = make_tables(runs, months, what)
-    made.summary = summarise(tables, runs)
-    figures_of_months(made, runs, months, what)
+    tables = build_mission_tables(runs, months, what)
+    made.summary = summarise_mission(tables, runs)
+    add_month_figures(made, runs, months, what)
     if what.windows:
-        further = against_flight(made, window_rows(outcome.table), further_rows(outcome.table), what.entropy)
-        tables |= further | {"sun_angles": performance.sun_angles(months), "table2_change": slews.change(tables["table2"])}
-        made.figures["figure10_sun_angle"] = ("Yaw updates against the sun angle", figures.sun_angle_figure(months))
-    for name, title in TITLES.items():
+        further = add_flight_comparison(made, load_windows(outcome.table), load_further_numbers(outcome.table), what.entropy)
+        tables |= further | {
+            "sun_angles": performance.average_by_sun_angle(months),
+            "table2_change": slews.compare_calibration_change(tables["table2"]),
+        }
+        made.figures["figure10_sun_angle"] = ("Yaw updates against the sun angle", figures.draw_sun_angle_figure(months))
+    for name, title in MISSION_TABLE_TITLES.items():
         if name in tables:
             table = tables[name]
-            made.add(name, title, table, note=NOTES.get(name, ""), formats=dict.fromkeys(table.select_dtypes("float"), ".4f"))
-    made.summary = settled(made.summary)
-    write(folder, what, made)
+            made.add(
+                name, title, table, note=TABLE_NOTES.get(name, ""), formats=dict.fromkeys(table.select_dtypes("float"), ".4f")
+            )
+    made.summary = round_values(made.summary)
+    write_mission_report(folder, what, made)
     made.show("table3", "table2", "requirements")
-    render.terminal(made.console, "Mission Mode beside the flight", summary_table(made.summary))
+    render.print_table(made.console, "Mission Mode beside the flight", build_answers_table(made.summary))
     seeds = {"entropy": what.entropy, "stream": "generator(entropy + k, 0, 'mission_mode') of seed k"}
     command = "gyrocal reproduce --paper robertson"
     made.publish(outcome, folder, command=command, scenario=asdict(MissionConfig()), seeds=seeds)
     return made.summary
 
 
-def make_tables(runs: Runs, months: Sequence[MissionRun], study: MissionStudy) -> dict[str, pd.DataFrame]:
-    """The tables of the flights without effects, by name, see `TITLES`."""
+def build_mission_tables(runs: Runs, months: Sequence[MissionRun], study: MissionStudy) -> dict[str, pd.DataFrame]:
+    """The tables of the flights without effects, by name, see `MISSION_TABLE_TITLES`."""
     return {
-        "table2": slews.table2(slews.targeting(runs)),
-        "table3": performance.table3(months),
-        "requirements": performance.requirements(months),
-        "biases": biases.table8(months),
-        "bias_scatter": biases.scatter(months),
-        "orientation": performance.by_orientation(months),
-        "mountings": performance.mounting_table(runs),
-        "yaw_maneuvers": performance.maneuver_dates(study.days),
+        "table2": slews.build_slew_table(slews.collect_slew_misses(runs)),
+        "table3": performance.build_performance_table(months),
+        "requirements": performance.build_requirements_table(months),
+        "biases": biases.build_apparent_bias_table(months),
+        "bias_scatter": biases.compute_orientation_scatter(months),
+        "orientation": performance.compare_orientations(months),
+        "mountings": performance.compare_mountings(runs),
+        "yaw_maneuvers": performance.compare_maneuver_dates(study.days),
     }
 
 
-def against_flight(
+def add_flight_comparison(
     made: Reproduction,
     rows: dict[tuple[str, ...], pd.DataFrame],
     further: dict[tuple[str, ...], dict[str, float]],
@@ -176,75 +181,77 @@ def against_flight(
 ) -> dict[str, pd.DataFrame]:
     """R's own statistics, the geometry, the ladder and its diagnosis, and the story from end to end, which is flown here."""
     calls: list[Any] = [
-        partial(end_to_end.story, entropy),
-        partial(ladder.ladder, rows),
-        partial(all_data.diagnose, rows, further),
-        partial(stability.stability_table, entropy),
+        partial(end_to_end.simulate_full_history, entropy),
+        partial(ladder.build_ladder_table, rows),
+        partial(combined_diagnosis.diagnose_all_data, rows, further),
+        partial(stability.build_stability_table, entropy),
         partial(diagnosis.diagnose_table3, rows),
-        geometry.availability_table,
+        geometry.build_availability_table,
     ]
     story, rungs, together, steady, found, share = call_all(calls, made.jobs)
-    tangents = geometry.tangents()
-    made.figures["figure6_geometry"] = ("R Figure 6: fields of view of the sun sensors", geometry.figure6())
-    made.figures["ladder"] = ("The ladder from the Mission Mode as landed to the flight", figures.ladder_figure(rungs))
+    tangents = geometry.compute_alpha_tangents()
+    made.figures["figure6_geometry"] = ("R Figure 6: fields of view of the sun sensors", geometry.draw_sensor_fields())
+    made.figures["ladder"] = ("The ladder from the Mission Mode as landed to the flight", figures.draw_ladder_figure(rungs))
     made.summary |= {
         "ladder": rungs.to_dict("records"),
         "diagnosis": found.summary(),
         "diagnosis_all_data": together.summary(),
-        "geometry": geometry.geometry_summary(share, tangents),
+        "geometry": geometry.summarise_geometry(share, tangents),
         "end_to_end": {
             "updates_deg": story.updates.to_dict("records"),
             "c_d": [list(one) for one in story.factors],
             "m_dss_2_deg": story.misalignment.tolist(),
         },
-        "stability": stability.told(steady),
+        "stability": stability.summarise_stability(steady),
     }
     return {
-        "statistics": windows.statistics(rows[ladder.LANDED]),
+        "statistics": windows.compare_window_statistics(rows[ladder.LANDED]),
         "ladder": rungs,
-        "ladder_numbers": ladder.numbers_table(rows, windows.published()),
-        **diagnosis.tables(found),
-        "all_data_ladder": all_data.rungs_table(rows, further),
-        "all_data_numbers": all_data.numbers_table(further),
-        "all_data": all_data.probabilities_table(found, together),
-        "printed_coefficients": printed_coefficients.readings(ladder.NOMINAL),
+        "ladder_numbers": ladder.build_rung_numbers(rows, windows.read_published_numbers()),
+        **diagnosis.build_diagnosis_tables(found),
+        "all_data_ladder": combined_diagnosis.build_rungs_table(rows, further),
+        "all_data_numbers": combined_diagnosis.build_observations_table(further),
+        "all_data": combined_diagnosis.compare_cause_probabilities(found, together),
+        "printed_coefficients": printed_coefficients.build_reading_table(ladder.NOMINAL),
         "availability": share,
         "tangents": tangents,
-        "chance": pd.DataFrame([{"numbers": name, "probability": p} for name, p in geometry.chance().items()]),
+        "chance": pd.DataFrame(
+            [{"numbers": name, "probability": p} for name, p in geometry.compute_chance_probability().items()]
+        ),
         "end_to_end": story.updates,
-        "end_to_end_found": story.compared(),
+        "end_to_end_found": story.compare_published(),
         "stability": steady,
     }
 
 
-def figures_of_months(made: Reproduction, runs: Runs, months: Sequence[MissionRun], study: MissionStudy) -> None:
+def add_month_figures(made: Reproduction, runs: Runs, months: Sequence[MissionRun], study: MissionStudy) -> None:
     """R Figures 7 to 13, and as tables without a place on the page what they show."""
-    uploads = [at for at, _ in flight_schedule(MissionConfig(), study.days).uploads]
-    daily = figures.daily_means(months[0].orbits, uploads)
-    made.figures |= figures.draw(runs, daily, months[0].updates, study.days)
+    uploads = [at for at, _ in build_flight_schedule(MissionConfig(), study.days).uploads]
+    daily = figures.average_by_day(months[0].orbits, uploads)
+    made.figures |= figures.draw_mission_figures(runs, daily, months[0].updates, study.days)
     updates = months[0].updates.assign(day=months[0].updates["t_s"] / DAY)[["day", "sensor", "forward", "update_deg"]]
-    for name, table in {"daily": daily, "slews": slews.targeting(runs), "updates": updates}.items():
+    for name, table in {"daily": daily, "slews": slews.collect_slew_misses(runs), "updates": updates}.items():
         made.add(name, "", table)
 
 
-def summarise(tables: dict[str, pd.DataFrame], runs: Runs) -> dict[str, Any]:
+def summarise_mission(tables: dict[str, pd.DataFrame], runs: Runs) -> dict[str, Any]:
     """The numbers that answer the study's questions, as plain values; None for what was not flown."""
     table3, table2, requirements = tables["table3"], tables["table2"], tables["requirements"]
 
     def periods(parameter: str) -> dict[str, dict[str, float | None]]:
         rows = table3.query("parameter == @parameter and axis == 'yaw'").set_index("period")
-        return {name: {key: _number(rows.loc[name, key]) for key in ("simulated", "flight")} for name in PERIODS}
+        return {name: {key: _convert_missing(rows.loc[name, key]) for key in ("simulated", "flight")} for name in PERIODS}
 
     angles = table3[table3["parameter"] != "gyro_bias_std_deg_h"]
     difference = tables["biases"].query("axis == 'z' and forward == '-x minus +x'").set_index("period")
     return {
         "yaw_update_deg": periods("yaw_update_deg"),
         "yaw_accuracy_deg": periods("attitude_accuracy_deg"),
-        "largest_seed_range_deg": _number((angles["highest"] - angles["lowest"]).max()),
+        "largest_seed_range_deg": _convert_missing((angles["highest"] - angles["lowest"]).max()),
         "requirements": {
             period: {
                 name: {
-                    "worst_axis_deg": _number(rows["simulated_deg"].max()),
+                    "worst_axis_deg": _convert_missing(rows["simulated_deg"].max()),
                     "limit_deg": float(rows["limit_deg"].iloc[0]),
                     "met": bool(rows["met"].all()) if rows["met"].notna().all() else None,
                 }
@@ -253,29 +260,29 @@ def summarise(tables: dict[str, pd.DataFrame], runs: Runs) -> dict[str, Any]:
             for period, chosen in requirements.groupby("period", sort=False)
         },
         "bias_z_minus_x_less_plus_x_deg_h": {
-            period: {key: _number(row[f"{key}_deg_h"]) for key in ("simulated", "standard_error", "formula")}
+            period: {key: _convert_missing(row[f"{key}_deg_h"]) for key in ("simulated", "standard_error", "formula")}
             for period, row in difference.iterrows()
         },
         "slew_deg": {
             maneuver: {
                 period: {
-                    row["axis"]: {key: _number(row[f"{key}_deg"]) for key in ("simulated", "std", "flight")}
+                    row["axis"]: {key: _convert_missing(row[f"{key}_deg"]) for key in ("simulated", "std", "flight")}
                     for _, row in rows.iterrows()
                 }
                 for period, rows in chosen.groupby("tables", sort=False)
             }
             for maneuver, chosen in table2.groupby("maneuver", sort=False)
         },
-        "slew_gap_deg": slews.gaps(table2),
-        "spikes_deg": {state: _largest_errors(runs["spikes", state]) for state in SPIKE_FILTERS},
+        "slew_gap_deg": slews.compute_slew_gaps(table2),
+        "spikes_deg": {state: _find_largest_errors(runs["spikes", state]) for state in SPIKE_FILTERS},
     }
 
 
-def _number(value: Any) -> float | None:
+def _convert_missing(value: Any) -> float | None:
     return None if pd.isna(value) else float(value)
 
 
-def _largest_errors(run: MissionRun) -> dict[str, float]:
+def _find_largest_errors(run: MissionRun) -> dict[str, float]:
     """Largest roll and pitch error, deg, true and as the computer sees it."""
     kinds = {"error": "", "estimate": "_on_board"}
     return {
@@ -285,30 +292,31 @@ def _largest_errors(run: MissionRun) -> dict[str, float]:
     }
 
 
-def summary_table(summary: dict[str, Any]) -> pd.DataFrame:
+def build_answers_table(summary: dict[str, Any]) -> pd.DataFrame:
     """The questions a reader comes with, and the answers of this run."""
 
-    def by_period(name: str, key: str, digits: int) -> str:
+    def join_periods(name: str, key: str, digits: int) -> str:
         return " / ".join(f"{{{name}.{period}.{key}:.{digits}f}}" for period in PERIODS)
 
-    def by_axis(period: str) -> str:
+    def join_axes(period: str) -> str:
         simulated, flown = (
-            ", ".join(f"{{slew_deg.{best}.{period}.{axis}.{key}:+.3f}}" for axis in AXES) for key in ("simulated", "flight")
+            ", ".join(f"{{slew_deg.{best}.{period}.{axis}.{key}:+.3f}}" for axis in ROTATION_NAMES)
+            for key in ("simulated", "flight")
         )
         return f"{simulated} deg; flight {flown}"
 
     best = min(summary["slew_gap_deg"], key=summary["slew_gap_deg"].__getitem__)
     rows = {
-        "Yaw update before, with alignment, calibrated?": f"{by_period('yaw_update_deg', 'simulated', 3)} deg; flight "
-        + by_period("yaw_update_deg", "flight", 2),
-        "Yaw accuracy in the same periods?": f"{by_period('yaw_accuracy_deg', 'simulated', 3)} deg; flight "
-        + by_period("yaw_accuracy_deg", "flight", 3),
-        "Requirements met when calibrated?": _verdict(summary["requirements"]["postcalibration"]),
-        "And before?": _verdict(summary["requirements"]["precalibration"]),
+        "Yaw update before, with alignment, calibrated?": f"{join_periods('yaw_update_deg', 'simulated', 3)} deg; flight "
+        + join_periods("yaw_update_deg", "flight", 2),
+        "Yaw accuracy in the same periods?": f"{join_periods('yaw_accuracy_deg', 'simulated', 3)} deg; flight "
+        + join_periods("yaw_accuracy_deg", "flight", 3),
+        "Requirements met when calibrated?": _describe_requirements(summary["requirements"]["postcalibration"]),
+        "And before?": _describe_requirements(summary["requirements"]["precalibration"]),
         "Does the z bias depend on orientation?": "by {Z.calibration1.simulated:.3f} deg/h before the gyro's upload (R (8): "
         "{Z.calibration1.formula:.3f}), {Z.postcalibration.simulated:.4f} ± {Z.postcalibration.standard_error:.4f} after",
-        f"Error of a yaw maneuver, {words.signed(best)}, before?": by_axis(SLEW_TABLES[0]),
-        "And after?": by_axis(SLEW_TABLES[1]),
+        f"Error of a yaw maneuver, {report_text.format_direction(best)}, before?": join_axes(SLEW_TABLES[0]),
+        "And after?": join_axes(SLEW_TABLES[1]),
         "Pitch spikes by the S filter, on board and true?": "{spikes_deg.restarted.pitch_on_board:.3f} and "
         "{spikes_deg.restarted.pitch:.3f} deg restarted wrongly, {spikes_deg.off.pitch_on_board:.3f} and "
         "{spikes_deg.off.pitch:.3f} deg off",
@@ -318,7 +326,7 @@ def summary_table(summary: dict[str, Any]) -> pd.DataFrame:
     return pd.DataFrame({"question": rows.keys(), "answer": answers})
 
 
-def _verdict(requirements: dict[str, dict[str, Any]]) -> str:
+def _describe_requirements(requirements: dict[str, dict[str, Any]]) -> str:
     if any(one["met"] is None for name, one in requirements.items() if name != "stability"):
         return render.NO_VALUE
     held = {name: one for name, one in requirements.items() if name != "stability"}
@@ -326,21 +334,21 @@ def _verdict(requirements: dict[str, dict[str, Any]]) -> str:
     return f"{'yes' if all(one['met'] for one in held.values()) else 'NO'}: {cells}; stability is not verified"
 
 
-def write(folder: Path, study: MissionStudy, made: Reproduction) -> None:
+def write_mission_report(folder: Path, study: MissionStudy, made: Reproduction) -> None:
     """The page and what is on it."""
-    found = words.checks({name: table.data for name, table in made.tables.items()}, made.summary)
+    found = report_text.build_mission_checks({name: table.data for name, table in made.tables.items()}, made.summary)
     head = [
         "# Mission Mode beside the flight",
         "",
-        words.LEAD.strip(),
+        report_text.LEAD.strip(),
         "",
-        render.markdown("Summary", summary_table(made.summary)),
-        render.markdown("What was found", checks.shown(found)),
-        *(f"- {one}" for one in checks.meanings(found)),
+        render.format_markdown("Summary", build_answers_table(made.summary)),
+        render.format_markdown("What was found", checks.format_checks(found)),
+        *(f"- {one}" for one in checks.list_meanings(found)),
         "",
         "## What is not published, and what follows from it",
         "",
-        *(f"- {one}" for one in words.NOT_PUBLISHED),
+        *(f"- {one}" for one in report_text.NOT_PUBLISHED),
         "",
     ]
     closing = (

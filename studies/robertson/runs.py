@@ -4,8 +4,8 @@
 `slew`: the yaw maneuvers of N's intervals 2 and 6, with the gyro's parameters of before and after its calibration, over seeds.
 `yaw`: eight orbits early in December and in March, with telemetry every 10 s.
 `spikes`: four orbits with the Sun passing through a quadrant of the Earth sensor, for three states of the S filter.
-`window`: single orbits through the months with effects, see `studies.robertson.windows` and `studies.robertson.ladder`.
-`further`: what the same effects do to R's other data, see `studies.robertson.further`.
+`simulate_window`: single orbits through the months with effects, see `studies.robertson.windows` and `studies.robertson.ladder`.
+`compute_further_numbers`: what the same effects do to R's other data, see `studies.robertson.further_data`.
 `mounting`: a day for each way in which the sun sensors may be mounted and each set of tables.
 
 A flight is a case of a study, so that what was flown stays when a run is stopped; its rows are those of its tables.
@@ -25,16 +25,16 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from pydantic import Field
 
-from simulator.mission_mode.calendar import sun_angle
-from simulator.mission_mode.config import DAY, MissionConfig, period_tables
-from simulator.mission_mode.flight import MissionRun, flight_schedule, simulate_mission
-from simulator.mission_mode.mounting import Mounting, mounted
+from simulator.mission_mode.calendar import compute_sun_angle
+from simulator.mission_mode.config import DAY, MissionConfig, build_period_tables
+from simulator.mission_mode.flight import MissionRun, build_flight_schedule, simulate_mission
+from simulator.mission_mode.mounting import Mounting, build_mounted_sensors
 from simulator.sensors.earth import Filter
 from studies.montecarlo.study import GridConfig, Streams, Study
-from studies.robertson.calendar import MANEUVERS, ORBITS_TO_SLEW, PERIODS, moved, slew_flight
-from studies.robertson.further import further
+from studies.robertson.calendar import ORBITS_TO_SLEW, PERIODS, YAW_MANEUVER_TIMES, build_slew_config, shift_mission_start
+from studies.robertson.further_data import compute_further_numbers
 from studies.robertson.ladder import SETS
-from studies.robertson.windows import COUNTS, window
+from studies.robertson.windows import PERIOD_COUNTS, simulate_window
 
 DAYS = 154.2  # from launch to the end of April 1998
 SLEW_TABLES = ("calibration1", "postcalibration")  # both maneuvers came after the alignment's upload
@@ -43,7 +43,7 @@ YAW_ORBITS = 8.0
 SPIKE_ORBITS = 4.0
 SPIKE_SUN_DEG = 42.0  # from the XZ plane; the Sun then passes a quadrant's view once an orbit
 SPIKE_FILTERS: tuple[Filter, ...] = ("restarted", "correct", "off")
-KEPT = {  # tables of each kind of flight that are made use of
+KEPT_TABLES = {  # tables of each kind of flight that are made use of
     "months": ("orbits", "updates"),
     "mounting": ("updates",),
     "yaw": ("telemetry", "updates"),
@@ -83,12 +83,12 @@ class MissionStudy(GridConfig):
         names: list[Name] = [("months", str(k)) for k in range(self.seeds)]
         names += [("mounting", *which) for which in product(get_args(Mounting), PERIODS)]
         names += [*(("yaw", period) for period in YAW_DAYS), *(("spikes", state) for state in SPIKE_FILTERS)]
-        names += [("slew", *which) for which in product(MANEUVERS, SLEW_TABLES, seeds)]
-        return names + (of_sets() if self.windows else [])
+        names += [("slew", *which) for which in product(YAW_MANEUVER_TIMES, SLEW_TABLES, seeds)]
+        return names + (list_effect_runs() if self.windows else [])
 
 
 @dataclass(frozen=True)
-class Flight:
+class MissionFlight:
     """One run of the loop."""
 
     config: MissionConfig
@@ -103,87 +103,92 @@ class Flight:
         )
 
 
-def spike_day(config: MissionConfig) -> float:
+def find_spike_day(config: MissionConfig) -> float:
     """First day after R's alignment upload on which the Sun is SPIKE_SUN_DEG from the orbit plane."""
     days = np.arange(14.0, 60.0, 0.05)
-    angle = np.abs(np.rad2deg(sun_angle(config.epoch, config.orbit, days * DAY)))
+    angle = np.abs(np.rad2deg(compute_sun_angle(config.epoch, config.orbit, days * DAY)))
     return float(days[np.argmax(angle >= SPIKE_SUN_DEG)])
 
 
-def flight(study: MissionStudy, name: Name) -> Flight:
+def build_mission_flight(study: MissionStudy, name: Name) -> MissionFlight:
     """The flight of a name, of those without effects."""
     base, first, (kind, *which) = MissionConfig(), study.entropy, name
     period = base.orbit.period
     if kind == "months":
-        return Flight(flight_schedule(base, study.days), study.days * DAY, first + int(which[0]))
+        return MissionFlight(build_flight_schedule(base, study.days), study.days * DAY, first + int(which[0]))
     if kind == "mounting":
         mounting: Mounting = which[0]  # type: ignore[assignment]
-        sat = replace(base, mounting=mounting, sun_sensors=mounted(mounting))
-        return Flight(replace(sat, tables=period_tables(sat)[which[1]]), study.mounting_days * DAY, first)
-    tables = period_tables()
+        sat = replace(base, mounting=mounting, sun_sensors=build_mounted_sensors(mounting))
+        return MissionFlight(replace(sat, tables=build_period_tables(sat)[which[1]]), study.mounting_days * DAY, first)
+    tables = build_period_tables()
     if kind == "yaw":
         day = YAW_DAYS[which[0]]
-        return Flight(replace(moved(base, day), tables=tables[which[0]]), YAW_ORBITS * period, first, 20)
+        return MissionFlight(replace(shift_mission_start(base, day), tables=tables[which[0]]), YAW_ORBITS * period, first, 20)
     if kind == "spikes":
         s_filter: Filter = which[0]  # type: ignore[assignment]
         own = replace(tables["postcalibration"], s_filter=s_filter)
-        return Flight(replace(moved(base, spike_day(base)), tables=own), SPIKE_ORBITS * period, first, 4)
+        return MissionFlight(
+            replace(shift_mission_start(base, find_spike_day(base)), tables=own), SPIKE_ORBITS * period, first, 4
+        )
     maneuver, upload, seed = which
-    return Flight(slew_flight(base, tables[upload], maneuver), (ORBITS_TO_SLEW + 0.5) * period, first + int(seed))
+    return MissionFlight(build_slew_config(base, tables[upload], maneuver), (ORBITS_TO_SLEW + 0.5) * period, first + int(seed))
 
 
-def case(config: MissionStudy, number: int, streams: Streams) -> list[dict[str, Any]]:
+def run_case(config: MissionStudy, number: int, streams: Streams) -> list[dict[str, Any]]:
     """A flight: a row for each row of the tables that are made use of."""
     name = config.points()[number]
     if name[0] == WINDOW:
         _, effects, period, k = name
-        return [{"table": WINDOW, **window(SETS[int(effects)], period, int(k), COUNTS[period], config.entropy)}]
+        return [{"table": WINDOW, **simulate_window(SETS[int(effects)], period, int(k), PERIOD_COUNTS[period], config.entropy)}]
     if name[0] == FURTHER:
-        return [{"table": FURTHER, **further(SETS[int(name[1])], config.entropy)}]
-    run = flight(config, name).fly()
-    return [{"table": table, **row} for table in KEPT[name[0]] for row in getattr(run, table).to_dict("records")]
+        return [{"table": FURTHER, **compute_further_numbers(SETS[int(name[1])], config.entropy)}]
+    run = build_mission_flight(config, name).fly()
+    return [{"table": table, **row} for table in KEPT_TABLES[name[0]] for row in getattr(run, table).to_dict("records")]
 
 
-STUDY = Study("studies.robertson.runs:STUDY", MissionStudy, case)
+STUDY = Study("studies.robertson.runs:STUDY", MissionStudy, run_case)
 
 
-def runs(config: MissionStudy, path: Path) -> Runs:
+def load_flights(config: MissionStudy, path: Path) -> Runs:
     """The flights from the study's table; tables that are not made use of are empty."""
     rows = pq.read_table(path)
     names = ("telemetry", "updates", "slews", "orbits")
     return {
-        flight: MissionRun(**{name: _table(rows, number, name) for name in names})
+        flight: MissionRun(**{name: _select_flight_table(rows, number, name) for name in names})
         for number, flight in enumerate(config.points())
         if flight[0] not in OF_SETS
     }
 
 
-def of_sets() -> list[Name]:
+def list_effect_runs() -> list[Name]:
     """Names of what is flown with the ladder's sets of effects: windows, by period and number, and what is beside Table 3."""
     sets = [str(place) for place in range(len(SETS))]
     names: list[Name] = [
-        (WINDOW, effects, period, str(k)) for effects in sets for period, count in COUNTS.items() for k in range(count)
+        (WINDOW, effects, period, str(k)) for effects in sets for period, count in PERIOD_COUNTS.items() for k in range(count)
     ]
     return names + [(FURTHER, effects) for effects in sets]
 
 
-def window_rows(path: Path) -> dict[tuple[str, ...], pd.DataFrame]:
+def load_windows(path: Path) -> dict[tuple[str, ...], pd.DataFrame]:
     """The windows of each set of effects from the study's table."""
-    rows, each = _filled(pq.read_table(path, filters=pc.field("table") == WINDOW)).to_pandas(), sum(COUNTS.values())
+    rows, each = (
+        _drop_empty_columns(pq.read_table(path, filters=pc.field("table") == WINDOW)).to_pandas(),
+        sum(PERIOD_COUNTS.values()),
+    )
     return {effects: rows.iloc[k * each : (k + 1) * each].reset_index(drop=True) for k, effects in enumerate(SETS)}
 
 
-def further_rows(path: Path) -> dict[tuple[str, ...], dict[str, float]]:
+def load_further_numbers(path: Path) -> dict[tuple[str, ...], dict[str, float]]:
     """What each set of effects says beside Table 3, from the study's table."""
-    rows = _filled(pq.read_table(path, filters=pc.field("table") == FURTHER))
+    rows = _drop_empty_columns(pq.read_table(path, filters=pc.field("table") == FURTHER))
     return dict(zip(SETS, rows.to_pylist(), strict=True))
 
 
-def _table(rows: pa.Table, number: int, name: str) -> pd.DataFrame:
+def _select_flight_table(rows: pa.Table, number: int, name: str) -> pd.DataFrame:
     """One table of one flight; by Arrow, which tells NaN from nothing."""
-    return _filled(rows.filter((pc.field("case") == number) & (pc.field("table") == name))).to_pandas()
+    return _drop_empty_columns(rows.filter((pc.field("case") == number) & (pc.field("table") == name))).to_pandas()
 
 
-def _filled(rows: pa.Table) -> pa.Table:
+def _drop_empty_columns(rows: pa.Table) -> pa.Table:
     """The columns that hold anything, those of the engine and the table's name left out."""
     return rows.select([column for column in rows.column_names[3:] if rows[column].null_count < len(rows)])

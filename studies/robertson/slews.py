@@ -16,40 +16,40 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from simulator.mission_mode.config import PRELAUNCH_BIAS, PRELAUNCH_G, R9_BIAS, R9_G, MissionConfig, YawManeuver
-from studies.robertson import flown
-from studies.robertson.biases import solved_bias
-from studies.robertson.calendar import MANEUVERS
-from studies.robertson.flown import AXES
+from studies.robertson import published_tables
+from studies.robertson.biases import compute_solved_bias
+from studies.robertson.calendar import YAW_MANEUVER_TIMES
+from studies.robertson.published_tables import ROTATION_NAMES
 from studies.robertson.runs import SLEW_TABLES, Runs
 
 Array = NDArray[np.float64]
 R_PHASE = {"calibration1": "precalibration", "postcalibration": "postcalibration"}
 N_PHASE = {"calibration1": "prelaunch", "postcalibration": "calibrated"}
-STEPS = 5000  # of the maneuver; leaves 1e-6 deg
+MANEUVER_STEPS = 5000  # of the maneuver; leaves 1e-6 deg
 
 
-def targeting(runs: Runs) -> pd.DataFrame:
+def collect_slew_misses(runs: Runs) -> pd.DataFrame:
     """A row a slew and seed: maneuver, tables, propagated minus true (deg), the yaw bias on board at its start (deg/h)."""
     rows = []
     for name, run in runs.items():
         if name[0] == "slew":
             slew = run.slews.iloc[0]
-            miss = {f"{axis}_deg": -slew[f"targeting_{axis}_deg"] for axis in AXES}
+            miss = {f"{axis}_deg": -slew[f"targeting_{axis}_deg"] for axis in ROTATION_NAMES}
             about = {"maneuver": name[1], "tables": name[2], "seed": int(name[3])}
             rows.append({**about, **miss, "bias_yaw_deg_h": slew["bias_yaw_deg_h"]})
     return pd.DataFrame(rows)
 
 
-def table2(rows: pd.DataFrame) -> pd.DataFrame:
+def build_slew_table(rows: pd.DataFrame) -> pd.DataFrame:
     """R Table 2: the flight's, the seeds' mean and standard deviation, the difference, and what G and b alone say."""
     out = []
-    for maneuver in MANEUVERS:
+    for maneuver in YAW_MANEUVER_TIMES:
         for tables in SLEW_TABLES:
             chosen = rows[(rows["maneuver"] == maneuver) & (rows["tables"] == tables)]
-            solved, published = (noise_free(maneuver, tables, solved=flag) for flag in (True, False))
-            for k, axis in enumerate(AXES):
+            solved, published = (compute_noise_free_miss(maneuver, tables, solved=flag) for flag in (True, False))
+            for k, axis in enumerate(ROTATION_NAMES):
                 values = chosen[f"{axis}_deg"].to_numpy()
-                flight, mean = flown.slew_error(axis, R_PHASE[tables]), float(values.mean())
+                flight, mean = published_tables.read_published_slew_error(axis, R_PHASE[tables]), float(values.mean())
                 out.append(
                     {
                         "maneuver": maneuver,
@@ -61,13 +61,13 @@ def table2(rows: pd.DataFrame) -> pd.DataFrame:
                         "simulated_minus_flight_deg": mean - flight,
                         "noise_free_deg": solved[k],
                         "published_bias_deg": published[k],
-                        "flight_by_N_deg": flown.slew_residual(maneuver, N_PHASE[tables], axis),
+                        "flight_by_N_deg": published_tables.read_published_slew_residual(maneuver, N_PHASE[tables], axis),
                     }
                 )
     return pd.DataFrame(out)
 
 
-def gaps(table: pd.DataFrame) -> dict[str, float]:
+def compute_slew_gaps(table: pd.DataFrame) -> dict[str, float]:
     """RMS of simulated minus flown before calibration, deg, over the three axes, for each maneuver it may have been."""
     rows = table[table["tables"] == "calibration1"]
     return {
@@ -76,7 +76,7 @@ def gaps(table: pd.DataFrame) -> dict[str, float]:
     }
 
 
-def noise_free(maneuver: str, tables: str, solved: bool = True, duration_s: float | None = None) -> Array:
+def compute_noise_free_miss(maneuver: str, tables: str, solved: bool = True, duration_s: float | None = None) -> Array:
     """The miss by G and b alone, propagated minus true, (3,) deg: a turn at constant orbital rate with the loop's yaw profile.
 
     With A_propagated = exp(−[ε×]) A the error grows as ε' = δω − ω × ε, δω the propagated rate minus the true one, so that at
@@ -92,33 +92,33 @@ def noise_free(maneuver: str, tables: str, solved: bool = True, duration_s: floa
     G, b = (R9_G, R9_BIAS) if tables == "postcalibration" else (PRELAUNCH_G, PRELAUNCH_BIAS)
     start, sign = (0.0, 1.0) if maneuver == "+x to -x" else (np.pi, -1.0)
     if solved:
-        b = np.array([b[0], b[1], solved_bias(G, maneuver[:2])[2]])
+        b = np.array([b[0], b[1], compute_solved_bias(G, maneuver[:2])[2]])
     shape = YawManeuver(0.0) if duration_s is None else YawManeuver(0.0, duration_s)
-    t, dt, r = (np.arange(STEPS) + 0.5) / STEPS, shape.duration_s / STEPS, shape.ramp_fraction
+    t, dt, r = (np.arange(MANEUVER_STEPS) + 0.5) / MANEUVER_STEPS, shape.duration_s / MANEUVER_STEPS, shape.ramp_fraction
     rise, fall = np.clip(t / r, 0, 1), np.clip((t - 1 + r) / r, 0, 1)
     rate = sign * np.pi / shape.duration_s / (1 - r) * ((3 - 2 * rise) * rise**2 - (3 - 2 * fall) * fall**2)
     yaw = start + (np.cumsum(rate) - 0.5 * rate) * dt
     n = MissionConfig().orbit.mean_motion
     omega = np.stack([-n * np.sin(yaw), -n * np.cos(yaw), rate], axis=-1)
     wrong = (omega - R9_BIAS) @ np.linalg.inv(R9_G).T @ G.T + b - omega
-    to_start = _attitude(yaw, -n * t * shape.duration_s).transpose(0, 2, 1)
+    to_start = _rotate_pitch_yaw(yaw, -n * t * shape.duration_s).transpose(0, 2, 1)
     gathered = np.einsum("kij,kj->i", to_start, wrong) * dt
-    end = _attitude(np.array([start + sign * np.pi]), np.array([-n * shape.duration_s]))[0]
+    end = _rotate_pitch_yaw(np.array([start + sign * np.pi]), np.array([-n * shape.duration_s]))[0]
     return np.asarray(np.round(np.rad2deg(end @ gathered), 9) + 0.0)
 
 
-def _attitude(yaw: Array, pitch: Array) -> Array:
+def _rotate_pitch_yaw(yaw: Array, pitch: Array) -> Array:
     """Body axes turned by the pitch about y and then by the yaw about z, (k, 3, 3)."""
     return np.asarray(Rotation.from_euler("YZ", np.stack([pitch, yaw], axis=-1)).as_matrix().transpose(0, 2, 1))
 
 
-def change(table: pd.DataFrame) -> pd.DataFrame:
+def compare_calibration_change(table: pd.DataFrame) -> pd.DataFrame:
     """R Table 2 before minus after calibration, flown, simulated and by G and b alone."""
     out = []
     keys = ["maneuver", "axis"]
     before, after = (table[table["tables"] == name].set_index(keys) for name in ("calibration1", "postcalibration"))
     for maneuver in before.index.get_level_values(0).unique():
-        for axis in AXES:
+        for axis in ROTATION_NAMES:
             row: dict[str, object] = {"maneuver": maneuver, "axis": axis}
             names = ["flight_deg", "simulated_deg", "noise_free_deg", "flight_by_N_deg"]
             change = before.loc[(maneuver, axis), names].astype(float) - after.loc[(maneuver, axis), names].astype(float)

@@ -20,36 +20,36 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from simulator.mission_mode.config import MissionConfig, period_tables
-from simulator.mission_mode.effects import applied, parse
+from simulator.mission_mode.config import MissionConfig, build_period_tables
+from simulator.mission_mode.effects import apply_mission_settings, parse
 from simulator.mission_mode.flight import simulate_mission
-from studies.robertson import flown
-from studies.robertson.calendar import FIRST_DAYS, PERIODS, day_of, moved
-from studies.robertson.flown import AXES
+from studies.robertson import published_tables
+from studies.robertson.calendar import FIRST_DAYS, PERIODS, convert_to_mission_day, shift_mission_start
+from studies.robertson.published_tables import ROTATION_NAMES
 
 CYCLES_S = (0.25, 0.5, 1.0)
-SOURCES = {"none": None, "instrument scan": ("scan_torque", 1.0), "array steps": ("array_step", 0.1)}
+DISTURBANCE_SOURCES = {"none": None, "instrument scan": ("scan_torque", 1.0), "array steps": ("array_step", 0.1)}
 WHEELS_KGM2 = 1e-5
-UNITS = {"instrument scan": "N m", "array steps": "deg", "wheel imbalance": "kg m²"}
-ORBITS = 3.0  # of which the last is looked at
+DISTURBANCE_UNITS = {"instrument scan": "N m", "array steps": "deg", "wheel imbalance": "kg m²"}
+SIMULATED_ORBITS = 3.0  # of which the last is looked at
 
 
-def stability_table(entropy: int) -> pd.DataFrame:
+def build_stability_table(entropy: int) -> pd.DataFrame:
     """A row a source and cycle of the loop: jitter flown (deg), its closed form, and the size that alone gives R's limit."""
-    limit = flown.requirement("stability")
+    limit = published_tables.read_requirement("stability")
     rows: list[dict[str, object]] = []
-    for name, effect in SOURCES.items():
+    for name, effect in DISTURBANCE_SOURCES.items():
         for cycle in CYCLES_S:
-            row: dict[str, object] = {"source": name, "cycle_s": cycle, **jitter(effect, cycle, entropy)}
-            rows.append(row if effect is None else row | _bound(name, effect[1], limit))
-    wheels = _bound("wheel imbalance", WHEELS_KGM2, limit)
+            row: dict[str, object] = {"source": name, "cycle_s": cycle, **simulate_jitter(effect, cycle, entropy)}
+            rows.append(row if effect is None else row | _compute_limit_size(name, effect[1], limit))
+    wheels = _compute_limit_size("wheel imbalance", WHEELS_KGM2, limit)
     return pd.DataFrame([*rows, {"source": "wheel imbalance", "cycle_s": np.nan, **wheels}])
 
 
-def told(table: pd.DataFrame) -> dict[str, object]:
+def summarise_stability(table: pd.DataFrame) -> dict[str, object]:
     """Largest jitter flown by source and cycle, deg, and the sizes that use up the limit."""
     flown_rows = table[table["cycle_s"].notna()]
-    largest = flown_rows[[f"{axis}_deg" for axis in AXES]].max(axis=1)
+    largest = flown_rows[[f"{axis}_deg" for axis in ROTATION_NAMES]].max(axis=1)
     sized = table[table["size_of_limit"].notna()].drop_duplicates("source")
     return {
         "largest_deg": {
@@ -60,18 +60,20 @@ def told(table: pd.DataFrame) -> dict[str, object]:
     }
 
 
-def jitter(effect: tuple[str, float] | None, cycle_s: float, entropy: int) -> dict[str, float]:
+def simulate_jitter(effect: tuple[str, float] | None, cycle_s: float, entropy: int) -> dict[str, float]:
     """Largest peak to peak within a second over an orbit of the calibrated spacecraft, deg by axis."""
     base = MissionConfig()
-    config = moved(base, day_of(FIRST_DAYS[PERIODS[2]][0], base))
-    config = replace(config, tables=period_tables(base)[PERIODS[2]], controller=replace(config.controller, cycle_s=cycle_s))
+    config = shift_mission_start(base, convert_to_mission_day(FIRST_DAYS[PERIODS[2]][0], base))
+    config = replace(
+        config, tables=build_period_tables(base)[PERIODS[2]], controller=replace(config.controller, cycle_s=cycle_s)
+    )
     if effect is not None:
-        config = applied(config, [parse(f"{effect[0]}={effect[1]:g}")])
-    orbits = simulate_mission(config, seconds=ORBITS * config.orbit.period, seed=entropy, telemetry_every=None).orbits
-    return {f"{axis}_deg": float(orbits[f"jitter_{axis}_deg"].iloc[int(ORBITS) - 1]) for axis in AXES}
+        config = apply_mission_settings(config, [parse(f"{effect[0]}={effect[1]:g}")])
+    orbits = simulate_mission(config, seconds=SIMULATED_ORBITS * config.orbit.period, seed=entropy, telemetry_every=None).orbits
+    return {f"{axis}_deg": float(orbits[f"jitter_{axis}_deg"].iloc[int(SIMULATED_ORBITS) - 1]) for axis in ROTATION_NAMES}
 
 
-def peak_to_peak(name: str, size: float) -> float:
+def compute_peak_to_peak(name: str, size: float) -> float:
     """Closed form on the axis that it moves most, deg."""
     body = MissionConfig().spacecraft
     inertia = np.diag(body.inertia)
@@ -82,7 +84,7 @@ def peak_to_peak(name: str, size: float) -> float:
     return float(np.rad2deg(2 * size / inertia.min()))
 
 
-def _bound(name: str, size: float, limit: float) -> dict[str, object]:
+def _compute_limit_size(name: str, size: float, limit: float) -> dict[str, object]:
     """The source's size, its closed form, and the size that gives the limit, to which it is proportional."""
-    alone = peak_to_peak(name, size)
-    return {"size": size, "unit": UNITS[name], "closed_form_deg": alone, "size_of_limit": size * limit / alone}
+    alone = compute_peak_to_peak(name, size)
+    return {"size": size, "unit": DISTURBANCE_UNITS[name], "closed_form_deg": alone, "size_of_limit": size * limit / alone}

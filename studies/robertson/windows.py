@@ -15,121 +15,131 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from simulator.mission_mode.config import DAY, MissionConfig, period_tables
-from simulator.mission_mode.effects import applied, parse
+from simulator.mission_mode.config import DAY, MissionConfig, build_period_tables
+from simulator.mission_mode.effects import apply_mission_settings, parse
 from simulator.mission_mode.flight import simulate_mission
 from simulator.streams import generator
-from studies.robertson import flown
-from studies.robertson.calendar import FIRST_DAYS, PERIODS, day_of, moved
-from studies.robertson.flown import AXES
-from studies.robertson.ground import solution
+from studies.robertson import published_tables
+from studies.robertson.calendar import FIRST_DAYS, PERIODS, convert_to_mission_day, shift_mission_start
+from studies.robertson.ground import solve_ground_attitude
+from studies.robertson.published_tables import ROTATION_NAMES
 
 Array = NDArray[np.float64]
 Number = tuple[str, str, str]  # parameter, axis and period of R Table 3
 
 SETTLING = 2.0  # orbits before the one that is solved, four yaw updates
-COUNTS = {"precalibration": 4, "calibration1": 10, "postcalibration": 8}
+PERIOD_COUNTS = {"precalibration": 4, "calibration1": 10, "postcalibration": 8}
 SETTLED_UPDATES = 3
-ANGLES = ("attitude_accuracy_deg", "yaw_update_deg")
-NUMBERS: tuple[Number, ...] = tuple(
+ANGLE_STATISTICS = ("attitude_accuracy_deg", "yaw_update_deg")
+WINDOW_NUMBERS: tuple[Number, ...] = tuple(
     (parameter, axis, period)
     for period in PERIODS
-    for parameter, axes in (("attitude_accuracy_deg", AXES), ("yaw_update_deg", ("yaw",)), ("gyro_bias_std_deg_h", "xyz"))
+    for parameter, axes in (
+        ("attitude_accuracy_deg", ROTATION_NAMES),
+        ("yaw_update_deg", ("yaw",)),
+        ("gyro_bias_std_deg_h", "xyz"),
+    )
     for axis in axes
-    if parameter in ANGLES or period != PERIODS[0]
+    if parameter in ANGLE_STATISTICS or period != PERIODS[0]
 )
 """R Table 3's 18 numbers."""
 
 
-def days(period: str, count: int) -> Array:
+def place_windows(period: str, count: int) -> Array:
     """Days from launch of a period's windows."""
-    start, stop = (day_of(moment, MissionConfig()) for moment in FIRST_DAYS[period])
+    start, stop = (convert_to_mission_day(moment, MissionConfig()) for moment in FIRST_DAYS[period])
     return np.asarray(start + (stop - start) * (np.arange(count) + 0.5) / count)
 
 
-def configured(effects: Sequence[str]) -> MissionConfig:
+def apply_mission_effects(effects: Sequence[str]) -> MissionConfig:
     """The spacecraft with effects, as of `gyrocal mission --effect`."""
-    return applied(MissionConfig(), [parse(text) for text in effects])
+    return apply_mission_settings(MissionConfig(), [parse(text) for text in effects])
 
 
-def window(effects: Sequence[str], period: str, k: int, count: int, entropy: int) -> dict[str, Any]:
+def simulate_window(effects: Sequence[str], period: str, k: int, count: int, entropy: int) -> dict[str, Any]:
     """One orbit, solved; a row of numbers, those of a ground with the tables found later beginning with "later_"."""
-    config = configured(effects)
-    tables, day = period_tables(config), float(days(period, count)[k])
+    config = apply_mission_effects(effects)
+    tables, day = build_period_tables(config), float(place_windows(period, count)[k])
     seed = entropy + 1000 * PERIODS.index(period) + k
-    flying = replace(moved(config, day), tables=tables[period])
-    flying = replace(flying, gyro=replace(flying.gyro, bias=flying.gyro.bias + walked(flying, day, entropy)))
+    flying = replace(shift_mission_start(config, day), tables=tables[period])
+    flying = replace(flying, gyro=replace(flying.gyro, bias=flying.gyro.bias + simulate_bias_walk(flying, day, entropy)))
     span = config.orbit.period
     run = simulate_mission(flying, seconds=(SETTLING + 1.0) * span, seed=seed, telemetry_every=1)
     sent = run.telemetry[run.telemetry["t_s"] >= SETTLING * span]
     row: dict[str, Any] = {"period": period, "day": day, "forward": flying.forward}
     row["yaw_update_deg"] = float(run.updates["update_deg"].abs()[SETTLED_UPDATES:].mean())
     row["sun_angle_deg"] = float(run.updates["sun_angle_deg"].mean())
-    row |= solution(flying, sent, tables[period], generator(seed, 0, "ground_sun_sensors")).row()
+    row |= solve_ground_attitude(flying, sent, tables[period], generator(seed, 0, "ground_sun_sensors")).row()
     if period == PERIODS[0]:
-        later = solution(flying, sent, tables["calibration1"], generator(seed, 0, "ground_sun_sensors")).row()
+        later = solve_ground_attitude(flying, sent, tables["calibration1"], generator(seed, 0, "ground_sun_sensors")).row()
         row |= {f"later_{name}": value for name, value in later.items() if name.startswith("onboard_minus_ground")}
     return row
 
 
-def walked(config: MissionConfig, day: float, entropy: int) -> Array:
+def simulate_bias_walk(config: MissionConfig, day: float, entropy: int) -> Array:
     """How far the bias has walked since launch, (3,) rad/s; the same path in units of a day's step whatever its size."""
     rrw = np.broadcast_to(np.asarray(config.gyro.rrw, dtype=float), 3)
     steps = generator(entropy, 0, "bias_walk").standard_normal((400, 3))
     return np.asarray(rrw * np.sqrt(DAY) * steps[: round(day)].sum(axis=0))
 
 
-def column_of(number: Number, against: str = "onboard_minus_ground") -> str:
+def find_number_column(number: Number, against: str = "onboard_minus_ground") -> str:
     """The windows' column that a number of R Table 3 is formed of."""
     parameter, axis, _ = number
     of_angles = {"attitude_accuracy_deg": f"{against}_{axis}_deg", "yaw_update_deg": "yaw_update_deg"}
     return of_angles.get(parameter, f"bias_{axis}_deg_h")
 
 
-def form(number: Number, values: Array) -> Array:
+def summarise_windows(number: Number, values: Array) -> Array:
     """A number of R Table 3 of windows (…, n): a mean, or the standard deviation of the bias."""
-    return np.asarray(values.mean(axis=-1) if number[0] in ANGLES else values.std(axis=-1, ddof=1))
+    return np.asarray(values.mean(axis=-1) if number[0] in ANGLE_STATISTICS else values.std(axis=-1, ddof=1))
 
 
-def simulated(rows: pd.DataFrame, against: str = "onboard_minus_ground") -> dict[Number, float]:
+def compute_simulated_numbers(rows: pd.DataFrame, against: str = "onboard_minus_ground") -> dict[Number, float]:
     """R Table 3's numbers of windows; against "onboard_minus_true" for the truth in place of the ground."""
     parts = {period: rows[rows["period"] == period] for period in PERIODS}
     return {
-        number: float(form(number, parts[number[2]][column_of(number, against)].to_numpy(dtype=float))) for number in NUMBERS
+        number: float(summarise_windows(number, parts[number[2]][find_number_column(number, against)].to_numpy(dtype=float)))
+        for number in WINDOW_NUMBERS
     }
 
 
-def scatter(rows: pd.DataFrame) -> dict[Number, float]:
+def estimate_relative_error(rows: pd.DataFrame) -> dict[Number, float]:
     """Relative standard error of each number by the windows' scatter, which the flight's own finite record shares."""
     out = {}
-    for number in NUMBERS:
-        own = rows.loc[rows["period"] == number[2], column_of(number)]
+    for number in WINDOW_NUMBERS:
+        own = rows.loc[rows["period"] == number[2], find_number_column(number)]
         n = len(own)
-        out[number] = float(own.std() / np.sqrt(n) / own.mean() if number[0] in ANGLES else 1 / np.sqrt(2 * (n - 1)))
+        out[number] = float(own.std() / np.sqrt(n) / own.mean() if number[0] in ANGLE_STATISTICS else 1 / np.sqrt(2 * (n - 1)))
     return out
 
 
-def published() -> dict[Number, float]:
+def read_published_numbers() -> dict[Number, float]:
     """R Table 3."""
-    return {number: flown.performance(*number) for number in NUMBERS}
+    return {number: published_tables.read_published_performance(*number) for number in WINDOW_NUMBERS}
 
 
-def factor(values: Mapping[Number, float] | Mapping[Number, Array], numbers: Sequence[Number]) -> Any:
+def compute_rms_factor(values: Mapping[Number, float] | Mapping[Number, Array], numbers: Sequence[Number]) -> Any:
     """RMS factor between simulated and flown over some numbers: exp of the RMS of the logarithm of their ratio."""
     if not numbers:
         return float("nan")
-    logs = [np.log(values[one] / flown.performance(*one)) for one in numbers]
+    logs = [np.log(values[one] / published_tables.read_published_performance(*one)) for one in numbers]
     return np.exp(np.sqrt(np.mean(np.square(logs), axis=0)))
 
 
-def statistics(rows: pd.DataFrame) -> pd.DataFrame:
+def compare_window_statistics(rows: pd.DataFrame) -> pd.DataFrame:
     """The 18 numbers of one set of windows against the truth, the ground, and a ground with the tables found later."""
     early = rows[rows["period"] == PERIODS[0]]
-    kinds = {name: simulated(rows, name) for name in ("onboard_minus_true", "onboard_minus_ground")}
+    kinds = {name: compute_simulated_numbers(rows, name) for name in ("onboard_minus_true", "onboard_minus_ground")}
     out = []
-    for number in NUMBERS:
+    for number in WINDOW_NUMBERS:
         parameter, axis, period = number
-        row: dict[str, Any] = {"parameter": parameter, "axis": axis, "period": period, "flight": published()[number]}
+        row: dict[str, Any] = {
+            "parameter": parameter,
+            "axis": axis,
+            "period": period,
+            "flight": read_published_numbers()[number],
+        }
         row |= {name: values[number] for name, values in kinds.items()}
         own = period == PERIODS[0] and parameter == "attitude_accuracy_deg"
         row["later_tables"] = float(early[f"later_onboard_minus_ground_{axis}_deg"].mean()) if own else np.nan

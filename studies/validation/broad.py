@@ -17,29 +17,29 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from gyrocal import Attitudes, GyroStream, InputError, Interval, Recording
-from gyrocal.importing.noise import ALLAN_S, axis_sigma, estimate_walk_at_rest, increment_residuals
-from gyrocal.importing.rests import runs
+from gyrocal.importing.noise import ALLAN_S, compute_increment_residuals, estimate_axis_sigma, estimate_walk_at_rest
+from gyrocal.importing.rests import find_runs
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-RATE_COLUMNS = ("imu_gyr_x", "imu_gyr_y", "imu_gyr_z")
+IMU_RATE_COLUMNS = ("imu_gyr_x", "imu_gyr_y", "imu_gyr_z")
 FORCE_COLUMNS = ("imu_acc_x", "imu_acc_y", "imu_acc_z")
-QUATERNION_COLUMNS = ("opt_quat_x", "opt_quat_y", "opt_quat_z", "opt_quat_w")  # scalar last, as everywhere here
+OPTICAL_QUATERNION_COLUMNS = ("opt_quat_x", "opt_quat_y", "opt_quat_z", "opt_quat_w")  # scalar last, as everywhere here
 MOVEMENT_COLUMN = "movement"
 RATE_KEY = b"sampling_rate_hz"
 
-ATTRIBUTION = (
+BROAD_ATTRIBUTION = (
     'Data: D. Laidig, M. Caruso, A. Cereatti, T. Seel, "BROAD - A Benchmark for Robust Inertial Orientation Estimation", '
     "Data 6(7):72, 2021, doi:10.3390/data6070072; recorded by Kai Brands, converted by Daniel Laidig. "
     "Licence CC-BY-4.0; changed: raw gyro, specific force and a choice of the optical orientations in another format."
 )
-EPOCH = "2000-01-01T00:00:00"  # the trials carry no date
+ASSUMED_EPOCH = "2000-01-01T00:00:00"  # the trials carry no date
 TIME_SCALE = "seconds of the trial"
-NORM_TOLERANCE = 1e-3
+BROAD_NORM_TOLERANCE = 1e-3
 
-MARGIN_S = 2.0  # how far into the rests an interval reaches, or a third of the rest if that is less
+REST_MARGIN_S = 2.0  # how far into the rests an interval reaches, or a third of the rest if that is less
 LONG_S = 60.0  # a motion longer than this is cut
 PIECE_S = 30.0  # into pieces of at most so long
 STILL_S = 1.0  # rest counts as such so far from any movement
@@ -90,7 +90,7 @@ class Trial:
     @property
     def phases(self) -> list[tuple[int, int]]:
         """First and one past the last sample of each motion phase."""
-        return runs(self.moving)
+        return find_runs(self.moving)
 
     def samples(self, duration_s: float) -> int:
         """Samples in so many seconds, at least one."""
@@ -98,7 +98,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Imported:
+class ImportedTrial:
     """A recording and what was estimated for it.
 
     Attributes
@@ -152,7 +152,7 @@ def read(path: Path) -> Trial:
         frame = table.to_pandas()
     except Exception as fault:  # pyarrow raises a zoo of types for a damaged file
         raise InputError(f"{path}: cannot be read as Parquet: {' '.join(str(fault).split())}") from None
-    needed = (*RATE_COLUMNS, *FORCE_COLUMNS, *QUATERNION_COLUMNS, MOVEMENT_COLUMN)
+    needed = (*IMU_RATE_COLUMNS, *FORCE_COLUMNS, *OPTICAL_QUATERNION_COLUMNS, MOVEMENT_COLUMN)
     missing = [name for name in needed if name not in frame.columns]
     if missing:
         raise InputError(f"{path}: not a BROAD trial: column {', '.join(missing)} is missing")
@@ -169,21 +169,21 @@ def read(path: Path) -> Trial:
         raise InputError(f"{path}: a sampling rate of {rate_hz:g} Hz cannot be meant")
     rates, force, quaternions = (
         np.ascontiguousarray(frame[list(names)].to_numpy(dtype=np.float64))
-        for names in (RATE_COLUMNS, FORCE_COLUMNS, QUATERNION_COLUMNS)
+        for names in (IMU_RATE_COLUMNS, FORCE_COLUMNS, OPTICAL_QUATERNION_COLUMNS)
     )
     for what, values in (("gyro rate", rates), ("acceleration", force)):
         bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
         if bad.size:
             raise InputError(f"{path}: {what} in row {bad[0]} is not a finite number ({bad.size} such)")
     norm = np.linalg.norm(quaternions, axis=1)
-    wrong = np.flatnonzero(np.abs(norm - 1) > NORM_TOLERANCE)  # False where not tracked
+    wrong = np.flatnonzero(np.abs(norm - 1) > BROAD_NORM_TOLERANCE)  # False where not tracked
     if wrong.size:
         raise InputError(f"{path}: opt_quat in row {wrong[0]} has norm {norm[wrong[0]]:.6g}, not 1 ({wrong.size} such)")
     # opt_quat takes sensor vectors to ENU: as_matrix() of it is A transposed, and A(q) is that for the same q.
     return Trial(path.stem, 1 / rate_hz, rates, force, quaternions / norm[:, None], frame[MOVEMENT_COLUMN].to_numpy(dtype=bool))
 
 
-def cuts(trial: Trial, intervals: str | float = "motion") -> list[tuple[str, str, int, int]]:
+def cut_trial(trial: Trial, intervals: str | float = "motion") -> list[tuple[str, str, int, int]]:
     """Name, activity, first and last sample of each interval.
 
     Parameters
@@ -202,13 +202,13 @@ def cuts(trial: Trial, intervals: str | float = "motion") -> list[tuple[str, str
     if intervals != "motion":
         if isinstance(intervals, str) or not (10 * trial.sample_s < intervals < np.inf):
             raise InputError(f"intervals: motion, whole, or a length of more than {10 * trial.sample_s:g} s, not {intervals}")
-        return [(f"part {k}", "part", a, b) for k, (a, b) in enumerate(pieces(first, last, trial.samples(intervals)), 1)]
+        return [(f"part {k}", "part", a, b) for k, (a, b) in enumerate(divide_evenly(first, last, trial.samples(intervals)), 1)]
     phases = [(a, b) for a, b in trial.phases if a > first and b < last]
     if not phases:
         raise InputError(f"{trial.name}: no motion phase with rest before and after it; choose other intervals")
     stops = [first, *(b for _, b in phases)]
     starts = [*(a for a, _ in phases), last]
-    margin = [min(trial.samples(MARGIN_S), (start - stop) // 3) for stop, start in zip(stops, starts, strict=True)]
+    margin = [min(trial.samples(REST_MARGIN_S), (start - stop) // 3) for stop, start in zip(stops, starts, strict=True)]
     out: list[tuple[str, str, int, int]] = []
     for k, (a, b) in enumerate(phases):
         low, high = a - margin[k], b + margin[k + 1]
@@ -218,19 +218,19 @@ def cuts(trial: Trial, intervals: str | float = "motion") -> list[tuple[str, str
         name = f"motion {k + 1}"
         if not out or out[-1][3] <= stops[k]:
             out.append((f"rest before {name}", "rest", stops[k], low))
-        parts = pieces(low, high, trial.samples(PIECE_S))
+        parts = divide_evenly(low, high, trial.samples(PIECE_S))
         out += [(f"{name} part {i}", "part of a long motion", *part) for i, part in enumerate(parts, 1)]
         out.append((f"rest after {name}", "rest", high, starts[k + 1] - (0 if k + 1 == len(phases) else margin[k + 1])))
     return out
 
 
-def pieces(first: int, last: int, longest: int) -> list[tuple[int, int]]:
+def divide_evenly(first: int, last: int, longest: int) -> list[tuple[int, int]]:
     """Equal touching pieces of first … last, none longer than asked."""
     count = max(-(-(last - first) // longest), 1)
     return [(int(a), int(b)) for a, b in pairwise(np.linspace(first, last, count + 1).round())]
 
 
-def references(trial: Trial, cut: tuple[int, int], spacing_s: float) -> Indices:
+def select_reference_samples(trial: Trial, cut: tuple[int, int], spacing_s: float) -> Indices:
     """Samples of an interval to take the orientation of: evenly spaced, or the nearest tracked one at most half a step away."""
     first, last = cut
     count = max(round((last - first) * trial.sample_s / spacing_s), 1)
@@ -243,29 +243,29 @@ def references(trial: Trial, cut: tuple[int, int], spacing_s: float) -> Indices:
     return np.unique(nearest[close])
 
 
-def rest_noise(trial: Trial) -> Array:
+def estimate_rest_noise(trial: Trial) -> Array:
     """Angle random walk per axis (3,) rad/sqrt(s), by the Allan deviation of the rests."""
-    found = estimate_walk_at_rest([trial.rates[first:stop] for first, stop in runs(trial.still)], trial.sample_s)
+    found = estimate_walk_at_rest([trial.rates[first:stop] for first, stop in find_runs(trial.still)], trial.sample_s)
     if found is None:
         raise InputError(f"{trial.name}: no rest of {3 * ALLAN_S:g} s to take the gyro noise from")
     return found
 
 
-def rest_bias(trial: Trial) -> Array:
+def estimate_rest_bias(trial: Trial) -> Array:
     """b (3,) rad/s of ω = G ω_raw + b with G = I from the first rest, minus its mean raw rate."""
-    for first, stop in runs(trial.still):
+    for first, stop in find_runs(trial.still):
         if (stop - first) * trial.sample_s >= SHORTEST_REST_S:
             return np.asarray(-trial.rates[first:stop].mean(axis=0))
     raise InputError(f"{trial.name}: no rest of {SHORTEST_REST_S:g} s to take the bias from")
 
 
-def to_recording(trial: Trial, intervals: str | float = "motion", spacing_s: float = 1.0) -> Imported:
+def build_recording(trial: Trial, intervals: str | float = "motion", spacing_s: float = 1.0) -> ImportedTrial:
     """A trial as a recording.
 
     Parameters
     ----------
     trial : the trial
-    intervals : see `cuts`
+    intervals : see `cut_trial`
     spacing_s : s between the reference attitudes of an interval
 
     Raises
@@ -275,10 +275,10 @@ def to_recording(trial: Trial, intervals: str | float = "motion", spacing_s: flo
     """
     if not trial.sample_s <= spacing_s < np.inf:
         raise InputError(f"the spacing of the references must be at least a sample, {trial.sample_s:g} s, not {spacing_s:g}")
-    arw, bias = rest_noise(trial), rest_bias(trial)
+    arw, bias = estimate_rest_noise(trial), estimate_rest_bias(trial)
     chosen: list[tuple[str, str, Indices]] = []
-    for name, activity, first, last in cuts(trial, intervals):
-        rows = references(trial, (first, last), spacing_s)
+    for name, activity, first, last in cut_trial(trial, intervals):
+        rows = select_reference_samples(trial, (first, last), spacing_s)
         if rows.size >= 2:
             chosen.append((name, activity, rows))
     if not chosen:
@@ -293,40 +293,40 @@ def to_recording(trial: Trial, intervals: str | float = "motion", spacing_s: flo
     )
     used = np.unique(np.concatenate([rows for _, _, rows in chosen]))
     still = trial.still[used]
-    sigma_rest, sigma_motion = _sigmas(trial, gyro, spacing_s)
+    sigma_rest, sigma_motion = _estimate_reference_sigma(trial, gyro, spacing_s)
     sigma = np.where(still[:, None], sigma_rest, sigma_motion)
     recording = Recording(
         title=f"BROAD {trial.name} (CC-BY-4.0, doi:10.3390/data6070072)",
-        epoch=EPOCH,
+        epoch=ASSUMED_EPOCH,
         time_scale=TIME_SCALE,
         gyro=gyro,
         attitudes=Attitudes(trial.t_s[used], trial.quaternions[used], sigma, sigma_estimated=True),
         intervals=tuple(
             Interval(name, activity, float(trial.t_s[rows[0]]), float(trial.t_s[rows[-1]])) for name, activity, rows in chosen
         ),
-        tables={"housekeeping": _housekeeping(trial)},
+        tables={"housekeeping": _build_housekeeping_table(trial)},
     )
-    return Imported(recording, sigma_rest, sigma_motion, arw, np.asarray(still))
+    return ImportedTrial(recording, sigma_rest, sigma_motion, arw, np.asarray(still))
 
 
-def _housekeeping(trial: Trial) -> pd.DataFrame:
+def _build_housekeeping_table(trial: Trial) -> pd.DataFrame:
     names = [f"specific_force_{axis}_m_s2" for axis in "xyz"]
     return pd.DataFrame(np.column_stack([trial.t_s, trial.force]), columns=["t_s", *names])
 
 
-def _sigmas(trial: Trial, gyro: GyroStream, spacing_s: float) -> tuple[Array, Array]:
+def _estimate_reference_sigma(trial: Trial, gyro: GyroStream, spacing_s: float) -> tuple[Array, Array]:
     """Reference sigma at rest and in motion, (3,) rad each, from the turns between references over the whole trial."""
     tracked = np.flatnonzero(trial.tracked)
-    rows = references(trial, (int(tracked[0]), int(tracked[-1])), spacing_s)
+    rows = select_reference_samples(trial, (int(tracked[0]), int(tracked[-1])), spacing_s)
     pairs = [(int(a), int(b)) for a, b in pairwise(rows) if (b - a) * trial.sample_s < 1.5 * spacing_s]
     if len(pairs) < FEWEST_INCREMENTS:
         raise InputError(f"{trial.name}: {len(pairs)} turns between tracked orientations {spacing_s:g} s apart are too few")
     used = np.unique(np.array(pairs))
     t_s = trial.t_s
-    left, R = increment_residuals(
+    left, R = compute_increment_residuals(
         Recording(
             title=trial.name,
-            epoch=EPOCH,
+            epoch=ASSUMED_EPOCH,
             gyro=gyro,
             attitudes=Attitudes(t_s[used], trial.quaternions[used], np.full((used.size, 3), np.deg2rad(1.0))),
             intervals=tuple(Interval(str(k), "", float(t_s[a]), float(t_s[b])) for k, (a, b) in enumerate(pairs)),
@@ -337,7 +337,7 @@ def _sigmas(trial: Trial, gyro: GyroStream, spacing_s: float) -> tuple[Array, Ar
     both = []
     for mask in (resting, ~resting):
         chosen = mask if np.count_nonzero(mask) >= FEWEST_INCREMENTS else np.ones_like(mask)
-        both.append(axis_sigma(left[chosen], R[chosen], gyro.arw**2 * spacing_s))
+        both.append(estimate_axis_sigma(left[chosen], R[chosen], gyro.arw**2 * spacing_s))
     if not (np.array(both) > 0).all():
         raise InputError(
             f"{trial.name}: the references scatter less over {spacing_s:g} s than the gyro; choose a shorter spacing"

@@ -16,18 +16,18 @@ import numpy as np
 import pandas as pd
 
 from gyrocal import NAMES, InputError, calibrate
-from gyrocal.importing import checked
+from gyrocal.importing import validate_mapping
 from gyrocal.importing.build import build
-from gyrocal.importing.streams import streams
-from studies.montecarlo.statistics import accuracy_table, binomial_interval, nees_check
+from gyrocal.importing.streams import read_streams
+from studies.montecarlo.statistics import check_mean_nees, compute_binomial_interval, tabulate_accuracy
 from studies.montecarlo.study import Row, Streams, Study, StudyConfig
-from studies.report.checks import Check, at_least, at_most
+from studies.report.checks import Check, bound_above, bound_below
 from studies.report.entry import Entry, Report
 from studies.report.tables import Table
-from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES, columns
-from studies.validation.mems_log import SECONDS, Log, log
+from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES, name_columns
+from studies.validation.mems_log import SECONDS, MemsLog, log
 
-RIGHT: dict[str, Any] = {
+CORRECT_MAPPING: dict[str, Any] = {
     "time": "timestamp_ms:ms",
     "gyro": "gx,gy,gz:deg/s",
     "quat": "qw,qx,qy,qz:body-to-inertial",
@@ -35,7 +35,7 @@ RIGHT: dict[str, Any] = {
 OFFSET_S = 0.35
 NEAR_S = 0.02  # how near a named time offset must come
 # What is wrong, how, and what must be named; {} stands for a time offset.
-WRONG: Entries[str, tuple[dict[str, Any], str]] = {
+WRONG_MAPPINGS: Entries[str, tuple[dict[str, Any], str]] = {
     "rad/s for deg/s": ({"gyro": "gx,gy,gz:rad/s"}, "the gyro in deg/s, not rad/s"),
     "deg/h for deg/s": ({"gyro": "gx,gy,gz:deg/h"}, "the gyro in deg/s, not deg/h"),
     "scalar last for first": (
@@ -50,7 +50,7 @@ WRONG: Entries[str, tuple[dict[str, Any], str]] = {
     "us for ms": ({"time": "timestamp_ms:us"}, "times in ms, not us"),
     "time offset": ({"attitude_offset_s": OFFSET_S}, "{} s added to the attitudes' time tags"),
 }
-BOUND = 4.0  # sigma
+ERROR_BOUND_SIGMAS = 4.0  # sigma
 
 
 class ImportConfig(StudyConfig):
@@ -66,17 +66,17 @@ class ImportConfig(StudyConfig):
     seconds: float = SECONDS
 
 
-def refusal(data: Log, changes: dict[str, Any]) -> str:
+def find_refusal(data: MemsLog, changes: dict[str, Any]) -> str:
     """The error that a mapping with changes ends in; empty if it is taken."""
-    mapping = checked(RIGHT | changes, "mapping")
+    mapping = validate_mapping(CORRECT_MAPPING | changes, "mapping")
     try:
-        build(streams(data.gyro, data.attitude, mapping), mapping)
+        build(read_streams(data.gyro, data.attitude, mapping), mapping)
     except InputError as error:
         return str(error)
     return ""
 
 
-def is_named(message: str, wanted: str) -> bool:
+def is_mapping_named(message: str, wanted: str) -> bool:
     """Whether a refusal names what is wanted as the only way that fits."""
     found = re.search(r" % with (.*)$", message)
     if found is None or "{}" not in wanted:
@@ -85,31 +85,31 @@ def is_named(message: str, wanted: str) -> bool:
     return number is not None and abs(float(number.group(1)) + OFFSET_S) < NEAR_S
 
 
-def case(config: ImportConfig, number: int, streams_of: Streams) -> list[Row]:
+def run_case(config: ImportConfig, number: int, streams_of: Streams) -> list[Row]:
     """The calibration of an import, and a row for every wrong mapping."""
     data = log(streams_of.generator("log"), config.seconds)
-    mapping = checked(RIGHT, "mapping")
-    result = calibrate(build(streams(data.gyro, data.attitude, mapping), mapping).recording)
+    mapping = validate_mapping(CORRECT_MAPPING, "mapping")
+    result = calibrate(build(read_streams(data.gyro, data.attitude, mapping), mapping).recording)
     error = result.parameters.vector - np.concatenate([data.G.ravel(), data.bias])
     row: dict[str, Any] = {"kind": "right", "named": True, "chi2_per_dof": result.chi2 / result.dof}
     row["nees"] = float(error @ np.linalg.solve(result.covariance, error))
-    row |= dict(zip(columns("error"), (error * PPM_DEG_H).tolist(), strict=True))
-    row |= dict(zip(columns("sigma"), (result.sigma * PPM_DEG_H).tolist(), strict=True))
+    row |= dict(zip(name_columns("error"), (error * PPM_DEG_H).tolist(), strict=True))
+    row |= dict(zip(name_columns("sigma"), (result.sigma * PPM_DEG_H).tolist(), strict=True))
     rows: list[Row] = [row]
-    for kind, (changes, wanted) in WRONG.items():
-        message = refusal(data, changes)
-        rows.append({"kind": kind, "named": is_named(message, wanted), "message": message})
+    for kind, (changes, wanted) in WRONG_MAPPINGS.items():
+        message = find_refusal(data, changes)
+        rows.append({"kind": kind, "named": is_mapping_named(message, wanted), "message": message})
     return rows
 
 
-STUDY = Study("studies.validation.imports:STUDY", ImportConfig, case)
+STUDY = Study("studies.validation.imports:STUDY", ImportConfig, run_case)
 
 
-def parameters_table(rows: pd.DataFrame) -> pd.DataFrame:
+def build_error_table(rows: pd.DataFrame) -> pd.DataFrame:
     """Errors of each parameter in its sigmas."""
     right = rows[rows["kind"] == "right"]
-    errors, sigmas = right[columns("error")].to_numpy(float), right[columns("sigma")].to_numpy(float)
-    z, accuracy = errors / sigmas, accuracy_table(errors, sigmas, NAMES, PPM_DEG_H_NAMES)
+    errors, sigmas = right[name_columns("error")].to_numpy(float), right[name_columns("sigma")].to_numpy(float)
+    z, accuracy = errors / sigmas, tabulate_accuracy(errors, sigmas, NAMES, PPM_DEG_H_NAMES)
     return pd.DataFrame(
         {
             "parameter": NAMES,
@@ -118,17 +118,17 @@ def parameters_table(rows: pd.DataFrame) -> pd.DataFrame:
             "rms_error": np.sqrt(np.mean(np.square(errors), axis=0)),
             "mean_in_standard_errors": accuracy["bias_in_standard_errors"],
             "largest_error_in_sigma": np.abs(z).max(axis=0),
-            f"share_within_{BOUND:g}_sigma": np.mean(np.abs(z) <= BOUND, axis=0),
+            f"share_within_{ERROR_BOUND_SIGMAS:g}_sigma": np.mean(np.abs(z) <= ERROR_BOUND_SIGMAS, axis=0),
         }
     )
 
 
-def named_table(rows: pd.DataFrame) -> pd.DataFrame:
+def count_named_mappings(rows: pd.DataFrame) -> pd.DataFrame:
     """How often each wrong mapping is named, with an interval of 95 %."""
     out = []
-    for kind in WRONG:
+    for kind in WRONG_MAPPINGS:
         part = rows[rows["kind"] == kind]["named"].astype(bool)
-        low, high = binomial_interval(int(part.sum()), len(part))
+        low, high = compute_binomial_interval(int(part.sum()), len(part))
         out.append({"wrong": kind, "trials": len(part), "named": int(part.sum()), "low": low, "high": high})
     return pd.DataFrame(out)
 
@@ -138,14 +138,19 @@ NEES = "The mean NEES of the twelve parameters; its bounds are those of a consis
 
 def report(config: ImportConfig, rows: pd.DataFrame) -> Report:
     """Errors in sigmas, and how often a wrong mapping is named."""
-    table, named = parameters_table(rows), named_table(rows)
-    found = nees_check(rows[rows["kind"] == "right"]["nees"], len(NAMES))
+    table, named = build_error_table(rows), count_named_mappings(rows)
+    found = check_mean_nees(rows[rows["kind"] == "right"]["nees"], len(NAMES))
     checks = [
-        Check("largest error of a parameter", float(table["largest_error_in_sigma"].max()), at_most(BOUND), "sigma"),
+        Check(
+            "largest error of a parameter",
+            float(table["largest_error_in_sigma"].max()),
+            bound_above(ERROR_BOUND_SIGMAS),
+            "sigma",
+        ),
         Check("mean NEES", found.value, (found.lower, found.upper), "", NEES),
     ]
     for line in named.to_dict("records"):
-        checks.append(Check(f"named: {line['wrong']}", line["named"] / line["trials"], at_least(0.95)))
+        checks.append(Check(f"named: {line['wrong']}", line["named"] / line["trials"], bound_below(0.95)))
     tables = {
         "parameters": Table("Calibration of an import, nothing edited", table),
         "named": Table("Wrong mappings, and how often the right one is named alone", named),

@@ -13,22 +13,22 @@ from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 
-SAMPLE_S = 0.01
-EVERY = 10  # gyro samples between attitudes
+MEMS_SAMPLE_S = 0.01
+SAMPLES_PER_ATTITUDE = 10  # gyro samples between attitudes
 SECONDS = 180.0
 REST_S = 6.0
 TONES = 4  # about each axis
-RATES_DEG_S = (10.0, 30.0)
+TURN_RATES_DEG_S = (10.0, 30.0)
 FREQUENCIES_HZ = (0.05, 0.6)
 G_SIGMA = 0.01
 BIAS_DEG_S = 0.4
-ARW_DEG_PER_SQRT_S = 0.005
-SIGMA_DEG = 0.1
+MEMS_ARW_DEG_PER_SQRT_S = 0.005
+REFERENCE_SIGMA_DEG = 0.1
 UNIX_MS = 1_700_000_000_123
 
 
 @dataclass(frozen=True)
-class Log:
+class MemsLog:
     """Both tables and the truth.
 
     Attributes
@@ -44,32 +44,32 @@ class Log:
     bias: Array
 
 
-def log(rng: np.random.Generator, seconds: float = SECONDS) -> Log:
+def log(rng: np.random.Generator, seconds: float = SECONDS) -> MemsLog:
     """Draw a motion, a gyro and their noise."""
-    count = round(seconds / SAMPLE_S)
-    t = np.arange(count) * SAMPLE_S
-    size, frequency, phase = (rng.uniform(*room, (TONES, 3)) for room in (RATES_DEG_S, FREQUENCIES_HZ, (0.0, 2 * np.pi)))
+    count = round(seconds / MEMS_SAMPLE_S)
+    t = np.arange(count) * MEMS_SAMPLE_S
+    size, frequency, phase = (rng.uniform(*room, (TONES, 3)) for room in (TURN_RATES_DEG_S, FREQUENCIES_HZ, (0.0, 2 * np.pi)))
     omega = np.sum(size * np.sin(2 * np.pi * frequency * t[:, None, None] + phase), axis=1)
     rising = np.clip(np.minimum(t - REST_S, seconds - REST_S - t), 0.0, 1.0)
     omega = np.deg2rad(omega * rising[:, None])
     G = np.eye(3) + rng.normal(size=(3, 3)) * G_SIGMA
     bias = np.deg2rad(BIAS_DEG_S) * rng.choice([-1.0, 1.0], 3)
-    white = rng.normal(size=(count, 3)) * np.deg2rad(ARW_DEG_PER_SQRT_S) / np.sqrt(SAMPLE_S)
+    white = rng.normal(size=(count, 3)) * np.deg2rad(MEMS_ARW_DEG_PER_SQRT_S) / np.sqrt(MEMS_SAMPLE_S)
     raw = np.linalg.solve(G, (omega - bias).T).T + white
-    bodies = _attitudes(omega, Rotation.random(random_state=rng).as_matrix())[::EVERY]
-    error = Rotation.from_rotvec(rng.normal(size=(len(bodies), 3)) * np.deg2rad(SIGMA_DEG))
+    bodies = _integrate_attitudes(omega, Rotation.random(random_state=rng).as_matrix())[::SAMPLES_PER_ATTITUDE]
+    error = Rotation.from_rotvec(rng.normal(size=(len(bodies), 3)) * np.deg2rad(REFERENCE_SIGMA_DEG))
     q = np.roll((Rotation.from_matrix(bodies) * error).as_quat(), 1, axis=1)
-    step_ms = round(1e3 * SAMPLE_S)
+    step_ms = round(1e3 * MEMS_SAMPLE_S)
     gyro = pd.DataFrame(np.rad2deg(raw), columns=["gx", "gy", "gz"])
     attitude = pd.DataFrame(q, columns=["qw", "qx", "qy", "qz"])
     gyro.insert(0, "timestamp_ms", UNIX_MS + step_ms * np.arange(count))
-    attitude.insert(0, "timestamp_ms", UNIX_MS + step_ms * EVERY * np.arange(len(q)))
-    return Log(gyro, attitude, G, bias)
+    attitude.insert(0, "timestamp_ms", UNIX_MS + step_ms * SAMPLES_PER_ATTITUDE * np.arange(len(q)))
+    return MemsLog(gyro, attitude, G, bias)
 
 
-def _attitudes(omega: Array, start: Array) -> Array:
+def _integrate_attitudes(omega: Array, start: Array) -> Array:
     """(n + 1, 3, 3) body-to-world matrices: C ← C exp([ω×]Δt)."""
-    steps = Rotation.from_rotvec(omega * SAMPLE_S).as_matrix()
+    steps = Rotation.from_rotvec(omega * MEMS_SAMPLE_S).as_matrix()
     out = np.empty((len(steps) + 1, 3, 3))
     out[0] = start
     for k, step in enumerate(steps):

@@ -27,12 +27,12 @@ from gyrocal.calibration.remainder import add_remainder
 from gyrocal.calibration.result import CalibrationResult
 from gyrocal.estimation.prediction_consistency import compute_prediction_errors, cut_recording
 from gyrocal.estimation.remainder_noise import KnownCalibration
-from studies.montecarlo.manifest import digest
+from studies.montecarlo.manifest import hash_bytes
 from studies.montecarlo.study import GridConfig, Streams, Study
 from studies.report import diagnosis_words, gap_budget
 from studies.report.checks import Check
 from studies.report.entry import Entry, Report
-from studies.report.panels import Draw, Panel, sheet
+from studies.report.panels import Draw, Panel, build_sheet
 from studies.report.tables import NO_VALUE, Table
 from studies.validation import broad
 
@@ -40,9 +40,9 @@ Array = NDArray[np.float64]
 Row = dict[str, Any]
 Record = Mapping[Any, Any]  # a row of a table by column
 
-ROOT = Path(__file__).parents[2]
-FOLDER = "../shared/real/broad"
-CONSISTENT = (0.8, 1.25)  # RMS of normalised errors where stated covariances hold
+REPOSITORY_ROOT = Path(__file__).parents[2]
+BROAD_FOLDER = "../shared/real/broad"
+CONSISTENT_RMS_RANGE = (0.8, 1.25)  # RMS of normalised errors where stated covariances hold
 BUDGET = ["trial", "step", "misfit", "misfit_deg", "closed", "closed_low", "closed_high", "size", "sigma", "unit"]
 ACROSS = 2  # panels of the figure side by side
 STEP_INCHES, PANEL_INCHES = 0.27, 0.85  # height of a step, and of title and axis
@@ -63,13 +63,13 @@ class RealConfig(GridConfig):
     """
 
     axes: ClassVar = ("trials",)
-    folder: str = FOLDER
+    folder: str = BROAD_FOLDER
     trials: tuple[str, ...] = Field(default=(), validate_default=True)
 
     @field_validator("trials")
     @classmethod
     def _find_trials(cls, value: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
-        folder = (ROOT / info.data.get("folder", FOLDER)).resolve()
+        folder = (REPOSITORY_ROOT / info.data.get("folder", BROAD_FOLDER)).resolve()
         found = tuple(sorted(path.stem for path in folder.glob("*.parquet")))
         absent = [name for name in value if name not in found]
         if absent or not found:
@@ -85,7 +85,7 @@ class RealConfig(GridConfig):
 
     def file(self, number: int) -> Path:
         """Return the file of a case."""
-        return (ROOT / self.folder).resolve() / f"{self.trials[number]}.parquet"
+        return (REPOSITORY_ROOT / self.folder).resolve() / f"{self.trials[number]}.parquet"
 
 
 # ---- rows ----------------------------------------------------------------------------------------------------------------
@@ -93,7 +93,7 @@ class RealConfig(GridConfig):
 
 def read_recording(config: RealConfig, number: int, streams: Streams) -> Recording:
     """Read a trial as a recording."""
-    return broad.to_recording(broad.read(config.file(number))).recording
+    return broad.build_recording(broad.read(config.file(number))).recording
 
 
 def run_case(config: RealConfig, number: int, streams: Streams) -> list[Row]:
@@ -106,7 +106,7 @@ def run_case(config: RealConfig, number: int, streams: Streams) -> list[Row]:
         "kind": "trial",
         **summarise_calibration(calibration),
         **summarise_diagnosis(diagnosis),
-        "sha256": digest(config.file(number).read_bytes()),
+        "sha256": hash_bytes(config.file(number).read_bytes()),
     }
     rows = [trial, *build_cause_rows(diagnosis), *build_step_rows(diagnosis), *predictions]
     return [{"trial": config.trials[number], **row} for row in rows]
@@ -214,7 +214,7 @@ def build_report(config: RealConfig, rows: pd.DataFrame) -> Report:
         "predictions": Table("Predictions of the second half by a calibration of the first half", predictions),
     }
     checks = (*check_verdicts(trials, causes), *check_predictions(predictions))
-    return Report(tables, {"waterfalls": draw_waterfalls(steps)} if len(steps) else {}, checks, (broad.ATTRIBUTION,))
+    return Report(tables, {"waterfalls": draw_waterfalls(steps)} if len(steps) else {}, checks, (broad.BROAD_ATTRIBUTION,))
 
 
 def describe_trials(trials: pd.DataFrame, causes: pd.DataFrame) -> pd.DataFrame:
@@ -238,8 +238,8 @@ def describe_trials(trials: pd.DataFrame, causes: pd.DataFrame) -> pd.DataFrame:
 
 def describe_cause(row: Record) -> str:
     """Describe a cause by its size with sigma and its probability."""
-    size = diagnosis_words.sized(row["size"], row["sigma"], row["unit"])
-    return f"{row['cause']} {size} ({diagnosis_words.percent(row['probability'])})"
+    size = diagnosis_words.format_size(row["size"], row["sigma"], row["unit"])
+    return f"{row['cause']} {size} ({diagnosis_words.format_percent(row['probability'])})"
 
 
 def describe_share(row: Record, name: str) -> str:
@@ -262,13 +262,13 @@ def check_verdicts(trials: pd.DataFrame, causes: pd.DataFrame) -> list[Check]:
 
 def check_predictions(predictions: pd.DataFrame) -> list[Check]:
     """Check the normalised errors of all trials over each horizon, and count the trials that are consistent by themselves."""
-    low, high = CONSISTENT
+    low, high = CONSISTENT_RMS_RANGE
     checks = []
     for horizon, part in predictions.groupby("horizon_s"):
         own = part["normalised_rms"].dropna()
         rms, inside = float(np.sqrt(np.mean(np.square(own)))), int(own.between(low, high).sum())
         checks += [
-            Check(f"normalised error over {horizon:g} s, RMS of all trials", rms, CONSISTENT, "", PREDICTION),
+            Check(f"normalised error over {horizon:g} s, RMS of all trials", rms, CONSISTENT_RMS_RANGE, "", PREDICTION),
             Check(f"trials with {low:g} to {high:g} over {horizon:g} s, of {len(own)}", inside),
         ]
     return checks
@@ -282,7 +282,7 @@ def draw_waterfalls(steps: pd.DataFrame) -> Draw:
     columns = min(ACROSS, len(panels))
     panels += [Panel(Axes.set_axis_off)] * (-len(panels) % columns)
     height = STEP_INCHES * max(map(len, budgets.values())) + PANEL_INCHES
-    return sheet(*panels, size=(5.5 * columns, height * (len(panels) // columns)), columns=columns)
+    return build_sheet(*panels, size=(5.5 * columns, height * (len(panels) // columns)), columns=columns)
 
 
 def build_step(row: Record) -> Step:

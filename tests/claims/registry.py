@@ -97,14 +97,14 @@ def _summary(root: Path) -> dict[str, Any]:
 
 def natanson_questions(root: Path, chosen: tuple[str, ...] = ()) -> str:
     """Tabulate what parted simulated and flown numbers of N."""
-    table = reproduce.question_table(_summary(root))
+    table = reproduce.build_question_table(_summary(root))
     rows = [row for row in table.itertuples(index=False) if not chosen or row[0] in chosen]
     return _table(rows, table.columns)
 
 
 def natanson_estimates(root: Path, chosen: tuple[str, ...] = tuple(reproduce.ESTIMATES)) -> str:
     """Tabulate the answers on N's estimates."""
-    table = reproduce.summary_table(_summary(root))
+    table = reproduce.build_estimates_table(_summary(root))
     return _table([row for row in table.itertuples(index=False) if row.question in chosen], table.columns)
 
 
@@ -124,7 +124,7 @@ def _mission_factor(before: str, after: str) -> Claim:
 
 def mission_summary(root: Path) -> str:
     """Tabulate the answers on the nominal spacecraft."""
-    table = report.summary_table(_json(root, "results", "mission", "summary.json"))
+    table = report.build_answers_table(_json(root, "results", "mission", "summary.json"))
     return _table(table[["question", "answer"]].itertuples(index=False), ["question", "answer"])
 
 

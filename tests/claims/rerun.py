@@ -13,8 +13,8 @@ import pandas as pd
 import pyarrow.parquet as pq
 
 from studies.montecarlo.cases import Task, run_cases
-from studies.montecarlo.engine import config_in
-from studies.montecarlo.study import find, resolved
+from studies.montecarlo.engine import load_stored_config
+from studies.montecarlo.study import find, resolve_config
 from tests.claims.text import Problem
 
 QUICK = {  # cases by study: some of the cheapest, 30 s of processor time together
@@ -45,11 +45,11 @@ def rerun_problems(root: Path, study: str) -> Iterator[Problem]:
     """Run the chosen cases of a study again; find where they differ from the committed rows."""
     path = root / "results" / TABLES.get(study, f"studies/{study}/table.parquet")
     chosen = find(json.loads((path.parent / "manifest.json").read_text())["study"])
-    config = config_in(chosen, path.parent)
+    config = load_stored_config(chosen, path.parent)
     if config is None:
         yield Problem(str(path.relative_to(root)), 0, f"the study cannot have the settings of the manifest: {study}")
         return
-    text = resolved(config).model_dump_json()
+    text = resolve_config(config).model_dump_json()
     for case in (QUICK | SLOW)[study]:
         made = pd.DataFrame(run_cases(Task(chosen.name, text, range(case, case + 1))).rows)
         different = differences(pq.read_table(path).to_pandas(), case, made)

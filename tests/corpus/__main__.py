@@ -103,4 +103,4 @@ if __name__ == "__main__":
         folder = Path("build/corpus")
         write_csv(folder / "outcomes.csv", rows.drop(columns="s"))
         note = "`python -m tests.corpus`; a row for each input is in outcomes.csv."
-        write_text(folder / "outcomes.md", render.markdown("How bad inputs end", table, note))
+        write_text(folder / "outcomes.md", render.format_markdown("How bad inputs end", table, note))

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from gyrocal.recording import toml_value
+from gyrocal.recording import format_toml
 from simulator import scenario as scenarios
 from tests.corpus.cases import FREE, JUDGED, Bad
 
@@ -70,7 +70,7 @@ class Raw(str):
 
 
 def _value(value: Any) -> str:
-    return str(value) if isinstance(value, Raw) else toml_value(value)
+    return str(value) if isinstance(value, Raw) else format_toml(value)
 
 
 def _sections(value: Any) -> bool:
@@ -123,7 +123,7 @@ def recordings() -> Iterator[Bad]:
 
 def scenario_files() -> Iterator[Bad]:
     """Of a scenario, simulated."""
-    text = scenarios.text("trmm")
+    text = scenarios.read_text("trmm")
     simulate = ("simulate", "mine.toml", "OUT", "--set", "gyro.sample_s=5.0")
     for path in leaves(tomllib.loads(text)):
         for kind, value in {**VALUES, "left out": None}.items():

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from studies.cli.main import COMMANDS, main
+from studies.cli.main import COMMAND_NAMES, main
 from tests.corpus.cases import FREE, REFUSED, Bad
 
 GOOD_ARGUMENTS = {
@@ -154,7 +154,7 @@ SETTINGS = (
 def commands() -> Iterator[tuple[tuple[str, ...], click.Command]]:
     """Every command by its words."""
     context = click.Context(main)
-    for name in COMMANDS:
+    for name in COMMAND_NAMES:
         command = main.get_command(context, name)
         if isinstance(command, click.Group):
             yield from (((name, key), one) for key, one in command.commands.items())

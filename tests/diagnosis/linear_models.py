@@ -3,7 +3,7 @@
 import numpy as np
 
 from diagnosis.inference.closure import average_closure
-from diagnosis.model.linear import Candidate, LinearModel, Option
+from diagnosis.model.linear import Candidate, LinearModel, ParameterChoice
 
 SCALES = np.geomspace(0.3, 30, 9)
 
@@ -12,7 +12,7 @@ def candidate(number, parts, start, share, **changes):
     """A candidate whose options are arrays of columns, of equal weight; its columns begin at `start`."""
     options = []
     for part in parts:
-        options.append(Option(start, part.shape[1], -float(np.log(len(parts))), {}))
+        options.append(ParameterChoice(start, part.shape[1], -float(np.log(len(parts))), {}))
         start += part.shape[1]
     given = {"effect": f"e{number}", "axis": None, "listed": True, "log_prior": share, "scales": SCALES, "unit": ""}
     return Candidate(options=tuple(options), **(given | changes))

@@ -5,8 +5,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from diagnosis.model.candidates import linear_model
-from diagnosis.model.folds import shared_columns, unwhitened
+from diagnosis.model.candidates import build_linear_model
+from diagnosis.model.folds import build_shared_columns, reverse_whitening
 from diagnosis.model.prepare import prepare
 from gyrocal.recording import Recording
 from simulator import scenario
@@ -39,7 +39,7 @@ def prepared(seed, *effects, sample_s=2.0, every_s=120.0):
 def linear(seed, *effects, sample_s=2.0, every_s=120.0):
     """The linear model of the same, with all effects and rivals."""
     model = prepared(seed, *effects, sample_s=sample_s, every_s=every_s).model
-    return linear_model(model, list(EFFECTS.values()))
+    return build_linear_model(model, list(EFFECTS.values()))
 
 
 def joint_covariance(model):
@@ -47,7 +47,7 @@ def joint_covariance(model):
     V = np.zeros((model.size, model.size))
     for block in model.blocks:
         V[block.rows, block.rows] = block.whitener @ block.whitener.T
-    columns = unwhitened(model, shared_columns(model))
+    columns = reverse_whitening(model, build_shared_columns(model))
     return V + columns @ columns.T
 
 

@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-from diagnosis.model.sensors.arcs import arcs_of, fitted_arcs
+from diagnosis.model.sensors.arcs import build_arcs, fit_arcs
 from simulator import scenario
 from simulator.effects.sensor import SENSOR_EFFECTS, parse
-from simulator.sensors.record import sensed
+from simulator.sensors.raw_tables import simulate_sensor_tables
 from simulator.simulate import motion, simulate
 
 MONTHS = scenario.load("trmm_months")
@@ -19,9 +19,9 @@ EFFECTS = tuple(SENSOR_EFFECTS.values())
 def recorded(*effects, seed=1, change=None):
     """A recording whose attitudes and gyro are those of the seed, with noise."""
     plain = simulate(FEW, seed=seed)
-    return replace(plain, sensors=sensed(FEW, MOTION, [parse(one) for one in effects], seed, change=change))
+    return replace(plain, sensors=simulate_sensor_tables(FEW, MOTION, [parse(one) for one in effects], seed, change=change))
 
 
 def fits_of(recording):
     """Its arcs fitted under M0."""
-    return fitted_arcs(arcs_of(recording)[0])[0]
+    return fit_arcs(build_arcs(recording)[0])[0]

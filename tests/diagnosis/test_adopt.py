@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.adopt import adopted, scenario
+from diagnosis.adopt import adopt_causes, write_adopted_scenario
 from diagnosis.answer import Amplitudes
 from diagnosis.diagnose import diagnose
 from gyrocal import load, save
-from simulator import adopted as scenarios
+from simulator import adopted_scenario as scenarios
 from simulator.effects import REGISTRY, parse
 from tests import diagnosis_cases
 from tests.diagnosis.recordings import recorded
@@ -21,7 +21,7 @@ def found():
 
 
 def test_the_posterior_holds_the_truth(found):
-    adoption = adopted(found)
+    adoption = adopt_causes(found)
     assert [one.label() for one in adoption.effects] == ["bias_orbital:z"]
     effect = REGISTRY["bias_orbital"]
     off = effect.amplitudes(adoption.effects[0]) - effect.amplitudes(parse(ORBITAL))
@@ -34,7 +34,7 @@ def test_the_posterior_holds_the_truth(found):
 
 def test_two_effects_have_a_joint_posterior():
     found = diagnose(recorded(5, ORBITAL, "bias_drift:x=0.02"), library=["bias_orbital", "bias_drift"])
-    adoption = adopted(found)
+    adoption = adopt_causes(found)
     assert {one.label() for one in adoption.effects} == {"bias_orbital:z", "bias_drift:x"}
     assert adoption.covariance.shape == (3, 3)
     assert np.linalg.eigvalsh(adoption.covariance)[0] > 0
@@ -43,14 +43,14 @@ def test_two_effects_have_a_joint_posterior():
 
 @pytest.mark.parametrize("case", ["none", "unknown", "not_identifiable"])
 def test_a_verdict_that_names_nothing_adopts_nothing(case):
-    adoption = adopted(getattr(diagnosis_cases, case)())
+    adoption = adopt_causes(getattr(diagnosis_cases, case)())
     assert adoption.effects == ()
     assert "without effects" in adoption.sentence()
 
 
 def test_an_effect_of_the_samples_brings_its_own_sigma():
     found = diagnosis_cases.stream_effect()
-    adoption = adopted(found)
+    adoption = adopt_causes(found)
     assert len(adoption.effects) == len(found.causes)
     np.testing.assert_allclose(np.diag(adoption.covariance), [cause.sigma**2 for cause in found.causes])
 
@@ -59,28 +59,28 @@ def test_effects_with_and_without_amplitudes_keep_their_places(found):
     (cause,) = found.causes
     noise = replace(cause, effect="noise_excess", axis="x", size=1.4, sigma=0.05, unit="factor", parameters={})
     both = replace(found, causes=(noise, cause))
-    covariance = adopted(both).covariance
+    covariance = adopt_causes(both).covariance
     assert covariance[0, 0] == pytest.approx(0.05**2)
-    np.testing.assert_array_equal(covariance[1:, 1:], adopted(found).covariance)
+    np.testing.assert_array_equal(covariance[1:, 1:], adopt_causes(found).covariance)
     assert not covariance[0, 1:].any()
 
 
 def test_effects_on_raw_sensor_tables_are_left_out(found):
     (cause,) = found.causes
     head = replace(cause, effect="dss_head", axis="2", size=0.3, sigma=0.01, unit="deg", parameters={})
-    adoption = adopted(replace(found, causes=(cause, head)))
+    adoption = adopt_causes(replace(found, causes=(cause, head)))
     assert [one.label() for one in adoption.effects] == ["bias_orbital:z"]
     assert "dss_head:2" in adoption.sentence()
-    alone = adopted(replace(found, causes=(head,), amplitudes=Amplitudes()))
+    alone = adopt_causes(replace(found, causes=(head,), amplitudes=Amplitudes()))
     assert alone.effects == ()
     assert "raw sensor tables" in alone.sentence()
 
 
 def test_what_the_recording_cannot_tell_from_it_is_said(found):
     (cause,) = found.causes
-    assert "cannot tell" not in adopted(found).sentence()
+    assert "cannot tell" not in adopt_causes(found).sentence()
     tied = replace(cause, group=(cause.label, "bias_drift:z", "bias_step:z"))
-    said = adopted(replace(found, verdict="group", causes=(tied,))).sentence()
+    said = adopt_causes(replace(found, verdict="group", causes=(tied,))).sentence()
     assert "cannot tell bias_orbital:z from bias_drift:z or bias_step:z" in said
 
 
@@ -88,10 +88,10 @@ def test_the_text_is_a_scenario_of_the_recording(found, tmp_path):
     save(recorded(5, ORBITAL), tmp_path / "rec")
     recording = load(tmp_path / "rec")
     (tmp_path / "out").mkdir()
-    text, _ = scenario(found, recording, tmp_path / "rec", tmp_path / "out" / "a.toml")
+    text, _ = write_adopted_scenario(found, recording, tmp_path / "rec", tmp_path / "out" / "a.toml")
     (tmp_path / "out" / "a.toml").write_text(text)
     loaded = scenarios.load(tmp_path / "out" / "a.toml")
-    assert loaded.effects == adopted(found).effects
-    np.testing.assert_allclose(loaded.covariance, adopted(found).covariance)
+    assert loaded.effects == adopt_causes(found).effects
+    np.testing.assert_allclose(loaded.covariance, adopt_causes(found).covariance)
     np.testing.assert_allclose(loaded.plan.bias, found.bias)
     assert 'recording = "../rec"' in text

@@ -7,7 +7,7 @@ import pytest
 
 from diagnosis.diagnose import diagnose
 from gyrocal import GyrocalError, load
-from simulator.effects.recorded import housekeeping_at
+from simulator.effects.recording_view import interpolate_housekeeping
 from tests.corpus_recordings import QUICK, damages, intact
 
 DAMAGES = dict(damages())
@@ -68,5 +68,5 @@ def test_what_can_be_used_is_answered(name, damaged):
 def test_housekeeping_is_read_in_order_and_without_fillers(damaged, whole):
     at = np.array([100.0, 300.0])
     for name in ("housekeeping backwards", "housekeeping gyro_temperature_c 1e+300", "housekeeping gyro_temperature_c inf"):
-        found = housekeeping_at(load(damaged(name)), at)
+        found = interpolate_housekeeping(load(damaged(name)), at)
         np.testing.assert_allclose(found["gyro_temperature_c"], 20.0 + 0.01 * at)

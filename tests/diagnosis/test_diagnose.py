@@ -8,9 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from diagnosis.diagnose import diagnose
-from diagnosis.inference.null import p_value
+from diagnosis.inference.null import compute_null_p
 from diagnosis.inference.search import Search
-from diagnosis.model.candidates import linear_model
+from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.prepare import prepare
 from diagnosis.settings import DEFAULT
 from gyrocal import InputError, load
@@ -71,14 +71,14 @@ def test_wrong_stated_noise_is_noise_excess_and_nothing_else(plan):
 def test_shuffled_residuals_give_no_cause(plan):
     """Negative control for the whole attitude side: a strong effect, its residuals in another order."""
     model = prepare(simulate(plan, seed=13, effects=[parse("bias_orbital:z=0.3")])).model
-    linear = linear_model(model, list(EFFECTS.values()))
-    assert p_value(Search(linear), 0, DEFAULT.null_draws) < 1e-20
+    linear = build_linear_model(model, list(EFFECTS.values()))
+    assert compute_null_p(Search(linear), 0, DEFAULT.null_draws) < 1e-20
     rng = np.random.default_rng(14)
     p = []
     for _ in range(5):
         shuffled = model.projected(rng.permutation(model.y) * rng.choice([-1.0, 1.0], model.size))
         shuffled *= np.sqrt(model.degrees_of_freedom) / np.linalg.norm(shuffled)
-        p.append(p_value(Search(replace(linear, y=shuffled)), 0, DEFAULT.null_draws))
+        p.append(compute_null_p(Search(replace(linear, y=shuffled)), 0, DEFAULT.null_draws))
     assert min(p) > DEFAULT.false_alarm_rate
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.draft import SETTINGS, Draft, build_centering, build_shapes, place_knots, propose_draft, render_draft
+from diagnosis.draft import SETTINGS, Draft, build_centering, build_shapes, place_knots, render_draft, suggest_draft
 from diagnosis.model.prepare import prepare
 from diagnosis.model.remainder import add_remainder, build_processes, estimate_remainder, summarise_remainder
 from diagnosis.remainder_search import BesideRemainder
@@ -43,7 +43,7 @@ def unexplained(model):
 @pytest.fixture(scope="module")
 def drafted():
     model = prepare(swaying(SIZE)).model
-    return model, propose_draft(model, unexplained(model))
+    return model, suggest_draft(model, unexplained(model))
 
 
 @pytest.fixture
@@ -63,7 +63,7 @@ def test_a_function_of_the_own_rate_is_proposed_and_closes_most_of_the_misfit(dr
 
 def test_nothing_is_proposed_for_recordings_without_an_effect():
     models = [prepare(swaying(0.0, seed)).model for seed in (2, 3, 4)]
-    assert [propose_draft(model, unexplained(model)) for model in models] == [None] * 3
+    assert [suggest_draft(model, unexplained(model)) for model in models] == [None] * 3
 
 
 def test_the_file_that_is_written_is_the_function_that_was_found(drafted, loaded):

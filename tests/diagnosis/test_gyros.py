@@ -8,11 +8,11 @@ import pytest
 import simulator
 from diagnosis.diagnose import diagnose
 from diagnosis.gyros import NOTHING_TO_SEE, find_faulty_gyros
-from diagnosis.inference.attribution import Attribution, Ranked
+from diagnosis.inference.attribution import Attribution, RankedExplanation
 from diagnosis.inference.search import Explanation
 from diagnosis.settings import DEFAULT
 from gyrocal import InputError
-from gyrocal.recording.parts import without_attitudes
+from gyrocal.recording.parts import build_empty_attitudes
 from simulator.effects import parse
 from tests.gyro_arrays import TETRAHEDRON, array_recording
 
@@ -80,7 +80,7 @@ def test_of_four_with_a_dead_one_three_are_left():
 
 def test_a_gyro_is_told_where_its_fault_is_not():
     shares = {("a of a gyro:1",): 0.5, ("bias_step:1",): 0.4, ("bias_step:1", "bias_drift:2"): 0.06, ("late:x",): 0.04}
-    ranked = tuple(Ranked(labels, share, 1.0, False) for labels, share in shares.items())
+    ranked = tuple(RankedExplanation(labels, share, 1.0, False) for labels, share in shares.items())
     best = Explanation((), 0.0, 0.0)
     unknown = replace(NOTHING_TO_SEE, attribution=Attribution("unknown", best, (), 0.5, ranked))
     (found,) = find_faulty_gyros(unknown, ("1", "2", "3"), DEFAULT)
@@ -95,6 +95,6 @@ def test_what_cannot_be_compared_is_said():
     with pytest.raises(InputError, match="no gyro noise"):
         diagnose(recording)
     three, *_ = array_recording(TETRAHEDRON, gyros=[("1", "2", "3")] * 6)
-    alone = replace(three, gyro=replace(three.gyro, arw=1e-6), attitudes=without_attitudes())
+    alone = replace(three, gyro=replace(three.gyro, arw=1e-6), attitudes=build_empty_attitudes())
     with pytest.raises(InputError, match="nothing to compare with"):
         diagnose(alone)

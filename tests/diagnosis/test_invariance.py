@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from diagnosis.diagnose import diagnose
-from gyrocal.recording import reference_rows
+from gyrocal.recording import find_reference_rows
 from tests.diagnosis.recordings import recorded
 
 # A diagnosis takes a second: two examples of each, the same in every run.
@@ -92,7 +92,7 @@ def test_an_interval_that_is_cut_at_a_reference_has_the_same_cause(place):
     """What is named and how large it is do not change; that the parts share an attitude is not used, which costs little."""
     recording = plain()
     third = recording.intervals[2]
-    at = float(recording.attitudes.t_s[reference_rows(recording.attitudes.t_s, third)][place])
+    at = float(recording.attitudes.t_s[find_reference_rows(recording.attitudes.t_s, third)][place])
     parts = (replace(third, name="first", stop_s=at), replace(third, name="second", start_s=at))
     found = asked(replace(recording, intervals=(*recording.intervals[:2], *parts, *recording.intervals[3:])))
     assert found.verdict == "named"

@@ -8,10 +8,10 @@ import scipy.stats
 
 from diagnosis import next_recording
 from diagnosis.model.folds import SETTINGS as FOLDS
-from diagnosis.model.linearise import linearised
+from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.periods import make_columns
-from diagnosis.model.unit import joined
-from diagnosis.next_recording import compared, foretell
+from diagnosis.model.unit import join_recordings
+from diagnosis.next_recording import compare_with_prediction, predict_next_recording
 from gyrocal import InputError
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from simulator import scenario
@@ -34,12 +34,12 @@ def recordings(plan):
 
 @pytest.fixture(scope="module")
 def unit(recordings):
-    return joined(recordings)
+    return join_recordings(recordings)
 
 
 @pytest.fixture(scope="module")
 def model(unit, plan):
-    return linearised(unit.recording, np.array(plan.gyro.true_G), np.deg2rad(plan.gyro.true_bias_deg_s))
+    return linearise_recording(unit.recording, np.array(plan.gyro.true_G), np.deg2rad(plan.gyro.true_bias_deg_s))
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def test_a_prediction_is_that_of_the_joint_normal_distribution(model, unit, orbi
     e = y[out] - shared[out] @ root @ Q[: np.sum(~out)].T @ y[~out]
     P = np.linalg.inv(np.eye(e.size) + shared[out] @ root @ root.T @ shared[out].T)
     chi2 = e @ P @ e - e @ P @ last @ np.linalg.solve(last.T @ P @ last, last.T @ P @ e)
-    found = compared(one, unit.owner, "three", [(SIZE, orbital)])
+    found = compare_with_prediction(one, unit.owner, "three", [(SIZE, orbital)])
     assert found.dof == out.sum() - last.shape[1]
     assert found.chi2 == pytest.approx(chi2, rel=1e-3)
     assert {band.interval.split(": ")[0] for band in found.bands} == {"three"}
@@ -86,7 +86,10 @@ def test_a_prediction_is_that_of_the_joint_normal_distribution(model, unit, orbi
 @pytest.mark.parametrize("own_bias", [False, True])
 def test_p_values_are_uniform_if_nothing_has_changed(model, unit, orbital, own_bias):
     rng = np.random.default_rng(2)
-    found = [compared(drawn(model, orbital, rng), unit.owner, "three", [(SIZE, orbital)], own_bias) for _ in range(DRAWS // 2)]
+    found = [
+        compare_with_prediction(drawn(model, orbital, rng), unit.owner, "three", [(SIZE, orbital)], own_bias)
+        for _ in range(DRAWS // 2)
+    ]
     assert scipy.stats.kstest([one.p_value for one in found], "uniform").pvalue > 0.01
     # Those of single intervals and axes too; they hardly correlate, and a wrong band would show in all of them.
     bands = np.array([[band.p_value for band in one.bands] for one in found])
@@ -98,15 +101,15 @@ def test_p_values_are_uniform_if_nothing_has_changed(model, unit, orbital, own_b
 
 def test_without_the_effect_in_it_the_prediction_fails(model, unit, orbital):
     one = drawn(model, 3 * orbital, np.random.default_rng(3))
-    assert compared(one, unit.owner, "three", []).p_value < 1e-3
+    assert compare_with_prediction(one, unit.owner, "three", []).p_value < 1e-3
 
 
 def test_an_effect_that_begins_in_the_next_recording_is_seen(model, unit, orbital):
     new = make_columns(model, EFFECTS["scale_asymmetry"], "z", {})[:, 0] * of_last(model, unit)
     one = drawn(model, orbital, np.random.default_rng(4))
     moved = replace(one, zeta=one.zeta + unwhitened(model, 600.0 * new))
-    found = compared(moved, unit.owner, "three", [(SIZE, orbital)])
-    assert compared(one, unit.owner, "three", [(SIZE, orbital)]).p_value > 1e-3
+    found = compare_with_prediction(moved, unit.owner, "three", [(SIZE, orbital)])
+    assert compare_with_prediction(one, unit.owner, "three", [(SIZE, orbital)]).p_value > 1e-3
     assert found.p_value < 1e-6
     assert min(found.bands, key=lambda band: band.p_value).axis == "z"
 
@@ -117,17 +120,17 @@ def test_a_new_bias_is_a_departure_unless_each_recording_has_its_own(model, unit
     for block in np.array(model.blocks, dtype=object)[last]:
         turned[block.steps, 0] = np.deg2rad(1.0) / 3600
     one = drawn(model, orbital, np.random.default_rng(5))
-    moved = replace(one, zeta=one.zeta + model.rate_error(turned)[:, 0])
-    assert compared(moved, unit.owner, "three", [(SIZE, orbital)]).p_value < 1e-6
-    assert compared(moved, unit.owner, "three", [(SIZE, orbital)], own_bias=True).p_value > 1e-3
+    moved = replace(one, zeta=one.zeta + model.observe_rate_error(turned)[:, 0])
+    assert compare_with_prediction(moved, unit.owner, "three", [(SIZE, orbital)]).p_value < 1e-6
+    assert compare_with_prediction(moved, unit.owner, "three", [(SIZE, orbital)], own_bias=True).p_value > 1e-3
 
 
 def test_from_the_recordings_to_the_comparison(recordings, plan):
     later = simulate(plan, seed=42, effects=[setting("scale_asymmetry", "z", 1500.0)])
-    same = foretell(recordings, library=["scale_asymmetry"])
+    same = predict_next_recording(recordings, library=["scale_asymmetry"])
     assert same.predicted.p_value > 1e-3
     assert same.recordings == ("one", "two")
-    found = foretell({**recordings, "three": later}, library=["scale_asymmetry"])
+    found = predict_next_recording({**recordings, "three": later}, library=["scale_asymmetry"])
     assert found.verdict == "none"
     assert found.predicted.p_value < 1e-6
     document = found.to_json()
@@ -146,9 +149,9 @@ def test_a_last_recording_that_fits_nothing_is_refused_before_the_others_are_dia
     other = replace(whole, gyro=replace(whole.gyro, rates=-whole.gyro.rates))
     for bad, message in ((cut, "three: interval m1: no gyro samples between"), (other, "three: .* too large to linearise")):
         with pytest.raises(InputError, match=message):
-            foretell({**recordings, "three": bad})
+            predict_next_recording({**recordings, "three": bad})
 
 
 def test_one_recording_predicts_nothing(recordings):
     with pytest.raises(InputError, match="two recordings"):
-        foretell({"one": recordings["one"]})
+        predict_next_recording({"one": recordings["one"]})

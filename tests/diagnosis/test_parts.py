@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from diagnosis.detectors.dead_zone_rests import dead_zone_evidence
+from diagnosis.detectors.dead_zone_rests import find_dead_zone_evidence
 from diagnosis.detectors.samples import examine
 from diagnosis.diagnose import diagnose
 from diagnosis.inference.amplitudes import fit
 from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Search
 from diagnosis.model import localization as where
-from diagnosis.model.candidates import linear_model
+from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.prepare import prepare
 from simulator import scenario
 from simulator.effects import EFFECTS, parse
@@ -30,7 +30,7 @@ def prepared(plan):
 
 @pytest.fixture(scope="module")
 def linear(prepared):
-    return linear_model(prepared.model, list(EFFECTS.values()))
+    return build_linear_model(prepared.model, list(EFFECTS.values()))
 
 
 def _members(linear, *labels):
@@ -43,7 +43,7 @@ def test_dead_zone_reads_zero_and_m0_does_not(plan):
         recording = simulate(plan, seed=24, effects=[parse(text)])
         report = examine(recording)
         usual = float(np.deg2rad(1e-4))
-        shown = dead_zone_evidence(recording, report.rates, report.noise, usual, np.full(3, usual), report.zones)
+        shown = find_dead_zone_evidence(recording, report.rates, report.noise, usual, np.full(3, usual), report.zones)
         odds = {one.axis: one.log_odds for one in shown}
         assert (odds.get(0, 0.0) > 2) == found
 

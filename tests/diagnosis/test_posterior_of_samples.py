@@ -2,7 +2,7 @@
 
 import pytest
 
-from diagnosis.detectors.report import Symptom
+from diagnosis.detectors.sample_report import Symptom
 from diagnosis.model.symptoms import SampleCause, compute_posterior
 from diagnosis.posterior import list_listed
 from diagnosis.settings import DEFAULT

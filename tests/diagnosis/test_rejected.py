@@ -45,9 +45,9 @@ def test_what_the_checks_reject_is_kept():
     rng = np.random.default_rng(1)
     drift = np.linspace(-1, 1, 300)[:, None]
     model = linear_model([drift, rng.standard_normal((300, 1))], 40 * drift[:, 0] + 0.3 * rng.standard_normal(300))
-    found = explain.judged(model, lambda *_: (SimpleNamespace(name="size", p_value=1e-12),), DEFAULT, 0, lambda *_: None)
+    found = explain.infer_causes(model, lambda *_: (SimpleNamespace(name="size", p_value=1e-12),), DEFAULT, 0, lambda *_: None)
     assert found.fitted == ()
     assert [one.effect for one in found.rejected] == ["e0"]
-    usual = explain.judged(model, lambda *_: (), DEFAULT, 0, lambda *_: None)
+    usual = explain.infer_causes(model, lambda *_: (), DEFAULT, 0, lambda *_: None)
     assert [one.effect for one in usual.fitted] == ["e0"]
     assert usual.rejected == ()

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from diagnosis.inference.null import p_value
+from diagnosis.inference.null import compute_null_p
 from diagnosis.inference.search import Search
-from diagnosis.merge import _joint
-from diagnosis.model.sensors.tables import build_tables, linear_model, noise_of
+from diagnosis.merge import _join_posteriors
+from diagnosis.model.sensors.tables import build_sensor_model, build_tables, estimate_sensor_noise
 from diagnosis.sensor_tables import diagnose_sensors, explain_tables
 from diagnosis.settings import DEFAULT
 from gyrocal.errors import InputError
 from gyrocal.recording.sensor_tables import SensorTables
 from simulator.effects.sensor import SENSOR_EFFECTS, dss_head, dss_misalignment, esa_bias, parse
 from simulator.effects.sensor.base import VectorEffect
-from studies.robertson.heads import _noisy, _scaled
+from studies.robertson.heads import _scale_alpha_counts, _scale_earth_noise
 from tests.diagnosis.sensor_cases import DAYS, EFFECTS, fits_of, recorded
 
 HEAD = "dss_head:2=0.28156"
@@ -31,10 +31,10 @@ def diagnose(recording, effects=EFFECTS, seed=0):
 
 
 def test_p_values_of_noise_are_uniform():
-    model = linear_model(build_tables(fits_of(recorded()), EFFECTS), EFFECTS, DEFAULT)
-    assert noise_of(model, DEFAULT).factor == 1
+    model = build_sensor_model(build_tables(fits_of(recorded()), EFFECTS), EFFECTS, DEFAULT)
+    assert estimate_sensor_noise(model, DEFAULT).factor == 1
     rng = np.random.default_rng(5)
-    found = [p_value(Search(replace(model, y=rng.standard_normal(model.y.size))), seed=3, draws=300) for _ in range(60)]
+    found = [compute_null_p(Search(replace(model, y=rng.standard_normal(model.y.size))), seed=3, draws=300) for _ in range(60)]
     assert kstest(found, "uniform").pvalue > 0.01
 
 
@@ -139,7 +139,7 @@ def test_what_is_on_no_list_is_unknown(how):
     if how == "latitude":
         found = diagnose(by_latitude(recorded(seed=5)))
     else:
-        found = diagnose(recorded(seed=5, change=_scaled if how == "transfer function" else _noisy))
+        found = diagnose(recorded(seed=5, change=_scale_alpha_counts if how == "transfer function" else _scale_earth_noise))
     assert found.verdict == "unknown"
     assert found.present
     assert not found.causes
@@ -151,7 +151,7 @@ def test_what_is_on_no_list_is_unknown(how):
 
 def test_more_noise_than_stated_does_not_pass_for_evidence():
     """A head is still named with the larger sigma, and nothing beside it."""
-    quiet, loud = (explain_tables(recorded(HEAD, seed=6, change=change), EFFECTS) for change in (None, _noisy))
+    quiet, loud = (explain_tables(recorded(HEAD, seed=6, change=change), EFFECTS) for change in (None, _scale_earth_noise))
     (one,), (other,) = quiet.found.fitted, loud.found.fitted
     assert other.label == "dss_head:2"
     assert other.sigma > 1.2 * one.sigma
@@ -160,7 +160,7 @@ def test_more_noise_than_stated_does_not_pass_for_evidence():
 def test_both_posteriors_are_one(head):
     """Explanations of the attitude and of the tables are independent, and what is unknown to one is unknown to both."""
     attitude = SimpleNamespace(posterior=((("bias_drift:z",), 0.9), (("unknown",), 0.1)))
-    (first, rest) = _joint(attitude, replace(head, posterior=((("dss_head:2",), 1.0),)))
+    (first, rest) = _join_posteriors(attitude, replace(head, posterior=((("dss_head:2",), 1.0),)))
     assert first == (("bias_drift:z", "dss_head:2"), pytest.approx(0.9))
     assert rest == (("unknown",), pytest.approx(0.1))
     assert head.posterior[0][0] == ("dss_head:2",)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from diagnosis.detectors.report import Symptom
+from diagnosis.detectors.sample_report import Symptom
 from diagnosis.model.symptoms import SampleCause, list_symptoms, weigh_consequences
 from diagnosis.settings import DEFAULT
 from simulator.effects import EFFECTS

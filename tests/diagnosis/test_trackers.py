@@ -6,9 +6,9 @@ import pytest
 import simulator
 from diagnosis.diagnose import diagnose
 from diagnosis.model.folds import SETTINGS as FOLDS
-from diagnosis.model.folds import unwhitened
+from diagnosis.model.folds import reverse_whitening
 from diagnosis.model.linearise import SETTINGS as LINEARISE
-from diagnosis.model.linearise import _covariance, _overlapping, linearised
+from diagnosis.model.linearise import _build_interval_covariance, _build_overlapping_covariance, linearise_recording
 from diagnosis.model.localization import compute_body_residuals, compute_statistics
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from simulator.effects import TRACKER_EFFECTS, parse
@@ -61,7 +61,7 @@ def test_a_mounting_with_a_prior_is_known_as_well_as_that_says():
 
 
 def test_a_prior_is_noise_that_all_intervals_share():
-    model = linearised(
+    model = linearise_recording(
         simulator.simulate(stated(0.0), seed=1), np.array(AGILE.gyro.true_G), np.deg2rad(AGILE.gyro.true_bias_deg_s)
     )
     V = np.zeros((model.size, model.size))
@@ -70,15 +70,15 @@ def test_a_prior_is_noise_that_all_intervals_share():
     turns = np.zeros((model.reference_rows.size, 3, 3))
     own = model.recording.attitudes.sensor[model.reference_rows] == 1
     turns[own] = model.recording.attitudes.sensors[1].M.T
-    C = model.reference_error(turns) * np.deg2rad(PRIOR_DEG)
+    C = model.observe_reference_error(turns) * np.deg2rad(PRIOR_DEG)
     V += C @ C.T
     assert np.allclose(model.whitened(model.whitened(V).T), np.eye(model.size), atol=1e-7)
-    assert np.allclose(model.unmixed(model.whitened(C)), model.known_mountings)
+    assert np.allclose(model.undo_mounting_whitening(model.whitened(C)), model.known_mountings)
     assert model.nuisance.shape[1] == 3 * len(model.blocks) + 12
-    free = model.without_priors()
+    free = model.drop_mounting_priors()
     assert free.nuisance.shape[1] == model.nuisance.shape[1] + 3
-    plain = linearised(simulator.simulate(AGILE, seed=1), model.G, model.bias)
-    starts, calibration = (unwhitened(plain, one) for one in (plain.attitude_nuisance, plain.calibration))
+    plain = linearise_recording(simulator.simulate(AGILE, seed=1), model.G, model.bias)
+    starts, calibration = (reverse_whitening(plain, one) for one in (plain.attitude_nuisance, plain.calibration))
     broad = np.hstack([starts * FOLDS.start, calibration * FOLDS.broad * PLAUSIBLE_RANGE])
     whole = V + broad @ broad.T
     assert np.allclose(joint_covariance(model), whole, rtol=1e-9, atol=1e-12 * whole.max())
@@ -99,8 +99,8 @@ def test_covariance_of_observations_that_do_not_overlap_is_the_same_by_both_ways
     walk = 1e-9 * elapsed[:, None, None] * np.diag([1.0, 2.0, 3.0])
     A_T, sigma, groups = np.linalg.qr(rng.normal(size=(8, 3, 3)))[0], rng.uniform(1e-5, 1e-4, (8, 3)), np.array([0, 3, 5])
     errors = np.einsum("mij,mj,mkj->mik", A_T, sigma**2, A_T)
-    direct = _covariance(errors, walk, groups, elapsed)
-    assert np.allclose(_overlapping(errors, walk, groups, elapsed), direct, rtol=1e-12, atol=1e-24)
+    direct = _build_interval_covariance(errors, walk, groups, elapsed)
+    assert np.allclose(_build_overlapping_covariance(errors, walk, groups, elapsed), direct, rtol=1e-12, atol=1e-24)
 
 
 def test_many_references_are_averaged_tracker_by_tracker():
@@ -110,7 +110,7 @@ def test_many_references_are_averaged_tracker_by_tracker():
     for seed in range(3):
         recording = simulator.simulate(dense, seed=seed)
         assert recording.attitudes.t_s.size > LINEARISE.most_observations
-        model = linearised(recording, np.array(AGILE.gyro.true_G), np.deg2rad(AGILE.gyro.true_bias_deg_s))
+        model = linearise_recording(recording, np.array(AGILE.gyro.true_G), np.deg2rad(AGILE.gyro.true_bias_deg_s))
         sensor = recording.attitudes.sensor[model.reference_rows]
         for block in model.blocks:
             part = sensor[model.interval_of_reference == model.blocks.index(block)]

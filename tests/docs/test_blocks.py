@@ -56,7 +56,7 @@ def test_the_diagnosis_in_python_is_that_of_the_command(tmp_path, capsys):
 def test_the_mapping_of_the_import_is_one():
     (block,) = blocks("docs/import.md", "toml")
     entries = tomllib.loads(block)
-    assert importing.checked(entries, "the page").model_dump(exclude_none=True, exclude_defaults=True) == entries
+    assert importing.validate_mapping(entries, "the page").model_dump(exclude_none=True, exclude_defaults=True) == entries
 
 
 def test_the_entry_point_of_an_effect_is_the_group_that_is_read():

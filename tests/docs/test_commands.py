@@ -19,7 +19,7 @@ from click.testing import CliRunner
 import studies.cli.diagnose as diagnose_command
 from studies import catalogue
 from studies.cli.main import main
-from studies.cli.options import assignment
+from studies.cli.options import parse_assignment
 from studies.montecarlo.study import load_config
 from tests import ROOT
 from tests.docs import world
@@ -182,8 +182,8 @@ def parsed(command, words, parent=None, name="gyrocal"):
         assert below is not None, words
         parsed(below, words[1:], context, words[0])
     elif name == "study" and words[0] not in NEEDS_DATA:
-        changes = dict(assignment(change) for change in context.params["changes"])
-        load_config(catalogue.entry(words[0]).study, None, changes)
+        changes = dict(parse_assignment(change) for change in context.params["changes"])
+        load_config(catalogue.find_entry(words[0]).study, None, changes)
 
 
 def test_the_names_that_stand_for_something_are_used():

@@ -7,10 +7,10 @@ from scipy.integrate import quad_vec
 
 from gyrocal import psi_matrix
 from gyrocal.attitude import rotation_matrix
-from studies.natanson.claims import CLAIMS as NATANSON
-from studies.report import committed
-from studies.report.claims import Found, judged
-from studies.robertson.claims import CLAIMS as ROBERTSON
+from studies.natanson.claims import NATANSON_CLAIMS as NATANSON
+from studies.report import committed_results
+from studies.report.claims import PaperResults, judge_claims
+from studies.robertson.claims import ROBERTSON_CLAIMS as ROBERTSON
 from tests import ROOT
 
 TEXT = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
@@ -19,12 +19,12 @@ ROWS = re.findall(r"^\| ([NR] .*?) \| (.*) \|$", TEXT.split("## Where the papers
 
 
 def found(paper):
-    return Found(committed.read(RESULTS / paper), RESULTS / "studies")
+    return PaperResults(committed_results.read(RESULTS / paper), RESULTS / "studies")
 
 
 def test_every_slip_is_listed_and_no_other():
     papers = {"reproduction": NATANSON, "mission": ROBERTSON}
-    verdicts = [one for paper, claims in papers.items() for one in judged(claims, found(paper))]
+    verdicts = [one for paper, claims in papers.items() for one in judge_claims(claims, found(paper))]
     slips = [one.claim.where for one in verdicts if one.verdict == "the paper slips"]
     assert [where for where, _ in ROWS] == slips
 

@@ -10,11 +10,11 @@ from pathlib import Path
 import numba
 import pytest
 
-from gyrocal import compiled
+from gyrocal import jit_cache
 from tests import ROOT
 
 KERNEL = """
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compiled
 from {package}.constants import FACTOR
 
 @compiled
@@ -38,12 +38,12 @@ def started(tmp_path, monkeypatch):
         (folder / "constants.py").write_text(f"FACTOR = {factor}\n")
         for name in [name for name in sys.modules if name.startswith(package)]:
             del sys.modules[name]
-        compiled.folder.cache_clear()
+        jit_cache.find_cache_folder.cache_clear()
         importlib.invalidate_caches()
         return importlib.import_module(f"{package}.kernel").scaled
 
     yield start
-    compiled.folder.cache_clear()
+    jit_cache.find_cache_folder.cache_clear()
 
 
 def entries(kernel):
@@ -127,21 +127,23 @@ def test_a_folder_that_cannot_be_written_is_replaced(started, tmp_path, monkeypa
 
 
 def test_the_hash_of_a_layer_takes_in_those_below_it():
-    assert len({compiled.sources_hash(layer) for layer in compiled.LAYERS}) == len(compiled.LAYERS)
+    assert len({jit_cache.hash_sources(layer) for layer in jit_cache.PACKAGE_LAYERS}) == len(jit_cache.PACKAGE_LAYERS)
 
 
-@pytest.mark.parametrize("edited", range(len(compiled.LAYERS)))
+@pytest.mark.parametrize("edited", range(len(jit_cache.PACKAGE_LAYERS)))
 def test_an_edit_changes_the_hash_of_its_layer_and_of_those_above(edited, tmp_path, monkeypatch):
-    for layer in compiled.LAYERS:
+    for layer in jit_cache.PACKAGE_LAYERS:
         (tmp_path / layer).write_text("")
-    monkeypatch.setattr(compiled, "_sources", lambda package: iter([tmp_path / package]))
-    before = [compiled.sources_hash(layer) for layer in compiled.LAYERS]
-    (tmp_path / compiled.LAYERS[edited]).write_text("FACTOR = 5.0")
-    after = [compiled.sources_hash(layer) for layer in compiled.LAYERS]
-    assert [a != b for a, b in zip(after, before, strict=True)] == [k >= edited for k in range(len(compiled.LAYERS))]
+    monkeypatch.setattr(jit_cache, "_list_sources", lambda package: iter([tmp_path / package]))
+    before = [jit_cache.hash_sources(layer) for layer in jit_cache.PACKAGE_LAYERS]
+    (tmp_path / jit_cache.PACKAGE_LAYERS[edited]).write_text("FACTOR = 5.0")
+    after = [jit_cache.hash_sources(layer) for layer in jit_cache.PACKAGE_LAYERS]
+    assert [a != b for a, b in zip(after, before, strict=True)] == [k >= edited for k in range(len(jit_cache.PACKAGE_LAYERS))]
 
 
 def test_every_compiled_function_is_kept_this_way():
     raw = re.compile(r"numba\.(njit|jit|vectorize|guvectorize)\(")
-    found = [path for layer in compiled.LAYERS for path in (ROOT / layer).rglob("*.py") if raw.search(path.read_text())]
+    found = [
+        path for layer in jit_cache.PACKAGE_LAYERS for path in (ROOT / layer).rglob("*.py") if raw.search(path.read_text())
+    ]
     assert found == [ROOT / "gyrocal" / "compiled.py"]

@@ -14,14 +14,14 @@ import pytest
 from matplotlib.figure import Figure
 
 from gyrocal import InputError, files, save
-from gyrocal.files import replacing
+from gyrocal.files import open_replacement
 from studies.montecarlo.files import check_writable, write_csv, write_json, write_parquet
 from studies.report import panels
 from tests.gyrocal.recording.test_parquet import recording
 
 
 def write(path, data=b"new"):
-    with replacing(path) as file:
+    with open_replacement(path) as file:
         file.write(data)
 
 
@@ -38,7 +38,7 @@ def test_half_a_file_is_never_seen_and_nothing_stays_after_an_error(tmp_path):
     path.write_bytes(b"old")
 
     def interrupted():
-        with replacing(path) as file:
+        with open_replacement(path) as file:
             file.write(b"ne")
             file.flush()
             assert path.read_bytes() == b"old"
@@ -52,7 +52,7 @@ def test_half_a_file_is_never_seen_and_nothing_stays_after_an_error(tmp_path):
 
 def test_two_writers_do_not_meet(tmp_path):
     path = tmp_path / "a.json"
-    with replacing(path) as first:
+    with open_replacement(path) as first:
         first.write(b"first")
         write(path, b"second")
         assert path.read_bytes() == b"second"
@@ -197,13 +197,13 @@ def test_an_error_names_the_path(name, tmp_path):
 
 
 def test_an_error_of_another_file_keeps_its_name(tmp_path):
-    with pytest.raises(FileNotFoundError) as caught, replacing(tmp_path / "a"):
+    with pytest.raises(FileNotFoundError) as caught, open_replacement(tmp_path / "a"):
         (tmp_path / "b").read_bytes()
     assert caught.value.filename == str(tmp_path / "b")
     assert os.listdir(tmp_path) == []
 
 
 def test_a_full_disk_names_the_path(tmp_path):
-    with pytest.raises(OSError, match="No space left") as caught, replacing(tmp_path / "a"):
+    with pytest.raises(OSError, match="No space left") as caught, open_replacement(tmp_path / "a"):
         raise OSError(28, "No space left on device")
     assert caught.value.filename == str(tmp_path / "a")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gyrocal.small_matrices import root, under
+from gyrocal.small_matrices import compute_lower_root, solve_lower
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-12])
@@ -12,11 +12,11 @@ def test_roots_are_numpys(scale):
     for _ in range(20):
         A = rng.standard_normal((3, 5))
         S, b = scale * A @ A.T, rng.standard_normal((3, 4))
-        L = root(S)
+        L = compute_lower_root(S)
         np.testing.assert_allclose(L, np.linalg.cholesky(S), rtol=1e-10, atol=1e-12 * np.sqrt(scale))
-        np.testing.assert_allclose(L @ under(L, b), b, rtol=1e-10, atol=1e-10)
+        np.testing.assert_allclose(L @ solve_lower(L, b), b, rtol=1e-10, atol=1e-10)
 
 
 def test_what_is_no_covariance_is_refused():
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
-        root(np.diag([1.0, -1.0, 1.0]))
+        compute_lower_root(np.diag([1.0, -1.0, 1.0]))

@@ -5,7 +5,7 @@ import pytest
 
 from gyrocal import calibrate, load, save
 from gyrocal.errors import InputError
-from simulator import adopted, scenario
+from simulator import adopted_scenario, scenario
 from simulator.effects import parse
 from simulator.simulate import simulate
 
@@ -35,9 +35,11 @@ def written(tmp_path, folder, recording):
 
     def write(effects=(), covariance=None, **changes):
         settings = [parse(text) for text in effects]
-        count = sum(adopted.REGISTRY[one.effect].amplitudes(one).size for one in settings)
+        count = sum(adopted_scenario.REGISTRY[one.effect].amplitudes(one).size for one in settings)
         covariance = np.zeros((count, count)) if covariance is None else np.array(covariance)
-        text = adopted.document("again", str(folder), adopted.digest(recording), found.G, found.bias, settings, covariance)
+        text = adopted_scenario.format_adopted(
+            "again", str(folder), adopted_scenario.hash_recording(recording), found.G, found.bias, settings, covariance
+        )
         for old, new in changes.items():
             assert old in text
             text = text.replace(old, new, 1)
@@ -48,7 +50,7 @@ def written(tmp_path, folder, recording):
 
 
 def test_what_is_written_is_what_is_read(written, recording):
-    loaded = adopted.load(written([ORBITAL, "noise_excess:x=1.5"], np.diag([4e-4, 1e-4, 0.01])))
+    loaded = adopted_scenario.load(written([ORBITAL, "noise_excess:x=1.5"], np.diag([4e-4, 1e-4, 0.01])))
     assert [one.label() for one in loaded.effects] == ["bias_orbital:z", "noise_excess:x"]
     np.testing.assert_allclose(loaded.amplitudes, [0.3 * np.cos(np.radians(40)), 0.3 * np.sin(np.radians(40)), 1.5])
     np.testing.assert_array_equal(np.diag(loaded.covariance), [4e-4, 1e-4, 0.01])
@@ -57,7 +59,7 @@ def test_what_is_written_is_what_is_read(written, recording):
 
 
 def test_a_flight_has_the_recordings_plan_and_other_noise(written, recording):
-    loaded = adopted.load(written([ORBITAL]))
+    loaded = adopted_scenario.load(written([ORBITAL]))
     one, other, again = loaded.fly(1, 0), loaded.fly(1, 1), loaded.fly(1, 0)
     np.testing.assert_array_equal(one.gyro.t_s, recording.gyro.t_s)
     np.testing.assert_array_equal(one.attitudes.t_s, recording.attitudes.t_s)
@@ -69,24 +71,24 @@ def test_a_flight_has_the_recordings_plan_and_other_noise(written, recording):
 
 def test_amplitudes_are_drawn_from_their_joint_posterior(written):
     C = np.array([[4e-4, 3e-4], [3e-4, 9e-4]])
-    loaded = adopted.load(written([ORBITAL], C))
+    loaded = adopted_scenario.load(written([ORBITAL], C))
     draws = np.array([loaded.drawn(np.random.default_rng(k)) for k in range(4000)])
     np.testing.assert_allclose(draws.mean(axis=0), loaded.amplitudes, rtol=0, atol=4 * np.sqrt(np.diag(C) / 4000).max())
     np.testing.assert_allclose(np.cov(draws.T), C, rtol=0.12)
-    (setting,) = loaded.with_amplitudes(draws[0])
-    np.testing.assert_allclose(adopted.REGISTRY["bias_orbital"].amplitudes(setting), draws[0])
+    (setting,) = loaded.replace_amplitudes(draws[0])
+    np.testing.assert_allclose(adopted_scenario.REGISTRY["bias_orbital"].amplitudes(setting), draws[0])
 
 
 def test_draws_stay_within_the_bounds_of_a_size(written):
-    loaded = adopted.load(written(["rate_deadzone:x=0.001"], [[1e-6]]))
+    loaded = adopted_scenario.load(written(["rate_deadzone:x=0.001"], [[1e-6]]))
     draws = [loaded.drawn(np.random.default_rng(k))[0] for k in range(200)]
     assert min(draws) >= 0
-    impossible = adopted.load(written(["rate_deadzone:x=0.001"], [[1e-6]], **{"size = 0.001": "size = 0.0"}))
+    impossible = adopted_scenario.load(written(["rate_deadzone:x=0.001"], [[1e-6]], **{"size = 0.001": "size = 0.0"}))
     assert impossible.drawn(np.random.default_rng(0))[0] >= 0
 
 
 def test_drawn_flights_differ_in_their_sizes_and_are_repeatable(written):
-    loaded = adopted.load(written([ORBITAL], np.diag([1e-2, 1e-2])))
+    loaded = adopted_scenario.load(written([ORBITAL], np.diag([1e-2, 1e-2])))
     quiet = {"noise": False, "draw": True}
     one, other = loaded.fly(1, 0, **quiet), loaded.fly(1, 1, **quiet)
     np.testing.assert_array_equal(one.gyro.rates, loaded.fly(1, 0, **quiet).gyro.rates)
@@ -94,10 +96,10 @@ def test_drawn_flights_differ_in_their_sizes_and_are_repeatable(written):
 
 
 def test_any_scenario_is_one_without_effects_and_may_be_given_some(tmp_path):
-    assert adopted.load("trmm").effects == ()
+    assert adopted_scenario.load("trmm").effects == ()
     path = tmp_path / "mine.toml"
     path.write_text('base = "trmm"\n[[effect]]\nname = "bias_drift"\naxis = "x"\nsize = 0.5\n')
-    loaded = adopted.load(path)
+    loaded = adopted_scenario.load(path)
     plain = simulate(scenario.load("trmm"), seed=2)
     np.testing.assert_array_equal(loaded.fly(2, effects=()).gyro.rates, plain.gyro.rates)
     np.testing.assert_array_equal(
@@ -124,7 +126,7 @@ def test_any_scenario_is_one_without_effects_and_may_be_given_some(tmp_path):
 def test_faults_are_one_line_that_names_the_file(written, old, new, text):
     path = written([ORBITAL], **{old: new})
     with pytest.raises(InputError, match=text) as caught:
-        adopted.load(path)
+        adopted_scenario.load(path)
     assert "\n" not in str(caught.value)
 
 
@@ -132,4 +134,4 @@ def test_a_recording_that_has_changed_has_another_digest(recording):
     rates = recording.gyro.rates.copy()
     rates[7, 1] += 1e-12
     changed = replace(recording, gyro=replace(recording.gyro, rates=rates))
-    assert adopted.digest(changed) != adopted.digest(recording)
+    assert adopted_scenario.hash_recording(changed) != adopted_scenario.hash_recording(recording)

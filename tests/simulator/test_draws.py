@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from simulator import draws
-from simulator.sensors.gyro import with_white_noise
+from simulator.sensors.gyro import add_white_noise
 from simulator.streams import generator
 
 
 def test_a_million_draws_are_numpys():
     ours, numpys = (generator(20, 0, "gyro_noise") for _ in range(2))
-    noise = with_white_noise(ours, np.zeros((333_334, 3)), 1.0, np.ones(333_334))
+    noise = add_white_noise(ours, np.zeros((333_334, 3)), 1.0, np.ones(333_334))
     np.testing.assert_array_equal(noise, numpys.standard_normal(noise.shape))
     # Of so many draws, hundreds were in the tail beyond all layers, which takes two words and two logarithms.
     assert np.count_nonzero(np.abs(noise) > 3.6541528853610088) > 100
@@ -22,19 +22,19 @@ def test_noise_follows_the_duration_of_each_sample():
     rng = np.random.default_rng(1)
     rates, duration = rng.normal(size=(60, 3)), np.repeat([0.1, 0.02, 0.1], 20)
     expected = rates + generator(3, 1, "gyro_noise").standard_normal((60, 3)) * (0.7 / np.sqrt(duration))[:, None]
-    np.testing.assert_array_equal(with_white_noise(generator(3, 1, "gyro_noise"), rates, 0.7, duration), expected)
+    np.testing.assert_array_equal(add_white_noise(generator(3, 1, "gyro_noise"), rates, 0.7, duration), expected)
 
 
 @pytest.mark.parametrize("bit_generator", [np.random.PCG64, np.random.Philox, np.random.MT19937])
 def test_other_generators_are_drawn_from_as_numba_does(bit_generator):
     ours, numpys = (np.random.Generator(bit_generator(8)) for _ in range(2))
     assert draws.state_words(ours) is None
-    noise = with_white_noise(ours, np.zeros((2000, 3)), 1.0, np.ones(2000))
+    noise = add_white_noise(ours, np.zeros((2000, 3)), 1.0, np.ones(2000))
     np.testing.assert_array_equal(noise, numpys.standard_normal(noise.shape))
 
 
 def test_layers_are_those_of_a_ziggurat():
-    width, bound = draws.layers()
+    width, bound = draws.read_layers()
     x = width[1:256] * 2.0**52
     # The edges x_i of the layers rise to the tail's, and all layers have the area of the lowest with its tail.
     assert x[-1] == pytest.approx(3.6541528853610088, rel=1e-14)

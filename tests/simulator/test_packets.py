@@ -5,18 +5,18 @@ import pytest
 
 import gyrocal
 from gyrocal.errors import InputError
-from simulator.packets import packets
-from studies.natanson.left_out import ARCSEC, sent_and_read
+from simulator.packets import simulate_packets
+from studies.natanson.omitted_effects import ARCSEC_IN_RAD, convert_through_packets
 from tests.builders import piecewise_recording
 
 LSB = 20.0  # arcsec
 RECORDING = piecewise_recording(arw=2e-6)
-FASTEST = np.abs(RECORDING.gyro.rates).max() * RECORDING.gyro.sample_s / (LSB * ARCSEC)  # counts from packet to packet
+FASTEST = np.abs(RECORDING.gyro.rates).max() * RECORDING.gyro.sample_s / (LSB * ARCSEC_IN_RAD)  # counts from packet to packet
 WRAP = int(3 * FASTEST)
 
 
 def made(lsb=LSB, wrap=WRAP, seed=1):
-    return packets(RECORDING, lsb * ARCSEC, wrap, np.random.default_rng(seed))
+    return simulate_packets(RECORDING, lsb * ARCSEC_IN_RAD, wrap, np.random.default_rng(seed))
 
 
 def test_counts_are_whole_stay_in_the_register_and_wrap():
@@ -30,8 +30,8 @@ def test_counts_are_whole_stay_in_the_register_and_wrap():
 
 
 def test_what_is_read_back_is_off_by_less_than_a_count_and_does_not_add_up():
-    back, wraps = sent_and_read(RECORDING, LSB, WRAP, np.random.default_rng(1))
-    off = (back.gyro.rates - RECORDING.gyro.rates) * RECORDING.gyro.sample_s / (LSB * ARCSEC)
+    back, wraps = convert_through_packets(RECORDING, LSB, WRAP, np.random.default_rng(1))
+    off = (back.gyro.rates - RECORDING.gyro.rates) * RECORDING.gyro.sample_s / (LSB * ARCSEC_IN_RAD)
     assert wraps > 10
     assert 0.1 < np.abs(off).max() < 1.0
     gaps = np.flatnonzero(np.diff(RECORDING.gyro.t_s) > 1.5 * RECORDING.gyro.sample_s) + 1
@@ -42,7 +42,7 @@ def test_what_is_read_back_is_off_by_less_than_a_count_and_does_not_add_up():
 
 
 def test_small_counts_calibrate_as_the_rates_do():
-    back, _ = sent_and_read(RECORDING, 1e-3, 2**40, np.random.default_rng(1))
+    back, _ = convert_through_packets(RECORDING, 1e-3, 2**40, np.random.default_rng(1))
     one, other = (gyrocal.calibrate(recording) for recording in (RECORDING, back))
     assert np.abs((one.parameters.vector - other.parameters.vector) / np.sqrt(np.diag(one.covariance))).max() < 0.01
 

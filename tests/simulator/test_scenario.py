@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from gyrocal.errors import InputError
-from simulator import adopted, load, names, override
-from simulator.scenario import profiles
+from simulator import adopted_scenario, load, names, override
+from simulator.scenario import build_profiles
 from tests import ROOT
 
 TRMM = load("trmm")
@@ -15,7 +15,7 @@ TRMM = load("trmm")
 def test_built_in_scenarios_load():
     assert {"trmm", "trmm_series"} <= set(names())
     for name in names():
-        adopted.load(name)
+        adopted_scenario.load(name)
 
 
 def test_a_scenario_with_effects_is_no_plan_alone():
@@ -102,7 +102,7 @@ def test_override_changes_what_it_names_only():
 def test_override_of_optional_tables():
     with_motion = override(TRMM, {"control_motion": {"amplitude_deg": [0.1, 0, 0], "period_s": [60, 1, 1]}})
     assert with_motion.control_motion is not None
-    assert profiles(with_motion)[0].sway is not None
+    assert build_profiles(with_motion)[0].sway is not None
     assert override(with_motion, {"control_motion": None}) == TRMM
     assert override(TRMM, {"interval.4.hold": None}).interval[4].hold is None
 

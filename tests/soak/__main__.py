@@ -8,7 +8,7 @@ import pandas as pd
 from numpy import sqrt
 
 from studies.montecarlo.files import write_csv, write_text
-from studies.montecarlo.manifest import commit
+from studies.montecarlo.manifest import read_commit
 from studies.report import tables as render
 from tests import ROOT
 from tests.soak.run import Runs, disturbed, joined, undisturbed
@@ -53,13 +53,13 @@ def main(cases: int, mean_s: float) -> int:
     folder, sure = ROOT / "build" / "soak", DOF + sqrt(2 * DOF / cases) * pd.Series([-2.576, 2.576])
     write_csv(folder / "soak.csv", found)
     lines = [
-        f"`python -m tests.soak {cases} {mean_s:g}` at commit {commit()}: {cases:,} cases, a calibration each, one process at",
+        f"`python -m tests.soak {cases} {mean_s:g}` at commit {read_commit()}: {cases:,} cases, a calibration each, one process at",
         f"a time. The tables are {'the same' if same else 'NOT the same'} byte for byte. Memory is the mean of the second and",
         "the last eighth of the longest process; the halves are finished parts of both, which a further run joins.",
         f"Mean NEES {nees.mean():.3f}; {sure[0]:.3f} to {sure[1]:.3f} (99 %) if the covariance were exact. So many cases see",
         f"what holding the mean rate over samples of {SAMPLE_S:g} s leaves.",
     ]
-    write_text(folder / "report.md", render.markdown("A long study, killed at random moments", found, "\n".join(lines)))
+    write_text(folder / "report.md", render.format_markdown("A long study, killed at random moments", found, "\n".join(lines)))
     return int(not same)
 
 

@@ -24,8 +24,8 @@ def committed_rows(folder):
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
 def test_a_report_made_again_of_committed_rows_is_the_committed_one(folder, tmp_path):
-    entry = catalogue.entry(folder.name)
-    report.write(entry.report(engine.config_in(entry.study, folder), committed_rows(folder)), folder.name, tmp_path)
+    entry = catalogue.find_entry(folder.name)
+    report.write(entry.report(engine.load_stored_config(entry.study, folder), committed_rows(folder)), folder.name, tmp_path)
     kept = {"table.parquet", "manifest.json", "dispersions.csv"}  # the last by the engine, where settings are dispersed
     assert {path.name for path in tmp_path.iterdir()} == {path.name for path in folder.iterdir()} - kept
     for path in tmp_path.glob("*.csv"):
@@ -46,8 +46,8 @@ FEW = {
 @pytest.mark.parametrize("name", FEW)
 def test_whatever_is_left_of_a_study_has_a_report(name, tmp_path):
     folder = ROOT / "results" / "studies" / name
-    entry = catalogue.entry(name)
+    entry = catalogue.find_entry(name)
     rows = committed_rows(folder).query(FEW[name]).dropna(axis=1, how="all").reset_index(drop=True)
-    made = entry.report(engine.config_in(entry.study, folder), rows)
+    made = entry.report(engine.load_stored_config(entry.study, folder), rows)
     report.write(made, name, tmp_path)
     assert made.checks

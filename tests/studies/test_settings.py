@@ -41,5 +41,5 @@ REFUSED = [
 @pytest.mark.parametrize(("name", "changes", "message"), REFUSED)
 def test_settings_that_cannot_be_used_are_refused_in_one_line(name, changes, message):
     with pytest.raises(InputError, match=message) as refusal:
-        load_config(catalogue.entry(name).study, changes=changes)
+        load_config(catalogue.find_entry(name).study, changes=changes)
     assert "\n" not in str(refusal.value)

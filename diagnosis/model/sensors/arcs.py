@@ -27,11 +27,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gyrocal.errors import InputError, UnobservableError
-from gyrocal.estimation.arc import Estimate, GyroArc, columns, gyro_arc, linearise, measured_times
-from gyrocal.estimation.batch import moved
+from gyrocal.estimation.arc import Estimate, GyroArc, build_gyro_arc, choose_columns, linearise, list_measured_times
+from gyrocal.estimation.batch import correct_estimate
 from gyrocal.estimation.batch_observability import check_observable
-from gyrocal.estimation.least_squares import Exact, Plain, Rows
-from gyrocal.recording import GyroStream, Interval, Recording, reference_rows
+from gyrocal.estimation.least_squares import ExactLeastSquares, PlainLeastSquares, Rows
+from gyrocal.recording import GyroStream, Interval, Recording, find_reference_rows
 from gyrocal.recording.sensor_tables import SensorTables
 from gyrocal.sensors.earth import EarthModel, EarthSensor
 from gyrocal.sensors.series import SensorSeries
@@ -113,8 +113,8 @@ class FittedArc:
     residuals: tuple[Array, ...]
 
     @cached_property
-    def _exact(self) -> Exact:
-        return Exact(self.rows, self.path.q, np.zeros((len(self.path.q), 3)))
+    def _exact(self) -> ExactLeastSquares:
+        return ExactLeastSquares(self.rows, self.path.q, np.zeros((len(self.path.q), 3)))
 
     def gram(self, X: Array) -> tuple[Array, int]:
         """Products of X (r, p) and the residuals with the nuisance parameters of M0 projected out.
@@ -126,7 +126,7 @@ class FittedArc:
         return self._exact.project(np.column_stack([X, self.rows.z])), len(self.rows.z) - 6
 
 
-def arcs_of(recording: Recording) -> tuple[list[Arc], list[str]]:
+def build_arcs(recording: Recording) -> tuple[list[Arc], list[str]]:
     """Arcs of a recording that can be used, and what is said of the other intervals.
 
     Raises
@@ -152,15 +152,15 @@ def arcs_of(recording: Recording) -> tuple[list[Arc], list[str]]:
             found.append(arc)
     notes = []
     if turning:
-        notes.append(f"Sensor tables are used at constant rate only, not in {_some(turning)}")
+        notes.append(f"Sensor tables are used at constant rate only, not in {_format_names(turning)}")
     if few:
-        notes.append(f"Too few sensor measurements, or none of a sun or of the Earth sensor, in {_some(few)}")
+        notes.append(f"Too few sensor measurements, or none of a sun or of the Earth sensor, in {_format_names(few)}")
     if not found:
         raise InputError(f"no arc of the recording can be used for the sensors; {'; '.join(notes)}")
     return found, notes
 
 
-def _some(names: list[str]) -> str:
+def _format_names(names: list[str]) -> str:
     return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
 
 
@@ -188,7 +188,7 @@ def build_arc(recording: Recording, tables: SensorTables, interval: Interval, nu
         made = sensor.series(t[own], counts[own], tables.ephemeris.sun[tables.ephemeris.rows(t[own])])
         if not made.used.any():
             continue
-        made = replace(made, sigma=_sun_sigma(sensor, counts[own], made.sigma))
+        made = replace(made, sigma=_compute_sun_sigma(sensor, counts[own], made.sigma))
         series.append(made)
         numbers.append(sensor_number)
         sun_sensor.append(np.full(made.t.size, sensor_number))
@@ -205,15 +205,15 @@ def build_arc(recording: Recording, tables: SensorTables, interval: Interval, nu
     angles = np.where(used, tables.earth.angles[own], np.nan)
     series.append(SensorSeries(EarthModel(earth, position), t, angles, np.where(used, earth.sigma, np.inf)))
     numbers.append(0)
-    rows = reference_rows(recording.attitudes.t_s, interval)
+    rows = find_reference_rows(recording.attitudes.t_s, interval)
     start = Rotation.from_quat(recording.attitudes.quaternions[rows[0]]).inv().as_matrix()
     gyro = recording.gyro
     kept = (gyro.t_s > low - 1.5 * gyro.sample_s) & (gyro.t_s < high)
-    first = float(measured_times(series).min())
+    first = float(list_measured_times(series).min())
     gyro = replace(gyro, t_s=gyro.t_s[kept], rates=gyro.rates[kept], arw=max(gyro.arw, SETTINGS.arw))
     if first - float(recording.attitudes.t_s[rows[0]]) > 1e-6:
-        carried = gyro_arc(gyro, np.array([recording.attitudes.t_s[rows[0]], first]), gyro.apriori_G)
-        start = carried.carried(gyro.apriori_bias)[0][-1] @ start
+        carried = build_gyro_arc(gyro, np.array([recording.attitudes.t_s[rows[0]], first]), gyro.apriori_G)
+        start = carried.propagate_nodes(gyro.apriori_bias)[0][-1] @ start
     sightings = Sightings(
         sun_sensor=np.concatenate(sun_sensor),
         sun_angles=np.concatenate(sun_angles),
@@ -227,7 +227,7 @@ def build_arc(recording: Recording, tables: SensorTables, interval: Interval, nu
     return Arc(interval.name, number, start, gyro, tuple(series), tuple(numbers), sightings)
 
 
-def _sun_sigma(sensor: SunSensor, counts: Array, sigma: Array) -> Array:
+def _compute_sun_sigma(sensor: SunSensor, counts: Array, sigma: Array) -> Array:
     """Sigmas (n, 2) with the quantisation of each count; a count is worth most at the boresight, for which the sensor's is."""
     steps = (sensor.angles(counts + 0.5) - sensor.angles(counts - 0.5)) ** 2
     boresight = np.full((1, 2), float(2**13))
@@ -254,8 +254,8 @@ def fit_arc(arc: Arc, sun_error: Array | None = None, earth_error: Array | None 
     if sun_error is not None and earth_error is not None:
         own = [earth_error if number == 0 else sun_error[arc.sightings.sun_sensor == number] for number in arc.numbers]
         series = tuple(replace(one, y=one.y - error) for one, error in zip(series, own, strict=True))
-    path = gyro_arc(arc.gyro, measured_times(series), arc.gyro.apriori_G)
-    solved = columns(series, {})
+    path = build_gyro_arc(arc.gyro, list_measured_times(series), arc.gyro.apriori_G)
+    solved = choose_columns(series, {})
     estimate = Estimate(np.tile(arc.start, (len(path.t), 1, 1)), arc.gyro.apriori_bias, tuple(one.model for one in series))
     for iteration in range(SETTINGS.iterations):
         state = linearise(path, series, estimate, solved)
@@ -263,32 +263,32 @@ def fit_arc(arc: Arc, sun_error: Array | None = None, earth_error: Array | None 
             break
         if iteration == 0:
             check_observable(state.rows, arc.start, ())
-        gamma, delta, length = Plain(state.rows, len(path.t)).step()
-        estimate = moved(estimate, gamma, delta, solved)
+        gamma, delta, length = PlainLeastSquares(state.rows, len(path.t)).step()
+        estimate = correct_estimate(estimate, gamma, delta, solved)
         if length < SETTINGS.converged:
             state = linearise(path, series, estimate, solved)
             A = state.R @ estimate.C
-            return FittedArc(_looking(arc, series, path, A), state.rows, path, state.S, state.residuals)
+            return FittedArc(_update_sightings(arc, series, path, A), state.rows, path, state.S, state.residuals)
     raise MisfitError(f"{arc.name}: the sensors' measurements do not fit the nominal models at all")
 
 
-def _looking(arc: Arc, series: tuple[SensorSeries, ...], path: GyroArc, A: Array) -> Arc:
+def _update_sightings(arc: Arc, series: tuple[SensorSeries, ...], path: GyroArc, A: Array) -> Arc:
     """The arc with the sightings of a fit."""
     angles = [
-        one.model.predict(A[_nearest(path, one.t)], np.arange(one.t.size))
+        one.model.predict(A[_find_nearest_nodes(path, one.t)], np.arange(one.t.size))
         for one, number in zip(series, arc.numbers, strict=True)
         if number > 0
     ]
-    nodes = _nearest(path, arc.sightings.t_s)
+    nodes = _find_nearest_nodes(path, arc.sightings.t_s)
     return replace(arc, sightings=replace(arc.sightings, sun_angles=np.concatenate(angles), A=A[nodes]))
 
 
-def _nearest(path: GyroArc, t: Array) -> NDArray[np.intp]:
+def _find_nearest_nodes(path: GyroArc, t: Array) -> NDArray[np.intp]:
     """Nodes at some times; the next one where a time is none, since nothing was to be used then."""
     return np.minimum(path.node(t), len(path.t) - 1)
 
 
-def fitted_arcs(arcs: list[Arc]) -> tuple[list[FittedArc], list[str], list[str]]:
+def fit_arcs(arcs: list[Arc]) -> tuple[list[FittedArc], list[str], list[str]]:
     """Fits of all arcs, what is said of those that cannot be fitted, and of those that do not fit the nominal sensors at all.
 
     Raises

@@ -22,7 +22,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.groups import Group, group_of
+from diagnosis.model.groups import CandidateColumns, build_group
 from diagnosis.model.sensors.arcs import FittedArc
 from simulator.effects.base import Value
 from simulator.effects.sensor import SENSOR_EFFECTS, SensorEffect, Sightings
@@ -46,11 +46,11 @@ SETTINGS = ColumnSettings()
 
 FIELD = float(np.deg2rad(48.0))  # half width of a sun sensor's field of view
 SUN_EDGES = np.deg2rad([0.0, 5.0, 7.0, 10.0, 15.0, 25.0, 40.0])  # angles from the Sun
-GYRO = "gyro rate at orbit harmonics"
+GYRO_RIVAL = "gyro rate at orbit harmonics"
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldAmplitudes:
     """Amplitudes (k,) of an effect about which its error is linearised, and its other parameters.
 
     Attributes
@@ -64,7 +64,9 @@ class Held:
     others: tuple[Mapping[str, Value], ...] = ()
 
 
-def build_groups(fitted: FittedArc, effects: Iterable[SensorEffect], about: Mapping[str, Held]) -> list[Group]:
+def build_groups(
+    fitted: FittedArc, effects: Iterable[SensorEffect], about: Mapping[str, HeldAmplitudes]
+) -> list[CandidateColumns]:
     """Build all candidates along an arc, their columns (r, k) in sigmas per unit of the amplitude.
 
     Parameters
@@ -74,30 +76,32 @@ def build_groups(fitted: FittedArc, effects: Iterable[SensorEffect], about: Mapp
     about : amplitudes by label about which the errors are linearised; zero where there are none
     """
     listed = [_build_listed(fitted, effect, axis, about) for effect in effects for axis in effect.axes or (None,)]
-    return [*listed, *(build_rival(name, build(fitted)) for name, build in RIVALS.items())]
+    return [*listed, *(build_rival(name, build(fitted)) for name, build in RIVAL_BUILDERS.items())]
 
 
 # ---- listed effects ------------------------------------------------------------------------------------------------------
 
 
-def effect_of(label: str) -> tuple[SensorEffect, str | None]:
+def find_sensor_effect(label: str) -> tuple[SensorEffect, str | None]:
     """The effect of a label, and its axis."""
     name, _, axis = label.partition(":")
     return SENSOR_EFFECTS[name], axis or None
 
 
-def _build_listed(fitted: FittedArc, effect: SensorEffect, axis: str | None, about: Mapping[str, Held]) -> Group:
+def _build_listed(
+    fitted: FittedArc, effect: SensorEffect, axis: str | None, about: Mapping[str, HeldAmplitudes]
+) -> CandidateColumns:
     label = effect.name if axis is None else f"{effect.name}:{axis}"
-    at = about.get(label, Held(np.zeros(effect.count), {}))
+    at = about.get(label, HeldAmplitudes(np.zeros(effect.count), {}))
     options, share = effect.options, 1.0
     if label in about and effect.refined:
         # Parameters that were found between the options are tried there only, with the prior share of one option.
         options, share = (at.parameters, *at.others), 1 / len(effect.options)
-    columns = [_derivatives(fitted, effect, axis, replace(at, parameters=option)) for option in options]
-    return group_of(effect, axis, columns, [dict(option) for option in options], [share / len(options)] * len(options))
+    columns = [_differentiate_error(fitted, effect, axis, replace(at, parameters=option)) for option in options]
+    return build_group(effect, axis, columns, [dict(option) for option in options], [share / len(options)] * len(options))
 
 
-def _derivatives(fitted: FittedArc, effect: SensorEffect, axis: str | None, held: Held) -> Array:
+def _differentiate_error(fitted: FittedArc, effect: SensorEffect, axis: str | None, held: HeldAmplitudes) -> Array:
     """(r, k) derivatives of an effect's error by its amplitudes."""
     arc, columns = fitted.arc, []
     for step in SETTINGS.step * np.eye(effect.count):
@@ -106,16 +110,16 @@ def _derivatives(fitted: FittedArc, effect: SensorEffect, axis: str | None, held
     return np.column_stack(columns)
 
 
-def held_columns(fitted: FittedArc, held: Mapping[str, Held]) -> Array:
+def build_held_columns(fitted: FittedArc, held: Mapping[str, HeldAmplitudes]) -> Array:
     """(r, p) derivatives of the errors of some effects by their amplitudes, in their order."""
-    return np.hstack([_derivatives(fitted, *effect_of(label), one) for label, one in held.items()])
+    return np.hstack([_differentiate_error(fitted, *find_sensor_effect(label), one) for label, one in held.items()])
 
 
-def held_error(sightings: Sightings, held: Mapping[str, Held]) -> tuple[Array, Array]:
+def compute_held_error(sightings: Sightings, held: Mapping[str, HeldAmplitudes]) -> tuple[Array, Array]:
     """Errors (n, 2) and (m, 4) of some effects together, rad; held by label."""
     sun, earth = sightings.nothing
     for label, one in held.items():
-        effect, axis = effect_of(label)
+        effect, axis = find_sensor_effect(label)
         more = effect.error(sightings, axis, one.amplitudes, one.parameters)
         sun, earth = sun + more[0], earth + more[1]
     return sun, earth
@@ -124,10 +128,10 @@ def held_error(sightings: Sightings, held: Mapping[str, Held]) -> tuple[Array, A
 # ---- unlisted rivals -----------------------------------------------------------------------------------------------------
 
 
-def build_rival(name: str, columns: Sequence[Array]) -> Group:
+def build_rival(name: str, columns: Sequence[Array]) -> CandidateColumns:
     """Build a discrepancy that is on no list, with an amplitude of any size, by the columns of its options."""
     count = len(columns)
-    return Group(name, None, False, columns, [{}] * count, np.full(count, 1 / count), (0.0, np.inf), "")
+    return CandidateColumns(name, None, False, columns, [{}] * count, np.full(count, 1 / count), (0.0, np.inf), "")
 
 
 def _build_smooth(fitted: FittedArc, number: int) -> list[Array]:
@@ -143,7 +147,7 @@ def _build_smooth(fitted: FittedArc, number: int) -> list[Array]:
     return [of_alpha, of_beta, np.hstack([of_alpha, of_beta])]
 
 
-def orbit_phase(sightings: Sightings) -> Array:
+def compute_orbit_phase(sightings: Sightings) -> Array:
     """(m,) argument of latitude of the Earth sensor's measurements, rad."""
     position = sightings.position
     normal = np.cross(position[:-1], position[1:]).sum(axis=0)
@@ -154,18 +158,18 @@ def orbit_phase(sightings: Sightings) -> Array:
     return np.asarray(np.unwrap(np.arctan2(position @ np.cross(normal, node), position @ node)))
 
 
-def _of_quadrants(fitted: FittedArc, earth: Array) -> Array:
+def _build_quadrant_columns(fitted: FittedArc, earth: Array) -> Array:
     """(r, p) columns of errors (m, 4, p) of the Earth sensor."""
     return fitted.arc.vector(np.zeros((*fitted.arc.sightings.sun_angles.shape, earth.shape[2])), earth)
 
 
 def _build_quadrant_harmonics(fitted: FittedArc) -> list[Array]:
     """Sin and cos(k u) of each quadrant, 1 rad, for each k and for all."""
-    phase = orbit_phase(fitted.arc.sightings)
+    phase = compute_orbit_phase(fitted.arc.sightings)
     each = []
     for k in range(1, SETTINGS.harmonics + 1):
         waves = np.column_stack([np.sin(k * phase), np.cos(k * phase)])
-        each.append(_of_quadrants(fitted, np.einsum("mw,qr->mqwr", waves, np.eye(4)).reshape(len(waves), 4, -1)))
+        each.append(_build_quadrant_columns(fitted, np.einsum("mw,qr->mqwr", waves, np.eye(4)).reshape(len(waves), 4, -1)))
     return [*each, np.hstack(each)]
 
 
@@ -184,13 +188,13 @@ def _build_near_sun(fitted: FittedArc) -> list[Array]:
     for ring in range(len(SUN_EDGES) - 1):
         out[..., 2 * ring] = (rings == ring) & coming
         out[..., 2 * ring + 1] = (rings == ring) & ~coming
-    return [_of_quadrants(fitted, np.deg2rad(out))]
+    return [_build_quadrant_columns(fitted, np.deg2rad(out))]
 
 
 def _build_gyro_harmonics(fitted: FittedArc) -> list[Array]:
     """Rate errors sin and cos(k u) about each axis, 1 deg/h, for each k: γ_n = −Σ f(u) ΔS, f constant between nodes."""
     path, sightings = fitted.path, fitted.arc.sightings
-    middle = np.interp((path.t[:-1] + path.t[1:]) / 2, sightings.t_s, orbit_phase(sightings))
+    middle = np.interp((path.t[:-1] + path.t[1:]) / 2, sightings.t_s, compute_orbit_phase(sightings))
     steps = np.diff(fitted.S, axis=0)
     parts = []
     for k in range(1, SETTINGS.gyro_harmonics + 1):
@@ -202,10 +206,10 @@ def _build_gyro_harmonics(fitted: FittedArc) -> list[Array]:
     return parts
 
 
-RIVALS: Mapping[str, Callable[[FittedArc], list[Array]]] = {
+RIVAL_BUILDERS: Mapping[str, Callable[[FittedArc], list[Array]]] = {
     "smooth error of DSS-1": partial(_build_smooth, number=1),
     "smooth error of DSS-2": partial(_build_smooth, number=2),
     "Earth sensor at orbit harmonics": _build_quadrant_harmonics,
     "Earth sensor near the Sun": _build_near_sun,
-    GYRO: _build_gyro_harmonics,
+    GYRO_RIVAL: _build_gyro_harmonics,
 }

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from diagnosis.model.sensors.columns import effect_of
+from diagnosis.model.sensors.columns import find_sensor_effect
 from simulator.effects.sensor import SENSOR_EFFECTS, SensorEffect
 
 
@@ -34,5 +34,5 @@ def list_orthogonal(named: Sequence[str], effects: Iterable[SensorEffect]) -> tu
     None where no cause is one that such a calibration mistakes
     """
     others = list_solved_for(effects)
-    kept = [label for label in named if effect_of(label)[0].alignment != "mistaken"]
+    kept = [label for label in named if find_sensor_effect(label)[0].alignment != "mistaken"]
     return tuple(dict.fromkeys([*kept, *others])) if len(kept) < len(named) and others else ()

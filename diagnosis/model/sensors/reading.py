@@ -62,10 +62,12 @@ def find_misreading(recording: Recording) -> str | None:
     steady = [one for one in recording.intervals if is_steady(recording.gyro, one)][: SETTINGS.arcs]
     if not steady:
         return None
-    as_read, arc = sorted([(_mean_square(recording, tables, one), one) for one in steady], key=itemgetter(0))[len(steady) // 2]
+    as_read, arc = sorted([(_compute_mean_square(recording, tables, one), one) for one in steady], key=itemgetter(0))[
+        len(steady) // 2
+    ]
     if as_read < SETTINGS.gross:
         return None
-    others = [(_mean_square(recording, one.tables, arc), one) for one in _readings(tables)]
+    others = [(_compute_mean_square(recording, one.tables, arc), one) for one in _list_misreadings(tables)]
     best = min(left for left, _ in others)
     hopeless = np.isinf(as_read)
     lead = "no attitude fits them" if hopeless else f"their residuals have {as_read:.3g} times the mean square of the noise"
@@ -76,7 +78,7 @@ def find_misreading(recording: Recording) -> str | None:
     return f"{lead}; {best:.3g} with {' or '.join(ways[: SETTINGS.shown])}"
 
 
-def _mean_square(recording: Recording, tables: SensorTables, interval: Interval) -> float:
+def _compute_mean_square(recording: Recording, tables: SensorTables, interval: Interval) -> float:
     """Mean square of the residuals of an interval's arc under M0, in sigmas; infinite where it does not fit."""
     try:
         arc = build_arc(recording, tables, interval)
@@ -89,7 +91,7 @@ def _mean_square(recording: Recording, tables: SensorTables, interval: Interval)
     return float(gram[0, 0] / dof)
 
 
-def _readings(tables: SensorTables) -> Iterator[Reading]:
+def _list_misreadings(tables: SensorTables) -> Iterator[Reading]:
     """Other readings of counts, directions and penetration angles, one at a time."""
     sun, earth, ephemeris = tables.sun, tables.earth, tables.ephemeris
     assert sun is not None
@@ -106,7 +108,7 @@ def _readings(tables: SensorTables) -> Iterator[Reading]:
         yield Reading(words, changes, replace(tables, sun=replace(sun, counts=read)))
     yield Reading("sensors 1 and 2 exchanged", 1, replace(tables, sun=replace(sun, sensor=3 - sun.sensor)))
     yield Reading("the Sun's direction reversed", 1, replace(tables, ephemeris=replace(ephemeris, sun=-ephemeris.sun)))
-    for names, changes, Pi in _turns():
+    for names, changes, Pi in _list_axis_turns():
         of_sun, of_position = (
             replace(ephemeris, sun=ephemeris.sun @ Pi.T),
             replace(ephemeris, position=ephemeris.position @ Pi.T),
@@ -122,7 +124,7 @@ def _readings(tables: SensorTables) -> Iterator[Reading]:
         yield Reading(f"the quadrants in the order {', '.join(str(k + 1) for k in order)}", 1, replace(tables, earth=moved))
 
 
-def _turns() -> Iterator[tuple[str, int, Array]]:
+def _list_axis_turns() -> Iterator[tuple[str, int, Array]]:
     """The other orders and signs of three axes, in words, how many axes each moves, and its matrix (3, 3)."""
     for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
         Pi = np.zeros((3, 3))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from diagnosis.model.sensors.arcs import FittedArc
-from diagnosis.model.sensors.columns import Held, effect_of, held_columns
+from diagnosis.model.sensors.columns import HeldAmplitudes, build_held_columns, find_sensor_effect
 from simulator.effects.base import Value
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ Places = Sequence[tuple[str, str]]  # label and name of each parameter
 
 
 @dataclass(frozen=True)
-class RefinementSettings:
+class SensorRefinementSettings:
     """How parameters are moved, by their logarithms."""
 
     first: float = 0.15  # step of the search for the least χ², less than half that between options
@@ -39,10 +39,10 @@ class RefinementSettings:
     around: tuple[float, ...] = (-2.5, -1.25, 0.0, 1.25, 2.5)
 
 
-SETTINGS = RefinementSettings()
+SETTINGS = SensorRefinementSettings()
 
 
-def refine_parameters(fits: Sequence[FittedArc], held: Mapping[str, Held]) -> dict[str, Held]:
+def refine_parameters(fits: Sequence[FittedArc], held: Mapping[str, HeldAmplitudes]) -> dict[str, HeldAmplitudes]:
     """Move the parameters of effects, by label, to the least χ², with the amplitudes that fit there and options around.
 
     Parameters
@@ -50,15 +50,15 @@ def refine_parameters(fits: Sequence[FittedArc], held: Mapping[str, Held]) -> di
     fits : the arcs under M0
     held : what to start from
     """
-    places = [(label, name) for label in held for name in effect_of(label)[0].refined]
+    places = [(label, name) for label in held for name in find_sensor_effect(label)[0].refined]
     if not places:
         return dict(held)
 
     def solve(change: Array) -> tuple[Array, float]:
         """Amplitudes of all effects together with changed parameters, and χ² with them."""
-        moved = _moved(held, places, change)
-        gram = _total_gram(fits, lambda fitted: held_columns(fitted, moved))
-        amplitudes = _inverse(gram[:-1, :-1]) @ gram[:-1, -1]
+        moved = _move_parameters(held, places, change)
+        gram = _sum_grams(fits, lambda fitted: build_held_columns(fitted, moved))
+        amplitudes = _invert_scaled(gram[:-1, :-1]) @ gram[:-1, -1]
         return amplitudes, float(gram[-1, -1] - amplitudes @ gram[:-1, -1])
 
     simplex = np.vstack([np.zeros(len(places)), SETTINGS.first * np.eye(len(places))])
@@ -66,53 +66,55 @@ def refine_parameters(fits: Sequence[FittedArc], held: Mapping[str, Held]) -> di
         "initial_simplex": simplex, "xatol": SETTINGS.enough, "fatol": SETTINGS.enough_chi2, "maxfev": SETTINGS.trials
     }  # fmt: skip
     change = minimize(lambda x: solve(x)[1], simplex[0], method="Nelder-Mead", options=options).x
-    amplitudes, found, start = solve(change)[0], _moved(held, places, change), 0
+    amplitudes, found, start = solve(change)[0], _move_parameters(held, places, change), 0
     for label, one in found.items():
         found[label] = replace(one, amplitudes=amplitudes[start : start + one.amplitudes.size])
         start += one.amplitudes.size
-    covariance = _covariance(fits, found, places)
-    return {label: replace(one, others=_around(label, one, places, covariance)) for label, one in found.items()}
+    covariance = _estimate_parameter_covariance(fits, found, places)
+    return {label: replace(one, others=_list_near_parameters(label, one, places, covariance)) for label, one in found.items()}
 
 
-def _around(label: str, one: Held, places: Places, covariance: Array) -> tuple[Mapping[str, Value], ...]:
+def _list_near_parameters(
+    label: str, one: HeldAmplitudes, places: Places, covariance: Array
+) -> tuple[Mapping[str, Value], ...]:
     """Parameters of an effect at a few sigmas from those held."""
     own = [k for k, (other, _) in enumerate(places) if other == label]
     values, vectors = np.linalg.eigh(covariance[np.ix_(own, own)])
     factor = vectors * np.sqrt(np.maximum(values, 0.0))
     steps = [factor @ step for step in product(SETTINGS.around, repeat=len(own)) if np.any(step)]
-    return tuple(_moved({label: one}, [places[k] for k in own], step)[label].parameters for step in steps)
+    return tuple(_move_parameters({label: one}, [places[k] for k in own], step)[label].parameters for step in steps)
 
 
-def _covariance(fits: Sequence[FittedArc], held: Mapping[str, Held], places: Places) -> Array:
+def _estimate_parameter_covariance(fits: Sequence[FittedArc], held: Mapping[str, HeldAmplitudes], places: Places) -> Array:
     """(q, q) of the logarithms of the parameters, all amplitudes fitted too."""
     amplitudes = np.concatenate([one.amplitudes for one in held.values()])
 
     def columns(fitted: FittedArc) -> Array:
         ends = [
-            [held_columns(fitted, _moved(held, places, way * step)) @ amplitudes for way in (1, -1)]
+            [build_held_columns(fitted, _move_parameters(held, places, way * step)) @ amplitudes for way in (1, -1)]
             for step in SETTINGS.step * np.eye(len(places))
         ]
-        return np.column_stack([held_columns(fitted, held), *((high - low) / (2 * SETTINGS.step) for high, low in ends)])
+        return np.column_stack([build_held_columns(fitted, held), *((high - low) / (2 * SETTINGS.step) for high, low in ends)])
 
-    return _inverse(_total_gram(fits, columns)[:-1, :-1])[-len(places) :, -len(places) :]
+    return _invert_scaled(_sum_grams(fits, columns)[:-1, :-1])[-len(places) :, -len(places) :]
 
 
-def _moved(held: Mapping[str, Held], places: Places, change: Array) -> dict[str, Held]:
+def _move_parameters(held: Mapping[str, HeldAmplitudes], places: Places, change: Array) -> dict[str, HeldAmplitudes]:
     """With parameters changed by a logarithm each, between half the least and twice the largest of the options."""
     out = dict(held)
     for (label, name), by in zip(places, change, strict=True):
-        options = [float(option[name]) for option in effect_of(label)[0].options]
+        options = [float(option[name]) for option in find_sensor_effect(label)[0].options]
         value = float(np.clip(float(held[label].parameters[name]) * np.exp(by), min(options) / 2, 2 * max(options)))
         out[label] = replace(out[label], parameters={**out[label].parameters, name: value})
     return out
 
 
-def _total_gram(fits: Sequence[FittedArc], columns: Callable[[FittedArc], Array]) -> Array:
+def _sum_grams(fits: Sequence[FittedArc], columns: Callable[[FittedArc], Array]) -> Array:
     """Products of columns and residuals of all arcs, the residuals last."""
     return np.asarray(sum(fitted.gram(columns(fitted))[0] for fitted in fits))
 
 
-def _inverse(gram: Array) -> Array:
+def _invert_scaled(gram: Array) -> Array:
     """Pseudo-inverse, columns brought to one length first."""
     norms = np.sqrt(np.diag(gram))
     scale = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)

@@ -17,11 +17,11 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from diagnosis.model.candidates import placed
-from diagnosis.model.groups import Group
+from diagnosis.model.candidates import place_candidates
+from diagnosis.model.groups import CandidateColumns
 from diagnosis.model.linear import Fold, LinearModel
 from diagnosis.model.sensors.arcs import FittedArc
-from diagnosis.model.sensors.columns import Held, build_groups, build_rival
+from diagnosis.model.sensors.columns import HeldAmplitudes, build_groups, build_rival
 from diagnosis.settings import DiagnosisSettings
 from simulator.effects.sensor import SENSOR_EFFECTS, SensorEffect
 
@@ -44,8 +44,8 @@ class TableSettings:
 SETTINGS = TableSettings()
 
 
-SPLIT = "days left out, a sixth of the arcs at a time"
-TINY = 1e-300
+TABLE_SPLIT = "days left out, a sixth of the arcs at a time"
+LEAST_POSITIVE = 1e-300
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Tables:
     names, t_s, dof : of each arc its interval, its middle, and its degrees of freedom
     """
 
-    groups: tuple[Group, ...]
+    groups: tuple[CandidateColumns, ...]
     y: Array
     owner: Indices
     names: tuple[str, ...]
@@ -68,7 +68,9 @@ class Tables:
     dof: tuple[int, ...]
 
 
-def build_tables(fits: Sequence[FittedArc], effects: Sequence[SensorEffect], about: Mapping[str, Held] | None = None) -> Tables:
+def build_tables(
+    fits: Sequence[FittedArc], effects: Sequence[SensorEffect], about: Mapping[str, HeldAmplitudes] | None = None
+) -> Tables:
     """Build columns and residuals of fitted arcs.
 
     Parameters
@@ -84,7 +86,7 @@ def build_tables(fits: Sequence[FittedArc], effects: Sequence[SensorEffect], abo
     for fitted in fits:
         groups = build_groups(fitted, present, held)
         gram, own = fitted.gram(np.hstack([part for group in groups for part in group.columns]))
-        rows.append(_rows(gram))
+        rows.append(_factor_gram(gram))
         dof.append(own)
     stacked = np.vstack(rows)
     amplitudes, placed_groups, start = np.zeros(stacked.shape[1] - 1), [], 0
@@ -106,7 +108,7 @@ def build_tables(fits: Sequence[FittedArc], effects: Sequence[SensorEffect], abo
     )
 
 
-def _rows(gram: Array) -> Array:
+def _factor_gram(gram: Array) -> Array:
     """(r, p) rows with the given products, the columns brought to one length for the decomposition."""
     norms = np.sqrt(np.maximum(np.diag(gram), 0.0))
     unit = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
@@ -115,10 +117,12 @@ def _rows(gram: Array) -> Array:
     return np.asarray(np.sqrt(values[kept])[:, None] * vectors[:, kept].T * norms)
 
 
-def linear_model(tables: Tables, effects: Sequence[SensorEffect], settings: DiagnosisSettings) -> LinearModel:
+def build_sensor_model(tables: Tables, effects: Sequence[SensorEffect], settings: DiagnosisSettings) -> LinearModel:
     """The linear model, with the effects that may be named and all unlisted rivals as candidates."""
     groups = [group for group in tables.groups if not group.listed or SENSOR_EFFECTS[group.effect] in effects]
-    candidates, W = placed([*groups, *_wandering(tables)], lambda columns: columns, settings, visible=SETTINGS.visible)
+    candidates, W = place_candidates(
+        [*groups, *_list_wander_groups(tables)], lambda columns: columns, settings, visible=SETTINGS.visible
+    )
     return LinearModel(
         y=tables.y,
         X=W,
@@ -127,12 +131,12 @@ def linear_model(tables: Tables, effects: Sequence[SensorEffect], settings: Diag
         dof=sum(tables.dof),
         projected=lambda values: values,
         most_effects=settings.largest_sensor_set,
-        split=SPLIT,
-        folds=partial(_folds, tables),
+        split=TABLE_SPLIT,
+        folds=partial(_build_arc_folds, tables),
     )
 
 
-def _wandering(tables: Tables) -> Iterator[Group]:
+def _list_wander_groups(tables: Tables) -> Iterator[CandidateColumns]:
     """Sensors that sit differently each day, or drift through the months."""
     for group in tables.groups:
         if not group.listed or not SENSOR_EFFECTS[group.effect].wanders:
@@ -146,7 +150,7 @@ def _wandering(tables: Tables) -> Iterator[Group]:
         yield build_rival(f"{sensor} drifts", [months[tables.owner][:, None] * columns])
 
 
-def _folds(tables: Tables, W: Array) -> Iterator[Fold]:
+def _build_arc_folds(tables: Tables, W: Array) -> Iterator[Fold]:
     """A sixth of the arcs held out at a time; each keeps its own epoch attitude and bias, which no explanation may use."""
     for number in range(SETTINGS.folds):
         out = tables.owner % SETTINGS.folds == number
@@ -179,7 +183,7 @@ class Noise:
     p_value: float = 1.0
 
 
-def noise_of(model: LinearModel, settings: DiagnosisSettings) -> Noise:
+def estimate_sensor_noise(model: LinearModel, settings: DiagnosisSettings) -> Noise:
     """Noise of the sensors."""
     norms = np.linalg.norm(model.X, axis=0)
     unit = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
@@ -187,11 +191,11 @@ def noise_of(model: LinearModel, settings: DiagnosisSettings) -> Noise:
     A, b = triangle[:, :-1], triangle[:, -1]
     solved, _, rank, _ = np.linalg.lstsq(A, b, rcond=SETTINGS.seen)
     chi2, dof = float(np.sum((b - A @ solved) ** 2)), model.dof - int(rank)
-    p = max(float(chdtrc(dof, chi2)), TINY) if dof > 0 else 1.0
+    p = max(float(chdtrc(dof, chi2)), LEAST_POSITIVE) if dof > 0 else 1.0
     return Noise(float(np.sqrt(chi2 / dof)), p) if p < settings.chi2_sensors else Noise()
 
 
-def in_noise(model: LinearModel, factor: float) -> LinearModel:
+def rescale_noise(model: LinearModel, factor: float) -> LinearModel:
     """The model in units of a larger noise, or chance would pass for evidence; candidates and their scales stay."""
 
     def folds(W: Array) -> Iterator[Fold]:

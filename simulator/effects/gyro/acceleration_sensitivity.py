@@ -9,16 +9,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from gyrocal.errors import InputError
-from simulator.effects.base import AXES, Array, Effect, Parameter, Parameters, Stream, Surroundings, Trial, Value
-from simulator.effects.common import DEG_H, on_axis
-from simulator.effects.housekeeping import ACCELERATION, STANDARD_GRAVITY
+from simulator.effects.base import AXIS_NAMES, Array, Effect, Parameter, Parameters, Stream, Surroundings, Trial, Value
+from simulator.effects.common import DEG_H, put_on_axis
+from simulator.effects.housekeeping_columns import ACCELERATION, STANDARD_GRAVITY
 
 LEAST_CHANGE = 1e-3  # g₀, RMS: a steadier acceleration is a bias
 
 
-def any_axis(rng: np.random.Generator, around: Surroundings) -> Value:
+def draw_axis(rng: np.random.Generator, around: Surroundings) -> Value:
     """One of those whose acceleration is recorded."""
-    return str(rng.choice(_changing(around.stream) or list(AXES)))
+    return str(rng.choice(_list_changing_axes(around.stream) or list(AXIS_NAMES)))
 
 
 class AccelerationSensitivity(Effect):
@@ -27,32 +27,32 @@ class AccelerationSensitivity(Effect):
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """(a − mean a)/g₀, as deg/h."""
         toward = str(parameters["toward"])
-        name = _column(stream, toward)
+        name = _find_acceleration(stream, toward)
         if name is None:
             raise InputError(f"{self.name}: the recording has no housekeeping column …{ACCELERATION.format(toward)}")
         acceleration = stream.housekeeping[name] / STANDARD_GRAVITY
-        return on_axis((acceleration - acceleration.mean()) * DEG_H, axis)
+        return put_on_axis((acceleration - acceleration.mean()) * DEG_H, axis)
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
         """Each acceleration that changes."""
-        there = _changing(around.stream)
+        there = _list_changing_axes(around.stream)
         return [Trial({"toward": toward}, 1 / len(there)) for toward in there]
 
     def missing(self, around: Surroundings) -> str | None:
         """It needs an acceleration that changes."""
-        if not any(_column(around.stream, toward) for toward in AXES):
+        if not any(_find_acceleration(around.stream, toward) for toward in AXIS_NAMES):
             return "the recording has no housekeeping column …acceleration_x_m_s2, …_y_… or …_z_…"
-        return None if _changing(around.stream) else f"no acceleration changes by {LEAST_CHANGE:g} g"
+        return None if _list_changing_axes(around.stream) else f"no acceleration changes by {LEAST_CHANGE:g} g"
 
 
-def _column(stream: Stream, toward: str) -> str | None:
+def _find_acceleration(stream: Stream, toward: str) -> str | None:
     """Name of the housekeeping column of an axis' acceleration, the shortest of several."""
     return min((name for name in stream.housekeeping if name.endswith(ACCELERATION.format(toward))), key=len, default=None)
 
 
-def _changing(stream: Stream) -> list[str]:
+def _list_changing_axes(stream: Stream) -> list[str]:
     """Axes whose recorded acceleration changes."""
-    named = {toward: _column(stream, toward) for toward in AXES}
+    named = {toward: _find_acceleration(stream, toward) for toward in AXIS_NAMES}
     return [
         toward
         for toward, name in named.items()
@@ -68,7 +68,7 @@ EFFECT = AccelerationSensitivity(
     unit="deg/h per g",
     stage="rate",
     prior=(1e-3, 1e4),
-    parameters=(Parameter("toward", "", None, "body axis whose acceleration acts", choices=AXES, draw=any_axis),),
+    parameters=(Parameter("toward", "", None, "body axis whose acceleration acts", choices=AXIS_NAMES, draw=draw_axis),),
     meaning="The gyro's bias follows an acceleration of the housekeeping data; positive: it reads high where that is positive.",
     drawn=False,
 )

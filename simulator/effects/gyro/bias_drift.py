@@ -5,7 +5,7 @@ days it is slow enough to be a line.
 """
 
 from simulator.effects.base import Array, Effect, Parameters, Stream
-from simulator.effects.common import DAY, DEG_H, on_axis
+from simulator.effects.common import DAY, DEG_H, put_on_axis
 
 
 class BiasDrift(Effect):
@@ -13,7 +13,7 @@ class BiasDrift(Effect):
 
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """Days since the start, as deg/h."""
-        return on_axis((stream.t_s - stream.span_s[0]) / DAY * DEG_H, axis)
+        return put_on_axis((stream.t_s - stream.span_s[0]) / DAY * DEG_H, axis)
 
 
 EFFECT = BiasDrift(

@@ -21,16 +21,25 @@ from simulator.effects.base import (
     Trial,
     Value,
 )
-from simulator.effects.common import DEG_H, gauss_markov, log_uniform, markov, number, on_axis, reference_arc, time_constants
+from simulator.effects.common import (
+    DEG_H,
+    gauss_markov,
+    list_time_constants,
+    log_uniform,
+    markov,
+    measure_reference_arc,
+    number,
+    put_on_axis,
+)
 
-SHORTEST = 1.0  # spacing of the references
-LONGEST = 1.0  # intervals
-RATIO = 3.0  # between time constants that are tried
+SHORTEST_BIAS_CONSTANT = 1.0  # spacing of the references
+LONGEST_BIAS_CONSTANT = 1.0  # intervals
+BIAS_CONSTANT_RATIO = 3.0  # between time constants that are tried
 
 
-def any_time_constant(rng: np.random.Generator, around: Surroundings) -> Value:
+def draw_time_constant(rng: np.random.Generator, around: Surroundings) -> Value:
     """From twice the references' spacing to a third of the longest interval, s."""
-    spacing, arc = reference_arc(around)
+    spacing, arc = measure_reference_arc(around)
     return log_uniform(rng, 2 * spacing, max(arc / 3, 2.1 * spacing))
 
 
@@ -40,7 +49,7 @@ class BiasMarkov(Effect):
     def wander(self, rng: np.random.Generator, stream: Stream, setting: Setting) -> Array:
         """The process on its axis, in true time over the gaps too."""
         process = gauss_markov(rng, stream.t_s, number(setting.parameters, "time_constant_s"))
-        return on_axis(setting.size * DEG_H * process, setting.axis)[:, :, 0]
+        return put_on_axis(setting.size * DEG_H * process, setting.axis)[:, :, 0]
 
     def covariance(self, at: ProcessTimes, parameters: Parameters) -> Array:
         """exp(−|Δt|/τ)."""
@@ -48,10 +57,10 @@ class BiasMarkov(Effect):
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
         """Time constants evenly spaced in their logarithm."""
-        spacing, arc = reference_arc(around)
+        spacing, arc = measure_reference_arc(around)
         if not arc > 2 * spacing:
             return ()
-        return time_constants(SHORTEST * spacing, LONGEST * arc, RATIO)
+        return list_time_constants(SHORTEST_BIAS_CONSTANT * spacing, LONGEST_BIAS_CONSTANT * arc, BIAS_CONSTANT_RATIO)
 
     def missing(self, around: Surroundings) -> str | None:
         """It needs references that follow one another."""
@@ -66,7 +75,7 @@ EFFECT = BiasMarkov(
     stage="random_rate",
     prior=(1e-5, 1e3),
     bounds=(0.0, 1e9),
-    parameters=(Parameter("time_constant_s", "s", 600.0, "time constant", 1e-3, 1e9, draw=any_time_constant),),
+    parameters=(Parameter("time_constant_s", "s", 600.0, "time constant", 1e-3, 1e9, draw=draw_time_constant),),
     meaning="The gyro's bias wanders and returns, within a time constant.",
     kin="wandering bias",
 )

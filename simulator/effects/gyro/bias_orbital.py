@@ -4,7 +4,7 @@ The Sun warms and the shadow cools the gyro once an orbit. Amplitudes (size cos 
 """
 
 from simulator.effects.base import Array, Parameters, Stream
-from simulator.effects.common import DEG_H, harmonic, no_orbit, on_axis
+from simulator.effects.common import DEG_H, harmonic, no_orbit, put_on_axis
 from simulator.effects.periodic import Sinusoid
 
 
@@ -13,7 +13,7 @@ class BiasOrbital(Sinusoid):
 
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """sin(nt) and cos(nt), as deg/h."""
-        return on_axis(harmonic(stream.t_s, stream.orbit_period_s) * DEG_H, axis)
+        return put_on_axis(harmonic(stream.t_s, stream.orbit_period_s) * DEG_H, axis)
 
 
 EFFECT = BiasOrbital(

@@ -8,7 +8,7 @@ the sine over a sample of length d is sin(π d/P)/(π d/P) times its value in th
 import numpy as np
 
 from simulator.effects.base import Array, Parameters, Stream
-from simulator.effects.common import DEG_H, harmonic, number, on_axis
+from simulator.effects.common import DEG_H, harmonic, number, put_on_axis
 from simulator.effects.periodic import Periodic
 
 
@@ -19,7 +19,7 @@ class BiasPeriodic(Periodic):
         """Sine and cosine, as deg/h."""
         period = number(parameters, "period_s")
         mean = np.sinc(stream.duration_s / period)[:, None]
-        return on_axis(harmonic(stream.t_s, period) * mean * DEG_H, axis)
+        return put_on_axis(harmonic(stream.t_s, period) * mean * DEG_H, axis)
 
 
 EFFECT = BiasPeriodic(

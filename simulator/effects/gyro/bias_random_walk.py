@@ -20,13 +20,16 @@ from simulator.effects.base import (
     Surroundings,
     Trial,
 )
-from simulator.effects.common import DEG_H, HOUR, on_axis
+from simulator.effects.common import DEG_H, HOUR, put_on_axis
 
 GAPS = ("hold", "grow", "reset")
-DRAWN = ("hold", "reset")  # over gaps of days a walk that goes on makes levels of their own, and hardly shows as a walk
+DRAWN_GAP_BEHAVIOURS = (
+    "hold",
+    "reset",
+)  # over gaps of days a walk that goes on makes levels of their own, and hardly shows as a walk
 # Span over sampled time from which on a walk that goes on is not tried: its changes over the gaps are then about √30, or five,
 # times those that are seen within intervals, and what is seen of it are levels, as an asymmetry makes them.
-SHOWN = 30.0
+LARGEST_SPAN_RATIO = 30.0
 
 
 class BiasRandomWalk(Effect):
@@ -41,7 +44,7 @@ class BiasRandomWalk(Effect):
         if gaps == "reset":
             for part in stream.intervals:
                 walk[part] -= walk[part.start]
-        return on_axis(setting.size * DEG_H / np.sqrt(HOUR) * walk, setting.axis)[:, :, 0]
+        return put_on_axis(setting.size * DEG_H / np.sqrt(HOUR) * walk, setting.axis)[:, :, 0]
 
     def covariance(self, at: ProcessTimes, parameters: Parameters) -> Array:
         """K² min(t, t'), with t from the first of the times on, since M0 solves for the level there.
@@ -61,7 +64,7 @@ class BiasRandomWalk(Effect):
         """What the walk may do over the gaps; one that goes on only where the intervals would show that it is a walk."""
         stream = around.stream
         sampled, whole = float(np.sum(stream.duration_s)), float(stream.t_s[-1] - stream.t_s[0])
-        tried = GAPS if whole < SHOWN * sampled else DRAWN
+        tried = GAPS if whole < LARGEST_SPAN_RATIO * sampled else DRAWN_GAP_BEHAVIOURS
         return tuple(Trial({"gaps": gaps}, 1 / len(tried)) for gaps in tried)
 
 
@@ -73,7 +76,7 @@ EFFECT = BiasRandomWalk(
     stage="random_rate",
     prior=(1e-5, 5e3),
     bounds=(0.0, 1e9),
-    parameters=(Parameter("gaps", "", "hold", "over the gaps between intervals", choices=GAPS, draw=DRAWN),),
+    parameters=(Parameter("gaps", "", "hold", "over the gaps between intervals", choices=GAPS, draw=DRAWN_GAP_BEHAVIOURS),),
     meaning="The gyro's bias wanders without returning (rate random walk).",
     kin="wandering bias",
 )

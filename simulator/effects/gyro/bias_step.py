@@ -4,7 +4,7 @@ A sample that the step falls into shows its mean. Seen after thermal shocks, pow
 """
 
 from simulator.effects.base import Array, Effect, Parameters, Stream
-from simulator.effects.common import DEG_H, TIME, number, on_axis, share_after
+from simulator.effects.common import DEG_H, TIME_PARAMETER, compute_share_after, number, put_on_axis
 
 
 class BiasStep(Effect):
@@ -12,7 +12,7 @@ class BiasStep(Effect):
 
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """H(t − time_s), as deg/h."""
-        return on_axis(share_after(stream, number(parameters, "time_s")) * DEG_H, axis)
+        return put_on_axis(compute_share_after(stream, number(parameters, "time_s")) * DEG_H, axis)
 
 
 EFFECT = BiasStep(
@@ -23,7 +23,7 @@ EFFECT = BiasStep(
     unit="deg/h",
     stage="rate",
     prior=(1e-5, 5e3),
-    parameters=(TIME,),
+    parameters=(TIME_PARAMETER,),
     meaning="The gyro's bias jumps at one time and stays there; positive: it reads high afterwards.",
     switched=True,
 )

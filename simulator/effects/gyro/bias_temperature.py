@@ -5,8 +5,8 @@ between its rows. The column may be named; else one whose name ends in temperatu
 """
 
 from simulator.effects.base import Array, Effect, Parameters, Stream
-from simulator.effects.common import DEG_H, on_axis
-from simulator.effects.housekeeping import find_temperature, make_temperature_parameter, no_gyro_temperature
+from simulator.effects.common import DEG_H, put_on_axis
+from simulator.effects.housekeeping_columns import find_temperature, make_temperature_parameter, no_gyro_temperature
 
 
 class BiasTemperature(Effect):
@@ -15,7 +15,7 @@ class BiasTemperature(Effect):
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """T − mean T, as deg/h."""
         temperature = find_temperature(stream.housekeeping, parameters, "gyro", self.name)
-        return on_axis((temperature - temperature.mean()) * DEG_H, axis)
+        return put_on_axis((temperature - temperature.mean()) * DEG_H, axis)
 
 
 EFFECT = BiasTemperature(

@@ -11,12 +11,12 @@ import numpy as np
 
 from simulator.effects.base import Array, Effect, Parameters, Setting, Stream, Surroundings
 from simulator.effects.common import PPM, log_uniform
-from simulator.effects.timing import delay_columns, delayed
+from simulator.effects.timing import compute_delay_columns, delay_rates
 
 LEAST_SPAN_S = 10.0  # at the largest plausible drift the delay then changes by 5 ms
 
 
-def drift_s(stream: Stream) -> Array:
+def compute_tag_delay(stream: Stream) -> Array:
     """Compute the delay of each sample's tag per ppm of drift, (n,) s; zero in the middle of the recording."""
     first, last = stream.span_s
     return np.asarray(PPM * (stream.t_s - 0.5 * (first + last)))
@@ -27,11 +27,11 @@ class ClockDrift(Effect):
 
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """−d · dω_raw/dt per ppm."""
-        return delay_columns(stream) * drift_s(stream)[:, None, None]
+        return compute_delay_columns(stream) * compute_tag_delay(stream)[:, None, None]
 
     def retimed(self, raw: Array, stream: Stream, setting: Setting) -> Array:
         """Readings at t − d."""
-        return delayed(raw, stream, setting.size * drift_s(stream))
+        return delay_rates(raw, stream, setting.size * compute_tag_delay(stream))
 
     def missing(self, around: Surroundings) -> str | None:
         """It needs some time in which the clocks can run apart, and references to show it."""

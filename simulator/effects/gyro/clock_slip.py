@@ -8,8 +8,8 @@ changes by −size · H(t − time_s) dω_raw/dt, the column.
 import numpy as np
 
 from simulator.effects.base import Array, Effect, Parameters, Setting, Stream
-from simulator.effects.common import TIME, number, share_after
-from simulator.effects.timing import delay_columns, delayed
+from simulator.effects.common import TIME_PARAMETER, compute_share_after, number
+from simulator.effects.timing import compute_delay_columns, delay_rates
 
 
 class ClockSlip(Effect):
@@ -17,12 +17,12 @@ class ClockSlip(Effect):
 
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """−H(t − time_s) dω_raw/dt."""
-        return delay_columns(stream) * share_after(stream, number(parameters, "time_s"))[:, None, None]
+        return compute_delay_columns(stream) * compute_share_after(stream, number(parameters, "time_s"))[:, None, None]
 
     def retimed(self, raw: Array, stream: Stream, setting: Setting) -> Array:
         """Late readings from time_s on."""
-        after = share_after(stream, number(setting.parameters, "time_s"))[:, None]
-        late = delayed(raw, stream, np.full(len(stream.t_s), setting.size))
+        after = compute_share_after(stream, number(setting.parameters, "time_s"))[:, None]
+        late = delay_rates(raw, stream, np.full(len(stream.t_s), setting.size))
         return np.asarray(raw + after * (late - raw))
 
 
@@ -37,7 +37,7 @@ EFFECT = ClockSlip(
     weight=0.02,  # a clock that drifts or slips by so much is far rarer than one that is set wrong: by judgement
     bounds=(-60.0, 60.0),
     axes=(),
-    parameters=(TIME,),
+    parameters=(TIME_PARAMETER,),
     meaning="The gyro's time tags are late from one time on (early if negative), as after a sample that was lost or counted "
     "twice.",
     switched=True,

@@ -5,7 +5,7 @@ a shift of the mount. A sample that the step falls into shows its mean.
 """
 
 from simulator.effects.base import Array, Effect, Parameters, Stream
-from simulator.effects.common import PPM, TIME, TOWARD, index, number, on_axis, share_after
+from simulator.effects.common import PPM, TIME_PARAMETER, TOWARD, compute_share_after, index, number, put_on_axis
 
 
 class GMatrixStep(Effect):
@@ -14,7 +14,7 @@ class GMatrixStep(Effect):
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """10⁻⁶ ω_toward H(t − time_s)."""
         omega = stream.rates[:, index(str(parameters["toward"]))]
-        return on_axis(PPM * omega * share_after(stream, number(parameters, "time_s")), axis)
+        return put_on_axis(PPM * omega * compute_share_after(stream, number(parameters, "time_s")), axis)
 
 
 EFFECT = GMatrixStep(
@@ -25,7 +25,7 @@ EFFECT = GMatrixStep(
     stage="rate",
     prior=(1.0, 5e4),
     bounds=(-1e6, 1e6),
-    parameters=(TIME, TOWARD),
+    parameters=(TIME_PARAMETER, TOWARD),
     meaning="One element of the gyro's scale-factor and misalignment matrix jumps at one time, as after a shock.",
     switched=True,
 )

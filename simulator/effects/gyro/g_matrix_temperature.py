@@ -5,8 +5,8 @@ housekeeping shows, the gyro's temperature before others.
 """
 
 from simulator.effects.base import Array, Effect, Parameters, Stream
-from simulator.effects.common import PPM, TOWARD, index, on_axis
-from simulator.effects.housekeeping import find_temperature, make_temperature_parameter, no_gyro_temperature
+from simulator.effects.common import PPM, TOWARD, index, put_on_axis
+from simulator.effects.housekeeping_columns import find_temperature, make_temperature_parameter, no_gyro_temperature
 
 
 class GMatrixTemperature(Effect):
@@ -16,7 +16,7 @@ class GMatrixTemperature(Effect):
         """10⁻⁶ ω_toward (T − mean T)."""
         temperature = find_temperature(stream.housekeeping, parameters, "gyro", self.name)
         omega = stream.rates[:, index(str(parameters["toward"]))]
-        return on_axis(PPM * omega * (temperature - temperature.mean()), axis)
+        return put_on_axis(PPM * omega * (temperature - temperature.mean()), axis)
 
 
 EFFECT = GMatrixTemperature(

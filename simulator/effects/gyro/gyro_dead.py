@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from simulator.effects.base import Array, Detection, Effect, SampleView, Setting, Stream
-from simulator.effects.common import DEG, TIME, chosen, number
+from simulator.effects.common import DEG, TIME_PARAMETER, number, select_axes
 
-FEWEST = 30  # equal samples at the end; a coarse converter makes some
+FEWEST_DEAD_SAMPLES = 30  # equal samples at the end; a coarse converter makes some
 
 
 class GyroDead(Effect):
@@ -21,19 +21,19 @@ class GyroDead(Effect):
         """The reading of samples that begin at or after time_s."""
         late = stream.t_s - 0.5 * stream.duration_s >= number(setting.parameters, "time_s")
         out = samples.copy()
-        for column in chosen(setting.axis):
+        for column in select_axes(setting.axis):
             out[late, column] = setting.size * DEG
         return out
 
     def detect(self, view: SampleView) -> Sequence[Detection]:
         """Gyros of more than three whose last samples are all the same, while half of those of every other gyro differ."""
         rates = view.rates[view.inside]
-        if rates.shape[1] <= 3 or len(rates) < FEWEST:
+        if rates.shape[1] <= 3 or len(rates) < FEWEST_DEAD_SAMPLES:
             return ()
-        last = np.array([_equal_at_end(x) for x in rates.T])
+        last = np.array([_count_equal_at_end(x) for x in rates.T])
         out = []
-        for column in np.flatnonzero(last >= FEWEST):
-            others = [np.unique(x[-last[column] :]).size for k, x in enumerate(rates.T) if last[k] < FEWEST]
+        for column in np.flatnonzero(last >= FEWEST_DEAD_SAMPLES):
+            others = [np.unique(x[-last[column] :]).size for k, x in enumerate(rates.T) if last[k] < FEWEST_DEAD_SAMPLES]
             if not others or min(others) < 0.5 * last[column]:
                 continue
             time_s = float(view.t_s[view.inside][-last[column]] - 0.5 * view.sample_s)
@@ -47,7 +47,7 @@ class GyroDead(Effect):
         return out
 
 
-def _equal_at_end(x: Array) -> int:
+def _count_equal_at_end(x: Array) -> int:
     """Number of equal samples at the end."""
     differs = np.flatnonzero(x != x[-1])
     return int(x.size if not differs.size else x.size - 1 - differs[-1])
@@ -61,7 +61,7 @@ EFFECT = GyroDead(
     stage="telemetry",
     prior=(1e-6, 1.0),
     bounds=(-1e5, 1e5),
-    parameters=(TIME,),
+    parameters=(TIME_PARAMETER,),
     meaning="One gyro stops to follow the motion at one time and reads the same ever after.",
     of_arrays=True,
 )

@@ -4,7 +4,7 @@ For x, y and z it is `g_matrix_step` towards the axis itself. Of more than three
 """
 
 from simulator.effects.base import Array, Effect, Parameters, Stream
-from simulator.effects.common import PPM, TIME, index, number, on_axis, share_after
+from simulator.effects.common import PPM, TIME_PARAMETER, compute_share_after, index, number, put_on_axis
 
 
 class GyroScaleStep(Effect):
@@ -12,7 +12,7 @@ class GyroScaleStep(Effect):
 
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """10⁻⁶ ω H(t − time_s)."""
-        return on_axis(PPM * stream.rates[:, index(axis)] * share_after(stream, number(parameters, "time_s")), axis)
+        return put_on_axis(PPM * stream.rates[:, index(axis)] * compute_share_after(stream, number(parameters, "time_s")), axis)
 
 
 EFFECT = GyroScaleStep(
@@ -23,7 +23,7 @@ EFFECT = GyroScaleStep(
     stage="rate",
     prior=(1.0, 5e4),
     bounds=(-1e6, 1e6),
-    parameters=(TIME,),
+    parameters=(TIME_PARAMETER,),
     meaning="The scale factor of one gyro jumps at one time and stays there.",
     switched=True,
     of_arrays=True,

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gyrocal.compiled import compiled
-from simulator.effects.base import AXES, Array, Detection, Effect, Fault, Parameter, Setting, Stream, Surroundings, Value
-from simulator.effects.common import DEG, any_step_time, chosen, log_uniform, number
+from gyrocal.jit_cache import compile_cached
+from simulator.effects.base import AXIS_NAMES, Array, Detection, Effect, Fault, Parameter, Setting, Stream, Surroundings, Value
+from simulator.effects.common import DEG, draw_step_time, log_uniform, number, select_axes
 from simulator.effects.innovations import Innovations, compute_innovations
 
 FEWEST_SAMPLES = 8  # of a stretch
@@ -24,12 +24,12 @@ FEWEST_STEPS = 20  # of references, to know their scatter
 LEVEL_SIGMAS, LEVEL_STEPS = 8.0, 2.5  # range of readings at a level: of the white noise, and in steps of a converter
 MISFIT = 12.0  # sigmas of the turn that the stretch misses
 FITTING = 0.25  # of the misfit in the stretch, below which that before and after it lies
-BESIDE = 5  # steps before and after that are looked at
+NEIGHBOUR_STEPS = 5  # steps before and after that are looked at
 READ = 3  # steps elsewhere that show rates as small
 SHARED = 0.7  # of the stretch of another axis, which is then the same
 GOES_ON = 3  # readings before a stretch that say how it would go on
 CERTAIN = 30.0  # log odds
-P_VALUE = 1e-30
+STOP_P_VALUE = 1e-30
 
 
 @dataclass(frozen=True)
@@ -55,24 +55,27 @@ class GyroStop(Effect):
         begin = stream.t_s - 0.5 * stream.duration_s
         inside = (begin >= number(setting.parameters, "begin_s")) & (begin < number(setting.parameters, "end_s"))
         out = samples.copy()
-        for column in chosen(setting.axis):
+        for column in select_axes(setting.axis):
             out[inside, column] = setting.size * DEG
         return out
 
     def find_faults(self, around: Surroundings) -> Sequence[Fault]:
         """Find stretches at a level that the references contradict; one fault for those of all axes, else one per axis."""
-        if around.stream.raw.shape[1] != len(AXES) or around.references.trackers is not None:
+        if around.stream.raw.shape[1] != len(AXIS_NAMES) or around.references.trackers is not None:
             return ()
         seen = compute_innovations(around)
         if len(seen.values) < FEWEST_STEPS:
             return ()
         levels = [one for axis in range(3) for one in find_levels(around, axis)]
         stops = [one for one in levels if _is_stop(around, seen, one)]
-        common = [one for one in stops if all(_shares(one, levels, axis) for axis in range(3))]
-        groups = [(None, common), *((AXES[k], [one for one in stops if one not in common and one.axis == k]) for k in range(3))]
-        return [self._fault(around, axis, own) for axis, own in groups if own]
+        common = [one for one in stops if all(_is_shared(one, levels, axis) for axis in range(3))]
+        groups = [
+            (None, common),
+            *((AXIS_NAMES[k], [one for one in stops if one not in common and one.axis == k]) for k in range(3)),
+        ]
+        return [self._build_fault(around, axis, own) for axis, own in groups if own]
 
-    def _fault(self, around: Surroundings, axis: str | None, stretches: Sequence[Stretch]) -> Fault:
+    def _build_fault(self, around: Surroundings, axis: str | None, stretches: Sequence[Stretch]) -> Fault:
         stream = around.stream
         lost = np.zeros(stream.t_s.size, dtype=bool)
         for one in stretches:
@@ -80,23 +83,23 @@ class GyroStop(Effect):
         longest = max(stretches, key=lambda one: one.high - one.low)
         begin, end = longest.times(stream)
         level = float(np.rad2deg(np.mean([one.level for one in stretches])))
-        sigma = float(np.rad2deg(_tolerance(around, longest.axis))) / LEVEL_SIGMAS
+        sigma = float(np.rad2deg(_compute_tolerance(around, longest.axis))) / LEVEL_SIGMAS
         whose = "all gyros stop" if axis is None else f"gyro {axis} stops"
         text = f"{whose} at a level, {level:.4g} deg/s, from {begin:.2f} to {end:.2f} s, while the references turn"
         parameters: dict[str, Value] = {"begin_s": begin, "end_s": end}
-        found = Detection(self.name, axis, level, self.unit, sigma, parameters, CERTAIN, P_VALUE, text)
+        found = Detection(self.name, axis, level, self.unit, sigma, parameters, CERTAIN, STOP_P_VALUE, text)
         return Fault(found, lost, np.zeros(around.references.t_s.size, dtype=bool))
 
     def draw(self, rng: np.random.Generator, around: Surroundings) -> tuple[str | None, dict[str, Value]]:
         """Any begin; for one to some spacings of the references."""
-        axis = None if rng.random() < 0.5 else str(rng.choice(AXES))
-        begin, spacing = float(any_step_time(rng, around)), float(np.median(np.diff(np.sort(around.references.t_s))))
+        axis = None if rng.random() < 0.5 else str(rng.choice(AXIS_NAMES))
+        begin, spacing = float(draw_step_time(rng, around)), float(np.median(np.diff(np.sort(around.references.t_s))))
         return axis, {"begin_s": begin, "end_s": begin + spacing * log_uniform(rng, 2.0, 20.0)}
 
 
 def find_levels(around: Surroundings, axis: int) -> list[Stretch]:
     """Find the stretches of an axis in which the reading stays within the range of its noise, inside the intervals."""
-    x, tolerance = around.stream.raw[:, axis], _tolerance(around, axis)
+    x, tolerance = around.stream.raw[:, axis], _compute_tolerance(around, axis)
     out = []
     for part in around.stream.intervals:
         for low, high in _find_runs(np.ascontiguousarray(x[part]), tolerance):
@@ -105,7 +108,7 @@ def find_levels(around: Surroundings, axis: int) -> list[Stretch]:
     return out
 
 
-def _tolerance(around: Surroundings, axis: int) -> float:
+def _compute_tolerance(around: Surroundings, axis: int) -> float:
     """Range of the readings at a level, rad/s."""
     steps = np.abs(np.diff(around.stream.raw[:, axis]))
     step = float(steps[steps > 0].min(initial=np.inf))
@@ -125,30 +128,30 @@ def _is_stop(around: Surroundings, seen: Innovations, one: Stretch) -> bool:
     turned = np.abs(np.cumsum(missed)).max() / sigma
     error = missed / seen.duration_s[inside]  # of the rate that the gyro shows
     # A reference that is false for a moment contradicts a few steps only.
-    if turned < MISFIT or np.median(np.abs(error)) < 2 * _tolerance(around, one.axis):
+    if turned < MISFIT or np.median(np.abs(error)) < 2 * _compute_tolerance(around, one.axis):
         return False
     # It works before and after, in the same interval; a step lies across each end.
     alike = around.references.interval[seen.second] == around.references.interval[seen.second[inside[0]]]
     places = np.arange(len(alike))
-    before = np.flatnonzero(alike & (places < inside[0] - 1))[-BESIDE:]
-    after = np.flatnonzero(alike & (places > inside[-1] + 1))[:BESIDE]
+    before = np.flatnonzero(alike & (places < inside[0] - 1))[-NEIGHBOUR_STEPS:]
+    after = np.flatnonzero(alike & (places > inside[-1] + 1))[:NEIGHBOUR_STEPS]
     allowed = FITTING * float(np.sqrt(np.mean(missed**2)))
     sides = [np.abs(seen.values[side, one.axis]) for side in (before, after)]
     if any(not side.size or float(np.median(side)) > allowed for side in sides):
         return False
-    return not (_is_saturated(around, one, error) or _is_dead_zone(around, seen, one, error) or _goes_on(around, one))
+    return not (_is_saturated(around, one, error) or _is_dead_zone(around, seen, one, error) or _is_extrapolated(around, one))
 
 
 def _is_saturated(around: Surroundings, one: Stretch, error: Array) -> bool:
     """Whether the level is the largest or smallest reading, and the true rate mostly beyond it."""
-    x, tolerance = around.stream.raw[:, one.axis], _tolerance(around, one.axis)
+    x, tolerance = around.stream.raw[:, one.axis], _compute_tolerance(around, one.axis)
     beyond = -float(np.median(error))  # true rate less the level
     return bool((beyond > 0 and one.level >= x.max() - tolerance) or (beyond < 0 and one.level <= x.min() + tolerance))
 
 
 def _is_dead_zone(around: Surroundings, seen: Innovations, one: Stretch, error: Array) -> bool:
     """Whether the level is zero and no rate as small as the true one is read anywhere."""
-    tolerance = _tolerance(around, one.axis)
+    tolerance = _compute_tolerance(around, one.axis)
     if abs(one.level) > tolerance:
         return False
     widest = float(np.abs(error).max())
@@ -157,7 +160,7 @@ def _is_dead_zone(around: Surroundings, seen: Innovations, one: Stretch, error: 
     return bool(np.sum(fits & (rate > tolerance) & (rate < widest)) < READ)
 
 
-def _goes_on(around: Surroundings, one: Stretch) -> bool:
+def _is_extrapolated(around: Surroundings, one: Stretch) -> bool:
     """Whether the level is where the readings before would go, as that of repeated samples is."""
     raw, place = around.stream.raw, one.low - 1
     inner = raw[one.low + 2 : one.high - 2]
@@ -169,17 +172,17 @@ def _goes_on(around: Surroundings, one: Stretch) -> bool:
         return False
     last, gap = raw[place - GOES_ON + 1 : place + 1, one.axis], one.low - place
     change, bend = gap * float(last[-1] - last[0]) / (GOES_ON - 1), gap**2 * abs(float(np.diff(last, 2)[-1]))
-    within = 1.5 * _tolerance(around, one.axis) + 2 * abs(change) + 2 * bend
+    within = 1.5 * _compute_tolerance(around, one.axis) + 2 * abs(change) + 2 * bend
     return bool(abs(float(last[-1]) + change - one.level) < within)
 
 
-def _shares(one: Stretch, levels: Sequence[Stretch], axis: int) -> bool:
+def _is_shared(one: Stretch, levels: Sequence[Stretch], axis: int) -> bool:
     """Whether an axis is at a level in most of a stretch."""
     shared = sum(max(min(one.high, other.high) - max(one.low, other.low), 0) for other in levels if other.axis == axis)
     return shared >= SHARED * (one.high - one.low)
 
 
-@compiled
+@compile_cached
 def _find_runs(x, tolerance):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
     """First and last + 1 of stretches (r, 2) in which all readings lie within a range."""
     out = np.empty((x.size, 2), dtype=np.int64)

@@ -8,7 +8,7 @@ import numpy as np
 from simulator.effects.base import Array, Effect, SampleTests, Setting, Smallest, Surroundings
 from simulator.effects.common import build_factor, compute_noise_powers, no_gyro_noise
 
-FEWEST = 200  # quiet samples
+FEWEST_QUIET_SAMPLES = 200  # quiet samples
 
 
 class NoiseExcess(Effect):
@@ -21,8 +21,8 @@ class NoiseExcess(Effect):
     def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
         """Factors whose squares show in second differences."""
         n = sum(tests.quiet)
-        if n < FEWEST or around.arw == 0:
-            return [Smallest(None, np.inf, f"needs {FEWEST} quiet samples of a gyro with stated noise")]
+        if n < FEWEST_QUIET_SAMPLES or around.arw == 0:
+            return [Smallest(None, np.inf, f"needs {FEWEST_QUIET_SAMPLES} quiet samples of a gyro with stated noise")]
         high, low = compute_noise_powers(n, tests)
         return [Smallest(None, float(np.sqrt(high)), f"any one axis; or a factor below {np.sqrt(low):.3f}")]
 

@@ -10,10 +10,10 @@ in true time), so that 1/f holds over all that can be seen. Source of the idea: 
 import numpy as np
 
 from simulator.effects.base import Array, Effect, Parameters, ProcessTimes, Setting, Stream
-from simulator.effects.common import DEG_H, gauss_markov, markov, on_axis
+from simulator.effects.common import DEG_H, gauss_markov, markov, put_on_axis
 
 
-def time_constants(shortest: float, longest: float) -> Array:
+def list_octave_constants(shortest: float, longest: float) -> Array:
     """Octaves from one time to another, s."""
     return np.asarray(shortest * 2.0 ** np.arange(max(1, int(np.ceil(np.log2(max(longest / shortest, 1.0)))) + 1)))
 
@@ -23,13 +23,13 @@ class NoiseFlicker(Effect):
 
     def wander(self, rng: np.random.Generator, stream: Stream, setting: Setting) -> Array:
         """The noise on its axis."""
-        constants = time_constants(float(np.median(stream.duration_s)), float(stream.t_s[-1] - stream.t_s[0]))
+        constants = list_octave_constants(float(np.median(stream.duration_s)), float(stream.t_s[-1] - stream.t_s[0]))
         total = sum((gauss_markov(rng, stream.t_s, tau) for tau in constants), np.zeros(len(stream.t_s)))
-        return on_axis(setting.size * DEG_H * np.sqrt(np.log(2) / np.pi) * total, setting.axis)[:, :, 0]
+        return put_on_axis(setting.size * DEG_H * np.sqrt(np.log(2) / np.pi) * total, setting.axis)[:, :, 0]
 
     def covariance(self, at: ProcessTimes, parameters: Parameters) -> Array:
         """The same sum of Gauss–Markov processes, from the spacing of the times to all that they span."""
-        constants = time_constants(float(np.median(np.diff(at.t_s))), float(np.ptp(at.t_s)))
+        constants = list_octave_constants(float(np.median(np.diff(at.t_s))), float(np.ptp(at.t_s)))
         total = sum((markov(at.t_s, float(tau)) for tau in constants), np.zeros((len(at.t_s), len(at.t_s))))
         return np.asarray(total * np.log(2) / np.pi * DEG_H**2)
 

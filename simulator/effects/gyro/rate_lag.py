@@ -11,13 +11,13 @@ this is the delay by τ, hence the column −dω_raw/dt; by attitude alone the t
 import numpy as np
 
 from simulator.effects.base import Array, Effect, Parameters, Setting, Stream
-from simulator.effects.common import recursion, runs
-from simulator.effects.timing import cumulative_angle, delay_columns
+from simulator.effects.common import list_runs, recursion
+from simulator.effects.timing import build_angle_spline, compute_delay_columns
 
 
-def lagged(rates: Array, duration_s: Array, tau: float) -> Array:
+def apply_lag(rates: Array, duration_s: Array, tau: float) -> Array:
     """Mean lagged rates of a run of samples, (n, 3) rad/s."""
-    a, b, c, _ = cumulative_angle(rates, duration_s).c  # Θ = a u³ + b u² + c u + …
+    a, b, c, _ = build_angle_spline(rates, duration_s).c  # Θ = a u³ + b u² + c u + …
     u = duration_s[:, None]
     before = c[0]
     first = c - tau * 2 * b + tau**2 * 6 * a
@@ -37,14 +37,14 @@ class RateLag(Effect):
 
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """−dω_raw/dt."""
-        return delay_columns(stream)
+        return compute_delay_columns(stream)
 
     def retimed(self, raw: Array, stream: Stream, setting: Setting) -> Array:
         """The lagged reading."""
         out = raw.copy()
         if setting.size > 0:
-            for part in runs(stream):
-                out[part] = lagged(raw[part], stream.duration_s[part], setting.size)
+            for part in list_runs(stream):
+                out[part] = apply_lag(raw[part], stream.duration_s[part], setting.size)
         return out
 
 

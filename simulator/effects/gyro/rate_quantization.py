@@ -6,7 +6,7 @@ The least significant bit of the converter or of telemetry. Without an axis it a
 import numpy as np
 
 from simulator.effects.base import Array, Effect, SampleTests, Setting, Smallest, Stream, Surroundings
-from simulator.effects.common import DEG, round_to_multiples, smallest_steps
+from simulator.effects.common import DEG, find_smallest_steps, round_to_multiples
 
 
 class RateQuantization(Effect):
@@ -18,7 +18,7 @@ class RateQuantization(Effect):
 
     def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
         """A step on which many readings fall together."""
-        return smallest_steps(around, tests)
+        return find_smallest_steps(around, tests)
 
 
 EFFECT = RateQuantization(

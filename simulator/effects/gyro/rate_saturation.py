@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from simulator.effects.base import AXES, Array, Effect, SampleTests, Setting, Smallest, Stream, Surroundings, Value
+from simulator.effects.base import AXIS_NAMES, Array, Effect, SampleTests, Setting, Smallest, Stream, Surroundings, Value
 from simulator.effects.common import DEG, index
 
 
@@ -18,7 +18,7 @@ class RateSaturation(Effect):
 
     def draw(self, rng: np.random.Generator, around: Surroundings) -> tuple[str | None, dict[str, Value]]:
         """The axis of the fastest turns."""
-        return AXES[int(np.abs(around.stream.raw).max(axis=0).argmax())], {}
+        return AXIS_NAMES[int(np.abs(around.stream.raw).max(axis=0).argmax())], {}
 
     def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
         """A limit that the fastest turns exceed."""
@@ -30,7 +30,7 @@ class RateSaturation(Effect):
         largest = np.sort(np.abs(around.stream.raw), axis=0)[-tests.fewest_clipped]
         return [
             Smallest(axis, float(np.rad2deg(limit)), "limits up to this are seen")
-            for axis, limit in zip(AXES, largest, strict=True)
+            for axis, limit in zip(AXIS_NAMES, largest, strict=True)
         ]
 
 

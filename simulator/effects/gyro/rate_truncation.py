@@ -8,7 +8,7 @@ BROAD trials (docs/broad.md). Without an axis it acts on all three.
 import numpy as np
 
 from simulator.effects.base import Array, Effect, SampleTests, Setting, Smallest, Stream, Surroundings
-from simulator.effects.common import DEG, round_to_multiples, smallest_steps
+from simulator.effects.common import DEG, find_smallest_steps, round_to_multiples
 
 
 class RateTruncation(Effect):
@@ -20,7 +20,7 @@ class RateTruncation(Effect):
 
     def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
         """A step on which many readings fall together."""
-        return smallest_steps(around, tests)
+        return find_smallest_steps(around, tests)
 
 
 EFFECT = RateTruncation(

@@ -7,7 +7,7 @@ it scale-factor asymmetry; it is what differs between the two halves of a rebala
 import numpy as np
 
 from simulator.effects.base import Array, Effect, Parameters, Stream
-from simulator.effects.common import PPM, index, on_axis
+from simulator.effects.common import PPM, index, put_on_axis
 
 
 class ScaleAsymmetry(Effect):
@@ -15,7 +15,7 @@ class ScaleAsymmetry(Effect):
 
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """10⁻⁶ |ω_i|."""
-        return on_axis(PPM * np.abs(stream.rates[:, index(axis)]), axis)
+        return put_on_axis(PPM * np.abs(stream.rates[:, index(axis)]), axis)
 
 
 EFFECT = ScaleAsymmetry(

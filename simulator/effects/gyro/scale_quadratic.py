@@ -7,7 +7,7 @@ reads high in both senses of rotation.
 import numpy as np
 
 from simulator.effects.base import Array, Effect, Parameters, Stream
-from simulator.effects.common import PPM, index, on_axis
+from simulator.effects.common import PPM, index, put_on_axis
 
 
 class ScaleQuadratic(Effect):
@@ -16,7 +16,7 @@ class ScaleQuadratic(Effect):
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """10⁻⁶ ω_i |ω_i|."""
         omega = stream.rates[:, index(axis)]
-        return on_axis(PPM * omega * np.abs(np.rad2deg(omega)), axis)
+        return put_on_axis(PPM * omega * np.abs(np.rad2deg(omega)), axis)
 
 
 EFFECT = ScaleQuadratic(

@@ -7,7 +7,7 @@ own. Without an axis all three have them.
 import numpy as np
 
 from simulator.effects.base import Array, Effect, Parameter, SampleTests, Setting, Smallest, Stream, Surroundings
-from simulator.effects.common import DEG, chosen, number
+from simulator.effects.common import DEG, number, select_axes
 
 FRACTION = 0.001
 TWO = 3.89  # mean of a Poisson number that is two or more in nine cases of ten
@@ -18,7 +18,7 @@ class Spikes(Effect):
 
     def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
         """With outliers added."""
-        axes = chosen(setting.axis)
+        axes = select_axes(setting.axis)
         shape = (len(samples), len(axes))
         hit = rng.random(shape) < number(setting.parameters, "fraction")
         outlier = rng.laplace(0.0, setting.size * DEG, shape)  # an exponential with random sign

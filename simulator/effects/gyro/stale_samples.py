@@ -11,10 +11,10 @@ from gyrocal.errors import InputError
 from simulator.effects.base import Array, Effect, Parameter, SampleTests, Setting, Smallest, Stream, Surroundings
 from simulator.effects.common import number
 
-THREE = 5.32  # mean of a Poisson number that is three or more in nine cases of ten
+MEAN_OF_THREE_REPEATS = 5.32  # mean of a Poisson number that is three or more in nine cases of ten
 
 
-def stale_mask(rng: np.random.Generator, count: int, mean_run: float, fraction: float) -> np.ndarray:
+def draw_stale_mask(rng: np.random.Generator, count: int, mean_run: float, fraction: float) -> np.ndarray:
     """Which samples repeat the one before, (count,) bool."""
     onset = fraction / ((1 - fraction) * mean_run)
     if onset > 1:
@@ -35,7 +35,7 @@ class StaleSamples(Effect):
 
     def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
         """With repeats."""
-        stale = stale_mask(rng, len(samples), setting.size, number(setting.parameters, "fraction"))
+        stale = draw_stale_mask(rng, len(samples), setting.size, number(setting.parameters, "fraction"))
         stale[[part.start for part in stream.intervals]] = False
         source = np.maximum.accumulate(np.where(stale, 0, np.arange(len(samples))))
         return np.asarray(samples[source])
@@ -46,7 +46,7 @@ class StaleSamples(Effect):
 
     def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
         """Three exact repeats are enough, of any length."""
-        share = THREE / around.stream.t_s.size
+        share = MEAN_OF_THREE_REPEATS / around.stream.t_s.size
         return [Smallest(None, 1.0, f"any run length, from a share of {share:.2g} on")]
 
 

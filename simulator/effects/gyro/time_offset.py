@@ -7,7 +7,7 @@ simulator shifts the cumulative angle itself, see `simulator.effects.timing`.
 import numpy as np
 
 from simulator.effects.base import Array, Effect, Parameters, Setting, Stream
-from simulator.effects.timing import delay_columns, delayed
+from simulator.effects.timing import compute_delay_columns, delay_rates
 
 
 class TimeOffset(Effect):
@@ -15,11 +15,11 @@ class TimeOffset(Effect):
 
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """−dω_raw/dt."""
-        return delay_columns(stream)
+        return compute_delay_columns(stream)
 
     def retimed(self, raw: Array, stream: Stream, setting: Setting) -> Array:
         """Means over [t − size, t − size + Δ) of the reading."""
-        return delayed(raw, stream, np.full(len(stream.t_s), setting.size))
+        return delay_rates(raw, stream, np.full(len(stream.t_s), setting.size))
 
 
 EFFECT = TimeOffset(

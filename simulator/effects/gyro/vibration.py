@@ -8,18 +8,18 @@ import numpy as np
 
 from gyrocal.errors import InputError
 from simulator.effects.base import Array, Effect, Parameter, SampleTests, Setting, Smallest, Stream, Surroundings, Value
-from simulator.effects.common import DEG, PHASE, index, noncentrality, number
+from simulator.effects.common import DEG, PHASE, compute_noncentrality, index, number
 
-FEWEST = 256  # quiet samples in a row for a spectrum
+FEWEST_SPECTRUM_SAMPLES = 256  # quiet samples in a row for a spectrum
 
 
-def any_frequency(rng: np.random.Generator, around: Surroundings) -> Value:
+def draw_frequency(rng: np.random.Generator, around: Surroundings) -> Value:
     """An apparent frequency clear of zero and of half the sampling rate, Hz."""
     return float(rng.uniform(0.02, 0.47 / around.sample_s))
 
 
 FREQUENCY = Parameter(
-    "apparent_hz", "Hz", 0.2, "apparent frequency, at most half the sampling rate", 0.0, 1e6, draw=any_frequency
+    "apparent_hz", "Hz", 0.2, "apparent frequency, at most half the sampling rate", 0.0, 1e6, draw=draw_frequency
 )
 
 
@@ -43,9 +43,9 @@ class Vibration(Effect):
         2 × power over noise is χ² with 2 degrees of freedom and noncentrality A² n/(3 σ²); it must pass 2 ln(tried/p).
         """
         n, sigma = max(tests.quiet, default=0), around.sample_sigma_deg
-        if n < FEWEST or sigma == 0:
-            return [Smallest(None, np.inf, f"needs {FEWEST} quiet samples in a row, and noise")]
-        needed = noncentrality(2 * np.log(n / 2 / tests.line_p), 2, tests.power)
+        if n < FEWEST_SPECTRUM_SAMPLES or sigma == 0:
+            return [Smallest(None, np.inf, f"needs {FEWEST_SPECTRUM_SAMPLES} quiet samples in a row, and noise")]
+        needed = compute_noncentrality(2 * np.log(n / 2 / tests.line_p), 2, tests.power)
         text = f"above {tests.lowest_line_hz:g} Hz; up to 1.2 times that between frequency bins"
         return [Smallest(None, float(sigma * np.sqrt(3 * needed / n)), text)]
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from simulator.effects.base import Array, Parameters, References, Surroundings
-from simulator.effects.common import DEG, harmonic, no_orbit, on_axis
+from simulator.effects.common import DEG, harmonic, no_orbit, put_on_axis
 from simulator.effects.periodic import Sinusoid
 
 
@@ -20,4 +20,4 @@ class ReferenceHarmonic(Sinusoid):
 
     def reference_columns(self, references: References, axis: str | None, parameters: Parameters) -> Array:
         """Sine and cosine, as degrees."""
-        return on_axis(harmonic(references.t_s, references.orbit_period_s / self.order) * DEG, axis)
+        return put_on_axis(harmonic(references.t_s, references.orbit_period_s / self.order) * DEG, axis)

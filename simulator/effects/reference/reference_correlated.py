@@ -18,12 +18,12 @@ from simulator.effects.base import (
     Surroundings,
     Trial,
 )
-from simulator.effects.common import DEG, gauss_markov, markov, number, on_axis, reference_arc, time_constants
+from simulator.effects.common import DEG, gauss_markov, list_time_constants, markov, measure_reference_arc, number, put_on_axis
 
-SHORTEST = 1.5  # spacings of the references: shorter ones look white
-LONGEST = 4.0  # intervals: a longer time constant looks like a constant offset
-RATIO = 2.0  # between time constants that are tried, or more where there would be too many of them
-MOST = 8
+SHORTEST_ERROR_CONSTANT = 1.5  # spacings of the references: shorter ones look white
+LONGEST_ERROR_CONSTANT = 4.0  # intervals: a longer time constant looks like a constant offset
+ERROR_CONSTANT_RATIO = 2.0  # between time constants that are tried, or more where there would be too many of them
+MOST_TIME_CONSTANTS = 8
 
 
 class ReferenceCorrelated(Effect):
@@ -32,7 +32,7 @@ class ReferenceCorrelated(Effect):
     def reference_wander(self, rng: np.random.Generator, references: References, setting: Setting) -> Array:
         """The process at the references."""
         process = gauss_markov(rng, references.t_s, number(setting.parameters, "time_constant_s"))
-        return on_axis(setting.size * DEG * process, setting.axis)[:, :, 0]
+        return put_on_axis(setting.size * DEG * process, setting.axis)[:, :, 0]
 
     def covariance(self, at: ProcessTimes, parameters: Parameters) -> Array:
         """exp(−|Δt|/τ)."""
@@ -40,8 +40,10 @@ class ReferenceCorrelated(Effect):
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
         """Time constants evenly spaced in their logarithm, from what the spacing can show to what an interval can."""
-        spacing, longest = reference_arc(around)
-        return time_constants(SHORTEST * spacing, LONGEST * longest, RATIO, MOST)
+        spacing, longest = measure_reference_arc(around)
+        return list_time_constants(
+            SHORTEST_ERROR_CONSTANT * spacing, LONGEST_ERROR_CONSTANT * longest, ERROR_CONSTANT_RATIO, MOST_TIME_CONSTANTS
+        )
 
     def missing(self, around: Surroundings) -> str | None:
         """It needs references that follow one another."""

@@ -9,13 +9,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from simulator.effects.base import Array, Detection, Effect, Fault, Parameter, References, Setting, Surroundings
-from simulator.effects.common import any_step_time, log_uniform, number, several_trackers
+from simulator.effects.common import draw_step_time, log_uniform, number, several_trackers
 from simulator.effects.innovations import Innovations, compute_innovations
 
-FEWEST = 2  # repeats in a row; one may be a tag that was read twice
-TURNED = 8.0  # sigmas of an innovation that the body turns during them
+FEWEST_REPEATS = 2  # repeats in a row; one may be a tag that was read twice
+FREEZE_TURN_SIGMAS = 8.0  # sigmas of an innovation that the body turns during them
 CERTAIN = 30.0  # log odds: measurements do not agree to the last digit
-P_VALUE = 1e-300
+FREEZE_P_VALUE = 1e-300
 
 
 class ReferenceFreeze(Effect):
@@ -45,7 +45,7 @@ class ReferenceFreeze(Effect):
         for low, high in _find_repeats(references, seen):
             rows = seen.second[low:high]
             turned = float(np.linalg.norm(np.cumsum(seen.turned[low:high], axis=0), axis=1).max())
-            if high - low < FEWEST or turned < TURNED * float(seen.sigma[low:high].max()):
+            if high - low < FEWEST_REPEATS or turned < FREEZE_TURN_SIGMAS * float(seen.sigma[low:high].max()):
                 continue
             lost[rows] = True
             lasts = float(seen.duration_s[low:high].sum())
@@ -55,7 +55,7 @@ class ReferenceFreeze(Effect):
             return ()
         text = f"{int(lost.sum())} references repeat the one before exactly while the body turns, for {longest:.4g} s at most"
         sigma = float(np.median(seen.duration_s))
-        found = Detection(self.name, None, longest, self.unit, sigma, {"begin_s": begin}, CERTAIN, P_VALUE, text)
+        found = Detection(self.name, None, longest, self.unit, sigma, {"begin_s": begin}, CERTAIN, FREEZE_P_VALUE, text)
         return (Fault(found, np.zeros(around.stream.t_s.size, dtype=bool), lost),)
 
     def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
@@ -82,7 +82,7 @@ EFFECT = ReferenceFreeze(
     bounds=(0.0, 1e9),
     axes=(),
     parameters=(
-        Parameter("begin_s", "s", None, "first time at which it repeats, since the epoch", -1e12, 1e12, draw=any_step_time),
+        Parameter("begin_s", "s", None, "first time at which it repeats, since the epoch", -1e12, 1e12, draw=draw_step_time),
     ),
     meaning="The reference repeats its last attitude for a while although the body moves; the size is how long at most.",
     sign="positive",

@@ -14,15 +14,15 @@ from scipy.spatial.transform import Rotation
 from simulator.effects.base import Array, Detection, Effect, Fault, Parameter, References, Setting, Surroundings
 from simulator.effects.common import DEG, log_uniform, number, several_trackers
 from simulator.effects.innovations import Innovations, compute_innovations
-from simulator.truth.rotation import perturbed, separation
+from simulator.truth.rotation import apply_rotation_errors, separation
 
-LONGEST = 3  # references of a group
-FAR = 12.0  # sigmas of an innovation at which a group begins, beyond noise of any tails that sensors have
+LONGEST_GLITCH_GROUP = 3  # references of a group
+GROUP_START_SIGMAS = 12.0  # sigmas of an innovation at which a group begins, beyond noise of any tails that sensors have
 RETURNED = 25.0  # χ² of three axes over the whole group, which noise exceeds once in 10⁵
 LESS = 1e-3  # of the χ² at its begin, that is left over the whole group, by errors of the gyro's calibration
 CALM, BESIDE = 5.0, 3  # sigmas of the innovations before and after a group, and how many of them
 CERTAIN = 30.0  # log odds
-P_VALUE = 1e-30  # of an innovation of 12 sigma
+GLITCH_P_VALUE = 1e-30  # of an innovation of 12 sigma
 
 
 class ReferenceGlitch(Effect):
@@ -39,14 +39,14 @@ class ReferenceGlitch(Effect):
             own = np.flatnonzero(references.interval == interval)
             edge[own[[0, -1]]] = True
         off = np.zeros((count, 3))
-        begins = np.flatnonzero(rng.random(count) < 2 * share / (LONGEST + 1))  # two references a group on average
+        begins = np.flatnonzero(rng.random(count) < 2 * share / (LONGEST_GLITCH_GROUP + 1))  # two references a group on average
         for begin in begins:
             direction = rng.standard_normal(3)
             e = setting.size * DEG * rng.uniform(0.5, 1.5) * direction / np.linalg.norm(direction)
-            off[begin : begin + int(rng.integers(1, LONGEST + 1))] = e
+            off[begin : begin + int(rng.integers(1, LONGEST_GLITCH_GROUP + 1))] = e
         off[edge] = 0.0
         out, rows = quaternions.copy(), off.any(axis=1)
-        out[rows] = perturbed(quaternions[rows], off[rows])
+        out[rows] = apply_rotation_errors(quaternions[rows], off[rows])
         return out
 
     def find_faults(self, around: Surroundings) -> Sequence[Fault]:
@@ -57,7 +57,7 @@ class ReferenceGlitch(Effect):
         seen = compute_innovations(around)
         z = np.sqrt(np.sum((seen.values / seen.sigma) ** 2, axis=1))
         lost, sizes, last, others = np.zeros(references.t_s.size, dtype=bool), [], -1, 0
-        for step in np.flatnonzero(z > FAR).tolist():
+        for step in np.flatnonzero(z > GROUP_START_SIGMAS).tolist():
             if step <= last:
                 continue
             length = _find_length(references, seen, step)
@@ -73,7 +73,7 @@ class ReferenceGlitch(Effect):
         size, share = float(np.mean(sizes)), float(lost.mean())
         sigma = float(np.std(sizes)) / np.sqrt(len(sizes)) if len(sizes) > 1 else 0.3 * size
         text = f"{int(lost.sum())} references in {len(sizes)} groups are off by {size:.3g} deg and fit again after"
-        found = Detection(self.name, None, size, self.unit, sigma, {"fraction": share}, CERTAIN, P_VALUE, text)
+        found = Detection(self.name, None, size, self.unit, sigma, {"fraction": share}, CERTAIN, GLITCH_P_VALUE, text)
         return (Fault(found, np.zeros(around.stream.t_s.size, dtype=bool), lost),)
 
     def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
@@ -91,12 +91,12 @@ def _find_length(references: References, seen: Innovations, step: int) -> int:
     """Number of references of the group that begins with a step: after as many the next one fits again; 0 for none."""
     begin, first = seen.values[step] / seen.sigma[step], references.quaternions[seen.first[step]]
     turn = Rotation.from_rotvec(seen.turned[step])
-    for length in range(1, LONGEST + 1):
+    for length in range(1, LONGEST_GLITCH_GROUP + 1):
         nxt = step + length
         if nxt >= len(seen.values) or seen.first[nxt] != seen.second[nxt - 1]:
             return 0
         turn = turn * Rotation.from_rotvec(seen.turned[nxt])
-        carried = perturbed(first[None], -turn.as_rotvec()[None])
+        carried = apply_rotation_errors(first[None], -turn.as_rotvec()[None])
         left = separation(carried, references.quaternions[[seen.second[nxt]]])[0] / seen.sigma[nxt]
         if float(left @ left) < max(RETURNED, LESS * float(begin @ begin)):
             return length

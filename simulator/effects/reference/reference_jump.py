@@ -15,19 +15,19 @@ from itertools import combinations
 import numpy as np
 
 from simulator.effects.base import Array, Parameter, Parameters, References, Surroundings, Trial, Value
-from simulator.effects.common import DEG, any_step_time, log_uniform, number, several_trackers
-from simulator.effects.directed import Directed
+from simulator.effects.common import DEG, draw_step_time, log_uniform, number, several_trackers
+from simulator.effects.directed_effect import DirectedEffect
 from simulator.effects.innovations import Innovations, compute_innovations
 
-FEWEST = 4  # references of a recording, of which one that jumps and returns can be told
-LARGE = 36.0  # χ² of an innovation of three axes, which noise exceeds once in 10⁷
+FEWEST_JUMP_REFERENCES = 4  # references of a recording, of which one that jumps and returns can be told
+JUMP_CHI2 = 36.0  # χ² of an innovation of three axes, which noise exceeds once in 10⁷
 MOST_EDGES = 10  # innovations at which a window may begin or end
 MOST_BETWEEN = 3  # edges that a window may have inside
 FOREVER_S = 1e12  # end of a jump that stays
 
 
 @dataclass(frozen=True)
-class ReferenceJump(Directed):
+class ReferenceJump(DirectedEffect):
     """See the module."""
 
     @property
@@ -46,14 +46,14 @@ class ReferenceJump(Directed):
         seen = compute_innovations(around)
         edges = find_edges(seen)
         if not edges.size:
-            return (_middle_window(around),)
+            return (_choose_middle_window(around),)
         steps = max(len(seen.values), 2)
         middle = 0.5 * (around.references.t_s[seen.first] + around.references.t_s[seen.second])
         interval = around.references.interval[seen.second]
-        stays = [_window(float(middle[k]), FOREVER_S, 0.5 / steps) for k in edges]
+        stays = [_build_window(float(middle[k]), FOREVER_S, 0.5 / steps) for k in edges]
         returns = [
             # Half of the prior is that of jumps that return: even in their begin, and in the logarithm of their length.
-            _window(float(middle[i]), float(middle[k]), 0.5 / (steps * (k - i) * np.log(steps)))
+            _build_window(float(middle[i]), float(middle[k]), 0.5 / (steps * (k - i) * np.log(steps)))
             for (p, i), (q, k) in combinations(enumerate(edges.tolist()), 2)
             if q - p <= MOST_BETWEEN and interval[i] == interval[k]
         ]
@@ -65,12 +65,12 @@ class ReferenceJump(Directed):
         if references.trackers is not None:
             return several_trackers(around)
         most = int(np.bincount(references.interval[references.interval >= 0], minlength=1).max()) if references.t_s.size else 0
-        return None if most >= FEWEST else f"it needs {FEWEST} references in an interval"
+        return None if most >= FEWEST_JUMP_REFERENCES else f"it needs {FEWEST_JUMP_REFERENCES} references in an interval"
 
     def draw(self, rng: np.random.Generator, around: Surroundings) -> tuple[str | None, dict[str, Value]]:
         """Any direction and begin; half of the jumps return, after one reference or up to most of an interval."""
         direction = rng.standard_normal(3)
-        begin = float(any_step_time(rng, around))
+        begin = float(draw_step_time(rng, around))
         spacing = float(np.median(np.diff(np.sort(around.references.t_s))))
         end = begin + log_uniform(rng, 1.0, 100.0) * spacing if rng.random() < 0.5 else FOREVER_S
         angles = dict(zip((one.name for one in self.directions), direction.tolist(), strict=True))
@@ -80,21 +80,21 @@ class ReferenceJump(Directed):
 def find_edges(seen: Innovations) -> np.ndarray:
     """Find the innovations too large for noise, the largest ones, in order of time."""
     chi2 = np.sum((seen.values / seen.sigma) ** 2, axis=1)
-    large = np.flatnonzero(chi2 > LARGE)
+    large = np.flatnonzero(chi2 > JUMP_CHI2)
     return np.sort(large[np.argsort(-chi2[large], kind="stable")][:MOST_EDGES])
 
 
-def _window(begin_s: float, end_s: float, weight: float) -> Trial:
+def _build_window(begin_s: float, end_s: float, weight: float) -> Trial:
     return Trial({"begin_s": begin_s, "end_s": end_s}, float(weight))
 
 
-def _middle_window(around: Surroundings) -> Trial:
+def _choose_middle_window(around: Surroundings) -> Trial:
     """The middle third of the interval with most references, at the prior of one window of many."""
     references = around.references
     number_ = int(np.argmax(np.bincount(references.interval[references.interval >= 0])))
     t_s = np.sort(references.t_s[references.interval == number_])
     third = t_s.size // 3
-    return _window(float(t_s[third]), float(t_s[-max(third, 1)]), 1 / references.t_s.size)
+    return _build_window(float(t_s[third]), float(t_s[-max(third, 1)]), 1 / references.t_s.size)
 
 
 EFFECT = ReferenceJump(

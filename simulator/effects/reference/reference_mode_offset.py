@@ -11,16 +11,16 @@ import numpy as np
 
 from simulator.arrays import Flags
 from simulator.effects.base import Array, Effect, Parameter, Parameters, References, Surroundings, Trial, Value
-from simulator.effects.common import DEG, on_axis
+from simulator.effects.common import DEG, put_on_axis
 
 BACKWARD = "-x"
-TURNED = ("+x", BACKWARD)  # between which a turn of 180 degrees passes through all headings
+REVERSED_MODES = ("+x", BACKWARD)  # between which a turn of 180 degrees passes through all headings
 HOLDS = ("off", "on")
 WITHIN_DEG = 90.0
 TRIED_DEG = tuple(range(30, 125, 15))  # headings from -x at which the head may take over
 
 
-def any_heading(rng: np.random.Generator, around: Surroundings) -> Value:
+def draw_heading(rng: np.random.Generator, around: Surroundings) -> Value:
     """Anywhere between those tried."""
     return float(rng.uniform(TRIED_DEG[0], TRIED_DEG[-1]))
 
@@ -30,7 +30,7 @@ class ReferenceModeOffset(Effect):
 
     def reference_columns(self, references: References, axis: str | None, parameters: Parameters) -> Array:
         """One where -x is forward, as degrees."""
-        return on_axis(np.where(_acts(references, parameters), DEG, 0.0), axis)
+        return put_on_axis(np.where(_find_affected(references, parameters), DEG, 0.0), axis)
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
         """Each heading and rule for holds that reaches other references, by the number of headings it stands for."""
@@ -39,7 +39,7 @@ class ReferenceModeOffset(Effect):
         for within in sorted(TRIED_DEG, key=lambda angle: abs(angle - WITHIN_DEG)):
             for holds in HOLDS:
                 parameters: dict[str, Value] = {"holds": holds, "within_deg": float(within)}
-                key = _acts(around.references, parameters).tobytes()
+                key = _find_affected(around.references, parameters).tobytes()
                 first, count = found.get(key, (parameters, 0))
                 found[key] = first, count + 1
         total = sum(count for _, count in found.values())
@@ -53,14 +53,14 @@ class ReferenceModeOffset(Effect):
         return None if len(flown) > 1 else f"all references are taken with {BACKWARD} forward"
 
 
-def _acts(references: References, parameters: Parameters) -> Flags:
+def _find_affected(references: References, parameters: Parameters) -> Flags:
     """(m,) where the offset acts; where no axis flies forward, as before that in the same interval if it is carried on."""
     if references.heading is None:
         out = references.forward == BACKWARD
     else:
         within = np.deg2rad(float(parameters.get("within_deg", WITHIN_DEG)))
         # A reference that is nearer to flying sideways belongs to that mode.
-        out = np.isin(references.forward, TURNED) & (np.cos(references.heading) < -np.cos(within) - 1e-9)
+        out = np.isin(references.forward, REVERSED_MODES) & (np.cos(references.heading) < -np.cos(within) - 1e-9)
     if parameters.get("holds") == "on":
         for row in range(1, len(out)):
             if references.forward[row] == "" and references.interval[row] == references.interval[row - 1]:
@@ -78,7 +78,7 @@ EFFECT = ReferenceModeOffset(
     bounds=(-90.0, 90.0),
     parameters=(
         Parameter("holds", "", "off", "in an inertial hold after -x forward", choices=HOLDS, draw=HOLDS),
-        Parameter("within_deg", "deg", WITHIN_DEG, "heading from -x up to which it acts", 0.0, 180.0, draw=any_heading),
+        Parameter("within_deg", "deg", WITHIN_DEG, "heading from -x up to which it acts", 0.0, 180.0, draw=draw_heading),
     ),
     meaning="The reference attitude is offset when flying -x forward, as when another sensor head takes over.",
 )

@@ -6,8 +6,8 @@ The same draws are scaled, so that all else stays as it was. Without an axis it 
 import numpy as np
 import scipy.special
 
-from simulator.effects.base import AXES, Array, Effect, SampleTests, Setting, Smallest, Surroundings
-from simulator.effects.common import build_factor, noncentrality
+from simulator.effects.base import AXIS_NAMES, Array, Effect, SampleTests, Setting, Smallest, Surroundings
+from simulator.effects.common import build_factor, compute_noncentrality
 
 
 class ReferenceNoiseExcess(Effect):
@@ -25,12 +25,12 @@ class ReferenceNoiseExcess(Effect):
         if count < tests.fewest_references:
             return [Smallest(None, np.inf, "needs a longer series of references")]
         point = 2 * scipy.special.gammainccinv(1.5, tests.reference_p)  # of a χ² with 3 degrees of freedom
-        needed = np.sqrt(noncentrality(point, 3, tests.power))
+        needed = np.sqrt(compute_noncentrality(point, 3, tests.power))
         relative = np.sqrt(2 * tests.correlated * tests.trimming / count)
         walk = 2 * around.arw**2 * float(np.median(np.diff(references.t_s)[inside]))
         noise = 6 * np.median(around.reference_sigma, axis=0) ** 2
         factors = np.sqrt(1 + needed * relative * (noise + walk) / noise)
-        return [Smallest(axis, float(factor)) for axis, factor in zip(AXES, factors, strict=True)]
+        return [Smallest(axis, float(factor)) for axis, factor in zip(AXIS_NAMES, factors, strict=True)]
 
 
 EFFECT = ReferenceNoiseExcess(

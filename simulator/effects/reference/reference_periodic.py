@@ -5,7 +5,7 @@ the reference attitudes and not by the rates. What swings with the orbit is `ref
 """
 
 from simulator.effects.base import Array, Parameters, References
-from simulator.effects.common import DEG, harmonic, number, on_axis
+from simulator.effects.common import DEG, harmonic, number, put_on_axis
 from simulator.effects.periodic import Periodic
 
 
@@ -14,7 +14,7 @@ class ReferencePeriodic(Periodic):
 
     def reference_columns(self, references: References, axis: str | None, parameters: Parameters) -> Array:
         """Sine and cosine, as degrees."""
-        return on_axis(harmonic(references.t_s, number(parameters, "period_s")) * DEG, axis)
+        return put_on_axis(harmonic(references.t_s, number(parameters, "period_s")) * DEG, axis)
 
 
 EFFECT = ReferencePeriodic(

@@ -6,7 +6,7 @@ They need raw sensor tables (a scenario with [sensors]). `SENSOR_EFFECTS` are th
 from simulator.effects.base import Setting
 from simulator.effects.registry import ALL_EFFECTS, REGISTRY, View
 from simulator.effects.sensor.base import SensorEffect, Sightings, VectorEffect
-from simulator.effects.settings import described, parse
+from simulator.effects.settings import parse, tabulate_setting
 
 SENSOR_EFFECTS: View[SensorEffect] = View(REGISTRY, SensorEffect, on_sensors=True)
 
@@ -17,6 +17,6 @@ __all__ = [
     "Setting",
     "Sightings",
     "VectorEffect",
-    "described",
     "parse",
+    "tabulate_setting",
 ]

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.arrays import Array, Flags
-from simulator.effects.base import Effect, Parameter, Parameters, Setting, Surroundings, Trial, absent
-from simulator.effects.directed import Directed
+from simulator.effects.base import Effect, Parameter, Parameters, Setting, Surroundings, Trial, mark_absent
+from simulator.effects.directed_effect import DirectedEffect
 from simulator.sensors.suite import SensorSuite
 
 DEG = float(np.deg2rad(1.0))
@@ -68,22 +68,22 @@ class SensorEffect(Effect):
         """Its options."""
         return tuple(Trial(option, 1 / len(self.options)) for option in self.options)
 
-    @absent
+    @mark_absent
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
         """The sensors with the effect."""
         raise NotImplementedError
 
-    @absent
+    @mark_absent
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         """Errors of the sun sensors' angles (n, 2) and the penetration angles (m, 4), rad; amplitudes (count,)."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class VectorEffect(SensorEffect, Directed):
+class VectorEffect(SensorEffect, DirectedEffect):
     """An effect of several angles: its size is their norm, its parameters say the direction and may have any length."""
 
 
-def angle(name: str, default: float, summary: str) -> Parameter:
+def make_angle_parameter(name: str, default: float, summary: str) -> Parameter:
     """A parameter of a `VectorEffect`."""
     return Parameter(name, "deg", default, summary)

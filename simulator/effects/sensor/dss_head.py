@@ -18,7 +18,7 @@ import numpy as np
 
 from simulator.arrays import Array
 from simulator.effects.base import Parameters, Setting
-from simulator.effects.sensor.base import DEG, Sightings, VectorEffect, angle
+from simulator.effects.sensor.base import DEG, Sightings, VectorEffect, make_angle_parameter
 from simulator.sensors.suite import SensorSuite
 
 
@@ -54,9 +54,9 @@ EFFECT = DssHead(
     bounds=(-5.0, 5.0),
     axes=("1", "2"),
     parameters=(
-        angle("e1_deg", 0.206, "first Euler angle, about y; only the direction of the three counts"),
-        angle("e2_deg", 0.061, "second, about z"),
-        angle("e3_deg", 0.182, "third, about x"),
+        make_angle_parameter("e1_deg", 0.206, "first Euler angle, about y; only the direction of the three counts"),
+        make_angle_parameter("e2_deg", 0.061, "second, about z"),
+        make_angle_parameter("e3_deg", 0.182, "third, about x"),
     ),
     count=3,
     acts_on="DSS-{axis}",

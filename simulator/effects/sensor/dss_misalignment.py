@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from simulator.arrays import Array
 from simulator.effects.base import Parameters, Setting
-from simulator.effects.sensor.base import DEG, Sightings, VectorEffect, angle
+from simulator.effects.sensor.base import DEG, Sightings, VectorEffect, make_angle_parameter
 from simulator.sensors.suite import SensorSuite
 
-SENSOR = 2
+MISALIGNED_SENSOR = 2
 
 
 class DssMisalignment(VectorEffect):
@@ -24,13 +24,15 @@ class DssMisalignment(VectorEffect):
         """With DSS-2 turned."""
         sensors = list(suite.sun_sensors)
         turn = Rotation.from_rotvec(DEG * self.amplitudes(setting)).as_matrix()
-        sensors[SENSOR - 1] = replace(sensors[SENSOR - 1], alignment=sensors[SENSOR - 1].alignment @ turn)
+        sensors[MISALIGNED_SENSOR - 1] = replace(
+            sensors[MISALIGNED_SENSOR - 1], alignment=sensors[MISALIGNED_SENSOR - 1].alignment @ turn
+        )
         return replace(suite, sun_sensors=tuple(sensors))
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         """Of both angles; exact."""
         sun, earth = sightings.nothing
-        own = sightings.sun_sensor == SENSOR
+        own = sightings.sun_sensor == MISALIGNED_SENSOR
         angles = sightings.sun_angles[own]
         nominal = np.column_stack([np.tan(angles), np.ones(len(angles))])
         seen = Rotation.from_rotvec(DEG * amplitudes).inv().apply(nominal)
@@ -48,12 +50,12 @@ EFFECT = DssMisalignment(
     bounds=(-5.0, 5.0),
     axes=(),
     parameters=(
-        angle("m_x_deg", -0.1565, "about the sensor's x; only the direction of the three counts"),
-        angle("m_y_deg", -0.1141, "about y"),
-        angle("m_z_deg", 0.1140, "about z"),
+        make_angle_parameter("m_x_deg", -0.1565, "about the sensor's x; only the direction of the three counts"),
+        make_angle_parameter("m_y_deg", -0.1141, "about y"),
+        make_angle_parameter("m_z_deg", 0.1140, "about z"),
     ),
     count=3,
-    acts_on=f"DSS-{SENSOR}",
+    acts_on=f"DSS-{MISALIGNED_SENSOR}",
     wanders=True,
     alignment="solved",
     meaning="DSS-2 is turned against DSS-1.",

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from simulator.arrays import Array
 from simulator.effects.base import Parameters, Setting
-from simulator.effects.sensor.base import DEG, EARTH_SENSOR, Sightings, VectorEffect, angle
+from simulator.effects.sensor.base import DEG, EARTH_SENSOR, Sightings, VectorEffect, make_angle_parameter
 from simulator.sensors.suite import SensorSuite
 
 
@@ -36,10 +36,10 @@ EFFECT = EsaBias(
     bounds=(-3.0, 3.0),
     axes=(),
     parameters=(
-        angle("bias_1_deg", -0.1574, "of the first quadrant; only the direction of the four counts"),
-        angle("bias_2_deg", 0.04635, "of the second"),
-        angle("bias_3_deg", -0.09414, "of the third"),
-        angle("bias_4_deg", -0.05382, "of the fourth"),
+        make_angle_parameter("bias_1_deg", -0.1574, "of the first quadrant; only the direction of the four counts"),
+        make_angle_parameter("bias_2_deg", 0.04635, "of the second"),
+        make_angle_parameter("bias_3_deg", -0.09414, "of the third"),
+        make_angle_parameter("bias_4_deg", -0.05382, "of the fourth"),
     ),
     count=4,
     acts_on=EARTH_SENSOR,

@@ -51,10 +51,12 @@ class EsaNadir(SensorEffect):
         sun, _ = sightings.nothing
         seen = Horizon()
         changed = FlattenedHorizon(missing=float(amplitudes[0]))
-        return sun, _limbs(sightings, *changed.semi_axes, seen.nominal) - _limbs(sightings, *seen.semi_axes, seen.nominal)
+        return sun, _compute_limbs(sightings, *changed.semi_axes, seen.nominal) - _compute_limbs(
+            sightings, *seen.semi_axes, seen.nominal
+        )
 
 
-def _limbs(sightings: Sightings, a: float, c: float, nominal: float) -> Array:
+def _compute_limbs(sightings: Sightings, a: float, c: float, nominal: float) -> Array:
     """η (m, 4) of the quadrants' limbs, rad."""
     squares = 1 / np.array([a, a, c]) ** 2
     scaled = sightings.position * squares

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gyrocal.compiled import compiled
+from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array
 from simulator.effects.base import Parameter, Parameters, Setting
 from simulator.effects.sensor.base import DEG, EARTH_SENSOR, S_FILTER_TIME, SensorEffect, Sightings
@@ -43,16 +43,16 @@ class EsaSunIntrusion(SensorEffect):
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         """What the filtered S takes off each quadrant."""
         sun, _ = sightings.nothing
-        inside = _inside(sightings, np.cos(DEG * float(parameters["field_deg"])))
+        inside = _find_sun_inside(sightings, np.cos(DEG * float(parameters["field_deg"])))
         step = np.diff(sightings.t_s, prepend=sightings.t_s[:1])
         first = np.diff(sightings.arc, prepend=-1) != 0
         gain = np.where(first, 1.0, -np.expm1(-step / float(parameters["time_constant_s"])))
         taken = np.where(sightings.used | first[:, None], gain[:, None], 0.0)
-        return sun, -DEG * amplitudes[0] * _recurrence(1 - taken, taken * inside)
+        return sun, -DEG * amplitudes[0] * _solve_recurrence(1 - taken, taken * inside)
 
 
-@compiled
-def _recurrence(kept: Array, added: Array) -> Array:  # pragma: no cover - compiled
+@compile_cached
+def _solve_recurrence(kept: Array, added: Array) -> Array:  # pragma: no cover - compiled
     """x_k = kept_k x_{k−1} + added_k from zero; all (n, q)."""
     out = np.empty_like(kept)
     state = np.zeros(kept.shape[1])
@@ -62,7 +62,7 @@ def _recurrence(kept: Array, added: Array) -> Array:  # pragma: no cover - compi
     return out
 
 
-def _inside(sightings: Sightings, cos_field: float) -> Array:
+def _find_sun_inside(sightings: Sightings, cos_field: float) -> Array:
     """(m, 4) whether the Sun is in a quadrant's field, 1 or 0."""
     nominal = Horizon().nominal
     limbs = np.stack([np.sin(nominal) * np.cos(AZIMUTHS), np.sin(nominal) * np.sin(AZIMUTHS), np.full(4, np.cos(nominal))])

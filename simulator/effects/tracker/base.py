@@ -11,10 +11,10 @@ import numpy as np
 
 from gyrocal.errors import InputError
 from simulator.arrays import Flags
-from simulator.effects.base import Array, Effect, Parameters, References, Surroundings, Trackers, absent
+from simulator.effects.base import Array, Effect, Parameters, References, Surroundings, Trackers, mark_absent
 
 
-def rows_of(references: References, name: str, effect: Effect) -> Flags:
+def find_tracker_rows(references: References, name: str, effect: Effect) -> Flags:
     """(m,) which references are of a tracker; an `InputError` where there is none of that name."""
     seen = references.trackers
     if seen is None or name not in seen.names:
@@ -43,14 +43,14 @@ class TrackerEffect(Effect):
 class TrackerColumns(TrackerEffect):
     """An effect of one tracker that is a sum of columns."""
 
-    @absent
+    @mark_absent
     def own_columns(self, references: References, seen: Trackers, own: Flags, parameters: Parameters) -> Array:
         """Error about the tracker's axes per unit of each amplitude, of its own references, (rows, 3, k) rad."""
         raise NotImplementedError(f"{self.name} has no columns")
 
     def reference_columns(self, references: References, axis: str | None, parameters: Parameters) -> Array:
         """In body axes, zero for the other trackers' references."""
-        own, seen = rows_of(references, str(axis), self), references.trackers
+        own, seen = find_tracker_rows(references, str(axis), self), references.trackers
         assert seen is not None
         if axis not in self.trackers(seen):
             raise InputError(

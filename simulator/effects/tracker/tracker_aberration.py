@@ -12,9 +12,9 @@ import numpy as np
 from simulator.arrays import Flags
 from simulator.effects.base import Array, Parameter, Parameters, References, Surroundings, Trackers
 from simulator.effects.tracker.base import TrackerColumns
-from simulator.truth.rotation import matrix
+from simulator.truth.rotation import convert_to_matrix
 
-PARTS = ("both", "orbital", "annual")
+ABERRATION_PARTS = ("both", "orbital", "annual")
 
 
 @dataclass(frozen=True)
@@ -23,12 +23,12 @@ class TrackerAberration(TrackerColumns):
 
     def own_columns(self, references: References, seen: Trackers, own: Flags, parameters: Parameters) -> Array:
         """All of it."""
-        part = parameters.get("part", PARTS[0])
+        part = parameters.get("part", ABERRATION_PARTS[0])
         v = np.zeros((int(own.sum()), 3))
         for name, velocity in (("orbital", seen.orbital), ("annual", seen.annual)):
             if part in ("both", name):
                 v = v + velocity[own]
-        x, y, _ = np.einsum("mij,mjk,mk->mi", seen.to_axes[own], matrix(references.quaternions[own]), v).T
+        x, y, _ = np.einsum("mij,mjk,mk->mi", seen.to_axes[own], convert_to_matrix(references.quaternions[own]), v).T
         return np.stack([-y, x, np.zeros(x.size)], axis=1)[:, :, None]
 
     def missing(self, around: Surroundings) -> str | None:
@@ -48,7 +48,14 @@ EFFECT = TrackerAberration(
     prior=(0.02, 5.0),
     bounds=(-10.0, 10.0),
     parameters=(
-        Parameter("part", "", PARTS[0], "of the orbit, of the Earth about the Sun, or both", choices=PARTS, tried=PARTS),
+        Parameter(
+            "part",
+            "",
+            ABERRATION_PARTS[0],
+            "of the orbit, of the Earth about the Sun, or both",
+            choices=ABERRATION_PARTS,
+            tried=ABERRATION_PARTS,
+        ),
     ),
     meaning="The star tracker's attitude errs by the aberration of light, or a share of it, which should have been taken out.",
 )

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from simulator.effects.base import Array, Parameter, Parameters, ProcessTimes, References, Setting
-from simulator.effects.common import ARCSEC, gauss_markov, number
-from simulator.effects.tracker.base import TrackerEffect, rows_of
+from simulator.effects.common import RAD_PER_ARCSEC, gauss_markov, number
+from simulator.effects.tracker.base import TrackerEffect, find_tracker_rows
 
-APART = 1e6  # rad between intervals, over which nothing is remembered
+INTERVAL_SEPARATION_RAD = 1e6  # rad between intervals, over which nothing is remembered
 LENGTHS_DEG = (0.5, 1.0, 2.0, 4.0, 8.0)  # parts of a field of view
 
 
@@ -24,22 +24,22 @@ class TrackerFieldError(TrackerEffect):
 
     def reference_wander(self, rng: np.random.Generator, references: References, setting: Setting) -> Array:
         """The process about the tracker's x and y, in body axes."""
-        own, seen = rows_of(references, str(setting.axis), self), references.trackers
+        own, seen = find_tracker_rows(references, str(setting.axis), self), references.trackers
         assert seen is not None
-        along = seen.path[own] + APART * references.interval[own]
+        along = seen.path[own] + INTERVAL_SEPARATION_RAD * references.interval[own]
         length = float(np.deg2rad(number(setting.parameters, "length_deg")))
         error = np.zeros((own.size, 3))
         for axis in range(2):
-            process = setting.size * ARCSEC * gauss_markov(rng, along, length)
+            process = setting.size * RAD_PER_ARCSEC * gauss_markov(rng, along, length)
             error[own] += process[:, None] * seen.to_axes[own][:, axis]
         return error
 
     def covariance(self, at: ProcessTimes, parameters: Parameters) -> Array:
         """exp(−|Δs|/L) in each interval."""
         assert at.path is not None
-        along = at.path + APART * at.interval
+        along = at.path + INTERVAL_SEPARATION_RAD * at.interval
         length = float(np.deg2rad(number(parameters, "length_deg")))
-        return np.asarray(ARCSEC**2 * np.exp(-np.abs(np.subtract.outer(along, along)) / length))
+        return np.asarray(RAD_PER_ARCSEC**2 * np.exp(-np.abs(np.subtract.outer(along, along)) / length))
 
 
 EFFECT = TrackerFieldError(

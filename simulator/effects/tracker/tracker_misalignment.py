@@ -9,13 +9,13 @@ import numpy as np
 
 from simulator.arrays import Flags
 from simulator.effects.base import Array, Parameter, Parameters, References, Trackers
-from simulator.effects.common import ARCSEC
-from simulator.effects.directed import Directed
+from simulator.effects.common import RAD_PER_ARCSEC
+from simulator.effects.directed_effect import DirectedEffect
 from simulator.effects.tracker.base import TrackerColumns
 
 
 @dataclass(frozen=True)
-class TrackerMisalignment(TrackerColumns, Directed):
+class TrackerMisalignment(TrackerColumns, DirectedEffect):
     """See the module."""
 
     def trackers(self, seen: Trackers) -> tuple[str, ...]:
@@ -24,7 +24,7 @@ class TrackerMisalignment(TrackerColumns, Directed):
 
     def own_columns(self, references: References, seen: Trackers, own: Flags, parameters: Parameters) -> Array:
         """One about each axis."""
-        return np.broadcast_to(ARCSEC * np.eye(3), (int(own.sum()), 3, 3))
+        return np.broadcast_to(RAD_PER_ARCSEC * np.eye(3), (int(own.sum()), 3, 3))
 
 
 EFFECT = TrackerMisalignment(

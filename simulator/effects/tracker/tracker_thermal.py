@@ -9,20 +9,20 @@ import numpy as np
 
 from simulator.arrays import Flags
 from simulator.effects.base import Array, Parameter, Parameters, References, Surroundings, Trackers
-from simulator.effects.common import ARCSEC
-from simulator.effects.directed import Directed
-from simulator.effects.housekeeping import find_temperature, make_temperature_parameter, no_temperature
+from simulator.effects.common import RAD_PER_ARCSEC
+from simulator.effects.directed_effect import DirectedEffect
+from simulator.effects.housekeeping_columns import find_temperature, make_temperature_parameter, no_temperature
 from simulator.effects.tracker.base import TrackerColumns
 
 
 @dataclass(frozen=True)
-class TrackerThermal(TrackerColumns, Directed):
+class TrackerThermal(TrackerColumns, DirectedEffect):
     """See the module."""
 
     def own_columns(self, references: References, seen: Trackers, own: Flags, parameters: Parameters) -> Array:
         """T − mean T across the boresight."""
         T = find_temperature(seen.housekeeping, parameters, "tracker", self.name)[own]
-        return ARCSEC * (T - T.mean())[:, None, None] * np.eye(3)[None, :, :2]
+        return RAD_PER_ARCSEC * (T - T.mean())[:, None, None] * np.eye(3)[None, :, :2]
 
     def missing(self, around: Surroundings) -> str | None:
         """It needs a temperature."""

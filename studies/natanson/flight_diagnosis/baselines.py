@@ -8,21 +8,21 @@ import numpy as np
 from simulator.scenario import Scenario
 from studies.natanson import flight
 from studies.natanson.flight_diagnosis.builder import NOISE, RATE, TIMING, YAW
-from studies.natanson.flight_diagnosis.diagnosis import Diagnosis, diagnose
-from studies.natanson.flight_diagnosis.table import Baseline, flown, present, reversed_slews
-from studies.natanson.flight_diagnosis.timings import RAMPS, slewing
+from studies.natanson.flight_diagnosis.diagnosis import TableDiagnosis, diagnose
+from studies.natanson.flight_diagnosis.table import Baseline, load_present_baseline, read_flight_residual_table, reverse_slews
+from studies.natanson.flight_diagnosis.timings import RAMPS, replace_slew_timings
 from studies.natanson.flight_gap import MINUS_Y, YAW_INTERVALS
 
 CENTRED_RATE_DEG_S, CENTRED_STAY_S = 0.2, 3600.0  # peak rate, and time between the slews of interval 4
 
 
 @cache
-def trials() -> tuple[Baseline, ...]:
+def list_trial_baselines() -> tuple[Baseline, ...]:
     """The present baseline first, then the deliberately wrong ones."""
-    right = present()
+    right = load_present_baseline()
 
     def wrong(name: str, effect: str, *flips: int) -> Baseline:
-        sections = tuple(reversed_slews(s) if k in flips else s for k, s in enumerate(right.scenario.interval))
+        sections = tuple(reverse_slews(s) if k in flips else s for k, s in enumerate(right.scenario.interval))
         return Baseline(name, right.scenario.model_copy(update={"interval": sections}), done=frozenset({effect}))
 
     return (
@@ -31,37 +31,37 @@ def trials() -> tuple[Baseline, ...]:
         wrong("yaw of 6 reversed", YAW, 5),
         wrong("both yaws reversed", YAW, 1, 5),
         wrong("rate of 4 at +1 RPO", RATE, MINUS_Y),
-        Baseline("slews centred and smooth", centred(right.scenario), done=frozenset({TIMING})),
+        Baseline("slews centred and smooth", centre_slews(right.scenario), done=frozenset({TIMING})),
         replace(right, name="noise three times", noise_factor=3.0, done=frozenset({NOISE})),
         replace(right, name="noise a third", noise_factor=1 / 3, done=frozenset({NOISE})),
     )
 
 
-def centred(scenario: Scenario) -> Scenario:
+def centre_slews(scenario: Scenario) -> Scenario:
     """Slews in the middle of their intervals and nothing but ramps, as slow as the rate of the assumed ones peaks."""
     sections = list(scenario.interval)
     for k in (*YAW_INTERVALS, MINUS_Y):
         section, stay = sections[k], CENTRED_STAY_S if k == MINUS_Y else 0.0
         length = section.stop_s - section.start_s
         duration = min(abs(section.slew[0].angle_deg) / CENTRED_RATE_DEG_S, 0.95 * length)
-        sections[k] = slewing(section, 0.5 * (length - duration - stay), duration, RAMPS[1], stay)
+        sections[k] = replace_slew_timings(section, 0.5 * (length - duration - stay), duration, RAMPS[1], stay)
     return scenario.model_copy(update={"interval": tuple(sections)})
 
 
 @cache
-def examine(trial: Baseline) -> Diagnosis:
+def diagnose_under_baseline(trial: Baseline) -> TableDiagnosis:
     """Diagnose the flight's table under one baseline."""
-    return diagnose(flown(), trial)
+    return diagnose(read_flight_residual_table(), trial)
 
 
-def rms_deg(found: Diagnosis) -> dict[str, float]:
+def compute_misfit_rms(found: TableDiagnosis) -> dict[str, float]:
     """RMS of flown minus predicted, before and after the explanation, and of the flight's residuals after calibration."""
-    left = flown().after.ravel()
+    left = read_flight_residual_table().after.ravel()
     values = {"before": found.before + left, "after": found.after + left, "floor": left}
-    return {name: float(flight.rms(value)) for name, value in values.items()}
+    return {name: float(flight.compute_rms(value)) for name, value in values.items()}
 
 
-def whitened(found: Diagnosis) -> dict[str, float]:
+def compute_whitened_misfit(found: TableDiagnosis) -> dict[str, float]:
     """Mean square over what print leaves, in sample and held out."""
     values = {"before": found.before, "after": found.after}
     out = {name: float(d @ np.linalg.solve(found.covariance, d)) / d.size for name, d in values.items()}

@@ -19,11 +19,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.inference.amplitudes import Fitted
-from diagnosis.model.groups import Group
+from diagnosis.inference.amplitudes import FittedEffect
+from diagnosis.model.groups import CandidateColumns
 from diagnosis.model.linear import LinearModel, Parameters
-from studies.natanson.flight_diagnosis.numbers import PLACES, Motion, motion, noise_factor
-from studies.natanson.flight_diagnosis.table import Baseline, Table
+from studies.natanson.flight_diagnosis.misfit_numbers import (
+    RESIDUAL_PLACES,
+    MotionNumbers,
+    compute_motion_numbers,
+    estimate_noise_level,
+)
+from studies.natanson.flight_diagnosis.table import Baseline, ResidualTable
 from studies.natanson.flight_diagnosis.timings import TIMINGS, Timings
 from studies.natanson.flight_gap import MINUS_Y, YAW_INTERVALS
 from studies.printed_table import build_model, make_candidate, make_rival, whiten
@@ -33,14 +38,14 @@ Array = NDArray[np.float64]
 YAW, RATE, TIMING, NOISE = "yaw direction", "-y rate sign", "slew timing", "noise level"
 UNKNOWN_DEG = (0.001, 1.0)  # of what is unknown
 FLAT = 12**-0.5  # standard deviation of what is flat between zero and one
-STEP = 0.01  # of a timing between zero and one, for its derivative
-MOST_EFFECTS = 5  # four timings and one more
-BEAM = 40  # wide, since one of four timings alone explains little
+TIMING_STEP = 0.01  # of a timing between zero and one, for its derivative
+MOST_FLIGHT_EFFECTS = 5  # four timings and one more
+FLIGHT_BEAM_WIDTH = 40  # wide, since one of four timings alone explains little
 SPLITS = {"number": "a number at a time", "interval": "an interval at a time"}
 
 
 @dataclass(frozen=True)
-class Point:
+class LinearisationPoint:
     """What a table's model is linearised about.
 
     Attributes
@@ -53,44 +58,50 @@ class Point:
     timings: Mapping[str, Array] = field(default_factory=lambda: {one.axis: np.full(len(one.names), 0.5) for one in TIMINGS})
 
 
-def linear_model(table: Table, baseline: Baseline, point: Point, split: str = "number") -> LinearModel:
+def build_flight_model(
+    table: ResidualTable, baseline: Baseline, point: LinearisationPoint, split: str = "number"
+) -> LinearModel:
     """The linear model of a table under a baseline about a point; `split`, of `SPLITS`, is what is held out at a time."""
-    assumed, case = motion(table, baseline), motion(table, baseline, point.flips)
+    assumed, case = compute_motion_numbers(table, baseline), compute_motion_numbers(table, baseline, point.flips)
     L = np.asarray(np.linalg.cholesky(case.covariance))
     groups = [
-        *_directions(table, baseline, assumed, L),
-        *(_timing(case, one, point.timings[one.axis], L) for one in TIMINGS),
-        _noise(table, baseline, case),
-        *_rivals(L),
+        *_list_direction_candidates(table, baseline, assumed, L),
+        *(_make_timing_candidate(case, one, point.timings[one.axis], L) for one in TIMINGS),
+        _make_noise_candidate(table, baseline, case),
+        *_list_random_rivals(L),
     ]
-    owner = np.array([f"{k + 1} {name}" if split == "number" else f"{k + 1}" for k, name in PLACES])
+    owner = np.array([f"{k + 1} {name}" if split == "number" else f"{k + 1}" for k, name in RESIDUAL_PLACES])
     held = list(dict.fromkeys(owner))
-    return build_model(assumed.d, case.covariance, groups, owner, held, SPLITS[split], MOST_EFFECTS, BEAM)
+    return build_model(assumed.d, case.covariance, groups, owner, held, SPLITS[split], MOST_FLIGHT_EFFECTS, FLIGHT_BEAM_WIDTH)
 
 
-def moved(point: Point, fitted: Fitted) -> Point:
+def move_point(point: LinearisationPoint, fitted: FittedEffect) -> LinearisationPoint:
     """The point with the timings that were found, as far as they can be flown."""
     if fitted.effect != TIMING or fitted.axis is None:
         return point
-    return Point(point.flips, {**point.timings, fitted.axis: np.clip(0.5 + FLAT * fitted.amplitudes, 0.0, 1.0)})
+    return LinearisationPoint(point.flips, {**point.timings, fitted.axis: np.clip(0.5 + FLAT * fitted.amplitudes, 0.0, 1.0)})
 
 
-def _shifted(effect: str, axis: str, columns: Array, read: Parameters, size: float, unit: str) -> Group:
+def _make_shifted_candidate(
+    effect: str, axis: str, columns: Array, read: Parameters, size: float, unit: str
+) -> CandidateColumns:
     """A candidate whose prior is in its columns, the last of which is a shift."""
     return make_candidate(effect, axis, columns, unit, read=lambda _: (size, read), shifted=True, scales=np.ones(1))
 
 
-def _directions(table: Table, baseline: Baseline, assumed: Motion, L: Array) -> Iterator[Group]:
+def _list_direction_candidates(
+    table: ResidualTable, baseline: Baseline, assumed: MotionNumbers, L: Array
+) -> Iterator[CandidateColumns]:
     """Slews the other way round."""
     for k in (*YAW_INTERVALS, MINUS_Y):
-        shift = (motion(table, baseline, (k,)).prediction - assumed.prediction).ravel()
+        shift = (compute_motion_numbers(table, baseline, (k,)).prediction - assumed.prediction).ravel()
         effect, size, unit = (RATE, 2.0, "RPO") if k == MINUS_Y else (YAW, 360.0, "deg")
-        yield _shifted(effect, f"{k + 1}", whiten(L, shift[:, None]), {}, size, unit)
+        yield _make_shifted_candidate(effect, f"{k + 1}", whiten(L, shift[:, None]), {}, size, unit)
 
 
-def _timing(case: Motion, timings: Timings, u: Array, L: Array) -> Group:
+def _make_timing_candidate(case: MotionNumbers, timings: Timings, u: Array, L: Array) -> CandidateColumns:
     """Timings about a point, by finite differences of the simulator."""
-    steps = np.where(u > 0.5, -STEP, STEP)
+    steps = np.where(u > 0.5, -TIMING_STEP, TIMING_STEP)
     points = [u, *(u + np.diag(steps))]
     flown = [timings.moved(case.sections, one) for one in points]
     values = case.predicted([sections[k] for sections in flown for k in timings.intervals])
@@ -100,25 +111,25 @@ def _timing(case: Motion, timings: Timings, u: Array, L: Array) -> Group:
     columns[timings.intervals, :, :-1] = J * FLAT
     columns[timings.intervals, :, -1] = values[0] - J @ (u - 0.5) - case.prediction[list(timings.intervals)]
     names = dict(zip(timings.names, timings.values(case.sections, u).tolist(), strict=True))
-    return _shifted(TIMING, timings.axis, whiten(L, columns.reshape(18, -1)), names, 1.0, "")
+    return _make_shifted_candidate(TIMING, timings.axis, whiten(L, columns.reshape(18, -1)), names, 1.0, "")
 
 
-def _noise(table: Table, baseline: Baseline, case: Motion) -> Group:
-    log_odds, mean, sigma = noise_factor(table, case.Theta, baseline)
+def _make_noise_candidate(table: ResidualTable, baseline: Baseline, case: MotionNumbers) -> CandidateColumns:
+    log_odds, mean, sigma = estimate_noise_level(table, case.Theta, baseline)
     evidence: dict[str, Any] = {
         "log_odds": log_odds,
         "read": lambda _: (mean, {}),
         "size_sigma": lambda _: sigma,
         "scales": np.ones(1),
     }
-    return make_candidate(NOISE, None, np.empty((len(PLACES), 0)), "factor", **evidence)
+    return make_candidate(NOISE, None, np.empty((len(RESIDUAL_PLACES), 0)), "factor", **evidence)
 
 
-def _rivals(L: Array) -> Iterator[Group]:
+def _list_random_rivals(L: Array) -> Iterator[CandidateColumns]:
     """Random residuals, per deg."""
-    each = whiten(L, np.eye(len(PLACES)))
+    each = whiten(L, np.eye(len(RESIDUAL_PLACES)))
     yield make_rival("all numbers", None, each, "deg", UNKNOWN_DEG)
     for k in range(6):
         yield make_rival("an interval", f"{k + 1}", each[:, 3 * k : 3 * k + 3], "deg", UNKNOWN_DEG)
-    for i, (k, name) in enumerate(PLACES):
+    for i, (k, name) in enumerate(RESIDUAL_PLACES):
         yield make_rival("a number", f"{k + 1} {name}", each[:, [i]], "deg", UNKNOWN_DEG)

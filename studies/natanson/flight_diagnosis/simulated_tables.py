@@ -10,23 +10,23 @@ from studies.montecarlo.study import GridConfig, Streams, Study
 from studies.natanson import flight
 from studies.natanson.flight_diagnosis.builder import NOISE, RATE, TIMING, YAW
 from studies.natanson.flight_diagnosis.diagnosis import Effects, diagnose
-from studies.natanson.flight_diagnosis.numbers import clock_derivatives
+from studies.natanson.flight_diagnosis.misfit_numbers import differentiate_by_clock
 from studies.natanson.flight_diagnosis.table import (
     CELL_DEG,
     CLOCK_S,
     INITIAL_DIGITS,
     PUBLISHED_DIGITS,
     Baseline,
-    Table,
-    outcomes_apart,
-    present,
-    reversed_slews,
-    rounded,
+    ResidualTable,
+    load_present_baseline,
+    reverse_slews,
+    round_to_digits,
+    simulate_each_interval,
 )
 from studies.natanson.flight_diagnosis.timings import TIMINGS
-from studies.printed_table import UNKNOWN
+from studies.printed_table import UNKNOWN_NAME
 
-KINDS: dict[str, Effects] = {
+EFFECTS_BY_KIND: dict[str, Effects] = {
     "nothing": frozenset(),
     "yaw of 2": frozenset({YAW}),
     "yaw of 6": frozenset({YAW}),
@@ -37,13 +37,13 @@ KINDS: dict[str, Effects] = {
     "common timing": frozenset({TIMING}),
     "noise x3": frozenset({NOISE}),
     "noise /3": frozenset({NOISE}),
-    "unknown": frozenset({UNKNOWN}),
+    "unknown": frozenset({UNKNOWN_NAME}),
     "yaw of 2, four timings": frozenset({YAW, TIMING}),
 }
 UNKNOWN_SIMULATED_DEG = 0.05
 
 
-def simulated_motion(kind: str, scenario: Scenario, rng: np.random.Generator) -> tuple[IntervalSection, ...]:
+def draw_flown_intervals(kind: str, scenario: Scenario, rng: np.random.Generator) -> tuple[IntervalSection, ...]:
     """The six intervals as flown in a kind of table."""
     sections = list(scenario.interval)
     *own, common = TIMINGS
@@ -55,18 +55,18 @@ def simulated_motion(kind: str, scenario: Scenario, rng: np.random.Generator) ->
             sections[k] = section
     flips = {"yaw of 2": (1,), "yaw of 6": (5,), "both yaws": (1, 5), "rate sign": (3,), "yaw of 2, four timings": (1,)}
     for k in flips.get(kind, ()):
-        sections[k] = reversed_slews(sections[k])
+        sections[k] = reverse_slews(sections[k])
     return tuple(sections)
 
 
-def simulated(kind: str, baseline: Baseline, rng: np.random.Generator) -> Table:
+def simulate_table(kind: str, baseline: Baseline, rng: np.random.Generator) -> ResidualTable:
     """A table as the paper would print it: noise, least squares for the twelve parameters, and every number rounded."""
-    sections = simulated_motion(kind, baseline.scenario, rng)
+    sections = draw_flown_intervals(kind, baseline.scenario, rng)
     factor = {"noise x3": 3.0, "noise /3": 1 / 3}.get(kind, 1.0)
     total, gyro = (factor**2 * v for v in baseline.variances())
-    theta, Theta = outcomes_apart(sections)
+    theta, Theta = simulate_each_interval(sections)
     for k, section in enumerate(sections):
-        theta[k] += clock_derivatives(section) @ rng.uniform(-0.5, 0.5, 2) * CLOCK_S  # Table 1 rounds the times
+        theta[k] += differentiate_by_clock(section) @ rng.uniform(-0.5, 0.5, 2) * CLOCK_S  # Table 1 rounds the times
     H = Theta.reshape(18, 12)
     noise = rng.normal(size=(6, 3)) * np.sqrt(total)[:, None]
     scale = np.linalg.norm(H, axis=0)
@@ -78,9 +78,12 @@ def simulated(kind: str, baseline: Baseline, rng: np.random.Generator) -> Table:
     steps = rng.normal(size=(2, 6, 3)) * np.sqrt(gyro[:, None] * np.array([1.0, 2.0])[:, None, None])
     coarser = before + np.cumsum(steps, axis=0)
     after = noise - (H @ error).reshape(6, 3)
-    published = flight.calibration().vector - error
-    return Table(
-        rounded(before, CELL_DEG), rounded(after, CELL_DEG), rounded(coarser, CELL_DEG), rounded(published, PUBLISHED_DIGITS)
+    published = flight.read_published_calibration().vector - error
+    return ResidualTable(
+        round_to_digits(before, CELL_DEG),
+        round_to_digits(after, CELL_DEG),
+        round_to_digits(coarser, CELL_DEG),
+        round_to_digits(published, PUBLISHED_DIGITS),
     )
 
 
@@ -98,7 +101,7 @@ class FlightConfig(GridConfig):
     each: int = 5
 
     @model_validator(mode="after")
-    def _of_the_flight(self) -> Self:
+    def _require_flight_scenario(self) -> Self:
         if self.scenario != "trmm" and not isinstance(self.scenario, Scenario):
             raise ValueError('the flight\'s table belongs to the scenario "trmm"')
         if self.overrides:
@@ -107,14 +110,14 @@ class FlightConfig(GridConfig):
 
     def points(self) -> list[str]:
         """Kind of each case."""
-        return [kind for kind in KINDS for _ in range(self.each if KINDS[kind] else self.nothing)]
+        return [kind for kind in EFFECTS_BY_KIND for _ in range(self.each if EFFECTS_BY_KIND[kind] else self.nothing)]
 
 
-def case(config: FlightConfig, number: int, streams: Streams) -> dict[str, Any]:
+def run_case(config: FlightConfig, number: int, streams: Streams) -> dict[str, Any]:
     """Diagnose one simulated table."""
     kind = config.points()[number]
-    truth = KINDS[kind]
-    found = diagnose(simulated(kind, present(), streams.generator("table")), present())
+    truth = EFFECTS_BY_KIND[kind]
+    found = diagnose(simulate_table(kind, load_present_baseline(), streams.generator("table")), load_present_baseline())
     likeliest = next(iter(found.sets))
     named = frozenset(found.causes)
     return {
@@ -122,8 +125,8 @@ def case(config: FlightConfig, number: int, streams: Streams) -> dict[str, Any]:
         "verdict": found.verdict,
         "causes": ", ".join(found.causes),
         "p_value": found.gap["p_value"],
-        "right": found.verdict == {frozenset(): "none", frozenset({UNKNOWN}): "unknown"}[truth]
-        if truth <= {UNKNOWN}
+        "right": found.verdict == {frozenset(): "none", frozenset({UNKNOWN_NAME}): "unknown"}[truth]
+        if truth <= {UNKNOWN_NAME}
         else named == truth,
         "in_group": truth in found.group,
         "false_name": bool(named - truth),
@@ -132,4 +135,4 @@ def case(config: FlightConfig, number: int, streams: Streams) -> dict[str, Any]:
     }
 
 
-STUDY = Study("studies.natanson.flight_diagnosis:STUDY", FlightConfig, case)
+STUDY = Study("studies.natanson.flight_diagnosis:STUDY", FlightConfig, run_case)

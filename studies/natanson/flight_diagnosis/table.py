@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gyrocal import attitude, propagate
 from gyrocal.calibration import normal_equations as accumulation
-from gyrocal.calibration.sampling import measurements
+from gyrocal.calibration.sampling import prepare_measurements
 from simulator import scenario as scenarios
 from simulator.scenario import IntervalSection, Scenario
 from studies.natanson import flight, flight_gap
@@ -30,7 +30,7 @@ PUBLISHED_DIGITS = np.array([1e-6, 1e-6, 1e-9, 1e-9, 1e-5, 1e-7, 1e-9, 1e-7, 1e-
 
 
 @dataclass(frozen=True)
-class Table:
+class ResidualTable:
     """What the paper prints of a calibration.
 
     Attributes
@@ -46,13 +46,18 @@ class Table:
     published: Array
 
 
-def flown() -> Table:
+def read_flight_residual_table() -> ResidualTable:
     """The flight's."""
-    coarser = np.array([flight.residuals("prelaunch", step) for step in flight.STEPS[1:]])
-    return Table(flight.residuals("prelaunch"), flight.residuals("calibrated"), coarser, flight.calibration().vector)
+    coarser = np.array([flight.read_published_residuals("prelaunch", step) for step in flight.FLIGHT_STEPS_S[1:]])
+    return ResidualTable(
+        flight.read_published_residuals("prelaunch"),
+        flight.read_published_residuals("calibrated"),
+        coarser,
+        flight.read_published_calibration().vector,
+    )
 
 
-def rounded(values: Array, digits: Array | float) -> Array:
+def round_to_digits(values: Array, digits: Array | float) -> Array:
     """Values as printed; digits of zero are exact."""
     digits = np.broadcast_to(digits, np.shape(values))
     return np.asarray(np.where(digits > 0, np.round(values / np.where(digits > 0, digits, 1.0)) * digits, values))
@@ -83,18 +88,18 @@ class Baseline:
         return gyro + 2 * self.noise_factor**2 * sigma, gyro
 
 
-def present() -> Baseline:
+def load_present_baseline() -> Baseline:
     """The simulator as it is."""
     return Baseline("as assumed", scenarios.load("trmm"))
 
 
 @cache
-def trmm() -> Scenario:
+def load_coarse_trmm() -> Scenario:
     """The scenario every prediction takes orbit and sampling from, at coarse samples."""
     return scenarios.override(scenarios.load("trmm"), {"gyro.sample_s": flight_gap.COARSE_SAMPLE_S})
 
 
-def outcomes(sections: Sequence[IntervalSection]) -> tuple[Array, Array]:
+def simulate_residuals(sections: Sequence[IntervalSection]) -> tuple[Array, Array]:
     """Noise-free residuals (n, 3) deg and Θ (n, 3, 12) deg per unit, of R (9) as truth and Table 3 as a priori.
 
     The intervals are simulated one after the other, wherever they were: on a circular orbit their residuals do not depend on
@@ -107,36 +112,36 @@ def outcomes(sections: Sequence[IntervalSection]) -> tuple[Array, Array]:
         )
         for i, section in enumerate(sections)
     )
-    scenario = trmm().model_copy(update={"interval": moved})
-    initial, recording = flight.parameters("prelaunch"), flight_gap.fly_without_noise(scenario)
-    prepared = measurements(recording)
+    scenario = load_coarse_trmm().model_copy(update={"interval": moved})
+    initial, recording = flight.read_published_parameters("prelaunch"), flight_gap.simulate_without_noise(scenario)
+    prepared = prepare_measurements(recording)
     passed = propagate(prepared.arcs, initial.G, initial.bias)
     A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
-    theta = accumulation.residuals(passed.R, A[prepared.start], A[prepared.row])
+    theta = accumulation.compute_attitude_residuals(passed.R, A[prepared.start], A[prepared.row])
     return np.rad2deg(theta), np.rad2deg(passed.Theta)
 
 
 @lru_cache(maxsize=1024)
-def kept_outcomes(sections: tuple[IntervalSection, ...]) -> tuple[Array, Array]:
-    """`outcomes` of the same intervals together, kept: a model about another timing flies the others as it did before."""
-    theta, Theta = outcomes(sections)
+def simulate_residuals_cached(sections: tuple[IntervalSection, ...]) -> tuple[Array, Array]:
+    """`simulate_residuals` of the same intervals together, kept: a model about another timing flies the others as it did before."""
+    theta, Theta = simulate_residuals(sections)
     theta.setflags(write=False)
     Theta.setflags(write=False)
     return theta, Theta
 
 
-def outcome(section: IntervalSection) -> tuple[Array, Array]:
-    """`outcomes` of one interval, kept: (3,) and (3, 12)."""
-    theta, Theta = kept_outcomes((section,))
+def simulate_interval_residuals(section: IntervalSection) -> tuple[Array, Array]:
+    """`simulate_residuals` of one interval, kept: (3,) and (3, 12)."""
+    theta, Theta = simulate_residuals_cached((section,))
     return theta[0], Theta[0]
 
 
-def outcomes_apart(sections: Sequence[IntervalSection]) -> tuple[Array, Array]:
-    """`outcomes` of intervals each of which is kept by itself."""
-    theta, Theta = zip(*map(outcome, sections), strict=True)
+def simulate_each_interval(sections: Sequence[IntervalSection]) -> tuple[Array, Array]:
+    """`simulate_residuals` of intervals each of which is kept by itself."""
+    theta, Theta = zip(*map(simulate_interval_residuals, sections), strict=True)
     return np.array(theta), np.array(Theta)
 
 
-def reversed_slews(section: IntervalSection) -> IntervalSection:
+def reverse_slews(section: IntervalSection) -> IntervalSection:
     """The interval with its slews the other way round: yaws reversed; −y forward becomes +y forward, of the other rate."""
     return section.model_copy(update={"slew": tuple(s.model_copy(update={"angle_deg": -s.angle_deg}) for s in section.slew)})

@@ -40,32 +40,41 @@ class Timings:
         """Timings (m,) of numbers (m,) between zero and one, s; the ramp's share has no unit, a mean rate is in deg/s."""
         moved = [sections[k] for k in self.intervals]
         if self.axis == "common":
-            rate, stay = _log(COMMON_RATES_DEG_S, u[1]), _even(COMMON_STAY_S, u[3])
-            delay = min(COMMON_DELAY_S, *(_room(section, _angle(section) / rate, stay) for section in moved))
-            return np.array([u[0] * delay, rate, _even(RAMPS, u[2]), stay])
+            rate, stay = _scale_logarithmically(COMMON_RATES_DEG_S, u[1]), _scale_evenly(COMMON_STAY_S, u[3])
+            delay = min(
+                COMMON_DELAY_S,
+                *(_compute_latest_start(section, _measure_slew_angle(section) / rate, stay) for section in moved),
+            )
+            return np.array([u[0] * delay, rate, _scale_evenly(RAMPS, u[2]), stay])
         (section,) = moved
         if section.hold:
-            return np.array([HOLD_START_S * u[0], _log(HOLD_TRANSITION_S, u[1])])
+            return np.array([HOLD_START_S * u[0], _scale_logarithmically(HOLD_TRANSITION_S, u[1])])
         slow, fast = MEAN_RATES_DEG_S
-        duration = _log((_angle(section) / fast, min(_angle(section) / slow, section.stop_s - section.start_s)), u[1])
+        duration = _scale_logarithmically(
+            (_measure_slew_angle(section) / fast, min(_measure_slew_angle(section) / slow, section.stop_s - section.start_s)),
+            u[1],
+        )
         if len(section.slew) == 1:
-            return np.array([u[0] * _room(section, duration), duration, _even(RAMPS, u[2])])
-        stay = _even((SHORTEST_STAY_S, _room(section, duration)), u[2])
-        return np.array([u[0] * _room(section, duration, stay), duration, stay, _even(RAMPS, u[3])])
+            return np.array([u[0] * _compute_latest_start(section, duration), duration, _scale_evenly(RAMPS, u[2])])
+        stay = _scale_evenly((SHORTEST_STAY_S, _compute_latest_start(section, duration)), u[2])
+        return np.array([u[0] * _compute_latest_start(section, duration, stay), duration, stay, _scale_evenly(RAMPS, u[3])])
 
     def moved(self, sections: Sequence[IntervalSection], u: Array) -> dict[int, IntervalSection]:
         """The intervals with these timings; their slews keep their directions."""
         values = self.values(sections, u).tolist()
         if self.axis == "common":
             delay, rate, ramp, stay = values
-            return {k: slewing(sections[k], delay, _angle(sections[k]) / rate, ramp, stay) for k in self.intervals}
+            return {
+                k: replace_slew_timings(sections[k], delay, _measure_slew_angle(sections[k]) / rate, ramp, stay)
+                for k in self.intervals
+            }
         (k,) = self.intervals
         section = sections[k]
         if section.hold:
             hold = section.hold.model_copy(update={"start_s": values[0], "transition_s": values[1]})
             return {k: section.model_copy(update={"hold": hold})}
         start, duration, *stay, ramp = values
-        return {k: slewing(section, start, duration, ramp, *stay)}
+        return {k: replace_slew_timings(section, start, duration, ramp, *stay)}
 
 
 TIMINGS = (
@@ -76,7 +85,9 @@ TIMINGS = (
 )
 
 
-def slewing(section: IntervalSection, start: float, duration: float, ramp: float, stay: float = 0.0) -> IntervalSection:
+def replace_slew_timings(
+    section: IntervalSection, start: float, duration: float, ramp: float, stay: float = 0.0
+) -> IntervalSection:
     """An interval with other timings of its slews; the stay is the time between two of them."""
     slews = tuple(
         slew.model_copy(update={"start_s": start + j * stay, "duration_s": duration, "ramp_fraction": ramp})
@@ -85,20 +96,20 @@ def slewing(section: IntervalSection, start: float, duration: float, ramp: float
     return section.model_copy(update={"slew": slews})
 
 
-def _room(section: IntervalSection, duration: float, stay: float = 0.0) -> float:
+def _compute_latest_start(section: IntervalSection, duration: float, stay: float = 0.0) -> float:
     """How late the first slew may begin, s."""
     return section.stop_s - section.start_s - duration - (stay if len(section.slew) > 1 else 0.0)
 
 
-def _angle(section: IntervalSection) -> float:
+def _measure_slew_angle(section: IntervalSection) -> float:
     return abs(section.slew[0].angle_deg)
 
 
-def _even(bounds: tuple[float, float], u: float) -> float:
+def _scale_evenly(bounds: tuple[float, float], u: float) -> float:
     """A value of a flat prior."""
     return bounds[0] + (bounds[1] - bounds[0]) * u
 
 
-def _log(bounds: tuple[float, float], u: float) -> float:
+def _scale_logarithmically(bounds: tuple[float, float], u: float) -> float:
     """A value of a prior that is flat in its logarithm."""
     return float(bounds[0] * (bounds[1] / bounds[0]) ** u)

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from scipy.signal import periodogram
 
 from gyrocal import Attitudes, Interval, attitude, calibrate, calibrate_gyros, propagate, triad
-from gyrocal.calibration.sampling import measurements
-from gyrocal.estimation.predict import conditioned, predict, steps
-from gyrocal.importing.build import Imported
-from gyrocal.recording.gyros import nominal, parity
-from studies.calibration.prepared import rms
-from studies.report.prediction_page import rows as prediction_rows
-from studies.validation.sentinel2a.flown import ARCSEC, LSB_RAD, WINDOW_S, known, known_of_gyros
+from gyrocal.calibration.sampling import prepare_measurements
+from gyrocal.estimation.predict import condition_on_references, list_step_times, predict
+from gyrocal.importing.build import ImportResult
+from gyrocal.recording.gyros import compute_nominal_gyros, compute_parity_basis
+from studies.calibration.shared_truth import compute_rms
+from studies.report.prediction_page import tabulate_prediction as prediction_rows
+from studies.validation.sentinel2a.flight_data import ARCSEC_PER_RAD, LSB_RAD, WINDOW_END_S, build_body_prior, build_gyro_prior
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -43,13 +43,13 @@ MODELS: dict[str, dict[str, bool] | None] = {
 }
 
 
-def carried(flown: Imported, used: Mask, prior: Array | None) -> Array:
+def propagate_from_start(flown: ImportResult, used: Mask, prior: Array | None) -> Array:
     """e (m, 3), rad, of all attitudes of both trackers together about the gyro alone from the first one on, their times (m, 1)
     and the turns since then (m, 9); the gyro's parameters are fitted to the references used."""
     recording, joined = triad(flown.recording), flown.joined
     # The prediction's times do not matter here: its parameters do.
     times = np.unique(recording.attitudes.t_s)[1:]
-    fit = conditioned(recording, used, times, known(False, False, False) if prior is None else prior)
+    fit = condition_on_references(recording, used, times, build_body_prior(False, False, False) if prior is None else prior)
     inside = joined.t_s >= recording.gyro.t_s[0]
     t_s, q = joined.t_s[inside], joined.q[inside]
     whole = replace(
@@ -57,13 +57,13 @@ def carried(flown: Imported, used: Mask, prior: Array | None) -> Array:
         attitudes=Attitudes(t_s, q, np.full((t_s.size, 3), 1e-5)),
         intervals=(Interval("all", "", float(t_s[0]), float(t_s[-1])),),
     )
-    run = propagate(measurements(whole).arcs, fit.parameters.G, fit.parameters.bias)
+    run = propagate(prepare_measurements(whole).arcs, fit.parameters.G, fit.parameters.bias)
     A = attitude.matrix_from_quaternion(q)
     R = np.concatenate([np.eye(3)[None], run.R])
     return np.concatenate([attitude.residual(A, R @ A[0]), t_s[:, None], R.reshape(-1, 9)], axis=1)
 
 
-def drift(path: Array, over_s: float, within: tuple[float, float] = (-np.inf, np.inf)) -> Array:
+def compute_drift(path: Array, over_s: float, within: tuple[float, float] = (-np.inf, np.inf)) -> Array:
     """(n, 3) drifts over a time, rad, of the pairs with an end within some times."""
     e, t, R = path[:, :3], path[:, 3], path[:, 4:].reshape(-1, 3, 3)
     later = np.searchsorted(t, t + over_s - 0.05)
@@ -76,39 +76,44 @@ def drift(path: Array, over_s: float, within: tuple[float, float] = (-np.inf, np
     return np.asarray(e[later] - np.einsum("nij,nj->ni", turn, e[first]))
 
 
-def drift_rows(flown: Imported) -> list[dict[str, Any]]:
+def build_drift_rows(flown: ImportResult) -> list[dict[str, Any]]:
     """Drift over each time by each model, fitted to all and held out."""
     t_ref = flown.recording.attitudes.t_s
     edges = np.linspace(t_ref[0], t_ref[-1], THIRDS + 1)
     rows = []
     for model, options in MODELS.items():
-        prior = None if options is None else known(**options)
-        whole = carried(flown, np.ones(t_ref.size, dtype=bool), prior)
+        prior = None if options is None else build_body_prior(**options)
+        whole = propagate_from_start(flown, np.ones(t_ref.size, dtype=bool), prior)
         held: dict[float, list[Array]] = {over: [] for over in DRIFTS_S}
         for third in pairwise(edges.tolist()):
-            path = carried(flown, (t_ref < third[0]) | (t_ref > third[1]), prior)
+            path = propagate_from_start(flown, (t_ref < third[0]) | (t_ref > third[1]), prior)
             for over in DRIFTS_S:
-                held[over].append(drift(path, over, third))
+                held[over].append(compute_drift(path, over, third))
         for over in DRIFTS_S:
             row = {"kind": "drift", "what": model, "over_s": over}
             row |= {
-                "fitted_arcsec": rms(drift(whole, over)) * ARCSEC,
-                "held_out_arcsec": rms(np.concatenate(held[over])) * ARCSEC,
+                "fitted_arcsec": compute_rms(compute_drift(whole, over)) * ARCSEC_PER_RAD,
+                "held_out_arcsec": compute_rms(np.concatenate(held[over])) * ARCSEC_PER_RAD,
             }
             rows.append(row)
     return rows
 
 
-def noise_rows(flown: Imported) -> list[dict[str, Any]]:
+def build_noise_rows(flown: ImportResult) -> list[dict[str, Any]]:
     """Parity of the gyros, tracker against tracker, and each tracker's own noise."""
     gyro, attitudes = flown.recording.gyro, flown.recording.attitudes
-    said = gyro.rates @ parity(nominal(gyro)[0], np.arange(len(gyro.names)))[:, 0] * ARCSEC * gyro.sample_s
+    said = (
+        gyro.rates
+        @ compute_parity_basis(compute_nominal_gyros(gyro)[0], np.arange(len(gyro.names)))[:, 0]
+        * ARCSEC_PER_RAD
+        * gyro.sample_s
+    )
     fresh = said - said.mean()
     values = {
         "parity of a gyro, mean": (abs(float(said.mean())), "arcsec/s"),
         "parity of a gyro, scatter of 1 s": (float(said.std(ddof=1)), "arcsec"),
         "parity, correlation of successive seconds": (float(fresh[1:] @ fresh[:-1] / (fresh @ fresh)), ""),
-        "angle random walk of the body rates, at most": (triad(flown.recording).gyro.arw * ARCSEC, "arcsec/sqrt(s)"),
+        "angle random walk of the body rates, at most": (triad(flown.recording).gyro.arw * ARCSEC_PER_RAD, "arcsec/sqrt(s)"),
     }
     ((name, apart),) = flown.joined.apart.items()
     first = flown.sensors[0].name
@@ -118,27 +123,27 @@ def noise_rows(flown: Imported) -> list[dict[str, Any]]:
     size = round(BLOCK_S / float(np.median(np.diff(flown.joined.t_s))))
     blocks = apart[: len(apart) // size * size].reshape(-1, size, 3).mean(axis=1)
     for k, axis in enumerate("xyz"):
-        values[f"{name} against {first} about {first} {axis}"] = (float(apart[:, k].std() * ARCSEC), "arcsec")
+        values[f"{name} against {first} about {first} {axis}"] = (float(apart[:, k].std() * ARCSEC_PER_RAD), "arcsec")
         values[f"means of {BLOCK_S:g} s of {name} against {first} about {first} {axis}"] = (
-            float(blocks[:, k].std() * ARCSEC),
+            float(blocks[:, k].std() * ARCSEC_PER_RAD),
             "arcsec",
         )
         for number, one in enumerate(attitudes.sensors):
             sigma = attitudes.sigma[attitudes.sensor == number][0, k]
-            values[f"1-sigma of {one.name} about its {axis}"] = (float(sigma * ARCSEC), "arcsec")
+            values[f"1-sigma of {one.name} about its {axis}"] = (float(sigma * ARCSEC_PER_RAD), "arcsec")
     return [{"kind": "noise", "what": what, "value": value, "unit": unit} for what, (value, unit) in values.items()]
 
 
-def parameter_rows(flown: Imported) -> list[dict[str, Any]]:
+def build_parameter_rows(flown: ImportResult) -> list[dict[str, Any]]:
     """The size of a count, the tetrahedron and the mounting by the calibration of four gyros, and what of it cannot be told."""
     recording = flown.recording
-    fit = calibrate_gyros(recording, prior_covariance=known_of_gyros(flown))
+    fit = calibrate_gyros(recording, prior_covariance=build_gyro_prior(flown))
     body = triad(recording).gyro
-    omega = body.rates[body.t_s < WINDOW_S - 1]
+    omega = body.rates[body.t_s < WINDOW_END_S - 1]
     mean = omega.mean(axis=0)
     along = mean / np.linalg.norm(mean)
     # A common scale factor s, that of G K₀, and a bias b∥ along the mean rate turn the body by s |ω| + b∥.
-    K0, _ = nominal(recording.gyro)
+    K0, _ = compute_nominal_gyros(recording.gyro)
     scale = np.concatenate([K0.T.ravel() / 3, np.zeros(3)])
     bias = np.concatenate([np.zeros(K0.size), along])
     both = scale * np.linalg.norm(mean) + bias
@@ -177,11 +182,11 @@ def parameter_rows(flown: Imported) -> list[dict[str, Any]]:
         {"kind": "parameter", "what": what, "value": value, "sigma": s, "unit": unit}
         for what, (value, s, unit) in values.items()
     ]
-    free = calibrate(triad(recording), apriori_covariance=known()).observability.unobservable
+    free = calibrate(triad(recording), apriori_covariance=build_body_prior()).observability.unobservable
     return rows + [{"kind": "not identifiable", "what": text} for text in free]
 
 
-def left_rows(flown: Imported) -> list[dict[str, Any]]:
+def build_residual_rows(flown: ImportResult) -> list[dict[str, Any]]:
     """What is left about the fit, of both trackers together and of each about its own axes: size, correlation, strongest tone.
 
     A tone that both trackers have may be motion that gyros read once a second do not show; one of a single tracker is its own.
@@ -190,17 +195,17 @@ def left_rows(flown: Imported) -> list[dict[str, Any]]:
     begin = recording.attitudes.t_s[0]
     every = np.ones(recording.attitudes.t_s.size, dtype=bool)
     later = joined.t_s > begin
-    found = conditioned(recording, every, joined.t_s[later], known())
+    found = condition_on_references(recording, every, joined.t_s[later], build_body_prior())
     left = {"both, body": attitude.residual(attitude.matrix_from_quaternion(joined.q)[later], found.A)}
     for one in flown.sensors:
         own = one.t_s > begin
-        shown = conditioned(recording, every, one.t_s[own], known()).of_sensor(one.name)
+        shown = condition_on_references(recording, every, one.t_s[own], build_body_prior()).of_sensor(one.name)
         left[one.name] = attitude.residual(attitude.matrix_from_quaternion(one.q)[own], shown.A)
     rate = 1 / float(np.median(np.diff(joined.t_s)))
     lag = round(0.5 * rate)
     rows = []
     for name, values in left.items():
-        for axis, x in zip("xyz", (values - values.mean(axis=0)).T * ARCSEC, strict=True):
+        for axis, x in zip("xyz", (values - values.mean(axis=0)).T * ARCSEC_PER_RAD, strict=True):
             f, power = periodogram(x, rate)
             below = (f > 0) & (f < SLOW_HZ)
             best = int(np.argmax(np.where(below, power, 0.0)))
@@ -212,24 +217,30 @@ def left_rows(flown: Imported) -> list[dict[str, Any]]:
     return rows
 
 
-def check_rows(flown: Imported) -> list[dict[str, Any]]:
+def build_check_rows(flown: ImportResult) -> list[dict[str, Any]]:
     """Predictions inside the first 65 s against the trackers' own readings, in sigmas, and their mean error."""
     rows = []
     for start in CHECK_FROM_S:
         for one in flown.sensors:
             chosen = one.t_s > start
-            shown = predict(flown.recording, start, one.t_s[chosen], known()).of_sensor(one.name)
+            shown = predict(flown.recording, start, one.t_s[chosen], build_body_prior()).of_sensor(one.name)
             error = attitude.residual(attitude.matrix_from_quaternion(one.q[chosen]), shown.A)
             for k, axis in enumerate("xyz"):
                 sigma = shown.reading_sigma[:, k]
                 row = {"kind": "check", "what": f"{one.name} {axis}", "from_s": start}
-                row |= {"rms_arcsec": rms(error[:, k]) * ARCSEC, "sigma_arcsec": rms(sigma) * ARCSEC}
-                row |= {"rms_in_sigma": rms(error[:, k] / sigma), "mean_arcsec": float(error[:, k].mean()) * ARCSEC}
-                rows.append(row | {"attitude_sigma_arcsec": rms(shown.sigma[:, k]) * ARCSEC})
+                row |= {
+                    "rms_arcsec": compute_rms(error[:, k]) * ARCSEC_PER_RAD,
+                    "sigma_arcsec": compute_rms(sigma) * ARCSEC_PER_RAD,
+                }
+                row |= {
+                    "rms_in_sigma": compute_rms(error[:, k] / sigma),
+                    "mean_arcsec": float(error[:, k].mean()) * ARCSEC_PER_RAD,
+                }
+                rows.append(row | {"attitude_sigma_arcsec": compute_rms(shown.sigma[:, k]) * ARCSEC_PER_RAD})
     return rows
 
 
-def forecast_rows(flown: Imported) -> list[dict[str, Any]]:
+def build_forecast_rows(flown: ImportResult) -> list[dict[str, Any]]:
     """Both trackers' attitudes from 65 s to 97 s, as ``gyrocal predict --from 65 --step 0.1`` writes them; a row a time.
 
     Times go on as the first tracker's did. A row's `sigma_…` is that of a reading of the tracker about its own axes: of the
@@ -237,7 +248,9 @@ def forecast_rows(flown: Imported) -> list[dict[str, Any]]:
     attitude and the mounting alone. Quaternions are tracker to inertial, scalar last, as in the data, and go on in their sign.
     """
     last = float(flown.sensors[0].t_s[-1])
-    table = prediction_rows(predict(flown.recording, WINDOW_S, steps(flown.recording, last, STEP_S), known()))
+    table = prediction_rows(
+        predict(flown.recording, WINDOW_END_S, list_step_times(flown.recording, last, STEP_S), build_body_prior())
+    )
     for sensor in flown.sensors:
         names = [f"{sensor.name.lower()}_q{k}" for k in (1, 2, 3, 4)]
         q = table[names].to_numpy()

@@ -5,27 +5,30 @@ from __future__ import annotations
 import pandas as pd
 
 from studies.montecarlo.study import Row, Streams, Study, StudyConfig
-from studies.report.checks import Check, at_least, at_most, extremes
+from studies.report.checks import Check, bound_above, bound_below, check_extremes
 from studies.report.entry import Entry, Report
 from studies.report.tables import Table
 from studies.validation.sentinel2a.findings import (
     MODELS,
-    check_rows,
-    drift_rows,
-    forecast_rows,
-    left_rows,
-    noise_rows,
-    parameter_rows,
+    build_check_rows,
+    build_drift_rows,
+    build_forecast_rows,
+    build_noise_rows,
+    build_parameter_rows,
+    build_residual_rows,
 )
-from studies.validation.sentinel2a.flown import ATTRIBUTION, flown
+from studies.validation.sentinel2a.flight_data import SENTINEL_ATTRIBUTION, import_flight_data
 
 HELD_OUT_ARCSEC = 2.5
-CONSISTENT = (0.7, 1.3)  # RMS in sigmas of hundreds of readings whose errors are as good as a few dozen independent ones
+PREDICTION_RMS_RANGE = (
+    0.7,
+    1.3,
+)  # RMS in sigmas of hundreds of readings whose errors are as good as a few dozen independent ones
 NOT_TOLD = (
     "Not identifiable from these 97 s: the scale factor (the angle of a count) apart from the bias along the mean rate. Only "
     "their sum, scale factor times mean rate plus bias, is known; either by itself is as wide as was assumed beforehand."
 )
-SHOWN = 40  # rows of the prediction
+SHOWN_ROWS = 40  # rows of the prediction
 
 
 class SentinelConfig(StudyConfig):
@@ -34,19 +37,26 @@ class SentinelConfig(StudyConfig):
     cases: int = 1
 
 
-def case(config: SentinelConfig, number: int, streams: Streams) -> list[Row]:
+def run_case(config: SentinelConfig, number: int, streams: Streams) -> list[Row]:
     """All that is said of the flight, a row a number; the column `kind` says of what kind."""
-    data = flown()
+    data = import_flight_data()
     rows: list[Row] = [{"kind": "assumed", "what": text} for text in data.assumed]
-    for made in (drift_rows, noise_rows, parameter_rows, left_rows, check_rows, forecast_rows):
+    for made in (
+        build_drift_rows,
+        build_noise_rows,
+        build_parameter_rows,
+        build_residual_rows,
+        build_check_rows,
+        build_forecast_rows,
+    ):
         rows += made(data)
     return rows
 
 
-STUDY = Study("studies.validation.sentinel2a.study:STUDY", SentinelConfig, case)
+STUDY = Study("studies.validation.sentinel2a.study:STUDY", SentinelConfig, run_case)
 
 
-def part(rows: pd.DataFrame, kind: str) -> pd.DataFrame:
+def select_kind(rows: pd.DataFrame, kind: str) -> pd.DataFrame:
     """Rows of a kind with the columns that they have."""
     chosen = rows[rows["kind"] == kind]
     return chosen.drop(columns=["kind", "case", "error"], errors="ignore").dropna(axis=1, how="all").reset_index(drop=True)
@@ -54,23 +64,28 @@ def part(rows: pd.DataFrame, kind: str) -> pd.DataFrame:
 
 def report(config: SentinelConfig, rows: pd.DataFrame) -> Report:
     """Checks and tables."""
-    drift, noise, parameters = part(rows, "drift"), part(rows, "noise"), part(rows, "parameter")
-    check, prediction = part(rows, "check"), part(rows, "prediction")
+    drift, noise, parameters = select_kind(rows, "drift"), select_kind(rows, "noise"), select_kind(rows, "parameter")
+    check, prediction = select_kind(rows, "check"), select_kind(rows, "prediction")
     nearest = check[check["from_s"] == check["from_s"].max()]
     last = list(MODELS)[-1]
     held = drift[(drift["what"] == last) & (drift["over_s"] == 30.0)]["held_out_arcsec"].iloc[0]
     value = parameters.set_index("what")["value"]
     checks = [
-        Check("held-out drift over 30 s", float(held), at_most(HELD_OUT_ARCSEC), "arcsec"),
-        *extremes("errors of a prediction over the last third, RMS", nearest["rms_in_sigma"], CONSISTENT, "sigma"),
+        Check("held-out drift over 30 s", float(held), bound_above(HELD_OUT_ARCSEC), "arcsec"),
+        *check_extremes(
+            "errors of a prediction over the last third, RMS", nearest["rms_in_sigma"], PREDICTION_RMS_RANGE, "sigma"
+        ),
         Check(
-            "errors of earlier predictions, largest RMS", float(check["rms_in_sigma"].max()), at_most(CONSISTENT[1]), "sigma"
+            "errors of earlier predictions, largest RMS",
+            float(check["rms_in_sigma"].max()),
+            bound_above(PREDICTION_RMS_RANGE[1]),
+            "sigma",
         ),
         Check("χ² per degree of freedom", float(value["chi2 per degree of freedom"]), (0.8, 1.2)),
         Check(
             "correlation of scale factor and bias along the rate",
             float(-value["correlation of the errors of scale factor and bias along"]),
-            at_least(0.95),
+            bound_below(0.95),
             "",
             NOT_TOLD,
         ),
@@ -80,20 +95,20 @@ def report(config: SentinelConfig, rows: pd.DataFrame) -> Report:
         "check": Table("Predictions inside the first 65 s against the trackers' own readings", check),
         "parameters": Table("What is found", parameters),
         "not_identifiable": Table(
-            "Not identifiable: combinations of G and b that may be added unseen", part(rows, "not identifiable")
+            "Not identifiable: combinations of G and b that may be added unseen", select_kind(rows, "not identifiable")
         ),
         "noise": Table("Noise", noise),
-        "left": Table("What is left about the fit", part(rows, "left")),
-        "assumed": Table("Assumed by the import", part(rows, "assumed")),
+        "left": Table("What is left about the fit", select_kind(rows, "left")),
+        "assumed": Table("Assumed by the import", select_kind(rows, "assumed")),
         "prediction": Table(
             "Prediction, 65 s to 97 s (some rows)",
             prediction,
             "sigma is that of a tracker's reading about its own axes, attitude_sigma that of the attitude alone.",
-            shown=prediction.iloc[::SHOWN][[name for name in prediction.columns if "attitude" not in str(name)]],
+            shown=prediction.iloc[::SHOWN_ROWS][[name for name in prediction.columns if "attitude" not in str(name)]],
             digits=9,  # of quaternions
         ),
     }
-    return Report(tables, {}, tuple(checks), (ATTRIBUTION,))
+    return Report(tables, {}, tuple(checks), (SENTINEL_ATTRIBUTION,))
 
 
 ENTRY = Entry(STUDY, "97 s of a spacecraft's gyros and star trackers: drift, what cannot be told, and a prediction", report)

@@ -37,7 +37,7 @@ GOOD = {  # outcomes that count as such
 Cause = dict[str, Any]
 
 
-def label(effect: str, axis: str | None) -> str:
+def label_effect(effect: str, axis: str | None) -> str:
     """Join effect and axis, as in a group."""
     return effect if axis is None else f"{effect}:{axis}"
 
@@ -63,7 +63,7 @@ def score_answer(kind: str, truth: Sequence[dict[str, Any]], found: dict[str, An
     Parameters
     ----------
     kind : none, single, pair, unlisted or mixed
-    truth : effects as of `studies.validation.world.cases.Drawn.truth`
+    truth : effects as of `studies.validation.world.cases.DrawnCase.truth`
     found : the answer as JSON
 
     Returns
@@ -71,8 +71,8 @@ def score_answer(kind: str, truth: Sequence[dict[str, Any]], found: dict[str, An
     The part of a case's row that follows from both, see `studies.validation.world.study`.
     """
     causes = merge_axes(found["causes"])
-    listed = [label(one["effect"], one["axis"]) for one in truth if one["listed"]]
-    said = [label(cause["effect"], cause["axis"]) for cause in causes]
+    listed = [label_effect(one["effect"], one["axis"]) for one in truth if one["listed"]]
+    said = [label_effect(cause["effect"], cause["axis"]) for cause in causes]
     named = [{name, *cause["group"]} for name, cause in zip(said, causes, strict=True)]
     wrong = [cause for cause, names in zip(causes, named, strict=True) if not names & set(listed)]
     whole = len(listed) == len(truth) > 0
@@ -88,14 +88,14 @@ def score_answer(kind: str, truth: Sequence[dict[str, Any]], found: dict[str, An
         "probability": float(np.prod([cause["probability"] for cause in causes])) if causes else np.nan,
         "unknown_probability": found["unknown_probability"],
         "p_value": found["gap"]["p_value"],
-        "outcome": _outcome(kind, causes, wrong, exact, in_group, found),
+        "outcome": _determine_outcome(kind, causes, wrong, exact, in_group, found),
         "closed": closure.get("closed", np.nan),
         "closed_low": low,
         "closed_high": high,
     }
 
 
-def _outcome(
+def _determine_outcome(
     kind: str, causes: Sequence[Cause], wrong: Sequence[Cause], exact: bool, in_group: bool, found: dict[str, Any]
 ) -> str:
     """Say what becomes of a case, see the module."""
@@ -115,7 +115,7 @@ def _outcome(
     return "part" if not wrong and kind in ("pair", "mixed") else "other"
 
 
-def size_errors(causes: Sequence[Cause], truth: Sequence[dict[str, Any]]) -> list[float]:
+def compute_size_errors(causes: Sequence[Cause], truth: Sequence[dict[str, Any]]) -> list[float]:
     """Compute (size − true size)/sigma of each cause that is there, on its axis and toward the same other one."""
     out = []
     for cause in causes:
@@ -127,7 +127,7 @@ def size_errors(causes: Sequence[Cause], truth: Sequence[dict[str, Any]]) -> lis
     return out
 
 
-def calibration_errors(found: dict[str, Any], G: Sequence[Sequence[float]], bias_deg_s: Sequence[float]) -> list[float]:
+def compute_calibration_errors(found: dict[str, Any], G: Sequence[Sequence[float]], bias_deg_s: Sequence[float]) -> list[float]:
     """Compute (parameter − true parameter)/sigma of G row by row and b, (12,), with the named causes in the model."""
     stated = found["calibration"]
     value = np.concatenate([np.ravel(stated["G"]), np.ravel(stated["bias_deg_s"])])

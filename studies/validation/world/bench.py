@@ -4,7 +4,7 @@
     gyrocal bench run build/bench/after         # after a change
     gyrocal bench compare build/bench/before build/bench/after
 
-The set changes only when the families of an exam join it: `PARTS` are numbers of cases of each source at a fixed entropy. A
+The set changes only when the families of an exam join it: `BENCH_PARTS` are numbers of cases of each source at a fixed entropy. A
 hundred of them are of the source ``fresh``, written without sight of the diagnosis; of these every table shows counts only.
 
 McNemar's exact test compares two runs: of the recordings that only one of them answers well, both would have half.
@@ -24,22 +24,27 @@ from studies.report.checks import Check
 from studies.report.entry import Entry, Report
 from studies.report.tables import Table
 from studies.validation.world import score
-from studies.validation.world.cases import ORDER
-from studies.validation.world.report import answers_figure, counts
-from studies.validation.world.study import INSTRUMENTS, WorldConfig, case, recording
+from studies.validation.world.cases import KIND_ORDER
+from studies.validation.world.report import count_outcomes, draw_answers_figure
+from studies.validation.world.study import INSTRUMENTS, WorldConfig, make_case_recording, run_case
 
 FRESH = "fresh"
-PARTS = (("known", 2051, 75), (FRESH, 2052, 100), ("exam/001", 2054, 25), (INSTRUMENTS, 2053, 42))  # source, entropy, cases
+BENCH_PARTS = (
+    ("known", 2051, 75),
+    (FRESH, 2052, 100),
+    ("exam/001", 2054, 25),
+    (INSTRUMENTS, 2053, 42),
+)  # source, entropy, cases
 SUMMARY = "is the diagnosis as right as before a change, case by case"
 
 
 class BenchConfig(WorldConfig):
     """The fixed set."""
 
-    cases: int = sum(count for _, _, count in PARTS)
+    cases: int = sum(count for _, _, count in BENCH_PARTS)
 
     @model_validator(mode="after")
-    def _fixed(self) -> BenchConfig:
+    def _refuse_changes(self) -> BenchConfig:
         default = type(self).model_fields
         fixed = all(getattr(self, name) == default[name].default for name in ("source", "entropy"))
         if not fixed or self.overrides or self.dispersions:
@@ -48,32 +53,35 @@ class BenchConfig(WorldConfig):
 
     def part(self, number: int) -> tuple[str, int, int]:
         """Source, entropy and number of a case within them."""
-        for source, entropy, count in PARTS:
+        for source, entropy, count in BENCH_PARTS:
             if number < count:
                 return source, entropy, number
             number -= count
         raise InputError(f"the bench has {type(self).model_fields['cases'].default} cases")
 
 
-STUDY = Study("studies.validation.world.bench:STUDY", BenchConfig, case, recording)
+STUDY = Study("studies.validation.world.bench:STUDY", BenchConfig, run_case, make_case_recording)
 
 
 def report(config: BenchConfig, rows: pd.DataFrame) -> Report:
     """Count outcomes and rates of the whole set and of its parts; cases are shown of the known sources only."""
-    good = score.is_good(rows)
+    good = score.is_answered_well(rows)
     known = rows[(rows["source"] != FRESH) & ~good]
     shown = ["case", "source", "kind", "plan", "grade", "effects", "snr", "outcome", "said", "probability"]
     tables = {
-        "counts": Table("Outcomes by kind", counts(rows)),
+        "counts": Table("Outcomes by kind", count_outcomes(rows)),
         "parts": Table(
-            "Answered well, by source and kind, with 95 % binomial intervals", score.by_group(rows, "source", sort=False)
+            "Answered well, by source and kind, with 95 % binomial intervals",
+            score.count_good_by_group(rows, "source", sort=False),
         ),
-        "rates": Table("Rates, with 95 % binomial intervals", score.rates(rows)),
-        "mixed_rates": Table("Mixed recordings: what is stated beside a remainder", score.mixed_rates(rows)),
-        "fresh_rates": Table("The same of the fresh recordings alone", score.rates(rows[rows["source"] == FRESH])),
-        "reliability": Table("Probability stated of causes", score.reliability(score.statements(rows))),
-        "sizes": Table("Sizes within their sigmas", score.size_table(rows)),
-        "cost": Table("Processor time and memory of a diagnosis", cost(rows)),
+        "rates": Table("Rates, with 95 % binomial intervals", score.compute_outcome_rates(rows)),
+        "mixed_rates": Table("Mixed recordings: what is stated beside a remainder", score.compute_mixed_rates(rows)),
+        "fresh_rates": Table(
+            "The same of the fresh recordings alone", score.compute_outcome_rates(rows[rows["source"] == FRESH])
+        ),
+        "reliability": Table("Probability stated of causes", score.compute_reliability(score.collect_cause_statements(rows))),
+        "sizes": Table("Sizes within their sigmas", score.build_size_coverage(rows)),
+        "cost": Table("Processor time and memory of a diagnosis", summarise_cost(rows)),
         "misses": Table("Answered otherwise, known sources only", known[shown]),
     }
     checks = (
@@ -81,10 +89,10 @@ def report(config: BenchConfig, rows: pd.DataFrame) -> Report:
         Check("processor time of all diagnoses", float(rows["diagnose_s"].sum()), None, "s"),
         Check("largest peak memory of a diagnosis", float(rows["peak_mb"].max()), None, "MB"),
     )
-    return Report(tables, {"answers": answers_figure(rows)}, checks)
+    return Report(tables, {"answers": draw_answers_figure(rows)}, checks)
 
 
-def cost(rows: pd.DataFrame) -> pd.DataFrame:
+def summarise_cost(rows: pd.DataFrame) -> pd.DataFrame:
     """Summarise processor seconds and peak memory by kind."""
     groups = rows.groupby("kind", sort=False)
     out = groups.agg(
@@ -95,7 +103,7 @@ def cost(rows: pd.DataFrame) -> pd.DataFrame:
         median_mb=("peak_mb", "median"),
         largest_mb=("peak_mb", "max"),
     )
-    return out.reindex([kind for kind in ORDER if kind in out.index]).reset_index()
+    return out.reindex([kind for kind in KIND_ORDER if kind in out.index]).reset_index()
 
 
 def compare(before: pd.DataFrame, after: pd.DataFrame) -> Report:
@@ -115,10 +123,10 @@ def compare(before: pd.DataFrame, after: pd.DataFrame) -> Report:
     if not len(both) or len(both) != max(len(before), len(after)):
         raise InputError(f"the two runs share {len(both)} of {len(before)} and {len(after)} recordings; run both to their end")
     for part in ("before", "after"):
-        both[f"good_{part}"] = score.is_good(both.rename(columns={f"outcome_{part}": "outcome"}))
-    kinds = [*[(kind, both[both["kind"] == kind]) for kind in ORDER], ("all", both)]
-    kinds += [(f"{source}, all", both[both["source"] == source]) for source, *_ in PARTS]
-    table = pd.DataFrame([_paired(name, own) for name, own in kinds if len(own)])
+        both[f"good_{part}"] = score.is_answered_well(both.rename(columns={f"outcome_{part}": "outcome"}))
+    kinds = [*[(kind, both[both["kind"] == kind]) for kind in KIND_ORDER], ("all", both)]
+    kinds += [(f"{source}, all", both[both["source"] == source]) for source, *_ in BENCH_PARTS]
+    table = pd.DataFrame([_compare_pairs(name, own) for name, own in kinds if len(own)])
     moved = both[(both["outcome_before"] != both["outcome_after"]) & (both["source"] != FRESH)]
     shown = ["case", "source", "kind", "effects", "outcome_before", "outcome_after", "said_before", "said_after"]
     total = table[table["kind"] == "all"].iloc[0]
@@ -142,7 +150,7 @@ PAIRED = (
 )
 
 
-def _paired(name: str, both: pd.DataFrame) -> dict[str, object]:
+def _compare_pairs(name: str, both: pd.DataFrame) -> dict[str, object]:
     """Count gained and lost recordings with McNemar's exact p, and compare the cost."""
     gained = int((~both["good_before"] & both["good_after"]).sum())
     lost = int((both["good_before"] & ~both["good_after"]).sum())
@@ -168,7 +176,7 @@ def _paired(name: str, both: pd.DataFrame) -> dict[str, object]:
     }
 
 
-def load_run(folder: Path) -> pd.DataFrame:
+def load_bench_run(folder: Path) -> pd.DataFrame:
     """Load the rows of a run.
 
     Raises

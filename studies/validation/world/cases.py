@@ -23,26 +23,26 @@ from gyrocal.recording import Recording
 from simulator.effects import EFFECTS, Setting
 from simulator.effects.base import Array
 from studies.validation.world.evidence import Evidence
-from studies.validation.world.novelty import novelty
-from studies.validation.world.placing import placed
-from studies.validation.world.plans import drawn_plan
+from studies.validation.world.novelty import compute_novelty
+from studies.validation.world.plans import draw_generic_plan
+from studies.validation.world.size_search import search_settings
 from studies.validation.world.world import Spec, World
 
 Kind = Literal["none", "single", "pair", "unlisted", "mixed"]
-ORDER: tuple[Kind, ...] = ("none", "single", "pair", "unlisted", "mixed")
+KIND_ORDER: tuple[Kind, ...] = ("none", "single", "pair", "unlisted", "mixed")
 MIX = (5, 8, 4, 4, 4)
 MOST_LISTED = 4  # effects of the library in a mixed recording
 
-PLANS = 60  # tried for a case
+MOST_PLAN_DRAWS = 60  # tried for a case
 PAIRS = 5  # plans with a grade, tried for a case
 DESCRIBED = 0.3  # norm of the error of a plan's own samples, up to which the baseline describes it
 DETERMINED = 0.03  # sigma of an element of G, up to which a plan determines it
-ALIKE = 0.8  # cosine of two responses above which a pair is one effect to any diagnosis
+INDISTINGUISHABLE_COSINE = 0.8  # cosine of two responses above which a pair is one effect to any diagnosis
 NOVEL = 3.0  # sigma that no listed effect explains
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawnCase:
     """A case.
 
     Attributes
@@ -86,10 +86,10 @@ class Drawn:
 Found = tuple[Setting, float, Array]  # an effect, its evidence, and its response
 
 
-def kind_of(spec: Spec, case: int) -> Kind:
+def draw_case_kind(spec: Spec, case: int) -> Kind:
     """Draw the kind of a case."""
     block, place = divmod(case, sum(MIX))
-    return ORDER[int(spec.rng(block, "kinds").permutation(np.repeat(np.arange(len(MIX)), MIX))[place])]
+    return KIND_ORDER[int(spec.rng(block, "kinds").permutation(np.repeat(np.arange(len(MIX)), MIX))[place])]
 
 
 def draw_world(spec: Spec, case: int, plan: str | None = None) -> World:
@@ -115,8 +115,8 @@ def _draw_world(spec: Spec, case: int, name: str, drawn_grade: str) -> World | N
     """Draw a plan of one name and grade; None where no draw of it can be used."""
     kind = spec.source.plans[name]
     grade, grade_name = (kind.grade, name) if kind.grade else (spec.source.grades[drawn_grade], drawn_grade)
-    draw_plan = kind.draw or partial(drawn_plan, kind=kind)
-    for number in range(PLANS):
+    draw_plan = kind.draw or partial(draw_generic_plan, kind=kind)
+    for number in range(MOST_PLAN_DRAWS):
         try:
             made = draw_plan(spec.rng(case, f"plan:{number}"), grade=grade, title=f"{spec.name} {case}")
         except InputError:  # an interval without two references
@@ -127,7 +127,7 @@ def _draw_world(spec: Spec, case: int, name: str, drawn_grade: str) -> World | N
     return None
 
 
-def draw(spec: Spec, case: int, kind: Kind | None = None, plan: str | None = None) -> Drawn:
+def draw_world_case(spec: Spec, case: int, kind: Kind | None = None, plan: str | None = None) -> DrawnCase:
     """Draw a case.
 
     Parameters
@@ -140,38 +140,38 @@ def draw(spec: Spec, case: int, kind: Kind | None = None, plan: str | None = Non
     InputError
         No plan, or no effect for it, was found.
     """
-    kind, world = kind or kind_of(spec, case), draw_world(spec, case, plan)
+    kind, world = kind or draw_case_kind(spec, case), draw_world(spec, case, plan)
     if kind == "none":
-        return Drawn(kind, world, (), (), (), np.nan)
+        return DrawnCase(kind, world, (), (), (), np.nan)
     if kind == "unlisted":
         found, novel = _draw_unlisted(world, [])
-        return _drawn(kind, world, [found], novel)
+        return _build_drawn_case(kind, world, [found], novel)
     count = {"single": 1, "pair": 2}.get(kind) or int(world.rng("count").integers(1, MOST_LISTED, endpoint=True))
     listed = _draw_listed(world, count)
     if kind != "mixed":
         if len(listed) < count:
             raise InputError(f"case {case}: too few listed effects that can show in its plan")
-        return _drawn(kind, world, listed, np.nan)
+        return _build_drawn_case(kind, world, listed, np.nan)
     if not listed:
         raise InputError(f"case {case}: no listed effect that can show in its plan")
     found, novel = _draw_unlisted(world, listed)
-    return _drawn(kind, world, [*listed, found], novel)
+    return _build_drawn_case(kind, world, [*listed, found], novel)
 
 
-def _drawn(kind: Kind, world: World, found: list[Found], novel: float) -> Drawn:
+def _build_drawn_case(kind: Kind, world: World, found: list[Found], novel: float) -> DrawnCase:
     snrs = tuple(snr for _, snr, _ in found)
-    cosine = _cosine(found[0][2], found[1][2]) if kind == "pair" else 0.0
+    cosine = _compute_cosine(found[0][2], found[1][2]) if kind == "pair" else 0.0
     separate = tuple(float(snr * np.sqrt(1 - cosine**2)) for snr in snrs)
-    return Drawn(kind, world, tuple(one for one, *_ in found), snrs, separate, novel)
+    return DrawnCase(kind, world, tuple(one for one, *_ in found), snrs, separate, novel)
 
 
 def _draw_listed(world: World, count: int) -> list[Found]:
     """Draw so many listed effects, or fewer, whose responses differ."""
     found: list[Found] = []
-    for name in by_lot(world, [name for name, effect in EFFECTS.items() if effect.drawn]):
+    for name in sort_by_lot(world, [name for name, effect in EFFECTS.items() if effect.drawn]):
         kin = {EFFECTS[one.effect].kin for one, *_ in found} - {""}
-        first = next(placed(world, EFFECTS[name]), None) if EFFECTS[name].kin not in kin else None
-        if first is not None and _differs(world, first[0], found):
+        first = next(search_settings(world, EFFECTS[name]), None) if EFFECTS[name].kin not in kin else None
+        if first is not None and _is_distinct(world, first[0], found):
             found.append((*first, world.evidence.seen(world.difference([first[0]]))))
         if len(found) == count:
             break
@@ -180,32 +180,32 @@ def _draw_listed(world: World, count: int) -> list[Found]:
 
 def _draw_unlisted(world: World, listed: list[Found]) -> tuple[Found, float]:
     """Draw an effect outside the library, with its novelty."""
-    for one, snr in _placed_families(world):
-        novel = novelty(world, one)
-        if novel > NOVEL and _differs(world, one, listed):
+    for one, snr in _place_families(world):
+        novel = compute_novelty(world, one)
+        if novel > NOVEL and _is_distinct(world, one, listed):
             return (one, snr, np.zeros(0)), novel
     raise InputError(f"case {world.case}: no effect outside the library that differs from the listed ones")
 
 
-def _placed_families(world: World) -> Iterator[tuple[Setting, float]]:
+def _place_families(world: World) -> Iterator[tuple[Setting, float]]:
     families = world.spec.source.families
-    for name in by_lot(world, families):
-        yield from placed(world, families[name])
+    for name in sort_by_lot(world, families):
+        yield from search_settings(world, families[name])
 
 
-def _differs(world: World, one: Setting, others: list[Found]) -> bool:
+def _is_distinct(world: World, one: Setting, others: list[Found]) -> bool:
     if not others:
         return True
     shown = world.evidence.seen(world.difference([one]))
-    return all(abs(_cosine(shown, other)) < ALIKE for *_, other in others)
+    return all(abs(_compute_cosine(shown, other)) < INDISTINGUISHABLE_COSINE for *_, other in others)
 
 
-def by_lot(world: World, names: Iterable[str]) -> list[str]:
+def sort_by_lot(world: World, names: Iterable[str]) -> list[str]:
     """Sort names in an order drawn for the case; a further name changes nothing of that of the others."""
     return sorted(names, key=lambda name: float(world.rng(f"lot:{name}").random()))
 
 
-def _cosine(a: Array, b: Array) -> float:
+def _compute_cosine(a: Array, b: Array) -> float:
     """Compute the cosine of two changes; zero where one is nothing."""
     size = float(np.linalg.norm(a) * np.linalg.norm(b))
     return float(a @ b / size) if size > 0 else 0.0

@@ -27,17 +27,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.compiled import compiled
-from gyrocal.small_matrices import root, under
+from gyrocal.jit_cache import compile_cached
+from gyrocal.small_matrices import compute_lower_root, solve_lower
 from simulator.effects.base import Array
 from simulator.truth.integration import accumulate
-from simulator.truth.rotation import matrix, perturbed, separation
+from simulator.truth.rotation import apply_rotation_errors, convert_to_matrix, separation
 from studies.validation.world.plans import Plan
 
 Indices = NDArray[np.intp]
 
 HIGH = 0.25  # of the sampling rate, from where on samples are free of motion
-RANK = 1e-10  # of the largest singular value
+EVIDENCE_RANK_TOLERANCE = 1e-10  # of the largest singular value
 BANDS = 24  # in which the level of noise is compared
 SERIES = 1e-4  # of λ, below which λ − ln(1 + λ) = λ²/2 − λ³/3
 
@@ -56,18 +56,20 @@ class Evidence:
     def __init__(self, plan: Plan):
         motion, plain = plan.motion, plan.plain
         self.plan, self.sample_s = plan, plain.gyro.sample_s
-        self.first, self.share, self.interval = _places(motion.t_s, motion.intervals, motion.reference_t_s, self.sample_s)
+        self.first, self.share, self.interval = _locate_references(
+            motion.t_s, motion.intervals, motion.reference_t_s, self.sample_s
+        )
         mean = motion.rates * self.sample_s
         self.to_inertial = np.empty((len(mean), 3, 3))
         error = np.zeros((len(motion.reference_t_s), 3))
         for number, part in enumerate(motion.intervals):
             rows = np.flatnonzero(self.interval == number)
             path = accumulate(motion.quaternions[rows[0]], mean[part])
-            self.to_inertial[part] = np.swapaxes(matrix(perturbed(path[:-1], -0.5 * mean[part])), 1, 2)
+            self.to_inertial[part] = np.swapaxes(convert_to_matrix(apply_rotation_errors(path[:-1], -0.5 * mean[part])), 1, 2)
             inside = self.first[rows]
-            at = perturbed(path[inside - part.start], -self.share[rows, None] * mean[inside])
+            at = apply_rotation_errors(path[inside - part.start], -self.share[rows, None] * mean[inside])
             error[rows] = separation(at, motion.quaternions[rows])
-        self.at_references = np.swapaxes(matrix(motion.quaternions), 1, 2)
+        self.at_references = np.swapaxes(convert_to_matrix(motion.quaternions), 1, 2)
         own = plan.noise_axes
         self.of_noise = self.at_references if own is None else self.at_references @ np.swapaxes(own, 1, 2)
         self.model_error = float(np.linalg.norm(self.whitened(Change(np.zeros_like(mean), error))))
@@ -80,7 +82,7 @@ class Evidence:
             turn = self.to_inertial[:, :, body]
             columns += [turn * raw[:, [gyro]] for gyro in range(3)]
         columns += [self.to_inertial[:, :, body] for body in range(3)]
-        return np.stack([self._kalman(self._integrated(one)) for one in columns], axis=1)
+        return np.stack([self._whiten_residuals(self._integrate_rates(one)) for one in columns], axis=1)
 
     @cached_property
     def sigmas(self) -> Array:
@@ -89,7 +91,7 @@ class Evidence:
         if not scale.all():
             return np.full(12, np.inf)
         _, s, vt = np.linalg.svd(self.parameters / scale, full_matrices=False)
-        if s[-1] < RANK * s[0]:
+        if s[-1] < EVIDENCE_RANK_TOLERANCE * s[0]:
             return np.full(12, np.inf)
         return np.asarray(np.linalg.norm(vt.T / s, axis=1) / scale)
 
@@ -98,23 +100,25 @@ class Evidence:
         """(N, r) orthonormal basis of what the calibration takes up."""
         scale = np.linalg.norm(self.parameters, axis=0)
         u, s, _ = np.linalg.svd(self.parameters / np.where(scale > 0, scale, 1.0), full_matrices=False)
-        return u[:, s > RANK * s[0]]
+        return u[:, s > EVIDENCE_RANK_TOLERANCE * s[0]]
 
-    def _integrated(self, inertial: Array) -> Array:
+    def _integrate_rates(self, inertial: Array) -> Array:
         """∫ of rates (n, 3) up to each reference since its interval's start, (m, 3)."""
         total = np.vstack([np.zeros((1, 3)), np.cumsum(inertial * self.sample_s, axis=0)])
         begin = np.array([part.start for part in self.plan.motion.intervals])[self.interval]
         return np.asarray(total[self.first] - total[begin] + self.share[:, None] * (total[self.first + 1] - total[self.first]))
 
-    def _kalman(self, y: Array) -> Array:
+    def _whiten_residuals(self, y: Array) -> Array:
         """(m, 3) → (N,) white, of unit variance."""
         plain = self.plan.plain
-        return _whitened(y, plain.attitudes.t_s, self.interval, self.of_noise, plain.attitudes.sigma, plain.gyro.arw)
+        return _whiten_random_walk(y, plain.attitudes.t_s, self.interval, self.of_noise, plain.attitudes.sigma, plain.gyro.arw)
 
     def whitened(self, change: Change) -> Array:
         """(N,) change of the whitened residuals, before anything is taken up."""
         turned = np.einsum("nij,nj->ni", self.to_inertial, change.raw @ self.plan.G.T)
-        return self._kalman(self._integrated(turned) + np.einsum("nij,nj->ni", self.at_references, change.reference))
+        return self._whiten_residuals(
+            self._integrate_rates(turned) + np.einsum("nij,nj->ni", self.at_references, change.reference)
+        )
 
     def attitude(self, change: Change) -> Array:
         """(N,) change of the whitened residuals that the calibration does not take up."""
@@ -141,7 +145,7 @@ class Evidence:
         return np.concatenate([self.attitude(change), self.samples(change)])
 
 
-def of_process(draws: Sequence[Array]) -> float:
+def compute_process_evidence(draws: Sequence[Array]) -> float:
     """√(2D) of a random change from several draws of what is seen, each (N,)."""
     rows = np.array(draws)
     gram = rows @ rows.T
@@ -155,7 +159,9 @@ def of_process(draws: Sequence[Array]) -> float:
     return float(np.sqrt(trace / size * loss))
 
 
-def _places(t_s: Array, intervals: Sequence[slice], reference_t_s: Array, sample_s: float) -> tuple[Indices, Array, Indices]:
+def _locate_references(
+    t_s: Array, intervals: Sequence[slice], reference_t_s: Array, sample_s: float
+) -> tuple[Indices, Array, Indices]:
     """Sample in which each reference lies, its share of it, and its interval, (m,) each."""
     starts = np.array([t_s[part.start] for part in intervals])
     interval = np.searchsorted(starts - 1e-6, reference_t_s, side="right") - 1
@@ -165,8 +171,8 @@ def _places(t_s: Array, intervals: Sequence[slice], reference_t_s: Array, sample
     return begin + inside, u - inside, interval
 
 
-@compiled
-def _whitened(
+@compile_cached
+def _whiten_random_walk(
     y: Array, t: Array, interval: Indices, R: Array, sigma: Array, arw: float
 ) -> Array:  # pragma: no cover - compiled
     """Innovations of a random walk observed with white noise, over their root covariance; each interval's first starts it."""
@@ -185,8 +191,8 @@ def _whitened(
         P = P + arw * arw * (t[k] - t[k - 1]) * np.eye(3)
         S = P + noise
         innovation = y[k] - x
-        L = root(S)
-        white, half = under(L, innovation.reshape(3, 1))[:, 0], under(L, P)  # (L⁻¹P)ᵀ L⁻¹ is the gain
+        L = compute_lower_root(S)
+        white, half = solve_lower(L, innovation.reshape(3, 1))[:, 0], solve_lower(L, P)  # (L⁻¹P)ᵀ L⁻¹ is the gain
         out[used] = white
         used += 1
         for i in range(3):
@@ -197,7 +203,7 @@ def _whitened(
     return out[:used].copy().ravel()
 
 
-def of_noise(before: Array, after: Array) -> float:
+def compute_noise_evidence(before: Array, after: Array) -> float:
     """√(2D) of noise whose level differs by bands: D = ½ Σ (ρ − 1 − ln ρ) over the N numbers, ρ the ratio of a band's power.
 
     Parameters

@@ -27,16 +27,23 @@ from simulator.effects.base import Array, Surroundings, Value
 from simulator.effects.common import log_uniform
 from simulator.effects.sensor import parse
 from simulator.scenario import Scenario
-from simulator.sensors.record import sensed
-from simulator.simulate import disturbed, motion, observe, surroundings, true_gyros, with_gyro_temperature
+from simulator.sensors.raw_tables import simulate_sensor_tables
+from simulator.simulate import (
+    add_effects_and_noise,
+    add_gyro_temperature,
+    build_surroundings,
+    compute_true_gyros,
+    motion,
+    observe,
+)
 from simulator.streams import generator
 from simulator.truth.motion import Motion
 from simulator.truth.rotation import separation
 from studies.validation.world.evidence import Change, Evidence
 from studies.validation.world.plans import Plan
 
-SNR = (8.0, 60.0)
-TRIES = 200  # draws of an effect
+INSTRUMENT_SNR = (8.0, 60.0)
+MOST_EFFECT_DRAWS = 200  # draws of an effect
 FAULTS = ("bias_step", "gyro_scale_step", "noise_excess", "gyro_dead")
 OF_GYROS = {name: effect for name, effect in {**EFFECTS, **ARRAY_EFFECTS}.items() if name in FAULTS}
 OF_SENSORS = (  # the last two: what an orthogonal alignment found in R (3), and R's penetration biases
@@ -48,11 +55,11 @@ OF_SENSORS = (  # the last two: what an orthogonal alignment found in R (3), and
     "dss_misalignment=0.22,m_x_deg=-0.156,m_y_deg=-0.114,m_z_deg=0.114",
     "esa_bias=0.197,bias_1_deg=-0.157,bias_2_deg=0.046,bias_3_deg=-0.094,bias_4_deg=-0.054",
 )
-SPREAD = (0.7, 2.0)  # of sizes of the sensors' effects, as a factor
+SIZE_SPREAD = (0.7, 2.0)  # of sizes of the sensors' effects, as a factor
 
 
 @dataclass(frozen=True)
-class Instruments:
+class InstrumentChoice:
     """A plan: a scenario, what is changed in it, and the effects that one of its instruments may have."""
 
     scenario: str
@@ -60,18 +67,20 @@ class Instruments:
     effects: Mapping[str, Effect] = field(default_factory=dict)
 
 
-PLANS = {
-    "six_gyros": Instruments("trmm_six", {"reference.every_s": 1200.0}, OF_GYROS),
-    "six_gyros_alone": Instruments("trmm_six", {"reference.at": "none"}, OF_GYROS),
-    "four_gyros": Instruments("trmm_tetrahedron", {"reference.every_s": 1200.0}, OF_GYROS),
-    "two_trackers": Instruments("agile_trackers", {"gyro.sample_s": 1.0}, TRACKER_EFFECTS),
-    "two_dense_trackers": Instruments("agile_trackers", {"gyro.sample_s": 1.0, "reference.every_s": 10.0}, TRACKER_EFFECTS),
-    "raw_sensors": Instruments("trmm_months", {}),
+INSTRUMENT_PLANS = {
+    "six_gyros": InstrumentChoice("trmm_six", {"reference.every_s": 1200.0}, OF_GYROS),
+    "six_gyros_alone": InstrumentChoice("trmm_six", {"reference.at": "none"}, OF_GYROS),
+    "four_gyros": InstrumentChoice("trmm_tetrahedron", {"reference.every_s": 1200.0}, OF_GYROS),
+    "two_trackers": InstrumentChoice("agile_trackers", {"gyro.sample_s": 1.0}, TRACKER_EFFECTS),
+    "two_dense_trackers": InstrumentChoice(
+        "agile_trackers", {"gyro.sample_s": 1.0, "reference.every_s": 10.0}, TRACKER_EFFECTS
+    ),
+    "raw_sensors": InstrumentChoice("trmm_months", {}),
 }
 
 
 @dataclass(frozen=True)
-class Bench:
+class InstrumentPlan:
     """A plan without noise, and what makes evidence of its changes.
 
     Attributes
@@ -92,7 +101,7 @@ class Bench:
     def recording(self, settings: list[Setting], seed: int, case: int, noise: bool = True) -> Recording:
         """Make the plan's recording with effects."""
         rngs = [generator(seed, case, f"{name}_noise") if noise else None for name in ("gyro", "reference")]
-        return disturbed(self.plain, self.motion, settings, rngs[0], rngs[1], seed, case, around=self.around)
+        return add_effects_and_noise(self.plain, self.motion, settings, rngs[0], rngs[1], seed, case, around=self.around)
 
     def strength(self, one: Setting, seed: int, case: int) -> float:
         """Compute √Δχ² of an effect: the norm of its whitened change that no calibration takes up."""
@@ -115,27 +124,27 @@ class Bench:
         return np.asarray(change - basis @ (basis.T @ change)).ravel()
 
 
-@lru_cache(maxsize=len(PLANS))
-def build(name: str) -> Bench:
+@lru_cache(maxsize=len(INSTRUMENT_PLANS))
+def build_instrument_plan(name: str) -> InstrumentPlan:
     """Build a plan by its name."""
-    chosen = PLANS[name]
+    chosen = INSTRUMENT_PLANS[name]
     scenario = scenarios.override(scenarios.load(chosen.scenario), dict(chosen.overrides))
     truth = motion(scenario)
-    plain = with_gyro_temperature(observe(scenario, truth, gyro_rng=None, reference_rng=None))
-    around, K, evidence = surroundings(plain, truth), None, None
+    plain = add_gyro_temperature(observe(scenario, truth, gyro_rng=None, reference_rng=None))
+    around, K, evidence = build_surroundings(plain, truth), None, None
     if plain.is_array:
-        K, _ = true_gyros(scenario)
+        K, _ = compute_true_gyros(scenario)
     if plain.attitudes.t_s.size and scenario.sensors is None:
-        evidence = Evidence(_plan_of_body(scenario, truth, plain))
-    return Bench(scenario, truth, plain, around, evidence, K)
+        evidence = Evidence(_build_body_plan(scenario, truth, plain))
+    return InstrumentPlan(scenario, truth, plain, around, evidence, K)
 
 
-def _plan_of_body(scenario: Scenario, truth: Motion, plain: Recording) -> Plan:
+def _build_body_plan(scenario: Scenario, truth: Motion, plain: Recording) -> Plan:
     """Make the plan of the body rates, with each tracker's own references and the frame of its noise."""
     at = replace(truth, reference_t_s=plain.attitudes.t_s, quaternions=plain.attitudes.quaternions)
-    trackers = surroundings(plain, truth).references.trackers
+    trackers = build_surroundings(plain, truth).references.trackers
     if plain.is_array:
-        return Plan(at, triad(plain, *true_gyros(scenario)), np.eye(3), np.zeros(3))
+        return Plan(at, triad(plain, *compute_true_gyros(scenario)), np.eye(3), np.zeros(3))
     G, b = np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s)
     return Plan(at, plain, G, b, None if trackers is None else trackers.to_axes)
 
@@ -158,44 +167,44 @@ def draw_instrument(entropy: int, case: int) -> DrawnInstrument:
     InputError
         No draw reaches the evidence with a plausible size.
     """
-    turn, place = divmod(case, len(PLANS))
-    name = list(PLANS)[place]
-    bench, rng = build(name), generator(entropy, case, "world:instruments")
+    turn, place = divmod(case, len(INSTRUMENT_PLANS))
+    name = list(INSTRUMENT_PLANS)[place]
+    bench, rng = build_instrument_plan(name), generator(entropy, case, "world:instruments")
     quiet = turn % 4 == 3
     if bench.scenario.sensors is not None:
-        one = None if quiet else _of_sensors(turn, rng)
+        one = None if quiet else _draw_sensor_setting(turn, rng)
         plain = bench.recording([], entropy, case)
-        tables = sensed(bench.scenario, bench.motion, [one] if one else [], entropy, case)
+        tables = simulate_sensor_tables(bench.scenario, bench.motion, [one] if one else [], entropy, case)
         return DrawnInstrument(name, one, np.nan, replace(plain, sensors=tables))
-    drawn = None if quiet else _of_one(bench, PLANS[name].effects, turn, rng, entropy, case)
+    drawn = None if quiet else _draw_instrument_setting(bench, INSTRUMENT_PLANS[name].effects, turn, rng, entropy, case)
     settings = [drawn[0]] if drawn else []
     made = bench.recording(settings, entropy, case)
     return DrawnInstrument(name, drawn[0] if drawn else None, drawn[1] if drawn else np.nan, made)
 
 
-def _of_sensors(turn: int, rng: np.random.Generator) -> Setting:
+def _draw_sensor_setting(turn: int, rng: np.random.Generator) -> Setting:
     one = parse(OF_SENSORS[(turn - turn // 4) % len(OF_SENSORS)])
-    factor = log_uniform(rng, *SPREAD)
+    factor = log_uniform(rng, *SIZE_SPREAD)
     scaled = {key: value * factor if key.endswith("_deg") else value for key, value in one.parameters.items()}  # type: ignore[operator]
     return replace(one, size=one.size * factor, parameters=scaled)
 
 
-def _of_one(
-    bench: Bench, effects: Mapping[str, Effect], turn: int, rng: np.random.Generator, entropy: int, case: int
+def _draw_instrument_setting(
+    bench: InstrumentPlan, effects: Mapping[str, Effect], turn: int, rng: np.random.Generator, entropy: int, case: int
 ) -> tuple[Setting, float]:
     """Draw an effect of one gyro or tracker with a size at which it shows as strongly as is wanted."""
     effect = list(effects.values())[(turn - turn // 4) % len(effects)]
     names = bench.plain.gyro.names if bench.plain.is_array else tuple(one.name for one in bench.plain.attitudes.sensors)
     if effect.name == "tracker_misalignment":
         names = names[1:]  # the first one defines the body's axes
-    for _ in range(TRIES):
-        name, target = str(rng.choice(names)), log_uniform(rng, *SNR)
+    for _ in range(MOST_EFFECT_DRAWS):
+        name, target = str(rng.choice(names)), log_uniform(rng, *INSTRUMENT_SNR)
         if effect.implements("noise_factor"):
-            return setting(effect.name, name, _noise_factor(bench, name, target)), target
-        one = effect.completed(setting(effect.name, name, *_numbers(effect, bench, name, rng)))
+            return setting(effect.name, name, _solve_noise_factor(bench, name, target)), target
+        one = effect.completed(setting(effect.name, name, *_draw_small_setting(effect, bench, name, rng)))
         snr = bench.strength(one, entropy, case)
         if effect.name == "gyro_dead":
-            if snr >= SNR[0]:
+            if snr >= INSTRUMENT_SNR[0]:
                 return one, snr
             continue
         factor = target / snr if snr > 0 else np.inf
@@ -203,10 +212,14 @@ def _of_one(
             size, held = effect.from_amplitudes(factor * effect.amplitudes(one))
             made = replace(one, size=size, parameters={**one.parameters, **held})
             return made, bench.strength(made, entropy, case)
-    raise InputError(f"case {case}: {effect.name} reaches no evidence of {SNR[0]:g} to {SNR[1]:g} with a plausible size")
+    raise InputError(
+        f"case {case}: {effect.name} reaches no evidence of {INSTRUMENT_SNR[0]:g} to {INSTRUMENT_SNR[1]:g} with a plausible size"
+    )
 
 
-def _numbers(effect: Effect, bench: Bench, name: str, rng: np.random.Generator) -> tuple[float, dict[str, Value]]:
+def _draw_small_setting(
+    effect: Effect, bench: InstrumentPlan, name: str, rng: np.random.Generator
+) -> tuple[float, dict[str, Value]]:
     """Draw a small size, and the other numbers; a dead gyro holds zero or what it read last."""
     _, parameters = effect.draw(rng, bench.around)
     for one in effect.parameters:
@@ -222,7 +235,7 @@ def _numbers(effect: Effect, bench: Bench, name: str, rng: np.random.Generator) 
     return (float(np.rad2deg(last)) if rng.random() < 0.5 else 0.0), parameters
 
 
-def _noise_factor(bench: Bench, name: str, target: float) -> float:
+def _solve_noise_factor(bench: InstrumentPlan, name: str, target: float) -> float:
     """Find the factor f of white noise whose √(n (f² − 1 − ln f²)), twice the log likelihood ratio of n numbers, is given."""
     attitudes = bench.plain.attitudes
     count = len(bench.plain.gyro.t_s)

@@ -18,7 +18,7 @@ from simulator.effects.base import Array
 from simulator.effects.common import log_uniform
 from simulator.truth.maneuvers import Profile, Slew, Sway
 from simulator.truth.orbit import CircularOrbit
-from simulator.truth.rotation import quaternion, turned
+from simulator.truth.rotation import convert_to_quaternion, turned
 from studies.validation.world.kinds import Kind, Span
 from studies.validation.world.motions.base import Lot
 
@@ -51,12 +51,12 @@ class Path:
         return np.unique(np.concatenate([[0.0, self.length_s], self.breaks or (), *(turn.knots for turn in self.turns)]))
 
 
-def tumbling(axis: Array, spin: float, w: Array) -> Rate:
+def build_tumbling_rate(axis: Array, spin: float, w: Array) -> Rate:
     """ω = R(e, λt) w + λ e; (3,) unit vector, rad/s, (3,) rad/s."""
     return lambda tau: turned(axis, spin * tau, w) + spin * axis
 
 
-def drawn_turns(rng: np.random.Generator, kind: Kind, length: float, frame: Array, number: int) -> list[Slew]:
+def draw_turns(rng: np.random.Generator, kind: Kind, length: float, frame: Array, number: int) -> list[Slew]:
     """Turns of an interval, one after another, about near the axes of a frame in their order, so that all of them come."""
     count = int(rng.integers(0 if number > 2 else 1, kind.turns + 1))
     edges = np.linspace(0, length, count + 1)
@@ -72,7 +72,7 @@ def drawn_turns(rng: np.random.Generator, kind: Kind, length: float, frame: Arra
     return out
 
 
-def _sines(rng: np.random.Generator, amplitude: Span, hz: Span, most_hz: float) -> Rate:
+def _draw_sway(rng: np.random.Generator, amplitude: Span, hz: Span, most_hz: float) -> Rate:
     """Sway at three frequencies about each axis, rad/s."""
     size = np.deg2rad(log_uniform(rng, *amplitude)) * rng.uniform(0.2, 1, (3, 3)) / np.sqrt(3)
     turn = 2 * np.pi * np.array([[min(log_uniform(rng, *hz), most_hz) for _ in range(3)] for _ in range(3)])
@@ -80,24 +80,24 @@ def _sines(rng: np.random.Generator, amplitude: Span, hz: Span, most_hz: float) 
     return lambda tau: np.asarray((size * np.sin(tau[:, None, None] * turn + phase)).sum(axis=2))
 
 
-def free_path(rng: np.random.Generator, kind: Kind, length: float, turns: list[Slew], begin: Array, frame: Array) -> Path:
+def draw_free_path(rng: np.random.Generator, kind: Kind, length: float, turns: list[Slew], begin: Array, frame: Array) -> Path:
     """A craft, or a hand, without an orbit."""
     rest = np.deg2rad(log_uniform(rng, 1e-4, 2e-2)) * frame @ rng.standard_normal(3) * (rng.random() < 0.6)
     pieces: list[Rate] = [lambda tau: np.tile(rest, (len(tau), 1))]
     peak = np.deg2rad(log_uniform(rng, *kind.turn_deg_s))
     if kind.tumble:
         axis = frame[:, int(rng.integers(3))]
-        pieces = [tumbling(axis, float(peak * rng.uniform(-1, 1)), peak * rng.standard_normal(3))]
+        pieces = [build_tumbling_rate(axis, float(peak * rng.uniform(-1, 1)), peak * rng.standard_normal(3))]
     elif kind.scan:
         axis, period = frame[:, int(rng.integers(3))], length / rng.uniform(2, 12)
         pieces.append(lambda tau: peak * np.tanh(2 * np.sin(2 * np.pi / period * tau))[:, None] * axis)
     if kind.sway_deg_s:
-        pieces.append(_sines(rng, kind.sway_deg_s, kind.sway_hz, np.inf))
+        pieces.append(_draw_sway(rng, kind.sway_deg_s, kind.sway_hz, np.inf))
     pieces += [lambda tau, turn=turn: turn.rates(tau)[:, None] * turn.axis for turn in turns]  # type: ignore[misc]
     return Path(lambda tau: np.asarray(sum(piece(tau) for piece in pieces)), length, tuple(turns), begin)
 
 
-def pointing_path(
+def draw_pointing_path(
     rng: np.random.Generator, kind: Kind, orbit: CircularOrbit, start: float, length: float, turns: list[Slew], yaw: float
 ) -> Path:
     """A craft that points to the Earth between its slews."""
@@ -107,10 +107,10 @@ def pointing_path(
         amplitude = np.deg2rad(log_uniform(rng, *kind.sway_deg_s)) * period / (2 * np.pi)
         sway = Sway(amplitude, period, rng.uniform(0, 2 * np.pi, 3))
     profile = Profile(orbit, start, start + length, yaw, tuple(turns), None, sway)
-    return Path(profile.rate, length, tuple(turns), quaternion(profile.attitude(np.zeros(1)))[0])
+    return Path(profile.rate, length, tuple(turns), convert_to_quaternion(profile.attitude(np.zeros(1)))[0])
 
 
-def lawful_path(
+def draw_law_path(
     rng: np.random.Generator, craft: int, kind: Kind, orbit: CircularOrbit | None, start: float, length: float, begin: Array,
     frame: Array, number: int,
 ) -> Path:  # fmt: skip

@@ -19,14 +19,14 @@ import pandas as pd
 from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording
 from simulator.effects.base import Array
 from simulator.effects.common import log_uniform
-from simulator.effects.housekeeping import COLUMN
-from simulator.sensors.gyro import raw_rates
+from simulator.effects.housekeeping_columns import TEMPERATURE_COLUMN
+from simulator.sensors.gyro import compute_raw_rates
 from simulator.truth.integration import integrate
 from simulator.truth.maneuvers import MODE_YAW
 from simulator.truth.motion import Motion
 from simulator.truth.orbit import CircularOrbit
 from studies.validation.world.kinds import Grade, Kind, Span
-from studies.validation.world.paths import Path, drawn_turns, free_path, lawful_path, pointing_path
+from studies.validation.world.paths import Path, draw_free_path, draw_law_path, draw_pointing_path, draw_turns
 
 MOST_SAMPLES, MOST_REFERENCES = 200_000, 4000
 SAME_S = 1e-6  # times closer than this are one
@@ -52,7 +52,7 @@ class Plan:
     noise_axes: Array | None = None
 
 
-def drawn_plan(rng: np.random.Generator, kind: Kind, grade: Grade, title: str, warm: float = 0.4) -> Plan:
+def draw_generic_plan(rng: np.random.Generator, kind: Kind, grade: Grade, title: str, warm: float = 0.4) -> Plan:
     """A plan with its gyro, references and noise-free recording.
 
     Parameters
@@ -70,45 +70,45 @@ def drawn_plan(rng: np.random.Generator, kind: Kind, grade: Grade, title: str, w
     spacing = max(log_uniform(rng, *kind.spacing_s), sample_s, lengths.sum() / (MOST_REFERENCES - 2 * count))
     on_edges = rng.random() < 0.75
     spacing = sample_s * max(1, np.ceil(spacing / sample_s)) if on_edges else spacing
-    orbit = _orbit(rng) if kind.orbit else None
+    orbit = _draw_orbit(rng) if kind.orbit else None
     through = rng.random() < 0.5  # references go on through slews
     paths, starts, modes = [], [], []
-    start, begin, frame = 0.0, _attitude(rng), np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    start, begin, frame = 0.0, _draw_attitude(rng), np.linalg.qr(rng.standard_normal((3, 3)))[0]
     craft = int(rng.integers(2**63)) if kind.motion else 0
     for number, length in enumerate(lengths):
         modes.append(str(rng.choice(list(MODE_YAW))) if orbit and not kind.motion else None)
-        turns = [] if kind.motion else drawn_turns(rng, kind, length, frame, number)
+        turns = [] if kind.motion else draw_turns(rng, kind, length, frame, number)
         if kind.motion:
-            paths.append(lawful_path(rng, craft, kind, orbit, start, length, begin, frame, number))
+            paths.append(draw_law_path(rng, craft, kind, orbit, start, length, begin, frame, number))
         elif orbit:
-            paths.append(pointing_path(rng, kind, orbit, start, length, turns, MODE_YAW[str(modes[-1])]))
+            paths.append(draw_pointing_path(rng, kind, orbit, start, length, turns, MODE_YAW[str(modes[-1])]))
         else:
-            paths.append(free_path(rng, kind, length, turns, begin, frame))
+            paths.append(draw_free_path(rng, kind, length, turns, begin, frame))
         starts.append(start)
-        begin = _attitude(rng)
+        begin = _draw_attitude(rng)
         start += float(np.ceil(length + log_uniform(rng, 0.2 * length, 30 * length)))
-    motion = _motion(paths, np.array(starts), sample_s, spacing, through)
-    return _recorded(rng, motion, grade, orbit, starts, paths, modes, sample_s, title, warm)
+    motion = _integrate_motion(paths, np.array(starts), sample_s, spacing, through)
+    return _build_noise_free_plan(rng, motion, grade, orbit, starts, paths, modes, sample_s, title, warm)
 
 
-def _attitude(rng: np.random.Generator) -> Array:
+def _draw_attitude(rng: np.random.Generator) -> Array:
     found = rng.standard_normal(4)
     return np.asarray(found / np.linalg.norm(found))
 
 
-def _orbit(rng: np.random.Generator) -> CircularOrbit:
+def _draw_orbit(rng: np.random.Generator) -> CircularOrbit:
     node, latitude = (float(angle) for angle in rng.uniform(0, 2 * np.pi, 2))
     return CircularOrbit(log_uniform(rng, 3e5, 3e6), float(np.deg2rad(rng.uniform(0, 110))), node, latitude)
 
 
-def _motion(paths: list[Path], starts: Array, sample_s: float, spacing: float, through: bool) -> Motion:
+def _integrate_motion(paths: list[Path], starts: Array, sample_s: float, spacing: float, through: bool) -> Motion:
     parts = []
     for path in paths:
         edges = np.asarray(sample_s * np.arange(round(path.length_s / sample_s) + 1), dtype=float)
         at = np.append(np.arange(0.0, path.length_s - max(0.3 * spacing, SAME_S), spacing), path.length_s)
         if not through and path.turns:
             at = at[~np.any([(at > turn.start) & (at < turn.stop) for turn in path.turns], axis=0)]
-        grid = _joined(edges, at, path.knots)
+        grid = _merge_times(edges, at, path.knots)
         flown = integrate(path.rate, grid, path.begin)
         first = np.searchsorted(grid, edges[:-1] - SAME_S)
         rates = np.add.reduceat(flown.angles, first, axis=0) / sample_s
@@ -124,7 +124,7 @@ def _motion(paths: list[Path], starts: Array, sample_s: float, spacing: float, t
     )
 
 
-def _joined(edges: Array, *more: Array) -> Array:
+def _merge_times(edges: Array, *more: Array) -> Array:
     """Sorted times; of those that are one, the edge of a sample stays."""
     others = np.concatenate(more)
     near = np.abs(others - edges[np.clip(np.searchsorted(edges, others - SAME_S), 0, len(edges) - 1)]) < 2 * SAME_S
@@ -132,7 +132,7 @@ def _joined(edges: Array, *more: Array) -> Array:
     return grid[np.append(True, np.diff(grid) > SAME_S)]
 
 
-def _recorded(
+def _build_noise_free_plan(
     rng: np.random.Generator, motion: Motion, grade: Grade, orbit: CircularOrbit | None, starts: list[float], paths: list[Path],
     modes: list[str | None], sample_s: float, title: str, warm: float,
 ) -> Plan:  # fmt: skip
@@ -148,7 +148,7 @@ def _recorded(
     sigma = np.deg2rad(log_uniform(rng, *grade.sigma)) * rng.choice([1.0, 1.0, 1.5, 3.0], 3)
     gyro = GyroStream(
         t_s=motion.t_s,
-        rates=raw_rates(motion.rates, G, bias),
+        rates=compute_raw_rates(motion.rates, G, bias),
         sample_s=sample_s,
         arw=float(np.deg2rad(log_uniform(rng, *grade.arw))),
         apriori_G=apriori_G,
@@ -168,13 +168,13 @@ def _recorded(
         ),
         orbit=Orbit(orbit.period, orbit.altitude / 1e3, float(np.rad2deg(orbit.inclination))) if orbit else None,
     )
-    table = _temperature(rng, spans, orbit)
+    table = _draw_temperature(rng, spans, orbit)
     if rng.random() < warm:
         plain = replace(plain, tables={"housekeeping": table})
     return Plan(motion, plain, G, bias)
 
 
-def _temperature(rng: np.random.Generator, spans: list[Span], orbit: CircularOrbit | None) -> Any:
+def _draw_temperature(rng: np.random.Generator, spans: list[Span], orbit: CircularOrbit | None) -> Any:
     """A gyro temperature: slow swings, warming after each switching on, a thermistor's noise."""
     typical = float(np.median([stop - start for start, stop in spans]))
     step = max(typical / 200, 1.0)
@@ -183,4 +183,6 @@ def _temperature(rng: np.random.Generator, spans: list[Span], orbit: CircularOrb
     periods = [typical * log_uniform(rng, 0.4, 3), typical * log_uniform(rng, 3, 30), orbit.period if orbit else 86400.0]
     swings = sum(rng.uniform(0.3, 2) * np.sin(2 * np.pi * t / period + rng.uniform(0, 6.28)) for period in periods)
     warming = rng.uniform(-3, 3) * (1 - np.exp(-since / (typical * rng.uniform(0.1, 0.5))))
-    return pd.DataFrame({"t_s": t, COLUMN: rng.uniform(5, 40) + swings + warming + 0.01 * rng.standard_normal(t.size)})
+    return pd.DataFrame(
+        {"t_s": t, TEMPERATURE_COLUMN: rng.uniform(5, 40) + swings + warming + 0.01 * rng.standard_normal(t.size)}
+    )

@@ -6,20 +6,20 @@ import pandas as pd
 
 from diagnosis.settings import DEFAULT
 from studies.report.entry import Entry, Report
-from studies.report.panels import GREY, TEAL, Draw, Line, curves, sheet
+from studies.report.panels import GREY, TEAL, Draw, Line, build_sheet, make_curves
 from studies.report.tables import Table
 from studies.validation.world import score
 from studies.validation.world.answers import OUTCOMES
-from studies.validation.world.cases import ORDER
+from studies.validation.world.cases import KIND_ORDER
 from studies.validation.world.study import STUDY, WorldConfig
 
-SHOWN = ["case", "kind", "plan", "grade", "samples", "references", "effects", "snr", "outcome", "said", "probability"]
-GROUPS = {"plan": "kind of plan", "grade": "grade of the gyro and the references"}
+SHOWN_COLUMNS = ["case", "kind", "plan", "grade", "samples", "references", "effects", "snr", "outcome", "said", "probability"]
+CASE_GROUPINGS = {"plan": "kind of plan", "grade": "grade of the gyro and the references"}
 
 
-def counts(rows: pd.DataFrame) -> pd.DataFrame:
+def count_outcomes(rows: pd.DataFrame) -> pd.DataFrame:
     """Cases of each kind by outcome."""
-    table = pd.crosstab(rows["kind"], rows["outcome"]).reindex(index=list(ORDER), columns=list(OUTCOMES), fill_value=0)
+    table = pd.crosstab(rows["kind"], rows["outcome"]).reindex(index=list(KIND_ORDER), columns=list(OUTCOMES), fill_value=0)
     table.insert(0, "cases", table.sum(axis=1))
     return table.rename_axis(columns=None).reset_index()
 
@@ -30,33 +30,34 @@ def report(config: WorldConfig, rows: pd.DataFrame) -> Report:
         {"what": what, "median_s": rows[name].median(), "largest_s": rows[name].max(), "all_s": rows[name].sum()}
         for what, name in (("drawing a case and its recording", "make_s"), ("its diagnosis", "diagnose_s"))
     ]
-    wrong = rows[~score.is_good(rows)]
+    wrong = rows[~score.is_answered_well(rows)]
     tables = {
-        "counts": Table("Outcomes by kind", counts(rows)),
-        "rates": Table("Rates, with 95 % binomial intervals", score.rates(rows)),
-        "mixed_rates": Table("Mixed recordings: what is stated beside a remainder", score.mixed_rates(rows)),
-        "scores": Table("Scores of statements and rankings", score.summary(rows)),
+        "counts": Table("Outcomes by kind", count_outcomes(rows)),
+        "rates": Table("Rates, with 95 % binomial intervals", score.compute_outcome_rates(rows)),
+        "mixed_rates": Table("Mixed recordings: what is stated beside a remainder", score.compute_mixed_rates(rows)),
+        "scores": Table("Scores of statements and rankings", score.summarise_scores(rows)),
         "reliability": Table(
-            "Probability stated of causes, and how often they were there", score.reliability(score.statements(rows))
+            "Probability stated of causes, and how often they were there",
+            score.compute_reliability(score.collect_cause_statements(rows)),
         ),
-        "sizes": Table("Sizes within their sigmas", score.size_table(rows)),
-        "sets": Table("Conformal sets of explanations", score.set_coverage(rows, DEFAULT.conformal)),
+        "sizes": Table("Sizes within their sigmas", score.build_size_coverage(rows)),
+        "sets": Table("Conformal sets of explanations", score.compute_set_coverage(rows, DEFAULT.conformal)),
         **{
-            name: Table(f"Right answers by {title}", score.by_group(rows, name).drop(columns="count"))
-            for name, title in GROUPS.items()
+            name: Table(f"Right answers by {title}", score.count_good_by_group(rows, name).drop(columns="count"))
+            for name, title in CASE_GROUPINGS.items()
         },
         "run_time": Table("Processor time of a case", pd.DataFrame(seconds)),
-        "misses": Table("What is not as it should be, case by case", wrong[[*SHOWN, "unknown_probability"]]),
+        "misses": Table("What is not as it should be, case by case", wrong[[*SHOWN_COLUMNS, "unknown_probability"]]),
     }
-    return Report(tables, {"answers": answers_figure(rows)}, checks=score.checks(rows, DEFAULT.conformal))
+    return Report(tables, {"answers": draw_answers_figure(rows)}, checks=score.build_world_checks(rows, DEFAULT.conformal))
 
 
-def answers_figure(rows: pd.DataFrame) -> Draw:
+def draw_answers_figure(rows: pd.DataFrame) -> Draw:
     """Draw the stated probabilities against how often the cause was there."""
-    stated = score.reliability(score.statements(rows))
+    stated = score.compute_reliability(score.collect_cause_statements(rows))
     found = Line(stated["stated"], stated["there"], "", TEAL, "o", stated["low"], stated["high"], bars=True)
-    panel = curves([Line([0, 1], [0, 1], "", GREY, "-"), found], x="probability stated", y="share that was there, 95 %")
-    return sheet(panel, size=(4.2, 3.8))
+    panel = make_curves([Line([0, 1], [0, 1], "", GREY, "-"), found], x="probability stated", y="share that was there, 95 %")
+    return build_sheet(panel, size=(4.2, 3.8))
 
 
 ENTRY = Entry(STUDY, "is the diagnosis right about craft, gyros, references and effects of all kinds", report)

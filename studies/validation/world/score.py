@@ -31,45 +31,45 @@ from numpy.typing import ArrayLike, NDArray
 
 from diagnosis.inference import conformal
 from simulator.effects import EFFECTS
-from studies.montecarlo.statistics import binomial_interval
-from studies.report.checks import Bounds, Check, at_least, at_most
-from studies.validation.world.answers import CONFIDENT, GOOD, NAMING, label, size_errors
+from studies.montecarlo.statistics import compute_binomial_interval
+from studies.report.checks import Bounds, Check, bound_above, bound_below
+from studies.validation.world.answers import CONFIDENT, GOOD, NAMING, compute_size_errors, label_effect
 
 Array = NDArray[np.float64]
 
 DETECTABLE, CLEAR = 8.0, 12.0  # SNR from which most effects must be seen, and unlisted ones told as such
 STATED = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1.0 + 1e-9)
-EXACT = 1e-5  # of a size; a smaller sigma is that of digits
-LEVELS = {"68 %": 0.6827, "95 %": 0.95, "99.7 %": 0.9973}
+EXACT_SIZE_SIGMA = 1e-5  # of a size; a smaller sigma is that of digits
+CREDIBLE_LEVELS = {"68 %": 0.6827, "95 %": 0.95, "99.7 %": 0.9973}
 UNIFORM = 0.01  # p-value of a test for the uniform distribution
-WITHIN = "The share of the cases, with its 95 % binomial interval in the table of rates."
+COVERAGE_NOTE = "The share of the cases, with its 95 % binomial interval in the table of rates."
 ALL_AXES = ("x", "y", "z")
 
 
 Row = dict[str, Any]
 
 
-def records(rows: pd.DataFrame) -> list[Row]:
+def list_records(rows: pd.DataFrame) -> list[Row]:
     """The rows one by one."""
     return [{str(key): value for key, value in row.items()} for row in rows.to_dict("records")]
 
 
-def truth_of(row: Row) -> tuple[str, ...]:
+def label_truth(row: Row) -> tuple[str, ...]:
     """Labels of what is in a recording; one outside the library is ``unknown``."""
     if row["kind"] in ("unlisted", "mixed"):
         return (conformal.UNKNOWN,)
     return tuple(row["effects"].split(" + ")) if row["effects"] else ()
 
 
-def posterior_of(row: Row) -> list[tuple[list[str], float]]:
+def read_posterior(row: Row) -> list[tuple[list[str], float]]:
     """The posterior of an answer, an effect that is named about all axes and may act on all at once without an axis."""
-    return [(_whole(one["effects"]), float(one["probability"])) for one in json.loads(row["posterior"])]
+    return [(_merge_axis_labels(one["effects"]), float(one["probability"])) for one in json.loads(row["posterior"])]
 
 
-def _whole(labels: Sequence[str]) -> list[str]:
+def _merge_axis_labels(labels: Sequence[str]) -> list[str]:
     out = list(labels)
     for name, effect in EFFECTS.items():
-        each = [label(name, axis) for axis in ALL_AXES]
+        each = [label_effect(name, axis) for axis in ALL_AXES]
         if effect.axis_optional and set(each) <= set(out):
             out = [one for one in out if one not in each] + [name]
     return out
@@ -78,7 +78,7 @@ def _whole(labels: Sequence[str]) -> list[str]:
 # ---- rates ---------------------------------------------------------------------------------------------------------------
 
 
-def rates(rows: pd.DataFrame) -> pd.DataFrame:
+def compute_outcome_rates(rows: pd.DataFrame) -> pd.DataFrame:
     """Shares of the cases of each kind by what became of them, with their intervals."""
     kind = {name: rows[rows["kind"] == name] for name in ("none", "single", "pair", "unlisted", "mixed")}
     mixed = kind["mixed"]
@@ -88,11 +88,11 @@ def rates(rows: pd.DataFrame) -> pd.DataFrame:
     lines = [
         ("no effect: a false alarm", kind["none"], ("alarm",)),
         ("one effect: right or in the group", kind["single"], told),
-        (f"one effect of SNR {DETECTABLE:g} and more: right or in the group", _strong(kind["single"]), told),
+        (f"one effect of SNR {DETECTABLE:g} and more: right or in the group", _select_strong(kind["single"]), told),
         ("one effect: exactly right", kind["single"], ("right",)),
         ("one effect: a confident wrong name", kind["single"], ("wrong name",)),
         ("two effects: both right or in the groups", kind["pair"], told),
-        (f"two effects of SNR {DETECTABLE:g} and more: both right or in the groups", _strong(kind["pair"]), told),
+        (f"two effects of SNR {DETECTABLE:g} and more: both right or in the groups", _select_strong(kind["pair"]), told),
         ("unlisted and detected: a confident wrong name", seen, ("wrong name",)),
         ("unlisted and detected: unknown", seen, ("unknown",)),
         (f"unlisted of SNR {CLEAR:g} and more: unknown", clear, ("unknown",)),
@@ -102,18 +102,23 @@ def rates(rows: pd.DataFrame) -> pd.DataFrame:
         ("mixed: unknown", mixed, ("unknown",)),
         ("mixed: a confident wrong name", mixed, ("wrong name",)),
     ]
-    out = [rate(name, part["outcome"].isin(outcomes)) for name, part, outcomes in lines]
-    causes = statements(mixed)
-    out.append(rate("mixed: causes stated that are there", causes["there"]))
-    out.append(rate("right single cause: 90 % interval of the closure holds 1", _closure(kind["single"])))
-    out += [rate(f"G and b within {level} sigma, answered rightly", _calibrated(rows, level)) for level in (1, 2)]
+    out = [build_rate_row(name, part["outcome"].isin(outcomes)) for name, part, outcomes in lines]
+    causes = collect_cause_statements(mixed)
+    out.append(build_rate_row("mixed: causes stated that are there", causes["there"]))
+    out.append(
+        build_rate_row("right single cause: 90 % interval of the closure holds 1", _test_closure_interval(kind["single"]))
+    )
+    out += [
+        build_rate_row(f"G and b within {level} sigma, answered rightly", _test_calibration_errors(rows, level))
+        for level in (1, 2)
+    ]
     return pd.DataFrame(out)
 
 
-def mixed_rates(rows: pd.DataFrame) -> pd.DataFrame:
+def compute_mixed_rates(rows: pd.DataFrame) -> pd.DataFrame:
     """Rates of mixed recordings that the gap budget is judged by."""
     mixed = rows[rows["kind"] == "mixed"]
-    causes = statements(mixed)
+    causes = collect_cause_statements(mixed)
     sure = causes[causes["probability"] >= CONFIDENT]
     budget = mixed[mixed["true_closed"].notna() & mixed["closed_low"].notna()]
     holds = (budget["closed_low"] <= budget["true_closed"]) & (budget["true_closed"] <= budget["closed_high"])
@@ -122,26 +127,26 @@ def mixed_rates(rows: pd.DataFrame) -> pd.DataFrame:
         ("a confident wrong name", mixed["outcome"] == "wrong name"),
         ("90 % interval of the share closed holds the true one", holds),
     ]
-    return pd.DataFrame([rate(name, hits) for name, hits in lines])
+    return pd.DataFrame([build_rate_row(name, hits) for name, hits in lines])
 
 
-def _closure(singles: pd.DataFrame) -> pd.Series:
+def _test_closure_interval(singles: pd.DataFrame) -> pd.Series:
     """Tell whether the interval holds 1, of rightly named causes that have one."""
     own = singles[(singles["outcome"] == "right") & singles["closed_low"].notna()]
     return (own["closed_low"] <= 1) & (own["closed_high"] >= 1)
 
 
-def _calibrated(rows: pd.DataFrame, level: float) -> list[bool]:
+def _test_calibration_errors(rows: pd.DataFrame, level: float) -> list[bool]:
     """Tell whether one parameter of each rightly answered case is within so many sigma."""
     errors = [json.loads(text) for text in rows[rows["outcome"] == "right"]["calibration_sigmas"]]
     return [abs(one[number % len(one)]) <= level for number, one in enumerate(errors) if one]
 
 
-def _strong(rows: pd.DataFrame) -> pd.DataFrame:
+def _select_strong(rows: pd.DataFrame) -> pd.DataFrame:
     return rows[rows["snr"] >= DETECTABLE]
 
 
-def rate(name: str, hits: ArrayLike) -> dict[str, Any]:
+def build_rate_row(name: str, hits: ArrayLike) -> dict[str, Any]:
     """Count hits under a name."""
     return {"what": name, **count_hits(hits)}
 
@@ -150,42 +155,42 @@ def count_hits(hits: ArrayLike) -> dict[str, Any]:
     """Count hits, with their share and its 95 % binomial interval."""
     values = np.asarray(hits, dtype=bool)
     count, of = int(values.sum()), int(values.size)
-    low, high = binomial_interval(count, of) if of else (np.nan, np.nan)
+    low, high = compute_binomial_interval(count, of) if of else (np.nan, np.nan)
     return {"cases": of, "count": count, "share": count / of if of else np.nan, "low": low, "high": high}
 
 
-def is_good(rows: pd.DataFrame) -> pd.Series:
+def is_answered_well(rows: pd.DataFrame) -> pd.Series:
     """Tell of each case whether it is answered well."""
     good = [outcome in GOOD[kind] for kind, outcome in zip(rows["kind"], rows["outcome"], strict=True)]
     return pd.Series(good, index=rows.index, dtype=bool)
 
 
-def by_group(rows: pd.DataFrame, column: str, sort: bool = True) -> pd.DataFrame:
+def count_good_by_group(rows: pd.DataFrame, column: str, sort: bool = True) -> pd.DataFrame:
     """Rates of right answers over the groups of a column, such as the kind of plan: no effect, one effect, unlisted."""
     out = []
     for (group, kind), part in rows.groupby([column, "kind"], sort=sort):
         wrong = int((part["outcome"] == "wrong name").sum())
-        out.append({column: group, "kind": kind, **count_hits(is_good(part)), "wrong_names": wrong})
+        out.append({column: group, "kind": kind, **count_hits(is_answered_well(part)), "wrong_names": wrong})
     return pd.DataFrame(out)
 
 
 # ---- statements ----------------------------------------------------------------------------------------------------------
 
 
-def statements(rows: pd.DataFrame) -> pd.DataFrame:
+def collect_cause_statements(rows: pd.DataFrame) -> pd.DataFrame:
     """Each cause that an answer states: its probability, and whether it is there."""
     out = []
-    for row in records(rows):
+    for row in list_records(rows):
         if row["verdict"] not in NAMING:
             continue
-        truth = {label(one["effect"], one["axis"]) for one in json.loads(row["truth"]) if one["listed"]}
+        truth = {label_effect(one["effect"], one["axis"]) for one in json.loads(row["truth"]) if one["listed"]}
         for cause in json.loads(row["causes"]):
-            own = {label(cause["effect"], cause["axis"]), cause["effect"]}
+            own = {label_effect(cause["effect"], cause["axis"]), cause["effect"]}
             out.append({"probability": cause["probability"], "there": bool(own & truth)})
     return pd.DataFrame(out, columns=["probability", "there"])
 
 
-def reliability(stated: pd.DataFrame) -> pd.DataFrame:
+def compute_reliability(stated: pd.DataFrame) -> pd.DataFrame:
     """Mean probability stated and share that was there, in bins of what was stated."""
     out = []
     for low, high in pairwise(STATED):
@@ -197,12 +202,12 @@ def reliability(stated: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(out, columns=["from", "to", "statements", "stated", "there", "low", "high"])
 
 
-def calibration_error(table: pd.DataFrame) -> float:
+def compute_calibration_error(table: pd.DataFrame) -> float:
     """Expected calibration error of a reliability table."""
     return float(np.average((table["stated"] - table["there"]).abs(), weights=table["statements"])) if len(table) else np.nan
 
 
-def brier(stated: pd.DataFrame) -> float:
+def compute_brier_score(stated: pd.DataFrame) -> float:
     """Mean squared error of the probabilities."""
     return float(((stated["probability"] - stated["there"]) ** 2).mean())
 
@@ -210,7 +215,7 @@ def brier(stated: pd.DataFrame) -> float:
 # ---- rankings ------------------------------------------------------------------------------------------------------------
 
 
-def unknown_scores(rows: pd.DataFrame) -> tuple[Array, Array, NDArray[np.bool_]]:
+def collect_unknown_scores(rows: pd.DataFrame) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Stated probability of unknown of unlisted and of listed detections, and whether each of the latter is named rightly."""
     seen = rows[(rows["outcome"] != "missed") & ~rows["kind"].isin(["none", "mixed"])]
     unlisted, listed = seen[seen["kind"] == "unlisted"], seen[seen["kind"] != "unlisted"]
@@ -218,7 +223,7 @@ def unknown_scores(rows: pd.DataFrame) -> tuple[Array, Array, NDArray[np.bool_]]
     return unlisted["unknown_probability"].to_numpy(float), listed["unknown_probability"].to_numpy(float), right
 
 
-def open_area(unlisted: Array, listed: Array, right: NDArray[np.bool_]) -> float:
+def compute_open_set_auc(unlisted: Array, listed: Array, right: NDArray[np.bool_]) -> float:
     """Chance that a listed effect is named rightly and has less of unknown than an unlisted one, ties counted half."""
     if not unlisted.size or not listed.size:
         return np.nan
@@ -229,92 +234,100 @@ def open_area(unlisted: Array, listed: Array, right: NDArray[np.bool_]) -> float
 # ---- sizes and sets ------------------------------------------------------------------------------------------------------
 
 
-def sizes(rows: pd.DataFrame) -> pd.DataFrame:
+def collect_size_errors(rows: pd.DataFrame) -> pd.DataFrame:
     """(size − true size)/sigma of every cause that is there, and whether the size is read off the samples."""
     out = []
-    for row in records(rows):
+    for row in list_records(rows):
         truth = json.loads(row["truth"])
         for cause in json.loads(row["causes"]):
-            exact = 0 < cause["sigma"] <= EXACT * abs(cause["size"])
-            out += [{"error": error, "exact": exact} for error in size_errors([cause], truth)]
+            exact = 0 < cause["sigma"] <= EXACT_SIZE_SIGMA * abs(cause["size"])
+            out += [{"error": error, "exact": exact} for error in compute_size_errors([cause], truth)]
     return pd.DataFrame(out, columns=["error", "exact"]).astype({"error": float, "exact": bool})
 
 
-def estimated(rows: pd.DataFrame) -> Array:
+def select_estimated_errors(rows: pd.DataFrame) -> Array:
     """(size − true size)/sigma of every cause that is there and has a size with the sigma of an estimate."""
-    found = sizes(rows)
+    found = collect_size_errors(rows)
     return np.asarray(found["error"][~found["exact"]], dtype=float)
 
 
-def size_coverage(errors: Array) -> pd.DataFrame:
+def compute_size_coverage(errors: Array) -> pd.DataFrame:
     """Shares of sizes within the sigmas of each level."""
-    limits = {name: scipy.stats.norm.ppf(0.5 + level / 2) for name, level in LEVELS.items()}
-    lines = [{"level": k, "expected": LEVELS[k], **count_hits(np.abs(errors) <= limit)} for k, limit in limits.items()]
+    limits = {name: scipy.stats.norm.ppf(0.5 + level / 2) for name, level in CREDIBLE_LEVELS.items()}
+    lines = [{"level": k, "expected": CREDIBLE_LEVELS[k], **count_hits(np.abs(errors) <= limit)} for k, limit in limits.items()]
     return pd.DataFrame(lines)
 
 
-def size_table(rows: pd.DataFrame) -> pd.DataFrame:
+def build_size_coverage(rows: pd.DataFrame) -> pd.DataFrame:
     """The coverage of sizes that are estimated, of those read off the samples, and of all."""
-    found = sizes(rows)
+    found = collect_size_errors(rows)
     parts = {"estimated": ~found["exact"], "read off the samples": found["exact"], "all": found["error"] == found["error"]}
-    return pd.concat([size_coverage(np.asarray(found["error"][own])).assign(sizes=name) for name, own in parts.items()])
+    return pd.concat([compute_size_coverage(np.asarray(found["error"][own])).assign(sizes=name) for name, own in parts.items()])
 
 
-def set_coverage(rows: pd.DataFrame, limit: float) -> pd.DataFrame:
+def compute_set_coverage(rows: pd.DataFrame, limit: float) -> pd.DataFrame:
     """Share of conformal sets that hold the truth, and their mean length, of all recordings and of each kind."""
-    sets = [conformal.conformal_set(posterior_of(row), limit) for row in records(rows)]
-    holds = np.array([conformal.name_of(truth_of(row)) in one for row, one in zip(records(rows), sets, strict=True)], bool)
+    sets = [conformal.build_conformal_set(read_posterior(row), limit) for row in list_records(rows)]
+    holds = np.array(
+        [conformal.name_of(label_truth(row)) in one for row, one in zip(list_records(rows), sets, strict=True)], bool
+    )
     length = np.array([len(one) for one in sets], dtype=float)
     groups: list[tuple[str, Array]] = [("all", np.ones(len(rows), bool))]
     groups += [(str(kind), (rows["kind"] == kind).to_numpy()) for kind in sorted(set(rows["kind"]))]
-    return pd.DataFrame([rate(name, holds[part]) | {"mean_length": float(length[part].mean())} for name, part in groups])
+    return pd.DataFrame(
+        [build_rate_row(name, holds[part]) | {"mean_length": float(length[part].mean())} for name, part in groups]
+    )
 
 
 # ---- criteria ------------------------------------------------------------------------------------------------------------
 
 
-def checks(rows: pd.DataFrame, limit: float) -> tuple[Check, ...]:
+def build_world_checks(rows: pd.DataFrame, limit: float) -> tuple[Check, ...]:
     """Check the criteria."""
-    table = rates(rows).set_index("what")
-    stated = statements(rows)
-    unlisted, listed, right = unknown_scores(rows)
-    levels = size_coverage(estimated(rows)).set_index("level")
-    sets = set_coverage(rows, limit).iloc[0]
+    table = compute_outcome_rates(rows).set_index("what")
+    stated = collect_cause_statements(rows)
+    unlisted, listed, right = collect_unknown_scores(rows)
+    levels = compute_size_coverage(select_estimated_errors(rows)).set_index("level")
+    sets = compute_set_coverage(rows, limit).iloc[0]
 
     def of(name: str, bounds: Bounds, column: str = "share") -> Check:
         said = name if column == "share" else f"{name}, upper bound"
-        return Check(said, float(table[column][name]), bounds, meaning=WITHIN)
+        return Check(said, float(table[column][name]), bounds, meaning=COVERAGE_NOTE)
 
     out = [
-        of("no effect: a false alarm", at_most(0.01)),
-        of("no effect: a false alarm", at_most(0.02), "high"),
-        of(f"one effect of SNR {DETECTABLE:g} and more: right or in the group", at_least(0.95)),
-        of(f"two effects of SNR {DETECTABLE:g} and more: both right or in the groups", at_least(0.85)),
-        of("unlisted and detected: a confident wrong name", at_most(0.05)),
-        of("unlisted and detected: a confident wrong name", at_most(0.07), "high"),
-        of(f"unlisted of SNR {CLEAR:g} and more: unknown", at_least(0.80)),
-        Check("expected calibration error", calibration_error(reliability(stated)), at_most(0.05)),
-        Check("open-set AUC", open_area(unlisted, listed, right), at_least(0.90)),
+        of("no effect: a false alarm", bound_above(0.01)),
+        of("no effect: a false alarm", bound_above(0.02), "high"),
+        of(f"one effect of SNR {DETECTABLE:g} and more: right or in the group", bound_below(0.95)),
+        of(f"two effects of SNR {DETECTABLE:g} and more: both right or in the groups", bound_below(0.85)),
+        of("unlisted and detected: a confident wrong name", bound_above(0.05)),
+        of("unlisted and detected: a confident wrong name", bound_above(0.07), "high"),
+        of(f"unlisted of SNR {CLEAR:g} and more: unknown", bound_below(0.80)),
+        Check("expected calibration error", compute_calibration_error(compute_reliability(stated)), bound_above(0.05)),
+        Check("open-set AUC", compute_open_set_auc(unlisted, listed, right), bound_below(0.90)),
         Check("90 % conformal sets that hold the truth", float(sets["share"]), (0.87, 0.93)),
-        Check("mean length of the conformal sets", float(sets["mean_length"]), at_most(1.6)),
+        Check("mean length of the conformal sets", float(sets["mean_length"]), bound_above(1.6)),
     ]
     for name, line in levels.iterrows():
-        out.append(Check(f"sizes within {name}", float(line["share"]), _bounds(int(line["cases"]), float(line["expected"]))))
+        out.append(
+            Check(
+                f"sizes within {name}", float(line["share"]), _compute_share_bounds(int(line["cases"]), float(line["expected"]))
+            )
+        )
     return tuple(out)
 
 
-def _bounds(cases: int, share: float) -> Bounds:
+def _compute_share_bounds(cases: int, share: float) -> Bounds:
     """Shares that are as likely as not to come from a true one, at 99 %."""
     low, high = scipy.stats.binom.interval(0.99, cases, share) if cases else (0.0, 0.0)
     return (float(low) / max(cases, 1), float(high) / max(cases, 1))
 
 
-def summary(rows: pd.DataFrame) -> pd.DataFrame:
+def summarise_scores(rows: pd.DataFrame) -> pd.DataFrame:
     """Summarise statements and rankings by one score a line."""
-    stated = statements(rows)
+    stated = collect_cause_statements(rows)
     lines = {
-        "Brier score of the stated probabilities": brier(stated),
-        "expected calibration error": calibration_error(reliability(stated)),
-        "unknown: open-set AUC": open_area(*unknown_scores(rows)),
+        "Brier score of the stated probabilities": compute_brier_score(stated),
+        "expected calibration error": compute_calibration_error(compute_reliability(stated)),
+        "unknown: open-set AUC": compute_open_set_auc(*collect_unknown_scores(rows)),
     }
     return pd.DataFrame(list(lines.items()), columns=["score", "value"])

@@ -21,8 +21,8 @@ from studies.validation.world.families import FAMILIES
 from studies.validation.world.families.base import Family
 from studies.validation.world.kinds import Grade, Kind
 
-FOLDERS = {"fresh": "studies.validation.world.fresh"}
-EXAM = "exam/"
+SOURCE_MODULES = {"fresh": "studies.validation.world.fresh"}
+EXAM_PREFIX = "exam/"
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,13 @@ def find_source(name: str) -> Source:
     """
     if name == "known":
         return Source(FAMILIES, standard.KINDS, standard.GRADES)
-    folder = FOLDERS.get(name) or (f"studies.validation.exam.{name.removeprefix(EXAM)}" if name.startswith(EXAM) else "")
+    folder = SOURCE_MODULES.get(name) or (
+        f"studies.validation.exam.{name.removeprefix(EXAM_PREFIX)}" if name.startswith(EXAM_PREFIX) else ""
+    )
     try:
         families, plans = (importlib.import_module(f"{folder}.{part}") for part in ("families", "plans"))
     except ImportError:
-        raise InputError(f"{name}: no such source of cases; there are known, {', '.join(FOLDERS)} and {EXAM}NNN") from None
+        raise InputError(
+            f"{name}: no such source of cases; there are known, {', '.join(SOURCE_MODULES)} and {EXAM_PREFIX}NNN"
+        ) from None
     return Source({one.name: one for one in families.EFFECTS}, plans.KINDS, plans.GRADES)

@@ -1,8 +1,21 @@
 """The kinds of plans and the grades that the diagnosis was developed with."""
 
 from studies.validation.world.kinds import Grade, Kind
-from studies.validation.world.motions.carriers import circuits, drone, gondola, ship, staircase
-from studies.validation.world.motions.spacecraft import detumble, spinner, sun_rolls, telescope, wheel_ramps, yaw_steering
+from studies.validation.world.motions.carriers import (
+    draw_circuit_motion,
+    draw_drone_motion,
+    draw_gondola_motion,
+    draw_ship_motion,
+    draw_staircase_motion,
+)
+from studies.validation.world.motions.spacecraft import (
+    draw_detumble_motion,
+    draw_spinner_motion,
+    draw_sun_rolls,
+    draw_telescope_motion,
+    draw_wheel_ramps,
+    draw_yaw_steering,
+)
 from studies.validation.world.trmm import draw_trmm_plan
 
 ARCSEC = 1 / 3600
@@ -36,15 +49,15 @@ KINDS = {
     "slow_drift": Kind((1, 2, 5), (6, 40), (600, 21600), (30, 600), (0.02, 0.3), 2),
     "agile": Kind((5, 10, 20), (6, 40), (60, 900), (1, 30), (0.5, 4), 5),
     "earth_agile": Kind((2, 5, 10), (4, 12), (600, 4000), (5, 120), (0.1, 1.5), 3, (0.001, 0.02), (0.002, 0.05), orbit=True),
-    "spinner": Kind((4, 10, 20), (3, 10), (120, 1800), (0.25, 20), (1, 20), motion=spinner),
-    "detumble": Kind((4, 10, 20), (2, 8), (200, 3000), (0.5, 20), (0.3, 4), orbit=True, motion=detumble),
-    "telescope": Kind((2, 5, 10), (4, 14), (600, 5400), (5, 120), (0.05, 0.8), orbit=True, motion=telescope),
-    "yaw_steering": Kind((1, 2, 4), (3, 10), (1500, 9000), (10, 300), (0.05, 0.1), orbit=True, motion=yaw_steering),
-    "wheel_ramps": Kind((2, 4, 8), (3, 12), (300, 3600), (2, 60), (0.05, 0.6), motion=wheel_ramps),
-    "sun_rolls": Kind((1, 2, 5), (4, 16), (600, 7200), (10, 300), (0.05, 0.5), motion=sun_rolls),
-    "gondola": Kind((20, 50, 100), (3, 10), (200, 1800), (0.5, 20), (0.2, 3), motion=gondola),
-    "ship": Kind((20, 50, 100), (3, 12), (120, 1200), (0.2, 5), (0.5, 3), motion=ship),
-    "circuits": Kind((25, 50, 100), (2, 8), (200, 1800), (0.2, 10), (2, 12), motion=circuits),
-    "drone": Kind((100, 200), (2, 10), (30, 300), (0.05, 1), (10, 60), motion=drone),
-    "staircase": Kind((20, 50, 100), (3, 18), (40, 400), (0.05, 2), (2, 40), motion=staircase),
+    "spinner": Kind((4, 10, 20), (3, 10), (120, 1800), (0.25, 20), (1, 20), motion=draw_spinner_motion),
+    "detumble": Kind((4, 10, 20), (2, 8), (200, 3000), (0.5, 20), (0.3, 4), orbit=True, motion=draw_detumble_motion),
+    "telescope": Kind((2, 5, 10), (4, 14), (600, 5400), (5, 120), (0.05, 0.8), orbit=True, motion=draw_telescope_motion),
+    "yaw_steering": Kind((1, 2, 4), (3, 10), (1500, 9000), (10, 300), (0.05, 0.1), orbit=True, motion=draw_yaw_steering),
+    "wheel_ramps": Kind((2, 4, 8), (3, 12), (300, 3600), (2, 60), (0.05, 0.6), motion=draw_wheel_ramps),
+    "sun_rolls": Kind((1, 2, 5), (4, 16), (600, 7200), (10, 300), (0.05, 0.5), motion=draw_sun_rolls),
+    "gondola": Kind((20, 50, 100), (3, 10), (200, 1800), (0.5, 20), (0.2, 3), motion=draw_gondola_motion),
+    "ship": Kind((20, 50, 100), (3, 12), (120, 1200), (0.2, 5), (0.5, 3), motion=draw_ship_motion),
+    "circuits": Kind((25, 50, 100), (2, 8), (200, 1800), (0.2, 10), (2, 12), motion=draw_circuit_motion),
+    "drone": Kind((100, 200), (2, 10), (30, 300), (0.05, 1), (10, 60), motion=draw_drone_motion),
+    "staircase": Kind((20, 50, 100), (3, 18), (40, 400), (0.05, 2), (2, 40), motion=draw_staircase_motion),
 }

@@ -35,12 +35,18 @@ from diagnosis.model.prepare import prepare
 from diagnosis.settings import DEFAULT
 from gyrocal.recording import Recording
 from simulator.effects import REGISTRY
-from studies.montecarlo.files import plain
+from studies.montecarlo.files import convert_to_plain
 from studies.montecarlo.study import Streams, Study, StudyConfig
-from studies.validation.world.answers import calibration_errors, label, merge_axes, score_answer, size_errors
-from studies.validation.world.cases import Drawn, draw
+from studies.validation.world.answers import (
+    compute_calibration_errors,
+    compute_size_errors,
+    label_effect,
+    merge_axes,
+    score_answer,
+)
+from studies.validation.world.cases import DrawnCase, draw_world_case
 from studies.validation.world.instruments import DrawnInstrument, draw_instrument
-from studies.validation.world.timed import diagnose_timed
+from studies.validation.world.timed_diagnosis import diagnose_timed
 from studies.validation.world.world import Spec
 
 CASES, ENTROPY = 150, 1962
@@ -66,41 +72,52 @@ class WorldConfig(StudyConfig):
         return self.source, self.entropy, number
 
 
-def recording(config: WorldConfig, number: int, streams: Streams) -> Recording:
+def make_case_recording(config: WorldConfig, number: int, streams: Streams) -> Recording:
     """Make the recording of one case."""
     source, entropy, case = config.part(number)
-    return draw_instrument(entropy, case).recording if source == INSTRUMENTS else draw(Spec(source, entropy), case).recording()
+    return (
+        draw_instrument(entropy, case).recording
+        if source == INSTRUMENTS
+        else draw_world_case(Spec(source, entropy), case).recording()
+    )
 
 
-def case(config: WorldConfig, number: int, streams: Streams) -> dict[str, Any]:
+def run_case(config: WorldConfig, number: int, streams: Streams) -> dict[str, Any]:
     """Draw a case, diagnose its recording, and put both beside each other."""
     source, entropy, place = config.part(number)
     begun = time.process_time()
-    drawn = draw_instrument(entropy, place) if source == INSTRUMENTS else draw(Spec(source, entropy), place)
+    drawn = draw_instrument(entropy, place) if source == INSTRUMENTS else draw_world_case(Spec(source, entropy), place)
     made = drawn.recording if isinstance(drawn, DrawnInstrument) else drawn.recording()
     about, truth = describe_case(drawn, made)
     make_s = time.process_time() - begun
     found = diagnose_timed(made)
-    row = {"source": source, **about, "truth": json.dumps(plain(truth)), **describe_answer(about["kind"], truth, found.answer)}
+    row = {
+        "source": source,
+        **about,
+        "truth": json.dumps(convert_to_plain(truth)),
+        **describe_answer(about["kind"], truth, found.answer),
+    }
     errors: list[float] = []
-    if isinstance(drawn, Drawn):
-        errors = calibration_errors(found.answer, drawn.world.plan.G.tolist(), np.rad2deg(drawn.world.plan.bias).tolist())
+    if isinstance(drawn, DrawnCase):
+        errors = compute_calibration_errors(
+            found.answer, drawn.world.plan.G.tolist(), np.rad2deg(drawn.world.plan.bias).tolist()
+        )
     row["calibration_sigmas"] = json.dumps(errors)
     steps = {step["step"] for step in found.answer["budget"] if step["size"] is not None}
     stated = [name for cause in found.answer["causes"] if steps & set(cause["group"]) for name in cause["group"]]
     row["true_closed"] = float("nan")
-    if isinstance(drawn, Drawn) and drawn.kind == "mixed" and stated:
+    if isinstance(drawn, DrawnCase) and drawn.kind == "mixed" and stated:
         row["true_closed"] = measure_true_share(drawn, stated)
     if config.keep_answer:
-        row["answer"] = json.dumps(plain({key: value for key, value in found.answer.items() if key != "where"}))
+        row["answer"] = json.dumps(convert_to_plain({key: value for key, value in found.answer.items() if key != "where"}))
     return row | {"make_s": make_s, "diagnose_s": found.cpu_s, "peak_mb": found.peak_mb}
 
 
-def describe_case(drawn: Drawn | DrawnInstrument, made: Recording) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+def describe_case(drawn: DrawnCase | DrawnInstrument, made: Recording) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Describe a case by columns, and its truth."""
     if isinstance(drawn, DrawnInstrument):
         one, kind = drawn.setting, "single" if drawn.setting else "none"
-        truth = [] if one is None else [_truth_of(drawn)]
+        truth = [] if one is None else [_describe_instrument_truth(drawn)]
         about = {"kind": kind, "plan": drawn.plan, "grade": "", "snr": drawn.snr, "separate_snr": drawn.snr, "family": ""}
         about |= {"attitude_snr": float("nan"), "novelty": float("nan")}
     else:
@@ -112,11 +129,11 @@ def describe_case(drawn: Drawn | DrawnInstrument, made: Recording) -> tuple[dict
             "snr": min(drawn.snr, default=float("nan")),
             "separate_snr": min(drawn.separate_snr, default=float("nan")),
             "family": drawn.settings[-1].effect if outside else "",
-            "attitude_snr": world.in_attitude(drawn.settings[-1]) if outside else float("nan"),
+            "attitude_snr": world.compute_attitude_evidence(drawn.settings[-1]) if outside else float("nan"),
             "novelty": drawn.novelty,
         }
     about |= {
-        "effects": " + ".join(label(one["effect"], one["axis"]) for one in truth),
+        "effects": " + ".join(label_effect(one["effect"], one["axis"]) for one in truth),
         "sample_s": made.gyro.sample_s,
         "samples": len(made.gyro.t_s),
         "references": len(made.attitudes.t_s),
@@ -129,7 +146,7 @@ def describe_case(drawn: Drawn | DrawnInstrument, made: Recording) -> tuple[dict
     return about, truth
 
 
-def _truth_of(drawn: DrawnInstrument) -> dict[str, Any]:
+def _describe_instrument_truth(drawn: DrawnInstrument) -> dict[str, Any]:
     one = drawn.setting
     assert one is not None
     told = {"effect": one.effect, "axis": one.axis, "size": one.size, "unit": REGISTRY[one.effect].unit}
@@ -139,13 +156,13 @@ def _truth_of(drawn: DrawnInstrument) -> dict[str, Any]:
 def describe_answer(kind: str, truth: list[dict[str, Any]], found: dict[str, Any]) -> dict[str, Any]:
     """Describe an answer by columns, and what becomes of it."""
     return score_answer(kind, truth, found) | {
-        "causes": json.dumps(plain(found["causes"])),
-        "posterior": json.dumps(plain(found["posterior"])),
-        "size_sigmas": json.dumps(size_errors(merge_axes(found["causes"]), truth)),
+        "causes": json.dumps(convert_to_plain(found["causes"])),
+        "posterior": json.dumps(convert_to_plain(found["posterior"])),
+        "size_sigmas": json.dumps(compute_size_errors(merge_axes(found["causes"]), truth)),
     }
 
 
-def measure_true_share(drawn: Drawn, stated: Collection[str]) -> float:
+def measure_true_share(drawn: DrawnCase, stated: Collection[str]) -> float:
     """Measure the share that goes when the stated effects are taken out of the world, with all noise as it was.
 
     Parameters
@@ -153,7 +170,7 @@ def measure_true_share(drawn: Drawn, stated: Collection[str]) -> float:
     drawn : the case
     stated : labels of the causes that an answer states; those that are not there close nothing
     """
-    kept = [one for one in drawn.settings if not {label(one.effect, one.axis), one.effect} & set(stated)]
+    kept = [one for one in drawn.settings if not {label_effect(one.effect, one.axis), one.effect} & set(stated)]
     whole, left = (_measure_misfit(drawn.world.recording(settings)) for settings in (drawn.settings, kept))
     return (whole - left) / (whole - BUDGET.floor)
 
@@ -164,4 +181,4 @@ def _measure_misfit(recording: Recording) -> float:
     return float(predict_held_out(model, model, ()).misfit[0])
 
 
-STUDY = Study("studies.validation.world.study:STUDY", WorldConfig, case, recording)
+STUDY = Study("studies.validation.world.study:STUDY", WorldConfig, run_case, make_case_recording)

@@ -11,16 +11,16 @@ import numpy as np
 from gyrocal.recording import Recording
 from simulator.effects import EFFECTS, Effect, Setting, Surroundings
 from simulator.effects.base import Array
-from simulator.effects.chain import Active, readings, referenced
-from simulator.simulate import surroundings
+from simulator.effects.chain import ActiveEffect, simulate_readings, simulate_references
+from simulator.simulate import build_surroundings
 from simulator.streams import generator
 from simulator.truth.rotation import separation
-from studies.validation.world.evidence import Change, Evidence, of_noise, of_process
+from studies.validation.world.evidence import Change, Evidence, compute_noise_evidence, compute_process_evidence
 from studies.validation.world.plans import Plan
 from studies.validation.world.sources import Source, find_source
 
-SNR = (5.0, 60.0)
-DRAWS = 6  # of a random change
+WORLD_SNR = (5.0, 60.0)
+RANDOM_CHANGE_DRAWS = 6  # of a random change
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Spec:
 
     name: str
     entropy: int
-    snr: tuple[float, float] = SNR
+    snr: tuple[float, float] = WORLD_SNR
 
     @property
     def source(self) -> Source:
@@ -59,21 +59,21 @@ class World:
     @cached_property
     def around(self) -> Surroundings:
         """The truth as effects see it."""
-        return surroundings(self.plan.plain, self.plan.motion)
+        return build_surroundings(self.plan.plain, self.plan.motion)
 
     def rng(self, name: str) -> np.random.Generator:
         """A stream of the case."""
         return self.spec.rng(self.case, name)
 
-    def active(self, settings: Sequence[Setting], draw: int = 0) -> list[Active]:
+    def active(self, settings: Sequence[Setting], draw: int = 0) -> list[ActiveEffect]:
         """Effects with streams of their own; draw 0 is that of the recording."""
-        return [Active(self.spec.effect(one.effect), one, self.rng(f"effect:{draw}:{one.label()}")) for one in settings]
+        return [ActiveEffect(self.spec.effect(one.effect), one, self.rng(f"effect:{draw}:{one.label()}")) for one in settings]
 
     def observed(self, settings: Sequence[Setting], draw: int = 0) -> tuple[Array, Array]:
         """Raw rates and reference attitudes with noise and effects."""
         noise = self.rng(f"gyro:{draw}"), self.rng(f"reference:{draw}")
         active = self.active(settings, draw)
-        return readings(self.around, active, noise[0]), referenced(self.around, active, noise[1])
+        return simulate_readings(self.around, active, noise[0]), simulate_references(self.around, active, noise[1])
 
     def difference(self, settings: Sequence[Setting], draw: int = 0) -> Change:
         """What effects change under the same noise."""
@@ -93,24 +93,24 @@ class World:
             seen = self.evidence.attitude if one.effect in EFFECTS else self.evidence.seen
             return float(np.linalg.norm(seen(self.difference([one]))))
         evidence, draws, levels = self.evidence, [], []
-        for draw in range(1, DRAWS + 1):
+        for draw in range(1, RANDOM_CHANGE_DRAWS + 1):
             change, noise = self.difference([one], draw), self.noise(draw)
             draws.append(evidence.seen(change))
             both = Change(change.raw + noise.raw, change.reference + noise.reference)
             levels.append(
                 np.hypot(
-                    of_noise(evidence.attitude(noise), evidence.attitude(both)),
-                    of_noise(evidence.samples(noise), evidence.samples(both)) if change.raw.any() else 0.0,
+                    compute_noise_evidence(evidence.attitude(noise), evidence.attitude(both)),
+                    compute_noise_evidence(evidence.samples(noise), evidence.samples(both)) if change.raw.any() else 0.0,
                 )
             )
-        return max(of_process(draws), float(np.median(levels)))
+        return max(compute_process_evidence(draws), float(np.median(levels)))
 
-    def in_attitude(self, one: Setting) -> float:
+    def compute_attitude_evidence(self, one: Setting) -> float:
         """The same in the attitude alone, which is what reaches a calibration."""
         see = self.evidence.attitude
         if _has_a_shape(self.spec.effect(one.effect)):
             return float(np.linalg.norm(see(self.difference([one]))))
-        return of_process([see(self.difference([one], draw)) for draw in range(1, DRAWS + 1)])
+        return compute_process_evidence([see(self.difference([one], draw)) for draw in range(1, RANDOM_CHANGE_DRAWS + 1)])
 
     def recording(self, settings: Sequence[Setting], draw: int = 0) -> Recording:
         """Make the recording that a diagnosis sees; other draws have other noise."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.detectors.dead_zone_crossings import _odds_of_edge, _passes, zone
+from diagnosis.detectors.dead_zone_crossings import _count_pass_windows, _interpolate_edge_odds, find_best_zone
 
 NOISE = 1e-3  # rad/s, of a sample
 SAMPLES = 40_000
@@ -30,7 +30,7 @@ def _read(rate, half_width, seed):
 @pytest.mark.parametrize("half_width", [0.008, 0.015])
 def test_the_half_width_is_found(half_width):
     for seed in range(5):
-        found = zone(_read(_motion(seed, "swing"), half_width, seed), PARTS, NOISE)
+        found = find_best_zone(_read(_motion(seed, "swing"), half_width, seed), PARTS, NOISE)
         assert found is not None
         assert found.log_odds > 8
         assert abs(found.half_width - half_width) < 3.5 * found.sigma
@@ -40,7 +40,7 @@ def test_the_half_width_is_found(half_width):
 def test_noise_that_is_small_beside_it_leaves_little_of_the_half_width_open():
     for seed in range(5):
         shown = np.where(np.abs(rate := _motion(seed, "swing")) < 0.012, 0.0, rate)
-        found = zone(shown + 3e-5 * np.random.default_rng([seed, 1]).standard_normal(rate.size), PARTS, 3e-5)
+        found = find_best_zone(shown + 3e-5 * np.random.default_rng([seed, 1]).standard_normal(rate.size), PARTS, 3e-5)
         assert abs(found.half_width - 0.012) < 3.5 * found.sigma
         assert found.sigma < 0.01 * 0.012
 
@@ -51,10 +51,10 @@ def test_one_way_through_the_zone_shows_it():
     for seed in range(6):
         rate = 0.5 * t + 0.03 * np.sin(8 * t + seed)
         parts = (slice(0, rate.size),)
-        found = zone(_read(rate, 0.05, seed), parts, NOISE)
+        found = find_best_zone(_read(rate, 0.05, seed), parts, NOISE)
         assert found.log_odds > 2
         assert abs(found.half_width - 0.05) < 3.5 * found.sigma
-        assert zone(_read(rate, 0.0, seed), parts, NOISE) is None
+        assert find_best_zone(_read(rate, 0.0, seed), parts, NOISE) is None
 
 
 def test_a_slew_from_rest_to_rest_shows_no_zone():
@@ -64,7 +64,7 @@ def test_a_slew_from_rest_to_rest_shows_no_zone():
         rng = np.random.default_rng(seed)
         ramp = rng.integers(5, 1500)
         rate = np.interp(t, [3000, 3000 + ramp, 6000, 6000 + ramp], [0.0, 1.0, 1.0, 0.0]) * rng.uniform(0.05, 0.4)
-        found = zone(_read(rate + rng.choice([0.0, 0.003]), 0.0, seed), (slice(0, t.size),), NOISE)
+        found = find_best_zone(_read(rate + rng.choice([0.0, 0.003]), 0.0, seed), (slice(0, t.size),), NOISE)
         odds.append(found.log_odds if found else 0.0)
     assert max(odds) < 2
 
@@ -72,14 +72,14 @@ def test_a_slew_from_rest_to_rest_shows_no_zone():
 def test_no_edge_is_where_the_motion_is_seen_to_move():
     """Behind loud noise the passes' readings may set in late; a half width whose hole is full is none for that."""
     tried, odds = np.geomspace(0.5, 2.0, 20), np.where(np.geomspace(0.5, 2.0, 20) < 1.1, 4.0, -40.0)
-    assert (_odds_of_edge(np.array([0.6, 0.9, 1.0]), tried, odds) > 3).all()
-    assert (_odds_of_edge(np.array([1.2, 1.5]), tried, odds) < -30).all()
+    assert (_interpolate_edge_odds(np.array([0.6, 0.9, 1.0]), tried, odds) > 3).all()
+    assert (_interpolate_edge_odds(np.array([1.2, 1.5]), tried, odds) < -30).all()
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_the_samples_in_the_zone_are_found(seed):
     rate, half_width = _motion(seed, "swing"), 0.012
-    found = zone(_read(rate, half_width, seed), PARTS, NOISE)
+    found = find_best_zone(_read(rate, half_width, seed), PARTS, NOISE)
     assert np.mean(found.dead == (np.abs(rate) < half_width)) > 0.98
 
 
@@ -90,15 +90,15 @@ def test_the_edge_is_found_where_a_band_is_passed_in_two_samples(half_width):
         rng = np.random.default_rng(seed)
         t = np.arange(SAMPLES)
         rate = sum(rng.uniform(0.1, 0.3) * np.sin(2 * np.pi * t / rng.uniform(150, 400) + rng.uniform(0, 6)) for _ in range(3))
-        assert zone(_read(rate, 0.0, seed), PARTS, NOISE) is None
-        found = zone(_read(rate, half_width, seed), PARTS, NOISE)
+        assert find_best_zone(_read(rate, 0.0, seed), PARTS, NOISE) is None
+        found = find_best_zone(_read(rate, half_width, seed), PARTS, NOISE)
         assert found.log_odds > 5
         assert found.half_width == pytest.approx(half_width, rel=0.1)
 
 
 @pytest.mark.parametrize("kind", ["swing", "turns"])
 def test_a_real_motion_shows_no_zone(kind):
-    found = [zone(_read(_motion(seed, kind), 0.0, seed), PARTS, NOISE) for seed in range(20)]
+    found = [find_best_zone(_read(_motion(seed, kind), 0.0, seed), PARTS, NOISE) for seed in range(20)]
     odds = [one.log_odds if one else 0.0 for one in found]
     assert max(odds) < 4
     assert np.mean(np.array(odds) > 1) < 0.1
@@ -106,7 +106,7 @@ def test_a_real_motion_shows_no_zone(kind):
 
 def test_passes_are_counted_between_core_and_far():
     u = np.array([0.1, 0.5, 1.2, 1.7, 2.2, 3.0, 2.2, 2.1, 1.7, 1.2, 0.2, 0.6, 0.1])
-    hole, band, behind = _passes(u)
+    hole, band, behind = _count_pass_windows(u)
     assert hole.tolist() == [1, 0]
     assert band.tolist() == [1, 1]
     assert behind == pytest.approx([0.2 * 3 / 1.5, 0.2 * 4 / 1.5])  # behind the edge by 0.2, in three and four windows
@@ -114,8 +114,8 @@ def test_passes_are_counted_between_core_and_far():
 
 def test_a_body_that_jumps_over_the_core_tells_nothing():
     u = np.array([0.1, *np.linspace(1.05, 2.45, 30), 3.0])
-    assert _passes(u)[1].tolist() == [0]
-    assert _passes(np.append(np.zeros(10), u))[1].tolist() == [10]
+    assert _count_pass_windows(u)[1].tolist() == [0]
+    assert _count_pass_windows(np.append(np.zeros(10), u))[1].tolist() == [10]
 
 
 def test_a_body_that_thrusters_push_from_rate_to_rate_shows_no_zone():
@@ -124,11 +124,11 @@ def test_a_body_that_thrusters_push_from_rate_to_rate_shows_no_zone():
     for seed in range(20):
         rng = np.random.default_rng(seed)
         levels = np.repeat(rng.uniform(-3, 3, SAMPLES // 50 + 1), 50)[:SAMPLES] * 30 * NOISE
-        one = zone(levels + NOISE * rng.standard_normal(SAMPLES), PARTS, NOISE)
+        one = find_best_zone(levels + NOISE * rng.standard_normal(SAMPLES), PARTS, NOISE)
         found.append(one.log_odds if one else 0.0)
     assert max(found) < 2
 
 
 def test_nothing_to_see_is_no_zone():
-    assert zone(np.zeros(SAMPLES), PARTS, NOISE) is None
-    assert zone(_motion(1, "swing"), PARTS, 0.0) is None
+    assert find_best_zone(np.zeros(SAMPLES), PARTS, NOISE) is None
+    assert find_best_zone(_motion(1, "swing"), PARTS, 0.0) is None

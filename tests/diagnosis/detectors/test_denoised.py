@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from diagnosis.detectors.denoised import denoised, shrunk
-from simulator.effects.smoothing import smoothed
+from diagnosis.detectors.noise_removal import remove_interval_noise, shrink_cosines
+from simulator.effects.smoothing import smooth_run
 
 N, SAMPLE_S, SIGMA = 6000, 0.02, 0.01
 
@@ -18,17 +18,17 @@ def test_a_sway_is_kept_at_any_size(amplitude):
     """Local quadratics alone keep nothing of one that is below four times the noise, or most of the noise of a larger one."""
     motion = np.tile(amplitude * SIGMA * np.sin(2 * np.pi * 1.3 * SAMPLE_S * np.arange(N))[:, None], 3)
     level = np.full(3, SIGMA)
-    error = (denoised(noisy(motion), SAMPLE_S, level) - motion).std()
+    error = (remove_interval_noise(noisy(motion), SAMPLE_S, level) - motion).std()
     assert error < 0.6 * SIGMA
-    assert error < 0.6 * (smoothed(noisy(motion), SAMPLE_S, np.inf, level) - motion).std()
+    assert error < 0.6 * (smooth_run(noisy(motion), SAMPLE_S, np.inf, level) - motion).std()
 
 
 def test_slews_between_rests_are_as_good_as_with_local_quadratics():
     t = np.arange(N)
     slew = np.interp(t, [0, 2000, 2100, 3000, 3100, N], [0, 0, 5.0, 5.0, 0, 0])
     motion, level = np.column_stack([slew, 0 * slew, -slew]), np.full(3, SIGMA)
-    error = (denoised(noisy(motion), SAMPLE_S, level) - motion).std(axis=0)
-    local = (smoothed(noisy(motion), SAMPLE_S, np.inf, level) - motion).std(axis=0)
+    error = (remove_interval_noise(noisy(motion), SAMPLE_S, level) - motion).std(axis=0)
+    local = (smooth_run(noisy(motion), SAMPLE_S, np.inf, level) - motion).std(axis=0)
     assert (error[[0, 2]] <= 1.05 * local[[0, 2]]).all()
     assert error[1] < 0.1 * SIGMA
 
@@ -40,7 +40,7 @@ def test_degrees_of_freedom_are_the_share_of_the_noise_that_is_kept():
     kept, stated = [], []
     for _ in range(60):
         noise = SIGMA * rng.standard_normal(motion.size)
-        values, freedom = shrunk(motion + noise, SIGMA)
+        values, freedom = shrink_cosines(motion + noise, SIGMA)
         kept.append(noise @ (values - motion) / SIGMA**2)
         stated.append(freedom)
     # A coefficient that its noise lifts over the limit jumps, which the derivative leaves out.
@@ -49,5 +49,5 @@ def test_degrees_of_freedom_are_the_share_of_the_noise_that_is_kept():
 
 def test_few_samples_and_no_noise():
     few = np.arange(30.0).reshape(10, 3)
-    np.testing.assert_allclose(denoised(few, SAMPLE_S, np.full(3, 1e-9)), few, atol=1e-8)
-    np.testing.assert_array_equal(denoised(few, SAMPLE_S, np.zeros(3)), few)
+    np.testing.assert_allclose(remove_interval_noise(few, SAMPLE_S, np.full(3, 1e-9)), few, atol=1e-8)
+    np.testing.assert_array_equal(remove_interval_noise(few, SAMPLE_S, np.zeros(3)), few)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from diagnosis.detectors.gap_interpolation import SETTINGS as GAP_INTERPOLATION
-from diagnosis.detectors.gap_interpolation import filled, runs
+from diagnosis.detectors.gap_interpolation import fill_gaps, find_mask_runs
 
 DT = 0.5
 T = DT * np.arange(81)
@@ -15,11 +15,11 @@ def bridged(rates, low, high, sigma=0.0, t_s=T):
     bad[low:high] = True
     spoiled = rates.copy()
     spoiled[bad] = spoiled[low - 1]
-    return filled(t_s, spoiled, bad, DT, sigma)
+    return fill_gaps(t_s, spoiled, bad, DT, sigma)
 
 
 def test_runs_of_a_mask():
-    assert runs(np.array([True, False, True, True, False, False, True])) == [(0, 1), (2, 4), (6, 7)]
+    assert find_mask_runs(np.array([True, False, True, True, False, False, True])) == [(0, 1), (2, 4), (6, 7)]
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 7, 20])
@@ -68,7 +68,7 @@ def test_too_little_on_a_side_is_bridged_by_a_line():
     rates = np.column_stack([np.sin(T / 5)] * 3)
     bad = np.zeros(T.size, dtype=bool)
     bad[1:8] = True
-    out, _, _ = filled(T, rates, bad, DT)
+    out, _, _ = fill_gaps(T, rates, bad, DT)
     np.testing.assert_allclose(out[1:8, 0], np.interp(T[1:8], T[[0, 8]], rates[[0, 8], 0]))
 
 

@@ -7,14 +7,14 @@ import scipy.stats
 from diagnosis.detectors.noise_blocks import SETTINGS as NOISE_BLOCKS
 from diagnosis.detectors.noise_blocks import (
     SPREAD,
-    WHITE,
-    by_calm,
-    fitted,
+    WHITE_COSINES,
+    compute_broadband_share,
+    cut_blocks,
+    estimate_powers,
+    fit_white_noise,
     has_spike,
     is_even,
-    outside_bands,
-    powers_of,
-    samples_of,
+    rank_calm_blocks,
 )
 from diagnosis.detectors.noise_level import fit_noise_level
 from diagnosis.detectors.sample_noise import SETTINGS
@@ -40,13 +40,13 @@ def found_in(x):
 
 def blocks_of(x):
     """Cosines of the blocks of some samples."""
-    return np.diff(samples_of([x]), NOISE_BLOCKS.order, axis=1) @ WHITE.T
+    return np.diff(cut_blocks([x]), NOISE_BLOCKS.order, axis=1) @ WHITE_COSINES.T
 
 
 def calmest(x):
     """The blocks of the calmer half."""
     blocks = blocks_of(x)
-    order = by_calm(blocks)
+    order = rank_calm_blocks(blocks)
     return blocks[order[: order.size // 2], : NOISE_BLOCKS.showing]
 
 
@@ -67,12 +67,12 @@ def test_cosines_of_white_noise_are_independent_with_its_variance():
 
 def test_the_mean_square_without_what_is_far_out_has_the_stated_spread():
     rng = np.random.default_rng(1)
-    powers = np.array([powers_of(rng.standard_normal((400, NOISE_BLOCKS.showing))) for _ in range(100)])
+    powers = np.array([estimate_powers(rng.standard_normal((400, NOISE_BLOCKS.showing))) for _ in range(100)])
     assert powers.mean() == pytest.approx(1.0, abs=4 * np.sqrt(SPREAD / 400 / powers.size))
     assert powers.std() == pytest.approx(np.sqrt(SPREAD / 400), rel=4 / np.sqrt(2 * powers.size))
     spoiled = rng.standard_normal((4000, NOISE_BLOCKS.showing))
     spoiled[:40] *= 30
-    assert powers_of(spoiled).mean() == pytest.approx(1.0, abs=0.03)
+    assert estimate_powers(spoiled).mean() == pytest.approx(1.0, abs=0.03)
 
 
 def test_the_calmest_blocks_are_chosen_by_what_their_noise_is_not():
@@ -168,7 +168,7 @@ def test_beside_a_weak_motion_in_all_blocks_noise_has_a_level_that_is_known_less
     for seed in range(20):
         rng = np.random.default_rng(seed)
         white, motion = rng.standard_normal(count), bends(rng, count, 0.3)
-        moving += not fitted(powers_of(blocks_of(white + motion)[:, : NOISE_BLOCKS.showing]), count // 38).still
+        moving += not fit_white_noise(estimate_powers(blocks_of(white + motion)[:, : NOISE_BLOCKS.showing]), count // 38).still
         one, other = found_in(white + motion), found_in(np.sqrt(1.3) * white + motion)
         assert other is not None
         assert abs(other.variance - 1.3) < 4 * other.sigma
@@ -193,7 +193,7 @@ def test_readout_noise_in_a_motion_is_told_from_white_noise():
         x = rng.standard_normal(30_000) + np.diff(size * rng.standard_normal(30_001)) + swing(30_000)
         reading = found_in(x).readout
         assert reading.probability > 0.9
-        assert reading.as_stated
+        assert reading.is_as_stated
         assert abs(reading.reading - size) < 4 * reading.sigma
     reading = found_in(1.3 * rng.standard_normal(30_000) + swing(30_000)).readout
     assert reading is None or reading.probability < 0.02
@@ -201,7 +201,7 @@ def test_readout_noise_in_a_motion_is_told_from_white_noise():
 
 def test_the_rise_has_one_sigma_under_m0():
     rng = np.random.default_rng(2)
-    rises = [fitted(powers_of(rng.standard_normal((300, NOISE_BLOCKS.showing))), 300).rise for _ in range(200)]
+    rises = [fit_white_noise(estimate_powers(rng.standard_normal((300, NOISE_BLOCKS.showing))), 300).rise for _ in range(200)]
     assert abs(np.mean(rises)) < 4 / np.sqrt(200)
     assert np.std(rises) == pytest.approx(1.0, abs=4 / np.sqrt(400))
 
@@ -210,7 +210,7 @@ def test_the_rise_has_one_sigma_under_m0():
 
 
 def outside(x):
-    return outside_bands(powers_of(blocks_of(x)[:, : NOISE_BLOCKS.showing]), 1.0)
+    return compute_broadband_share(estimate_powers(blocks_of(x)[:, : NOISE_BLOCKS.showing]), 1.0)
 
 
 def band(rng, count, low, high, power):

@@ -7,7 +7,7 @@ import pytest
 import scipy.stats
 
 from diagnosis.detectors import outliers
-from diagnosis.detectors.report import Stream
+from diagnosis.detectors.sample_report import Stream
 from diagnosis.detectors.samples import examine
 from studies.validation import broad
 from tests import SHARED
@@ -142,5 +142,5 @@ def test_outliers_of_one_gyro_speak_although_the_others_motion_passes_for_some(m
 @pytest.mark.skipif(not (SHARED / "real").exists(), reason="the real recordings are not there")
 def test_quick_motion_of_a_real_body_is_no_spike(name):
     """The rate changes by tens of deg/s from sample to sample, and unevenly."""
-    recording = broad.to_recording(broad.read(SHARED / "real" / "broad" / f"{name}.parquet")).recording
+    recording = broad.build_recording(broad.read(SHARED / "real" / "broad" / f"{name}.parquet")).recording
     assert "outliers" not in [one.kind for one in examine(recording).symptoms]

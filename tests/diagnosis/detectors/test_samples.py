@@ -9,8 +9,8 @@ import scipy.special
 
 from diagnosis.detectors import samples as stream
 from diagnosis.detectors.clipping import _is_plateau, compute_probability_of_clipping
-from diagnosis.detectors.lattice import find_lattice_step, held_s, mean_reading, undo_lattice
-from diagnosis.detectors.sample_noise import local_noise
+from diagnosis.detectors.lattice import compute_mean_reading, find_lattice_step, measure_hold_times, undo_lattice
+from diagnosis.detectors.sample_noise import estimate_local_noise
 from diagnosis.detectors.spectral_lines import Look, find_peak
 from diagnosis.settings import DEFAULT
 from simulator import scenario
@@ -201,7 +201,7 @@ def test_mean_reading_against_draws(kind):
     x = np.array([-3.3, -0.9, -0.2, 0.0, 0.45, 0.55, 1.7])
     noisy = x + sigma * rng.standard_normal((200_000, 1))
     drawn = (np.round(noisy / step) if kind == "rounded" else np.trunc(noisy / step)).mean(axis=0)
-    assert np.allclose(mean_reading(x, step, sigma, kind), drawn, atol=5 * 0.5 / np.sqrt(200_000))
+    assert np.allclose(compute_mean_reading(x, step, sigma, kind), drawn, atol=5 * 0.5 / np.sqrt(200_000))
 
 
 @pytest.mark.parametrize(("kind", "level"), [("rounded", 0.31), ("rounded", 60.3), ("cut", 0.8), ("cut", -2.6), ("cut", 60.3)])
@@ -252,7 +252,7 @@ def test_a_swing_comes_back_from_the_cut():
 def test_a_reading_is_held_where_it_goes_back():
     counts = np.repeat([0.0, 1.0, 2.0, 1.0, 0.0, 1.0], [5, 3, 10, 4, 2, 1])
     held = np.repeat([5, 1, 10, 1, 2, 1], [5, 3, 10, 4, 2, 1])
-    np.testing.assert_allclose(held_s(counts, 0.5), 0.5 * held)
+    np.testing.assert_allclose(measure_hold_times(counts, 0.5), 0.5 * held)
 
 
 def test_repeats_by_chance_on_a_coarse_lattice_are_none(plan, truth):
@@ -413,6 +413,6 @@ def test_the_noise_of_samples_is_that_of_those_that_were_measured(share):
     t = np.arange(20000.0)
     for axis in range(3):
         rates[filled, axis] = np.interp(t[filled], t[~filled], rates[~filled, axis])
-    found = local_noise(rates, 1.0, np.zeros(3, dtype=bool), np.zeros(3), filled)
+    found = estimate_local_noise(rates, 1.0, np.zeros(3, dtype=bool), np.zeros(3), filled)
     count = np.sum(~filled) if share == 0 else 20000 * (1 - share) ** 7
     np.testing.assert_allclose(found, 1.0, atol=5 * np.sqrt(6.3 / count))

@@ -9,7 +9,7 @@ import simulator
 from diagnosis.detectors.stream_faults import find_faults, remove_faults
 from diagnosis.diagnose import diagnose
 from simulator.effects import REGISTRY, parse
-from simulator.truth.rotation import perturbed
+from simulator.truth.rotation import apply_rotation_errors
 from tests.simulator.effects.test_clock import agile
 
 SCENARIOS = {"agile": agile(), "trmm": simulator.load("trmm_series")}
@@ -127,6 +127,6 @@ def test_a_reference_that_is_off_along_the_change_of_the_rate_may_have_a_late_ta
     direction = np.cross(along, np.eye(3)[np.argmin(np.abs(along))]) if across else along
     off = np.deg2rad(3.0) * direction / np.linalg.norm(direction)
     quaternions = attitudes.quaternions.copy()
-    quaternions[k : k + 1] = perturbed(quaternions[k : k + 1], off[None])
+    quaternions[k : k + 1] = apply_rotation_errors(quaternions[k : k + 1], off[None])
     faults = found(replace(recording, attitudes=replace(attitudes, quaternions=quaternions)))
     assert [fault.detection.effect for fault in faults] == ["reference_glitch"] * count

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from diagnosis.detectors.repeats import compute_p_of_times
-from simulator.effects.gyro.stale_samples import stale_mask
+from simulator.effects.gyro.stale_samples import draw_stale_mask
 
 SEEDS = 60
 SHARE = 0.1
@@ -17,7 +17,10 @@ def _starts(mask):
 
 @pytest.mark.parametrize("mean_run", [1.0, 3.5])
 def test_repeats_of_missed_samples_look_like_that(mean_run):
-    p = [compute_p_of_times(_starts(stale_mask(np.random.default_rng(seed), 20_000, mean_run, 0.02))) for seed in range(SEEDS)]
+    p = [
+        compute_p_of_times(_starts(draw_stale_mask(np.random.default_rng(seed), 20_000, mean_run, 0.02)))
+        for seed in range(SEEDS)
+    ]
     assert np.mean(np.array(p) < SHARE) < MOST
 
 

@@ -7,10 +7,10 @@ import pytest
 import scipy.stats
 from scipy.special import logsumexp
 
-from diagnosis.inference.amplitudes import amplitudes, fit
+from diagnosis.inference.amplitudes import estimate_amplitudes, fit
 from diagnosis.inference.search import Search
-from diagnosis.model.linear import Member
-from simulator.effects.common import from_phase_amplitudes
+from diagnosis.model.linear import SelectedCandidate
+from simulator.effects.common import convert_phase_amplitudes
 from tests.diagnosis.linear_models import linear_model
 
 
@@ -37,7 +37,7 @@ def test_mean_and_sigma_are_those_of_the_whole_posterior(positive, true):
     scales = np.geomspace(0.1, 3.0, 7)
     change = {"scales": scales, "positive": positive}
     model = linear_model([[x[:, None] for x in options]], y, changes={0: change})
-    (one,) = fit(model, [Member(0, 1, 3)])
+    (one,) = fit(model, [SelectedCandidate(0, 1, 3)])
     mean, sigma = brute_force(y, options, np.full(3, 1 / 3), scales, positive)
     assert one.size == pytest.approx(mean, rel=1e-6)
     assert one.sigma == pytest.approx(sigma, rel=1e-6)
@@ -49,7 +49,7 @@ def test_the_prior_keeps_what_cannot_be_seen_near_zero():
     x = np.full((6, 1), 1e-3)
     y = np.random.default_rng(2).standard_normal(6)
     model = linear_model([x], y, changes={0: {"scales": np.array([2.0])}})
-    (one,) = fit(model, [Member(0, 0, 0)])
+    (one,) = fit(model, [SelectedCandidate(0, 0, 0)])
     assert abs(one.size) < 0.05
     assert one.sigma == pytest.approx(2.0, rel=1e-3)
     assert one.prior_sigma == 2.0
@@ -64,7 +64,7 @@ def test_strong_effects_have_the_amplitudes_of_least_squares():
     wide = {number: {"scales": np.array([1e4])} for number in (0, 1)}
     wide[0]["read"] = lambda amplitudes: (float(np.hypot(*amplitudes)), {"phase_deg": 7.0})
     model = linear_model(columns, y, nuisance, wide)
-    first, second = fit(model, [Member(0, 0, 0), Member(1, 0, 0)])
+    first, second = fit(model, [SelectedCandidate(0, 0, 0), SelectedCandidate(1, 0, 0)])
     design = np.hstack([*columns, nuisance])
     expected = np.linalg.lstsq(design, y, rcond=None)[0]
     covariance = np.linalg.inv(design.T @ design)
@@ -85,7 +85,7 @@ def test_the_sigma_is_that_of_the_size_that_is_read():
     found = {}
     for name, read in (("mean", lambda a: (0.5 * a.sum(), {})), ("edge", lambda a: (7.0, {}))):
         changes = {0: {"scales": np.array([1e4]), "read": read, "size_sigma": lambda size: 0.3 * size if size == 7.0 else 0.0}}
-        (found[name],) = fit(linear_model([columns], y, changes=changes), [Member(0, 0, 0)])
+        (found[name],) = fit(linear_model([columns], y, changes=changes), [SelectedCandidate(0, 0, 0)])
     covariance = np.linalg.inv(columns.T @ columns)
     assert found["mean"].sigma == pytest.approx(0.5 * np.sqrt(covariance.sum()), rel=1e-5)
     assert found["edge"].sigma == pytest.approx(2.1, rel=1e-9)
@@ -105,7 +105,7 @@ def test_a_time_that_is_not_known_widens_size_and_time():
     )
     model = replace(model, candidates=(replace(candidate, options=options),))
     score = Search(model).score(0, ())
-    (one,) = fit(model, [Member(0, score.option, score.scale)])
+    (one,) = fit(model, [SelectedCandidate(0, score.option, score.scale)])
     mean, sigma = brute_force(y, steps, np.full(len(steps), 1 / len(steps)), scales)
     assert one.size == pytest.approx(mean, rel=1e-6)
     assert one.sigma == pytest.approx(sigma, rel=1e-6)
@@ -119,7 +119,7 @@ def test_a_time_that_is_not_known_widens_size_and_time():
     assert one.parameters["time_sigma_s"] == pytest.approx(np.sqrt(share @ (times - expected) ** 2 + 9.0), rel=1e-6)
     # With the time given, the size is more certain.
     alone = linear_model([steps[13][:, None]], y, changes={0: {"scales": scales}})
-    assert fit(alone, [Member(0, 0, 0)])[0].sigma < one.sigma
+    assert fit(alone, [SelectedCandidate(0, 0, 0)])[0].sigma < one.sigma
 
 
 def test_size_of_a_random_process_is_the_mean_of_its_scale():
@@ -130,7 +130,7 @@ def test_size_of_a_random_process_is_the_mean_of_its_scale():
     change = {"process": True, "scales": np.geomspace(0.1, 10, 9)}
     model = linear_model([X], y, changes={0: change})
     score = Search(model).score(0, ())
-    (one,) = fit(model, [Member(0, 0, score.scale)])
+    (one,) = fit(model, [SelectedCandidate(0, 0, score.scale)])
     sizes = np.geomspace(0.05, 50, 600)
     log = np.array([scipy.stats.multivariate_normal.logpdf(y, np.zeros(40), np.eye(40) + s**2 * X @ X.T) for s in sizes])
     weight = np.exp(log - logsumexp(log))
@@ -150,7 +150,7 @@ def test_sigmas_cover_the_truth_when_the_truth_is_drawn_from_the_prior():
         true = rng.choice(scales) * rng.standard_normal()
         y = true * options[rng.integers(4)] + rng.standard_normal(12)
         model = linear_model([[x[:, None] for x in options]], y, changes={0: {"scales": scales}})
-        (one,) = fit(model, [Member(0, 0, 0)])
+        (one,) = fit(model, [SelectedCandidate(0, 0, 0)])
         errors.append((one.size - true) / one.sigma)
     square = np.square(errors)
     assert abs(square.mean() - 1) < 4 * square.std() / np.sqrt(600)
@@ -164,7 +164,9 @@ def test_options_of_another_meaning_do_not_enter_the_amplitudes():
     y = 4 * x[:, 0] + rng.standard_normal(30)
     both = linear_model([[x, np.hstack([x, more])]], y)
     alone = linear_model([x], y)
-    assert fit(both, [Member(0, 0, 4)])[0].size == pytest.approx(fit(alone, [Member(0, 0, 4)])[0].size, rel=1e-9)
+    assert fit(both, [SelectedCandidate(0, 0, 4)])[0].size == pytest.approx(
+        fit(alone, [SelectedCandidate(0, 0, 4)])[0].size, rel=1e-9
+    )
 
 
 def test_of_two_elements_that_explain_as_much_the_size_may_be_that_of_either():
@@ -172,16 +174,16 @@ def test_of_two_elements_that_explain_as_much_the_size_may_be_that_of_either():
     rng = np.random.default_rng(9)
     x = rng.standard_normal((30, 1))
     y = 4 * x[:, 0] + rng.standard_normal(30)
-    both, alone = linear_model([[x, x / 3]], y), fit(linear_model([x], y), [Member(0, 0, 4)])[0]
+    both, alone = linear_model([[x, x / 3]], y), fit(linear_model([x], y), [SelectedCandidate(0, 0, 4)])[0]
     entry = both.candidates[0]
     named = [replace(one, parameters={"toward": toward}) for one, toward in zip(entry.options, "xz", strict=True)]
     both = replace(both, candidates=(replace(entry, options=tuple(named)),))
-    found = fit(both, [Member(0, 0, 4)])[0]
+    found = fit(both, [SelectedCandidate(0, 0, 4)])[0]
     assert found.size == pytest.approx(alone.size, rel=1e-9)
     assert found.parameters["toward"] == "x"
     share = found.parameters["toward_probability"]
     assert 0.3 < share < 0.9
-    other = fit(linear_model([x / 3], y), [Member(0, 0, 4)])[0]
+    other = fit(linear_model([x / 3], y), [SelectedCandidate(0, 0, 4)])[0]
     square = share * alone.sigma**2 + (1 - share) * ((other.size - alone.size) ** 2 + other.sigma**2)
     assert found.sigma == pytest.approx(np.sqrt(square), rel=1e-6)
     assert not any(name.endswith("_probability") for name in alone.parameters)
@@ -191,8 +193,8 @@ def test_a_size_that_is_read_off_with_an_error_of_its_own_has_both():
     rng = np.random.default_rng(8)
     x = rng.standard_normal((30, 1))
     y = 4 * x[:, 0] + rng.standard_normal(30)
-    exact = fit(linear_model([x], y), [Member(0, 0, 4)])[0]
-    rough = fit(linear_model([x], y, changes={0: {"size_sigma": lambda size: 0.2 * size}}), [Member(0, 0, 4)])[0]
+    exact = fit(linear_model([x], y), [SelectedCandidate(0, 0, 4)])[0]
+    rough = fit(linear_model([x], y, changes={0: {"size_sigma": lambda size: 0.2 * size}}), [SelectedCandidate(0, 0, 4)])[0]
     assert rough.sigma == pytest.approx(np.hypot(exact.sigma, 0.2 * exact.size))
 
 
@@ -209,10 +211,10 @@ def test_amplitudes_of_other_periods_are_turned_to_the_phase_of_the_best():
         replace(one, parameters={"period_s": float(P), "period_sigma_s": 0.01})
         for one, P in zip(entry.options, periods, strict=True)
     )
-    entry = replace(entry, options=options, scanned=True, read=from_phase_amplitudes)
+    entry = replace(entry, options=options, scanned=True, read=convert_phase_amplitudes)
     model = replace(model, candidates=(entry,))
-    members = Search(model).settled((Member(0, 0, 0),)).members
-    (one,) = amplitudes(model, members)
+    members = Search(model).settled((SelectedCandidate(0, 0, 0),)).members
+    (one,) = estimate_amplitudes(model, members)
     X = parts[members[0].option]
     alone = np.linalg.lstsq(X, y, rcond=None)[0]
     assert one.size == pytest.approx(float(np.hypot(*alone)), rel=0.05)

@@ -7,7 +7,7 @@ import pytest
 import scipy.stats
 
 from diagnosis.inference.closure import average_closure, compute_closure
-from diagnosis.model.linear import Fold, Member
+from diagnosis.model.linear import Fold, SelectedCandidate
 from tests.diagnosis.linear_models import closure_by_truth, linear_model
 
 PARTS, EACH = 6, 40
@@ -46,7 +46,7 @@ def made(columns, amplitude, seed=2, changes=()):
 
 
 def test_the_truth_closes_the_gap(columns):
-    found = compute_closure(made(columns, 2.0), [Member(0, 0, 4)])
+    found = compute_closure(made(columns, 2.0), [SelectedCandidate(0, 0, 4)])
     assert found.measure == "held-out whitened mean square"
     assert found.split == "a sixth of the rows at a time"
     assert found.floor == 1.0
@@ -64,15 +64,15 @@ def test_nothing_and_a_wrong_effect_close_nothing(columns):
     nothing = compute_closure(model, [])
     assert nothing.closed == pytest.approx(0.0, abs=1e-12)
     assert nothing.after == nothing.before
-    assert compute_closure(model, [Member(3, 0, 4)]).closed < 0.05
+    assert compute_closure(model, [SelectedCandidate(3, 0, 4)]).closed < 0.05
 
 
 def test_an_unlisted_member_is_estimated_and_predicts_nothing(columns):
     """Beside an unlisted rival with the same column, the listed effect has half of the amplitude."""
     model = made([columns[0], columns[0]], 2.0, changes={1: {"listed": False}})
-    alone = compute_closure(model, [Member(0, 0, 4)])
-    both = compute_closure(model, [Member(1, 0, 4), Member(0, 0, 4)])
-    assert compute_closure(model, [Member(1, 0, 4)]).closed == pytest.approx(0.0, abs=1e-12)
+    alone = compute_closure(model, [SelectedCandidate(0, 0, 4)])
+    both = compute_closure(model, [SelectedCandidate(1, 0, 4), SelectedCandidate(0, 0, 4)])
+    assert compute_closure(model, [SelectedCandidate(1, 0, 4)]).closed == pytest.approx(0.0, abs=1e-12)
     assert both.closed == pytest.approx(0.75 * alone.closed, abs=0.03)
 
 
@@ -90,7 +90,7 @@ def test_intervals_cover_a_closed_gap_nine_times_in_ten(columns):
     """Of 150 data sets with an effect whose amplitude is well known from the training part."""
     inside, values = 0, []
     for seed in range(150):
-        found = compute_closure(made(columns, 1.5, seed), [Member(0, 0, 4)])
+        found = compute_closure(made(columns, 1.5, seed), [SelectedCandidate(0, 0, 4)])
         values.append(found.closed)
         inside += found.interval_90[0] < 1 < found.interval_90[1]
     assert np.mean(values) == pytest.approx(1.0, abs=0.02)
@@ -102,7 +102,7 @@ def test_noise_as_stated_has_no_gap_to_close():
     values = []
     for _ in range(40):
         model = with_folds(linear_model([rng.standard_normal((ROWS, 1))], rng.standard_normal(ROWS)))
-        values.append(compute_closure(model, [Member(0, 0, 4)]).before)
+        values.append(compute_closure(model, [SelectedCandidate(0, 0, 4)]).before)
     assert abs(np.mean(values) - 1) < 4 * np.sqrt(2 / ROWS / 40)
 
 
@@ -116,7 +116,7 @@ def test_response_of_the_truth_closes_the_gap_and_of_half_of_it_three_quarters(c
 
 def test_without_folds_there_is_no_closure(columns):
     model = linear_model(columns, 2.0 * columns[0][:, 0])
-    assert compute_closure(model, [Member(0, 0, 4)]) is None
+    assert compute_closure(model, [SelectedCandidate(0, 0, 4)]) is None
     assert closure_by_truth(model, columns[0][:, 0]) is None
 
 

@@ -8,14 +8,14 @@ import scipy.stats
 
 from diagnosis.inference import criticism
 from diagnosis.inference.criticism import Check, Innovations, Layout, check_explanation, check_innovations, combine_checks
-from diagnosis.model.linear import Member
+from diagnosis.model.linear import SelectedCandidate
 from tests.diagnosis.linear_models import linear_model
 
 INTERVALS, EACH = 4, 30
 ROWS = INTERVALS * EACH
 SINCE_S = np.tile(60.0 * np.arange(EACH), INTERVALS)
 T_S = SINCE_S + 8000.0 * np.repeat(np.arange(INTERVALS), EACH)
-MEMBERS = (Member(0, 0, 6), Member(1, 0, 2))
+MEMBERS = (SelectedCandidate(0, 0, 6), SelectedCandidate(1, 0, 2))
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ import scipy.integrate
 import scipy.stats
 
 from diagnosis.inference import evidence
-from diagnosis.inference.evidence import averaged, log_bayes
-from diagnosis.model.linear import scales_of
+from diagnosis.inference.evidence import average_evidence, log_bayes
+from diagnosis.model.linear import choose_scales
 
 
 def test_log_bayes_is_the_ratio_of_normal_densities():
@@ -84,7 +84,7 @@ def test_averaged_evidence_seldom_exaggerates(positive):
     X = rng.standard_normal((40, 6))
     gram, scales = np.einsum("nk,nk->k", X, X)[:, None, None], np.geomspace(0.1, 10, 8)
     table = log_bayes(gram, (X.T @ rng.standard_normal((40, 3000)))[:, None], scales, positive)
-    values = np.exp([averaged(table[:, :, d], np.full(6, -np.log(6))) for d in range(3000)])
+    values = np.exp([average_evidence(table[:, :, d], np.full(6, -np.log(6))) for d in range(3000)])
     for c in (5, 20):
         bound = scipy.stats.binom.ppf(0.9999, 3000, 1 / c)
         assert (values >= c).sum() <= bound
@@ -101,20 +101,20 @@ def test_averaged_evidence_is_the_likelihood_ratio_of_what_it_averages_over(posi
     for _ in range(4000):
         amplitude = rng.choice(scales) * rng.standard_normal()
         y = (abs(amplitude) if positive else amplitude) * X[:, rng.choice(5, p=weights)] + rng.standard_normal(20)
-        inverse.append(np.exp(-averaged(log_bayes(gram, (X.T @ y)[:, None], scales, positive), np.log(weights))))
+        inverse.append(np.exp(-average_evidence(log_bayes(gram, (X.T @ y)[:, None], scales, positive), np.log(weights))))
     assert abs(np.mean(inverse) - 1) < 4 * np.std(inverse) / np.sqrt(4000)
     assert np.std(inverse) / np.sqrt(4000) < 0.03
 
 
 def test_averaged_by_hand():
     table = np.log([[1.0, 3.0], [5.0, 7.0]])
-    assert averaged(table, np.log([0.25, 0.75])) == pytest.approx(np.log(0.25 * 2 + 0.75 * 6))
+    assert average_evidence(table, np.log([0.25, 0.75])) == pytest.approx(np.log(0.25 * 2 + 0.75 * 6))
 
 
 def test_scales_hold_only_what_is_visible_and_plausible():
-    assert scales_of(0.0, (1.0, 2.0)).size == 0
-    assert scales_of(1e-6, (1.0, 2.0)).size == 0  # nothing plausible could be seen
-    scales = scales_of(10.0, (0.01, 5.0))
+    assert choose_scales(0.0, (1.0, 2.0)).size == 0
+    assert choose_scales(1e-6, (1.0, 2.0)).size == 0  # nothing plausible could be seen
+    scales = choose_scales(10.0, (0.01, 5.0))
     assert scales.min() == pytest.approx(0.1)
     assert scales.max() == pytest.approx(5.0)
     assert np.allclose(np.diff(np.log(scales)), np.log(scales[1] / scales[0]))

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from diagnosis.inference.search import Search
 from diagnosis.model import linearise
-from diagnosis.model.candidates import linear_model
-from diagnosis.model.linearise import linearised
+from diagnosis.model.candidates import build_linear_model
+from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.prepare import prepare
 from simulator import scenario
 from simulator.effects import EFFECTS
@@ -50,17 +50,17 @@ def truth(quiet, request, monkeypatch):
         monkeypatch.setattr(
             linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=quiet.attitudes.t_s.size // request.param + 1)
         )
-    made = linearised(quiet, G, BIAS)
+    made = linearise_recording(quiet, G, BIAS)
     assert made.size < 4 * quiet.attitudes.t_s.size / request.param + 30
     return made
 
 
 def _search(model):
-    return Search(linear_model(model, [EFFECTS[name] for name in NAMES], rivals=False, scan=False))
+    return Search(build_linear_model(model, [EFFECTS[name] for name in NAMES], rivals=False, scan=False))
 
 
 def _statistic(search, y):
-    return search.null_statistic(search.model.X.T @ y.reshape(len(y), -1))
+    return search.compute_null_statistic(search.model.X.T @ y.reshape(len(y), -1))
 
 
 def test_the_statistic_is_that_of_the_linear_response_to_the_noise_about_the_true_motion(quiet, truth):
@@ -69,10 +69,10 @@ def test_the_statistic_is_that_of_the_linear_response_to_the_noise_about_the_tru
     model = prepare(recording).model
     assert np.rad2deg(np.abs(model.residuals).max()) > 2
     # Raw rates of the model are the means, over its steps, of what is given it as smooth.
-    readings = linearised(quiet, G, BIAS, smooth=recording.gyro.rates - quiet.gyro.rates).raw
+    readings = linearise_recording(quiet, G, BIAS, smooth=recording.gyro.rates - quiet.gyro.rates).raw
     turned = Rotation.from_quat(recording.attitudes.quaternions).inv() * Rotation.from_quat(quiet.attitudes.quaternions)
     errors = turned.as_rotvec()[truth.reference_rows]
-    y = truth.prepared(truth.reading(readings[:, :, None]) + truth.reference_error(errors[:, :, None]))[:, 0]
+    y = truth.prepared(truth.reading(readings[:, :, None]) + truth.observe_reference_error(errors[:, :, None]))[:, 0]
     assert np.linalg.norm(truth.projected(model.y) - y) < 0.2  # no score of any column moves by more, in sigma
     assert abs(_statistic(_search(model), model.y)[0] - _statistic(_search(truth), y)[0]) < 0.03
 
@@ -83,7 +83,7 @@ def test_noise_drawn_sample_by_sample_has_the_null_distribution(quiet, truth):
     readings = np.einsum("ij,njk->nik", np.linalg.inv(G), rates)
     errors = rng.standard_normal((*sigma.shape, count)) * sigma[:, :, None]
     search = _search(truth)
-    noisy = _statistic(search, truth.prepared(truth.reading(readings) + truth.reference_error(errors)))
+    noisy = _statistic(search, truth.prepared(truth.reading(readings) + truth.observe_reference_error(errors)))
     null = _statistic(search, truth.projected(rng.standard_normal((truth.size, count))))
     assert scipy.stats.ks_2samp(noisy, null).pvalue > 1e-3
     assert scipy.stats.binomtest(int(np.sum(noisy > np.quantile(null, 0.95))), count, 0.05).pvalue > 1e-3

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from diagnosis.diagnose import diagnose
-from diagnosis.inference.refinement import beside, search_with_refined_options, whole_processes
+from diagnosis.inference.refinement import find_near_alternatives, find_whole_processes, search_with_refined_options
 from diagnosis.inference.search import Search
-from diagnosis.model.linear import Option
+from diagnosis.model.linear import ParameterChoice
 from diagnosis.settings import DEFAULT
 from tests.diagnosis.linear_models import linear_model
 from tests.diagnosis.recordings import recorded
@@ -28,8 +28,8 @@ def between_two_options():
         entry = model.candidate(member)
         if member.candidate != 0 or len(entry.options) > 2:
             return model
-        fine = Option(model.W.shape[1], 1, entry.options[0].log_weight, {})
-        return model.with_options(0, [*entry.options, fine], true[:, None], true[:, None])
+        fine = ParameterChoice(model.W.shape[1], 1, entry.options[0].log_weight, {})
+        return model.replace_options(0, [*entry.options, fine], true[:, None], true[:, None])
 
     return replace(linear_model(columns, y, changes={1: {"listed": False}}), refine=refine)
 
@@ -50,14 +50,14 @@ def test_an_effect_with_one_option_that_explains_nearly_as_much_as_a_rival_is_be
     first = model.candidates[0]
     model = replace(model, candidates=(replace(first, options=first.options[:1]), *model.candidates[1:]))
     search = Search(model)
-    assert [member.candidate for member in beside(search, search.of(("e1",)))] == [0]
+    assert [member.candidate for member in find_near_alternatives(search, search.of(("e1",)))] == [0]
 
 
 def test_only_listed_effects_with_some_evidence_are_beside():
     model = between_two_options()
     search = Search(model)
     best = search.of(("e1",))
-    assert [member.candidate for member in beside(search, best)] == [0]  # the third explains nothing
+    assert [member.candidate for member in find_near_alternatives(search, best)] == [0]  # the third explains nothing
 
 
 def truncated_process():
@@ -72,7 +72,7 @@ def truncated_process():
         if not entry.process or entry.label != "e0":
             return model
         options = [entry.options[0], replace(entry.options[1], start=model.W.shape[1], count=3)]
-        return model.with_options(member.candidate, options, all_of_it, all_of_it)
+        return model.replace_options(member.candidate, options, all_of_it, all_of_it)
 
     changes = {0: {"process": True}, 1: {"process": True}}
     return replace(linear_model(columns, y, changes=changes), whole=whole)
@@ -83,7 +83,7 @@ def test_a_process_is_refined_where_all_its_columns_explain_most():
     likely = Search(model).explanations()[:1]
     assert likely[0].members[0].option == 0
     assert likely[0].key == {0}
-    spots = whole_processes(model, likely)
+    spots = find_whole_processes(model, likely)
     assert (0, 1) in {(member.candidate, member.option) for member in spots}
     # What explains far less in its place, whatever its columns, is left as it is.
     assert 1 not in {member.candidate for member in spots}
@@ -91,7 +91,7 @@ def test_a_process_is_refined_where_all_its_columns_explain_most():
 
 def test_explanations_without_a_process_have_none_to_refine():
     model = between_two_options()
-    assert whole_processes(model, Search(model).explanations()[:3]) == []
+    assert find_whole_processes(model, Search(model).explanations()[:3]) == []
 
 
 def test_a_strong_process_is_not_taken_for_several():

@@ -8,9 +8,9 @@ import pytest
 import scipy.stats
 
 from diagnosis.inference import products
-from diagnosis.inference.null import p_value
-from diagnosis.inference.search import Search, total
-from diagnosis.model.linear import Member
+from diagnosis.inference.null import compute_null_p
+from diagnosis.inference.search import Search, sum_log_posterior
+from diagnosis.model.linear import SelectedCandidate
 from diagnosis.settings import DiagnosisSettings
 from tests.diagnosis.linear_models import SCALES, linear_model
 
@@ -29,7 +29,7 @@ def test_the_best_pair_is_found_although_the_best_single_is_not_in_it():
     others = [rng.standard_normal((200, 1)) for _ in range(8)]
     y = (3 * a + 3 * b)[:, 0] + rng.standard_normal(200)
     search = Search(linear_model([decoy, a, b, *others], y))
-    assert search.singles()[0].key == {0}
+    assert search.score_singles()[0].key == {0}
     assert search.explanations()[0].key == {1, 2}
 
 
@@ -38,7 +38,7 @@ def test_conditional_scores_are_those_of_the_columns_themselves():
     columns = [rng.standard_normal((30, k)) for k in (1, 2, 6)]
     y = rng.standard_normal(30) * 1.5
     search = Search(linear_model(columns, y))
-    given = search.given((Member(1, 0, 3),))
+    given = search.given((SelectedCandidate(1, 0, 3),))
     C = columns[1] * SCALES[3]
     assert given.log_bayes == pytest.approx(normal_ratio(y, C), abs=1e-9)
     for k in (0, 2):
@@ -51,7 +51,7 @@ def test_a_score_is_the_same_in_whatever_order_sets_are_looked_at():
     rng = np.random.default_rng(17)
     columns = [rng.standard_normal((40, k)) for k in (1, 3, 60)]
     model = linear_model(columns, 2 * rng.standard_normal(40))
-    one, other = Member(1, 0, 2), Member(2, 0, 4)
+    one, other = SelectedCandidate(1, 0, 2), SelectedCandidate(2, 0, 4)
     search = Search(model)
     for members in ((one,), (), (one, other), (other, one), (other,), (one,)):
         alone = Search(model).score(0, members)
@@ -78,7 +78,9 @@ def test_evidence_of_a_set_is_that_of_its_columns_with_the_average_of_each_membe
     columns = [rng.standard_normal((25, k)) for k in (1, 2, 1)]
     y = rng.standard_normal(25) * 2
     one = {number: {"scales": np.array([s])} for number, s in enumerate((0.5, 1.5, 0.8))}
-    found = Search(linear_model(columns, y, changes=one)).settled((Member(0, 0, 0), Member(1, 0, 0), Member(2, 0, 0)))
+    found = Search(linear_model(columns, y, changes=one)).settled(
+        (SelectedCandidate(0, 0, 0), SelectedCandidate(1, 0, 0), SelectedCandidate(2, 0, 0))
+    )
     C = np.hstack([0.5 * columns[0], 1.5 * columns[1], 0.8 * columns[2]])
     assert found.log_evidence == pytest.approx(normal_ratio(y, C), abs=1e-8)
 
@@ -100,9 +102,9 @@ def test_null_statistic_of_many_is_that_of_each():
     columns = [rng.standard_normal((30, 1)), rng.standard_normal((30, 2)), [rng.standard_normal((30, k)) for k in (1, 6)]]
     Y = rng.standard_normal((30, 4))
     model = linear_model(columns, Y[:, 0], changes={0: {"positive": True}})
-    together = Search(model).null_statistic(model.X.T @ Y)
+    together = Search(model).compute_null_statistic(model.X.T @ Y)
     for k in range(4):
-        singles = Search(replace(model, y=Y[:, k])).singles()
+        singles = Search(replace(model, y=Y[:, k])).score_singles()
         expected = np.log(sum(np.exp(e.log_evidence + model.candidates[next(iter(e.key))].log_prior) for e in singles))
         assert together[k] == pytest.approx(expected, abs=1e-9)
 
@@ -113,9 +115,9 @@ def test_the_search_leaves_a_wrong_set_for_the_right_one():
     columns = [rng.standard_normal((150, 1)) for _ in range(30)]
     y = 4 * columns[11][:, 0] - 5 * columns[23][:, 0] + rng.standard_normal(150)
     search = Search(linear_model(columns, y))
-    start = search.settled(tuple(Member(k, 0, 4) for k in (11, 3, 5)))
+    start = search.settled(tuple(SelectedCandidate(k, 0, 4) for k in (11, 3, 5)))
     found = {start.key: start}
-    search._exchange(found)
+    search._replace_members(found)
     best = max(found.values(), key=lambda explanation: explanation.log_posterior)
     assert best.key == {11, 23}
     assert best.log_posterior > start.log_posterior + 100
@@ -129,7 +131,7 @@ def test_rivals_leave_room_in_the_beam_for_two_listed_effects():
     decoys = [a + b + 0.35 * rng.standard_normal((200, 1)) for _ in range(12)]
     rivals = {number: {"listed": False} for number in range(2, 14)}
     search = Search(linear_model([a, b, *decoys], y, changes=rivals))
-    assert {next(iter(one.key)) for one in search.singles()[:12]} == set(rivals)
+    assert {next(iter(one.key)) for one in search.score_singles()[:12]} == set(rivals)
     assert search.explanations()[0].key == {0, 1}
 
 
@@ -141,11 +143,11 @@ def test_p_value_is_uniform_under_m0_and_small_with_an_effect(projected):
     p = []
     for seed in range(60):
         model = linear_model(columns, rng.standard_normal(50), nuisance)
-        p.append(p_value(Search(model), seed, 99))
+        p.append(compute_null_p(Search(model), seed, 99))
     assert scipy.stats.kstest(p, "uniform").pvalue > 1e-3
     strong = linear_model(columns, 8 * columns[0][:, 0] + rng.standard_normal(50), nuisance)
     # Beyond what the draws resolve it is the bound on the evidence.
-    assert p_value(Search(strong), 0, 99) < 1e-20
+    assert compute_null_p(Search(strong), 0, 99) < 1e-20
 
 
 @pytest.mark.parametrize(("observed", "expected"), [(0.5, 3 / 10), (2.0, 1 / 10), (4.0, np.exp(-4.0))])
@@ -161,7 +163,7 @@ def test_p_value_counts_the_observation_among_the_draws(observed, expected):
         return draws if correlation.shape[1] == 9 else np.array([observed])
 
     search = SimpleNamespace(model=model, correlation=np.zeros(1), null_statistic=statistic)
-    assert p_value(search, seed=0, draws=9) == pytest.approx(expected, rel=1e-12)
+    assert compute_null_p(search, seed=0, draws=9) == pytest.approx(expected, rel=1e-12)
     assert drawn == (observed < 4)  # where the bound decides, nothing is drawn
 
 
@@ -178,7 +180,7 @@ def test_draws_end_where_enough_are_beyond_the_observation():
         return np.where(np.arange(1, correlation.shape[1] + 1) % 5 == 0, 1.0, 0.0)
 
     search = SimpleNamespace(model=model, correlation=np.zeros(1), null_statistic=statistic)
-    assert p_value(search, seed=0, draws=1000) == pytest.approx(20 / 100, rel=1e-12)
+    assert compute_null_p(search, seed=0, draws=1000) == pytest.approx(20 / 100, rel=1e-12)
     assert made == 250
 
 
@@ -194,7 +196,7 @@ def test_the_p_value_of_draws_that_end_early_is_exact():
             correlation=np.zeros(1),
             null_statistic=lambda c, own=own: np.array([own]) if c.shape[1] == 1 else rng.random(c.shape[1]),
         )
-        found.append(p_value(search, seed=0, draws=999))
+        found.append(compute_null_p(search, seed=0, draws=999))
     for level in (0.025, 0.05, 0.2, 0.5):
         share = np.mean(np.array(found) <= level)
         assert abs(share - level) < 4 * np.sqrt(level * (1 - level) / len(found))
@@ -213,13 +215,13 @@ def test_what_a_scan_has_chosen_alarms_by_the_bound_on_its_evidence():
         entry = model.candidates[1]
         options = tuple(replace(one, log_weight=-float(np.log(tried))) for one in entry.options)
         model = replace(model, candidates=(model.candidates[0], replace(entry, options=options, scanned=True)))
-        return Search(model), p_value(Search(model), seed, 199, share)
+        return Search(model), compute_null_p(Search(model), seed, 199, share)
 
     for seed in range(150):
         alarms += tested(rng.standard_normal(500), seed)[1] < 0.02
     assert alarms <= 9  # 3 are expected at most
     search, p = tested(rng.standard_normal(500) + 1.4 * every[:, 3], 0)
-    average = search.null_statistic(search.correlation[:, None], scanned=True)[0] - search.model.candidates[1].log_prior
+    average = search.compute_null_statistic(search.correlation[:, None], scanned=True)[0] - search.model.candidates[1].log_prior
     assert np.log(p) == pytest.approx(-average - np.log(share))  # p itself is below any absolute tolerance
     assert p < 1e-6
 
@@ -227,7 +229,7 @@ def test_what_a_scan_has_chosen_alarms_by_the_bound_on_its_evidence():
 def test_total_is_the_log_of_the_sum():
     rng = np.random.default_rng(14)
     found = Search(linear_model([rng.standard_normal((20, 1)) for _ in range(3)], rng.standard_normal(20))).explanations()
-    assert total(found) == pytest.approx(np.log(sum(np.exp(one.log_posterior) for one in found)))
+    assert sum_log_posterior(found) == pytest.approx(np.log(sum(np.exp(one.log_posterior) for one in found)))
 
 
 def test_products_that_are_not_kept_are_made_again(monkeypatch):
@@ -246,7 +248,7 @@ def test_products_of_the_first_columns_of_several_options_are_not_those_of_one()
     rng = np.random.default_rng(8)
     columns = [[rng.standard_normal((90, 72)) for _ in range(3)], rng.standard_normal((90, 1))]
     search = Search(linear_model(columns, rng.standard_normal(90)))
-    other = (Member(1, 0, 4),)
+    other = (SelectedCandidate(1, 0, 4),)
     search.score(0, other, 24)
     after, fresh = search.score(0, other), Search(search.model).score(0, other)
     assert after == fresh

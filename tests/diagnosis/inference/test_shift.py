@@ -7,7 +7,7 @@ import scipy.stats
 from diagnosis.inference.amplitudes import fit
 from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Search
-from diagnosis.model.linear import Candidate, Fold, LinearModel, Member, Option
+from diagnosis.model.linear import Candidate, Fold, LinearModel, ParameterChoice, SelectedCandidate
 
 ROWS = 14
 SCALE = 0.7
@@ -15,7 +15,7 @@ SCALE = 0.7
 
 def candidate(name, start, count, shifted):
     read = (lambda amplitudes: (1.0, {})) if count == 1 and shifted else (lambda amplitudes: (float(amplitudes[0]), {}))
-    option = Option(start, count, 0.0, {})
+    option = ParameterChoice(start, count, 0.0, {})
     return Candidate(name, None, True, np.log(1 / 3), (option,), np.array([SCALE]), "", read=read, shifted=shifted)
 
 
@@ -60,11 +60,11 @@ def test_evidence_under_the_null_knows_the_shift(model):
     search = Search(model)
     singles = [search.of((one.label,)).log_evidence for one in model.candidates]
     together = np.logaddexp.reduce(singles) - np.log(3)
-    assert search.null_statistic(search.correlation[:, None])[0] == pytest.approx(together)
+    assert search.compute_null_statistic(search.correlation[:, None])[0] == pytest.approx(together)
 
 
 def test_amplitudes_are_those_of_what_the_shift_leaves(model):
-    members = (Member(1, 0, 0), Member(2, 0, 0))
+    members = (SelectedCandidate(1, 0, 0), SelectedCandidate(2, 0, 0))
     either, both = fit(model, members)
     X, y = model.X, model.y
     C = X[:, 3:5]
@@ -76,7 +76,7 @@ def test_amplitudes_are_those_of_what_the_shift_leaves(model):
 
 
 def test_closure_takes_out_the_shift(model):
-    members = (Member(2, 0, 0),)
+    members = (SelectedCandidate(2, 0, 0),)
     found = compute_closure(model, members)
     X, y = model.X, model.y
     total = 0.0

@@ -8,8 +8,8 @@ import scipy.stats
 
 from diagnosis.inference.amplitudes import fit
 from diagnosis.inference.search import Search
-from diagnosis.model.calibration import calibrated
-from diagnosis.model.linear import Member
+from diagnosis.model.calibration import calibrate_with_effects
+from diagnosis.model.linear import SelectedCandidate
 from diagnosis.model.prepare import prepare
 from gyrocal import InputError, calibrate
 from simulator import scenario
@@ -39,14 +39,14 @@ def test_errors_of_m0s_calibration_are_those_of_its_covariance():
     for seed in range(8):
         model = prepared(seed).model
         error = vector(model) - truth()
-        nees += error @ np.linalg.solve(calibrated(model, [])[1], error)
+        nees += error @ np.linalg.solve(calibrate_with_effects(model, [])[1], error)
     assert 1e-3 < scipy.stats.chi2.cdf(nees, 12 * 8) < 1 - 1e-3
 
 
 def named(label, *effects, seed=21):
     made = linear(seed, *effects)
     score = Search(made).score(made.find(label), ())
-    return prepared(seed, *effects).model, fit(made, [Member(made.find(label), score.option, score.scale)])
+    return prepared(seed, *effects).model, fit(made, [SelectedCandidate(made.find(label), score.option, score.scale)])
 
 
 def test_size_and_phase_agree_with_least_squares_and_the_truth():
@@ -69,7 +69,7 @@ def test_calibration_with_the_effect_in_covers_the_truth(label, text):
     model, effects = named(label, text)
     nees = {}
     for name, fitted in (("with", effects), ("without", [])):
-        change, covariance = calibrated(model, fitted)
+        change, covariance = calibrate_with_effects(model, fitted)
         error = vector(model) + change - truth()
         nees[name] = error @ np.linalg.solve(covariance[:12, :12], error)
     assert scipy.stats.chi2.sf(nees["with"], 12) > 1e-3
@@ -79,14 +79,14 @@ def test_calibration_with_the_effect_in_covers_the_truth(label, text):
 def test_without_effects_nothing_changes():
     """The calibration of M0 is where the model is linearised, to a thousandth of a sigma."""
     found = prepared(3)
-    change, covariance = calibrated(found.model, [])
+    change, covariance = calibrate_with_effects(found.model, [])
     assert np.abs(change / found.sigma).max() < 0.01
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), found.sigma, rtol=0.02)
 
 
 def test_effects_in_the_model_only_add_to_the_uncertainty():
     model, effects = named("bias_orbital:z", "bias_orbital:z=0.3,phase_deg=25")
-    alone, together = calibrated(model, [])[1], calibrated(model, effects)[1][:12, :12]
+    alone, together = calibrate_with_effects(model, [])[1], calibrate_with_effects(model, effects)[1][:12, :12]
     assert (np.diag(together) >= np.diag(alone) * (1 - 1e-9)).all()
     assert (np.diag(together) > 1.05 * np.diag(alone)).any()
 

@@ -7,13 +7,13 @@ import pytest
 from scipy.special import logsumexp
 
 from diagnosis.inference.search import Search
-from diagnosis.model.candidates import linear_model, placed
-from diagnosis.model.groups import Group
-from diagnosis.model.linear import LinearModel, Member
-from diagnosis.model.linearise import linearised
+from diagnosis.model.candidates import build_linear_model, place_candidates
+from diagnosis.model.groups import CandidateColumns
+from diagnosis.model.linear import LinearModel, SelectedCandidate
+from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.periods import make_columns
 from diagnosis.model.prepare import prepare
-from diagnosis.model.steps import step_times, with_finer_times
+from diagnosis.model.steps import add_finer_times, step_times
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects import EFFECTS, setting
 from simulator.scenario import override
@@ -39,7 +39,7 @@ def noise_free():
 
     def simulated(*settings):
         recording = observe(base, path, gyro_rng=None, reference_rng=None, effects=settings)
-        return linearised(recording, np.array(base.gyro.true_G), np.deg2rad(base.gyro.true_bias_deg_s))
+        return linearise_recording(recording, np.array(base.gyro.true_G), np.deg2rad(base.gyro.true_bias_deg_s))
 
     return simulated
 
@@ -107,7 +107,7 @@ def test_finer_times_surround_the_one_that_was_found(model):
     linear_one = linear(5, f"bias_step:y=3,time_s={true}")
     k = linear_one.find("bias_step:y")
     search = Search(linear_one)
-    member = search.settled((Member(k, 0, 0),)).members[0]
+    member = search.settled((SelectedCandidate(k, 0, 0),)).members[0]
     coarse = float(linear_one.option(member).parameters["time_s"])
     finer = linear_one.refine(linear_one, member)
     before, after = linear_one.candidates[k], finer.candidates[k]
@@ -122,9 +122,9 @@ def test_finer_times_surround_the_one_that_was_found(model):
     option = finer.option(chosen)
     np.testing.assert_allclose(finer.X[:, option.start], finer.projected(finer.W[:, option.start]), atol=1e-12)
     # What has no time has nothing to refine.
-    drift = Member(linear_one.find("bias_drift:y"), 0, 0)
+    drift = SelectedCandidate(linear_one.find("bias_drift:y"), 0, 0)
     effect = EFFECTS["bias_drift"]
-    assert with_finer_times(prepared(5, f"bias_step:y=3,time_s={true}").model, linear_one, drift, effect) is linear_one
+    assert add_finer_times(prepared(5, f"bias_step:y=3,time_s={true}").model, linear_one, drift, effect) is linear_one
 
 
 def test_priors_are_equal_for_each_effect_and_shared_by_its_axes(made):
@@ -151,18 +151,18 @@ def test_priors_are_equal_for_each_effect_and_shared_by_its_axes(made):
 
 def test_a_weight_of_its_own_changes_the_prior(model):
     groups = [
-        Group(name, None, True, [np.eye(model.size)[:, [number]]], [{}], np.ones(1), (1e-3, 1e3), "", weight=weight)
+        CandidateColumns(name, None, True, [np.eye(model.size)[:, [number]]], [{}], np.ones(1), (1e-3, 1e3), "", weight=weight)
         for number, (name, weight) in enumerate((("one", 1.0), ("two", 0.25)))
     ]
-    (first, second), _ = placed(groups, model.projected, DEFAULT)
+    (first, second), _ = place_candidates(groups, model.projected, DEFAULT)
     assert second.log_prior - first.log_prior == pytest.approx(np.log(0.25))
 
 
 def test_without_rivals_the_listed_effects_have_all_of_the_prior(model):
-    alone = linear_model(model, [EFFECTS["bias_drift"], EFFECTS["time_offset"]], rivals=False)
+    alone = build_linear_model(model, [EFFECTS["bias_drift"], EFFECTS["time_offset"]], rivals=False)
     assert sum(np.exp(candidate.log_prior) for candidate in alone.candidates) == pytest.approx(1.0)
     assert not [c for c in alone.candidates if not c.listed]
-    nothing = linear_model(model, [], rivals=False)
+    nothing = build_linear_model(model, [], rivals=False)
     assert nothing.candidates == ()
     assert nothing.W.shape == (model.size, 0)
 
@@ -171,12 +171,12 @@ def test_what_cannot_be_seen_or_is_implausible_is_no_candidate(model):
     calibration = model.calibration[:, [9]]
     seen = np.eye(model.size)[:, [0]]
     groups = [
-        Group("taken up", None, True, [calibration], [{}], np.ones(1), (1e-9, 1e-3), ""),
-        Group("too small", None, True, [seen], [{}], np.ones(1), (1e-9, 1e-6), ""),
-        Group("fine", None, True, [seen], [{}], np.ones(1), (1e-9, 100.0), ""),
-        Group("empty", None, True, [np.empty((model.size, 0))], [{}], np.ones(1), (1e-9, 1.0), ""),
+        CandidateColumns("taken up", None, True, [calibration], [{}], np.ones(1), (1e-9, 1e-3), ""),
+        CandidateColumns("too small", None, True, [seen], [{}], np.ones(1), (1e-9, 1e-6), ""),
+        CandidateColumns("fine", None, True, [seen], [{}], np.ones(1), (1e-9, 100.0), ""),
+        CandidateColumns("empty", None, True, [np.empty((model.size, 0))], [{}], np.ones(1), (1e-9, 1.0), ""),
     ]
-    candidates, W = placed(groups, model.projected, DEFAULT)
+    candidates, W = place_candidates(groups, model.projected, DEFAULT)
     assert [candidate.effect for candidate in candidates] == ["fine"]
     (option,) = candidates[0].options
     np.testing.assert_array_equal(W[:, option.columns], seen)
@@ -184,7 +184,7 @@ def test_what_cannot_be_seen_or_is_implausible_is_no_candidate(model):
 
 def test_settings_reach_the_model(model):
     settings = DiagnosisSettings(unlisted_share=0.5, largest_set=2)
-    made = linear_model(model, [EFFECTS["bias_drift"]], settings=settings)
+    made = build_linear_model(model, [EFFECTS["bias_drift"]], settings=settings)
     assert made.most_effects == 2
     rivals = {c.effect: [] for c in made.candidates if not c.listed}
     for candidate in made.candidates:
@@ -223,10 +223,10 @@ def test_options_of_a_process_have_scales_of_their_own():
     """A quiet option reaches as far above its noise as a loud one, none beyond, and each has its own prior over its scales."""
     rng = np.random.default_rng(2)
     loud, quiet = 100 * rng.standard_normal((80, 3)), rng.standard_normal((80, 3))
-    group = Group(
+    group = CandidateColumns(
         "walk", "x", True, [loud, quiet], [{"gaps": "grow"}, {"gaps": "hold"}], np.array([0.5, 0.5]), (0.0, 1e9), "", True
     )
-    (entry,), _ = placed([group], lambda X: X, DEFAULT)
+    (entry,), _ = place_candidates([group], lambda X: X, DEFAULT)
     for k, columns in enumerate((loud, quiet)):
         largest = np.linalg.norm(columns, axis=0).max()
         ratios = entry.scales[~entry.outside[k]] * largest
@@ -236,7 +236,7 @@ def test_options_of_a_process_have_scales_of_their_own():
     np.testing.assert_allclose(np.exp(entry.log_weights) * own / entry.scales.size, 0.5, rtol=1e-12)
     # A search holds neither where it cannot be, and averages over all that it can be.
     alone = [
-        placed([replace(group, columns=[columns], parameters=[{}], weights=np.ones(1))], lambda X: X, DEFAULT)
+        place_candidates([replace(group, columns=[columns], parameters=[{}], weights=np.ones(1))], lambda X: X, DEFAULT)
         for columns in (loud, quiet)
     ]
     y = 20 * quiet[:, 0] + rng.standard_normal(80)
@@ -263,7 +263,7 @@ def test_sizes_that_show_are_plausible_of_a_gyro_of_any_grade(arw_deg, sigma_deg
     """Of all that biases and references may do: where a size is cut off short of what shows, another cause would be named."""
     changes = {"gyro.arw_deg_per_sqrt_s": arw_deg, "reference.sigma_deg": (sigma_deg,) * 3}
     recording = simulate(override(plan(), changes), seed=1)
-    made = linear_model(prepare(recording).model, list(EFFECTS.values()))
+    made = build_linear_model(prepare(recording).model, list(EFFECTS.values()))
     shown = [one for one in made.candidates if one.listed and one.unit.startswith("deg")]
     for one in shown:
         norm = max(np.linalg.norm(made.X[:, own.start : own.start + own.count], axis=0).max() for own in one.options)

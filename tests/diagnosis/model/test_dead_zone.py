@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.detectors.dead_zone_rests import SETTINGS, of_passes, of_zero_samples
+from diagnosis.detectors.dead_zone_rests import SETTINGS, convert_zone, find_zero_sample_evidence
 from diagnosis.detectors.dead_zone_rests import SETTINGS as DEAD_ZONE_RESTS
-from diagnosis.detectors.report import Zone
+from diagnosis.detectors.sample_report import Zone
 from diagnosis.diagnose import diagnose
 from diagnosis.model import dead_zone
 from diagnosis.model.prepare import prepare
@@ -30,16 +30,16 @@ def test_what_is_missing_is_a_rate_in_the_runs_and_nowhere_else(found):
     model = found.model
     one = replace(shown, part=np.where(shown.part < DEAD_ZONE_RESTS.most_parts, shown.part, -1))
     toward = model.G[:, one.axis]
-    columns = dead_zone.missing(model, one, toward)
+    columns = dead_zone.observe_missing_rates(model, one, toward)
     assert columns.shape == (model.size, 2 + one.part.max())
     # What is too short for a rate of its own shares the common one.
-    assert dead_zone.missing(model, shown, toward).shape == columns.shape
+    assert dead_zone.observe_missing_rates(model, shown, toward).shape == columns.shape
     # All runs alike are the sum of each by itself.
     np.testing.assert_allclose(columns[:, 0], columns[:, 1:].sum(axis=1) / dead_zone.SETTINGS.difference, atol=1e-12)
     # Where every sample may miss a rate, that is a bias of the opposite sign.
     all_of_it = replace(one, part=np.zeros_like(one.part))
-    everywhere = dead_zone.missing(model, all_of_it, toward)[:, 0]
-    bias = model.rate_error(np.tile(model.G[:, [one.axis]], (len(model.t_s), 1, 1)))[:, 0]
+    everywhere = dead_zone.observe_missing_rates(model, all_of_it, toward)[:, 0]
+    bias = model.observe_rate_error(np.tile(model.G[:, [one.axis]], (len(model.t_s), 1, 1)))[:, 0]
     np.testing.assert_allclose(everywhere, DEG * bias, atol=1e-9 * np.abs(bias).max() * DEG)
 
 
@@ -59,7 +59,7 @@ def test_what_is_missing_acts_along_the_true_input_axis(wide):
     (one,) = ready.dead
     assert one.passed
     sigma = ready.sigma[:9].reshape(3, 3)[:, 0]
-    without, beside = ready.model.G[:, 0], dead_zone.input_axis(ready.model, one)
+    without, beside = ready.model.G[:, 0], dead_zone.estimate_input_axis(ready.model, one)
     assert np.abs((without - [1, 0, 0]) / sigma).max() > 100
     assert np.abs((beside - [1, 0, 0]) / sigma).max() < 4
 
@@ -70,7 +70,7 @@ def test_the_course_between_the_edges_is_nearly_the_hidden_motion(wide):
     (one,) = ready.dead
     model, toward = ready.model, np.array([1.0, 0.0, 0.0])
     true = np.deg2rad(0.12) * np.sin(2 * np.pi / 310 * model.t_s)
-    hidden = model.rate_error(toward[:, None] * np.where(np.abs(true) < WIDE * DEG, true, 0.0)[:, None, None])
+    hidden = model.observe_rate_error(toward[:, None] * np.where(np.abs(true) < WIDE * DEG, true, 0.0)[:, None, None])
     course = dead_zone.bridge_passes(model, one, toward)
     assert np.linalg.norm(course - hidden) < 0.05 * np.linalg.norm(hidden)
 
@@ -84,15 +84,15 @@ def test_a_zone_of_hundreds_of_sigmas_is_named_with_its_size(wide):
 
 def test_no_candidate_unless_an_effect_claims_the_symptom(found):
     others = [effect for effect in EFFECTS.values() if effect is not EFFECT]
-    assert not list(dead_zone.dead_zone_groups(found, others))
-    assert not list(dead_zone.dead_zone_groups(replace(found, dead=()), [EFFECT]))
+    assert not list(dead_zone.list_dead_zone_groups(found, others))
+    assert not list(dead_zone.list_dead_zone_groups(replace(found, dead=()), [EFFECT]))
 
 
 def test_a_candidate_has_the_likelihood_of_the_samples_within_bounds(found):
     (one,) = found.dead
     odds = {}
     for asked in (-100.0, 1.5, 100.0):
-        (group,) = dead_zone.dead_zone_groups(replace(found, dead=(replace(one, log_odds=asked),)), [EFFECT])
+        (group,) = dead_zone.list_dead_zone_groups(replace(found, dead=(replace(one, log_odds=asked),)), [EFFECT])
         odds[asked] = group.log_odds
     assert odds == {-100.0: dead_zone.SETTINGS.least_odds, 1.5: 1.5, 100.0: dead_zone.SETTINGS.most_odds}
     assert group.axis == "xyz"[one.axis]
@@ -102,11 +102,11 @@ def test_a_candidate_has_the_likelihood_of_the_samples_within_bounds(found):
 
 def test_the_size_lies_between_what_is_missing_and_what_is_read(found):
     one = replace(found.dead[0], alive=9e-4 * DEG, crossed=False)
-    (group,) = dead_zone.dead_zone_groups(replace(found, dead=(one,)), [EFFECT])
+    (group,) = dead_zone.list_dead_zone_groups(replace(found, dead=(one,)), [EFFECT])
     runs = group.columns[0].shape[1] - 1
     assert group.read(np.append(6e-4, np.zeros(runs)))[0] == pytest.approx(7.5e-4)
     assert group.size_sigma(6e-4) == pytest.approx(3e-4 / np.sqrt(12))
-    (edge,) = dead_zone.dead_zone_groups(replace(found, dead=(replace(one, crossed=True),)), [EFFECT])
+    (edge,) = dead_zone.list_dead_zone_groups(replace(found, dead=(replace(one, crossed=True),)), [EFFECT])
     assert edge.read(np.append(6e-4, np.zeros(runs)))[0] == pytest.approx(9e-4)
     assert edge.size_sigma(6e-4) == pytest.approx(SETTINGS.edge * 9e-4)
 
@@ -117,7 +117,7 @@ def test_every_zero_misses_its_rate_and_the_longest_stretches_have_one_of_their_
     begins = 200 + 150 * np.arange(lengths.size)
     for begin, length in zip(begins, lengths, strict=True):
         rates[begin : begin + length, 1] = 0.0
-    one = of_zero_samples(replace(made, gyro=replace(made.gyro, rates=rates)), 1, 1e-6, 1e-6)
+    one = find_zero_sample_evidence(replace(made, gyro=replace(made.gyro, rates=rates)), 1, 1e-6, 1e-6)
     zero = rates[:, 1] == 0.0
     np.testing.assert_array_equal(one.part >= 0, zero)
     for place, begin in enumerate(begins):
@@ -129,11 +129,11 @@ def test_every_zero_misses_its_rate_and_the_longest_stretches_have_one_of_their_
 def passed(found):
     """A gyro of the same recording that is seen to read zero below 0.02 deg/s, which its body passes in every slew."""
     zone = Zone(0.02 * DEG, 0.0006 * DEG, 8.0, np.abs(found.samples.rates[:, 2]) < 0.012 * DEG)
-    return replace(found, dead=(of_passes(2, zone),))
+    return replace(found, dead=(convert_zone(2, zone),))
 
 
 def test_the_edge_that_was_passed_is_the_half_width_whatever_is_missing(passed):
-    (group,) = dead_zone.dead_zone_groups(passed, [EFFECT])
+    (group,) = dead_zone.list_dead_zone_groups(passed, [EFFECT])
     sizes = {group.read(scale * np.ones(group.columns[0].shape[1]))[0] for scale in (0.0, 1e-3, 1.0)}
     assert list(sizes) == [pytest.approx(0.02)]
     assert group.size_sigma(0.02) == pytest.approx(0.0006)

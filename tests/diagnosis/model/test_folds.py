@@ -5,10 +5,10 @@ import pytest
 
 from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Search
-from diagnosis.model.candidates import linear_model
+from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.folds import SETTINGS as FOLDS
-from diagnosis.model.folds import folds, parts, unwhitened
-from diagnosis.model.linear import Member
+from diagnosis.model.folds import assign_folds, build_folds, reverse_whitening
+from diagnosis.model.linear import SelectedCandidate
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from simulator.effects import EFFECTS
 from tests.diagnosis.linear_models import closure_by_truth
@@ -25,11 +25,11 @@ def model():
 def member(made, label):
     search = Search(made)
     score = search.score(made.find(label), ())
-    return Member(made.find(label), score.option, score.scale)
+    return SelectedCandidate(made.find(label), score.option, score.scale)
 
 
 def test_every_observation_is_held_out_once_and_every_interval_has_a_share_in_each_fold(model):
-    part = parts(model)
+    part = assign_folds(model)
     assert set(part) == set(range(FOLDS.parts))
     for number in range(len(model.blocks)):
         own = part[model.observation_block == number]
@@ -47,12 +47,12 @@ def test_predictions_are_those_of_the_joint_normal_distribution(model):
     for block in model.blocks:
         sigma[block.rows, block.rows] = block.whitener @ block.whitener.T
     scale = np.concatenate([np.full(3 * len(model.blocks), FOLDS.start), FOLDS.broad * PLAUSIBLE_RANGE])
-    columns = unwhitened(model, np.hstack([model.starts, model.calibration]))
+    columns = reverse_whitening(model, np.hstack([model.starts, model.calibration]))
     sigma += (columns * scale) @ (columns * scale).T
     np.testing.assert_allclose(joint_covariance(model), sigma, rtol=1e-9, atol=1e-12 * sigma.max())
     W = np.random.default_rng(1).standard_normal((model.size, 2))
-    part = np.repeat(parts(model), 3)
-    for number, fold in enumerate(folds(model, W)):
+    part = np.repeat(assign_folds(model), 3)
+    for number, fold in enumerate(build_folds(model, W)):
         if number not in (0, 5):
             continue
         out = part == number
@@ -63,7 +63,7 @@ def test_predictions_are_those_of_the_joint_normal_distribution(model):
         assert fold.train_y @ fold.train_y == pytest.approx(
             model.zeta[~out] @ np.linalg.solve(sigma[np.ix_(~out, ~out)], model.zeta[~out]), rel=1e-4
         )
-        shown = unwhitened(model, W)
+        shown = reverse_whitening(model, W)
         left = shown[out] - gain @ shown[~out]
         np.testing.assert_allclose(fold.left_X.T @ fold.left_X, left.T @ np.linalg.solve(C, left), rtol=1e-4)
 
@@ -71,7 +71,7 @@ def test_predictions_are_those_of_the_joint_normal_distribution(model):
 def test_rows_belong_to_their_intervals(model):
     names = [interval.name for interval in model.recording.intervals]
     total = dict.fromkeys(names, 0.0)
-    for fold in folds(model, np.empty((model.size, 0))):
+    for fold in build_folds(model, np.empty((model.size, 0))):
         for name, dof in fold.dof.items():
             assert dof == np.sum(fold.owner == name)
             total[name] += dof
@@ -83,7 +83,7 @@ def test_errors_of_m0s_predictions_have_unit_variance():
     total, dof = 0.0, 0
     for seed in range(6):
         model = prepared(seed, every_s=300.0).model
-        for fold in folds(model, np.empty((model.size, 0))):
+        for fold in build_folds(model, np.empty((model.size, 0))):
             total += fold.left_y @ fold.left_y
             dof += fold.left_y.size
     # Folds of one recording share their training parts; a tenth more spread than of independent rows allows for that.
@@ -115,7 +115,7 @@ def test_closure_of_a_random_process():
 def test_before_is_at_the_floor_for_m0():
     values = []
     for seed in (35, 36, 37):
-        made = linear_model(prepared(seed).model, [EFFECTS["bias_drift"]], rivals=False)
+        made = build_linear_model(prepared(seed).model, [EFFECTS["bias_drift"]], rivals=False)
         values.append(compute_closure(made, []).before)
     assert abs(np.mean(values) - 1.0) < 4 * np.sqrt(2 / (3 * made.y.size))
 

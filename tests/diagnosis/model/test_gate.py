@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 from diagnosis.detectors.samples import examine
 from diagnosis.inference import null
 from diagnosis.inference.search import Search
-from diagnosis.model import recording as recordings
-from diagnosis.model.candidates import linear_model
+from diagnosis.model import recording_model as recordings
+from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.gate import check_residuals
-from diagnosis.model.linearise import linearised
+from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.prepare import prepare
 from gyrocal import InputError, calibrate
 from gyrocal.calibration.gate import LargeResidualError
@@ -110,8 +110,8 @@ def test_the_gate_asks_the_repaired_stream():
     wrong = replace(one, gyro=replace(one.gyro, rates=spoilt))
     G, bias = one.gyro.apriori_G, one.gyro.apriori_bias
     with pytest.raises(LargeResidualError):
-        check_residuals(linearised(wrong, G, bias), spoilt)
-    check_residuals(linearised(wrong, G, bias, examine(one).rates), examine(one).rates)
+        check_residuals(linearise_recording(wrong, G, bias), spoilt)
+    check_residuals(linearise_recording(wrong, G, bias, examine(one).rates), examine(one).rates)
 
 
 def test_the_stages_of_the_samples_are_told():
@@ -129,18 +129,18 @@ def test_columns_are_projected_some_at_a_time(monkeypatch):
     columns = np.random.default_rng(3).standard_normal((model.size, 50))
     whole = columns - model.nuisance @ (model.nuisance.T @ columns)
     for at_once in (1, 7, 50, 1000):
-        monkeypatch.setattr(recordings, "AT_ONCE", at_once)
+        monkeypatch.setattr(recordings, "PROJECTED_COLUMNS_PER_BATCH", at_once)
         np.testing.assert_allclose(model.projected(columns), whole, rtol=0, atol=1e-13)
         np.testing.assert_allclose(model.projected(columns[:, 3]), whole[:, 3], rtol=0, atol=1e-13)
     assert np.abs(model.nuisance.T @ model.projected(columns)).max() < 1e-12
 
 
 def test_the_null_distribution_is_drawn_some_at_a_time(monkeypatch):
-    linear = linear_model(prepare(recording()).model, [EFFECTS["bias_drift"], EFFECTS["bias_random_walk"]], rivals=False)
+    linear = build_linear_model(prepare(recording()).model, [EFFECTS["bias_drift"], EFFECTS["bias_random_walk"]], rivals=False)
     found = []
     for at_once in (7, 250):
-        monkeypatch.setattr(null, "AT_ONCE", at_once)
-        found.append(null.p_value(Search(linear), 5, 100))
+        monkeypatch.setattr(null, "DRAWS_PER_BATCH", at_once)
+        found.append(null.compute_null_p(Search(linear), 5, 100))
     assert found[0] == found[1] > 0.01
 
 
@@ -148,7 +148,7 @@ def test_a_coarse_a_priori_calibration_leads_astray_over_an_interval_and_not_bet
     """A body that turns by thousands of degrees, and scale factors that are off by 3 %: they are found all the same."""
     one = tumbling(apriori=np.diag([1.03, 0.97, 1.02]))
     with pytest.raises(LargeResidualError):
-        check_residuals(linearised(one, one.gyro.apriori_G, one.gyro.apriori_bias), one.gyro.rates)
+        check_residuals(linearise_recording(one, one.gyro.apriori_G, one.gyro.apriori_bias), one.gyro.rates)
     prepared = prepare(one)
     assert np.abs((prepared.model.G - np.eye(3)).ravel() / prepared.sigma[:9]).max() < 5
     assert np.abs(prepared.model.bias / prepared.sigma[9:]).max() < 5

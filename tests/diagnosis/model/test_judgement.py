@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.detectors.reference_noise import ReferenceSeries, reference_noise
-from diagnosis.inference.amplitudes import Fitted
-from diagnosis.model.judgement import reclassify_without_effects
-from diagnosis.model.known_effects import KnownEffect, known, without
+from diagnosis.detectors.reference_noise import ReferenceSeries, estimate_reference_noise
+from diagnosis.inference.amplitudes import FittedEffect
+from diagnosis.model.known_effects import KnownEffect, select_known_effects, subtract_effects
+from diagnosis.model.noise_classification import reclassify_without_effects
 from diagnosis.model.prepare import prepare
 from diagnosis.settings import DEFAULT
 from simulator.effects import EFFECTS
@@ -22,7 +22,7 @@ def fitted(label, amplitudes, **parameters):
     effect, _, axis = label.partition(":")
     one, none = np.array(amplitudes, dtype=float), np.empty(0)
     columns = np.empty((0, one.size))
-    return Fitted(label, effect, axis or None, "", float(one[0]), 0.0, parameters, columns, one, one, 1.0, False, none)
+    return FittedEffect(label, effect, axis or None, "", float(one[0]), 0.0, parameters, columns, one, one, 1.0, False, none)
 
 
 def spinning(change):
@@ -51,7 +51,7 @@ def test_without_an_effect_the_residuals_are_those_of_m0(text, amplitudes):
     with_it, clean = prepared(3, text).model, prepared(3).model
     effect = EFFECTS[text.partition("=")[0].partition(":")[0]]
     one = KnownEffect(effect, fitted(text.partition("=")[0], amplitudes))
-    left = without(with_it, [one])
+    left = subtract_effects(with_it, [one])
     size = np.linalg.norm(with_it.y - clean.y)
     assert size > 5
     assert np.linalg.norm(left.y - clean.y) < 0.05 * size
@@ -59,8 +59,8 @@ def test_without_an_effect_the_residuals_are_those_of_m0(text, amplitudes):
 
 def test_processes_and_effects_without_columns_are_not_taken_out():
     walk = replace(fitted("bias_random_walk:x", [1.0]), process=True)
-    assert known([walk, fitted("spikes:x", [1.0])], EFFECTS) == ()
-    assert [one.effect.name for one in known([fitted("bias_drift:x", [1.0])], EFFECTS)] == ["bias_drift"]
+    assert select_known_effects([walk, fitted("spikes:x", [1.0])], EFFECTS) == ()
+    assert [one.effect.name for one in select_known_effects([fitted("bias_drift:x", [1.0])], EFFECTS)] == ["bias_drift"]
 
 
 def test_noise_of_the_references_is_judged_without_what_changes_it():
@@ -100,7 +100,7 @@ def misjudged(recording):
         rates=np.zeros((model.references.t_s.size, 3)),
     )
     silent = np.zeros(recording.gyro.rates.shape, dtype=bool)
-    return reference_noise(series, np.full(3, recording.gyro.arw**2), recording.gyro.t_s, silent).odd
+    return estimate_reference_noise(series, np.full(3, recording.gyro.arw**2), recording.gyro.t_s, silent).odd
 
 
 def test_what_is_judged_the_same_stays_as_it_is():
@@ -117,7 +117,7 @@ def test_a_report_before_its_lines_were_judged():
     report = prepare(recorded(1, "vibration:y=0.05,apparent_hz=0.083", every_s=10.0)).samples
     assert [one.kind for one in report.symptoms] == ["spectral_line"]
     before = report.rates.copy()
-    earlier = report.unjudged()
+    earlier = report.restore_lines()
     assert earlier.symptoms == ()
     assert earlier.vibrations == ()
     (line,) = report.vibrations

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from diagnosis.inference.criticism import check_explanation
-from diagnosis.model.candidates import linear_model
+from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.layout import tabulate_observations
 from diagnosis.model.prepare import prepare
-from diagnosis.model.step_index import steps_at
+from diagnosis.model.step_index import find_steps
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import of_rates, prepared, slews_between_references
 
@@ -38,7 +38,7 @@ def test_the_rate_at_an_observation_holds_no_reading_from_before_it():
 def test_where_noise_is_not_heard_a_change_is_that_since_the_observation_before():
     """Of axes that turn by far more than the noise: an innovation with an error of timing follows what came before it."""
     model = prepared(1).model
-    rates = model.rates[steps_at(model, model.observation_t_s, model.observation_block)]
+    rates = model.rates[find_steps(model, model.observation_t_s, model.observation_block)]
     later = np.flatnonzero(np.diff(model.observation_block) == 0)
     change = tabulate_observations(model).regressors[later + 1, CHANGE]
     for axis in (0, 1):
@@ -48,6 +48,6 @@ def test_where_noise_is_not_heard_a_change_is_that_since_the_observation_before(
 @pytest.mark.parametrize("seed", range(2))
 def test_noise_that_is_read_as_a_rate_is_no_dependence_on_it(seed):
     model = prepare(resting(seed)).model
-    linear = linear_model(model, [EFFECTS["bias_drift"]], rivals=False)
+    linear = build_linear_model(model, [EFFECTS["bias_drift"]], rivals=False)
     found = {one.name: one for one in check_explanation(linear, (), tabulate_observations(model))}
     assert found["dependence on what is known"].p_value > 1e-3

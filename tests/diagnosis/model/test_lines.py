@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from diagnosis.detectors.report import Line
+from diagnosis.detectors.sample_report import Line
 from diagnosis.diagnose import diagnose
 from diagnosis.model import lines
-from diagnosis.model.linearise import linearised
+from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.lines import compute_log_ratio
 from diagnosis.model.prepare import prepare
 from simulator import scenario
@@ -172,7 +172,7 @@ def test_a_gap_between_intervals_takes_nothing_from_what_a_line_turns():
     wave = recording.gyro.rates[:, 0] - clean.gyro.rates[:, 0]
     gaps = np.diff(recording.gyro.t_s) > 1.5 * recording.gyro.sample_s
     assert gaps.sum() == 5
-    model = linearised(recording, prepare(clean).model.G, prepare(clean).model.bias)
+    model = linearise_recording(recording, prepare(clean).model.G, prepare(clean).model.bias)
     line = Line(0, 0.1834, float(np.abs(wave).max()), 1e-7, 1e-9, wave, isolated=True, log_constancy=0.6)
     once, twice = (compute_log_ratio(model, replace(line, waveform=factor * wave)) for factor in (1, 2))
     assert once > 1000

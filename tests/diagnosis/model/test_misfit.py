@@ -9,12 +9,12 @@ import scipy.stats
 from diagnosis.diagnose import diagnose
 from diagnosis.inference.criticism import combine_checks
 from diagnosis.model import linearise
-from diagnosis.model.linearise import linearised
+from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.misfit import check_baseline, compute_attitude_errors, compute_innovations, list_findings
 from diagnosis.model.prepare import prepare
 from gyrocal import calibrate
 from simulator.effects import EFFECTS
-from simulator.truth.rotation import perturbed
+from simulator.truth.rotation import apply_rotation_errors
 from tests.diagnosis.recordings import of_rates, prepared, recorded, slews_between_references
 
 DRAWS = 300
@@ -41,7 +41,7 @@ def drawn(model):
 def with_errors(recording, error):
     """The recording with errors of the references (m, 3) in body axes, rad."""
     attitudes = recording.attitudes
-    return replace(recording, attitudes=replace(attitudes, quaternions=perturbed(attitudes.quaternions, error)))
+    return replace(recording, attitudes=replace(attitudes, quaternions=apply_rotation_errors(attitudes.quaternions, error)))
 
 
 def test_the_sum_of_squares_is_that_of_the_dense_model(model):
@@ -87,7 +87,7 @@ def test_errors_of_an_effect_are_its_columns(model):
         parameters = {**trial.parameters, **({"time_s": float(np.median(model.t_s))} if effect.switched else {})}
         made = compute_attitude_errors(model, effect, axis, parameters)
         if effect.on_references:
-            expected = model.reference_error(effect.reference_columns(model.references, axis, parameters))
+            expected = model.observe_reference_error(effect.reference_columns(model.references, axis, parameters))
         else:
             expected = model.reading(effect.columns(model.stream, axis, parameters))
         np.testing.assert_allclose(made.reshape(model.size, -1), expected, rtol=1e-12, atol=1e-18)
@@ -99,8 +99,8 @@ def test_what_averaging_hides_is_seen(monkeypatch):
     alternate = np.where(np.arange(recording.attitudes.t_s.size) % 2, 1.0, -1.0)[:, None] * recording.attitudes.sigma * 1.2
     result = calibrate(recording)
     monkeypatch.setattr(linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=recording.attitudes.t_s.size // 4))
-    clean = linearised(recording, result.G, result.bias)
-    found = linearised(with_errors(recording, alternate), result.G, result.bias)
+    clean = linearise_recording(recording, result.G, result.bias)
+    found = linearise_recording(with_errors(recording, alternate), result.G, result.bias)
     assert found.y @ found.y < clean.y @ clean.y + 5 * np.sqrt(2 * clean.size)
     checks = {one.name: one.p_value for one in check_baseline(found)}
     assert checks["correlation in time"] < 1e-6
@@ -126,7 +126,7 @@ def test_nothing_is_said_of_few_references():
     """Two references an interval leave six degrees of freedom beside the twelve parameters."""
     recording = recorded(3, every_s=1e5)
     result = calibrate(recording)
-    found = linearised(recording, result.G, result.bias)
+    found = linearise_recording(recording, result.G, result.bias)
     assert found.degrees_of_freedom == 6
     assert check_baseline(found) == ()
 

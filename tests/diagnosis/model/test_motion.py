@@ -8,9 +8,9 @@ import scipy.signal
 import scipy.stats
 
 from diagnosis.diagnose import diagnose
-from diagnosis.model.bins import binned, observed, unit
-from diagnosis.model.linearise import linearised
-from diagnosis.model.motion import gyro_noise
+from diagnosis.model.bins import build_bins, normalise_columns, observe_rate_errors
+from diagnosis.model.linearise import linearise_recording
+from diagnosis.model.motion import estimate_gyro_noise
 from diagnosis.model.prepare import prepare
 from tests.diagnosis.recordings import of_rates
 
@@ -35,8 +35,8 @@ def clean():
 
 def cube_score(model):
     """χ² with one degree of freedom of an error of gyro z that follows the cube of its rate."""
-    bins = binned(model)
-    (column,) = observed(model, bins, 2, unit(bins.rates[:, [2]] ** 3)).T
+    bins = build_bins(model)
+    (column,) = observe_rate_errors(model, bins, 2, normalise_columns(bins.rates[:, [2]] ** 3)).T
     # The family's column is whitened, and its part beside the calibration is what can be told from that.
     basis = np.linalg.qr(np.hstack([model.attitude_nuisance, model.calibration]))[0]
     column = column - basis @ (basis.T @ column)
@@ -46,14 +46,14 @@ def cube_score(model):
 def test_a_clean_gyro_does_not_follow_the_cube_of_its_rate(clean):
     """The scores are χ² with one degree of freedom each; with columns of the readings themselves they are not."""
     assert scipy.stats.chi2.sf(sum(cube_score(model) for _, model in clean), len(clean)) > 1e-3
-    noisy = [linearised(model.recording, model.G, model.bias) for _, model in clean]
+    noisy = [linearise_recording(model.recording, model.G, model.bias) for _, model in clean]
     assert scipy.stats.chi2.sf(sum(map(cube_score, noisy)), len(noisy)) < 1e-12
 
 
 def test_expected_noise_is_that_of_the_gyro(clean):
     """Without it the attitude wanders much less, beside what a bias makes."""
     for rates, model in clean:
-        noise, turned = gyro_noise(model, None)
+        noise, turned = estimate_gyro_noise(model, None)
         read = model.recording.gyro.rates - rates
         wanders = [scipy.signal.detrend(np.cumsum(one, axis=0), axis=0).std() for one in (read - noise, read)]
         assert wanders[0] < 0.5 * wanders[1]
@@ -68,13 +68,13 @@ def test_an_error_of_many_sigmas_is_not_taken_for_noise_of_them():
     recording = swaying(SEEDS[0])[1]
     rates = recording.gyro.rates + np.where(np.arange(3000) < 1700, 0.0, np.deg2rad(0.05))[:, None] * [0, 1, 0]
     model = prepare(replace(recording, gyro=replace(recording.gyro, rates=rates))).model
-    noise, turned = gyro_noise(model, None)
-    larger = gyro_noise(replace(model, zeta=3 * model.zeta), None)
+    noise, turned = estimate_gyro_noise(model, None)
+    larger = estimate_gyro_noise(replace(model, zeta=3 * model.zeta), None)
     np.testing.assert_allclose(larger[0], noise, atol=1e-9 * np.abs(noise).max())
     np.testing.assert_allclose(larger[1], turned, atol=1e-9 * np.abs(turned).max())
     within = replace(model, zeta=model.zeta * 0.5 * np.sqrt(model.degrees_of_freedom / (model.y @ model.y)))
-    smaller = gyro_noise(replace(within, zeta=within.zeta / 3), None)[0]
-    np.testing.assert_allclose(3 * smaller, gyro_noise(within, None)[0], atol=1e-9 * np.abs(smaller).max())
+    smaller = estimate_gyro_noise(replace(within, zeta=within.zeta / 3), None)[0]
+    np.testing.assert_allclose(3 * smaller, estimate_gyro_noise(within, None)[0], atol=1e-9 * np.abs(smaller).max())
 
 
 def test_a_clean_gyro_of_a_swaying_body_has_no_gap():

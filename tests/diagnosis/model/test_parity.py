@@ -7,12 +7,12 @@ import pytest
 
 from diagnosis.gyros import check_parity
 from diagnosis.model.array_model import ArrayModel
-from diagnosis.model.linearise import linearised
+from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.parity import build_parity_model
 from diagnosis.model.periods import make_columns
-from diagnosis.model.steps import switched_columns
+from diagnosis.model.steps import build_switched_columns
 from gyrocal import GyroArray, triad
-from gyrocal.recording.gyros import inside
+from gyrocal.recording.gyros import select_interval_samples
 from simulator.effects import EFFECTS
 from tests.builders import mean_bounds
 from tests.gyro_arrays import SKEWED, TETRAHEDRON, array_recording
@@ -61,7 +61,9 @@ def test_columns_are_what_an_error_of_a_reading_adds(axes, gyros):
     rates = recording.gyro.rates.copy()
     rates[:, 1] += error
     disturbed = model_of(replace(recording, gyro=replace(recording.gyro, rates=rates)), K, c)
-    parts = np.concatenate([np.arange(len(t))[inside(recording, k)[0]] for k in range(len(recording.intervals))])
+    parts = np.concatenate(
+        [np.arange(len(t))[select_interval_samples(recording, k)[0]] for k in range(len(recording.intervals))]
+    )
     high = np.zeros((len(parts), len(axes), 1))
     high[:, 1, 0] = error[parts]
     column = plain.reading(high)[:, 0]
@@ -73,7 +75,7 @@ def test_observations_of_a_switched_error_by_hand():
     high = np.zeros((model.stream.t_s.size, 4))
     high[:, 2] = 1 + np.sin(model.stream.t_s / 500.0)
     starts = np.array([0, 700, 1001, len(high) - 1])
-    found = model.reading_steps(high, starts)
+    found = model.observe_reading_steps(high, starts)
     for k, start in enumerate(starts):
         after = np.arange(len(high)) >= start
         np.testing.assert_allclose(found[:, [k]], model.reading((high * after[:, None])[:, :, None]), atol=1e-9)
@@ -90,12 +92,12 @@ def test_attitude_and_parity_see_one_error_of_one_gyro(axes, gyros):
     worse = replace(recording, gyro=replace(recording.gyro, rates=rates))
 
     def of(one):
-        body = linearised(triad(one, K, c), np.eye(3), np.zeros(3))
+        body = linearise_recording(triad(one, K, c), np.eye(3), np.zeros(3))
         return ArrayModel(one, model_of(one, K, c), body)
 
     model, disturbed = of(recording), of(worse)
     first = np.searchsorted(model.stream.t_s, [4000.0])
-    column = 0.5 * switched_columns(model, EFFECTS["bias_step"], "4", {}, first)[:, 0]
+    column = 0.5 * build_switched_columns(model, EFFECTS["bias_step"], "4", {}, first)[:, 0]
     change = np.concatenate([
         disturbed.body.whitened(disturbed.body.zeta) - model.body.whitened(model.body.zeta),
         disturbed.parity.observed - model.parity.observed,

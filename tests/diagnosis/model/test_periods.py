@@ -7,10 +7,10 @@ import pytest
 
 from diagnosis.inference.evidence import log_bayes
 from diagnosis.inference.search import Search
-from diagnosis.model import linearise, periods, repeating
-from diagnosis.model.candidates import linear_model
-from diagnosis.model.linear import Member
-from diagnosis.model.linearise import linearised
+from diagnosis.model import linearise, periodic_alternatives, periods
+from diagnosis.model.candidates import build_linear_model
+from diagnosis.model.linear import SelectedCandidate
+from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.periods import make_columns, make_effect_columns
 from diagnosis.sinusoids import coherence
 from simulator.effects import EFFECTS
@@ -98,11 +98,11 @@ def test_columns_of_cells_are_those_of_the_effect(model):
 def test_a_body_may_turn_while_references_are_averaged(model, monkeypatch, axis):
     """The error of each reference is along an axis of the body at that reference, in the columns and in the scan."""
     monkeypatch.setattr(linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=model.reference_rows.size // 5))
-    averaged = linearised(model.recording, model.G, model.bias)
+    averaged = linearise_recording(model.recording, model.G, model.bias)
     assert averaged.observation_t_s.size < 0.3 * averaged.reference_rows.size
     effect, number = EFFECTS["reference_periodic"], "xyz".index(axis)
     constant = np.tile(np.eye(3)[number][None, :, None], (averaged.reference_rows.size, 1, 1))
-    whole = averaged.whitened(averaged.reference_error(constant))[:, 0]
+    whole = averaged.whitened(averaged.observe_reference_error(constant))[:, 0]
     np.testing.assert_allclose(averaged.reference_columns[number].sum(axis=1), whole, atol=1e-9 * np.abs(whole).max())
     at = periods.make_grid(averaged)
     frequency = at.tried[20, at.tried.shape[1] // 2]
@@ -148,9 +148,9 @@ def test_a_swing_between_the_periods_is_kept_and_found(swinging):
 
 
 def test_finer_periods_are_around_each_alias_and_share_its_prior(swinging):
-    made = linear_model(swinging, [EFFECTS["bias_periodic"], EFFECTS["bias_orbital"]], rivals=False)
+    made = build_linear_model(swinging, [EFFECTS["bias_periodic"], EFFECTS["bias_orbital"]], rivals=False)
     k = made.find("bias_periodic:z")
-    member = Search(made).settled((Member(k, 0, 0),)).members[0]
+    member = Search(made).settled((SelectedCandidate(k, 0, 0),)).members[0]
     finer = made.refine(made, member)
     before, after = made.candidates[k], finer.candidates[k]
     new = after.options[len(before.options) :]
@@ -166,13 +166,13 @@ def test_finer_periods_are_around_each_alias_and_share_its_prior(swinging):
     again = finer.refine(finer, chosen)
     widths = [min(float(one.parameters["period_sigma_s"]) for one in model.candidates[k].options) for model in (finer, again)]
     assert widths[1] < 0.2 * widths[0]
-    orbital = Member(made.find("bias_orbital:z"), 0, 0)
+    orbital = SelectedCandidate(made.find("bias_orbital:z"), 0, 0)
     assert made.refine(made, orbital) is made
 
 
 def test_rivals_repeat_but_not_as_a_sine_that_may_be_named(model):
     found = periods.scan_periods(model)
-    groups = {(one.name, one.axis): one for one in repeating.list_families(model, found, [False])}
+    groups = {(one.name, one.axis): one for one in periodic_alternatives.list_families(model, found, [False])}
     names = {name for name, _ in groups}
     assert names == {
         "bias repeats with a period, not as a sine",
@@ -197,15 +197,17 @@ def test_harmonics_are_locked_to_the_phase_of_the_fundamental(model):
     for place, shape in ((1, np.sign(np.sin(theta))), (2, (theta / (2 * np.pi)) % 1 - 0.5)):
         error = np.zeros((t.size, 3, 1))
         error[:, 0, 0] = shape
-        y = model.prepared(model.reference_error(error))[:, 0]
+        y = model.prepared(model.observe_reference_error(error))[:, 0]
         about = replace_y(model, y)
-        options = repeating.make_shapes(about, periods.make_period_columns(model, 0, True, np.arange(1, 8) / period))
+        options = periodic_alternatives.make_shapes(
+            about, periods.make_period_columns(model, 0, True, np.arange(1, 8) / period)
+        )
         left = [1 - _chi2(model, part, y) / float(y @ y) for part in (options[place][:, :2], options[place])]
         assert left[1] < 0.45 * left[0]
 
 
 def test_a_plan_scans_no_data(model):
-    made = linear_model(model, [EFFECTS["bias_periodic"]], rivals=False, scan=False)
+    made = build_linear_model(model, [EFFECTS["bias_periodic"]], rivals=False, scan=False)
     assert not [one for one in made.candidates if one.scanned]
     periodic = made.candidates[made.find("bias_periodic:x")]
     assert np.exp(periodic.log_weights).sum() == pytest.approx(1.0)

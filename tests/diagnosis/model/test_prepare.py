@@ -18,7 +18,9 @@ def _judged(spec, odds, lattice):
     """Kinds and rivals of the lattice of a recording whose samples say so much of it."""
     made = recorded(4, spec, sample_s=1.0, every_s=60.0)
     report = replace(examine(made, lattice=lattice), cut_odds=odds)
-    found, _ = prepare._cut_or_rounded(made, report, prepare._first(made, report), DEFAULT, lambda text, share: None)
+    found, _ = prepare._cut_or_rounded(
+        made, report, prepare._build_first_model(made, report), DEFAULT, lambda text, share: None
+    )
     return [(one.kind, one.rivals) for one in found.symptoms if one.kind.startswith("lattice")]
 
 
@@ -34,7 +36,7 @@ def test_the_references_tell_readings_that_were_cut_whatever_was_taken_at_first(
 
 @pytest.mark.parametrize("odds", [-3.0, 1.0])
 def test_what_the_references_leave_open_has_the_odds_of_the_samples(odds, monkeypatch):
-    monkeypatch.setattr(prepare, "_misfit", lambda model: 100.0)
+    monkeypatch.setattr(prepare, "_compute_misfit", lambda model: 100.0)
     ((kind, rivals),) = _judged("rate_quantization=4e-4", odds, "rounded")
     assert kind == ("lattice_cut" if odds > 0 else "lattice_rounded")
     ((other, share),) = rivals
@@ -46,10 +48,10 @@ def test_the_gain_counts_against_what_is_left_anyway(monkeypatch):
     """A misfit twice as large as it should be, of residuals that go by threes, makes the references six times less sure."""
     made = recorded(4, "rate_quantization=4e-4", sample_s=1.0, every_s=60.0)
     report = replace(examine(made, lattice="rounded"), cut_odds=0.0)
-    first = prepare._first(made, report)
+    first = prepare._build_first_model(made, report)
     misfits = iter([2.0 * first[0].y.size + 24.0, 2.0 * first[0].y.size])
-    monkeypatch.setattr(prepare, "_misfit", lambda model: next(misfits))
-    monkeypatch.setattr(prepare, "_alike", lambda y: 3.0)
+    monkeypatch.setattr(prepare, "_compute_misfit", lambda model: next(misfits))
+    monkeypatch.setattr(prepare, "_estimate_redundancy", lambda y: 3.0)
     found, _ = prepare._cut_or_rounded(made, report, first, DEFAULT, lambda text, share: None)
     ((_, share),) = next(one.rivals for one in found.symptoms if one.kind == "lattice_cut")
     assert share == pytest.approx(expit(-12.0 / 6.0))
@@ -68,7 +70,9 @@ def test_a_bias_that_wanders_does_not_say_how_readings_came_onto_a_lattice(seed)
     """Errors that stay for a while go with any half step by chance: each counts once, not at every reference."""
     made = recorded(seed, "rate_quantization=4e-4", "bias_random_walk:x=20", sample_s=1.0, every_s=60.0)
     report = replace(examine(made, lattice="rounded"), cut_odds=0.0)
-    found, _ = prepare._cut_or_rounded(made, report, prepare._first(made, report), DEFAULT, lambda text, share: None)
+    found, _ = prepare._cut_or_rounded(
+        made, report, prepare._build_first_model(made, report), DEFAULT, lambda text, share: None
+    )
     ((kind, rivals),) = [(one.kind, one.rivals) for one in found.symptoms if one.kind.startswith("lattice")]
     shares = {kind: 1 - sum(share for _, share in rivals), **dict(rivals)}
     assert shares["lattice_rounded"] > 0.1
@@ -78,7 +82,7 @@ def test_residuals_that_follow_one_another_count_by_their_correlation():
     """Of a first-order process of the correlation a at one step, as many as (1 + a)/(1 − a) say what one would."""
     rng = np.random.default_rng(3)
     white = rng.standard_normal((3000, 3))
-    assert prepare._alike(white.ravel()) == 1.0
+    assert prepare._estimate_redundancy(white.ravel()) == 1.0
     alike = lfilter([1.0], [1.0, -0.9], white, axis=0)
     # Sokal's error of a sum over M lags of n numbers is √(2(2M + 1)/n): 0.16 with M = 3 · 19.
-    assert prepare._alike(alike.ravel()) == pytest.approx(19, rel=2 * 0.16)
+    assert prepare._estimate_redundancy(alike.ravel()) == pytest.approx(19, rel=2 * 0.16)

@@ -7,10 +7,10 @@ import pytest
 import scipy.stats
 
 from diagnosis.inference.evidence import log_bayes
-from diagnosis.model import linearise, places, processes
-from diagnosis.model.groups import process_groups, process_places
-from diagnosis.model.places import DECOMPOSITION, Place, cell_parts, directions, nodes
-from diagnosis.model.processes import markov, same, usual, whole
+from diagnosis.model import linearise, process_projection, processes
+from diagnosis.model.groups import list_process_groups, list_process_places
+from diagnosis.model.process_projection import DECOMPOSITION, ProcessProjection, build_unit_errors, select_nodes, split_cells
+from diagnosis.model.processes import build_all_columns, build_usual_columns, markov, match_labels
 from simulator.effects import EFFECTS, ProcessTimes
 from tests.diagnosis.recordings import linear, of_rates, prepared, recorded
 
@@ -23,8 +23,8 @@ def model():
 def test_kernels_by_their_definitions(model):
     t = np.linspace(0, 5000, 60)
     assert np.allclose(markov(t, 700.0)[3, 9], np.exp(-(t[9] - t[3]) / 700))
-    np.testing.assert_array_equal(same(np.array([0, 1, 1])), [[1, 0, 0], [0, 1, 1], [0, 1, 1]])
-    at = processes.cell_times(model)
+    np.testing.assert_array_equal(match_labels(np.array([0, 1, 1])), [[1, 0, 0], [0, 1, 1], [0, 1, 1]])
+    at = processes.compute_cell_times(model)
     K = EFFECTS["bias_random_walk"].covariance(at, {"gaps": "hold"})
     hours = (at.run_s - at.run_s.min()) / 3600
     assert np.allclose(np.diag(K), hours * np.deg2rad(1 / 3600) ** 2)
@@ -54,28 +54,28 @@ def strongest(U, K):
 
 def errors_in_parts(model, axis, at_once=100):
     """(N, q) whitened observations of a unit rate error in each part of the cells."""
-    first, _ = cell_parts(model)
+    first, _ = split_cells(model)
     edges = np.append(first, model.t_s.size)
     found = []
     for low in range(0, first.size, at_once):
         error = np.zeros((model.t_s.size, 3, min(at_once, first.size - low)))
         for k in range(error.shape[2]):
             error[edges[low + k] : edges[low + k + 1], axis, k] = 1.0
-        found.append(model.whitened(model.rate_error(error)))
+        found.append(model.whitened(model.observe_rate_error(error)))
     return np.hstack(found)
 
 
 @pytest.mark.parametrize(("tau", "least"), [(800.0, 0.8), (6000.0, 0.95)])
 def test_columns_of_a_process_are_orthogonal_and_the_strongest_of_its_covariance(model, tau, least):
     """C Cᵀ of the projected columns against that of rate errors in the parts of the cells, and their covariance."""
-    at = processes.part_times(model)
-    K = markov(at.t_s, tau) * same(at.interval) * np.deg2rad(1e-4) ** 2
+    at = processes.compute_part_times(model)
+    K = markov(at.t_s, tau) * match_labels(at.interval) * np.deg2rad(1e-4) ** 2
     for axis in range(3):
-        every = model.projected(usual(model.cell_places[axis], K, 0.0))
+        every = model.projected(build_usual_columns(model.cell_places[axis], K, 0.0))
         gram = every.T @ every
         assert np.abs(gram - np.diag(np.diag(gram))).max() < 1e-6 * gram.max()
         assert (np.diff(np.diag(gram)) <= 1e-9 * gram.max()).all()
-        C = model.projected(usual(model.cell_places[axis], K))
+        C = model.projected(build_usual_columns(model.cell_places[axis], K))
         gram = C.T @ C
         # Directions that are left out have less than this share of the power, and turn the others by less.
         assert np.abs(gram - np.diag(np.diag(gram))).max() < DECOMPOSITION.share * gram.max()
@@ -85,11 +85,11 @@ def test_columns_of_a_process_are_orthogonal_and_the_strongest_of_its_covariance
 
 
 def test_a_process_of_references_is_the_same_of_their_errors(model):
-    at = processes.node_times(model)
+    at = processes.compute_node_times(model)
     assert at.t_s.size == len(model.observation_t_s)  # a reference each
     assert (np.diff(at.run_s) >= 0).all()
     K = markov(at.t_s, 1500.0) * np.deg2rad(0.01) ** 2
-    C = model.projected(usual(model.reference_places[1], K))
+    C = model.projected(build_usual_columns(model.reference_places[1], K))
     expected, whole = strongest(model.projected(model.reference_columns[1]), K)
     assert np.abs(C @ C.T - expected).max() < 1e-3 * np.abs(whole).max()
 
@@ -102,15 +102,15 @@ def test_all_columns_of_a_process_are_its_covariance():
     projected = lambda columns: columns - hidden @ (hidden.T @ columns)  # noqa: E731
     half = rng.standard_normal((12, 5))
     K = half @ half.T
-    place = Place.of(C, C.T @ projected(C))
-    X = projected(whole(place, K, 0.0))
+    place = ProcessProjection.of(C, C.T @ projected(C))
+    X = projected(build_all_columns(place, K, 0.0))
     np.testing.assert_allclose(X @ X.T, projected(C) @ K @ projected(C).T, atol=1e-10)
     assert X.shape[1] == 5
     assert np.allclose(X.T @ X, np.diag(np.sum(X**2, axis=0)), atol=1e-9)
     powers = np.sum(X**2, axis=0)
-    assert whole(place, K, 0.5 * (powers[1] + powers[2])).shape[1] == 2
-    assert whole(place, K, 2 * powers[0]).shape[1] == 1  # one at least
-    assert whole(place, np.zeros((12, 12))).shape[1] == usual(place, np.zeros((12, 12))).shape[1] == 0
+    assert build_all_columns(place, K, 0.5 * (powers[1] + powers[2])).shape[1] == 2
+    assert build_all_columns(place, K, 2 * powers[0]).shape[1] == 1  # one at least
+    assert build_all_columns(place, np.zeros((12, 12))).shape[1] == build_usual_columns(place, np.zeros((12, 12))).shape[1] == 0
 
 
 @pytest.mark.parametrize(
@@ -126,7 +126,7 @@ def test_a_simulated_process_has_the_power_of_its_columns(name, size, trial, sha
     total, dof = 0.0, 0
     for seed in range(6):
         model = prepared(seed, text).model
-        group = next(one for one in process_groups(model, effect, model.around) if one.axis == "y")
+        group = next(one for one in list_process_groups(model, effect, model.around) if one.axis == "y")
         C = size * model.projected(group.columns[trial])
         d = np.sum(C**2, axis=0)
         z = (C / np.sqrt(d)).T @ model.y
@@ -146,15 +146,18 @@ def test_unlisted_processes_are_about_each_axis_and_can_be_seen():
 
 def test_a_rival_is_no_process_that_is_on_the_list(model):
     """Of any size; the others stay."""
-    at, longest = processes.cell_times(model), max(float(block.elapsed_s[-1]) for block in model.blocks)
+    at, longest = processes.compute_cell_times(model), max(float(block.elapsed_s[-1]) for block in model.blocks)
     name = "random bias, correlated in time"
-    known = [7.0 * same(at.interval) * markov(at.t_s, longest / share) for share in (20, 6)]
-    count = {one.name: len(one.columns) for one in processes.unlisted(model)}
-    left = {one.name: len(one.columns) for one in processes.unlisted(model, known)}
+    known = [7.0 * match_labels(at.interval) * markov(at.t_s, longest / share) for share in (20, 6)]
+    count = {one.name: len(one.columns) for one in processes.list_process_alternatives(model)}
+    left = {one.name: len(one.columns) for one in processes.list_process_alternatives(model, known)}
     assert (count[name], left[name]) == (3, 1)
     assert {key: left[key] for key in left if key != name} == {key: count[key] for key in count if key != name}
     assert name not in {
-        one.name for one in processes.unlisted(model, [*known, same(at.interval) * markov(at.t_s, longest / 60)])
+        one.name
+        for one in processes.list_process_alternatives(
+            model, [*known, match_labels(at.interval) * markov(at.t_s, longest / 60)]
+        )
     }
 
 
@@ -169,12 +172,12 @@ def test_a_process_of_averaged_references_is_that_of_every_reference(monkeypatch
     """Covariance of the observations against that of the errors of all references; of one that is fast it is much smaller."""
     recording = recorded(3)
     monkeypatch.setattr(linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=recording.attitudes.t_s.size // 4))
-    model = linearise.linearised(recording, np.eye(3), np.zeros(3))
-    every, nodes_s = model.references.t_s, processes.node_times(model).t_s
+    model = linearise.linearise_recording(recording, np.eye(3), np.zeros(3))
+    every, nodes_s = model.references.t_s, processes.compute_node_times(model).t_s
     for axis in range(3):
         error = np.zeros((every.size, 3, every.size))
         error[:, axis] = np.eye(every.size)
-        unit, place = model.prepared(model.reference_error(error)), model.reference_places[axis]
+        unit, place = model.prepared(model.observe_reference_error(error)), model.reference_places[axis]
         size = {}
         for tau in (100.0, 1e5):
             expected = unit @ markov(every, tau) @ unit.T
@@ -203,17 +206,17 @@ def test_errors_of_averaged_references_are_about_the_axes_of_each(monkeypatch):
     """Unit errors of the nodes against the error of the residuals that those of single references make."""
     recording = recorded(3, every_s=30.0)
     monkeypatch.setattr(linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=recording.attitudes.t_s.size // 3))
-    model = linearise.linearised(recording, np.eye(3), np.zeros(3))
-    rows, _ = nodes(model)
+    model = linearise.linearise_recording(recording, np.eye(3), np.zeros(3))
+    rows, _ = select_nodes(model)
     assert max(block.counts.max() for block in model.blocks) == 3
     sizes = np.random.default_rng(2).standard_normal(rows.size)
     for axis in range(3):
         error = np.zeros((len(model.at_reference), 3, 1))
         error[rows, axis, 0] = sizes
-        expected = model.whitened(model.reference_error(error)[:, 0])
+        expected = model.whitened(model.observe_reference_error(error)[:, 0])
         place = model.reference_places[axis]
         np.testing.assert_allclose(
-            place.columns @ (place.mean @ sizes), expected, atol=places.DECOMPOSITION.along * np.abs(expected).max()
+            place.columns @ (place.mean @ sizes), expected, atol=process_projection.DECOMPOSITION.along * np.abs(expected).max()
         )
 
 
@@ -223,31 +226,35 @@ def test_directions_of_errors_of_a_body_that_turns_are_those_that_matter(turn_de
     angle = np.deg2rad(turn_deg) * np.linspace(0, 1, 4)
     along = np.column_stack([np.cos(angle), np.sin(angle), np.sin(angle) ** 2])
     along /= np.linalg.norm(along, axis=1)[:, None]
-    errors, mean = directions(np.vstack([along, along[:2]]), np.array([0, 4]))
+    errors, mean = build_unit_errors(np.vstack([along, along[:2]]), np.array([0, 4]))
     assert np.count_nonzero(np.any(errors[:3] != 0, axis=0)) == count
     assert not np.any(errors[:3, np.any(errors[3:] != 0, axis=0)])
-    np.testing.assert_allclose((errors @ mean.toarray())[:3, :4], along.T / 4, atol=places.DECOMPOSITION.along / np.sqrt(4))
-    np.testing.assert_allclose((errors @ mean.toarray())[3:, 4:], along[:2].T / 2, atol=places.DECOMPOSITION.along / np.sqrt(2))
+    np.testing.assert_allclose(
+        (errors @ mean.toarray())[:3, :4], along.T / 4, atol=process_projection.DECOMPOSITION.along / np.sqrt(4)
+    )
+    np.testing.assert_allclose(
+        (errors @ mean.toarray())[3:, 4:], along[:2].T / 2, atol=process_projection.DECOMPOSITION.along / np.sqrt(2)
+    )
 
 
 def test_an_error_that_changes_within_a_cell_of_a_spinning_body_has_its_covariance(monkeypatch):
     """Two turns a cell and a process that forgets within it: what a level in each cell would show is another thing."""
-    monkeypatch.setattr(places, "DECOMPOSITION", replace(places.DECOMPOSITION, parts=12))
+    monkeypatch.setattr(process_projection, "DECOMPOSITION", replace(process_projection.DECOMPOSITION, parts=12))
     t_s = np.arange(4000) * 0.5
     rates = np.zeros((t_s.size, 3))
     rates[:, 2] = 2 * np.pi / 5.0
     recording = of_rates(rates, 100, 0.5, 1e-6, 1e-4, 1)
-    model = linearise.linearised(recording, np.eye(3), np.zeros(3))
+    model = linearise.linearise_recording(recording, np.eye(3), np.zeros(3))
     tau, steps = 5.0, 2000
     own = slice(0, steps)
     error = np.zeros((model.t_s.size, 3, steps))
     error[np.arange(steps), 0, np.arange(steps)] = 1.0
-    unit = model.whitened(model.rate_error(error))
+    unit = model.whitened(model.observe_rate_error(error))
     expected = unit @ markov(model.t_s[own], tau) @ unit.T
-    first, _ = cell_parts(model)
+    first, _ = split_cells(model)
     inside = first < steps
     place = model.cell_places[0]
-    K = place.covariance(markov(processes.part_times(model).t_s, tau) * np.outer(inside, inside))
+    K = place.covariance(markov(processes.compute_part_times(model).t_s, tau) * np.outer(inside, inside))
     assert np.linalg.norm(place.columns @ K @ place.columns.T - expected) < 0.05 * np.linalg.norm(expected)
     cells = model.cells
     early = cells.first < steps
@@ -258,11 +265,11 @@ def test_an_error_that_changes_within_a_cell_of_a_spinning_body_has_its_covarian
 @pytest.mark.parametrize("name", ["bias_random_walk", "bias_markov", "noise_flicker", "reference_correlated"])
 def test_directions_that_are_left_out_do_not_change_the_evidence(model, name):
     """The log evidence at each scale, of noise and of a strong draw of the process, with all directions and with the usual."""
-    covariance, places = process_places(model, EFFECTS[name])
+    covariance, places = list_process_places(model, EFFECTS[name])
     rng = np.random.default_rng(3)
     for trial in EFFECTS[name].trials(model.around):
         K = covariance(trial.parameters)
-        every, some = (model.projected(usual(places[0], K, share)) for share in (0.0, DECOMPOSITION.share))
+        every, some = (model.projected(build_usual_columns(places[0], K, share)) for share in (0.0, DECOMPOSITION.share))
         size = 1 / np.linalg.norm(every[:, 0])
         noise = model.projected(rng.standard_normal((model.size, 1)))
         Y = np.hstack([noise, noise + 10 * size * every @ rng.standard_normal((every.shape[1], 1))])

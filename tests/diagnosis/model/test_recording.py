@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from diagnosis.detectors.samples import examine
 from diagnosis.model import linearise
-from diagnosis.model import recording as recordings
-from diagnosis.model.linearise import linearised
-from diagnosis.model.prepare import prepare, unclipped
+from diagnosis.model import recording_model as recordings
+from diagnosis.model.linearise import linearise_recording
+from diagnosis.model.prepare import find_unclipped_pieces, prepare
 from gyrocal import GyroParameters, calibrate, residual_table
 from gyrocal.recording import Interval
 from simulator.simulate import simulate
@@ -27,14 +27,14 @@ def recording():
 @pytest.fixture(scope="module")
 def model(recording, quiet):
     result = calibrate(recording)
-    return linearised(recording, result.G, result.bias, smooth=quiet.recording.gyro.rates)
+    return linearise_recording(recording, result.G, result.bias, smooth=quiet.recording.gyro.rates)
 
 
 @pytest.fixture(scope="module")
 def quiet():
     """A recording without noise, about the truth."""
     base = plan(1.0)
-    return linearised(simulate(base, noise=False), np.array(base.gyro.true_G), np.deg2rad(base.gyro.true_bias_deg_s))
+    return linearise_recording(simulate(base, noise=False), np.array(base.gyro.true_G), np.deg2rad(base.gyro.true_bias_deg_s))
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def condensed(recording, model, quiet, monkeypatch):
         linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=len(model.reference_rows) // 3 + 1)
     )
     monkeypatch.setattr(recordings, "SETTINGS", replace(recordings.SETTINGS, most_cells=80))
-    made = linearised(recording, model.G, model.bias, smooth=quiet.recording.gyro.rates)
+    made = linearise_recording(recording, model.G, model.bias, smooth=quiet.recording.gyro.rates)
     assert made.t_s.size < 0.4 * model.t_s.size
     assert made.size < 0.4 * model.size
     return made
@@ -75,7 +75,7 @@ def test_calibration_columns_are_what_the_residuals_lack(quiet):
     for k in range(12):
         change = np.zeros(12)
         change[k] = scale[k]
-        moved = linearised(quiet.recording, quiet.G + change[:9].reshape(3, 3), quiet.bias + change[9:])
+        moved = linearise_recording(quiet.recording, quiet.G + change[:9].reshape(3, 3), quiet.bias + change[9:])
         difference = quiet.whitened(moved.zeta - quiet.zeta) / change[k]
         assert np.allclose(difference, -quiet.calibration[:, k], atol=1e-4 * np.abs(quiet.calibration[:, k]).max())
 
@@ -83,7 +83,7 @@ def test_calibration_columns_are_what_the_residuals_lack(quiet):
 def test_a_step_is_a_reading_switched_on(model):
     high = np.tile([1e-6, -2e-6, 5e-7], (model.t_s.size, 1))
     starts = np.array([0, 700, model.blocks[1].steps.start, model.blocks[3].steps.start + 1001])
-    together = model.reading_steps(high, starts)
+    together = model.observe_reading_steps(high, starts)
     for k, start in enumerate(starts):
         alone = np.where((np.arange(model.t_s.size) >= start)[:, None], high, 0.0)
         assert np.allclose(together[:, [k]], model.reading(alone[:, :, None]), atol=1e-16)
@@ -94,12 +94,12 @@ def test_a_reference_error_moves_its_own_observation_only(recording, model):
     row, angle = 5, np.deg2rad([1e-3, -2e-3, 5e-4])
     error = np.zeros((len(model.at_reference), 3, 1))
     error[row, :, 0] = angle
-    expected = model.reference_error(error)[:, 0]
+    expected = model.observe_reference_error(error)[:, 0]
     q = recording.attitudes.quaternions.copy()
     own = model.reference_rows[row]
     # A_obs' = exp([e×]) A_obs, and as an active rotation q is its transpose.
     q[own] = (Rotation.from_quat(q[own]) * Rotation.from_rotvec(-angle)).as_quat()
-    moved = linearised(replace(recording, attitudes=replace(recording.attitudes, quaternions=q)), model.G, model.bias)
+    moved = linearise_recording(replace(recording, attitudes=replace(recording.attitudes, quaternions=q)), model.G, model.bias)
     # The residual there, 1e-4 rad, is turned as well.
     assert np.allclose(moved.zeta - model.zeta, expected, atol=3e-8)
     assert np.count_nonzero(expected) == 3
@@ -117,14 +117,14 @@ def test_cells_add_up_to_a_rate_error_throughout(model):
     for axis in range(3):
         error = np.zeros((model.t_s.size, 3, 1))
         error[:, axis] = 1e-6
-        whole = model.whitened(model.rate_error(error))[:, 0]
+        whole = model.whitened(model.observe_rate_error(error))[:, 0]
         np.testing.assert_allclose(1e-6 * model.cell_columns[axis].sum(axis=1), whole, atol=1e-10 * np.abs(whole).max())
 
 
 def test_housekeeping_is_read_at_the_middle_of_the_steps(recording, model):
     t = recording.gyro.t_s[::50]
     table = pd.DataFrame({"t_s": t, "battery_c": 3.0 + 1e-4 * t})
-    stream = linearised(replace(recording, tables={"housekeeping": table}), model.G, model.bias).stream
+    stream = linearise_recording(replace(recording, tables={"housekeeping": table}), model.G, model.bias).stream
     inside = model.t_s < t[-1]
     np.testing.assert_allclose(stream.housekeeping["battery_c"][inside], 3.0 + 1e-4 * model.t_s[inside])
     assert model.stream.housekeeping == {}
@@ -158,9 +158,9 @@ def test_each_whitened_observation_of_m0_has_unit_variance_and_none_correlates()
     count = 200
     base = plan(10.0, 600.0)
     truth = np.array(base.gyro.true_G), np.deg2rad(base.gyro.true_bias_deg_s)
-    made = [linearised(simulate(base, seed=seed), *truth) for seed in range(count)]
+    made = [linearise_recording(simulate(base, seed=seed), *truth) for seed in range(count)]
     # Means over ten seconds are not quite the rates of a slew; that error is the same in all.
-    Y = np.array([one.y for one in made]) - linearised(simulate(base, noise=False), *truth).y
+    Y = np.array([one.y for one in made]) - linearise_recording(simulate(base, noise=False), *truth).y
     P = np.eye(made[0].size) - made[0].nuisance @ made[0].nuisance.T
     # Entries of a sample covariance scatter by √((P_ii P_jj + P_ij²)/n).
     error = np.sqrt((np.outer(np.diag(P), np.diag(P)) + P**2) / count)
@@ -173,9 +173,9 @@ def test_wrong_noise_is_felt(recording):
     """Negative control: the χ² of the residuals leaves its range when the references are noisier than stated."""
     stated = replace(recording, attitudes=replace(recording.attitudes, sigma=recording.attitudes.sigma / 2))
     result = calibrate(stated)
-    y = linearised(stated, result.G, result.bias).y
+    y = linearise_recording(stated, result.G, result.bias).y
     assert y @ y > 2 * y.size
-    true = linearised(stated, result.G, result.bias, sigma=recording.attitudes.sigma).y
+    true = linearise_recording(stated, result.G, result.bias, sigma=recording.attitudes.sigma).y
     assert 1e-4 < scipy.stats.chi2.cdf(true @ true, true.size - 30) < 1 - 1e-4
 
 
@@ -213,7 +213,7 @@ def test_covariance_of_averaged_references_is_that_of_brute_force(recording, mod
     arw2 = recording.gyro.arw**2
     density = None if isotropic else arw2 * rng.uniform(0.3, 3.0, recording.gyro.rates.shape)
     sigma = recording.attitudes.sigma * rng.uniform(0.5, 2.0, recording.attitudes.sigma.shape)
-    made = linearised(recording, np.eye(3), model.bias, density=density, sigma=sigma)
+    made = linearise_recording(recording, np.eye(3), model.bias, density=density, sigma=sigma)
     assert {int(count) for block in made.blocks for count in block.counts} >= {3}
     t = recording.gyro.t_s
     for block in made.blocks[1:3]:
@@ -258,20 +258,20 @@ def test_columns_on_condensed_steps_are_the_means_of_those_on_single_samples(mod
 def test_steps_reference_errors_and_cells_are_averaged_the_same_way(model, condensed):
     high = np.tile([1e-6, -2e-6, 5e-7], (condensed.t_s.size, 1))
     starts = np.array([0, 300, condensed.blocks[2].steps.start + 111])
-    together = condensed.reading_steps(high, starts)
+    together = condensed.observe_reading_steps(high, starts)
     for k, start in enumerate(starts):
         alone = np.where((np.arange(condensed.t_s.size) >= start)[:, None], high, 0.0)
         np.testing.assert_allclose(together[:, [k]], condensed.reading(alone[:, :, None]), atol=1e-16)
     error = np.random.default_rng(5).standard_normal((len(model.reference_rows), 3, 2))
-    fine = model.reference_error(error)
-    coarse = condensed.reference_error(error)
+    fine = model.observe_reference_error(error)
+    coarse = condensed.observe_reference_error(error)
     for block, old in zip(condensed.blocks, model.blocks, strict=True):
         np.testing.assert_allclose(coarse[block.rows], averaging(block) @ fine[old.rows], atol=1e-12)
     # Cells end where observations begin, so that there are not many more of them than of these.
     assert condensed.cells.first.size < 0.8 * len(model.reference_rows)
     constant = np.zeros((condensed.t_s.size, 3, 1))
     constant[:, 1] = 1e-6
-    whole = condensed.whitened(condensed.rate_error(constant))[:, 0]
+    whole = condensed.whitened(condensed.observe_rate_error(constant))[:, 0]
     # Inside a cell the rate error is turned by its mean attitude.
     np.testing.assert_allclose(1e-6 * condensed.cell_columns[1].sum(axis=1), whole, atol=0.02 * np.abs(whole).max())
 
@@ -279,7 +279,7 @@ def test_steps_reference_errors_and_cells_are_averaged_the_same_way(model, conde
 def test_an_interval_with_few_references_keeps_them(recording, model, monkeypatch):
     """Averaged to one observation it would show nothing beside its own start attitude."""
     monkeypatch.setattr(linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=20))
-    made = linearised(recording, model.G, model.bias)
+    made = linearise_recording(recording, model.G, model.bias)
     counts = [block.references.size for block in made.blocks]
     assert min(counts) < 12 < max(counts)
     for block, count in zip(made.blocks, counts, strict=True):
@@ -306,7 +306,7 @@ def test_pieces_take_the_place_of_intervals(recording, model):
         Interval("m3/0", third.activity, third.start_s, middle - 60),
         Interval("m3/1", third.activity, middle + 60, third.stop_s),
     ]
-    made = linearised(recording, model.G, model.bias, pieces=pieces)
+    made = linearise_recording(recording, model.G, model.bias, pieces=pieces)
     assert [block.interval for block in made.blocks] == [0, 1, 2, 2]
     assert not ((made.t_s > middle - 60) & (made.t_s < middle + 60)).any()
     assert made.nuisance.shape[1] == 3 * 4 + 12
@@ -316,7 +316,7 @@ def test_clipped_stretches_are_left_out():
     recording = recorded(2, "rate_saturation:z=0.1", sample_s=0.5)
     report = examine(recording)
     assert report.clipped.any()
-    pieces = unclipped(recording, report)
+    pieces = find_unclipped_pieces(recording, report)
     assert len(pieces) > len(recording.intervals)
     clipped = recording.gyro.t_s[report.clipped]
     for piece in pieces:

@@ -8,14 +8,14 @@ import pytest
 
 from diagnosis.diagnose import diagnose
 from diagnosis.model import reference_tones
-from diagnosis.model.linearise import linearised
+from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.reference_tones import find_coherent, find_peak, find_reference_tone, list_aliases, make_innovations
 from diagnosis.model.sinusoid_causes import BIAS, PICKUP, REFERENCE, UNLISTED, ReferenceTone, SinusoidCause
 from diagnosis.sinusoids.spectrum import compute_power
 from gyrocal import calibrate
 from simulator.effects import parse
 from simulator.simulate import simulate
-from simulator.truth.rotation import perturbed
+from simulator.truth.rotation import apply_rotation_errors
 from tests.diagnosis.model.test_lines import plan, recorded, swaying, tone
 
 P, EVERY = 1e-5, 0.5  # s between references, of which two are averaged
@@ -33,7 +33,7 @@ def model_of(*effects, seed=1):
 
 def modelled(recording):
     result = calibrate(recording)
-    return linearised(recording, result.G, result.bias)
+    return linearise_recording(recording, result.G, result.bias)
 
 
 def found(model):
@@ -73,7 +73,9 @@ def test_what_follows_the_motion_is_no_tone():
     swayed = swaying(recorded(every_s=EVERY), turn)
     attitudes = swayed.attitudes
     behind = turn(attitudes.t_s) - turn(attitudes.t_s - 0.02)
-    model = modelled(replace(swayed, attitudes=replace(attitudes, quaternions=perturbed(attitudes.quaternions, behind))))
+    model = modelled(
+        replace(swayed, attitudes=replace(attitudes, quaternions=apply_rotation_errors(attitudes.quaternions, behind)))
+    )
     assert find_peak(model)[1] < P
     assert found(model) is None
 
@@ -83,7 +85,7 @@ def test_a_wave_that_is_not_steady_is_on_no_list():
     attitudes = recording.attitudes
     error = np.zeros((attitudes.t_s.size, 3))
     error[:, 1] = np.deg2rad(0.01) * np.sin(2 * np.pi * attitudes.t_s / 1.7) * (attitudes.t_s < 300)
-    wrong = replace(recording, attitudes=replace(attitudes, quaternions=perturbed(attitudes.quaternions, error)))
+    wrong = replace(recording, attitudes=replace(attitudes, quaternions=apply_rotation_errors(attitudes.quaternions, error)))
     first, probability = found(modelled(wrong)).causes[0]
     assert first.kind == UNLISTED
     assert probability > 0.9

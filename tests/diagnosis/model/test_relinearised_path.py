@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from diagnosis.model.relinearised_path import true_path
+from diagnosis.model.relinearised_path import find_relinearised_path
 
 STEP_S, COUNT, EACH = 0.05, 6000, 60
 
@@ -36,7 +36,7 @@ def test_path_gives_the_integral_where_the_first_order_does_not(flown):
     middle = (true[:-1] * Rotation.from_rotvec(0.5 * rates * STEP_S)).as_matrix()
     integral = np.cumsum(np.einsum("nij,nj->ni", middle, error) * STEP_S, axis=0)
     exact = np.vstack([np.zeros(3), integral])[ends]
-    path = true_path(zeta, np.full(zeta.shape, 1e-4))
+    path = find_relinearised_path(zeta, np.full(zeta.shape, 1e-4))
     assert np.rad2deg(np.abs(zeta).max()) > 10
     assert np.abs(zeta - exact).max() > 100 * np.abs(path.errors - exact).max()
     assert np.abs(path.errors - exact).max() < 2e-4
@@ -47,7 +47,7 @@ def test_path_gives_the_integral_where_the_first_order_does_not(flown):
 
 def test_small_errors_are_left_as_they_are():
     zeta = np.random.default_rng(1).normal(0, 1e-4, (50, 3))
-    assert true_path(zeta, np.full((50, 3), 1e-4)) is None
+    assert find_relinearised_path(zeta, np.full((50, 3), 1e-4)) is None
 
 
 def test_noise_of_the_references_adds_next_to_nothing(flown):
@@ -57,5 +57,5 @@ def test_noise_of_the_references_adds_next_to_nothing(flown):
     zeta = (true[ends] * propagated[ends].inv()).as_rotvec()
     noise = np.random.default_rng(2).normal(0, sigma, zeta.shape)
     noisy = (Rotation.from_rotvec(noise) * Rotation.from_rotvec(zeta)).as_rotvec()
-    clean, found = (true_path(one, np.full(zeta.shape, sigma)).errors for one in (zeta, noisy))
+    clean, found = (find_relinearised_path(one, np.full(zeta.shape, sigma)).errors for one in (zeta, noisy))
     assert np.abs(found - clean - noise).max() < 0.2 * sigma

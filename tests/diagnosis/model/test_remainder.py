@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diagnosis.model.folds import shared_columns
+from diagnosis.model.folds import build_shared_columns
 from diagnosis.model.remainder import (
     Remainder,
-    _negative_log_likelihood,
+    _compute_negative_log_likelihood,
     add_remainder,
     add_rounding,
     build_processes,
@@ -40,8 +40,8 @@ def some_sizes(processes):
 
 
 def log_likelihood(model, noise, theta, processes):
-    y, rows = model.unmixed(model.whitened(model.zeta)), [block.rows for block in model.blocks]
-    return -_negative_log_likelihood(noise, theta, y, shared_columns(model), rows, processes)[0]
+    y, rows = model.undo_mounting_whitening(model.whitened(model.zeta)), [block.rows for block in model.blocks]
+    return -_compute_negative_log_likelihood(noise, theta, y, build_shared_columns(model), rows, processes)[0]
 
 
 def dense(model, noise, theta, processes):
@@ -53,8 +53,8 @@ def dense(model, noise, theta, processes):
 
 
 def test_its_likelihood_is_that_of_a_dense_normal_distribution(model, processes):
-    theta, B = some_sizes(processes), shared_columns(model)
-    y = model.unmixed(model.whitened(model.zeta))
+    theta, B = some_sizes(processes), build_shared_columns(model)
+    y = model.undo_mounting_whitening(model.whitened(model.zeta))
     C = dense(model, 1.3, theta, processes) + B @ B.T
     constant = 0.5 * model.size * np.log(2 * np.pi)
     expected = scipy.stats.multivariate_normal(np.zeros(model.size), C, allow_singular=True).logpdf(y) + constant
@@ -62,12 +62,12 @@ def test_its_likelihood_is_that_of_a_dense_normal_distribution(model, processes)
 
 
 def test_its_slope_is_that_of_differences(model, processes):
-    y, B = model.unmixed(model.whitened(model.zeta)), shared_columns(model)
+    y, B = model.undo_mounting_whitening(model.whitened(model.zeta)), build_shared_columns(model)
     rows = [block.rows for block in model.blocks]
     x = np.log(np.concatenate([[1.3], some_sizes(processes)]))
 
     def value(at):
-        return _negative_log_likelihood(np.exp(at[0]), np.exp(at[1:]), y, B, rows, processes)
+        return _compute_negative_log_likelihood(np.exp(at[0]), np.exp(at[1:]), y, B, rows, processes)
 
     _, slope = value(x)
     for k in range(x.size):

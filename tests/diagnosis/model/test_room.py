@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.model.linear import Restored, Room
+from diagnosis.model.linear import RestoredColumns, Room
 from tests.diagnosis.linear_models import linear_model
 
 RNG = np.random.default_rng(1)
@@ -14,7 +14,7 @@ RNG = np.random.default_rng(1)
 def test_columns_before_the_projection_are_restored():
     W, basis = RNG.standard_normal((30, 7)), np.linalg.qr(RNG.standard_normal((30, 4)))[0]
     hidden = basis.T @ W
-    found = Restored(W - basis @ hidden, basis, hidden)
+    found = RestoredColumns(W - basis @ hidden, basis, hidden)
     assert found.shape == W.shape
     for place in (np.s_[:, :], np.s_[:, 2], np.s_[:, [5, 1]], np.s_[3:9], np.s_[3:9, 1:4]):
         np.testing.assert_allclose(found[place], W[place], atol=1e-13)
@@ -55,9 +55,9 @@ def test_options_that_are_added_keep_the_columns_before_the_projection(further):
     basis = np.linalg.qr(RNG.standard_normal((30, 4)))[0]
     hidden = basis.T @ W
     X = W - basis @ hidden
-    model = replace(linear_model([W], RNG.standard_normal(30)), X=X, W=Restored(X, basis, hidden))
+    model = replace(linear_model([W], RNG.standard_normal(30)), X=X, W=RestoredColumns(X, basis, hidden))
     model = replace(model, X=0.5 * X) if further else model
     for _ in range(2):
-        model = model.with_options(0, model.candidates[0].options, more, more - basis @ (basis.T @ more))
+        model = model.replace_options(0, model.candidates[0].options, more, more - basis @ (basis.T @ more))
     np.testing.assert_allclose(model.W[:, :], np.hstack([W, more, more]), atol=1e-13)
     np.testing.assert_allclose(model.X[:, :3], (0.5 if further else 1.0) * X)

@@ -8,17 +8,24 @@ import pytest
 from diagnosis.inference.amplitudes import fit
 from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Search
-from diagnosis.model.sensors.arcs import arcs_of, fit_arc
-from diagnosis.model.sensors.columns import GYRO, RIVALS, Held, build_groups, held_columns, held_error
+from diagnosis.model.sensors.arcs import build_arcs, fit_arc
+from diagnosis.model.sensors.columns import (
+    GYRO_RIVAL,
+    RIVAL_BUILDERS,
+    HeldAmplitudes,
+    build_groups,
+    build_held_columns,
+    compute_held_error,
+)
 from diagnosis.model.sensors.refine import refine_parameters
-from diagnosis.model.sensors.tables import build_tables, in_noise, linear_model, noise_of
+from diagnosis.model.sensors.tables import build_sensor_model, build_tables, estimate_sensor_noise, rescale_noise
 from diagnosis.settings import DEFAULT
 from simulator.effects.sensor import SENSOR_EFFECTS, dss_head, esa_bias, parse
-from simulator.sensors.record import nominal_suite, sensed
-from simulator.sensors.sun import head_tangents
+from simulator.sensors.raw_tables import build_nominal_suite, simulate_sensor_tables
+from simulator.sensors.sun import compute_head_tangents
 from simulator.simulate import motion, simulate
-from simulator.truth.rotation import matrix
-from studies.robertson.heads import _noisy
+from simulator.truth.rotation import convert_to_matrix
+from studies.robertson.heads import _scale_earth_noise
 from tests.diagnosis.sensor_cases import EFFECTS, ONE, fits_of, recorded
 
 
@@ -42,12 +49,12 @@ def columns_of(groups):
 
 def angles_shown(suite, recording, truth):
     """Angles of both sun sensors at their tags before they are counted, by the simulator's own kernel."""
-    A, parts = matrix(truth.sensor_quaternions), []
+    A, parts = convert_to_matrix(truth.sensor_quaternions), []
     ephemeris = recording.sensors.ephemeris
     for number, sensor in enumerate(suite.sun_sensors, start=1):
         rows = ephemeris.rows(recording.sensors.sun.of(number)[0])
         s = np.einsum("nij,nj->ni", A[rows], ephemeris.sun[rows]) @ sensor.alignment
-        parts.append(np.arctan([head_tangents(*one, sensor.head) for one in s]).reshape(-1, 2))
+        parts.append(np.arctan([compute_head_tangents(*one, sensor.head) for one in s]).reshape(-1, 2))
     return parts
 
 
@@ -72,20 +79,20 @@ def test_columns_are_differences_of_the_simulation(text):
     setting = parse(text)
     effect, h = SENSOR_EFFECTS[setting.effect], 0.02
     recording, truth = simulate(ONE, noise=False), motion(ONE)
-    plain = nominal_suite(0.0, 0.0)
+    plain = build_nominal_suite(0.0, 0.0)
     nominal_angles = angles_shown(plain, recording, truth)
-    (arc,) = arcs_of(recording)[0]
+    (arc,) = build_arcs(recording)[0]
     start = fit_arc(arc)
     for k in range(effect.count):
         both = []
         for way in (1, -1):
             size, parameters = effect.from_amplitudes(way * h * np.eye(effect.count)[k]) if effect.count > 1 else (way * h, {})
             changed = replace(setting, size=size, parameters={**setting.parameters, **parameters})
-            earth = sensed(ONE, truth, [changed], noise=False).earth.angles - recording.sensors.earth.angles
+            earth = simulate_sensor_tables(ONE, truth, [changed], noise=False).earth.angles - recording.sensors.earth.angles
             shown = angles_shown(effect.fitted(plain, changed), recording, truth)
             both.append(taken_off(arc, recording, nominal_angles, shown, earth))
         difference = (both[0].rows.z - both[1].rows.z) / (2 * h)
-        own = held_columns(start, {setting.label(): Held(np.zeros(effect.count), setting.parameters)})[:, k]
+        own = build_held_columns(start, {setting.label(): HeldAmplitudes(np.zeros(effect.count), setting.parameters)})[:, k]
         compared = replace(start, rows=replace(start.rows, z=difference - own))
         gram, _ = compared.gram(own[:, None])
         assert gram[0, 0] > 1
@@ -96,8 +103,8 @@ def test_the_column_of_an_intrusion_is_the_difference_of_two_simulations():
     """The Sun is in the field only when it is not excluded, so that the step is from a weak Sun to a stronger one."""
     one, two = (simulate(ONE, noise=False, effects=[parse(f"esa_sun_intrusion={size}")]) for size in (0.1, 0.14))
     (start,), (more,) = fits_of(one), fits_of(two)
-    held = {"esa_sun_intrusion": Held(np.array([0.1]), parse("esa_sun_intrusion=1").parameters)}
-    own = held_columns(start, held)
+    held = {"esa_sun_intrusion": HeldAmplitudes(np.array([0.1]), parse("esa_sun_intrusion=1").parameters)}
+    own = build_held_columns(start, held)
     gram, _ = replace(start, rows=replace(start.rows, z=(more.rows.z - start.rows.z) / 0.04 - own[:, 0])).gram(own)
     assert gram[0, 0] > 1
     assert gram[1, 1] < 1e-3 * gram[0, 0]
@@ -106,7 +113,7 @@ def test_the_column_of_an_intrusion_is_the_difference_of_two_simulations():
 def test_a_rate_error_at_orbit_rate_is_a_combination_of_its_columns():
     plain, swinging = (simulate(ONE, noise=False, effects=[parse(e) for e in more]) for more in ((), ("bias_orbital:z=0.3",)))
     (start,), (other,) = fits_of(plain), fits_of(swinging)
-    X = RIVALS[GYRO](start)[0]
+    X = RIVAL_BUILDERS[GYRO_RIVAL](start)[0]
     gram, _ = replace(start, rows=replace(start.rows, z=other.rows.z - start.rows.z)).gram(X)
     inner, along, whole = gram[:-1, :-1], gram[:-1, -1], gram[-1, -1]
     assert whole > 100
@@ -133,7 +140,7 @@ def test_products_are_those_of_the_full_covariance():
 
 
 @pytest.mark.parametrize(
-    "about", [{}, {"esa_s_filter": Held(np.array([0.3]), {"time_constant_s": 41.0}, ({"time_constant_s": 40.0},))}]
+    "about", [{}, {"esa_s_filter": HeldAmplitudes(np.array([0.3]), {"time_constant_s": 41.0}, ({"time_constant_s": 40.0},))}]
 )
 def test_options_are_those_of_the_effect_or_those_found(nominal, about):
     groups = build_groups(nominal[3], EFFECTS, about)
@@ -160,8 +167,8 @@ def test_rows_have_the_products_of_all_measurements(nominal):
 
 def test_linearised_about_what_was_found_the_residuals_get_their_linear_part_back(turned):
     """To first order both models are the same; what is left of the square sum is the second order, a part in a thousand."""
-    (held,) = [{"dss_head:2": Held(np.array([0.206, 0.061, 0.182]), {})}]
-    again = [fit_arc(one.arc, *held_error(one.arc.sightings, held)) for one in turned]
+    (held,) = [{"dss_head:2": HeldAmplitudes(np.array([0.206, 0.061, 0.182]), {})}]
+    again = [fit_arc(one.arc, *compute_held_error(one.arc.sightings, held)) for one in turned]
     plain, about = build_tables(turned, EFFECTS), build_tables(again, EFFECTS, held)
     assert about.y @ about.y == pytest.approx(plain.y @ plain.y, rel=5e-3)
     (X,) = next(one.columns for one in about.groups if (one.effect, one.axis) == ("dss_head", "2"))
@@ -170,11 +177,11 @@ def test_linearised_about_what_was_found_the_residuals_get_their_linear_part_bac
 
 
 def test_candidates_are_all_effects_and_what_is_on_no_list(nominal):
-    model = linear_model(build_tables(nominal, [dss_head.EFFECT]), [dss_head.EFFECT], DEFAULT)
+    model = build_sensor_model(build_tables(nominal, [dss_head.EFFECT]), [dss_head.EFFECT], DEFAULT)
     assert {one.label for one in model.candidates if one.listed} == {"dss_head:1", "dss_head:2"}
     rivals = {one.label for one in model.candidates if not one.listed}
     # A sensor wanders whether or not its misalignment may be named.
-    assert rivals >= {"DSS-2 sits differently each day", "DSS-2 drifts", "Earth sensor sits differently each day", GYRO}
+    assert rivals >= {"DSS-2 sits differently each day", "DSS-2 drifts", "Earth sensor sits differently each day", GYRO_RIVAL}
     priors = np.exp([one.log_prior for one in model.candidates])
     assert priors.sum() == pytest.approx(1.0)
     assert sum(p for p, one in zip(priors, model.candidates, strict=True) if not one.listed) == pytest.approx(
@@ -184,7 +191,7 @@ def test_candidates_are_all_effects_and_what_is_on_no_list(nominal):
 
 def test_columns_of_each_day_are_those_of_one_arc_each(nominal):
     tables = build_tables(nominal, EFFECTS)
-    model = linear_model(tables, EFFECTS, DEFAULT)
+    model = build_sensor_model(tables, EFFECTS, DEFAULT)
     days = model.candidates[model.find("DSS-2 sits differently each day")].options[0]
     constant = model.candidates[model.find("dss_misalignment")].options[0]
     for k in range(len(nominal)):
@@ -197,7 +204,7 @@ def test_columns_of_each_day_are_those_of_one_arc_each(nominal):
 def test_days_left_out_are_measured_by_their_degrees_of_freedom(turned):
     """Rows of a compressed arc are fewer than its degrees of freedom, which are what its square sum is divided by."""
     tables = build_tables(turned, EFFECTS)
-    model = linear_model(tables, EFFECTS, DEFAULT)
+    model = build_sensor_model(tables, EFFECTS, DEFAULT)
     folds = list(model.folds(model.W))
     assert sorted(name for fold in folds for name in fold.dof) == sorted(tables.names)
     assert all(len(fold.train_y) + len(fold.left_y) == len(model.y) for fold in folds)
@@ -212,14 +219,14 @@ def test_days_left_out_are_measured_by_their_degrees_of_freedom(turned):
 
 
 def test_more_noise_than_stated_is_measured_and_taken_as_the_unit(nominal):
-    quiet = linear_model(build_tables(nominal, EFFECTS), EFFECTS, DEFAULT)
-    loud = linear_model(build_tables(fits_of(recorded(change=_noisy)), EFFECTS), EFFECTS, DEFAULT)
-    assert noise_of(quiet, DEFAULT).factor == 1
-    noise = noise_of(loud, DEFAULT)
+    quiet = build_sensor_model(build_tables(nominal, EFFECTS), EFFECTS, DEFAULT)
+    loud = build_sensor_model(build_tables(fits_of(recorded(change=_scale_earth_noise)), EFFECTS), EFFECTS, DEFAULT)
+    assert estimate_sensor_noise(quiet, DEFAULT).factor == 1
+    noise = estimate_sensor_noise(loud, DEFAULT)
     assert noise.p_value < DEFAULT.chi2_sensors
     assert 1.2 < noise.factor < 1.5  # the Earth sensor's is 1.5 times as large, the sun sensors' as stated
-    again = in_noise(loud, noise.factor)
-    assert noise_of(again, DEFAULT).factor == 1
+    again = rescale_noise(loud, noise.factor)
+    assert estimate_sensor_noise(again, DEFAULT).factor == 1
     assert again.candidates == loud.candidates
     np.testing.assert_allclose(next(again.folds(again.W)).left_y, next(loud.folds(loud.W)).left_y / noise.factor)
 
@@ -229,25 +236,25 @@ def test_more_noise_than_stated_is_measured_and_taken_as_the_unit(nominal):
 
 def test_uncertain_parameters_widen_a_size():
     fits = fits_of(recorded("esa_s_filter=0.74,time_constant_s=42", seed=7))
-    held = refine_parameters(fits, {"esa_s_filter": Held(np.array([0.5]), {"time_constant_s": 60.0})})
+    held = refine_parameters(fits, {"esa_s_filter": HeldAmplitudes(np.array([0.5]), {"time_constant_s": 60.0})})
     again = refine_parameters(fits, held)
     constant = float(held["esa_s_filter"].parameters["time_constant_s"])
     assert constant == pytest.approx(42, rel=0.1)
     assert again["esa_s_filter"].parameters["time_constant_s"] == pytest.approx(constant, rel=0.02)
     effects = [SENSOR_EFFECTS["esa_s_filter"]]
-    after = [fit_arc(one.arc, *held_error(one.arc.sightings, held)) for one in fits]
-    model = linear_model(build_tables(after, effects, held), effects, DEFAULT)
+    after = [fit_arc(one.arc, *compute_held_error(one.arc.sightings, held)) for one in fits]
+    model = build_sensor_model(build_tables(after, effects, held), effects, DEFAULT)
     (one,) = fit(model, Search(model).of(("esa_s_filter",)).members)
     column = model.X[:, model.candidates[0].options[0].columns]
     assert one.sigma > 1.3 / np.linalg.norm(column)
     # The same from the derivative by the time constant as a column of its own, with a size that is fitted beside it.
     moved = [
-        {"esa_s_filter": Held(held["esa_s_filter"].amplitudes, {"time_constant_s": constant * np.exp(way * 0.05)})}
+        {"esa_s_filter": HeldAmplitudes(held["esa_s_filter"].amplitudes, {"time_constant_s": constant * np.exp(way * 0.05)})}
         for way in (1, -1)
     ]
     total = 0
     for fitted in fits:
-        high, low = (held_columns(fitted, at)[:, 0] * held["esa_s_filter"].amplitudes[0] for at in moved)
-        gram, _ = fitted.gram(np.column_stack([held_columns(fitted, held)[:, 0], (high - low) / 0.1]))
+        high, low = (build_held_columns(fitted, at)[:, 0] * held["esa_s_filter"].amplitudes[0] for at in moved)
+        gram, _ = fitted.gram(np.column_stack([build_held_columns(fitted, held)[:, 0], (high - low) / 0.1]))
         total = total + gram[:2, :2]
     assert one.sigma == pytest.approx(np.sqrt(np.linalg.inv(total)[0, 0]), rel=0.1)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from diagnosis.model.candidates import linear_model
-from diagnosis.model.linear import Member
+from diagnosis.model.candidates import build_linear_model
+from diagnosis.model.linear import SelectedCandidate
 from diagnosis.model.steps import SETTINGS as STEPS
-from diagnosis.model.steps import Left, with_finer_times, with_moments
+from diagnosis.model.steps import ResidualProducts, add_finer_times, add_step_times
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import prepared
 
@@ -17,31 +17,31 @@ BIAS, SCALE = EFFECTS["bias_step"], EFFECTS["g_matrix_step"]
 def stepped():
     """A step of G between the times that are tried, and its linear model."""
     one = prepared(11, "g_matrix_step:y=3000,toward=y,time_s=21456")
-    return one.model, linear_model(one.model, [BIAS, SCALE], rivals=False)
+    return one.model, build_linear_model(one.model, [BIAS, SCALE], rivals=False)
 
 
 def test_a_likelihood_ratio_is_that_of_the_dense_covariance(stepped):
     _, linear = stepped
     first = linear.find("bias_step:x")
-    members = (Member(first, 1, 2), Member(linear.find("bias_step:z"), 3, 1))
-    places, scales, _ = linear.design(members)
+    members = (SelectedCandidate(first, 1, 2), SelectedCandidate(linear.find("bias_step:z"), 3, 1))
+    places, scales, _ = linear.build_design(members)
     C = linear.X[:, places] * scales
     S = np.eye(len(linear.y)) + C @ C.T
     X = linear.X[:, :3] + linear.X[:, 3:6]
     solved = np.linalg.solve(S, X)
     expected = (solved.T @ linear.y) ** 2 / (2 * np.einsum("nk,nk->k", X, solved))
-    np.testing.assert_allclose(Left(linear, members).log_ratio(X), expected, rtol=1e-8)
+    np.testing.assert_allclose(ResidualProducts(linear, members).log_ratio(X), expected, rtol=1e-8)
 
 
 def test_a_column_that_nothing_shows_explains_nothing(stepped):
     _, linear = stepped
-    assert Left(linear, ()).log_ratio(np.zeros((len(linear.y), 2))).tolist() == [0.0, 0.0]
+    assert ResidualProducts(linear, ()).log_ratio(np.zeros((len(linear.y), 2))).tolist() == [0.0, 0.0]
 
 
 def test_the_moment_between_two_that_are_tried_is_found(stepped):
     model, linear = stepped
     place = linear.find("g_matrix_step:y")
-    finer = with_moments(model, linear, {one.name: one for one in (BIAS, SCALE)}, [((), 20.0)])
+    finer = add_step_times(model, linear, {one.name: one for one in (BIAS, SCALE)}, [((), 20.0)])
     more = finer.candidates[place].options[len(linear.candidates[place].options) :]
     best = max(more, key=lambda one: abs(finer.X[:, one.start] @ finer.y) / np.linalg.norm(finer.X[:, one.start]))
     assert best.parameters["toward"] == "y"
@@ -58,10 +58,10 @@ def test_the_moment_between_two_that_are_tried_is_found(stepped):
 def test_a_step_that_is_in_already_or_explains_too_little_gets_no_further_times(stepped):
     model, linear = stepped
     effects = {one.name: one for one in (BIAS, SCALE)}
-    assert with_moments(model, linear, effects, [((), 1e6)]) is linear
+    assert add_step_times(model, linear, effects, [((), 1e6)]) is linear
     place = linear.find("g_matrix_step:y")
-    held = Member(place, 0, 0)
-    finer = with_moments(model, linear, effects, [((held,), 20.0)])
+    held = SelectedCandidate(place, 0, 0)
+    finer = add_step_times(model, linear, effects, [((held,), 20.0)])
     assert len(finer.candidates[place].options) == len(linear.candidates[place].options)
 
 
@@ -70,7 +70,7 @@ def test_every_element_of_a_row_gets_the_finer_times(stepped):
     model, linear = stepped
     place = linear.find("g_matrix_step:y")
     option = next(k for k, one in enumerate(linear.candidates[place].options) if not one.parameters["time_sigma_s"])
-    finer = with_finer_times(model, linear, Member(place, option, 0), SCALE).candidates[place]
+    finer = add_finer_times(model, linear, SelectedCandidate(place, option, 0), SCALE).candidates[place]
     more = finer.options[len(linear.candidates[place].options) :]
     times = {toward: [one.parameters["time_s"] for one in more if one.parameters["toward"] == toward] for toward in "xyz"}
     assert len(times["x"]) > 10

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from diagnosis.detectors.reference_noise import ReferenceNoise
-from diagnosis.detectors.report import Symptom
-from diagnosis.model.symptoms import compute_posterior, drop_estimated_levels, list_sample_causes, reference_symptoms
+from diagnosis.detectors.sample_report import Symptom
+from diagnosis.model.symptoms import compute_posterior, drop_estimated_levels, list_reference_symptoms, list_sample_causes
 from diagnosis.settings import DEFAULT
 from simulator.effects.base import Detection, Effect
 from tests.diagnosis.recordings import prepared
@@ -98,7 +98,7 @@ def test_noise_that_an_import_estimated_is_no_cause():
     )
     assert drop_estimated_levels([level, OUTLIERS], imported) == [OUTLIERS]
     kinds = [
-        [one.kind for one in reference_symptoms(replace(found, reference_noise=NOISE, model=model), DEFAULT)]
+        [one.kind for one in list_reference_symptoms(replace(found, reference_noise=NOISE, model=model), DEFAULT)]
         for model in (found.model, replace(found.model, recording=imported))
     ]
     assert kinds == [["reference_noise_level"], []]

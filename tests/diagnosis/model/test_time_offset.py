@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.model.time_offset import delays, shares
+from diagnosis.model.time_offset import compute_delay_shares, fit_delays
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import prepared
 
@@ -12,7 +12,7 @@ def model_and_columns(size):
     model = prepared(11, f"time_offset={size}", every_s=4.0).model
     effect = EFFECTS["time_offset"]
     small = model.whitened(model.reading(effect.columns(model.stream, None, {})))
-    return model, small, delays(model, small, (5e-3, 100.0))
+    return model, small, fit_delays(model, small, (5e-3, 100.0))
 
 
 @pytest.mark.parametrize("size", [10.0, -10.0])
@@ -37,4 +37,6 @@ def test_a_small_one_has_no_others(size):
 
 def test_shares_of_delays_that_all_explain_far_less_are_numbers():
     """As where a dead zone makes a gap of hundreds of sigmas, and no delay is anywhere near."""
-    np.testing.assert_allclose(shares(np.array([1e5, 1e5 + 2.0])), [1 / (1 + np.exp(-1)), np.exp(-1) / (1 + np.exp(-1))])
+    np.testing.assert_allclose(
+        compute_delay_shares(np.array([1e5, 1e5 + 2.0])), [1 / (1 + np.exp(-1)), np.exp(-1) / (1 + np.exp(-1))]
+    )

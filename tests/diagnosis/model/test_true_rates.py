@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from diagnosis.inference.amplitudes import fit
-from diagnosis.model.candidates import linear_model
-from diagnosis.model.linear import Member
+from diagnosis.model.candidates import build_linear_model
+from diagnosis.model.linear import SelectedCandidate
 from diagnosis.model.prepare import prepare
-from diagnosis.model.true_rates import with_true_rates
+from diagnosis.model.true_rates import use_true_rates
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import of_rates
 
@@ -33,9 +33,11 @@ def test_the_size_is_that_of_the_rate_without_the_effect(size):
     """Of two percent of the fastest turns: at the rates of M0 the column alone is off by about that much of itself."""
     for seed in range(3):
         model = turning(size, seed)
-        linear = linear_model(model, [QUADRATIC], rivals=False)
+        linear = build_linear_model(model, [QUADRATIC], rivals=False)
         entry = linear.candidates[linear.find("scale_quadratic:y")]
-        member = Member(linear.find("scale_quadratic:y"), 0, int(np.argmin(np.abs(np.log(entry.scales / abs(size))))))
+        member = SelectedCandidate(
+            linear.find("scale_quadratic:y"), 0, int(np.argmin(np.abs(np.log(entry.scales / abs(size)))))
+        )
         found = fit(linear, [member])[0]
         assert abs(found.size - size) < 3.5 * found.sigma
         plain = float(linear.X[:, 0] @ linear.y / (linear.X[:, 0] @ linear.X[:, 0]))
@@ -44,5 +46,5 @@ def test_the_size_is_that_of_the_rate_without_the_effect(size):
 
 def test_a_small_effect_keeps_its_columns():
     model = turning(20.0, 1)
-    linear = linear_model(model, [QUADRATIC], rivals=False)
-    assert with_true_rates(model, linear, Member(linear.find("scale_quadratic:y"), 0, 3), QUADRATIC) is linear
+    linear = build_linear_model(model, [QUADRATIC], rivals=False)
+    assert use_true_rates(model, linear, SelectedCandidate(linear.find("scale_quadratic:y"), 0, 3), QUADRATIC) is linear

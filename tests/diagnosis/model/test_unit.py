@@ -8,10 +8,10 @@ import pytest
 from diagnosis.inference.amplitudes import fit
 from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Search
-from diagnosis.model.linear import Member
-from diagnosis.model.linearise import linearised
+from diagnosis.model.linear import SelectedCandidate
+from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.unit import SETTINGS as UNIT
-from diagnosis.model.unit import joined, unit_model
+from diagnosis.model.unit import build_unit_model, join_recordings
 from gyrocal import InputError
 from simulator import scenario
 from simulator.effects import EFFECTS, setting
@@ -36,11 +36,11 @@ def recordings(plan):
 
 @pytest.fixture(scope="module")
 def unit(recordings):
-    return joined(recordings)
+    return join_recordings(recordings)
 
 
 def about(recording, plan, bias=0.0):
-    return linearised(recording, np.array(plan.gyro.true_G), np.deg2rad(plan.gyro.true_bias_deg_s) + bias)
+    return linearise_recording(recording, np.array(plan.gyro.true_G), np.deg2rad(plan.gyro.true_bias_deg_s) + bias)
 
 
 @pytest.fixture(scope="module")
@@ -63,9 +63,9 @@ def test_rows_are_those_of_the_recordings_one_under_the_other(recordings, unit, 
 def test_recordings_that_overlap_follow_one_another(recordings):
     one = recordings["one"]
     later = replace(one, epoch="1998-01-20T00:00:00Z")
-    apart = joined({"one": one, "later": later}).recording
+    apart = join_recordings({"one": one, "later": later}).recording
     assert apart.intervals[-1].start_s - one.intervals[-1].start_s > 30 * 86400
-    beside = joined({"one": one, "again": one}).recording
+    beside = join_recordings({"one": one, "again": one}).recording
     count = one.gyro.t_s.size
     assert beside.gyro.t_s[count] - beside.gyro.t_s[count - 1] == pytest.approx(UNIT.apart_s)
 
@@ -73,20 +73,20 @@ def test_recordings_that_overlap_follow_one_another(recordings):
 def test_samples_of_another_length_are_refused(recordings, plan):
     coarse = simulate(scenario.override(plan, {"gyro.sample_s": 1.0}), seed=1)
     with pytest.raises(InputError, match="samples of one length"):
-        joined({"one": recordings["one"], "coarse": coarse})
+        join_recordings({"one": recordings["one"], "coarse": coarse})
 
 
 def test_what_is_not_seen_in_each_is_found_in_all(recordings, unit, model, plan):
     def evidence(linear):
         return Search(linear).of(("scale_asymmetry:z",)).log_evidence
 
-    together = unit_model(model, unit.owner, [ASYMMETRY], rivals=False)
+    together = build_unit_model(model, unit.owner, [ASYMMETRY], rivals=False)
     alone = []
     for name, recording in recordings.items():
-        one = joined({name: recording})
-        alone.append(evidence(unit_model(about(one.recording, plan), one.owner, [ASYMMETRY], rivals=False)))
+        one = join_recordings({name: recording})
+        alone.append(evidence(build_unit_model(about(one.recording, plan), one.owner, [ASYMMETRY], rivals=False)))
     assert evidence(together) > max(alone) + 1
-    found = fit(together, (Member(together.find("scale_asymmetry:z"), 0, 0),))[0]
+    found = fit(together, (SelectedCandidate(together.find("scale_asymmetry:z"), 0, 0),))[0]
     assert found.size == pytest.approx(SIZE, abs=4 * found.sigma)
     assert found.sigma < 0.25 * SIZE
 
@@ -95,10 +95,10 @@ def test_a_bias_of_each_recording_is_no_gap(recordings, plan):
     """The second recording's bias differs by far more than its sigma."""
     other = recordings["two"].gyro
     moved = replace(recordings["two"], gyro=replace(other, rates=other.rates + np.deg2rad([2e-4, -1e-4, 3e-4])))
-    unit = joined({"one": recordings["one"], "two": moved})
+    unit = join_recordings({"one": recordings["one"], "two": moved})
     model = about(unit.recording, plan)
-    shared = unit_model(model, unit.owner, [ASYMMETRY], rivals=False)
-    own = unit_model(model, unit.owner, [ASYMMETRY], rivals=False, own_bias=True)
+    shared = build_unit_model(model, unit.owner, [ASYMMETRY], rivals=False)
+    own = build_unit_model(model, unit.owner, [ASYMMETRY], rivals=False, own_bias=True)
     assert shared.y @ shared.y > shared.dof + 20 * np.sqrt(2 * shared.dof)
     assert own.dof == shared.dof - 3
     assert own.y @ own.y < own.dof + 5 * np.sqrt(2 * own.dof)
@@ -106,7 +106,7 @@ def test_a_bias_of_each_recording_is_no_gap(recordings, plan):
 
 
 def test_whole_recordings_are_held_out(unit, model):
-    linear = unit_model(model, unit.owner, [ASYMMETRY], rivals=False)
+    linear = build_unit_model(model, unit.owner, [ASYMMETRY], rivals=False)
     folds = list(linear.folds(linear.W))
     assert len(folds) == len(NAMES)
     held = [{name.split(": ")[0] for name in fold.dof} for fold in folds]

@@ -8,9 +8,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from diagnosis.model import bins as bins_of
-from diagnosis.model import unlisted
-from diagnosis.model.groups import unlisted_groups
-from diagnosis.model.linearise import linearised
+from diagnosis.model import deterministic_alternatives
+from diagnosis.model.groups import list_alternative_groups
+from diagnosis.model.linearise import linearise_recording
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import prepared
 
@@ -24,12 +24,12 @@ def model():
 
 @pytest.fixture(scope="module")
 def bins(model):
-    return bins_of.binned(model, 8.0)
+    return bins_of.build_bins(model, 8.0)
 
 
 @pytest.fixture(scope="module")
 def families(model):
-    return {(family.name, family.axis): family.columns for family in unlisted.build_families(model)}
+    return {(family.name, family.axis): family.columns for family in deterministic_alternatives.build_families(model)}
 
 
 def test_bins_add_up_to_the_steps(model, bins):
@@ -43,15 +43,15 @@ def test_bins_add_up_to_the_steps(model, bins):
 
 def test_a_constant_regressor_is_the_column_of_a_bias(model, bins):
     for axis in range(3):
-        column = bins_of.observed(model, bins, axis, np.ones((len(bins.t_s), 1)))[:, 0]
+        column = bins_of.observe_rate_errors(model, bins, axis, np.ones((len(bins.t_s), 1)))[:, 0]
         np.testing.assert_allclose(column, model.calibration[:, 9 + axis], atol=1e-9 * np.abs(column).max())
 
 
 def test_bins_change_a_slow_regressor_little(model, bins):
     """A regressor that follows the rate, of unit size, bin by bin against step by step."""
     square = model.rates[:, 1] ** 2
-    exact = model.whitened(model.rate_error(np.eye(3)[None, :, 2, None] * square[:, None, None]))[:, 0]
-    binned = bins_of.observed(model, bins, 2, bins.rates[:, [1]] ** 2)[:, 0]
+    exact = model.whitened(model.observe_rate_error(np.eye(3)[None, :, 2, None] * square[:, None, None]))[:, 0]
+    binned = bins_of.observe_rate_errors(model, bins, 2, bins.rates[:, [1]] ** 2)[:, 0]
     assert np.linalg.norm(binned - exact) < 0.02 * np.linalg.norm(exact)
 
 
@@ -77,7 +77,7 @@ def test_errors_of_references_leave_the_steps_before_them_alone(model, families)
 
 def test_periods_from_an_interval_s_start_need_no_orbit(families):
     waves = families["bias of a period counted from each interval's start", "z"]
-    assert len(waves) == unlisted.SETTINGS.periods
+    assert len(waves) == deterministic_alternatives.SETTINGS.periods
     assert {columns.shape[1] for columns in waves} == {2}
 
 
@@ -92,8 +92,10 @@ def test_time_offset_are_what_a_later_reading_leaves(model, bins):
         angle = CubicSpline(edges, np.vstack([np.zeros(3), np.cumsum(rates[own] * length, axis=0)]))
         late = LATE * (edges - interval.start_s)
         rates[own] = np.diff(angle(edges) - late[:, None] * angle(edges, 1), axis=0) / length
-    changed = linearised(replace(recording, gyro=replace(gyro, rates=rates)), model.G, model.bias).y - model.y
-    expected = LATE * model.projected(unlisted.build_late_tags(model, bins).columns[0][:, 0] * max(1.0, bins.since_s.max()))
+    changed = linearise_recording(replace(recording, gyro=replace(gyro, rates=rates)), model.G, model.bias).y - model.y
+    expected = LATE * model.projected(
+        deterministic_alternatives.build_late_tags(model, bins).columns[0][:, 0] * max(1.0, bins.since_s.max())
+    )
     assert np.linalg.norm(changed - expected) < 0.05 * np.linalg.norm(changed)
 
 
@@ -101,13 +103,13 @@ def test_of_two_intervals_a_value_of_each_is_a_step_between_them():
     """It is a rival of its own where there are three, or where no step is on the list."""
     model = prepared(3).model
     two, three = (
-        linearised(model.recording, model.G, model.bias, pieces=model.recording.intervals[:count]) for count in (2, 3)
+        linearise_recording(model.recording, model.G, model.bias, pieces=model.recording.intervals[:count]) for count in (2, 3)
     )
     steps = [EFFECTS["bias_step"], EFFECTS["g_matrix_step"]]
     rivals = {"bias differs between intervals", "scale factor or misalignment differs between intervals"}
 
     def left(model, effects):
-        return {one.effect for one in unlisted_groups(model, {}, effects)} & rivals
+        return {one.effect for one in list_alternative_groups(model, {}, effects)} & rivals
 
     assert left(two, steps) == set()
     assert left(three, steps) == rivals

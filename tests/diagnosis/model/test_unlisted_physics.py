@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from diagnosis.diagnose import diagnose
-from diagnosis.model import unlisted
-from diagnosis.model.bins import binned, observed
+from diagnosis.model import deterministic_alternatives
+from diagnosis.model.bins import build_bins, observe_rate_errors
 from tests.diagnosis.recordings import prepared, recorded
 
 
@@ -19,12 +19,12 @@ def model():
 
 @pytest.fixture(scope="module")
 def bins(model):
-    return binned(model)
+    return build_bins(model)
 
 
 @pytest.fixture(scope="module")
 def families(model):
-    return {(one.name, one.axis): one.columns for one in unlisted.build_families(model)}
+    return {(one.name, one.axis): one.columns for one in deterministic_alternatives.build_families(model)}
 
 
 def test_a_direction_follows_the_attitude_matrix(model, bins, families):
@@ -33,7 +33,7 @@ def test_a_direction_follows_the_attitude_matrix(model, bins, families):
     A = model.to_inertial.transpose(0, 2, 1)
     error = np.zeros((len(A), 3, 3))
     error[:, 2] = A[:, 0]
-    exact = model.projected(model.whitened(model.rate_error(error)))
+    exact = model.projected(model.whitened(model.observe_rate_error(error)))
     for found, one in zip(model.projected(columns).T, exact.T, strict=True):
         cosine = found @ one / np.linalg.norm(found) / np.linalg.norm(one)
         assert cosine > 0.999
@@ -42,7 +42,7 @@ def test_a_direction_follows_the_attitude_matrix(model, bins, families):
 def test_a_direction_that_turns_with_the_orbit_is_a_product(bins, model):
     components, orbit = np.random.default_rng(1).standard_normal((5, 3)), 100.0
     t_s = np.arange(5) * 7.0
-    once, twice = (unlisted.turn_with_orbit(components, t_s, orbit, order) for order in (1, 2))
+    once, twice = (deterministic_alternatives.turn_with_orbit(components, t_s, orbit, order) for order in (1, 2))
     angle = 2 * np.pi * t_s / orbit
     np.testing.assert_allclose(once, np.hstack([components * np.cos(angle)[:, None], components * np.sin(angle)[:, None]]))
     np.testing.assert_allclose(twice[:, :3], components)
@@ -51,7 +51,7 @@ def test_a_direction_that_turns_with_the_orbit_is_a_product(bins, model):
 
 def test_the_past_decays(bins):
     """A constant since each interval's start is approached as 1 − exp(−t/τ)."""
-    found = unlisted.filter_low_pass(np.ones((len(bins.t_s), 1)), bins, 300.0)[:, 0]
+    found = deterministic_alternatives.filter_low_pass(np.ones((len(bins.t_s), 1)), bins, 300.0)[:, 0]
     own = bins.interval == 0
     np.testing.assert_allclose(found[own], 1 - np.exp(-(bins.since_s[own] + 0.5 * bins.dt[own]) / 300.0), atol=0.03)
 
@@ -60,7 +60,7 @@ def test_the_last_large_value_keeps_its_sign(bins):
     values = np.zeros(len(bins.t_s))
     own = np.flatnonzero(bins.interval == 1)
     values[own[10]], values[own[20]], values[own[30]] = 5.0, 0.1, -3.0
-    found = unlisted.hold_sign(values, bins)[:, 0]
+    found = deterministic_alternatives.keep_last_sign(values, bins)[:, 0]
     assert (found[own[:10]] == 0).all()
     assert (found[own[10:30]] == 1).all()
     assert (found[own[30:]] == -1).all()
@@ -80,9 +80,12 @@ def test_housekeeping_brings_its_families(model, bins):
     known = {"gyro_temperature_c": np.sin(model.t_s / 2000.0), "bus_v": np.full(model.t_s.size, 28.0)}
     around = replace(model)
     around.__dict__["stream"] = replace(model.stream, housekeeping=known)
-    found = {one.name: len(one.columns) for one in unlisted.build_families(around) if "housekeeping" in one.name}
+    found = {
+        one.name: len(one.columns) for one in deterministic_alternatives.build_families(around) if "housekeeping" in one.name
+    }
     assert found == {
-        "bias follows the square of a housekeeping value, or its delayed value": 1 + len(unlisted.SETTINGS.lags_s),
+        "bias follows the square of a housekeeping value, or its delayed value": 1
+        + len(deterministic_alternatives.SETTINGS.lags_s),
         "scale factor or misalignment follows a housekeeping value": 3,
         "references follow a housekeeping value": 1,
     }
@@ -94,10 +97,10 @@ def test_a_bias_that_follows_it_is_unknown(model, bins, follows):
     recording = recorded(3)
     values = {
         "direction": bins.turned[:, 0, 2] / bins.dt,
-        "past": unlisted.filter_low_pass(np.abs(bins.rates), bins, 300.0)[:, 1],
+        "past": deterministic_alternatives.filter_low_pass(np.abs(bins.rates), bins, 300.0)[:, 1],
     }
     shape = values[follows]
-    strength = np.linalg.norm(model.projected(observed(model, bins, 1, shape[:, None])))
+    strength = np.linalg.norm(model.projected(observe_rate_errors(model, bins, 1, shape[:, None])))
     gyro = recording.gyro
     high = np.interp(gyro.t_s, bins.t_s, shape) * 40.0 / strength
     rates = gyro.rates + high[:, None] * np.array([0.0, 1.0, 0.0])
@@ -111,7 +114,9 @@ def test_twice_a_heading_is_a_second_harmonic_of_a_direction():
     for wave in (np.sin(2 * heading), np.cos(2 * heading)):
         left = (
             wave
-            - unlisted.build_second_harmonics(direction) @ np.linalg.pinv(unlisted.build_second_harmonics(direction)) @ wave
+            - deterministic_alternatives.build_second_harmonics(direction)
+            @ np.linalg.pinv(deterministic_alternatives.build_second_harmonics(direction))
+            @ wave
         )
         assert np.abs(left).max() < 1e-12
 
@@ -123,7 +128,7 @@ def test_references_that_follow_it_are_unknown(model, bins, follows):
     references = recording.attitudes
     forward = Rotation.from_quat(references.quaternions).as_matrix()[:, :, 0]  # body x in inertial axes
     now = np.clip(np.searchsorted(bins.t_s, references.t_s), 0, bins.t_s.size - 1)
-    past = unlisted.filter_low_pass(np.abs(bins.rates), bins, 300.0)[now, 2]
+    past = deterministic_alternatives.filter_low_pass(np.abs(bins.rates), bins, 300.0)[now, 2]
     course = {"twice the heading": forward[:, 0] * forward[:, 2], "the past": past / past.std()}[follows]
     error = np.zeros((course.size, 3))
     error[:, 2] = np.deg2rad(0.03) * course

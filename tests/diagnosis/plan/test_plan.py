@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diagnosis.inference.null import among, null_draws
+from diagnosis.inference.null import compute_p_among_draws, draw_null_statistics
 from diagnosis.inference.search import Search
-from diagnosis.model.candidates import linear_model
-from diagnosis.model.linearise import linearised
+from diagnosis.model.candidates import build_linear_model
+from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.prepare import prepare
-from diagnosis.plan import SETTINGS, appended, maneuvers, plan, planning
-from diagnosis.plan.columns import Signature, build_signatures, noise_free
-from diagnosis.plan.samples import samples_seen
-from diagnosis.plan.separability import list_pairs, separating_snr, shares, telling_size
-from diagnosis.plan.visibility import PowerOf, find_visible_size
+from diagnosis.plan import SETTINGS, append_intervals, list_maneuvers, pipeline, plan
+from diagnosis.plan.columns import Signature, build_signatures, linearise_noise_free
+from diagnosis.plan.samples import list_sample_sizes
+from diagnosis.plan.separability import compute_confusion_shares, compute_separating_snr, find_separating_size, list_pairs
+from diagnosis.plan.visibility import DetectionPower, find_visible_size
 from diagnosis.settings import DEFAULT
 from gyrocal import InputError
 from simulator.effects import EFFECTS, setting
-from simulator.effects.common import noncentrality
+from simulator.effects.common import compute_noncentrality
 from simulator.scenario import load, override
 from simulator.simulate import motion, observe
 from simulator.streams import generator
@@ -37,12 +37,12 @@ def scenario():
 
 @pytest.fixture(scope="module")
 def model(scenario):
-    return noise_free(scenario)
+    return linearise_noise_free(scenario)
 
 
 @pytest.fixture(scope="module")
 def power(model):
-    return PowerOf(linear_model(model, list(EFFECTS.values())))
+    return DetectionPower(build_linear_model(model, list(EFFECTS.values())))
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def every(model):
 def detected(scenario, power):
     """How many of `SEEDS` simulated recordings the diagnosis calls a gap, with one linear model for all."""
     path = motion(scenario)
-    nulls = [null_draws(power.search, seed, DEFAULT.null_draws) for seed in range(NULLS)]
+    nulls = [draw_null_statistics(power.search, seed, DEFAULT.null_draws) for seed in range(NULLS)]
 
     def count(effects, entropy):
         found = 0
@@ -64,7 +64,10 @@ def detected(scenario, power):
                 scenario, path, gyro_rng=gyro, reference_rng=references, effects=effects, seed=entropy, case=case
             )
             prepared = prepare(recording).model
-            found += among(Search(replace(power.linear, y=prepared.y)), nulls[case % NULLS]) < DEFAULT.false_alarm_rate
+            found += (
+                compute_p_among_draws(Search(replace(power.linear, y=prepared.y)), nulls[case % NULLS])
+                < DEFAULT.false_alarm_rate
+            )
         return found
 
     return count
@@ -128,7 +131,7 @@ def test_signature_is_what_the_simulator_does(text, scenario, model, every):
     path = motion(scenario)
     injected = setting(one.effect, one.axis, amount)
     recording = observe(scenario, path, gyro_rng=None, reference_rng=None, effects=[injected])
-    changed = linearised(recording, model.G, model.bias)
+    changed = linearise_recording(recording, model.G, model.bias)
     expected = amount * one.X[:, 0] @ EFFECTS[one.effect].amplitudes(setting(one.effect, one.axis, 1.0))
     np.testing.assert_allclose(changed.y - model.y, expected, atol=0.02 * np.abs(expected).max())
 
@@ -149,7 +152,7 @@ def test_what_the_calibration_takes_up_is_not_identifiable(every, power):
 def test_half_the_noise_halves_the_size(scenario, every, power):
     half = {"gyro.arw_deg_per_sqrt_s": scenario.gyro.arw_deg_per_sqrt_s / 2}
     half["reference.sigma_deg"] = [value / 2 for value in scenario.reference.sigma_deg]
-    better = noise_free(override(scenario, half))
+    better = linearise_noise_free(override(scenario, half))
     one = build_signatures(better, ["bias_drift"])[0]
     assert one.norms[0] == pytest.approx(2 * every["bias_drift:x"].norms[0], rel=1e-6)
 
@@ -165,7 +168,7 @@ def made(label, X):
 
 def test_share_is_the_squared_cosine():
     one, other = made("bias_drift:x", [[[2.0]], [[0.0]]]), made("bias_step:x", [[[3.0]], [[4.0]]])
-    rho, ratio = shares([one, other])
+    rho, ratio = compute_confusion_shares([one, other])
     assert rho[0, 1] == pytest.approx(0.36)
     assert ratio[0, 1] == pytest.approx(2.0 * 0.6 / 5.0)
 
@@ -174,16 +177,16 @@ def test_share_takes_the_best_option_and_spans_of_columns():
     one = made("bias_drift:x", [[[1.0]], [[1.0]], [[0.0]]])
     options = made("bias_step:x", [[[0.0], [1.0]], [[0.0], [0.0]], [[1.0], [0.0]]])
     wave = made("bias_orbital:x", [[[1.0, 1.0]], [[0.0, 2.0]], [[0.0, 0.0]]])
-    rho, _ = shares([one, options, wave])
+    rho, _ = compute_confusion_shares([one, options, wave])
     assert rho[0, 1] == pytest.approx(0.5)
     assert rho[0, 2] == pytest.approx(1.0)
 
 
 def test_snr_that_separates_gives_the_log_odds():
     for share in (0.0, 0.5, 0.99):
-        snr = float(separating_snr(share))
+        snr = float(compute_separating_snr(share))
         assert 0.5 * snr**2 * (1 - share) == pytest.approx(SETTINGS.log_odds)
-    assert separating_snr(1 - SETTINGS.exact / 2) == np.inf
+    assert compute_separating_snr(1 - SETTINGS.exact / 2) == np.inf
 
 
 def test_lag_and_time_offset_are_the_same(every, power):
@@ -200,17 +203,17 @@ def test_random_effects_with_their_own_directions_are_told_apart_and_the_same_on
     X[:10] = np.eye(10)
     Y = np.roll(X, 15, axis=0)
     one, other, stronger = (made("noise_flicker:x", part[:, None]) for part in (X, Y, 3 * X))
-    size = telling_size(one, other, 1.0)
+    size = find_separating_size(one, other, 1.0)
     # Of no use to the other: −½ Σ [ln(1 + s²) − s²] = ln 19.
     assert SETTINGS.log_odds <= 5 * (size**2 - np.log1p(size**2)) < 1.7 * SETTINGS.log_odds  # to a step of its grid
-    assert telling_size(one, stronger, 1.0) == np.inf
+    assert find_separating_size(one, stronger, 1.0) == np.inf
 
 
 # ---- samples -------------------------------------------------------------------------------------------------------------
 
 
 def test_noncentrality_gives_the_power():
-    value = noncentrality(20.0, 3, SETTINGS.power)
+    value = compute_noncentrality(20.0, 3, SETTINGS.power)
     assert scipy.stats.ncx2.sf(20.0, 3, value) == pytest.approx(SETTINGS.power)
 
 
@@ -220,8 +223,8 @@ def test_noncentrality_gives_the_power():
 @pytest.mark.parametrize("name", ["trmm", "trmm_series"])
 def test_built_in_maneuvers_continue_the_scenarios(name):
     scenario = load(name)
-    for sections in maneuvers(scenario).values():
-        longer = appended(scenario, sections)
+    for sections in list_maneuvers(scenario).values():
+        longer = append_intervals(scenario, sections)
         assert longer.interval[: len(scenario.interval)] == scenario.interval
         assert len(longer.interval) == len(scenario.interval) + len(sections)
 
@@ -229,7 +232,7 @@ def test_built_in_maneuvers_continue_the_scenarios(name):
 def test_a_maneuver_that_does_not_fit_is_refused():
     section = {"name": "e", "activity": "a", "start_s": -10.0, "stop_s": 100.0, "mode": "+x"}
     with pytest.raises(InputError, match="time order"):
-        appended(load("trmm"), [section])
+        append_intervals(load("trmm"), [section])
 
 
 def test_unknown_effects_are_refused():
@@ -240,7 +243,7 @@ def test_unknown_effects_are_refused():
 def test_plan_of_a_scenario_with_references_at_the_ends():
     told = []
     scenario = override(load("trmm"), {"gyro.sample_s": 10.0})
-    chosen = {name: part for name, part in maneuvers(scenario).items() if name.startswith("roll")}
+    chosen = {name: part for name, part in list_maneuvers(scenario).items() if name.startswith("roll")}
     found = plan(scenario, extras=chosen, progress=lambda text, share: told.append(share))
     assert told == sorted(told)
     assert {one.effect for one in found.effects} == set(EFFECTS)
@@ -252,7 +255,7 @@ def test_plan_of_a_scenario_with_references_at_the_ends():
     assert by_label["bias_drift:y"].verdict == "visible"
     # Steps of different elements cannot be told apart by so few numbers.
     assert all(np.isnan(one.snr) or one.snr > SETTINGS.limit_snr for one in found.pairs)
-    assert len(found.unordered()) > 20
+    assert len(found.list_unordered_pairs()) > 20
     (extra,) = found.extras
     assert extra.ratio < 1
     assert all(value < 1 + 1e-9 for label, value in extra.by_effect.items() if not label.startswith("reference"))
@@ -272,10 +275,10 @@ SHORT = {"gyro.sample_s": 4.0, "reference.every_s": 300.0}
 
 def test_of_several_trackers_a_plan_leaves_out_what_it_does_not_know():
     tracked = override(load("agile_trackers"), SHORT)
-    (noise,) = samples_seen(tracked, noise_free(tracked), [EFFECTS["reference_noise_excess"]], 5.0)
+    (noise,) = list_sample_sizes(tracked, linearise_noise_free(tracked), [EFFECTS["reference_noise_excess"]], 5.0)
     assert noise.verdict == "not available"
     assert "of each by itself" in noise.text
-    assert "Effects of one star tracker are not looked at" in planning._notes(tracked, noise_free(tracked))
+    assert "Effects of one star tracker are not looked at" in pipeline._write_plan_notes(tracked, linearise_noise_free(tracked))
     with pytest.raises(InputError, match="tracker_time_offset: a plan knows effects"):
         plan(tracked, effects=["tracker_time_offset"])
 
@@ -283,7 +286,7 @@ def test_of_several_trackers_a_plan_leaves_out_what_it_does_not_know():
 def test_a_mounting_that_is_estimated_leaves_less_to_see():
     sizes = []
     for changes in (SHORT, SHORT | {"reference.tracker.1.estimated": True}):
-        seen = noise_free(override(load("agile_trackers"), changes))
+        seen = linearise_noise_free(override(load("agile_trackers"), changes))
         sizes.append([np.linalg.norm(one.X[:, 0]) for one in build_signatures(seen, ["scale_asymmetry", "time_offset"])])
     assert (np.array(sizes[1]) <= np.array(sizes[0]) * (1 + 1e-9)).all()
     assert (np.array(sizes[1]) < np.array(sizes[0])).any()

@@ -3,10 +3,10 @@ import numpy as np
 import pytest
 
 from gyrocal import InputError
-from gyrocal.allan import edf, overlapping_allan_deviation, pooled_edf
+from gyrocal.allan import compute_edf, compute_pooled_edf, overlapping_allan_deviation
 from gyrocal.allan.covariance import estimate_covariance
-from gyrocal.allan.deviation import LARGE
-from gyrocal.allan.terms import ANGLE_WHITE, FLICKER, RANDOM_WALK, RATE_WALK, allan_variance
+from gyrocal.allan.deviation import LARGE_AVERAGE_SAMPLES
+from gyrocal.allan.terms import ANGLE_WHITE, FLICKER, RANDOM_WALK, RATE_WALK, compute_allan_variance
 from tests.gyrocal.allan import noises
 
 KINDS = {ANGLE_WHITE: (2, noises.angle_white), RANDOM_WALK: (0, noises.random_walk), RATE_WALK: (-2, noises.rate_walk)}
@@ -40,13 +40,16 @@ def test_stretches_count_together_and_a_constant_rate_does_not_count():
 @pytest.mark.parametrize("factor", [1, 2, 7, 30])
 def test_degrees_of_freedom_are_those_of_allantools(alpha, factor, samples):
     theirs = allantools.edf_greenhall(alpha, 2, factor, samples + 1, overlapping=True, modified=False)
-    assert edf(alpha, factor, samples) == pytest.approx(theirs, rel=1e-6)
+    assert compute_edf(alpha, factor, samples) == pytest.approx(theirs, rel=1e-6)
 
 
 @pytest.mark.parametrize("alpha", [0, -1, -2])
 def test_both_sides_of_the_large_factor_agree(alpha):
-    below, above = edf(alpha, LARGE, 9 * LARGE), edf(alpha, LARGE + 1, 9 * (LARGE + 1))
-    assert above == pytest.approx(below, rel=2 / LARGE)
+    below, above = (
+        compute_edf(alpha, LARGE_AVERAGE_SAMPLES, 9 * LARGE_AVERAGE_SAMPLES),
+        compute_edf(alpha, LARGE_AVERAGE_SAMPLES + 1, 9 * (LARGE_AVERAGE_SAMPLES + 1)),
+    )
+    assert above == pytest.approx(below, rel=2 / LARGE_AVERAGE_SAMPLES)
 
 
 @pytest.mark.parametrize("term", sorted(KINDS))
@@ -64,8 +67,8 @@ def test_mean_and_scatter_of_the_deviation_are_as_said(term):
             for case in range(cases)
         ]
     )
-    expected = allan_variance(term, noises.SAMPLE_S * np.array(factors))
-    degrees = np.array([pooled_edf(alpha, m, lengths) for m in factors])
+    expected = compute_allan_variance(term, noises.SAMPLE_S * np.array(factors))
+    degrees = np.array([compute_pooled_edf(alpha, m, lengths) for m in factors])
     scatter = expected * np.sqrt(2 / degrees)
     # A walk's value at the samples' ends stands for its mean over them: 1 % at eight samples.
     assert np.all(np.abs(found.mean(axis=0) - expected) < 4 * scatter / np.sqrt(cases) + 0.01 * expected)
@@ -78,8 +81,8 @@ def test_mean_and_scatter_of_the_deviation_are_as_said(term):
 def test_the_covariance_of_estimates_has_the_degrees_of_freedom_on_its_diagonal(term):
     found = overlapping_allan_deviation([np.random.default_rng(3).standard_normal(n) for n in (2000, 900)], 0.5)
     V = estimate_covariance(found, {term: 4.0}, 1.0)
-    expected = 4.0 * allan_variance(term, found.tau_s)
-    degrees = [pooled_edf(KINDS[term][0], int(m), found.lengths) for m in found.factors]
+    expected = 4.0 * compute_allan_variance(term, found.tau_s)
+    degrees = [compute_pooled_edf(KINDS[term][0], int(m), found.lengths) for m in found.factors]
     # Theirs are of angles that are averaged over a sample, ours of angles at its ends: alike once an average has many samples.
     many = found.factors >= 32
     assert np.allclose((2 * expected**2 / np.diag(V))[many], np.array(degrees)[many], rtol=0.03)
@@ -105,11 +108,11 @@ def test_bands_cover_as_they_say():
     factors, n, cases = [1, 16, 100], 400, 400
     rng = np.random.default_rng(5)
     inside = np.zeros(3)
-    degrees = np.array([edf(0, m, n) for m in factors])
+    degrees = np.array([compute_edf(0, m, n) for m in factors])
     for _ in range(cases):
         found = overlapping_allan_deviation([noises.random_walk(rng, n, 1.0)], noises.SAMPLE_S, factors)
         low, high = found.band(degrees)
-        truth = np.sqrt(allan_variance(RANDOM_WALK, found.tau_s))
+        truth = np.sqrt(compute_allan_variance(RANDOM_WALK, found.tau_s))
         inside += (low < truth) & (truth < high)
     assert np.all(np.abs(inside / cases - 0.95) < 4 * np.sqrt(0.95 * 0.05 / cases))
 
@@ -120,6 +123,6 @@ def test_what_cannot_be_done_is_said():
     with pytest.raises(InputError, match="from 1 to 50"):
         overlapping_allan_deviation([np.arange(100.0)], 1.0, [51])
     with pytest.raises(InputError, match="alpha must be one of"):
-        edf(3, 1, 100)
+        compute_edf(3, 1, 100)
     with pytest.raises(InputError, match="too few for averages over 60"):
-        edf(0, 60, 100)
+        compute_edf(0, 60, 100)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gyrocal import InputError
-from gyrocal.allan import TERMS, allan_variance, fit_terms, overlapping_allan_deviation
+from gyrocal.allan import TERMS, compute_allan_variance, fit_terms, overlapping_allan_deviation
 from gyrocal.allan.terms import (
     ANGLE_WHITE,
     FLICKER,
@@ -12,8 +12,8 @@ from gyrocal.allan.terms import (
     RAMP,
     RANDOM_WALK,
     RATE_WALK,
-    covariance,
-    sinusoid_variance,
+    compute_sinusoid_variance,
+    compute_term_covariance,
 )
 from tests.gyrocal.allan import noises
 
@@ -88,7 +88,7 @@ def test_what_is_known_is_no_term():
     rng = np.random.default_rng(9)
     rates = noises.random_walk(rng, SAMPLES, 1.0) + noises.angle_white(rng, SAMPLES, 3.0)
     found = overlapping_allan_deviation([rates], noises.SAMPLE_S)
-    fit = fit_terms(found, 9.0 * allan_variance(ANGLE_WHITE, found.tau_s))
+    fit = fit_terms(found, 9.0 * compute_allan_variance(ANGLE_WHITE, found.tau_s))
     assert [one.term for one in fit.estimates if one.seen] == [RANDOM_WALK]
     assert np.all(np.abs(found.variance / fit.model - 1) < 4 * np.sqrt(2 / fit.degrees))
 
@@ -97,16 +97,16 @@ def test_what_is_known_is_no_term():
 @pytest.mark.parametrize("tau", [0.01, 0.3, 0.99, 1.01, 40.0])
 def test_allan_variance_follows_from_the_covariance(term, tau):
     constant = 30.0
-    at = covariance(term, np.array([0.0, tau, 2 * tau]), constant)
+    at = compute_term_covariance(term, np.array([0.0, tau, 2 * tau]), constant)
     z2 = 6 * at[0] - 8 * at[1] + 2 * at[2] + (6.0 if term == ANGLE_WHITE else 0.0)
-    assert allan_variance(term, np.array([tau]), constant)[0] == pytest.approx(z2 / (2 * tau**2), rel=1e-4)
+    assert compute_allan_variance(term, np.array([tau]), constant)[0] == pytest.approx(z2 / (2 * tau**2), rel=1e-4)
 
 
 def test_markov_noise_is_a_walk_at_short_and_white_at_long_times():
     constant = 50.0
     short, long = np.array([0.01]), np.array([1e6])
-    assert allan_variance(MARKOV, short, constant)[0] == pytest.approx(2 / constant * short[0] / 3, rel=1e-3)
-    assert allan_variance(MARKOV, long, constant)[0] == pytest.approx(2 * constant / long[0], rel=1e-3)
+    assert compute_allan_variance(MARKOV, short, constant)[0] == pytest.approx(2 / constant * short[0] / 3, rel=1e-3)
+    assert compute_allan_variance(MARKOV, long, constant)[0] == pytest.approx(2 * constant / long[0], rel=1e-3)
 
 
 def test_a_sinusoid_by_its_samples():
@@ -114,7 +114,7 @@ def test_a_sinusoid_by_its_samples():
     t = noises.SAMPLE_S * np.arange(n)
     rates = 2.0 * np.sin(2 * np.pi * frequency * t)
     found = overlapping_allan_deviation([rates], noises.SAMPLE_S, [4, 32, 73, 200])
-    assert np.allclose(found.variance, sinusoid_variance(2.0, frequency, found.tau_s), rtol=0.01, atol=1e-4)
+    assert np.allclose(found.variance, compute_sinusoid_variance(2.0, frequency, found.tau_s), rtol=0.01, atol=1e-4)
 
 
 def test_no_noise_is_said():

@@ -6,9 +6,9 @@ from scipy.spatial.transform import Rotation
 
 import simulator
 from gyrocal import calibrate
-from gyrocal.calibration.attenuation import information
-from gyrocal.calibration.covariance import integrate_white_noise, residual_covariance
-from studies.report.calibration import remarks
+from gyrocal.calibration.attenuation import integrate_information
+from gyrocal.calibration.covariance import compute_residual_covariance, integrate_white_noise
+from studies.report.calibration import list_remarks
 from tests.diagnosis.recordings import of_rates
 
 SAMPLE_S, EACH = 0.02, 5
@@ -37,13 +37,13 @@ def test_information_is_that_of_all_residuals_about_a_turn():
     sigma, t_s = rng.uniform(0.1, 1.0, (m + 1, 3)), np.cumsum(rng.uniform(0.2, 2.0, m))
     zero = np.zeros(m, dtype=np.intp)
     noise = np.einsum("ri,ij->rij", sigma**2, np.eye(3))
-    V = residual_covariance(A[1:], zero, zero, np.arange(1, m + 1), noise, integrate_white_noise(t_s, arw))
+    V = compute_residual_covariance(A[1:], zero, zero, np.arange(1, m + 1), noise, integrate_white_noise(t_s, arw))
     weight = np.linalg.inv(V).reshape(m, 3, m, 3)
     expected = np.zeros((3, 3))
     for k, dt in enumerate(np.diff(t_s, prepend=0.0)):
         M = np.einsum("aij,aibl,blm->jm", A[1 + k :], weight[k:, :, k:], A[1 + k :])
         expected += 0.5 * dt * (A[k] @ M @ A[k].T + A[k + 1] @ M @ A[k + 1].T)
-    np.testing.assert_allclose(information(A, noise, t_s, arw), expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(integrate_information(A, noise, t_s, arw), expected, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("psi", ["full", "linear"])
@@ -60,14 +60,14 @@ def test_expected_errors_are_those_of_many_clean_gyros(psi):
 
 def test_it_is_told_where_it_matters():
     result = calibrated(1)
-    assert any(line.startswith("Expected error of G") and "G_zz -" in line for line in remarks(result))
+    assert any(line.startswith("Expected error of G") and "G_zz -" in line for line in list_remarks(result))
     assert np.asarray(result.to_json()["attenuation_G"]).ravel() == pytest.approx(result.attenuation[:9])
 
 
 def test_the_papers_maneuvers_have_none_to_speak_of():
     result = calibrate(simulator.simulate(simulator.load("trmm"), seed=1))
     assert np.abs(result.attenuation / result.sigma).max() < 0.02
-    assert not any(line.startswith("Expected error") for line in remarks(result))
+    assert not any(line.startswith("Expected error") for line in list_remarks(result))
 
 
 def test_unknown_where_residuals_are_weighed_otherwise():

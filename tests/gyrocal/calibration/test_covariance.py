@@ -10,14 +10,14 @@ from gyrocal.calibration.covariance import (
     GIVEN,
     REFERENCES_ONLY,
     chain_intervals,
+    compute_residual_covariance,
     integrate_white_noise,
     model_covariance,
-    residual_covariance,
 )
 from gyrocal.calibration.normal_equations import whiten
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import propagate
-from gyrocal.calibration.sampling import measurements
+from gyrocal.calibration.sampling import prepare_measurements
 from tests.builders import RPO, TRUTH, piecewise_recording
 
 # Two touching intervals with a turn, then a separate one; several references in each.
@@ -49,7 +49,7 @@ def test_full_covariance_is_that_of_simulated_residuals(gap_s):
     arw, cases = np.deg2rad(4e-4), 4000
     rng = np.random.default_rng(5)
     plain = piecewise_recording(PLAN, sample_s=5.0, series_s=100.0, arw=arw, gap_s=gap_s, apriori=TRUTH)
-    prepared = measurements(plain)
+    prepared = prepare_measurements(plain)
     problem = Problem.of(plain, prepared)
     R = propagate(prepared.arcs, TRUTH.G, TRUTH.bias).R
     groups = np.split(problem.groups[0], problem.groups[1][:-1])
@@ -59,7 +59,7 @@ def test_full_covariance_is_that_of_simulated_residuals(gap_s):
     for _ in range(cases):
         rates = plain.gyro.rates + rng.normal(size=plain.gyro.rates.shape) * arw / np.sqrt(5.0)
         seen = Rotation.from_rotvec(rng.normal(size=sigma.shape) * sigma).as_matrix() @ A
-        draws.append(problem.with_case(rates, seen).state(TRUTH).theta)
+        draws.append(problem.replace_case(rates, seen).state(TRUTH).theta)
     draws = np.array(draws)
     for rows in groups:
         V = problem.covariance(R[rows], rows)
@@ -74,7 +74,7 @@ def test_full_covariance_is_that_of_simulated_residuals(gap_s):
 def test_noise_rides_with_the_attitude():
     R = np.stack([attitude.rotation_matrix(np.array([0, 0, a])) for a in (0.4, 1.3)])
     noise, walk = np.zeros((3, 3, 3)), integrate_white_noise(np.array([10.0, 40.0]), 2.0)
-    V = residual_covariance(R, np.zeros(2, int), np.zeros(2, int), np.array([1, 2]), noise, walk)
+    V = compute_residual_covariance(R, np.zeros(2, int), np.zeros(2, int), np.array([1, 2]), noise, walk)
     np.testing.assert_allclose(V[:3, 3:], 40.0 * R[0] @ R[1].T, atol=1e-9)
     np.testing.assert_allclose(V[3:, 3:], 160.0 * np.eye(3), atol=1e-9)
 

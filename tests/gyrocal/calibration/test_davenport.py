@@ -21,7 +21,7 @@ from gyrocal.calibration.davenport import Accumulation
 from gyrocal.calibration.observability import MOST_SHOWN, PLAUSIBLE_BIAS, PLAUSIBLE_G
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import propagate
-from gyrocal.calibration.sampling import measurements
+from gyrocal.calibration.sampling import prepare_measurements
 from tests.builders import PLAN, RPO, TRUTH, piecewise_recording
 
 PRELAUNCH = GyroParameters(
@@ -62,7 +62,11 @@ def test_one_iteration_leaves_the_quadratic_term_and_the_second_removes_it(ends)
 
 
 def test_a_wrong_sign_of_the_residual_would_diverge(ends, monkeypatch):
-    monkeypatch.setattr(accumulation, "residuals", lambda *arguments, right=accumulation.residuals: -right(*arguments))
+    monkeypatch.setattr(
+        accumulation,
+        "compute_attitude_residuals",
+        lambda *arguments, right=accumulation.compute_attitude_residuals: -right(*arguments),
+    )
     result = calibrate(ends, iterations=3)
     assert np.abs(result.G - TRUTH.G).max() > 4 * np.abs(np.eye(3) - TRUTH.G).max()
 
@@ -76,7 +80,7 @@ def test_recursive_calibrator_equals_the_compiled_batch(space, solve_for):
     batch = calibrate(recording, iterations=1, parametrisation=space, solve_for=solve_for)
     A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
     recursive = RecursiveCalibrator(batch.initial, recording.gyro.arw, solve_for, parametrisation=space)
-    prepared = measurements(recording)
+    prepared = prepare_measurements(recording)
     theta = []
     for j, arc in enumerate(prepared.arcs.arc):
         recursive.start(A[prepared.start[j]], recording.attitudes.sigma[prepared.start[j]])
@@ -97,7 +101,7 @@ def test_recursive_calibrator_equals_the_compiled_batch(space, solve_for):
 def test_sensitivity_has_rows_of_G_by_axis_and_columns_by_gyro():
     rng = np.random.default_rng(9)
     sums, scale, columns = rng.standard_normal((2, 4, 3, 3)), rng.uniform(1, 2, 12), np.array([0, 1, 5, 6, 10])
-    found = accumulation.sensitivity(sums, columns, scale[: columns.size]).reshape(2, 3, columns.size)
+    found = accumulation.build_sensitivity(sums, columns, scale[: columns.size]).reshape(2, 3, columns.size)
     for place, name in enumerate(NAMES[k] for k in columns):
         kind, _, axes = name.partition("_")
         gyro = "xyz".index(axes[1]) if kind == "G" else 3
@@ -107,7 +111,7 @@ def test_sensitivity_has_rows_of_G_by_axis_and_columns_by_gyro():
 
 def test_converged_solution_minimises_the_nonlinear_residual():
     recording = piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(4), sample_s=2.0)
-    prepared = measurements(recording)
+    prepared = prepare_measurements(recording)
     A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
     scale = np.array([1e-4] * 9 + [1e-7] * 3)
     # Equal weights, so that the minimum does not depend on how V moves with the parameters.
@@ -289,7 +293,7 @@ def test_json_has_the_documented_keys(ends):
 def test_compiled_iterations_are_those_of_calibrate():
     recording = piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(7), sample_s=2.0, series_s=300.0)
     for psi in ("full", "linear"):
-        prepared = measurements(recording)
+        prepared = prepare_measurements(recording)
         result = calibrate(recording, initial=PRELAUNCH, iterations=2, psi=psi)
         compiled = Problem.of(recording, prepared).iterate(PRELAUNCH.vector, 2, psi)
         np.testing.assert_allclose(compiled.x[-1][:9], result.parameters.vector[:9], rtol=0, atol=1e-13)
@@ -301,7 +305,7 @@ def test_compiled_iterations_are_those_of_calibrate():
 
 def test_not_looking_back_changes_nothing_but_what_is_looked_at():
     recording = piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(7), sample_s=2.0)
-    problem = Problem.of(recording, measurements(recording))
+    problem = Problem.of(recording, prepare_measurements(recording))
     full, short = (problem.iterate(PRELAUNCH.vector, 1, look_back=look) for look in (True, False))
     np.testing.assert_array_equal(full.x, short.x)
     np.testing.assert_array_equal(full.P, short.P)
@@ -314,12 +318,12 @@ def test_a_prepared_problem_takes_another_cases_data():
     first, second = (
         piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(seed), sample_s=2.0) for seed in (1, 2)
     )
-    prepared = Problem.of(first, measurements(first, 4.0, "average"))
+    prepared = Problem.of(first, prepare_measurements(first, 4.0, "average"))
     A = attitude.matrix_from_quaternion(second.attitudes.quaternions)
-    moved = prepared.with_case(second.gyro.rates, A).iterate(PRELAUNCH.vector, 2)
+    moved = prepared.replace_case(second.gyro.rates, A).iterate(PRELAUNCH.vector, 2)
     expected = calibrate(second, initial=PRELAUNCH, iterations=2, step_s=4.0, resampling="average")
     np.testing.assert_allclose(moved.x[-1], expected.parameters.vector, rtol=0, atol=1e-13)
-    np.testing.assert_array_equal(prepared.measurements.arcs.raw, measurements(first, 4.0, "average").arcs.raw)
+    np.testing.assert_array_equal(prepared.measurements.arcs.raw, prepare_measurements(first, 4.0, "average").arcs.raw)
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-12, 0.99e-9, 1.01e-9, 1e-6, 0.1, 2.0, 3.0])
@@ -327,7 +331,7 @@ def test_compiled_residual_is_the_rotation_vector(size):
     theta = size * np.array([0.6, -0.64, 0.48])
     A, R = attitude.rotation_matrix(np.array([0.4, -1.0, 0.3])), attitude.rotation_matrix(np.array([-0.2, 0.1, 2.0]))
     A_obs = attitude.rotation_matrix(theta) @ R @ A
-    np.testing.assert_allclose(accumulation.residuals(R[None], A[None], A_obs[None])[0], theta, atol=1e-14)
+    np.testing.assert_allclose(accumulation.compute_attitude_residuals(R[None], A[None], A_obs[None])[0], theta, atol=1e-14)
     np.testing.assert_allclose(attitude.residual(A_obs, R @ A), theta, atol=1e-14)
 
 

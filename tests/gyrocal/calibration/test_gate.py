@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gyrocal.calibration.gate import LargeResidualError, check
-from gyrocal.calibration.observability import observability
+from gyrocal.calibration.observability import evaluate_observability
 
 NAMES = ("G_xx", "G_yy", "b_x")
 
@@ -27,7 +27,7 @@ def test_what_is_not_a_number_does_not_pass(value):
 def test_found_is_what_the_data_say_better_than_the_plausible_range():
     """A singular value is the plausible range over the sigma of the data alone."""
     sigma, plausible = np.array([0.5, 0.99, 1.01]), np.array([1e-2, 1e-2, 1e-5])
-    judged = observability(np.diag(1 / (sigma * plausible)), plausible, NAMES)
+    judged = evaluate_observability(np.diag(1 / (sigma * plausible)), plausible, NAMES)
     np.testing.assert_allclose(judged.singular_values, 1 / sigma, rtol=1e-12)
     assert judged.unobservable == ("1 b_x",)
-    assert observability(np.diag(1 / (0.9 * sigma * plausible)), plausible, NAMES).unobservable == ()
+    assert evaluate_observability(np.diag(1 / (0.9 * sigma * plausible)), plausible, NAMES).unobservable == ()

@@ -9,9 +9,15 @@ from scipy.linalg import expm
 import simulator
 from gyrocal import GyroArray, InputError, UnobservableError, calibrate, calibrate_gyros
 from gyrocal.attitude import cross_matrix, rotation_matrix
-from gyrocal.calibration.gyros import LARGEST_TURN, gain_jacobian, noise_walk, parity_sums, prior_of_gyros
-from gyrocal.recording.gyros import gain, nominal
-from gyrocal.recording.parts import without_attitudes
+from gyrocal.calibration.gyros import (
+    LARGEST_TURN,
+    build_prior_covariance,
+    compute_gain_jacobian,
+    compute_parity_sums,
+    integrate_noise_walk,
+)
+from gyrocal.recording.gyros import compute_gyro_gain, compute_nominal_gyros
+from gyrocal.recording.parts import build_empty_attitudes
 from tests.builders import RPO, mean_bounds, piecewise_recording
 from tests.gyro_arrays import SKEWED, TETRAHEDRON, array_recording
 
@@ -54,12 +60,12 @@ def test_three_gyros_are_those_of_the_calibration_of_three():
 
 def test_parity_sums_say_what_all_samples_say():
     recording, K, c = array_recording(SKEWED, ARW, np.random.default_rng(2))
-    (sums,) = parity_sums(recording)
+    (sums,) = compute_parity_sums(recording)
     gyros = GyroArray(recording.gyro.names, np.array(SKEWED), np.zeros(5))
     V, seen, X, square = sums.moments(gyros)
     inside = np.ones(recording.gyro.t_s.size, dtype=bool)
     raw, dt = recording.gyro.rates[inside], recording.gyro.sample_s
-    w = np.column_stack([raw @ gain(SKEWED, np.arange(5)).T, np.ones(len(raw))])
+    w = np.column_stack([raw @ compute_gyro_gain(SKEWED, np.arange(5)).T, np.ones(len(raw))])
     e = raw @ V
     np.testing.assert_allclose(seen, w.T @ w * dt, rtol=1e-12, atol=1e-18)
     np.testing.assert_allclose(X, e.T @ w * dt, rtol=1e-9, atol=1e-18)
@@ -75,20 +81,20 @@ def test_accumulated_noise_by_hand():
     w, dt, n = 0.01, 0.5, 200
     T = n * dt
     N = np.diag([4.0, 1.0, 2.0])
-    found = noise_walk(np.tile([0.0, 0.0, w], (n, 1)), np.full(n, dt), np.array([n // 2, n]), N)[1]
+    found = integrate_noise_walk(np.tile([0.0, 0.0, w], (n, 1)), np.full(n, dt), np.array([n // 2, n]), N)[1]
     # Rz(φ) N Rz(φ)ᵀ = 2.5 (I − zz) + 1.5 (cos 2φ, sin 2φ; sin 2φ, −cos 2φ) + 2 zz, integrated; steps hold their middle's.
     even, odd = np.sin(2 * w * T) / (2 * w), (1 - np.cos(2 * w * T)) / (2 * w)
     exact = np.diag([2.5 * T, 2.5 * T, 2 * T]) + 1.5 * np.array([[even, odd, 0], [odd, -even, 0], [0, 0, 0]])
     np.testing.assert_allclose(found, exact, atol=1.5 * T * (2 * LARGEST_TURN) ** 2 / 24)
     one, other = (expm(share * dt * cross_matrix(np.array([0.3, -0.2, 0.1]))) for share in (0.5, 1.5))
-    two = noise_walk(np.tile([0.3, -0.2, 0.1], (2, 1)), np.full(2, dt), np.array([2]), N)[0]
+    two = integrate_noise_walk(np.tile([0.3, -0.2, 0.1], (2, 1)), np.full(2, dt), np.array([2]), N)[0]
     np.testing.assert_allclose(two, dt * (one @ N @ one.T + other @ N @ other.T), rtol=1e-12)
 
 
 def test_jacobian_of_G_and_b_by_differences():
     recording, K, c = array_recording(SKEWED)
     gyros = truth_of(recording, K, c + 1e-3)
-    J, h = gain_jacobian(gyros), 1e-6
+    J, h = compute_gain_jacobian(gyros), 1e-6
     for k in range(20):
         step = np.zeros(20)
         step[k] = h
@@ -148,14 +154,14 @@ def test_what_is_missing_is_said():
     recording, *_ = array_recording(TETRAHEDRON)
     with pytest.raises(InputError, match="no gyro noise"):
         calibrate_gyros(recording)
-    alone = replace(with_noise_stated(recording), attitudes=without_attitudes())
+    alone = replace(with_noise_stated(recording), attitudes=build_empty_attitudes())
     with pytest.raises(InputError, match="no reference attitudes"):
         calibrate_gyros(alone)
 
 
 def test_what_is_known_of_all_gyros_together_is_a_prior():
     recording = simulator.simulate(simulator.override(simulator.load("trmm_tetrahedron"), {"gyro.sample_s": 4.0}), seed=1)
-    K, _ = nominal(recording.gyro)
+    K, _ = compute_nominal_gyros(recording.gyro)
     plain = np.tile([1e-3, 1e-3, 1e-3, 1e-6], 4)
     by_sigma = calibrate_gyros(recording, prior_sigma=(1e-3, 1e-6))
     by_covariance = calibrate_gyros(recording, prior_covariance=np.diag(plain**2))
@@ -163,7 +169,7 @@ def test_what_is_known_of_all_gyros_together_is_a_prior():
     np.testing.assert_allclose(by_covariance.covariance, by_sigma.covariance, rtol=1e-6)
     assert by_covariance.chi2 == pytest.approx(by_sigma.chi2, rel=1e-9)
     # A turn of all gyros and a common scale factor are as wide as is said, and nothing else is.
-    P = prior_of_gyros(K, 1e-9, 1e-12, 0.1, 0.01)
+    P = build_prior_covariance(K, 1e-9, 1e-12, 0.1, 0.01)
     turned = np.column_stack([K @ rotation_matrix(np.array([0.0, 0.0, 1e-6])).T - K, np.zeros(4)]).ravel() / 1e-6
     np.testing.assert_allclose(P @ turned / (0.1**2 * (turned @ turned)), turned, atol=2e-4)
     assert np.linalg.matrix_rank(P, tol=1e-9) == 4

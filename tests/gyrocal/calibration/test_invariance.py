@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from gyrocal import Interval, calibrate
-from gyrocal.recording import reference_rows
+from gyrocal.recording import find_reference_rows
 from tests.builders import PLAN, piecewise_recording
 
 # Few examples, and each the same in every run: a failure is then of the change that was made.
@@ -108,7 +108,7 @@ def test_an_interval_that_is_cut_at_references_says_the_same(cuts):
     recording = recorded()
     parts = []
     for interval in recording.intervals:
-        inside = recording.attitudes.t_s[reference_rows(recording.attitudes.t_s, interval)][1:-1]
+        inside = recording.attitudes.t_s[find_reference_rows(recording.attitudes.t_s, interval)][1:-1]
         own = [interval.start_s, *inside[[k for k in sorted(cuts) if k < len(inside)]], interval.stop_s]
         parts += [Interval(f"{interval.name} {a:g}", "", a, b) for a, b in pairwise(own)]
     result = calibrate(replace(recording, intervals=tuple(parts)))

@@ -6,7 +6,13 @@ from numpy.polynomial.legendre import leggauss
 from scipy.spatial.transform import Rotation
 
 from gyrocal import NAMES, GyroParameters, InputError, UnobservableError, calibrate
-from gyrocal.calibration.gyro_space import GYRO_NAMES, SPACES, from_gyros, gyro_jacobian, to_gyros
+from gyrocal.calibration.gyro_space import (
+    GYRO_NAMES,
+    SPACES,
+    compute_gyro_jacobian,
+    convert_from_gyro_space,
+    convert_to_gyro_space,
+)
 from tests.builders import PLAN, TRUTH, piecewise_recording
 
 PRELAUNCH = GyroParameters(
@@ -131,17 +137,17 @@ def test_one_gyro_is_calibrated_alone(axis):
     """Only this gyro is off: its own scale factor, axis and bias bring all of G and b back; row i of G does not."""
     recording = piecewise_recording()
     i = "xyz".index(axis)
-    y = to_gyros(TRUTH)
+    y = convert_to_gyro_space(TRUTH)
     own = [3 * i, 3 * i + 1, 3 * i + 2, 9 + i]
     y[own] += [1e-3, -1.5e-3, 2e-3, 1e-6]
-    off = from_gyros(y)
+    off = convert_from_gyro_space(y)
     gyro = calibrate(recording, initial=off, solve_for=f"gyro_{axis}", parametrisation="gyro")
     assert gyro.solved_for == tuple(GYRO_NAMES[k] for k in own)
     assert gyro.converged
     np.testing.assert_allclose(gyro.G, TRUTH.G, rtol=0, atol=1e-11)
     np.testing.assert_allclose(gyro.bias, TRUTH.bias, rtol=0, atol=1e-14)
     held = [k for k in range(12) if k not in own]
-    np.testing.assert_allclose(to_gyros(gyro.parameters)[held], y[held], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(convert_to_gyro_space(gyro.parameters)[held], y[held], rtol=0, atol=1e-14)
     assert (np.flatnonzero(np.diag(gyro.own_covariance)) == sorted(own)).all()
     row = calibrate(recording, initial=off, solve_for=f"gyro_{axis}")
     assert np.abs(row.G - TRUTH.G).max() > 1e-7
@@ -149,23 +155,26 @@ def test_one_gyro_is_calibrated_alone(axis):
 
 def test_gyro_space_is_the_reading_of_each_gyro():
     omega = np.random.default_rng(3).normal(size=(40, 3)) * 0.01
-    y = to_gyros(TRUTH)
+    y = convert_to_gyro_space(TRUTH)
     raw = TRUTH.raw(omega)
     for i in range(3):
         axis = y[3 * i : 3 * i + 3].copy()
         others = [j for j in range(3) if j != i]
         axis[i] = np.sqrt(1 - axis[others] @ axis[others])
         np.testing.assert_allclose(y[4 * i] * omega @ axis + y[9 + i], raw[:, i], rtol=0, atol=1e-16)
-    np.testing.assert_allclose(from_gyros(y).vector, TRUTH.vector, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(convert_from_gyro_space(y).vector, TRUTH.vector, rtol=0, atol=1e-15)
 
 
 def test_jacobian_is_the_derivative():
-    y, h = to_gyros(PRELAUNCH), np.array([1e-4] * 9 + [1e-6] * 3)
+    y, h = convert_to_gyro_space(PRELAUNCH), np.array([1e-4] * 9 + [1e-6] * 3)
     for k in range(12):
         step = h[k] * np.eye(12)[k]
         # Central differences, Richardson's: exact to the fifth order.
-        once, twice = ((from_gyros(y + m * step).vector - from_gyros(y - m * step).vector) / (2 * m * h[k]) for m in (1, 2))
-        np.testing.assert_allclose(gyro_jacobian(PRELAUNCH)[:, k], (4 * once - twice) / 3, rtol=0, atol=2e-11)
+        once, twice = (
+            (convert_from_gyro_space(y + m * step).vector - convert_from_gyro_space(y - m * step).vector) / (2 * m * h[k])
+            for m in (1, 2)
+        )
+        np.testing.assert_allclose(compute_gyro_jacobian(PRELAUNCH)[:, k], (4 * once - twice) / 3, rtol=0, atol=2e-11)
     np.testing.assert_array_equal(SPACES["gain"].jacobian(PRELAUNCH), np.eye(12))
 
 
@@ -174,7 +183,7 @@ def test_sigmas_of_gyro_space_are_those_of_its_own_parameters(noisy):
     result = calibrate(noisy, initial=PRELAUNCH, parametrisation="gyro", apriori_covariance=prior)
     summary = result.summary().set_index("parameter")
     assert list(summary.index) == list(GYRO_NAMES)
-    y = to_gyros(result.parameters)
+    y = convert_to_gyro_space(result.parameters)
     assert summary.loc["s_y", "calibrated"] == y[4]
     assert summary.loc["c_z", "calibrated"] == pytest.approx(np.rad2deg(y[11]))
     assert (summary["sigma"].to_numpy()[:9] < 1e-3).all()

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from gyrocal import Arcs, propagate
-from gyrocal.calibration.packing import LANES, unbroken
-from gyrocal.calibration.propagation import body_sums
+from gyrocal.calibration.increment_packing import LANES, is_unbroken
+from gyrocal.calibration.propagation import convert_to_body_sums
 
 G = np.eye(3) + 1e-3 * np.arange(9).reshape(3, 3)
 BIAS = np.array([1e-5, -2e-5, 3e-5])
@@ -62,9 +62,9 @@ def test_rates_and_durations_of_any_layout_and_kind_are_packed():
 def test_samples_left_out_or_held_twice_break_a_piece():
     starts, lengths = np.array([0, 4]), np.array([4, 4])
     # Between pieces a sample may be held again: a reference cuts it in two.
-    assert unbroken(np.array([5, 6, 7, 8, 8, 9, 10, 11]), starts, lengths)
-    assert not unbroken(np.array([5, 6, 6, 8, 8, 9, 10, 11]), starts, lengths)
-    assert not unbroken(np.array([5, 6, 7, 8, 8, 9, 10, 12]), starts, lengths)
+    assert is_unbroken(np.array([5, 6, 7, 8, 8, 9, 10, 11]), starts, lengths)
+    assert not is_unbroken(np.array([5, 6, 6, 8, 8, 9, 10, 11]), starts, lengths)
+    assert not is_unbroken(np.array([5, 6, 7, 8, 8, 9, 10, 12]), starts, lengths)
 
 
 @pytest.mark.parametrize("size", [0.01, 1.0], ids=["in the series", "beyond it"])
@@ -82,7 +82,7 @@ def test_more_gyros_are_the_three_that_they_stand_for(size):
 
 def test_sums_of_the_body_follow_from_those_of_three_raw_rates():
     arcs = arcs_of(OUTPUTS["short"])
-    found = body_sums(propagate(arcs, G, BIAS).S, G, BIAS)
+    found = convert_to_body_sums(propagate(arcs, G, BIAS).S, G, BIAS)
     expected = propagate(arcs.with_rates(arcs.rates @ G.T + BIAS), np.eye(3), np.zeros(3)).S
     np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
 

@@ -11,10 +11,10 @@ from gyrocal import NAMES, GyroParameters, calibrate
 from gyrocal.calibration.implausible_values import find_combinations_lost_to_misfit, find_implausible_values
 from gyrocal.calibration.mounting import compute_mounting
 from gyrocal.calibration.plausible_ranges import (
-    DEG_H,
     DEG_SQRT_H,
     MEMS_BIAS,
     MEMS_G,
+    RAD_S_PER_DEG_H,
     RANGES,
     RestRates,
     compute_rest_rates,
@@ -118,7 +118,7 @@ def test_motion_about_one_axis_leaves_the_mounting_open():
     recording = piecewise_recording(plan, arw=0.6 * DEG_SQRT_H, rng=RNG, sigma_deg=0.05, series_s=2.0, sample_s=0.1)
     result = calibrate(recording)
     assert result.mounting.undetermined == ("z",)
-    assert "does not determine the rotation about z" in " ".join(result.mounting.sentences())
+    assert "does not determine the rotation about z" in " ".join(result.mounting.format_sentences())
     assert set(result.undetermined) == {"G_xx", "G_xy", "G_yx", "G_yy", "G_zx", "G_zy"}
     assert result.sigma[NAMES.index("G_zz")] < 0.01
     assert result.warnings == ()
@@ -141,10 +141,10 @@ def test_values_that_no_gyro_has_are_named(moving):
 
 
 def test_a_bias_off_the_rests_by_less_than_its_error_is_no_warning():
-    rest = RestRates(np.zeros(3), np.zeros(3), sigma=100 * DEG_H)
+    rest = RestRates(np.zeros(3), np.zeros(3), sigma=100 * RAD_S_PER_DEG_H)
     ranges = replace(estimate_plausible_ranges(piecewise_recording()), rest=rest)
     mounting = compute_mounting(np.eye(3), np.zeros((9, 9)), np.eye(3), 0.01)
-    bias = np.array([20 * DEG_H, 0.0, 0.0])
+    bias = np.array([20 * RAD_S_PER_DEG_H, 0.0, 0.0])
     assert find_implausible_values(mounting, np.eye(3), bias, np.zeros(3), ranges) == ()
 
 
@@ -166,5 +166,5 @@ def test_the_result_holds_grade_mounting_and_warnings(rich):
     assert document["plausible_ranges"]["grade"] == "MEMS"
     assert document["plausible_ranges"]["bias_deg_h"] == pytest.approx(36000)
     assert "scale factor of z 0.8" in document["warnings"][0]
-    assert document["mounting"]["sentences"] == result.mounting.sentences()
+    assert document["mounting"]["sentences"] == result.mounting.format_sentences()
     assert "warning" in repr(result)

@@ -7,8 +7,8 @@ from scipy.integrate import quad_vec
 from scipy.spatial.transform import Rotation
 
 from gyrocal import Arcs, StreamingPropagation, propagate, psi_matrix
-from gyrocal.calibration.packing import LANES
-from gyrocal.calibration.propagation import SERIES_LIMIT, psi_coefficients
+from gyrocal.calibration.increment_packing import LANES
+from gyrocal.calibration.propagation import PSI_SERIES_LIMIT, compute_psi_coefficients
 
 RNG = np.random.default_rng(20)
 G = np.eye(3) + 1e-3 * RNG.normal(size=(3, 3))
@@ -55,7 +55,7 @@ def test_linear_psi_is_the_first_term():
 @pytest.mark.parametrize("side", [1 - 1e-12, 1 + 1e-12])
 def test_series_and_closed_form_meet_at_the_threshold(side):
     # Reference values by high-precision arithmetic of the defining expressions at φ = 0.1.
-    c, d = psi_coefficients(np.array(SERIES_LIMIT * side))
+    c, d = compute_psi_coefficients(np.array(PSI_SERIES_LIMIT * side))
     assert c == pytest.approx(0.49958347219742339, rel=1e-14)
     assert d == pytest.approx(0.16658335317184769, rel=3e-13)
 
@@ -74,12 +74,12 @@ def test_compiled_pass_equals_the_streaming_recursion(psi, size):
             np.testing.assert_allclose(result.Theta[row], expected.Theta, rtol=0, atol=1e-12 * np.abs(expected.Theta).max())
             row += 1
         offset += ends[-1]
-    assert size < 0.1 or np.linalg.norm(raw * 0.5, axis=1).max() > SERIES_LIMIT
+    assert size < 0.1 or np.linalg.norm(raw * 0.5, axis=1).max() > PSI_SERIES_LIMIT
 
 
 @pytest.mark.parametrize("side", [1 - 1e-9, 1 + 1e-9])
 def test_compiled_pass_is_right_on_both_sides_of_the_series_limit(side):
-    raw = np.tile(np.array([0.36, -0.48, 0.8]) * SERIES_LIMIT * side / 0.5, (90, 1))
+    raw = np.tile(np.array([0.36, -0.48, 0.8]) * PSI_SERIES_LIMIT * side / 0.5, (90, 1))
     dt = np.full(90, 0.5)
     result = propagate(arcs_of(raw, dt, [[90]]), np.eye(3), np.zeros(3))
     expected = StreamingPropagation(np.eye(3), np.zeros(3))

@@ -25,7 +25,7 @@ from gyrocal.calibration.remainder_processes import (
     Stretches,
     read_processes,
 )
-from gyrocal.calibration.sampling import measurements
+from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.estimation.remainder_noise import KnownCalibration, RemainderNoise, read_calibration
 from tests.builders import piecewise_recording
 from tests.gyrocal.calibration.remainder_cases import TRUTH, simulate_remainder
@@ -42,7 +42,7 @@ REMAINDERS = {
 def build_problem(recording):
     """Paths at the truth, with the problem and the state there."""
     result = calibrate(recording)
-    problem = Problem.of(recording, measurements(recording))
+    problem = Problem.of(recording, prepare_measurements(recording))
     return build_paths(recording, problem, replace(result, parameters=TRUTH)), problem, problem.state(TRUTH)
 
 
@@ -58,7 +58,7 @@ def test_rate_columns_are_the_derivative_of_the_residuals_by_an_error_of_one_str
             along = np.eye(3)[1] if member == 10 else gyro.rates[own, 2:] * np.eye(3)[1]
             rates[own] += step * np.linalg.solve(TRUTH.G, np.broadcast_to(along, (own.sum(), 3)).T).T
             moved = replace(recording, gyro=replace(gyro, rates=rates))
-            shifted = Problem.of(moved, measurements(moved)).state(TRUTH)
+            shifted = Problem.of(moved, prepare_measurements(moved)).state(TRUTH)
             columns = paths.gather(Process("rate", (member,), 1.0), member, np.eye(state.theta.size)).T
             np.testing.assert_allclose(columns[:, stretch], (shifted.theta - state.theta).ravel() / step, atol=3e-3)
 
@@ -73,7 +73,7 @@ def test_reference_columns_are_the_derivative_of_the_residuals_by_an_error_of_on
             q = own.quaternions.copy()
             q[place] = (Rotation.from_quat(q[place]) * Rotation.from_rotvec(-step * along[place])).as_quat()
             moved = replace(recording, attitudes=replace(own, quaternions=q))
-            shifted = Problem.of(moved, measurements(moved)).state(TRUTH)
+            shifted = Problem.of(moved, prepare_measurements(moved)).state(TRUTH)
             np.testing.assert_allclose(columns[:, place], (shifted.theta - state.theta).ravel() / step, atol=3e-3)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gyrocal import InputError
-from gyrocal.calibration.sampling import measurements
+from gyrocal.calibration.sampling import prepare_measurements
 from tests.builders import piecewise_recording
 
 PLAN = ((((0.01, 0, 0), 10.0),), (((0, 0.02, 0), 7.0),))
@@ -15,7 +15,7 @@ def with_gyro(recording, **changes):
 
 
 def test_steps_fill_each_interval():
-    prepared = measurements(piecewise_recording(PLAN))
+    prepared = prepare_measurements(piecewise_recording(PLAN))
     np.testing.assert_array_equal(prepared.arcs.arc, [0, 1])
     np.testing.assert_array_equal(prepared.arcs.last - prepared.arcs.first, [20, 14])
     np.testing.assert_allclose(prepared.elapsed_s, [10, 7])
@@ -24,13 +24,13 @@ def test_steps_fill_each_interval():
 
 def test_elapsed_times_are_from_the_start_of_the_interval():
     """Noise adds up from there, and not from the reference before."""
-    prepared = measurements(piecewise_recording(PLAN, series_s=3.0))
+    prepared = prepare_measurements(piecewise_recording(PLAN, series_s=3.0))
     np.testing.assert_allclose(prepared.elapsed_s, [3, 6, 9, 3, 6])
     np.testing.assert_array_equal(prepared.arcs.arc, [0, 0, 0, 1, 1])
 
 
 def test_reference_inside_a_sample_cuts_it():
-    prepared = measurements(piecewise_recording(PLAN, series_s=3.3))
+    prepared = prepare_measurements(piecewise_recording(PLAN, series_s=3.3))
     for first, last, elapsed in zip(prepared.arcs.first, prepared.arcs.last, prepared.elapsed_s, strict=True):
         start = first if elapsed < 3.5 else prepared.arcs.first[0 if last <= 30 else 3]
         assert prepared.arcs.dt[start:last].sum() == pytest.approx(elapsed, abs=1e-9)
@@ -41,7 +41,7 @@ def test_reference_inside_a_sample_cuts_it():
 def test_coarse_steps(resampling):
     recording = piecewise_recording(PLAN)
     ramp = with_gyro(recording, rates=np.arange(34.0)[:, None] * np.ones(3))
-    prepared = measurements(ramp, 2.0, resampling)
+    prepared = prepare_measurements(ramp, 2.0, resampling)
     # 20 samples make 5 steps; 14 make 3 and a half one.
     np.testing.assert_allclose(prepared.arcs.dt, [2, 2, 2, 2, 2, 2, 2, 2, 1])
     first = np.array([0, 4, 8, 12, 16, 20, 24, 28, 32], dtype=float)
@@ -56,10 +56,10 @@ def test_gap_is_an_error_unless_holding_is_allowed():
     keep = np.delete(np.arange(34), [5, 6])
     holed = with_gyro(recording, t_s=recording.gyro.t_s[keep], rates=recording.gyro.rates[keep])
     with pytest.raises(InputError, match=r"m1: no gyro samples between 2.5 s and 3.5 s"):
-        measurements(holed)
+        prepare_measurements(holed)
     with pytest.raises(InputError, match="the longest 1 s"):
-        measurements(holed, max_gap_s=0.9)
-    held = measurements(holed, max_gap_s=1.0)
+        prepare_measurements(holed, max_gap_s=0.9)
+    held = prepare_measurements(holed, max_gap_s=1.0)
     assert held.held_s == pytest.approx(1.0)
     assert held.arcs.dt[:18].sum() == pytest.approx(10.0)
     assert held.arcs.dt.max() == pytest.approx(1.5)
@@ -69,17 +69,17 @@ def test_missing_start_or_end_is_an_error():
     recording = piecewise_recording(PLAN)
     late = with_gyro(recording, t_s=recording.gyro.t_s[10:], rates=recording.gyro.rates[10:])
     with pytest.raises(InputError, match="m1: no gyro sample covers"):
-        measurements(late)
+        prepare_measurements(late)
     short = with_gyro(recording, t_s=recording.gyro.t_s[:-4], rates=recording.gyro.rates[:-4])
     with pytest.raises(InputError, match="m2: no gyro samples between"):
-        measurements(short)
+        prepare_measurements(short)
 
 
 def test_no_step_reaches_across_a_reference():
     """A mean over samples on both sides of a reference would let the rate after it into the residual before it."""
     recording = piecewise_recording(((((0.0, 0.0, 0.0), 7.0), ((0.2, 0.0, 0.0), 9.0)),), series_s=3.5)
     for resampling in ("skip", "average"):
-        prepared = measurements(recording, 2.0, resampling)
+        prepared = prepare_measurements(recording, 2.0, resampling)
         arcs = prepared.arcs
         starts = np.concatenate([[0.0], np.cumsum(arcs.dt)[:-1]])
         before, after = arcs.raw[starts < 7.0 - 1e-9], arcs.raw[starts >= 7.0 - 1e-9]
@@ -91,7 +91,7 @@ def test_no_step_reaches_across_a_reference():
 def test_average_weighs_a_cut_sample_by_what_is_used_of_it():
     recording = piecewise_recording(((((0.01, 0, 0), 10.0),),), series_s=3.3)
     ramp = with_gyro(recording, rates=np.arange(20.0)[:, None] * np.ones(3))
-    prepared = measurements(ramp, 1.0, "average")
+    prepared = prepare_measurements(ramp, 1.0, "average")
     # The last step before 3.3 s: sample 6 over [3.0, 3.3); the first after it: 0.2 s of sample 6 and 0.5 s of sample 7.
     step = prepared.arcs.last[0]
     assert prepared.arcs.raw[step - 1, 0] == pytest.approx(6.0)

@@ -10,9 +10,9 @@ import gyrocal
 import simulator
 from gyrocal import AttitudeSensor, InputError, UnobservableError
 from gyrocal.attitude import rotation_matrix
-from gyrocal.calibration.covariance import integrate_white_noise, residual_covariance
-from gyrocal.calibration.trackers import Mountings, differences
-from simulator.simulate import motion, observe, true_gyros
+from gyrocal.calibration.covariance import compute_residual_covariance, integrate_white_noise
+from gyrocal.calibration.trackers import Mountings, compare_sensors
+from simulator.simulate import compute_true_gyros, motion, observe
 from simulator.streams import generator
 from tests.tracker_cases import AGILE, ESTIMATED, TETRAHEDRON, TURNED_DEG, truth
 
@@ -37,7 +37,7 @@ def test_covariance_is_that_of_the_errors_of_each_reference():
     expected += np.einsum(
         "aij,abjk,blk->aibl", R, walk[np.minimum.outer(range(5), range(5))] * (arc[:, None] == arc)[..., None, None], R
     )
-    found = residual_covariance(R, arc, start, row, noise, walk)
+    found = compute_residual_covariance(R, arc, start, row, noise, walk)
     np.testing.assert_allclose(found, expected.reshape(15, 15), rtol=1e-12, atol=1e-22)
 
 
@@ -97,7 +97,7 @@ def test_errors_are_as_large_as_stated(kind):
         recording = observed(here, flown, case)
         if kind == "four gyros":
             found = gyrocal.calibrate_gyros(recording)
-            error = found.gyros.vector - np.column_stack(true_gyros(here)).ravel()
+            error = found.gyros.vector - np.column_stack(compute_true_gyros(here)).ravel()
         else:
             found = gyrocal.calibrate(recording)
             error = found.parameters.vector - truth(here)
@@ -114,7 +114,7 @@ def test_a_tracker_that_is_turned_does_not_agree_with_the_other():
     plain, turned = (
         simulator.override(AGILE, {"reference.tracker.1.misalignment_deg": [size, 0.0, 0.0]}) for size in (0.0, 2e-3)
     )
-    assert differences(simulator.simulate(plain, seed=5))[0].p_value > 1e-3
+    assert compare_sensors(simulator.simulate(plain, seed=5))[0].p_value > 1e-3
     found = gyrocal.calibrate(simulator.simulate(turned, seed=5))
     assert found.differences[0].p_value < 1e-6
     assert found.to_json()["tracker_differences"][0]["sensors"] == ["st1", "st2"]
@@ -129,7 +129,7 @@ def test_trackers_a_little_apart_in_time_are_compared_by_the_rate_in_between():
     moved = gyrocal.attitude.quaternion_from_matrix(np.where(own[:, None, None], turn @ A, A))
     inner = own & (one.t_s < 1700.0)
     attitudes = replace(one, t_s=one.t_s + 0.2 * inner, quaternions=np.where(inner[:, None], moved, one.quaternions))
-    apart = differences(replace(late, attitudes=attitudes))[0].apart
+    apart = compare_sensors(replace(late, attitudes=attitudes))[0].apart
     assert np.abs(apart).max() < 1e-6
     assert np.linalg.norm(0.2 * _rates(recording, one.t_s[inner]), axis=1).max() > 1e-4
 
@@ -144,7 +144,7 @@ def _rates(recording, t_s):
 def test_a_mounting_that_the_data_leave_free_is_said():
     recording = simulator.simulate(ESTIMATED, noise=False)
     first = recording.attitudes.sensor == 0
-    bare = gyrocal.recording.trackers.kept_rows(recording.attitudes, first)
+    bare = gyrocal.recording.trackers.keep_rows(recording.attitudes, first)
     with pytest.raises(UnobservableError, match="mounting of st2"):
         gyrocal.calibrate(replace(recording, attitudes=bare))
 

@@ -6,12 +6,12 @@ import scipy.stats
 
 from gyrocal import InputError, UnobservableError
 from gyrocal.attitude import residual, rotation_matrix
-from gyrocal.estimation.arc import Estimate, columns, gyro_arc, linearise, measured_times
+from gyrocal.estimation.arc import Estimate, build_gyro_arc, choose_columns, linearise, list_measured_times
 from gyrocal.estimation.batch import batch
 from gyrocal.sensors.series import SensorSeries
 from simulator.streams import generator
-from studies.estimation.attitude_cases import ORBIT, TRUE_BIAS, direction_sensor, flight
-from studies.estimation.flights import nadir
+from studies.estimation.attitude_cases import ATTITUDE_CASE_ORBIT, TRUE_BIAS, build_orbit_flight, make_direction_sensor
+from studies.estimation.flights import compute_nadir
 from tests.builders import TRUE_G, is_mean_of_chi2, squared_error
 
 SUN = np.array([np.cos(0.4), np.sin(0.4) * np.cos(0.41), np.sin(0.4) * np.sin(0.41)])
@@ -24,16 +24,16 @@ CASES = 200
 
 @pytest.fixture(scope="module")
 def motion():
-    return flight()
+    return build_orbit_flight()
 
 
 def sensors(motion, rng=None, low=0.0, high=5490.0, every_s=30.0):
     """A Sun sensor that sees it for part of the orbit, and one that sees the direction to the Earth."""
     t = np.arange(low, high, every_s)
     visible = np.abs((motion.at(t) @ SUN)[:, 0]) > 0.6
-    sun = direction_sensor("sun", np.tile(SUN, (t.size, 1))).seen(motion, t, SIGMA, rng)
+    sun = make_direction_sensor("sun", np.tile(SUN, (t.size, 1))).seen(motion, t, SIGMA, rng)
     seen = np.where(visible[:, None], sun.y, np.nan), np.where(visible[:, None], sun.sigma, np.inf)
-    earth = direction_sensor("earth", nadir(t, ORBIT)).seen(motion, t, SIGMA, rng)
+    earth = make_direction_sensor("earth", compute_nadir(t, ATTITUDE_CASE_ORBIT)).seen(motion, t, SIGMA, rng)
     return [SensorSeries(sun.model, t, *seen), earth]
 
 
@@ -51,7 +51,7 @@ def test_noise_free_attitudes_are_those_flown_also_beyond_the_measurements(motio
 
 
 def test_an_error_of_G_acts_as_a_bias_while_the_rate_is_constant():
-    motion = flight(G=TRUE_G, known_G=np.eye(3))
+    motion = build_orbit_flight(G=TRUE_G, known_G=np.eye(3))
     found = batch(sensors(motion), motion.gyro(), motion.at(0.0), times=TIMES)
     np.testing.assert_allclose(found.attitudes, motion.at(TIMES), rtol=0, atol=1e-11)
     np.testing.assert_allclose(
@@ -61,8 +61,8 @@ def test_an_error_of_G_acts_as_a_bias_while_the_rate_is_constant():
 
 def test_rows_are_the_derivatives_of_the_residuals(motion):
     series = sensors(motion, every_s=200.0)
-    solved = columns(series, {"sun": ("m_x", "m_z"), "earth": ("m_y",)})
-    path = gyro_arc(motion.gyro(), measured_times(series), np.eye(3))
+    solved = choose_columns(series, {"sun": ("m_x", "m_z"), "earth": ("m_y",)})
+    path = build_gyro_arc(motion.gyro(), list_measured_times(series), np.eye(3))
     estimate = Estimate(
         np.tile(TURN @ motion.at(0.0), (len(path.t), 1, 1)), 1.5 * TRUE_BIAS, tuple(one.model for one in series)
     )
@@ -132,7 +132,7 @@ def test_exact_is_never_worse_than_plain_and_both_are_one_without_gyro_noise(mot
     gain = np.linalg.eigvalsh((plain.joint - exact.joint) / np.outer(scale, scale))
     assert gain[0] > -1e-9
     assert gain[-1] > 0.1
-    quiet = flight(arw=0.0)
+    quiet = build_orbit_flight(arw=0.0)
     exact, plain, formal = (
         batch(series, quiet.gyro(), quiet.at(EPOCH), weighting=weighting, covariance_model=model, **options)
         for weighting, model in (("exact", "full"), ("plain", "full"), ("plain", "measurements only"))
@@ -145,7 +145,7 @@ def test_a_faint_walk_joins_the_plain_solution_smoothly(motion):
     """Where exact weighting hands over to the better conditioned plain one, they agree."""
     series = sensors(motion)
     for arw in (1e-9, 5e-9, 1e-8, 2e-8):  # the hand-over is near 7e-9
-        faint = flight(arw=arw)
+        faint = build_orbit_flight(arw=arw)
         exact = batch(series, faint.gyro(), faint.at(0.0), times=TIMES)
         plain = batch(series, faint.gyro(), faint.at(0.0), times=TIMES, weighting="plain")
         np.testing.assert_allclose(exact.attitude_sigma, plain.attitude_sigma, rtol=1e-3)

@@ -6,17 +6,17 @@ from scipy.integrate import quad_vec
 
 from gyrocal import psi_matrix
 from gyrocal.attitude import cross_matrix, rotation_matrix
-from gyrocal.calibration.propagation import psi_coefficients
+from gyrocal.calibration.propagation import compute_psi_coefficients
 from gyrocal.estimation.error_state import (
-    SERIES_LIMIT,
+    COVARIANCE_SERIES_LIMIT,
     advance,
-    gain,
-    joseph,
+    compute_kalman_gain,
+    compute_transition,
     process_noise,
     propagate_covariance,
+    rotate_attitude,
     step_integrals,
-    transition,
-    turn,
+    update_covariance,
 )
 from tests.builders import TRUTH
 
@@ -29,10 +29,12 @@ def a_covariance(n, seed=0):
     return L @ L.T
 
 
-@pytest.mark.parametrize("phi", [0.0, 1e-4, 0.3, 0.999999 * SERIES_LIMIT, 1.000001 * SERIES_LIMIT, 2.0, 7.0])
+@pytest.mark.parametrize(
+    "phi", [0.0, 1e-4, 0.3, 0.999999 * COVARIANCE_SERIES_LIMIT, 1.000001 * COVARIANCE_SERIES_LIMIT, 2.0, 7.0]
+)
 def test_integrals_of_a_step(phi):
     c, d, e, f = step_integrals(phi)
-    np.testing.assert_allclose((c, d), psi_coefficients(np.array(phi)), rtol=1e-14)
+    np.testing.assert_allclose((c, d), compute_psi_coefficients(np.array(phi)), rtol=1e-14)
     axis = np.array([0.6, 0.0, 0.8])
     K = cross_matrix(phi * axis)
     psi = lambda s: psi_matrix(phi * axis, np.array(s))  # noqa: E731
@@ -45,14 +47,14 @@ def test_integrals_of_a_step(phi):
 
 def test_series_and_closed_forms_join():
     # The closed form of e loses about 1e-16 * 2 phi / (phi^5 / 60) there.
-    below, above = (np.array(step_integrals(SERIES_LIMIT * (1 + sign * 1e-15))) for sign in (-1, 1))
+    below, above = (np.array(step_integrals(COVARIANCE_SERIES_LIMIT * (1 + sign * 1e-15))) for sign in (-1, 1))
     np.testing.assert_allclose(below, above, rtol=1e-13)
 
 
 @pytest.mark.parametrize("dt", [0.5, 10.0])
 def test_transition_is_that_of_the_calibration(dt):
     R, B = np.empty((3, 3)), np.empty((3, 12))
-    angle = transition(TRUTH.vector, RAW, dt, ALL, R, B)
+    angle = compute_transition(TRUTH.vector, RAW, dt, ALL, R, B)
     omega = TRUTH.G @ RAW + TRUTH.bias
     np.testing.assert_allclose(angle, omega * dt, rtol=1e-15)
     np.testing.assert_allclose(R, rotation_matrix(-omega * dt), atol=1e-15)
@@ -61,7 +63,7 @@ def test_transition_is_that_of_the_calibration(dt):
     )
     some = np.array([1, 8, 11])
     part = np.empty((3, 3))
-    transition(TRUTH.vector, RAW, dt, some, R, part)
+    compute_transition(TRUTH.vector, RAW, dt, some, R, part)
     np.testing.assert_array_equal(part, B[:, some])
 
 
@@ -71,17 +73,17 @@ def test_noise_of_long_steps_is_that_of_many_short_ones():
     biases = ALL[9:]
     R, B = np.empty((3, 3)), np.empty((3, 3))
     whole, pieces = a_covariance(6), a_covariance(6)
-    angle = transition(x, RAW, dt, biases, R, B)
+    angle = compute_transition(x, RAW, dt, biases, R, B)
     propagate_covariance(whole, R, B, *process_noise(angle, dt, arw, walk))
     for _ in range(parts):
-        angle = transition(x, RAW, dt / parts, biases, R, B)
+        angle = compute_transition(x, RAW, dt / parts, biases, R, B)
         propagate_covariance(pieces, R, B, *process_noise(angle, dt / parts, arw, walk))
     np.testing.assert_allclose(whole, pieces, rtol=1e-12)
 
 
 def test_propagated_covariance_by_dense_matrices():
     R, B = np.empty((3, 3)), np.empty((3, 12))
-    angle = transition(TRUTH.vector, RAW, 4.0, ALL, R, B)
+    angle = compute_transition(TRUTH.vector, RAW, 4.0, ALL, R, B)
     Q, cross, variance = process_noise(angle, 4.0, 1e-2, 3e-2)
     P = a_covariance(15)
     Phi = np.block([[R, B], [np.zeros((12, 3)), np.eye(12)]])
@@ -103,9 +105,9 @@ def test_advance_cuts_samples_and_keeps_the_transition():
     R, B = np.empty((3, 3)), np.empty((3, 3))
     A_own, P_own = np.eye(3), before.copy()
     for sample, dt in ((2, 0.3), (3, 0.5), (4, 0.5), (5, 0.5), (6, 0.1)):
-        angle = transition(TRUTH.vector, rates[sample], dt, ALL[9:], R, B)
+        angle = compute_transition(TRUTH.vector, rates[sample], dt, ALL[9:], R, B)
         propagate_covariance(P_own, R, B, *process_noise(angle, dt, 1e-3, 0.0))
-        turn(A_own, R)
+        rotate_attitude(A_own, R)
     np.testing.assert_allclose(A, A_own, atol=1e-15)
     np.testing.assert_allclose(P, P_own, rtol=1e-13)
     full = np.vstack([Phi, np.eye(6)[3:]])
@@ -117,9 +119,9 @@ def test_correction_is_the_information_form():
     P, H = a_covariance(7), np.random.default_rng(1).normal(size=(2, 3))
     sigma, z = np.array([0.3, 0.7]), np.array([0.4, -1.0])
     wide = np.hstack([H, np.zeros((2, 4))])
-    K, S, nis = gain(P, H, sigma, z)
+    K, S, nis = compute_kalman_gain(P, H, sigma, z)
     after = P.copy()
-    joseph(after, K, H, sigma)
+    update_covariance(after, K, H, sigma)
     weight = np.diag(1 / sigma**2)
     information = np.linalg.inv(np.linalg.inv(P) + wide.T @ weight @ wide)
     np.testing.assert_allclose(after, information, rtol=1e-8, atol=1e-10)
@@ -128,6 +130,6 @@ def test_correction_is_the_information_form():
     # Joseph's form holds for another gain too: that of errors s - K (H s + noise).
     other = 0.5 * K
     after = P.copy()
-    joseph(after, other, H, sigma)
+    update_covariance(after, other, H, sigma)
     left = np.eye(7) - other @ wide
     np.testing.assert_allclose(after, left @ P @ left.T + other @ np.diag(sigma**2) @ other.T, rtol=1e-12)

@@ -7,16 +7,16 @@ import numpy as np
 
 from gyrocal import GyroParameters, attitude
 from gyrocal.estimation.filter_run import run
-from gyrocal.estimation.mekf import KalmanFilter, nees
+from gyrocal.estimation.mekf import KalmanFilter, compute_nees
 from gyrocal.estimation.onboard import OnBoardCalibrator, replay
 from gyrocal.sensors.earth import EarthModel, EarthSensor
 from gyrocal.sensors.series import SensorSeries
 from gyrocal.sensors.sun import trmm_sun_sensors
 from simulator.sensors import earth as true_earth
 from simulator.sensors import sun as true_sun
-from simulator.sensors.horizon import orbit_position
-from simulator.truth.sun import DAY, eclipse, julian_date, sun_vector
-from studies.estimation.filter_cases import ARW, ORBIT, Z, fly, parameters_near
+from simulator.sensors.horizon import compute_orbit_position
+from simulator.truth.sun import DAY, compute_julian_date, compute_sun_vector, is_eclipsed
+from studies.estimation.filter_cases import FILTER_CASE_ARW, FILTER_CASE_ORBIT, Z, draw_apriori_parameters, fly
 from tests.builders import TRUTH, mean_bounds, state_errors
 
 EPOCH = "1997-12-13T09:45:00Z"
@@ -30,10 +30,10 @@ RIGHT_ANGLES = (np.zeros(3), np.zeros(3))
 @cache
 def timeline():
     """A yaw maneuver of half a turn while the Sun is near the orbit plane, seen on both sides of it."""
-    orbit = replace(ORBIT, node=np.deg2rad(260.0))
+    orbit = replace(FILTER_CASE_ORBIT, node=np.deg2rad(260.0))
     flight = fly([(Z, 180.0, 5000.0, 800.0)], 9000.0, sample_s=2.0, orbit=orbit)
     t = np.arange(0.0, flight.t[-1], EVERY)
-    position, sun = orbit_position(orbit, t), sun_vector(julian_date(EPOCH) + t / DAY)
+    position, sun = compute_orbit_position(orbit, t), compute_sun_vector(compute_julian_date(EPOCH) + t / DAY)
     normal = np.cross(position[0], position[100])
     across = np.rad2deg(np.arcsin(sun[0] @ normal / np.linalg.norm(normal)))
     assert abs(across) < 25
@@ -43,9 +43,9 @@ def timeline():
 def sensors(rng, heads=RIGHT_ANGLES, swing=0.0):
     """What both DSS and the ESA measure; no misalignment, right-angled heads, and a steady radiance of space by default."""
     flight, t, position, sun = timeline()
-    A, lit = flight.at(t), ~eclipse(position, sun)
+    A, lit = flight.at(t), ~is_eclipsed(position, sun)
     series = []
-    for true, model in zip(true_sun.trmm_sun_sensors(heads=heads), trmm_sun_sensors(), strict=True):
+    for true, model in zip(true_sun.build_trmm_sensors(heads=heads), trmm_sun_sensors(), strict=True):
         counts, visible = true_sun.observe(rng, true, A, sun)
         if (visible & lit).any():
             series.append(model.series(t, counts, sun, visible & lit))
@@ -59,7 +59,7 @@ def started(rng, parameters):
     flight, *_ = timeline()
     off = rng.standard_normal(6) * START
     A = attitude.rotation_matrix(-off[:3]) @ flight.A[0]
-    return KalmanFilter(A, GyroParameters(parameters.G, TRUTH.bias + off[3:]), np.diag(START**2), ARW)
+    return KalmanFilter(A, GyroParameters(parameters.G, TRUTH.bias + off[3:]), np.diag(START**2), FILTER_CASE_ARW)
 
 
 def consistency(cases, **options):
@@ -70,7 +70,7 @@ def consistency(cases, **options):
         rng = np.random.default_rng([41, seed])
         found = run(started(rng, TRUTH), flight.gyro(rng), sensors(rng, **options), 0.0, TIMES)
         errors = state_errors(found.A, found.x, found.names, flight.at(TIMES), TRUTH)
-        values.append(nees(errors, found.covariance))
+        values.append(compute_nees(errors, found.covariance))
         ratios.append(found.innovations.nis.sum() / found.innovations.dof.sum())
     return np.mean(values, axis=0), np.mean(ratios)
 
@@ -100,7 +100,7 @@ def test_on_board_residual_is_consistent():
     cases, white, naive = 30, [], []
     for seed in range(cases):
         rng = np.random.default_rng([42, seed])
-        apriori = parameters_near(rng, 1e-4, np.deg2rad(1e-5))
+        apriori = draw_apriori_parameters(rng, 1e-4, np.deg2rad(1e-5))
         onboard = OnBoardCalibrator(started(rng, apriori), apriori)
         (one,) = replay(onboard, flight.gyro(rng), sensors(rng), 0.0, [SPAN])
         noise = one.residual - one.Theta @ (apriori.vector - TRUTH.vector)

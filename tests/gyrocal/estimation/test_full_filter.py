@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 
 from gyrocal import InputError, attitude, calibrate
-from gyrocal.estimation.full_filter import Leg, change_chi2, run_legs, starting_covariance
-from gyrocal.estimation.mekf import KalmanFilter, nees
+from gyrocal.estimation.full_filter import Leg, build_starting_covariance, compute_change_chi2, run_legs
+from gyrocal.estimation.mekf import KalmanFilter, compute_nees
 from gyrocal.sensors.series import SensorSeries
-from studies.estimation.filter_cases import ARW, fly, full_and_separate, parameters_near, prior, vectors
+from studies.estimation.filter_cases import (
+    FILTER_CASE_ARW,
+    build_apriori_covariance,
+    draw_apriori_parameters,
+    fly,
+    run_full_and_separate,
+    simulate_direction_series,
+)
 from tests.builders import TRUTH, mean_bounds, piecewise_recording
 
 OFFSET = np.deg2rad(0.04)
@@ -38,19 +45,19 @@ class AttitudeModel:
 
 
 def error_nees(x, P):
-    return nees((x - TRUTH.vector)[None], P[None])[0]
+    return compute_nees((x - TRUTH.vector)[None], P[None])[0]
 
 
 def ends_only(seed, sigma_G, sigma_b):
     """The same recording by the filter, which meets an attitude at each end of the maneuvers, and by the calibration."""
     rng = np.random.default_rng([31, seed])
-    apriori = parameters_near(rng, sigma_G, sigma_b)
-    recording = piecewise_recording(rng=rng, arw=ARW, apriori=apriori)
+    apriori = draw_apriori_parameters(rng, sigma_G, sigma_b)
+    recording = piecewise_recording(rng=rng, arw=FILTER_CASE_ARW, apriori=apriori)
     A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
     series = SensorSeries(AttitudeModel(A), recording.attitudes.t_s, np.zeros((len(A), 3)), recording.attitudes.sigma)
     legs = [Leg(one.name, one.start_s, one.stop_s, A[2 * k]) for k, one in enumerate(recording.intervals)]
-    P0 = prior(sigma_G, sigma_b)
-    estimator = KalmanFilter(A[0], apriori, starting_covariance(1.0, P0), ARW, names="all")
+    P0 = build_apriori_covariance(sigma_G, sigma_b)
+    estimator = KalmanFilter(A[0], apriori, build_starting_covariance(1.0, P0), FILTER_CASE_ARW, names="all")
     full = run_legs(estimator, recording.gyro, [series], legs, restart_sigma=1.0)
     return full, calibrate(recording, apriori_covariance=P0)
 
@@ -81,7 +88,7 @@ def study(cases, offset_sigma=0.0, reference_sigma=0.0):
     """Means over seeds: NEES of both, innovations and changes per degree of freedom, mean square of G."""
     rows = []
     for seed in range(cases):
-        full, ((separate, P),) = full_and_separate(np.random.default_rng([32, seed]), offset_sigma, (reference_sigma,))
+        full, ((separate, P),) = run_full_and_separate(np.random.default_rng([32, seed]), offset_sigma, (reference_sigma,))
         rows.append(
             {
                 "full": error_nees(full.parameters.vector, full.covariance),
@@ -123,20 +130,22 @@ def test_a_misaligned_sensor_makes_it_too_sure():
 
 def test_change_of_an_estimate_by_hand():
     before, after = np.diag([4.0, 9.0, 1.0]), np.diag([1.0, 9.0, 0.5])
-    chi2, dof = change_chi2(np.array([3.0, 0.1, 1.0]), before, after)
+    chi2, dof = compute_change_chi2(np.array([3.0, 0.1, 1.0]), before, after)
     assert dof == 2  # nothing has been told about the second
     np.testing.assert_allclose(chi2, 9.0 / 3.0 + 1.0 / 0.5)
     # Whatever the basis: the same in mixed parameters.
     T = np.random.default_rng(0).normal(size=(3, 3))
-    mixed = change_chi2(T @ [3.0, 0.1, 1.0], T @ before @ T.T, T @ after @ T.T)
+    mixed = compute_change_chi2(T @ [3.0, 0.1, 1.0], T @ before @ T.T, T @ after @ T.T)
     np.testing.assert_allclose(mixed, (chi2, dof))
 
 
 def test_wrong_use():
     flight = fly(length=100.0)
     gyro = flight.gyro()
-    estimator = KalmanFilter(flight.A[0], TRUTH, starting_covariance(0.1, prior()), ARW, names="all")
+    estimator = KalmanFilter(
+        flight.A[0], TRUTH, build_starting_covariance(0.1, build_apriori_covariance()), FILTER_CASE_ARW, names="all"
+    )
     with pytest.raises(InputError, match="no legs"):
         run_legs(estimator, gyro, [], [])
     with pytest.raises(InputError, match="without an attitude"):
-        run_legs(estimator, gyro, [vectors(flight)], [Leg("a", 0.0, 40.0), Leg("b", 50.0, 60.0)])
+        run_legs(estimator, gyro, [simulate_direction_series(flight)], [Leg("a", 0.0, 40.0), Leg("b", 50.0, 60.0)])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from gyrocal.estimation.least_squares import Exact, Plain, Rows, per_increment
+from gyrocal.estimation.least_squares import ExactLeastSquares, PlainLeastSquares, Rows, accumulate_by_increment
 
 NODES, ROWS, P = 12, 60, 5
 
@@ -53,8 +53,8 @@ def test_plain_errors_are_the_sandwich(system):
     X, B, _ = dense(rows, q)
     T, E = wanted_maps(maps, nodes)
     gain = np.linalg.solve(X.T @ X, X.T)
-    solver = Plain(rows, NODES)
-    influence = solver.influence(nodes, maps[nodes])
+    solver = PlainLeastSquares(rows, NODES)
+    influence = solver.compute_influence(nodes, maps[nodes])
     np.testing.assert_allclose(influence.measurements, -T @ gain, atol=1e-12)
     np.testing.assert_allclose(influence.walk.transpose(1, 0, 2).reshape(len(T), -1), E - T @ gain @ B, atol=1e-10)
     gamma, delta, length = solver.step()
@@ -71,7 +71,7 @@ def test_exact_is_generalised_least_squares_and_kriging(system):
     information = X.T @ W @ X
     estimate = np.linalg.solve(information, X.T @ W @ rows.z)
     walk = (B * np.repeat(q, 3) ** 2).T @ W @ (rows.z - X @ estimate)
-    solver = Exact(rows, q, np.zeros((NODES - 1, 3)))
+    solver = ExactLeastSquares(rows, q, np.zeros((NODES - 1, 3)))
     gamma, delta, length = solver.step()
     np.testing.assert_allclose(delta, estimate[3:], rtol=1e-9)
     for node in range(NODES):
@@ -81,7 +81,7 @@ def test_exact_is_generalised_least_squares_and_kriging(system):
     K = np.linalg.solve(information, X.T @ W)
     to_z = T @ K + E @ S @ B.T @ W @ (np.eye(ROWS) - X @ K)
     expected = to_z @ V @ to_z.T - to_z @ B @ S @ E.T - (to_z @ B @ S @ E.T).T + E @ S @ E.T
-    influence = solver.influence(nodes, maps[nodes])
+    influence = solver.compute_influence(nodes, maps[nodes])
     np.testing.assert_allclose(influence.measurements, -to_z, atol=1e-9)
     np.testing.assert_allclose(joint(influence, q), expected, rtol=1e-7, atol=1e-12)
     assert length > 0
@@ -89,9 +89,9 @@ def test_exact_is_generalised_least_squares_and_kriging(system):
 
 def test_exact_converges_in_one_step_of_a_linear_problem(system):
     rows, q, _ = system
-    gamma, delta, _ = Exact(rows, q, np.zeros((NODES - 1, 3))).step()
+    gamma, delta, _ = ExactLeastSquares(rows, q, np.zeros((NODES - 1, 3))).step()
     left = rows.z - np.einsum("ri,ri->r", rows.attitude, gamma[rows.node]) - rows.parameters @ delta
-    after = Exact(Rows(rows.node, rows.attitude, rows.parameters, left), q, np.diff(gamma, axis=0))
+    after = ExactLeastSquares(Rows(rows.node, rows.attitude, rows.parameters, left), q, np.diff(gamma, axis=0))
     again, change, length = after.step()
     assert length < 1e-9
     np.testing.assert_allclose(again, 0, atol=1e-12)
@@ -105,13 +105,13 @@ def test_exact_converges_in_one_step_of_a_linear_problem(system):
 def test_a_small_walk_is_the_plain_solution(system):
     rows, q, maps = system
     nodes = np.array([2, 7])
-    exact, plain = Exact(rows, 1e-5 * q, np.zeros((NODES - 1, 3))), Plain(rows, NODES)
+    exact, plain = ExactLeastSquares(rows, 1e-5 * q, np.zeros((NODES - 1, 3))), PlainLeastSquares(rows, NODES)
     np.testing.assert_allclose(exact.step()[1], plain.step()[1], rtol=1e-4)
-    a, b = exact.influence(nodes, maps[nodes]), plain.influence(nodes, maps[nodes])
+    a, b = exact.compute_influence(nodes, maps[nodes]), plain.compute_influence(nodes, maps[nodes])
     np.testing.assert_allclose(joint(a, 1e-5 * q), joint(b, 1e-5 * q), rtol=1e-4, atol=1e-12)
 
 
 def test_an_increment_enters_later_nodes_only():
     rows = Rows(np.array([0, 1, 2]), np.eye(3), np.zeros((3, 3)), np.zeros(3))
     errors = np.array([[1.0, 2.0, 4.0]])
-    np.testing.assert_array_equal(per_increment(rows, errors, 3), [[[0, 2, 4]], [[0, 0, 4]]])
+    np.testing.assert_array_equal(accumulate_by_increment(rows, errors, 3), [[[0, 2, 4]], [[0, 0, 4]]])

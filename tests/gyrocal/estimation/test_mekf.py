@@ -7,9 +7,9 @@ import pytest
 
 from gyrocal import GyroParameters, InputError, attitude
 from gyrocal.estimation.filter_run import run
-from gyrocal.estimation.mekf import KalmanFilter, nees
+from gyrocal.estimation.mekf import KalmanFilter, compute_nees
 from gyrocal.sensors.series import SensorSeries
-from studies.estimation.filter_cases import ARW, NOISE, Z, fly, vectors
+from studies.estimation.filter_cases import FILTER_CASE_ARW, FILTER_CASE_SIGMA, Z, fly, simulate_direction_series
 from studies.estimation.flights import DirectionSensor
 from tests.builders import TRUTH, mean_bounds, state_errors
 
@@ -23,7 +23,7 @@ def flight():
     return fly([(Z, 180.0, 1500.0, 800.0)], 4000.0)
 
 
-def started(flight, rng, arw=ARW, scale=1.0, **options):
+def started(flight, rng, arw=FILTER_CASE_ARW, scale=1.0, **options):
     """A filter whose start is off by a draw from its covariance."""
     off = rng.standard_normal(6) * SIGMA * scale
     A = attitude.rotation_matrix(-off[:3]) @ flight.A[0]
@@ -39,9 +39,9 @@ def test_estimate_is_the_least_squares_solution():
     scale = 1e-4
     flight = fly([(Z, 20.0, 100.0, 120.0)], 300.0, sample_s=2.0)
     rng = np.random.default_rng(4)
-    gyro = dataclasses.replace(flight, arw=ARW * scale).gyro(rng)
-    series = vectors(flight, rng, every=20.0, sigma=NOISE * scale)
-    start = started(flight, rng, arw=ARW * scale, scale=scale)
+    gyro = dataclasses.replace(flight, arw=FILTER_CASE_ARW * scale).gyro(rng)
+    series = simulate_direction_series(flight, rng, every=20.0, sigma=FILTER_CASE_SIGMA * scale)
+    start = started(flight, rng, arw=FILTER_CASE_ARW * scale, scale=scale)
     A0, x0 = start.A.copy(), start.x.copy()
     found = run(start, gyro, [series], 0.0, np.array([300.0]))
     # States at all measurement times as linear maps of (state at 0, noise of each sample).
@@ -59,9 +59,9 @@ def test_estimate_is_the_least_squares_solution():
     for k, t in enumerate(series.t):
         at = np.array(A)[[round(t / 2.0)]]
         jacobian = series.model.jacobian(at, np.array([k]))[0]
-        rows.append(jacobian @ maps[round(t / 2.0)][:3] / (NOISE * scale))
-        z.append((series.y[k] - series.model.predict(at, np.array([k]))[0]) / (NOISE * scale))
-    prior = np.concatenate([1 / (SIGMA * scale), np.full(3 * steps, 1 / (ARW * scale * np.sqrt(2.0)))])
+        rows.append(jacobian @ maps[round(t / 2.0)][:3] / (FILTER_CASE_SIGMA * scale))
+        z.append((series.y[k] - series.model.predict(at, np.array([k]))[0]) / (FILTER_CASE_SIGMA * scale))
+    prior = np.concatenate([1 / (SIGMA * scale), np.full(3 * steps, 1 / (FILTER_CASE_ARW * scale * np.sqrt(2.0)))])
     H = np.vstack([np.diag(prior), *rows])
     solution = np.linalg.lstsq(H, np.concatenate([np.zeros(len(prior)), *z]), rcond=None)[0]
     covariance = maps[-1] @ np.linalg.inv(H.T @ H) @ maps[-1].T
@@ -75,13 +75,13 @@ def test_estimate_is_the_least_squares_solution():
 def test_consistent_over_seeds_and_not_when_told_too_little_noise(flight):
     cases = 40
     results = {}
-    for label, told in (("right", ARW), ("understated", ARW / 4)):
+    for label, told in (("right", FILTER_CASE_ARW), ("understated", FILTER_CASE_ARW / 4)):
         values, innovations = [], []
         for seed in range(cases):
             rng = np.random.default_rng([11, seed])
             estimator = started(flight, rng, arw=told)
-            found = run(estimator, flight.gyro(rng), [vectors(flight, rng)], 0.0, TIMES)
-            values.append(nees(errors_of(flight, found), found.covariance))
+            found = run(estimator, flight.gyro(rng), [simulate_direction_series(flight, rng)], 0.0, TIMES)
+            values.append(compute_nees(errors_of(flight, found), found.covariance))
             innovations.append(found.innovations.nis)
         results[label] = np.mean(values, axis=0), np.mean(innovations)
     low, high = mean_bounds(6, cases)
@@ -103,10 +103,10 @@ def test_a_walking_bias_is_followed_by_a_filter_that_knows(flight):
             # The walk within a sample adds (walk^2 dt^3 / 3) to the angle, a ten-thousandth of the white noise's.
             steps = walk * rng.standard_normal(flight.rates.shape)
             bias = TRUTH.bias + np.cumsum(steps, axis=0)
-            found = run(estimator, flight.gyro(rng, bias=bias), [vectors(flight, rng)], 0.0, TIMES[-1:])
+            found = run(estimator, flight.gyro(rng, bias=bias), [simulate_direction_series(flight, rng)], 0.0, TIMES[-1:])
             truth = GyroParameters(TRUTH.G, bias[-1])
             error = state_errors(found.A, found.x, found.names, flight.A[-1:], truth)
-            values[told].append(nees(error, found.covariance)[0])
+            values[told].append(compute_nees(error, found.covariance)[0])
     low, high = mean_bounds(6, cases)
     assert low < np.mean(values[walk]) < high
     assert np.mean(values[0.0]) > high
@@ -114,10 +114,10 @@ def test_a_walking_bias_is_followed_by_a_filter_that_knows(flight):
 
 def test_gate_keeps_outliers_out(flight):
     rng = np.random.default_rng(13)
-    gyro, series = flight.gyro(rng), vectors(flight, rng)
+    gyro, series = flight.gyro(rng), simulate_direction_series(flight, rng)
     bad = rng.random(len(series.t)) < 0.05
     bad[:10] = False
-    spoilt = dataclasses.replace(series, y=series.y + np.where(bad[:, None], 50 * NOISE, 0.0))
+    spoilt = dataclasses.replace(series, y=series.y + np.where(bad[:, None], 50 * FILTER_CASE_SIGMA, 0.0))
     gated = started(flight, np.random.default_rng(14), gate=1e-6)
     open_to_all = started(flight, np.random.default_rng(14))
     clean = started(flight, np.random.default_rng(14))
@@ -127,14 +127,14 @@ def test_gate_keeps_outliers_out(flight):
     assert found.rejected == gated.rejected == bad.sum() == (~found.innovations.accepted).sum()
     np.testing.assert_array_equal(found.innovations.row[~found.innovations.accepted], np.flatnonzero(bad))
     np.testing.assert_allclose(found.x, reference.x, rtol=1e-12)
-    assert nees(errors_of(flight, found), found.covariance).max() < 30
-    assert nees(errors_of(flight, without), without.covariance).max() > 100
+    assert compute_nees(errors_of(flight, found), found.covariance).max() < 30
+    assert compute_nees(errors_of(flight, without), without.covariance).max() > 100
     assert without.rejected == 0
 
 
 def test_run_is_the_step_by_step_form(flight):
     rng = np.random.default_rng(15)
-    gyro, series = flight.gyro(rng), vectors(flight, rng)
+    gyro, series = flight.gyro(rng), simulate_direction_series(flight, rng)
     found = run(started(flight, np.random.default_rng(1)), gyro, [series], 0.0, TIMES)
     alone = started(flight, np.random.default_rng(1))
     for k in range(len(gyro.t_s) + 1):
@@ -150,7 +150,7 @@ def test_run_is_the_step_by_step_form(flight):
 
 def test_numbers_with_infinite_sigma_do_not_act(flight):
     rng = np.random.default_rng(16)
-    gyro, series = flight.gyro(rng), vectors(flight, rng)
+    gyro, series = flight.gyro(rng), simulate_direction_series(flight, rng)
     sigma = series.sigma.copy()
     sigma[:, 3:] = np.inf
     sigma[100:200] = np.inf
@@ -179,7 +179,7 @@ def test_what_the_sensor_should_not_see_does_not_act(flight):
         def predict(self, A, rows):
             return np.where(np.arange(6) < 3, super().predict(A, rows), np.nan)
 
-    series = vectors(flight, np.random.default_rng(17))
+    series = simulate_direction_series(flight, np.random.default_rng(17))
     found, same = (
         run(started(flight, np.random.default_rng(1)), flight.gyro(), [one], 0.0, TIMES[:1])
         for one in (
@@ -196,9 +196,9 @@ def test_what_the_sensor_should_not_see_does_not_act(flight):
 def test_wrong_use(flight):
     gyro = flight.gyro()
     with pytest.raises(InputError, match="walks must be solved for"):
-        KalmanFilter(np.eye(3), TRUTH, np.eye(5), ARW, rate_random_walk=1e-9, names=("b_x", "b_y"))
+        KalmanFilter(np.eye(3), TRUTH, np.eye(5), FILTER_CASE_ARW, rate_random_walk=1e-9, names=("b_x", "b_y"))
     with pytest.raises(InputError, match="probability"):
-        KalmanFilter(np.eye(3), TRUTH, P0, ARW, gate=3.0)
+        KalmanFilter(np.eye(3), TRUTH, P0, FILTER_CASE_ARW, gate=3.0)
     with pytest.raises(InputError, match="6×6"):
         started(flight, np.random.default_rng(0)).restart(np.eye(3), np.eye(5))
     with pytest.raises(InputError, match="ascend"):

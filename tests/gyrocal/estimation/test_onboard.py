@@ -6,43 +6,43 @@ import numpy as np
 import pytest
 
 from gyrocal import GyroParameters, InputError, RecursiveCalibrator, StreamingPropagation, calibrate
-from gyrocal.estimation.mekf import KalmanFilter, nees
-from gyrocal.estimation.onboard import OnBoardCalibrator, recorded, replay
+from gyrocal.estimation.mekf import KalmanFilter, compute_nees
+from gyrocal.estimation.onboard import OnBoardCalibrator, build_ground_recording, replay
 from studies.estimation.filter_cases import (
-    ARW,
+    DIRECTION_SENSOR_SIGMA,
+    FILTER_CASE_ARW,
+    FILTER_CASE_SAMPLE_S,
+    FILTER_START_SIGMA,
     OPENINGS,
-    SENSOR,
     SPANS,
-    START,
-    STEP,
+    build_maneuver_timeline,
+    compute_independent_covariance,
+    draw_apriori_parameters,
     fly,
-    independent_covariance,
-    maneuver_timeline,
-    on_board_case,
-    parameters_near,
-    solved_with,
-    vectors,
+    run_onboard_case,
+    simulate_direction_series,
+    solve_with_covariances,
 )
 from tests.builders import TRUTH, mean_bounds
 
 
 def calibrated(seed, openings=None, start=None, **options):
     """A-priori parameters, calibrator, maneuvers and gyro stream of one case."""
-    case = on_board_case(np.random.default_rng([21, seed]), openings, start, **options)
+    case = run_onboard_case(np.random.default_rng([21, seed]), openings, start, **options)
     return case.apriori, case.onboard, case.maneuvers, case.gyro
 
 
 def batch_nees(apriori, maneuvers, covariances):
     """NEES of the parameters from these maneuvers with other C."""
-    x, P = solved_with(apriori, maneuvers, covariances)
-    return nees((x - TRUTH.vector)[None], P[None])[0]
+    x, P = solve_with_covariances(apriori, maneuvers, covariances)
+    return compute_nees((x - TRUTH.vector)[None], P[None])[0]
 
 
 @pytest.mark.parametrize("prior", [False, True])
 def test_same_as_the_ground_batch_from_the_same_references(prior):
     P0 = np.diag(np.repeat([1e-3, np.deg2rad(1e-4)], [9, 3]) ** 2) if prior else None
     apriori, onboard, maneuvers, gyro = calibrated(0, OPENINGS, through_filter=False, apriori_covariance=P0)
-    recording, C = recorded(maneuvers, SPANS, gyro, "on board", "1998-01-01T00:00:00Z")
+    recording, C = build_ground_recording(maneuvers, SPANS, gyro, "on board", "1998-01-01T00:00:00Z")
     ground = calibrate(recording, iterations=1, interval_covariance=C, apriori_covariance=P0)
     found, P = onboard.solve()
     assert np.abs((found.vector - ground.parameters.vector) / ground.sigma).max() < 1e-9
@@ -57,9 +57,9 @@ def test_residual_and_sensitivity_are_those_of_the_recursion():
         recursion = RecursiveCalibrator(apriori)
         alone = StreamingPropagation(apriori.G, apriori.bias)
         recursion.start(one.A_start, np.full(3, 1e-4))
-        for raw in gyro.rates[int(start / STEP) : int(stop / STEP)]:
-            recursion.sample(raw, STEP)
-            alone.update(raw, STEP)
+        for raw in gyro.rates[int(start / FILTER_CASE_SAMPLE_S) : int(stop / FILTER_CASE_SAMPLE_S)]:
+            recursion.sample(raw, FILTER_CASE_SAMPLE_S)
+            alone.update(raw, FILTER_CASE_SAMPLE_S)
         np.testing.assert_allclose(one.residual, recursion.finish(one.A_end, np.full(3, 1e-4)), atol=1e-13)
         np.testing.assert_allclose(one.Theta, alone.Theta, rtol=1e-9, atol=1e-9 * np.abs(alone.Theta).max())
         assert one.elapsed_s == stop - start
@@ -71,8 +71,8 @@ def outcome(cases, openings=None, **options):
     for seed in range(cases):
         apriori, onboard, maneuvers, _ = calibrated(seed, openings, **options)
         found, P = onboard.solve()
-        by_independence = [independent_covariance(one) for one in maneuvers]
-        own = nees((found.vector - TRUTH.vector)[None], P[None])[0]
+        by_independence = [compute_independent_covariance(one) for one in maneuvers]
+        own = compute_nees((found.vector - TRUTH.vector)[None], P[None])[0]
         solved.append((own, batch_nees(apriori, maneuvers, by_independence)))
         for one, C in zip(maneuvers, by_independence, strict=True):
             noise = one.residual - one.Theta @ (apriori.vector - TRUTH.vector)
@@ -105,26 +105,26 @@ def test_a_filter_that_runs_through_needs_its_own_sensitivity():
 
 def test_one_pass_linearises_once():
     """Errors of some percent in G take a second set of maneuvers, from what the first has found."""
-    far = parameters_near(np.random.default_rng(22), 0.02, np.deg2rad(1e-3))
+    far = draw_apriori_parameters(np.random.default_rng(22), 0.02, np.deg2rad(1e-3))
     first, second = [], []
     for seed in range(4):
         found, P = calibrated(seed, start=far)[1].solve()
-        first.append(nees((found.vector - TRUTH.vector)[None], P[None])[0])
+        first.append(compute_nees((found.vector - TRUTH.vector)[None], P[None])[0])
         found, P = calibrated(100 + seed, start=found)[1].solve()
-        second.append(nees((found.vector - TRUTH.vector)[None], P[None])[0])
+        second.append(compute_nees((found.vector - TRUTH.vector)[None], P[None])[0])
     assert np.min(first) > 100
     assert np.mean(second) < mean_bounds(12, 4)[1]
 
 
 def test_the_references_depend_on_the_parameters_as_stated():
     """θ = Θ Δx with S in Θ, by finite differences in G without noise; without S it does not hold."""
-    flight = maneuver_timeline()
-    gyro, series = flight.gyro(), vectors(flight, sigma=SENSOR)
+    flight = build_maneuver_timeline()
+    gyro, series = flight.gyro(), simulate_direction_series(flight, sigma=DIRECTION_SENSOR_SIGMA)
     step = 1e-4 * np.random.default_rng(2).standard_normal((3, 3))
 
     def maneuvers(G_step, through):
         apriori = GyroParameters(TRUTH.G + G_step, TRUTH.bias)
-        estimator = KalmanFilter(flight.A[0], apriori, np.diag(START**2), ARW)
+        estimator = KalmanFilter(flight.A[0], apriori, np.diag(FILTER_START_SIGMA**2), FILTER_CASE_ARW)
         return replay(OnBoardCalibrator(estimator, apriori, through_filter=through), gyro, [series], 0.0, SPANS)
 
     change = np.concatenate([step.ravel(), np.zeros(3)])
@@ -140,19 +140,21 @@ def test_the_references_depend_on_the_parameters_as_stated():
 
 def test_nothing_is_learnt_from_a_maneuver_without_measurements():
     """Then the end is the start, carried by the same samples: θ tells the filter's own bias and nothing else."""
-    flight, rng = maneuver_timeline(), np.random.default_rng(3)
-    apriori = parameters_near(rng, 1e-3, np.deg2rad(1e-4))
+    flight, rng = build_maneuver_timeline(), np.random.default_rng(3)
+    apriori = draw_apriori_parameters(rng, 1e-3, np.deg2rad(1e-4))
     gyro = flight.gyro(rng)
-    estimator = KalmanFilter(flight.A[0], GyroParameters(apriori.G, TRUTH.bias), np.diag(START**2), ARW)
+    estimator = KalmanFilter(
+        flight.A[0], GyroParameters(apriori.G, TRUTH.bias), np.diag(FILTER_START_SIGMA**2), FILTER_CASE_ARW
+    )
     onboard = OnBoardCalibrator(estimator, apriori)
     (one,) = replay(onboard, gyro, [], 0.0, [(100.0, 4000.0)])
     Theta_b = np.zeros((3, 3))
     R, B = np.empty((3, 3)), np.empty((3, 3))
-    alone = KalmanFilter(flight.A[0], GyroParameters(apriori.G, TRUTH.bias), np.eye(6), ARW)
+    alone = KalmanFilter(flight.A[0], GyroParameters(apriori.G, TRUTH.bias), np.eye(6), FILTER_CASE_ARW)
     for raw in gyro.rates[50:2000]:
-        R, B = alone.step(raw, STEP)
+        R, B = alone.step(raw, FILTER_CASE_SAMPLE_S)
         Theta_b = R @ Theta_b + B
-    expected = Theta_b @ np.diag(START[3:] ** 2) @ Theta_b.T
+    expected = Theta_b @ np.diag(FILTER_START_SIGMA[3:] ** 2) @ Theta_b.T
     np.testing.assert_allclose(one.C, expected, atol=2e-3 * np.abs(expected).max())  # the two biases turn R a little apart
     assert np.abs(one.Theta[:, :9]).max() < 1e-2 * np.abs(_theta(apriori, gyro)).max()
 
@@ -160,7 +162,7 @@ def test_nothing_is_learnt_from_a_maneuver_without_measurements():
 def _theta(parameters, gyro):
     alone = StreamingPropagation(parameters.G, parameters.bias)
     for raw in gyro.rates[50:2000]:
-        alone.update(raw, STEP)
+        alone.update(raw, FILTER_CASE_SAMPLE_S)
     return alone.Theta[:, :9]
 
 
@@ -174,15 +176,17 @@ def test_reference_errors_are_added_at_both_ends():
 
 def test_samples_are_cut_at_events():
     flight = fly(length=100.0)
-    gyro, series = flight.gyro(), vectors(flight)
+    gyro, series = flight.gyro(), simulate_direction_series(flight)
     apriori = GyroParameters(TRUTH.G, TRUTH.bias)
     late = dataclasses.replace(series, t=series.t + 0.25)
     found = []
     for spans in ([(10.0, 50.0), (50.0, 80.0)], [(10.0, 50.5), (50.5, 80.0)]):
-        onboard = OnBoardCalibrator(KalmanFilter(flight.A[0], apriori, np.diag(START**2), ARW), apriori)
+        onboard = OnBoardCalibrator(
+            KalmanFilter(flight.A[0], apriori, np.diag(FILTER_START_SIGMA**2), FILTER_CASE_ARW), apriori
+        )
         maneuvers = replay(onboard, gyro, [late], 0.0, spans)
         found.append([one.elapsed_s for one in maneuvers])
-        recording, C = recorded(maneuvers, spans, gyro, "cut", "1998-01-01T00:00:00Z")
+        recording, C = build_ground_recording(maneuvers, spans, gyro, "cut", "1998-01-01T00:00:00Z")
         assert len(recording.attitudes.t_s) == 3
         assert C.shape == (2, 3, 3)
     np.testing.assert_allclose(found, [[40.0, 30.0], [40.5, 29.5]])
@@ -191,7 +195,7 @@ def test_samples_are_cut_at_events():
 def test_wrong_use():
     flight = fly(length=100.0)
     gyro = flight.gyro()
-    estimator = KalmanFilter(flight.A[0], TRUTH, np.diag(START**2), ARW)
+    estimator = KalmanFilter(flight.A[0], TRUTH, np.diag(FILTER_START_SIGMA**2), FILTER_CASE_ARW)
     with pytest.raises(InputError, match="same G"):
         OnBoardCalibrator(estimator, GyroParameters(np.eye(3), TRUTH.bias))
     onboard = OnBoardCalibrator(estimator, TRUTH)

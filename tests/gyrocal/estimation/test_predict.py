@@ -8,8 +8,8 @@ import pytest
 
 import simulator
 from gyrocal import GyroParameters, InputError, attitude, triad
-from gyrocal.estimation.predict import conditioned, predict, prior_covariance, steps
-from gyrocal.recording.trackers import to_sensors
+from gyrocal.estimation.predict import condition_on_references, list_step_times, predict, prior_covariance
+from gyrocal.recording.trackers import convert_to_sensors
 from simulator.simulate import motion, observe
 from simulator.streams import generator
 from tests import ROOT
@@ -82,11 +82,11 @@ def test_times_inside_are_smoothed_and_a_hole_is_bridged():
     recording = drawn(3)
     t = recording.attitudes.t_s
     hole = (t > 300.0) & (t < 500.0)
-    found = conditioned(recording, ~hole, t[hole], P0)
+    found = condition_on_references(recording, ~hole, t[hole], P0)
     middle, edge = found.sigma[len(found.sigma) // 2], found.sigma[0]
     assert (middle > edge).all()
     assert (np.abs(error(found)) < 4.5 * found.sigma).all()
-    seen = conditioned(recording, np.ones_like(hole), t[hole], P0)
+    seen = condition_on_references(recording, np.ones_like(hole), t[hole], P0)
     assert (seen.sigma < found.sigma).all()
 
 
@@ -142,7 +142,7 @@ def test_what_a_turned_tracker_will_show_has_the_covariance_that_is_claimed(flow
     plain = observe(TRACKED, flown, gyro_rng=None, reference_rng=None).attitudes
     names = [one.name for one in plain.sensors]
     inside = (plain.t_s > TRACKED_FROM_S) & (plain.t_s <= 3600.0)
-    measured = attitude.matrix_from_quaternion(to_sensors(plain))
+    measured = attitude.matrix_from_quaternion(convert_to_sensors(plain))
     nees = {name: [] for name in names}
     for case in range(cases):
         recording = tracked(flown, case)
@@ -174,6 +174,6 @@ def test_equal_steps_end_at_the_first_gap():
     gyro = QUIET.gyro
     kept = (gyro.t_s < 700.0) | (gyro.t_s > 750.0)
     holed = replace(QUIET, gyro=replace(gyro, t_s=gyro.t_s[kept], rates=gyro.rates[kept]))
-    found = steps(holed, FROM_S, 12.5)
+    found = list_step_times(holed, FROM_S, 12.5)
     np.testing.assert_allclose(found, FROM_S + 12.5 * np.arange(1, 5))
-    assert steps(holed, FROM_S, 1e3).size == 0
+    assert list_step_times(holed, FROM_S, 1e3).size == 0

@@ -86,9 +86,9 @@ REAL = SHARED / "real" / "broad"
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the public recordings are not kept in the repository")
 def test_normalised_errors_of_a_real_recording_are_near_one():
-    from studies.validation.broad import read, to_recording
+    from studies.validation.broad import build_recording, read
 
-    recording = to_recording(read(REAL / "05_undisturbed_slow_rotation_with_breaks_B.parquet")).recording
+    recording = build_recording(read(REAL / "05_undisturbed_slow_rotation_with_breaks_B.parquet")).recording
     start_s, stop_s = recording.intervals[0].start_s, recording.intervals[-1].stop_s
     half_s = 0.5 * (start_s + stop_s)
     first, second = cut_recording(recording, start_s, half_s), cut_recording(recording, half_s, stop_s)

@@ -8,15 +8,23 @@ import scipy.stats
 from gyrocal import GyroParameters, InputError, Interval, Recording, calibrate
 from gyrocal.attitude import matrix_from_quaternion, residual, rotation_matrix
 from gyrocal.calibration.propagation import propagate
-from gyrocal.calibration.sampling import measurements
+from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.estimation.reference_covariance import (
     interval_covariance,
     reference_attitudes,
     residual_covariance,
 )
 from simulator.streams import generator
-from studies.estimation.attitude_cases import ARW, TRUE_BIAS, star_batch, timeline
-from studies.estimation.reference_cases import BACKWARD, EPOCH, FORWARD, SIGMA, SLEW, apart, chain
+from studies.estimation.attitude_cases import ATTITUDE_CASE_ARW, TRUE_BIAS, build_timeline_flight, run_star_batch
+from studies.estimation.reference_cases import (
+    BACKWARD,
+    COMPONENT_SIGMA,
+    FORWARD,
+    REFERENCE_CASE_EPOCH,
+    SLEW_RATE,
+    build_chain_case,
+    build_separate_case,
+)
 from tests.builders import TRUE_G, is_mean_of_chi2, squared_error
 
 TRUTH = GyroParameters(TRUE_G, TRUE_BIAS)
@@ -25,12 +33,12 @@ TRUE = TRUTH.vector
 
 def references(motion, gyro, low, high, times, rng, weighting="plain", every_s=30.0):
     """A batch between two times, with attitudes wanted at some."""
-    return star_batch(motion, gyro, low, high, times, rng, SIGMA, weighting, every_s)
+    return run_star_batch(motion, gyro, low, high, times, rng, COMPONENT_SIGMA, weighting, every_s)
 
 
 def solved(recording, V, iterations=4):
     """The calibration with one covariance V of all residuals: parameters and P. What `calibrate` does block by block."""
-    prepared, A = measurements(recording), matrix_from_quaternion(recording.attitudes.quaternions)
+    prepared, A = prepare_measurements(recording), matrix_from_quaternion(recording.attitudes.quaternions)
     scale = np.array([1e-3] * 9 + [1e-7] * 3)
     x, W = np.concatenate([np.eye(3).ravel(), np.zeros(3)]), np.linalg.inv(V)
     for _ in range(iterations):
@@ -45,8 +53,10 @@ def solved(recording, V, iterations=4):
 @pytest.mark.parametrize("weighting", ["plain", "exact"])
 def test_residuals_have_the_stated_covariance_with_all_that_is_shared(weighting):
     """Both ends of one batch, a batch that overlaps the interval, neighbours that share a batch: in one timeline."""
-    cases, arw = 300, 4 * ARW
-    motion = timeline([(FORWARD, 600.0), ((0, 0, SLEW), 200.0), (BACKWARD, 600.0), (BACKWARD, 400.0)], np.eye(3), arw=arw)
+    cases, arw = 300, 4 * ATTITUDE_CASE_ARW
+    motion = build_timeline_flight(
+        [(FORWARD, 600.0), ((0, 0, SLEW_RATE), 200.0), (BACKWARD, 600.0), (BACKWARD, 400.0)], np.eye(3), arw=arw
+    )
     intervals = (Interval("within", "", 0, 400), Interval("slew", "", 400, 1000), Interval("rest", "", 1200, 1800))
     spans = ((0, 600, (0, 400)), (800, 1400, (1000, 1200)), (1500, 1700, (1800,)))
     draws = []
@@ -54,8 +64,8 @@ def test_residuals_have_the_stated_covariance_with_all_that_is_shared(weighting)
         rng = generator(52, case, weighting)
         gyro = motion.gyro(rng)
         batches = [references(motion, gyro, *span, rng, weighting, every_s=60.0) for span in spans]
-        recording = Recording("shared", EPOCH, gyro, reference_attitudes(batches), intervals)
-        prepared, A = measurements(recording), matrix_from_quaternion(recording.attitudes.quaternions)
+        recording = Recording("shared", REFERENCE_CASE_EPOCH, gyro, reference_attitudes(batches), intervals)
+        prepared, A = prepare_measurements(recording), matrix_from_quaternion(recording.attitudes.quaternions)
         R = propagate(prepared.arcs, np.eye(3), TRUE_BIAS).R
         draws.append(residual(A[prepared.row], R @ A[prepared.start]).ravel())
     draws = np.array(draws)
@@ -72,9 +82,9 @@ def test_residuals_have_the_stated_covariance_with_all_that_is_shared(weighting)
 
 
 def test_two_attitudes_of_one_plain_batch_measure_the_bias_and_nothing_else():
-    motion = timeline([(FORWARD, 1200.0)], np.eye(3))
+    motion = build_timeline_flight([(FORWARD, 1200.0)], np.eye(3))
     found = references(motion, motion.gyro(), 0, 1200, (0, 900), generator(52, 0, "one"))
-    C = interval_covariance([found], [Interval("all", "", 0, 900)], ARW)[0]
+    C = interval_covariance([found], [Interval("all", "", 0, 900)], ATTITUDE_CASE_ARW)[0]
     # ψ over 900 s at a constant rate, N (11), by quadrature.
     tau = np.linspace(0, 900, 2001)
     turns = rotation_matrix(-tau[:, None] * (np.array(FORWARD) + found.bias - TRUE_BIAS))
@@ -83,7 +93,7 @@ def test_two_attitudes_of_one_plain_batch_measure_the_bias_and_nothing_else():
 
 
 def test_references_come_in_the_order_of_time_and_once():
-    motion = timeline([(FORWARD, 1200.0)], np.eye(3))
+    motion = build_timeline_flight([(FORWARD, 1200.0)], np.eye(3))
     rng = generator(52, 0, "two")
     late = references(motion, motion.gyro(), 600, 1200, (1200, 700), rng)
     early = references(motion, motion.gyro(), 0, 500, (0,), rng)
@@ -91,12 +101,12 @@ def test_references_come_in_the_order_of_time_and_once():
     np.testing.assert_array_equal(found.t_s, [0, 700, 1200])
     np.testing.assert_array_equal(found.sigma, [early.attitude_sigma[0], late.attitude_sigma[1], late.attitude_sigma[0]])
     whole, half = Interval("whole", "", 0, 1200), Interval("half", "", 0, 600)
-    assert residual_covariance([late, early], [whole], ARW).shape == (6, 6)
+    assert residual_covariance([late, early], [whole], ATTITUDE_CASE_ARW).shape == (6, 6)
     for match, call in (
         ("of one time, 0 s", lambda: reference_attitudes([early, early])),
         ("no batch", lambda: reference_attitudes([])),
-        ("whole has 3 references", lambda: interval_covariance([late, early], [whole], ARW)),
-        ("half: 1 reference", lambda: residual_covariance([late, early], [half], ARW)),
+        ("whole has 3 references", lambda: interval_covariance([late, early], [whole], ATTITUDE_CASE_ARW)),
+        ("half: 1 reference", lambda: residual_covariance([late, early], [half], ATTITUDE_CASE_ARW)),
     ):
         with pytest.raises(InputError, match=match):
             call()
@@ -105,11 +115,11 @@ def test_references_come_in_the_order_of_time_and_once():
 @pytest.fixture(scope="module")
 def separate():
     """NEES of a calibration from intervals apart, with the intervals' C and with references taken as independent."""
-    setup = apart(TRUTH)
+    setup = build_separate_case(TRUTH)
     out = {"given": [], "independent": []}
     for case in range(100):
         recording, batches = setup.draw(generator(53, case, "separate"))
-        C = interval_covariance(batches, setup.intervals, ARW)
+        C = interval_covariance(batches, setup.intervals, ATTITUDE_CASE_ARW)
         for name, options in (("given", {"interval_covariance": C}), ("independent", {})):
             result = calibrate(recording, **options)
             error = TRUE - result.parameters.vector
@@ -132,7 +142,7 @@ def test_without_the_shared_bias_it_is_not(separate):
 
 def test_stretches_between_slews_need_the_covariance_between_intervals():
     """A chain: each stretch ends one slew and starts the next, and is an interval itself; blocks alone waste and misstate."""
-    setup = chain(TRUTH)
+    setup = build_chain_case(TRUTH)
     values, sigmas, dof = {"whole": [], "blocks": [], "independent": []}, [], set()
     for case in range(100):
         recording, batches = setup.draw(generator(53, case, "chain"))
@@ -168,7 +178,7 @@ def test_stretches_between_slews_need_the_covariance_between_intervals():
 
 
 def test_a_covariance_of_all_residuals_is_checked():
-    setup = chain(TRUTH)
+    setup = build_chain_case(TRUTH)
     recording, batches = setup.draw(generator(53, 0, "chain"))
     V = residual_covariance(batches, setup.intervals, setup.arw)
     lopsided, negative, singular, unknown = V.copy(), V.copy(), V.copy(), V.copy()

@@ -8,9 +8,9 @@ import pytest
 from gyrocal import GyroParameters, InputError, attitude
 from gyrocal.estimation.batch import batch
 from gyrocal.estimation.filter_run import run
-from gyrocal.estimation.mekf import KalmanFilter, nees
+from gyrocal.estimation.mekf import KalmanFilter, compute_nees
 from gyrocal.estimation.smoother import smooth
-from studies.estimation.filter_cases import ARW, Z, fly, vectors
+from studies.estimation.filter_cases import FILTER_CASE_ARW, Z, fly, simulate_direction_series
 from tests.builders import TRUTH, mean_bounds, state_errors
 
 SIGMA = np.repeat([np.deg2rad(0.5), np.deg2rad(1e-3)], 3)
@@ -21,8 +21,8 @@ def filtered(flight, rng, sigma=SIGMA, times=TIMES):
     off = rng.standard_normal(6) * SIGMA
     A = attitude.rotation_matrix(-off[:3]) @ flight.A[0]
     start = GyroParameters(TRUTH.G, TRUTH.bias + off[3:])
-    gyro, series = flight.gyro(rng, start), vectors(flight, rng)
-    estimator = KalmanFilter(A, start, np.diag(sigma**2), ARW)
+    gyro, series = flight.gyro(rng, start), simulate_direction_series(flight, rng)
+    estimator = KalmanFilter(A, start, np.diag(sigma**2), FILTER_CASE_ARW)
     return run(estimator, gyro, [series], 0.0, times, keep_history=True), gyro, series, A
 
 
@@ -52,11 +52,11 @@ def test_joint_covariance_over_seeds():
         # The bias is one and the same at all times: attitudes at all, and the bias once.
         wanted = np.r_[0:3, 6:9, 12:18]
         P = smoothed.covariance.reshape(18, 18)[np.ix_(wanted, wanted)]
-        joint.append(nees(s.ravel()[wanted][None], P[None])[0])
+        joint.append(compute_nees(s.ravel()[wanted][None], P[None])[0])
         blocks = np.zeros_like(P)
         for k in range(0, 12, 3):
             blocks[k : k + 3, k : k + 3] = P[k : k + 3, k : k + 3]
-        alone.append(nees(s.ravel()[wanted][None], blocks[None])[0])
+        alone.append(compute_nees(s.ravel()[wanted][None], blocks[None])[0])
         assert (np.einsum("kii->ki", smoothed.marginal) <= np.einsum("kii->ki", found.covariance) * (1 + 1e-9)).all()
     low, high = mean_bounds(12, cases)
     assert low < np.mean(joint) < high

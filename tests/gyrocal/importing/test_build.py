@@ -9,13 +9,13 @@ from scipy.spatial.transform import Rotation
 
 import gyrocal
 from gyrocal import InputError, attitude, importing
-from gyrocal.importing import agreement, checked, motion, noise, rests
+from gyrocal.importing import agreement, motion, noise, rests, validate_mapping
 from gyrocal.importing.build import build, estimate_mounting
 from gyrocal.importing.sensors import join_sensors
-from gyrocal.importing.streams import Sensor, Streams, streams
-from gyrocal.recording.gyros import nominal, parity
+from gyrocal.importing.streams import Sensor, Streams, read_streams
+from gyrocal.recording.gyros import compute_nominal_gyros, compute_parity_basis
 from studies.validation import mems_log
-from studies.validation.imports import RIGHT, WRONG, is_named, refusal
+from studies.validation.imports import CORRECT_MAPPING, WRONG_MAPPINGS, find_refusal, is_mapping_named
 from tests.builders import piecewise_recording
 
 
@@ -26,14 +26,14 @@ def data():
 
 @pytest.fixture(scope="module")
 def imported(data):
-    mapping = checked(RIGHT, "mapping")
-    return build(streams(data.gyro, data.attitude, mapping), mapping)
+    mapping = validate_mapping(CORRECT_MAPPING, "mapping")
+    return build(read_streams(data.gyro, data.attitude, mapping), mapping)
 
 
 def test_noise_bias_rests_and_intervals_are_found_and_calibrated(imported, data):
     gyro = imported.recording.gyro
-    assert np.rad2deg(gyro.arw) == pytest.approx(mems_log.ARW_DEG_PER_SQRT_S, rel=0.05)
-    assert np.rad2deg(imported.recording.attitudes.sigma) == pytest.approx(mems_log.SIGMA_DEG, rel=0.15)
+    assert np.rad2deg(gyro.arw) == pytest.approx(mems_log.MEMS_ARW_DEG_PER_SQRT_S, rel=0.05)
+    assert np.rad2deg(imported.recording.attitudes.sigma) == pytest.approx(mems_log.REFERENCE_SIGMA_DEG, rel=0.15)
     # At rest G ω_raw + b = 0 up to noise; the bias to start from has G = I.
     np.testing.assert_allclose(gyro.apriori_bias, np.linalg.solve(data.G, data.bias), rtol=0.02)
     assert "2 rest(s) found" in imported.assumed
@@ -47,32 +47,32 @@ def test_noise_bias_rests_and_intervals_are_found_and_calibrated(imported, data)
     assert result.converged
 
 
-@pytest.mark.parametrize("kind", [*WRONG, "two faults"])
+@pytest.mark.parametrize("kind", [*WRONG_MAPPINGS, "two faults"])
 def test_a_wrong_mapping_is_named(data, kind):
     two = {"gyro": "gx,gy,gz:rad/s", "quat": "qw,qx,qy,qz:inertial-to-body"}
     both = "the attitude from body to inertial (body-to-inertial) and the gyro in deg/s, not rad/s"
-    changes, wanted = WRONG.get(kind, (two, both))
-    message = refusal(data, changes)
-    assert is_named(message, wanted), message
+    changes, wanted = WRONG_MAPPINGS.get(kind, (two, both))
+    message = find_refusal(data, changes)
+    assert is_mapping_named(message, wanted), message
 
 
 def test_a_scalar_last_file_read_as_scalar_first(data):
     table = data.attitude[["timestamp_ms", "qx", "qy", "qz", "qw"]].set_axis(["timestamp_ms", "a", "b", "c", "d"], axis=1)
     for direction in ("body-to-world", "world-to-body"):
         turned = table if direction == "body-to-world" else table.assign(a=-table["a"], b=-table["b"], c=-table["c"])
-        message = refusal(replace(data, attitude=turned), {"quat": f"a,b,c,d:{direction}:scalar-first"})
+        message = find_refusal(replace(data, attitude=turned), {"quat": f"a,b,c,d:{direction}:scalar-first"})
         assert message.endswith(" % with the quaternion's scalar part last (scalar-last)")
 
 
 def test_another_bodys_attitudes_fit_nothing(data):
     other = mems_log.log(np.random.default_rng(6), seconds=120.0)
-    message = refusal(replace(data, attitude=other.attitude), {})
+    message = find_refusal(replace(data, attitude=other.attitude), {})
     assert "are they of the same body and time?" in message
 
 
 def test_unchecked_tables_are_taken_and_it_is_written_down(data):
-    mapping = checked(RIGHT | {"gyro": "gy,gx,gz:deg/s"}, "mapping")
-    made = build(streams(data.gyro, data.attitude, mapping), mapping, check=False)
+    mapping = validate_mapping(CORRECT_MAPPING | {"gyro": "gy,gx,gz:deg/s"}, "mapping")
+    made = build(read_streams(data.gyro, data.attitude, mapping), mapping, check=False)
     assert any("imported unchecked although" in text and "y,x,z" in text for text in made.assumed)
 
 
@@ -80,30 +80,30 @@ def test_notes_stand_beside_a_recording_of_the_same_format(imported, tmp_path):
     importing.write(imported, tmp_path)
     again = gyrocal.load(tmp_path)
     np.testing.assert_allclose(again.gyro.rates, imported.recording.gyro.rates, rtol=1e-15)
-    notes = gyrocal.recording.read_toml(tmp_path / importing.NOTES)
-    assert notes["mapping"] == RIGHT
+    notes = gyrocal.recording.read_toml(tmp_path / importing.NOTES_FILE)
+    assert notes["mapping"] == CORRECT_MAPPING
     assert notes["assumed"] == list(imported.assumed)
 
 
 def test_tables_of_different_times_say_which_unit_would_do(data):
     later = data.attitude.assign(timestamp_ms=data.attitude["timestamp_ms"] + 10**7)
-    assert "is one of the time tags offset?" in refusal(replace(data, attitude=later), {})
+    assert "is one of the time tags offset?" in find_refusal(replace(data, attitude=later), {})
     started = data.attitude["timestamp_ms"] - mems_log.UNIX_MS
     g = data.gyro.assign(timestamp_ms=(data.gyro["timestamp_ms"] - mems_log.UNIX_MS) / 1000)
     wrong = replace(data, gyro=g, attitude=data.attitude.assign(timestamp_ms=started))
-    assert "with the attitudes' time unit 1000 times finer" in refusal(wrong, {"time": "timestamp_ms:s"})
+    assert "with the attitudes' time unit 1000 times finer" in find_refusal(wrong, {"time": "timestamp_ms:s"})
 
 
 def test_a_delay_of_a_few_samples_is_said_and_not_refused(data):
-    mapping = checked(RIGHT | {"attitude_offset_s": 0.05}, "mapping")
-    made = build(streams(data.gyro, data.attitude, mapping), mapping)
+    mapping = validate_mapping(CORRECT_MAPPING | {"attitude_offset_s": 0.05}, "mapping")
+    made = build(read_streams(data.gyro, data.attitude, mapping), mapping)
     assert any("-0.05 s added" in text and "not undone" in text for text in made.assumed)
 
 
 def test_a_gap_ends_an_interval(data):
-    mapping = checked(RIGHT | {"interval_s": 1000.0}, "mapping")
+    mapping = validate_mapping(CORRECT_MAPPING | {"interval_s": 1000.0}, "mapping")
     holed = data.gyro[(data.gyro.index < 5000) | (data.gyro.index > 5100)]
-    made = build(streams(holed, data.attitude, mapping), mapping)
+    made = build(read_streams(holed, data.attitude, mapping), mapping)
     first, second = made.recording.intervals
     assert first.stop_s <= second.start_s
     gyrocal.calibrate(made.recording)
@@ -161,7 +161,7 @@ def test_two_sensors_are_one_body():
 def four(mirror=1.0, rng=None, walk=0.0):
     """Streams of a tetrahedron of gyros, turned against the body, and the body's attitudes."""
     t, omega, body = turning()
-    axes = np.array(importing.mapping.TETRAHEDRON) * [1.0, 1.0, mirror]
+    axes = np.array(importing.column_mapping.TETRAHEDRON) * [1.0, 1.0, mirror]
     own = MOUNTING.inv().apply(omega)
     noise_of = 0.0 if rng is None else rng.normal(size=(t.size, 4)) * walk / np.sqrt(0.1)
     sensor = Sensor("", t, body.as_quat())
@@ -171,9 +171,9 @@ def four(mirror=1.0, rng=None, walk=0.0):
 @pytest.mark.parametrize("mirror", [1.0, -1.0])
 def test_the_mounting_of_a_tetrahedron_is_estimated(mirror):
     made, omega = four(mirror)
-    G = checked(RIGHT | {"axes": "tetrahedron"}, "x").directions(4)
+    G = validate_mapping(CORRECT_MAPPING | {"axes": "tetrahedron"}, "x").directions(4)
     (sensor,) = made.sensors
-    windows = motion.motion(made.t_s, made.raw @ G.T, 0.1, sensor.t_s, sensor.q)
+    windows = motion.build_motion(made.t_s, made.raw @ G.T, 0.1, sensor.t_s, sensor.q)
     C = estimate_mounting(windows, mirrored=True)
     assert np.sign(np.linalg.det(C)) == mirror
     np.testing.assert_allclose(made.raw @ (C @ G).T, omega, atol=2e-3 * np.abs(omega).max())
@@ -184,15 +184,15 @@ def test_four_gyros_stay_four_and_their_parity_has_their_noise():
     walk = np.deg2rad(1e-5)
     made, _ = four(rng=np.random.default_rng(2), walk=walk)
     entries = {"axes": "tetrahedron", "mounting": "estimate", "sigma_deg": [1e-4] * 3, "bias_deg_s": [0.0] * 3}
-    found = build(made, checked(RIGHT | entries, "x")).recording
+    found = build(made, validate_mapping(CORRECT_MAPPING | entries, "x")).recording
     assert found.gyro.names == tuple("1234")
     assert found.gyro.rates is made.raw
     assert found.gyro.arw == pytest.approx(walk, rel=0.1)
-    V = parity(nominal(found.gyro)[0], np.arange(4))
+    V = compute_parity_basis(compute_nominal_gyros(found.gyro)[0], np.arange(4))
     np.testing.assert_allclose(np.abs(V), 0.5)
     assert (made.raw @ V).std() == pytest.approx(walk / np.sqrt(0.1), rel=0.06)
     assert found.tables == {}
-    named = build(replace(made, channels=("a", "b", "c", "d")), checked(RIGHT | entries, "x"))
+    named = build(replace(made, channels=("a", "b", "c", "d")), validate_mapping(CORRECT_MAPPING | entries, "x"))
     assert named.recording.gyro.names == tuple("1234")
     assert "the gyros a, b, c, d are named 1, 2, 3, 4" in named.assumed
 
@@ -210,7 +210,7 @@ def trackers(rng, sigma, dropped=(100.0, 130.0)):
 def test_two_trackers_stay_two_with_their_own_noise_and_mounting():
     sigma = np.deg2rad([[0.001, 0.002, 0.008], [0.002, 0.001, 0.01]])
     made, t = trackers(np.random.default_rng(9), sigma)
-    found = build(made, checked(RIGHT | {"attitude_by": "sensor", "spacing_s": 1.0}, "x"))
+    found = build(made, validate_mapping(CORRECT_MAPPING | {"attitude_by": "sensor", "spacing_s": 1.0}, "x"))
     references = found.recording.attitudes
     assert [one.name for one in references.sensors] == ["s1", "s2"]
     assert [one.estimated for one in references.sensors] == [False, True]
@@ -232,8 +232,13 @@ def test_mountings_that_are_stated_are_kept_or_refused():
     made, _ = trackers(np.random.default_rng(9), np.full((2, 3), np.deg2rad(0.002)))
     made = replace(made, sensors=tuple(replace(one, name=f"st{k}") for k, one in enumerate(made.sensors, 1)))
     stated = {"st1": [0.0, 0.0, 0.0, 1.0], "st2": MOUNTING.as_quat().tolist()}
-    entries = RIGHT | {"attitude_by": "sensor", "mountings": stated, "spacing_s": 1.0, "mounting_sigma_deg": {"st2": [0.1] * 3}}
-    sensors = build(made, checked(entries, "x")).recording.attitudes.sensors
+    entries = CORRECT_MAPPING | {
+        "attitude_by": "sensor",
+        "mountings": stated,
+        "spacing_s": 1.0,
+        "mounting_sigma_deg": {"st2": [0.1] * 3},
+    }
+    sensors = build(made, validate_mapping(entries, "x")).recording.attitudes.sensors
     np.testing.assert_allclose(sensors[1].mounting, MOUNTING.as_quat(), atol=1e-12)
     assert sensors[1].estimated
     np.testing.assert_allclose(np.rad2deg(sensors[1].mounting_sigma), 0.1)
@@ -246,15 +251,15 @@ def test_mountings_that_are_stated_are_kept_or_refused():
         ({"estimated_mountings": ["st3"]}, "no mounting of st3 is stated"),
     ):
         with pytest.raises(InputError, match=words):
-            build(made, checked(entries | changes, "x"))
+            build(made, validate_mapping(entries | changes, "x"))
 
 
 def test_rests_of_a_body_that_turns_steadily_are_none():
     rng = np.random.default_rng(0)
     rates = np.tile(np.deg2rad([0.0, 0.06, 0.0]), (600, 1)) + rng.normal(size=(600, 3)) * 1e-7
-    assert rests.rests(rates, 0.1, np.full(600, np.deg2rad(0.06))) == []
+    assert rests.find_rests(rates, 0.1, np.full(600, np.deg2rad(0.06))) == []
     still = np.where(np.arange(600) < 100, 0.0, np.deg2rad(0.06))
-    ((first, stop),) = rests.rests(
+    ((first, stop),) = rests.find_rests(
         np.where(still[:, None] > 0, rates * 10 + rng.normal(size=(600, 3)) * 1e-3, rates), 0.1, still
     )
     assert 0 <= first <= 10
@@ -274,8 +279,8 @@ def test_a_single_axis_leaves_what_it_cannot_tell_in_the_message(data):
     about_z = np.column_stack([np.zeros(600), np.zeros(600), omega[:, 1]])
     angle = np.concatenate([[0.0], np.cumsum(about_z[:-1, 2] * 0.1)])
     q = Rotation.from_rotvec(np.outer(angle, [0, 0, 1.0])).as_quat()
-    windows = motion.motion(t, -about_z, 0.1, t, q)
-    found = agreement.agreement(windows, "deg/s", "s", "scalar-last")
+    windows = motion.build_motion(t, -about_z, 0.1, t, q)
+    found = agreement.evaluate_agreement(windows, "deg/s", "s", "scalar-last")
     assert not found.fits
     # A sign and a direction are one change each, and turns about one axis do not tell them apart.
     assert " or " in found.sentence

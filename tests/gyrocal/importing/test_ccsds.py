@@ -9,7 +9,7 @@ import pytest
 import gyrocal
 from gyrocal import InputError, attitude
 from gyrocal.importing import acm, aem
-from gyrocal.importing.units import to_utc
+from gyrocal.importing.units import convert_to_utc
 from studies.validation import mems_log
 from tests.builders import piecewise_recording
 from tests.gyrocal.importing import mems
@@ -26,7 +26,7 @@ def check_attitudes(found):
     np.testing.assert_allclose(found.q, RECORDING.attitudes.quaternions, rtol=0, atol=1e-12)
     assert (found.title, found.frames) == ("CRAFT", ("ICRF", "SC_BODY_1"))
     assert (found.clock.scale, found.clock.whole[0], found.clock.part[0]) == ("UTC", 1597579328, 0.25)
-    np.testing.assert_allclose(found.clock.since(1597579328) - 0.25, RECORDING.attitudes.t_s, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(found.clock.subtract(1597579328) - 0.25, RECORDING.attitudes.t_s, rtol=0, atol=1e-6)
 
 
 def check_message(found):
@@ -53,7 +53,7 @@ def test_what_is_written_is_read(tmp_path, form):
     found = aem.read_aem(message)
     check_attitudes(found)
     np.testing.assert_allclose(found.q, RECORDING.attitudes.quaternions, rtol=0, atol=4e-16)
-    np.testing.assert_allclose(found.clock.since(1597579328) - 0.25, RECORDING.attitudes.t_s, rtol=0, atol=2e-9)
+    np.testing.assert_allclose(found.clock.subtract(1597579328) - 0.25, RECORDING.attitudes.t_s, rtol=0, atol=2e-9)
     assert re.search(r"CREATION_DATE( = |>)20\d\d-\d\d-\d\dT", message.read_text())
     found = acm.read_acm(write_acm(tmp_path / "out.acm", form))
     check_message(found)
@@ -172,7 +172,7 @@ def version_1(direction="A2B", place="LAST"):
 def test_a_quarter_turn_by_hand(tmp_path):
     found = read(tmp_path, AEM)
     np.testing.assert_allclose(x_axis(found), [0, -1, 0], atol=1e-15)
-    assert found.clock.since(int(found.clock.whole[0])).tolist() == [0.25, 1.0]
+    assert found.clock.subtract(int(found.clock.whole[0])).tolist() == [0.25, 1.0]
     turned = read(tmp_path, AEM, ("_A = EME2000", "_A = SC_BODY_1"), ("_B = SC_BODY_1", "_B = EME2000"))
     np.testing.assert_allclose(x_axis(turned), [0, 1, 0], atol=1e-15)
     assert turned.frames == ("EME2000", "SC_BODY_1")
@@ -225,7 +225,7 @@ def test_frames_that_turn_are_refused(tmp_path, frame):
 def test_time_systems(tmp_path, system, behind):
     found = read(tmp_path, AEM, ("= UTC", f"= {system}"))
     second = 1597579329  # of unix time: 2020-08-16T12:02:09 UTC
-    assert to_utc(found.clock).whole[0] == second - (0 if system == "UTC" else 18 + behind)
+    assert convert_to_utc(found.clock).whole[0] == second - (0 if system == "UTC" else 18 + behind)
 
 
 @pytest.mark.parametrize(
@@ -289,7 +289,7 @@ def test_an_acm_by_hand(tmp_path):
     np.testing.assert_allclose(np.rad2deg(found.gyro_bias[1]), [1e-3, 0, -2e-3], rtol=1e-12)
     assert np.rad2deg(found.arw) == pytest.approx(2e-4, rel=1e-12)
     # TAI is 19 s ahead of GPS time, which was 18 s ahead of UTC: 12:02:47.25 TAI is 12:02:10.25 UTC.
-    utc = to_utc(found.attitudes.clock)
+    utc = convert_to_utc(found.attitudes.clock)
     assert (utc.whole.tolist(), utc.part.tolist()) == ([1597579330, 1597579331], [0.25, 0.5])
 
 
@@ -329,7 +329,7 @@ def test_what_cannot_be_written_is_said(tmp_path):
 
 def test_a_gyro_and_a_message_are_calibrated_and_the_way_back(run_cli, tmp_path):
     log = mems_log.log(np.random.default_rng(12), seconds=60.0)
-    sigma, arw = np.deg2rad(mems_log.SIGMA_DEG), np.deg2rad(mems_log.ARW_DEG_PER_SQRT_S)
+    sigma, arw = np.deg2rad(mems_log.REFERENCE_SIGMA_DEG), np.deg2rad(mems_log.MEMS_ARW_DEG_PER_SQRT_S)
     source, gyro = mems.references(log, sigma=sigma, arw=arw), mems.write_gyro(log, tmp_path / "gyro.csv")
     aem.write_aem(source, tmp_path / "a.aem")
     acm.write_acm(source, tmp_path / "a.acm", bias=BIAS, bias_sigma=BIAS_SIGMA)
@@ -340,7 +340,7 @@ def test_a_gyro_and_a_message_are_calibrated_and_the_way_back(run_cli, tmp_path)
     assert "its sign is not told" in " ".join(done.stdout.split())
     recording = gyrocal.load(tmp_path / "acm")
     assert recording.gyro.arw == pytest.approx(arw, rel=1e-12)
-    assert np.rad2deg(recording.attitudes.sigma[0]) == pytest.approx(mems_log.SIGMA_DEG, rel=1e-12)
+    assert np.rad2deg(recording.attitudes.sigma[0]) == pytest.approx(mems_log.REFERENCE_SIGMA_DEG, rel=1e-12)
     back = run_cli("export", "aem", str(tmp_path / "aem"), str(tmp_path / "b.aem"), "--object", "CRAFT")
     assert back.exit_code == 0, back.stderr
     assert aem.read_aem(tmp_path / "b.aem").title == "CRAFT"

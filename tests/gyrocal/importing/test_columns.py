@@ -9,12 +9,12 @@ from scipy.spatial.transform import Rotation
 
 import gyrocal
 from gyrocal import InputError, importing
-from gyrocal.importing import agreement, checked
+from gyrocal.importing import agreement, validate_mapping
 from gyrocal.importing.columns import join_headers, read_two_headers, resolve_columns
-from gyrocal.importing.motion import motion
-from gyrocal.importing.streams import read_csv, streams
+from gyrocal.importing.motion import build_motion
+from gyrocal.importing.streams import read_csv, read_streams
 from studies.validation import mems_log
-from studies.validation.imports import RIGHT, refusal
+from studies.validation.imports import CORRECT_MAPPING, find_refusal
 from tests import SHARED
 from tests.builders import piecewise_recording
 
@@ -61,7 +61,7 @@ def test_two_header_rows_are_joined(table):
     ],
 )
 def test_the_whole_mapping_by_name_and_by_number(table, changes):
-    imported = importing.import_csv(table, mapping=checked(BY_NAME | changes, "mapping"), check=False)
+    imported = importing.import_csv(table, mapping=validate_mapping(BY_NAME | changes, "mapping"), check=False)
     assert imported.mapping.gyro == BY_NAME["gyro"]
     assert imported.mapping.quat == BY_NAME["quat"]
 
@@ -78,7 +78,7 @@ def test_one_header_row_stays_one(tmp_path, text):
 
 def test_numbers_go_behind_names_and_signs_go_along():
     frame = pd.DataFrame(np.zeros((2, 3)), columns=["t", "1", "b"])
-    mapping = checked({"time": "#1:s", "gyro": "1,-#3,2:rad/s", "quat": "a,b,c,d:body-to-world"}, "mapping")
+    mapping = validate_mapping({"time": "#1:s", "gyro": "1,-#3,2:rad/s", "quat": "a,b,c,d:body-to-world"}, "mapping")
     *_, found = resolve_columns(frame, frame.copy(), mapping)
     assert (found.time, found.gyro, found.quat) == ("t:s", "1,-b,1:rad/s", mapping.quat)
     with pytest.raises(InputError, match="gyro: no column #4; the table has 3 columns"):
@@ -87,14 +87,14 @@ def test_numbers_go_behind_names_and_signs_go_along():
 
 def test_a_time_by_number_is_that_column_of_both_tables():
     gyro, other = (pd.DataFrame(np.zeros((2, 2)), columns=names) for names in (["t", "a"], ["time", "b"]))
-    mapping = checked({"time": "#1:s", "gyro": "a:rad/s", "quat": "b:body-to-world"}, "mapping")
+    mapping = validate_mapping({"time": "#1:s", "gyro": "a:rad/s", "quat": "b:body-to-world"}, "mapping")
     *_, found = resolve_columns(gyro, other, mapping)
     assert (found.time, found.attitude_time) == ("t:s", "time:s")
 
 
 def test_a_colon_or_a_comma_in_a_name():
     frame = pd.DataFrame(np.zeros((2, 4)), columns=["t:s", "gyro:x", "gyro:y", "gyro, z"])
-    mapping = checked({"time": "t:s:s", "gyro": "gyro:x,gyro:y,#4:rad/s", "quat": "q:body-to-world"}, "mapping")
+    mapping = validate_mapping({"time": "t:s:s", "gyro": "gyro:x,gyro:y,#4:rad/s", "quat": "q:body-to-world"}, "mapping")
     gyro, same, found = resolve_columns(frame, frame, mapping)
     assert gyro is same
     assert found.gyro == "gyro x,gyro y,gyro z:rad/s"
@@ -109,7 +109,7 @@ REAL = SHARED / "real" / "sticks"
 @pytest.mark.parametrize("name", ["TStick_Test07_Trial1", "TStick_Test02_Trial1"])
 def test_a_real_stick_gets_through_import_and_calibration(name):
     """An independent fit found scale factors of one to about a percent and a mounting turned by 2.4 to 2.7 deg (trial 07)."""
-    mapping = checked(BY_NAME | {"time": "Time (s):s", "gyro": BY_NAME["gyro"].replace("deg/s", "rad/s")}, "mapping")
+    mapping = validate_mapping(BY_NAME | {"time": "Time (s):s", "gyro": BY_NAME["gyro"].replace("deg/s", "rad/s")}, "mapping")
     result = gyrocal.calibrate(importing.import_csv(REAL / f"{name}.csv", mapping=mapping).recording)
     assert result.plausible.grade == "MEMS"
     assert result.warnings == ()
@@ -127,26 +127,26 @@ def turned(data):
 
 def test_a_mapping_that_fits_only_after_a_rotation_names_the_option(data):
     angle = np.rad2deg(np.linalg.norm(Rotation.from_matrix(TURN).as_rotvec()))
-    message = refusal(turned(data), {})
+    message = find_refusal(turned(data), {})
     assert f"--mounting estimate, which rotates the gyro's axes by {angle:.0f}"[:-1] in message
-    both = refusal(turned(data), {"gyro": "gx,gy,gz:rad/s"})
+    both = find_refusal(turned(data), {"gyro": "gx,gy,gz:rad/s"})
     assert "the gyro in deg/s, not rad/s and --mounting estimate" in both
 
 
 def test_a_rotation_of_a_few_degrees_is_let_pass_and_said(data):
     small = Rotation.from_rotvec(np.deg2rad([0.0, 12.0, 0.0])).as_matrix()
     rates = data.gyro[["gx", "gy", "gz"]].to_numpy() @ small.T
-    mapping = checked(RIGHT, "mapping")
-    found = streams(data.gyro.assign(gx=rates[:, 0], gy=rates[:, 1], gz=rates[:, 2]), data.attitude, mapping)
+    mapping = validate_mapping(CORRECT_MAPPING, "mapping")
+    found = read_streams(data.gyro.assign(gx=rates[:, 0], gy=rates[:, 1], gz=rates[:, 2]), data.attitude, mapping)
     (sensor,) = found.sensors
-    windows = motion(found.t_s, found.raw, found.sample_s, sensor.t_s, sensor.q)
-    judged = agreement.agreement(windows, "deg/s", "ms", "scalar-first", True)
+    windows = build_motion(found.t_s, found.raw, found.sample_s, sensor.t_s, sensor.q)
+    judged = agreement.evaluate_agreement(windows, "deg/s", "ms", "scalar-first", True)
     assert judged.fits
     assert judged.rotated is not None
     assert np.rad2deg(judged.rotated.angle) == pytest.approx(12.0, abs=1.0)
     straight = np.deg2rad(data.gyro[["gx", "gy", "gz"]].to_numpy())
-    windows = motion(found.t_s, straight, found.sample_s, sensor.t_s, sensor.q)
-    assert agreement.agreement(windows, "deg/s").rotated is None
+    windows = build_motion(found.t_s, straight, found.sample_s, sensor.t_s, sensor.q)
+    assert agreement.evaluate_agreement(windows, "deg/s").rotated is None
 
 
 def test_calibrate_names_the_mounting_of_a_recording_that_is_too_far_off():

@@ -9,7 +9,7 @@ import pytest
 import gyrocal
 import simulator
 from gyrocal import InputError
-from gyrocal.importing import build, csv_files, import_csv, kalibr, load_mapping, mapping, streams
+from gyrocal.importing import build, column_mapping, csv_files, import_csv, kalibr, load_mapping, streams
 from studies.validation import mems_log
 from tests.builders import piecewise_recording
 
@@ -21,15 +21,15 @@ RECORDING = piecewise_recording(series_s=100.0, arw=2e-6)
 @pytest.fixture(scope="module")
 def imported():
     log = mems_log.log(np.random.default_rng(31), seconds=60.0)
-    made = mapping.checked(
+    made = column_mapping.validate_mapping(
         {"time": "timestamp_ms:ms", "gyro": "gx,gy,gz:deg/s", "quat": "qw,qx,qy,qz:body-to-world", "title": 'a "log"'}, "here"
     )
-    return build.build(streams.streams(log.gyro, log.attitude, made), made).recording
+    return build.build(streams.read_streams(log.gyro, log.attitude, made), made).recording
 
 
 def back(folder):
     """The recording that an import makes of what was exported to a folder."""
-    read = mapping.checked(load_mapping(folder / "mapping.toml"), "mapping")
+    read = column_mapping.validate_mapping(load_mapping(folder / "mapping.toml"), "mapping")
     return import_csv(folder / "gyro.csv", folder / "attitude.csv", mapping=read).recording
 
 
@@ -68,7 +68,11 @@ def test_references_a_turn_apart_still_refuse_a_wrong_mapping(tmp_path):
     read = load_mapping(tmp_path / "mapping.toml")
     for wrong in ({"gyro": read["gyro"].replace("deg/s", "rad/s")}, {"gyro": "rate_y,rate_x,rate_z:deg/s"}):
         with pytest.raises(InputError, match="do not fit each other"):
-            import_csv(tmp_path / "gyro.csv", tmp_path / "attitude.csv", mapping=mapping.checked(read | wrong, "mapping"))
+            import_csv(
+                tmp_path / "gyro.csv",
+                tmp_path / "attitude.csv",
+                mapping=column_mapping.validate_mapping(read | wrong, "mapping"),
+            )
 
 
 def test_without_references_there_is_nothing_to_import(tmp_path):
@@ -127,7 +131,7 @@ def test_a_recording_goes_out_as_csv_and_comes_back(run_cli, imported, tmp_path)
 def test_scale_and_misalignment_by_hand():
     # A gyro whose axes are turned by +90 deg about z against the body reads (y, −x, z) of body rates; its x reads double.
     G = np.linalg.inv(np.diag([2.0, 1.0, 1.0]) @ np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
-    M, C = kalibr.scale_and_misalignment(G)
+    M, C = kalibr.decompose_gain(G)
     np.testing.assert_allclose(M, np.diag([2.0, 1.0, 1.0]), atol=1e-15)
     np.testing.assert_allclose(C, [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-15)
 
@@ -149,7 +153,7 @@ def test_a_calibration_goes_out_as_kalibr_s_model(run_cli, tmp_path):
     np.testing.assert_allclose(M @ C, np.linalg.inv(result.G), rtol=0, atol=1e-12)
     assert read["gyroscope_random_walk"] == 1e-5
     assert (read["update_rate"], read["rostopic"], read["model"]) == (2.0, "/imu0", "scale-misalignment")
-    assert np.deg2rad(kalibr.noise_density(path)) == pytest.approx(2e-6, rel=1e-12)
+    assert np.deg2rad(kalibr.read_noise_density(path)) == pytest.approx(2e-6, rel=1e-12)
     # What Kalibr's gyro of these matrices and this bias reads is what the recording's gyro reads.
     rate = np.array([0.01, -0.02, 0.005])
     offset = [float(word) for word in path.read_text().rpartition("anew: [")[2].partition("]")[0].split(",")]

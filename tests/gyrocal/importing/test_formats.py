@@ -31,7 +31,7 @@ def euroc_folder(root, log, turn=None, reference="vicon0"):
     for k, element in enumerate("wxyz"):
         table[f" q_RS_{element} []"] = q[:, k]
     table.to_csv(root / "mav0" / reference / "data.csv", index=False)
-    density = np.deg2rad(mems_log.ARW_DEG_PER_SQRT_S)
+    density = np.deg2rad(mems_log.MEMS_ARW_DEG_PER_SQRT_S)
     sheet = f"#Default imu sensor yaml file\nsensor_type: imu\nrate_hz: 100\ngyroscope_noise_density: {density}\n"
     (root / "mav0" / "imu0" / "sensor.yaml").write_text(sheet)
     if turn is not None:
@@ -48,7 +48,7 @@ def test_a_euroc_folder_is_calibrated(run_cli, log, tmp_path, turn):
     done = run_cli("import", "euroc", str(root), str(tmp_path / "rec"))
     assert done.exit_code == 0, done.stderr
     recording = gyrocal.load(tmp_path / "rec")
-    assert np.rad2deg(recording.gyro.arw) == pytest.approx(mems_log.ARW_DEG_PER_SQRT_S, rel=1e-12)
+    assert np.rad2deg(recording.gyro.arw) == pytest.approx(mems_log.MEMS_ARW_DEG_PER_SQRT_S, rel=1e-12)
     assert recording.title == "EuRoC form, V1_01_easy"
     assert mems.largest_error(recording, log) < 4
 
@@ -68,11 +68,11 @@ def test_kalibr_s_imu_yaml(tmp_path):
         "gyroscope_noise_density: 1e-3\n",
     ):
         path.write_text(text)
-        assert np.deg2rad(kalibr.noise_density(path)) == pytest.approx(1e-3)
+        assert np.deg2rad(kalibr.read_noise_density(path)) == pytest.approx(1e-3)
     for text in ("update_rate: 200.0\n", "gyroscope_noise_density: fast\n", "- 1\n", "a: [\n", "gyroscope_noise_density: -1\n"):
         path.write_text(text)
         with pytest.raises(InputError, match=r"imu\.yaml: "):
-            kalibr.noise_density(path)
+            kalibr.read_noise_density(path)
 
 
 def test_a_folder_that_is_not_of_the_form(tmp_path):

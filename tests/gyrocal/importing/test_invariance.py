@@ -7,10 +7,10 @@ import pandas as pd
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from gyrocal.importing import checked
-from gyrocal.importing.streams import streams
+from gyrocal.importing import validate_mapping
+from gyrocal.importing.streams import read_streams
 from studies.validation import mems_log
-from studies.validation.imports import RIGHT
+from studies.validation.imports import CORRECT_MAPPING
 
 FEW = settings(max_examples=20, phases=[Phase.generate])
 # By hand: so much of the unit is one deg/s, or a second.
@@ -26,7 +26,7 @@ def log():
 
 @cache
 def plain():
-    return streams(log().gyro, log().attitude, checked(RIGHT, "mapping"))
+    return read_streams(log().gyro, log().attitude, validate_mapping(CORRECT_MAPPING, "mapping"))
 
 
 @FEW
@@ -50,8 +50,8 @@ def test_units_and_the_order_of_rows_change_nothing(rate, time, order, seed):
             "each twice": np.repeat(np.arange(len(made)), 2),
         }[order]
         tables.append(made.iloc[rows])
-    mapping = checked(RIGHT | {"time": f"timestamp_ms:{time}", "gyro": f"gx,gy,gz:{rate}"}, "mapping")
-    found = streams(*tables, mapping)
+    mapping = validate_mapping(CORRECT_MAPPING | {"time": f"timestamp_ms:{time}", "gyro": f"gx,gy,gz:{rate}"}, "mapping")
+    found = read_streams(*tables, mapping)
     np.testing.assert_array_equal(found.t_s, plain().t_s)
     np.testing.assert_allclose(found.raw, plain().raw, rtol=1e-14, atol=1e-18)
     assert (found.epoch, found.time_scale, found.sample_s) == (plain().epoch, plain().time_scale, plain().sample_s)

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gyrocal import InputError, attitude
-from gyrocal.importing import mapping
+from gyrocal.importing import column_mapping
 
 BODY = Rotation.random(20, rng=np.random.default_rng(3))  # active: body to inertial
 A = BODY.as_matrix().transpose(0, 2, 1)  # inertial to body
@@ -32,7 +32,7 @@ WAYS = {
 @pytest.mark.parametrize("way", WAYS)
 def test_every_way_to_write_an_attitude(way):
     kind, text = way.split(" ", 1)
-    found = attitude.matrix_from_quaternion(mapping.attitude_quaternions(kind, text, WAYS[way]))
+    found = attitude.matrix_from_quaternion(column_mapping.convert_attitude(kind, text, WAYS[way]))
     np.testing.assert_allclose(found, A, atol=1e-12)
 
 
@@ -46,14 +46,14 @@ def test_every_way_to_write_an_attitude(way):
 )
 def test_a_quarter_turn_by_hand(text, values):
     # The body is turned by +90 deg about z: the world's x axis has the body components (0, −1, 0).
-    q = mapping.attitude_quaternions("quat", text, np.array([values]))
+    q = column_mapping.convert_attitude("quat", text, np.array([values]))
     np.testing.assert_allclose(q, [[0, 0, 0.5**0.5, 0.5**0.5]], atol=1e-15)
     np.testing.assert_allclose(attitude.matrix_from_quaternion(q)[0] @ [1, 0, 0], [0, -1, 0], atol=1e-15)
 
 
 def test_euler_angles_by_hand():
     # Yaw by 90 deg, then pitch by 90 deg about the turned y: the body's x points down, its y to −x of the world.
-    q = mapping.attitude_quaternions("euler", "y,p,r:deg:ZYX:body-to-world", np.array([[90.0, 90.0, 0.0]]))
+    q = column_mapping.convert_attitude("euler", "y,p,r:deg:ZYX:body-to-world", np.array([[90.0, 90.0, 0.0]]))
     body_in_world = attitude.matrix_from_quaternion(q)[0].T
     np.testing.assert_allclose(body_in_world, [[0, -1, 0], [0, 0, 1], [-1, 0, 0]], atol=1e-15)
 
@@ -79,7 +79,7 @@ def test_euler_angles_by_hand():
 )
 def test_what_an_attitude_lacks_is_said(kind, text, values, words):
     with pytest.raises(InputError, match=words):
-        mapping.attitude_quaternions(kind, text, values)
+        column_mapping.convert_attitude(kind, text, values)
 
 
 BASE = {"time": "t:s", "gyro": "x,y,z:deg/s", "quat": "w,x,y,z:body-to-world"}
@@ -97,18 +97,18 @@ BASE = {"time": "t:s", "gyro": "x,y,z:deg/s", "quat": "w,x,y,z:body-to-world"}
 )
 def test_what_a_mapping_lacks_is_said(entries, words):
     with pytest.raises(InputError, match=words):
-        mapping.checked(BASE | entries, "mine.toml")
+        column_mapping.validate_mapping(BASE | entries, "mine.toml")
 
 
 def test_directions_of_gyros():
-    tetrahedron = mapping.checked(BASE | {"axes": "tetrahedron"}, "x").directions(4)
-    axes = np.array(mapping.TETRAHEDRON)
+    tetrahedron = column_mapping.validate_mapping(BASE | {"axes": "tetrahedron"}, "x").directions(4)
+    axes = np.array(column_mapping.TETRAHEDRON)
     np.testing.assert_allclose(tetrahedron @ axes, np.eye(3), atol=1e-15)
     np.testing.assert_allclose(axes @ axes.T - np.eye(4), -(1 - np.eye(4)) / 3, atol=1e-15)
-    np.testing.assert_array_equal(mapping.checked(BASE, "x").directions(3), np.eye(3))
+    np.testing.assert_array_equal(column_mapping.validate_mapping(BASE, "x").directions(3), np.eye(3))
     with pytest.raises(InputError, match="other than three give the gyros' axes"):
-        mapping.checked(BASE, "x").directions(4)
+        column_mapping.validate_mapping(BASE, "x").directions(4)
     with pytest.raises(InputError, match="do not measure all three"):
-        mapping.checked(BASE | {"axes": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]]}, "x").directions(3)
+        column_mapping.validate_mapping(BASE | {"axes": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]]}, "x").directions(3)
     with pytest.raises(InputError, match="three rows of 4 numbers"):
-        mapping.checked(BASE | {"G": [[1.0, 0.0, 0.0]] * 3}, "x").directions(4)
+        column_mapping.validate_mapping(BASE | {"G": [[1.0, 0.0, 0.0]] * 3}, "x").directions(4)

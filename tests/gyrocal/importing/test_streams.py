@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 
 from gyrocal import InputError
-from gyrocal.importing import checked
-from gyrocal.importing.streams import read_csv, streams
+from gyrocal.importing import validate_mapping
+from gyrocal.importing.streams import read_csv, read_streams
 
 BASE = {"time": "t:s", "gyro": "x,y,z:deg/s", "quat": "w,a,b,c:body-to-world:scalar-first"}
 
@@ -21,7 +21,7 @@ def attitudes(n=10):
 
 
 def made(g=None, a=None, **changes):
-    return streams(gyro() if g is None else g, attitudes() if a is None else a, checked(BASE | changes, "x"))
+    return read_streams(gyro() if g is None else g, attitudes() if a is None else a, validate_mapping(BASE | changes, "x"))
 
 
 def test_rates_and_signs():

@@ -9,7 +9,7 @@ from gyrocal.importing import units
 
 
 def tags(values, unit):
-    return units.clock(pd.DataFrame({"t": values}), unit)
+    return units.build_clock(pd.DataFrame({"t": values}), unit)
 
 
 def test_milliseconds_of_unix_time_are_exact():
@@ -17,7 +17,7 @@ def test_milliseconds_of_unix_time_are_exact():
     assert clock.scale == "UTC"
     assert clock.whole.tolist() == [1_700_000_000] * 2
     np.testing.assert_allclose(clock.part, [0.123, 0.133], rtol=0, atol=1e-15)
-    assert units.epoch_of(1_700_000_000, "UTC").isoformat() == "2023-11-14T22:13:20+00:00"
+    assert units.convert_to_date(1_700_000_000, "UTC").isoformat() == "2023-11-14T22:13:20+00:00"
 
 
 def test_nanoseconds_keep_what_a_float_would_lose():
@@ -27,28 +27,28 @@ def test_nanoseconds_keep_what_a_float_would_lose():
 
 def test_seconds_from_an_unknown_start_have_no_date():
     assert tags(np.array([0.0, 0.5]), "s").scale == ""
-    assert tags(np.array([-1.25, 0.5]), "s").since(-2).tolist() == [0.75, 2.5]
+    assert tags(np.array([-1.25, 0.5]), "s").subtract(-2).tolist() == [0.75, 2.5]
 
 
 def test_iso_dates_with_and_without_a_zone():
     for text in ("2020-08-16T12:02:09.5Z", "2020-08-16T14:02:09.5+02:00", "2020-08-16T12:02:09.5"):
         clock = tags([text], "iso")
-        assert units.epoch_of(int(clock.whole[0]), "UTC").isoformat() == "2020-08-16T12:02:09+00:00"
+        assert units.convert_to_date(int(clock.whole[0]), "UTC").isoformat() == "2020-08-16T12:02:09+00:00"
         assert clock.part[0] == 0.5
 
 
 def test_gps_weeks_become_utc_with_the_leap_seconds_of_their_day():
     # 2020-08-16T12:02:09 GPS is a Sunday: week 2119 begins on it, and UTC is 18 s behind.
-    clock = units.clock(pd.DataFrame({"week": [2119], "tow": [12 * 3600 + 2 * 60 + 9.25]}), "gps")
-    assert units.epoch_of(int(clock.whole[0]), "GPS").isoformat() == "2020-08-16T12:02:09+00:00"
-    utc = units.to_utc(clock)
-    assert units.epoch_of(int(utc.whole[0]), "UTC").isoformat() == "2020-08-16T12:01:51+00:00"
+    clock = units.build_clock(pd.DataFrame({"week": [2119], "tow": [12 * 3600 + 2 * 60 + 9.25]}), "gps")
+    assert units.convert_to_date(int(clock.whole[0]), "GPS").isoformat() == "2020-08-16T12:02:09+00:00"
+    utc = units.convert_to_utc(clock)
+    assert units.convert_to_date(int(utc.whole[0]), "UTC").isoformat() == "2020-08-16T12:01:51+00:00"
     assert utc.part[0] == 0.25
 
 
 @pytest.mark.parametrize(("day", "behind"), [("1981-06-30", 0), ("1981-07-01", 1), ("2016-12-31", 17), ("2017-01-01", 18)])
 def test_leap_seconds(day, behind):
-    assert units.leap_seconds(units.datetime.fromisoformat(f"{day}T12:00:00+00:00")) == behind
+    assert units.count_leap_seconds(units.datetime.fromisoformat(f"{day}T12:00:00+00:00")) == behind
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_leap_seconds(day, behind):
     ],
 )
 def test_gyro_units(unit, lsb, factor, accumulated):
-    found = units.gyro_factor(unit, lsb)
+    found = units.compute_gyro_factor(unit, lsb)
     assert found[0] == pytest.approx(factor, rel=1e-14)
     assert found[1] is accumulated
 
@@ -69,10 +69,10 @@ def test_gyro_units(unit, lsb, factor, accumulated):
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: units.gyro_factor("counts", None), "counts need the size of one"),
-        (lambda: units.gyro_factor("furlong", None), "is not known"),
-        (lambda: units.gyro_factor("deg/s", "1 rad"), "goes with counts"),
-        (lambda: units.quantity("5e-9", "lsb"), "is not a number and a unit"),
+        (lambda: units.compute_gyro_factor("counts", None), "counts need the size of one"),
+        (lambda: units.compute_gyro_factor("furlong", None), "is not known"),
+        (lambda: units.compute_gyro_factor("deg/s", "1 rad"), "goes with counts"),
+        (lambda: units.parse_quantity("5e-9", "lsb"), "is not a number and a unit"),
         (lambda: tags(["yesterday"], "iso"), "is not ISO 8601"),
         (lambda: tags([1.0, np.nan], "s"), "row 1: not a finite number"),
         (lambda: tags(["2020-01-01"], "s"), "not numbers; dates are iso"),

@@ -10,7 +10,7 @@ import pytest
 
 import gyrocal
 from gyrocal import InputError, Recording
-from gyrocal.importing.mapping import TETRAHEDRON
+from gyrocal.importing.column_mapping import TETRAHEDRON
 from tests import ROOT
 from tests.builders import PLAN, piecewise_recording
 
@@ -90,7 +90,7 @@ def test_on_a_screen_everything_is_short():
     assert "deg/s" in repr(result)
     np.testing.assert_allclose(result.bias_deg_s, np.rad2deg(result.bias))
     assert result.to_frame().equals(result.summary())
-    escaped = gyrocal.recording.arrays.page("<b>", [("a", "<script>")])
+    escaped = gyrocal.recording.representation.format_html("<b>", [("a", "<script>")])
     assert "<script>" not in escaped
 
 

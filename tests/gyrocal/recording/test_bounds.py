@@ -65,7 +65,9 @@ def test_rows_are_counted_before_they_are_read(folder, monkeypatch):
 
 
 def test_many_columns_are_refused(folder):
-    frame = pd.DataFrame(np.zeros((2, bounds.MOST_COLUMNS + 1)), columns=[f"c{k}" for k in range(bounds.MOST_COLUMNS + 1)])
+    frame = pd.DataFrame(
+        np.zeros((2, bounds.MOST_FILE_COLUMNS + 1)), columns=[f"c{k}" for k in range(bounds.MOST_FILE_COLUMNS + 1)]
+    )
     frame.to_parquet(folder / "housekeeping.parquet")
     assert "1001 columns, of 1000 at most" in refusal(folder)
     (folder / "housekeeping.parquet").unlink()

@@ -76,4 +76,4 @@ def test_penetration_angles_are_in_degrees():
     columns = {f"penetration_{i}_deg": [45.0] for i in range(1, 5)} | {f"used_{i}": [True] for i in range(1, 5)}
     tables = sensor_tables.read({"earth_sensor": pd.DataFrame({"t_s": [0.0], **columns})})
     np.testing.assert_allclose(tables.earth.angles, np.pi / 4, rtol=1e-14)
-    np.testing.assert_allclose(sensor_tables.frames(tables)["earth_sensor"]["penetration_1_deg"], 45.0, rtol=1e-14)
+    np.testing.assert_allclose(sensor_tables.build_sensor_frames(tables)["earth_sensor"]["penetration_1_deg"], 45.0, rtol=1e-14)

@@ -3,8 +3,8 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from gyrocal.errors import hint
-from gyrocal.recording import validation_message
+from gyrocal.errors import suggest_names
+from gyrocal.recording import format_validation_error
 
 
 class Part(BaseModel):
@@ -66,11 +66,11 @@ class Whole(BaseModel):
 def test_faults_are_said_in_words(document, message):
     with pytest.raises(ValidationError) as caught:
         Whole.model_validate(document)
-    said = validation_message(caught.value, Whole)
+    said = format_validation_error(caught.value, Whole)
     assert said == message or said.endswith(message)
     assert not any(word in said for word in ("Input", "Extra", "Value error", "valid ", "Field", "discriminator"))
 
 
 def test_hints():
-    assert hint("trm", ["trmm", "trmm2", "other"]) == "did you mean trmm or trmm2?"
-    assert hint("q", ["trmm", "other"]) == "there are trmm, other"
+    assert suggest_names("trm", ["trmm", "trmm2", "other"]) == "did you mean trmm or trmm2?"
+    assert suggest_names("q", ["trmm", "other"]) == "there are trmm, other"

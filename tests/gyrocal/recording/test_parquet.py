@@ -43,7 +43,7 @@ def test_a_wrong_column_under_a_right_checksum_is_seen(tmp_path):
     path = tmp_path / "a.parquet"
     frame = pd.DataFrame({"t_s": [1.0, 2.0], "rate": [3.0, 4.0]})
     table = parquet.pa.Table.from_pandas(frame, preserve_index=False)
-    stated = {parquet.CONTENT: parquet.digest(table)}
+    stated = {parquet.CONTENT: parquet.hash_table(table)}
     swapped = table.select(["t_s", "t_s"]).rename_columns(["t_s", "rate"])
     parquet.pq.write_table(swapped.replace_schema_metadata(stated), path)
     with pytest.raises(ValueError, match="damaged"):

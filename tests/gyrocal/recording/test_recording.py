@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from gyrocal import InputError, calibrate, load, save
-from gyrocal.recording import toml_value
+from gyrocal.recording import format_toml
 from tests.builders import piecewise_recording
 
 PLAN = ((((0.001, 0, 0), 60.0),), (((0, 0.002, 0), 60.0),))
@@ -69,10 +69,10 @@ def test_noise_that_was_estimated_is_kept_as_that(folder):
 
 
 def test_toml_values():
-    assert toml_value('a "b" \\ c') == '"a \\"b\\" \\\\ c"'
-    assert toml_value([1, 2.5, True]) == "[1, 2.5, true]"
+    assert format_toml('a "b" \\ c') == '"a \\"b\\" \\\\ c"'
+    assert format_toml([1, 2.5, True]) == "[1, 2.5, true]"
     with pytest.raises(TypeError):
-        toml_value(None)
+        format_toml(None)
 
 
 def edit_table(name, change):

@@ -10,8 +10,8 @@ import gyrocal
 import simulator
 from gyrocal import InputError
 from gyrocal.importing import aem
-from gyrocal.recording.trackers import covariance
-from simulator.replay import replayed
+from gyrocal.recording.trackers import compute_body_covariance
+from simulator.replay import reconstruct_motion
 from tests.tracker_cases import AGILE, ESTIMATED
 
 
@@ -53,7 +53,7 @@ def test_the_table_holds_what_each_tracker_measured(recording):
 def test_sigmas_are_turned_from_the_sensor_to_the_body():
     recording = simulator.simulate(AGILE, noise=False)
     small, large = np.deg2rad(5e-4), np.deg2rad(5e-3)
-    for C, number in zip(covariance(recording.attitudes), recording.attitudes.sensor, strict=True):
+    for C, number in zip(compute_body_covariance(recording.attitudes), recording.attitudes.sensor, strict=True):
         boresight = recording.attitudes.sensors[number].M[2]
         assert boresight @ C @ boresight == pytest.approx(large**2, rel=1e-12)
         assert np.trace(C) == pytest.approx(2 * small**2 + large**2, rel=1e-12)
@@ -129,7 +129,7 @@ def test_one_of_the_sensors_alone_is_a_recording_as_any_other(recording):
         lambda recording, folder: aem.write_aem(
             recording, folder / "x", object_name="A", object_id="1", frame="J2000", form="kvn"
         ),
-        lambda recording, folder: replayed(recording, np.eye(3), np.zeros(3)),
+        lambda recording, folder: reconstruct_motion(recording, np.eye(3), np.zeros(3)),
         lambda recording, folder: recording.to_xarray(),
     ],
 )

@@ -5,41 +5,41 @@ import pytest
 
 from gyrocal import InputError, UnobservableError
 from gyrocal.attitude import rotation_matrix
-from gyrocal.sensors.alignment import in_two_steps, together
+from gyrocal.sensors.alignment import align_in_two_steps, align_together
 from gyrocal.sensors.earth import TRMM_BIASES
 from gyrocal.sensors.series import SensorSeries
 from gyrocal.sensors.sun import trmm_sun_sensors
 from simulator.sensors import sun as truth
 from simulator.streams import generator
 from studies.estimation.attitude_cases import (
-    ANGLES,
+    ATTITUDE_CASE_ORBIT,
     M_DSS2,
     M_TRUE,
-    ORBIT,
-    alignment_error,
-    alignment_orbit,
-    direction_sensor,
+    TRUE_MISALIGNMENT_ANGLES,
+    build_alignment_orbit,
+    compute_alignment_error,
+    make_direction_sensor,
 )
-from studies.estimation.flights import nadir
+from studies.estimation.flights import compute_nadir
 from tests.builders import is_mean_of_chi2, squared_error
 
-INJECTED = np.concatenate([ANGLES, TRMM_BIASES])
+INJECTED = np.concatenate([TRUE_MISALIGNMENT_ANGLES, TRMM_BIASES])
 CASES = 60
 
 
 @pytest.fixture(scope="module")
 def world():
-    return alignment_orbit()
+    return build_alignment_orbit()
 
 
 def error_of(result, M=M_TRUE, biases=TRMM_BIASES):
     """True minus estimate of DSS-2's angles and ESA's biases."""
-    return alignment_error(result.misalignment["DSS-2"], result.penetration_biases["ESA"], M, biases)
+    return compute_alignment_error(result.misalignment["DSS-2"], result.penetration_biases["ESA"], M, biases)
 
 
 def test_R_3_is_found_without_noise_by_both_algorithms(world):
     series, gyro = world.exact(), world.motion.gyro()
-    one = together(series, gyro, world.A[0], "DSS-1")
+    one = align_together(series, gyro, world.A[0], "DSS-1")
     assert one.names == (*(f"DSS-2 m_{axis}" for axis in "xyz"), *(f"ESA bias_{k}" for k in (1, 2, 3, 4)))
     np.testing.assert_allclose(error_of(one), 0, atol=1e-11)
     np.testing.assert_allclose(one.misalignment["DSS-2"], M_DSS2, atol=2e-6)
@@ -48,7 +48,7 @@ def test_R_3_is_found_without_noise_by_both_algorithms(world):
     np.testing.assert_allclose(one.attitude, world.A[0], atol=1e-11)
     assert one.loss_before > 1e4
     assert one.loss_after < 1e-12
-    two = in_two_steps(series, gyro, world.A[0], "DSS-1", rounds=None)
+    two = align_in_two_steps(series, gyro, world.A[0], "DSS-1", rounds=None)
     np.testing.assert_allclose(error_of(two) / one.sigma, 0, atol=1e-4)
     assert two.rounds > 20
     np.testing.assert_allclose(
@@ -60,12 +60,12 @@ def test_two_steps_made_once_keep_a_part_of_the_misalignment(world):
     """The attitude step has absorbed most of the yaw between the sun sensors already; T tells how much, and of what."""
     series, gyro = world.exact(), world.motion.gyro()
     for rounds in (1, 2, 5):
-        found = in_two_steps(series, gyro, world.A[0], "DSS-1", rounds=rounds)
+        found = align_in_two_steps(series, gyro, world.A[0], "DSS-1", rounds=rounds)
         expected = INJECTED - found.retained @ INJECTED
         assert np.abs(expected).max() > 10 * found.sigma[0]
         # First order in angles of 3e-3; the second is 1e-2 of the bias at most.
         np.testing.assert_allclose(error_of(found), expected, rtol=0, atol=1e-2 * np.abs(expected).max())
-    once = in_two_steps(series, gyro, world.A[0], "DSS-1")
+    once = align_in_two_steps(series, gyro, world.A[0], "DSS-1")
     assert 0.1 < once.retained[0, 0] < 0.2  # DSS-2's x is along −Z: yaw
     assert once.loss_after > 100
     values = np.linalg.eigvals(once.retained)
@@ -73,7 +73,7 @@ def test_two_steps_made_once_keep_a_part_of_the_misalignment(world):
     assert values.real.min() > 0
     assert values.real.max() < 1 + 1e-9
     trusted = [*series[:2], SensorSeries(series[2].model, world.t, series[2].y, series[2].sigma / 20)]
-    heavy = in_two_steps(trusted, gyro, world.A[0], "DSS-1")
+    heavy = align_in_two_steps(trusted, gyro, world.A[0], "DSS-1")
     assert heavy.retained[0, 0] > 0.9  # with the Earth sensor weighted more, the steps hardly disturb each other
 
 
@@ -83,9 +83,9 @@ def cases(world):
     for case in range(CASES):
         rng = generator(54, case, "alignment")
         series, gyro = world.series(rng), world.motion.gyro(rng)
-        one = together(series, gyro, world.A[0], "DSS-1")
-        best = together(series, gyro, world.A[0], "DSS-1", weighting="exact")
-        two = in_two_steps(series, gyro, world.A[0], "DSS-1")
+        one = align_together(series, gyro, world.A[0], "DSS-1")
+        best = align_together(series, gyro, world.A[0], "DSS-1", weighting="exact")
+        two = align_in_two_steps(series, gyro, world.A[0], "DSS-1")
         error = error_of(two)
         out["together"].append(squared_error(error_of(one), one.covariance))
         out["exact"].append(squared_error(error_of(best), best.covariance))
@@ -93,7 +93,7 @@ def cases(world):
         out["mean"].append(squared_error(error - (INJECTED - two.retained @ INJECTED), two.covariance))
         out["loss"].append(best.loss_after)
         if case < 3:
-            repeated = in_two_steps(series, gyro, world.A[0], "DSS-1", rounds=None)
+            repeated = align_in_two_steps(series, gyro, world.A[0], "DSS-1", rounds=None)
             out["agreement"].append(np.abs((error_of(one) - error_of(repeated)) / one.sigma).max())
     return out, best.dof
 
@@ -126,7 +126,7 @@ def test_a_wrong_sigma_shows(world, dss, esa):
             SensorSeries(one.model, one.t, one.y, one.sigma * factor)
             for one, factor in zip(world.series(rng), (dss, dss, esa), strict=True)
         ]
-        found = together(series, world.motion.gyro(rng), world.A[0], "DSS-1", weighting="exact")
+        found = align_together(series, world.motion.gyro(rng), world.A[0], "DSS-1", weighting="exact")
         values.append(squared_error(error_of(found), found.covariance))
         losses.append(found.loss_after)
     assert not is_mean_of_chi2(losses, found.dof)
@@ -141,9 +141,9 @@ def test_heads_that_are_not_square_cannot_be_a_rotation(world):
     for case in range(10):
         rng = generator(54, case, "heads")
         gyro = world.motion.gyro(rng)
-        found = together(world.series(rng, np.eye(3), np.zeros(4), flown), gyro, world.A[0], "DSS-1", weighting="exact")
+        found = align_together(world.series(rng, np.eye(3), np.zeros(4), flown), gyro, world.A[0], "DSS-1", weighting="exact")
         losses.append(found.loss_after)
-        plain = together(world.series(rng, np.eye(3), np.zeros(4)), gyro, world.A[0], "DSS-1", weighting="exact")
+        plain = align_together(world.series(rng, np.eye(3), np.zeros(4)), gyro, world.A[0], "DSS-1", weighting="exact")
         square.append(plain.loss_after)
     apparent = error_of(found, np.eye(3), np.zeros(4))[:3]
     assert np.rad2deg(np.abs(apparent).max()) > 0.05  # nothing is misaligned
@@ -153,9 +153,9 @@ def test_heads_that_are_not_square_cannot_be_a_rotation(world):
 
 
 def test_a_rotation_of_all_sensors_is_what_is_not_observable(world):
-    found = together(world.series(generator(54, 0, "common")), world.motion.gyro(), world.A[0], "DSS-1")
+    found = align_together(world.series(generator(54, 0, "common")), world.motion.gyro(), world.A[0], "DSS-1")
     assert found.unobservable == tuple(f"a rotation of all sensors together about body {axis}" for axis in "xyz")
-    other = together(world.series(generator(54, 0, "common")), world.motion.gyro(), world.A[0], "DSS-2")
+    other = align_together(world.series(generator(54, 0, "common")), world.motion.gyro(), world.A[0], "DSS-2")
     relative = found.misalignment["DSS-2"]
     # The other reference turns everything by DSS-2's M: N₁ M₁ = N₂ M₂ᵀ N₂ᵀ N₁.
     first, second = (one.alignment for one in trmm_sun_sensors())
@@ -166,18 +166,18 @@ def test_a_rotation_of_all_sensors_is_what_is_not_observable(world):
 def test_direction_sensors_turn_together_exactly(world):
     """With sensors of directions alone nothing tells a common turn: the loss is the same, the alignments are all turned."""
     motion, t = world.motion, world.t
-    sun = [direction_sensor(name, np.tile(world.sun[0], (t.size, 1))) for name in ("ahead", "behind")]
-    star = direction_sensor("star", np.tile([0.6, 0.0, 0.8], (t.size, 1)))
+    sun = [make_direction_sensor(name, np.tile(world.sun[0], (t.size, 1))) for name in ("ahead", "behind")]
+    star = make_direction_sensor("star", np.tile([0.6, 0.0, 0.8], (t.size, 1)))
     rng = generator(54, 0, "directions")
     gyro = motion.gyro(rng)
-    truths = (sun[0], sun[1].corrected(ANGLES), star.corrected(-ANGLES))
+    truths = (sun[0], sun[1].corrected(TRUE_MISALIGNMENT_ANGLES), star.corrected(-TRUE_MISALIGNMENT_ANGLES))
     series = [model.seen(motion, t, 1e-4, rng) for model in truths]
     turn = rotation_matrix(np.array([0.003, -0.002, 0.001]))
     found = []
     for M in (np.eye(3), turn):
-        nominal = [direction_sensor(model.name, model.directions[0], M=M) for model in truths]
+        nominal = [make_direction_sensor(model.name, model.directions[0], M=M) for model in truths]
         given = [SensorSeries(model, t, one.y, one.sigma) for model, one in zip(nominal, series, strict=True)]
-        found.append(together(given, gyro, world.A[0], "ahead"))
+        found.append(align_together(given, gyro, world.A[0], "ahead"))
         assert found[-1].unobservable == tuple(f"a rotation of all sensors together about body {axis}" for axis in "xyz")
     # The bias takes up the turned rate, nothing the gyro's noise: a few parts in a thousand of what it contributes.
     assert found[1].loss_after == pytest.approx(found[0].loss_after, rel=1e-4)
@@ -189,11 +189,11 @@ def test_direction_sensors_turn_together_exactly(world):
 def test_a_sensor_that_always_sees_one_direction_in_the_body_is_named(world):
     """Nadir stays in the body's z: its sensor may be turned about it. A wrong bias to start from hides that at first."""
     motion, t = world.motion, world.t
-    sun = direction_sensor("sun", np.tile(world.sun[0], (t.size, 1)))
-    earth = direction_sensor("earth", nadir(t, ORBIT))
+    sun = make_direction_sensor("sun", np.tile(world.sun[0], (t.size, 1)))
+    earth = make_direction_sensor("earth", compute_nadir(t, ATTITUDE_CASE_ORBIT))
     series = [model.seen(motion, t, 1e-4, generator(54, 0, "nadir")) for model in (sun, earth)]
     with pytest.raises(UnobservableError) as caught:
-        together(series, motion.gyro(), world.A[0], "sun")
+        align_together(series, motion.gyro(), world.A[0], "sun")
     assert caught.value.combinations == ("earth m_z",)
 
 
@@ -205,12 +205,12 @@ def test_what_cannot_be_aligned_is_refused(world):
         ("no alignment is left", (series, gyro, world.A[0], "DSS-1"), {"free": {}}),
         ("no alignment is left", (series[:1], gyro, world.A[0], "DSS-1"), {}),
     ):
-        for algorithm in (together, in_two_steps):
+        for algorithm in (align_together, align_in_two_steps):
             with pytest.raises(InputError, match=match):
                 algorithm(*arguments, **options)
     with pytest.raises(InputError, match="at least one round"):
-        in_two_steps(series, gyro, world.A[0], "DSS-1", rounds=0)
+        align_in_two_steps(series, gyro, world.A[0], "DSS-1", rounds=0)
     with pytest.raises(InputError, match="did not converge in 3 rounds"):
-        in_two_steps(series, gyro, world.A[0], "DSS-1", rounds=None, max_rounds=3)
+        align_in_two_steps(series, gyro, world.A[0], "DSS-1", rounds=None, max_rounds=3)
     with pytest.raises(UnobservableError, match="inertial direction"):  # one Sun, and the rotation about it
-        together(series[:2], gyro, world.A[0], "DSS-1")
+        align_together(series[:2], gyro, world.A[0], "DSS-1")

@@ -15,15 +15,15 @@ from simulator.sensors.earth import (
     OFF,
     RESTARTED,
     TrueEarthSensor,
-    filtered_s,
-    intrusion,
-    limb_signal,
+    compute_roll_pitch,
+    filter_s,
+    is_sun_intruding,
     measure,
     observe,
-    roll_pitch,
+    sum_limb_signals,
 )
-from simulator.sensors.horizon import AZIMUTHS, Horizon, orbit_position, penetrations
-from simulator.truth.orbit import CircularOrbit, lvlh_attitude
+from simulator.sensors.horizon import AZIMUTHS, Horizon, compute_orbit_position, compute_penetrations
+from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude
 from tests.simulator.sensors.nadir import bisector_attitude
 
 ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=0.7, latitude_argument=0.2)
@@ -45,14 +45,14 @@ def attitudes(n: int, tilt: float, seed: int = 3) -> tuple[np.ndarray, np.ndarra
     """n attitudes with tilts up to some rad and any yaw, and positions on the orbit."""
     rng = np.random.default_rng(seed)
     t = rng.uniform(0, ORBIT.period, n)
-    A = turned(lvlh_attitude(ORBIT, t), np.stack([np.zeros(n), np.zeros(n), rng.uniform(-3, 3, n)], axis=1))
-    return turned(A, tilt * rng.uniform(-1, 1, (n, 3))), orbit_position(ORBIT, t)
+    A = turned(compute_lvlh_attitude(ORBIT, t), np.stack([np.zeros(n), np.zeros(n), rng.uniform(-3, 3, n)], axis=1))
+    return turned(A, tilt * rng.uniform(-1, 1, (n, 3))), compute_orbit_position(ORBIT, t)
 
 
 def sun_at(azimuth_deg: float, polar_deg: float) -> np.ndarray:
     """Inertial Sun in this body direction of the LVLH attitude at time zero."""
     a, p = np.deg2rad([azimuth_deg, polar_deg])
-    return lvlh_attitude(ORBIT, np.zeros(1))[0].T @ np.array([np.sin(p) * np.cos(a), np.sin(p) * np.sin(a), np.cos(p)])
+    return compute_lvlh_attitude(ORBIT, np.zeros(1))[0].T @ np.array([np.sin(p) * np.cos(a), np.sin(p) * np.sin(a), np.cos(p)])
 
 
 def passage(s_filter: str, **changes: object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -60,7 +60,9 @@ def passage(s_filter: str, **changes: object) -> tuple[np.ndarray, np.ndarray, n
     t = np.arange(-600.0, 600.0, 0.5)
     sensor = replace(QUIET, s_filter=s_filter, **changes)
     sun = np.tile(sun_at(315.0, np.rad2deg(HORIZON.nominal)), (t.size, 1))
-    angles, used = observe(np.random.default_rng(0), sensor, t, lvlh_attitude(ORBIT, t), orbit_position(ORBIT, t), sun)
+    angles, used = observe(
+        np.random.default_rng(0), sensor, t, compute_lvlh_attitude(ORBIT, t), compute_orbit_position(ORBIT, t), sun
+    )
     return t, angles, used
 
 
@@ -70,7 +72,7 @@ def passage(s_filter: str, **changes: object) -> tuple[np.ndarray, np.ndarray, n
 def test_both_packages_see_the_same_horizon():
     A, position = attitudes(50, 0.1)
     model = EarthModel(EarthSensor(np.zeros(4)), position)
-    truth = penetrations(A, position, *HORIZON.semi_axes, HORIZON.nominal)
+    truth = compute_penetrations(A, position, *HORIZON.semi_axes, HORIZON.nominal)
     np.testing.assert_allclose(model.predict(A, np.arange(50)), truth, rtol=0, atol=1e-12)
     assert np.abs(truth).max() > 0.05
     np.testing.assert_allclose(model.predict(A[7:9], np.array([7, 8])), truth[7:9], rtol=0, atol=1e-12)
@@ -151,7 +153,7 @@ def test_trmm_biases_as_misalignment(order, roll_deg, pitch_deg):
     biases = np.array([printed[name] for name in ("SE", "SW", "NW", "NE")])
     modes = np.rad2deg(MODES @ biases)
     np.testing.assert_allclose(modes[:3], [roll_deg, pitch_deg, -0.0648], atol=1e-4)
-    np.testing.assert_allclose(np.deg2rad(modes[:2]), roll_pitch(biases, ALL), atol=1e-16)
+    np.testing.assert_allclose(np.deg2rad(modes[:2]), compute_roll_pitch(biases, ALL), atol=1e-16)
 
 
 # --- roll and pitch on board ---
@@ -166,14 +168,14 @@ def test_three_quadrants_are_least_squares_with_a_height():
         keep = used[0]
         expected = np.linalg.lstsq(PATTERN[keep, :3], angles[:, keep].T, rcond=None)[0][:2].T
         shown = np.where(used, angles, np.nan)
-        np.testing.assert_allclose([roll_pitch(y, u) for y, u in zip(shown, used, strict=True)], expected, atol=1e-15)
+        np.testing.assert_allclose([compute_roll_pitch(y, u) for y, u in zip(shown, used, strict=True)], expected, atol=1e-15)
 
 
 def test_two_quadrants_are_not_enough():
     for lost in ((0, 1), (0, 2), (1, 2, 3)):
         used = ALL.copy()
         used[list(lost)] = False
-        assert np.isnan(roll_pitch(np.zeros(4), used)).all()
+        assert np.isnan(compute_roll_pitch(np.zeros(4), used)).all()
 
 
 def test_roll_and_pitch_of_a_turned_body():
@@ -181,11 +183,11 @@ def test_roll_and_pitch_of_a_turned_body():
     A, position = attitudes(100, 0.0)
     A = bisector_attitude(A, position, HORIZON)
     tilt = np.concatenate([np.deg2rad(np.random.default_rng(4).uniform(-0.4, 0.4, (100, 2))), np.zeros((100, 1))], axis=1)
-    y = penetrations(turned(A, tilt), position, *HORIZON.semi_axes, HORIZON.nominal)
-    four = np.array([roll_pitch(one, ALL) for one in y])
+    y = compute_penetrations(turned(A, tilt), position, *HORIZON.semi_axes, HORIZON.nominal)
+    four = np.array([compute_roll_pitch(one, ALL) for one in y])
     # Slopes differ from a sphere's by under 1 %, and 2 (0.4 deg)^2 is 0.006 deg.
     np.testing.assert_allclose(np.rad2deg(four), np.rad2deg(tilt[:, :2]), atol=0.01)
-    three = np.array([roll_pitch(one, np.array([True, True, True, False])) for one in y])
+    three = np.array([compute_roll_pitch(one, np.array([True, True, True, False])) for one in y])
     elongation = y @ MODES[3]
     np.testing.assert_allclose(np.abs(three - four), np.sqrt(2) * np.abs(np.stack([elongation] * 2, axis=1)), atol=1e-14)
     assert 0.02 < np.rad2deg(np.abs(three - four)).max() < 0.04
@@ -197,33 +199,33 @@ def test_roll_and_pitch_of_a_turned_body():
 def test_limb_detectors_are_linear_until_they_are_full():
     width = 0.04
     inside = np.linspace(-0.059, 0.059, 21)
-    signals = np.array([limb_signal(y, 0.0, width) for y in inside])
+    signals = np.array([sum_limb_signals(y, 0.0, width) for y in inside])
     np.testing.assert_allclose(width * (signals - 1.5), inside, atol=1e-16)
-    assert limb_signal(0.2, 0.1, width) == pytest.approx(3.3)
-    assert limb_signal(-0.2, 0.1, width) == pytest.approx(0.3)
+    assert sum_limb_signals(0.2, 0.1, width) == pytest.approx(3.3)
+    assert sum_limb_signals(-0.2, 0.1, width) == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize("s_filter", ["off", "correct", "held", "restarted"])
 def test_constant_offset_is_subtracted(s_filter):
     """Without noise, swing or Sun the angles are the true ones and the biases, whatever the offset and the filter."""
-    A, position = lvlh_attitude(ORBIT, TIMES), orbit_position(ORBIT, TIMES)
+    A, position = compute_lvlh_attitude(ORBIT, TIMES), compute_orbit_position(ORBIT, TIMES)
     sensor = replace(QUIET, s_filter=s_filter, biases=TRMM_BIASES, offset=0.3)
-    away = np.tile(-orbit_position(ORBIT, np.array([ORBIT.period / 4]))[0] / ORBIT.radius, (TIMES.size, 1))
+    away = np.tile(-compute_orbit_position(ORBIT, np.array([ORBIT.period / 4]))[0] / ORBIT.radius, (TIMES.size, 1))
     angles, used = observe(np.random.default_rng(0), replace(sensor, sun_field=0.0, sun_margin=0.0), TIMES, A, position, away)
     assert used.all()
-    truth = penetrations(A, position, *HORIZON.semi_axes, HORIZON.nominal)
+    truth = compute_penetrations(A, position, *HORIZON.semi_axes, HORIZON.nominal)
     np.testing.assert_allclose(angles, truth + TRMM_BIASES, atol=1e-14)
     rough, _ = observe(np.random.default_rng(0), replace(sensor, step=1e-3, sun_field=0.0), TIMES, A, position, away)
     np.testing.assert_allclose(rough / 1e-3, np.round((truth + TRMM_BIASES) / 1e-3), atol=1e-9)
 
 
 def test_filter_by_hand():
-    assert filtered_s(np.nan, 0.5, True, True, 0.25, RESTARTED, 0.0) == 0.5  # first sample
-    assert filtered_s(0.1, 0.5, True, True, 0.25, CORRECT, 0.0) == pytest.approx(0.2)
-    assert filtered_s(0.1, 0.5, True, True, 0.25, OFF, 0.0) == 0.5
+    assert filter_s(np.nan, 0.5, True, True, 0.25, RESTARTED, 0.0) == 0.5  # first sample
+    assert filter_s(0.1, 0.5, True, True, 0.25, CORRECT, 0.0) == pytest.approx(0.2)
+    assert filter_s(0.1, 0.5, True, True, 0.25, OFF, 0.0) == 0.5
     for mode in (OFF, CORRECT, HELD, RESTARTED):
-        assert filtered_s(0.1, 0.5, False, True, 0.25, mode, 0.9) == 0.1  # frozen
-    returned = [filtered_s(0.1, 0.5, True, False, 0.25, mode, 0.9) for mode in (OFF, CORRECT, HELD, RESTARTED)]
+        assert filter_s(0.1, 0.5, False, True, 0.25, mode, 0.9) == 0.1  # frozen
+    returned = [filter_s(0.1, 0.5, True, False, 0.25, mode, 0.9) for mode in (OFF, CORRECT, HELD, RESTARTED)]
     np.testing.assert_allclose(returned, [0.5, 0.5, 0.2, 0.8])
 
 
@@ -240,7 +242,9 @@ def test_wrong_restart_is_a_spike_that_decays():
     np.testing.assert_allclose(spike, 3 * QUIET.width * QUIET.offset * np.exp(-elapsed / QUIET.s_time_constant), atol=1e-13)
     np.testing.assert_array_equal((wrong - correct)[: out[0]], 0.0)
     pairs = zip(wrong, correct, used, strict=True)
-    roll, pitch = np.rad2deg([np.subtract(roll_pitch(a, flags), roll_pitch(b, flags)) for a, b, flags in pairs]).T
+    roll, pitch = np.rad2deg(
+        [np.subtract(compute_roll_pitch(a, flags), compute_roll_pitch(b, flags)) for a, b, flags in pairs]
+    ).T
     assert 0.1 < np.abs(roll).max() < 0.4
     assert 0.1 < np.abs(pitch).max() < 0.4
     _, held, _ = passage("held")
@@ -266,7 +270,7 @@ def test_moving_offset_lags_by_the_time_constant():
     before = slice(200, np.flatnonzero(~used[:, 3])[0])
     nominal, azimuth = HORIZON.nominal, AZIMUTHS[1]
     direction = np.array([np.sin(nominal) * np.cos(azimuth), np.sin(nominal) * np.sin(azimuth), np.cos(nominal)])
-    A = lvlh_attitude(ORBIT, t)
+    A = compute_lvlh_attitude(ORBIT, t)
     offset = 0.02 * (A @ sun_at(315.0, np.rad2deg(nominal))) @ direction
     state = offset[0]
     lag = []
@@ -280,7 +284,7 @@ def test_moving_offset_lags_by_the_time_constant():
 def test_sun_in_an_undropped_quadrant_shows():
     """What the prediction is for: with no prediction S is raised and the angle is wrong by 3 w; negative control of `used`."""
     t = np.zeros(1)
-    A, position = lvlh_attitude(ORBIT, t)[0], orbit_position(ORBIT, t)[0]
+    A, position = compute_lvlh_attitude(ORBIT, t)[0], compute_orbit_position(ORBIT, t)[0]
     sun = sun_at(315.0, np.rad2deg(HORIZON.nominal))
     elsewhere = turned(A[None], np.array([[0.0, 0.0, 0.5]]))[0]
     results = []
@@ -291,30 +295,32 @@ def test_sun_in_an_undropped_quadrant_shows():
         results.append((used, angles))
     assert results[0][0].tolist() == [True, True, True, False]
     assert results[1][0].all()
-    truth = penetrations(A[None], position[None], *HORIZON.semi_axes, HORIZON.nominal)[0]
+    truth = compute_penetrations(A[None], position[None], *HORIZON.semi_axes, HORIZON.nominal)[0]
     np.testing.assert_allclose(results[1][1] - truth, [0, 0, 0, -3 * QUIET.width], atol=1e-14)
 
 
 def test_intrusion_field_and_eclipse():
     t = np.zeros(1)
-    A, position = lvlh_attitude(ORBIT, t)[0], orbit_position(ORBIT, t)[0]
+    A, position = compute_lvlh_attitude(ORBIT, t)[0], compute_orbit_position(ORBIT, t)[0]
     nominal, cos_field = HORIZON.nominal, np.cos(np.deg2rad(5.0))
     limb_deg = np.rad2deg(nominal)
     solid = np.rad2deg(np.arcsin(6378137.0 / ORBIT.radius))  # 71.4 deg; the Earth is oblate by 0.2 deg at most there
     for i, azimuth in enumerate(np.rad2deg(AZIMUTHS)):
         for polar, expected in ((limb_deg + 4.9, True), (limb_deg + 5.1, False), (solid + 0.3, True), (solid - 0.9, False)):
             sun = sun_at(azimuth, polar)
-            assert intrusion(A, position, sun, i, nominal, cos_field) is expected
-            assert not any(intrusion(A, position, sun, j, nominal, cos_field) for j in range(4) if j != i)
+            assert is_sun_intruding(A, position, sun, i, nominal, cos_field) is expected
+            assert not any(is_sun_intruding(A, position, sun, j, nominal, cos_field) for j in range(4) if j != i)
 
 
 def test_noise_is_as_stated():
     """Variance sigma^2 + (3 w sigma_s)^2 without filter, g/(2 - g) of the second part with it."""
     n = 40000
     t = 0.5 * np.arange(n)
-    A, position = (np.repeat(x, n, axis=0) for x in (lvlh_attitude(ORBIT, np.zeros(1)), orbit_position(ORBIT, np.zeros(1))))
+    A, position = (
+        np.repeat(x, n, axis=0) for x in (compute_lvlh_attitude(ORBIT, np.zeros(1)), compute_orbit_position(ORBIT, np.zeros(1)))
+    )
     sun = np.tile(sun_at(0.0, 170.0), (n, 1))
-    truth = penetrations(A[:1], position[:1], *HORIZON.semi_axes, HORIZON.nominal)[0]
+    truth = compute_penetrations(A[:1], position[:1], *HORIZON.semi_axes, HORIZON.nominal)[0]
     sensor = TrueEarthSensor(swing=0.0, sigma_s=0.01, s_time_constant=5.0)
     gain = sensor.gain(0.5)
     s_part = (3 * sensor.width * sensor.sigma_s) ** 2

@@ -26,7 +26,7 @@ def scene(sensor, rng, n, limit_deg=47.5):
 
 
 def kernel_tangents(s, head):
-    return np.array([truth.head_tangents(*row, head) for row in s])
+    return np.array([truth.compute_head_tangents(*row, head) for row in s])
 
 
 # The truth
@@ -42,7 +42,7 @@ def test_head_geometry_is_the_euler_sequence():
     np.testing.assert_allclose(kernel_tangents(s, head), expected, rtol=1e-13)
 
 
-@pytest.mark.parametrize("k", [truth.ALPHA, truth.BETA])
+@pytest.mark.parametrize("k", [truth.SIMULATED_ALPHA_COEFFICIENTS, truth.SIMULATED_BETA_COEFFICIENTS])
 def test_counts_solve_the_transfer_function(k):
     for angle in np.deg2rad([-48.0, -20.0, 0.0, 3.7, 48.0]):
 
@@ -50,21 +50,21 @@ def test_counts_solve_the_transfer_function(k):
             return np.arctan(k[0] + k[1] * N + k[2] * np.sin(k[3] * N + k[4]) + k[5] * np.sin(k[6] * N + k[7])) + k[8] - angle
 
         expected = brentq(missing, 0, 16383, xtol=1e-9)
-        assert truth.counts_of(np.tan(angle), np.tan(angle), k, k)[0] == pytest.approx(expected, abs=1e-7)
+        assert truth.compute_counts(np.tan(angle), np.tan(angle), k, k)[0] == pytest.approx(expected, abs=1e-7)
 
 
 def test_the_transfer_function_rises_within_fourteen_bits():
     """One count for one angle, and the field of view fits into the counts."""
-    for k in (truth.ALPHA, truth.BETA):
+    for k in (truth.SIMULATED_ALPHA_COEFFICIENTS, truth.SIMULATED_BETA_COEFFICIENTS):
         assert abs(k[2] * k[3]) + abs(k[5] * k[6]) < 0.1 * k[1]
-        low, high = truth.counts_of(-np.tan(truth.HALF_FOV), np.tan(truth.HALF_FOV), k, k)
+        low, high = truth.compute_counts(-np.tan(truth.SIMULATED_HALF_FOV), np.tan(truth.SIMULATED_HALF_FOV), k, k)
         assert 0 < low < high < 2**14
 
 
 def test_the_sun_is_seen_within_the_field_of_view_only():
-    sensor = truth.trmm_sun_sensors(heads=SQUARE)[0]
+    sensor = truth.build_trmm_sensors(heads=SQUARE)[0]
     angles = np.deg2rad([[0, 0], [47.9, -47.9], [48.1, 0], [0, -48.1], [10, 10]])
-    s = ground.vector(angles)
+    s = ground.compute_direction(angles)
     s[4] *= -1  # behind, where the tangents are the same
     A = np.broadcast_to(np.eye(3), (5, 3, 3))
     counts, visible = truth.observe(None, sensor, A, s @ sensor.alignment.T)
@@ -73,17 +73,17 @@ def test_the_sun_is_seen_within_the_field_of_view_only():
     assert counts.dtype == np.int64
 
 
-@pytest.mark.parametrize(("tilt", "elevation"), [(truth.TILT, 0.0), (0.3, 0.2)])
+@pytest.mark.parametrize(("tilt", "elevation"), [(truth.SIMULATED_BORESIGHT_TILT, 0.0), (0.3, 0.2)])
 def test_alignments_are_those_described_and_the_sun_crosses_at_one_alpha(tilt, elevation):
     sun = np.array([[np.cos(x), -np.sin(x), 0.0] for x in np.linspace(0, 1.0, 7)])
-    pairs = zip(truth.trmm_alignments(tilt, elevation), ground.trmm_sun_sensors(tilt, elevation), (1, -1), strict=True)
+    pairs = zip(truth.build_trmm_alignments(tilt, elevation), ground.trmm_sun_sensors(tilt, elevation), (1, -1), strict=True)
     for N, ours, sign in pairs:
         np.testing.assert_allclose(N, ours.alignment, atol=1e-15)
         np.testing.assert_allclose(N @ N.T, np.eye(3), atol=1e-15)
         assert np.linalg.det(N) == pytest.approx(1)
         assert N[2, 2] == pytest.approx(np.sin(elevation))
         assert np.arctan2(-N[1, 2], sign * N[0, 2]) == pytest.approx(tilt)
-        angles = ground.angles_of(sun * [sign, 1, 1] @ N)
+        angles = ground.compute_angles(sun * [sign, 1, 1] @ N)
         np.testing.assert_allclose(angles[:, 0], -sign * elevation, atol=1e-15)
         assert (np.diff(angles[:, 1]) > 0).all()  # β grows toward −Y
 
@@ -97,7 +97,7 @@ def test_counts_close_within_noise_and_quantisation(which):
     n = 20_000
     rng = np.random.default_rng(3)
     misalignments = (np.eye(3), Rotation.from_matrix(M_DSS2).as_matrix())
-    true = truth.trmm_sun_sensors(heads=SQUARE, misalignments=misalignments)[which]
+    true = truth.build_trmm_sensors(heads=SQUARE, misalignments=misalignments)[which]
     sensor = replace(ground.trmm_sun_sensors()[which], misalignment=misalignments[which])
     A, sun, tangents = scene(true, rng, n, limit_deg=45)
     counts, visible = truth.observe(rng, true, A, sun)
@@ -107,16 +107,16 @@ def test_counts_close_within_noise_and_quantisation(which):
     white = error / np.sqrt(true.noise**2 + step**2 / 12)
     assert np.abs(white.mean(axis=0)).max() < 4 / np.sqrt(n)
     assert np.abs(white.var(axis=0) - 1).max() < 4 * np.sqrt(2 / n)
-    assert np.sqrt((error**2).mean()) < ground.SIGMA
+    assert np.sqrt((error**2).mean()) < ground.SUN_ANGLE_SIGMA
     # The vectors follow, R (4) and (1).
     body = np.einsum("nij,nj->ni", A, sun)
-    seen = ground.vector(sensor.angles(counts)) @ (sensor.alignment @ sensor.misalignment).T
+    seen = ground.compute_direction(sensor.angles(counts)) @ (sensor.alignment @ sensor.misalignment).T
     across = np.linalg.norm(np.cross(seen, body), axis=1)
-    assert across.max() < 7 * ground.SIGMA
+    assert across.max() < 7 * ground.SUN_ANGLE_SIGMA
 
 
 def test_without_noise_half_a_count_is_the_largest_error():
-    true, sensor = truth.trmm_sun_sensors(heads=SQUARE)[0], ground.trmm_sun_sensors()[0]
+    true, sensor = truth.build_trmm_sensors(heads=SQUARE)[0], ground.trmm_sun_sensors()[0]
     A, sun, tangents = scene(true, np.random.default_rng(4), 5000)
     counts, _ = truth.observe(None, true, A, sun)
     # The sines make a count larger or smaller by up to 1.1 % of its size.
@@ -126,7 +126,7 @@ def test_without_noise_half_a_count_is_the_largest_error():
 @pytest.mark.parametrize(("which", "largest_deg"), [(0, 0.067), (1, 0.182)])
 def test_turned_heads_show_the_errors_of_their_angles(which, largest_deg):
     """α is untouched; at the boresight β is off by e₃, and over the field of view by a few tenths of a degree (DSS-2)."""
-    true, sensor = truth.trmm_sun_sensors()[which], ground.trmm_sun_sensors()[which]
+    true, sensor = truth.build_trmm_sensors()[which], ground.trmm_sun_sensors()[which]
     A, sun, tangents = scene(true, np.random.default_rng(5), 5000, limit_deg=46)
     counts, _ = truth.observe(None, true, A, sun)
     error = np.rad2deg(sensor.angles(counts) - np.arctan(tangents))
@@ -150,7 +150,9 @@ def test_turned_heads_show_the_errors_of_their_angles(which, largest_deg):
 def model():
     rng = np.random.default_rng(9)
     sensor = replace(ground.trmm_sun_sensors()[1], misalignment=Rotation.from_rotvec([0.02, -0.03, 0.05]).as_matrix())
-    true = truth.TrueSunSensor("", sensor.alignment @ sensor.misalignment, truth.ALPHA, truth.BETA, ZERO)
+    true = truth.TrueSunSensor(
+        "", sensor.alignment @ sensor.misalignment, truth.SIMULATED_ALPHA_COEFFICIENTS, truth.SIMULATED_BETA_COEFFICIENTS, ZERO
+    )
     A, sun, tangents = scene(true, rng, 30)
     built: SensorModel = ground.SunModel(sensor, sun)
     return built, A, np.arctan(tangents)
@@ -188,7 +190,7 @@ def test_a_turn_of_body_and_sensor_together_is_not_seen(model):
 @pytest.mark.parametrize(("which", "sign"), [(0, -1.0), (1, 1.0)])
 def test_beta_is_yaw_where_the_sun_crosses_the_xy_plane(which, sign):
     sensor = ground.trmm_sun_sensors()[which]
-    sun = ground.vector(np.column_stack([np.zeros(5), np.linspace(-0.3, 0.6, 5)])) @ sensor.alignment.T
+    sun = ground.compute_direction(np.column_stack([np.zeros(5), np.linspace(-0.3, 0.6, 5)])) @ sensor.alignment.T
     assert np.abs(sun[:, 2]).max() < 1e-15
     jacobian = ground.SunModel(sensor, sun).jacobian(np.broadcast_to(np.eye(3), (5, 3, 3)), np.arange(5))
     np.testing.assert_allclose(jacobian[:, 1, 2], sign, atol=1e-14)
@@ -196,7 +198,7 @@ def test_beta_is_yaw_where_the_sun_crosses_the_xy_plane(which, sign):
 
 
 def test_series_leaves_out_what_is_not_in_view():
-    true, sensor = truth.trmm_sun_sensors(heads=SQUARE)[0], ground.trmm_sun_sensors()[0]
+    true, sensor = truth.build_trmm_sensors(heads=SQUARE)[0], ground.trmm_sun_sensors()[0]
     A, sun, _ = scene(true, np.random.default_rng(10), 40)
     sun[::4] *= -1
     counts, visible = truth.observe(np.random.default_rng(11), true, A, sun)

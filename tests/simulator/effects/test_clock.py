@@ -53,7 +53,7 @@ def test_a_slip_is_an_offset_from_its_time_on():
 
 def test_a_short_recording_has_no_drift():
     short = simulator.override(agile(), {"interval.0.stop_s": 8.0})
-    around = simulator.effects.surroundings_of(simulator.simulate(short), np.eye(3), np.zeros(3))
+    around = simulator.effects.extract_surroundings(simulator.simulate(short), np.eye(3), np.zeros(3))
     assert "shorter than 10 s" in EFFECTS["clock_drift"].missing(around)
 
 

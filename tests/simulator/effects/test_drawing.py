@@ -5,10 +5,10 @@ import pytest
 
 import simulator
 from simulator.effects import EFFECTS, SampleTests, setting
-from simulator.simulate import surroundings, with_gyro_temperature
+from simulator.simulate import add_gyro_temperature, build_surroundings
 from tests.simulator.effects.test_effects import MOTION, PLAIN, SCENARIO
 
-AROUND = surroundings(with_gyro_temperature(PLAIN), MOTION)
+AROUND = build_surroundings(add_gyro_temperature(PLAIN), MOTION)
 TESTS = SampleTests(
     power=0.9, quiet=(3000, 800), event_p=1e-6, correlated=1.5, line_p=1e-6, lowest_line_hz=0.02, outlier_sigma=6.0,
     fewest_clipped=5, coarse=0.3, fewest_references=10, reference_p=1e-4, trimming=1.2,

@@ -7,10 +7,10 @@ import pytest
 
 import simulator
 from gyrocal import InputError
-from simulator.effects import EFFECTS, Stream, parse, references_of, setting, stream_of
-from simulator.effects.base import AXES
-from simulator.effects.gyro.rate_lag import lagged
-from simulator.effects.housekeeping import STANDARD_GRAVITY
+from simulator.effects import EFFECTS, Stream, extract_references, extract_stream, parse, setting
+from simulator.effects.base import AXIS_NAMES
+from simulator.effects.gyro.rate_lag import apply_lag
+from simulator.effects.housekeeping_columns import STANDARD_GRAVITY
 from simulator.truth.rotation import separation
 
 DEG_H = np.deg2rad(1 / 3600)
@@ -67,7 +67,7 @@ def variants(name):
         times = [{"begin_s": 400.0, "end_s": 2500.0}, {"begin_s": 2500.0, "end_s": 1e12}]
     if "period_s" in names:
         times = [{"period_s": 370.0}]
-    return [{**t, "toward": toward} for t in times for toward in AXES] if "toward" in names else times
+    return [{**t, "toward": toward} for t in times for toward in AXIS_NAMES] if "toward" in names else times
 
 
 CASES = [
@@ -84,7 +84,7 @@ def test_columns_are_the_simulators_derivative(name, axis, parameters):
     effect, size = EFFECTS[name], SIZE.get(name, 1.0)
     on_references = effect.on_references
     make = effect.reference_columns if on_references else effect.columns
-    columns = make(references_of(PLAIN) if on_references else STREAM, axis, parameters)
+    columns = make(extract_references(PLAIN) if on_references else STREAM, axis, parameters)
     for k in range(columns.shape[2]):
         amplitude = np.eye(columns.shape[2])[k] * size
         total, held = effect.from_amplitudes(amplitude)
@@ -174,21 +174,21 @@ def test_lag_of_a_sine_in_closed_form():
     edge = dt * np.arange(401)
     angle = np.diff(np.exp(1j * omega * edge) / (1j * omega)) / dt
     rates = np.column_stack([angle.imag, 0 * angle.imag, np.ones(400)])
-    out = lagged(rates, np.full(400, dt), tau)
+    out = apply_lag(rates, np.full(400, dt), tau)
     np.testing.assert_allclose(out[60:-1, 0], (angle / (1 + 1j * omega * tau)).imag[60:-1], atol=2e-6)  # the spline ends there
     np.testing.assert_allclose(out[:, 2], 1.0, atol=1e-14)
 
 
 def test_stream_of_a_recording_is_near_the_truth():
     G, bias = np.array(SCENARIO.gyro.true_G), np.deg2rad(SCENARIO.gyro.true_bias_deg_s)
-    stream = stream_of(simulator.simulate(SCENARIO, seed=2), G, bias)
+    stream = extract_stream(simulator.simulate(SCENARIO, seed=2), G, bias)
     np.testing.assert_array_equal(stream.t_s, STREAM.t_s)
     np.testing.assert_array_equal(stream.duration_s, STREAM.duration_s)
     assert (stream.intervals, stream.span_s) == (STREAM.intervals, STREAM.span_s)
     np.testing.assert_allclose(stream.raw @ G.T + bias, stream.rates, atol=1e-17)
     sigma = np.deg2rad(2.6e-4) / np.sqrt(0.5)
     assert (stream.rates - STREAM.rates).std() < 0.45 * sigma
-    np.testing.assert_allclose(stream_of(PLAIN, G, bias, smooth_s=0).rates, MOTION.rates, atol=1e-17)
+    np.testing.assert_allclose(extract_stream(PLAIN, G, bias, smooth_s=0).rates, MOTION.rates, atol=1e-17)
 
 
 def test_no_effects_are_the_baseline_to_the_bit():

@@ -7,8 +7,8 @@ import pytest
 
 import simulator
 from simulator.effects import EFFECTS, ProcessTimes, References, Stream, Surroundings, parse
-from simulator.effects.chain import activated, readings
-from simulator.effects.gyro.stale_samples import stale_mask
+from simulator.effects.chain import prepare_effects, simulate_readings
+from simulator.effects.gyro.stale_samples import draw_stale_mask
 from simulator.truth.rotation import separation
 from tests.simulator.effects.test_effects import MOTION, PLAIN, SCENARIO
 
@@ -26,7 +26,7 @@ def still(count, sample_s=1.0, starts=(0.0,)):
 
 def applied(text, stream, seed=0, case=0, arw=0.0, noisy=False):
     rng = simulator.generator(seed, case, "gyro_noise") if noisy else None
-    return readings(around(stream, arw), activated([parse(text)], seed, case), rng)
+    return simulate_readings(around(stream, arw), prepare_effects([parse(text)], seed, case), rng)
 
 
 def around(stream, arw=0.0):
@@ -109,8 +109,8 @@ def test_an_effect_leaves_all_other_draws_as_they_were():
 
 
 def test_two_of_one_label_draw_apart():
-    twice = readings(around(still(50)), activated([parse("bias_random_walk:x=1")] * 2, 0, 0), None)
-    once = readings(around(still(50)), activated([parse("bias_random_walk:x=1")], 0, 0), None)
+    twice = simulate_readings(around(still(50)), prepare_effects([parse("bias_random_walk:x=1")] * 2, 0, 0), None)
+    once = simulate_readings(around(still(50)), prepare_effects([parse("bias_random_walk:x=1")], 0, 0), None)
     assert np.abs(twice - 2 * once).max() > 0.1 * np.abs(once).max()
 
 
@@ -175,7 +175,7 @@ def test_spikes_have_their_share_size_and_sign():
 @pytest.mark.parametrize(("mean_run", "fraction"), [(1.0, 0.01), (4.0, 0.1), (20.0, 0.5)])
 def test_stale_runs_have_their_share_and_length(mean_run, fraction):
     """From 10⁶ samples; the number of runs is r = 10⁶ f/mean_run, errors go as 1/√r."""
-    stale = stale_mask(np.random.default_rng(2), 10**6, mean_run, fraction)
+    stale = draw_stale_mask(np.random.default_rng(2), 10**6, mean_run, fraction)
     onsets = (stale[1:] & ~stale[:-1]).sum()
     error = 5 / np.sqrt(onsets)
     assert stale.sum() / onsets == pytest.approx(mean_run, rel=error)

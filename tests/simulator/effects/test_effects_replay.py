@@ -11,8 +11,8 @@ import simulator
 from gyrocal import InputError, calibrate, load, save
 from simulator.effects import EFFECTS, TRACKER_EFFECTS, parse
 from simulator.effects.sensor import ALL_EFFECTS
-from simulator.effects.smoothing import noise_level
-from simulator.replay import replay, replayed
+from simulator.effects.smoothing import estimate_sample_sigma
+from simulator.replay import reconstruct_motion, replay
 from simulator.truth.integration import accumulate
 from simulator.truth.rotation import separation
 from tests import ROOT, SHARED
@@ -21,7 +21,7 @@ SERIES = simulator.load("trmm_series")
 MOTION = simulator.motion(SERIES)
 ORIGINAL = simulator.simulate(SERIES, seed=5)
 FITTED = calibrate(ORIGINAL).parameters
-FOUND = replayed(ORIGINAL, FITTED.G, FITTED.bias)
+FOUND = reconstruct_motion(ORIGINAL, FITTED.G, FITTED.bias)
 SAMPLE_SIGMA = ORIGINAL.gyro.arw / np.sqrt(0.5)
 
 
@@ -53,7 +53,9 @@ def test_replay_keeps_everything_but_the_draws():
     # The noise is there once. The median of second differences has 1.4 times the relative error of a median of as many
     # independent values, 1.17/sqrt(n), since neighbours share samples; here are two of them, four sigma apart at most.
     room = 4 * np.sqrt(2) * 1.4 * 1.17 / np.sqrt(len(ORIGINAL.gyro.rates))
-    np.testing.assert_allclose(noise_level(again.gyro.rates, 0), noise_level(ORIGINAL.gyro.rates, 0), rtol=room)
+    np.testing.assert_allclose(
+        estimate_sample_sigma(again.gyro.rates, 0), estimate_sample_sigma(ORIGINAL.gyro.rates, 0), rtol=room
+    )
     clean = replay(ORIGINAL, FITTED.G, FITTED.bias, noise=False, motion=FOUND)
     np.testing.assert_array_equal(clean.attitudes.quaternions, FOUND.quaternions)
     np.testing.assert_allclose(clean.gyro.rates @ FITTED.G.T + FITTED.bias, FOUND.rates, atol=1e-17)
@@ -101,7 +103,7 @@ def test_holes_and_outliers_are_bridged():
     rates = gyro.rates.copy()
     rates[[3000, 20000], 1] += np.deg2rad(1.0)
     broken = replace(ORIGINAL, gyro=replace(gyro, t_s=gyro.t_s[kept], rates=rates[kept]))
-    found = replayed(broken, FITTED.G, FITTED.bias)
+    found = reconstruct_motion(broken, FITTED.G, FITTED.bias)
     np.testing.assert_array_equal(found.t_s, gyro.t_s[kept])
     assert np.abs(found.rates - MOTION.rates[kept]).max() < 5 * SAMPLE_SIGMA
     assert separation(found.quaternions, MOTION.quaternions).std() < np.deg2rad(0.005)
@@ -111,7 +113,7 @@ def test_touching_intervals_keep_one_attitude():
     common = {"activity": "", "mode": "+x"}
     intervals = [{"name": name, "start_s": a, "stop_s": a + 600.0, **common} for name, a in (("a", 100.0), ("b", 700.0))]
     recording = simulator.simulate(simulator.override(SERIES, {"interval": intervals}), seed=1)
-    found = replayed(recording, FITTED.G, FITTED.bias)
+    found = reconstruct_motion(recording, FITTED.G, FITTED.bias)
     last = accumulate(found.quaternions[0], found.rates * found.duration_s[:, None])[-1]
     assert np.abs(separation(last, found.quaternions[-1])).max() < 1e-11
 

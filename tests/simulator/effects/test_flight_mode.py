@@ -7,7 +7,7 @@ import pytest
 
 import simulator
 from gyrocal import InputError, load
-from simulator.effects import directions_flown, parse, references_of, setting
+from simulator.effects import extract_references, find_flight_directions, parse, setting
 from simulator.effects.base import References, Surroundings
 from simulator.effects.reference.reference_mode_offset import EFFECT as MODE_OFFSET
 from simulator.truth.rotation import separation
@@ -19,7 +19,7 @@ RECORDING = simulator.simulate(SERIES, seed=2)
 
 
 def forward_axes(recording):
-    return directions_flown(recording)[0]
+    return find_flight_directions(recording)[0]
 
 
 def runs_of(recording, number):
@@ -61,7 +61,7 @@ def test_a_reference_in_a_slew_belongs_to_the_nearer_mode():
     attitudes = replace(
         recording.attitudes, t_s=t_s, quaternions=np.tile([0.0, 0, 0, 1], (26, 1)), sigma=np.full((26, 3), 1e-4)
     )
-    axes, headings = directions_flown(replace(recording, attitudes=attitudes))
+    axes, headings = find_flight_directions(replace(recording, attitudes=attitudes))
     np.testing.assert_array_equal(axes, np.where(t_s < 500, "+x", "-x"))
     # A yaw about +z, smooth at its ends, takes the velocity from +x over -y to -x.
     assert np.all(np.diff(headings[(t_s > 120) & (t_s < 880)]) < 0)
@@ -121,7 +121,7 @@ def test_the_offset_acts_around_a_hold_and_in_it_if_asked_to():
 
 
 def around(recording):
-    references = references_of(recording)
+    references = extract_references(recording)
     return Surroundings(None, references, recording.gyro.arw, recording.gyro.sample_s, recording.attitudes.sigma)
 
 

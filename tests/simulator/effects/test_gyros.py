@@ -8,7 +8,7 @@ from gyrocal import InputError
 from simulator.effects import EFFECTS, parse
 from simulator.effects.base import SampleView
 from simulator.effects.registry import ARRAY_EFFECTS
-from simulator.simulate import true_gyros
+from simulator.simulate import compute_true_gyros
 from tests.simulator.effects.test_effects import SCENARIO
 
 FOUR = simulator.override(
@@ -25,7 +25,7 @@ def changed(*texts, noise=False):
 
 
 def test_gyros_read_the_rate_about_their_axes():
-    K, c = true_gyros(FOUR)
+    K, c = compute_true_gyros(FOUR)
     truth = simulator.motion(FOUR).rates
     np.testing.assert_allclose(PLAIN.gyro.rates, truth @ K.T + c, atol=1e-17)
     assert PLAIN.gyro.names == ("1", "2", "3", "4")
@@ -35,8 +35,8 @@ def test_errors_of_scale_axis_and_bias_are_those_of_the_scenario():
     errors = {"scale_ppm": [0.0, 1000.0, 0.0, 0.0], "bias_deg_s": [0.0, 0.0, 1e-3, 0.0]}
     errors["misalignment_deg"] = [[0.0, 0.0, 0.0]] * 3 + [[0.1, 0.0, 0.0]]
     other = simulator.override(FOUR, {f"gyro.array.{name}": value for name, value in errors.items()})
-    K, c = true_gyros(FOUR)
-    K_new, c_new = true_gyros(other)
+    K, c = compute_true_gyros(FOUR)
+    K_new, c_new = compute_true_gyros(other)
     np.testing.assert_allclose(K_new[:3], K[:3] * np.array([[1], [1.001], [1]]), rtol=1e-13)
     unit = np.linalg.inv(np.array(FOUR.gyro.true_G))
     np.testing.assert_allclose(K_new[3] - K[3], np.deg2rad(0.1) * unit[0], rtol=1e-9)
@@ -50,7 +50,7 @@ def test_a_step_of_bias_and_of_scale_is_on_its_gyro_alone():
     assert not step[~late].any()
     assert not step[:, :3].any()
     scale = changed("gyro_scale_step:2=100,time_s=2500") - PLAIN.gyro.rates
-    bias = true_gyros(FOUR)[1][1]
+    bias = compute_true_gyros(FOUR)[1][1]
     np.testing.assert_allclose(scale[late, 1], 1e-4 * (PLAIN.gyro.rates[late, 1] - bias), rtol=2e-3, atol=1e-10)
     assert not scale[:, [0, 2, 3]].any()
 

@@ -9,8 +9,8 @@ import pytest
 import simulator
 from diagnosis.diagnose import diagnose
 from gyrocal import InputError
-from simulator.effects import EFFECTS, parse, stream_of, surroundings_of
-from simulator.effects.housekeeping import STANDARD_GRAVITY
+from simulator.effects import EFFECTS, extract_stream, extract_surroundings, parse
+from simulator.effects.housekeeping_columns import STANDARD_GRAVITY
 from tests.simulator.effects.test_clock import agile
 from tests.simulator.effects.test_effects import ACCELERATIONS, PLAIN
 
@@ -27,13 +27,13 @@ def test_accelerations_are_those_of_a_body_on_a_rate_table():
 @pytest.mark.parametrize("name", ["acceleration_sensitivity", "g_matrix_temperature"])
 def test_without_its_column_it_is_no_candidate(name):
     recording = simulator.simulate(agile(), seed=1)
-    around = surroundings_of(recording, recording.gyro.apriori_G, recording.gyro.apriori_bias)
+    around = extract_surroundings(recording, recording.gyro.apriori_G, recording.gyro.apriori_bias)
     assert "no housekeeping column" in EFFECTS[name].missing(around)
 
 
 def test_an_acceleration_that_is_missing_is_one_clear_line():
     with pytest.raises(InputError, match="acceleration_x_m_s2"):
-        EFFECTS["acceleration_sensitivity"].columns(stream_of(PLAIN, np.eye(3), np.zeros(3)), "x", {"toward": "x"})
+        EFFECTS["acceleration_sensitivity"].columns(extract_stream(PLAIN, np.eye(3), np.zeros(3)), "x", {"toward": "x"})
 
 
 def warmed(size):
@@ -42,7 +42,7 @@ def warmed(size):
     t_s = np.arange(0.0, 1501.0, 10.0)
     table = pd.DataFrame({"t_s": t_s, "gyro_temperature_c": 20 + 3 * np.abs(t_s / 370 % 2 - 1)})
     recording = replace(recording, tables={"housekeeping": table})
-    stream = stream_of(recording, recording.gyro.apriori_G, recording.gyro.apriori_bias)
+    stream = extract_stream(recording, recording.gyro.apriori_G, recording.gyro.apriori_bias)
     column = EFFECTS["g_matrix_temperature"].columns(stream, "z", {"toward": "z"})[:, :, 0]
     return replace(recording, gyro=replace(recording.gyro, rates=recording.gyro.rates + size * column))
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gyrocal.allan import allan_variance, overlapping_allan_deviation
+from gyrocal.allan import compute_allan_variance, overlapping_allan_deviation
 from gyrocal.allan.terms import ANGLE_WHITE, MARKOV
 from simulator import scenario
 from simulator.effects import parse
@@ -24,7 +24,7 @@ def added(*effects, seed=1):
 def test_angle_white_noise_is_that_of_readings_and_does_not_add_up():
     parts, sample_s = added("noise_angle_white:z=2")
     found = overlapping_allan_deviation(parts, sample_s, [1, 8, 64])
-    expected = (2 * ARCSEC) ** 2 * allan_variance(ANGLE_WHITE, found.tau_s)
+    expected = (2 * ARCSEC) ** 2 * compute_allan_variance(ANGLE_WHITE, found.tau_s)
     assert np.all(np.abs(found.variance / expected - 1) < 4 * np.sqrt(2 * 35 / 18 / found.counts))
     for part in parts:  # only the first and the last reading remain
         assert abs(np.sum(part) * sample_s) < 6 * np.sqrt(2) * 2 * ARCSEC
@@ -36,7 +36,7 @@ def test_markov_noise_has_its_size_and_time_constant():
         parts, sample_s = added("bias_markov:z=3,time_constant_s=20", seed=seed)
         variances.append(overlapping_allan_deviation(parts, sample_s, [1, 16, 64, 256]).variance)
     tau = sample_s * np.array([1, 16, 64, 256])
-    expected = (3 * DEG_H) ** 2 * allan_variance(MARKOV, tau, 20.0)
+    expected = (3 * DEG_H) ** 2 * compute_allan_variance(MARKOV, tau, 20.0)
     mean, error = np.mean(variances, axis=0), np.std(variances, axis=0, ddof=1) / np.sqrt(8)
     # At one sample the process' value stands for its mean over it, whose difference is smaller: 2 ln-scale terms of Δt/τ.
     assert abs(mean[0] / (0.5 * (3 * DEG_H) ** 2 * 2 * (1 - np.exp(-sample_s / 20))) - 1) < 0.05

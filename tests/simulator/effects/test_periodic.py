@@ -8,12 +8,12 @@ import pytest
 from gyrocal.errors import InputError
 from simulator import scenario
 from simulator.effects import EFFECTS, parse, setting
-from simulator.effects.periodic import SHORTEST, period_band
+from simulator.effects.periodic import SHORTEST_PERIOD_SPACINGS, compute_period_band
 from simulator.effects.registry import REGISTRY
-from simulator.simulate import motion, simulate, surroundings
+from simulator.simulate import build_surroundings, motion, simulate
 
 PLAN = scenario.override(scenario.load("trmm_series"), {"gyro.sample_s": 2.0, "reference.every_s": 120.0})
-AROUND = surroundings(simulate(PLAN, noise=False), motion(PLAN))
+AROUND = build_surroundings(simulate(PLAN, noise=False), motion(PLAN))
 
 
 def test_a_sample_shows_the_mean_of_the_swing():
@@ -36,8 +36,8 @@ def test_a_sample_shows_the_mean_of_the_swing():
 @pytest.mark.parametrize("name", ["bias_periodic", "reference_periodic"])
 def test_periods_are_those_that_the_references_can_show(name):
     effect = EFFECTS[name]
-    low, high = period_band(AROUND)
-    assert low == pytest.approx(SHORTEST * 120.0)
+    low, high = compute_period_band(AROUND)
+    assert low == pytest.approx(SHORTEST_PERIOD_SPACINGS * 120.0)
     assert high == np.ptp(AROUND.references.t_s)
     trials = effect.trials(AROUND)
     assert sum(trial.weight for trial in trials) == pytest.approx(1.0)

@@ -5,7 +5,7 @@ import pytest
 
 import simulator
 from diagnosis.diagnose import diagnose
-from simulator.effects import EFFECTS, parse, surroundings_of
+from simulator.effects import EFFECTS, extract_surroundings, parse
 from simulator.effects.innovations import compute_innovations
 from simulator.effects.reference.reference_jump import find_edges
 from simulator.truth.rotation import separation
@@ -18,7 +18,7 @@ def seen(scenario, *texts, seed=2):
     """A recording, and what it offers at its a-priori calibration."""
     recording = simulator.simulate(scenario, seed=seed, effects=[parse(text) for text in texts])
     gyro = recording.gyro
-    return recording, surroundings_of(recording, gyro.apriori_G, gyro.apriori_bias, 0)
+    return recording, extract_surroundings(recording, gyro.apriori_G, gyro.apriori_bias, 0)
 
 
 def test_a_jump_turns_the_reference_about_all_axes_while_it_lasts():

@@ -26,7 +26,7 @@ from simulator.effects import (
 )
 from simulator.effects import registry as registry_module
 from simulator.effects.base import SYMPTOMS
-from simulator.effects.common import on_axis
+from simulator.effects.common import put_on_axis
 from simulator.effects.sensor import SENSOR_EFFECTS
 from tests import ROOT
 
@@ -35,7 +35,7 @@ class Constant(Effect):
     """A bias that is always there."""
 
     def columns(self, stream, axis, parameters):
-        return on_axis(np.ones(len(stream.t_s)), axis)
+        return put_on_axis(np.ones(len(stream.t_s)), axis)
 
 
 MINE = Constant(name="mine", summary="mine", unit="rad/s", stage="rate", prior=(1e-9, 1e-3))
@@ -102,8 +102,8 @@ def test_what_cannot_work_is_refused_at_registration(own, changes, words):
 
 
 def entry_points_of(values):
-    points = [EntryPoint(name, value, registry_module.GROUP) for name, value in values.items()]
-    return lambda group: points if group == registry_module.GROUP else []
+    points = [EntryPoint(name, value, registry_module.ENTRY_POINT_GROUP) for name, value in values.items()]
+    return lambda group: points if group == registry_module.ENTRY_POINT_GROUP else []
 
 
 def test_plugins_are_loaded_when_first_needed(own, monkeypatch):
@@ -114,7 +114,7 @@ def test_plugins_are_loaded_when_first_needed(own, monkeypatch):
     assert asked == []  # a built-in effect needs none
     assert own["mine"] == MINE
     assert list(own)[-1] == "mine"
-    assert asked == [registry_module.GROUP]
+    assert asked == [registry_module.ENTRY_POINT_GROUP]
 
 
 def test_a_broken_plugin_is_named_and_left_out(own, monkeypatch):

@@ -7,15 +7,15 @@ import pytest
 
 from gyrocal.errors import InputError
 from simulator import scenario
-from simulator.effects.chain import activated
+from simulator.effects.chain import prepare_effects
 from simulator.effects.sensor import SENSOR_EFFECTS, Sightings, parse
 from simulator.sensors import earth as earth_sensor
-from simulator.sensors.horizon import orbit_position
-from simulator.sensors.record import nominal_suite, sensed
-from simulator.sensors.sun import HEAD_DSS2, head_tangents
+from simulator.sensors.horizon import compute_orbit_position
+from simulator.sensors.raw_tables import build_nominal_suite, simulate_sensor_tables
+from simulator.sensors.sun import HEAD_DSS2, compute_head_tangents
 from simulator.simulate import motion, simulate
-from simulator.truth.orbit import CircularOrbit, lvlh_attitude
-from simulator.truth.sun import DAY, julian_date, sun_vector
+from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude
+from simulator.truth.sun import DAY, compute_julian_date, compute_sun_vector
 
 EPOCH = "1997-12-19T21:30:00"
 ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=np.deg2rad(-133.0))
@@ -37,11 +37,11 @@ SETTINGS = [
 def looking():
     """An orbit, −x forward, with the Sun some 40° from the orbit plane, so that it passes two quadrants."""
     t = np.arange(0.0, ORBIT.period, 8.0)
-    A = np.diag([-1.0, -1.0, 1.0]) @ lvlh_attitude(ORBIT, t)
-    sun = sun_vector(julian_date(EPOCH) + t / DAY)
+    A = np.diag([-1.0, -1.0, 1.0]) @ compute_lvlh_attitude(ORBIT, t)
+    sun = compute_sun_vector(compute_julian_date(EPOCH) + t / DAY)
     body = np.einsum("nij,nj->ni", A, sun)
     assert 38 < np.rad2deg(np.arcsin(-body[:, 1])).mean() < 46
-    return t, A, orbit_position(ORBIT, t), sun
+    return t, A, compute_orbit_position(ORBIT, t), sun
 
 
 def shown(suite, looking):
@@ -50,7 +50,7 @@ def shown(suite, looking):
     angles = []
     for sensor in suite.sun_sensors:
         s = np.einsum("nij,nj->ni", A, sun) @ sensor.alignment
-        own = [head_tangents(*row, sensor.head) if row[2] > 0.3 else (np.nan, np.nan) for row in s]
+        own = [compute_head_tangents(*row, sensor.head) if row[2] > 0.3 else (np.nan, np.nan) for row in s]
         angles.append(np.arctan(np.array(own)))
     return np.stack(angles), *earth_sensor.observe(np.random.default_rng(0), suite.earth, t, A, position, sun)
 
@@ -67,7 +67,7 @@ def sightings(looking, angles, used):
 def test_the_error_is_what_the_simulated_sensors_show(looking, text):
     setting = parse(text)
     effect = SENSOR_EFFECTS[setting.effect]
-    plain = nominal_suite(0.0, 0.0)
+    plain = build_nominal_suite(0.0, 0.0)
     # A quadrant that is not used shows the Sun in S, and what it would show without is wanted.
     before, earth_before, _ = shown(replace(plain, earth=replace(plain.earth, sun_radiance=0.0)), looking)
     after, earth_after, used = shown(effect.fitted(plain, setting), looking)
@@ -139,7 +139,7 @@ def test_an_effect_leaves_the_noise_as_it_was():
     bias = np.deg2rad(SENSOR_EFFECTS["esa_bias"].amplitudes(parse("esa_bias=0.4")))
     difference = biased.sensors.earth.angles - plain.sensors.earth.angles
     np.testing.assert_allclose(difference, np.tile(bias, (len(difference), 1)), atol=1e-12)
-    again = sensed(few, motion(few), seed=6)
+    again = simulate_sensor_tables(few, motion(few), seed=6)
     assert not np.array_equal(again.sun.counts[:50], plain.sensors.sun.counts[:50])
 
 
@@ -151,7 +151,7 @@ def test_sensors_are_needed_for_an_effect_on_them():
 
 def test_rates_and_references_do_not_take_an_effect_on_sensors():
     with pytest.raises(InputError, match="dss_head:2: acts on raw sensor tables"):
-        activated([parse("dss_head:2=0.1")], 0, 0)
+        prepare_effects([parse("dss_head:2=0.1")], 0, 0)
 
 
 def test_the_sun_stays_where_the_sensors_can_see_it():

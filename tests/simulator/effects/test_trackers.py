@@ -6,12 +6,12 @@ from scipy.spatial.transform import Rotation
 
 import simulator
 from gyrocal import InputError
-from gyrocal.recording.trackers import to_axes
-from simulator.effects import parse, references_of
-from simulator.effects.sky import ASTRONOMICAL_UNIT, LIGHT, annual, orbital
-from simulator.simulate import motion, surroundings
-from simulator.truth.orbit import lvlh_attitude
-from simulator.truth.sun import DAY, julian_date, sun_vector
+from gyrocal.recording.trackers import stack_sensor_axes
+from simulator.effects import extract_references, parse
+from simulator.effects.tracker_view import ASTRONOMICAL_UNIT, LIGHT, compute_annual_velocity, compute_orbital_velocity
+from simulator.simulate import build_surroundings, motion
+from simulator.truth.orbit import compute_lvlh_attitude
+from simulator.truth.sun import DAY, compute_julian_date, compute_sun_vector
 from tests.tracker_cases import AGILE, ESTIMATED
 
 ARCSEC = np.deg2rad(1 / 3600)
@@ -21,7 +21,7 @@ PLAIN = simulator.simulate(AGILE, noise=False)
 def turned(recording):
     """(m, 3) of the references from the true ones about the axes of their trackers, arcsec."""
     A, before = Rotation.from_quat(recording.attitudes.quaternions).inv(), Rotation.from_quat(PLAIN.attitudes.quaternions)
-    return np.einsum("mij,mj->mi", to_axes(PLAIN.attitudes), (A * before).as_rotvec()) / ARCSEC
+    return np.einsum("mij,mj->mi", stack_sensor_axes(PLAIN.attitudes), (A * before).as_rotvec()) / ARCSEC
 
 
 def error(text, seed=4):
@@ -42,8 +42,10 @@ def test_time_offset_show_an_earlier_attitude():
     """Against the true motion integrated to the shifted time, in the first interval, whose rate is the orbit's."""
     found = error("tracker_time_offset:st1=0.5")[own("st1") & (PLAIN.attitudes.t_s < 1800.0)]
     times = PLAIN.attitudes.t_s[own("st1") & (PLAIN.attitudes.t_s < 1800.0)]
-    orbit = AGILE.orbit.circular_orbit()
-    shift = Rotation.from_matrix(lvlh_attitude(orbit, times - 0.5) @ lvlh_attitude(orbit, times).transpose(0, 2, 1))
+    orbit = AGILE.orbit.build_circular_orbit()
+    shift = Rotation.from_matrix(
+        compute_lvlh_attitude(orbit, times - 0.5) @ compute_lvlh_attitude(orbit, times).transpose(0, 2, 1)
+    )
     M = PLAIN.attitudes.sensors[0].M
     assert found == pytest.approx(shift.as_rotvec() @ M.T / ARCSEC, abs=0.05)
     assert np.abs(found).max() > 80
@@ -53,7 +55,7 @@ def test_aberration_moves_the_stars_to_where_it_flies():
     """An attitude that turns every star's apparent direction back to where the tracker believes the star to be."""
     rows = own("st2")
     found = error("tracker_aberration:st2=1")[rows] * ARCSEC
-    v = orbital(PLAIN, PLAIN.attitudes.t_s)[rows] + annual(PLAIN, PLAIN.attitudes.t_s)[rows]
+    v = compute_orbital_velocity(PLAIN, PLAIN.attitudes.t_s)[rows] + compute_annual_velocity(PLAIN, PLAIN.attitudes.t_s)[rows]
     A = Rotation.from_quat(PLAIN.attitudes.quaternions[rows]).inv().as_matrix()
     M = PLAIN.attitudes.sensors[1].M
     star = np.einsum("mji,j->mi", A, M[2])  # the one on the boresight
@@ -68,10 +70,10 @@ def test_aberration_moves_the_stars_to_where_it_flies():
 
 def test_velocities_are_those_of_the_orbit_and_the_earth():
     t_s = np.linspace(0.0, 6000.0, 7)
-    assert np.linalg.norm(orbital(PLAIN, t_s), axis=1) * LIGHT == pytest.approx(np.full(7, 7459.0), abs=15)
-    earth = annual(PLAIN, t_s)
+    assert np.linalg.norm(compute_orbital_velocity(PLAIN, t_s), axis=1) * LIGHT == pytest.approx(np.full(7, 7459.0), abs=15)
+    earth = compute_annual_velocity(PLAIN, t_s)
     assert np.linalg.norm(earth, axis=1) / ARCSEC == pytest.approx(np.full(7, 20.5), abs=0.4)
-    sun = sun_vector(julian_date(PLAIN.epoch) + t_s / DAY)
+    sun = compute_sun_vector(compute_julian_date(PLAIN.epoch) + t_s / DAY)
     assert np.abs(np.einsum("mi,mi->m", earth, sun)).max() < 1e-6
     assert (np.cross(sun, -earth)[:, 2] < 0).all() or (np.cross(-sun, earth)[:, 2] > 0).all()  # eastward about the Sun
     assert pytest.approx(1.496e11, rel=1e-3) == ASTRONOMICAL_UNIT
@@ -81,8 +83,8 @@ def test_an_error_in_the_field_stands_still_where_the_stars_do():
     """Its changes have the variance 2 size² (1 − exp(−Δs/L)) by the angle Δs, whatever the time."""
     size, length = 3.0, 2.0
     rows, steps, moved = own("st2"), [], []
-    seen = surroundings(PLAIN, motion(AGILE)).references
-    assert references_of(PLAIN).trackers is None  # without a stream nobody knows how it moves
+    seen = build_surroundings(PLAIN, motion(AGILE)).references
+    assert extract_references(PLAIN).trackers is None  # without a stream nobody knows how it moves
     along = np.rad2deg(seen.trackers.path[rows])
     same = np.diff(seen.interval[rows]) == 0
     for seed in range(40):

@@ -2,9 +2,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from simulator.mission_mode.calendar import plane_crossings, sun_angle
+from simulator.mission_mode.calendar import compute_sun_angle, find_plane_crossings
 from simulator.mission_mode.config import MissionConfig
-from simulator.mission_mode.flight import flight_schedule
+from simulator.mission_mode.flight import build_flight_schedule
 from simulator.truth.orbit import CircularOrbit
 from simulator.truth.sun import DAY
 
@@ -23,19 +23,19 @@ def test_sun_angle_by_spherical_trigonometry():
         np.cos(declination) * np.sin(orbit.inclination) * np.sin(orbit.node - ascension)
         + np.sin(declination) * np.cos(orbit.inclination)
     )
-    assert sun_angle("1997-12-21T20:07:00+00:00", orbit, np.zeros(1))[0] == pytest.approx(expected, abs=3e-4)
+    assert compute_sun_angle("1997-12-21T20:07:00+00:00", orbit, np.zeros(1))[0] == pytest.approx(expected, abs=3e-4)
 
 
 def test_crossings_are_where_the_sun_changes_sides():
-    moments = plane_crossings(CONFIG.epoch, CONFIG.orbit, 155.0)
-    assert np.abs(np.rad2deg(sun_angle(CONFIG.epoch, CONFIG.orbit, moments))).max() < 0.01
-    before, after = (sun_angle(CONFIG.epoch, CONFIG.orbit, moments + step) for step in (-DAY, DAY))
+    moments = find_plane_crossings(CONFIG.epoch, CONFIG.orbit, 155.0)
+    assert np.abs(np.rad2deg(compute_sun_angle(CONFIG.epoch, CONFIG.orbit, moments))).max() < 0.01
+    before, after = (compute_sun_angle(CONFIG.epoch, CONFIG.orbit, moments + step) for step in (-DAY, DAY))
     assert (before * after < 0).all()
 
 
 def test_yaw_maneuvers_of_the_flight():
     """The node is set by December 13 (N Table 1). January 14 (N) and March 21 (R) follow, six maneuvers until then."""
-    moments = days(plane_crossings(CONFIG.epoch, CONFIG.orbit, 120.0))
+    moments = days(find_plane_crossings(CONFIG.epoch, CONFIG.orbit, 120.0))
     assert len(moments) == 6
     flight = pd.DatetimeIndex(["1997-12-13T13:20Z", "1998-01-14T20:57Z", "1998-03-21T12:00Z"])
     gaps = np.abs((moments[[1, 2, 5]] - flight) / pd.Timedelta(days=1))
@@ -44,16 +44,16 @@ def test_yaw_maneuvers_of_the_flight():
     assert 1.5 < weeks.min() < weeks.max() < 5.0  # R: every few weeks
     # Negative control: another node meets none of the later days.
     other = CircularOrbit(350e3, np.deg2rad(35.0), node=np.deg2rad(152.0), j2=True)
-    assert np.abs(days(plane_crossings(CONFIG.epoch, other, 120.0)) - flight[2]).min() > pd.Timedelta(days=5)
+    assert np.abs(days(find_plane_crossings(CONFIG.epoch, other, 120.0)) - flight[2]).min() > pd.Timedelta(days=5)
 
 
 def test_the_sun_stays_on_its_side():
     """R: between 0° and 58.4° from the XZ plane, toward −Y; without maneuvers (negative control) it does not."""
-    config = flight_schedule(CONFIG, 400.0)
+    config = build_flight_schedule(CONFIG, 400.0)
     t = np.arange(0.0, 400 * DAY, 1800.0)
     swaps = np.searchsorted([m.start_s + 0.5 * m.duration_s for m in config.maneuvers], t)
     sign = np.where((swaps + (config.forward == "-x")) % 2 == 0, 1.0, -1.0)
-    beta = np.rad2deg(sun_angle(config.epoch, config.orbit, t))
+    beta = np.rad2deg(compute_sun_angle(config.epoch, config.orbit, t))
     # A crossing lies within half a step of its maneuver's middle as far as the linear search goes.
     assert (sign * beta).min() > -0.05
     assert 55.0 < np.abs(beta).max() < 58.45
@@ -62,7 +62,7 @@ def test_the_sun_stays_on_its_side():
 
 def test_forward_axes_are_those_of_the_flight():
     """N Table 1: +x before December 13 and −x after, +x again from January 14."""
-    config = flight_schedule(CONFIG, 120.0)
+    config = build_flight_schedule(CONFIG, 120.0)
     assert config.forward == "-x"  # first maneuver November 30, second December 13: +x between the two
     first, second = days([m.start_s for m in config.maneuvers[:2]])
     assert first < pd.Timestamp("1997-12-13T09:45Z") < second < pd.Timestamp("1997-12-14T11:43Z")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from simulator.mission_mode.calendar import sun_angle
+from simulator.mission_mode.calendar import compute_sun_angle
 from simulator.mission_mode.config import (
     PRELAUNCH_G,
     R9_BIAS,
@@ -18,20 +18,28 @@ from simulator.mission_mode.config import (
     Spacecraft,
     TrueGyro,
     YawManeuver,
-    alignment_upload,
-    coefficient_upload,
-    compensated,
-    crossing_compensation,
-    period_tables,
+    apply_compensation,
+    build_alignment_upload,
+    build_coefficient_upload,
+    build_period_tables,
+    fit_crossing_compensation,
 )
-from simulator.mission_mode.flight import AXES, flight_schedule, simulate_mission
-from simulator.mission_mode.mounting import BORESIGHTS, R3_M, ground_fit, mounted
+from simulator.mission_mode.flight import ROTATION_NAMES, build_flight_schedule, simulate_mission
+from simulator.mission_mode.mounting import BORESIGHTS, R3_M, build_mounted_sensors, fit_on_ground
 from simulator.sensors.earth import TrueEarthSensor
-from simulator.sensors.sun import ALPHA, BETA, HEAD_DSS1, HEAD_DSS2, head_tangents, trmm_alignments, trmm_sun_sensors
-from simulator.truth.orbit import lvlh_rate
+from simulator.sensors.sun import (
+    HEAD_DSS1,
+    HEAD_DSS2,
+    SIMULATED_ALPHA_COEFFICIENTS,
+    SIMULATED_BETA_COEFFICIENTS,
+    build_trmm_alignments,
+    build_trmm_sensors,
+    compute_head_tangents,
+)
+from simulator.truth.orbit import compute_lvlh_rate
 
 DAY = 86400.0
-PERIODS = period_tables()
+PERIODS = build_period_tables()
 LEVEL = (BORESIGHTS[0], 0.0)  # boresights in the XY plane
 SETTLED = 4  # yaw updates until the cycle has settled
 ORBIT_S = MissionConfig().orbit.period
@@ -46,15 +54,15 @@ def at_sun_angle(degrees, **changes):
     """Calibrated, with the node at which the Sun stands at this angle at the epoch, forward so that it is on −Y."""
     base = config(**changes)
     nodes = np.deg2rad(np.arange(0.0, 360.0, 0.25))
-    angles = np.array([sun_angle(base.epoch, replace(base.orbit, node=n), np.zeros(1))[0] for n in nodes])
+    angles = np.array([compute_sun_angle(base.epoch, replace(base.orbit, node=n), np.zeros(1))[0] for n in nodes])
     node = nodes[np.argmin(np.abs(np.rad2deg(np.abs(angles)) - degrees))]
     orbit = replace(base.orbit, node=float(node))
-    return replace(base, orbit=orbit, forward="+x" if sun_angle(base.epoch, orbit, np.zeros(1))[0] > 0 else "-x")
+    return replace(base, orbit=orbit, forward="+x" if compute_sun_angle(base.epoch, orbit, np.zeros(1))[0] > 0 else "-x")
 
 
 def quiet(mounting_or_sensors, tables):
     """No noise at all."""
-    sensors = mounted(mounting_or_sensors) if isinstance(mounting_or_sensors, str) else mounting_or_sensors
+    sensors = build_mounted_sensors(mounting_or_sensors) if isinstance(mounting_or_sensors, str) else mounting_or_sensors
     return replace(
         config(),
         tables=tables,
@@ -76,7 +84,7 @@ def mean_update(run):
 
 def test_calibrated_meets_the_requirements(runs):
     orbits = runs["postcalibration"].orbits[2:]
-    for axis in AXES:
+    for axis in ROTATION_NAMES:
         assert 3 * orbits[f"rms_knowledge_{axis}_deg"].max() < KNOWLEDGE
         assert 3 * orbits[f"rms_error_{axis}_deg"].max() < POINTING
         assert orbits[f"largest_error_{axis}_deg"].max() < POINTING
@@ -124,7 +132,7 @@ def test_yaw_updates_grow_and_alternate(runs):
 @pytest.mark.parametrize("difference_deg", [0.1, 0.0])
 def test_cycle_is_twice_the_difference(difference_deg):
     """Without noise and gyro errors, two sensors that differ by d in yaw give d and then 2 d for ever; alike they give none."""
-    plain = trmm_sun_sensors(BORESIGHTS[0], heads=(np.zeros(3), np.zeros(3)), elevation=BORESIGHTS[1])
+    plain = build_trmm_sensors(BORESIGHTS[0], heads=(np.zeros(3), np.zeros(3)), elevation=BORESIGHTS[1])
     c, s = np.cos(np.deg2rad(difference_deg)), np.sin(np.deg2rad(difference_deg))
     turned = replace(plain[1], alignment=np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ plain[1].alignment)
     run = simulate_mission(quiet((plain[0], turned), OnBoardTables(G=R9_G, bias=R9_BIAS)), seconds=6 * ORBIT_S)
@@ -144,9 +152,9 @@ def test_apparent_bias_is_that_of_the_orientation(forward, period):
         base = at_sun_angle(20.0, tables=PERIODS[period])
         run = simulate_mission(replace(base, forward=forward), seconds=8 * ORBIT_S, seed=4)
     G = PERIODS[period].G
-    rate = lvlh_rate(MissionConfig().orbit, np.zeros(1))[0] * (1 if forward == "+x" else -1) * np.array([0.0, 1.0, 0.0])
+    rate = compute_lvlh_rate(MissionConfig().orbit, np.zeros(1))[0] * (1 if forward == "+x" else -1) * np.array([0.0, 1.0, 0.0])
     expected = np.rad2deg(rate - G @ np.linalg.solve(R9_G, rate - R9_BIAS)) * 3600
-    found = [run.orbits[f"apparent_bias_{axis}_deg_h"][1:].mean() for axis in AXES]
+    found = [run.orbits[f"apparent_bias_{axis}_deg_h"][1:].mean() for axis in ROTATION_NAMES]
     assert found == pytest.approx(expected, abs=4 * 2.6e-4 * 3600 / np.sqrt(7 * ORBIT_S))
 
 
@@ -162,7 +170,7 @@ def test_yaw_maneuver_before_and_after_calibration():
     before, after = (slewed(PERIODS[name]) for name in ("precalibration", "postcalibration"))
     assert -before.slews["targeting_roll_deg"][0] == pytest.approx(0.248, abs=0.08)
     # The white noise of the gyro through 1000 s is 0.008°, the on-board yaw bias is good to 0.02 deg/h.
-    for axis in AXES:
+    for axis in ROTATION_NAMES:
         assert abs(after.slews[f"targeting_{axis}_deg"][0]) < 0.04
     assert after.orbits["forward"].tolist() == ["-x"] * 3 + ["+x"] * 4
     assert before.orbits["lost"].sum() * 0.5 > 1000.0  # until the first yaw update after it
@@ -173,7 +181,7 @@ def test_yaw_maneuver_turns_by_half_a_turn():
     """The errors are those of the commanded frame, which turned: the slew was flown and the Sun now is on the other side."""
     run = slewed(PERIODS["postcalibration"])
     moving = run.telemetry["t_s"].between(run.slews["start_s"][0], run.slews["stop_s"][0])
-    assert run.telemetry.loc[moving, [f"error_{axis}_deg" for axis in AXES]].abs().to_numpy().max() < POINTING
+    assert run.telemetry.loc[moving, [f"error_{axis}_deg" for axis in ROTATION_NAMES]].abs().to_numpy().max() < POINTING
     assert (run.updates["sun_angle_deg"][run.updates["forward"] == "-x"] > 0).all()
     assert (run.updates["sun_angle_deg"][run.updates["forward"] == "+x"] < 0).all()
 
@@ -280,11 +288,11 @@ def test_memory_does_not_grow_with_the_steps():
 
 def test_compensation_removes_the_head_at_the_crossing():
     """Heads alone: with (c, d) of the sensor itself the yaw read at the crossing is right to 0.01°, with R's pair it is not."""
-    M, sensor, nominal = np.eye(3), mounted("heads", LEVEL)[1], trmm_alignments(*LEVEL)[1]
-    c, d = crossing_compensation(sensor, M, nominal)
+    M, sensor, nominal = np.eye(3), build_mounted_sensors("heads", LEVEL)[1], build_trmm_alignments(*LEVEL)[1]
+    c, d = fit_crossing_compensation(sensor, M, nominal)
     for angle in np.deg2rad([5.0, 30.0, 55.0]):
         body = np.array([-np.cos(angle), -np.sin(angle), 0.0])
-        _, beta = head_tangents(*(sensor.alignment.T @ body), sensor.head)
+        _, beta = compute_head_tangents(*(sensor.alignment.T @ body), sensor.head)
         reads = [nominal @ M @ np.array([0.0, k * beta + m, 1.0]) for k, m in ((c, d), (0.999977, 5.3e-5))]
         gaps = [abs(np.rad2deg(np.cross(body, r / np.linalg.norm(r))[2])) for r in reads]
         assert gaps[0] < 0.035 < 0.15 < gaps[1]
@@ -298,41 +306,41 @@ def test_only_the_default_mounting_gives_the_published_alignment(boresights):
     def found(mounting):
         turns = [
             N.T @ sensor.alignment
-            for N, sensor in zip(trmm_alignments(*boresights), mounted(mounting, boresights), strict=True)
+            for N, sensor in zip(build_trmm_alignments(*boresights), build_mounted_sensors(mounting, boresights), strict=True)
         ]
-        return ground_fit(Rotation.from_matrix(turns).as_rotvec().ravel(), boresights)
+        return fit_on_ground(Rotation.from_matrix(turns).as_rotvec().ravel(), boresights)
 
     assert found("solved") == pytest.approx(np.concatenate([np.zeros(3), published]), abs=1e-8)
     assert np.rad2deg(np.abs(found("heads")[3:] - published).max()) > 0.1
     # Negative control: the fit at another sun angle is another one.
-    sensors = mounted("solved", boresights)
-    turns = [N.T @ sensor.alignment for N, sensor in zip(trmm_alignments(*boresights), sensors, strict=True)]
-    late = ground_fit(Rotation.from_matrix(turns).as_rotvec().ravel(), boresights, (50.0,))
+    sensors = build_mounted_sensors("solved", boresights)
+    turns = [N.T @ sensor.alignment for N, sensor in zip(build_trmm_alignments(*boresights), sensors, strict=True)]
+    late = fit_on_ground(Rotation.from_matrix(turns).as_rotvec().ravel(), boresights, (50.0,))
     assert np.rad2deg(np.abs(late[3:] - published).max()) > 0.01
 
 
 def test_coefficients_by_r6():
     """tan β = c × the bracket of (5) + d, whatever the counts."""
-    new = compensated(BETA, 1.01, 0.02)
+    new = apply_compensation(SIMULATED_BETA_COEFFICIENTS, 1.01, 0.02)
 
     def bracket(k, n):
         return k[0] + k[1] * n + k[2] * np.sin(k[3] * n + k[4]) + k[5] * np.sin(k[6] * n + k[7])
 
     counts = np.linspace(0.0, 16000.0, 9)
-    assert bracket(new, counts) == pytest.approx(1.01 * bracket(BETA, counts) + 0.02, rel=1e-12)
-    assert new[8] == BETA[8]
-    upload = coefficient_upload(OnBoardTables())
-    assert upload.coefficients_beta[0] == pytest.approx(compensated(BETA, 1.000047, 8.5e-5))
-    assert (upload.coefficients_alpha == ALPHA).all()
+    assert bracket(new, counts) == pytest.approx(1.01 * bracket(SIMULATED_BETA_COEFFICIENTS, counts) + 0.02, rel=1e-12)
+    assert new[8] == SIMULATED_BETA_COEFFICIENTS[8]
+    upload = build_coefficient_upload(OnBoardTables())
+    assert upload.coefficients_beta[0] == pytest.approx(apply_compensation(SIMULATED_BETA_COEFFICIENTS, 1.000047, 8.5e-5))
+    assert (upload.coefficients_alpha == SIMULATED_ALPHA_COEFFICIENTS).all()
     assert (upload.G == R9_G).all()
 
 
 def yaw_difference(sensors, misalignments):
     """Yaw read by DSS-2 minus yaw read by DSS-1, deg, the Sun 20° from the XZ plane."""
     yaws = []
-    for sensor, M, N, side in zip(sensors, misalignments, trmm_alignments(*LEVEL), (1.0, -1.0), strict=True):
+    for sensor, M, N, side in zip(sensors, misalignments, build_trmm_alignments(*LEVEL), (1.0, -1.0), strict=True):
         body = np.array([side * np.cos(np.deg2rad(20.0)), -np.sin(np.deg2rad(20.0)), 0.0])
-        tangents = head_tangents(*(sensor.alignment.T @ body), sensor.head)
+        tangents = compute_head_tangents(*(sensor.alignment.T @ body), sensor.head)
         read = N @ M @ np.array([*tangents, 1.0])
         yaws.append(np.rad2deg(np.arctan2(body[1], body[0]) - np.arctan2(read[1], read[0])))
     return yaws[1] - yaws[0]
@@ -343,8 +351,8 @@ def yaw_difference(sensors, misalignments):
     [("alike", 0.115, 0.041), ("solved", 0.156, 0.0), ("added", 0.093, 0.249), ("heads", 0.249, 0.405)],
 )
 def test_what_the_mountings_mean(mounting, before, after):
-    sensors = mounted(mounting, LEVEL)
-    upload = alignment_upload(OnBoardTables(), mounting).misalignments
+    sensors = build_mounted_sensors(mounting, LEVEL)
+    upload = build_alignment_upload(OnBoardTables(), mounting).misalignments
     assert abs(yaw_difference(sensors, np.stack([np.eye(3)] * 2))) == pytest.approx(before, abs=0.004)
     assert abs(yaw_difference(sensors, upload)) == pytest.approx(after, abs=0.004)
 
@@ -356,7 +364,7 @@ def test_published_numbers():
 
 
 def test_flight_schedule():
-    schedule = flight_schedule(MissionConfig(), 120.0)
+    schedule = build_flight_schedule(MissionConfig(), 120.0)
     assert len(schedule.maneuvers) == 6
     first, second = schedule.uploads
     assert first[0] / DAY == pytest.approx(13.6, abs=0.1)  # December 11
@@ -365,11 +373,15 @@ def test_flight_schedule():
     assert (first[1].G == PRELAUNCH_G).all()
     assert (second[1].G == R9_G).all()
     assert (second[1].misalignments == first[1].misalignments).all()
-    factors = crossing_compensation(mounted()[1], first[1].misalignments[1], trmm_alignments(*BORESIGHTS)[1])
-    assert second[1].coefficients_beta[1] == pytest.approx(compensated(BETA, *factors), rel=1e-12)
-    printed = flight_schedule(MissionConfig(printed_coefficients=True), 120.0).uploads[1][1]
-    assert printed.coefficients_beta[1] == pytest.approx(compensated(BETA, 0.999977, 5.3e-5), rel=1e-12)
-    late = flight_schedule(MissionConfig(filter_off_first=False), 120.0).uploads
+    factors = fit_crossing_compensation(
+        build_mounted_sensors()[1], first[1].misalignments[1], build_trmm_alignments(*BORESIGHTS)[1]
+    )
+    assert second[1].coefficients_beta[1] == pytest.approx(apply_compensation(SIMULATED_BETA_COEFFICIENTS, *factors), rel=1e-12)
+    printed = build_flight_schedule(MissionConfig(printed_coefficients=True), 120.0).uploads[1][1]
+    assert printed.coefficients_beta[1] == pytest.approx(
+        apply_compensation(SIMULATED_BETA_COEFFICIENTS, 0.999977, 5.3e-5), rel=1e-12
+    )
+    late = build_flight_schedule(MissionConfig(filter_off_first=False), 120.0).uploads
     assert [upload.s_filter for _, upload in late] == ["restarted", "off"]
 
 

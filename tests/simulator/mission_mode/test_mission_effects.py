@@ -7,17 +7,19 @@ import numpy as np
 import pytest
 
 from gyrocal.errors import InputError
-from simulator.mission_mode.config import Controller, MissionConfig, Spacecraft, period_tables
-from simulator.mission_mode.effects import ALL, applied, parse
-from simulator.mission_mode.flight import _initial, simulate_mission
+from simulator.mission_mode.config import Controller, MissionConfig, Spacecraft, build_period_tables
+from simulator.mission_mode.effects import ALL_MISSION_EFFECTS, apply_mission_settings, parse
+from simulator.mission_mode.flight import _build_initial_state, simulate_mission
 from simulator.streams import generator
 
-NOMINAL = replace(MissionConfig(), tables=period_tables()["postcalibration"])
+NOMINAL = replace(MissionConfig(), tables=build_period_tables()["postcalibration"])
 DEG_H = math.radians(1.0) / 3600.0
 
 
 def flown(*effects, seconds=6000.0, every=1, base=NOMINAL):
-    return simulate_mission(applied(base, [parse(one) for one in effects]), seconds=seconds, seed=3, telemetry_every=every)
+    return simulate_mission(
+        apply_mission_settings(base, [parse(one) for one in effects]), seconds=seconds, seed=3, telemetry_every=every
+    )
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +79,7 @@ def test_an_orbital_bias_is_in_the_raw_rate(nominal):
 @pytest.mark.parametrize("gain", [0.5, 1.3])
 def test_updates_settle_at_the_difference_over_one_less_half_the_gain(gain):
     """Measurements alternate by ±d/2; with a bias of ±B in turn |u| = d + B T and 2 B T = g |u|, so |u| = d/(1 − g/2)."""
-    base = replace(NOMINAL, tables=period_tables()["precalibration"])
+    base = replace(NOMINAL, tables=build_period_tables()["precalibration"])
     sizes = flown(f"bias_gain={gain:g}", base=base, seconds=40_000.0, every=120).updates["update_deg"].abs().to_numpy()[8:]
     one = flown("bias_gain=1", base=base, seconds=40_000.0, every=120).updates["update_deg"].abs().to_numpy()[8:]
     assert sizes.mean() == pytest.approx(one.mean() / 2 / (1 - gain / 2), rel=0.15)
@@ -101,7 +103,7 @@ def test_the_season_leans_the_horizon(nominal):
 def test_a_walk_spreads_the_bias():
     """b after a time t has the scatter size √t; one axis only."""
     days = 0.02
-    config = applied(NOMINAL, [parse("gyro_walk:y=10")])
+    config = apply_mission_settings(NOMINAL, [parse("gyro_walk:y=10")])
     assert config.gyro.rrw[1] == pytest.approx(10 * DEG_H / math.sqrt(86400.0))
     assert config.gyro.rrw[[0, 2]].tolist() == [0.0, 0.0]
     ends = []
@@ -117,7 +119,7 @@ def test_a_walk_spreads_the_bias():
 def test_the_stability_window_is_a_second(cycle, cycles):
     """Cycles before the present one that a second holds, whatever the cycle."""
     config = replace(NOMINAL, controller=replace(Controller(), cycle_s=cycle))
-    assert len(_initial(config, generator(0, 0, "mission_effects")).past) == cycles
+    assert len(_build_initial_state(config, generator(0, 0, "mission_effects")).past) == cycles
 
 
 @pytest.mark.parametrize(
@@ -139,11 +141,15 @@ def test_bad_settings_are_refused(text, message):
 
 
 def test_every_effect_acts():
-    for effect in ALL:
+    for effect in ALL_MISSION_EFFECTS:
         size = 1.0 if effect.bounds[1] >= 1.0 and effect.name != "bias_gain" else 0.5 * effect.bounds[1]
         text = f"{effect.name}{':x' if effect.axes else ''}={size:g}"
         size = parse(text).size
-        changed = applied(NOMINAL, [parse(text)]) if effect.name != "head_sense" else applied(NOMINAL, [parse("head_sense=-1")])
+        changed = (
+            apply_mission_settings(NOMINAL, [parse(text)])
+            if effect.name != "head_sense"
+            else apply_mission_settings(NOMINAL, [parse("head_sense=-1")])
+        )
         assert repr(changed) != repr(NOMINAL), effect.name
         assert parse(text).label().startswith(effect.name)
 

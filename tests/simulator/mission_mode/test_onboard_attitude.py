@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from simulator.mission_mode.onboard_attitude import half_turn, propagate_error, sun_azimuth
-from simulator.mission_mode.target_frame import commanded_attitude, rotation_between
-from simulator.sensors.horizon import FLATTENING, orbit_position
-from simulator.sensors.sun import counts_of, head_tangents, trmm_sun_sensors
-from simulator.truth.orbit import CircularOrbit, lvlh_attitude
+from simulator.mission_mode.onboard_attitude import compute_sun_azimuth, propagate_error, wrap_angle
+from simulator.mission_mode.target_frame import compute_commanded_attitude, compute_rotation_between
+from simulator.sensors.horizon import FLATTENING, compute_orbit_position
+from simulator.sensors.sun import build_trmm_sensors, compute_counts, compute_head_tangents
+from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude
 from tests.simulator.sensors.nadir import geodetic_nadir
 
 ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=0.7, latitude_argument=0.3, j2=True)
@@ -21,18 +21,18 @@ def turn(vector):
 
 
 def test_z_is_the_geodetic_nadir():
-    frame = commanded_attitude(ORBIT, T)
-    assert np.abs(frame[:, 2] - geodetic_nadir(orbit_position(ORBIT, T))).max() < 1e-9
+    frame = compute_commanded_attitude(ORBIT, T)
+    assert np.abs(frame[:, 2] - geodetic_nadir(compute_orbit_position(ORBIT, T))).max() < 1e-9
     assert np.abs(frame @ np.swapaxes(frame, 1, 2) - np.eye(3)).max() < 1e-14
-    assert np.abs(frame[:, 2] - lvlh_attitude(ORBIT, T)[:, 2]).max() > 1e-3  # negative control: geocentric is elsewhere
+    assert np.abs(frame[:, 2] - compute_lvlh_attitude(ORBIT, T)[:, 2]).max() > 1e-3  # negative control: geocentric is elsewhere
 
 
 def test_lean_from_lvlh():
     """2 f cos i sin i sin u in roll and f sin²i sin 2u in pitch, times a/r, to first order in f."""
-    lvlh, frame = lvlh_attitude(ORBIT, T), commanded_attitude(ORBIT, T)
+    lvlh, frame = compute_lvlh_attitude(ORBIT, T), compute_commanded_attitude(ORBIT, T)
     lean = np.empty((len(T), 3))
     for k in range(len(T)):
-        rotation_between(lvlh[k], frame[k], lean[k])
+        compute_rotation_between(lvlh[k], frame[k], lean[k])
     u, i = ORBIT.latitude_argument + ORBIT.mean_motion * T, ORBIT.inclination
     expected = np.stack([2 * np.cos(i) * np.sin(i) * np.sin(u), np.sin(i) ** 2 * np.sin(2 * u)], axis=-1)
     scale = FLATTENING * 6378137.0 / ORBIT.radius
@@ -42,13 +42,13 @@ def test_lean_from_lvlh():
 
 
 def test_yaw_turns_about_z():
-    ahead, back = commanded_attitude(ORBIT, T), commanded_attitude(ORBIT, T, np.pi)
+    ahead, back = compute_commanded_attitude(ORBIT, T), compute_commanded_attitude(ORBIT, T, np.pi)
     assert back == pytest.approx(np.diag([-1.0, -1.0, 1.0]) @ ahead, abs=1e-15)
 
 
 def test_rotation_between():
     before, vector, out = Rotation.from_rotvec([0.3, 1.0, -0.5]).as_matrix(), np.array([1e-3, -2e-3, 1.5e-3]), np.empty(3)
-    rotation_between(before, turn(vector) @ before, out)
+    compute_rotation_between(before, turn(vector) @ before, out)
     assert out == pytest.approx(vector, abs=1e-13)
 
 
@@ -81,15 +81,15 @@ def test_roll_and_yaw_change_places():
 @pytest.mark.parametrize("yaw", [0.0, 0.01])
 def test_azimuth_of_the_sun(number, yaw):
     """Counts of a head without misalignment give the Sun's azimuth back, smaller by the body's yaw."""
-    sensor = trmm_sun_sensors(heads=(np.zeros(3), np.zeros(3)))[number]
+    sensor = build_trmm_sensors(heads=(np.zeros(3), np.zeros(3)))[number]
     side = 1.0 if number == 0 else -1.0
     expected = np.array([side * np.cos(0.5), -np.sin(0.5), 0.0])
     s = sensor.alignment.T @ turn([0.0, 0.0, yaw]) @ expected
-    counts = counts_of(*head_tangents(*s, sensor.head), sensor.coefficients_alpha, sensor.coefficients_beta)
-    seen = sun_azimuth(*counts, sensor.coefficients_alpha, sensor.coefficients_beta, sensor.alignment)
-    assert half_turn(np.arctan2(expected[1], expected[0]) - seen) == pytest.approx(yaw, abs=1e-9)
+    counts = compute_counts(*compute_head_tangents(*s, sensor.head), sensor.coefficients_alpha, sensor.coefficients_beta)
+    seen = compute_sun_azimuth(*counts, sensor.coefficients_alpha, sensor.coefficients_beta, sensor.alignment)
+    assert wrap_angle(np.arctan2(expected[1], expected[0]) - seen) == pytest.approx(yaw, abs=1e-9)
 
 
 def test_half_turn():
-    assert half_turn(2 * np.pi - 0.1) == pytest.approx(-0.1)
-    assert half_turn(-2 * np.pi + 0.1) == pytest.approx(0.1)
+    assert wrap_angle(2 * np.pi - 0.1) == pytest.approx(-0.1)
+    assert wrap_angle(-2 * np.pi + 0.1) == pytest.approx(0.1)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from simulator.mission_mode.rigid_body import attitude_matrix, rigid_body_step
-from simulator.truth.rotation import matrix, quaternion, separation
+from simulator.mission_mode.rigid_body import compute_attitude_matrix, step_rigid_body
+from simulator.truth.rotation import convert_to_matrix, convert_to_quaternion, separation
 
 INERTIA = np.array([[8500.0, 40.0, -120.0], [40.0, 6000.0, 60.0], [-120.0, 60.0, 9500.0]])
 Q = np.array([0.1, -0.3, 0.2, 0.927])
@@ -23,20 +23,20 @@ def run(steps, dt, *, inertia=INERTIA, omega=OMEGA, h=NONE, torque=NONE, wheel=N
         c, s = np.cos(N * k * dt), np.sin(N * k * dt)
         nadir, velocity = c * DOWN - s * AHEAD, c * AHEAD + s * DOWN
         w = NONE if wheel is None else wheel(k)
-        rigid_body_step(q, omega, h, inertia, inverse, torque, w, nadir, velocity, N, gradient, dt, turned)
+        step_rigid_body(q, omega, h, inertia, inverse, torque, w, nadir, velocity, N, gradient, dt, turned)
         out.append((q.copy(), omega.copy(), h.copy()))
     return [np.array(x) for x in zip(*out, strict=True)], turned
 
 
 def momentum(q, omega, h):
     """Inertial angular momentum Aᵀ (I ω + h)."""
-    return np.einsum("nji,nj->ni", matrix(q), omega @ INERTIA.T + h)
+    return np.einsum("nji,nj->ni", convert_to_matrix(q), omega @ INERTIA.T + h)
 
 
 def test_matrix():
     out = np.empty((3, 3))
-    attitude_matrix(Q, out)
-    assert out == pytest.approx(matrix(Q), abs=1e-15)
+    compute_attitude_matrix(Q, out)
+    assert out == pytest.approx(convert_to_matrix(Q), abs=1e-15)
 
 
 def test_symmetric_body_precesses():
@@ -83,7 +83,7 @@ def equations(t, y):
 
 
 def test_against_another_integrator():
-    start = np.concatenate([matrix(Q).ravel(), OMEGA, [1.0, 2.0, -3.0]])
+    start = np.concatenate([convert_to_matrix(Q).ravel(), OMEGA, [1.0, 2.0, -3.0]])
     end = solve_ivp(equations, (0, 100), start, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
     options = {
         "h": [1.0, 2.0, -3.0],
@@ -92,7 +92,7 @@ def test_against_another_integrator():
         "gradient": 3 * N**2,
     }
     (q, omega, h), turned = run(400, 0.25, **options)
-    assert np.abs(separation(quaternion(end[:9].reshape(3, 3)), q[-1])).max() < 1e-9
+    assert np.abs(separation(convert_to_quaternion(end[:9].reshape(3, 3)), q[-1])).max() < 1e-9
     assert omega[-1] == pytest.approx(end[9:12], abs=1e-11)
     assert h[-1] == pytest.approx(end[12:], abs=1e-10)
     (_, fine, _), _ = run(1600, 0.0625, **options)
@@ -117,7 +117,7 @@ def test_pitch_libration():
     def pitch(gradient):
         # A fixed q turns with the orbit: ω = −n about y.
         (q, _, _), _ = run(steps, 1.0, inertia=inertia, omega=[0.0, -N, 0.0], gradient=gradient, q=start)
-        A = matrix(q)
+        A = convert_to_matrix(q)
         c, s = np.cos(N * np.arange(steps + 1)), np.sin(N * np.arange(steps + 1))
         z = np.einsum("nij,nj->ni", A, c[:, None] * DOWN - s[:, None] * AHEAD)
         return np.arctan2(-z[:, 0], z[:, 2])

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from simulator.mission_mode.wheels import distribute, pyramid, unloading_moment
+from simulator.mission_mode.wheels import build_wheel_pyramid, compute_unloading_moment, distribute
 
-W = pyramid()
+W = build_wheel_pyramid()
 INVERSE = np.ascontiguousarray(np.linalg.pinv(W))
 EMPTY = np.zeros(4)
 TORQUE = np.array([0.05, -0.12, 0.2])
@@ -18,7 +18,7 @@ def wheel_torques(torque, momentum=EMPTY, torque_limit=1e3, momentum_limit=1e3):
 def test_pyramid_is_alike_in_all_directions():
     assert pytest.approx(4 / 3 * np.eye(3), abs=1e-15) == W @ W.T
     assert np.linalg.norm(W, axis=0) == pytest.approx(1.0)
-    flat = pyramid(0.2)
+    flat = build_wheel_pyramid(0.2)
     assert np.abs(flat @ flat.T - 4 / 3 * np.eye(3)).max() > 0.5  # negative control
 
 
@@ -45,14 +45,14 @@ def test_a_full_wheel_takes_no_more():
 def test_unloading_works_across_the_field():
     rng = np.random.default_rng(5)
     for h, B in zip(rng.normal(size=(20, 3)), 3e-5 * rng.normal(size=(20, 3)), strict=True):
-        torque = np.cross(unloading_moment(*h, *B, 1e-3, 1e9), B)
+        torque = np.cross(compute_unloading_moment(*h, *B, 1e-3, 1e9), B)
         along = B / np.linalg.norm(B)
         assert torque == pytest.approx(-1e-3 * (h - along * (along @ h)), abs=1e-15)
         assert torque @ h < 0
 
 
 def test_moment_limit_keeps_the_direction():
-    free = np.array(unloading_moment(5.0, -2.0, 1.0, 2e-5, 1e-5, -3e-5, 1e-2, 1e9))
-    short = np.array(unloading_moment(5.0, -2.0, 1.0, 2e-5, 1e-5, -3e-5, 1e-2, 50.0))
+    free = np.array(compute_unloading_moment(5.0, -2.0, 1.0, 2e-5, 1e-5, -3e-5, 1e-2, 1e9))
+    short = np.array(compute_unloading_moment(5.0, -2.0, 1.0, 2e-5, 1e-5, -3e-5, 1e-2, 50.0))
     assert np.abs(free).max() > 100
     assert short == pytest.approx(free * 50.0 / np.abs(free).max())

@@ -3,7 +3,7 @@
 import numpy as np
 
 from gyrocal.attitude import rotation_matrix
-from simulator.sensors.horizon import COSINES, FLATTENING, SINES, penetrations
+from simulator.sensors.horizon import COSINES, FLATTENING, SINES, compute_penetrations
 from simulator.truth.orbit import EARTH_RADIUS
 
 
@@ -50,7 +50,7 @@ def bisector_attitude(A, position, horizon):
     """
     A = np.array(A, dtype=float)
     for _ in range(10):  # each round leaves about a hundredth of the error
-        y = penetrations(A, np.ascontiguousarray(position, dtype=float), *horizon.semi_axes, horizon.nominal)
+        y = compute_penetrations(A, np.ascontiguousarray(position, dtype=float), *horizon.semi_axes, horizon.nominal)
         turn = np.stack([0.5 * y @ SINES, -0.5 * y @ COSINES, np.zeros(len(y))], axis=-1)
         A = rotation_matrix(turn) @ A
     return A

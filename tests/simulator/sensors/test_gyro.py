@@ -1,20 +1,20 @@
 import numpy as np
 import pytest
 
-from simulator.sensors.gyro import raw_rates, with_white_noise
+from simulator.sensors.gyro import add_white_noise, compute_raw_rates
 
 ARW = 3.5e-6
 
 
 def white_noise(rng, arw, duration):
-    return with_white_noise(rng, np.zeros((len(duration), 3)), arw, duration)
+    return add_white_noise(rng, np.zeros((len(duration), 3)), arw, duration)
 
 
 def test_raw_rates_solve_the_gyro_equation():
     rng = np.random.default_rng(1)
     G = np.eye(3) + 1e-2 * rng.standard_normal((3, 3))
     bias, omega = rng.standard_normal(3), rng.standard_normal((10, 3))
-    np.testing.assert_allclose(raw_rates(omega, G, bias) @ G.T + bias, omega, rtol=1e-12)
+    np.testing.assert_allclose(compute_raw_rates(omega, G, bias) @ G.T + bias, omega, rtol=1e-12)
 
 
 @pytest.mark.parametrize("sample_s", [0.1, 0.5, 2.0])

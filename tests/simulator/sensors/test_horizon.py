@@ -12,13 +12,13 @@ from simulator.sensors.horizon import (
     POLAR_RADIUS,
     SINES,
     Horizon,
-    hidden,
-    limb_angle,
-    orbit_position,
-    penetration,
-    penetrations,
+    compute_limb_angle,
+    compute_orbit_position,
+    compute_penetration,
+    compute_penetrations,
+    is_hidden,
 )
-from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, lvlh_attitude
+from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, compute_lvlh_attitude
 from tests.simulator.sensors.nadir import bisector_attitude, geocentric_nadir, geodetic_nadir
 
 ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=0.7, latitude_argument=0.2)
@@ -63,44 +63,44 @@ def test_limb_is_where_rays_begin_to_miss():
     axes = np.array([*HORIZON.semi_axes[:1] * 2, HORIZON.semi_axes[1]])
     for tilt in (0.0, 0.02, 0.1, 0.45):  # the last takes some lines of sight beyond 90 deg from +z
         t = rng.uniform(0, ORBIT.period, 3)
-        for A, position in zip(lvlh_attitude(ORBIT, t), orbit_position(ORBIT, t), strict=True):
+        for A, position in zip(compute_lvlh_attitude(ORBIT, t), compute_orbit_position(ORBIT, t), strict=True):
             A = turned(A, [*tilt * rng.uniform(-1, 1, 2), rng.uniform(-3, 3)])
             azimuth = rng.uniform(0, 2 * np.pi)
-            eta = limb_angle(A, position, np.cos(azimuth), np.sin(azimuth), *HORIZON.semi_axes)
+            eta = compute_limb_angle(A, position, np.cos(azimuth), np.sin(azimuth), *HORIZON.semi_axes)
             # The depth's rounding, 1e-16, moves the limb by about as much over its slope, 2 k^(1/2) = 0.6.
             assert eta == pytest.approx(searched_limb(A, position, azimuth, axes), abs=3e-11)
 
 
 def test_limb_beyond_a_right_angle():
-    A, position = lvlh_attitude(ORBIT, TIMES[:1])[0], orbit_position(ORBIT, TIMES[:1])[0]
+    A, position = compute_lvlh_attitude(ORBIT, TIMES[:1])[0], compute_orbit_position(ORBIT, TIMES[:1])[0]
     a = HORIZON.semi_axes[0]
     for roll in np.deg2rad([10.0, 17.0, 18.0, 25.0]):  # through 90 deg at 17.5 deg
-        eta = limb_angle(turned(A, [roll, 0.0, 0.0]), position, 0.0, 1.0, a, a)
+        eta = compute_limb_angle(turned(A, [roll, 0.0, 0.0]), position, 0.0, 1.0, a, a)
         assert eta == pytest.approx(HORIZON.nominal + roll, abs=1e-12)
 
 
 def test_sphere():
     """asin(a/r) at any azimuth; the bisector is the centre; a scan plane that misses the sphere has no limb."""
     a = HORIZON.semi_axes[0]
-    A, position = lvlh_attitude(ORBIT, TIMES), orbit_position(ORBIT, TIMES)
+    A, position = compute_lvlh_attitude(ORBIT, TIMES), compute_orbit_position(ORBIT, TIMES)
     for azimuth in np.linspace(0, 2 * np.pi, 7):
         for k in range(0, 361, 60):
-            eta = limb_angle(A[k], position[k], np.cos(azimuth), np.sin(azimuth), a, a)
+            eta = compute_limb_angle(A[k], position[k], np.cos(azimuth), np.sin(azimuth), a, a)
             assert eta == pytest.approx(np.arcsin(a / ORBIT.radius), abs=1e-13)
-    np.testing.assert_allclose(penetrations(A, position, a, a, HORIZON.nominal), 0.0, atol=1e-13)
+    np.testing.assert_allclose(compute_penetrations(A, position, a, a, HORIZON.nominal), 0.0, atol=1e-13)
     sideways = turned(A[0], [np.pi / 2, 0.0, 0.0])
-    assert np.isfinite(limb_angle(sideways, position[0], 0.0, 1.0, a, a))
-    assert np.isnan(limb_angle(sideways, position[0], 1.0, 0.0, a, a))
+    assert np.isfinite(compute_limb_angle(sideways, position[0], 0.0, 1.0, a, a))
+    assert np.isnan(compute_limb_angle(sideways, position[0], 1.0, 0.0, a, a))
 
 
 def test_tangent_point_is_on_the_horizon_and_seen_at_its_height():
     """Radius and height of tangent points: raising the semi-axes is a constant height to within a metre."""
     axes = np.array([*HORIZON.semi_axes[:1] * 2, HORIZON.semi_axes[1]])
-    A, position = lvlh_attitude(ORBIT, TIMES), orbit_position(ORBIT, TIMES)
+    A, position = compute_lvlh_attitude(ORBIT, TIMES), compute_orbit_position(ORBIT, TIMES)
     heights = []
     for k in range(0, 361, 30):
         for i in range(4):
-            eta = penetration(A[k], position[k], i, *HORIZON.semi_axes, HORIZON.nominal) + HORIZON.nominal
+            eta = compute_penetration(A[k], position[k], i, *HORIZON.semi_axes, HORIZON.nominal) + HORIZON.nominal
             d = A[k].T @ np.array([np.sin(eta) * COSINES[i], np.sin(eta) * SINES[i], np.cos(eta)])
             p, q = position[k] / axes, d / axes
             point = position[k] - (p @ q) / (q @ q) * d
@@ -114,21 +114,21 @@ def test_tangent_point_is_on_the_horizon_and_seen_at_its_height():
 
 
 def test_hidden_behind_the_limb():
-    A, position = lvlh_attitude(ORBIT, TIMES[40:41])[0], orbit_position(ORBIT, TIMES[40:41])[0]
-    eta = limb_angle(A, position, 1.0, 0.0, EARTH_RADIUS, POLAR_RADIUS)
+    A, position = compute_lvlh_attitude(ORBIT, TIMES[40:41])[0], compute_orbit_position(ORBIT, TIMES[40:41])[0]
+    eta = compute_limb_angle(A, position, 1.0, 0.0, EARTH_RADIUS, POLAR_RADIUS)
     for beyond, expected in ((-1e-6, True), (1e-6, False)):
         d = A.T @ np.array([np.sin(eta + beyond), 0.0, np.cos(eta + beyond)])
-        assert hidden(position, d, EARTH_RADIUS, POLAR_RADIUS) is expected
-    assert not hidden(position, -A.T @ np.array([0.0, 0.0, 1.0]), EARTH_RADIUS, POLAR_RADIUS)  # the line meets it behind
+        assert is_hidden(position, d, EARTH_RADIUS, POLAR_RADIUS) is expected
+    assert not is_hidden(position, -A.T @ np.array([0.0, 0.0, 1.0]), EARTH_RADIUS, POLAR_RADIUS)  # the line meets it behind
 
 
 def test_orbit_position():
-    position = orbit_position(ORBIT, TIMES)
+    position = compute_orbit_position(ORBIT, TIMES)
     np.testing.assert_allclose(np.linalg.norm(position, axis=1), ORBIT.radius, rtol=1e-14)
-    velocity = (orbit_position(ORBIT, TIMES + 1) - orbit_position(ORBIT, TIMES - 1)) / 2
+    velocity = (compute_orbit_position(ORBIT, TIMES + 1) - compute_orbit_position(ORBIT, TIMES - 1)) / 2
     momentum = np.cross(position, velocity)
     np.testing.assert_allclose(momentum[:, 2] / np.linalg.norm(momentum, axis=1), np.cos(ORBIT.inclination), atol=1e-9)
-    ascending = orbit_position(CircularOrbit(350e3, 0.6, node=0.7), np.zeros(1))[0]
+    ascending = compute_orbit_position(CircularOrbit(350e3, 0.6, node=0.7), np.zeros(1))[0]
     np.testing.assert_allclose(ascending, ORBIT.radius * np.array([np.cos(0.7), np.sin(0.7), 0.0]), atol=1e-6)
 
 
@@ -146,11 +146,11 @@ def test_geodetic_nadir_is_that_of_the_latitude_the_position_is_made_of(height):
 @pytest.mark.parametrize("yaw", [0.0, np.pi, 0.6])
 def test_bisector_is_a_hundredth_of_a_degree_from_geodetic_nadir(yaw):
     """R: "approximately 0.01 deg". Here 0.0081 deg at most and 0.0060 RMS, against 0.163 deg from geocentric nadir."""
-    A, position = lvlh_attitude(ORBIT, TIMES), orbit_position(ORBIT, TIMES)
+    A, position = compute_lvlh_attitude(ORBIT, TIMES), compute_orbit_position(ORBIT, TIMES)
     start = np.stack([turned(matrix, [0.0, 0.0, yaw]) for matrix in A])
     pointed = bisector_attitude(start, position, HORIZON)
     np.testing.assert_allclose(pointed @ np.swapaxes(pointed, -1, -2), np.broadcast_to(np.eye(3), A.shape), atol=1e-14)
-    y = penetrations(pointed, position, *HORIZON.semi_axes, HORIZON.nominal)
+    y = compute_penetrations(pointed, position, *HORIZON.semi_axes, HORIZON.nominal)
     np.testing.assert_allclose(y @ np.stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS)], axis=1), 0.0, atol=1e-13)
     bisector = pointed[:, 2]
     geodetic = between(bisector, geodetic_nadir(position))
@@ -162,7 +162,7 @@ def test_bisector_is_a_hundredth_of_a_degree_from_geodetic_nadir(yaw):
 
 
 def test_bisector_leans_less_than_geodetic_nadir_by_the_horizons_ratio():
-    A, position = lvlh_attitude(ORBIT, TIMES), orbit_position(ORBIT, TIMES)
+    A, position = compute_lvlh_attitude(ORBIT, TIMES), compute_orbit_position(ORBIT, TIMES)
     bisector = bisector_attitude(A, position, HORIZON)[:, 2]
     latitude = np.arcsin(position[:, 2] / ORBIT.radius)
     lean = np.rad2deg(FLATTENING * np.abs(np.sin(2 * latitude))) * EARTH_RADIUS / ORBIT.radius

@@ -7,25 +7,27 @@ import pytest
 import gyrocal.sensors.sun as ground
 from gyrocal.sensors.earth import EarthModel, EarthSensor
 from simulator.sensors.earth import TrueEarthSensor
-from simulator.sensors.horizon import orbit_position
-from simulator.sensors.suite import earth_table, sun_table
-from simulator.sensors.sun import trmm_sun_sensors
-from simulator.truth.orbit import CircularOrbit, lvlh_attitude
-from simulator.truth.sun import DAY, eclipse, julian_date, sun_vector
+from simulator.sensors.horizon import compute_orbit_position
+from simulator.sensors.suite import simulate_earth_table, simulate_sun_table
+from simulator.sensors.sun import build_trmm_sensors
+from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude
+from simulator.truth.sun import DAY, compute_julian_date, compute_sun_vector, is_eclipsed
 
 ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=np.deg2rad(20.0))
 T = np.arange(0, ORBIT.period, 4.0)
-SUN = sun_vector(julian_date("1998-01-15T06:00:00") + T / DAY)
-AHEAD = lvlh_attitude(ORBIT, T)
+SUN = compute_sun_vector(compute_julian_date("1998-01-15T06:00:00") + T / DAY)
+AHEAD = compute_lvlh_attitude(ORBIT, T)
 # The −Y side to the Sun: else −x forward.
 A = np.diag([-1.0, -1.0, 1.0]) @ AHEAD if (AHEAD[0] @ SUN[0])[1] > 0 else AHEAD
-LOOK = (T, A, orbit_position(ORBIT, T), SUN)
-SQUARE = trmm_sun_sensors(heads=(np.zeros(3), np.zeros(3)))
+LOOK = (T, A, compute_orbit_position(ORBIT, T), SUN)
+SQUARE = build_trmm_sensors(heads=(np.zeros(3), np.zeros(3)))
 
 
 @pytest.fixture(scope="module")
 def tables():
-    return sun_table(np.random.default_rng(1), SQUARE, *LOOK), earth_table(np.random.default_rng(2), TrueEarthSensor(), *LOOK)
+    return simulate_sun_table(np.random.default_rng(1), SQUARE, *LOOK), simulate_earth_table(
+        np.random.default_rng(2), TrueEarthSensor(), *LOOK
+    )
 
 
 def whitened(table, number):
@@ -51,7 +53,7 @@ def test_columns_are_those_of_a_recording(tables):
 
 
 def test_sun_rows_are_those_in_view_and_lit(tables):
-    dark = eclipse(LOOK[2], SUN)
+    dark = is_eclipsed(LOOK[2], SUN)
     assert 0.2 < dark.mean() < 0.45
     body = np.einsum("nij,nj->ni", A, SUN)
     for number, sensor in enumerate(ground.trmm_sun_sensors(), start=1):
@@ -72,7 +74,7 @@ def test_sun_table_closes_with_the_estimators_model(tables):
 
 def test_turned_heads_would_be_seen():
     """Negative control: with the flight's heads the estimator's model misses by ten sigma and more."""
-    white = whitened(sun_table(np.random.default_rng(1), trmm_sun_sensors(), *LOOK), 2)
+    white = whitened(simulate_sun_table(np.random.default_rng(1), build_trmm_sensors(), *LOOK), 2)
     assert np.sqrt((white[:, 1] ** 2).mean()) > 10
     assert white[:, 0].var() < 1.5
 

@@ -5,9 +5,9 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 import simulator
-from simulator.scenario import profiles
+from simulator.scenario import build_profiles
 from simulator.truth.integration import accumulate, integrate
-from simulator.truth.rotation import quaternion, separation
+from simulator.truth.rotation import convert_to_quaternion, separation
 
 TRMM = simulator.load("trmm")
 BUSY = simulator.override(
@@ -40,12 +40,12 @@ def test_closed_form(scenario):
     """At every reference outside of a hold the integrated attitude is the analytic one."""
     motion = simulator.motion(simulator.override(scenario, {"reference.at": "series", "reference.every_s": 50.0}))
     checked = 0
-    for profile in profiles(scenario):
+    for profile in build_profiles(scenario):
         inside = (motion.reference_t_s >= profile.start_s) & (motion.reference_t_s <= profile.stop_s)
         if profile.hold:
             inside &= motion.reference_t_s - profile.start_s >= profile.hold.stop
         tau = motion.reference_t_s[inside] - profile.start_s
-        gap = separation(quaternion(profile.attitude(tau)), motion.quaternions[inside])
+        gap = separation(convert_to_quaternion(profile.attitude(tau)), motion.quaternions[inside])
         assert np.abs(gap).max() < 1e-12
         checked += tau.size
     assert checked > 280
@@ -54,7 +54,7 @@ def test_closed_form(scenario):
 @pytest.mark.parametrize("number", [1, 4])
 def test_against_dop853(number):
     """An independent integrator on q' = ½ q ∘ (ω, 0), restarted at the knots; its own error is below 1e-12."""
-    profile = profiles(BUSY)[number]
+    profile = build_profiles(BUSY)[number]
     length = profile.stop_s - profile.start_s
 
     def derivative(tau: float, q: np.ndarray) -> np.ndarray:
@@ -62,7 +62,7 @@ def test_against_dop853(number):
         matrix = np.array([[0, c, -b, a], [-c, 0, a, b], [b, -a, 0, c], [-a, -b, -c, 0]])
         return 0.5 * matrix @ q
 
-    q = quaternion(profile.attitude(np.zeros(1)))[0]
+    q = convert_to_quaternion(profile.attitude(np.zeros(1)))[0]
     edges = [0.0, *profile.knots, length]
     for begin, end in pairwise(edges):
         q = solve_ivp(derivative, (begin, end), q, method="DOP853", rtol=1e-13, atol=1e-14, max_step=20.0).y[:, -1]
@@ -81,7 +81,7 @@ def test_convergence_is_of_sixth_order():
 def test_mean_rate_is_the_integral_of_the_rate():
     """Against adaptive quadrature, over samples that span knots of the slew and of the hold."""
     motion = simulator.motion(BUSY)
-    for number, profile in enumerate(profiles(BUSY)):
+    for number, profile in enumerate(build_profiles(BUSY)):
         for knot in profile.knots:
             k = motion.intervals[number].start + int(knot // 0.5)
             begin = 0.5 * int(knot // 0.5)

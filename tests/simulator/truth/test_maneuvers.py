@@ -8,13 +8,13 @@ from simulator.truth.maneuvers import (
     Profile,
     Slew,
     Sway,
+    integrate_trajectory,
     pulse,
     smoothstep,
     smoothstep_integral,
-    trajectory,
 )
-from simulator.truth.orbit import CircularOrbit, lvlh_attitude
-from simulator.truth.rotation import quaternion, separation
+from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude
+from simulator.truth.rotation import convert_to_quaternion, separation
 
 ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=0.3, latitude_argument=2.0)
 RPO = ORBIT.mean_motion
@@ -42,7 +42,7 @@ def test_modes(mode, rate, forward):
     profile = Profile(ORBIT, 1000.0, 1600.0, MODE_YAW[mode])
     tau = np.array([0.0, 100.0])
     np.testing.assert_allclose(profile.rate(tau), np.tile(RPO * np.array(rate), (2, 1)), atol=1e-17)
-    A_bl = profile.attitude(tau) @ np.swapaxes(lvlh_attitude(ORBIT, 1000.0 + tau), -1, -2)
+    A_bl = profile.attitude(tau) @ np.swapaxes(compute_lvlh_attitude(ORBIT, 1000.0 + tau), -1, -2)
     np.testing.assert_allclose(A_bl[:, :, 0], np.tile(forward, (2, 1)), atol=1e-15)
     np.testing.assert_allclose(A_bl[:, :, 2], np.tile(Z, (2, 1)), atol=1e-15)
 
@@ -95,7 +95,9 @@ def test_sway_amplitude_and_period():
     sway = Sway(np.deg2rad([0.02, 0.0, 0.0]), np.array([80.0, 1.0, 1.0]), np.zeros(3))
     profile = Profile(ORBIT, 800.0, 1400.0, 0.0, sway=sway)
     tau = np.array([0.0, 20.0, 40.0, 60.0])
-    away = separation(quaternion(profile.tracking_attitude(tau)), quaternion(profile.attitude(tau)))
+    away = separation(
+        convert_to_quaternion(profile.compute_tracking_attitude(tau)), convert_to_quaternion(profile.attitude(tau))
+    )
     # exp([θ×]) is the frame turned by −θ.
     np.testing.assert_allclose(np.rad2deg(-away[:, 0]), [0.0, 0.02, 0.0, -0.02], atol=1e-13)
     np.testing.assert_allclose(away[:, 1:], 0.0, atol=1e-15)
@@ -114,13 +116,13 @@ def test_inertial_hold(hold):
     """The rate vanishes inside; the attitude is that of the mode before, at the stop and after."""
     profile = Profile(ORBIT, 0.0, hold.stop + 100.0, MODE_YAW["-x"], hold=hold)
     tau = np.arange(0.0, profile.stop_s + 0.25, 0.5)
-    path = trajectory(profile, tau)
+    path = integrate_trajectory(profile, tau)
     held = (tau >= hold.start + hold.transition) & (tau <= hold.stop - hold.transition)
     assert not profile.rate(tau[held]).any()
     rest = path.quaternions[held]
     assert np.abs(separation(rest[:1], rest)).max() < 1e-14
     tracking = (tau <= hold.start) | (tau >= hold.stop)
-    gap = separation(path.quaternions[tracking], quaternion(profile.attitude(tau[tracking])))
+    gap = separation(path.quaternions[tracking], convert_to_quaternion(profile.attitude(tau[tracking])))
     assert np.abs(gap).max() < 1e-11
     assert (tau[tracking] > hold.stop).any()
 
@@ -139,7 +141,7 @@ def test_hold_offset_tilts_the_hold():
     tilted = HOLDS[1]
     plain = Hold(tilted.start, tilted.stop, tilted.transition, np.zeros(3))
     held = [
-        trajectory(Profile(ORBIT, 0.0, 5535.0, 0.0, hold=hold), np.arange(0.0, 1000.0, 0.5)).quaternions[-1]
+        integrate_trajectory(Profile(ORBIT, 0.0, 5535.0, 0.0, hold=hold), np.arange(0.0, 1000.0, 0.5)).quaternions[-1]
         for hold in (plain, tilted)
     ]
     tilt = separation(*held)

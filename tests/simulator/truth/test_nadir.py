@@ -6,10 +6,10 @@ import pytest
 from gyrocal import calibrate
 from simulator import scenario as scenarios
 from simulator import simulate
-from simulator.mission_mode.target_frame import commanded_attitude
+from simulator.mission_mode.target_frame import compute_commanded_attitude
 from simulator.simulate import motion
-from simulator.truth.nadir import FLATTENING, lean, pointing_attitude, pointing_rate
-from simulator.truth.orbit import CircularOrbit, lvlh_attitude, lvlh_rate
+from simulator.truth.nadir import FLATTENING, compute_nadir_tilt, compute_pointing_attitude, compute_pointing_rate
+from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude, compute_lvlh_rate
 
 ORBITS = [
     CircularOrbit(350e3, np.deg2rad(35.0), node=0.4, latitude_argument=1.0, j2=j2, geodetic=True) for j2 in (False, True)
@@ -20,24 +20,24 @@ T = np.linspace(0.0, 6000.0, 61)
 @pytest.mark.parametrize("orbit", ORBITS)
 def test_frame_is_that_of_the_ellipsoids_normal(orbit):
     # The frame on board iterates for the latitude three times, which leaves 1e-9 rad.
-    np.testing.assert_allclose(pointing_attitude(orbit, T), commanded_attitude(orbit, T), rtol=0, atol=3e-9)
+    np.testing.assert_allclose(compute_pointing_attitude(orbit, T), compute_commanded_attitude(orbit, T), rtol=0, atol=3e-9)
 
 
 @pytest.mark.parametrize("orbit", ORBITS)
 def test_rate_is_the_derivative_of_the_attitude(orbit):
     h = 0.5
-    A = {k: pointing_attitude(orbit, T + k * h) for k in (-2, -1, 1, 2)}
+    A = {k: compute_pointing_attitude(orbit, T + k * h) for k in (-2, -1, 1, 2)}
     # dA/dt = −[ω×] A; fourth-order differences.
     derivative = (8 * (A[1] - A[-1]) - (A[2] - A[-2])) / (12 * h)
-    cross = -derivative @ np.swapaxes(pointing_attitude(orbit, T), -1, -2)
+    cross = -derivative @ np.swapaxes(compute_pointing_attitude(orbit, T), -1, -2)
     omega = np.stack([cross[:, 2, 1], cross[:, 0, 2], cross[:, 1, 0]], axis=1)
-    np.testing.assert_allclose(pointing_rate(orbit, T), omega, rtol=0, atol=2e-14)
+    np.testing.assert_allclose(compute_pointing_rate(orbit, T), omega, rtol=0, atol=2e-14)
 
 
 def test_lean_is_that_of_the_flattening():
     orbit = ORBITS[0]
     u = orbit.latitude_argument + orbit.mean_motion * T
-    alpha, beta, alpha_rate, _ = lean(orbit, T)
+    alpha, beta, alpha_rate, _ = compute_nadir_tilt(orbit, T)
     i = orbit.inclination
     # To first order in the flattening, and in the height over the radius: 2 f cos i sin i sin u and f sin²i sin 2u.
     assert np.abs(alpha).max() == pytest.approx(2 * FLATTENING * np.cos(i) * np.sin(i), rel=0.1)
@@ -48,15 +48,15 @@ def test_lean_is_that_of_the_flattening():
 
 def test_geocentric_is_lvlh():
     orbit = CircularOrbit(350e3, np.deg2rad(35.0), j2=True)
-    np.testing.assert_array_equal(pointing_attitude(orbit, T), lvlh_attitude(orbit, T))
-    np.testing.assert_array_equal(pointing_rate(orbit, T), lvlh_rate(orbit, T))
+    np.testing.assert_array_equal(compute_pointing_attitude(orbit, T), compute_lvlh_attitude(orbit, T))
+    np.testing.assert_array_equal(compute_pointing_rate(orbit, T), compute_lvlh_rate(orbit, T))
 
 
 def test_over_a_pole_nothing_is_lost():
     orbit = CircularOrbit(500e3, np.deg2rad(90.0), latitude_argument=np.pi / 2, geodetic=True)
-    A = pointing_attitude(orbit, np.array([0.0]))
-    np.testing.assert_allclose(A, lvlh_attitude(orbit, np.array([0.0])), rtol=0, atol=1e-6)
-    assert np.isfinite(pointing_rate(orbit, np.array([0.0]))).all()
+    A = compute_pointing_attitude(orbit, np.array([0.0]))
+    np.testing.assert_allclose(A, compute_lvlh_attitude(orbit, np.array([0.0])), rtol=0, atol=1e-6)
+    assert np.isfinite(compute_pointing_rate(orbit, np.array([0.0]))).all()
 
 
 def test_a_scenario_points_to_geodetic_nadir():

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from simulator.truth.orbit import CircularOrbit, lvlh_attitude, lvlh_rate
+from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude, compute_lvlh_rate
 
 PLAIN = CircularOrbit(350e3, np.deg2rad(35.0), node=0.4, latitude_argument=1.1)
 REGRESSING = CircularOrbit(350e3, np.deg2rad(35.0), node=0.4, latitude_argument=1.1, j2=True)
@@ -10,9 +10,9 @@ TIMES = np.linspace(0.0, 2 * PLAIN.period, 41)
 
 def finite_difference_rate(orbit: CircularOrbit, t: np.ndarray, h: float) -> np.ndarray:
     """From [w x] = -A' A^T with a fourth-order central difference."""
-    A = [lvlh_attitude(orbit, t + k * h) for k in (-2, -1, 1, 2)]
+    A = [compute_lvlh_attitude(orbit, t + k * h) for k in (-2, -1, 1, 2)]
     derivative = (A[0] - 8 * A[1] + 8 * A[2] - A[3]) / (12 * h)
-    W = -derivative @ np.swapaxes(lvlh_attitude(orbit, t), -1, -2)
+    W = -derivative @ np.swapaxes(compute_lvlh_attitude(orbit, t), -1, -2)
     return np.stack([W[:, 2, 1], W[:, 0, 2], W[:, 1, 0]], axis=-1)
 
 
@@ -23,34 +23,34 @@ def test_trmm_orbit_is_the_papers():
 
 @pytest.mark.parametrize("orbit", [PLAIN, REGRESSING])
 def test_attitude_is_a_rotation(orbit):
-    A = lvlh_attitude(orbit, TIMES)
+    A = compute_lvlh_attitude(orbit, TIMES)
     np.testing.assert_allclose(A @ np.swapaxes(A, -1, -2), np.broadcast_to(np.eye(3), A.shape), atol=1e-15)
     np.testing.assert_allclose(np.linalg.det(A), 1.0, rtol=1e-14)
 
 
 def test_axes_follow_the_orbit():
     """z points against the position, x along its derivative, y against the normal."""
-    position = -lvlh_attitude(PLAIN, TIMES)[:, 2]
+    position = -compute_lvlh_attitude(PLAIN, TIMES)[:, 2]
     h = 1.0
-    velocity = (-lvlh_attitude(PLAIN, TIMES + h)[:, 2] + lvlh_attitude(PLAIN, TIMES - h)[:, 2]) / (2 * h)
+    velocity = (-compute_lvlh_attitude(PLAIN, TIMES + h)[:, 2] + compute_lvlh_attitude(PLAIN, TIMES - h)[:, 2]) / (2 * h)
     velocity /= np.linalg.norm(velocity, axis=1)[:, None]
-    np.testing.assert_allclose(lvlh_attitude(PLAIN, TIMES)[:, 0], velocity, atol=1e-12)
-    np.testing.assert_allclose(lvlh_attitude(PLAIN, TIMES)[:, 1], -np.cross(position, velocity), atol=1e-12)
+    np.testing.assert_allclose(compute_lvlh_attitude(PLAIN, TIMES)[:, 0], velocity, atol=1e-12)
+    np.testing.assert_allclose(compute_lvlh_attitude(PLAIN, TIMES)[:, 1], -np.cross(position, velocity), atol=1e-12)
     assert np.arccos(np.cross(position, velocity)[0, 2]) == pytest.approx(PLAIN.inclination, abs=1e-12)
 
 
 @pytest.mark.parametrize("orbit", [PLAIN, REGRESSING])
 def test_rate_is_the_derivative_of_the_attitude(orbit):
     # h = 20 s: truncation n (n h)^4 / 30 = 1e-11, rounding 1e-16 / h.
-    np.testing.assert_allclose(lvlh_rate(orbit, TIMES), finite_difference_rate(orbit, TIMES, 20.0), rtol=0, atol=2e-11)
+    np.testing.assert_allclose(compute_lvlh_rate(orbit, TIMES), finite_difference_rate(orbit, TIMES, 20.0), rtol=0, atol=2e-11)
 
 
 def test_nodal_regression():
     """A 350 km, 35 deg orbit regresses by 6.8 deg a day; every part of it is seen in the rate."""
     assert PLAIN.nodal_rate == 0.0
     assert np.rad2deg(REGRESSING.nodal_rate) * 86400 == pytest.approx(-6.77, abs=0.02)
-    assert np.abs(lvlh_rate(REGRESSING, TIMES) - lvlh_rate(PLAIN, TIMES)).max(axis=0).min() > 5e-7
+    assert np.abs(compute_lvlh_rate(REGRESSING, TIMES) - compute_lvlh_rate(PLAIN, TIMES)).max(axis=0).min() > 5e-7
 
 
 def test_without_j2_the_rate_is_minus_one_rpo_of_pitch():
-    np.testing.assert_array_equal(lvlh_rate(PLAIN, TIMES), np.tile([0.0, -PLAIN.mean_motion, 0.0], (TIMES.size, 1)))
+    np.testing.assert_array_equal(compute_lvlh_rate(PLAIN, TIMES), np.tile([0.0, -PLAIN.mean_motion, 0.0], (TIMES.size, 1)))

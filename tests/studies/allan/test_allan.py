@@ -14,10 +14,10 @@ from gyrocal.allan.terms import ANGLE_WHITE, FLICKER, RANDOM_WALK
 from simulator import scenario
 from simulator.effects import parse
 from simulator.simulate import simulate
-from studies.allan.analysis import analyse, shown
-from studies.allan.rates import constant_rate_p, stretches
-from studies.allan.report import remarks
-from studies.allan.steps import step_in
+from studies.allan.analysis import convert_to_display_unit, estimate_noise_terms
+from studies.allan.rates import compute_constant_rate_p, find_stretches
+from studies.allan.report import list_remarks
+from studies.allan.steps import find_rate_step
 from studies.cli.main import main
 from tests import ROOT
 from tests.builders import piecewise_recording
@@ -54,7 +54,7 @@ def swaying(seed):
 
 
 def test_a_clean_rest_has_its_stated_noise_and_no_other():
-    found = analyse(rest(1), "m1")
+    found = estimate_noise_terms(rest(1), "m1")
     assert [(one.interval, one.rest) for one in found.stretches] == [("m1", True)]
     for axis in found.axes:
         assert [one.term for one in axis.fit.estimates if one.seen] == [RANDOM_WALK]
@@ -65,14 +65,14 @@ def test_a_clean_rest_has_its_stated_noise_and_no_other():
 
 
 def test_flicker_and_a_tone_are_found_on_their_axes():
-    found = analyse(rest(2, "noise_flicker:z=1", "vibration:y=0.0005,apparent_hz=0.1"))
+    found = estimate_noise_terms(rest(2, "noise_flicker:z=1", "vibration:y=0.0005,apparent_hz=0.1"))
     x, y, z = found.axes
     assert not x.sinusoid.found
     assert not x.fit.estimate(FLICKER).seen
     (line,) = y.sinusoid.found
     assert line.frequency_hz == pytest.approx(0.1, rel=1e-3)
     assert abs(np.rad2deg(line.amplitude) - 0.0005) < 4 * np.rad2deg(line.sigma)
-    estimate = shown(z.fit.estimate(FLICKER))
+    estimate = convert_to_display_unit(z.fit.estimate(FLICKER))
     # The simulated 1/f ends an octave above the sampling rate, which adds to the white noise and takes from the flicker.
     assert estimate.seen
     assert abs(estimate.value - 1.0) < 4 * estimate.sigma + 0.05
@@ -80,14 +80,14 @@ def test_flicker_and_a_tone_are_found_on_their_axes():
 
 def test_a_step_in_a_rest_is_told_beside_the_ramp_that_it_makes():
     """An Allan deviation has no term for it; of wander and drift nothing of the kind is said."""
-    found = analyse(rest(4, "bias_step:z=8,time_s=3000", "bias_drift:x=8", "noise_flicker:y=1"), "m1")
+    found = estimate_noise_terms(rest(4, "bias_step:z=8,time_s=3000", "bias_drift:x=8", "noise_flicker:y=1"), "m1")
     assert not found.axes[0].steps
     assert not found.axes[1].steps
     (row,) = found.to_json()["axes"]["z"]["steps"]
     assert row["interval"] == "m1"
     assert abs(row["time_s"] - 3000) < 60
     assert row["size"] == pytest.approx(8, rel=0.05)
-    assert any(line.startswith("z: one step of the rate") for line in remarks(found))
+    assert any(line.startswith("z: one step of the rate") for line in list_remarks(found))
     assert found.axes[0].sinusoid.longest_s == pytest.approx(
         found.axes[0].deviation.tau_s[0] * len(found.stretches[0].rates) / 4
     )
@@ -99,12 +99,12 @@ def test_no_step_is_told_of_noise_that_wanders_or_of_a_drift(seed):
     white, t = rng.standard_normal(6000), np.arange(6000) / 6000
     walk = np.cumsum(rng.standard_normal(6000))
     for course in (0 * t, 20 * t, walk, 0.1 * walk, 3 * np.exp(-10 * t), np.sin(8 * np.pi * t)):
-        assert step_in(white + course) is None
-    assert step_in(white + 2.0 * (t > 0.3)).size == pytest.approx(2.0, rel=0.1)
+        assert find_rate_step(white + course) is None
+    assert find_rate_step(white + 2.0 * (t > 0.3)).size == pytest.approx(2.0, rel=0.1)
 
 
 def test_motion_that_the_references_show_is_no_noise():
-    found = analyse(swaying(3))
+    found = estimate_noise_terms(swaying(3))
     assert not any(one.rest for one in found.stretches)
     walk = found.axes[0].fit.estimate(RANDOM_WALK)
     assert abs(walk.value - ARW) < 4 * walk.sigma
@@ -128,7 +128,7 @@ def slewing(seed):
 @pytest.mark.parametrize("seed", range(3))
 def test_the_gentle_end_of_a_slew_is_no_noise_of_a_rest(seed):
     """Ends at which two means of up to 160 samples differ by four sigmas belong to the slew; what is left turns by less."""
-    found = analyse(slewing(seed))
+    found = estimate_noise_terms(slewing(seed))
     assert [one.rest for one in found.stretches] == [True] * 5
     for axis in found.axes:
         assert not axis.steps
@@ -144,15 +144,15 @@ def test_a_constant_rate_is_a_rest_at_any_rate_and_a_sway_is_none():
     for _ in range(40):
         errors = Rotation.from_rotvec(rng.standard_normal(sigma.shape) * sigma)
         attitudes = start * Rotation.from_rotvec(t[:, None] * rate) * errors
-        p.append(constant_rate_p(t, attitudes, sigma))
+        p.append(compute_constant_rate_p(t, attitudes, sigma))
     assert 0.35 < np.mean(p) < 0.65  # uniform: 0.5 ± 0.046
     sway = Rotation.from_rotvec(np.outer(np.deg2rad(0.05) * np.sin(2 * np.pi * t / 900), [1.0, 0, 0]))
-    assert constant_rate_p(t, attitudes * sway, sigma) < 1e-20
+    assert compute_constant_rate_p(t, attitudes * sway, sigma) < 1e-20
 
 
 def test_without_references_inside_it_is_said():
     ends = simulate(scenario.load("trmm"), seed=5)
-    _, notes = stretches(ends, "m1")
+    _, notes = find_stretches(ends, "m1")
     assert any("slow motion counts as noise" in note for note in notes)
 
 
@@ -179,10 +179,10 @@ def test_the_command_writes_what_it_shows(tmp_path):
 def test_bad_input_is_one_line(tmp_path):
     recording = rest(7)
     with pytest.raises(InputError, match="no such interval; there are m1, m2"):
-        analyse(recording, "m9")
+        estimate_noise_terms(recording, "m9")
     shaken = recording.gyro.rates + np.sin(recording.gyro.t_s / 5)[:, None]
     with pytest.raises(InputError, match="no stretch of interval m2"):
-        analyse(replace(recording, gyro=replace(recording.gyro, rates=shaken)), "m2")
+        estimate_noise_terms(replace(recording, gyro=replace(recording.gyro, rates=shaken)), "m2")
     save(recording, tmp_path / "rec")
     result = CliRunner().invoke(main, ["allan", str(tmp_path / "rec"), "--figure", str(tmp_path / "a.pdf")])
     assert result.exit_code == 2

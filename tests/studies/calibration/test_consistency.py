@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 
 from studies.calibration import consistency
-from studies.calibration.consistency import EXPECTED, STUDY, check, judged, verdict
-from studies.montecarlo.statistics import binomial_band
+from studies.calibration.consistency import EXPECTED_VERDICTS, STUDY, build_estimate_row, check, summarise_verdicts
+from studies.montecarlo.statistics import compute_binomial_band
 from studies.montecarlo.study import load_config
 from tests.studies.rows import run_study
 
@@ -24,7 +24,7 @@ def made(n, scale=1.0, shift=0.0, seed=0):
     root = np.diag([1e-4] * 9 + [1e-8] * 3) @ (np.eye(12) + 0.3 * rng.normal(size=(12, 12)))
     P = root @ root.T
     errors = scale * rng.normal(size=(n, 12)) @ root.T + shift * np.sqrt(np.diag(P))
-    return pd.DataFrame([judged("made", error, P) for error in errors])
+    return pd.DataFrame([build_estimate_row("made", error, P) for error in errors])
 
 
 @pytest.mark.parametrize(
@@ -39,28 +39,28 @@ def made(n, scale=1.0, shift=0.0, seed=0):
 )
 @pytest.mark.parametrize("seed", range(5))
 def test_check_knows_what_it_is_given(scale, shift, expected, seed):
-    assert verdict(check(made(200, scale, shift, seed))) == expected
+    assert summarise_verdicts(check(made(200, scale, shift, seed))) == expected
 
 
 def test_over_confident_and_biased_at_once_is_both():
-    found = verdict(check(made(400, 1 / 0.6, 1.0)))
+    found = summarise_verdicts(check(made(400, 1 / 0.6, 1.0)))
     assert "biased" in found
     assert "over-confident" in found
 
 
 def test_a_consistent_estimator_seldom_fails_any_check():
-    failed = sum(verdict(check(made(100, seed=seed))) != "consistent" for seed in range(100, 140))
+    failed = sum(summarise_verdicts(check(made(100, seed=seed))) != "consistent" for seed in range(100, 140))
     assert failed <= 4  # binomial: 40 trials of at most 1 % each exceed 4 once in 10^5
 
 
 def test_study_passes_its_consistent_estimators_and_catches_every_control(rows):
-    found = {name: verdict(table) for name, table in consistency.judge(CONFIG, rows).groupby("estimator")}
-    assert found == EXPECTED
+    found = {name: summarise_verdicts(table) for name, table in consistency.judge(CONFIG, rows).groupby("estimator")}
+    assert found == EXPECTED_VERDICTS
 
 
 def test_truths_are_drawn_from_the_prior(rows):
     truths = rows[rows["estimator"] == "with prior"][[f"disp:{path}" for path in consistency.PATHS]].to_numpy()
-    mean, sigma = consistency.prior(CONFIG)
+    mean, sigma = consistency.compute_prior_moments(CONFIG)
     z = (truths * consistency.TO_SI - mean) / sigma
     n = len(z)
     assert np.abs(z.mean(axis=0)).max() < 4 / np.sqrt(n)
@@ -74,8 +74,8 @@ def test_the_prior_helps_where_the_data_are_weak(rows):
 
 def test_ranks_and_band():
     y = np.array([[-3.0], [0.0], [3.0]])  # the truth far above the estimate, at it, far below
-    np.testing.assert_allclose(consistency.ranks(y), [0.99865, 0.5, 0.00135], atol=1e-5)
-    low, high = binomial_band(400, 1 / 20, 0.99, 20)
+    np.testing.assert_allclose(consistency.compute_ranks(y), [0.99865, 0.5, 0.00135], atol=1e-5)
+    low, high = compute_binomial_band(400, 1 / 20, 0.99, 20)
     assert low < 20 < high
     counts = np.random.default_rng(5).multinomial(400, [1 / 20] * 20, size=2000)
     outside = ((counts < low) | (counts > high)).any(axis=1).mean()
@@ -84,7 +84,7 @@ def test_ranks_and_band():
 
 def test_report_names_each_verdict(rows):
     made_report = consistency.report(CONFIG, rows)
-    assert [check.name for check in made_report.checks[: len(EXPECTED)]] == list(EXPECTED)
+    assert [check.name for check in made_report.checks[: len(EXPECTED_VERDICTS)]] == list(EXPECTED_VERDICTS)
     assert {check.verdict for check in made_report.checks} == {"pass"}
     swapped = rows.assign(estimator=rows["estimator"].replace({"with prior": "sigma × 0.7", "sigma × 0.7": "with prior"}))
     failed = [check.name for check in consistency.report(CONFIG, swapped).checks if check.verdict == "fail"]

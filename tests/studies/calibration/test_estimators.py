@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from gyrocal import GyroParameters, InputError
 from studies.calibration import estimators
 from studies.calibration.estimators import CONVERGED, FULL_PSI, LINEAR_PSI, ORACLE, STREAMING, STUDY
-from studies.montecarlo.study import Streams, load_config, observed, resolved
+from studies.montecarlo.study import Streams, load_config, observed, resolve_config
 from tests.studies.rows import run_study
 
 CONFIG = load_config(STUDY, changes={"cases": 6, "streaming_every": 3, "overrides.gyro.sample_s": 4.0})
@@ -51,11 +51,11 @@ def test_errors_are_of_the_size_of_the_sigmas(rows):
 
 
 def test_oracles_residuals_are_those_of_rotations_multiplied_one_by_one():
-    config = resolved(CONFIG)
+    config = resolve_config(CONFIG)
     seen = observed(config, 1, Streams(config.entropy, 1))
     x = GyroParameters(seen.gyro.apriori_G, seen.gyro.apriori_bias).vector
-    problem = estimators.given_weights(seen, x)
-    own = estimators.residuals(problem, x).reshape(-1, 3)
+    problem = estimators.fix_weights(seen, x)
+    own = estimators.whiten_nonlinear_residuals(problem, x).reshape(-1, 3)
     for k, interval in enumerate(seen.intervals):
         inside = (seen.gyro.t_s >= interval.start_s) & (seen.gyro.t_s < interval.stop_s)
         t = np.append(seen.gyro.t_s[inside], interval.stop_s)
@@ -83,6 +83,6 @@ def test_a_disagreement_is_reported_as_one(rows):
 
 
 def test_series_of_references_are_refused():
-    config = resolved(load_config(STUDY, changes={"scenario": "trmm_series", "overrides.gyro.sample_s": 4.0}))
+    config = resolve_config(load_config(STUDY, changes={"scenario": "trmm_series", "overrides.gyro.sample_s": 4.0}))
     with pytest.raises(InputError, match="references at their ends only"):
         STUDY.case(config, 0, Streams(config.entropy, 0))

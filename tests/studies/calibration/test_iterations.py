@@ -25,26 +25,26 @@ def rows(config, tmp_path_factory):
 
 @pytest.mark.parametrize(("claimed", "true"), [(2, True), (1, False), (3, False)])
 def test_without_noise_each_iteration_squares_the_error(rows, claimed, true):
-    table = iterations.convergence(rows).query("not noise")
+    table = iterations.estimate_convergence_orders(rows).query("not noise")
     # The next order is smaller by the residual, up to 4 deg at a factor of 10: 0.07, and so at most 0.1 in the slope.
     assert (np.abs(table[["slope_1", "slope_2"]] - claimed).to_numpy().max() < 0.1) == true
 
 
 def test_noise_leaves_a_linear_part(rows):
-    table = iterations.convergence(rows).set_index(["direction", "noise"])["second_over_first"]
-    for direction in iterations.DIRECTIONS:
+    table = iterations.estimate_convergence_orders(rows).set_index(["direction", "noise"])["second_over_first"]
+    for direction in iterations.ERROR_DIRECTIONS:
         assert table[(direction, True)] > 10 * table[(direction, False)]
-    slopes = iterations.convergence(rows).query("noise")["slope_2"]
+    slopes = iterations.estimate_convergence_orders(rows).query("noise")["slope_2"]
     assert (slopes < 1.7).all()
 
 
 def test_one_iteration_is_enough_for_trmm_and_not_for_ten_times_its_error(rows):
-    medians = iterations.after_each(rows).query("noise").set_index(["direction", "factor"])
-    for direction in iterations.DIRECTIONS:
+    medians = iterations.summarise_iterations(rows).query("noise").set_index(["direction", "factor"])
+    for direction in iterations.ERROR_DIRECTIONS:
         left = medians["left_1_G_sigma"]
         assert left[(direction, 1.0)] < 0.1 < 1 < left[(direction, 10.0)]
         assert medians.loc[(direction, 10.0), "left_2_G_sigma"] < 0.1
-    limits = iterations.enough(rows).query("iterations == 1")
+    limits = iterations.find_limiting_factors(rows).query("iterations == 1")
     assert ((limits["factor_0.1_sigma_median"] > 1) & (limits["factor_0.1_sigma_median"] < 3)).all()
     assert ((limits["factor_1_sigma_median"] > 3) & (limits["factor_1_sigma_median"] < 10)).all()
     # Of a quadratic error the two limits are sqrt(10) apart, to 10 % by the slope's 0.1.
@@ -62,8 +62,8 @@ def test_noise_sets_the_error_that_converging_leaves(rows):
 
 
 def test_random_directions_have_the_norm_of_the_flown_one(config):
-    truth_to_prelaunch = flight.parameters("prelaunch").vector - flight.calibration().vector
-    drawn = [iterations.random_direction(Streams(1, i).generator("initial_error"), truth_to_prelaunch) for i in range(200)]
+    truth_to_prelaunch = flight.read_published_parameters("prelaunch").vector - flight.read_published_calibration().vector
+    drawn = [iterations.draw_error_direction(Streams(1, i).generator("initial_error"), truth_to_prelaunch) for i in range(200)]
     for part in (slice(0, 9), slice(9, 12)):
         size = np.linalg.norm(truth_to_prelaunch[part])
         assert np.linalg.norm(np.array(drawn)[:, part], axis=1) == pytest.approx(size)
@@ -73,8 +73,8 @@ def test_random_directions_have_the_norm_of_the_flown_one(config):
 
 
 def test_first_two_iterations_are_those_of_the_paper_tables(rows):
-    paper = paper_tables.run_case(paper_tables.PaperTablesConfig(steps_s=(0.5,)), 3)
-    full = paper_tables.choose(paper, 0.5).iloc[0]
+    paper = paper_tables.tabulate_case(paper_tables.PaperTablesConfig(steps_s=(0.5,)), 3)
+    full = paper_tables.select_variant(paper, 0.5).iloc[0]
     change = np.array([full[f"second_{name}"] - full[f"first_{name}"] for name in paper_tables.NAMES])
     row = rows.query("case == 3 and direction == 'flown' and noise and factor == 1").iloc[0]
     # The start here is truth + (prelaunch − truth), which is rounded.
@@ -91,4 +91,4 @@ def test_runs_that_do_not_converge_are_said_and_left_out(config, tmp_path):
     failed = made.check("runs that did not converge, of 8")
     assert (failed.value, failed.verdict) == (4, "fail")
     assert made.check("smallest factor of a run that did not converge").value == 600
-    assert iterations.enough(rows)["factor_1_sigma_median"].isna().all()
+    assert iterations.find_limiting_factors(rows)["factor_1_sigma_median"].isna().all()

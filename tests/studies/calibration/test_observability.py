@@ -6,8 +6,15 @@ import pytest
 from gyrocal import calibrate
 from simulator.simulate import motion, observe
 from studies.calibration import maneuvers_needed
-from studies.calibration.maneuvers_needed import SIGMAS, STUDY, minimal, part, shapley, subsets
-from studies.montecarlo.study import base_scenario, load_config
+from studies.calibration.maneuvers_needed import (
+    SIGMAS,
+    STUDY,
+    compute_shapley_values,
+    find_minimal_subsets,
+    list_subsets,
+    select_intervals,
+)
+from studies.montecarlo.study import load_base_scenario, load_config
 from studies.report.units import PPM_DEG_H
 from tests.studies.rows import run_study
 
@@ -21,12 +28,12 @@ def rows(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def recording():
-    scenario = base_scenario(CONFIG)
+    scenario = load_base_scenario(CONFIG)
     return observe(scenario, motion(scenario), gyro_rng=None, reference_rng=None)
 
 
 def test_every_subset_is_there_once(rows):
-    assert len(subsets(6)) == 63
+    assert len(list_subsets(6)) == 63
     assert len(rows) == 126
     assert not rows.duplicated(["references", "maneuvers"]).any()
 
@@ -37,7 +44,7 @@ def test_fewer_than_four_ends_only_never_suffice(rows):
     free = 12 - 3 * ends["size"]
     assert (ends["lost"] >= free.clip(lower=0)).all()
     assert (ends.loc[ends["size"] < 4, "lost"] > 0).all()
-    assert minimal(ends)["size"].min() == 4
+    assert find_minimal_subsets(ends)["size"].min() == 4
     assert (ends.loc[ends["size"] == 6, "lost"] == 0).all()
 
 
@@ -54,9 +61,9 @@ def test_calibrate_agrees(rows, recording, maneuvers):
     row = rows[(rows["references"] == "ends") & (rows["maneuvers"] == maneuvers)].iloc[0]
     chosen = [int(name[1]) - 1 for name in maneuvers.split("+")]
     if row["lost"]:
-        assert len(calibrate(part(recording, chosen)).observability.unobservable) == row["lost"]
+        assert len(calibrate(select_intervals(recording, chosen)).observability.unobservable) == row["lost"]
     else:
-        result = calibrate(part(recording, chosen))
+        result = calibrate(select_intervals(recording, chosen))
         # The plausible range as a prior makes the study's sigmas smaller by (σ/range)²/2 at most.
         own = row[SIGMAS].to_numpy(float)
         assert (own <= result.sigma * PPM_DEG_H * (1 + 1e-6)).all()
@@ -73,9 +80,9 @@ def test_a_maneuver_that_keeps_its_rate_leaves_scale_and_bias_in_one(rows):
 def test_minimal_and_blocking_sets(rows):
     for references in ("ends", "series"):
         chosen = rows[rows["references"] == references]
-        sufficient = [frozenset(text.split("+")) for text in minimal(chosen)["maneuvers"]]
+        sufficient = [frozenset(text.split("+")) for text in find_minimal_subsets(chosen)["maneuvers"]]
         assert not any(a < b for a in sufficient for b in sufficient)
-        for text in maneuvers_needed.blocking(chosen)["without"]:
+        for text in maneuvers_needed.find_blocking_sets(chosen)["without"]:
             assert all(frozenset(text.split("+")) & own for own in sufficient)
 
 
@@ -86,10 +93,10 @@ def test_shapley_shares_out_everything_and_favours_who_brings_more():
         frozenset(own): sum(value[name] for name in own) + ("a" in own and "b" in own)
         for own in ("a", "b", "c", "ab", "ac", "bc", "abc")
     }
-    shares = shapley(information, "abc")
+    shares = compute_shapley_values(information, "abc")
     assert shares == pytest.approx({"a": 3.5, "b": 1.5, "c": 1.0})
 
 
 def test_shapley_shares_of_the_maneuvers_are_all_bits(rows):
-    bits = maneuvers_needed.without_one(CONFIG, rows[rows["references"] == "ends"])["shapley_bits"].sum()
+    bits = maneuvers_needed.compute_leave_one_out(CONFIG, rows[rows["references"] == "ends"])["shapley_bits"].sum()
     assert bits == pytest.approx(rows["information_bits"][62], rel=1e-9)

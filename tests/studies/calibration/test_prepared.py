@@ -3,7 +3,7 @@
 import numpy as np
 
 from simulator import scenario as scenarios
-from studies.calibration.prepared import Flown, noise_of, shared
+from studies.calibration.shared_truth import NoiseFreeSimulation, build_once, make_noise_generators
 from studies.montecarlo.study import Streams, StudyConfig, observed
 
 CONFIG = StudyConfig(overrides={"gyro.sample_s": 60.0})
@@ -12,7 +12,7 @@ CONFIG = StudyConfig(overrides={"gyro.sample_s": 60.0})
 def test_built_once_without_dispersions_and_for_each_case_with_them():
     built = []
 
-    @shared
+    @build_once
     def truth(config, flown):
         built.append(flown)
         return flown.truth
@@ -29,9 +29,9 @@ def test_built_once_without_dispersions_and_for_each_case_with_them():
 
 def test_noise_is_that_of_the_recording():
     streams = Streams(CONFIG.entropy, 3)
-    flown = Flown.of(scenarios.override(scenarios.load("trmm"), CONFIG.overrides))
+    flown = NoiseFreeSimulation.of(scenarios.override(scenarios.load("trmm"), CONFIG.overrides))
     seen = observed(CONFIG, 3, streams)
-    rates, A = flown.realise(noise_of(streams))
+    rates, A = flown.realise(make_noise_generators(streams))
     np.testing.assert_array_equal(rates, seen.gyro.rates)
     np.testing.assert_array_equal(flown.realise()[0], flown.plain.gyro.rates)
     assert A.shape == (len(seen.attitudes.quaternions), 3, 3)

@@ -35,7 +35,7 @@ def test_a_row_for_every_point_of_the_grid(config, rows):
 )
 def test_orders_in_the_step(rows, column, claimed, true):
     # Next to the leading order comes a term smaller by |ω|Δt/2: 0.009 at 0.25 deg/s and 4 s, less than 0.05 in the order.
-    slow = psi.orders(rows).query("slew_rate_deg_s == 0.25")[column]
+    slow = psi.estimate_step_orders(rows).query("slew_rate_deg_s == 0.25")[column]
     assert (np.abs(slow - claimed).max() < 0.05) == true
 
 
@@ -54,7 +54,7 @@ def test_linear_psi_fails_first_at_high_rates_and_long_steps(rows):
 
 def test_what_limits_full_psi_is_the_mean_rate_held_over_a_step(config, rows):
     fine = config.points().index((180.0, 2.0, 0.5))
-    averaged = calibrate(psi.recording(config, fine, Streams(0, fine)), step_s=4.0)
+    averaged = calibrate(psi.make_case_recording(config, fine, Streams(0, fine)), step_s=4.0)
     error = np.abs(averaged.G - np.array(TRMM.gyro.true_G)).max()
     coarse = rows.query("slew_angle_deg == 180 and slew_rate_deg_s == 2 and step_s == 4")["full_error_G"].item()
     # The samples of 0.5 s averaged over 4 s are those of 4 s, but for the interval's last ones and the truth's integration.
@@ -63,17 +63,17 @@ def test_what_limits_full_psi_is_the_mean_rate_held_over_a_step(config, rows):
 
 
 def test_limits_are_where_the_difference_crosses(rows):
-    limit = psi.limits(rows).set_index(["slew_angle_deg", "step_s"]).loc[(180.0, 0.5)]
+    limit = psi.find_psi_limits(rows).set_index(["slew_angle_deg", "step_s"]).loc[(180.0, 0.5)]
     assert 0.25 < limit["linear_rate_deg_s"] < 2.0
     assert limit["linear_angle_per_step_deg"] == pytest.approx(0.5 * limit["linear_rate_deg_s"])
     # Flown at that rate it is the limit, as far as log-log interpolation over a factor of 8 in the rate goes.
-    there = psi.point(TRMM, float(limit["linear_rate_deg_s"]), 0.5)["G_difference"]
+    there = psi.compare_psi(TRMM, float(limit["linear_rate_deg_s"]), 0.5)["G_difference"]
     assert there == pytest.approx(psi.GOOD_ENOUGH, rel=0.3)
-    assert psi.point(TRMM, float(2 * limit["linear_rate_deg_s"]), 0.5)["G_difference"] > 1.5 * psi.GOOD_ENOUGH
+    assert psi.compare_psi(TRMM, float(2 * limit["linear_rate_deg_s"]), 0.5)["G_difference"] > 1.5 * psi.GOOD_ENOUGH
 
 
 def test_slews_keep_their_angle_and_fit():
-    flown = psi.with_slew_rate(TRMM, 0.1)
+    flown = psi.set_slew_rate(TRMM, 0.1)
     for before, after in zip(TRMM.interval, flown.interval, strict=True):
         assert [slew.angle_deg for slew in before.slew] == [slew.angle_deg for slew in after.slew]
     slew = flown.interval[1].slew[0]
@@ -81,12 +81,12 @@ def test_slews_keep_their_angle_and_fit():
 
 
 def test_slew_angles_scale_with_the_largest():
-    turned = psi.with_slew_angle(TRMM, 60.0)
+    turned = psi.scale_slew_angles(TRMM, 60.0)
     angles = [slew.angle_deg for interval in turned.interval for slew in interval.slew]
     assert angles == pytest.approx([60.0, -30.0, 30.0, -60.0])
     still = scenarios.override(TRMM, {f"interval.{k}.slew": [] for k in (1, 3, 5)})
     with pytest.raises(InputError, match="has no slew"):
-        psi.with_slew_angle(still, 60.0)
+        psi.scale_slew_angles(still, 60.0)
 
 
 def test_run_flies_the_scenarios_own_angles(rows):

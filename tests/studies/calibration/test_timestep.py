@@ -29,7 +29,7 @@ def rows(config, tmp_path_factory):
     [("skip", 0.5, True), ("skip", 0.0, False), ("skip", 1.0, False), ("average", 0.0, True), ("average", 0.5, False)],
 )
 def test_order_of_the_gyro_noise_in_the_step(rows, resampling, claimed, true):
-    power, uncertain = timestep.gyro_order(rows, resampling)
+    power, uncertain = timestep.estimate_gyro_order(rows, resampling)
     assert uncertain < 0.06  # what 60 cases of correlated parameters should give: sqrt(2 / 60 / 2 free ones) / ln 16
     # Four standard errors; averaging has nearly none, but its residual's weights change by what the bias does to them.
     assert (abs(power - claimed) < 4 * uncertain + 1e-3) == true
@@ -46,37 +46,37 @@ def test_the_gyros_part_holds_no_reference_noise(tmp_path):
 
 
 def test_formal_sigmas_know_of_the_skipping(rows):
-    table = timestep.summary(rows)
+    table = timestep.summarise_steps(rows)
     # Spread over formal sigma has a relative sampling error of 1/sqrt(2 CASES) a parameter; 4 of it.
     assert np.abs(table["spread_over_formal"] - 1).max() < 4 / np.sqrt(2 * CASES)
     assert table["nees_inside"].all()
     # Negative control: the full stream's sigma does not cover the errors of skipping to 8 s.
-    long, full = (timestep.choose(rows, step, "skip") for step in (8.0, 0.5))
+    long, full = (timestep.select_step(rows, step, "skip") for step in (8.0, 0.5))
     errors, sigmas = (
         part[[f"{what}_{name}" for name in NAMES]].to_numpy() for what, part in (("error", long), ("sigma", full))
     )
     covariances = sigmas[:, :, None] ** 2 * np.eye(12)
-    overconfident = statistics.nees_check(statistics.nees(errors, covariances), 12)
+    overconfident = statistics.check_mean_nees(statistics.compute_nees(errors, covariances), 12)
     assert overconfident.value > 2 * overconfident.upper
 
 
 def test_bias_of_averaging_is_second_order_and_seen_in_the_mean(rows):
-    average = timestep.summary(rows).query("resampling == 'average'").set_index("step_s")
+    average = timestep.summarise_steps(rows).query("resampling == 'average'").set_index("step_s")
     # Each step doubled makes four times the bias; what comes next in Δt is below 1 %.
     assert average["held_sigma"][2.0] / average["held_sigma"][1.0] == pytest.approx(4, rel=0.01)
     assert average["held_sigma"][8.0] / average["held_sigma"][1.0] == pytest.approx(64, rel=0.02)
     assert average["held_sigma"][0.5] < 0.01 < timestep.LIMIT < average["held_sigma"][8.0]
     # On the same noise the mean error moves by the bias alone: paired, it shows without the noise.
-    table = timestep.by_parameter(rows).query("step_s == 8 and resampling == 'average'").set_index("parameter")
-    full = timestep.by_parameter(rows).query("step_s == 0.5").set_index("parameter")
+    table = timestep.tabulate_parameter_biases(rows).query("step_s == 8 and resampling == 'average'").set_index("parameter")
+    full = timestep.tabulate_parameter_biases(rows).query("step_s == 0.5").set_index("parameter")
     moved, expected = ((table[name] - full[name]) / full["formal_sigma"] for name in ("bias", "held"))
     standard_error = (
-        timestep.choose(rows, 8.0, "average")[[f"error_{name}" for name in NAMES]].to_numpy()
-        - timestep.choose(rows, 0.5, "skip")[[f"error_{name}" for name in NAMES]].to_numpy()
+        timestep.select_step(rows, 8.0, "average")[[f"error_{name}" for name in NAMES]].to_numpy()
+        - timestep.select_step(rows, 0.5, "skip")[[f"error_{name}" for name in NAMES]].to_numpy()
     ).std(axis=0, ddof=1) / np.sqrt(CASES)
     assert (np.abs(moved - expected) < 5 * standard_error / full["formal_sigma"]).all()
     assert np.abs(moved).max() > 0.2
-    assert timestep.summary(rows)["bias_z"].max() < 4  # largest of 12
+    assert timestep.summarise_steps(rows)["bias_z"].max() < 4  # largest of 12
 
 
 def test_spread_between_steps_is_the_angle_random_walk(rows):
@@ -94,12 +94,12 @@ def test_spread_between_steps_is_the_angle_random_walk(rows):
 
 
 def test_flights_spread_is_that_of_the_flight_gap(rows):
-    table = timestep.step_noise(rows).set_index("to_s")
+    table = timestep.estimate_step_noise(rows).set_index("to_s")
     assert np.sqrt((table.loc[[1.0, 2.0], "flight"] ** 2).mean()) == pytest.approx(
-        flight_gap.noise_from_steps()["arw_deg_per_sqrt_s"], rel=1e-12
+        flight_gap.estimate_noise_from_steps()["arw_deg_per_sqrt_s"], rel=1e-12
     )
     assert np.isnan(table.loc[8.0, "flight"])
-    assert flight.STEPS == (0.5, 1.0, 2.0)
+    assert flight.FLIGHT_STEPS_S == (0.5, 1.0, 2.0)
 
 
 def test_a_step_that_is_no_multiple_is_a_failed_case_and_says_why(tmp_path):
@@ -109,7 +109,7 @@ def test_a_step_that_is_no_multiple_is_a_failed_case_and_says_why(tmp_path):
 
 
 def test_ways_that_are_swapped_fail(config, rows):
-    at_8_s = timestep.summary(rows).set_index(["resampling", "step_s"])["gyro_ratio"].loc[("skip", 8.0)]
+    at_8_s = timestep.summarise_steps(rows).set_index(["resampling", "step_s"])["gyro_ratio"].loc[("skip", 8.0)]
     assert at_8_s == pytest.approx(4, rel=4 * 0.06)  # sqrt(16); four relative standard errors of the spread's ratio
     swapped = rows.assign(
         resampling=rows["resampling"].where(

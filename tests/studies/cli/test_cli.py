@@ -15,9 +15,9 @@ from click.testing import CliRunner
 import gyrocal
 from gyrocal import NAMES, load
 from simulator import scenario as scenarios
-from studies.cli.main import COMMANDS, main, read_help
+from studies.cli.main import COMMAND_NAMES, main, read_help
 from studies.montecarlo import engine
-from studies.natanson import left_out, paper_tables, reproduce, slew_timings
+from studies.natanson import omitted_effects, paper_tables, reproduce, slew_timings
 from tests import ROOT
 
 
@@ -68,7 +68,7 @@ def test_version_and_help_load_no_command(option):
 
 def test_the_list_of_commands_says_what_each_says_itself(run_cli):
     listed = run_cli("--help").stdout
-    for name in COMMANDS:
+    for name in COMMAND_NAMES:
         own = main.get_command(click.Context(main), name).get_short_help_str(10_000)
         assert own == click.Command(name, help=read_help(name)).get_short_help_str(10_000)
         assert re.search(rf"^  {name} +{re.escape(own[:20])}", listed, flags=re.MULTILINE)
@@ -158,7 +158,7 @@ def test_study_runs_resumes_and_reruns(run_cli, tmp_path):
 
 def test_ctrl_c_has_its_own_status(run_cli, monkeypatch, tmp_path):
     def interrupted(*arguments, **options):
-        raise engine.Interrupted("interrupted; 3 of 9 cases are done; the same command resumes")
+        raise engine.StudyInterrupted("interrupted; 3 of 9 cases are done; the same command resumes")
 
     monkeypatch.setattr(engine, "run", interrupted)
     result = run_cli("study", "paper", "--out", str(tmp_path))
@@ -168,9 +168,11 @@ def test_ctrl_c_has_its_own_status(run_cli, monkeypatch, tmp_path):
 
 
 def test_reproduce_writes_everything_and_repeats_itself(run_cli, tmp_path, monkeypatch):
-    monkeypatch.setattr(slew_timings, "fit_common", cache(slew_timings.fit_common))  # kept, as fits of single intervals are
-    monkeypatch.setattr(slew_timings, "STARTS", ())  # the fit from all of them is another test's
-    monkeypatch.setattr(left_out, "drift_table", partial(left_out.drift_table, seeds=3))
+    monkeypatch.setattr(
+        slew_timings, "fit_common_timings", cache(slew_timings.fit_common_timings)
+    )  # kept, as fits of single intervals are
+    monkeypatch.setattr(slew_timings, "START_FRACTIONS", ())  # the fit from all of them is another test's
+    monkeypatch.setattr(omitted_effects, "build_drift_table", partial(omitted_effects.build_drift_table, seeds=3))
     result = run_cli("reproduce", "--paper", "natanson", "--cases", "2", "--jobs", "1", "--out", str(tmp_path / "a"))
     assert result.exit_code == 0, result.stderr
     summary = json.loads((tmp_path / "a" / "summary.json").read_text())
@@ -189,7 +191,7 @@ def test_reproduce_writes_everything_and_repeats_itself(run_cli, tmp_path, monke
     expected = {f"table{k}.{kind}" for k in (2, 3, 4, 5) for kind in ("csv", "md")}
     expected |= {"figure1_yaw_maneuvers.svg", "figure2_minus_y_forward.svg", "figure3_inertial_hold.svg", "summary.json"}
     assert expected <= set(manifest["files"])
-    for title in list(paper_tables.TITLES.values())[:4]:
+    for title in list(paper_tables.PAPER_TABLE_TITLES.values())[:4]:
         assert title in result.stdout
     again = run_cli("reproduce", "--paper", "natanson", "--cases", "2", "--jobs", "1", "--out", str(tmp_path / "b"))
     assert again.exit_code == 0
@@ -235,12 +237,12 @@ def test_one_gyro_is_calibrated_by_the_command(run_cli, tmp_path):
 def test_a_reproduction_that_was_stopped_goes_on(run_cli, tmp_path, monkeypatch):
     arguments = ("reproduce", "--paper", "natanson", "--cases", "2", "--jobs", "1", "--out", str(tmp_path))
     with monkeypatch.context() as patch:
-        patch.setattr(reproduce, "flight_part", pressed)  # when all cases are there
+        patch.setattr(reproduce, "compare_with_flight", pressed)  # when all cases are there
         assert run_cli(*arguments).exit_code == 1
     (rows,) = (tmp_path / "work").rglob("table.parquet")
     config = paper_tables.PaperTablesConfig(cases=2)
-    assert rows.parent == engine.work_folder(tmp_path, paper_tables.STUDY, config)
-    assert rows.parent != engine.work_folder(tmp_path, paper_tables.STUDY, config.model_copy(update={"entropy": 7}))
+    assert rows.parent == engine.get_work_folder(tmp_path, paper_tables.STUDY, config)
+    assert rows.parent != engine.get_work_folder(tmp_path, paper_tables.STUDY, config.model_copy(update={"entropy": 7}))
     (rows.parent / "parts" / "part-000001.parquet").unlink()
     for part in ("flight_part", "left_out"):
         monkeypatch.setattr(reproduce, part, lambda *arguments: None)  # what comes after the cases is another test's

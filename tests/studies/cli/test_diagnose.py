@@ -12,7 +12,7 @@ from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli import diagnose as cli_diagnose
 from studies.cli.main import main
 from studies.report import next_flight, svg
-from studies.report.console import stages
+from studies.report.console import show_stages
 from tests import ROOT
 from tests.diagnosis_cases import CASES
 
@@ -48,7 +48,7 @@ def refuse(text):
 @pytest.mark.parametrize("case", CASES)
 def test_any_verdict_is_a_success(run_cli, asked, rec, case, tmp_path, monkeypatch):
     """The figures of each verdict's page are drawn in tests/studies/report/test_diagnosis_page.py."""
-    monkeypatch.setattr(svg, "svg_bytes", lambda figure: b'<svg viewBox="0 0 1 1"></svg>')
+    monkeypatch.setattr(svg, "render_svg", lambda figure: b'<svg viewBox="0 0 1 1"></svg>')
     asked["case"] = case
     page, result = tmp_path / "page.html", tmp_path / "result.json"
     shown = run_cli("diagnose", rec, "--json", str(result), "--report", str(page))
@@ -84,16 +84,17 @@ def planned(title):
 
 def test_the_next_maneuver_follows_the_plan():
     group, named, unknown, none = (CASES[case]() for case in ("group", "named", "unknown", "none"))
-    assert next_flight.sentence(group, planned("x")).startswith("a roll (0.3 h)")
-    assert next_flight.sentence(named, planned("x")) == "No extra maneuver on the list would show much more of it."
+    assert next_flight.describe_next_flight(group, planned("x")).startswith("a roll (0.3 h)")
+    assert next_flight.describe_next_flight(named, planned("x")) == "No extra maneuver on the list would show much more of it."
     helped = dataclasses.replace(planned("x").extras[0], by_effect={"bias_orbital:z": 0.25})
     better = dataclasses.replace(planned("x"), extras=(helped,))
     assert (
-        next_flight.sentence(named, better) == "a turn (1.5 h): it would show the cause at 0.25 times the size that shows now."
+        next_flight.describe_next_flight(named, better)
+        == "a turn (1.5 h): it would show the cause at 0.25 times the size that shows now."
     )
-    assert "--plan SCENARIO" in next_flight.sentence(unknown)
-    assert next_flight.sentence(none) == "Nothing is called for."
-    assert next_flight.suspects(group) == ["time_offset", "rate_lag"]
+    assert "--plan SCENARIO" in next_flight.describe_next_flight(unknown)
+    assert next_flight.describe_next_flight(none) == "Nothing is called for."
+    assert next_flight.list_suspected_effects(group) == ["time_offset", "rate_lag"]
 
 
 def test_json_on_standard_output_is_alone(run_cli, asked, rec):
@@ -121,13 +122,13 @@ def test_an_unusable_recording_is_one_line(run_cli, rec, monkeypatch):
 
 
 def test_long_work_says_how_far_it_is(capsys):
-    with stages("diagnose", 0.0) as tell:
+    with show_stages("diagnose", 0.0) as tell:
         tell("null distribution", 0.4)
     assert capsys.readouterr().err == "diagnose: null distribution, 40 % done\n"
 
 
 def test_each_stage_is_said_once(capsys):
-    with stages("plan") as tell:
+    with show_stages("plan") as tell:
         for text, share in (("pairs: 1 of 2", 0.1), ("pairs: 2 of 2", 0.2), ("extras", 0.5)):
             tell(text, share)
     assert capsys.readouterr().err.splitlines() == ["plan: pairs, 10 % done", "plan: extras, 50 % done"]

@@ -26,7 +26,7 @@ def folder(tmp_path_factory):
     return out
 
 
-OPTIONS = [word for key, value in imports.RIGHT.items() for word in (f"--{key}", value)]
+OPTIONS = [word for key, value in imports.CORRECT_MAPPING.items() for word in (f"--{key}", value)]
 
 
 def test_two_tables_one_table_and_a_mapping_file_are_the_same(run_cli, folder):
@@ -34,7 +34,7 @@ def test_two_tables_one_table_and_a_mapping_file_are_the_same(run_cli, folder):
     first = run_cli("import", "csv", *files, str(folder / "a"), *OPTIONS)
     assert first.exit_code == 0, first.stderr
     assert "2 rest(s) found" in first.stdout
-    (folder / "mine.toml").write_text("\n".join(f'{key} = "{value}"' for key, value in imports.RIGHT.items()))
+    (folder / "mine.toml").write_text("\n".join(f'{key} = "{value}"' for key, value in imports.CORRECT_MAPPING.items()))
     second = run_cli("import", "csv", str(folder / "both.csv"), str(folder / "b"), "--mapping", str(folder / "mine.toml"))
     assert second.exit_code == 0, second.stderr
     a, b = gyrocal.load(folder / "a"), gyrocal.load(folder / "b")
@@ -47,7 +47,7 @@ def test_two_tables_one_table_and_a_mapping_file_are_the_same(run_cli, folder):
 def test_noise_that_an_import_estimated_and_residuals_deny_is_named(run_cli, folder):
     files = str(folder / "gyro.csv"), str(folder / "mocap.csv")
     assert run_cli("import", "csv", *files, str(folder / "estimated"), *OPTIONS).exit_code == 0
-    estimated = importing.estimated_noise(folder / "estimated")
+    estimated = importing.read_estimated_noise(folder / "estimated")
     assert [text.split(" 0.")[0] for text in estimated] == ["angle random walk", "sigma of the references"]
     said = " ".join(run_cli("calibrate", str(folder / "estimated")).stdout.split())
     assert f"The import estimated this noise: {'; '.join(estimated)}." in said
@@ -58,9 +58,9 @@ def test_noise_that_an_import_estimated_and_residuals_deny_is_named(run_cli, fol
     gyrocal.save(next(one for one in wider if 0.1 < gyrocal.calibrate(one).p_value < 0.9), folder / "estimated")
     assert "The import estimated" not in run_cli("calibrate", str(folder / "estimated")).stdout
     # A recording that is no import, and one whose notes are somebody's own, say nothing.
-    assert importing.estimated_noise(folder) == []
-    (folder / "estimated" / importing.NOTES).write_text("assumed = 3")
-    assert importing.estimated_noise(folder / "estimated") == []
+    assert importing.read_estimated_noise(folder) == []
+    (folder / "estimated" / importing.NOTES_FILE).write_text("assumed = 3")
+    assert importing.read_estimated_noise(folder / "estimated") == []
 
 
 def test_import_and_export_say_as_json_what_was_made(run_cli, folder):

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from diagnosis.next_recording import Band, Comparison, Foretold
+from diagnosis.next_recording import Band, Comparison, RecordingPrediction
 from studies.cli import next as next_command
 
 BANDS = (Band("three: slew", "x", 0.012, 0.010, 0.004, 21.0, 12, 0.05),)
@@ -21,11 +21,11 @@ def asked(monkeypatch):
         tell("the next recording", 0.95)
         *before, last = recordings
         one = Comparison(90.0, 60, 0.007, BANDS)
-        return Foretold(
+        return RecordingPrediction(
             tuple(before), last, "named", ("bias_orbital:z",), ("spikes:x",), one, Comparison(190.0, 60, 1e-15, BANDS)
         )
 
-    monkeypatch.setattr(next_command, "foretell", foretell)
+    monkeypatch.setattr(next_command, "predict_next_recording", foretell)
     monkeypatch.setattr(next_command, "load", lambda path: SimpleNamespace(gyro=None))
     monkeypatch.setattr(next_command, "need_triad", lambda gyro: None)
     return calls

@@ -150,14 +150,14 @@ def test_control_characters_of_a_title_reach_neither_terminal_nor_figure(run_cli
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         panels.save(figure, tmp_path / "a.svg")
-        pages = [(tmp_path / "a.svg").read_bytes(), svg.svg_bytes(figure)]
+        pages = [(tmp_path / "a.svg").read_bytes(), svg.render_svg(figure)]
     for page in pages:
         assert ElementTree.fromstring(page).tag.endswith("svg")
         assert b"[2Jred" in page
 
 
 def test_control_characters_do_not_reach_a_terminal(capsys):
-    consoles.console().print("a\x1b[31mb\x9bc\nd", markup=False)
+    consoles.make_console().print("a\x1b[31mb\x9bc\nd", markup=False)
     shown = capsys.readouterr().out
     assert shown == f"a{consoles.MISSING}[31mb{consoles.MISSING}c\nd\n"
 

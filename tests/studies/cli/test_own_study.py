@@ -64,7 +64,7 @@ def test_a_file_is_run_by_its_path(mine, run_cli, tmp_path):
 
 def test_a_worker_finds_the_file_by_its_folder(mine):
     """As a fresh process does, where neither the module nor its folder is known."""
-    study = catalogue.of_file(mine).study
+    study = catalogue.load_study_file(mine).study
     path, modules = list(sys.path), [name for name in sys.modules if str(mine.stem).partition("_")[2] in name]
     sys.path.remove(str(mine.parent))
     for name in modules:

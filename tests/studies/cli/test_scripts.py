@@ -11,7 +11,7 @@ from gyrocal import InputError, save
 from simulator import load, simulate
 from studies.cli.options import compare_conditions
 from studies.report.checks import Check
-from studies.report.junit import Verdict, of_checks, write_junit
+from studies.report.junit import Verdict, convert_checks, write_junit
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def test_checks_as_tests(tmp_path):
         Check("a note", 5.0),
         Check("a word", "bad", "good"),
     ]
-    verdicts = of_checks(checks)
+    verdicts = convert_checks(checks)
     assert [bool(one.failure) for one in verdicts] == [False, True, False, True]
     assert [bool(one.skipped) for one in verdicts] == [False, False, True, False]
     assert verdicts[1].failure == "3 deg, asked 0 to 2"

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from diagnosis.adopt import adopted
+from diagnosis.adopt import adopt_causes
 from diagnosis.diagnose import diagnose
 from gyrocal import calibrate
 from gyrocal.errors import InputError
-from simulator.adopted import Adopted, Replayed
+from simulator.adopted_scenario import AdoptedScenario, ReplayPlan
 from simulator.effects import parse
-from studies.compare.bench import Bench
+from studies.compare.bench import PreparedScenario
 from studies.compare.compare import compare
-from studies.compare.measure import Ruler
-from studies.report.comparison import sentences
+from studies.compare.measure import MeasurementSetup
+from studies.report.comparison import describe_comparison
 from tests.studies.compare.recordings import plan, recorded
 
 ORBITAL = "bias_orbital:z=0.3,phase_deg=60"
@@ -24,8 +24,10 @@ def orbital():
     """A recording with an effect, and the scenario that its diagnosis stands for."""
     recording = recorded(5, ORBITAL)
     found = diagnose(recording, library=["bias_orbital"])
-    adoption = adopted(found)
-    return recording, Adopted("adopted", Replayed(recording, found.G, found.bias), adoption.effects, adoption.covariance)
+    adoption = adopt_causes(found)
+    return recording, AdoptedScenario(
+        "adopted", ReplayPlan(recording, found.G, found.bias), adoption.effects, adoption.covariance
+    )
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +58,7 @@ def test_as_many_are_out_by_chance_as_ranks_are_out_there(compared, flights):
 def test_without_the_effect_nothing_closes(orbital):
     recording, _ = orbital
     found = calibrate(recording)
-    plain = Adopted("M0 again", Replayed(recording, found.G, found.bias))
+    plain = AdoptedScenario("M0 again", ReplayPlan(recording, found.G, found.bias))
     gap = compare(recording, [("plain", plain)], runs=40, seed=1).standings[1].gap
     assert gap.shrinkage == pytest.approx(0, abs=1e-9)
 
@@ -94,7 +96,7 @@ def test_of_another_recording_the_parameters_are_judged(orbital):
 def test_the_response_taken_out_leaves_the_flight_without_the_effect(orbital, effect):
     recording, scenario = orbital
     one = replace(scenario, effects=(parse(effect),), covariance=None)
-    bench = Bench.of(one, recording, Ruler.of(recording, calibrate(recording).parameters), "one")
+    bench = PreparedScenario.of(one, recording, MeasurementSetup.of(recording, calibrate(recording).parameters), "one")
     left, without = bench.under(one.fly(3, 1)), one.fly(3, 1, effects=())
     np.testing.assert_allclose(left.gyro.rates, without.gyro.rates, rtol=0, atol=1e-15)
     # The reference's error turns a noisy attitude in place of the true one: a product of the two.
@@ -104,8 +106,8 @@ def test_the_response_taken_out_leaves_the_flight_without_the_effect(orbital, ef
 
 def test_fitted_flights_lose_a_degree_of_freedom_for_each_amplitude(orbital):
     recording, scenario = orbital
-    ruler = Ruler.of(recording, calibrate(recording).parameters)
-    bench = Bench.of(scenario, recording, ruler, "adopted")
+    ruler = MeasurementSetup.of(recording, calibrate(recording).parameters)
+    bench = PreparedScenario.of(scenario, recording, ruler, "adopted")
     assert bench.fitted
     assert bench.W.shape[1] == 2
     dof = ruler.degrees_of_freedom
@@ -141,7 +143,7 @@ def test_jobs_change_nothing(orbital):
 def test_a_scenario_of_the_same_plan_may_be_compared():
     recording = recorded(7, "bias_step:y=0.4,time_s=13000")
     settings = (parse("bias_step:y=0.4,time_s=13000"),)
-    found = compare(recording, [("mine", Adopted("mine", plan(), settings))], runs=40)
+    found = compare(recording, [("mine", AdoptedScenario("mine", plan(), settings))], runs=40)
     gap = found.standings[1].gap
     assert gap.before_90[0] > 0
     assert gap.after_90[0] <= 0 <= gap.after_90[1]
@@ -154,10 +156,12 @@ def test_too_few_runs_are_refused():
 
 def test_sentences_speak_of_sizes_only_where_there_are_some_and_say_why_a_diagnosis_may_see_more(compared):
     under, adopted_one = compared.standings
-    assert "its sizes are from this recording" in sentences(compared)[-1]
+    assert "its sizes are from this recording" in describe_comparison(compared)[-1]
     bare = replace(compared, standings=(under, replace(adopted_one, effects=())))
-    assert "its sizes" not in sentences(bare)[-1]
+    assert "its sizes" not in describe_comparison(bare)[-1]
     closed = replace(compared, standings=(replace(under, gap=replace(under.gap, before_90=(-0.1, 0.1))), adopted_one))
-    assert sentences(closed)[0].endswith("shows no gap; single statistics stand apart, which a diagnosis asks as well.")
+    assert describe_comparison(closed)[0].endswith(
+        "shows no gap; single statistics stand apart, which a diagnosis asks as well."
+    )
     calm = replace(closed.standings[0], statistics=under.statistics.assign(z=0.5))
-    assert sentences(replace(closed, standings=(calm, adopted_one)))[0].endswith("shows no gap.")
+    assert describe_comparison(replace(closed, standings=(calm, adopted_one)))[0].endswith("shows no gap.")

@@ -3,7 +3,7 @@ import pytest
 
 from gyrocal import calibrate
 from studies.compare import measure
-from studies.compare.measure import Ruler
+from studies.compare.measure import MeasurementSetup
 from tests.studies.compare.recordings import recorded
 
 
@@ -14,7 +14,7 @@ def recording():
 
 @pytest.fixture(scope="module")
 def measured(recording):
-    return Ruler.of(recording, calibrate(recording).parameters).measure(recording)
+    return MeasurementSetup.of(recording, calibrate(recording).parameters).measure(recording)
 
 
 def test_the_calibration_is_the_calibrators(recording, measured):
@@ -34,26 +34,26 @@ def test_rms_is_that_of_the_calibrators_residuals(recording, measured):
 def test_white_noise_has_the_statistics_of_white_noise():
     x = [np.random.default_rng(k).standard_normal(4000) for k in range(5)]
     n = sum(map(len, x))
-    assert abs(measure.lag_one(x)) < 4 / np.sqrt(n)
-    assert measure.lag_one([np.diff(one, n=2) for one in x]) == pytest.approx(-2 / 3, abs=4 / np.sqrt(n))
-    _, power = measure.averaged_spectrum(x)
+    assert abs(measure.compute_lag_correlation(x)) < 4 / np.sqrt(n)
+    assert measure.compute_lag_correlation([np.diff(one, n=2) for one in x]) == pytest.approx(-2 / 3, abs=4 / np.sqrt(n))
+    _, power = measure.average_spectrum(x)
     np.testing.assert_allclose(power[4:-1], 1, atol=0.2)
     for count in (1, 4):
         # σ² of white noise of the rate falls as 1/n.
         paths = [np.append(0, np.cumsum(one)) for one in x]
-        assert measure.allan(paths, count, 1.0) == pytest.approx(1 / np.sqrt(count), rel=0.05)
+        assert measure.compute_allan_deviation(paths, count, 1.0) == pytest.approx(1 / np.sqrt(count), rel=0.05)
 
 
 def test_allan_deviation_of_a_ramp():
     # A rate ramp R t has σ = R τ/√2.
     path = 0.5 * 0.3 * np.arange(200.0) ** 2
-    assert measure.allan([path], 8, 1.0) == pytest.approx(0.3 * 8 / np.sqrt(2))
+    assert measure.compute_allan_deviation([path], 8, 1.0) == pytest.approx(0.3 * 8 / np.sqrt(2))
 
 
 def test_quiet_samples_are_away_from_the_slews(recording):
     parameters = calibrate(recording).parameters
     noise = recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
-    stretches = measure.quiet_stretches(recording, parameters, noise)
+    stretches = measure.find_quiet_stretches(recording, parameters, noise)
     assert stretches
     for part in stretches:
         second = np.diff(recording.gyro.rates[part], n=2, axis=0)

@@ -6,10 +6,10 @@ import pytest
 from gyrocal import align_together
 from simulator.streams import generator
 from studies.estimation import alignment
-from studies.estimation.alignment import COMMON, ERRORS, HEADS, ONCE, REPEATED, SIGMAS, STUDY, TOGETHER
-from studies.estimation.attitude_cases import ANGLES, M_TRUE, alignment_error, alignment_orbit
+from studies.estimation.alignment import COMMON_ROTATIONS, ERRORS, HEAD_ANGLES_METHOD, ONCE, REPEATED, SIGMAS, STUDY, TOGETHER
+from studies.estimation.attitude_cases import M_TRUE, TRUE_MISALIGNMENT_ANGLES, build_alignment_orbit, compute_alignment_error
 from studies.montecarlo.statistics import CONSISTENT
-from studies.montecarlo.study import base_scenario, load_config
+from studies.montecarlo.study import load_base_scenario, load_config
 from tests.builders import mean_bounds
 from tests.studies.rows import run_study
 
@@ -22,11 +22,11 @@ def rows(tmp_path_factory):
 
 
 def test_rows_are_those_of_the_algorithm(rows):
-    orbit = alignment_orbit(float(np.deg2rad(base_scenario(CONFIG).gyro.arw_deg_per_sqrt_s)))
+    orbit = build_alignment_orbit(float(np.deg2rad(load_base_scenario(CONFIG).gyro.arw_deg_per_sqrt_s)))
     series = orbit.series(generator(CONFIG.entropy, 2, "sensor_noise"))
     gyro = orbit.motion.gyro(generator(CONFIG.entropy, 2, "gyro_noise"))
     found = align_together(series, gyro, orbit.A[0], "DSS-1")
-    error = alignment_error(found.misalignment["DSS-2"], found.penetration_biases["ESA"])
+    error = compute_alignment_error(found.misalignment["DSS-2"], found.penetration_biases["ESA"])
     row = rows[(rows["case"] == 2) & (rows["algorithm"] == TOGETHER)].iloc[0]
     np.testing.assert_allclose(row[ERRORS].to_numpy(float), 1e3 * np.rad2deg(error), rtol=1e-12)
     np.testing.assert_allclose(row[SIGMAS].to_numpy(float), 1e3 * np.rad2deg(found.sigma), rtol=1e-12)
@@ -40,7 +40,7 @@ def test_both_algorithms_agree_and_one_round_does_not(rows):
     assert once["retained_1"].mean() == pytest.approx(0.14, abs=0.005)
     assert of.loc[(ONCE, 50.0), "retained_1"].mean() == pytest.approx(0.994, abs=0.002)
     # What is lost of R's 0.157° about x is what its error shows.
-    assert once["error_1_mdeg"].mean() == pytest.approx(0.86 * 1e3 * np.rad2deg(ANGLES[0]), rel=0.02)
+    assert once["error_1_mdeg"].mean() == pytest.approx(0.86 * 1e3 * np.rad2deg(TRUE_MISALIGNMENT_ANGLES[0]), rel=0.02)
 
 
 def test_nees_that_one_round_has_is_predicted(rows):
@@ -57,19 +57,19 @@ def test_nees_that_one_round_has_is_predicted(rows):
 
 def test_the_common_rotation_is_reported(rows):
     usual = rows[rows["esa_factor"] == 1.0]
-    assert (usual["unobservable"] == "; ".join(COMMON)).all()
+    assert (usual["unobservable"] == "; ".join(COMMON_ROTATIONS)).all()
     better = rows[rows["esa_factor"] == 50.0]
     assert (better["unobservable"].str.count("a rotation of all sensors") == 2).all()  # yaw shows in the oblate Earth
 
 
 def test_verdicts_follow_the_rows(rows):
-    table = alignment.verdicts(rows).set_index(["algorithm", "esa_factor"])
+    table = alignment.build_verdict_table(rows).set_index(["algorithm", "esa_factor"])
     assert table.loc[(ONCE, 1.0), "expected"] == f"not {CONSISTENT}"
     assert table.loc[(ONCE, 50.0), "expected"] == CONSISTENT
-    assert table.loc[(HEADS, 1.0), "loss_verdict"] != CONSISTENT
+    assert table.loc[(HEAD_ANGLES_METHOD, 1.0), "loss_verdict"] != CONSISTENT
     halved = rows.copy()
     halved["nees"] *= 4
-    assert alignment.verdicts(halved).set_index("algorithm").loc[TOGETHER, "verdict"] == "over-confident"
+    assert alignment.build_verdict_table(halved).set_index("algorithm").loc[TOGETHER, "verdict"] == "over-confident"
     assert alignment.report(CONFIG, halved).check(f"{TOGETHER}, esa factor 1").verdict == "fail"
 
 

@@ -27,7 +27,7 @@ def test_the_ground_finds_the_same(rows):
 
 
 def test_memory_stays_and_a_kept_stream_does_not(rows):
-    table = onboard.memory(rows)
+    table = onboard.tabulate_memory(rows)
     assert list(table["samples"]) == [400, 2000]
     assert table["object_bytes"].nunique() == 1
     assert table["object_bytes"].max() < 8192
@@ -53,7 +53,7 @@ def test_verdicts_follow_the_rows(rows):
     perfect = rows.copy()
     chosen = perfect["part"] == "accuracy"
     perfect.loc[chosen, "nees"] = 12.0
-    table = onboard.verdicts(perfect)
+    table = onboard.build_verdict_table(perfect)
     assert (table["verdict"] == CONSISTENT).all()
     made = onboard.report(CONFIG, perfect)
     lines = {check.name: check.verdict for check in made.checks if check.unit == "NEES/dof"}

@@ -6,6 +6,7 @@ import pytest
 from studies.estimation import references
 from studies.estimation.references import (
     BLOCKS,
+    COMPARED_TIMES_S,
     EXACT,
     FILTER,
     FORMAL,
@@ -15,7 +16,6 @@ from studies.estimation.references import (
     SMOOTHER,
     STATED,
     STUDY,
-    TIMES,
     UNSTATED,
     WHOLE,
 )
@@ -34,13 +34,13 @@ def rows(tmp_path_factory):
 def test_batch_filter_and_smoother_are_one_answer_where_they_know_the_same(rows):
     apart = rows.groupby(["estimator", "setup"])["apart_sigma"].max()
     assert apart[SMOOTHER].max() < 3e-3  # what filter and smoother start from is not nothing
-    assert apart[FILTER, f"{TIMES[-1]:g} s"] < 3e-3
-    assert apart[FILTER, f"{TIMES[0]:g} s"] > 0.3  # the filter knows the past only
+    assert apart[FILTER, f"{COMPARED_TIMES_S[-1]:g} s"] < 3e-3
+    assert apart[FILTER, f"{COMPARED_TIMES_S[0]:g} s"] > 0.3  # the filter knows the past only
     assert apart[PLAIN].max() > 0.3
 
 
 def test_formal_covariance_is_far_too_small(rows):
-    part = rows[rows["setup"] == f"{TIMES[1]:g} s"].groupby("estimator")[["sigma_mdeg", "nees"]].mean()
+    part = rows[rows["setup"] == f"{COMPARED_TIMES_S[1]:g} s"].groupby("estimator")[["sigma_mdeg", "nees"]].mean()
     assert part.loc[FORMAL, "sigma_mdeg"] < 0.6 * part.loc[PLAIN, "sigma_mdeg"]
     assert part.loc[FORMAL, "nees"] > 3 * part.loc[PLAIN, "nees"]
     assert part.loc[EXACT, "sigma_mdeg"] < part.loc[PLAIN, "sigma_mdeg"]
@@ -73,7 +73,11 @@ def test_a_misaligned_sensor_makes_the_full_filter_too_sure(rows):
 def test_verdicts_follow_the_rows(rows):
     perfect = rows.copy()
     perfect["nees"], perfect["nees_bias"] = perfect["dof"].astype(float), 3.0
-    tables = references.attitude_table(perfect), references.calibration_table(perfect), references.full_filter_table(perfect)
+    tables = (
+        references.build_attitude_verdicts(perfect),
+        references.build_calibration_verdicts(perfect),
+        references.build_full_filter_verdicts(perfect),
+    )
     for table in tables:
         assert (table["verdict"] == CONSISTENT).all()
     found = [check for check in references.report(CONFIG, perfect).checks if check.unit == "NEES/dof"]
@@ -96,7 +100,7 @@ def test_coverage_counts_cases(rows):
     part = rows[(rows["setup"] == "chain") & (rows["estimator"] == EXACT) & (rows["treatment"] == WHOLE)].index
     changed = rows.copy()
     changed.loc[part, "nees"], changed.loc[part, "nees_bias"] = [21.0, 21.1, 5.0], [7.8, 7.9, 7.9]
-    table = references.calibration_table(changed).set_index(["flight", "references", "treatment"])
+    table = references.build_calibration_verdicts(changed).set_index(["flight", "references", "treatment"])
     line = table.loc[("chain", EXACT, WHOLE)]  # the 95 % quantiles of χ² are 21.03 and 7.815
     assert (line["coverage_95"], line["bias_coverage_95"]) == (pytest.approx(2 / 3), pytest.approx(1 / 3))
 
@@ -104,5 +108,5 @@ def test_coverage_counts_cases(rows):
 def test_a_small_misalignment_need_not_show(rows):
     small = rows.copy()
     small["misaligned_deg"] *= 0.1
-    table = references.full_filter_table(small)
+    table = references.build_full_filter_verdicts(small)
     assert (table.loc[table["sensors"] != "as modelled", "expected"] == "").all()

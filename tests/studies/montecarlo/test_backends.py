@@ -14,16 +14,16 @@ import threadpoolctl
 from gyrocal.errors import InputError
 from studies.montecarlo import backends
 from studies.montecarlo.backends import Executor, open_backend
-from studies.montecarlo.cases import MOST_MESSAGES, OTHER_MESSAGES, Task, run_cases, single_threaded
+from studies.montecarlo.cases import MOST_MESSAGES, OTHER_MESSAGES, Task, run_cases, run_single_threaded
 from studies.montecarlo.engine import run
-from studies.montecarlo.study import resolved
+from studies.montecarlo.study import resolve_config
 from tests.engine_studies import DRAWS, DrawsConfig
 
 needs_dask = pytest.mark.skipif(not importlib.util.find_spec("distributed"), reason="dask is an optional extra")
 
 
 def task(config: DrawsConfig, cases: range) -> Task:
-    return Task(DRAWS.name, resolved(config).model_dump_json(), cases)
+    return Task(DRAWS.name, resolve_config(config).model_dump_json(), cases)
 
 
 @pytest.fixture(scope="module")
@@ -193,15 +193,15 @@ def blas_threads() -> set[int]:
 
 def test_a_case_has_one_blas_thread():
     with threadpoolctl.threadpool_limits(2):
-        with single_threaded(), single_threaded():
+        with run_single_threaded(), run_single_threaded():
             np.ones((2, 2)) @ np.ones((2, 2))
             assert blas_threads() == {1}
         assert blas_threads() == {2}
 
 
 def test_warnings_are_counted_and_afterwards_shown_again():
-    with single_threaded() as outer:
-        with single_threaded() as inner:
+    with run_single_threaded() as outer:
+        with run_single_threaded() as inner:
             warnings.warn("first", RuntimeWarning, stacklevel=1)
         warnings.warn("second", RuntimeWarning, stacklevel=1)
     assert (inner, outer) == ({"RuntimeWarning: first": 1}, {"RuntimeWarning: second": 1})
@@ -210,7 +210,7 @@ def test_warnings_are_counted_and_afterwards_shown_again():
 
 
 def test_warnings_that_are_all_different_do_not_pile_up():
-    with single_threaded() as messages:
+    with run_single_threaded() as messages:
         for number in range(1000):
             warnings.warn(f"number {number}", UserWarning, stacklevel=1)
     assert len(messages) == MOST_MESSAGES + 1

@@ -7,19 +7,19 @@ from gyrocal.errors import InputError
 from gyrocal.recording import Recording
 from simulator.scenario import Scenario, load, override
 from simulator.simulate import motion
-from studies.montecarlo.dispersions import Dispersion, scenario_value, uniforms
-from studies.montecarlo.study import Streams, StudyConfig, case_motion, dispersed, dispersed_values, resolved
+from studies.montecarlo.dispersions import Dispersion, draw_uniforms, get_scenario_value
+from studies.montecarlo.study import Streams, StudyConfig, dispersed, draw_case_values, resolve_config, simulate_case_motion
 from tests.engine_studies import observed
 
 NORMAL = {"kind": "normal", "sigma": 1e-3, "mode": "offset"}
 
 
 def config(dispersions: dict[str, dict], cases: int = 4, sampler: str = "random", **fields) -> StudyConfig:
-    return resolved(StudyConfig(cases=cases, dispersions=dispersions, sampler=sampler, **fields))
+    return resolve_config(StudyConfig(cases=cases, dispersions=dispersions, sampler=sampler, **fields))
 
 
 def sample(sampler: str, cases: int, paths: tuple[str, ...] = ("a",), entropy: int = 5) -> np.ndarray:
-    return np.array([list(uniforms(paths, sampler, entropy=entropy, case=case, cases=cases)) for case in range(cases)])
+    return np.array([list(draw_uniforms(paths, sampler, entropy=entropy, case=case, cases=cases)) for case in range(cases)])
 
 
 @pytest.mark.parametrize("sampler", ["random", "lhs", "sobol"])
@@ -82,7 +82,7 @@ def test_one_more_dispersion_changes_no_other(sampler):
     one = config({"gyro.true_G.0.0": NORMAL}, sampler=sampler)
     two = config({"gyro.true_G.0.0": NORMAL, "gyro.arw_deg_per_sqrt_s": NORMAL | {"sigma": 1e-6}}, sampler=sampler)
     for case in range(4):
-        alone, beside = dispersed_values(one, case), dispersed_values(two, case)
+        alone, beside = draw_case_values(one, case), draw_case_values(two, case)
         assert beside["gyro.true_G.0.0"] == alone["gyro.true_G.0.0"]
         a, b = observed(one, case, Streams(1998, case)), observed(two, case, Streams(1998, case))
         np.testing.assert_array_equal(a.attitudes.quaternions, b.attitudes.quaternions)
@@ -92,7 +92,7 @@ def test_one_more_dispersion_changes_no_other(sampler):
 def test_modes(mode, expected):
     uniform = {"kind": "uniform", "low": 3.0, "high": np.nextafter(3.0, 4.0), "mode": mode}
     study = config({"gyro.sample_s": uniform}, overrides={"gyro.sample_s": 0.5}, scenario=load("trmm"))
-    np.testing.assert_allclose(dispersed_values(study, 0)["gyro.sample_s"], expected, rtol=1e-15)
+    np.testing.assert_allclose(draw_case_values(study, 0)["gyro.sample_s"], expected, rtol=1e-15)
 
 
 # What each scenario value must move, and nothing else: gyro rates, reference attitudes, their times, what is known a priori.
@@ -156,12 +156,12 @@ def test_a_dispersion_moves_what_it_should_and_only_that(short, path):
     dispersion, moved = MOVES[path]
     still, moving = config({}, scenario=short), config({path: dispersion}, scenario=short)
     for case in range(2):
-        drawn = dispersed_values(moving, case)[path]
-        assert scenario_value(dispersed(moving, case), path) == drawn != scenario_value(short, path)
-        assert override(dispersed(moving, case), {path: scenario_value(short, path)}) == short
+        drawn = draw_case_values(moving, case)[path]
+        assert get_scenario_value(dispersed(moving, case), path) == drawn != get_scenario_value(short, path)
+        assert override(dispersed(moving, case), {path: get_scenario_value(short, path)}) == short
         before, after = (contents(observed(which, case, Streams(1998, case))) for which in (still, moving))
         assert {name for name in before if differs(before[name], after[name])} == moved
-    assert dispersed_values(moving, 0) != dispersed_values(moving, 1)
+    assert draw_case_values(moving, 0) != draw_case_values(moving, 1)
 
 
 def test_a_factor_on_the_bias_scales_the_recorded_rates(short):
@@ -171,19 +171,19 @@ def test_a_factor_on_the_bias_scales_the_recorded_rates(short):
     shift = {"kind": "uniform", "low": 0.01, "high": 0.02, "mode": "offset"}
     still, moving = (config(which, scenario=short, overrides=unit) for which in ({}, {path: shift}))
     change = observed(moving, 1, Streams(1998, 1)).gyro.rates - observed(still, 1, Streams(1998, 1)).gyro.rates
-    offset = np.deg2rad(dispersed_values(moving, 1)[path] - scenario_value(short, path))
+    offset = np.deg2rad(draw_case_values(moving, 1)[path] - get_scenario_value(short, path))
     np.testing.assert_allclose(change, np.tile([0.0, -offset, 0.0], (len(change), 1)), rtol=0, atol=1e-15)
 
 
 def test_the_motion_kept_is_that_of_the_scenario(short):
-    """What `case_motion` takes for without effect on the motion must be so."""
+    """What `simulate_case_motion` takes for without effect on the motion must be so."""
     quiet = [path for path, (_, moved) in MOVES.items() if path.startswith(("gyro.", "reference.sigma"))]
     scenario = dispersed(config({path: MOVES[path][0] for path in quiet}, scenario=short), 0)
-    assert case_motion(scenario) is case_motion(short)
+    assert simulate_case_motion(scenario) is simulate_case_motion(short)
     for name, value in vars(motion(scenario)).items():
-        np.testing.assert_array_equal(value, getattr(case_motion(short), name))
+        np.testing.assert_array_equal(value, getattr(simulate_case_motion(short), name))
     slower = override(short, {"interval.0.slew.0.duration_s": 700.0})
-    assert not np.array_equal(case_motion(slower).rates, case_motion(short).rates)
+    assert not np.array_equal(simulate_case_motion(slower).rates, simulate_case_motion(short).rates)
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ def iterates(**differences) -> Iterates:
 
 def test_iterations_within_the_linear_range_are_good():
     good = iterates()
-    assert good.checked() is good
+    assert good.check_convergence() is good
 
 
 @pytest.mark.parametrize(
@@ -53,4 +53,4 @@ def test_iterations_within_the_linear_range_are_good():
 )
 def test_iterations_that_diverged_are_not(differences, reason):
     with pytest.raises(InputError, match=f"diverged: .*{reason}"):
-        iterates(**differences).checked()
+        iterates(**differences).check_convergence()

@@ -16,7 +16,7 @@ from gyrocal import load as load_recording
 from gyrocal.errors import InputError
 from simulator.streams import generator
 from studies.montecarlo.engine import StudyConfig, rerun, run
-from studies.montecarlo.session import StorageError, locked
+from studies.montecarlo.session import StorageError, open_study_folder
 from studies.montecarlo.study import DISPERSED
 from tests import ROOT
 from tests.engine_studies import DRAWS, ODD, RECORDED, STEPS, DrawsConfig, OddConfig
@@ -346,7 +346,7 @@ def test_other_chunks_and_strange_manifests_are_refused(tmp_path):
 
 
 def test_one_run_at_a_time(tmp_path):
-    with locked(tmp_path), pytest.raises(InputError, match="another run is at work in this folder"):
+    with open_study_folder(tmp_path), pytest.raises(InputError, match="another run is at work in this folder"):
         serial(DRAWS, DrawsConfig(cases=4), tmp_path)
     serial(DRAWS, DrawsConfig(cases=4), tmp_path)
 

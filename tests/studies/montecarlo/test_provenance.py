@@ -11,8 +11,8 @@ import pytest
 from gyrocal.errors import InputError
 from studies.montecarlo import provenance
 from studies.montecarlo.engine import run
-from studies.montecarlo.provenance import machine, made_with
-from studies.montecarlo.session import known
+from studies.montecarlo.provenance import describe_machine, describe_provenance
+from studies.montecarlo.session import read_study_manifest
 from studies.montecarlo.study import Study
 from tests import ROOT
 from tests.engine_studies import DRAWS, DrawsConfig
@@ -90,9 +90,9 @@ def test_an_edited_source_or_table_of_ours_counts(tmp_path, monkeypatch):
     for name, text in (("gyrocal/a.py", "1"), ("gyrocal/a.py", "2"), ("studies/data/b.csv", "1"), ("gyrocal/c.so", "1")):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text)
-        provenance.made_with.cache_clear()
-        found.append(made_with(DRAWS)["source_sha256"])
-    provenance.made_with.cache_clear()
+        provenance.describe_provenance.cache_clear()
+        found.append(describe_provenance(DRAWS)["source_sha256"])
+    provenance.describe_provenance.cache_clear()
     assert len(set(found)) == 3
     assert found[2] == found[3]
 
@@ -101,14 +101,18 @@ def test_a_manifest_says_what_decides_the_last_digits(tmp_path):
     run(DRAWS, DrawsConfig(cases=2, size=3), tmp_path, backend="serial")
     document = json.loads((tmp_path / "manifest.json").read_text())
     assert {"system", "python", "numpy", "scipy", "numba", "blas", "simd"} <= document["machine"].keys()
-    assert document["runs"][0]["machine"] == document["machine"] == machine()
-    assert document["source_sha256"] == made_with(DRAWS)["source_sha256"]
+    assert document["runs"][0]["machine"] == document["machine"] == describe_machine()
+    assert document["source_sha256"] == describe_provenance(DRAWS)["source_sha256"]
 
 
 def on_another_machine(monkeypatch, **differences):
-    here = made_with(DRAWS)
-    monkeypatch.setattr("studies.montecarlo.engine.made_with", lambda study: here | {"machine": machine() | differences})
-    monkeypatch.setattr("studies.montecarlo.cases.made_with", lambda study: here | {"machine": machine() | differences})
+    here = describe_provenance(DRAWS)
+    monkeypatch.setattr(
+        "studies.montecarlo.engine.describe_provenance", lambda study: here | {"machine": describe_machine() | differences}
+    )
+    monkeypatch.setattr(
+        "studies.montecarlo.cases.describe_provenance", lambda study: here | {"machine": describe_machine() | differences}
+    )
 
 
 def test_a_resume_elsewhere_is_refused_and_mixes_only_if_told(tmp_path, monkeypatch):
@@ -121,7 +125,7 @@ def test_a_resume_elsewhere_is_refused_and_mixes_only_if_told(tmp_path, monkeypa
     outcome = run(DRAWS, config, tmp_path, backend="serial", mix=True)
     assert any("another machine" in text for text in outcome.warnings)
     runs = json.loads((tmp_path / "manifest.json").read_text())["runs"]
-    assert [one["machine"]["blas"] for one in runs] == [machine()["blas"], "openblas 0.3.30 Zen"]
+    assert [one["machine"]["blas"] for one in runs] == [describe_machine()["blas"], "openblas 0.3.30 Zen"]
 
 
 def test_a_finished_study_is_reported_on_any_machine(tmp_path, monkeypatch):
@@ -130,18 +134,18 @@ def test_a_finished_study_is_reported_on_any_machine(tmp_path, monkeypatch):
     on_another_machine(monkeypatch, simd="X86_V2")
     assert run(DRAWS, config, tmp_path, backend="serial").resumed == 4
     # The manifest still says what made the rows: more of them there are refused.
-    assert json.loads((tmp_path / "manifest.json").read_text())["machine"] == machine()
+    assert json.loads((tmp_path / "manifest.json").read_text())["machine"] == describe_machine()
     with pytest.raises(InputError, match="computed elsewhere"):
         run(DRAWS, DrawsConfig(cases=8, size=3), tmp_path, backend="serial")
 
 
 @pytest.mark.parametrize(
     ("differences", "what"),
-    [({"machine": machine() | {"numpy": "2.0.0"}}, "numpy: .* → 2.0.0"), ({"source_sha256": "0"}, "its source code")],
+    [({"machine": describe_machine() | {"numpy": "2.0.0"}}, "numpy: .* → 2.0.0"), ({"source_sha256": "0"}, "its source code")],
 )
 def test_a_worker_that_differs_is_refused(differences, what, tmp_path, monkeypatch):
-    there = made_with(DRAWS) | differences
-    monkeypatch.setattr("studies.montecarlo.cases.made_with", lambda study: there)
+    there = describe_provenance(DRAWS) | differences
+    monkeypatch.setattr("studies.montecarlo.cases.describe_provenance", lambda study: there)
     config = DrawsConfig(cases=4, size=3)
     with pytest.raises(InputError, match=rf"a worker differs \({what}\); make them alike"):
         run(DRAWS, config, tmp_path, backend="serial")
@@ -170,7 +174,7 @@ def test_a_folder_without_a_hash_of_its_sources_is_refused_where_it_has_rows(par
 def test_committed_manifests_are_read():
     folders = [path.parent for path in (ROOT / "results" / "studies").glob("*/manifest.json")]
     assert len(folders) > 15
-    assert all(known(folder)["config_sha256"] for folder in folders)
+    assert all(read_study_manifest(folder)["config_sha256"] for folder in folders)
 
 
 # More cases of a finished study

@@ -23,7 +23,7 @@ def cases():
 
 
 def test_calibrated_passes(cases):
-    check = statistics.nees_check(statistics.nees(*cases), P)
+    check = statistics.check_mean_nees(statistics.compute_nees(*cases), P)
     assert check.inside
     assert check.lower < P < check.upper
 
@@ -32,63 +32,63 @@ def test_calibrated_passes(cases):
 def test_over_confident_under_confident_and_biased_fail(cases, scale, shift):
     errors, covariances = cases
     sigma = np.sqrt(np.einsum("nii->ni", covariances))
-    assert not statistics.nees_check(statistics.nees(scale * errors + shift * sigma, covariances), P).inside
+    assert not statistics.check_mean_nees(statistics.compute_nees(scale * errors + shift * sigma, covariances), P).inside
 
 
 def test_nees_bounds_are_those_of_chi_square():
-    check = statistics.nees_check(np.full(200, 12.0), 12, confidence=0.95)
+    check = statistics.check_mean_nees(np.full(200, 12.0), 12, confidence=0.95)
     assert scipy.stats.chi2.cdf(200 * check.upper, 2400) - scipy.stats.chi2.cdf(200 * check.lower, 2400) == pytest.approx(0.95)
 
 
 def test_coverage_and_its_interval():
     errors = np.array([[0.5, 2.5], [-0.9, 0.1], [1.1, 3.5], [-1.9, 0.0]])
-    assert statistics.coverage(errors, np.ones((4, 2)), "68") == (4, 8)
-    assert statistics.coverage(errors, np.ones((4, 2)), "95") == (6, 8)
-    assert statistics.coverage(errors, np.ones((4, 2)), "99.7") == (7, 8)
-    low, high = statistics.binomial_interval(95, 100)
+    assert statistics.count_covered(errors, np.ones((4, 2)), "68") == (4, 8)
+    assert statistics.count_covered(errors, np.ones((4, 2)), "95") == (6, 8)
+    assert statistics.count_covered(errors, np.ones((4, 2)), "99.7") == (7, 8)
+    low, high = statistics.compute_binomial_interval(95, 100)
     assert (low, high) == pytest.approx((0.8882, 0.9785), abs=1e-4)  # Wilson's, by hand
-    assert statistics.binomial_interval(0, 0) == (0.0, 1.0)  # without a trial nothing is known
+    assert statistics.compute_binomial_interval(0, 0) == (0.0, 1.0)  # without a trial nothing is known
 
 
 def test_distribution_places_the_flight_value():
     samples = np.arange(10.0)[:, None] * np.ones((1, 3))
-    table = statistics.distribution(samples, np.array([-1.0, 4.0, 100.0]))
+    table = statistics.summarise_distribution(samples, np.array([-1.0, 4.0, 100.0]))
     np.testing.assert_allclose(table["flight_percentile"], [0, 45, 100])
     np.testing.assert_allclose(table["mean"], 4.5)
-    assert statistics.distribution(samples)["flight"].isna().all()
+    assert statistics.summarise_distribution(samples)["flight"].isna().all()
 
 
 def test_accuracy_table_finds_a_bias(cases):
     errors, covariances = cases
     sigma = np.sqrt(np.einsum("nii->ni", covariances))
-    table = statistics.accuracy_table(errors + [0, 0.5, 0] * sigma, sigma, list("abc"), ["1"] * 3)
+    table = statistics.tabulate_accuracy(errors + [0, 0.5, 0] * sigma, sigma, list("abc"), ["1"] * 3)
     significant = table["bias_in_standard_errors"].abs() > 4
     assert significant.tolist() == [False, True, False]
 
 
 def test_orders_and_crossings_of_known_curves():
     x = np.array([0.5, 1.0, 2.0, 4.0])
-    assert statistics.order(x, 3 * x**1.7) == pytest.approx(1.7)
-    assert statistics.crossing(x, 3 * x**2, 3 * 1.3**2) == pytest.approx(1.3)
-    assert statistics.crossing(x, x, 4.0) == 4.0
-    assert np.isnan(statistics.crossing(x, x, 5.0))
-    assert np.isnan(statistics.crossing(x, x, 0.1))
-    assert np.isnan(statistics.order([1.0], [2.0]))
+    assert statistics.fit_log_slope(x, 3 * x**1.7) == pytest.approx(1.7)
+    assert statistics.find_level_crossing(x, 3 * x**2, 3 * 1.3**2) == pytest.approx(1.3)
+    assert statistics.find_level_crossing(x, x, 4.0) == 4.0
+    assert np.isnan(statistics.find_level_crossing(x, x, 5.0))
+    assert np.isnan(statistics.find_level_crossing(x, x, 0.1))
+    assert np.isnan(statistics.fit_log_slope([1.0], [2.0]))
 
 
 def test_a_line_judges_per_degree_of_freedom_and_leaves_out_cases_without_a_nees(cases):
-    values = statistics.nees(*cases)
-    line = statistics.nees_line([*values, np.nan], P)
-    check = statistics.nees_check(values, P, statistics.LINE_CONFIDENCE)
+    values = statistics.compute_nees(*cases)
+    line = statistics.build_nees_row([*values, np.nan], P)
+    check = statistics.check_mean_nees(values, P, statistics.LINE_CONFIDENCE)
     assert (line["cases"], line["dof"]) == (N, P)
     assert (line["nees_per_dof"], line["low"], line["high"]) == (check.value / P, check.lower / P, check.upper / P)
-    verdicts = [statistics.nees_line(scale * values, P)["verdict"] for scale in (1.0, 4.0, 0.25)]
+    verdicts = [statistics.build_nees_row(scale * values, P)["verdict"] for scale in (1.0, 4.0, 0.25)]
     assert verdicts == ["consistent", "over-confident", "under-confident"]
 
 
 def test_the_flight_beside_simulated_values():
     values = pd.Series(np.arange(101.0))
-    assert statistics.beside(values, 25.0)["flight_percentile"] == pytest.approx(100 * 25 / 101)
-    found = statistics.beside(values, np.nan)
+    assert statistics.summarise_with_flight(values, 25.0)["flight_percentile"] == pytest.approx(100 * 25 / 101)
+    found = statistics.summarise_with_flight(values, np.nan)
     assert [found[name] for name in ("p05", "median", "p95")] == [5.0, 50.0, 95.0]
     assert np.isnan(found["flight_percentile"])

@@ -7,11 +7,11 @@ from studies.montecarlo.study import (
     GridConfig,
     Study,
     StudyConfig,
-    base_scenario,
-    config_sha256,
     find,
+    hash_config,
+    load_base_scenario,
     load_config,
-    resolved,
+    resolve_config,
 )
 from tests.engine_studies import DRAWS, RECORDED, DrawsConfig, draws_case
 
@@ -36,7 +36,7 @@ def test_settings_are_changed_by_name_or_by_a_path_in_the_scenario():
     assert config.overrides == {"gyro.arw_deg_per_sqrt_s": 1e-4}
     assert config.dispersions[PATH].sigma == 2e-3
     assert config.dispersions["orbit.raan_deg"].high == 360.0
-    assert base_scenario(config).gyro.arw_deg_per_sqrt_s == 1e-4
+    assert load_base_scenario(config).gyro.arw_deg_per_sqrt_s == 1e-4
 
 
 @pytest.mark.parametrize(
@@ -83,20 +83,20 @@ def test_a_configuration_file(tmp_path):
 )
 def test_a_scenario_that_cannot_be_used_is_refused(changes):
     with pytest.raises(InputError):
-        resolved(load_config(DRAWS, None, changes))
+        resolve_config(load_config(DRAWS, None, changes))
 
 
 def test_a_resolved_configuration_survives_its_json_bit_for_bit():
-    ready = resolved(DrawsConfig(dispersions={PATH: NORMAL}, overrides={"gyro.arw_deg_per_sqrt_s": 0.1 + 0.2}))
+    ready = resolve_config(DrawsConfig(dispersions={PATH: NORMAL}, overrides={"gyro.arw_deg_per_sqrt_s": 0.1 + 0.2}))
     again = DrawsConfig.model_validate_json(ready.model_dump_json())
     assert again == ready
     assert again.scenario.gyro.arw_deg_per_sqrt_s == 0.1 + 0.2
-    assert resolved(again) == ready
+    assert resolve_config(again) == ready
 
 
 def test_the_hash_is_of_what_the_rows_depend_on():
     def sha256(config, study=DRAWS):
-        return config_sha256(study, resolved(config))
+        return hash_config(study, resolve_config(config))
 
     other = {"orbit.raan_deg": NORMAL}
     distinct = [
@@ -142,7 +142,7 @@ def test_the_axes_of_a_grid_say_how_many_cases_there_are():
     assert smaller.points() == [(2, 0.5), (2, 1.0)]
     assert smaller.cases == 2
     # A worker gets the configuration as JSON.
-    assert Grid.model_validate_json(resolved(smaller).model_dump_json()).cases == 2
+    assert Grid.model_validate_json(resolve_config(smaller).model_dump_json()).cases == 2
 
 
 @pytest.mark.parametrize(
@@ -159,4 +159,4 @@ def test_what_a_grid_cannot_be_told_is_one_line(changes, message):
 
 
 def test_the_number_of_cases_is_in_the_hash_of_a_grid():
-    assert config_sha256(GRID, resolved(Grid())) != config_sha256(GRID, resolved(Grid(sizes=(1, 2))))
+    assert hash_config(GRID, resolve_config(Grid())) != hash_config(GRID, resolve_config(Grid(sizes=(1, 2))))

@@ -9,7 +9,7 @@ import scipy.stats
 
 from gyrocal.errors import InputError
 from studies.montecarlo.engine import run
-from studies.montecarlo.until import FIRST, Until, looks
+from studies.montecarlo.stopping_rule import FIRST, StoppingRule, list_checkpoints
 from tests.engine_studies import DRAWS, STEPS, DrawsConfig
 
 
@@ -20,13 +20,13 @@ def rows(values, column="x") -> pd.DataFrame:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("sigma_G_xx<1e-6", Until("mean", "sigma_G_xx", 1e-6)),
-        (" p95( disp:gyro.x ) < 0.5 ", Until("p95", "disp:gyro.x", 0.5)),
-        ("failed<0.01", Until("mean", "failed", 0.01)),
+        ("sigma_G_xx<1e-6", StoppingRule("mean", "sigma_G_xx", 1e-6)),
+        (" p95( disp:gyro.x ) < 0.5 ", StoppingRule("p95", "disp:gyro.x", 0.5)),
+        ("failed<0.01", StoppingRule("mean", "failed", 0.01)),
     ],
 )
 def test_a_criterion_is_read(text, expected):
-    assert Until.parse(text) == expected
+    assert StoppingRule.parse(text) == expected
 
 
 @pytest.mark.parametrize(
@@ -34,20 +34,22 @@ def test_a_criterion_is_read(text, expected):
 )
 def test_what_is_no_criterion_is_refused(text):
     with pytest.raises(InputError, match="give it as COLUMN<LIMIT"):
-        Until.parse(text)
+        StoppingRule.parse(text)
 
 
 def test_half_widths_are_those_of_other_implementations():
     values = np.random.default_rng(1).gamma(2.0, size=300)
     table = rows(values)
     low, high = scipy.stats.t.interval(0.95, 299, values.mean(), scipy.stats.sem(values))
-    assert Until("mean", "x", 1.0).half_width(table) == pytest.approx((high - low) / 2, rel=1e-12)
+    assert StoppingRule("mean", "x", 1.0).half_width(table) == pytest.approx((high - low) / 2, rel=1e-12)
     for statistic, share in (("median", 0.5), ("p90", 0.9)):
         interval = scipy.stats.quantile_test(values, p=share).confidence_interval(0.95)
-        assert Until(statistic, "x", 1.0).half_width(table) == pytest.approx((interval.high - interval.low) / 2, rel=1e-12)
+        assert StoppingRule(statistic, "x", 1.0).half_width(table) == pytest.approx(
+            (interval.high - interval.low) / 2, rel=1e-12
+        )
     good = rows(values > 1)
     interval = scipy.stats.binomtest(int((values > 1).sum()), 300).proportion_ci(0.95, method="wilson")
-    assert Until("mean", "x", 1.0).half_width(good) == pytest.approx((interval.high - interval.low) / 2, rel=1e-9)
+    assert StoppingRule("mean", "x", 1.0).half_width(good) == pytest.approx((interval.high - interval.low) / 2, rel=1e-9)
 
 
 @pytest.mark.parametrize("statistic", ["mean", "std", "median", "p90"])
@@ -58,50 +60,50 @@ def test_intervals_of_that_half_width_cover(statistic):
     tries, covered = 150, 0
     for _ in range(tries):
         values = rng.exponential(size=400)
-        covered += abs(point[statistic](values) - truth) <= Until(statistic, "x", 1.0).half_width(rows(values))
+        covered += abs(point[statistic](values) - truth) <= StoppingRule(statistic, "x", 1.0).half_width(rows(values))
     # Of 93 % or more, fewer than 126 of 150 with less than 1e-4; a quantile's interval is not centred on its estimate.
     assert covered >= 126
 
 
 def test_too_few_or_odd_values_are_never_enough():
     for values in ([], [1.0], [1.0, math.inf, 2.0]):
-        assert Until("mean", "x", 1.0).half_width(rows(values)) == math.inf
-    assert Until("p99", "x", 1.0).half_width(rows(np.arange(50.0))) == math.inf
+        assert StoppingRule("mean", "x", 1.0).half_width(rows(values)) == math.inf
+    assert StoppingRule("p99", "x", 1.0).half_width(rows(np.arange(50.0))) == math.inf
     # None of sixty-four failed: the share is not known to be nothing.
-    assert Until("mean", "failed", 1.0).half_width(rows(np.zeros(64))) == pytest.approx(0.028, abs=0.001)
+    assert StoppingRule("mean", "failed", 1.0).half_width(rows(np.zeros(64))) == pytest.approx(0.028, abs=0.001)
     with pytest.raises(InputError, match="holds no numbers"):
-        Until("mean", "x", 1.0).half_width(rows(["a", "b"]))
+        StoppingRule("mean", "x", 1.0).half_width(rows(["a", "b"]))
 
 
 def test_rows_of_a_case_count_once():
     values = np.random.default_rng(2).standard_normal(50)
     doubled = pd.concat([rows(values), rows(values)])
-    assert Until("mean", "x", 1.0).half_width(doubled) == Until("mean", "x", 1.0).half_width(rows(values))
+    assert StoppingRule("mean", "x", 1.0).half_width(doubled) == StoppingRule("mean", "x", 1.0).half_width(rows(values))
 
 
 def test_looks_are_whole_chunks_and_end_with_all():
-    found = list(looks(1000, 7))
+    found = list(list_checkpoints(1000, 7))
     assert found[0] >= FIRST
     assert found[-1] == 1000
     assert all(count % 7 == 0 for count in found[:-1])
     assert all(1.2 < b / a < 1.4 for a, b in pairwise(found[:-1]))
-    assert list(looks(10, 1)) == [10]
+    assert list(list_checkpoints(10, 1)) == [10]
 
 
 @pytest.mark.parametrize("backend", ["serial", "loky"])
 def test_a_study_stops_when_it_has_enough(backend, tmp_path):
     def asked(limit, cases=1000):
         config = DrawsConfig(cases=cases, size=3, fail=(5,))
-        return run(DRAWS, config, tmp_path, backend=backend, jobs=2, chunk=8, until=Until("mean", "gyro", limit))
+        return run(DRAWS, config, tmp_path, backend=backend, jobs=2, chunk=8, until=StoppingRule("mean", "gyro", limit))
 
     first = asked(0.2)
     table = first.load()
     assert FIRST <= first.cases == len(table) < 300
-    enough = Until("mean", "gyro", 0.2).half_width(table)
+    enough = StoppingRule("mean", "gyro", 0.2).half_width(table)
     assert enough < 0.2
     # It was not enough at the look before.
-    before = max(count for count in looks(1000, 8) if count < first.cases)
-    assert Until("mean", "gyro", 0.2).half_width(table[table["case"] < before]) >= 0.2
+    before = max(count for count in list_checkpoints(1000, 8) if count < first.cases)
+    assert StoppingRule("mean", "gyro", 0.2).half_width(table[table["case"] < before]) >= 0.2
     document = json.loads((tmp_path / "manifest.json").read_text())
     assert (document["cases"], document["done"], document["config"]["cases"]) == (first.cases,) * 3
     assert document["until"] == {"asked": "half-width of mean(gyro) < 0.2", "half_width": enough, "met": True}
@@ -118,18 +120,18 @@ def test_a_study_stops_when_it_has_enough(backend, tmp_path):
 
 def test_a_study_that_was_grown_by_hand_is_asked_too(tmp_path):
     run(STEPS, DrawsConfig(cases=70), tmp_path, backend="serial")
-    outcome = run(STEPS, DrawsConfig(cases=400), tmp_path, backend="serial", until=Until("mean", "draw", 0.14))
+    outcome = run(STEPS, DrawsConfig(cases=400), tmp_path, backend="serial", until=StoppingRule("mean", "draw", 0.14))
     assert 70 < outcome.cases < 400
     assert outcome.resumed == 70
 
 
 def test_columns_that_are_not_there_and_studies_that_cannot_stop(tmp_path):
     with pytest.raises(InputError, match="gyr: the rows have no such column; did you mean gyro"):
-        run(DRAWS, DrawsConfig(cases=70, size=3), tmp_path, backend="serial", until=Until("mean", "gyr", 0.1))
+        run(DRAWS, DrawsConfig(cases=70, size=3), tmp_path, backend="serial", until=StoppingRule("mean", "gyr", 0.1))
     stratified = DrawsConfig.model_validate_json(
         json.dumps(
             {"sampler": "lhs", "dispersions": {"gyro.arw_deg_per_sqrt_s": {"kind": "loguniform", "low": 1e-5, "high": 1e-3}}}
         )
     )
     with pytest.raises(InputError, match="--until needs rows that do not depend on the number of cases"):
-        run(DRAWS, stratified, tmp_path / "b", backend="serial", until=Until("mean", "gyro", 0.1))
+        run(DRAWS, stratified, tmp_path / "b", backend="serial", until=StoppingRule("mean", "gyro", 0.1))

@@ -14,27 +14,27 @@ from simulator.streams import generator
 from studies.montecarlo import engine
 from studies.montecarlo.study import Streams, load_config
 from studies.natanson import flight, flight_gap, slew_directions, slew_timings
-from studies.natanson.flight_diagnosis import baselines, numbers, report, simulated_tables, table
-from studies.natanson.flight_diagnosis.builder import RATE, TIMING, Point, linear_model
-from studies.natanson.flight_diagnosis.diagnosis import FALSE_ALARM, UNKNOWN, diagnose, settled
+from studies.natanson.flight_diagnosis import baselines, misfit_numbers, report, simulated_tables, table
+from studies.natanson.flight_diagnosis.builder import RATE, TIMING, LinearisationPoint, build_flight_model
+from studies.natanson.flight_diagnosis.diagnosis import FALSE_ALARM, UNKNOWN_NAME, diagnose, relinearise_timings
 from studies.natanson.flight_diagnosis.timings import TIMINGS
 from studies.report import entry
 
-PRESENT = table.present()
-TRIALS = {trial.name: trial for trial in baselines.trials()}
+PRESENT = table.load_present_baseline()
+TRIALS = {trial.name: trial for trial in baselines.list_trial_baselines()}
 BY_AXIS = {one.axis: one for one in TIMINGS}
 GRIDS = {"5": (40, 40), "2": (40, 40, 4)}  # points of a prior, dense enough for an integral over it
 NODES = {"5": (9, 9), "2": (9, 9, 5)}  # those that are flown: between them cubics change an integral by less than 0.02
 
 
 def table_of(kind, seed):
-    return simulated_tables.simulated(kind, PRESENT, generator(7, seed, "table"))
+    return simulated_tables.simulate_table(kind, PRESENT, generator(7, seed, "table"))
 
 
 def end_to_end(seed):
     """A table by the simulator and the calibrator themselves, nothing linear about it."""
-    scenario = table.trmm()
-    truth, initial = flight.calibration(), flight.parameters("prelaunch")
+    scenario = table.load_coarse_trmm()
+    truth, initial = flight.read_published_calibration(), flight.read_published_parameters("prelaunch")
     streams = {f"{name}_rng": generator(11, seed, name) for name in ("gyro", "reference")}
     recording = observe(scenario, motion(scenario), G=truth.G, bias=truth.bias, **streams)
     result = calibrate(recording, initial=initial, iterations=1, covariance_model="references only")
@@ -42,36 +42,40 @@ def end_to_end(seed):
     def cells(parameters):
         return residual_table(recording, parameters)[[f"before_{name}_deg" for name in flight.ROTATIONS]].to_numpy()
 
-    published = table.rounded(GyroParameters(result.G, result.bias).vector, table.PUBLISHED_DIGITS)
+    published = table.round_to_digits(GyroParameters(result.G, result.bias).vector, table.PUBLISHED_DIGITS)
     before, after = cells(initial), cells(result.parameters)
     # Of no concern here: columns at the coarser steps, with the noise they should have.
     gyro = PRESENT.variances()[1][:, None] * np.array([1.0, 2.0])[:, None, None]
     coarser = before + np.cumsum(generator(11, seed, "steps").normal(size=(2, 6, 3)) * np.sqrt(gyro), axis=0)
-    return table.Table(*(table.rounded(values, table.CELL_DEG) for values in (before, after, coarser)), published)
+    return table.ResidualTable(
+        *(table.round_to_digits(values, table.CELL_DEG) for values in (before, after, coarser)), published
+    )
 
 
 def test_difference_of_the_residuals_is_free_of_noise():
     """y − c = Θ(x₀ − x̂) to what print leaves, for tables made without that assumption; y alone misses by the noise."""
     tables = [end_to_end(seed) for seed in range(4)]
-    gaps = [numbers.gap_test(one, PRESENT) for one in tables]
+    gaps = [misfit_numbers.compute_misfit_p(one, PRESENT) for one in tables]
     motion_chi2 = sum(gap["motion_chi2"] for gap in gaps)
     assert motion_chi2 < 110  # of 72 degrees of freedom at most: Table 3 and the times are exact here
     noise_chi2 = sum(gap["noise_chi2"] for gap in gaps)
     assert abs(noise_chi2 - 168) < 4 * np.sqrt(2 * 168)
-    spread = np.concatenate([(one.before - numbers.motion(one, PRESENT).prediction).ravel() for one in tables[:2]])
-    assert flight.rms(spread) > 0.004  # the noise d is free of
+    spread = np.concatenate(
+        [(one.before - misfit_numbers.compute_motion_numbers(one, PRESENT).prediction).ravel() for one in tables[:2]]
+    )
+    assert flight.compute_rms(spread) > 0.004  # the noise d is free of
 
 
 def test_predictions_are_those_of_the_flight_gap():
-    prediction = numbers.motion(table.flown(), PRESENT).prediction
-    np.testing.assert_allclose(prediction, flight_gap.predict(PRESENT.scenario), atol=3e-4)
-    other = numbers.motion(table.flown(), PRESENT, flips=(1, 3)).prediction
-    reversed_ = slew_directions.with_minus_y_rate(slew_directions.with_yaw_directions(PRESENT.scenario, -1, -1), 1)
-    np.testing.assert_allclose(other, flight_gap.predict(reversed_), atol=3e-4)
+    prediction = misfit_numbers.compute_motion_numbers(table.read_flight_residual_table(), PRESENT).prediction
+    np.testing.assert_allclose(prediction, flight_gap.predict_residuals(PRESENT.scenario), atol=3e-4)
+    other = misfit_numbers.compute_motion_numbers(table.read_flight_residual_table(), PRESENT, flips=(1, 3)).prediction
+    reversed_ = slew_directions.set_minus_y_rate(slew_directions.set_yaw_directions(PRESENT.scenario, -1, -1), 1)
+    np.testing.assert_allclose(other, flight_gap.predict_residuals(reversed_), atol=3e-4)
 
 
 def test_common_timings_are_those_of_the_scenario():
-    timing, common = slew_timings.timing_of(PRESENT.scenario), BY_AXIS["common"]
+    timing, common = slew_timings.read_common_timing(PRESENT.scenario), BY_AXIS["common"]
     sections = PRESENT.scenario.interval
     wanted = np.array(
         [timing.delay_s, timing.slew_rate_deg_s * (1 - timing.ramp_fraction), timing.ramp_fraction, timing.stay_s]
@@ -110,7 +114,7 @@ def prior():
     for axis, counts in GRIDS.items():
         nodes = [np.linspace(0, 1, count) for count in NODES[axis]]
         (k,) = BY_AXIS[axis].intervals
-        flown = table.outcomes([BY_AXIS[axis].moved(sections, u)[k] for u in points_of(nodes)])
+        flown = table.simulate_residuals([BY_AXIS[axis].moved(sections, u)[k] for u in points_of(nodes)])
         points = points_of([(np.arange(count) + 0.5) / count for count in counts])
         out[k] = tuple(
             RegularGridInterpolator(nodes, values.reshape(*NODES[axis], -1), method="cubic")(points).reshape(
@@ -148,24 +152,28 @@ def log_integral(case, prior, *intervals):
 def test_evidence_is_the_integral_over_the_prior(prior, axes):
     """All eighteen numbers correlated; a timing that changes nothing costs evidence, since the assumed ones are right here."""
     one = table_of("nothing", 1)
-    point = settled(one, PRESENT, Point(), ())
-    found = Search(linear_model(one, PRESENT, point)).of(tuple(f"{TIMING}:{axis}" for axis in axes))
-    direct = log_integral(numbers.motion(one, PRESENT), prior, *(int(axis) - 1 for axis in axes))
+    point = relinearise_timings(one, PRESENT, LinearisationPoint(), ())
+    found = Search(build_flight_model(one, PRESENT, point)).of(tuple(f"{TIMING}:{axis}" for axis in axes))
+    direct = log_integral(misfit_numbers.compute_motion_numbers(one, PRESENT), prior, *(int(axis) - 1 for axis in axes))
     assert found.log_evidence == pytest.approx(direct, abs=0.5 * len(axes))
     assert found.log_evidence < -1
 
 
 def test_evidence_of_another_timing_needs_the_model_about_it(prior):
     one, label = table_of("one timing", 2), f"{TIMING}:2"
-    direct = log_integral(numbers.motion(one, PRESENT), prior, 1)
-    about_found = Search(linear_model(one, PRESENT, settled(one, PRESENT, Point(), ()))).of((label,)).log_evidence
-    about_middle = Search(linear_model(one, PRESENT, Point())).of((label,)).log_evidence
+    direct = log_integral(misfit_numbers.compute_motion_numbers(one, PRESENT), prior, 1)
+    about_found = (
+        Search(build_flight_model(one, PRESENT, relinearise_timings(one, PRESENT, LinearisationPoint(), ())))
+        .of((label,))
+        .log_evidence
+    )
+    about_middle = Search(build_flight_model(one, PRESENT, LinearisationPoint())).of((label,)).log_evidence
     assert about_found == pytest.approx(direct, abs=0.5)
     assert abs(about_middle - direct) > 1.5
 
 
 def test_nothing_is_found_where_nothing_is():
-    gaps = [numbers.gap_test(table_of("nothing", seed), PRESENT) for seed in range(100)]
+    gaps = [misfit_numbers.compute_misfit_p(table_of("nothing", seed), PRESENT) for seed in range(100)]
     # One false alarm expected; seven or more would come once in 10 000 times.
     assert sum(gap["p_value"] <= FALSE_ALARM for gap in gaps) < 7
     assert np.mean([gap["noise_chi2"] for gap in gaps]) == pytest.approx(42, abs=4 * np.sqrt(84 / 100))
@@ -175,7 +183,7 @@ def test_nothing_is_found_where_nothing_is():
 
 def test_a_gap_by_chance_is_not_named():
     """Of the study's tables of the baseline itself, one in which the noise departs at p = 0.004."""
-    chance = simulated_tables.simulated("nothing", PRESENT, Streams(1998, 60).generator("table"))
+    chance = simulated_tables.simulate_table("nothing", PRESENT, Streams(1998, 60).generator("table"))
     found = diagnose(chance, PRESENT)
     assert found.gap["p_value"] < FALSE_ALARM
     assert found.verdict == "group"
@@ -185,9 +193,9 @@ def test_a_gap_by_chance_is_not_named():
 
 @pytest.mark.parametrize("kind", ["yaw of 2", "rate sign", "one timing", "noise /3", "unknown", "yaw of 2, four timings"])
 def test_what_is_simulated_is_named(kind):
-    truth = simulated_tables.KINDS[kind]
+    truth = simulated_tables.EFFECTS_BY_KIND[kind]
     found = diagnose(table_of(kind, 3), PRESENT)
-    if truth == {UNKNOWN}:
+    if truth == {UNKNOWN_NAME}:
         assert found.verdict == "unknown"
         assert found.causes == ()
     else:
@@ -205,22 +213,22 @@ def test_what_is_simulated_is_named(kind):
     ],
 )
 def test_what_was_done_to_the_baseline_is_named(name, labels):
-    found = baselines.examine(TRIALS[name])
+    found = baselines.diagnose_under_baseline(TRIALS[name])
     assert set(found.causes) == TRIALS[name].done
-    assert {one.label for one in found.fitted if not one.effect.startswith(UNKNOWN)} == labels
+    assert {one.label for one in found.fitted if not one.effect.startswith(UNKNOWN_NAME)} == labels
 
 
 def test_the_present_baseline_is_not_blamed():
-    found = baselines.examine(TRIALS[PRESENT.name])
+    found = baselines.diagnose_under_baseline(TRIALS[PRESENT.name])
     assert found.causes == ()
     assert found.verdict == "unknown"
     # What is seen is not the noise, and it is not everywhere: the intervals without slews but one are as predicted.
     assert found.gap["noise_p"] > 0.05
     assert found.noise[0] == pytest.approx(1, abs=4 * found.noise[1])
-    places = numbers.where(table.flown(), PRESENT)
+    places = misfit_numbers.locate_misfit(table.read_flight_residual_table(), PRESENT)
     assert (places[places["interval"].isin([1, 5])]["p_holm"] > 0.01).all()
-    rms = baselines.rms_deg(found)
-    assert rms["floor"] == pytest.approx(flight_gap.floor_rms())
+    rms = baselines.compute_misfit_rms(found)
+    assert rms["floor"] == pytest.approx(flight_gap.compute_floor_rms())
     assert rms["floor"] < rms["after"] <= rms["before"] < 0.02
     # What is unknown predicts nothing.
     assert all(closed.before == closed.after for closed in found.closed.values())
@@ -228,20 +236,20 @@ def test_the_present_baseline_is_not_blamed():
 
 def test_a_reversed_yaw_is_closed_to_the_present_gap():
     trial = TRIALS["yaw of 2 reversed"]
-    found, right = baselines.examine(trial), baselines.examine(TRIALS[PRESENT.name])
-    rms, present = baselines.rms_deg(found), baselines.rms_deg(right)
+    found, right = baselines.diagnose_under_baseline(trial), baselines.diagnose_under_baseline(TRIALS[PRESENT.name])
+    rms, present = baselines.compute_misfit_rms(found), baselines.compute_misfit_rms(right)
     assert rms["before"] > 4 * present["before"]
     assert rms["after"] == pytest.approx(present["before"])
     assert {one.axis for one in found.fitted if one.effect in trial.done} == {"2"}
     for split, closed in found.closed.items():
         assert closed.before > 50 * closed.after
         assert closed.after == pytest.approx(right.closed[split].before)
-    places = numbers.where(table.flown(), trial).sort_values("p_holm")
+    places = misfit_numbers.locate_misfit(table.read_flight_residual_table(), trial).sort_values("p_holm")
     assert set(places["interval"][:2]) == {2}
 
 
 def test_group_holds_the_sure_share_of_the_probability():
-    found = baselines.examine(TRIALS[PRESENT.name])
+    found = baselines.diagnose_under_baseline(TRIALS[PRESENT.name])
     sets = {frozenset({"a"}): 0.60, frozenset({"b"}): 0.37, frozenset(): 0.03}
     assert replace(found, sets=sets).group == [frozenset({"a"}), frozenset({"b"})]
     assert replace(found, sets=sets, verdict="none").group == []
@@ -249,7 +257,7 @@ def test_group_holds_the_sure_share_of_the_probability():
 
 def test_the_sign_that_table_4_doubts_is_a_slip():
     """N Table 2, calibrated, 2 s, interval 3, yaw: −0.042 printed, +0.042 by its table of means."""
-    rows = numbers.by_step().set_index(["step_s", "interval", "axis"])
+    rows = misfit_numbers.compute_misfit_by_step().set_index(["step_s", "interval", "axis"])
     printed = rows.loc[(2.0, 3, "yaw")]
     assert abs(printed["gap_deg"]) > 20 * printed["sigma_deg"]
     other = printed["gap_deg"] + 2 * printed["after_deg"]
@@ -258,9 +266,9 @@ def test_the_sign_that_table_4_doubts_is_a_slip():
 
 def test_study_runs_by_itself_and_reports(tmp_path, monkeypatch):
     chosen = (TRIALS[PRESENT.name], TRIALS["rate of 4 at +1 RPO"])
-    monkeypatch.setattr(report, "trials", lambda: chosen)
-    kinds = {kind: simulated_tables.KINDS[kind] for kind in ("nothing", "rate sign", "noise x3")}
-    monkeypatch.setattr(simulated_tables, "KINDS", kinds)
+    monkeypatch.setattr(report, "list_trial_baselines", lambda: chosen)
+    kinds = {kind: simulated_tables.EFFECTS_BY_KIND[kind] for kind in ("nothing", "rate sign", "noise x3")}
+    monkeypatch.setattr(simulated_tables, "EFFECTS_BY_KIND", kinds)
     study = report.ENTRY.study
     config = load_config(study, changes={"nothing": 3, "each": 1})
     rows = engine.run(study, config, tmp_path, backend="serial", jobs=1).load()

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from simulator import adopted
+from simulator import adopted_scenario
 from simulator import load as load_scenario
-from studies.natanson import drift, left_out
-from studies.robertson import flown
+from studies.natanson import drift, omitted_effects
+from studies.robertson import published_tables
 
-FLOWN = adopted.load(drift.SCENARIO)
+FLOWN = adopted_scenario.load(drift.SCENARIO)
 
 
 def test_the_walks_scatter_as_r_says():
@@ -18,7 +18,7 @@ def test_the_walks_scatter_as_r_says():
     share = np.mean(t) - np.mean(np.minimum.outer(t, t))
     assert share == pytest.approx(1 / 6, rel=1e-2)
     for effect in FLOWN.effects:
-        published = flown.performance("gyro_bias_std_deg_h", effect.axis, "postcalibration")
+        published = published_tables.read_published_performance("gyro_bias_std_deg_h", effect.axis, "postcalibration")
         assert effect.size * np.sqrt(hours / 6) == pytest.approx(published, rel=5e-3)
         assert effect.parameters["gaps"] == "grow"
 
@@ -36,7 +36,7 @@ def test_the_bias_moves_between_the_months():
 
 
 def test_a_drift_leaves_more_in_january():
-    table = drift.drift_table(1998, seeds=6, scales=(0.0, 1.0)).set_index("scatter_of_R")
+    table = drift.build_drift_table(1998, seeds=6, scales=(0.0, 1.0)).set_index("scatter_of_R")
     assert table.loc[1.0, "six_january_deg"] > 1.5 * table.loc[0.0, "six_january_deg"]
     assert table.loc[0.0, "share_below_flight"] == 1.0
     # A December that fits twelve numbers by twelve parameters says little of January's, with a drift or without.
@@ -45,7 +45,7 @@ def test_a_drift_leaves_more_in_january():
 
 
 def test_january_alone_is_a_recording():
-    january = drift.part(FLOWN.fly(1, 0, []), drift.JANUARY)
+    january = drift.select_intervals(FLOWN.fly(1, 0, []), drift.JANUARY)
     assert [one.name for one in january.intervals] == ["m5", "m6"]
     assert len(january.attitudes.t_s) == 4
 
@@ -53,7 +53,7 @@ def test_january_alone_is_a_recording():
 def test_packets_and_orbits_hardly_matter():
     """J2's turn of the node makes the rate about x of N Figure 3; rounding to 0.05 arcsec is far below the noise."""
     scenario = load_scenario("trmm")
-    packets = left_out.packet_table(scenario, 1).set_index("lsb_arcsec")
+    packets = omitted_effects.build_packet_table(scenario, 1).set_index("lsb_arcsec")
     assert packets.loc[0.05, "largest_change_sigma"] < 0.01 < packets.loc[3.2, "largest_change_sigma"]
     assert (packets["wraps"] > 10).all()
     np.testing.assert_allclose(packets["rate_rms_deg_s"][:2], packets.index[:2] / 3600 / np.sqrt(6) / 0.5, rtol=0.05)

@@ -9,10 +9,10 @@ import pytest
 import simulator
 from gyrocal import InputError, calibrate, save
 from studies.report import calibration_page
-from studies.report.pages import Made
+from studies.report.pages import ProvenanceFooter
 from tests.pages import checked
 
-MADE = Made("1", "2026-01-01", "gyrocal calibrate rec --report page.html", "a" * 64)
+MADE = ProvenanceFooter("1", "2026-01-01", "gyrocal calibrate rec --report page.html", "a" * 64)
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def result(recording):
 
 
 def test_page_is_whole(result, recording):
-    page = checked(calibration_page.page(result, recording, made=MADE))
+    page = checked(calibration_page.build_calibration_page(result, recording, made=MADE))
     assert set(page.figures) == {"forest", "residuals", "observability", "correlations", "allan"}
     assert all(len(alt) > 60 for alt in page.figures.values())
     assert "The calibration fits" in page.words
@@ -39,7 +39,7 @@ def test_page_is_whole(result, recording):
 
 
 def test_residuals_and_sigmas_are_the_results_own(result):
-    said = calibration_page.answers(result)
+    said = calibration_page.list_answers(result)
     roll = result.residuals["after_roll_deg"]
     assert f"to {np.sqrt(np.mean(roll**2)):.4f} deg; pitch" in said["What is left of the residuals (RMS)?"]
     sigma = result.summary()["sigma"].to_numpy()
@@ -49,14 +49,14 @@ def test_residuals_and_sigmas_are_the_results_own(result):
 
 
 def test_correlations_are_those_of_the_covariance(result):
-    found = calibration_page.correlations(result)
+    found = calibration_page.compute_correlations(result)
     C = result.covariance
     assert found.loc["G_xx", "b_x"] == pytest.approx(C[0, 9] / np.sqrt(C[0, 0] * C[9, 9]))
     np.testing.assert_allclose(np.diag(found), 1.0)
     tight = dataclasses.replace(
         result, own_covariance=C + 1e9 * np.outer(np.eye(12)[0] + np.eye(12)[1], np.eye(12)[0] + np.eye(12)[1])
     )
-    assert calibration_page._tight(tight) == [("G_xy", "G_xx")]
+    assert calibration_page._find_tight_pairs(tight) == [("G_xy", "G_xx")]
 
 
 @pytest.mark.parametrize(
@@ -70,26 +70,26 @@ def test_correlations_are_those_of_the_covariance(result):
 )
 def test_headline_follows_the_fit(result, chi2, dof, kind, text):
     other = dataclasses.replace(result, chi2=chi2, dof=dof)
-    assert calibration_page.headline(other, True)[0] == kind
-    assert text in calibration_page.headline(other, True)[1]
+    assert calibration_page.format_headline(other, True)[0] == kind
+    assert text in calibration_page.format_headline(other, True)[1]
     if kind:
-        assert calibration_page.next_step(other) != calibration_page.next_step(result)
+        assert calibration_page.recommend_next_step(other) != calibration_page.recommend_next_step(result)
 
 
 def test_what_the_data_do_not_determine_comes_first(recording):
     short = simulator.override(simulator.load("trmm"), {"gyro.sample_s": 5.0})
     free = calibrate(simulator.simulate(short, seed=1), plausible_G=1e-6, apriori_covariance=np.diag([1e-6] * 9 + [1e-12] * 3))
-    kind, title = calibration_page.headline(free, True)
+    kind, title = calibration_page.format_headline(free, True)
     assert kind == "open"
     assert "not found by the data" in title
-    assert "gyrocal plan" in calibration_page.next_step(free)
+    assert "gyrocal plan" in calibration_page.recommend_next_step(free)
 
 
 def test_the_command_writes_it(run_cli, tmp_path, recording, monkeypatch):
     def no_noise(*_):
         raise InputError("rec: no stretch of samples shows the gyro's noise")
 
-    monkeypatch.setattr(calibration_page, "analyse", no_noise)
+    monkeypatch.setattr(calibration_page, "estimate_noise_terms", no_noise)
     save(recording, tmp_path / "rec")
     page = tmp_path / "page.html"
     done = run_cli("calibrate", str(tmp_path / "rec"), "--report", str(page), "--solve-for", "all,-misalignment")

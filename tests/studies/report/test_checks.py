@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from studies.montecarlo.statistics import nees_line
+from studies.montecarlo.statistics import build_nees_row
 from studies.report import checks
-from studies.report.checks import Check, at_least, at_most
+from studies.report.checks import Check, bound_above, bound_below
 
 
 @pytest.mark.parametrize(
@@ -20,32 +20,32 @@ from studies.report.checks import Check, at_least, at_most
         (Check("below", 0.4, (0.5, 1.5)), "fail"),
         (Check("control above", 1.6, (0.5, 1.5), outside=True), "pass"),
         (Check("control inside", 1.0, (0.5, 1.5), outside=True), "fail"),
-        (Check("limit", 3, at_most(3)), "pass"),
-        (Check("limit exceeded", 4, at_most(3)), "fail"),
-        (Check("count", 49, at_least(50)), "fail"),
+        (Check("limit", 3, bound_above(3)), "pass"),
+        (Check("limit exceeded", 4, bound_above(3)), "fail"),
+        (Check("count", 49, bound_below(50)), "fail"),
         (Check("word", "consistent", "consistent"), "pass"),
         (Check("other word", "biased", "consistent"), "fail"),
         (Check("control's word", "biased", "consistent", outside=True), "pass"),
         (Check("no bounds", 7.0), "note"),
         (Check("not known", math.nan, (0.0, 1.0)), "note"),
-        (Check("bounds not known", 1.0, checks.near(1.0, math.nan)), "note"),
-        (Check("near", 1.2, checks.near(1.0, 0.3)), "pass"),
-        (Check("not near", 1.4, checks.near(1.0, 0.3)), "fail"),
+        (Check("bounds not known", 1.0, checks.bound_near(1.0, math.nan)), "note"),
+        (Check("near", 1.2, checks.bound_near(1.0, 0.3)), "pass"),
+        (Check("not near", 1.4, checks.bound_near(1.0, 0.3)), "fail"),
     ],
 )
 def test_verdict(check, verdict):
     assert check.verdict == verdict
-    assert checks.frame([check])["verdict"].tolist() == [verdict]
-    assert checks.shown([check])["verdict"].tolist() == [verdict]
+    assert checks.build_check_frame([check])["verdict"].tolist() == [verdict]
+    assert checks.format_checks([check])["verdict"].tolist() == [verdict]
 
 
 def test_bounds_are_shown_as_what_is_asked():
-    found = checks.shown(
+    found = checks.format_checks(
         [
             Check("a", 1.0, (0.5, 1.5)),
             Check("b", 1.0, (0.5, 1.5), outside=True),
-            Check("c", 1.0, at_most(2)),
-            Check("d", 1.0, at_least(2)),
+            Check("c", 1.0, bound_above(2)),
+            Check("d", 1.0, bound_below(2)),
             Check("e", 3, (3, 3)),
             Check("f", "yes", "no", outside=True),
             Check("g", 1.0),
@@ -57,34 +57,34 @@ def test_bounds_are_shown_as_what_is_asked():
 
 
 def test_extremes_leave_out_what_is_not_known():
-    smallest, largest = checks.extremes("order", [1.1, math.nan, 0.9], (0.95, 1.2))
+    smallest, largest = checks.check_extremes("order", [1.1, math.nan, 0.9], (0.95, 1.2))
     assert (smallest.value, smallest.verdict) == (0.9, "fail")
     assert (largest.value, largest.verdict) == (1.1, "pass")
-    assert [check.verdict for check in checks.extremes("order", [math.nan], (0, 1))] == ["note", "note"]
+    assert [check.verdict for check in checks.check_extremes("order", [math.nan], (0, 1))] == ["note", "note"]
 
 
 def test_lines_of_a_table_are_held_to_what_is_expected_of_them():
     rng = np.random.default_rng(0)
     right = rng.chisquare(12, 200)
     expected = {
-        "right": checks.expected_word(True),
-        "control": checks.expected_word(False),
-        "either": checks.expected_word(None),
+        "right": checks.format_expectation(True),
+        "control": checks.format_expectation(False),
+        "either": checks.format_expectation(None),
     }
     table = pd.DataFrame(
         [
-            {"way": way, **nees_line(3 * right if way == "control" else right, 12), "expected": word}
+            {"way": way, **build_nees_row(3 * right if way == "control" else right, 12), "expected": word}
             for way, word in expected.items()
         ]
     )
-    found = checks.of_lines(table, ["way"])
+    found = checks.check_nees_rows(table, ["way"])
     assert [(check.name, check.verdict) for check in found] == [("right", "pass"), ("control", "pass")]
     swapped = table.assign(expected=["not consistent", "consistent", ""])
-    assert [check.verdict for check in checks.of_lines(swapped, ["way"])] == ["fail", "fail"]
-    assert checks.enough_cases(table).verdict == "pass"
-    assert checks.enough_cases(table, table.assign(cases=[200, 3, 200])).value == 3
+    assert [check.verdict for check in checks.check_nees_rows(swapped, ["way"])] == ["fail", "fail"]
+    assert checks.check_case_count(table).verdict == "pass"
+    assert checks.check_case_count(table, table.assign(cases=[200, 3, 200])).value == 3
 
 
 def test_each_meaning_is_said_once():
     found = [Check("a", 1.0, meaning="One."), Check("b", 1.0), Check("c", 1.0, meaning="One."), Check("d", 1.0, meaning="Two.")]
-    assert checks.meanings(found) == ["One.", "Two."]
+    assert checks.list_meanings(found) == ["One.", "Two."]

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from studies.cli import reproduce as cli_reproduce
-from studies.report import committed
+from studies.report import committed_results
 
 
 def folder(path, summary, table, config=None):
@@ -15,7 +15,7 @@ def folder(path, summary, table, config=None):
     (path / "summary.json").write_text(json.dumps(summary))
     (path / "manifest.json").write_text(json.dumps({"config": config or {"cases": 3}}))
     pd.DataFrame(table).to_csv(path / "table.csv", index=False)
-    return committed.read(path)
+    return committed_results.read(path)
 
 
 SUMMARY = {"a": {"b": 1.23456, "c": [1, 0.0]}, "word": "x", "yes": True, "none": None}
@@ -24,34 +24,41 @@ TABLE = {"name": ["p", "q"], "value": [1.0, 2e-3], "empty": [np.nan, 1.0]}
 
 def test_figures_are_rounded_and_keys_stay():
     raw = {"a": {"b": 1.23456789, "c": [1, np.float64(2e-17 / 3)]}, "word": "x", "yes": True, "none": None}
-    assert committed.settled(raw) == {"a": {"b": 1.23457, "c": [1, 6.66667e-18]}, "word": "x", "yes": True, "none": None}
+    assert committed_results.round_values(raw) == {
+        "a": {"b": 1.23457, "c": [1, 6.66667e-18]},
+        "word": "x",
+        "yes": True,
+        "none": None,
+    }
 
 
 def test_the_last_bits_do_not_move_and_a_digit_does(tmp_path):
     then = folder(tmp_path / "then", SUMMARY, TABLE)
     bits = {**SUMMARY, "a": {"b": 1.23456 * (1 + 1e-6), "c": [1, 3e-17]}}
     same = folder(tmp_path / "same", bits, {**TABLE, "value": [1.0 + 1e-9, 2e-3 + 1e-12]})
-    assert committed.moved(same, then).empty
-    assert "agrees with" in committed.sentence(same, then, committed.moved(same, then))
+    assert committed_results.list_moved_numbers(same, then).empty
+    assert "agrees with" in committed_results.describe_moved_numbers(
+        same, then, committed_results.list_moved_numbers(same, then)
+    )
     other = folder(tmp_path / "other", {**SUMMARY, "word": "y", "new": 1}, {**TABLE, "value": [1.0, 2.1e-3]})
-    found = committed.moved(other, then)
+    found = committed_results.list_moved_numbers(other, then)
     assert found["number"].tolist() == ["word", "new", "value, row 2"]
-    assert "DIFFERS" in committed.sentence(other, then, found)
-    assert "3 numbers moved" in committed.sentence(other, then, found)
+    assert "DIFFERS" in committed_results.describe_moved_numbers(other, then, found)
+    assert "3 numbers moved" in committed_results.describe_moved_numbers(other, then, found)
 
 
 def test_other_settings_are_named_and_not_compared(tmp_path):
     then = folder(tmp_path / "then", SUMMARY, TABLE)
     now = folder(tmp_path / "now", SUMMARY, TABLE, {"cases": 4})
-    assert "cases: 3 → 4" in committed.sentence(now, then)
-    assert "nothing committed" in committed.sentence(now, None)
-    assert committed.read(tmp_path / "nowhere") is None
+    assert "cases: 3 → 4" in committed_results.describe_moved_numbers(now, then)
+    assert "nothing committed" in committed_results.describe_moved_numbers(now, None)
+    assert committed_results.read(tmp_path / "nowhere") is None
 
 
 def test_rows_that_are_gone_are_told(tmp_path):
     then = folder(tmp_path / "then", SUMMARY, TABLE)
     now = folder(tmp_path / "now", SUMMARY, {name: values[:1] for name, values in TABLE.items()})
-    assert committed.moved(now, then)["number"].tolist() == ["rows × columns"]
+    assert committed_results.list_moved_numbers(now, then)["number"].tolist() == ["rows × columns"]
 
 
 @pytest.mark.parametrize("value", [1.5, None])

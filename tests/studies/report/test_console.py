@@ -12,7 +12,7 @@ def test_a_bar_on_a_terminal(monkeypatch):
     clock = count(0.0, 0.5)
     terminal = Console(file=written, force_terminal=True, width=120, get_time=lambda: next(clock))
     monkeypatch.setattr(console, "Console", lambda **options: terminal)
-    with console.progress("cases", 3) as advance:
+    with console.show_progress("cases", 3) as advance:
         for _ in range(3):
             advance(1)
     assert "3/3" in written.getvalue()
@@ -23,7 +23,7 @@ def test_a_line_a_minute_elsewhere(monkeypatch):
     written, now = io.StringIO(), [0.0]
     monkeypatch.setattr(console, "Console", lambda **options: Console(file=written, force_terminal=False, width=120))
     monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
-    with console.progress("cases", 100) as advance:
+    with console.show_progress("cases", 100) as advance:
         for now[0] in (30.0, 61.0, 90.0):
             advance(10)
     assert written.getvalue().splitlines() == ["cases: 20/100, 0.3/s, 248 s left"]

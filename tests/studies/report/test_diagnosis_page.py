@@ -27,7 +27,7 @@ from studies.report import (
 )
 from studies.report import diagnosis_page as diagnosis_report
 from studies.report import diagnosis_words as words
-from studies.validation.exam.steps import pooled_reliability
+from studies.validation.exam.steps import pool_reliability
 from tests.diagnosis_cases import CASES, regressors, residuals
 from tests.pages import checked
 
@@ -47,7 +47,7 @@ class Pages(dict):
     """The page of each case, made when it is first asked for: a worker may have few of the tests."""
 
     def __missing__(self, name):
-        self[name] = diagnosis_report.page(CASES[name]())
+        self[name] = diagnosis_report.build_diagnosis_page(CASES[name]())
         return self[name]
 
 
@@ -136,11 +136,11 @@ def test_summary_says_nothing_that_is_not_so(case):
 
 
 def test_probabilities_are_never_certain():
-    assert words.percent(1.0) == "more than 99.9 %"
-    assert words.percent(0.0) == "less than 0.1 %"
-    assert words.percent(0.9951) == "99.5 %"
-    assert words.percent(0.982) == "98 %"
-    assert words.percent(float("nan")) == "–"
+    assert words.format_percent(1.0) == "more than 99.9 %"
+    assert words.format_percent(0.0) == "less than 0.1 %"
+    assert words.format_percent(0.9951) == "99.5 %"
+    assert words.format_percent(0.982) == "98 %"
+    assert words.format_percent(float("nan")) == "–"
 
 
 @pytest.mark.parametrize(
@@ -155,12 +155,12 @@ def test_probabilities_are_never_certain():
     ],
 )
 def test_sizes(value, sigma, shown):
-    assert words.sized(value, sigma, "u") == shown
+    assert words.format_size(value, sigma, "u") == shown
 
 
 def test_a_time_between_intervals():
     step = dataclasses.replace(CASES["pair"]().causes[1], parameters={"time_s": 5000.0, "toward": "z"})
-    assert words.parameters(step, CASES["pair"]()) == [
+    assert words.describe_parameters(step, CASES["pair"]()) == [
         "at 5000 s since the epoch, between m1 and m2",
         "the scale factor of axis z (G_zz)",
     ]
@@ -180,35 +180,35 @@ def test_a_time_between_intervals():
 )
 def test_parameters_in_words(parameters, text):
     cause = dataclasses.replace(CASES["named"]().causes[0], parameters=parameters)
-    assert words.parameters(cause, CASES["named"]()) == [text]
+    assert words.describe_parameters(cause, CASES["named"]()) == [text]
 
 
 def test_every_effect_has_a_meaning():
-    assert all(words.meaning(f"{name}:x").endswith(".") for name in ALL_EFFECTS)
-    assert words.meaning("bias of another period:z") == words.UNLISTED
+    assert all(words.explain_effect(f"{name}:x").endswith(".") for name in ALL_EFFECTS)
+    assert words.explain_effect("bias of another period:z") == words.UNLISTED_NOTE
 
 
 def test_rounding_is_no_change_of_the_calibration():
     still = CASES["stream"]()
     moved = dataclasses.replace(still, G=still.G + 1e-5 * still.sigma_G)
-    assert not words.changed(moved)
-    assert words.changed(dataclasses.replace(still, bias=still.bias + 0.01 * still.sigma_bias))
-    assert words.calibration_change(moved) == "The causes change nothing in the calibration."
+    assert not words.is_calibration_changed(moved)
+    assert words.is_calibration_changed(dataclasses.replace(still, bias=still.bias + 0.01 * still.sigma_bias))
+    assert words.describe_calibration_change(moved) == "The causes change nothing in the calibration."
 
 
 def test_a_share_of_a_gap_that_held_out_data_hardly_show_is_not_stated():
     found = CASES["named"]().closure
-    assert words.closure(found).startswith("97 % of the gap is closed")
-    scattered = words.closure(dataclasses.replace(found, closed=4.22, interval_90=(1.25, 7.19)))
+    assert words.describe_closure(found).startswith("97 % of the gap is closed")
+    scattered = words.describe_closure(dataclasses.replace(found, closed=4.22, interval_90=(1.25, 7.19)))
     assert scattered.startswith("The held-out data show too little of the gap")
     assert "422" not in scattered
     for closed, text in ((1.31, "All of it (69 to 192 %)"), (-0.1, "None of it"), (0.5, "50 % of it")):
         beyond = dataclasses.replace(found, closed=closed, interval_90=(0.69, 1.92))
-        assert words.closed_in_short(dataclasses.replace(CASES["named"](), closure=beyond)).startswith(text)
+        assert words.describe_closure_briefly(dataclasses.replace(CASES["named"](), closure=beyond)).startswith(text)
 
 
 def test_calibration_changes_are_in_ppm_and_degrees_an_hour():
-    table = words.calibration(CASES["named"]()).set_index("parameter")
+    table = words.tabulate_calibration_change(CASES["named"]()).set_index("parameter")
     assert table.loc["G_zz", ["change", "sigma", "unit", "change in sigma"]].tolist() == ["120", "21", "ppm", "+5.7"]
     assert table.loc["b_z", ["change", "sigma", "unit"]].tolist() == ["0.0800", "0.0090", "deg/h"]
     assert table.loc["b_x", "baseline"] == "-0.540"
@@ -231,13 +231,13 @@ def test_page_begins_with_the_answer(pages, case):
     first = first.partition("<nav")[0]
     questions = ["Does it agree with the simulator?", "Where not?", "Which cause?", "How sure?", "How far does the gap shrink?"]
     assert re.findall("<dt>(.*?)</dt>", first)[:5] == questions
-    assert f"<h1>{escape(diagnosis_card.headline(diagnosis))}</h1>" in first
-    assert not re.search(r"[a-z]+_[a-z]+", " ".join(diagnosis_card.names(diagnosis_card.card(diagnosis))))
+    assert f"<h1>{escape(diagnosis_card.format_headline(diagnosis))}</h1>" in first
+    assert not re.search(r"[a-z]+_[a-z]+", " ".join(diagnosis_card.list_texts(diagnosis_card.build_card(diagnosis))))
     assert not any(name in first for name in ALL_EFFECTS)
-    assert escape(words.verdict(diagnosis)) in rest
+    assert escape(words.describe_verdict(diagnosis)) in rest
     for cause in diagnosis.causes:
-        assert words.cause_size(cause) in first
-        assert escape(words.meaning(cause.effect)) in rest
+        assert words.format_cause_size(cause) in first
+        assert escape(words.explain_effect(cause.effect)) in rest
     assert diagnosis.notes[0] in rest
 
 
@@ -251,7 +251,7 @@ def test_page_begins_with_the_answer(pages, case):
     ],
 )
 def test_headline_is_plain(case, headline):
-    assert diagnosis_card.headline(CASES[case]()) == headline
+    assert diagnosis_card.format_headline(CASES[case]()) == headline
 
 
 def test_every_effect_has_a_sentence_of_its_own():
@@ -266,15 +266,15 @@ def test_every_effect_has_a_sentence_of_its_own():
 def test_pointing_is_the_largest_swing_within_an_orbit():
     t = np.arange(0.0, 9000.0, 60.0)
     table = pd.DataFrame({"cause": "c", "interval": "m1", "axis": "z", "t_s": t, "regressor_deg": t / 3600})
-    assert "errs by up to 5400 arcsec about z in an orbit" in pointing_cost.sentence(table, 5400.0)
-    assert "3600 arcsec about z in an hour" in pointing_cost.sentence(table, float("nan"))
+    assert "errs by up to 5400 arcsec about z in an orbit" in pointing_cost.describe_pointing_cost(table, 5400.0)
+    assert "3600 arcsec about z in an hour" in pointing_cost.describe_pointing_cost(table, float("nan"))
     ends = table.iloc[[0, -1]]
-    assert "arcsec about z in 149 min" in pointing_cost.sentence(ends, 5400.0)
-    turned = pointing_cost.sentence(table.assign(cause="reference_orbital:z"), 5400.0)
+    assert "arcsec about z in 149 min" in pointing_cost.describe_pointing_cost(ends, 5400.0)
+    turned = pointing_cost.describe_pointing_cost(table.assign(cause="reference_orbital:z"), 5400.0)
     assert turned.startswith("The references err by up to 8940 arcsec about z, in m1. An attitude carried by gyro errs only")
     both = pd.concat([table, table.assign(cause="reference_orbital:z")])
-    assert pointing_cost.sentence(both, 5400.0) == pointing_cost.sentence(table, 5400.0)
-    assert "in the samples" in pointing_cost.sentence(table.iloc[:0], 5400.0)
+    assert pointing_cost.describe_pointing_cost(both, 5400.0) == pointing_cost.describe_pointing_cost(table, 5400.0)
+    assert "in the samples" in pointing_cost.describe_pointing_cost(table.iloc[:0], 5400.0)
 
 
 @pytest.mark.parametrize(("kind", "is_motion"), [("spectral_line", False), ("bias_tone", False), ("outliers", True)])
@@ -283,39 +283,39 @@ def test_a_line_is_a_motion_of_the_body_unless_it_is_named_for_something_else(ki
     row = {"statistic": "strongest_line", "axis": "z", "value": 1.0, "expected": 0.0, "p_value": 1e-9, "text": "a line"}
     where = (Finding("gyro stream", None, "z", None, kind, 1.0, 1e-9, "a line"),)
     details = dataclasses.replace(found.details, stream=pd.DataFrame([row]))
-    page = diagnosis_report.page(dataclasses.replace(found, where=where, details=details))
+    page = diagnosis_report.build_diagnosis_page(dataclasses.replace(found, where=where, details=details))
     assert ("taken for a motion of the body" in page) == is_motion
 
 
 def test_reliability_is_the_one_that_was_measured():
-    committed = pooled_reliability()
-    pd.testing.assert_frame_equal(diagnosis_card._measured(), committed)
+    committed = pool_reliability()
+    pd.testing.assert_frame_equal(diagnosis_card._read_reliability_table(), committed)
     row = committed[committed["statements"] > 20].iloc[0]
-    said = diagnosis_card.reliability((row["from"] + row["to"]) / 2)
+    said = diagnosis_card.describe_reliability((row["from"] + row["to"]) / 2)
     assert f"Of {row['statements']:.0f} statements" in said
     assert f"{100 * row['there']:.0f} % were right" in said
-    assert "not known" in diagnosis_card.reliability(committed["from"].min() / 2)
+    assert "not known" in diagnosis_card.describe_reliability(committed["from"].min() / 2)
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_card_is_a_picture(case, tmp_path):
     diagnosis = CASES[case]()
-    drawn = card_drawing.figure(diagnosis_card.card(diagnosis, 5490.0), "see $x$")
+    drawn = card_drawing.draw_card(diagnosis_card.build_card(diagnosis, 5490.0), "see $x$")
     height = drawn.get_figheight() * drawn.dpi
     assert all(0 <= text.get_window_extent().y0 <= height for text in drawn.texts)
-    text = svg.svg_bytes(drawn).decode()
+    text = svg.render_svg(drawn).decode()
     assert "see $x$" in text
     assert text.count("<text") > len(drawn.texts) - 1
 
 
 def test_page_is_the_same_every_time(pages):
     again = dataclasses.replace(CASES["pair"](), runtime_s=99.0)
-    assert diagnosis_report.page(again) == pages["pair"]
+    assert diagnosis_report.build_diagnosis_page(again) == pages["pair"]
 
 
 def test_names_are_text(pages):
     odd = dataclasses.replace(CASES["none"](), recording="<b>$x_1$ & :x:", notes=("a < b",))
-    text = diagnosis_report.page(odd)
+    text = diagnosis_report.build_diagnosis_page(odd)
     assert "<b>" not in text
     assert "a &lt; b" in text
     assert "<b>$x_1$ & :x:" in summary(odd)
@@ -334,9 +334,9 @@ def test_unlikely_tables():
     few = ends[ends["interval"] == "m2"].assign(interval="a_very_long_name_of_$an$_interval with words")
     empty = {name: getattr(base.details, name).iloc[:0] for name in ("statistics", "explanations", "stream", "regressors")}
     odd = dataclasses.replace(base, details=dataclasses.replace(base.details, residuals=few, **empty))
-    assert set(checked(diagnosis_report.page(odd)).figures) == {"residuals"}
+    assert set(checked(diagnosis_report.build_diagnosis_page(odd)).figures) == {"residuals"}
     statistics = base.details.statistics.assign(axis=None, interval=None)
-    assert svg.svg_bytes(diagnosis_figures.statistics_figure(statistics))
+    assert svg.render_svg(diagnosis_figures.draw_statistics_figure(statistics))
 
 
 def test_many_references_and_intervals_stay_small():
@@ -345,20 +345,20 @@ def test_many_references_and_intervals_stay_small():
     table = pd.concat(parts, ignore_index=True)
     table.loc[table["interval"] == "m3.1", "before_y"] += 1.0
     details = dataclasses.replace(base.details, residuals=table, regressors=regressors(base.causes, table))
-    text = diagnosis_report.page(dataclasses.replace(base, details=details))
+    text = diagnosis_report.build_diagnosis_page(dataclasses.replace(base, details=details))
     assert len(text.encode()) < 1_500_000
     assert "The 8 of 18 intervals with the largest residuals" in text
-    assert "m3.1" in diagnosis_figures.most_telling(table, diagnosis_figures.in_sigma(table), 8)
+    assert "m3.1" in diagnosis_figures.select_telling_intervals(table, diagnosis_figures.normalise_by_band(table), 8)
 
 
 def test_significant_cells_are_marked_and_no_others():
     statistics = CASES["named"]().details.statistics
-    figure = diagnosis_figures.statistics_figure(statistics)
+    figure = diagnosis_figures.draw_statistics_figure(statistics)
     stars = sum(text.get_text().endswith("✗") for axes in figure.axes for text in axes.texts)
     order = np.sort(statistics["p_value"].to_numpy())
     below = np.flatnonzero(order <= 0.05 * np.arange(1, order.size + 1) / order.size)
     assert stars == below[-1] + 1 == 12
-    clean = diagnosis_figures.statistics_figure(CASES["none"]().details.statistics)
+    clean = diagnosis_figures.draw_statistics_figure(CASES["none"]().details.statistics)
     assert not any(text.get_text().endswith("✗") for axes in clean.axes for text in axes.texts)
 
 
@@ -366,7 +366,7 @@ def test_after_is_drawn_only_where_it_differs():
     def marks(table):
         return sum(
             line.get_color() == diagnosis_figures.AFTER
-            for axes in diagnosis_figures.residual_figure(table).axes
+            for axes in diagnosis_figures.draw_interval_residuals(table).axes
             for line in axes.lines
         )
 
@@ -388,25 +388,25 @@ def test_the_card_names_no_more_than_is_sure():
     base, group = CASES["unknown"](), CASES["group"]()
     alternatives = ((("bias_drift:y",), 0.5), (("a remainder",), 0.49), (("rate_lag",), 0.001))
     doubtful = dataclasses.replace(base, unknown_probability=0.49, alternatives=alternatives)
-    assert diagnosis_card.headline(doubtful).startswith("There is a gap whose cause is not known")
-    assert words.verdict(doubtful).startswith("There is a gap of unknown cause: with a probability of 49 %")
-    said = dict(diagnosis_card.card(doubtful).lines)
+    assert diagnosis_card.format_headline(doubtful).startswith("There is a gap whose cause is not known")
+    assert words.describe_verdict(doubtful).startswith("There is a gap of unknown cause: with a probability of 49 %")
+    said = dict(diagnosis_card.build_card(doubtful).lines)
     assert (
         said["Which cause?"]
         == "None that could be named. It behaves most like this: the y gyro's bias rises by some amount (50 %)."
     )
-    assert not re.search(r"[a-z]+_[a-z]+", " ".join(diagnosis_card.names(diagnosis_card.card(doubtful))))
+    assert not re.search(r"[a-z]+_[a-z]+", " ".join(diagnosis_card.list_texts(diagnosis_card.build_card(doubtful))))
     alone = dataclasses.replace(group.causes[0], group=("time_offset",), probability=0.85, group_probability=0.85)
     likely = dataclasses.replace(group, causes=(alone,))
-    assert diagnosis_card.headline(likely) == "Most likely the gyro's time tags are 0.52 s late"
-    assert words.verdict(likely) == "There is a gap, most likely by time_offset, but not surely."
+    assert diagnosis_card.format_headline(likely) == "Most likely the gyro's time tags are 0.52 s late"
+    assert words.describe_verdict(likely) == "There is a gap, most likely by time_offset, but not surely."
 
 
 def test_every_stage_has_a_remedy():
     assert set(next_step.REMEDIES) == set(STAGE_NAMES)
-    assert "time tags" in next_step.sentence(CASES["group"]())
-    assert next_step.sentence(CASES["none"]()) == "Use the calibration as it is."
-    assert next_step.sentence(CASES["unknown"]()).startswith(f"Look at {CASES['unknown']().where[0].interval} first")
+    assert "time tags" in next_step.describe_next_step(CASES["group"]())
+    assert next_step.describe_next_step(CASES["none"]()) == "Use the calibration as it is."
+    assert next_step.describe_next_step(CASES["unknown"]()).startswith(f"Look at {CASES['unknown']().where[0].interval} first")
 
 
 def test_a_time_in_an_interval_counts_from_its_start_where_references_are_averaged():
@@ -414,7 +414,7 @@ def test_a_time_in_an_interval_counts_from_its_start_where_references_are_averag
     residuals = pd.DataFrame({"interval": "slews", "t_s": 1010.0 + 20.0 * np.arange(5)})
     statistics = pd.DataFrame({"interval": ["slews", "slews", "rest"], "start_s": [30.0, 10.0, 0.0]})
     details = Details(residuals, statistics, *[pd.DataFrame()] * 3)
-    assert words._place(1064.0, details) == ", in slews, 64 s after its start"
+    assert words._locate_interval(1064.0, details) == ", in slews, 64 s after its start"
 
 
 def test_a_gap_without_a_cause_leaves_no_trust_in_the_calibration():
@@ -422,13 +422,13 @@ def test_a_gap_without_a_cause_leaves_no_trust_in_the_calibration():
     for case in ("unknown", "not identifiable"):
         found = dataclasses.replace(CASES[case](), causes=(), present=True)
         off = dataclasses.replace(found, bias=found.bias + 0.01 * found.sigma_bias)
-        assert "Do not trust the sigmas" in words.calibration_change(off)
-        assert not words.changed(off)
+        assert "Do not trust the sigmas" in words.describe_calibration_change(off)
+        assert not words.is_calibration_changed(off)
     nothing = dataclasses.replace(CASES["none"](), causes=())
-    assert words.calibration_change(nothing) == "The calibration is the baseline's: no cause is in the model."
+    assert words.describe_calibration_change(nothing) == "The calibration is the baseline's: no cause is in the model."
     beside = dataclasses.replace(CASES["named"](), verdict="unknown")
-    assert words.calibration_change(beside).endswith("do not trust the sigmas.")
-    assert "trust" not in words.calibration_change(CASES["named"]())
+    assert words.describe_calibration_change(beside).endswith("do not trust the sigmas.")
+    assert "trust" not in words.describe_calibration_change(CASES["named"]())
 
 
 def test_a_partial_answer_says_what_its_causes_close_and_what_to_look_at_first():
@@ -437,12 +437,12 @@ def test_a_partial_answer_says_what_its_causes_close_and_what_to_look_at_first()
     budget = (Step("baseline", 4.0, 0.1), Step("time_offset", 3.8, 0.1, 0.07, (0.04, 0.13)), Step("remainder", 3.8, 0.1, 0.93))
     left = RemainderSummary(0.93, (0.87, 0.96), (0.0, 0.0, 0.0), (0.3, 0.2, 0.1), 0.0, 0.0, 1.0, "reference", 0.7, ())
     one = dataclasses.replace(base, verdict="partial", causes=(alone,), budget=budget, remainder=left)
-    assert diagnosis_card.headline(one).endswith("are 0.52 s late; this closes 7 % of the gap, 93 % is not explained")
-    assert next_step.sentence(one).startswith("Look at the reference attitudes first")
+    assert diagnosis_card.format_headline(one).endswith("are 0.52 s late; this closes 7 % of the gap, 93 % is not explained")
+    assert next_step.describe_next_step(one).startswith("Look at the reference attitudes first")
     two = dataclasses.replace(one, causes=(alone, CASES["named"]().causes[0]))
-    assert ", the first of 2 causes; together they close 7 % of the gap" in diagnosis_card.headline(two)
+    assert ", the first of 2 causes; together they close 7 % of the gap" in diagnosis_card.format_headline(two)
     whole = dataclasses.replace(one, budget=(*budget, Step("floor", 1.0, 0.1)))
     assert len(gap_budget.draw_waterfall(whole.budget).axes) == 1
-    first = diagnosis_report.page(whole).partition("<dl>")[0]
+    first = diagnosis_report.build_diagnosis_page(whole).partition("<dl>")[0]
     assert '<figure id="budget">' in first
     assert "In the model, this cause closes 7 % of the misfit on held-out data; 93 % is not explained." in first

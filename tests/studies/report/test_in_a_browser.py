@@ -20,9 +20,9 @@ def pages(tmp_path_factory):
     recording = simulator.simulate(simulator.override(simulator.load("trmm"), coarse), seed=3)
     papers = {"natanson": RESULTS / "reproduction", "robertson": RESULTS / "mission"}
     return {
-        "diagnosis": diagnosis_page.page(CASES["pair"]()),
-        "calibration": calibration_page.page(calibrate(recording), recording),
-        "index": index_page.page(papers, tmp_path_factory.mktemp("none")),
+        "diagnosis": diagnosis_page.build_diagnosis_page(CASES["pair"]()),
+        "calibration": calibration_page.build_calibration_page(calibrate(recording), recording),
+        "index": index_page.build_index_page(papers, tmp_path_factory.mktemp("none")),
     }
 
 

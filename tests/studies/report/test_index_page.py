@@ -7,22 +7,22 @@ import shutil
 import pandas as pd
 import pytest
 
-from studies.natanson.claims import CLAIMS as NATANSON
-from studies.report import committed, index_page
-from studies.report.claims import Found, judged
-from studies.report.pages import Made
-from studies.robertson.claims import CLAIMS as ROBERTSON
+from studies.natanson.claims import NATANSON_CLAIMS as NATANSON
+from studies.report import committed_results, index_page
+from studies.report.claims import PaperResults, judge_claims
+from studies.report.pages import ProvenanceFooter
+from studies.robertson.claims import ROBERTSON_CLAIMS as ROBERTSON
 from tests import ROOT
 from tests.pages import checked
 
 RESULTS = ROOT / "results"
 FOLDERS = {"natanson": RESULTS / "reproduction", "robertson": RESULTS / "mission"}
-MADE = Made("1", "2026-01-01", "gyrocal reproduce", "0" * 64)
+MADE = ProvenanceFooter("1", "2026-01-01", "gyrocal reproduce", "0" * 64)
 
 
 @pytest.fixture(scope="module")
 def text():
-    return index_page.page(FOLDERS, RESULTS / "studies", MADE)
+    return index_page.build_index_page(FOLDERS, RESULTS / "studies", MADE)
 
 
 @pytest.fixture(scope="module")
@@ -69,20 +69,20 @@ def test_all_figures_are_there_with_what_makes_them(page, text):
 
 def test_a_verdict_follows_the_numbers():
     """A negative control: with other numbers the same claim has another verdict."""
-    results = committed.read(FOLDERS["natanson"])
-    found = Found(results, RESULTS / "studies")
-    verdicts = {one.claim.text: one.verdict for one in judged(NATANSON, found)}
+    results = committed_results.read(FOLDERS["natanson"])
+    found = PaperResults(results, RESULTS / "studies")
+    verdicts = {one.claim.text: one.verdict for one in judge_claims(NATANSON, found)}
     assert verdicts["-y forward turns about x with +1 RPO"] == "the paper slips"
     turned = {**results.summary, "minus_y_rate_rpo.favoured": 1, "clean_gap_rms_deg.assumed": 0.1}
-    other = Found(committed.Results(results.folder, {}, turned, results.tables), RESULTS / "studies")
-    verdicts = {one.claim.text: one.verdict for one in judged(NATANSON, other)}
+    other = PaperResults(committed_results.Results(results.folder, {}, turned, results.tables), RESULTS / "studies")
+    verdicts = {one.claim.text: one.verdict for one in judge_claims(NATANSON, other)}
     assert verdicts["-y forward turns about x with +1 RPO"] == "agrees"
     assert verdicts["18 residuals before calibration"] == "open"
 
 
 def test_what_was_not_flown_is_open(tmp_path):
-    empty = Found(committed.Results(tmp_path, {}, {}, {}), tmp_path)
-    assert {one.verdict for one in judged(ROBERTSON, empty)} == {"open"}
+    empty = PaperResults(committed_results.Results(tmp_path, {}, {}, {}), tmp_path)
+    assert {one.verdict for one in judge_claims(ROBERTSON, empty)} == {"open"}
     shutil.copy(FOLDERS["robertson"] / "manifest.json", tmp_path)
     (tmp_path / "summary.json").write_text("{}")
-    checked(index_page.page({"robertson": tmp_path}, tmp_path, MADE))
+    checked(index_page.build_index_page({"robertson": tmp_path}, tmp_path, MADE))

@@ -10,7 +10,7 @@ import pytest
 from markupsafe import Markup
 
 from studies.report import study_page
-from studies.report.pages import Answer, Made, Page, PageTable, Picture, Quiet, Section
+from studies.report.pages import Answer, Page, PageTable, Picture, ProvenanceFooter, Section, SmallParagraph
 from studies.report.source import Source, render_markdown
 from tests import ROOT
 from tests.pages import checked
@@ -26,7 +26,7 @@ def picture(alt="", caption=""):
 
 ITEMS = {
     "paragraph": SAID,
-    "quiet paragraph": Quiet(SAID),
+    "quiet paragraph": SmallParagraph(SAID),
     "list": [SAID],
     "term": {SAID: "a"},
     "definition": {"a": SAID},
@@ -42,27 +42,27 @@ PAGES = {name: Page("t", [Section("s", [item])]) for name, item in ITEMS.items()
     "heading of the page": Page(SAID, [], short="t"),
     "title": Page("t", [], short=SAID),
     "answer": Page("t", [], Answer("", picture(), SAID, {})),
-    "footer": Page("t", [], made=Made("1", "2026-01-01", SAID)),
+    "footer": Page("t", [], made=ProvenanceFooter("1", "2026-01-01", SAID)),
 }
 
 
 @pytest.mark.parametrize("name", PAGES)
 def test_what_is_said_is_text(name):
-    page = PAGES[name].html()
+    page = PAGES[name].render_html()
     assert "<script" not in page
     assert escape(SAID).replace("&quot;", "&#34;") in page.replace("&quot;", "&#34;")
 
 
 def test_a_cell_of_markup_stays_so_and_numbers_are_at_the_right():
     frame = pd.DataFrame({"size_deg": [1.25, 2.5], "what": [Markup("<b>1</b>"), "x"]}, dtype=object)
-    page = Page("t", [Section("s", [PageTable(frame, [False, True])])]).html()
+    page = Page("t", [Section("s", [PageTable(frame, [False, True])])]).render_html()
     assert '<th scope="col" class="number">size (deg)</th><th scope="col">what</th>' in page
     assert '<tr><td class="number">1.25</td><td><b>1</b></td></tr>' in page
     assert '<tr class="strong"><td class="number">2.5</td>' in page
 
 
 def test_a_figure_is_within_the_page():
-    page = Page("t", [Section("s", [picture("A figure of one point, for those who do not see it.", "c")])]).html()
+    page = Page("t", [Section("s", [picture("A figure of one point, for those who do not see it.", "c")])]).render_html()
     assert f"data:image/svg+xml;base64,{base64.b64encode(PICTURE).decode()}" in page
     assert set(checked(page).figures) == {"f"}
 
@@ -83,16 +83,16 @@ def test_markdown_keeps_links_within_the_page_and_folds_long_tables():
 @pytest.mark.parametrize("name", ["flight", "timestep"])
 def test_the_page_of_a_study_is_whole(name):
     folder = ROOT / "results" / "studies" / name
-    page = checked(study_page.page(folder, Made("1", "2026-01-01", "gyrocal study flight")))
+    page = checked(study_page.build_study_page(folder, ProvenanceFooter("1", "2026-01-01", "gyrocal study flight")))
     assert set(page.figures) == {f"{name}-{path.stem}" for path in folder.glob("*.svg")}
     assert "SHA-256" in page.words
 
 
 def test_checks_that_fail_are_named(tmp_path):
-    assert study_page.verdict(tmp_path) == "This study has no checks."
+    assert study_page.summarise_checks(tmp_path) == "This study has no checks."
     lines = ["check,verdict", "one,pass", "two,fail", "three,note"]
     (tmp_path / "checks.csv").write_text("\n".join(lines))
-    assert study_page.verdict(tmp_path) == "1 of 2 checks pass. Not: two."
+    assert study_page.summarise_checks(tmp_path) == "1 of 2 checks pass. Not: two."
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)

@@ -5,17 +5,17 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from studies.montecarlo.statistics import nees_line, order
+from studies.montecarlo.statistics import build_nees_row, fit_log_slope
 from studies.report import panels
 from studies.report.panels import Line
 
 X = np.array([0.5, 1.0, 2.0])
 GRID = pd.DataFrame([[1e-6, 2e-5], [np.nan, 3e-4]], index=[0.1, 0.5], columns=[1.0, 2.0])
 NEES = np.random.default_rng(0).chisquare(12, 100)
-LINES = pd.DataFrame([{"way": "right", **nees_line(NEES, 12)}, {"way": "wrong", **nees_line(4 * NEES, 12)}])
+LINES = pd.DataFrame([{"way": "right", **build_nees_row(NEES, 12)}, {"way": "wrong", **build_nees_row(4 * NEES, 12)}])
 
 PANELS = {
-    "curves": panels.curves(
+    "curves": panels.make_curves(
         [Line(X, X, "band", low=X / 2, high=2 * X), Line(X, X, "bars", low=X / 2, high=2 * X, bars=True)],
         (0.8, 1.2),
         log="xy",
@@ -25,12 +25,12 @@ PANELS = {
         legend="best",
         legend_title="both",
     ),
-    "heat map": panels.heat_map(GRID, mark_above=1e-4, log=True, title="grid", x="step", y="rate"),
-    "histogram": panels.histogram([3, 5, 4], 4.0, (1, 8)),
-    "NEES distribution": panels.nees_distribution({"right": NEES, "wrong": 4 * NEES}, 12, {"wrong": ":"}),
-    "NEES means": panels.nees_means({"one flight": LINES, "another": LINES}),
-    "forest": panels.forest(["a", "b"], [1.0, 2.0], [0.5, 0.4], [0.1, 0.2], (0.8, 1.2)),
-    "strokes": panels.strokes({"a": [1.0, 2.0], "b": [3.0]}, (0.5, 1.5), log="x"),
+    "heat map": panels.make_heat_map(GRID, mark_above=1e-4, log=True, title="grid", x="step", y="rate"),
+    "histogram": panels.make_histogram([3, 5, 4], 4.0, (1, 8)),
+    "NEES distribution": panels.make_nees_distribution({"right": NEES, "wrong": 4 * NEES}, 12, {"wrong": ":"}),
+    "NEES means": panels.make_nees_means({"one flight": LINES, "another": LINES}),
+    "forest": panels.make_forest(["a", "b"], [1.0, 2.0], [0.5, 0.4], [0.1, 0.2], (0.8, 1.2)),
+    "strokes": panels.make_strokes({"a": [1.0, 2.0], "b": [3.0]}, (0.5, 1.5), log="x"),
 }
 
 
@@ -42,7 +42,7 @@ def drawn(panel):
 
 @pytest.mark.parametrize("name", PANELS)
 def test_bytes_do_not_change(name, tmp_path):
-    draw = panels.sheet(PANELS[name], PANELS[name], size=(4, 2), title="twice", sharey=True)
+    draw = panels.build_sheet(PANELS[name], PANELS[name], size=(4, 2), title="twice", sharey=True)
     first, second = (draw(tmp_path / f"{k}.svg").read_bytes() for k in range(2))
     assert first == second
 
@@ -56,8 +56,8 @@ def test_curves_have_their_lines_levels_and_scales():
 
 
 def test_a_power_law_has_its_slope():
-    line = panels.power_law(X, 0.5, 3.0)
-    assert order(line.x, line.y) == pytest.approx(0.5)
+    line = panels.make_power_law(X, 0.5, 3.0)
+    assert fit_log_slope(line.x, line.y) == pytest.approx(0.5)
     assert np.asarray(line.y)[0] == 3.0
 
 

@@ -6,7 +6,7 @@ from SALib.sample import sobol as design
 from SALib.test_functions import Ishigami
 
 from studies.report import sensitivity
-from studies.report.sensitivity import failures, first_order, ranking, tables
+from studies.report.sensitivity import build_sensitivity_tables, estimate_first_order, rank_dispersions, rank_failure_causes
 
 PROBLEM = {"num_vars": 3, "names": ["a", "b", "c"], "bounds": [[-np.pi, np.pi]] * 3}
 # Closed form of Ishigami's function with a = 7, b = 0.1: variances of one input over that of all.
@@ -21,7 +21,7 @@ def ishigami(n: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 def test_indices_agree_with_salib_and_the_closed_form_within_their_intervals():
     x, y = ishigami(2000, 1)
-    index, low, high = (part[:, 0] for part in first_order(x, y[:, None]))
+    index, low, high = (part[:, 0] for part in estimate_first_order(x, y[:, None]))
     assert ((low <= ALONE) & (high >= ALONE)).all()
     # SALib, from its own design of 2048 × 8 cases, and from these rows as they are.
     theirs = sobol.analyze(PROBLEM, Ishigami.evaluate(design.sample(PROBLEM, 2048)), seed=1)
@@ -37,7 +37,7 @@ def test_intervals_cover_as_often_as_they_say():
     tries = 60
     for seed in range(tries):
         x, y = ishigami(300, seed)
-        _, low, high = first_order(x, y[:, None], seed)
+        _, low, high = estimate_first_order(x, y[:, None], seed)
         inside += (low[:, 0] <= ALONE + 1e-9) & (high[:, 0] + 1e-9 >= ALONE)
     # Of 95 %, fewer than 49 of 60 with 1e-4; the two inputs that count.
     assert (inside[:2] >= 49).all()
@@ -45,7 +45,7 @@ def test_intervals_cover_as_often_as_they_say():
 
 def test_noise_alone_has_no_index():
     rng = np.random.default_rng(3)
-    index, low, _ = first_order(rng.uniform(size=(400, 20)), rng.standard_normal((400, 5)))
+    index, low, _ = estimate_first_order(rng.uniform(size=(400, 20)), rng.standard_normal((400, 5)))
     # An unadjusted R² would be 8/399 in the mean; each has a standard deviation of about √16/400 = 0.01.
     assert abs(index.mean()) < 4 * 0.01 / np.sqrt(100)
     assert (low > 0).mean() < 0.12
@@ -55,7 +55,7 @@ def test_a_line_with_noise_has_the_share_it_has():
     rng = np.random.default_rng(4)
     x = rng.standard_normal((5000, 2))
     y = x @ [2.0, 1.0] + rng.standard_normal(5000)
-    index, low, high = (part[:, 0] for part in first_order(x, y[:, None]))
+    index, low, high = (part[:, 0] for part in estimate_first_order(x, y[:, None]))
     np.testing.assert_allclose(index, [4 / 6, 1 / 6], atol=0.03)
     assert ((low <= [4 / 6, 1 / 6]) & (high >= [4 / 6, 1 / 6])).all()
 
@@ -73,7 +73,7 @@ def rows(n: int, seed: int = 0) -> pd.DataFrame:
 
 
 def test_the_rows_of_a_study_are_ranked():
-    found = ranking(rows(600))
+    found = rank_dispersions(rows(600))
     assert set(found["column"]) == {"x", "y"}
     first = found.groupby("column").head(1).set_index("column")
     assert first["dispersion"].to_dict() == {"x": "a", "y": "b"}
@@ -82,33 +82,33 @@ def test_the_rows_of_a_study_are_ranked():
 
 
 def test_what_drives_the_failures_is_named_with_its_direction():
-    found = failures(rows(600))
+    found = rank_failure_causes(rows(600))
     assert list(found["dispersion"]) == ["a", "b"]
     worst = found.iloc[0]
     assert worst["low"] > 0.5
     assert (worst["failed_lowest_fifth"], worst["failed_highest_fifth"]) == (0.0, pytest.approx(0.75, abs=0.15))
     assert found.iloc[1]["low"] == 0
-    assert {"dispersions", "failures"} == tables(rows(600)).keys()
+    assert {"dispersions", "failures"} == build_sensitivity_tables(rows(600)).keys()
     good = rows(600)
     good["error"] = ""
     good["x"] = good["disp:a"]
-    assert list(tables(good)) == ["dispersions"]
+    assert list(build_sensitivity_tables(good)) == ["dispersions"]
 
 
 def test_rows_of_a_case_count_once():
     single = rows(200)
     double = pd.concat([single, single]).sort_values("case", kind="stable")
-    pd.testing.assert_frame_equal(ranking(single), ranking(double))
+    pd.testing.assert_frame_equal(rank_dispersions(single), rank_dispersions(double))
 
 
 @pytest.mark.parametrize(
     "table", [rows(20), rows(200).drop(columns=["x", "y"]), rows(200).assign(**{"disp:a": 1.0, "disp:b": 2.0})]
 )
 def test_too_little_to_rank_is_no_table(table):
-    assert tables(table) == {}
+    assert build_sensitivity_tables(table) == {}
 
 
 def test_many_cases_are_cut(monkeypatch):
     good = rows(400).query("error == ''")
-    monkeypatch.setattr(sensitivity, "MOST", 100)
-    pd.testing.assert_frame_equal(ranking(good), ranking(good.head(100)))
+    monkeypatch.setattr(sensitivity, "MOST_CASES", 100)
+    pd.testing.assert_frame_equal(rank_dispersions(good), rank_dispersions(good.head(100)))

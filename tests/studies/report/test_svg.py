@@ -5,7 +5,7 @@ import re
 from matplotlib.figure import Figure
 
 from studies.report import svg
-from studies.report.panels import Line, curves, drawn
+from studies.report.panels import Line, draw_panels, make_curves
 
 
 def figure_at(shift: float) -> Figure:
@@ -19,28 +19,28 @@ def figure_at(shift: float) -> Figure:
 
 
 def test_text_is_text_and_bytes_are_the_same():
-    panel = curves([Line([1.0, 10.0], [2.0, 20.0], "a line")], title="ω of x", x="time (s)", y="deg")
-    data, again = (svg.svg_bytes(drawn(panel, panel, size=(6, 3), sharey=True)) for _ in range(2))
+    panel = make_curves([Line([1.0, 10.0], [2.0, 20.0], "a line")], title="ω of x", x="time (s)", y="deg")
+    data, again = (svg.render_svg(draw_panels(panel, panel, size=(6, 3), sharey=True)) for _ in range(2))
     assert data == again
     assert data.decode().count(">time (s)</text>") == 2
     assert "DejaVuSans-" not in data.decode()  # outlines of letters
 
 
 def test_names_in_an_svg_do_not_depend_on_the_last_bits(monkeypatch):
-    plain, moved = (svg.svg_bytes(figure_at(shift)) for shift in (0.0, 1e-13))
+    plain, moved = (svg.render_svg(figure_at(shift)) for shift in (0.0, 1e-13))
     assert b"clipPath" in plain
     assert b"<pattern" in plain
     assert plain == moved
-    assert svg.svg_bytes(figure_at(0.01)) != plain
+    assert svg.render_svg(figure_at(0.01)) != plain
     # Every name that is used is defined.
     defined = set(re.findall(rb' id="([^"]+)"', plain))
     used = set(re.findall(rb'(?:href="#|url\(#)([^")]+)', plain))
     assert used <= defined
     assert len(used) > 5
     monkeypatch.setattr(svg, "name_by_content", lambda data: data)
-    assert len({svg.svg_bytes(figure_at(shift)) for shift in (0.0, 1e-13)}) == 2
+    assert len({svg.render_svg(figure_at(shift)) for shift in (0.0, 1e-13)}) == 2
 
 
 def test_a_compact_figure_keeps_its_texts():
     data = b'<text x="1.2345">0.123456</text>\n   <path d="M 1.999 2.0"/>'
-    assert svg.compact(data) == b'<text x="1.2">0.123456</text> <path d="M 1.9 2.0"/>'
+    assert svg.shorten_svg(data) == b'<text x="1.2">0.123456</text> <path d="M 1.9 2.0"/>'

@@ -10,7 +10,7 @@ from rich.console import Console
 from studies.report import entry, panels, tables
 from studies.report.checks import Check
 from studies.report.tables import Table
-from studies.report.units import columns, heading
+from studies.report.units import format_heading, name_columns
 
 DATA = pd.DataFrame({"step_s": [0.5, 1.0], "error_G_xx_ppm": [1 / 3, np.nan], "inside": [True, False], "what": ["a|b", "[c]"]})
 
@@ -29,18 +29,18 @@ DATA = pd.DataFrame({"step_s": [0.5, 1.0], "error_G_xx_ppm": [1 / 3, np.nan], "i
     ],
 )
 def test_headings_have_the_unit_of_the_column(column, expected):
-    assert heading(column) == expected
+    assert format_heading(column) == expected
 
 
 def test_columns_of_the_twelve_parameters():
-    names = columns("sigma")
+    names = name_columns("sigma")
     assert len(names) == 12
     assert names[1] == "sigma_G_xy_ppm"
     assert names[-1] == "sigma_b_z_deg_h"
 
 
 def test_markdown_has_few_digits_or_as_many_as_asked():
-    text = tables.markdown("Title", DATA, "A note.", {"step_s": ".2f"})
+    text = tables.format_markdown("Title", DATA, "A note.", {"step_s": ".2f"})
     assert text.splitlines() == [
         "## Title",
         "",
@@ -55,7 +55,7 @@ def test_markdown_has_few_digits_or_as_many_as_asked():
 
 def test_terminal_shows_the_same_cells():
     out = io.StringIO()
-    tables.terminal(Console(file=out, width=120), "Title", DATA)
+    tables.print_table(Console(file=out, width=120), "Title", DATA)
     for text in ("step (s)", "0.33333", "a|b", "[c]", "–"):
         assert text in out.getvalue()
 
@@ -63,7 +63,7 @@ def test_terminal_shows_the_same_cells():
 def test_a_report_is_written_and_shown_by_names(tmp_path):
     made = entry.Report(
         {"all": Table("All", DATA), "short": Table("Short", DATA, shown=["step_s"])},
-        {"curve": panels.sheet(panels.curves([panels.Line([1, 2], [3, 4])]), size=(3, 2))},
+        {"curve": panels.build_sheet(panels.make_curves([panels.Line([1, 2], [3, 4])]), size=(3, 2))},
         (Check("largest error", 0.5, (0.0, 1.0), "ppm", "It is small."),),
     )
     entry.write(made, "Study", tmp_path)
@@ -86,7 +86,7 @@ def test_what_a_terminal_has_no_room_for_is_named():
     table = pd.DataFrame({"name": ["a text of words " * 4]} | {f"number_{k}": [1234.5 + k] for k in range(9)})
     for width in (70, 200):
         console = Console(file=io.StringIO(), width=width)
-        tables.terminal(console, "Wide", table)
+        tables.print_table(console, "Wide", table)
         shown = console.file.getvalue()
         assert "…" not in shown
         assert max(map(len, shown.splitlines())) <= width
@@ -96,5 +96,5 @@ def test_what_a_terminal_has_no_room_for_is_named():
 
 
 def test_what_has_no_value_is_a_dash():
-    text = tables.markdown("t", pd.DataFrame({"a": [None, True]}, dtype=object))
+    text = tables.format_markdown("t", pd.DataFrame({"a": [None, True]}, dtype=object))
     assert text.splitlines()[-2:] == ["| – |", "| yes |"]

@@ -7,17 +7,23 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gyrocal.sensors.alignment import together
+from gyrocal.sensors.alignment import align_together
 from simulator.mission_mode.config import R9_BIAS, R9_G, MissionConfig, OnBoardTables
 from simulator.mission_mode.flight import simulate_mission
 from simulator.mission_mode.mounting import BORESIGHTS, ELEVATION, R3_M
 from simulator.sensors.earth import TrueEarthSensor
-from simulator.sensors.sun import trmm_sun_sensors
+from simulator.sensors.sun import build_trmm_sensors
 from studies.robertson import diagnosis, geometry, ladder
 from studies.robertson.calendar import PERIODS
-from studies.robertson.end_to_end import _day, _flown, _last_orbit
-from studies.robertson.ground import DEG_H, sent, solution
-from studies.robertson.windows import ANGLES, NUMBERS, factor, published, simulated
+from studies.robertson.end_to_end import _find_day_by_sun, _select_last_orbit, _simulate_day
+from studies.robertson.ground import DEG_H_PER_RAD_S, collect_ground_data, solve_ground_attitude
+from studies.robertson.windows import (
+    ANGLE_STATISTICS,
+    WINDOW_NUMBERS,
+    compute_rms_factor,
+    compute_simulated_numbers,
+    read_published_numbers,
+)
 
 SQUARE = (np.zeros(3), np.zeros(3))
 ORBIT_S = MissionConfig().orbit.period
@@ -25,7 +31,7 @@ ORBIT_S = MissionConfig().orbit.period
 
 def perfect(misalignments=None, **changes):
     """No noise, square heads, the gyro's parameters known."""
-    sensors = trmm_sun_sensors(BORESIGHTS[0], misalignments, SQUARE, BORESIGHTS[1])
+    sensors = build_trmm_sensors(BORESIGHTS[0], misalignments, SQUARE, BORESIGHTS[1])
     base = MissionConfig(
         sun_sensors=tuple(replace(one, noise=0.0) for one in sensors),
         earth_sensor=TrueEarthSensor(sigma=1e-7, sigma_s=0.0, swing=0.0, s_filter="off"),
@@ -38,14 +44,14 @@ def perfect(misalignments=None, **changes):
 def solved(config, **changes):
     run = simulate_mission(config, seconds=2 * ORBIT_S, telemetry_every=1)
     rows = run.telemetry[run.telemetry["t_s"] >= ORBIT_S]
-    return solution(config, rows, replace(config.tables, **changes), np.random.default_rng(0))
+    return solve_ground_attitude(config, rows, replace(config.tables, **changes), np.random.default_rng(0))
 
 
 def test_without_errors_the_ground_has_the_truth():
     """Counts of 0.0083° are left; on board minus ground is then on board minus true."""
     found = solved(perfect())
     assert np.rad2deg(np.abs(found.ground_minus_true)).max() < 0.003
-    assert found.bias * DEG_H == pytest.approx(R9_BIAS * DEG_H, abs=0.01)
+    assert found.bias * DEG_H_PER_RAD_S == pytest.approx(R9_BIAS * DEG_H_PER_RAD_S, abs=0.01)
     difference = found.onboard_minus_ground - found.onboard_minus_true
     assert difference == pytest.approx(-found.ground_minus_true, abs=1e-7)
 
@@ -69,53 +75,57 @@ def test_the_ground_needs_every_cycle():
     config = perfect()
     run = simulate_mission(config, seconds=3000.0, telemetry_every=2)
     with pytest.raises(ValueError, match="every cycle"):
-        solution(config, run.telemetry, config.tables, np.random.default_rng(0))
+        solve_ground_attitude(config, run.telemetry, config.tables, np.random.default_rng(0))
 
 
 def test_the_grounds_own_alignment_of_the_nominal_spacecraft_is_near_r3():
     """The mounting was solved by a fit of its own; R's first algorithm on flown telemetry at 10° comes to R (3) too."""
     base = MissionConfig()
-    config, run = _flown(base, base.tables, _day(base, 10.0, ("1997-11-28T00:00:00+00:00", "1997-12-11T00:00:00+00:00")), 4)
-    data = sent(config, _last_orbit(config, run), base.tables, np.random.default_rng(1))
-    found = together(data.series, data.gyro, data.onboard[0], "DSS-1", epoch_s=data.t_s[0])
+    config, run = _simulate_day(
+        base, base.tables, _find_day_by_sun(base, 10.0, ("1997-11-28T00:00:00+00:00", "1997-12-11T00:00:00+00:00")), 4
+    )
+    data = collect_ground_data(config, _select_last_orbit(config, run), base.tables, np.random.default_rng(1))
+    found = align_together(data.series, data.gyro, data.onboard[0], "DSS-1", epoch_s=data.t_s[0])
     angles = [Rotation.from_matrix(M).as_rotvec(degrees=True) for M in (found.misalignment["DSS-2"], R3_M)]
     assert angles[0] == pytest.approx(angles[1], abs=0.04)
 
 
 def test_the_factor_is_that_of_the_logarithms():
-    values = published()
-    assert factor(values, NUMBERS) == pytest.approx(1.0)
+    values = read_published_numbers()
+    assert compute_rms_factor(values, WINDOW_NUMBERS) == pytest.approx(1.0)
     twice = {number: 2 * value for number, value in values.items()}
     half = {number: 0.5 * value for number, value in values.items()}
-    assert factor(twice, NUMBERS) == pytest.approx(2.0)
-    assert factor(half, NUMBERS[:5]) == pytest.approx(2.0)
-    assert np.isnan(factor(values, ()))
-    groups = ladder.groups(NUMBERS[:3])
+    assert compute_rms_factor(twice, WINDOW_NUMBERS) == pytest.approx(2.0)
+    assert compute_rms_factor(half, WINDOW_NUMBERS[:5]) == pytest.approx(2.0)
+    assert np.isnan(compute_rms_factor(values, ()))
+    groups = ladder.group_numbers(WINDOW_NUMBERS[:3])
     assert [len(groups[name]) for name in ("factor_18", "factor_12", "factor_6", "factor_unfitted")] == [18, 12, 6, 15]
 
 
 def test_sizes_are_fitted_on_one_period():
     assert {number[2] for rung in ladder.RUNGS for number in rung.fitted} == {PERIODS[2]}
-    assert all(number in NUMBERS for rung in ladder.RUNGS for number in rung.fitted)
+    assert all(number in WINDOW_NUMBERS for rung in ladder.RUNGS for number in rung.fitted)
 
 
 def test_the_best_elevation_touches_the_limb():
     """Availability rises up to the elevation at which the field's edge is the limb, and falls beyond."""
     angles = np.deg2rad([5.0, 20.0, 40.0])
-    share = [geometry.availability(BORESIGHTS[0], up, angles).mean() for up in np.deg2rad([0.0, 20.0, 29.4, 40.0])]
+    share = [geometry.compute_sun_availability(BORESIGHTS[0], up, angles).mean() for up in np.deg2rad([0.0, 20.0, 29.4, 40.0])]
     assert share[0] < share[1] < share[2] > share[3]
     assert np.rad2deg(-ELEVATION) == pytest.approx(29.4, abs=0.1)
 
 
 def test_dss_1_of_r6_has_one_tangent():
     """With a zero slipped in c both numbers of DSS-1 stand for one |tan α|; as printed they do not (control)."""
-    rows = geometry.tangents().set_index(["sensor", "number"])
+    rows = geometry.compute_alpha_tangents().set_index(["sensor", "number"])
     c, d = (rows.loc[("DSS-1", number)] for number in ("c - 1", "d"))
     assert c["tan_alpha"] == pytest.approx(d["tan_alpha"], rel=0.02)
     assert abs(c["tan_alpha_as_printed"]) < 0.2 * abs(d["tan_alpha_as_printed"])
     assert (c["slip"], d["slip"]) == (10.0, 1.0)
     assert c["computed_1e6"] == pytest.approx(10 * c["published_1e6"], rel=0.1)
-    assert geometry.chance()["dss_1"] == pytest.approx((2 * np.log(0.6120 / np.tan(-ELEVATION)) / np.log(10)) ** 2, rel=0.02)
+    assert geometry.compute_chance_probability()["dss_1"] == pytest.approx(
+        (2 * np.log(0.6120 / np.tan(-ELEVATION)) / np.log(10)) ** 2, rel=0.02
+    )
 
 
 def windows_of(scale):
@@ -132,16 +142,16 @@ def windows_of(scale):
 
 def test_a_planted_cause_is_named_and_an_unlisted_one_is_not(monkeypatch):
     base = windows_of({})
-    trials = {one.setting: base for one in diagnosis.TRIALS if one.setting}
+    trials = {one.setting: base for one in diagnosis.TRIED_EFFECTS if one.setting}
     trials[(ladder.HORIZON,)] = windows_of({"roll": 1.5, "pitch": 1.5})
     trials |= {ladder.NOMINAL: base}
-    planted = simulated(trials[(ladder.HORIZON,)])
-    monkeypatch.setattr(diagnosis, "published", lambda: planted)
+    planted = compute_simulated_numbers(trials[(ladder.HORIZON,)])
+    monkeypatch.setattr(diagnosis, "read_published_numbers", lambda: planted)
     found = diagnosis.diagnose_table3(trials)
     assert found.probabilities["horizon_noise"] > 0.9
     assert found.fitted[0].size == pytest.approx(0.0287, rel=0.1)
     # Control: a change that no effect makes is unknown.
-    odd = simulated(base) | {(ANGLES[1], "yaw", PERIODS[0]): 0.5}
-    monkeypatch.setattr(diagnosis, "published", lambda: odd)
+    odd = compute_simulated_numbers(base) | {(ANGLE_STATISTICS[1], "yaw", PERIODS[0]): 0.5}
+    monkeypatch.setattr(diagnosis, "read_published_numbers", lambda: odd)
     other = diagnosis.diagnose_table3(trials)
     assert other.attribution.unknown > 0.9

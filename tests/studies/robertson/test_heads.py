@@ -17,7 +17,7 @@ from simulator.simulate import simulate
 from studies import catalogue
 from studies.report import diagnosis_page as diagnosis_report
 from studies.report import sensor_words
-from studies.report.diagnosis_summary import lines
+from studies.report.diagnosis_summary import format_answer_lines
 from studies.robertson import heads as sensor_story
 from studies.robertson import heads_truth
 
@@ -75,16 +75,16 @@ def test_the_json_has_what_the_format_names(run_cli, rec, tmp_path):
 
 
 def test_the_words_say_what_is_rejected(found):
-    said = "\n".join(lines(found))
+    said = "\n".join(format_answer_lines(found))
     assert "Raw tables of sun and Earth sensors" in said
-    sentence = sensor_words.sentences(found)[-1]
+    sentence = sensor_words.describe_sensors(found)[-1]
     assert "would find dss_misalignment and esa_bias instead" in sentence
 
 
 def test_nominal_sensors_on_the_page(of_the_attitudes):
     nominal = diagnose(simulate(FEW, seed=2))
     assert nominal.verdict == "none"
-    page = diagnosis_report.page(nominal)
+    page = diagnosis_report.build_diagnosis_page(nominal)
     assert "Sun and Earth sensors show nothing that the nominal ones would not" in page
     assert "with the causes" not in page
 
@@ -93,7 +93,7 @@ def test_without_tables_nothing_is_said_of_them(rec, of_the_attitudes):
     plain = diagnose(replace(load(rec), sensors=None))
     assert plain is of_the_attitudes
     assert "sensors" not in plain.to_json()
-    assert "Sun and Earth sensors" not in diagnosis_report.page(plain)
+    assert "Sun and Earth sensors" not in diagnosis_report.build_diagnosis_page(plain)
 
 
 def test_tables_without_an_ephemeris_are_passed_over_and_said_so(rec, of_the_attitudes):
@@ -111,8 +111,8 @@ def test_tables_that_fit_nothing_are_said_so(rec, of_the_attitudes):
     found = diagnose(replace(recording, sensors=replace(tables, sun=swapped)))
     assert (found.verdict, found.present, found.posterior) == ("unknown", True, ((("unknown",), 1.0),))
     assert json.loads(json.dumps(found.to_json()["sensors"], allow_nan=False))["mean_square"] is None
-    assert any("do not fit the nominal sensors" in line for line in lines(found))
-    assert "do not fit the nominal sensors in any arc" in diagnosis_report.page(found)
+    assert any("do not fit the nominal sensors" in line for line in format_answer_lines(found))
+    assert "do not fit the nominal sensors in any arc" in diagnosis_report.build_diagnosis_page(found)
 
 
 @pytest.mark.parametrize(
@@ -145,12 +145,14 @@ def test_a_broken_table_is_one_line(run_cli, rec, tmp_path):
 def test_an_orthogonal_fit_of_rs_truth_finds_r3():
     """And of R (3) put on top of the heads it finds another misalignment, about x by more than R (3)'s own."""
     few = FEW.model_copy(update={"interval": tuple(one for one in FEW.interval if not one.name.startswith("m"))})
-    wanted = {one.effect: heads_truth.amplitudes_of(one) for one in map(parse, heads_truth.ALIGNMENT)}
-    found = heads_truth.orthogonal_fit(few, sensor_story.settings("R", few))
+    wanted = {one.effect: heads_truth.compute_sensor_amplitudes(one) for one in map(parse, heads_truth.ALIGNMENT)}
+    found = heads_truth.fit_orthogonal_calibration(few, sensor_story.list_true_settings("R", few))
     for name, amplitudes in wanted.items():
         np.testing.assert_allclose(found[name], amplitudes, atol=2e-4)
     np.testing.assert_allclose(wanted["dss_misalignment"], np.rad2deg([-0.00273, -0.00199, 0.00199]), atol=1e-3)
-    on_top = heads_truth.orthogonal_fit(few, [parse(text) for text in (*heads_truth.HEADS, *heads_truth.ALIGNMENT)])
+    on_top = heads_truth.fit_orthogonal_calibration(
+        few, [parse(text) for text in (*heads_truth.TRUE_HEAD_EFFECTS, *heads_truth.ALIGNMENT)]
+    )
     assert on_top["dss_misalignment"][0] - wanted["dss_misalignment"][0] > 0.15
 
 
@@ -158,13 +160,13 @@ def test_the_study_of_the_heads(tmp_path, monkeypatch):
     few = FEW.model_copy(update={"interval": tuple(one for one in FEW.interval if not one.name.startswith("m"))})
     monkeypatch.setattr(sensor_story, "TRUTHS", ("heads", "misalignment", "nominal", "noise"))
     config = sensor_story.StoryConfig(cases=1, scenario=few, entropy=5)
-    rows = pd.DataFrame(sensor_story.case(config, 0, sensor_story.Streams(5, 0))).assign(case=0)
+    rows = pd.DataFrame(sensor_story.run_case(config, 0, sensor_story.Streams(5, 0))).assign(case=0)
     assert rows["right"].all(), rows[["truth", "verdict", "named"]]
     heads = rows.set_index("truth").loc["heads"]
     assert heads["after"] < 1.05 < heads["orthogonal"] < heads["before"]
     assert heads["orthogonal_p"] < 1e-6
     assert heads["log_ratio"] > 50
-    assert catalogue.entry("heads") is sensor_story.ENTRY
-    gaps, sizes = sensor_story.gap_table(rows), sensor_story.size_table(rows, few)
+    assert catalogue.find_entry("heads") is sensor_story.ENTRY
+    gaps, sizes = sensor_story.average_gaps(rows), sensor_story.build_found_sizes(rows, few)
     assert list(gaps["truth"]) == ["heads", "misalignment", "nominal", "noise"]
     assert (sizes.dropna(subset="RMS error in sigma")["RMS error in sigma"] < 4).all()

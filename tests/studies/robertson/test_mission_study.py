@@ -9,27 +9,34 @@ import pytest
 
 from simulator import scenario as scenarios
 from simulator.mission_mode import flight as mission_mode
-from simulator.mission_mode.calendar import sun_angle
-from simulator.mission_mode.config import DAY, PRELAUNCH_G, R9_BIAS, R9_G, MissionConfig, TrueGyro, period_tables
-from simulator.mission_mode.flight import MissionRun, flight_schedule, simulate_mission
+from simulator.mission_mode.calendar import compute_sun_angle
+from simulator.mission_mode.config import DAY, PRELAUNCH_G, R9_BIAS, R9_G, MissionConfig, TrueGyro, build_period_tables
+from simulator.mission_mode.flight import MissionRun, build_flight_schedule, simulate_mission
 from simulator.mission_mode.mounting import BORESIGHTS, R3_M
 from simulator.sensors.earth import TrueEarthSensor
-from simulator.sensors.sun import BETA, trmm_sun_sensors
-from simulator.truth.orbit import lvlh_attitude
+from simulator.sensors.sun import SIMULATED_BETA_COEFFICIENTS, build_trmm_sensors
+from simulator.truth.orbit import compute_lvlh_attitude
 from studies.natanson import flight_gap
-from studies.robertson import biases, figures, flown, ground, performance, report, slews, words
-from studies.robertson.calendar import FIRST_DAYS, MANEUVERS, PERIODS, day_of, moved, slew_flight
-from studies.robertson.runs import SLEW_TABLES, SPIKE_FILTERS, SPIKE_SUN_DEG, MissionStudy, flight, spike_day
+from studies.robertson import biases, figures, ground, performance, published_tables, report, report_text, slews
+from studies.robertson.calendar import (
+    FIRST_DAYS,
+    PERIODS,
+    YAW_MANEUVER_TIMES,
+    build_slew_config,
+    convert_to_mission_day,
+    shift_mission_start,
+)
+from studies.robertson.runs import SLEW_TABLES, SPIKE_FILTERS, SPIKE_SUN_DEG, MissionStudy, build_mission_flight, find_spike_day
 
 BASE = MissionConfig()
-AXES = flown.AXES
+AXES = published_tables.ROTATION_NAMES
 EMPTY = pd.DataFrame()
 RNG = np.random.default_rng(5)
 
 
 def middle(period):
     """A moment in the middle of a period, s."""
-    start, stop = (day_of(moment, BASE) * DAY for moment in FIRST_DAYS[period])
+    start, stop = (convert_to_mission_day(moment, BASE) * DAY for moment in FIRST_DAYS[period])
     return 0.5 * (start + stop)
 
 
@@ -50,13 +57,17 @@ def run_of(orbits=(), updates=()):
 
 
 def test_the_flights_numbers_are_as_published():
-    assert [flown.performance("yaw_update_deg", "yaw", period) for period in PERIODS] == [0.24, 0.10, 0.04]
-    assert flown.performance("attitude_accuracy_deg", "roll", "postcalibration") == 0.029
-    assert np.isnan(flown.performance("gyro_bias_std_deg_h", "x", "precalibration"))
-    assert flown.slew_error("roll", "precalibration") == 0.24844
-    assert [flown.requirement(name) for name in ("knowledge", "pointing", "stability")] == [0.2, 0.4, 0.1]
-    assert flown.slew_residual("-x to +x", "prelaunch", "roll") == 0.273  # N Table 2, interval 6
-    assert flown.slew_residual("+x to -x", "calibrated", "pitch") == -0.004  # interval 2
+    assert [published_tables.read_published_performance("yaw_update_deg", "yaw", period) for period in PERIODS] == [
+        0.24,
+        0.10,
+        0.04,
+    ]
+    assert published_tables.read_published_performance("attitude_accuracy_deg", "roll", "postcalibration") == 0.029
+    assert np.isnan(published_tables.read_published_performance("gyro_bias_std_deg_h", "x", "precalibration"))
+    assert published_tables.read_published_slew_error("roll", "precalibration") == 0.24844
+    assert [published_tables.read_requirement(name) for name in ("knowledge", "pointing", "stability")] == [0.2, 0.4, 0.1]
+    assert published_tables.read_published_slew_residual("-x to +x", "prelaunch", "roll") == 0.273  # N Table 2, interval 6
+    assert published_tables.read_published_slew_residual("+x to -x", "calibrated", "pitch") == -0.004  # interval 2
 
 
 def test_statistics_of_a_period_are_those_of_its_full_orbits_and_updates():
@@ -66,29 +77,37 @@ def test_statistics_of_a_period_are_those_of_its_full_orbits_and_updates():
     other = orbit("precalibration", rms_knowledge_yaw_deg=9.0)
     updates = [("calibration1", "+x", -0.4), ("calibration1", "-x", 0.1), ("postcalibration", "+x", 5.0)]
     run = run_of([*rows, slew, other], updates)
-    assert performance.accuracy(run, "calibration1", "yaw") == pytest.approx(0.03)
+    assert performance.compute_attitude_accuracy(run, "calibration1", "yaw") == pytest.approx(0.03)
     # Negative control: counted as normal pointing, the orbit with the maneuver would show.
-    assert performance.accuracy(run_of([*rows, {**slew, "lost": 0.0}]), "calibration1", "yaw") > 1.0
-    assert performance.yaw_update(run, "calibration1") == pytest.approx(0.25)
-    sizes = performance.by_orientation([run]).set_index(["period", "forward"])["yaw_update_deg"]
+    assert performance.compute_attitude_accuracy(run_of([*rows, {**slew, "lost": 0.0}]), "calibration1", "yaw") > 1.0
+    assert performance.compute_mean_update(run, "calibration1") == pytest.approx(0.25)
+    sizes = performance.compare_orientations([run]).set_index(["period", "forward"])["yaw_update_deg"]
     assert [sizes["calibration1", forward] for forward in ("+x", "-x")] == pytest.approx([0.4, 0.1])
-    row = performance.requirements([run]).set_index(["period", "requirement", "axis"]).loc["calibration1", "stability", "yaw"]
+    row = (
+        performance.build_requirements_table([run])
+        .set_index(["period", "requirement", "axis"])
+        .loc["calibration1", "stability", "yaw"]
+    )
     assert row["simulated_deg"] == pytest.approx(0.16)
     assert not row["met"]
 
 
 def test_periods_are_the_flights():
-    start, stop = (day_of(moment, BASE) for moment in FIRST_DAYS["calibration1"])
-    uploads = [at / DAY for at, _ in flight_schedule(BASE, 155.0).uploads]
+    start, stop = (convert_to_mission_day(moment, BASE) for moment in FIRST_DAYS["calibration1"])
+    uploads = [at / DAY for at, _ in build_flight_schedule(BASE, 155.0).uploads]
     assert uploads == pytest.approx([start, stop], abs=1e-6)  # the Julian date is good to 40 µs
     assert FIRST_DAYS["precalibration"][0] == BASE.epoch
     table = pd.DataFrame({"t_s": [start * DAY, stop * DAY - 1, stop * DAY]})
-    assert len(performance.within(table, "calibration1")) == 2
+    assert len(performance.select_period(table, "calibration1")) == 2
 
 
 def test_table3_has_seeds_and_difference():
     runs = [run_of([orbit("postcalibration", rms_knowledge_yaw_deg=v)] * 2) for v in (0.03, 0.05)]
-    row = performance.table3(runs).query("parameter == 'attitude_accuracy_deg' and axis == 'yaw'").set_index("period")
+    row = (
+        performance.build_performance_table(runs)
+        .query("parameter == 'attitude_accuracy_deg' and axis == 'yaw'")
+        .set_index("period")
+    )
     found = row.loc["postcalibration", ["flight", "simulated", "lowest", "highest", "simulated_minus_flight"]].astype(float)
     assert found.to_numpy() == pytest.approx([0.026, 0.04, 0.03, 0.05, 0.014])
     assert np.isnan(row.loc["precalibration", "simulated"])  # nothing flown then
@@ -98,12 +117,12 @@ def test_table3_has_seeds_and_difference():
 def test_requirements_are_three_sigma(knowledge, met):
     """Weighted by samples: 3 σ of 0.198 or 0.201°, whatever a short orbit adds."""
     rows = [orbit("postcalibration", rms_knowledge_roll_deg=knowledge), orbit("postcalibration", samples=0.0)]
-    table = performance.requirements([run_of(rows)]).set_index(["period", "requirement", "axis"])
+    table = performance.build_requirements_table([run_of(rows)]).set_index(["period", "requirement", "axis"])
     row = table.loc[("postcalibration", "knowledge", "roll")]
     assert row["simulated_deg"] == pytest.approx(3 * knowledge)
     assert row["met"] == met
     mixed = [orbit("postcalibration", rms_error_yaw_deg=0.1), orbit("postcalibration", samples=3000.0, rms_error_yaw_deg=0.2)]
-    table = performance.requirements([run_of(mixed)]).set_index(["period", "requirement", "axis"])
+    table = performance.build_requirements_table([run_of(mixed)]).set_index(["period", "requirement", "axis"])
     row = table.loc[("postcalibration", "pointing", "yaw")]
     assert row["simulated_deg"] == pytest.approx(3 * np.sqrt((0.1**2 + 3 * 0.2**2) / 4))
     assert row["worst_orbit_deg"] == pytest.approx(0.6)
@@ -111,12 +130,12 @@ def test_requirements_are_three_sigma(knowledge, met):
 
 
 def test_maneuvers_are_on_the_flights_days():
-    table = performance.maneuver_dates(154.2)
+    table = performance.compare_maneuver_dates(154.2)
     assert len(table) == 7
     near = table[table["flight"] != ""]
     assert near["flight_utc"].tolist() == ["1997-12-13", "1998-01-14", "1998-03-21"]
     assert near["simulated_minus_flight_days"].abs().max() < 0.6
-    published = flown.maneuver_dates()["forward_after"]
+    published = published_tables.read_maneuver_dates()["forward_after"]
     assert near["forward_after"].tolist()[:2] == published.tolist()[:2]
 
 
@@ -125,13 +144,13 @@ def test_solved_bias_is_r8():
     for forward, sign in (("+x", -1.0), ("-x", 1.0)):
         rate = BASE.orbit.mean_motion + BASE.orbit.nodal_rate * np.cos(BASE.orbit.inclination)
         raw = np.linalg.solve(R9_G, np.array([0.0, sign * rate, 0.0]) - R9_BIAS)
-        assert biases.solved_bias(np.eye(3), forward) == pytest.approx(R9_BIAS + (R9_G - np.eye(3)) @ raw, abs=1e-18)
-        assert biases.solved_bias(R9_G, forward) == pytest.approx(R9_BIAS, abs=1e-17)
-    apart = biases.solved_bias(PRELAUNCH_G, "-x") - biases.solved_bias(PRELAUNCH_G, "+x")
+        assert biases.compute_solved_bias(np.eye(3), forward) == pytest.approx(R9_BIAS + (R9_G - np.eye(3)) @ raw, abs=1e-18)
+        assert biases.compute_solved_bias(R9_G, forward) == pytest.approx(R9_BIAS, abs=1e-17)
+    apart = biases.compute_solved_bias(PRELAUNCH_G, "-x") - biases.compute_solved_bias(PRELAUNCH_G, "+x")
     # 2 n (G_pre − G)[z, y], negative control of the independence.
     expected = -2 * rate * (PRELAUNCH_G - R9_G)[2, 1]
     assert apart[2] == pytest.approx(expected, rel=0.01)
-    assert apart[2] * ground.DEG_H == pytest.approx(0.546, abs=0.001)
+    assert apart[2] * ground.DEG_H_PER_RAD_S == pytest.approx(0.546, abs=0.001)
 
 
 def test_biases_of_runs_are_those_of_the_formula():
@@ -139,26 +158,32 @@ def test_biases_of_runs_are_those_of_the_formula():
     rows = []
     for period, G in biases.USED_G.items():
         for forward in ("+x", "-x"):
-            expected = biases.solved_bias(G, forward) * ground.DEG_H
+            expected = biases.compute_solved_bias(G, forward) * ground.DEG_H_PER_RAD_S
             for _ in range(50):
                 values = expected + 0.01 * RNG.normal(size=3)
                 rows.append(
                     orbit(period, forward, **{f"apparent_bias_{a}_deg_h": v for a, v in zip(AXES, values, strict=True)})
                 )
-    table = biases.table8([run_of(rows)])
+    table = biases.build_apparent_bias_table([run_of(rows)])
     assert len(table) == 2 * 3 * 3
     pulls = table["simulated_minus_formula_deg_h"] / table["standard_error_deg_h"]
     assert pulls.abs().max() < 4
     assert np.allclose(table.loc[table["forward"] != "-x minus +x", "standard_error_deg_h"], 0.01 / np.sqrt(50), rtol=0.5)
-    wrong = biases.table8([run_of([{**row, "forward": "+x" if row["forward"] == "-x" else "-x"} for row in rows])])
+    wrong = biases.build_apparent_bias_table(
+        [run_of([{**row, "forward": "+x" if row["forward"] == "-x" else "-x"} for row in rows])]
+    )
     assert (wrong["simulated_minus_formula_deg_h"] / wrong["standard_error_deg_h"]).abs().max() > 50  # negative control
 
 
 def test_scatter_is_that_of_two_values():
     shares = ["+x"] * 30 + ["-x"] * 70
-    table = biases.scatter([run_of([orbit("calibration1", forward) for forward in shares])]).set_index("axis")
+    table = biases.compute_orientation_scatter([run_of([orbit("calibration1", forward) for forward in shares])]).set_index(
+        "axis"
+    )
     for axis in "xyz":
-        values = np.array([biases.solved_bias(np.eye(3), f)["xyz".index(axis)] for f in shares]) * ground.DEG_H
+        values = (
+            np.array([biases.compute_solved_bias(np.eye(3), f)["xyz".index(axis)] for f in shares]) * ground.DEG_H_PER_RAD_S
+        )
         assert table.loc[axis, "G_is_I"] == pytest.approx(values.std())
 
 
@@ -172,7 +197,7 @@ def quiet(config):
     )
 
 
-@pytest.mark.parametrize("maneuver", list(MANEUVERS))
+@pytest.mark.parametrize("maneuver", list(YAW_MANEUVER_TIMES))
 @pytest.mark.parametrize("tables", SLEW_TABLES)
 def test_noise_free_miss_is_that_of_the_loop(maneuver, tables):
     """The formula with the bias that the loop had on board, against the loop without noise.
@@ -180,15 +205,17 @@ def test_noise_free_miss_is_that_of_the_loop(maneuver, tables):
     What is left is the Earth's geodetic lean, 0.2° at most, which the formula's circular turn does not have. The heads are
     square and aligned as the tables say: an error of theirs at the update would be a drift of the bias that was solved for.
     """
-    square = trmm_sun_sensors(BORESIGHTS[0], (np.eye(3), R3_M), (np.zeros(3), np.zeros(3)), BORESIGHTS[1])
-    own = replace(period_tables()[tables], coefficients_beta=np.stack([BETA, BETA]))
-    config = quiet(slew_flight(replace(BASE, sun_sensors=square), own, maneuver))
+    square = build_trmm_sensors(BORESIGHTS[0], (np.eye(3), R3_M), (np.zeros(3), np.zeros(3)), BORESIGHTS[1])
+    own = replace(
+        build_period_tables()[tables], coefficients_beta=np.stack([SIMULATED_BETA_COEFFICIENTS, SIMULATED_BETA_COEFFICIENTS])
+    )
+    config = quiet(build_slew_config(replace(BASE, sun_sensors=square), own, maneuver))
     run = simulate_mission(config, seconds=config.maneuvers[0].start_s + 1010.0, telemetry_every=None)
     slew = run.slews.iloc[0]
     assert slew["forward"] == maneuver[-2:]
     miss = np.array([-slew[f"targeting_{axis}_deg"] for axis in AXES])
-    published = slews.noise_free(maneuver, tables, solved=False)
-    solved = slews.noise_free(maneuver, tables)
+    published = slews.compute_noise_free_miss(maneuver, tables, solved=False)
+    solved = slews.compute_noise_free_miss(maneuver, tables)
     if tables == "postcalibration":
         assert (solved == 0).all()
     else:
@@ -200,9 +227,11 @@ def test_noise_free_miss_is_that_of_the_loop(maneuver, tables):
 @pytest.mark.parametrize(("maneuver", "k"), [("+x to -x", 1), ("-x to +x", 5)])
 def test_noise_free_miss_is_that_of_the_calibrators_simulation(maneuver, k):
     """N's intervals 2 and 6, predicted with other slews, 0.03° apart for their timing; the other maneuver is further."""
-    predicted = flight_gap.predict(scenarios.load("trmm"))[k]
-    found = slews.noise_free(maneuver, "calibration1", solved=False)
-    other = slews.noise_free(next(name for name in MANEUVERS if name != maneuver), "calibration1", solved=False)
+    predicted = flight_gap.predict_residuals(scenarios.load("trmm"))[k]
+    found = slews.compute_noise_free_miss(maneuver, "calibration1", solved=False)
+    other = slews.compute_noise_free_miss(
+        next(name for name in YAW_MANEUVER_TIMES if name != maneuver), "calibration1", solved=False
+    )
     assert np.abs(found - predicted).max() < 0.04 < np.abs(other - predicted).max()
 
 
@@ -213,53 +242,55 @@ def test_table2_and_its_gap():
                 "maneuver": m,
                 "tables": t,
                 "seed": k,
-                **{f"{a}_deg": flown.slew_error(a, slews.R_PHASE[t]) + 0.1 * k for a in AXES},
+                **{f"{a}_deg": published_tables.read_published_slew_error(a, slews.R_PHASE[t]) + 0.1 * k for a in AXES},
             }
-            for m in MANEUVERS
+            for m in YAW_MANEUVER_TIMES
             for t in SLEW_TABLES
             for k in (0, 1)
         ]
     )
-    table = slews.table2(rows)
+    table = slews.build_slew_table(rows)
     assert table["simulated_minus_flight_deg"].to_numpy() == pytest.approx(0.05)
     assert table["std_deg"].to_numpy() == pytest.approx(0.1 / np.sqrt(2))
-    assert slews.gaps(table) == pytest.approx(dict.fromkeys(MANEUVERS, 0.05))
+    assert slews.compute_slew_gaps(table) == pytest.approx(dict.fromkeys(YAW_MANEUVER_TIMES, 0.05))
 
 
 def test_targeting_has_rs_sign():
     slew = pd.DataFrame([{**{f"targeting_{a}_deg": 0.1 * (k + 1) for k, a in enumerate(AXES)}, "bias_yaw_deg_h": 0.3}])
-    (row,) = slews.targeting({("slew", "+x to -x", "calibration1", "3"): MissionRun(EMPTY, EMPTY, slew, EMPTY)}).itertuples()
+    (row,) = slews.collect_slew_misses(
+        {("slew", "+x to -x", "calibration1", "3"): MissionRun(EMPTY, EMPTY, slew, EMPTY)}
+    ).itertuples()
     assert (row.roll_deg, row.pitch_deg, row.yaw_deg) == pytest.approx((-0.1, -0.2, -0.3))
     assert (row.maneuver, row.tables, row.seed) == ("+x to -x", "calibration1", 3)
 
 
 def test_mountings_leave_the_first_updates_out():
-    updates = pd.DataFrame({"update_deg": [9.0] * performance.SETTLED + [0.2, -0.4]})
+    updates = pd.DataFrame({"update_deg": [9.0] * performance.SETTLING_UPDATES + [0.2, -0.4]})
     run = MissionRun(EMPTY, updates, EMPTY, EMPTY)
-    table = performance.mounting_table({("mounting", "solved", period): run for period in PERIODS})
+    table = performance.compare_mountings({("mounting", "solved", period): run for period in PERIODS})
     assert table["mounting"].tolist() == ["flight", "solved"]
     assert table.loc[1, list(PERIODS)].astype(float).to_numpy() == pytest.approx(0.3)
 
 
 def test_a_later_start_flies_the_same_orbit():
     """Moved by days: the same place in the orbit and the same Sun, and the axis forward that keeps the Sun on −Y."""
-    later = moved(BASE, 40.0)
+    later = shift_mission_start(BASE, 40.0)
     t = np.array([0.0, 5000.0])
-    assert lvlh_attitude(later.orbit, t) == pytest.approx(lvlh_attitude(BASE.orbit, t + 40 * DAY), abs=1e-9)
-    here, there = sun_angle(later.epoch, later.orbit, t), sun_angle(BASE.epoch, BASE.orbit, t + 40 * DAY)
+    assert compute_lvlh_attitude(later.orbit, t) == pytest.approx(compute_lvlh_attitude(BASE.orbit, t + 40 * DAY), abs=1e-9)
+    here, there = compute_sun_angle(later.epoch, later.orbit, t), compute_sun_angle(BASE.epoch, BASE.orbit, t + 40 * DAY)
     assert here == pytest.approx(there, abs=1e-6)
     assert (here[0] > 0) == (later.forward == "+x")
     assert later.uploads == later.maneuvers == ()
 
 
 def test_spikes_are_flown_where_the_sun_is_seen():
-    turned = moved(BASE, spike_day(BASE))
-    assert abs(np.rad2deg(sun_angle(turned.epoch, turned.orbit, 0.0))) == pytest.approx(SPIKE_SUN_DEG, abs=0.3)
+    turned = shift_mission_start(BASE, find_spike_day(BASE))
+    assert abs(np.rad2deg(compute_sun_angle(turned.epoch, turned.orbit, 0.0))) == pytest.approx(SPIKE_SUN_DEG, abs=0.3)
 
 
 def test_what_is_flown():
     study = MissionStudy(days=30.0, seeds=3, slews=4, windows=False)
-    wanted = {name: flight(study, name) for name in study.points()}
+    wanted = {name: build_mission_flight(study, name) for name in study.points()}
     kinds = pd.Series([name[0] for name in wanted]).value_counts()
     assert kinds.to_dict() == {"months": 3, "slew": 2 * 2 * 4, "mounting": 12, "spikes": 3, "yaw": 2}
     assert len({one.seed for name, one in wanted.items() if name[0] == "months"}) == 3
@@ -284,17 +315,17 @@ def test_the_example_of_the_loop_runs():
 
 def test_daily_means_split_at_uploads():
     rows = [{**orbit("precalibration", rms_knowledge_yaw_deg=float(k)), "t_s": 0.25 * DAY * k} for k in range(4)]
-    table = figures.daily_means(pd.DataFrame(rows), [0.4 * DAY])
+    table = figures.average_by_day(pd.DataFrame(rows), [0.4 * DAY])
     assert table["rms_knowledge_yaw_deg"].tolist() == [0.5, 2.5]
     assert table["day"].tolist() == pytest.approx([0.125, 0.625])
-    assert len(figures.daily_means(pd.DataFrame(rows))) == 1
+    assert len(figures.average_by_day(pd.DataFrame(rows))) == 1
 
 
 def test_checks_have_no_verdict_on_what_was_not_flown():
-    first = performance.requirements([run_of([orbit("precalibration", rms_knowledge_yaw_deg=0.1)])])
-    later = performance.requirements([run_of([orbit("postcalibration", rms_knowledge_yaw_deg=0.1)])])
+    first = performance.build_requirements_table([run_of([orbit("precalibration", rms_knowledge_yaw_deg=0.1)])])
+    later = performance.build_requirements_table([run_of([orbit("postcalibration", rms_knowledge_yaw_deg=0.1)])])
     for table, verdict in ((first, "note"), (later, "fail")):
-        found = {one.name: one for one in words.checks(*tables_with(table))}
+        found = {one.name: one for one in report_text.build_mission_checks(*tables_with(table))}
         assert found["R's knowledge, calibrated, worst axis"].verdict == verdict
     assert found["R's knowledge, calibrated, worst axis"].value == pytest.approx(0.3)
     assert np.isnan(found["yaw updates between the uploads, +x less −x forward"].value)
@@ -306,17 +337,17 @@ def tables_with(requirements):
     runs = [run_of([orbit("precalibration", rms_knowledge_yaw_deg=0.1)])]
     slew = {"roll_deg": 0.2, "pitch_deg": 0.0, "yaw_deg": -0.1}
     flown_slews = [
-        {"maneuver": maneuver, "tables": tables, "seed": 0} | slew for maneuver in MANEUVERS for tables in SLEW_TABLES
+        {"maneuver": maneuver, "tables": tables, "seed": 0} | slew for maneuver in YAW_MANEUVER_TIMES for tables in SLEW_TABLES
     ]
     tables = {
-        "table2": slews.table2(pd.DataFrame(flown_slews)),
-        "table3": performance.table3(runs),
+        "table2": slews.build_slew_table(pd.DataFrame(flown_slews)),
+        "table3": performance.build_performance_table(runs),
         "requirements": requirements,
-        "biases": biases.table8(runs),
-        "bias_scatter": biases.scatter(runs),
-        "orientation": performance.by_orientation(runs),
-        "yaw_maneuvers": performance.maneuver_dates(30.0),
+        "biases": biases.build_apparent_bias_table(runs),
+        "bias_scatter": biases.compute_orientation_scatter(runs),
+        "orientation": performance.compare_orientations(runs),
+        "yaw_maneuvers": performance.compare_maneuver_dates(30.0),
     }
     telemetry = pd.DataFrame(0.0, index=[0], columns=[f"{kind}_{axis}_deg" for kind in ("error", "estimate") for axis in AXES])
     spikes = {("spikes", state): MissionRun(telemetry, EMPTY, EMPTY, EMPTY) for state in SPIKE_FILTERS}
-    return tables, report.summarise(tables, spikes)
+    return tables, report.summarise_mission(tables, spikes)

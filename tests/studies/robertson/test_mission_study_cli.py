@@ -13,12 +13,12 @@ from gyrocal import GyrocalError
 from simulator.mission_mode.config import MissionConfig
 from simulator.mission_mode.flight import MissionRun
 from studies.cli import reproduce as cli_reproduce
-from studies.cli.mission import TABLES, summary
+from studies.cli.mission import TABLES, summarise_periods
 from studies.montecarlo import engine
 from studies.robertson import report
 from studies.robertson import runs as runs_module
-from studies.robertson.runs import KEPT, STUDY, MissionStudy, flight, runs
-from studies.robertson.words import NOT_PUBLISHED
+from studies.robertson.report_text import NOT_PUBLISHED
+from studies.robertson.runs import KEPT_TABLES, STUDY, MissionStudy, build_mission_flight, load_flights
 
 SHORT = MissionStudy(days=1.5, seeds=1, slews=2, mounting_days=0.2, windows=False)
 
@@ -40,7 +40,7 @@ def flown_already(short_flight, monkeypatch):
         shutil.copytree(short_flight, work)
         return work
 
-    monkeypatch.setattr(engine, "work_folder", work_folder)
+    monkeypatch.setattr(engine, "get_work_folder", work_folder)
     monkeypatch.setattr(cli_reproduce, "MissionStudy", partial(MissionStudy, mounting_days=SHORT.mounting_days))
 
 
@@ -119,7 +119,7 @@ def test_stretches_are_weighted_by_samples_and_end_with_the_run():
     orbits = pd.DataFrame(0.1, index=range(2), columns=columns).assign(t_s=[0.0, 6000.0], samples=[300.0, 100.0])
     orbits.loc[1, "rms_knowledge_yaw_deg"] = 0.2
     updates = pd.DataFrame({"t_s": [10.0, 20.0], "update_deg": [0.3, -0.1]})
-    (row,) = summary(MissionRun(orbits, updates, orbits, orbits), MissionConfig(), 0.08).itertuples()
+    (row,) = summarise_periods(MissionRun(orbits, updates, orbits, orbits), MissionConfig(), 0.08).itertuples()
     assert row.knowledge_yaw_deg == pytest.approx(3 * np.sqrt((3 * 0.1**2 + 0.2**2) / 4))
     assert row.pointing_roll_deg == pytest.approx(0.3)
     assert row.stability_yaw_deg == 0.1
@@ -133,7 +133,7 @@ def test_reproduction_of_robertson_writes_everything(run_cli, tmp_path):
     result = run_cli(*arguments, "--out", str(tmp_path / "a"), "--json", str(tmp_path / "summary.json"))
     assert result.exit_code == 0, result.stderr
     manifest = json.loads((tmp_path / "a" / "manifest.json").read_text())
-    titles = dict(list(report.TITLES.items())[:8])  # the others take windows
+    titles = dict(list(report.MISSION_TABLE_TITLES.items())[:8])  # the others take windows
     expected = {*(f"{name}.csv" for name in (*titles, "daily", "updates", "slews")), "report.md", "summary.json"}
     expected |= {
         f"figure{name}.svg" for name in ("7_12_yaw", "8_spikes", "9_accuracy", "10_yaw_update", "11_bias", "13_attitude")
@@ -166,10 +166,10 @@ def test_reproduction_has_the_same_bytes_again(tmp_path):
 
 def test_what_is_stored_is_what_was_flown(short_flight):
     """Bit for bit, with its dtypes, in whatever order of the columns."""
-    stored = runs(SHORT, short_flight / "table.parquet")
+    stored = load_flights(SHORT, short_flight / "table.parquet")
     for name in (("yaw", "precalibration"), ("spikes", "off"), ("mounting", "solved", "calibration1"), ("months", "0")):
-        direct = flight(SHORT, name).fly()
-        for table in KEPT[name[0]]:
+        direct = build_mission_flight(SHORT, name).fly()
+        for table in KEPT_TABLES[name[0]]:
             pd.testing.assert_frame_equal(
                 getattr(stored[name], table), getattr(direct, table), check_exact=True, check_like=True
             )
@@ -177,8 +177,8 @@ def test_what_is_stored_is_what_was_flown(short_flight):
 
 def test_symptoms_are_in_the_short_runs(short_flight):
     """Spikes by the faulty S filter, and the yaw maneuver's miss gone with the gyro's calibration."""
-    short_runs = runs(SHORT, short_flight / "table.parquet")
-    summary = report.summarise(report.make_tables(short_runs, [short_runs["months", "0"]], SHORT), short_runs)
+    short_runs = load_flights(SHORT, short_flight / "table.parquet")
+    summary = report.summarise_mission(report.build_mission_tables(short_runs, [short_runs["months", "0"]], SHORT), short_runs)
     spikes = summary["spikes_deg"]
     assert spikes["restarted"]["pitch"] > 0.1 > 2 * max(spikes["off"]["pitch"], spikes["correct"]["pitch"])
     best = min(summary["slew_gap_deg"], key=summary["slew_gap_deg"].get)
@@ -201,7 +201,7 @@ def test_both_papers_by_default(run_cli, monkeypatch, tmp_path):
 
 
 def test_a_failed_flight_is_told_and_the_others_are_kept(monkeypatch, tmp_path):
-    monkeypatch.setattr(runs_module, "slew_flight", lambda config, tables, maneuver: replace(config, maneuvers=(None,)))
+    monkeypatch.setattr(runs_module, "build_slew_config", lambda config, tables, maneuver: replace(config, maneuvers=(None,)))
     with pytest.raises(GyrocalError, match=r"8 of \d+ cases failed, the first one case"):
         report.run(tmp_path, SHORT.model_copy(update={"days": 0.2, "mounting_days": 0.1}))
     assert list((tmp_path / "work").rglob("part-*.parquet"))

@@ -15,21 +15,21 @@ STORED = ROOT / "results" / "baseline" / "recovered.csv"
 
 
 def test_recovered_parameters_are_those_of_the_baseline():
-    new = baseline.recovered()
-    stored = baseline.read(STORED)
-    assert baseline.moved(stored, new).empty
-    values = [column for column in new.columns if column not in baseline.KEYS]
+    new = baseline.estimate_baseline_parameters()
+    stored = baseline.read_baseline(STORED)
+    assert baseline.find_changed_values(stored, new).empty
+    values = [column for column in new.columns if column not in baseline.BASELINE_KEYS]
     pd.testing.assert_frame_equal(stored[values], new[values], rtol=baseline.RTOL, atol=0)
 
 
 def test_a_small_change_is_seen():
-    stored = baseline.read(STORED)
+    stored = baseline.read_baseline(STORED)
     changed = stored.copy()
     changed.loc[2, "second_b_x_deg_h"] *= 1 + 2 * baseline.RTOL
-    table = baseline.moved(stored, changed)
+    table = baseline.find_changed_values(stored, changed)
     assert table["quantity"].tolist() == ["second_b_x_deg_h"]
-    assert baseline.moved(stored, stored).empty
-    assert not baseline.moved(stored, stored.head(3)).empty
+    assert baseline.find_changed_values(stored, stored).empty
+    assert not baseline.find_changed_values(stored, stored.head(3)).empty
 
 
 def longer(parameters, start):
@@ -80,11 +80,11 @@ def step(patch):
     ],
 )
 def test_a_step_longer_by_a_millionth_is_seen_in_any_way(slip, ways, monkeypatch):
-    stored = baseline.read(STORED)
+    stored = baseline.read_baseline(STORED)
     slip(monkeypatch)
     for way in ways:
         old = stored[stored["way"] == way].reset_index(drop=True)
-        table = baseline.moved(old, baseline.one_way(way))
+        table = baseline.find_changed_values(old, baseline.run_estimator(way))
         assert set(table["parametrisation"]) == {"gain", "gyro"}
         assert table["quantity"].str.startswith("first_").sum() > 12
 
@@ -97,20 +97,20 @@ def test_a_step_of_the_compiled_iterations_longer_by_a_millionth_is_seen(monkeyp
         return replace(found, x=found.x + 1e-6 * (found.x - found.x[0]))
 
     monkeypatch.setattr(Problem, "iterate", slipped)
-    stored = baseline.read(STORED)
+    stored = baseline.read_baseline(STORED)
     old = stored[stored["way"] == baseline.COMPILED].reset_index(drop=True)
-    assert len(baseline.moved(old, baseline.compiled())) > 100
+    assert len(baseline.find_changed_values(old, baseline.run_compiled_iterations())) > 100
 
 
 def test_command_shows_what_moved(run_cli, tmp_path):
     path = tmp_path / "recovered.csv"
     missing = run_cli("baseline", "--file", str(path))
     assert missing.exit_code == 2
-    stored = baseline.read(STORED)
+    stored = baseline.read_baseline(STORED)
     stored.loc[0, "nees"] *= 1.1
-    baseline.write(stored, path)
+    baseline.write_baseline(stored, path)
     shown = run_cli("baseline", "--file", str(path))
     assert shown.exit_code == 1
     assert "nees" in shown.stdout
     assert run_cli("baseline", "--file", str(path), "--write").exit_code == 0
-    assert baseline.moved(baseline.read(STORED), baseline.read(path)).empty
+    assert baseline.find_changed_values(baseline.read_baseline(STORED), baseline.read_baseline(path)).empty

@@ -48,10 +48,10 @@ def test_runs_of_other_recordings_are_refused():
 
 def test_a_folder_without_a_run_is_refused(tmp_path):
     with pytest.raises(InputError, match="gyrocal bench run"):
-        bench.load_run(tmp_path)
+        bench.load_bench_run(tmp_path)
 
 
 def test_an_installed_package_says_where_the_test_world_is(monkeypatch):
-    monkeypatch.setitem(catalogue.MODULES, "bench", "studies.validation.world.not_there")
+    monkeypatch.setitem(catalogue.STUDY_MODULES, "bench", "studies.validation.world.not_there")
     with pytest.raises(InputError, match="run it from a checkout"):
         catalogue.load_module("bench")

@@ -57,7 +57,7 @@ def trial_frame(phases=((12, 30), (40, 58), (68, 86)), length_s=100.0, noise=Tru
     q[: round(2 / SAMPLE_S)] = np.nan
     q[round(20 / SAMPLE_S) : round(20.1 / SAMPLE_S)] = np.nan
     columns = {
-        **dict(zip(broad.RATE_COLUMNS, raw.T, strict=True)),
+        **dict(zip(broad.IMU_RATE_COLUMNS, raw.T, strict=True)),
         **dict(zip(broad.FORCE_COLUMNS, force.T, strict=True)),
         **dict(zip([f"opt_quat_{axis}" for axis in "wxyz"], q.T, strict=True)),
         "movement": moving,
@@ -88,7 +88,7 @@ def trial(trial_file):
 
 @pytest.fixture(scope="module")
 def imported(trial):
-    return broad.to_recording(trial)
+    return broad.build_recording(trial)
 
 
 @pytest.fixture
@@ -102,7 +102,7 @@ def test_file_is_read_in_the_projects_conventions(trial, frame):
     row = frame.loc[k]
     sensor_to_enu = Rotation.from_quat(row[[f"opt_quat_{axis}" for axis in "xyzw"]].to_numpy(dtype=float)).as_matrix()
     np.testing.assert_allclose(attitude.matrix_from_quaternion(trial.quaternions[k]), sensor_to_enu.T, atol=1e-12)
-    np.testing.assert_array_equal(trial.rates[k], row[list(broad.RATE_COLUMNS)].to_numpy(dtype=float))
+    np.testing.assert_array_equal(trial.rates[k], row[list(broad.IMU_RATE_COLUMNS)].to_numpy(dtype=float))
     assert not trial.tracked[0]
     assert len(trial.phases) == 3
 
@@ -111,10 +111,10 @@ def test_without_noise_true_parameters_leave_no_residual():
     """The sign of the conversion: the transposed attitude would leave twice the turn."""
     trial = as_trial(trial_frame(noise=False))
     gyro = broad.GyroStream(trial.t_s, trial.rates, trial.sample_s, ARW)
-    rows = broad.references(trial, broad.cuts(trial)[0][2:], 1.0)
+    rows = broad.select_reference_samples(trial, broad.cut_trial(trial)[0][2:], 1.0)
     recording = broad.Recording(
         title="noise-free",
-        epoch=broad.EPOCH,
+        epoch=broad.ASSUMED_EPOCH,
         gyro=gyro,
         attitudes=broad.Attitudes(trial.t_s[rows], trial.quaternions[rows], np.full((rows.size, 3), 1e-3)),
         intervals=(broad.Interval("m", "", trial.t_s[rows[0]], trial.t_s[rows[-1]]),),
@@ -125,7 +125,8 @@ def test_without_noise_true_parameters_leave_no_residual():
 
 def as_trial(frame):
     rates, force, q = (
-        frame[list(names)].to_numpy() for names in (broad.RATE_COLUMNS, broad.FORCE_COLUMNS, broad.QUATERNION_COLUMNS)
+        frame[list(names)].to_numpy()
+        for names in (broad.IMU_RATE_COLUMNS, broad.FORCE_COLUMNS, broad.OPTICAL_QUATERNION_COLUMNS)
     )
     return broad.Trial("synthetic", SAMPLE_S, rates, force, q, frame["movement"].to_numpy())
 
@@ -156,16 +157,16 @@ def test_intervals_reach_from_rest_to_rest_with_references_inside(trial, importe
 
 def test_long_motion_is_cut_in_pieces_that_touch_and_the_rests_are_kept():
     trial = as_trial(trial_frame(phases=((12, 88),)))
-    names = [cut[0] for cut in broad.cuts(trial)]
+    names = [cut[0] for cut in broad.cut_trial(trial)]
     assert names == ["rest before motion 1", *(f"motion 1 part {k}" for k in (1, 2, 3)), "rest after motion 1"]
-    edges = np.array([cut[2:] for cut in broad.cuts(trial)])
+    edges = np.array([cut[2:] for cut in broad.cut_trial(trial)])
     np.testing.assert_array_equal(edges[1:, 0], edges[:-1, 1])
-    assert len(broad.to_recording(trial).recording.intervals) == 5
+    assert len(broad.build_recording(trial).recording.intervals) == 5
 
 
 @pytest.mark.parametrize(("intervals", "count"), [("whole", 1), (25.0, 4), (1000.0, 1), ("motion", 3)])
 def test_choice_of_intervals(trial, intervals, count):
-    recording = broad.to_recording(trial, intervals, spacing_s=0.5).recording
+    recording = broad.build_recording(trial, intervals, spacing_s=0.5).recording
     assert len(recording.intervals) == count
     assert np.median(np.diff(recording.attitudes.t_s)) == pytest.approx(0.5, abs=0.02)
 
@@ -173,7 +174,7 @@ def test_choice_of_intervals(trial, intervals, count):
 def test_time_offset_does_not_swell_the_sigmas(trial, imported):
     """Two samples at 150 deg/s are one degree; the sigma is some hundredths."""
     late = broad.Trial(trial.name, SAMPLE_S, np.roll(trial.rates, 2, axis=0), trial.force, trial.quaternions, trial.moving)
-    np.testing.assert_allclose(broad.to_recording(late).sigma_motion, imported.sigma_motion, rtol=0.6)
+    np.testing.assert_allclose(broad.build_recording(late).sigma_motion, imported.sigma_motion, rtol=0.6)
 
 
 def test_command_writes_a_recording_that_calibrates(run_import, trial_file, tmp_path):
@@ -251,7 +252,7 @@ def test_bad_files_are_one_line(run_import, frame, tmp_path):
 @pytest.mark.parametrize("path", REAL, ids=lambda path: path.name[:2])
 def test_real_trial_is_imported_and_calibrated(path):
     """The residual of the raw gyro is some degrees, and a calibration takes most of it: the conversion's sign and units."""
-    imported = broad.to_recording(broad.read(path))
+    imported = broad.build_recording(broad.read(path))
     recording = imported.recording
     assert len(recording.intervals) >= 4
     assert (np.rad2deg(imported.sigma_rest) < np.rad2deg(imported.sigma_motion)).all()

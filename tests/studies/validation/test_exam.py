@@ -7,7 +7,7 @@ import subprocess
 import pytest
 
 from gyrocal.errors import InputError
-from studies.montecarlo.manifest import digest
+from studies.montecarlo.manifest import hash_bytes
 from studies.validation.exam import steps
 from tests import ROOT
 
@@ -113,5 +113,5 @@ def test_keys_of_a_small_exam_are_the_same_again(tmp_path):
         shutil.copy(EXAM / file, folder / file)
     path = steps.seal("001", 3, 2, 1, tmp_path)
     sealed = json.loads(path.read_text())
-    assert sealed["keys_sha256"] == digest(steps.keys_text(steps.draw_keys("001", 3, 2, 1)).encode())
-    assert sealed["generator_sha256"]["plans.py"] == digest((folder / "plans.py").read_bytes())
+    assert sealed["keys_sha256"] == hash_bytes(steps.format_keys(steps.draw_exam_keys("001", 3, 2, 1)).encode())
+    assert sealed["generator_sha256"]["plans.py"] == hash_bytes((folder / "plans.py").read_bytes())

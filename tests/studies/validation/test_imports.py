@@ -11,7 +11,7 @@ from studies.validation import imports
 @pytest.fixture(scope="module")
 def rows():
     config = imports.ImportConfig(cases=3, seconds=60.0)
-    return pd.DataFrame([row for number in range(3) for row in imports.case(config, number, Streams(8, number))])
+    return pd.DataFrame([row for number in range(3) for row in imports.run_case(config, number, Streams(8, number))])
 
 
 def test_every_case_is_right_and_every_wrong_mapping_named(rows):
@@ -43,7 +43,7 @@ def test_the_report_fails_where_a_calibration_or_a_name_is_wrong(rows):
     ],
 )
 def test_a_name_counts_only_alone(message, wanted, named):
-    assert imports.is_named(message, wanted) is named
+    assert imports.is_mapping_named(message, wanted) is named
 
 
 def test_logs_are_those_of_their_stream():

@@ -29,7 +29,7 @@ def folder(tmp_path_factory):
     """A folder with one trial, whose rates are late."""
     path = tmp_path_factory.mktemp("trials")
     frame = trial_frame(((12, 40), (52, 80)), 92.0)
-    names = list(broad.RATE_COLUMNS)
+    names = list(broad.IMU_RATE_COLUMNS)
     frame[names] = np.roll(frame[names].to_numpy(), LATE, axis=0)
     write(frame, path / "01_late.parquet")
     return path
@@ -62,7 +62,7 @@ def test_predictions_have_the_three_horizons(rows):
 
 def test_report_shows_the_waterfall_and_names_the_licence(rows, folder, tmp_path):
     made = real_gyro.build_report(RealConfig(folder=str(folder)), rows)
-    (shown,) = made.tables["trials"].for_people().to_dict("records")
+    (shown,) = made.tables["trials"].get_shown_data().to_dict("records")
     assert " s (" in shown["causes"]  # a size in s and a probability
     assert "%" in shown["closed"]
     assert made.check("causes identified in every trial").value == shown["causes"].split()[0]

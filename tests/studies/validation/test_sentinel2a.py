@@ -6,8 +6,8 @@ import pytest
 
 from gyrocal import attitude, triad
 from studies.validation.sentinel2a import findings
-from studies.validation.sentinel2a.findings import forecast_rows
-from studies.validation.sentinel2a.flown import ARCSEC, FOLDER, flown, known
+from studies.validation.sentinel2a.findings import build_forecast_rows
+from studies.validation.sentinel2a.flight_data import ARCSEC_PER_RAD, SENTINEL_FOLDER, build_body_prior, import_flight_data
 from tests import ROOT
 
 COMMITTED = ROOT / "results" / "studies" / "sentinel2a"
@@ -15,11 +15,11 @@ COMMITTED = ROOT / "results" / "studies" / "sentinel2a"
 
 @pytest.fixture(scope="module")
 def data():
-    return flown()
+    return import_flight_data()
 
 
 def test_the_trackers_quaternions_turn_as_the_trackers_say(data):
-    table = pd.read_csv(FOLDER / "str.csv")
+    table = pd.read_csv(SENTINEL_FOLDER / "str.csv")
     for name, one in zip(("STR1", "STR2"), data.sensors, strict=True):
         A = attitude.matrix_from_quaternion(one.q)
         t = table[table["str"] == name]["t_s"].to_numpy()
@@ -42,15 +42,15 @@ def test_the_import_is_by_the_mapping_file_alone(data):
     assert data.recording.gyro.names == ("IMU1", "IMU2", "IMU3", "IMU4")
     assert [(one.name, one.estimated) for one in data.recording.attitudes.sensors] == [("STR1", False), ("STR2", True)]
     assert np.rad2deg(np.linalg.norm(triad(data.recording).gyro.rates.mean(axis=0))) == pytest.approx(0.0598, abs=1e-4)
-    noise = {row["what"]: row["value"] for row in findings.noise_rows(data)}
+    noise = {row["what"]: row["value"] for row in findings.build_noise_rows(data)}
     assert noise["parity of a gyro, scatter of 1 s"] == pytest.approx(0.0243, abs=5e-4)
     assert noise["angle of the turn from STR2 to STR1"] == pytest.approx(63.98, abs=0.01)
-    assert "Contains modified Copernicus Sentinel data 2020." in (FOLDER / "ATTRIBUTION.md").read_text()
-    assert all(path.stat().st_size < 2e6 for path in FOLDER.iterdir())
+    assert "Contains modified Copernicus Sentinel data 2020." in (SENTINEL_FOLDER / "ATTRIBUTION.md").read_text()
+    assert all(path.stat().st_size < 2e6 for path in SENTINEL_FOLDER.iterdir())
 
 
 def test_held_out_drift(data):
-    rows = pd.DataFrame(findings.drift_rows(data))
+    rows = pd.DataFrame(findings.build_drift_rows(data))
     last = rows[rows["what"] == list(findings.MODELS)[-1]].set_index("over_s")
     assert last.loc[30.0, "held_out_arcsec"] <= 2.5
     nominal = rows[rows["what"] == next(iter(findings.MODELS))].set_index("over_s")
@@ -58,13 +58,13 @@ def test_held_out_drift(data):
 
 
 def test_predictions_inside_the_data_are_as_good_as_they_say(data):
-    rows = pd.DataFrame(findings.check_rows(data))
+    rows = pd.DataFrame(findings.build_check_rows(data))
     assert rows["rms_in_sigma"].max() < 1.3
     assert rows[rows["from_s"] == max(findings.CHECK_FROM_S)]["rms_in_sigma"].min() > 0.7
 
 
 def test_what_97_s_cannot_tell_is_said(data):
-    rows = pd.DataFrame(findings.parameter_rows(data))
+    rows = pd.DataFrame(findings.build_parameter_rows(data))
     values = rows.set_index("what")
     assert values.loc["correlation of the errors of scale factor and bias along", "value"] < -0.95
     assert values.loc["tracker against tracker, chi2 per degree of freedom", "value"] == pytest.approx(1.0, abs=0.2)
@@ -72,12 +72,12 @@ def test_what_97_s_cannot_tell_is_said(data):
     assert values.loc["bias along the mean rate", "sigma"] > 0.7
     assert values.loc["scale factor times mean rate plus bias along it", "sigma"] < 0.2
     assert rows[rows["kind"] == "not identifiable"]["what"].str.contains("b_x").any()
-    assert known().shape == (12, 12)
+    assert build_body_prior().shape == (12, 12)
 
 
 def test_the_committed_prediction_is_that_of_the_code(data):
     table = pd.read_csv(COMMITTED / "prediction.csv")
-    again = pd.DataFrame(forecast_rows(data)).drop(columns="kind")
+    again = pd.DataFrame(build_forecast_rows(data)).drop(columns="kind")
     assert list(table.columns) == list(again.columns)
     np.testing.assert_allclose(table.to_numpy(), again.to_numpy(), rtol=1e-7, atol=2e-8)
     assert table["t_s"].iloc[0] > 65.0
@@ -89,4 +89,4 @@ def test_the_committed_prediction_is_that_of_the_code(data):
         one = next(sensor for sensor in data.sensors if sensor.name == name.upper())
         step = -attitude.residual(attitude.matrix_from_quaternion(q[:1]), attitude.matrix_from_quaternion(one.q[-1:]))[0]
         turned = np.deg2rad(0.0598) * (table["t_s"].iloc[0] - one.t_s[-1])
-        assert np.linalg.norm(step) == pytest.approx(turned, abs=4 * 8 / ARCSEC)
+        assert np.linalg.norm(step) == pytest.approx(turned, abs=4 * 8 / ARCSEC_PER_RAD)

@@ -11,14 +11,14 @@ from studies.montecarlo.study import load_config
 from studies.validation.world import cases
 from studies.validation.world import study as world_study
 from studies.validation.world.answers import merge_axes, score_answer
-from studies.validation.world.cases import MIX, MOST_LISTED, NOVEL, ORDER, draw, kind_of
-from studies.validation.world.instruments import PLANS, draw_instrument
-from studies.validation.world.novelty import novelty
-from studies.validation.world.placing import scaled
+from studies.validation.world.cases import KIND_ORDER, MIX, MOST_LISTED, NOVEL, draw_case_kind, draw_world_case
+from studies.validation.world.instruments import INSTRUMENT_PLANS, draw_instrument
+from studies.validation.world.novelty import compute_novelty
 from studies.validation.world.report import report
+from studies.validation.world.size_search import search_size
 from studies.validation.world.sources import find_source
-from studies.validation.world.timed import Timed
-from studies.validation.world.world import SNR, Spec
+from studies.validation.world.timed_diagnosis import TimedDiagnosis
+from studies.validation.world.world import WORLD_SNR, Spec
 from tests.studies.validation.world_plans import small_world
 
 CHEAP = 4
@@ -61,20 +61,20 @@ def test_sources_share_no_random_stream():
 def test_kinds_come_in_their_shares_in_every_block():
     size = sum(MIX)
     for block in range(3):
-        kinds = [kind_of(Spec("known", 2), size * block + place) for place in range(size)]
-        assert tuple(kinds.count(kind) for kind in ORDER) == MIX
+        kinds = [draw_case_kind(Spec("known", 2), size * block + place) for place in range(size)]
+        assert tuple(kinds.count(kind) for kind in KIND_ORDER) == MIX
 
 
 QUICK = "slews_and_rests"
 
 
-@pytest.mark.parametrize("kind", ORDER)
+@pytest.mark.parametrize("kind", KIND_ORDER)
 def test_a_case_is_the_same_again_and_has_what_its_kind_says(kind):
-    one, other = (draw(Spec("known", 2), 3, kind, QUICK) for _ in range(2))
+    one, other = (draw_world_case(Spec("known", 2), 3, kind, QUICK) for _ in range(2))
     assert one.truth() == other.truth()
     assert np.array_equal(one.recording().gyro.rates, other.recording().gyro.rates)
     assert np.array_equal(one.recording().attitudes.quaternions, other.recording().attitudes.quaternions)
-    assert all(snr >= 0.9 * SNR[0] for snr in one.snr)
+    assert all(snr >= 0.9 * WORLD_SNR[0] for snr in one.snr)
     listed = [setting.effect for setting in one.settings if setting.effect in EFFECTS]
     outside = [setting.effect for setting in one.settings if setting.effect in find_source("known").families]
     assert len(listed) in {"none": [0], "single": [1], "pair": [2], "unlisted": [0], "mixed": range(1, MOST_LISTED + 1)}[kind]
@@ -84,9 +84,9 @@ def test_a_case_is_the_same_again_and_has_what_its_kind_says(kind):
 
 
 def test_instruments_take_turns_and_show_as_strongly_as_is_wanted():
-    cases = [draw_instrument(5, case) for case in range(4 * len(PLANS))]
-    assert [one.plan for one in cases] == list(PLANS) * 4
-    assert [one.setting is None for one in cases] == [False] * 3 * len(PLANS) + [True] * len(PLANS)
+    cases = [draw_instrument(5, case) for case in range(4 * len(INSTRUMENT_PLANS))]
+    assert [one.plan for one in cases] == list(INSTRUMENT_PLANS) * 4
+    assert [one.setting is None for one in cases] == [False] * 3 * len(INSTRUMENT_PLANS) + [True] * len(INSTRUMENT_PLANS)
     assert all(not one.snr < 7.9 for one in cases)  # 8 but for the nonlinearity of one step
     again = draw_instrument(5, 3)
     assert again.setting == cases[3].setting
@@ -108,15 +108,15 @@ def test_a_listed_effect_is_not_new():
     for axis in "xyz":
         drift = setting("bias_drift", axis, 20000.0)
         assert world.strength(drift) > 10
-        assert novelty(world, drift) < 0.05 * world.strength(drift)
+        assert compute_novelty(world, drift) < 0.05 * world.strength(drift)
 
 
 def test_a_size_is_found_for_a_law_of_any_power():
     for power in (0.5, 1.0, 2.0):
-        size, reached = scaled(lambda s, power=power: (3 * abs(s)) ** power, -1.0, 20.0, (1e-6, 1e6), SNR)
+        size, reached = search_size(lambda s, power=power: (3 * abs(s)) ** power, -1.0, 20.0, (1e-6, 1e6), WORLD_SNR)
         assert size < 0
         assert reached == pytest.approx(20.0, rel=0.1)
-    assert scaled(lambda s: 0.0, 1.0, 20.0, (1e-6, 1e6), SNR) is None
+    assert search_size(lambda s: 0.0, 1.0, 20.0, (1e-6, 1e6), WORLD_SNR) is None
 
 
 def said(*causes, verdict="named", present=True):
@@ -176,7 +176,7 @@ def fake(recording):
         "posterior": [{"effects": [], "probability": 0.9}],
         "calibration": {"G": np.eye(3), "bias_deg_s": np.zeros(3), "sigma_G": np.ones((3, 3)), "sigma_bias_deg_s": np.ones(3)},
     }
-    return Timed(answer, 1.0, 100.0)
+    return TimedDiagnosis(answer, 1.0, 100.0)
 
 
 def test_a_small_study_runs_and_resumes(tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ from simulator.effects import REGISTRY, Registry, Setting
 from simulator.effects.base import ON_REFERENCES, STAGE_NAMES
 from studies.validation.world.evidence import Change
 from studies.validation.world.families import FAMILIES as KNOWN
-from studies.validation.world.families import MODULES, Family
+from studies.validation.world.families import FAMILY_MODULES, Family
 from studies.validation.world.sources import find_source
 from tests.studies.validation.world_plans import SMALL, small_world
 
@@ -49,7 +49,7 @@ def acts(family: Family) -> list[str]:
 
 
 def test_there_are_many_and_no_registry_holds_them():
-    assert len(KNOWN) == sum(len(module.EFFECTS) for module in MODULES)
+    assert len(KNOWN) == sum(len(module.EFFECTS) for module in FAMILY_MODULES)
     assert len(FAMILIES) == sum(len(find_source(name).families) for name in SOURCES)
     assert not set(FAMILIES) & set(REGISTRY)
     assert {family.stage for family in FAMILIES.values()} <= set(STAGE_NAMES)
@@ -57,7 +57,7 @@ def test_there_are_many_and_no_registry_holds_them():
 
 def test_a_registry_takes_every_file():
     registry = Registry()
-    for module in MODULES:
+    for module in FAMILY_MODULES:
         registry.register_all(module.EFFECTS)
     assert set(KNOWN) <= set(registry)
 

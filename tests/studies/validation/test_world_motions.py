@@ -7,9 +7,9 @@ from gyrocal.errors import InputError
 from simulator.truth.integration import integrate
 from simulator.truth.maneuvers import Slew
 from simulator.truth.orbit import CircularOrbit
-from simulator.truth.rotation import matrix, quaternion, separation, turn_matrix
+from simulator.truth.rotation import build_turn_matrix, convert_to_matrix, convert_to_quaternion, separation
 from studies.validation.world.motions.base import Lot, headed, stepped, together, waves
-from studies.validation.world.motions.spacecraft import free_body
+from studies.validation.world.motions.spacecraft import build_free_rotation
 from studies.validation.world.sources import find_source
 
 ORBIT = CircularOrbit(5e5, 1.0)
@@ -62,7 +62,7 @@ def test_what_is_the_craft_s_own_stays_from_interval_to_interval(name):
 def test_a_free_body_obeys_eulers_equations_and_loses_its_rate(inertia):
     moments, decay = np.array(inertia), 2e-3
     t = np.linspace(0, 300, 60001)
-    rates = free_body(moments, 0.02, -0.05, decay, 5.0)(t)
+    rates = build_free_rotation(moments, 0.02, -0.05, decay, 5.0)(t)
     at, change = slope(rates, t)
     inside = rates[2:-2]
     wanted = -np.cross(inside, moments * inside) / moments  # the sign of time is that of p
@@ -75,7 +75,7 @@ def test_a_free_body_obeys_eulers_equations_and_loses_its_rate(inertia):
 
 def test_a_free_body_that_would_turn_over_is_refused():
     with pytest.raises(InputError, match="modulus"):
-        free_body(np.array([1.0, 1.3, 1.8]), 0.2, 0.05, 1e-3, 0.0)
+        build_free_rotation(np.array([1.0, 1.3, 1.8]), 0.2, 0.05, 1e-3, 0.0)
 
 
 def test_rates_from_three_angles_lead_to_their_attitude():
@@ -85,14 +85,14 @@ def test_rates_from_three_angles_lead_to_their_attitude():
 
     def attitude(t):
         return (
-            turn_matrix(np.eye(3)[0], roll(t)[0])
-            @ turn_matrix(np.eye(3)[1], pitch(t)[0])
-            @ turn_matrix(np.eye(3)[2], yaw(t)[0])
+            build_turn_matrix(np.eye(3)[0], roll(t)[0])
+            @ build_turn_matrix(np.eye(3)[1], pitch(t)[0])
+            @ build_turn_matrix(np.eye(3)[2], yaw(t)[0])
         )
 
     t = np.linspace(0, 60, 3001)
-    path = integrate(headed(lambda tau: yaw(tau)[1], pitch, roll, np.eye(3)), t, quaternion(attitude(t[:1]))[0])
-    assert np.abs(separation(path.quaternions, quaternion(attitude(t)))).max() < 1e-9
+    path = integrate(headed(lambda tau: yaw(tau)[1], pitch, roll, np.eye(3)), t, convert_to_quaternion(attitude(t[:1]))[0])
+    assert np.abs(separation(path.quaternions, convert_to_quaternion(attitude(t)))).max() < 1e-9
 
 
 def test_a_nutating_spinner_keeps_its_angular_momentum_in_space():
@@ -108,7 +108,7 @@ def test_a_nutating_spinner_keeps_its_angular_momentum_in_space():
     rates = moved.rate(t)
     spun = rates @ drawn.frame
     momentum = (spun * [ratio, 1.0, 1.0]) @ drawn.frame.T
-    flown = matrix(integrate(moved.rate, t, np.array([0.0, 0, 0, 1])).quaternions)
+    flown = convert_to_matrix(integrate(moved.rate, t, np.array([0.0, 0, 0, 1])).quaternions)
     in_space = np.einsum("nij,ni->nj", flown, momentum)
     lean = np.hypot(spun[:, 1], spun[:, 2]) / (ratio * spun[:, 0])
     turned = np.arccos(np.clip(in_space @ in_space[0] / np.linalg.norm(in_space, axis=1) / np.linalg.norm(in_space[0]), -1, 1))

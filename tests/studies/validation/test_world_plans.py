@@ -5,11 +5,11 @@ import scipy.stats
 from gyrocal import calibrate
 from gyrocal.recording import load, save
 from simulator.truth.integration import integrate
-from simulator.truth.rotation import matrix, quaternion, separation, turn_matrix
+from simulator.truth.rotation import build_turn_matrix, convert_to_matrix, convert_to_quaternion, separation
 from studies.validation.world.cases import DESCRIBED
-from studies.validation.world.evidence import Change, Evidence, of_noise, of_process
-from studies.validation.world.paths import tumbling
-from studies.validation.world.plans import MOST_REFERENCES, MOST_SAMPLES, drawn_plan
+from studies.validation.world.evidence import Change, Evidence, compute_noise_evidence, compute_process_evidence
+from studies.validation.world.paths import build_tumbling_rate
+from studies.validation.world.plans import MOST_REFERENCES, MOST_SAMPLES, draw_generic_plan
 from studies.validation.world.standard import FLIGHT, GRADES, KINDS
 from studies.validation.world.trmm import draw_trmm_plan
 from studies.validation.world.world import Spec, World
@@ -20,10 +20,10 @@ def test_a_tumble_is_integrated_to_its_closed_form():
     axis, spin, w = np.array([0.6, 0.0, 0.8]), 0.35, np.array([0.1, -0.2, 0.05])
     t = np.linspace(0, 200, 2001)
     begin = np.array([0.5, 0.5, -0.5, 0.5])
-    path = integrate(tumbling(axis, spin, w), t, begin)
+    path = integrate(build_tumbling_rate(axis, spin, w), t, begin)
     size = float(np.linalg.norm(w))
-    closed = turn_matrix(axis, spin * t) @ turn_matrix(w / size, size * t) @ matrix(begin)
-    assert np.abs(separation(path.quaternions, quaternion(closed))).max() < 1e-10
+    closed = build_turn_matrix(axis, spin * t) @ build_turn_matrix(w / size, size * t) @ convert_to_matrix(begin)
+    assert np.abs(separation(path.quaternions, convert_to_quaternion(closed))).max() < 1e-10
 
 
 # The plans of the kinds without a law of motion of their own, as they were before there were such laws: number of samples and
@@ -45,7 +45,7 @@ BEFORE = {
 @pytest.mark.parametrize("name", [name for name, kind in KINDS.items() if kind.draw is None])
 def test_every_kind_of_plan_is_within_its_bounds_and_a_recording(name, tmp_path):
     kind = KINDS[name]
-    plan = drawn_plan(np.random.default_rng(3), kind, GRADES["ring_laser"], "a plan")
+    plan = draw_generic_plan(np.random.default_rng(3), kind, GRADES["ring_laser"], "a plan")
     plain = plan.plain
     assert len(plain.gyro.t_s) <= 1.1 * MOST_SAMPLES
     assert len(plain.attitudes.t_s) <= MOST_REFERENCES + 2 * len(plain.intervals)
@@ -108,17 +108,17 @@ def test_what_the_calibration_takes_up_has_no_evidence():
 def test_a_random_change_has_the_divergence_of_its_covariance():
     rng, n, size = np.random.default_rng(2), 4000, 0.5
     white = [np.sqrt(size) * rng.standard_normal(n) for _ in range(6)]
-    assert of_process(white) == pytest.approx(np.sqrt(n * (size - np.log1p(size))), rel=0.05)
+    assert compute_process_evidence(white) == pytest.approx(np.sqrt(n * (size - np.log1p(size))), rel=0.05)
     shape = np.zeros(n)
     shape[7] = 30.0
     lone = [rng.standard_normal() * shape for _ in range(200)]
-    assert of_process(lone) == pytest.approx(np.sqrt(900 - np.log1p(900)), rel=0.25)
+    assert compute_process_evidence(lone) == pytest.approx(np.sqrt(900 - np.log1p(900)), rel=0.25)
 
 
 def test_louder_noise_has_the_divergence_of_two_variances():
     noise = np.random.default_rng(3).standard_normal(5000)
-    assert of_noise(noise, 1.2 * noise) == pytest.approx(np.sqrt(5000 * (1.44 - 1 - np.log(1.44))))
-    assert of_noise(noise, noise) == 0
+    assert compute_noise_evidence(noise, 1.2 * noise) == pytest.approx(np.sqrt(5000 * (1.44 - 1 - np.log(1.44))))
+    assert compute_noise_evidence(noise, noise) == 0
 
 
 def test_a_plan_like_trmms_is_described_by_the_baseline_and_has_its_activities():

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 
 from studies.validation.world.evidence import Evidence
-from studies.validation.world.plans import Plan, drawn_plan
+from studies.validation.world.plans import Plan, draw_generic_plan
 from studies.validation.world.standard import GRADES, KINDS
 from studies.validation.world.world import Spec, World
 
@@ -26,7 +26,7 @@ SMALL = {
 def small_plan(name: str, seed: int = 1, warm: float = 1.0) -> Plan:
     """A small plan of one of three kinds."""
     kind, grade = SMALL[name]
-    return drawn_plan(np.random.default_rng(seed), kind, GRADES[grade], "small", warm)
+    return draw_generic_plan(np.random.default_rng(seed), kind, GRADES[grade], "small", warm)
 
 
 @cache

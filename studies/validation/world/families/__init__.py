@@ -9,14 +9,14 @@ from studies.validation.world.families import (
     mechanical,
     onboard,
     optical,
-    processing,
     sightings,
+    signal_processing,
     telemetry,
     thermal,
 )
 from studies.validation.world.families.base import Family
 
-MODULES = (thermal, mechanical, optical, processing, telemetry, attitude, onboard, sightings)
-FAMILIES: dict[str, Family] = {one.name: one for module in MODULES for one in module.EFFECTS}
+FAMILY_MODULES = (thermal, mechanical, optical, signal_processing, telemetry, attitude, onboard, sightings)
+FAMILIES: dict[str, Family] = {one.name: one for module in FAMILY_MODULES for one in module.EFFECTS}
 
 __all__ = ["FAMILIES", "Family"]

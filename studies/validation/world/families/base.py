@@ -21,10 +21,10 @@ import numpy as np
 from simulator.effects import Effect, Parameter, References, Setting, Stream, Surroundings
 from simulator.effects.base import Array, Value
 from simulator.effects.common import DEG, DEG_H, PHASE, PPM, index, number
-from simulator.effects.housekeeping import COLUMN
+from simulator.effects.housekeeping_columns import TEMPERATURE_COLUMN
 from studies.validation.world.families.look import Look, View
 
-UNITS = {
+SIZE_UNITS = {
     "deg/h": (DEG_H, (1e-7, 1e6)),
     "deg/s": (DEG, (1e-10, 1e2)),
     "deg": (DEG, (1e-7, 1e2)),
@@ -34,19 +34,19 @@ UNITS = {
 }
 """What a unit is in rad, rad/s or s, and which sizes are plausible."""
 
-PREFIX = "unlisted_"  # of the names, so that none is that of a listed effect
+UNLISTED_PREFIX = "unlisted_"  # of the names, so that none is that of a listed effect
 TURNS_DEG_S = 1e-3  # a body that nowhere turns faster does not turn
 DENSE_RAD = 0.5  # between two references, up to which their difference is the rate
 
 
-def _any_share(rng: np.random.Generator, around: Surroundings) -> Value:
+def _draw_share(rng: np.random.Generator, around: Surroundings) -> Value:
     return float(rng.random())
 
 
-NUMBERS = (
+FAMILY_PARAMETERS = (
     PHASE,
-    Parameter("share", "", 0.5, "of one, what the family makes of it", 0.0, 1.0, draw=_any_share),
-    Parameter("pace", "", 0.5, "of one, how slow it is", 0.0, 1.0, draw=_any_share),
+    Parameter("share", "", 0.5, "of one, what the family makes of it", 0.0, 1.0, draw=_draw_share),
+    Parameter("pace", "", 0.5, "of one, how slow it is", 0.0, 1.0, draw=_draw_share),
 )
 
 
@@ -64,7 +64,7 @@ class Family(Effect):
         self, stream: Stream, axis: str | None, parameters: Mapping[str, Value], rng: np.random.Generator | None = None
     ) -> Look:
         """The samples for the law; without a source of randomness the numbers are one."""
-        return Look(*_numbers(axis, parameters, rng), stream)
+        return Look(*_read_numbers(axis, parameters, rng), stream)
 
     def missing(self, around: Surroundings) -> str | None:
         """What of its needs a recording lacks."""
@@ -72,7 +72,7 @@ class Family(Effect):
         gaps = np.diff(references.t_s)[np.diff(references.interval) == 0]
         lacks = {
             "orbit": not np.isfinite(stream.orbit_period_s),
-            "temperature": COLUMN not in stream.housekeeping,
+            "temperature": TEMPERATURE_COLUMN not in stream.housekeeping,
             "turns": np.abs(stream.rates).max() < TURNS_DEG_S * DEG,
             "dense": gaps.size == 0 or float(gaps.max() * np.linalg.norm(stream.rates, axis=1).max()) > DENSE_RAD,
         }
@@ -81,10 +81,10 @@ class Family(Effect):
     @property
     def factor(self) -> float:
         """Of its unit, in rad, rad/s or s."""
-        return UNITS[self.unit][0]
+        return SIZE_UNITS[self.unit][0]
 
 
-def _numbers(
+def _read_numbers(
     axis: str | None, parameters: Mapping[str, Value], rng: np.random.Generator | None
 ) -> tuple[int, float, float, float, np.random.Generator]:
     phase, share, pace = (number(parameters, name) for name in ("phase_deg", "share", "pace"))
@@ -94,13 +94,13 @@ def _numbers(
 
 class _Rate(Family):
     def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
-        return self.factor * _three(self.law(self.look(stream, axis, parameters)), index(axis))[:, :, None]
+        return self.factor * _expand_to_axes(self.law(self.look(stream, axis, parameters)), index(axis))[:, :, None]
 
 
 class _RandomRate(Family):
     def wander(self, rng: np.random.Generator, stream: Stream, setting: Setting) -> Array:
         look = self.look(stream, setting.axis, setting.parameters, rng)
-        return self.factor * setting.size * _three(self.law(look), look.k)
+        return self.factor * setting.size * _expand_to_axes(self.law(look), look.k)
 
 
 class _Timing(Family):
@@ -119,17 +119,17 @@ class _Samples(Family):
 
 class _Reference(Family):
     def reference_columns(self, references: References, axis: str | None, parameters: Mapping[str, Value]) -> Array:
-        view = View(*_numbers(axis, parameters, None), references)
-        return self.factor * _three(self.law(view), view.k)[:, :, None]
+        view = View(*_read_numbers(axis, parameters, None), references)
+        return self.factor * _expand_to_axes(self.law(view), view.k)[:, :, None]
 
 
 class _RandomReference(Family):
     def reference_wander(self, rng: np.random.Generator, references: References, setting: Setting) -> Array:
-        view = View(*_numbers(setting.axis, setting.parameters, rng), references)
-        return self.factor * setting.size * _three(self.law(view), view.k)
+        view = View(*_read_numbers(setting.axis, setting.parameters, rng), references)
+        return self.factor * setting.size * _expand_to_axes(self.law(view), view.k)
 
 
-def _three(values: Array, k: int) -> Array:
+def _expand_to_axes(values: Array, k: int) -> Array:
     """Values on one axis, unless they are on all already; (n, 3)."""
     if values.ndim == 2:
         return values
@@ -141,10 +141,10 @@ def _three(values: Array, k: int) -> Array:
 Declared = Callable[[Callable[..., Array]], Family]
 
 
-def _declared(kind: type[Family], stage: str, unit: str, needs: Needs, **more: Any) -> Declared:
+def _make_decorator(kind: type[Family], stage: str, unit: str, needs: Needs, **more: Any) -> Declared:
     def declare(law: Callable[..., Array]) -> Family:
         text = " ".join((law.__doc__ or "").split())
-        name = PREFIX + law.__name__
+        name = UNLISTED_PREFIX + law.__name__
         values: dict[str, Any] = {
             "name": name,
             "summary": text.partition(". ")[0].rstrip("."),
@@ -153,39 +153,39 @@ def _declared(kind: type[Family], stage: str, unit: str, needs: Needs, **more: A
             "stage": stage,
         }
         assert set(more) <= {one.name for one in fields(kind)}
-        return kind(**values, prior=UNITS[unit][1], parameters=NUMBERS, law=law, needs=needs, **more)
+        return kind(**values, prior=SIZE_UNITS[unit][1], parameters=FAMILY_PARAMETERS, law=law, needs=needs, **more)
 
     return declare
 
 
 def rate(unit: str, *needs: str, **more: Any) -> Declared:
     """An error of the rate that is fixed by its numbers: law(look) → (n,) about the axis, or (n, 3)."""
-    return _declared(_Rate, "rate", unit, needs, **more)
+    return _make_decorator(_Rate, "rate", unit, needs, **more)
 
 
 def random_rate(unit: str, *needs: str, **more: Any) -> Declared:
     """A random error of the rate: law(look) → (n,) or (n, 3)."""
-    return _declared(_RandomRate, "random_rate", unit, needs, **more)
+    return _make_decorator(_RandomRate, "random_rate", unit, needs, **more)
 
 
 def timing(stage: str, unit: str, *needs: str, **more: Any) -> Declared:
     """A fault in the samples' timing: law(look, raw, size) → (n, 3)."""
-    return _declared(_Timing, stage, unit, needs, **more)
+    return _make_decorator(_Timing, stage, unit, needs, **more)
 
 
 def samples(stage: str, unit: str, *needs: str, **more: Any) -> Declared:
     """A change of the samples: law(look, samples, size) → (n, 3)."""
-    return _declared(_Samples, stage, unit, needs, **more)
+    return _make_decorator(_Samples, stage, unit, needs, **more)
 
 
 def reference(unit: str, *needs: str, **more: Any) -> Declared:
     """An error of the references that is fixed by its numbers: law(view) → (m,) about the axis, or (m, 3)."""
-    return _declared(_Reference, "reference", unit, needs, **more)
+    return _make_decorator(_Reference, "reference", unit, needs, **more)
 
 
 def random_reference(unit: str, *needs: str, **more: Any) -> Declared:
     """A random error of the references: law(view) → (m,) or (m, 3)."""
-    return _declared(_RandomReference, "random_reference", unit, needs, **more)
+    return _make_decorator(_RandomReference, "random_reference", unit, needs, **more)
 
 
 def families(names: Mapping[str, object]) -> list[Family]:

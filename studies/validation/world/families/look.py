@@ -11,13 +11,13 @@ from scipy.signal import lfilter
 
 from simulator.effects import References, Stream
 from simulator.effects.base import Array
-from simulator.effects.housekeeping import COLUMN
+from simulator.effects.housekeeping_columns import TEMPERATURE_COLUMN
 from simulator.truth.integration import accumulate
-from simulator.truth.rotation import matrix, separation
+from simulator.truth.rotation import convert_to_matrix, separation
 
 
 @dataclass(frozen=True)
-class Drawn:
+class LawNumbers:
     """The numbers of a case: axis, phase in rad, share and pace of one, and a source of randomness."""
 
     k: int
@@ -42,7 +42,7 @@ class Drawn:
 
 
 @dataclass(frozen=True)
-class Look(Drawn):
+class Look(LawNumbers):
     """The samples as a law sees them."""
 
     stream: Stream
@@ -113,12 +113,12 @@ class Look(Drawn):
     def attitude(self) -> Array:
         """(n, 3, 3) attitude against that at the interval's start."""
         begin = np.array([0.0, 0.0, 0.0, 1.0])
-        return self.each(lambda p: matrix(accumulate(begin, self.w[p] * self.stream.duration_s[p, None])[1:]))
+        return self.each(lambda p: convert_to_matrix(accumulate(begin, self.w[p] * self.stream.duration_s[p, None])[1:]))
 
     @cached_property
     def temperature(self) -> Array:
         """(n,) of the gyro, K above its mean."""
-        found = self.stream.housekeeping[COLUMN]
+        found = self.stream.housekeeping[TEMPERATURE_COLUMN]
         return np.asarray(found - found.mean())
 
     def smooth(self, values: Array, time_s: float) -> Array:
@@ -128,7 +128,7 @@ class Look(Drawn):
 
 
 @dataclass(frozen=True)
-class View(Drawn):
+class View(LawNumbers):
     """The references as a law sees them."""
 
     references: References
@@ -157,12 +157,12 @@ class View(Drawn):
     @cached_property
     def body(self) -> Array:
         """(m, 3, 3) attitude matrices."""
-        return matrix(self.references.quaternions)
+        return convert_to_matrix(self.references.quaternions)
 
     @cached_property
     def rates(self) -> Array:
         """(m, 3) body rate from one reference to the next, rad/s; the last of an interval has that before."""
-        return reference_rates(self.references)
+        return compute_reference_rates(self.references)
 
     def episodes(self, share: float, length: float) -> Array:
         """(m,) bool, inside stretches of such a mean length, s, that take such a share of the time."""
@@ -180,7 +180,7 @@ class View(Drawn):
         return out
 
 
-def reference_rates(references: References) -> Array:
+def compute_reference_rates(references: References) -> Array:
     """(m, 3) rate from each reference to the next of its interval, rad/s."""
     q, t, interval = references.quaternions, references.t_s, references.interval
     turns = -separation(q[:-1], q[1:]) / np.diff(t)[:, None]

@@ -9,7 +9,7 @@ from studies.validation.world.families.base import families, random_rate, rate, 
 from studies.validation.world.families.look import Look, changed, delayed
 
 
-def _interval(look: Look) -> Array:
+def _index_intervals(look: Look) -> Array:
     """(n,) number of the sample's interval."""
     return np.repeat(np.arange(len(look.stream.intervals)), [p.stop - p.start for p in look.stream.intervals])
 
@@ -19,7 +19,7 @@ def interval_offsets(look: Look, raw: Array, size: float) -> Array:
     """The tags are off by another time in each interval. The clock is set by hand at each switching on (CCSDS 301.0, time
     codes)."""
     offsets = look.rng.standard_normal(len(look.stream.intervals))
-    return delayed(look, raw, size * offsets[_interval(look)])
+    return delayed(look, raw, size * offsets[_index_intervals(look)])
 
 
 @timing("clock", "s", "turns", "temperature")
@@ -100,7 +100,7 @@ def table_mixup(look: Look) -> Array:
     """Some intervals have other scale factors and axes. They were compensated by an outdated table (Wertz, Spacecraft Attitude
     Determination and Control, calibration tables)."""
     outdated = look.rng.random(len(look.stream.intervals)) < 0.5
-    return outdated[_interval(look)][:, None] * (look.w @ look.rng.standard_normal((3, 3)).T)
+    return outdated[_index_intervals(look)][:, None] * (look.w @ look.rng.standard_normal((3, 3)).T)
 
 
 @samples("telemetry", "share", "turns", sign="positive")

@@ -7,7 +7,7 @@ from studies.validation.world.families.base import families, random_reference, r
 from studies.validation.world.families.look import View
 
 
-def _radial(view: View) -> Array:
+def _compute_radial_direction(view: View) -> Array:
     """(m, 3) direction from the Earth to the craft in a circular orbit whose plane the numbers fix."""
     normal = view.direction()
     across = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
@@ -16,7 +16,7 @@ def _radial(view: View) -> Array:
     return np.asarray(np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * np.cross(normal, across))
 
 
-def _place(view: View) -> Array:
+def _count_in_interval(view: View) -> Array:
     """(m,) number of the reference in its interval."""
     first = np.append(True, np.diff(view.references.interval) != 0)
     rows = np.arange(len(view.t))
@@ -27,7 +27,7 @@ def _place(view: View) -> Array:
 def albedo_pull(view: View) -> Array:
     """The Sun's direction is drawn toward the Earth on the day side. Sunlit clouds shine into the sensor (Wertz, Spacecraft
     Attitude Determination and Control, albedo)."""
-    radial, sun = _radial(view), np.roll(view.direction(), 1)
+    radial, sun = _compute_radial_direction(view), np.roll(view.direction(), 1)
     lit = np.maximum(radial @ sun, 0.0)
     return lit[:, None] * np.cross(view.body @ sun, -np.einsum("nij,nj->ni", view.body, radial))
 
@@ -80,9 +80,9 @@ def cycle_slips(view: View) -> Array:
     slips = (view.rng.random(len(view.t)) < 1 - np.exp(-step / view.between(0.1, 0.8))) * view.rng.choice(
         [-1.0, 1.0], len(step)
     )
-    slips[_place(view) == 0] = 0.0
+    slips[_count_in_interval(view) == 0] = 0.0
     total = np.cumsum(slips)
-    return np.asarray(total - total[np.arange(len(total)) - _place(view)])
+    return np.asarray(total - total[np.arange(len(total)) - _count_in_interval(view)])
 
 
 @reference("deg", "turns")
@@ -99,7 +99,7 @@ def stale_fixes(view: View) -> Array:
     """References get old, and are fresh again after some. The tracker works more slowly than it is read, and what it had is
     carried on in part (Liebe, IEEE Trans. Aerospace Electronic Systems 38, 2002, update rate)."""
     count = int(view.scaled(2, 9))
-    return -view.rates * (np.mod(_place(view), count) / (count - 1 or 1))[:, None]
+    return -view.rates * (np.mod(_count_in_interval(view), count) / (count - 1 or 1))[:, None]
 
 
 @reference("s", "dense", "turns")
@@ -107,7 +107,7 @@ def tracker_extrapolates(view: View) -> Array:
     """References overshoot as the rate changes. The tracker extrapolates its last motion to the time of its output (Liebe, IEEE
     Trans. Aerospace Electronic Systems 38, 2002, latency)."""
     change = view.rates - np.vstack([view.rates[:1], view.rates[:-1]])
-    change[_place(view) == 0] = 0.0
+    change[_count_in_interval(view) == 0] = 0.0
     return -change
 
 
@@ -127,7 +127,7 @@ def dwell_drift(view: View) -> Array:
     Aerospace Electronic Systems 38, 2002, detector)."""
     moving = np.linalg.norm(view.rates, axis=1)
     fast, rested, dwell = moving > 0.2 * moving.max(), np.zeros(len(view.t)), 0.0
-    for row, (step, place) in enumerate(zip(np.diff(view.t, prepend=view.t[0]), _place(view), strict=True)):
+    for row, (step, place) in enumerate(zip(np.diff(view.t, prepend=view.t[0]), _count_in_interval(view), strict=True)):
         dwell = 0.0 if fast[row] or place == 0 else dwell + step
         rested[row] = dwell
     return 1 - np.exp(-rested / view.between(0.03, 0.3))
@@ -145,7 +145,7 @@ def frame_drift(view: View) -> Array:
 def alternating_heads(view: View) -> Array:
     """Error changes its sign from one reference to the next. Two heads take turns, and their alignment differs (Liebe, IEEE
     Trans. Aerospace Electronic Systems 38, 2002)."""
-    return 1.0 - 2.0 * np.mod(_place(view), 2)
+    return 1.0 - 2.0 * np.mod(_count_in_interval(view), 2)
 
 
 EFFECTS = families(globals())

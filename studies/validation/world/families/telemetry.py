@@ -7,7 +7,7 @@ from studies.validation.world.families.base import families, samples, timing
 from studies.validation.world.families.look import Look, changed, delayed
 
 
-def _hit(look: Look, size: float) -> tuple[int, Array]:
+def _draw_hit_packets(look: Look, size: float) -> tuple[int, Array]:
     """Samples in a packet, and where the packets begin that are hit, such a share of them; never at an interval's ends."""
     length = int(look.scaled(2, 16))
     starts = np.concatenate([np.arange(p.start + length, p.stop - 2 * length, length) for p in look.stream.intervals])
@@ -51,7 +51,7 @@ def axis_skew(look: Look, raw: Array, size: float) -> Array:
 @samples("telemetry", "share", "turns", sign="positive")
 def packets_swapped(look: Look, values: Array, size: float) -> Array:
     """Some packets come in the wrong order. The ground joins them as they arrive (CCSDS 133.0, space packets)."""
-    length, starts = _hit(look, size)
+    length, starts = _draw_hit_packets(look, size)
     out = values.copy()
     for start in starts[::2]:
         first, second = slice(start - length, start), slice(start, start + length)
@@ -62,7 +62,7 @@ def packets_swapped(look: Look, values: Array, size: float) -> Array:
 @samples("telemetry", "share", sign="positive")
 def packets_interpolated(look: Look, values: Array, size: float) -> Array:
     """Lost packets are filled by straight lines. The ground repairs gaps (CCSDS 133.0, space packets)."""
-    length, starts = _hit(look, size)
+    length, starts = _draw_hit_packets(look, size)
     out = values.copy()
     for start in starts:
         share = np.arange(1, length + 1)[:, None] / (length + 1)
@@ -73,7 +73,7 @@ def packets_interpolated(look: Look, values: Array, size: float) -> Array:
 @samples("telemetry", "share", sign="positive")
 def packets_averaged(look: Look, values: Array, size: float) -> Array:
     """Some packets hold their mean throughout. The link changes to a lower rate now and then (CCSDS 121.0, compression)."""
-    length, starts = _hit(look, size)
+    length, starts = _draw_hit_packets(look, size)
     out = values.copy()
     for start in starts:
         out[start : start + length] = values[start : start + length].mean(axis=0)
@@ -83,7 +83,7 @@ def packets_averaged(look: Look, values: Array, size: float) -> Array:
 @samples("telemetry", "share", sign="positive")
 def packets_slipped(look: Look, values: Array, size: float) -> Array:
     """Samples of some packets stand one place late. One word at their head is read twice (CCSDS 133.0, space packets)."""
-    length, starts = _hit(look, size)
+    length, starts = _draw_hit_packets(look, size)
     out = values.copy()
     for start in starts:
         out[start + 1 : start + length] = values[start : start + length - 1]
@@ -103,7 +103,7 @@ def bit_errors(look: Look, values: Array, size: float) -> Array:
 @samples("telemetry", "share", "turns", sign="positive")
 def axes_exchanged(look: Look, values: Array, size: float) -> Array:
     """Two axes are exchanged in some packets. Words stand in another order after a restart (CCSDS 133.0, space packets)."""
-    length, starts = _hit(look, size)
+    length, starts = _draw_hit_packets(look, size)
     out = values.copy()
     for start in starts:
         rows = slice(start, start + length)

@@ -40,7 +40,7 @@ def build_circling(low: float, span: float, angle: float, cycles: float, edge: f
     return first, second
 
 
-def nod_over_strips(lot: Lot) -> Moved:
+def draw_strip_imager_motion(lot: Lot) -> Moved:
     """Nod of a push-broom imager: slow sweeps along strips, quick flybacks, and rolls or yaws to the next strip."""
     pitches, rolls, yaws = (list[Slew]() for _ in range(3))
     jitter = np.deg2rad(log_uniform(lot.craft, 1e-4, 3e-3))
@@ -55,7 +55,7 @@ def nod_over_strips(lot: Lot) -> Moved:
     return Moved(headed(lambda tau: yaw(tau)[1], pitch, roll, lot.frame), breaks=knots(pitches + rolls + yaws))
 
 
-def search_in_spirals(lot: Lot) -> Moved:
+def draw_sun_search_motion(lot: Lot) -> Moved:
     """Search of a lost craft for the Sun: its camera's axis spirals out and in again, and the craft turns about that axis."""
     pitches, rolls, yaws = [], [], []
     breaks: tuple[float, ...] = ()
@@ -74,7 +74,7 @@ def search_in_spirals(lot: Lot) -> Moved:
     return Moved(rate, breaks=breaks + knots(yaws))
 
 
-def cone_on_table(lot: Lot) -> Moved:
+def draw_coning_motion(lot: Lot) -> Moved:
     """Coning test on a three-axis table: one axis of the gyros after another moves on a cone, then turns about itself."""
     rates, breaks = [], ()
     for place, (low, high) in enumerate(pairwise(lot.places(2, 5))):
@@ -88,7 +88,7 @@ def cone_on_table(lot: Lot) -> Moved:
     return Moved(lambda tau: np.asarray(sum(rate(tau) for rate in rates)), breaks=breaks)
 
 
-def switch_rates_at_random(lot: Lot) -> Moved:
+def draw_random_switch_motion(lot: Lot) -> Moved:
     """Identification test on a three-axis table, whose axes switch at random between three rates on the ticks of a clock."""
     tick = lot.length_s / float(lot.rng.uniform(20, 90))
     ramp = float(lot.rng.uniform(0.15, 0.6)) * tick
@@ -109,7 +109,7 @@ def switch_rates_at_random(lot: Lot) -> Moved:
     return Moved(rate, breaks=tuple(breaks[breaks < lot.length_s].tolist()))
 
 
-def swing_excavator(lot: Lot) -> Moved:
+def draw_excavator_motion(lot: Lot) -> Moved:
     """Work of an excavator: the boom digs, swings aside, dumps and swings back, and the tracks tilt as the load shifts."""
     swings, booms, tilts = [], [], []
     shake = np.deg2rad(log_uniform(lot.craft, 0.02, 0.2))
@@ -125,7 +125,7 @@ def swing_excavator(lot: Lot) -> Moved:
     return Moved(headed(lambda tau: yaw(tau)[1], pitch, roll, lot.frame), breaks=knots(swings + booms + tilts))
 
 
-def dive_in_sawtooth(lot: Lot) -> Moved:
+def draw_sawtooth_dives(lot: Lot) -> Moved:
     """Dives of an underwater glider: it goes down and up by turns, banks by shifting its battery, and the bank turns it."""
     steep = np.deg2rad(log_uniform(lot.craft, 15.0, 40.0))
     edges = lot.places(2, 7)
@@ -143,7 +143,7 @@ def dive_in_sawtooth(lot: Lot) -> Moved:
     return Moved(headed(lambda tau: gain * np.tan(roll(tau)[0]), pitch, roll, lot.frame), breaks=knots(pitches + banks))
 
 
-def descend_by_parachute(lot: Lot) -> Moved:
+def draw_parachute_motion(lot: Lot) -> Moved:
     """Descent below a parachute: the capsule swings on a wandering ellipse and winds the riser up and down, ever less."""
     swing_hz = log_uniform(lot.craft, 0.08, 0.25)
     swing, breathing = np.deg2rad(log_uniform(lot.rng, 2.0, 12.0)), np.deg2rad(log_uniform(lot.rng, 0.02, 0.2))
@@ -161,7 +161,7 @@ def descend_by_parachute(lot: Lot) -> Moved:
     return Moved(headed(yaw_rate, pitch, roll, lot.frame))
 
 
-def walk_with_corners(lot: Lot) -> Moved:
+def draw_walking_motion(lot: Lot) -> Moved:
     """Walk with a sensor at the waist: the pelvis turns and tilts with each stride, and the path has corners."""
     stride_hz, height = 0.5 * log_uniform(lot.craft, 1.3, 2.1), np.deg2rad(log_uniform(lot.craft, 1.0, 4.0))
     hurry, period = float(lot.rng.uniform(0.02, 0.15)), lot.length_s / float(lot.rng.uniform(2, 8))
@@ -185,14 +185,14 @@ def walk_with_corners(lot: Lot) -> Moved:
 
 
 KINDS: dict[str, Kind] = {
-    "nodding_imager": Kind((2, 5, 10), (4, 12), (240, 2400), (2, 60), (0.2, 2), orbit=True, motion=nod_over_strips),
-    "sun_search": Kind((4, 10, 20), (3, 12), (200, 2400), (1, 40), (0.2, 2), orbit=True, motion=search_in_spirals),
-    "coning_table": Kind((50, 100, 200), (3, 12), (60, 600), (0.05, 2), (0.5, 8), motion=cone_on_table),
-    "random_rates": Kind((50, 100, 200), (3, 12), (20, 240), (0.05, 2), (1, 15), motion=switch_rates_at_random),
-    "excavator": Kind((50, 100, 200), (2, 9), (120, 900), (0.1, 5), (4, 30), motion=swing_excavator),
-    "sea_glider": Kind((2, 5, 10), (3, 10), (300, 3600), (5, 100), (0.4, 4), motion=dive_in_sawtooth),
-    "parachute": Kind((50, 100), (2, 10), (60, 600), (0.2, 5), (3, 30), motion=descend_by_parachute),
-    "walker": Kind((100, 200), (2, 9), (60, 400), (0.05, 2), (15, 70), motion=walk_with_corners),
+    "nodding_imager": Kind((2, 5, 10), (4, 12), (240, 2400), (2, 60), (0.2, 2), orbit=True, motion=draw_strip_imager_motion),
+    "sun_search": Kind((4, 10, 20), (3, 12), (200, 2400), (1, 40), (0.2, 2), orbit=True, motion=draw_sun_search_motion),
+    "coning_table": Kind((50, 100, 200), (3, 12), (60, 600), (0.05, 2), (0.5, 8), motion=draw_coning_motion),
+    "random_rates": Kind((50, 100, 200), (3, 12), (20, 240), (0.05, 2), (1, 15), motion=draw_random_switch_motion),
+    "excavator": Kind((50, 100, 200), (2, 9), (120, 900), (0.1, 5), (4, 30), motion=draw_excavator_motion),
+    "sea_glider": Kind((2, 5, 10), (3, 10), (300, 3600), (5, 100), (0.4, 4), motion=draw_sawtooth_dives),
+    "parachute": Kind((50, 100), (2, 10), (60, 600), (0.2, 5), (3, 30), motion=draw_parachute_motion),
+    "walker": Kind((100, 200), (2, 9), (60, 400), (0.05, 2), (15, 70), motion=draw_walking_motion),
 }
 
 ARCSEC = 1 / 3600

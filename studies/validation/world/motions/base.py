@@ -94,14 +94,14 @@ def knots(steps: Sequence[Slew]) -> tuple[float, ...]:
 def stepped(steps: Sequence[Slew], begin: float = 0.0) -> Angle:
     """An angle that goes from one value to the next."""
 
-    def at(tau: Array) -> tuple[Array, Array]:
+    def evaluate(tau: Array) -> tuple[Array, Array]:
         angle, rate = np.full(len(tau), begin), np.zeros(len(tau))
         for step in steps:
             angle += step.angles(tau)
             rate += step.rates(tau)
         return angle, rate
 
-    return at
+    return evaluate
 
 
 def waves(rng: np.random.Generator, size: float, hz: Span, count: int = 5) -> Angle:
@@ -110,27 +110,27 @@ def waves(rng: np.random.Generator, size: float, hz: Span, count: int = 5) -> An
     high, phase = rng.uniform(0.3, 1.0, count), rng.uniform(0, 2 * np.pi, count)
     high *= size * np.sqrt(2 / (high @ high))
 
-    def at(tau: Array) -> tuple[Array, Array]:
+    def evaluate(tau: Array) -> tuple[Array, Array]:
         inner = tau[:, None] * turn + phase
         return np.sin(inner) @ high, np.cos(inner) @ (high * turn)
 
-    return at
+    return evaluate
 
 
 def together(*angles: Angle) -> Angle:
     """A sum of angles."""
 
-    def at(tau: Array) -> tuple[Array, Array]:
+    def evaluate(tau: Array) -> tuple[Array, Array]:
         parts = [angle(tau) for angle in angles]
         return np.sum([part[0] for part in parts], axis=0), np.sum([part[1] for part in parts], axis=0)
 
-    return at
+    return evaluate
 
 
 def headed(yaw_rate: Rate, pitch: Angle, roll: Angle, frame: Array) -> Rate:
     """Body rate of a carrier from the rate of its heading, its elevation and its bank."""
 
-    def at(tau: Array) -> Array:
+    def evaluate(tau: Array) -> Array:
         turning, (theta, up), (phi, over) = yaw_rate(tau), pitch(tau), roll(tau)
         own = [
             over - turning * np.sin(theta),
@@ -139,4 +139,4 @@ def headed(yaw_rate: Rate, pitch: Angle, roll: Angle, frame: Array) -> Rate:
         ]
         return np.stack(own, axis=1) @ frame.T
 
-    return at
+    return evaluate

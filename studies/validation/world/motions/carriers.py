@@ -14,7 +14,7 @@ GRAVITY = 9.81  # m/s²
 EARTH_RAD_S = 7.2921e-5
 
 
-def gondola(lot: Lot) -> Moved:
+def draw_gondola_motion(lot: Lot) -> Moved:
     """A balloon's gondola: azimuth swings, the inner frame goes to elevations, and all hangs as a double pendulum."""
     long, short = log_uniform(lot.craft, 0.04, 0.1), log_uniform(lot.craft, 0.4, 1.0)
     swing = np.deg2rad(log_uniform(lot.craft, 0.3, 4.0))
@@ -34,7 +34,7 @@ def gondola(lot: Lot) -> Moved:
     return Moved(headed(azimuth, pitch, hung[1], lot.frame), breaks=knots(steps))
 
 
-def ship(lot: Lot) -> Moved:
+def draw_ship_motion(lot: Lot) -> Moved:
     """A ship rolls near its resonance and pitches with the waves that it meets, and changes its course now and then."""
     roll_hz, wave_hz = log_uniform(lot.craft, 0.06, 0.14), log_uniform(lot.craft, 0.08, 0.25)
     sea = np.deg2rad(log_uniform(lot.rng, 1.5, 8.0))
@@ -46,7 +46,7 @@ def ship(lot: Lot) -> Moved:
     return Moved(headed(lambda tau: course(tau)[1] + yawing(tau)[1], pitch, roll, lot.frame), breaks=knots(steps))
 
 
-def circuits(lot: Lot) -> Moved:
+def draw_circuit_motion(lot: Lot) -> Moved:
     """An aircraft flies circuits of coordinated turns, ψ' = (g/V) tan φ, climbs and descends, with phugoid and gusts."""
     speed, phugoid = log_uniform(lot.craft, 40.0, 200.0), log_uniform(lot.craft, 0.01, 0.03)
     edges, banks, climbs = lot.places(2, 8), [], []
@@ -64,7 +64,7 @@ def circuits(lot: Lot) -> Moved:
     )
 
 
-def drone(lot: Lot) -> Moved:
+def draw_drone_motion(lot: Lot) -> Moved:
     """A drone hovers in gusts, dashes with its nose down and brakes, turns on the spot, and its rotors shake it."""
     shake_hz, shake = log_uniform(lot.craft, 3.0, 8.0), np.deg2rad(log_uniform(lot.craft, 5e-4, 5e-3))
     gust = np.deg2rad(log_uniform(lot.rng, 0.3, 2.0))
@@ -90,7 +90,7 @@ def drone(lot: Lot) -> Moved:
     )
 
 
-def staircase(lot: Lot) -> Moved:
+def draw_staircase_motion(lot: Lot) -> Moved:
     """A rate table goes up and down a stair of constant rates about one axis of the gyros, while the Earth turns below it."""
     axis = lot.frame[:, lot.number % 3] + 0.02 * lot.craft.standard_normal(3)
     axis /= np.linalg.norm(axis)

@@ -12,7 +12,7 @@ from simulator.truth.maneuvers import Slew, smoothstep, smoothstep_integral
 from studies.validation.world.motions.base import Lot, Moved, Rate, waves
 
 
-def spinner(lot: Lot) -> Moved:
+def draw_spinner_motion(lot: Lot) -> Moved:
     """A spinning craft of two equal moments of inertia: ω = s e + Re(c e^{iλ}) u + Im(c e^{iλ}) v with λ' = (I_s/I_t − 1) s.
 
     A damper lets the nutation c decay, thruster pulses kick it, and the spin s changes once in some intervals.
@@ -43,7 +43,7 @@ def spinner(lot: Lot) -> Moved:
     return Moved(rate, breaks=(*edges[1:-1], *(edges[1:-1] + press), first, first + duration))
 
 
-def free_body(inertia: Array, a: float, c: float, decay: float, begin: float) -> Rate:
+def build_free_rotation(inertia: Array, a: float, c: float, decay: float, begin: float) -> Rate:
     """Free motion of a body of three moments of inertia that slows down, I ω' = I ω × ω − γ I ω.
 
     With ω = e^{−γt} u(s), s = (1 − e^{−γt})/γ, u is the motion without slowing down, which Jacobi's functions solve about the
@@ -66,7 +66,7 @@ def free_body(inertia: Array, a: float, c: float, decay: float, begin: float) ->
     return rate
 
 
-def detumble(lot: Lot) -> Moved:
+def draw_detumble_motion(lot: Lot) -> Moved:
     """A body of three moments of inertia tumbles freely, and magnetic torquers take its rate away."""
     inertia = np.array([1.0, lot.craft.uniform(1.15, 1.5), lot.craft.uniform(1.6, 2.0)])
     if lot.craft.random() < 0.5:
@@ -75,11 +75,11 @@ def detumble(lot: Lot) -> Moved:
     most = np.sqrt((inertia[2] - inertia[1]) * inertia[2] / ((inertia[1] - inertia[0]) * inertia[0]))
     a = float(lot.rng.uniform(0.3, 0.95)) * most * c
     decay = log_uniform(lot.rng, 0.3, 3.0) / lot.length_s
-    own = free_body(inertia, a, lot.side() * c, decay, float(lot.rng.uniform(0, 30 / c)))
+    own = build_free_rotation(inertia, a, lot.side() * c, decay, float(lot.rng.uniform(0, 30 / c)))
     return Moved(lambda tau: own(tau) @ lot.frame.T)
 
 
-def telescope(lot: Lot) -> Moved:
+def draw_telescope_motion(lot: Lot) -> Moved:
     """Visits of some fields: a large turn to each, then a pattern of small steps, after each of which the structure rings."""
     hz, damped = log_uniform(lot.craft, 0.02, 0.2) / min(lot.length_s / 600, 1.0), log_uniform(lot.craft, 0.05, 0.2)
     jitter = log_uniform(lot.craft, 1e-5, 1e-3)
@@ -106,7 +106,7 @@ def telescope(lot: Lot) -> Moved:
     return Moved(rate, tuple(turns))
 
 
-def yaw_steering(lot: Lot) -> Moved:
+def draw_yaw_steering(lot: Lot) -> Moved:
     """Nadir pointing that turns about nadir to keep the panels to the Sun: ψ = atan2(−tan β, sin μ), μ from orbit midnight.
 
     ψ' = n tan β cos μ/(sin² μ + tan² β), and A = R_z(ψ) A_LVLH makes ω = (−n sin ψ, −n cos ψ, ψ').
@@ -127,7 +127,7 @@ def yaw_steering(lot: Lot) -> Moved:
     return Moved(rate)
 
 
-def wheel_ramps(lot: Lot) -> Moved:
+def draw_wheel_ramps(lot: Lot) -> Moved:
     """Wheels are ramped to one speed after another, so that the rates are made of straight lines.
 
     In some intervals one wheel is ramped at a time, in others all together; between two ramps a speed may be held.
@@ -152,7 +152,7 @@ def wheel_ramps(lot: Lot) -> Moved:
     return Moved(rate, breaks=tuple(float(one) for _, at, _ in lines for one in at[1:-1]))
 
 
-def sun_rolls(lot: Lot) -> Moved:
+def draw_sun_rolls(lot: Lot) -> Moved:
     """Roll steps about the Sun's line, excursions off it and back, and a thruster's limit cycle within its dead band."""
     edges, turns = lot.places(3, 8), []
     sun, *across = lot.frame.T

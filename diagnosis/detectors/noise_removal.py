@@ -1,0 +1,101 @@
+"""Rates of a body without the gyro's noise, as far as the samples alone tell them apart.
+
+Two estimates are made of each interval and axis:
+
+- local quadratics in windows as long as the motion allows (`simulator.effects.smoothing`), good for slews between rests; of a
+  sway of less than four times the noise of a sample they keep nothing;
+- shrunk cosine coefficients, good for a body that sways. Of white noise each orthonormal coefficient has the variance σ²; one
+  of the mean square P among its neighbours is multiplied by 1 − σ²/P (Wiener), or left out where P is what noise may have.
+
+That of the smaller risk is taken, as estimated by ‖readings − estimate‖² + 2 σ² × degrees of freedom (Stein, Annals of
+Statistics 9 (1981) 1135, section 3, but for a constant); these are the sum over the samples of what each contributes to its own
+estimate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from diagnosis.detectors.sample_report import Tell, ignore_progress
+from gyrocal.recording import Recording
+from simulator.effects.recording_view import find_interval_slices
+from simulator.effects.smoothing import estimate_sample_sigma, replace_outliers, smooth_axis
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class NoiseRemovalSettings:
+    """Constants of `diagnosis.detectors.noise_removal`."""
+
+    neighbours: int = 17  # coefficients whose mean square is taken
+
+
+SETTINGS = NoiseRemovalSettings()
+
+
+# Mean squares of so many coefficients of noise alone, in σ², stay below this but for one in a thousand (χ²).
+LOUDEST = 1 + 4 * float(np.sqrt(2 / SETTINGS.neighbours))
+FEWEST_COSINE_SAMPLES = 8 * SETTINGS.neighbours  # samples of an interval whose motion is looked for among frequencies
+
+
+def remove_noise(rates: Array, recording: Recording, tell: Tell = ignore_progress) -> Array:
+    """Raw rates (n, 3) without their noise, as far as smoothing inside the intervals takes it out."""
+    sigma = recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
+    out = rates.copy()
+    parts = find_interval_slices(recording)
+    for number, part in enumerate(parts):
+        tell("motion without noise", number / len(parts))
+        out[part] = remove_interval_noise(rates[part], recording.gyro.sample_s, estimate_sample_sigma(rates[part], sigma))
+    return out
+
+
+def remove_interval_noise(rates: Array, sample_s: float, sigma: Array) -> Array:
+    """Rates of one interval without their noise.
+
+    Parameters
+    ----------
+    rates : (n, 3) rad/s, evenly sampled
+    sample_s : spacing, s
+    sigma : (3,) noise of one sample of each axis, rad/s
+
+    Returns
+    -------
+    (n, 3) rad/s
+    """
+    return np.column_stack([_choose_axis_estimate(rates[:, axis], sample_s, float(level)) for axis, level in enumerate(sigma)])
+
+
+def _choose_axis_estimate(rates: Array, sample_s: float, sigma: float) -> Array:
+    """Of both estimates that of the smaller risk, (n,)."""
+    read = replace_outliers(rates, sigma)
+    local, freedom = smooth_axis(read, sample_s, np.inf, sigma)
+    if rates.size < FEWEST_COSINE_SAMPLES or not sigma > 0:
+        return local
+    waves, of_waves = shrink_cosines(read, sigma)
+    return waves if _estimate_risk(read, waves, of_waves, sigma) < _estimate_risk(read, local, freedom, sigma) else local
+
+
+def shrink_cosines(rates: Array, sigma: float) -> tuple[Array, float]:
+    """Estimate of the motion by its cosine coefficients, (n,), and its degrees of freedom.
+
+    A straight line is taken out first, since a cosine series has no slope at its ends.
+    """
+    line = np.polynomial.Polynomial.fit(np.arange(rates.size), rates, 1)(np.arange(rates.size))
+    coefficients = scipy.fft.dct(rates - line, norm="ortho") / sigma
+    power = np.maximum(uniform_filter1d(coefficients**2, SETTINGS.neighbours, mode="mirror"), LOUDEST)
+    loud = power > LOUDEST
+    share = np.where(loud, 1 - 1 / power, 0.0)
+    # The derivative of each share by its own coefficient, times that: neighbours' mean squares hold it, too.
+    own = np.where(loud, 2 / SETTINGS.neighbours * coefficients**2 / power**2, 0.0)
+    estimate = line + scipy.fft.idct(sigma * share * coefficients, norm="ortho")
+    return estimate, float(share.sum() + own.sum()) + 2.0
+
+
+def _estimate_risk(rates: Array, estimate: Array, freedom: float, sigma: float) -> float:
+    return float(np.sum((rates - estimate) ** 2) + 2 * sigma**2 * freedom)

@@ -1,0 +1,247 @@
+"""What the tests of the samples write into, and what they ask of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.detectors.gap_interpolation import find_mask_runs
+from gyrocal.recording import Recording
+from simulator.effects.recording_view import find_interval_slices
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+Tell = Callable[[str, float], None]  # what is being done, and the share done
+
+AXES = "xyz"
+IMPOSSIBLE = 1e-300  # p of what M0 cannot do
+
+
+def ignore_progress(text: str, share: float) -> None:
+    """Nobody listens."""
+
+
+def scale_progress(tell: Tell, begin: float, stop: float) -> Tell:
+    """Progress of a part of the work, which is so much of all."""
+    return lambda text, share: tell(text, begin + (stop - begin) * share)
+
+
+@dataclass(frozen=True)
+class SampleTest:
+    """One statistic.
+
+    Attributes
+    ----------
+    statistic, axis : which
+    value, expected : what was found, and what M0 gives
+    p_value : under M0, not corrected
+    symptom : what it is a sign of (`simulator.effects.base.SYMPTOMS`), or None
+    text : a sentence
+    """
+
+    statistic: str
+    axis: str | None
+    value: float
+    expected: float
+    p_value: float
+    symptom: str | None
+    text: str
+
+
+@dataclass(frozen=True)
+class Symptom:
+    """A departure from M0 that shows in the samples, whatever effect may claim it.
+
+    Attributes
+    ----------
+    kind : one of `simulator.effects.base.SYMPTOMS`
+    axis : gyro, or None for all of them
+    size, unit, sigma : how large
+    parameters : its other numbers
+    p_value : under M0
+    text : a sentence
+    probability : that an effect is at work and not a motion of the body, where that was weighed
+    rivals : other symptoms that this may be as well, about the same axis, with their shares of the probability
+    likeness : p-value of how it behaves, if it is what its kind says (`diagnosis.detectors.repeats`)
+    of_line : whether it is a line of the spectrum, which the attitude has judged
+    """
+
+    kind: str
+    axis: str | None
+    size: float
+    unit: str
+    sigma: float
+    parameters: dict[str, float | str]
+    p_value: float
+    text: str = ""
+    probability: float = 1.0
+    rivals: tuple[tuple[str, float], ...] = ()
+    likeness: float = 1.0
+    of_line: bool = False
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Tests of the samples, and the departures that they establish."""
+
+    tests: tuple[SampleTest, ...] = ()
+    symptoms: tuple[Symptom, ...] = ()
+
+
+@dataclass(frozen=True)
+class Line:
+    """A sinusoid in the readings of one gyro.
+
+    Attributes
+    ----------
+    axis : which gyro
+    frequency_hz : as sampled
+    amplitude, sigma : rad/s
+    p_value : that noise has so strong a line at any frequency
+    waveform : (n,) the sinusoid in the samples, rad/s; if it is steady, also beside the arcs in which it was found
+    isolated : whether nothing but white noise is around it in the spectrum, so that the body shows no other motion there
+    log_constancy : log likelihood ratio of its amplitudes in parts of the samples, of a vibration against a motion
+    """
+
+    axis: int
+    frequency_hz: float
+    amplitude: float
+    sigma: float
+    p_value: float
+    waveform: Array
+    isolated: bool
+    log_constancy: float
+
+    @property
+    def steady(self) -> bool:
+        """Whether its amplitude is rather constant than not."""
+        return self.log_constancy > 0
+
+
+@dataclass(frozen=True)
+class Stream:
+    """A stream of three gyros, repaired so far.
+
+    Attributes
+    ----------
+    recording : as recorded
+    rates, density : (n, 3) rad/s, and noise density, rad²/s
+    filled : (n,) samples that something was put in place of
+    used : (n,) samples inside the intervals that are tested
+    """
+
+    recording: Recording
+    rates: Array
+    density: Array
+    filled: Mask
+    used: Mask
+
+    @property
+    def sigma(self) -> float:
+        """Stated white noise of a sample, rad/s."""
+        return self.recording.gyro.arw / float(np.sqrt(self.recording.gyro.sample_s))
+
+    def find_arcs(self, mask: Mask) -> list[tuple[int, int]]:
+        """Find unbroken runs of at least 256 samples of a mask (n,), as slices."""
+        return find_long_runs(mask & mark_consecutive_samples(self.recording, mask))
+
+
+@dataclass(frozen=True)
+class Zone:
+    """A dead zone that passes show.
+
+    Attributes
+    ----------
+    half_width, sigma : rad/s
+    log_odds : in its favour
+    dead : (n,) samples in it
+    """
+
+    half_width: float
+    sigma: float
+    log_odds: float
+    dead: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class SampleReport:
+    """What the samples show, and the stream with it repaired as far as that goes.
+
+    Attributes
+    ----------
+    tests, symptoms : all statistics, and the departures they establish
+    rates : (n, 3) repaired raw rates, rad/s
+    density : (n, 3) noise density of each repaired sample, rad²/s
+    clipped, filled : (n,) samples that do not show the rate, and those that something was put in place of
+    noise_factor : (3,) actual white noise relative to the stated one
+    noise : (3,) noise of a sample as it shows, rad/s
+    smooth : (n, 3) repaired raw rates without their noise: what effects follow, since a regressor with the noise of the
+        residuals in it would explain that noise
+    hidden : (3,) whether a coarse lattice hides the gyro's slow motion for long
+    lattice : (3,) whether readings lie on one that is coarser than the noise
+    zones : of the gyros whose motion seems to pass through a dead zone
+    lines : lines of the spectrum, before the attitude has judged whether the body moves so
+    vibrations : of these, those that are none of the body's motions and are taken out of the rates
+    motions, unconfirmed : those that are motions of the body as the references see, and those that are taken for such
+    cut_odds : log odds that readings on a lattice were cut and not rounded, where the samples leave that open
+    """
+
+    tests: tuple[SampleTest, ...]
+    symptoms: tuple[Symptom, ...]
+    rates: Array
+    density: Array
+    clipped: Mask
+    filled: Mask
+    noise_factor: Array
+    noise: Array
+    smooth: Array
+    hidden: Mask
+    lattice: Mask
+    zones: Mapping[int, Zone]
+    lines: tuple[Line, ...]
+    vibrations: tuple[Line, ...] = ()
+    motions: tuple[Line, ...] = ()
+    unconfirmed: tuple[Line, ...] = ()
+    cut_odds: float | None = None
+
+    def restore_lines(self) -> SampleReport:
+        """Return the report as it was before any line was judged."""
+        rates = self.rates.copy()
+        for line in self.vibrations:
+            rates[:, line.axis] += line.waveform
+        left = tuple(one for one in self.symptoms if not one.of_line)
+        return replace(self, rates=rates, symptoms=left, vibrations=(), motions=(), unconfirmed=())
+
+
+def mark_interval_samples(recording: Recording) -> Mask:
+    """Samples that belong to an interval."""
+    t = recording.gyro.t_s
+    out = np.zeros(t.size, dtype=bool)
+    for interval in recording.intervals:
+        low, high = np.searchsorted(t, [interval.start_s - 1e-6, interval.stop_s - 1e-6])
+        out[low:high] = True
+    return out
+
+
+def mark_consecutive_samples(recording: Recording, used: Mask) -> Mask:
+    """Samples that directly follow another of the same interval."""
+    t = recording.gyro.t_s
+    out = np.zeros(t.size, dtype=bool)
+    out[1:] = (np.diff(t) < 1.5 * recording.gyro.sample_s) & used[1:] & used[:-1]
+    return out
+
+
+def count_since_start(recording: Recording) -> NDArray[np.intp]:
+    """(n,) number of each sample in its interval."""
+    number = np.arange(recording.gyro.t_s.size)
+    first = np.array([part.start for part in find_interval_slices(recording)])
+    return number - first[np.clip(np.searchsorted(first, number, side="right") - 1, 0, None)]
+
+
+def find_long_runs(mask: Mask) -> list[tuple[int, int]]:
+    """Unbroken runs of at least 256 samples, as slices."""
+    return [(low, high) for low, high in find_mask_runs(mask) if high - low >= 256]

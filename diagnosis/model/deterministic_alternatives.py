@@ -1,0 +1,281 @@
+"""Deterministic alternatives outside the library: broad families of errors that a cause must beat.
+
+A cause is identified only if it explains the data better than anything that behaves alike but is something else. Narrow
+families let an unlisted effect pass as its nearest listed neighbour, and a random process explains anything that is slow. The
+families are
+
+- rate errors that follow the rate in other ways: products, cubes, the acceleration, scale factors that drift;
+- rate errors that run with the time since an interval's start or with mission time, or that repeat with any period counted
+  from an interval's start (others are in `diagnosis.model.periodic_alternatives`), and time tags that do so;
+- *directions*: sunlight and magnetic fields come from directions that are fixed inertially, or turn with the orbit. An error
+  about body axis i that follows the component of such a direction along body axis k is a_jk(t) of the attitude matrix A times
+  amplitudes for the inertial axes j; times cos nu and sin nu of the orbit angle u for directions that turn with it (the field
+  of a dipole has n = 2 and a constant part);
+- *temperatures*: besides themselves, which a listed effect has, their square, and the delayed temperature beside the present
+  one; and scale factors and misalignments that follow them;
+- *the past*: hysteresis keeps the sign of the last turn, or of the last change of the rate. Heat or charge of a slew decays
+  after it, so that an error follows the rate, or its size, through a low-pass filter;
+- the same on the side of the references. These have star catalogues, aberration and temperatures of their own, signals that
+  come by two ways (an error of twice the heading), and mounts that bend, settle after a slew and have play.
+
+Random errors are in `diagnosis.model.processes`. Each family gives columns per unit amplitude; amplitudes are taken in terms
+of the sizes that the recording can show, since nothing is known of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import chain, combinations_with_replacement
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.model.bins import Bins, Family, build_bins, build_rate_families, build_reference_families, observe_rate_errors
+from diagnosis.model.recording_model import RecordingModel
+from diagnosis.model.step_index import find_reference_bins, find_reference_steps
+from simulator.effects.common import recursion
+
+Array = NDArray[np.float64]
+
+DAY = 86400.0
+
+
+@dataclass(frozen=True)
+class DeterministicAlternativeSettings:
+    """Times and sizes that the families take."""
+
+    warm_up_s: tuple[float, ...] = (200.0, 600.0, 1800.0)  # time constants of errors that decay after an interval's start
+    memory_s: tuple[float, ...] = (30.0, 100.0, 300.0, 1000.0)  # time constants after which the effect of a slew decays
+    lags_s: tuple[float, ...] = (300.0, 1000.0, 3000.0)  # by which an error follows a temperature
+    periods: int = 14  # number of periods counted from an interval's start
+    large: float = 0.1  # share of the largest rate, or of its largest change, from which on its sign is kept
+    visible: float = 1e-6  # share of the largest column that a column must have to be visible
+
+
+SETTINGS = DeterministicAlternativeSettings()
+Options = Mapping[str, list[Array]]  # of each family by name, the values (n, k) of each option
+
+
+def build_families(model: RecordingModel) -> Iterator[Family]:
+    """Build all families with a few columns."""
+    bins = build_bins(model)
+    sides = (
+        _follow_directions(model, bins),
+        _follow_temperatures(model, bins),
+        _follow_past(bins),
+        _follow_rates(bins),
+        _run_in_time(model, bins),
+    )
+    for name, options in chain.from_iterable(one.items() for one in sides):
+        yield from build_rate_families(model, bins, name, options)
+    tags = build_late_tags(model, bins)
+    if tags.columns:
+        yield tags
+    for name, options in {**_follow_surroundings(model, bins), **_follow_reference_courses(model)}.items():
+        yield from build_reference_families(model, name, [one for one in options if np.ptp(one, axis=0).any()])
+
+
+# ---- rates ---------------------------------------------------------------------------------------------------------------
+
+
+def _follow_rates(bins: Bins) -> Options:
+    w = bins.rates
+    mission = (bins.t_s - bins.t_s.mean())[:, None] / DAY
+    warm = np.exp(-bins.since_s / 1000.0)[:, None]
+    products = [w[:, [i]] * w[:, [j]] for i, j in combinations_with_replacement(range(3), 2)]
+    return {
+        "follows a product of rates": products,
+        "follows the cube of a rate": _split_columns(w**3),
+        # The three axes together are a time offset or a lag; one of them alone is neither.
+        "follows an angular acceleration": _split_columns(bins.acceleration),
+        "scale factor or misalignment drifts": _split_columns(mission * w),
+        "scale factor or misalignment settles after a start": _split_columns(warm * w),
+    }
+
+
+def build_late_tags(model: RecordingModel, bins: Bins) -> Family:
+    """Build the columns of time tags that run late: the longer an interval lasts, or by a delay of each interval.
+
+    Readings that are late by τ show −d(τ ω)/dt more. One delay for all, one that grows with mission time and one that steps
+    once are listed effects. A single interval therefore has no rival here, and of two intervals a delay of each is no rival.
+    """
+    blocks = len(model.blocks)
+    own = (bins.interval[:, None] == np.arange(blocks)).astype(float)
+    late, faster = np.column_stack([bins.since_s, own]), np.append(1.0, np.zeros(blocks))
+    errors = late[:, None, :] * bins.acceleration[:, :, None] + faster * bins.rates[:, :, None]
+    columns = sum(observe_rate_errors(model, bins, axis, errors[:, axis]) for axis in range(3)) / np.maximum(
+        late.max(axis=0), 1.0
+    )
+    seen = np.linalg.norm(columns, axis=0) > SETTINGS.visible * np.linalg.norm(columns, axis=0).max()
+    options = [columns[:, [0]]] * (blocks > 1) + [columns[:, 1:][:, seen[1:]]] * (blocks > 2)
+    return Family("time tags run late", None, [one for one in options if one.any()])
+
+
+# ---- time ----------------------------------------------------------------------------------------------------------------
+
+
+def _run_in_time(model: RecordingModel, bins: Bins) -> Options:
+    since, t, count = bins.since_s[:, None], bins.t_s[:, None], len(model.blocks)
+    trend = [np.exp(-since / tau) for tau in SETTINGS.warm_up_s] + [since]
+    span = t - t.min()
+    length = max(float(span.max()), 1.0)
+    longest = max(float(block.elapsed_s[-1]) for block in model.blocks)
+    shortest = max(4.0 * float(np.median(np.diff(model.recording.attitudes.t_s))), longest / 60)
+    periods = np.geomspace(shortest, 2.5 * longest, SETTINGS.periods) if longest > 2 * shortest else np.array([])
+    waves = [_build_wave(since, period) for period in periods]
+    return {
+        "bias runs with the time since an interval's start": trend,
+        "bias runs in each interval in its own way": [_split_intervals(one, bins.interval, count) for one in trend[1:]],
+        "bias changes with mission time, not linearly": [
+            (span / length) ** 2, *(np.exp(-span / (length * share)) for share in (0.02, 0.1, 0.3)),
+        ],
+        "bias of a period counted from each interval's start": waves,
+        # The phases of a period are coherent over the gaps between intervals only if it is known to the gaps' length.
+        "bias of a period, its phase another in each interval": [
+            _split_intervals(wave, bins.interval, count) for wave in waves if count > 1
+        ],
+    }  # fmt: skip
+
+
+def _split_intervals(values: Array, interval: NDArray[np.intp], count: int) -> Array:
+    """Give columns (n, k) an amplitude of their own in each interval, (n, count k)."""
+    out = np.zeros((len(values), count, values.shape[1]))
+    out[np.arange(len(values)), interval] = values
+    return out.reshape(len(values), -1)
+
+
+def _build_wave(t: Array, period: float) -> Array:
+    angle = 2 * np.pi / period * t
+    return np.hstack([np.sin(angle), np.cos(angle)])
+
+
+def _split_columns(values: Array) -> list[Array]:
+    return [values[:, [k]] for k in range(values.shape[1])]
+
+
+# ---- directions ----------------------------------------------------------------------------------------------------------
+
+
+def _follow_directions(model: RecordingModel, bins: Bins) -> Options:
+    A, orbit = (bins.turned / bins.dt[:, None, None]).transpose(0, 2, 1), model.stream.orbit_period_s
+    turning = (
+        [turn_with_orbit(A[:, axis], bins.t_s, orbit, n) for axis in range(3) for n in (1, 2)] if np.isfinite(orbit) else []
+    )
+    return {
+        "bias follows the direction to something in inertial space": [A[:, axis] for axis in range(3)],
+        "bias follows a direction that turns with the orbit": turning,
+    }
+
+
+def build_second_harmonics(components: Array) -> Array:
+    """Build (n, 5) even functions of a direction (n, 3), such as twice a heading: its products without their trace."""
+    x, y, z = components.T
+    return np.column_stack([x * y, x * z, y * z, x**2 - y**2, 2 * z**2 - x**2 - y**2])
+
+
+def turn_with_orbit(components: Array, t_s: Array, orbit: float, order: int) -> Array:
+    """Turn components (n, 3) of inertial axes along a body axis at a multiple of the orbit's rate, (n, 6 or 9)."""
+    angle = 2 * np.pi / orbit * order * t_s[:, None]
+    waves = [components * np.cos(angle), components * np.sin(angle)]
+    return np.hstack(waves if order == 1 else [components, *waves])
+
+
+# ---- temperatures --------------------------------------------------------------------------------------------------------
+
+
+def _follow_temperatures(model: RecordingModel, bins: Bins) -> Options:
+    rates, errors = [], []
+    for values in model.stream.housekeeping.values():
+        known = np.interp(bins.t_s, model.t_s, values)
+        centred = (known - known.mean())[:, None]
+        if centred.any():
+            lagging = [centred - filter_low_pass(centred, bins, lag) for lag in SETTINGS.lags_s]
+            errors += [centred**2, *lagging]
+            rates += [centred * bins.rates[:, [k]] for k in range(3)]
+    kept = [one for one in errors if np.isfinite(one).all() and one.any()]
+    return {
+        "bias follows the square of a housekeeping value, or its delayed value": kept,
+        "scale factor or misalignment follows a housekeeping value": rates if kept else [],
+    }
+
+
+# ---- the past ------------------------------------------------------------------------------------------------------------
+
+
+def _follow_past(bins: Bins) -> Options:
+    signs = [keep_last_sign(values[:, axis], bins) for values in (bins.rates, bins.acceleration) for axis in range(3)]
+    both = np.hstack([bins.rates, np.abs(bins.rates)])
+    slow = [one for memory in SETTINGS.memory_s for one in _split_columns(filter_low_pass(both, bins, memory))]
+    return {
+        "bias keeps the sign of the last turn, or of the last change of a rate": [one for one in signs if np.ptp(one) > 0],
+        "bias follows the rates of the past": [one for one in slow if one.any()],
+    }
+
+
+def keep_last_sign(values: Array, bins: Bins) -> Array:
+    """Hold the sign (n, 1) of the last of values (n,) that is large; zero before the first one of each interval."""
+    large = np.abs(values) > SETTINGS.large * np.abs(values).max(initial=0.0)
+    begins = np.diff(bins.interval, prepend=-1) != 0
+    last = np.maximum.accumulate(np.where(large | begins, np.arange(values.size), 0))
+    return np.where(large[last], np.sign(values[last]), 0.0)[:, None]
+
+
+def filter_low_pass(values: Array, bins: Bins, memory: float) -> Array:
+    """Pass values (n, k) through a first-order filter that is at rest when each interval begins."""
+    out = np.zeros_like(values)
+    for number in np.unique(bins.interval):
+        own = np.flatnonzero(bins.interval == number)
+        share = 1 - np.exp(-float(np.median(bins.dt[own])) / memory)
+        decay = np.full(own.size, 1 - share)
+        out[own] = np.column_stack([recursion(decay, share * one) for one in values[own].T])
+    return out
+
+
+# ---- references ----------------------------------------------------------------------------------------------------------
+
+
+def _follow_surroundings(model: RecordingModel, bins: Bins) -> Options:
+    """Errors of a star in a direction, of a temperature, and of a mount that bends or has play."""
+    A = model.at_reference.transpose(0, 2, 1)
+    t_s, orbit = model.references.t_s, model.stream.orbit_period_s
+    directions = [A[:, axis] for axis in range(3)]
+    directions += [build_second_harmonics(A[:, axis]) for axis in range(3)]
+    if np.isfinite(orbit):  # as the velocity, whose aberration it is
+        directions += [turn_with_orbit(A[:, axis], t_s, orbit, 1) for axis in range(3)]
+    place, now = find_reference_steps(model), find_reference_bins(model, bins)
+    loads = [one[now] for axis in range(3) for one in (keep_last_sign(bins.rates[:, axis], bins), bins.acceleration[:, [axis]])]
+    both = np.hstack([bins.rates, np.abs(bins.rates)])
+    past = [one[now] for memory in SETTINGS.memory_s for one in _split_columns(filter_low_pass(both, bins, memory))]
+    return {
+        "references follow a direction": directions,
+        "references follow a housekeeping value": [
+            (values - values.mean())[place, None] for values in model.stream.housekeeping.values()
+        ],
+        "references follow the torque or the sign of the last turn": loads,
+        "references follow the rates of the past": past,
+    }
+
+
+def _follow_reference_courses(model: RecordingModel) -> Options:
+    """Errors that run with time or rate, differ between flight directions, or step inside an interval."""
+    references = model.references
+    t = references.t_s[:, None]
+    begin = np.array([model.t_s[block.steps.start] for block in model.blocks])
+    since = t - begin[model.interval_of_reference][:, None]
+    orbit, w = model.stream.orbit_period_s, model.rates[find_reference_steps(model)]
+    others = sorted(set(references.forward) - {"-x", "+x"})  # which a listed effect covers
+    inside = [t[model.interval_of_reference == number, 0] for number in range(len(model.blocks))]
+    times = np.concatenate([np.linspace(own[0], own[-1], 7)[1:-1] for own in inside])
+    return {
+        "references run with the time since an interval's start": [
+            since, *(np.exp(-since / tau) for tau in SETTINGS.warm_up_s[1:]),
+        ],
+        "references drift with mission time": [t - t.mean()],
+        "references follow a rate": _split_columns(np.hstack([w, np.abs(w)])),
+        "references differ between flight directions": [(references.forward == name)[:, None].astype(float) for name in others],
+        "references step at a time": [(t > time).astype(float) for time in times],
+        "references at a higher harmonic of the orbit rate": [
+            _build_wave(t, orbit / k) for k in (3, 4, 6) if np.isfinite(orbit)
+        ],
+    }  # fmt: skip

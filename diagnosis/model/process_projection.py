@@ -1,0 +1,200 @@
+"""Where a random process acts: the observations of unit errors, and what of them is seen once nuisance parameters are out.
+
+Let C (N, c) hold the whitened observations of a unit error at each of c places: a rate error in a cell, or an error of the
+references at an observation. A process of covariance s² K over them adds s² C K Cᵀ to the covariance of the observations. With
+P, the projection that takes the nuisance parameters out, and B (c, g) a root of the products of the projected columns,
+B Bᵀ = Cᵀ P C, let Bᵀ K B = W Λ Wᵀ. Then the columns
+
+    X = C K B W Λ^−½    have    (P X)ᵀ (P X) = Λ    and    (P X)(P X)ᵀ = P C K Cᵀ P
+
+so that they are orthogonal once projected, each of the power λ, and are together the whole process (put B Bᵀ for Cᵀ P C, and
+W Λ Wᵀ for Bᵀ K B). The root depends on the place alone, and each covariance costs one decomposition.
+
+A cell may be longer than a process keeps its value, and the body may turn in it. Its rate errors are taken in a few parts; what
+they are together in each of three inertial directions is all that is seen of them once the cell is over.
+
+References are averaged to observations. Within one observation the process is taken at a few of its references, the nodes, and
+the body may turn between them. The mean of the errors e_k about one body axis, along u_k in inertial axes, is Σ u_k e_k / n; of
+the three singular directions of [u_1 … u_n]/n those that matter are the unit errors of the observation. Where the body hardly
+turns that is one, the mean itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+
+from simulator.effects.common import markov
+
+if TYPE_CHECKING:
+    from diagnosis.model.recording_model import RecordingModel
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+LEAST_TRACE = 1e-200
+ROOT_REGULARISATION = (
+    1e-12  # power added to each direction of unit errors, of that of all of them: rounding leaves some negative
+)
+
+
+@dataclass(frozen=True)
+class Decomposition:
+    """Directions of unit errors in which smooth processes are decomposed.
+
+    constants : time constants of Markov processes that stand for all, from the spacing of the times to the longest interval
+    share : of the power of a process, below which a direction is left out: the log evidence changes by less than 0.02 (tests)
+    """
+
+    constants: int = 6
+    share: float = 3e-4
+    parts: int = 3  # of a cell, at which a random process is taken
+    nodes: int = 4  # references of an observation at which a random process is taken
+    # Length of a singular direction beside that of an error that stays along one direction, below which it is left out: what it
+    # leaves out of an error that changes over the observation is the square of it.
+    along: float = 0.02
+
+
+DECOMPOSITION = Decomposition()
+
+
+@dataclass(frozen=True)
+class ProcessProjection:
+    """Where a process about one axis acts.
+
+    Attributes
+    ----------
+    columns : (N, c) whitened observations of unit errors
+    gram : (c, c) products of the projected columns
+    root : (c, c) root of them
+    mean : (c, q) the unit errors of errors at the times of a covariance; None where the times are those of the unit errors
+    shown : (c,) power along each direction of the root of Markov processes of all time constants, each of the power one in all
+    """
+
+    columns: Array
+    gram: Array
+    root: Array
+    mean: scipy.sparse.csr_array | None = None
+    shown: Array | None = None
+
+    @classmethod
+    def of(cls, columns: Array, gram: Array, mean: scipy.sparse.csr_array | None = None) -> ProcessProjection:
+        """From whitened columns (N, c) and the products of the projected ones (c, c)."""
+        return cls(
+            columns,
+            gram,
+            np.linalg.cholesky(gram + ROOT_REGULARISATION * max(np.trace(gram), LEAST_TRACE) * np.eye(len(gram))),
+            mean,
+        )
+
+    def turned(self, t_s: Array, interval: Indices) -> ProcessProjection:
+        """The place with a root along the directions in which Markov processes at given times (q,) show, one after another."""
+        spacing = max(float(np.median(np.diff(np.unique(t_s), append=np.max(t_s)))), LEAST_TRACE)  # sensors may share times
+        longest = max(float(np.ptp(t_s[interval == number])) for number in np.unique(interval))
+        total = np.zeros(self.root.shape)
+        for tau in np.geomspace(spacing, max(longest, 2 * spacing), DECOMPOSITION.constants):
+            K = self.covariance(np.equal.outer(interval, interval) * markov(t_s, tau))
+            total += K / max(float(np.vdot(K, self.gram)), LEAST_TRACE)
+        shown, turned = np.linalg.eigh(self.root.T @ total @ self.root)
+        return replace(self, root=self.root @ turned, shown=shown)
+
+    def covariance(self, K: Array) -> Array:
+        """Covariance of the unit errors, (c, c), of that at the times of a process, (q, q)."""
+        return K if self.mean is None else np.asarray(self.mean @ (self.mean @ K).T)
+
+    def powers(self, K: Array, share: float = 0.0, least: float = 0.0) -> tuple[Array, Callable[[Indices], Array]]:
+        """Powers of the columns of a process, weakest first, and what makes the columns of some of them; see the module.
+
+        Directions are left out in which a sum of Markov processes has less than the least power, or a share of that of all.
+        """
+        K = self.covariance(K)
+        share = max(share, least / max(float(np.vdot(K, self.gram)), LEAST_TRACE))
+        root = self.root if self.shown is None else self.root[:, self.shown > min(share, self.shown[-1] / 2)]
+        moved = K @ root
+        powers, turned = np.linalg.eigh(root.T @ moved)
+
+        def columns(kept: Indices) -> Array:
+            return np.asarray(self.columns @ (moved @ (turned[:, kept] / np.sqrt(powers[kept]))))
+
+        return powers, columns
+
+
+def split_cells(model: RecordingModel) -> tuple[Indices, Indices]:
+    """First step of each part of the cells, (q,), and the first part of each cell among them (c,)."""
+    cells = model.cells
+    counts = np.minimum(cells.last - cells.first, DECOMPOSITION.parts)
+    first = np.cumsum(np.append(0, counts[:-1]))
+    number = np.arange(counts.sum()) - np.repeat(first, counts)
+    steps = np.repeat(cells.last - cells.first, counts)
+    return np.repeat(cells.first, counts) + number * steps // np.repeat(counts, counts), first
+
+
+def project_cells(model: RecordingModel) -> tuple[ProcessProjection, ...]:
+    """Of rate errors about each body axis, in the parts of the cells."""
+    cells, (parts, first) = model.cells, split_cells(model)
+    turned = np.add.reduceat(model.to_inertial * model.dt[:, None, None], parts, axis=0)  # (q, inertial, body)
+    counts = np.diff(np.append(first, parts.size))
+    turned *= np.repeat(counts / cells.duration_s, counts)[:, None, None]
+    passed = model.passed
+    out = []
+    for axis in range(3):
+        errors, mean = build_unit_errors(turned[:, :, axis], first)
+        own = np.argmax(np.any(errors.reshape(first.size, 3, -1) != 0, axis=1), axis=0)  # the cell of each unit error
+        along = errors.reshape(first.size, 3, -1)[own, :, np.arange(own.size)] * cells.duration_s[own, None]
+        columns = model.whitened((passed[:, None, own] * along.T).reshape(model.size, -1))
+        place = ProcessProjection.of(columns, columns.T @ model.projected(columns), mean)
+        out.append(place.turned(model.t_s[parts], np.repeat(cells.interval, counts)))
+    return tuple(out)
+
+
+def select_nodes(model: RecordingModel) -> tuple[Indices, Indices]:
+    """Rows of up to `NODES` references of each observation, (q,), and the first of each observation among them (r,).
+
+    A process that changes while references are averaged has less of it in their mean, and no sharp peak of its covariance.
+    """
+    counts = np.concatenate([block.counts for block in model.blocks])
+    first = model.reference_rows_of_observations - counts // 2
+    chosen = [
+        a + np.linspace(0, n - 1, min(n, DECOMPOSITION.nodes)).round().astype(np.intp)
+        for a, n in zip(first, counts, strict=True)
+    ]
+    return np.concatenate(chosen), np.cumsum([0, *(len(one) for one in chosen[:-1])])
+
+
+def project_references(model: RecordingModel) -> tuple[ProcessProjection, ...]:
+    """Of errors of the references about each body axis, at the nodes."""
+    rows, first = select_nodes(model)
+    out = []
+    for axis in range(3):
+        errors, mean = build_unit_errors(-model.at_reference[rows][:, :, axis], first)
+        columns = model.whitened(errors)
+        place = ProcessProjection.of(columns, columns.T @ model.projected(columns), mean)
+        out.append(place.turned(model.references.t_s[rows], model.interval_of_reference[rows]))
+    return tuple(out)
+
+
+def build_unit_errors(along: Array, first: Indices) -> tuple[Array, scipy.sparse.csr_array]:
+    """Unit errors of the observations, (3r, c), and those of errors at each node (c, q), see the module.
+
+    Parameters
+    ----------
+    along : (q, 3) direction of an error at each node
+    first : (r,) the first node of each observation
+    """
+    counts = np.diff(np.append(first, len(along)))
+    own = first[:, None] + np.arange(counts.max())
+    there = own < (first + counts)[:, None]
+    parts = np.where(there[:, :, None], along[np.minimum(own, len(along) - 1)], 0.0) / counts[:, None, None]
+    U, s, Vt = np.linalg.svd(np.swapaxes(parts, 1, 2), full_matrices=False)  # (r, 3, d), (r, d), (r, d, n)
+    block, which = np.nonzero(s * np.sqrt(counts)[:, None] > DECOMPOSITION.along)
+    made = np.arange(block.size)
+    errors = np.zeros((3 * first.size, block.size))
+    errors[3 * block[:, None] + np.arange(3), made[:, None]] = U[block, :, which] * s[block, which][:, None]
+    row, node = np.nonzero(there[block])
+    mean = scipy.sparse.csr_array((Vt[block, which][row, node], (row, own[block][row, node])), shape=(block.size, len(along)))
+    return errors, mean

@@ -1,0 +1,510 @@
+"""The linearisation of a recording: attitude errors in inertial axes, their covariance, and columns of any effect.
+
+An interval is propagated from its first reference attitude with the calibrated rates ω_adj = G ω_raw + b, by the calibrator's
+own compiled pass (`gyrocal.propagate`). Residuals exp([θ_k×]) = A_obs A_prop,kᵀ, N (16), are turned back to inertial axes,
+ζ_k = −A_prop,kᵀ θ_k. If the true rate is ω = ω_adj + δω, then to first order
+
+    ζ_k = φ + ∫₀^{t_k} Aᵀ(t) δω(t) dt − A_kᵀ ν_k + g(t_k)
+
+with φ the interval's start attitude error, ν_k the error of reference k in body axes (A_obs = exp([ν×]) A_true) and g the
+integrated gyro noise, whose covariance ARW² min(t_a, t_b) I does not depend on the axes since it is isotropic. In inertial
+axes the integral is a plain running sum, so that every column, and every step of it at any time, comes from one cumulative
+sum; a reading that is high by r has δω = −G r. The first reference is one of the observations (ζ = 0), and φ is a nuisance
+parameter.
+
+Where ζ is not small, Aᵀ along the propagated attitude is not Aᵀ along the true one, and the first order is not enough.
+`diagnosis.model.relinearised_path` then takes A along the references, and for ζ the integral of the error along that path.
+
+The nuisance parameters of M0 (φ of every interval, G, b) are projected out: the whitened observations y then are N(0, I) on
+the complement of their columns if M0 is true, and an effect adds its projected column. Nothing else is needed for tests,
+evidence, amplitudes and predictions. Source: Kay, Fundamentals of Statistical Signal Processing II, section 7.7 (the linear
+model with nuisance parameters).
+
+Mountings of sensors that are estimated without a prior are nuisance parameters as well. Those with a prior covariance P are
+noise that all blocks share: with their columns L⁻¹ C, whitened by the factor L of the covariance of each block,
+
+    S = I + L⁻¹ C P Cᵀ L⁻ᵀ,    S^−½ = I + U ((1 + s²)^−½ − 1) Uᵀ
+
+(U, s the singular vectors and values of L⁻¹ C P^½), and S^−½ L⁻¹ whitens all.
+
+Long recordings are condensed to fewer steps and observations (`diagnosis.model.linearise`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from diagnosis.model import process_projection
+from gyrocal.calibration.trackers import Mountings
+from gyrocal.recording import Recording
+from simulator.effects import References, Stream, Surroundings, find_flight_directions
+from simulator.effects.recording_view import interpolate_housekeeping
+from simulator.effects.tracker_view import build_trackers
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class RecordingSettings:
+    """Constants of `diagnosis.model.recording_model`."""
+
+    most_cells: int = 320  # cells of a recording; random processes cost the cube of it
+    rank: float = 1e-9  # relative size below which a nuisance column adds nothing to the others
+
+
+SETTINGS = RecordingSettings()
+
+
+PROJECTED_COLUMNS_PER_BATCH = 1024  # columns that are projected together
+
+
+@dataclass(frozen=True)
+class Block:
+    """One interval, or a part of one: its steps, the references in it and their observations.
+
+    Attributes
+    ----------
+    interval : index of the recording's interval it is, or is a part of
+    steps : its steps among all
+    rows : its rows among those of the observations, three for each observation
+    references : (m,) rows of the reference attitudes in the recording
+    ends : (m,) steps of the interval done at each reference, the first is 0
+    elapsed_s : (m,) time since the first reference
+    groups : (r,) the first of the references that are averaged to each observation
+    whitener : (3r, 3r) lower Cholesky factor of the observations' covariance
+    """
+
+    interval: int
+    steps: slice
+    rows: slice
+    references: Indices
+    ends: Indices
+    elapsed_s: Array
+    groups: Indices
+    whitener: Array
+
+    @property
+    def counts(self) -> Indices:
+        """(r,) number of references in each observation."""
+        return np.diff(np.append(self.groups, self.references.size))
+
+    @property
+    def last_of_each(self) -> Indices:
+        """(r,) row in the recording of the last of the references of each observation."""
+        return self.references[np.append(self.groups[1:], self.references.size) - 1]
+
+    def observed(self, values: Array) -> Array:
+        """Means over the references of each observation, (m, …) → (r, …)."""
+        if self.groups.size == self.references.size:
+            return values
+        sums = np.add.reduceat(values, self.groups, axis=0)
+        return np.asarray(sums / self.counts.reshape(-1, *(1,) * (values.ndim - 1)))
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Stretches between observations and inside long gaps of them, over which a random rate error is taken as constant.
+
+    Attributes
+    ----------
+    interval : (c,) index of the interval
+    first, last : (c,) its steps among all, the last excluded
+    t_s : (c,) time of its middle, s since the epoch
+    run_s : (c,) sampled time up to its middle, gaps between the intervals left out
+    duration_s : (c,)
+    """
+
+    interval: Indices
+    first: Indices
+    last: Indices
+    t_s: Array
+    run_s: Array
+    duration_s: Array
+
+
+@dataclass(frozen=True)
+class RecordingModel:
+    """A recording linearised about a calibration.
+
+    Attributes
+    ----------
+    recording : what was recorded
+    G, bias : (3, 3), (3,) rad/s: the parameters it is linearised about
+    t_s, dt : (n,) middle and length of each step, s
+    raw, rates : (n, 3) raw and calibrated rates, smoothed if there is a smoothed stream, rad/s
+    to_inertial : (n, 3, 3) Aᵀ in the middle of each step
+    at_reference : (m, 3, 3) Aᵀ at each reference of each block, as propagated
+    blocks : the intervals
+    zeta : (N,) observations, rad
+    residuals : (m, 3) ζ of every reference before any averaging, rad
+    off : (m, 3) rotation vectors from the propagated attitudes to the references, inertial axes, rad
+    errors : (m, 3, 3) covariance of the error of every reference, inertial axes, rad²
+    walk : (m, 3, 3) covariance of the integrated gyro noise at every reference, inertial axes, rad²
+    """
+
+    recording: Recording
+    G: Array
+    bias: Array
+    t_s: Array
+    dt: Array
+    raw: Array
+    rates: Array
+    to_inertial: Array
+    at_reference: Array
+    blocks: tuple[Block, ...]
+    zeta: Array
+    residuals: Array
+    off: Array
+    errors: Array
+    walk: Array
+
+    @property
+    def size(self) -> int:
+        """Number of observations."""
+        return self.zeta.size
+
+    @cached_property
+    def reference_rows(self) -> Indices:
+        """(m,) rows of the reference attitudes, block by block."""
+        return np.concatenate([block.references for block in self.blocks])
+
+    @cached_property
+    def interval_of_reference(self) -> Indices:
+        """(m,) index of the block of each reference."""
+        return np.repeat(np.arange(len(self.blocks)), [block.references.size for block in self.blocks])
+
+    @cached_property
+    def observation_block(self) -> Indices:
+        """(r,) index of the block of each observation."""
+        return np.repeat(np.arange(len(self.blocks)), [block.groups.size for block in self.blocks])
+
+    @cached_property
+    def observation_t_s(self) -> Array:
+        """(r,) time of each observation, s since the epoch."""
+        t_s = self.recording.attitudes.t_s
+        return np.concatenate([block.observed(t_s[block.references]) for block in self.blocks])
+
+    @cached_property
+    def reference_rows_of_observations(self) -> Indices:
+        """(r,) the middle one of the references of each observation, among those of `references`."""
+        out, start = [], 0
+        for block in self.blocks:
+            out.append(start + block.groups + block.counts // 2)
+            start += block.references.size
+        return np.concatenate(out)
+
+    @cached_property
+    def observation_attitude(self) -> Array:
+        """(r, 3, 3) Aᵀ at the middle one of the references of each observation."""
+        return self.at_reference[self.reference_rows_of_observations]
+
+    @cached_property
+    def stream(self) -> Stream:
+        """The steps as the effects see them."""
+        orbit = self.recording.orbit
+        return Stream(
+            t_s=self.t_s,
+            duration_s=self.dt,
+            rates=self.rates,
+            raw=self.raw,
+            intervals=tuple(block.steps for block in self.blocks),
+            orbit_period_s=orbit.period_s if orbit is not None else float("nan"),
+            span_s=(self.recording.intervals[0].start_s, self.recording.intervals[-1].stop_s),
+            housekeeping=interpolate_housekeeping(self.recording, self.t_s),
+        )
+
+    @cached_property
+    def references(self) -> References:
+        """The references as the effects see them, block by block."""
+        rows = self.reference_rows
+        attitudes = self.recording.attitudes
+        orbit = self.recording.orbit
+        seen = None
+        if attitudes.sensor is not None:
+            known = interpolate_housekeeping(self.recording, attitudes.t_s[rows])
+            seen = build_trackers(self.recording, rows, self.interval_of_reference, self.stream, known)
+        forward, heading = find_flight_directions(self.recording)
+        return References(
+            t_s=attitudes.t_s[rows],
+            quaternions=attitudes.quaternions[rows],
+            interval=self.interval_of_reference,
+            forward=forward[rows],
+            orbit_period_s=orbit.period_s if orbit is not None else float("nan"),
+            heading=heading[rows],
+            trackers=seen,
+        )
+
+    @cached_property
+    def around(self) -> Surroundings:
+        """What the recording offers to effects."""
+        gyro, sigma = self.recording.gyro, self.recording.attitudes.sigma[self.reference_rows]
+        return Surroundings(self.stream, self.references, gyro.arw, gyro.sample_s, sigma)
+
+    # ---- columns ---------------------------------------------------------------------------------------------------------
+
+    def reading(self, high: Array) -> Array:
+        """Observations, per unit, of a reading that is too high.
+
+        Parameters
+        ----------
+        high : (n, 3, k) what is added to the raw rates, rad/s
+
+        Returns
+        -------
+        (N, k), not yet whitened
+        """
+        return self.observe_rate_error(-np.einsum("ij,njk->nik", self.G, high))
+
+    def observe_rate_error(self, error: Array) -> Array:
+        """Observations of an error δω of the calibrated rates, (n, 3, k) rad/s → (N, k)."""
+        return self._observe_increments(np.matmul(self.to_inertial, error) * self.dt[:, None, None])
+
+    def observe_reading_steps(self, high: Array, starts: Indices) -> Array:
+        """As `reading` for one reading switched on at each of several steps: (n, 3), (s,) → (N, s)."""
+        turned = np.einsum("nij,nj->ni", self.to_inertial, -(high @ self.G.T)) * self.dt[:, None]
+        out = np.empty((self.size, starts.size))
+        for block in self.blocks:
+            total = np.vstack([np.zeros(3), np.cumsum(turned[block.steps], axis=0)])
+            begin = np.clip(starts - block.steps.start, 0, len(total) - 1)
+            # Before its start the step has added nothing, after it the sum since then.
+            late = np.maximum(block.ends[:, None], begin[None, :])
+            added = block.observed(np.moveaxis(total[late] - total[begin][None], 1, 2))
+            out[block.rows] = added.reshape(-1, starts.size)
+        return out
+
+    def observe_reference_error(self, error: Array) -> Array:
+        """Observations of errors of the references in body axes, (m, 3, k) rad → (N, k)."""
+        turned = -np.matmul(self.at_reference, error)
+        parts, start = [], 0
+        for block in self.blocks:
+            parts.append(block.observed(turned[start : start + block.references.size]))
+            start += block.references.size
+        return np.concatenate(parts).reshape(self.size, -1)
+
+    def compute_attitude_turns(self, high: Array) -> Array:
+        """Attitude errors at every reference, before any averaging, of a reading that is too high; (n, 3, k) → (m, 3, k)."""
+        error = -np.einsum("ij,njk->nik", self.G, high)
+        increments = np.matmul(self.to_inertial, error) * self.dt[:, None, None]
+        return np.concatenate([_accumulate_increments(increments, block) for block in self.blocks])
+
+    def _observe_increments(self, increments: Array) -> Array:
+        out = np.empty((self.size, increments.shape[2]))
+        for block in self.blocks:
+            out[block.rows] = block.observed(_accumulate_increments(increments, block)).reshape(3 * block.groups.size, -1)
+        return out
+
+    # ---- whitening and projection ----------------------------------------------------------------------------------------
+
+    def whitened(self, columns: Array) -> Array:
+        """S^−½ L⁻¹ of the columns, (N,) or (N, k), see the module."""
+        return self._scale_mounting_modes(self._whiten_blocks(columns), lambda s: 1 / np.sqrt(1 + s**2))
+
+    def undo_mounting_whitening(self, columns: Array) -> Array:
+        """S^½ of whitened columns, (N,) or (N, k): L⁻¹ of what they are of."""
+        return self._scale_mounting_modes(columns, lambda s: np.sqrt(1 + s**2))
+
+    def _scale_mounting_modes(self, columns: Array, share: Callable[[Array], Array]) -> Array:
+        """Each direction that the mountings with a prior have times its share."""
+        if not self.known_mountings.shape[1]:
+            return columns
+        U, s = self._mounting_modes
+        return np.asarray(columns + (U * (share(s) - 1)) @ (U.T @ columns))
+
+    @cached_property
+    def _mounting_modes(self) -> tuple[Array, Array]:
+        """U (N, q) and s (q,) of L⁻¹ C P^½."""
+        U, s, _ = np.linalg.svd(self.known_mountings, full_matrices=False)
+        return U, s
+
+    def _whiten_blocks(self, columns: Array) -> Array:
+        """L⁻¹ of the columns."""
+        out = np.empty_like(columns)
+        for block in self.blocks:
+            out[block.rows] = scipy.linalg.solve_triangular(block.whitener, columns[block.rows], lower=True, check_finite=False)
+        return out
+
+    @cached_property
+    def calibration(self) -> Array:
+        """(N, 12) whitened columns of what G_xx, G_xy, …, G_zz, b_x, b_y, b_z lack: δω = δG ω_raw + δb."""
+        return self.whitened(self.observe_rate_error(build_parameter_errors(self.raw)))
+
+    @cached_property
+    def starts(self) -> Array:
+        """(N, 3 blocks) whitened columns of the start attitude errors φ."""
+        out = np.zeros((self.size, 3 * len(self.blocks)))
+        for number, block in enumerate(self.blocks):
+            out[block.rows, 3 * number : 3 * number + 3] = np.tile(np.eye(3), (block.groups.size, 1))
+        return self.whitened(out)
+
+    @cached_property
+    def _estimated_mountings(self) -> tuple[Array, Array]:
+        """(N, q) columns of the misalignments of sensors whose mounting is estimated, and (q,) prior sigma of each, rad."""
+        found = Mountings.of(self.recording.attitudes)
+        turns = found.turns[self.reference_rows]
+        return self.observe_reference_error(turns) if turns.shape[2] else np.empty((self.size, 0)), found.prior
+
+    @cached_property
+    def mountings(self) -> Array:
+        """(N, q) whitened columns of those misalignments that have no prior."""
+        columns, prior = self._estimated_mountings
+        return self.whitened(columns[:, ~np.isfinite(prior)])
+
+    @cached_property
+    def known_mountings(self) -> Array:
+        """(N, q) L⁻¹ C P^½, columns of those that have a prior, in units of it."""
+        columns, prior = self._estimated_mountings
+        known = np.isfinite(prior)
+        return self._whiten_blocks(columns[:, known] * prior[known])
+
+    def drop_mounting_priors(self) -> RecordingModel:
+        """The model in which every mounting that is estimated is free."""
+        if not self.known_mountings.shape[1]:
+            return self
+        attitudes = self.recording.attitudes
+        sensors = tuple(replace(one, mounting_sigma=None) for one in attitudes.sensors)
+        return replace(self, recording=replace(self.recording, attitudes=replace(attitudes, sensors=sensors)))
+
+    @cached_property
+    def attitude_nuisance(self) -> Array:
+        """(N, q) whitened columns of nuisance parameters of the attitude: start errors, and mountings that are free."""
+        return self.starts if not self.mountings.shape[1] else np.hstack([self.starts, self.mountings])
+
+    @cached_property
+    def nuisance(self) -> Array:
+        """(N, q) orthonormal basis of the nuisance parameters' columns."""
+        return build_basis(np.hstack([self.attitude_nuisance, self.calibration]))
+
+    def projected(self, columns: Array) -> Array:
+        """Whitened columns with the nuisance parameters' part taken out, some at a time: ten thousand are a gigabyte thrice."""
+        basis, out = self.nuisance, np.empty_like(columns)
+        for first in range(0, columns.shape[-1] if columns.ndim > 1 else 1, PROJECTED_COLUMNS_PER_BATCH):
+            some = (..., slice(first, first + PROJECTED_COLUMNS_PER_BATCH)) if columns.ndim > 1 else ...
+            np.subtract(columns[some], basis @ (basis.T @ columns[some]), out=out[some])
+        return out
+
+    def prepared(self, columns: Array) -> Array:
+        """Whitened and projected."""
+        return self.projected(self.whitened(columns))
+
+    @cached_property
+    def y(self) -> Array:
+        """(N,) whitened and projected observations: N(0, I) on the complement of the nuisance parameters under M0."""
+        return self.prepared(self.zeta)
+
+    @property
+    def weighed_residuals(self) -> Array:
+        """(N,) V⁻¹ (z − C θ), of the observations less what the nuisance parameters explain."""
+        out = self._scale_mounting_modes(self.y, lambda s: 1 / np.sqrt(1 + s**2)).copy()
+        for block in self.blocks:
+            out[block.rows] = scipy.linalg.solve_triangular(block.whitener, out[block.rows], lower=True, trans="T")
+        return out
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Observations less the nuisance parameters."""
+        return self.size - self.nuisance.shape[1]
+
+    # ---- cells -----------------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def cells(self) -> Cells:
+        """Cells that end at the first reference of every observation."""
+        total = float(self.dt.sum())
+        length = total / SETTINGS.most_cells * 1.35  # gaps between references leave short ones
+        parts: list[tuple[int, int, int]] = []
+        for number, block in enumerate(self.blocks):
+            for low, high in pairwise(np.append(block.ends[block.groups], block.ends.max())):
+                if high <= low:
+                    continue
+                duration = float(self.dt[block.steps][low:high].sum())
+                count = min(max(1, round(duration / length)), int(high - low))
+                edges = np.linspace(low, high, count + 1).round().astype(int) + block.steps.start
+                parts += [(number, int(a), int(b)) for a, b in pairwise(edges)]
+        interval, first, last = (np.array(values) for values in zip(*parts, strict=True))
+        lengths: Array = np.add.reduceat(self.dt, first)
+        run = np.cumsum(lengths) - 0.5 * lengths
+        return Cells(interval, first, last, 0.5 * (self.t_s[first] + self.t_s[last - 1]), run, lengths)
+
+    @cached_property
+    def passed(self) -> Array:
+        """(r, c) share of each cell that has passed at each observation."""
+        out = np.zeros((self.size // 3, self.cells.first.size))
+        for number, block in enumerate(self.blocks):
+            inside = np.flatnonzero(self.cells.interval == number)
+            first, last = self.cells.first[inside] - block.steps.start, self.cells.last[inside] - block.steps.start
+            share = block.observed(np.clip((block.ends[:, None] - first) / (last - first), 0.0, 1.0))
+            out[np.ix_(np.arange(block.rows.start // 3, block.rows.stop // 3), inside)] = share
+        return out
+
+    @cached_property
+    def cell_columns(self) -> Array:
+        """(3, N, c) whitened observations of a unit rate error about each body axis in each cell."""
+        turned = np.add.reduceat(self.to_inertial * self.dt[:, None, None], self.cells.first, axis=0)  # (c, inertial, body)
+        made = (self.passed[:, None, :] * turned[:, :, axis].T for axis in range(3))
+        return np.stack([self.whitened(part.reshape(self.size, -1)) for part in made])
+
+    @cached_property
+    def cell_grams(self) -> Array:
+        """(3, c, c) products of the projected columns of the cells."""
+        return np.stack([part.T @ self.projected(part) for part in self.cell_columns])
+
+    @cached_property
+    def reference_grams(self) -> Array:
+        """(3, r, r) products of the projected columns of the references."""
+        return np.stack([part.T @ self.projected(part) for part in self.reference_columns])
+
+    @cached_property
+    def reference_columns(self) -> Array:
+        """(3, N, r) whitened observations of a unit error of the references of each observation about each body axis."""
+        count = self.observation_t_s.size
+        rows = 3 * np.arange(count)[:, None] + np.arange(3)
+        out = np.zeros((3, self.size, count))
+        for axis in range(3):
+            errors = np.zeros((len(self.at_reference), 3, 1))
+            errors[:, axis] = 1.0
+            out[axis][rows, np.arange(count)[:, None]] = self.observe_reference_error(errors).reshape(count, 3)
+        return np.stack([self.whitened(part) for part in out])
+
+    # ---- random processes ------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def cell_places(self) -> tuple[process_projection.ProcessProjection, ...]:
+        """Where a random error of the rates acts, about each body axis."""
+        return process_projection.project_cells(self)
+
+    @cached_property
+    def reference_places(self) -> tuple[process_projection.ProcessProjection, ...]:
+        """Where a random error of the references acts, about each body axis."""
+        return process_projection.project_references(self)
+
+
+def build_basis(columns: Array) -> Array:
+    """Build an orthonormal basis (N, q) of columns of nuisance parameters in any units."""
+    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    U, s, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(U[:, s > SETTINGS.rank * s[0]])
+
+
+def build_parameter_errors(raw: Array) -> Array:
+    """(n, 3, 12) errors of rates of unit errors of G_xx, G_xy, …, G_zz, b_x, b_y, b_z, from the raw rates (n, 3)."""
+    out = np.zeros((len(raw), 3, 12))
+    for axis in range(3):
+        out[:, axis, 3 * axis : 3 * axis + 3] = raw
+        out[:, axis, 9 + axis] = 1.0
+    return out
+
+
+def _accumulate_increments(increments: Array, block: Block) -> Array:
+    """Sums of increments up to each reference of a block, (n, 3, k) of all steps → (m, 3, k)."""
+    ends, place = np.unique(block.ends, return_inverse=True)  # several sensors may have a reference at one time
+    parts = np.add.reduceat(increments[block.steps], ends[:-1], axis=0)
+    total = np.concatenate([np.zeros((1, *parts.shape[1:])), np.cumsum(parts, axis=0)])
+    return np.asarray(total[place])

@@ -1,0 +1,138 @@
+"""The plan as a whole: every part in turn, with progress and notes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from diagnosis.model.candidates import build_linear_model
+from diagnosis.model.groups import AXES
+from diagnosis.model.recording_model import RecordingModel
+from diagnosis.plan.columns import build_signatures, linearise_noise_free
+from diagnosis.plan.extras import append_intervals, evaluate_extra, list_maneuvers
+from diagnosis.plan.named_size import find_named_sizes
+from diagnosis.plan.result import Plan, Progress
+from diagnosis.plan.samples import list_sample_sizes
+from diagnosis.plan.separability import list_pairs
+from diagnosis.plan.settings import SETTINGS
+from diagnosis.plan.visibility import DetectionPower, find_visible_size, list_unavailable_effects
+from diagnosis.settings import DEFAULT, DiagnosisSettings
+from gyrocal.calibration.observability import PLAUSIBLE_RANGE
+from gyrocal.errors import InputError
+from simulator.effects import ARRAY_EFFECTS, EFFECTS, TRACKER_EFFECTS
+from simulator.scenario import Scenario
+
+
+def plan(
+    scenario: Scenario,
+    *,
+    effects: Sequence[str] | None = None,
+    extras: Mapping[str, Sequence[Mapping[str, Any]]] | None = None,
+    named: bool = False,
+    progress: Progress | None = None,
+    seed: int = 0,
+    settings: DiagnosisSettings = DEFAULT,
+) -> Plan:
+    """What a scenario will show.
+
+    Parameters
+    ----------
+    scenario : the maneuver plan, with the gyro's and the references' noise
+    effects : names of those to look at; all by default
+    extras : extra maneuvers by name, each a list of interval sections; those of `list_maneuvers` by default, none if empty
+    named : also look for the size at which an effect is named, which takes ten seconds and more for each
+    progress : called with a text and the share done
+    seed : of the draws
+    settings : thresholds and priors of the diagnosis that the recording is for
+
+    Raises
+    ------
+    InputError
+        There is no such effect, an extra maneuver is no valid continuation of the scenario, or it has more gyros than three.
+    """
+    began = time.perf_counter()
+    tell = progress or (lambda text, share: None)
+    names = _select_effects(effects)
+    if scenario.gyro.array is not None:
+        raise InputError("gyro.array: a plan is of the three gyros x, y and z; leave it out to plan for the body's rates")
+    longer = {
+        name: append_intervals(scenario, parts)
+        for name, parts in (list_maneuvers(scenario) if extras is None else extras).items()
+    }
+    tell("linear model", 0.0)
+    model = linearise_noise_free(scenario)
+    every = build_signatures(model, names)
+    tell("candidates", 0.05)
+    power = DetectionPower(build_linear_model(model, list(EFFECTS.values()), settings=settings, scan=False), seed, settings)
+    tell("smallest visible sizes", 0.15)
+    seen = []
+    for number, one in enumerate(every):
+        tell("smallest visible sizes", 0.15 + 0.4 * number / len(every))
+        seen.append(find_visible_size(one, power))
+    snr = np.array([one.snr for one in seen if np.isfinite(one.snr)])
+    effects_seen = [EFFECTS[name] for name in names]
+    seen += list_sample_sizes(scenario, model, effects_seen, float(np.median(snr)) if snr.size else SETTINGS.snr)
+    seen += list_unavailable_effects(model, effects_seen)
+    if named:
+        tell("smallest named sizes", 0.55)
+        seen = find_named_sizes(seen, every, power, tell)
+    tell("pairs", 0.7)
+    found = list_pairs(every, seen)
+    helped = []
+    for number, (name, extended) in enumerate(longer.items()):
+        tell(f"extra: {name}", 0.7 + 0.3 * number / len(longer))
+        helped.append(evaluate_extra(name, scenario, extended, model, every, seen, found))
+    order = {name: number for number, name in enumerate(EFFECTS)}
+    return Plan(
+        scenario=scenario.title,
+        false_alarm_rate=settings.false_alarm_rate,
+        threshold=power.threshold,
+        degrees_of_freedom=model.degrees_of_freedom,
+        effects=tuple(sorted(seen, key=lambda one: (order[one.effect], one.label))),
+        pairs=tuple(found),
+        extras=tuple(sorted(helped, key=lambda one: (one.ratio, -len(one.resolved)))),
+        notes=_write_plan_notes(scenario, model),
+        runtime_s=time.perf_counter() - began,
+    )
+
+
+def _select_effects(effects: Sequence[str] | None) -> list[str]:
+    for name in effects or ():
+        if name in TRACKER_EFFECTS or name in ARRAY_EFFECTS:
+            raise InputError(
+                f"{name}: a plan knows effects of the gyros x, y and z and of all references, not of one of several"
+            )
+        if name not in EFFECTS:
+            raise InputError(f"{name}: no such effect; there are {', '.join(EFFECTS)}")
+    return [name for name in EFFECTS if not effects or name in effects]
+
+
+def _write_plan_notes(scenario: Scenario, model: RecordingModel) -> tuple[str, ...]:
+    notes = []
+    if scenario.reference.at == "ends":
+        notes.append(
+            f"References only at the ends of {len(model.blocks)} intervals: {model.degrees_of_freedom} degrees of freedom are "
+            "left beside the calibration; what happens inside an interval shows only by its sum, and few effects can be told "
+            "from one another"
+        )
+    own = np.linalg.qr(model.attitude_nuisance)[0]
+    columns = (model.calibration - own @ (own.T @ model.calibration)) * PLAUSIBLE_RANGE
+    sigma = np.sqrt(np.diag(np.linalg.inv(columns.T @ columns + 1e-2 * np.eye(12))))
+    parameters = [f"G_{a}{b}" for a in AXES for b in AXES] + [f"b_{a}" for a in AXES]
+    unseen = [name for name, value in zip(parameters, sigma, strict=True) if value > 0.5]
+    if unseen:
+        notes.append(f"Not observed by these motions: {', '.join(unseen)}; effects that act like them cannot be seen either")
+    notes += [
+        "Not identifiable from any recording: a constant offset of all references, the same as a turn of G and the start "
+        "attitudes; constant errors of G and b, which are calibrated away",
+        "What follows a temperature is as with the simulator's own gyro temperature; a recording without housekeeping shows it "
+        "only as something unknown",
+    ]
+    if scenario.reference.tracker:
+        notes.append("Effects of one star tracker are not looked at")
+    if scenario.control_motion is not None:
+        notes.append("Thresholds in the samples take the control motion for quiet; with a strong one fewer samples count")
+    return tuple(notes)

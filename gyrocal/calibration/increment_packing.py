@@ -1,0 +1,208 @@
+"""A stream of rates in the order in which the lanes of the compiled pass read it.
+
+The stream is cut into pieces, 32 of which run side by side as a batch of lanes (see `gyrocal.calibration.propagation`). The
+pass reads (steps, n + 1, lanes) of [ω_raw Δt, Δt] of n gyros, so that a step of all lanes is a row of vectors; a recording has
+a row for each sample. Packing is the transposition between the two. It is done by squares of eight steps and eight lanes,
+which are transposed in registers, and a chunk of steps at a time.
+
+The lanes read at 32 distant places at once, more than a processor follows by itself. Hence the prefetching: without it, packing
+a stream that is not in the caches takes three times as long.
+
+The number of gyros is told by the length of a tuple, `gyros_of(n)`: it is part of the type, so that each number is compiled by
+itself, and all loops over gyros are unrolled.
+"""
+
+from math import sqrt
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import uintp
+from numba.core import types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from gyrocal.jit_cache import compile_cached
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Pieces = tuple[Indices, Indices]
+# Raw rates (samples, n) rad/s; the sample that each step holds; duration of each step, s; whether that is `is_unbroken`.
+Stream = tuple[Array, Indices, Array, bool]
+Gyros = tuple[int, ...]
+
+LANES = 32
+TILE = 2
+CHUNK_STEPS = 256  # steps, 256 KiB of three gyros; a multiple of WIDTH and of TILE
+AHEAD = 32  # steps from what is packed to what is fetched
+DOUBLE = 8  # bytes
+LANE_WIDTH = 8  # lanes and steps that make a square
+THREE_GYROS: Gyros = (0, 0, 0)
+
+
+def encode_gyro_count(count: int) -> Gyros:
+    """What tells the compiled functions of so many gyros."""
+    return (0,) * count
+
+
+def compute_packed_shape(pieces: Pieces, count: int = 3) -> tuple[int, int, int, int]:
+    """Shape of packed increments of so many gyros: batches, steps in whole tiles, gyros and Δt, lanes."""
+    return -(-len(pieces[0]) // LANES), -(-int(pieces[1].max()) // TILE) * TILE, count + 1, LANES
+
+
+def _build_prefetch(_typing: Any, _address: Any) -> Any:
+    """Ask for the cache line at an address, which may lie outside of all memory."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        byte, number = ir.IntType(8).as_pointer(), ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [byte, number, number, number])
+        function = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
+        read, keep, data = number(0), number(3), number(1)
+        builder.call(function, [builder.inttoptr(arguments[0], byte), read, keep, data])
+        return None
+
+    return types.void(types.intp), generate
+
+
+_prefetch: Any = intrinsic(_build_prefetch)
+
+
+def _build_square_packing(_typing: Any, _rates: Any, _dt: Any, _out: Any, _largest: Any, gyros: Any) -> Any:
+    """Pack a square: eight consecutive samples of eight lanes.
+
+    Arguments are addresses: of the eight lanes' addresses of their rates, and of their durations; of the first place of the
+    first lane to pack to; and of the eight lanes' largest |ω_raw Δt|². The last argument tells the number of gyros.
+    """
+    count = len(gyros)
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        number, vector = ir.IntType(64), ir.VectorType(ir.DoubleType(), LANE_WIDTH)
+        rates, dt, out, largest, _ = arguments
+
+        def locate(address: Any, doubles: int, kind: Any = vector) -> Any:
+            return builder.inttoptr(builder.add(address, number(DOUBLE * doubles)), kind.as_pointer())
+
+        def permute(one: Any, other: Any, order: list[int]) -> Any:
+            return builder.shuffle_vector(one, other, ir.Constant(ir.VectorType(ir.IntType(32), LANE_WIDTH), order))
+
+        def transpose(lanes: Any, doubles: int) -> list[Any]:
+            """Eight doubles of each of eight lanes, as the eight lanes of each of eight doubles."""
+            rows = [builder.load(locate(lane, doubles), align=DOUBLE) for lane in lanes]
+            for half in (1, 2, 4):  # swap the off-diagonal blocks of that size
+                for i in (i for i in range(LANE_WIDTH) if not i & half):
+                    one, other = rows[i], rows[i + half]
+                    rows[i] = permute(one, other, [j + LANE_WIDTH - half if j & half else j for j in range(LANE_WIDTH)])
+                    rows[i + half] = permute(one, other, [j + LANE_WIDTH if j & half else j + half for j in range(LANE_WIDTH)])
+            return rows
+
+        of_rates, of_dt = ([builder.load(locate(table, lane, number)) for lane in range(LANE_WIDTH)] for table in (rates, dt))
+        most = builder.load(locate(largest, 0), align=DOUBLE)
+        durations, squares = transpose(of_dt, 0), [None] * LANE_WIDTH
+        for step, h in enumerate(durations):
+            builder.store(h, locate(out, LANES * ((count + 1) * step + count)), align=DOUBLE)
+        for column in range(count):  # eight doubles at a time, which the registers hold whatever the number of gyros
+            for row, value in enumerate(transpose(of_rates, LANE_WIDTH * column)):
+                step, gyro = divmod(LANE_WIDTH * column + row, count)
+                turn = builder.fmul(value, durations[step])
+                builder.store(turn, locate(out, LANES * ((count + 1) * step + gyro)), align=DOUBLE)
+                square, before = builder.fmul(turn, turn), squares[step]
+                squares[step] = square if before is None else builder.fadd(before, square)
+        for size in squares:
+            most = builder.select(builder.fcmp_ordered(">", size, most), size, most)
+        builder.store(most, locate(largest, 0), align=DOUBLE)
+        return None
+
+    return types.void(*[types.intp] * 4, gyros), generate
+
+
+_pack_square: Any = intrinsic(_build_square_packing)
+
+
+@compile_cached
+def is_unbroken(sample: Indices, starts: Indices, lengths: Indices) -> bool:  # pragma: no cover - compiled
+    """Whether the steps of every piece hold one sample after the other, none twice and none left out."""
+    for piece in range(len(starts)):
+        for k in range(starts[piece] + 1, starts[piece] + lengths[piece]):
+            if sample[k] != sample[k - 1] + 1:
+                return False
+    return True
+
+
+@compile_cached
+def pack_chunk(
+    stream: Stream, pieces: Pieces, batch: int, low: int, out: Array, gyros: Gyros
+) -> float:  # pragma: no cover - compiled
+    """Pack steps `low` and following of a batch's pieces into out (steps, n + 1, lanes), zero where a piece is short.
+
+    Returns
+    -------
+    Largest |ω_raw Δt| of these steps, rad.
+    """
+    rates, sample, dt, in_order = stream
+    starts, lengths = pieces
+    columns = len(gyros)
+    # Of each lane: its first step here, the sample of that, and how many steps it has here.
+    first, row, count = np.zeros(LANES, np.uintp), np.zeros(LANES, np.uintp), np.zeros(LANES, np.intp)
+    for lane in range(LANES):
+        piece = batch * LANES + lane
+        if piece < len(starts) and low < lengths[piece]:
+            first[lane] = starts[piece] + low
+            row[lane] = sample[first[lane]]
+            count[lane] = min(lengths[piece] - low, len(out))
+    full = count.min()
+    largest = np.zeros(LANES)  # |ω_raw Δt|²
+    rates_at, dt_at = np.empty(LANES, np.intp), np.empty(LANES, np.intp)  # addresses
+    squares = full // LANE_WIDTH * LANE_WIDTH if in_order else 0  # steps in squares
+    for k in range(0, squares, LANE_WIDTH):
+        for lane in range(LANES):
+            rates_at[lane] = rates.ctypes.data + columns * DOUBLE * np.intp(row[lane] + uintp(k))
+            dt_at[lane] = dt.ctypes.data + DOUBLE * np.intp(first[lane] + uintp(k))
+        for lane in range(0, LANES, LANE_WIDTH):
+            here = DOUBLE * lane
+            _pack_square(
+                rates_at.ctypes.data + here,
+                dt_at.ctypes.data + here,
+                out.ctypes.data + DOUBLE * (columns + 1) * LANES * k + here,
+                largest.ctypes.data + here,
+                gyros,
+            )
+        for lane in range(LANES):
+            for column in range(columns):  # a cache line is eight doubles long
+                _prefetch(rates_at[lane] + DOUBLE * (columns * AHEAD + LANE_WIDTH * column))
+            _prefetch(dt_at[lane] + DOUBLE * AHEAD)
+    for k in range(squares, full):
+        for lane in range(LANES):
+            step = first[lane] + uintp(k)
+            _put(rates, uintp(sample[step]), dt[step], out, k, lane, largest, gyros)
+    for lane in range(LANES):
+        for k in range(full, count[lane]):
+            step = first[lane] + uintp(k)
+            _put(rates, uintp(sample[step]), dt[step], out, k, lane, largest, gyros)
+        for k in range(count[lane], len(out)):
+            for q in range(columns + 1):
+                out[k, q, lane] = 0.0
+    return sqrt(largest.max())
+
+
+@compile_cached(inline="always")
+def _put(
+    rates: Array, sample: int, h: float, out: Array, k: int, lane: int, largest: Array, gyros: Gyros
+) -> None:  # pragma: no cover - compiled
+    """Pack one step of one lane."""
+    size = 0.0
+    for column in range(len(gyros)):
+        turn = rates[sample, uintp(column)] * h
+        out[k, column, lane] = turn
+        size += turn * turn
+    out[k, len(gyros), lane] = h
+    largest[lane] = max(largest[lane], size)
+
+
+@compile_cached
+def pack_increments(stream: Stream, pieces: Pieces, out: Array, gyros: Gyros) -> float:  # pragma: no cover - compiled
+    """Pack a whole stream into out (batches, steps, n + 1, lanes); returns the largest |ω_raw Δt| rad."""
+    largest = 0.0
+    for batch in range(len(out)):
+        for low in range(0, out.shape[1], CHUNK_STEPS):
+            largest = max(largest, pack_chunk(stream, pieces, batch, low, out[batch, low : low + CHUNK_STEPS], gyros))
+    return largest

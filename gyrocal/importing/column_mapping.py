@@ -1,0 +1,258 @@
+"""What the columns of somebody's tables mean: a mapping, from options or from a TOML file of the same words.
+
+    time = "timestamp_ms:ms"
+    gyro = "gx,gy,gz:deg/s"
+    quat = "qw,qx,qy,qz:body-to-inertial"
+
+A text names columns, separated by commas, and after colons what they are. A column's name with a minus before it is read with
+the other sign. The scalar part of a quaternion is the element whose name ends in w, or in 0; otherwise scalar-first or
+scalar-last must be said.
+
+Direction: "body-to-inertial" says that the rotation takes components of a vector in body axes to those in inertial ones,
+v_inertial = q v q* with Hamilton's product, or v_inertial = M v with a matrix. Euler angles are those of
+``Rotation.from_euler(sequence, angles)`` of scipy, columns in the order of the sequence, capitals for rotated axes; its matrix
+takes vectors in the same way. A(q) of a recording then is the same quaternion, scalar last; see `gyrocal.attitude`.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from scipy.spatial.transform import Rotation
+
+from gyrocal.errors import InputError
+from gyrocal.recording import format_validation_error, read_toml
+from gyrocal.recording.checks import NORM_TOLERANCE
+from gyrocal.recording.header import IntervalHeader
+
+Array = NDArray[np.float64]
+
+ATTITUDE_DIRECTIONS = {
+    "body-to-inertial": False,
+    "body-to-world": False,
+    "inertial-to-body": True,
+    "world-to-body": True,
+}  # True: the inverse is meant
+QUATERNION_ORDERS = ("scalar-first", "scalar-last")
+TETRAHEDRON = (np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)).tolist()
+
+Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+Quaternion = Annotated[list[float], Field(min_length=4, max_length=4)]
+
+
+class Span(IntervalHeader):
+    """An interval as recording.toml has it, but that its activity need not be said."""
+
+    activity: str = ""
+
+
+class Mapping(BaseModel):
+    """What the columns mean, and what is known beyond them; None is estimated or taken from the data.
+
+    Attributes
+    ----------
+    time, attitude_time : "COLUMN:UNIT" of the gyro's table and of the attitudes'; the latter as the former by default
+    gyro : "COLUMNS:UNIT", or one column with `gyro_by`
+    quat, euler, matrix : the attitudes, one of the three
+    lsb : size of a count with its unit
+    wrap : where an accumulated angle wraps, in the column's own unit
+    gyro_by, attitude_by : column that says which gyro or which attitude sensor a row is of
+    axes : direction of each gyro in the body, a row a gyro; or "tetrahedron"
+    G : 3×n in place of axes: ω = G ω_raw + b
+    mounting : "estimate" finds the rotation from the gyros' axes to the attitudes'
+    tag : which part of a rate's sample its time tags
+    attitude_offset_s : added to the attitudes' tags
+    sigma_deg : reference 1-sigma per body axis; with attitude_by about each sensor's own axes, by its name
+    mountings : with attitude_by, quaternion from body to each sensor, scalar last, by its name; estimated if not given
+    mounting_sigma_deg : 1-sigma of those that are to be estimated as well, about the sensor's own axes, by its name
+    estimated_mountings : names of those that are to be estimated without regard to what is stated
+    arw_deg_per_sqrt_s : of each gyro
+    bias_deg_s : of the body, b of ω = G ω_raw + b
+    interval_s, spacing_s : longest interval, and least time between references
+    interval : intervals as in recording.toml, in the place of those that are made
+    title, epoch : of the recording; times of intervals are since the epoch
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    time: str
+    gyro: str
+    attitude_time: str | None = None
+    quat: str | None = None
+    euler: str | None = None
+    matrix: str | None = None
+    lsb: str | None = None
+    wrap: float | None = Field(default=None, gt=0)
+    gyro_by: str | None = None
+    attitude_by: str | None = None
+    axes: list[Vector] | Literal["tetrahedron"] | None = None
+    G: list[list[float]] | None = None
+    mounting: Literal["as given", "estimate"] = "as given"
+    tag: Literal["start", "middle", "end"] = "start"
+    attitude_offset_s: float = 0.0
+    sigma_deg: Vector | dict[str, Vector] | None = None
+    mountings: dict[str, Quaternion] | None = None
+    mounting_sigma_deg: dict[str, Vector] | None = None
+    estimated_mountings: list[str] | None = None
+    arw_deg_per_sqrt_s: float | None = Field(default=None, gt=0)
+    bias_deg_s: Vector | None = None
+    interval_s: float | None = Field(default=None, gt=0)
+    spacing_s: float | None = Field(default=None, gt=0)
+    interval: list[Span] | None = Field(default=None, min_length=1)
+    title: str | None = None
+    epoch: str | None = None
+
+    @property
+    def attitude(self) -> str:
+        """Which of quat, euler and matrix is given."""
+        given = [name for name in ("quat", "euler", "matrix") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise InputError("attitude: give one of quat, euler and matrix, e.g. --quat qw,qx,qy,qz:body-to-inertial")
+        return given[0]
+
+    def build_mountings(self) -> dict[str, Array] | None:
+        """(3, 3) of each sensor whose mounting is stated, by name; None where none is."""
+        if self.mountings is None:
+            if self.mounting_sigma_deg is not None or self.estimated_mountings is not None:
+                raise InputError(
+                    "mounting_sigma_deg, estimated_mountings: go with mountings; one not stated is estimated freely"
+                )
+            return None
+        if self.attitude_by is None:
+            raise InputError("mountings: goes with attitude_by, the column that says which sensor a row is of")
+        for name, q in self.mountings.items():
+            if abs(np.linalg.norm(q) - 1) > NORM_TOLERANCE:
+                raise InputError(f"mountings: {name} must be a quaternion of norm 1")
+        unknown = {*(self.mounting_sigma_deg or {}), *(self.estimated_mountings or [])} - set(self.mountings)
+        if unknown:
+            raise InputError(f"mounting_sigma_deg, estimated_mountings: no mounting of {', '.join(sorted(unknown))} is stated")
+        return {name: np.asarray(Rotation.from_quat(q).as_matrix().T) for name, q in self.mountings.items()}
+
+    def directions(self, count: int) -> Array:
+        """G (3, count) that the mapping gives: its own, that of its axes, or the identity for three gyros."""
+        if self.G is not None:
+            if self.axes is not None:
+                raise InputError("give axes or G, not both")
+            G = np.array(self.G, dtype=float) if len({len(row) for row in self.G}) == 1 else np.zeros(0)
+            if G.shape != (3, count):
+                raise InputError(f"G: three rows of {count} numbers are needed, one for each gyro")
+        elif self.axes is None:
+            if count != 3:
+                raise InputError(
+                    f"gyro: {count} columns; with other than three give the gyros' axes in the mapping file, a row "
+                    'a gyro: axes = [[1.0, 0.0, 0.0], …], or axes = "tetrahedron"'
+                )
+            G = np.eye(3)
+        else:
+            rows = np.array(TETRAHEDRON if self.axes == "tetrahedron" else self.axes)
+            if len(rows) != count:
+                raise InputError(f"axes: {len(rows)} rows, but {count} gyros")
+            length = np.linalg.norm(rows, axis=1, keepdims=True)
+            if (length < 1e-6).any():
+                raise InputError("axes: a row is zero")
+            # Unit rows measure ω_raw = axes ω; the pseudo-inverse is the least-squares body rate of equally noisy gyros.
+            G = np.linalg.pinv(rows / length)
+        if np.linalg.svd(G, compute_uv=False)[-1] < 1e-3:
+            raise InputError("axes: the gyros do not measure all three directions")
+        return np.asarray(G)
+
+
+def load_mapping(path: Path) -> dict[str, Any]:
+    """Entries of a mapping file, not yet checked."""
+    return read_toml(path)
+
+
+def validate_mapping(entries: dict[str, Any], source: str) -> Mapping:
+    """A mapping of entries.
+
+    Raises
+    ------
+    InputError
+        One line with every fault.
+    """
+    entries = {key: value for key, value in entries.items() if value is not None}
+    for name, example in (("time", "timestamp_ms:ms"), ("gyro", "gx,gy,gz:deg/s")):
+        if name not in entries:
+            raise InputError(f"{source}: {name} is missing, e.g. --{name} {example}")
+    try:
+        made = Mapping.model_validate(entries)
+    except ValidationError as error:
+        raise InputError(f"{source}: {format_validation_error(error, Mapping)}") from None
+    _ = made.attitude
+    return made
+
+
+def parse_spec(text: str, what: str) -> tuple[list[str], list[str]]:
+    """Columns and words of "A,B:WORD:WORD"."""
+    head, *words = text.split(":")
+    names = [name.strip() for name in head.split(",") if name.strip()]
+    words = [word.strip() for word in words]
+    if not names or not words or not all(words):
+        raise InputError(f"{what}: {text!r} is not COLUMNS:UNIT, such as gx,gy,gz:deg/s")
+    return names, words
+
+
+def is_scalar_first(names: list[str], words: list[str]) -> bool:
+    """Whether a quaternion's first column is its scalar part, by what is said or by the columns' names."""
+    said = [word for word in words if word in QUATERNION_ORDERS]
+    if len(said) == 1:
+        return said[0] == QUATERNION_ORDERS[0]
+    ends = [re.sub(r"[^a-z0-9]", "", name.lower())[-1:] for name in names]
+    for mark in ("w", "0", "s"):
+        if ends.count(mark) == 1 and ends.index(mark) in (0, 3):
+            return ends.index(mark) == 0
+    raise InputError(f"quat: do {', '.join(names)} have the scalar part first or last? add :scalar-first or :scalar-last")
+
+
+def convert_attitude(kind: str, text: str, values: Array) -> Array:
+    """A(q), (m, 4) scalar last, of attitude columns (m, 3, 4 or 9) that `parse_spec` has named."""
+    names, words = parse_spec(text, kind)
+    inverse = [ATTITUDE_DIRECTIONS[word] for word in words if word in ATTITUDE_DIRECTIONS]
+    if len(inverse) != 1:
+        raise InputError(f"{kind}: {text!r} must say one direction: {', '.join(ATTITUDE_DIRECTIONS)}")
+    others = [word for word in words if word not in ATTITUDE_DIRECTIONS]
+    needed = {"quat": 4, "euler": 3, "matrix": 9}[kind]
+    if len(names) != needed:
+        raise InputError(f"{kind}: {needed} columns are needed, not {len(names)}")
+    if kind == "quat":
+        _refuse_others(kind, others, QUATERNION_ORDERS)
+        q = np.roll(values, -1, axis=1) if is_scalar_first(names, words) else values
+        norm = np.linalg.norm(q, axis=1)
+        _refuse_rows(kind, np.abs(norm - 1) > 0.01, "the four do not have norm 1")
+        rotation = Rotation.from_quat(q)
+    elif kind == "euler":
+        unit = [word for word in others if word in ("deg", "rad")]
+        sequence = [word for word in others if re.fullmatch("[xyz]{3}|[XYZ]{3}", word)]
+        if len(unit) != 1 or len(sequence) != 1 or len(others) != 2:
+            raise InputError(
+                f"euler: {text!r} must say deg or rad and a sequence, e.g. yaw,pitch,roll:deg:ZYX:body-to-inertial"
+            )
+        try:
+            rotation = Rotation.from_euler(sequence[0], values, degrees=unit[0] == "deg")
+        except ValueError as fault:
+            raise InputError(f"euler: {sequence[0]}: {fault}") from None
+    else:
+        _refuse_others(kind, others, ())
+        M = values.reshape(-1, 3, 3)
+        off = np.abs(M @ M.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+        _refuse_rows(kind, (off > 0.01) | (np.linalg.det(M) < 0), "the nine, row by row, are not a rotation matrix")
+        rotation = Rotation.from_matrix(M)
+    return np.asarray((rotation.inv() if inverse[0] else rotation).as_quat())
+
+
+def _refuse_others(kind: str, words: list[str], allowed: tuple[str, ...]) -> None:
+    unknown = [word for word in words if word not in allowed]
+    if unknown:
+        raise InputError(
+            f"{kind}: {', '.join(unknown)} is not understood; known: {', '.join((*ATTITUDE_DIRECTIONS, *allowed))}"
+        )
+
+
+def _refuse_rows(kind: str, bad: NDArray[np.bool_], what: str) -> None:
+    if bad.any():
+        raise InputError(f"{kind}: row {int(np.argmax(bad))}: {what} ({int(bad.sum())} such)")

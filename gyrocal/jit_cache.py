@@ -1,0 +1,209 @@
+"""Compiled functions whose cache on disk cannot be stale, damaged or in the way.
+
+numba's own cache asks only whether the file of the cached function has changed, not the functions and constants that it has
+taken in from other files; it lets two processes that compile different signatures at once overwrite one another's entries, and
+a damaged entry ends in a traceback. Here a folder holds the code of one state of the sources: its name has the hash of every
+source that the functions may come from, and of the versions that compiled them. Within it each entry is one file, named by
+what it is the code of, written whole or not at all, and read only if its checksum is right; anything else is compiled again.
+
+A function of a package may come from that package and the layers below it (gyrocal <- simulator <- diagnosis <- studies), so
+that a change of a report does not compile the kernels anew. A cache runs what lies in it: it is looked for where only those
+write who may write the sources, or only this user, and where there is no such folder nothing is kept.
+"""
+
+import hashlib
+import importlib.util
+import os
+import pickle
+import shutil
+import stat
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from functools import cache
+from importlib import metadata
+from operator import attrgetter
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+import numpy as np
+from numba.core.caching import NullCache
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
+
+from gyrocal.files import open_replacement
+
+PACKAGE_LAYERS = ("gyrocal", "simulator", "diagnosis", "studies")
+CACHE_FOLDER_PREFIX = f"compiled-{sys.implementation.cache_tag}-"  # of the folders' names
+CACHE_VERSIONS = (sys.version, numba.__version__, metadata.version("llvmlite"), np.__version__)
+ELSEWHERE = ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS")  # settings that change no code; joblib gives its workers the latter
+DIGEST = hashlib.sha256().digest_size
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def compile_cached(function: Function | None = None, **options: Any) -> Any:
+    """Decorate a function to be compiled when it is first called, without the global lock, and kept on disk.
+
+    Parameters
+    ----------
+    function : the function, or None where options are given
+    options : of `numba.njit`, such as ``inline="always"``
+    """
+    if function is None:
+        return lambda given: compile_cached(given, **options)
+    dispatcher = numba.njit(nogil=True, **options)(function)
+    if dispatcher is not function:  # with NUMBA_DISABLE_JIT they are the same
+        dispatcher._cache = _Store(function)
+    return dispatcher
+
+
+def hash_sources(package: str) -> str:
+    """Hash of the versions that compile and of every source that a compiled function of a package may come from.
+
+    Raises
+    ------
+    OSError
+        A source cannot be read.
+    """
+    below = PACKAGE_LAYERS[: PACKAGE_LAYERS.index(package) + 1] if package in PACKAGE_LAYERS else (*PACKAGE_LAYERS, package)
+    hashed = hashlib.sha256(repr(CACHE_VERSIONS).encode())
+    for name in below:
+        for path in _list_sources(name):
+            hashed.update(os.fsencode(path) + hashlib.sha256(path.read_bytes()).digest())
+    return hashed.hexdigest()
+
+
+def _list_sources(package: str) -> Iterator[Path]:
+    """The files of a package, or the one of a module, in a fixed order."""
+    found = importlib.util.find_spec(package)
+    for place in (found.submodule_search_locations if found else None) or ():
+        yield from sorted(Path(place).rglob("*.py"))
+    if found and not found.submodule_search_locations and found.origin:
+        yield Path(found.origin)
+
+
+@cache
+def find_cache_folder(package: str) -> tuple[Path, str] | None:
+    """The folder of a package's compiled code and the hash in its name; None if there is no place for it.
+
+    It is chosen, and folders of other states of the sources beside it are removed, when a process first asks.
+    """
+    try:
+        digest = hash_sources(package)
+    except (OSError, ImportError, ValueError):
+        return None
+    for parent in _list_parents(package):
+        chosen = parent / f"{CACHE_FOLDER_PREFIX}{package}-{digest[:32]}"
+        try:
+            chosen.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=chosen).close()
+        except OSError:
+            continue
+        for other in parent.glob(f"{CACHE_FOLDER_PREFIX}{package}-*"):
+            if other != chosen:
+                shutil.rmtree(other, ignore_errors=True)
+        return chosen, digest
+    return None
+
+
+def _list_parents(package: str) -> Iterator[Path]:
+    """Where the folder may lie, the best first: where numba is told to, beside the sources, or in a folder of this user."""
+    found = importlib.util.find_spec(package)
+    beside = Path((found and found.origin) or package).resolve().parent / "__pycache__"
+    told = getattr(numba.config, "CACHE_DIR", "")
+    if told:
+        yield Path(told) / _hash_place(beside)
+    yield beside
+    yield Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "gyrocal" / _hash_place(beside)
+    if hasattr(os, "getuid"):
+        temporary = Path(tempfile.gettempdir()) / f"gyrocal-{os.getuid()}"
+        if _make_private_folder(temporary):
+            yield temporary / _hash_place(beside)
+
+
+def _hash_place(beside: Path) -> str:
+    """A name for the sources' place, so that two checkouts do not remove one another's code."""
+    return hashlib.sha256(os.fsencode(beside)).hexdigest()[:16]
+
+
+def _make_private_folder(path: Path) -> bool:
+    """Make a folder for this user alone, and say whether it is one: in a folder of all, another may have made it."""
+    try:
+        path.mkdir(mode=0o700, exist_ok=True)
+        found = path.lstat()
+    except OSError:
+        return False
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
+
+
+def _list_settings() -> list[tuple[str, str]]:
+    """What numba is told by the environment, and may compile differently for: not the threads, as nothing here is parallel."""
+    return sorted(item for item in os.environ.items() if item[0].startswith("NUMBA_") and item[0] not in ELSEWHERE)
+
+
+class _Store(NullCache):
+    """The compiled code of one function on disk, as numba's dispatchers ask for it."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.function = function
+        self.package = function.__module__.partition(".")[0]
+        find_cache_folder(self.package)  # before the modules that are imported after it can change
+
+    @property
+    def cache_path(self) -> str | None:
+        """The folder, as text."""
+        found = find_cache_folder(self.package)
+        return str(found[0]) if found else None
+
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        """The compiled code for a signature; None if there is none, or none that is whole."""
+        target.refresh()
+        key = self._build_key(signature, target.codegen())
+        path = self._find_path(key)
+        try:
+            data = path.read_bytes() if path else b""
+            if hashlib.sha256(data[DIGEST:]).digest() != data[:DIGEST]:
+                return None
+            found, payload = pickle.loads(data[DIGEST:])
+            return CompileResult._rebuild(target, *payload) if found == key else None
+        except Exception:  # whatever is wrong with it, it can be compiled again
+            return None
+
+    def save_overload(self, signature: Any, result: Any) -> None:
+        """Keep the code for a signature, if it can be kept."""
+        key = self._build_key(signature, result.codegen)
+        path = self._find_path(key)
+        lifted, code = attrgetter("lifted", "library")(result)
+        # Code with addresses in it is of this process; and sources that have changed since it started are not what it runs.
+        if path is None or lifted or code.has_dynamic_globals or not self._is_current():
+            return
+        data = dumps((key, result._reduce()))
+        try:
+            path.parent.mkdir(exist_ok=True)  # another state of the sources may have removed it
+            with open_replacement(path) as file:
+                file.write(hashlib.sha256(data).digest() + data)
+        except OSError:  # a full disk: the code runs all the same
+            return
+
+    def _build_key(self, signature: Any, codegen: Any) -> tuple[str, ...]:
+        """What code is for: function, types, processor, and what the function closes over."""
+        code, closure = self.function.__code__, self.function.__closure__ or ()
+        names = (self.function.__module__, self.function.__qualname__, str(code.co_firstlineno))
+        own = hashlib.sha256(code.co_code + dumps(tuple(cell.cell_contents for cell in closure))).hexdigest()
+        return (*names, str(signature), repr(codegen.magic_tuple()), repr(_list_settings()), own)
+
+    def _find_path(self, key: tuple[str, ...]) -> Path | None:
+        found = find_cache_folder(self.package)
+        if found is None or " at 0x" in repr(key):  # a function is told by its address, which another one can have next time
+            return None
+        name = f"{self.function.__module__}.{self.function.__name__}-{hashlib.sha256(repr(key).encode()).hexdigest()[:32]}"
+        return found[0] / name
+
+    def _is_current(self) -> bool:
+        found = find_cache_folder(self.package)
+        try:
+            return found is not None and hash_sources(self.package) == found[1]
+        except (OSError, ImportError, ValueError):
+            return False

@@ -1,0 +1,284 @@
+"""A recording in memory: a gyro stream, reference attitudes and calibration intervals that fit together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gyrocal.errors import InputError
+from gyrocal.recording import checks, representation, trackers
+from gyrocal.recording.names import QUATERNION_COLUMNS, RATE_COLUMNS, SIGMA_COLUMNS, TRIAD
+from gyrocal.recording.parts import Attitudes, GyroStream, Interval, Orbit
+from gyrocal.recording.sensor_tables import SensorTables
+from gyrocal.recording.tables import build_frames
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray
+    from matplotlib.axes import Axes
+
+ROUNDED_NORM = 0.01  # a quaternion as far from the unit as this is rounded, one further off is wrong
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Everything the calibrator gets to see."""
+
+    title: str
+    epoch: str
+    gyro: GyroStream
+    attitudes: Attitudes
+    intervals: tuple[Interval, ...]
+    orbit: Orbit | None = None
+    time_scale: str = "UTC"
+    tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    sensors: SensorTables | None = None
+
+    def __post_init__(self) -> None:
+        checks.check_gyro(self.gyro)
+        checks.check_intervals(self.intervals)
+        checks.check_switched_on(self.gyro, self.intervals)
+        if self.attitudes.t_s.size or not self.is_array:
+            checks.check_attitudes(self.attitudes)
+            checks.check_references(self.attitudes.t_s, self.intervals)
+            trackers.check(self.attitudes)
+
+    @property
+    def is_array(self) -> bool:
+        """Whether it has other gyros than x, y and z."""
+        return self.gyro.names != TRIAD
+
+    def switched_on(self, interval: int) -> NDArray[np.intp]:
+        """Columns of the gyros that were on in an interval, by its number."""
+        chosen = self.intervals[interval].gyros
+        return np.array([k for k, name in enumerate(self.gyro.names) if chosen is None or name in chosen])
+
+    @classmethod
+    def from_arrays(
+        cls,
+        t_s: ArrayLike,
+        rates: ArrayLike,
+        reference_t_s: ArrayLike,
+        quaternions: ArrayLike,
+        *,
+        sigma: ArrayLike,
+        arw: float,
+        sample_s: float | None = None,
+        G: ArrayLike | None = None,
+        bias: ArrayLike = (0.0, 0.0, 0.0),
+        intervals: Sequence[Interval] | None = None,
+        title: str = "arrays",
+        epoch: str = "2000-01-01T00:00:00",
+        time_scale: str = "seconds of the arrays",
+    ) -> Recording:
+        """A recording of arrays.
+
+        Parameters
+        ----------
+        t_s, rates : (n,) starts of the samples, s, and (n, k) raw rates of k gyros, rad/s
+        reference_t_s, quaternions : (m,) s, and (m, 4) inertial to body, scalar last
+        sigma : 1-sigma of the references per body axis, rad; (m, 3), (3,) or one number
+        arw : angle random walk, rad/sqrt(s)
+        sample_s : s; the median spacing by default
+        G : (3, k) a-priori G, needed if k is not 3: the gyros are then named "1", "2", …
+        bias : (3,) a-priori b, rad/s
+        intervals : one over all references by default
+        title, epoch, time_scale : of the recording
+
+        Raises
+        ------
+        InputError
+            Shapes do not fit, or the recording would not be valid.
+        """
+        tags, raw, when, q = (np.array(values, dtype=np.float64) for values in (t_s, rates, reference_t_s, quaternions))
+        if raw.ndim != 2 or len(raw) != tags.size or tags.ndim != 1:
+            raise InputError(f"rates must be (n, gyros) for n times, not {raw.shape} for {tags.shape}")
+        if q.shape != (when.size, 4):
+            raise InputError(f"quaternions must be (m, 4) for m times, not {q.shape} for {when.size}")
+        wide = np.eye(3) if G is None else np.array(G, dtype=np.float64)
+        if wide.shape != (3, raw.shape[1]):
+            raise InputError(f"G must be 3×{raw.shape[1]}, a column for each gyro, not {'×'.join(map(str, wide.shape))}")
+        names = TRIAD if raw.shape[1] == 3 else tuple(str(k + 1) for k in range(raw.shape[1]))
+        norm = np.linalg.norm(q, axis=1, keepdims=True)
+        bad = np.flatnonzero(~(np.abs(norm[:, 0] - 1) < ROUNDED_NORM))
+        if bad.size:
+            raise InputError(f"quaternion {bad[0]} has norm {norm[bad[0], 0]:.6g}, not 1 ({bad.size} such)")
+        if sample_s is None:
+            if tags.size < 2:
+                raise InputError("give sample_s: one sample does not tell it")
+            sample_s = float(np.median(np.diff(tags)))
+        spread = np.broadcast_to(np.array(sigma, dtype=np.float64), (when.size, 3)).copy()
+        whole = (Interval("whole", "", float(when[0]), float(when[-1])),) if when.size else ()
+        return cls(
+            title=title,
+            epoch=epoch,
+            time_scale=time_scale,
+            gyro=GyroStream(tags, raw, sample_s, arw, wide, np.array(bias, dtype=np.float64), names),
+            attitudes=Attitudes(when, q / norm, spread),
+            intervals=whole if intervals is None else tuple(intervals),
+        )
+
+    @classmethod
+    def from_frame(cls, gyro: pd.DataFrame, attitude: pd.DataFrame, *, arw_deg_per_sqrt_s: float, **options: Any) -> Recording:
+        """A recording of two tables with the columns of the files, in degrees.
+
+        Parameters
+        ----------
+        gyro : t_s, rate_x_deg_s … z
+        attitude : t_s, q1 … q4, sigma_x_deg … z
+        arw_deg_per_sqrt_s : angle random walk
+        options : bias_deg_s, and what else `from_arrays` takes by name
+
+        Raises
+        ------
+        InputError
+            A column is missing, or the recording would not be valid.
+        """
+        for name, table, needed in (
+            ("gyro", gyro, ("t_s", *RATE_COLUMNS)),
+            ("attitude", attitude, ("t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS)),
+        ):
+            missing = [column for column in needed if column not in table.columns]
+            if missing:
+                raise InputError(f"{name}: column {', '.join(missing)} is missing; found {', '.join(map(str, table.columns))}")
+        if "bias_deg_s" in options:
+            options["bias"] = np.deg2rad(np.asarray(options.pop("bias_deg_s"), dtype=np.float64))
+        return cls.from_arrays(
+            gyro["t_s"].to_numpy(),
+            np.deg2rad(gyro[list(RATE_COLUMNS)].to_numpy(dtype=np.float64)),
+            attitude["t_s"].to_numpy(),
+            attitude[list(QUATERNION_COLUMNS)].to_numpy(),
+            sigma=np.deg2rad(attitude[list(SIGMA_COLUMNS)].to_numpy(dtype=np.float64)),
+            arw=float(np.deg2rad(arw_deg_per_sqrt_s)),
+            **options,
+        )
+
+    def to_frame(self, table: str = "gyro") -> pd.DataFrame:
+        """A table with the columns of the files, in degrees.
+
+        Parameters
+        ----------
+        table : "gyro", "attitude", or one of the optional tables that the recording has
+
+        Raises
+        ------
+        InputError
+            It has none of that name.
+        """
+        found = build_frames(self.gyro, self.attitudes, self.tables, self.sensors)
+        if table not in found:
+            raise InputError(f"{table}: no such table; there are {', '.join(found)}")
+        return found[table].copy()
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Rates, references and intervals as one labelled data set, in degrees; xarray is an optional extra.
+
+        Raises
+        ------
+        InputError
+            It is not installed.
+        """
+        try:
+            import xarray
+        except ImportError:
+            raise InputError("to_xarray needs xarray: pip install 'gyrocal[xarray]'") from None
+        gyro, attitudes = self.gyro, self.attitudes
+        trackers.need_one_sensor(attitudes)
+        seconds, deg_s = {"units": "s"}, {"units": "deg/s"}
+        return xarray.Dataset(
+            {
+                "rate_deg_s": (("t_s", "gyro"), gyro.rates_deg_s, deg_s),
+                "quaternion": (("reference_t_s", "element"), attitudes.quaternions, {"maps": "inertial to body, scalar last"}),
+                "sigma_deg": (("reference_t_s", "body"), attitudes.sigma_deg, {"units": "deg"}),
+                "apriori_G": (("body", "gyro"), gyro.apriori_G),
+                "apriori_bias_deg_s": ("body", gyro.apriori_bias_deg_s, deg_s),
+                "start_s": ("interval", [one.start_s for one in self.intervals], seconds),
+                "stop_s": ("interval", [one.stop_s for one in self.intervals], seconds),
+            },
+            {
+                "t_s": ("t_s", gyro.t_s, seconds),
+                "reference_t_s": ("reference_t_s", attitudes.t_s, seconds),
+                "gyro": list("xyz"),
+                "body": list("xyz"),
+                "element": list(QUATERNION_COLUMNS),
+                "interval": [one.name for one in self.intervals],
+            },
+            {
+                "title": self.title,
+                "epoch": self.epoch,
+                "time_scale": self.time_scale,
+                "sample_s": gyro.sample_s,
+                "arw_deg_per_sqrt_s": gyro.arw_deg_per_sqrt_s,
+            },
+        )
+
+    def plot_allan(self, ax: Axes | None = None, *, interval: str | None = None) -> Axes:
+        """Overlapping Allan deviation of the raw rates about each axis, deg/s, beside the stated angle random walk.
+
+        Parameters
+        ----------
+        ax : to draw on; one of a new figure by default
+        interval : of this interval with whatever moves in it; of the rests by default
+
+        Raises
+        ------
+        InputError
+            There is no rest, no such interval, or too few samples.
+        """
+        from gyrocal.allan.plot import plot_allan
+
+        return plot_allan(self, ax, interval)
+
+    def _list_facts(self) -> list[tuple[str, str]]:
+        """What a recording is, a row a quantity."""
+        gyro, attitudes = self.gyro, self.attitudes
+        lengths = [one.stop_s - one.start_s for one in self.intervals]
+        fastest = np.rad2deg(np.nanmax(np.abs(gyro.rates)) if self.is_array else np.linalg.norm(gyro.rates, axis=1).max())
+        sigma = np.rad2deg(np.sqrt(np.mean(np.square(attitudes.sigma), axis=0))) if attitudes.t_s.size else np.empty(0)
+        rows = [
+            ("title", self.title),
+            ("epoch", f"{self.epoch} ({self.time_scale})"),
+            ("gyro", f"{gyro.t_s.size} samples of {gyro.sample_s:.6g} s, {gyro.t_s[0]:.6g} to {gyro.t_s[-1]:.6g} s"),
+            *([("gyros", ", ".join(gyro.names))] if self.is_array else []),
+            ("fastest rate", f"{fastest:.4g} deg/s"),
+            ("angle random walk", f"{np.rad2deg(gyro.arw):.4g} deg/sqrt(s)"),
+            ("a-priori bias", f"{', '.join(f'{value:.4g}' for value in np.rad2deg(gyro.apriori_bias))} deg/s"),
+            (
+                "references",
+                f"{attitudes.t_s.size}, sigma {', '.join(f'{value:.3g}' for value in sigma)} deg" if sigma.size else "none",
+            ),
+            *([("of sensors", ", ".join(one.name for one in attitudes.sensors))] if attitudes.sensors else []),
+            ("intervals", f"{len(lengths)} of {min(lengths):.6g} to {max(lengths):.6g} s"),
+        ]
+        tables = [*self.tables, *(["sensor tables"] if self.sensors is not None else [])]
+        return rows + ([("tables", ", ".join(tables))] if tables else [])
+
+    def __repr__(self) -> str:
+        return representation.format_text("Recording", self._list_facts())
+
+    def _repr_html_(self) -> str:
+        return representation.format_html("Recording", self._list_facts())
+
+
+def of_sensor(recording: Recording, name: str) -> Recording:
+    """The recording with the references of one of its sensors alone, which keeps its axes and its mounting as stated.
+
+    Its body axes are those that this mounting stands for, and its sigmas are taken about them: the root of the diagonal of
+    their covariance there.
+
+    Raises
+    ------
+    InputError
+        There is none of that name, or an interval has too few of its references.
+    """
+    attitudes = recording.attitudes
+    names = [one.name for one in attitudes.sensors]
+    if name not in names:
+        raise InputError(f"no attitude sensor {name}; there are {', '.join(names) or 'none that are named'}")
+    own = trackers.keep_rows(attitudes, attitudes.sensor == names.index(name))
+    sigma = np.sqrt(np.diagonal(trackers.compute_body_covariance(own), axis1=1, axis2=2))
+    return replace(recording, attitudes=replace(own, sigma=np.asarray(sigma), sensor=None, sensors=()))

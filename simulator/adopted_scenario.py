@@ -1,0 +1,266 @@
+"""Scenarios with effects in them, and with the posterior of the effects' sizes: what a diagnosis has found, flown again.
+
+A scenario file may hold, beside or in place of a plan of its own, three more tables:
+
+- ``[replay]``: the plan is that of a recording, whose motion is simulated again (`simulator.replay`) with true_G and
+  true_bias_deg_s. The folder is relative to the file; sha256 is that of the samples and references (`hash_recording`), so that sizes
+  are not flown on data that have changed since they were found.
+- ``[[effect]]``: name, axis where it has one, size in the effect's unit, parameters.
+- ``[posterior]``: the covariance of all amplitudes, effect after effect in the file's order. The amplitudes a of an effect are
+  those in which it is linear (`Effect.amplitudes`), such as size·cos φ and size·sin φ of a sine with free phase, so that
+  a ~ N(a₀, C) is a posterior that a linear fit really has. A draw whose size is out of the effect's bounds is drawn again.
+
+G and b are not drawn: whoever calibrates a flight finds them again, and its residuals do not depend on them.
+"""
+
+import hashlib
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from gyrocal.errors import InputError
+from gyrocal.recording import Recording, format_toml, format_validation_error
+from gyrocal.recording import load as load_recording
+from simulator import scenario as scenarios
+from simulator.effects import REGISTRY, Setting, Surroundings, setting
+from simulator.effects.base import Array
+from simulator.replay import build_noise_free, reconstruct_motion
+from simulator.scenario import Matrix, Scenario, Section, Vector
+from simulator.simulate import add_effects_and_noise, build_surroundings, make_noise_streams, motion, observe
+from simulator.streams import generator
+from simulator.truth.motion import Motion
+
+MOST_SIZE_DRAWS = 1000  # draws that a size may be out of bounds
+SYMMETRIC = 1e-9  # of the standard deviations' product
+NEGATIVE = -1e-9  # eigenvalue of a correlation matrix that is more than rounding
+
+
+class ReplaySection(Section):
+    """The recording whose motion is the plan, and the gyro that flies it."""
+
+    recording: str = Field(min_length=1)
+    sha256: str | None = None
+    true_G: Matrix
+    true_bias_deg_s: Vector
+
+
+class EffectSection(Section):
+    """An effect with its numbers."""
+
+    name: str
+    axis: str | None = None
+    size: float
+    parameters: dict[str, float | int | str] = Field(default_factory=dict)
+
+
+class PosteriorSection(Section):
+    """Covariance of the amplitudes of all effects."""
+
+    covariance: Annotated[tuple[Annotated[tuple[float, ...], Field(strict=False)], ...], Field(strict=False)]
+
+
+class _Additions(Section):
+    """What may stand in a file beside a scenario's own keys."""
+
+    replay: ReplaySection | None = None
+    effect: Annotated[tuple[EffectSection, ...], Field(strict=False)] = ()
+    posterior: PosteriorSection | None = None
+
+
+@dataclass(frozen=True)
+class ReplayPlan:
+    """A plan taken over from a recording: its motion, and the gyro that flies it."""
+
+    recording: Recording  # whose tags, reference times, stated noises and tables a flight has
+    G: Array  # (3, 3)
+    bias: Array  # (3,) rad/s
+
+
+@dataclass(frozen=True)
+class AdoptedScenario:
+    """A scenario with effects and their posterior."""
+
+    title: str  # for people
+    plan: Scenario | ReplayPlan  # a scenario, or a recording's
+    effects: tuple[Setting, ...] = ()  # as stated
+    covariance: Array | None = None  # (k, k) of all amplitudes; None if the file has no posterior
+
+    @property
+    def amplitudes(self) -> Array:
+        """(k,) as stated, effect after effect."""
+        return np.concatenate([np.empty(0), *(REGISTRY[one.effect].amplitudes(one) for one in self.effects)])
+
+    def replace_amplitudes(self, amplitudes: Array) -> tuple[Setting, ...]:
+        """The effects with other amplitudes (k,); an `InputError` where a size is out of its effect's bounds."""
+        out, start = [], 0
+        for one in self.effects:
+            effect = REGISTRY[one.effect]
+            count = effect.amplitudes(one).size
+            size, held = effect.from_amplitudes(amplitudes[start : start + count])
+            out.append(setting(one.effect, one.axis, size, {**one.parameters, **held}))
+            start += count
+        return tuple(out)
+
+    def drawn(self, rng: np.random.Generator) -> Array:
+        """Amplitudes (k,) drawn from the posterior within the bounds of the sizes; those stated if there is none."""
+        if self.covariance is None or not self.effects:
+            return self.amplitudes
+        values, vectors = np.linalg.eigh(self.covariance)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        fault: InputError | None = None
+        for _ in range(MOST_SIZE_DRAWS):
+            try:
+                amplitudes = self.amplitudes + root @ rng.standard_normal(len(values))
+                self.replace_amplitudes(amplitudes)
+                return np.asarray(amplitudes)
+            except InputError as error:
+                fault = error
+        raise InputError(
+            f"{self.title}: {MOST_SIZE_DRAWS} draws from the posterior were all out of bounds, the last one: {fault}"
+        )
+
+    @cached_property
+    def motion(self) -> Motion:
+        """The noise-free motion: the costly part, and the same for every flight."""
+        plan = self.plan
+        if isinstance(plan, Scenario):
+            return motion(plan)
+        return reconstruct_motion(plan.recording, plan.G, plan.bias)
+
+    @cached_property
+    def _plain(self) -> tuple[Recording, Surroundings]:
+        """The noise-free flight of a replay without effects, and what effects see of it."""
+        assert isinstance(self.plan, ReplayPlan)
+        plain = build_noise_free(self.plan.recording, self.motion, self.plan.G, self.plan.bias)
+        return plain, build_surroundings(plain, self.motion)
+
+    def fly(
+        self, seed: int = 0, case: int = 0, effects: Sequence[Setting] | None = None, noise: bool = True, draw: bool = False
+    ) -> Recording:
+        """One flight, with effects in place of those stated, or with sizes drawn from the posterior by a stream of the case."""
+        if effects is None:
+            effects = self.replace_amplitudes(self.drawn(generator(seed, case, "posterior"))) if draw else self.effects
+        plan = self.plan
+        gyro_rng, reference_rng = make_noise_streams(seed, case, noise)
+        if isinstance(plan, ReplayPlan):
+            plain, around = self._plain
+            return add_effects_and_noise(plain, self.motion, effects, gyro_rng, reference_rng, seed, case, around=around)
+        return observe(plan, self.motion, gyro_rng=gyro_rng, reference_rng=reference_rng, effects=effects, seed=seed, case=case)
+
+
+def load(name_or_path: str | os.PathLike[str]) -> AdoptedScenario:
+    """Load a scenario with what may stand beside it; any scenario is one without effects.
+
+    Raises
+    ------
+    InputError
+        One line: there is no such scenario, a fault by its path, or a recording that is not the one the sizes are from.
+    """
+    name = os.fspath(name_or_path)
+    # A replay needs no scenario keys; and a base is merged first, so that an effect can be put into a built-in scenario.
+    path = Path(name)
+    values = dict(scenarios.load_document(name))
+    added = {key: values.pop(key) for key in scenarios.ADOPTED_TABLES if key in values}
+    try:
+        extra = _Additions.model_validate(added)
+    except ValidationError as error:
+        raise InputError(f"{name}: {format_validation_error(error, _Additions)}") from None
+    plan: Scenario | ReplayPlan
+    if extra.replay is None:
+        plan = scenarios.validate_scenario(values, name)
+        title = plan.title
+    else:
+        title = str(values.pop("title", extra.replay.recording))
+        if values:
+            raise InputError(f"{name}: {', '.join(values)}: a replay takes its plan from the recording; leave it out")
+        plan = _load_replay(extra.replay, path, name)
+    effects = tuple(_build_setting(one, name) for one in extra.effect)
+    made = AdoptedScenario(title, plan, effects)
+    return replace(made, covariance=_read_covariance(extra.posterior, made.amplitudes.size, name))
+
+
+def format_adopted(
+    title: str, recording: str, digest: str, G: Array, bias: Array, effects: Sequence[Setting], covariance: Array
+) -> str:
+    """The TOML of an adopted scenario; arguments as of the tables in the module's text, bias in rad/s."""
+    lines = [
+        f"title = {format_toml(title)}",
+        "",
+        "[replay]",
+        f"recording = {format_toml(recording)}",
+        f"sha256 = {format_toml(digest)}",
+        f"true_G = {format_toml(np.asarray(G).tolist())}",
+        f"true_bias_deg_s = {format_toml(np.rad2deg(bias).tolist())}",
+    ]
+    for one in effects:
+        lines += ["", "[[effect]]", f"name = {format_toml(one.effect)}"]
+        if one.axis is not None:
+            lines.append(f"axis = {format_toml(one.axis)}")
+        lines.append(f"size = {format_toml(one.size)}  # {REGISTRY[one.effect].unit}")
+        if one.parameters:
+            inside = ", ".join(f"{key} = {format_toml(value)}" for key, value in one.parameters.items())
+            lines.append(f"parameters = {{ {inside} }}")
+    if effects:
+        names = [one.label() for one in effects for _ in REGISTRY[one.effect].amplitudes(one)]
+        lines += ["", "[posterior]", f"# of the amplitudes of {', '.join(names)}"]
+        lines.append(f"covariance = {format_toml(covariance.tolist())}")
+    return "\n".join([*lines, ""])
+
+
+def hash_recording(recording: Recording) -> str:
+    """SHA-256 of a recording's samples, references, stated noises and intervals, as they are when it is loaded from file."""
+    hashed = hashlib.sha256()
+    gyro, attitudes = recording.gyro, recording.attitudes
+    for values in (gyro.t_s, gyro.rates, attitudes.t_s, attitudes.quaternions, attitudes.sigma):
+        hashed.update(np.ascontiguousarray(values).tobytes())
+    about = [gyro.sample_s, gyro.arw, *((i.name, i.start_s, i.stop_s) for i in recording.intervals)]
+    hashed.update(repr(about).encode())
+    return hashed.hexdigest()
+
+
+def _load_replay(section: ReplaySection, path: Path, name: str) -> ReplayPlan:
+    folder = Path(section.recording)
+    recording = load_recording(folder if folder.is_absolute() else path.parent / folder)
+    if section.sha256 not in (None, hash_recording(recording)):
+        raise InputError(
+            f"{name}: replay.recording {section.recording} is not what it was when its effects were found; adopt it again"
+        )
+    G = np.array(section.true_G)
+    if abs(np.linalg.det(G)) < scenarios.SMALLEST_DETERMINANT:
+        raise InputError(f"{name}: replay.true_G must be invertible")
+    return ReplayPlan(recording, G, np.deg2rad(section.true_bias_deg_s))
+
+
+def _build_setting(section: EffectSection, name: str) -> Setting:
+    if section.name in REGISTRY and REGISTRY[section.name].stage == "sensor":
+        raise InputError(f"{name}: effect {section.name} acts on raw sensor tables, not on rates and references")
+    try:
+        return setting(section.name, section.axis, section.size, dict(section.parameters))
+    except InputError as error:
+        raise InputError(f"{name}: effect {error}") from None
+
+
+def _read_covariance(section: PosteriorSection | None, size: int, name: str) -> Array | None:
+    if section is None:
+        return None
+    try:
+        values = np.array(section.covariance, dtype=float).reshape(len(section.covariance), -1)
+    except ValueError:
+        values = np.empty((0, 1))
+    if values.shape != (size, size) and size:
+        raise InputError(f"{name}: posterior.covariance must be {size}×{size}, a row for each amplitude of the effects")
+    sigma = np.sqrt(np.maximum(np.diag(values), 0.0))
+    scale = np.where(sigma > 0, sigma, 1.0)
+    scaled = values / np.outer(scale, scale)
+    if size and (np.abs(scaled - scaled.T).max() > SYMMETRIC or np.linalg.eigvalsh(scaled)[0] < NEGATIVE):
+        raise InputError(f"{name}: posterior.covariance must be symmetric with no negative eigenvalue")
+    return values
+
+
+__all__ = ["AdoptedScenario", "ReplayPlan", "format_adopted", "hash_recording", "load"]

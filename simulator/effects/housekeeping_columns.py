@@ -1,0 +1,82 @@
+"""Housekeeping that effects follow: its columns, and a gyro's temperature and accelerations for scenarios, which have none.
+
+    T(t) = 20 °C + 1.5 K sin(n t + 40°) + 0.05 K/day · (t − t₀) + 0.02 K noise
+
+with n the orbit rate, t since the epoch and t₀ the first interval's start: the Sun once an orbit, a slow warming, and the
+noise of a thermistor. Rows are 10 s apart through each interval. Accelerations are those of a body on a rate table: standard
+gravity upward along the inertial z axis, turned into body axes at each reference, with noise of 0.01 m/s². What the recording
+shows is what the bias follows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gyrocal.errors import InputError
+from simulator.effects.base import Array, Parameter, Parameters, Surroundings
+from simulator.effects.common import DAY
+from simulator.truth.rotation import convert_to_matrix
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SUFFIX = "temperature_c"
+TEMPERATURE_COLUMN = f"gyro_{SUFFIX}"
+HOUSEKEEPING_SPACING_S = 10.0
+STANDARD_GRAVITY = 9.80665  # m/s²
+ACCELERATION = "acceleration_{}_m_s2"  # the end of a column's name, by body axis
+ACCELERATION_NOISE = 0.01  # m/s²
+MEAN_C, ORBITAL_K, PHASE, DRIFT_K_DAY, NOISE_K = 20.0, 1.5, float(np.deg2rad(40.0)), 0.05, 0.02
+
+
+def simulate_gyro_temperature(rng: np.random.Generator, spans: list[tuple[float, float]], period_s: float) -> pd.DataFrame:
+    """Table of t_s and gyro_temperature_c in some intervals, start and stop in s since the epoch; the orbit's period in s."""
+    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
+    t_s = np.unique(np.concatenate([_list_times(start, stop) for start, stop in spans]))
+    drift = DRIFT_K_DAY * (t_s - spans[0][0]) / DAY
+    temperature = MEAN_C + ORBITAL_K * np.sin(2 * np.pi / period_s * t_s + PHASE) + drift
+    return pd.DataFrame({"t_s": t_s, TEMPERATURE_COLUMN: temperature + NOISE_K * rng.standard_normal(t_s.size)})
+
+
+def simulate_table_acceleration(rng: np.random.Generator, t_s: Array, quaternions: Array) -> pd.DataFrame:
+    """Simulate accelerometers on a rate table: t_s and a column per body axis, m/s², of attitudes (m, 4) in any order."""
+    import pandas as pd
+
+    _, rows = np.unique(t_s, return_index=True)
+    upward = STANDARD_GRAVITY * convert_to_matrix(quaternions[rows])[:, :, 2]
+    shown = upward + ACCELERATION_NOISE * rng.standard_normal(upward.shape)
+    return pd.DataFrame({"t_s": t_s[rows], **{f"gyro_{ACCELERATION.format(k)}": shown[:, i] for i, k in enumerate("xyz")}})
+
+
+def _list_times(start: float, stop: float) -> Array:
+    return np.append(np.arange(start, stop, HOUSEKEEPING_SPACING_S), stop)
+
+
+def make_temperature_parameter(whose: str) -> Parameter:
+    """Make the parameter that names the column of a temperature."""
+    return Parameter("column", "", "", f"housekeeping column; {whose} temperature if empty", choices=("*",))
+
+
+def find_temperature(housekeeping: Mapping[str, Array], parameters: Parameters, whose: str, effect: str) -> Array:
+    """The temperature that an effect follows: that of the named column, or a temperature, its sensor's before others."""
+    wanted = str(parameters.get("column", ""))
+    fitting = [name for name in housekeeping if (name == wanted if wanted else name.endswith(SUFFIX))]
+    if not fitting:
+        there = ", ".join(housekeeping) or "no housekeeping"
+        raise InputError(f"{effect}: no housekeeping column {wanted or '…' + SUFFIX}; there is {there}")
+    return housekeeping[min(fitting, key=lambda name: whose not in name)]
+
+
+def no_temperature(housekeeping: Mapping[str, Array]) -> str | None:
+    """Why an effect that follows a temperature cannot act."""
+    there = any(name.endswith(SUFFIX) for name in housekeeping)
+    return None if there else f"the recording has no housekeeping column …{SUFFIX}"
+
+
+def no_gyro_temperature(around: Surroundings) -> str | None:
+    """Why an effect of the gyro that follows a temperature cannot act."""
+    return no_temperature(around.stream.housekeeping)

@@ -1,0 +1,147 @@
+"""A recording as the effects see it: its samples and its references.
+
+Sample tags, durations and intervals are those of the recording; a sample belongs to the interval that it starts in. The
+noise-free rates are not known, the smoothed adjusted ones G ω_raw + b stand in for them.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal.recording import Recording, find_reference_rows
+from simulator.effects.base import Array, References, Stream, Surroundings
+from simulator.effects.common import list_runs
+from simulator.effects.flight_mode import find_flight_directions
+from simulator.effects.smoothing import estimate_sample_sigma, smooth_run
+from simulator.effects.tracker_view import build_trackers
+from simulator.sensors.gyro import compute_raw_rates
+
+SMOOTH_S = np.inf  # s, longest window of the smoothing: as long as the motion allows
+TIME_TOLERANCE = 1e-6  # s
+FILLER = 1e15  # housekeeping as large as this is no measurement
+
+
+def find_interval_slices(recording: Recording) -> tuple[slice, ...]:
+    """The samples that start in each interval."""
+    t_s, half = recording.gyro.t_s, 0.5 * recording.gyro.sample_s
+    edges = []
+    for interval in recording.intervals:
+        low, high = np.searchsorted(t_s, [interval.start_s - half, interval.stop_s - TIME_TOLERANCE])
+        edges.append((int(low), int(high)))
+    ordered = sorted(range(len(edges)), key=lambda k: recording.intervals[k].start_s)
+    for first, second in pairwise(ordered):
+        edges[second] = (max(edges[second][0], edges[first][1]), edges[second][1])
+    return tuple(slice(low, max(low, high)) for low, high in edges)
+
+
+def compute_durations(recording: Recording) -> Array:
+    """Duration of each sample, s: the stated one, cut where its interval stops; (n,)."""
+    gyro = recording.gyro
+    out = np.full(len(gyro.t_s), gyro.sample_s)
+    for part, interval in zip(find_interval_slices(recording), recording.intervals, strict=True):
+        out[part] = np.minimum(out[part], interval.stop_s - gyro.t_s[part])
+    return out
+
+
+def smooth_rates(recording: Recording, G: Array, bias: Array, smooth_s: float = SMOOTH_S) -> Array:
+    """Adjusted rates G ω_raw + b of a recording without their noise, (n, 3) rad/s; outside the intervals as they are."""
+    gyro = recording.gyro
+    adjusted = gyro.rates @ G.T + bias
+    empty = np.empty((len(gyro.t_s), 3))
+    duration = compute_durations(recording)
+    stream = build_stream(recording, gyro.t_s + 0.5 * duration, duration, adjusted, empty, find_interval_slices(recording))
+    sigma = gyro.arw / np.sqrt(gyro.sample_s)
+    out = adjusted.copy()
+    for part in list_runs(stream):
+        out[part] = smooth_run(adjusted[part], gyro.sample_s, smooth_s, estimate_sample_sigma(adjusted[part], sigma))
+    return out
+
+
+def extract_stream(recording: Recording, G: Array, bias: Array, smooth_s: float = SMOOTH_S) -> Stream:
+    """The samples of a recording as an effect on rates sees them, by its calibration G (3, 3) and bias (3,), rad/s."""
+    rates = smooth_rates(recording, G, bias, smooth_s)
+    duration = compute_durations(recording)
+    t_s, raw = recording.gyro.t_s + 0.5 * duration, compute_raw_rates(rates, G, bias)
+    return build_stream(recording, t_s, duration, rates, raw, find_interval_slices(recording))
+
+
+def extract_references(recording: Recording, stream: Stream | None = None) -> References:
+    """The reference attitudes of a recording as an effect on them sees them, row by row; those of several need its stream."""
+    attitudes, interval = recording.attitudes, _find_intervals(recording)
+    seen = None
+    if attitudes.sensor is not None and stream is not None:
+        seen = build_trackers(
+            recording, np.arange(attitudes.t_s.size), interval, stream, interpolate_housekeeping(recording, attitudes.t_s)
+        )
+    forward, heading = find_flight_directions(recording)
+    return References(
+        t_s=attitudes.t_s,
+        quaternions=attitudes.quaternions,
+        interval=interval,
+        forward=forward,
+        orbit_period_s=_read_period(recording),
+        heading=heading,
+        trackers=seen,
+    )
+
+
+def extract_surroundings(recording: Recording, G: Array, bias: Array, smooth_s: float = SMOOTH_S) -> Surroundings:
+    """All that a recording offers to effects; parameters as for `extract_stream`."""
+    stream = extract_stream(recording, G, bias, smooth_s)
+    return Surroundings(
+        stream=stream,
+        references=extract_references(recording, stream),
+        arw=recording.gyro.arw,
+        sample_s=recording.gyro.sample_s,
+        reference_sigma=recording.attitudes.sigma,
+    )
+
+
+def _find_intervals(recording: Recording) -> NDArray[np.intp]:
+    """Index of the interval each reference belongs to; one that two intervals share belongs to the first."""
+    out = np.full(len(recording.attitudes.t_s), -1, dtype=np.intp)
+    for number, interval in enumerate(recording.intervals):
+        rows = find_reference_rows(recording.attitudes.t_s, interval)
+        out[rows[out[rows] < 0]] = number
+    return out
+
+
+def _read_period(recording: Recording) -> float:
+    return float("nan") if recording.orbit is None else recording.orbit.period_s
+
+
+def build_stream(
+    recording: Recording, t_s: Array, duration: Array, rates: Array, raw: Array, intervals: tuple[slice, ...]
+) -> Stream:
+    """Build the stream of samples of a recording; the arrays are those of a `Stream`."""
+    return Stream(
+        t_s=t_s,
+        duration_s=duration,
+        rates=rates,
+        raw=raw,
+        intervals=intervals,
+        orbit_period_s=_read_period(recording),
+        span_s=(min(i.start_s for i in recording.intervals), max(i.stop_s for i in recording.intervals)),
+        housekeeping=interpolate_housekeeping(recording, t_s),
+    )
+
+
+def interpolate_housekeeping(recording: Recording, t_s: Array) -> dict[str, Array]:
+    """Numeric housekeeping columns at some times, linear between their rows in order of time; (n,) each.
+
+    Missing values, and fillers in their place, are left out.
+    """
+    table = recording.tables.get("housekeeping")
+    out: dict[str, Array] = {}
+    if table is None:
+        return out
+    tags = table["t_s"].to_numpy(dtype=float)
+    order = np.argsort(tags, kind="stable")
+    for name in table.columns:
+        if name != "t_s" and table[name].dtype.kind in "biuf":
+            values = table[name].to_numpy(dtype=float)[order]
+            good = np.abs(values) < FILLER
+            if good.any():
+                out[str(name)] = np.interp(t_s, tags[order][good], values[good])
+    return out

@@ -1,0 +1,108 @@
+"""What the cases of a study share: a scenario flown without noise, and what is built on it, made once a process."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Self, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gyrocal import CalibrationResult, GyroParameters, InputError, attitude
+from gyrocal.recording import Recording
+from simulator.scenario import Scenario
+from simulator.simulate import compute_noise_free_rates, observe, realise
+from simulator.truth.motion import Motion
+from studies.montecarlo.study import Streams, StudyConfig, dispersed, load_base_scenario, simulate_case_motion
+
+Array = NDArray[np.float64]
+Noise = tuple[np.random.Generator, np.random.Generator]
+Config = TypeVar("Config", bound=StudyConfig)
+Built = TypeVar("Built")
+
+
+def get_true_parameters(scenario: Scenario) -> GyroParameters:
+    """G and b of a scenario's gyro."""
+    return GyroParameters(np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
+
+
+def get_apriori_parameters(scenario: Scenario) -> GyroParameters:
+    """G and b that a scenario's calibration starts from."""
+    return GyroParameters(np.array(scenario.gyro.apriori_G), np.deg2rad(scenario.gyro.apriori_bias_deg_s))
+
+
+def require_converged(result: CalibrationResult) -> CalibrationResult:
+    """A calibration that was to converge, if it did: one that did not is a failed case, not a row like the others.
+
+    Raises
+    ------
+    InputError
+        It did not.
+    """
+    if not result.converged:
+        raise InputError(f"diverged: the calibration still moves after {len(result.corrections)} iterations")
+    return result
+
+
+def compute_rms(values: ArrayLike) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def make_noise_generators(streams: Streams) -> Noise:
+    """The generators of a case's gyro noise and reference noise, each at its start."""
+    return streams.generator("gyro_noise"), streams.generator("reference_noise")
+
+
+@dataclass(frozen=True)
+class NoiseFreeSimulation:
+    """A scenario flown without noise.
+
+    Attributes
+    ----------
+    scenario, motion : what was flown
+    plain : its recording without noise
+    rates : (n, 3) noise-free raw rates, rad/s
+    truth, initial : (12,) true and a-priori parameters; G dimensionless, b rad/s
+    """
+
+    scenario: Scenario
+    motion: Motion
+    plain: Recording
+    rates: Array
+    truth: Array
+    initial: Array
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Self:
+        """Fly a scenario."""
+        path = simulate_case_motion(scenario)
+        plain = observe(scenario, path, gyro_rng=None, reference_rng=None)
+        rates = compute_noise_free_rates(scenario, path)
+        truth, initial = (parameters(scenario).vector for parameters in (get_true_parameters, get_apriori_parameters))
+        return cls(scenario, path, plain, rates, truth, initial)
+
+    def realise(self, noise: Noise | None = None, out: Array | None = None) -> tuple[Array, Array]:
+        """Raw rates (n, 3) and reference attitudes (m, 3, 3) with noise from these generators, or without any."""
+        rates, quaternions = realise(self.scenario, self.motion, self.rates, *(noise or (None, None)), out=out)
+        return rates, attitude.matrix_from_quaternion(quaternions)
+
+
+def build_once(build: Callable[[Config, NoiseFreeSimulation], Built]) -> Callable[[Config, int], Built]:
+    """What `build` makes of a configuration and its flown scenario, once a process.
+
+    With dispersions every case has a scenario of its own, and it is built anew for each. The key is JSON, since in a worker the
+    same configuration may arrive as another object.
+    """
+
+    @lru_cache(maxsize=2)
+    def build_cached(kind: type[Any], text: str) -> Built:
+        config = kind.model_validate_json(text)
+        return build(config, NoiseFreeSimulation.of(load_base_scenario(config)))
+
+    def build_for_case(config: Config, case: int) -> Built:
+        if config.dispersions:
+            return build(config, NoiseFreeSimulation.of(dispersed(config, case)))
+        return build_cached(type(config), config.model_dump_json())
+
+    return build_for_case

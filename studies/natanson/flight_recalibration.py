@@ -1,0 +1,270 @@
+"""The flight's own 18 residuals calibrated, at each of N's steps: simulated motion, and nothing else of the simulator.
+
+The observed attitudes at the intervals' ends are set so that the residuals under the pre-launch parameters of N Table 3 are the
+flight's of N Table 2. Then the calibrator solves for the twelve parameters with equal weights, in gyro space as N did. What
+comes out is set beside what N found: parameters beside N Table 3, residuals beside the calibrated columns of N Table 2. The
+true parameters hardly take part: those the raw rates are made with turn the motion by a thousandth of itself, and the
+pre-launch ones in place of R (9) move no residual by more than 0.0007 deg. The flight's noise is in its 18 numbers, on both
+sides alike.
+
+N Table 5's second iteration is the second-order term of the first one, and so tells which parameters N iterated in. Printed are
+corrections to b and to G⁻¹; their signs are those of x_old − x_new, where the first iteration's are of x_new − x_old (all
+twelve agree in gyro space if they are turned, and none of the larger ones as printed). In (G, b) there is no term of the
+correction to G times that to b, so that its corrections to b nearly vanish. In gyro space that term is c = −G⁻¹ b.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from gyrocal import NAMES, Attitudes, CalibrationResult, GyroParameters, Recording, attitude, calibrate
+from gyrocal.calibration.gyro_space import Parametrisation
+from gyrocal.calibration.propagation import propagate
+from gyrocal.calibration.sampling import prepare_measurements
+from simulator.scenario import Scenario
+from simulator.simulate import motion, observe
+from simulator.streams import generator
+from studies.natanson import flight, flight_gap
+from studies.natanson.paper_forms import convert_to_gyro_form, count_digit_changes
+from studies.report.units import ONE_DEG_S
+
+Array = NDArray[np.float64]
+
+CALIBRATION_SPACES: dict[str, Parametrisation] = {"gyro_space": "gyro", "gain_space": "gain"}
+BIAS_STEP_S, G_STEP_S = 1.0, 0.5  # that N Table 5's first iteration is of: its b, and its G⁻¹
+PRINTED = np.array([1e6] * 9 + [1e8] * 3)  # units of N Table 5's second iteration: 1e-6 in G, 1e-8 deg/s in b
+RESIDUAL_DRAWS = 60
+BEYOND = 3.0  # sigma
+EQUAL = np.deg2rad(0.01) ** 2 * np.tile(np.eye(3), (6, 1, 1))  # weights: their size does not matter
+DOUBTED = (2.0, 2, 2)  # step, interval and axis of the sign that N Table 4 contradicts
+
+
+def set_final_attitudes(recording: Recording, cells_deg: Array, step_s: float) -> Recording:
+    """The recording with its intervals' last attitudes set so that the pre-launch residuals are these, (6, 3) deg."""
+    initial = flight.read_published_parameters("prelaunch")
+    prepared = prepare_measurements(recording, step_s, "skip")
+    R = propagate(prepared.arcs, initial.G, initial.bias).R
+    A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
+    A_obs = A.copy()
+    for j, theta in enumerate(np.deg2rad(cells_deg)):
+        A_obs[prepared.row[j]] = attitude.rotation_matrix(theta) @ R[j] @ A[prepared.start[j]]
+    quaternions = attitude.quaternion_from_matrix(A_obs)
+    return replace(recording, attitudes=Attitudes(recording.attitudes.t_s, quaternions, recording.attitudes.sigma))
+
+
+def calibrate_like_paper(
+    recording: Recording, step_s: float, iterations: int, space: Parametrisation = "gyro"
+) -> CalibrationResult:
+    """Calibrate from the pre-launch parameters by skipping samples, with equal weights."""
+    return calibrate(
+        recording,
+        initial=flight.read_published_parameters("prelaunch"),
+        iterations=iterations,
+        parametrisation=space,
+        step_s=step_s,
+        resampling="skip",
+        interval_covariance=EQUAL,
+    )
+
+
+# ---- one iteration, beside N's ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class StepCalibration:
+    """The flight's residuals at one step, calibrated.
+
+    Attributes
+    ----------
+    step_s : of it
+    recording : the simulated motion with the flight's residuals
+    results : what comes out of one iteration, and of two
+    """
+
+    step_s: float
+    recording: Recording
+    results: tuple[CalibrationResult, CalibrationResult]
+
+    @property
+    def after(self) -> tuple[Array, Array]:
+        """(6, 3) residuals after one iteration, and after two, deg."""
+        names = [f"after_{name}_deg" for name in flight.ROTATIONS]
+        first, second = (result.residuals[names].to_numpy() for result in self.results)
+        return first, second
+
+    @property
+    def flown(self) -> Array:
+        """(6, 3) the flight's, the doubtful sign of N Table 2 as N Table 4 asks for, deg."""
+        cells = flight.read_published_residuals("calibrated", self.step_s).copy()
+        if self.step_s == DOUBTED[0]:
+            cells[DOUBTED[1:]] *= -1
+        return cells
+
+    @property
+    def published(self) -> GyroParameters:
+        """What N found at this step."""
+        return (
+            flight.read_published_calibration()
+            if self.step_s == flight.FLIGHT_STEPS_S[0]
+            else flight.read_published_parameters("calibrated", self.step_s)
+        )
+
+    def gradient(self) -> Array:
+        """(12,) the flown residuals along Θ's column of each parameter of (G, b), deg; zero at a least-squares solution."""
+        prepared = prepare_measurements(self.recording, self.step_s, "skip")
+        Theta = propagate(prepared.arcs, self.published.G, self.published.bias).Theta.reshape(18, 12)
+        return np.asarray((Theta / np.linalg.norm(Theta, axis=0)).T @ self.flown.ravel())
+
+
+def calibrate_each_step(scenario: Scenario) -> list[StepCalibration]:
+    """The flight's residuals at each of N's steps, calibrated with the scenario's motion."""
+    recording, out = flight_gap.simulate_without_noise(scenario), []
+    for step_s in flight.FLIGHT_STEPS_S:
+        own = set_final_attitudes(recording, flight.read_published_residuals("prelaunch", step_s), step_s)
+        out.append(StepCalibration(step_s, own, (calibrate_like_paper(own, step_s, 1), calibrate_like_paper(own, step_s, 2))))
+    return out
+
+
+def compare_residuals_by_step(found: list[StepCalibration]) -> pd.DataFrame:
+    """A row per step: how far the residuals after are from the flight's, and whether N's solution is that of least squares."""
+    rows = []
+    for step in found:
+        difference = step.after[0] - step.flown
+        worst = np.unravel_index(np.abs(difference).argmax(), difference.shape)
+        others = np.delete(difference.ravel(), np.ravel_multi_index(worst, difference.shape))
+        gradient = np.abs(step.gradient())
+        steepest = int(gradient.argmax())
+        rows.append(
+            {
+                "step_s": step.step_s,
+                "rms_difference_deg": float(flight.compute_rms(difference.ravel())),
+                "as_printed_deg": float(
+                    flight.compute_rms((step.after[0] - flight.read_published_residuals("calibrated", step.step_s)).ravel())
+                ),
+                "farthest": f"interval {worst[0] + 1}, {flight.ROTATIONS[worst[1]]}",
+                "farthest_flight_deg": step.flown[worst],
+                "farthest_found_deg": step.after[0][worst],
+                "rms_of_the_others_deg": float(flight.compute_rms(others)),
+                "steepest": NAMES[steepest],
+                "gradient_deg": gradient[steepest],
+                "next_gradient_deg": np.delete(gradient, steepest).max(),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def build_residuals_table(found: list[StepCalibration]) -> pd.DataFrame:
+    """N Table 2's calibrated columns: the flight's and those found from its residuals before, deg."""
+    out = pd.DataFrame({"interval": np.repeat(np.arange(1, 7), 3), "axis": list(flight.ROTATIONS) * 6})
+    for step in found:
+        out[f"Δt = {step.step_s:g} s, flight_deg"] = flight.read_published_residuals("calibrated", step.step_s).ravel()
+        out[f"Δt = {step.step_s:g} s, found_deg"] = step.after[0].ravel()
+    return out
+
+
+def build_calibration_table(found: list[StepCalibration]) -> pd.DataFrame:
+    """N Table 3's calibrated columns: N's and what is found from the flight's residuals."""
+    cells, _ = convert_to_gyro_form(np.zeros((1, 12)))
+    out = pd.DataFrame(cells, columns=["quantity", "gyro"])
+    for step in found:
+        published, own = flight.read_published_parameters("calibrated", step.step_s), step.results[0].parameters
+        for label, values in (("flight", published), ("found", own)):
+            out[f"Δt = {step.step_s:g} s, {label}"] = convert_to_gyro_form(values.vector[None] * ONE_DEG_S)[1][0]
+    return out
+
+
+def count_changed_digits(found: list[StepCalibration]) -> pd.DataFrame:
+    """N's criterion: how many printed digits of N Tables 2 and 4 the second iteration changes, a row per step."""
+    rows = []
+    for step in found:
+        first, second = step.after
+        table2, table4 = count_digit_changes(first[None], second[None])
+        largest = 1e3 * float(np.abs(second - first).max())
+        rows.append(
+            {"step_s": step.step_s, "table2_of_18": table2[0], "table4_of_6": table4[0], "largest_change_mdeg": largest}
+        )
+    return pd.DataFrame(rows)
+
+
+# ---- the second iteration of N Table 5 -------------------------------------------------------------------------------------
+
+
+def compute_second_correction(result: CalibrationResult) -> Array:
+    """(12,) what the second iteration takes from G⁻¹ and b, x_old − x_new, in units of N Table 5: 1e-6 and 1e-8 deg/s."""
+    change = result.corrections[1]
+    G = result.G - change.G
+    inverse = np.linalg.inv(G) - np.linalg.inv(result.G)
+    return np.concatenate([inverse.ravel(), -np.rad2deg(change.bias)]) * PRINTED
+
+
+def read_second_correction() -> Array:
+    """(12,) N Table 5's second iteration in its units."""
+    G, bias = flight.read_published_corrections(2)
+    return np.concatenate([G.ravel(), bias]) * PRINTED
+
+
+def simulate_correction_sigma(scenario: Scenario, entropy: int, draws: int = RESIDUAL_DRAWS) -> dict[str, Array]:
+    """(12,) standard deviation of the second correction at 1 s over the scenario's noise, in each space, N Table 5's units."""
+    path, truth = motion(scenario), flight.read_published_calibration()
+    out = {name: np.empty((draws, 12)) for name in CALIBRATION_SPACES}
+    for n in range(draws):
+        gyro_rng, reference_rng = (generator(entropy, n, f"second_{name}") for name in ("gyro", "reference"))
+        recording = observe(scenario, path, gyro_rng=gyro_rng, reference_rng=reference_rng, G=truth.G, bias=truth.bias)
+        for name, space in CALIBRATION_SPACES.items():
+            out[name][n] = compute_second_correction(calibrate_like_paper(recording, BIAS_STEP_S, 2, space))
+    return {name: values.std(axis=0, ddof=1) for name, values in out.items()}
+
+
+def build_second_iteration_table(scenario: Scenario, sigma: dict[str, Array]) -> pd.DataFrame:
+    """N Table 5's twelve cells of the second iteration beside those found from the flight's residuals, in both spaces.
+
+    At 1 s, whose corrections to b they are, and for G⁻¹ at 0.5 s too, whose first iteration N prints.
+    """
+    recording, flown = flight_gap.simulate_without_noise(scenario), read_second_correction()
+    table = pd.DataFrame(
+        {
+            "quantity": ["G_inverse"] * 9 + ["bias"] * 3,
+            "row": [*np.repeat(list("xyz"), 3), *[""] * 3],
+            "gyro": list("xyz") * 4,
+            "unit": ["1e-6"] * 9 + ["1e-8 deg/s"] * 3,
+            "flight": flown,
+        }
+    )
+    for name, space in CALIBRATION_SPACES.items():
+        for step_s in (BIAS_STEP_S, G_STEP_S):
+            own = set_final_attitudes(recording, flight.read_published_residuals("prelaunch", step_s), step_s)
+            table[_name_correction_column(name, step_s)] = compute_second_correction(
+                calibrate_like_paper(own, step_s, 2, space)
+            )
+        table[f"{name}_sigma"] = sigma[name]
+    return table
+
+
+def score_second_iteration(table: pd.DataFrame) -> dict[str, dict[str, object]]:
+    """How well each space tells N Table 5's second iteration: correlation over its cells, RMS in its units, cells far off."""
+    flown, G = table["flight"].to_numpy(), (table["quantity"] == "G_inverse").to_numpy()
+    out: dict[str, dict[str, object]] = {}
+    for name in CALIBRATION_SPACES:
+        values = table[_name_correction_column(name, BIAS_STEP_S)].to_numpy()
+        mixed = np.where(G, table[_name_correction_column(name, G_STEP_S)], values)
+        out[name] = {
+            "correlation": _compute_correlation(values, flown),
+            "rms_1e6_G": float(flight.compute_rms((values - flown)[G])),
+            "rms_1e8_deg_s": float(flight.compute_rms((values - flown)[~G])),
+            "cells_beyond_3_sigma": int(np.sum(np.abs(values - flown) > BEYOND * table[f"{name}_sigma"].to_numpy())),
+            "with_G_of_0.5_s": {
+                "correlation": _compute_correlation(mixed, flown),
+                "rms_1e6_G": float(flight.compute_rms((mixed - flown)[G])),
+            },
+        }
+    return out
+
+
+def _name_correction_column(space: str, step_s: float) -> str:
+    return f"{space}, Δt = {step_s:g} s"
+
+
+def _compute_correlation(a: Array, b: Array) -> float:
+    return float(np.corrcoef(a, b)[0, 1])
