@@ -39,6 +39,6 @@ def loaders(flight: Flight, finer: int) -> Iterator[dict[str, Callable[[], Array
 
         def residuals(folder: Path) -> Array:
             recording = load(folder)
-            return Problem.of(recording, prepare_measurements(recording)).state(flight.initial).theta
+            return Problem.build(recording, prepare_measurements(recording)).state(flight.initial).theta
 
         yield {"parquet": lambda: residuals(parquet), "csv": lambda: residuals(csv)}

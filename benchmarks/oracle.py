@@ -25,7 +25,7 @@ def solvers(flight: Flight) -> dict[str, Callable[[], Array]]:
     initial = flight.initial.vector
     problem = flight.problem
     C = np.tile(np.eye(3) * SIGMA**2, (len(problem.measurements.row), 1, 1))
-    weighted = Problem.of(flight.recording, problem.measurements, given=C)
+    weighted = Problem.build(flight.recording, problem.measurements, given=C)
     iterations = len(calibrate(flight.recording, initial=flight.initial, interval_covariance=C).corrections)
     arcs = problem.measurements.arcs
     A_start, A_obs = problem.A[problem.measurements.start], problem.A[problem.measurements.row]

@@ -53,7 +53,7 @@ class Flight:
     @cached_property
     def problem(self) -> Problem:
         """Case 0, prepared."""
-        return Problem.of(self.recording, prepare_measurements(self.recording))
+        return Problem.build(self.recording, prepare_measurements(self.recording))
 
     def arcs(self, finer: int = 1) -> Arcs:
         """The steps of case 0, each cut into so many equal ones: the same motion from `finer` times as many samples."""

@@ -44,7 +44,7 @@ def tabulate_explanations(attribution: Attribution | None) -> pd.DataFrame:
 def build_details(prepared: PreparedRecording, explained: AttitudeInference, table: pd.DataFrame) -> Details:
     """The tables of an answer's figures, of the attitude and the samples."""
     model, fitted = prepared.model, explained.fitted
-    contribution = sum((model.projected(one.contribution) for one in fitted), np.zeros(model.size))
+    contribution = sum((model.project_out_nuisance(one.contribution) for one in fitted), np.zeros(model.size))
     before, band = localization.compute_body_residuals(model, model.y)
     after, _ = localization.compute_body_residuals(model, model.y - contribution)
     names = np.array([model.recording.intervals[block.interval].name for block in model.blocks])
@@ -55,7 +55,7 @@ def build_details(prepared: PreparedRecording, explained: AttitudeInference, tab
             residuals[f"{label}_{axis}"] = np.rad2deg(values[:, k])
     regressors = []
     for one in fitted:
-        own = model.projected(one.contribution)
+        own = model.project_out_nuisance(one.contribution)
         effect, _ = localization.compute_body_residuals(model, own)
         left, _ = localization.compute_body_residuals(model, model.y - (contribution - own))
         for k, axis in enumerate(AXES):

@@ -154,15 +154,15 @@ def suggest_draft(stated: RecordingModel, beside: BesideRemainder) -> Draft | No
     if not shapes:
         return None
     causes = np.hstack([np.zeros((stated.size, 0)), *(one.columns * one.prior_sigma for one in beside.fitted)])
-    free = np.linalg.qr(noisy.projected(causes))[0]
-    whitened = noisy.whitened(np.hstack([one.columns for one in shapes]))
-    ranked = rank_shapes(shapes, _remove_directions(free, noisy.projected(whitened)), _remove_directions(free, noisy.y))
+    free = np.linalg.qr(noisy.project_out_nuisance(causes))[0]
+    whitened = noisy.whiten(np.hstack([one.columns for one in shapes]))
+    ranked = rank_shapes(
+        shapes, _remove_directions(free, noisy.project_out_nuisance(whitened)), _remove_directions(free, noisy.y)
+    )
     known, processes = convert(noisy, stated, causes), build_processes(stated)
     without = estimate_remainder(stated, processes, known)
     best = shapes[ranked[0].shape]
-    remainder = estimate_remainder(
-        stated, processes, np.hstack([known, stated.whitened(best.columns) @ ranked[0].root]), without
-    )
+    remainder = estimate_remainder(stated, processes, np.hstack([known, stated.whiten(best.columns) @ ranked[0].root]), without)
     log_odds = remainder.log_likelihood - without.log_likelihood - float(np.log(len(shapes)))
     if log_odds < SETTINGS.evidence:
         return None
@@ -170,8 +170,8 @@ def suggest_draft(stated: RecordingModel, beside: BesideRemainder) -> Draft | No
     closed, interval = collect_held_out(stated, _predict_parts(stated, final, shapes, known)).closed(1, 2)
     if not interval[0] > 0:
         return None
-    free = np.linalg.qr(final.projected(convert(stated, final, known)))[0]
-    X, y = _remove_directions(free, final.prepared(best.columns)), _remove_directions(free, final.y)
+    free = np.linalg.qr(final.project_out_nuisance(convert(stated, final, known)))[0]
+    X, y = _remove_directions(free, final.whiten_and_project(best.columns)), _remove_directions(free, final.y)
     tied = [shapes[one.shape].name for one in ranked[1:] if one.log_evidence > ranked[0].log_evidence - SETTINGS.tied]
     return replace(_fit_draft(best, X, y, closed, interval), tied=tuple(tied))
 
@@ -281,11 +281,11 @@ def _predict_parts(
     """
     known = causes / (FOLDS.broad * PLAUSIBLE_RANGE[-1])  # which `condition_rows` multiplies by
     causes = convert(stated, noisy, known)
-    whitened = noisy.whitened(np.hstack([one.columns for one in shapes]))
+    whitened = noisy.whiten(np.hstack([one.columns for one in shapes]))
     for out in list_parts(stated):
         learnt = condition_rows(noisy, whitened, out, causes)
         choice = rank_shapes(shapes, learnt.train_X, learnt.train_y)[0]
-        told = condition_rows(stated, stated.whitened(shapes[choice.shape].columns), out, known)
+        told = condition_rows(stated, stated.whiten(shapes[choice.shape].columns), out, known)
         alone = condition_rows(stated, np.zeros((stated.size, 0)), out)
         change = told.error_X @ choice.values if choice.log_evidence > 0 else np.zeros(told.error_y.size)
         errors = np.column_stack([alone.error_y, told.error_y, told.error_y - change])

@@ -210,7 +210,7 @@ def check_array(model: ArrayModel, seed: int, linear: LinearModel, members: tupl
     checks: tuple[Check, ...] = ()
     if model.body is not None:
         own = replace(
-            linear, y=linear.y[:rows], X=linear.X[:rows], W=linear.W[:rows], projected=model.body.projected,
+            linear, y=linear.y[:rows], X=linear.X[:rows], W=linear.W[:rows], projected=model.body.project_out_nuisance,
             dof=model.body.degrees_of_freedom,
         )  # fmt: skip
         checks = check_explanation(own, members, tabulate_observations(model.body), seed)

@@ -64,7 +64,7 @@ def explain_fitting_residuals(
         return ()
     why = ["the gyro samples show what is hardly left of them over the time between two references"] if samples else []
     if gap and explained.fitted:
-        left = own.y - sum((own.projected(one.contribution) for one in explained.fitted), np.zeros(own.size))
+        left = own.y - sum((own.project_out_nuisance(one.contribution) for one in explained.fitted), np.zeros(own.size))
         names = " and ".join(one.label for one in explained.fitted)
         why.append(
             f"{names} takes {own.y @ own.y - left @ left:.0f} off χ², much for what it adds and little for {dof} residuals"

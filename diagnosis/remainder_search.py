@@ -178,7 +178,9 @@ def _confirm_effects(
         fine, members = refine_explanation(linear, tuple(slot.member for slot in likely)) if likely else (linear, ())
         fitted = estimate_amplitudes(fine, members)
         replications = [estimate_by_part(noisy, fitted, number) for number in range(len(fitted))]
-        order = sorted(range(len(fitted)), key=lambda k: -float(np.sum(noisy.projected(fitted[k].contribution) ** 2)))
+        order = sorted(
+            range(len(fitted)), key=lambda k: -float(np.sum(noisy.project_out_nuisance(fitted[k].contribution) ** 2))
+        )
         likely, fitted = [likely[k] for k in order], [fitted[k] for k in order]
         replications = [replications[k] for k in order]
         shares = [sum(p for _, p in slot.group) for slot in likely]
@@ -209,8 +211,10 @@ def find_regressors(
     model: RecordingModel, noisy: RecordingModel, linear: LinearModel, fitted: Sequence[FittedEffect]
 ) -> tuple[Regressor, ...]:
     """Find what the remainder follows: score tests of shapes outside the library, in the presence of the remainder."""
-    left = noisy.y - sum((noisy.projected(one.contribution) for one in fitted), np.zeros(noisy.size))
-    stated = model.y - sum((model.projected(convert(noisy, model, one.contribution)) for one in fitted), np.zeros(model.size))
+    left = noisy.y - sum((noisy.project_out_nuisance(one.contribution) for one in fitted), np.zeros(noisy.size))
+    stated = model.y - sum(
+        (model.project_out_nuisance(convert(noisy, model, one.contribution)) for one in fitted), np.zeros(model.size)
+    )
     excess = max(float(stated @ stated) - model.degrees_of_freedom, 1.0)
     out = []
     tests = [(one, option) for one in linear.candidates if not one.listed for option in one.options]
@@ -220,7 +224,7 @@ def find_regressors(
         p = min(1.0, float(scipy.special.chdtrc(Q.shape[1], statistic)) * len(tests))
         if p < SETTINGS.significant:
             a = np.linalg.lstsq(linear.X[:, option.columns], left, rcond=None)[0]
-            gone = stated - model.projected(convert(noisy, model, linear.W[:, option.columns] @ a))
+            gone = stated - model.project_out_nuisance(convert(noisy, model, linear.W[:, option.columns] @ a))
             out.append(Regressor(candidate.label, p, float(stated @ stated - gone @ gone) / excess))
     best: dict[str, Regressor] = {}
     for one in sorted(out, key=lambda one: one.p_value):

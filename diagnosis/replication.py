@@ -98,7 +98,7 @@ def estimate_by_part(model: RecordingModel, effects: Sequence[FittedEffect], num
     parts = list(dict.fromkeys(names.tolist()))
     own = np.column_stack([np.where(names == name, shape, 0.0) for name in parts])
     others = [other.columns * other.prior_sigma for k, other in enumerate(effects) if k != number]
-    columns = model.projected(np.hstack([own, *others]))
+    columns = model.project_out_nuisance(np.hstack([own, *others]))
     prior = np.concatenate([np.full(len(parts), SETTINGS.prior**-2), np.ones(columns.shape[1] - len(parts))])
     covariance = np.linalg.inv(columns.T @ columns + np.diag(prior))
     found = covariance @ (columns.T @ model.y)

@@ -67,7 +67,7 @@ class ExplainedTables:
     misfits: tuple[str, ...] = ()
 
     @property
-    def scaled(self) -> LinearModel:
+    def scaled_model(self) -> LinearModel:
         """The linear model in units of the noise found."""
         return rescale_noise(self.linear, self.noise.factor)
 
@@ -210,9 +210,9 @@ def _build_answer(explained: ExplainedTables, effects: Sequence[SensorEffect], s
 
 def _reject(explained: ExplainedTables, effects: Sequence[SensorEffect]) -> tuple[RejectedExplanation, ...]:
     """The explanation of an alignment calibration, tested beside what is named."""
-    found, linear = explained.found, explained.scaled
+    found, linear = explained.found, explained.scaled_model
     labels = list_orthogonal([one.label for one in found.fitted], effects)
-    other = Search(linear).of(labels) if labels else None
+    other = Search(linear).find_explanation(labels) if labels else None
     held_out = compute_closure(linear, other.members) if other is not None else None
     if other is None or held_out is None or found.attribution is None:
         return ()

@@ -107,7 +107,7 @@ class AdoptedScenario:
             start += count
         return tuple(out)
 
-    def drawn(self, rng: np.random.Generator) -> Array:
+    def draw_amplitudes(self, rng: np.random.Generator) -> Array:
         """Amplitudes (k,) drawn from the posterior within the bounds of the sizes; those stated if there is none."""
         if self.covariance is None or not self.effects:
             return self.amplitudes
@@ -145,7 +145,9 @@ class AdoptedScenario:
     ) -> Recording:
         """One flight, with effects in place of those stated, or with sizes drawn from the posterior by a stream of the case."""
         if effects is None:
-            effects = self.replace_amplitudes(self.drawn(generator(seed, case, "posterior"))) if draw else self.effects
+            effects = (
+                self.replace_amplitudes(self.draw_amplitudes(generator(seed, case, "posterior"))) if draw else self.effects
+            )
         plan = self.plan
         gyro_rng, reference_rng = make_noise_streams(seed, case, noise)
         if isinstance(plan, ReplayPlan):

@@ -92,7 +92,7 @@ def refine_explanation(
     """The model with finer options around those of an explanation, and the explanation at its best among them."""
     for member in members:
         model = model.refine(model, member)
-    return model, Search(model).settled(tuple(members)).members
+    return model, Search(model).optimise_members(tuple(members)).members
 
 
 def estimate_amplitudes(model: LinearModel, members: tuple[SelectedCandidate, ...]) -> list[FittedEffect]:
@@ -103,7 +103,7 @@ def estimate_amplitudes(model: LinearModel, members: tuple[SelectedCandidate, ..
 
 def _estimate_member(search: Search, members: tuple[SelectedCandidate, ...], place: int) -> FittedEffect:
     model, member = search.model, members[place]
-    given = search.given(members[:place] + members[place + 1 :])
+    given = search.condition_on(members[:place] + members[place + 1 :])
     entry = model.candidate(member)
     option = entry.options[member.option]
     table = search.tables(member.candidate, given) + entry.log_weights[:, None]

@@ -99,7 +99,7 @@ class Innovations:
         return self.e.size - self.basis.shape[2]
 
     @property
-    def kept(self) -> Array:
+    def remaining_variance(self) -> Array:
         """(r, 3) variance of each."""
         return np.asarray(1 - np.sum(self.basis**2, axis=2))
 
@@ -147,8 +147,8 @@ def check_innovations(found: Innovations, layout: Layout) -> Iterator[Check]:
     )
     yield _test_regressors(found, layout.regressors)
     yield _test_correlation(found, layout.interval)
-    seen = found.kept > DEFAULT_CRITICISM.shown
-    standard = found.e / np.sqrt(np.where(seen, found.kept, 1.0))
+    seen = found.remaining_variance > DEFAULT_CRITICISM.shown
+    standard = found.e / np.sqrt(np.where(seen, found.remaining_variance, 1.0))
     yield _test_scatter(
         np.where(seen, (np.abs(standard) ** DEFAULT_CRITICISM.power - MEAN_ABSOLUTE_POWER) / np.sqrt(VARIANCE), 0.0), layout
     )

@@ -66,7 +66,7 @@ class Products:
         self._found: dict[tuple[int, int, bytes], Array] = {}
         self._kept = 0  # numbers in them
 
-    def of(self, member: SelectedCandidate, places: Indices) -> Array:
+    def get_products(self, member: SelectedCandidate, places: Indices) -> Array:
         """(k, n) products of a member's columns but a shift with other columns of the model."""
         key = (member.candidate, member.option, places.tobytes())  # the first columns of three options are as many as one has
         if key not in self._found:
@@ -108,7 +108,7 @@ class Grams:
         self._found: dict[tuple[int, int | None], list[Batch]] = {}
         self._single: dict[tuple[int, int], Array] = {}
 
-    def of(self, candidate: int, most: int | None = None) -> list[Batch]:
+    def list_batches(self, candidate: int, most: int | None = None) -> list[Batch]:
         """All options of a candidate, with the `most` first columns of each only."""
         key = candidate, most
         if key not in self._found:

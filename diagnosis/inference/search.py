@@ -104,9 +104,9 @@ class Search:
         """(o, s) log evidence of a candidate's options and scales given what is in, with its `most` strongest columns only."""
         entry = self.model.candidates[candidate]
         found = np.empty((len(entry.options), entry.scales.size))
-        for batch in self.gram.of(candidate, most):
+        for batch in self.gram.list_batches(candidate, most):
             found[batch.options] = self._compute_table(batch.gram, batch.places, entry, given)
-        found[entry.outside] = -np.inf
+        found[entry.outside_window] = -np.inf
         return found
 
     def _compute_table(self, gram: Array, places: Indices, entry: Candidate, given: Conditioning | None) -> Array:
@@ -124,7 +124,7 @@ class Search:
         self._scored += 1
         key = (candidate, frozenset(members), most)
         if key not in self._scores:
-            given = self.given(members)
+            given = self.condition_on(members)
             weights = self.model.candidates[candidate].log_weights
             table = self.tables(candidate, given, most)
             # Of times that explain the data alike, the one with more prior: a gap between intervals rather than one moment.
@@ -151,10 +151,10 @@ class Search:
         for number, candidate in enumerate(self.model.candidates):
             if candidate.scanned != scanned or (scanned and not candidate.listed):
                 continue
-            for batch in self.gram.of(number):
+            for batch in self.gram.list_batches(number):
                 values, weights = correlation[batch.places], candidate.log_weights[batch.options]
                 table = log_bayes(batch.gram, values, candidate.scales, candidate.positive, candidate.shifted)  # (o, s, d)
-                table[candidate.outside[batch.options]] = -np.inf
+                table[candidate.outside_window[batch.options]] = -np.inf
                 parts.append(
                     logsumexp(table + weights[:, None, None], axis=(0, 1)) - np.log(candidate.scales.size) + candidate.log_prior
                 )
@@ -167,7 +167,7 @@ class Search:
         self._products.forget()
         self._given = ((), None)
 
-    def given(self, members: tuple[SelectedCandidate, ...]) -> Conditioning | None:
+    def condition_on(self, members: tuple[SelectedCandidate, ...]) -> Conditioning | None:
         """Inner products given some members, ready to score the others against; None without members."""
         if not members:
             return None
@@ -183,7 +183,7 @@ class Search:
 
         def rows(factors: Array, places: Indices) -> Array:
             parts = zip(np.split(factors * scale, stops, axis=1), members, strict=True)
-            return np.asarray(sum(part @ products.of(member, places) for part, member in parts))
+            return np.asarray(sum(part @ products.get_products(member, places) for part, member in parts))
 
         X = self.model.X
         shift = X.T @ X[:, shifts].sum(axis=1) if shifts.size else np.zeros(X.shape[1])
@@ -192,7 +192,7 @@ class Search:
         given.log_bayes += float(self.correlation[shifts].sum() - 0.5 * shift[shifts].sum())
         return given
 
-    def settled(self, members: tuple[SelectedCandidate, ...]) -> Explanation:
+    def optimise_members(self, members: tuple[SelectedCandidate, ...]) -> Explanation:
         """A set with its members moved to their best, one after another, and its evidence."""
         occam = np.zeros(len(members))
         best = 0.0
@@ -209,12 +209,12 @@ class Search:
                 break
         return self._build_explanation(members, best + float(occam.sum()))
 
-    def of(self, labels: tuple[str, ...]) -> Explanation | None:
+    def find_explanation(self, labels: tuple[str, ...]) -> Explanation | None:
         """The explanation by given labels, whatever its evidence; None if one of them cannot be seen at all."""
         places = [self.model.find(label) for label in labels]
         if not places or any(place is None for place in places):
             return None
-        return self.settled(tuple(SelectedCandidate(place, 0, 0) for place in places if place is not None))
+        return self.optimise_members(tuple(SelectedCandidate(place, 0, 0) for place in places if place is not None))
 
     def _build_explanation(self, members: tuple[SelectedCandidate, ...], log_evidence: float) -> Explanation:
         entries = [self.model.candidate(member) for member in members]
@@ -243,7 +243,9 @@ class Search:
                 for child in self._list_children(parent, SETTINGS.children):
                     if child.key not in new or child.log_posterior > new[child.key].log_posterior:
                         new[child.key] = child
-            level = _rank_explanations([self.settled(one.members) for one in self._select_beam(list(new.values()), 2 * width)])
+            level = _rank_explanations(
+                [self.optimise_members(one.members) for one in self._select_beam(list(new.values()), 2 * width)]
+            )
             top = max(explanation.log_posterior for explanation in found.values())
             found.update({explanation.key: explanation for explanation in level})
             if not level or level[0].log_posterior < top - SETTINGS.hopeless:
@@ -265,11 +267,11 @@ class Search:
                 if key in tried:
                     continue
                 tried.add(key)
-                parent = self.settled(others)
+                parent = self.optimise_members(others)
                 found.setdefault(parent.key, parent)
                 for child in self._list_children(parent, SETTINGS.exchanged_for):
                     if child.key not in found:
-                        found[child.key] = self.settled(child.members)
+                        found[child.key] = self.optimise_members(child.members)
             if best is max(found.values(), key=lambda explanation: explanation.log_posterior):
                 break
 
@@ -279,7 +281,7 @@ class Search:
             others = tuple(one for one in explanation.members if one != member)
             key = frozenset(one.candidate for one in others)
             if key not in found:
-                found[key] = self.settled(others)
+                found[key] = self.optimise_members(others)
 
     def _select_beam(self, level: list[Explanation], width: int) -> list[Explanation]:
         """The best sets, then the best of listed effects only, then the best of each other combination of effects.

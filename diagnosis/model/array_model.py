@@ -58,15 +58,17 @@ class ArrayModel:
         """Observations less nuisance parameters."""
         return self.parity.degrees_of_freedom + (0 if self.body is None else self.body.degrees_of_freedom)
 
-    def projected(self, columns: Array) -> Array:
+    def project_out_nuisance(self, columns: Array) -> Array:
         """Take the part of the nuisance parameters out of whitened columns."""
-        own = self.parity.projected(columns[self.attitude_rows :])
-        return own if self.body is None else np.concatenate([self.body.projected(columns[: self.attitude_rows]), own])
+        own = self.parity.project_out_nuisance(columns[self.attitude_rows :])
+        return (
+            own if self.body is None else np.concatenate([self.body.project_out_nuisance(columns[: self.attitude_rows]), own])
+        )
 
-    def whitened(self, columns: Array) -> Array:
+    def whiten(self, columns: Array) -> Array:
         """Whiten the attitude rows of columns; those of the parity are white."""
         rows = self.attitude_rows
-        return columns if self.body is None else np.concatenate([self.body.whitened(columns[:rows]), columns[rows:]])
+        return columns if self.body is None else np.concatenate([self.body.whiten(columns[:rows]), columns[rows:]])
 
     # ---- as effects see it -----------------------------------------------------------------------------------------------
 
@@ -76,7 +78,7 @@ class ArrayModel:
         return self.parity.stream
 
     @cached_property
-    def around(self) -> Surroundings:
+    def surroundings(self) -> Surroundings:
         """What the recording offers to effects on a gyro."""
         gyro, references = self.recording.gyro, extract_references(self.recording)
         return Surroundings(self.stream, references, gyro.arw, gyro.sample_s, self.recording.attitudes.sigma)
@@ -133,14 +135,14 @@ class ArrayModel:
 
     def build_unit_columns(self, gyro: int) -> Array:
         """Compute (N, times) whitened observations of a unit error of one gyro at each time of a process."""
-        own = self.parity.rows[:, [gyro]] * self._held[self.parity.block]
+        own = self.parity.rows[:, [gyro]] * self._block_shares[self.parity.block]
         if self.body is None:
             return own
         weights = -self.parity.gains[self.process_times.interval, :, gyro]  # a reading that is high makes a rate error −G_i
         return np.concatenate([np.einsum("aNc,ca->Nc", self.body.cell_columns, weights), own])
 
     @cached_property
-    def _held(self) -> Array:
+    def _block_shares(self) -> Array:
         """(B, times) share of each block of the parity in which each value of a process holds: that nearest in time.
 
         It is one of the same interval where there is one.

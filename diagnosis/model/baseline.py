@@ -113,7 +113,7 @@ def compute_correction(model: RecordingModel) -> tuple[Array, Array]:
     """
     Q = np.linalg.qr(model.attitude_nuisance)[0]
     scaled = (model.calibration - Q @ (Q.T @ model.calibration)) * PLAUSIBLE_RANGE
-    observed = model.whitened(model.zeta)
+    observed = model.whiten(model.zeta)
     observed = observed - Q @ (Q.T @ observed)
     information = scaled.T @ scaled + 1e-2 * np.eye(12)
     covariance = np.linalg.inv(information) * np.outer(PLAUSIBLE_RANGE, PLAUSIBLE_RANGE)

@@ -105,8 +105,8 @@ def observe_rate_errors(model: RecordingModel, bins: Bins, axis: int, values: Ar
         turned = bins.turned[bins.interval == number, :, axis][: ends[-1]].T.copy()
         sums = [scipy.sparse.csr_array((along, np.arange(ends[-1]), ends)) @ own[: ends[-1]] for along in turned]
         total = np.concatenate([np.zeros((1, 3, values.shape[1])), np.cumsum(np.stack(sums, axis=1), axis=0)])
-        out[block.rows] = block.observed(total[place]).reshape(-1, values.shape[1])
-    return model.whitened(out)
+        out[block.rows] = block.average_references(total[place]).reshape(-1, values.shape[1])
+    return model.whiten(out)
 
 
 def normalise_columns(values: Array) -> Array:
@@ -126,7 +126,7 @@ def build_reference_families(model: RecordingModel, name: str, options: list[Arr
     def observe(axis: int, values: Array) -> Array:
         error = np.zeros((len(values), 3, values.shape[1]))
         error[:, axis] = values
-        return model.whitened(model.observe_reference_error(error))
+        return model.whiten(model.observe_reference_error(error))
 
     return _build_families(name, options, observe)
 

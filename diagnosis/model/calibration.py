@@ -29,7 +29,7 @@ def calibrate_beside(model: RecordingModel, effects: Sequence[tuple[Array, float
     Q = np.linalg.qr(model.attitude_nuisance)[0]
     columns = np.hstack([model.calibration, *(part for part, _ in effects)])
     columns = columns - Q @ (Q.T @ columns)
-    y = model.whitened(model.zeta)
+    y = model.whiten(model.zeta)
     y = y - Q @ (Q.T @ y)
     prior = np.concatenate([1e-2 / PLAUSIBLE_RANGE**2, *(np.full(part.shape[1], 1 / sigma**2) for part, sigma in effects)])
     scale = 1.0 / np.sqrt(np.sum(columns**2, axis=0) + prior)  # which makes the diagonal of the information one

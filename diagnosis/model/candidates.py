@@ -187,7 +187,7 @@ def assemble_linear_model(
         W=W,
         candidates=candidates,
         dof=model.degrees_of_freedom,
-        projected=model.projected,
+        projected=model.project_out_nuisance,
         most_effects=settings.largest_set,
         split=RECORDING_SPLIT,
         folds=lambda W: build_folds(model, W),

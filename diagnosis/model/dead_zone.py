@@ -66,7 +66,7 @@ def estimate_input_axis(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     """
     toward, usual = model.G[:, one.axis], float(np.rad2deg(one.usual))
     for _ in range(SETTINGS.calibrated):
-        hidden = model.whitened(observe_missing_rates(model, one, toward))
+        hidden = model.whiten(observe_missing_rates(model, one, toward))
         beside = build_unseen_motion(model, one, toward)
         change, _ = calibrate_beside(model, [(hidden, usual), (beside, usual)])
         toward = model.G[:, one.axis] + change[:9].reshape(3, 3)[:, one.axis]
@@ -116,10 +116,10 @@ def build_unseen_motion(
         spread = markov(run_s, memory * float(np.median(np.diff(run_s)))) + SETTINGS.rounding * np.eye(run_s.size)
         level = level @ np.linalg.cholesky(spread)
     columns = size * np.hstack([level, slope])
-    columns = model.whitened(columns[:, np.any(columns != 0, axis=0)])
+    columns = model.whiten(columns[:, np.any(columns != 0, axis=0)])
     if not columns.shape[1]:
         return columns
-    powers, turned = np.linalg.eigh(columns.T @ model.projected(columns))
+    powers, turned = np.linalg.eigh(columns.T @ model.project_out_nuisance(columns))
     faint = min(PROCESSES.seen * powers[-1], (SETTINGS.felt / one.usual) ** 2)
     seen = np.flatnonzero(powers > faint)[::-1][: PROCESSES.most_columns]
     return np.asarray(columns @ turned[:, seen]) * np.deg2rad(1.0)
@@ -146,7 +146,7 @@ def _integrate_cells(model: RecordingModel, toward: Array, weights: Array) -> Ar
     for number, block in enumerate(model.blocks):
         inside = np.flatnonzero(model.cells.interval == number)
         done = np.clip(block.steps.start + block.ends[:, None], low[inside], high[inside])
-        added = block.observed(np.moveaxis(total[done] - total[low[inside]], 2, 1))
+        added = block.average_references(np.moveaxis(total[done] - total[low[inside]], 2, 1))
         out[np.ix_(np.arange(block.rows.start, block.rows.stop), inside)] = added.reshape(-1, inside.size)
     return out
 
@@ -172,8 +172,8 @@ def list_dead_zone_groups(prepared: PreparedRecording, effects: Sequence[Effect]
 def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> CandidateColumns:
     usual = float(np.rad2deg(one.usual))
     toward = estimate_input_axis(model, one)
-    rates = model.whitened(observe_missing_rates(model, one, toward))
-    course = [model.whitened(bridge_passes(model, one, toward))] if one.passed else []
+    rates = model.whiten(observe_missing_rates(model, one, toward))
+    course = [model.whiten(bridge_passes(model, one, toward))] if one.passed else []
     moving = [
         np.hstack([rates, build_unseen_motion(model, one, toward, size, memory)])
         for size in SETTINGS.unseen

@@ -64,7 +64,7 @@ def _build_whole_options(
         options[number] = replace(one, start=start, count=columns[-1].shape[1])
         start += columns[-1].shape[1]
     W = np.hstack(columns)
-    return linear.replace_options(member.candidate, list(options.values()), W, model.projected(W), scales)
+    return linear.replace_options(member.candidate, list(options.values()), W, model.project_out_nuisance(W), scales)
 
 
 def _find_neighbour_options(entry: Candidate, held: ParameterChoice) -> list[int]:

@@ -109,7 +109,7 @@ def condition_rows(model: RecordingModel, W: Array, out: NDArray[np.bool_], bias
     """Rows (N,) of a recording that are `out`, and whitened columns W (N, p) there, given the others; see the module."""
     parts = [_build_part(block, np.flatnonzero(out[block.rows])) for block in model.blocks]
     B, D = _split_values(parts, build_shared_columns(model, biases))
-    train_y, error_y = _split_values(parts, model.undo_mounting_whitening(model.whitened(model.zeta)))
+    train_y, error_y = _split_values(parts, model.undo_mounting_whitening(model.whiten(model.zeta)))
     # With as many rows of zeros below, there is a singular value for what no training row shows as well.
     Q, S, U = np.linalg.svd(np.vstack([B, np.zeros((B.shape[1], B.shape[1]))]), full_matrices=False)
     Q, D = Q[: len(B)], D @ U.T

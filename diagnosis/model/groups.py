@@ -82,7 +82,7 @@ def list_effect_groups(
     found : by a scan for periods
     steps : times that steps are tried at; those of `step_times` by default
     """
-    around = model.around
+    around = model.surroundings
     for effect in effects:
         if effect.missing(around) is not None:
             continue
@@ -190,7 +190,7 @@ def build_scanned_group(model: RecordingModel, effect: Effect, axis: str, found:
     parameters = [one.parameters for one in options]
     group = build_group(effect, axis, columns, parameters, [float(np.exp(one.log_weight)) for one in options])
     # What a size shows grows with the period: the scales are those of all options, not only of the strongest.
-    norms = np.array([max(np.linalg.norm(model.projected(part), axis=0).max(), 1e-300) for part in columns])
+    norms = np.array([max(np.linalg.norm(model.project_out_nuisance(part), axis=0).max(), 1e-300) for part in columns])
     low, high = max(effect.prior[0], LINEAR.visible[0] / norms.max()), min(effect.prior[1], LINEAR.visible[1] / norms.min())
     return replace(group, scanned=True, scales=build_scales(low, high))
 
@@ -205,7 +205,7 @@ def list_alternative_groups(model: RecordingModel, found: Found, effects: Sequen
         yield replace(build_rival(one.name, one.axis, one.columns, False, one.weights), scanned=True)
     for family in deterministic_alternatives.build_families(model):
         yield build_rival(family.name, family.axis, family.columns, False)
-    cells, around = processes.compute_cell_times(model), model.around
+    cells, around = processes.compute_cell_times(model), model.surroundings
     known = [
         effect.covariance(cells, trial.parameters)
         for effect in effects
@@ -214,7 +214,7 @@ def list_alternative_groups(model: RecordingModel, found: Found, effects: Sequen
     ]
     between = build_interval_steps(model, effects)
     for process in processes.list_process_alternatives(model, known):
-        others = [one for one in process.columns if not _is_within(model.projected(one), between[process.axis])]
+        others = [one for one in process.columns if not _is_within(model.project_out_nuisance(one), between[process.axis])]
         if others:
             yield build_rival(process.name, process.axis, others, True)
     for rival in trackers.list_tracker_rivals(model):
@@ -231,12 +231,13 @@ def build_interval_steps(model: RecordingModel, effects: Sequence[Effect]) -> di
         return found
     second = np.array([model.blocks[1].steps.start])
     for effect in effects:
-        if effect.switched and effect.has_columns and not effect.on_references and effect.missing(model.around) is None:
+        if effect.switched and effect.has_columns and not effect.on_references and effect.missing(model.surroundings) is None:
             for axis in AXES:
                 steps = [
-                    build_switched_columns(model, effect, axis, one.parameters, second) for one in effect.trials(model.around)
+                    build_switched_columns(model, effect, axis, one.parameters, second)
+                    for one in effect.trials(model.surroundings)
                 ]
-                found[axis].append(scipy.linalg.orth(model.projected(np.hstack(steps))))
+                found[axis].append(scipy.linalg.orth(model.project_out_nuisance(np.hstack(steps))))
     return found
 
 

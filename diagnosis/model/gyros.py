@@ -51,14 +51,14 @@ def build_array_model(model: ArrayModel, effects: Sequence[Effect], settings: Di
             *groups.list_alternative_groups(model.body, {}, common),
         ):
             offered.append(replace(one, columns=[np.pad(part, below) for part in one.columns]))
-    found, W = place_candidates(offered, model.projected, settings, model.size)
+    found, W = place_candidates(offered, model.project_out_nuisance, settings, model.size)
     return LinearModel(
         y=model.y,
-        X=model.projected(W),
+        X=model.project_out_nuisance(W),
         W=W,
         candidates=found,
         dof=model.degrees_of_freedom,
-        projected=model.projected,
+        projected=model.project_out_nuisance,
         most_effects=settings.largest_set,
         split=folds.RECORDING_SPLIT,
         folds=lambda W: fold_array(model, W),
@@ -68,7 +68,7 @@ def build_array_model(model: ArrayModel, effects: Sequence[Effect], settings: Di
 
 def list_gyro_groups(model: ArrayModel, effects: Sequence[Effect]) -> Iterator[CandidateColumns]:
     """List effects with columns or a covariance on each gyro, and the unlisted errors of each."""
-    around, at = model.around, model.process_times
+    around, at = model.surroundings, model.process_times
     here = [effect for effect in effects if effect.missing(around) is None]
     random = [effect for effect in here if effect.is_process]
     covariances = [[effect.covariance(at, trial.parameters) for trial in effect.trials(around)] for effect in random]
@@ -82,7 +82,7 @@ def list_gyro_groups(model: ArrayModel, effects: Sequence[Effect]) -> Iterator[C
                     model, effect, name, around
                 )
         unit = model.build_unit_columns(gyro)
-        place = ProcessProjection.of(unit, unit.T @ model.projected(unit))
+        place = ProcessProjection.build_projection(unit, unit.T @ model.project_out_nuisance(unit))
         for effect, own in zip(random, covariances, strict=True):
             trials, columns = effect.trials(around), [processes.build_usual_columns(place, K) for K in own]
             parameters, weights = [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials]

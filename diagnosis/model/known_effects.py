@@ -65,6 +65,6 @@ def subtract_effects(model: RecordingModel, at_work: Sequence[KnownEffect]) -> R
 def _replace_residuals(model: RecordingModel, residuals: Array) -> RecordingModel:
     observations, start = [], 0
     for block in model.blocks:
-        observations.append(block.observed(residuals[start : start + block.references.size]).ravel())
+        observations.append(block.average_references(residuals[start : start + block.references.size]).ravel())
         start += block.references.size
     return replace(model, residuals=residuals, zeta=np.concatenate(observations))

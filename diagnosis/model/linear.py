@@ -130,7 +130,7 @@ class Candidate:
         return self.effect if self.axis is None else f"{self.effect}:{self.axis}"
 
     @cached_property
-    def outside(self) -> NDArray[np.bool_]:
+    def outside_window(self) -> NDArray[np.bool_]:
         """(o, s) which of the scales an option cannot have."""
         low, high = np.array([option.window for option in self.options]).T
         return np.asarray(
@@ -141,7 +141,7 @@ class Candidate:
     def log_weights(self) -> Array:
         """(o,) log prior share of each option; one with fewer scales has more of it at each, as the average is over all."""
         own = np.array([option.log_weight for option in self.options])
-        return own - np.log1p(-np.mean(self.outside, axis=1))
+        return own - np.log1p(-np.mean(self.outside_window, axis=1))
 
 
 @dataclass(frozen=True)
@@ -234,7 +234,7 @@ class Room:
         self.memory[:, self.used : stop] = more
         self.used = stop
 
-    def beside(self, columns: Array, more: Array) -> Array:
+    def append_columns(self, columns: Array, more: Array) -> Array:
         """Columns and more of them side by side: without a copy if they are the last in this memory, and there is room."""
         stop = self.used + more.shape[1]
         if columns.base is not self.memory or columns.shape[1] != self.used or stop > self.memory.shape[1]:
@@ -350,7 +350,7 @@ class LinearModel:
         """The model with other options of one candidate, its new columns appended to those there are, and its scales."""
         candidates, own = list(self.candidates), self.candidates[place].scales if scales is None else scales
         candidates[place] = replace(candidates[place], options=tuple(options), scales=own)
-        together = np.hstack([self.X, X]) if self.room is None else self.room.beside(self.X, X)
+        together = np.hstack([self.X, X]) if self.room is None else self.room.append_columns(self.X, X)
         if isinstance(self.W, RestoredColumns):
             taken = self.W.basis.T @ W
             # A model whose columns have lost more than this basis has others than those that W is restored from.

@@ -94,7 +94,7 @@ def linearise_recording(
         off = -np.einsum("mij,mj->mi", at, theta)
         path, zeta = find_relinearised_path(off, sigmas[references]), off
         if path is not None:
-            zeta, at, middle = path.errors, path.turned(at), path.between(ends) @ middle
+            zeta, at, middle = path.errors, path.turn_attitudes(at), path.interpolate_turns(ends) @ middle
         elapsed = np.append(0.0, parts.elapsed_s[outputs])
         began = tags[samples[0]] + _compute_first_offset(tags[samples[0]], recording.attitudes.t_s[references[0]])
         references, ends, elapsed = references[order], ends[order], elapsed[order]
@@ -116,7 +116,7 @@ def linearise_recording(
         block = Block(
             interval, slice(steps, steps + begin.size), slice(rows, stop), references, ends, elapsed, groups, whitener
         )
-        made.append((t_s, length, raw, middle, at, block.observed(zeta).ravel(), zeta, off, errors, walk))
+        made.append((t_s, length, raw, middle, at, block.average_references(zeta).ravel(), zeta, off, errors, walk))
         blocks.append(block)
         rows, steps = stop, steps + begin.size
     t_s, dt, raw, to_inertial, at_reference, observations, residuals, off, errors, walks = (

@@ -65,7 +65,7 @@ def judge_lines(
     Lines that are motions of the body stay where they are, and so do those in the band of motion of gyros that are silent in a
     dead zone, whose edges make lines of their own. `tell` is called with the number of lines that are done, before each.
     """
-    gyro, band = model.recording.gyro, compute_period_band(model.around)
+    gyro, band = model.recording.gyro, compute_period_band(model.surroundings)
     fastest_hz = 0.0 if band is None else 1 / band[0]
     rates, symptoms = report.rates.copy(), list(report.symptoms)
     vibrations: list[Line] = []
@@ -168,7 +168,7 @@ def _observe(model: RecordingModel, axis: int, waveforms: Iterable[Array]) -> tu
     high = np.zeros((model.t_s.size, 3, len(rates)))
     high[:, axis] = np.column_stack(rates)
     if model.recording.attitudes.sensor is not None or all((block.counts == 1).all() for block in model.blocks):
-        return model.y, list(model.prepared(model.reading(high)).T)
+        return model.y, list(model.whiten_and_project(model.reading(high)).T)
     left, _, _ = project_innovations(model, np.dstack([model.residuals, model.compute_attitude_turns(high)]))
     y, *columns = left.T
     return y, columns

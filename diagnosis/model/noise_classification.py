@@ -95,7 +95,7 @@ class PreparedRecording:
     tracker_noise: tuple[tuple[str, ReferenceNoise], ...] = ()
 
     @property
-    def judged(self) -> tuple[tuple[str, str | None], ...]:
+    def classified_symptoms(self) -> tuple[tuple[str, str | None], ...]:
         """What was judged by the residuals of M0: lines that are no motions, by gyro, and what is odd of references' noise."""
         lines = [(one.kind, one.axis) for one in self.samples.symptoms if one.of_line]
         noise = [(None, self.reference_noise), *self.tracker_noise]
@@ -179,18 +179,18 @@ def reclassify_without_effects(
     tell: Progress = lambda text, share: None,
 ) -> PreparedRecording | None:
     """A recording with its lines and its references' noise judged without some effects; None if the judgement is the same."""
-    if not at_work or not (prepared.judged or prepared.samples.lines):
+    if not at_work or not (prepared.classified_symptoms or prepared.samples.lines):
         return None
     recording, pieces, report = prepared.model.recording, prepared.pieces, prepared.samples.restore_lines()
     model, sigma = prepared.model, prepared.sigma
     if prepared.samples.vibrations:
         report = replace(report, smooth=remove_noise(report.rates, recording))
-    if prepared.judged:
+    if prepared.classified_symptoms:
         model, sigma = calibrate_baseline(recording, report, pieces, recording.attitudes.sigma)
     again = classify_lines_and_noise(
         UnclassifiedRecording(recording, report, model, sigma, pieces, prepared.dead), settings, tell, at_work, tones=False
     )
-    return replace(again, notes=prepared.notes) if again.judged != prepared.judged else None
+    return replace(again, notes=prepared.notes) if again.classified_symptoms != prepared.classified_symptoms else None
 
 
 def _remove_tones(
@@ -212,7 +212,7 @@ def _remove_tones(
         report = replace(report, symptoms=(*report.symptoms, symptom))
         if symptom.kind == UNLISTED:
             break
-        recording, rates = tone.listed[0][0].remove(recording, report.rates)
+        recording, rates = tone.library_causes[0][0].remove(recording, report.rates)
         report = replace(report, rates=rates)
         model, sigma = calibrate_baseline(recording, report, pieces, recording.attitudes.sigma)
     return recording, report, model, sigma

@@ -102,14 +102,14 @@ class ParityModel:
         """(R, q) orthonormal basis of those columns."""
         return build_basis(self.nuisance_columns)
 
-    def projected(self, columns: Array) -> Array:
+    def project_out_nuisance(self, columns: Array) -> Array:
         """Take the part of the nuisance parameters out of whitened columns."""
         return columns - self.nuisance @ (self.nuisance.T @ columns)
 
     @cached_property
     def y(self) -> Array:
         """(R,) N(0, I) on the complement of the nuisance parameters under M0."""
-        return self.projected(self.observed)
+        return self.project_out_nuisance(self.observed)
 
     @property
     def degrees_of_freedom(self) -> int:

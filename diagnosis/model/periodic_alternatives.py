@@ -69,7 +69,7 @@ def make_shapes(model: RecordingModel, waves: Sequence[Array]) -> list[Array]:
     waves : (N, 2) sine and cosine of each order, the fundamental first
     """
     falling = [wave / order for order, wave in enumerate(waves, 1)]
-    X = model.projected(waves[0])
+    X = model.project_out_nuisance(waves[0])
     sine, cosine = np.linalg.lstsq(X, model.y, rcond=None)[0]
     theta = np.arctan2(cosine, sine)
     # sin k(ωt + φ) of sine and cosine of kωt
@@ -80,6 +80,6 @@ def make_shapes(model: RecordingModel, waves: Sequence[Array]) -> list[Array]:
 
 def _build_periodic_family(model: RecordingModel, name: str, axis: int, options: list[Array], at: Sequence[Period]) -> Family:
     """With columns of which the first two have unit size together, so that amplitudes at different periods compare."""
-    sizes = [float(np.linalg.norm(model.projected(part[:, :2]))) for part in options]
+    sizes = [float(np.linalg.norm(model.project_out_nuisance(part[:, :2]))) for part in options]
     scaled = [part / max(size, 1e-300) for part, size in zip(options, sizes, strict=True)]
     return Family(name, AXES[axis], scaled, np.exp([one.log_weight for one in at]))

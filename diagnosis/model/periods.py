@@ -95,7 +95,7 @@ Found = dict[tuple[bool, int], tuple[Period, ...]]  # by whether it is an error 
 
 def make_grid(model: RecordingModel) -> Grid | None:
     """Make the frequencies to try in a recording; None without a series of references."""
-    band = compute_period_band(model.around)
+    band = compute_period_band(model.surroundings)
     if band is None:
         return None
     t, block = model.observation_t_s, model.observation_block
@@ -206,7 +206,7 @@ def make_period_columns(model: RecordingModel, axis: int, on_references: bool, f
     if on_references:
         errors = np.zeros((t_s.size, 3, swing.shape[1]))
         errors[:, axis] = swing
-        both = model.whitened(model.observe_reference_error(errors))
+        both = model.whiten(model.observe_reference_error(errors))
     else:
         both = model.cell_columns[axis] @ swing
     return np.split(both, frequencies.size, axis=1)
@@ -217,8 +217,8 @@ def make_columns(
 ) -> Array:
     """Make (N, k) whitened columns of an effect per unit of its amplitudes; the axis is the name of a gyro, of any number."""
     if isinstance(model, RecordingModel) and effect.on_references:
-        return model.whitened(model.observe_reference_error(effect.reference_columns(model.references, axis, parameters)))
-    return model.whitened(model.reading(compute_columns(effect, model.stream, axis, parameters)))
+        return model.whiten(model.observe_reference_error(effect.reference_columns(model.references, axis, parameters)))
+    return model.whiten(model.reading(compute_columns(effect, model.stream, axis, parameters)))
 
 
 def make_effect_columns(model: RecordingModel, effect: Effect, axis: str, frequencies: Array) -> list[Array]:
@@ -249,7 +249,7 @@ def add_finer_periods(model: RecordingModel, linear: LinearModel, member: Select
     start = linear.W.shape[1]
     finer = [ParameterChoice(start + 2 * k, 2, one.log_weight, one.parameters) for k, one in enumerate(near)]
     options = [replace(one, log_weight=one.log_weight - np.log(2)) if one in held else one for one in entry.options]
-    return linear.replace_options(member.candidate, [*options, *finer], W, model.projected(W))
+    return linear.replace_options(member.candidate, [*options, *finer], W, model.project_out_nuisance(W))
 
 
 def _find_aliases(linear: LinearModel, member: SelectedCandidate) -> list[ParameterChoice]:

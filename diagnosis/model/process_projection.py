@@ -83,7 +83,7 @@ class ProcessProjection:
     shown: Array | None = None
 
     @classmethod
-    def of(cls, columns: Array, gram: Array, mean: scipy.sparse.csr_array | None = None) -> ProcessProjection:
+    def build_projection(cls, columns: Array, gram: Array, mean: scipy.sparse.csr_array | None = None) -> ProcessProjection:
         """From whitened columns (N, c) and the products of the projected ones (c, c)."""
         return cls(
             columns,
@@ -92,7 +92,7 @@ class ProcessProjection:
             mean,
         )
 
-    def turned(self, t_s: Array, interval: Indices) -> ProcessProjection:
+    def turn_root(self, t_s: Array, interval: Indices) -> ProcessProjection:
         """The place with a root along the directions in which Markov processes at given times (q,) show, one after another."""
         spacing = max(float(np.median(np.diff(np.unique(t_s), append=np.max(t_s)))), LEAST_TRACE)  # sensors may share times
         longest = max(float(np.ptp(t_s[interval == number])) for number in np.unique(interval))
@@ -140,15 +140,15 @@ def project_cells(model: RecordingModel) -> tuple[ProcessProjection, ...]:
     turned = np.add.reduceat(model.to_inertial * model.dt[:, None, None], parts, axis=0)  # (q, inertial, body)
     counts = np.diff(np.append(first, parts.size))
     turned *= np.repeat(counts / cells.duration_s, counts)[:, None, None]
-    passed = model.passed
+    passed = model.passed_shares
     out = []
     for axis in range(3):
         errors, mean = build_unit_errors(turned[:, :, axis], first)
         own = np.argmax(np.any(errors.reshape(first.size, 3, -1) != 0, axis=1), axis=0)  # the cell of each unit error
         along = errors.reshape(first.size, 3, -1)[own, :, np.arange(own.size)] * cells.duration_s[own, None]
-        columns = model.whitened((passed[:, None, own] * along.T).reshape(model.size, -1))
-        place = ProcessProjection.of(columns, columns.T @ model.projected(columns), mean)
-        out.append(place.turned(model.t_s[parts], np.repeat(cells.interval, counts)))
+        columns = model.whiten((passed[:, None, own] * along.T).reshape(model.size, -1))
+        place = ProcessProjection.build_projection(columns, columns.T @ model.project_out_nuisance(columns), mean)
+        out.append(place.turn_root(model.t_s[parts], np.repeat(cells.interval, counts)))
     return tuple(out)
 
 
@@ -172,9 +172,9 @@ def project_references(model: RecordingModel) -> tuple[ProcessProjection, ...]:
     out = []
     for axis in range(3):
         errors, mean = build_unit_errors(-model.at_reference[rows][:, :, axis], first)
-        columns = model.whitened(errors)
-        place = ProcessProjection.of(columns, columns.T @ model.projected(columns), mean)
-        out.append(place.turned(model.references.t_s[rows], model.interval_of_reference[rows]))
+        columns = model.whiten(errors)
+        place = ProcessProjection.build_projection(columns, columns.T @ model.project_out_nuisance(columns), mean)
+        out.append(place.turn_root(model.references.t_s[rows], model.interval_of_reference[rows]))
     return tuple(out)
 
 

@@ -101,7 +101,7 @@ class Block:
         """(r,) row in the recording of the last of the references of each observation."""
         return self.references[np.append(self.groups[1:], self.references.size) - 1]
 
-    def observed(self, values: Array) -> Array:
+    def average_references(self, values: Array) -> Array:
         """Means over the references of each observation, (m, …) → (r, …)."""
         if self.groups.size == self.references.size:
             return values
@@ -190,7 +190,7 @@ class RecordingModel:
     def observation_t_s(self) -> Array:
         """(r,) time of each observation, s since the epoch."""
         t_s = self.recording.attitudes.t_s
-        return np.concatenate([block.observed(t_s[block.references]) for block in self.blocks])
+        return np.concatenate([block.average_references(t_s[block.references]) for block in self.blocks])
 
     @cached_property
     def reference_rows_of_observations(self) -> Indices:
@@ -243,7 +243,7 @@ class RecordingModel:
         )
 
     @cached_property
-    def around(self) -> Surroundings:
+    def surroundings(self) -> Surroundings:
         """What the recording offers to effects."""
         gyro, sigma = self.recording.gyro, self.recording.attitudes.sigma[self.reference_rows]
         return Surroundings(self.stream, self.references, gyro.arw, gyro.sample_s, sigma)
@@ -276,7 +276,7 @@ class RecordingModel:
             begin = np.clip(starts - block.steps.start, 0, len(total) - 1)
             # Before its start the step has added nothing, after it the sum since then.
             late = np.maximum(block.ends[:, None], begin[None, :])
-            added = block.observed(np.moveaxis(total[late] - total[begin][None], 1, 2))
+            added = block.average_references(np.moveaxis(total[late] - total[begin][None], 1, 2))
             out[block.rows] = added.reshape(-1, starts.size)
         return out
 
@@ -285,7 +285,7 @@ class RecordingModel:
         turned = -np.matmul(self.at_reference, error)
         parts, start = [], 0
         for block in self.blocks:
-            parts.append(block.observed(turned[start : start + block.references.size]))
+            parts.append(block.average_references(turned[start : start + block.references.size]))
             start += block.references.size
         return np.concatenate(parts).reshape(self.size, -1)
 
@@ -298,12 +298,14 @@ class RecordingModel:
     def _observe_increments(self, increments: Array) -> Array:
         out = np.empty((self.size, increments.shape[2]))
         for block in self.blocks:
-            out[block.rows] = block.observed(_accumulate_increments(increments, block)).reshape(3 * block.groups.size, -1)
+            out[block.rows] = block.average_references(_accumulate_increments(increments, block)).reshape(
+                3 * block.groups.size, -1
+            )
         return out
 
     # ---- whitening and projection ----------------------------------------------------------------------------------------
 
-    def whitened(self, columns: Array) -> Array:
+    def whiten(self, columns: Array) -> Array:
         """S^−½ L⁻¹ of the columns, (N,) or (N, k), see the module."""
         return self._scale_mounting_modes(self._whiten_blocks(columns), lambda s: 1 / np.sqrt(1 + s**2))
 
@@ -334,7 +336,7 @@ class RecordingModel:
     @cached_property
     def calibration(self) -> Array:
         """(N, 12) whitened columns of what G_xx, G_xy, …, G_zz, b_x, b_y, b_z lack: δω = δG ω_raw + δb."""
-        return self.whitened(self.observe_rate_error(build_parameter_errors(self.raw)))
+        return self.whiten(self.observe_rate_error(build_parameter_errors(self.raw)))
 
     @cached_property
     def starts(self) -> Array:
@@ -342,12 +344,12 @@ class RecordingModel:
         out = np.zeros((self.size, 3 * len(self.blocks)))
         for number, block in enumerate(self.blocks):
             out[block.rows, 3 * number : 3 * number + 3] = np.tile(np.eye(3), (block.groups.size, 1))
-        return self.whitened(out)
+        return self.whiten(out)
 
     @cached_property
     def _estimated_mountings(self) -> tuple[Array, Array]:
         """(N, q) columns of the misalignments of sensors whose mounting is estimated, and (q,) prior sigma of each, rad."""
-        found = Mountings.of(self.recording.attitudes)
+        found = Mountings.build(self.recording.attitudes)
         turns = found.turns[self.reference_rows]
         return self.observe_reference_error(turns) if turns.shape[2] else np.empty((self.size, 0)), found.prior
 
@@ -355,7 +357,7 @@ class RecordingModel:
     def mountings(self) -> Array:
         """(N, q) whitened columns of those misalignments that have no prior."""
         columns, prior = self._estimated_mountings
-        return self.whitened(columns[:, ~np.isfinite(prior)])
+        return self.whiten(columns[:, ~np.isfinite(prior)])
 
     @cached_property
     def known_mountings(self) -> Array:
@@ -382,7 +384,7 @@ class RecordingModel:
         """(N, q) orthonormal basis of the nuisance parameters' columns."""
         return build_basis(np.hstack([self.attitude_nuisance, self.calibration]))
 
-    def projected(self, columns: Array) -> Array:
+    def project_out_nuisance(self, columns: Array) -> Array:
         """Whitened columns with the nuisance parameters' part taken out, some at a time: ten thousand are a gigabyte thrice."""
         basis, out = self.nuisance, np.empty_like(columns)
         for first in range(0, columns.shape[-1] if columns.ndim > 1 else 1, PROJECTED_COLUMNS_PER_BATCH):
@@ -390,14 +392,14 @@ class RecordingModel:
             np.subtract(columns[some], basis @ (basis.T @ columns[some]), out=out[some])
         return out
 
-    def prepared(self, columns: Array) -> Array:
+    def whiten_and_project(self, columns: Array) -> Array:
         """Whitened and projected."""
-        return self.projected(self.whitened(columns))
+        return self.project_out_nuisance(self.whiten(columns))
 
     @cached_property
     def y(self) -> Array:
         """(N,) whitened and projected observations: N(0, I) on the complement of the nuisance parameters under M0."""
-        return self.prepared(self.zeta)
+        return self.whiten_and_project(self.zeta)
 
     @property
     def weighed_residuals(self) -> Array:
@@ -434,13 +436,13 @@ class RecordingModel:
         return Cells(interval, first, last, 0.5 * (self.t_s[first] + self.t_s[last - 1]), run, lengths)
 
     @cached_property
-    def passed(self) -> Array:
+    def passed_shares(self) -> Array:
         """(r, c) share of each cell that has passed at each observation."""
         out = np.zeros((self.size // 3, self.cells.first.size))
         for number, block in enumerate(self.blocks):
             inside = np.flatnonzero(self.cells.interval == number)
             first, last = self.cells.first[inside] - block.steps.start, self.cells.last[inside] - block.steps.start
-            share = block.observed(np.clip((block.ends[:, None] - first) / (last - first), 0.0, 1.0))
+            share = block.average_references(np.clip((block.ends[:, None] - first) / (last - first), 0.0, 1.0))
             out[np.ix_(np.arange(block.rows.start // 3, block.rows.stop // 3), inside)] = share
         return out
 
@@ -448,18 +450,18 @@ class RecordingModel:
     def cell_columns(self) -> Array:
         """(3, N, c) whitened observations of a unit rate error about each body axis in each cell."""
         turned = np.add.reduceat(self.to_inertial * self.dt[:, None, None], self.cells.first, axis=0)  # (c, inertial, body)
-        made = (self.passed[:, None, :] * turned[:, :, axis].T for axis in range(3))
-        return np.stack([self.whitened(part.reshape(self.size, -1)) for part in made])
+        made = (self.passed_shares[:, None, :] * turned[:, :, axis].T for axis in range(3))
+        return np.stack([self.whiten(part.reshape(self.size, -1)) for part in made])
 
     @cached_property
     def cell_grams(self) -> Array:
         """(3, c, c) products of the projected columns of the cells."""
-        return np.stack([part.T @ self.projected(part) for part in self.cell_columns])
+        return np.stack([part.T @ self.project_out_nuisance(part) for part in self.cell_columns])
 
     @cached_property
     def reference_grams(self) -> Array:
         """(3, r, r) products of the projected columns of the references."""
-        return np.stack([part.T @ self.projected(part) for part in self.reference_columns])
+        return np.stack([part.T @ self.project_out_nuisance(part) for part in self.reference_columns])
 
     @cached_property
     def reference_columns(self) -> Array:
@@ -471,7 +473,7 @@ class RecordingModel:
             errors = np.zeros((len(self.at_reference), 3, 1))
             errors[:, axis] = 1.0
             out[axis][rows, np.arange(count)[:, None]] = self.observe_reference_error(errors).reshape(count, 3)
-        return np.stack([self.whitened(part) for part in out])
+        return np.stack([self.whiten(part) for part in out])
 
     # ---- random processes ------------------------------------------------------------------------------------------------
 

@@ -51,11 +51,11 @@ class RelinearisedPath:
     errors: Array
     turns: Array
 
-    def turned(self, propagated: Array) -> Array:
+    def turn_attitudes(self, propagated: Array) -> Array:
         """(m, 3, 3) Aᵀ along the path at the references, of those as propagated."""
         return np.asarray(Rotation.from_rotvec(self.turns).as_matrix() @ propagated)
 
-    def between(self, ends: Indices) -> Array:
+    def interpolate_turns(self, ends: Indices) -> Array:
         """(n, 3, 3) S in the middle of each step, with (m,) steps done at each reference, of which the last has all."""
         middle = np.arange(ends[-1]) + 0.5
         turns = np.column_stack([np.interp(middle, ends, self.turns[:, axis]) for axis in range(3)])

@@ -145,7 +145,7 @@ def estimate_remainder(
     start : sizes from which the optimisation starts
     largest : (K,) bounds of the variances where they are known; the white noise then is as stated
     """
-    y = model.undo_mounting_whitening(model.whitened(model.zeta))
+    y = model.undo_mounting_whitening(model.whiten(model.zeta))
     B = np.hstack([build_shared_columns(model), model.undo_mounting_whitening(effects)])
     rows = [block.rows for block in model.blocks]
     traces = np.array([sum(float(np.trace(K)) for K in one.blocks) for one in processes])

@@ -82,7 +82,7 @@ def build_switched_columns(
     stream = model.stream
     begin = float(stream.t_s[0]) - SETTINGS.already_on - float(stream.duration_s[0])
     on = compute_columns(effect, stream, axis, {**parameters, "time_s": begin})[:, :, 0]
-    return model.whitened(model.observe_reading_steps(on, firsts))
+    return model.whiten(model.observe_reading_steps(on, firsts))
 
 
 def add_finer_times(
@@ -132,7 +132,7 @@ def _add_times(
     ]
     left = float(np.log1p(-share))
     coarse = [replace(one, log_weight=one.log_weight + left) if one in givers else one for one in entry.options]
-    return linear.replace_options(place, [*coarse, *finer], W, model.projected(W))
+    return linear.replace_options(place, [*coarse, *finer], W, model.project_out_nuisance(W))
 
 
 # ---- looked for over the whole recording ---------------------------------------------------------------------------------
@@ -164,9 +164,9 @@ class ResidualProducts:
         places, scales, shifts = linear.build_design(members)
         self._C = linear.X[:, places] * scales
         self._factor = scipy.linalg.cho_factor(np.eye(places.size) + self._C.T @ self._C) if places.size else None
-        self.y = self.of(linear.y - linear.X[:, shifts].sum(axis=1))
+        self.y = self.apply_inverse(linear.y - linear.X[:, shifts].sum(axis=1))
 
-    def of(self, values: Array) -> Array:
+    def apply_inverse(self, values: Array) -> Array:
         """S⁻¹ of observations or columns."""
         if self._factor is None:
             return values
@@ -206,7 +206,7 @@ def add_step_times(
         if effect is None or not effect.switched:
             continue
         for fixed in _list_fixed_parameters(option.parameters for option in entry.options):
-            X = model.projected(build_switched_columns(model, effect, entry.axis, fixed, firsts))
+            X = model.project_out_nuisance(build_switched_columns(model, effect, entry.axis, fixed, firsts))
             for number, one in enumerate(left):
                 if candidate not in taken[number]:
                     found[number].append(_find_ratio_peak(one.log_ratio(X), firsts, candidate, fixed))

@@ -62,7 +62,7 @@ def fit_delays(model: RecordingModel, small: Array, prior: tuple[float, float]) 
     path = _Path(model)
 
     def compute_left_chi2(delay: float) -> float:
-        return float(np.sum((model.y - delay * model.projected(path.column(delay))[:, 0]) ** 2))
+        return float(np.sum((model.y - delay * model.project_out_nuisance(path.column(delay))[:, 0]) ** 2))
 
     column, delay = small, 0.0
     for _ in range(SETTINGS.rounds):
@@ -72,7 +72,7 @@ def fit_delays(model: RecordingModel, small: Array, prior: tuple[float, float]) 
         column = path.column(delay)
         if abs(delay - before) < SETTINGS.settled * abs(delay):
             break
-    if abs(delay) * float(np.linalg.norm(model.projected(column - small))) < SETTINGS.nonlinear:
+    if abs(delay) * float(np.linalg.norm(model.project_out_nuisance(column - small))) < SETTINGS.nonlinear:
         return []
     factors = np.geomspace(1 / SETTINGS.widest, SETTINGS.widest, SETTINGS.tried)
     tried = [delay * float(factor) for factor in factors if abs(delay * factor) <= prior[1]]
@@ -87,7 +87,7 @@ def fit_delays(model: RecordingModel, small: Array, prior: tuple[float, float]) 
         (one, path.column(one)) for one, value in zip(tried, values, strict=True) if value < min(values) + SETTINGS.fitting
     ]
     # A fit of the amplitude gains (a − s)² |c|² over it.
-    gains = [(_fit_amplitude(model, c) - one) ** 2 * float(np.sum(model.projected(c) ** 2)) for one, c in found]
+    gains = [(_fit_amplitude(model, c) - one) ** 2 * float(np.sum(model.project_out_nuisance(c) ** 2)) for one, c in found]
     return [Delay(c, float(share)) for (_, c), share in zip(found, compute_delay_shares(np.array(gains)), strict=True)]
 
 
@@ -126,9 +126,9 @@ class _Path:
                 * self._compute_attitude(number, block.elapsed_s).inv()
             )
             off = (E * Rotation.from_rotvec(self.model.off[own]).inv()).as_rotvec()
-            parts.append(block.observed(self.model.residuals[own] + off).ravel())
+            parts.append(block.average_references(self.model.residuals[own] + off).ravel())
             start = own.stop
-        return self.model.whitened(np.concatenate(parts)[:, None] / delay)
+        return self.model.whiten(np.concatenate(parts)[:, None] / delay)
 
     def _compute_attitude(self, number: int, t: Array) -> Rotation:
         """Aᵀ at times from a block's start; beyond its ends at constant rate."""
@@ -139,5 +139,5 @@ class _Path:
 
 def _fit_amplitude(model: RecordingModel, column: Array) -> float:
     """Least-squares amplitude of a column."""
-    x = model.projected(column)[:, 0]
+    x = model.project_out_nuisance(column)[:, 0]
     return float(x @ model.y / max(float(x @ x), 1e-300))

@@ -44,7 +44,7 @@ def list_tracker_columns(model: RecordingModel, effect: Effect) -> Iterator[tupl
     seen = model.references.trackers
     if seen is None or not isinstance(effect, TrackerEffect) or not (effect.has_columns or effect.is_process):
         return
-    trials = effect.trials(model.around)
+    trials = effect.trials(model.surroundings)
     for name in effect.trackers(seen):
         if effect.has_columns:
             yield name, [make_columns(model, effect, name, trial.parameters) for trial in trials]
@@ -116,4 +116,4 @@ def _build_place(model: RecordingModel, number: int, axis: int, own: Indices) ->
     """Build the place of errors about one of a tracker's axes at each of its observations."""
     along = model.recording.attitudes.sensors[number].M[axis]  # in body axes
     unit = np.asarray(sum(model.reference_columns[k][:, own] * along[k] for k in range(3)))
-    return ProcessProjection.of(unit, unit.T @ model.projected(unit))
+    return ProcessProjection.build_projection(unit, unit.T @ model.project_out_nuisance(unit))

@@ -61,8 +61,8 @@ def use_true_rates(model: RecordingModel, linear: LinearModel, member: SelectedC
         G = model.G + change[:9].reshape(3, 3)
         rates = model.rates + build_parameter_errors(model.raw) @ change - (high @ amplitudes) @ G.T
         high, last = effect.columns(replace(model.stream, rates=rates), entry.axis, option.parameters), X @ amplitudes
-        W = model.whitened(model.observe_rate_error(-np.einsum("ij,njk->nik", G, high)))
-        X = model.projected(W)
+        W = model.whiten(model.observe_rate_error(-np.einsum("ij,njk->nik", G, high)))
+        X = model.project_out_nuisance(W)
         amplitudes = _fit_amplitudes(linear, member, X)
         if np.linalg.norm(X @ amplitudes - last) < SETTINGS.settled:
             break
@@ -82,5 +82,5 @@ def _change(model: RecordingModel, explained: Array) -> Array:
     """(12,) by how much G_xx, …, G_zz and b, rad/s, differ from M0's beside what an effect explains, (N,) whitened."""
     columns = np.hstack([model.calibration, model.attitude_nuisance])
     scale = 1 / np.maximum(np.linalg.norm(columns, axis=0), LEAST_POSITIVE)
-    left = model.whitened(model.zeta) - explained
+    left = model.whiten(model.zeta) - explained
     return np.asarray((scale * np.linalg.lstsq(columns * scale, left, rcond=RECORDING.rank)[0])[:12])

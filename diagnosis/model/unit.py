@@ -151,10 +151,10 @@ def build_unit_model(
     names = np.array(owner)[[block.interval for block in model.blocks]]
     part = np.unique(names, return_inverse=True)[1][model.observation_block]
     own = build_own_biases(model, names) if own_bias else np.empty((model.size, 0))
-    basis = scipy.linalg.orth(model.projected(own)) if own_bias else own
+    basis = scipy.linalg.orth(model.project_out_nuisance(own)) if own_bias else own
 
     def project_with_biases(columns: Array) -> Array:
-        seen = model.projected(columns)
+        seen = model.project_out_nuisance(columns)
         return np.asarray(seen - basis @ (basis.T @ seen))
 
     def refine(current: LinearModel, member: SelectedCandidate) -> LinearModel:
@@ -180,4 +180,4 @@ def build_own_biases(model: RecordingModel, names: NDArray[np.str_]) -> Array:
     for block, name in zip(model.blocks, names, strict=True):
         place = 3 * int(np.searchsorted(kinds, name))
         error[block.steps, :, place : place + 3] = np.eye(3)
-    return model.whitened(model.observe_rate_error(error))
+    return model.whiten(model.observe_rate_error(error))

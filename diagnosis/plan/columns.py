@@ -102,7 +102,7 @@ def build_signatures(model: RecordingModel, names: Sequence[str], steps: StepTim
     for group in list_effect_groups(model, [EFFECTS[name] for name in names], None, steps):
         for label, options in _split(group).items():
             W = np.stack([group.columns[k] for k in options], axis=1)
-            X = model.projected(W.reshape(model.size, -1)).reshape(W.shape)
+            X = model.project_out_nuisance(W.reshape(model.size, -1)).reshape(W.shape)
             share = np.linalg.norm(X, axis=(0, 2)) / np.maximum(np.linalg.norm(W, axis=(0, 2)), 1e-300)
             weights, parameters = group.weights[options], tuple(group.parameters[k] for k in options)
             out.append(Signature(group.effect, group.axis, label, X, share, weights / weights.sum(), parameters, group.process))

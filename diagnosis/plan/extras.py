@@ -117,7 +117,7 @@ def evaluate_extra(
     after = {one.label: one for one in build_signatures(longer, names, step_times(model))}
     before = {one.label: one for one in seen}
     ratio: dict[str, float] = {}
-    bare = replace(model.around, stream=replace(model.stream, housekeeping={}))
+    bare = replace(model.surroundings, stream=replace(model.stream, housekeeping={}))
     for one in every:
         # The simulated temperature of another span is another one.
         if EFFECTS[one.effect].missing(bare) is None and one.share.max() > SETTINGS.gone:

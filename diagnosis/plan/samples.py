@@ -24,7 +24,7 @@ def count_quiet_samples(scenario: Scenario) -> tuple[int, ...]:
     """Gyro samples in each arc outside slews and transitions and clear of their edges."""
     out = []
     for profile in build_profiles(scenario):
-        edges = [0.0, *(t for span in sorted(profile.moving) for t in span), profile.stop_s - profile.start_s]
+        edges = [0.0, *(t for span in sorted(profile.moving_spans) for t in span), profile.stop_s - profile.start_s]
         for begin, end in zip(edges[::2], edges[1::2], strict=True):
             out.append(max(int((end - begin) / scenario.gyro.sample_s) - 2 * sample_noise.SETTINGS.half, 0))
     return tuple(out)
@@ -53,14 +53,14 @@ def list_sample_sizes(scenario: Scenario, model: RecordingModel, effects: Sequen
     """Smallest visible sizes of those of some effects that show in the samples; snr is what the others need."""
     tests = build_sample_tests(scenario)
     for effect in effects:
-        if not effect.in_samples or effect.missing(model.around) is not None:
+        if not effect.in_samples or effect.missing(model.surroundings) is not None:
             continue
         if effect.on_references and model.references.trackers is not None:
             yield build_visibility_row(
                 effect, "not available", np.inf, "noise of several star trackers is tested of each by itself", "samples", None
             )
             continue
-        found = effect.smallest(model.around, tests)
+        found = effect.smallest(model.surroundings, tests)
         for one in found:
             verdict: Verdict = "visible" if np.isfinite(one.size) else "not identifiable"
             yield build_visibility_row(effect, verdict, one.size, one.text, "samples", one.axis)
@@ -73,10 +73,10 @@ def _find_attitude_sizes(effect: Effect, model: RecordingModel, snr: float) -> I
     sizes = np.geomspace(*effect.prior, SETTINGS.sizes)
     rng = np.random.default_rng(0)
     for axis in effect.axes or (None,):
-        parameters = effect.draw(rng, model.around)[1]
+        parameters = effect.draw(rng, model.surroundings)[1]
         trials = [setting(effect.name, axis, size, parameters) for size in sizes]
         changes = [effect.apply(rng, model.raw, model.stream, trial) - model.raw for trial in trials]
-        norms = np.linalg.norm(model.prepared(model.reading(np.stack(changes, axis=2))), axis=0)
+        norms = np.linalg.norm(model.whiten_and_project(model.reading(np.stack(changes, axis=2))), axis=0)
         seen = np.flatnonzero(norms >= snr)
         if seen.size:
             text = "from about here on by the rates that are missing or wrong"

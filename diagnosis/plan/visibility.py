@@ -123,7 +123,7 @@ def _format_parameter(name: str, value: float | str) -> str:
 def list_unavailable_effects(model: RecordingModel, effects: Sequence[Effect]) -> Iterator[Visible]:
     """Effects that this scenario has not what it takes for, and faults of the references that are taken out."""
     for effect in effects:
-        reason = effect.missing(model.around)
+        reason = effect.missing(model.surroundings)
         if reason is None and not effect.in_samples and effect.implements("find_faults"):
             reason = "a fault that is found by itself and taken out; its smallest size is not predicted"
         if reason is not None:

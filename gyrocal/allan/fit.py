@@ -212,7 +212,7 @@ def _fit_set(terms: tuple[str, ...], problem: Problem, near: Array | None = None
         )
     logs, chi2 = min(tries, key=lambda one: one[1])
     J = problem.jacobian(terms, logs)
-    return _TermSet(terms, logs, chi2, np.asarray(np.linalg.pinv(J.T @ J)), problem.spread)
+    return _TermSet(terms, logs, chi2, np.asarray(np.linalg.pinv(J.T @ J)), problem.log_determinant)
 
 
 def _estimate(term: str, best: _TermSet, problem: Problem) -> TermEstimate:

@@ -31,7 +31,7 @@ class Problem:
     tau_s: Array
 
     @property
-    def spread(self) -> float:
+    def log_determinant(self) -> float:
         """Logarithm of the determinant of the covariance."""
         return float(-2 * np.log(np.diag(self.whitening)).sum())
 

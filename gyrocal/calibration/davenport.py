@@ -214,7 +214,7 @@ def calibrate(
     given = _check_interval_covariance(interval_covariance, len(recording.intervals))
     prepared = prepare_measurements(recording, step_s, resampling, max_gap_s)
     joint = _check_residual_covariance(residual_covariance, len(prepared.row))
-    problem = Problem.of(recording, prepared, names, psi, covariance_model, given, joint, parametrisation)
+    problem = Problem.build(recording, prepared, names, psi, covariance_model, given, joint, parametrisation)
     ranges = estimate_plausible_ranges(recording, plausible_G, plausible_bias)
     plausible = ranges.vector(problem.columns >= 9)
     start = initial or GyroParameters(recording.gyro.apriori_G, recording.gyro.apriori_bias)
@@ -238,7 +238,7 @@ def calibrate(
         sums.add(state.H, state.z)
         step = np.zeros(12)
         step[columns], P = sums.solve()
-        solved, problem = state, problem.after(state, step[columns] / problem.scale)
+        solved, problem = state, problem.correct_mountings(state, step[columns] / problem.scale)
         x = x - step
         before, parameters = parameters, space.parameters(x)
         corrections.append(GyroParameters.from_vector(parameters.vector - before.vector))
@@ -308,7 +308,7 @@ def residual_table(
 ) -> pd.DataFrame:
     """Residuals under given parameters, nothing estimated; columns as in `CalibrationResult.residuals`, "before" only."""
     prepared = prepare_measurements(recording, step_s, resampling, max_gap_s)
-    state = _evaluate_problem(Problem.of(recording, prepared, psi=psi), recording, parameters, parameters)
+    state = _evaluate_problem(Problem.build(recording, prepared, psi=psi), recording, parameters, parameters)
     table = tabulate_residuals(recording, prepared, state, state, FORMS)
     return table[[column for column in table.columns if not column.startswith("after")]]
 

@@ -228,7 +228,7 @@ class _Steps:
     parts: tuple[_Part, ...]
 
     @classmethod
-    def of(cls, recording: Recording, psi: Psi, max_gap_s: float | None) -> _Steps:
+    def build(cls, recording: Recording, psi: Psi, max_gap_s: float | None) -> _Steps:
         body = triad(recording)
         measured = prepare_measurements(body, max_gap_s=max_gap_s)
         arcs, found = measured.arcs, dict[tuple[int, ...], list[int]]()
@@ -240,7 +240,7 @@ class _Steps:
             rates = np.ascontiguousarray(recording.gyro.rates[:, chosen])
             ends = (arcs.first[own], arcs.last[own], arcs.arc[own])
             parts.append(_Part(chosen, own, Arcs(rates, arcs.dt, arcs.sample, *ends)))
-        return cls(recording.gyro.arw, Problem.of(body, measured, psi=psi), tuple(parts))
+        return cls(recording.gyro.arw, Problem.build(body, measured, psi=psi), tuple(parts))
 
     def state(self, gyros: GyroArray) -> State:
         """Evaluate at some parameters, of which H has all 4n.
@@ -507,7 +507,7 @@ def calibrate_gyros(
         raise InputError("the recording states no gyro noise; parity is weighed by it, so give arw_deg_per_sqrt_s")
     start = initial or GyroArray(stream.names, *compute_nominal_gyros(stream))
     names, n = list_gyro_parameters(start.names), len(start.names)
-    steps, sums = _Steps.of(recording, psi, max_gap_s), compute_parity_sums(recording)
+    steps, sums = _Steps.build(recording, psi, max_gap_s), compute_parity_sums(recording)
     ranges = estimate_plausible_ranges(recording, plausible_G, plausible_bias)
     plausible = ranges.vector(np.tile([False] * 3 + [True], n))
     prior = _build_prior_rows(n, prior_sigma, prior_covariance)
@@ -533,7 +533,7 @@ def calibrate_gyros(
         P = np.linalg.inv(scaled.T @ scaled) * np.outer(plausible, plausible)
         step = np.linalg.lstsq(scaled, z, rcond=None)[0] * plausible
         gyros, solved = gyros.at(gyros.vector - step), state
-        steps = replace(steps, problem=steps.problem.after(state, step))
+        steps = replace(steps, problem=steps.problem.correct_mountings(state, step))
         state, done = steps.state(gyros), done + 1
         converged = bool(np.abs(step / np.sqrt(np.diag(P))).max() < CONVERGED_SIGMAS)
     parity_chi2 = sum(one.chi2(gyros, stream.arw) for one in sums)

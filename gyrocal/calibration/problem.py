@@ -137,7 +137,7 @@ class Problem:
     mountings: Mountings | None = None
 
     @classmethod
-    def of(
+    def build(
         cls,
         recording: Recording,
         measurements: Measurements,
@@ -155,7 +155,7 @@ class Problem:
         if recording.attitudes.sensor is not None:
             if code != "full":
                 raise InputError(f"covariance '{code}': references of several sensors take the full one")
-            mountings = Mountings.of(recording.attitudes)
+            mountings = Mountings.build(recording.attitudes)
         return cls(measurements, A, noise, arw, names, psi, code, given, joint, parametrisation, mountings)
 
     @cached_property
@@ -228,7 +228,7 @@ class Problem:
             A residual is too large to be corrected by linearisation.
         """
         prepared = self.measurements
-        A = self.A if self.mountings is None else self.mountings.corrected(self.A)
+        A = self.A if self.mountings is None else self.mountings.correct_attitudes(self.A)
         A_start, A_obs = A[prepared.start], A[prepared.row]
         with np.errstate(over="ignore", invalid="ignore"):
             theta = accumulation.compute_attitude_residuals(R, A_start, A_obs)
@@ -241,14 +241,14 @@ class Problem:
         H, z, variance = accumulation.whiten_groups(theta, Theta, R, self.groups, self.references, walk, *self._model)
         if self.mountings is None or not free:
             return State(theta, linear, np.sqrt(variance), H, z)
-        left = self.mountings.eliminated(H[:, :p], z, H[:, p:])
+        left = self.mountings.eliminate(H[:, :p], z, H[:, p:])
         return State(theta, linear, np.sqrt(variance), left.H, left.z, left)
 
-    def after(self, state: State, change: Array) -> "Problem":
+    def correct_mountings(self, state: State, change: Array) -> "Problem":
         """The problem with mountings as they are after a correction Δx (p,) of the parameters, scaled as H is."""
         if self.mountings is None:
             return self
-        return replace(self, mountings=self.mountings.moved(state.eliminated, change))
+        return replace(self, mountings=self.mountings.apply_correction(state.eliminated, change))
 
     def _compute_sensitivity(self, S: Array, parameters: GyroParameters) -> Array:
         """Θ D (3m, p) with respect to the solved-for parameters."""

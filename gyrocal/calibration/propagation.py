@@ -186,7 +186,7 @@ class Arcs:
         return bool(is_unbroken(self.sample, *self.pieces)) if self.fine is None else True
 
     @cached_property
-    def _packed(self) -> tuple[Array, float]:
+    def _increments_and_largest(self) -> tuple[Array, float]:
         # Kept, since every iteration and every ψ uses it again. Packing reads rates and durations by their address.
         dt = np.ascontiguousarray(self.dt, dtype=float)
         if self.fine is None:
@@ -200,12 +200,12 @@ class Arcs:
     @property
     def increments(self) -> Array:
         """[ω_raw Δt, Δt] of every step, packed for the lanes."""
-        return self._packed[0]
+        return self._increments_and_largest[0]
 
     @property
     def largest_increment(self) -> float:
         """Largest |ω_raw Δt| of a step, rad."""
-        return self._packed[1]
+        return self._increments_and_largest[1]
 
     def with_rates(self, rates: Array, workspace: Array | None = None) -> "Arcs":
         """The same steps over another stream of raw rates, (samples, gyros) rad/s, packed into the workspace if given."""

@@ -89,7 +89,7 @@ def add_remainder(recording: Recording, result: CalibrationResult) -> Calibratio
     prepared = prepare_measurements(recording, options["step_s"], options["resampling"], options["max_gap_s"])
     names, psi, space = result.solved_for, result.psi, result.parametrisation
     model = "full" if result.covariance_model == "full" else "references only"
-    problem = Problem.of(recording, prepared, names, psi, model, parametrisation=space)  # type: ignore[arg-type]
+    problem = Problem.build(recording, prepared, names, psi, model, parametrisation=space)  # type: ignore[arg-type]
     return replace(result, remainder=estimate_remainder(recording, problem, result))
 
 
@@ -165,7 +165,7 @@ class Paths:
         return Stretches(np.where(first, self.reference_s[self.start], before), to_s, self.interval)
 
     @cached_property
-    def used(self) -> Indices:
+    def reference_numbers(self) -> Indices:
         """(n,) rows of the references that the residuals start from or are compared with."""
         return np.unique(np.concatenate([self.start, self.row]))
 
@@ -188,16 +188,20 @@ class Paths:
                 later[rows] = at_start[rows][::-1].cumsum(axis=0)[::-1]
             return np.asarray(np.einsum("li,lip->lp", self.turns[:, :, member], later))
         along = self.body_rates if process.kind == "delay" else np.tile(np.eye(3)[member], (self.reference_s.size, 1))
-        influence = np.zeros((self.used.size, K.shape[2]))
-        np.add.at(influence, np.searchsorted(self.used, self.row), np.einsum("ai,aip->ap", along[self.row], K))
-        np.add.at(influence, np.searchsorted(self.used, self.start), -np.einsum("ai,aip->ap", along[self.start], at_start))
+        influence = np.zeros((self.reference_numbers.size, K.shape[2]))
+        np.add.at(influence, np.searchsorted(self.reference_numbers, self.row), np.einsum("ai,aip->ap", along[self.row], K))
+        np.add.at(
+            influence,
+            np.searchsorted(self.reference_numbers, self.start),
+            -np.einsum("ai,aip->ap", along[self.start], at_start),
+        )
         return influence
 
     def correlate(self, process: Process, rows: slice = slice(None)) -> Array:
         """Compute the covariance (rows, n) of the values of a process of unit variance."""
         if process.kind == "rate":
             return self.stretches.covariance(process, rows)
-        times = self.reference_s[self.used]
+        times = self.reference_s[self.reference_numbers]
         return correlate_references(process, times[rows], times)
 
 

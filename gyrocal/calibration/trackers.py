@@ -68,7 +68,7 @@ class Mountings:
     misalignment: Array
 
     @classmethod
-    def of(cls, attitudes: Attitudes) -> Mountings:
+    def build(cls, attitudes: Attitudes) -> Mountings:
         """All at zero."""
         chosen = [k for k, one in enumerate(attitudes.sensors) if one.estimated]
         turns = np.zeros((attitudes.t_s.size, 3, 3 * len(chosen)))
@@ -85,7 +85,7 @@ class Mountings:
         """Of the parameters."""
         return tuple(f"m_{sensor}_{axis}" for sensor in self.sensors for axis in AXES)
 
-    def corrected(self, A: Array) -> Array:
+    def correct_attitudes(self, A: Array) -> Array:
         """Observed body attitudes (references, 3, 3) with the misalignments taken off, exp(−[(Mᵀ m)×]) A."""
         if not self.misalignment.any():
             return A
@@ -95,11 +95,11 @@ class Mountings:
         """∂θ/∂Δm (3m, q)."""
         return np.asarray(-(self.turns[row] - R @ self.turns[start]).reshape(3 * len(row), -1))
 
-    def moved(self, free: ReducedEquations | None, change: Array) -> Mountings:
+    def apply_correction(self, free: ReducedEquations | None, change: Array) -> Mountings:
         """As they are after a correction Δx (p,) of the other parameters, scaled as H is."""
         return self if free is None else replace(self, misalignment=self.misalignment - free.step(change))
 
-    def eliminated(self, H: Array, z: Array, Hm: Array) -> ReducedEquations:
+    def eliminate(self, H: Array, z: Array, Hm: Array) -> ReducedEquations:
         """Whitened equations without them; H (3m, p), z (3m,) and Hm (3m, q), group by group.
 
         Raises

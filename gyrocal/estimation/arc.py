@@ -110,16 +110,16 @@ class Columns:
     sensor: Indices
     parameter: Indices
 
-    def of(self, sensor: int) -> tuple[Indices, Indices]:
+    def find_sensor_columns(self, sensor: int) -> tuple[Indices, Indices]:
         """Columns of one series, and their places among its model's parameters."""
         mine = np.flatnonzero(self.sensor == sensor)
         return mine, self.parameter[mine]
 
-    def corrected(self, models: Sequence[SensorModel], change: Array) -> tuple[SensorModel, ...]:
+    def correct_models(self, models: Sequence[SensorModel], change: Array) -> tuple[SensorModel, ...]:
         """Models with the solved-for parameters moved by change (q,)."""
         out = list(models)
         for k in np.unique(self.sensor):
-            mine, places = self.of(int(k))
+            mine, places = self.find_sensor_columns(int(k))
             moved = np.zeros(len(out[k].parameters))
             moved[places] = change[mine]
             out[k] = out[k].corrected(moved)
@@ -194,7 +194,7 @@ def linearise(path: GyroArc, series: Sequence[SensorSeries], estimate: Estimate,
         H = model.jacobian(A[node], row) @ R[node]
         c = np.zeros((*H.shape[:2], 3 + q))
         c[:, :, :3] = -H @ S[node]
-        mine, places = solved.of(k)
+        mine, places = solved.find_sensor_columns(k)
         if mine.size:
             c[:, :, 3 + mine] = model.partials(A[node], row)[:, :, places]
         keep = used[row]

@@ -291,7 +291,7 @@ def correct_estimate(estimate: Estimate, gamma: Array, delta: Array, solved: Col
     return Estimate(
         rotation_matrix(gamma) @ estimate.C,
         estimate.bias + delta[:3],
-        solved.corrected(estimate.models, delta[3:]),
+        solved.correct_models(estimate.models, delta[3:]),
     )
 
 

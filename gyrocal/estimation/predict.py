@@ -195,7 +195,7 @@ def condition_on_references(
         anchor -= 1
     if anchor < 0:
         raise InputError(f"no attitude to start from at or before {times[0]:g} s")
-    seen, mountings = keep_rows(references, rows), Mountings.of(references)
+    seen, mountings = keep_rows(references, rows), Mountings.build(references)
     if apriori_covariance is None:
         ranges = estimate_plausible_ranges(recording, use_rests=False)
         apriori_covariance = prior_covariance(ranges.G, ranges.bias)

@@ -117,7 +117,7 @@ class GyroWalk:
                 "aik,abkl,bjl->aibj", self.R[left], self._white[np.minimum.outer(left, right)], self.R[right], optimize=True
             )
         total = total.reshape(3 * left.size, 3 * right.size)
-        for process, member in self._lasting:
+        for process, member in self._correlated_processes:
             correlation = process.variance * self._stretches.covariance(process)
             total += self._build_columns(member, left) @ correlation @ self._build_columns(member, right).T
         return np.asarray(total)
@@ -128,14 +128,14 @@ class GyroWalk:
         total = self.arw**2 * self.elapsed_s[nodes][:, None, None] * np.eye(3)
         if self._white is not None:
             total = total + R @ self._white[nodes] @ R.transpose(0, 2, 1)
-        for process, member in self._lasting:
+        for process, member in self._correlated_processes:
             columns = self._build_columns(member, nodes)
             spread = (columns @ (process.variance * self._stretches.covariance(process))).reshape(nodes.size, 3, -1)
             total = total + spread @ columns.reshape(nodes.size, 3, -1).transpose(0, 2, 1)
         return np.asarray(total)
 
     @property
-    def _lasting(self) -> list[tuple[Process, int]]:
+    def _correlated_processes(self) -> list[tuple[Process, int]]:
         own = [one for one in self.noise.processes if one.kind == "rate" and one.time_scale_s > 0]
         return [(one, member) for one in own for member in one.members]
 
@@ -181,7 +181,7 @@ class KnownCalibration:
     noise: RemainderNoise
 
     @classmethod
-    def of(cls, result: CalibrationResult) -> KnownCalibration:
+    def build(cls, result: CalibrationResult) -> KnownCalibration:
         """Take the recommended covariance of a result of `gyrocal.calibrate`, and its remainder."""
         if result.recommended != WITH_REMAINDER or result.remainder is None:
             return cls(result.parameters, result.covariance, RemainderNoise())

@@ -54,7 +54,7 @@ class SunCounts:
     sensor: NDArray[np.int64]
     counts: Array
 
-    def of(self, number: int) -> tuple[Array, Array]:
+    def select_sensor(self, number: int) -> tuple[Array, Array]:
         """Times (k,) and counts (k, 2) of one sensor."""
         own = self.sensor == number
         return self.t_s[own], self.counts[own]

@@ -277,7 +277,7 @@ def _solve_second_step(
         state = linearise(path, series, estimate, solved)
         step = np.asarray(np.linalg.lstsq(_step_columns(state), state.rows.z, rcond=None)[0], dtype=float)
         turned = state.R.swapaxes(1, 2) @ rotation_matrix(step[:3]) @ state.R @ estimate.C
-        estimate = replace(estimate, C=turned, models=solved.corrected(estimate.models, step[3:]))
+        estimate = replace(estimate, C=turned, models=solved.correct_models(estimate.models, step[3:]))
         total += step[3:]
         if np.linalg.norm(_step_columns(state) @ step) <= 1e-6:
             break

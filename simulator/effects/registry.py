@@ -56,7 +56,7 @@ class Registry(Mapping[str, Effect]):
             raise InputError(f"{name}: stage {effect.stage} calls its method {calls}, which it does not have")
         if effect.symptom is not None and effect.symptom not in SYMPTOMS:
             raise InputError(f"{name}: no symptom '{effect.symptom}'; there are {', '.join(SYMPTOMS)}")
-        rival = effect.symptom and self.showing(effect.symptom)
+        rival = effect.symptom and self.find_by_symptom(effect.symptom)
         if rival:
             raise InputError(f"{name}: the symptom {effect.symptom} is that of {rival.name} already")
         if not 0 < effect.prior[0] < effect.prior[1]:
@@ -72,7 +72,7 @@ class Registry(Mapping[str, Effect]):
         """Take an effect out again."""
         del self.effects[name]
 
-    def showing(self, symptom: str) -> Effect | None:
+    def find_by_symptom(self, symptom: str) -> Effect | None:
         """The effect that claims a symptom of the samples."""
         return next((effect for effect in self.effects.values() if effect.symptom == symptom), None)
 

@@ -26,7 +26,7 @@ def list_reference_times(profile: Profile, every: float | None, moving: bool = F
         return np.array([0.0, length])
     inner = every * np.arange(1, int(np.ceil(length / every)))
     inner = inner[inner < length - TIME_TOLERANCE]
-    for start, stop in () if moving else profile.moving:
+    for start, stop in () if moving else profile.moving_spans:
         inner = inner[(inner <= start) | (inner >= stop)]
     return np.concatenate([[0.0], inner, [length]])
 

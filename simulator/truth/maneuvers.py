@@ -167,7 +167,7 @@ class Profile:
     sway: Sway | None = None  # attitude motion on top of all that
 
     @property
-    def moving(self) -> tuple[tuple[float, float], ...]:
+    def moving_spans(self) -> tuple[tuple[float, float], ...]:
         """Local start and stop of what is not a constant-rate part: slews and transitions, s."""
         spans = [(slew.start, slew.stop) for slew in self.slews]
         if self.hold:

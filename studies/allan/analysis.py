@@ -152,7 +152,7 @@ def _simulate_reference_variance(sample_s: float, parts: tuple[Stretch, ...], ax
     found = []
     for case in range(draws):
         rng = generator(0, case, "allan references")
-        drawn = [one.drawn(rng)[:, axis] for one in parts]
+        drawn = [one.draw_reference_rates(rng)[:, axis] for one in parts]
         found.append(overlapping_allan_deviation(drawn, sample_s).variance)
     return np.asarray(np.mean(found, axis=0))
 

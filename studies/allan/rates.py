@@ -65,7 +65,7 @@ class Stretch:
     reference_t_s: Array
     edges: Array
 
-    def drawn(self, rng: np.random.Generator) -> Array:
+    def draw_reference_rates(self, rng: np.random.Generator) -> Array:
         """Rates (n, 3) that errors of the references make, rad/s; zero for a rest."""
         if self.rest:
             return np.zeros_like(self.rates)

@@ -153,13 +153,13 @@ def run_recursive_calibrator(problem: Problem, recording: Recording, start: Arra
 def fix_weights(seen: Recording, start: Array) -> Problem:
     """The problem whose weights are fixed, at the parameters (12,) it starts from."""
     prepared = prepare_measurements(seen)
-    return Problem.of(seen, prepared, given=compute_interval_covariances(Problem.of(seen, prepared), start))
+    return Problem.build(seen, prepared, given=compute_interval_covariances(Problem.build(seen, prepared), start))
 
 
 @lru_cache(maxsize=1)
 def _load_compiled_code() -> None:
     """Load what is compiled, once a process, with a recording of a few samples."""
-    flown = NoiseFreeSimulation.of(override(load("trmm"), {"gyro.sample_s": 60.0}))
+    flown = NoiseFreeSimulation.simulate(override(load("trmm"), {"gyro.sample_s": 60.0}))
     seen, start = flown.plain, flown.initial
     problem = fix_weights(seen, start)
     for run in _prepare_runs(problem, seen, start, 1, True).values():

@@ -64,7 +64,7 @@ class IterationsConfig(StudyConfig):
 
 @build_once
 def _prepare_problem(config: IterationsConfig, flown: NoiseFreeSimulation) -> tuple[NoiseFreeSimulation, Problem]:
-    return flown, Problem.of(flown.plain, prepare_measurements(flown.plain))
+    return flown, Problem.build(flown.plain, prepare_measurements(flown.plain))
 
 
 def draw_error_direction(rng: np.random.Generator, error: Array) -> Array:

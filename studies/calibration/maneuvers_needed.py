@@ -76,7 +76,7 @@ def _simulate_all_intervals(
     """Noise-free recordings with all intervals, by the kind of references, and the true parameters."""
     every: dict[str, dict[str, float]] = {"ends": {}, "series": {"reference.every_s": config.series_s}}
     scenarios = {kind: override(flown.scenario, {"reference.at": kind, **every[kind]}) for kind in REFERENCE_PLACEMENTS}
-    return {kind: NoiseFreeSimulation.of(scenario).plain for kind, scenario in scenarios.items()}, get_true_parameters(
+    return {kind: NoiseFreeSimulation.simulate(scenario).plain for kind, scenario in scenarios.items()}, get_true_parameters(
         flown.scenario
     )
 
@@ -95,7 +95,7 @@ def run_case(config: ManeuversNeededConfig, case: int, streams: Streams) -> dict
     references, chosen = config.points()[case]
     whole, truth = _simulate_all_intervals(config, case)
     recording = select_intervals(whole[references], chosen)
-    state = Problem.of(recording, prepare_measurements(recording)).state(truth)
+    state = Problem.build(recording, prepare_measurements(recording)).state(truth)
     # H has the plausible range as its unit already.
     judged = evaluate_observability(state.H / PLAUSIBLE_RANGE, PLAUSIBLE_RANGE, NAMES)
     sigma = np.sqrt(np.diag(np.linalg.inv(state.H.T @ state.H + np.eye(12)))) * PLAUSIBLE_RANGE * PPM_DEG_H

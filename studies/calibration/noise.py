@@ -94,7 +94,7 @@ class _CovarianceParts:
 @build_once
 def _prepare_covariances(config: NoiseConfig, flown: NoiseFreeSimulation) -> _CovarianceParts:
     prepared = prepare_measurements(flown.plain)
-    problem = Problem.of(flown.plain, prepared)
+    problem = Problem.build(flown.plain, prepared)
     pass_ = propagate(prepared.arcs, flown.truth[:9].reshape(3, 3), flown.truth[9:])
     where, units = problem.references[:3], np.tile(np.eye(3), (len(problem.A), 1, 1))
     walk = integrate_white_noise(prepared.elapsed_s, 1.0)

@@ -74,7 +74,7 @@ class NoiseFreeSimulation:
     initial: Array
 
     @classmethod
-    def of(cls, scenario: Scenario) -> Self:
+    def simulate(cls, scenario: Scenario) -> Self:
         """Fly a scenario."""
         path = simulate_case_motion(scenario)
         plain = observe(scenario, path, gyro_rng=None, reference_rng=None)
@@ -98,11 +98,11 @@ def build_once(build: Callable[[Config, NoiseFreeSimulation], Built]) -> Callabl
     @lru_cache(maxsize=2)
     def build_cached(kind: type[Any], text: str) -> Built:
         config = kind.model_validate_json(text)
-        return build(config, NoiseFreeSimulation.of(load_base_scenario(config)))
+        return build(config, NoiseFreeSimulation.simulate(load_base_scenario(config)))
 
     def build_for_case(config: Config, case: int) -> Built:
         if config.dispersions:
-            return build(config, NoiseFreeSimulation.of(dispersed(config, case)))
+            return build(config, NoiseFreeSimulation.simulate(dispersed(config, case)))
         return build_cached(type(config), config.model_dump_json())
 
     return build_for_case

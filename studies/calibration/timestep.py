@@ -83,7 +83,7 @@ class _TimestepProblems:
 @build_once
 def _prepare_problems(config: TimestepConfig, flown: NoiseFreeSimulation) -> _TimestepProblems:
     measured = {way: prepare_measurements(flown.plain, *way) for way in config.ways(flown.scenario.gyro.sample_s)}
-    problems = {way: Problem.of(flown.plain, one) for way, one in measured.items()}
+    problems = {way: Problem.build(flown.plain, one) for way, one in measured.items()}
     held = {
         way: problem.iterate(flown.initial, CALIBRATION_ITERATIONS).check_convergence().x[-1] - flown.truth
         for way, problem in problems.items()
@@ -203,7 +203,7 @@ def summarise_steps(rows: pd.DataFrame) -> pd.DataFrame:
                     "nees": check.value,
                     "nees_lower": check.lower,
                     "nees_upper": check.upper,
-                    "nees_inside": check.inside,
+                    "nees_inside": check.is_inside,
                     "held_nees": part["held_nees"].mean(),
                 }
             )

@@ -110,7 +110,7 @@ def command(
         G, bias_deg_s = fitted.G.tolist(), np.rad2deg(fitted.bias).tolist()
     else:
         chosen = adopted_scenario.load(scenario)
-        own = chosen.replace_amplitudes(chosen.drawn(generator(seed, case, "posterior"))) if draw else chosen.effects
+        own = chosen.replace_amplitudes(chosen.draw_amplitudes(generator(seed, case, "posterior"))) if draw else chosen.effects
         settings = [*own, *settings]
         if isinstance(chosen.plan, ReplayPlan):
             _refuse(changes)

@@ -93,7 +93,9 @@ class PreparedScenario:
     W: Array
 
     @classmethod
-    def of(cls, scenario: AdoptedScenario, recording: Recording, recorded: MeasurementSetup, name: str) -> "PreparedScenario":
+    def build(
+        cls, scenario: AdoptedScenario, recording: Recording, recorded: MeasurementSetup, name: str
+    ) -> "PreparedScenario":
         """Make a scenario ready.
 
         A replay is flown on the plan of the recording that is compared, whichever recording it was adopted from.
@@ -120,7 +122,7 @@ class PreparedScenario:
         plain = scenario.fly(effects=(), noise=False)
         _check_alike(name, recording, plain)
         # Stretches of quiet samples are those of the recording, so that the same samples of all are looked at.
-        ruler = replace(MeasurementSetup.of(plain, start), quiet=recorded.quiet)
+        ruler = replace(MeasurementSetup.build(plain, start), quiet=recorded.quiet)
         amplitudes = scenario.amplitudes
         sigma = np.zeros(amplitudes.size) if scenario.covariance is None else np.sqrt(np.diag(scenario.covariance))
         places = _find_predicted_amplitudes(scenario.effects)
@@ -149,16 +151,16 @@ class PreparedScenario:
         own = C[np.ix_(self.places, self.places)]
         return float(np.sum((self.W @ own) * self.W)) / self.ruler.degrees_of_freedom
 
-    def under(self, recording: Recording) -> Recording:
+    def subtract_stated_response(self, recording: Recording) -> Recording:
         """A recording with the stated response taken out."""
         return self.stated.subtract_from(recording)
 
     def fly(self, seed: int, case: int) -> FlightStatistics:
         """One flight, its sizes drawn from the posterior."""
         scenario, ruler = self.scenario, self.ruler
-        drawn = scenario.drawn(generator(seed, case, "posterior"))
+        drawn = scenario.draw_amplitudes(generator(seed, case, "posterior"))
         flown = scenario.fly(seed, case, scenario.replace_amplitudes(drawn))
-        left = self.under(flown)
+        left = self.subtract_stated_response(flown)
         if self.fitted and self.places.size:
             z = ruler.state(left).z
             off = np.asarray(np.linalg.lstsq(self.W, z - self.Q @ (self.Q.T @ z), rcond=None)[0], dtype=float)

@@ -139,10 +139,10 @@ def compare(
         found = calibrate(recording)
         if found.dof < 1:
             raise InputError(f"{recording.title}: no more residuals than parameters; there is nothing to compare")
-        ruler = MeasurementSetup.of(recording, found.parameters)
+        ruler = MeasurementSetup.build(recording, found.parameters)
         baseline = AdoptedScenario("the baseline on the recording's own plan", ReplayPlan(recording, found.G, found.bias))
         named = [(BASELINE, baseline), *scenarios]
-        benches = [PreparedScenario.of(scenario, recording, ruler, name) for name, scenario in named]
+        benches = [PreparedScenario.build(scenario, recording, ruler, name) for name, scenario in named]
         bare = ruler.measure(recording)
         standings: list[ScenarioComparison] = []
         floors = (float("nan"), float("nan"))
@@ -150,7 +150,7 @@ def compare(
             flights = simulate_flights(bench, name, runs, seed, jobs, progress)
             if not standings:
                 floors = (float(np.mean([f.before for f in flights])), float(np.mean([f.before_samples for f in flights])))
-            measured = ruler.measure(bench.under(recording))
+            measured = ruler.measure(bench.subtract_stated_response(recording))
             standings.append(build_scenario_comparison(name, scenario, bench, bare, measured, flights, floors))
     return Comparison(recording.title, runs, seed, tuple(standings))
 

@@ -113,13 +113,13 @@ class MeasurementSetup:
     sample_s: float
 
     @classmethod
-    def of(cls, recording: Recording, start: GyroParameters) -> "MeasurementSetup":
+    def build(cls, recording: Recording, start: GyroParameters) -> "MeasurementSetup":
         """For recordings with these sample tags, reference times and stated noises."""
         prepared = prepare_measurements(recording)
         gyro = recording.gyro
         noise = gyro.arw / np.sqrt(gyro.sample_s)
         return cls(
-            problem=Problem.of(recording, prepared),
+            problem=Problem.build(recording, prepared),
             start=start.vector,
             names=tuple(interval.name for interval in recording.intervals),
             t_s=recording.attitudes.t_s[prepared.row],

@@ -92,8 +92,8 @@ def run_star_batch(
     sensors = [
         make_direction_sensor(f"star {k}", np.tile(direction, (t.size, 1))) for k, direction in enumerate(STAR_DIRECTIONS)
     ]
-    series = [sensor.seen(motion, t, sigma, rng) for sensor in sensors]
-    return batch(series, gyro, motion.at([low])[0], epoch_s=low, times=times, weighting=weighting)
+    series = [sensor.simulate_series(motion, t, sigma, rng) for sensor in sensors]
+    return batch(series, gyro, motion.get_attitudes([low])[0], epoch_s=low, times=times, weighting=weighting)
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,7 @@ def build_alignment_orbit(arw: float = ATTITUDE_CASE_ARW) -> AlignmentOrbit:
     """The orbit, flown with a gyro of that angle random walk, rad/sqrt(s)."""
     motion = build_orbit_flight(arw=arw)
     t = np.arange(0, ORBIT_S, 30.0)
-    A = motion.at(t)
+    A = motion.get_attitudes(t)
     toward = compute_lvlh_attitude(ATTITUDE_CASE_ORBIT, np.zeros(1))[0].T @ np.array([np.cos(0.436), -np.sin(0.436), 0.0])
     horizon, position = Horizon(), compute_orbit_position(ATTITUDE_CASE_ORBIT, t)
     angles = np.array(

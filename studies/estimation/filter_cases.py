@@ -95,7 +95,7 @@ def simulate_direction_series(
     times = np.arange(0.0, flight.t[-1] + 1e-9, every)
     sun = np.tile([0.36, -0.8, 0.48], (len(times), 1))
     turn = None if sun_offset is None else attitude.rotation_matrix(sun_offset)
-    return DirectionSensor((sun, compute_nadir(times, FILTER_CASE_ORBIT))).seen(flight, times, sigma, rng, turn)
+    return DirectionSensor((sun, compute_nadir(times, FILTER_CASE_ORBIT))).simulate_series(flight, times, sigma, rng, turn)
 
 
 def draw_apriori_parameters(

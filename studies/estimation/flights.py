@@ -81,7 +81,7 @@ class Flight:
         start = apriori or self.apriori
         return GyroStream(self.t[:-1], raw, sample_s, self.arw, start.G, start.bias)
 
-    def at(self, times: ArrayLike) -> Array:
+    def get_attitudes(self, times: ArrayLike) -> Array:
         """True attitudes (k, 3, 3) at times that are sample edges."""
         return np.asarray(self.A[np.rint((np.asarray(times) - self.t[0]) / (self.t[1] - self.t[0])).astype(int)])
 
@@ -135,7 +135,7 @@ class DirectionSensor:
         """As in `gyrocal.sensors.series.SensorModel`."""
         return replace(self, M=rotation_matrix(change) @ self.M) if self.parameters else self
 
-    def seen(
+    def simulate_series(
         self, flight: Flight, t: Array, sigma: float, rng: np.random.Generator | None = None, turn: Array | None = None
     ) -> SensorSeries:
         """A series along a flight, by the sensor's own truth.
@@ -148,7 +148,7 @@ class DirectionSensor:
         rng : source of the noise, None for none
         turn : (3, 3) by which the first direction is seen turned, and the model does not know
         """
-        y = self.predict(flight.at(t), np.arange(len(t)))
+        y = self.predict(flight.get_attitudes(t), np.arange(len(t)))
         if turn is not None:
             y[:, :3] = y[:, :3] @ turn.T
         if rng is not None:

@@ -129,7 +129,7 @@ def estimate_attitudes(streams: Streams, truth: GyroParameters, arw: float) -> R
     apart_sigma = {way: np.abs(attitude.residual(exact.attitudes, A) / exact.attitude_sigma) for way, A in ways.items()}
     rows: Rows = []
     for estimator, (A, P) in found.items():
-        error = attitude.residual(flight.at(COMPARED_TIMES_S), A)
+        error = attitude.residual(flight.get_attitudes(COMPARED_TIMES_S), A)
         for k, time in enumerate(COMPARED_TIMES_S):
             own = P[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
             sigma = np.sqrt(np.diag(own))

@@ -31,14 +31,14 @@ class Nees:
     cases: int
 
     @property
-    def inside(self) -> bool:
+    def is_inside(self) -> bool:
         """Whether the mean lies within its bounds."""
         return self.lower <= self.value <= self.upper
 
     @property
     def verdict(self) -> str:
         """What the mean says of the covariance."""
-        return CONSISTENT if self.inside else OVER_CONFIDENT if self.value > self.upper else UNDER_CONFIDENT
+        return CONSISTENT if self.is_inside else OVER_CONFIDENT if self.value > self.upper else UNDER_CONFIDENT
 
 
 def compute_nees(errors: Array, covariances: Array) -> Array:

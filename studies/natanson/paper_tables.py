@@ -96,7 +96,7 @@ class _PreparedProblems:
 def _prepare_problems(config: PaperTablesConfig, flown: NoiseFreeSimulation) -> _PreparedProblems:
     variants = config.variants(flown.scenario.gyro.sample_s)
     ways = dict.fromkeys((step, resampling, model) for step, resampling, _, model in variants)
-    problems = {way: Problem.of(flown.plain, prepare_measurements(flown.plain, *way[:2]), model=way[2]) for way in ways}
+    problems = {way: Problem.build(flown.plain, prepare_measurements(flown.plain, *way[:2]), model=way[2]) for way in ways}
     return _PreparedProblems(flown, variants, problems)
 
 
@@ -300,7 +300,7 @@ def build_consistency_table(rows: pd.DataFrame, truth: GyroParameters) -> pd.Dat
 
     def line(chosen: pd.DataFrame) -> dict[str, float]:
         found = statistics.check_mean_nees(chosen["nees"], len(NAMES))
-        row = {"nees": found.value, "nees_lower": found.lower, "nees_upper": found.upper, "nees_inside": found.inside}
+        row = {"nees": found.value, "nees_lower": found.lower, "nees_upper": found.upper, "nees_inside": found.is_inside}
         for level in statistics.SIGMA_LEVELS:
             inside, total = statistics.count_covered(*compute_errors_and_sigmas(chosen, truth), level)
             row[f"coverage_{level}"] = inside / total

@@ -189,8 +189,8 @@ def add_monte_carlo_tables(rows: pd.DataFrame, config: PaperTablesConfig, scenar
         "printed_digits": found["printed_digits"].query(usual).iloc[0, 3:].to_dict(),
         "psi_difference_max": {name: float(between[name].max()) for name in ("G", "bias_deg_s")},
         "coverage": {level: inside / total for level, (inside, total) in counts.items()},
-        "nees": {"value": nees.value, "bounds": [nees.lower, nees.upper], "dof": nees.dof, "inside": nees.inside},
-        "nees_references_only": {"value": control.value, "bounds": [control.lower, control.upper], "inside": control.inside},
+        "nees": {"value": nees.value, "bounds": [nees.lower, nees.upper], "dof": nees.dof, "inside": nees.is_inside},
+        "nees_references_only": {"value": control.value, "bounds": [control.lower, control.upper], "inside": control.is_inside},
         "bias_in_standard_errors_max": float(np.abs(headline["bias_in_standard_errors"]).max()),
     }
 

@@ -200,7 +200,7 @@ class _TimingSearch:
     bounds: Array
     changes: Callable[[Array], dict[str, float]]
 
-    def at_bound(self, x: Array) -> tuple[str, ...]:
+    def list_stopped_at_bound(self, x: Array) -> tuple[str, ...]:
         """Names of those within a thousandth of their range of a bound."""
         near = np.min(np.abs(x[:, None] - self.bounds), axis=1) < 1e-3 * np.ptp(self.bounds, axis=1)
         return tuple(name for name, stopped in zip(self.names, near, strict=True) if stopped)
@@ -300,7 +300,7 @@ def _build_timing_fit(scenario: Scenario, parts: list[tuple[_TimingSearch, Array
     for search, x in parts:
         scenario = override(scenario, search.changes(x))
         timings |= dict(zip(search.names, map(float, x), strict=True))
-        at_bound += search.at_bound(x)
+        at_bound += search.list_stopped_at_bound(x)
     predicted = predict_residuals(scenario)
     return TimingFit(scenario, timings, at_bound, compute_clean_gap_rms(predicted), compute_gap_rms(predicted))
 

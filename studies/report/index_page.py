@@ -53,7 +53,7 @@ def build_index_page(folders: Mapping[str, Path], studies: Path, made: Provenanc
     }
     claims = {name: judge_claims(PAPERS[name][2], one) for name, one in found.items()}
     evidence = [
-        section for name, one in found.items() for section in _build_paper_sections(name, Source.of(one.results.folder))
+        section for name, one in found.items() for section in _build_paper_sections(name, Source.load(one.results.folder))
     ]
     evidence += [*_build_exam_sections(), *_build_study_sections(studies)]
     answers = [_build_answers(name, one, claims[name]) for name, one in found.items()]
@@ -231,7 +231,7 @@ def _build_paper_sections(name: str, source: Source) -> Iterator[Section]:
     figures: list[Item] = [item for one in others for item in source.figure(one, _find_caption(one))]
     yield Section(title, figures)
     yield from sections
-    yield Section("", [source.made(file)])
+    yield Section("", [source.describe_origin(file)])
 
 
 def _find_caption(file: str) -> str:
@@ -273,9 +273,9 @@ def _build_study_sections(studies: Path) -> Iterator[Section]:
     if folders:
         yield Section("The studies", [])
     for folder in folders:
-        source = Source.of(folder)
+        source = Source.load(folder)
         title, anchor = source.title("report.md").removeprefix(f"Study {folder.name}: "), f"study-{make_slug(folder.name)}"
         items: list[Item] = []
         for one in source.sections("report.md", 4, make_slug):
             items += [Markup("<h4>{}</h4>").format(one.title) if one.title else "", *one.items]
-        yield Section(title, [*items, source.made("report.md")], 3, anchor, is_folded=True)
+        yield Section(title, [*items, source.describe_origin("report.md")], 3, anchor, is_folded=True)

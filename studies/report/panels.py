@@ -69,7 +69,7 @@ class Panel:
     legend: str = ""
     legend_title: str = ""
 
-    def on(self, axes: Axes) -> None:
+    def draw_axes(self, axes: Axes) -> None:
         """Draw the panel with what belongs to its axes."""
         for which in self.log:
             getattr(axes, f"set_{which}scale")("log")
@@ -122,7 +122,7 @@ def draw_panels(
         rows = -(-len(panels) // columns)
         grid = figure.subplots(rows, columns, squeeze=False, width_ratios=widths, sharex=sharex, sharey=sharey)
         for axes, panel in zip(grid.ravel(), panels, strict=True):
-            panel.on(axes)
+            panel.draw_axes(axes)
             # Each panel keeps the numbers at its axes, so that it can stand alone in a narrow window.
             axes.tick_params(labelleft=True, labelbottom=True)
             if sharey is True and axes is not grid[0, 0]:

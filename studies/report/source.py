@@ -36,12 +36,12 @@ class Source:
     manifest: Mapping[str, Any]
 
     @classmethod
-    def of(cls, folder: Path) -> Source:
+    def load(cls, folder: Path) -> Source:
         """The folder with its manifest."""
         path = folder / "manifest.json"
         return cls(folder, json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {})
 
-    def made(self, file: str) -> SmallParagraph:
+    def describe_origin(self, file: str) -> SmallParagraph:
         """Command, commit and hash that make a file again."""
         command = self.manifest.get("command") or f"gyrocal study {self.folder.name}"
         commit, sha256 = self.manifest.get("commit") or "unknown", self.manifest.get("files", {}).get(file, "unknown")
@@ -54,7 +54,7 @@ class Source:
         path = self.folder / file
         if not path.is_file():
             return []
-        return [Picture(f"{self.folder.name}-{path.stem}", path.read_bytes, alt, alt), self.made(file)]
+        return [Picture(f"{self.folder.name}-{path.stem}", path.read_bytes, alt, alt), self.describe_origin(file)]
 
     def title(self, file: str) -> str:
         """Title of a report in the folder; empty if it is not there."""

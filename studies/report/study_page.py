@@ -12,9 +12,11 @@ from studies.report.source import Source
 
 def build_study_page(folder: Path, made: ProvenanceFooter | None = None) -> str:
     """The whole page, made of the content of the folder."""
-    source = Source.of(folder)
+    source = Source.load(folder)
     sections = [Section("", [summarise_checks(folder)]), *source.sections("report.md", 2, make_slug)]
-    return Page(source.title("report.md"), [*sections, Section("", [source.made("report.md")])], None, made).render_html()
+    return Page(
+        source.title("report.md"), [*sections, Section("", [source.describe_origin("report.md")])], None, made
+    ).render_html()
 
 
 def summarise_checks(folder: Path) -> str:

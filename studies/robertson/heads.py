@@ -143,9 +143,9 @@ def _build_truth_row(truth: str, effects: Sequence[Setting], seen: ExplainedTabl
     found = seen.found
     attribution = found.attribution
     named = {one.label for one in found.fitted}
-    without = Search(seen.scaled).of(ORTHOGONAL)
+    without = Search(seen.scaled_model).find_explanation(ORTHOGONAL)
     assert without is not None
-    orthogonal = compute_closure(seen.scaled, without.members)
+    orthogonal = compute_closure(seen.scaled_model, without.members)
     assert orthogonal is not None
     after = found.closed.after if found.closed is not None else orthogonal.before
     best = attribution.best if attribution is not None else None
@@ -168,7 +168,7 @@ def _build_truth_row(truth: str, effects: Sequence[Setting], seen: ExplainedTabl
     }
     for one in found.fitted:
         row |= _list_amplitudes(one.label, one)
-    for one in fit(seen.scaled, without.members):
+    for one in fit(seen.scaled_model, without.members):
         row |= _list_amplitudes(f"orthogonal {one.label}", one)
     return row
 
@@ -302,11 +302,11 @@ def _compute_right_share(rows: pd.DataFrame, truths: list[str]) -> float:
 def _save_residual_figure(config: StoryConfig, path: Path) -> Path:
     """Residuals of DSS-2 in the first case."""
     seen = explain_tables(record_truth(config, 0, Streams(config.entropy, 0)), LISTED_SENSOR_EFFECTS)
-    without = Search(seen.scaled).of(ORTHOGONAL)
+    without = Search(seen.scaled_model).find_explanation(ORTHOGONAL)
     assert without is not None
     table = tabulate_sensor_residuals(seen.fits, collect_held_amplitudes(seen.found.fitted))
     table = table.assign(
-        orthogonal_deg=tabulate_sensor_residuals(seen.fits, collect_held_amplitudes(fit(seen.scaled, without.members)))[
+        orthogonal_deg=tabulate_sensor_residuals(seen.fits, collect_held_amplitudes(fit(seen.scaled_model, without.members)))[
             "after_deg"
         ]
     )

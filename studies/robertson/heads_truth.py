@@ -67,7 +67,7 @@ def fit_orthogonal_calibration(scenario: Scenario, effects: Sequence[Setting]) -
     solved = tuple(SENSOR_EFFECTS[name] for name in ORTHOGONAL)
     model = build_sensor_model(build_tables(fits, solved), solved, DEFAULT)
     for _ in range(2):  # about what the first found
-        best = Search(model).of(ORTHOGONAL)
+        best = Search(model).find_explanation(ORTHOGONAL)
         assert best is not None
         fitted = fit(model, best.members)
         again = relinearise_tables(fits, solved, collect_held_amplitudes(fitted), DEFAULT)

@@ -72,7 +72,7 @@ def run_estimator(way: str) -> pd.DataFrame:
     """Rows of one of the ways beside the compiled one, in both parametrisations."""
     config = paper_tables.PaperTablesConfig(overrides={"gyro.sample_s": SLOW_SAMPLE_S})
     scenario, (gyro_rng, reference_rng) = load_base_scenario(config), make_noise_generators(Streams(config.entropy, 0))
-    recording = observe(scenario, NoiseFreeSimulation.of(scenario).motion, gyro_rng=gyro_rng, reference_rng=reference_rng)
+    recording = observe(scenario, NoiseFreeSimulation.simulate(scenario).motion, gyro_rng=gyro_rng, reference_rng=reference_rng)
     truth, rows = get_true_parameters(scenario).vector, []
     for parametrisation in ("gain", "gyro"):
         first, second, P = WAYS[way](recording, parametrisation)

@@ -168,7 +168,7 @@ def build_prediction_rows(recording: Recording) -> list[Row]:
     start_s, stop_s = recording.intervals[0].start_s, recording.intervals[-1].stop_s
     half_s = 0.5 * (start_s + stop_s)
     first, second = cut_recording(recording, start_s, half_s), cut_recording(recording, half_s, stop_s)
-    known = KnownCalibration.of(add_remainder(first, calibrate(first)))
+    known = KnownCalibration.build(add_remainder(first, calibrate(first)))
     return [
         {
             "kind": "prediction",

@@ -76,7 +76,7 @@ def test_shuffled_residuals_give_no_cause(plan):
     rng = np.random.default_rng(14)
     p = []
     for _ in range(5):
-        shuffled = model.projected(rng.permutation(model.y) * rng.choice([-1.0, 1.0], model.size))
+        shuffled = model.project_out_nuisance(rng.permutation(model.y) * rng.choice([-1.0, 1.0], model.size))
         shuffled *= np.sqrt(model.degrees_of_freedom) / np.linalg.norm(shuffled)
         p.append(compute_null_p(Search(replace(linear, y=shuffled)), 0, DEFAULT.null_draws))
     assert min(p) > DEFAULT.false_alarm_rate

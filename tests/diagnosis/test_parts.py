@@ -35,7 +35,7 @@ def linear(prepared):
 
 def _members(linear, *labels):
     """Members at their best options and scales."""
-    return Search(linear).of(labels).members
+    return Search(linear).find_explanation(labels).members
 
 
 def test_dead_zone_reads_zero_and_m0_does_not(plan):

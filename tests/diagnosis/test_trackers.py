@@ -72,8 +72,8 @@ def test_a_prior_is_noise_that_all_intervals_share():
     turns[own] = model.recording.attitudes.sensors[1].M.T
     C = model.observe_reference_error(turns) * np.deg2rad(PRIOR_DEG)
     V += C @ C.T
-    assert np.allclose(model.whitened(model.whitened(V).T), np.eye(model.size), atol=1e-7)
-    assert np.allclose(model.undo_mounting_whitening(model.whitened(C)), model.known_mountings)
+    assert np.allclose(model.whiten(model.whiten(V).T), np.eye(model.size), atol=1e-7)
+    assert np.allclose(model.undo_mounting_whitening(model.whiten(C)), model.known_mountings)
     assert model.nuisance.shape[1] == 3 * len(model.blocks) + 12
     free = model.drop_mounting_priors()
     assert free.nuisance.shape[1] == model.nuisance.shape[1] + 3

@@ -72,7 +72,7 @@ def test_a_flight_has_the_recordings_plan_and_other_noise(written, recording):
 def test_amplitudes_are_drawn_from_their_joint_posterior(written):
     C = np.array([[4e-4, 3e-4], [3e-4, 9e-4]])
     loaded = adopted_scenario.load(written([ORBITAL], C))
-    draws = np.array([loaded.drawn(np.random.default_rng(k)) for k in range(4000)])
+    draws = np.array([loaded.draw_amplitudes(np.random.default_rng(k)) for k in range(4000)])
     np.testing.assert_allclose(draws.mean(axis=0), loaded.amplitudes, rtol=0, atol=4 * np.sqrt(np.diag(C) / 4000).max())
     np.testing.assert_allclose(np.cov(draws.T), C, rtol=0.12)
     (setting,) = loaded.replace_amplitudes(draws[0])
@@ -81,10 +81,10 @@ def test_amplitudes_are_drawn_from_their_joint_posterior(written):
 
 def test_draws_stay_within_the_bounds_of_a_size(written):
     loaded = adopted_scenario.load(written(["rate_deadzone:x=0.001"], [[1e-6]]))
-    draws = [loaded.drawn(np.random.default_rng(k))[0] for k in range(200)]
+    draws = [loaded.draw_amplitudes(np.random.default_rng(k))[0] for k in range(200)]
     assert min(draws) >= 0
     impossible = adopted_scenario.load(written(["rate_deadzone:x=0.001"], [[1e-6]], **{"size = 0.001": "size = 0.0"}))
-    assert impossible.drawn(np.random.default_rng(0))[0] >= 0
+    assert impossible.draw_amplitudes(np.random.default_rng(0))[0] >= 0
 
 
 def test_drawn_flights_differ_in_their_sizes_and_are_repeatable(written):

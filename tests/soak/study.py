@@ -19,7 +19,7 @@ class SoakConfig(StudyConfig):
 
 @build_once
 def _prepared(config: SoakConfig, flown: NoiseFreeSimulation) -> tuple[NoiseFreeSimulation, Problem]:
-    return flown, Problem.of(flown.plain, prepare_measurements(flown.plain))
+    return flown, Problem.build(flown.plain, prepare_measurements(flown.plain))
 
 
 def case(config: SoakConfig, number: int, streams: Streams) -> dict[str, object]:

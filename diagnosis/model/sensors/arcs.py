@@ -181,7 +181,7 @@ def build_arc(recording: Recording, tables: SensorTables, interval: Interval, nu
     series, numbers = [], []
     sun_sensor, sun_angles = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 2))]
     for sensor_number, sensor in enumerate(trmm_sun_sensors(), start=1):
-        t, counts = tables.sun.of(sensor_number) if tables.sun is not None else (np.zeros(0), np.zeros((0, 2)))
+        t, counts = tables.sun.select_sensor(sensor_number) if tables.sun is not None else (np.zeros(0), np.zeros((0, 2)))
         own = (t >= low) & (t <= high)
         if not own.any():
             continue

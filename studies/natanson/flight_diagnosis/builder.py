@@ -103,7 +103,7 @@ def _make_timing_candidate(case: MotionNumbers, timings: Timings, u: Array, L: A
     """Timings about a point, by finite differences of the simulator."""
     steps = np.where(u > 0.5, -TIMING_STEP, TIMING_STEP)
     points = [u, *(u + np.diag(steps))]
-    flown = [timings.moved(case.sections, one) for one in points]
+    flown = [timings.apply_timings(case.sections, one) for one in points]
     values = case.predicted([sections[k] for sections in flown for k in timings.intervals])
     values = values.reshape(len(points), len(timings.intervals), 3)
     J = np.moveaxis((values[1:] - values[0]) / steps[:, None, None], 0, 2)  # (intervals, 3, m)

@@ -113,7 +113,7 @@ def diagnose(table: ResidualTable, baseline: Baseline) -> TableDiagnosis:
     known = [one for one in fitted if not one.effect.startswith(UNKNOWN_NAME)]
     last = compute_motion_numbers(table, baseline, point.flips)
     explains = sum((np.linalg.cholesky(last.covariance) @ one.contribution for one in known), np.zeros(case.d.size))
-    held = Search(model).settled(tuple(members)).members
+    held = Search(model).optimise_members(tuple(members)).members
     closed = {split: compute_closure(build_flight_model(table, baseline, point, split), held) for split in SPLITS}
     sets: dict[Effects, float] = defaultdict(float)
     for one in attribution.ranked:

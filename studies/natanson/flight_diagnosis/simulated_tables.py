@@ -51,7 +51,7 @@ def draw_flown_intervals(kind: str, scenario: Scenario, rng: np.random.Generator
     if kind == "one timing":
         chosen = [own[rng.integers(len(own))]]
     for one in chosen:
-        for k, section in one.moved(sections, rng.random(len(one.names))).items():
+        for k, section in one.apply_timings(sections, rng.random(len(one.names))).items():
             sections[k] = section
     flips = {"yaw of 2": (1,), "yaw of 6": (5,), "both yaws": (1, 5), "rate sign": (3,), "yaw of 2, four timings": (1,)}
     for k in flips.get(kind, ()):

@@ -59,7 +59,7 @@ class Timings:
         stay = _scale_evenly((SHORTEST_STAY_S, _compute_latest_start(section, duration)), u[2])
         return np.array([u[0] * _compute_latest_start(section, duration, stay), duration, stay, _scale_evenly(RAMPS, u[3])])
 
-    def moved(self, sections: Sequence[IntervalSection], u: Array) -> dict[int, IntervalSection]:
+    def apply_timings(self, sections: Sequence[IntervalSection], u: Array) -> dict[int, IntervalSection]:
         """The intervals with these timings; their slews keep their directions."""
         values = self.values(sections, u).tolist()
         if self.axis == "common":

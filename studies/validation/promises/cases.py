@@ -162,12 +162,12 @@ def check_estimators(own: Flight, sigma: float, streams: Streams) -> Iterator[Ro
     rng = streams.generator("estimators")
     t = own.t[:: int(np.ceil(MEASURED_EVERY_S / (own.t[1] - own.t[0])))]
     seen = (np.tile(SUN_DIRECTION, (t.size, 1)), compute_nadir(t, FILTER_CASE_ORBIT))
-    series = DirectionSensor(seen).seen(own, t, sigma, rng)
+    series = DirectionSensor(seen).simulate_series(own, t, sigma, rng)
     off = ESTIMATOR_START_SIGMA * rng.standard_normal(6)
     start = GyroParameters(own.truth.G, own.truth.bias + off[3:])
     gyro, A0 = own.gyro(rng, start), attitude.rotation_matrix(-off[:3]) @ own.A[0]
     times = own.t[[0, len(own.t) // 2, -1]]
-    truth = own.at(times)
+    truth = own.get_attitudes(times)
     for weighting in ("exact", "plain"):
         found = batch([series], gyro, A0, epoch_s=0.0, times=times, weighting=weighting)
         name = f"batch, {weighting} weights"
@@ -199,8 +199,8 @@ def check_alignments(
 ) -> Iterator[Row]:
     """The misalignment of a second sensor, by both of R's algorithms, from directions seen at times t."""
     M = attitude.rotation_matrix(np.deg2rad(OFF_DEG) * rng.standard_normal(3))
-    held = DirectionSensor(seen, "held").seen(own, t, sigma, rng)
-    free = DirectionSensor(seen, "free", M, parameters=ALIGNED).seen(own, t, sigma, rng)
+    held = DirectionSensor(seen, "held").simulate_series(own, t, sigma, rng)
+    free = DirectionSensor(seen, "free", M, parameters=ALIGNED).simulate_series(own, t, sigma, rng)
     series = [held, replace(free, model=DirectionSensor(seen, "free", parameters=ALIGNED))]
     gyro = own.gyro(rng)
     found: dict[str, AlignmentResult] = {

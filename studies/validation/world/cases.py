@@ -172,7 +172,7 @@ def _draw_listed(world: World, count: int) -> list[Found]:
         kin = {EFFECTS[one.effect].kin for one, *_ in found} - {""}
         first = next(search_settings(world, EFFECTS[name]), None) if EFFECTS[name].kin not in kin else None
         if first is not None and _is_distinct(world, first[0], found):
-            found.append((*first, world.evidence.seen(world.difference([first[0]]))))
+            found.append((*first, world.evidence.combine_evidence(world.difference([first[0]]))))
         if len(found) == count:
             break
     return found
@@ -196,7 +196,7 @@ def _place_families(world: World) -> Iterator[tuple[Setting, float]]:
 def _is_distinct(world: World, one: Setting, others: list[Found]) -> bool:
     if not others:
         return True
-    shown = world.evidence.seen(world.difference([one]))
+    shown = world.evidence.combine_evidence(world.difference([one]))
     return all(abs(_compute_cosine(shown, other)) < INDISTINGUISHABLE_COSINE for *_, other in others)
 
 

@@ -72,7 +72,7 @@ class Evidence:
         self.at_references = np.swapaxes(convert_to_matrix(motion.quaternions), 1, 2)
         own = plan.noise_axes
         self.of_noise = self.at_references if own is None else self.at_references @ np.swapaxes(own, 1, 2)
-        self.model_error = float(np.linalg.norm(self.whitened(Change(np.zeros_like(mean), error))))
+        self.model_error = float(np.linalg.norm(self.whiten_change(Change(np.zeros_like(mean), error))))
 
     @cached_property
     def parameters(self) -> Array:
@@ -113,7 +113,7 @@ class Evidence:
         plain = self.plan.plain
         return _whiten_random_walk(y, plain.attitudes.t_s, self.interval, self.of_noise, plain.attitudes.sigma, plain.gyro.arw)
 
-    def whitened(self, change: Change) -> Array:
+    def whiten_change(self, change: Change) -> Array:
         """(N,) change of the whitened residuals, before anything is taken up."""
         turned = np.einsum("nij,nj->ni", self.to_inertial, change.raw @ self.plan.G.T)
         return self._whiten_residuals(
@@ -122,7 +122,7 @@ class Evidence:
 
     def attitude(self, change: Change) -> Array:
         """(N,) change of the whitened residuals that the calibration does not take up."""
-        white = self.whitened(change)
+        white = self.whiten_change(change)
         return np.asarray(white - self.taken_up @ (self.taken_up.T @ white))
 
     def samples(self, change: Change) -> Array:
@@ -140,7 +140,7 @@ class Evidence:
             out.append(np.sqrt(2 / count) / sigma * np.concatenate([spectrum.real, spectrum.imag]).T)
         return np.hstack(out).ravel()
 
-    def seen(self, change: Change) -> Array:
+    def combine_evidence(self, change: Change) -> Array:
         """Both: its norm is the evidence of a known shape."""
         return np.concatenate([self.attitude(change), self.samples(change)])
 

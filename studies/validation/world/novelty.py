@@ -24,10 +24,10 @@ def compute_novelty(world: World, one: Setting, listed: Iterable[Effect] | None 
     """
     change = world.difference([one])
     response = world.evidence.attitude(change)
-    total = float(np.sum(world.evidence.seen(change) ** 2))
+    total = float(np.sum(world.evidence.combine_evidence(change) ** 2))
     explained = 0.0
     for effect in EFFECTS.values() if listed is None else listed:
-        if effect.has_columns and effect.missing(world.around) is None:
+        if effect.has_columns and effect.missing(world.surroundings) is None:
             for columns in _list_whitened_columns(world, effect):
                 u, s, _ = np.linalg.svd(columns, full_matrices=False)
                 share = u[:, s > 1e-9 * max(float(s[0]), 1e-300)].T @ response
@@ -38,7 +38,10 @@ def compute_novelty(world: World, one: Setting, listed: Iterable[Effect] | None 
 def _list_whitened_columns(world: World, effect: Effect) -> Iterator[Array]:
     """Whitened columns of a listed effect for its axes, for parameters that it would have tried, at times where it may
     begin."""
-    around, zero = world.around, Change(np.zeros_like(world.around.stream.raw), np.zeros((len(world.around.references.t_s), 3)))
+    around, zero = (
+        world.surroundings,
+        Change(np.zeros_like(world.surroundings.stream.raw), np.zeros((len(world.surroundings.references.t_s), 3))),
+    )
     trials = list(effect.trials(around))
     trials = trials[:: max(1, len(trials) // MOST_TRIALS)]
     times = _list_step_times(around) if effect.switched else [np.nan]

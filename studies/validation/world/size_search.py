@@ -23,15 +23,15 @@ def search_settings(world: World, effect: Effect) -> Iterator[tuple[Setting, flo
 
     An effect that draws its own size keeps it where its evidence is in the range, or where no other size leads there.
     """
-    if effect.missing(world.around) is not None:
+    if effect.missing(world.surroundings) is not None:
         return
     rng, snr = world.rng(f"draw:{effect.name}"), world.spec.snr
     sizes = max(effect.prior[0], effect.bounds[0]), min(effect.prior[1], effect.bounds[1])
     for _ in range(TRIES):
         target = log_uniform(rng, *snr)
-        axis, parameters = effect.draw(rng, world.around)
+        axis, parameters = effect.draw(rng, world.surroundings)
         sign = 1.0 if effect.sign == "positive" or effect.bounds[0] >= 0 or rng.random() < 0.5 else -1.0
-        size = effect.draw_size(rng, world.around, axis)
+        size = effect.draw_size(rng, world.surroundings, axis)
 
         def make_setting(size: float, axis: str | None = axis, parameters: dict[str, Value] = parameters) -> Setting:
             return _normalise_amplitudes(effect, effect.completed(_build_setting(effect, axis, size, parameters)))

@@ -57,7 +57,7 @@ class World:
     evidence: Evidence
 
     @cached_property
-    def around(self) -> Surroundings:
+    def surroundings(self) -> Surroundings:
         """The truth as effects see it."""
         return build_surroundings(self.plan.plain, self.plan.motion)
 
@@ -69,33 +69,33 @@ class World:
         """Effects with streams of their own; draw 0 is that of the recording."""
         return [ActiveEffect(self.spec.effect(one.effect), one, self.rng(f"effect:{draw}:{one.label()}")) for one in settings]
 
-    def observed(self, settings: Sequence[Setting], draw: int = 0) -> tuple[Array, Array]:
+    def simulate_observations(self, settings: Sequence[Setting], draw: int = 0) -> tuple[Array, Array]:
         """Raw rates and reference attitudes with noise and effects."""
         noise = self.rng(f"gyro:{draw}"), self.rng(f"reference:{draw}")
         active = self.active(settings, draw)
-        return simulate_readings(self.around, active, noise[0]), simulate_references(self.around, active, noise[1])
+        return simulate_readings(self.surroundings, active, noise[0]), simulate_references(self.surroundings, active, noise[1])
 
     def difference(self, settings: Sequence[Setting], draw: int = 0) -> Change:
         """What effects change under the same noise."""
-        raw, references = self.observed(settings, draw)
-        plain_raw, plain_references = self.observed((), draw)
+        raw, references = self.simulate_observations(settings, draw)
+        plain_raw, plain_references = self.simulate_observations((), draw)
         return Change(raw - plain_raw, separation(plain_references, references))
 
     def noise(self, draw: int = 0) -> Change:
         """The noise as stated."""
-        raw, references = self.observed((), draw)
+        raw, references = self.simulate_observations((), draw)
         return Change(raw - self.plan.plain.gyro.rates, separation(self.plan.motion.quaternions, references))
 
     def strength(self, one: Setting) -> float:
         """Evidence of an effect."""
         effect = self.spec.effect(one.effect)
         if _has_a_shape(effect):
-            seen = self.evidence.attitude if one.effect in EFFECTS else self.evidence.seen
+            seen = self.evidence.attitude if one.effect in EFFECTS else self.evidence.combine_evidence
             return float(np.linalg.norm(seen(self.difference([one]))))
         evidence, draws, levels = self.evidence, [], []
         for draw in range(1, RANDOM_CHANGE_DRAWS + 1):
             change, noise = self.difference([one], draw), self.noise(draw)
-            draws.append(evidence.seen(change))
+            draws.append(evidence.combine_evidence(change))
             both = Change(change.raw + noise.raw, change.reference + noise.reference)
             levels.append(
                 np.hypot(
@@ -115,7 +115,7 @@ class World:
     def recording(self, settings: Sequence[Setting], draw: int = 0) -> Recording:
         """Make the recording that a diagnosis sees; other draws have other noise."""
         plain = self.plan.plain
-        rates, quaternions = self.observed(settings, draw)
+        rates, quaternions = self.simulate_observations(settings, draw)
         return replace(
             plain, gyro=replace(plain.gyro, rates=rates), attitudes=replace(plain.attitudes, quaternions=quaternions)
         )

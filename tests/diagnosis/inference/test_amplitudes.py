@@ -213,7 +213,7 @@ def test_amplitudes_of_other_periods_are_turned_to_the_phase_of_the_best():
     )
     entry = replace(entry, options=options, scanned=True, read=convert_phase_amplitudes)
     model = replace(model, candidates=(entry,))
-    members = Search(model).settled((SelectedCandidate(0, 0, 0),)).members
+    members = Search(model).optimise_members((SelectedCandidate(0, 0, 0),)).members
     (one,) = estimate_amplitudes(model, members)
     X = parts[members[0].option]
     alone = np.linalg.lstsq(X, y, rcond=None)[0]

@@ -50,13 +50,13 @@ def test_an_effect_with_one_option_that_explains_nearly_as_much_as_a_rival_is_be
     first = model.candidates[0]
     model = replace(model, candidates=(replace(first, options=first.options[:1]), *model.candidates[1:]))
     search = Search(model)
-    assert [member.candidate for member in find_near_alternatives(search, search.of(("e1",)))] == [0]
+    assert [member.candidate for member in find_near_alternatives(search, search.find_explanation(("e1",)))] == [0]
 
 
 def test_only_listed_effects_with_some_evidence_are_beside():
     model = between_two_options()
     search = Search(model)
-    best = search.of(("e1",))
+    best = search.find_explanation(("e1",))
     assert [member.candidate for member in find_near_alternatives(search, best)] == [0]  # the third explains nothing
 
 

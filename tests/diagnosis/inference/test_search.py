@@ -38,7 +38,7 @@ def test_conditional_scores_are_those_of_the_columns_themselves():
     columns = [rng.standard_normal((30, k)) for k in (1, 2, 6)]
     y = rng.standard_normal(30) * 1.5
     search = Search(linear_model(columns, y))
-    given = search.given((SelectedCandidate(1, 0, 3),))
+    given = search.condition_on((SelectedCandidate(1, 0, 3),))
     C = columns[1] * SCALES[3]
     assert given.log_bayes == pytest.approx(normal_ratio(y, C), abs=1e-9)
     for k in (0, 2):
@@ -78,7 +78,7 @@ def test_evidence_of_a_set_is_that_of_its_columns_with_the_average_of_each_membe
     columns = [rng.standard_normal((25, k)) for k in (1, 2, 1)]
     y = rng.standard_normal(25) * 2
     one = {number: {"scales": np.array([s])} for number, s in enumerate((0.5, 1.5, 0.8))}
-    found = Search(linear_model(columns, y, changes=one)).settled(
+    found = Search(linear_model(columns, y, changes=one)).optimise_members(
         (SelectedCandidate(0, 0, 0), SelectedCandidate(1, 0, 0), SelectedCandidate(2, 0, 0))
     )
     C = np.hstack([0.5 * columns[0], 1.5 * columns[1], 0.8 * columns[2]])
@@ -90,11 +90,11 @@ def test_prior_of_a_set_counts_every_further_effect():
     columns = [rng.standard_normal((40, 1)) for _ in range(4)]
     settings = DiagnosisSettings(another=0.2)
     search = Search(linear_model(columns, rng.standard_normal(40), most_effects=2, changes={2: {"log_odds": 3.0}}), settings)
-    one, two = search.of(("e0",)), search.of(("e0", "e2"))
+    one, two = search.find_explanation(("e0",)), search.find_explanation(("e0", "e2"))
     share = -np.log(4)
     assert one.log_posterior - one.log_evidence == pytest.approx(share + np.log(0.8))
     assert two.log_posterior - two.log_evidence == pytest.approx(2 * share + 3.0 + np.log(0.2))
-    assert search.of(("e0", "nothing")) is None
+    assert search.find_explanation(("e0", "nothing")) is None
 
 
 def test_null_statistic_of_many_is_that_of_each():
@@ -115,7 +115,7 @@ def test_the_search_leaves_a_wrong_set_for_the_right_one():
     columns = [rng.standard_normal((150, 1)) for _ in range(30)]
     y = 4 * columns[11][:, 0] - 5 * columns[23][:, 0] + rng.standard_normal(150)
     search = Search(linear_model(columns, y))
-    start = search.settled(tuple(SelectedCandidate(k, 0, 4) for k in (11, 3, 5)))
+    start = search.optimise_members(tuple(SelectedCandidate(k, 0, 4) for k in (11, 3, 5)))
     found = {start.key: start}
     search._replace_members(found)
     best = max(found.values(), key=lambda explanation: explanation.log_posterior)

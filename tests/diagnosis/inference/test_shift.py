@@ -51,14 +51,14 @@ def test_evidence_of_sets_with_shifts_is_the_ratio_of_normal_densities(model):
         ("plain", "either", "both"): density(y, X[:, [0, 1, 3, 4]], X[:, 2] + X[:, 5]),
     }
     for labels, value in expected.items():
-        assert search.of(labels).log_evidence == pytest.approx(value - none, abs=1e-9)
-        assert search.of(labels[::-1]).log_evidence == pytest.approx(value - none, abs=1e-9)
+        assert search.find_explanation(labels).log_evidence == pytest.approx(value - none, abs=1e-9)
+        assert search.find_explanation(labels[::-1]).log_evidence == pytest.approx(value - none, abs=1e-9)
     assert [model.candidate(member).label for member in search.explanations()[0].members] == ["both"]
 
 
 def test_evidence_under_the_null_knows_the_shift(model):
     search = Search(model)
-    singles = [search.of((one.label,)).log_evidence for one in model.candidates]
+    singles = [search.find_explanation((one.label,)).log_evidence for one in model.candidates]
     together = np.logaddexp.reduce(singles) - np.log(3)
     assert search.compute_null_statistic(search.correlation[:, None])[0] == pytest.approx(together)
 
@@ -85,5 +85,5 @@ def test_closure_takes_out_the_shift(model):
         C = X[~out, 3:5]
         a = np.linalg.solve(C.T @ C + np.eye(2) / SCALE**2, C.T @ (y - X[:, 5])[~out])
         total += np.sum((y[out] - X[out, 5] - X[out, 3:5] @ a) ** 2)
-    assert found.after == pytest.approx(total / ROWS)
+    assert found.correct_mountings == pytest.approx(total / ROWS)
     assert found.before == pytest.approx(np.mean(y**2))

@@ -107,7 +107,7 @@ def test_finer_times_surround_the_one_that_was_found(model):
     linear_one = linear(5, f"bias_step:y=3,time_s={true}")
     k = linear_one.find("bias_step:y")
     search = Search(linear_one)
-    member = search.settled((SelectedCandidate(k, 0, 0),)).members[0]
+    member = search.optimise_members((SelectedCandidate(k, 0, 0),)).members[0]
     coarse = float(linear_one.option(member).parameters["time_s"])
     finer = linear_one.refine(linear_one, member)
     before, after = linear_one.candidates[k], finer.candidates[k]
@@ -115,7 +115,7 @@ def test_finer_times_surround_the_one_that_was_found(model):
     assert after.options[: len(before.options)] == tuple(
         replace(o, log_weight=a.log_weight) for o, a in zip(before.options, after.options, strict=False)
     )
-    chosen = Search(finer).settled((member,)).members[0]
+    chosen = Search(finer).optimise_members((member,)).members[0]
     fine = float(finer.option(chosen).parameters["time_s"])
     assert abs(fine - true) < 32 < abs(coarse - true)  # the spacing of the finer times
     # The new columns are those of the effect, and projected like the others.
@@ -229,10 +229,10 @@ def test_options_of_a_process_have_scales_of_their_own():
     (entry,), _ = place_candidates([group], lambda X: X, DEFAULT)
     for k, columns in enumerate((loud, quiet)):
         largest = np.linalg.norm(columns, axis=0).max()
-        ratios = entry.scales[~entry.outside[k]] * largest
+        ratios = entry.scales[~entry.outside_window[k]] * largest
         assert 1 <= ratios.min() < 2
         assert 150 < ratios.max() <= 300 * (1 + 1e-9)
-    own = (~entry.outside).sum(axis=1)
+    own = (~entry.outside_window).sum(axis=1)
     np.testing.assert_allclose(np.exp(entry.log_weights) * own / entry.scales.size, 0.5, rtol=1e-12)
     # A search holds neither where it cannot be, and averages over all that it can be.
     alone = [
@@ -245,7 +245,7 @@ def test_options_of_a_process_have_scales_of_their_own():
         return LinearModel(y=y, X=X, W=X, candidates=candidates, dof=80, projected=lambda values: values)
 
     table = Search(model((entry,), np.hstack([loud, quiet]))).tables(0, None)
-    assert np.all(np.isneginf(table[entry.outside]))
+    assert np.all(np.isneginf(table[entry.outside_window]))
     both = Search(model((entry,), np.hstack([loud, quiet]))).score(0, ()).average
     each = [Search(model(*made)).score(0, ()).average for made in alone]
     assert both == pytest.approx(logsumexp(each) - np.log(2), abs=0.2)

@@ -130,9 +130,9 @@ def test_columns_are_projected_some_at_a_time(monkeypatch):
     whole = columns - model.nuisance @ (model.nuisance.T @ columns)
     for at_once in (1, 7, 50, 1000):
         monkeypatch.setattr(recordings, "PROJECTED_COLUMNS_PER_BATCH", at_once)
-        np.testing.assert_allclose(model.projected(columns), whole, rtol=0, atol=1e-13)
-        np.testing.assert_allclose(model.projected(columns[:, 3]), whole[:, 3], rtol=0, atol=1e-13)
-    assert np.abs(model.nuisance.T @ model.projected(columns)).max() < 1e-12
+        np.testing.assert_allclose(model.project_out_nuisance(columns), whole, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(model.project_out_nuisance(columns[:, 3]), whole[:, 3], rtol=0, atol=1e-13)
+    assert np.abs(model.nuisance.T @ model.project_out_nuisance(columns)).max() < 1e-12
 
 
 def test_the_null_distribution_is_drawn_some_at_a_time(monkeypatch):

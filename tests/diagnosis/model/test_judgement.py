@@ -66,12 +66,12 @@ def test_processes_and_effects_without_columns_are_not_taken_out():
 def test_noise_of_the_references_is_judged_without_what_changes_it():
     """A changed misalignment of a spinning body makes its references noisier from then on; without it they are as stated."""
     changed, clean = prepare(spinning(CHANGE)), prepare(spinning(0.0))
-    assert clean.judged == ()
-    assert any("reference noise" in what for what, _ in changed.judged)
+    assert clean.classified_symptoms == ()
+    assert any("reference noise" in what for what, _ in changed.classified_symptoms)
     found = fitted("g_matrix_step:x", [CHANGE * 1e6], time_s=600.0, toward="z")
     again = reclassify_without_effects(changed, [KnownEffect(EFFECTS["g_matrix_step"], found)], DEFAULT)
     assert again is not None
-    assert again.judged == ()
+    assert again.classified_symptoms == ()
     # The noise is that which is stated, as without the change.
     sigma, stated = again.model.errors[0], clean.model.errors[0]
     np.testing.assert_allclose(sigma, stated, rtol=1e-6, atol=1e-12 * np.abs(stated).max())
@@ -80,11 +80,11 @@ def test_noise_of_the_references_is_judged_without_what_changes_it():
 def test_what_follows_the_motion_or_drifts_is_no_noise_of_the_references():
     """Half-way changes of a misalignment, and biases that drift while the body turns, are taken out before it is judged."""
     small = prepare(spinning(CHANGE / 4))
-    assert small.judged == ()
+    assert small.classified_symptoms == ()
     still = spinning(0.0)
     drift = np.deg2rad(0.02) * np.linspace(-1, 1, still.gyro.t_s.size)[:, None] * [1.0, 0.0, 0.0]
     drifting = replace(still, gyro=replace(still.gyro, rates=still.gyro.rates + drift))
-    assert prepare(drifting).judged == ()
+    assert prepare(drifting).classified_symptoms == ()
     assert misjudged(drifting)
 
 
@@ -109,7 +109,7 @@ def test_what_is_judged_the_same_stays_as_it_is():
     drift = KnownEffect(EFFECTS["bias_drift"], fitted("bias_drift:x", [1e-6]))
     assert reclassify_without_effects(changed, [drift], DEFAULT) is None
     assert reclassify_without_effects(changed, [], DEFAULT) is None
-    assert any("reference noise" in what for what, _ in changed.judged)
+    assert any("reference noise" in what for what, _ in changed.classified_symptoms)
 
 
 def test_a_report_before_its_lines_were_judged():

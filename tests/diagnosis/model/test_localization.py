@@ -68,7 +68,7 @@ def test_residuals_in_body_axes_have_the_sigma_they_state(averaged, monkeypatch)
         monkeypatch.setattr(linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=70))
     rng = np.random.default_rng(34)
     model = prepare(recorded(3)).model
-    draws = [compute_body_residuals(model, model.projected(rng.standard_normal(model.size))) for _ in range(40)]
+    draws = [compute_body_residuals(model, model.project_out_nuisance(rng.standard_normal(model.size))) for _ in range(40)]
     sigma = draws[0][1]
     assert sigma.shape == (len(model.observation_t_s), 3)
     spread = np.sqrt(np.mean([residual**2 for residual, _ in draws], axis=0))

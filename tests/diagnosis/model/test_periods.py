@@ -102,13 +102,13 @@ def test_a_body_may_turn_while_references_are_averaged(model, monkeypatch, axis)
     assert averaged.observation_t_s.size < 0.3 * averaged.reference_rows.size
     effect, number = EFFECTS["reference_periodic"], "xyz".index(axis)
     constant = np.tile(np.eye(3)[number][None, :, None], (averaged.reference_rows.size, 1, 1))
-    whole = averaged.whitened(averaged.observe_reference_error(constant))[:, 0]
+    whole = averaged.whiten(averaged.observe_reference_error(constant))[:, 0]
     np.testing.assert_allclose(averaged.reference_columns[number].sum(axis=1), whole, atol=1e-9 * np.abs(whole).max())
     at = periods.make_grid(averaged)
     frequency = at.tried[20, at.tried.shape[1] // 2]
-    exact = averaged.projected(make_columns(averaged, effect, axis, {"period_s": 1 / frequency}))
+    exact = averaged.project_out_nuisance(make_columns(averaged, effect, axis, {"period_s": 1 / frequency}))
     (made,) = make_effect_columns(averaged, effect, axis, np.array([frequency]))
-    np.testing.assert_allclose(averaged.projected(made), exact, atol=1e-9 * np.abs(exact).max())
+    np.testing.assert_allclose(averaged.project_out_nuisance(made), exact, atol=1e-9 * np.abs(exact).max())
     swinging = replace_y(averaged, exact @ np.array([0.03, -0.02]))
     products = periods.compute_wave_products(swinging, at, number, True)
     score = products.compute_log_evidence(np.array([[frequency]]), np.array([20]))[0, 0]
@@ -150,7 +150,7 @@ def test_a_swing_between_the_periods_is_kept_and_found(swinging):
 def test_finer_periods_are_around_each_alias_and_share_its_prior(swinging):
     made = build_linear_model(swinging, [EFFECTS["bias_periodic"], EFFECTS["bias_orbital"]], rivals=False)
     k = made.find("bias_periodic:z")
-    member = Search(made).settled((SelectedCandidate(k, 0, 0),)).members[0]
+    member = Search(made).optimise_members((SelectedCandidate(k, 0, 0),)).members[0]
     finer = made.refine(made, member)
     before, after = made.candidates[k], finer.candidates[k]
     new = after.options[len(before.options) :]
@@ -159,7 +159,7 @@ def test_finer_periods_are_around_each_alias_and_share_its_prior(swinging):
     assert shares[len(before.options) :].sum() == pytest.approx(
         2 * (np.exp(before.log_weights) - shares[: len(before.options)]).sum()
     )
-    chosen = Search(finer).settled((member,)).members[0]
+    chosen = Search(finer).optimise_members((member,)).members[0]
     option = finer.option(chosen)
     np.testing.assert_allclose(finer.X[:, option.columns], finer.projected(finer.W[:, option.columns]), atol=1e-12)
     # Twice is finer still; what is not scanned for stays as it is.

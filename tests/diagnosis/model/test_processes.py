@@ -102,7 +102,7 @@ def test_all_columns_of_a_process_are_its_covariance():
     projected = lambda columns: columns - hidden @ (hidden.T @ columns)  # noqa: E731
     half = rng.standard_normal((12, 5))
     K = half @ half.T
-    place = ProcessProjection.of(C, C.T @ projected(C))
+    place = ProcessProjection.build_projection(C, C.T @ projected(C))
     X = projected(build_all_columns(place, K, 0.0))
     np.testing.assert_allclose(X @ X.T, projected(C) @ K @ projected(C).T, atol=1e-10)
     assert X.shape[1] == 5
@@ -177,11 +177,11 @@ def test_a_process_of_averaged_references_is_that_of_every_reference(monkeypatch
     for axis in range(3):
         error = np.zeros((every.size, 3, every.size))
         error[:, axis] = np.eye(every.size)
-        unit, place = model.prepared(model.observe_reference_error(error)), model.reference_places[axis]
+        unit, place = model.whiten_and_project(model.observe_reference_error(error)), model.reference_places[axis]
         size = {}
         for tau in (100.0, 1e5):
             expected = unit @ markov(every, tau) @ unit.T
-            columns = model.projected(place.columns)
+            columns = model.project_out_nuisance(place.columns)
             found = columns @ place.covariance(markov(nodes_s, tau)) @ columns.T
             assert np.linalg.norm(found - expected) < 0.03 * np.linalg.norm(expected)
             size[tau] = np.mean(np.diag(place.covariance(markov(nodes_s, tau))))
@@ -213,7 +213,7 @@ def test_errors_of_averaged_references_are_about_the_axes_of_each(monkeypatch):
     for axis in range(3):
         error = np.zeros((len(model.at_reference), 3, 1))
         error[rows, axis, 0] = sizes
-        expected = model.whitened(model.observe_reference_error(error)[:, 0])
+        expected = model.whiten(model.observe_reference_error(error)[:, 0])
         place = model.reference_places[axis]
         np.testing.assert_allclose(
             place.columns @ (place.mean @ sizes), expected, atol=process_projection.DECOMPOSITION.along * np.abs(expected).max()
@@ -249,7 +249,7 @@ def test_an_error_that_changes_within_a_cell_of_a_spinning_body_has_its_covarian
     own = slice(0, steps)
     error = np.zeros((model.t_s.size, 3, steps))
     error[np.arange(steps), 0, np.arange(steps)] = 1.0
-    unit = model.whitened(model.observe_rate_error(error))
+    unit = model.whiten(model.observe_rate_error(error))
     expected = unit @ markov(model.t_s[own], tau) @ unit.T
     first, _ = split_cells(model)
     inside = first < steps

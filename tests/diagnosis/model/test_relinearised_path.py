@@ -41,8 +41,8 @@ def test_path_gives_the_integral_where_the_first_order_does_not(flown):
     assert np.abs(zeta - exact).max() > 100 * np.abs(path.errors - exact).max()
     assert np.abs(path.errors - exact).max() < 2e-4
     begun = (propagated[:-1] * Rotation.from_rotvec(0.5 * (rates - error) * STEP_S)).as_matrix()
-    assert np.abs(path.between(ends) @ begun - middle).max() < 2e-3
-    assert path.turned(propagated[ends].as_matrix()) == pytest.approx(true[ends].as_matrix(), abs=1e-12)
+    assert np.abs(path.interpolate_turns(ends) @ begun - middle).max() < 2e-3
+    assert path.turn_attitudes(propagated[ends].as_matrix()) == pytest.approx(true[ends].as_matrix(), abs=1e-12)
 
 
 def test_small_errors_are_left_as_they_are():

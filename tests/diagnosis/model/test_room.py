@@ -25,7 +25,7 @@ def test_more_columns_are_beside_the_others_without_a_copy():
     room.memory[:, :3], room.used = RNG.standard_normal((5, 3)), 3
     first, more = room.memory[:, :3], RNG.standard_normal((5, 2))
     before = first.copy()
-    found = room.beside(first, more)
+    found = room.append_columns(first, more)
     np.testing.assert_array_equal(found, np.hstack([before, more]))
     assert np.shares_memory(found, first)
     np.testing.assert_array_equal(first, before)
@@ -36,16 +36,16 @@ def test_columns_are_copied_where_there_is_no_room_or_others_have_it():
     room.memory[:, :3], room.used = RNG.standard_normal((5, 3)), 3
     first = room.memory[:, :3]
     one, other = RNG.standard_normal((2, 5, 2))
-    beside = room.beside(first, one)
+    beside = room.append_columns(first, one)
     # A second model made from the first columns must not write over those of the first.
-    again = room.beside(first, other)
+    again = room.append_columns(first, other)
     np.testing.assert_array_equal(beside[:, 3:], one)
     np.testing.assert_array_equal(again[:, 3:], other)
-    full = room.beside(beside, other)
+    full = room.append_columns(beside, other)
     assert not np.shares_memory(full, beside)
     np.testing.assert_array_equal(full, np.hstack([beside, other]))
     elsewhere = RNG.standard_normal((5, 5))
-    np.testing.assert_array_equal(room.beside(elsewhere, one[:, :1]), np.hstack([elsewhere, one[:, :1]]))
+    np.testing.assert_array_equal(room.append_columns(elsewhere, one[:, :1]), np.hstack([elsewhere, one[:, :1]]))
 
 
 @pytest.mark.parametrize("further", [False, True])

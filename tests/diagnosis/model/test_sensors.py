@@ -208,7 +208,7 @@ def test_days_left_out_are_measured_by_their_degrees_of_freedom(turned):
     folds = list(model.folds(model.W))
     assert sorted(name for fold in folds for name in fold.dof) == sorted(tables.names)
     assert all(len(fold.train_y) + len(fold.left_y) == len(model.y) for fold in folds)
-    found = compute_closure(model, Search(model).of(("dss_head:2",)).members)
+    found = compute_closure(model, Search(model).find_explanation(("dss_head:2",)).members)
     table = found.by_interval.set_index("interval")
     for k, name in enumerate(tables.names):
         own = tables.y[tables.owner == k]
@@ -244,7 +244,7 @@ def test_uncertain_parameters_widen_a_size():
     effects = [SENSOR_EFFECTS["esa_s_filter"]]
     after = [fit_arc(one.arc, *compute_held_error(one.arc.sightings, held)) for one in fits]
     model = build_sensor_model(build_tables(after, effects, held), effects, DEFAULT)
-    (one,) = fit(model, Search(model).of(("esa_s_filter",)).members)
+    (one,) = fit(model, Search(model).find_explanation(("esa_s_filter",)).members)
     column = model.X[:, model.candidates[0].options[0].columns]
     assert one.sigma > 1.3 / np.linalg.norm(column)
     # The same from the derivative by the time constant as a column of its own, with a size that is fitted beside it.

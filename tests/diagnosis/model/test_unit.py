@@ -78,7 +78,7 @@ def test_samples_of_another_length_are_refused(recordings, plan):
 
 def test_what_is_not_seen_in_each_is_found_in_all(recordings, unit, model, plan):
     def evidence(linear):
-        return Search(linear).of(("scale_asymmetry:z",)).log_evidence
+        return Search(linear).find_explanation(("scale_asymmetry:z",)).log_evidence
 
     together = build_unit_model(model, unit.owner, [ASYMMETRY], rivals=False)
     alone = []
@@ -112,6 +112,6 @@ def test_whole_recordings_are_held_out(unit, model):
     held = [{name.split(": ")[0] for name in fold.dof} for fold in folds]
     assert sorted(held, key=str) == [{"one"}, {"three"}, {"two"}]
     assert sum(fold.left_y.size for fold in folds) == model.size
-    closed = compute_closure(linear, Search(linear).of(("scale_asymmetry:z",)).members)
+    closed = compute_closure(linear, Search(linear).find_explanation(("scale_asymmetry:z",)).members)
     assert closed.split == "a recording at a time"
-    assert closed.after < closed.before
+    assert closed.correct_mountings < closed.before

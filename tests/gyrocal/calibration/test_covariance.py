@@ -50,7 +50,7 @@ def test_full_covariance_is_that_of_simulated_residuals(gap_s):
     rng = np.random.default_rng(5)
     plain = piecewise_recording(PLAN, sample_s=5.0, series_s=100.0, arw=arw, gap_s=gap_s, apriori=TRUTH)
     prepared = prepare_measurements(plain)
-    problem = Problem.of(plain, prepared)
+    problem = Problem.build(plain, prepared)
     R = propagate(prepared.arcs, TRUTH.G, TRUTH.bias).R
     groups = np.split(problem.groups[0], problem.groups[1][:-1])
     assert len(groups) == (1 if gap_s == 0 else 2)

@@ -295,7 +295,7 @@ def test_compiled_iterations_are_those_of_calibrate():
     for psi in ("full", "linear"):
         prepared = prepare_measurements(recording)
         result = calibrate(recording, initial=PRELAUNCH, iterations=2, psi=psi)
-        compiled = Problem.of(recording, prepared).iterate(PRELAUNCH.vector, 2, psi)
+        compiled = Problem.build(recording, prepared).iterate(PRELAUNCH.vector, 2, psi)
         np.testing.assert_allclose(compiled.x[-1][:9], result.parameters.vector[:9], rtol=0, atol=1e-13)
         np.testing.assert_allclose(compiled.x[-1][9:], result.bias, rtol=0, atol=1e-16)
         np.testing.assert_allclose(compiled.theta, result.history, rtol=0, atol=1e-13)
@@ -305,7 +305,7 @@ def test_compiled_iterations_are_those_of_calibrate():
 
 def test_not_looking_back_changes_nothing_but_what_is_looked_at():
     recording = piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(7), sample_s=2.0)
-    problem = Problem.of(recording, prepare_measurements(recording))
+    problem = Problem.build(recording, prepare_measurements(recording))
     full, short = (problem.iterate(PRELAUNCH.vector, 1, look_back=look) for look in (True, False))
     np.testing.assert_array_equal(full.x, short.x)
     np.testing.assert_array_equal(full.P, short.P)
@@ -318,7 +318,7 @@ def test_a_prepared_problem_takes_another_cases_data():
     first, second = (
         piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(seed), sample_s=2.0) for seed in (1, 2)
     )
-    prepared = Problem.of(first, prepare_measurements(first, 4.0, "average"))
+    prepared = Problem.build(first, prepare_measurements(first, 4.0, "average"))
     A = attitude.matrix_from_quaternion(second.attitudes.quaternions)
     moved = prepared.replace_case(second.gyro.rates, A).iterate(PRELAUNCH.vector, 2)
     expected = calibrate(second, initial=PRELAUNCH, iterations=2, step_s=4.0, resampling="average")

@@ -42,7 +42,7 @@ REMAINDERS = {
 def build_problem(recording):
     """Paths at the truth, with the problem and the state there."""
     result = calibrate(recording)
-    problem = Problem.of(recording, prepare_measurements(recording))
+    problem = Problem.build(recording, prepare_measurements(recording))
     return build_paths(recording, problem, replace(result, parameters=TRUTH)), problem, problem.state(TRUTH)
 
 
@@ -58,7 +58,7 @@ def test_rate_columns_are_the_derivative_of_the_residuals_by_an_error_of_one_str
             along = np.eye(3)[1] if member == 10 else gyro.rates[own, 2:] * np.eye(3)[1]
             rates[own] += step * np.linalg.solve(TRUTH.G, np.broadcast_to(along, (own.sum(), 3)).T).T
             moved = replace(recording, gyro=replace(gyro, rates=rates))
-            shifted = Problem.of(moved, prepare_measurements(moved)).state(TRUTH)
+            shifted = Problem.build(moved, prepare_measurements(moved)).state(TRUTH)
             columns = paths.gather(Process("rate", (member,), 1.0), member, np.eye(state.theta.size)).T
             np.testing.assert_allclose(columns[:, stretch], (shifted.theta - state.theta).ravel() / step, atol=3e-3)
 
@@ -73,7 +73,7 @@ def test_reference_columns_are_the_derivative_of_the_residuals_by_an_error_of_on
             q = own.quaternions.copy()
             q[place] = (Rotation.from_quat(q[place]) * Rotation.from_rotvec(-step * along[place])).as_quat()
             moved = replace(recording, attitudes=replace(own, quaternions=q))
-            shifted = Problem.of(moved, prepare_measurements(moved)).state(TRUTH)
+            shifted = Problem.build(moved, prepare_measurements(moved)).state(TRUTH)
             np.testing.assert_allclose(columns[:, place], (shifted.theta - state.theta).ravel() / step, atol=3e-3)
 
 
@@ -154,10 +154,10 @@ def test_result_keeps_its_fields_and_gains_both_sigmas(tmp_path):
     assert read_processes(document["remainder"]) == result.remainder.processes
     path = tmp_path / "result.json"
     path.write_text(json.dumps(document), encoding="utf-8")
-    known, direct = read_calibration(path), KnownCalibration.of(result)
+    known, direct = read_calibration(path), KnownCalibration.build(result)
     np.testing.assert_allclose(known.covariance, direct.covariance, rtol=1e-9)
     assert known.noise == direct.noise
-    nominal = KnownCalibration.of(plain)
+    nominal = KnownCalibration.build(plain)
     assert nominal.noise == RemainderNoise()
     np.testing.assert_array_equal(nominal.covariance, plain.covariance)
 

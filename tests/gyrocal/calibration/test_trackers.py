@@ -65,9 +65,9 @@ def test_without_noise_gyro_and_mounting_are_found_as_they_are():
 def test_taking_mountings_out_is_the_joint_solution():
     rng = np.random.default_rng(4)
     recording = simulator.simulate(ESTIMATED, noise=False)
-    mountings = replace(Mountings.of(recording.attitudes), prior=np.array([0.3, np.inf, 0.1]))
+    mountings = replace(Mountings.build(recording.attitudes), prior=np.array([0.3, np.inf, 0.1]))
     H, Hm, z = rng.normal(size=(40, 4)), rng.normal(size=(40, 3)), rng.normal(size=40)
-    free = mountings.eliminated(H, z, Hm)
+    free = mountings.eliminate(H, z, Hm)
     P = np.linalg.inv(free.H.T @ free.H)
     change = P @ free.H.T @ free.z
     rows = np.diag([1 / 0.3, 0.0, 1 / 0.1])

@@ -31,9 +31,9 @@ def sensors(motion, rng=None, low=0.0, high=5490.0, every_s=30.0):
     """A Sun sensor that sees it for part of the orbit, and one that sees the direction to the Earth."""
     t = np.arange(low, high, every_s)
     visible = np.abs((motion.at(t) @ SUN)[:, 0]) > 0.6
-    sun = make_direction_sensor("sun", np.tile(SUN, (t.size, 1))).seen(motion, t, SIGMA, rng)
+    sun = make_direction_sensor("sun", np.tile(SUN, (t.size, 1))).simulate_series(motion, t, SIGMA, rng)
     seen = np.where(visible[:, None], sun.y, np.nan), np.where(visible[:, None], sun.sigma, np.inf)
-    earth = make_direction_sensor("earth", compute_nadir(t, ATTITUDE_CASE_ORBIT)).seen(motion, t, SIGMA, rng)
+    earth = make_direction_sensor("earth", compute_nadir(t, ATTITUDE_CASE_ORBIT)).simulate_series(motion, t, SIGMA, rng)
     return [SensorSeries(sun.model, t, *seen), earth]
 
 
@@ -52,8 +52,8 @@ def test_noise_free_attitudes_are_those_flown_also_beyond_the_measurements(motio
 
 def test_an_error_of_G_acts_as_a_bias_while_the_rate_is_constant():
     motion = build_orbit_flight(G=TRUE_G, known_G=np.eye(3))
-    found = batch(sensors(motion), motion.gyro(), motion.at(0.0), times=TIMES)
-    np.testing.assert_allclose(found.attitudes, motion.at(TIMES), rtol=0, atol=1e-11)
+    found = batch(sensors(motion), motion.gyro(), motion.get_attitudes(0.0), times=TIMES)
+    np.testing.assert_allclose(found.attitudes, motion.get_attitudes(TIMES), rtol=0, atol=1e-11)
     np.testing.assert_allclose(
         found.bias, TRUE_BIAS + (TRUE_G - np.eye(3)) @ motion.gyro().rates[0], rtol=0, atol=1e-14
     )  # R (8)
@@ -73,7 +73,7 @@ def test_rows_are_the_derivatives_of_the_residuals(motion):
         ends = []
         for sign in (1, -1):
             C = rotation_matrix(sign * step[:3]) @ estimate.C
-            models = solved.corrected(estimate.models, sign * step[6:])
+            models = solved.correct_models(estimate.models, sign * step[6:])
             ends.append(linearise(path, series, Estimate(C, estimate.bias + sign * step[3:6], models), solved).rows.z)
         slope = (ends[1] - ends[0]) / (2 * size)  # z = measured − predicted
         np.testing.assert_allclose(state.rows.plain[:, k], slope, rtol=0, atol=1e-7 * np.abs(slope).max() + 1e-6)
@@ -134,7 +134,7 @@ def test_exact_is_never_worse_than_plain_and_both_are_one_without_gyro_noise(mot
     assert gain[-1] > 0.1
     quiet = build_orbit_flight(arw=0.0)
     exact, plain, formal = (
-        batch(series, quiet.gyro(), quiet.at(EPOCH), weighting=weighting, covariance_model=model, **options)
+        batch(series, quiet.gyro(), quiet.get_attitudes(EPOCH), weighting=weighting, covariance_model=model, **options)
         for weighting, model in (("exact", "full"), ("plain", "full"), ("plain", "measurements only"))
     )
     np.testing.assert_allclose(exact.joint, plain.joint, rtol=1e-12)
@@ -146,8 +146,8 @@ def test_a_faint_walk_joins_the_plain_solution_smoothly(motion):
     series = sensors(motion)
     for arw in (1e-9, 5e-9, 1e-8, 2e-8):  # the hand-over is near 7e-9
         faint = build_orbit_flight(arw=arw)
-        exact = batch(series, faint.gyro(), faint.at(0.0), times=TIMES)
-        plain = batch(series, faint.gyro(), faint.at(0.0), times=TIMES, weighting="plain")
+        exact = batch(series, faint.gyro(), faint.get_attitudes(0.0), times=TIMES)
+        plain = batch(series, faint.gyro(), faint.get_attitudes(0.0), times=TIMES, weighting="plain")
         np.testing.assert_allclose(exact.attitude_sigma, plain.attitude_sigma, rtol=1e-3)
         assert (exact.attitude_sigma <= plain.attitude_sigma * (1 + 1e-7)).all()
 

@@ -21,7 +21,7 @@ REMAINDERS = ({}, {"rate": np.deg2rad(0.2)}, {"reference": np.deg2rad(0.2)}, {"d
 def predict_second_half(recording):
     first, second = cut_recording(recording, 0.0, HALF_S), cut_recording(recording, HALF_S, END_S)
     result = add_remainder(first, calibrate(first))
-    known = KnownCalibration.of(result)
+    known = KnownCalibration.build(result)
     stated = replace(known, covariance=result.covariance, noise=RemainderNoise())
     return [compute_prediction_errors(second, one, (1.0, 5.0), most_starts=10) for one in (known, stated)]
 
@@ -92,6 +92,6 @@ def test_normalised_errors_of_a_real_recording_are_near_one():
     start_s, stop_s = recording.intervals[0].start_s, recording.intervals[-1].stop_s
     half_s = 0.5 * (start_s + stop_s)
     first, second = cut_recording(recording, start_s, half_s), cut_recording(recording, half_s, stop_s)
-    known = KnownCalibration.of(add_remainder(first, calibrate(first)))
+    known = KnownCalibration.build(add_remainder(first, calibrate(first)))
     for one in compute_prediction_errors(second, known):
         assert 0.8 < np.sqrt(np.mean(np.square(one.normalised))) < 1.25

@@ -48,7 +48,7 @@ def test_joint_covariance_over_seeds():
     for seed in range(cases):
         found, *_ = filtered(flight, np.random.default_rng([1, seed]), times=times)
         smoothed = smooth(found)
-        s = state_errors(smoothed.A, smoothed.x, found.names, flight.at(times), TRUTH)
+        s = state_errors(smoothed.A, smoothed.x, found.names, flight.get_attitudes(times), TRUTH)
         # The bias is one and the same at all times: attitudes at all, and the bias once.
         wanted = np.r_[0:3, 6:9, 12:18]
         P = smoothed.covariance.reshape(18, 18)[np.ix_(wanted, wanted)]

@@ -171,7 +171,7 @@ def test_direction_sensors_turn_together_exactly(world):
     rng = generator(54, 0, "directions")
     gyro = motion.gyro(rng)
     truths = (sun[0], sun[1].corrected(TRUE_MISALIGNMENT_ANGLES), star.corrected(-TRUE_MISALIGNMENT_ANGLES))
-    series = [model.seen(motion, t, 1e-4, rng) for model in truths]
+    series = [model.simulate_series(motion, t, 1e-4, rng) for model in truths]
     turn = rotation_matrix(np.array([0.003, -0.002, 0.001]))
     found = []
     for M in (np.eye(3), turn):
@@ -191,7 +191,7 @@ def test_a_sensor_that_always_sees_one_direction_in_the_body_is_named(world):
     motion, t = world.motion, world.t
     sun = make_direction_sensor("sun", np.tile(world.sun[0], (t.size, 1)))
     earth = make_direction_sensor("earth", compute_nadir(t, ATTITUDE_CASE_ORBIT))
-    series = [model.seen(motion, t, 1e-4, generator(54, 0, "nadir")) for model in (sun, earth)]
+    series = [model.simulate_series(motion, t, 1e-4, generator(54, 0, "nadir")) for model in (sun, earth)]
     with pytest.raises(UnobservableError) as caught:
         align_together(series, motion.gyro(), world.A[0], "sun")
     assert caught.value.combinations == ("earth m_z",)

@@ -166,7 +166,7 @@ def test_hold_rate_and_its_derivative_are_continuous(hold):
 
 def test_moving_parts():
     profile = Profile(ORBIT, 0.0, 6000.0, 0.0, (Slew(Z, 1.0, 10.0, 50.0),), HOLDS[0])
-    assert profile.moving == ((10.0, 60.0), (150.0, 450.0), (5100.0, 5400.0))
+    assert profile.moving_spans == ((10.0, 60.0), (150.0, 450.0), (5100.0, 5400.0))
     assert profile.knots.tolist() == [10.0, 35.0, 60.0, 150.0, 450.0, 5100.0, 5400.0]
 
 

@@ -29,7 +29,7 @@ def test_built_once_without_dispersions_and_for_each_case_with_them():
 
 def test_noise_is_that_of_the_recording():
     streams = Streams(CONFIG.entropy, 3)
-    flown = NoiseFreeSimulation.of(scenarios.override(scenarios.load("trmm"), CONFIG.overrides))
+    flown = NoiseFreeSimulation.simulate(scenarios.override(scenarios.load("trmm"), CONFIG.overrides))
     seen = observed(CONFIG, 3, streams)
     rates, A = flown.realise(make_noise_generators(streams))
     np.testing.assert_array_equal(rates, seen.gyro.rates)

@@ -96,8 +96,8 @@ def test_of_another_recording_the_parameters_are_judged(orbital):
 def test_the_response_taken_out_leaves_the_flight_without_the_effect(orbital, effect):
     recording, scenario = orbital
     one = replace(scenario, effects=(parse(effect),), covariance=None)
-    bench = PreparedScenario.of(one, recording, MeasurementSetup.of(recording, calibrate(recording).parameters), "one")
-    left, without = bench.under(one.fly(3, 1)), one.fly(3, 1, effects=())
+    bench = PreparedScenario.build(one, recording, MeasurementSetup.build(recording, calibrate(recording).parameters), "one")
+    left, without = bench.subtract_stated_response(one.fly(3, 1)), one.fly(3, 1, effects=())
     np.testing.assert_allclose(left.gyro.rates, without.gyro.rates, rtol=0, atol=1e-15)
     # The reference's error turns a noisy attitude in place of the true one: a product of the two.
     np.testing.assert_allclose(left.attitudes.quaternions, without.attitudes.quaternions, rtol=0, atol=1e-7)
@@ -106,8 +106,8 @@ def test_the_response_taken_out_leaves_the_flight_without_the_effect(orbital, ef
 
 def test_fitted_flights_lose_a_degree_of_freedom_for_each_amplitude(orbital):
     recording, scenario = orbital
-    ruler = MeasurementSetup.of(recording, calibrate(recording).parameters)
-    bench = PreparedScenario.of(scenario, recording, ruler, "adopted")
+    ruler = MeasurementSetup.build(recording, calibrate(recording).parameters)
+    bench = PreparedScenario.build(scenario, recording, ruler, "adopted")
     assert bench.fitted
     assert bench.W.shape[1] == 2
     dof = ruler.degrees_of_freedom

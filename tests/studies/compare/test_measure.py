@@ -14,7 +14,7 @@ def recording():
 
 @pytest.fixture(scope="module")
 def measured(recording):
-    return MeasurementSetup.of(recording, calibrate(recording).parameters).measure(recording)
+    return MeasurementSetup.build(recording, calibrate(recording).parameters).measure(recording)
 
 
 def test_the_calibration_is_the_calibrators(recording, measured):

@@ -24,7 +24,7 @@ def cases():
 
 def test_calibrated_passes(cases):
     check = statistics.check_mean_nees(statistics.compute_nees(*cases), P)
-    assert check.inside
+    assert check.is_inside
     assert check.lower < P < check.upper
 
 
@@ -32,7 +32,7 @@ def test_calibrated_passes(cases):
 def test_over_confident_under_confident_and_biased_fail(cases, scale, shift):
     errors, covariances = cases
     sigma = np.sqrt(np.einsum("nii->ni", covariances))
-    assert not statistics.check_mean_nees(statistics.compute_nees(scale * errors + shift * sigma, covariances), P).inside
+    assert not statistics.check_mean_nees(statistics.compute_nees(scale * errors + shift * sigma, covariances), P).is_inside
 
 
 def test_nees_bounds_are_those_of_chi_square():

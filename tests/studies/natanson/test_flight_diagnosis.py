@@ -86,7 +86,7 @@ def test_common_timings_are_those_of_the_scenario():
     u[0] = wanted[0] / common.values(sections, np.array([1.0, *u[1:]]))[0]
     assert ((u > 0) & (u < 1)).all()
     np.testing.assert_allclose(common.values(sections, u), wanted)
-    for k, section in common.moved(sections, u).items():
+    for k, section in common.apply_timings(sections, u).items():
         for made, assumed in zip(section.slew, sections[k].slew, strict=True):
             assert made.start_s == pytest.approx(assumed.start_s, abs=1e-6)
             assert made.duration_s == pytest.approx(assumed.duration_s)
@@ -98,7 +98,7 @@ def test_any_timing_of_the_prior_can_be_flown(axis):
     rng, timings = np.random.default_rng(2), BY_AXIS[axis]
     count = len(timings.names)
     for u in [np.zeros(count), np.ones(count), *rng.random((50, count))]:
-        for section in timings.moved(PRESENT.scenario.interval, u).values():
+        for section in timings.apply_timings(PRESENT.scenario.interval, u).values():
             length = section.stop_s - section.start_s
             ends = [slew.start_s + slew.duration_s for slew in section.slew]
             assert all(slew.start_s >= -1e-6 for slew in section.slew)
@@ -114,7 +114,7 @@ def prior():
     for axis, counts in GRIDS.items():
         nodes = [np.linspace(0, 1, count) for count in NODES[axis]]
         (k,) = BY_AXIS[axis].intervals
-        flown = table.simulate_residuals([BY_AXIS[axis].moved(sections, u)[k] for u in points_of(nodes)])
+        flown = table.simulate_residuals([BY_AXIS[axis].apply_timings(sections, u)[k] for u in points_of(nodes)])
         points = points_of([(np.arange(count) + 0.5) / count for count in counts])
         out[k] = tuple(
             RegularGridInterpolator(nodes, values.reshape(*NODES[axis], -1), method="cubic")(points).reshape(
@@ -153,7 +153,7 @@ def test_evidence_is_the_integral_over_the_prior(prior, axes):
     """All eighteen numbers correlated; a timing that changes nothing costs evidence, since the assumed ones are right here."""
     one = table_of("nothing", 1)
     point = relinearise_timings(one, PRESENT, LinearisationPoint(), ())
-    found = Search(build_flight_model(one, PRESENT, point)).of(tuple(f"{TIMING}:{axis}" for axis in axes))
+    found = Search(build_flight_model(one, PRESENT, point)).find_explanation(tuple(f"{TIMING}:{axis}" for axis in axes))
     direct = log_integral(misfit_numbers.compute_motion_numbers(one, PRESENT), prior, *(int(axis) - 1 for axis in axes))
     assert found.log_evidence == pytest.approx(direct, abs=0.5 * len(axes))
     assert found.log_evidence < -1
@@ -164,10 +164,10 @@ def test_evidence_of_another_timing_needs_the_model_about_it(prior):
     direct = log_integral(misfit_numbers.compute_motion_numbers(one, PRESENT), prior, 1)
     about_found = (
         Search(build_flight_model(one, PRESENT, relinearise_timings(one, PRESENT, LinearisationPoint(), ())))
-        .of((label,))
+        .find_explanation((label,))
         .log_evidence
     )
-    about_middle = Search(build_flight_model(one, PRESENT, LinearisationPoint())).of((label,)).log_evidence
+    about_middle = Search(build_flight_model(one, PRESENT, LinearisationPoint())).find_explanation((label,)).log_evidence
     assert about_found == pytest.approx(direct, abs=0.5)
     assert abs(about_middle - direct) > 1.5
 

@@ -40,7 +40,7 @@ def test_mean_error_is_zero_within_four_standard_errors(rows, truth):
 
 def test_full_covariance_is_consistent_and_the_papers_is_not(rows, truth):
     full = statistics.check_mean_nees(paper_tables.select_variant(rows, 0.5)["nees"].to_numpy(), len(NAMES))
-    assert full.inside
+    assert full.is_inside
     paper = statistics.check_mean_nees(
         paper_tables.select_variant(rows, 0.5, covariance="references only")["nees"].to_numpy(), len(NAMES)
     )

@@ -105,6 +105,6 @@ def test_a_figures_hash_is_that_of_its_file(folder):
 
 def test_figures_that_were_made_later_than_their_rows_say_so():
     rows, later = "a" * 40, "b" * 40 + "+changes"
-    said = Source(ROOT, {"commit": rows, "reported": {"commit": later}}).made("x.svg")
+    said = Source(ROOT, {"commit": rows, "reported": {"commit": later}}).describe_origin("x.svg")
     assert "aaaaaaaaaaaa, reported from its rows at bbbbbbbbbbbb+changes;" in said
-    assert "reported" not in Source(ROOT, {"commit": rows}).made("x.svg")
+    assert "reported" not in Source(ROOT, {"commit": rows}).describe_origin("x.svg")

@@ -100,7 +100,7 @@ def test_of_what_follows_the_motion_the_attitude_counts_alone(name):
     one = setting(name, "y", EFFECTS[name].prior[1])
     seen = world.evidence.attitude(world.difference([one]))
     assert world.strength(one) == pytest.approx(np.linalg.norm(seen))
-    assert world.strength(one) < np.linalg.norm(world.evidence.seen(world.difference([one])))
+    assert world.strength(one) < np.linalg.norm(world.evidence.combine_evidence(world.difference([one])))
 
 
 def test_a_listed_effect_is_not_new():
@@ -200,8 +200,8 @@ def test_an_effect_outside_the_library_acts_after_a_listed_one_of_its_stage():
     """Exam 001 lost a case to this: the order of a stage was that of the registry alone."""
     world = small_world("free")
     family = next(one for one in find_source("known").families.values() if one.stage == "telemetry")
-    axis, parameters = family.draw(np.random.default_rng(3), world.around)
+    axis, parameters = family.draw(np.random.default_rng(3), world.surroundings)
     both = [setting("stale_samples", None, 2.0, {"fraction": 0.01}), Setting(family.name, axis, 0.3, parameters)]
     assert EFFECTS["stale_samples"].stage == family.stage
-    rates, _ = world.observed(both)
-    assert np.array_equal(rates, world.observed(both[::-1])[0])
+    rates, _ = world.simulate_observations(both)
+    assert np.array_equal(rates, world.simulate_observations(both[::-1])[0])

@@ -25,7 +25,7 @@ def source_of(family: Family) -> str:
 
 def settings(family: Family, name: str) -> list[Setting]:
     """Draws of a family on a small plan, at a size well inside its plausible range."""
-    around, rng = small_world(name, source_of(family)).around, np.random.default_rng(5)
+    around, rng = small_world(name, source_of(family)).surroundings, np.random.default_rng(5)
     usual = {"share": 0.5, "s": 0.3, "ppm": 2e4, "deg/h": 50.0, "deg/s": 0.01, "deg": 0.05}[family.unit]
     return [Setting(family.name, *_drawn(family, rng, around, usual)) for _ in range(DRAWS)]
 
@@ -45,7 +45,7 @@ def changes(family: Family, name: str) -> list[Change]:
 
 
 def acts(family: Family) -> list[str]:
-    return [name for name in SMALL if family.missing(small_world(name, source_of(family)).around) is None]
+    return [name for name in SMALL if family.missing(small_world(name, source_of(family)).surroundings) is None]
 
 
 def test_there_are_many_and_no_registry_holds_them():
@@ -89,14 +89,14 @@ def test_a_draw_is_the_same_again_and_no_size_is_no_change(name):
     family = FAMILIES[name]
     place = acts(family)[0]
     world = small_world(place, source_of(family))
-    plain = world.observed([])
+    plain = world.simulate_observations([])
     for one in settings(family, place):
         try:
-            first, second = world.observed([one]), world.observed([one])
+            first, second = world.simulate_observations([one]), world.simulate_observations([one])
         except InputError:
             continue
         assert all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
-        without = world.observed([replace(one, size=0.0)])
+        without = world.simulate_observations([replace(one, size=0.0)])
         assert all(np.array_equal(a, b) for a, b in zip(plain, without, strict=True))
         return
     raise AssertionError("no draw does anything")

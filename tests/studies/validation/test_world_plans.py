@@ -83,7 +83,7 @@ def test_recordings_without_effect_are_what_they_say():
 
 def test_the_whitened_residuals_of_the_noise_are_white():
     world = small_world("free")
-    white = [world.evidence.whitened(world.noise(draw)) for draw in range(30)]
+    white = [world.evidence.whiten_change(world.noise(draw)) for draw in range(30)]
     values = np.concatenate(white)
     assert np.var(values) == pytest.approx(1.0, abs=5 * np.sqrt(2 / values.size))
     lagged = np.concatenate([one[3:] * one[:-3] for one in white])
@@ -100,9 +100,10 @@ def test_formal_sigmas_are_those_of_the_calibrator():
 def test_what_the_calibration_takes_up_has_no_evidence():
     world = small_world("free")
     constant = Change(
-        np.tile([1e-5, -2e-5, 3e-6], (len(world.around.stream.t_s), 1)), np.zeros((len(world.around.references.t_s), 3))
+        np.tile([1e-5, -2e-5, 3e-6], (len(world.surroundings.stream.t_s), 1)),
+        np.zeros((len(world.surroundings.references.t_s), 3)),
     )
-    assert np.linalg.norm(world.evidence.attitude(constant)) < 1e-6 * np.linalg.norm(world.evidence.whitened(constant))
+    assert np.linalg.norm(world.evidence.attitude(constant)) < 1e-6 * np.linalg.norm(world.evidence.whiten_change(constant))
 
 
 def test_a_random_change_has_the_divergence_of_its_covariance():
