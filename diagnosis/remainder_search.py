@@ -74,7 +74,8 @@ class BesideRemainder:
     fitted : their amplitudes; size and sigma are those over the parts of the recording
     budget : steps on held-out data
     closed : how far all causes together close the misfit; None without a cause
-    change, covariance : of the calibration with the causes in the model, see `diagnosis.model.calibration.calibrate_with_effects`
+    change, covariance : of the calibration with the causes in the model, see
+    `diagnosis.model.calibration.calibrate_with_effects`
     """
 
     model: RecordingModel

@@ -3,8 +3,8 @@
 A scenario file may hold, beside or in place of a plan of its own, three more tables:
 
 - ``[replay]``: the plan is that of a recording, whose motion is simulated again (`simulator.replay`) with true_G and
-  true_bias_deg_s. The folder is relative to the file; sha256 is that of the samples and references (`hash_recording`), so that sizes
-  are not flown on data that have changed since they were found.
+  true_bias_deg_s. The folder is relative to the file; sha256 is that of the samples and references (`hash_recording`), so that
+  sizes are not flown on data that have changed since they were found.
 - ``[[effect]]``: name, axis where it has one, size in the effect's unit, parameters.
 - ``[posterior]``: the covariance of all amplitudes, effect after effect in the file's order. The amplitudes a of an effect are
   those in which it is linear (`Effect.amplitudes`), such as size·cos φ and size·sin φ of a sine with free phase, so that

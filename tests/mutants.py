@@ -1,7 +1,7 @@
 """Mutate modules with cosmic-ray and list the mutants that their tests miss.
 
-``python -m tests.mutants gyrocal/calibration/davenport.py --tests tests/gyrocal/calibration --sample 60`` works in a copy of the
-checkout in build/mutants. Every mutant starts a fresh process, and compiled code follows its source (`gyrocal.jit_cache`).
+``python -m tests.mutants gyrocal/calibration/davenport.py --tests tests/gyrocal/calibration --sample 60`` works in a copy of
+the checkout in build/mutants. Every mutant starts a fresh process, and compiled code follows its source (`gyrocal.jit_cache`).
 cosmic-ray rather than mutmut, because mutmut calls mutants through a wrapper, which numba cannot compile.
 """
 

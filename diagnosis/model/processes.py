@@ -1,8 +1,8 @@
 """Random processes as groups of columns, and those of them that are unlisted rivals.
 
 A process of variance s² K over the cells, or over the references, is a group of columns with equal, independent amplitudes of
-variance s² (`diagnosis.model.process_projection`). They are orthogonal, and those that cannot be seen are left out, so that a process is a
-group like any other (`diagnosis.inference.evidence`).
+variance s² (`diagnosis.model.process_projection`). They are orthogonal, and those that cannot be seen are left out, so that a
+process is a group like any other (`diagnosis.inference.evidence`).
 
 Listed processes bring their own covariance (`simulator.effects.base.Effect.covariance`). The unlisted rivals are Markov rate
 errors of several time constants, unless a listed process is the same, a level of its own in each interval, processes that
@@ -105,7 +105,7 @@ def match_labels(labels: NDArray[np.intp]) -> Array:
 
 
 def build_usual_columns(place: ProcessProjection, K: Array, share: float = DECOMPOSITION.share) -> Array:
-    """The strongest columns (N, r) of a process of covariance K, which hold most of what can be told of it; see `build_all_columns`."""
+    """Compute the strongest columns (N, r) of a process of covariance K; see `build_all_columns`."""
     powers, columns = place.powers(K, share)
     kept = _select_powers(powers, SETTINGS.seen * _find_largest_power(powers))[: SETTINGS.most_columns]
     enough = int(np.searchsorted(np.cumsum(powers[kept] ** 2), SETTINGS.information * float(np.sum(powers**2)))) + 1

@@ -67,7 +67,8 @@ def compute_posterior(symptom: Symptom, settings: DiagnosisSettings, claimed: bo
       effect is at work it is small: over the densities a p^(a−1) with 0 < a < 1, the Bayes factor is at most 1/(−e p ln p)
       (Sellke, Bayarri and Berger, American Statistician 55, 2001). The weight is the inverse of prior odds times that factor.
     - *Unlisted.* The prior odds are ι/(1 − ι). The p-value of how the symptom behaves is uniform under the listed effect and
-      has any power law under something unlisted, which gives the Bayes factor of `compute_bayes_factor_bound`; without such a test it is one.
+      has any power law under something unlisted, which gives the Bayes factor of `compute_bayes_factor_bound`; without such a
+      test it is one.
     - *Motion.* Where a likelihood has compared the effect with a motion of the body, its probability r gives the odds
       (1 − r)/r.
     """

@@ -1,7 +1,8 @@
 """Signatures: what each effect does to the whitened and projected observations, per unit of its size.
 
 Columns and options are the candidates of the diagnosis itself (`diagnosis.model.groups`), with G, b and the start attitudes
-projected out (`diagnosis.model.recording_model`), linearised at the scenario's true G and b. A random effect is a covariance X Xᵀ.
+projected out (`diagnosis.model.recording_model`), linearised at the scenario's true G and b. A random effect is a covariance X
+Xᵀ.
 """
 
 from __future__ import annotations

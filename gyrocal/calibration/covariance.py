@@ -53,7 +53,7 @@ def chain_intervals(first_rows: Indices, last_rows: Indices) -> list[list[int]]:
 
 
 def group_residuals(interval: Indices, start: Indices, row: Indices) -> tuple[Indices, Indices]:
-    """Residuals (m,) group by group of those that correlate, and one past the end of each group; see `compute_residual_covariance`."""
+    """Group correlated residuals: their order (m,), and one past the end of each group."""
     numbers, firsts = np.unique(interval, return_index=True)
     lasts = np.append(firsts[1:], len(row)) - 1
     chains = chain_intervals(start[firsts], row[lasts])

@@ -17,8 +17,8 @@ whitened equations before these are solved, and found after it:
 
 which is the joint least-squares solution, and leaves all that looks at H and z as it is for a single sensor.
 
-Two sensors see the same attitude: e_i − e_j = A_i A_jᵀ at one time, whatever the gyro does. `compare_sensors` tests whether they
-agree, as parity does for gyros.
+Two sensors see the same attitude: e_i − e_j = A_i A_jᵀ at one time, whatever the gyro does. `compare_sensors` tests whether
+they agree, as parity does for gyros.
 """
 
 from __future__ import annotations

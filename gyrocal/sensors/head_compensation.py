@@ -20,11 +20,11 @@ At one α
     (boresight in the plane of the yaw update) nothing is left to compensate: c − 1 = −6e-6 and d = −4e-6 for DSS-2.
 
 The published (c, d)
-    `PUBLISHED_COMPENSATION` does not follow from `HEAD_ANGLES`. By (ii) d/(c − 1) = e₂/e₁ whatever α is: −0.18 (DSS-1) and +0.30 (DSS-2), but
-    +1.81 and −2.30 are published, of the other sign in both and 8 to 10 times as large. They move β by 0.005° (DSS-1) and
-    0.003° (DSS-2) at most, a tenth of the 0.06° by which R's yaw update fell when they went up. Head angles can matter that
-    much: at tan α = 0.36, (ii) of DSS-2 is c = 1.0013, d = 0.00038, which moves β by 0.02° at the boresight and by 0.05° at
-    38°.
+    `PUBLISHED_COMPENSATION` does not follow from `HEAD_ANGLES`. By (ii) d/(c − 1) = e₂/e₁ whatever α is: −0.18 (DSS-1) and
+    +0.30 (DSS-2), but +1.81 and −2.30 are published, of the other sign in both and 8 to 10 times as large. They move β by
+    0.005° (DSS-1) and 0.003° (DSS-2) at most, a tenth of the 0.06° by which R's yaw update fell when they went up. Head angles
+    can matter that much: at tan α = 0.36, (ii) of DSS-2 is c = 1.0013, d = 0.00038, which moves β by 0.02° at the boresight and
+    by 0.05° at 38°.
 """
 
 from __future__ import annotations

@@ -8,9 +8,9 @@ How the sun sensors are mounted is in `simulator.mission_mode.mounting`.
 
 Coefficients
     R (6) with the published (c, d) moves yaw by 0.005° (DSS-1) and 0.003° (DSS-2). What (6) is for, the least error of β where
-    the Sun crosses the XY plane, is `fit_crossing_compensation`; it is found from the sensors as they are, better than the ground
-    could, and so is a bound on what (6) can do. With the boresights raised it gives DSS-1 (1.00046, 0.000078), R's 1.000047
-    and 0.000085 with a zero slipped in c. Uploads take the computed pair unless asked for the published one.
+    the Sun crosses the XY plane, is `fit_crossing_compensation`; it is found from the sensors as they are, better than the
+    ground could, and so is a bound on what (6) can do. With the boresights raised it gives DSS-1 (1.00046, 0.000078), R's
+    1.000047 and 0.000085 with a zero slipped in c. Uploads take the computed pair unless asked for the published one.
 """
 
 from dataclasses import dataclass, field, replace

@@ -133,14 +133,15 @@ def _scale_heads(config: MissionConfig, size: float, own: Parameters) -> Mission
 TAU_S = HorizonError().time_constant_s
 ALL_MISSION_EFFECTS = (
     MissionEffect(
-        "boresight_elevation", "deg", "the sun sensors look so far toward zenith; nominal is 29.4", (-40.0, 40.0), _set_elevation,
+        "boresight_elevation", "deg", "the sun sensors look so far toward zenith; nominal is 29.4", (-40.0, 40.0),
+        _set_elevation,
         {"tilt_deg": 20.0},
     ),
     MissionEffect("head_sense", "times", "the β heads' angles times this; nominal is 1", (-3.0, 3.0), _scale_heads),
-    MissionEffect("printed_coefficients", "", "1: the second upload has (c, d) of R (6) as printed", (0.0, 1.0), _set_printed_coefficients),
-    MissionEffect("late_filter_upload", "", "1: the S filter is turned off with the second upload", (0.0, 1.0), _set_late_filter),
-    MissionEffect("dss_transfer", "1", "the β head of DSS-2 has another scale than the tables", (-0.05, 0.05), _set_transfer_scale),
-    MissionEffect(
+    MissionEffect("printed_coefficients", "", "1: the second upload has (c, d) of R (6) as printed", (0.0, 1.0),
+    _set_printed_coefficients), MissionEffect("late_filter_upload", "", "1: the S filter is turned off with the second upload",
+    (0.0, 1.0), _set_late_filter), MissionEffect("dss_transfer", "1", "the β head of DSS-2 has another scale than the tables",
+    (-0.05, 0.05), _set_transfer_scale), MissionEffect(
         "horizon_noise", "deg", "radiance of the horizon: noise of each quadrant that is correlated in time", (0.0, 1.0),
         _set_horizon_noise, {"tau_s": TAU_S},
     ),
@@ -153,8 +154,8 @@ ALL_MISSION_EFFECTS = (
         "gyro_orbital", "deg/h", "the gyro's bias swings with the argument of latitude", (-10.0, 10.0), _set_orbital_bias,
         {"phase_deg": 0.0}, AXES,
     ),
-    MissionEffect("bias_gain", "1", "share of a yaw update that goes into the yaw bias; nominal is 1", (0.0, 1.9), _set_bias_gain),
-    MissionEffect(
+    MissionEffect("bias_gain", "1", "share of a yaw update that goes into the yaw bias; nominal is 1", (0.0, 1.9),
+    _set_bias_gain), MissionEffect(
         "cross_track", "km", "the ephemeris on board is off across the track, with the sine of the latitude argument",
         (-100.0, 100.0), _set_cross_track_error, {"phase_deg": 0.0},
     ),
@@ -185,7 +186,7 @@ def parse(text: str) -> MissionSetting:
 
 
 def apply_mission_settings(config: MissionConfig, settings: Sequence[MissionSetting]) -> MissionConfig:
-    """The config with effects, in the order of `ALL_MISSION_EFFECTS` whatever the order given: a mounting comes before what changes it."""
+    """Apply effects to a config in the order of `ALL_MISSION_EFFECTS`: a mounting comes before what changes it."""
     order = list(MISSION_EFFECTS)
     for one in sorted(settings, key=lambda setting: order.index(setting.effect)):
         config = MISSION_EFFECTS[one.effect].change(config, one.size, one.parameters)

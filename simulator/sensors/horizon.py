@@ -118,7 +118,7 @@ def compute_orbit_position(orbit: CircularOrbit, t: Array) -> Array:
 
 @compile_cached
 def compute_penetrations(A: Array, position: Array, a: float, c: float, nominal: float) -> Array:  # pragma: no cover - compiled
-    """True penetration angles (n, 4), rad, of attitudes (n, 3, 3) at positions (n, 3), m; the rest as in `compute_penetration`."""
+    """Compute true penetration angles (n, 4), rad, of attitudes (n, 3, 3) at positions (n, 3), m."""
     out = np.empty((len(A), QUADRANTS))
     for k in range(len(A)):
         for i in range(QUADRANTS):

@@ -10,9 +10,9 @@ that share is also the scaling law: V_gyro ∝ ARW² gives ∂ ln σ_j / ∂ ln 
 The share depends on the ratio ARW/σ_ref only; where it passes one half the limit changes.
 
 The study is a grid, a case a point of it: one more, the last, has the flight's own noise, the ARW that the spread between the
-step sizes of N Table 2 shows (`studies.natanson.flight_gap.estimate_noise_from_steps`) with the scenario's references. At the grid's
-corners and at the flight's point the formal sigma is set against the spread of estimates over seeds, as a Monte Carlo of its
-own.
+step sizes of N Table 2 shows (`studies.natanson.flight_gap.estimate_noise_from_steps`) with the scenario's references. At the
+grid's corners and at the flight's point the formal sigma is set against the spread of estimates over seeds, as a Monte Carlo of
+its own.
 """
 
 from dataclasses import dataclass, replace

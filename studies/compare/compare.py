@@ -42,7 +42,8 @@ class ScenarioComparison:
     effects : labels of its effects
     fitted : whether its sizes, or its G and b, were found on this very recording
     flights : their number
-    statistics : a row a statistic, `COMPARISON_COLUMNS`; percentile in 0 … 1 with ties counted half, empty where the scenario took the
+    statistics : a row a statistic, `COMPARISON_COLUMNS`; percentile in 0 … 1 with ties counted half, empty where the scenario
+    took the
         number over from the recording
     gap, samples : before and after, of the attitude and of the samples; the latter is None where too few samples are quiet
     """

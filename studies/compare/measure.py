@@ -17,8 +17,8 @@ the residuals θ of N (16) that are left, in body axes:
 smoothed motion, which still holds the part of the recording's noise that the smoothing lets through, and adds new noise. Truth
 and references of the replay agree with that motion, so that nothing of it is left in θ: statistics of the residuals are free
 of it. In the samples it is there twice, below the corner frequency of the window: a quadratic over n samples lets 9/(4n) of the
-noise's power pass, most of it below 1.5/n cycles a sample. Replays of `simulator.adopted_scenario` have windows of 41 samples or more,
-shorter ones only where the rates change. Samples are therefore looked at only in the upper two octaves and by second
+noise's power pass, most of it below 1.5/n cycles a sample. Replays of `simulator.adopted_scenario` have windows of 41 samples
+or more, shorter ones only where the rates change. Samples are therefore looked at only in the upper two octaves and by second
 differences, and only where the smoothed rates have next to no second difference, half a window and more away from where they do
 and from the ends. What is really motion of the body in those two octaves is missing in a replay, and shows as noise of the
 recording; a slow motion that the smoothing flattens is missing in both, recording and references of the replay.

@@ -164,8 +164,9 @@ NATANSON_CLAIMS = (
         "The residuals after calibration, at three steps",
         OWN,
         make_agreement_judge(
-            f"Least squares of the flown residuals before gives those after to {' / '.join(f'{{{one}:.4f}}' for one in CALIBRATION_STEP_KEYS)} "
-            "deg RMS at 0.5 / 1 / 2 s; the flight's own scatter is {flight_noise.residual_rms_deg:.4f}.",
+            "Least squares of the flown residuals before gives those after to "
+            f"{' / '.join(f'{{{one}:.4f}}' for one in CALIBRATION_STEP_KEYS)} deg RMS "
+            "at 0.5 / 1 / 2 s; the flight's own scatter is {flight_noise.residual_rms_deg:.4f}.",
             lambda found: max(found[one] for one in CALIBRATION_STEP_KEYS) < found["flight_noise.residual_rms_deg"] / TWICE,
         ),
     ),

@@ -43,7 +43,8 @@ def draw_flight_gap_figure(comparison: pd.DataFrame, distribution: pd.DataFrame)
 
     Parameters
     ----------
-    comparison : the 18 numbers, as made by `studies.natanson.flight_gap.build_gap_comparison`, and the clean gap with fitted timings
+    comparison : the 18 numbers, as made by `studies.natanson.flight_gap.build_gap_comparison`, and the clean gap with fitted
+    timings
     distribution : rows of Table 2, pre-launch at 0.5 s, in the same order
     """
     drawn: list[Panel] = []

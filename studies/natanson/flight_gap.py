@@ -15,8 +15,8 @@ What is circular. The truth put in, R (9), is what N fitted to these very 18 res
 that motion, signs and conventions are right, and nothing of the gyro beyond that. The angle random walk is taken from the
 spread between the step sizes of N Table 2, the references' sigma from the residuals after calibration: the Monte Carlo cannot
 but have the flight's scatter, and its Table 3, centred on R (9), cannot but have the flight's values near the 50th percentile.
-Not circular are the clean gap with timings that were assumed before looking, and what `studies.natanson.flight_recalibration` does:
-it calibrates from the flight's 18 residuals with simulated motion only, and compares with what N found.
+Not circular are the clean gap with timings that were assumed before looking, and what `studies.natanson.flight_recalibration`
+does: it calibrates from the flight's 18 residuals with simulated motion only, and compares with what N found.
 
 Noise. Skipping samples leaves steps of f samples with the noise of one, so that the residual's noise variance is a²Tf for
 f = 1, 2, 4, and the samples are nested: the residuals at the three steps are a random walk in f. Hence the 36 differences

@@ -244,8 +244,8 @@ def build_table5(rows: pd.DataFrame, flown: bool = True) -> pd.DataFrame:
     """N Table 5: corrections to b and, as the paper's numbers are, to G⁻¹, by the first and the second iteration in (G, b).
 
     The flight's first-iteration bias corrections are those of Δt = 1 s and its G corrections those of 0.5 s and of G⁻¹; each is
-    set beside its own. Its second iteration is one of gyro space and stands in `studies.natanson.flight_recalibration`, which finds
-    it from the flight's residuals; here (G, b) is iterated, whose second iteration has the same size and other cells.
+    set beside its own. Its second iteration is one of gyro space and stands in `studies.natanson.flight_recalibration`, which
+    finds it from the flight's residuals; here (G, b) is iterated, whose second iteration has the same size and other cells.
     """
     cells: dict[str, object] = {"row": np.repeat(list("xyz"), 3), "gyro": list("xyz") * 3}
     G_flight, bias_flight = flight.read_published_corrections(1)

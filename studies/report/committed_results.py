@@ -2,8 +2,8 @@
 
 Processors, compilers and libraries of linear algebra differ in the last bits of a sum. Made with other kernels of linear
 algebra and without vector instructions, N's tables differ by 9e-8 of themselves at most, most numbers by 1e-9 and less.
-The figures are therefore rounded to what stays the same (`SIGNIFICANT_DIGITS`), and one has moved if it differs by more than a unit of
-the last digit.
+The figures are therefore rounded to what stays the same (`SIGNIFICANT_DIGITS`), and one has moved if it differs by more than a
+unit of the last digit.
 """
 
 from __future__ import annotations

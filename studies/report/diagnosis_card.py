@@ -144,8 +144,8 @@ def _describe_gap(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "not identifiable" and not diagnosis.present:
         answer = "This recording cannot show it"
     return (
-        f"{answer}: noise as stated would depart so far with {words.format_p_value(diagnosis.p_value)}; of recordings without a gap "
-        f"{100 * diagnosis.false_alarm_rate:g} % would be said to have one."
+        f"{answer}: noise as stated would depart so far with {words.format_p_value(diagnosis.p_value)}; of recordings without "
+        f"a gap {100 * diagnosis.false_alarm_rate:g} % would be said to have one."
     )
 
 

@@ -180,7 +180,8 @@ def _build_explanation_sections(diagnosis: Diagnosis) -> list[Section]:
         }
     )
     text = (
-        f"Something that is not on the list is at work with a probability of {words.format_percent(diagnosis.unknown_probability)}. "
+        "An effect outside the library is at work with a probability of "
+        f"{words.format_percent(diagnosis.unknown_probability)}. "
         "Log evidence is against the baseline, in natural units: 3 more is about 20 times as likely. It is averaged over all "
         "plausible sizes, so that an explanation does not win by having more parameters. Bold: with something unlisted."
     )

@@ -80,7 +80,8 @@ def describe_remainder(left: RemainderSummary) -> Iterator[str]:
     yield f"No identified cause explains {100 * left.share:.0f} % of the misfit (90 % interval {low:.0f} to {high:.0f} %)."
     yield describe_side(left)
     for one in left.regressors:
-        yield f"It {_describe_behaviour(one.name)} ({words.format_p_value(one.p_value)}; {100 * one.share:.0f} % of the misfit)."
+        share = f"{100 * one.share:.0f} % of the misfit"
+        yield f"It {_describe_behaviour(one.name)} ({words.format_p_value(one.p_value)}; {share})."
 
 
 def describe_side(left: RemainderSummary) -> str:

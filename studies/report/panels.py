@@ -1,7 +1,7 @@
 """Panels of figures, in one style: a study hands over its numbers, and how to name them.
 
-A panel draws on axes it is given; `draw_panels` puts panels side by side in a figure, and `build_sheet` returns what draws them to a file.
-SVG bytes do not depend on the day or the run.
+A panel draws on axes it is given; `draw_panels` puts panels side by side in a figure, and `build_sheet` returns what draws them
+to a file. SVG bytes do not depend on the day or the run.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -4,8 +4,8 @@ The sun sensors are mounted as designed, with the heads' angles of the alignment
 has no biases. Then what the flight did is done with simulated telemetry alone:
 
 1. early orbits before December 11, with the first tables, whose sun angles are 8 to 12°;
-2. the alignment: R's first algorithm (`gyrocal.sensors.alignment.align_together`), DSS-1 held, M of DSS-2 and penetration biases
-   found;
+2. the alignment: R's first algorithm (`gyrocal.sensors.alignment.align_together`), DSS-1 held, M of DSS-2 and penetration
+   biases found;
 3. its upload; orbits of the second period with sun angles of up to 58°, the size of their yaw updates;
 4. (c, d) of R (6), fitted for each sensor to the readings of those orbits with the Sun within 4° of the XY plane, against
    the ground's batch attitudes, which share the sensors' errors;

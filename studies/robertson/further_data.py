@@ -27,7 +27,7 @@ NUMBER_SOURCES = {f"change_{axis}_deg": TABLE2 for axis in ROTATION_NAMES} | {f"
 
 
 def compute_further_numbers(effects: Sequence[str], entropy: int) -> dict[str, float]:
-    """The numbers of `NUMBER_SOURCES` for a set of effects, and the scatter of R (3)'s between the early orbits, "scatter_m_…"."""
+    """Compute the numbers of `NUMBER_SOURCES` for a set of effects, and the scatter of R (3)'s, "scatter_m_…"."""
     config = apply_mission_effects(effects)
     turns = np.rad2deg(estimate_orbit_alignments(config, config.tables, entropy)[0])
     spread = turns.std(axis=0, ddof=1) / np.sqrt(len(turns))
@@ -39,7 +39,7 @@ def compute_further_numbers(effects: Sequence[str], entropy: int) -> dict[str, f
 
 
 def compute_table2_change(config: MissionConfig, entropy: int) -> Array:
-    """Miss of the yaw maneuver with the tables before less after the gyro's calibration, (3,) deg, mean over `FURTHER_SEEDS`."""
+    """Compute by how much the calibration reduces the miss of the yaw maneuver, (3,) deg, mean over `FURTHER_SEEDS`."""
     tables = build_period_tables(config)
     span = (ORBITS_TO_SLEW + 0.5) * config.orbit.period
     misses = {

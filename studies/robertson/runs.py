@@ -4,9 +4,9 @@
 `slew`: the yaw maneuvers of N's intervals 2 and 6, with the gyro's parameters of before and after its calibration, over seeds.
 `yaw`: eight orbits early in December and in March, with telemetry every 10 s.
 `spikes`: four orbits with the Sun passing through a quadrant of the Earth sensor, for three states of the S filter.
-`simulate_window`: single orbits through the months with effects, see `studies.robertson.windows` and `studies.robertson.ladder`.
-`compute_further_numbers`: what the same effects do to R's other data, see `studies.robertson.further_data`.
-`mounting`: a day for each way in which the sun sensors may be mounted and each set of tables.
+`simulate_window`: single orbits through the months with effects, see `studies.robertson.windows` and
+`studies.robertson.ladder`. `compute_further_numbers`: what the same effects do to R's other data, see
+`studies.robertson.further_data`. `mounting`: a day for each way in which the sun sensors may be mounted and each set of tables.
 
 A flight is a case of a study, so that what was flown stays when a run is stopped; its rows are those of its tables.
 """

@@ -4,8 +4,8 @@ The common search, attribution, amplitudes and closure do the inference. What is
 nonlinearly, so the model is linearised again about what was found until nothing changes, each timing about its likeliest
 values beside the other effects of the best explanation.
 
-A kind of effect is a cause if the explanations with it have a probability of `NAMING_PROBABILITY` or more together, also where something
-unlisted remains beside it.
+A kind of effect is a cause if the explanations with it have a probability of `NAMING_PROBABILITY` or more together, also where
+something unlisted remains beside it.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class TableDiagnosis:
 
     @property
     def group(self) -> list[Effects]:
-        """Sets of effects that hold `NAMING_PROBABILITY` of the probability together, the likeliest first; none without a gap."""
+        """List the likeliest sets of effects that together hold `NAMING_PROBABILITY`; none without a misfit."""
         kept, reached = [], 0.0
         for effects, p in self.sets.items() if self.verdict != "none" else ():
             if reached < NAMING_PROBABILITY:

@@ -80,7 +80,10 @@ def _build_flight_checks() -> list[Check]:
         ),
         Check("noise over the stated one", found.noise[0], bound_near(1.0, 4 * found.noise[1])),
         *(
-            Check(f"causes with {trial.name}", " + ".join(diagnose_under_baseline(trial).causes), " + ".join(trial.done), "", WRONG_BASELINE_NOTE)
+            Check(
+                f"causes with {trial.name}", " + ".join(diagnose_under_baseline(trial).causes), " + ".join(trial.done), "",
+                WRONG_BASELINE_NOTE,
+            )
             for trial in wrong
         ),
     ]  # fmt: skip

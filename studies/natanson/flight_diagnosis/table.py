@@ -123,7 +123,7 @@ def simulate_residuals(sections: Sequence[IntervalSection]) -> tuple[Array, Arra
 
 @lru_cache(maxsize=1024)
 def simulate_residuals_cached(sections: tuple[IntervalSection, ...]) -> tuple[Array, Array]:
-    """`simulate_residuals` of the same intervals together, kept: a model about another timing flies the others as it did before."""
+    """Simulate residuals of the same intervals once; models about other timings use them again."""
     theta, Theta = simulate_residuals(sections)
     theta.setflags(write=False)
     Theta.setflags(write=False)

@@ -4,8 +4,8 @@
     gyrocal bench run build/bench/after         # after a change
     gyrocal bench compare build/bench/before build/bench/after
 
-The set changes only when the families of an exam join it: `BENCH_PARTS` are numbers of cases of each source at a fixed entropy. A
-hundred of them are of the source ``fresh``, written without sight of the diagnosis; of these every table shows counts only.
+The set changes only when the families of an exam join it: `BENCH_PARTS` are numbers of cases of each source at a fixed entropy.
+A hundred of them are of the source ``fresh``, written without sight of the diagnosis; of these every table shows counts only.
 
 McNemar's exact test compares two runs: of the recordings that only one of them answers well, both would have half.
 """

@@ -213,7 +213,8 @@ def _draw_instrument_setting(
             made = replace(one, size=size, parameters={**one.parameters, **held})
             return made, bench.strength(made, entropy, case)
     raise InputError(
-        f"case {case}: {effect.name} reaches no evidence of {INSTRUMENT_SNR[0]:g} to {INSTRUMENT_SNR[1]:g} with a plausible size"
+        f"case {case}: {effect.name} reaches no evidence of {INSTRUMENT_SNR[0]:g} to {INSTRUMENT_SNR[1]:g} "
+        "with a plausible size"
     )
 
 
