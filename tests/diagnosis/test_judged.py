@@ -20,8 +20,8 @@ def model():
 
 @pytest.mark.parametrize("share", [0.5, 0.99, 1.01])
 def test_a_linear_model_alarms_at_the_rate_that_is_stated(model, monkeypatch, share):
-    monkeypatch.setattr(EXPLAIN, "p_value", lambda *_: share * DEFAULT.false_alarm_rate)
-    found = EXPLAIN.judged(model, lambda *_: (), DEFAULT, 0, lambda *_: None)
+    monkeypatch.setattr(EXPLAIN, "compute_null_p", lambda *_: share * DEFAULT.false_alarm_rate)
+    found = EXPLAIN.infer_causes(model, lambda *_: (), DEFAULT, 0, lambda *_: None)
     assert (found.attribution is not None) == (share < 1)
 
 

@@ -162,7 +162,7 @@ def test_p_value_counts_the_observation_among_the_draws(observed, expected):
         drawn |= correlation.shape[1] == 9
         return draws if correlation.shape[1] == 9 else np.array([observed])
 
-    search = SimpleNamespace(model=model, correlation=np.zeros(1), null_statistic=statistic)
+    search = SimpleNamespace(model=model, correlation=np.zeros(1), compute_null_statistic=statistic)
     assert compute_null_p(search, seed=0, draws=9) == pytest.approx(expected, rel=1e-12)
     assert drawn == (observed < 4)  # where the bound decides, nothing is drawn
 
@@ -179,7 +179,7 @@ def test_draws_end_where_enough_are_beyond_the_observation():
         made += correlation.shape[1]
         return np.where(np.arange(1, correlation.shape[1] + 1) % 5 == 0, 1.0, 0.0)
 
-    search = SimpleNamespace(model=model, correlation=np.zeros(1), null_statistic=statistic)
+    search = SimpleNamespace(model=model, correlation=np.zeros(1), compute_null_statistic=statistic)
     assert compute_null_p(search, seed=0, draws=1000) == pytest.approx(20 / 100, rel=1e-12)
     assert made == 250
 
@@ -194,7 +194,7 @@ def test_the_p_value_of_draws_that_end_early_is_exact():
         search = SimpleNamespace(
             model=model,
             correlation=np.zeros(1),
-            null_statistic=lambda c, own=own: np.array([own]) if c.shape[1] == 1 else rng.random(c.shape[1]),
+            compute_null_statistic=lambda c, own=own: np.array([own]) if c.shape[1] == 1 else rng.random(c.shape[1]),
         )
         found.append(compute_null_p(search, seed=0, draws=999))
     for level in (0.025, 0.05, 0.2, 0.5):

@@ -60,7 +60,7 @@ def test_after_an_error_the_error_says_it_all(run_cli, monkeypatch):
         warnings.warn("overflow", RuntimeWarning, stacklevel=1)
         raise InputError("wrong")
 
-    monkeypatch.setattr(command.scenarios, "text", text)
+    monkeypatch.setattr(command.scenarios, "read_text", text)
     with warnings.catch_warnings():
         warnings.simplefilter("always")
         result = run_cli("scenarios", "trmm")
@@ -80,7 +80,7 @@ def test_faults_of_the_system_are_one_line(run_cli, monkeypatch, fault, status, 
     def text(name):
         raise fault
 
-    monkeypatch.setattr(command.scenarios, "text", text)
+    monkeypatch.setattr(command.scenarios, "read_text", text)
     result = run_cli("scenarios", "trmm")
     assert (result.exit_code, result.stderr) == (status, said)
 
