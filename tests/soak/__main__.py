@@ -54,7 +54,7 @@ def main(cases: int, mean_s: float) -> int:
     write_csv(folder / "soak.csv", found)
     lines = [
         f"`python -m tests.soak {cases} {mean_s:g}` at commit {read_commit()}: {cases:,} cases, a calibration each,",
-        f"one process at a time. The tables are {'the same' if same else 'NOT the same'} byte for byte. Memory is the mean of the",
+        f"one process at a time. The tables are {'the same' if same else 'NOT the same'} byte for byte. Memory: mean of the",
         "second and the last eighth of the longest process; the halves are finished parts of both, which another run joins.",
         f"Mean NEES {nees.mean():.3f}; {sure[0]:.3f} to {sure[1]:.3f} (99 %) if the covariance were exact. So many cases see",
         f"what holding the mean rate over samples of {SAMPLE_S:g} s leaves.",
