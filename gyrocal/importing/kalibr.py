@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gyrocal.deprecated import build_getattr
 from gyrocal.errors import InputError
 from gyrocal.files import open_replacement
 from gyrocal.recording import Recording, format_toml
@@ -135,3 +136,6 @@ def write_imu_yaml(
         lines += [f"# bias, which Kalibr estimates anew: {_format_flow(offset)} rad/s"]
     with open_replacement(path) as file:
         file.write(("\n".join(lines) + "\n").encode())
+
+
+__getattr__ = build_getattr(__name__, {"noise_density": "read_noise_density"})

@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import scipy.special
 
+from gyrocal.deprecated import build_getattr
 from gyrocal.errors import InputError
 from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array
@@ -231,3 +232,6 @@ def recursion(decay: Array, drive: Array) -> Array:  # pragma: no cover - compil
         value = decay[k] * value + drive[k]
         out[k] = value
     return out
+
+
+__getattr__ = build_getattr(__name__, {"on_axis": "put_on_axis", "from_phase_amplitudes": "convert_phase_amplitudes"})

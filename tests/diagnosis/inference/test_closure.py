@@ -63,7 +63,7 @@ def test_nothing_and_a_wrong_effect_close_nothing(columns):
     model = made(columns, 2.0)
     nothing = compute_closure(model, [])
     assert nothing.closed == pytest.approx(0.0, abs=1e-12)
-    assert nothing.correct_mountings == nothing.before
+    assert nothing.after == nothing.before
     assert compute_closure(model, [SelectedCandidate(3, 0, 4)]).closed < 0.05
 
 

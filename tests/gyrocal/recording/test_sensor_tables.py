@@ -61,7 +61,7 @@ def test_an_unused_angle_may_be_anything(recording, tmp_path):
     table = pd.read_parquet(tmp_path / "earth_sensor.parquet")
     table.loc[3, "penetration_2_deg"], table.loc[3, "used_2"] = np.nan, False
     table.to_parquet(tmp_path / "earth_sensor.parquet")
-    assert not load(tmp_path).sensors.earth.reference_numbers[3, 1]
+    assert not load(tmp_path).sensors.earth.used[3, 1]
 
 
 def broken(column, row, value):

@@ -42,12 +42,12 @@ MINE = Constant(name="mine", summary="mine", unit="rad/s", stage="rate", prior=(
 FILE = """
 import numpy as np
 from simulator.effects import Effect
-from simulator.effects.common import on_axis
+from simulator.effects.common import put_on_axis
 
 
 class Constant(Effect):
     def columns(self, stream, axis, parameters):
-        return on_axis(np.ones(len(stream.t_s)), axis)
+        return put_on_axis(np.ones(len(stream.t_s)), axis)
 
 
 EFFECT = Constant(name="from_file", summary="of a file", unit="rad/s", stage="rate", prior=(1e-9, 1e-3))
