@@ -68,7 +68,7 @@ def test_a_prediction_is_that_of_the_joint_normal_distribution(model, unit, orbi
     one = drawn(model, orbital, np.random.default_rng(1))
     out = of_last(model, unit)
     # Least squares of the whitened rows, with a row of prior for each shared number and none for the start attitudes.
-    y, N = one.whitened(one.zeta), model.starts
+    y, N = one.whiten(one.zeta), model.starts
     shared = np.hstack([model.calibration * FOLDS.broad * PLAUSIBLE_RANGE, SIZE * orbital])
     train, last = N[~out][:, np.any(N[~out], axis=0)], N[out][:, np.any(N[out], axis=0)]
     A = np.vstack([np.hstack([shared[~out], train]), np.eye(shared.shape[1], shared.shape[1] + train.shape[1])])

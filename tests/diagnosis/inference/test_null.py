@@ -73,7 +73,7 @@ def test_the_statistic_is_that_of_the_linear_response_to_the_noise_about_the_tru
     turned = Rotation.from_quat(recording.attitudes.quaternions).inv() * Rotation.from_quat(quiet.attitudes.quaternions)
     errors = turned.as_rotvec()[truth.reference_rows]
     y = truth.whiten_and_project(truth.reading(readings[:, :, None]) + truth.observe_reference_error(errors[:, :, None]))[:, 0]
-    assert np.linalg.norm(truth.projected(model.y) - y) < 0.2  # no score of any column moves by more, in sigma
+    assert np.linalg.norm(truth.project_out_nuisance(model.y) - y) < 0.2  # no score of any column moves by more, in sigma
     assert abs(_statistic(_search(model), model.y)[0] - _statistic(_search(truth), y)[0]) < 0.03
 
 
@@ -84,6 +84,6 @@ def test_noise_drawn_sample_by_sample_has_the_null_distribution(quiet, truth):
     errors = rng.standard_normal((*sigma.shape, count)) * sigma[:, :, None]
     search = _search(truth)
     noisy = _statistic(search, truth.whiten_and_project(truth.reading(readings) + truth.observe_reference_error(errors)))
-    null = _statistic(search, truth.projected(rng.standard_normal((truth.size, count))))
+    null = _statistic(search, truth.project_out_nuisance(rng.standard_normal((truth.size, count))))
     assert scipy.stats.ks_2samp(noisy, null).pvalue > 1e-3
     assert scipy.stats.binomtest(int(np.sum(noisy > np.quantile(null, 0.95))), count, 0.05).pvalue > 1e-3

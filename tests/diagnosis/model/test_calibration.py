@@ -51,7 +51,7 @@ def named(label, *effects, seed=21):
 
 def test_size_and_phase_agree_with_least_squares_and_the_truth():
     model, (one,) = named("bias_orbital:z", "bias_orbital:z=0.3,phase_deg=25")
-    X = model.projected(one.columns)
+    X = model.project_out_nuisance(one.columns)
     amplitudes = np.linalg.lstsq(X, model.y, rcond=None)[0]
     covariance = np.linalg.inv(X.T @ X)
     # The prior moves them by their variance over the prior's.

@@ -60,10 +60,10 @@ def test_columns_are_what_the_simulator_adds(noise_free, name):
     axis = "z" if effect.axes else None
     plain = noise_free()
     starts = np.linalg.qr(plain.starts)[0]
-    for trial in effect.trials(plain.around)[:2]:
+    for trial in effect.trials(plain.surroundings)[:2]:
         fixed = dict(trial.parameters) | ({"time_s": plain.t_s[900] + 0.5} if effect.switched else {})
         injected = setting(name, axis, SMALL.get(name, 1e-3), fixed)
-        changed = plain.whitened(noise_free(injected).zeta - plain.zeta)
+        changed = plain.whiten(noise_free(injected).zeta - plain.zeta)
         expected = make_columns(plain, effect, axis, injected.parameters) @ effect.amplitudes(injected)
         # An error of an interval's first reference is taken for one of the start attitude.
         changed, expected = (values - starts @ (starts.T @ values) for values in (changed, expected))
@@ -154,7 +154,7 @@ def test_a_weight_of_its_own_changes_the_prior(model):
         CandidateColumns(name, None, True, [np.eye(model.size)[:, [number]]], [{}], np.ones(1), (1e-3, 1e3), "", weight=weight)
         for number, (name, weight) in enumerate((("one", 1.0), ("two", 0.25)))
     ]
-    (first, second), _ = place_candidates(groups, model.projected, DEFAULT)
+    (first, second), _ = place_candidates(groups, model.project_out_nuisance, DEFAULT)
     assert second.log_prior - first.log_prior == pytest.approx(np.log(0.25))
 
 
@@ -176,7 +176,7 @@ def test_what_cannot_be_seen_or_is_implausible_is_no_candidate(model):
         CandidateColumns("fine", None, True, [seen], [{}], np.ones(1), (1e-9, 100.0), ""),
         CandidateColumns("empty", None, True, [np.empty((model.size, 0))], [{}], np.ones(1), (1e-9, 1.0), ""),
     ]
-    candidates, W = place_candidates(groups, model.projected, DEFAULT)
+    candidates, W = place_candidates(groups, model.project_out_nuisance, DEFAULT)
     assert [candidate.effect for candidate in candidates] == ["fine"]
     (option,) = candidates[0].options
     np.testing.assert_array_equal(W[:, option.columns], seen)

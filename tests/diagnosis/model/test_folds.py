@@ -132,6 +132,6 @@ def test_true_response_of_a_recording():
     model = prepared(21, ORBITAL).model
     effect = EFFECTS["bias_orbital"]
     high = effect.columns(model.stream, "z", {}) @ (0.3 * np.array([np.cos(np.deg2rad(25)), np.sin(np.deg2rad(25))]))
-    response = model.whitened(model.reading(high[:, :, None]))[:, 0]
+    response = model.whiten(model.reading(high[:, :, None]))[:, 0]
     assert closure_by_truth(made, response).closed == pytest.approx(1.0, abs=0.12)
     assert closure_by_truth(made, 0.5 * response).closed == pytest.approx(0.75, abs=0.08)

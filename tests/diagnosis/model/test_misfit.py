@@ -83,7 +83,7 @@ def test_errors_of_an_effect_are_its_columns(model):
     """Without averaging the observations are the references."""
     for name, axis in (("bias_step", "x"), ("reference_orbital", "z")):
         effect = EFFECTS[name]
-        trial = effect.trials(model.around)[0]
+        trial = effect.trials(model.surroundings)[0]
         parameters = {**trial.parameters, **({"time_s": float(np.median(model.t_s))} if effect.switched else {})}
         made = compute_attitude_errors(model, effect, axis, parameters)
         if effect.on_references:

@@ -99,7 +99,7 @@ def test_attitude_and_parity_see_one_error_of_one_gyro(axes, gyros):
     first = np.searchsorted(model.stream.t_s, [4000.0])
     column = 0.5 * build_switched_columns(model, EFFECTS["bias_step"], "4", {}, first)[:, 0]
     change = np.concatenate([
-        disturbed.body.whitened(disturbed.body.zeta) - model.body.whitened(model.body.zeta),
+        disturbed.body.whiten(disturbed.body.zeta) - model.body.whiten(model.body.zeta),
         disturbed.parity.observed - model.parity.observed,
     ])  # fmt: skip
     assert np.abs(column[: model.attitude_rows]).max() > 1

@@ -43,7 +43,7 @@ def replace_y(model, y):
 
 
 def _chi2(model, columns, y):
-    X = model.projected(columns)
+    X = model.project_out_nuisance(columns)
     return float(y @ X @ np.linalg.lstsq(X, y, rcond=None)[0])
 
 
@@ -75,7 +75,7 @@ def test_the_scan_scores_as_the_columns_themselves_do(swinging, on_references, a
         for place, tolerance in ((at.tried.shape[1] // 2, 0.02), (0, 0.06)):
             frequency = at.tried[j, place]
             own = periods.make_period_columns(swinging, axis, on_references, np.array([frequency]))[0]
-            X = swinging.projected(own)
+            X = swinging.project_out_nuisance(own)
             gram = X.T @ X
             scales = np.array(coherence.SETTINGS.scales) / np.sqrt(0.5 * np.trace(gram))
             expected = log_bayes(gram[None], (X.T @ swinging.y)[None], scales).max()
@@ -89,8 +89,8 @@ def test_columns_of_cells_are_those_of_the_effect(model):
         effect = EFFECTS[name]
         frequencies = 1 / np.array([350.0, 1300.0, 9000.0])
         for frequency, made in zip(frequencies, make_effect_columns(model, effect, axis, frequencies), strict=True):
-            exact = model.projected(make_columns(model, effect, axis, {"period_s": 1 / frequency}))
-            away = np.linalg.norm(model.projected(made) - exact) / np.linalg.norm(exact)
+            exact = model.project_out_nuisance(make_columns(model, effect, axis, {"period_s": 1 / frequency}))
+            away = np.linalg.norm(model.project_out_nuisance(made) - exact) / np.linalg.norm(exact)
             assert away < (0.03 if name == "bias_periodic" else 1e-9)
 
 
@@ -128,7 +128,7 @@ def test_what_lies_between_two_frequencies_keeps_its_chi2(model, at, on_referenc
         true = at.tried[j, k] + 0.5 * at.step
         amplitudes = rng.standard_normal(2)
         own = periods.make_period_columns(model, axis, on_references, true + at.step * np.array([0.0, 0.5, -0.5, 1 / 16]))
-        y = model.projected(own[0] @ amplitudes)
+        y = model.project_out_nuisance(own[0] @ amplitudes)
         whole = float(y @ y)
         lost.append(1 - max(_chi2(model, own[1], y), _chi2(model, own[2], y)) / whole)
         fine.append(1 - _chi2(model, own[3], y) / whole)
@@ -182,10 +182,10 @@ def test_rivals_repeat_but_not_as_a_sine_that_may_be_named(model):
     shape = groups["bias repeats with a period, not as a sine", "z"]
     assert {part.shape[1] for part in shape.columns} == {6, 3, 4}
     for part in shape.columns:
-        assert np.linalg.norm(model.projected(part[:, :2])) == pytest.approx(1.0)
+        assert np.linalg.norm(model.project_out_nuisance(part[:, :2])) == pytest.approx(1.0)
     # The third harmonic of a swing of the bias is a third as large, and turns the attitude by another third.
     for part in shape.columns[::3]:
-        assert np.linalg.norm(model.projected(part[:, 4:])) < 0.5
+        assert np.linalg.norm(model.project_out_nuisance(part[:, 4:])) < 0.5
     # All of them share the prior of the period.
     assert shape.weights[:3].sum() == pytest.approx(np.exp(found[False, 2][0].log_weight))
 
@@ -197,7 +197,7 @@ def test_harmonics_are_locked_to_the_phase_of_the_fundamental(model):
     for place, shape in ((1, np.sign(np.sin(theta))), (2, (theta / (2 * np.pi)) % 1 - 0.5)):
         error = np.zeros((t.size, 3, 1))
         error[:, 0, 0] = shape
-        y = model.prepared(model.observe_reference_error(error))[:, 0]
+        y = model.whiten_and_project(model.observe_reference_error(error))[:, 0]
         about = replace_y(model, y)
         options = periodic_alternatives.make_shapes(
             about, periods.make_period_columns(model, 0, True, np.arange(1, 8) / period)

@@ -61,7 +61,7 @@ def errors_in_parts(model, axis, at_once=100):
         error = np.zeros((model.t_s.size, 3, min(at_once, first.size - low)))
         for k in range(error.shape[2]):
             error[edges[low + k] : edges[low + k + 1], axis, k] = 1.0
-        found.append(model.whitened(model.observe_rate_error(error)))
+        found.append(model.whiten(model.observe_rate_error(error)))
     return np.hstack(found)
 
 
@@ -71,15 +71,15 @@ def test_columns_of_a_process_are_orthogonal_and_the_strongest_of_its_covariance
     at = processes.compute_part_times(model)
     K = markov(at.t_s, tau) * match_labels(at.interval) * np.deg2rad(1e-4) ** 2
     for axis in range(3):
-        every = model.projected(build_usual_columns(model.cell_places[axis], K, 0.0))
+        every = model.project_out_nuisance(build_usual_columns(model.cell_places[axis], K, 0.0))
         gram = every.T @ every
         assert np.abs(gram - np.diag(np.diag(gram))).max() < 1e-6 * gram.max()
         assert (np.diff(np.diag(gram)) <= 1e-9 * gram.max()).all()
-        C = model.projected(build_usual_columns(model.cell_places[axis], K))
+        C = model.project_out_nuisance(build_usual_columns(model.cell_places[axis], K))
         gram = C.T @ C
         # Directions that are left out have less than this share of the power, and turn the others by less.
         assert np.abs(gram - np.diag(np.diag(gram))).max() < DECOMPOSITION.share * gram.max()
-        expected, whole = strongest(model.projected(errors_in_parts(model, axis)), K)
+        expected, whole = strongest(model.project_out_nuisance(errors_in_parts(model, axis)), K)
         assert np.abs(C @ C.T - expected).max() < 1e-3 * np.abs(whole).max()
         assert np.trace(gram) > least * np.trace(whole)
 
@@ -89,8 +89,8 @@ def test_a_process_of_references_is_the_same_of_their_errors(model):
     assert at.t_s.size == len(model.observation_t_s)  # a reference each
     assert (np.diff(at.run_s) >= 0).all()
     K = markov(at.t_s, 1500.0) * np.deg2rad(0.01) ** 2
-    C = model.projected(build_usual_columns(model.reference_places[1], K))
-    expected, whole = strongest(model.projected(model.reference_columns[1]), K)
+    C = model.project_out_nuisance(build_usual_columns(model.reference_places[1], K))
+    expected, whole = strongest(model.project_out_nuisance(model.reference_columns[1]), K)
     assert np.abs(C @ C.T - expected).max() < 1e-3 * np.abs(whole).max()
 
 
@@ -121,13 +121,13 @@ def test_all_columns_of_a_process_are_its_covariance():
 def test_a_simulated_process_has_the_power_of_its_columns(name, size, trial, share):
     """Whole simulations with the process on one axis: along its columns the variance is one plus theirs."""
     effect = EFFECTS[name]
-    parameters = effect.trials(prepared(3).model.around)[trial].parameters
+    parameters = effect.trials(prepared(3).model.surroundings)[trial].parameters
     text = ",".join([f"{name}:y={size}", *(f"{key}={value}" for key, value in parameters.items())])
     total, dof = 0.0, 0
     for seed in range(6):
         model = prepared(seed, text).model
-        group = next(one for one in list_process_groups(model, effect, model.around) if one.axis == "y")
-        C = size * model.projected(group.columns[trial])
+        group = next(one for one in list_process_groups(model, effect, model.surroundings) if one.axis == "y")
+        C = size * model.project_out_nuisance(group.columns[trial])
         d = np.sum(C**2, axis=0)
         z = (C / np.sqrt(d)).T @ model.y
         total += np.sum(z**2 / (1 + d))
@@ -190,7 +190,7 @@ def test_a_process_of_averaged_references_is_that_of_every_reference(monkeypatch
 
 def test_a_walk_goes_on_only_over_gaps_that_leave_it_a_walk():
     """Over days between intervals of an hour all that would be seen of it are levels, each its own."""
-    around = prepared(3).model.around
+    around = prepared(3).model.surroundings
     walk = EFFECTS["bias_random_walk"]
     stream = around.stream
     closer = np.concatenate([stream.t_s[part] - stream.t_s[part][0] for part in stream.intervals])
@@ -267,11 +267,11 @@ def test_directions_that_are_left_out_do_not_change_the_evidence(model, name):
     """The log evidence at each scale, of noise and of a strong draw of the process, with all directions and with the usual."""
     covariance, places = list_process_places(model, EFFECTS[name])
     rng = np.random.default_rng(3)
-    for trial in EFFECTS[name].trials(model.around):
+    for trial in EFFECTS[name].trials(model.surroundings):
         K = covariance(trial.parameters)
-        every, some = (model.projected(build_usual_columns(places[0], K, share)) for share in (0.0, DECOMPOSITION.share))
+        every, some = (model.project_out_nuisance(build_usual_columns(places[0], K, share)) for share in (0.0, DECOMPOSITION.share))
         size = 1 / np.linalg.norm(every[:, 0])
-        noise = model.projected(rng.standard_normal((model.size, 1)))
+        noise = model.project_out_nuisance(rng.standard_normal((model.size, 1)))
         Y = np.hstack([noise, noise + 10 * size * every @ rng.standard_normal((every.shape[1], 1))])
         at = np.array([1.0, 10.0, 100.0]) * size
         before, after = (log_bayes((X.T @ X)[None], (X.T @ Y)[None], at) for X in (every, some))

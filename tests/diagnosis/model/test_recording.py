@@ -76,7 +76,7 @@ def test_calibration_columns_are_what_the_residuals_lack(quiet):
         change = np.zeros(12)
         change[k] = scale[k]
         moved = linearise_recording(quiet.recording, quiet.G + change[:9].reshape(3, 3), quiet.bias + change[9:])
-        difference = quiet.whitened(moved.zeta - quiet.zeta) / change[k]
+        difference = quiet.whiten(moved.zeta - quiet.zeta) / change[k]
         assert np.allclose(difference, -quiet.calibration[:, k], atol=1e-4 * np.abs(quiet.calibration[:, k]).max())
 
 
@@ -104,7 +104,7 @@ def test_a_reference_error_moves_its_own_observation_only(recording, model):
     assert np.allclose(moved.zeta - model.zeta, expected, atol=3e-8)
     assert np.count_nonzero(expected) == 3
     columns = model.reference_columns[:, :, row]  # of each body axis, whitened
-    assert np.allclose(angle @ columns, model.whitened(expected), atol=1e-9)
+    assert np.allclose(angle @ columns, model.whiten(expected), atol=1e-9)
 
 
 def test_cells_add_up_to_a_rate_error_throughout(model):
@@ -117,7 +117,7 @@ def test_cells_add_up_to_a_rate_error_throughout(model):
     for axis in range(3):
         error = np.zeros((model.t_s.size, 3, 1))
         error[:, axis] = 1e-6
-        whole = model.whitened(model.observe_rate_error(error))[:, 0]
+        whole = model.whiten(model.observe_rate_error(error))[:, 0]
         np.testing.assert_allclose(1e-6 * model.cell_columns[axis].sum(axis=1), whole, atol=1e-10 * np.abs(whole).max())
 
 
@@ -271,7 +271,7 @@ def test_steps_reference_errors_and_cells_are_averaged_the_same_way(model, conde
     assert condensed.cells.first.size < 0.8 * len(model.reference_rows)
     constant = np.zeros((condensed.t_s.size, 3, 1))
     constant[:, 1] = 1e-6
-    whole = condensed.whitened(condensed.observe_rate_error(constant))[:, 0]
+    whole = condensed.whiten(condensed.observe_rate_error(constant))[:, 0]
     # Inside a cell the rate error is turned by its mean attitude.
     np.testing.assert_allclose(1e-6 * condensed.cell_columns[1].sum(axis=1), whole, atol=0.02 * np.abs(whole).max())
 
@@ -290,8 +290,8 @@ def test_an_interval_with_few_references_keeps_them(recording, model, monkeypatc
 def test_condensing_hardly_changes_what_an_effect_can_show(model, condensed):
     """‖x‖ of slow effects: a third of the observations hold nearly all there is to know."""
     for k in (2, 4):
-        fine = np.linalg.norm(model.prepared(model.reading(waves(model)[:, :, [k]])))
-        coarse = np.linalg.norm(condensed.prepared(condensed.reading(waves(condensed)[:, :, [k]])))
+        fine = np.linalg.norm(model.whiten_and_project(model.reading(waves(model)[:, :, [k]])))
+        coarse = np.linalg.norm(condensed.whiten_and_project(condensed.reading(waves(condensed)[:, :, [k]])))
         assert 0.9 < coarse / fine < 1.001
 
 

@@ -52,7 +52,7 @@ def angles_shown(suite, recording, truth):
     A, parts = convert_to_matrix(truth.sensor_quaternions), []
     ephemeris = recording.sensors.ephemeris
     for number, sensor in enumerate(suite.sun_sensors, start=1):
-        rows = ephemeris.rows(recording.sensors.sun.of(number)[0])
+        rows = ephemeris.rows(recording.sensors.sun.select_sensor(number)[0])
         s = np.einsum("nij,nj->ni", A[rows], ephemeris.sun[rows]) @ sensor.alignment
         parts.append(np.arctan([compute_head_tangents(*one, sensor.head) for one in s]).reshape(-1, 2))
     return parts
@@ -63,7 +63,7 @@ def taken_off(arc, recording, before, after, earth):
     sun = []
     for number, old, new in zip((1, 2), before, after, strict=True):
         if number in arc.numbers:
-            t = recording.sensors.sun.of(number)[0]
+            t = recording.sensors.sun.select_sensor(number)[0]
             own = (t >= arc.series[arc.numbers.index(number)].t[0]) & (t <= arc.series[arc.numbers.index(number)].t[-1])
             sun.append((new - old)[own])
     table = recording.sensors.earth

@@ -11,7 +11,7 @@ from tests.diagnosis.recordings import prepared
 def model_and_columns(size):
     model = prepared(11, f"time_offset={size}", every_s=4.0).model
     effect = EFFECTS["time_offset"]
-    small = model.whitened(model.reading(effect.columns(model.stream, None, {})))
+    small = model.whiten(model.reading(effect.columns(model.stream, None, {})))
     return model, small, fit_delays(model, small, (5e-3, 100.0))
 
 
@@ -19,13 +19,13 @@ def model_and_columns(size):
 def test_the_columns_of_a_large_offset_give_it_back_and_leave_noise(size):
     model, small, large = model_and_columns(size)
     best = max(large, key=lambda one: one.weight)
-    x = model.projected(best.columns)[:, 0]
+    x = model.project_out_nuisance(best.columns)[:, 0]
     fitted = x @ model.y / (x @ x)
     assert abs(fitted - size) < 4 / np.linalg.norm(x)
     dof = model.degrees_of_freedom - 1
     assert np.sum((model.y - fitted * x) ** 2) < dof + 4 * np.sqrt(2 * dof)
     # That of a small one does not leave noise only.
-    x = model.projected(small)[:, 0]
+    x = model.project_out_nuisance(small)[:, 0]
     assert np.sum((model.y - x @ model.y / (x @ x) * x) ** 2) > dof + 8 * np.sqrt(2 * dof)
     assert sum(one.weight for one in large) == pytest.approx(1.0, abs=1e-12)
 

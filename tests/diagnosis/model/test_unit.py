@@ -50,8 +50,8 @@ def model(unit, plan):
 
 def test_rows_are_those_of_the_recordings_one_under_the_other(recordings, unit, model, plan):
     each = [about(recording, plan) for recording in recordings.values()]
-    whitened = np.concatenate([one.whitened(one.zeta) for one in each])
-    np.testing.assert_allclose(model.whitened(model.zeta), whitened, atol=1e-6)
+    whitened = np.concatenate([one.whiten(one.zeta) for one in each])
+    np.testing.assert_allclose(model.whiten(model.zeta), whitened, atol=1e-6)
     # Columns are made on coarser steps where there are more samples; the propagation is that of every sample.
     calibration = np.vstack([one.calibration for one in each])
     largest = np.abs(calibration).max(axis=0)

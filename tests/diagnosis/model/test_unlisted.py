@@ -50,7 +50,7 @@ def test_a_constant_regressor_is_the_column_of_a_bias(model, bins):
 def test_bins_change_a_slow_regressor_little(model, bins):
     """A regressor that follows the rate, of unit size, bin by bin against step by step."""
     square = model.rates[:, 1] ** 2
-    exact = model.whitened(model.observe_rate_error(np.eye(3)[None, :, 2, None] * square[:, None, None]))[:, 0]
+    exact = model.whiten(model.observe_rate_error(np.eye(3)[None, :, 2, None] * square[:, None, None]))[:, 0]
     binned = bins_of.observe_rate_errors(model, bins, 2, bins.rates[:, [1]] ** 2)[:, 0]
     assert np.linalg.norm(binned - exact) < 0.02 * np.linalg.norm(exact)
 
@@ -93,7 +93,7 @@ def test_time_offset_are_what_a_later_reading_leaves(model, bins):
         late = LATE * (edges - interval.start_s)
         rates[own] = np.diff(angle(edges) - late[:, None] * angle(edges, 1), axis=0) / length
     changed = linearise_recording(replace(recording, gyro=replace(gyro, rates=rates)), model.G, model.bias).y - model.y
-    expected = LATE * model.projected(
+    expected = LATE * model.project_out_nuisance(
         deterministic_alternatives.build_late_tags(model, bins).columns[0][:, 0] * max(1.0, bins.since_s.max())
     )
     assert np.linalg.norm(changed - expected) < 0.05 * np.linalg.norm(changed)

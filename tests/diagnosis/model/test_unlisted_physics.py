@@ -33,8 +33,8 @@ def test_a_direction_follows_the_attitude_matrix(model, bins, families):
     A = model.to_inertial.transpose(0, 2, 1)
     error = np.zeros((len(A), 3, 3))
     error[:, 2] = A[:, 0]
-    exact = model.projected(model.whitened(model.observe_rate_error(error)))
-    for found, one in zip(model.projected(columns).T, exact.T, strict=True):
+    exact = model.project_out_nuisance(model.whiten(model.observe_rate_error(error)))
+    for found, one in zip(model.project_out_nuisance(columns).T, exact.T, strict=True):
         cosine = found @ one / np.linalg.norm(found) / np.linalg.norm(one)
         assert cosine > 0.999
 
@@ -100,7 +100,7 @@ def test_a_bias_that_follows_it_is_unknown(model, bins, follows):
         "past": deterministic_alternatives.filter_low_pass(np.abs(bins.rates), bins, 300.0)[:, 1],
     }
     shape = values[follows]
-    strength = np.linalg.norm(model.projected(observe_rate_errors(model, bins, 1, shape[:, None])))
+    strength = np.linalg.norm(model.project_out_nuisance(observe_rate_errors(model, bins, 1, shape[:, None])))
     gyro = recording.gyro
     high = np.interp(gyro.t_s, bins.t_s, shape) * 40.0 / strength
     rates = gyro.rates + high[:, None] * np.array([0.0, 1.0, 0.0])

@@ -99,7 +99,7 @@ def test_without_an_effect_there_is_no_gap(detected):
 def test_power_on_fresh_draws_is_that_asked_for_and_grows_with_size(every, power, model):
     one = every["bias_orbital:y"]
     seen = find_visible_size(one, power)
-    noise = model.projected(np.random.default_rng(3).standard_normal((model.size, 400)))
+    noise = model.project_out_nuisance(np.random.default_rng(3).standard_normal((model.size, 400)))
 
     def rate(amplitude):
         y = noise + amplitude * one.draw(None, 1)
@@ -115,7 +115,7 @@ def test_random_effects_are_seen_at_their_size_on_fresh_draws(power, model):
     one = build_signatures(model, ["bias_random_walk"])[1]
     seen = find_visible_size(one, power)
     rng = np.random.default_rng(4)
-    y = model.projected(rng.standard_normal((model.size, 400)))
+    y = model.project_out_nuisance(rng.standard_normal((model.size, 400)))
     y = y + seen.size * one.draw(rng, 400)
     rate = np.mean(power.statistic(y) > power.threshold)
     assert rate == pytest.approx(SETTINGS.power, abs=0.08)

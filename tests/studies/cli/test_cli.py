@@ -244,7 +244,7 @@ def test_a_reproduction_that_was_stopped_goes_on(run_cli, tmp_path, monkeypatch)
     assert rows.parent == engine.get_work_folder(tmp_path, paper_tables.STUDY, config)
     assert rows.parent != engine.get_work_folder(tmp_path, paper_tables.STUDY, config.model_copy(update={"entropy": 7}))
     (rows.parent / "parts" / "part-000001.parquet").unlink()
-    for part in ("compare_with_flight", "left_out"):
+    for part in ("compare_with_flight", "add_omitted_effects"):
         monkeypatch.setattr(reproduce, part, lambda *arguments: None)  # what comes after the cases is another test's
     result = run_cli(*arguments)
     assert result.exit_code == 0, result.stderr

@@ -36,7 +36,7 @@ PANELS = {
 
 def drawn(panel):
     axes = Figure().add_subplot()
-    panel.on(axes)
+    panel.draw_axes(axes)
     return axes
 
 
