@@ -66,7 +66,7 @@ def test_examples_of_formats(page):
     if page.endswith("acm.md"):
         np.testing.assert_allclose(np.rad2deg(namespace["message"].gyro_bias[0]), [1e-4, 0, -2e-4], atol=1e-18)
     if page.endswith("kalibr.md"):
-        assert np.deg2rad(namespace["noise_density"](namespace["path"])) == pytest.approx(1e-6)
+        assert np.deg2rad(namespace["read_noise_density"](namespace["path"])) == pytest.approx(1e-6)
     if page.endswith("csv.md"):
         assert pd.read_csv(f"{namespace['folder']}/attitude.csv")["unix_ns"].tolist() == [
             1597579328000000000,

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gyrocal.deprecated import build_getattr
+from gyrocal.deprecation import build_getattr
 from gyrocal.errors import InputError
 from gyrocal.files import open_replacement
 from gyrocal.recording import Recording, format_toml

@@ -119,7 +119,7 @@ def _read_topic(reader: Any, topic: str, vector: Callable[[Any], Any], names: li
     tags, written, rows = [], [], []
     for connection, recorded, raw in reader.messages(connections=connections):
         message = reader.deserialize(raw, connection.msgtype)
-        stamp, values = message.build_header.stamp, vector(message)
+        stamp, values = message.header.stamp, vector(message)
         tags.append(stamp.sec * NANO + stamp.nanosec)
         written.append(recorded)
         rows.append([getattr(values, name[-1]) for name in names])

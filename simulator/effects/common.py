@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import scipy.special
 
-from gyrocal.deprecated import build_getattr
+from gyrocal.deprecation import build_getattr
 from gyrocal.errors import InputError
 from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array

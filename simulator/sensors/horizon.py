@@ -36,7 +36,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gyrocal.deprecated import build_getattr
+from gyrocal.deprecation import build_getattr
 from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array
 from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, compute_lvlh_attitude

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gyrocal.deprecated import build_getattr
+from gyrocal.deprecation import build_getattr
 from simulator.arrays import Array
 
 MU = 3.986004418e14  # m³/s², WGS 84
