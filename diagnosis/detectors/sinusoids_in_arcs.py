@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from diagnosis.detectors.sample_report import IMPOSSIBLE, Line
 from diagnosis.sinusoids.fit import Piece, SinusoidFit, find_frequency, fit_sinusoid, make_waves
-from diagnosis.sinusoids.spectrum import Arcs, compute_power
+from diagnosis.sinusoids.spectrum import Arcs, compute_power, convolve, remove_line
 from gyrocal.recording import Recording
 from simulator.effects.recording_view import find_interval_slices
 
@@ -77,21 +77,20 @@ def fit_line(
 def _make_piece(x: Array, t_s: Array, cycles: float) -> Piece:
     """Readings of an arc without the motion that is slow beside a sinusoid of so many cycles in a sample."""
 
-    def observe(waveforms: Array) -> Array:
-        return np.column_stack([remove_motion(one, cycles) for one in waveforms.T])
-
-    return Piece(t_s, remove_motion(x, cycles), observe)
+    return Piece(t_s, remove_motion(x, cycles), lambda waveforms: remove_motion(waveforms, cycles))
 
 
 def remove_motion(x: Array, cycles: float) -> Array:
-    """Remove the motion that is slow beside a sinusoid of so many cycles in a sample.
+    """Remove from series (n,) or (n, k) the motion that is slow beside a sinusoid of so many cycles in a sample.
 
     A slew that begins gently is quiet to the noise tests, but would pass for noise of the sinusoid's amplitude.
     """
-    kernel, gain = _choose_smoothing(cycles, x.size)
+    kernel, gain = _choose_smoothing(cycles, len(x))
     if kernel is None:
-        return np.asarray(scipy.signal.detrend(x))
-    smooth = scipy.signal.oaconvolve(np.pad(x, kernel.size // 2, mode="edge"), kernel, mode="valid")
+        return remove_line(x.T).T
+    count = kernel.size
+    ends = np.clip(np.arange(-(count // 2), len(x) + count // 2), 0, len(x) - 1)
+    smooth = convolve(x[ends].T, kernel)[..., count - 1 : ends.size].T
     return np.asarray((x - smooth) / (1 - gain))
 
 

@@ -64,10 +64,12 @@ def log_bayes(gram: Array, correlation: Array, scales: Array, positive: bool = F
     if shifted:
         gram, correlation, known = remove_shift(gram, correlation)
         return known[:, None] + log_bayes(gram, correlation, scales, positive)
-    if correlation.ndim == 2 and gram.shape[1] >= SETTINGS.many:
-        found = [_compute_tridiagonal_evidence(own, along, scales) for own, along in zip(gram, correlation, strict=True)]
+    if gram.shape[1] >= SETTINGS.many and correlation.size == gram.shape[0] * gram.shape[1]:
+        found = np.array(
+            [_compute_tridiagonal_evidence(own, along.ravel(), scales) for own, along in zip(gram, correlation, strict=True)]
+        )
         if np.isfinite(found).all():
-            return np.array(found)
+            return found.reshape(*found.shape, *correlation.shape[2:])
     # Most groups are of one column, which needs no decomposition.
     values, vectors = np.linalg.eigh(gram) if gram.shape[1] != 1 else (gram[:, :, 0], np.ones_like(gram))
     values = np.maximum(values, 0.0)

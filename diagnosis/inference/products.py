@@ -6,7 +6,7 @@ S = 1 + C Cᵀ. The matrix inversion lemma makes that XᵀX − (CᵀX)ᵀ (1 + 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +27,7 @@ class Conditioning:
 
     Parameters
     ----------
-    rows : from places (n,) of columns of the model, and (r, r) factors, to these times the products (r, n) with C
+    rows : from places (n,) of columns of the model to their products (r, n) with C
     inner : (r, r) CᵀC
     correlation : (r,) Cᵀy, the shifts taken out of y
     shift : (p,) products of the shifts with all columns
@@ -37,7 +37,7 @@ class Conditioning:
     log_bayes : log evidence of what is in
     """
 
-    def __init__(self, rows: Callable[[Array, Indices], Array], inner: Array, correlation: Array, shift: Array):
+    def __init__(self, rows: Callable[[Indices], Array], inner: Array, correlation: Array, shift: Array):
         factor = np.linalg.cholesky(np.eye(len(inner)) + inner)
         self._inverse = scipy.linalg.solve_triangular(factor, np.eye(len(inner)), lower=True, check_finite=False)
         self._rows = rows
@@ -47,7 +47,7 @@ class Conditioning:
 
     def reduce_products(self, gram: Array, correlation: Array, places: Indices) -> tuple[Array, Array]:
         """Products XᵀX (o, k, k) and Xᵀy (o, k) of the columns at `places` (o, k), given what is in."""
-        reduced = self._rows(self._inverse, places.ravel()).reshape(len(self._inverse), *places.shape)  # (r, o, k)
+        reduced = (self._inverse @ self._rows(places.ravel())).reshape(len(self._inverse), *places.shape)  # (r, o, k)
         # Products of (o, k, r) and (o, r, l) are far quicker than one sum over all indices.
         turned = reduced.transpose(1, 0, 2)
         gram = gram - np.matmul(turned.transpose(0, 2, 1), turned)
@@ -70,8 +70,9 @@ class Products:
         """(k, n) products of a member's columns but a shift with other columns of the model."""
         key = (member.candidate, member.option, places.tobytes())  # the first columns of three options are as many as one has
         if key not in self._found:
-            X = self._model.X
-            found = X[:, _convert_to_slice(self._model.build_design((member,))[0])].T @ X[:, _convert_to_slice(places)]
+            option, X = self._model.option(member), self._model.X
+            own = slice(option.start, option.start + option.count - self._model.candidate(member).shifted)
+            found = X[:, own].T @ X[:, _convert_to_slice(places)]
             if self._kept + found.size > MOST_KEPT:
                 self.forget()
             self._kept += found.size
@@ -122,12 +123,19 @@ class Grams:
             ]
         return self._found[key]
 
+    def inherit(self, other: Grams, candidates: Set[int]) -> None:
+        """Take over the products of some candidates."""
+        self._found |= {key: found for key, found in other._found.items() if key[0] in candidates}
+        self._single |= {key: found for key, found in other._single.items() if key[0] in candidates}
+
     def _build_batch(self, candidate: int, own: Indices, count: int) -> Batch:
         starts = np.array([self._model.candidates[candidate].options[k].start for k in own])
         places = starts[:, None] + np.arange(count)
         if count == 1:  # hundreds of times of a step
             X = self._model.X[:, _convert_to_slice(places.ravel())]
             return Batch(own, np.einsum("no,no->o", X, X)[:, None, None], places)
+        if own.size == 1:  # without a copy: of a random process it is a megabyte
+            return Batch(own, self.single(candidate, int(own[0]))[None, :count, :count], places)
         return Batch(own, np.array([self.single(candidate, int(k))[:count, :count] for k in own]), places)
 
     def single(self, candidate: int, option: int) -> Array:

@@ -40,7 +40,7 @@ def search_with_refined_options(
     places = [member for explanation in likely for member in explanation.members]
     places += find_near_alternatives(search, found[0]) if found else []
     places = [member for member in places if not search.model.candidate(member).process]
-    processes = find_whole_processes(search.model, likely)
+    processes = find_whole_processes(search, likely)
     search.forget()
     linear = moments
     for member in {member.candidate: member for member in reversed(places)}.values():
@@ -50,16 +50,21 @@ def search_with_refined_options(
         scales = linear.candidate(member).scales
         scale = int(np.argmin(np.abs(np.log(scales / search.model.scale(member)))))
         linear = linear.refine(linear, replace(member, scale=scale))
-    return (linear, found) if linear is search.model else (linear, Search(linear, settings, tell).explanations())
+    if linear is search.model:
+        return linear, found
+    again = Search(linear, settings, tell)
+    again.inherit(search)
+    return linear, again.explanations()
 
 
-def find_whole_processes(model: LinearModel, likely: Sequence[Explanation]) -> list[SelectedCandidate]:
+def find_whole_processes(search: Search, likely: Sequence[Explanation]) -> list[SelectedCandidate]:
     """Where random processes explain best with all of their columns: those in some explanations, and those that may be instead.
 
     Of a strong process the columns that are usual hold a part only, of a short time constant more than of a long one. They
     favour another option than all columns do, other effects beside it, and that process of several whose part is larger.
     Each listed process about the same axis is therefore asked with all columns, alone and beside the other members.
     """
+    model = search.model
     random = [
         (member, explanation) for explanation in likely for member in explanation.members if model.candidate(member).process
     ]
@@ -69,7 +74,7 @@ def find_whole_processes(model: LinearModel, likely: Sequence[Explanation]) -> l
     for number, entry in enumerate(model.candidates):
         if not (entry.process and entry.listed and entry.axis in axes):
             continue
-        for given, score in _score_whole_process(model, number, givens):
+        for given, score in _score_whole_process(search, number, givens):
             found[given].append((score.best, SelectedCandidate(number, score.option, score.scale)))
     spots = []
     for scored in found.values():
@@ -79,14 +84,14 @@ def find_whole_processes(model: LinearModel, likely: Sequence[Explanation]) -> l
 
 
 def _score_whole_process(
-    model: LinearModel, number: int, givens: Sequence[tuple[SelectedCandidate, ...]]
+    search: Search, number: int, givens: Sequence[tuple[SelectedCandidate, ...]]
 ) -> Iterator[tuple[tuple[SelectedCandidate, ...], Score]]:
     """Scores of a process with all columns that show at the scale that it has alone, given sets without it."""
+    model, alone = search.model, search.score(number, ())
     own = [given for given in givens if all(member.candidate != number for member in given)]
     members = list(dict.fromkeys(member for given in own for member in given))
     held = [replace(model.candidate(member), options=(model.option(member),)) for member in members]
     small = replace(model, candidates=(model.candidates[number], *held)).compact()
-    alone = Search(small).score(0, ())
     whole = Search(small.whole(small, SelectedCandidate(0, alone.option, alone.scale)))
     for given in own:
         yield given, whole.score(0, tuple(SelectedCandidate(1 + members.index(one), 0, one.scale) for one in given))

@@ -98,6 +98,15 @@ class Search:
         self._scores: dict[tuple[int, frozenset[SelectedCandidate], int | None], Score] = {}
         self._given: tuple[tuple[SelectedCandidate, ...], Conditioning | None] = ((), None)  # what was asked for last
 
+    def inherit(self, other: Search) -> None:
+        """Take over the products and scores of candidates that are the same in the model of another search."""
+        pairs = enumerate(zip(self.model.candidates, other.model.candidates, strict=True))
+        same = {number for number, (own, before) in pairs if own is before}
+        self.gram.inherit(other.gram, same)
+        for key, score in other._scores.items():
+            if same.issuperset({key[0], *(member.candidate for member in key[1])}):
+                self._scores[key] = score
+
     # ---- one candidate ---------------------------------------------------------------------------------------------------
 
     def tables(self, candidate: int, given: Conditioning | None, most: int | None = None) -> Array:
@@ -178,12 +187,10 @@ class Search:
     def _build_conditioning(self, members: tuple[SelectedCandidate, ...]) -> Conditioning:
         """Inner products given some members."""
         own, scale, shifts = self.model.build_design(members)
-        stops = np.cumsum([self.model.build_design((member,))[0].size for member in members])[:-1]
         products = self._products  # and not the search, which keeps what is made here: it would hold on to itself
 
-        def rows(factors: Array, places: Indices) -> Array:
-            parts = zip(np.split(factors * scale, stops, axis=1), members, strict=True)
-            return np.asarray(sum(part @ products.get_products(member, places) for part, member in parts))
+        def rows(places: Indices) -> Array:
+            return scale[:, None] * np.vstack([products.get_products(member, places) for member in members])
 
         X = self.model.X
         shift = X.T @ X[:, shifts].sum(axis=1) if shifts.size else np.zeros(X.shape[1])

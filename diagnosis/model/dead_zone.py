@@ -67,7 +67,7 @@ def estimate_input_axis(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     toward, usual = model.G[:, one.axis], float(np.rad2deg(one.usual))
     for _ in range(SETTINGS.calibrated):
         hidden = model.whiten(observe_missing_rates(model, one, toward))
-        beside = build_unseen_motion(model, one, toward)
+        (beside,) = build_unseen_motion(model, one, toward)
         change, _ = calibrate_beside(model, [(hidden, usual), (beside, usual)])
         toward = model.G[:, one.axis] + change[:9].reshape(3, 3)[:, one.axis]
     return toward
@@ -103,26 +103,35 @@ def bridge_passes(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -
 
 
 def build_unseen_motion(
-    model: RecordingModel, one: DeadZoneEvidence, toward: Array, size: float = SETTINGS.unseen[-1], memory: float = 0.0
-) -> Array:
+    model: RecordingModel,
+    one: DeadZoneEvidence,
+    toward: Array,
+    sizes: Sequence[float] = SETTINGS.unseen[-1:],
+    memories: Sequence[float] = (0.0,),
+) -> list[Array]:
     """(N, r) whitened observations of a random rate, deg/s, in the slow part of each cell: a level, and a slope over it.
 
     A body that turns about other axes meanwhile turns the blind one with it: what is missing at the beginning of a passage has
-    another direction than at its end.
+    another direction than at its end. There are as many as sizes, times memories.
     """
-    level, slope = _observe_cells(model, one, toward)
+    level, slope = map(model.whiten, _observe_cells(model, one, toward))
     run_s = model.cells.run_s
-    if memory and run_s.size > 1:
-        spread = markov(run_s, memory * float(np.median(np.diff(run_s)))) + SETTINGS.rounding * np.eye(run_s.size)
-        level = level @ np.linalg.cholesky(spread)
-    columns = size * np.hstack([level, slope])
-    columns = model.whiten(columns[:, np.any(columns != 0, axis=0)])
-    if not columns.shape[1]:
-        return columns
-    powers, turned = np.linalg.eigh(columns.T @ model.project_out_nuisance(columns))
-    faint = min(PROCESSES.seen * powers[-1], (SETTINGS.felt / one.usual) ** 2)
+    parts: dict[float, tuple[Array, Array, Array]] = {}
+    for memory in memories:
+        columns = np.hstack([level, slope])
+        if memory and run_s.size > 1:
+            spread = markov(run_s, memory * float(np.median(np.diff(run_s)))) + SETTINGS.rounding * np.eye(run_s.size)
+            columns[:, : run_s.size] = level @ np.linalg.cholesky(spread)
+        columns = columns[:, np.any(columns != 0, axis=0)]
+        parts[memory] = columns, *np.linalg.eigh(columns.T @ model.project_out_nuisance(columns))
+    return [_select_seen(*parts[memory], size, one.usual) for size in sizes for memory in memories]
+
+
+def _select_seen(columns: Array, powers: Array, turned: Array, size: float, usual: float) -> Array:
+    """The directions (N, r) of columns of unit size that are seen at a size, by their powers (k,) and themselves (k, k)."""
+    faint = min(PROCESSES.seen * powers.max(initial=0.0), (SETTINGS.felt / (size * usual)) ** 2)
     seen = np.flatnonzero(powers > faint)[::-1][: PROCESSES.most_columns]
-    return np.asarray(columns @ turned[:, seen]) * np.deg2rad(1.0)
+    return np.asarray(columns @ turned[:, seen]) * np.deg2rad(size)
 
 
 def _observe_cells(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -> tuple[Array, Array]:
@@ -174,11 +183,8 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Cand
     toward = estimate_input_axis(model, one)
     rates = model.whiten(observe_missing_rates(model, one, toward))
     course = [model.whiten(bridge_passes(model, one, toward))] if one.passed else []
-    moving = [
-        np.hstack([rates, build_unseen_motion(model, one, toward, size, memory)])
-        for size in SETTINGS.unseen
-        for memory in (0.0, SETTINGS.memory)
-    ]
+    unseen = build_unseen_motion(model, one, toward, SETTINGS.unseen, (0.0, SETTINGS.memory))
+    moving = [np.hstack([rates, part]) for part in unseen]
     count = rates.shape[1]
 
     def read(amplitudes: Array) -> tuple[float, Parameters]:

@@ -342,7 +342,12 @@ class LinearModel:
                 start += option.count
             candidates.append(replace(candidate, options=tuple(options)))
         chosen = np.concatenate(places)
-        return replace(self, X=self.X[:, chosen], W=self.W[:, chosen], candidates=tuple(candidates))
+        X = self.X[:, chosen]
+        if isinstance(self.W, RestoredColumns) and self.W.X is self.X:
+            W: Array | RestoredColumns = replace(self.W, X=X, hidden=self.W.hidden[:, chosen])
+        else:
+            W = self.W[:, chosen]
+        return replace(self, X=X, W=W, candidates=tuple(candidates))
 
     def replace_options(
         self, place: int, options: Sequence[ParameterChoice], W: Array, X: Array, scales: Array | None = None

@@ -33,6 +33,7 @@ from gyrocal.recording import GyroStream
 from simulator.effects.periodic import compute_period_band
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -150,6 +151,12 @@ def _make_waveforms(line: Line, t_s: Array, frequencies: Array) -> Iterator[Arra
         yield from there * make_waves(frequency, t_s).T
 
 
+def _find_samples(t_s: Array, lasts: Array, times_s: Array) -> tuple[Indices, Array]:
+    """Find the sample of each time (q,), and the share of it that is left then."""
+    sample = np.maximum(np.searchsorted(t_s, times_s, side="right") - 1, 0)
+    return sample, np.clip(1 - (times_s - t_s[sample]) / lasts[sample], 0.0, 1.0)
+
+
 def _observe(model: RecordingModel, axis: int, waveforms: Iterable[Array]) -> tuple[Array, list[Array]]:
     """White observations, and the same of readings of a gyro that are too high by each of some waveforms, (n,).
 
@@ -157,14 +164,14 @@ def _observe(model: RecordingModel, axis: int, waveforms: Iterable[Array]) -> tu
     """
     gyro = model.recording.gyro
     # A sample lasts until the next one, but not over a gap between intervals.
-    stops = np.minimum(gyro.t_s + gyro.sample_s, np.append(gyro.t_s[1:], np.inf))
-    edges = np.column_stack([gyro.t_s, stops]).ravel()
-    begin, end = model.t_s - 0.5 * model.dt, model.t_s + 0.5 * model.dt
+    lasts = np.minimum(gyro.sample_s, np.append(np.diff(gyro.t_s), np.inf))
+    begin, end = (_find_samples(gyro.t_s, lasts, model.t_s + way * model.dt) for way in (-0.5, 0.5))
     rates = []
     for waveform in waveforms:
-        after = np.cumsum(waveform * gyro.sample_s)
-        turned = np.column_stack([np.append(0.0, after[:-1]), after]).ravel()
-        rates.append((np.interp(end, edges, turned) - np.interp(begin, edges, turned)) / model.dt)
+        turned = waveform * gyro.sample_s
+        after = np.cumsum(turned)
+        at_begin, at_end = (after[sample] - left * turned[sample] for sample, left in (begin, end))
+        rates.append((at_end - at_begin) / model.dt)
     high = np.zeros((model.t_s.size, 3, len(rates)))
     high[:, axis] = np.column_stack(rates)
     if model.recording.attitudes.sensor is not None or all((block.counts == 1).all() for block in model.blocks):

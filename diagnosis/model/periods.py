@@ -153,7 +153,7 @@ def compute_wave_products(model: RecordingModel, at: Grid, axis: int, on_referen
         C = columns[axis][block.rows][:, own]
         a = np.exp(2j * np.pi * np.outer(t[own] - middle[number], at.made)) * np.sinc(np.outer(length[own], at.made))
         parts = np.column_stack([C.T @ model.y[block.rows], C.T @ Q[block.rows]]).T @ a  # (1 + q, j)
-        turned = grams[axis][np.ix_(own, own)] @ a
+        turned = (grams[axis][np.ix_(own, own)] @ a.view(float)).view(complex)
         zg[:, number] = parts.T
         h += np.sum((a.conj() * turned).real, axis=0) + np.sum(np.abs(parts[1:]) ** 2, axis=0)
         s[:, number, 0] = np.sum(a * turned, axis=0) + np.sum(parts[1:] ** 2, axis=0)

@@ -96,9 +96,9 @@ class ProcessProjection:
         """The place with a root along the directions in which Markov processes at given times (q,) show, one after another."""
         spacing = max(float(np.median(np.diff(np.unique(t_s), append=np.max(t_s)))), LEAST_TRACE)  # sensors may share times
         longest = max(float(np.ptp(t_s[interval == number])) for number in np.unique(interval))
-        total = np.zeros(self.root.shape)
+        total, same = np.zeros(self.root.shape), np.equal.outer(interval, interval)
         for tau in np.geomspace(spacing, max(longest, 2 * spacing), DECOMPOSITION.constants):
-            K = self.covariance(np.equal.outer(interval, interval) * markov(t_s, tau))
+            K = self.covariance(same * markov(t_s, tau))
             total += K / max(float(np.vdot(K, self.gram)), LEAST_TRACE)
         shown, turned = np.linalg.eigh(self.root.T @ total @ self.root)
         return replace(self, root=self.root @ turned, shown=shown)

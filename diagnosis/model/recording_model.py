@@ -40,9 +40,11 @@ from itertools import pairwise
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
+from scipy.linalg.blas import dtrsm
 
 from diagnosis.model import process_projection
 from gyrocal.calibration.trackers import Mountings
+from gyrocal.jit_cache import compile_cached
 from gyrocal.recording import Recording
 from simulator.effects import References, Stream, Surroundings, find_flight_directions
 from simulator.effects.recording_view import interpolate_housekeeping
@@ -261,11 +263,11 @@ class RecordingModel:
         -------
         (N, k), not yet whitened
         """
-        return self.observe_rate_error(-np.einsum("ij,njk->nik", self.G, high))
+        return self._observe_increments(self.of_readings, high)
 
     def observe_rate_error(self, error: Array) -> Array:
         """Observations of an error δω of the calibrated rates, (n, 3, k) rad/s → (N, k)."""
-        return self._observe_increments(np.matmul(self.to_inertial, error) * self.dt[:, None, None])
+        return self._observe_increments(self.to_inertial, error)
 
     def observe_reading_steps(self, high: Array, starts: Indices) -> Array:
         """As `reading` for one reading switched on at each of several steps: (n, 3), (s,) → (N, s)."""
@@ -275,8 +277,8 @@ class RecordingModel:
             total = np.vstack([np.zeros(3), np.cumsum(turned[block.steps], axis=0)])
             begin = np.clip(starts - block.steps.start, 0, len(total) - 1)
             # Before its start the step has added nothing, after it the sum since then.
-            late = np.maximum(block.ends[:, None], begin[None, :])
-            added = block.average_references(np.moveaxis(total[late] - total[begin][None], 1, 2))
+            late = (block.ends[:, None] > begin)[:, None]
+            added = block.average_references((total[block.ends][:, :, None] - total[begin].T) * late)
             out[block.rows] = added.reshape(-1, starts.size)
         return out
 
@@ -291,17 +293,24 @@ class RecordingModel:
 
     def compute_attitude_turns(self, high: Array) -> Array:
         """Attitude errors at every reference, before any averaging, of a reading that is too high; (n, 3, k) → (m, 3, k)."""
-        error = -np.einsum("ij,njk->nik", self.G, high)
-        increments = np.matmul(self.to_inertial, error) * self.dt[:, None, None]
-        return np.concatenate([_accumulate_increments(increments, block) for block in self.blocks])
+        return np.concatenate([self._totals(self.of_readings, high, block) for block in self.blocks])
 
-    def _observe_increments(self, increments: Array) -> Array:
-        out = np.empty((self.size, increments.shape[2]))
+    @cached_property
+    def of_readings(self) -> Array:
+        """(n, 3, 3) rate error in inertial axes of readings that are too high, −Aᵀ G in the middle of each step."""
+        return np.asarray(-self.to_inertial @ self.G)
+
+    def _observe_increments(self, turn: Array, rates: Array) -> Array:
+        out = np.empty((self.size, rates.shape[2]))
         for block in self.blocks:
-            out[block.rows] = block.average_references(_accumulate_increments(increments, block)).reshape(
-                3 * block.groups.size, -1
-            )
+            out[block.rows] = block.average_references(self._totals(turn, rates, block)).reshape(3 * block.groups.size, -1)
         return out
+
+    def _totals(self, turn: Array, rates: Array, block: Block) -> Array:
+        """Integrals of turned rates up to each reference of a block, (n, 3, 3) and (n, 3, k) of all steps → (m, 3, k)."""
+        ends, place = np.unique(block.ends, return_inverse=True)  # several sensors may have a reference at one time
+        own = block.steps
+        return np.asarray(_integrate(turn[own], self.dt[own], np.ascontiguousarray(rates[own], dtype=float), ends)[place])
 
     # ---- whitening and projection ----------------------------------------------------------------------------------------
 
@@ -328,10 +337,12 @@ class RecordingModel:
 
     def _whiten_blocks(self, columns: Array) -> Array:
         """L⁻¹ of the columns."""
-        out = np.empty_like(columns)
+        values = columns.reshape(self.size, -1)
+        out = np.empty(values.shape)
         for block in self.blocks:
-            out[block.rows] = scipy.linalg.solve_triangular(block.whitener, columns[block.rows], lower=True, check_finite=False)
-        return out
+            # The transpose of rows that follow one another in memory is in the order of Fortran, and nothing is copied.
+            out[block.rows] = dtrsm(1.0, block.whitener.T, values[block.rows].T, side=1).T
+        return out.reshape(columns.shape)
 
     @cached_property
     def calibration(self) -> Array:
@@ -504,9 +515,16 @@ def build_parameter_errors(raw: Array) -> Array:
     return out
 
 
-def _accumulate_increments(increments: Array, block: Block) -> Array:
-    """Sums of increments up to each reference of a block, (n, 3, k) of all steps → (m, 3, k)."""
-    ends, place = np.unique(block.ends, return_inverse=True)  # several sensors may have a reference at one time
-    parts = np.add.reduceat(increments[block.steps], ends[:-1], axis=0)
-    total = np.concatenate([np.zeros((1, *parts.shape[1:])), np.cumsum(parts, axis=0)])
-    return np.asarray(total[place])
+@compile_cached
+def _integrate(turn: Array, dt: Array, rates: Array, ends: Indices) -> Array:  # pragma: no cover - compiled
+    """(m, 3, k) integrals of rates (n, 3, k), turned by (n, 3, 3), from the first of the ends (m,) to each of them."""
+    out = np.zeros((ends.size, 3, rates.shape[2]))
+    for m in range(1, ends.size):
+        for n in range(ends[m - 1], ends[m]):
+            for i in range(3):
+                for j in range(3):
+                    share = turn[n, i, j] * dt[n]
+                    for k in range(rates.shape[2]):
+                        out[m, i, k] += share * rates[n, j, k]
+        out[m] += out[m - 1]
+    return out

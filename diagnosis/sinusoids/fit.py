@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.sinusoids.spectrum import convolve
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -84,8 +86,10 @@ def make_waves(frequency_hz: Array | float, t_s: Array, duration_s: Array | floa
     """Return (n, 2 f) sine and cosine of each frequency, or their means over as long."""
     frequencies = np.atleast_1d(frequency_hz)
     angle = 2 * np.pi * np.outer(t_s, frequencies)
-    mean = np.sinc(np.outer(np.broadcast_to(duration_s, t_s.shape), frequencies))
-    return np.stack([np.sin(angle) * mean, np.cos(angle) * mean], axis=2).reshape(t_s.size, -1)
+    waves = np.stack([np.sin(angle), np.cos(angle)], axis=2)
+    if np.any(duration_s):
+        waves *= np.sinc(np.outer(np.broadcast_to(duration_s, t_s.shape), frequencies))[:, :, None]
+    return waves.reshape(t_s.size, -1)
 
 
 def fit_sinusoid(pieces: Sequence[Piece], frequency_hz: float, reach_hz: float, steps: int = SETTINGS.steps) -> SinusoidFit:
@@ -128,13 +132,23 @@ def _compute_step(pieces: Sequence[Piece], frequency_hz: float) -> tuple[float, 
 
 def find_frequency(pieces: Sequence[Piece], centre_hz: float, width_hz: float, sample_s: float) -> float:
     """Return the frequency near a peak at which even samples with a phase in each piece explain most, Hz."""
-    import scipy.signal  # late: it takes half a second to import, and few recordings hold a sinusoid
-
     span_s = max(float(np.ptp(piece.t_s)) for piece in pieces)
     low, high = max(centre_hz - width_hz, 0.1 / span_s), centre_hz + width_hz
     trial = np.linspace(low, high, 2 + int((high - low) * span_s / SETTINGS.zoom_step))
     power = np.zeros(trial.size)
     for piece in pieces:
-        transform = scipy.signal.zoom_fft(piece.data, [low, high], trial.size, fs=1 / sample_s, endpoint=True)
+        transform = compute_zoom(piece.data, low * sample_s, (trial[1] - trial[0]) * sample_s, trial.size)
         power += np.abs(transform) ** 2 / max(float(piece.data @ piece.data), SETTINGS.no_noise)
     return float(trial[int(np.argmax(power))])
+
+
+def compute_zoom(x: Array, first: float, step: float, count: int) -> NDArray[np.complex128]:
+    """Compute the Fourier transform of a series (n,) at evenly spaced frequencies, in cycles per sample, but for its phase.
+
+    Bluestein's transform: 2 k n = k² + n² − (k − n)² makes a convolution of the sum over n (IEEE Transactions on Audio and
+    Electroacoustics 18, 1970).
+    """
+    n = np.arange(x.size)
+    turned = x * np.exp(-2j * np.pi * n * (first + 0.5 * step * n))
+    chirp = np.exp(1j * np.pi * step * np.arange(1 - x.size, count) ** 2)
+    return convolve(turned, chirp)[x.size - 1 : x.size - 1 + count]

@@ -73,7 +73,8 @@ def test_amplitudes_agree_with_least_squares_and_the_truth(prepared, linear):
 def test_residuals_in_body_axes_have_the_sigma_they_state(prepared):
     rng = np.random.default_rng(34)
     model = prepared.model
-    draws = [where.compute_body_residuals(model, model.project_out_nuisance(rng.standard_normal(model.size))) for _ in range(40)]
+    noise = (model.project_out_nuisance(rng.standard_normal(model.size)) for _ in range(40))
+    draws = [where.compute_body_residuals(model, one) for one in noise]
     sigma = draws[0][1]
     spread = np.sqrt(np.mean([residual**2 for residual, _ in draws], axis=0))
     kept = sigma > 1e-3 * sigma.max()

@@ -83,15 +83,15 @@ def test_a_process_is_refined_where_all_its_columns_explain_most():
     likely = Search(model).explanations()[:1]
     assert likely[0].members[0].option == 0
     assert likely[0].key == {0}
-    spots = find_whole_processes(model, likely)
+    spots = find_whole_processes(Search(model), likely)
     assert (0, 1) in {(member.candidate, member.option) for member in spots}
     # What explains far less in its place, whatever its columns, is left as it is.
     assert 1 not in {member.candidate for member in spots}
 
 
 def test_explanations_without_a_process_have_none_to_refine():
-    model = between_two_options()
-    assert find_whole_processes(model, Search(model).explanations()[:3]) == []
+    search = Search(between_two_options())
+    assert find_whole_processes(search, search.explanations()[:3]) == []
 
 
 def test_a_strong_process_is_not_taken_for_several():

@@ -269,7 +269,8 @@ def test_directions_that_are_left_out_do_not_change_the_evidence(model, name):
     rng = np.random.default_rng(3)
     for trial in EFFECTS[name].trials(model.surroundings):
         K = covariance(trial.parameters)
-        every, some = (model.project_out_nuisance(build_usual_columns(places[0], K, share)) for share in (0.0, DECOMPOSITION.share))
+        shares = (0.0, DECOMPOSITION.share)
+        every, some = (model.project_out_nuisance(build_usual_columns(places[0], K, share)) for share in shares)
         size = 1 / np.linalg.norm(every[:, 0])
         noise = model.project_out_nuisance(rng.standard_normal((model.size, 1)))
         Y = np.hstack([noise, noise + 10 * size * every @ rng.standard_normal((every.shape[1], 1))])
