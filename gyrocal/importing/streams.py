@@ -70,30 +70,37 @@ class Streams:
 
 
 def read_csv(path: Path) -> pd.DataFrame:
-    """Read a CSV table with one or two header rows, its separator found.
+    """Read a text table, whose layout is found; `attrs` has what is said of it.
 
     Raises
     ------
     InputError
         It cannot be read.
     """
-    from gyrocal.importing.columns import read_two_headers
+    from gyrocal.importing.table_layout import find_layout
     from gyrocal.recording import csv_file
 
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     try:
-        headers = read_two_headers(path)
-        if headers is not None:
-            return csv_file.read(path, skipinitialspace=True, sep=headers[0], skiprows=2, header=None, names=headers[1])
-        frame = csv_file.read(path, skipinitialspace=True)
-        if frame.shape[1] == 1:
-            frame = csv_file.read(path, skipinitialspace=True, sep=None, engine="python")
+        layout = find_layout(path)
+        frame = csv_file.read(
+            path,
+            sep=layout.separator,
+            encoding=layout.encoding,
+            decimal=layout.decimal,
+            skipinitialspace=True,
+            skiprows=layout.first_line,
+            header=None,
+            names=layout.names,
+        )
+    except InputError:
+        raise
     except Exception as fault:  # pandas raises a zoo of types for a damaged file
         raise InputError(f"{path}: cannot be read as CSV: {' '.join(str(fault).split())}") from None
     if frame.empty:
         raise InputError(f"{path}: no rows")
-    frame.columns = [str(name).strip().removeprefix("#").strip() for name in frame.columns]
+    frame.attrs["said"] = tuple(f"{path.name}: {text}" for text in layout.said)
     return frame
 
 
@@ -107,7 +114,8 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
     """
     clock_g, raw, channels, assumed = _read_gyro(gyro, mapping)
     named, clocks, said = _read_attitudes(attitude, mapping)
-    assumed += said
+    layouts = dict.fromkeys(text for table in (gyro, attitude) for text in table.attrs.get("said", ()))
+    assumed = [*layouts, *assumed, *said]
     clock_g, clocks = _convert_to_one_scale([clock_g, *clocks])
     scale = clock_g.scale
     start = min(int(one.whole.min()) for one in (clock_g, *clocks))
@@ -138,7 +146,9 @@ def _read_gyro(frame: pd.DataFrame, mapping: Mapping) -> tuple[units.Clock, Arra
     if mapping.gyro_by is not None:
         frame, names = _arrange_by_gyro(frame, mapping.gyro_by, tags, names)
     if len(words) != 1:
-        raise InputError(f"gyro: {mapping.gyro!r} must have one unit")
+        raise InputError(
+            f"gyro: {mapping.gyro!r} must be columns of the table and one unit; there are {', '.join(map(str, frame.columns))}"
+        )
     clock, values, assumed = _read_rows(frame, names, "gyro", "gyro", ("time", tags, unit), mapping.gyro_by is None)
     return clock, values, tuple(name.removeprefix("-") for name in names), assumed
 
@@ -206,7 +216,7 @@ def read_numbers(frame: pd.DataFrame, names: list[str], what: str) -> Array:
     chosen = _select_columns(frame, plain, what)
     for name in plain:
         if not pd.api.types.is_numeric_dtype(chosen[name]) or pd.api.types.is_bool_dtype(chosen[name]):
-            raise InputError(f"{what}: column {name} holds {chosen[name].dtype}, not numbers")
+            raise InputError(f"{what}: column {name} holds {units.describe_first_word(chosen[name])}, not numbers")
     return np.asarray(chosen.to_numpy(dtype=np.float64) * sign)
 
 

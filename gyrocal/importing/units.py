@@ -8,6 +8,7 @@ GPS time runs without leap seconds from 1980-01-06; UTC, and with it unix time, 
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
@@ -34,6 +35,7 @@ RATE_UNITS = {
 }
 COUNTS_UNIT = "counts"
 TIME_UNITS = {"s": 0, "ms": 3, "us": 6, "ns": 9, "unix": 0}  # decimal places of a second
+SCALED_UNIT = re.compile(r"([1-9][0-9]{0,8})(s|ms|us|ns)")  # such as the 100us of a counter of 10 kHz
 CALENDARS = ("iso", "gps")
 
 UNIX_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -122,24 +124,36 @@ def build_clock(columns: pd.DataFrame, unit: str) -> Clock:
         except (ValueError, TypeError) as fault:
             raise InputError(f"time: column {name} is not ISO 8601: {' '.join(str(fault).split())}") from None
         return _split_seconds(stamps.astype("int64").to_numpy(), 9, "UTC")
-    if unit not in TIME_UNITS and unit != "gps":
-        raise InputError(f"time: unit {unit} of {name} is not known; known are {', '.join((*TIME_UNITS, *CALENDARS))}")
+    factor = SCALED_UNIT.fullmatch(unit)
+    if unit not in TIME_UNITS and unit != "gps" and factor is None:
+        raise InputError(f"time: unit {unit} of {name} is not known; known are {', '.join((*TIME_UNITS, *CALENDARS))}, 100us")
     values = [_read_numeric(columns.iloc[:, k], name) for k in range(columns.shape[1])]
     if unit == "gps":
         if len(values) == 2:
             seconds = _split_seconds(values[1], 0, "GPS")
             return Clock(seconds.whole + values[0].astype(np.int64) * WEEK_S, seconds.part, "GPS")
         return _split_seconds(values[0], 0, "GPS")
+    if factor is not None:
+        values = [values[0] * (int(factor[1]) if np.issubdtype(values[0].dtype, np.integer) else float(factor[1]))]
+        unit = factor[2]
     made = _split_seconds(values[0], TIME_UNITS[unit], "")
     calendar = unit == "unix" or UNIX_RANGE_S[0] <= made.whole[0] <= UNIX_RANGE_S[1]
     return Clock(made.whole, made.part, "UTC" if calendar else "")
+
+
+def describe_first_word(column: pd.Series) -> str:
+    """The first entry of a column that is no number, with its row."""
+    import pandas as pd
+
+    words = column[pd.to_numeric(column, errors="coerce").isna() & column.notna()]
+    return f"{str(words.iloc[0])!r} in row {words.index[0]}" if len(words) else str(column.dtype)
 
 
 def _read_numeric(column: pd.Series, name: str) -> NDArray[np.generic]:
     import pandas as pd
 
     if not pd.api.types.is_numeric_dtype(column) or pd.api.types.is_bool_dtype(column):
-        raise InputError(f"time: column {name} holds {column.dtype}, not numbers; dates are iso")
+        raise InputError(f"time: column {name} holds {describe_first_word(column)}, not numbers; dates are iso")
     values: NDArray[np.generic] = column.to_numpy()
     if not np.isfinite(values.astype(float)).all():
         raise InputError(f"time: column {name}, row {int(np.argmax(~np.isfinite(values.astype(float))))}: not a finite number")
