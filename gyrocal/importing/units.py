@@ -134,7 +134,7 @@ def build_clock(columns: pd.DataFrame, unit: str) -> Clock:
             return Clock(seconds.whole + values[0].astype(np.int64) * WEEK_S, seconds.part, "GPS")
         return _split_seconds(values[0], 0, "GPS")
     if factor is not None:
-        values = [values[0] * (int(factor[1]) if np.issubdtype(values[0].dtype, np.integer) else float(factor[1]))]
+        values = [np.multiply(values[0], int(factor[1]))]
         unit = factor[2]
     made = _split_seconds(values[0], TIME_UNITS[unit], "")
     calendar = unit == "unix" or UNIX_RANGE_S[0] <= made.whole[0] <= UNIX_RANGE_S[1]
