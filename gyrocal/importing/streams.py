@@ -29,7 +29,7 @@ WRAPS = (2.0**16, 2.0**24, 2.0**32, 360.0, 2 * np.pi)
 GAP_SAMPLES = 1.5  # samples without a gyro reading
 MOST_FILLED_SAMPLES = 2  # lost in a row that are filled
 MOST_LOST_SHARE = 0.01  # of the rows; more that are lost or changed are said first
-MOST_SWAPPED_ROWS = 20  # by which the tags go back where rows are tagged late; farther back, rows are out of order
+MOST_SWAPPED_ROWS = 4  # by which the tags go back where rows are tagged late; farther back, rows are out of order
 MOST_LABELS = 16  # values of a column that says which gyro a row is of
 WRAP_TOLERANCE = 0.02  # of a wrap: how near a jump must come to it to be one
 
@@ -122,7 +122,7 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
     named, clocks, said = _read_attitudes(attitude, mapping)
     layouts = dict.fromkeys(text for table in (gyro, attitude) for text in table.attrs.get("said", ()))
     assumed = [*layouts, *assumed, *said]
-    clock_g, clocks = _convert_to_one_scale([clock_g, *clocks])
+    clock_g, clocks = _convert_to_one_scale([clock_g, *clocks], mapping.attitude_offset_s)
     scale = clock_g.scale
     start = min(int(one.whole.min()) for one in (clock_g, *clocks))
     origin = (start if mapping.epoch is None else _parse_epoch(mapping.epoch, scale)) if scale else 0
@@ -133,7 +133,7 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
         assumed.append("the time tags carry no date: the epoch is " + ("the given one" if mapping.epoch else epoch))
     offset = mapping.attitude_offset_s
     if offset:
-        assumed.append(f"{offset:g} s added to the time tags of the attitudes")
+        assumed.append(f"{offset:.12g} s added to the time tags of the attitudes")
     sensors = []
     for (name, q), one in zip(named, clocks, strict=True):
         *ordered, said = _sort_rows(one.subtract(origin) + offset, q, f"attitude {name}".strip())
@@ -214,7 +214,8 @@ def _even_times(
     if t_s.size < 2:
         return t_s, raw, [], said
     back = np.diff(t_s) < 0
-    if back.any() and number is None and -np.diff(t_s).min() > MOST_SWAPPED_ROWS * np.ptp(t_s) / t_s.size:
+    is_far = -np.diff(t_s).min() > MOST_SWAPPED_ROWS * np.ptp(t_s) / t_s.size or back.mean() > 0.5
+    if back.any() and number is None and is_far:
         order = np.argsort(t_s, kind="stable")
         said.append(
             f"the time goes back {int(back.sum())} time(s) in the gyro rows, first to {t_s[1:][back][0]:.9g} s: put in order"
@@ -366,13 +367,22 @@ def _require_one_unit(words: list[str], what: str) -> str:
     return words[0]
 
 
-def _convert_to_one_scale(clocks: list[units.Clock]) -> tuple[units.Clock, list[units.Clock]]:
-    """All clocks in one scale: as they are if they share it, otherwise UTC."""
+def _convert_to_one_scale(clocks: list[units.Clock], offset_s: float) -> tuple[units.Clock, list[units.Clock]]:
+    """All clocks in one scale: as they are if they share it, otherwise UTC, or seconds where an offset joins the two."""
+    gyro, *others = clocks
     if len({one.scale for one in clocks}) > 1:
-        for what, one in zip(("time", *["attitude_time"] * (len(clocks) - 1)), clocks, strict=True):
+        for what, one in zip(("time", *["attitude_time"] * len(others)), clocks, strict=True):
             units.expect_date(one, what)
-        clocks = [units.convert_to_utc(one) for one in clocks]
-    return clocks[0], clocks[1:]
+        if any(one.scale == "" for one in clocks):
+            if len({one.scale == "" for one in others}) > 1 or not offset_s:
+                apart = gyro.whole[0] - others[0].whole[0] + gyro.part[0] - others[0].part[0]
+                raise InputError(
+                    "time: one table has dates and the other seconds from an unknown start; give both the same kind, or the "
+                    f"shift of the attitudes' tags: if both tables begin at one time, --attitude-offset {apart:.6f}"
+                )
+            return units.Clock(gyro.whole, gyro.part, ""), [units.Clock(one.whole, one.part, "") for one in others]
+        gyro, *others = [units.convert_to_utc(one) for one in clocks]
+    return gyro, others
 
 
 def _parse_epoch(epoch: str, scale: str) -> int:

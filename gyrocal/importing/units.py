@@ -40,6 +40,8 @@ CALENDARS = ("iso", "gps")
 
 UNIX_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC)
+DAY_S = 86400
+TIME_OF_DAY = r"\s*\d{1,2}:\d{2}:\d{2}([.,]\d*)?\s*"
 WEEK_S = 604800
 UNIX_RANGE_S = (631152000, 4102444800)  # 1990 to 2100: numbers in between are taken for unix time
 # Months from whose first day UTC is one more second behind GPS time; announced by the IERS in its Bulletin C.
@@ -119,10 +121,12 @@ def build_clock(columns: pd.DataFrame, unit: str) -> Clock:
 
     name = ", ".join(map(str, columns.columns))
     if unit == "iso":
+        if columns.iloc[:, 0].astype(str).str.fullmatch(TIME_OF_DAY).all():
+            return _parse_times_of_day(columns.iloc[:, 0].astype(str))
         try:
             stamps = pd.to_datetime(columns.iloc[:, 0], utc=True, format="ISO8601").astype("datetime64[ns, UTC]")
         except (ValueError, TypeError) as fault:
-            raise InputError(f"time: column {name} is not ISO 8601: {' '.join(str(fault).split())}") from None
+            raise InputError(f"time: column {name} is not ISO 8601: {_describe_fault(fault)}") from None
         return _split_seconds(stamps.astype("int64").to_numpy(), 9, "UTC")
     factor = SCALED_UNIT.fullmatch(unit)
     if unit not in TIME_UNITS and unit != "gps" and factor is None:
@@ -139,6 +143,21 @@ def build_clock(columns: pd.DataFrame, unit: str) -> Clock:
     made = _split_seconds(values[0], TIME_UNITS[unit], "")
     calendar = unit == "unix" or UNIX_RANGE_S[0] <= made.whole[0] <= UNIX_RANGE_S[1]
     return Clock(made.whole, made.part, "UTC" if calendar else "")
+
+
+def _describe_fault(fault: Exception) -> str:
+    """What pandas says of a date, without its advice on arguments that an import does not have."""
+    return " ".join(str(fault).split()).split(". You might")[0]
+
+
+def _parse_times_of_day(column: pd.Series) -> Clock:
+    """Times of day without a date; a step back by more than half a day is midnight."""
+    parts = column.str.split(":", expand=True)
+    minutes = (parts[0].astype(int) * 60 + parts[1].astype(int)).to_numpy()
+    seconds = parts[2].str.replace(",", ".").astype(float).to_numpy()
+    whole = minutes * 60 + np.floor(seconds).astype(np.int64)
+    days = np.concatenate([[0], np.cumsum(np.round(np.diff(whole) / DAY_S) * -1)]).astype(np.int64)
+    return Clock(whole + DAY_S * days, seconds - np.floor(seconds), "")
 
 
 def describe_first_word(column: pd.Series) -> str:

@@ -122,6 +122,15 @@ def test_one_table_dated_and_the_other_not():
         made(gyro().assign(t=gyro()["t"] + 1_700_000_000), a)
 
 
+def test_offset_joins_a_dated_table_and_one_that_counts_from_boot():
+    a = attitudes()
+    a["t"] += 1_712_655_000.25
+    with pytest.raises(InputError, match=r"--attitude-offset -1712655000\.25") as caught:
+        made(gyro(), a)
+    found = made(gyro(), a, attitude_offset_s=float(str(caught.value).rpartition(" ")[2]))
+    np.testing.assert_allclose(found.sensors[0].t_s, attitudes()["t"], atol=1e-6)
+
+
 def test_csv_with_other_separators_and_comments_in_the_header(tmp_path):
     (tmp_path / "a.csv").write_text("#timestamp; x; y\n1; 2; 3\n4; 5; 6\n")
     table = read_csv(tmp_path / "a.csv")

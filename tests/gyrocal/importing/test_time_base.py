@@ -4,10 +4,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import gyrocal
 from gyrocal import InputError
 from gyrocal.importing import validate_mapping
+from gyrocal.importing.build import build
 from gyrocal.importing.streams import read_streams
 from gyrocal.importing.time_base import fit_even_times, is_uneven
+from studies.validation import mems_log
+from studies.validation.imports import CORRECT_MAPPING
 
 ROWS = 6000
 SAMPLE = 0.01
@@ -134,3 +138,15 @@ def test_several_gyros_in_one_table_are_refused_and_the_remedy_works():
     np.testing.assert_array_equal(read(gyro, rows="imu:left").t_s, TRUE)
     with pytest.raises(InputError, match="rows: column imu has no 4; it has left, right, top"):
         read(gyro, rows="imu:4")
+
+
+def test_stated_interval_with_a_gap_is_imported_and_the_message_names_the_command_that_can_hold_a_rate():
+    data = mems_log.log(np.random.default_rng(8), seconds=60.0)
+    tags = data.gyro["timestamp_ms"]
+    gyro = data.gyro[(tags < tags.iloc[0] + 20_000) | (tags > tags.iloc[0] + 20_100)]
+    mapping = validate_mapping(CORRECT_MAPPING | {"interval": [{"name": "a", "start_s": 1.0, "stop_s": 50.0}]}, "mapping")
+    imported = build(read_streams(gyro, data.attitude, mapping), mapping)
+    (text,) = [text for text in imported.assumed if "in the stated intervals" in text]
+    with pytest.raises(InputError, match="split the interval there"):
+        gyrocal.calibrate(imported.recording)
+    gyrocal.calibrate(imported.recording, max_gap_s=float(text.rpartition("--max-gap ")[2]))
