@@ -154,10 +154,10 @@ def _parse_times_of_day(column: pd.Series) -> Clock:
     """Times of day without a date; a step back by more than half a day is midnight."""
     parts = column.str.split(":", expand=True)
     minutes = (parts[0].astype(int) * 60 + parts[1].astype(int)).to_numpy()
-    seconds = parts[2].str.replace(",", ".").astype(float).to_numpy()
+    seconds = parts[2].str.replace(",", ".").astype(float).to_numpy(dtype=np.float64)
     whole = minutes * 60 + np.floor(seconds).astype(np.int64)
     days = np.concatenate([[0], np.cumsum(np.round(np.diff(whole) / DAY_S) * -1)]).astype(np.int64)
-    return Clock(whole + DAY_S * days, seconds - np.floor(seconds), "")
+    return Clock(whole + DAY_S * days, np.asarray(seconds - np.floor(seconds)), "")
 
 
 def describe_first_word(column: pd.Series) -> str:
