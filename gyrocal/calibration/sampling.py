@@ -169,8 +169,8 @@ def find_covering_samples(gyro: GyroStream, interval: Interval, times: Array, ma
         k = gaps[0]
         raise InputError(
             f"interval {interval.name}: no gyro samples between {tags[k] + gyro.sample_s} s and {tags[k + 1]} s "
-            f"({gaps.size} such gap(s), the longest {np.diff(tags).max() - gyro.sample_s:g} s); split the interval there, "
-            "or allow holding the last rate so long (max_gap_s, --max-gap)"
+            f"({gaps.size} such gap(s), the longest {np.diff(tags).max() - gyro.sample_s:g} s); split the interval there; "
+            "a calibration alone can hold the last rate so long (max_gap_s; gyrocal calibrate --max-gap)"
         )
     return low, tags
 

@@ -209,7 +209,8 @@ def _check_overlap(streams: Streams, joined: JoinedAttitudes) -> None:
             hint = f"; both would last as long with the gyro's time unit {times:g} times finer, see time"
     raise InputError(
         f"the gyro runs from {streams.t_s[0]:.9g} to {stop:.9g} s and the attitudes from {joined.t_s[0]:.9g} to "
-        f"{joined.t_s[-1]:.9g} s: {int(inside.sum())} attitudes are within{hint or '; is one of the time tags offset?'}"
+        f"{joined.t_s[-1]:.9g} s: {int(inside.sum())} attitudes are within"
+        f"{hint or '; is one of the time tags offset? A unit may be a multiple, as 100us'}"
     )
 
 

@@ -61,6 +61,9 @@ class Mapping(BaseModel):
     quat, euler, matrix : the attitudes, one of the three
     lsb : size of a count with its unit
     wrap : where an accumulated angle wraps, in the column's own unit
+    rows : "COLUMN:VALUE", the rows of the gyro's table that are read, where it holds several gyros
+    sample_number : column of the gyro's table that counts the samples
+    rate_hz : samples a second; with it or the sample number the gyro's time tags are put on an even time base
     gyro_by, attitude_by : column that says which gyro or which attitude sensor a row is of
     axes : direction of each gyro in the body, a row a gyro; or "tetrahedron"
     G : 3×n in place of axes: ω = G ω_raw + b
@@ -88,6 +91,9 @@ class Mapping(BaseModel):
     matrix: str | None = None
     lsb: str | None = None
     wrap: float | None = Field(default=None, gt=0)
+    rows: str | None = None
+    sample_number: str | None = None
+    rate_hz: float | None = Field(default=None, gt=0)
     gyro_by: str | None = None
     attitude_by: str | None = None
     axes: list[Vector] | Literal["tetrahedron"] | None = None

@@ -1,20 +1,12 @@
-"""Columns of a table by name or by number, and tables with two header rows.
+"""Columns of a table by name or by number.
 
-A mapping names columns. A name may be a column's number from 1, as "#9", or as "9" where no column has that name. Some loggers
-write two header rows, groups above elements:
-
-    Time (s);Orientation;;;;Gyroscope;;
-    ;W;X;Y;Z;X;Y;Z
-
-The name of a column then is that of its group, which holds until the next one, with that of the element: "Gyroscope X".
+A mapping names columns. A name may be a column's number from 1, as "#9", or as "9" where no column has that name. Elements of
+one group, such as "Gyroscope X" of two header rows, may be named without it where no other group has all of them.
 """
 
 from __future__ import annotations
 
-import csv
 import re
-from itertools import islice
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gyrocal.errors import InputError
@@ -24,53 +16,9 @@ from gyrocal.importing.units import ANGLE_UNITS, CALENDARS, COUNTS_UNIT, RATE_UN
 if TYPE_CHECKING:
     import pandas as pd
 
-SEPARATORS = (",", ";", "\t")
 COLUMN_NUMBER = re.compile(r"#?([1-9][0-9]{0,5})")
 SEQUENCE = re.compile("[xyz]{3}|[XYZ]{3}")
 MAPPING_WORDS = {*ATTITUDE_DIRECTIONS, *QUATERNION_ORDERS, *ANGLE_UNITS, *RATE_UNITS, *TIME_UNITS, *CALENDARS, COUNTS_UNIT}
-
-
-def read_two_headers(path: Path) -> tuple[str, list[str]] | None:
-    """Separator and joined names of a table with two header rows; None for a table with one."""
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        lines = list(islice(file, 3))
-    if len(lines) < 3:
-        return None
-    for separator in SEPARATORS:
-        groups, elements, values = ([cell.strip() for cell in row] for row in csv.reader(lines, delimiter=separator))
-        # A separator at the end of the headers alone names a column without values.
-        values += [""] * (len(groups) - len(values))
-        if len(groups) > 1 and len(groups) == len(elements) == len(values) and _has_two_headers(groups, elements, values):
-            return separator, join_headers(groups, elements)
-    return None
-
-
-def _has_two_headers(groups: list[str], elements: list[str], values: list[str]) -> bool:
-    """Whether the first two rows are names and the third holds numbers below them."""
-    named = [k for k, cell in enumerate(elements) if cell]
-    if len(named) < 2 or any(_is_number(cell) for cell in (*groups, *elements) if cell):
-        return False
-    return any(_is_number(values[k]) for k in named)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def join_headers(groups: list[str], elements: list[str]) -> list[str]:
-    """Join two header rows; a column without a name is named by its number, a second one of the same name gets a suffix."""
-    names: list[str] = []
-    group = ""
-    for k, (own, element) in enumerate(zip(groups, elements, strict=True), 1):
-        group = own or group
-        name = f"{group} {element}".strip() if element else own or f"column {k}"
-        count = sum(name == other or other.startswith(f"{name}.") for other in names)
-        names.append(f"{name}.{count}" if count else name)
-    return names
 
 
 def resolve_columns(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -> tuple[pd.DataFrame, pd.DataFrame, Mapping]:
@@ -111,7 +59,8 @@ def _resolve_text(text: str, columns: list[str], what: str, renamed: dict[str, s
     ways = []
     for first in range(1, len(pieces)):
         names = [name.strip() for name in ":".join(pieces[:first]).split(",")]
-        found = [_find_column(name, columns, what) for name in names if name]
+        names = _add_group([name for name in names if name], columns, what)
+        found = [_find_column(name, columns, what) for name in names]
         if found and all(found):
             ways.append((found, [word.strip() for word in pieces[first:]]))
     if not ways:
@@ -128,6 +77,22 @@ def _resolve_text(text: str, columns: list[str], what: str, renamed: dict[str, s
     return ":".join([",".join(names), *words])
 
 
+def _add_group(names: list[str], columns: list[str], what: str) -> list[str]:
+    """Names with the one group of two header rows that has columns of all of them; as they are where none is needed."""
+    plain = [name.removeprefix("-").strip() for name in names]
+    if all(name in columns or COLUMN_NUMBER.fullmatch(name) for name in plain):
+        return names
+    groups = [{column.removesuffix(f" {name}") for column in columns if column.endswith(f" {name}")} for name in plain]
+    shared = sorted(set.intersection(*groups)) if groups else []
+    if len(shared) > 1:
+        raise InputError(
+            f"{what}: {', '.join(plain)} are columns of {' and of '.join(shared)}; write {shared[0]} {plain[0]} or the like"
+        )
+    if not shared:
+        return names
+    return [("-" if name.startswith("-") else "") + f"{shared[0]} {short}" for name, short in zip(names, plain, strict=True)]
+
+
 def _find_column(name: str, columns: list[str], what: str) -> tuple[str, str] | None:
     """Sign, "" or "-", and name of the column that a mapping means; None where the table has none."""
     if name in columns:
@@ -135,6 +100,11 @@ def _find_column(name: str, columns: list[str], what: str) -> tuple[str, str] | 
     sign, plain = ("-", name[1:].strip()) if name.startswith("-") else ("", name)
     if plain in columns:
         return sign, plain
+    uncommented = plain.removeprefix("#").strip()  # a header may begin with the sign of a comment
+    if uncommented in columns and not uncommented.isdigit():
+        return sign, uncommented
+    if plain in ("0", "#0"):
+        raise InputError(f"{what}: no column {plain}; columns are counted from 1, as in #1")
     number = COLUMN_NUMBER.fullmatch(plain)
     if number is None:
         return None

@@ -13,8 +13,9 @@ from gyrocal.importing import noise
 from gyrocal.importing.column_mapping import Mapping
 from gyrocal.importing.motion import Motion
 from gyrocal.importing.sensors import JoinedAttitudes
-from gyrocal.importing.streams import Sensor, Streams
+from gyrocal.importing.streams import GAP_SAMPLES, Sensor, Streams
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
+from gyrocal.recording.gyros import TAG_ROUNDING
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -77,7 +78,7 @@ def estimate_reference_sigma(gyro: GyroStream, joined: JoinedAttitudes, chosen: 
     """(3,) 1-sigma of the references about the body's axes, rad."""
     if joined.covariance is not None:
         return np.asarray(np.sqrt(np.diag(joined.covariance)))
-    pairs = _list_pairs(chosen)
+    pairs = _list_pairs(gyro, joined.t_s, chosen)
     if len(pairs) < FEWEST_PAIRS:
         raise InputError(f"{len(pairs)} turns between references are too few to take their sigma from; give sigma_deg")
     sigma = _estimate_sigma_of_turns(gyro, joined.t_s, joined.q, pairs, np.eye(3))
@@ -102,7 +103,7 @@ def estimate_sensor_sigma(
     scatter : (3,) of its second differences, rad
     chosen : its rows in each interval
     """
-    pairs = _list_pairs(chosen)
+    pairs = _list_pairs(gyro, sensor.t_s, chosen)
     sigma, how = scatter, "second differences"
     if len(pairs) >= FEWEST_PAIRS:
         q = attitude.quaternion_from_matrix(M.T @ attitude.matrix_from_quaternion(sensor.q))
@@ -115,8 +116,12 @@ def estimate_sensor_sigma(
     return sigma
 
 
-def _list_pairs(chosen: list[Indices]) -> list[tuple[int, int]]:
-    pairs = [pair for rows in chosen for pair in pairwise(rows.tolist())]
+def _list_pairs(gyro: GyroStream, t_ref: Array, chosen: list[Indices]) -> list[tuple[int, int]]:
+    """Neighbouring references of the intervals without a gap of the gyro between them."""
+    longest = GAP_SAMPLES * gyro.sample_s
+    at = np.clip(np.searchsorted(gyro.t_s, t_ref + TAG_ROUNDING * gyro.sample_s, side="right") - 1, 0, None)
+    stretch = np.concatenate([[0.0], np.cumsum(np.diff(gyro.t_s) > longest)])[at] + 0.5 * (t_ref - gyro.t_s[at] > longest)
+    pairs = [(a, b) for rows in chosen for a, b in pairwise(rows.tolist()) if stretch[a] == stretch[b]]
     return pairs[:: max(-(-len(pairs) // MOST_REFERENCE_PAIRS), 1)]
 
 
@@ -129,7 +134,7 @@ def _estimate_sigma_of_turns(gyro: GyroStream, t_s: Array, q: Array, pairs: list
 
 def compute_largest_miss(gyro: GyroStream, joined: JoinedAttitudes, chosen: list[Indices]) -> float:
     """Largest angle by which the gyro, from one attitude used, misses the next, rad; infinite of fewer than three."""
-    pairs = _list_pairs(chosen)
+    pairs = _list_pairs(gyro, joined.t_s, chosen)
     if len(pairs) < FEWEST_ARRIVALS:
         return np.inf
     theta, *_ = noise.compute_misses(_build_pieces(gyro, joined.t_s, joined.q, pairs))

@@ -27,7 +27,19 @@ ATTITUDE_GAP_FACTOR = 5.0  # times the usual spacing without an attitude
 def choose_intervals(gyro: GyroStream, joined: JoinedAttitudes, mapping: Mapping, said: list[str]) -> list[Indices]:
     """Rows of the attitudes of each interval."""
     t_ref, sample_s = joined.t_s, gyro.sample_s
+    stop = np.append(gyro.t_s[1:], gyro.t_s[-1] + sample_s)
+    gap = np.flatnonzero(stop - gyro.t_s > GAP_SAMPLES * sample_s)
     if mapping.interval is not None:
+        inside = [
+            k for k in gap if any(one.start_s < stop[k] and gyro.t_s[k] + sample_s < one.stop_s for one in mapping.interval)
+        ]
+        if inside:
+            longest = float((stop - gyro.t_s)[inside].max()) - sample_s
+            said.append(
+                f"{len(inside)} gap(s) of the gyro are in the stated intervals, the first from "
+                f"{gyro.t_s[inside[0]] + sample_s:.9g} to {stop[inside[0]]:.9g} s: split the intervals there, or hold the last "
+                f"rate in the calibration alone: gyrocal calibrate --max-gap {1.01 * longest:.4g}"
+            )
         chosen = select_rows(t_ref, mapping.interval, mapping.spacing_s or 0.0)
         for one, rows in zip(mapping.interval, chosen, strict=True):
             if len(rows) < 2:
@@ -35,8 +47,6 @@ def choose_intervals(gyro: GyroStream, joined: JoinedAttitudes, mapping: Mapping
                     f"interval {one.name}: {len(rows)} attitude(s) from {one.start_s:.9g} to {one.stop_s:.9g} s since the epoch"
                 )
         return chosen
-    stop = np.append(gyro.t_s[1:], gyro.t_s[-1] + sample_s)
-    gap = np.flatnonzero(stop - gyro.t_s > GAP_SAMPLES * sample_s)
     # Stretches of the gyro without a gap: from the start of a sample to the end of the last before a gap.
     starts = np.concatenate([[gyro.t_s[0]], stop[gap]])
     stops = np.concatenate([gyro.t_s[gap] + sample_s, [stop[-1]]])

@@ -6,6 +6,7 @@ accumulated angle are means over the time between two tags exactly, whatever lie
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing import units
 from gyrocal.importing.column_mapping import Mapping, convert_attitude, parse_spec
+from gyrocal.importing.time_base import fit_even_times, is_uneven
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,6 +27,10 @@ Array = NDArray[np.float64]
 UNDATED = "2000-01-01T00:00:00"  # epoch of files without a date
 WRAPS = (2.0**16, 2.0**24, 2.0**32, 360.0, 2 * np.pi)
 GAP_SAMPLES = 1.5  # samples without a gyro reading
+MOST_FILLED_SAMPLES = 2  # lost in a row that are filled
+MOST_LOST_SHARE = 0.01  # of the rows; more that are lost or changed are said first
+MOST_SWAPPED_ROWS = 4  # by which the tags go back where rows are tagged late; farther back, rows are out of order
+MOST_LABELS = 16  # values of a column that says which gyro a row is of
 WRAP_TOLERANCE = 0.02  # of a wrap: how near a jump must come to it to be one
 
 
@@ -70,30 +76,37 @@ class Streams:
 
 
 def read_csv(path: Path) -> pd.DataFrame:
-    """Read a CSV table with one or two header rows, its separator found.
+    """Read a text table, whose layout is found; `attrs` has what is said of it.
 
     Raises
     ------
     InputError
         It cannot be read.
     """
-    from gyrocal.importing.columns import read_two_headers
+    from gyrocal.importing.table_layout import find_layout
     from gyrocal.recording import csv_file
 
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     try:
-        headers = read_two_headers(path)
-        if headers is not None:
-            return csv_file.read(path, skipinitialspace=True, sep=headers[0], skiprows=2, header=None, names=headers[1])
-        frame = csv_file.read(path, skipinitialspace=True)
-        if frame.shape[1] == 1:
-            frame = csv_file.read(path, skipinitialspace=True, sep=None, engine="python")
+        layout = find_layout(path)
+        frame = csv_file.read(
+            path,
+            sep=layout.separator,
+            encoding=layout.encoding,
+            decimal=layout.decimal,
+            skipinitialspace=True,
+            skiprows=layout.first_line,
+            header=None,
+            names=layout.names,
+        )
+    except InputError:
+        raise
     except Exception as fault:  # pandas raises a zoo of types for a damaged file
         raise InputError(f"{path}: cannot be read as CSV: {' '.join(str(fault).split())}") from None
     if frame.empty:
         raise InputError(f"{path}: no rows")
-    frame.columns = [str(name).strip().removeprefix("#").strip() for name in frame.columns]
+    frame.attrs["said"] = tuple(f"{path.name}: {text}" for text in layout.said)
     return frame
 
 
@@ -105,10 +118,11 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
     InputError
         A column is missing or does not hold what the mapping says.
     """
-    clock_g, raw, channels, assumed = _read_gyro(gyro, mapping)
+    clock_g, raw, channels, number, assumed = _read_gyro(gyro, mapping)
     named, clocks, said = _read_attitudes(attitude, mapping)
-    assumed += said
-    clock_g, clocks = _convert_to_one_scale([clock_g, *clocks])
+    layouts = dict.fromkeys(text for table in (gyro, attitude) for text in table.attrs.get("said", ()))
+    assumed = [*layouts, *assumed, *said]
+    clock_g, clocks = _convert_to_one_scale([clock_g, *clocks], mapping.attitude_offset_s)
     scale = clock_g.scale
     start = min(int(one.whole.min()) for one in (clock_g, *clocks))
     origin = (start if mapping.epoch is None else _parse_epoch(mapping.epoch, scale)) if scale else 0
@@ -119,28 +133,158 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
         assumed.append("the time tags carry no date: the epoch is " + ("the given one" if mapping.epoch else epoch))
     offset = mapping.attitude_offset_s
     if offset:
-        assumed.append(f"{offset:g} s added to the time tags of the attitudes")
+        assumed.append(f"{offset:.12g} s added to the time tags of the attitudes")
     sensors = []
     for (name, q), one in zip(named, clocks, strict=True):
         *ordered, said = _sort_rows(one.subtract(origin) + offset, q, f"attitude {name}".strip())
         sensors.append(Sensor(name, *ordered))
         assumed += said
-    t_s, raw, said = _sort_rows(clock_g.subtract(origin), raw, "gyro")
+    t_s, raw, changes, said = _even_times(clock_g.subtract(origin), raw, number, mapping, gyro)
+    assumed += said
+    t_s, raw, said = _sort_rows(t_s, raw, "gyro")
     assumed += said
     t_s, raw, sample_s, said = _build_samples(t_s, raw, mapping)
     time_scale = scale or "seconds of the file"
-    return Streams(t_s, raw, sample_s, channels, tuple(sensors), epoch, time_scale, (*assumed, *said))
+    assumed = _put_large_losses_first([*changes, *assumed, *said], len(clock_g.whole), sum(len(c.whole) for c in clocks))
+    return Streams(t_s, raw, sample_s, channels, tuple(sensors), epoch, time_scale, tuple(assumed))
 
 
-def _read_gyro(frame: pd.DataFrame, mapping: Mapping) -> tuple[units.Clock, Array, tuple[str, ...], list[str]]:
+def _read_gyro(frame: pd.DataFrame, mapping: Mapping) -> tuple[units.Clock, Array, tuple[str, ...], Array | None, list[str]]:
+    """Time tags, numbers, names and sample numbers of the gyro's rows, and what is said of them."""
     names, words = parse_spec(mapping.gyro, "gyro")
     tags, unit = parse_spec(mapping.time, "time")
+    said = []
+    if mapping.rows is not None:
+        frame = _select_rows(frame, mapping.rows)
+        said.append(f"{len(frame)} rows of the gyro's table, those of {mapping.rows}, are read")
     if mapping.gyro_by is not None:
+        if mapping.sample_number is not None:
+            raise InputError("sample_number: does not go with gyro_by, whose rows are put together by their time")
         frame, names = _arrange_by_gyro(frame, mapping.gyro_by, tags, names)
     if len(words) != 1:
-        raise InputError(f"gyro: {mapping.gyro!r} must have one unit")
-    clock, values, assumed = _read_rows(frame, names, "gyro", "gyro", ("time", tags, unit), mapping.gyro_by is None)
-    return clock, values, tuple(name.removeprefix("-") for name in names), assumed
+        raise InputError(
+            f"gyro: {mapping.gyro!r} must be columns of the table and one unit; there are {', '.join(map(str, frame.columns))}"
+        )
+    channels = tuple(name.removeprefix("-") for name in names)
+    counter = [mapping.sample_number] if mapping.sample_number is not None else []
+    if counter:
+        _select_columns(frame, counter, "sample_number")
+    clock, values, left_out = _read_rows(
+        frame, [*names, *counter], "gyro", "gyro", ("time", tags, unit), mapping.gyro_by is None
+    )
+    number = _unwrap_sample_number(values[:, -1]) if counter else None
+    return clock, values[:, : len(names)], channels, number, said + left_out
+
+
+def _select_rows(frame: pd.DataFrame, text: str) -> pd.DataFrame:
+    """Rows of a table in which a column has a value, as "COLUMN:VALUE" says."""
+    name, _, value = text.rpartition(":")
+    _select_columns(frame, [name], "rows")
+    chosen = frame[frame[name].astype(str) == value]
+    if chosen.empty:
+        known = ", ".join(map(str, frame[name].unique()[:MOST_LABELS]))
+        raise InputError(f"rows: column {name} has no {value}; it has {known}")
+    return chosen
+
+
+def _unwrap_sample_number(values: Array) -> Array:
+    """Sample numbers without the steps back where a counter of 8, 16 or 32 bits wraps."""
+    step = np.diff(values)
+    back = step[step < 0]
+    if back.size:
+        wrap = min(2.0**bits for bits in (8, 16, 32, 64) if 2.0**bits > values.max())
+        step = np.where(step < -0.5 * wrap, step + wrap, step)
+    if (step <= 0).any():
+        row = int(np.argmax(step <= 0)) + 1
+        raise InputError(f"sample_number: does not grow at row {row}: {values[row - 1]:g}, then {values[row]:g}")
+    return np.concatenate([[0.0], np.cumsum(step)])
+
+
+def _even_times(
+    t_s: Array, raw: Array, number: Array | None, mapping: Mapping, frame: pd.DataFrame
+) -> tuple[Array, Array, list[str], list[str]]:
+    """Time tags on an even time base where more than a percent of them are uneven, or the mapping states number or rate.
+
+    Returns
+    -------
+    Tags and rates of the rows, what is changed, and what else is said.
+    """
+    said: list[str] = []
+    asked = number is not None or mapping.rate_hz is not None
+    if t_s.size < 2:
+        return t_s, raw, [], said
+    back = np.diff(t_s) < 0
+    is_far = -np.diff(t_s).min() > MOST_SWAPPED_ROWS * np.ptp(t_s) / t_s.size or back.mean() > 0.5
+    if back.any() and number is None and is_far:
+        order = np.argsort(t_s, kind="stable")
+        said.append(
+            f"the time goes back {int(back.sum())} time(s) in the gyro rows, first to {t_s[1:][back][0]:.9g} s: put in order"
+        )
+        t_s, raw = t_s[order], raw[order]
+    tie = np.concatenate([[False], np.diff(t_s) == 0])
+    same = tie & np.concatenate([[False], (np.diff(raw, axis=0) == 0).all(axis=1)])
+    if number is None and tie.any() and (same == tie).all():
+        return t_s, raw, [], said  # rows written twice, which are left out
+    _, words = parse_spec(mapping.gyro, "gyro")
+    _, accumulated = units.compute_gyro_factor(words[0], mapping.lsb)
+    # Differences of an accumulated angle are divided by those of its tags, and only those with one tag have no such rate.
+    uneven = tie.mean() > MOST_LOST_SHARE if accumulated else is_uneven(t_s)
+    if not asked and not uneven:
+        return t_s, raw, [], said
+    if not asked:
+        _refuse_several_gyros(frame, mapping)
+    found = fit_even_times(t_s, number, None if mapping.rate_hz is None else 1 / mapping.rate_hz)
+    if found is None:
+        close = np.diff(t_s) < 0.5 * np.median(np.diff(t_s)[np.diff(t_s) > 0])
+        if not asked and close.mean() <= MOST_LOST_SHARE:
+            return t_s, raw, [], said
+        raise InputError(
+            f"time: {int(close.sum())} of {t_s.size} gyro rows have the tag of the row before or one within half a sample "
+            "of it, and the tags do not follow the number of the row; "
+            + ("are sample number and rate those of these rows?" if asked else "give the samples a second, e.g. --rate 100")
+            + ("" if asked or len(frame.columns) < 5 else ", or a column that counts the samples, --sample-number COLUMN")
+        )
+    moved = t_s - found.t_s
+    text = (
+        f"the gyro's time tags are put on an even time base of {1e3 * found.sample_s:.6g} ms by a straight line through the "
+        f"tags against the {'row' if number is None else 'sample'} number, as they come in {found.errors}; they are moved by "
+        f"{np.sqrt(np.mean(moved**2)):.3g} s (RMS), {np.abs(moved).max():.3g} s at most"
+    )
+    text = text.replace("come in jitter", "have jitter").replace("come in late arrival", "have late arrival")
+    if found.drift_s:
+        text += f"; the clock drifts from a straight line by {found.drift_s:.3g} s, which is kept"
+    return found.t_s, raw, [text], said
+
+
+def _refuse_several_gyros(frame: pd.DataFrame, mapping: Mapping) -> None:
+    """Refuse rows of several gyros in one table: a column of few values, each with even time tags of its own."""
+    if mapping.rows is not None or mapping.gyro_by is not None:
+        return
+    tags, unit = parse_spec(mapping.time, "time")
+    used = {*tags, *(name.removeprefix("-") for name in parse_spec(mapping.gyro, "gyro")[0])}
+    for name in frame.columns:
+        if name in used or not 2 <= frame[name].nunique() <= MOST_LABELS:
+            continue
+        parts = [units.build_clock(part[tags], unit[0]) for _, part in frame.groupby(name)]
+        times = [one.subtract(int(one.whole[0])) for one in parts]
+        if all(t.size > 2 and (np.diff(t) > 0).all() and not is_uneven(t) for t in times):
+            values = [str(value) for value in frame[name].unique()]
+            raise InputError(
+                f"time: each value of column {name} ({', '.join(values)}) has time tags of its own: choose the rows of one "
+                f"gyro, e.g. --rows {name}:{values[0]}; if it numbers the samples of a batch of one gyro, give --rate HZ"
+            )
+
+
+def _put_large_losses_first(said: list[str], gyro_rows: int, attitude_rows: int) -> list[str]:
+    """What is said, rows that are left out or filled first where they are more than a percent."""
+    first = []
+    for text in said:
+        found = re.match(r"(\d+) (gyro|attitude)\b.* (left out|filled)", text)
+        rows = gyro_rows if found and found[2] == "gyro" else attitude_rows
+        if found and int(found[1]) > MOST_LOST_SHARE * rows:
+            first.append(f"{100 * int(found[1]) / rows:.2g} % of the {found[2]} rows: {text}")
+    kept = [text for text in said if not any(one.endswith(f": {text}") for one in first)]
+    return [*first, *kept]
 
 
 def _read_rows(
@@ -206,7 +350,7 @@ def read_numbers(frame: pd.DataFrame, names: list[str], what: str) -> Array:
     chosen = _select_columns(frame, plain, what)
     for name in plain:
         if not pd.api.types.is_numeric_dtype(chosen[name]) or pd.api.types.is_bool_dtype(chosen[name]):
-            raise InputError(f"{what}: column {name} holds {chosen[name].dtype}, not numbers")
+            raise InputError(f"{what}: column {name} holds {units.describe_first_word(chosen[name])}, not numbers")
     return np.asarray(chosen.to_numpy(dtype=np.float64) * sign)
 
 
@@ -223,13 +367,22 @@ def _require_one_unit(words: list[str], what: str) -> str:
     return words[0]
 
 
-def _convert_to_one_scale(clocks: list[units.Clock]) -> tuple[units.Clock, list[units.Clock]]:
-    """All clocks in one scale: as they are if they share it, otherwise UTC."""
+def _convert_to_one_scale(clocks: list[units.Clock], offset_s: float) -> tuple[units.Clock, list[units.Clock]]:
+    """All clocks in one scale: as they are if they share it, otherwise UTC, or seconds where an offset joins the two."""
+    gyro, *others = clocks
     if len({one.scale for one in clocks}) > 1:
-        for what, one in zip(("time", *["attitude_time"] * (len(clocks) - 1)), clocks, strict=True):
+        for what, one in zip(("time", *["attitude_time"] * len(others)), clocks, strict=True):
             units.expect_date(one, what)
-        clocks = [units.convert_to_utc(one) for one in clocks]
-    return clocks[0], clocks[1:]
+        if any(one.scale == "" for one in clocks):
+            if len({one.scale == "" for one in others}) > 1 or not offset_s:
+                apart = gyro.whole[0] - others[0].whole[0] + gyro.part[0] - others[0].part[0]
+                raise InputError(
+                    "time: one table has dates and the other seconds from an unknown start; give both the same kind, or the "
+                    f"shift of the attitudes' tags: if both tables begin at one time, --attitude-offset {apart:.6f}"
+                )
+            return units.Clock(gyro.whole, gyro.part, ""), [units.Clock(one.whole, one.part, "") for one in others]
+        gyro, *others = [units.convert_to_utc(one) for one in clocks]
+    return gyro, others
 
 
 def _parse_epoch(epoch: str, scale: str) -> int:
@@ -282,7 +435,25 @@ def _build_samples(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, Arr
             f"{t_s[close][0]:.9g} s"
         )
         t_s, raw = t_s[~close], raw[~close]
-    return t_s - late, factor * raw, sample_s, said
+    t_s, raw, filled = _fill_lost_samples(t_s, raw, sample_s)
+    return t_s - late, factor * raw, sample_s, [*filled, *said]
+
+
+def _fill_lost_samples(t_s: Array, raw: Array, sample_s: float) -> tuple[Array, Array, list[str]]:
+    """Rates interpolated between the neighbours of one or two lost samples; a longer gap stays one."""
+    spacing = np.diff(t_s)
+    lost = np.where(spacing > GAP_SAMPLES * sample_s, np.round(spacing / sample_s) - 1, 0).astype(int)
+    holes = np.flatnonzero((lost >= 1) & (lost <= MOST_FILLED_SAMPLES))
+    if not holes.size:
+        return t_s, raw, []
+    added = np.concatenate([t_s[k] + spacing[k] * np.arange(1, lost[k] + 1) / (lost[k] + 1) for k in holes])
+    rates = np.column_stack([np.interp(added, t_s, raw[:, axis]) for axis in range(raw.shape[1])])
+    order = np.argsort(np.concatenate([t_s, added]), kind="stable")
+    text = (
+        f"{added.size} gyro sample(s) are lost, at most {MOST_FILLED_SAMPLES} in a row, and filled by interpolation of the "
+        f"rates, the first at {added[0]:.9g} s"
+    )
+    return np.concatenate([t_s, added])[order], np.concatenate([raw, rates])[order], [text]
 
 
 def _unwrap_steps(step: Array, wrap: float | None) -> tuple[Array, list[str]]:

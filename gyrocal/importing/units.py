@@ -8,6 +8,7 @@ GPS time runs without leap seconds from 1980-01-06; UTC, and with it unix time, 
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
@@ -34,10 +35,13 @@ RATE_UNITS = {
 }
 COUNTS_UNIT = "counts"
 TIME_UNITS = {"s": 0, "ms": 3, "us": 6, "ns": 9, "unix": 0}  # decimal places of a second
+SCALED_UNIT = re.compile(r"([1-9][0-9]{0,8})(s|ms|us|ns)")  # such as the 100us of a counter of 10 kHz
 CALENDARS = ("iso", "gps")
 
 UNIX_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC)
+DAY_S = 86400
+TIME_OF_DAY = r"\s*\d{1,2}:\d{2}:\d{2}([.,]\d*)?\s*"
 WEEK_S = 604800
 UNIX_RANGE_S = (631152000, 4102444800)  # 1990 to 2100: numbers in between are taken for unix time
 # Months from whose first day UTC is one more second behind GPS time; announced by the IERS in its Bulletin C.
@@ -117,29 +121,58 @@ def build_clock(columns: pd.DataFrame, unit: str) -> Clock:
 
     name = ", ".join(map(str, columns.columns))
     if unit == "iso":
+        if columns.iloc[:, 0].astype(str).str.fullmatch(TIME_OF_DAY).all():
+            return _parse_times_of_day(columns.iloc[:, 0].astype(str))
         try:
             stamps = pd.to_datetime(columns.iloc[:, 0], utc=True, format="ISO8601").astype("datetime64[ns, UTC]")
         except (ValueError, TypeError) as fault:
-            raise InputError(f"time: column {name} is not ISO 8601: {' '.join(str(fault).split())}") from None
+            raise InputError(f"time: column {name} is not ISO 8601: {_describe_fault(fault)}") from None
         return _split_seconds(stamps.astype("int64").to_numpy(), 9, "UTC")
-    if unit not in TIME_UNITS and unit != "gps":
-        raise InputError(f"time: unit {unit} of {name} is not known; known are {', '.join((*TIME_UNITS, *CALENDARS))}")
+    factor = SCALED_UNIT.fullmatch(unit)
+    if unit not in TIME_UNITS and unit != "gps" and factor is None:
+        raise InputError(f"time: unit {unit} of {name} is not known; known are {', '.join((*TIME_UNITS, *CALENDARS))}, 100us")
     values = [_read_numeric(columns.iloc[:, k], name) for k in range(columns.shape[1])]
     if unit == "gps":
         if len(values) == 2:
             seconds = _split_seconds(values[1], 0, "GPS")
             return Clock(seconds.whole + values[0].astype(np.int64) * WEEK_S, seconds.part, "GPS")
         return _split_seconds(values[0], 0, "GPS")
+    if factor is not None:
+        values = [np.multiply(values[0], int(factor[1]))]
+        unit = factor[2]
     made = _split_seconds(values[0], TIME_UNITS[unit], "")
     calendar = unit == "unix" or UNIX_RANGE_S[0] <= made.whole[0] <= UNIX_RANGE_S[1]
     return Clock(made.whole, made.part, "UTC" if calendar else "")
+
+
+def _describe_fault(fault: Exception) -> str:
+    """What pandas says of a date, without its advice on arguments that an import does not have."""
+    return " ".join(str(fault).split()).split(". You might")[0]
+
+
+def _parse_times_of_day(column: pd.Series) -> Clock:
+    """Times of day without a date; a step back by more than half a day is midnight."""
+    parts = column.str.split(":", expand=True)
+    minutes = (parts[0].astype(int) * 60 + parts[1].astype(int)).to_numpy()
+    seconds = parts[2].str.replace(",", ".").astype(float).to_numpy(dtype=np.float64)
+    whole = minutes * 60 + np.floor(seconds).astype(np.int64)
+    days = np.concatenate([[0], np.cumsum(np.round(np.diff(whole) / DAY_S) * -1)]).astype(np.int64)
+    return Clock(whole + DAY_S * days, np.asarray(seconds - np.floor(seconds)), "")
+
+
+def describe_first_word(column: pd.Series) -> str:
+    """The first entry of a column that is no number, with its row."""
+    import pandas as pd
+
+    words = column[pd.to_numeric(column, errors="coerce").isna() & column.notna()]
+    return f"{str(words.iloc[0])!r} in row {words.index[0]}" if len(words) else str(column.dtype)
 
 
 def _read_numeric(column: pd.Series, name: str) -> NDArray[np.generic]:
     import pandas as pd
 
     if not pd.api.types.is_numeric_dtype(column) or pd.api.types.is_bool_dtype(column):
-        raise InputError(f"time: column {name} holds {column.dtype}, not numbers; dates are iso")
+        raise InputError(f"time: column {name} holds {describe_first_word(column)}, not numbers; dates are iso")
     values: NDArray[np.generic] = column.to_numpy()
     if not np.isfinite(values.astype(float)).all():
         raise InputError(f"time: column {name}, row {int(np.argmax(~np.isfinite(values.astype(float))))}: not a finite number")

@@ -39,7 +39,10 @@ for one in import_formats.IMPORT_COMMANDS:
 @click.option("--euler", metavar="COLUMNS:…", help="E.g. yaw,pitch,roll:deg:ZYX:body-to-inertial.")
 @click.option("--matrix", metavar="COLUMNS:DIRECTION", help="Nine columns, row by row.")
 @click.option("--attitude-time", metavar="COLUMN:UNIT", help="Of the attitudes, where it is not as of the gyro.")
-@click.option("--attitude-offset", "attitude_offset_s", type=float, help="s added to the attitudes' time tags.")
+@import_formats.ATTITUDE_OFFSET
+@import_formats.ROWS
+@import_formats.RATE
+@import_formats.SAMPLE_NUMBER
 @click.option("--lsb", metavar="'SIZE UNIT'", help="Of counts, e.g. '0.0175 deg/s', or '5e-9 rad' of accumulated angle.")
 @click.option("--wrap", type=float, help="Where an accumulated angle wraps, in the column's own unit.")
 @MOUNTING

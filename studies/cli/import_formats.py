@@ -20,6 +20,12 @@ from studies.report.console import make_console
 OUT = click.argument("out", type=FOLDER_TYPE)
 GYRO_ARGUMENT = click.argument("gyro_file", type=PATH, metavar="GYRO.csv")
 SPACING = click.option("--spacing", "spacing_s", type=float, help="Least time between references, s.")
+RATE = click.option("--rate", "rate_hz", type=float, help="Gyro samples a second; the time tags are put on an even time base.")
+SAMPLE_NUMBER = click.option("--sample-number", metavar="COLUMN", help="Column of the gyro's table that counts the samples.")
+ROWS = click.option("--rows", metavar="COLUMN:VALUE", help="Rows of the gyro's table to read, where it holds several gyros.")
+ATTITUDE_OFFSET = click.option(
+    "--attitude-offset", "attitude_offset_s", type=float, help="s added to the attitudes' time tags."
+)
 MOUNTING = click.option(
     "--mounting",
     type=click.Choice(["as given", "estimate"]),
@@ -34,6 +40,10 @@ TABLE = (
     click.option("--time", metavar="COLUMN:UNIT", help="As of import csv; a date, as the attitudes have."),
     click.option("--gyro", metavar="COLUMNS:UNIT", help="As of import csv."),
     click.option("--lsb", metavar="'SIZE UNIT'", help="As of import csv."),
+    ROWS,
+    RATE,
+    SAMPLE_NUMBER,
+    ATTITUDE_OFFSET,
     MOUNTING,
     SPACING,
     FORCE,
@@ -152,6 +162,7 @@ def import_ck_command(gyro_file: Path, kernel: Path, sclk: Path, out: Path, forc
 @IMU_OPTION
 @ESTIMATE
 @MOUNTING
+@RATE
 @SPACING
 @FORCE
 @IMPORT_JSON_OPTION
@@ -177,6 +188,7 @@ def import_euroc_command(
 @MOUNTING
 @IMU_OPTION
 @TAG
+@RATE
 @SPACING
 @FORCE
 @IMPORT_JSON_OPTION

@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 import gyrocal
 from gyrocal import InputError, importing
 from gyrocal.importing import agreement, validate_mapping
-from gyrocal.importing.columns import join_headers, read_two_headers, resolve_columns
+from gyrocal.importing.columns import resolve_columns
 from gyrocal.importing.motion import build_motion
-from gyrocal.importing.streams import read_csv, read_streams
+from gyrocal.importing.streams import read_csv, read_numbers, read_streams
+from gyrocal.importing.table_layout import find_layout, join_headers
 from studies.validation import mems_log
 from studies.validation.imports import CORRECT_MAPPING, find_refusal
 from tests import SHARED
@@ -73,7 +74,62 @@ def test_headers_without_names_and_twice():
 @pytest.mark.parametrize("text", ["a,b\n1,2\n3,4\n", "a,b\nx,y\nu,v\n", "t,a\n2020-01-01T00:00:00,nan\n2,3\n", "a,b\n"])
 def test_one_header_row_stays_one(tmp_path, text):
     (tmp_path / "a.csv").write_text(text)
-    assert read_two_headers(tmp_path / "a.csv") is None
+    assert find_layout(tmp_path / "a.csv").first_line == 1
+
+
+ROWS = "0.5,1.25,3\n1.0,2.5,4\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("// Rate: 50 Hz\n// v4\nt\tx\ty\n" + ROWS.replace(",", "\t"), ["t", "x", "y"]),
+        ("# ground truth of the log\n# t x y\n" + ROWS.replace(",", " "), ["t", "x", "y"]),
+        ("Format,1.23,Rate,100\n\nt,x,y\n" + ROWS, ["t", "x", "y"]),
+        ("Take 1,3\n,Body,Body\n,1,2\n,Angle,Angle\nt,x,y\n" + ROWS, ["t", "Angle x", "Angle y"]),
+        ("t,x,y\ns,deg/s,[rad/s]\n" + ROWS, ["t", "x", "y"]),
+        ("t;x;y\n" + ROWS.replace(",", ";").replace(".", ","), ["t", "x", "y"]),
+        (ROWS, ["1", "2", "3"]),
+        ("Rate: 50\n" + ROWS, ["1", "2", "3"]),
+        ("t|x|y\n" + ROWS.replace(",", "|"), ["t", "x", "y"]),
+    ],
+    ids=["comments", "spaces", "preamble", "groups", "units", "decimal comma", "no header", "one field", "bars"],
+)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
+def test_header_is_found_in_the_file(tmp_path, text, names, encoding):
+    path = tmp_path / "a.csv"
+    path.write_bytes(text.encode(encoding))
+    frame = read_csv(path)
+    assert list(frame.columns) == names
+    np.testing.assert_array_equal(frame.to_numpy(), [[0.5, 1.25, 3.0], [1.0, 2.5, 4.0]])
+    if names != ["t", "x", "y"]:
+        assert any("header" in said for said in frame.attrs["said"])
+
+
+def test_first_line_with_degree_sign_of_windows(tmp_path):
+    (tmp_path / "a.csv").write_bytes("t,x (°/s)\n1,2\n".encode("cp1252"))
+    assert list(read_csv(tmp_path / "a.csv").columns) == ["t", "x (°/s)"]
+
+
+def test_elements_alone_mean_the_one_group_that_has_all_of_them():
+    frame = pd.DataFrame(np.zeros((2, 8)), columns=["t", *(f"Angle {a}" for a in "WXYZ"), *(f"Place {a}" for a in "XYZ")])
+    mapping = validate_mapping({"time": "t:s", "gyro": "Place X,Place Y,Place Z:rad/s", "quat": "W,X,Y,-Z:body-to-world"}, "x")
+    assert resolve_columns(frame, frame, mapping)[2].quat == "Angle W,Angle X,Angle Y,-Angle Z:body-to-world"
+    with pytest.raises(InputError, match="X, Y, Z are columns of Angle and of Place; write Angle X"):
+        resolve_columns(frame, frame, mapping.model_copy(update={"gyro": "X,Y,Z:rad/s"}))
+
+
+def test_column_of_number_zero_is_refused():
+    frame = pd.DataFrame(np.zeros((2, 4)), columns=list("1234"))
+    mapping = validate_mapping({"time": "0:s", "gyro": "1,2,3:rad/s", "quat": "q:body-to-world"}, "mapping")
+    with pytest.raises(InputError, match="columns are counted from 1"):
+        resolve_columns(frame, frame, mapping)
+
+
+def test_word_among_numbers_is_told_with_its_row():
+    frame = pd.DataFrame({"t": [0, 1], "x": ["2", "n/v"]})
+    with pytest.raises(InputError, match="gyro: column x holds 'n/v' in row 1, not numbers"):
+        read_numbers(frame, ["x"], "gyro")
 
 
 def test_numbers_go_behind_names_and_signs_go_along():

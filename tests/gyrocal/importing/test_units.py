@@ -83,3 +83,16 @@ def test_gyro_units(unit, lsb, factor, accumulated):
 def test_what_cannot_be_read_is_said(call, words):
     with pytest.raises(InputError, match=words):
         call()
+
+
+def test_times_of_day_go_on_after_midnight():
+    found = tags(["23:59:59.5", "23:59:59.75", "0:00:00.0", "00:00:00.25"], "iso")
+    np.testing.assert_allclose(found.subtract(86399), [0.5, 0.75, 1.0, 1.25])
+    assert found.scale == ""
+    with pytest.raises(InputError, match="is not ISO 8601") as caught:
+        tags(["12:00", "12:01"], "iso")
+    assert "You might" not in str(caught.value)
+
+
+def test_multiple_of_a_unit():
+    np.testing.assert_allclose(tags([0, 200, 10_000], "100us").subtract(0), [0.0, 0.02, 1.0])

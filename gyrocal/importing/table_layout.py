@@ -1,0 +1,201 @@
+"""Layout of a text table: encoding, separator, decimal sign, header and first row of values, found from the file itself.
+
+One rule finds all of them. Each separator splits the first lines into fields. The separator with the most numbers in rows of
+one length is that of the table. The table begins at the first row of that length with no words in its columns of numbers. The
+header is the row above it, without a comment's prefix. A row of units between the two is passed over. Two header rows, groups
+above elements, are joined:
+
+    Time (s);Orientation;;;;Gyroscope;;
+    ;W;X;Y;Z;X;Y;Z
+
+The name of a column then is that of its group, which holds until the next one, with that of the element: "Gyroscope X".
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from collections import Counter
+from dataclasses import dataclass
+from itertools import islice, pairwise
+from pathlib import Path
+
+from gyrocal.errors import InputError
+
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", r"\s+": "spaces"}
+HEAD_LINES = 400  # read to find the layout; preambles of loggers have at most some dozens
+COMMENT = re.compile(r"\s*(#|//|%+)\s*")
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
+DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+DATE_OR_TIME = re.compile(r"\d{4}-\d\d-\d\d([T ].*)?|\d{1,2}:\d\d:\d\d(\.\d*)?")
+# Units as loggers write them below names, with or without brackets.
+UNIT = re.compile(
+    r"[\[(]?(-|1|none|[mµun]?s(ec(onds?)?)?|(m?rad|m?deg(rees?)?|°|arcsec)(/(s(ec)?|h(r)?))?|dps|rad s\^?-1"
+    r"|[cm]?m(/s(\^?2|²)?)?|m s\^?-[12]|m?g|[µum]?T|m?G(auss)?|[kM]?Hz|m?V|°?C|degC|K|[hk]?Pa|m?bar|counts?|lsb|%)[\])]?",
+    re.IGNORECASE,
+)
+BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+
+
+@dataclass(frozen=True)
+class TableLayout:
+    """Where the values of a table are, and what their columns are named.
+
+    Attributes
+    ----------
+    encoding, separator, decimal : as `pandas.read_csv` takes them
+    names : of the columns; their numbers from 1 where the table has no header
+    first_line : of the values, from 0
+    said : how the table is read, if it is not commas below a header in the first line
+    """
+
+    encoding: str
+    separator: str
+    decimal: str
+    names: list[str]
+    first_line: int
+    said: tuple[str, ...]
+
+
+def find_layout(path: Path) -> TableLayout:
+    """Find the layout of a table from its first lines."""
+    encoding = detect_encoding(path)
+    with path.open(encoding=encoding, errors="replace", newline="") as file:
+        lines = [line.rstrip("\r\n") for line in islice(file, HEAD_LINES)]
+    if not any(map(str.strip, lines)):
+        raise InputError(f"{path}: no rows")
+    found = max((_Split(separator, lines) for separator in SEPARATORS), key=lambda one: (one.score, one.fields))
+    names, said = found.name_columns()
+    decimal = "," if found.has_decimal_comma() else "."
+    if found.separator != ",":
+        said.append(f"fields are separated by {SEPARATORS[found.separator]}")
+    if decimal == ",":
+        said.append("a comma is the decimal sign")
+    if encoding not in ("utf-8", "utf-8-sig"):
+        said.append(f"the text is {encoding.upper()}")
+    return TableLayout(encoding, found.separator, decimal, names, found.start, tuple(said))
+
+
+def detect_encoding(path: Path) -> str:
+    """Encoding by the byte-order mark, or by the zeros that UTF-16 has in Western text; otherwise UTF-8 or Windows-1252."""
+    with path.open("rb") as file:
+        head = file.read(1 << 16)
+    for mark, name in BOMS.items():
+        if head.startswith(mark):
+            return name
+    for offset, name in ((1, "utf-16-le"), (0, "utf-16-be")):
+        sample = head[offset:4096:2]
+        if sample and sample.count(0) > 0.9 * len(sample):
+            return name
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8"
+
+
+class _Split:
+    """The first lines of a file, split at one separator."""
+
+    def __init__(self, separator: str, lines: list[str]) -> None:
+        self.separator = separator
+        self.commented = [COMMENT.match(line) is not None for line in lines]
+        self.rows = self._split([COMMENT.sub("", line, count=1) for line in lines])
+        lengths = Counter(
+            len(row) for row, comment in zip(self.rows, self.commented, strict=True) if not comment and self._count_values(row)
+        )
+        self.fields = max((length for length in lengths if length > 1), key=lambda length: lengths[length] * length, default=0)
+        table = [row for row, comment in zip(self.rows, self.commented, strict=True) if len(row) == self.fields and not comment]
+        # A column of numbers is one that holds at least as many of them as words; a text label is no column of numbers.
+        values = [sum(self._is_value(row[k]) for row in table) for k in range(self.fields)]
+        words = [sum(self._is_word(row[k]) for row in table) for k in range(self.fields)]
+        self.numeric = [k for k in range(self.fields) if values[k] >= max(words[k], 1)]
+        fitting = [k for k, row in enumerate(self.rows) if not self.commented[k] and self._fits(row)]
+        filled = [k for k, row in enumerate(self.rows) if any(row)]
+        # A row of numbers within a preamble, such as Motive's identifiers, is followed by a row of words.
+        following = dict(pairwise(filled))
+        begins = [k for k in fitting if following.get(k, fitting[-1]) in fitting]
+        self.start = (begins or fitting or [filled[0] + 1])[0]
+        self.score = sum(values) - sum(words) if fitting else -1
+        if not fitting:
+            self.fields = len(self.rows[self.start - 1]) if self.start else 0
+
+    def _split(self, lines: list[str]) -> list[list[str]]:
+        if self.separator == r"\s+":
+            return [line.split() for line in lines]
+        # A quote that is not closed holds for its own line alone.
+        return [[cell.strip() for cell in next(csv.reader([line], delimiter=self.separator), [])] for line in lines]
+
+    def _is_value(self, cell: str) -> bool:
+        return bool(
+            NUMBER.fullmatch(cell) or DATE_OR_TIME.fullmatch(cell) or (self.separator != "," and DECIMAL_COMMA.fullmatch(cell))
+        )
+
+    def _is_word(self, cell: str) -> bool:
+        return bool(cell) and not self._is_value(cell)
+
+    def _count_values(self, row: list[str]) -> int:
+        return sum(map(self._is_value, row))
+
+    def _fits(self, row: list[str]) -> bool:
+        """Whether a row is one of the table: numbers, and no words, in the columns of numbers."""
+        if len(row) != self.fields or any(self._is_word(row[k]) for k in self.numeric):
+            return False
+        return any(self._is_value(row[k]) for k in self.numeric)
+
+    def has_decimal_comma(self) -> bool:
+        """Whether the values have commas, and no points, as decimal signs."""
+        cells = [row[k] for row in self.rows if self._fits(row) for k in self.numeric]
+        return any(DECIMAL_COMMA.fullmatch(cell) for cell in cells) and self.separator != ","
+
+    def name_columns(self) -> tuple[list[str], list[str]]:
+        """Names of the columns, and what is said of where they are from."""
+        above = [k for k in range(self.start) if any(self.rows[k])]
+        said: list[str] = []
+
+        def is_header(k: int) -> bool:
+            return len(self.rows[k]) >= self.fields or (2 * len(self.rows[k]) > self.fields > 2 and k == above[0])
+
+        units = ""
+        if len(above) > 1 and is_header(above[-1]) and is_header(above[-2]) and self._holds_units(above[-1]):
+            units = f", line {above.pop() + 1} holds units"
+        if not above or not is_header(above[-1]):
+            place = f"; values begin in line {self.start + 1}" if self.start else ""
+            said.append(f"the table has no header: its {self.fields} columns are named by their numbers from 1{place}")
+            return [str(k + 1) for k in range(self.fields)], said
+        line = above[-1]
+        names = self.rows[line]
+        upper = self.rows[above[-2]] if len(above) > 1 else []
+        if self._holds_groups(upper, names):
+            names = join_headers(upper, names)
+            said.append(f"lines {above[-2] + 1} and {line + 1} are the header, groups above elements{units}")
+        else:
+            names = join_headers([""] * len(names), names)
+            if line != 0 or units:
+                said.append(f"line {line + 1} is the header{units}; values begin in line {self.start + 1}")
+        return names, said
+
+    def _holds_units(self, k: int) -> bool:
+        cells = [cell for cell in self.rows[k] if cell]
+        return bool(cells) and sum(UNIT.fullmatch(cell) is not None for cell in cells) > 0.6 * len(cells)
+
+    def _holds_groups(self, upper: list[str], names: list[str]) -> bool:
+        """Whether a row names groups of the columns below it: it or the row of names has blanks or repeated names."""
+        if self.separator == r"\s+" or len(upper) != len(names) or sum(map(bool, names)) < 2:
+            return False
+        if not any(upper) or any(map(self._is_value, upper)):
+            return False
+        return any(len(set(row)) < len(row) or not all(row) for row in (upper, names))
+
+
+def join_headers(groups: list[str], elements: list[str]) -> list[str]:
+    """Join two header rows; a column without a name is named by its number, a second one of the same name gets a suffix."""
+    names: list[str] = []
+    group = ""
+    for k, (own, element) in enumerate(zip(groups, elements, strict=True), 1):
+        group = own or group
+        name = f"{group} {element}".strip() if element else own or f"column {k}"
+        count = sum(name == other or other.startswith(f"{name}.") for other in names)
+        names.append(f"{name}.{count}" if count else name)
+    return names
