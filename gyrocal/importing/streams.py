@@ -37,11 +37,15 @@ class Sensor:
     name : of the sensor; empty if there is only one
     t_s : (m,) s since the epoch
     q : (m, 4) A(q), inertial to the sensor's own axes, scalar last
+    sigma : (m, 3) 1-sigma about the sensor's own axes, rad, of columns of the table
+    angles : (m, 3) Euler angles as they are on file
     """
 
     name: str
     t_s: Array
     q: Array
+    sigma: Array | None = None
+    angles: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -108,6 +112,8 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
     clock_g, raw, channels, assumed = _read_gyro(gyro, mapping)
     named, clocks, said = _read_attitudes(attitude, mapping)
     assumed += said
+    if mapping.common_start or mapping.align == "auto":
+        clock_g, clocks = _begin_together(clock_g, clocks, assumed)
     clock_g, clocks = _convert_to_one_scale([clock_g, *clocks])
     scale = clock_g.scale
     start = min(int(one.whole.min()) for one in (clock_g, *clocks))
@@ -121,13 +127,22 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
     if offset:
         assumed.append(f"{offset:g} s added to the time tags of the attitudes")
     sensors = []
-    for (name, q), one in zip(named, clocks, strict=True):
-        *ordered, said = _sort_rows(one.subtract(origin) + offset, q, f"attitude {name}".strip())
-        sensors.append(Sensor(name, *ordered))
+    for (name, values), one in zip(named, clocks, strict=True):
+        times, rows, said = _sort_rows(one.subtract(origin) + offset, values, f"attitude {name}".strip())
+        sensors.append(_build_sensor(name, times, rows, mapping))
         assumed += said
     t_s, raw, said = _sort_rows(clock_g.subtract(origin), raw, "gyro")
     assumed += said
-    t_s, raw, sample_s, said = _build_samples(t_s, raw, mapping)
+    t_s, raw, sample_s, said = _build_samples(t_s[0] + mapping.time_factor * (t_s - t_s[0]), raw, mapping)
+    raw = mapping.rate_factor * raw
+    said += [
+        f"the {what} times {factor:.9g}"
+        for what, factor in (
+            ("gyro's time tags are about the first one", mapping.time_factor),
+            ("rates are", mapping.rate_factor),
+        )
+        if factor != 1
+    ]
     time_scale = scale or "seconds of the file"
     return Streams(t_s, raw, sample_s, channels, tuple(sensors), epoch, time_scale, (*assumed, *said))
 
@@ -180,6 +195,8 @@ def _read_attitudes(frame: pd.DataFrame, mapping: Mapping) -> tuple[list[tuple[s
     kind = mapping.attitude
     text = str(getattr(mapping, kind))
     names, _ = parse_spec(text, kind)
+    if isinstance(mapping.sigma_deg, str):
+        names = [*names, *_name_sigma_columns(mapping.sigma_deg)]
     tags, unit = parse_spec(mapping.attitude_time or mapping.time, "attitude_time")
     parts = [("", frame)]
     if mapping.attitude_by is not None:
@@ -189,9 +206,30 @@ def _read_attitudes(frame: pd.DataFrame, mapping: Mapping) -> tuple[list[tuple[s
     for name, part in parts:
         clock, values, said = _read_rows(part, names, kind, "attitude", ("attitude_time", tags, unit))
         assumed += said
-        named.append((name, convert_attitude(kind, text, values)))
+        named.append((name, values))
         clocks.append(clock)
     return named, clocks, assumed
+
+
+def _name_sigma_columns(text: str) -> list[str]:
+    names = [name.strip() for name in text.split(",")]
+    if len(names) not in (1, 3) or not all(names):
+        raise InputError(f"sigma_deg: {text!r} is not a number, three numbers, a column of the attitudes' table, or three")
+    return names
+
+
+def _build_sensor(name: str, t_s: Array, values: Array, mapping: Mapping) -> Sensor:
+    """A sensor of the numbers of its rows: the attitude, then its sigma where columns hold it."""
+    kind = mapping.attitude
+    text = str(getattr(mapping, kind))
+    sigma = None
+    if isinstance(mapping.sigma_deg, str):
+        count = len(_name_sigma_columns(mapping.sigma_deg))
+        values, own = values[:, :-count], values[:, -count:]
+        if not (own > 0).all():
+            raise InputError(f"sigma_deg: {int((own <= 0).sum())} value(s) of {mapping.sigma_deg} are not positive")
+        sigma = np.deg2rad(np.broadcast_to(own, (len(own), 3)))
+    return Sensor(name, t_s, convert_attitude(kind, text, values), sigma, values if kind == "euler" else None)
 
 
 def read_numbers(frame: pd.DataFrame, names: list[str], what: str) -> Array:
@@ -232,6 +270,18 @@ def _convert_to_one_scale(clocks: list[units.Clock]) -> tuple[units.Clock, list[
     return clocks[0], clocks[1:]
 
 
+def _begin_together(gyro: units.Clock, others: list[units.Clock], said: list[str]) -> tuple[units.Clock, list[units.Clock]]:
+    """Clocks of which that without a date is shifted to begin with the other."""
+    scales = {one.scale for one in others}
+    if len(scales) != 1 or bool(gyro.scale) == bool(next(iter(scales))):
+        return gyro, others
+    first = min(int(one.whole.min()) for one in others) - int(gyro.whole.min())
+    said.append(f"only one table has dates: {abs(first)} s are added to the other's time tags, so that both begin together")
+    if gyro.scale:
+        return gyro, [units.Clock(one.whole - first, one.part, gyro.scale) for one in others]
+    return units.Clock(gyro.whole + first, gyro.part, others[0].scale), others
+
+
 def _parse_epoch(epoch: str, scale: str) -> int:
     """The whole second of a clock in which an epoch is."""
     try:
@@ -263,6 +313,9 @@ def _build_samples(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, Arr
     factor, accumulated = units.compute_gyro_factor(words[0], mapping.lsb)
     spacing = np.diff(t_s)
     sample_s = float(np.median(spacing))
+    if words[0].endswith(units.PER_SAMPLE):
+        # An increment is the angle of one sample whatever the tags say, so that a late tag is no larger rate.
+        raw = raw / sample_s
     if accumulated:
         # How often it wraps in a gap, and what it does there, nobody knows: no sample begins at the last tag before one.
         whole = spacing <= GAP_SAMPLES * sample_s
