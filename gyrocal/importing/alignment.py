@@ -5,8 +5,8 @@ With t the time of the attitudes, the mean body rate of a window by the attitude
     w_ref(t) = s C w_gyro(t₀ + (t + τ − t₀)/f) + b + noise
 
 τ is added to the attitudes' tags. f is the factor of the gyro's tags about its first one, t₀. C rotates the gyro's axes to
-those of the attitudes. The search begins where both speeds correlate best over all τ and some hundred f: neither C nor the direction
-of the attitudes changes a speed. Gauss-Newton steps on τ, f, C, s and b follow, for each direction of the attitudes.
+those of the attitudes. The search begins where both speeds correlate best over all τ and some hundred f: neither C nor the
+direction of the attitudes changes a speed. Gauss-Newton steps on τ, f, C, s and b follow, for each direction of the attitudes.
 
 Windows overlap, and residuals of a wrong G are not white: the covariance is that of sums over blocks of time (a sandwich
 estimator by clusters; White, Econometrica 48, 1980).

@@ -21,7 +21,7 @@ Indices = NDArray[np.intp]
 
 FEWEST_PAIRS = 12
 FEWEST_ARRIVALS = 3
-BIAS_STEPS = 4
+BIAS_STEPS = 5
 LARGEST_MISS_DEG = 10.0  # median, of attitudes far apart that tell a bias
 MOST_REFERENCE_PAIRS = 600
 LEAST_SIGMA = np.deg2rad(2e-9)
@@ -79,7 +79,7 @@ def _estimate_bias_of_turns(rates: Array, joined: JoinedAttitudes, streams: Stre
             gyro = GyroStream(streams.t_s, rates, streams.sample_s, 0.0, np.eye(3), bias)
             theta, _, run = noise.compute_misses(_build_pieces(gyro, joined.t_s, joined.q, pairs))
             left = float(np.median(np.linalg.norm(theta, axis=1)))
-            bias = bias + np.linalg.lstsq(run.Theta[:, :, 9:].reshape(-1, 3), theta.ravel(), rcond=None)[0]
+            bias = bias - np.linalg.lstsq(run.Theta[:, :, 9:].reshape(-1, 3), theta.ravel(), rcond=None)[0]
     except InputError:
         return np.zeros(3), np.inf
     return bias, left
@@ -115,13 +115,14 @@ def estimate_reference_sigma(gyro: GyroStream, joined: JoinedAttitudes, chosen: 
     pairs = _list_pairs(chosen)
     if len(pairs) < FEWEST_PAIRS:
         raise InputError(
-            f"{len(pairs)} turns between references are too few to take their sigma from; give --sigma DEG, or sigma_deg in a mapping"
+            f"{len(pairs)} turns between references are too few to take their sigma from; "
+            "give --sigma DEG, or sigma_deg in a mapping"
         )
     sigma = _estimate_sigma_of_turns(gyro, joined.t_s, joined.q, pairs, np.eye(3))
     if not (sigma > LEAST_SIGMA).all():
         raise InputError(
-            "the references scatter less than the gyro between two of them, as smoothed ones do: give the 1-sigma that they are "
-            "stated to have, --sigma DEG, or sigma_deg in a mapping"
+            "the references scatter less than the gyro between two of them, as smoothed ones do: give the 1-sigma that they "
+            "are stated to have, --sigma DEG, or sigma_deg in a mapping"
         )
     degrees = format_degrees(sigma)
     said.append(f"sigma of the references {degrees} deg, from the turns between them; errors that they share are not in it")

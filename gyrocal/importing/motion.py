@@ -40,8 +40,12 @@ class Motion:
     def is_coarse(self) -> bool:
         """Whether most windows turn too far for their mean rate to be that of the axes at their ends."""
         gyro, inside = self.gyro()
-        turn = np.linalg.norm(gyro[inside], axis=1) * (self.stop_s - self.start_s)[inside]
-        return bool(turn.size) and float(np.median(turn)) > MOST_WINDOW_TURN
+        if not inside.any():
+            return False
+        # A large bias of the gyro is no turn of the body.
+        body = gyro[inside] - (gyro - self.attitudes())[inside].mean(axis=0)
+        turn = np.linalg.norm(body, axis=1) * (self.stop_s - self.start_s)[inside]
+        return turn.size > 0 and float(np.median(turn)) > MOST_WINDOW_TURN
 
     def gyro(self, offset_s: float = 0.0) -> tuple[Array, NDArray[np.bool_]]:
         """Mean rates (n, 3) of the gyro, its tags offset, and the windows that it covers."""

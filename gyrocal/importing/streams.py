@@ -154,8 +154,12 @@ def _read_gyro(frame: pd.DataFrame, mapping: Mapping) -> tuple[units.Clock, Arra
         frame, names = _arrange_by_gyro(frame, mapping.gyro_by, tags, names)
     if len(words) != 1:
         raise InputError(f"gyro: {mapping.gyro!r} must have one unit")
+    own: list[str] = []
+    if mapping.gyro_by is not None and not np.isfinite(read_numbers(frame, names, "gyro")).all(axis=1).any():
+        accumulated = units.compute_gyro_factor(words[0], mapping.lsb)[1]
+        frame, own = _interpolate_gyros(frame, names, tags, accumulated, mapping.wrap)
     clock, values, assumed = _read_rows(frame, names, "gyro", "gyro", ("time", tags, unit), mapping.gyro_by is None)
-    return clock, values, tuple(name.removeprefix("-") for name in names), assumed
+    return clock, values, tuple(name.removeprefix("-") for name in names), [*own, *assumed]
 
 
 def _read_rows(
@@ -189,6 +193,37 @@ def _arrange_by_gyro(frame: pd.DataFrame, by: str, tags: list[str], names: list[
     order = [str(name) for name in frame[by].unique()]
     table = frame.assign(**{by: frame[by].astype(str)}).pivot_table(index=tags, columns=by, values=names[0], aggfunc="first")
     return table[order].reset_index(), order
+
+
+def _interpolate_gyros(
+    frame: pd.DataFrame, names: list[str], tags: list[str], accumulated: bool, wrap: float | None
+) -> tuple[pd.DataFrame, list[str]]:
+    """Accumulated angles of gyros with tags of their own, each at the first gyro's tags.
+
+    Between two tags an accumulated angle is linear for the mean rate that is taken from it.
+    """
+    import pandas as pd
+
+    if len(tags) != 1 or not pd.api.types.is_numeric_dtype(frame[tags[0]]):
+        raise InputError("gyro: the gyros have time tags of their own; give these as numbers in one column")
+    if not accumulated:
+        raise InputError("gyro: the gyros have time tags of their own; only accumulated angles can be taken to common ones")
+    t = frame[tags[0]].to_numpy()
+    start = t.min()
+    columns = {name: frame[name].to_numpy(dtype=np.float64) for name in names}
+    rows = {name: np.flatnonzero(np.isfinite(values)) for name, values in columns.items()}
+    begin = max(t[own[0]] for own in rows.values())
+    end = min(t[own[-1]] for own in rows.values())
+    common = rows[names[0]]
+    common = common[(t[common] >= begin) & (t[common] <= end)]
+    table = pd.DataFrame({tags[0]: t[common]})
+    for name, values in columns.items():
+        own = values[rows[name]]
+        steps, _ = _unwrap_steps(np.diff(own)[:, None], wrap)
+        angle = own[0] + np.concatenate([[0.0], np.cumsum(steps[:, 0])])
+        seconds = (t - start).astype(np.float64)
+        table[name] = np.interp(seconds[common], seconds[rows[name]], angle)
+    return table, [f"each gyro has its own time tags: the angles of all are interpolated at those of {names[0]}"]
 
 
 def _read_attitudes(frame: pd.DataFrame, mapping: Mapping) -> tuple[list[tuple[str, Array]], list[units.Clock], list[str]]:

@@ -42,6 +42,8 @@ for one in import_formats.IMPORT_COMMANDS:
 @click.option("--lsb", metavar="'SIZE UNIT'", help="Of counts, e.g. '0.0175 deg/s', or '5e-9 rad' of accumulated angle.")
 @click.option("--wrap", type=float, help="Where an accumulated angle wraps, in the column's own unit.")
 @TAG
+@click.option("--gyro-by", metavar="COLUMN", help="Says which gyro a row is of; --gyro then names one column.")
+@click.option("--attitude-by", metavar="COLUMN", help="Says which attitude sensor a row is of.")
 @click.option("--interval", "interval_s", type=float, help="Longest interval, s.")
 @add_alignment_options
 @click.option("--title", help="Of the recording.")
