@@ -14,20 +14,23 @@ gives all s and Π at once. τ is where the magnitudes of both rates correlate b
 changes. A rotation of the gyro's axes that is no exchange of axes is tried last: the rotation that maximises
 tr(Πᵀ Σ w_ref wᵀ) follows from a singular value decomposition. Of what fits nearly as well as
 the best, the reading that changes least is named; several of the same number of changes are named together, since the data
-cannot tell them apart.
+cannot tell them apart. Where none of these fits, an alignment with a free factor and a free clock is tried (`alignment`). Then
+the cause of the misfit is sought (`misfit`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.importing.alignment import Alignment, estimate_alignment
+from gyrocal.importing.misfit import explain_misfit, locate_misfit
 from gyrocal.importing.motion import QUATERNION_INDICES, Motion, build_motion, rotate_onto
-from gyrocal.importing.units import RATE_UNITS, TIME_UNITS
+from gyrocal.importing.units import ANGLE_UNITS, PER_SAMPLE, RATE_UNITS, TIME_UNITS
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
@@ -110,31 +113,46 @@ class Agreement:
     as_read : the reading that was asked about
     better : those that fit better and change least; empty if what was asked fits, or nothing does
     rotated : the best with a rotation of the gyro's axes, if it fits much better than all without
+    aligned : with a free factor and a free clock, if that fits much better than all others
+    cause : of a misfit that no reading mends, and where in time it lies
     """
 
     as_read: Reading
     better: tuple[Reading, ...]
     rotated: RotatedReading | None = None
+    aligned: Alignment | None = None
+    cause: str = ""
 
     @property
     def fits(self) -> bool:
         """Whether the rates agree with the attitudes as read."""
-        return not self.better and self.as_read.residual <= HOPELESS
+        return not self.better and self.aligned is None and self.as_read.residual <= HOPELESS
 
     @property
     def sentence(self) -> str:
         """What is wrong, and what would fit."""
         lead = f"rates and attitudes do not fit each other: they differ by {100 * self.as_read.residual:.0f} % of the motion"
+        if self.aligned is not None:
+            ways = " and ".join(self.aligned.changes) or "small changes of all"
+            return f"{lead}; {100 * self.aligned.residual:.1f} % with {ways}; --align auto finds and applies this"
         if not self.better and self.rotated is not None:
             return f"{lead}; {self.rotated.sentence}"
         if not self.better:
             return (
-                f"{lead}, and no other unit, order of elements, direction, order or sign of axes or time offset fits; "
-                "are they of the same body and time?"
+                f"{lead}, and no other unit, order of elements, direction, order or sign of axes, factor, clock rate or time "
+                f"offset fits{f'; {self.cause}' if self.cause else ''}; are they of the same body and time?"
             )
         ways = " or ".join(" and ".join(one.changes) for one in self.better)
         more = "" if self.rotated is None else f"; {self.rotated.sentence}"
         return f"{lead}; {100 * min(one.residual for one in self.better):.1f} % with {ways}{more}"
+
+    @property
+    def summary(self) -> str:
+        """How well they fit as read, in words that call no large misfit a fit."""
+        share = f"they differ by {100 * self.as_read.residual:.2g} % of the motion"
+        if self.as_read.residual <= FITS:
+            return f"rates and attitudes fit each other: {share}"
+        return f"rates and attitudes fit only roughly: {share}{f'; {self.cause}' if self.cause else ''}"
 
 
 def evaluate_agreement(
@@ -144,6 +162,7 @@ def evaluate_agreement(
     order: str = "",
     reverse: bool = False,
     factors: Mapping[str, float] | None = None,
+    others: Sequence[tuple[tuple[str, ...], Array]] = (),
 ) -> Agreement:
     """How rates and attitudes fit, as read and otherwise.
 
@@ -154,11 +173,14 @@ def evaluate_agreement(
     order : "scalar-first" or "scalar-last" as which quaternions are read; "" tries no other
     reverse : whether the quaternions on file have been conjugated to be inertial to body
     factors : of the rates that are tried beside those of units, with their words
+    others : further attitudes (m, 4) that the table may mean, with what each changes
     """
     as_read = _evaluate_as_read(windows)
     if as_read.residual <= FITS:
         return Agreement(as_read, ())
     ways = _list_readings(windows, order, reverse)
+    for words, q in others:
+        ways += [((*words, *more), mean) for more, mean in _list_readings(replace(windows, q=q), order, reverse)]
     units = list(_list_scales(unit, "").values())  # name what factors would only number
     numbered = {words: factor for words, factor in (factors or {}).items() if not np.isclose(factor, units).any()}
     scales = _list_scales(unit, time_unit) | numbered
@@ -167,16 +189,51 @@ def evaluate_agreement(
         for words, reference in ways:
             offset = _estimate_offset(windows, reference)
             tried += _evaluate_readings(windows, reference, words, offset, scales) if offset else []
+    if unit in ANGLE_UNITS and min((one.residual for one in tried), default=np.inf) > FITS:
+        summed = _sum_increments(windows)
+        word = f"the gyro as increments in {unit}{PER_SAMPLE}, not {unit}"
+        tried += [
+            one for words, reference in ways for one in _evaluate_readings(summed, reference, (*words, word), 0.0, scales)
+        ]
     best = min((one.residual for one in tried), default=np.inf)
     rotated = None
     if best > FITS:
         rotated = _find_rotation(windows, ways, scales, LARGEST_RESIDUAL_RATIO * min(best, as_read.residual, 2 * HOPELESS))
+    if best > FITS:
+        aligned = _align(windows, unit in ANGLE_UNITS)
+        smallest = min(best, as_read.residual, 2 * HOPELESS, np.inf if rotated is None else rotated.residual)
+        if aligned is not None and aligned.residual <= LARGEST_RESIDUAL_RATIO * smallest:
+            return Agreement(as_read, (), None, aligned)
     if best > min(LARGEST_RESIDUAL_RATIO * as_read.residual, HOPELESS):
-        return Agreement(as_read, (), rotated)
+        return Agreement(as_read, (), rotated, cause=_describe_cause(windows))
     good = [one for one in tried if one.residual <= max(RESIDUAL_TIE_FACTOR * best, best + 0.02)]
     fewest = min(one.count for one in good)
     chosen = sorted((one for one in good if one.count == fewest), key=lambda one: one.residual)
     return Agreement(as_read, tuple(chosen[:3]), rotated)
+
+
+def _sum_increments(windows: Motion) -> Motion:
+    """The same windows with the differences of an angle as what they differ to, but for a constant rate."""
+    length = float(np.median(np.diff(windows.t_s)))
+    rates = (windows.angle - windows.angle.mean(axis=0)) / length
+    return replace(
+        windows, angle=np.concatenate([np.zeros((1, 3)), np.cumsum(rates[1:] * np.diff(windows.t_s)[:, None], axis=0)])
+    )
+
+
+def _align(windows: Motion, accumulated: bool) -> Alignment | None:
+    steps = np.diff(windows.t_s)
+    rates = np.diff(windows.angle, axis=0) / steps[:, None]
+    return estimate_alignment(windows.t_s[:-1], rates, float(steps[-1]), windows.t_ref, windows.q, accumulated)
+
+
+def _describe_cause(windows: Motion) -> str:
+    """What explains a misfit that no other reading mends, in words."""
+    if windows.is_coarse:
+        return "the attitudes are too far apart for the mean rates between them to be compared well"
+    fault = explain_misfit(windows)
+    where = locate_misfit(windows)
+    return where if fault is None else f"most of this is explained by {fault.words}; {where}"
 
 
 def _list_readings(windows: Motion, order: str, reverse: bool) -> list[tuple[tuple[str, ...], Array]]:
@@ -207,16 +264,19 @@ def explain_residuals(recording: Recording, G: Array, bias: Array) -> str:
     if windows is None:
         return ""
     found = evaluate_agreement(windows, "deg/s", "s", "scalar-last", factors=RATE_FACTORS)
-    if not found.fits:
-        return found.sentence if found.better or found.rotated else ""
+    if found.aligned is not None:
+        return f"{found.sentence}, as an option of gyrocal import"
+    if found.better or (not found.fits and found.rotated is not None):
+        return found.sentence
     if found.rotated is not None:
         return f"rates and attitudes fit much better if imported anew: {found.rotated.sentence}"
-    measured, inside = windows.gyro()
-    missing = np.asarray((windows.attitudes()[inside] - measured[inside]).mean(axis=0))
     longest = max(one.stop_s - one.start_s for one in recording.intervals)
-    if np.linalg.norm(missing) * longest < LARGE_DRIFT:
+    fault = None if windows.is_coarse else explain_misfit(windows)
+    if fault is None or fault.bias is None:
+        return f"{found.summary}; {_describe_cause(windows)}" if not found.cause else found.summary
+    if np.linalg.norm(fault.bias) * longest < LARGE_DRIFT:
         return ""
-    values = ", ".join(f"{value:.4g}" for value in np.rad2deg(bias + missing))
+    values = ", ".join(f"{value:.4g}" for value in np.rad2deg(bias + fault.bias))
     return (
         f"rates and attitudes fit each other with a bias of {values} deg/s: give it as apriori_bias_deg_s, as the mean "
         f"of a rest would, or split the intervals, of which the longest has {longest:.6g} s"

@@ -46,11 +46,13 @@ def rename_sensors(sensors: tuple[Sensor, ...], said: list[str]) -> tuple[Sensor
 
 def read_stated_sigma(mapping: Mapping, sensors: tuple[Sensor, ...]) -> dict[str, Array] | None:
     """(3,) 1-sigma of each sensor as the mapping states it, rad, by name."""
-    if mapping.sigma_deg is None:
+    stated = mapping.sigma_deg
+    if stated is None:
         return None
-    if isinstance(mapping.sigma_deg, dict):
-        return {name: np.deg2rad(values) for name, values in mapping.sigma_deg.items()}
-    return {one.name: np.deg2rad(mapping.sigma_deg) for one in sensors}
+    if isinstance(stated, str):
+        return {one.name: np.sqrt(np.mean(np.square(one.sigma), axis=0)) for one in sensors if one.sigma is not None}
+    by_name = stated if isinstance(stated, dict) else dict.fromkeys((one.name for one in sensors), stated)
+    return {name: np.deg2rad(np.broadcast_to(values, 3)) for name, values in by_name.items()}
 
 
 def build_references(
@@ -86,10 +88,11 @@ def build_references(
     place, sensor = (start + row)[order], sensor[order]
     known = _build_sensors(sensors, joined, mapping)
     measured = np.concatenate([one.q for one in sensors])[place]
+    each = [np.tile(sigma[one.name], (one.t_s.size, 1)) if one.sigma is None else one.sigma for one in sensors]
     return Attitudes(
         t_s=t_s[place],
         quaternions=convert_to_body(measured, sensor, known),
-        sigma=np.array([sigma[one.name] for one in sensors])[sensor],
+        sigma=np.concatenate(each)[place],
         sensor=sensor,
         sensors=known,
         sigma_estimated=mapping.sigma_deg is None,

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import permutations, product
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,16 @@ from scipy.spatial.transform import Rotation
 
 from gyrocal.errors import InputError
 from gyrocal.importing import attitudes
-from gyrocal.importing.agreement import evaluate_agreement
-from gyrocal.importing.column_mapping import ATTITUDE_DIRECTIONS, QUATERNION_ORDERS, Mapping, is_scalar_first, parse_spec
+from gyrocal.importing.agreement import FITS, HOPELESS, Agreement, evaluate_agreement
+from gyrocal.importing.alignment import Alignment, estimate_alignment, refine
+from gyrocal.importing.column_mapping import (
+    ATTITUDE_DIRECTIONS,
+    QUATERNION_ORDERS,
+    Mapping,
+    convert_attitude,
+    is_scalar_first,
+    parse_spec,
+)
 from gyrocal.importing.estimates import (
     compute_largest_miss,
     estimate_bias,
@@ -29,6 +38,7 @@ from gyrocal.importing.motion import Motion, build_motion, rotate_onto
 from gyrocal.importing.rests import compute_speed, find_rests
 from gyrocal.importing.sensors import JoinedAttitudes, join_sensors
 from gyrocal.importing.streams import Sensor, Streams
+from gyrocal.importing.units import compute_gyro_factor
 from gyrocal.recording import Attitudes, GyroStream, Recording
 from gyrocal.recording.gyros import compute_parity_basis
 
@@ -37,6 +47,14 @@ Array = NDArray[np.float64]
 logger = logging.getLogger(__name__)
 
 LATE = 6.0  # samples; a gyro whose filter or tag is later by less is taken as it is
+LARGEST_FACTOR = 2.0  # of rates: more is another unit, not a gyro's scale
+LARGEST_TURN = np.deg2rad(170.0)
+LARGEST_BIAS_SHARE = 0.3  # of the RMS rate: by so much a bias in motion may be off that of the rests
+EULER_SEQUENCES = tuple(
+    made
+    for letters in ("XYZ", "xyz")
+    for made in (*map("".join, permutations(letters)), *(a + b + a for a, b in permutations(letters, 2)))
+)
 ARRIVES = np.deg2rad(10.0)  # a turn at random is as small as this once in 4000 times
 
 
@@ -51,6 +69,7 @@ class ImportResult:
     assumed : what was taken for granted or estimated, a sentence each
     sensors : the attitudes of each sensor as they were read
     joined : the body's by all of them together
+    warnings : what is implausible, a sentence each
     """
 
     recording: Recording
@@ -58,6 +77,7 @@ class ImportResult:
     assumed: tuple[str, ...]
     sensors: tuple[Sensor, ...]
     joined: JoinedAttitudes
+    warnings: tuple[str, ...] = ()
 
     def summary(self) -> pd.DataFrame:
         """What was made, a row a quantity, in degrees."""
@@ -79,7 +99,7 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
     ----------
     streams : of both tables
     mapping : what is known beyond the columns
-    check : whether rates and attitudes that do not fit each other are refused
+    check : whether rates and attitudes that do not fit each other are refused, unless the mapping says unchecked
     said : what was taken for granted before
 
     Raises
@@ -87,8 +107,12 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
     InputError
         The tables do not overlap, do not fit each other, or are too short.
     """
-    said = [*said, *streams.assumed]
+    said, check = [*said, *streams.assumed], check and not mapping.unchecked
+    if not streams.raw.any():
+        raise InputError("gyro: all rates are zero; is the gyro switched on, and are these its columns or its topic?")
     streams = replace(streams, sensors=attitudes.rename_sensors(streams.sensors, said))
+    if mapping.align == "auto":
+        streams, mapping = _align(streams, mapping, said)
     joined = join_sensors(
         streams.sensors,
         attitudes.read_stated_sigma(mapping, streams.sensors),
@@ -98,7 +122,9 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
     G = mapping.directions(streams.raw.shape[1])
     said += _describe_mountings(joined, mapping)
     _check_overlap(streams, joined)
-    if mapping.mounting == "estimate":
+    if isinstance(mapping.mounting, list):
+        G = Rotation.from_rotvec(mapping.mounting, degrees=True).as_matrix() @ G
+    elif mapping.mounting == "estimate":
         few = build_motion(streams.t_s, streams.raw @ G.T, streams.sample_s, joined.t_s, joined.q, 12)
         C = estimate_mounting(few, mirrored=mapping.axes == "tetrahedron")
         G = C @ G
@@ -112,14 +138,18 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
     K = np.asarray(np.linalg.pinv(G))
     unmoved = np.asarray(streams.raw @ compute_parity_basis(K, np.arange(len(K))))  # (n, k − 3), whatever the motion
     estimated = partial(_estimate_gyro, streams, mapping, rates, joined, windows, unmoved)
-    said += _check_agreement(
-        windows, mapping, LATE * streams.sample_s if check else np.inf, lambda: _find_largest_miss(joined, estimated)
-    )
+    found = _evaluate(windows, mapping, streams.sensors[0])
+    late_s = LATE * streams.sample_s if check else np.inf
+    said += _check_agreement(found, late_s, windows.is_coarse, lambda: _find_largest_miss(joined, estimated))
+    near = refine(windows, reverse=False)
+    if near is not None and near.residual <= HOPELESS and not windows.is_coarse:
+        said.append(near.describe_offset())
     gyro, still, chosen = estimated(said)
     if len(streams.sensors) == 1:
-        sigma = estimate_reference_sigma(gyro, joined, chosen, said)
+        each = streams.sensors[0].sigma
+        sigma = estimate_reference_sigma(gyro, joined, chosen, said) if each is None else each
         used = np.concatenate(chosen)
-        references = Attitudes(joined.t_s[used], joined.q[used], np.tile(sigma, (used.size, 1)))
+        references = Attitudes(joined.t_s[used], joined.q[used], np.broadcast_to(sigma, joined.q[:, :3].shape)[used])
         references = replace(references, sigma_estimated=joined.covariance is None)
     else:
         references = attitudes.build_references(streams.sensors, joined, chosen, mapping, gyro, said)
@@ -136,7 +166,8 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
         if mapping.interval is None
         else tuple(one.interval for one in mapping.interval),
     )
-    return ImportResult(recording, mapping, tuple(said), streams.sensors, joined)
+    warnings = _list_warnings(found, mapping, G, near, gyro, bool(still))
+    return ImportResult(recording, mapping, tuple(said), streams.sensors, joined, tuple(warnings))
 
 
 def _estimate_gyro(
@@ -145,7 +176,7 @@ def _estimate_gyro(
     """Body rates with their bias and noise, rests, and the rows of the attitudes of each interval."""
     still = find_rests(rates, streams.sample_s, compute_speed(joined.t_s, joined.q, streams.t_s))
     said.append(f"{len(still)} rest(s) found" if still else "no rest found")
-    bias = estimate_bias(mapping, rates, still, windows, said)
+    bias = estimate_bias(mapping, rates, still, windows, joined, streams, said)
     arw = estimate_walk(mapping, streams, rates, still, parity, said)
     gyro = GyroStream(streams.t_s, rates, streams.sample_s, arw, np.eye(3), bias)
     return gyro, still, choose_intervals(gyro, joined, mapping, said)
@@ -210,17 +241,12 @@ def _check_overlap(streams: Streams, joined: JoinedAttitudes) -> None:
     raise InputError(
         f"the gyro runs from {streams.t_s[0]:.9g} to {stop:.9g} s and the attitudes from {joined.t_s[0]:.9g} to "
         f"{joined.t_s[-1]:.9g} s: {int(inside.sum())} attitudes are within"
-        f"{hint or '; is one of the time tags offset? A unit may be a multiple, as 100us'}"
+        f"{hint or '; is one of the time tags offset? --align auto finds an offset of any size; a unit may be a multiple, as 100us'}"
     )
 
 
-def _check_agreement(windows: Motion, mapping: Mapping, late_s: float, carry: Callable[[], float]) -> list[str]:
-    """Refuse what does not fit; what is left of the motion, in words.
-
-    A time offset of up to late_s is taken, and said: a gyro's own delay is for a diagnosis to find. Infinite refuses nothing.
-    Where attitudes are so far apart that the body turns over between them, their mean rates say nothing: then it counts that
-    the gyro, as read, leads from each to the next, which no wrong reading does several times by chance.
-    """
+def _evaluate(windows: Motion, mapping: Mapping, sensor: Sensor) -> Agreement:
+    """How rates and attitudes fit, as the mapping reads them and otherwise."""
     _, (unit, *_) = parse_spec(mapping.gyro, "gyro")
     _, (time_unit, *_) = parse_spec(mapping.time, "time")
     order, reverse = "", False
@@ -228,17 +254,120 @@ def _check_agreement(windows: Motion, mapping: Mapping, late_s: float, carry: Ca
     if mapping.attitude == "quat":
         order = QUATERNION_ORDERS[0] if is_scalar_first(names, words) else QUATERNION_ORDERS[1]
     reverse = any(ATTITUDE_DIRECTIONS.get(word, False) for word in words)
-    found = evaluate_agreement(windows, unit, {"unix": "s"}.get(time_unit, time_unit), order, reverse)
+    others = _list_euler_readings(names, words, sensor) if windows.q.shape == sensor.q.shape else []
+    return evaluate_agreement(windows, unit, {"unix": "s"}.get(time_unit, time_unit), order, reverse, others=others)
+
+
+def _list_euler_readings(names: list[str], words: list[str], sensor: Sensor) -> list[tuple[tuple[str, ...], Array]]:
+    """Attitudes of Euler angles in each other sequence and unit, with what they change."""
+    if sensor.angles is None:
+        return []
+    unit = "deg" if "deg" in words else "rad"
+    direction = next(word for word in words if word in ATTITUDE_DIRECTIONS)
+    stated = next(word for word in words if word.lower().strip("xyz") == "")
+    out = []
+    for sequence, used in product(EULER_SEQUENCES, ("deg", "rad")):
+        changes = (
+            *([f"the Euler angles as {sequence}, not {stated}"] if sequence != stated else []),
+            *([f"the Euler angles in {used}, not {unit}"] if used != unit else []),
+        )
+        if changes:
+            text = f"{','.join(names)}:{used}:{sequence}:{direction}"
+            out.append((changes, convert_attitude("euler", text, sensor.angles)))
+    return out
+
+
+def _check_agreement(found: Agreement, late_s: float, is_coarse: bool, carry: Callable[[], float]) -> list[str]:
+    """Refuse what does not fit; what is left of the motion, in words.
+
+    A time offset of up to late_s is taken, and said: a gyro's own delay is for a diagnosis to find. Infinite refuses nothing.
+    Where attitudes are so far apart that the body turns over between them, their mean rates say nothing: then it counts that
+    the gyro, as read, leads from each to the next, which no wrong reading does several times by chance.
+    """
     if not found.fits:
         offset_alone = found.better and all(one.count == 1 and 0 < abs(one.offset_s) <= late_s for one in found.better)
         if np.isfinite(late_s) and offset_alone:
             return [f"{found.sentence}; an offset as small as this is not undone"]
-        if not found.better:
+        if not found.better and (found.aligned is None or is_coarse):
             missed = carry()
             if missed < ARRIVES:
                 return [f"the gyro leads from each attitude used to the next within {np.rad2deg(missed):.2g} deg"]
         if np.isfinite(late_s):
             raise InputError(found.sentence)
         return [f"imported unchecked although {found.sentence}"]
-    said = [f"rates and attitudes fit each other: they differ by {100 * found.as_read.residual:.2g} % of the motion"]
+    said = [found.summary]
     return said if found.rotated is None else [*said, f"the calibration may start nearer: {found.rotated.sentence}"]
+
+
+def _align(streams: Streams, mapping: Mapping, said: list[str]) -> tuple[Streams, Mapping]:
+    """Streams and mapping with the alignment that the rates of both sides show, and all of it in words."""
+    G = mapping.directions(streams.raw.shape[1])
+    _, (unit, *_) = parse_spec(mapping.gyro, "gyro")
+    accumulated = compute_gyro_factor(unit, mapping.lsb)[1]
+    if mapping.mountings is not None:
+        raise InputError("align: goes with no mountings of attitude sensors; give the sensors one by one")
+    first = streams.sensors[0]
+    found = estimate_alignment(streams.t_s, streams.raw @ G.T, streams.sample_s, first.t_s, first.q, accumulated)
+    if found is None or found.residual > HOPELESS:
+        share = "" if found is None else f"; the best leaves {100 * found.residual:.0f} % of the motion"
+        raise InputError(
+            f"align: no time offset, clock rate, direction, mounting and factor make rates and attitudes fit{share}"
+        )
+    said += found.describe()
+    factor = found.time_factor if found.is_clock_off else 1.0
+    scale = found.factor if found.is_scaled else 1.0
+    t_s = streams.t_s[0] + factor * (streams.t_s - streams.t_s[0])
+    raw = streams.raw * scale / (factor if accumulated else 1.0)
+    sensors = tuple(
+        replace(
+            one,
+            t_s=one.t_s + found.offset_s,
+            q=np.asarray(Rotation.from_quat(one.q).inv().as_quat()) if found.reverse else one.q,
+        )
+        for one in streams.sensors
+    )
+    entries: dict[str, Any] = {
+        "align": "as given",
+        "common_start": True,
+        "attitude_offset_s": mapping.attitude_offset_s + found.offset_s,
+        "time_factor": mapping.time_factor * factor,
+        "rate_factor": mapping.rate_factor * scale,
+    }
+    if found.reverse:
+        entries[mapping.attitude] = _exchange_direction(str(getattr(mapping, mapping.attitude)))
+    if found.is_turned and mapping.mounting != "estimate":
+        entries["mounting"] = np.rad2deg(found.turn).tolist()
+    aligned = replace(streams, t_s=t_s, raw=raw, sample_s=factor * streams.sample_s, sensors=sensors)
+    return aligned, mapping.model_copy(update=entries)
+
+
+def _exchange_direction(text: str) -> str:
+    """The text of a mapping with the other direction."""
+    pairs = (("body-to-inertial", "inertial-to-body"), ("body-to-world", "world-to-body"))
+    other = {a: b for one, two in pairs for a, b in ((one, two), (two, one))}
+    return ":".join(other.get(word.strip(), word) for word in text.split(":"))
+
+
+def _list_warnings(
+    found: Agreement, mapping: Mapping, G: Array, near: Alignment | None, gyro: GyroStream, has_rest: bool
+) -> list[str]:
+    """What a reader should not overlook."""
+    out = []
+    if found.as_read.residual > FITS:
+        out.append(f"rates and attitudes differ by {100 * found.as_read.residual:.2g} % of the motion")
+    if not 1 / LARGEST_FACTOR <= mapping.rate_factor <= LARGEST_FACTOR:
+        out.append(
+            f"the rates are multiplied by {mapping.rate_factor:.4g}: is their unit, range or size of a count another one?"
+        )
+    if mapping.mounting != "as given" and mapping.axes is None and mapping.G is None:
+        angle = float(Rotation.from_matrix(G).magnitude())
+        if angle > LARGEST_TURN:
+            out.append(f"the gyro's frame is turned by {np.rad2deg(angle):.0f} deg: are the signs of its axes as stated?")
+    if has_rest and near is not None and mapping.bias_deg_s is None:
+        off = float(np.linalg.norm(near.bias - gyro.apriori_bias))
+        speed = float(np.sqrt(np.mean(np.sum(np.square(gyro.rates + gyro.apriori_bias), axis=1))))
+        if off > LARGEST_BIAS_SHARE * speed:
+            out.append(
+                f"the bias in motion is {np.rad2deg(off):.3g} deg/s off that of the rests, the RMS rate {np.rad2deg(speed):.3g}"
+            )
+    return out

@@ -43,6 +43,7 @@ TETRAHEDRON = (np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 Quaternion = Annotated[list[float], Field(min_length=4, max_length=4)]
+Sigma = Annotated[float, Field(gt=0)] | Vector
 
 
 class Span(IntervalHeader):
@@ -67,10 +68,16 @@ class Mapping(BaseModel):
     gyro_by, attitude_by : column that says which gyro or which attitude sensor a row is of
     axes : direction of each gyro in the body, a row a gyro; or "tetrahedron"
     G : 3×n in place of axes: ω = G ω_raw + b
-    mounting : "estimate" finds the rotation from the gyros' axes to the attitudes'
+    mounting : rotation vector in degrees from the gyros' axes to the attitudes'; "estimate" finds it
     tag : which part of a rate's sample its time tags
     attitude_offset_s : added to the attitudes' tags
-    sigma_deg : reference 1-sigma per body axis; with attitude_by about each sensor's own axes, by its name
+    time_factor : factor of the gyro's tags about its first one
+    rate_factor : factor of the rates
+    common_start : whether a table whose times have no date begins with the other one
+    align : "auto" finds offset, time_factor, direction, mounting and rate_factor from the rates of both
+    unchecked : whether rates and attitudes are taken that do not fit each other
+    sigma_deg : reference 1-sigma about all body axes or each; column(s) of the attitudes' table with it; with attitude_by about
+        each sensor's own axes, by its name
     mountings : with attitude_by, quaternion from body to each sensor, scalar last, by its name; estimated if not given
     mounting_sigma_deg : 1-sigma of those that are to be estimated as well, about the sensor's own axes, by its name
     estimated_mountings : names of those that are to be estimated without regard to what is stated
@@ -98,10 +105,15 @@ class Mapping(BaseModel):
     attitude_by: str | None = None
     axes: list[Vector] | Literal["tetrahedron"] | None = None
     G: list[list[float]] | None = None
-    mounting: Literal["as given", "estimate"] = "as given"
+    mounting: Literal["as given", "estimate"] | Vector = "as given"
     tag: Literal["start", "middle", "end"] = "start"
     attitude_offset_s: float = 0.0
-    sigma_deg: Vector | dict[str, Vector] | None = None
+    time_factor: float = Field(default=1.0, gt=0)
+    rate_factor: float = Field(default=1.0, gt=0)
+    common_start: bool = False
+    align: Literal["as given", "auto"] = "as given"
+    unchecked: bool = False
+    sigma_deg: Sigma | str | dict[str, Sigma] | None = None
     mountings: dict[str, Quaternion] | None = None
     mounting_sigma_deg: dict[str, Vector] | None = None
     estimated_mountings: list[str] | None = None

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from gyrocal.errors import InputError
 from gyrocal.importing.column_mapping import ATTITUDE_DIRECTIONS, QUATERNION_ORDERS, Mapping
-from gyrocal.importing.units import ANGLE_UNITS, CALENDARS, COUNTS_UNIT, RATE_UNITS, TIME_UNITS
+from gyrocal.importing.units import ANGLE_UNITS, CALENDARS, COUNTS_UNIT, PER_SAMPLE, RATE_UNITS, TIME_UNITS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 COLUMN_NUMBER = re.compile(r"#?([1-9][0-9]{0,5})")
 SEQUENCE = re.compile("[xyz]{3}|[XYZ]{3}")
 MAPPING_WORDS = {*ATTITUDE_DIRECTIONS, *QUATERNION_ORDERS, *ANGLE_UNITS, *RATE_UNITS, *TIME_UNITS, *CALENDARS, COUNTS_UNIT}
+MAPPING_WORDS |= {unit + PER_SAMPLE for unit in ANGLE_UNITS}
 
 
 def resolve_columns(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -> tuple[pd.DataFrame, pd.DataFrame, Mapping]:

@@ -22,6 +22,8 @@ Indices = NDArray[np.intp]
 
 FEWEST_PAIRS = 12
 FEWEST_ARRIVALS = 3
+BIAS_STEPS = 5
+LARGEST_MISS_DEG = 10.0  # median, of attitudes far apart that tell a bias
 MOST_REFERENCE_PAIRS = 600
 LEAST_SIGMA = np.deg2rad(2e-9)
 
@@ -31,7 +33,15 @@ def format_degrees(values: Array) -> str:
     return ", ".join(f"{value:.4g}" for value in np.rad2deg(values))
 
 
-def estimate_bias(mapping: Mapping, rates: Array, still: list[tuple[int, int]], windows: Motion, said: list[str]) -> Array:
+def estimate_bias(
+    mapping: Mapping,
+    rates: Array,
+    still: list[tuple[int, int]],
+    windows: Motion,
+    joined: JoinedAttitudes,
+    streams: Streams,
+    said: list[str],
+) -> Array:
     """b of ω = ω_raw + b to start from."""
     if mapping.bias_deg_s is not None:
         return np.deg2rad(mapping.bias_deg_s)
@@ -40,6 +50,15 @@ def estimate_bias(mapping: Mapping, rates: Array, still: list[tuple[int, int]], 
         bias = -rates[first:stop].mean(axis=0)
         said.append(f"bias to start from, b = {format_degrees(bias)} deg/s, is minus the mean of the first rest")
         return np.asarray(bias)
+    if windows.is_coarse:
+        bias, left = _estimate_bias_of_turns(rates, joined, streams)
+        if left > np.deg2rad(LARGEST_MISS_DEG):
+            said.append(
+                "bias to start from is zero: the attitudes are too far apart to tell it; give bias_deg_s if it is known"
+            )
+            return np.zeros(3)
+        said.append(f"bias to start from, b = {format_degrees(bias)} deg/s, is from the turns between attitudes far apart")
+        return bias
     gyro, inside = windows.gyro()
     difference = windows.attitudes()[inside] - gyro[inside]
     bias = difference.mean(axis=0)
@@ -49,6 +68,22 @@ def estimate_bias(mapping: Mapping, rates: Array, still: list[tuple[int, int]], 
         return np.zeros(3)
     said.append(f"bias to start from, b = {format_degrees(bias)} deg/s, is the mean difference of attitudes' and gyro's rates")
     return np.asarray(bias)
+
+
+def _estimate_bias_of_turns(rates: Array, joined: JoinedAttitudes, streams: Streams) -> tuple[Array, float]:
+    """b from the turns between successive attitudes, by Gauss-Newton from zero, and the median miss that it leaves, rad."""
+    inside = np.flatnonzero((joined.t_s >= streams.t_s[0]) & (joined.t_s <= streams.t_s[-1] + streams.sample_s))
+    pairs = _list_pairs(GyroStream(streams.t_s, rates, streams.sample_s, 0.0, np.eye(3), np.zeros(3)), joined.t_s, [inside])
+    bias, left = np.zeros(3), np.inf
+    try:
+        for _ in range(BIAS_STEPS):
+            gyro = GyroStream(streams.t_s, rates, streams.sample_s, 0.0, np.eye(3), bias)
+            theta, _, run = noise.compute_misses(_build_pieces(gyro, joined.t_s, joined.q, pairs))
+            left = float(np.median(np.linalg.norm(theta, axis=1)))
+            bias = bias - np.linalg.lstsq(run.Theta[:, :, 9:].reshape(-1, 3), theta.ravel(), rcond=None)[0]
+    except InputError:
+        return np.zeros(3), np.inf
+    return bias, left
 
 
 def estimate_walk(
@@ -80,10 +115,16 @@ def estimate_reference_sigma(gyro: GyroStream, joined: JoinedAttitudes, chosen: 
         return np.asarray(np.sqrt(np.diag(joined.covariance)))
     pairs = _list_pairs(gyro, joined.t_s, chosen)
     if len(pairs) < FEWEST_PAIRS:
-        raise InputError(f"{len(pairs)} turns between references are too few to take their sigma from; give sigma_deg")
+        raise InputError(
+            f"{len(pairs)} turns between references are too few to take their sigma from; "
+            "give --sigma DEG, or sigma_deg in a mapping"
+        )
     sigma = _estimate_sigma_of_turns(gyro, joined.t_s, joined.q, pairs, np.eye(3))
     if not (sigma > LEAST_SIGMA).all():
-        raise InputError("the references scatter less than the gyro between two of them: give sigma_deg, or a shorter spacing")
+        raise InputError(
+            "the references scatter less than the gyro between two of them, as smoothed ones do: give the 1-sigma that they "
+            "are stated to have, --sigma DEG, or sigma_deg in a mapping"
+        )
     degrees = format_degrees(sigma)
     said.append(f"sigma of the references {degrees} deg, from the turns between them; errors that they share are not in it")
     return sigma

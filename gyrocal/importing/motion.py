@@ -25,7 +25,7 @@ class Motion:
     start_s, stop_s : (n,) of the windows
     rows : (n, 2) attitudes at their ends
     t_s, angle : gyro tags with the end of the last sample, and the integral of the rates (., 3) up to each
-    q : (m, 4) attitudes, inertial to body, scalar last
+    t_ref, q : (m,) s and (m, 4) of all attitudes, inertial to body, scalar last
     """
 
     start_s: Array
@@ -33,7 +33,19 @@ class Motion:
     rows: NDArray[np.intp]
     t_s: Array
     angle: Array
+    t_ref: Array
     q: Array
+
+    @property
+    def is_coarse(self) -> bool:
+        """Whether most windows turn too far for their mean rate to be that of the axes at their ends."""
+        gyro, inside = self.gyro()
+        if not inside.any():
+            return False
+        # A large bias of the gyro is no turn of the body.
+        body = gyro[inside] - (gyro - self.attitudes())[inside].mean(axis=0)
+        turn = np.linalg.norm(body, axis=1) * (self.stop_s - self.start_s)[inside]
+        return turn.size > 0 and float(np.median(turn)) > MOST_WINDOW_TURN
 
     def gyro(self, offset_s: float = 0.0) -> tuple[Array, NDArray[np.bool_]]:
         """Mean rates (n, 3) of the gyro, its tags offset, and the windows that it covers."""
@@ -103,4 +115,4 @@ def build_motion(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Arr
     chosen = np.flatnonzero(whole)
     chosen = chosen[:: max(chosen.size // MOST_WINDOWS, 1)]
     rows = np.stack([first[chosen], last[chosen]], axis=1)
-    return Motion(t_ref[rows[:, 0]], t_ref[rows[:, 1]], rows, edges, angle, q)
+    return Motion(t_ref[rows[:, 0]], t_ref[rows[:, 1]], rows, edges, angle, t_ref, q)

@@ -1,8 +1,9 @@
 """ROS bags, 1 and 2: a gyro's Imu messages beside attitudes of motion capture or odometry.
 
 angular_velocity is in rad/s about the sensor's axes. A pose's quaternion (x, y, z, w) takes the axes of the body, or of
-child_frame_id, to those of header.frame_id: body-to-world, the scalar part last. Times are those of the headers; where these
-are zero, those at which the bag was written. The orientation in an Imu message is not used: it comes from the gyro itself.
+child_frame_id, to those of header.frame_id: body-to-world, the scalar part last. Times are those of the headers; where all
+are zero, those at which the bag was written. Messages whose header alone has no time are left out.
+The orientation in an Imu message is not used: it comes from the gyro itself.
 
 The package ``rosbags`` reads both kinds of bags without ROS.
 """
@@ -40,6 +41,7 @@ def import_bag(
     imu_topic: str | None = None,
     pose_topic: str | None = None,
     estimate_mounting: bool = False,
+    gyro_unit: str = "rad/s",
     **entries: Any,
 ) -> ImportResult:
     """A recording of a bag.
@@ -48,7 +50,8 @@ def import_bag(
     ----------
     path : a file of ROS 1, or a folder or file of ROS 2
     imu_topic, pose_topic : of the gyro and of the attitudes; where the bag has one of a kind, that one
-    estimate_mounting : whether the rotation from the gyro's axes to those of the pose is found from the rates of both
+    estimate_mounting : the same as mounting="estimate"
+    gyro_unit : of the rates, which the message's definition has in rad/s and some drivers send otherwise
     entries : of the mapping, beyond the columns
 
     Raises
@@ -60,13 +63,18 @@ def import_bag(
     gyro, attitude, said = read_bag(path, imu_topic, pose_topic)
     made: dict[str, Any] = {
         "time": "t:ns",
-        "gyro": "x,y,z:rad/s",
+        "gyro": f"x,y,z:{gyro_unit}",
         "quat": "qx,qy,qz,qw:scalar-last:body-to-world",
         "title": f"bag {path.resolve().stem}",
     }
     made |= {"mounting": "estimate"} if estimate_mounting else {}
     mapping = validate_mapping(made | entries, str(path))
-    return build(read_streams(gyro, attitude, mapping), mapping, said=said)
+    try:
+        return build(read_streams(gyro, attitude, mapping), mapping, said=said)
+    except InputError as fault:
+        if "the gyro in " not in str(fault):
+            raise
+        raise InputError(f"{fault}; --gyro-unit says the unit of a bag's rates") from None
 
 
 def read_bag(
@@ -127,4 +135,9 @@ def _read_topic(reader: Any, topic: str, vector: Callable[[Any], Any], names: li
     if not any(tags):
         tags, said = written, [f"the headers of {topic} have no time: those at which the bag was written are used"]
     table = pd.DataFrame(np.array(rows, dtype=np.float64).reshape(-1, len(names)), columns=names)
-    return table.assign(t=np.array(tags, dtype=np.int64)), said
+    table = table.assign(t=np.array(tags, dtype=np.int64))
+    timed = table["t"] != 0
+    if tags and not timed.all():
+        said.append(f"{int((~timed).sum())} of {len(tags)} messages of {topic} are left out, whose headers have no time")
+        table = table[timed].reset_index(drop=True)
+    return table, said

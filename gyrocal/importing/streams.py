@@ -43,11 +43,15 @@ class Sensor:
     name : of the sensor; empty if there is only one
     t_s : (m,) s since the epoch
     q : (m, 4) A(q), inertial to the sensor's own axes, scalar last
+    sigma : (m, 3) 1-sigma about the sensor's own axes, rad, of columns of the table
+    angles : (m, 3) Euler angles as they are on file
     """
 
     name: str
     t_s: Array
     q: Array
+    sigma: Array | None = None
+    angles: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -122,6 +126,8 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
     named, clocks, said = _read_attitudes(attitude, mapping)
     layouts = dict.fromkeys(text for table in (gyro, attitude) for text in table.attrs.get("said", ()))
     assumed = [*layouts, *assumed, *said]
+    if mapping.common_start or mapping.align == "auto":
+        clock_g, clocks = _begin_together(clock_g, clocks, assumed)
     clock_g, clocks = _convert_to_one_scale([clock_g, *clocks], mapping.attitude_offset_s)
     scale = clock_g.scale
     start = min(int(one.whole.min()) for one in (clock_g, *clocks))
@@ -135,15 +141,24 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
     if offset:
         assumed.append(f"{offset:.12g} s added to the time tags of the attitudes")
     sensors = []
-    for (name, q), one in zip(named, clocks, strict=True):
-        *ordered, said = _sort_rows(one.subtract(origin) + offset, q, f"attitude {name}".strip())
-        sensors.append(Sensor(name, *ordered))
+    for (name, values), one in zip(named, clocks, strict=True):
+        times, rows, said = _sort_rows(one.subtract(origin) + offset, values, f"attitude {name}".strip())
+        sensors.append(_build_sensor(name, times, rows, mapping))
         assumed += said
     t_s, raw, changes, said = _even_times(clock_g.subtract(origin), raw, number, mapping, gyro)
     assumed += said
     t_s, raw, said = _sort_rows(t_s, raw, "gyro")
     assumed += said
-    t_s, raw, sample_s, said = _build_samples(t_s, raw, mapping)
+    t_s, raw, sample_s, said = _build_samples(t_s[0] + mapping.time_factor * (t_s - t_s[0]), raw, mapping)
+    raw = mapping.rate_factor * raw
+    said += [
+        f"the {what} times {factor:.9g}"
+        for what, factor in (
+            ("gyro's time tags are about the first one", mapping.time_factor),
+            ("rates are", mapping.rate_factor),
+        )
+        if factor != 1
+    ]
     time_scale = scale or "seconds of the file"
     assumed = _put_large_losses_first([*changes, *assumed, *said], len(clock_g.whole), sum(len(c.whole) for c in clocks))
     return Streams(t_s, raw, sample_s, channels, tuple(sensors), epoch, time_scale, tuple(assumed))
@@ -165,6 +180,10 @@ def _read_gyro(frame: pd.DataFrame, mapping: Mapping) -> tuple[units.Clock, Arra
         raise InputError(
             f"gyro: {mapping.gyro!r} must be columns of the table and one unit; there are {', '.join(map(str, frame.columns))}"
         )
+    if mapping.gyro_by is not None and not np.isfinite(read_numbers(frame, names, "gyro")).all(axis=1).any():
+        accumulated = units.compute_gyro_factor(words[0], mapping.lsb)[1]
+        frame, own = _interpolate_gyros(frame, names, tags, accumulated, mapping.wrap)
+        said += own
     channels = tuple(name.removeprefix("-") for name in names)
     counter = [mapping.sample_number] if mapping.sample_number is not None else []
     if counter:
@@ -320,10 +339,43 @@ def _arrange_by_gyro(frame: pd.DataFrame, by: str, tags: list[str], names: list[
     return table[order].reset_index(), order
 
 
+def _interpolate_gyros(
+    frame: pd.DataFrame, names: list[str], tags: list[str], accumulated: bool, wrap: float | None
+) -> tuple[pd.DataFrame, list[str]]:
+    """Accumulated angles of gyros with tags of their own, each at the first gyro's tags.
+
+    Between two tags an accumulated angle is linear for the mean rate that is taken from it.
+    """
+    import pandas as pd
+
+    if len(tags) != 1 or not pd.api.types.is_numeric_dtype(frame[tags[0]]):
+        raise InputError("gyro: the gyros have time tags of their own; give these as numbers in one column")
+    if not accumulated:
+        raise InputError("gyro: the gyros have time tags of their own; only accumulated angles can be taken to common ones")
+    t = frame[tags[0]].to_numpy()
+    start = t.min()
+    columns = {name: frame[name].to_numpy(dtype=np.float64) for name in names}
+    rows = {name: np.flatnonzero(np.isfinite(values)) for name, values in columns.items()}
+    begin = max(t[own[0]] for own in rows.values())
+    end = min(t[own[-1]] for own in rows.values())
+    common = rows[names[0]]
+    common = common[(t[common] >= begin) & (t[common] <= end)]
+    table = pd.DataFrame({tags[0]: t[common]})
+    for name, values in columns.items():
+        own = values[rows[name]]
+        steps, _ = _unwrap_steps(np.diff(own)[:, None], wrap)
+        angle = own[0] + np.concatenate([[0.0], np.cumsum(steps[:, 0])])
+        seconds = (t - start).astype(np.float64)
+        table[name] = np.interp(seconds[common], seconds[rows[name]], angle)
+    return table, [f"each gyro has its own time tags: the angles of all are interpolated at those of {names[0]}"]
+
+
 def _read_attitudes(frame: pd.DataFrame, mapping: Mapping) -> tuple[list[tuple[str, Array]], list[units.Clock], list[str]]:
     kind = mapping.attitude
     text = str(getattr(mapping, kind))
     names, _ = parse_spec(text, kind)
+    if isinstance(mapping.sigma_deg, str):
+        names = [*names, *_name_sigma_columns(mapping.sigma_deg)]
     tags, unit = parse_spec(mapping.attitude_time or mapping.time, "attitude_time")
     parts = [("", frame)]
     if mapping.attitude_by is not None:
@@ -333,9 +385,30 @@ def _read_attitudes(frame: pd.DataFrame, mapping: Mapping) -> tuple[list[tuple[s
     for name, part in parts:
         clock, values, said = _read_rows(part, names, kind, "attitude", ("attitude_time", tags, unit))
         assumed += said
-        named.append((name, convert_attitude(kind, text, values)))
+        named.append((name, values))
         clocks.append(clock)
     return named, clocks, assumed
+
+
+def _name_sigma_columns(text: str) -> list[str]:
+    names = [name.strip() for name in text.split(",")]
+    if len(names) not in (1, 3) or not all(names):
+        raise InputError(f"sigma_deg: {text!r} is not a number, three numbers, a column of the attitudes' table, or three")
+    return names
+
+
+def _build_sensor(name: str, t_s: Array, values: Array, mapping: Mapping) -> Sensor:
+    """A sensor of the numbers of its rows: the attitude, then its sigma where columns hold it."""
+    kind = mapping.attitude
+    text = str(getattr(mapping, kind))
+    sigma = None
+    if isinstance(mapping.sigma_deg, str):
+        count = len(_name_sigma_columns(mapping.sigma_deg))
+        values, own = values[:, :-count], values[:, -count:]
+        if not (own > 0).all():
+            raise InputError(f"sigma_deg: {int((own <= 0).sum())} value(s) of {mapping.sigma_deg} are not positive")
+        sigma = np.deg2rad(np.broadcast_to(own, (len(own), 3)))
+    return Sensor(name, t_s, convert_attitude(kind, text, values), sigma, values if kind == "euler" else None)
 
 
 def read_numbers(frame: pd.DataFrame, names: list[str], what: str) -> Array:
@@ -378,11 +451,24 @@ def _convert_to_one_scale(clocks: list[units.Clock], offset_s: float) -> tuple[u
                 apart = gyro.whole[0] - others[0].whole[0] + gyro.part[0] - others[0].part[0]
                 raise InputError(
                     "time: one table has dates and the other seconds from an unknown start; give both the same kind, or the "
-                    f"shift of the attitudes' tags: if both tables begin at one time, --attitude-offset {apart:.6f}"
+                    f"shift of the attitudes' tags: if both tables begin at one time, --attitude-offset {apart:.6f}; "
+                    "--align auto finds the offset"
                 )
             return units.Clock(gyro.whole, gyro.part, ""), [units.Clock(one.whole, one.part, "") for one in others]
         gyro, *others = [units.convert_to_utc(one) for one in clocks]
     return gyro, others
+
+
+def _begin_together(gyro: units.Clock, others: list[units.Clock], said: list[str]) -> tuple[units.Clock, list[units.Clock]]:
+    """Clocks of which that without a date is shifted to begin with the other."""
+    scales = {one.scale for one in others}
+    if len(scales) != 1 or bool(gyro.scale) == bool(next(iter(scales))):
+        return gyro, others
+    first = min(int(one.whole.min()) for one in others) - int(gyro.whole.min())
+    said.append(f"only one table has dates: {abs(first)} s are added to the other's time tags, so that both begin together")
+    if gyro.scale:
+        return gyro, [units.Clock(one.whole - first, one.part, gyro.scale) for one in others]
+    return units.Clock(gyro.whole + first, gyro.part, others[0].scale), others
 
 
 def _parse_epoch(epoch: str, scale: str) -> int:
@@ -416,6 +502,9 @@ def _build_samples(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, Arr
     factor, accumulated = units.compute_gyro_factor(words[0], mapping.lsb)
     spacing = np.diff(t_s)
     sample_s = float(np.median(spacing))
+    if words[0].endswith(units.PER_SAMPLE):
+        # An increment is the angle of one sample whatever the tags say, so that a late tag is no larger rate.
+        raw = raw / sample_s
     if accumulated:
         # How often it wraps in a gap, and what it does there, nobody knows: no sample begins at the last tag before one.
         whole = spacing <= GAP_SAMPLES * sample_s

@@ -33,6 +33,7 @@ RATE_UNITS = {
     "mdeg/s": 1e-3 * DEGREE,
     "arcsec/s": DEGREE / 3600,
 }
+PER_SAMPLE = "/sample"  # ends the unit of increments of angle, a column's number being that of one sample
 COUNTS_UNIT = "counts"
 TIME_UNITS = {"s": 0, "ms": 3, "us": 6, "ns": 9, "unix": 0}  # decimal places of a second
 SCALED_UNIT = re.compile(r"([1-9][0-9]{0,8})(s|ms|us|ns)")  # such as the 100us of a counter of 10 kHz
@@ -99,9 +100,15 @@ def expect_date(clock: Clock, what: str) -> None:
     low, high = UNIX_RANGE_S
     for by, words in ((1e3, "1000 times finer (ms for s, us for ms)"), (1e6, "10^6 times finer"), (1e9, "10^9 times finer")):
         if low <= clock.whole[0] / by <= high:
-            raise InputError(f"{what}: the first tag, {clock.whole[0]} s, is no date; it is unix time if its unit is {words}")
+            raise InputError(
+                f"{what}: the first tag, {clock.whole[0]} s, is no date; it is unix time if its unit is {words}"
+                "; if it counts from another start, --align auto finds the offset"
+            )
         if low <= clock.whole[0] * by <= high:
-            raise InputError(f"{what}: the first tag, {clock.whole[0]} s, is no date; is its unit too fine by {by:g}?")
+            raise InputError(
+                f"{what}: the first tag, {clock.whole[0]} s, is no date; is its unit too fine by {by:g}? If it counts from "
+                "another start, --align auto finds the offset"
+            )
 
 
 def convert_to_utc(clock: Clock) -> Clock:
@@ -109,7 +116,9 @@ def convert_to_utc(clock: Clock) -> Clock:
     if clock.scale == "UTC":
         return clock
     if clock.scale != "GPS":
-        raise InputError("time: one table has dates and the other seconds from an unknown start; give both the same kind")
+        raise InputError(
+            "time: one table has dates and the other seconds from an unknown start; --align auto finds the offset between them"
+        )
     shift = round((GPS_EPOCH - UNIX_EPOCH).total_seconds())
     behind = count_leap_seconds(convert_to_date(int(clock.whole[0]), "GPS"))
     return Clock(clock.whole + shift - behind, clock.part, "UTC")
@@ -215,6 +224,9 @@ def compute_gyro_factor(unit: str, lsb: str | None) -> tuple[float, bool]:
         return value * (ANGLE_UNITS | RATE_UNITS)[of], of in ANGLE_UNITS
     if lsb is not None:
         raise InputError(f"lsb: goes with counts, not with {unit}")
+    if unit.removesuffix(PER_SAMPLE) in ANGLE_UNITS and unit.endswith(PER_SAMPLE):
+        return ANGLE_UNITS[unit.removesuffix(PER_SAMPLE)], False
     if unit not in ANGLE_UNITS | RATE_UNITS:
-        raise InputError(f"gyro: unit {unit} is not known; known are {', '.join((*RATE_UNITS, *ANGLE_UNITS, COUNTS_UNIT))}")
+        known = (*RATE_UNITS, *ANGLE_UNITS, *(f"{one}{PER_SAMPLE}" for one in ANGLE_UNITS), COUNTS_UNIT)
+        raise InputError(f"gyro: unit {unit} is not known; known are {', '.join(known)}")
     return (ANGLE_UNITS | RATE_UNITS)[unit], unit in ANGLE_UNITS

@@ -183,6 +183,8 @@ def command(
         **options,
     )
     result = add_remainder(loaded, result)
+    for text in calibration_report.list_implausible(result, loaded):
+        click.echo(f"implausible: {text}")
     calibration_report.show(make_console(), result, options["iterations"] is None, known)
     for line in calibration_report.describe_import_noise(result, read_estimated_noise(recording)):
         make_console().print(line, highlight=False, markup=False)

@@ -7,7 +7,7 @@ import click
 
 from gyrocal import InputError, importing, save
 from studies.cli import import_formats
-from studies.cli.import_formats import IMPORT_JSON_OPTION, MOUNTING, OUT, SPACING, TAG, show
+from studies.cli.import_formats import IMPORT_JSON_OPTION, OUT, TAG, add_alignment_options, show
 from studies.cli.options import FORCE, PATH, refuse_existing
 from studies.validation import broad
 
@@ -39,23 +39,20 @@ for one in import_formats.IMPORT_COMMANDS:
 @click.option("--euler", metavar="COLUMNS:…", help="E.g. yaw,pitch,roll:deg:ZYX:body-to-inertial.")
 @click.option("--matrix", metavar="COLUMNS:DIRECTION", help="Nine columns, row by row.")
 @click.option("--attitude-time", metavar="COLUMN:UNIT", help="Of the attitudes, where it is not as of the gyro.")
-@import_formats.ATTITUDE_OFFSET
 @import_formats.ROWS
 @import_formats.RATE
 @import_formats.SAMPLE_NUMBER
 @click.option("--lsb", metavar="'SIZE UNIT'", help="Of counts, e.g. '0.0175 deg/s', or '5e-9 rad' of accumulated angle.")
 @click.option("--wrap", type=float, help="Where an accumulated angle wraps, in the column's own unit.")
-@MOUNTING
 @TAG
+@click.option("--gyro-by", metavar="COLUMN", help="Says which gyro a row is of; --gyro then names one column.")
+@click.option("--attitude-by", metavar="COLUMN", help="Says which attitude sensor a row is of.")
 @click.option("--interval", "interval_s", type=float, help="Longest interval, s.")
-@SPACING
+@add_alignment_options
 @click.option("--title", help="Of the recording.")
-@click.option("--unchecked", is_flag=True, help="Import also where rates and attitudes do not fit each other.")
 @FORCE
 @IMPORT_JSON_OPTION
-def import_csv_command(
-    files: tuple[Path, ...], file: Path | None, unchecked: bool, force: bool, as_json: Path | None, **options: Any
-) -> None:
+def import_csv_command(files: tuple[Path, ...], file: Path | None, force: bool, as_json: Path | None, **options: Any) -> None:
     """Import GYRO.csv and ATTITUDE.csv, or one table with both, and write the recording to the folder OUT: FILES are these.
 
     What is not stated is estimated, and what was assumed stands in OUT/import.toml. A mapping that does not fit is refused, and
@@ -74,9 +71,9 @@ def import_csv_command(
     entries = importing.load_mapping(file) if file else {}
     entries |= {name: value for name, value in options.items() if value is not None}
     mapping = importing.validate_mapping(entries, str(file) if file else "options")
-    imported = importing.import_csv(*tables, mapping=mapping, check=not unchecked)
+    imported = importing.import_csv(*tables, mapping=mapping)
     importing.write(imported, out)
-    show(imported.recording, imported.summary(), imported.assumed, out, as_json)
+    show(imported.recording, imported.summary(), imported.assumed, out, as_json, imported.warnings)
 
 
 @command.command("broad")

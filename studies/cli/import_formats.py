@@ -12,6 +12,7 @@ from gyrocal.importing import acm, aem, ck, euroc, kalibr, rosbag
 from gyrocal.importing.build import ImportResult, build
 from gyrocal.importing.columns import resolve_columns
 from gyrocal.importing.streams import read_csv, read_streams
+from gyrocal.importing.units import RATE_UNITS
 from studies.cli.options import FOLDER_TYPE, FORCE, PATH, add_json_option, refuse_existing
 from studies.montecarlo.files import write_json
 from studies.report import tables as render
@@ -19,17 +20,61 @@ from studies.report.console import make_console
 
 OUT = click.argument("out", type=FOLDER_TYPE)
 GYRO_ARGUMENT = click.argument("gyro_file", type=PATH, metavar="GYRO.csv")
-SPACING = click.option("--spacing", "spacing_s", type=float, help="Least time between references, s.")
 RATE = click.option("--rate", "rate_hz", type=float, help="Gyro samples a second; the time tags are put on an even time base.")
 SAMPLE_NUMBER = click.option("--sample-number", metavar="COLUMN", help="Column of the gyro's table that counts the samples.")
 ROWS = click.option("--rows", metavar="COLUMN:VALUE", help="Rows of the gyro's table to read, where it holds several gyros.")
-ATTITUDE_OFFSET = click.option(
-    "--attitude-offset", "attitude_offset_s", type=float, help="s added to the attitudes' time tags."
-)
-MOUNTING = click.option(
-    "--mounting",
-    type=click.Choice(["as given", "estimate"]),
-    help="estimate: find the rotation from the gyro's axes to those of the attitudes.",
+
+
+class WordsOrNumbers(click.ParamType):
+    """One of some words, or a number or three; with any word, also another text."""
+
+    name = "text"
+
+    def __init__(self, words: tuple[str, ...], counts: tuple[int, ...], has_columns: bool = False):
+        self.words, self.counts, self.has_columns = words, counts, has_columns
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The word, a number, or a list of three."""
+        if value in self.words:
+            return value
+        try:
+            numbers = [float(part) for part in str(value).split(",")]
+        except ValueError:
+            if self.has_columns:
+                return value
+            numbers = []
+        if len(numbers) not in self.counts:
+            known = [*self.words, *("three numbers, x,y,z" if count == 3 else "a number" for count in self.counts)]
+            self.fail(f"{value!r} is not {' or '.join(known)}", param, ctx)
+        return numbers[0] if len(numbers) == 1 else numbers
+
+
+ALIGNMENT = (
+    click.option(
+        "--align",
+        type=click.Choice(["as given", "auto"]),
+        help="auto: find time offset, clock rate, direction, mounting and, if needed, a factor of the rates, and apply them.",
+    ),
+    click.option("--attitude-offset", "attitude_offset_s", type=float, help="s added to the attitudes' time tags."),
+    click.option("--time-factor", type=float, help="Factor of the gyro's time tags about the first."),
+    click.option("--rate-factor", type=float, help="Factor of the rates."),
+    click.option(
+        "--mounting",
+        type=WordsOrNumbers(("as given", "estimate"), (3,)),
+        metavar="estimate|X,Y,Z",
+        help="Rotation from the gyro's axes to those of the attitudes: estimate, or a rotation vector in deg.",
+    ),
+    click.option(
+        "--sigma",
+        "sigma_deg",
+        type=WordsOrNumbers((), (1, 3), has_columns=True),
+        metavar="DEG|X,Y,Z|COLUMNS",
+        help="1-sigma of the references, deg: a number, three about the body's axes, or a column of their table or three.",
+    ),
+    click.option("--spacing", "spacing_s", type=float, help="Least time between references, s."),
+    click.option(
+        "--unchecked", is_flag=True, default=None, help="Import also where rates and attitudes do not fit each other."
+    ),
 )
 ESTIMATE = click.option("--estimate-noise", is_flag=True, help="Estimate the noise although the file states it.")
 IMU_OPTION = click.option("--imu", type=PATH, help="Kalibr's imu.yaml, for the gyro's noise density.")
@@ -43,12 +88,17 @@ TABLE = (
     ROWS,
     RATE,
     SAMPLE_NUMBER,
-    ATTITUDE_OFFSET,
-    MOUNTING,
-    SPACING,
+    *ALIGNMENT,
     FORCE,
     IMPORT_JSON_OPTION,
 )
+
+
+def add_alignment_options(function: Any) -> Any:
+    """The options of every import that say how gyro and attitudes lie to each other."""
+    for option in reversed(ALIGNMENT):
+        function = option(function)
+    return function
 
 
 def add_table_options(function: Any) -> Any:
@@ -58,8 +108,17 @@ def add_table_options(function: Any) -> Any:
     return function
 
 
-def show(recording: Recording, summary: pd.DataFrame, assumed: Sequence[str], out: Path, as_json: Path | None) -> None:
-    """Say what was made, on the terminal and as JSON, units in the names."""
+def show(
+    recording: Recording,
+    summary: pd.DataFrame,
+    assumed: Sequence[str],
+    out: Path,
+    as_json: Path | None,
+    warnings: Sequence[str] = (),
+) -> None:
+    """Say what was made, on the terminal and as JSON, units in the names; what is implausible first."""
+    for text in warnings:
+        click.echo(f"implausible: {text}")
     render.print_table(make_console(), str(out), summary)
     if as_json:
         gyro = recording.gyro
@@ -75,13 +134,14 @@ def show(recording: Recording, summary: pd.DataFrame, assumed: Sequence[str], ou
             "references": recording.attitudes.t_s.size,
             "intervals": [{"name": one.name, "start_s": one.start_s, "stop_s": one.stop_s} for one in recording.intervals],
             "assumed": assumed,
+            "implausible": list(warnings),
         }
         write_json(as_json, made)
 
 
 def _write(imported: ImportResult, out: Path, as_json: Path | None) -> None:
     importing.write(imported, out)
-    show(imported.recording, imported.summary(), imported.assumed, out, as_json)
+    show(imported.recording, imported.summary(), imported.assumed, out, as_json, imported.warnings)
 
 
 def _join_gyro_and_attitudes(
@@ -161,9 +221,8 @@ def import_ck_command(gyro_file: Path, kernel: Path, sclk: Path, out: Path, forc
 )
 @IMU_OPTION
 @ESTIMATE
-@MOUNTING
 @RATE
-@SPACING
+@add_alignment_options
 @FORCE
 @IMPORT_JSON_OPTION
 def import_euroc_command(
@@ -184,16 +243,24 @@ def import_euroc_command(
 @OUT
 @click.option("--imu-topic", help="Topic of the Imu messages; the only one by default.")
 @click.option("--pose-topic", help="Topic of the attitudes: PoseStamped, Odometry and the like; the only one by default.")
+@click.option("--gyro-unit", type=click.Choice(list(RATE_UNITS)), default="rad/s", help="Of the rates, if not rad/s.")
 @click.option("--estimate-mounting", is_flag=True, help="The same as --mounting estimate.")
-@MOUNTING
 @IMU_OPTION
 @TAG
 @RATE
-@SPACING
+@add_alignment_options
 @FORCE
 @IMPORT_JSON_OPTION
 def import_bag_command(
-    bag: Path, out: Path, imu_topic: str | None, pose_topic: str | None, force: bool, as_json: Path | None, **options: Any
+    bag: Path,
+    out: Path,
+    imu_topic: str | None,
+    pose_topic: str | None,
+    gyro_unit: str,
+    estimate_mounting: bool,
+    force: bool,
+    as_json: Path | None,
+    **options: Any,
 ) -> None:
     """Import BAG of ROS 1 or 2: Imu messages, and PoseStamped, Odometry or the like. See docs/formats/ros.md.
 
@@ -202,8 +269,8 @@ def import_bag_command(
       gyrocal import bag flight.bag /tmp/rec --imu-topic /imu0 --pose-topic /vicon/pose
     """
     refuse_existing(out, force)
-    is_estimated = options.pop("estimate_mounting") | (options.pop("mounting") == "estimate")
-    _write(rosbag.import_bag(bag, imu_topic, pose_topic, is_estimated, **_collect_entries(options)), out, as_json)
+    entries = _collect_entries(options)
+    _write(rosbag.import_bag(bag, imu_topic, pose_topic, estimate_mounting, gyro_unit, **entries), out, as_json)
 
 
 def _collect_entries(options: dict[str, Any]) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
-from gyrocal import NAMES, CalibrationResult, GyroParameters
+from gyrocal import NAMES, CalibrationResult, GyroParameters, Recording
 from gyrocal.calibration.gyro_space import select_parameter_space
 from gyrocal.calibration.observability import BIAS_LETTERS
 from gyrocal.calibration.problem import ROTATION_NAMES
@@ -14,6 +14,9 @@ from gyrocal.calibration.remainder_processes import DEG_H_PER_RAD_S, WITH_REMAIN
 from gyrocal.calibration.result import DEGREES
 from studies.report import tables, trackers
 
+LARGEST_SCALE = 1.5  # of a gyro's scale factor against the one stated: a data sheet allows a few percent
+LARGEST_TURN_DEG = 30.0
+LARGEST_BIAS_SHARE = 0.5  # of the RMS rate
 DOUBT = 0.01  # p-value below which the fit is called bad, and above one minus which too good
 LARGE_SHARE = 4.0  # sigma of a single residual worth naming
 SMALLEST_P_VALUE = 1e-99  # p-value that is written out
@@ -126,6 +129,36 @@ def list_remarks(result: CalibrationResult) -> list[str]:
         lines.append(f"The last rate was held over {held:g} s of missing samples; its error is not in the sigmas.")
     lines += describe_attenuation(result)
     return lines + list_plausible_remarks(result)
+
+
+def list_implausible(result: CalibrationResult, recording: Recording) -> list[str]:
+    """Values that no gyro has, and that a wrong unit, order or time is likelier to make, a sentence each."""
+    out = []
+    change = result.parameters.G @ np.linalg.pinv(recording.gyro.apriori_G)
+    determinant = float(np.linalg.det(change))
+    scale = float(np.cbrt(determinant))
+    if not 1 / LARGEST_SCALE <= scale <= LARGEST_SCALE:
+        out.append(
+            f"the scale factor of the gyro is {scale:.3g} times the one stated: is its unit, range or clock another one?"
+        )
+    U, _, Vt = np.linalg.svd(change)
+    turn = U @ np.diag([1.0, 1.0, float(np.linalg.det(U @ Vt))]) @ Vt
+    angle = float(np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0))))
+    if angle > LARGEST_TURN_DEG or determinant < 0:
+        out.append(
+            f"the gyro's frame is turned by {angle:.0f} deg from the one stated: "
+            "is the order or sign of its axes, or the direction of the attitudes, another one?"
+        )
+    gyro = recording.gyro
+    rates = gyro.rates @ gyro.apriori_G.T + gyro.apriori_bias
+    speed = float(np.sqrt(np.mean(np.sum(np.square(rates), axis=1))))
+    off = float(np.linalg.norm(result.parameters.bias - gyro.apriori_bias))
+    if gyro.apriori_bias.any() and off > LARGEST_BIAS_SHARE * speed:
+        out.append(
+            f"the bias is {np.rad2deg(off):.3g} deg/s off the one stated, which is that of the rests if the import found it; "
+            f"the RMS rate is {np.rad2deg(speed):.3g} deg/s"
+        )
+    return out
 
 
 def list_plausible_remarks(result: CalibrationResult) -> list[str]:

@@ -1,0 +1,332 @@
+"""Time offset, clock rate, direction, mounting and scale factor between a gyro and attitudes, with their sigmas.
+
+With t the time of the attitudes, the mean body rate of a window by the attitudes is
+
+    w_ref(t) = s C w_gyro(t₀ + (t + τ − t₀)/f) + b + noise
+
+τ is added to the attitudes' tags. f is the factor of the gyro's tags about its first one, t₀. C rotates the gyro's axes to
+those of the attitudes. The search begins where both speeds correlate best over all τ and some hundred f: neither C nor the
+direction of the attitudes changes a speed. Gauss-Newton steps on τ, f, C, s and b follow, for each direction of the attitudes.
+
+Windows overlap, and residuals of a wrong G are not white: the covariance is that of sums over blocks of time (a sandwich
+estimator by clusters; White, Econometrica 48, 1980).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gyrocal.importing.motion import MOST_WINDOW_TURN, Motion, build_motion, rotate_onto
+
+Array = NDArray[np.float64]
+
+MOST_CLOCK_ERROR = 0.03  # of a clock that is searched beside factors of ten and the ratio of both lengths
+MOST_GRID = 1 << 14  # points of the search
+MOST_CLOCKS = 300  # clock rates of one search
+LEAST_COMMON = 0.5  # of the shorter side: overlap of a time offset
+STARTS = 4  # maxima of the correlation from which the fit begins
+BLOCKS = 24  # of time, whose sums give the covariance
+FEWEST_WINDOWS = 12
+STEPS = 25
+PRIOR = np.array([1e3, 1e3, 1.0, 1.0, 1.0, 10.0, 10.0, 10.0, 10.0])  # 1-sigma of τ/s, f/ppm·10⁶, C, ln s, b: keeps N regular
+PRIOR_STRENGTH = (
+    1e-6  # of the data's information: what the motion does not determine stays where it began, and its sigma is large
+)
+SIGNIFICANT = 3.0  # sigma
+DIRECTION_RATIO = 0.5  # times the residual as read: the other direction must fit so much better
+LEAST_FACTOR = 0.1  # of a scale: a smaller one is a gyro's own, which a calibration finds
+LEAST_TURN = np.deg2rad(1.0)
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """What takes the gyro onto the attitudes.
+
+    Attributes
+    ----------
+    offset_s, offset_sigma : τ, s
+    time_factor, time_sigma : f
+    reverse : whether the attitudes' direction is the other one
+    C, turn_sigma : (3, 3), and (3,) 1-sigma of the rotation about the body's axes, rad
+    factor, factor_sigma : s
+    bias : (3,) rad/s
+    residual : over the motion
+    """
+
+    offset_s: float
+    offset_sigma: float
+    time_factor: float
+    time_sigma: float
+    reverse: bool
+    C: Array
+    turn_sigma: Array
+    factor: float
+    factor_sigma: float
+    bias: Array
+    residual: float
+
+    @property
+    def turn(self) -> Array:
+        """(3,) rotation vector of C, rad."""
+        return np.asarray(Rotation.from_matrix(self.C).as_rotvec())
+
+    @property
+    def is_turned(self) -> bool:
+        """Whether C is more than its sigma and a gyro's own misalignment."""
+        angle = float(np.linalg.norm(self.turn))
+        return angle > max(LEAST_TURN, SIGNIFICANT * float(np.linalg.norm(self.turn_sigma)))
+
+    @property
+    def is_scaled(self) -> bool:
+        """Whether the factor is more than a gyro's own scale error."""
+        return abs(self.factor - 1) > max(LEAST_FACTOR, SIGNIFICANT * self.factor_sigma)
+
+    @property
+    def is_clock_off(self) -> bool:
+        """Whether one clock is faster than the other."""
+        return abs(self.time_factor - 1) > SIGNIFICANT * self.time_sigma
+
+    @property
+    def changes(self) -> list[str]:
+        """What is to be changed, in words with the options that do it."""
+        out = []
+        if self.is_clock_off:
+            out.append(f"the gyro's time tags times {self.time_factor:.7g} (--time-factor)")
+        if self.reverse:
+            out.append("the other direction of the attitudes")
+        if abs(self.offset_s) > SIGNIFICANT * self.offset_sigma:
+            out.append(f"{self.offset_s:+.6g} s added to the attitudes' time tags (--attitude-offset)")
+        if self.is_turned:
+            angle = float(np.rad2deg(np.linalg.norm(self.turn)))
+            out.append(f"--mounting estimate, which rotates the gyro's axes by {angle:.3g} deg")
+        if self.is_scaled:
+            out.append(f"the rates times {self.factor:.6g} (--rate-factor)")
+        return out
+
+    def describe_offset(self) -> str:
+        """The time offset with its sigma, and whether it differs from zero."""
+        differs = abs(self.offset_s) > SIGNIFICANT * self.offset_sigma
+        return (
+            f"time offset by the rates: {self.offset_s:+.6g} ± {self.offset_sigma:.2g} s (1-sigma) to be added to the "
+            f"attitudes' time tags, which {'differs from zero' if differs else 'does not differ from zero'}"
+        )
+
+    def describe(self) -> list[str]:
+        """All that was found with its sigma, a sentence each."""
+        turn, sigma = np.rad2deg(self.turn), np.rad2deg(self.turn_sigma)
+        ppm = 1e6 * (self.time_factor - 1)
+        clock = f"{ppm:+.4g} ± {1e6 * self.time_sigma:.2g} ppm"
+        if abs(ppm) > 1e5:
+            clock = f"times {self.time_factor:.7g} ± {self.time_sigma:.2g}"
+        return [
+            self.describe_offset(),
+            f"clock of the gyro: {clock}{'' if self.is_clock_off else ', which does not differ from zero'}",
+            f"direction of the attitudes: {'the other one' if self.reverse else 'as stated'}",
+            "mounting of the gyro (rotation vector): "
+            + ", ".join(f"{a:.4g} ± {b:.2g}" for a, b in zip(turn, sigma, strict=True))
+            + f" deg{'' if self.is_turned else ', left to the calibration'}",
+            f"factor of the rates: {self.factor:.5g} ± {self.factor_sigma:.2g}"
+            f"{'' if self.is_scaled else ', left to the calibration'}",
+        ]
+
+
+def estimate_alignment(
+    t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Array, accumulated: bool = False
+) -> Alignment | None:
+    """Find the alignment of a gyro with attitudes that may begin and last otherwise; None where no motion shows one.
+
+    Parameters
+    ----------
+    t_s, rates, sample_s : gyro tags (n,), rates (n, 3) rad/s, length of a sample
+    t_ref, q : (m,) s and (m, 4) inertial to body, scalar last
+    accumulated : whether the rates are differences of an accumulated angle, which a factor of time makes smaller
+    """
+    found = []
+    for offset, factor in _search(t_s, rates, sample_s, t_ref, q):
+        windows = build_motion(t_s[0] + factor * (t_s - t_s[0]), rates, factor * sample_s, t_ref + offset, q)
+        one = None if windows is None else refine(windows)
+        if one is None:
+            continue
+        # τ and f of the fit are beside those from which it began.
+        total = factor * one.time_factor
+        scale = total if accumulated else 1.0
+        found.append(
+            Alignment(
+                offset + one.offset_s, one.offset_sigma, total, factor * one.time_sigma, one.reverse, one.C, one.turn_sigma,
+                one.factor * scale, one.factor_sigma * scale, one.bias, one.residual,
+            )
+        )  # fmt: skip
+    return min(found, key=lambda one: one.residual, default=None)
+
+
+def refine(windows: Motion, reverse: bool | None = None) -> Alignment | None:
+    """Find the alignment near the tags as they are, in the direction that fits; None of too few windows.
+
+    Parameters
+    ----------
+    reverse : the direction of the attitudes, if it is known
+    """
+    found = [_fit(windows, one) for one in ((False, True) if reverse is None else (reverse,))]
+    good = [one for one in found if one is not None]
+    if len(good) == 2:
+        return good[1] if good[1].residual < DIRECTION_RATIO * good[0].residual else good[0]
+    return good[0] if good else None
+
+
+def _fit(windows: Motion, reverse: bool) -> Alignment | None:
+    reference = windows.attitudes(reverse=reverse)
+    offset, factor = 0.0, 1.0
+    gyro, inside = _measure(windows, offset, factor)
+    if inside.sum() < FEWEST_WINDOWS:
+        return None
+    t0, middle = windows.t_s[0], 0.5 * (windows.start_s + windows.stop_s)
+    r, g = reference[inside], gyro[inside]
+    r0, g0 = r - r.mean(axis=0), g - g.mean(axis=0)
+    motion = float(np.sqrt(np.sum(r0 * r0)))
+    if not motion > 0 or not np.any(g0):
+        return None
+    C, common = rotate_onto(r0, g0)
+    scale = max(common, 1e-3 * np.sum(g0 * g0)) / float(np.sum(g0 * g0))
+    bias = r.mean(axis=0) - scale * C @ g.mean(axis=0)
+    # Centred clock: τ and f are then nearly uncorrelated.
+    span = float(windows.stop_s[-1] - windows.start_s[0])
+    centre = float(middle.mean()) - t0
+    length = float(np.median(windows.stop_s - windows.start_s))
+    h = 0.25 * length
+    at_centre, rate = offset + 0.0, 0.0  # offset at the centre, and 1/f − 1
+    J = left = np.zeros((0, 9))
+    N = np.eye(9)
+    for _ in range(STEPS):
+        factor = 1 / (1 + rate)
+        offset = _shift(at_centre, rate, centre)
+        gyro, inside = _measure(windows, offset, factor)
+        later, a = _measure(windows, offset + h * factor, factor)
+        sooner, b = _measure(windows, offset - h * factor, factor)
+        inside &= a & b
+        if inside.sum() < FEWEST_WINDOWS:
+            return None
+        model = scale * gyro[inside] @ C.T
+        slope = scale * ((later - sooner)[inside] @ C.T) / (2 * h)  # per s of the gyro's time
+        left = reference[inside] - model - bias
+        columns = np.empty((int(inside.sum()), 3, 9))
+        columns[:, :, 0] = slope
+        columns[:, :, 1] = slope * (middle[inside] - t0 - centre)[:, None]
+        for k, axis in enumerate(np.eye(3)):
+            columns[:, :, 2 + k] = np.cross(axis, model)
+        columns[:, :, 5] = model
+        columns[:, :, 6:] = np.eye(3)
+        J = columns.reshape(-1, 9)
+        size = np.maximum(np.sqrt(np.sum(J * J, axis=0)), 1e-300)
+        N = (J / size).T @ (J / size) + PRIOR_STRENGTH * np.eye(9)
+        step = np.linalg.solve(N, (J / size).T @ left.ravel()) / size
+        limit = 0.5 * length
+        step[0] = np.clip(step[0], -limit, limit)
+        step[1] = np.clip(step[1], -limit / (0.5 * span), limit / (0.5 * span))
+        at_centre += step[0]
+        rate += step[1]
+        C = Rotation.from_rotvec(np.clip(step[2:5], -0.5, 0.5)).as_matrix() @ C
+        scale *= float(np.exp(np.clip(step[5], -0.5, 0.5)))
+        bias = bias + step[6:]
+        if abs(step[0]) + abs(step[1]) * span < 1e-6 * length and np.abs(step[2:6]).max() < 1e-7:
+            break
+    size = np.maximum(np.sqrt(np.sum(J * J, axis=0)), 1e-300)
+    scores = ((J / size) * left.ravel()[:, None]).reshape(-1, 3, 9).sum(axis=1)
+    blocks = np.minimum((BLOCKS * (middle[inside] - middle[inside][0]) / max(span, 1e-300)).astype(int), BLOCKS - 1)
+    sums = np.stack([scores[blocks == k].sum(axis=0) for k in np.unique(blocks)])
+    count = len(sums)
+    inverse = np.linalg.inv(N)
+    middle_part = sums.T @ sums * count / max(count - 5, 1)
+    # What the prior alone holds has at least the uncertainty that the residual's size leaves it.
+    middle_part += PRIOR_STRENGTH * float(np.mean(np.square(left))) * np.eye(9)
+    cov = inverse @ middle_part @ inverse / np.outer(size, size)
+    # τ = τ_c scaled back to t₀: offset = f (τ_c − rate·centre)
+    factor = 1 / (1 + rate)
+    to_offset = np.zeros(9)
+    to_offset[:2] = factor, -factor * centre
+    r0 = reference[inside] - reference[inside].mean(axis=0)
+    return Alignment(
+        _shift(at_centre, rate, centre),
+        float(np.sqrt(to_offset @ cov @ to_offset)),
+        factor,
+        float(factor**2 * np.sqrt(cov[1, 1])),
+        reverse,
+        np.asarray(C),
+        np.sqrt(np.diag(cov)[2:5]),
+        scale,
+        float(scale * np.sqrt(cov[5, 5])),
+        bias,
+        float(np.sqrt(np.sum(left * left) / max(np.sum(r0 * r0), 1e-300))),
+    )
+
+
+def _shift(at_centre: float, rate: float, centre: float) -> float:
+    """τ of a gyro's time t + τ_c + rate (t − t₀ − centre), which is t₀ + (t + τ − t₀)/f with 1/f = 1 + rate."""
+    return (at_centre - rate * centre) / (1 + rate)
+
+
+def _measure(windows: Motion, offset: float, factor: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Mean rates of the gyro over the windows, its tags multiplied by a factor."""
+    t0 = windows.t_s[0]
+    a = t0 + (windows.start_s + offset - t0) / factor
+    b = t0 + (windows.stop_s + offset - t0) / factor
+    inside = (a >= windows.t_s[0]) & (b <= windows.t_s[-1])
+    turn = np.stack([np.interp(b, windows.t_s, x) - np.interp(a, windows.t_s, x) for x in windows.angle.T], axis=1)
+    return turn / (b - a)[:, None], inside
+
+
+def _search(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Array) -> list[tuple[float, float]]:
+    """Offsets and time factors at which the speeds of both correlate best, the tags as they are first."""
+    edges = np.append(t_s, t_s[-1] + sample_s)
+    angle = np.concatenate([np.zeros((1, 3)), np.cumsum(rates * np.diff(edges)[:, None], axis=0)])
+    turned = Rotation.from_quat(q)
+    steps = np.diff(t_ref)
+    speed = float(np.percentile((turned[:-1].inv() * turned[1:]).magnitude() / steps, 90))
+    span_ref, span_gyro = float(t_ref[-1] - t_ref[0]), float(edges[-1] - edges[0])
+    length = max(min(MOST_WINDOW_TURN / max(speed, 1e-12), span_ref / 60), float(np.median(steps)))
+    stride = max(round(length / float(np.median(steps))), 1)
+    length = stride * float(np.median(steps))
+    dt = max(length / 2, 2 * max(span_ref, span_gyro) / MOST_GRID) if span_gyro < 100 * span_ref else length / 2
+    by_attitudes = (turned[:-stride].inv() * turned[stride:]).magnitude() / (t_ref[stride:] - t_ref[:-stride])
+    grid = np.arange(0, span_ref - length, dt)
+    a = np.interp(t_ref[0] + 0.5 * length + grid, 0.5 * (t_ref[stride:] + t_ref[:-stride]), by_attitudes)
+    ratio = span_ref / span_gyro
+    bases = [1.0, *(10.0**k for k in (-6, -5, -4, -3, -2, -1, 1, 2, 3, 4, 5, 6) if 0.2 < ratio / 10.0**k < 5)]
+    if abs(ratio - 1) > MOST_CLOCK_ERROR:
+        bases.append(ratio)
+    fine = max(length / max(span_ref, 1e-12), 2 * MOST_CLOCK_ERROR / MOST_CLOCKS)
+    half = int(MOST_CLOCK_ERROR / fine)
+    found: list[tuple[float, float, float]] = []
+    for factor in {base * (1 + fine * k) for base in bases for k in range(-half, half + 1)}:
+        own = np.arange(0, factor * span_gyro - length, dt)
+        if not 8 < own.size < 4 * MOST_GRID or a.size < 8:
+            continue
+        begin, end = edges[0] + own / factor, edges[0] + (own + length) / factor
+        turn = np.stack([np.interp(end, edges, x) - np.interp(begin, edges, x) for x in angle.T], axis=1)
+        score, lag = _correlate(a, np.linalg.norm(turn, axis=1))
+        # The attitudes' first window, at t_ref[0], lies at the gyro's edges[0] + lag·dt.
+        found.append((score, edges[0] + lag * dt - t_ref[0], factor))
+    best = [(offset, factor) for _, offset, factor in sorted(found, reverse=True)[:STARTS]]
+    return [(0.0, 1.0), *best]
+
+
+def _correlate(a: Array, b: Array) -> tuple[float, int]:
+    """Largest normalised correlation of a(i) and b(i + lag) over their common points, and the lag."""
+    size = 1 << int(np.ceil(np.log2(a.size + b.size)))
+    a, b = a - a.mean(), b - b.mean()
+    ones_a, ones_b = np.ones(a.size), np.ones(b.size)
+
+    def correlate(x: Array, y: Array) -> Array:
+        return np.fft.irfft(np.conj(np.fft.rfft(x, size)) * np.fft.rfft(y, size), size)
+
+    n = np.maximum(np.round(correlate(ones_a, ones_b)), 1)
+    sa, sb = correlate(a, ones_b), correlate(ones_a, b)
+    ab, aa, bb = correlate(a, b), correlate(a * a, ones_b), correlate(ones_a, b * b)
+    va, vb = aa - sa**2 / n, bb - sb**2 / n
+    whole = (n >= LEAST_COMMON * min(a.size, b.size)) & (va > 1e-9 * aa.max()) & (vb > 1e-9 * bb.max())
+    score = np.where(whole, (ab - sa * sb / n) / np.sqrt(np.maximum(va * vb, 1e-300)), -1.0)
+    lag = int(np.argmax(score))
+    return float(score[lag]), lag if lag < b.size else lag - size

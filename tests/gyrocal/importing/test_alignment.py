@@ -1,0 +1,207 @@
+"""Time offset, clock, direction, mounting and factor are found with their sigmas, and faults of a misfit are named."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
+
+import gyrocal
+from gyrocal import InputError, importing
+from gyrocal.importing import misfit, validate_mapping
+from gyrocal.importing.alignment import estimate_alignment
+from gyrocal.importing.build import build
+from gyrocal.importing.motion import build_motion
+from gyrocal.importing.streams import read_streams
+from studies.cli import import_
+from studies.validation import mems_log
+from studies.validation.imports import CORRECT_MAPPING, find_refusal
+
+RATES = ["gx", "gy", "gz"]
+
+
+@pytest.fixture(scope="module")
+def data():
+    return mems_log.log(np.random.default_rng(31), seconds=60.0)
+
+
+def read(data, **changes):
+    mapping = validate_mapping(CORRECT_MAPPING | changes, "x")
+    return read_streams(data.gyro, data.attitude, mapping), mapping
+
+
+def with_clock(data, factor, offset_s):
+    """The log with the gyro's clock too fast by a factor, and the attitudes' tags too early by an offset."""
+    t = mems_log.UNIX_MS
+    gyro = data.gyro.assign(timestamp_ms=t + (data.gyro["timestamp_ms"] - t) / factor)
+    return replace(data, gyro=gyro, attitude=data.attitude.assign(timestamp_ms=data.attitude["timestamp_ms"] - 1e3 * offset_s))
+
+
+def test_alignment_is_found_within_its_sigmas():
+    """Over logs whose G is the identity, so that nothing but what is estimated differs, errors have a chi-square of one."""
+    errors = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        data = mems_log.log(rng, seconds=60.0)
+        raw = np.deg2rad(data.gyro[RATES].to_numpy()) @ data.G.T
+        turn = Rotation.from_rotvec([0.6, -0.9, 0.4])
+        data = replace(data, gyro=data.gyro.assign(**dict(zip(RATES, np.rad2deg(turn.inv().apply(raw) / 0.25).T, strict=True))))
+        streams, _ = read(with_clock(data, 1.0003, 2.5))
+        one = streams.sensors[0]
+        conjugate = Rotation.from_quat(one.q).inv().as_quat()
+        found = estimate_alignment(streams.t_s, streams.raw, streams.sample_s, one.t_s, conjugate)
+        assert found.reverse
+        assert found.residual < 0.05
+        missed = (Rotation.from_matrix(found.C) * turn.inv()).as_rotvec() / found.turn_sigma
+        errors.append(
+            [
+                (found.offset_s - 2.5) / found.offset_sigma,
+                (found.time_factor - 1.0003) / found.time_sigma,
+                (found.factor - 0.25) / found.factor_sigma,
+                *missed,
+            ]
+        )
+    mean = np.mean(np.square(errors), axis=0)
+    assert (mean < 4).all(), mean  # 12 draws of a chi-square with one degree of freedom: 99.99 % below 3.6
+    assert mean.mean() > 0.2
+
+
+@pytest.mark.parametrize("factor", [1 - 75e-6, 1.02])
+def test_auto_undoes_a_clock_and_an_offset_and_the_mapping_repeats_it(data, factor):
+    off = with_clock(data, factor, 1.7)
+    made = build(*read(off, align="auto"))
+    assert made.mapping.align == "as given"
+    assert made.mapping.attitude_offset_s == pytest.approx(1.7, abs=0.01)
+    assert any("± " in text and "which differs from zero" in text for text in made.assumed)
+    again = build(read_streams(off.gyro, off.attitude, made.mapping), made.mapping)
+    np.testing.assert_allclose(again.recording.attitudes.t_s, made.recording.attitudes.t_s, atol=1e-9)
+    np.testing.assert_allclose(again.recording.gyro.t_s, made.recording.gyro.t_s, atol=1e-9)
+    assert any("does not differ from zero" in text for text in again.assumed)
+    error = gyrocal.calibrate(made.recording).parameters.G - data.G
+    assert np.abs(error).max() < 0.01
+
+
+def test_a_clock_without_a_date_is_aligned_and_repeated(data):
+    since = data.gyro.assign(timestamp_ms=data.gyro["timestamp_ms"] - mems_log.UNIX_MS + 4.2e6)
+    booted = replace(data, gyro=since)
+    with pytest.raises(InputError, match="--align auto finds the offset"):
+        read(booted)
+    made = build(*read(booted, align="auto"))
+    again = build(read_streams(booted.gyro, booted.attitude, made.mapping), made.mapping)
+    assert any("does not differ from zero" in text for text in again.assumed)
+    assert np.abs(gyrocal.calibrate(again.recording).parameters.G - data.G).max() < 0.01
+
+
+def test_a_factor_that_is_no_unit_is_named_and_mended(data):
+    wrong = replace(data, gyro=data.gyro.assign(**{name: 4 * data.gyro[name] for name in RATES}))
+    assert "the rates times 0.2" in find_refusal(wrong, {})
+    assert find_refusal(wrong, {"align": "auto"}) == ""
+    made = build(*read(wrong, align="auto"))
+    assert made.warnings == (f"the rates are multiplied by {made.mapping.rate_factor:.4g}: {made.warnings[0].split(': ')[1]}",)
+    low = replace(data, gyro=data.gyro.assign(**{name: 0.7 * data.gyro[name] for name in RATES}))
+    assert "the rates times 1.4" in find_refusal(low, {})
+
+
+def test_a_clock_rate_is_named_beside_an_offset(data):
+    message = find_refusal(with_clock(data, 1.02, 0.6), {})
+    assert "the gyro's time tags times 1.0" in message
+    offset = re.search(r"([-+][\d.]+) s added", message)
+    assert float(offset.group(1)) == pytest.approx(0.6, abs=0.01)
+
+
+def test_increments_per_sample_are_named_and_read(data):
+    angle = np.deg2rad(data.gyro[RATES]) * mems_log.MEMS_SAMPLE_S
+    wrong = replace(data, gyro=data.gyro.assign(**angle))
+    words = "the gyro as increments in rad/sample, not rad"
+    assert find_refusal(wrong, {"gyro": "gx,gy,gz:rad"}).endswith(words)
+    right, _ = read(wrong, gyro="gx,gy,gz:rad/sample")
+    np.testing.assert_allclose(right.raw, np.deg2rad(data.gyro[RATES]), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("stated", "words"),
+    [("deg:XYZ", "the Euler angles as ZYX, not XYZ"), ("rad:ZYX", "the Euler angles in deg, not rad")],
+)
+def test_euler_angles_in_another_order_or_unit_are_named(data, stated, words):
+    q = np.roll(data.attitude[["qw", "qx", "qy", "qz"]].to_numpy(), -1, axis=1)
+    angles = Rotation.from_quat(q).as_euler("ZYX", degrees=True)
+    table = data.attitude[["timestamp_ms"]].assign(**dict(zip("abc", angles.T, strict=True)))
+    entries = {"quat": None, "euler": f"a,b,c:{stated}:body-to-inertial"}
+    message = find_refusal(replace(data, attitude=table), entries)
+    assert words in message
+
+
+def test_sigma_is_a_number_three_or_columns(data):
+    table = data.attitude.assign(s=np.linspace(0.1, 0.3, len(data.attitude)))
+    own = replace(data, attitude=table)
+    for stated, wanted in ((0.3, 0.3), ([0.1, 0.2, 0.3], [0.1, 0.2, 0.3])):
+        sigma = build(*read(own, sigma_deg=stated)).recording.attitudes.sigma
+        np.testing.assert_allclose(np.rad2deg(sigma), np.broadcast_to(wanted, sigma.shape))
+    made = build(*read(own, sigma_deg="s"))
+    sigma = np.rad2deg(made.recording.attitudes.sigma[:, 0])
+    assert sigma[0] < 0.12
+    assert sigma[-1] > 0.28
+    assert not made.recording.attitudes.sigma_estimated
+    with pytest.raises(InputError, match="not a number, three numbers, a column"):
+        read(own, sigma_deg="s,s")
+
+
+def windows_of(data, change):
+    streams, _ = read(data)
+    one = streams.sensors[0]
+    rates = change(streams.raw @ data.G.T + data.bias, streams.t_s - streams.t_s[0])
+    return build_motion(streams.t_s, rates, streams.sample_s, one.t_s, one.q)
+
+
+@pytest.mark.parametrize(
+    ("kind", "change"),
+    [
+        ("bias", lambda w, t: w + 0.2),
+        ("scale", lambda w, t: 0.7 * w),
+        ("step", lambda w, t: w + 0.2 * (t > 35)[:, None]),
+        ("jump", lambda w, t: np.where((t > 30)[:, None], np.roll(w, 25, axis=0), w)),
+        ("clipping", lambda w, t: np.clip(w, [-9, -0.4, -9], [9, 0.4, 9])),
+    ],
+)
+def test_the_fault_that_explains_a_misfit_is_named(data, kind, change):
+    found = misfit.explain_misfit(windows_of(data, change))
+    assert found.kind == kind
+    assert (found.bias is None) == (kind != "bias")
+
+
+def test_noise_is_no_fault_and_a_misfit_is_located(data):
+    rng = np.random.default_rng(3)
+
+    def shaken(w, t):
+        return w + np.where(((t > 20) & (t < 28))[:, None], rng.normal(size=w.shape) * 5, 0)
+
+    windows = windows_of(data, shaken)
+    assert misfit.explain_misfit(windows) is None
+    start, stop = (float(word) for word in misfit.locate_misfit(windows).split(" s, ")[0].split("between ")[1].split(" and "))
+    assert 19 < start < stop < 29
+
+
+def test_rates_of_zero_are_refused(data):
+    with pytest.raises(InputError, match="all rates are zero"):
+        build(*read(replace(data, gyro=data.gyro.assign(gx=0.0, gy=0.0, gz=0.0))))
+
+
+def test_every_command_takes_the_same_alignment_options(data, tmp_path):
+    for name in ("csv", "aem", "acm", "ck", "euroc", "bag"):
+        known = {option for one in import_.command.commands[name].params for option in one.opts}
+        wanted = {"--align", "--attitude-offset", "--time-factor", "--rate-factor", "--mounting", "--sigma", "--unchecked"}
+        assert wanted <= known, name
+    gyro, attitude = tmp_path / "g.csv", tmp_path / "a.csv"
+    gyro_table = data.gyro.assign(**dict(zip(RATES, 4 * data.gyro[RATES].to_numpy().T, strict=True)))
+    gyro_table.to_csv(gyro, index=False)
+    data.attitude.to_csv(attitude, index=False)
+    words = [str(gyro), str(attitude), str(tmp_path / "out"), "--time", "timestamp_ms:ms", "--gyro", "gx,gy,gz:deg/s"]
+    words += ["--quat", "qw,qx,qy,qz:body-to-world", "--align", "auto", "--sigma", "0.1"]
+    ran = CliRunner().invoke(import_.command, ["csv", *words])
+    assert ran.exit_code == 0, ran.output
+    assert ran.output.startswith("implausible: the rates are multiplied by 0.2")
+    written = gyrocal.recording.read_toml(tmp_path / "out" / importing.NOTES_FILE)["mapping"]
+    assert written["sigma_deg"] == 0.1
+    assert written["rate_factor"] == pytest.approx(0.25, rel=0.03)
