@@ -132,6 +132,17 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
     return Streams(t_s, raw, sample_s, channels, tuple(sensors), epoch, time_scale, (*assumed, *said))
 
 
+def read_gyro_log(gyro: pd.DataFrame, mapping: Mapping) -> Streams:
+    """The gyro's table alone, as the mapping reads it."""
+    clock, raw, channels, assumed = _read_gyro(gyro, mapping)
+    start = int(clock.whole.min()) if clock.scale else 0
+    epoch = units.convert_to_date(start, clock.scale).replace(tzinfo=None).isoformat() if clock.scale else UNDATED
+    t_s, raw, said = _sort_rows(clock.subtract(start), raw, "gyro")
+    t_s, raw, sample_s, more = _build_samples(t_s, raw, mapping)
+    time_scale = clock.scale or "seconds of the file"
+    return Streams(t_s, raw, sample_s, channels, (), epoch, time_scale, (*assumed, *said, *more))
+
+
 def _read_gyro(frame: pd.DataFrame, mapping: Mapping) -> tuple[units.Clock, Array, tuple[str, ...], list[str]]:
     names, words = parse_spec(mapping.gyro, "gyro")
     tags, unit = parse_spec(mapping.time, "time")

@@ -79,7 +79,7 @@ def test_a_tone_of_a_slower_gyro_keeps_its_frequency():
 
 def test_a_number_format_coarser_than_the_noise_is_stated():
     step = 3 * NOISE
-    rough = np.round((draw_white_noise(5) + [0.0, 0.4 * step, 0.5 * step]) / step) * step
+    rough = np.round((draw_white_noise(5) + step * np.array([0.0, 0.4, 0.5])) / step) * step
     found = select_measured_samples(build_rest(rough))
     assert [text[:2] for text in found.notes] == ["y:", "z:"] or [text[:2] for text in found.notes] == ["x:", "y:", "z:"]
     assert not select_measured_samples(build_rest(np.round(draw_white_noise(5), 6))).notes
