@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing import units
 from gyrocal.importing.column_mapping import Mapping, convert_attitude, parse_spec
+from gyrocal.importing.lost_references import leave_out_lost_references
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -128,8 +129,13 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
     t_s, raw, said = _sort_rows(clock_g.subtract(origin), raw, "gyro")
     assumed += said
     t_s, raw, sample_s, said = _build_samples(t_s, raw, mapping)
+    assumed += said
+    for k, one in enumerate(sensors):
+        keep, lost = leave_out_lost_references(one.t_s, one.q, t_s, raw, sample_s, f"attitude {one.name}".strip())
+        sensors[k] = Sensor(one.name, one.t_s[keep], one.q[keep])
+        assumed += lost
     time_scale = scale or "seconds of the file"
-    return Streams(t_s, raw, sample_s, channels, tuple(sensors), epoch, time_scale, (*assumed, *said))
+    return Streams(t_s, raw, sample_s, channels, tuple(sensors), epoch, time_scale, tuple(assumed))
 
 
 def read_gyro_log(gyro: pd.DataFrame, mapping: Mapping) -> Streams:
@@ -167,14 +173,17 @@ def _read_rows(
     """
     values = read_numbers(frame, names, key)
     good = np.isfinite(values).all(axis=1)
+    if key in ("quat", "matrix"):  # zeros are no attitude; loggers write them for one that is missing
+        good &= (values != 0).any(axis=1)
     if not good.any():
         raise InputError(f"{key}: no row of {', '.join(names)} holds numbers")
     entry, tags, unit = time
     clock = units.build_clock(_select_columns(frame, tags, entry).iloc[np.flatnonzero(good)], _require_one_unit(unit, entry))
     if good.all():
         return clock, values, []
+    zeros = ", or of zeros alone," if np.isfinite(values[~good]).all(axis=1).any() else ""
     first = f", the first of them row {int(frame.index[np.flatnonzero(~good)[0]])}" if places else ""
-    return clock, values[good], [f"{int((~good).sum())} {what} row(s) without numbers are left out{first}"]
+    return clock, values[good], [f"{int((~good).sum())} {what} row(s) without numbers{zeros} are left out{first}"]
 
 
 def _arrange_by_gyro(frame: pd.DataFrame, by: str, tags: list[str], names: list[str]) -> tuple[pd.DataFrame, list[str]]:

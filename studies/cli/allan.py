@@ -33,8 +33,8 @@ def command(
     """Overlapping Allan deviation of the noise in RECORDING, with confidence bands and the noise terms of IEEE Std 952.
 
     Rests are used as recorded; where the body moves, the motion that the references show is taken out. Each term has its size
-    with sigma, or a bound if it is not seen, beside what the recording states. RECORDING may be a CSV table of a gyro alone, with
-    --time and --gyro. See docs/allan.md.
+    with sigma, or a bound if it is not seen, beside what the recording states. RECORDING may be a CSV table of a gyro
+    alone, with --time and --gyro. See docs/allan.md.
 
     \b
     Examples:
