@@ -212,6 +212,8 @@ def calibrate(
     if interval_covariance is not None and residual_covariance is not None:
         raise InputError("give interval_covariance or residual_covariance, not both")
     given = _check_interval_covariance(interval_covariance, len(recording.intervals))
+    if recording.without_references:
+        raise InputError("calibrate: the recording has no reference attitudes")
     prepared = prepare_measurements(recording, step_s, resampling, max_gap_s)
     joint = _check_residual_covariance(residual_covariance, len(prepared.row))
     problem = Problem.build(recording, prepared, names, psi, covariance_model, given, joint, parametrisation)

@@ -241,7 +241,7 @@ def _check_overlap(streams: Streams, joined: JoinedAttitudes) -> None:
     raise InputError(
         f"the gyro runs from {streams.t_s[0]:.9g} to {stop:.9g} s and the attitudes from {joined.t_s[0]:.9g} to "
         f"{joined.t_s[-1]:.9g} s: {int(inside.sum())} attitudes are within"
-        f"{hint or '; is one of the time tags offset? --align auto finds an offset of any size; a unit may be a multiple, as 100us'}"
+        f"{hint or '; is one of the time tags offset? --align auto finds an offset of any size; a unit may be 100us'}"
     )
 
 

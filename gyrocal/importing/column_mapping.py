@@ -130,7 +130,10 @@ class Mapping(BaseModel):
         """Which of quat, euler and matrix is given."""
         given = [name for name in ("quat", "euler", "matrix") if getattr(self, name) is not None]
         if len(given) != 1:
-            raise InputError("attitude: give one of quat, euler and matrix, e.g. --quat qw,qx,qy,qz:body-to-inertial")
+            raise InputError(
+                "attitude: give one of quat, euler and matrix, e.g. --quat qw,qx,qy,qz:body-to-inertial; the noise of a "
+                f"gyro at rest needs no attitudes: gyrocal allan LOG.csv --time {self.time} --gyro {self.gyro}"
+            )
         return given[0]
 
     def build_mountings(self) -> dict[str, Array] | None:
@@ -185,8 +188,13 @@ def load_mapping(path: Path) -> dict[str, Any]:
     return read_toml(path)
 
 
-def validate_mapping(entries: dict[str, Any], source: str) -> Mapping:
+def validate_mapping(entries: dict[str, Any], source: str, attitude_needed: bool = True) -> Mapping:
     """A mapping of entries.
+
+    Parameters
+    ----------
+    entries, source : the mapping, and where it stands
+    attitude_needed : whether it must name attitudes
 
     Raises
     ------
@@ -201,7 +209,8 @@ def validate_mapping(entries: dict[str, Any], source: str) -> Mapping:
         made = Mapping.model_validate(entries)
     except ValidationError as error:
         raise InputError(f"{source}: {format_validation_error(error, Mapping)}") from None
-    _ = made.attitude
+    if attitude_needed:
+        _ = made.attitude
     return made
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing import units
 from gyrocal.importing.column_mapping import Mapping, convert_attitude, parse_spec
+from gyrocal.importing.lost_references import leave_out_lost_references
 from gyrocal.importing.time_base import fit_even_times, is_uneven
 
 if TYPE_CHECKING:
@@ -52,6 +53,11 @@ class Sensor:
     q: Array
     sigma: Array | None = None
     angles: Array | None = None
+
+    def select_rows(self, rows: NDArray[Any]) -> Sensor:
+        """The attitudes of some rows."""
+        sigma, angles = (None if one is None else one[rows] for one in (self.sigma, self.angles))
+        return Sensor(self.name, self.t_s[rows], self.q[rows], sigma, angles)
 
 
 @dataclass(frozen=True)
@@ -159,9 +165,25 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
         )
         if factor != 1
     ]
+    for k, one in enumerate(sensors):
+        keep, lost = leave_out_lost_references(one.t_s, one.q, t_s, raw, sample_s, f"attitude {one.name}".strip())
+        sensors[k] = one.select_rows(keep)
+        said += lost
     time_scale = scale or "seconds of the file"
     assumed = _put_large_losses_first([*changes, *assumed, *said], len(clock_g.whole), sum(len(c.whole) for c in clocks))
     return Streams(t_s, raw, sample_s, channels, tuple(sensors), epoch, time_scale, tuple(assumed))
+
+
+def read_gyro_log(gyro: pd.DataFrame, mapping: Mapping) -> Streams:
+    """The gyro's table alone, as the mapping reads it."""
+    clock, raw, channels, number, assumed = _read_gyro(gyro, mapping)
+    start = int(clock.whole.min()) if clock.scale else 0
+    epoch = units.convert_to_date(start, clock.scale).replace(tzinfo=None).isoformat() if clock.scale else UNDATED
+    t_s, raw, changes, evened = _even_times(clock.subtract(start), raw, number, mapping, gyro)
+    t_s, raw, said = _sort_rows(t_s, raw, "gyro")
+    t_s, raw, sample_s, more = _build_samples(t_s, raw, mapping)
+    time_scale = clock.scale or "seconds of the file"
+    return Streams(t_s, raw, sample_s, channels, (), epoch, time_scale, (*changes, *assumed, *evened, *said, *more))
 
 
 def _read_gyro(frame: pd.DataFrame, mapping: Mapping) -> tuple[units.Clock, Array, tuple[str, ...], Array | None, list[str]]:
@@ -319,14 +341,17 @@ def _read_rows(
     """
     values = read_numbers(frame, names, key)
     good = np.isfinite(values).all(axis=1)
+    if key in ("quat", "matrix"):  # zeros are no attitude; loggers write them for one that is missing
+        good &= (values != 0).any(axis=1)
     if not good.any():
         raise InputError(f"{key}: no row of {', '.join(names)} holds numbers")
     entry, tags, unit = time
     clock = units.build_clock(_select_columns(frame, tags, entry).iloc[np.flatnonzero(good)], _require_one_unit(unit, entry))
     if good.all():
         return clock, values, []
+    zeros = ", or of zeros alone," if np.isfinite(values[~good]).all(axis=1).any() else ""
     first = f", the first of them row {int(frame.index[np.flatnonzero(~good)[0]])}" if places else ""
-    return clock, values[good], [f"{int((~good).sum())} {what} row(s) without numbers are left out{first}"]
+    return clock, values[good], [f"{int((~good).sum())} {what} row(s) without numbers{zeros} are left out{first}"]
 
 
 def _arrange_by_gyro(frame: pd.DataFrame, by: str, tags: list[str], names: list[str]) -> tuple[pd.DataFrame, list[str]]:

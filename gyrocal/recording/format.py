@@ -30,12 +30,13 @@ HEADER = "recording.toml"
 IS_A_RECORDING = f"a recording is a folder with {HEADER} in it"
 
 
-def load(folder: str | os.PathLike[str]) -> Recording:
+def load(folder: str | os.PathLike[str], *, without_references: bool = False) -> Recording:
     """Load and validate a recording.
 
     Parameters
     ----------
     folder : path of the recording's folder
+    without_references : whether three gyros may do without reference attitudes, as for their noise alone
 
     Raises
     ------
@@ -48,17 +49,18 @@ def load(folder: str | os.PathLike[str]) -> Recording:
     with lock_folder(folder, shared=True):
         if not (folder / HEADER).exists():
             raise InputError(f"{folder / HEADER}: no such file; {IS_A_RECORDING}")
-        return _load(folder)
+        return _load(folder, without_references)
 
 
-def _load(folder: Path) -> Recording:
+def _load(folder: Path, without_references: bool) -> Recording:
     said = header.read(folder / HEADER)
     names = tuple(said.gyro.names)
     rates = list_rate_columns(names)
     switched = any(one.gyros is not None for one in said.interval)
     gyro_name, gyro = tables.read(folder, "gyro", ("t_s", *rates), rates if switched else ())
     attitude_name, attitude = "attitude", None
-    if tables.find(folder, "attitude") is not None or names == TRIAD:
+    without_references = without_references and tables.find(folder, "attitude") is None
+    if not without_references and (tables.find(folder, "attitude") is not None or names == TRIAD):
         stated = bool(said.attitude.sensor) and all(one.sigma_deg for one in said.attitude.sensor)
         wanted = ("t_s", *QUATERNION_COLUMNS, *(() if stated else SIGMA_COLUMNS))
         attitude_name, attitude = tables.read(folder, "attitude", wanted)
@@ -105,6 +107,7 @@ def _load(folder: Path) -> Recording:
             orbit=Orbit(**said.orbit.model_dump()) if said.orbit else None,
             tables={name: table for name, table in optional.items() if name not in sensor_tables.list_known_tables(optional)},
             sensors=sensors,
+            without_references=without_references,
         )
 
 

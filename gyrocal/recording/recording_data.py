@@ -26,7 +26,10 @@ ROUNDED_NORM = 0.01  # a quaternion as far from the unit as this is rounded, one
 
 @dataclass(frozen=True)
 class Recording:
-    """Everything the calibrator gets to see."""
+    """Everything the calibrator gets to see.
+
+    One with `without_references` may have none, and shows the noise of its gyros only.
+    """
 
     title: str
     epoch: str
@@ -37,12 +40,13 @@ class Recording:
     time_scale: str = "UTC"
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     sensors: SensorTables | None = None
+    without_references: bool = False
 
     def __post_init__(self) -> None:
         checks.check_gyro(self.gyro)
         checks.check_intervals(self.intervals)
         checks.check_switched_on(self.gyro, self.intervals)
-        if self.attitudes.t_s.size or not self.is_array:
+        if self.attitudes.t_s.size or not (self.is_array or self.without_references):
             checks.check_attitudes(self.attitudes)
             checks.check_references(self.attitudes.t_s, self.intervals)
             trackers.check(self.attitudes)

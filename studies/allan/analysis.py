@@ -6,6 +6,7 @@ that other terms could pass for. What the references add where they were taken o
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,11 +19,14 @@ from diagnosis.settings import DEFAULT
 from gyrocal import Recording
 from gyrocal.allan import Deviation, Fit, TermEstimate, fit_terms, overlapping_allan_deviation
 from gyrocal.allan.terms import ANGLE_WHITE, FLICKER, MARKOV, RAMP, RANDOM_WALK, RATE_WALK, compute_sinusoid_variance
+from gyrocal.recording.gyros import need_triad
 from simulator.streams import generator
 from studies.allan.rates import Stretch, find_stretches
+from studies.allan.repeated_samples import select_measured_samples
 from studies.allan.steps import RateStep, find_rate_step
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 AXES = "xyz"
 BOUND_CONFIDENCE = 0.95
@@ -122,38 +126,44 @@ def estimate_noise_terms(recording: Recording, interval: str | None = None) -> N
     InputError
         There is no such interval, or no stretch of samples shows the gyro's noise.
     """
+    need_triad(recording.gyro)
+    samples = select_measured_samples(recording)
+    recording = samples.recording
     parts, notes = find_stretches(recording, interval)
     sinusoids, clean = _subtract_lines(recording, parts)
-    return NoiseAnalysis(
-        recording.title,
-        recording.gyro.arw,
-        parts,
-        tuple(_estimate_axis_noise(recording.gyro.sample_s, parts, k, clean, sinusoids[k]) for k in range(3)),
-        notes,
-    )
+    measured = [samples.measured[one.samples] for one in parts]
+    sample_s = recording.gyro.sample_s
+    axes = tuple(_estimate_axis_noise(sample_s, parts, k, clean, sinusoids[k], measured) for k in range(3))
+    return NoiseAnalysis(recording.title, recording.gyro.arw, parts, axes, (*samples.notes, *notes))
 
 
 def _estimate_axis_noise(
-    sample_s: float, parts: tuple[Stretch, ...], axis: int, clean: list[Array], sinusoid: LineSearch
+    sample_s: float, parts: tuple[Stretch, ...], axis: int, clean: list[Array], sinusoid: LineSearch, measured: list[Mask]
 ) -> AxisNoise:
-    deviation = overlapping_allan_deviation([one.rates[:, axis] for one in parts], sample_s)
-    floor = _simulate_reference_variance(sample_s, parts, axis)
-    fit = fit_terms(overlapping_allan_deviation([rates[:, axis] for rates in clean], sample_s), floor)
+    """Fit the terms of one axis to the samples (n,) of each stretch that were measured."""
+
+    def compute_deviation(rates: Iterable[Array]) -> Deviation:
+        return overlapping_allan_deviation([one[own, axis] for one, own in zip(rates, measured, strict=True)], sample_s)
+
+    deviation = compute_deviation(one.rates for one in parts)
+    floor = _simulate_reference_variance(parts, compute_deviation)
+    fit = fit_terms(compute_deviation(clean), floor)
     low, high = deviation.band(fit.degrees, BOUND_CONFIDENCE)
     tones = (compute_sinusoid_variance(line.amplitude, line.frequency_hz, deviation.tau_s) for line in sinusoid.found)
-    found = ((place, find_rate_step(rates[:, axis])) for place, rates in enumerate(clean))
-    steps = tuple((place, step) for place, step in found if step is not None)
+    found = ((place, find_rate_step(rates[measured[place], axis])) for place, rates in enumerate(clean))
+    steps = tuple(
+        (place, replace(step, at=int(np.flatnonzero(measured[place])[step.at]))) for place, step in found if step is not None
+    )
     return AxisNoise(deviation, low, high, sum(tones, fit.model), floor, fit, sinusoid, steps)
 
 
-def _simulate_reference_variance(sample_s: float, parts: tuple[Stretch, ...], axis: int) -> Array:
+def _simulate_reference_variance(parts: tuple[Stretch, ...], compute_deviation: Callable[[list[Array]], Deviation]) -> Array:
     """(t,) Allan variance that errors of the references make where they are taken out of the rates."""
     draws = REFERENCE_ERROR_DRAWS if any(not one.rest for one in parts) else 1
     found = []
     for case in range(draws):
         rng = generator(0, case, "allan references")
-        drawn = [one.draw_reference_rates(rng)[:, axis] for one in parts]
-        found.append(overlapping_allan_deviation(drawn, sample_s).variance)
+        found.append(compute_deviation([one.draw_reference_rates(rng) for one in parts]).variance)
     return np.asarray(np.mean(found, axis=0))
 
 

@@ -63,7 +63,7 @@ def build_terms_table(found: NoiseAnalysis) -> pd.DataFrame:
             if estimate.seen and one.term == MARKOV:
                 row["time constant"] = f"{estimate.time_constant_s:.3g} ± {estimate.time_constant_sigma_s:.2g} s"
             if one.term == RANDOM_WALK:
-                row["stated"] = tables.format_number(found.arw * COEFFICIENT_UNITS[RANDOM_WALK][1])
+                row["stated"] = tables.format_number(found.arw * COEFFICIENT_UNITS[RANDOM_WALK][1]) if found.arw else NO_VALUE
             rows.append(row)
         rows += _build_sinusoid_rows(name, axis)
     return pd.DataFrame(rows)

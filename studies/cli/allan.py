@@ -1,10 +1,12 @@
 """The command ``gyrocal allan``: Allan deviation of a recording's noise, with the terms of IEEE Std 952."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from gyrocal import load
+from gyrocal import InputError, Recording, importing, load
+from gyrocal.importing.gyro_log import import_gyro_log
 from studies.allan import report as allan_report
 from studies.allan.analysis import estimate_noise_terms
 from studies.cli.options import PATH, add_json_option, add_output_option
@@ -17,22 +19,31 @@ from studies.report.panels import save
 @click.command("allan")
 @click.argument("recording", type=PATH)
 @click.option("--interval", metavar="NAME", help="Look at this interval only.")
+@click.option("--time", metavar="COLUMN:UNIT", help="Of a CSV table, as of import csv.")
+@click.option("--gyro", metavar="COLUMNS:UNIT", help="Of a CSV table, as of import csv.")
+@click.option("--lsb", metavar="'SIZE UNIT'", help="Of counts in a CSV table, as of import csv.")
+@click.option("--wrap", type=float, help="Where an accumulated angle wraps in a CSV table, as of import csv.")
+@click.option("--mapping", "mapping", type=PATH, help="Mapping of a CSV table as TOML, as of import csv.")
 @add_json_option("deviation, bands and terms")
 @add_output_option("--report", help="Write a page with the figure (HTML, needs no network) to this file.")
 @add_output_option("--figure", help="Write the figure alone to this file, .svg or .png.", endings=(".svg", ".png"))
-def command(recording: Path, interval: str | None, as_json: Path | None, report: Path | None, figure: Path | None) -> None:
+def command(
+    recording: Path, interval: str | None, as_json: Path | None, report: Path | None, figure: Path | None, **options: Any
+) -> None:
     """Overlapping Allan deviation of the noise in RECORDING, with confidence bands and the noise terms of IEEE Std 952.
 
     Rests are used as recorded; where the body moves, the motion that the references show is taken out. Each term has its size
-    with sigma, or a bound if it is not seen, beside what the recording states. See docs/allan.md.
+    with sigma, or a bound if it is not seen, beside what the recording states. RECORDING may be a CSV table of a gyro
+    alone, with --time and --gyro. See docs/allan.md.
 
     \b
     Examples:
       gyrocal simulate trmm_series /tmp/rec --effect noise_flicker:z=0.5
       gyrocal allan /tmp/rec --report /tmp/allan.html
       gyrocal allan /tmp/rec --interval m1 --json /tmp/allan.json
+      gyrocal allan log.csv --time t:s --gyro gx,gy,gz:deg/s
     """
-    loaded = load(recording)
+    loaded = _load_recording_or_table(recording, options)
     found = estimate_noise_terms(loaded, interval)
     allan_report.show_analysis(make_console(), found)
     if as_json:
@@ -41,3 +52,17 @@ def command(recording: Path, interval: str | None, as_json: Path | None, report:
         write_text(report, allan_report.build_allan_page(found, build_provenance_footer(loaded)))
     if figure:
         save(allan_report.draw_allan_figure(found), figure)
+
+
+def _load_recording_or_table(path: Path, options: dict[str, Any]) -> Recording:
+    """A recording, which may do without references, or one of a table of the gyro alone."""
+    given = {name: value for name, value in options.items() if value is not None}
+    if not path.is_file():
+        if given:
+            raise InputError(f"{', '.join(f'--{name}' for name in given)}: for a CSV table; {path} is none")
+        return load(path, without_references=True)
+    file = given.pop("mapping", None)
+    loaded, assumed = import_gyro_log(path, (importing.load_mapping(file) if file else {}) | given)
+    for text in assumed:
+        click.echo(f"Assumed: {text}.")
+    return loaded

@@ -1,0 +1,85 @@
+"""Allan deviations of logs in which samples repeat."""
+
+import numpy as np
+import pytest
+
+from gyrocal import Recording
+from gyrocal.allan.terms import RANDOM_WALK
+from studies.allan.analysis import estimate_noise_terms
+from studies.allan.repeated_samples import select_measured_samples
+from studies.allan.report import list_remarks
+
+NOISE, SAMPLE_S = np.deg2rad(0.05), 0.01
+
+
+def build_rest(rates):
+    """A recording of a body at rest with a reference at either end."""
+    ends = np.array([0.0, len(rates) * SAMPLE_S])
+    still = np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))
+    tags = np.arange(len(rates)) * SAMPLE_S
+    return Recording.from_arrays(tags, rates, ends, still, sigma=np.deg2rad(0.1), arw=NOISE * np.sqrt(SAMPLE_S))
+
+
+def draw_white_noise(seed, count=9000):
+    return np.random.default_rng(seed).normal(size=(count, 3)) * NOISE
+
+
+@pytest.mark.parametrize("ratio", [1, 1.25, 2, 2.5, 3, 5])
+def test_white_noise_that_is_read_too_often_has_its_angle_random_walk_and_no_tone(ratio):
+    white = draw_white_noise(round(100 * ratio))
+    found = estimate_noise_terms(build_rest(white[(np.arange(len(white)) / ratio).astype(int)]))
+    score = []
+    for axis in found.axes:
+        assert [one.term for one in axis.fit.estimates if one.seen] == [RANDOM_WALK]
+        assert not axis.sinusoid.found
+        walk = axis.fit.estimate(RANDOM_WALK)
+        score.append((walk.value - NOISE * np.sqrt(ratio * SAMPLE_S)) / walk.sigma)
+    assert np.abs(score).max() < 4
+    assert any("repeat the one before" in line for line in list_remarks(found)) == (ratio > 1)
+
+
+@pytest.mark.parametrize("share", [0.002, 0.1, 0.6])
+def test_lost_samples_that_are_held_leave_the_angle_random_walk(share):
+    rng = np.random.default_rng(round(1000 * share))
+    white = draw_white_noise(7)
+    fresh = rng.uniform(size=len(white)) > share
+    fresh[0] = True
+    held = white[np.maximum.accumulate(np.where(fresh, np.arange(len(white)), 0))]
+    found = estimate_noise_terms(build_rest(held))
+    for axis in found.axes:
+        assert [one.term for one in axis.fit.estimates if one.seen] == [RANDOM_WALK]
+        assert not axis.sinusoid.found
+        walk = axis.fit.estimate(RANDOM_WALK)
+        assert abs(walk.value - NOISE * np.sqrt(SAMPLE_S)) < 4 * walk.sigma
+    assert "irregular" in list_remarks(found)[-2]
+
+
+def test_the_gyros_own_rate_is_found_and_holes_keep_their_place():
+    recording = build_rest(np.repeat(draw_white_noise(3, 3000), 3, axis=0))
+    whole = select_measured_samples(recording)
+    assert whole.recording.gyro.sample_s == pytest.approx(3 * SAMPLE_S, rel=1e-3)
+    keep = np.r_[0:3000, 4500:9000]
+    gyro = recording.gyro
+    holed = Recording.from_arrays(
+        gyro.t_s[keep], gyro.rates[keep], recording.attitudes.t_s, recording.attitudes.quaternions, sigma=0.01, arw=gyro.arw
+    )
+    found = select_measured_samples(holed).recording.gyro
+    assert found.t_s.size == 2500
+    assert found.t_s[1000] == pytest.approx(45.0, abs=0.03)
+    assert np.diff(found.t_s).max() == pytest.approx(15.0, abs=0.1)
+
+
+def test_a_tone_of_a_slower_gyro_keeps_its_frequency():
+    white = draw_white_noise(4, 3000)
+    white[:, 1] += 0.5 * NOISE * np.sin(2 * np.pi * 5.0 * np.arange(3000) * 3 * SAMPLE_S)
+    (line,) = estimate_noise_terms(build_rest(np.repeat(white, 3, axis=0))).axes[1].sinusoid.found
+    assert line.frequency_hz == pytest.approx(5.0, rel=1e-3)
+    assert line.amplitude == pytest.approx(0.5 * NOISE, rel=0.2)
+
+
+def test_a_number_format_coarser_than_the_noise_is_stated():
+    step = 3 * NOISE
+    rough = np.round((draw_white_noise(5) + step * np.array([0.0, 0.4, 0.5])) / step) * step
+    found = select_measured_samples(build_rest(rough))
+    assert [text[:2] for text in found.notes] == ["y:", "z:"] or [text[:2] for text in found.notes] == ["x:", "y:", "z:"]
+    assert not select_measured_samples(build_rest(np.round(draw_white_noise(5), 6))).notes
