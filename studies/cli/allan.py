@@ -4,14 +4,10 @@ from pathlib import Path
 
 import click
 
-from gyrocal import load
-from studies.allan import report as allan_report
-from studies.allan.analysis import estimate_noise_terms
+from gyrocal.recording import load
 from studies.cli.options import PATH, add_json_option, add_output_option
 from studies.montecarlo.files import write_json, write_text
 from studies.report.console import make_console
-from studies.report.pages import build_provenance_footer
-from studies.report.panels import save
 
 
 @click.command("allan")
@@ -33,11 +29,19 @@ def command(recording: Path, interval: str | None, as_json: Path | None, report:
       gyrocal allan /tmp/rec --interval m1 --json /tmp/allan.json
     """
     loaded = load(recording)
+
+    from studies.allan import report as allan_report
+    from studies.allan.analysis import estimate_noise_terms
+
     found = estimate_noise_terms(loaded, interval)
     allan_report.show_analysis(make_console(), found)
     if as_json:
         write_json(as_json, found.to_json())
     if report:
+        from studies.report.pages import build_provenance_footer
+
         write_text(report, allan_report.build_allan_page(found, build_provenance_footer(loaded)))
     if figure:
+        from studies.report.panels import save
+
         save(allan_report.draw_allan_figure(found), figure)
