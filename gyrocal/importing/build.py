@@ -118,7 +118,7 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
     gyro, still, chosen = estimated(said)
     if len(streams.sensors) == 1:
         sigma = estimate_reference_sigma(gyro, joined, chosen, said)
-        used = np.concatenate(chosen)
+        used = np.unique(np.concatenate(chosen))  # two intervals that touch share a reference
         references = Attitudes(joined.t_s[used], joined.q[used], np.tile(sigma, (used.size, 1)))
         references = replace(references, sigma_estimated=joined.covariance is None)
     else:
