@@ -178,26 +178,29 @@ def command(
 
     from gyrocal.calibration.davenport import calibrate
     from gyrocal.calibration.remainder import add_remainder
+    from gyrocal.estimation.held_out import describe_held_out_turns, predict_held_out_turns
     from studies.report import calibration as calibration_report
 
-    result = calibrate(
-        loaded,
-        solve_for=solve_for,
-        apriori_covariance=_build_prior(
+    asked: dict[str, Any] = {
+        "solve_for": solve_for,
+        "apriori_covariance": _build_prior(
             select(solve_for, select_parameter_space(parametrisation).names), prior_sigma_g, prior_sigma_bias
         ),
-        covariance_model="full" if covariance == "full" else "references only",
-        plausible_G=plausible_g,
-        plausible_bias=plausible_rate,
-        parametrisation=parametrisation,
+        "covariance_model": "full" if covariance == "full" else "references only",
+        "plausible_G": plausible_g,
+        "plausible_bias": plausible_rate,
+        "parametrisation": parametrisation,
         **options,
-    )
+    }
+    result = calibrate(loaded, **asked)
     result = add_remainder(loaded, result)
+    turns = predict_held_out_turns(loaded, **asked)
+    make_console().print(describe_held_out_turns(turns), highlight=False, markup=False)
     calibration_report.show(make_console(), result, options["iterations"] is None, known)
     for line in calibration_report.describe_import_noise(result, read_estimated_noise(recording)):
         make_console().print(line, highlight=False, markup=False)
     if as_json:
-        write_json(as_json, result.to_json())
+        write_json(as_json, result.to_json() | {"held_out_turns": [one.to_json() for one in turns]})
     if report:
         from studies.report import calibration_page
         from studies.report.pages import build_provenance_footer
