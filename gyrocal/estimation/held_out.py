@@ -34,9 +34,9 @@ TURNS_S = (1.0, 10.0, 60.0)
 BLOCKS = 4  # each is held out once
 FEWEST_ROWS = 3  # references of a piece of an interval
 FEWEST_TURNS = 5  # of one length, for a root mean square
-USUAL = 0.0  # stands for the usual time between two references of a piece
+USUAL_TURN = 0.0  # stands for the usual time between two references of a piece
 PARAMETER_SETS = ("calibrated", "bias_alone", "stated")
-EQUAL = 0.05  # relative difference of two errors that counts as none
+EQUAL_ERRORS = 0.05  # relative difference of two errors that counts as none
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def predict_held_out_turns(
     pieces = _cut_intervals(recording)
     blocks = np.array_split(np.arange(len(pieces)), min(BLOCKS, len(pieces)))
     whole = _select_pieces(recording, pieces)
-    turns: dict[float, list[Array]] = {length: [] for length in (*lengths_s, USUAL)}
+    turns: dict[float, list[Array]] = {length: [] for length in (*lengths_s, USUAL_TURN)}
     for block in blocks if len(blocks) > 1 else []:
         others = [one for k, one in enumerate(pieces) if k not in block]
         try:
@@ -154,7 +154,7 @@ def _compare_turns(
     """
     attitudes = recording.attitudes
     t_s = attitudes.t_s[rows]
-    wanted = float(np.median(np.diff(t_s))) if length_s == USUAL and rows.size > 1 else length_s
+    wanted = float(np.median(np.diff(t_s))) if length_s == USUAL_TURN and rows.size > 1 else length_s
     after = np.minimum(np.searchsorted(t_s, t_s + wanted), rows.size - 1)
     before = np.maximum(after - 1, 0)
     nearest = np.where(t_s + wanted - t_s[before] < t_s[after] - t_s - wanted, before, after)
@@ -175,7 +175,7 @@ def _compare_turns(
 
 def _summarise(turns: Array, length_s: float) -> HeldOutTurns:
     """Root mean squares of turns (n, 5)."""
-    usual = float(np.median(turns[:, 0])) if length_s == USUAL else length_s
+    usual = float(np.median(turns[:, 0])) if length_s == USUAL_TURN else length_s
     return HeldOutTurns(usual, len(turns), *np.sqrt(np.mean(np.square(turns[:, 1:]), axis=0)).tolist())
 
 
@@ -197,6 +197,6 @@ def describe_held_out_turns(turns: Sequence[HeldOutTurns]) -> str:
 
 
 def _rank(error: float, other: float) -> str:
-    if error < (1 - EQUAL) * other:
+    if error < (1 - EQUAL_ERRORS) * other:
         return "better than"
-    return "worse than" if error > (1 + EQUAL) * other else "as good as"
+    return "worse than" if error > (1 + EQUAL_ERRORS) * other else "as good as"

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from simulator.mission_mode.mounting import Mounting
 
 # The next three as of simulator.mission_mode and studies.robertson.
-MOUNTINGS = ("solved", "added", "heads", "alike")
+MOUNTING_NAMES = ("solved", "added", "heads", "alike")
 PERIODS = ("precalibration", "calibration1", "postcalibration")
 EFFECT_NAMES = (
     *("boresight_elevation", "head_sense", "printed_coefficients", "late_filter_upload", "dss_transfer", "horizon_noise"),
@@ -50,7 +50,7 @@ MOST_TELEMETRY_ROWS = 20_000_000  # of telemetry, 2 GB
 @click.option("--calibrated", is_flag=True, help="The same as --tables postcalibration.")
 @click.option(
     "--mounting",
-    type=click.Choice(MOUNTINGS),
+    type=click.Choice(MOUNTING_NAMES),
     default="solved",
     show_default=True,
     help="How the sun sensors are mounted, which is not published; see docs/mission.md.",

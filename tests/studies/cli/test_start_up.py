@@ -76,7 +76,11 @@ def test_a_refused_file_loads_no_numba(arguments, tmp_path):
 
 
 def test_what_the_options_list_is_what_there_is():
-    assert (tuple(MISSION_EFFECTS), get_args(Mounting), PERIODS) == (mission.EFFECT_NAMES, mission.MOUNTINGS, mission.PERIODS)
+    assert (tuple(MISSION_EFFECTS), get_args(Mounting), PERIODS) == (
+        mission.EFFECT_NAMES,
+        mission.MOUNTING_NAMES,
+        mission.PERIODS,
+    )
     assert (mission.DAY, reproduce.DAYS) == (DAY, DAYS)
     assert (compare.BASELINE, compare.FEWEST_FLIGHTS) == (comparison.BASELINE, comparison.FEWEST_FLIGHTS)
     assert reproduce.PAPER_FOLDERS == {"natanson": REPRODUCTION_FOLDER, "robertson": MISSION_FOLDER}
