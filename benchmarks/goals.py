@@ -35,6 +35,9 @@ GOALS = {
     "peak_rss_mb_10000": Goal(250),
     "peak_rss_10000_over_100": Goal(1.02),  # flat
     "cached_start_s": Goal(1.5),
+    "help_vs_numpy": Goal(5),  # half a second, where numpy takes a tenth
+    "wrong_option_vs_numpy": Goal(5),
+    "no_recording_vs_numpy": Goal(10),
     "mission_30_days_s": Goal(60),
     "diagnosis_cpu_s_1000k": Goal(20),
     "diagnosis_peak_rss_mb_1000k": Goal(1000),

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from benchmarks import c_kernel, gyros, mission_loop, oracle, references
+from benchmarks import c_kernel, gyros, mission_loop, oracle, references, start_up
 from benchmarks.goals import judged
 from benchmarks.loading import loaders
 from benchmarks.machine import machine
@@ -103,10 +103,12 @@ def run(quick: bool = False, say: Say = lambda text: None) -> dict[str, Any]:
     cases = [_cases(count) for count in effort.cases]
     say("diagnoses")
     diagnoses = [_alone("benchmarks.diagnosis", *one) for one in effort.diagnoses]
+    say("starts of the command line")
+    starts = start_up.measure_start_ups(min(effort.slow, 3))
     say("the Mission Mode loop")
     mission = mission_loop.run(*effort.mission)
     document = _document(growth, load_ms, others | solvers, cases, diagnoses, mission, reasons)
-    document["ratios"] |= gyros.ratios(arrays)
+    document["ratios"] |= gyros.ratios(arrays) | start_up.compute_start_up_ratios(starts)
     return {
         "command": "python -m benchmarks" + (" --quick" if quick else ""),
         "commit": read_commit(),
@@ -114,6 +116,7 @@ def run(quick: bool = False, say: Say = lambda text: None) -> dict[str, Any]:
         "machine": machine(),
         **document,
         "gyros": arrays,
+        "start_up_cpu_s": starts,
         "agreement": checks,
         "goals": judged(document),
         "reasons": reasons,

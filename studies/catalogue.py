@@ -1,5 +1,7 @@
 """The studies a user can name, and running one: engine, report, files."""
 
+from __future__ import annotations
+
 import importlib
 import importlib.util
 import sys
@@ -9,21 +11,17 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from gyrocal import InputError
-from gyrocal.errors import suggest_names
-from studies.montecarlo import engine
-from studies.montecarlo.manifest import write_manifest
-from studies.montecarlo.study import Study, load_config
-from studies.report import entry as report
-from studies.report import sensitivity
-from studies.report.columns import report_columns
+from gyrocal.errors import InputError, suggest_names
 from studies.report.console import show_progress
-from studies.report.entry import Entry
 from studies.report.junit import Verdict, convert_checks, write_junit
+
+if TYPE_CHECKING:
+    from studies.montecarlo import engine
+    from studies.report.entry import Entry
 
 STUDY_MODULES = {
     "paper": "studies.natanson.paper_tables",
@@ -81,6 +79,9 @@ def find_entry(name: str) -> Entry:
         return load_study_file(Path(name))
     if name not in STUDY_MODULES:
         raise InputError(f"{name}: no such study; {suggest_names(name, STUDY_MODULES)}")
+
+    from studies.report.entry import Entry
+
     try:
         found = load_module(name).ENTRY
     except ImportError as error:
@@ -102,6 +103,10 @@ def load_study_file(path: Path) -> Entry:
     InputError
         It cannot be imported, holds no study, or a study of another name.
     """
+    from studies.montecarlo.study import Study
+    from studies.report.columns import report_columns
+    from studies.report.entry import Entry
+
     module = _import_file(path)
     found = getattr(module, "ENTRY", None)
     study = getattr(module, "STUDY", None) if found is None else found.study
@@ -166,6 +171,13 @@ def run(
     options : how and where it runs, as of `engine.run`; none of them changes its rows
     """
     chosen = find_entry(name)
+
+    from studies.montecarlo import engine
+    from studies.montecarlo.manifest import write_manifest
+    from studies.montecarlo.study import load_config
+    from studies.report import entry as report
+    from studies.report import sensitivity
+
     settings = load_config(chosen.study, config, changes)
     name = Path(name).stem
     outcome = engine.run(chosen.study, settings, folder, progress=partial(show_progress, quiet=console.quiet), **options)
@@ -188,5 +200,9 @@ def run(
 def rerun(name: str, folder: Path, changes: Mapping[str, Any], case: int, config: Path | None = None) -> engine.Rerun:
     """Repeat one case of a study and keep its recording; without settings, those of the study in the folder."""
     study = find_entry(name).study
+
+    from studies.montecarlo import engine
+    from studies.montecarlo.study import load_config
+
     found = None if changes or config else engine.load_stored_config(study, folder)
     return engine.rerun(study, found or load_config(study, config, changes), case, folder)

@@ -49,7 +49,6 @@ def import_csv(
     InputError
         One line saying what is wrong, and where rates and attitudes do not fit each other, how they would.
     """
-    from gyrocal.importing.build import build
     from gyrocal.importing.columns import resolve_columns
     from gyrocal.importing.streams import read_csv, read_streams
 
@@ -60,7 +59,11 @@ def import_csv(
     table = read_csv(Path(gyro_file))
     other = read_csv(Path(attitude_file)) if attitude_file is not None else table
     table, other, mapping = resolve_columns(table, other, mapping)
-    return build(read_streams(table, other, mapping), mapping, check)
+    streams = read_streams(table, other, mapping)
+
+    from gyrocal.importing.build import build  # late: what compiles is not loaded for a table that cannot be read
+
+    return build(streams, mapping, check)
 
 
 def write(imported: ImportResult, folder: str | os.PathLike[str]) -> None:

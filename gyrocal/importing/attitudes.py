@@ -80,8 +80,9 @@ def build_references(
             one.name: estimate_sensor_sigma(gyro, one, joined.mounting[one.name].T, sigma[one.name], rows, said)
             for one, rows in zip(sensors, rows_of, strict=True)
         }
-    row = np.concatenate([part for rows in rows_of for part in rows])
-    sensor = np.repeat(np.arange(len(sensors)), [sum(part.size for part in rows) for rows in rows_of])
+    used = [np.unique(np.concatenate(rows)) for rows in rows_of]  # two intervals that touch share a reference
+    row = np.concatenate(used)
+    sensor = np.repeat(np.arange(len(sensors)), [rows.size for rows in used])
     t_s = np.concatenate([one.t_s for one in sensors])
     start = np.cumsum([0, *(one.t_s.size for one in sensors)])[sensor]
     order = np.lexsort((sensor, t_s[start + row]))

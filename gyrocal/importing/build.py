@@ -148,7 +148,7 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
     if len(streams.sensors) == 1:
         each = streams.sensors[0].sigma
         sigma = estimate_reference_sigma(gyro, joined, chosen, said) if each is None else each
-        used = np.concatenate(chosen)
+        used = np.unique(np.concatenate(chosen))  # two intervals that touch share a reference
         references = Attitudes(joined.t_s[used], joined.q[used], np.broadcast_to(sigma, joined.q[:, :3].shape)[used])
         references = replace(references, sigma_estimated=joined.covariance is None)
     else:

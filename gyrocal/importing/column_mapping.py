@@ -23,7 +23,6 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from scipy.spatial.transform import Rotation
 
 from gyrocal.errors import InputError
 from gyrocal.recording import format_validation_error, read_toml
@@ -152,6 +151,8 @@ class Mapping(BaseModel):
         unknown = {*(self.mounting_sigma_deg or {}), *(self.estimated_mountings or [])} - set(self.mountings)
         if unknown:
             raise InputError(f"mounting_sigma_deg, estimated_mountings: no mounting of {', '.join(sorted(unknown))} is stated")
+        from scipy.spatial.transform import Rotation  # late, as below: a refused table does without
+
         return {name: np.asarray(Rotation.from_quat(q).as_matrix().T) for name, q in self.mountings.items()}
 
     def directions(self, count: int) -> Array:
@@ -239,6 +240,8 @@ def is_scalar_first(names: list[str], words: list[str]) -> bool:
 def convert_attitude(kind: str, text: str, values: Array) -> Array:
     """A(q), (m, 4) scalar last, of attitude columns (m, 3, 4 or 9) that `parse_spec` has named."""
     names, words = parse_spec(text, kind)
+    from scipy.spatial.transform import Rotation
+
     inverse = [ATTITUDE_DIRECTIONS[word] for word in words if word in ATTITUDE_DIRECTIONS]
     if len(inverse) != 1:
         raise InputError(f"{kind}: {text!r} must say one direction: {', '.join(ATTITUDE_DIRECTIONS)}")

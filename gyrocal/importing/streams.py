@@ -165,9 +165,9 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
         )
         if factor != 1
     ]
-    for k, one in enumerate(sensors):
-        keep, lost = leave_out_lost_references(one.t_s, one.q, t_s, raw, sample_s, f"attitude {one.name}".strip())
-        sensors[k] = one.select_rows(keep)
+    for k, sensor in enumerate(sensors):
+        keep, lost = leave_out_lost_references(sensor.t_s, sensor.q, t_s, raw, sample_s, f"attitude {sensor.name}".strip())
+        sensors[k] = sensor.select_rows(keep)
         said += lost
     time_scale = scale or "seconds of the file"
     assumed = _put_large_losses_first([*changes, *assumed, *said], len(clock_g.whole), sum(len(c.whole) for c in clocks))

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from gyrocal.recording.names import TRIAD
 
@@ -98,6 +97,8 @@ class AttitudeSensor:
     @property
     def M(self) -> Array:
         """(3, 3) body to sensor."""
+        from scipy.spatial.transform import Rotation  # late: a third of a second that a refused file does without
+
         return np.asarray(Rotation.from_quat(self.mounting).as_matrix().T)
 
 

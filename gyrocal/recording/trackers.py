@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
-from scipy.spatial.transform import Rotation
 
 from gyrocal.errors import InputError
 from gyrocal.recording.checks import NORM_TOLERANCE, check_norms
@@ -28,6 +27,7 @@ from gyrocal.recording.parts import Attitudes, AttitudeSensor
 
 if TYPE_CHECKING:
     import pandas as pd
+    from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -138,20 +138,27 @@ def check_unnamed(frame: pd.DataFrame, format: int) -> None:
 
 def convert_to_body(measured: Array, sensor: Indices, sensors: Sequence[AttitudeSensor]) -> Array:
     """Quaternions inertial to body of those inertial to sensor, (m, 4)."""
-    return np.asarray((Rotation.from_quat(measured) * _stack_mountings(sensor, sensors).inv()).as_quat())
+    return np.asarray((_build_rotations(measured) * _stack_mountings(sensor, sensors).inv()).as_quat())
 
 
 def convert_to_sensors(attitudes: Attitudes) -> Array:
     """Quaternions inertial to sensor, (m, 4), as they stand on file."""
     if attitudes.sensor is None:
         return attitudes.quaternions
-    turned = Rotation.from_quat(attitudes.quaternions) * _stack_mountings(attitudes.sensor, attitudes.sensors)
+    turned = _build_rotations(attitudes.quaternions) * _stack_mountings(attitudes.sensor, attitudes.sensors)
     return np.asarray(turned.as_quat())
 
 
 def _stack_mountings(sensor: Indices, sensors: Sequence[AttitudeSensor]) -> Rotation:
     """Of every row, active: as a matrix it is Mᵀ."""
-    return Rotation.from_quat(np.array([one.mounting for one in sensors])[sensor])
+    return _build_rotations(np.array([one.mounting for one in sensors])[sensor])
+
+
+def _build_rotations(quaternions: Array) -> Rotation:
+    """Active rotations of quaternions (m, 4)."""
+    from scipy.spatial.transform import Rotation  # late: a third of a second that a refused file does without
+
+    return Rotation.from_quat(quaternions)
 
 
 def check(attitudes: Attitudes) -> None:

@@ -5,15 +5,12 @@ from typing import Any
 
 import click
 
-from gyrocal import InputError, Recording, importing, load
-from gyrocal.importing.gyro_log import import_gyro_log
-from studies.allan import report as allan_report
-from studies.allan.analysis import estimate_noise_terms
+from gyrocal import importing
+from gyrocal.errors import InputError
+from gyrocal.recording import Recording, load
 from studies.cli.options import PATH, add_json_option, add_output_option
 from studies.montecarlo.files import write_json, write_text
 from studies.report.console import make_console
-from studies.report.pages import build_provenance_footer
-from studies.report.panels import save
 
 
 @click.command("allan")
@@ -44,13 +41,21 @@ def command(
       gyrocal allan log.csv --time t:s --gyro gx,gy,gz:deg/s
     """
     loaded = _load_recording_or_table(recording, options)
+
+    from studies.allan import report as allan_report
+    from studies.allan.analysis import estimate_noise_terms
+
     found = estimate_noise_terms(loaded, interval)
     allan_report.show_analysis(make_console(), found)
     if as_json:
         write_json(as_json, found.to_json())
     if report:
+        from studies.report.pages import build_provenance_footer
+
         write_text(report, allan_report.build_allan_page(found, build_provenance_footer(loaded)))
     if figure:
+        from studies.report.panels import save
+
         save(allan_report.draw_allan_figure(found), figure)
 
 
@@ -61,6 +66,8 @@ def _load_recording_or_table(path: Path, options: dict[str, Any]) -> Recording:
         if given:
             raise InputError(f"{', '.join(f'--{name}' for name in given)}: for a CSV table; {path} is none")
         return load(path, without_references=True)
+    from gyrocal.importing.gyro_log import import_gyro_log
+
     file = given.pop("mapping", None)
     loaded, assumed = import_gyro_log(path, (importing.load_mapping(file) if file else {}) | given)
     for text in assumed:

@@ -4,12 +4,10 @@ from pathlib import Path
 
 import click
 
-from gyrocal import InputError
+from gyrocal.errors import InputError
 from studies.cli.options import PATH, add_json_option
 from studies.montecarlo.files import write_json
-from studies.report import tables as render
 from studies.report.console import make_console
-from studies.validation import baseline
 
 
 @click.command("baseline")
@@ -28,6 +26,9 @@ def command(regenerate: bool, path: Path | None, as_json: Path | None) -> None:
     Example:
       gyrocal baseline --write
     """
+    from studies.report import tables as render
+    from studies.validation import baseline
+
     path = path or baseline.find_baseline_path()
     stored = baseline.read_baseline(path) if path.exists() else None
     if stored is None and not regenerate:

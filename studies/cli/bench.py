@@ -6,7 +6,6 @@ import click
 
 from studies import catalogue
 from studies.cli.options import PATH, add_jobs_option
-from studies.report import entry
 from studies.report.console import make_console
 
 
@@ -49,6 +48,8 @@ def compare(before: Path, after: Path, out: Path | None) -> None:
     Example:
       gyrocal bench compare build/bench/before build/bench/after
     """
+    from studies.report import entry
+
     bench = catalogue.load_module("bench")
     made = bench.compare(bench.load_run(before), bench.load_run(after))
     entry.show(made, make_console())

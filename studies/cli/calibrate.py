@@ -1,16 +1,18 @@
 """The command ``gyrocal calibrate``: the gyro's parameters from a recording."""
 
+from __future__ import annotations
+
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 
-from gyrocal import GyroArray, GyroParameters, InputError, Recording, calibrate, calibrate_gyros, load, select
 from gyrocal.calibration.gyro_space import Parametrisation, select_parameter_space
-from gyrocal.calibration.observability import BIAS_LETTERS
-from gyrocal.calibration.remainder import add_remainder
+from gyrocal.calibration.parameters import GyroParameters, select
+from gyrocal.errors import InputError
 from gyrocal.importing import read_estimated_noise
+from gyrocal.recording import Recording, load
 from studies.cli.options import (
     JUNIT,
     PAGE,
@@ -23,11 +25,10 @@ from studies.cli.options import (
     read_json,
 )
 from studies.montecarlo.files import write_json, write_text
-from studies.report import calibration as calibration_report
-from studies.report import calibration_page
-from studies.report import gyros as gyros_report
 from studies.report.console import make_console
-from studies.report.pages import build_provenance_footer
+
+if TYPE_CHECKING:
+    from gyrocal.calibration.gyros import GyroArray
 
 MOST_ITERATIONS = 1000  # a handful converge, or none do
 LARGEST = 1e6  # of what is plausible, or known before
@@ -155,6 +156,10 @@ def command(
         changed |= {"step": options["step_s"] is not None, "covariance": covariance != "full"}
         changed |= {"junit": junit is not None, "fail-on": bool(fail_on), "report": report is not None}
         _refuse_for_array(loaded, [name for name, is_changed in changed.items() if is_changed])
+
+        from gyrocal.calibration.gyros import calibrate_gyros
+        from studies.report import gyros as gyros_report
+
         of_gyros = _read_gyros(truth, loaded.gyro.names) if truth else None
         found = calibrate_gyros(
             loaded,
@@ -170,27 +175,38 @@ def command(
             write_json(as_json, found.to_json())
         return
     known = _read_truth(truth) if truth else None
-    result = calibrate(
-        loaded,
-        solve_for=solve_for,
-        apriori_covariance=_build_prior(
+
+    from gyrocal.calibration.davenport import calibrate
+    from gyrocal.calibration.remainder import add_remainder
+    from gyrocal.estimation.held_out import describe_held_out_turns, predict_held_out_turns
+    from studies.report import calibration as calibration_report
+
+    asked: dict[str, Any] = {
+        "solve_for": solve_for,
+        "apriori_covariance": _build_prior(
             select(solve_for, select_parameter_space(parametrisation).names), prior_sigma_g, prior_sigma_bias
         ),
-        covariance_model="full" if covariance == "full" else "references only",
-        plausible_G=plausible_g,
-        plausible_bias=plausible_rate,
-        parametrisation=parametrisation,
+        "covariance_model": "full" if covariance == "full" else "references only",
+        "plausible_G": plausible_g,
+        "plausible_bias": plausible_rate,
+        "parametrisation": parametrisation,
         **options,
-    )
+    }
+    result = calibrate(loaded, **asked)
     result = add_remainder(loaded, result)
     for text in calibration_report.list_implausible(result, loaded):
         click.echo(f"implausible: {text}")
+    turns = predict_held_out_turns(loaded, **asked)
+    make_console().print(describe_held_out_turns(turns), highlight=False, markup=False)
     calibration_report.show(make_console(), result, options["iterations"] is None, known)
     for line in calibration_report.describe_import_noise(result, read_estimated_noise(recording)):
         make_console().print(line, highlight=False, markup=False)
     if as_json:
-        write_json(as_json, result.to_json())
+        write_json(as_json, result.to_json() | {"held_out_turns": [one.to_json() for one in turns]})
     if report:
+        from studies.report import calibration_page
+        from studies.report.pages import build_provenance_footer
+
         write_text(
             report,
             calibration_page.build_calibration_page(
@@ -208,6 +224,8 @@ def _refuse_for_array(recording: Recording, changed: list[str]) -> None:
 
 
 def _read_gyros(path: Path, names: tuple[str, ...]) -> GyroArray:
+    from gyrocal.calibration.gyros import GyroArray
+
     def convert(document: Any) -> GyroArray:
         own = document["gyros"]
         K, c = np.array(own["K"], dtype=float), np.deg2rad(np.array(own["c_deg_s"], dtype=float))
@@ -230,6 +248,8 @@ def _build_prior(names: tuple[str, ...], sigma_G: float | None, sigma_bias: floa
     sigmas = _convert_prior_sigmas(sigma_G, sigma_bias)
     if sigmas is None:
         return None
+    from gyrocal.calibration.observability import BIAS_LETTERS
+
     return np.diag([(sigmas[1] if name.startswith(BIAS_LETTERS) else sigmas[0]) ** 2 for name in names])
 
 

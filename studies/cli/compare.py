@@ -5,10 +5,8 @@ from pathlib import Path
 
 import click
 
-from gyrocal import InputError, load
-from simulator import adopted_scenario
-from simulator.effects import REGISTRY
-from simulator.effects.registry import FILE_MODULE
+from gyrocal.errors import InputError
+from gyrocal.recording import load
 from studies.cli.options import (
     PATH,
     add_jobs_option,
@@ -18,11 +16,10 @@ from studies.cli.options import (
     effects_option,
     write_result,
 )
-from studies.compare.compare import BASELINE, FEWEST_FLIGHTS, compare
 from studies.montecarlo.files import write_text
-from studies.report import comparison as comparison_report
 from studies.report.console import make_console, show_progress
-from studies.report.pages import build_provenance_footer
+
+BASELINE, FEWEST_FLIGHTS = "M0", 20  # as of studies.compare.compare
 
 
 @click.command("compare")
@@ -59,6 +56,11 @@ def command(
     if len(set(scenarios)) < len(scenarios) or BASELINE in scenarios:
         raise InputError(f"give each scenario once; {BASELINE} is flown anyway")
     loaded = load(recording)
+
+    from simulator import adopted_scenario
+    from studies.compare.compare import compare
+    from studies.report import comparison as comparison_report
+
     chosen = [(name, adopted_scenario.load(name)) for name in scenarios]
     foreign = [one.effect for _, scenario in chosen for one in scenario.effects if _is_from_file(one.effect)]
     if foreign and jobs > 1:
@@ -67,9 +69,14 @@ def command(
     found = compare(loaded, chosen, runs=runs, seed=seed, jobs=jobs, progress=partial(show_progress, quiet=terminal.quiet))
     write_result(as_json, found.to_json(), partial(comparison_report.show, terminal, found))
     if report:
+        from studies.report.pages import build_provenance_footer
+
         write_text(report, comparison_report.build_comparison_page(found, build_provenance_footer(loaded)))
 
 
 def _is_from_file(effect: str) -> bool:
     """Whether an effect is one of --effects."""
+    from simulator.effects import REGISTRY
+    from simulator.effects.registry import FILE_MODULE
+
     return type(REGISTRY[effect]).__module__.startswith(FILE_MODULE)

@@ -1,23 +1,20 @@
 """The command ``gyrocal diagnose``: what departs from the baseline simulator, where, and which effect explains it."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from diagnosis.adopt import write_adopted_scenario
-from diagnosis.diagnose import diagnose
-from diagnosis.draft import render_draft, summarise_draft
-from diagnosis.result import Diagnosis
-from gyrocal import InputError, load
-from gyrocal.errors import suggest_names
+from gyrocal.errors import InputError, suggest_names
+from gyrocal.recording import load
 from gyrocal.recording.gyros import need_triad
 from gyrocal.recording.trackers import need_one_sensor
-from simulator import scenario as scenarios
-from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli.options import (
     JUNIT,
     PAGE,
@@ -31,11 +28,11 @@ from studies.cli.options import (
     write_result,
 )
 from studies.montecarlo.files import write_text
-from studies.report import card_drawing, diagnosis_card, diagnosis_page, diagnosis_summary, next_flight
 from studies.report.console import LINE_EVERY_S, make_console, show_stages
 from studies.report.junit import Verdict
-from studies.report.pages import build_provenance_footer
-from studies.report.panels import save
+
+if TYPE_CHECKING:
+    from diagnosis.result import Diagnosis
 
 
 @click.command("diagnose")
@@ -101,11 +98,20 @@ def command(
     library = _select_library(without)
     if flown and not (report or card):
         raise InputError("--plan is for the page and the card: give --report or --card with it")
-    scenario_flown = scenarios.load(flown) if flown else None
     loaded = load(recording)
     if adopt:
         need_triad(loaded.gyro)
         need_one_sensor(loaded.attitudes)
+
+    from diagnosis.adopt import write_adopted_scenario
+    from diagnosis.diagnose import diagnose
+    from diagnosis.draft import summarise_draft
+    from simulator import scenario as scenarios
+    from studies.report import card_drawing, diagnosis_card, diagnosis_page, diagnosis_summary, next_flight
+    from studies.report.pages import build_provenance_footer
+    from studies.report.panels import save
+
+    scenario_flown = scenarios.load(flown) if flown else None
     run = partial(diagnose, draft=True) if draft else diagnose
     with show_stages("diagnose", LINE_EVERY_S) as progress:
         result = run(loaded, progress=progress, seed=seed, library=library)
@@ -139,13 +145,19 @@ def _write_draft(result: Diagnosis, path: Path) -> Diagnosis:
     """Write the draft, if there is one, and name its file in the result."""
     if result.draft is None or result.remainder is None:
         return result
+    from diagnosis.draft import render_draft
+
     write_text(path, render_draft(result.draft))
     return replace(result, remainder=replace(result.remainder, draft=str(path)))
 
 
 def _select_library(without: Sequence[str]) -> list[str] | None:
     """Effects that may be named; None for all."""
+    if not without:
+        return None
+    from simulator.effects.sensor import ALL_EFFECTS
+
     for name in without:
         if name not in ALL_EFFECTS:
             raise InputError(f"--without {name}: no such effect; {suggest_names(name, ALL_EFFECTS)}")
-    return [name for name in ALL_EFFECTS if name not in without] if without else None
+    return [name for name in ALL_EFFECTS if name not in without]

@@ -1,16 +1,18 @@
 """The command ``gyrocal effects``: what a gyro, a reference or a sensor can do beyond the baseline."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
-import pandas as pd
 
-from simulator.effects import Effect
-from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli.options import add_json_option, effects_option
 from studies.montecarlo.files import write_json
-from studies.report import tables as render
 from studies.report.console import make_console
+
+if TYPE_CHECKING:
+    from simulator.effects import Effect
 
 
 @click.command("effects")
@@ -27,6 +29,11 @@ def command(as_json: Path | None) -> None:
     Example:
       gyrocal effects
     """
+    import pandas as pd
+
+    from simulator.effects.sensor import ALL_EFFECTS
+    from studies.report import tables as render
+
     rows = [
         {
             "effect": effect.name,

@@ -5,12 +5,10 @@ from functools import partial
 from pathlib import Path
 
 import click
-import pandas as pd
 
 from gyrocal.errors import InputError
 from studies import catalogue
 from studies.cli.options import PATH, add_jobs_option
-from studies.report import tables as render
 from studies.report.console import make_console, show_progress
 
 
@@ -52,6 +50,8 @@ def run(name: str, work: Path | None, jobs: int | None) -> None:
     Example:
       gyrocal exam run 002
     """
+    from studies.report import tables as render
+
     exam, terminal = catalogue.load_module("exam"), make_console()
     place = work or Path("build") / "exam" / name
     path = exam.take(name, jobs or os.cpu_count() or 1, place, partial(show_progress, quiet=terminal.quiet))
@@ -70,6 +70,10 @@ def verify(names: tuple[str, ...]) -> None:
       gyrocal exam verify
       gyrocal exam verify 001
     """
+    import pandas as pd
+
+    from studies.report import tables as render
+
     exam = catalogue.load_module("exam")
     faults = {name: exam.verify(name) for name in names or exam.exams()}
     rows = [{"exam": name, "verdict": "; ".join(found) or "holds"} for name, found in faults.items()]

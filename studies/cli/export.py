@@ -8,8 +8,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal import Recording, load
-from gyrocal.importing import acm, aem, ck, csv_files, kalibr
+from gyrocal.recording import Recording, load
 from studies.cli.options import FOLDER_TYPE, PATH, add_json_option, read_json
 from studies.montecarlo.files import check_writable, write_json
 
@@ -62,6 +61,9 @@ def command() -> None:
 def export_aem_command(recording: Path, out: Path, as_json: Path | None, **options: Any) -> None:
     """Write the reference attitudes of RECORDING as a CCSDS Attitude Ephemeris Message (version 2) to the file OUT."""
     loaded = load(recording)
+
+    from gyrocal.importing import aem
+
     aem.write_aem(loaded, out, **options)
     _tell(as_json, loaded, out)
 
@@ -78,6 +80,9 @@ def export_acm_command(recording: Path, out: Path, calibration: Path | None, as_
     With --calibration the gyro's bias and its variances are in it.
     """
     found, loaded = _read_calibration(calibration), load(recording)
+
+    from gyrocal.importing import acm
+
     acm.write_acm(loaded, out, bias=found.get("bias"), bias_sigma=found.get("sigma"), **options)
     _tell(as_json, loaded, out)
 
@@ -92,6 +97,9 @@ def export_acm_command(recording: Path, out: Path, calibration: Path | None, as_
 def export_ck_command(recording: Path, out: Path, sclk: Path, instrument: int, frame: int, as_json: Path | None) -> None:
     """Write the reference attitudes of RECORDING as a SPICE C-kernel of type 3 to OUT, and its spacecraft clock to SCLK."""
     loaded = load(recording)
+
+    from gyrocal.importing import ck
+
     ck.write_ck(loaded, out, sclk, instrument=instrument, frame=frame)
     _tell(as_json, loaded, out, sclk)
 
@@ -106,6 +114,9 @@ def export_ck_command(recording: Path, out: Path, sclk: Path, instrument: int, f
 def export_kalibr_command(recording: Path, out: Path, calibration: Path | None, as_json: Path | None, **options: Any) -> None:
     """Write the noise of the gyro of RECORDING as Kalibr's imu.yaml to OUT; with --calibration its matrices too."""
     found, loaded = _read_calibration(calibration), load(recording)
+
+    from gyrocal.importing import kalibr
+
     kalibr.write_imu_yaml(loaded, out, G=found.get("G"), bias=found.get("bias"), **options)
     _tell(as_json, loaded, out)
 
@@ -117,6 +128,9 @@ def export_kalibr_command(recording: Path, out: Path, calibration: Path | None, 
 def export_csv_command(recording: Path, out: Path, as_json: Path | None) -> None:
     """Write RECORDING as gyro.csv, attitude.csv and the mapping.toml that reads them to the folder OUT."""
     loaded = load(recording)
+
+    from gyrocal.importing import csv_files
+
     csv_files.write_csv(loaded, out)
     _tell(as_json, loaded, *(out / name for name in ("gyro.csv", "attitude.csv", "mapping.toml")))
 

@@ -5,11 +5,12 @@ from typing import Any
 
 import click
 
-from gyrocal import InputError, importing, save
+from gyrocal import importing
+from gyrocal.errors import InputError
+from gyrocal.recording import save
 from studies.cli import import_formats
 from studies.cli.import_formats import IMPORT_JSON_OPTION, OUT, TAG, add_alignment_options, show
 from studies.cli.options import FORCE, PATH, refuse_existing
-from studies.validation import broad
 
 
 @click.group("import")
@@ -99,6 +100,8 @@ def import_broad_command(file: Path, out: Path, intervals: str, spacing_s: float
       gyrocal calibrate /tmp/rec
     """
     refuse_existing(out, force)
+    from studies.validation import broad
+
     imported = broad.build_recording(broad.read(file), _parse_intervals(intervals), spacing_s)
     save(imported.recording, out)
     show(imported.recording, imported.summary(), (), out, as_json)

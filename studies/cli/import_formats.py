@@ -1,22 +1,27 @@
 """The commands of ``gyrocal import`` for files of a known form, whose columns nobody has to name."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-import pandas as pd
 
-from gyrocal import Recording, importing
-from gyrocal.importing import acm, aem, ck, euroc, kalibr, rosbag
-from gyrocal.importing.build import ImportResult, build
+from gyrocal import importing
+from gyrocal.importing import acm, aem, kalibr
 from gyrocal.importing.columns import resolve_columns
 from gyrocal.importing.streams import read_csv, read_streams
 from gyrocal.importing.units import RATE_UNITS
 from studies.cli.options import FOLDER_TYPE, FORCE, PATH, add_json_option, refuse_existing
 from studies.montecarlo.files import write_json
-from studies.report import tables as render
 from studies.report.console import make_console
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from gyrocal.importing.build import ImportResult
+    from gyrocal.recording import Recording
 
 OUT = click.argument("out", type=FOLDER_TYPE)
 GYRO_ARGUMENT = click.argument("gyro_file", type=PATH, metavar="GYRO.csv")
@@ -117,6 +122,8 @@ def show(
     warnings: Sequence[str] = (),
 ) -> None:
     """Say what was made, on the terminal and as JSON, units in the names; what is implausible first."""
+    from studies.report import tables as render
+
     for text in warnings:
         click.echo(f"implausible: {text}")
     render.print_table(make_console(), str(out), summary)
@@ -155,7 +162,11 @@ def _join_gyro_and_attitudes(
     entries = {"title": read.title} | stated | own | entries | options
     mapping = importing.validate_mapping(entries, str(file) if file else "options")
     table, attitude, mapping = resolve_columns(read_csv(gyro_file), attitude, mapping)
-    _write(build(read_streams(table, attitude, mapping), mapping, said=said), out, as_json)
+    streams = read_streams(table, attitude, mapping)
+
+    from gyrocal.importing.build import build
+
+    _write(build(streams, mapping, said=said), out, as_json)
 
 
 @click.command("aem")
@@ -209,6 +220,8 @@ def import_ck_command(gyro_file: Path, kernel: Path, sclk: Path, out: Path, forc
       gyrocal import ck gyro.csv attitude.bc clock.tsc /tmp/rec --time time:iso --gyro gx,gy,gz:deg/s
     """
     refuse_existing(out, force)
+    from gyrocal.importing import ck
+
     read = ck.read_ck(kernel, sclk, options.pop("instrument"), options.pop("spacecraft"))
     _join_gyro_and_attitudes(gyro_file, read, out, options, {})
 
@@ -235,6 +248,8 @@ def import_euroc_command(
       gyrocal import euroc V1_01_easy /tmp/rec
     """
     refuse_existing(out, force)
+    from gyrocal.importing import euroc
+
     _write(euroc.import_euroc(folder, reference, not estimate_noise, **_collect_entries(options)), out, as_json)
 
 
@@ -269,6 +284,8 @@ def import_bag_command(
       gyrocal import bag flight.bag /tmp/rec --imu-topic /imu0 --pose-topic /vicon/pose
     """
     refuse_existing(out, force)
+    from gyrocal.importing import rosbag
+
     entries = _collect_entries(options)
     _write(rosbag.import_bag(bag, imu_topic, pose_topic, estimate_mounting, gyro_unit, **entries), out, as_json)
 

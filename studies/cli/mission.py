@@ -1,28 +1,38 @@
 """The command ``gyrocal mission``: fly the Mission Mode loop and write what it leaves."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
-import pandas as pd
 
-from gyrocal import InputError
-from simulator.mission_mode.config import DAY, MissionConfig, build_period_tables
-from simulator.mission_mode.effects import MISSION_EFFECTS, MissionSetting, apply_mission_settings, parse
-from simulator.mission_mode.flight import ROTATION_NAMES, MissionRun, build_flight_schedule, simulate_mission
-from simulator.mission_mode.mounting import Mounting, build_mounted_sensors
+from gyrocal.errors import InputError
 from studies.cli.options import FOLDER_TYPE, add_json_option, add_seed_option, write_result
 from studies.montecarlo.files import write_parquet
-from studies.report import tables as render
 from studies.report.console import make_console, show_progress
-from studies.robertson import published_tables
-from studies.robertson.calendar import PERIODS
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from simulator.mission_mode.config import MissionConfig
+    from simulator.mission_mode.effects import MissionSetting
+    from simulator.mission_mode.flight import MissionRun
+    from simulator.mission_mode.mounting import Mounting
+
+# The next three as of simulator.mission_mode and studies.robertson.
+MOUNTING_NAMES = ("solved", "added", "heads", "alike")
+PERIODS = ("precalibration", "calibration1", "postcalibration")
+EFFECT_NAMES = (
+    *("boresight_elevation", "head_sense", "printed_coefficients", "late_filter_upload", "dss_transfer", "horizon_noise"),
+    *("horizon_season", "gyro_walk", "gyro_orbital", "bias_gain", "cross_track", "scan_torque", "array_step"),
+)
+DAY = 86400.0  # s
 TABLES = ("telemetry", "updates", "slews", "orbits")
 LONGEST_MISSION_DAYS = 1000.0
 MOST_TELEMETRY_ROWS = 20_000_000  # of telemetry, 2 GB
@@ -40,7 +50,7 @@ MOST_TELEMETRY_ROWS = 20_000_000  # of telemetry, 2 GB
 @click.option("--calibrated", is_flag=True, help="The same as --tables postcalibration.")
 @click.option(
     "--mounting",
-    type=click.Choice(get_args(Mounting)),
+    type=click.Choice(MOUNTING_NAMES),
     default="solved",
     show_default=True,
     help="How the sun sensors are mounted, which is not published; see docs/mission.md.",
@@ -50,7 +60,7 @@ MOST_TELEMETRY_ROWS = 20_000_000  # of telemetry, 2 GB
     "effects",
     multiple=True,
     metavar="NAME[:AXIS]=SIZE[,PARAMETER=VALUE…]",
-    help=f"What is not nominal; may be repeated. There are {', '.join(MISSION_EFFECTS)}; see docs/mission.md.",
+    help=f"What is not nominal; may be repeated. There are {', '.join(EFFECT_NAMES)}; see docs/mission.md.",
 )
 @click.option("--every", "every_s", type=float, default=60.0, show_default=True, help="Interval between rows of telemetry, s.")
 @add_json_option("the summary", stdout="the tables")
@@ -81,6 +91,10 @@ def command(
     if calibrated and tables not in (None, "postcalibration"):
         raise InputError(f"--calibrated and --tables {tables} exclude each other")
     tables = "postcalibration" if calibrated else tables or "flight"
+
+    from simulator.mission_mode.effects import parse
+    from simulator.mission_mode.flight import simulate_mission
+
     every = _count_cycles(days, every_s)
     settings = [parse(text) for text in effects]
     if not force and any((out / f"{name}.parquet").exists() for name in TABLES):
@@ -99,6 +113,8 @@ def command(
 
 def _count_cycles(days: float, every_s: float) -> int:
     """Cycles between two rows of telemetry; refuses what cannot be flown."""
+    from simulator.mission_mode.config import MissionConfig
+
     cycle = MissionConfig().controller.cycle_s
     if not cycle / DAY <= days <= LONGEST_MISSION_DAYS:
         raise InputError(f"--days {days:g}: must be between one cycle, {cycle:g} s, and {LONGEST_MISSION_DAYS:g} days")
@@ -110,6 +126,11 @@ def _count_cycles(days: float, every_s: float) -> int:
 
 
 def _build_config(days: float, tables: str, mounting: Mounting, settings: Sequence[MissionSetting]) -> MissionConfig:
+    from simulator.mission_mode.config import MissionConfig, build_period_tables
+    from simulator.mission_mode.effects import apply_mission_settings
+    from simulator.mission_mode.flight import build_flight_schedule
+    from simulator.mission_mode.mounting import build_mounted_sensors
+
     base = apply_mission_settings(
         replace(MissionConfig(), mounting=mounting, sun_sensors=build_mounted_sensors(mounting)), settings
     )
@@ -121,6 +142,10 @@ def _build_config(days: float, tables: str, mounting: Mounting, settings: Sequen
 
 def summarise_periods(run: MissionRun, config: MissionConfig, days: float) -> pd.DataFrame:
     """A row for each period between uploads: yaw updates, knowledge, pointing (3-sigma) and stability by axis, deg."""
+    import pandas as pd
+
+    from simulator.mission_mode.flight import ROTATION_NAMES
+
     end = days * DAY
     bounds = [0.0, *(at for at, _ in config.uploads if at < end), end]
     rows = []
@@ -143,6 +168,12 @@ def summarise_periods(run: MissionRun, config: MissionConfig, days: float) -> pd
 
 
 def _show(run: MissionRun, stretches: pd.DataFrame, out: Path) -> None:
+    import pandas as pd
+
+    from simulator.mission_mode.flight import ROTATION_NAMES
+    from studies.report import tables as render
+    from studies.robertson import published_tables
+
     terminal = make_console()
     days = [f"{row.from_day:.1f} to {row.to_day:.1f}" for row in stretches.itertuples()]
     shown = {"days": days, "updates": stretches["yaw_updates"], "yaw update": _format_degrees(stretches["yaw_update_deg"])}
@@ -168,4 +199,6 @@ def _show(run: MissionRun, stretches: pd.DataFrame, out: Path) -> None:
 
 
 def _format_degrees(values: pd.Series) -> list[str]:
+    from studies.report import tables as render
+
     return [render.format_number(value, 3) for value in values]

@@ -4,11 +4,10 @@ from pathlib import Path
 
 import click
 
-from diagnosis.next_recording import predict_next_recording
-from gyrocal import InputError, load
+from gyrocal.errors import InputError
+from gyrocal.recording import load
 from gyrocal.recording.gyros import need_triad
 from studies.cli.options import PATH, add_json_option, add_seed_option, compare_conditions, end, parse_condition, write_result
-from studies.report import next_recording
 from studies.report.console import LINE_EVERY_S, make_console, show_stages
 
 
@@ -38,6 +37,10 @@ def command(recordings: tuple[Path, ...], own_bias: bool, as_json: Path | None, 
     loaded = {str(path): load(path) for path in recordings}
     for one in loaded.values():
         need_triad(one.gyro)
+
+    from diagnosis.next_recording import predict_next_recording
+    from studies.report import next_recording
+
     with show_stages("next", LINE_EVERY_S) as progress:
         found = predict_next_recording(loaded, own_bias=own_bias, seed=seed, tell=progress)
     write_result(as_json, found.to_json(), lambda: next_recording.show(make_console(), found))

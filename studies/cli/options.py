@@ -1,4 +1,8 @@
-"""Options, types and checks that several commands have in common."""
+"""Options, types and checks that several commands have in common.
+
+This module and those of the commands import numba, scipy, pandas and matplotlib in the functions that need them: the help and a
+refusal take a fraction of a second.
+"""
 
 import json
 import math
@@ -10,9 +14,7 @@ from typing import Any, TypeVar
 
 import click
 
-from gyrocal import InputError
-from gyrocal.recording import format_toml
-from simulator.effects import REGISTRY
+from gyrocal.errors import InputError
 from studies.montecarlo.files import check_writable, format_json, write_json
 from studies.report.junit import Verdict, write_junit
 
@@ -136,6 +138,8 @@ def parse_assignment(text: str) -> tuple[str, Any]:
     path, separator, value = text.partition("=")
     if not separator or not path:
         raise InputError(f"--set {text}: give it as PATH=VALUE, e.g. gyro.arw_deg_per_sqrt_s=1e-4")
+    from gyrocal.recording import format_toml
+
     try:
         return path, tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
@@ -143,6 +147,10 @@ def parse_assignment(text: str) -> tuple[str, Any]:
 
 
 def _register(context: click.Context, _: click.Parameter, files: tuple[Path, ...]) -> None:
+    if not files:
+        return
+    from simulator.effects import REGISTRY
+
     for path in files:
         for effect in REGISTRY.load_file(path):
             context.call_on_close(lambda name=effect.name: REGISTRY.remove(name))

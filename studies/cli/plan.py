@@ -1,22 +1,21 @@
 """The command ``gyrocal plan``: what a maneuver plan will show of each effect, before it is flown."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from diagnosis.plan import append_intervals, list_maneuvers, plan
-from gyrocal import InputError
-from gyrocal.errors import suggest_names
+from gyrocal.errors import InputError, suggest_names
 from gyrocal.recording import read_toml
-from simulator import scenario as scenarios
-from simulator.effects import ARRAY_EFFECTS, EFFECTS, TRACKER_EFFECTS
 from studies.cli.options import PATH, add_json_option, add_output_option, add_seed_option, effects_option, write_result
 from studies.montecarlo.files import write_text
-from studies.report import plan as plan_report
 from studies.report.console import make_console, show_stages
-from studies.report.pages import build_provenance_footer
+
+if TYPE_CHECKING:
+    from simulator.scenario import Scenario
 
 
 @click.command("plan")
@@ -61,10 +60,18 @@ def command(
       gyrocal plan trmm --json /tmp/plan.json --report /tmp/plan.html
       gyrocal plan mine.toml --effect bias_orbital --effect time_offset --extra roll.toml --named
     """
+    from simulator import scenario as scenarios
+    from simulator.effects import ARRAY_EFFECTS, EFFECTS, TRACKER_EFFECTS
+
     for name in effects:
         if name not in {**EFFECTS, **TRACKER_EFFECTS, **ARRAY_EFFECTS}:
             raise InputError(f"--effect {name}: no such effect; {suggest_names(name, EFFECTS)}")
     chosen = scenarios.load(scenario)
+
+    from diagnosis.plan import list_maneuvers, plan
+    from studies.report import plan as plan_report
+    from studies.report.pages import build_provenance_footer
+
     extras = {} if no_extras else dict(list_maneuvers(chosen))
     extras |= _read_extras(chosen, files)
     with show_stages("plan") as tell:
@@ -74,8 +81,10 @@ def command(
     write_result(as_json, found.to_json(), lambda: plan_report.show(make_console(), found))
 
 
-def _read_extras(chosen: scenarios.Scenario, files: Sequence[Path]) -> dict[str, list[dict[str, Any]]]:
+def _read_extras(chosen: Scenario, files: Sequence[Path]) -> dict[str, list[dict[str, Any]]]:
     """The extra maneuvers on file, each checked as a continuation of the scenario."""
+    from diagnosis.plan import append_intervals
+
     out = {}
     for path in files:
         document = read_toml(path)

@@ -5,16 +5,11 @@ from pathlib import Path
 import click
 import numpy as np
 
-from gyrocal import InputError, load, triad
-from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
-from gyrocal.estimation.predict import list_step_times, predict, prior_covariance
-from gyrocal.estimation.remainder_noise import RemainderNoise, read_calibration
+from gyrocal.errors import InputError
+from gyrocal.recording import load, triad
 from studies.cli.options import PATH, add_json_option, add_output_option
 from studies.montecarlo.files import write_csv, write_json, write_text
-from studies.report import prediction_page
-from studies.report import tables as render
 from studies.report.console import make_console
-from studies.report.pages import build_provenance_footer
 
 ROWS = 12  # shown
 FEWEST_S = 1e-6
@@ -68,6 +63,13 @@ def command(
       gyrocal predict /tmp/rec --from 3000 --calibration /tmp/result.json
     """
     loaded = triad(load(recording))
+
+    from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
+    from gyrocal.estimation.predict import list_step_times, predict, prior_covariance
+    from gyrocal.estimation.remainder_noise import RemainderNoise, read_calibration
+    from studies.report import prediction_page
+    from studies.report import tables as render
+
     ranges = estimate_plausible_ranges(loaded, use_rests=False)
     sigma_g = ranges.G if prior_sigma_g is None else prior_sigma_g
     sigma_bias = ranges.bias if prior_sigma_bias is None else float(np.deg2rad(prior_sigma_bias))
@@ -85,6 +87,8 @@ def command(
     if out:
         write_csv(out, whole, digits=12)
     if report:
+        from studies.report.pages import build_provenance_footer
+
         write_text(
             report, prediction_page.build_prediction_page(found, loaded.title, from_s, whole, build_provenance_footer(loaded))
         )

@@ -1,30 +1,26 @@
 """The command ``gyrocal reproduce``: both papers' numbers and figures beside the flight's."""
 
+from __future__ import annotations
+
 import os
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
 
-from gyrocal import InputError
-from simulator.mission_mode.config import MissionConfig
-from simulator.mission_mode.flight import simulate_mission
+from gyrocal.errors import InputError
 from studies.cli.options import PATH, add_count_option, add_jobs_option, add_output_option, parse_assignment
-from studies.montecarlo.backends import call_all
 from studies.montecarlo.files import write_json, write_text
-from studies.natanson import paper_tables, reproduce
-from studies.natanson.paper_tables import PaperTablesConfig
-from studies.report import committed_results, index_page
-from studies.report import tables as render
 from studies.report.console import make_console
-from studies.report.pages import build_provenance_footer
-from studies.robertson import report as mission_report
-from studies.robertson.runs import DAYS, MissionStudy
+
+if TYPE_CHECKING:
+    from studies.report import committed_results
 
 LONGEST_REPRODUCED_DAYS = 200.0
-PAPER_FOLDERS = {"natanson": reproduce.REPRODUCTION_FOLDER, "robertson": mission_report.MISSION_FOLDER}
+DAYS = 154.2  # as of studies.robertson.runs
+PAPER_FOLDERS = {"natanson": Path("build") / "reproduction", "robertson": Path("build") / "mission"}  # as of their modules
 COMMITTED = Path("results")
 MOST_MOVED = 20  # numbers shown of those that moved
 
@@ -87,6 +83,17 @@ def command(
         raise InputError("--scenario and --set are of one paper: give --paper natanson with them")
     if (scenario != "trmm" or changes) and out is None:
         raise InputError(f"{PAPER_FOLDERS['natanson']} holds the flight's own: give --out FOLDER with another scenario")
+
+    from simulator.mission_mode.config import MissionConfig
+    from simulator.mission_mode.flight import simulate_mission
+    from studies.montecarlo.backends import call_all
+    from studies.natanson import paper_tables, reproduce
+    from studies.natanson.paper_tables import PaperTablesConfig
+    from studies.report import committed_results, index_page
+    from studies.report.pages import build_provenance_footer
+    from studies.robertson import report as mission_report
+    from studies.robertson.runs import MissionStudy
+
     workers, terminal = jobs or os.cpu_count() or 1, make_console()
     study = MissionStudy(days=days, seeds=seeds, slews=slews, entropy=entropy, windows=days >= DAYS)
     summaries: dict[str, dict[str, Any]] = {}
@@ -122,6 +129,9 @@ def _compare(now: committed_results.Results | None, then: committed_results.Resu
     """Say what agrees with the committed results and what moved."""
     if now is None:
         return
+    from studies.report import committed_results
+    from studies.report import tables as render
+
     comparable = then is not None and then.config == now.config
     differences = committed_results.list_moved_numbers(now, then) if then and comparable else None
     if differences is not None and len(differences):

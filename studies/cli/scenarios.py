@@ -4,9 +4,6 @@ from pathlib import Path
 
 import click
 
-from simulator import adopted_scenario
-from simulator import scenario as scenarios
-from simulator.effects import tabulate_setting
 from studies.cli.options import add_json_option
 from studies.montecarlo.files import write_json
 
@@ -22,9 +19,14 @@ def command(name: str | None, as_json: Path | None) -> None:
       gyrocal scenarios
       gyrocal scenarios trmm > mine.toml
     """
+    from simulator import scenario as scenarios
+
     if name:
         click.echo(scenarios.read_text(name))
         if as_json:
+            from simulator import adopted_scenario
+            from simulator.effects import tabulate_setting
+
             flown = adopted_scenario.load(name)
             assert isinstance(flown.plan, scenarios.Scenario)  # none that is built in flies a recording again
             effects = {"effect": [tabulate_setting(one) for one in flown.effects]} if flown.effects else {}

@@ -5,18 +5,9 @@ from pathlib import Path
 import click
 import numpy as np
 
-from gyrocal import InputError, calibrate, load, save
-from gyrocal.importing.csv_files import write_packets
+from gyrocal.errors import InputError
 from gyrocal.importing.units import COUNTS_UNIT, compute_gyro_factor
-from simulator import adopted_scenario
-from simulator import scenario as scenarios
-from simulator.adopted_scenario import ReplayPlan
-from simulator.effects.sensor import SENSOR_EFFECTS, tabulate_setting
-from simulator.effects.sensor import parse as parse_effect
-from simulator.packets import simulate_packets
-from simulator.replay import replay
-from simulator.simulate import compute_true_gyros, simulate
-from simulator.streams import generator
+from gyrocal.recording import load, save
 from studies.cli.options import (
     FOLDER_TYPE,
     FORCE,
@@ -95,8 +86,18 @@ def command(
       gyrocal simulate trmm_series /tmp/seven --seed 7 --set gyro.arw_deg_per_sqrt_s=1e-4 --set interval.1.slew.0.start_s=120
     """
     refuse_existing(out, force)
-    settings = [parse_effect(text) for text in effects]
     count = _count_of_angle(lsb)
+
+    from simulator import adopted_scenario
+    from simulator import scenario as scenarios
+    from simulator.adopted_scenario import ReplayPlan
+    from simulator.effects.sensor import SENSOR_EFFECTS, tabulate_setting
+    from simulator.effects.sensor import parse as parse_effect
+    from simulator.replay import replay
+    from simulator.simulate import compute_true_gyros, simulate
+    from simulator.streams import generator
+
+    settings = [parse_effect(text) for text in effects]
     noise = not noise_free
     gyros: dict[str, object] = {}
     if (Path(scenario) / "recording.toml").exists() and scenario not in scenarios.names():
@@ -105,6 +106,9 @@ def command(
         if on_sensors:
             raise InputError(f"{on_sensors[0]}: acts on raw sensor tables, which a replay keeps as they are; give a scenario")
         original = load(scenario)
+
+        from gyrocal.calibration.davenport import calibrate
+
         fitted = calibrate(original).parameters
         recording = replay(original, fitted.G, fitted.bias, settings, seed=seed, case=case, noise=noise)
         G, bias_deg_s = fitted.G.tolist(), np.rad2deg(fitted.bias).tolist()
@@ -124,6 +128,9 @@ def command(
                 K, c = compute_true_gyros(plan)
                 gyros = {"gyros": {"names": plan.gyro.array.gyros, "K": K.tolist(), "c_deg_s": np.rad2deg(c).tolist()}}
     if packet_folder:
+        from gyrocal.importing.csv_files import write_packets
+        from simulator.packets import simulate_packets
+
         sent = simulate_packets(recording, count, wrap, generator(seed, case, "packets"))
         write_packets(recording, sent, lsb, wrap, packet_folder)
     save(recording, out)

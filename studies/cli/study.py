@@ -1,20 +1,19 @@
 """The command ``gyrocal study``: run one of the studies, or one case of it again."""
 
+from __future__ import annotations
+
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-import pandas as pd
 
 from studies import catalogue
 from studies.cli.options import PAGE, PATH, add_jobs_option, add_output_option, parse_assignment
-from studies.montecarlo import engine
 from studies.montecarlo.files import write_json, write_text
-from studies.montecarlo.stopping_rule import StoppingRule
-from studies.report import study_page
-from studies.report import tables as render
 from studies.report.console import make_console
-from studies.report.pages import build_provenance_footer
+
+if TYPE_CHECKING:
+    from studies.montecarlo import engine
 
 
 @click.command("study")
@@ -84,6 +83,10 @@ def command(
       gyrocal study ./mystudy.py --cases 500 --until 'p95(largest_error_ppm)<20'
     """
     if name is None:
+        import pandas as pd
+
+        from studies.report import tables as render
+
         studies = [{"study": key, "what": catalogue.describe_study(key)} for key in catalogue.STUDY_MODULES]
         render.print_table(make_console(), "Studies", pd.DataFrame(studies))
         if as_json:
@@ -101,6 +104,8 @@ def command(
                 as_json, {"study": name, "case": again, "rows": rows, "same": result.same, "traceback": result.traceback}
             )
         return
+    from studies.montecarlo.stopping_rule import StoppingRule
+
     options["until"] = StoppingRule.parse(until) if until else None
     terminal = make_console()
     outcome = catalogue.run(name, folder, settings, terminal, config, junit=junit, **options)
@@ -108,6 +113,9 @@ def command(
     for message, count in outcome.warnings.items():
         click.echo(f"gyrocal: warning, {count} times: {message}", err=True)
     if report:
+        from studies.report import study_page
+        from studies.report.pages import build_provenance_footer
+
         write_text(report, study_page.build_study_page(folder, build_provenance_footer()))
     if as_json:
         failures = {str(case): error for case, error in outcome.failures.items()}
@@ -116,6 +124,8 @@ def command(
 
 
 def _show_rerun(result: engine.Rerun, folder: Path) -> None:
+    from studies.report import tables as render
+
     render.print_table(make_console(), "Rows of the case", result.rows.T.reset_index().astype(str))
     if result.traceback:
         click.echo(result.traceback, err=True)

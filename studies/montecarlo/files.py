@@ -1,16 +1,20 @@
 """The files a study or a command writes: text, JSON and tables, each through `gyrocal.files.open_replacement`."""
 
+from __future__ import annotations
+
 import json
 import math
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from gyrocal.errors import InputError
 from gyrocal.files import is_replaced, open_replacement
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def write_bytes(path: Path, data: bytes) -> None:

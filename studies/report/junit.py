@@ -1,13 +1,18 @@
 """Verdicts as JUnit's XML, which continuous integration shows as test results."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 from studies.montecarlo.files import write_bytes
-from studies.report.checks import Check, format_checks
+
+if TYPE_CHECKING:
+    from studies.report.checks import Check
 
 NOT_IN_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
@@ -30,6 +35,8 @@ class Verdict:
 
 def convert_checks(checks: Sequence[Check]) -> list[Verdict]:
     """What a study found: a note, which has no bounds or too few rows for them, is skipped."""
+    from studies.report.checks import format_checks
+
     out = []
     for check, row in zip(checks, format_checks(checks).to_dict("records"), strict=True):
         said = " ".join(f"{row['value']} {row['unit']}".split())

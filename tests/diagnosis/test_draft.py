@@ -12,7 +12,6 @@ from diagnosis.remainder_search import BesideRemainder
 from gyrocal import InputError, save
 from simulator.effects.registry import Registry
 from simulator.effects.regressors import Regressor, compute_regressor, list_regressors, tabulate
-from studies.cli import diagnose as cli_diagnose
 from tests.diagnosis.recordings import of_rates
 from tests.diagnosis_cases import CASES
 
@@ -131,7 +130,7 @@ def answered(monkeypatch):
         return replace(CASES["named"](), remainder=given, draft=made if draft else None)
 
     made = draft
-    monkeypatch.setattr(cli_diagnose, "diagnose", answer)
+    monkeypatch.setattr("diagnosis.diagnose.diagnose", answer)
 
 
 def test_the_command_writes_the_draft_and_names_it(run_cli, answered, tmp_path):

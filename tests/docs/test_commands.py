@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-import studies.cli.diagnose as diagnose_command
+from diagnosis.diagnose import diagnose
 from studies import catalogue
 from studies.cli.main import main
 from studies.cli.options import parse_assignment
@@ -84,11 +84,11 @@ def made(tmp_path_factory):
 @pytest.fixture(autouse=True)
 def _one_diagnosis_of_each_recording(monkeypatch):
     """Several pages diagnose one recording: it is diagnosed once."""
-    monkeypatch.setattr(diagnose_command, "diagnose", diagnosed)
+    monkeypatch.setattr("diagnosis.diagnose.diagnose", diagnosed)
 
 
 DIAGNOSES = {}
-DIAGNOSE = diagnose_command.diagnose
+DIAGNOSE = diagnose
 
 
 def diagnosed(recording, **options):

@@ -128,6 +128,39 @@ def test_a_recording_goes_out_as_csv_and_comes_back(run_cli, imported, tmp_path)
     np.testing.assert_allclose(gyrocal.load(tmp_path / "again").gyro.rates, imported.gyro.rates, rtol=0, atol=1e-15)
 
 
+@pytest.mark.parametrize("sensors", [1, 2])
+def test_intervals_that_touch_share_a_reference_also_when_they_come_back(imported, tmp_path, sensors):
+    one = imported.intervals[0]
+    rows = gyrocal.recording.find_reference_rows(imported.attitudes.t_s, one)
+    shared_s = float(imported.attitudes.t_s[rows[len(rows) // 2]])
+    halves = replace(one, name="first", stop_s=shared_s), replace(one, name="second", start_s=shared_s)
+    attitudes = gyrocal.Attitudes(*(getattr(imported.attitudes, name)[rows] for name in ("t_s", "quaternions", "sigma")))
+    if sensors == 2:
+        straight = np.array([0.0, 0.0, 0.0, 1.0])
+        attitudes = gyrocal.Attitudes(
+            *(np.repeat(values, 2, axis=0) for values in (attitudes.t_s, attitudes.quaternions, attitudes.sigma)),
+            sensor=np.tile([0, 1], rows.size),
+            sensors=(gyrocal.AttitudeSensor("st1", straight), gyrocal.AttitudeSensor("st2", straight)),
+        )
+    source = replace(imported, attitudes=attitudes, intervals=halves)
+    csv_files.write_csv(source, tmp_path)
+    again = back(tmp_path)
+    np.testing.assert_allclose(again.attitudes.t_s, attitudes.t_s, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(again.attitudes.quaternions, attitudes.quaternions, rtol=0, atol=1e-15)
+    assert [(part.name, part.start_s, part.stop_s) for part in again.intervals] == [
+        (part.name, pytest.approx(part.start_s), pytest.approx(part.stop_s)) for part in halves
+    ]
+    both = [gyrocal.recording.find_reference_rows(again.attitudes.t_s, part) for part in again.intervals]
+    assert sum(map(len, both)) == len(attitudes.t_s) + sensors  # the shared reference is of both
+
+    # A table that holds the shared reference twice, once for each interval, is the same recording.
+    table = pd.read_csv(tmp_path / "attitude.csv")
+    at = table.unix_ns[sensors * (rows.size // 2)]
+    twice = pd.concat([table[table.unix_ns <= at], table[table.unix_ns >= at]])
+    twice.to_csv(tmp_path / "attitude.csv", index=False)
+    np.testing.assert_array_equal(back(tmp_path).attitudes.t_s, again.attitudes.t_s)
+
+
 def test_scale_and_misalignment_by_hand():
     # A gyro whose axes are turned by +90 deg about z against the body reads (y, −x, z) of body rates; its x reads double.
     G = np.linalg.inv(np.diag([2.0, 1.0, 1.0]) @ np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))

@@ -9,7 +9,6 @@ import pytest
 from diagnosis.plan import Extra, Plan
 from gyrocal import InputError
 from simulator.effects.sensor import ALL_EFFECTS
-from studies.cli import diagnose as cli_diagnose
 from studies.cli.main import main
 from studies.report import next_flight, svg
 from studies.report.console import show_stages
@@ -28,7 +27,7 @@ def asked(monkeypatch):
         seen.update(recording=recording, seed=seed, library=library)
         return CASES[seen["case"]]()
 
-    monkeypatch.setattr(cli_diagnose, "diagnose", answer)
+    monkeypatch.setattr("diagnosis.diagnose.diagnose", answer)
     return seen
 
 
@@ -115,7 +114,7 @@ def test_an_unusable_recording_is_one_line(run_cli, rec, monkeypatch):
     def refuse(recording, **_):
         raise InputError("m1: a hole of 30 s in the gyro stream")
 
-    monkeypatch.setattr(cli_diagnose, "diagnose", refuse)
+    monkeypatch.setattr("diagnosis.diagnose.diagnose", refuse)
     result = run_cli("diagnose", rec)
     assert result.exit_code == 2
     assert result.stderr == "gyrocal: m1: a hole of 30 s in the gyro stream\n"

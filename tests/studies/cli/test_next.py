@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from diagnosis import next_recording
 from diagnosis.next_recording import Band, Comparison, RecordingPrediction
 from studies.cli import next as next_command
 
@@ -25,7 +26,7 @@ def asked(monkeypatch):
             tuple(before), last, "named", ("bias_orbital:z",), ("spikes:x",), one, Comparison(190.0, 60, 1e-15, BANDS)
         )
 
-    monkeypatch.setattr(next_command, "predict_next_recording", foretell)
+    monkeypatch.setattr(next_recording, "predict_next_recording", foretell)
     monkeypatch.setattr(next_command, "load", lambda path: SimpleNamespace(gyro=None))
     monkeypatch.setattr(next_command, "need_triad", lambda gyro: None)
     return calls

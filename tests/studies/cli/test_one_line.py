@@ -16,7 +16,6 @@ from matplotlib.figure import Figure
 from gyrocal import InputError, load, save
 from gyrocal.recording import csv_file
 from simulator import scenario as scenarios
-from studies.cli import scenarios as command
 from studies.cli.main import main
 from studies.report import console as consoles
 from studies.report import panels, svg
@@ -45,7 +44,7 @@ def warned(*met):
 
 def test_warnings_come_at_the_end_in_one_line_each_kind(run_cli, monkeypatch):
     met = [(RuntimeWarning, "overflow\nmet"), (RuntimeWarning, "divide"), (RuntimeWarning, "divide"), (UserWarning, "left out")]
-    monkeypatch.setattr(command.scenarios, "names", warned(*met))
+    monkeypatch.setattr(scenarios, "names", warned(*met))
     with warnings.catch_warnings():
         warnings.simplefilter("always")
         result = run_cli("scenarios")
@@ -60,7 +59,7 @@ def test_after_an_error_the_error_says_it_all(run_cli, monkeypatch):
         warnings.warn("overflow", RuntimeWarning, stacklevel=1)
         raise InputError("wrong")
 
-    monkeypatch.setattr(command.scenarios, "read_text", text)
+    monkeypatch.setattr(scenarios, "read_text", text)
     with warnings.catch_warnings():
         warnings.simplefilter("always")
         result = run_cli("scenarios", "trmm")
@@ -80,7 +79,7 @@ def test_faults_of_the_system_are_one_line(run_cli, monkeypatch, fault, status, 
     def text(name):
         raise fault
 
-    monkeypatch.setattr(command.scenarios, "read_text", text)
+    monkeypatch.setattr(scenarios, "read_text", text)
     result = run_cli("scenarios", "trmm")
     assert (result.exit_code, result.stderr) == (status, said)
 

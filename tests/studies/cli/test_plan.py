@@ -7,7 +7,6 @@ import pytest
 from rich.console import Console
 
 from diagnosis.plan import Extra, Pair, Plan, Visible
-from studies.cli import plan as cli_plan
 from studies.report import plan as plan_report
 from tests.pages import checked
 
@@ -55,7 +54,7 @@ def asked(monkeypatch):
         seen.update(options, scenario=scenario)
         return FOUND
 
-    monkeypatch.setattr(cli_plan, "plan", answer)
+    monkeypatch.setattr("diagnosis.plan.plan", answer)
     return seen
 
 

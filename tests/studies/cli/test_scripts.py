@@ -122,7 +122,7 @@ def test_a_diagnosis_fails_on_a_gap_or_on_an_unknown_one(
     verdict, present, asked, status, recording, run_cli, tmp_path, monkeypatch
 ):
     answer = SimpleNamespace(verdict=verdict, present=present, p_value=1e-9, to_json=lambda: {"verdict": verdict})
-    monkeypatch.setattr("studies.cli.diagnose.diagnose", lambda *arguments, **options: answer)
+    monkeypatch.setattr("diagnosis.diagnose.diagnose", lambda *arguments, **options: answer)
     options = [text for name in asked for text in ("--fail-on", name)]
     report = tmp_path / "out.xml"
     found = run_cli("diagnose", str(recording), *options, "--json", "-", "--junit", str(report))

@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from studies.cli import reproduce as cli_reproduce
 from studies.report import committed_results
 
 
@@ -75,8 +74,8 @@ def test_the_command_writes_elsewhere_and_ends_with_the_page(run_cli, monkeypatc
         folder(where, {"a": value}, TABLE)
         return {"a": value}
 
-    monkeypatch.setattr(cli_reproduce.reproduce, "run", ran)
-    monkeypatch.setattr(cli_reproduce.mission_report, "run", ran)
+    monkeypatch.setattr("studies.natanson.reproduce.run", ran)
+    monkeypatch.setattr("studies.robertson.report.run", ran)
     result = run_cli("reproduce")
     assert result.exit_code == 0, result.stderr
     assert {path: path.read_bytes() for path in (tmp_path / "results").rglob("*.*")} == before

@@ -12,7 +12,6 @@ import pytest
 from gyrocal import GyrocalError
 from simulator.mission_mode.config import MissionConfig
 from simulator.mission_mode.flight import MissionRun
-from studies.cli import reproduce as cli_reproduce
 from studies.cli.mission import TABLES, summarise_periods
 from studies.montecarlo import engine
 from studies.robertson import report
@@ -41,7 +40,7 @@ def flown_already(short_flight, monkeypatch):
         return work
 
     monkeypatch.setattr(engine, "get_work_folder", work_folder)
-    monkeypatch.setattr(cli_reproduce, "MissionStudy", partial(MissionStudy, mounting_days=SHORT.mounting_days))
+    monkeypatch.setattr("studies.robertson.runs.MissionStudy", partial(MissionStudy, mounting_days=SHORT.mounting_days))
 
 
 def test_mission_writes_its_tables(run_cli, tmp_path):
@@ -189,8 +188,8 @@ def test_symptoms_are_in_the_short_runs(short_flight):
 
 def test_both_papers_by_default(run_cli, monkeypatch, tmp_path):
     called = {}
-    monkeypatch.setattr(cli_reproduce.reproduce, "run", lambda folder, *_: called.update(natanson=folder) or {"a": 1})
-    monkeypatch.setattr(cli_reproduce.mission_report, "run", lambda folder, *_: called.update(robertson=folder) or {"b": 2})
+    monkeypatch.setattr("studies.natanson.reproduce.run", lambda folder, *_: called.update(natanson=folder) or {"a": 1})
+    monkeypatch.setattr("studies.robertson.report.run", lambda folder, *_: called.update(robertson=folder) or {"b": 2})
     options = ("--jobs", "1", "--out", str(tmp_path))
     assert run_cli("reproduce", *options, "--json", str(tmp_path / "all.json")).exit_code == 0
     assert called == {"natanson": tmp_path / "reproduction", "robertson": tmp_path / "mission"}
