@@ -263,7 +263,7 @@ class RecordingModel:
         -------
         (N, k), not yet whitened
         """
-        return self._observe_increments(self.of_readings, high)
+        return self._observe_increments(self.readings_influence, high)
 
     def observe_rate_error(self, error: Array) -> Array:
         """Observations of an error δω of the calibrated rates, (n, 3, k) rad/s → (N, k)."""
@@ -293,10 +293,10 @@ class RecordingModel:
 
     def compute_attitude_turns(self, high: Array) -> Array:
         """Attitude errors at every reference, before any averaging, of a reading that is too high; (n, 3, k) → (m, 3, k)."""
-        return np.concatenate([self._totals(self.of_readings, high, block) for block in self.blocks])
+        return np.concatenate([self._totals(self.readings_influence, high, block) for block in self.blocks])
 
     @cached_property
-    def of_readings(self) -> Array:
+    def readings_influence(self) -> Array:
         """(n, 3, 3) rate error in inertial axes of readings that are too high, −Aᵀ G in the middle of each step."""
         return np.asarray(-self.to_inertial @ self.G)
 

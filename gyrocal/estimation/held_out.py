@@ -31,8 +31,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 TURNS_S = (1.0, 10.0, 60.0)
-BLOCKS = 4  # each is held out once
-FEWEST_ROWS = 3  # references of a piece of an interval
+HELD_OUT_BLOCKS = 4  # each is held out once
+FEWEST_PIECE_REFERENCES = 3  # references of a piece of an interval
 FEWEST_TURNS = 5  # of one length, for a root mean square
 USUAL_TURN = 0.0  # stands for the usual time between two references of a piece
 PARAMETER_SETS = ("calibrated", "bias_alone", "stated")
@@ -82,7 +82,7 @@ def predict_held_out_turns(
     if recording.attitudes.sensor is not None or recording.is_array:
         return ()
     pieces = _cut_intervals(recording)
-    blocks = np.array_split(np.arange(len(pieces)), min(BLOCKS, len(pieces)))
+    blocks = np.array_split(np.arange(len(pieces)), min(HELD_OUT_BLOCKS, len(pieces)))
     whole = _select_pieces(recording, pieces)
     turns: dict[float, list[Array]] = {length: [] for length in (*lengths_s, USUAL_TURN)}
     for block in blocks if len(blocks) > 1 else []:
@@ -104,12 +104,12 @@ def predict_held_out_turns(
 
 def _cut_intervals(recording: Recording) -> list[Interval]:
     """The intervals, or pieces of them where they are fewer than the blocks; no two pieces share a reference."""
-    parts = -(-BLOCKS // len(recording.intervals))
+    parts = -(-HELD_OUT_BLOCKS // len(recording.intervals))
     t_s = recording.attitudes.t_s
     out = []
     for one in sorted(recording.intervals, key=lambda one: one.start_s):
         rows = find_reference_rows(t_s, one)
-        for k, piece in enumerate(np.array_split(rows, max(min(parts, rows.size // FEWEST_ROWS), 1))):
+        for k, piece in enumerate(np.array_split(rows, max(min(parts, rows.size // FEWEST_PIECE_REFERENCES), 1))):
             out.append(replace(one, name=f"{one.name} {k}", start_s=float(t_s[piece[0]]), stop_s=float(t_s[piece[-1]])))
     return out
 

@@ -29,14 +29,14 @@ MOST_GRID = 1 << 14  # points of the search
 MOST_CLOCKS = 300  # clock rates of one search
 LEAST_COMMON = 0.5  # of the shorter side: overlap of a time offset
 STARTS = 4  # maxima of the correlation from which the fit begins
-BLOCKS = 24  # of time, whose sums give the covariance
-FEWEST_WINDOWS = 12
+JACKKNIFE_BLOCKS = 24  # of time, whose sums give the covariance
+FEWEST_ALIGNED_WINDOWS = 12
 STEPS = 25
 PRIOR = np.array([1e3, 1e3, 1.0, 1.0, 1.0, 10.0, 10.0, 10.0, 10.0])  # 1-sigma of τ/s, f/ppm·10⁶, C, ln s, b: keeps N regular
 PRIOR_STRENGTH = (
     1e-6  # of the data's information: what the motion does not determine stays where it began, and its sigma is large
 )
-SIGNIFICANT = 3.0  # sigma
+SIGNIFICANT_IN_SIGMA = 3.0  # sigma
 DIRECTION_RATIO = 0.5  # times the residual as read: the other direction must fit so much better
 LEAST_FACTOR = 0.1  # of a scale: a smaller one is a gyro's own, which a calibration finds
 LEAST_TURN = np.deg2rad(1.0)
@@ -78,17 +78,17 @@ class Alignment:
     def is_turned(self) -> bool:
         """Whether C is more than its sigma and a gyro's own misalignment."""
         angle = float(np.linalg.norm(self.turn))
-        return angle > max(LEAST_TURN, SIGNIFICANT * float(np.linalg.norm(self.turn_sigma)))
+        return angle > max(LEAST_TURN, SIGNIFICANT_IN_SIGMA * float(np.linalg.norm(self.turn_sigma)))
 
     @property
     def is_scaled(self) -> bool:
         """Whether the factor is more than a gyro's own scale error."""
-        return abs(self.factor - 1) > max(LEAST_FACTOR, SIGNIFICANT * self.factor_sigma)
+        return abs(self.factor - 1) > max(LEAST_FACTOR, SIGNIFICANT_IN_SIGMA * self.factor_sigma)
 
     @property
     def is_clock_off(self) -> bool:
         """Whether one clock is faster than the other."""
-        return abs(self.time_factor - 1) > SIGNIFICANT * self.time_sigma
+        return abs(self.time_factor - 1) > SIGNIFICANT_IN_SIGMA * self.time_sigma
 
     @property
     def changes(self) -> list[str]:
@@ -98,7 +98,7 @@ class Alignment:
             out.append(f"the gyro's time tags times {self.time_factor:.7g} (--time-factor)")
         if self.reverse:
             out.append("the other direction of the attitudes")
-        if abs(self.offset_s) > SIGNIFICANT * self.offset_sigma:
+        if abs(self.offset_s) > SIGNIFICANT_IN_SIGMA * self.offset_sigma:
             out.append(f"{self.offset_s:+.6g} s added to the attitudes' time tags (--attitude-offset)")
         if self.is_turned:
             angle = float(np.rad2deg(np.linalg.norm(self.turn)))
@@ -109,7 +109,7 @@ class Alignment:
 
     def describe_offset(self) -> str:
         """The time offset with its sigma, and whether it differs from zero."""
-        differs = abs(self.offset_s) > SIGNIFICANT * self.offset_sigma
+        differs = abs(self.offset_s) > SIGNIFICANT_IN_SIGMA * self.offset_sigma
         return (
             f"time offset by the rates: {self.offset_s:+.6g} ± {self.offset_sigma:.2g} s (1-sigma) to be added to the "
             f"attitudes' time tags, which {'differs from zero' if differs else 'does not differ from zero'}"
@@ -181,7 +181,7 @@ def _fit(windows: Motion, reverse: bool) -> Alignment | None:
     reference = windows.attitudes(reverse=reverse)
     offset, factor = 0.0, 1.0
     gyro, inside = _measure(windows, offset, factor)
-    if inside.sum() < FEWEST_WINDOWS:
+    if inside.sum() < FEWEST_ALIGNED_WINDOWS:
         return None
     t0, middle = windows.t_s[0], 0.5 * (windows.start_s + windows.stop_s)
     r, g = reference[inside], gyro[inside]
@@ -207,7 +207,7 @@ def _fit(windows: Motion, reverse: bool) -> Alignment | None:
         later, a = _measure(windows, offset + h * factor, factor)
         sooner, b = _measure(windows, offset - h * factor, factor)
         inside &= a & b
-        if inside.sum() < FEWEST_WINDOWS:
+        if inside.sum() < FEWEST_ALIGNED_WINDOWS:
             return None
         model = scale * gyro[inside] @ C.T
         slope = scale * ((later - sooner)[inside] @ C.T) / (2 * h)  # per s of the gyro's time
@@ -235,7 +235,9 @@ def _fit(windows: Motion, reverse: bool) -> Alignment | None:
             break
     size = np.maximum(np.sqrt(np.sum(J * J, axis=0)), 1e-300)
     scores = ((J / size) * left.ravel()[:, None]).reshape(-1, 3, 9).sum(axis=1)
-    blocks = np.minimum((BLOCKS * (middle[inside] - middle[inside][0]) / max(span, 1e-300)).astype(int), BLOCKS - 1)
+    blocks = np.minimum(
+        (JACKKNIFE_BLOCKS * (middle[inside] - middle[inside][0]) / max(span, 1e-300)).astype(int), JACKKNIFE_BLOCKS - 1
+    )
     sums = np.stack([scores[blocks == k].sum(axis=0) for k in np.unique(blocks)])
     count = len(sums)
     inverse = np.linalg.inv(N)

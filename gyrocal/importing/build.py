@@ -48,8 +48,8 @@ logger = logging.getLogger(__name__)
 
 LATE = 6.0  # samples; a gyro whose filter or tag is later by less is taken as it is
 LARGEST_FACTOR = 2.0  # of rates: more is another unit, not a gyro's scale
-LARGEST_TURN = np.deg2rad(170.0)
-LARGEST_BIAS_SHARE = 0.3  # of the RMS rate: by so much a bias in motion may be off that of the rests
+LARGEST_PLAUSIBLE_TURN = np.deg2rad(170.0)
+LARGEST_START_BIAS_SHARE = 0.3  # of the RMS rate: by so much a bias in motion may be off that of the rests
 EULER_SEQUENCES = tuple(
     made
     for letters in ("XYZ", "xyz")
@@ -361,12 +361,12 @@ def _list_warnings(
         )
     if mapping.mounting != "as given" and mapping.axes is None and mapping.G is None:
         angle = float(Rotation.from_matrix(G).magnitude())
-        if angle > LARGEST_TURN:
+        if angle > LARGEST_PLAUSIBLE_TURN:
             out.append(f"the gyro's frame is turned by {np.rad2deg(angle):.0f} deg: are the signs of its axes as stated?")
     if has_rest and near is not None and mapping.bias_deg_s is None:
         off = float(np.linalg.norm(near.bias - gyro.apriori_bias))
         speed = float(np.sqrt(np.mean(np.sum(np.square(gyro.rates + gyro.apriori_bias), axis=1))))
-        if off > LARGEST_BIAS_SHARE * speed:
+        if off > LARGEST_START_BIAS_SHARE * speed:
             out.append(
                 f"the bias in motion is {np.rad2deg(off):.3g} deg/s off that of the rests, the RMS rate {np.rad2deg(speed):.3g}"
             )

@@ -27,7 +27,7 @@ TURNED_STEPS = 4.0  # least turns between two rows, from which on a repeat is no
 NOISE_SIGMAS = 6.0  # of the gyro's integrated noise, for the same
 FILLED_SHARE = 0.2  # of the rows while the gyro turns: from this share of repeats on, a table is forward-filled
 JUMP_MARGIN = 10.0  # median differences between the turn of the attitudes and the gyro's path
-FEWEST_ROWS = 4  # that must be left
+FEWEST_ATTITUDES = 4  # that must be left
 
 
 def leave_out_lost_references(
@@ -53,7 +53,7 @@ def leave_out_lost_references(
 
     identity = np.abs(np.abs(q[:, 3]) - 1) < SAME
     lost = _find_jumping_runs(identity, q, path)
-    if lost.any() and (~lost).sum() >= FEWEST_ROWS:
+    if lost.any() and (~lost).sum() >= FEWEST_ATTITUDES:
         keep &= ~lost
         said.append(
             f"{int(lost.sum())} {what} row(s) are the identity, to which the gyro did not turn: left out as lost, "
@@ -65,7 +65,7 @@ def leave_out_lost_references(
     course = np.concatenate([np.zeros((1, raw.shape[1])), np.cumsum(turned * length, axis=0)])
     at = np.column_stack([np.interp(t_s[rows], edges, column) for column in course.T])
     held = _find_held_rows(t_s[rows], q[rows], at, float(np.std(np.diff(raw, axis=0)) / np.sqrt(2)), sample_s)
-    if held.any() and (~held).sum() >= FEWEST_ROWS:
+    if held.any() and (~held).sum() >= FEWEST_ATTITUDES:
         keep[rows[held]] = False
         text = f"{int(held.sum())} {what} row(s) repeat the one before to the last digit, although the gyro turns"
         said.append(f"{text}: left out as held, the first at {t_s[rows[held]][0]:.9g} s")
@@ -104,7 +104,7 @@ def _estimate_rest_rate(t_s: Array, q: Array, gyro_t_s: Array, raw: Array, sampl
     """(k,) rates where they scatter least; zero if the attitudes turn there, as those of a body that spins evenly."""
     size = max(round(WINDOW_S / sample_s), 4)
     count = len(raw) // size
-    if count < 4 or t_s.size < FEWEST_ROWS:
+    if count < 4 or t_s.size < FEWEST_ATTITUDES:
         return np.zeros(raw.shape[1])
     parts = raw[: count * size].reshape(count, size, -1)
     scatter = np.sqrt(parts.var(axis=1).mean(axis=1))

@@ -82,28 +82,28 @@ def _list_faults(windows: Motion) -> list[Fault]:
     rest = e - bias
     whole = float(np.sqrt(np.sum(rest * rest)))
 
-    def left(values: Array) -> float:
+    def compute_rest(values: Array) -> float:
         return float(np.sqrt(np.sum(values * values))) / raw
 
-    out = [Fault("bias", f"a bias of {_format_degrees(bias)} deg/s", left(rest), bias)]
+    out = [Fault("bias", f"a bias of {_format_degrees(bias)} deg/s", compute_rest(rest), bias)]
     r0, g0 = reference - reference.mean(axis=0), gyro - gyro.mean(axis=0)
     scale = float(np.sum(r0 * g0) / max(np.sum(g0 * g0), 1e-300))
-    out.append(Fault("scale", f"the rates times {scale:.4g}", left(r0 - scale * g0)))
+    out.append(Fault("scale", f"the rates times {scale:.4g}", compute_rest(r0 - scale * g0)))
     step = _find_step(rest, middle)
     if step is not None:
         when, jump, values = step
         words = f"a step of the bias by {_format_degrees(jump)} deg/s at {when:.6g} s"
-        out.append(Fault("step", words, left(values)))
+        out.append(Fault("step", words, compute_rest(values)))
     h = 0.25 * float(np.median(windows.stop_s - windows.start_s))
     later, sooner = windows.gyro(h)[0][inside], windows.gyro(-h)[0][inside]
     clock = _find_jump(rest, (later - sooner) / (2 * h), middle)
     if clock is not None:
         when, before, after, values = clock
         words = f"a clock that jumped by {after - before:+.3g} s at {when:.6g} s (time offset {before:+.3g} s before)"
-        out.append(Fault("jump", words, left(values)))
+        out.append(Fault("jump", words, compute_rest(values)))
     clipped = _find_clipping(reference, gyro)
     if clipped is not None:
-        out.append(Fault("clipping", clipped[0], left(clipped[1])))
+        out.append(Fault("clipping", clipped[0], compute_rest(clipped[1])))
     # A constant bias is there whatever else is: beside it the others must explain what it leaves.
     return [one for one in out if one.kind == "bias" or one.left <= EXPLAINED * whole / raw]
 

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing import units
 from gyrocal.importing.column_mapping import Mapping, convert_attitude, parse_spec
-from gyrocal.importing.lost_references import leave_out_lost_references
 from gyrocal.importing.time_base import fit_even_times, is_uneven
 
 if TYPE_CHECKING:
@@ -128,6 +127,8 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
     InputError
         A column is missing or does not hold what the mapping says.
     """
+    from gyrocal.importing.lost_references import leave_out_lost_references  # late: it loads scipy
+
     clock_g, raw, channels, number, assumed = _read_gyro(gyro, mapping)
     named, clocks, said = _read_attitudes(attitude, mapping)
     layouts = dict.fromkeys(text for table in (gyro, attitude) for text in table.attrs.get("said", ()))

@@ -30,7 +30,7 @@ NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infini
 DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 DATE_OR_TIME = re.compile(r"\d{4}-\d\d-\d\d([T ].*)?|\d{1,2}:\d\d:\d\d(\.\d*)?")
 # Units as loggers write them below names, with or without brackets.
-UNIT = re.compile(
+UNIT_PATTERN = re.compile(
     r"[\[(]?(-|1|none|[mµun]?s(ec(onds?)?)?|(m?rad|m?deg(rees?)?|°|arcsec)(/(s(ec)?|h(r)?))?|dps|rad s\^?-1"
     r"|[cm]?m(/s(\^?2|²)?)?|m s\^?-[12]|m?g|[µum]?T|m?G(auss)?|[kM]?Hz|m?V|°?C|degC|K|[hk]?Pa|m?bar|counts?|lsb|%)[\])]?",
     re.IGNORECASE,
@@ -178,7 +178,7 @@ class _Split:
 
     def _holds_units(self, k: int) -> bool:
         cells = [cell for cell in self.rows[k] if cell]
-        return bool(cells) and sum(UNIT.fullmatch(cell) is not None for cell in cells) > 0.6 * len(cells)
+        return bool(cells) and sum(UNIT_PATTERN.fullmatch(cell) is not None for cell in cells) > 0.6 * len(cells)
 
     def _holds_groups(self, upper: list[str], names: list[str]) -> bool:
         """Whether a row names groups of the columns below it: it or the row of names has blanks or repeated names."""

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-FEWEST_ROWS = 20  # below, a line is no better than the tags
+FEWEST_TAGS = 20  # below, a line is no better than the tags
 FEWEST_ANCHORS = 6
 UNEVEN_SAMPLE = 0.25  # of a sample: a spacing farther from a whole number of samples is uneven
 MOST_UNEVEN_SHARE = 0.01  # of the spacings; fewer are left as they are
@@ -62,7 +62,7 @@ class EvenTimes:
 
 def is_uneven(t_s: Array) -> bool:
     """Whether more than one percent of the spacings of tags are no whole number of samples."""
-    if t_s.size < FEWEST_ROWS:
+    if t_s.size < FEWEST_TAGS:
         return False
     spacing = np.diff(t_s)
     usual = float(np.median(spacing))
@@ -85,7 +85,7 @@ def fit_even_times(t_s: Array, number: Array | None = None, sample_s: float | No
     """
     counted = number is not None
     k = np.arange(t_s.size, dtype=np.float64) if number is None else number.astype(np.float64)
-    if t_s.size < FEWEST_ROWS:
+    if t_s.size < FEWEST_TAGS:
         return None
     h = sample_s or _estimate_spacing(t_s, k)
     if not h > 0:

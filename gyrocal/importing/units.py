@@ -41,7 +41,7 @@ CALENDARS = ("iso", "gps")
 
 UNIX_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC)
-DAY_S = 86400
+SECONDS_A_DAY = 86400
 TIME_OF_DAY = r"\s*\d{1,2}:\d{2}:\d{2}([.,]\d*)?\s*"
 WEEK_S = 604800
 UNIX_RANGE_S = (631152000, 4102444800)  # 1990 to 2100: numbers in between are taken for unix time
@@ -165,8 +165,8 @@ def _parse_times_of_day(column: pd.Series) -> Clock:
     minutes = (parts[0].astype(int) * 60 + parts[1].astype(int)).to_numpy()
     seconds = parts[2].str.replace(",", ".").astype(float).to_numpy(dtype=np.float64)
     whole = minutes * 60 + np.floor(seconds).astype(np.int64)
-    days = np.concatenate([[0], np.cumsum(np.round(np.diff(whole) / DAY_S) * -1)]).astype(np.int64)
-    return Clock(whole + DAY_S * days, np.asarray(seconds - np.floor(seconds)), "")
+    days = np.concatenate([[0], np.cumsum(np.round(np.diff(whole) / SECONDS_A_DAY) * -1)]).astype(np.int64)
+    return Clock(whole + SECONDS_A_DAY * days, np.asarray(seconds - np.floor(seconds)), "")
 
 
 def describe_first_word(column: pd.Series) -> str:

@@ -40,7 +40,7 @@ for one in import_formats.IMPORT_COMMANDS:
 @click.option("--euler", metavar="COLUMNS:…", help="E.g. yaw,pitch,roll:deg:ZYX:body-to-inertial.")
 @click.option("--matrix", metavar="COLUMNS:DIRECTION", help="Nine columns, row by row.")
 @click.option("--attitude-time", metavar="COLUMN:UNIT", help="Of the attitudes, where it is not as of the gyro.")
-@import_formats.ROWS
+@import_formats.ROWS_OPTION
 @import_formats.RATE
 @import_formats.SAMPLE_NUMBER
 @click.option("--lsb", metavar="'SIZE UNIT'", help="Of counts, e.g. '0.0175 deg/s', or '5e-9 rad' of accumulated angle.")

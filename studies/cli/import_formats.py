@@ -27,7 +27,9 @@ OUT = click.argument("out", type=FOLDER_TYPE)
 GYRO_ARGUMENT = click.argument("gyro_file", type=PATH, metavar="GYRO.csv")
 RATE = click.option("--rate", "rate_hz", type=float, help="Gyro samples a second; the time tags are put on an even time base.")
 SAMPLE_NUMBER = click.option("--sample-number", metavar="COLUMN", help="Column of the gyro's table that counts the samples.")
-ROWS = click.option("--rows", metavar="COLUMN:VALUE", help="Rows of the gyro's table to read, where it holds several gyros.")
+ROWS_OPTION = click.option(
+    "--rows", metavar="COLUMN:VALUE", help="Rows of the gyro's table to read, where it holds several gyros."
+)
 
 
 class WordsOrNumbers(click.ParamType):
@@ -54,7 +56,7 @@ class WordsOrNumbers(click.ParamType):
         return numbers[0] if len(numbers) == 1 else numbers
 
 
-ALIGNMENT = (
+ALIGNMENT_OPTIONS = (
     click.option(
         "--align",
         type=click.Choice(["as given", "auto"]),
@@ -90,10 +92,10 @@ TABLE = (
     click.option("--time", metavar="COLUMN:UNIT", help="As of import csv; a date, as the attitudes have."),
     click.option("--gyro", metavar="COLUMNS:UNIT", help="As of import csv."),
     click.option("--lsb", metavar="'SIZE UNIT'", help="As of import csv."),
-    ROWS,
+    ROWS_OPTION,
     RATE,
     SAMPLE_NUMBER,
-    *ALIGNMENT,
+    *ALIGNMENT_OPTIONS,
     FORCE,
     IMPORT_JSON_OPTION,
 )
@@ -101,7 +103,7 @@ TABLE = (
 
 def add_alignment_options(function: Any) -> Any:
     """The options of every import that say how gyro and attitudes lie to each other."""
-    for option in reversed(ALIGNMENT):
+    for option in reversed(ALIGNMENT_OPTIONS):
         function = option(function)
     return function
 

@@ -52,7 +52,7 @@ def test_no_calibration_has_the_references_of_its_turns(recording, monkeypatch):
     monkeypatch.setattr(held_out, "calibrate", calibrating)
     monkeypatch.setattr(held_out, "_compare_turns", comparing)
     assert predict_held_out_turns(recording)
-    assert len(seen) == 2 * held_out.BLOCKS
+    assert len(seen) == 2 * held_out.HELD_OUT_BLOCKS
     assert not any(np.isin(turned, used).any() for turned, used in compared)
     held = np.unique(np.concatenate([turned for turned, _ in compared]))
     np.testing.assert_array_equal(held, recording.attitudes.t_s)  # each is held out once

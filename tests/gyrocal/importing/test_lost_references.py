@@ -91,4 +91,4 @@ def test_an_import_without_lost_references_is_as_one_with_empty_fields(fault, tm
     lost[150:170] = {"zeros": np.zeros(4), "identity": [0, 0, 0, 1.0], "held": q[149]}[fault]
     made = imported(lost)
     assert np.array_equal(made.recording.attitudes.t_s, imported(empty).recording.attitudes.t_s)
-    assert any(text.startswith("20 attitude row(s)") for text in made.assumed)
+    assert any("20 attitude row(s)" in text for text in made.assumed)
