@@ -187,7 +187,7 @@ def _fit(windows: Motion, reverse: bool) -> Alignment | None:
     r, g = reference[inside], gyro[inside]
     r0, g0 = r - r.mean(axis=0), g - g.mean(axis=0)
     motion = float(np.sqrt(np.sum(r0 * r0)))
-    if not motion > 0 or not np.any(g0):
+    if not motion > 0 or not np.sum(g0 * g0) > 0:
         return None
     C, common = rotate_onto(r0, g0)
     scale = max(common, 1e-3 * np.sum(g0 * g0)) / float(np.sum(g0 * g0))

@@ -117,7 +117,7 @@ def build_held_columns(fitted: FittedArc, held: Mapping[str, HeldAmplitudes]) ->
 
 def compute_held_error(sightings: Sightings, held: Mapping[str, HeldAmplitudes]) -> tuple[Array, Array]:
     """Errors (n, 2) and (m, 4) of some effects together, rad; held by label."""
-    sun, earth = sightings.zero_errors
+    sun, earth = sightings.nothing
     for label, one in held.items():
         effect, axis = find_sensor_effect(label)
         more = effect.error(sightings, axis, one.amplitudes, one.parameters)

@@ -39,7 +39,7 @@ class Sightings:
     used: Flags  # (m, 4) quadrants used
 
     @property
-    def zero_errors(self) -> tuple[Array, Array]:
+    def nothing(self) -> tuple[Array, Array]:
         """Errors (n, 2) and (m, 4) that are zero."""
         return np.zeros(self.sun_angles.shape), np.zeros(self.used.shape)
 

@@ -34,7 +34,7 @@ class DssHead(VectorEffect):
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         """Of β; exact."""
-        sun, earth = sightings.zero_errors
+        sun, earth = sightings.nothing
         own = sightings.sun_sensor == int(str(axis))
         a, b = np.tan(sightings.sun_angles[own].T)
         e1, e2, e3 = DEG * amplitudes

@@ -31,7 +31,7 @@ class DssMisalignment(VectorEffect):
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         """Of both angles; exact."""
-        sun, earth = sightings.zero_errors
+        sun, earth = sightings.nothing
         own = sightings.sun_sensor == MISALIGNED_SENSOR
         angles = sightings.sun_angles[own]
         nominal = np.column_stack([np.tan(angles), np.ones(len(angles))])

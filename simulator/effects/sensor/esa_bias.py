@@ -22,7 +22,7 @@ class EsaBias(VectorEffect):
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         """The biases themselves."""
-        sun, earth = sightings.zero_errors
+        sun, earth = sightings.nothing
         return sun, earth + DEG * amplitudes
 
 

@@ -48,7 +48,7 @@ class EsaNadir(SensorEffect):
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         """Angle of the one horizon minus that of the other."""
-        sun, _ = sightings.zero_errors
+        sun, _ = sightings.nothing
         seen = Horizon()
         changed = FlattenedHorizon(missing=float(amplitudes[0]))
         return sun, _compute_limbs(sightings, *changed.semi_axes, seen.nominal) - _compute_limbs(

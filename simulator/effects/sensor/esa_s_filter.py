@@ -26,7 +26,7 @@ class EsaSFilter(SensorEffect):
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         """What is left of the wrong start, in each quadrant."""
-        sun, earth = sightings.zero_errors
+        sun, earth = sightings.nothing
         constant = float(parameters["time_constant_s"])
         for number in np.unique(sightings.arc):
             rows = np.flatnonzero(sightings.arc == number)

@@ -42,7 +42,7 @@ class EsaSunIntrusion(SensorEffect):
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         """What the filtered S takes off each quadrant."""
-        sun, _ = sightings.zero_errors
+        sun, _ = sightings.nothing
         inside = _find_sun_inside(sightings, np.cos(DEG * float(parameters["field_deg"])))
         step = np.diff(sightings.t_s, prepend=sightings.t_s[:1])
         first = np.diff(sightings.arc, prepend=-1) != 0
