@@ -78,7 +78,7 @@ def test_the_file_that_is_written_is_the_function_that_was_found(drafted, loaded
 
 
 def test_without_its_regressor_the_effect_says_why_it_cannot_act(drafted, loaded):
-    assert loaded.missing(drafted[0].around) is None
+    assert loaded.missing(drafted[0].surroundings) is None
     with pytest.raises(InputError, match="no nothing; there are rate_x"):
         compute_regressor(drafted[0].stream, "nothing")
 

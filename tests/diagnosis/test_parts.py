@@ -60,7 +60,7 @@ def test_a_gyro_without_bias_is_no_dead_zone(plan):
 def test_amplitudes_agree_with_least_squares_and_the_truth(prepared, linear):
     model = prepared.model
     (numbers,) = fit(linear, _members(linear, "bias_orbital:z"))
-    X = model.projected(numbers.columns)
+    X = model.project_out_nuisance(numbers.columns)
     amplitudes = np.linalg.lstsq(X, model.y, rcond=None)[0]
     # At this signal-to-noise ratio the prior shrinks by less than a hundredth.
     assert np.allclose(numbers.amplitudes, amplitudes, rtol=1e-2)

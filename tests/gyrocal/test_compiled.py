@@ -14,10 +14,10 @@ from gyrocal import jit_cache
 from tests import ROOT
 
 KERNEL = """
-from gyrocal.jit_cache import compiled
+from gyrocal.jit_cache import compile_cached
 from {package}.constants import FACTOR
 
-@compiled
+@compile_cached
 def scaled(x):
     return FACTOR * x
 """
@@ -146,4 +146,4 @@ def test_every_compiled_function_is_kept_this_way():
     found = [
         path for layer in jit_cache.PACKAGE_LAYERS for path in (ROOT / layer).rglob("*.py") if raw.search(path.read_text())
     ]
-    assert found == [ROOT / "gyrocal" / "compiled.py"]
+    assert found == [ROOT / "gyrocal" / "jit_cache.py"]

@@ -30,7 +30,7 @@ def motion():
 def sensors(motion, rng=None, low=0.0, high=5490.0, every_s=30.0):
     """A Sun sensor that sees it for part of the orbit, and one that sees the direction to the Earth."""
     t = np.arange(low, high, every_s)
-    visible = np.abs((motion.at(t) @ SUN)[:, 0]) > 0.6
+    visible = np.abs((motion.get_attitudes(t) @ SUN)[:, 0]) > 0.6
     sun = make_direction_sensor("sun", np.tile(SUN, (t.size, 1))).simulate_series(motion, t, SIGMA, rng)
     seen = np.where(visible[:, None], sun.y, np.nan), np.where(visible[:, None], sun.sigma, np.inf)
     earth = make_direction_sensor("earth", compute_nadir(t, ATTITUDE_CASE_ORBIT)).simulate_series(motion, t, SIGMA, rng)
@@ -40,10 +40,10 @@ def sensors(motion, rng=None, low=0.0, high=5490.0, every_s=30.0):
 @pytest.mark.parametrize("weighting", ["exact", "plain"])
 def test_noise_free_attitudes_are_those_flown_also_beyond_the_measurements(motion, weighting):
     series = sensors(motion, low=300.0, high=4500.0)
-    found = batch(series, motion.gyro(), TURN @ motion.at(EPOCH), epoch_s=EPOCH, times=TIMES, weighting=weighting)
+    found = batch(series, motion.gyro(), TURN @ motion.get_attitudes(EPOCH), epoch_s=EPOCH, times=TIMES, weighting=weighting)
     np.testing.assert_allclose(found.bias, TRUE_BIAS, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(found.attitude, motion.at(EPOCH), rtol=0, atol=1e-11)
-    np.testing.assert_allclose(found.attitudes, motion.at(TIMES), rtol=0, atol=1e-11)
+    np.testing.assert_allclose(found.attitude, motion.get_attitudes(EPOCH), rtol=0, atol=1e-11)
+    np.testing.assert_allclose(found.attitudes, motion.get_attitudes(TIMES), rtol=0, atol=1e-11)
     assert found.chi2 < 1e-12
     assert 2 <= found.iterations <= 8
     assert found.dof == sum(one.used.sum() for one in series) - 6
@@ -64,7 +64,7 @@ def test_rows_are_the_derivatives_of_the_residuals(motion):
     solved = choose_columns(series, {"sun": ("m_x", "m_z"), "earth": ("m_y",)})
     path = build_gyro_arc(motion.gyro(), list_measured_times(series), np.eye(3))
     estimate = Estimate(
-        np.tile(TURN @ motion.at(0.0), (len(path.t), 1, 1)), 1.5 * TRUE_BIAS, tuple(one.model for one in series)
+        np.tile(TURN @ motion.get_attitudes(0.0), (len(path.t), 1, 1)), 1.5 * TRUE_BIAS, tuple(one.model for one in series)
     )
     state = linearise(path, series, estimate, solved)
     for k, size in enumerate([1e-6] * 3 + [1e-10] * 3 + [1e-6] * 3):
@@ -92,9 +92,9 @@ def cases(motion):
         rng = generator(51, case, "batch")
         gyro, series = motion.gyro(rng), sensors(motion, rng)
         for way, options in ways.items():
-            found = batch(series, gyro, motion.at(EPOCH), epoch_s=EPOCH, times=TIMES, **options)
-            error = np.concatenate([residual(motion.at(EPOCH), found.attitude), TRUE_BIAS - found.bias])
-            many = residual(motion.at(TIMES), found.attitudes).ravel()
+            found = batch(series, gyro, motion.get_attitudes(EPOCH), epoch_s=EPOCH, times=TIMES, **options)
+            error = np.concatenate([residual(motion.get_attitudes(EPOCH), found.attitude), TRUE_BIAS - found.bias])
+            many = residual(motion.get_attitudes(TIMES), found.attitudes).ravel()
             # Without gyro noise four attitudes have six errors only.
             together = np.nan if way == "formal" else squared_error(many, found.attitude_covariance)
             out[way].append((squared_error(error, found.covariance), together, found.chi2))
@@ -124,8 +124,8 @@ def test_chi2_is_that_of_the_weighted_noise_and_not_of_plain_residuals(cases):
 def test_exact_is_never_worse_than_plain_and_both_are_one_without_gyro_noise(motion):
     series = sensors(motion)
     options = {"epoch_s": EPOCH, "times": TIMES}
-    exact = batch(series, motion.gyro(), motion.at(EPOCH), **options)
-    plain = batch(series, motion.gyro(), motion.at(EPOCH), weighting="plain", **options)
+    exact = batch(series, motion.gyro(), motion.get_attitudes(EPOCH), **options)
+    plain = batch(series, motion.gyro(), motion.get_attitudes(EPOCH), weighting="plain", **options)
     for found in (exact, plain):
         assert np.linalg.eigvalsh(found.attitude_covariance)[0] > 0
     scale = np.sqrt(np.diag(exact.joint))
@@ -153,10 +153,12 @@ def test_a_faint_walk_joins_the_plain_solution_smoothly(motion):
 
 
 def test_a_wanted_time_at_the_epoch_is_the_epoch(motion):
-    found = batch(sensors(motion), motion.gyro(generator(51, 0, "one")), motion.at(EPOCH), epoch_s=EPOCH, times=TIMES)
+    found = batch(
+        sensors(motion), motion.gyro(generator(51, 0, "one")), motion.get_attitudes(EPOCH), epoch_s=EPOCH, times=TIMES
+    )
     np.testing.assert_allclose(found.attitudes[1], found.attitude, atol=1e-14)
     np.testing.assert_allclose(found.attitude_covariance[3:6, 3:6], found.covariance[:3, :3], rtol=1e-9)
-    moved = batch(sensors(motion), motion.gyro(generator(51, 0, "one")), motion.at(0.0), times=TIMES)
+    moved = batch(sensors(motion), motion.gyro(generator(51, 0, "one")), motion.get_attitudes(0.0), times=TIMES)
     np.testing.assert_allclose(moved.attitudes, found.attitudes, atol=1e-9)  # the epoch is a label
     np.testing.assert_allclose(moved.attitude_covariance, found.attitude_covariance, rtol=1e-5)
 
@@ -164,15 +166,15 @@ def test_a_wanted_time_at_the_epoch_is_the_epoch(motion):
 def test_a_prior_of_the_bias_is_one_more_measurement(motion):
     rng = generator(51, 0, "prior")
     gyro, series = motion.gyro(rng), sensors(motion, rng)
-    free = batch(series, gyro, motion.at(0.0))
-    loose = batch(series, gyro, motion.at(0.0), bias_sigma=np.full(3, 1.0))
+    free = batch(series, gyro, motion.get_attitudes(0.0))
+    loose = batch(series, gyro, motion.get_attitudes(0.0), bias_sigma=np.full(3, 1.0))
     np.testing.assert_allclose(loose.covariance, free.covariance, rtol=1e-9)
     assert loose.dof == free.dof + 3
-    tight = batch(series, gyro, motion.at(0.0), bias_sigma=np.full(3, 1e-13))
+    tight = batch(series, gyro, motion.get_attitudes(0.0), bias_sigma=np.full(3, 1e-13))
     np.testing.assert_allclose(tight.bias, gyro.apriori_bias, atol=1e-12)
     assert tight.chi2 > free.chi2 + 100  # the a-priori bias is zero
     sigma = np.full(3, 2e-8)
-    between = batch(series, gyro, motion.at(0.0), bias_sigma=sigma)
+    between = batch(series, gyro, motion.get_attitudes(0.0), bias_sigma=sigma)
     combined = np.linalg.inv(np.linalg.inv(free.covariance) + np.diag(np.append(np.zeros(3), sigma**-2)))
     scale = np.sqrt(np.diag(combined))
     # Not to rounding: the prior moves the bias, and the sensitivities with it.
@@ -182,22 +184,27 @@ def test_a_prior_of_the_bias_is_one_more_measurement(motion):
 def test_one_sun_direction_leaves_the_rotation_about_it(motion):
     series = sensors(motion)
     with pytest.raises(UnobservableError) as caught:
-        batch(series[:1], motion.gyro(), motion.at(0.0))
+        batch(series[:1], motion.gyro(), motion.get_attitudes(0.0))
     assert len(caught.value.combinations) == 1
     axis = np.array([float(x) for x in caught.value.combinations[0].partition("(")[2].rstrip(")").split(",")])
     np.testing.assert_allclose(np.abs(axis @ SUN), 1, atol=1e-3)
     assert "\n" not in str(caught.value)
-    batch(series, motion.gyro(), motion.at(0.0))
+    batch(series, motion.gyro(), motion.get_attitudes(0.0))
 
 
 def test_what_goes_with_a_free_rotation_is_named(motion):
     with pytest.raises(UnobservableError, match=r"about the inertial direction .* together with .*sun m_"):
-        batch(sensors(motion), motion.gyro(), motion.at(0.0), free=dict.fromkeys(("sun", "earth"), ("m_x", "m_y", "m_z")))
+        batch(
+            sensors(motion),
+            motion.gyro(),
+            motion.get_attitudes(0.0),
+            free=dict.fromkeys(("sun", "earth"), ("m_x", "m_y", "m_z")),
+        )
 
 
 def test_what_cannot_be_used_is_refused_in_one_line(motion):
     gyro, series = motion.gyro(), sensors(motion)
-    start = motion.at(0.0)
+    start = motion.get_attitudes(0.0)
     few = sensors(motion, high=1.0)
     for match, arguments, options in (
         ("none to be used", ([], gyro, start), {}),

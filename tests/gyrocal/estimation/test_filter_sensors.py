@@ -43,7 +43,7 @@ def timeline():
 def sensors(rng, heads=RIGHT_ANGLES, swing=0.0):
     """What both DSS and the ESA measure; no misalignment, right-angled heads, and a steady radiance of space by default."""
     flight, t, position, sun = timeline()
-    A, lit = flight.at(t), ~is_eclipsed(position, sun)
+    A, lit = flight.get_attitudes(t), ~is_eclipsed(position, sun)
     series = []
     for true, model in zip(true_sun.build_trmm_sensors(heads=heads), trmm_sun_sensors(), strict=True):
         counts, visible = true_sun.observe(rng, true, A, sun)
@@ -69,7 +69,7 @@ def consistency(cases, **options):
     for seed in range(cases):
         rng = np.random.default_rng([41, seed])
         found = run(started(rng, TRUTH), flight.gyro(rng), sensors(rng, **options), 0.0, TIMES)
-        errors = state_errors(found.A, found.x, found.names, flight.at(TIMES), TRUTH)
+        errors = state_errors(found.A, found.x, found.names, flight.get_attitudes(TIMES), TRUTH)
         values.append(compute_nees(errors, found.covariance))
         ratios.append(found.innovations.nis.sum() / found.innovations.dof.sum())
     return np.mean(values, axis=0), np.mean(ratios)

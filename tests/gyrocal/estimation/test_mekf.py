@@ -31,7 +31,7 @@ def started(flight, rng, arw=FILTER_CASE_ARW, scale=1.0, **options):
 
 
 def errors_of(flight, found):
-    return state_errors(found.A, found.x, found.names, flight.at(found.t), TRUTH)
+    return state_errors(found.A, found.x, found.names, flight.get_attitudes(found.t), TRUTH)
 
 
 def test_estimate_is_the_least_squares_solution():
