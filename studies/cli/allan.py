@@ -38,7 +38,7 @@ def command(
       gyrocal simulate trmm_series /tmp/rec --effect noise_flicker:z=0.5
       gyrocal allan /tmp/rec --report /tmp/allan.html
       gyrocal allan /tmp/rec --interval m1 --json /tmp/allan.json
-      gyrocal allan log.csv --time t:s --gyro gx,gy,gz:deg/s
+      gyrocal allan gyro.csv --time timestamp_ms:ms --gyro gx,gy,gz:deg/s
     """
     loaded = _load_recording_or_table(recording, options)
 

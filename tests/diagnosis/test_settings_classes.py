@@ -12,7 +12,16 @@ ROOT = Path(diagnosis.__file__).parent
 ARITHMETIC = {
     *("LEAST_POSITIVE", "LEAST_TOTAL_MISFIT", "LEAST_CELL_PROBABILITY", "LEAST_MISFIT", "LEAST_TRACE", "ROOT_REGULARISATION"),
     *("DRAWS_PER_BATCH", "FOLD_COLUMNS_PER_BATCH", "RESTORED_ROWS_PER_BATCH", "PROJECTED_COLUMNS_PER_BATCH"),
-    *("LAPACK_BLOCK_COLUMNS", "MOST_BATCH_COLUMNS", "COLUMN_CAPACITY", "IMPOSSIBLE", "LEAST_P", "LARGEST_P", "DAY"),
+    *(
+        "LAPACK_BLOCK_COLUMNS",
+        "MOST_BATCH_COLUMNS",
+        "MOST_KEPT",
+        "COLUMN_CAPACITY",
+        "IMPOSSIBLE",
+        "LEAST_P",
+        "LARGEST_P",
+        "DAY",
+    ),
 }
 MODULES = sorted(ROOT.rglob("*.py"))
 LITERAL = (ast.Constant, ast.Tuple, ast.UnaryOp, ast.BinOp, ast.operator, ast.unaryop, ast.expr_context)

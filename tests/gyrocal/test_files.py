@@ -173,7 +173,10 @@ def test_a_device_stays_one():
 
 @pytest.mark.parametrize("to_file", [False, True])
 def test_standard_output_is_written_to_whatever_it_is(to_file, tmp_path):
-    code = "from gyrocal.files import open_replacement\nprint('before', flush=True)\nwith open_replacement('/dev/stdout') as f: f.write(b'new')"
+    code = (
+        "from gyrocal.files import open_replacement\nprint('before', flush=True)\n"
+        "with open_replacement('/dev/stdout') as f: f.write(b'new')"
+    )
     if to_file:
         with (tmp_path / "out").open("wb") as out:
             subprocess.run([sys.executable, "-c", code], check=True, stdout=out)
