@@ -212,7 +212,7 @@ def _remove_tones(
         report = replace(report, symptoms=(*report.symptoms, symptom))
         if symptom.kind == UNLISTED:
             break
-        recording, rates = tone.library_causes[0][0].remove(recording, report.rates)
+        recording, rates = tone.listed_causes[0][0].remove(recording, report.rates)
         report = replace(report, rates=rates)
         model, sigma = calibrate_baseline(recording, report, pieces, recording.attitudes.sigma)
     return recording, report, model, sigma

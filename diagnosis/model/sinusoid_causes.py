@@ -91,7 +91,7 @@ class ReferenceTone:
     p_value: float
 
     @property
-    def library_causes(self) -> tuple[tuple[SinusoidCause, float], ...]:
+    def listed_causes(self) -> tuple[tuple[SinusoidCause, float], ...]:
         """Causes of the library, the likeliest first."""
         return tuple((cause, p) for cause, p in self.causes if cause.kind != UNLISTED)
 
@@ -100,12 +100,12 @@ class ReferenceTone:
 
         Where causes outside the library have more than `unknown` of the probability, it is the symptom of no effect.
         """
-        first = (self.library_causes or self.causes)[0][0]
+        first = (self.listed_causes or self.causes)[0][0]
         text = f"all references show a tone at {self.causes[0][0].frequency_hz:.4g} Hz, too fast for their averages"
         axis = "xyz"[first.axis]
-        if 1 - sum(p for _, p in self.library_causes) > unknown:
+        if 1 - sum(p for _, p in self.listed_causes) > unknown:
             return Symptom(UNLISTED, axis, 0.0, "", 0.0, {}, self.p_value, text)
-        same = [(cause.kind, p) for cause, p in self.library_causes if cause.axis == first.axis]
+        same = [(cause.kind, p) for cause, p in self.listed_causes if cause.axis == first.axis]
         same = [one for one in same if one[1] >= least * sum(p for _, p in same)]
         total = sum(p for _, p in same)
         size, sigma, unit, parameters = first.state()

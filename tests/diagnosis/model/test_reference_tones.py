@@ -128,7 +128,7 @@ def test_a_listed_way_is_taken_out_where_the_unlisted_are_likelier_than_each():
     shares = ((UNLISTED, 0.38), (REFERENCE, 0.32), (BIAS, 0.30))
     tone = ReferenceTone(tuple((SinusoidCause(kind, 2, 0.7, np.array([1e-5, 0.0]), 1e-6), p) for kind, p in shares), 1e-9)
     symptom = tone.make_symptom(0.02, 0.4)
-    assert symptom.kind == tone.library_causes[0][0].kind == REFERENCE
+    assert symptom.kind == tone.listed_causes[0][0].kind == REFERENCE
     assert symptom.probability == pytest.approx(0.62)
     assert symptom.rivals == ((BIAS, pytest.approx(0.30 / 0.62)),)
     assert tone.make_symptom(0.02, 0.3).kind == UNLISTED
