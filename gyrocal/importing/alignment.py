@@ -29,14 +29,12 @@ MOST_GRID = 1 << 14  # points of the search
 MOST_CLOCKS = 300  # clock rates of one search
 LEAST_COMMON = 0.5  # of the shorter side: overlap of a time offset
 STARTS = 4  # maxima of the correlation from which the fit begins
-JACKKNIFE_BLOCKS = 24  # of time, whose sums give the covariance
+CLUSTERS = 24  # of time, whose sums give the covariance
 FEWEST_ALIGNED_WINDOWS = 12
 STEPS = 25
-PRIOR = np.array([1e3, 1e3, 1.0, 1.0, 1.0, 10.0, 10.0, 10.0, 10.0])  # 1-sigma of τ/s, f/ppm·10⁶, C, ln s, b: keeps N regular
-PRIOR_STRENGTH = (
-    1e-6  # of the data's information: what the motion does not determine stays where it began, and its sigma is large
-)
-SIGNIFICANT_IN_SIGMA = 3.0  # sigma
+# Of the data's information: what the motion does not determine stays where it began, and its sigma is large.
+PRIOR_STRENGTH = 1e-6
+SIGNIFICANT_IN_SIGMA = 3.0
 DIRECTION_RATIO = 0.5  # times the residual as read: the other direction must fit so much better
 LEAST_FACTOR = 0.1  # of a scale: a smaller one is a gyro's own, which a calibration finds
 LEAST_TURN = np.deg2rad(1.0)
@@ -178,54 +176,35 @@ def refine(windows: Motion, reverse: bool | None = None) -> Alignment | None:
 
 
 def _fit(windows: Motion, reverse: bool) -> Alignment | None:
+    """Fit all parameters by Gauss-Newton steps for one direction of the attitudes; None of too few windows."""
     reference = windows.attitudes(reverse=reverse)
-    offset, factor = 0.0, 1.0
-    gyro, inside = _measure(windows, offset, factor)
+    gyro, inside = _measure(windows, 0.0, 1.0)
     if inside.sum() < FEWEST_ALIGNED_WINDOWS:
         return None
-    t0, middle = windows.t_s[0], 0.5 * (windows.start_s + windows.stop_s)
     r, g = reference[inside], gyro[inside]
     r0, g0 = r - r.mean(axis=0), g - g.mean(axis=0)
-    motion = float(np.sqrt(np.sum(r0 * r0)))
-    if not motion > 0 or not np.sum(g0 * g0) > 0:
+    if not np.sum(r0 * r0) > 0 or not np.sum(g0 * g0) > 0:
         return None
     C, common = rotate_onto(r0, g0)
     scale = max(common, 1e-3 * np.sum(g0 * g0)) / float(np.sum(g0 * g0))
     bias = r.mean(axis=0) - scale * C @ g.mean(axis=0)
     # Centred clock: τ and f are then nearly uncorrelated.
-    span = float(windows.stop_s[-1] - windows.start_s[0])
-    centre = float(middle.mean()) - t0
+    t0, middle = windows.t_s[0], 0.5 * (windows.start_s + windows.stop_s)
+    centre, span = float(middle.mean()) - t0, float(windows.stop_s[-1] - windows.start_s[0])
     length = float(np.median(windows.stop_s - windows.start_s))
-    h = 0.25 * length
-    at_centre, rate = offset + 0.0, 0.0  # offset at the centre, and 1/f − 1
-    J = left = np.zeros((0, 9))
-    N = np.eye(9)
+    at_centre, rate = 0.0, 0.0  # offset at the centre, and 1/f − 1
     for _ in range(STEPS):
-        factor = 1 / (1 + rate)
-        offset = _shift(at_centre, rate, centre)
-        gyro, inside = _measure(windows, offset, factor)
-        later, a = _measure(windows, offset + h * factor, factor)
-        sooner, b = _measure(windows, offset - h * factor, factor)
-        inside &= a & b
+        mean, slope, inside = _differentiate_rates(windows, _shift(at_centre, rate, centre), 1 / (1 + rate), 0.25 * length)
         if inside.sum() < FEWEST_ALIGNED_WINDOWS:
             return None
-        model = scale * gyro[inside] @ C.T
-        slope = scale * ((later - sooner)[inside] @ C.T) / (2 * h)  # per s of the gyro's time
+        model = scale * mean @ C.T
         left = reference[inside] - model - bias
-        columns = np.empty((int(inside.sum()), 3, 9))
-        columns[:, :, 0] = slope
-        columns[:, :, 1] = slope * (middle[inside] - t0 - centre)[:, None]
-        for k, axis in enumerate(np.eye(3)):
-            columns[:, :, 2 + k] = np.cross(axis, model)
-        columns[:, :, 5] = model
-        columns[:, :, 6:] = np.eye(3)
-        J = columns.reshape(-1, 9)
+        J = _build_columns(model, scale * slope @ C.T, middle[inside] - t0 - centre)
         size = np.maximum(np.sqrt(np.sum(J * J, axis=0)), 1e-300)
         N = (J / size).T @ (J / size) + PRIOR_STRENGTH * np.eye(9)
         step = np.linalg.solve(N, (J / size).T @ left.ravel()) / size
-        limit = 0.5 * length
-        step[0] = np.clip(step[0], -limit, limit)
-        step[1] = np.clip(step[1], -limit / (0.5 * span), limit / (0.5 * span))
+        step[0] = np.clip(step[0], -0.5 * length, 0.5 * length)
+        step[1] = np.clip(step[1], -length / span, length / span)
         at_centre += step[0]
         rate += step[1]
         C = Rotation.from_rotvec(np.clip(step[2:5], -0.5, 0.5)).as_matrix() @ C
@@ -233,22 +212,11 @@ def _fit(windows: Motion, reverse: bool) -> Alignment | None:
         bias = bias + step[6:]
         if abs(step[0]) + abs(step[1]) * span < 1e-6 * length and np.abs(step[2:6]).max() < 1e-7:
             break
-    size = np.maximum(np.sqrt(np.sum(J * J, axis=0)), 1e-300)
-    scores = ((J / size) * left.ravel()[:, None]).reshape(-1, 3, 9).sum(axis=1)
-    blocks = np.minimum(
-        (JACKKNIFE_BLOCKS * (middle[inside] - middle[inside][0]) / max(span, 1e-300)).astype(int), JACKKNIFE_BLOCKS - 1
-    )
-    sums = np.stack([scores[blocks == k].sum(axis=0) for k in np.unique(blocks)])
-    count = len(sums)
-    inverse = np.linalg.inv(N)
-    middle_part = sums.T @ sums * count / max(count - 5, 1)
-    # What the prior alone holds has at least the uncertainty that the residual's size leaves it.
-    middle_part += PRIOR_STRENGTH * float(np.mean(np.square(left))) * np.eye(9)
-    cov = inverse @ middle_part @ inverse / np.outer(size, size)
-    # τ = τ_c scaled back to t₀: offset = f (τ_c − rate·centre)
+    place = (middle[inside] - middle[inside][0]) / max(span, 1e-300)
+    cov = _compute_covariance(J / size, left, N, place) / np.outer(size, size)
     factor = 1 / (1 + rate)
     to_offset = np.zeros(9)
-    to_offset[:2] = factor, -factor * centre
+    to_offset[:2] = factor, -factor * centre  # the offset is f (τ_c − rate·centre)
     r0 = reference[inside] - reference[inside].mean(axis=0)
     return Alignment(
         _shift(at_centre, rate, centre),
@@ -263,6 +231,44 @@ def _fit(windows: Motion, reverse: bool) -> Alignment | None:
         bias,
         float(np.sqrt(np.sum(left * left) / max(np.sum(r0 * r0), 1e-300))),
     )
+
+
+def _differentiate_rates(windows: Motion, offset: float, factor: float, h: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Mean rates of the gyro, their slopes per s of its time, and the windows in which both are known."""
+    (gyro, inside), (later, a), (sooner, b) = (_measure(windows, offset + k * h * factor, factor) for k in (0, 1, -1))
+    inside = inside & a & b
+    return gyro[inside], (later - sooner)[inside] / (2 * h), inside
+
+
+def _build_columns(model: Array, slope: Array, since_centre: Array) -> Array:
+    """Derivatives (3 n, 9) of the modelled rates by τ at the centre, 1/f, the rotation, ln s and b."""
+    columns = np.empty((len(model), 3, 9))
+    columns[:, :, 0] = slope
+    columns[:, :, 1] = slope * since_centre[:, None]
+    for k, axis in enumerate(np.eye(3)):
+        columns[:, :, 2 + k] = np.cross(axis, model)
+    columns[:, :, 5] = model
+    columns[:, :, 6:] = np.eye(3)
+    return columns.reshape(-1, 9)
+
+
+def _compute_covariance(J: Array, left: Array, N: Array, place: Array) -> Array:
+    """Sandwich covariance (9, 9) with clusters of time.
+
+    Parameters
+    ----------
+    J, left : (3 n, 9) scaled derivatives and (n, 3) residuals
+    N : (9, 9) normal matrix
+    place : (n,) of the windows, 0 to 1
+    """
+    scores = (J * left.ravel()[:, None]).reshape(-1, 3, 9).sum(axis=1)
+    cluster = np.minimum((CLUSTERS * place).astype(int), CLUSTERS - 1)
+    sums = np.stack([scores[cluster == k].sum(axis=0) for k in np.unique(cluster)])
+    inverse = np.linalg.inv(N)
+    variance = sums.T @ sums * len(sums) / max(len(sums) - 5, 1)
+    # What the prior alone holds has at least the uncertainty that the residual's size leaves it.
+    variance += PRIOR_STRENGTH * float(np.mean(np.square(left))) * np.eye(9)
+    return np.asarray(inverse @ variance @ inverse)
 
 
 def _shift(at_centre: float, rate: float, centre: float) -> float:
