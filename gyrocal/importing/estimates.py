@@ -11,9 +11,10 @@ from gyrocal import attitude
 from gyrocal.errors import InputError
 from gyrocal.importing import noise
 from gyrocal.importing.column_mapping import Mapping
+from gyrocal.importing.gyro_samples import GAP_SAMPLES
 from gyrocal.importing.motion import Motion
 from gyrocal.importing.sensors import JoinedAttitudes
-from gyrocal.importing.streams import GAP_SAMPLES, Sensor, Streams
+from gyrocal.importing.streams import Sensor, Streams
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
 from gyrocal.recording.gyros import TAG_ROUNDING
 

@@ -12,8 +12,9 @@ from gyrocal import InputError, importing
 from gyrocal.importing import agreement, validate_mapping
 from gyrocal.importing.columns import resolve_columns
 from gyrocal.importing.motion import build_motion
-from gyrocal.importing.streams import read_csv, read_numbers, read_streams
+from gyrocal.importing.streams import read_csv, read_streams
 from gyrocal.importing.table_layout import find_layout, join_headers
+from gyrocal.importing.table_rows import read_numbers
 from studies.validation import mems_log
 from studies.validation.imports import CORRECT_MAPPING, find_refusal
 from tests import SHARED

@@ -1,0 +1,271 @@
+"""Samples of the gyros of a table, evenly timed and in SI units.
+
+A rate column's sample k is the mean over the sample that its tag starts, is the middle of, or ends. The differences of an
+accumulated angle are means over the time between two tags exactly, whatever lies between; across a gap there is none.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal.errors import InputError
+from gyrocal.importing import units
+from gyrocal.importing.column_mapping import Mapping, parse_spec
+from gyrocal.importing.table_rows import read_numbers, read_rows, select_columns
+from gyrocal.importing.time_base import fit_even_times, is_uneven
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+WRAPS = (2.0**16, 2.0**24, 2.0**32, 360.0, 2 * np.pi)
+GAP_SAMPLES = 1.5  # samples without a gyro reading
+MOST_FILLED_SAMPLES = 2  # lost in a row that are filled
+MOST_LOST_SHARE = 0.01  # of the rows; more that are lost or changed are said first
+MOST_SWAPPED_ROWS = 4  # by which the tags go back where rows are tagged late; farther back, rows are out of order
+MOST_LABELS = 16  # values of a column that says which gyro a row is of
+WRAP_TOLERANCE = 0.02  # of a wrap: how near a jump must come to it to be one
+
+
+def read_gyro_rows(
+    frame: pd.DataFrame, mapping: Mapping
+) -> tuple[units.Clock, Array, tuple[str, ...], Array | None, list[str]]:
+    """Time tags, numbers, names and sample numbers of the gyro's rows, and what is said of them."""
+    names, words = parse_spec(mapping.gyro, "gyro")
+    tags, unit = parse_spec(mapping.time, "time")
+    said = []
+    if mapping.rows is not None:
+        frame = _select_rows(frame, mapping.rows)
+        said.append(f"{len(frame)} rows of the gyro's table, those of {mapping.rows}, are read")
+    if mapping.gyro_by is not None:
+        if mapping.sample_number is not None:
+            raise InputError("sample_number: does not go with gyro_by, whose rows are put together by their time")
+        frame, names = _arrange_by_gyro(frame, mapping.gyro_by, tags, names)
+    if len(words) != 1:
+        raise InputError(
+            f"gyro: {mapping.gyro!r} must be columns of the table and one unit; there are {', '.join(map(str, frame.columns))}"
+        )
+    if mapping.gyro_by is not None and not np.isfinite(read_numbers(frame, names, "gyro")).all(axis=1).any():
+        accumulated = units.compute_gyro_factor(words[0], mapping.lsb)[1]
+        frame, own = _interpolate_gyros(frame, names, tags, accumulated, mapping.wrap)
+        said += own
+    channels = tuple(name.removeprefix("-") for name in names)
+    counter = [mapping.sample_number] if mapping.sample_number is not None else []
+    if counter:
+        select_columns(frame, counter, "sample_number")
+    clock, values, left_out = read_rows(
+        frame, [*names, *counter], "gyro", "gyro", ("time", tags, unit), mapping.gyro_by is None
+    )
+    number = _unwrap_sample_number(values[:, -1]) if counter else None
+    return clock, values[:, : len(names)], channels, number, said + left_out
+
+
+def _select_rows(frame: pd.DataFrame, text: str) -> pd.DataFrame:
+    """Rows of a table in which a column has a value, as "COLUMN:VALUE" says."""
+    name, _, value = text.rpartition(":")
+    select_columns(frame, [name], "rows")
+    chosen = frame[frame[name].astype(str) == value]
+    if chosen.empty:
+        known = ", ".join(map(str, frame[name].unique()[:MOST_LABELS]))
+        raise InputError(f"rows: column {name} has no {value}; it has {known}")
+    return chosen
+
+
+def _unwrap_sample_number(values: Array) -> Array:
+    """Sample numbers without the steps back where a counter of 8, 16 or 32 bits wraps."""
+    step = np.diff(values)
+    back = step[step < 0]
+    if back.size:
+        wrap = min(2.0**bits for bits in (8, 16, 32, 64) if 2.0**bits > values.max())
+        step = np.where(step < -0.5 * wrap, step + wrap, step)
+    if (step <= 0).any():
+        row = int(np.argmax(step <= 0)) + 1
+        raise InputError(f"sample_number: does not grow at row {row}: {values[row - 1]:g}, then {values[row]:g}")
+    return np.concatenate([[0.0], np.cumsum(step)])
+
+
+def put_on_even_times(
+    t_s: Array, raw: Array, number: Array | None, mapping: Mapping, frame: pd.DataFrame
+) -> tuple[Array, Array, list[str], list[str]]:
+    """Time tags on an even time base where more than a percent of them are uneven, or the mapping states number or rate.
+
+    Returns
+    -------
+    Tags and rates of the rows, what is changed, and what else is said.
+    """
+    said: list[str] = []
+    asked = number is not None or mapping.rate_hz is not None
+    if t_s.size < 2:
+        return t_s, raw, [], said
+    back = np.diff(t_s) < 0
+    is_far = -np.diff(t_s).min() > MOST_SWAPPED_ROWS * np.ptp(t_s) / t_s.size or back.mean() > 0.5
+    if back.any() and number is None and is_far:
+        order = np.argsort(t_s, kind="stable")
+        said.append(
+            f"the time goes back {int(back.sum())} time(s) in the gyro rows, first to {t_s[1:][back][0]:.9g} s: put in order"
+        )
+        t_s, raw = t_s[order], raw[order]
+    tie = np.concatenate([[False], np.diff(t_s) == 0])
+    same = tie & np.concatenate([[False], (np.diff(raw, axis=0) == 0).all(axis=1)])
+    if number is None and tie.any() and (same == tie).all():
+        return t_s, raw, [], said  # rows written twice, which are left out
+    _, words = parse_spec(mapping.gyro, "gyro")
+    _, accumulated = units.compute_gyro_factor(words[0], mapping.lsb)
+    # Differences of an accumulated angle are divided by those of its tags, and only those with one tag have no such rate.
+    uneven = tie.mean() > MOST_LOST_SHARE if accumulated else is_uneven(t_s)
+    if not asked and not uneven:
+        return t_s, raw, [], said
+    if not asked:
+        _refuse_several_gyros(frame, mapping)
+    found = fit_even_times(t_s, number, None if mapping.rate_hz is None else 1 / mapping.rate_hz)
+    if found is None:
+        close = np.diff(t_s) < 0.5 * np.median(np.diff(t_s)[np.diff(t_s) > 0])
+        if not asked and close.mean() <= MOST_LOST_SHARE:
+            return t_s, raw, [], said
+        raise InputError(
+            f"time: {int(close.sum())} of {t_s.size} gyro rows have the tag of the row before or one within half a sample "
+            "of it, and the tags do not follow the number of the row; "
+            + ("are sample number and rate those of these rows?" if asked else "give the samples a second, e.g. --rate 100")
+            + ("" if asked or len(frame.columns) < 5 else ", or a column that counts the samples, --sample-number COLUMN")
+        )
+    moved = t_s - found.t_s
+    text = (
+        f"the gyro's time tags are put on an even time base of {1e3 * found.sample_s:.6g} ms by a straight line through the "
+        f"tags against the {'row' if number is None else 'sample'} number, as they come in {found.errors}; they are moved by "
+        f"{np.sqrt(np.mean(moved**2)):.3g} s (RMS), {np.abs(moved).max():.3g} s at most"
+    )
+    text = text.replace("come in jitter", "have jitter").replace("come in late arrival", "have late arrival")
+    if found.drift_s:
+        text += f"; the clock drifts from a straight line by {found.drift_s:.3g} s, which is kept"
+    return found.t_s, raw, [text], said
+
+
+def _refuse_several_gyros(frame: pd.DataFrame, mapping: Mapping) -> None:
+    """Refuse rows of several gyros in one table: a column of few values, each with even time tags of its own."""
+    if mapping.rows is not None or mapping.gyro_by is not None:
+        return
+    tags, unit = parse_spec(mapping.time, "time")
+    used = {*tags, *(name.removeprefix("-") for name in parse_spec(mapping.gyro, "gyro")[0])}
+    for name in frame.columns:
+        if name in used or not 2 <= frame[name].nunique() <= MOST_LABELS:
+            continue
+        parts = [units.build_clock(part[tags], unit[0]) for _, part in frame.groupby(name)]
+        times = [one.subtract(int(one.whole[0])) for one in parts]
+        if all(t.size > 2 and (np.diff(t) > 0).all() and not is_uneven(t) for t in times):
+            values = [str(value) for value in frame[name].unique()]
+            raise InputError(
+                f"time: each value of column {name} ({', '.join(values)}) has time tags of its own: choose the rows of one "
+                f"gyro, e.g. --rows {name}:{values[0]}; if it numbers the samples of a batch of one gyro, give --rate HZ"
+            )
+
+
+def _arrange_by_gyro(frame: pd.DataFrame, by: str, tags: list[str], names: list[str]) -> tuple[pd.DataFrame, list[str]]:
+    """Rows of several gyros as one row a time: a column a gyro, in the order in which they first come."""
+    select_columns(frame, [by, *tags, *names], "gyro")
+    if len(names) != 1:
+        raise InputError(f"gyro: with gyro_by = {by!r} one column is wanted, not {len(names)}")
+    order = [str(name) for name in frame[by].unique()]
+    table = frame.assign(**{by: frame[by].astype(str)}).pivot_table(index=tags, columns=by, values=names[0], aggfunc="first")
+    return table[order].reset_index(), order
+
+
+def _interpolate_gyros(
+    frame: pd.DataFrame, names: list[str], tags: list[str], accumulated: bool, wrap: float | None
+) -> tuple[pd.DataFrame, list[str]]:
+    """Accumulated angles of gyros with tags of their own, each at the first gyro's tags.
+
+    Between two tags an accumulated angle is linear for the mean rate that is taken from it.
+    """
+    import pandas as pd
+
+    if len(tags) != 1 or not pd.api.types.is_numeric_dtype(frame[tags[0]]):
+        raise InputError("gyro: the gyros have time tags of their own; give these as numbers in one column")
+    if not accumulated:
+        raise InputError("gyro: the gyros have time tags of their own; only accumulated angles can be taken to common ones")
+    t = frame[tags[0]].to_numpy()
+    start = t.min()
+    columns = {name: frame[name].to_numpy(dtype=np.float64) for name in names}
+    rows = {name: np.flatnonzero(np.isfinite(values)) for name, values in columns.items()}
+    begin = max(t[own[0]] for own in rows.values())
+    end = min(t[own[-1]] for own in rows.values())
+    common = rows[names[0]]
+    common = common[(t[common] >= begin) & (t[common] <= end)]
+    table = pd.DataFrame({tags[0]: t[common]})
+    for name, values in columns.items():
+        own = values[rows[name]]
+        steps, _ = _unwrap_steps(np.diff(own)[:, None], wrap)
+        angle = own[0] + np.concatenate([[0.0], np.cumsum(steps[:, 0])])
+        seconds = (t - start).astype(np.float64)
+        table[name] = np.interp(seconds[common], seconds[rows[name]], angle)
+    return table, [f"each gyro has its own time tags: the angles of all are interpolated at those of {names[0]}"]
+
+
+def build_samples(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, Array, float, list[str]]:
+    """Starts, rates and length of the gyro's samples."""
+    _, words = parse_spec(mapping.gyro, "gyro")
+    factor, accumulated = units.compute_gyro_factor(words[0], mapping.lsb)
+    spacing = np.diff(t_s)
+    sample_s = float(np.median(spacing))
+    if words[0].endswith(units.PER_SAMPLE):
+        # An increment is the angle of one sample whatever the tags say, so that a late tag is no larger rate.
+        raw = raw / sample_s
+    if accumulated:
+        # How often it wraps in a gap, and what it does there, nobody knows: no sample begins at the last tag before one.
+        whole = spacing <= GAP_SAMPLES * sample_s
+        step, said = _unwrap_steps(np.diff(raw, axis=0)[whole], mapping.wrap)
+        rates = factor * step / spacing[whole, None]
+        if not whole.all():
+            said.append(f"{int((~whole).sum())} differences over gaps longer than {GAP_SAMPLES:g} samples are left out")
+        return t_s[:-1][whole], rates, sample_s, [*said, "rates are differences of accumulated angles"]
+    if mapping.wrap is not None:
+        raise InputError("wrap: goes with accumulated angles, not with rates")
+    late = {"start": 0.0, "middle": 0.5, "end": 1.0}[mapping.tag] * sample_s
+    said = [f"a gyro time tag is the {mapping.tag} of its sample"]
+    close = np.concatenate([[False], spacing < 0.5 * sample_s])
+    if close.any():
+        said.append(
+            f"{int(close.sum())} gyro row(s) closer than half a sample to the one before are left out, the first at "
+            f"{t_s[close][0]:.9g} s"
+        )
+        t_s, raw = t_s[~close], raw[~close]
+    t_s, raw, filled = _fill_lost_samples(t_s, raw, sample_s)
+    return t_s - late, factor * raw, sample_s, [*filled, *said]
+
+
+def _fill_lost_samples(t_s: Array, raw: Array, sample_s: float) -> tuple[Array, Array, list[str]]:
+    """Rates interpolated between the neighbours of one or two lost samples; a longer gap stays one."""
+    spacing = np.diff(t_s)
+    lost = np.where(spacing > GAP_SAMPLES * sample_s, np.round(spacing / sample_s) - 1, 0).astype(int)
+    holes = np.flatnonzero((lost >= 1) & (lost <= MOST_FILLED_SAMPLES))
+    if not holes.size:
+        return t_s, raw, []
+    added = np.concatenate([t_s[k] + spacing[k] * np.arange(1, lost[k] + 1) / (lost[k] + 1) for k in holes])
+    rates = np.column_stack([np.interp(added, t_s, raw[:, axis]) for axis in range(raw.shape[1])])
+    order = np.argsort(np.concatenate([t_s, added]), kind="stable")
+    text = (
+        f"{added.size} gyro sample(s) are lost, at most {MOST_FILLED_SAMPLES} in a row, and filled by interpolation of the "
+        f"rates, the first at {added[0]:.9g} s"
+    )
+    return np.concatenate([t_s, added])[order], np.concatenate([raw, rates])[order], [text]
+
+
+def _unwrap_steps(step: Array, wrap: float | None) -> tuple[Array, list[str]]:
+    """Differences of an accumulated angle without the jumps at its wrap, which is guessed where it is not given."""
+    said: list[str] = []
+    if wrap is None:
+        typical = max(float(np.median(np.abs(step))), np.finfo(float).tiny)
+        jumps = np.abs(step[np.abs(step) > 20 * typical])
+        if jumps.size == 0:
+            return step, said
+        room = [float(np.abs(jumps / one - 1).max()) for one in WRAPS]
+        if min(room) > WRAP_TOLERANCE:
+            raise InputError(
+                f"gyro: the accumulated angle jumps by {jumps.max():.6g}; if it wraps there, say where: --wrap VALUE"
+            )
+        wrap = WRAPS[int(np.argmin(room))]
+        said = [f"the accumulated angle wraps at {wrap:.9g}, as {jumps.size} jumps of it say"]
+    return step - wrap * np.round(step / wrap), said
