@@ -233,7 +233,8 @@ def _describe_cause(windows: Motion) -> str:
         return "the attitudes are too far apart for the mean rates between them to be compared well"
     fault = explain_misfit(windows)
     where = locate_misfit(windows)
-    return where if fault is None else f"most of this is explained by {fault.words}; {where}"
+    # The misfit is stated without its mean, so that a constant bias is no cause of it.
+    return where if fault is None or fault.bias is not None else f"most of this is explained by {fault.words}; {where}"
 
 
 def _list_readings(windows: Motion, order: str, reverse: bool) -> list[tuple[tuple[str, ...], Array]]:

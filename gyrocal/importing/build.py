@@ -111,7 +111,8 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
     if not streams.raw.any():
         raise InputError("gyro: all rates are zero; is the gyro switched on, and are these its columns or its topic?")
     streams = replace(streams, sensors=attitudes.rename_sensors(streams.sensors, said))
-    if mapping.align == "auto":
+    is_aligned = mapping.align == "auto"
+    if is_aligned:
         streams, mapping = _align(streams, mapping, said)
     joined = join_sensors(
         streams.sensors,
@@ -142,7 +143,7 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
     late_s = LATE * streams.sample_s if check else np.inf
     said += _check_agreement(found, late_s, windows.is_coarse, lambda: _find_largest_miss(joined, estimated))
     near = refine(windows, reverse=False)
-    if near is not None and near.residual <= HOPELESS and not windows.is_coarse:
+    if near is not None and near.residual <= HOPELESS and not windows.is_coarse and not is_aligned:
         said.append(near.describe_offset())
     gyro, still, chosen = estimated(said)
     if len(streams.sensors) == 1:

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 import gyrocal
 from gyrocal import InputError, importing
 from gyrocal.importing import misfit, validate_mapping
+from gyrocal.importing.agreement import evaluate_agreement
 from gyrocal.importing.alignment import estimate_alignment
 from gyrocal.importing.build import build
 from gyrocal.importing.motion import build_motion
@@ -64,8 +66,8 @@ def test_alignment_is_found_within_its_sigmas():
             ]
         )
     mean = np.mean(np.square(errors), axis=0)
-    assert (mean < 4).all(), mean  # 12 draws of a chi-square with one degree of freedom: 99.99 % below 3.6
-    assert mean.mean() > 0.2
+    assert (mean < chi2.ppf(1 - 1e-4, len(errors)) / len(errors)).all(), mean
+    assert mean.mean() > chi2.ppf(1e-4, mean.size * len(errors)) / (mean.size * len(errors))
 
 
 @pytest.mark.parametrize("factor", [1 - 75e-6, 1.02])
@@ -181,6 +183,14 @@ def test_noise_is_no_fault_and_a_misfit_is_located(data):
     assert misfit.explain_misfit(windows) is None
     start, stop = (float(word) for word in misfit.locate_misfit(windows).split(" s, ")[0].split("between ")[1].split(" and "))
     assert 19 < start < stop < 29
+
+
+def test_a_constant_bias_is_no_cause_of_a_misfit_that_is_stated_without_it(data):
+    rng = np.random.default_rng(4)
+    windows = windows_of(data, lambda w, t: w + 6.0 + rng.normal(size=w.shape))
+    found = evaluate_agreement(windows)
+    assert "fit only roughly" in found.summary
+    assert "bias" not in found.summary
 
 
 def test_rates_of_zero_are_refused(data):
