@@ -49,7 +49,7 @@ bench: $(VENV)/dev.stamp
 MODULE ?= gyrocal/calibration/davenport.py
 TESTS ?= tests/gyrocal/calibration
 mutants: $(VENV)/dev.stamp
-	$(PIP) 'cosmic-ray>=8.3'
+	$(PIP) --editable '.[mutants]'
 	$(BIN)/python -m tests.mutants $(MODULE) --tests $(TESTS)
 
 baseline: $(VENV)/run.stamp
