@@ -355,7 +355,7 @@ def _list_warnings(
     """What a reader should not overlook."""
     out = []
     if found.as_read.residual > FITS:
-        out.append(f"rates and attitudes differ by {100 * found.as_read.residual:.2g} % of the motion")
+        out.append(f"rates and attitudes differ by {100 * found.as_read.residual:.0f} % of the motion")
     if not 1 / LARGEST_FACTOR <= mapping.rate_factor <= LARGEST_FACTOR:
         out.append(
             f"the rates are multiplied by {mapping.rate_factor:.4g}: is their unit, range or size of a count another one?"
