@@ -35,14 +35,14 @@ SEED = 20260501
 STEP_SIGMAS = 10.0  # of a reference, which the step turns the body by in an interval
 
 
-def recording(samples: int, references: int) -> Recording:
+def recording(samples: int, references: int, interval_count: int = INTERVALS) -> Recording:
     """A recording of M0 with about so many samples and references."""
     rng = np.random.default_rng(SEED)
-    count = max(samples // INTERVALS, 100)
-    length, each = count * SAMPLE_S, max(references // INTERVALS, 2)
+    count = max(samples // interval_count, 100)
+    length, each = count * SAMPLE_S, max(references // interval_count, 2)
     slew_s = min(60.0, length / 3)
     t_s, rates, t_ref, attitudes, intervals = [], [], [], [], []
-    for number in range(INTERVALS):
+    for number in range(interval_count):
         start, axis = number * (length + GAP_S), AXES[number % len(AXES)]
         own = SAMPLE_S * np.arange(count)
         # The mean rate of a sample is what the angle gains in it.

@@ -44,6 +44,8 @@ GOALS = {
     "diagnosis_cpu_s_1000k_gap": Goal(20),
     "diagnosis_peak_rss_mb_1000k_gap": Goal(1000),
     "diagnosis_cpu_s_10000k": Goal(60),
+    "predict_peak_rss_mb": Goal(1500),  # of 100,000 references; as the square of their number it would be terabytes
+    "calibrate_peak_rss_mb": Goal(1500),
 }
 
 
@@ -65,6 +67,7 @@ def judged(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
         "diagnosis_cpu_s_1000k_gap": explained.get("cpu_s"),
         "diagnosis_peak_rss_mb_1000k_gap": explained.get("peak_rss_mb"),
         "diagnosis_cpu_s_10000k": ten_million.get("cpu_s"),
+        **{name: document.get("many_references", {}).get(name) for name in ("predict_peak_rss_mb", "calibrate_peak_rss_mb")},
     }
     return {name: _judged(value, GOALS.get(name)) for name, value in values.items()}
 

@@ -53,6 +53,7 @@ class Effort:
     cases : numbers of Monte Carlo cases
     mission : days of Mission Mode, seconds of it compiled and plain in turn, rounds
     diagnoses : samples, references and effects of each diagnosis, and whether there is a gap in it
+    references : of a prediction and of a calibration
     """
 
     sizes: dict[int, int] = field(default_factory=lambda: {1: 400, 10: 60, 100: 12})
@@ -69,9 +70,10 @@ class Effort:
         *((10**5, references, ALL_EFFECTS, 0) for references in (50, 200, 20_000)),
         *((10**5, 2000, effects, 0) for effects in (1, 10)),
     )
+    references: int = 100_000
 
 
-QUICK = Effort({1: 20}, 1, 3, c_kernel.QUICK_VARIANTS, 2, (1, 100), (1.0, 120.0, 1), ((4000, 60, 1, 0),))
+QUICK = Effort({1: 20}, 1, 3, c_kernel.QUICK_VARIANTS, 2, (1, 100), (1.0, 120.0, 1), ((4000, 60, 1, 0),), 4000)
 LEFT_OUT = "left out by --quick"
 
 
@@ -103,11 +105,13 @@ def run(quick: bool = False, say: Say = lambda text: None) -> dict[str, Any]:
     cases = [_cases(count) for count in effort.cases]
     say("diagnoses")
     diagnoses = [_alone("benchmarks.diagnosis", *one) for one in effort.diagnoses]
+    many = _alone("benchmarks.many_references", effort.references)
     say("starts of the command line")
     starts = start_up.measure_start_ups(min(effort.slow, 3))
     say("the Mission Mode loop")
     mission = mission_loop.run(*effort.mission)
     document = _document(growth, load_ms, others | solvers, cases, diagnoses, mission, reasons)
+    document["many_references"] = many
     document["ratios"] |= gyros.ratios(arrays) | start_up.compute_start_up_ratios(starts)
     return {
         "command": "python -m benchmarks" + (" --quick" if quick else ""),

@@ -16,6 +16,10 @@ than three is not the same about all axes; then 3×3 covariances stand for diag(
 
 "references only" is the paper's C in N (31)–(32): each residual by itself, both ends' reference errors and no gyro noise.
 
+Along a chain of intervals, each of which starts at the reference that ends the one before, the residuals are readings
+θ_j = e_j + R_j s_j of a random walk s_j = −e_0 + ∫Aᵀn of three components, and begin anew with s = −e_j. `whiten_chain` filters
+them, with time and memory linear in their number; other intervals take their whole covariance.
+
 References from a batch over the gyro's own samples correlate in other ways, and `gyrocal.estimation.reference_covariance`
 gives what their residuals then have: a C of each interval by itself, or one V of all residuals.
 """
@@ -26,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.jit_cache import compile_cached
+from gyrocal.small_matrices import compute_lower_root, solve_lower
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -142,3 +147,37 @@ def model_covariance(
         else:
             V[at, at] = compute_residual_covariance(R[own], interval[own], start[own], row[own], noise, 0.0 * walk[own])
     return V
+
+
+@compile_cached
+def is_chain(interval: Indices, start: Indices, row: Indices) -> bool:  # pragma: no cover - compiled
+    """Whether each interval of some residuals starts at the reference that ends the one before it."""
+    for a in range(1, len(row)):
+        same = interval[a] == interval[a - 1]
+        if (start[a] != start[a - 1] or row[a] <= row[a - 1]) if same else start[a] != row[a - 1]:
+            return False
+    return True
+
+
+@compile_cached
+def whiten_chain(
+    R: Array, interval: Indices, start: Indices, row: Indices, noise: Array, walk: Array, values: Array
+) -> Array:  # pragma: no cover - compiled
+    """L⁻¹ values (3m, c), L Lᵀ the covariance of the residuals of a chain; the others as in `compute_residual_covariance`."""
+    out, x = np.empty_like(values), np.zeros((3, values.shape[1]))
+    P, known = noise[start[0]].copy(), np.zeros((3, 3))
+    for a in range(len(row)):
+        if a > 0 and interval[a] != interval[a - 1]:
+            x = R[a - 1] @ x - values[3 * a - 3 : 3 * a]
+            P = R[a - 1] @ P @ R[a - 1].T
+            known = np.zeros((3, 3))
+        P = P + walk[a] - known
+        known = walk[a]
+        root = solve_lower(compute_lower_root(R[a] @ P @ R[a].T + noise[row[a]]), np.eye(3))
+        seen = root @ R[a]
+        out[3 * a : 3 * a + 3] = root @ (values[3 * a : 3 * a + 3] - R[a] @ x)
+        gain = P @ seen.T
+        x = x + gain @ out[3 * a : 3 * a + 3]
+        kept, K = np.eye(3) - gain @ seen, gain @ root
+        P = kept @ P @ kept.T + K @ noise[row[a]] @ K.T
+    return out

@@ -14,7 +14,7 @@ from math import atan2, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.calibration.covariance import model_covariance
+from gyrocal.calibration.covariance import FULL, is_chain, model_covariance, whiten_chain
 from gyrocal.calibration.increment_packing import THREE_GYROS
 from gyrocal.calibration.propagation import propagate_packed
 from gyrocal.jit_cache import compile_cached
@@ -107,14 +107,22 @@ def whiten_groups(
     low = 0
     for high in groups[1]:
         rows = groups[0][low:high]
-        V = model_covariance(R[rows], interval[rows], start[rows], row[rows], noise, walk[rows], model, given)
+        parts = (R[rows], interval[rows], start[rows], row[rows], noise, walk[rows])
         values = np.empty((3 * len(rows), p + 1))
         for a in range(len(rows)):
             for i in range(3):
                 values[3 * a + i, :p] = Theta[3 * rows[a] + i]
                 values[3 * a + i, p] = theta[rows[a], i]
-                variance[rows[a], i] = V[3 * a + i, 3 * a + i]
-        out[3 * low : 3 * high] = whiten(V, values)
+        if model == FULL and is_chain(*parts[1:4]):
+            out[3 * low : 3 * high] = whiten_chain(*parts, values)
+            for a in rows:
+                variance[a] = np.diag(noise[row[a]] + R[a] @ (noise[start[a]] + walk[a]) @ R[a].T)
+        else:
+            V = model_covariance(*parts, model, given)
+            out[3 * low : 3 * high] = whiten(V, values)
+            for a in range(len(rows)):
+                for i in range(3):
+                    variance[rows[a], i] = V[3 * a + i, 3 * a + i]
         low = high
     return out[:, :p].copy(), out[:, p].copy(), variance
 

@@ -21,6 +21,7 @@ from gyrocal.calibration.covariance import (
     CovarianceModel,
     group_residuals,
     integrate_white_noise,
+    is_chain,
     model_covariance,
 )
 from gyrocal.calibration.gyro_space import Parametrisation, select_parameter_space
@@ -40,6 +41,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 ROTATION_NAMES = ("roll", "pitch", "yaw")
+MOST_DENSE_RESIDUALS = 5000  # whose whole covariance is made, 1.8 GB
 
 
 @dataclass(frozen=True)
@@ -175,7 +177,14 @@ class Problem:
         made = self.measurements
         if self.joint is not None:
             return np.arange(len(made.row)), np.array([len(made.row)])
-        return group_residuals(made.arcs.arc, made.start, made.row)
+        order, ends = group_residuals(made.arcs.arc, made.start, made.row)
+        for own in np.split(order, ends[:-1]):
+            if own.size > MOST_DENSE_RESIDUALS and not is_chain(made.arcs.arc[own], made.start[own], made.row[own]):
+                raise InputError(
+                    f"{own.size} references of several sensors lie in intervals that touch, at most {MOST_DENSE_RESIDUALS} may:"
+                    " let each interval begin a reference after the one before ends, or thin the references"
+                )
+        return order, ends
 
     @cached_property
     def references(self) -> tuple[Indices, Indices, Indices, Array]:

@@ -13,17 +13,19 @@ a the error of the anchor, w the gyro's integrated white noise in the axes of t�
 (in the axes of its sensor; of several, also with the misalignment m of each whose mounting is estimated, e = Mᵀ(ν + m), see
 `gyrocal.calibration.trackers`, whose −Mᵀ stand beside Θ as columns of m − m_true)
 
-so that c at any time, and Δx, follow from the references used by conditioning, E[c | θ] = C V⁻¹ θ. That is the best linear
-estimate; it counts no reference twice, and knows that the attitude at the last reference and the parameters correlate. Δx is
-applied and all is done again, since Θ is linearised.
+so that c at any time, and Δx, follow from the references used by conditioning. That is the best linear estimate; it counts no
+reference twice, and knows that the attitude at the last reference and the parameters correlate. Δx is applied and all is done
+again, since Θ is linearised.
 
 What is known of a and Δx beforehand is up to a million times wider than what is known in the end, and a difference of the two
-would be rounding. So V holds noise alone, V = L Lᵀ, of which the walks w of other times have the covariance C, and S u with
-u ~ N(0, I) are a and Δx, which F takes to c:
+would be rounding. So V holds noise alone, V = L Lᵀ, and S u with u ~ N(0, I) are a and Δx, which F takes to c:
 
     [L⁻¹ F S; I] = Q U,    S u ~ N(S U⁻¹ Qᵀ [L⁻¹ z; 0], T Tᵀ),    T = S U⁻¹
-    c(t) = C V⁻¹ (z − F S u) + F(t) S u
-    cov c(t) = ARW² t − C V⁻¹ Cᵀ + B Bᵀ,    B = (F(t) − C V⁻¹ F) T
+
+L⁻¹ z, L⁻¹ F S, the walk ŵ(z) that the references show, and its covariance W come from `gyrocal.estimation.error_smoother`,
+whose time and memory are linear in the number of references. With ŵ linear in its argument,
+
+    c(t) = R ŵ(z − F S u) + F(t) S u,    cov c(t) = R W Rᵀ + B Bᵀ,    B = F(t) T − R ŵ(F S) U⁻¹
 
 Of more gyros than three x are the twelve of their body rates. Their parity has noise of its own and says nothing of these.
 
@@ -48,11 +50,13 @@ from gyrocal.calibration.parameters import GyroParameters
 from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
 from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.remainder import interpolate_rates
+from gyrocal.calibration.remainder_processes import compute_turns
 from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.calibration.trackers import MountingEstimate, Mountings
 from gyrocal.errors import InputError
+from gyrocal.estimation.error_smoother import ErrorStates
 from gyrocal.estimation.prediction import Prediction
-from gyrocal.estimation.remainder_noise import MOST_BINS, GyroWalk, RemainderNoise
+from gyrocal.estimation.remainder_noise import RemainderNoise
 from gyrocal.recording import Attitudes, Interval, Recording, triad
 from gyrocal.recording.trackers import compute_body_covariance, keep_rows
 
@@ -61,6 +65,8 @@ Mask = NDArray[np.bool_]
 
 ANCHOR = 1e3  # sigmas of a reference: what is known of the anchor before it is used itself
 CALIBRATION_ITERATIONS = 3
+FEWEST_STEPS = 60  # of a stretch with rate errors that correlate: their turn is taken as constant over a step
+LARGEST_PREDICTION_BYTES = 4_000_000_000
 SAME_TIME_S = 1e-6
 GAP_SAMPLES = 1.5  # samples
 LARGEST_SIGMA = 1e6  # of what is known before; one beyond is a mistake, and its square may be no number
@@ -167,7 +173,6 @@ def condition_on_references(
     times: Array,
     apriori_covariance: Array | None = None,
     noise: RemainderNoise | None = None,
-    with_readings: bool = False,
 ) -> Prediction:
     """Attitudes at any times of one gap-free stretch, from the references that are to be used.
 
@@ -178,7 +183,6 @@ def condition_on_references(
     times : (k,) s, ascending
     apriori_covariance : (12, 12) P₀
     noise : remainder of a calibration, beside the stated noise
-    with_readings : whether to compute the covariance of readings too, which takes a matrix of all times and references
 
     Raises
     ------
@@ -204,25 +208,23 @@ def condition_on_references(
     at = np.union1d(times, references.t_s[rows])
     remainder = RemainderNoise() if noise is None else noise
     if any(one.kind == "rate" for one in remainder.processes):
-        at = np.union1d(at, np.linspace(start_s, at[-1], MOST_BINS + 1))
+        at = np.union1d(at, np.linspace(start_s, at[-1], FEWEST_STEPS + 1))
     at = at[np.concatenate([[True], np.diff(at) > SAME_TIME_S])]
     at = at[at > start_s + SAME_TIME_S]
-    stretch = _build_stretch(recording, anchor, at)
-    prepared = prepare_measurements(stretch)
+    _check_memory(at.size, remainder, len(P0))
+    prepared = prepare_measurements(_build_stretch(recording, anchor, at))
     A0 = attitude.matrix_from_quaternion(references.quaternions[anchor])
     A_obs = attitude.matrix_from_quaternion(seen.quaternions)
     stated, turns = remainder.factor * compute_body_covariance(seen), mountings.turns[rows]
     gyro = recording.gyro
     G, bias = gyro.apriori_G, gyro.apriori_bias
-    seen_rates, wanted_rates = (interpolate_rates(gyro, G, bias, at_s) for at_s in (seen.t_s, times))
-    shared = remainder.compute_reference_covariance(seen.t_s, seen_rates, seen.t_s, seen_rates).reshape(3 * rows.size, -1)
     place = _locate_times(start_s, at, references.t_s[rows])
     wanted = _locate_times(start_s, at, times)
-    elapsed = np.concatenate([[0.0], at - start_s])
+    lasting, later = (remainder.build_reference_columns(interpolate_rates(gyro, G, bias, one)) for one in (seen.t_s, times))
+    steps_s = np.diff(at, prepend=start_s)
     x0 = np.concatenate([G.ravel(), bias, np.zeros(turns.shape[2])])
     x = x0.copy()
     S = scipy.linalg.block_diag(ANCHOR * float(references.sigma[anchor].max()) * np.eye(3), _compute_covariance_root(P0))
-    size = 3 * rows.size
     for _ in range(CALIBRATION_ITERATIONS):
         run = propagate(prepared.arcs, x[:9].reshape(3, 3), x[9:12])
         R = np.concatenate([np.eye(3)[None], run.R])
@@ -232,43 +234,28 @@ def condition_on_references(
         own[:, :, 15:] = -turns
         theta = attitude.residual(attitude.rotation_matrix(-turns @ x[12:]) @ A_obs, R[place] @ A0)
         # Both means: c has that of Θ (x − x₀), whose covariance is P₀.
-        z = (theta - own[:, :, 3:] @ (x - x0)).ravel()
-        walk = GyroWalk.build(R, F[:, :, 3:15], elapsed, gyro.arw, remainder)
-        V = walk.covariance(place, place) + shared
-        each = np.arange(rows.size)
-        V.reshape(rows.size, 3, rows.size, 3)[each, :, each] += stated
-        scale = 1 / np.sqrt(np.diag(V))
-        L = np.linalg.cholesky(V * np.outer(scale, scale))
-        white = scipy.linalg.solve_triangular(L, scale[:, None] * np.column_stack([own.reshape(size, -1) @ S, z]), lower=True)
-        H, e = white[:, :-1], np.append(white[:, -1], np.zeros(len(S)))
-        Q, U = scipy.linalg.qr(np.vstack([H, np.eye(len(S))]), mode="economic")
+        z = theta - own[:, :, 3:] @ (x - x0)
+        moves = compute_turns(run.R, run.Theta, np.zeros(at.size, dtype=np.intp))
+        errors = ErrorStates.build(moves, steps_s, gyro.arw * np.sqrt(remainder.factor), remainder.processes)
+        H = np.concatenate([R[place], lasting], axis=2)
+        white, states, spread = errors.smooth(place, H, stated, np.concatenate([own @ S, z[:, :, None]], axis=2))
+        white, states, spread = white.reshape(z.size, -1), states[wanted], spread[wanted]
+        e = np.append(white[:, -1], np.zeros(len(S)))
+        Q, U = scipy.linalg.qr(np.vstack([white[:, :-1], np.eye(len(S))]), mode="economic")
         y = scipy.linalg.solve_triangular(U, Q.T @ e)
         left = e - Q @ (Q.T @ e)
-        half = scipy.linalg.solve_triangular(L, (walk.covariance(wanted, place) * scale).T, lower=True)
-        c = (half.T @ (white[:, -1] - H @ y)).reshape(-1, 3) + F[wanted] @ (S @ y) + F[wanted][:, :, 3:] @ (x - x0)
+        walk = (states[:, :3, -1:] - states[:, :3, :-1] @ y[:, None])[:, :, 0]
+        c = np.einsum("kij,kj->ki", R[wanted], walk) + F[wanted] @ (S @ y) + F[wanted][:, :, 3:] @ (x - x0)
         A = attitude.rotation_matrix(c) @ R[wanted] @ A0
         x = x0 - (S @ y)[3:]
-    # cov(u) = T Tᵀ. What is left of c beside its walk is G u, G = F − C₁ V₁⁻¹ F of the references.
-    T = scipy.linalg.solve_triangular(U, S.T, trans="T").T
-    B = np.reshape(
-        F[wanted].reshape(-1, len(S)) @ T - half.T @ scipy.linalg.solve_triangular(U, H.T, trans="T").T, (times.size, 3, -1)
-    )
-    walks = half.reshape(size, times.size, 3)
-    blocks = walk.variances(wanted) - np.einsum("nki,nkj->kij", walks, walks, optimize=True)
-    blocks = blocks + B @ B.transpose(0, 2, 1)
-    readings = None
-    if with_readings:
-        gain = half.T + B.reshape(3 * times.size, -1) @ Q[:size].T
-        gain = scipy.linalg.solve_triangular(L, gain.T, lower=True, trans="T").T * scale
-        lasting = remainder.compute_reference_covariance(seen.t_s, seen_rates, times, wanted_rates).reshape(size, times.size, 3)
-        both = np.einsum("tir,rtj->tij", gain.reshape(times.size, 3, size), lasting, optimize=True)
-        own = np.array(
-            [
-                remainder.compute_reference_covariance(*(one := (t[None], w[None])), *one)[0, :, 0]
-                for t, w in zip(times, wanted_rates, strict=True)
-            ]
-        )
-        readings = blocks + own - both - both.transpose(0, 2, 1)
+    # cov(u) = U⁻¹ U⁻ᵀ. Beside the smoothed states, c is off by B u′, and the lasting error of a reading by D u′, u′ ~ N(0, I).
+    root = scipy.linalg.solve_triangular(U, np.eye(len(S)))
+    T, turned = S @ root, R[wanted] @ spread[:, :3]
+    B = F[wanted] @ T - R[wanted] @ states[:, :3, :-1] @ root
+    D = -later @ states[:, 3:, :-1] @ root
+    blocks = turned[:, :, :3] @ R[wanted].transpose(0, 2, 1) + B @ B.transpose(0, 2, 1)
+    both = turned[:, :, 3:] @ later.transpose(0, 2, 1) + B @ D.transpose(0, 2, 1)
+    readings = blocks + both + both.transpose(0, 2, 1) + (later * errors.variance) @ later.transpose(0, 2, 1)
     P_x = T[3:] @ T[3:].T
     cross = B @ T[3:].T
     return Prediction(
@@ -286,6 +273,17 @@ def condition_on_references(
         -cross[:, :, 12:],
         readings,
     )
+
+
+def _check_memory(count: int, noise: RemainderNoise, parameters: int) -> None:
+    """Refuse a prediction whose arrays would not fit: they grow with the number of references and output times."""
+    states = 3 + sum(len(one.members) for one in noise.processes)
+    each = 8 * (2 * states**2 + (states + 6) * (4 + parameters) + 3 * states + 60)
+    if count * each > LARGEST_PREDICTION_BYTES:
+        raise InputError(
+            f"{count} references and output times need {count * each / 1e9:.1f} GB, the limit is"
+            f" {LARGEST_PREDICTION_BYTES / 1e9:.0f} GB: give a larger --step, or predict from a shorter interval"
+        )
 
 
 def _append_mountings(P0: Array, references: Attitudes, mountings: Mountings) -> Array:

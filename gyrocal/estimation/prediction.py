@@ -63,7 +63,7 @@ class Prediction:
     mountings : misalignments of those whose mounting is estimated
     cross : (k, 3, q) covariance of the attitudes' errors with those of the misalignments, rad²
     readings : (k, 3, 3) covariance of a reference at each time less the prediction, with the reference's remainder and without
-        its stated noise, rad²; None where it was not computed
+        its stated noise, rad²
     """
 
     t_s: Array
@@ -78,7 +78,7 @@ class Prediction:
     noise: Array
     mountings: MountingEstimate
     cross: Array
-    readings: Array | None = None
+    readings: Array
 
     @property
     def sigma(self) -> Array:

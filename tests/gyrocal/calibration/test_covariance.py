@@ -12,7 +12,9 @@ from gyrocal.calibration.covariance import (
     chain_intervals,
     compute_residual_covariance,
     integrate_white_noise,
+    is_chain,
     model_covariance,
+    whiten_chain,
 )
 from gyrocal.calibration.normal_equations import whiten
 from gyrocal.calibration.problem import Problem
@@ -84,3 +86,19 @@ def test_whitening_is_that_of_the_cholesky_factor():
     L = np.tril(rng.normal(size=(9, 9))) + 3 * np.eye(9)
     values = rng.normal(size=(9, 4))
     np.testing.assert_allclose(whiten(L @ L.T, values), np.linalg.solve(L, values), atol=1e-12)
+
+
+@pytest.mark.parametrize(("turn", "chained"), [("touching", True), ("apart", False), ("overlapping", False)])
+def test_a_chain_is_whitened_by_the_root_of_its_whole_covariance(turn, chained):
+    rng = np.random.default_rng(2)
+    second = {"touching": 3, "apart": 4, "overlapping": 2}[turn]
+    interval, start = np.repeat([0, 1], [3, 4]), np.repeat([0, second], [3, 4])
+    row = np.concatenate([[1, 2, 3], second + np.arange(1, 5)])
+    R = attitude.rotation_matrix(rng.normal(size=(7, 3)))
+    walk = integrate_white_noise(np.array([1.0, 3.0, 4.0, 2.0, 3.0, 7.0, 9.0]), 0.5)
+    noise = np.array([part @ part.T for part in rng.normal(size=(9, 3, 3))])
+    values = rng.normal(size=(21, 4))
+    assert is_chain(interval, start, row) == chained
+    expected = whiten(compute_residual_covariance(R, interval, start, row, noise, walk), values)
+    found = whiten_chain(R, interval, start, row, noise, walk, values)
+    assert np.allclose(found, expected, rtol=1e-10, atol=1e-12) == chained

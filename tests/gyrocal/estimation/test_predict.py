@@ -1,14 +1,18 @@
 """The attitude by gyro alone: unbiased, with the covariance of its errors, and none of what it was not told."""
 
 import re
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import simulator
-from gyrocal import GyroParameters, InputError, attitude, triad
-from gyrocal.estimation.predict import condition_on_references, list_step_times, predict, prior_covariance
+from gyrocal import GyroParameters, InputError, attitude, calibrate, triad
+from gyrocal.calibration.remainder_processes import Process
+from gyrocal.estimation.error_smoother import ErrorStates
+from gyrocal.estimation.predict import _check_memory, condition_on_references, list_step_times, predict, prior_covariance
+from gyrocal.estimation.remainder_noise import RemainderNoise
 from gyrocal.recording.trackers import convert_to_sensors
 from simulator.simulate import motion, observe
 from simulator.streams import generator
@@ -117,6 +121,70 @@ def test_the_page_s_example():
     exec(compile("\n".join(blocks), "predict.md", "exec"), namespace)
     sigma = namespace["found"].sigma
     assert (sigma[-1] > sigma[0]).all()
+
+
+STATED = np.deg2rad(0.01)
+
+
+def condition_densely(observed_s, at_s, processes):
+    """Mean weights and covariance of a walk and errors of references about still axes, by matrices of all pairs of times."""
+    every, n = np.append(observed_s, at_s), observed_s.size
+    walk = ARW**2 * np.minimum.outer(every, every)
+    lasting = np.zeros((every.size, every.size))
+    for process in processes:
+        decay = np.exp(-np.abs(np.subtract.outer(every, every)) / process.time_scale_s)
+        if process.kind == "rate":  # ∫∫ exp(−|s − t|/τ) over both spans
+            tau, low = process.time_scale_s, np.minimum.outer(every, every)
+            one = np.exp(-every / tau)
+            walk += process.variance * (2 * tau * low - tau**2 * (1 - one[:, None] - one + decay))
+        else:
+            lasting += process.variance * decay
+    V = (walk + lasting)[:n, :n] + STATED**2 * np.eye(n)
+    gain = np.linalg.solve(V, walk[:n, n:]).T
+    reading = (walk + lasting)[n:, n:] - gain @ lasting[:n, n:] - (gain @ lasting[:n, n:]).T - gain @ walk[:n, n:]
+    return gain, walk[n:, n:] - gain @ walk[:n, n:], reading
+
+
+@pytest.mark.parametrize("kinds", [(), ("rate",), ("reference",), ("rate", "reference")], ids=str)
+def test_states_are_smoothed_as_by_the_covariance_of_all_times(kinds):
+    known = {
+        "rate": Process("rate", (9, 10, 11), 15.0, (2e-6) ** 2),
+        "reference": Process("reference", (0, 1, 2), 40.0, (2 * STATED) ** 2),
+    }
+    processes, rng = [known[kind] for kind in kinds], np.random.default_rng(1)
+    nodes = np.cumsum(rng.uniform(1.0, 9.0, size=30))
+    turns = np.zeros((30, 3, 12))
+    turns[:, :, 9:] = np.diff(nodes, prepend=0.0)[:, None, None] * np.eye(3)
+    states = ErrorStates.build(turns, np.diff(nodes, prepend=0.0), ARW, processes)
+    noise = RemainderNoise(tuple(processes))
+    seen, wanted = np.arange(3, 20), np.array([1, 12, 19, 25, 30])
+    H = np.concatenate([np.tile(np.eye(3), (31, 1, 1)), noise.build_reference_columns(np.zeros((31, 3)))], axis=2)
+    z = rng.normal(size=(seen.size, 3, 2))
+    stated = np.tile(STATED**2 * np.eye(3), (seen.size, 1, 1))
+    white, smoothed, covariance = states.smooth(seen, H[seen], stated, z)
+    gain, walk, reading = condition_densely(nodes[seen - 1], nodes[wanted - 1], processes)
+    np.testing.assert_allclose(smoothed[wanted, :3], np.einsum("wn,nij->wij", gain, z), rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(covariance[wanted, 0, 0], np.diag(walk), rtol=1e-8)
+    both = covariance[wanted, 0] @ H[0, 0]
+    own = covariance[wanted, 0, 0] + 2 * (both - covariance[wanted, 0, 0]) + (states.variance * H[0, 0, 3:]).sum()
+    np.testing.assert_allclose(own, np.diag(reading), rtol=1e-8)
+    assert white.shape == z.shape
+
+
+def test_memory_grows_with_the_number_of_references_and_not_with_its_square():
+    """20,000 references, whose whole covariance would have 29 GB; and more than fit are refused before anything is computed."""
+    turns = (((0.0, DEG_S, 0.0), 70.0), ((DEG_S, 0.0, 0.0), 70.0), ((0.0, 0.0, DEG_S), 60.0))
+    recording = piecewise_recording((turns,), sample_s=0.01, series_s=0.01, rng=np.random.default_rng(1), arw=ARW)
+    tracemalloc.start()
+    found = predict(recording, 199.0, np.array([199.5, 200.0]))
+    peak = tracemalloc.get_traced_memory()[1]
+    calibrate(recording, solve_for="bias")
+    both = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert found.used > 19_000
+    assert max(peak, both) < 300e6
+    with pytest.raises(InputError, match=r"need \d+\.\d GB, the limit is 4 GB: give a larger --step"):
+        _check_memory(10**7, RemainderNoise(), 12)
 
 
 TRACKED = simulator.override(ESTIMATED, {"reference.every_s": 40.0})
