@@ -65,7 +65,7 @@ Mask = NDArray[np.bool_]
 
 ANCHOR = 1e3  # sigmas of a reference: what is known of the anchor before it is used itself
 CALIBRATION_ITERATIONS = 3
-FEWEST_STEPS = 60  # of a stretch with rate errors that correlate: their turn is taken as constant over a step
+CORRELATED_STEPS = 60  # of a stretch with rate errors that correlate: their turn is taken as constant over a step
 LARGEST_PREDICTION_BYTES = 4_000_000_000
 SAME_TIME_S = 1e-6
 GAP_SAMPLES = 1.5  # samples
@@ -208,7 +208,7 @@ def condition_on_references(
     at = np.union1d(times, references.t_s[rows])
     remainder = RemainderNoise() if noise is None else noise
     if any(one.kind == "rate" for one in remainder.processes):
-        at = np.union1d(at, np.linspace(start_s, at[-1], FEWEST_STEPS + 1))
+        at = np.union1d(at, np.linspace(start_s, at[-1], CORRELATED_STEPS + 1))
     at = at[np.concatenate([[True], np.diff(at) > SAME_TIME_S])]
     at = at[at > start_s + SAME_TIME_S]
     _check_memory(at.size, remainder, len(P0))
