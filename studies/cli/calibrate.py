@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -212,7 +213,8 @@ def command(
     if filter_noise:
         _write_filter_noise(filter_noise, loaded, asked)
     if as_json:
-        write_json(as_json, result.to_json() | {"held_out_turns": [one.to_json() for one in turns]})
+        more = {"held_out_turns": [one.to_json() for one in turns], "provenance": _describe_input(loaded)}
+        write_json(as_json, result.to_json() | more)
     if report:
         from studies.report import calibration_page
         from studies.report.pages import build_provenance_footer
@@ -225,6 +227,25 @@ def command(
         )
     known_numbers = dict(zip(CONDITIONS, (float(result.p_value), float(result.observability.condition)), strict=True))
     end("calibrate", str(recording), compare_conditions(fail_on, known_numbers), junit)
+
+
+def _describe_input(recording: Recording) -> dict[str, str | None]:
+    """The span of the recording's intervals as dates, its hash, and the commit that calibrates it."""
+    from simulator.adopted_scenario import hash_recording
+    from studies.montecarlo.manifest import read_commit
+
+    epoch = datetime.fromisoformat(recording.epoch)
+    offset = epoch.utcoffset()
+    start = np.datetime64(epoch.replace(tzinfo=None), "ms") - np.timedelta64(offset or 0, "ms")
+    ends = min(one.start_s for one in recording.intervals), max(one.stop_s for one in recording.intervals)
+    valid_from, valid_until = (str(start + np.timedelta64(round(1e3 * end), "ms")) for end in ends)
+    return {
+        "valid_from": valid_from,
+        "valid_until": valid_until,
+        "time_scale": recording.time_scale,
+        "recording_sha256": hash_recording(recording),
+        "commit": read_commit(),
+    }
 
 
 def _write_filter_noise(path: Path, recording: Recording, asked: dict[str, Any]) -> None:
