@@ -11,6 +11,7 @@ transpose, G⁻ᵀ = Q R, M = Rᵀ, C = Qᵀ, with signs that make the diagonal 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -95,6 +96,7 @@ def write_imu_yaml(
     bias: ArrayLike | None = None,
     random_walk: float | None = None,
     topic: str = "/imu0",
+    remarks: Sequence[str] = (),
 ) -> None:
     """Write what a recording and its calibration say of the gyro.
 
@@ -105,6 +107,7 @@ def write_imu_yaml(
     G, bias : (3, 3), and (3,) rad/s, of a calibration; both or neither
     random_walk : of the bias, rad/s/√s (Kalibr: rad/s²/√Hz); Kalibr needs one, and no recording states it
     topic : of ROS
+    remarks : lines of comment
 
     Raises
     ------
@@ -120,6 +123,7 @@ def write_imu_yaml(
         raise InputError("Kalibr: give G and bias of a calibration, or neither")
     lines = [
         f"# {' '.join(recording.title.split())}, by gyrocal. Kalibr also needs accelerometer_noise_density and _random_walk.",
+        *(f"# {line}" for line in remarks),
         f"gyroscope_noise_density: {_format_flow(recording.gyro.arw)}  # rad/s/sqrt(Hz): the angle random walk in rad/sqrt(s)",
         "# gyroscope_random_walk is not known: the recording does not state it"
         if random_walk is None

@@ -37,6 +37,7 @@ GOOD_ARGUMENTS = {
     ("next",): ("REC", "REC"),
     ("plan",): ("trmm",),
     ("predict",): ("REC", "--from", "100"),
+    ("product",): ("REC",),
     ("reproduce",): (),
     ("scenarios",): (),
     ("simulate",): ("trmm", "OUT"),
