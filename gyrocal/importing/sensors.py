@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 
 FEWEST_COMMON_TIMES = 10  # common times
 GAP_STEPS = 1.5  # of a sensor's usual step: it has dropped out in a longer one
+DIRECTION_SCATTER_RATIO = 0.5  # times the scatter as read: sensors of the other direction must stand so much stiller
 MOUNTING_TOLERANCE = np.deg2rad(2.0)  # of a sensor from its stated mounting: more is another mounting
 
 
@@ -89,7 +90,13 @@ def join_sensors(
         common = seen[0] & mask
         if common.sum() < FEWEST_COMMON_TIMES:
             raise InputError(f"attitude: {int(common.sum())} common times of {first.name}, {one.name} are too few")
-        mean = Rotation.from_matrix(A[common] @ values[common].transpose(0, 2, 1)).mean().as_matrix()
+        mean, scatter = _compute_mean_turn(A[common], values[common])
+        _, other = _compute_mean_turn(own[0][common].transpose(0, 2, 1), values[common].transpose(0, 2, 1))
+        if other < DIRECTION_SCATTER_RATIO * scatter:
+            raise InputError(
+                f"attitude: {first.name} and {one.name} turn against each other by {np.rad2deg(scatter):.2g} deg RMS as read, "
+                f"by {np.rad2deg(other):.2g} deg with the other direction (body-to-inertial for inertial-to-body, or back)"
+            )
         mounting[one.name] = mean if mountings is None else mountings[one.name].T
         off = float(Rotation.from_matrix(mounting[one.name].T @ mean).magnitude())
         if off > MOUNTING_TOLERANCE:
@@ -116,6 +123,13 @@ def join_sensors(
     }
     q = attitude.quaternion_from_matrix(attitude.rotation_matrix(shift) @ base)
     return JoinedAttitudes(t_s, q, np.asarray(np.linalg.inv(sum(weights))), mounting, sigma, apart)
+
+
+def _compute_mean_turn(A: Array, B: Array) -> tuple[Array, float]:
+    """Mean rotation (3, 3) of A Bᵀ, and the RMS angle from it, rad."""
+    turns = Rotation.from_matrix(A @ B.transpose(0, 2, 1))
+    mean = turns.mean()
+    return mean.as_matrix(), float(np.sqrt(np.mean(np.square((mean.inv() * turns).magnitude()))))
 
 
 def _compute_spacing(sensor: Sensor) -> float:

@@ -56,6 +56,24 @@ class WordsOrNumbers(click.ParamType):
         return numbers[0] if len(numbers) == 1 else numbers
 
 
+class Axes(click.ParamType):
+    """Directions of gyros, or a word for them."""
+
+    name = "text"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The word, or a list of three numbers for each gyro."""
+        if value == "tetrahedron":
+            return value
+        try:
+            rows = [[float(part) for part in row.split(",")] for row in str(value).split(";")]
+        except ValueError:
+            rows = []
+        if not rows or any(len(row) != 3 for row in rows):
+            self.fail(f"{value!r} is not tetrahedron, or three numbers a gyro, as in '1,0,0;0,1,0;0.6,0,0.8'", param, ctx)
+        return rows
+
+
 ALIGNMENT_OPTIONS = (
     click.option(
         "--align",
@@ -65,6 +83,12 @@ ALIGNMENT_OPTIONS = (
     click.option("--attitude-offset", "attitude_offset_s", type=float, help="s added to the attitudes' time tags."),
     click.option("--time-factor", type=float, help="Factor of the gyro's time tags about the first."),
     click.option("--rate-factor", type=float, help="Factor of the rates."),
+    click.option(
+        "--axes",
+        type=Axes(),
+        metavar="'X,Y,Z;X,Y,Z;…'",
+        help="Direction of each gyro in the body, or tetrahedron (three or four of its axes); x, y and z by default.",
+    ),
     click.option(
         "--mounting",
         type=WordsOrNumbers(("as given", "estimate"), (3,)),
