@@ -21,6 +21,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -140,11 +141,8 @@ def _merge_times(sensors: tuple[Sensor, ...]) -> Array:
     """Times of the first, and of each further one where all before it have dropped out."""
     t_s = sensors[0].t_s
     for one in sensors[1:]:
-        near = (
-            t_s[np.clip(np.searchsorted(t_s, one.t_s), 1, t_s.size - 1)],
-            t_s[np.clip(np.searchsorted(t_s, one.t_s) - 1, 0, None)],
-        )
-        away = np.minimum(np.abs(near[0] - one.t_s), np.abs(near[1] - one.t_s)) > GAP_STEPS * _compute_spacing(sensors[0])
+        near = t_s[pd.Index(t_s).get_indexer(one.t_s, method="nearest")]
+        away = np.abs(near - one.t_s) > GAP_STEPS * _compute_spacing(sensors[0])
         t_s = np.sort(np.concatenate([t_s, one.t_s[away]]))
     return t_s
 
@@ -165,7 +163,7 @@ def _interpolate_attitudes(sensor: Sensor, t_s: Array) -> Array:
 
 def estimate_scatter(sensor: Sensor, lag_s: float) -> Array:
     """(3,) 1-sigma about the sensor's own axes, rad, from second differences over a lag."""
-    step = float(np.median(np.diff(sensor.t_s)))
+    step = _compute_spacing(sensor)
     lag = max(round(lag_s / step), 1)
     q = Rotation.from_quat(sensor.q)
     if sensor.t_s.size < 2 * lag + FEWEST_COMMON_TIMES:
