@@ -41,6 +41,7 @@ FITS = 0.1  # residual over motion of rates that are read rightly: errors of G a
 HOPELESS = 0.5
 LARGEST_RESIDUAL_RATIO = 0.5  # times the residual as read: an alternative must fit so much better
 RESIDUAL_TIE_FACTOR = 1.25  # times the best residual: as good
+FEWEST_RATE_WINDOWS = 3  # in which both sides are known
 LEAST_WINDOWS = 6  # from which a rotation of three angles is told
 LEAST_SKEW = np.deg2rad(5.0)  # of the angles between three gyros from 90 deg: fewer are a gyro's own misalignment
 SURE_IN_SIGMA = 3.0
@@ -106,7 +107,7 @@ class MatrixReading:
 
 
 class RatePair(NamedTuple):
-    """Mean rates (n, 3) by the attitudes and by the gyro, with what the reading changes and the time offset of it."""
+    """Mean rates (n, 3) by attitudes and gyro less their means, with what the reading changes and the time offset of it."""
 
     words: tuple[str, ...]
     offset_s: float
@@ -305,7 +306,7 @@ def _evaluate_as_read(windows: Motion) -> Reading:
     reference = windows.attitudes()
     gyro, inside = windows.gyro()
     reference, gyro = reference[inside], gyro[inside]
-    if len(reference) < 3:
+    if len(reference) < FEWEST_RATE_WINDOWS:
         return Reading((), 0, np.inf, 0.0)
     left = reference - gyro
     centred = _compute_rms(left - left.mean(axis=0)) / _compute_rms(reference - reference.mean(axis=0))
@@ -316,16 +317,16 @@ def _pair_rates(windows: Motion, ways: Sequence[tuple[tuple[str, ...], Array]], 
     """Mean rates by both sides of each reading of the attitudes, at one time offset."""
     gyro, inside = windows.gyro(offset_s)
     late = (f"{offset_s:+.3g} s added to the attitudes' time tags",) if offset_s else ()
-    return [RatePair((*words, *late), offset_s, reference[inside], gyro[inside]) for words, reference in ways]
+    pairs = [
+        ((*words, *late), reference[inside], gyro[inside]) for words, reference in ways if inside.sum() >= FEWEST_RATE_WINDOWS
+    ]
+    return [RatePair(words, offset_s, r - r.mean(axis=0), g - g.mean(axis=0)) for words, r, g in pairs]
 
 
 def _fit_scales_and_axes(pair: RatePair, scales: dict[str, float]) -> list[Reading]:
     """The best of all s and Π for one reading of the attitudes."""
-    if len(pair.gyro) < 3:
-        return []
-    r, g = pair.reference - pair.reference.mean(axis=0), pair.gyro - pair.gyro.mean(axis=0)
-    whole = float(np.sum(r * r))
-    cross, own = r.T @ g, float(np.sum(g * g))
+    whole = float(np.sum(pair.reference**2))
+    cross, own = pair.reference.T @ pair.gyro, float(np.sum(pair.gyro**2))
     direction = pair.words[: len(pair.words) - bool(pair.offset_s)]
     out = []
     for name, scale in scales.items():
@@ -349,7 +350,7 @@ def _find_rotation(pairs: list[RatePair], scales: dict[str, float], largest: flo
     for pair in pairs:
         if len(pair.gyro) < LEAST_WINDOWS:
             continue
-        r, g = pair.reference - pair.reference.mean(axis=0), pair.gyro - pair.gyro.mean(axis=0)
+        r, g = pair.reference, pair.gyro
         C, common = rotate_onto(r, g)
         whole = max(float(np.sum(r * r)), np.finfo(float).tiny)
         angle = float(np.arccos(np.clip((np.trace(C) - 1) / 2, -1.0, 1.0)))
@@ -373,7 +374,7 @@ def _find_skew_axes(
     for pair in pairs:
         if len(pair.gyro) < LEAST_WINDOWS:
             continue
-        r, g = pair.reference - pair.reference.mean(axis=0), pair.gyro - pair.gyro.mean(axis=0)
+        r, g = pair.reference, pair.gyro
         least = np.linalg.svd(g, compute_uv=False)[-1]
         M = np.linalg.lstsq(g, r, rcond=None)[0].T
         if not least > 0 or not abs(np.linalg.det(M)) > 0:
@@ -385,7 +386,7 @@ def _find_skew_axes(
         cosines = axes[[0, 0, 1]] * axes[[1, 2, 2]]
         angles = np.arccos(np.clip(cosines.sum(axis=1), -1.0, 1.0))
         skew = float(np.abs(angles - np.pi / 2).max())
-        # δK = −K δM K G about the direction in which the motion is smallest; overlapping windows share their errors.
+        # δK = −K δM G K, largest about the direction in which the motion is smallest; overlapping windows share their errors.
         sigma = _compute_rms(left) * np.sqrt(max(overlap, 1.0) / 3) / least * float(size.max())
         if skew < max(LEAST_SKEW, SURE_IN_SIGMA * sigma):
             continue
@@ -412,7 +413,7 @@ def describe_mean_rates(windows: Motion) -> str:
     """
     gyro, inside = windows.gyro()
     reference, gyro = windows.attitudes()[inside], gyro[inside]
-    if len(gyro) < 3:
+    if len(gyro) < FEWEST_RATE_WINDOWS:
         return ""
     a, b = reference.mean(axis=0), gyro.mean(axis=0)
     by_attitudes, by_gyro = float(np.linalg.norm(a)), float(np.linalg.norm(b))
@@ -457,7 +458,7 @@ def _estimate_offset(windows: Motion, reference: Array) -> float:
 
 def _correlate_speeds(windows: Motion, speed: Array, tau: float) -> float:
     gyro, inside = windows.gyro(tau)
-    if inside.sum() < max(3, 0.5 * inside.size):
+    if inside.sum() < max(FEWEST_RATE_WINDOWS, 0.5 * inside.size):
         return np.nan
     a, b = speed[inside], np.linalg.norm(gyro[inside], axis=1)
     a, b = a - a.mean(), b - b.mean()

@@ -153,8 +153,8 @@ def estimate_alignment(
         # τ and f of the fit are beside those from which it began.
         total = factor * one.time_factor
         scale = total if accumulated else 1.0
-        tags = {"offset_s": offset + one.offset_s, "time_factor": total, "time_sigma": factor * one.time_sigma}
-        found.append(replace(one, **tags, factor=one.factor * scale, factor_sigma=one.factor_sigma * scale))
+        clock = replace(one, offset_s=offset + one.offset_s, time_factor=total, time_sigma=factor * one.time_sigma)
+        found.append(replace(clock, factor=one.factor * scale, factor_sigma=one.factor_sigma * scale))
     return min(found, key=lambda one: one.residual, default=None)
 
 

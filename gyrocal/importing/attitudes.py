@@ -104,7 +104,9 @@ def build_references(
 def _find_nearest(t_s: Array, wanted: Array) -> Indices:
     """Rows of some times from the first to the last of the wanted ones, of each the nearest."""
     inside = np.flatnonzero((t_s >= wanted[0] - SAME_S) & (t_s <= wanted[-1] + SAME_S))
-    return np.asarray(inside[np.unique(pd.Index(t_s[inside]).get_indexer(wanted, method="nearest"))]) if inside.size else inside
+    if not inside.size:
+        return inside
+    return np.asarray(inside[np.unique(pd.Index(t_s[inside]).get_indexer(pd.Index(wanted), method="nearest"))])
 
 
 def _build_sensors(sensors: tuple[Sensor, ...], joined: JoinedAttitudes, mapping: Mapping) -> tuple[AttitudeSensor, ...]:

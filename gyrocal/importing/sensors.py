@@ -141,7 +141,7 @@ def _merge_times(sensors: tuple[Sensor, ...]) -> Array:
     """Times of the first, and of each further one where all before it have dropped out."""
     t_s = sensors[0].t_s
     for one in sensors[1:]:
-        near = t_s[pd.Index(t_s).get_indexer(one.t_s, method="nearest")]
+        near = t_s[pd.Index(t_s).get_indexer(pd.Index(one.t_s), method="nearest")]
         away = np.abs(near - one.t_s) > GAP_STEPS * _compute_spacing(sensors[0])
         t_s = np.sort(np.concatenate([t_s, one.t_s[away]]))
     return t_s
