@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf, expit
 
-from diagnosis.detectors.gap_interpolation import find_mask_runs
 from diagnosis.detectors.number_format import NumberFormats
 from diagnosis.detectors.sample_report import AXES, IMPOSSIBLE, Findings, SampleTest, Symptom
+from gyrocal.mask_runs import find_mask_runs
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]

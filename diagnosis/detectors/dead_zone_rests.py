@@ -25,8 +25,8 @@ import scipy.ndimage
 import scipy.special
 from numpy.typing import NDArray
 
-from diagnosis.detectors.gap_interpolation import find_mask_runs
 from diagnosis.detectors.sample_report import Zone
+from gyrocal.mask_runs import find_mask_runs
 from gyrocal.recording import Recording
 from simulator.effects.recording_view import find_interval_slices
 

@@ -12,9 +12,9 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
 
-from diagnosis.detectors.gap_interpolation import find_mask_runs
 from diagnosis.detectors.number_format import NumberFormats
 from diagnosis.detectors.sample_report import AXES, IMPOSSIBLE, Findings, SampleTest, Stream, Symptom
+from gyrocal.mask_runs import find_mask_runs
 
 Mask = NDArray[np.bool_]
 

@@ -23,6 +23,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.mask_runs import find_mask_runs
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -44,12 +46,6 @@ class GapInterpolationSettings:
 
 
 SETTINGS = GapInterpolationSettings()
-
-
-def find_mask_runs(mask: Mask) -> list[tuple[int, int]]:
-    """Unbroken runs as slices."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def fill_gaps(t_s: Array, rates: Array, bad: Mask, sample_s: float, sigma: float = 0.0) -> tuple[Array, Array, Array]:

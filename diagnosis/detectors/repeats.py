@@ -28,7 +28,7 @@ import scipy.optimize
 import scipy.special
 from numpy.typing import NDArray
 
-from diagnosis.detectors.gap_interpolation import fill_gaps, find_mask_runs
+from diagnosis.detectors.gap_interpolation import fill_gaps
 from diagnosis.detectors.sample_report import (
     IMPOSSIBLE,
     Findings,
@@ -38,6 +38,7 @@ from diagnosis.detectors.sample_report import (
     count_since_start,
     mark_consecutive_samples,
 )
+from gyrocal.mask_runs import find_mask_runs
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.gap_interpolation import find_mask_runs
+from gyrocal.mask_runs import find_mask_runs
 from gyrocal.recording import Recording
 from simulator.effects.recording_view import find_interval_slices
 

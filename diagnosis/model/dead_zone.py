@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 
 from diagnosis.detectors.dead_zone_rests import SETTINGS as DEAD_ZONE_RESTS
 from diagnosis.detectors.dead_zone_rests import DeadZoneEvidence, estimate_half_width
-from diagnosis.detectors.gap_interpolation import find_mask_runs
 from diagnosis.model.calibration import calibrate_beside
 from diagnosis.model.groups import CandidateColumns
 from diagnosis.model.linear import Parameters
 from diagnosis.model.prepare import PreparedRecording
 from diagnosis.model.processes import SETTINGS as PROCESSES
 from diagnosis.model.recording_model import RecordingModel
+from gyrocal.mask_runs import find_mask_runs
 from simulator.effects.base import Effect
 from simulator.effects.common import markov
 

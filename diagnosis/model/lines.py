@@ -23,12 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from diagnosis.detectors.gap_interpolation import find_mask_runs
 from diagnosis.detectors.sample_report import AXES, Line, SampleReport, Symptom
 from diagnosis.model.misfit import project_innovations
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.model.sinusoid_causes import BIAS, PICKUP, SinusoidCause
 from diagnosis.sinusoids.fit import make_waves
+from gyrocal.mask_runs import find_mask_runs
 from gyrocal.recording import GyroStream
 from simulator.effects.periodic import compute_period_band
 

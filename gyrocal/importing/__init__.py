@@ -23,7 +23,16 @@ if TYPE_CHECKING:
 NOTES_FILE = "import.toml"  # beside recording.toml; a recording is read without it
 NOISE_PHRASES = ("angle random walk", "sigma of the references", "1-sigma about")  # how an estimate of it begins
 
-__all__ = ["NOTES_FILE", "Mapping", "import_csv", "load_mapping", "read_estimated_noise", "validate_mapping", "write"]
+__all__ = [
+    "NOTES_FILE",
+    "Mapping",
+    "import_csv",
+    "load_mapping",
+    "read_estimated_noise",
+    "read_import_warnings",
+    "validate_mapping",
+    "write",
+]
 
 
 def import_csv(
@@ -70,8 +79,10 @@ def write(imported: ImportResult, folder: str | os.PathLike[str]) -> None:
     """Write the recording, and beside it `NOTES_FILE`: the mapping and what was assumed."""
     save(imported.recording, folder)
     entries = imported.mapping.model_dump(exclude_none=True, exclude_defaults=True)
-    lines = ["# How this recording was imported.", "assumed = ["]
-    lines += [f"    {format_toml(text)}," for text in imported.assumed] + ["]", "", "[mapping]"]
+    lines = ["# How this recording was imported."]
+    for name, texts in (("implausible", imported.warnings), ("assumed", imported.assumed)):
+        lines += [f"{name} = [", *(f"    {format_toml(text)}," for text in texts), "]"] if texts else []
+    lines += ["", "[mapping]"]
     lines += [f"{key} = {format_toml(value)}" for key, value in entries.items()]
     with open_replacement(Path(folder) / NOTES_FILE) as file:
         file.write(("\n".join(lines) + "\n").encode())
@@ -79,8 +90,17 @@ def write(imported: ImportResult, folder: str | os.PathLike[str]) -> None:
 
 def read_estimated_noise(folder: str | os.PathLike[str]) -> list[str]:
     """What an import estimated of the noise of gyro and references, a sentence each; none where nothing of it is known."""
+    return [text for text in _read_notes(folder, "assumed") if text.startswith(NOISE_PHRASES)]
+
+
+def read_import_warnings(folder: str | os.PathLike[str]) -> list[str]:
+    """What an import found implausible, a sentence each; none where nothing of it is known."""
+    return _read_notes(folder, "implausible")
+
+
+def _read_notes(folder: str | os.PathLike[str], name: str) -> list[str]:
     try:
-        assumed = tomllib.loads((Path(folder) / NOTES_FILE).read_text(encoding="utf-8"))["assumed"]
-        return [text for text in assumed if text.startswith(NOISE_PHRASES)]
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError, AttributeError, TypeError):
+        texts = tomllib.loads((Path(folder) / NOTES_FILE).read_text(encoding="utf-8"))[name]
+        return [text for text in texts if isinstance(text, str)]
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError, TypeError):
         return []

@@ -12,10 +12,11 @@ combinations of these are tried. For one reading of the attitudes and one τ, wi
 
 gives all s and Π at once. τ is where the magnitudes of both rates correlate best, which no s, Π, or reading of a direction
 changes. A rotation of the gyro's axes that is no exchange of axes is tried last: the rotation that maximises
-tr(Πᵀ Σ w_ref wᵀ) follows from a singular value decomposition. Of what fits nearly as well as
-the best, the reading that changes least is named; several of the same number of changes are named together, since the data
-cannot tell them apart. Where none of these fits, an alignment with a free factor and a free clock is tried (`alignment`). Then
-the cause of the misfit is sought (`misfit`).
+tr(Πᵀ Σ w_ref wᵀ) follows from a singular value decomposition. A free matrix in the place of s Π has in the rows of its inverse
+the directions of the gyros, which need not be at right angles. Of what fits nearly as well as the best, the reading that
+changes least is named; several of the same number of changes are named together, since the data cannot tell them apart. Where
+none of these fits, an alignment with a free factor and a free clock is tried (`alignment`). Then the cause of the misfit is
+sought (`misfit`).
 """
 
 from __future__ import annotations
@@ -23,11 +24,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations, product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.importing.alignment import Alignment, estimate_alignment
+from gyrocal.importing.alignment import LEAST_FACTOR, Alignment, estimate_alignment
 from gyrocal.importing.misfit import explain_misfit, locate_misfit
 from gyrocal.importing.motion import QUATERNION_INDICES, Motion, build_motion, rotate_onto
 from gyrocal.importing.units import ANGLE_UNITS, PER_SAMPLE, RATE_UNITS, TIME_UNITS
@@ -39,7 +41,10 @@ FITS = 0.1  # residual over motion of rates that are read rightly: errors of G a
 HOPELESS = 0.5
 LARGEST_RESIDUAL_RATIO = 0.5  # times the residual as read: an alternative must fit so much better
 RESIDUAL_TIE_FACTOR = 1.25  # times the best residual: as good
+FEWEST_RATE_WINDOWS = 3  # in which both sides are known
 LEAST_WINDOWS = 6  # from which a rotation of three angles is told
+LEAST_SKEW = np.deg2rad(5.0)  # of the angles between three gyros from 90 deg: fewer are a gyro's own misalignment
+SURE_IN_SIGMA = 3.0
 LARGE_DRIFT = np.deg2rad(10.0)  # by a bias over the longest interval
 LONGEST_LAG = 0.25  # of the recording
 ALTERNATIVE_RATE_UNITS = ("rad/s", "deg/s", "deg/h")  # that one is taken for another of
@@ -81,14 +86,14 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class RotatedReading:
-    """A reading that fits after a rotation of the gyro's axes.
+class MatrixReading:
+    """A reading that fits after a rotation of the gyro's axes, or with gyros that are not at right angles.
 
     Attributes
     ----------
-    changes : what is to be changed beside, in words; empty as the tables are read
+    changes : what is to be changed, in words
     residual : as of a `Reading`
-    angle : of the rotation, rad
+    angle : of the rotation, or the largest by which two gyros' angle differs from 90 deg, rad
     """
 
     changes: tuple[str, ...]
@@ -98,10 +103,16 @@ class RotatedReading:
     @property
     def sentence(self) -> str:
         """What it changes, and how well it fits."""
-        words = " and ".join(
-            (*self.changes, f"--mounting estimate, which rotates the gyro's axes by {np.rad2deg(self.angle):.3g} deg")
-        )
-        return f"{100 * self.residual:.1f} % with {words}"
+        return f"{100 * self.residual:.1f} % with {' and '.join(self.changes)}"
+
+
+class RatePair(NamedTuple):
+    """Mean rates (n, 3) by attitudes and gyro less their means, with what the reading changes and the time offset of it."""
+
+    words: tuple[str, ...]
+    offset_s: float
+    reference: Array
+    gyro: Array
 
 
 @dataclass(frozen=True)
@@ -112,14 +123,14 @@ class Agreement:
     ----------
     as_read : the reading that was asked about
     better : those that fit better and change least; empty if what was asked fits, or nothing does
-    rotated : the best with a rotation of the gyro's axes, if it fits much better than all without
+    rotated : the best with a rotation of the gyro's axes, or with skew ones, if it fits much better than all without
     aligned : with a free factor and a free clock, if that fits much better than all others
     cause : of a misfit that no reading mends, and where in time it lies
     """
 
     as_read: Reading
     better: tuple[Reading, ...]
-    rotated: RotatedReading | None = None
+    rotated: MatrixReading | None = None
     aligned: Alignment | None = None
     cause: str = ""
 
@@ -163,6 +174,7 @@ def evaluate_agreement(
     reverse: bool = False,
     factors: Mapping[str, float] | None = None,
     others: Sequence[tuple[tuple[str, ...], Array]] = (),
+    G: Array | None = None,
 ) -> Agreement:
     """How rates and attitudes fit, as read and otherwise.
 
@@ -174,6 +186,7 @@ def evaluate_agreement(
     reverse : whether the quaternions on file have been conjugated to be inertial to body
     factors : of the rates that are tried beside those of units, with their words
     others : further attitudes (m, 4) that the table may mean, with what each changes
+    G : (3, 3) that has turned the rates of three gyros into those of the windows; None does not ask for the gyros' directions
     """
     as_read = _evaluate_as_read(windows)
     if as_read.residual <= FITS:
@@ -184,25 +197,30 @@ def evaluate_agreement(
     units = list(_list_scales(unit, "").values())  # name what factors would only number
     numbered = {words: factor for words, factor in (factors or {}).items() if not np.isclose(factor, units).any()}
     scales = _list_scales(unit, time_unit) | numbered
-    tried = [one for words, reference in ways for one in _evaluate_readings(windows, reference, words, 0.0, scales)]
+    pairs = _pair_rates(windows, ways)
+    tried = [one for pair in pairs for one in _fit_scales_and_axes(pair, scales)]
     if min((one.residual for one in tried), default=np.inf) > FITS:
-        for words, reference in ways:
-            offset = _estimate_offset(windows, reference)
-            tried += _evaluate_readings(windows, reference, words, offset, scales) if offset else []
+        late = [pair for way in ways if (tau := _estimate_offset(windows, way[1])) for pair in _pair_rates(windows, [way], tau)]
+        tried += [one for pair in late for one in _fit_scales_and_axes(pair, scales)]
+        pairs += late
     if unit in ANGLE_UNITS and min((one.residual for one in tried), default=np.inf) > FITS:
-        summed = _sum_increments(windows)
         word = f"the gyro as increments in {unit}{PER_SAMPLE}, not {unit}"
-        tried += [
-            one for words, reference in ways for one in _evaluate_readings(summed, reference, (*words, word), 0.0, scales)
-        ]
+        summed = _pair_rates(_sum_increments(windows), [((*words, word), reference) for words, reference in ways])
+        tried += [one for pair in summed for one in _fit_scales_and_axes(pair, scales)]
     best = min((one.residual for one in tried), default=np.inf)
     rotated = None
     if best > FITS:
-        rotated = _find_rotation(windows, ways, scales, LARGEST_RESIDUAL_RATIO * min(best, as_read.residual, 2 * HOPELESS))
-    if best > FITS:
+        smallest = min(best, as_read.residual, 2 * HOPELESS)
+        rotated = _find_rotation(pairs, scales, LARGEST_RESIDUAL_RATIO * smallest)
+        smallest = min(smallest, np.inf if rotated is None else rotated.residual)
         aligned = _align(windows, unit in ANGLE_UNITS)
-        smallest = min(best, as_read.residual, 2 * HOPELESS, np.inf if rotated is None else rotated.residual)
-        if aligned is not None and aligned.residual <= LARGEST_RESIDUAL_RATIO * smallest:
+        if aligned is not None and aligned.residual > LARGEST_RESIDUAL_RATIO * smallest:
+            aligned = None
+        smallest = min(smallest, np.inf if aligned is None else aligned.residual)
+        if G is not None and smallest > FITS:
+            skew = _find_skew_axes(windows, pairs, scales, G, LARGEST_RESIDUAL_RATIO * smallest)
+            rotated, aligned = (rotated, aligned) if skew is None else (skew, None)
+        if aligned is not None:
             return Agreement(as_read, (), None, aligned)
     if best > min(LARGEST_RESIDUAL_RATIO * as_read.residual, HOPELESS):
         return Agreement(as_read, (), rotated, cause=_describe_cause(windows))
@@ -288,46 +306,40 @@ def _evaluate_as_read(windows: Motion) -> Reading:
     reference = windows.attitudes()
     gyro, inside = windows.gyro()
     reference, gyro = reference[inside], gyro[inside]
-    if len(reference) < 3:
+    if len(reference) < FEWEST_RATE_WINDOWS:
         return Reading((), 0, np.inf, 0.0)
     left = reference - gyro
     centred = _compute_rms(left - left.mean(axis=0)) / _compute_rms(reference - reference.mean(axis=0))
     return Reading((), 0, min(_compute_rms(left) / _compute_rms(reference), centred), 0.0)
 
 
-def _evaluate_readings(
-    windows: Motion, reference: Array, words: tuple[str, ...], offset: float, scales: dict[str, float]
-) -> list[Reading]:
-    """The best of all s and Π for one reading of the attitudes at one time offset."""
-    gyro, inside = windows.gyro(offset)
-    if inside.sum() < 3:
-        return []
-    late = (f"{offset:+.3g} s added to the attitudes' time tags",) if offset else ()
-    return [
-        Reading((*words, *one.changes, *late), one.count + len(words) + len(late), one.residual, offset)
-        for one in _fit_scales_and_axes(reference[inside], gyro[inside], scales)
+def _pair_rates(windows: Motion, ways: Sequence[tuple[tuple[str, ...], Array]], offset_s: float = 0.0) -> list[RatePair]:
+    """Mean rates by both sides of each reading of the attitudes, at one time offset."""
+    gyro, inside = windows.gyro(offset_s)
+    late = (f"{offset_s:+.3g} s added to the attitudes' time tags",) if offset_s else ()
+    pairs = [
+        ((*words, *late), reference[inside], gyro[inside]) for words, reference in ways if inside.sum() >= FEWEST_RATE_WINDOWS
     ]
+    return [RatePair(words, offset_s, r - r.mean(axis=0), g - g.mean(axis=0)) for words, r, g in pairs]
 
 
-def _fit_scales_and_axes(reference: Array, gyro: Array, scales: dict[str, float]) -> list[Reading]:
-    """The best of all s and Π."""
-    r, g = reference - reference.mean(axis=0), gyro - gyro.mean(axis=0)
-    whole = float(np.sum(r * r))
-    cross, own = r.T @ g, float(np.sum(g * g))
+def _fit_scales_and_axes(pair: RatePair, scales: dict[str, float]) -> list[Reading]:
+    """The best of all s and Π for one reading of the attitudes."""
+    whole = float(np.sum(pair.reference**2))
+    cross, own = pair.reference.T @ pair.gyro, float(np.sum(pair.gyro**2))
+    direction = pair.words[: len(pair.words) - bool(pair.offset_s)]
     out = []
     for name, scale in scales.items():
         for words, Pi in TURNS:
             left = max(whole - 2 * scale * float(np.sum(Pi * cross)) + scale**2 * own, 0.0)
             if left < whole:
-                changes = tuple(filter(None, (name, words)))
-                moved = int(np.sum(np.diag(Pi) != 1)) + bool(name)
-                out.append(Reading(changes, moved, float(np.sqrt(left / whole)), 0.0))
+                changes = (*direction, *filter(None, (name, words)), *pair.words[len(direction) :])
+                moved = int(np.sum(np.diag(Pi) != 1)) + bool(name) + len(pair.words)
+                out.append(Reading(changes, moved, float(np.sqrt(left / whole)), pair.offset_s))
     return sorted(out, key=lambda one: (one.residual, one.count))[:8]
 
 
-def _find_rotation(
-    windows: Motion, ways: list[tuple[tuple[str, ...], Array]], scales: dict[str, float], largest: float
-) -> RotatedReading | None:
+def _find_rotation(pairs: list[RatePair], scales: dict[str, float], largest: float) -> MatrixReading | None:
     """Find the reading with a rotation of the gyro's axes that fits best and changes least.
 
     Parameters
@@ -335,28 +347,94 @@ def _find_rotation(
     largest : residual over motion beyond which no rotation is named
     """
     found = []
-    for words, reference in ways:
-        for offset in {0.0, _estimate_offset(windows, reference)}:
-            gyro, inside = windows.gyro(offset)
-            if inside.sum() < LEAST_WINDOWS:
-                continue
-            late = (f"{offset:+.3g} s added to the attitudes' time tags",) if offset else ()
-            found += [
-                RotatedReading((*words, *filter(None, (name,)), *late), *_rotate(reference[inside], gyro[inside], scale))
-                for name, scale in scales.items()
-            ]
+    for pair in pairs:
+        if len(pair.gyro) < LEAST_WINDOWS:
+            continue
+        r, g = pair.reference, pair.gyro
+        C, common = rotate_onto(r, g)
+        whole = max(float(np.sum(r * r)), np.finfo(float).tiny)
+        angle = float(np.arccos(np.clip((np.trace(C) - 1) / 2, -1.0, 1.0)))
+        words = f"--mounting estimate, which rotates the gyro's axes by {np.rad2deg(angle):.3g} deg"
+        for name, scale in scales.items():
+            left = whole - 2 * scale * common + scale**2 * float(np.sum(g * g))
+            changes = (*pair.words, *filter(None, (name,)), words)
+            found.append(MatrixReading(changes, float(np.sqrt(max(left, 0.0) / whole)), angle))
+    return _choose_matrix(found, largest)
+
+
+def _find_skew_axes(
+    windows: Motion, pairs: list[RatePair], scales: dict[str, float], G: Array, largest: float
+) -> MatrixReading | None:
+    """Find the reading with three gyros in any direction that fits best and changes least.
+
+    With w_ref = M w + b and w = G w_raw, gyro i measures the rate along row i of (M G)⁻¹, in the axes of the attitudes.
+    """
+    found = []
+    overlap = len(windows.rows) * float(np.median(windows.stop_s - windows.start_s)) / np.ptp(windows.start_s)
+    for pair in pairs:
+        if len(pair.gyro) < LEAST_WINDOWS:
+            continue
+        r, g = pair.reference, pair.gyro
+        least = np.linalg.svd(g, compute_uv=False)[-1]
+        M = np.linalg.lstsq(g, r, rcond=None)[0].T
+        if not least > 0 or not abs(np.linalg.det(M)) > 0:
+            continue
+        left = r - g @ M.T
+        K = np.linalg.inv(M @ G)
+        size = np.linalg.norm(K, axis=1, keepdims=True)
+        axes = K / size
+        cosines = axes[[0, 0, 1]] * axes[[1, 2, 2]]
+        angles = np.arccos(np.clip(cosines.sum(axis=1), -1.0, 1.0))
+        skew = float(np.abs(angles - np.pi / 2).max())
+        # δK = −K δM G K, largest about the direction in which the motion is smallest; overlapping windows share their errors.
+        sigma = _compute_rms(left) * np.sqrt(max(overlap, 1.0) / 3) / least * float(size.max())
+        if skew < max(LEAST_SKEW, SURE_IN_SIGMA * sigma):
+            continue
+        factor = 1 / float(np.cbrt(np.prod(size)))
+        near = [name for name, scale in scales.items() if abs(factor / scale - 1) < LEAST_FACTOR]
+        rows = ";".join(",".join(f"{value:.3f}" for value in row) for row in axes)
+        words = f"gyros that are {', '.join(f'{one:.0f}' for one in np.rad2deg(angles))} deg apart, not 90: --axes '{rows}'"
+        changes = (*pair.words, *filter(None, near[:1] if near else (f"the rates times {factor:.4g} (--rate-factor)",)), words)
+        found.append(MatrixReading(changes, _compute_rms(left) / _compute_rms(r), skew))
+    return _choose_matrix(found, largest)
+
+
+def _choose_matrix(found: list[MatrixReading], largest: float) -> MatrixReading | None:
+    """The one that changes least of those that fit as well as the best, if that fits well enough."""
     best = min((one.residual for one in found), default=np.inf)
     good = [one for one in found if one.residual <= max(RESIDUAL_TIE_FACTOR * best, best + 0.02)]
     return min(good, key=lambda one: (len(one.changes), one.residual)) if best <= largest else None
 
 
-def _rotate(reference: Array, gyro: Array, scale: float) -> tuple[float, float]:
-    """Residual over motion with the best rotation of the gyro's rates (n, 3), and the angle of that rotation, rad."""
-    r, g = reference - reference.mean(axis=0), gyro - gyro.mean(axis=0)
-    C, common = rotate_onto(r, g)
-    whole = max(float(np.sum(r * r)), np.finfo(float).tiny)
-    left = whole - 2 * scale * common + scale**2 * float(np.sum(g * g))
-    return float(np.sqrt(max(left, 0.0) / whole)), float(np.arccos(np.clip((np.trace(C) - 1) / 2, -1.0, 1.0)))
+def describe_mean_rates(windows: Motion) -> str:
+    """What the mean rates of a nearly constant motion show of the gyro's axes, in words; empty where they agree.
+
+    A constant bias explains any difference of the two, so that no reading is refused for it. No mounting changes the size.
+    """
+    gyro, inside = windows.gyro()
+    reference, gyro = windows.attitudes()[inside], gyro[inside]
+    if len(gyro) < FEWEST_RATE_WINDOWS:
+        return ""
+    a, b = reference.mean(axis=0), gyro.mean(axis=0)
+    by_attitudes, by_gyro = float(np.linalg.norm(a)), float(np.linalg.norm(b))
+    if windows.is_coarse or _compute_rms(gyro - b) > FITS * by_gyro:
+        return ""  # there the motion tells
+    span = float(windows.stop_s[inside][-1] - windows.start_s[inside][0])
+    count = max(span / float(np.median(windows.stop_s - windows.start_s)), 1.0)
+    sigma = _compute_rms(reference - a) / np.sqrt(count)
+    off = float(np.linalg.norm(a - b))
+    if by_attitudes < SURE_IN_SIGMA * sigma or off <= max(FITS * by_attitudes, SURE_IN_SIGMA * sigma):
+        return ""
+    # Errors across the rate lengthen it by half their square over it.
+    own = float(np.std((reference - a) @ a)) / by_attitudes / np.sqrt(count) + sigma**2 / (2 * by_attitudes)
+    degrees = np.rad2deg([by_gyro, by_attitudes, own, off])
+    sizes = f"the mean rate is {degrees[0]:.4g} deg/s by the gyro, {degrees[1]:.4g} ± {degrees[2]:.1g} deg/s by the attitudes"
+    if abs(by_gyro - by_attitudes) <= max(FITS * by_attitudes, SURE_IN_SIGMA * own):
+        return f"{sizes}, in another direction: a bias of {degrees[3]:.3g} deg/s, or a rotation (--mounting estimate)"
+    return (
+        f"{sizes}, which no rotation explains: a bias of {degrees[3]:.3g} deg/s, gyros that are not at right angles (--axes), "
+        f"or a factor (--rate-factor {by_attitudes / by_gyro:.4g}); the motion does not tell them apart"
+    )
 
 
 def _estimate_offset(windows: Motion, reference: Array) -> float:
@@ -380,7 +458,7 @@ def _estimate_offset(windows: Motion, reference: Array) -> float:
 
 def _correlate_speeds(windows: Motion, speed: Array, tau: float) -> float:
     gyro, inside = windows.gyro(tau)
-    if inside.sum() < max(3, 0.5 * inside.size):
+    if inside.sum() < max(FEWEST_RATE_WINDOWS, 0.5 * inside.size):
         return np.nan
     a, b = speed[inside], np.linalg.norm(gyro[inside], axis=1)
     a, b = a - a.mean(), b - b.mean()

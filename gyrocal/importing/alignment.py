@@ -14,10 +14,11 @@ estimator by clusters; White, Econometrica 48, 1980).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import correlate
 from scipy.spatial.transform import Rotation
 
 from gyrocal.importing.motion import MOST_WINDOW_TURN, Motion, build_motion, rotate_onto
@@ -152,12 +153,8 @@ def estimate_alignment(
         # τ and f of the fit are beside those from which it began.
         total = factor * one.time_factor
         scale = total if accumulated else 1.0
-        found.append(
-            Alignment(
-                offset + one.offset_s, one.offset_sigma, total, factor * one.time_sigma, one.reverse, one.C, one.turn_sigma,
-                one.factor * scale, one.factor_sigma * scale, one.bias, one.residual,
-            )
-        )  # fmt: skip
+        clock = replace(one, offset_s=offset + one.offset_s, time_factor=total, time_sigma=factor * one.time_sigma)
+        found.append(replace(clock, factor=one.factor * scale, factor_sigma=one.factor_sigma * scale))
     return min(found, key=lambda one: one.residual, default=None)
 
 
@@ -323,18 +320,13 @@ def _search(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Array) -
 
 def _correlate(a: Array, b: Array) -> tuple[float, int]:
     """Largest normalised correlation of a(i) and b(i + lag) over their common points, and the lag."""
-    size = 1 << int(np.ceil(np.log2(a.size + b.size)))
     a, b = a - a.mean(), b - b.mean()
     ones_a, ones_b = np.ones(a.size), np.ones(b.size)
-
-    def correlate(x: Array, y: Array) -> Array:
-        return np.fft.irfft(np.conj(np.fft.rfft(x, size)) * np.fft.rfft(y, size), size)
-
-    n = np.maximum(np.round(correlate(ones_a, ones_b)), 1)
-    sa, sb = correlate(a, ones_b), correlate(ones_a, b)
-    ab, aa, bb = correlate(a, b), correlate(a * a, ones_b), correlate(ones_a, b * b)
+    n = np.maximum(np.round(correlate(ones_b, ones_a, method="fft")), 1)
+    sa, sb = correlate(ones_b, a, method="fft"), correlate(b, ones_a, method="fft")
+    ab, aa, bb = (correlate(*pair, method="fft") for pair in ((b, a), (ones_b, a * a), (b * b, ones_a)))
     va, vb = aa - sa**2 / n, bb - sb**2 / n
     whole = (n >= LEAST_COMMON * min(a.size, b.size)) & (va > 1e-9 * aa.max()) & (vb > 1e-9 * bb.max())
     score = np.where(whole, (ab - sa * sb / n) / np.sqrt(np.maximum(va * vb, 1e-300)), -1.0)
-    lag = int(np.argmax(score))
-    return float(score[lag]), lag if lag < b.size else lag - size
+    best = int(np.argmax(score))
+    return float(score[best]), best - (a.size - 1)

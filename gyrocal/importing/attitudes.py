@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -105,10 +106,7 @@ def _find_nearest(t_s: Array, wanted: Array) -> Indices:
     inside = np.flatnonzero((t_s >= wanted[0] - SAME_S) & (t_s <= wanted[-1] + SAME_S))
     if not inside.size:
         return inside
-    after = np.clip(np.searchsorted(t_s[inside], wanted), 0, inside.size - 1)
-    before = np.maximum(after - 1, 0)
-    nearest = np.where(wanted - t_s[inside][before] < t_s[inside][after] - wanted, before, after)
-    return np.asarray(inside[np.unique(nearest)])
+    return np.asarray(inside[np.unique(pd.Index(t_s[inside]).get_indexer(pd.Index(wanted), method="nearest"))])
 
 
 def _build_sensors(sensors: tuple[Sensor, ...], joined: JoinedAttitudes, mapping: Mapping) -> tuple[AttitudeSensor, ...]:

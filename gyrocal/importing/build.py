@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from gyrocal.errors import InputError
 from gyrocal.importing import attitudes
-from gyrocal.importing.agreement import FITS, HOPELESS, Agreement, evaluate_agreement
+from gyrocal.importing.agreement import FITS, HOPELESS, Agreement, describe_mean_rates, evaluate_agreement
 from gyrocal.importing.alignment import Alignment, estimate_alignment, refine
 from gyrocal.importing.column_mapping import (
     ATTITUDE_DIRECTIONS,
@@ -139,7 +139,7 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
     K = np.asarray(np.linalg.pinv(G))
     unmoved = np.asarray(streams.raw @ compute_parity_basis(K, np.arange(len(K))))  # (n, k − 3), whatever the motion
     estimated = partial(_estimate_gyro, streams, mapping, rates, joined, windows, unmoved)
-    found = _evaluate(windows, mapping, streams.sensors[0])
+    found = _evaluate(windows, mapping, streams.sensors[0], G)
     late_s = LATE * streams.sample_s if check else np.inf
     said += _check_agreement(found, late_s, windows.is_coarse, lambda: _find_largest_miss(joined, estimated))
     near = refine(windows, reverse=False)
@@ -168,6 +168,7 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
         else tuple(one.interval for one in mapping.interval),
     )
     warnings = _list_warnings(found, mapping, G, near, gyro, bool(still))
+    warnings += [text for text in [describe_mean_rates(windows)] if text and mapping.bias_deg_s is None]
     return ImportResult(recording, mapping, tuple(said), streams.sensors, joined, tuple(warnings))
 
 
@@ -246,7 +247,7 @@ def _check_overlap(streams: Streams, joined: JoinedAttitudes) -> None:
     )
 
 
-def _evaluate(windows: Motion, mapping: Mapping, sensor: Sensor) -> Agreement:
+def _evaluate(windows: Motion, mapping: Mapping, sensor: Sensor, G: Array) -> Agreement:
     """How rates and attitudes fit, as the mapping reads them and otherwise."""
     _, (unit, *_) = parse_spec(mapping.gyro, "gyro")
     _, (time_unit, *_) = parse_spec(mapping.time, "time")
@@ -256,7 +257,8 @@ def _evaluate(windows: Motion, mapping: Mapping, sensor: Sensor) -> Agreement:
         order = QUATERNION_ORDERS[0] if is_scalar_first(names, words) else QUATERNION_ORDERS[1]
     reverse = any(ATTITUDE_DIRECTIONS.get(word, False) for word in words)
     others = _list_euler_readings(names, words, sensor) if windows.q.shape == sensor.q.shape else []
-    return evaluate_agreement(windows, unit, {"unix": "s"}.get(time_unit, time_unit), order, reverse, others=others)
+    time_unit = {"unix": "s"}.get(time_unit, time_unit)
+    return evaluate_agreement(windows, unit, time_unit, order, reverse, others=others, G=G if G.shape == (3, 3) else None)
 
 
 def _list_euler_readings(names: list[str], words: list[str], sensor: Sensor) -> list[tuple[tuple[str, ...], Array]]:

@@ -65,7 +65,7 @@ class Mapping(BaseModel):
     sample_number : column of the gyro's table that counts the samples
     rate_hz : samples a second; with it or the sample number the gyro's time tags are put on an even time base
     gyro_by, attitude_by : column that says which gyro or which attitude sensor a row is of
-    axes : direction of each gyro in the body, a row a gyro; or "tetrahedron"
+    axes : direction of each gyro in the body, a row a gyro; or "tetrahedron", three or all four of its axes
     G : 3×n in place of axes: ω = G ω_raw + b
     mounting : rotation vector in degrees from the gyros' axes to the attitudes'; "estimate" finds it
     tag : which part of a rate's sample its time tags
@@ -166,12 +166,13 @@ class Mapping(BaseModel):
         elif self.axes is None:
             if count != 3:
                 raise InputError(
-                    f"gyro: {count} columns; with other than three give the gyros' axes in the mapping file, a row "
-                    'a gyro: axes = [[1.0, 0.0, 0.0], …], or axes = "tetrahedron"'
+                    f"gyro: {count} columns; with other than three give the gyros' axes: --axes 'X,Y,Z;X,Y,Z;…', three numbers "
+                    "a gyro, or --axes tetrahedron"
                 )
             G = np.eye(3)
         else:
-            rows = np.array(TETRAHEDRON if self.axes == "tetrahedron" else self.axes)
+            # Any three axes of a tetrahedron are, but for a rotation or a reflection, its first three.
+            rows = np.array(TETRAHEDRON[: 3 if count == 3 else 4] if self.axes == "tetrahedron" else self.axes)
             if len(rows) != count:
                 raise InputError(f"axes: {len(rows)} rows, but {count} gyros")
             length = np.linalg.norm(rows, axis=1, keepdims=True)

@@ -73,10 +73,12 @@ def import_euroc(
         # q takes the reference sensor's axes to the world, and T_BS those of the IMU to them.
         attitude[names] = np.roll((Rotation.from_quat(q) * Rotation.from_matrix(turn)).as_quat(), 1, axis=1)
         said.append("the attitudes are turned from the reference sensor's axes to the IMU's by the T_BS of both")
+    rates = _find_columns(gyro, RATES, "imu0")
+    gyro = gyro[[gyro.columns[0], *rates]]  # alone: a folder has no column that counts samples or numbers gyros
     made = {
         "time": f"{gyro.columns[0]}:ns",
         "attitude_time": f"{attitude.columns[0]}:ns",
-        "gyro": f"{','.join(_find_columns(gyro, RATES, 'imu0'))}:rad/s",
+        "gyro": f"{','.join(rates)}:rad/s",
         "quat": f"{','.join(names)}:scalar-first:body-to-world",
         "title": f"EuRoC form, {root.resolve().parent.name}",
     }

@@ -39,9 +39,9 @@ def import_gyro_log(file: str | os.PathLike[str], entries: dict[str, Any]) -> tu
     mapping = validate_mapping(entries, "options", attitude_needed=False)
     table, _, mapping = resolve_columns(table, table, mapping)
     streams = read_gyro_log(table, mapping)
-    G = mapping.directions(streams.raw.shape[1])
     if streams.raw.shape[1] != 3:
         raise InputError(f"gyro: three columns are needed without attitudes, not {streams.raw.shape[1]}")
+    G = mapping.directions(3)
     arw = float(np.deg2rad(mapping.arw_deg_per_sqrt_s or 0.0))
     stop = float(streams.t_s[-1] + streams.sample_s)
     recording = Recording(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing import units
 from gyrocal.importing.column_mapping import Mapping, parse_spec
-from gyrocal.importing.table_rows import read_numbers, read_rows, select_columns
+from gyrocal.importing.table_rows import read_numbers, read_rows, select_columns, sort_rows
 from gyrocal.importing.time_base import fit_even_times, is_uneven
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def _unwrap_sample_number(values: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(step)])
 
 
-def put_on_even_times(
+def _put_on_even_times(
     t_s: Array, raw: Array, number: Array | None, mapping: Mapping, frame: pd.DataFrame
 ) -> tuple[Array, Array, list[str], list[str]]:
     """Time tags on an even time base where more than a percent of them are uneven, or the mapping states number or rate.
@@ -204,8 +204,27 @@ def _interpolate_gyros(
     return table, [f"each gyro has its own time tags: the angles of all are interpolated at those of {names[0]}"]
 
 
-def build_samples(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, Array, float, list[str]]:
-    """Starts, rates and length of the gyro's samples."""
+def build_samples(
+    t_s: Array, raw: Array, number: Array | None, mapping: Mapping, frame: pd.DataFrame
+) -> tuple[Array, Array, float, list[str], list[str]]:
+    """Starts, rates and length of the gyro's samples, what is changed of the tags, and what else is said.
+
+    Parameters
+    ----------
+    t_s, raw, number : of `read_gyro_rows`, tags in s
+    frame : the gyro's table
+    """
+    t_s, raw, changes, evened = _put_on_even_times(t_s, raw, number, mapping, frame)
+    t_s, raw, said = sort_rows(t_s, raw, "gyro")
+    t_s = t_s[0] + mapping.time_factor * (t_s - t_s[0])
+    t_s, raw, sample_s, more = _convert_to_rates(t_s, raw, mapping)
+    factors = {"gyro's time tags are about the first one": mapping.time_factor, "rates are": mapping.rate_factor}
+    more += [f"the {what} times {factor:.9g}" for what, factor in factors.items() if factor != 1]
+    return t_s, mapping.rate_factor * raw, sample_s, changes, [*evened, *said, *more]
+
+
+def _convert_to_rates(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, Array, float, list[str]]:
+    """Starts, rates and length of the samples of rows in the order of time."""
     _, words = parse_spec(mapping.gyro, "gyro")
     factor, accumulated = units.compute_gyro_factor(words[0], mapping.lsb)
     spacing = np.diff(t_s)

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gyrocal.importing.rests import QUIET, compute_speed, find_runs
+from gyrocal.importing.rests import QUIET, compute_speed
+from gyrocal.mask_runs import find_mask_runs
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -94,7 +95,7 @@ def _find_jumping_runs(identity: Mask, q: Array, path: Array) -> Mask:
         return out
     margin = JUMP_MARGIN * float(np.median(np.abs(turns - paths)[others]))
     jumps = turns > 2 * paths + margin
-    for first, stop in find_runs(identity):
+    for first, stop in find_mask_runs(identity):
         if (first > 0 and jumps[first - 1]) or (stop < identity.size and jumps[stop - 1]):
             out[first:stop] = True
     return out
@@ -126,7 +127,7 @@ def _find_held_rows(t_s: Array, q: Array, at: Array, noise: float, sample_s: flo
     def is_turn(angle: Array, elapsed_s: Array) -> Mask:
         return np.asarray(angle > TURNED_STEPS * step + NOISE_SIGMAS * noise * np.sqrt(elapsed_s * sample_s))
 
-    for first, stop in find_runs(same):
+    for first, stop in find_mask_runs(same):
         away = np.linalg.norm(at[first:stop] - at[first - 1], axis=1)
         out[first:stop] = is_turn(away, t_s[first:stop] - t_s[first - 1]).any()
     # Rows while the gyro turns: held ones, and measured ones to which it turned as far.

@@ -7,6 +7,7 @@ with fewer numbers if it leaves nearly as little.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from gyrocal.importing.motion import Motion
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 EXPLAINED = 0.5  # of e without the fault: RMS left
 AS_GOOD = 1.5  # times the least that is left
@@ -98,7 +100,7 @@ def _list_faults(windows: Motion) -> list[Fault]:
     later, sooner = windows.gyro(h)[0][inside], windows.gyro(-h)[0][inside]
     clock = _find_jump(rest, (later - sooner) / (2 * h), middle)
     if clock is not None:
-        when, before, after, values = clock
+        when, (before, after), values = clock
         words = f"a clock that jumped by {after - before:+.3g} s at {when:.6g} s (time offset {before:+.3g} s before)"
         out.append(Fault("jump", words, compute_rest(values)))
     clipped = _find_clipping(reference, gyro)
@@ -109,29 +111,31 @@ def _list_faults(windows: Motion) -> list[Fault]:
 
 
 def _find_step(rest: Array, middle: Array) -> tuple[float, Array, Array] | None:
-    best: tuple[float, float, Array, Array] | None = None
-    for when in _list_times(middle):
-        before = middle < when
+    """Time of a step, its size (3,), and what it leaves."""
+
+    def fit(before: Mask) -> tuple[Array, Array]:
         a, b = rest[before].mean(axis=0), rest[~before].mean(axis=0)
-        values = rest - np.where(before[:, None], a, b)
-        square = float(np.sum(values * values))
-        if best is None or square < best[0]:
-            best = (square, when, b - a, values)
-    return None if best is None else best[1:]
+        return b - a, rest - np.where(before[:, None], a, b)
+
+    return _find_time(fit, middle)
 
 
-def _find_jump(rest: Array, slope: Array, middle: Array) -> tuple[float, float, float, Array] | None:
-    best: tuple[float, float, float, float, Array] | None = None
-    for when in _list_times(middle):
-        before = middle < when
-        tau = [
-            float(np.sum(rest[part] * slope[part]) / max(np.sum(np.square(slope[part])), 1e-300)) for part in (before, ~before)
-        ]
-        values = rest - np.where(before, *tau)[:, None] * slope
-        square = float(np.sum(values * values))
-        if best is None or square < best[0]:
-            best = (square, when, tau[0], tau[1], values)
-    return None if best is None else best[1:]
+def _find_jump(rest: Array, slope: Array, middle: Array) -> tuple[float, Array, Array] | None:
+    """Time of a jump of the clock, offsets before and after, and what it leaves."""
+
+    def fit(before: Mask) -> tuple[Array, Array]:
+        tau = np.array(
+            [np.sum(rest[part] * slope[part]) / max(np.sum(np.square(slope[part])), 1e-300) for part in (before, ~before)]
+        )
+        return tau, rest - np.where(before, *tau)[:, None] * slope
+
+    return _find_time(fit, middle)
+
+
+def _find_time(fit: Callable[[Mask], tuple[Array, Array]], middle: Array) -> tuple[float, Array, Array] | None:
+    """The time at which a fit of two parts leaves least, with what it finds and leaves."""
+    found = [(float(when), *fit(middle < when)) for when in _list_times(middle)]
+    return min(found, key=lambda one: float(np.sum(np.square(one[2]))), default=None)
 
 
 def _list_times(middle: Array) -> Array:

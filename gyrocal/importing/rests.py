@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gyrocal.mask_runs import find_mask_runs
+
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 REST_WINDOW_S = 0.5  # in which the scatter of the rates tells rest from motion
 FEWEST_REST_SAMPLES = 5  # samples in it
@@ -15,12 +16,6 @@ QUIET = 2.5  # times the quietest scatter
 REST_SPEED_SHARE = 0.02  # of the motion: a body that turns slower is at rest, as far as the attitudes tell
 SHORTEST_REST_S = 3.0
 SPEED_S = 1.0
-
-
-def find_runs(mask: Mask) -> list[tuple[int, int]]:
-    """First and one past the last index of each stretch of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-    return [(int(first), int(stop)) for first, stop in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def find_rests(rates: Array, sample_s: float, speed: Array) -> list[tuple[int, int]]:
@@ -41,7 +36,7 @@ def find_rests(rates: Array, sample_s: float, speed: Array) -> list[tuple[int, i
     motion = float(np.sqrt(np.mean(np.square(speed))))
     still = (scatter <= QUIET * np.percentile(scatter, 5)) & (turning <= REST_SPEED_SHARE * motion)
     out = []
-    for first, stop in find_runs(still):
+    for first, stop in find_mask_runs(still):
         # A window at either end may hold the beginning of a motion.
         a, b = (first + 1) * size, (stop - 1) * size
         if (b - a) * sample_s >= SHORTEST_REST_S:

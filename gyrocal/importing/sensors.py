@@ -21,6 +21,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -32,6 +33,7 @@ Array = NDArray[np.float64]
 
 FEWEST_COMMON_TIMES = 10  # common times
 GAP_STEPS = 1.5  # of a sensor's usual step: it has dropped out in a longer one
+DIRECTION_SCATTER_RATIO = 0.5  # times the scatter as read: sensors of the other direction must stand so much stiller
 MOUNTING_TOLERANCE = np.deg2rad(2.0)  # of a sensor from its stated mounting: more is another mounting
 
 
@@ -89,7 +91,13 @@ def join_sensors(
         common = seen[0] & mask
         if common.sum() < FEWEST_COMMON_TIMES:
             raise InputError(f"attitude: {int(common.sum())} common times of {first.name}, {one.name} are too few")
-        mean = Rotation.from_matrix(A[common] @ values[common].transpose(0, 2, 1)).mean().as_matrix()
+        mean, scatter = _compute_mean_turn(A[common], values[common])
+        _, other = _compute_mean_turn(own[0][common].transpose(0, 2, 1), values[common].transpose(0, 2, 1))
+        if other < DIRECTION_SCATTER_RATIO * scatter:
+            raise InputError(
+                f"attitude: {first.name} and {one.name} turn against each other by {np.rad2deg(scatter):.2g} deg RMS as read, "
+                f"by {np.rad2deg(other):.2g} deg with the other direction (body-to-inertial for inertial-to-body, or back)"
+            )
         mounting[one.name] = mean if mountings is None else mountings[one.name].T
         off = float(Rotation.from_matrix(mounting[one.name].T @ mean).magnitude())
         if off > MOUNTING_TOLERANCE:
@@ -118,6 +126,13 @@ def join_sensors(
     return JoinedAttitudes(t_s, q, np.asarray(np.linalg.inv(sum(weights))), mounting, sigma, apart)
 
 
+def _compute_mean_turn(A: Array, B: Array) -> tuple[Array, float]:
+    """Mean rotation (3, 3) of A Bᵀ, and the RMS angle from it, rad."""
+    turns = Rotation.from_matrix(A @ B.transpose(0, 2, 1))
+    mean = turns.mean()
+    return mean.as_matrix(), float(np.sqrt(np.mean(np.square((mean.inv() * turns).magnitude()))))
+
+
 def _compute_spacing(sensor: Sensor) -> float:
     return float(np.median(np.diff(sensor.t_s)))
 
@@ -126,11 +141,8 @@ def _merge_times(sensors: tuple[Sensor, ...]) -> Array:
     """Times of the first, and of each further one where all before it have dropped out."""
     t_s = sensors[0].t_s
     for one in sensors[1:]:
-        near = (
-            t_s[np.clip(np.searchsorted(t_s, one.t_s), 1, t_s.size - 1)],
-            t_s[np.clip(np.searchsorted(t_s, one.t_s) - 1, 0, None)],
-        )
-        away = np.minimum(np.abs(near[0] - one.t_s), np.abs(near[1] - one.t_s)) > GAP_STEPS * _compute_spacing(sensors[0])
+        near = t_s[pd.Index(t_s).get_indexer(pd.Index(one.t_s), method="nearest")]
+        away = np.abs(near - one.t_s) > GAP_STEPS * _compute_spacing(sensors[0])
         t_s = np.sort(np.concatenate([t_s, one.t_s[away]]))
     return t_s
 
@@ -151,7 +163,7 @@ def _interpolate_attitudes(sensor: Sensor, t_s: Array) -> Array:
 
 def estimate_scatter(sensor: Sensor, lag_s: float) -> Array:
     """(3,) 1-sigma about the sensor's own axes, rad, from second differences over a lag."""
-    step = float(np.median(np.diff(sensor.t_s)))
+    step = _compute_spacing(sensor)
     lag = max(round(lag_s / step), 1)
     q = Rotation.from_quat(sensor.q)
     if sensor.t_s.size < 2 * lag + FEWEST_COMMON_TIMES:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing import units
 from gyrocal.importing.column_mapping import Mapping, convert_attitude, parse_spec
-from gyrocal.importing.gyro_samples import build_samples, put_on_even_times, read_gyro_rows
+from gyrocal.importing.gyro_samples import MOST_LOST_SHARE, build_samples, read_gyro_rows
 from gyrocal.importing.table_rows import read_rows, select_columns, sort_rows
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 UNDATED = "2000-01-01T00:00:00"  # epoch of files without a date
-MOST_LOST_SHARE = 0.01  # of the rows; more that are lost or changed are said first
 
 
 @dataclass(frozen=True)
@@ -143,20 +142,7 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
         times, rows, said = sort_rows(one.subtract(origin) + offset, values, f"attitude {name}".strip())
         sensors.append(_build_sensor(name, times, rows, mapping))
         assumed += said
-    t_s, raw, changes, said = put_on_even_times(clock_g.subtract(origin), raw, number, mapping, gyro)
-    assumed += said
-    t_s, raw, said = sort_rows(t_s, raw, "gyro")
-    assumed += said
-    t_s, raw, sample_s, said = build_samples(t_s[0] + mapping.time_factor * (t_s - t_s[0]), raw, mapping)
-    raw = mapping.rate_factor * raw
-    said += [
-        f"the {what} times {factor:.9g}"
-        for what, factor in (
-            ("gyro's time tags are about the first one", mapping.time_factor),
-            ("rates are", mapping.rate_factor),
-        )
-        if factor != 1
-    ]
+    t_s, raw, sample_s, changes, said = build_samples(clock_g.subtract(origin), raw, number, mapping, gyro)
     for k, sensor in enumerate(sensors):
         keep, lost = leave_out_lost_references(sensor.t_s, sensor.q, t_s, raw, sample_s, f"attitude {sensor.name}".strip())
         sensors[k] = sensor.select_rows(keep)
@@ -171,11 +157,9 @@ def read_gyro_log(gyro: pd.DataFrame, mapping: Mapping) -> Streams:
     clock, raw, channels, number, assumed = read_gyro_rows(gyro, mapping)
     start = int(clock.whole.min()) if clock.scale else 0
     epoch = units.convert_to_date(start, clock.scale).replace(tzinfo=None).isoformat() if clock.scale else UNDATED
-    t_s, raw, changes, evened = put_on_even_times(clock.subtract(start), raw, number, mapping, gyro)
-    t_s, raw, said = sort_rows(t_s, raw, "gyro")
-    t_s, raw, sample_s, more = build_samples(t_s, raw, mapping)
+    t_s, raw, sample_s, changes, said = build_samples(clock.subtract(start), raw, number, mapping, gyro)
     time_scale = clock.scale or "seconds of the file"
-    return Streams(t_s, raw, sample_s, channels, (), epoch, time_scale, (*changes, *assumed, *evened, *said, *more))
+    return Streams(t_s, raw, sample_s, channels, (), epoch, time_scale, (*changes, *assumed, *said))
 
 
 def _put_large_losses_first(said: list[str], gyro_rows: int, attitude_rows: int) -> list[str]:

@@ -34,7 +34,9 @@ def read_rows(
     if not good.any():
         raise InputError(f"{key}: no row of {', '.join(names)} holds numbers")
     entry, tags, unit = time
-    clock = units.build_clock(select_columns(frame, tags, entry).iloc[np.flatnonzero(good)], require_one_unit(unit, entry))
+    if len(unit) != 1:
+        raise InputError(f"{entry}: one unit is wanted, not {':'.join(unit)}")
+    clock = units.build_clock(select_columns(frame, tags, entry).iloc[np.flatnonzero(good)], unit[0])
     if good.all():
         return clock, values, []
     zeros = ", or of zeros alone," if np.isfinite(values[~good]).all(axis=1).any() else ""
@@ -64,13 +66,6 @@ def select_columns(frame: pd.DataFrame, names: list[str], what: str) -> pd.DataF
     if missing:
         raise InputError(f"{what}: no column {', '.join(missing)}; there are {', '.join(map(str, frame.columns))}")
     return frame[names]
-
-
-def require_one_unit(words: list[str], what: str) -> str:
-    """Return the only word; none and several are refused."""
-    if len(words) != 1:
-        raise InputError(f"{what}: one unit is wanted, not {':'.join(words)}")
-    return words[0]
 
 
 def sort_rows(t_s: Array, values: Array, what: str) -> tuple[Array, Array, list[str]]:

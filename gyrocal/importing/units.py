@@ -115,10 +115,6 @@ def convert_to_utc(clock: Clock) -> Clock:
     """GPS tags as UTC ones; UTC ones as they are."""
     if clock.scale == "UTC":
         return clock
-    if clock.scale != "GPS":
-        raise InputError(
-            "time: one table has dates and the other seconds from an unknown start; --align auto finds the offset between them"
-        )
     shift = round((GPS_EPOCH - UNIX_EPOCH).total_seconds())
     behind = count_leap_seconds(convert_to_date(int(clock.whole[0]), "GPS"))
     return Clock(clock.whole + shift - behind, clock.part, "UTC")

@@ -18,13 +18,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.gap_interpolation import find_mask_runs
 from diagnosis.detectors.lattice import find_lattice_step
 from diagnosis.detectors.repeats import bridge_repeats
 from diagnosis.detectors.sample_noise import SETTINGS as NOISE
 from diagnosis.detectors.sample_report import Stream, mark_consecutive_samples, mark_interval_samples
 from diagnosis.settings import DEFAULT
 from gyrocal import Recording
+from gyrocal.mask_runs import find_mask_runs
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

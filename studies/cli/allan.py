@@ -8,19 +8,17 @@ import click
 from gyrocal import importing
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording, load
-from studies.cli.options import PATH, add_json_option, add_output_option
+from studies.cli.options import GYRO_TABLE_OPTIONS, PATH, add_json_option, add_options, add_output_option
 from studies.montecarlo.files import write_json, write_text
 from studies.report.console import make_console
+
+OPTION_NAMES = {"file": "mapping", "rate_hz": "rate", "sample_number": "sample-number"}  # of those with another word
 
 
 @click.command("allan")
 @click.argument("recording", type=PATH)
 @click.option("--interval", metavar="NAME", help="Look at this interval only.")
-@click.option("--time", metavar="COLUMN:UNIT", help="Of a CSV table, as of import csv.")
-@click.option("--gyro", metavar="COLUMNS:UNIT", help="Of a CSV table, as of import csv.")
-@click.option("--lsb", metavar="'SIZE UNIT'", help="Of counts in a CSV table, as of import csv.")
-@click.option("--wrap", type=float, help="Where an accumulated angle wraps in a CSV table, as of import csv.")
-@click.option("--mapping", "mapping", type=PATH, help="Mapping of a CSV table as TOML, as of import csv.")
+@add_options(*GYRO_TABLE_OPTIONS)
 @add_json_option("deviation, bands and terms")
 @add_output_option("--report", help="Write a page with the figure (HTML, needs no network) to this file.")
 @add_output_option("--figure", help="Write the figure alone to this file, .svg or .png.", endings=(".svg", ".png"))
@@ -31,7 +29,7 @@ def command(
 
     Rests are used as recorded; where the body moves, the motion that the references show is taken out. Each term has its size
     with sigma, or a bound if it is not seen, beside what the recording states. RECORDING may be a CSV table of a gyro
-    alone, with --time and --gyro. See docs/allan.md.
+    alone, with --time and --gyro and what else import csv takes of it. See docs/allan.md.
 
     \b
     Examples:
@@ -64,11 +62,13 @@ def _load_recording_or_table(path: Path, options: dict[str, Any]) -> Recording:
     given = {name: value for name, value in options.items() if value is not None}
     if not path.is_file():
         if given:
-            raise InputError(f"{', '.join(f'--{name}' for name in given)}: for a CSV table; {path} is none")
+            raise InputError(
+                f"{', '.join(f'--{OPTION_NAMES.get(name, name)}' for name in given)}: for a CSV table; {path} is none"
+            )
         return load(path, without_references=True)
     from gyrocal.importing.gyro_log import import_gyro_log
 
-    file = given.pop("mapping", None)
+    file = given.pop("file", None)
     loaded, assumed = import_gyro_log(path, (importing.load_mapping(file) if file else {}) | given)
     for text in assumed:
         click.echo(f"Assumed: {text}.")

@@ -13,7 +13,7 @@ import numpy as np
 from gyrocal.calibration.gyro_space import Parametrisation, select_parameter_space
 from gyrocal.calibration.parameters import GyroParameters, select
 from gyrocal.errors import InputError
-from gyrocal.importing import read_estimated_noise
+from gyrocal.importing import read_estimated_noise, read_import_warnings
 from gyrocal.recording import Recording, load
 from studies.cli.options import (
     JUNIT,
@@ -159,6 +159,8 @@ def command(
     for text in fail_on:
         parse_condition(text, CONDITIONS)
     loaded = load(recording)
+    for text in read_import_warnings(recording):
+        click.echo(f"implausible: {text}")
     if loaded.is_array:
         changed = {"solve-for": solve_for != "all", "parametrisation": parametrisation != "gain"}
         changed |= {"step": options["step_s"] is not None, "covariance": covariance != "full"}

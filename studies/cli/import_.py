@@ -9,8 +9,8 @@ from gyrocal import importing
 from gyrocal.errors import InputError
 from gyrocal.recording import save
 from studies.cli import import_formats
-from studies.cli.import_formats import IMPORT_JSON_OPTION, OUT, TAG, add_alignment_options, show
-from studies.cli.options import FORCE, PATH, refuse_existing
+from studies.cli.import_formats import IMPORT_JSON_OPTION, OUT, TABLE, show
+from studies.cli.options import FORCE, PATH, add_options, refuse_existing
 
 
 @click.group("import")
@@ -31,28 +31,17 @@ for one in import_formats.IMPORT_COMMANDS:
 
 @command.command("csv")
 @click.argument("files", type=PATH, nargs=-1, required=True)
-@click.option("--mapping", "file", type=PATH, help="Mapping as TOML: the options' words, and axes, G, mounting, bias, ….")
-@click.option("--time", metavar="COLUMN:UNIT", help="s, ms, us, ns, unix, iso or gps; e.g. timestamp_ms:ms.")
-@click.option("--gyro", metavar="COLUMNS:UNIT", help="rad/s, deg/s, deg/h, counts; deg, rad, arcsec of accumulated angle.")
 @click.option(
     "--quat", metavar="COLUMNS:DIRECTION", help="E.g. qw,qx,qy,qz:body-to-inertial; :scalar-last if names do not tell."
 )
 @click.option("--euler", metavar="COLUMNS:…", help="E.g. yaw,pitch,roll:deg:ZYX:body-to-inertial.")
 @click.option("--matrix", metavar="COLUMNS:DIRECTION", help="Nine columns, row by row.")
 @click.option("--attitude-time", metavar="COLUMN:UNIT", help="Of the attitudes, where it is not as of the gyro.")
-@import_formats.ROWS_OPTION
-@import_formats.RATE
-@import_formats.SAMPLE_NUMBER
-@click.option("--lsb", metavar="'SIZE UNIT'", help="Of counts, e.g. '0.0175 deg/s', or '5e-9 rad' of accumulated angle.")
-@click.option("--wrap", type=float, help="Where an accumulated angle wraps, in the column's own unit.")
-@TAG
 @click.option("--gyro-by", metavar="COLUMN", help="Says which gyro a row is of; --gyro then names one column.")
 @click.option("--attitude-by", metavar="COLUMN", help="Says which attitude sensor a row is of.")
 @click.option("--interval", "interval_s", type=float, help="Longest interval, s.")
-@add_alignment_options
 @click.option("--title", help="Of the recording.")
-@FORCE
-@IMPORT_JSON_OPTION
+@add_options(*TABLE)
 def import_csv_command(files: tuple[Path, ...], file: Path | None, force: bool, as_json: Path | None, **options: Any) -> None:
     """Import GYRO.csv and ATTITUDE.csv, or one table with both, and write the recording to the folder OUT: FILES are these.
 

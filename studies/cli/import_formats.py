@@ -13,7 +13,16 @@ from gyrocal.importing import acm, aem, kalibr
 from gyrocal.importing.columns import resolve_columns
 from gyrocal.importing.streams import read_csv, read_streams
 from gyrocal.importing.units import RATE_UNITS
-from studies.cli.options import FOLDER_TYPE, FORCE, PATH, add_json_option, refuse_existing
+from studies.cli.options import (
+    FOLDER_TYPE,
+    FORCE,
+    GYRO_TABLE_OPTIONS,
+    PATH,
+    RATE,
+    add_json_option,
+    add_options,
+    refuse_existing,
+)
 from studies.montecarlo.files import write_json
 from studies.report.console import make_console
 
@@ -25,11 +34,6 @@ if TYPE_CHECKING:
 
 OUT = click.argument("out", type=FOLDER_TYPE)
 GYRO_ARGUMENT = click.argument("gyro_file", type=PATH, metavar="GYRO.csv")
-RATE = click.option("--rate", "rate_hz", type=float, help="Gyro samples a second; the time tags are put on an even time base.")
-SAMPLE_NUMBER = click.option("--sample-number", metavar="COLUMN", help="Column of the gyro's table that counts the samples.")
-ROWS_OPTION = click.option(
-    "--rows", metavar="COLUMN:VALUE", help="Rows of the gyro's table to read, where it holds several gyros."
-)
 
 
 class WordsOrNumbers(click.ParamType):
@@ -56,6 +60,24 @@ class WordsOrNumbers(click.ParamType):
         return numbers[0] if len(numbers) == 1 else numbers
 
 
+class Axes(click.ParamType):
+    """Directions of gyros, or a word for them."""
+
+    name = "text"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The word, or a list of three numbers for each gyro."""
+        if value == "tetrahedron":
+            return value
+        try:
+            rows = [[float(part) for part in row.split(",")] for row in str(value).split(";")]
+        except ValueError:
+            rows = []
+        if not rows or any(len(row) != 3 for row in rows):
+            self.fail(f"{value!r} is not tetrahedron, or three numbers a gyro, as in '1,0,0;0,1,0;0.6,0,0.8'", param, ctx)
+        return rows
+
+
 ALIGNMENT_OPTIONS = (
     click.option(
         "--align",
@@ -65,6 +87,12 @@ ALIGNMENT_OPTIONS = (
     click.option("--attitude-offset", "attitude_offset_s", type=float, help="s added to the attitudes' time tags."),
     click.option("--time-factor", type=float, help="Factor of the gyro's time tags about the first."),
     click.option("--rate-factor", type=float, help="Factor of the rates."),
+    click.option(
+        "--axes",
+        type=Axes(),
+        metavar="'X,Y,Z;X,Y,Z;…'",
+        help="Direction of each gyro in the body, or tetrahedron (three or four of its axes); x, y and z by default.",
+    ),
     click.option(
         "--mounting",
         type=WordsOrNumbers(("as given", "estimate"), (3,)),
@@ -87,32 +115,7 @@ ESTIMATE = click.option("--estimate-noise", is_flag=True, help="Estimate the noi
 IMU_OPTION = click.option("--imu", type=PATH, help="Kalibr's imu.yaml, for the gyro's noise density.")
 TAG = click.option("--tag", type=click.Choice(["start", "middle", "end"]), help="Part of a sample that its tag times; start.")
 IMPORT_JSON_OPTION = add_json_option("what was made, and what was assumed,")
-TABLE = (
-    click.option("--mapping", "file", type=PATH, help="Mapping of the gyro's table as TOML, as of import csv."),
-    click.option("--time", metavar="COLUMN:UNIT", help="As of import csv; a date, as the attitudes have."),
-    click.option("--gyro", metavar="COLUMNS:UNIT", help="As of import csv."),
-    click.option("--lsb", metavar="'SIZE UNIT'", help="As of import csv."),
-    ROWS_OPTION,
-    RATE,
-    SAMPLE_NUMBER,
-    *ALIGNMENT_OPTIONS,
-    FORCE,
-    IMPORT_JSON_OPTION,
-)
-
-
-def add_alignment_options(function: Any) -> Any:
-    """The options of every import that say how gyro and attitudes lie to each other."""
-    for option in reversed(ALIGNMENT_OPTIONS):
-        function = option(function)
-    return function
-
-
-def add_table_options(function: Any) -> Any:
-    """The options of a command that reads the gyro from a table."""
-    for option in reversed(TABLE):
-        function = option(function)
-    return function
+TABLE = (*GYRO_TABLE_OPTIONS, TAG, *ALIGNMENT_OPTIONS, FORCE, IMPORT_JSON_OPTION)
 
 
 def show(
@@ -175,7 +178,7 @@ def _join_gyro_and_attitudes(
 @GYRO_ARGUMENT
 @click.argument("message", type=PATH, metavar="ATTITUDE.aem")
 @OUT
-@add_table_options
+@add_options(*TABLE)
 def import_aem_command(gyro_file: Path, message: Path, out: Path, force: bool, **options: Any) -> None:
     """Import a gyro's table and a CCSDS Attitude Ephemeris Message (version 1 or 2, KVN or XML). See docs/formats/aem.md.
 
@@ -192,7 +195,7 @@ def import_aem_command(gyro_file: Path, message: Path, out: Path, force: bool, *
 @click.argument("message", type=PATH, metavar="ATTITUDE.acm")
 @OUT
 @ESTIMATE
-@add_table_options
+@add_options(*TABLE)
 def import_acm_command(gyro_file: Path, message: Path, out: Path, force: bool, estimate_noise: bool, **options: Any) -> None:
     """Import a gyro's table and a CCSDS Attitude Comprehensive Message (KVN or XML). See docs/formats/acm.md.
 
@@ -213,7 +216,7 @@ def import_acm_command(gyro_file: Path, message: Path, out: Path, force: bool, e
 @OUT
 @click.option("--instrument", type=int, help="NAIF number of the instrument, e.g. -82000; that of the kernel if it has one.")
 @click.option("--spacecraft", type=int, help="NAIF number of the spacecraft whose clock it is; instrument / 1000 by default.")
-@add_table_options
+@add_options(*TABLE)
 def import_ck_command(gyro_file: Path, kernel: Path, sclk: Path, out: Path, force: bool, **options: Any) -> None:
     """Import a gyro's table and SPICE attitudes, a C-kernel with its spacecraft clock. See docs/formats/ck.md.
 
@@ -237,7 +240,7 @@ def import_ck_command(gyro_file: Path, kernel: Path, sclk: Path, out: Path, forc
 @IMU_OPTION
 @ESTIMATE
 @RATE
-@add_alignment_options
+@add_options(*ALIGNMENT_OPTIONS)
 @FORCE
 @IMPORT_JSON_OPTION
 def import_euroc_command(
@@ -265,7 +268,7 @@ def import_euroc_command(
 @IMU_OPTION
 @TAG
 @RATE
-@add_alignment_options
+@add_options(*ALIGNMENT_OPTIONS)
 @FORCE
 @IMPORT_JSON_OPTION
 def import_bag_command(

@@ -26,9 +26,31 @@ MOST_BYTES = 100_000_000  # of a JSON file that is read
 STATUS = 3  # of a command of which a --fail-on holds
 CONDITION = re.compile(r"\s*(\w+)\s*([<>])\s*(\S+)\s*")
 
+RATE = click.option("--rate", "rate_hz", type=float, help="Gyro samples a second; the time tags are put on an even time base.")
 FORCE = click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
+GYRO_TABLE_OPTIONS = (
+    click.option("--mapping", "file", type=PATH, help="Mapping as TOML: the options' words, and axes, G, mounting, bias, …."),
+    click.option("--time", metavar="COLUMN:UNIT", help="s, ms, us, ns, unix, iso or gps; e.g. timestamp_ms:ms."),
+    click.option("--gyro", metavar="COLUMNS:UNIT", help="rad/s, deg/s, deg/h, counts; deg, rad, arcsec of accumulated angle."),
+    click.option("--lsb", metavar="'SIZE UNIT'", help="Of counts, e.g. '0.0175 deg/s', or '5e-9 rad' of accumulated angle."),
+    click.option("--wrap", type=float, help="Where an accumulated angle wraps, in the column's own unit."),
+    click.option("--rows", metavar="COLUMN:VALUE", help="Rows of the gyro's table to read, where it holds several gyros."),
+    RATE,
+    click.option("--sample-number", metavar="COLUMN", help="Column of the gyro's table that counts the samples."),
+)
 JUNIT = "Write each --fail-on as a test to this file, JUnit's XML."
 PAGE = "Write a page with the figures (HTML, needs no network) to this file."
+
+
+def add_options(*options: Any) -> Any:
+    """A decorator that gives a command several options, in this order."""
+
+    def add(function: Any) -> Any:
+        for option in reversed(options):
+            function = option(function)
+        return function
+
+    return add
 
 
 def add_count_option(name: str, default: int | None, help: str, least: int = 0) -> Any:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gyrocal import Attitudes, GyroStream, InputError, Interval, Recording
 from gyrocal.importing.noise import ALLAN_S, compute_increment_residuals, estimate_axis_sigma, estimate_walk_at_rest
-from gyrocal.importing.rests import find_runs
+from gyrocal.mask_runs import find_mask_runs
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -90,7 +90,7 @@ class Trial:
     @property
     def phases(self) -> list[tuple[int, int]]:
         """First and one past the last sample of each motion phase."""
-        return find_runs(self.moving)
+        return find_mask_runs(self.moving)
 
     def samples(self, duration_s: float) -> int:
         """Samples in so many seconds, at least one."""
@@ -245,7 +245,7 @@ def select_reference_samples(trial: Trial, cut: tuple[int, int], spacing_s: floa
 
 def estimate_rest_noise(trial: Trial) -> Array:
     """Angle random walk per axis (3,) rad/sqrt(s), by the Allan deviation of the rests."""
-    found = estimate_walk_at_rest([trial.rates[first:stop] for first, stop in find_runs(trial.still)], trial.sample_s)
+    found = estimate_walk_at_rest([trial.rates[first:stop] for first, stop in find_mask_runs(trial.still)], trial.sample_s)
     if found is None:
         raise InputError(f"{trial.name}: no rest of {3 * ALLAN_S:g} s to take the gyro noise from")
     return found
@@ -253,7 +253,7 @@ def estimate_rest_noise(trial: Trial) -> Array:
 
 def estimate_rest_bias(trial: Trial) -> Array:
     """b (3,) rad/s of ω = G ω_raw + b with G = I from the first rest, minus its mean raw rate."""
-    for first, stop in find_runs(trial.still):
+    for first, stop in find_mask_runs(trial.still):
         if (stop - first) * trial.sample_s >= SHORTEST_REST_S:
             return np.asarray(-trial.rates[first:stop].mean(axis=0))
     raise InputError(f"{trial.name}: no rest of {SHORTEST_REST_S:g} s to take the bias from")

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from diagnosis.detectors.gap_interpolation import SETTINGS as GAP_INTERPOLATION
-from diagnosis.detectors.gap_interpolation import fill_gaps, find_mask_runs
+from diagnosis.detectors.gap_interpolation import fill_gaps
+from gyrocal.mask_runs import find_mask_runs
 
 DT = 0.5
 T = DT * np.arange(81)

@@ -78,3 +78,17 @@ def test_kalibr_s_imu_yaml(tmp_path):
 def test_a_folder_that_is_not_of_the_form(tmp_path):
     with pytest.raises(InputError, match="not a folder of the EuRoC form"):
         euroc.import_euroc(tmp_path)
+
+
+def test_tags_of_a_folder_that_follow_no_line_are_refused_without_options_that_it_lacks(log, tmp_path):
+    root = euroc_folder(tmp_path / "V", log)
+    path = tmp_path / "V" / "mav0" / "imu0" / "data.csv"
+    table = pd.read_csv(path)
+    rng = np.random.default_rng(2)
+    step = np.where(rng.random(len(table)) < 0.3, 0, rng.integers(1, 30, len(table))) * 1_000_000
+    table.iloc[:, 0] = table.iloc[0, 0] + np.cumsum(step)
+    for name in ("a_RS_S_x", "a_RS_S_y", "a_RS_S_z"):
+        table[f"{name} [m s^-2]"] = 0.0
+    table.to_csv(path, index=False)
+    with pytest.raises(InputError, match=r"--rate 100$"):
+        euroc.import_euroc(root)

@@ -1,0 +1,120 @@
+"""Three gyros that are not at right angles are noticed by what the fit says, and the option that is named mends them."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
+
+import gyrocal
+from gyrocal import InputError
+from gyrocal.importing.sensors import join_sensors
+from gyrocal.importing.streams import Sensor
+from studies.cli.main import main
+from studies.validation import mems_log
+from studies.validation.imports import find_refusal
+
+RATES = ["gx", "gy", "gz"]
+AXES = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1]]) / np.sqrt(3)  # three of a tetrahedron
+COLUMNS = ("--quat", "qw,qx,qy,qz:body-to-inertial", "--gyro", "gx,gy,gz:deg/s")
+
+
+def run(*words):
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+def write_tables(folder, gyro, attitude):
+    gyro.to_csv(folder / "g.csv", index=False)
+    attitude.to_csv(folder / "a.csv", index=False)
+    return "import", "csv", folder / "g.csv", folder / "a.csv", folder / "out", *COLUMNS
+
+
+@pytest.mark.parametrize("size", [1.0, 0.5])
+def test_skew_gyros_in_motion_are_refused_with_the_axes_that_mend_them(tmp_path, size):
+    log = mems_log.log(np.random.default_rng(31), seconds=60.0)
+    body = log.gyro[RATES].to_numpy() @ log.G.T + np.rad2deg(log.bias)
+    gyro = log.gyro.assign(**dict(zip(RATES, size * AXES @ body.T, strict=True)))
+    words = (*write_tables(tmp_path, gyro, log.attitude), "--time", "timestamp_ms:ms")
+    refused = run(*words)
+    assert refused.exit_code == 2
+    axes = re.search(r"--axes '([^']*)'", refused.output).group(1)
+    found = np.array([row.split(",") for row in axes.split(";")], dtype=float)
+    np.testing.assert_allclose(found, AXES, atol=0.01)
+    assert ("--rate-factor" in refused.output) == (size != 1.0)
+    mended = run(*words, "--axes", axes, *(() if size == 1.0 else ("--rate-factor", 1 / size)))
+    assert mended.exit_code == 0, mended.output
+    result = gyrocal.calibrate(gyrocal.load(tmp_path / "out"))
+    np.testing.assert_allclose(result.parameters.G @ AXES, np.eye(3), atol=0.01)
+
+
+def test_gyros_at_right_angles_are_not_called_skew():
+    for seed in range(3):
+        log = mems_log.log(np.random.default_rng(seed), seconds=60.0)
+        turned = Rotation.random(rng=seed).apply(np.array(log.gyro[RATES])).T
+        assert "--axes" not in find_refusal(replace(log, gyro=log.gyro.assign(**dict(zip(RATES, turned, strict=True)))), {})
+
+
+def turn_steadily(K, rate_deg_s, sigma_deg):
+    """Tables of a body at a constant rate: gyros along the rows of K, and attitudes."""
+    rng = np.random.default_rng(4)
+    t = np.arange(0, 60, 0.25)
+    body = Rotation.from_rotvec(np.deg2rad(t[:, None] * rate_deg_s)) * Rotation.from_rotvec(
+        np.deg2rad(sigma_deg) * rng.normal(size=(t.size, 3))
+    )
+    rates = rate_deg_s @ K.T + 1e-5 * rng.normal(size=(t.size, 3))
+    quaternions = dict(zip(("qw", "qx", "qy", "qz"), np.roll(body.as_quat(), 1, axis=1).T, strict=True))
+    return pd.DataFrame({"t": t} | dict(zip(RATES, rates.T, strict=True))), pd.DataFrame({"t": t} | quaternions)
+
+
+def test_skew_gyros_at_a_constant_rate_are_said_by_import_and_calibration(tmp_path):
+    rate = np.array([0.06, -0.02, 0.01])
+    words = (*write_tables(tmp_path, *turn_steadily(AXES, rate, 0.0005)), "--time", "t:s", "--force")
+    taken = run(*words)
+    assert taken.exit_code == 0, taken.output
+    said = re.search(r"implausible: (the mean rate is .*)", taken.output).group(1)
+    by_gyro, by_attitudes = (float(one) for one in re.findall(r"([\d.]+) (?:± [\d.e-]+ )?deg/s by the", said))
+    assert by_gyro == pytest.approx(np.linalg.norm(AXES @ rate), rel=1e-3)
+    assert by_attitudes == pytest.approx(np.linalg.norm(rate), rel=0.02)
+    assert said in run("calibrate", tmp_path / "out").output
+    for axes in ("tetrahedron", ";".join(",".join(map(str, row)) for row in AXES)):
+        mended = run(*words, "--axes", axes)
+        assert mended.exit_code == 0, mended.output
+        assert "implausible" not in mended.output
+        bias = gyrocal.load(tmp_path / "out").gyro.apriori_bias
+        assert np.abs(np.rad2deg(bias)).max() < 1e-3
+
+
+def test_a_turned_gyro_at_a_constant_rate_is_said_and_a_right_one_or_one_at_rest_is_not(tmp_path):
+    rate = np.array([0.06, -0.02, 0.01])
+    turned = write_tables(tmp_path, *turn_steadily(Rotation.from_rotvec([0, 0, 1.0]).as_matrix(), rate, 0.0005))
+    assert "(--mounting estimate)" in run(*turned, "--time", "t:s").output
+    for own, biased in ((rate, 0.0), (0 * rate, 0.5)):
+        gyro, attitude = turn_steadily(np.eye(3), own, 0.0005)
+        gyro[RATES] += biased
+        right = run(*write_tables(tmp_path, gyro, attitude), "--time", "t:s", "--force")
+        assert right.exit_code == 0, right.output
+        assert "the mean rate is" not in right.output
+
+
+@pytest.mark.parametrize("text", ["cube", "1,0;0,1", "1,0,0;0,1,a"])
+def test_axes_that_are_none_are_refused(tmp_path, text):
+    ran = run(*write_tables(tmp_path, *turn_steadily(np.eye(3), np.array([0.1, 0, 0]), 0.01)), "--axes", text)
+    assert ran.exit_code == 2
+    assert "is not tetrahedron, or three numbers a gyro" in ran.output
+
+
+def test_sensors_read_in_the_wrong_direction_are_refused():
+    """Only in the right direction is the rotation between two sensors constant."""
+    rng = np.random.default_rng(8)
+    t = np.arange(40.0)
+    body = Rotation.from_rotvec(np.deg2rad(t[:, None] * [0.06, 0.01, 0.0]))
+    mountings = Rotation.from_rotvec([[0, 0, 0], [0.4, 1.2, -0.9]])
+    read = [body * one * Rotation.from_rotvec(np.deg2rad(0.003) * rng.normal(size=(t.size, 3))) for one in mountings]
+    right = tuple(Sensor(f"st{k}", t, one.as_quat()) for k, one in enumerate(read, 1))
+    assert set(join_sensors(right, None).mounting) == {"st1", "st2"}
+    wrong = tuple(replace(one, q=Rotation.from_quat(one.q).inv().as_quat()) for one in right)
+    with pytest.raises(InputError, match=r"st1 and st2 turn against each other by .* deg with the other direction"):
+        join_sensors(wrong, None)
