@@ -1,0 +1,242 @@
+"""The trend of a unit: its recordings calibrated one by one, over time and temperature, and the parameters that have changed.
+
+Each gyro has a scale factor, the turn of its axis from the a-priori axis of the first recording, and a bias, ω_raw = K ω + c.
+The sigmas are the recommended ones, with the remainder where the residuals do not fit the stated noise. Where no remainder can
+be estimated (more gyros than three, references by several sensors) such residuals widen the sigmas by √(χ²/dof).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from gyrocal import GyroArray, GyrosResult, Recording, calibrate, calibrate_gyros
+from gyrocal.calibration.gyros import compute_gain_jacobian, tabulate_gyros
+from gyrocal.calibration.parameter_change import ParameterChange, detect_parameter_change
+from gyrocal.calibration.plausible_ranges import PlausibleRanges
+from gyrocal.calibration.remainder import add_remainder
+from gyrocal.calibration.remainder_processes import NOMINAL, WITH_REMAINDER
+from gyrocal.errors import GyrocalError, InputError
+from gyrocal.recording.gyros import compute_nominal_gyros
+from simulator.effects.housekeeping_columns import find_temperature, no_temperature
+from simulator.effects.recording_view import interpolate_housekeeping
+
+Array = NDArray[np.float64]
+
+FALSE_ALARM_PROBABILITY = 0.1  # of any alarm at a unit without a change, in all its recordings
+POOR_FIT = 0.01  # p-value of residuals below which they do not fit the stated noise, as of a remainder
+LARGEST_SHARE = float(np.sqrt(0.5))  # of a plausible range, of a sigma above which the data do not determine the parameter
+ALONG_AXIS = 0.99  # component of a unit vector along which a turn is none
+ARCSEC = float(np.rad2deg(3600.0))  # of a rad
+SCALED = "scaled"  # sigmas widened by the residuals, beside `NOMINAL` and `WITH_REMAINDER`
+
+
+@dataclass(frozen=True)
+class ParameterTrend:
+    """One parameter of one gyro.
+
+    Attributes
+    ----------
+    gyro, parameter, unit : which
+    value, sigma : (n,) by recording; NaN where its data do not determine the parameter
+    change : of the recordings that determine it; None where they are fewer than two
+    """
+
+    gyro: str
+    parameter: str
+    unit: str
+    value: Array
+    sigma: Array
+    change: ParameterChange | None
+
+    @property
+    def name(self) -> str:
+        """Gyro and parameter in words."""
+        return f"gyro {self.gyro}, {self.parameter}"
+
+    @property
+    def places(self) -> NDArray[np.intp]:
+        """Places of the recordings that determine it."""
+        return np.flatnonzero(np.isfinite(self.value))
+
+
+@dataclass(frozen=True)
+class Trend:
+    """A unit's recordings in their order.
+
+    Attributes
+    ----------
+    recordings : a row each: recording, time (UTC), temperature_c (NaN without one), chi2, dof, p_value, sigmas
+    days : (n,) since the first one; their numbers where they overlap in time
+    is_timed : whether they do not overlap
+    parameters : gyro by gyro
+    """
+
+    recordings: pd.DataFrame
+    days: Array
+    is_timed: bool
+    parameters: tuple[ParameterTrend, ...]
+
+    @property
+    def log_threshold(self) -> float:
+        """Logarithm of the E at which a parameter has changed: Ville's inequality with an equal share for each parameter."""
+        return float(np.log(len(self.parameters) / FALSE_ALARM_PROBABILITY))
+
+    def find_alarm(self, one: ParameterTrend) -> int | None:
+        """Place of the recording at which a parameter's alarm is raised; None without one."""
+        alarm = None if one.change is None else one.change.find_alarm(self.log_threshold)
+        return None if alarm is None else int(one.places[alarm])
+
+    @property
+    def changed(self) -> tuple[tuple[ParameterTrend, ParameterChange], ...]:
+        """Parameters with an alarm and their changes, the strongest evidence first."""
+        found = [(one, one.change) for one in self.parameters if one.change is not None and self.find_alarm(one) is not None]
+        return tuple(sorted(found, key=lambda pair: -float(pair[1].log_e.max())))
+
+    def tabulate_values(self) -> pd.DataFrame:
+        """A row for each parameter and recording, with the evidence for a change up to it."""
+        known = self.recordings[["recording", "time", "temperature_c"]]
+        parts = []
+        for one in self.parameters:
+            log10_e = np.full(len(known), np.nan)
+            if one.change is not None:
+                log10_e[one.places] = one.change.log_e / np.log(10)
+            part = known.assign(gyro=one.gyro, parameter=one.parameter, unit=one.unit, value=one.value, sigma=one.sigma)
+            parts.append(part.assign(log10_e=log10_e))
+        return pd.concat(parts, ignore_index=True)
+
+
+@dataclass(frozen=True)
+class _Calibrated:
+    """One recording: its gyros with their covariance, and how they were found."""
+
+    gyros: GyroArray
+    covariance: Array
+    plausible: PlausibleRanges
+    facts: dict[str, float | int | str]
+
+
+def estimate_trend(
+    recordings: Mapping[str, Recording],
+    largest_walk: float = np.inf,
+    tell: Callable[[str, float], None] = lambda text, share: None,
+) -> Trend:
+    """Calibrate the recordings of a unit and test every parameter for a change.
+
+    Parameters
+    ----------
+    recordings : by name, two or more with the same gyros; their epochs give their order
+    largest_walk : known limit of what a parameter varies from recording to recording, in sigmas
+    tell : is told what is done, and which share of the work is
+
+    Raises
+    ------
+    InputError
+        There are fewer than two, their gyros differ, or one cannot be calibrated.
+    """
+    check_same_gyros(recordings)
+    spans = {name: _compute_span(one) for name, one in recordings.items()}
+    names = sorted(recordings, key=lambda name: spans[name])
+    done = []
+    for k, name in enumerate(names):
+        tell(f"calibrating: {name}", k / len(names))
+        try:
+            done.append(_calibrate_recording(recordings[name]))
+        except GyrocalError as error:
+            raise InputError(f"{name}: {error}") from None
+    middles = [spans[name][0] + (spans[name][1] - spans[name][0]) / 2 for name in names]
+    is_timed = all(stop <= start for (_, stop), (start, _) in pairwise(spans[name] for name in names))
+    days = np.array([(one - middles[0]) / timedelta(days=1) for one in middles]) if is_timed else np.arange(1.0, len(names) + 1)
+    table = pd.DataFrame(
+        {
+            "recording": names,
+            "time": [one.strftime("%Y-%m-%d %H:%M:%S") for one in middles],
+            "temperature_c": [_compute_mean_temperature(recordings[name]) for name in names],
+            **pd.DataFrame([one.facts for one in done]),
+        }
+    )
+    axes = GyroArray(done[0].gyros.names, *compute_nominal_gyros(recordings[names[0]].gyro)).axes
+    parameters = _list_parameters(done, axes, days, table["temperature_c"].to_numpy(), largest_walk)
+    return Trend(table, days, is_timed, parameters)
+
+
+def check_same_gyros(recordings: Mapping[str, Recording]) -> None:
+    """Refuse recordings that are no trend of one unit.
+
+    Raises
+    ------
+    InputError
+        There are fewer than two, or their gyros differ.
+    """
+    if len(recordings) < 2:
+        raise InputError(f"{''.join(recordings) or 'nothing'}: one recording has no trend; give two or more of one unit")
+    (first, one), *others = recordings.items()
+    for name, other in others:
+        if other.gyro.names != one.gyro.names:
+            has, had = (", ".join(each.gyro.names) for each in (other, one))
+            raise InputError(f"{name}: has the gyros {has}, and {first} has {had}; give recordings of one unit")
+
+
+def _compute_span(recording: Recording) -> tuple[datetime, datetime]:
+    """Begin of the first interval and end of the last; an epoch without a zone is UTC."""
+    epoch = datetime.fromisoformat(recording.epoch)
+    epoch = epoch if epoch.tzinfo else epoch.replace(tzinfo=UTC)
+    start, stop = min(one.start_s for one in recording.intervals), max(one.stop_s for one in recording.intervals)
+    return epoch + timedelta(seconds=start), epoch + timedelta(seconds=stop)
+
+
+def _compute_mean_temperature(recording: Recording) -> float:
+    """Mean of the gyro's temperature over the samples, °C; NaN without one."""
+    housekeeping = interpolate_housekeeping(recording, recording.gyro.t_s)
+    if no_temperature(housekeeping) is not None:
+        return float("nan")
+    return float(find_temperature(housekeeping, {}, "gyro", "trend").mean())
+
+
+def _calibrate_recording(recording: Recording) -> _Calibrated:
+    """Calibrate one recording, with the sigmas that hold."""
+    found = calibrate_gyros(recording) if recording.is_array else add_remainder(recording, calibrate(recording))
+    if isinstance(found, GyrosResult):
+        gyros, covariance, sigmas = found.gyros, found.covariance, NOMINAL
+    else:
+        K = np.linalg.inv(found.G)
+        gyros, sigmas = GyroArray(recording.gyro.names, K, -K @ found.bias), found.recommended
+        J = np.linalg.inv(compute_gain_jacobian(gyros))
+        covariance = J @ found.recommended_covariance @ J.T
+    if sigmas != WITH_REMAINDER and found.p_value < POOR_FIT and (recording.is_array or found.remainder is None):
+        covariance, sigmas = covariance * found.chi2 / found.dof, SCALED
+    assert found.plausible is not None
+    facts = {"chi2": found.chi2, "dof": found.dof, "p_value": found.p_value, "sigmas": sigmas.replace("_", " ")}
+    return _Calibrated(gyros, covariance, found.plausible, facts)
+
+
+def _list_parameters(
+    done: list[_Calibrated], axes: Array, days: Array, temperature: Array, largest_walk: float
+) -> tuple[ParameterTrend, ...]:
+    """Test all parameters of all gyros; their slope with the temperature is free where all recordings have one."""
+    tables = [tabulate_gyros(one.gyros, axes, one.covariance) for one in done]
+    ranges_G, ranges_c = (np.array([getattr(one.plausible, name) for one in done]) for name in ("G", "bias"))
+    out = []
+    for i, gyro in enumerate(done[0].gyros.names):
+        quantities = [("scale factor", "ppm", "scale_factor", "sigma_scale_factor", 1e6, 1e6 * ranges_G, 1.0)]
+        for k, axis in enumerate("xyz"):
+            if abs(axes[i, k]) < ALONG_AXIS:
+                names = f"misalignment_{axis}_deg", f"sigma_{axis}_deg"
+                quantities.append((f"misalignment {axis}", "arcsec", *names, 3600.0, ARCSEC * ranges_G, 0.0))
+        quantities.append(("bias", "deg/h", "bias_deg_s", "sigma_bias_deg_s", 3600.0, ARCSEC * ranges_c, 0.0))
+        for parameter, unit, value_name, sigma_name, factor, plausible, zero in quantities:
+            value, sigma = (np.array([float(one[name][i]) for one in tables]) for name in (value_name, sigma_name))
+            value, sigma = factor * (value - zero), factor * sigma
+            known = (sigma > 0) & (sigma < LARGEST_SHARE * plausible)
+            T = temperature[known] if np.isfinite(temperature).all() else None
+            enough = known.sum() >= 2
+            change = detect_parameter_change(value[known], sigma[known], days[known], T, largest_walk) if enough else None
+            value, sigma = (np.where(known, one, np.nan) for one in (value, sigma))
+            out.append(ParameterTrend(gyro, parameter, unit, value, sigma, change))
+    return tuple(out)
