@@ -38,7 +38,8 @@ def command(folders: tuple[Path, ...], out: Path | None, largest_walk: float) ->
       gyrocal trend /tmp/unit/one /tmp/unit/two --largest-walk 0
     """
     paths = find_recordings(folders)
-    loaded = {str(path): load(path) for path in paths}
+    is_short = len({path.name for path in paths}) == len(paths)
+    loaded = {path.name if is_short else str(path): load(path) for path in paths}
 
     from studies.compare.trend import estimate_trend
     from studies.report import trend

@@ -10,18 +10,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from itertools import pairwise
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.special import chdtrc
 
-from gyrocal import GyroArray, GyrosResult, Recording, calibrate, calibrate_gyros
+from gyrocal import CalibrationResult, GyroArray, GyrosResult, Recording, calibrate, calibrate_gyros
 from gyrocal.calibration.gyros import compute_gain_jacobian, tabulate_gyros
 from gyrocal.calibration.parameter_change import ParameterChange, detect_parameter_change
 from gyrocal.calibration.plausible_ranges import PlausibleRanges
 from gyrocal.calibration.remainder import add_remainder
-from gyrocal.calibration.remainder_processes import NOMINAL, WITH_REMAINDER
+from gyrocal.calibration.remainder_processes import NOMINAL
 from gyrocal.errors import GyrocalError, InputError
 from gyrocal.recording.gyros import compute_nominal_gyros
 from simulator.effects.housekeeping_columns import find_temperature, no_temperature
@@ -34,7 +34,7 @@ POOR_FIT = 0.01  # p-value of residuals below which they do not fit the stated n
 LARGEST_SHARE = float(np.sqrt(0.5))  # of a plausible range, of a sigma above which the data do not determine the parameter
 ALONG_AXIS = 0.99  # component of a unit vector along which a turn is none
 ARCSEC = float(np.rad2deg(3600.0))  # of a rad
-SCALED = "scaled"  # sigmas widened by the residuals, beside `NOMINAL` and `WITH_REMAINDER`
+SCALED = "scaled"  # sigmas widened by the residuals, beside nominal ones and those with remainder
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ class Trend:
     Attributes
     ----------
     recordings : a row each: recording, time (UTC), temperature_c (NaN without one), chi2, dof, p_value, sigmas
-    days : (n,) since the first one; their numbers where they overlap in time
-    is_timed : whether they do not overlap
+    days : (n,) since the first one; their numbers where one is within another
+    is_timed : whether the middle of each is after the end of the one before
     parameters : gyro by gyro
     """
 
@@ -151,7 +151,7 @@ def estimate_trend(
         except GyrocalError as error:
             raise InputError(f"{name}: {error}") from None
     middles = [spans[name][0] + (spans[name][1] - spans[name][0]) / 2 for name in names]
-    is_timed = all(stop <= start for (_, stop), (start, _) in pairwise(spans[name] for name in names))
+    is_timed = all(spans[name][1] <= middle for name, middle in zip(names, middles[1:], strict=False))
     days = np.array([(one - middles[0]) / timedelta(days=1) for one in middles]) if is_timed else np.arange(1.0, len(names) + 1)
     table = pd.DataFrame(
         {
@@ -209,11 +209,26 @@ def _calibrate_recording(recording: Recording) -> _Calibrated:
         gyros, sigmas = GyroArray(recording.gyro.names, K, -K @ found.bias), found.recommended
         J = np.linalg.inv(compute_gain_jacobian(gyros))
         covariance = J @ found.recommended_covariance @ J.T
-    if sigmas != WITH_REMAINDER and found.p_value < POOR_FIT and (recording.is_array or found.remainder is None):
-        covariance, sigmas = covariance * found.chi2 / found.dof, SCALED
+    excess = _compute_excess(found)
+    if excess > 1:
+        covariance, sigmas = covariance * excess, SCALED
     assert found.plausible is not None
     facts = {"chi2": found.chi2, "dof": found.dof, "p_value": found.p_value, "sigmas": sigmas.replace("_", " ")}
     return _Calibrated(gyros, covariance, found.plausible, facts)
+
+
+def _compute_excess(found: CalibrationResult | GyrosResult) -> float:
+    """Compute χ²/dof of residuals that do not fit the stated noise and have no remainder; 1 if they do fit.
+
+    Attitude and parity of several gyros are judged one by one: the parity has a degree of freedom a sample.
+    """
+    parts = [(found.chi2, found.dof)]
+    if isinstance(found, GyrosResult):
+        parity = (found.parity_chi2, found.parity_dof)
+        parts = [(found.chi2 - parity[0], found.dof - parity[1]), parity]
+    elif found.remainder is not None:
+        return 1.0
+    return max([1.0, *(chi2 / dof for chi2, dof in parts if dof > 0 and chdtrc(dof, chi2) < POOR_FIT)])
 
 
 def _list_parameters(

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.console import Console
 
+from gyrocal.calibration.parameter_change import SAME_TEMPERATURE_K
 from gyrocal.calibration.remainder_processes import WITH_REMAINDER
 from studies.compare.trend import FALSE_ALARM_PROBABILITY, SCALED, ParameterTrend, Trend
 from studies.report import tables
@@ -55,7 +56,9 @@ def describe_trend(trend: Trend) -> list[str]:
         if count:
             lines.append(f"In {count} of {len(names)} recordings {text}.")
     if not trend.is_timed:
-        lines.append("The recordings overlap in time. They are taken in the order of their epochs, equal ones as given.")
+        lines.append(
+            "The recordings overlap in time: they count one by one, in the order of their epochs, equal ones as given."
+        )
     temperature = trend.recordings["temperature_c"]
     if temperature.isna().any() and not temperature.isna().all():
         lines.append("Not all recordings have a temperature: no parameter is corrected for it.")
@@ -121,23 +124,17 @@ def _format_temperature(value: float) -> str:
 
 def build_trend_page(trend: Trend, made: ProvenanceFooter | None = None) -> str:
     """The whole page, with how it was made."""
-    said = describe_trend(trend)
-    picture = Picture(
-        "time",
-        partial(draw_trend, trend, trend.days, _name_time(trend)),
-        f"{len(trend.parameters)} parameters over the recordings' time. {said[0]}",
-        "A row a gyro. Band: one sigma either way. Red: from a change on; the dotted line is at its most probable date.",
-    )
+    _, first, *others = describe_trend(trend)
     strong = [trend.find_alarm(one) is not None for one in trend.parameters]
     sections = [
-        Section("", [said[1:]]),
-        Section("Changes", [PageTable(build_change_table(trend), strong, "Changes"), TREND_NOTE + "."]),
-        Section("Evidence over the recordings", [_build_evidence_picture(trend)]),
+        Section("", [others]),
+        Section("Changes", [PageTable(build_change_table(trend), strong, "Changes"), f"{TREND_NOTE}."]),
+        Section("Over time", [_build_time_picture(trend)]),
         Section("Over temperature", _build_temperature_items(trend)),
         Section("Recordings", [PageTable(build_recording_table(trend), label="Recordings")]),
         Section("Values", [_build_value_table(trend)], is_folded=True),
     ]
-    answer = Answer("gap" if trend.changed else "", picture, said[0])
+    answer = Answer("gap" if trend.changed else "", _build_evidence_picture(trend), first)
     return Page(format_trend_headline(trend), sections, answer, made, "Trend of a unit").render_html()
 
 
@@ -148,23 +145,27 @@ def _name_time(trend: Trend) -> str:
 def _build_evidence_picture(trend: Trend) -> Picture:
     alt = f"Evidence for a change of each parameter, log10 E, over the recordings. {format_trend_headline(trend)}."
     caption = (
-        "E weighs a change against none. Dashed: the threshold. A parameter that varies from recording to recording anyway has "
-        "little evidence for a change."
+        "Evidence for a change of each parameter. Dashed: the threshold. It is small where a parameter varies from recording "
+        "to recording anyway."
     )
     return Picture("evidence", partial(draw_evidence, trend), alt, caption)
+
+
+def _build_time_picture(trend: Trend) -> Picture:
+    alt = f"{len(trend.parameters)} parameters over the recordings' time. {format_trend_headline(trend)}."
+    caption = "A row a gyro. Band: one sigma either way. Red: from a change on. Dotted: its most probable date."
+    return Picture("time", partial(draw_trend, trend, trend.days, _name_time(trend)), alt, caption)
 
 
 def _build_temperature_items(trend: Trend) -> Sequence[Item]:
     temperature = trend.recordings["temperature_c"].to_numpy()
     if np.isnan(temperature).any():
-        return ["Not every recording has a housekeeping column with the gyro's temperature."]
-    picture = Picture(
-        "temperature",
-        partial(draw_trend, trend, temperature, "temperature (°C)", "o"),
-        "The same parameters over the mean temperature of each recording.",
-        "Bars: one sigma. Red: from a change on. A slope with the temperature is free in the test, and is no change.",
-    )
-    return [picture]
+        return ["Not every recording has a housekeeping column with a temperature."]
+    if np.abs(temperature - temperature[0]).max() <= SAME_TEMPERATURE_K:
+        return [f"All recordings are within {SAME_TEMPERATURE_K:g} K of the first, and no slope is estimated."]
+    alt = "The same parameters over the mean temperature of each recording."
+    caption = "Bars: one sigma. Red: from a change on. The test leaves the slope with the temperature free."
+    return [Picture("temperature", partial(draw_trend, trend, temperature, "temperature (°C)", "o"), alt, caption)]
 
 
 def draw_trend(trend: Trend, x: Array, name: str, style: str = "o-") -> Figure:
@@ -201,7 +202,7 @@ def draw_evidence(trend: Trend) -> Figure:
         lines.append(Line(trend.days[one.places], log_e / np.log(10), *look, size=3.0))
     threshold = trend.log_threshold / np.log(10)
     axes = {"x": _name_time(trend), "y": "log10 E", "legend": "upper left" if colours else ""}
-    return draw_panels(make_curves(lines, levels=[threshold], **axes), size=(TREND_WIDTH_IN, 3.2))
+    return draw_panels(make_curves(lines, levels=[threshold], **axes), size=(8.0, 3.6))
 
 
 def _build_value_table(trend: Trend) -> PageTable:
