@@ -33,7 +33,7 @@ FALSE_ALARM_PROBABILITY = 0.1  # of any alarm at a unit without a change, in all
 POOR_FIT = 0.01  # p-value of residuals below which they do not fit the stated noise, as of a remainder
 LARGEST_SHARE = float(np.sqrt(0.5))  # of a plausible range, of a sigma above which the data do not determine the parameter
 ALONG_AXIS = 0.99  # component of a unit vector along which a turn is none
-ARCSEC = float(np.rad2deg(3600.0))  # of a rad
+ARCSEC_PER_RAD = float(np.rad2deg(3600.0))  # of a rad
 SCALED = "scaled"  # sigmas widened by the residuals, beside nominal ones and those with remainder
 
 
@@ -88,16 +88,15 @@ class Trend:
         """Logarithm of the E at which a parameter has changed: Ville's inequality with an equal share for each parameter."""
         return float(np.log(len(self.parameters) / FALSE_ALARM_PROBABILITY))
 
-    def find_alarm(self, one: ParameterTrend) -> int | None:
-        """Place of the recording at which a parameter's alarm is raised; None without one."""
-        alarm = None if one.change is None else one.change.find_alarm(self.log_threshold)
-        return None if alarm is None else int(one.places[alarm])
-
     @property
-    def changed(self) -> tuple[tuple[ParameterTrend, ParameterChange], ...]:
-        """Parameters with an alarm and their changes, the strongest evidence first."""
-        found = [(one, one.change) for one in self.parameters if one.change is not None and self.find_alarm(one) is not None]
-        return tuple(sorted(found, key=lambda pair: -float(pair[1].log_e.max())))
+    def changes(self) -> tuple[tuple[ParameterTrend, ParameterChange, int], ...]:
+        """Parameters with an alarm, their changes, and the place of the alarm; the strongest evidence first."""
+        found = []
+        for one in self.parameters:
+            alarm = None if one.change is None else one.change.find_alarm(self.log_threshold)
+            if one.change is not None and alarm is not None:
+                found.append((one, one.change, int(one.places[alarm])))
+        return tuple(sorted(found, key=lambda entry: -float(entry[1].log_e.max())))
 
     def tabulate_values(self) -> pd.DataFrame:
         """A row for each parameter and recording, with the evidence for a change up to it."""
@@ -205,7 +204,7 @@ def _calibrate_recording(recording: Recording) -> _Calibrated:
     if isinstance(found, GyrosResult):
         gyros, covariance, sigmas = found.gyros, found.covariance, NOMINAL
     else:
-        K = np.linalg.inv(found.G)
+        K = np.asarray(np.linalg.inv(found.G))
         gyros, sigmas = GyroArray(recording.gyro.names, K, -K @ found.bias), found.recommended
         J = np.linalg.inv(compute_gain_jacobian(gyros))
         covariance = J @ found.recommended_covariance @ J.T
@@ -213,7 +212,12 @@ def _calibrate_recording(recording: Recording) -> _Calibrated:
     if excess > 1:
         covariance, sigmas = covariance * excess, SCALED
     assert found.plausible is not None
-    facts = {"chi2": found.chi2, "dof": found.dof, "p_value": found.p_value, "sigmas": sigmas.replace("_", " ")}
+    facts: dict[str, float | int | str] = {
+        "chi2": found.chi2,
+        "dof": found.dof,
+        "p_value": found.p_value,
+        "sigmas": sigmas.replace("_", " "),
+    }
     return _Calibrated(gyros, covariance, found.plausible, facts)
 
 
@@ -243,8 +247,8 @@ def _list_parameters(
         for k, axis in enumerate("xyz"):
             if abs(axes[i, k]) < ALONG_AXIS:
                 names = f"misalignment_{axis}_deg", f"sigma_{axis}_deg"
-                quantities.append((f"misalignment {axis}", "arcsec", *names, 3600.0, ARCSEC * ranges_G, 0.0))
-        quantities.append(("bias", "deg/h", "bias_deg_s", "sigma_bias_deg_s", 3600.0, ARCSEC * ranges_c, 0.0))
+                quantities.append((f"misalignment {axis}", "arcsec", *names, 3600.0, ARCSEC_PER_RAD * ranges_G, 0.0))
+        quantities.append(("bias", "deg/h", "bias_deg_s", "sigma_bias_deg_s", 3600.0, ARCSEC_PER_RAD * ranges_c, 0.0))
         for parameter, unit, value_name, sigma_name, factor, plausible, zero in quantities:
             value, sigma = (np.array([float(one[name][i]) for one in tables]) for name in (value_name, sigma_name))
             value, sigma = factor * (value - zero), factor * sigma

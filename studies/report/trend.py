@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.console import Console
 
-from gyrocal.calibration.parameter_change import SAME_TEMPERATURE_K
+from gyrocal.calibration.parameter_change import SAME_TEMPERATURE_K, ParameterChange
 from gyrocal.calibration.remainder_processes import WITH_REMAINDER
 from studies.compare.trend import FALSE_ALARM_PROBABILITY, SCALED, ParameterTrend, Trend
 from studies.report import tables
@@ -40,10 +40,9 @@ def show(console: Console, trend: Trend) -> None:
 def describe_trend(trend: Trend) -> list[str]:
     """The result in sentences, the answer first."""
     names, lines = trend.recordings["recording"], [format_trend_headline(trend) + "."]
-    for one, change in trend.changed:
-        alarm = trend.find_alarm(one)
+    for one, change, alarm in trend.changes:
         step = f"{_format_step(change.step, change.step_sigma)} {one.unit}"
-        lines.append(f"{one.name}: changes by {step} before {_format_date(trend, one)}; alarm at {names[alarm]}.")
+        lines.append(f"{one.name}: changes by {step} before {_format_date(trend, one, change)}; alarm at {names[alarm]}.")
     lines.append(
         f"A parameter has changed where E is {np.exp(trend.log_threshold):.0f} or more. A unit without a change raises an "
         f"alarm with a probability of {FALSE_ALARM_PROBABILITY:g} at most, however many recordings are added."
@@ -62,14 +61,14 @@ def describe_trend(trend: Trend) -> list[str]:
     temperature = trend.recordings["temperature_c"]
     if temperature.isna().any() and not temperature.isna().all():
         lines.append("Not all recordings have a temperature: no parameter is corrected for it.")
-    if trend.changed:
+    if trend.changes:
         lines.append("To test the time after a change, give the recordings after it alone.")
     return lines
 
 
 def format_trend_headline(trend: Trend) -> str:
     """The answer in a sentence."""
-    count, of = len(trend.changed), len(trend.parameters)
+    count, of = len(trend.changes), len(trend.parameters)
     if not count:
         return f"None of {of} parameters is known to have changed over {len(trend.days)} recordings"
     return f"{count} of {of} parameters {'has' if count == 1 else 'have'} changed over {len(trend.days)} recordings"
@@ -85,29 +84,35 @@ def build_recording_table(trend: Trend) -> pd.DataFrame:
 
 def build_change_table(trend: Trend) -> pd.DataFrame:
     """A row for each parameter: the last value, the evidence for a change, and the change."""
+    changes = {one.name: (change, alarm) for one, change, alarm in trend.changes}
     rows = []
     for one in trend.parameters:
-        row = {"gyro": one.gyro, "parameter": one.parameter, "unit": one.unit, "last": "not determined", "sigma": ""}
+        row: dict[str, object] = {
+            "gyro": one.gyro,
+            "parameter": one.parameter,
+            "unit": one.unit,
+            "last": "not determined",
+            "sigma": "",
+        }
         if one.places.size:
             value, sigma = one.value[one.places[-1]], one.sigma[one.places[-1]]
             row |= {"last": tables.format_to_sigma(value, sigma), "sigma": tables.format_to_sigma(sigma, sigma)}
         row |= {"recordings": one.places.size, "log10 E": "", "alarm": "", "change before": "", "step": ""}
-        alarm = trend.find_alarm(one)
         if one.change is not None:
             row["log10 E"] = f"{one.change.log_e.max() / np.log(10):.1f}"
-        if one.change is not None and alarm is not None:
-            step = _format_step(one.change.step, one.change.step_sigma)
-            row |= {"alarm": trend.recordings["recording"][alarm], "change before": _format_date(trend, one), "step": step}
+        if one.name in changes:
+            change, alarm = changes[one.name]
+            row |= {"alarm": trend.recordings["recording"][alarm], "change before": _format_date(trend, one, change)}
+            row["step"] = _format_step(change.step, change.step_sigma)
         rows.append(row)
     return pd.DataFrame(rows)
 
 
-def _format_date(trend: Trend, one: ParameterTrend) -> str:
+def _format_date(trend: Trend, one: ParameterTrend, change: ParameterChange) -> str:
     """The first recording after a change, with the range of its date where it is in doubt."""
-    assert one.change is not None
     names = trend.recordings["recording"].to_numpy()[one.places]
-    low, high = one.change.date_interval
-    return f"{names[one.change.date]}" + ("" if low == high else f" (90 %: {names[low]} to {names[high]})")
+    low, high = change.date_interval
+    return f"{names[change.date]}" + ("" if low == high else f" (90 %: {names[low]} to {names[high]})")
 
 
 def _format_step(step: float, sigma: float) -> str:
@@ -125,7 +130,8 @@ def _format_temperature(value: float) -> str:
 def build_trend_page(trend: Trend, made: ProvenanceFooter | None = None) -> str:
     """The whole page, with how it was made."""
     _, first, *others = describe_trend(trend)
-    strong = [trend.find_alarm(one) is not None for one in trend.parameters]
+    changed = [one.name for one, *_ in trend.changes]
+    strong = [one.name in changed for one in trend.parameters]
     sections = [
         Section("", [others]),
         Section("Changes", [PageTable(build_change_table(trend), strong, "Changes"), f"{TREND_NOTE}."]),
@@ -134,7 +140,7 @@ def build_trend_page(trend: Trend, made: ProvenanceFooter | None = None) -> str:
         Section("Recordings", [PageTable(build_recording_table(trend), label="Recordings")]),
         Section("Values", [_build_value_table(trend)], is_folded=True),
     ]
-    answer = Answer("gap" if trend.changed else "", _build_evidence_picture(trend), first)
+    answer = Answer("gap" if trend.changes else "", _build_evidence_picture(trend), first)
     return Page(format_trend_headline(trend), sections, answer, made, "Trend of a unit").render_html()
 
 
@@ -171,43 +177,43 @@ def _build_temperature_items(trend: Trend) -> Sequence[Item]:
 def draw_trend(trend: Trend, x: Array, name: str, style: str = "o-") -> Figure:
     """Draw every parameter over time or temperature, a row a gyro."""
     rows = [list(group) for _, group in groupby(trend.parameters, key=lambda one: one.gyro)]
-    columns = max(map(len, rows))
+    columns, dates = max(map(len, rows)), {one.name: change.date for one, change, _ in trend.changes}
     panels = []
     for row in rows:
-        panels += [_build_parameter_panel(trend, one, x, name if row is rows[-1] else "", style) for one in row]
+        axis = name if row is rows[-1] else ""
+        panels += [_build_parameter_panel(one, dates.get(one.name), x, axis, style) for one in row]
         panels += [Panel(lambda axes: axes.set_axis_off())] * (columns - len(row))
     return draw_panels(*panels, size=(TREND_WIDTH_IN, ROW_HEIGHT_IN * len(rows) + 0.3), columns=columns)
 
 
-def _build_parameter_panel(trend: Trend, one: ParameterTrend, x: Array, name: str, style: str) -> Panel:
-    """One parameter with its sigmas, before and after its change."""
+def _build_parameter_panel(one: ParameterTrend, date: int | None, x: Array, name: str, style: str) -> Panel:
+    """One parameter with its sigmas, before and after the date of its change."""
     places, is_line = one.places, "-" in style
-    is_changed = one.change is not None and trend.find_alarm(one) is not None
-    date = one.change.date if one.change is not None and is_changed else places.size
     lines = []
-    for part, colour in ((places[:date], TEAL), (places[date:], RED)):
+    for part, colour in ((places[:date], TEAL), (places[date:] if date else places[:0], RED)):
         value, sigma = one.value[part], one.sigma[part]
         lines.append(Line(x[part], value, "", colour, style, value - sigma, value + sigma, bars=not is_line, size=3.0))
-    at = [float(x[places[date - 1 : date + 1]].mean())] if is_changed and is_line else []
+    at = [float(x[places[date - 1 : date + 1]].mean())] if date and is_line else []
     return make_curves(lines, title=one.name, x=name, y=one.unit, at=at)
 
 
 def draw_evidence(trend: Trend) -> Figure:
     """Draw the evidence for a change of each parameter over the recordings, those with the most with a name."""
     tested = [(one, one.change.log_e) for one in trend.parameters if one.change is not None]
-    colours = dict(zip((one.name for one, _ in trend.changed), LINE_COLOURS, strict=False))
+    colours = dict(zip((one.name for one, *_ in trend.changes), LINE_COLOURS, strict=False))
     lines = []
     for one, log_e in sorted(tested, key=lambda pair: float(pair[1].max())):
         look = (one.name if one.name in colours else "", colours.get(one.name, GREY))
         lines.append(Line(trend.days[one.places], log_e / np.log(10), *look, size=3.0))
     threshold = trend.log_threshold / np.log(10)
-    axes = {"x": _name_time(trend), "y": "log10 E", "legend": "upper left" if colours else ""}
-    return draw_panels(make_curves(lines, levels=[threshold], **axes), size=(8.0, 3.6))
+    legend = "upper left" if colours else ""
+    panel = make_curves(lines, levels=[threshold], x=_name_time(trend), y="log10 E", legend=legend)
+    return draw_panels(panel, size=(8.0, 3.6))
 
 
 def _build_value_table(trend: Trend) -> PageTable:
     """A row for each recording and a column for each parameter, with its sigma."""
-    cells = {"recording": trend.recordings["recording"]}
+    cells = {"recording": trend.recordings["recording"].tolist()}
     for one in trend.parameters:
         pairs = zip(one.value, one.sigma, strict=True)
         cells[f"{one.name} ({one.unit})"] = [
