@@ -31,8 +31,7 @@ of e-processes of different histories is none (Choe and Ramdas, arXiv:2402.09698
 applied to each alone: a parameter changes where E ≥ P/ε, and by the union bound P(any alarm) ≤ ε, whatever the correlation.
 
 Filter. θ is eliminated by the diffuse start of a scalar Kalman filter of θ + w, whose innovations of x, T and the steps are
-independent with variances F. α is eliminated by regression on those innovations. Temperatures within 1 K of the first count as
-the first: a slope over such differences would only take a contrast.
+independent with variances F. α is eliminated by regression on those innovations.
 """
 
 from __future__ import annotations
@@ -54,7 +53,6 @@ LARGEST_RANGE_SHARE = 2.0  # scatter and walk in the range of the values, above 
 PRIOR_SCATTERS = (0.0, 1.0, 4.0, 16.0, 64.0)  # s, and the walk of the first interval, of the numerator, in sigma
 PRIOR_STEPS = (2.0, 8.0, 32.0, 128.0, 512.0)  # 1-sigma of δ, in sigma
 PRIOR_STEADY = 0.5  # probability of neither scatter nor walk in the numerator
-SAME_TEMPERATURE_K = 1.0  # K from the first recording, below which a slope is not told from a change and costs a contrast
 LEAST_INFORMATION = 1e-12  # of a regression, relative to that of the uncentred columns, below which it is none
 DATE_PROBABILITY = 0.9  # of the stated interval of change times
 
@@ -187,7 +185,6 @@ class _Likelihood:
             gains[k] = P / F[k]
             P = P * (1 - gains[k])
         T = np.zeros(n) if temperature is None else np.asarray(temperature) - temperature[0]
-        T = np.where(np.abs(T) > SAME_TEMPERATURE_K, T, 0.0)
         x, slopes = (_whiten_columns(one[:, None], gains, F)[:, :, 0] for one in (np.asarray(value), T))
         return cls(x, slopes, gains, F)
 

@@ -3,6 +3,10 @@
 Each gyro has a scale factor, the turn of its axis from the a-priori axis of the first recording, and a bias, ω_raw = K ω + c.
 The sigmas are the recommended ones, with the remainder where the residuals do not fit the stated noise. Where no remainder can
 be estimated (more gyros than three, references by several sensors) such residuals widen the sigmas by √(χ²/dof).
+
+A slope with the temperature takes one contrast of few. It is free only if a recording is more than 1 K off the first. A unit
+with temperatures may thus be tested without the slope at first and with it later: two tests, which share the probability of a
+false alarm.
 """
 
 from __future__ import annotations
@@ -31,9 +35,10 @@ Array = NDArray[np.float64]
 
 FALSE_ALARM_PROBABILITY = 0.1  # of any alarm at a unit without a change, in all its recordings
 POOR_FIT = 0.01  # p-value of residuals below which they do not fit the stated noise, as of a remainder
+SAME_TEMPERATURE_K = 1.0  # K, difference of temperatures that changes no parameter
 LARGEST_SHARE = float(np.sqrt(0.5))  # of a plausible range, of a sigma above which the data do not determine the parameter
 ALONG_AXIS = 0.99  # component of a unit vector along which a turn is none
-ARCSEC_PER_RAD = float(np.rad2deg(3600.0))  # of a rad
+ARCSEC_PER_RAD = float(np.rad2deg(1.0) * 3600)
 SCALED = "scaled"  # sigmas widened by the residuals, beside nominal ones and those with remainder
 
 
@@ -85,8 +90,14 @@ class Trend:
 
     @property
     def log_threshold(self) -> float:
-        """Logarithm of the E at which a parameter has changed: Ville's inequality with an equal share for each parameter."""
-        return float(np.log(len(self.parameters) / FALSE_ALARM_PROBABILITY))
+        """Logarithm of the E at which a parameter has changed: Ville's inequality with an equal share for each test."""
+        tests = 2 if self.recordings["temperature_c"].notna().any() else 1
+        return float(np.log(tests * len(self.parameters) / FALSE_ALARM_PROBABILITY))
+
+    @property
+    def has_slope(self) -> bool:
+        """Whether the parameters may depend on the temperature."""
+        return has_temperature_slope(self.recordings["temperature_c"].to_numpy())
 
     @property
     def changes(self) -> tuple[tuple[ParameterTrend, ParameterChange, int], ...]:
@@ -182,6 +193,11 @@ def check_same_gyros(recordings: Mapping[str, Recording]) -> None:
             raise InputError(f"{name}: has the gyros {has}, and {first} has {had}; give recordings of one unit")
 
 
+def has_temperature_slope(temperature: Array) -> bool:
+    """Whether all recordings have a temperature, one of them another than the first."""
+    return bool(np.isfinite(temperature).all() and np.abs(temperature - temperature[0]).max() > SAME_TEMPERATURE_K)
+
+
 def _compute_span(recording: Recording) -> tuple[datetime, datetime]:
     """Begin of the first interval and end of the last; an epoch without a zone is UTC."""
     epoch = datetime.fromisoformat(recording.epoch)
@@ -238,7 +254,7 @@ def _compute_excess(found: CalibrationResult | GyrosResult) -> float:
 def _list_parameters(
     done: list[_Calibrated], axes: Array, days: Array, temperature: Array, largest_walk: float
 ) -> tuple[ParameterTrend, ...]:
-    """Test all parameters of all gyros; their slope with the temperature is free where all recordings have one."""
+    """Test all parameters of all gyros; their slope with the temperature is free where it can be told."""
     tables = [tabulate_gyros(one.gyros, axes, one.covariance) for one in done]
     ranges_G, ranges_c = (np.array([getattr(one.plausible, name) for one in done]) for name in ("G", "bias"))
     out = []
@@ -253,7 +269,7 @@ def _list_parameters(
             value, sigma = (np.array([float(one[name][i]) for one in tables]) for name in (value_name, sigma_name))
             value, sigma = factor * (value - zero), factor * sigma
             known = (sigma > 0) & (sigma < LARGEST_SHARE * plausible)
-            T = temperature[known] if np.isfinite(temperature).all() else None
+            T = temperature[known] if has_temperature_slope(temperature) else None
             enough = known.sum() >= 2
             change = detect_parameter_change(value[known], sigma[known], days[known], T, largest_walk) if enough else None
             value, sigma = (np.where(known, one, np.nan) for one in (value, sigma))

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.console import Console
 
-from gyrocal.calibration.parameter_change import SAME_TEMPERATURE_K, ParameterChange
+from gyrocal.calibration.parameter_change import ParameterChange
 from gyrocal.calibration.remainder_processes import WITH_REMAINDER
-from studies.compare.trend import FALSE_ALARM_PROBABILITY, SCALED, ParameterTrend, Trend
+from studies.compare.trend import FALSE_ALARM_PROBABILITY, SAME_TEMPERATURE_K, SCALED, ParameterTrend, Trend
 from studies.report import tables
 from studies.report.pages import Answer, Item, Page, PageTable, Picture, ProvenanceFooter, Section
 from studies.report.panels import BLUE, DARK, GREY, ORANGE, RED, TEAL, Line, Panel, draw_panels, make_curves
@@ -145,7 +145,7 @@ def build_trend_page(trend: Trend, made: ProvenanceFooter | None = None) -> str:
 
 
 def _name_time(trend: Trend) -> str:
-    return "days since the first recording" if trend.is_timed else "recording"
+    return "days" if trend.is_timed else "recording"
 
 
 def _build_evidence_picture(trend: Trend) -> Picture:
@@ -167,7 +167,7 @@ def _build_temperature_items(trend: Trend) -> Sequence[Item]:
     temperature = trend.recordings["temperature_c"].to_numpy()
     if np.isnan(temperature).any():
         return ["Not every recording has a housekeeping column with a temperature."]
-    if np.abs(temperature - temperature[0]).max() <= SAME_TEMPERATURE_K:
+    if not trend.has_slope:
         return [f"All recordings are within {SAME_TEMPERATURE_K:g} K of the first, and no slope is estimated."]
     alt = "The same parameters over the mean temperature of each recording."
     caption = "Bars: one sigma. Red: from a change on. The test leaves the slope with the temperature free."

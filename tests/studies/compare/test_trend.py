@@ -114,10 +114,13 @@ def test_heat_is_no_change():
     found = estimate_trend(heated, largest_walk=1.0)
     assert found.recordings["temperature_c"].tolist() == celsius.tolist()
     assert found.changes == ()
+    assert found.log_threshold == pytest.approx(np.log(240))
     assert [one.name for one, *_ in estimate_trend(cold, largest_walk=1.0).changes] == ["gyro x, scale factor"]
     page = trend_report.build_trend_page(found)
     assert page.count("data:image/svg+xml") == 3
     assert "None of 12 parameters is known to have changed" in page
+    steady = {name: warm(one, 20.0 + 0.1 * k) for k, (name, one) in enumerate(cold.items())}
+    assert len(estimate_trend(steady, largest_walk=1.0).changes) == 1
     mixed = estimate_trend(heated | {"one": cold["one"]}, largest_walk=1.0)
     assert "Not all recordings have a temperature: no parameter is corrected for it." in trend_report.describe_trend(mixed)
 
