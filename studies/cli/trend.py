@@ -46,12 +46,12 @@ def command(folders: tuple[Path, ...], out: Path | None, largest_walk: float) ->
 
     with show_stages("trend", LINE_EVERY_S) as tell:
         found = estimate_trend(loaded, largest_walk, tell)
-    trend.show(make_console(), found)
     if out:
         from studies.report.pages import build_provenance_footer
 
         write_csv(out / "trend.csv", found.tabulate_values())
         write_text(out / "trend.html", trend.build_trend_page(found, build_provenance_footer()))
+    trend.show(make_console(), found)
 
 
 def find_recordings(folders: Sequence[Path]) -> list[Path]:
