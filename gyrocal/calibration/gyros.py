@@ -390,22 +390,7 @@ class GyrosResult:
 
     def summary(self) -> pd.DataFrame:
         """A row per gyro: scale factor, turn of its axis from the a-priori one, and bias, each with its sigma."""
-        import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
-
-        gyros, before = self.gyros, self.initial.axes
-        rows = []
-        for i, name in enumerate(gyros.names):
-            own = self.covariance[4 * i : 4 * i + 4, 4 * i : 4 * i + 4]
-            s, u = gyros.scale_factor[i], gyros.axes[i]
-            # d s = u · dK, d u = (I − u uᵀ) dK / s.
-            across = (np.eye(3) - np.outer(u, u)) / s
-            turn, spread = u - before[i], np.sqrt(np.diag(across @ own[:3, :3] @ across.T))
-            row: dict[str, Any] = {"gyro": name, "scale_factor": s, "sigma_scale_factor": float(np.sqrt(u @ own[:3, :3] @ u))}
-            for k, axis in enumerate("xyz"):
-                row |= {f"misalignment_{axis}_deg": np.rad2deg(turn[k]), f"sigma_{axis}_deg": np.rad2deg(spread[k])}
-            row |= {"bias_deg_s": np.rad2deg(gyros.c[i]), "sigma_bias_deg_s": np.rad2deg(np.sqrt(own[3, 3]))}
-            rows.append(row)
-        return pd.DataFrame(rows)
+        return tabulate_gyros(self.gyros, self.initial.axes, self.covariance)
 
     def to_json(self) -> dict[str, Any]:
         """The result as plain values, degrees and deg/s."""
@@ -442,6 +427,32 @@ class GyrosResult:
             },
             **format_tracker_results(self.mountings, self.differences),
         }
+
+
+def tabulate_gyros(gyros: GyroArray, before: Array, covariance: Array) -> pd.DataFrame:
+    """Tabulate the scale factor, the turn of the axis and the bias of each gyro, each with its sigma.
+
+    Parameters
+    ----------
+    gyros : calibrated
+    before : (n, 3) axes that the turns count from
+    covariance : (4n, 4n) of `GyroArray.vector`
+    """
+    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
+    rows = []
+    for i, name in enumerate(gyros.names):
+        own = covariance[4 * i : 4 * i + 4, 4 * i : 4 * i + 4]
+        s, u = gyros.scale_factor[i], gyros.axes[i]
+        # d s = u · dK, d u = (I − u uᵀ) dK / s.
+        across = (np.eye(3) - np.outer(u, u)) / s
+        turn, spread = u - before[i], np.sqrt(np.diag(across @ own[:3, :3] @ across.T))
+        row: dict[str, Any] = {"gyro": name, "scale_factor": s, "sigma_scale_factor": float(np.sqrt(u @ own[:3, :3] @ u))}
+        for k, axis in enumerate("xyz"):
+            row |= {f"misalignment_{axis}_deg": np.rad2deg(turn[k]), f"sigma_{axis}_deg": np.rad2deg(spread[k])}
+        row |= {"bias_deg_s": np.rad2deg(gyros.c[i]), "sigma_bias_deg_s": np.rad2deg(np.sqrt(own[3, 3]))}
+        rows.append(row)
+    return pd.DataFrame(rows)
 
 
 def list_gyro_parameters(names: Sequence[str]) -> tuple[str, ...]:

@@ -59,6 +59,7 @@ def test_a_command_module_loads_nothing_heavy(name):
         ("next", "REC"),
         ("predict", "REC", "--from", "1"),
         ("study", "nothing"),
+        ("trend", "REC"),
     ],
     ids=lambda arguments: arguments[0],
 )
