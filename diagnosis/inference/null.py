@@ -62,7 +62,7 @@ def compute_null_p(
     scanned_share : of the false alarms, that what a scan has chosen may have
     tell : called with the share of the draws that are done
     """
-    observed = _compute_observed_statistic(search)
+    observed = search.compute_observed_statistic()
     bound = float(np.exp(-max(observed, 0.0)))
     if bound * (1 + draws) < 1:
         return _combine_scanned_p(search, bound, scanned_share)
@@ -97,7 +97,7 @@ def draw_null_statistics(
 
 def compute_p_among_draws(search: Search, null: Array, scanned_share: float = DEFAULT.scanned_share) -> float:
     """P-value of what was observed, among the statistics of draws of M0."""
-    return _combine_scanned_p(search, _compute_simulated_p(_compute_observed_statistic(search), null), scanned_share)
+    return _combine_scanned_p(search, _compute_simulated_p(search.compute_observed_statistic(), null), scanned_share)
 
 
 def _compute_simulated_p(observed: float, null: Array) -> float:
@@ -107,15 +107,11 @@ def _compute_simulated_p(observed: float, null: Array) -> float:
     return bound if bound * (1 + null.size) < 1 else simulated
 
 
-def _compute_observed_statistic(search: Search) -> float:
-    return float(search.compute_null_statistic(search.correlation[:, None])[0])
-
-
 def _combine_scanned_p(search: Search, usual: float, scanned_share: float) -> float:
     """P-value of both tests, from that of the candidates whose options no scan has chosen."""
     listed = [candidate for candidate in search.model.candidates if candidate.scanned and candidate.listed]
     if not listed:
         return max(usual, LEAST_POSITIVE)
     prior = float(logsumexp([candidate.log_prior for candidate in listed]))
-    of_scan = float(np.exp(min(prior - search.compute_null_statistic(search.correlation[:, None], scanned=True)[0], 0.0)))
+    of_scan = float(np.exp(min(prior - search.compute_observed_statistic(scanned=True), 0.0)))
     return max(min(usual / (1 - scanned_share), of_scan / scanned_share, 1.0), LEAST_POSITIVE)

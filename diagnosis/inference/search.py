@@ -131,6 +131,11 @@ class Search:
         """
         self.tell(self._scored)
         self._scored += 1
+        return self._find_score(candidate, members, most)
+
+    def _find_score(self, candidate: int, members: tuple[SelectedCandidate, ...], most: int | None = None) -> Score:
+        if most is not None and all(option.count <= most for option in self.model.candidates[candidate].options):
+            most = None  # one score, whether it screens or not
         key = (candidate, frozenset(members), most)
         if key not in self._scores:
             given = self.condition_on(members)
@@ -144,21 +149,21 @@ class Search:
             )
         return self._scores[key]
 
-    def compute_null_statistic(self, correlation: Array, scanned: bool = False) -> Array:
-        """log of the evidence averaged over candidates with their priors, for many observations at once.
+    def compute_observed_statistic(self, scanned: bool = False) -> float:
+        """log of the evidence averaged over candidates with their priors.
 
-        Parameters
-        ----------
-        correlation : (p, d) Xᵀy of d observations
-        scanned : of the listed candidates whose options a scan has chosen, or of all the others
-
-        Returns
-        -------
-        (d,)
+        It is that of the listed candidates whose options a scan has chosen, or of all candidates that no scan has chosen.
         """
+        entries = enumerate(self.model.candidates)
+        own = [one for one in entries if one[1].scanned == scanned and (one[1].listed or not scanned)]
+        parts = [self._find_score(number, ()).average + one.log_prior for number, one in own]
+        return float(logsumexp(parts)) if parts else -np.inf
+
+    def compute_null_statistic(self, correlation: Array) -> Array:
+        """(d,) the same of candidates that no scan has chosen, for d other observations at once, with Xᵀy (p, d)."""
         parts = []
         for number, candidate in enumerate(self.model.candidates):
-            if candidate.scanned != scanned or (scanned and not candidate.listed):
+            if candidate.scanned:
                 continue
             for batch in self.gram.list_batches(number):
                 values, weights = correlation[batch.places], candidate.log_weights[batch.options]

@@ -1,6 +1,7 @@
 """Small simulated recordings, each made and prepared once."""
 
 from functools import lru_cache
+from itertools import accumulate
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -72,10 +73,8 @@ def observed(rates, each, sample_s, arw, sigma, rng, **options):
     turns = Rotation.identity(gaps)
     for k in range(each):
         turns = turns * Rotation.from_rotvec(rates[k::each][:gaps] * sample_s)
-    attitudes = [Rotation.identity()]
-    for turn in turns:
-        attitudes.append(attitudes[-1] * turn)
-    noisy = Rotation.concatenate(attitudes) * Rotation.from_rotvec(sigma * rng.standard_normal((gaps + 1, 3)))
+    attitudes = list(accumulate(turns.as_matrix(), np.matmul, initial=np.eye(3)))
+    noisy = Rotation.from_matrix(attitudes) * Rotation.from_rotvec(sigma * rng.standard_normal((gaps + 1, 3)))
     read = rates + arw / np.sqrt(sample_s) * rng.standard_normal(rates.shape)
     tags, times = sample_s * np.arange(len(rates)), each * sample_s * np.arange(gaps + 1)
     return Recording.from_arrays(tags, read, times, noisy.as_quat(), sigma=sigma, arw=arw, **options)

@@ -23,3 +23,6 @@ def test_the_baseline_has_none(seed):
     answer = diagnose(recorded(seed))
     assert answer.verdict == "none"
     assert not answer.causes
+    assert not any(
+        one.startswith("The residuals after a calibration fit") or "look at the number" in one for one in answer.notes
+    )

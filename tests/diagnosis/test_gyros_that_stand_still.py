@@ -12,7 +12,7 @@ SAMPLE_S, ARW = 0.1, 1e-5
 NOISE = ARW / np.sqrt(SAMPLE_S)
 
 
-def turning(seed=3, count=6000):
+def turning(seed=3, count=1500):
     """A body that turns slowly and less slowly, about all axes."""
     t_s = SAMPLE_S * np.arange(count)
     rates = 2e-3 * np.sin(2 * np.pi * t_s[:, None] / np.array([170.0, 230.0, 310.0]))

@@ -24,7 +24,7 @@ DRAWS = 120
 
 @pytest.fixture(scope="module")
 def plan():
-    return scenario.override(scenario.load("trmm_series"), {"reference.every_s": 240.0, "gyro.sample_s": 1.0})
+    return scenario.override(scenario.load("trmm_series"), {"reference.every_s": 240.0, "gyro.sample_s": 2.0})
 
 
 @pytest.fixture(scope="module")

@@ -47,9 +47,3 @@ def test_a_number_in_another_unit_is_told(arw, sigma, words):
     # With the noise as it is, what is at work shows as ever.
     other = next(one for one in found.causes if one.effect == "bias_orbital")
     assert abs(other.size - 0.5) < 4 * other.sigma
-    assert not any("look at the number" in one for one in diagnose(plain).notes)
-
-
-def test_without_a_gap_and_with_one_that_a_calibration_sees_nothing_is_said():
-    for recording in (recorded(3), recorded(3, "bias_orbital:y=0.5")):
-        assert not any(one.startswith(FITTING) for one in diagnose(recording).notes)

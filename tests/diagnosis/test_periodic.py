@@ -8,12 +8,17 @@ import pytest
 from diagnosis.diagnose import diagnose
 from tests.diagnosis.recordings import recorded
 
+LIBRARY = (
+    *("bias_periodic", "bias_orbital", "bias_step", "bias_random_walk", "bias_markov", "noise_flicker"),
+    *("reference_periodic", "reference_orbital", "reference_horizon", "reference_correlated"),
+)
+
 
 @pytest.mark.parametrize(
     ("effect", "axis", "size", "period"), [("bias_periodic", "z", 0.35, 1730.0), ("reference_periodic", "x", 0.012, 2150.0)]
 )
 def test_it_is_found_with_its_period_and_size(effect, axis, size, period):
-    answer = diagnose(recorded(6, f"{effect}:{axis}={size},period_s={period},phase_deg=-70"))
+    answer = diagnose(recorded(6, f"{effect}:{axis}={size},period_s={period},phase_deg=-70"), library=LIBRARY)
     assert answer.verdict in ("named", "group")
     (cause,) = answer.causes
     assert f"{effect}:{axis}" in cause.group

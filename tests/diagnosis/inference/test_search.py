@@ -104,9 +104,11 @@ def test_null_statistic_of_many_is_that_of_each():
     model = linear_model(columns, Y[:, 0], changes={0: {"positive": True}})
     together = Search(model).compute_null_statistic(model.X.T @ Y)
     for k in range(4):
-        singles = Search(replace(model, y=Y[:, k])).score_singles()
+        search = Search(replace(model, y=Y[:, k]))
+        singles = search.score_singles()
         expected = np.log(sum(np.exp(e.log_evidence + model.candidates[next(iter(e.key))].log_prior) for e in singles))
         assert together[k] == pytest.approx(expected, abs=1e-9)
+        assert search.compute_observed_statistic() == pytest.approx(expected, abs=1e-9)
 
 
 def test_the_search_leaves_a_wrong_set_for_the_right_one():
@@ -159,10 +161,10 @@ def test_p_value_counts_the_observation_among_the_draws(observed, expected):
 
     def statistic(correlation):
         nonlocal drawn
-        drawn |= correlation.shape[1] == 9
-        return draws if correlation.shape[1] == 9 else np.array([observed])
+        drawn = True
+        return draws
 
-    search = SimpleNamespace(model=model, correlation=np.zeros(1), compute_null_statistic=statistic)
+    search = SimpleNamespace(model=model, compute_observed_statistic=lambda: observed, compute_null_statistic=statistic)
     assert compute_null_p(search, seed=0, draws=9) == pytest.approx(expected, rel=1e-12)
     assert drawn == (observed < 4)  # where the bound decides, nothing is drawn
 
@@ -174,12 +176,10 @@ def test_draws_end_where_enough_are_beyond_the_observation():
 
     def statistic(correlation):
         nonlocal made
-        if correlation.shape[1] == 1:
-            return np.array([0.1])
         made += correlation.shape[1]
         return np.where(np.arange(1, correlation.shape[1] + 1) % 5 == 0, 1.0, 0.0)
 
-    search = SimpleNamespace(model=model, correlation=np.zeros(1), compute_null_statistic=statistic)
+    search = SimpleNamespace(model=model, compute_observed_statistic=lambda: 0.1, compute_null_statistic=statistic)
     assert compute_null_p(search, seed=0, draws=1000) == pytest.approx(20 / 100, rel=1e-12)
     assert made == 250
 
@@ -193,8 +193,8 @@ def test_the_p_value_of_draws_that_end_early_is_exact():
         own = rng.random()
         search = SimpleNamespace(
             model=model,
-            correlation=np.zeros(1),
-            compute_null_statistic=lambda c, own=own: np.array([own]) if c.shape[1] == 1 else rng.random(c.shape[1]),
+            compute_observed_statistic=lambda own=own: own,
+            compute_null_statistic=lambda correlation: rng.random(correlation.shape[1]),
         )
         found.append(compute_null_p(search, seed=0, draws=999))
     for level in (0.025, 0.05, 0.2, 0.5):
@@ -221,7 +221,7 @@ def test_what_a_scan_has_chosen_alarms_by_the_bound_on_its_evidence():
         alarms += tested(rng.standard_normal(500), seed)[1] < 0.02
     assert alarms <= 9  # 3 are expected at most
     search, p = tested(rng.standard_normal(500) + 1.4 * every[:, 3], 0)
-    average = search.compute_null_statistic(search.correlation[:, None], scanned=True)[0] - search.model.candidates[1].log_prior
+    average = search.compute_observed_statistic(scanned=True) - search.model.candidates[1].log_prior
     assert np.log(p) == pytest.approx(-average - np.log(share))  # p itself is below any absolute tolerance
     assert p < 1e-6
 
@@ -252,6 +252,7 @@ def test_products_of_the_first_columns_of_several_options_are_not_those_of_one()
     search.score(0, other, 24)
     after, fresh = search.score(0, other), Search(search.model).score(0, other)
     assert after == fresh
+    assert search.score(1, (), 24) is search.score(1, ())  # of one column, which is no fewer than all
 
 
 def test_an_unlisted_error_beside_a_rough_effect_must_explain_more_than_it_leaves():

@@ -34,6 +34,9 @@ INTERVALS = [
 ]
 
 
+RIVALS = ["vibration", "bias_periodic", "reference_periodic", "bias_orbital", "bias_step", "noise_excess", "time_offset"]
+
+
 @lru_cache
 def plan(every_s=1.0):
     """Samples at 100 Hz and a reference each second, over ten minutes."""
@@ -71,6 +74,17 @@ def tone(amplitude_deg, frequency_hz):
     return turn
 
 
+@lru_cache
+def prepared(*effects):
+    return prepare(recorded(*effects))
+
+
+@lru_cache
+def prepared_sway():
+    """A sway so slow that the references follow it."""
+    return prepare(swaying(recorded(), tone(0.002, 1 / 5.1)))
+
+
 def band(amplitude_deg, frequency_hz, width_hz, seed=1):
     """A sway about y over a band of frequencies, whose amplitude comes and goes."""
     rng = np.random.default_rng(seed)
@@ -87,11 +101,11 @@ def band(amplitude_deg, frequency_hz, width_hz, seed=1):
 
 @pytest.mark.parametrize(
     "turn",
-    [tone(0.002, 1 / 5.1), tone(0.001, 1 / 2.3), band(0.002, 0.3, 0.03), band(0.0003, 1.7, 0.05), band(5e-5, 6.3, 0.2)],
+    [None, tone(0.001, 1 / 2.3), band(0.002, 0.3, 0.03), band(0.0003, 1.7, 0.05), band(5e-5, 6.3, 0.2)],
 )
 def test_a_body_that_sways_is_no_vibration(turn):
     """Steady and slow, where the references follow it; over a band, whether they can or not, far beyond their rate too."""
-    found = prepare(swaying(recorded(), turn))
+    found = prepare(swaying(recorded(), turn)) if turn else prepared_sway()
     assert [line.axis for line in found.samples.lines]
     assert {line.axis for line in found.samples.lines} == {1}
     assert [symptom.kind for symptom in found.samples.symptoms] == []
@@ -107,7 +121,7 @@ def test_a_diagnosis_of_a_swaying_body_finds_no_gap_and_says_why():
 
 @pytest.mark.parametrize(("frequency", "size"), [(0.43, 0.004), (13.7, 0.001), (41.0, 0.002)])
 def test_a_vibration_is_one_at_any_frequency(frequency, size):
-    found = prepare(recorded(f"vibration:y={size},apparent_hz={frequency}"))
+    found = prepared(f"vibration:y={size},apparent_hz={frequency}")
     (symptom,) = found.samples.symptoms
     assert (symptom.kind, symptom.axis) == ("spectral_line", "y")
     assert abs(symptom.size - size) < 4 * symptom.sigma
@@ -120,7 +134,7 @@ def test_a_vibration_is_one_at_any_frequency(frequency, size):
 
 
 def test_a_diagnosis_names_a_vibration_of_a_fast_gyro():
-    answer = diagnose(recorded("vibration:y=0.004,apparent_hz=0.43"))
+    answer = diagnose(recorded("vibration:y=0.004,apparent_hz=0.43"), library=RIVALS)
     assert [(cause.effect, cause.axis) for cause in answer.causes] == [("vibration", "y")]
     assert answer.verdict == "named"
 
@@ -140,14 +154,14 @@ def test_a_tone_that_no_reference_resolves_is_a_vibration_only_in_the_upper_part
 
 
 def test_quiet_samples_show_no_line():
-    found = prepare(recorded())
+    found = prepared()
     assert found.samples.lines == ()
     assert found.samples.symptoms == ()
 
 
 def test_the_log_ratio_is_what_the_references_can_tell():
     """About ½ cᵀc in favour of a vibration, the same against it for a motion, and nothing where they could not see it."""
-    still, moved = prepare(recorded("vibration:y=0.004,apparent_hz=0.43")), prepare(swaying(recorded(), tone(0.002, 1 / 5.1)))
+    still, moved = prepared("vibration:y=0.004,apparent_hz=0.43"), prepared_sway()
     (line,) = still.samples.lines
     before = replace(still.samples, rates=recorded("vibration:y=0.004,apparent_hz=0.43").gyro.rates)
     # The model of the repaired samples does not hold the line any more: put the other way round it is a motion.
@@ -189,7 +203,7 @@ def test_references_that_are_too_few_leave_it_to_the_prior():
 def test_power_beside_a_line_that_is_none_of_noise_takes_from_what_the_references_tell():
     """References with ten times their noise make a projection of ten sigmas, which of noise alone would be certain; weighed by
     its power it is a tenth of that, less than one beside the references' own answer."""
-    found = prepare(swaying(recorded(), tone(0.002, 1 / 5.1)))
+    found = prepared_sway()
     model, (line,) = found.model, found.samples.lines
     assert compute_log_ratio(model, line) < -10
     rng, ratios = np.random.default_rng(5), []
@@ -254,7 +268,7 @@ def test_a_swing_is_as_likely_in_each_octave_and_a_vibration_at_each_frequency(f
 
 def test_a_swing_that_the_samples_show_may_be_either():
     """References every 0.4 s follow a swing of 1.25 s, and a vibration may show at its frequency, too."""
-    answer = diagnose(recorded("bias_periodic:z=25,period_s=1.25", every_s=0.4))
+    answer = diagnose(recorded("bias_periodic:z=25,period_s=1.25", every_s=0.4), library=RIVALS)
     (cause,) = answer.causes
     assert (cause.effect, cause.axis, set(cause.group)) == ("bias_periodic", "z", {"bias_periodic:z", "vibration:z"})
     assert abs(cause.size - 25) < 4 * cause.sigma

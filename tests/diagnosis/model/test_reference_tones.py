@@ -117,7 +117,9 @@ def test_aliases_of_a_series():
 
 
 def test_a_diagnosis_names_it():
-    answer = diagnose(recorded("reference_periodic:z=0.008,period_s=1.7", every_s=EVERY))
+    rivals = ("bias_periodic", "vibration", "reference_correlated", "reference_noise_excess", "bias_step", "time_offset")
+    recording = recorded("reference_periodic:z=0.008,period_s=1.7", every_s=EVERY)
+    answer = diagnose(recording, library=["reference_periodic", *rivals])
     assert [cause.label for cause in answer.causes] == ["reference_periodic:z"]
     assert answer.verdict in ("named", "group")
     assert min(p for name, p in answer.p_values.items() if name.startswith("misfit")) > 1e-3

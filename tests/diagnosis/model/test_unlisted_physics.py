@@ -124,7 +124,7 @@ def test_twice_a_heading_is_a_second_harmonic_of_a_direction():
 @pytest.mark.parametrize("follows", ["twice the heading", "the past"])
 def test_references_that_follow_it_are_unknown(model, bins, follows):
     """Random walks of references, and correlated errors, are free to look like it."""
-    recording = recorded(21, every_s=60.0)
+    recording = recorded(21, every_s=90.0)
     references = recording.attitudes
     forward = Rotation.from_quat(references.quaternions).as_matrix()[:, :, 0]  # body x in inertial axes
     now = np.clip(np.searchsorted(bins.t_s, references.t_s), 0, bins.t_s.size - 1)

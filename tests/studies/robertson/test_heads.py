@@ -59,7 +59,8 @@ def test_both_answers_are_one(found):
     np.testing.assert_allclose(found.causes[0].size, 0.28156, atol=3 * found.causes[0].sigma)
 
 
-def test_the_json_has_what_the_format_names(run_cli, rec, tmp_path):
+def test_the_json_has_what_the_format_names(run_cli, rec, found, tmp_path, monkeypatch):
+    monkeypatch.setattr("diagnosis.diagnose.diagnose", lambda *_, **options: found)
     target, page = tmp_path / "d.json", tmp_path / "d.html"
     result = run_cli("diagnose", str(rec), "--json", str(target), "--report", str(page))
     assert result.exit_code == 0
