@@ -1,8 +1,8 @@
 """Degrees of freedom of a noise level that was estimated from the recording itself.
 
 A recording may state noise levels that an import estimated (`sigma_estimated`, `arw_estimated`). With a variance estimate of ν
-degrees of freedom, σ̂² ~ σ² χ²(ν)/ν, the ratio χ²/dof has the distribution F(dof, ν) if the two are independent. That holds where
-the estimate rests on few of the differences in χ². Where they depend on one another the ratio scatters less.
+degrees of freedom, σ̂² ~ σ² χ²(ν)/ν, the ratio χ²/dof has the distribution F(dof, ν) if the two are independent. That holds
+where the estimate rests on few of the differences in χ². Where they depend on one another the ratio scatters less.
 
 * References: a median absolute deviation of n turns about each of three axes has the efficiency 0.367 of the standard deviation
   (Huber, Robust Statistics, 1981, section 5.1), so that ν = 3 · 0.367 n.

@@ -130,9 +130,9 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
     assumed += said
     t_s, raw, sample_s, said = _build_samples(t_s, raw, mapping)
     assumed += said
-    for k, one in enumerate(sensors):
-        keep, lost = leave_out_lost_references(one.t_s, one.q, t_s, raw, sample_s, f"attitude {one.name}".strip())
-        sensors[k] = Sensor(one.name, one.t_s[keep], one.q[keep])
+    for k, read in enumerate(sensors):
+        keep, lost = leave_out_lost_references(read.t_s, read.q, t_s, raw, sample_s, f"attitude {read.name}".strip())
+        sensors[k] = Sensor(read.name, read.t_s[keep], read.q[keep])
         assumed += lost
     time_scale = scale or "seconds of the file"
     return Streams(t_s, raw, sample_s, channels, tuple(sensors), epoch, time_scale, tuple(assumed))
