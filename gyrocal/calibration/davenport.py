@@ -30,6 +30,7 @@ from gyrocal import attitude
 from gyrocal.calibration import normal_equations as accumulation
 from gyrocal.calibration.attenuation import estimate_attenuation
 from gyrocal.calibration.covariance import CovarianceModel
+from gyrocal.calibration.estimated_noise import count_noise_degrees
 from gyrocal.calibration.gate import LargeResidualError, build_refusal
 from gyrocal.calibration.gyro_space import Parametrisation, select_parameter_space
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE, evaluate_observability, list_combinations
@@ -281,6 +282,7 @@ def calibrate(
             "prior_from": prior_from,
         },
         parametrisation=parametrisation,
+        noise_degrees=count_noise_degrees(recording),
         mountings=estimate(problem.mountings, solved.eliminated, P / np.outer(problem.scale, problem.scale)),
         differences=compare_sensors(recording),
         attenuation=estimate_attenuation(problem, parameters.G, J @ covariance @ J.T) if has_attenuation else None,
