@@ -59,7 +59,7 @@ def check_baseline(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple
     found = Innovations(e, taken.reshape(*e.shape, -1))
     if found.dof < DEFAULT_CRITICISM.fewest:
         return ()
-    return tuple(check_innovations(found, tabulate_references(model, later), count_noise_degrees(model.recording)))
+    return tuple(check_innovations(found, tabulate_references(model, later), count_noise_degrees(model.recording, found.dof)))
 
 
 def list_findings(checks: Sequence[Check], event_p: float) -> tuple[Finding, ...]:

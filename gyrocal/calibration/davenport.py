@@ -254,6 +254,8 @@ def calibrate(
     covariance = np.zeros((12, 12))
     covariance[np.ix_(columns, columns)] = P
     J = space.jacobian(parameters)
+    # A prior adds p equations and the solution takes p away.
+    dof = 3 * len(state.theta) - (p if apriori_covariance is None else 0) - count_free_mountings(problem.mountings)
     has_attenuation = problem.model == "full" and problem.mountings is None
     return CalibrationResult(
         recording=recording.title,
@@ -269,8 +271,7 @@ def calibrate(
         history=(*history, state.theta),
         observability=judged,
         chi2=state.chi2 + _compute_prior_chi2(x - x0, columns, apriori_covariance),
-        # A prior adds p equations and the solution takes p away.
-        dof=3 * len(state.theta) - (p if apriori_covariance is None else 0) - count_free_mountings(problem.mountings),
+        dof=dof,
         options={
             "step_s": step_s or recording.gyro.sample_s,
             "resampling": resampling,
@@ -282,7 +283,7 @@ def calibrate(
             "prior_from": prior_from,
         },
         parametrisation=parametrisation,
-        noise_degrees=count_noise_degrees(recording),
+        noise_degrees=count_noise_degrees(recording, dof),
         mountings=estimate(problem.mountings, solved.eliminated, P / np.outer(problem.scale, problem.scale)),
         differences=compare_sensors(recording),
         attenuation=estimate_attenuation(problem, parameters.G, J @ covariance @ J.T) if has_attenuation else None,

@@ -1,17 +1,21 @@
 """Degrees of freedom of a noise level that was estimated from the recording itself.
 
-A recording may state noise levels that an import estimated (`sigma_estimated`, `arw_estimated`). With a variance estimate of ν
-degrees of freedom, σ̂² ~ σ² χ²(ν)/ν, the ratio χ²/dof has the distribution F(dof, ν) if the two are independent. That holds
-where the estimate rests on few of the differences in χ². Where they depend on one another the ratio scatters less.
+A recording may state noise levels that an import estimated (`sigma_estimated`, `arw_estimated`). With an independent variance
+estimate of ν degrees of freedom, σ̂² ~ σ² χ²(ν)/ν, the ratio χ²/dof has the distribution F(dof, ν).
 
-* References: a median absolute deviation of n turns about each of three axes has the efficiency 0.367 of the standard deviation
-  (Huber, Robust Statistics, 1981, section 5.1), so that ν = 3 · 0.367 n.
-* Angle random walk: the Allan deviation at `ALLAN_S` of rests of the length T has at least T/`ALLAN_S` degrees of freedom for
-  each axis.
+* Turns between references: with the variance g = ARW² · spacing of the gyro in a turn, and q = g/σ², a turn has the variance
+  v = g + 2σ². A median absolute deviation of n turns about each of three axes has the efficiency 0.367 of the standard
+  deviation (Huber, Robust Statistics, 1981, section 5.1), so that v̂ has ν_v = 3 · 0.367 n. Turns in a row have a correlation of
+  −1/2 at most, and ν_v is then smaller by up to 1 + 2 · 0.106, from the bivariate normal distribution.
+* Angle random walk: an overlapping Allan deviation over m samples in rests of the length T has
+  ν_g = 1.5 T/τ · 4m²/(4m² + 5) for each axis (Riley, Handbook of Frequency Stability Analysis, NIST SP 1065, 2008, table 5).
 
-With a the gyro's share of the variance of a turn between two references, χ²/dof is the sum of both ratios with the weights a
-and 1 − a. Its relative variance is 2/ν with 1/ν = a²/ν_gyro + (1 − a)²/ν_references (Welch and Satterthwaite). A stated level
-has an infinite ν.
+Turns in a row share references. Their spectrum at the frequency f is proportional to q + 2 − 2 cos 2πf. The gyro's part in it
+has the mean share a = √(q/(q + 4)). To first order a relative error of ĝ changes χ²/dof by a times as much, one of σ̂² by 1 − a
+times. An import estimates σ̂² = (v̂ − ĝ)/2. The weight of v̂ is therefore w = (1 − a)(1 + q/2), from 0.83 to 1, and that of ĝ is
+1 − w. If σ is stated, that of ĝ is a. The turns are those of χ², and χ²/dof is the efficient estimate of their variance. Its
+covariance with any other unbiased estimate is therefore its variance 2/dof (Hausman, Econometrica 46, 1978). Hence
+1/ν = w²/ν_v − 2w/dof + (1 − w)²/ν_g (Welch and Satterthwaite), or a²/ν_g if σ is stated. A stated level has an infinite ν.
 """
 
 from __future__ import annotations
@@ -23,26 +27,30 @@ from gyrocal.recording import Recording, find_reference_rows
 
 MAD_EFFICIENCY = 0.367
 MOST_REFERENCE_PAIRS = 600  # turns that an import takes the sigma of references from
+NEIGHBOUR_VARIANCE = 1.2  # of a median absolute deviation of turns in a row over that of turns apart
 ALLAN_S = 0.1  # averaging time at which an import reads the angle random walk, s
 
 
-def count_noise_degrees(recording: Recording) -> float:
-    """Degrees of freedom of the noise that the recording states; infinite if nothing of it was estimated."""
+def count_noise_degrees(recording: Recording, dof: float) -> float:
+    """Degrees of freedom of the stated noise beside a χ² of its references; infinite if nothing of it was estimated."""
     gyro, attitudes = recording.gyro, recording.attitudes
-    if not (gyro.arw_estimated or attitudes.sigma_estimated) or not attitudes.t_s.size:
-        return float("inf")
     rows = [find_reference_rows(attitudes.t_s, interval) for interval in recording.intervals]
     pairs = sum(max(part.size - 1, 0) for part in rows)
-    used = len(range(0, pairs, max(-(-pairs // MOST_REFERENCE_PAIRS), 1)))
+    if not (gyro.arw_estimated or attitudes.sigma_estimated) or not pairs or dof <= 0:
+        return float("inf")
     spacing_s = float(np.median(np.concatenate([np.diff(attitudes.t_s[part]) for part in rows])))
-    turn = gyro.arw**2 * spacing_s
-    share = turn / (turn + 2 * float(np.mean(np.square(attitudes.sigma))))
-    inverse = 0.0
+    q = gyro.arw**2 * spacing_s / float(np.mean(np.square(attitudes.sigma)))
+    gyro_weight, inverse = np.sqrt(q / (q + 4)), 0.0
     if attitudes.sigma_estimated:
-        inverse += (1 - share) ** 2 / max(3 * MAD_EFFICIENCY * used, 1.0)
+        step = -(-pairs // MOST_REFERENCE_PAIRS)
+        degrees = 3 * MAD_EFFICIENCY * (pairs / step if step > 1 else pairs / NEIGHBOUR_VARIANCE)
+        weight = (1 - gyro_weight) * (1 + q / 2)
+        gyro_weight, inverse = 1 - weight, weight**2 / degrees - 2 * weight / dof
     if gyro.arw_estimated:
-        inverse += share**2 / max(3 * _measure_rests(recording) / ALLAN_S, 1.0)
-    return float(1 / inverse) if inverse else float("inf")
+        m = max(round(ALLAN_S / gyro.sample_s), 1)
+        degrees = 1.5 * _measure_rests(recording) / (m * gyro.sample_s) * 4 * m**2 / (4 * m**2 + 5)
+        inverse += gyro_weight**2 / (gyro.rates.shape[1] * degrees)
+    return float(1 / inverse) if inverse > 0 else float("inf")
 
 
 def _measure_rests(recording: Recording) -> float:
