@@ -29,6 +29,7 @@ import scipy.special
 from numpy.typing import NDArray
 
 from diagnosis.model.linear import LinearModel, SelectedCandidate
+from gyrocal.calibration.estimated_noise import compute_chi2_p, compute_smaller_chi2_p
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -139,12 +140,18 @@ def combine_checks(checks: Sequence[Check]) -> float:
     return min([1.0, *(check.p_value * len(checks) for check in checks)])
 
 
-def check_innovations(found: Innovations, layout: Layout) -> Iterator[Check]:
-    """Test whether innovations are white noise of variance one."""
+def check_innovations(found: Innovations, layout: Layout, noise_degrees: float = np.inf) -> Iterator[Check]:
+    """Test whether innovations are white noise of variance one.
+
+    Parameters
+    ----------
+    found, layout : the innovations, and what they stand for
+    noise_degrees : degrees of freedom of an estimated noise level, with which the size has an F distribution
+        (`gyrocal.calibration.estimated_noise`)
+    """
     size = float(np.sum(found.e**2))
-    yield _build_check(
-        "size", size, found.dof, 2 * min(scipy.special.chdtrc(found.dof, size), scipy.special.chdtr(found.dof, size))
-    )
+    larger = compute_chi2_p(size, found.dof, noise_degrees)
+    yield _build_check("size", size, found.dof, 2 * min(larger, compute_smaller_chi2_p(size, found.dof, noise_degrees)))
     yield _test_regressors(found, layout.regressors)
     yield _test_correlation(found, layout.interval)
     seen = found.remaining_variance > DEFAULT_CRITICISM.shown

@@ -27,6 +27,7 @@ from diagnosis.inference.criticism import DEFAULT_CRITICISM, Check, Innovations,
 from diagnosis.model.layout import tabulate_references
 from diagnosis.model.recording_model import SETTINGS as RECORDING
 from diagnosis.model.recording_model import RecordingModel, build_parameter_errors
+from gyrocal.calibration.estimated_noise import count_noise_degrees
 from gyrocal.jit_cache import compile_cached
 from gyrocal.small_matrices import compute_lower_root, solve_lower
 from simulator.effects.base import Effect, Value
@@ -56,7 +57,9 @@ def check_baseline(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple
         return ()
     e, later, taken = compute_innovations(model, beside)
     found = Innovations(e, taken.reshape(*e.shape, -1))
-    return tuple(check_innovations(found, tabulate_references(model, later))) if found.dof >= DEFAULT_CRITICISM.fewest else ()
+    if found.dof < DEFAULT_CRITICISM.fewest:
+        return ()
+    return tuple(check_innovations(found, tabulate_references(model, later), count_noise_degrees(model.recording, found.dof)))
 
 
 def list_findings(checks: Sequence[Check], event_p: float) -> tuple[Finding, ...]:

@@ -30,6 +30,7 @@ from gyrocal import attitude
 from gyrocal.calibration import normal_equations as accumulation
 from gyrocal.calibration.attenuation import estimate_attenuation
 from gyrocal.calibration.covariance import CovarianceModel
+from gyrocal.calibration.estimated_noise import count_noise_degrees
 from gyrocal.calibration.gate import LargeResidualError, build_refusal
 from gyrocal.calibration.gyro_space import Parametrisation, select_parameter_space
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE, evaluate_observability, list_combinations
@@ -253,6 +254,8 @@ def calibrate(
     covariance = np.zeros((12, 12))
     covariance[np.ix_(columns, columns)] = P
     J = space.jacobian(parameters)
+    # A prior adds p equations and the solution takes p away.
+    dof = 3 * len(state.theta) - (p if apriori_covariance is None else 0) - count_free_mountings(problem.mountings)
     has_attenuation = problem.model == "full" and problem.mountings is None
     return CalibrationResult(
         recording=recording.title,
@@ -268,8 +271,7 @@ def calibrate(
         history=(*history, state.theta),
         observability=judged,
         chi2=state.chi2 + _compute_prior_chi2(x - x0, columns, apriori_covariance),
-        # A prior adds p equations and the solution takes p away.
-        dof=3 * len(state.theta) - (p if apriori_covariance is None else 0) - count_free_mountings(problem.mountings),
+        dof=dof,
         options={
             "step_s": step_s or recording.gyro.sample_s,
             "resampling": resampling,
@@ -281,6 +283,7 @@ def calibrate(
             "prior_from": prior_from,
         },
         parametrisation=parametrisation,
+        noise_degrees=count_noise_degrees(recording, dof),
         mountings=estimate(problem.mountings, solved.eliminated, P / np.outer(problem.scale, problem.scale)),
         differences=compare_sensors(recording),
         attenuation=estimate_attenuation(problem, parameters.G, J @ covariance @ J.T) if has_attenuation else None,

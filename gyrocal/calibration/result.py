@@ -9,9 +9,9 @@ from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy.special
 from numpy.typing import NDArray
 
+from gyrocal.calibration.estimated_noise import compute_chi2_p
 from gyrocal.calibration.gyro_space import Parametrisation, select_parameter_space
 from gyrocal.calibration.implausible_values import find_combinations_lost_to_misfit, find_implausible_values
 from gyrocal.calibration.mounting import Mounting, compute_mounting
@@ -67,6 +67,7 @@ class CalibrationResult:
         combination free and no a-priori covariance is given
     remainder : misfit beyond the stated noise, and the covariance with it; None until `remainder.add_remainder`
         estimates it
+    noise_degrees : degrees of freedom of a noise level that was estimated from the recording; infinite if it is stated
     """
 
     recording: str
@@ -90,6 +91,7 @@ class CalibrationResult:
     attenuation: Array | None = None
     plausible: PlausibleRanges | None = None
     remainder: Remainder | None = None
+    noise_degrees: float = float("inf")
 
     @property
     def G(self) -> Array:
@@ -125,7 +127,7 @@ class CalibrationResult:
     @property
     def p_value(self) -> float:
         """Probability of a larger chi2 if the noise is as stated; NaN without degrees of freedom."""
-        return float(scipy.special.chdtrc(self.dof, self.chi2)) if self.dof > 0 else float("nan")
+        return compute_chi2_p(self.chi2, self.dof, self.noise_degrees) if self.dof > 0 else float("nan")
 
     @property
     def has_plausible_prior(self) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal import attitude
+from gyrocal.calibration.estimated_noise import ALLAN_S, MOST_REFERENCE_PAIRS
 from gyrocal.errors import InputError
 from gyrocal.importing import noise
 from gyrocal.importing.column_mapping import Mapping
@@ -25,7 +26,6 @@ FEWEST_PAIRS = 12
 FEWEST_ARRIVALS = 3
 BIAS_STEPS = 5
 LARGEST_MISS_DEG = 10.0  # median, of attitudes far apart that tell a bias
-MOST_REFERENCE_PAIRS = 600
 LEAST_SIGMA = np.deg2rad(2e-9)
 
 
@@ -100,7 +100,7 @@ def estimate_walk(
         arw, how = float(np.sqrt(np.mean(np.square(walk)))), "the parity of the gyros"
     else:
         walk = noise.estimate_walk_at_rest([rates[a:b] for a, b in still], streams.sample_s)
-        how = f"the Allan deviation of the rests at {noise.ALLAN_S:g} s"
+        how = f"the Allan deviation of the rests at {ALLAN_S:g} s"
         if walk is None:
             walk, how = noise.estimate_walk_in_motion(rates, streams.sample_s), "third differences in motion, an upper bound"
         arw = float(np.sqrt(np.mean(np.square(walk))))

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal import attitude
+from gyrocal.calibration.estimated_noise import ALLAN_S
 from gyrocal.calibration.propagation import Propagation, propagate
 from gyrocal.calibration.sampling import Measurements, prepare_measurements
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
 
-ALLAN_S = 0.1  # where the Allan deviation is read
 MAD_TO_SIGMA = 1.4826
 CLIP = 4.0  # increments beyond so many robust sigmas are left out of the preliminary fit
 
@@ -72,7 +72,8 @@ def compute_increment_residuals(recording: Recording) -> tuple[Array, Array]:
 
     Returns
     -------
-    (m, 3) residuals in the body axes of the second reference, rad, and (m, 3, 3) rotations from the first to it
+    (m, 3) residuals in the body axes of the second reference, rad, scaled by the degrees of freedom of the fit, and (m, 3, 3)
+    rotations from the first to it
     """
     gyro = recording.gyro
     theta, prepared, run = compute_misses(recording)
@@ -85,11 +86,11 @@ def compute_increment_residuals(recording: Recording) -> tuple[Array, Array]:
     left = theta
     for _ in range(3):
         rows = np.repeat(keep, 3)
-        solution = np.linalg.lstsq(columns[rows], theta.ravel()[rows], rcond=1e-10)[0]
+        solution, _, rank, _ = np.linalg.lstsq(columns[rows], theta.ravel()[rows], rcond=1e-10)
         left = theta - (columns @ solution).reshape(-1, 3)
         size = np.linalg.norm(left, axis=1)
         keep = size <= CLIP * max(float(np.median(size)), np.finfo(float).tiny)
-    return left, run.R
+    return left * np.sqrt(rows.sum() / (rows.sum() - rank)), run.R
 
 
 def estimate_axis_sigma(left: Array, R: Array, gyro_variance: float) -> Array:

@@ -17,7 +17,8 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from gyrocal import Attitudes, GyroStream, InputError, Interval, Recording
-from gyrocal.importing.noise import ALLAN_S, compute_increment_residuals, estimate_axis_sigma, estimate_walk_at_rest
+from gyrocal.calibration.estimated_noise import ALLAN_S
+from gyrocal.importing.noise import compute_increment_residuals, estimate_axis_sigma, estimate_walk_at_rest
 from gyrocal.mask_runs import find_mask_runs
 
 Array = NDArray[np.float64]

@@ -1,0 +1,99 @@
+"""The p-value of a calibration beside noise levels that the import estimated."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import scipy.special
+import scipy.stats
+from scipy.spatial.transform import Rotation
+
+import gyrocal
+from diagnosis.inference.criticism import Innovations, Layout, check_innovations
+from gyrocal.calibration.estimated_noise import compute_chi2_p, compute_smaller_chi2_p
+from gyrocal.importing import import_csv
+from gyrocal.importing.noise import estimate_walk_at_rest
+
+SAMPLE_S, EVERY, LENGTH = 0.1, 2, 6000
+ARW, SIGMA = 8e-5, 9e-4  # rad/sqrt(s), rad
+WORDS = {"time": "t:s", "gyro": "x,y,z:rad/s", "quat": "qx,qy,qz,qw:scalar-last:body-to-world"}
+
+
+def build_motion(length=LENGTH):
+    """Rates (n, 3) and attitudes of a log with rests at both ends."""
+    t_s = np.arange(length) * SAMPLE_S
+    gate = ((t_s > 15) & (t_s < t_s[-1] - 15))[:, None]
+    rates = 0.8 * gate * np.sin(2 * np.pi * np.outer(t_s - 15, [0.13, 0.21, 0.34]))
+    attitude, found = np.eye(3), []
+    for k, turn in enumerate(Rotation.from_rotvec(rates * SAMPLE_S).as_matrix()):
+        if k % EVERY == 0:
+            found.append(attitude)
+        attitude = attitude @ turn
+    return t_s, rates, Rotation.from_matrix(np.array(found))
+
+
+def read_log(folder, motion, seed, error=0.0, **known):
+    """The recording that an import makes of tables with white noise, and with an error (m, 3) of the attitudes in rad."""
+    t_s, rates, attitudes = motion
+    rng = np.random.default_rng(seed)
+    raw = rates + 0.005 + rng.normal(size=rates.shape) * ARW / np.sqrt(SAMPLE_S)
+    q = (attitudes * Rotation.from_rotvec(rng.normal(size=(len(attitudes), 3)) * SIGMA + error)).as_quat()
+    pd.DataFrame(np.column_stack([t_s, raw]), columns=["t", "x", "y", "z"]).to_csv(folder / "g.csv", index=False)
+    table = pd.DataFrame(np.column_stack([t_s[::EVERY], q]), columns=["t", "qx", "qy", "qz", "qw"])
+    table.to_csv(folder / "a.csv", index=False)
+    return import_csv(folder / "g.csv", folder / "a.csv", **WORDS, **known).recording
+
+
+def test_clean_logs_of_ten_minutes_have_uniform_p_values(tmp_path):
+    """Under χ² itself, many would not fit at 1 %; a slow error of the references is found beside the same estimates."""
+    motion = build_motion()
+    results = [gyrocal.calibrate(made := read_log(tmp_path, motion, seed)) for seed in range(16)]
+    assert scipy.stats.kstest([one.p_value for one in results], "uniform").pvalue > 0.01
+    plain = np.array([scipy.special.chdtrc(one.dof, one.chi2) for one in results])
+    assert np.sum((plain < 0.01) | (plain > 0.99)) >= 3
+    stated = replace(
+        made, gyro=replace(made.gyro, arw_estimated=False), attitudes=replace(made.attitudes, sigma_estimated=False)
+    )
+    assert gyrocal.calibrate(stated).p_value == plain[-1]
+    # Sinusoidal, with an RMS of three sigma.
+    wrong = 3 * np.sqrt(2) * SIGMA * np.sin(2 * np.pi * motion[0][::EVERY, None] / 20) * [1.0, 0.0, 0.0]
+    assert gyrocal.calibrate(read_log(tmp_path, motion, 0, wrong)).p_value < 1e-4
+
+
+def test_few_turns_give_the_sigma_of_references_without_a_bias(tmp_path):
+    """The preliminary fit takes 13 of 60 degrees of freedom; its share is made up for."""
+    motion = build_motion(600)
+    made = [
+        read_log(tmp_path, motion, seed, spacing_s=3.0, interval_s=60.0, arw_deg_per_sqrt_s=np.rad2deg(ARW))
+        for seed in range(40)
+    ]
+    ratios = [np.mean(np.square(one.attitudes.sigma)) / SIGMA**2 for one in made]
+    assert abs(np.mean(ratios) - 1) < 3 * np.std(ratios) / np.sqrt(len(ratios))
+
+
+def test_the_walk_of_a_rest_has_its_degrees_of_freedom():
+    """The scatter of Allan deviations of 10 s is that of the formula, also where one sample lasts as long as the averages."""
+    for sample_s in (0.1, 0.01):
+        rng = np.random.default_rng(5)
+        m, rests = round(0.1 / sample_s), rng.normal(size=(4000, round(10 / sample_s), 1))
+        squares = [estimate_walk_at_rest([one], sample_s)[0] ** 2 / sample_s for one in rests]
+        degrees = 1.5 * 10 / 0.1 * 4 * m**2 / (4 * m**2 + 5)
+        assert abs(np.var(squares) * degrees / 2 - 1) < 0.12
+
+
+def test_the_ratio_to_an_estimated_level_has_its_level():
+    """Draws of χ² over an estimate of 50 degrees of freedom are uniform in p."""
+    rng = np.random.default_rng(3)
+    ratios = rng.chisquare(3000, 4000) / (rng.chisquare(50, 4000) / 50)
+    p = np.array([compute_chi2_p(one, 3000, 50) for one in ratios])
+    assert abs(np.mean(p < 0.05) - 0.05) < 4 * np.sqrt(0.05 * 0.95 / 4000)
+    assert np.allclose(p + [compute_smaller_chi2_p(one, 3000, 50) for one in ratios], 1)
+    assert np.mean([scipy.special.chdtrc(3000, one) < 0.05 for one in ratios]) > 0.3
+
+
+def test_a_diagnosis_tests_the_size_of_innovations_beside_the_same_estimate():
+    e = np.random.default_rng(4).normal(size=(3000, 3)) * 1.04
+    layout = Layout(np.tile(np.eye(3), (3000, 1, 1)), np.zeros(3000, dtype=int), np.zeros((3000, 1)), np.zeros(3000))
+    found = Innovations(e, np.zeros((3000, 3, 0)))
+    assert next(iter(check_innovations(found, layout))).p_value < 1e-5
+    assert next(iter(check_innovations(found, layout, 600.0))).p_value > 0.05
