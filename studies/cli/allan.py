@@ -15,23 +15,23 @@ from studies.report.console import make_console
 
 @click.command("allan")
 @click.argument("recording", type=PATH)
-@click.option("--interval", metavar="NAME", help="Look at this interval only.")
-@click.option("--time", metavar="COLUMN:UNIT", help="Of a CSV table, as of import csv.")
-@click.option("--gyro", metavar="COLUMNS:UNIT", help="Of a CSV table, as of import csv.")
-@click.option("--lsb", metavar="'SIZE UNIT'", help="Of counts in a CSV table, as of import csv.")
-@click.option("--wrap", type=float, help="Where an accumulated angle wraps in a CSV table, as of import csv.")
-@click.option("--mapping", "mapping", type=PATH, help="Mapping of a CSV table as TOML, as of import csv.")
+@click.option("--interval", metavar="NAME", help="Analyse this interval only.")
+@click.option("--time", metavar="COLUMN:UNIT", help="Of a CSV table: see gyrocal import csv.")
+@click.option("--gyro", metavar="COLUMNS:UNIT", help="Of a CSV table: see gyrocal import csv.")
+@click.option("--lsb", metavar="'SIZE UNIT'", help="Of counts in a CSV table: see gyrocal import csv.")
+@click.option("--wrap", type=float, help="Value at which an accumulated angle of a CSV table wraps: see gyrocal import csv.")
+@click.option("--mapping", "mapping", type=PATH, help="Mapping of a CSV table as TOML: see gyrocal import csv.")
 @add_json_option("deviation, bands and terms")
 @add_output_option("--report", help="Write a page with the figure (HTML, needs no network) to this file.")
 @add_output_option("--figure", help="Write the figure alone to this file, .svg or .png.", endings=(".svg", ".png"))
 def command(
     recording: Path, interval: str | None, as_json: Path | None, report: Path | None, figure: Path | None, **options: Any
 ) -> None:
-    """Overlapping Allan deviation of the noise in RECORDING, with confidence bands and the noise terms of IEEE Std 952.
+    """Compute the overlapping Allan deviation of the noise in RECORDING, with the noise terms of IEEE Std 952.
 
-    Rests are used as recorded; where the body moves, the motion that the references show is taken out. Each term has its size
-    with sigma, or a bound if it is not seen, beside what the recording states. RECORDING may be a CSV table of a gyro
-    alone, with --time and --gyro. See docs/allan.md.
+    The raw rates of rests are used. Elsewhere the motion is estimated from the references and subtracted. The table has the
+    size of each term with its sigma, or an upper bound if it is not seen, beside the value stated in the recording.
+    RECORDING may be a CSV table of a gyro alone, with --time and --gyro. See docs/allan.md.
 
     \b
     Examples:

@@ -35,22 +35,24 @@ for one in import_formats.IMPORT_COMMANDS:
 @click.option("--time", metavar="COLUMN:UNIT", help="s, ms, us, ns, unix, iso or gps; e.g. timestamp_ms:ms.")
 @click.option("--gyro", metavar="COLUMNS:UNIT", help="rad/s, deg/s, deg/h, counts; deg, rad, arcsec of accumulated angle.")
 @click.option(
-    "--quat", metavar="COLUMNS:DIRECTION", help="E.g. qw,qx,qy,qz:body-to-inertial; :scalar-last if names do not tell."
+    "--quat",
+    metavar="COLUMNS:DIRECTION",
+    help="E.g. qw,qx,qy,qz:body-to-inertial; add :scalar-last or :scalar-first if the names do not show it.",
 )
 @click.option("--euler", metavar="COLUMNS:…", help="E.g. yaw,pitch,roll:deg:ZYX:body-to-inertial.")
 @click.option("--matrix", metavar="COLUMNS:DIRECTION", help="Nine columns, row by row.")
-@click.option("--attitude-time", metavar="COLUMN:UNIT", help="Of the attitudes, where it is not as of the gyro.")
+@click.option("--attitude-time", metavar="COLUMN:UNIT", help="Time column of the attitudes, if it differs from --time.")
 @import_formats.ROWS_OPTION
 @import_formats.RATE
 @import_formats.SAMPLE_NUMBER
-@click.option("--lsb", metavar="'SIZE UNIT'", help="Of counts, e.g. '0.0175 deg/s', or '5e-9 rad' of accumulated angle.")
-@click.option("--wrap", type=float, help="Where an accumulated angle wraps, in the column's own unit.")
+@click.option("--lsb", metavar="'SIZE UNIT'", help="Size of a count, e.g. '0.0175 deg/s', or '5e-9 rad' of accumulated angle.")
+@click.option("--wrap", type=float, help="Value at which an accumulated angle wraps, in the column's own unit.")
 @TAG
-@click.option("--gyro-by", metavar="COLUMN", help="Says which gyro a row is of; --gyro then names one column.")
-@click.option("--attitude-by", metavar="COLUMN", help="Says which attitude sensor a row is of.")
+@click.option("--gyro-by", metavar="COLUMN", help="Column with the gyro of each row; --gyro then names one column.")
+@click.option("--attitude-by", metavar="COLUMN", help="Column with the attitude sensor of each row.")
 @click.option("--interval", "interval_s", type=float, help="Longest interval, s.")
 @add_alignment_options
-@click.option("--title", help="Of the recording.")
+@click.option("--title", help="Title of the recording.")
 @FORCE
 @IMPORT_JSON_OPTION
 def import_csv_command(files: tuple[Path, ...], file: Path | None, force: bool, as_json: Path | None, **options: Any) -> None:
