@@ -54,7 +54,7 @@ def choose_intervals(gyro: GyroStream, joined: JoinedAttitudes, mapping: Mapping
         said.append(f"{gap.size} gap(s) of the gyro longer than {GAP_SAMPLES:g} samples end an interval")
     usual = float(np.median(np.diff(t_ref)))
     holes = np.diff(t_ref) > ATTITUDE_GAP_FACTOR * usual
-    covered = [k for k in np.flatnonzero(holes) if _is_sampled(starts, stops, t_ref[k], t_ref[k + 1])]
+    covered = [k for k in np.flatnonzero(holes).tolist() if _is_sampled(starts, stops, t_ref[k], t_ref[k + 1])]
     if covered:
         longest = max(covered, key=lambda k: float(t_ref[k + 1] - t_ref[k]))
         said.append(

@@ -84,7 +84,10 @@ def planned(title):
 def test_the_next_maneuver_follows_the_plan():
     group, named, unknown, none = (CASES[case]() for case in ("group", "named", "unknown", "none"))
     assert next_flight.describe_next_flight(group, planned("x")).startswith("a roll (0.3 h)")
-    assert next_flight.describe_next_flight(named, planned("x")) == "No extra maneuver on the list would show much more of it."
+    assert (
+        next_flight.describe_next_flight(named, planned("x"))
+        == "No extra maneuver on the list makes the cause much better visible."
+    )
     helped = dataclasses.replace(planned("x").extras[0], by_effect={"bias_orbital:z": 0.25})
     better = dataclasses.replace(planned("x"), extras=(helped,))
     assert (
