@@ -85,7 +85,7 @@ def write_adopted_scenario(diagnosis: Diagnosis, recording: Recording, folder: P
     """
     adoption = adopt_causes(diagnosis)
     where = os.path.relpath(folder.resolve(), out.resolve().parent)
-    title = f"{recording.title}, {' with '.join(['flown again', *(one.label() for one in adoption.effects)])}"
+    title = f"{recording.title}, {' with '.join(['simulated again', *(one.label() for one in adoption.effects)])}"
     G, bias = diagnosis.G, diagnosis.bias
     return format_adopted(title, where, hash_recording(recording), G, bias, adoption.effects, adoption.covariance), adoption
 

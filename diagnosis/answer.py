@@ -148,7 +148,7 @@ class RemainderSummary:
 
 @dataclass(frozen=True)
 class Closure:
-    """How far the causes close the misfit on held-out data, from which no amplitude was estimated.
+    """Reduction of the misfit by the causes on held-out data, from which no amplitude was estimated.
 
     Attributes
     ----------
@@ -169,7 +169,7 @@ class Closure:
     by_interval: pd.DataFrame
 
     def to_json(self) -> dict[str, Any]:
-        """As in the documented format."""
+        """Return plain values in the documented format."""
         return {
             "measure": self.measure,
             "split": self.split,

@@ -1,17 +1,18 @@
-"""The next recording of a unit, predicted from those before it, and compared.
+"""Predict the next recording of a unit from the earlier ones, and compare.
 
-The recordings of one unit are one recording with more intervals (`diagnosis.model.unit`). Those before the next one are
-diagnosed together. What they say of the next one is a joint normal distribution of its reference attitudes, given its motion as
-its own samples show it, and of its references nothing but their times and their sigma:
+The recordings of one unit are one recording with more intervals (`diagnosis.model.unit`). The earlier recordings are diagnosed
+together. They give a joint normal distribution of the next recording's reference attitudes. It uses the motion from the next
+recording's own samples, and only the times and sigmas of its references:
 
     e = ζ_s − (prediction by M0) − X_s m,    cov e = C + X_s Γ X_sᵀ,    Γ = (X_tᵀX_t + 1/s²)⁻¹,  m = Γ X_tᵀ y_t
 
-with C and the whitened training rows t of `diagnosis.model.folds`, which hold the noise of gyro and references, and G and b as
-uncertain as the recordings before leave them, and with the columns X of the effects that were named. What no recording before
-can know, such as the start attitudes of the next one's intervals, is projected out. Then eᵀ(cov e)⁻¹e is χ² if nothing has
-changed, and its p-value uniform: by itself for each interval and axis, and for the recording.
+C and the whitened training rows t are those of `diagnosis.model.folds`. They contain the noise of gyro and references and the
+uncertainty of G and b after the earlier recordings. X has the columns of the identified effects. Unknowns that no earlier
+recording determines, such as the start attitudes of the next recording's intervals, are projected out. If nothing has changed,
+eᵀ(cov e)⁻¹e is χ² and its p-value is uniform, for each interval and axis alone and for the recording.
 
-Numbers in which an effect is not linear, such as a time constant, are held at their best, as is the scale of its prior.
+Parameters in which an effect is not linear, such as a time constant, are fixed at their best values. So is the scale of its
+prior.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ class Band:
     ----------
     interval, axis : which
     residual_deg, band_deg : root mean square of the residuals, and its expectation if nothing has changed
-    effect_deg : root mean square of what the named effects were expected to add
+    effect_deg : root mean square of the expected part of the identified effects
     chi2, dof, p_value : of them alone
     """
 
@@ -106,14 +107,14 @@ class Comparison:
 
 @dataclass(frozen=True)
 class RecordingPrediction:
-    """The next recording of a unit beside what those before it predict.
+    """Prediction of the next recording of a unit, compared with its references.
 
     Attributes
     ----------
     recordings, following : names
-    verdict : of the recordings before
-    causes : labels of the effects that the prediction has
-    left_out : labels of named effects that it has not, such as those of single samples
+    verdict : of the earlier recordings
+    causes : labels of the effects in the prediction
+    left_out : labels of identified effects that are not in it, such as those of single samples
     predicted : with these effects
     baseline : with G and b alone
     """

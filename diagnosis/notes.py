@@ -52,7 +52,7 @@ MISTAKEN = {  # factors of white noise that a number in another unit makes, by s
 def explain_fitting_residuals(
     prepared: PreparedRecording, samples: Sequence[SampleCause], explained: AttitudeInference, gap: bool
 ) -> tuple[str, ...]:
-    """Why there is a gap although the residuals of a calibration fit the stated noise, where that is so."""
+    """Explain a gap although the residuals of a calibration fit the stated noise."""
     own = prepared.model
     if not (gap or samples) or own.recording.attitudes.sensor is not None:
         return ()
@@ -99,7 +99,7 @@ def list_odd_symptoms(samples: Sequence[SampleCause], settings: DiagnosisSetting
 
 
 def list_unit_mistakes(samples: Sequence[SampleCause]) -> Iterator[str]:
-    """That a noise is off by what another unit makes."""
+    """List noise levels that are wrong by the factor of another unit."""
     for one in samples:
         off = [
             (abs(np.log(max(one.symptom.size, LEAST_POSITIVE) / ratio)), what)

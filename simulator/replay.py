@@ -55,7 +55,7 @@ def replay(
     ----------
     recording : what to repeat
     G, bias : (3, 3), (3,) rad/s: true gyro parameters of the replay, usually the recording's calibration
-    effects : what M0 does not know
+    effects : errors beyond M0
     seed, case : of the random streams
     noise : whether gyro and references have their white noise
     motion : of `reconstruct_motion`, if it is at hand; the costly part, and the same for every case

@@ -1,4 +1,4 @@
-"""From a scenario to a recording.
+"""Simulate a recording of a scenario.
 
 The noise-free motion is the costly part and the same for every case of a Monte Carlo study; `motion` computes it once and
 `observe` turns it into as many recordings as wanted.
@@ -164,7 +164,7 @@ def observe(
     gyro_rng, reference_rng : sources of the gyro's and the references' noise; None for none
     G : (3, 3) true G in place of the scenario's
     bias : (3,) true bias in place of the scenario's, rad/s
-    effects : what M0 does not know; they act whether or not there is noise
+    effects : errors beyond M0; they act with and without noise
     seed, case : of the effects' own random streams
     """
     if effects:
@@ -242,7 +242,7 @@ def build_surroundings(plain: Recording, motion: Motion, point: bool = False) ->
 
 
 def add_gyro_temperature(plain: Recording, seed: int = 0, case: int = 0) -> Recording:
-    """With the simulator's own gyro temperature as housekeeping; as it is where there is no orbit."""
+    """Add the simulator's gyro temperature to the housekeeping; without an orbit the recording is unchanged."""
     if plain.orbit is None:
         return plain
     spans = [(interval.start_s, interval.stop_s) for interval in plain.intervals]
@@ -259,7 +259,7 @@ def add_acceleration(plain: Recording, seed: int = 0, case: int = 0) -> Recordin
 
 
 def _add_housekeeping(plain: Recording, motion: Motion, effects: Sequence[Setting], seed: int, case: int) -> Recording:
-    """With a gyro temperature or accelerations, if an effect misses them."""
+    """Add a gyro temperature or accelerations if an effect needs them."""
     recording = plain
     for add in (add_gyro_temperature, add_acceleration):
         around = build_surroundings(recording, motion)
@@ -290,7 +290,7 @@ def simulate(
     seed : entropy of the random streams
     case : number of the case within a study; cases with the same seed are independent
     noise : whether gyro and references have their white noise
-    effects : what M0 does not know, see `simulator.effects.sensor.parse`
+    effects : errors beyond M0, see `simulator.effects.parse`
 
     Raises
     ------

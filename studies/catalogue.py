@@ -184,8 +184,17 @@ def run(
     rows = outcome.load()
     good = rows[rows["error"] == ""].reset_index(drop=True)
     if good.empty:
-        raise InputError(f"{folder}: every case failed, the first one with {rows['error'].iloc[0]}")
-    made = chosen.report(settings.model_copy(update={"cases": outcome.cases}), good)
+        raise InputError(
+            f"{folder}: every case failed, the first one with {rows['error'].iloc[0]}; {folder}/failures has the tracebacks, "
+            "and --retry-failed runs the cases again"
+        )
+    try:
+        made = chosen.report(settings.model_copy(update={"cases": outcome.cases}), good)
+    except Exception as error:
+        error.add_note(
+            f"The report failed; the rows are kept in {folder}. Correct the report and add --mix to the same command."
+        )
+        raise
     if settings.dispersions:
         made = replace(made, tables={**made.tables, **sensitivity.build_sensitivity_tables(rows)})
     report.write(made, f"Study {name}: {chosen.summary}", folder)

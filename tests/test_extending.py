@@ -223,3 +223,34 @@ def test_an_effect_from_outside_is_named_with_its_size(example):
     random = not isinstance(example, SensorEffect) and example.is_process
     assert cause.probability > (0.95 * (1 - DEFAULT.unlisted_share) if random else 0.8)
     assert abs(cause.size - asked.size) < 3 * cause.sigma
+
+
+VOLTAGE = """
+from simulator.effects import Effect
+from simulator.effects.common import put_on_axis
+
+class ScaleVoltage(Effect):
+    def columns(self, stream, axis, parameters):
+        return put_on_axis(1e-6 * stream.raw[:, 2] * stream.housekeeping["bus_voltage_v"], axis)
+
+    def missing(self, around):
+        return None if "bus_voltage_v" in around.stream.housekeeping else "the recording has no bus_voltage_v"
+
+EFFECT = ScaleVoltage(name="scale_voltage", summary="scale", unit="ppm per V", stage="rate", prior=(1.0, 1e4))
+"""
+
+
+def test_an_effect_that_follows_telemetry_is_simulated_on_a_recording_and_refused_without(run_cli, tmp_path):
+    (tmp_path / "mine.py").write_text(VOLTAGE)
+    scenario, base = tmp_path / "scenario.toml", tmp_path / "base"
+    write_scenario(scenario, "trmm_series", [SCENARIO.interval[1].model_dump(exclude_none=True)])
+    options = ["--effects", str(tmp_path / "mine.py"), "--effect", "scale_voltage:z=300"]
+    refused = run_cli("simulate", str(scenario), str(base), *options)
+    assert (refused.exit_code, refused.stderr) == (
+        2, "gyrocal: scale_voltage:z: does nothing here; the recording has no bus_voltage_v\n"
+    )  # fmt: skip
+    assert run_cli("simulate", str(scenario), str(base)).exit_code == 0
+    span = load(base).intervals[0]
+    (base / "housekeeping.csv").write_text(f"t_s,bus_voltage_v\n{span.start_s},27\n{span.stop_s},29\n")
+    done = run_cli("simulate", str(base), str(tmp_path / "with"), *options)
+    assert done.exit_code == 0, done.stderr

@@ -123,7 +123,7 @@ def _bound_level(step: float, rounded: bool, cut: bool) -> tuple[float, float]:
 
 
 def _count_most_frequent(x: Array, at: Mask) -> int:
-    """How often a reading other than zero and the largest stands; floats with few digits repeat, the largest among them."""
+    """Count the most frequent reading other than zero and the largest: floats with few digits repeat, also the largest one."""
     others = np.abs(x[~at & (x != 0.0)])
     return int(np.unique(others, return_counts=True)[1].max()) if others.size and not at.all() else 0
 

@@ -123,7 +123,7 @@ def undo_lattice(x: Array, sample_s: float, step: float, sigma: float, kind: Kin
 
 
 def measure_hold_times(counts: Array, sample_s: float) -> Array:
-    """For how long each reading's error keeps its sign, s, one sample's time where the rate passes through its step.
+    """Measure the time for which each reading's error keeps its sign, s; one sample if the rate passes through its step.
 
     A rate that turns round inside a step is in error by up to half of it, on one side, for as long as it stays there.
     """

@@ -72,7 +72,7 @@ def remove_interval_noise(rates: Array, sample_s: float, sigma: Array) -> Array:
 
 
 def _choose_axis_estimate(rates: Array, sample_s: float, sigma: float) -> Array:
-    """Of both estimates that of the smaller risk, (n,)."""
+    """Choose the estimate (n,) of the smaller risk."""
     read = replace_outliers(rates, sigma)
     local, freedom = smooth_axis(read, sample_s, np.inf, sigma)
     if rates.size < FEWEST_COSINE_SAMPLES or not sigma > 0:

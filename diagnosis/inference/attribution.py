@@ -104,7 +104,7 @@ class Attribution:
 def infer_attribution(
     model: LinearModel, explanations: list[Explanation], settings: DiagnosisSettings = DEFAULT
 ) -> Attribution:
-    """From sets with their evidence to an answer."""
+    """Infer the attribution from sets of effects with their evidence."""
     norm = sum_log_posterior(explanations)
     probability = {explanation.key: float(np.exp(explanation.log_posterior - norm)) for explanation in explanations}
     ranked = tuple(

@@ -1,4 +1,4 @@
-"""How far an explanation closes the misfit on held-out data.
+"""Reduction of the misfit by an explanation on held-out data.
 
 Each fold of a linear model (`diagnosis.model.linear.Fold`) holds out one part of the data and trains on the rest. Let e be the
 error of M0's prediction of the held-out part from the training part, whitened by its covariance under M0. The measure *before*

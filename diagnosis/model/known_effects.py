@@ -44,7 +44,7 @@ class KnownEffect:
 
 
 def select_known_effects(fitted: Sequence[FittedEffect], effects: Mapping[str, Effect]) -> tuple[KnownEffect, ...]:
-    """Those of the effects that are named whose attitude errors are known, and not only how they scatter."""
+    """Select the identified effects whose attitude errors are known, and not only their statistics."""
     return tuple(
         KnownEffect(effects[one.effect], one)
         for one in fitted

@@ -197,7 +197,7 @@ class RestoredColumns:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Of all columns."""
+        """Shape of all columns."""
         return self.X.shape[0], self.X.shape[1]
 
     def __getitem__(self, place: Any) -> Array:

@@ -1,4 +1,4 @@
-"""From a recording to its linear model (`diagnosis.model.recording_model`): propagation, steps, averages, covariance.
+"""Linearise a recording (`diagnosis.model.recording_model`): propagation, steps, averages, covariance.
 
 Long recordings are condensed in two ways, neither of which touches the propagation itself. Columns are made on *steps*, each of
 one or more samples with their mean rate, of which there are at most `MOST_STEPS`. Where there are more than `MOST_OBSERVATIONS`
@@ -191,7 +191,7 @@ def _rotate_sigma_axes(attitudes: Attitudes, references: Indices, A_T: Array) ->
 
 
 def _compute_first_offset(tag: float, first: float) -> float:
-    """From the tag of the first sample to the first reference, where the first step begins."""
+    """Compute the time from the tag of the first sample to the first reference, at which the first step begins."""
     return first - tag
 
 
@@ -226,7 +226,7 @@ def _build_interval_covariance(errors: Array, walk: Array, groups: Indices, elap
 
 
 def _build_overlapping_covariance(errors: Array, walk: Array, groups: Indices, elapsed: Array) -> Array:
-    """As `_build_interval_covariance` for references in any order."""
+    """Build the covariance as `_build_interval_covariance` does, for references in any order."""
     counts = np.diff(np.append(groups, len(walk)))
     order = np.argsort(elapsed, kind="stable")
     steps = np.diff(walk[order], axis=0, prepend=np.zeros((1, 3, 3)))

@@ -1,4 +1,4 @@
-"""From a recording to its linearisation about its own calibration under M0.
+"""Prepare a recording: linearise it about its own calibration under M0.
 
 The samples are examined first, since a clipped or repeated sample spoils every test of the attitude. White noise that is not
 as stated, of the samples or of the references, is an effect of its own; it is found here, and the model then has the actual

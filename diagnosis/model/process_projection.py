@@ -65,7 +65,7 @@ DECOMPOSITION = Decomposition()
 
 @dataclass(frozen=True)
 class ProcessProjection:
-    """Where a process about one axis acts.
+    """Observations of unit errors of a random process about one axis.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class ProcessProjection:
 
     @classmethod
     def build_projection(cls, columns: Array, gram: Array, mean: scipy.sparse.csr_array | None = None) -> ProcessProjection:
-        """From whitened columns (N, c) and the products of the projected ones (c, c)."""
+        """Build the projection from whitened columns (N, c) and the products of the projected ones (c, c)."""
         return cls(
             columns,
             gram,
@@ -135,7 +135,7 @@ def split_cells(model: RecordingModel) -> tuple[Indices, Indices]:
 
 
 def project_cells(model: RecordingModel) -> tuple[ProcessProjection, ...]:
-    """Of rate errors about each body axis, in the parts of the cells."""
+    """Project rate errors about each body axis, in the parts of the cells."""
     cells, (parts, first) = model.cells, split_cells(model)
     turned = np.add.reduceat(model.to_inertial * model.dt[:, None, None], parts, axis=0)  # (q, inertial, body)
     counts = np.diff(np.append(first, parts.size))
@@ -167,7 +167,7 @@ def select_nodes(model: RecordingModel) -> tuple[Indices, Indices]:
 
 
 def project_references(model: RecordingModel) -> tuple[ProcessProjection, ...]:
-    """Of errors of the references about each body axis, at the nodes."""
+    """Project errors of the references about each body axis, at the nodes."""
     rows, first = select_nodes(model)
     out = []
     for axis in range(3):

@@ -270,7 +270,7 @@ class RecordingModel:
         return self._observe_increments(self.to_inertial, error)
 
     def observe_reading_steps(self, high: Array, starts: Indices) -> Array:
-        """As `reading` for one reading switched on at each of several steps: (n, 3), (s,) → (N, s)."""
+        """Observe one reading that is switched on at each of several steps, as `reading` does: (n, 3), (s,) → (N, s)."""
         turned = np.einsum("nij,nj->ni", self.to_inertial, -(high @ self.G.T)) * self.dt[:, None]
         out = np.empty((self.size, starts.size))
         for block in self.blocks:

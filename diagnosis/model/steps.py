@@ -140,7 +140,7 @@ def _add_times(
 
 @dataclass(frozen=True)
 class StepPeak:
-    """Where a step explains most of what some members leave.
+    """Time at which a step explains most of the residual of some members.
 
     Attributes
     ----------

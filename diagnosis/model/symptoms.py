@@ -110,7 +110,7 @@ class SampleCause:
         return 1.0 - sum(share for _, share in self.rivals)
 
     def cause(self, settings: DiagnosisSettings) -> Cause:
-        """As a cause of the answer."""
+        """Return the symptom as a cause of the answer."""
         assert self.effect is not None
         symptom = self.symptom
         names = (self.effect, *(name for name, _ in self.rivals))

@@ -127,7 +127,7 @@ def _split(group: CandidateColumns) -> dict[str, list[int]]:
 
 
 def _measure_unusualness(parameters: Mapping[str, float | str], usual: Mapping[str, float | str | None]) -> float:
-    """How far an option is from the defaults of its effect."""
+    """Measure the distance of an option from the defaults of its effect."""
     away = 0.0
     for name, value in parameters.items():
         default = usual[name]

@@ -1,4 +1,4 @@
-"""Which terms of IEEE Std 952 an Allan deviation shows, and how large they are.
+"""Fit the noise terms of IEEE Std 952 to an Allan deviation, and select the significant ones.
 
 The logarithm of each estimate is that of the model plus an error of mean ψ(ν/2) − ln(ν/2) and variance ψ′(ν/2), ν its
 equivalent degrees of freedom, since ν σ̂²/σ² is χ²(ν). Errors at different averaging times correlate; their covariance under the
@@ -111,7 +111,7 @@ class _TermSet:
 
     @property
     def time_constant_s(self) -> float:
-        """Of Markov noise; one second without it."""
+        """Time constant of the Markov noise, s; one second without it."""
         return float(np.exp(self.logs[-1])) if MARKOV in self.terms else 1.0
 
 

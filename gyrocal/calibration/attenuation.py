@@ -1,4 +1,4 @@
-r"""How far noise in the rates makes G come out too small: errors in variables.
+r"""Expected error of G from noise in the rates (errors in variables), which makes G too small.
 
 The rates that are propagated are also those that G multiplies. With white noise n of density ARW² in them, the residuals hold
 G n, and so does Θ: for G_ij, Θ_a,ij has the noise ∫ Φ_a(s) e_i n_j(s) ds where θ_a has ∫ Φ_a(s) G n(s) ds, Φ_a(s) being the

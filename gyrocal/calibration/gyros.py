@@ -73,7 +73,7 @@ LARGEST_TURN = 0.02  # rad, that the noise is taken over at once, at its middle:
 
 @dataclass(frozen=True)
 class GyroArray:
-    """What each of n gyros shows of the body's rate, ω_raw = K ω + c.
+    """Parameters of n gyros: their raw rates are ω_raw = K ω + c at the body's rate ω.
 
     Attributes
     ----------
@@ -317,7 +317,7 @@ def _rotate_in_place(P: Array, x: float, y: float, z: float) -> None:  # pragma:
 
 @dataclass(frozen=True)
 class GyrosResult:
-    """What a calibration of any number of gyros found.
+    """Result of a calibration of any number of gyros.
 
     Attributes
     ----------
@@ -456,7 +456,7 @@ def tabulate_gyros(gyros: GyroArray, before: Array, covariance: Array) -> pd.Dat
 
 
 def list_gyro_parameters(names: Sequence[str]) -> tuple[str, ...]:
-    """Of the parameters of some gyros, in the order of `GyroArray.vector`."""
+    """List the names of the parameters of some gyros, in the order of `GyroArray.vector`."""
     return tuple(name for gyro in names for name in (*(f"K_{gyro}{axis}" for axis in "xyz"), f"c_{gyro}"))
 
 

@@ -62,7 +62,7 @@ class GyroParameters:
 
     @classmethod
     def from_vector(cls, x: Array) -> GyroParameters:
-        """From (12,) in the order of `NAMES`."""
+        """Make parameters from a vector (12,) in the order of `NAMES`."""
         return cls(np.reshape(x[:9], (3, 3)), np.asarray(x[9:]))
 
     @property
@@ -72,7 +72,7 @@ class GyroParameters:
 
     @classmethod
     def from_gyros(cls, bias: Array, scale_factor: Array, misalignment: Array) -> GyroParameters:
-        """From the per-gyro form.
+        """Make parameters from the per-gyro form.
 
         Parameters
         ----------

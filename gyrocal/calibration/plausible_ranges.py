@@ -61,7 +61,7 @@ class RestRates:
 
 @dataclass(frozen=True)
 class PlausibleRanges:
-    """How far G and b may plausibly be off, and why.
+    """Plausible ranges of the errors of G and b, with their reason.
 
     Attributes
     ----------

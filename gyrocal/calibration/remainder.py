@@ -126,7 +126,7 @@ def estimate_remainder(recording: Recording, problem: Problem, result: Calibrati
 
 @dataclass(frozen=True)
 class Paths:
-    """How errors reach the residuals of a calibration.
+    """Propagation of errors to the residuals of a calibration.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ class Paths:
 
     @cached_property
     def stretches(self) -> Stretches:
-        """From the residual before, or the start of the interval, to each."""
+        """Time from the residual before, or from the start of the interval, to each residual."""
         to_s = self.reference_s[self.row]
         before = np.roll(to_s, 1)
         first = np.append(True, self.interval[1:] != self.interval[:-1])

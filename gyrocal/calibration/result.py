@@ -1,4 +1,4 @@
-"""What a calibration found: parameters with their covariance, residuals, and what the data do not determine."""
+"""Result of a calibration: parameters with their covariance, residuals, and undetermined combinations."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ PLAUSIBLE_PRIOR = "plausible ranges"  # in options["prior_from"]
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """What a calibration found.
+    """Result of a calibration.
 
     Attributes
     ----------

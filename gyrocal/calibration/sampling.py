@@ -1,4 +1,4 @@
-"""From a recording to the arcs the propagation runs over: one arc per interval, an output at every reference attitude.
+"""Arcs of a recording for the propagation: one arc per interval, an output at every reference attitude.
 
 An arc starts at the interval's first reference attitude and has an output at each later one, also where that falls inside a
 gyro sample: the sample is then cut in two steps of the same rate.

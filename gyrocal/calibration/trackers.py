@@ -82,7 +82,7 @@ class Mountings:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters."""
+        """Names of the parameters."""
         return tuple(f"m_{sensor}_{axis}" for sensor in self.sensors for axis in AXES)
 
     def correct_attitudes(self, A: Array) -> Array:
@@ -96,7 +96,7 @@ class Mountings:
         return np.asarray(-(self.turns[row] - R @ self.turns[start]).reshape(3 * len(row), -1))
 
     def apply_correction(self, free: ReducedEquations | None, change: Array) -> Mountings:
-        """As they are after a correction Δx (p,) of the other parameters, scaled as H is."""
+        """Apply a correction Δx (p,) of the other parameters, scaled as H is."""
         return self if free is None else replace(self, misalignment=self.misalignment - free.step(change))
 
     def eliminate(self, H: Array, z: Array, Hm: Array) -> ReducedEquations:
@@ -232,7 +232,7 @@ class Difference:
         return float(chdtrc(self.dof, self.chi2)) if self.dof > 0 else float("nan")
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return plain values for JSON."""
         rms = np.rad2deg(3600.0) * np.sqrt(np.mean(self.apart**2, axis=0))
         return {
             "sensors": [self.first, self.second],

@@ -85,7 +85,7 @@ class Errors:
 
 @dataclass(frozen=True)
 class BatchResult:
-    """What a batch found.
+    """Result of a batch estimate.
 
     Attributes
     ----------

@@ -68,7 +68,7 @@ class History:
 
 @dataclass(frozen=True)
 class FilterRun:
-    """What a filter found at the requested times; a measurement made at such a time is used.
+    """Estimates of a filter at the requested times, each with the measurements up to and at that time.
 
     Attributes
     ----------

@@ -64,7 +64,7 @@ class Leg:
 
 @dataclass(frozen=True)
 class Change:
-    """What one leg did to the solved-for parameters.
+    """Change of the solved-for parameters by one leg.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class Change:
 
 @dataclass(frozen=True)
 class FullFilterResult:
-    """What a pass found.
+    """Result of a pass of the filter.
 
     Attributes
     ----------

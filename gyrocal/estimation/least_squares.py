@@ -187,7 +187,7 @@ class ExactLeastSquares:
         return self._solve_banded(right_nodes) - self._solved_border @ parameters, parameters
 
     def step(self) -> tuple[Array, Array, float]:
-        """As of `PlainLeastSquares`."""
+        """See `PlainLeastSquares`."""
         rows, count = self._rows, len(self._q) + 1
         right = np.zeros((count, 3))
         np.add.at(right, rows.node, rows.attitude * rows.z[:, None])
@@ -200,7 +200,7 @@ class ExactLeastSquares:
         return nodes.reshape(count, 3), self._scale * parameters[:, 0], float(np.sqrt(max(square, 0.0)))
 
     def compute_influence(self, nodes: Indices, bias_maps: Array) -> Influence:
-        """As of `PlainLeastSquares`."""
+        """See `PlainLeastSquares`."""
         rows, count, p = self._rows, len(self._q) + 1, len(self._scale)
         J = p + 3 * len(nodes)
         right_nodes = np.zeros((3 * count, J))

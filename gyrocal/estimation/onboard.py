@@ -69,7 +69,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Maneuver:
-    """What a maneuver contributed.
+    """Contribution of a maneuver to the calibration.
 
     Attributes
     ----------

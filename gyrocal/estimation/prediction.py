@@ -1,4 +1,4 @@
-"""What a prediction of the attitude is, about the body's axes and about those of a sensor.
+"""Predicted attitudes with their covariance, about the body's axes and about those of a sensor.
 
 A sensor whose true mounting is exp([m×]) M sees A_s = exp([m×]) M A. With the errors of A about the body's axes, and of m about
 the sensor's, its prediction exp([m̂×]) M Â is off by M c + (m − m̂): the covariance is M cov(c) Mᵀ + M cov(c, m) + … + cov(m).
@@ -55,10 +55,10 @@ class Prediction:
     t_s : (k,) s since the epoch
     A : (k, 3, 3) inertial to body
     covariance : (k, 3, 3) of their errors about the body's axes, rad²
-    parameters : G and b, with what the references say of them
+    parameters : G and b, estimated from the references
     parameter_covariance : (12, 12) G dimensionless, b rad/s
     used : references that were used
-    chi2, dof : of the residuals of these references about what was predicted before they were seen, and their number
+    chi2, dof : χ² of the innovations of these references (each against its prediction from the earlier ones), and their number
     sensors, noise : of the references, where there are several, and (sensors, 3) 1-sigma of each about its own axes, rad
     mountings : misalignments of those whose mounting is estimated
     cross : (k, 3, q) covariance of the attitudes' errors with those of the misalignments, rad²

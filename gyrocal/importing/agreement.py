@@ -102,7 +102,7 @@ class MatrixReading:
 
     @property
     def sentence(self) -> str:
-        """What it changes, and how well it fits."""
+        """Changes of the alternative, and its misfit."""
         return f"{100 * self.residual:.1f} % with {' and '.join(self.changes)}"
 
 
@@ -117,7 +117,7 @@ class RatePair(NamedTuple):
 
 @dataclass(frozen=True)
 class Agreement:
-    """How the tables fit each other.
+    """Agreement of the rates and attitudes of the tables.
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ class Agreement:
 
     @property
     def sentence(self) -> str:
-        """What is wrong, and what would fit."""
+        """The misfit, and the alternatives that fit."""
         lead = f"rates and attitudes do not fit each other: they differ by {100 * self.as_read.residual:.0f} % of the motion"
         if self.aligned is not None:
             ways = " and ".join(self.aligned.changes) or "small changes of all"
@@ -159,7 +159,7 @@ class Agreement:
 
     @property
     def summary(self) -> str:
-        """How well they fit as read, in words that call no large misfit a fit."""
+        """State the misfit as read; a large misfit is never called a fit."""
         share = f"they differ by {100 * self.as_read.residual:.2g} % of the motion"
         if self.as_read.residual <= FITS:
             return f"rates and attitudes fit each other: {share}"
@@ -176,7 +176,7 @@ def evaluate_agreement(
     others: Sequence[tuple[tuple[str, ...], Array]] = (),
     G: Array | None = None,
 ) -> Agreement:
-    """How rates and attitudes fit, as read and otherwise.
+    """Compare rates and attitudes, as read and under alternative mappings.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ def _align(windows: Motion, accumulated: bool) -> Alignment | None:
 
 
 def _describe_cause(windows: Motion) -> str:
-    """What explains a misfit that no other reading mends, in words."""
+    """Describe the cause of a misfit that no alternative mapping removes."""
     if windows.is_coarse:
         return "the attitudes are too far apart for the mean rates between them to be compared well"
     fault = explain_misfit(windows)
@@ -270,7 +270,7 @@ def _list_readings(windows: Motion, order: str, reverse: bool) -> list[tuple[tup
 
 
 def explain_residuals(recording: Recording, G: Array, bias: Array) -> str:
-    """Why residuals of a recording are so large, with the parameters it starts from; empty if that cannot be told.
+    """Explain large residuals of a recording with the parameters it starts from; empty without an explanation.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ LEAST_TURN = np.deg2rad(1.0)
 
 @dataclass(frozen=True)
 class Alignment:
-    """What takes the gyro onto the attitudes.
+    """Alignment of the gyro with the attitudes: time, rotation and scale.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Alignment:
 
     @property
     def changes(self) -> list[str]:
-        """What is to be changed, in words with the options that do it."""
+        """Changes to be made, in words with their options."""
         out = []
         if self.is_clock_off:
             out.append(f"the gyro's time tags times {self.time_factor:.7g} (--time-factor)")

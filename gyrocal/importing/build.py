@@ -80,7 +80,7 @@ class ImportResult:
     warnings: tuple[str, ...] = ()
 
     def summary(self) -> pd.DataFrame:
-        """What was made, a row a quantity, in degrees."""
+        """Table of the recording made, a row a quantity, in degrees."""
         recording = self.recording
         lengths = [one.stop_s - one.start_s for one in recording.intervals]
         rows = [
@@ -187,7 +187,7 @@ def _estimate_gyro(
 def _find_largest_miss(
     joined: JoinedAttitudes, estimated: Callable[[list[str]], tuple[GyroStream, Any, list[NDArray[np.intp]]]]
 ) -> float:
-    """By how much the gyro misses the next attitude at most, rad; infinite where that cannot be said."""
+    """Compute the largest angle between an attitude and its propagation from the one before, rad; infinite if unknown."""
     try:
         gyro, _, chosen = estimated([])
         return compute_largest_miss(gyro, joined, chosen)
@@ -248,7 +248,7 @@ def _check_overlap(streams: Streams, joined: JoinedAttitudes) -> None:
 
 
 def _evaluate(windows: Motion, mapping: Mapping, sensor: Sensor, G: Array) -> Agreement:
-    """How rates and attitudes fit, as the mapping reads them and otherwise."""
+    """Compare rates and attitudes under the mapping and its alternatives."""
     _, (unit, *_) = parse_spec(mapping.gyro, "gyro")
     _, (time_unit, *_) = parse_spec(mapping.time, "time")
     order, reverse = "", False
@@ -354,7 +354,7 @@ def _exchange_direction(text: str) -> str:
 def _list_warnings(
     found: Agreement, mapping: Mapping, G: Array, near: Alignment | None, gyro: GyroStream, has_rest: bool
 ) -> list[str]:
-    """What a reader should not overlook."""
+    """List implausible values, which are shown first."""
     out = []
     if found.as_read.residual > FITS:
         out.append(f"rates and attitudes differ by {100 * found.as_read.residual:.0f} % of the motion")

@@ -54,6 +54,15 @@ def choose_intervals(gyro: GyroStream, joined: JoinedAttitudes, mapping: Mapping
         said.append(f"{gap.size} gap(s) of the gyro longer than {GAP_SAMPLES:g} samples end an interval")
     usual = float(np.median(np.diff(t_ref)))
     holes = np.diff(t_ref) > ATTITUDE_GAP_FACTOR * usual
+    covered = [k for k in np.flatnonzero(holes).tolist() if _is_sampled(starts, stops, t_ref[k], t_ref[k + 1])]
+    if covered:
+        longest = max(covered, key=lambda k: float(t_ref[k + 1] - t_ref[k]))
+        said.append(
+            f"{len(covered)} gap(s) of the attitudes longer than {ATTITUDE_GAP_FACTOR:g} times their usual spacing end an "
+            "interval although the gyro has samples, the longest from "
+            f"{t_ref[longest]:.9g} to {t_ref[longest + 1]:.9g} s: the calibration does not use the motion in them; to use it, "
+            "state the intervals (entry interval of a mapping file)"
+        )
     turned = np.concatenate([[0.0], np.cumsum(np.linalg.norm(gyro.rates + gyro.apriori_bias, axis=1) * (stop - gyro.t_s))])
     turn_at = np.interp(t_ref, np.append(gyro.t_s, stop[-1]), turned)
     span = float(np.clip(stop[-1] - gyro.t_s[0], *INTERVAL_S))
@@ -96,6 +105,11 @@ def select_rows(t_ref: Array, spans: list[Span], spacing_s: float) -> list[Indic
                 kept.append(row)
         chosen.append(np.array(kept, dtype=np.intp))
     return chosen
+
+
+def _is_sampled(starts: Array, stops: Array, begin: float, end: float) -> bool:
+    """Whether one stretch of the gyro without a gap covers a time."""
+    return bool(((starts <= begin + 1e-9) & (stops >= end - 1e-9)).any())
 
 
 def _choose_length(mapping: Mapping, turn_at: Array, t_ref: Array) -> float:

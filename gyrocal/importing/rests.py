@@ -45,7 +45,7 @@ def find_rests(rates: Array, sample_s: float, speed: Array) -> list[tuple[int, i
 
 
 def compute_speed(t_ref: Array, q: Array, t_s: Array) -> Array:
-    """(n,) speed by the attitudes over `SPEED_S` about the gyro's tags, rad/s: so long that their noise does not count.
+    """Compute the body's speed (n,) at the gyro's tags, rad/s, from attitudes `SPEED_S` apart: their noise is negligible.
 
     Parameters
     ----------

@@ -78,7 +78,7 @@ class PenetrationAngles:
 
 @dataclass(frozen=True)
 class Ephemeris:
-    """Where the spacecraft is and the Sun stands.
+    """Positions of the spacecraft and directions of the Sun.
 
     Attributes
     ----------

@@ -70,7 +70,7 @@ class SensorHeader(BaseModel):
 
     @property
     def sensor(self) -> AttitudeSensor:
-        """In radians."""
+        """Convert to radians."""
         prior = None if self.mounting_sigma_deg is None else np.deg2rad(self.mounting_sigma_deg)
         return AttitudeSensor(self.name, np.array(self.mounting), self.estimated, prior)
 
@@ -150,7 +150,7 @@ def convert_to_sensors(attitudes: Attitudes) -> Array:
 
 
 def _stack_mountings(sensor: Indices, sensors: Sequence[AttitudeSensor]) -> Rotation:
-    """Of every row, active: as a matrix it is Mᵀ."""
+    """Stack the mountings of every row as active rotations: the matrix is Mᵀ."""
     return _build_rotations(np.array([one.mounting for one in sensors])[sensor])
 
 

@@ -448,7 +448,7 @@ class Effect:
         return tuple(Trial(dict(zip(tried, values, strict=True)), 1 / len(sets)) for values in sets)
 
     def missing(self, around: Surroundings) -> str | None:
-        """Why it cannot act on, or be seen in, a recording; None if it can."""
+        """Reason why the effect cannot act on, or be seen in, a recording; None if it can."""
         return self.requirement(around) if self.requirement else None
 
     @mark_absent

@@ -85,7 +85,14 @@ def _apply_effect(one: ActiveEffect, raw: Array, around: Surroundings, method: s
 def _apply_method(one: ActiveEffect, raw: Array, around: Surroundings, method: str) -> Array:
     if method == "columns":
         _check_step_time(one, around)
-        return raw + _evaluate_columns(one, around, one.effect.columns(around.stream, one.setting.axis, one.setting.parameters))
+        try:
+            columns = one.effect.columns(around.stream, one.setting.axis, one.setting.parameters)
+        except KeyError as error:  # an effect that takes a housekeeping column by its name
+            reason = one.effect.missing(around)
+            if reason is None:
+                raise
+            raise InputError(f"{one.setting.label()}: does nothing here; {reason}") from error
+        return raw + _evaluate_columns(one, around, columns)
     if method == "wander":
         return raw + one.effect.wander(one.rng, around.stream, one.setting)
     if method == "retimed":

@@ -182,22 +182,22 @@ def compute_noise_powers(quiet: int, tests: SampleTests) -> tuple[float, float]:
 
 
 def no_gyro_noise(around: Surroundings) -> str | None:
-    """Why an effect that is told from the stated noise cannot act."""
+    """Reason why an effect that is detected against the stated noise cannot act; None if it can."""
     return None if around.arw > 0 else "the recording states no gyro noise"
 
 
 def several_trackers(around: Surroundings) -> str | None:
-    """Why an effect on the references of one sensor cannot act."""
+    """Reason why an effect on the references of one sensor cannot act; None if it can."""
     return "the references are of several star trackers" if around.references.trackers is not None else None
 
 
 def no_orbit(around: Surroundings) -> str | None:
-    """Why an effect at orbit rate cannot act."""
+    """Reason why an effect at orbit rate cannot act; None if it can."""
     return None if np.isfinite(around.stream.orbit_period_s) else "the recording does not state its orbit's period"
 
 
 def compute_noncentrality(point: float, degrees: int, power: float) -> float:
-    """Of a χ² that passes a point with some probability."""
+    """Compute the noncentrality of a χ² that exceeds a point with a given probability."""
     return float(scipy.special.chndtrinc(point, degrees, 1 - power))
 
 

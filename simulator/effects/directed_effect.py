@@ -30,7 +30,7 @@ class DirectedEffect(Effect):
         return float(np.linalg.norm(amplitudes)), dict(named)
 
     def completed(self, setting: Setting) -> Setting:
-        """With the angles themselves in place of their direction."""
+        """Complete a setting: replace the direction by the angles."""
         size, angles = self.from_amplitudes(self.amplitudes(setting))
         if size == 0:
             raise InputError(f"{setting.label()}: {', '.join(angles)} are all zero, and it would do nothing; one must not be")

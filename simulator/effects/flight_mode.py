@@ -26,7 +26,7 @@ HEADING_VECTORS = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 
 
 def find_flight_directions(recording: Recording) -> tuple[NDArray[np.str_], Array]:
-    """Where each reference flies, "" and NaN where no axis is forward.
+    """Find the forward axis and heading at each reference; "" and NaN without one.
 
     The body axis along the velocity, (m,), and the angle of the velocity in the body's xy-plane from +x to +y, (m,) rad.
     """
@@ -89,10 +89,10 @@ def _compute_velocity(rates: Array) -> Array:
 
 
 def _is_nadir_pointing(rates: Array) -> Flags:
-    """Where the rate across z is that of the orbit."""
+    """Mark samples whose rate across z is that of the orbit."""
     return np.abs(np.linalg.norm(_compute_velocity(rates), axis=1) - 1) < NADIR_RATE_TOLERANCE
 
 
 def _compute_heading(velocity: Array) -> Array:
-    """From +x to +y, rad."""
+    """Compute the heading from +x to +y, rad."""
     return np.arctan2(velocity[:, 1], velocity[:, 0])

@@ -72,11 +72,11 @@ def find_temperature(housekeeping: Mapping[str, Array], parameters: Parameters, 
 
 
 def no_temperature(housekeeping: Mapping[str, Array]) -> str | None:
-    """Why an effect that follows a temperature cannot act."""
+    """Reason why an effect that follows a temperature cannot act; None if it can."""
     there = any(name.endswith(SUFFIX) for name in housekeeping)
     return None if there else f"the recording has no housekeeping column …{SUFFIX}"
 
 
 def no_gyro_temperature(around: Surroundings) -> str | None:
-    """Why an effect of the gyro that follows a temperature cannot act."""
+    """Reason why an effect of the gyro that follows a temperature cannot act; None if it can."""
     return no_temperature(around.stream.housekeeping)

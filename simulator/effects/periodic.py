@@ -30,7 +30,7 @@ def compute_period_band(around: Surroundings) -> tuple[float, float] | None:
 
 
 def draw_period(rng: np.random.Generator, around: Surroundings) -> Value:
-    """From what the references can show to somewhat more than an interval, s."""
+    """Draw from the shortest period the references resolve to somewhat more than an interval, s."""
     spacing, arc = measure_reference_arc(around)
     low = DRAWN_PERIOD_FACTORS[0] * SHORTEST_PERIOD_SPACINGS * spacing
     return log_uniform(rng, low, max(min(DRAWN_PERIOD_FACTORS[1] * arc, float(np.ptp(around.references.t_s))), 1.1 * low))

@@ -1,4 +1,4 @@
-"""Where the Sun stands, Julian dates, and whether the Earth hides it.
+"""Direction of the Sun, Julian dates, and eclipses by the Earth.
 
 The Sun's apparent ecliptic longitude by the Astronomical Almanac's low-precision formula ("Low precision formulas for the
 Sun", its section C), with n days since J2000.0:

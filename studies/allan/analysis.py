@@ -210,7 +210,7 @@ def convert_to_display_unit(estimate: TermEstimate) -> TermEstimate:
 
 
 def describe_step(place: int, step: RateStep, parts: tuple[Stretch, ...]) -> dict[str, Any]:
-    """Where and how large a step is."""
+    """Describe the time and size of a step."""
     own = parts[place]
     return {"interval": own.interval, "time_s": float(own.edges[step.at]), "size": step.size * RATE, "unit": RATE_UNIT}
 

@@ -75,12 +75,12 @@ class Stretch:
 
 
 def find_stretches(recording: Recording, interval: str | None = None) -> tuple[tuple[Stretch, ...], tuple[str, ...]]:
-    """The stretches of a recording, or of one interval, that show the gyro's noise; and what to know of them.
+    """Find the stretches of a recording, or of one interval, that show the gyro's noise, and notes on them.
 
     Raises
     ------
     InputError
-        There is no such interval, or nothing is left.
+        The interval does not exist, or no stretch of it shows the noise.
     """
     need_triad(recording.gyro)
     names = [one.name for one in recording.intervals]

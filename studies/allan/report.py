@@ -38,8 +38,8 @@ MEANINGS = {
     SINUSOID: "a bias that swings with one period, or a vibration",
 }
 ALLAN_TERMS_NOTE = (
-    "Sigma is that of the terms that are seen, all others taken as zero; a bound is one-sided, 95 %. Not seen: the deviation "
-    "is explained as well without it."
+    "Sigma assumes that the terms not seen are zero; a bound is one-sided, 95 %. A term is not seen if the fit is as good "
+    "without it."
 )
 CAPTION = (
     "Overlapping Allan deviation with its 95 % band (χ² with the equivalent degrees of freedom of Greenhall & Riley for the "

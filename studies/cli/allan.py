@@ -17,7 +17,7 @@ OPTION_NAMES = {"file": "mapping", "rate_hz": "rate", "sample_number": "sample-n
 
 @click.command("allan")
 @click.argument("recording", type=PATH)
-@click.option("--interval", metavar="NAME", help="Look at this interval only.")
+@click.option("--interval", metavar="NAME", help="Analyse this interval only.")
 @add_options(*GYRO_TABLE_OPTIONS)
 @add_json_option("deviation, bands and terms")
 @add_output_option("--report", help="Write a page with the figure (HTML, needs no network) to this file.")
@@ -25,11 +25,12 @@ OPTION_NAMES = {"file": "mapping", "rate_hz": "rate", "sample_number": "sample-n
 def command(
     recording: Path, interval: str | None, as_json: Path | None, report: Path | None, figure: Path | None, **options: Any
 ) -> None:
-    """Overlapping Allan deviation of the noise in RECORDING, with confidence bands and the noise terms of IEEE Std 952.
+    """Compute the overlapping Allan deviation of the noise in RECORDING, with the noise terms of IEEE Std 952.
 
-    Rests are used as recorded; where the body moves, the motion that the references show is taken out. Each term has its size
-    with sigma, or a bound if it is not seen, beside what the recording states. RECORDING may be a CSV table of a gyro
-    alone, with --time and --gyro and what else import csv takes of it. See docs/allan.md.
+    The raw rates of rests are used. Elsewhere the motion is estimated from the references and subtracted. The table has the
+    size of each term with its sigma, or an upper bound if it is not seen, beside the value stated in the recording.
+    RECORDING may be a CSV table of a gyro alone, with --time, --gyro and further options of import csv. See
+    docs/allan.md.
 
     \b
     Examples:

@@ -23,7 +23,7 @@ def command() -> None:
 @command.command("run")
 @click.argument("out", type=PATH)
 @add_jobs_option()
-@click.option("--cases", type=click.IntRange(1), default=None, help="Only the first so many recordings.")
+@click.option("--cases", type=click.IntRange(1), default=None, help="Diagnose only this number of recordings, the first ones.")
 def run(out: Path, jobs: int | None, cases: int | None) -> None:
     """Diagnose the set with the code as it is, and write rows and report to the folder OUT.
 

@@ -49,13 +49,13 @@ CONDITIONS = ("p", "condition")  # what --fail-on may ask
     type=click.Choice(["full", "linear"]),
     default="full",
     show_default=True,
-    help="How residuals depend on G and b within a step, ψ of N (11): exact, or to first order in the angle turned.",
+    help="Sensitivity ψ of a step's rotation to G and b, N (11): exact, or to first order in the angle turned.",
 )
 @click.option(
     "--iterations",
     type=click.IntRange(1, MOST_ITERATIONS),
     default=None,
-    help="Number of iterations; by default until they change nothing.",
+    help="Number of iterations; by default until convergence.",
 )
 @click.option(
     "--parametrisation",
@@ -115,7 +115,7 @@ CONDITIONS = ("p", "condition")  # what --fail-on may ask
     "--fail-on",
     multiple=True,
     metavar="CONDITION",
-    help="End with status 3 if this holds: 'p<0.001' of the residuals' p-value, or 'condition>100'; repeatable.",
+    help="End with status 3 if this condition holds: 'p<0.001' of the residuals' p-value, or 'condition>100'; repeatable.",
 )
 @add_output_option("--junit", help=JUNIT)
 @add_output_option(

@@ -1,4 +1,4 @@
-"""The command ``gyrocal compare``: a recording among the flights of scenarios, and the gap before and after."""
+"""The command ``gyrocal compare``: a recording among the simulations of scenarios, and the gap before and after."""
 
 from functools import partial
 from pathlib import Path
@@ -27,7 +27,11 @@ BASELINE, FEWEST_FLIGHTS = "M0", 20  # as of studies.compare.compare
 @click.argument("scenarios", metavar="SCENARIO...", nargs=-1)
 @effects_option
 @click.option(
-    "--runs", type=click.IntRange(FEWEST_FLIGHTS), default=200, show_default=True, help="Flights of each scenario, and of M0."
+    "--runs",
+    type=click.IntRange(FEWEST_FLIGHTS),
+    default=200,
+    show_default=True,
+    help="Simulations of each scenario, and of M0.",
 )
 @add_seed_option("Root of the random streams.")
 @add_jobs_option("Processes; results do not depend on it.", default=1)
@@ -42,10 +46,11 @@ def command(
     as_json: Path | None,
     report: Path | None,
 ) -> None:
-    """Fly each SCENARIO many times and show where RECORDING stands among the flights, and how far the gap shrinks.
+    """Simulate each SCENARIO repeatedly; report the percentile of RECORDING among the simulations, and how far the gap shrinks.
 
-    A scenario is a file of 'gyrocal diagnose --adopt', or any scenario of the recording's samples and references, with
-    [[effect]] tables or without; none at all compares with M0 alone, which is always flown. See docs/compare.md.
+    The gap is the misfit between recording and simulation. A scenario is a file of 'gyrocal diagnose --adopt', or any scenario
+    with the recording's samples and references, with or without [[effect]] tables. The baseline M0, which has no effect, is
+    always simulated; without a SCENARIO it is the only one. See docs/compare.md.
 
     \b
     Examples:
@@ -54,7 +59,7 @@ def command(
       gyrocal compare /tmp/rec /tmp/adopted.toml --report /tmp/compare.html
     """
     if len(set(scenarios)) < len(scenarios) or BASELINE in scenarios:
-        raise InputError(f"give each scenario once; {BASELINE} is flown anyway")
+        raise InputError(f"give each scenario once; {BASELINE} is simulated anyway")
     loaded = load(recording)
 
     from simulator import adopted_scenario

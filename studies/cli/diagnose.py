@@ -47,16 +47,19 @@ if TYPE_CHECKING:
     "--plan",
     "flown",
     metavar="SCENARIO",
-    help="The scenario that was flown, a built-in name or a TOML file: page and card then say which extra maneuver helps most.",
+    help="Scenario of the recording, a built-in name or a TOML file: page and card then state which extra maneuver helps most.",
 )
-@add_output_option("--adopt", help="Write the recording's own plan with the named effects to this file, a scenario.")
+@add_output_option("--adopt", help="Write a scenario with the recording's own motion and the identified effects to this file.")
 @add_output_option(
     "--draft",
     metavar="OUT.py",
     help="Write a function of one regressor that predicts the remainder to this file, an effect for --effects.",
 )
 @click.option(
-    "--without", multiple=True, metavar="EFFECT", help="Take an effect off the list, see 'gyrocal effects'; repeatable."
+    "--without",
+    multiple=True,
+    metavar="EFFECT",
+    help="Exclude an effect from the diagnosis, see 'gyrocal effects'; repeatable.",
 )
 @click.option(
     "--fail-on",
@@ -79,11 +82,12 @@ def command(
     fail_on: tuple[str, ...],
     junit: Path | None,
 ) -> None:
-    """Say whether RECORDING departs from the baseline simulator, where, by which effect, and how far that closes the gap.
+    """Test RECORDING against the baseline simulator, identify the cause of a misfit, and measure how far it closes the gap.
 
-    The baseline has a constant G and b, white gyro noise and white reference noise, both as stated. The exit status is 0
-    whatever the answer, but for --fail-on. Raw tables of sun and Earth sensors with an ephemeris are diagnosed too. See
-    docs/diagnosis.md, and docs/gyros.md for more gyros than three, which are compared with one another as well.
+    The baseline has a constant G and b, white gyro noise and white reference noise, both as stated. The gap is the misfit
+    beyond them. Without --fail-on the exit status is 0 whatever the answer. Raw tables of sun and Earth sensors with an
+    ephemeris are diagnosed too. See docs/diagnosis.md, and docs/gyros.md for more gyros than three, which are compared with one
+    another as well.
 
     \b
     Examples:

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 @effects_option
 @add_json_option("the list")
 def command(as_json: Path | None) -> None:
-    """List what a gyro, a reference or an attitude sensor can do beyond the baseline; a positive size makes the gyro read high.
+    """List the effects: errors of a gyro, a reference or an attitude sensor that the baseline simulator does not have.
+
+    A positive size makes the gyro read high.
 
     A parameter that is listed without a value has no default and must be given. Effects of the sensors
     (dss_…, esa_…) need a scenario with [sensors], such as trmm_months; where they have several angles, the size is their norm

@@ -13,7 +13,7 @@ from studies.cli.options import FOLDER_TYPE, PATH, add_json_option, read_json
 from studies.montecarlo.files import check_writable, write_json
 
 CALIBRATION = click.option(
-    "--calibration", type=PATH, metavar="RESULT.json", help="Of gyrocal calibrate --json: its values are written too."
+    "--calibration", type=PATH, metavar="RESULT.json", help="Result of gyrocal calibrate --json, whose values are written too."
 )
 EXPORT_JSON_OPTION = add_json_option("which files were made, and of what,")
 RECORDING = click.argument("recording", type=PATH)
@@ -21,7 +21,9 @@ MESSAGE = (
     click.option("--object", "object_name", default="UNKNOWN", show_default=True, help="OBJECT_NAME."),
     click.option("--id", "object_id", default="UNKNOWN", show_default=True, help="The object's designator, e.g. 1997-074A."),
     click.option("--frame", default="ICRF", show_default=True, help="The inertial frame, REF_FRAME_A."),
-    click.option("--form", type=click.Choice(["kvn", "xml"]), default="kvn", show_default=True, help="Of the message."),
+    click.option(
+        "--form", type=click.Choice(["kvn", "xml"]), default="kvn", show_default=True, help="Notation of the message."
+    ),
 )
 
 
@@ -108,7 +110,9 @@ def export_ck_command(recording: Path, out: Path, sclk: Path, instrument: int, f
 @RECORDING
 @add_file_argument("out")
 @CALIBRATION
-@click.option("--random-walk", type=float, help="Of the bias, rad/s/sqrt(s); Kalibr needs one, and no recording states it.")
+@click.option(
+    "--random-walk", type=float, help="Random walk of the bias, rad/s/sqrt(s), which Kalibr needs and no recording states."
+)
 @click.option("--topic", default="/imu0", show_default=True, help="rostopic.")
 @EXPORT_JSON_OPTION
 def export_kalibr_command(recording: Path, out: Path, calibration: Path | None, as_json: Path | None, **options: Any) -> None:

@@ -32,15 +32,17 @@ for one in import_formats.IMPORT_COMMANDS:
 @command.command("csv")
 @click.argument("files", type=PATH, nargs=-1, required=True)
 @click.option(
-    "--quat", metavar="COLUMNS:DIRECTION", help="E.g. qw,qx,qy,qz:body-to-inertial; :scalar-last if names do not tell."
+    "--quat",
+    metavar="COLUMNS:DIRECTION",
+    help="E.g. qw,qx,qy,qz:body-to-inertial; add :scalar-last or :scalar-first if the names do not show it.",
 )
 @click.option("--euler", metavar="COLUMNS:…", help="E.g. yaw,pitch,roll:deg:ZYX:body-to-inertial.")
 @click.option("--matrix", metavar="COLUMNS:DIRECTION", help="Nine columns, row by row.")
-@click.option("--attitude-time", metavar="COLUMN:UNIT", help="Of the attitudes, where it is not as of the gyro.")
-@click.option("--gyro-by", metavar="COLUMN", help="Says which gyro a row is of; --gyro then names one column.")
-@click.option("--attitude-by", metavar="COLUMN", help="Says which attitude sensor a row is of.")
+@click.option("--attitude-time", metavar="COLUMN:UNIT", help="Time column of the attitudes, if it differs from --time.")
+@click.option("--gyro-by", metavar="COLUMN", help="Column with the gyro of each row; --gyro then names one column.")
+@click.option("--attitude-by", metavar="COLUMN", help="Column with the attitude sensor of each row.")
 @click.option("--interval", "interval_s", type=float, help="Longest interval, s.")
-@click.option("--title", help="Of the recording.")
+@click.option("--title", help="Title of the recording.")
 @add_options(*TABLE)
 def import_csv_command(files: tuple[Path, ...], file: Path | None, force: bool, as_json: Path | None, **options: Any) -> None:
     """Import GYRO.csv and ATTITUDE.csv, or one table with both, and write the recording to the folder OUT: FILES are these.

@@ -107,13 +107,15 @@ ALIGNMENT_OPTIONS = (
         help="1-sigma of the references, deg: a number, three about the body's axes, or a column of their table or three.",
     ),
     click.option("--spacing", "spacing_s", type=float, help="Least time between references, s."),
-    click.option(
-        "--unchecked", is_flag=True, default=None, help="Import also where rates and attitudes do not fit each other."
-    ),
+    click.option("--unchecked", is_flag=True, default=None, help="Import even if rates and attitudes do not fit each other."),
 )
 ESTIMATE = click.option("--estimate-noise", is_flag=True, help="Estimate the noise although the file states it.")
 IMU_OPTION = click.option("--imu", type=PATH, help="Kalibr's imu.yaml, for the gyro's noise density.")
-TAG = click.option("--tag", type=click.Choice(["start", "middle", "end"]), help="Part of a sample that its tag times; start.")
+TAG = click.option(
+    "--tag",
+    type=click.Choice(["start", "middle", "end"]),
+    help="Part of a sample that its time tag refers to; start by default.",
+)
 IMPORT_JSON_OPTION = add_json_option("what was made, and what was assumed,")
 TABLE = (*GYRO_TABLE_OPTIONS, TAG, *ALIGNMENT_OPTIONS, FORCE, IMPORT_JSON_OPTION)
 
@@ -235,7 +237,8 @@ def import_ck_command(gyro_file: Path, kernel: Path, sclk: Path, out: Path, forc
 @click.argument("folder", type=PATH)
 @OUT
 @click.option(
-    "--reference", help="Folder with the attitudes; the first that is there by default: vicon0, state_groundtruth_estimate0."
+    "--reference",
+    help="Folder with the attitudes; by default the first that exists of vicon0, state_groundtruth_estimate0, mocap0.",
 )
 @IMU_OPTION
 @ESTIMATE
@@ -263,7 +266,7 @@ def import_euroc_command(
 @OUT
 @click.option("--imu-topic", help="Topic of the Imu messages; the only one by default.")
 @click.option("--pose-topic", help="Topic of the attitudes: PoseStamped, Odometry and the like; the only one by default.")
-@click.option("--gyro-unit", type=click.Choice(list(RATE_UNITS)), default="rad/s", help="Of the rates, if not rad/s.")
+@click.option("--gyro-unit", type=click.Choice(list(RATE_UNITS)), default="rad/s", help="Unit of the rates, if not rad/s.")
 @click.option("--estimate-mounting", is_flag=True, help="The same as --mounting estimate.")
 @IMU_OPTION
 @TAG

@@ -1,4 +1,4 @@
-"""The command ``gyrocal mission``: fly the Mission Mode loop and write what it leaves."""
+"""The command ``gyrocal mission``: simulate the Mission Mode loop and write its tables."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ MOST_TELEMETRY_ROWS = 20_000_000  # of telemetry, 2 GB
 
 @click.command("mission")
 @click.argument("out", type=FOLDER_TYPE)
-@click.option("--days", type=float, required=True, help="Days flown from launch, November 27, 1997.")
+@click.option("--days", type=float, required=True, help="Simulated days from launch, November 27, 1997.")
 @add_seed_option("Seed of the noise.")
 @click.option(
     "--tables",
     type=click.Choice(["flight", *PERIODS]),
-    help="On board: as in the flight, uploaded on R's days (the default), or those of one of R's periods throughout.",
+    help="Tables on board: uploaded on the days of the flight (the default), or those of one of R's periods throughout.",
 )
 @click.option("--calibrated", is_flag=True, help="The same as --tables postcalibration.")
 @click.option(
@@ -60,7 +60,7 @@ MOST_TELEMETRY_ROWS = 20_000_000  # of telemetry, 2 GB
     "effects",
     multiple=True,
     metavar="NAME[:AXIS]=SIZE[,PARAMETER=VALUE…]",
-    help=f"What is not nominal; may be repeated. There are {', '.join(EFFECT_NAMES)}; see docs/mission.md.",
+    help=f"Deviation from the nominal model; repeatable. There are {', '.join(EFFECT_NAMES)}; see docs/mission.md.",
 )
 @click.option("--every", "every_s", type=float, default=60.0, show_default=True, help="Interval between rows of telemetry, s.")
 @add_json_option("the summary", stdout="the tables")
@@ -77,7 +77,7 @@ def command(
     as_json: Path | None,
     force: bool,
 ) -> None:
-    """Fly TRMM's Mission Mode from launch and write telemetry, yaw updates, slews and orbits as Parquet to the folder OUT.
+    """Simulate TRMM's Mission Mode from launch and write telemetry, yaw updates, slews and orbits as Parquet to the folder OUT.
 
     It turns by 180° whenever the Sun crosses the orbit plane, as the flight did. A day takes about half a
     second, the first run twenty more for compilation.

@@ -1,4 +1,4 @@
-"""The command ``gyrocal next``: the last of a unit's recordings predicted from those before it, and compared."""
+"""The command ``gyrocal next``: the last of a unit's recordings predicted from the earlier ones, and compared."""
 
 from pathlib import Path
 
@@ -18,10 +18,11 @@ from studies.report.console import LINE_EVERY_S, make_console, show_stages
 @click.option("--fail-on", multiple=True, metavar="CONDITION", help="End with status 3 if it holds, as p<0.001; repeatable.")
 @add_seed_option()
 def command(recordings: tuple[Path, ...], own_bias: bool, as_json: Path | None, fail_on: tuple[str, ...], seed: int) -> None:
-    """Predict the last of a unit's RECORDINGS from all those before it, and compare.
+    """Predict the residuals of the last of a unit's RECORDINGS from all earlier ones, and test the prediction.
 
-    Those before are diagnosed together: G, b and the effects that they name, with their uncertainty, say what the residuals of
-    the last one should be at the times of its references. See docs/compare.md.
+    The earlier recordings are diagnosed together. G, b and the identified effects, with their uncertainty, give the expected
+    residuals at the references of the last recording. A small p means that the last recording has an error that the earlier
+    ones did not have, or lacks one of theirs. See docs/compare.md.
 
     \b
     Example:
@@ -33,7 +34,7 @@ def command(recordings: tuple[Path, ...], own_bias: bool, as_json: Path | None, 
     for text in fail_on:
         parse_condition(text, ["p"])
     if len({path.resolve() for path in recordings}) < len(recordings):
-        raise InputError("a recording is given twice: one that predicts itself says nothing")
+        raise InputError("a recording is given twice; give each once, since a recording cannot test a prediction from itself")
     loaded = {str(path): load(path) for path in recordings}
     for one in loaded.values():
         need_triad(one.gyro)

@@ -1,4 +1,4 @@
-"""The command ``gyrocal plan``: what a maneuver plan will show of each effect, before it is flown."""
+"""The command ``gyrocal plan``: the visible sizes of effects in a motion, before it is made."""
 
 from __future__ import annotations
 
@@ -34,7 +34,9 @@ if TYPE_CHECKING:
 )
 @click.option("--no-extras", is_flag=True, help="Leave the built-in extra maneuvers out.")
 @click.option(
-    "--named", is_flag=True, help="Also find the size from which on an effect is named alone; slow, so best with --effect."
+    "--named",
+    is_flag=True,
+    help="Also find the smallest size at which an effect is identified alone; slow, so best with --effect.",
 )
 @add_json_option(stdout="the tables")
 @add_output_option("--report", help="Write a page with all tables (HTML, needs no network) to this file.")
@@ -49,10 +51,10 @@ def command(
     report: Path | None,
     seed: int,
 ) -> None:
-    """Say what SCENARIO (a built-in name or a TOML file) will show: the smallest visible size of each effect, which pairs
-    cannot be told apart, and which extra maneuver helps most.
+    """Compute the smallest visible size of each effect in SCENARIO (a built-in name or a TOML file), the pairs that cannot be
+    told apart, and the extra maneuver that helps most.
 
-    The linear model of the diagnosis says so before anything is flown. It takes about a minute. See docs/plan.md.
+    The linear model of the diagnosis predicts this without a recording. It takes about a minute. See docs/plan.md.
 
     \b
     Examples:

@@ -1,4 +1,4 @@
-"""The command ``gyrocal predict``: the attitude carried on by gyro alone."""
+"""The command ``gyrocal predict``: the attitude propagated with the gyro alone."""
 
 from pathlib import Path
 
@@ -17,9 +17,15 @@ FEWEST_S = 1e-6
 
 @click.command("predict")
 @click.argument("recording", type=PATH)
-@click.option("--from", "from_s", type=float, required=True, help="References later than this, s, are not used.")
+@click.option(
+    "--from",
+    "from_s",
+    type=float,
+    required=True,
+    help="Start of the prediction, s from the epoch; later references are not used.",
+)
 @add_output_option("--out", help="Write the prediction as CSV: t_s, q1 … q4, sigma_x_arcsec … z, and each sensor's.")
-@click.option("--step", "step_s", type=click.FloatRange(FEWEST_S), help="s between rows; the gyro's samples by default.")
+@click.option("--step", "step_s", type=click.FloatRange(FEWEST_S), help="s between rows; by default a row at each gyro sample.")
 @add_output_option("--report", help="Write a page with the figure (HTML, needs no network) to this file.")
 @add_json_option("the prediction, and how its start fits,")
 @click.option(
@@ -28,10 +34,16 @@ FEWEST_S = 1e-6
     help="Result of 'gyrocal calibrate --json' to start from: G, b, their recommended covariance, and the remainder.",
 )
 @click.option(
-    "--prior-sigma-g", type=float, default=None, help="A-priori 1-sigma of each element of G; by default that of its grade."
+    "--prior-sigma-g",
+    type=float,
+    default=None,
+    help="A-priori 1-sigma of each element of G; by default the range of the gyro's grade.",
 )
 @click.option(
-    "--prior-sigma-bias", type=float, default=None, help="The same of each bias, deg/s; by default that of its grade."
+    "--prior-sigma-bias",
+    type=float,
+    default=None,
+    help="A-priori 1-sigma of each bias, deg/s; by default the range of the gyro's grade.",
 )
 @click.option("--prior-mounting", type=float, default=0.0, help="A-priori 1-sigma of a rotation of all gyros together, deg.")
 @click.option("--prior-scale", type=float, default=0.0, help="A-priori 1-sigma of a common scale factor.")
@@ -48,11 +60,11 @@ def command(
     prior_mounting: float,
     prior_scale: float,
 ) -> None:
-    """Carry the attitude of RECORDING on from a time by gyro alone, with its covariance.
+    """Propagate the attitude of RECORDING with the gyro alone from a time on, with its covariance.
 
-    The references up to that time, of the interval that holds it, and the a-priori parameters with their sigmas say where it
-    starts and how the gyro is to be read. With --calibration the parameters and their covariance are those of an earlier
-    calibration, and its remainder is added to the noise. See docs/predict.md.
+    The start attitude is estimated from the references up to that time, of the interval that contains it. G and b are estimated
+    from the same references, with the a-priori parameters and their sigmas. With --calibration the parameters and their
+    covariance are those of an earlier calibration, and its remainder is added to the noise. See docs/predict.md.
 
     \b
     Examples:
@@ -95,6 +107,6 @@ def command(
     if as_json:
         start = {"recording": loaded.title, "from_s": from_s, "used": found.used, "chi2": found.chi2, "dof": found.dof}
         write_json(as_json, start | {"prediction": whole.to_dict("records")})
-    note = f"{found.used} references used; their χ² about what was known before them is {found.chi2:.1f} of {found.dof}."
+    note = f"{found.used} references used; their χ² about their predictions is {found.chi2:.1f} of {found.dof}."
     chosen = np.unique(np.linspace(0, len(whole) - 1, ROWS).round().astype(int))
-    render.print_table(make_console(), f"Attitude by gyro alone from {from_s:g} s", whole.iloc[chosen], note)
+    render.print_table(make_console(), f"Attitude propagated with the gyro alone from {from_s:g} s", whole.iloc[chosen], note)

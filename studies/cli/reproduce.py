@@ -46,10 +46,10 @@ MOST_MOVED = 20  # numbers shown of those that moved
     type=float,
     default=DAYS,
     show_default=True,
-    help="robertson: days flown from launch; fewer leave R's later periods empty and the ladder out.",
+    help="robertson: simulated days from launch; with fewer, R's later periods are empty and there is no ladder of effects.",
 )
 @add_jobs_option("Processes or threads; the CPU count by default.")
-@add_output_option("--json", "as_json", help="Also write the summary here; of both papers, under their names.")
+@add_output_option("--json", "as_json", help="Also write the summary as JSON to this file, a key per paper.")
 def command(
     paper: str | None,
     out: Path | None,
@@ -66,8 +66,8 @@ def command(
     """Reproduce the two papers beside the flight's values.
 
     natanson: the gyro calibration, N Tables 2-5 and Figures 1-3. robertson: the Mission Mode, R Tables 1-3 and Figures 7-13.
-    What is made is compared with the committed results; 'make results', which is --out results, replaces these. With both
-    papers, a page (index.html) leads from every claim of theirs to what was found; its path is the last line.
+    The output is compared with the committed results; 'make results' (--out results) replaces these. With both papers, a page
+    (index.html) shows each claim of the papers beside its reproduction; the last line of the output is its path.
 
     \b
     Examples:

@@ -26,7 +26,7 @@ from studies.montecarlo.files import write_json
 @click.argument("out", type=FOLDER_TYPE)
 @add_seed_option("Seed of the random streams.")
 @click.option("--case", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Case number under that seed.")
-@click.option("--noise-free", is_flag=True, help="Neither gyro nor reference noise.")
+@click.option("--noise-free", is_flag=True, help="Without the white noise of gyro and references; effects still act.")
 @click.option("--draw", is_flag=True, help="Draw the sizes of SCENARIO's own effects from their posterior, by seed and case.")
 @click.option("--set", "changes", multiple=True, metavar="PATH=VALUE", help="Override a value of the scenario; repeatable.")
 @click.option(
@@ -34,7 +34,7 @@ from studies.montecarlo.files import write_json
     "effects",
     multiple=True,
     metavar="NAME:AXIS=SIZE[,KEY=VALUE…]",
-    help="Something that the baseline does not do, see 'gyrocal effects'; repeatable.",
+    help="Error that the baseline does not have, see 'gyrocal effects'; repeatable.",
 )
 @effects_option
 @add_output_option("--truth", help="Also write the injected G, bias and effects as JSON to this file.")
@@ -45,8 +45,8 @@ from studies.montecarlo.files import write_json
     type=FOLDER_TYPE,
     help="Also write the gyro's telemetry as accumulated angles, for 'gyrocal import csv', to this folder.",
 )
-@click.option("--lsb", default="0.05 arcsec", show_default=True, help="Of --packets: size of a count of angle, and its unit.")
-@click.option("--wrap", type=int, default=2**16, show_default=True, help="Of --packets: counts after which a register wraps.")
+@click.option("--lsb", default="0.05 arcsec", show_default=True, help="With --packets: size of a count of angle, and its unit.")
+@click.option("--wrap", type=int, default=2**16, show_default=True, help="With --packets: counts after which a register wraps.")
 @FORCE
 def command(
     scenario: str,
@@ -72,7 +72,8 @@ def command(
     truth: same sample tags, reference times, noise as stated and housekeeping. SCENARIO may hold effects of its own, such as
     one that 'gyrocal diagnose --adopt' has written; see docs/compare.md.
 
-    A gyro of more than three is named in place of an axis, --effect bias_step:4=3,time_s=3000; see docs/gyros.md.
+    With more gyros than three, --effect takes the name of a gyro in place of an axis: --effect bias_step:4=3,time_s=3000. See
+    docs/gyros.md.
 
     \b
     Examples:

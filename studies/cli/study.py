@@ -51,8 +51,12 @@ if TYPE_CHECKING:
     "then the most there may be. The column may be 'failed'.",
 )
 @click.option("--mix", is_flag=True, help="Resume even if the source code or the machine has changed since the earlier rows.")
-@add_output_option("--json", "as_json", help="Write counts and failures as JSON; what was found is in the report.")
-@add_output_option("--junit", help="Write what was found as tests to this file, JUnit's XML; a failed case is one too.")
+@add_output_option(
+    "--json",
+    "as_json",
+    help="Write the numbers of cases and the failures as JSON to this file; the findings are in the report.",
+)
+@add_output_option("--junit", help="Write the findings as tests to this file, JUnit's XML; a failed case is a failed test.")
 def command(
     name: str | None,
     out: Path | None,

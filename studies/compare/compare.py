@@ -33,7 +33,7 @@ COMPARISON_COLUMNS = ("statistic", "of", "axis", "unit", "recording", "mean", "s
 
 @dataclass(frozen=True)
 class ScenarioComparison:
-    """Where a recording stands in one scenario.
+    """Percentiles of a recording among the simulations of one scenario.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class ScenarioComparison:
 
     @property
     def names(self) -> list[str]:
-        """Of the statistics, in words."""
+        """Names of the statistics, in words."""
         parts = self.statistics[["statistic", "of", "axis"]].itertuples(index=False)
         return [" ".join(part for part in row if part) for row in parts]
 
@@ -71,12 +71,12 @@ class ScenarioComparison:
 
     @property
     def extreme(self) -> tuple[int, int]:
-        """How many of the judged statistics are among the most extreme 2 %, and how many there are."""
+        """Number of judged statistics among the most extreme 2 %, and of all judged statistics."""
         percentile = self.statistics.loc[self.statistics["judged"], "percentile"]
         return int(((percentile < EXTREME) | (percentile > 1 - EXTREME)).sum()), len(percentile)
 
     def to_json(self) -> dict[str, Any]:
-        """As in docs/compare.md."""
+        """Return plain values as in docs/compare.md."""
         return {
             "scenario": self.name,
             "title": self.title,
@@ -179,7 +179,7 @@ def build_scenario_comparison(
     flights: Sequence[FlightStatistics],
     floors: tuple[float, float],
 ) -> ScenarioComparison:
-    """Where a recording stands among the flights of a scenario.
+    """Compute the percentiles of a recording among the simulations of a scenario.
 
     Parameters
     ----------

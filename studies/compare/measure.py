@@ -67,7 +67,7 @@ class Statistic:
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Name in words."""
         return " ".join(part for part in (self.kind, self.of, self.axis) if part)
 
 
@@ -130,7 +130,7 @@ class MeasurementSetup:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Of the calibration."""
+        """Degrees of freedom of the calibration."""
         return 3 * len(self.t_s) - len(NAMES)
 
     @cached_property

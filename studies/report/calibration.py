@@ -179,7 +179,7 @@ def list_plausible_remarks(result: CalibrationResult) -> list[str]:
 
 
 def describe_attenuation(result: CalibrationResult) -> list[str]:
-    """By how much noise in the rates is expected to make elements of G too small, if that matters beside their sigma."""
+    """Describe the expected error of G from noise in the rates, if it matters beside the sigmas."""
     if result.attenuation is None:
         return []
     share = np.divide(result.attenuation, result.sigma, out=np.zeros(12), where=result.sigma > 0)

@@ -15,20 +15,23 @@ from studies.report.panels import GREY, RED, TEAL, Panel, draw_panels
 MOST_STATISTICS = 12  # statistics of a scenario that the terminal shows
 EXTREME_Z = 3.0
 HOW = (
-    "The gap is the mean square of the whitened residuals above what the scenario's own flights leave, in units of what noise "
-    "as stated leaves; zero if the scenario is right. It is what a new recording would show."
+    "The gap is the mean square of the whitened residuals minus its mean over the scenario's simulations. Noise as stated has "
+    "the mean square 1. The gap is zero if the scenario is right, and holds for a new recording."
 )
-WHERE = "percentile: share of the flights below the recording, ties counted half; z: from their mean, in their scatter."
+WHERE = (
+    "percentile: share of the simulations below the recording, ties counted half; z: distance from their mean, in their "
+    "standard deviations."
+)
 
 
 def show(console: Console, comparison: Comparison) -> None:
     """Print the gaps, then the statistics that stand out most under each scenario."""
     tables.print_table(
-        console, f"{comparison.recording}: the gap, {comparison.runs} flights each", build_scenario_table(comparison), HOW
+        console, f"{comparison.recording}: the gap, {comparison.runs} simulations each", build_scenario_table(comparison), HOW
     )
     for standing in comparison.standings:
         note = WHERE if standing is comparison.standings[-1] else ""
-        title = f"Under {standing.name}, the {MOST_STATISTICS} statistics furthest from the flights' mean"
+        title = f"Under {standing.name}, the {MOST_STATISTICS} statistics furthest from the simulations' mean"
         tables.print_table(console, title, build_statistics_table(standing).head(MOST_STATISTICS), note)
     for line in describe_comparison(comparison):
         console.print(line, highlight=False, markup=False)
@@ -55,7 +58,7 @@ def build_scenario_table(comparison: Comparison) -> pd.DataFrame:
 
 
 def build_statistics_table(standing: ScenarioComparison) -> pd.DataFrame:
-    """The judged statistics as texts, the furthest from the flights' mean first."""
+    """The judged statistics as texts, the furthest from the simulations' mean first."""
     judged = standing.statistics.assign(name=standing.names)
     judged = judged[judged["judged"]]
     judged = judged.iloc[np.argsort(-judged["z"].abs().to_numpy(), kind="stable")]
@@ -64,7 +67,9 @@ def build_statistics_table(standing: ScenarioComparison) -> pd.DataFrame:
             "statistic": judged["name"].to_numpy(),
             "unit": judged["unit"].to_numpy(),
             "recording": [f"{value:.4g}" for value in judged["recording"]],
-            "flights, 5 to 95 %": [f"{low:.4g} to {high:.4g}" for low, high in zip(judged["p05"], judged["p95"], strict=True)],
+            "simulations, 5 to 95 %": [
+                f"{low:.4g} to {high:.4g}" for low, high in zip(judged["p05"], judged["p95"], strict=True)
+            ],
             "percentile": [f"{100 * value:.1f}" for value in judged["percentile"]],
             "z": [f"{value:+.1f}" for value in judged["z"]],
         }
@@ -76,17 +81,17 @@ def describe_comparison(comparison: Comparison) -> list[str]:
     out = []
     baseline = comparison.standings[0].gap
     if baseline.before_90[0] <= 0 <= baseline.before_90[1]:
-        apart = "; single statistics stand apart, which a diagnosis asks as well" if determine_answer_kind(comparison) else ""
-        out.append(f"Under M0 the interval of the gap holds zero: the attitude's mean square shows no gap{apart}.")
+        apart = "; single statistics deviate, which a diagnosis tests as well" if determine_answer_kind(comparison) else ""
+        out.append(f"Under M0 the interval of the gap includes zero: the attitude's mean square shows no gap{apart}.")
     out += [_describe_furthest(standing) for standing in comparison.standings]
     for standing in comparison.standings[1:]:
         low, high = standing.gap.shrinkage_90
         if np.isfinite([low, high]).all():
             words = f"the gap shrinks by {_format_percent(standing.gap.shrinkage, low, high)}, the 90 % interval in brackets"
         else:
-            words = "how far the gap shrinks cannot be told, since there is none in the attitude that is clear of zero"
+            words = "the reduction of the gap is not known, since the attitude has no significant gap under M0"
         fitted = (
-            "; its sizes are from this recording, and the flights are treated alike"
+            "; its sizes were fitted to this recording, and are fitted anew to each simulation"
             if standing.fitted and standing.effects
             else ""
         )
@@ -95,10 +100,11 @@ def describe_comparison(comparison: Comparison) -> list[str]:
 
 
 def _describe_furthest(standing: ScenarioComparison) -> str:
-    """How many single statistics stand apart, how many would by chance, and which does most."""
+    """State the number of extreme statistics, the number expected by chance, and the largest deviation."""
     (count, of), judged = standing.extreme, build_statistics_table(standing)
-    text = f"Under {standing.name} {count} of {of} statistics are beyond 1 % at either end, {standing.by_chance:.1f} by chance"
-    return f"{text}; most of all {judged['statistic'].iloc[0]}, z = {judged['z'].iloc[0]}." if len(judged) else f"{text}."
+    expected = f"{standing.by_chance:.1f} are expected by chance"
+    text = f"Under {standing.name} {count} of {of} statistics are beyond 1 % at either end; {expected}."
+    return f"{text} The largest deviation is {judged['statistic'].iloc[0]}, z = {judged['z'].iloc[0]}." if len(judged) else text
 
 
 def determine_answer_kind(comparison: Comparison) -> str:
@@ -115,16 +121,16 @@ def build_comparison_page(comparison: Comparison, made: ProvenanceFooter | None 
     picture = Picture(
         "standing",
         lambda: draw_standings(comparison),
-        "Distance of every statistic of the recording from the mean of the flights, by scenario.",
+        "Distance of every statistic of the recording from the mean of the simulations, by scenario.",
         "A dot is a statistic; if the scenario is right, 95 % are within two.",
     )
     said = describe_comparison(comparison)
-    about = f"{HOW} {comparison.runs} flights of each scenario, seed {comparison.seed}; intervals of 90 %."
+    about = f"{HOW} {comparison.runs} simulations of each scenario, seed {comparison.seed}; intervals of 90 %."
     sections = [
         Section("", said[1:]),
         Section("The gap", [about, PageTable(build_scenario_table(comparison), label="The gap")]),
     ]
-    sections.append(Section("Where the recording stands", [WHERE]))
+    sections.append(Section("The recording among the simulations", [WHERE]))
     for standing in comparison.standings:
         shown = build_statistics_table(standing)
         strong = [abs(float(z)) > EXTREME_Z for z in shown["z"]]
@@ -135,7 +141,7 @@ def build_comparison_page(comparison: Comparison, made: ProvenanceFooter | None 
 
 
 def draw_standings(comparison: Comparison) -> Figure:
-    """Draw the distance of each statistic from the mean of the flights, a panel a scenario."""
+    """Draw the distance of each statistic from the mean of the simulations, a panel a scenario."""
     panels = [_build_panel(standing) for standing in comparison.standings]
     return draw_panels(*panels, size=(8, 2.6 * len(panels)), columns=1)
 
@@ -150,7 +156,7 @@ def _build_panel(standing: ScenarioComparison) -> Panel:
         axes.axvspan(-2, 2, color=GREY, alpha=0.2, linewidth=0)
         axes.scatter(z, rows, s=12, c=np.where(np.abs(z) > EXTREME_Z, RED, TEAL))
 
-    return Panel(draw, standing.name, "z of the recording among the flights", rows=kinds)
+    return Panel(draw, standing.name, "z of the recording among the simulations", rows=kinds)
 
 
 def _format_interval(value: float, interval: tuple[float, float]) -> str:

@@ -67,7 +67,7 @@ def build_card(diagnosis: Diagnosis, orbit_s: float = math.nan, next_flight: str
         )
     lines.append(("What next?", next_step.describe_next_step(diagnosis)))
     if diagnosis.verdict != "none":
-        lines.append(("What to fly next?", next_flight or flights.describe_next_flight(diagnosis)))
+        lines.append(("Which maneuver next?", next_flight or flights.describe_next_flight(diagnosis)))
     lines.append(("What can it not tell?", _describe_limits(diagnosis)))
     return Card(format_headline(diagnosis), tuple(lines), diagnosis.budget)
 

@@ -123,12 +123,12 @@ def describe_verdict(diagnosis: Diagnosis) -> str:
 
 
 def list_groups(diagnosis: Diagnosis) -> list[str]:
-    """For each cause, what it could be."""
+    """List the group of each cause."""
     return [join_items([label(member) for member in cause.group or (cause.label,)], "or") for cause in diagnosis.causes]
 
 
 def describe_gap_test(diagnosis: Diagnosis) -> str:
-    """How sure the gap is."""
+    """Describe the significance of the gap."""
     answer = "a gap is reported" if diagnosis.present else "no gap is reported"
     return (
         f"Test of the baseline simulator: {format_p_value(diagnosis.p_value)}, so {answer}. At this threshold "
@@ -137,12 +137,12 @@ def describe_gap_test(diagnosis: Diagnosis) -> str:
 
 
 def format_cause_size(cause: Cause) -> str:
-    """How large a cause is, and its other numbers."""
+    """Format the size and the parameters of a cause."""
     return format_size(cause.size, cause.sigma, cause.unit)
 
 
 def describe_probability(cause: Cause) -> str:
-    """How likely a cause is, and the alternatives that are indistinguishable from it here."""
+    """Describe the probability of a cause, and the alternatives that this recording cannot separate from it."""
     others = [label(member) for member in cause.group if member != cause.label]
     own = f"probability {format_percent(cause.probability)}"
     if not others:
@@ -215,7 +215,7 @@ def _locate_interval(t_s: float, details: Details) -> str:
 
 
 def describe_closure(found: Closure) -> str:
-    """How far the gap closes."""
+    """Describe the reduction of the gap."""
     low, high = (100 * share for share in found.interval_90)
     share = _format_closed_share(found)
     shown = f"{share} of the gap is closed on held-out data" if share else TOO_LITTLE
@@ -227,7 +227,7 @@ def describe_closure(found: Closure) -> str:
 
 
 def describe_closure_briefly(diagnosis: Diagnosis) -> str:
-    """How far the gap closes, without the numbers behind it."""
+    """Describe the reduction of the gap in short, without the numbers behind it."""
     found = diagnosis.closure
     if found is None:
         return explain_missing_closure(diagnosis)
@@ -252,7 +252,7 @@ def is_measured(found: Closure) -> bool:
 
 
 def explain_missing_closure(diagnosis: Diagnosis) -> str:
-    """Why there is none."""
+    """Explain why the reduction of the gap is not measured."""
     if diagnosis.verdict == "none":
         return "There is no gap to close."
     if diagnosis.causes:

@@ -33,19 +33,20 @@ def describe_next_flight(diagnosis: Diagnosis, found: Plan | None = None) -> str
     found : of `plan_next_flight`, if a scenario was given
     """
     if diagnosis.verdict == "none":
-        return "Nothing is called for."
+        return "No further recording is needed."
     if found is None or not found.extras:
-        return "gyrocal diagnose --plan SCENARIO, with the scenario that was flown, says which extra maneuver would tell most."
+        return "gyrocal diagnose --plan SCENARIO, with the scenario of this recording, states which extra maneuver helps most."
     labels = list_suspected_effects(diagnosis)
     pairs = {frozenset((a, b)) for a in labels for b in labels if a != b}
     apart = [(len(pairs & {frozenset(pair) for pair in one.resolved}), one) for one in found.extras]
     most, best = max(apart, key=lambda one: (one[0], -one[1].ratio))
     if most:
-        return f"{best.name} ({best.hours:.1f} h): it tells apart what here cannot be told apart."
+        return f"{best.name} ({best.hours:.1f} h): it separates causes that this recording cannot separate."
     ratio, helpful = min(((_find_best_ratio(one, labels), one) for one in found.extras), key=lambda one: one[0])
     if ratio > HELPS:
-        return "No extra maneuver on the list would show much more of it."
-    return f"{helpful.name} ({helpful.hours:.1f} h): it would show the cause at {ratio:.2g} times the size that shows now."
+        return "No extra maneuver on the list makes the cause much better visible."
+    visible = f"the smallest visible size of the cause is then {ratio:.2g} times that of this recording"
+    return f"{helpful.name} ({helpful.hours:.1f} h): {visible}."
 
 
 def _find_best_ratio(extra: Extra, labels: list[str]) -> float:

@@ -1,4 +1,4 @@
-"""What ``gyrocal next`` prints: whether a recording is as those before it predict, then its intervals and axes."""
+"""The output of ``gyrocal next``: the test of the prediction, then its intervals and axes."""
 
 import pandas as pd
 from rich.console import Console
@@ -7,8 +7,8 @@ from diagnosis.next_recording import RecordingPrediction
 from studies.report import tables
 
 NEXT_RECORDING_NOTE = (
-    "residual: root mean square of the attitude residuals; band: its expectation; effect: what the named effects were expected "
-    "to add; p: of this interval and axis alone"
+    "residual: root mean square of the attitude residuals; band: its expectation; effect: expected part of the identified "
+    "effects; p: of this interval and axis alone"
 )
 
 

@@ -45,7 +45,7 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
             "are larger than its sigmas."
         )
     if not diagnosis.causes:
-        return "Do not decide by this recording: fly more."
+        return "Do not decide by this recording: make another one."
     remedies = list(dict.fromkeys(_find_remedy(cause) for cause in diagnosis.causes))
     left = diagnosis.remainder
     if left is not None and left.share > 0.5:

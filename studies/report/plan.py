@@ -12,8 +12,8 @@ from studies.report.pages import Item, Page, PageTable, ProvenanceFooter, Sectio
 MOST_SHOWN_PAIRS = 25
 MOST_HIDDEN = 3
 INSEPARABLE_NOTE = f"Cannot be told apart below a signal-to-noise ratio of {SETTINGS.limit_snr:g}"
-ALL_APART = f"Every pair can be told apart by a signal-to-noise ratio of {SETTINGS.limit_snr:g}."
-SHARE_NOTE = "Share: of the first one's signature that the second imitates."
+ALL_APART = f"Every pair can be told apart at a signal-to-noise ratio of {SETTINGS.limit_snr:g}."
+SHARE_NOTE = "Share: part of the first one's signature that the second can reproduce."
 EXTRAS = "What an extra maneuver brings"
 RATIO_NOTE = "Ratio: smallest visible size with the maneuver over that without it, median over effects; 0.5 is twice as good."
 VERDICT_WORDS = {
@@ -60,8 +60,9 @@ def build_plan_page(found: Plan, made: ProvenanceFooter | None = None) -> str:
 
 def _explain_visibility(found: Plan) -> str:
     return (
-        f"Seen: with probability {SETTINGS.power:.0%}, at a false-alarm rate of {found.false_alarm_rate:.1%}; at a typical "
-        "time and phase, and at the best and the worst. A range is over the axes."
+        f"An effect of this size is detected with probability {SETTINGS.power:.0%}, at a false-alarm rate of "
+        f"{found.false_alarm_rate:.1%}. size: at a typical time and phase; best, worst: at the most and the least favourable "
+        "ones. A range is over the axes."
     )
 
 
@@ -75,7 +76,7 @@ def format_headline(found: Plan) -> str:
     seen = f"{sum(by_effect.values())} of {len(by_effect)} effects can be seen{_format_hidden_axes(found, by_effect)}"
     text = f"{seen}, {pairs} cannot be separated"
     if found.extras and found.extras[0].ratio < 1:
-        text += f"; most is gained by: {found.extras[0].name}"
+        text += f"; the most helpful extra maneuver is: {found.extras[0].name}"
     resolving = max(found.extras, key=lambda one: len(one.resolved), default=None)
     if resolving is not None and resolving.resolved and resolving is not found.extras[0]:
         text += f"; most pairs are separated by: {resolving.name}"
@@ -143,7 +144,7 @@ def build_pairs_table(found: Plan, most: int | None = None) -> pd.DataFrame:
         [
             {
                 "effect": one.effect,
-                "imitated by": one.other,
+                "mistaken for": one.other,
                 "share": tables.NO_VALUE if pd.isna(one.share) else _format_share(one.share),
                 "SNR to separate": "never" if one.snr == float("inf") else tables.format_number(float(f"{one.snr:.3g}")),
                 "size to separate": _format_separating_size(one, known.get(one.effect)),

@@ -58,7 +58,7 @@ def build_prediction_page(
         f"One sigma of the attitude about x, y and z over {length:.4g} s, from {sigma[0].max():.3g} to {last:.3g} arcsec.",
         "One sigma about each body axis: what is left of the references' errors, the gyro's noise, and its parameters.",
     )
-    used = f"{found.used} references are used; their χ² about what was known before them is {found.chi2:.1f} of {found.dof}."
+    used = f"{found.used} references are used; their χ² about their predictions is {found.chi2:.1f} of {found.dof}."
     rows = table.iloc[chosen].apply(_format_column)
     heading = f"By gyro alone the attitude is known to {last:.3g} arcsec after {length:.4g} s"
     short = f"Prediction of {title}"

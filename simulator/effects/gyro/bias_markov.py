@@ -38,7 +38,7 @@ BIAS_CONSTANT_RATIO = 3.0  # between time constants that are tried
 
 
 def draw_time_constant(rng: np.random.Generator, around: Surroundings) -> Value:
-    """From twice the references' spacing to a third of the longest interval, s."""
+    """Draw from twice the references' spacing to a third of the longest interval, s."""
     spacing, arc = measure_reference_arc(around)
     return log_uniform(rng, 2 * spacing, max(arc / 3, 2.1 * spacing))
 

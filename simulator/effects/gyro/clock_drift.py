@@ -41,7 +41,7 @@ class ClockDrift(Effect):
         return None
 
     def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
-        """From a good quartz to a bad one, either way."""
+        """Draw from the range of good to bad quartz clocks, of either sign."""
         return float(rng.choice([-1.0, 1.0])) * log_uniform(rng, 3.0, 200.0)
 
 

@@ -19,7 +19,7 @@ class NoiseAngleWhite(Effect):
     """See the module."""
 
     def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
-        """With the differences of the readings' noise added."""
+        """Add the differences of the readings' noise."""
         out = samples.copy()
         for part in list_runs(stream):
             reading = setting.size * RAD_PER_ARCSEC * rng.standard_normal(part.stop - part.start + 1)

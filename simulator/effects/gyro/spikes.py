@@ -17,7 +17,7 @@ class Spikes(Effect):
     """See the module."""
 
     def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
-        """With outliers added."""
+        """Add outliers."""
         axes = select_axes(setting.axis)
         shape = (len(samples), len(axes))
         hit = rng.random(shape) < number(setting.parameters, "fraction")

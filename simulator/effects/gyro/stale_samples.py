@@ -34,7 +34,7 @@ class StaleSamples(Effect):
     """See the module."""
 
     def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
-        """With repeats."""
+        """Repeat samples."""
         stale = draw_stale_mask(rng, len(samples), setting.size, number(setting.parameters, "fraction"))
         stale[[part.start for part in stream.intervals]] = False
         source = np.maximum.accumulate(np.where(stale, 0, np.arange(len(samples))))

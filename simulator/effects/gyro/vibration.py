@@ -27,7 +27,7 @@ class Vibration(Effect):
     """See the module."""
 
     def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
-        """With the tone added."""
+        """Add the tone."""
         frequency = number(setting.parameters, "apparent_hz")
         half_rate = 0.5 / float(np.median(stream.duration_s))
         if frequency > half_rate:

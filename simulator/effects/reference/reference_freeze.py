@@ -59,7 +59,7 @@ class ReferenceFreeze(Effect):
         return (Fault(found, np.zeros(around.stream.t_s.size, dtype=bool), lost),)
 
     def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
-        """From three references on."""
+        """Draw a size of at least three references."""
         spacing = float(np.median(np.diff(np.sort(around.references.t_s))))
         return log_uniform(rng, 3.0, 50.0) * spacing
 

@@ -26,14 +26,14 @@ class DssHead(VectorEffect):
     """See the module."""
 
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
-        """With the head of one sensor turned."""
+        """Turn the head of one sensor."""
         sensors = list(suite.sun_sensors)
         place = int(str(setting.axis)) - 1
         sensors[place] = replace(sensors[place], head=sensors[place].head + DEG * self.amplitudes(setting))
         return replace(suite, sun_sensors=tuple(sensors))
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
-        """Of β; exact."""
+        """Exact error of β."""
         sun, earth = sightings.nothing
         own = sightings.sun_sensor == int(str(axis))
         a, b = np.tan(sightings.sun_angles[own].T)

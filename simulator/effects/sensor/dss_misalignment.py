@@ -21,7 +21,7 @@ class DssMisalignment(VectorEffect):
     """See the module."""
 
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
-        """With DSS-2 turned."""
+        """Turn DSS-2."""
         sensors = list(suite.sun_sensors)
         turn = Rotation.from_rotvec(DEG * self.amplitudes(setting)).as_matrix()
         sensors[MISALIGNED_SENSOR - 1] = replace(
@@ -30,7 +30,7 @@ class DssMisalignment(VectorEffect):
         return replace(suite, sun_sensors=tuple(sensors))
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
-        """Of both angles; exact."""
+        """Exact error of both angles."""
         sun, earth = sightings.nothing
         own = sightings.sun_sensor == MISALIGNED_SENSOR
         angles = sightings.sun_angles[own]

@@ -17,7 +17,7 @@ class EsaBias(VectorEffect):
     """See the module."""
 
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
-        """With the biases added."""
+        """Add the biases."""
         return replace(suite, earth=replace(suite.earth, biases=suite.earth.biases + DEG * self.amplitudes(setting)))
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:

@@ -41,7 +41,7 @@ class EsaNadir(SensorEffect):
     """See the module."""
 
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
-        """With the other horizon."""
+        """Replace the horizon."""
         seen = suite.earth.horizon
         horizon = FlattenedHorizon(co2_height=seen.co2_height, altitude=seen.altitude, missing=setting.size)
         return replace(suite, earth=replace(suite.earth, horizon=horizon))

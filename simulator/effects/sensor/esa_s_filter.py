@@ -19,7 +19,7 @@ class EsaSFilter(SensorEffect):
     """See the module."""
 
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
-        """With the filter that starts from a wrong value."""
+        """Start the filter from a wrong value."""
         start = suite.earth.offset - DEG * setting.size / (3 * suite.earth.width)
         constant = float(setting.parameters["time_constant_s"])
         return replace(suite, earth=replace(suite.earth, s_filter="restarted", s_restart=start, s_time_constant=constant))

@@ -27,7 +27,7 @@ class EsaSunIntrusion(SensorEffect):
     """See the module."""
 
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
-        """With the Sun's radiance, and nothing predicted."""
+        """Add the Sun's radiance without the prediction that excludes it."""
         field = DEG * float(setting.parameters["field_deg"])
         return replace(
             suite,

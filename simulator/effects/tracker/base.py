@@ -49,7 +49,7 @@ class TrackerColumns(TrackerEffect):
         raise NotImplementedError(f"{self.name} has no columns")
 
     def reference_columns(self, references: References, axis: str | None, parameters: Parameters) -> Array:
-        """In body axes, zero for the other trackers' references."""
+        """Columns in body axes, zero for the other trackers' references."""
         own, seen = find_tracker_rows(references, str(axis), self), references.trackers
         assert seen is not None
         if axis not in self.trackers(seen):

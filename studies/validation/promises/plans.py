@@ -61,7 +61,7 @@ def build_graded_scenario(plan: str, grade: str, references: References = "serie
     ----------
     plan, grade : names
     references : at the ends of intervals, a series, or by two star trackers, the second of which has its mounting estimated
-    array : whether four gyros in a tetrahedron fly, and not x, y and z
+    array : whether the gyros are four in a tetrahedron in place of x, y and z
     """
     arw, sigma = SENSOR_GRADES[grade]
     return _set_noise_grade(_build_plan_scenario(plan, compute_sample_length(plan, grade), references, array), arw, sigma)

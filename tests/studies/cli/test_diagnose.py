@@ -67,7 +67,7 @@ def test_card_is_a_picture_and_a_plan_says_what_to_fly(run_cli, asked, rec, tmp_
     shown = run_cli("diagnose", rec, "--card", str(card), "--report", str(page), "--plan", "trmm")
     assert shown.exit_code == 0, shown.output
     for text in (card.read_text(), page.read_text()):
-        assert "a roll (0.3 h): it tells apart what here cannot be told apart." in text
+        assert "a roll (0.3 h): it separates causes that this recording cannot separate." in text
     assert run_cli("diagnose", rec, "--card", str(tmp_path / "card.png")).exit_code == 0
     assert (tmp_path / "card.png").read_bytes().startswith(b"\x89PNG")
 
@@ -84,15 +84,18 @@ def planned(title):
 def test_the_next_maneuver_follows_the_plan():
     group, named, unknown, none = (CASES[case]() for case in ("group", "named", "unknown", "none"))
     assert next_flight.describe_next_flight(group, planned("x")).startswith("a roll (0.3 h)")
-    assert next_flight.describe_next_flight(named, planned("x")) == "No extra maneuver on the list would show much more of it."
+    assert (
+        next_flight.describe_next_flight(named, planned("x"))
+        == "No extra maneuver on the list makes the cause much better visible."
+    )
     helped = dataclasses.replace(planned("x").extras[0], by_effect={"bias_orbital:z": 0.25})
     better = dataclasses.replace(planned("x"), extras=(helped,))
     assert (
         next_flight.describe_next_flight(named, better)
-        == "a turn (1.5 h): it would show the cause at 0.25 times the size that shows now."
+        == "a turn (1.5 h): the smallest visible size of the cause is then 0.25 times that of this recording."
     )
     assert "--plan SCENARIO" in next_flight.describe_next_flight(unknown)
-    assert next_flight.describe_next_flight(none) == "Nothing is called for."
+    assert next_flight.describe_next_flight(none) == "No further recording is needed."
     assert next_flight.list_suspected_effects(group) == ["time_offset", "rate_lag"]
 
 

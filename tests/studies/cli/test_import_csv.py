@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import gyrocal
+import simulator
 from gyrocal import importing
 from studies.validation import imports, mems_log
 from tests import ROOT
@@ -120,11 +121,30 @@ def test_faults_are_one_line_and_status_2(run_cli, folder):
     assert "--force" in again.stderr
 
 
+EXAMPLE, READER = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "import.md").read_text(), flags=re.DOTALL)
+
+
 def test_the_page_s_example_finds_the_bias():
-    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "import.md").read_text(), flags=re.DOTALL)
     namespace = {}
-    exec(compile(block, "import.md", "exec"), namespace)
+    exec(compile(EXAMPLE, "import.md", "exec"), namespace)
     assert np.abs(np.abs(np.rad2deg(namespace["result"].bias)) - 0.4).max() < 0.02
+
+
+def test_the_reader_of_the_page_reads_its_log(tmp_path):
+    """A recording written as the page's log, and read back."""
+    simulated = simulator.simulate(simulator.override(simulator.load("trmm_series"), {"gyro.sample_s": 10.0}), seed=1)
+    tenths = np.rad2deg(simulated.gyro.rates) * 36000
+    lines = [f"G|{t}|{x}|{y}|{z}" for t, (x, y, z) in zip(simulated.gyro.t_s, tenths, strict=True)]
+    attitudes = zip(simulated.attitudes.t_s, simulated.attitudes.quaternions, strict=True)
+    lines += [f"A|{t}|{a}|{b}|{c}|{d}" for t, (a, b, c, d) in attitudes]
+    (tmp_path / "log").write_text("\n".join(["% a log", *lines]))
+    namespace = {}
+    exec(compile(READER, "import.md", "exec"), namespace)
+    namespace["import_log"](str(tmp_path / "log"), tmp_path / "rec")
+    read = gyrocal.load(tmp_path / "rec")
+    np.testing.assert_allclose(read.gyro.rates, simulated.gyro.rates, rtol=0, atol=1e-12)
+    # The slews have no attitudes: the import states these gaps.
+    assert "gap(s) of the attitudes" in (tmp_path / "rec" / "import.toml").read_text()
 
 
 def test_packets_of_a_simulated_flight_calibrate_to_its_truth(run_cli, tmp_path):

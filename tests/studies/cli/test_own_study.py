@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pandas as pd
 import pytest
+from rich.console import Console
 
 from gyrocal import InputError
 from studies import catalogue
@@ -123,12 +124,26 @@ def test_names_that_cannot_be_imported(name, message, mine, run_cli):
 
 def test_the_example_of_the_docs_runs(run_cli, tmp_path, monkeypatch):
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "own_study.md").read_text(), flags=re.DOTALL)
-    assert len(blocks) == 1
+    assert len(blocks) == 2
     monkeypatch.setattr(sys, "path", list(sys.path))
-    (tmp_path / "mystudy.py").write_text(blocks[0])
+    (tmp_path / "mystudy.py").write_text("\n".join(blocks))
     found = run_cli(
         "study", str(tmp_path / "mystudy.py"), "--cases", "3", "--backend", "serial", "--out", str(tmp_path / "out")
     )
     sys.modules.pop("mystudy", None)
     assert found.exit_code == 0, found.output
     assert "3 cases, none failed" in found.stdout
+    assert {"summary.csv", "errors.svg"} <= {path.name for path in (tmp_path / "out").iterdir()}
+
+
+def test_a_report_that_raises_names_the_folder_with_the_rows(mine, tmp_path, monkeypatch):
+    def fail(config, rows):
+        raise KeyError("no such column")
+
+    entry = catalogue.find_entry(str(mine))
+    monkeypatch.setattr(catalogue, "find_entry", lambda name: replace(entry, report=fail))
+    with pytest.raises(KeyError) as found:
+        catalogue.run(str(mine), tmp_path / "out", {"cases": 2}, Console(quiet=True), backend="serial")
+    assert found.value.__notes__ == [
+        f"The report failed; the rows are kept in {tmp_path / 'out'}. Correct the report and add --mix to the same command."
+    ]

@@ -156,12 +156,10 @@ def test_too_few_runs_are_refused():
 
 def test_sentences_speak_of_sizes_only_where_there_are_some_and_say_why_a_diagnosis_may_see_more(compared):
     under, adopted_one = compared.standings
-    assert "its sizes are from this recording" in describe_comparison(compared)[-1]
+    assert "its sizes were fitted to this recording" in describe_comparison(compared)[-1]
     bare = replace(compared, standings=(under, replace(adopted_one, effects=())))
     assert "its sizes" not in describe_comparison(bare)[-1]
     closed = replace(compared, standings=(replace(under, gap=replace(under.gap, before_90=(-0.1, 0.1))), adopted_one))
-    assert describe_comparison(closed)[0].endswith(
-        "shows no gap; single statistics stand apart, which a diagnosis asks as well."
-    )
+    assert describe_comparison(closed)[0].endswith("shows no gap; single statistics deviate, which a diagnosis tests as well.")
     calm = replace(closed.standings[0], statistics=under.statistics.assign(z=0.5))
     assert describe_comparison(replace(closed, standings=(calm, adopted_one)))[0].endswith("shows no gap.")
