@@ -8,6 +8,9 @@ With t the time of the attitudes, the mean body rate of a window by the attitude
 those of the attitudes. The search begins where both speeds correlate best over all τ and some hundred f: neither C nor the
 direction of the attitudes changes a speed. Gauss-Newton steps on τ, f, C, s and b follow, for each direction of the attitudes.
 
+Unequal scale factors and skew axes of the gyro are not in s C and can pass for a time offset. Where a free matrix fits as well
+with the tags as they are, τ and f are not significant: their sigmas are at least their values over the significance of both.
+
 Windows overlap, and residuals of a wrong G are not white: the covariance is that of sums over blocks of time (a sandwich
 estimator by clusters; White, Econometrica 48, 1980).
 """
@@ -215,11 +218,18 @@ def _fit(windows: Motion, reverse: bool) -> Alignment | None:
     to_offset = np.zeros(9)
     to_offset[:2] = factor, -factor * centre  # the offset is f (τ_c − rate·centre)
     r0 = reference[inside] - reference[inside].mean(axis=0)
+    offset, offset_sigma = _shift(at_centre, rate, centre), float(np.sqrt(to_offset @ cov @ to_offset))
+    time_sigma = float(factor**2 * np.sqrt(cov[1, 1]))
+    # In sigma, by the likelihood ratio of as many independent rates as windows side by side have.
+    independent = 3 * inside.sum() / float(np.median(windows.rows[:, 1] - windows.rows[:, 0]))
+    before, after = (_fit_matrix(windows, reference, *at) + np.finfo(float).tiny for at in ((0.0, 1.0), (offset, factor)))
+    least = 1 / np.sqrt(max(independent * np.log(before / after), 1e-12))
+    offset_sigma, time_sigma = max(offset_sigma, least * abs(offset)), max(time_sigma, least * abs(factor - 1))
     return Alignment(
-        _shift(at_centre, rate, centre),
-        float(np.sqrt(to_offset @ cov @ to_offset)),
+        offset,
+        offset_sigma,
         factor,
-        float(factor**2 * np.sqrt(cov[1, 1])),
+        time_sigma,
         reverse,
         np.asarray(C),
         np.sqrt(np.diag(cov)[2:5]),
@@ -228,6 +238,14 @@ def _fit(windows: Motion, reverse: bool) -> Alignment | None:
         bias,
         float(np.sqrt(np.sum(left * left) / max(np.sum(r0 * r0), 1e-300))),
     )
+
+
+def _fit_matrix(windows: Motion, reference: Array, offset: float, factor: float) -> float:
+    """Mean square of what a free matrix and a bias leave at some offset and clock rate, (rad/s)²."""
+    gyro, inside = _measure(windows, offset, factor)
+    columns = np.column_stack([gyro[inside], np.ones(np.count_nonzero(inside))])
+    left = reference[inside] - columns @ np.linalg.lstsq(columns, reference[inside], rcond=None)[0]
+    return float(np.mean(np.square(left)))
 
 
 def _differentiate_rates(windows: Motion, offset: float, factor: float, h: float) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -276,11 +294,7 @@ def _shift(at_centre: float, rate: float, centre: float) -> float:
 def _measure(windows: Motion, offset: float, factor: float) -> tuple[Array, NDArray[np.bool_]]:
     """Mean rates of the gyro over the windows, its tags multiplied by a factor."""
     t0 = windows.t_s[0]
-    a = t0 + (windows.start_s + offset - t0) / factor
-    b = t0 + (windows.stop_s + offset - t0) / factor
-    inside = (a >= windows.t_s[0]) & (b <= windows.t_s[-1])
-    turn = np.stack([np.interp(b, windows.t_s, x) - np.interp(a, windows.t_s, x) for x in windows.angle.T], axis=1)
-    return turn / (b - a)[:, None], inside
+    return windows.measure(*(t0 + (edge + offset - t0) / factor for edge in (windows.start_s, windows.stop_s)))
 
 
 def _search(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Array) -> list[tuple[float, float]]:

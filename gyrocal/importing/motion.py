@@ -13,6 +13,7 @@ Array = NDArray[np.float64]
 QUATERNION_INDICES = (0, 1, 2, 3)  # of a quaternion, in the order in which they are read
 WINDOWS = 60  # at least so many in a recording, as far as there are attitudes
 MOST_WINDOWS = 4000
+GYRO_GAP_SAMPLES = 3.0  # samples, beyond which the gyro's rate is not known
 MOST_WINDOW_TURN = np.deg2rad(20.0)  # of a window: the mean rate of more is not that of the axes at its ends
 
 
@@ -49,10 +50,18 @@ class Motion:
 
     def gyro(self, offset_s: float = 0.0) -> tuple[Array, NDArray[np.bool_]]:
         """Mean rates (n, 3) of the gyro, its tags offset, and the windows that it covers."""
-        a, b = self.start_s + offset_s, self.stop_s + offset_s
-        inside = (a >= self.t_s[0]) & (b <= self.t_s[-1])
-        turn = np.stack([np.interp(b, self.t_s, x) - np.interp(a, self.t_s, x) for x in self.angle.T], axis=1)
-        return turn / (b - a)[:, None], inside
+        return self.measure(self.start_s + offset_s, self.stop_s + offset_s)
+
+    def measure(self, a: Array, b: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Mean rates (n, 3) of the gyro from times a to b (n,) by its tags, and whether it has samples all the while."""
+        steps = np.diff(self.t_s)
+        sample_s = float(np.median(steps))
+        lost_s = np.append(0.0, np.cumsum(np.where(steps > GYRO_GAP_SAMPLES * sample_s, steps, 0.0)))
+        turn, lost = (
+            np.stack([np.interp(b, self.t_s, x) - np.interp(a, self.t_s, x) for x in one.T], axis=1)
+            for one in (self.angle, lost_s[:, None])
+        )
+        return turn / (b - a)[:, None], (a >= self.t_s[0]) & (b <= self.t_s[-1]) & (lost[:, 0] <= sample_s)
 
     def attitudes(
         self, order: tuple[int, ...] = QUATERNION_INDICES, reverse: bool = False, reversed_before: bool = False

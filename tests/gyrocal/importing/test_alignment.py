@@ -10,10 +10,11 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import gyrocal
+import simulator
 from gyrocal import InputError, importing
 from gyrocal.importing import misfit, validate_mapping
 from gyrocal.importing.agreement import evaluate_agreement
-from gyrocal.importing.alignment import estimate_alignment
+from gyrocal.importing.alignment import estimate_alignment, refine
 from gyrocal.importing.build import build
 from gyrocal.importing.motion import build_motion
 from gyrocal.importing.streams import read_streams
@@ -215,3 +216,12 @@ def test_every_command_takes_the_same_alignment_options(data, tmp_path):
     written = gyrocal.recording.read_toml(tmp_path / "out" / importing.NOTES_FILE)["mapping"]
     assert written["sigma_deg"] == 0.1
     assert written["rate_factor"] == pytest.approx(0.25, rel=0.03)
+
+
+def test_errors_of_the_gyro_are_no_time_offset():
+    """References a minute apart in slow turns: unequal scale factors and skew axes passed for 1.06 ± 0.07 s."""
+    recording = simulator.simulate(simulator.load("trmm_series"), seed=1)
+    gyro, attitudes = recording.gyro, recording.attitudes
+    found = refine(build_motion(gyro.t_s, gyro.rates, gyro.sample_s, attitudes.t_s, attitudes.quaternions))
+    assert abs(found.offset_s) < 3 * found.offset_sigma
+    assert not found.is_clock_off
