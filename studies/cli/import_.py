@@ -43,6 +43,7 @@ for one in import_formats.IMPORT_COMMANDS:
 @import_formats.ROWS_OPTION
 @import_formats.RATE
 @import_formats.SAMPLE_NUMBER
+@import_formats.TEMPERATURE
 @click.option("--lsb", metavar="'SIZE UNIT'", help="Of counts, e.g. '0.0175 deg/s', or '5e-9 rad' of accumulated angle.")
 @click.option("--wrap", type=float, help="Where an accumulated angle wraps, in the column's own unit.")
 @TAG
