@@ -54,8 +54,11 @@ PAGES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs" / "f
 
 @pytest.mark.parametrize("page", [*PAGES, "docs/broad.md"])
 def test_examples_of_formats(page):
-    if page.endswith(("ros.md", "euroc.md", "kalibr.md")):
-        pytest.importorskip("rosbags.highlevel" if page.endswith("ros.md") else "yaml")
+    optional = {"ulog": "pyulog", "ros": "rosbags.highlevel", "euroc": "yaml", "kalibr": "yaml"}.get(
+        page.rpartition("/")[2].removesuffix(".md")
+    )
+    if optional:
+        pytest.importorskip(optional)
     (block,) = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), flags=re.DOTALL)
     namespace = {}
     exec(compile(block, page, "exec"), namespace)
@@ -78,7 +81,7 @@ def test_every_format_has_its_page():
     listed = set(re.findall(r"\((formats/[a-z]+\.md)\)", (ROOT / "docs" / "formats.md").read_text()))
     assert {f"docs/{name}" for name in listed} == set(PAGES)
     commands = {*import_.command.commands, *export.command.commands}
-    assert {"csv", "aem", "acm", "ck", "euroc", "bag", "broad", "kalibr"} == commands
+    assert {"csv", "aem", "acm", "ck", "euroc", "bag", "ulog", "broad", "kalibr"} == commands
 
 
 def test_trackers_example_finds_the_mounting(tmp_path, capsys):

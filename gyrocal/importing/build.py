@@ -166,6 +166,9 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
         intervals=tuple(name_interval(joined.t_s, rows, still, streams.t_s, k) for k, rows in enumerate(chosen, 1))
         if mapping.interval is None
         else tuple(one.interval for one in mapping.interval),
+        tables={}
+        if streams.temperature is None
+        else {"housekeeping": pd.DataFrame(streams.temperature, columns=["t_s", "gyro_temperature_c"])},
     )
     warnings = _list_warnings(found, mapping, G, near, gyro, bool(still))
     warnings += [text for text in [describe_mean_rates(windows)] if text and mapping.bias_deg_s is None]
@@ -341,6 +344,9 @@ def _align(streams: Streams, mapping: Mapping, said: list[str]) -> tuple[Streams
     if found.is_turned and mapping.mounting != "estimate":
         entries["mounting"] = np.rad2deg(found.turn).tolist()
     aligned = replace(streams, t_s=t_s, raw=raw, sample_s=factor * streams.sample_s, sensors=sensors)
+    if streams.temperature is not None:
+        start = np.array([streams.t_s[0], 0.0])
+        aligned = replace(aligned, temperature=start + np.array([factor, 1.0]) * (streams.temperature - start))
     return aligned, mapping.model_copy(update=entries)
 
 

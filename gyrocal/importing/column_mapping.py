@@ -63,6 +63,7 @@ class Mapping(BaseModel):
     wrap : where an accumulated angle wraps, in the column's own unit
     rows : "COLUMN:VALUE", the rows of the gyro's table that are read, where it holds several gyros
     sample_number : column of the gyro's table that counts the samples
+    temperature : column of the gyro's table with the gyro's temperature, °C, which becomes housekeeping
     rate_hz : samples a second; with it or the sample number the gyro's time tags are put on an even time base
     gyro_by, attitude_by : column that says which gyro or which attitude sensor a row is of
     axes : direction of each gyro in the body, a row a gyro; or "tetrahedron", three or all four of its axes
@@ -99,6 +100,7 @@ class Mapping(BaseModel):
     wrap: float | None = Field(default=None, gt=0)
     rows: str | None = None
     sample_number: str | None = None
+    temperature: str | None = None
     rate_hz: float | None = Field(default=None, gt=0)
     gyro_by: str | None = None
     attitude_by: str | None = None

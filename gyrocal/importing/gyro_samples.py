@@ -99,7 +99,7 @@ def _put_on_even_times(
     """
     said: list[str] = []
     asked = number is not None or mapping.rate_hz is not None
-    if t_s.size < 2:
+    if t_s.size < 2 or (np.ptp(t_s) == 0 and not asked):
         return t_s, raw, [], said
     back = np.diff(t_s) < 0
     is_far = -np.diff(t_s).min() > MOST_SWAPPED_ROWS * np.ptp(t_s) / t_s.size or back.mean() > 0.5

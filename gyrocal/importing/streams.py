@@ -62,6 +62,7 @@ class Streams:
     sensors : the attitudes, the first sensor's axes being the body's
     epoch, time_scale : as in a recording
     assumed : what was taken for granted, a sentence each
+    temperature : (m, 2) s since the epoch, and the gyro's °C
     """
 
     t_s: Array
@@ -72,6 +73,7 @@ class Streams:
     epoch: str
     time_scale: str
     assumed: tuple[str, ...]
+    temperature: Array | None = None
 
 
 def read_csv(path: Path) -> pd.DataFrame:
@@ -120,6 +122,7 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
     from gyrocal.importing.lost_references import leave_out_lost_references  # late: it loads scipy
 
     clock_g, raw, channels, number, assumed = read_gyro_rows(gyro, mapping)
+    temperature = _read_temperature(gyro, mapping, int(clock_g.whole[0]))
     named, clocks, said = _read_attitudes(attitude, mapping)
     layouts = dict.fromkeys(text for table in (gyro, attitude) for text in table.attrs.get("said", ()))
     assumed = [*layouts, *assumed, *said]
@@ -143,13 +146,16 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
         sensors.append(_build_sensor(name, times, rows, mapping))
         assumed += said
     t_s, raw, sample_s, changes, said = build_samples(clock_g.subtract(origin), raw, number, mapping, gyro)
+    if temperature is not None:
+        temperature[:, 0] += clock_g.whole[0] - origin
+        temperature[:, 0] = t_s[0] + mapping.time_factor * (temperature[:, 0] - t_s[0])
     for k, sensor in enumerate(sensors):
         keep, lost = leave_out_lost_references(sensor.t_s, sensor.q, t_s, raw, sample_s, f"attitude {sensor.name}".strip())
         sensors[k] = sensor.select_rows(keep)
         said += lost
     time_scale = scale or "seconds of the file"
     assumed = _put_large_losses_first([*changes, *assumed, *said], len(clock_g.whole), sum(len(c.whole) for c in clocks))
-    return Streams(t_s, raw, sample_s, channels, tuple(sensors), epoch, time_scale, tuple(assumed))
+    return Streams(t_s, raw, sample_s, channels, tuple(sensors), epoch, time_scale, tuple(assumed), temperature)
 
 
 def read_gyro_log(gyro: pd.DataFrame, mapping: Mapping) -> Streams:
@@ -160,6 +166,15 @@ def read_gyro_log(gyro: pd.DataFrame, mapping: Mapping) -> Streams:
     t_s, raw, sample_s, changes, said = build_samples(clock.subtract(start), raw, number, mapping, gyro)
     time_scale = clock.scale or "seconds of the file"
     return Streams(t_s, raw, sample_s, channels, (), epoch, time_scale, (*changes, *assumed, *said))
+
+
+def _read_temperature(frame: pd.DataFrame, mapping: Mapping, start: int) -> Array | None:
+    """The column of the gyro's temperature as (m, 2): s since a second of the gyro's clock, and °C."""
+    if mapping.temperature is None:
+        return None
+    tags, unit = parse_spec(mapping.time, "time")
+    clock, values, _ = read_rows(frame, [mapping.temperature], "temperature", "gyro", ("time", tags, unit))
+    return np.column_stack([clock.subtract(start), values])
 
 
 def _put_large_losses_first(said: list[str], gyro_rows: int, attitude_rows: int) -> list[str]:

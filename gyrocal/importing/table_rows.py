@@ -37,11 +37,18 @@ def read_rows(
     if len(unit) != 1:
         raise InputError(f"{entry}: one unit is wanted, not {':'.join(unit)}")
     clock = units.build_clock(select_columns(frame, tags, entry).iloc[np.flatnonzero(good)], unit[0])
+    said = [f"the tags of the {what} rows wrap {clock.wraps} time(s) at 2^32 and go on"] if clock.wraps else []
+    if key == "quat":
+        norms = np.linalg.norm(values[good, :4], axis=1)
+        norm = float(np.median(norms))
+        if abs(norm - 1) > 0.01 and np.abs(norms / norm - 1).max() <= 0.01:  # fixed-point numbers
+            values[:, :4] /= norm
+            said.append(f"the quaternions are divided by their common norm, {norm:.6g}")
     if good.all():
-        return clock, values, []
+        return clock, values, said
     zeros = ", or of zeros alone," if np.isfinite(values[~good]).all(axis=1).any() else ""
     first = f", the first of them row {int(frame.index[np.flatnonzero(~good)[0]])}" if places else ""
-    return clock, values[good], [f"{int((~good).sum())} {what} row(s) without numbers{zeros} are left out{first}"]
+    return clock, values[good], [*said, f"{int((~good).sum())} {what} row(s) without numbers{zeros} are left out{first}"]
 
 
 def read_numbers(frame: pd.DataFrame, names: list[str], what: str) -> Array:
@@ -78,7 +85,10 @@ def sort_rows(t_s: Array, values: Array, what: str) -> tuple[Array, Array, list[
     t_s, values = t_s[order], values[order]
     first = np.concatenate([[True], np.diff(t_s) > 0])
     if first.sum() < 3:
-        raise InputError(f"{what}: {int(first.sum())} rows of different times; is the time column right?")
+        hint = " --rate HZ takes the order of the rows" if what == "gyro" else ""
+        raise InputError(
+            f"{what}: {int(first.sum())} rows of different times; is the time column right, and with all its digits?{hint}"
+        )
     if not first.all():
         count, begin = int((~first).sum()), float(t_s[~first][0])
         said.append(f"{count} {what} row(s) of a time that another one has are left out, the first at {begin:.9g} s")

@@ -93,6 +93,8 @@ def fit_even_times(t_s: Array, number: Array | None = None, sample_s: float | No
     rows, errors = _choose_anchors(t_s, h * np.append(np.diff(k), 1.0))
     if rows.size < FEWEST_ANCHORS and sample_s is None:
         return None
+    if rows.size == 1:  # all rows have one tag
+        return EvenTimes(t_s[0] + h * (k - k[0]), float(h), errors, 0.0)
     if _grows_with_lag(t_s[rows] - h * k[rows], h):
         return None
     part = np.zeros(rows.size, dtype=np.intp)  # stretches with an intercept of their own

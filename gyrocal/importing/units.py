@@ -43,6 +43,7 @@ UNIX_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC)
 SECONDS_A_DAY = 86400
 TIME_OF_DAY = r"\s*\d{1,2}:\d{2}:\d{2}([.,]\d*)?\s*"
+TAG_WRAP = 2**32  # counts of a register of time tags
 WEEK_S = 604800
 UNIX_RANGE_S = (631152000, 4102444800)  # 1990 to 2100: numbers in between are taken for unix time
 # Months from whose first day UTC is one more second behind GPS time; announced by the IERS in its Bulletin C.
@@ -61,11 +62,13 @@ class Clock:
     whole : (n,) whole seconds, exact
     part : (n,) what is left of a second, s
     scale : "UTC" for unix time and ISO 8601, "GPS", or "" for seconds from an unknown start
+    wraps : how often the counter of the tags wrapped
     """
 
     whole: NDArray[np.int64]
     part: Array
     scale: str
+    wraps: int = 0
 
     def subtract(self, second: int) -> Array:
         """(n,) s since a whole second."""
@@ -142,12 +145,23 @@ def build_clock(columns: pd.DataFrame, unit: str) -> Clock:
             seconds = _split_seconds(values[1], 0, "GPS")
             return Clock(seconds.whole + values[0].astype(np.int64) * WEEK_S, seconds.part, "GPS")
         return _split_seconds(values[0], 0, "GPS")
+    values[0], wraps = _unwrap_tags(values[0])
     if factor is not None:
         values = [np.multiply(values[0], int(factor[1]))]
         unit = factor[2]
     made = _split_seconds(values[0], TIME_UNITS[unit], "")
     calendar = unit == "unix" or UNIX_RANGE_S[0] <= made.whole[0] <= UNIX_RANGE_S[1]
-    return Clock(made.whole, made.part, "UTC" if calendar else "")
+    return Clock(made.whole, made.part, "UTC" if calendar else "", wraps)
+
+
+def _unwrap_tags(values: NDArray[np.generic]) -> tuple[NDArray[np.generic], int]:
+    """Integer tags that go on where a counter of 32 bits wraps, and how often it does."""
+    if not np.issubdtype(values.dtype, np.integer) or values.min() < 0 or values.max() >= TAG_WRAP:
+        return values, 0
+    tags = values.astype(np.int64)
+    # A step back by nearly the whole range is no order of rows.
+    wraps = np.concatenate([[0], np.cumsum(np.diff(tags) < -0.99 * TAG_WRAP)])
+    return tags + TAG_WRAP * wraps, int(wraps[-1])
 
 
 def _describe_fault(fault: Exception) -> str:

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 OUT = click.argument("out", type=FOLDER_TYPE)
 GYRO_ARGUMENT = click.argument("gyro_file", type=PATH, metavar="GYRO.csv")
+TEMPERATURE = click.option("--temperature", metavar="COLUMN", help="Gyro's temperature in its table, °C; becomes housekeeping.")
 
 
 class WordsOrNumbers(click.ParamType):
@@ -117,7 +118,7 @@ TAG = click.option(
     help="Part of a sample that its time tag refers to; start by default.",
 )
 IMPORT_JSON_OPTION = add_json_option("what was made, and what was assumed,")
-TABLE = (*GYRO_TABLE_OPTIONS, TAG, *ALIGNMENT_OPTIONS, FORCE, IMPORT_JSON_OPTION)
+TABLE = (*GYRO_TABLE_OPTIONS, TEMPERATURE, TAG, *ALIGNMENT_OPTIONS, FORCE, IMPORT_JSON_OPTION)
 
 
 def show(
@@ -298,6 +299,38 @@ def import_bag_command(
     _write(rosbag.import_bag(bag, imu_topic, pose_topic, estimate_mounting, gyro_unit, **entries), out, as_json)
 
 
+@click.command("ulog")
+@click.argument("log", type=PATH)
+@OUT
+@click.option("--gyro-topic", help="Of the rates, NAME or NAME:INSTANCE; the rawest that is logged fast enough by default.")
+@click.option("--attitude-topic", help="Of the attitudes; one that was not made with the gyro by default.")
+@IMU_OPTION
+@TAG
+@RATE
+@add_options(*ALIGNMENT_OPTIONS)
+@FORCE
+@IMPORT_JSON_OPTION
+def import_ulog_command(
+    log: Path,
+    out: Path,
+    gyro_topic: str | None,
+    attitude_topic: str | None,
+    force: bool,
+    as_json: Path | None,
+    **options: Any,
+) -> None:
+    """Import LOG, a ULog file of PX4 with attitudes of motion capture, of vision or of a simulation. See docs/formats/ulog.md.
+
+    \b
+    Example:
+      gyrocal import ulog flight.ulg /tmp/rec --gyro-topic sensor_gyro:1
+    """
+    refuse_existing(out, force)
+    from gyrocal.importing import ulog
+
+    _write(ulog.import_ulog(log, gyro_topic, attitude_topic, **_collect_entries(options)), out, as_json)
+
+
 def _collect_entries(options: dict[str, Any]) -> dict[str, Any]:
     """Options that are given, with the noise of --imu."""
     imu = options.pop("imu")
@@ -305,4 +338,11 @@ def _collect_entries(options: dict[str, Any]) -> dict[str, Any]:
     return entries if imu is None else entries | {"arw_deg_per_sqrt_s": kalibr.read_noise_density(imu)}
 
 
-IMPORT_COMMANDS = (import_aem_command, import_acm_command, import_ck_command, import_euroc_command, import_bag_command)
+IMPORT_COMMANDS = (
+    import_aem_command,
+    import_acm_command,
+    import_ck_command,
+    import_euroc_command,
+    import_bag_command,
+    import_ulog_command,
+)

@@ -33,6 +33,7 @@ GOOD_ARGUMENTS = {
     ("import", "ck"): ("a.csv", "b.bc", "c.tsc", "OUT"),
     ("import", "csv"): ("a.csv", "OUT"),
     ("import", "euroc"): ("folder", "OUT"),
+    ("import", "ulog"): ("a.ulg", "OUT"),
     ("mission",): ("OUT", "--days", "0.01"),
     ("next",): ("REC", "REC"),
     ("plan",): ("trmm",),
@@ -42,6 +43,7 @@ GOOD_ARGUMENTS = {
     ("scenarios",): (),
     ("simulate",): ("trmm", "OUT"),
     ("study",): ("paper",),
+    ("trend",): ("REC",),
 }
 NO_NUMBERS = ("", "x", "1,5", "0x10", "1e", "--", "ψ", "1\x1b[31m")
 OUTPUTS = ("--json", "--report", "--figure", "--adopt", "--draft", "--truth", "--out")

@@ -97,6 +97,23 @@ def test_a_clock_without_a_date_is_aligned_and_repeated(data):
     assert np.abs(gyrocal.calibrate(again.recording).parameters.G - data.G).max() < 0.01
 
 
+@pytest.mark.parametrize(("factor", "boot_ms"), [(1.0, 0.0), (1.02, 4.2e6)])
+def test_temperatures_keep_the_times_of_their_rows(data, factor, boot_ms):
+    off = with_clock(data, factor, 1.7)
+    degrees = np.arange(len(off.gyro)) / 100.0
+    off = replace(off, gyro=off.gyro.assign(warm=np.where(degrees % 0.03 < 0.015, degrees, np.nan)))
+    if boot_ms:
+        off = replace(off, gyro=off.gyro.assign(timestamp_ms=off.gyro["timestamp_ms"] - mems_log.UNIX_MS + boot_ms))
+    made = build(*read(off, align="auto", temperature="warm"))
+    again = build(read_streams(off.gyro, off.attitude, made.mapping), made.mapping)
+    for recording in (made.recording, again.recording):
+        warm = recording.tables["housekeeping"]
+        assert warm.columns.tolist() == ["t_s", "gyro_temperature_c"]
+        assert len(warm) < 0.7 * len(degrees)
+        t_s = np.interp(warm["gyro_temperature_c"], degrees, recording.gyro.t_s)
+        np.testing.assert_allclose(warm["t_s"], t_s, atol=2e-9)
+
+
 def test_a_factor_that_is_no_unit_is_named_and_mended(data):
     wrong = replace(data, gyro=data.gyro.assign(**{name: 4 * data.gyro[name] for name in RATES}))
     assert "the rates times 0.2" in find_refusal(wrong, {})
@@ -200,21 +217,22 @@ def test_rates_of_zero_are_refused(data):
 
 
 def test_every_command_takes_the_same_alignment_options(data, tmp_path):
-    for name in ("csv", "aem", "acm", "ck", "euroc", "bag"):
+    for name in ("csv", "aem", "acm", "ck", "euroc", "bag", "ulog"):
         known = {option for one in import_.command.commands[name].params for option in one.opts}
         wanted = {"--align", "--attitude-offset", "--time-factor", "--rate-factor", "--mounting", "--sigma", "--unchecked"}
         assert wanted <= known, name
     gyro, attitude = tmp_path / "g.csv", tmp_path / "a.csv"
     gyro_table = data.gyro.assign(**dict(zip(RATES, 4 * data.gyro[RATES].to_numpy().T, strict=True)))
-    gyro_table.to_csv(gyro, index=False)
+    gyro_table.assign(warm=31.5).to_csv(gyro, index=False)
     data.attitude.to_csv(attitude, index=False)
     words = [str(gyro), str(attitude), str(tmp_path / "out"), "--time", "timestamp_ms:ms", "--gyro", "gx,gy,gz:deg/s"]
-    words += ["--quat", "qw,qx,qy,qz:body-to-world", "--align", "auto", "--sigma", "0.1"]
+    words += ["--quat", "qw,qx,qy,qz:body-to-world", "--align", "auto", "--sigma", "0.1", "--temperature", "warm"]
     ran = CliRunner().invoke(import_.command, ["csv", *words])
     assert ran.exit_code == 0, ran.output
     assert ran.output.startswith("implausible: the rates are multiplied by 0.2")
     written = gyrocal.recording.read_toml(tmp_path / "out" / importing.NOTES_FILE)["mapping"]
     assert written["sigma_deg"] == 0.1
+    assert (gyrocal.load(tmp_path / "out").tables["housekeeping"]["gyro_temperature_c"] == 31.5).all()
     assert written["rate_factor"] == pytest.approx(0.25, rel=0.03)
 
 

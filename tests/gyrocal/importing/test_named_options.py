@@ -9,7 +9,7 @@ from studies.cli.main import main
 from tests import ROOT
 
 TABLES = ("import csv", "import aem", "import acm", "import ck")  # commands that read a gyro's table whose columns are stated
-IMPORTS = (*TABLES, "import euroc", "import bag")  # all that share the streams and the alignment
+IMPORTS = (*TABLES, "import euroc", "import bag", "import ulog")  # all that share the streams and the alignment
 # Modules whose messages not every import prints.
 OWN_COMMANDS = {
     "acm": ("import acm",),
@@ -19,6 +19,7 @@ OWN_COMMANDS = {
     "gyro_samples": (*TABLES, "allan"),  # euroc and bag hand over the columns of the rates alone, see below
     "units": TABLES,  # of the unit of a column, or of counts
     "rosbag": ("import bag",),
+    "ulog": ("import ulog",),
 }
 ONLY = {"--quat": ("import csv",)}  # the attitudes of the others have their form
 

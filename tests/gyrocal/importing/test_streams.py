@@ -102,6 +102,29 @@ def test_rows_without_numbers_and_rows_twice_are_left_out():
     )
 
 
+def test_tags_of_a_register_go_on_where_it_wraps():
+    g, a = gyro(), attitudes()
+    g["t"] = (2**32 - 3_000_000 + (1e6 * g["t"]).astype("int64")) % 2**32
+    a["t"] = 2**32 - 3_000_000 + (1e6 * a["t"]).astype("int64")
+    found = made(g, a, time="t:us")
+    np.testing.assert_allclose(found.t_s, 2**32 / 1e6 - 3 + gyro()["t"], atol=1e-9)
+    assert "the tags of the gyro rows wrap 1 time(s) at 2^32 and go on" in found.assumed
+    assert not any("goes back" in text for text in found.assumed)
+    a["t"] %= 2**32
+    np.testing.assert_allclose(made(g, a, time="t:us").sensors[0].t_s, 2**32 / 1e6 - 3 + attitudes()["t"], atol=1e-9)
+
+
+def test_quaternions_of_fixed_point_numbers_are_divided_by_their_norm():
+    a = attitudes().assign(w=9830, a=-13107, s=0.5)  # 0.6 and −0.8 times 2^14
+    found = made(a=a, sigma_deg="s")
+    np.testing.assert_allclose(found.sensors[0].q[0], [-0.8, 0, 0, 0.6], atol=1e-4)
+    np.testing.assert_allclose(np.rad2deg(found.sensors[0].sigma), 0.5)
+    assert any("the quaternions are divided by their common norm, 1638" in text for text in found.assumed)
+    a["w"] = np.linspace(0, 9830, len(a))
+    with pytest.raises(InputError, match="row 0: the four do not have norm 1"):
+        made(a=a)
+
+
 def test_gps_and_unix_time_meet():
     g, a = gyro(), attitudes()
     g["t"] += 1_281_614_528.0  # 2020-08-16T12:02:08 GPS

@@ -119,6 +119,9 @@ def test_sample_number_and_rate_make_even_times():
     assert found.sample_s == pytest.approx(SAMPLE, rel=1e-4)
     stated = read(build_gyro(np.repeat(TRUE[::3000], 3000)), rate_hz=100.0)
     np.testing.assert_allclose(stated.t_s, TRUE, atol=1e-9)
+    np.testing.assert_allclose(read(build_gyro(np.zeros(ROWS)), rate_hz=100.0).t_s, TRUE, atol=1e-9)
+    with pytest.raises(InputError, match=r"1 rows of different times; .* --rate HZ takes the order of the rows"):
+        read(build_gyro(np.zeros(ROWS)))
     with pytest.raises(InputError, match=r"sample_number: does not grow at row 5: 4, then 4"):
         read(build_gyro(TRUE, n=np.minimum(np.arange(ROWS), 4)), sample_number="n")
 
