@@ -21,8 +21,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from gyrocal.calibration.merged_references import merge_references
 from gyrocal.recording import Recording, find_reference_rows, triad
+from gyrocal.recording.merged_references import merge_references
 from simulator.arrays import Array
 from simulator.effects import Setting
 from simulator.effects.recording_view import compute_durations, find_interval_slices, smooth_rates
@@ -78,7 +78,7 @@ def reconstruct_motion(recording: Recording, G: Array, bias: Array) -> Motion:
     """The motion of a recording, as of a scenario, by its calibration G (3, gyros) and bias (3,), rad/s."""
     rows_s = recording.attitudes.t_s
     if recording.is_array:
-        K = np.linalg.pinv(G)
+        K = np.asarray(np.linalg.pinv(G), dtype=float)
         recording, G, bias = triad(recording, K, -K @ bias), np.eye(3), np.zeros(3)
     recording = merge_references(recording)
     rates = smooth_rates(recording, G, bias)

@@ -143,10 +143,11 @@ def estimate_noise_terms(recording: Recording, interval: str | None = None) -> N
 
 def mark_gyros_on(recording: Recording) -> Mask:
     """Mark the samples (n, gyros) of gyros that were on, also outside the intervals."""
-    on = np.ones(recording.gyro.rates.shape, dtype=bool)
+    count = len(recording.gyro.names)
+    on = np.ones((recording.gyro.t_s.size, count), dtype=bool)
     for number in range(len(recording.intervals)):
-        off = np.setdiff1d(np.arange(on.shape[1]), recording.switched_on(number))
-        on[select_interval_samples(recording, number)[0], off[:, None]] = False
+        off = np.setdiff1d(np.arange(count), recording.switched_on(number))
+        on[select_interval_samples(recording, number)[0]][:, off] = False
     return on
 
 

@@ -26,9 +26,9 @@ from diagnosis.detectors.sample_report import find_long_runs, mark_consecutive_s
 from gyrocal import GyroParameters, InputError, Recording, UnobservableError, calibrate
 from gyrocal.attitude import cross_matrix
 from gyrocal.calibration.gyros import GyroArray, calibrate_gyros
-from gyrocal.calibration.merged_references import merge_references
 from gyrocal.recording import Interval, find_reference_rows
 from gyrocal.recording.gyros import compute_nominal_gyros
+from gyrocal.recording.merged_references import merge_references
 
 Array = NDArray[np.float64]
 

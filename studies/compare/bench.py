@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal import GyroParameters
-from gyrocal.calibration.merged_references import merge_references
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording, triad
+from gyrocal.recording.merged_references import merge_references
 from simulator.adopted_scenario import AdoptedScenario, ReplayPlan, hash_recording
 from simulator.effects import REGISTRY, Setting
 from simulator.streams import generator

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import simulator
-from gyrocal.calibration.merged_references import merge_references
+from gyrocal.recording.merged_references import merge_references
 from gyrocal.recording.trackers import compute_body_covariance
 from tests.tracker_cases import AGILE, ESTIMATED
 
