@@ -47,13 +47,15 @@ from diagnosis.model.recording_model import RecordingModel
 from diagnosis.model.unit import Unit, build_own_biases, build_unit_model, join_recordings
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.errors import InputError
-from gyrocal.recording import Attitudes, Recording
-from simulator.effects import EFFECTS
+from gyrocal.recording import Recording, triad
+from gyrocal.recording.trackers import keep_rows
+from simulator.effects import REGISTRY
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 AXES = "xyz"
+PARITY_NOTE = "Only the rates of the body are compared; what the parity of the gyros shows is in gyrocal diagnose"
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,7 @@ class RecordingPrediction:
     left_out : labels of identified effects that are not in it, such as those of single samples
     predicted : with these effects
     baseline : with G and b alone
+    notes : on what is not compared
     """
 
     recordings: tuple[str, ...]
@@ -126,6 +129,7 @@ class RecordingPrediction:
     left_out: tuple[str, ...]
     predicted: Comparison
     baseline: Comparison
+    notes: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The document that docs/compare.md describes."""
@@ -141,6 +145,7 @@ class RecordingPrediction:
             "p_value": self.predicted.p_value,
             "baseline_p_value": self.baseline.p_value,
             "bands": [vars(band) for band in self.predicted.bands],
+            "notes": list(self.notes),
         }
 
 
@@ -171,6 +176,8 @@ def predict_next_recording(
     """
     if len(recordings) < 2:
         raise InputError("give two recordings of one unit or more: the last is predicted from those before it")
+    notes = (PARITY_NOTE,) if any(one.is_array for one in recordings.values()) else ()
+    recordings = {name: triad(one) for name, one in recordings.items()}
     unit, last = join_recordings(recordings), list(recordings)[-1]
     try:
         check_usable(recordings[last], settings)  # before minutes are spent on those that predict it
@@ -178,7 +185,7 @@ def predict_next_recording(
         raise InputError(f"{last}: {error}") from None
     before = _drop_last_recording(unit, last)
     prepared = prepare(before.recording, settings, tell)
-    effects = list_nameable_effects(library)
+    effects = list_nameable_effects(library, of_trackers=unit.recording.attitudes.sensor is not None)
     tell("candidates", 0.1)
     groups = list_dead_zone_groups(prepared, effects)
     linear = build_unit_model(prepared.model, before.owner, effects, groups, settings, own_bias=own_bias)
@@ -201,6 +208,7 @@ def predict_next_recording(
         left_out=tuple(one.label for one, columns in made if columns is None),
         predicted=compare_with_prediction(model, unit.owner, last, own, own_bias),
         baseline=compare_with_prediction(model, unit.owner, last, [], own_bias),
+        notes=notes,
     )
 
 
@@ -284,10 +292,8 @@ def _drop_last_recording(unit: Unit, last: str) -> Unit:
     end = 0.5 * (whole.intervals[count - 1].stop_s + begin)
     samples, references = whole.gyro.t_s < end, whole.attitudes.t_s < end
     gyro = replace(whole.gyro, t_s=whole.gyro.t_s[samples], rates=whole.gyro.rates[samples])
-    attitudes = Attitudes(
-        whole.attitudes.t_s[references], whole.attitudes.quaternions[references], whole.attitudes.sigma[references]
-    )
-    return Unit(replace(whole, gyro=gyro, attitudes=attitudes, intervals=whole.intervals[:count]), unit.owner[:count])
+    kept = keep_rows(whole.attitudes, references)
+    return Unit(replace(whole, gyro=gyro, attitudes=kept, intervals=whole.intervals[:count]), unit.owner[:count])
 
 
 # ---- the next one --------------------------------------------------------------------------------------------------------
@@ -296,11 +302,14 @@ def _drop_last_recording(unit: Unit, last: str) -> Unit:
 def _linearise_all(prepared: PreparedRecording, unit: Unit, settings: DiagnosisSettings) -> RecordingModel:
     """All recordings linearised about the calibration of those before, their noise as it was found there."""
     report = examine(unit.recording, settings=settings)
-    noise = prepared.reference_noise
-    factors = noise.factors if noise is not None and noise.departs else 1.0
+    attitudes = unit.recording.attitudes
+    sigma, names = attitudes.sigma.copy(), [one.name for one in attitudes.sensors]
+    for name, noise in ((None, prepared.reference_noise), *prepared.tracker_noise):
+        if noise is not None and noise.departs:
+            sigma[... if name is None else attitudes.sensor == names.index(name)] *= noise.factors
     model = linearise_recording(
         unit.recording, prepared.model.G, prepared.model.bias, report.rates, report.smooth, report.density,
-        find_unclipped_pieces(unit.recording, report), unit.recording.attitudes.sigma * factors,
+        find_unclipped_pieces(unit.recording, report), sigma,
     )  # fmt: skip
     check_residuals(model, report.rates)
     return model
@@ -308,7 +317,9 @@ def _linearise_all(prepared: PreparedRecording, unit: Unit, settings: DiagnosisS
 
 def _build_effect_columns(model: RecordingModel, one: FittedEffect) -> Array | None:
     """(N, k) whitened columns of a named effect over all recordings; None of one that has none of its own."""
-    effect = EFFECTS[one.effect]
+    effect = REGISTRY[one.effect]
+    if one.process and effect.of_trackers:
+        return None
     if one.process:
         covariance, places = list_process_places(model, effect)
         return processes.build_all_columns(

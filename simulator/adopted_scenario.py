@@ -31,7 +31,7 @@ from simulator import scenario as scenarios
 from simulator.effects import REGISTRY, Setting, Surroundings, setting
 from simulator.effects.base import Array
 from simulator.replay import build_noise_free, reconstruct_motion
-from simulator.scenario import Matrix, Scenario, Section, Vector
+from simulator.scenario import Scenario, Section, Vector
 from simulator.simulate import add_effects_and_noise, build_surroundings, make_noise_streams, motion, observe
 from simulator.streams import generator
 from simulator.truth.motion import Motion
@@ -40,13 +40,15 @@ MOST_SIZE_DRAWS = 1000  # draws that a size may be out of bounds
 SYMMETRIC = 1e-9  # of the standard deviations' product
 NEGATIVE = -1e-9  # eigenvalue of a correlation matrix that is more than rounding
 
+Row = Annotated[tuple[float, ...], Field(strict=False)]
+
 
 class ReplaySection(Section):
     """The recording whose motion is the plan, and the gyro that flies it."""
 
     recording: str = Field(min_length=1)
     sha256: str | None = None
-    true_G: Matrix
+    true_G: Annotated[tuple[Row, Row, Row], Field(strict=False)]
     true_bias_deg_s: Vector
 
 
@@ -62,7 +64,7 @@ class EffectSection(Section):
 class PosteriorSection(Section):
     """Covariance of the amplitudes of all effects."""
 
-    covariance: Annotated[tuple[Annotated[tuple[float, ...], Field(strict=False)], ...], Field(strict=False)]
+    covariance: Annotated[tuple[Row, ...], Field(strict=False)]
 
 
 class _Additions(Section):
@@ -78,7 +80,7 @@ class ReplayPlan:
     """A plan taken over from a recording: its motion, and the gyro that flies it."""
 
     recording: Recording  # whose tags, reference times, stated noises and tables a flight has
-    G: Array  # (3, 3)
+    G: Array  # (3, gyros)
     bias: Array  # (3,) rad/s
 
 
@@ -234,8 +236,10 @@ def _load_replay(section: ReplaySection, path: Path, name: str) -> ReplayPlan:
             f"{name}: replay.recording {section.recording} is not what it was when its effects were found; adopt it again"
         )
     G = np.array(section.true_G)
-    if abs(np.linalg.det(G)) < scenarios.SMALLEST_DETERMINANT:
+    if abs(np.linalg.det(G @ G.T)) < scenarios.SMALLEST_DETERMINANT**2:
         raise InputError(f"{name}: replay.true_G must be invertible")
+    if G.shape[1] != len(recording.gyro.names):
+        raise InputError(f"{name}: replay.true_G must have a column for each of the gyros {', '.join(recording.gyro.names)}")
     return ReplayPlan(recording, G, np.deg2rad(section.true_bias_deg_s))
 
 

@@ -21,8 +21,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from gyrocal.recording import Recording, find_reference_rows
-from gyrocal.recording.trackers import need_one_sensor
+from gyrocal.recording import Recording, find_reference_rows, triad
+from gyrocal.recording.merged_references import merge_references
 from simulator.arrays import Array
 from simulator.effects import Setting
 from simulator.effects.recording_view import compute_durations, find_interval_slices, smooth_rates
@@ -54,7 +54,7 @@ def replay(
     Parameters
     ----------
     recording : what to repeat
-    G, bias : (3, 3), (3,) rad/s: true gyro parameters of the replay, usually the recording's calibration
+    G, bias : (3, gyros), (3,) rad/s: true gyro parameters of the replay, usually the recording's calibration
     effects : errors beyond M0
     seed, case : of the random streams
     noise : whether gyro and references have their white noise
@@ -66,7 +66,7 @@ def replay(
 
 
 def build_noise_free(recording: Recording, motion: Motion, G: Array, bias: Array) -> Recording:
-    """The recording of a motion without noise, by a gyro with G (3, 3) and bias (3,), rad/s; all else stays as recorded."""
+    """The recording of a motion without noise, by gyros with G (3, gyros) and bias (3,), rad/s; all else stays as recorded."""
     return replace(
         recording,
         gyro=replace(recording.gyro, rates=compute_raw_rates(motion.rates, G, bias)),
@@ -75,8 +75,12 @@ def build_noise_free(recording: Recording, motion: Motion, G: Array, bias: Array
 
 
 def reconstruct_motion(recording: Recording, G: Array, bias: Array) -> Motion:
-    """The motion of a recording, as of a scenario, by its calibration G (3, 3) and bias (3,), rad/s."""
-    need_one_sensor(recording.attitudes)
+    """The motion of a recording, as of a scenario, by its calibration G (3, gyros) and bias (3,), rad/s."""
+    rows_s = recording.attitudes.t_s
+    if recording.is_array:
+        K = np.asarray(np.linalg.pinv(G), dtype=float)
+        recording, G, bias = triad(recording, K, -K @ bias), np.eye(3), np.zeros(3)
+    recording = merge_references(recording)
     rates = smooth_rates(recording, G, bias)
     duration = compute_durations(recording)
     quaternions = recording.attitudes.quaternions.copy()
@@ -96,8 +100,8 @@ def reconstruct_motion(recording: Recording, G: Array, bias: Array) -> Motion:
         duration_s=duration,
         rates=rates,
         intervals=slices,
-        reference_t_s=recording.attitudes.t_s,
-        quaternions=quaternions,
+        reference_t_s=rows_s,
+        quaternions=quaternions[np.searchsorted(recording.attitudes.t_s, rows_s)],
     )
 
 

@@ -152,11 +152,11 @@ def _compute_chance(equal: Mask, rates: Array, follows: Mask, settings: RepeatSe
     after, before = np.minimum(np.arange(n) + settings.side, n - 1), np.maximum(np.arange(n) - settings.side - 1, 0)
     change = np.abs(rates[after] - rates[before])
     others = follows & ~equal.all(axis=1)
-    shares = np.column_stack([_average_alike(equal[:, k], others, change[:, k], settings) for k in range(3)])
+    shares = np.column_stack([_average_alike(equal[:, k], others, change[:, k], settings) for k in range(equal.shape[1])])
     C = _solve_product(shares)
     each = shares * (1 - C)[:, None] + C[:, None]
     found, best = each.prod(axis=1), settings.tied
-    for axis in range(3):
+    for axis in range(equal.shape[1]):
         pair, lone = np.asarray(np.delete(equal, axis, axis=1).all(axis=1)), follows & ~equal[:, axis]
         together = _average_alike(pair, lone, np.delete(change, axis, axis=1).max(axis=1), settings)
         apart = np.delete(each, axis, axis=1).prod(axis=1)

@@ -87,7 +87,7 @@ def find_lines(
     looks = [Look(stream.find_arcs(smooth), moving=True), Look(stream.find_arcs(quiet), moving=False)]
     out: list[Line] = []
     tests = []
-    for axis in range(3):
+    for axis in range(rates.shape[1]):
         # Readings that stand still, as those of a gyro that is clipped or dead, have no noise beside which a line would stand.
         own = [replace(look, arcs=[arc for arc in look.arcs if np.ptp(rates[slice(*arc), axis]) > 0]) for look in looks]
         seen = [look for look in own if look.arcs]

@@ -25,8 +25,7 @@ from diagnosis.model.linear import LinearModel, SelectedCandidate
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.errors import InputError
-from gyrocal.recording import Attitudes, Recording
-from gyrocal.recording.trackers import need_one_sensor
+from gyrocal.recording import Recording
 from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
@@ -69,14 +68,15 @@ def join_recordings(recordings: Mapping[str, Recording]) -> Unit:
     Raises
     ------
     InputError
-        The samples of two recordings differ in length.
+        The samples of two recordings differ in length, or their references are of other sensors.
     """
     parts = list(recordings.values())
     first = parts[0]
-    for part in parts:
-        need_one_sensor(part.attitudes)
     if any(abs(part.gyro.sample_s - first.gyro.sample_s) > 1e-9 for part in parts):
         raise InputError("recordings of one unit must have samples of one length")
+    sensors = [[one.name for one in part.attitudes.sensors] for part in parts]
+    if any(names != sensors[0] for names in sensors):
+        raise InputError("references of recordings of one unit must be of the same star trackers, or all of one sensor")
     shifts = _compute_time_shifts(parts)
     gyro = replace(
         first.gyro,
@@ -84,10 +84,12 @@ def join_recordings(recordings: Mapping[str, Recording]) -> Unit:
         rates=np.concatenate([part.gyro.rates for part in parts]),
         arw=float(np.sqrt(np.mean([part.gyro.arw**2 for part in parts]))),
     )
-    attitudes = Attitudes(
-        np.concatenate([part.attitudes.t_s + shift for part, shift in zip(parts, shifts, strict=True)]),
-        np.concatenate([part.attitudes.quaternions for part in parts]),
-        np.concatenate([part.attitudes.sigma for part in parts]),
+    attitudes = replace(
+        first.attitudes,
+        t_s=np.concatenate([part.attitudes.t_s + shift for part, shift in zip(parts, shifts, strict=True)]),
+        quaternions=np.concatenate([part.attitudes.quaternions for part in parts]),
+        sigma=np.concatenate([part.attitudes.sigma for part in parts]),
+        sensor=None if first.attitudes.sensor is None else np.concatenate([part.attitudes.sensor for part in parts]),
     )
     intervals, owner = [], []
     for (name, part), shift in zip(recordings.items(), shifts, strict=True):

@@ -51,13 +51,11 @@ def plan(
     Raises
     ------
     InputError
-        There is no such effect, an extra maneuver is no valid continuation of the scenario, or it has more gyros than three.
+        There is no such effect, an extra maneuver is no valid continuation of the scenario.
     """
     began = time.perf_counter()
     tell = progress or (lambda text, share: None)
     names = _select_effects(effects)
-    if scenario.gyro.array is not None:
-        raise InputError("gyro.array: a plan is of the three gyros x, y and z; leave it out to plan for the body's rates")
     longer = {
         name: append_intervals(scenario, parts)
         for name, parts in (list_maneuvers(scenario) if extras is None else extras).items()
@@ -131,6 +129,10 @@ def _write_plan_notes(scenario: Scenario, model: RecordingModel) -> tuple[str, .
         "What follows a temperature is as with the simulator's own gyro temperature; a recording without housekeeping shows it "
         "only as something unknown",
     ]
+    if scenario.gyro.array is not None:
+        notes.append(
+            "Axes are those of the body's rates: effects of one gyro, and the parity that shows them, are not looked at"
+        )
     if scenario.reference.tracker:
         notes.append("Effects of one star tracker are not looked at")
     if scenario.control_motion is not None:

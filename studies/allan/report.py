@@ -11,7 +11,6 @@ from rich.console import Console
 
 from gyrocal.allan.terms import MARKOV, RANDOM_WALK, compute_allan_variance
 from studies.allan.analysis import (
-    AXES,
     COEFFICIENT_UNITS,
     RATE,
     RATE_UNIT,
@@ -50,7 +49,7 @@ CAPTION = (
 def build_terms_table(found: NoiseAnalysis) -> pd.DataFrame:
     """A row for each term and axis, as texts."""
     rows = []
-    for name, axis in zip(AXES, found.axes, strict=True):
+    for name, axis in zip(found.names, found.axes, strict=True):
         for one in axis.fit.estimates:
             estimate, unit = convert_to_display_unit(one), COEFFICIENT_UNITS[one.term][0]
             row = {"axis": name, "term": one.term, "value": "not seen", "sigma": NO_VALUE, "unit": unit}
@@ -89,7 +88,7 @@ def _build_sinusoid_rows(name: str, axis: AxisNoise) -> list[dict[str, str]]:
 def list_remarks(found: NoiseAnalysis) -> list[str]:
     """What is found, in sentences."""
     out = [] if found.arw else ["The recording states no angle random walk."]
-    for name, axis in zip(AXES, found.axes, strict=True):
+    for name, axis in zip(found.names, found.axes, strict=True):
         walk = axis.fit.estimate(RANDOM_WALK)
         if found.arw and not walk.seen:
             out.append(f"{name}: no angle random walk is seen; it is below {walk.upper / found.arw:.2g} times the stated one.")
@@ -122,8 +121,8 @@ def show_analysis(console: Console, found: NoiseAnalysis) -> None:
 
 def draw_allan_figure(found: NoiseAnalysis) -> Figure:
     """The deviation of each axis with its terms."""
-    panels = [_draw_axis_panel(name, axis, found.arw) for name, axis in zip(AXES, found.axes, strict=True)]
-    return draw_panels(*panels, size=(11.0, 4.2), sharey=True)
+    panels = [_draw_axis_panel(name, axis, found.arw) for name, axis in zip(found.names, found.axes, strict=True)]
+    return draw_panels(*panels, size=(11.0 / 3 * len(panels), 4.2), sharey=True)
 
 
 def _draw_axis_panel(name: str, axis: AxisNoise, arw: float) -> Panel:
@@ -162,7 +161,7 @@ def build_allan_page(found: NoiseAnalysis, made: ProvenanceFooter | None = None)
 def describe_allan_figure(found: NoiseAnalysis) -> str:
     """The figure in words."""
     parts = []
-    for name, axis in zip(AXES, found.axes, strict=True):
+    for name, axis in zip(found.names, found.axes, strict=True):
         deviation = axis.deviation.deviation * RATE
         tau = axis.deviation.tau_s
         parts.append(f"{name} from {deviation[0]:.3g} deg/h at {tau[0]:g} s to {deviation[-1]:.3g} deg/h at {tau[-1]:g} s")

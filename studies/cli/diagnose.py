@@ -12,9 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from gyrocal.errors import InputError, suggest_names
-from gyrocal.recording import load
-from gyrocal.recording.gyros import need_triad
-from gyrocal.recording.trackers import need_one_sensor
+from gyrocal.recording import load, triad
 from studies.cli.options import (
     JUNIT,
     PAGE,
@@ -104,8 +102,7 @@ def command(
         raise InputError("--plan is for the page and the card: give --report or --card with it")
     loaded = load(recording)
     if adopt:
-        need_triad(loaded.gyro)
-        need_one_sensor(loaded.attitudes)
+        triad(loaded)  # gyros without references have no motion to simulate again
 
     from diagnosis.adopt import write_adopted_scenario
     from diagnosis.diagnose import diagnose

@@ -6,7 +6,6 @@ import click
 
 from gyrocal.errors import InputError
 from gyrocal.recording import load
-from gyrocal.recording.gyros import need_triad
 from studies.cli.options import PATH, add_json_option, add_seed_option, compare_conditions, end, parse_condition, write_result
 from studies.report.console import LINE_EVERY_S, make_console, show_stages
 
@@ -36,8 +35,6 @@ def command(recordings: tuple[Path, ...], own_bias: bool, as_json: Path | None, 
     if len({path.resolve() for path in recordings}) < len(recordings):
         raise InputError("a recording is given twice; give each once, since a recording cannot test a prediction from itself")
     loaded = {str(path): load(path) for path in recordings}
-    for one in loaded.values():
-        need_triad(one.gyro)
 
     from diagnosis.next_recording import predict_next_recording
     from studies.report import next_recording

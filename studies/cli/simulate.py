@@ -109,8 +109,9 @@ def command(
         original = load(scenario)
 
         from gyrocal.calibration.davenport import calibrate
+        from gyrocal.calibration.gyros import calibrate_gyros
 
-        fitted = calibrate(original).parameters
+        fitted = calibrate_gyros(original).gyros if original.is_array else calibrate(original).parameters
         recording = replay(original, fitted.G, fitted.bias, settings, seed=seed, case=case, noise=noise)
         G, bias_deg_s = fitted.G.tolist(), np.rad2deg(fitted.bias).tolist()
     else:
@@ -128,6 +129,9 @@ def command(
             if plan.gyro.array is not None:
                 K, c = compute_true_gyros(plan)
                 gyros = {"gyros": {"names": plan.gyro.array.gyros, "K": K.tolist(), "c_deg_s": np.rad2deg(c).tolist()}}
+    if recording.is_array and not gyros:  # of a replay, whose G is that of the gyros
+        K = np.linalg.pinv(G)
+        gyros = {"gyros": {"names": recording.gyro.names, "K": K.tolist(), "c_deg_s": (-K @ bias_deg_s).tolist()}}
     if packet_folder:
         from gyrocal.importing.csv_files import write_packets
         from simulator.packets import simulate_packets

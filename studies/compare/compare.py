@@ -12,11 +12,12 @@ import pandas as pd
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from diagnosis.next_recording import PARITY_NOTE
 from gyrocal import calibrate
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
 from simulator.adopted_scenario import AdoptedScenario, ReplayPlan
-from studies.compare.bench import FlightStatistics, PreparedScenario
+from studies.compare.bench import FlightStatistics, PreparedScenario, make_body_recording
 from studies.compare.gap import Gap, compute_gap
 from studies.compare.measure import MeasurementSetup, RecordingStatistics
 from studies.montecarlo.statistics import summarise_distribution
@@ -97,6 +98,7 @@ class Comparison:
     runs: int
     seed: int
     standings: tuple[ScenarioComparison, ...]
+    notes: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The result as one object, format 1."""
@@ -106,6 +108,7 @@ class Comparison:
             "runs": self.runs,
             "seed": self.seed,
             "scenarios": [standing.to_json() for standing in self.standings],
+            "notes": list(self.notes),
         }
 
 
@@ -137,13 +140,16 @@ def compare(
     if runs < FEWEST_FLIGHTS:
         raise InputError(f"{runs} runs: at least {FEWEST_FLIGHTS} are needed for a distribution")
     with threadpool_limits(1, user_api="blas"):
+        recorded = recording
+        recording = make_body_recording(recorded)
         found = calibrate(recording)
         if found.dof < 1:
             raise InputError(f"{recording.title}: no more residuals than parameters; there is nothing to compare")
         ruler = MeasurementSetup.build(recording, found.parameters)
-        baseline = AdoptedScenario("the baseline on the recording's own plan", ReplayPlan(recording, found.G, found.bias))
+        G = found.G @ recorded.gyro.apriori_G if recorded.is_array else found.G
+        baseline = AdoptedScenario("the baseline on the recording's own plan", ReplayPlan(recorded, G, found.bias))
         named = [(BASELINE, baseline), *scenarios]
-        benches = [PreparedScenario.build(scenario, recording, ruler, name) for name, scenario in named]
+        benches = [PreparedScenario.build(scenario, recorded, ruler, name) for name, scenario in named]
         bare = ruler.measure(recording)
         standings: list[ScenarioComparison] = []
         floors = (float("nan"), float("nan"))
@@ -153,7 +159,7 @@ def compare(
                 floors = (float(np.mean([f.before for f in flights])), float(np.mean([f.before_samples for f in flights])))
             measured = ruler.measure(bench.subtract_stated_response(recording))
             standings.append(build_scenario_comparison(name, scenario, bench, bare, measured, flights, floors))
-    return Comparison(recording.title, runs, seed, tuple(standings))
+    return Comparison(recording.title, runs, seed, tuple(standings), (PARITY_NOTE,) if recorded.is_array else ())
 
 
 def simulate_flights(

@@ -26,7 +26,7 @@ def describe_prediction(found: RecordingPrediction) -> list[str]:
         out.append(f"The recordings before have a gap whose cause is {found.verdict}: it is not in the prediction")
     if found.left_out:
         out.append(f"Named, but not in the prediction: {', '.join(found.left_out)}")
-    return out
+    return [*out, *found.notes]
 
 
 def show(console: Console, found: RecordingPrediction) -> None:

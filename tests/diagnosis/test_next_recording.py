@@ -12,11 +12,12 @@ from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.periods import make_columns
 from diagnosis.model.unit import join_recordings
 from diagnosis.next_recording import compare_with_prediction, predict_next_recording
-from gyrocal import InputError
+from gyrocal import InputError, calibrate, triad
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from simulator import scenario
 from simulator.effects import EFFECTS, setting
 from simulator.simulate import simulate
+from tests.tracker_cases import AGILE, ESTIMATED
 
 SIZE = 0.3  # deg/h, sigma of the amplitudes of the effect that all recordings have
 DRAWS = 120
@@ -155,3 +156,32 @@ def test_a_last_recording_that_fits_nothing_is_refused_before_the_others_are_dia
 def test_one_recording_predicts_nothing(recordings):
     with pytest.raises(InputError, match="two recordings"):
         predict_next_recording({"one": recordings["one"]})
+
+
+FOUR = scenario.override(scenario.load("trmm_tetrahedron"), {"reference.every_s": 400.0, "gyro.sample_s": 4.0})
+
+
+@pytest.mark.parametrize("plan", [FOUR, AGILE, ESTIMATED], ids=["four gyros", "two trackers", "a mounting that is estimated"])
+def test_recordings_of_several_gyros_and_trackers_are_as_predicted(plan):
+    z = []
+    for seed in range(8):
+        unit = join_recordings({name: triad(simulate(plan, seed=seed, case=k)) for k, name in enumerate(("one", "three"))})
+        found = calibrate(unit.recording)
+        compared = compare_with_prediction(linearise_recording(unit.recording, found.G, found.bias), unit.owner, "three", [])
+        z.append((compared.chi2 - compared.dof) / np.sqrt(2 * compared.dof))
+    assert abs(np.mean(z)) < 3.5 / np.sqrt(len(z))
+
+
+def test_several_gyros_are_compared_by_the_rates_of_the_body():
+    recordings = {
+        str(seed): simulate(FOUR, seed=seed, effects=[setting("bias_step", "4", 3.0 * seed, {"time_s": 13000.0})])
+        for seed in (0, 1)
+    }
+    found = predict_next_recording(recordings, library=[])
+    assert found.predicted.p_value < 1e-9
+    assert "parity" in found.notes[0]
+
+
+def test_the_next_recording_has_the_same_trackers(recordings):
+    with pytest.raises(InputError, match="of the same star trackers"):
+        join_recordings({"two": simulate(scenario.override(AGILE, {"gyro.sample_s": 1.0})), "one": recordings["one"]})

@@ -2,12 +2,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gyrocal import calibrate, load, save
 from gyrocal.errors import InputError
+from gyrocal.recording.trackers import stack_sensor_axes
 from simulator import adopted_scenario, scenario
 from simulator.effects import parse
+from simulator.replay import replay
 from simulator.simulate import simulate
+from tests.builders import PLAN
+from tests.gyro_arrays import array_recording
+from tests.tracker_cases import AGILE
 
 OVERRIDES = {"gyro.sample_s": 4.0, "reference.every_s": 240.0}
 ORBITAL = "bias_orbital:z=0.3,phase_deg=40"
@@ -135,3 +141,31 @@ def test_a_recording_that_has_changed_has_another_digest(recording):
     rates[7, 1] += 1e-12
     changed = replace(recording, gyro=replace(recording.gyro, rates=rates))
     assert adopted_scenario.hash_recording(changed) != adopted_scenario.hash_recording(recording)
+
+
+SWITCHED = [None, ("1", "2", "3"), *[None] * (len(PLAN) - 2)]
+
+
+@pytest.mark.parametrize("gyros", [None, SWITCHED], ids=["all on", "switched"])
+def test_several_gyros_are_flown_again(gyros):
+    """Without noise the replay of a recording without noise is that recording, but for what only parity shows."""
+    recording, K, c = array_recording(gyros=gyros)
+    recording = replace(recording, gyro=replace(recording.gyro, arw=1e-9))
+    G = np.linalg.pinv(K)
+    again = replay(recording, G, -G @ c, noise=False)
+    off = np.isnan(recording.gyro.rates)
+    assert off.any() == (gyros is not None)
+    difference = (again.gyro.rates - recording.gyro.rates)[~off.any(axis=1)]
+    np.testing.assert_allclose(difference - (K @ (G @ c) - c), 0, atol=1e-7)
+
+
+def test_references_of_several_trackers_are_taken_again_by_each():
+    recording = simulate(AGILE, seed=2)
+    G, bias = np.array(AGILE.gyro.true_G), np.deg2rad(AGILE.gyro.true_bias_deg_s)
+    errors = []
+    for seed in (1, 2):
+        plain, noisy = (replay(recording, G, bias, seed=seed, noise=noise).attitudes for noise in (False, True))
+        np.testing.assert_array_equal(noisy.sensor, recording.attitudes.sensor)
+        e = (Rotation.from_quat(noisy.quaternions).inv() * Rotation.from_quat(plain.quaternions)).as_rotvec()
+        errors.append(np.einsum("mij,mj->mi", stack_sensor_axes(noisy), e) / noisy.sigma)
+    assert np.mean(np.square(errors)) == pytest.approx(1, abs=4 * np.sqrt(2 / np.size(errors)))

@@ -263,9 +263,18 @@ def test_plan_of_a_scenario_with_references_at_the_ends():
     assert extra.resolved
 
 
-def test_more_gyros_than_three_are_not_planned_for():
-    with pytest.raises(InputError, match=r"gyro\.array: a plan is of the three gyros"):
-        plan(load("trmm_tetrahedron"))
+def test_an_array_is_planned_for_by_the_rates_of_the_body():
+    """Four gyros in a tetrahedron: (KᵀK)⁻¹ = ¾ I, so where gyro noise is all there is every size is √¾ of that of three."""
+    changes = {"gyro.sample_s": 4.0, "reference.every_s": 300.0, "reference.sigma_deg": [1e-5] * 3}
+    norms = []
+    for name in ("trmm_series", "trmm_tetrahedron"):
+        scenario = override(load(name), changes)
+        norms.append([one.norms for one in build_signatures(linearise_noise_free(scenario), ["bias_step"])])
+    np.testing.assert_allclose(np.array(norms[0]) / norms[1], np.sqrt(0.75), rtol=2e-3)
+    assert "the parity that shows them" in " ".join(plan(scenario, effects=["bias_step"], extras={}).notes)
+
+
+def test_effects_of_one_of_several_gyros_are_not_planned_for():
     with pytest.raises(InputError, match="gyro_dead: a plan knows effects of the gyros x, y and z"):
         plan(load("trmm"), effects=["gyro_dead"])
 

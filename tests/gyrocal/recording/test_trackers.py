@@ -11,7 +11,6 @@ import simulator
 from gyrocal import InputError
 from gyrocal.importing import aem
 from gyrocal.recording.trackers import compute_body_covariance
-from simulator.replay import reconstruct_motion
 from tests.tracker_cases import AGILE, ESTIMATED
 
 
@@ -129,7 +128,6 @@ def test_one_of_the_sensors_alone_is_a_recording_as_any_other(recording):
         lambda recording, folder: aem.write_aem(
             recording, folder / "x", object_name="A", object_id="1", frame="J2000", form="kvn"
         ),
-        lambda recording, folder: reconstruct_motion(recording, np.eye(3), np.zeros(3)),
         lambda recording, folder: recording.to_xarray(),
     ],
 )

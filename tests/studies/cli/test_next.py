@@ -28,7 +28,6 @@ def asked(monkeypatch):
 
     monkeypatch.setattr(next_recording, "predict_next_recording", foretell)
     monkeypatch.setattr(next_command, "load", lambda path: SimpleNamespace(gyro=None))
-    monkeypatch.setattr(next_command, "need_triad", lambda gyro: None)
     return calls
 
 
