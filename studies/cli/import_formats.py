@@ -323,7 +323,7 @@ def import_ulog_command(
 
     \b
     Example:
-      gyrocal import ulog flight.ulg /tmp/rec --gyro-topic sensor_gyro:1
+      gyrocal import ulog flight.ulg /tmp/rec --gyro-topic sensor_gyro:0
     """
     refuse_existing(out, force)
     from gyrocal.importing import ulog

@@ -184,4 +184,4 @@ def test_several_gyros_are_compared_by_the_rates_of_the_body():
 
 def test_the_next_recording_has_the_same_trackers(recordings):
     with pytest.raises(InputError, match="of the same star trackers"):
-        join_recordings({"two": simulate(scenario.override(AGILE, {"gyro.sample_s": 1.0})), "one": recordings["one"]})
+        join_recordings({"two": simulate(scenario.override(AGILE, {"gyro.sample_s": 2.0})), "one": recordings["one"]})
