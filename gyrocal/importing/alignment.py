@@ -9,7 +9,8 @@ those of the attitudes. The search begins where both speeds correlate best over 
 direction of the attitudes changes a speed. Gauss-Newton steps on τ, f, C, s and b follow, for each direction of the attitudes.
 
 Unequal scale factors and skew axes of the gyro are not in s C and can pass for a time offset. Where a free matrix fits as well
-with the tags as they are, τ and f are not significant: their sigmas are at least their values over the significance of both.
+with the tags as they are, τ and f are not significant: their sigmas are at least their values over the significance of both,
+which counts as one if it is smaller.
 
 Windows overlap, and residuals of a wrong G are not white: the covariance is that of sums over blocks of time (a sandwich
 estimator by clusters; White, Econometrica 48, 1980).
@@ -223,7 +224,7 @@ def _fit(windows: Motion, reverse: bool) -> Alignment | None:
     # In sigma, by the likelihood ratio of as many independent rates as windows side by side have.
     independent = 3 * inside.sum() / float(np.median(windows.rows[:, 1] - windows.rows[:, 0]))
     before, after = (_fit_matrix(windows, reference, *at) + np.finfo(float).tiny for at in ((0.0, 1.0), (offset, factor)))
-    least = 1 / np.sqrt(max(independent * np.log(before / after), 1e-12))
+    least = 1 / np.sqrt(max(independent * np.log(before / after), 1.0))
     offset_sigma, time_sigma = max(offset_sigma, least * abs(offset)), max(time_sigma, least * abs(factor - 1))
     return Alignment(
         offset,

@@ -118,6 +118,7 @@ TAG = click.option(
     help="Part of a sample that its time tag refers to; start by default.",
 )
 IMPORT_JSON_OPTION = add_json_option("what was made, and what was assumed,")
+LOG_OPTIONS = (IMU_OPTION, TAG, RATE, *ALIGNMENT_OPTIONS, FORCE, IMPORT_JSON_OPTION)  # of files that name their columns
 TABLE = (*GYRO_TABLE_OPTIONS, TEMPERATURE, TAG, *ALIGNMENT_OPTIONS, FORCE, IMPORT_JSON_OPTION)
 
 
@@ -269,12 +270,7 @@ def import_euroc_command(
 @click.option("--pose-topic", help="Topic of the attitudes: PoseStamped, Odometry and the like; the only one by default.")
 @click.option("--gyro-unit", type=click.Choice(list(RATE_UNITS)), default="rad/s", help="Unit of the rates, if not rad/s.")
 @click.option("--estimate-mounting", is_flag=True, help="The same as --mounting estimate.")
-@IMU_OPTION
-@TAG
-@RATE
-@add_options(*ALIGNMENT_OPTIONS)
-@FORCE
-@IMPORT_JSON_OPTION
+@add_options(*LOG_OPTIONS)
 def import_bag_command(
     bag: Path,
     out: Path,
@@ -304,12 +300,7 @@ def import_bag_command(
 @OUT
 @click.option("--gyro-topic", help="Of the rates, NAME or NAME:INSTANCE; the rawest that is logged fast enough by default.")
 @click.option("--attitude-topic", help="Of the attitudes; one that was not made with the gyro by default.")
-@IMU_OPTION
-@TAG
-@RATE
-@add_options(*ALIGNMENT_OPTIONS)
-@FORCE
-@IMPORT_JSON_OPTION
+@add_options(*LOG_OPTIONS)
 def import_ulog_command(
     log: Path,
     out: Path,

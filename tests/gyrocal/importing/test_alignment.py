@@ -242,4 +242,5 @@ def test_errors_of_the_gyro_are_no_time_offset():
     gyro, attitudes = recording.gyro, recording.attitudes
     found = refine(build_motion(gyro.t_s, gyro.rates, gyro.sample_s, attitudes.t_s, attitudes.quaternions))
     assert abs(found.offset_s) < 3 * found.offset_sigma
+    assert found.offset_sigma < np.median(np.diff(attitudes.t_s))
     assert not found.is_clock_off
