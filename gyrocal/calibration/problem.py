@@ -21,7 +21,6 @@ from gyrocal.calibration.covariance import (
     CovarianceModel,
     group_residuals,
     integrate_white_noise,
-    is_chain,
     model_covariance,
 )
 from gyrocal.calibration.gyro_space import Parametrisation, select_parameter_space
@@ -41,7 +40,6 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 ROTATION_NAMES = ("roll", "pitch", "yaw")
-MOST_DENSE_RESIDUALS = 5000  # whose whole covariance is made, 1.8 GB
 
 
 @dataclass(frozen=True)
@@ -179,10 +177,11 @@ class Problem:
             return np.arange(len(made.row)), np.array([len(made.row)])
         order, ends = group_residuals(made.arcs.arc, made.start, made.row)
         for own in np.split(order, ends[:-1]):
-            if own.size > MOST_DENSE_RESIDUALS and not is_chain(made.arcs.arc[own], made.start[own], made.row[own]):
+            at_start = made.elapsed_s[own] == 0
+            if self.model == "full" and np.isin(made.row[own][at_start], made.row[own][~at_start]).any():
                 raise InputError(
-                    f"{own.size} references of several sensors lie in intervals that touch, at most {MOST_DENSE_RESIDUALS} may:"
-                    " let each interval begin a reference after the one before ends, or thin the references"
+                    "references of several sensors at one time end an interval and begin the next one, and would count twice:"
+                    " let each interval begin a reference after the one before ends"
                 )
         return order, ends
 

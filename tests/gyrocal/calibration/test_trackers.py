@@ -153,3 +153,15 @@ def test_other_covariances_are_for_one_sensor():
     recording = simulator.simulate(AGILE, noise=False)
     with pytest.raises(InputError, match="several sensors"):
         gyrocal.calibrate(recording, covariance_model="references only")
+
+
+def test_references_that_would_count_twice_are_refused_and_the_remedy_works():
+    """Both trackers end an interval and begin the next one: their difference there is in both, and no covariance has a root."""
+    recording = simulator.simulate(AGILE, seed=2)
+    whole, *others = recording.intervals
+    times = np.unique(recording.attitudes.t_s)
+    cut_s, after_s = (float(one) for one in times[times > whole.start_s][4:6])
+    first, second = replace(whole, stop_s=cut_s), replace(whole, name="second", start_s=cut_s)
+    with pytest.raises(gyrocal.InputError, match="let each interval begin a reference after the one before ends"):
+        gyrocal.calibrate(replace(recording, intervals=(first, second, *others)))
+    assert gyrocal.calibrate(replace(recording, intervals=(first, replace(second, start_s=after_s), *others))).converged
