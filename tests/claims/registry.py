@@ -174,7 +174,44 @@ def kernel_ns(root: Path) -> float:
     return float(1e6 * first["kernel_ms"] / first["samples"])
 
 
+def _scale(root: Path) -> dict[str, Any]:
+    return dict(_json(root, "results", "benchmarks", "scale.json"))
+
+
+def scale_costs(root: Path) -> str:
+    """Tabulate what a case and a task cost on a cluster."""
+    found = _scale(root)
+    costs, megabytes = {name: f"{1e3 * value:.2g} ms" for name, value in found["costs"].items()}, found["bytes_of_a_case"] / 1e6
+    rows = [
+        ["case of the study `paper`", costs["case_s"], "", ""],
+        ["task, however many cases it has", "", costs["parent_task_s"], costs["scheduler_task_s"]],
+        ["each case of a task", "", costs["parent_case_s"], costs["scheduler_case_s"]],
+        ["part file of a study that is resumed", "", f"{1e3 * found['inspect_part_s']:.2g} ms", ""],
+        ["result of a case, as it is sent", f"{megabytes:.3f} MB", "", ""],
+        ["row of a case in the table in memory", "", f"{found['table_bytes_of_a_case'] / 1e6:.3f} MB", ""],
+    ]
+    return _table(rows, ["", "worker", "parent", "scheduler"])
+
+
+def scale_table(root: Path) -> str:
+    """Tabulate the simulated million of cases on a thousand workers."""
+    rows = [
+        [f"{one['case_s']:.2g} s", one["chunk"], *(f"{one[name] / 60:.0f} min" for name in ("wall_s", "bound_s"))]
+        + [f"{100 * one['busy']:.0f} %", f"{one['parts']:,}"]
+        for one in _scale(root)["rows"]
+    ]
+    return _table(rows, ["a case", "chunk", "duration", "bound", "workers busy", "part files"])
+
+
+def _compare_real_run(root: Path) -> str:
+    real = _scale(root)["real_run"]
+    return f"{real['wall_s']:.1f} s against {real['simulated_s']:.1f} s"
+
+
 CLAIMS: dict[str, Claim] = {
+    "scale_costs": scale_costs,
+    "scale_table": scale_table,
+    "scale_real_run": _compare_real_run,
     "exam_history": exam_history,
     "exam_outcomes": exam_outcomes,
     "exam_rates": exam_rates,
