@@ -31,8 +31,11 @@ from studies.montecarlo.study import load_config, resolve_config
 
 OUT = Path("results/benchmarks/scale.json")
 SMALL, LARGE = 1, 16  # cases of a task, whose times give that of a task and of a case
-TASKS, SERVERS, THREADS = 300, 4, 16
-PAUSE_S, PAUSES = 0.25, 4  # of the tasks that compare the simulation with a real run, and how many follow each other
+TASKS, SERVERS, THREADS = 200, 4, 16
+PAUSE_S, PAUSES = (
+    0.5,
+    10,
+)  # of the tasks that compare the simulation with a real run of one thread a worker, and how many follow
 CASES, WORKERS, CHUNKS, CASE_S = 10**6, 1000, (16, 64, 256), (None, 1.0, 10.0)
 
 
@@ -57,7 +60,7 @@ def pause(task: Task) -> Result:
     return Result([], {})
 
 
-async def serve(kind: str, address: str) -> None:
+async def serve(kind: str, address: str, threads: str) -> None:
     """Be a scheduler, or many workers."""
     import distributed
 
@@ -65,14 +68,14 @@ async def serve(kind: str, address: str) -> None:
         if kind == "scheduler":
             made = [distributed.Scheduler(host="127.0.0.1", port=int(address.rpartition(":")[2]), dashboard_address=":0")]
         else:
-            made = [distributed.Worker(address, nthreads=THREADS, dashboard_address=":0") for _ in range(SERVERS)]
+            made = [distributed.Worker(address, nthreads=int(threads), dashboard_address=":0") for _ in range(SERVERS)]
         for one in made:
             await servers.enter_async_context(one)
         await made[0].finished()
 
 
 @contextlib.contextmanager
-def start_cluster() -> Iterator[str]:
+def start_cluster(threads: int) -> Iterator[str]:
     """Start a scheduler and a process of workers; yields the scheduler's address."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
@@ -80,7 +83,8 @@ def start_cluster() -> Iterator[str]:
     processes = []
     try:
         for kind in ("scheduler", "workers"):
-            processes.append(subprocess.Popen([sys.executable, "-m", "benchmarks.scale", kind, address], stderr=subprocess.DEVNULL))
+            command = [sys.executable, "-m", "benchmarks.scale", kind, address, str(threads)]
+            processes.append(subprocess.Popen(command, stderr=subprocess.DEVNULL))
             while kind == "scheduler" and socket.socket().connect_ex(("127.0.0.1", port)):
                 time.sleep(0.1)
         yield address
@@ -124,9 +128,10 @@ def measure_parts(cases: int) -> tuple[float, float]:
 def measure() -> dict[str, Any]:
     """Measure all costs, and compare the simulation with a real run."""
     task, result = run_sample()
-    with start_cluster() as address:
+    with start_cluster(THREADS) as address:
         small, large = (measure_tasks(address, answer, cases, TASKS) for cases in (SMALL, LARGE))
-        paused = measure_tasks(address, pause, 0, PAUSES * SERVERS * THREADS)["wall_s"]
+    with start_cluster(1) as address:
+        paused = measure_tasks(address, pause, 0, PAUSES * SERVERS)["wall_s"]
     (store_small, _), (store_large, inspect_s) = measure_parts(SMALL), measure_parts(LARGE)
     parent = [small["parent_s"] + store_small, large["parent_s"] + store_large]
     scheduler = [small["scheduler_s"], large["scheduler_s"]]
@@ -141,9 +146,9 @@ def measure() -> dict[str, Any]:
         "table_bytes_of_a_case": build_table(result.rows).nbytes / LARGE,
         "inspect_part_s": inspect_s,
         "real_run": {
-            "workers": SERVERS * THREADS,
+            "workers": SERVERS,
             "wall_s": paused,
-            "simulated_s": simulate_cluster(idle, SERVERS * THREADS, 1, PAUSES * SERVERS * THREADS),
+            "simulated_s": simulate_cluster(idle, SERVERS, 1, PAUSES * SERVERS),
         },
     }
 

@@ -9,10 +9,10 @@ import numpy as np
 from studies.montecarlo.cluster_load import ClusterCosts, compute_throughput_bound, simulate_cluster
 from studies.report.panels import GREY, Line, draw_panels, make_curves, make_shades, save
 
-CASE_S, CHUNKS, TASKS = 1.0, (1, 8, 64), 20  # seconds of a case; cases of a task; tasks of each worker
+CASE_S, CHUNKS, TASKS = 1.0, (1, 8, 64), 5  # seconds of a case; cases of a task; tasks of each worker
 measured = Path(__file__).parents[2] / "results" / "benchmarks" / "scale.json"
 costs = replace(ClusterCosts(**json.loads(measured.read_text())["costs"]), case_s=CASE_S)
-workers = np.unique(np.geomspace(1, 10_000, 17).round().astype(int))
+workers = np.unique(np.geomspace(1, 10_000, 9).round().astype(int))
 
 lines = []
 for chunk, colour in make_shades(CHUNKS).items():
