@@ -64,6 +64,7 @@ async def serve(kind: str, address: str, threads: str) -> None:
     """Be a scheduler, or many workers."""
     import distributed
 
+    made: list[Any]
     async with contextlib.AsyncExitStack() as servers:
         if kind == "scheduler":
             made = [distributed.Scheduler(host="127.0.0.1", port=int(address.rpartition(":")[2]), dashboard_address=":0")]
