@@ -214,7 +214,9 @@ CLAIMS: dict[str, Claim] = {
     "scale_real_run": _compare_real_run,
     "scale_parent_case": lambda root: f"{1e3 * _scale(root)['costs']['parent_case_s']:.2f} ms",
     "scale_least_case": lambda root: f"{SCALE_WORKERS * _scale(root)['costs']['parent_case_s']:.2f} s",
-    "scale_enough_workers": lambda root: f"{_scale(root)['costs']['case_s'] / _scale(root)['costs']['parent_case_s']:.0f} workers",
+    "scale_enough_workers": lambda root: (
+        f"{_scale(root)['costs']['case_s'] / _scale(root)['costs']['parent_case_s']:.0f} workers"
+    ),
     "scale_table_memory": lambda root: f"{2 * _scale(root)['table_bytes_of_a_case'] * 1e6 / 1e9:.0f} GB",
     "exam_history": exam_history,
     "exam_outcomes": exam_outcomes,
