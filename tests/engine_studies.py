@@ -1,5 +1,7 @@
 """Tiny studies for the tests of the engine; importable, so that worker processes find them."""
 
+import asyncio
+import logging
 import os
 import signal
 import sys
@@ -103,3 +105,21 @@ DRAWS = Study("tests.engine_studies:DRAWS", DrawsConfig, draws_case)
 STEPS = Study("tests.engine_studies:STEPS", DrawsConfig, steps_case)
 RECORDED = Study("tests.engine_studies:RECORDED", StudyConfig, recording_case, observed)
 ODD = Study("tests.engine_studies:ODD", OddConfig, odd_case)
+
+
+def serve_dask(kind, port, ready):
+    """Be a scheduler, or a worker of one, until killed."""
+    import distributed
+
+    async def serve():
+        made = (
+            distributed.Scheduler(host="127.0.0.1", port=port, dashboard_address=":0")
+            if kind == "scheduler"
+            else distributed.Worker(f"tcp://127.0.0.1:{port}", nthreads=1, dashboard_address=":0")
+        )
+        async with made as server:
+            ready.set()
+            await server.finished()
+
+    logging.disable()
+    asyncio.run(serve())

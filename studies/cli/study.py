@@ -34,6 +34,12 @@ if TYPE_CHECKING:
 @add_jobs_option("Workers; the CPU count by default.")
 @click.option("--scheduler", default=None, help="Address of a dask scheduler, with --backend dask.")
 @click.option(
+    "--chunk",
+    type=click.IntRange(1),
+    default=None,
+    help="Cases that are handed out and stored together; by default up to 64. The rows do not depend on it.",
+)
+@click.option(
     "--rerun",
     "again",
     type=click.IntRange(0),

@@ -39,6 +39,7 @@ FOLLOW_S = 0.5  # how often a worker looks whether its parent is alive
 CONNECT_S = 4.0  # to a scheduler
 WORKERS_S = 30.0  # for its first worker
 RETRIES = 2  # of a dask task that a connection or a lost worker's result failed
+COUNT_S = 1.0  # between two counts of the workers of a cluster
 PER_WORKER = 2  # tasks in flight per worker: one that runs, one that waits
 # What ends the study, and is left to the parent where a terminal or a batch system sends it to every process.
 ENDING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
@@ -206,6 +207,10 @@ def _check_scheduler(distributed: Any, address: str) -> None:
         raise InputError(f"dask scheduler {address!r}: {fault}; give it as tcp://HOST:PORT, and see that it runs")
 
 
+class SchedulerLostError(GyrocalError):
+    """The scheduler of a cluster ended or cannot be reached any more."""
+
+
 class _Dask(Executor):
     def __init__(self, run: Run, scheduler: str) -> None:
         super().__init__(run)
@@ -213,8 +218,12 @@ class _Dask(Executor):
             import distributed
         except ImportError:
             raise InputError('--backend dask needs the extra: pip install "gyrocal[dask]"') from None
-        self.distributed = distributed
+        self.distributed, self.scheduler = distributed, scheduler
+        self.quiet = contextlib.ExitStack()
         _check_scheduler(distributed, scheduler)
+        # A scheduler that is lost is told in one line, here; the client would log a traceback for each of its connections.
+        for name in ("distributed", "distributed.client"):
+            self.quiet.enter_context(distributed.utils.silence_logging_cmgr("CRITICAL", name))
         try:
             self.client = distributed.Client(scheduler, timeout=CONNECT_S, set_as_default=False)
             self.client.wait_for_workers(1, timeout=WORKERS_S)
@@ -224,36 +233,55 @@ class _Dask(Executor):
         except BaseException:
             self.close(finished=False)
             raise
+        # Each future is watched once. `distributed.wait` would watch all that are in flight again for each that ends.
+        self.ended = distributed.as_completed(loop=self.client.loop)
+        self.counted_at = -COUNT_S
         self.window()
 
+    @contextlib.contextmanager
+    def _detect_loss(self) -> Iterator[None]:
+        try:
+            yield
+        except Exception as error:
+            lost = (OSError, TimeoutError, self.distributed.client.FutureCancelledError)
+            if isinstance(error, lost) or self.client.status != "running":
+                raise SchedulerLostError(f"dask scheduler {self.scheduler!r}: the connection is lost") from None
+            raise
+
     def window(self) -> int:
-        # Workers of a cluster come and go.
-        self.jobs = max(1, sum(self.client.nthreads().values()))
+        # Workers of a cluster come and go. The answer names each of them, so that it is not asked for with every task.
+        if time.monotonic() - self.counted_at >= COUNT_S:
+            with self._detect_loss():
+                self.jobs = max(1, sum(self.client.nthreads().values()))
+            self.counted_at = time.monotonic()
         return PER_WORKER * self.jobs
 
     def submit(self, task: Task) -> Any:
-        # Not pure: a cluster may still know the result that an earlier version of the study gave.
-        return self.client.submit(self.run, task, pure=False, retries=RETRIES)
+        with self._detect_loss():
+            # Not pure: a cluster may still know the result that an earlier version of the study gave.
+            future = self.client.submit(self.run, task, pure=False, retries=RETRIES)
+            self.ended.add(future)
+        return future
 
     def wait(self, futures: Collection[Any]) -> Iterable[Any]:
-        with self.client.as_current():
-            done: Iterable[Any] = self.distributed.wait(futures, return_when="FIRST_COMPLETED").done
+        done: Iterable[Any] = self.ended.next_batch()
         return done
 
     def result(self, future: Any) -> Result | None:
         try:
-            result: Result = future.result()
+            # An error of the task itself may be of the kinds that a lost connection has.
+            with contextlib.nullcontext() if future.status == "error" else self._detect_loss():
+                result: Result = future.result()
             return result
         except self.distributed.scheduler.KilledWorker:
             return None
-        except (self.distributed.comm.core.CommClosedError, self.distributed.client.FutureCancelledError) as error:
-            raise GyrocalError(f"the dask scheduler is gone ({error}); run the same command to resume") from None
         finally:
             future.release()
 
     def close(self, finished: bool) -> None:
-        if hasattr(self, "client"):
-            self.client.close()
+        with self.quiet:
+            if hasattr(self, "client"):
+                self.client.close()
 
 
 def call_all(calls: Sequence[Callable[[], T]], jobs: int, done: Callable[[int], None] = lambda count: None) -> list[T]:

@@ -284,7 +284,7 @@ def _choose_chunk_size(cases: int, wanted: int | None, earlier: Mapping[str, Any
     if earlier is None:
         return wanted or min(LARGEST_CHUNK, -(-cases // CHUNKS))
     if wanted not in (None, earlier["chunk"]):
-        raise InputError(f"{folder}: its parts hold {earlier['chunk']} cases each, not {wanted}; leave the chunk out to resume")
+        raise InputError(f"{folder}: its parts hold {earlier['chunk']} cases each, not {wanted}; leave --chunk out to resume")
     return int(earlier["chunk"])
 
 

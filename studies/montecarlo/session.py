@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from gyrocal.errors import GyrocalError, InputError
-from studies.montecarlo.backends import Executor
+from studies.montecarlo.backends import Executor, SchedulerLostError
 from studies.montecarlo.cases import Result, Task, build_killed_result, merge_results
 from studies.montecarlo.files import write_bytes
 from studies.montecarlo.manifest import MANIFEST, collect_versions, write_manifest
@@ -286,6 +286,8 @@ class Session:
                 number = getattr(error, "number", signal.SIGINT)
                 how = "" if number == signal.SIGINT else f" by {signal.Signals(number).name}"
                 raise StudyInterrupted(f"interrupted{how}; {safe}; the same command resumes", number) from None
+            if isinstance(error, SchedulerLostError):
+                raise SchedulerLostError(f"{error}; {safe}; start it again there, and the same command resumes") from None
             if isinstance(error, OSError):
                 full = error.errno in (errno.ENOSPC, errno.EDQUOT)
                 how = "free some space, and the same command resumes" if full else "the same command resumes"

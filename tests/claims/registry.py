@@ -12,6 +12,7 @@ from studies.robertson import report
 from studies.robertson.calendar import PERIODS
 
 GTSAM_CPP_NS = 152.0  # a sample of gtsam's own benchmark in C++: full navigation state and covariance (gtsam issue 2765)
+SCALE_WORKERS = 1000  # of the cluster that docs/scale.md is about
 EXAMS = Path("studies") / "validation" / "exam"
 HISTORY = {  # columns of the history of exams by the rates of a score
     "false alarms": "no effect: a false alarm",
@@ -174,7 +175,49 @@ def kernel_ns(root: Path) -> float:
     return float(1e6 * first["kernel_ms"] / first["samples"])
 
 
+def _scale(root: Path) -> dict[str, Any]:
+    return dict(_json(root, "results", "benchmarks", "scale.json"))
+
+
+def scale_costs(root: Path) -> str:
+    """Tabulate what a case and a task cost on a cluster."""
+    found = _scale(root)
+    costs, megabytes = {name: f"{1e3 * value:.2g} ms" for name, value in found["costs"].items()}, found["bytes_of_a_case"] / 1e6
+    rows = [
+        ["case of the study `paper`", costs["case_s"], "", ""],
+        ["task, however many cases it has", "", costs["parent_task_s"], costs["scheduler_task_s"]],
+        ["each case of a task", "", costs["parent_case_s"], costs["scheduler_case_s"]],
+        ["part file of a study that is resumed", "", f"{1e3 * found['inspect_part_s']:.2g} ms", ""],
+        ["result of a case, as it is sent", f"{megabytes:.3f} MB", "", ""],
+        ["row of a case in the table in memory", "", f"{found['table_bytes_of_a_case'] / 1e6:.3f} MB", ""],
+    ]
+    return _table(rows, ["", "worker", "parent", "scheduler"])
+
+
+def scale_table(root: Path) -> str:
+    """Tabulate the simulated million of cases on a thousand workers."""
+    rows = []
+    for one in _scale(root)["rows"]:
+        minutes = [f"{one[name] / 60:.0f} min" for name in ("wall_s", "bound_s")]
+        rows.append([f"{one['case_s']:.2g} s", one["chunk"], *minutes, f"{100 * one['busy']:.0f} %", f"{one['parts']:,}"])
+    return _table(rows, ["a case", "chunk", "duration", "bound", "workers busy", "part files"])
+
+
+def _compare_real_run(root: Path) -> str:
+    real = _scale(root)["real_run"]
+    return f"{real['wall_s']:.1f} s against {real['simulated_s']:.1f} s"
+
+
 CLAIMS: dict[str, Claim] = {
+    "scale_costs": scale_costs,
+    "scale_table": scale_table,
+    "scale_real_run": _compare_real_run,
+    "scale_parent_case": lambda root: f"{1e3 * _scale(root)['costs']['parent_case_s']:.2f} ms",
+    "scale_least_case": lambda root: f"{SCALE_WORKERS * _scale(root)['costs']['parent_case_s']:.2f} s",
+    "scale_enough_workers": lambda root: (
+        f"{_scale(root)['costs']['case_s'] / _scale(root)['costs']['parent_case_s']:.0f} workers"
+    ),
+    "scale_table_memory": lambda root: f"{2 * _scale(root)['table_bytes_of_a_case'] * 1e6 / 1e9:.0f} GB",
     "exam_history": exam_history,
     "exam_outcomes": exam_outcomes,
     "exam_rates": exam_rates,

@@ -1,10 +1,14 @@
 import gc
 import importlib.util
+import json
+import multiprocessing
 import socket
 import sys
 import threading
 import time
 import warnings
+from collections import Counter
+from contextlib import contextmanager
 from itertools import cycle, repeat
 
 import numpy as np
@@ -17,7 +21,7 @@ from studies.montecarlo.backends import Executor, open_backend
 from studies.montecarlo.cases import MOST_MESSAGES, OTHER_MESSAGES, Task, run_cases, run_single_threaded
 from studies.montecarlo.engine import run
 from studies.montecarlo.study import resolve_config
-from tests.engine_studies import DRAWS, DrawsConfig
+from tests.engine_studies import DRAWS, DrawsConfig, serve_dask
 
 needs_dask = pytest.mark.skipif(not importlib.util.find_spec("distributed"), reason="dask is an optional extra")
 
@@ -63,6 +67,61 @@ def test_every_backend_gives_the_same_table_bit_for_bit(where, reference, tmp_pa
     assert outcome.table.read_bytes() == table
     assert outcome.failures == {3: "ValueError: case 3 is bad"}
     assert outcome.cpu_s > 0
+
+
+@needs_dask
+def test_a_lost_worker_goes_unnoticed_and_after_a_lost_scheduler_the_same_command_resumes(reference, tmp_path, capfd):
+    """Real processes, forked from one that has loaded all, which saves their start."""
+    config, table = reference
+    config = config.model_copy(update={"pause_s": 0.02})
+    processes = multiprocessing.get_context("forkserver")
+    processes.set_forkserver_preload(["pytest", "distributed", "tests.engine_studies", "studies.montecarlo.cases"])
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    servers = []
+
+    def start(*kinds):
+        for kind in kinds:
+            ready = processes.Event()
+            servers.append(processes.Process(target=serve_dask, args=(kind, port, ready), daemon=True))
+            servers[-1].start()
+            assert ready.wait(60)
+
+    def kill(server):
+        server.kill()
+        server.join()
+
+    @contextmanager
+    def disturb(label, total):
+        scheduler, victim = servers[:2]
+        done = Counter()
+
+        def advance(count):
+            done[label] += count
+            if done[label] == 4:
+                kill(victim)
+            if done[label] == 12:
+                kill(scheduler)
+
+        yield advance
+
+    options = {"backend": "dask", "scheduler": f"tcp://127.0.0.1:{port}", "chunk": 2}
+    try:
+        start("scheduler", "worker", "worker", "worker")
+        with pytest.raises(backends.SchedulerLostError) as caught:
+            run(DRAWS, config, tmp_path, progress=disturb, **options)
+        told = f"the connection is lost; 12 of 30 cases are finished and kept in {tmp_path}; start it again there, and the same"
+        assert told in str(caught.value)
+        assert json.loads((tmp_path / "manifest.json").read_text())["status"] == "interrupted"
+        # Not before: a client that is closed while it meets the new scheduler leaves its socket open.
+        start("scheduler", "worker")
+        outcome = run(DRAWS, config, tmp_path, **options)
+        assert outcome.resumed == 12
+        assert outcome.table.read_bytes() == table
+    finally:
+        for server in servers:
+            kill(server)
+    assert capfd.readouterr() == ("", "")  # not a word of dask's
 
 
 def test_threads_of_a_worker_take_turns(reference, tmp_path):

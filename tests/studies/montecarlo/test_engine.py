@@ -337,7 +337,7 @@ def test_a_scenario_file_that_changes_is_another_configuration(tmp_path):
 def test_other_chunks_and_strange_manifests_are_refused(tmp_path):
     config = DrawsConfig(cases=8)
     serial(DRAWS, config, tmp_path, chunk=4)
-    with pytest.raises(InputError, match="its parts hold 4 cases each, not 3; leave the chunk out to resume"):
+    with pytest.raises(InputError, match="its parts hold 4 cases each, not 3; leave --chunk out to resume"):
         serial(DRAWS, config, tmp_path, chunk=3)
     for text in ("{", "[]", '{"config_sha256": "a"}'):
         (tmp_path / "manifest.json").write_text(text)
