@@ -258,7 +258,7 @@ def infer_causes(
             tell("held-out data", 0.85)
             closed = compute_closure(linear, members) if members else None
     elif left < settings.false_alarm_rate:
-        attribution = build_unknown_attribution(left, settings)
+        attribution = build_unknown_attribution(left)
     else:
         quiet = rank_weak_effects(linear, search.score_singles(), of_all, settings)
     return AttitudeInference(

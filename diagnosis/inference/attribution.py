@@ -145,7 +145,7 @@ def rank_beside_remainder(slots: Sequence[CredibleGroup]) -> tuple[RankedExplana
     return tuple(sorted(ranked, key=lambda one: -one.probability))
 
 
-def build_unknown_attribution(p_value: float, settings: DiagnosisSettings = DEFAULT) -> Attribution:
+def build_unknown_attribution(p_value: float) -> Attribution:
     """Of a gap that no candidate shows: M0 against something unlisted, as likely beforehand, with the p-value of the gap."""
     unknown = 1 / (1 + compute_bayes_factor_bound(p_value))
     nothing, other = (

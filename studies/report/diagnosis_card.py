@@ -250,8 +250,3 @@ def _describe_limits(diagnosis: Diagnosis) -> str:
     if others:
         return f"Whether it is not rather that {words.join_items(list(dict.fromkeys(others)), 'or')}."
     return "Constant errors of scale, alignment and bias, which the calibration takes up, and what is below the noise."
-
-
-def list_texts(found: Card) -> Sequence[str]:
-    """All that the card says, for a check that no name of an effect is in it."""
-    return [found.headline, *(text for line in found.lines for text in line)]
