@@ -209,5 +209,5 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Cand
 
 
 def compute_half_width_sigma(one: DeadZoneEvidence, size: float) -> float:
-    """What the samples leave open of the half width, deg/s."""
+    """Compute the 1-sigma of the half width, deg/s."""
     return estimate_half_width(one, np.array([size]))[1]

@@ -246,7 +246,7 @@ class RecordingModel:
 
     @cached_property
     def surroundings(self) -> Surroundings:
-        """What the recording offers to effects."""
+        """Quantities of the recording that effects depend on."""
         gyro, sigma = self.recording.gyro, self.recording.attitudes.sigma[self.reference_rows]
         return Surroundings(self.stream, self.references, gyro.arw, gyro.sample_s, sigma)
 
@@ -490,12 +490,12 @@ class RecordingModel:
 
     @cached_property
     def cell_places(self) -> tuple[process_projection.ProcessProjection, ...]:
-        """Where a random error of the rates acts, about each body axis."""
+        """Cells on which a random error of the rates acts, about each body axis."""
         return process_projection.project_cells(self)
 
     @cached_property
     def reference_places(self) -> tuple[process_projection.ProcessProjection, ...]:
-        """Where a random error of the references acts, about each body axis."""
+        """References on which a random error acts, about each body axis."""
         return process_projection.project_references(self)
 
 

@@ -106,7 +106,7 @@ class SampleCause:
 
     @property
     def share(self) -> float:
-        """Of the probability, that it is the effect itself and none of the rivals."""
+        """Share of the probability that is the effect's own and not its alternatives'."""
         return 1.0 - sum(share for _, share in self.rivals)
 
     def cause(self, settings: DiagnosisSettings) -> Cause:
@@ -222,9 +222,7 @@ def list_reference_symptoms(prepared: PreparedRecording) -> list[Symptom]:
     return [] if prepared.reference_noise is None else _list_noise_symptoms(prepared.reference_noise, estimated)
 
 
-def _list_noise_symptoms(
-    noise: ReferenceNoise, sigma_estimated: bool, tracker: str | None = None
-) -> list[Symptom]:
+def _list_noise_symptoms(noise: ReferenceNoise, sigma_estimated: bool, tracker: str | None = None) -> list[Symptom]:
     """The same of one test; the noise of one of several trackers has its name in the place of an axis."""
     found = []
     them = "the references" if tracker is None else tracker

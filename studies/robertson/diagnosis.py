@@ -129,7 +129,7 @@ class PerformanceDiagnosis:
 
     @property
     def probabilities(self) -> dict[str, float]:
-        """Of each candidate, the likeliest first."""
+        """Probability of each candidate, the likeliest first."""
         out: dict[str, float] = {}
         for one in self.attribution.ranked:
             for label in one.labels:

@@ -45,7 +45,7 @@ IDENTITY = np.append(np.eye(3).ravel(), np.zeros(3))
 
 
 def find_baseline_path() -> Path:
-    """Where the baseline lies, in the folder the command runs in."""
+    """Return the path of the baseline in the working folder."""
     return Path("results") / "baseline" / "recovered.csv"
 
 
