@@ -516,7 +516,7 @@ def build_parameter_errors(raw: Array) -> Array:
 
 
 @compile_cached
-def _integrate(turn: Array, dt: Array, rates: Array, ends: Indices) -> Array:  # pragma: no cover - compiled
+def _integrate(turn: Array, dt: Array, rates: Array, ends: Indices) -> Array:
     """(m, 3, k) integrals of rates (n, 3, k), turned by (n, 3, 3), from the first of the ends (m,) to each of them."""
     out = np.zeros((ends.size, 3, rates.shape[2]))
     for m in range(1, ends.size):
