@@ -242,7 +242,7 @@ def _cases(count: int) -> dict[str, Any]:
 
 
 def _alone(module: str, *arguments: int) -> dict[str, Any]:
-    """What a module prints, run in a fresh process."""
+    """Return the output of a module that runs in a fresh process."""
     command = [sys.executable, "-m", module, *map(str, arguments)]
     done = subprocess.run(command, cwd=Path(__file__).parents[1], capture_output=True, text=True, check=True)
     result: dict[str, Any] = json.loads(done.stdout)

@@ -51,7 +51,7 @@ class Adoption:
     constant: str = ""
 
     def sentence(self) -> str:
-        """What was written, for people."""
+        """Describe what was written."""
         if not self.effects:
             return f"a scenario without effects: {self.reason}{self.constant}"
         note = f"; {', '.join(self.left_out)} left out, which acts on raw sensor tables" if self.left_out else ""

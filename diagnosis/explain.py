@@ -161,7 +161,7 @@ def explain(
     seed: int,
     tell: Progress,
 ) -> AttitudeInference:
-    """What the attitude says of a recording."""
+    """Infer the causes of a recording's attitude misfit."""
     model = prepared.model
     tell("candidates", 0.1)
     left = check_baseline(model) if prepared.is_white else ()
@@ -211,7 +211,7 @@ def infer_causes(
     shown: float = 1.0,
     left: float | None = None,
 ) -> AttitudeInference:
-    """What a linear model says, whatever it was built from; without a calibration.
+    """Infer causes from a linear model, whatever it was built from; without a calibration.
 
     Parameters
     ----------
@@ -258,7 +258,7 @@ def infer_causes(
             tell("held-out data", 0.85)
             closed = compute_closure(linear, members) if members else None
     elif left < settings.false_alarm_rate:
-        attribution = build_unknown_attribution(left, settings)
+        attribution = build_unknown_attribution(left)
     else:
         quiet = rank_weak_effects(linear, search.score_singles(), of_all, settings)
     return AttitudeInference(

@@ -84,7 +84,7 @@ def diagnose_gyros(
     gyros, body = linearise_gyros(recording, start, noise, settings)
     symptoms = [
         *drop_estimated_levels(shown.symptoms, recording),
-        *([] if body is None else list_reference_symptoms(body, settings)),
+        *([] if body is None else list_reference_symptoms(body)),
     ]
     samples = (*dead, *assign_symptoms(symptoms, shown.tests, of_one, _build_sample_view(recording), settings))
     parity = build_parity_model(recording, gyros, recording.gyro.arw * noise)

@@ -132,7 +132,7 @@ def _list_lines(lines: Sequence[Line], what: str) -> Iterator[str]:
 
 
 def list_likely_effects(explained: AttitudeInference, settings: DiagnosisSettings) -> tuple[str, ...]:
-    """Of an unknown gap: effects that nearly every explanation holds, though none of them is the whole story."""
+    """List effects that nearly every explanation of an unknown gap contains, though none is the whole cause."""
     attribution = explained.attribution
     if attribution is None or attribution.verdict != "unknown":
         return ()

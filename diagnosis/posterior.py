@@ -73,7 +73,7 @@ def list_listed(samples: Sequence[SampleCause], settings: DiagnosisSettings) -> 
 
 
 def _rank_without_gap(unseen: Sequence[RankedExplanation], beside: bool, settings: DiagnosisSettings) -> Explanations:
-    """Of M0 and what is too weak to be told; beside what the samples show, all that is one more effect."""
+    """Rank M0 and effects too weak to identify; beside findings in the samples each counts as one more effect."""
     if not unseen:
         return (((), 1.0),)
     odds = settings.another / (1 - settings.another) if beside else 1.0

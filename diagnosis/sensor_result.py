@@ -77,7 +77,7 @@ class SensorDiagnosis:
     explanations: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=EXPLANATIONS), repr=False)
 
     def to_json(self) -> dict[str, Any]:
-        """What the merged result does not say; its causes and findings are among the others there."""
+        """Return the fields that the merged result lacks; its causes and findings are among the others there."""
         return {
             "verdict": self.verdict,
             "gap": {"present": self.present, "p_value": self.p_value, "false_alarm_rate": self.false_alarm_rate},

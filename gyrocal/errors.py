@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 
 def suggest_names(name: str, known: Iterable[str]) -> str:
-    """What somebody may have meant by a name that there is not: the nearest known names, or all of them."""
+    """Suggest known names for an unknown one: the nearest, or all of them."""
     from difflib import get_close_matches  # only when something is wrong
 
     names = list(known)

@@ -109,7 +109,7 @@ def find_cache_folder(package: str) -> tuple[Path, str] | None:
 
 
 def _list_parents(package: str) -> Iterator[Path]:
-    """Where the folder may lie, the best first: where numba is told to, beside the sources, or in a folder of this user."""
+    """List folders for the cache, best first: the one numba is given, one beside the sources, one of this user."""
     found = importlib.util.find_spec(package)
     beside = Path((found and found.origin) or package).resolve().parent / "__pycache__"
     told = getattr(numba.config, "CACHE_DIR", "")
@@ -139,7 +139,7 @@ def _make_private_folder(path: Path) -> bool:
 
 
 def _list_settings() -> list[tuple[str, str]]:
-    """What numba is told by the environment, and may compile differently for: not the threads, as nothing here is parallel."""
+    """List the environment's settings of numba that change the code: not the threads, as nothing here is parallel."""
     return sorted(item for item in os.environ.items() if item[0].startswith("NUMBA_") and item[0] not in ELSEWHERE)
 
 
@@ -188,7 +188,7 @@ class _Store(NullCache):
             return
 
     def _build_key(self, signature: Any, codegen: Any) -> tuple[str, ...]:
-        """What code is for: function, types, processor, and what the function closes over."""
+        """Build the key of compiled code: function, types, processor, and the values in its closure."""
         code, closure = self.function.__code__, self.function.__closure__ or ()
         names = (self.function.__module__, self.function.__qualname__, str(code.co_firstlineno))
         own = hashlib.sha256(code.co_code + dumps(tuple(cell.cell_contents for cell in closure))).hexdigest()

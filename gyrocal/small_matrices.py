@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 @compile_cached
-def compute_lower_root(S: Array) -> Array:  # pragma: no cover - compiled
+def compute_lower_root(S: Array) -> Array:
     """Lower root L of a covariance, S = L Lᵀ; (3, 3)."""
     L = np.zeros((3, 3))
     for i in range(3):
@@ -30,7 +30,7 @@ def compute_lower_root(S: Array) -> Array:  # pragma: no cover - compiled
 
 
 @compile_cached
-def solve_lower(L: Array, b: Array) -> Array:  # pragma: no cover - compiled
+def solve_lower(L: Array, b: Array) -> Array:
     """L⁻¹ b of a lower root (3, 3) and columns (3, k)."""
     x = b.copy()
     for i in range(3):

@@ -71,7 +71,7 @@ def read_layers() -> Layers:
 @compile_cached
 def add_normals(
     rng: np.random.Generator, words: Words, layers: Layers, rates: Array, size: float, duration: Array, out: Array
-) -> None:  # pragma: no cover - compiled
+) -> None:
     """Rates (n, gyros) with `rng.standard_normal()` times size/√duration added to each, into out (n, gyros).
 
     Parameters

@@ -186,7 +186,7 @@ class TrackerSection(Section):
         return self
 
     def build_header(self) -> SensorHeader:
-        """What the recording states of it; a quaternion is normalised."""
+        """Build the header of the recording; a quaternion is normalised."""
         q = np.array(self.mounting) / max(float(np.linalg.norm(self.mounting)), 1e-300)
         prior = None if self.mounting_sigma_deg is None else list(self.mounting_sigma_deg)
         return SensorHeader(
@@ -402,7 +402,7 @@ class Scenario(Section):
 
 
 def _find_joining_faults(first: IntervalSection, second: IntervalSection, orbit: CircularOrbit, sample_s: float) -> list[str]:
-    """What keeps the attitude or the samples from running on where two intervals touch."""
+    """Find faults that interrupt the attitude or the samples where two intervals touch."""
     faults = []
     samples = (first.stop_s - first.start_s) / sample_s
     if abs(samples - round(samples)) * sample_s > TOUCH_TOLERANCE:

@@ -95,7 +95,7 @@ def _move(profile: Profile, scenario: Scenario, substeps: int) -> Motion:
 
 
 def compute_noise_free_rates(scenario: Scenario, motion: Motion, G: Array | None = None, bias: Array | None = None) -> Array:
-    """What the uncalibrated gyros would show without noise, (n, gyros) rad/s; G and bias as for `observe`."""
+    """Compute the noise-free readings of the uncalibrated gyros, (n, gyros) rad/s; G and bias as for `observe`."""
     true_G = np.array(scenario.gyro.true_G) if G is None else G
     true_bias = np.deg2rad(scenario.gyro.true_bias_deg_s) if bias is None else bias
     unit = compute_raw_rates(motion.rates, true_G, true_bias)

@@ -143,7 +143,7 @@ def _import_file(path: Path) -> ModuleType:
 
 
 def describe_study(name: str) -> str:
-    """What a study shows, or why it cannot be loaded."""
+    """Describe a study, or the reason why it cannot be loaded."""
     try:
         return find_entry(name).summary
     except InputError as error:

@@ -115,14 +115,14 @@ def find_dead_zone_evidence(
 
 
 def _combine_evidence(rest: DeadZoneEvidence | None, passed: DeadZoneEvidence | None) -> DeadZoneEvidence | None:
-    """What rests show, or what passes show; both speak for the zone whose edge was passed."""
+    """Combine the evidence of rests and of passes; both support the zone whose edge was passed."""
     if rest is None or passed is None:
         return rest or passed
     return replace(passed, log_odds=passed.log_odds + max(rest.log_odds, 0.0))
 
 
 def convert_zone(axis: int, found: Zone) -> DeadZoneEvidence:
-    """What one gyro shows where the motion passes through its zone."""
+    """Convert a dead zone that the motion passes through to the evidence of one gyro."""
     part, size = label_runs(found.dead), found.half_width
     odds = min(found.log_odds, SETTINGS.most_odds)
     return DeadZoneEvidence(axis, part, odds, size, True, size, found.sigma / size, passed=True)

@@ -145,8 +145,8 @@ def rank_beside_remainder(slots: Sequence[CredibleGroup]) -> tuple[RankedExplana
     return tuple(sorted(ranked, key=lambda one: -one.probability))
 
 
-def build_unknown_attribution(p_value: float, settings: DiagnosisSettings = DEFAULT) -> Attribution:
-    """Of a gap that no candidate shows: M0 against something unlisted, as likely beforehand, with the p-value of the gap."""
+def build_unknown_attribution(p_value: float) -> Attribution:
+    """Compare M0 with an effect outside the library, equally probable a priori, for a gap that no candidate explains."""
     unknown = 1 / (1 + compute_bayes_factor_bound(p_value))
     nothing, other = (
         RankedExplanation((), 1 - unknown, 0.0, False),
@@ -158,7 +158,7 @@ def build_unknown_attribution(p_value: float, settings: DiagnosisSettings = DEFA
 def rank_weak_effects(
     model: LinearModel, explanations: Sequence[Explanation], p_value: float, settings: DiagnosisSettings = DEFAULT
 ) -> tuple[RankedExplanation, ...]:
-    """Of a recording without a gap: M0, as likely beforehand as all else, and what may be at work and too weak to be told.
+    """Rank M0 and effects that may be present but too weak to identify, for a recording without a gap.
 
     Parameters
     ----------

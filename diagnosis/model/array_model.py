@@ -79,7 +79,7 @@ class ArrayModel:
 
     @cached_property
     def surroundings(self) -> Surroundings:
-        """What the recording offers to effects on a gyro."""
+        """Quantities of the recording that effects on a gyro depend on."""
         gyro, references = self.recording.gyro, extract_references(self.recording)
         return Surroundings(self.stream, references, gyro.arw, gyro.sample_s, self.recording.attitudes.sigma)
 

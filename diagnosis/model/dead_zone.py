@@ -201,13 +201,8 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Cand
         unit=effect.unit,
         log_odds=float(np.clip(one.log_odds, SETTINGS.least_odds, SETTINGS.most_passed if one.passed else SETTINGS.most_odds)),
         read=read,
-        size_sigma=lambda size: compute_half_width_sigma(one, size),
+        size_sigma=lambda size: estimate_half_width(one, np.array([size]))[1],
         roughness=SETTINGS.roughness,
         shifted=one.passed,
         loudest=np.inf,  # each of hundreds of amplitudes is that large, and a smaller scale would hold all of them back
     )
-
-
-def compute_half_width_sigma(one: DeadZoneEvidence, size: float) -> float:
-    """What the samples leave open of the half width, deg/s."""
-    return estimate_half_width(one, np.array([size]))[1]

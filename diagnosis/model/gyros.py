@@ -31,7 +31,6 @@ from simulator.effects.common import markov
 from simulator.effects.gyros import is_axis_independent
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 BY_ROW = ("train_y", "train_X", "left_y", "left_X", "owner")  # of a fold
 

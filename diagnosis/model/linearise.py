@@ -96,7 +96,7 @@ def linearise_recording(
         if path is not None:
             zeta, at, middle = path.errors, path.turn_attitudes(at), path.interpolate_turns(ends) @ middle
         elapsed = np.append(0.0, parts.elapsed_s[outputs])
-        began = tags[samples[0]] + _compute_first_offset(tags[samples[0]], recording.attitudes.t_s[references[0]])
+        began = tags[samples[0]] + (recording.attitudes.t_s[references[0]] - tags[samples[0]])  # where the first step begins
         references, ends, elapsed = references[order], ends[order], elapsed[order]
         at, zeta, off = at[order], zeta[order], off[order]
         t_s = began + np.cumsum(length) - 0.5 * length
@@ -188,11 +188,6 @@ def _group_references(attitudes: Attitudes, references: Indices, each: int) -> t
 def _rotate_sigma_axes(attitudes: Attitudes, references: Indices, A_T: Array) -> Array:
     """(m, 3, 3) from the axes in which each reference's sigmas are to inertial ones."""
     return A_T if attitudes.sensor is None else A_T @ stack_sensor_axes(attitudes)[references].transpose(0, 2, 1)
-
-
-def _compute_first_offset(tag: float, first: float) -> float:
-    """Compute the time from the tag of the first sample to the first reference, at which the first step begins."""
-    return first - tag
 
 
 def _accumulate_gyro_noise(turned: Array, power: Array, ends: Indices) -> Array:

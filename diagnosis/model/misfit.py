@@ -114,7 +114,7 @@ def build_basis(columns: Array) -> Array:
 
 
 @compile_cached
-def _whiten_innovations(z: Array, added: Array, R: Array, first: Mask) -> Array:  # pragma: no cover - compiled
+def _whiten_innovations(z: Array, added: Array, R: Array, first: Mask) -> Array:
     """(m, 3, k) innovations over their root covariance, column by column; zero at the first reference of each interval."""
     out = np.zeros(z.shape)
     P, x = np.zeros((3, 3)), np.zeros((3, z.shape[2]))

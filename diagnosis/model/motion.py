@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 
 def estimate_gyro_noise(model: RecordingModel, density: Array | None) -> tuple[Array, Array]:
-    """What the residuals tell of the gyro's noise.
+    """Estimate the gyro's noise from the residuals.
 
     Parameters
     ----------

@@ -96,7 +96,7 @@ class PreparedRecording:
 
     @property
     def classified_symptoms(self) -> tuple[tuple[str, str | None], ...]:
-        """What was judged by the residuals of M0: lines that are no motions, by gyro, and what is odd of references' noise."""
+        """Symptoms found in the residuals of M0: lines that are no motions, by gyro, and misfits of the references' noise."""
         lines = [(one.kind, one.axis) for one in self.samples.symptoms if one.of_line]
         noise = [(None, self.reference_noise), *self.tracker_noise]
         odd = [("reference noise", name) for name, one in noise if one is not None and one.odd]

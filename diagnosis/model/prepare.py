@@ -164,7 +164,7 @@ def _compute_misfit(model: RecordingModel) -> float:
 
 
 def _estimate_redundancy(y: Array) -> float:
-    """How many residuals (3r,) of observations that follow one another say what one would: 1 if they are independent.
+    """Estimate how many successive residuals (3r,) carry the information of one: 1 if they are independent.
 
     A bias that wanders leaves such as go with any slow error. It is the sum of their correlations over all lags, up to the
     first that their number does not show.

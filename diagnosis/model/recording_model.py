@@ -246,7 +246,7 @@ class RecordingModel:
 
     @cached_property
     def surroundings(self) -> Surroundings:
-        """What the recording offers to effects."""
+        """Quantities of the recording that effects depend on."""
         gyro, sigma = self.recording.gyro, self.recording.attitudes.sigma[self.reference_rows]
         return Surroundings(self.stream, self.references, gyro.arw, gyro.sample_s, sigma)
 
@@ -490,12 +490,12 @@ class RecordingModel:
 
     @cached_property
     def cell_places(self) -> tuple[process_projection.ProcessProjection, ...]:
-        """Where a random error of the rates acts, about each body axis."""
+        """Cells on which a random error of the rates acts, about each body axis."""
         return process_projection.project_cells(self)
 
     @cached_property
     def reference_places(self) -> tuple[process_projection.ProcessProjection, ...]:
-        """Where a random error of the references acts, about each body axis."""
+        """References on which a random error acts, about each body axis."""
         return process_projection.project_references(self)
 
 
@@ -516,7 +516,7 @@ def build_parameter_errors(raw: Array) -> Array:
 
 
 @compile_cached
-def _integrate(turn: Array, dt: Array, rates: Array, ends: Indices) -> Array:  # pragma: no cover - compiled
+def _integrate(turn: Array, dt: Array, rates: Array, ends: Indices) -> Array:
     """(m, 3, k) integrals of rates (n, 3, k), turned by (n, 3, 3), from the first of the ends (m,) to each of them."""
     out = np.zeros((ends.size, 3, rates.shape[2]))
     for m in range(1, ends.size):

@@ -106,7 +106,7 @@ class SampleCause:
 
     @property
     def share(self) -> float:
-        """Of the probability, that it is the effect itself and none of the rivals."""
+        """Share of the probability that is the effect's own and not its alternatives'."""
         return 1.0 - sum(share for _, share in self.rivals)
 
     def cause(self, settings: DiagnosisSettings) -> Cause:
@@ -128,7 +128,7 @@ def list_sample_causes(
     """The causes that the samples and the references' noise show by themselves, and the unlisted ones among them."""
     symptoms = [
         *drop_estimated_levels(prepared.samples.symptoms, prepared.model.recording),
-        *list_reference_symptoms(prepared, settings),
+        *list_reference_symptoms(prepared),
     ]
     return assign_symptoms(symptoms, prepared.samples.tests, effects, _build_prepared_view(prepared), settings)
 
@@ -214,17 +214,15 @@ def _list_rivals(symptom: Symptom, claims: Mapping[str | None, str]) -> tuple[tu
     return tuple((claims[kind], share) for kind, share in symptom.rivals if kind in claims)
 
 
-def list_reference_symptoms(prepared: PreparedRecording, settings: DiagnosisSettings) -> list[Symptom]:
+def list_reference_symptoms(prepared: PreparedRecording) -> list[Symptom]:
     """The references' noise, where it is not white noise of the stated size."""
     estimated = prepared.model.recording.attitudes.sigma_estimated
     if prepared.tracker_noise:
-        return [one for name, noise in prepared.tracker_noise for one in _list_noise_symptoms(noise, settings, estimated, name)]
-    return [] if prepared.reference_noise is None else _list_noise_symptoms(prepared.reference_noise, settings, estimated)
+        return [one for name, noise in prepared.tracker_noise for one in _list_noise_symptoms(noise, estimated, name)]
+    return [] if prepared.reference_noise is None else _list_noise_symptoms(prepared.reference_noise, estimated)
 
 
-def _list_noise_symptoms(
-    noise: ReferenceNoise, settings: DiagnosisSettings, sigma_estimated: bool, tracker: str | None = None
-) -> list[Symptom]:
+def _list_noise_symptoms(noise: ReferenceNoise, sigma_estimated: bool, tracker: str | None = None) -> list[Symptom]:
     """The same of one test; the noise of one of several trackers has its name in the place of an axis."""
     found = []
     them = "the references" if tracker is None else tracker

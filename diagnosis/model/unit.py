@@ -118,7 +118,7 @@ def join_recordings(recordings: Mapping[str, Recording]) -> Unit:
 
 
 def _compute_time_shifts(parts: Sequence[Recording]) -> list[float]:
-    """What is added to the times of each recording, s."""
+    """Compute the shift added to the times of each recording, s."""
     epochs = [datetime.fromisoformat(part.epoch) for part in parts]
     shifts = [(epoch - epochs[0]).total_seconds() for epoch in epochs]
     spans = [(part.gyro.t_s[0] + s, part.gyro.t_s[-1] + part.gyro.sample_s + s) for part, s in zip(parts, shifts, strict=True)]

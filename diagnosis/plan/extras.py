@@ -110,7 +110,7 @@ def evaluate_extra(
     seen: Sequence[Visible],
     found: Sequence[Pair],
 ) -> Extra:
-    """What the extended scenario brings: sizes, pairs told apart, and effects gained over those seen and found without it."""
+    """Evaluate the extended scenario: sizes, pairs distinguished, and effects gained over those found without it."""
     longer = linearise_noise_free(extended)
     names = [name for name in EFFECTS if name in {one.effect for one in every}]
     # The same steps as without it: the extra intervals come after all of them.

@@ -36,7 +36,7 @@ def plan(
     seed: int = 0,
     settings: DiagnosisSettings = DEFAULT,
 ) -> Plan:
-    """What a scenario will show.
+    """Predict what a recording of a scenario can show.
 
     Parameters
     ----------

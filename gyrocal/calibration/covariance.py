@@ -72,9 +72,7 @@ def integrate_white_noise(elapsed_s: Array, arw: float) -> Array:
 
 
 @compile_cached
-def compute_residual_covariance(
-    R: Array, interval: Indices, start: Indices, row: Indices, noise: Array, walk: Array
-) -> Array:  # pragma: no cover - compiled
+def compute_residual_covariance(R: Array, interval: Indices, start: Indices, row: Indices, noise: Array, walk: Array) -> Array:
     """Covariance V (3m, 3m) of m residuals.
 
     Parameters
@@ -126,7 +124,7 @@ def model_covariance(
     walk: Array,
     model: int,
     given: Array,
-) -> Array:  # pragma: no cover - compiled
+) -> Array:
     """Covariance V (3m, 3m) of m residuals under a model.
 
     Parameters
@@ -150,7 +148,7 @@ def model_covariance(
 
 
 @compile_cached
-def is_chain(interval: Indices, start: Indices, row: Indices) -> bool:  # pragma: no cover - compiled
+def is_chain(interval: Indices, start: Indices, row: Indices) -> bool:
     """Whether each interval of some residuals starts at the reference that ends the one before it."""
     for a in range(1, len(row)):
         same = interval[a] == interval[a - 1]
@@ -160,9 +158,7 @@ def is_chain(interval: Indices, start: Indices, row: Indices) -> bool:  # pragma
 
 
 @compile_cached
-def whiten_chain(
-    R: Array, interval: Indices, start: Indices, row: Indices, noise: Array, walk: Array, values: Array
-) -> Array:  # pragma: no cover - compiled
+def whiten_chain(R: Array, interval: Indices, start: Indices, row: Indices, noise: Array, walk: Array, values: Array) -> Array:
     """L⁻¹ values (3m, c), L Lᵀ the covariance of the residuals of a chain; the others as in `compute_residual_covariance`."""
     out, x = np.empty_like(values), np.zeros((3, values.shape[1]))
     P, known = noise[start[0]].copy(), np.zeros((3, 3))

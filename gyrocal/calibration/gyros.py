@@ -264,7 +264,7 @@ class _Steps:
 
 
 @compile_cached
-def integrate_noise_walk(rates: Array, dt: Array, ends: Indices, N: Array) -> Array:  # pragma: no cover - compiled
+def integrate_noise_walk(rates: Array, dt: Array, ends: Indices, N: Array) -> Array:
     """∫ Aᵀ N A dt from the start of an arc to each of some steps, (m, 3, 3), with A = I at the start.
 
     Steps are taken together until they turn by `LARGEST_TURN`, or an output comes.
@@ -301,7 +301,7 @@ def integrate_noise_walk(rates: Array, dt: Array, ends: Indices, N: Array) -> Ar
 
 
 @compile_cached
-def _rotate_in_place(P: Array, x: float, y: float, z: float) -> None:  # pragma: no cover - compiled
+def _rotate_in_place(P: Array, x: float, y: float, z: float) -> None:
     """P ← P exp([(x, y, z)×]), with A = Pᵀ."""
     f = x * x + y * y + z * z
     angle = np.sqrt(f)

@@ -41,7 +41,7 @@ THREE_GYROS: Gyros = (0, 0, 0)
 
 
 def encode_gyro_count(count: int) -> Gyros:
-    """What tells the compiled functions of so many gyros."""
+    """Encode the number of gyros as a type for the compiled functions."""
     return (0,) * count
 
 
@@ -119,7 +119,7 @@ _pack_square: Any = intrinsic(_build_square_packing)
 
 
 @compile_cached
-def is_unbroken(sample: Indices, starts: Indices, lengths: Indices) -> bool:  # pragma: no cover - compiled
+def is_unbroken(sample: Indices, starts: Indices, lengths: Indices) -> bool:
     """Whether the steps of every piece hold one sample after the other, none twice and none left out."""
     for piece in range(len(starts)):
         for k in range(starts[piece] + 1, starts[piece] + lengths[piece]):
@@ -129,9 +129,7 @@ def is_unbroken(sample: Indices, starts: Indices, lengths: Indices) -> bool:  # 
 
 
 @compile_cached
-def pack_chunk(
-    stream: Stream, pieces: Pieces, batch: int, low: int, out: Array, gyros: Gyros
-) -> float:  # pragma: no cover - compiled
+def pack_chunk(stream: Stream, pieces: Pieces, batch: int, low: int, out: Array, gyros: Gyros) -> float:
     """Pack steps `low` and following of a batch's pieces into out (steps, n + 1, lanes), zero where a piece is short.
 
     Returns
@@ -185,9 +183,7 @@ def pack_chunk(
 
 
 @compile_cached(inline="always")
-def _put(
-    rates: Array, sample: int, h: float, out: Array, k: int, lane: int, largest: Array, gyros: Gyros
-) -> None:  # pragma: no cover - compiled
+def _put(rates: Array, sample: int, h: float, out: Array, k: int, lane: int, largest: Array, gyros: Gyros) -> None:
     """Pack one step of one lane."""
     size = 0.0
     for column in range(len(gyros)):
@@ -199,7 +195,7 @@ def _put(
 
 
 @compile_cached
-def pack_increments(stream: Stream, pieces: Pieces, out: Array, gyros: Gyros) -> float:  # pragma: no cover - compiled
+def pack_increments(stream: Stream, pieces: Pieces, out: Array, gyros: Gyros) -> float:
     """Pack a whole stream into out (batches, steps, n + 1, lanes); returns the largest |ω_raw Δt| rad."""
     largest = 0.0
     for batch in range(len(out)):

@@ -65,7 +65,7 @@ class Mounting:
         return float(np.linalg.norm(self.rotation))
 
     def format_sentences(self) -> list[str]:
-        """What the decomposition says, and what it cannot say."""
+        """Describe the decomposition and its limits."""
         vector = ", ".join(f"{value:.4g}" for value in np.rad2deg(self.rotation))
         sigma = ", ".join(f"{value:.2g}" for value in np.rad2deg(self.sigma_rotation))
         scale = ", ".join(f"{self.S[i, i]:.5f} ± {self.sigma_S[i, i]:.1g}" for i in range(3))

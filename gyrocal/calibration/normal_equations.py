@@ -26,7 +26,7 @@ SMALL_SINE = 1e-9  # below it a rotation vector is its sine to rounding
 
 
 @compile_cached
-def compute_attitude_residuals(R: Array, A_start: Array, A_obs: Array) -> Array:  # pragma: no cover - compiled
+def compute_attitude_residuals(R: Array, A_start: Array, A_obs: Array) -> Array:
     """θ (m, 3) of N (16), exp([θ×]) = A_obs (R A_start)ᵀ; the full rotation vector, below half a turn."""
     m = len(R)
     theta = np.empty((m, 3))
@@ -51,7 +51,7 @@ def compute_attitude_residuals(R: Array, A_start: Array, A_obs: Array) -> Array:
 
 
 @compile_cached
-def whiten(V: Array, values: Array) -> Array:  # pragma: no cover - compiled
+def whiten(V: Array, values: Array) -> Array:
     """L⁻¹ values with V = L Lᵀ; values (r, c)."""
     L = np.linalg.cholesky(V)
     out = values.copy()
@@ -68,7 +68,7 @@ def whiten(V: Array, values: Array) -> Array:  # pragma: no cover - compiled
 
 
 @compile_cached
-def build_sensitivity(S: Array, columns: Indices, scale: Array) -> Array:  # pragma: no cover - compiled
+def build_sensitivity(S: Array, columns: Indices, scale: Array) -> Array:
     """Θ D (3m, p) from the regressor sums S (m, 4, 3, 3); column k of the twelve is G[k // 3, k % 3], or b[k − 9]."""
     m, p = len(S), len(columns)
     out = np.empty((3 * m, p))
@@ -91,7 +91,7 @@ def whiten_groups(
     walk: Array,
     model: int,
     given: Array,
-) -> tuple[Array, Array, Array]:  # pragma: no cover - compiled
+) -> tuple[Array, Array, Array]:
     """H (3m, p) and z (3m,) of all groups, one group after another, and the variance (m, 3) of each residual, rad².
 
     Parameters
@@ -144,7 +144,7 @@ def iterate(
     model: int,
     given: Array,
     look_back: bool,
-) -> tuple[Array, Array, Array, float]:  # pragma: no cover - compiled
+) -> tuple[Array, Array, Array, float]:
     """A fixed number of iterations without a prior, in one call: what a Monte Carlo case needs.
 
     Parameters

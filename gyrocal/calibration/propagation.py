@@ -273,7 +273,7 @@ def convert_to_body_sums(S: Array, G: Array, bias: Array) -> Array:
 
 
 @compile_cached
-def cut(first: Indices, last: Indices) -> tuple[Indices, Indices]:  # pragma: no cover - compiled
+def cut(first: Indices, last: Indices) -> tuple[Indices, Indices]:
     """Start and length of pieces that end at every output and fill whole batches of lanes with little padding.
 
     The work is batches times the longest piece; for one batch more than the outputs need, and for the fewest, the shortest
@@ -305,7 +305,7 @@ def cut(first: Indices, last: Indices) -> tuple[Indices, Indices]:  # pragma: no
 
 
 @compile_cached
-def _average_rates(rates: Array, sample: Indices, fine: Indices, fine_dt: Array) -> Array:  # pragma: no cover - compiled
+def _average_rates(rates: Array, sample: Indices, fine: Indices, fine_dt: Array) -> Array:
     """Raw rate of every step, (n, gyros): the mean over its fine steps, each by its duration."""
     out = np.zeros((len(fine) - 1, rates.shape[1]))
     for step in range(len(out)):
@@ -331,7 +331,7 @@ def propagate_packed(
     linear: bool,
     beyond_series: bool,
     gyros: Gyros,
-) -> tuple[Array, Array]:  # pragma: no cover - compiled
+) -> tuple[Array, Array]:
     """R (m, 3, 3) and S (m, 4, 3, 3) at every output: run the lanes, then chain the pieces.
 
     Parameters
@@ -351,7 +351,7 @@ def propagate_packed(
 
 
 @compile_cached
-def _chain_pieces(out: Array, ends: Indices, last: Indices, arc: Indices) -> tuple[Array, Array]:  # pragma: no cover - compiled
+def _chain_pieces(out: Array, ends: Indices, last: Indices, arc: Indices) -> tuple[Array, Array]:
     """R (m, 3, 3) and S (m, 4, 3, 3) at every output, the pieces (batches, 45, lanes) chained."""
     R_out, S_out = np.empty((len(arc), 3, 3)), np.empty((len(arc), REGRESSOR_GROUP_SIZE, 3, 3))
     P, P_new, S = np.eye(3), np.empty((3, 3)), np.zeros((REGRESSOR_GROUP_SIZE, 3, 3))
@@ -391,7 +391,7 @@ def _propagate_lanes(
     beyond_series: bool,
     out: Array,
     gyros: Gyros,
-) -> None:  # pragma: no cover - compiled
+) -> None:
     """One batch: (steps, n + 1, lanes) of [ω_raw Δt, Δt] and (steps, 4, lanes) of [h Δt] carry on P (9), S (36) in out (45).
 
     Without weights the regressors are the body's rates and 1, which the tile holds as φ.
@@ -472,15 +472,13 @@ def _propagate_lanes(
 
 
 @compile_cached(inline="always")
-def _count_to_cache_line(values: Array) -> int:  # pragma: no cover - compiled
+def _count_to_cache_line(values: Array) -> int:
     """Doubles from the start of an array to the next cache line, 0 to 7."""
     return (-values.ctypes.data >> 3) & (CACHE_LINE - 1)
 
 
 @compile_cached(inline="always")
-def _compute_step_sensitivity(
-    tile: Array, t: int, lane: int, x: float, y: float, z: float, c: float, d: float
-) -> None:  # pragma: no cover - compiled
+def _compute_step_sensitivity(tile: Array, t: int, lane: int, x: float, y: float, z: float, c: float, d: float) -> None:
     """Φ and E = I + c[φ×] + d[φ×]² of one step into the tile."""
     dx, dy, dz = d * x, d * y, d * z
     cx, cy, cz = c * x, c * y, c * z
@@ -493,7 +491,7 @@ def _compute_step_sensitivity(
 
 
 @compile_cached
-def _compute_closed_coefficients(f: float) -> tuple[float, float]:  # pragma: no cover - compiled
+def _compute_closed_coefficients(f: float) -> tuple[float, float]:
     """c and d of φ² = f where the series no longer serves."""
     phi = sqrt(f)
     half = np.sin(phi / 2) / phi

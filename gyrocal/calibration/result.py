@@ -200,7 +200,7 @@ class CalibrationResult:
         return self.summary()
 
     def _list_facts(self) -> list[tuple[str, str]]:
-        """What was found, a row a quantity."""
+        """List the results, a row a quantity."""
         deg = np.rad2deg(1.0)
         rows = [
             ("recording", self.recording),

@@ -181,7 +181,7 @@ class MountingEstimate:
 
 
 def estimate(mountings: Mountings | None, eliminated: ReducedEquations | None, P: Array) -> MountingEstimate | None:
-    """What was found, with the covariance P of the other parameters, scaled as H is; None where nothing was estimated."""
+    """Build the estimate, with the covariance P of the other parameters, scaled as H is; None if no mounting is estimated."""
     if mountings is None or eliminated is None:
         return None
     return MountingEstimate(mountings.sensors, mountings.misalignment, eliminated.covariance(P))
@@ -285,7 +285,7 @@ def _remove_turn(inverse: Array, spread: Array, white: Array, loose: bool) -> Ar
 
 
 def format_tracker_results(mountings: MountingEstimate | None, compared: Sequence[Difference]) -> dict[str, Any]:
-    """What a result has as plain values of several sensors; nothing of one."""
+    """Return the plain values of several sensors; none of one sensor."""
     found: dict[str, Any] = {}
     if mountings is not None:
         found["mountings"] = mountings.summary().to_dict("records")

@@ -41,7 +41,7 @@ SERIES_TERMS = 9
 
 
 @compile_cached
-def step_integrals(phi: float) -> tuple[float, float, float, float]:  # pragma: no cover - compiled
+def step_integrals(phi: float) -> tuple[float, float, float, float]:
     """c, d, e, f of a step that turns by phi ≥ 0 rad."""
     x = phi * phi
     if phi >= COVARIANCE_SERIES_LIMIT:
@@ -63,7 +63,7 @@ def step_integrals(phi: float) -> tuple[float, float, float, float]:  # pragma: 
 
 
 @compile_cached
-def compute_rotation(x: float, y: float, z: float, R: Array) -> tuple[float, float]:  # pragma: no cover - compiled
+def compute_rotation(x: float, y: float, z: float, R: Array) -> tuple[float, float]:
     """R = exp(−[φ×]) of φ = (x, y, z) rad into (3, 3); returns c and d."""
     xx, yy, zz = x * x, y * y, z * z
     squared = xx + yy + zz
@@ -77,9 +77,7 @@ def compute_rotation(x: float, y: float, z: float, R: Array) -> tuple[float, flo
 
 
 @compile_cached
-def compute_transition(
-    x: Array, raw: Array, dt: float, columns: Indices, R: Array, B: Array
-) -> tuple[float, float, float]:  # pragma: no cover - compiled
+def compute_transition(x: Array, raw: Array, dt: float, columns: Indices, R: Array, B: Array) -> tuple[float, float, float]:
     """R and B = ψF of one step into (3, 3) and (3, p).
 
     Parameters
@@ -109,9 +107,7 @@ def compute_transition(
 
 
 @compile_cached
-def process_noise(
-    angle: tuple[float, float, float], dt: float, arw: float, walk: float
-) -> tuple[Array, Array, float]:  # pragma: no cover - compiled
+def process_noise(angle: tuple[float, float, float], dt: float, arw: float, walk: float) -> tuple[Array, Array, float]:
     """Covariance that one step adds: attitude block (3, 3), attitude-bias block (3, 3), variance of each bias."""
     px, py, pz = angle
     Q, cross = np.zeros((3, 3)), np.zeros((3, 3))
@@ -134,9 +130,7 @@ def process_noise(
 
 
 @compile_cached
-def propagate_covariance(
-    P: Array, R: Array, B: Array, Q: Array, cross: Array, bias_variance: float
-) -> None:  # pragma: no cover - compiled
+def propagate_covariance(P: Array, R: Array, B: Array, Q: Array, cross: Array, bias_variance: float) -> None:
     """P ← Φ P Φᵀ + noise in place, P (3 + p, 3 + p); where a bias walks the last three states are the biases."""
     n = len(P)
     top = np.empty((3, n))
@@ -163,7 +157,7 @@ def propagate_covariance(
 
 
 @compile_cached
-def rotate_attitude(A: Array, R: Array) -> None:  # pragma: no cover - compiled
+def rotate_attitude(A: Array, R: Array) -> None:
     """A ← R A in place."""
     for j in range(3):
         x, y, z = A[0, j], A[1, j], A[2, j]
@@ -174,7 +168,7 @@ def rotate_attitude(A: Array, R: Array) -> None:  # pragma: no cover - compiled
 @compile_cached
 def propagate_step(
     A: Array, P: Array, x: Array, raw: Array, dt: float, columns: Indices, arw: float, walk: float, R: Array, B: Array
-) -> None:  # pragma: no cover - compiled
+) -> None:
     """Propagate A (3, 3) and P (3 + p, 3 + p) over one step in place, and set its R and B; the others as in `advance`."""
     angle = compute_transition(x, raw, dt, columns, R, B)
     Q, cross, bias_variance = process_noise(angle, dt, arw, walk)
@@ -183,7 +177,7 @@ def propagate_step(
 
 
 @compile_cached
-def correct_attitude(A: Array, theta: Array) -> Array:  # pragma: no cover - compiled
+def correct_attitude(A: Array, theta: Array) -> Array:
     """exp([θ×]) A, taken to the nearest orthogonal matrix by a Newton step, A ← ½ A (3 I − AᵀA)."""
     R, turned = np.empty((3, 3)), np.empty((3, 3))
     compute_rotation(-theta[0], -theta[1], -theta[2], R)
@@ -215,7 +209,7 @@ def advance(
     stop: float,
     arw: float,
     walk: float,
-) -> int:  # pragma: no cover - compiled
+) -> int:
     """Propagate over the stream from one time to another, in place, cutting samples at both.
 
     Parameters
@@ -252,9 +246,7 @@ def advance(
 
 
 @compile_cached
-def compute_kalman_gain(
-    P: Array, H: Array, sigma: Array, z: Array
-) -> tuple[Array, Array, float]:  # pragma: no cover - compiled
+def compute_kalman_gain(P: Array, H: Array, sigma: Array, z: Array) -> tuple[Array, Array, float]:
     """K (n, m), S (m, m) and zᵀS⁻¹z of a measurement, H (m, 3)."""
     PH = np.ascontiguousarray(P[:, :3]) @ H.T
     S = H @ PH[:3] + np.diag(sigma * sigma)
@@ -263,7 +255,7 @@ def compute_kalman_gain(
 
 
 @compile_cached
-def update_covariance(P: Array, K: Array, H: Array, sigma: Array) -> None:  # pragma: no cover - compiled
+def update_covariance(P: Array, K: Array, H: Array, sigma: Array) -> None:
     """P ← (I − K H) P (I − K H)ᵀ + K N Kᵀ in place, N = diag(σ²)."""
     left = np.eye(len(P))
     left[:, :3] -= K @ H  # which only meets the attitude

@@ -288,9 +288,7 @@ def build_ground_recording(
 
 
 @compile_cached
-def _propagate_sensitivity(
-    x: Array, raw: Array, dt: float, held: Indices, R: Array, B: Array, S_e: Array, S_x: Array
-) -> None:  # pragma: no cover - compiled
+def _propagate_sensitivity(x: Array, raw: Array, dt: float, held: Indices, R: Array, B: Array, S_e: Array, S_x: Array) -> None:
     """S ← Φ S + (ψF; 0) in place, of the parameters that the filter holds."""
     B_held = np.empty((3, len(held)))
     compute_transition(x, raw, dt, held, np.empty((3, 3)), B_held)
@@ -311,7 +309,7 @@ def _propagate_maneuver(
     R_filter: Array,
     B_filter: Array,
     q: float,
-) -> None:  # pragma: no cover - compiled
+) -> None:
     """R̄, Θ, P_ρ and X over one sample, in place."""
     step, B = np.empty((3, 3)), np.empty((3, len(columns)))
     compute_transition(x, raw, dt, columns, step, B)

@@ -38,7 +38,7 @@ makes them; they do no harm to the prediction for as long as the motion goes on 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -48,7 +48,7 @@ from gyrocal import attitude
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.calibration.parameters import GyroParameters
 from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
-from gyrocal.calibration.propagation import propagate
+from gyrocal.calibration.propagation import Arcs, propagate
 from gyrocal.calibration.remainder import interpolate_rates
 from gyrocal.calibration.remainder_processes import compute_turns
 from gyrocal.calibration.sampling import prepare_measurements
@@ -167,6 +167,59 @@ def list_step_times(recording: Recording, from_s: float, step_s: float) -> Array
     return np.asarray(from_s + step_s * np.arange(1, max(int((stop - from_s) / step_s + SAME_TIME_S), 0) + 1), dtype=np.float64)
 
 
+@dataclass(frozen=True)
+class _Problem:
+    """References, gyro and prior of one stretch.
+
+    Attributes
+    ----------
+    seen : the n references used
+    mountings : estimated misalignments
+    arcs : the gyro samples between the nodes, which are the references and outputs
+    anchor : (3, 3) attitude at the start
+    stated : (n, 3, 3) covariance of the references about the body axes, rad²
+    turns : (n, 3, m) Mᵀ of the misalignments
+    place, wanted : nodes of the references and of the k outputs
+    lasting, later : columns of the references' lasting errors, at the references and at the outputs
+    steps_s : s between the nodes
+    arw : angle random walk, rad/√s
+    noise : remainder of a calibration
+    x0 : (p,) parameters and misalignments known beforehand
+    S : (3 + p, 3 + p) root of the covariance of the anchor and of x
+    """
+
+    seen: Attitudes
+    mountings: Mountings
+    arcs: Arcs
+    anchor: Array
+    stated: Array
+    turns: Array
+    place: NDArray[np.intp]
+    wanted: NDArray[np.intp]
+    lasting: Array
+    later: Array
+    steps_s: Array
+    arw: float
+    noise: RemainderNoise
+    x0: Array
+    S: Array
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """The conditioned problem, linearised at x; R, F, states and spread are those of the outputs."""
+
+    x: Array
+    R: Array
+    F: Array
+    states: Array
+    spread: Array
+    variance: Array  # of the lasting errors
+    U: Array
+    y: Array
+    chi2: float
+
+
 def condition_on_references(
     recording: Recording,
     used: Mask,
@@ -189,87 +242,127 @@ def condition_on_references(
     InputError
         No reference is used, a time is not after the first reference, or the gyro does not cover the stretch.
     """
-    recording = triad(recording)
-    references = recording.attitudes
-    rows = np.flatnonzero(used)
-    anchor = int(np.searchsorted(references.t_s, min(times[0], references.t_s[rows[0]]) - SAME_TIME_S)) if rows.size else 0
-    if rows.size < 2 or np.any(np.diff(times) <= 0):
-        raise InputError("a prediction needs two references or more, and ascending times")
-    if times[0] < references.t_s[anchor] - SAME_TIME_S:
-        anchor -= 1
-    if anchor < 0:
-        raise InputError(f"no attitude to start from at or before {times[0]:g} s")
+    remainder = RemainderNoise() if noise is None else noise
+    problem = _pose_problem(triad(recording), np.flatnonzero(used), times, apriori_covariance, remainder)
+    x = problem.x0
+    for _ in range(CALIBRATION_ITERATIONS):
+        solution = _solve_linearised(problem, x)
+        x = problem.x0 - (problem.S @ solution.y)[3:]
+    return _build_prediction(problem, solution, times, x)
+
+
+def _pose_problem(
+    recording: Recording, rows: NDArray[np.intp], times: Array, apriori_covariance: Array | None, noise: RemainderNoise
+) -> _Problem:
+    """Collect what the conditioning needs of a stretch, see `condition_on_references`."""
+    references, gyro = recording.attitudes, recording.gyro
+    anchor = _find_anchor(references, rows, times)
     seen, mountings = keep_rows(references, rows), Mountings.build(references)
     if apriori_covariance is None:
         ranges = estimate_plausible_ranges(recording, use_rests=False)
         apriori_covariance = prior_covariance(ranges.G, ranges.bias)
     P0 = _append_mountings(apriori_covariance, references, mountings)
     start_s = float(references.t_s[anchor])
-    at = np.union1d(times, references.t_s[rows])
-    remainder = RemainderNoise() if noise is None else noise
-    if any(one.kind == "rate" for one in remainder.processes):
+    at = _list_nodes(start_s, np.union1d(times, seen.t_s), noise)
+    _check_memory(at.size, noise, len(P0))
+    lasting, later = (
+        noise.build_reference_columns(interpolate_rates(gyro, gyro.apriori_G, gyro.apriori_bias, t)) for t in (seen.t_s, times)
+    )
+    turns = mountings.turns[rows]
+    anchor_sigma = ANCHOR * float(references.sigma[anchor].max())
+    return _Problem(
+        seen=seen,
+        mountings=mountings,
+        arcs=prepare_measurements(_build_stretch(recording, anchor, at)).arcs,
+        anchor=attitude.matrix_from_quaternion(references.quaternions[anchor]),
+        stated=noise.factor * compute_body_covariance(seen),
+        turns=turns,
+        place=_locate_times(start_s, at, seen.t_s),
+        wanted=_locate_times(start_s, at, times),
+        lasting=lasting,
+        later=later,
+        steps_s=np.diff(at, prepend=start_s),
+        arw=gyro.arw * float(np.sqrt(noise.factor)),
+        noise=noise,
+        x0=np.concatenate([gyro.apriori_G.ravel(), gyro.apriori_bias, np.zeros(turns.shape[2])]),
+        S=scipy.linalg.block_diag(anchor_sigma * np.eye(3), _compute_covariance_root(P0)),
+    )
+
+
+def _find_anchor(references: Attitudes, rows: NDArray[np.intp], times: Array) -> int:
+    """Find the last reference at or before the first time and the first row; refuse what cannot be predicted."""
+    if rows.size < 2 or np.any(np.diff(times) <= 0):
+        raise InputError("a prediction needs two references or more, and ascending times")
+    anchor = int(np.searchsorted(references.t_s, min(times[0], references.t_s[rows[0]]) - SAME_TIME_S))
+    if times[0] < references.t_s[anchor] - SAME_TIME_S:
+        anchor -= 1
+    if anchor < 0:
+        raise InputError(f"no attitude to start from at or before {times[0]:g} s")
+    return anchor
+
+
+def _list_nodes(start_s: float, at: Array, noise: RemainderNoise) -> Array:
+    """List distinct times after the start, s, close enough for the rate errors that correlate."""
+    if any(one.kind == "rate" for one in noise.processes):
         at = np.union1d(at, np.linspace(start_s, at[-1], CORRELATED_STEPS + 1))
     at = at[np.concatenate([[True], np.diff(at) > SAME_TIME_S])]
-    at = at[at > start_s + SAME_TIME_S]
-    _check_memory(at.size, remainder, len(P0))
-    prepared = prepare_measurements(_build_stretch(recording, anchor, at))
-    A0 = attitude.matrix_from_quaternion(references.quaternions[anchor])
-    A_obs = attitude.matrix_from_quaternion(seen.quaternions)
-    stated, turns = remainder.factor * compute_body_covariance(seen), mountings.turns[rows]
-    gyro = recording.gyro
-    G, bias = gyro.apriori_G, gyro.apriori_bias
-    place = _locate_times(start_s, at, references.t_s[rows])
-    wanted = _locate_times(start_s, at, times)
-    lasting, later = (remainder.build_reference_columns(interpolate_rates(gyro, G, bias, one)) for one in (seen.t_s, times))
-    steps_s = np.diff(at, prepend=start_s)
-    x0 = np.concatenate([G.ravel(), bias, np.zeros(turns.shape[2])])
-    x = x0.copy()
-    S = scipy.linalg.block_diag(ANCHOR * float(references.sigma[anchor].max()) * np.eye(3), _compute_covariance_root(P0))
-    for _ in range(CALIBRATION_ITERATIONS):
-        run = propagate(prepared.arcs, x[:9].reshape(3, 3), x[9:12])
-        R = np.concatenate([np.eye(3)[None], run.R])
-        F = np.zeros((len(R), 3, 3 + x.size))
-        F[:, :, :3], F[1:, :, 3:15] = R, run.Theta
-        own = F[place]
-        own[:, :, 15:] = -turns
-        theta = attitude.residual(attitude.rotation_matrix(-turns @ x[12:]) @ A_obs, R[place] @ A0)
-        # Both means: c has that of Θ (x − x₀), whose covariance is P₀.
-        z = theta - own[:, :, 3:] @ (x - x0)
-        moves = compute_turns(run.R, run.Theta, np.zeros(at.size, dtype=np.intp))
-        errors = ErrorStates.build(moves, steps_s, gyro.arw * np.sqrt(remainder.factor), remainder.processes)
-        H = np.concatenate([R[place], lasting], axis=2)
-        white, states, spread = errors.smooth(place, H, stated, np.concatenate([own @ S, z[:, :, None]], axis=2))
-        white, states, spread = white.reshape(z.size, -1), states[wanted], spread[wanted]
-        e = np.append(white[:, -1], np.zeros(len(S)))
-        Q, U = scipy.linalg.qr(np.vstack([white[:, :-1], np.eye(len(S))]), mode="economic")
-        y = scipy.linalg.solve_triangular(U, Q.T @ e)
-        left = e - Q @ (Q.T @ e)
-        walk = (states[:, :3, -1:] - states[:, :3, :-1] @ y[:, None])[:, :, 0]
-        c = np.einsum("kij,kj->ki", R[wanted], walk) + F[wanted] @ (S @ y) + F[wanted][:, :, 3:] @ (x - x0)
-        A = attitude.rotation_matrix(c) @ R[wanted] @ A0
-        x = x0 - (S @ y)[3:]
+    return np.asarray(at[at > start_s + SAME_TIME_S])
+
+
+def _solve_linearised(problem: _Problem, x: Array) -> _Solution:
+    """Solve [L⁻¹ F S; I] = Q U with Θ taken at parameters x (p,)."""
+    run = propagate(problem.arcs, x[:9].reshape(3, 3), x[9:12])
+    R = np.concatenate([np.eye(3)[None], run.R])
+    F = np.zeros((len(R), 3, 3 + x.size))
+    F[:, :, :3], F[1:, :, 3:15] = R, run.Theta
+    own = F[problem.place]
+    own[:, :, 15:] = -problem.turns
+    observed = attitude.rotation_matrix(-problem.turns @ x[12:]) @ attitude.matrix_from_quaternion(problem.seen.quaternions)
+    theta = attitude.residual(observed, R[problem.place] @ problem.anchor)
+    # Both means: c has that of Θ (x − x₀), whose covariance is P₀.
+    z = theta - own[:, :, 3:] @ (x - problem.x0)
+    moves = compute_turns(run.R, run.Theta, np.zeros(problem.steps_s.size, dtype=np.intp))
+    errors = ErrorStates.build(moves, problem.steps_s, problem.arw, problem.noise.processes)
+    H = np.concatenate([R[problem.place], problem.lasting], axis=2)
+    white, states, spread = errors.smooth(
+        problem.place, H, problem.stated, np.concatenate([own @ problem.S, z[:, :, None]], axis=2)
+    )
+    white, wanted, size = white.reshape(z.size, -1), problem.wanted, len(problem.S)
+    e = np.append(white[:, -1], np.zeros(size))
+    Q, U = scipy.linalg.qr(np.vstack([white[:, :-1], np.eye(size)]), mode="economic")
+    y = scipy.linalg.solve_triangular(U, Q.T @ e)
+    left = e - Q @ (Q.T @ e)
+    return _Solution(x, R[wanted], F[wanted], states[wanted], spread[wanted], errors.variance, U, y, float(left @ left))
+
+
+def _build_prediction(problem: _Problem, solution: _Solution, times: Array, x: Array) -> Prediction:
+    """Build attitudes and covariances from the last solution and the parameters x (p,) that it leads to."""
+    R, F, states, spread = solution.R, solution.F, solution.states, solution.spread
+    S, y, later, seen = problem.S, solution.y, problem.later, problem.seen
+    walk = (states[:, :3, -1:] - states[:, :3, :-1] @ y[:, None])[:, :, 0]
+    c = np.einsum("kij,kj->ki", R, walk) + F @ (S @ y) + F[:, :, 3:] @ (solution.x - problem.x0)
     # cov(u) = U⁻¹ U⁻ᵀ. Beside the smoothed states, c is off by B u′, and the lasting error of a reading by D u′, u′ ~ N(0, I).
-    root = scipy.linalg.solve_triangular(U, np.eye(len(S)))
-    T, turned = S @ root, R[wanted] @ spread[:, :3]
-    B = F[wanted] @ T - R[wanted] @ states[:, :3, :-1] @ root
+    root = scipy.linalg.solve_triangular(solution.U, np.eye(len(S)))
+    T, turned = S @ root, R @ spread[:, :3]
+    B = F @ T - R @ states[:, :3, :-1] @ root
     D = -later @ states[:, 3:, :-1] @ root
-    blocks = turned[:, :, :3] @ R[wanted].transpose(0, 2, 1) + B @ B.transpose(0, 2, 1)
+    blocks = turned[:, :, :3] @ R.transpose(0, 2, 1) + B @ B.transpose(0, 2, 1)
     both = turned[:, :, 3:] @ later.transpose(0, 2, 1) + B @ D.transpose(0, 2, 1)
-    readings = blocks + both + both.transpose(0, 2, 1) + (later * errors.variance) @ later.transpose(0, 2, 1)
+    readings = blocks + both + both.transpose(0, 2, 1) + (later * solution.variance) @ later.transpose(0, 2, 1)
     P_x = T[3:] @ T[3:].T
     cross = B @ T[3:].T
     return Prediction(
         times,
-        np.asarray(A),
+        np.asarray(attitude.rotation_matrix(c) @ R @ problem.anchor),
         np.asarray(0.5 * (blocks + blocks.transpose(0, 2, 1))),
         GyroParameters.from_vector(x[:12]),
         P_x[:12, :12],
-        int(rows.size),
-        float(left @ left),
-        int(z.size),
+        len(seen.t_s),
+        solution.chi2,
+        3 * len(seen.t_s),
         seen.sensors,
         np.array([np.sqrt(np.mean(np.square(seen.sigma[seen.sensor == k]), axis=0)) for k in range(len(seen.sensors))]),
-        MountingEstimate(mountings.sensors, x[12:], P_x[12:, 12:]),
+        MountingEstimate(problem.mountings.sensors, x[12:], P_x[12:, 12:]),
         -cross[:, :, 12:],
         readings,
     )

@@ -86,7 +86,7 @@ class Prediction:
         return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2)))
 
     def of_sensor(self, name: str) -> SensorPrediction:
-        """What a sensor would show.
+        """Predict the readings of one sensor.
 
         Raises
         ------

@@ -35,9 +35,7 @@ from gyrocal.errors import InputError
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
-MOST_BINS = 60  # that rate errors are constant in; time grows with the square
 LARGEST_BYTES = 200_000_000  # of a result of a calibration, with all its residuals
 
 

@@ -89,12 +89,12 @@ def write(imported: ImportResult, folder: str | os.PathLike[str]) -> None:
 
 
 def read_estimated_noise(folder: str | os.PathLike[str]) -> list[str]:
-    """What an import estimated of the noise of gyro and references, a sentence each; none where nothing of it is known."""
+    """Read the noise of gyro and references that an import estimated, a sentence each; none where none is recorded."""
     return [text for text in _read_notes(folder, "assumed") if text.startswith(NOISE_PHRASES)]
 
 
 def read_import_warnings(folder: str | os.PathLike[str]) -> list[str]:
-    """What an import found implausible, a sentence each; none where nothing of it is known."""
+    """Read the warnings of an import, a sentence each; none where none is recorded."""
     return _read_notes(folder, "implausible")
 
 

@@ -407,7 +407,7 @@ def _choose_matrix(found: list[MatrixReading], largest: float) -> MatrixReading 
 
 
 def describe_mean_rates(windows: Motion) -> str:
-    """What the mean rates of a nearly constant motion show of the gyro's axes, in words; empty where they agree.
+    """Describe the disagreement of the gyro's axes with the mean rates of a nearly constant motion; empty without one.
 
     A constant bias explains any difference of the two, so that no reading is refused for it. No mounting changes the size.
     """

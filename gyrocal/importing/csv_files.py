@@ -84,7 +84,7 @@ def _write(recording: Recording, gyro: pd.DataFrame, read: dict[str, Any], folde
 
 
 def _describe_sensors(attitudes: Attitudes) -> dict[str, Any]:
-    """What a mapping says of the attitude sensors, or of the only one."""
+    """Describe the attitude sensors of a mapping, or the only one."""
 
     def compute_sigma(rows: Any) -> list[float]:
         return np.rad2deg(np.sqrt(np.mean(np.square(attitudes.sigma[rows]), axis=0))).tolist()

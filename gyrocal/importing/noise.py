@@ -61,7 +61,7 @@ def compute_misses(recording: Recording) -> tuple[Array, Measurements, Propagati
 
 
 def compute_increment_residuals(recording: Recording) -> tuple[Array, Array]:
-    """What a preliminary fit leaves of the turns between successive references.
+    """Compute the residuals of a preliminary fit to the turns between successive references.
 
     G, bias and a time offset between gyro and references are fitted by least squares and forgotten: without them their effect
     would be taken for reference noise.

@@ -178,7 +178,7 @@ def _find_topic(there: dict[tuple[str, int], Any], topic: str, path: Path, optio
 
 
 def _list_other_gyros(topics: dict[tuple[str, int], Any], chosen: tuple[str, int]) -> list[str]:
-    """What is said of the raw gyros that are not taken."""
+    """List the raw gyros that are not used."""
     others = [(key, _compute_rate(topics[key])) for key in sorted(topics) if key[0] == "sensor_gyro" != chosen[0]]
     others += [(key, _compute_rate(topics[key])) for key in sorted(topics) if key[0] == chosen[0] and key[1] != chosen[1]]
     return [f"not taken: {_name_topic(key)} at {rate:.3g} Hz (--gyro-topic)" for key, rate in others]

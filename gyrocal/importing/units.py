@@ -165,7 +165,7 @@ def _unwrap_tags(values: NDArray[np.generic]) -> tuple[NDArray[np.generic], int]
 
 
 def _describe_fault(fault: Exception) -> str:
-    """What pandas says of a date, without its advice on arguments that an import does not have."""
+    """Return pandas' message on a date, without advice on arguments that an import does not have."""
     return " ".join(str(fault).split()).split(". You might")[0]
 
 
@@ -226,7 +226,7 @@ def parse_quantity(text: str, what: str) -> tuple[float, str]:
 
 
 def compute_gyro_factor(unit: str, lsb: str | None) -> tuple[float, bool]:
-    """What a column's number is multiplied with to be rad/s or rad, and whether it is an accumulated angle."""
+    """Compute the factor from a column's unit to rad/s or rad, and whether the column is an accumulated angle."""
     if unit == COUNTS_UNIT:
         if lsb is None:
             raise InputError("gyro: counts need the size of one, e.g. --lsb '0.0175 deg/s', or '5e-9 rad' of accumulated angle")

@@ -25,7 +25,7 @@ MESSAGE_REPLACEMENTS = (
     (r"a valid boolean$", "true or false"),
     (r"a valid number$", "a number"),
 )
-UNKNOWN, MISSING = "extra_forbidden", "missing"
+UNKNOWN = "extra_forbidden"
 
 
 def format_validation_error(error: ValidationError, model: type[BaseModel] | None = None) -> str:

@@ -238,7 +238,7 @@ class Recording:
         return plot_allan(self, ax, interval)
 
     def _list_facts(self) -> list[tuple[str, str]]:
-        """What a recording is, a row a quantity."""
+        """List the facts of a recording, a row a quantity."""
         gyro, attitudes = self.gyro, self.attitudes
         lengths = [one.stop_s - one.start_s for one in self.intervals]
         fastest = np.rad2deg(np.nanmax(np.abs(gyro.rates)) if self.is_array else np.linalg.norm(gyro.rates, axis=1).max())

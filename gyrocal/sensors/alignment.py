@@ -318,7 +318,7 @@ def _find_undetermined(
     attitude: Array,
     bias: Array,
 ) -> tuple[str, ...]:
-    """What is free when every parameter of every sensor is."""
+    """Find the free combinations if every parameter of every sensor is free."""
     path = build_gyro_arc(gyro, np.append(list_measured_times(series), epoch), gyro.apriori_G)
     solved = choose_columns(series, {one.model.name: one.model.parameters for one in series})
     estimate = _propagate_back(path, bias, epoch, attitude, models)

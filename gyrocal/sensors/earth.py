@@ -40,7 +40,6 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 EQUATORIAL_RADIUS, POLAR_RADIUS = 6378137.0, 6356752.314245  # m, WGS 84
-AZIMUTHS = np.deg2rad([45.0, 135.0, 225.0, 315.0])
 QUADRANT_DIRECTIONS = np.sqrt(0.5) * np.array(
     [[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0]]
 )  # s of each quadrant

@@ -365,7 +365,7 @@ class Effect:
         return self.implements("apply") or self.implements("noise_factor")
 
     def sentence(self, axis: str | None, value: float, size: str) -> str:
-        """What is so when it is at work, in plain words: a clause without a capital or a full stop.
+        """Clause in plain words that states the effect, without a capital or a full stop.
 
         Parameters
         ----------
@@ -383,7 +383,7 @@ class Effect:
 
     @mark_absent
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
-        """What is added to the raw reading per unit of each linear amplitude, (n, 3, k) rad/s."""
+        """Return the change of the raw reading per unit of each linear amplitude, (n, 3, k) rad/s."""
         raise NotImplementedError(f"{self.name} has no columns on the rates")
 
     @mark_absent
@@ -416,7 +416,7 @@ class Effect:
 
     @mark_absent
     def noise_factor(self, setting: Setting) -> Array:
-        """What the white noise of each axis is multiplied by, (3,)."""
+        """Return the factor of each axis's white noise, (3,)."""
         raise NotImplementedError(f"{self.name} is no factor on white noise")
 
     @mark_absent
@@ -453,7 +453,7 @@ class Effect:
 
     @mark_absent
     def detect(self, view: SampleView) -> Sequence[Detection]:
-        """What a test of its own finds in the samples; for effects that no `symptom` shows."""
+        """Test the samples by the effect's own test; for effects that no `symptom` shows."""
         return ()
 
     @mark_absent

@@ -148,7 +148,7 @@ def _select_stage(active: Sequence[ActiveEffect], stage: str) -> list[ActiveEffe
 
 
 def _compute_reference_factor(around: Surroundings, active: Sequence[ActiveEffect]) -> Array:
-    """What the white errors of the references are multiplied by, (3,) or (m, 3)."""
+    """Compute the factor of the references' white errors, (3,) or (m, 3)."""
     factor = np.ones(3)
     for one in sorted(_select_stage(active, "reference_noise"), key=lambda one: one.effect.of_trackers):
         own = one.effect.noise_factor(one.setting)

@@ -210,7 +210,7 @@ def round_to_multiples(samples: Array, axis: str | None, step: float, rounded: C
 
 
 def find_smallest_steps(around: Surroundings, tests: SampleTests) -> list[Smallest]:
-    """Of readings that are multiples of a step: one on which many fall together, and that is not far below the noise."""
+    """Find the smallest visible step of quantised readings: many fall together, and it is not far below the noise."""
     sigma = around.sample_sigma_deg
     raw = np.rad2deg(around.stream.raw)
     x = raw + sigma * np.random.default_rng(0).standard_normal(raw.shape)
@@ -224,7 +224,7 @@ def find_smallest_steps(around: Surroundings, tests: SampleTests) -> list[Smalle
 
 
 @compile_cached
-def recursion(decay: Array, drive: Array) -> Array:  # pragma: no cover - compiled
+def recursion(decay: Array, drive: Array) -> Array:
     """x_k = decay_k x_{k−1} + drive_k from x_{−1} = 0, (n,)."""
     out = np.empty_like(drive)
     value = 0.0

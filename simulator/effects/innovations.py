@@ -104,7 +104,7 @@ def integrate_turns(begin_s: Array, rates: Array, start_s: Array, stop_s: Array)
 
 
 @compile_cached
-def _multiply(begin_s, rates, start_s, stop_s, low):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def _multiply(begin_s, rates, start_s, stop_s, low):  # type: ignore[no-untyped-def]
     """Quaternions (k, 4) of the turns, and ∫ R ω_b dt of each b and ∫ R dt, (k, 4, 3, 3), R from a time to the stop."""
     out, K = np.zeros((start_s.size, 4)), np.zeros((start_s.size, 4, 3, 3))
     R, before = np.empty((3, 3)), np.empty(3)

@@ -154,7 +154,7 @@ def _collect_effects(found: object) -> list[Effect]:
 
 
 def _format_exception(fault: BaseException) -> str:
-    """What went wrong, in one line; the kind of error too unless it is bad input."""
+    """Format an exception in one line; with its type unless it is bad input."""
     words = " ".join(str(fault).split())
     return words if isinstance(fault, InputError) else f"{type(fault).__name__}: {words}"
 

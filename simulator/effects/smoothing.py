@@ -107,9 +107,7 @@ def _smooth_with_windows(rates: Array, windows: Sequence[int], sigma: float) -> 
 
 
 @compile_cached
-def _tighten_limits(
-    estimate: Array, weight: Array, width: float, going: Flags, low: Array, high: Array
-) -> None:  # pragma: no cover - compiled
+def _tighten_limits(estimate: Array, weight: Array, width: float, going: Flags, low: Array, high: Array) -> None:
     """Which samples go on that lie between the limits of all windows before, and the limits with this one, all in place."""
     for k in range(estimate.size):
         going[k] &= low[k] <= estimate[k] <= high[k]
@@ -128,7 +126,7 @@ def _keep_rows_of_three(marked: Flags) -> Flags:
 
 
 @compile_cached
-def _compute_ramp(stops: Flags, length: float) -> Array:  # pragma: no cover - compiled
+def _compute_ramp(stops: Flags, length: float) -> Array:
     """Distance of each sample from the nearest one that stops, over a length; one at most."""
     out = np.empty(stops.size)
     away = length
@@ -187,7 +185,7 @@ def _compute_powers(window: int) -> tuple[Array, Array]:
 
 
 @compile_cached
-def _interpolate_blocks(values: Array, block: int, count: int) -> Array:  # pragma: no cover - compiled
+def _interpolate_blocks(values: Array, block: int, count: int) -> Array:
     """Values in the middles of blocks, straight lines between them and beyond the first and the last, at each sample (n,)."""
     out = np.empty(count)
     for k in range(count):

@@ -43,7 +43,7 @@ def _simulate_gyro(
     apparent: Array,
     turned: Array,
     raw: Array,
-) -> None:  # pragma: no cover - compiled
+) -> None:
     """On-board rotation over the last cycle in turned (3,), rad, ω − G ω_raw of it in apparent and ω_raw in raw (3,), rad/s."""
     dt, c, s = plant.dt, math.cos(u), math.sin(u)
     # Number by number: an expression of whole arrays takes a second or two to compile, a copy of slices another.
@@ -65,8 +65,8 @@ def _simulate_gyro(
 @compile_cached
 def _simulate_horizon(
     rng: np.random.Generator, t: float, A: Array, position: Array, sensors: Sensors, state: State, angles: Array
-) -> None:  # pragma: no cover - compiled
-    """What the horizon's radiance adds to the penetration angles (4,), rad.
+) -> None:
+    """Simulate the change of the penetration angles (4,) by the horizon's radiance, rad.
 
     A first-order Markov process in each quadrant, and the limb lower by `horizon_season` times the sine of its latitude. The
     line of sight at the nominal angle η from nadir touches a sphere at cos η from the subsatellite point's direction:
@@ -97,7 +97,7 @@ def _update_yaw(
     tables: Tables,
     updates: Array,
     count: int,
-) -> int:  # pragma: no cover - compiled
+) -> int:
     """One yaw update if the Sun is seen; the number of rows of updates so far."""
     s_x = frame[0, 0] * sun[0] + frame[0, 1] * sun[1] + frame[0, 2] * sun[2]
     s_y = frame[1, 0] * sun[0] + frame[1, 1] * sun[1] + frame[1, 2] * sun[2]
@@ -133,7 +133,7 @@ def _update_yaw(
 @compile_cached
 def _compute_wanted_torque(
     rate: Array, moved: Array, momentum: Array, integrate: bool, plant: Plant, state: State, tables: Tables, torque: Array
-) -> None:  # pragma: no cover - compiled
+) -> None:
     """The control law of the module's text; rate (3,) by the gyro and moved (3,) rad of the frame; torque (3,) is written."""
     dt, e = plant.dt, state.estimate
     for i in range(3):
@@ -167,7 +167,7 @@ def _compute_outer_torque(
     sensors: Sensors,
     tables: Tables,
     torque: Array,
-) -> float:  # pragma: no cover - compiled
+) -> float:
     """Torque of the air and of the moments in the field, body axes, in torque (3,); the largest moment of a torquer."""
     body, r = plant.body, -plant.radius
     b_x, b_y, b_z = compute_dipole_field(
@@ -228,7 +228,7 @@ def fly(
     updates: Array,
     count: int,
     orbits: Array,
-) -> int:  # pragma: no cover - compiled
+) -> int:
     """Cycles first … last − 1.
 
     Parameters

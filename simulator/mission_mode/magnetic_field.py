@@ -33,9 +33,7 @@ def compute_sidereal_angle(julian_date: float) -> float:
 
 
 @compile_cached
-def compute_dipole_field(
-    x: float, y: float, z: float, angle: float, dipole: Array
-) -> tuple[float, float, float]:  # pragma: no cover - compiled
+def compute_dipole_field(x: float, y: float, z: float, angle: float, dipole: Array) -> tuple[float, float, float]:
     """Inertial field, T, of an Earth-fixed dipole d (3,), T, at an inertial position, m; angle: that of Greenwich, rad."""
     cosine, sine = math.cos(angle), math.sin(angle)
     d_x, d_y, d_z = cosine * dipole[0] - sine * dipole[1], sine * dipole[0] + cosine * dipole[1], dipole[2]

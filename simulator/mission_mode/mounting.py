@@ -81,7 +81,7 @@ def solve_turns(boresights: tuple[float, float]) -> tuple[Array, Array]:
 
 
 def fit_on_ground(turns: Array, boresights: tuple[float, float], angles_deg: tuple[float, ...] = ALIGNED_AT) -> Array:
-    """What a fit that takes the heads for square finds of sensors with the flight's heads.
+    """Fit sensors with the flight's heads as if the heads were orthogonal.
 
     Of M of DSS-1 and DSS-2 as they sit, rotation vectors (6,), from data at some sun angles: the common rotation of the body
     and the rotation vector of DSS-2's M, (6,) rad.

@@ -26,7 +26,7 @@ from simulator.arrays import Array
 
 
 @compile_cached
-def propagate_error(error: Array, turned: Array, moved: Array) -> None:  # pragma: no cover - compiled
+def propagate_error(error: Array, turned: Array, moved: Array) -> None:
     """Equation (1), to second order in the frame's turn: ε (3,) in place, of φ by the gyro and φ_c, all in rad."""
     x, y, z = error[0], error[1], error[2]
     a, b, c = moved[0], moved[1], moved[2]
@@ -37,16 +37,14 @@ def propagate_error(error: Array, turned: Array, moved: Array) -> None:  # pragm
 
 
 @compile_cached
-def compute_head_angle(count: float, k: Array) -> float:  # pragma: no cover - compiled
+def compute_head_angle(count: float, k: Array) -> float:
     """Angle of a head's count by R (5) with coefficients k (9,), rad."""
     bracket = k[0] + k[1] * count + k[2] * math.sin(k[3] * count + k[4]) + k[5] * math.sin(k[6] * count + k[7])
     return math.atan(bracket) + k[8]
 
 
 @compile_cached
-def compute_sun_azimuth(
-    n_alpha: float, n_beta: float, a: Array, b: Array, alignment: Array
-) -> float:  # pragma: no cover - compiled
+def compute_sun_azimuth(n_alpha: float, n_beta: float, a: Array, b: Array, alignment: Array) -> float:
     """Azimuth of the Sun about body z, from x toward y, rad, by R (5), (4) and (1); coefficients (9,), alignment N M.
 
     (4)'s normalisation does not change it and is left out.
@@ -58,6 +56,6 @@ def compute_sun_azimuth(
 
 
 @compile_cached
-def wrap_angle(angle: float) -> float:  # pragma: no cover - compiled
+def wrap_angle(angle: float) -> float:
     """An angle brought to −π ≤ angle < π, rad."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi

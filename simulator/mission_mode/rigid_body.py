@@ -26,7 +26,7 @@ Quad = tuple[float, float, float, float]
 
 
 @compile_cached
-def compute_attitude_matrix(q: Array, out: Array) -> None:  # pragma: no cover - compiled
+def compute_attitude_matrix(q: Array, out: Array) -> None:
     """A(q), inertial to body, of a quaternion (4,), scalar last, into out (3, 3)."""
     x, y, z, w = q[0], q[1], q[2], q[3]
     out[0, 0], out[0, 1], out[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)
@@ -35,7 +35,7 @@ def compute_attitude_matrix(q: Array, out: Array) -> None:  # pragma: no cover -
 
 
 @compile_cached(inline="always")
-def multiply(M: Array, x: float, y: float, z: float) -> Triple:  # pragma: no cover - compiled
+def multiply(M: Array, x: float, y: float, z: float) -> Triple:
     """Product of a matrix (3, 3) and a vector."""
     return (
         M[0, 0] * x + M[0, 1] * y + M[0, 2] * z,
@@ -47,7 +47,7 @@ def multiply(M: Array, x: float, y: float, z: float) -> Triple:  # pragma: no co
 @compile_cached(inline="always")
 def _compute_acceleration(
     inertia: Array, inverse: Array, q: Quad, w: Triple, h: Triple, torque: Triple, z: Triple, gradient: float
-) -> Triple:  # pragma: no cover - compiled
+) -> Triple:
     """ω' of (1); torque is T − w, z inertial, gradient 3 n²."""
     a, b, c, d = q
     z_x = (1 - 2 * (b * b + c * c)) * z[0] + 2 * (a * b + c * d) * z[1] + 2 * (a * c - b * d) * z[2]
@@ -65,7 +65,7 @@ def _compute_acceleration(
 
 
 @compile_cached(inline="always")
-def _differentiate_quaternion(q: Quad, w: Triple) -> Quad:  # pragma: no cover - compiled
+def _differentiate_quaternion(q: Quad, w: Triple) -> Quad:
     """q' of (1)."""
     a, b, c, d = q
     x, y, z = 0.5 * w[0], 0.5 * w[1], 0.5 * w[2]
@@ -87,7 +87,7 @@ def step_rigid_body(
     gradient: float,
     dt: float,
     turned: Array,
-) -> None:  # pragma: no cover - compiled
+) -> None:
     """One step of (1), in place.
 
     Parameters

@@ -124,7 +124,7 @@ class State(NamedTuple):
 
 
 @compile_cached
-def compute_yaw_command(t: float, slew: Slew) -> float:  # pragma: no cover - compiled
+def compute_yaw_command(t: float, slew: Slew) -> float:
     """Yaw commanded at a time; the rate's ramps are smoothsteps, as in `simulator.truth.maneuvers.Slew`."""
     if slew.duration <= 0.0 or t <= slew.start:
         return slew.yaw
@@ -141,7 +141,7 @@ def compute_yaw_command(t: float, slew: Slew) -> float:  # pragma: no cover - co
 @compile_cached
 def count_orbit(
     row: Array, error: Array, apparent: Array, normal: bool, three: bool, momentum: Array, largest: float, state: State
-) -> None:  # pragma: no cover - compiled
+) -> None:
     """Add a cycle to an orbit's row."""
     row[20] = max(row[20], math.sqrt(momentum[0] ** 2 + momentum[1] ** 2 + momentum[2] ** 2))
     for i in range(WHEELS):

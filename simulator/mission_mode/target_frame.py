@@ -32,7 +32,7 @@ LATITUDE_ITERATIONS = 3  # of the iteration for the latitude; leaves less than 1
 
 
 @compile_cached
-def compute_lvlh_axes(u: float, node: float, cos_i: float, sin_i: float, out: Array) -> None:  # pragma: no cover - compiled
+def compute_lvlh_axes(u: float, node: float, cos_i: float, sin_i: float, out: Array) -> None:
     """LVLH axes as in `simulator.truth.orbit`, the rows of out (3, 3), at an argument of latitude and a node, rad."""
     cu, su, cn, sn = math.cos(u), math.sin(u), math.cos(node), math.sin(node)
     out[0, 0], out[0, 1], out[0, 2] = -su * cn - cu * cos_i * sn, -su * sn + cu * cos_i * cn, cu * sin_i
@@ -41,7 +41,7 @@ def compute_lvlh_axes(u: float, node: float, cos_i: float, sin_i: float, out: Ar
 
 
 @compile_cached
-def compute_geodetic_axes(lvlh: Array, radius: float, out: Array) -> None:  # pragma: no cover - compiled
+def compute_geodetic_axes(lvlh: Array, radius: float, out: Array) -> None:
     """Rows of the geodetic frame, in out (3, 3), from LVLH axes (3, 3) and the distance from the Earth's centre, m."""
     x, y, z = -radius * lvlh[2, 0], -radius * lvlh[2, 1], -radius * lvlh[2, 2]
     rho = math.sqrt(x * x + y * y)
@@ -63,7 +63,7 @@ def compute_geodetic_axes(lvlh: Array, radius: float, out: Array) -> None:  # pr
 
 
 @compile_cached
-def turn_about_z(frame: Array, yaw: float) -> None:  # pragma: no cover - compiled
+def turn_about_z(frame: Array, yaw: float) -> None:
     """Turn the rows of a frame (3, 3) by a yaw about its own z, rad, in place."""
     cosine, sine = math.cos(yaw), math.sin(yaw)
     for j in range(3):
@@ -72,7 +72,7 @@ def turn_about_z(frame: Array, yaw: float) -> None:  # pragma: no cover - compil
 
 
 @compile_cached
-def compute_rotation_between(before: Array, after: Array, out: Array) -> None:  # pragma: no cover - compiled
+def compute_rotation_between(before: Array, after: Array, out: Array) -> None:
     """Small rotation vector φ with after = exp(−[φ×]) before, rad, in out (3,); relative error |φ|⁴/15.
 
     With M = after beforeᵀ, the vector ½ (M₂₃ − M₃₂, M₃₁ − M₁₃, M₁₂ − M₂₁) is φ sin|φ|/|φ|.

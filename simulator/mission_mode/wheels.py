@@ -35,7 +35,7 @@ def build_wheel_pyramid(elevation: float = EQUAL_ELEVATION) -> Array:
 @compile_cached
 def distribute(
     torque: Array, distribution: Array, momentum: Array, torque_limit: float, momentum_limit: float, dt: float, out: Array
-) -> None:  # pragma: no cover - compiled
+) -> None:
     """Wheel torques for a torque on the body.
 
     Parameters
@@ -61,7 +61,7 @@ def distribute(
 @compile_cached
 def compute_unloading_moment(
     h_x: float, h_y: float, h_z: float, b_x: float, b_y: float, b_z: float, gain: float, limit: float
-) -> tuple[float, float, float]:  # pragma: no cover - compiled
+) -> tuple[float, float, float]:
     """Moment m of the torquers by the cross-product law.
 
     Parameters

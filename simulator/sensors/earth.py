@@ -136,7 +136,7 @@ class TrueEarthSensor:
 
 
 @compile_cached
-def compute_sun_cosine(A: Array, sun: Array, quadrant: int, nominal: float) -> float:  # pragma: no cover - compiled
+def compute_sun_cosine(A: Array, sun: Array, quadrant: int, nominal: float) -> float:
     """Cosine of the angle between a quadrant's nominal limb direction and the Sun, sun (3,) an inertial unit vector."""
     x = A[0, 0] * sun[0] + A[0, 1] * sun[1] + A[0, 2] * sun[2]
     y = A[1, 0] * sun[0] + A[1, 1] * sun[1] + A[1, 2] * sun[2]
@@ -145,9 +145,7 @@ def compute_sun_cosine(A: Array, sun: Array, quadrant: int, nominal: float) -> f
 
 
 @compile_cached
-def is_sun_intruding(
-    A: Array, position: Array, sun: Array, quadrant: int, nominal: float, cos_field: float
-) -> bool:  # pragma: no cover - compiled
+def is_sun_intruding(A: Array, position: Array, sun: Array, quadrant: int, nominal: float, cos_field: float) -> bool:
     """Whether the Sun, not eclipsed by the Earth, is within a field about a quadrant's nominal limb direction.
 
     A (3, 3) is the true attitude, or the estimated one for a prediction; the position, m, and the Sun's unit vector are
@@ -159,7 +157,7 @@ def is_sun_intruding(
 
 
 @compile_cached
-def sum_limb_signals(angle: float, offset: float, width: float) -> float:  # pragma: no cover - compiled
+def sum_limb_signals(angle: float, offset: float, width: float) -> float:
     """Sum of the three limb detectors' signals at a penetration angle, in units of the Earth's radiance."""
     total = 0.0
     for detector in range(LIMB_DETECTORS):
@@ -169,9 +167,7 @@ def sum_limb_signals(angle: float, offset: float, width: float) -> float:  # pra
 
 
 @compile_cached
-def filter_s(
-    state: float, S: float, used: bool, was_used: bool, gain: float, mode: int, restart: float
-) -> float:  # pragma: no cover - compiled
+def filter_s(state: float, S: float, used: bool, was_used: bool, gain: float, mode: int, restart: float) -> float:
     """S_f after one sample.
 
     Parameters
@@ -204,7 +200,7 @@ def measure(
     state: Array,
     used: Flags,
     angles: Array,
-) -> None:  # pragma: no cover - compiled
+) -> None:
     """One sample of all four quadrants.
 
     Parameters
@@ -237,7 +233,7 @@ def measure(
 
 
 @compile_cached
-def compute_roll_pitch(angles: Array, used: Flags) -> tuple[float, float]:  # pragma: no cover - compiled
+def compute_roll_pitch(angles: Array, used: Flags) -> tuple[float, float]:
     """Roll ρ and pitch ϑ of the body from the horizon's bisector, rad, of one sample of angles (4,) and flags (4,).
 
     NaN with fewer than three quadrants.
@@ -292,7 +288,7 @@ def _observe(
     sun: Array,
     angles: Array,
     used: Flags,
-) -> None:  # pragma: no cover - compiled
+) -> None:
     state, flags, noise = np.full(QUADRANTS, np.nan), np.ones(QUADRANTS, dtype=np.bool_), np.empty(NOISE_DRAWS)
     for k in range(len(gains)):
         for j in range(NOISE_DRAWS):

@@ -50,7 +50,7 @@ def add_white_noise(rng: np.random.Generator, rates: Array, arw: float, duration
 
 
 @compile_cached
-def _add_noise(rng: np.random.Generator, rates: Array, sigma: Array, out: Array) -> None:  # pragma: no cover - compiled
+def _add_noise(rng: np.random.Generator, rates: Array, sigma: Array, out: Array) -> None:
     for k in range(len(rates)):
         for i in range(rates.shape[1]):
             out[k, i] = rates[k, i] + rng.standard_normal() * sigma[k]

@@ -100,9 +100,7 @@ def build_trmm_sensors(
 
 
 @compile_cached
-def compute_head_tangents(
-    s_x: float, s_y: float, s_z: float, head: Array
-) -> tuple[float, float]:  # pragma: no cover - compiled
+def compute_head_tangents(s_x: float, s_y: float, s_z: float, head: Array) -> tuple[float, float]:
     """Tangents (tan α, tan β') that the heads see of a direction s in the α head's frame, s_z > 0; head (3,) rad."""
     c1, s1 = cos(head[0]), sin(head[0])
     c2, s2 = cos(head[1]), sin(head[1])
@@ -113,7 +111,7 @@ def compute_head_tangents(
 
 
 @compile_cached
-def _count(tangent: float, k: Array) -> float:  # pragma: no cover - compiled
+def _count(tangent: float, k: Array) -> float:
     """Count N, unrounded, at which R (5) with coefficients k (9,) gives an angle of this tangent."""
     offset = tan(k[8])
     target = (tangent - offset) / (1.0 + tangent * offset)
@@ -130,7 +128,7 @@ def _count(tangent: float, k: Array) -> float:  # pragma: no cover - compiled
 
 
 @compile_cached
-def compute_counts(tan_alpha: float, tan_beta: float, a: Array, b: Array) -> tuple[float, float]:  # pragma: no cover - compiled
+def compute_counts(tan_alpha: float, tan_beta: float, a: Array, b: Array) -> tuple[float, float]:
     """Counts (N_α, N_β), unrounded, of two tangents; a, b (9,) coefficients of R (5)."""
     return _count(tan_alpha, a), _count(tan_beta, b)
 
@@ -146,7 +144,7 @@ def compute_sensor_counts(
     half_fov: float,
     noise_alpha: float,
     noise_beta: float,
-) -> tuple[int, int, bool]:  # pragma: no cover - compiled
+) -> tuple[int, int, bool]:
     """Counts of both heads at one moment, and whether the Sun is in view of both; zeros when not.
 
     Parameters
@@ -220,7 +218,7 @@ def _observe(
     noise: Array,
     counts: Counts,
     visible: Flags,
-) -> None:  # pragma: no cover - compiled
+) -> None:
     for k in range(len(A)):
         counts[k, 0], counts[k, 1], visible[k] = compute_sensor_counts(
             A[k], sun[k], alignment, head, a, b, half_fov, noise[k, 0], noise[k, 1]

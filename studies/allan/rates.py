@@ -161,7 +161,7 @@ def _find_usable_runs(
 
 
 def _count_gentle_samples(x: Array) -> int:
-    """How many samples (n, 3), in sigmas, still belong to the motion before them, which ends gently."""
+    """Count the samples (n, 3), in sigmas, that still belong to the motion before them, which ends gently."""
     left, k = 0, 0
     while k < len(GENTLE) and left + 2 * GENTLE[k] <= len(x):
         count = GENTLE[k]

@@ -86,7 +86,7 @@ def _build_sinusoid_rows(name: str, axis: AxisNoise) -> list[dict[str, str]]:
 
 
 def list_remarks(found: NoiseAnalysis) -> list[str]:
-    """What is found, in sentences."""
+    """List the findings in sentences."""
     out = [] if found.arw else ["The recording states no angle random walk."]
     for name, axis in zip(found.names, found.axes, strict=True):
         walk = axis.fit.estimate(RANDOM_WALK)

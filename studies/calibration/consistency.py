@@ -152,7 +152,7 @@ def build_estimate_row(estimator: str, error: Array, covariance: Array) -> dict[
 
 
 def normalise_errors(rows: pd.DataFrame) -> dict[str, Array]:
-    """What should be standard normal, (cases, d), of one estimator's rows: each parameter's e/σ, and the whole, whitened."""
+    """Normalise the errors of one estimator's rows to standard normal, (cases, d): each e/σ, and the whole, whitened."""
     normalised = rows[ERRORS].to_numpy() / rows[SIGMAS].to_numpy()
     return {**{name: normalised[:, [k]] for k, name in enumerate(NAMES)}, WHOLE: rows[WHITE_COLUMNS].to_numpy()}
 
@@ -221,7 +221,7 @@ def _compute_statistics(y: Array, confidence: float, bins: int) -> pd.DataFrame:
 
 
 def _decide_verdicts(table: pd.DataFrame) -> list[str]:
-    """What each statistic that is outside its limits is laid to."""
+    """Decide the cause of each statistic that is outside its limits."""
     outside = (table["value"] < table["lower"]) | (table["value"] > table["upper"])
     spread = OVER_CONFIDENT if table["value"]["spread"] > 1 else UNDER_CONFIDENT
     cause = BIASED_ESTIMATOR if outside["mean"] and not outside["spread"] else spread

@@ -91,7 +91,7 @@ def run_case(config: IterationsConfig, number: int, streams: Streams) -> list[di
 
 
 def _run_iterations(config: IterationsConfig, problem: Problem, truth: Array, error: Array) -> dict[str, object]:
-    """What each iteration from truth + error leaves; sigmas are the formal ones of the last iteration."""
+    """Compute the error after each iteration from truth + error; sigmas are the formal ones of the last iteration."""
     result = problem.iterate(truth + error, config.iterations, config.psi)
     sigma = np.sqrt(np.diag(result.P))
     corrections = np.diff(result.x, axis=0)
@@ -228,7 +228,7 @@ def _build_checks(rows: pd.DataFrame) -> list[Check]:
 
 
 def report(config: IterationsConfig, rows: pd.DataFrame) -> Report:
-    """What each iteration leaves, how fast, and from what initial error one is not enough."""
+    """Report the error after each iteration, its order, and the initial error from which one iteration is not enough."""
     medians = summarise_iterations(rows)
     keys = ["direction", "noise", "factor"]
     left = [f"left_{k}_{what}_sigma" for k in range(SHOWN_ITERATIONS + 1) for what in ("G", "bias")]
@@ -255,7 +255,7 @@ DIRECTION_TITLES = {"flown": "pre-launch − truth", "random": "random direction
 
 
 def _draw_figure(rows: pd.DataFrame) -> panels.Draw:
-    """What iterations leave over the size of the initial error, a panel a direction."""
+    """Draw the error after iterations over the initial error, a panel for each direction."""
 
     def lines(part: pd.DataFrame) -> list[Line]:
         out = []

@@ -91,7 +91,7 @@ def select_intervals(recording: Recording, chosen: Collection[int]) -> Recording
 
 
 def run_case(config: ManeuversNeededConfig, case: int, streams: Streams) -> dict[str, object]:
-    """What a subset determines."""
+    """Compute the parameters that a subset of the maneuvers determines."""
     references, chosen = config.points()[case]
     whole, truth = _simulate_all_intervals(config, case)
     recording = select_intervals(whole[references], chosen)
@@ -130,7 +130,7 @@ def find_minimal_subsets(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def compute_leave_one_out(config: ManeuversNeededConfig, rows: pd.DataFrame) -> pd.DataFrame:
-    """What each maneuver adds, a row each, from the rows of one kind of references.
+    """Compute the gain by each maneuver, a row each, from the rows of one kind of references.
 
     Returns
     -------
@@ -206,7 +206,7 @@ TELLS = "Information is shared out by Shapley's value, the mean addition over al
 
 
 def _build_checks(config: ManeuversNeededConfig, rows: pd.DataFrame, references: str) -> list[Check]:
-    """What is found with one kind of references."""
+    """Build the checks of one kind of references."""
     at = f"references at {references}"
     least = find_minimal_subsets(rows)
     out = [Check(f"subsets that determine all twelve, {at}", int((rows["lost"] == 0).sum()))]
@@ -271,7 +271,7 @@ def _draw_growth_figure(config: ManeuversNeededConfig, kinds: Mapping[str, pd.Da
 
 
 def _draw_size_figure(kinds: Mapping[str, pd.DataFrame]) -> panels.Draw:
-    """How many subsets of a size lose how many combinations."""
+    """Draw the number of subsets of a size that lose a number of combinations."""
     axes: dict[str, Any] = {"x": "maneuvers in the subset", "y": "combinations not determined"}
     grids = {
         kind: rows.pivot_table(index="lost", columns="size", values="equations", aggfunc="size") for kind, rows in kinds.items()

@@ -208,7 +208,7 @@ def build_spread_table(config: NoiseConfig, rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def build_limits_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """How many of the twelve parameters the gyro limits, reference sigma down, ARW across."""
+    """Count the parameters, of twelve, that the gyro limits; reference sigma down, ARW across."""
     grid = rows[~rows["flight"]]
     table = grid.assign(limited=(grid[GYRO_SHARE_COLUMNS] > 0.5).sum(axis=1))
     table = table.pivot_table(index="sigma_deg", columns="arw_deg_per_sqrt_s", values="limited").astype(int)

@@ -230,7 +230,7 @@ def _build_checks(rows: pd.DataFrame) -> list[Check]:
 
 
 def report(config: PsiConfig, rows: pd.DataFrame) -> Report:
-    """Where linear ψ and full ψ stop being good enough, and how their errors scale."""
+    """Report the limits of linear ψ and of full ψ, and how their errors scale."""
     tables = {
         "limits": Table("Where each ψ exceeds the limit in G", find_psi_limits(rows)),
         "step_orders": Table("Order of the error in Δt", estimate_step_orders(rows)),

@@ -89,7 +89,7 @@ class NoiseFreeSimulation:
 
 
 def build_once(build: Callable[[Config, NoiseFreeSimulation], Built]) -> Callable[[Config, int], Built]:
-    """What `build` makes of a configuration and its flown scenario, once a process.
+    """Call `build` once a process for a configuration and its simulated scenario.
 
     With dispersions every case has a scenario of its own, and it is built anew for each. The key is JSON, since in a worker the
     same configuration may arrive as another object.

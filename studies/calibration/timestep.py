@@ -279,7 +279,7 @@ def _build_checks(rows: pd.DataFrame) -> list[Check]:
 
 
 def report(config: TimestepConfig, rows: pd.DataFrame) -> Report:
-    """What skipping and averaging cost in noise and in bias."""
+    """Report the noise and the bias that skipping and averaging add."""
     tables = {
         "steps": Table(
             "Skipping and averaging (largest or RMS over the parameters; ratios to the full stream)", summarise_steps(rows)

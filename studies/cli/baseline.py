@@ -29,7 +29,7 @@ def command(regenerate: bool, path: Path | None, as_json: Path | None) -> None:
     from studies.report import tables as render
     from studies.validation import baseline
 
-    path = path or baseline.find_baseline_path()
+    path = path or baseline.BASELINE_PATH
     stored = baseline.read_baseline(path) if path.exists() else None
     if stored is None and not regenerate:
         raise InputError(f"{path}: no baseline there; run in the project's folder, or write one with --write")

@@ -51,7 +51,7 @@ def compare(before: Path, after: Path, out: Path | None) -> None:
     from studies.report import entry
 
     bench = catalogue.load_module("bench")
-    made = bench.compare(bench.load_run(before), bench.load_run(after))
+    made = bench.compare(bench.load_bench_run(before), bench.load_bench_run(after))
     entry.show(made, make_console())
     if out:
         entry.write(made, f"Bench: {before.name} and {after.name}", out)

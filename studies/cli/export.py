@@ -140,7 +140,7 @@ def export_csv_command(recording: Path, out: Path, as_json: Path | None) -> None
 
 
 def _tell(as_json: Path | None, recording: Recording, *files: Path) -> None:
-    """What was made of a recording, as JSON."""
+    """Write the outcome of an export as JSON."""
     if as_json:
         made = {"title": recording.title, "epoch": recording.epoch, "references": recording.attitudes.t_s.size}
         write_json(as_json, {"recording": made, "files": [str(path) for path in files]})

@@ -131,5 +131,5 @@ def main() -> None:
 
 
 def _open_null_stream() -> Any:
-    """What stands in for a stream that the shell has closed."""
+    """Open a substitute for a stream that the shell has closed."""
     return open(os.devnull, "w", encoding="utf-8")  # open as long as the program runs

@@ -121,7 +121,7 @@ def command(
 
 
 def _choose_folder(name: str, out: Path | None, paper: str | None) -> Path:
-    """Where a paper's results go."""
+    """Choose the folder of a paper's results."""
     return PAPER_FOLDERS[name] if out is None else out if paper else out / PAPER_FOLDERS[name].name
 
 

@@ -203,7 +203,7 @@ def _find_predicted_amplitudes(effects: Sequence[Setting]) -> NDArray[np.intp]:
 
 
 def _compute_response(scenario: AdoptedScenario, plain: Recording, effects: Sequence[Setting]) -> Response:
-    """What the predicted ones of some effects add to a noise-free flight."""
+    """Compute the change of a noise-free recording by the predicted ones of some effects."""
     predicted = [one for one in effects if REGISTRY[one.effect].stage in PREDICTABLE_STAGES]
     shown = make_body_recording(scenario.fly(effects=predicted, noise=False)) if predicted else plain
     return Response(shown.gyro.rates - plain.gyro.rates, separation(plain.attitudes.quaternions, shown.attitudes.quaternions))

@@ -66,7 +66,7 @@ class ScenarioComparison:
 
     @property
     def by_chance(self) -> float:
-        """How many of the judged statistics would be among these by chance: of N flights few have a rank so far out."""
+        """Expected number of these among the judged statistics by chance: of N simulations few have so extreme a rank."""
         ranks = 2 * math.ceil(EXTREME * self.flights)
         return self.extreme[1] * ranks / (self.flights + 1)
 

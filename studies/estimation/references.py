@@ -207,7 +207,7 @@ def compare_full_filter(streams: Streams, truth: GyroParameters, arw: float, mis
 
 
 def _summarise_own_checks(full: FullFilterResult) -> dict[str, object]:
-    """What the full filter can see for itself."""
+    """Summarise the checks that the full filter makes of itself."""
     chi2, dof = (sum(getattr(one, name) for one in full.changes) for name in ("chi2", "dof"))
     return {"innovations_per_dof": full.mean_nis, "changes_per_dof": chi2 / dof}
 

@@ -133,7 +133,7 @@ def _follow(parent: int) -> None:
 
 @contextlib.contextmanager
 def _delay_signals() -> Iterator[None]:
-    """What would end the study waits, also for the processes that are started meanwhile."""
+    """Delay signals that would end the study, also for the processes that are started meanwhile."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     try:
         yield

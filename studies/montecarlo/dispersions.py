@@ -46,7 +46,7 @@ class _Distribution(BaseModel):
     mode: Literal["absolute", "offset", "factor"] = "absolute"
 
     def apply_draw(self, draw: float, value: float) -> float:
-        """What the scenario's value becomes."""
+        """Return the dispersed value of the scenario."""
         return draw if self.mode == "absolute" else value + draw if self.mode == "offset" else value * draw
 
 
@@ -171,7 +171,7 @@ def check(dispersions: Mapping[str, Dispersion], scenario: Scenario) -> None:
 def draw_values(
     dispersions: Mapping[str, Dispersion], scenario: Scenario, sampler: Sampler, *, entropy: int, case: int, cases: int
 ) -> dict[str, float]:
-    """What the dispersed values of a scenario are in one case, by path.
+    """Draw the dispersed values of a scenario in one case, by path.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def draw_values(
 
 
 def evaluate_at_shares(dispersions: Mapping[str, Dispersion], scenario: Scenario, shares: Iterable[float]) -> dict[str, float]:
-    """What the dispersed values become, each at a share of its distribution, in the order of the dispersions."""
+    """Evaluate the dispersed values, each at a share of its distribution, in the order of the dispersions."""
     return {
         path: dispersion.apply_draw(dispersion.quantile(share), get_scenario_value(scenario, path))
         for (path, dispersion), share in zip(dispersions.items(), shares, strict=False)

@@ -289,7 +289,7 @@ def _choose_chunk_size(cases: int, wanted: int | None, earlier: Mapping[str, Any
 
 
 def get_work_folder(folder: Path, study: Study, config: StudyConfig) -> Path:
-    """Where a study runs whose rows are not kept, in the folder of what is made of them.
+    """Return the folder of a study whose rows are not kept, inside the folder of its output.
 
     Of each configuration, source code and machine its own, so that what another one left unfinished is never in the way.
     """
@@ -349,7 +349,7 @@ def rerun(study: Study, config: StudyConfig, case: int, folder: Path) -> Rerun:
 
 
 def _prepare(study: Study, config: StudyConfig) -> tuple[Callable[[range], Task], StudyConfig]:
-    """What makes a task of a range of cases, and the resolved configuration."""
+    """Return a maker of tasks from ranges of cases, and the resolved configuration."""
     folder = find_study_folder(study)
     if find(study.name, folder) != study:
         raise InputError(f"study {study.name}: what stands there is not the study of that name")
@@ -366,7 +366,7 @@ def _check_case(config: StudyConfig, case: int) -> None:
 
 
 def describe_configuration(study: Study, config: StudyConfig) -> dict[str, Any]:
-    """What the manifest says about a study: the configuration as given, the scenario it stands for, and the hash of both."""
+    """Describe a study for the manifest: its configuration as given, the resolved scenario, and the hash of both."""
     ready = resolve_config(config)
     given = config.model_dump(mode="json")
     if not isinstance(config.scenario, str):

@@ -254,7 +254,7 @@ class Session:
 
     @property
     def wall_s(self) -> float:
-        """How long the run has taken."""
+        """Elapsed time of the run, s."""
         return time.monotonic() - self.begun
 
     def write(self, status: str) -> dict[str, Any]:

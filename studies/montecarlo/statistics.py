@@ -37,7 +37,7 @@ class Nees:
 
     @property
     def verdict(self) -> str:
-        """What the mean says of the covariance."""
+        """Verdict of the mean on the covariance."""
         return CONSISTENT if self.is_inside else OVER_CONFIDENT if self.value > self.upper else UNDER_CONFIDENT
 
 
@@ -67,7 +67,7 @@ def build_nees_row(values: ArrayLike, dof: int, confidence: float = LINE_CONFIDE
 
 
 def count_covered(errors: Array, sigmas: Array, level: str) -> tuple[int, int]:
-    """How many |e| are within the level's k sigma, and of how many."""
+    """Count the |e| within the level's k sigma, and all of them."""
     k = scipy.special.ndtri(0.5 + SIGMA_LEVELS[level] / 2)
     inside = np.abs(errors) <= k * sigmas
     return int(inside.sum()), int(inside.size)
@@ -164,7 +164,7 @@ def fit_log_slope(x: ArrayLike, y: ArrayLike) -> float:
 
 
 def find_level_crossing(x: ArrayLike, y: ArrayLike, level: float) -> float:
-    """Where y first rises through the level, interpolated in log x and log y; NaN if it does not between first and last x."""
+    """Find the first x at which y rises through the level, interpolated in log x and log y; NaN if there is none."""
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     above = np.flatnonzero((y[:-1] < level) & (y[1:] >= level))
     if above.size == 0:

@@ -101,7 +101,7 @@ class Parts:
             return file.read()
 
     def inspect(self, index: int) -> PartInfo | str | None:
-        """What a part on disk says about itself; text saying what is wrong with it, or None if cases of it are missing.
+        """Read the description of a part on disk; text if it is damaged, None if cases of it are missing.
 
         Raises
         ------

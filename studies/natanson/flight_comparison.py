@@ -138,7 +138,7 @@ def add_direction_tables(scenario: Scenario, made: Reproduction) -> None:
 def add_recalibration_tables(
     scenario: Scenario, timings: dict[str, Scenario], sigma: dict[str, Array], made: Reproduction
 ) -> None:
-    """What the flight's own residuals give: calibrations beside N's, and N Table 5's second iteration.
+    """Add the results of the flight's own residuals: calibrations beside N's, and N Table 5's second iteration.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def add_recalibration_tables(
 
 
 def describe_gap(summary: dict[str, Any]) -> str:
-    """What the gaps mean, in words."""
+    """Describe the gaps in words."""
     share = 100 * summary["clean_gap_scan_deg"]["share_below_assumed"]
     left = summary["flight_noise"]["residual_rms_deg"] * np.sqrt(6 / 18)
     return fill(GAP_NOTE, flatten(summary), share=share, left=left)

@@ -104,7 +104,7 @@ class StepCalibration:
 
     @property
     def published(self) -> GyroParameters:
-        """What N found at this step."""
+        """Values that N found at this step."""
         return (
             flight.read_published_calibration()
             if self.step_s == flight.FLIGHT_STEPS_S[0]
@@ -243,7 +243,7 @@ def build_second_iteration_table(scenario: Scenario, sigma: dict[str, Array]) ->
 
 
 def score_second_iteration(table: pd.DataFrame) -> dict[str, dict[str, object]]:
-    """How well each space tells N Table 5's second iteration: correlation over its cells, RMS in its units, cells far off."""
+    """Score each space's prediction of N Table 5's second iteration: correlation, RMS in its units, cells far off."""
     flown, G = table["flight"].to_numpy(), (table["quantity"] == "G_inverse").to_numpy()
     out: dict[str, dict[str, object]] = {}
     for name in CALIBRATION_SPACES:

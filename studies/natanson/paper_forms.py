@@ -59,7 +59,7 @@ def convert_to_gyro_form(vectors: Array) -> tuple[list[tuple[str, str]], Array]:
 
 
 def count_digit_changes(first: Array, second: Array) -> tuple[Array, Array]:
-    """How many printed digits a further iteration changes: of N Table 2, and of both of N Table 4's statistics, (n,) each.
+    """Count the printed digits that one more iteration changes: N Table 2 and both statistics of N Table 4, (n,) each.
 
     Parameters
     ----------

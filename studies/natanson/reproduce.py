@@ -149,7 +149,7 @@ def build_estimates_table(summary: dict[str, Any]) -> pd.DataFrame:
 
 
 def build_question_table(summary: dict[str, Any]) -> pd.DataFrame:
-    """What parts simulated and flown on N, a row a question."""
+    """Build the table of questions on where simulation and the flight of N differ, a row each."""
     names = ["question", "simulated", "flown", "gap before", "effect found", "gap after, on numbers that fitted nothing"]
     rows = fill(" ".join(QUESTIONS.replace("\n\n", "¶").split()), flatten(summary)).split("¶")
     return pd.DataFrame([[cell.strip() for cell in row.split("|")] for row in rows], columns=names)

@@ -53,7 +53,7 @@ class CommonTiming:
     stay_s: float
 
     def overrides(self, scenario: Scenario) -> dict[str, float]:
-        """What to override in a TRMM scenario."""
+        """Overrides of a TRMM scenario."""
         out: dict[str, float] = {}
         for k in SLEWING:
             for j, slew in enumerate(scenario.interval[k].slew):
@@ -179,7 +179,7 @@ class TimingFit:
 
     @property
     def count(self) -> int:
-        """How many values were fitted."""
+        """Number of fitted values."""
         return len(self.timings)
 
 

@@ -114,7 +114,7 @@ def _format_short(value: float) -> str:
 
 
 def list_remarks(result: CalibrationResult) -> list[str]:
-    """What speaks for and against the result, in sentences."""
+    """List the evidence for and against the result, in sentences."""
     lines = [describe_fit(result), *recommend_sigmas(result)]
     worst = describe_worst_residual(result)
     if worst:
@@ -214,14 +214,14 @@ def describe_fit(result: CalibrationResult) -> str:
 
 
 def describe_import_noise(result: CalibrationResult, estimated: Sequence[str]) -> list[str]:
-    """Where the noise that the residuals do not fit comes from, if an import estimated it."""
+    """Describe the origin of the noise that the residuals do not fit, if an import estimated it."""
     if not estimated or result.dof <= 0 or DOUBT <= result.p_value <= 1 - DOUBT:
         return []
     return [f"The import estimated this noise: {'; '.join(estimated)}. State what is known of it, see docs/import.md."]
 
 
 def list_misfit_reasons(result: CalibrationResult) -> list[str]:
-    """What may make residuals too large, the choices of this run first."""
+    """List possible reasons of too large residuals, the choices of this run first."""
     out = []
     if result.options["prior_sigma"] is not None and not result.has_plausible_prior:
         out.append("a prior that is too tight")

@@ -120,7 +120,7 @@ def list_answers(result: CalibrationResult) -> dict[str, str]:
 
 
 def describe_largest_changes(result: CalibrationResult) -> str:
-    """How many parameters change beyond doubt, and which most."""
+    """Describe the number of parameters that change significantly, and the largest changes."""
     table = _build_solved_table(result)
     count = int((table["in_sigma"].abs() > FOREST_SIGMA).sum())
     row = table.iloc[int(table["in_sigma"].abs().to_numpy().argmax())]
@@ -152,7 +152,7 @@ def _describe_ranges(result: CalibrationResult) -> str:
 
 
 def recommend_next_step(result: CalibrationResult) -> str:
-    """What the result asks for."""
+    """Recommend the next step after the result."""
     if result.warnings:
         return "Check how the recording was made and read: the warning above names the suspects."
     if result.observability.unobservable:

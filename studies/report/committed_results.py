@@ -111,7 +111,7 @@ def _compare_cells(name: str, then: pd.DataFrame | None, now: pd.DataFrame | Non
 
 
 def describe_moved_numbers(now: Results, then: Results | None, differences: pd.DataFrame | None = None) -> str:
-    """What the comparison comes to."""
+    """Summarise the comparison."""
     if then is None:
         return f"{now.folder}: nothing committed to compare with."
     if now.config != then.config:

@@ -77,7 +77,7 @@ def build_statistics_table(standing: ScenarioComparison) -> pd.DataFrame:
 
 
 def describe_comparison(comparison: Comparison) -> list[str]:
-    """What it comes to."""
+    """Summarise the comparison."""
     out = []
     baseline = comparison.standings[0].gap
     if baseline.before_90[0] <= 0 <= baseline.before_90[1]:

@@ -103,7 +103,7 @@ def _state_shares(diagnosis: Diagnosis) -> str:
 
 
 def format_clause(cause: Cause) -> str:
-    """What is so when a cause is at work, with its size."""
+    """Format the clause that states a cause with its size."""
     if cause.effect not in EFFECTS:
         return f"something acts that is on no list ({cause.effect})"
     return EFFECTS[cause.effect].sentence(cause.axis, cause.size, format_magnitude(cause))
@@ -120,7 +120,7 @@ def _format_alternatives(cause: Cause, diagnosis: Diagnosis, more: str = "") -> 
 
 
 def _format_unsized(label: str) -> str:
-    """What is so when an effect is at work, without a size."""
+    """Format the clause that states an effect without a size."""
     name, _, axis = label.partition(":")
     if name not in EFFECTS:
         return "something acts that is on no list"
@@ -214,13 +214,13 @@ def _describe_certainty(diagnosis: Diagnosis) -> str:
 
 @cache
 def _read_reliability_table() -> pd.DataFrame:
-    """How often what was stated was there, by stated probability; of the first-sight exams."""
+    """Read the measured reliability by stated probability; of the first-sight exams."""
     with resources.files("studies").joinpath("data", "reliability.csv").open("rb") as file:
         return pd.read_csv(file)
 
 
 def describe_reliability(probability: float) -> str:
-    """How often statements of such a probability were right when it was measured."""
+    """Describe the measured frequency of right statements at such a probability."""
     rows = _read_reliability_table()
     rows = rows[(rows["from"] <= probability) & (probability <= rows["to"]) & (rows["statements"] >= FEWEST_STATEMENTS)]
     if rows.empty:
@@ -250,8 +250,3 @@ def _describe_limits(diagnosis: Diagnosis) -> str:
     if others:
         return f"Whether it is not rather that {words.join_items(list(dict.fromkeys(others)), 'or')}."
     return "Constant errors of scale, alignment and bias, which the calibration takes up, and what is below the noise."
-
-
-def list_texts(found: Card) -> Sequence[str]:
-    """All that the card says, for a check that no name of an effect is in it."""
-    return [found.headline, *(text for line in found.lines for text in line)]

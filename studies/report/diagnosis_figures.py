@@ -116,7 +116,7 @@ def draw_statistics_figure(statistics: pd.DataFrame) -> Figure:
 
 
 def draw_regressor_figure(regressors: pd.DataFrame, cause: str) -> Figure:
-    """What the baseline leaves against what the cause does, and both over time where it does most."""
+    """Draw the baseline's residuals against the cause's, and both over time where the cause acts most."""
     part = regressors[regressors["cause"] == cause]
     reach = part.groupby("axis")["regressor_deg"].agg(lambda values: values.abs().max())
     part = part[part["axis"].isin(reach[reach >= REACHED * reach.max()].index)]

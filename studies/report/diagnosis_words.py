@@ -84,7 +84,7 @@ def join_effects(effects: Sequence[str]) -> str:
 
 
 def explain_effect(text: str) -> str:
-    """What an effect is, by its label."""
+    """Explain an effect by its label."""
     name = text.split(":")[0]
     return (EFFECTS[name].meaning or EFFECTS[name].summary) if name in EFFECTS else UNLISTED_NOTE
 
@@ -307,7 +307,7 @@ def _remove_zero_sign(text: str) -> str:
 
 
 def describe_calibration_change(diagnosis: Diagnosis) -> str:
-    """What the causes change in the calibration, and whether it can be trusted."""
+    """Describe the changes of the calibration by the causes, and whether it can be trusted."""
     if not diagnosis.causes:
         if not diagnosis.present:
             return "The calibration is the baseline's: no cause is in the model."

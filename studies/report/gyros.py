@@ -53,7 +53,7 @@ def summarise_gyros(gyros: GyroArray, before: GyroArray) -> list[list[float]]:
 
 
 def list_remarks(result: GyrosResult) -> list[str]:
-    """What speaks for and against the result, in sentences."""
+    """List the evidence for and against the result, in sentences."""
     lines = []
     for what, chi2, dof, p in (
         ("Attitude residuals and parity together", result.chi2, result.dof, result.p_value),

@@ -151,7 +151,7 @@ def _build_natanson_answers(found: PaperResults, claims: Sequence[JudgedClaim]) 
 
 
 def _describe_largest_gap(gap: pd.DataFrame) -> str:
-    """Where the clean gap is largest: two of its numbers."""
+    """Describe the place of the largest clean gap by two of its numbers."""
     worst = gap.reindex(gap["clean_gap_deg"].abs().sort_values(ascending=False).index).head(2)
     return " and ".join(f"interval {one.interval}, {one.axis}, by {one.clean_gap_deg:+.4f} deg" for one in worst.itertuples())
 
@@ -235,7 +235,7 @@ def _build_paper_sections(name: str, source: Source) -> Iterator[Section]:
 
 
 def _find_caption(file: str) -> str:
-    """What a figure of N shows, by its file."""
+    """Find the caption of a figure of N by its file."""
     return CAPTIONS.get(file, file.removesuffix(".svg").replace("_", " "))
 
 

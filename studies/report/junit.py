@@ -34,7 +34,7 @@ class Verdict:
 
 
 def convert_checks(checks: Sequence[Check]) -> list[Verdict]:
-    """What a study found: a note, which has no bounds or too few rows for them, is skipped."""
+    """Convert the checks of a study; a note, which has no bounds or too few rows for them, is skipped."""
     from studies.report.checks import format_checks
 
     out = []

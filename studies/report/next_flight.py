@@ -25,7 +25,7 @@ def plan_next_flight(diagnosis: Diagnosis, scenario: Scenario, progress: Progres
 
 
 def describe_next_flight(diagnosis: Diagnosis, found: Plan | None = None) -> str:
-    """What to fly, or where that can be asked.
+    """Describe the recommended next flight, or where it can be asked for.
 
     Parameters
     ----------

@@ -33,8 +33,5 @@ def show(console: Console, found: RecordingPrediction) -> None:
     """Print all of it."""
     for line in describe_prediction(found):
         console.print(line, highlight=False, markup=False, emoji=False)
-    tables.print_table(console, "Residuals by interval and axis", _build_band_table(found), NEXT_RECORDING_NOTE)
-
-
-def _build_band_table(found: RecordingPrediction) -> pd.DataFrame:
-    return pd.DataFrame([vars(band) for band in found.predicted.bands])
+    bands = pd.DataFrame([vars(band) for band in found.predicted.bands])
+    tables.print_table(console, "Residuals by interval and axis", bands, NEXT_RECORDING_NOTE)

@@ -34,7 +34,7 @@ REMEDIES = {
 
 
 def describe_next_step(diagnosis: Diagnosis) -> str:
-    """What to do, without what to fly."""
+    """Describe the next step, without the maneuvers to fly."""
     if diagnosis.verdict == "none":
         return "Use the calibration as it is."
     if diagnosis.verdict == "unknown":

@@ -138,7 +138,7 @@ def draw_panels(
 
 
 def build_sheet(*panels: Panel, **options: Any) -> Draw:
-    """What saves panels side by side; options as of `draw_panels`."""
+    """Build a function that saves panels side by side; options as of `draw_panels`."""
     return lambda path: save(draw_panels(*panels, **options), path)
 
 

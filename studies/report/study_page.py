@@ -20,7 +20,7 @@ def build_study_page(folder: Path, made: ProvenanceFooter | None = None) -> str:
 
 
 def summarise_checks(folder: Path) -> str:
-    """How many checks of a study pass, and which do not."""
+    """Count the checks of a study that pass, and name the others."""
     path = folder / "checks.csv"
     if not path.is_file():
         return "This study has no checks."

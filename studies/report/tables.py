@@ -46,7 +46,7 @@ class Table:
     digits: int = SIGNIFICANT_DIGITS
 
     def get_shown_data(self) -> pd.DataFrame:
-        """What people see."""
+        """Return the columns that are shown."""
         if self.shown is None:
             return self.data
         return self.data[self.shown] if isinstance(self.shown, list) else self.shown

@@ -60,7 +60,7 @@ MOST_JOINT_EFFECTS = 8  # Table 3's and those of the others
 
 
 def read_further_observations() -> Array:
-    """What R prints, in the order of `COMPARED`."""
+    """Read the printed values of R, in the order of `COMPARED`."""
     change = [
         published_tables.read_published_slew_error(axis, "precalibration")
         - published_tables.read_published_slew_error(axis, "postcalibration")
@@ -122,7 +122,7 @@ def diagnose_all_data(windows: Windows, further: Further) -> PerformanceDiagnosi
 
 
 def compute_further_odds(model: LinearModel, windows: Windows) -> list[float]:
-    """By how much each candidate as it was flown changes ln P of both signs and of R (6), about the nominal."""
+    """Compute the change of ln P of both signs and of R (6) by each candidate as it was flown, about the nominal."""
     by_label = {f"{one.effect}:{one.axis}" if one.axis else one.effect: one.setting for one in TRIED_EFFECTS if one.setting}
 
     def sum_log_evidence(effects: tuple[str, ...]) -> float:

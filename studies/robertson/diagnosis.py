@@ -25,7 +25,7 @@ from diagnosis.inference.amplitudes import FittedEffect, fit
 from diagnosis.inference.attribution import Attribution, infer_attribution
 from diagnosis.inference.closure import compute_closure
 from diagnosis.model.groups import CandidateColumns
-from diagnosis.model.linear import LinearModel, Parameters
+from diagnosis.model.linear import LinearModel, Parameters, read_first_amplitude
 from diagnosis.settings import DEFAULT
 from studies.printed_table import UNKNOWN_NAME, build_model, make_candidate, make_rival, rank_explanations
 from studies.robertson.calendar import PERIODS
@@ -129,7 +129,7 @@ class PerformanceDiagnosis:
 
     @property
     def probabilities(self) -> dict[str, float]:
-        """Of each candidate, the likeliest first."""
+        """Probability of each candidate, the likeliest first."""
         out: dict[str, float] = {}
         for one in self.attribution.ranked:
             for label in one.labels:
@@ -196,16 +196,12 @@ def _make_effect_candidate(one: TrialEffect, change: Array) -> CandidateColumns:
     # An effect's amplitude is its size, or the square of it.
     power = 2 if one.squared else 1
     limits = (one.limits[0] ** power, one.limits[1] ** power)
-    read = _read_square_root if one.squared else _read_amplitude
+    read = _read_square_root if one.squared else read_first_amplitude
     return make_candidate(one.effect, one.axis, change / one.size**power, one.unit, limits, positive=True, read=read)
 
 
 def _read_square_root(amplitudes: Array) -> tuple[float, Parameters]:
     return float(np.sqrt(max(amplitudes[0], 0.0))), {}
-
-
-def _read_amplitude(amplitudes: Array) -> tuple[float, Parameters]:
-    return float(amplitudes[0]), {}
 
 
 def add_bias_walk(rows: pd.DataFrame, one: TrialEffect, entropy: int = 1998) -> pd.DataFrame:

@@ -63,7 +63,7 @@ class HistoryResult:
     updates: pd.DataFrame
 
     def compare_published(self) -> pd.DataFrame:
-        """What was found beside R's."""
+        """Compare the estimates with R's."""
         published = np.rad2deg(Rotation.from_matrix(find_nearest_rotation(R3_M)).as_rotvec())
         rows = [
             {"what": f"m_{axis} of DSS-2 (deg)", "found": found, "R": one}
@@ -111,7 +111,7 @@ def _average_alignment(base: MissionConfig, tables: OnBoardTables, entropy: int)
 
 
 def estimate_orbit_alignments(base: MissionConfig, tables: OnBoardTables, entropy: int) -> tuple[Array, Array]:
-    """What each early orbit alone gives: rotation vectors (n, 3) of M of DSS-2 and penetration biases (n, 4), rad."""
+    """Estimate from each early orbit alone the rotation vectors (n, 3) of M of DSS-2 and the biases (n, 4), rad."""
     turns, biases = [], []
     for k, angle in enumerate(np.linspace(*EARLY_DEG, EARLY_ORBITS)):
         config, run = _simulate_day(

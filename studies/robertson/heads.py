@@ -265,7 +265,7 @@ def _find_orthogonal_mean(own: pd.DataFrame, truth: str, label: str, k: int) -> 
 
 
 def build_head_checks(rows: pd.DataFrame) -> tuple[Check, ...]:
-    """What the study answers beside its tables."""
+    """Build the checks of the study beside its tables."""
     groups = {
         "R's heads, misalignment and biases": ["R"],
         "turned heads alone": ["heads"],

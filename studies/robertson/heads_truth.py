@@ -59,7 +59,7 @@ def solve_further_truth(scenario: Scenario) -> tuple[Setting, ...]:
 
 
 def fit_orthogonal_calibration(scenario: Scenario, effects: Sequence[Setting]) -> dict[str, Array]:
-    """What a calibration that knows orthogonal matrices and biases only finds of noise-free tables, deg, by effect."""
+    """Fit orthogonal matrices and biases alone to noise-free tables; errors in deg, by effect."""
     motion = simulate_case_motion(scenario)
     plain = observe(scenario, motion, gyro_rng=None, reference_rng=None)
     arcs, _ = build_arcs(replace(plain, sensors=simulate_sensor_tables(scenario, motion, effects, noise=False)))

@@ -51,7 +51,7 @@ def compute_coefficients(config: MissionConfig, angles_deg: tuple[float, float] 
 
 
 def predict_coefficients(config: MissionConfig) -> tuple[Array, Array]:
-    """What R (6) should be for the sensors as they sit, and its sigma; (4,) 1e-6 each."""
+    """Predict R (6) for the sensors as mounted, and its sigma; (4,) 1e-6 each."""
     tangent = -config.boresights[1]
     closed = [
         compute_compensation(HEAD_ANGLES[name], sign * tangent)

@@ -55,7 +55,7 @@ DATES = "R has six yaw maneuvers; the first one here, two days after launch, may
 
 
 def build_mission_checks(tables: dict[str, pd.DataFrame], summary: dict[str, Any]) -> list[Check]:
-    """What is found, beside what R says; a note without a value where nothing was flown."""
+    """Build the checks against R; a note without a value where nothing was simulated."""
     seeds, by_slew = summary["largest_seed_range_deg"], compute_slew_gaps(tables["table2"])
     out = [Check("range over the seeds of an accuracy or update, largest", _replace_missing(seeds), None, "deg")]
     for name, one in summary["requirements"]["postcalibration"].items():

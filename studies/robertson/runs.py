@@ -179,7 +179,7 @@ def load_windows(path: Path) -> dict[tuple[str, ...], pd.DataFrame]:
 
 
 def load_further_numbers(path: Path) -> dict[tuple[str, ...], dict[str, float]]:
-    """What each set of effects says beside Table 3, from the study's table."""
+    """Load the numbers of each set of effects beside Table 3, from the study's table."""
     rows = _drop_empty_columns(pq.read_table(path, filters=pc.field("table") == FURTHER))
     return dict(zip(SETS, rows.to_pylist(), strict=True))
 

@@ -77,7 +77,7 @@ def simulate_window(effects: Sequence[str], period: str, k: int, count: int, ent
 
 
 def simulate_bias_walk(config: MissionConfig, day: float, entropy: int) -> Array:
-    """How far the bias has walked since launch, (3,) rad/s; the same path in units of a day's step whatever its size."""
+    """Simulate the random walk of the bias since launch, (3,) rad/s; one path, scaled by the size of a day's step."""
     rrw = np.broadcast_to(np.asarray(config.gyro.rrw, dtype=float), 3)
     steps = generator(entropy, 0, "bias_walk").standard_normal((400, 3))
     return np.asarray(rrw * np.sqrt(DAY) * steps[: round(day)].sum(axis=0))

@@ -41,12 +41,8 @@ SLOW_SAMPLE_S = 15.0  # of the recording that is taken sample by sample
 RTOL = 1e-7  # compilers and BLAS libraries differ in rounding, by 1e-9 and less
 BASELINE_KEYS = ["way", "parametrisation", "case", "step_s", "resampling", "psi", "covariance"]
 COMPILED = "compiled iterations"
+BASELINE_PATH = Path("results") / "baseline" / "recovered.csv"  # in the working folder
 IDENTITY = np.append(np.eye(3).ravel(), np.zeros(3))
-
-
-def find_baseline_path() -> Path:
-    """Where the baseline lies, in the folder the command runs in."""
-    return Path("results") / "baseline" / "recovered.csv"
 
 
 def estimate_baseline_parameters() -> pd.DataFrame:

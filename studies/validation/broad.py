@@ -117,7 +117,7 @@ class ImportedTrial:
     still: Mask
 
     def summary(self) -> pd.DataFrame:
-        """What was made, a row per quantity, in degrees."""
+        """Summary of the import, a row for each quantity, in degrees."""
         recording = self.recording
 
         def vector(values: Array, digits: int) -> str:

@@ -124,7 +124,7 @@ def build_error_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def count_named_mappings(rows: pd.DataFrame) -> pd.DataFrame:
-    """How often each wrong mapping is named, with an interval of 95 %."""
+    """Count how often each wrong mapping is named, with an interval of 95 %."""
     out = []
     for kind in WRONG_MAPPINGS:
         part = rows[rows["kind"] == kind]["named"].astype(bool)

@@ -174,7 +174,7 @@ def _build_quadrant_harmonics(fitted: FittedArc) -> list[Array]:
 
 
 def _build_near_sun(fitted: FittedArc) -> list[Array]:
-    """In which range of angles from the Sun a quadrant looks, coming and going, 1 deg."""
+    """Mark the 1 deg range of angles from the Sun in which a quadrant looks; approaching and receding ranges are apart."""
     sightings = fitted.arc.sightings
     nominal = Horizon().nominal
     directions = np.column_stack(

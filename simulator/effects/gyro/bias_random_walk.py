@@ -61,7 +61,7 @@ class BiasRandomWalk(Effect):
         return np.asarray(same * np.minimum.outer(within, within) * DEG_H**2)
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
-        """What the walk may do over the gaps; one that goes on only where the intervals would show that it is a walk."""
+        """List the walk's options over gaps; continuous only where the intervals would show the walk."""
         stream = around.stream
         sampled, whole = float(np.sum(stream.duration_s)), float(stream.t_s[-1] - stream.t_s[0])
         tried = GAPS if whole < LARGEST_SPAN_RATIO * sampled else DRAWN_GAP_BEHAVIOURS

@@ -183,7 +183,7 @@ def _is_shared(one: Stretch, levels: Sequence[Stretch], axis: int) -> bool:
 
 
 @compile_cached
-def _find_runs(x, tolerance):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def _find_runs(x, tolerance):  # type: ignore[no-untyped-def]
     """First and last + 1 of stretches (r, 2) in which all readings lie within a range."""
     out = np.empty((x.size, 2), dtype=np.int64)
     count, i = 0, 0

@@ -25,7 +25,7 @@ class EsaSFilter(SensorEffect):
         return replace(suite, earth=replace(suite.earth, s_filter="restarted", s_restart=start, s_time_constant=constant))
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
-        """What is left of the wrong start, in each quadrant."""
+        """Error by the wrong start, in each quadrant."""
         sun, earth = sightings.nothing
         constant = float(parameters["time_constant_s"])
         for number in np.unique(sightings.arc):

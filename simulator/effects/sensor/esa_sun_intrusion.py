@@ -41,7 +41,7 @@ class EsaSunIntrusion(SensorEffect):
         )
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
-        """What the filtered S takes off each quadrant."""
+        """Error of each quadrant by the filtered S."""
         sun, _ = sightings.nothing
         inside = _find_sun_inside(sightings, np.cos(DEG * float(parameters["field_deg"])))
         step = np.diff(sightings.t_s, prepend=sightings.t_s[:1])
@@ -52,7 +52,7 @@ class EsaSunIntrusion(SensorEffect):
 
 
 @compile_cached
-def _solve_recurrence(kept: Array, added: Array) -> Array:  # pragma: no cover - compiled
+def _solve_recurrence(kept: Array, added: Array) -> Array:
     """x_k = kept_k x_{k−1} + added_k from zero; all (n, q)."""
     out = np.empty_like(kept)
     state = np.zeros(kept.shape[1])

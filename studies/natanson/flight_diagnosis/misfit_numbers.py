@@ -97,7 +97,7 @@ def differentiate_by_clock(section: IntervalSection, step_s: float = 4.0) -> Arr
 
 
 def compute_motion_covariance(Theta: Array, sections: Sequence[IntervalSection]) -> Array:
-    """What print leaves of d, (18, 18) deg²; Theta (6, 3, 12) deg per unit."""
+    """Compute the covariance of d from the rounding of the print, (18, 18) deg²; Theta (6, 3, 12) deg per unit."""
     H = Theta.reshape(18, 12)
     clock = np.zeros((18, 18))
     for k, section in enumerate(sections):

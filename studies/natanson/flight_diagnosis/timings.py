@@ -97,7 +97,7 @@ def replace_slew_timings(
 
 
 def _compute_latest_start(section: IntervalSection, duration: float, stay: float = 0.0) -> float:
-    """How late the first slew may begin, s."""
+    """Compute the latest time at which the first slew may begin, s."""
     return section.stop_s - section.start_s - duration - (stay if len(section.slew) > 1 else 0.0)
 
 

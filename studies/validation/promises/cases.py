@@ -62,7 +62,7 @@ def build_chi2_row(promise: str, value: float, dof: int) -> Row:
 
 
 def collect_statements(number: int, streams: Streams) -> list[Row]:
-    """What all estimators but the diagnosis state in one case."""
+    """Collect the statements of all estimators but the diagnosis in one case."""
     plan, grade = select_plan_and_grade(number)
     made = [
         *check_calibrations(plan, grade, streams),

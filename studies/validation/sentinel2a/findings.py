@@ -187,7 +187,7 @@ def build_parameter_rows(flown: ImportResult) -> list[dict[str, Any]]:
 
 
 def build_residual_rows(flown: ImportResult) -> list[dict[str, Any]]:
-    """What is left about the fit, of both trackers together and of each about its own axes: size, correlation, strongest tone.
+    """Build rows of the residuals, of both trackers and of each about its own axes: size, correlation, strongest tone.
 
     A tone that both trackers have may be motion that gyros read once a second do not show; one of a single tracker is its own.
     """

@@ -172,9 +172,7 @@ def _locate_references(
 
 
 @compile_cached
-def _whiten_random_walk(
-    y: Array, t: Array, interval: Indices, R: Array, sigma: Array, arw: float
-) -> Array:  # pragma: no cover - compiled
+def _whiten_random_walk(y: Array, t: Array, interval: Indices, R: Array, sigma: Array, arw: float) -> Array:
     """Innovations of a random walk observed with white noise, over their root covariance; each interval's first starts it."""
     out = np.empty((len(y), 3))
     used = 0

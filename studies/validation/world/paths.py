@@ -47,7 +47,7 @@ class Path:
 
     @property
     def knots(self) -> Array:
-        """Where the rate is not smooth, s."""
+        """Times at which the rate is not smooth, s."""
         return np.unique(np.concatenate([[0.0, self.length_s], self.breaks or (), *(turn.knots for turn in self.turns)]))
 
 

@@ -41,7 +41,6 @@ DETECTABLE, CLEAR = 8.0, 12.0  # SNR from which most effects must be seen, and u
 STATED = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1.0 + 1e-9)
 EXACT_SIZE_SIGMA = 1e-5  # of a size; a smaller sigma is that of digits
 CREDIBLE_LEVELS = {"68 %": 0.6827, "95 %": 0.95, "99.7 %": 0.9973}
-UNIFORM = 0.01  # p-value of a test for the uniform distribution
 COVERAGE_NOTE = "The share of the cases, with its 95 % binomial interval in the table of rates."
 ALL_AXES = ("x", "y", "z")
 

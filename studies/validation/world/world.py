@@ -33,7 +33,7 @@ class Spec:
 
     @property
     def source(self) -> Source:
-        """What the cases are drawn from."""
+        """Source of the cases."""
         return find_source(self.name)
 
     def rng(self, case: int, name: str) -> np.random.Generator:
@@ -76,7 +76,7 @@ class World:
         return simulate_readings(self.surroundings, active, noise[0]), simulate_references(self.surroundings, active, noise[1])
 
     def difference(self, settings: Sequence[Setting], draw: int = 0) -> Change:
-        """What effects change under the same noise."""
+        """Difference by effects under the same noise."""
         raw, references = self.simulate_observations(settings, draw)
         plain_raw, plain_references = self.simulate_observations((), draw)
         return Change(raw - plain_raw, separation(plain_references, references))

@@ -46,9 +46,18 @@ def test_runs_of_other_recordings_are_refused():
         bench.compare(one, one.assign(effects="other"))
 
 
-def test_a_folder_without_a_run_is_refused(tmp_path):
-    with pytest.raises(InputError, match="gyrocal bench run"):
-        bench.load_bench_run(tmp_path)
+def test_a_folder_without_a_run_is_refused(tmp_path, run_cli):
+    shown = run_cli("bench", "compare", str(tmp_path), str(tmp_path))
+    assert shown.exit_code == 2
+    assert "gyrocal bench run" in shown.stderr
+
+
+def test_the_command_compares_two_runs(tmp_path, run_cli):
+    one = pd.DataFrame([row(1, "none", "right")])
+    one.assign(error="").to_parquet(tmp_path / "table.parquet")
+    shown = run_cli("bench", "compare", str(tmp_path), str(tmp_path))
+    assert shown.exit_code == 0, shown.output
+    assert "gained" in shown.stdout
 
 
 def test_an_installed_package_says_where_the_test_world_is(monkeypatch):

@@ -67,7 +67,7 @@ class Family(Effect):
         return Look(*_read_numbers(axis, parameters, rng), stream)
 
     def missing(self, around: Surroundings) -> str | None:
-        """What of its needs a recording lacks."""
+        """Name the quantities that a recording lacks."""
         stream, references = around.stream, around.references
         gaps = np.diff(references.t_s)[np.diff(references.interval) == 0]
         lacks = {
@@ -80,7 +80,7 @@ class Family(Effect):
 
     @property
     def factor(self) -> float:
-        """Of its unit, in rad, rad/s or s."""
+        """Factor from its unit to rad, rad/s or s."""
         return SIZE_UNITS[self.unit][0]
 
 

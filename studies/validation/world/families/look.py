@@ -86,7 +86,7 @@ class Look(LawNumbers):
         return 2 * np.pi * self.t / self.between(low, high) + self.phase
 
     def each(self, law: Callable[[slice], Array]) -> Array:
-        """What a law gives for each interval by itself, joined."""
+        """Join the values that a law gives for each interval by itself."""
         return np.concatenate([law(part) for part in self.stream.intervals])
 
     @cached_property

@@ -83,9 +83,6 @@ class Moved:
     breaks: tuple[float, ...] = field(default=())
 
 
-Law = Callable[[Lot], Moved]
-
-
 def knots(steps: Sequence[Slew]) -> tuple[float, ...]:
     """Times where steps are not smooth."""
     return tuple(knot for step in steps for knot in step.knots)
