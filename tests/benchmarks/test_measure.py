@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from benchmarks import c_kernel, references
+from benchmarks import c_kernel, cases, diagnosis, many_references, references, report, start_up
 from benchmarks.goals import Goal, judged
 from benchmarks.measure import LEFT_OUT
 from benchmarks.streams import disagreement, run_array, run_packed
@@ -118,13 +118,26 @@ def test_goals_are_judged_both_ways():
     assert met["diagnosis_cpu_s_10000k"] is None
 
 
-def test_quick_run_writes_every_key_and_nothing_of_the_machine(tmp_path):
-    root = ROOT
-    command = [sys.executable, "-m", "benchmarks", "--quick", "--out", str(tmp_path)]
-    done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    text = (tmp_path / "benchmark.json").read_text()
-    assert not any(path in text for path in (str(root), str(tmp_path), sys.executable))
+def test_what_runs_in_a_process_of_its_own_measures(tmp_path, monkeypatch):
+    cost = cases.run(2, tmp_path)
+    assert cost["cpu_ms_per_case_mean"] > 0
+    assert cost["peak_rss_mb"] > 0
+    assert np.isfinite(np.load(tmp_path / "part0.npy")).all()
+    assert diagnosis.run(2000, 40, 1, 1)["verdict"] != "none"
+    monkeypatch.setattr(many_references, "SMALL_COUNT", 60)
+    assert many_references.run(100)["references"] == 100
+    monkeypatch.setattr(start_up, "COMMAND_NAMES", ("calibrate",))
+    assert set(start_up.compute_start_up_ratios(start_up.measure_start_ups(0))) == {
+        "help_vs_numpy",
+        "wrong_option_vs_numpy",
+        "no_recording_vs_numpy",
+    }
+
+
+def check_document(folder):
+    """The document of a run has all keys, the figure of the growth is beside it, and nothing is of the machine's folders."""
+    text = (folder / "benchmark.json").read_text()
+    assert not any(path in text for path in (str(ROOT), str(folder), sys.executable))
     document = json.loads(text)
     ratios = document["ratios"]
     assert {
@@ -145,10 +158,24 @@ def test_quick_run_writes_every_key_and_nothing_of_the_machine(tmp_path):
     for name, value in ratios.items():
         assert value is None or value > 0
         assert (value is None) == (name in document["reasons"])
-    assert document["reasons"]["kernel_vs_c_4800k"] == LEFT_OUT or c_kernel.compiler() is None
     assert document["cpu_ms_per_case"] > 0
     assert set(document["peak_rss_mb"]) == {"100", "10000"}
     assert {"cpu", "cores", "python", "packages", "compiler"} <= set(document["machine"])
     assert set(document["goals"]) >= set(ratios)
-    assert (tmp_path / "growth.csv").read_text().startswith("of,n,quantity,value\n")
-    assert "<svg" in (tmp_path / "growth.svg").read_text()
+    assert (folder / "growth.csv").read_text().startswith("of,n,quantity,value\n")
+    assert "<svg" in (folder / "growth.svg").read_text()
+    return document
+
+
+def test_the_committed_run_is_written_with_every_key(tmp_path):
+    report.write(json.loads((ROOT / "results" / "benchmarks" / "benchmark.json").read_text()), tmp_path)
+    check_document(tmp_path)
+
+
+@pytest.mark.long
+def test_a_quick_run_writes_every_key(tmp_path):
+    command = [sys.executable, "-m", "benchmarks", "--quick", "--out", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    reasons = check_document(tmp_path)["reasons"]
+    assert reasons["kernel_vs_c_4800k"] == LEFT_OUT or c_kernel.compiler() is None

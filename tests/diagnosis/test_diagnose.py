@@ -22,6 +22,7 @@ from tests import SHARED
 from tests.diagnosis import recordings
 
 PRACTICE = SHARED / "practice"
+FEW = ("p02", "p03", "p05", "p12")  # none, unknown, an effect in the samples, two effects; `make long` diagnoses all
 KEYS = json.loads((PRACTICE / "keys.json").read_text()) if PRACTICE.is_dir() else {}
 
 
@@ -205,7 +206,7 @@ def test_a_library_with_an_effect_there_is_not(plan):
 
 
 @pytest.mark.skipif(not KEYS, reason="the practice recordings are not beside this checkout")
-@pytest.mark.parametrize("name", sorted(KEYS))
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name not in FEW)) for name in sorted(KEYS)])
 def test_practice_recordings_answer_as_their_keys(name):
     answer = diagnose(load(PRACTICE / name))
     truth = KEYS[name]["effects"]
