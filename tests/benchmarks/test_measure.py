@@ -43,7 +43,7 @@ def test_c_of_more_gyros_agrees_with_the_kernel(arcs, tmp_path):
     count = 6
     G, more = RNG.normal(size=(3, count)), arcs.with_rates(RNG.normal(size=(len(arcs.rates), count)) * 1e-2)
     expected = run_array(more, G, PARAMETERS.bias)
-    for variant, library in c_kernel.build(c_kernel.QUICK_VARIANTS, tmp_path, count).items():
+    for variant, library in c_kernel.build(c_kernel.QUICK_VARIANTS[:1], tmp_path, count).items():
         call = c_kernel.prepared(library, c_kernel.pack(more, variant.lanes), G, PARAMETERS.bias)
         assert disagreement(call(), expected) < 1e-12, variant
 
