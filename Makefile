@@ -4,12 +4,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --no-compile --constraint constraints.txt
 
-.PHONY: reproduce results test types compiled tests docs bench mutants baseline audit clean help
+.PHONY: reproduce results test types compiled tests long docs bench mutants baseline audit clean help
 
 help:
 	@echo "make reproduce   reproduce both papers beside TRMM's flight; one page in build/index.html"
 	@echo "make results     the same into results/, to be committed"
 	@echo "make test        ruff, mypy, import-linter and pytest"
+	@echo "make long        the tests of minutes, of which make test runs smaller versions"
 	@echo "make docs        the documentation as pages, site/index.html"
 	@echo "make baseline    show what moved against results/baseline, and replace it"
 	@echo "make bench       measure the kernel against C, a textbook loop, gtsam and scipy; results/benchmarks"
@@ -38,6 +39,9 @@ compiled: $(VENV)/dev.stamp
 
 tests: $(VENV)/dev.stamp
 	$(BIN)/pytest -n 2 --dist worksteal
+
+long: $(VENV)/dev.stamp
+	$(BIN)/pytest -n 2 --dist worksteal -m long
 
 docs: $(VENV)/dev.stamp
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet -c docs -d build/doctrees . site

@@ -22,6 +22,7 @@ from tests import SHARED
 from tests.diagnosis import recordings
 
 PRACTICE = SHARED / "practice"
+FEW = ("p02", "p03", "p05", "p12")  # none, unknown, an effect in the samples, two effects; `make long` diagnoses all
 KEYS = json.loads((PRACTICE / "keys.json").read_text()) if PRACTICE.is_dir() else {}
 
 
@@ -30,16 +31,13 @@ def plan():
     return recordings.plan()
 
 
-@pytest.fixture(scope="module")
-def fine():
-    """A gyro that is sampled as often as TRMM's: what an asymmetry leaves in the ramps of slews tells it from what is alike."""
-    return recordings.plan(sample_s=0.5)
+FINE_S = 0.5  # sampled as often as TRMM's: what an asymmetry leaves in the ramps of slews tells it from what is alike
 
 
 @cache
-def diagnosed(text):
-    """The answer to an effect in samples as often as TRMM's."""
-    return diagnose(recordings.recorded(15, text, sample_s=0.5))
+def diagnosed(text, sample_s=2.0):
+    """The answer to an effect."""
+    return diagnose(recordings.recorded(15, text, sample_s=sample_s))
 
 
 @pytest.fixture(scope="module")
@@ -92,16 +90,16 @@ def test_shuffled_residuals_give_no_cause(plan):
 
 
 @pytest.mark.parametrize(
-    ("text", "label", "unit", "biases"),
+    ("text", "sample_s", "label", "unit", "biases"),
     [
-        ("bias_orbital:y=0.25,phase_deg=40", "bias_orbital:y", "deg/h", True),
-        ("scale_asymmetry:y=1800", "scale_asymmetry:y", "ppm", True),
-        ("reference_horizon:x=0.02,phase_deg=-70", "reference_horizon:x", "deg", False),
+        ("bias_orbital:y=0.25,phase_deg=40", 2.0, "bias_orbital:y", "deg/h", True),
+        ("scale_asymmetry:y=1800", FINE_S, "scale_asymmetry:y", "ppm", True),
+        ("reference_horizon:x=0.02,phase_deg=-70", 2.0, "reference_horizon:x", "deg", False),
     ],
 )
-def test_an_effect_is_named_with_its_size_and_closes_the_gap(fine, text, label, unit, biases):
+def test_an_effect_is_named_with_its_size_and_closes_the_gap(plan, text, sample_s, label, unit, biases):
     setting = parse(text)
-    answer = diagnosed(text)
+    answer = diagnosed(text, sample_s)
     assert answer.verdict == "named"
     assert not any(
         one.startswith("The residuals after a calibration fit") or "look at the number" in one for one in answer.notes
@@ -116,7 +114,7 @@ def test_an_effect_is_named_with_its_size_and_closes_the_gap(fine, text, label, 
     assert answer.closure is not None
     assert answer.closure.after < answer.closure.before
     # The calibration with the effect in is nearer to the truth than without.
-    true_G, true_bias = np.array(fine.gyro.true_G), np.deg2rad(fine.gyro.true_bias_deg_s)
+    true_G, true_bias = np.array(plan.gyro.true_G), np.deg2rad(plan.gyro.true_bias_deg_s)
     error = np.append((answer.G - true_G).ravel() / answer.sigma_G.ravel(), (answer.bias - true_bias) / answer.sigma_bias)
     before = np.append(
         (answer.baseline_G - true_G).ravel() / answer.sigma_G.ravel(), (answer.baseline_bias - true_bias) / answer.sigma_bias
@@ -126,10 +124,10 @@ def test_an_effect_is_named_with_its_size_and_closes_the_gap(fine, text, label, 
         assert error @ error < before @ before
 
 
-def test_what_is_just_below_the_threshold_stands_alone_all_the_same(fine):
+def test_what_is_just_below_the_threshold_stands_alone_all_the_same():
     """At 1000 ppm the asymmetry has a probability of 0.90, where naming begins; nothing else is offered in its place."""
     setting = parse("scale_asymmetry:y=1000")
-    (cause,) = diagnose(simulate(fine, seed=15, effects=[setting])).causes
+    (cause,) = diagnosed("scale_asymmetry:y=1000", FINE_S).causes
     assert cause.group == ("scale_asymmetry:y",)
     assert abs(cause.probability - DEFAULT.named) < 0.02
     assert abs(cause.size - setting.size) < 3.5 * cause.sigma
@@ -192,9 +190,9 @@ def test_a_constant_reference_offset_changes_nothing_and_is_said_to_be_not_ident
     assert np.abs(turned.G - plain.G).max() > 1e-3  # it went into G
 
 
-def test_the_same_seed_gives_the_same_answer(fine):
+def test_the_same_seed_gives_the_same_answer(plan):
     text = "bias_orbital:y=0.25,phase_deg=40"
-    first, second = diagnosed(text).to_json(), diagnose(simulate(fine, seed=15, effects=[parse(text)])).to_json()
+    first, second = diagnosed(text).to_json(), diagnose(simulate(plan, seed=15, effects=[parse(text)])).to_json()
     first.pop("runtime_s"), second.pop("runtime_s")
     assert first == second
 
@@ -205,7 +203,7 @@ def test_a_library_with_an_effect_there_is_not(plan):
 
 
 @pytest.mark.skipif(not KEYS, reason="the practice recordings are not beside this checkout")
-@pytest.mark.parametrize("name", sorted(KEYS))
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name not in FEW)) for name in sorted(KEYS)])
 def test_practice_recordings_answer_as_their_keys(name):
     answer = diagnose(load(PRACTICE / name))
     truth = KEYS[name]["effects"]

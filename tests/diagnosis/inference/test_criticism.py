@@ -155,15 +155,6 @@ def swallowed(process, layout, course, size=40.0, seed=15):
     return {one.name.split(",")[0]: one.p_value for one in found if one.name.endswith("itself")}
 
 
-def switching(layout, switches):
-    """(r,) one of two values, in each interval changed at random observations."""
-    rng = np.random.default_rng(16)
-    sign = np.ones(ROWS)
-    for at in rng.choice(ROWS, switches, replace=False):
-        sign[at:] *= -1
-    return sign
-
-
 def test_jumps_are_no_draw_of_a_process(process, layout):
     """Steps up and down, two in a hundred and twenty observations, unlike the steady changes of a process."""
     steps = np.zeros(ROWS)

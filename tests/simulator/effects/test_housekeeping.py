@@ -11,7 +11,7 @@ from diagnosis.diagnose import diagnose
 from gyrocal import InputError
 from simulator.effects import EFFECTS, extract_stream, extract_surroundings, parse
 from simulator.effects.housekeeping_columns import STANDARD_GRAVITY
-from tests.simulator.effects.test_clock import agile
+from tests.simulator.effects.test_clock import agile, sparse
 from tests.simulator.effects.test_effects import ACCELERATIONS, PLAIN
 
 LIBRARY = ("acceleration_sensitivity", "g_matrix_temperature", "bias_temperature", "bias_drift", "bias_step", "scale_asymmetry")
@@ -39,7 +39,7 @@ def test_an_acceleration_that_is_missing_is_one_clear_line():
 
 def warmed(size):
     """A recording whose temperature rises and falls by 3 K in 370 s each, so that no drift and no orbit looks like it."""
-    recording = simulator.simulate(agile(), seed=4)
+    recording = simulator.simulate(sparse(), seed=4)
     t_s = np.arange(0.0, 1501.0, 10.0)
     table = pd.DataFrame({"t_s": t_s, "gyro_temperature_c": 20 + 3 * np.abs(t_s / 370 % 2 - 1)})
     recording = replace(recording, tables={"housekeeping": table})
@@ -49,7 +49,7 @@ def warmed(size):
 
 
 def test_a_diagnosis_names_a_sensitivity_to_acceleration():
-    made = simulator.simulate(agile(), seed=4, effects=[parse("acceleration_sensitivity:x=60,toward=y")])
+    made = simulator.simulate(sparse(), seed=4, effects=[parse("acceleration_sensitivity:x=60,toward=y")])
     (cause,) = diagnose(made, library=LIBRARY).causes
     assert (cause.label, cause.parameters["toward"]) == ("acceleration_sensitivity:x", "y")
     assert cause.size == pytest.approx(60, rel=0.2)

@@ -9,7 +9,7 @@ from simulator.effects import EFFECTS, extract_surroundings, parse
 from simulator.effects.innovations import compute_innovations
 from simulator.effects.reference.reference_jump import find_edges
 from simulator.truth.rotation import separation
-from tests.simulator.effects.test_clock import agile
+from tests.simulator.effects.test_clock import agile, sparse
 
 JUMP = "reference_jump=0.1,e_x_deg=1,e_y_deg=2,e_z_deg=-2,begin_s=500,end_s=560"
 
@@ -75,5 +75,5 @@ def test_a_diagnosis_names_a_jump_and_nothing_else():
 
 def test_a_correlated_error_is_no_jump():
     """Negative control: an error about one axis that wanders."""
-    found = diagnose(seen(agile(), "reference_correlated:y=0.03,time_constant_s=60")[0])
+    found = diagnose(seen(sparse(), "reference_correlated:y=0.03,time_constant_s=60")[0])
     assert all("reference_jump" not in cause.group for cause in found.causes)

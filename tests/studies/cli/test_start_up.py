@@ -4,8 +4,6 @@ import subprocess
 import sys
 from typing import get_args
 
-import pytest
-
 from gyrocal import save
 from simulator.mission_mode.config import DAY
 from simulator.mission_mode.effects import MISSION_EFFECTS
@@ -21,59 +19,49 @@ from tests import ROOT
 from tests.gyrocal.recording.test_parquet import recording
 
 HEAVY = "numba", "scipy", "pandas", "matplotlib", "pyarrow"
-LISTED = "import sys; loaded = [name for name in sys.argv[1].split(',') if name in sys.modules]; print(loaded, file=sys.stderr)"
+REFUSED = [
+    *([name, "REC"] for name in ("allan", "calibrate", "compare", "diagnose", "next", "trend")),
+    ["export", "csv", "REC", "OUT"],
+    ["import", "csv", "GYRO", "OUT", "--time", "t:s", "--gyro", "x,y,z:deg/s", "--quat", "a,b,c,d:body-to-inertial"],
+    ["predict", "REC", "--from", "1"],
+    ["study", "nothing"],
+]
+LOADED = """
+import sys, click
+from studies.cli.main import main
+for arguments in {calls!r}:
+    if len(arguments) == 1:
+        main.get_command(click.Context(main), arguments[0])
+    else:
+        try: main(arguments, 'gyrocal')
+        except SystemExit as end: assert end.code == 2, arguments
+    print(arguments[0], [name for name in {names!r} if name in sys.modules])
+"""
 
 
-def run_fresh(code, *names):
-    """Standard error of a fresh process, which ends with the list of the modules it has loaded of the names."""
-    arguments = [sys.executable, "-c", f"{code}\n{LISTED}", ",".join(names)]
-    return subprocess.run(arguments, capture_output=True, text=True, check=True, cwd=ROOT).stderr.splitlines()
+def run_fresh(calls, names):
+    """Modules of the names that are loaded after each call, and the errors; a call of one word only loads its command."""
+    arguments = [sys.executable, "-c", LOADED.format(calls=calls, names=names)]
+    done = subprocess.run(arguments, capture_output=True, text=True, check=True, cwd=ROOT)
+    return done.stdout.splitlines(), done.stderr.splitlines()
 
 
-@pytest.mark.parametrize("name", COMMAND_NAMES)
-def test_a_command_module_loads_nothing_heavy(name):
-    code = f"import click; from studies.cli.main import main; main.get_command(click.Context(main), {name!r})"
-    assert run_fresh(code, *HEAVY) == ["[]"]
+def test_no_command_module_loads_what_is_heavy():
+    """Of what is looked for, only click is there, which shows that the look finds what is loaded."""
+    loaded = [f"{name} ['click']" for name in COMMAND_NAMES]
+    assert run_fresh([[name] for name in COMMAND_NAMES], (*HEAVY, "click")) == (loaded, [])
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("allan", "REC"),
-        ("calibrate", "REC"),
-        ("compare", "REC"),
-        ("diagnose", "REC"),
-        ("export", "csv", "REC", "OUT"),
-        (
-            "import",
-            "csv",
-            "REC/gyro.csv",
-            "OUT",
-            "--time",
-            "t:s",
-            "--gyro",
-            "x,y,z:deg/s",
-            "--quat",
-            "a,b,c,d:body-to-inertial",
-        ),
-        ("next", "REC"),
-        ("predict", "REC", "--from", "1"),
-        ("study", "nothing"),
-        ("trend", "REC"),
-    ],
-    ids=lambda arguments: arguments[0],
-)
-def test_a_refused_file_loads_no_numba(arguments, tmp_path):
+def test_a_refused_file_loads_no_numba(tmp_path):
     rec = tmp_path / "rec"
     save(recording(), rec)
     (rec / "gyro.parquet").unlink()
     (rec / "gyro.csv").write_text("t_s,rate\n0,1\n")
-    places = {"REC": str(rec), "OUT": str(tmp_path / "out"), "REC/gyro.csv": str(rec / "gyro.csv")}
-    typed = [places.get(word, word) for word in arguments]
-    code = f"from studies.cli.main import main\ntry: main({typed!r}, 'gyrocal')\nexcept SystemExit as end: assert end.code == 2"
-    said, loaded = run_fresh(code, "numba", "matplotlib")
-    assert said.startswith("gyrocal")
-    assert loaded == "[]"
+    places = {"REC": str(rec), "OUT": str(tmp_path / "out"), "GYRO": str(rec / "gyro.csv")}
+    loaded, said = run_fresh([[places.get(word, word) for word in one] for one in REFUSED], ["numba", "matplotlib", "click"])
+    assert loaded == [f"{one[0]} ['click']" for one in REFUSED]
+    assert len(said) == len(REFUSED)
+    assert all(line.startswith("gyrocal") for line in said)
 
 
 def test_what_the_options_list_is_what_there_is():
