@@ -9,6 +9,7 @@ import pytest
 from gyrocal import InputError
 from gyrocal.importing import validate_mapping
 from gyrocal.importing.streams import read_csv, read_streams
+from gyrocal.importing.units import build_clock, continue_tags
 
 BASE = {"time": "t:s", "gyro": "x,y,z:deg/s", "quat": "w,a,b,c:body-to-world:scalar-first"}
 
@@ -112,6 +113,47 @@ def test_tags_of_a_register_go_on_where_it_wraps():
     assert not any("goes back" in text for text in found.assumed)
     a["t"] %= 2**32
     np.testing.assert_allclose(made(g, a, time="t:us").sensors[0].t_s, 2**32 / 1e6 - 3 + attitudes()["t"], atol=1e-9)
+
+
+@pytest.mark.parametrize("bits", [16, 24])
+def test_shorter_registers_go_on_where_they_wrap(bits):
+    t = np.arange(0, 3 * 2**bits, 2**bits // 100)
+    tags, said = continue_tags(t % 2**bits, "us")
+    np.testing.assert_array_equal(tags, t)
+    assert said == f"wrap 2 time(s) at 2^{bits} and go on"
+
+
+@pytest.mark.parametrize(("late", "words"), [(0.03, "are too early by"), (-0.03, "are too late by")])
+@pytest.mark.parametrize(("unit", "scale"), [("s", 1), ("us", 1e6), ("ns", 1e9), ("iso", 1)])
+@pytest.mark.parametrize("start", [0.0, 0.99])
+def test_seconds_that_are_counted_up_late_or_early_are_moved(late, words, unit, scale, start):
+    """Whole seconds change 30 ms after, or before, the fraction of a second does."""
+    true = np.round(np.arange(start, start + 5.2, 0.01), 2)
+    tags = np.floor(np.round(true - late, 9)) + np.round(true % 1, 9)
+    if unit == "iso":
+        frame = pd.DataFrame({"t": pd.to_datetime(1e9 * (tags + 1e9))})
+        true = true + 1e9
+    else:
+        frame = pd.DataFrame({"t": np.round(scale * tags).astype("int64") if scale > 1 else tags})
+    clock = build_clock(frame, unit)
+    np.testing.assert_allclose(clock.subtract(0), true, atol=1e-6)
+    assert clock.said.startswith(words)
+
+
+@pytest.mark.parametrize(
+    "tags",
+    [
+        [0.1 * k for k in (*range(50), *range(50))],  # two logs
+        [0.1 * k for k in (*range(50), *range(60, 100), *range(50, 60))],  # a block in another place
+        [0.1 * k for k in (*range(50), *range(40, 100))],  # a clock that is set back by 1 s
+        [0.1 * k for k in (*range(50), *range(60, 100), *range(90, 140))],  # a gap of 1 s, and a step back
+        [0.1, 0.2, 0.4, 0.3, 0.5, 0.6],  # exchanged rows
+    ],
+)
+def test_other_steps_back_are_left_to_the_order_of_time(tags):
+    found, said = continue_tags(np.array(tags), "s")
+    np.testing.assert_array_equal(found, tags)
+    assert said == ""
 
 
 def test_quaternions_of_fixed_point_numbers_are_divided_by_their_norm():
