@@ -183,7 +183,9 @@ def continue_tags(values: NDArray[np.generic], unit: str) -> tuple[NDArray[np.ge
         off = np.append(0, np.cumsum(carry)) + way * (carry[carry != 0][0] == -way)
         runs = find_mask_runs(off == way)
         if np.isin(off, (0, way)).all() and all(tags[stop - 1] - tags[start] < part for start, stop in runs):
-            text = f"are too {'early' if way > 0 else 'late'} by {part:g} {unit} in {len(runs)} stretch(es) and are moved by that"
+            text = (
+                f"are too {'early' if way > 0 else 'late'} by {part:g} {unit} in {len(runs)} stretch(es) and are moved by that"
+            )
             found.append((np.count_nonzero(off), tags + part * off, text))
     return min(found, key=lambda one: one[0])[1:] if found else (values, "")
 
