@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from gyrocal import Attitudes, GyroStream, InputError, Interval, Recording
 from gyrocal.calibration.estimated_noise import ALLAN_S
+from gyrocal.importing.alignment import refine
+from gyrocal.importing.motion import build_motion
 from gyrocal.importing.noise import compute_increment_residuals, estimate_axis_sigma, estimate_walk_at_rest
 from gyrocal.mask_runs import find_mask_runs
 
@@ -225,6 +227,14 @@ def cut_trial(trial: Trial, intervals: str | float = "motion") -> list[tuple[str
     return out
 
 
+def describe_time_offset(recording: Recording) -> tuple[str, ...]:
+    """The time offset of gyro and orientations by their rates, in words; empty where no motion shows one."""
+    gyro, references = recording.gyro, recording.attitudes
+    windows = build_motion(gyro.t_s, gyro.rates, gyro.sample_s, references.t_s, references.quaternions)
+    found = None if windows is None else refine(windows, reverse=False)
+    return () if found is None or windows is None or windows.is_coarse else (found.describe_offset(),)
+
+
 def divide_evenly(first: int, last: int, longest: int) -> list[tuple[int, int]]:
     """Equal touching pieces of first … last, none longer than asked."""
     count = max(-(-(last - first) // longest), 1)
@@ -260,7 +270,9 @@ def estimate_rest_bias(trial: Trial) -> Array:
     raise InputError(f"{trial.name}: no rest of {SHORTEST_REST_S:g} s to take the bias from")
 
 
-def build_recording(trial: Trial, intervals: str | float = "motion", spacing_s: float = 1.0) -> ImportedTrial:
+def build_recording(
+    trial: Trial, intervals: str | float = "motion", spacing_s: float = 1.0, attitude_offset_s: float = 0.0
+) -> ImportedTrial:
     """A trial as a recording.
 
     Parameters
@@ -268,6 +280,7 @@ def build_recording(trial: Trial, intervals: str | float = "motion", spacing_s: 
     trial : the trial
     intervals : see `cut_trial`
     spacing_s : s between the reference attitudes of an interval
+    attitude_offset_s : by which the orientations are too early, s; the trial has no date, so the gyro's tags move back instead
 
     Raises
     ------
@@ -285,7 +298,7 @@ def build_recording(trial: Trial, intervals: str | float = "motion", spacing_s: 
     if not chosen:
         raise InputError(f"{trial.name}: no interval has two tracked orientations")
     gyro = GyroStream(
-        t_s=trial.t_s,
+        t_s=trial.t_s - attitude_offset_s,
         rates=trial.rates,
         sample_s=trial.sample_s,
         arw=float(np.sqrt(np.mean(np.square(arw)))),
@@ -305,14 +318,14 @@ def build_recording(trial: Trial, intervals: str | float = "motion", spacing_s: 
         intervals=tuple(
             Interval(name, activity, float(trial.t_s[rows[0]]), float(trial.t_s[rows[-1]])) for name, activity, rows in chosen
         ),
-        tables={"housekeeping": _build_housekeeping_table(trial)},
+        tables={"housekeeping": _build_housekeeping_table(trial, gyro.t_s)},
     )
     return ImportedTrial(recording, sigma_rest, sigma_motion, arw, np.asarray(still))
 
 
-def _build_housekeeping_table(trial: Trial) -> pd.DataFrame:
+def _build_housekeeping_table(trial: Trial, t_s: Array) -> pd.DataFrame:
     names = [f"specific_force_{axis}_m_s2" for axis in "xyz"]
-    return pd.DataFrame(np.column_stack([trial.t_s, trial.force]), columns=["t_s", *names])
+    return pd.DataFrame(np.column_stack([t_s, trial.force]), columns=["t_s", *names])
 
 
 def _estimate_reference_sigma(trial: Trial, gyro: GyroStream, spacing_s: float) -> tuple[Array, Array]:
