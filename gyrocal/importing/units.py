@@ -160,8 +160,9 @@ def build_clock(columns: pd.DataFrame, unit: str) -> Clock:
 def continue_tags(values: NDArray[np.generic], unit: str) -> tuple[NDArray[np.generic], str]:
     """Continue tags (n,) of a counter that wraps or of which one part is counted up late or early, and describe this.
 
-    A register goes back by nearly its range and stays there. Where one part of a clock, such as its seconds, is counted up late,
-    tags are too early by one unit of that part, for less than this unit. The order of the rows and their usual step show both.
+    A register goes back by nearly its range and stays there. Where one part of a clock, such as its seconds, is counted up
+    late, tags are too early by one unit of that part, for less than this unit. The order of the rows and their usual step show
+    both.
     """
     is_whole = np.issubdtype(values.dtype, np.integer)
     tags = values.astype(np.int64 if is_whole else np.float64)

@@ -38,8 +38,8 @@ def merge_references(recording: Recording) -> Recording:
         if not common.size:
             name = attitudes.sensors[number].name
             warnings.warn(
-                f"the references of {name}, whose mounting is estimated, are left out: they have no time in common with a sensor "
-                "of known mounting",
+                f"the references of {name}, whose mounting is estimated, are left out: they have no time in common with a "
+                "sensor of known mounting",
                 stacklevel=2,
             )
             attitudes = keep_rows(attitudes, ~own)

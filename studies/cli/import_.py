@@ -98,9 +98,10 @@ def import_broad_command(
 
     from studies.validation import broad
 
-    imported = broad.build_recording(broad.read(file), _parse_intervals(intervals), spacing_s, attitude_offset_s)
+    trial = broad.read(file)
+    imported = broad.build_recording(trial, _parse_intervals(intervals), spacing_s, attitude_offset_s)
     save(imported.recording, out)
-    offset = broad.describe_time_offset(imported.recording)
+    offset = broad.describe_time_offset(trial, attitude_offset_s)
     summary = pd.concat([imported.summary(), pd.DataFrame([("assumed", text) for text in offset], columns=["what", "value"])])
     show(imported.recording, summary, offset, out, as_json)
     click.echo(broad.BROAD_ATTRIBUTION)

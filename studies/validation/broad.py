@@ -47,6 +47,7 @@ LONG_S = 60.0  # a motion longer than this is cut
 PIECE_S = 30.0  # into pieces of at most so long
 STILL_S = 1.0  # rest counts as such so far from any movement
 SHORTEST_REST_S = 3.0
+OFFSET_STEP_S = 0.03  # between the orientations whose rates show a time offset
 FEWEST_INCREMENTS = 12  # for a sigma of its own at rest, or in motion
 
 
@@ -227,12 +228,13 @@ def cut_trial(trial: Trial, intervals: str | float = "motion") -> list[tuple[str
     return out
 
 
-def describe_time_offset(recording: Recording) -> tuple[str, ...]:
+def describe_time_offset(trial: Trial, attitude_offset_s: float = 0.0) -> tuple[str, ...]:
     """The time offset of gyro and orientations by their rates, in words; empty where no motion shows one."""
-    gyro, references = recording.gyro, recording.attitudes
-    windows = build_motion(gyro.t_s, gyro.rates, gyro.sample_s, references.t_s, references.quaternions)
+    rows = np.flatnonzero(trial.tracked)[:: trial.samples(OFFSET_STEP_S)]
+    t_s = trial.t_s[rows] + attitude_offset_s
+    windows = build_motion(trial.t_s, trial.rates, trial.sample_s, t_s, trial.quaternions[rows])
     found = None if windows is None else refine(windows, reverse=False)
-    return () if found is None or windows is None or windows.is_coarse else (found.describe_offset(),)
+    return () if found is None else (found.describe_offset(),)
 
 
 def divide_evenly(first: int, last: int, longest: int) -> list[tuple[int, int]]:
@@ -289,6 +291,8 @@ def build_recording(
     """
     if not trial.sample_s <= spacing_s < np.inf:
         raise InputError(f"the spacing of the references must be at least a sample, {trial.sample_s:g} s, not {spacing_s:g}")
+    if not abs(attitude_offset_s) < trial.t_s[-1]:
+        raise InputError(f"--attitude-offset {attitude_offset_s:g}: give s, less than the {trial.t_s[-1]:.6g} s of the trial")
     arw, bias = estimate_rest_noise(trial), estimate_rest_bias(trial)
     chosen: list[tuple[str, str, Indices]] = []
     for name, activity, first, last in cut_trial(trial, intervals):

@@ -110,7 +110,18 @@ def test_a_remedy_that_is_typed_mends_its_case(run_cli, log, tmp_path, name):
     done = run(options | read(match))
     assert done.exit_code == 0, done.stderr
     recording = gyrocal.load(tmp_path / "out")
-    if name in ("unit", "time unit", "direction", "wrap", "dated", "tags alike", "tags of a register", "late", "apart", "clock"):
+    if name in (
+        "unit",
+        "time unit",
+        "direction",
+        "wrap",
+        "dated",
+        "tags alike",
+        "tags of a register",
+        "late",
+        "apart",
+        "clock",
+    ):
         assert largest_error(recording, log) < MOST_SIGMA
         return
     # The gyro's errors are those of the spoilt axes: the calibrated rates are those of the body.
@@ -119,5 +130,3 @@ def test_a_remedy_that_is_typed_mends_its_case(run_cli, log, tmp_path, name):
     raw = np.rad2deg(recording.gyro.rates)
     found = raw @ result.parameters.G.T + np.rad2deg(result.parameters.bias)
     assert np.abs(found - true).max() < 0.3
-
-
