@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import gyrocal
 from studies.validation import mems_log
@@ -90,43 +91,54 @@ CASES = {
 }  # fmt: skip
 
 
+def count_seconds(table, log):
+    return table.assign(t=(table["timestamp_ms"] - log.gyro["timestamp_ms"].iloc[0]) / 1000)
+
+
+def write_tables(folder, gyro, attitude):
+    gyro.to_csv(folder / "g.csv", index=False)
+    attitude.to_csv(folder / "a.csv", index=False)
+    return lambda options: (*(str(folder / name) for name in ("g.csv", "a.csv", "out")), *sum(options.items(), ()))
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_a_remedy_that_is_typed_mends_its_case(run_cli, log, tmp_path, name):
     spoil, value, typed, words, read = CASES[name]
-    start = log.gyro["timestamp_ms"].iloc[0]
-    tables = (one.assign(t=(one["timestamp_ms"] - start) / 1000) for one in (log.gyro, log.attitude))
-    for table, file in zip(spoil(*tables, value), ("g.csv", "a.csv"), strict=True):
-        table.to_csv(tmp_path / file, index=False)
-    files = [str(tmp_path / file) for file in ("g.csv", "a.csv", "out")]
-
-    def run(options):
-        return run_cli("import", "csv", *files, *(word for pair in options.items() for word in pair))
-
+    build_words = write_tables(tmp_path, *spoil(count_seconds(log.gyro, log), count_seconds(log.attitude, log), value))
     options = WORDS | typed
-    refused = run(options)
+    refused = run_cli("import", "csv", *build_words(options))
     assert refused.exit_code == 2, refused.stdout
     match = re.search(words, refused.stderr)
     assert match, refused.stderr
-    done = run(options | read(match))
+    done = run_cli("import", "csv", *build_words(options | read(match)))
     assert done.exit_code == 0, done.stderr
     recording = gyrocal.load(tmp_path / "out")
-    if name in (
-        "unit",
-        "time unit",
-        "direction",
-        "wrap",
-        "dated",
-        "tags alike",
-        "tags of a register",
-        "late",
-        "apart",
-        "clock",
-    ):
+    if spoil not in (turn_axes, scale_rates) or value == 1.0:
         assert largest_error(recording, log) < MOST_SIGMA
         return
     # The gyro's errors are those of the spoilt axes: the calibrated rates are those of the body.
     result = gyrocal.calibrate(recording)
     true = log.gyro[RATES].to_numpy() @ log.G.T + np.rad2deg(log.bias)
-    raw = np.rad2deg(recording.gyro.rates)
-    found = raw @ result.parameters.G.T + np.rad2deg(result.parameters.bias)
+    found = np.rad2deg(recording.gyro.rates @ result.parameters.G.T + result.parameters.bias)
     assert np.abs(found - true).max() < 0.3
+
+
+def test_smooth_references_are_refused_until_their_sigma_is_stated(run_cli, log, tmp_path):
+    rates = np.deg2rad(log.gyro[RATES].to_numpy()) @ log.G.T + log.bias
+    bodies = Rotation.from_matrix(mems_log._integrate_attitudes(rates, np.eye(3))[:: mems_log.SAMPLES_PER_ATTITUDE])
+    attitude = log.attitude.assign(**dict(zip(("qx", "qy", "qz", "qw"), bodies.as_quat().T, strict=True)))
+    build_words = write_tables(tmp_path, count_seconds(log.gyro, log), count_seconds(attitude, log))
+    refused = run_cli("import", "csv", *build_words(WORDS))
+    assert refused.exit_code == 2
+    match = re.search(r"as smoothed ones do.* (--sigma) DEG", refused.stderr)
+    done = run_cli("import", "csv", *build_words(WORDS | {match[1]: "0.05"}))
+    assert done.exit_code == 0, done.stderr
+    assert largest_error(gyrocal.load(tmp_path / "out"), log) < 1
+
+
+def test_references_far_apart_give_the_bias_that_those_near_each_other_give(run_cli, tmp_path):
+    log = mems_log.log(np.random.default_rng(42), seconds=90.0)
+    build_words = write_tables(tmp_path, count_seconds(log.gyro, log), count_seconds(log.attitude[::45], log))
+    done = run_cli("import", "csv", *build_words(WORDS | {"--sigma": str(mems_log.REFERENCE_SIGMA_DEG)}))
+    assert done.exit_code == 0, done.stderr
+    assert largest_error(gyrocal.load(tmp_path / "out"), log) < MOST_SIGMA
