@@ -1,5 +1,9 @@
-"""Every real recording beside the checkout is imported by one command, and the alignment is that of an independent fit."""
+"""Every real recording beside the checkout is imported by one command, and the alignment is that of an independent fit.
 
+All of them take minutes: with GYROCAL_REAL=all in the environment. Otherwise one of each kind runs.
+"""
+
+import os
 import re
 
 import pytest
@@ -46,8 +50,11 @@ COMMANDS |= {
 }
 
 
+QUICK = ("ADC", "GRACE-FO", "Sentinel-2A", "BROAD 07")
+
+
 @pytest.mark.skipif(not REAL.is_dir(), reason="the real recordings are not beside this checkout")
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", COMMANDS if os.environ.get("GYROCAL_REAL") == "all" else QUICK)
 def test_one_command_imports_a_real_recording(run_cli, tmp_path, name):
     kind, files, options, words, room = COMMANDS[name]
     done = run_cli("import", kind, *(str(REAL / one) for one in files), str(tmp_path / "out"), *options)
