@@ -44,8 +44,9 @@ COMMANDS = {
     "GRACE-FO": ("csv", ["gracefo/imu_C.csv", "gracefo/sca_C.csv"], GRACE, "", ()),
     "Sentinel-2A": ("csv", ["sentinel2a/imu.csv", "sentinel2a/str.csv"], SENTINEL, "differ by (.*) % of the motion", (0, 5)),
 }
+# No independent fit of BROAD's time offset is known; those of its eight trials and three units agree to 0.1 ms.
 COMMANDS |= {
-    f"BROAD {one.stem[:2]}": ("broad", [one.relative_to(REAL)], [], OFFSET, (-0.01, 0.01))
+    f"BROAD {one.stem[:2]}": ("broad", [one.relative_to(REAL)], [], OFFSET, (0.0058, 0.0061))
     for one in sorted(REAL.glob("broad/*.parquet"))
 }
 
