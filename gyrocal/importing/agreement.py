@@ -155,6 +155,7 @@ class Agreement:
             )
         ways = " or ".join(" and ".join(one.changes) for one in self.better)
         more = "" if self.rotated is None else f"; {self.rotated.sentence}"
+        more += "; --align auto finds and applies the offset" if any(one.offset_s for one in self.better) else ""
         return f"{lead}; {100 * min(one.residual for one in self.better):.1f} % with {ways}{more}"
 
     @property

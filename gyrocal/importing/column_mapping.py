@@ -60,7 +60,7 @@ class Mapping(BaseModel):
     gyro : "COLUMNS:UNIT", or one column with `gyro_by`
     quat, euler, matrix : the attitudes, one of the three
     lsb : size of a count with its unit
-    wrap : where an accumulated angle wraps, in the column's own unit
+    wrap : where an accumulated angle wraps, or the full range of rates that overflow, in the column's own unit
     rows : "COLUMN:VALUE", the rows of the gyro's table that are read, where it holds several gyros
     sample_number : column of the gyro's table that counts the samples
     temperature : column of the gyro's table with the gyro's temperature, °C, which becomes housekeeping

@@ -29,6 +29,10 @@ MOST_LOST_SHARE = 0.01  # of the rows; more that are lost or changed are said fi
 MOST_SWAPPED_ROWS = 4  # by which the tags go back where rows are tagged late; farther back, rows are out of order
 MOST_LABELS = 16  # values of a column that says which gyro a row is of
 WRAP_TOLERANCE = 0.02  # of a wrap: how near a jump must come to it to be one
+OVERFLOW_JUMP = 0.75  # of the span of a gyro's readings: a smaller step is none of an overflow
+MOST_OTHER_STEP = 0.25  # of that span: 99 % of the other steps are smaller where readings overflow
+OVERFLOW_COUNTS = 2.0**16  # readings of a rate are numbers of 16 bits
+FEWEST_OVERFLOWS = 4
 
 
 def read_gyro_rows(
@@ -229,6 +233,9 @@ def _convert_to_rates(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, 
     factor, accumulated = units.compute_gyro_factor(words[0], mapping.lsb)
     spacing = np.diff(t_s)
     sample_s = float(np.median(spacing))
+    overflows: list[str] = []
+    if not accumulated:
+        raw, overflows = _undo_overflows(raw, mapping.wrap)
     if words[0].endswith(units.PER_SAMPLE):
         # An increment is the angle of one sample whatever the tags say, so that a late tag is no larger rate.
         raw = raw / sample_s
@@ -240,8 +247,6 @@ def _convert_to_rates(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, 
         if not whole.all():
             said.append(f"{int((~whole).sum())} differences over gaps longer than {GAP_SAMPLES:g} samples are left out")
         return t_s[:-1][whole], rates, sample_s, [*said, "rates are differences of accumulated angles"]
-    if mapping.wrap is not None:
-        raise InputError("wrap: goes with accumulated angles, not with rates")
     late = {"start": 0.0, "middle": 0.5, "end": 1.0}[mapping.tag] * sample_s
     said = [f"a gyro time tag is the {mapping.tag} of its sample"]
     close = np.concatenate([[False], spacing < 0.5 * sample_s])
@@ -252,7 +257,7 @@ def _convert_to_rates(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, 
         )
         t_s, raw = t_s[~close], raw[~close]
     t_s, raw, filled = _fill_lost_samples(t_s, raw, sample_s)
-    return t_s - late, factor * raw, sample_s, [*filled, *said]
+    return t_s - late, factor * raw, sample_s, [*overflows, *filled, *said]
 
 
 def _fill_lost_samples(t_s: Array, raw: Array, sample_s: float) -> tuple[Array, Array, list[str]]:
@@ -288,3 +293,51 @@ def _unwrap_steps(step: Array, wrap: float | None) -> tuple[Array, list[str]]:
         wrap = WRAPS[int(np.argmin(room))]
         said = [f"the accumulated angle wraps at {wrap:.9g}, as {jumps.size} jumps of it say"]
     return step - wrap * np.round(step / wrap), said
+
+
+def _undo_overflows(raw: Array, full_range: float | None) -> tuple[Array, list[str]]:
+    """Rates (n, k) without the jumps by a full range where their numbers overflow, and what is said of them."""
+    out, said = raw.copy(), []
+    for k, x in enumerate(raw.T):
+        size, words = (full_range, "") if full_range is not None else _find_full_range(x)
+        turns = np.round(np.diff(x) / size)
+        if not turns.any():
+            continue
+        level = -np.append(0.0, np.cumsum(turns))
+        level -= min(np.unique(level), key=lambda base: float(np.mean(np.square(x + size * (level - base)))))
+        out[:, k] += size * level
+        said.append(
+            f"the readings of gyro {k + 1} jump {np.count_nonzero(turns)} time(s) by their full range of {size:.9g}{words} "
+            f"between two samples, as numbers that overflow: {np.count_nonzero(level)} rows are moved by it"
+        )
+    return out, said
+
+
+def _find_full_range(x: Array) -> tuple[float, str]:
+    """The full range of readings (n,) that overflow, infinite where none do, and how it is known where that is uncertain.
+
+    A jump less the step that a cubic through its neighbours has is the full range. Readings that are whole numbers of a count
+    give it as 2^16 counts without an error.
+    """
+    steps, span = np.diff(x), float(np.ptp(x))
+    jump = np.abs(steps) > OVERFLOW_JUMP * span
+    at = np.flatnonzero(jump)
+    at = at[(at >= 2) & (at < steps.size - 2) & ~jump[np.clip(at[:, None] + [-2, -1, 1, 2], 0, jump.size - 1)].any(axis=1)]
+    if not at.size or np.quantile(np.abs(steps[~jump]), 0.99) > MOST_OTHER_STEP * span:
+        return np.inf, ""
+    smooth = (4 * (steps[at - 1] + steps[at + 1]) - steps[at - 2] - steps[at + 2]) / 6
+    sizes = np.abs(steps[at] - smooth)
+    size = float(np.median(sizes))
+    count = float(np.diff(np.unique(x)).min())
+    if abs(size / (OVERFLOW_COUNTS * count) - 1) < WRAP_TOLERANCE:
+        since = x - x[0]
+        for most in np.geomspace(100, OVERFLOW_COUNTS, 4):
+            near = since[np.abs(since) < most * count]
+            number = np.round(near / count)
+            count = float(near @ number / max(number @ number, 1.0)) or count
+        return OVERFLOW_COUNTS * count, ""
+    # A rate that grows jumps down, which neither a step of the rate nor a shock does.
+    opposite = smooth * steps[at] < 0
+    if at.size < max(FEWEST_OVERFLOWS, jump.sum() / 2) or not opposite.all() or np.ptp(sizes) > WRAP_TOLERANCE * size:
+        return np.inf, ""
+    return size, " (by the jumps)"

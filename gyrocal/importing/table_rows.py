@@ -37,7 +37,7 @@ def read_rows(
     if len(unit) != 1:
         raise InputError(f"{entry}: one unit is wanted, not {':'.join(unit)}")
     clock = units.build_clock(select_columns(frame, tags, entry).iloc[np.flatnonzero(good)], unit[0])
-    said = [f"the tags of the {what} rows wrap {clock.wraps} time(s) at 2^32 and go on"] if clock.wraps else []
+    said = [f"the tags of the {what} rows {clock.said}"] if clock.said else []
     if key == "quat":
         norms = np.linalg.norm(values[good, :4], axis=1)
         norm = float(np.median(norms))

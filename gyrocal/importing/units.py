@@ -9,7 +9,7 @@ GPS time runs without leap seconds from 1980-01-06; UTC, and with it unix time, 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
+from gyrocal.mask_runs import find_mask_runs
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -43,7 +44,8 @@ UNIX_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC)
 SECONDS_A_DAY = 86400
 TIME_OF_DAY = r"\s*\d{1,2}:\d{2}:\d{2}([.,]\d*)?\s*"
-TAG_WRAP = 2**32  # counts of a register of time tags
+REGISTERS = (2**16, 2**24, 2**32)  # counts at which a register of time tags wraps
+LEAST_CARRY_STEPS = 5  # of the usual step: tags that are off by less are late or exchanged
 WEEK_S = 604800
 UNIX_RANGE_S = (631152000, 4102444800)  # 1990 to 2100: numbers in between are taken for unix time
 # Months from whose first day UTC is one more second behind GPS time; announced by the IERS in its Bulletin C.
@@ -62,13 +64,13 @@ class Clock:
     whole : (n,) whole seconds, exact
     part : (n,) what is left of a second, s
     scale : "UTC" for unix time and ISO 8601, "GPS", or "" for seconds from an unknown start
-    wraps : how often the counter of the tags wrapped
+    said : how tags of a counter were continued, a sentence; empty where they were not
     """
 
     whole: NDArray[np.int64]
     part: Array
     scale: str
-    wraps: int = 0
+    said: str = ""
 
     def subtract(self, second: int) -> Array:
         """(n,) s since a whole second."""
@@ -135,7 +137,8 @@ def build_clock(columns: pd.DataFrame, unit: str) -> Clock:
             stamps = pd.to_datetime(columns.iloc[:, 0], utc=True, format="ISO8601").astype("datetime64[ns, UTC]")
         except (ValueError, TypeError) as fault:
             raise InputError(f"time: column {name} is not ISO 8601: {_describe_fault(fault)}") from None
-        return _split_seconds(stamps.astype("int64").to_numpy(), 9, "UTC")
+        ticks, said = continue_tags(stamps.astype("int64").to_numpy(), "ns")
+        return replace(_split_seconds(ticks, 9, "UTC"), said=said)
     factor = SCALED_UNIT.fullmatch(unit)
     if unit not in TIME_UNITS and unit != "gps" and factor is None:
         raise InputError(f"time: unit {unit} of {name} is not known; known are {', '.join((*TIME_UNITS, *CALENDARS))}, 100us")
@@ -145,23 +148,47 @@ def build_clock(columns: pd.DataFrame, unit: str) -> Clock:
             seconds = _split_seconds(values[1], 0, "GPS")
             return Clock(seconds.whole + values[0].astype(np.int64) * WEEK_S, seconds.part, "GPS")
         return _split_seconds(values[0], 0, "GPS")
-    values[0], wraps = _unwrap_tags(values[0])
+    values[0], said = continue_tags(values[0], unit)
     if factor is not None:
         values = [np.multiply(values[0], int(factor[1]))]
         unit = factor[2]
     made = _split_seconds(values[0], TIME_UNITS[unit], "")
     calendar = unit == "unix" or UNIX_RANGE_S[0] <= made.whole[0] <= UNIX_RANGE_S[1]
-    return Clock(made.whole, made.part, "UTC" if calendar else "", wraps)
+    return Clock(made.whole, made.part, "UTC" if calendar else "", said)
 
 
-def _unwrap_tags(values: NDArray[np.generic]) -> tuple[NDArray[np.generic], int]:
-    """Integer tags that go on where a counter of 32 bits wraps, and how often it does."""
-    if not np.issubdtype(values.dtype, np.integer) or values.min() < 0 or values.max() >= TAG_WRAP:
-        return values, 0
-    tags = values.astype(np.int64)
+def continue_tags(values: NDArray[np.generic], unit: str) -> tuple[NDArray[np.generic], str]:
+    """Continue tags (n,) of a counter that wraps or of which one part is counted up late or early, and describe this.
+
+    A register goes back by nearly its range and stays there. Where one part of a clock, such as its seconds, is counted up
+    late, tags are too early by one unit of that part, for less than this unit. The order of the rows and their usual step show
+    both.
+    """
+    is_whole = np.issubdtype(values.dtype, np.integer)
+    tags = values.astype(np.int64 if is_whole else np.float64)
+    steps = np.diff(tags)
+    back = steps < 0
+    usual = float(np.median(steps)) if back.any() else 0.0
+    if not usual > 0:
+        return values, ""
+    jump = usual - float(np.median(steps[back]))
+    part = min((*(REGISTERS if is_whole else ()), 10 ** round(np.log10(jump))), key=lambda one: abs(one - jump))
     # A step back by nearly the whole range is no order of rows.
-    wraps = np.concatenate([[0], np.cumsum(np.diff(tags) < -0.99 * TAG_WRAP)])
-    return tags + TAG_WRAP * wraps, int(wraps[-1])
+    if part in REGISTERS and tags.min() >= 0 and tags.max() < part and (steps[back] < -0.99 * part).all():
+        return tags + part * np.append(0, np.cumsum(back)), f"wrap {back.sum()} time(s) at 2^{part.bit_length() - 1} and go on"
+    carry = np.select([np.abs(steps - usual + part) <= 2 * usual, np.abs(steps - usual - part) <= 2 * usual], [1, -1])
+    if part < LEAST_CARRY_STEPS * usual or ((carry == 1) != back).any():
+        return values, ""
+    found = []
+    for way in (1, -1):  # late or early; the first rows may be off
+        off = np.append(0, np.cumsum(carry)) + way * (carry[carry != 0][0] == -way)
+        runs = find_mask_runs(off == way)
+        if np.isin(off, (0, way)).all() and all(tags[stop - 1] - tags[start] < part for start, stop in runs):
+            text = (
+                f"are too {'early' if way > 0 else 'late'} by {part:g} {unit} in {len(runs)} stretch(es) and are moved by that"
+            )
+            found.append((np.count_nonzero(off), tags + part * off, text))
+    return min(found, key=lambda one: one[0])[1:] if found else (values, "")
 
 
 def _describe_fault(fault: Exception) -> str:

@@ -7,6 +7,7 @@ mounting is estimated is the mean, by least squares, of its differences from the
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +25,7 @@ def merge_references(recording: Recording) -> Recording:
     """The recording with one reference at each time, in body axes; one of a single sensor is left as it is.
 
     Its sigmas are the roots of the diagonal of the covariance. A sensor whose mounting is estimated, and that has no reference
-    at a time of a known one, is left out.
+    at a time of a known one, is left out with a warning.
     """
     attitudes = recording.attitudes
     if attitudes.sensor is None:
@@ -35,6 +36,12 @@ def merge_references(recording: Recording) -> Recording:
         own = attitudes.sensor == number
         common = np.flatnonzero(own & np.isin(attitudes.t_s, t_s))
         if not common.size:
+            name = attitudes.sensors[number].name
+            warnings.warn(
+                f"the references of {name}, whose mounting is estimated, are left out: they have no time in common with a "
+                "sensor of known mounting",
+                stacklevel=2,
+            )
             attitudes = keep_rows(attitudes, ~own)
             continue
         at, bodies = np.searchsorted(t_s, attitudes.t_s[common]), Rotation.from_quat(attitudes.quaternions)

@@ -78,9 +78,12 @@ def import_csv_command(files: tuple[Path, ...], file: Path | None, force: bool, 
     help="motion: rest, motion, rest for each motion phase, a long one in pieces; whole: all in one; or a length in s.",
 )
 @click.option("--spacing", "spacing_s", type=float, default=1.0, show_default=True, help="s between reference attitudes.")
+@click.option("--attitude-offset", "attitude_offset_s", type=float, default=0.0, help="s added to the attitudes' time tags.")
 @FORCE
 @IMPORT_JSON_OPTION
-def import_broad_command(file: Path, out: Path, intervals: str, spacing_s: float, force: bool, as_json: Path | None) -> None:
+def import_broad_command(
+    file: Path, out: Path, intervals: str, spacing_s: float, attitude_offset_s: float, force: bool, as_json: Path | None
+) -> None:
     """Import FILE, a trial of BROAD as one Parquet file, and write the recording to the folder OUT.
 
     Raw gyro and optical orientations go in as they are; noise and sigmas are estimated from the trial. See docs/broad.md.
@@ -91,11 +94,16 @@ def import_broad_command(file: Path, out: Path, intervals: str, spacing_s: float
       gyrocal calibrate /tmp/rec
     """
     refuse_existing(out, force)
+    import pandas as pd
+
     from studies.validation import broad
 
-    imported = broad.build_recording(broad.read(file), _parse_intervals(intervals), spacing_s)
+    trial = broad.read(file)
+    imported = broad.build_recording(trial, _parse_intervals(intervals), spacing_s, attitude_offset_s)
     save(imported.recording, out)
-    show(imported.recording, imported.summary(), (), out, as_json)
+    offset = broad.describe_time_offset(trial, attitude_offset_s)
+    summary = pd.concat([imported.summary(), pd.DataFrame([("assumed", text) for text in offset], columns=["what", "value"])])
+    show(imported.recording, summary, offset, out, as_json)
     click.echo(broad.BROAD_ATTRIBUTION)
 
 

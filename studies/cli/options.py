@@ -33,7 +33,9 @@ GYRO_TABLE_OPTIONS = (
     click.option("--time", metavar="COLUMN:UNIT", help="s, ms, us, ns, unix, iso or gps; e.g. timestamp_ms:ms."),
     click.option("--gyro", metavar="COLUMNS:UNIT", help="rad/s, deg/s, deg/h, counts; deg, rad, arcsec of accumulated angle."),
     click.option("--lsb", metavar="'SIZE UNIT'", help="Of counts, e.g. '0.0175 deg/s', or '5e-9 rad' of accumulated angle."),
-    click.option("--wrap", type=float, help="Where an accumulated angle wraps, in the column's own unit."),
+    click.option(
+        "--wrap", type=float, help="Where an accumulated angle wraps, or the full range of rates that overflow; column's unit."
+    ),
     click.option("--rows", metavar="COLUMN:VALUE", help="Rows of the gyro's table to read, where it holds several gyros."),
     RATE,
     click.option("--sample-number", metavar="COLUMN", help="Column of the gyro's table that counts the samples."),

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from gyrocal import Attitudes, GyroStream, InputError, Interval, Recording
 from gyrocal.calibration.estimated_noise import ALLAN_S
+from gyrocal.importing.alignment import refine
+from gyrocal.importing.motion import build_motion
 from gyrocal.importing.noise import compute_increment_residuals, estimate_axis_sigma, estimate_walk_at_rest
 from gyrocal.mask_runs import find_mask_runs
 
@@ -45,6 +47,7 @@ LONG_S = 60.0  # a motion longer than this is cut
 PIECE_S = 30.0  # into pieces of at most so long
 STILL_S = 1.0  # rest counts as such so far from any movement
 SHORTEST_REST_S = 3.0
+OFFSET_STEP_S = 0.03  # between the orientations whose rates show a time offset
 FEWEST_INCREMENTS = 12  # for a sigma of its own at rest, or in motion
 
 
@@ -225,6 +228,15 @@ def cut_trial(trial: Trial, intervals: str | float = "motion") -> list[tuple[str
     return out
 
 
+def describe_time_offset(trial: Trial, attitude_offset_s: float = 0.0) -> tuple[str, ...]:
+    """The time offset of gyro and orientations by their rates, in words; empty where no motion shows one."""
+    rows = np.flatnonzero(trial.tracked)[:: trial.samples(OFFSET_STEP_S)]
+    t_s = trial.t_s[rows] + attitude_offset_s
+    windows = build_motion(trial.t_s, trial.rates, trial.sample_s, t_s, trial.quaternions[rows])
+    found = None if windows is None else refine(windows, reverse=False)
+    return () if found is None else (found.describe_offset(),)
+
+
 def divide_evenly(first: int, last: int, longest: int) -> list[tuple[int, int]]:
     """Equal touching pieces of first … last, none longer than asked."""
     count = max(-(-(last - first) // longest), 1)
@@ -260,7 +272,9 @@ def estimate_rest_bias(trial: Trial) -> Array:
     raise InputError(f"{trial.name}: no rest of {SHORTEST_REST_S:g} s to take the bias from")
 
 
-def build_recording(trial: Trial, intervals: str | float = "motion", spacing_s: float = 1.0) -> ImportedTrial:
+def build_recording(
+    trial: Trial, intervals: str | float = "motion", spacing_s: float = 1.0, attitude_offset_s: float = 0.0
+) -> ImportedTrial:
     """A trial as a recording.
 
     Parameters
@@ -268,6 +282,7 @@ def build_recording(trial: Trial, intervals: str | float = "motion", spacing_s: 
     trial : the trial
     intervals : see `cut_trial`
     spacing_s : s between the reference attitudes of an interval
+    attitude_offset_s : by which the orientations are too early, s; the trial has no date, so the gyro's tags move back instead
 
     Raises
     ------
@@ -276,6 +291,8 @@ def build_recording(trial: Trial, intervals: str | float = "motion", spacing_s: 
     """
     if not trial.sample_s <= spacing_s < np.inf:
         raise InputError(f"the spacing of the references must be at least a sample, {trial.sample_s:g} s, not {spacing_s:g}")
+    if not abs(attitude_offset_s) < trial.t_s[-1]:
+        raise InputError(f"--attitude-offset {attitude_offset_s:g}: give s, less than the {trial.t_s[-1]:.6g} s of the trial")
     arw, bias = estimate_rest_noise(trial), estimate_rest_bias(trial)
     chosen: list[tuple[str, str, Indices]] = []
     for name, activity, first, last in cut_trial(trial, intervals):
@@ -285,7 +302,7 @@ def build_recording(trial: Trial, intervals: str | float = "motion", spacing_s: 
     if not chosen:
         raise InputError(f"{trial.name}: no interval has two tracked orientations")
     gyro = GyroStream(
-        t_s=trial.t_s,
+        t_s=trial.t_s - attitude_offset_s,
         rates=trial.rates,
         sample_s=trial.sample_s,
         arw=float(np.sqrt(np.mean(np.square(arw)))),
@@ -305,14 +322,14 @@ def build_recording(trial: Trial, intervals: str | float = "motion", spacing_s: 
         intervals=tuple(
             Interval(name, activity, float(trial.t_s[rows[0]]), float(trial.t_s[rows[-1]])) for name, activity, rows in chosen
         ),
-        tables={"housekeeping": _build_housekeeping_table(trial)},
+        tables={"housekeeping": _build_housekeeping_table(trial, gyro.t_s)},
     )
     return ImportedTrial(recording, sigma_rest, sigma_motion, arw, np.asarray(still))
 
 
-def _build_housekeeping_table(trial: Trial) -> pd.DataFrame:
+def _build_housekeeping_table(trial: Trial, t_s: Array) -> pd.DataFrame:
     names = [f"specific_force_{axis}_m_s2" for axis in "xyz"]
-    return pd.DataFrame(np.column_stack([trial.t_s, trial.force]), columns=["t_s", *names])
+    return pd.DataFrame(np.column_stack([t_s, trial.force]), columns=["t_s", *names])
 
 
 def _estimate_reference_sigma(trial: Trial, gyro: GyroStream, spacing_s: float) -> tuple[Array, Array]:

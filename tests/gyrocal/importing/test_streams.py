@@ -9,6 +9,7 @@ import pytest
 from gyrocal import InputError
 from gyrocal.importing import validate_mapping
 from gyrocal.importing.streams import read_csv, read_streams
+from gyrocal.importing.units import build_clock, continue_tags
 
 BASE = {"time": "t:s", "gyro": "x,y,z:deg/s", "quat": "w,a,b,c:body-to-world:scalar-first"}
 
@@ -114,6 +115,107 @@ def test_tags_of_a_register_go_on_where_it_wraps():
     np.testing.assert_allclose(made(g, a, time="t:us").sensors[0].t_s, 2**32 / 1e6 - 3 + attitudes()["t"], atol=1e-9)
 
 
+@pytest.mark.parametrize("bits", [16, 24])
+def test_shorter_registers_go_on_where_they_wrap(bits):
+    t = np.arange(0, 3 * 2**bits, 2**bits // 100)
+    tags, said = continue_tags(t % 2**bits, "us")
+    np.testing.assert_array_equal(tags, t)
+    assert said == f"wrap 2 time(s) at 2^{bits} and go on"
+
+
+@pytest.mark.parametrize(("late", "words"), [(0.03, "are too early by"), (-0.03, "are too late by")])
+@pytest.mark.parametrize(("unit", "scale"), [("s", 1), ("us", 1e6), ("ns", 1e9), ("iso", 1)])
+@pytest.mark.parametrize("start", [0.0, 0.99])
+def test_seconds_that_are_counted_up_late_or_early_are_moved(late, words, unit, scale, start):
+    """Whole seconds change 30 ms after, or before, the fraction of a second does."""
+    true = np.round(np.arange(start, start + 5.2, 0.01), 2)
+    tags = np.floor(np.round(true - late, 9)) + np.round(true % 1, 9)
+    if unit == "iso":
+        frame = pd.DataFrame({"t": pd.to_datetime(1e9 * (tags + 1e9))})
+        true = true + 1e9
+    else:
+        frame = pd.DataFrame({"t": np.round(scale * tags).astype("int64") if scale > 1 else tags})
+    clock = build_clock(frame, unit)
+    np.testing.assert_allclose(clock.subtract(0), true, atol=1e-6)
+    assert clock.said.startswith(words)
+
+
+LSB = 2000 / 32768
+
+
+def make_swings(amplitude, seed=0, n=3000):
+    """Rates (n, 3), deg/s, of swings of 0.9 Hz, 100 a second, the first of them of that amplitude about a constant."""
+    t = np.arange(n) / 100
+    x = amplitude * np.sin(2 * np.pi * 0.9 * t) + 40.0
+    return np.column_stack([x, 0.3 * x, 5 * np.cos(t)]) + np.random.default_rng(seed).normal(0.0, 0.1, (n, 3))
+
+
+@pytest.mark.parametrize(
+    ("unit", "lsb", "digits"), [("counts", 1.0, 9), ("deg/s", LSB, 9), ("deg/s", LSB, 3), ("deg/s", None, 9)]
+)
+@pytest.mark.parametrize("amplitude", [2500.0, -3100.0])
+def test_rates_that_overflow_are_undone(unit, lsb, digits, amplitude):
+    true = make_swings(amplitude)
+    if lsb:
+        true = np.round(true / LSB) * LSB
+    read = np.round((true + 2000) % 4000 - 2000, 12)
+    if unit == "counts":
+        read = np.round(read / LSB).astype(int)
+    table = pd.DataFrame(np.round(read, digits), columns=["x", "y", "z"]).assign(t=np.arange(len(true)) / 100)
+    found = made(table, gyro=f"x,y,z:{unit}", **({"lsb": f"{LSB} deg/s"} if unit == "counts" else {}))
+    assert (np.abs(read / (1 if unit == "counts" else LSB) * LSB - true).max()) > 3000
+    np.testing.assert_allclose(np.rad2deg(found.raw), true, atol=2e-3 if lsb else 0.1)
+    assert sum("readings of gyro 1 jump" in text for text in found.assumed) == 1
+    assert any("full range of" in text and "(by the jumps)" in text for text in found.assumed) == (lsb is None)
+    stated = made(
+        table,
+        gyro=f"x,y,z:{unit}",
+        wrap=4000.0 if unit == "deg/s" else 65536.0,
+        **({"lsb": f"{LSB} deg/s"} if unit == "counts" else {}),
+    )
+    np.testing.assert_allclose(np.rad2deg(stated.raw), true, atol=2e-3)
+
+
+@pytest.mark.parametrize("kind", ["noise", "shocks", "clipped", "step", "spikes"])
+@pytest.mark.parametrize("lsb", [LSB, None])
+def test_rates_that_do_not_overflow_stay(kind, lsb):
+    rng = np.random.default_rng(3)
+    true = make_swings(1500.0)
+    if kind == "noise":
+        true = rng.normal(0.0, 3.0, true.shape)
+    if kind == "shocks":
+        true = rng.normal(0.0, 0.1, true.shape)
+        for k in range(100, 2900, 250):
+            true[k : k + 8] += rng.uniform(300, 1900) * np.array([1, -1, 0.9, -0.8, 0.6, -0.5, 0.3, 0.1])[:, None]
+    if kind == "clipped":
+        true = np.clip(make_swings(4000.0), -1999.9, 1999.9)
+    if kind == "step":
+        true = np.where(np.arange(len(true))[:, None] % 600 < 300, -900.0, 900.0) + rng.normal(0.0, 0.1, true.shape)
+    if kind == "spikes":
+        true[rng.integers(0, len(true), 12)] = -1999.0
+    read = np.round(true / lsb) * lsb if lsb else true
+    table = pd.DataFrame(read, columns=["x", "y", "z"]).assign(t=np.arange(len(true)) / 100)
+    found = made(table)
+    np.testing.assert_allclose(np.rad2deg(found.raw), read, atol=1e-9)
+    assert not any("overflow" in text for text in found.assumed)
+
+
+@pytest.mark.parametrize(
+    "tags",
+    [
+        [0.1 * k for k in (*range(50), *range(50))],  # two logs
+        [0.1 * k for k in (*range(50), *range(60, 100), *range(50, 60))],  # a block in another place
+        [0.1 * k for k in (*range(50), *range(40, 100))],  # a clock that is set back by 1 s
+        [0.1 * k for k in (*range(50), *range(60, 100), *range(90, 140))],  # a gap of 1 s, and a step back
+        [0.1, 0.2, 0.4, 0.3, 0.5, 0.6],  # exchanged rows
+    ],
+)
+def test_other_steps_back_are_left_to_the_order_of_time(tags):
+    found, said = continue_tags(np.array(tags), "s")
+    np.testing.assert_array_equal(found, tags)
+    assert said == ""
+
+
 def test_quaternions_of_fixed_point_numbers_are_divided_by_their_norm():
     a = attitudes().assign(w=9830, a=-13107, s=0.5)  # 0.6 and −0.8 times 2^14
     found = made(a=a, sigma_deg="s")
@@ -140,7 +242,6 @@ def test_gps_and_unix_time_meet():
         ({"gyro": "x,y,w:deg/s"}, "gyro: no column w; there are t, x, y, z"),
         ({"time": "t"}, "is not COLUMNS:UNIT"),
         ({"attitude_by": "sensor"}, "no column sensor"),
-        ({"gyro": "x,y,z:deg/s", "wrap": 360.0}, "goes with accumulated angles"),
     ],
 )
 def test_what_is_wrong_is_said(changes, words):

@@ -1,12 +1,15 @@
 """References of several trackers as those of one sensor, against the covariance that least squares has."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import simulator
 from gyrocal.recording.merged_references import merge_references
-from gyrocal.recording.trackers import compute_body_covariance
+from gyrocal.recording.trackers import compute_body_covariance, keep_rows
 from tests.tracker_cases import AGILE, ESTIMATED
 
 
@@ -33,3 +36,16 @@ def test_two_trackers_have_the_error_of_least_squares():
 def test_a_misalignment_that_is_estimated_is_taken_off():
     errors, merged, _ = compute_errors(ESTIMATED, 1)
     assert np.sqrt(np.mean((errors / merged.sigma) ** 2)) < 1.3  # 0.01 to 0.03 deg are 20 sigma and more
+
+
+def test_a_tracker_of_unknown_mounting_without_common_times_is_left_out_with_a_word():
+    recording = simulator.simulate(ESTIMATED, seed=1)
+    attitudes = recording.attitudes
+    own = attitudes.sensor == 1
+    apart = keep_rows(attitudes, ~own | ~np.isin(attitudes.t_s, [one.stop_s for one in recording.intervals]))
+    apart = replace(apart, t_s=apart.t_s + 7.0 * (apart.sensor == 1))
+    order = np.argsort(apart.t_s, kind="stable")
+    name = attitudes.sensors[1].name
+    with pytest.warns(UserWarning, match=f"the references of {name}, whose mounting is estimated, are left out"):
+        merged = merge_references(replace(recording, attitudes=keep_rows(apart, order)))
+    np.testing.assert_array_equal(merged.attitudes.t_s, attitudes.t_s[~own])

@@ -1,5 +1,8 @@
 """BROAD trials as recordings: on a trial written here in the same format, and on the real ones beside the checkout."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -8,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
-from gyrocal import GyroParameters, attitude, calibrate, load, residual_table
+from gyrocal import GyroParameters, InputError, attitude, calibrate, load, residual_table
 from studies.cli.main import main
 from studies.validation import broad
 from tests import SHARED
@@ -169,6 +172,18 @@ def test_choice_of_intervals(trial, intervals, count):
     recording = broad.build_recording(trial, intervals, spacing_s=0.5).recording
     assert len(recording.intervals) == count
     assert np.median(np.diff(recording.attitudes.t_s)) == pytest.approx(0.5, abs=0.02)
+
+
+def test_a_time_offset_is_stated_and_undone(trial):
+    late = replace(trial, quaternions=np.roll(trial.quaternions, 5, axis=0))
+    (text,) = broad.describe_time_offset(late)
+    found = re.search(r": (\S+) ± (\S+) s .* differs from zero", text)
+    assert float(found[1]) == pytest.approx(-5 * SAMPLE_S, abs=4 * float(found[2]))
+    assert "does not differ from zero" in broad.describe_time_offset(late, -5 * SAMPLE_S)[0]
+    moved = broad.build_recording(late, attitude_offset_s=-5 * SAMPLE_S).recording
+    assert moved.gyro.t_s[0] == pytest.approx(5 * SAMPLE_S)
+    with pytest.raises(InputError, match="less than the 99"):
+        broad.build_recording(late, attitude_offset_s=np.inf)
 
 
 def test_time_offset_does_not_swell_the_sigmas(trial, imported):
