@@ -1,0 +1,423 @@
+"""Slews for the smallest worst sigma of G and b, within limits.
+
+The sigmas are those that the calibrator states: a noise-free recording of each interval is simulated and its whitened sensitivity
+H taken at the true parameters (`gyrocal.calibration.problem`). Intervals that share no reference have independent residuals, so
+that their information adds,
+
+    P⁻¹ = D⁻² + Σ_k H_kᵀ H_k,
+
+with the plausible ranges D as a weak prior, which only keeps P finite. The objective is max_j ln(σ_j/σ_j0), σ_0 of the plan to
+improve on. Intervals, their reference times and holds stay. Free are the slews (`diagnosis.plan.slew_design`) and the modes in
+which the spacecraft is between them; the first and the last mode stay.
+
+The search has two steps. An exchange over a list of designs for each interval replaces those of two intervals at a time, and turns
+the modes between them, as long as this lowers a smooth form of the objective, (1/p) ln Σ (σ_j/σ_j0)^p (Fedorov, Theory of Optimal
+Experiments, 1972, for the exchange). `scipy.optimize.minimize` (SLSQP) then moves axes, angles and times: it minimises t with
+t ≥ ln(σ_j/σ_j0) for all j. Samples are longer than the scenario's: a slew by 5 deg in a sample changes sigmas by less than 1e-3. The
+sigmas of the result come from the scenario's own samples, by `gyrocal.calibrate`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from diagnosis.plan.result import Progress
+from diagnosis.plan.slew_design import (
+    ATTITUDES,
+    MODES,
+    IntervalDesign,
+    SlewLimits,
+    build_interval,
+    build_slews,
+    compute_slew_time,
+    compute_sun_margin,
+    find_end_attitude,
+    turn_orbit,
+)
+from gyrocal import calibrate
+from gyrocal.calibration.parameters import NAMES, GyroParameters
+from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
+from gyrocal.calibration.problem import Problem
+from gyrocal.calibration.sampling import prepare_measurements
+from gyrocal.errors import InputError
+from simulator.scenario import Scenario, build_profiles, override
+from simulator.simulate import simulate
+
+Array = NDArray[np.float64]
+
+TURN_PER_SAMPLE = np.deg2rad(5.0)
+NORM = 16  # p of the exchange; the largest of 12 ratios counts by 17 % too much at most
+AXES = np.vstack([np.eye(3), -np.eye(3)])
+ANGLES = np.deg2rad([20.0, 45.0, 90.0])  # of first slews that a second one ends
+PLACES = ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0))  # together at the start, apart, together at the end
+STARTS = 4  # of the exchange, the first one without slews
+IMPROVEMENT = 1e-4  # of the objective, below which a search ends
+STEP = 1e-5  # of finite differences, rad or share
+TIME_MARGIN = 1e-6  # share of the slew time that SLSQP leaves, for its tolerance
+BOUNDS = np.array([[-2 * np.pi] * 3 + [0.0, 0.0], [2 * np.pi] * 3 + [1.0, 1.0]])  # of a turn and its place
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One design of one interval.
+
+    Attributes
+    ----------
+    information : (12, 12) Hᵀ H of parameters divided by their plausible ranges
+    slew_s : time of its slews and of the transitions of its hold
+    spare_s : time left over; negative if the slews do not fit
+    sun_margin : beyond the keep-out angle, rad
+    """
+
+    information: Array
+    slew_s: float
+    spare_s: float
+    sun_margin: float
+
+    @property
+    def is_allowed(self) -> bool:
+        """Whether the design fits in the interval and keeps out the Sun."""
+        return self.spare_s >= 0 and self.sun_margin >= 0
+
+
+@dataclass(frozen=True)
+class OptimisedPlan:
+    """A scenario with other slews, and what they bring.
+
+    Attributes
+    ----------
+    scenario, baseline : the plan that was found, and the one to improve on
+    limits : within which it is
+    sigma, baseline_sigma : (12,) of G and b (rad/s), as the calibrator states them for noise-free recordings
+    slew_s, baseline_slew_s : time of all slews and transitions of holds
+    """
+
+    scenario: Scenario
+    baseline: Scenario
+    limits: SlewLimits
+    sigma: Array
+    baseline_sigma: Array
+    slew_s: float
+    baseline_slew_s: float
+
+    @property
+    def worst_ratio(self) -> float:
+        """Largest ratio of a sigma to the baseline's."""
+        return float((self.sigma / self.baseline_sigma).max())
+
+
+class PlanObjective:
+    """Information of designs of each interval, measured once each.
+
+    Parameters
+    ----------
+    scenario : the plan to improve on
+    limits : of the slews
+    """
+
+    def __init__(self, scenario: Scenario, limits: SlewLimits):
+        each = max(1, int(TURN_PER_SAMPLE / limits.rate / scenario.gyro.sample_s))
+        coarse = scenario.gyro.model_copy(update={"sample_s": each * scenario.gyro.sample_s})
+        self.scenario = scenario.model_copy(update={"gyro": coarse})
+        self.limits = limits
+        self.truth = GyroParameters(np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
+        self.plausible = estimate_plausible_ranges(simulate(self.scenario, noise=False)).vector(np.arange(12) >= 9)
+        self.baseline = self.compute_sigmas(
+            sum((self._compute_information(one) for one in scenario.interval), np.zeros((12, 12)))
+        )
+        self._measured: dict[tuple[int, IntervalDesign], Measured] = {}
+
+    def measure(self, k: int, design: IntervalDesign) -> Measured:
+        """Measure a design of interval k."""
+        found = self._measured.get((k, design))
+        if found is None:
+            section = self.scenario.interval[k]
+            made = build_interval(section, design, self.limits)
+            profile = made.build_profile(self.scenario.orbit.build_circular_orbit())
+            _, spare = build_slews(design, section.stop_s - section.start_s, self.limits)
+            keep_out = self.limits.keep_out
+            margin = np.pi if keep_out is None else compute_sun_margin(profile, design, self.scenario.epoch, keep_out)
+            slew_s = sum(stop - start for start, stop in profile.moving_spans)
+            found = Measured(self._compute_information(made), slew_s, spare if design.turns else 0.0, margin)
+            self._measured[k, design] = found
+        return found
+
+    def _compute_information(self, section: Any) -> Array:
+        """Hᵀ H (12, 12) of one interval."""
+        recording = simulate(self.scenario.model_copy(update={"interval": (section,)}), noise=False)
+        problem = Problem.build(recording, prepare_measurements(recording))
+        H = problem.state(self.truth).H / problem.scale * self.plausible
+        return np.asarray(H.T @ H)
+
+    def compute_sigmas(self, information: Array) -> Array:
+        """Sigmas (..., 12) over plausible ranges, of the summed information of all intervals (..., 12, 12)."""
+        P = np.linalg.inv(information + np.eye(12))
+        return np.asarray(np.sqrt(np.diagonal(P, axis1=-2, axis2=-1)))
+
+    def compute_log_ratios(self, designs: Sequence[IntervalDesign]) -> Array:
+        """ln(σ/σ_0), (12,)."""
+        total = sum((self.measure(k, one).information for k, one in enumerate(designs)), np.zeros((12, 12)))
+        return np.asarray(np.log(self.compute_sigmas(total) / self.baseline))
+
+    def compute_slew_time(self, designs: Sequence[IntervalDesign]) -> float:
+        """Time of all slews and of the transitions of holds, s."""
+        return sum(self.measure(k, one).slew_s for k, one in enumerate(designs))
+
+    def compute_smooth_worst(self, information: Array) -> Array:
+        """(1/p) ln Σ (σ/σ_0)^p of summed information (..., 12, 12)."""
+        ratio = np.log(self.compute_sigmas(information) / self.baseline)
+        top = ratio.max(axis=-1, keepdims=True)
+        return np.asarray(top[..., 0] + np.log(np.exp(NORM * (ratio - top)).sum(axis=-1)) / NORM)
+
+
+def optimise_plan(
+    scenario: Scenario, limits: SlewLimits, seed: int = 0, progress: Progress | None = None
+) -> OptimisedPlan:
+    """Find slews with the smallest worst sigma of G and b over that of the scenario.
+
+    Parameters
+    ----------
+    scenario : the plan to improve on, of three gyros x, y and z
+    limits : of rate, acceleration, time and the Sun
+    seed : of the starts of the search
+    progress : called with a text and the share done
+
+    Raises
+    ------
+    InputError
+        The scenario has other gyros or no references, or no plan within the limits was found.
+    """
+    tell = progress or (lambda text, share: None)
+    if scenario.gyro.array is not None:
+        raise InputError("an optimised plan is for three gyros x, y and z; take the scenario without [gyro.array]")
+    if scenario.reference.at == "none":
+        raise InputError("the scenario has no reference attitudes to calibrate with; set [reference] at to ends or series")
+    tell("exchange of slews", 0.0)
+    objective = PlanObjective(scenario, limits)
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"optimise_plan")))
+    start = _build_start(objective)
+    best = start
+    for number in range(STARTS):
+        tell("exchange of slews", 0.05 + 0.9 * number / STARTS)
+        designs = exchange_designs(objective, shake_designs(objective, start, rng) if number else start)
+        tell("refinement of axes, angles and times", 0.05 + 0.9 * (number + 0.7) / STARTS)
+        designs = refine_designs(objective, designs)
+        if objective.compute_log_ratios(designs).max() < objective.compute_log_ratios(best).max():
+            best = designs
+    tell("sigmas from the scenario's own samples", 0.95)
+    sections = [build_interval(one, best[k], limits) for k, one in enumerate(scenario.interval)]
+    improved = override(
+        scenario.model_copy(update={"title": f"{scenario.title}, optimised slews"}),
+        {"interval": [one.model_dump(mode="json", exclude_none=True) for one in sections]},
+    )
+    before, after = (calibrate(simulate(one, noise=False)).sigma for one in (scenario, improved))
+    return OptimisedPlan(
+        improved, scenario, limits, after, before, compute_slew_time(improved), compute_slew_time(scenario)
+    )
+
+
+def list_designs(objective: PlanObjective, k: int, start: int, end: int) -> list[IntervalDesign]:
+    """The designs of the exchange for an interval between two attitudes; their body axes depend on C₂ C₁ᵀ only."""
+    rest = IntervalDesign(start, end)
+    if start == end:
+        first = [2 * np.pi * axis for axis in AXES]
+        pairs = [angle * axis for axis in AXES for angle in ANGLES]
+        out = [rest, replace(rest, hold=True)] if objective.scenario.interval[k].hold else [rest]
+    else:
+        (short,), pairs, out = rest.turns, [], []
+        first = [short, short * (1 - 2 * np.pi / np.linalg.norm(short))]
+    out += [replace(rest, turn=_freeze(turn), place=(share, 0.0)) for turn in first for share in (0.0, 0.5, 1.0)]
+    return out + [replace(rest, turn=_freeze(turn), place=place) for turn in pairs for place in PLACES]
+
+
+def _freeze(turn: Array) -> tuple[float, float, float]:
+    return (float(turn[0]), float(turn[1]), float(turn[2]))
+
+
+def _build_start(objective: PlanObjective) -> list[IntervalDesign]:
+    """The plan with the fewest slews: none, or one from the first attitude to the last one.
+
+    Raises
+    ------
+    InputError
+        No interval has room for that slew.
+    """
+    profiles = build_profiles(objective.scenario)
+    first = find_end_attitude(replace(profiles[0], slews=()))
+    last = find_end_attitude(profiles[-1])
+    if first is None:
+        raise InputError("the first interval's tilt_deg must have the body axes along those of LVLH")
+    last = first if last is None else last
+    for turned in reversed(range(len(profiles))):
+        designs = [IntervalDesign(first, first)] * turned + [IntervalDesign(last, last)] * (len(profiles) - turned)
+        for one in list_designs(objective, turned, first, last):
+            designs[turned] = one
+            if objective.measure(turned, one).is_allowed and objective.compute_slew_time(designs) <= objective.limits.slew_s:
+                return designs
+    raise InputError(
+        f"no interval has room for a slew from the first attitude to the last one within {objective.limits.slew_s:g} s of slews; "
+        "allow more with --slew-time, --max-rate or --max-acceleration"
+    )
+
+
+@dataclass(frozen=True)
+class Move:
+    """Other designs of intervals i ≤ j, and the modes between them turned.
+
+    Attributes
+    ----------
+    plans : the plan with the modes turned, i and j not yet replaced
+    i, j : intervals
+    first, second : designs of i and of j
+    pairs : (m, 2) those that the limits allow together; with i = j both are the same
+    information : (m, 12, 12) of the whole plan
+    """
+
+    plan: tuple[IntervalDesign, ...]
+    i: int
+    j: int
+    first: Sequence[IntervalDesign]
+    second: Sequence[IntervalDesign]
+    pairs: NDArray[np.intp]
+    information: Array
+
+    def take(self, row: int) -> list[IntervalDesign]:
+        """The plan with one of the pairs."""
+        designs = list(self.plan)
+        designs[self.i], designs[self.j] = self.first[self.pairs[row, 0]], self.second[self.pairs[row, 1]]
+        return designs
+
+
+def build_move(objective: PlanObjective, designs: Sequence[IntervalDesign], i: int, j: int, turned: int) -> Move | None:
+    """Build the move that turns the attitudes between intervals i and j, see `turn_orbit`; None where nothing is allowed."""
+    plan = [
+        replace(one, start=turn_orbit(one.start, turned), end=turn_orbit(one.end, turned)) if i < k < j else one
+        for k, one in enumerate(designs)
+    ]
+    if not all(objective.measure(k, one).is_allowed for k, one in enumerate(plan) if k not in (i, j)):
+        return None
+    rest = [objective.measure(k, one) for k, one in enumerate(plan) if k not in (i, j)]
+    left = objective.limits.slew_s - sum(one.slew_s for one in rest) + 1e-9
+    end = designs[i].end if i == j else turn_orbit(designs[i].end, turned)
+    first = _list_allowed(objective, i, designs[i].start, end, left)
+    second = first if i == j else _list_allowed(objective, j, turn_orbit(designs[j].start, turned), designs[j].end, left)
+    if not first or not second:
+        return None
+    own, other = ([objective.measure(k, one) for one in found] for k, found in ((i, first), (j, second)))
+    base = sum((one.information for one in rest), np.zeros((12, 12)))
+    A, T = np.array([one.information for one in own]), np.array([one.slew_s for one in own])
+    if i == j:
+        pairs = np.repeat(np.flatnonzero(left >= T)[:, None], 2, axis=1)
+        return Move(tuple(plan), i, j, first, second, pairs, base + A[pairs[:, 0]])
+    B, S = np.array([one.information for one in other]), np.array([one.slew_s for one in other])
+    pairs = np.argwhere(T[:, None] + S <= left)
+    return Move(tuple(plan), i, j, first, second, pairs, base + A[pairs[:, 0]] + B[pairs[:, 1]]) if len(pairs) else None
+
+
+def _list_allowed(objective: PlanObjective, k: int, start: int, end: int, left: float) -> list[IntervalDesign]:
+    """Designs of interval k that the limits allow, of at most `left` seconds."""
+    found = list_designs(objective, k, start, end)
+    length = objective.scenario.interval[k].stop_s - objective.scenario.interval[k].start_s
+    short = []
+    for one in found:
+        slews, spare = build_slews(one, length, objective.limits)
+        if not slews or (spare >= 0 and sum(slew.duration_s for slew in slews) <= left):
+            short.append(one)
+    return [one for one in short if objective.measure(k, one).is_allowed]
+
+
+def _list_move_places(objective: PlanObjective) -> list[tuple[int, int, int]]:
+    """Intervals i ≤ j of all moves, and the turns of the attitudes between them."""
+    count = len(objective.scenario.interval)
+    turns = range(len(ATTITUDES) if objective.limits.tilts else len(MODES))
+    return [(i, j, turned) for i in range(count) for j in range(i + 1, count) for turned in turns] or [(0, 0, 0)]
+
+
+def exchange_designs(objective: PlanObjective, designs: Sequence[IntervalDesign]) -> list[IntervalDesign]:
+    """Exchange designs until no move lowers the smooth worst sigma."""
+    current, places = list(designs), _list_move_places(objective)
+    value = np.inf
+    while True:
+        before = value
+        for i, j, turned in places:
+            move = build_move(objective, current, i, j, turned)
+            if move is None:
+                continue
+            values = objective.compute_smooth_worst(move.information)
+            row = int(values.argmin())
+            if values[row] < value - IMPROVEMENT:
+                value, current = float(values[row]), move.take(row)
+        if not value < before - IMPROVEMENT:
+            return current
+
+
+def shake_designs(objective: PlanObjective, designs: Sequence[IntervalDesign], rng: np.random.Generator) -> list[IntervalDesign]:
+    """Make one random move for each interval."""
+    current, places = list(designs), _list_move_places(objective)
+    for _ in designs:
+        i, j, turned = places[rng.integers(len(places))]
+        move = build_move(objective, current, i, j, turned)
+        if move is not None:
+            current = move.take(int(rng.integers(len(move.pairs))))
+    return current
+
+
+def refine_designs(objective: PlanObjective, designs: Sequence[IntervalDesign]) -> list[IntervalDesign]:
+    """Move axes, angles and times of the slews to the smallest worst sigma; the designs as they are where that fails."""
+    free = [k for k, one in enumerate(designs) if one.turns]
+    if not free:
+        return list(designs)
+
+    def place(x: Array) -> list[IntervalDesign]:
+        out = list(designs)
+        for row, k in zip(x.reshape(-1, 5), free, strict=True):
+            single = len(designs[k].turns) == 1
+            turn = designs[k].turn if single else (float(row[0]), float(row[1]), float(row[2]))
+            out[k] = replace(designs[k], turn=turn, place=(float(row[3]), float(row[4])))
+        return out
+
+    def compute_slack(x: Array) -> Array:
+        plan = place(x)
+        measured = [objective.measure(k, one) for k, one in enumerate(plan)]
+        slew_s = sum(one.slew_s for one in measured)
+        own = [(measured[k].spare_s / 100.0, 10 * measured[k].sun_margin) for k in free]
+        return np.concatenate([-objective.compute_log_ratios(plan), [1 - TIME_MARGIN - slew_s / objective.limits.slew_s], np.ravel(own)])
+
+    def compute_constraints(xt: Array) -> Array:
+        slack = compute_slack(xt[:-1])
+        slack[:12] += xt[-1]
+        return slack
+
+    def compute_jacobian(xt: Array) -> Array:
+        at = compute_slack(xt[:-1])
+        columns = []
+        for n in range(xt.size - 1):
+            step = -STEP if n % 5 >= 3 and xt[n] > 0.5 else STEP
+            columns.append((compute_slack(xt[:-1] + step * np.eye(xt.size - 1)[n]) - at) / step)
+        last = np.zeros(at.size)
+        last[:12] = 1.0
+        return np.column_stack([*columns, last])
+
+    x = np.ravel([(*designs[k].turn, *designs[k].place) for k in free])
+    worst = float(objective.compute_log_ratios(designs).max())
+    gradient = np.append(np.zeros(x.size), 1.0)
+    found = minimize(
+        lambda xt: float(xt[-1]),
+        np.append(x, worst),
+        jac=lambda xt: gradient,
+        method="SLSQP",
+        bounds=[*BOUNDS.T.tolist()] * len(free) + [(None, None)],
+        constraints={"type": "ineq", "fun": compute_constraints, "jac": compute_jacobian},
+        options={"maxiter": 60, "ftol": IMPROVEMENT / 10},
+    )
+    plan = place(np.clip(found.x[:-1], *np.tile(BOUNDS, len(free))))
+    allowed = all(objective.measure(k, one).is_allowed for k, one in enumerate(plan))
+    fits = objective.compute_slew_time(plan) <= objective.limits.slew_s * (1 + 1e-9)
+    return plan if allowed and fits and objective.compute_log_ratios(plan).max() < worst else list(designs)
