@@ -56,12 +56,14 @@ TURN_PER_SAMPLE = np.deg2rad(5.0)
 NORM = 16  # p of the exchange; the largest of 12 ratios counts by 17 % too much at most
 AXES = np.vstack([np.eye(3), -np.eye(3)])
 ANGLES = np.deg2rad([20.0, 45.0, 90.0])  # of first slews that a second one ends
-PLACES = ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0))  # together at the start, apart, together at the end
-STARTS = 4  # of the exchange, the first one without slews
+PLACES = ((0.0, 0.0), (0.0, 1.0))  # of the two: together at the start, apart
+LENGTHS = (1.0, 0.75, 0.5, 0.25)  # of the scenario's interval
+STARTS = 3  # of the exchange, the first one without slews
 IMPROVEMENT = 1e-4  # of the objective, below which a search ends
 STEP = 1e-5  # of finite differences, rad or share
 TIME_MARGIN = 1e-6  # share of the slew time that SLSQP leaves, for its tolerance
-BOUNDS = np.array([[-2 * np.pi] * 3 + [0.0, 0.0], [2 * np.pi] * 3 + [1.0, 1.0]])  # of a turn and its place
+# Of a turn, its place and the length.
+BOUNDS = np.array([[-2 * np.pi] * 3 + [0.0, 0.0, 0.01], [2 * np.pi] * 3 + [1.0, 1.0, 1.0]])
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,22 @@ class OptimisedPlan:
         """Largest ratio of a sigma to the baseline's."""
         return float((self.sigma / self.baseline_sigma).max())
 
+    def to_json(self) -> dict[str, Any]:
+        """Document of `gyrocal plan --optimise --json`, format 1; biases in rad/s."""
+        return {
+            "format": 1,
+            "scenario": self.baseline.title,
+            "slew_s": {"before": self.baseline_slew_s, "after": self.slew_s, "limit": self.limits.slew_s},
+            "max_rate_deg_s": float(np.rad2deg(self.limits.rate)),
+            "max_acceleration_deg_s2": float(np.rad2deg(self.limits.acceleration)),
+            "worst_ratio": self.worst_ratio,
+            "sigma": {
+                name: {"before": float(before), "after": float(after)}
+                for name, before, after in zip(NAMES, self.baseline_sigma, self.sigma, strict=True)
+            },
+            "intervals": [one.model_dump(mode="json", exclude_none=True) for one in self.scenario.interval],
+        }
+
 
 class PlanObjective:
     """Information of designs of each interval, measured once each.
@@ -145,7 +163,7 @@ class PlanObjective:
             keep_out = self.limits.keep_out
             margin = np.pi if keep_out is None else compute_sun_margin(profile, design, self.scenario.epoch, keep_out)
             slew_s = sum(stop - start for start, stop in profile.moving_spans)
-            found = Measured(self._compute_information(made), slew_s, spare if design.turns else 0.0, margin)
+            found = Measured(self._compute_information(made), slew_s, 0.0 if design.hold else spare, margin)
             self._measured[k, design] = found
         return found
 
@@ -224,17 +242,30 @@ def optimise_plan(
 
 
 def list_designs(objective: PlanObjective, k: int, start: int, end: int) -> list[IntervalDesign]:
-    """The designs of the exchange for an interval between two attitudes; their body axes depend on C₂ C₁ᵀ only."""
-    rest = IntervalDesign(start, end)
+    """The designs of the exchange for an interval between two attitudes; their body axes depend on C₂ C₁ᵀ only.
+
+    With references at the ends of intervals the designs have several lengths, down to the shortest one for their slews.
+    """
+    rest, section = IntervalDesign(start, end), objective.scenario.interval[k]
     if start == end:
-        first = [2 * np.pi * axis for axis in AXES]
+        turns = [2 * np.pi * axis for axis in AXES]
         pairs = [angle * axis for axis in AXES for angle in ANGLES]
-        out = [rest, replace(rest, hold=True)] if objective.scenario.interval[k].hold else [rest]
+        found = [rest]
     else:
-        (short,), pairs, out = rest.turns, [], []
-        first = [short, short * (1 - 2 * np.pi / np.linalg.norm(short))]
-    out += [replace(rest, turn=_freeze(turn), place=(share, 0.0)) for turn in first for share in (0.0, 0.5, 1.0)]
-    return out + [replace(rest, turn=_freeze(turn), place=place) for turn in pairs for place in PLACES]
+        (short,), pairs, found = rest.turns, [], []
+        turns = [short, short * (1 - 2 * np.pi / np.linalg.norm(short))]
+    found += [replace(rest, turn=_freeze(turn), place=(share, 0.0)) for turn in turns for share in (0.0, 1.0)]
+    found += [replace(rest, turn=_freeze(turn), place=place) for turn in pairs for place in PLACES]
+    out = [replace(rest, hold=True)] if section.hold and start == end else []
+    for one in found:
+        length = section.stop_s - section.start_s
+        shortest = 1 - build_slews(one, length, objective.limits)[1] / length
+        shares = LENGTHS if objective.scenario.reference.at == "ends" else LENGTHS[:1]
+        shares = shares if len(one.turns) < 2 else shares[::2]
+        out += [replace(one, length=share) for share in shares if share >= shortest]
+        if one.turns and one.place == (0.0, 0.0) and len(shares) > 1 and shortest <= 1 and len(one.turns) == 1:
+            out.append(replace(one, length=shortest))
+    return out
 
 
 def _freeze(turn: Array) -> tuple[float, float, float]:
@@ -370,54 +401,66 @@ def shake_designs(objective: PlanObjective, designs: Sequence[IntervalDesign], r
 
 
 def refine_designs(objective: PlanObjective, designs: Sequence[IntervalDesign]) -> list[IntervalDesign]:
-    """Move axes, angles and times of the slews to the smallest worst sigma; the designs as they are where that fails."""
-    free = [k for k, one in enumerate(designs) if one.turns]
-    if not free:
+    """Move axes, angles, times and lengths to the smallest worst sigma; the designs as they are where that fails."""
+    start, moved = np.array([_pack(one) for one in designs]), np.array([_list_free(objective, one) for one in designs])
+    if not moved.any():
         return list(designs)
 
     def place(x: Array) -> list[IntervalDesign]:
-        out = list(designs)
-        for row, k in zip(x.reshape(-1, 5), free, strict=True):
-            single = len(designs[k].turns) == 1
-            turn = designs[k].turn if single else (float(row[0]), float(row[1]), float(row[2]))
-            out[k] = replace(designs[k], turn=turn, place=(float(row[3]), float(row[4])))
-        return out
+        values = start.copy()
+        values[moved] = x
+        return [_unpack(one, row) for one, row in zip(designs, values, strict=True)]
 
     def compute_slack(x: Array) -> Array:
         plan = place(x)
         measured = [objective.measure(k, one) for k, one in enumerate(plan)]
-        slew_s = sum(one.slew_s for one in measured)
-        own = [(measured[k].spare_s / 100.0, 10 * measured[k].sun_margin) for k in free]
-        return np.concatenate([-objective.compute_log_ratios(plan), [1 - TIME_MARGIN - slew_s / objective.limits.slew_s], np.ravel(own)])
+        left = 1 - TIME_MARGIN - sum(one.slew_s for one in measured) / objective.limits.slew_s
+        own = [(one.spare_s / 100.0, 10 * one.sun_margin) for one in measured]
+        return np.concatenate([-objective.compute_log_ratios(plan), [left], np.ravel(own)])
 
     def compute_constraints(xt: Array) -> Array:
         slack = compute_slack(xt[:-1])
         slack[:12] += xt[-1]
         return slack
 
-    def compute_jacobian(xt: Array) -> Array:
-        at = compute_slack(xt[:-1])
-        columns = []
-        for n in range(xt.size - 1):
-            step = -STEP if n % 5 >= 3 and xt[n] > 0.5 else STEP
-            columns.append((compute_slack(xt[:-1] + step * np.eye(xt.size - 1)[n]) - at) / step)
-        last = np.zeros(at.size)
-        last[:12] = 1.0
-        return np.column_stack([*columns, last])
+    low, high = (np.broadcast_to(side, start.shape)[moved] for side in BOUNDS)
 
-    x = np.ravel([(*designs[k].turn, *designs[k].place) for k in free])
+    def compute_jacobian(xt: Array) -> Array:
+        at, x, columns = compute_slack(xt[:-1]), xt[:-1], []
+        for n in range(x.size):
+            step = -STEP if x[n] + STEP > high[n] else STEP
+            columns.append((compute_slack(x + step * (np.arange(x.size) == n)) - at) / step)
+        return np.column_stack([*columns, np.arange(at.size) < 12])
+
     worst = float(objective.compute_log_ratios(designs).max())
-    gradient = np.append(np.zeros(x.size), 1.0)
+    gradient = np.append(np.zeros(low.size), 1.0)
     found = minimize(
         lambda xt: float(xt[-1]),
-        np.append(x, worst),
+        np.append(start[moved], worst),
         jac=lambda xt: gradient,
         method="SLSQP",
-        bounds=[*BOUNDS.T.tolist()] * len(free) + [(None, None)],
+        bounds=[*zip(low, high, strict=True), (None, None)],
         constraints={"type": "ineq", "fun": compute_constraints, "jac": compute_jacobian},
-        options={"maxiter": 60, "ftol": IMPROVEMENT / 10},
+        options={"maxiter": 100, "ftol": IMPROVEMENT / 10},
     )
-    plan = place(np.clip(found.x[:-1], *np.tile(BOUNDS, len(free))))
+    plan = place(np.clip(found.x[:-1], low, high))
     allowed = all(objective.measure(k, one).is_allowed for k, one in enumerate(plan))
-    fits = objective.compute_slew_time(plan) <= objective.limits.slew_s * (1 + 1e-9)
-    return plan if allowed and fits and objective.compute_log_ratios(plan).max() < worst else list(designs)
+    allowed &= objective.compute_slew_time(plan) <= objective.limits.slew_s
+    return plan if allowed and objective.compute_log_ratios(plan).max() < worst else list(designs)
+
+
+def _pack(design: IntervalDesign) -> Array:
+    """(6,) the numbers of a design that can be moved."""
+    return np.array([*design.turn, *design.place, design.length])
+
+
+def _unpack(design: IntervalDesign, values: Array) -> IntervalDesign:
+    return replace(
+        design, turn=_freeze(values), place=(float(values[3]), float(values[4])), length=float(values[5])
+    )
+
+
+def _list_free(objective: PlanObjective, design: IntervalDesign) -> list[bool]:
+    """(6,) which of them may move: with one slew its turn is that from attitude to attitude."""
+    slews, ends = len(design.turns), objective.scenario.reference.at == "ends"
+    return [slews == 2] * 3 + [slews > 0, slews == 2, ends and not design.hold]

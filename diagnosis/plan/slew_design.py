@@ -72,6 +72,7 @@ class IntervalDesign:
     turn : rotation vector of the first slew, rad in body axes; zero for none
     place : shares in [0, 1]: of the spare time before the first slew, and of the rest between the two slews
     hold : whether it keeps the scenario's inertial hold, then without slews
+    length : share of the scenario's interval that it lasts, from the same start
     """
 
     start: int
@@ -79,6 +80,7 @@ class IntervalDesign:
     turn: Vector = (0.0, 0.0, 0.0)
     place: tuple[float, float] = (0.0, 0.0)
     hold: bool = False
+    length: float = 1.0
 
     @property
     def turns(self) -> list[Array]:
@@ -132,11 +134,11 @@ def find_end_attitude(profile: Profile) -> int | None:
 
 
 def build_slews(design: IntervalDesign, length: float, limits: SlewLimits) -> tuple[tuple[SlewSection, ...], float]:
-    """The slews of an interval of some length, s, and the time that is left over, s: negative if they do not fit in it."""
+    """The slews in an interval of the scenario's length, s, and the time that is left over, s: negative if they do not fit."""
     turns = design.turns
     angles = [float(np.linalg.norm(turn)) for turn in turns]
     shapes = [compute_shortest_slew(angle, limits) for angle in angles]
-    spare = length - 2 * limits.settle_s - sum(duration for duration, _ in shapes)
+    spare = length * design.length - 2 * limits.settle_s - sum(duration for duration, _ in shapes)
     before = design.place[0] * max(spare, 0.0)
     begin, out = limits.settle_s + before, []
     for turn, angle, (duration, ramp) in zip(turns, angles, shapes, strict=True):
@@ -162,6 +164,7 @@ def build_interval(section: IntervalSection, design: IntervalDesign, limits: Sle
     text = "inertial hold" if design.hold else "slews" if slews else f"{mode} forward" if is_mode else "tilted"
     return section.model_copy(
         update={
+            "stop_s": section.start_s + design.length * (section.stop_s - section.start_s),
             "mode": mode,
             "tilt_deg": (0.0, 0.0, 0.0) if is_mode else tuple(tilt.tolist()),
             "slew": slews,
