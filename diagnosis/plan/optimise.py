@@ -254,7 +254,8 @@ def list_designs(objective: PlanObjective, k: int, start: int, end: int) -> list
     else:
         (short,), pairs, found = rest.turns, [], []
         turns = [short, short * (1 - 2 * np.pi / np.linalg.norm(short))]
-    found += [replace(rest, turn=_freeze(turn), place=(share, 0.0)) for turn in turns for share in (0.0, 1.0)]
+    ends = (0.0,) if start == end else (0.0, 1.0)
+    found += [replace(rest, turn=_freeze(turn), place=(share, 0.0)) for turn in turns for share in ends]
     found += [replace(rest, turn=_freeze(turn), place=place) for turn in pairs for place in PLACES]
     out = [replace(rest, hold=True)] if section.hold and start == end else []
     for one in found:

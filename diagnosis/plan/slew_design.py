@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,7 +83,7 @@ class IntervalDesign:
     hold: bool = False
     length: float = 1.0
 
-    @property
+    @cached_property
     def turns(self) -> list[Array]:
         """Rotation vectors of the slews, rad; each (3,)."""
         needed = Rotation.from_matrix(ATTITUDES[self.end] @ ATTITUDES[self.start].T)
@@ -96,6 +97,7 @@ def find_attitude(C: Array) -> int | None:
     return int(found[0]) if found.size else None
 
 
+@cache
 def turn_orbit(attitude: int, turned: int) -> int:
     """C H of two of `ATTITUDES`: what C becomes when LVLH is turned by H before, with all turns in body axes as they are."""
     found = find_attitude(ATTITUDES[attitude] @ ATTITUDES[turned])

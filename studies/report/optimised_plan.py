@@ -16,7 +16,7 @@ def show(console: Console, found: OptimisedPlan, path: Path) -> None:
     """Print the plan that was found."""
     console.print(format_headline(found), highlight=False, markup=False, style="bold")
     tables.print_table(console, "Slews", build_slew_table(found))
-    tables.print_table(console, "Sigmas of G and b", build_sigma_table(found), "Ratio: after over before.", {"ratio": "{:.2f}"})
+    tables.print_table(console, "Sigmas of G and b", build_sigma_table(found), "Ratio: after over before.", {"ratio": ".2f"})
     console.print(f"The plan is in {path}; gyrocal simulate {path} OUT simulates it.", highlight=False, markup=False)
 
 

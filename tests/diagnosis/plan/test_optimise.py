@@ -111,7 +111,7 @@ def test_the_sun_margin_is_that_of_the_simulated_attitudes(small):
 
 
 def test_information_adds_to_the_covariance_that_the_calibrator_states(small, objective):
-    """At ten times longer samples; the calibrator has no prior here."""
+    """The calibrator takes samples half as long, and the plausible ranges as its prior."""
     designs = [
         IntervalDesign(0, 0),
         IntervalDesign(0, 1, (0.0, 0.0, float(np.pi))),
@@ -119,7 +119,8 @@ def test_information_adds_to_the_covariance_that_the_calibrator_states(small, ob
         IntervalDesign(1, 1, (0.0, 0.0, float(-np.pi / 2)), (0.0, 0.9)),
     ]
     sections = [build_interval(one, design, LIMITS) for one, design in zip(small.interval, designs, strict=True)]
-    stated = calibrate(simulate(small.model_copy(update={"interval": tuple(sections)}), noise=False)).sigma
+    recording = simulate(small.model_copy(update={"interval": tuple(sections)}), noise=False)
+    stated = calibrate(recording, apriori_covariance=np.diag(objective.plausible**2)).sigma
     total = sum(objective.measure(k, one).information for k, one in enumerate(designs))
     found = objective.compute_sigmas(total) * objective.plausible
     assert found == pytest.approx(stated, rel=3e-3)
@@ -144,3 +145,30 @@ def test_the_search_reaches_the_best_of_all_combinations(small, objective):
     assert objective.compute_log_ratios(designs).max() <= min(value.values()) + 1e-6
     assert objective.compute_slew_time(designs) <= objective.limits.slew_s
     assert all(one.end == other.start for one, other in zip(designs, designs[1:], strict=False))
+
+
+def test_an_optimised_plan_is_within_its_limits_and_its_file_is_the_plan(small, tmp_path, monkeypatch):
+    """With one start of the search; the sigmas are those of the file's own scenario."""
+    monkeypatch.setattr("diagnosis.plan.optimise.STARTS", 1)
+    limits = replace(LIMITS, slew_s=1000.0, keep_out=((0.0, 0.0, -1.0), 0.5))
+    found = optimise_plan(small, limits)
+    (tmp_path / "better.toml").write_text(format_scenario(found.scenario))
+    read = load(tmp_path / "better.toml")
+    assert read == found.scenario
+    assert found.slew_s == pytest.approx(compute_slew_time(read)) and found.slew_s <= 1000.0
+    rate, acceleration = read_limits(read)
+    assert rate <= RATE * (1 + 1e-9) and acceleration <= ACCELERATION * (1 + 1e-9)
+    assert found.sigma == pytest.approx(calibrate(simulate(read, noise=False)).sigma)
+    assert found.worst_ratio < 1.0
+    ends = [find_end_attitude(profile) for profile in build_profiles(read)]
+    starts = [find_end_attitude(replace(profile, slews=())) for profile in build_profiles(read)]
+    assert starts[1:] == ends[:-1] and ends[-1] == 1 and starts[0] == 0
+
+
+def test_what_cannot_be_planned_is_refused_in_one_line(small):
+    with pytest.raises(InputError, match="no interval has room"):
+        optimise_plan(small, replace(LIMITS, slew_s=10.0))
+    with pytest.raises(InputError, match="three gyros"):
+        optimise_plan(load("trmm_tetrahedron"), LIMITS)
+    with pytest.raises(InputError, match="no reference attitudes"):
+        optimise_plan(override(small, {"reference.at": "none"}), LIMITS)
