@@ -10,7 +10,7 @@ with the plausible ranges D as a weak prior, which only keeps P finite. The obje
 improve on. Intervals, their reference times and holds stay. Free are the slews (`diagnosis.plan.slew_design`) and the modes in
 which the spacecraft is between them; the first and the last mode stay.
 
-The search has two steps. An exchange over a list of designs for each interval replaces those of two intervals at a time, and turns
+The search begins with no slews, and with the scenario's own if they fit in the limits, and has two steps. An exchange over a list of designs for each interval replaces those of two intervals at a time, and turns
 the modes between them, as long as this lowers a smooth form of the objective, (1/p) ln Σ (σ_j/σ_j0)^p (Fedorov, Theory of Optimal
 Experiments, 1972, for the exchange). `scipy.optimize.minimize` (SLSQP) then moves axes, angles and times: it minimises t with
 t ≥ ln(σ_j/σ_j0) for all j. Samples are longer than the scenario's: a slew by 5 deg in a sample changes sigmas by less than 1e-3. The
@@ -19,9 +19,9 @@ sigmas of the result come from the scenario's own samples, by `gyrocal.calibrate
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -58,7 +58,6 @@ AXES = np.vstack([np.eye(3), -np.eye(3)])
 ANGLES = np.deg2rad([20.0, 45.0, 90.0])  # of first slews that a second one ends
 PLACES = ((0.0, 0.0), (0.0, 1.0))  # of the two: together at the start, apart
 LENGTHS = (1.0, 0.75, 0.5, 0.25)  # of the scenario's interval
-STARTS = 3  # of the exchange, the first one without slews
 IMPROVEMENT = 1e-4  # of the objective, below which a search ends
 STEP = 1e-5  # of finite differences, rad or share
 TIME_MARGIN = 1e-6  # share of the slew time that SLSQP leaves, for its tolerance
@@ -195,16 +194,13 @@ class PlanObjective:
         return np.asarray(top[..., 0] + np.log(np.exp(NORM * (ratio - top)).sum(axis=-1)) / NORM)
 
 
-def optimise_plan(
-    scenario: Scenario, limits: SlewLimits, seed: int = 0, progress: Progress | None = None
-) -> OptimisedPlan:
+def optimise_plan(scenario: Scenario, limits: SlewLimits, progress: Progress | None = None) -> OptimisedPlan:
     """Find slews with the smallest worst sigma of G and b over that of the scenario.
 
     Parameters
     ----------
     scenario : the plan to improve on, of three gyros x, y and z
     limits : of rate, acceleration, time and the Sun
-    seed : of the starts of the search
     progress : called with a text and the share done
 
     Raises
@@ -217,18 +213,15 @@ def optimise_plan(
         raise InputError("an optimised plan is for three gyros x, y and z; take the scenario without [gyro.array]")
     if scenario.reference.at == "none":
         raise InputError("the scenario has no reference attitudes to calibrate with; set [reference] at to ends or series")
-    tell("exchange of slews", 0.0)
     objective = PlanObjective(scenario, limits)
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"optimise_plan")))
-    start = _build_start(objective)
-    best = start
-    for number in range(STARTS):
-        tell("exchange of slews", 0.05 + 0.9 * number / STARTS)
-        designs = exchange_designs(objective, shake_designs(objective, start, rng) if number else start)
-        tell("refinement of axes, angles and times", 0.05 + 0.9 * (number + 0.7) / STARTS)
-        designs = refine_designs(objective, designs)
-        if objective.compute_log_ratios(designs).max() < objective.compute_log_ratios(best).max():
-            best = designs
+    starts = [_build_start(objective), *_list_own_designs(objective)]
+    found = []
+    for number, start in enumerate(starts):
+        tell("refinement of axes, angles and times", 0.9 * number / len(starts))
+        found.append(refine_designs(objective, start))
+        tell("exchange of slews", 0.9 * (number + 0.2) / len(starts))
+        found.append(refine_designs(objective, exchange_designs(objective, start)))
+    best = min(found, key=lambda designs: float(objective.compute_log_ratios(designs).max()))
     tell("sigmas from the scenario's own samples", 0.95)
     sections = [build_interval(one, best[k], limits) for k, one in enumerate(scenario.interval)]
     improved = override(
@@ -236,9 +229,7 @@ def optimise_plan(
         {"interval": [one.model_dump(mode="json", exclude_none=True) for one in sections]},
     )
     before, after = (calibrate(simulate(one, noise=False)).sigma for one in (scenario, improved))
-    return OptimisedPlan(
-        improved, scenario, limits, after, before, compute_slew_time(improved), compute_slew_time(scenario)
-    )
+    return OptimisedPlan(improved, scenario, limits, after, before, compute_slew_time(improved), compute_slew_time(scenario))
 
 
 def list_designs(objective: PlanObjective, k: int, start: int, end: int) -> list[IntervalDesign]:
@@ -299,13 +290,34 @@ def _build_start(objective: PlanObjective) -> list[IntervalDesign]:
     )
 
 
+def _list_own_designs(objective: PlanObjective) -> list[list[IntervalDesign]]:
+    """The scenario's own slews, as short as the limits allow; none where they are more than two in an interval, or take too long."""
+    designs = []
+    for section, profile in zip(objective.scenario.interval, build_profiles(objective.scenario), strict=True):
+        start, end = find_end_attitude(replace(profile, slews=())), find_end_attitude(profile)
+        if start is None or end is None or len(profile.slews) > 2 or (profile.hold and profile.slews):
+            return []
+        turns = [slew.angle * slew.axis for slew in profile.slews]
+        one = IntervalDesign(start, end, _freeze(turns[0] if turns else np.zeros(3)), hold=profile.hold is not None)
+        spare = build_slews(one, section.stop_s - section.start_s, objective.limits)[1]
+        if turns and spare > 0:
+            before = float(np.clip((profile.slews[0].start - objective.limits.settle_s) / spare, 0, 1))
+            gap = profile.slews[-1].start - profile.slews[0].stop
+            one = replace(one, place=(before, float(np.clip(gap / max(spare * (1 - before), 1e-9), 0, 1))))
+        designs.append(one)
+    measured = [objective.measure(k, one) for k, one in enumerate(designs)]
+    joined = all(first.end == second.start for first, second in pairwise(designs))
+    allowed = all(one.is_allowed for one in measured) and sum(one.slew_s for one in measured) <= objective.limits.slew_s
+    return [designs] if joined and allowed else []
+
+
 @dataclass(frozen=True)
 class Move:
     """Other designs of intervals i ≤ j, and the modes between them turned.
 
     Attributes
     ----------
-    plans : the plan with the modes turned, i and j not yet replaced
+    plan : the plan with the modes turned, i and j not yet replaced
     i, j : intervals
     first, second : designs of i and of j
     pairs : (m, 2) those that the limits allow together; with i = j both are the same
@@ -390,17 +402,6 @@ def exchange_designs(objective: PlanObjective, designs: Sequence[IntervalDesign]
             return current
 
 
-def shake_designs(objective: PlanObjective, designs: Sequence[IntervalDesign], rng: np.random.Generator) -> list[IntervalDesign]:
-    """Make one random move for each interval."""
-    current, places = list(designs), _list_move_places(objective)
-    for _ in designs:
-        i, j, turned = places[rng.integers(len(places))]
-        move = build_move(objective, current, i, j, turned)
-        if move is not None:
-            current = move.take(int(rng.integers(len(move.pairs))))
-    return current
-
-
 def refine_designs(objective: PlanObjective, designs: Sequence[IntervalDesign]) -> list[IntervalDesign]:
     """Move axes, angles, times and lengths to the smallest worst sigma; the designs as they are where that fails."""
     start, moved = np.array([_pack(one) for one in designs]), np.array([_list_free(objective, one) for one in designs])
@@ -456,9 +457,7 @@ def _pack(design: IntervalDesign) -> Array:
 
 
 def _unpack(design: IntervalDesign, values: Array) -> IntervalDesign:
-    return replace(
-        design, turn=_freeze(values), place=(float(values[3]), float(values[4])), length=float(values[5])
-    )
+    return replace(design, turn=_freeze(values), place=(float(values[3]), float(values[4])), length=float(values[5]))
 
 
 def _list_free(objective: PlanObjective, design: IntervalDesign) -> list[bool]:

@@ -29,8 +29,12 @@ if TYPE_CHECKING:
     from simulator.scenario import Scenario
 
 OPTIMISE_OPTIONS = (
-    add_output_option("--optimise", help="Find slews with smaller sigmas of G and b, and write the scenario (TOML) to this file."),
-    click.option("--slew-time", type=click.FloatRange(0), metavar="S", help="Time of all slews; the scenario's own by default."),
+    add_output_option(
+        "--optimise", help="Find slews with smaller sigmas of G and b, and write the scenario (TOML) to this file."
+    ),
+    click.option(
+        "--slew-time", type=click.FloatRange(0), metavar="S", help="Time of all slews; the scenario's own by default."
+    ),
     click.option("--max-rate", type=float, metavar="DEG/S", help="Largest rate of a slew; the scenario's own by default."),
     click.option(
         "--max-acceleration", type=float, metavar="DEG/S2", help="Largest acceleration; the scenario's own by default."
@@ -108,7 +112,7 @@ def command(
     chosen = scenarios.load(scenario)
     if optimise:
         slews = _read_limits(chosen, slew_time, max_rate, max_acceleration, keep_out, tilts)
-        return _optimise(chosen, slews, optimise, as_json, seed)
+        return _optimise(chosen, slews, optimise, as_json)
 
     from diagnosis.plan import list_maneuvers, plan
     from studies.report import plan as plan_report
@@ -156,14 +160,14 @@ def _parse_keep_out(text: str | None) -> tuple[tuple[float, float, float], float
     return (x, y, z), radians(float(found[3]))
 
 
-def _optimise(chosen: Scenario, limits: SlewLimits, path: Path, as_json: Path | None, seed: int) -> None:
+def _optimise(chosen: Scenario, limits: SlewLimits, path: Path, as_json: Path | None) -> None:
     """Find better slews, write their scenario and show them."""
     from diagnosis.plan.optimise import optimise_plan
     from simulator.scenario import format_scenario
     from studies.report import optimised_plan
 
     with show_stages("plan") as tell:
-        found = optimise_plan(chosen, limits, seed=seed, progress=tell)
+        found = optimise_plan(chosen, limits, progress=tell)
     write_text(path, format_scenario(found.scenario))
     write_result(as_json, found.to_json(), lambda: optimised_plan.show(make_console(), found, path))
 

@@ -33,7 +33,12 @@ def build_slew_table(found: OptimisedPlan) -> pd.DataFrame:
     """A row for each slew, and one for each interval without any."""
     rows = []
     for one in found.scenario.interval:
-        interval = {"interval": one.name, "activity": one.activity, "mode": one.mode, "length_s": f"{one.stop_s - one.start_s:.0f}"}
+        interval = {
+            "interval": one.name,
+            "activity": one.activity,
+            "mode": one.mode,
+            "length_s": f"{one.stop_s - one.start_s:.0f}",
+        }
         for slew in one.slew or [None]:
             shown = ("", "", "", "", "")
             if slew is not None:

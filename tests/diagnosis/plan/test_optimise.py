@@ -148,8 +148,8 @@ def test_the_search_reaches_the_best_of_all_combinations(small, objective):
 
 
 def test_an_optimised_plan_is_within_its_limits_and_its_file_is_the_plan(small, tmp_path, monkeypatch):
-    """With one start of the search; the sigmas are those of the file's own scenario."""
-    monkeypatch.setattr("diagnosis.plan.optimise.STARTS", 1)
+    """The slews of the scenario refined; the sigmas are those of the file's own scenario."""
+    monkeypatch.setattr("diagnosis.plan.optimise.exchange_designs", lambda objective, designs: designs)
     limits = replace(LIMITS, slew_s=1000.0, keep_out=((0.0, 0.0, -1.0), 0.5))
     found = optimise_plan(small, limits)
     (tmp_path / "better.toml").write_text(format_scenario(found.scenario))
