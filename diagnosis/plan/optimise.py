@@ -1,20 +1,23 @@
 """Slews for the smallest worst sigma of G and b, within limits.
 
-The sigmas are those that the calibrator states: a noise-free recording of each interval is simulated and its whitened sensitivity
-H taken at the true parameters (`gyrocal.calibration.problem`). Intervals that share no reference have independent residuals, so
-that their information adds,
+The sigmas are those that the calibrator states: a noise-free recording of each interval is simulated, and its whitened
+sensitivity H taken at the true parameters (`gyrocal.calibration.problem`). Intervals that share no reference have independent
+residuals, so that their information adds,
 
     P⁻¹ = D⁻² + Σ_k H_kᵀ H_k,
 
-with the plausible ranges D as a weak prior, which only keeps P finite. The objective is max_j ln(σ_j/σ_j0), σ_0 of the plan to
-improve on. Intervals, their reference times and holds stay. Free are the slews (`diagnosis.plan.slew_design`) and the modes in
-which the spacecraft is between them; the first and the last mode stay.
+with the plausible ranges D as a weak prior, which only keeps P finite. The objective is max_j ln(σ_j/σ_j0), with σ_0 of the
+plan to improve on. Free are the slews (`diagnosis.plan.slew_design`), the lengths of intervals with references at their
+ends, whether a hold stays, and the attitudes between intervals. The first and the last attitude stay.
 
-The search begins with no slews, and with the scenario's own if they fit in the limits, and has two steps. An exchange over a list of designs for each interval replaces those of two intervals at a time, and turns
-the modes between them, as long as this lowers a smooth form of the objective, (1/p) ln Σ (σ_j/σ_j0)^p (Fedorov, Theory of Optimal
-Experiments, 1972, for the exchange). `scipy.optimize.minimize` (SLSQP) then moves axes, angles and times: it minimises t with
-t ≥ ln(σ_j/σ_j0) for all j. Samples are longer than the scenario's: a slew by 5 deg in a sample changes sigmas by less than 1e-3. The
-sigmas of the result come from the scenario's own samples, by `gyrocal.calibrate`.
+The search begins with no slews, and with the scenario's own if they fit in the limits. An exchange over a list of designs
+for each interval replaces those of two intervals at a time, and turns the attitudes between them, as long as this lowers a
+smooth form of the objective, (1/p) ln Σ (σ_j/σ_j0)^p (Fedorov, Theory of Optimal Experiments, 1972, for the exchange).
+SLSQP of `scipy.optimize.minimize` then moves axes, angles, times and lengths: it minimises t with t ≥ ln(σ_j/σ_j0) for all
+j. The optimum is a local one.
+
+Samples are longer than the scenario's: a slew by 5 deg in a sample changes sigmas by less than 1e-3. The sigmas of the
+result come from the scenario's own samples, by `gyrocal.calibrate`.
 """
 
 from __future__ import annotations
@@ -285,13 +288,13 @@ def _build_start(objective: PlanObjective) -> list[IntervalDesign]:
             if objective.measure(turned, one).is_allowed and objective.compute_slew_time(designs) <= objective.limits.slew_s:
                 return designs
     raise InputError(
-        f"no interval has room for a slew from the first attitude to the last one within {objective.limits.slew_s:g} s of slews; "
-        "allow more with --slew-time, --max-rate or --max-acceleration"
+        f"no interval has room for a slew from the first attitude to the last one within {objective.limits.slew_s:g} s of "
+        "slews; allow more with --slew-time, --max-rate or --max-acceleration"
     )
 
 
 def _list_own_designs(objective: PlanObjective) -> list[list[IntervalDesign]]:
-    """The scenario's own slews, as short as the limits allow; none where they are more than two in an interval, or take too long."""
+    """The scenario's own slews, as short as the limits allow; none if they take too long or an interval has more than two."""
     designs = []
     for section, profile in zip(objective.scenario.interval, build_profiles(objective.scenario), strict=True):
         start, end = find_end_attitude(replace(profile, slews=())), find_end_attitude(profile)

@@ -1,8 +1,8 @@
 """The slews of one interval as a few numbers, within limits on rate, acceleration, the Sun and time.
 
 An interval starts in an attitude C₁ relative to LVLH and has to end in C₂, each one of the modes or, with tilts, any of the 24
-that have the body axes along those of LVLH. The first slew is free, with the rotation vector r₁ in body axes; the second one leads
-to the end,
+that have the body axes along those of LVLH. The first slew is free, with the rotation vector r₁ in body axes. The second one
+leads to the end,
 
     R(r₂) = C₂ C₁ᵀ R(r₁)ᵀ    the short way,
 

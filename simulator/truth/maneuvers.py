@@ -5,8 +5,8 @@ followed by single-axis turns, A = R(e_m, α_m) … R(e_1, α_1) A_li, and a tur
 
     ω ← R(e, α) ω + α' e
 
-The first turn is the mode's constant yaw, the second one a constant tilt from the mode, if any. Then come the interval's slews in
-their order (e is the same in the frames before and after a turn, so it is a body axis), then the small sway of the attitude
+The first turn is the mode's constant yaw, the second one a constant tilt from the mode, if any. Then come the interval's slews
+in their order (e is the same in the frames before and after a turn, so it is a body axis), then the small sway of the attitude
 control about x, y and z. As long as there is
 no inertial hold the attitude therefore has a closed form.
 

@@ -89,15 +89,15 @@ def command(
     """Compute the smallest visible size of each effect in SCENARIO (a built-in name or a TOML file), the pairs that cannot be
     told apart, and the extra maneuver that helps most.
 
-    The linear model of the diagnosis predicts this without a recording. It takes about a minute. With --optimise, find other slews
-    instead, whose sigmas of G and b are smaller or that take less time. See docs/plan.md.
+    The linear model of the diagnosis predicts this without a recording. It takes about a minute. With --optimise, search slews
+    with the smallest worst sigma of G and b instead; this takes some minutes. See docs/plan.md.
 
     \b
     Examples:
       gyrocal plan trmm_series
       gyrocal plan trmm --json /tmp/plan.json --report /tmp/plan.html
       gyrocal plan mine.toml --effect bias_orbital --effect time_offset --extra roll.toml --named
-      gyrocal plan trmm --optimise /tmp/better.toml --slew-time 1200 --max-rate 0.5
+      gyrocal plan trmm --optimise /tmp/better.toml --slew-time 1231 --max-rate 0.6 --max-acceleration 0.03
     """
     from simulator import scenario as scenarios
     from simulator.effects import ARRAY_EFFECTS, EFFECTS, TRACKER_EFFECTS
@@ -144,7 +144,7 @@ def _read_limits(
     slew_s = compute_slew_time(chosen) if slew_time is None else slew_time
     for name, value in (("--max-rate", rate), ("--max-acceleration", acceleration), ("--slew-time", slew_s)):
         if not value > 0:
-            raise InputError(f"{name}: must be given, above zero, since the scenario has no slew to take it from")
+            raise InputError(f"{name}: must be above zero, and be given if the scenario has no slew to take it from")
     return SlewLimits(rate, acceleration, slew_s, keep_out=_parse_keep_out(keep_out), tilts=tilts)
 
 

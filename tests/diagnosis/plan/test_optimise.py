@@ -1,12 +1,12 @@
 """Optimised plans: limits, slews and attitudes against algebra, sigmas against the calibrator, brute force and Monte Carlo."""
 
 from dataclasses import replace
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
 
-from diagnosis.plan.optimise import PlanObjective, exchange_designs, list_designs, optimise_plan, refine_designs
+from diagnosis.plan.optimise import PlanObjective, exchange_designs, optimise_plan, refine_designs
 from diagnosis.plan.slew_design import (
     ATTITUDES,
     IntervalDesign,
@@ -25,9 +25,10 @@ from gyrocal.attitude import matrix_from_quaternion
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.sampling import prepare_measurements
 from simulator.scenario import SensorsSection, build_profiles, format_scenario, load, override
-from simulator.simulate import compute_noise_free_rates, motion, observe, realise, simulate
+from simulator.simulate import compute_noise_free_rates, motion, realise, simulate
 from simulator.streams import generator
 from simulator.truth.sun import DAY, compute_julian_date, compute_sun_vector
+from tests import ROOT
 
 RATE, ACCELERATION = np.deg2rad([0.5, 0.02])
 LIMITS = SlewLimits(RATE, ACCELERATION, 1000.0)
@@ -42,7 +43,7 @@ def small():
 
 @pytest.fixture(scope="module")
 def objective(small):
-    return PlanObjective(small, replace(LIMITS, slew_s=700.0))
+    return PlanObjective(small, replace(LIMITS, slew_s=400.0))
 
 
 @pytest.mark.parametrize("angle_deg", [0.5, 5.0, 18.74, 18.76, 90.0, 360.0])
@@ -54,7 +55,8 @@ def test_a_slew_takes_the_shortest_time_that_its_limits_allow(angle_deg):
     tau = np.linspace(slew.start, slew.stop, 20001)
     rate = slew.rates(tau)
     slope = np.abs(np.gradient(rate, tau)).max()
-    assert rate.max() <= RATE * (1 + 1e-9) and slope <= ACCELERATION * (1 + 1e-9)
+    assert rate.max() <= RATE * (1 + 1e-9)
+    assert slope <= ACCELERATION * (1 + 1e-9)
     assert slope == pytest.approx(ACCELERATION, rel=1e-3)
     assert (rate.max() == pytest.approx(RATE)) == (angle_deg > 18.75)
     assert slew.duration == compute_shortest_slew(np.deg2rad(angle_deg), LIMITS)[0]
@@ -140,29 +142,32 @@ def test_the_search_reaches_the_best_of_all_combinations(small, objective):
         fits = all(objective.measure(k, one).is_allowed for k, one in enumerate(plan))
         if fits and objective.compute_slew_time(plan) <= objective.limits.slew_s:
             value[a, b] = float(objective.compute_log_ratios(plan).max())
-    assert len(value) > 20
+    assert len(value) > 15
     designs = refine_designs(objective, exchange_designs(objective, [still] * 4))
     assert objective.compute_log_ratios(designs).max() <= min(value.values()) + 1e-6
     assert objective.compute_slew_time(designs) <= objective.limits.slew_s
-    assert all(one.end == other.start for one, other in zip(designs, designs[1:], strict=False))
+    assert all(one.end == other.start for one, other in pairwise(designs))
 
 
 def test_an_optimised_plan_is_within_its_limits_and_its_file_is_the_plan(small, tmp_path, monkeypatch):
     """The slews of the scenario refined; the sigmas are those of the file's own scenario."""
     monkeypatch.setattr("diagnosis.plan.optimise.exchange_designs", lambda objective, designs: designs)
-    limits = replace(LIMITS, slew_s=1000.0, keep_out=((0.0, 0.0, -1.0), 0.5))
+    limits = replace(LIMITS, slew_s=1000.0)
     found = optimise_plan(small, limits)
     (tmp_path / "better.toml").write_text(format_scenario(found.scenario))
     read = load(tmp_path / "better.toml")
     assert read == found.scenario
-    assert found.slew_s == pytest.approx(compute_slew_time(read)) and found.slew_s <= 1000.0
+    assert found.slew_s == pytest.approx(compute_slew_time(read))
+    assert found.slew_s <= 1000.0
     rate, acceleration = read_limits(read)
-    assert rate <= RATE * (1 + 1e-9) and acceleration <= ACCELERATION * (1 + 1e-9)
+    assert rate <= RATE * (1 + 1e-9)
+    assert acceleration <= ACCELERATION * (1 + 1e-9)
     assert found.sigma == pytest.approx(calibrate(simulate(read, noise=False)).sigma)
-    assert found.worst_ratio < 1.0
+    assert found.worst_ratio < 1.0  # faster slews
     ends = [find_end_attitude(profile) for profile in build_profiles(read)]
     starts = [find_end_attitude(replace(profile, slews=())) for profile in build_profiles(read)]
-    assert starts[1:] == ends[:-1] and ends[-1] == 1 and starts[0] == 0
+    assert starts[1:] == ends[:-1]
+    assert (starts[0], ends[-1]) == (0, 1)
 
 
 def test_what_cannot_be_planned_is_refused_in_one_line(small):
@@ -172,3 +177,32 @@ def test_what_cannot_be_planned_is_refused_in_one_line(small):
         optimise_plan(load("trmm_tetrahedron"), LIMITS)
     with pytest.raises(InputError, match="no reference attitudes"):
         optimise_plan(override(small, {"reference.at": "none"}), LIMITS)
+
+
+def test_the_plan_of_the_gallery_has_the_sigmas_of_trmm_in_less_than_half_the_slew_time():
+    """All twelve, with the limits that docs/plan.md states; and the errors of simulated calibrations have these sigmas.
+
+    Errors of the whitened parameters over 12 × CASES draws: their mean square has a relative standard error of √(2/(12 CASES)).
+    """
+    trmm, plan = (override(load(name), {"gyro.sample_s": 5.0}) for name in ("trmm", ROOT / "docs/examples/half_the_slews.toml"))
+    assert compute_slew_time(plan) < 0.5 * compute_slew_time(trmm)
+    rate, acceleration = np.rad2deg(read_limits(plan))
+    assert rate <= 0.6 * (1 + 1e-9)
+    assert acceleration <= 0.03 * (1 + 1e-9)
+    stated = calibrate(simulate(plan, noise=False))
+    assert (stated.sigma <= 1.01 * calibrate(simulate(trmm, noise=False)).sigma).all()
+    path, cases = motion(plan), 60
+    rates = compute_noise_free_rates(plan, path)
+    recording = simulate(plan, noise=False)
+    problem = Problem.build(recording, prepare_measurements(recording))
+    start = np.append(np.ravel(plan.gyro.apriori_G), np.deg2rad(plan.gyro.apriori_bias_deg_s))
+    truth = np.append(np.ravel(plan.gyro.true_G), np.deg2rad(plan.gyro.true_bias_deg_s))
+    errors = []
+    for case in range(cases):
+        streams = generator(7, case, "gyro_noise"), generator(7, case, "reference_noise")
+        drawn, quaternions = realise(plan, path, rates, *streams)
+        found = problem.replace_case(drawn, matrix_from_quaternion(quaternions)).iterate(start, 3, look_back=False)
+        errors.append(found.x[-1] - truth)
+    root = np.linalg.cholesky(stated.covariance / np.outer(stated.sigma, stated.sigma))
+    white = np.linalg.solve(root, (np.array(errors) / stated.sigma).T)
+    assert np.mean(white**2) == pytest.approx(1.0, abs=3.5 * np.sqrt(2 / white.size))
