@@ -1,4 +1,4 @@
-"""TRMM's six intervals with less than half the slew time and the same sigmas: a plan of `gyrocal plan --optimise`, simulated."""
+"""TRMM's six intervals with the same sigmas in half the slew time, as planned by `gyrocal plan --optimise`, simulated."""
 
 from pathlib import Path
 
@@ -31,7 +31,7 @@ for one, colour in ((trmm, "#999999"), (better, "#00806f")):
     lines.append(Line(hours, rates, f"{compute_slew_time(one):.0f} s of slews", colour, "-"))
 samples = {name: errors[:, k] / before[k] for k, name in enumerate(gyrocal.NAMES)}
 panels = (
-    make_curves(lines, x="Recorded time (h)", y="Body rate (deg/s)", legend="upper right"),
+    make_curves(lines, x="Recorded time (h)", y="Body rate (deg/s)", legend="lower left"),
     make_strokes(samples, (-2.0, 2.0), x="Error of the optimised plan by TRMM's sigma"),
 )
 save(draw_panels(*panels, size=(9.0, 3.6)), Path("half_the_slews.svg"))
