@@ -33,8 +33,8 @@ from scipy.optimize import minimize
 
 from diagnosis.plan.result import Progress
 from diagnosis.plan.slew_design import (
-    ATTITUDES,
-    MODES,
+    LVLH_ATTITUDES,
+    POINTING_MODES,
     IntervalDesign,
     SlewLimits,
     build_interval,
@@ -56,16 +56,16 @@ from simulator.simulate import simulate
 Array = NDArray[np.float64]
 
 TURN_PER_SAMPLE = np.deg2rad(5.0)
-NORM = 16  # p of the exchange; the largest of 12 ratios counts by 17 % too much at most
-AXES = np.vstack([np.eye(3), -np.eye(3)])
-ANGLES = np.deg2rad([20.0, 45.0, 90.0])  # of first slews that a second one ends
-PLACES = ((0.0, 0.0), (0.0, 1.0))  # of the two: together at the start, apart
-LENGTHS = (1.0, 0.75, 0.5, 0.25)  # of the scenario's interval
-IMPROVEMENT = 1e-4  # of the objective, below which a search ends
-STEP = 1e-5  # of finite differences, rad or share
-TIME_MARGIN = 1e-6  # share of the slew time that SLSQP leaves, for its tolerance
+SMOOTH_NORM = 16  # p of the exchange; the largest of 12 ratios counts by 17 % too much at most
+FIRST_SLEW_AXES = np.vstack([np.eye(3), -np.eye(3)])
+FIRST_SLEW_ANGLES = np.deg2rad([20.0, 45.0, 90.0])  # of first slews that a second one ends
+SLEW_PLACES = ((0.0, 0.0), (0.0, 1.0))  # of the two: together at the start, apart
+LENGTH_SHARES = (1.0, 0.75, 0.5, 0.25)  # of the scenario's interval
+SMALLEST_IMPROVEMENT = 1e-4  # of the objective, below which a search ends
+DIFFERENCE_STEP = 1e-5  # of finite differences, rad or share
+SLEW_TIME_MARGIN = 1e-6  # share of the slew time that SLSQP leaves, for its tolerance
 # Of a turn, its place and the length.
-BOUNDS = np.array([[-2 * np.pi] * 3 + [0.0, 0.0, 0.01], [2 * np.pi] * 3 + [1.0, 1.0, 1.0]])
+DESIGN_BOUNDS = np.array([[-2 * np.pi] * 3 + [0.0, 0.0, 0.01], [2 * np.pi] * 3 + [1.0, 1.0, 1.0]])
 
 
 @dataclass(frozen=True)
@@ -194,7 +194,7 @@ class PlanObjective:
         """(1/p) ln Σ (σ/σ_0)^p of summed information (..., 12, 12)."""
         ratio = np.log(self.compute_sigmas(information) / self.baseline)
         top = ratio.max(axis=-1, keepdims=True)
-        return np.asarray(top[..., 0] + np.log(np.exp(NORM * (ratio - top)).sum(axis=-1)) / NORM)
+        return np.asarray(top[..., 0] + np.log(np.exp(SMOOTH_NORM * (ratio - top)).sum(axis=-1)) / SMOOTH_NORM)
 
 
 def optimise_plan(scenario: Scenario, limits: SlewLimits, progress: Progress | None = None) -> OptimisedPlan:
@@ -242,20 +242,20 @@ def list_designs(objective: PlanObjective, k: int, start: int, end: int) -> list
     """
     rest, section = IntervalDesign(start, end), objective.scenario.interval[k]
     if start == end:
-        turns = [2 * np.pi * axis for axis in AXES]
-        pairs = [angle * axis for axis in AXES for angle in ANGLES]
+        turns = [2 * np.pi * axis for axis in FIRST_SLEW_AXES]
+        pairs = [angle * axis for axis in FIRST_SLEW_AXES for angle in FIRST_SLEW_ANGLES]
         found = [rest]
     else:
         (short,), pairs, found = rest.turns, [], []
         turns = [short, short * (1 - 2 * np.pi / np.linalg.norm(short))]
     ends = (0.0,) if start == end else (0.0, 1.0)
     found += [replace(rest, turn=_freeze(turn), place=(share, 0.0)) for turn in turns for share in ends]
-    found += [replace(rest, turn=_freeze(turn), place=place) for turn in pairs for place in PLACES]
+    found += [replace(rest, turn=_freeze(turn), place=place) for turn in pairs for place in SLEW_PLACES]
     out = [replace(rest, hold=True)] if section.hold and start == end else []
     for one in found:
         length = section.stop_s - section.start_s
         shortest = 1 - build_slews(one, length, objective.limits)[1] / length
-        shares = LENGTHS if objective.scenario.reference.at == "ends" else LENGTHS[:1]
+        shares = LENGTH_SHARES if objective.scenario.reference.at == "ends" else LENGTH_SHARES[:1]
         shares = shares if len(one.turns) < 2 else shares[::2]
         out += [replace(one, length=share) for share in shares if share >= shortest]
         if one.turns and one.place == (0.0, 0.0) and len(shares) > 1 and shortest <= 1 and len(one.turns) == 1:
@@ -383,7 +383,7 @@ def _list_allowed(objective: PlanObjective, k: int, start: int, end: int, left: 
 def _list_move_places(objective: PlanObjective) -> list[tuple[int, int, int]]:
     """Intervals i ≤ j of all moves, and the turns of the attitudes between them."""
     count = len(objective.scenario.interval)
-    turns = range(len(ATTITUDES) if objective.limits.tilts else len(MODES))
+    turns = range(len(LVLH_ATTITUDES) if objective.limits.tilts else len(POINTING_MODES))
     return [(i, j, turned) for i in range(count) for j in range(i + 1, count) for turned in turns] or [(0, 0, 0)]
 
 
@@ -399,9 +399,9 @@ def exchange_designs(objective: PlanObjective, designs: Sequence[IntervalDesign]
                 continue
             values = objective.compute_smooth_worst(move.information)
             row = int(values.argmin())
-            if values[row] < value - IMPROVEMENT:
+            if values[row] < value - SMALLEST_IMPROVEMENT:
                 value, current = float(values[row]), move.take(row)
-        if not value < before - IMPROVEMENT:
+        if not value < before - SMALLEST_IMPROVEMENT:
             return current
 
 
@@ -419,7 +419,7 @@ def refine_designs(objective: PlanObjective, designs: Sequence[IntervalDesign]) 
     def compute_slack(x: Array) -> Array:
         plan = place(x)
         measured = [objective.measure(k, one) for k, one in enumerate(plan)]
-        left = 1 - TIME_MARGIN - sum(one.slew_s for one in measured) / objective.limits.slew_s
+        left = 1 - SLEW_TIME_MARGIN - sum(one.slew_s for one in measured) / objective.limits.slew_s
         own = [(one.spare_s / 100.0, 10 * one.sun_margin) for one in measured]
         return np.concatenate([-objective.compute_log_ratios(plan), [left], np.ravel(own)])
 
@@ -428,12 +428,12 @@ def refine_designs(objective: PlanObjective, designs: Sequence[IntervalDesign]) 
         slack[:12] += xt[-1]
         return slack
 
-    low, high = (np.broadcast_to(side, start.shape)[moved] for side in BOUNDS)
+    low, high = (np.broadcast_to(side, start.shape)[moved] for side in DESIGN_BOUNDS)
 
     def compute_jacobian(xt: Array) -> Array:
         at, x, columns = compute_slack(xt[:-1]), xt[:-1], []
         for n in range(x.size):
-            step = -STEP if x[n] + STEP > high[n] else STEP
+            step = -DIFFERENCE_STEP if x[n] + DIFFERENCE_STEP > high[n] else DIFFERENCE_STEP
             columns.append((compute_slack(x + step * (np.arange(x.size) == n)) - at) / step)
         return np.column_stack([*columns, np.arange(at.size) < 12])
 
@@ -446,7 +446,7 @@ def refine_designs(objective: PlanObjective, designs: Sequence[IntervalDesign]) 
         method="SLSQP",
         bounds=[*zip(low, high, strict=True), (None, None)],
         constraints={"type": "ineq", "fun": compute_constraints, "jac": compute_jacobian},
-        options={"maxiter": 100, "ftol": IMPROVEMENT / 10},
+        options={"maxiter": 100, "ftol": SMALLEST_IMPROVEMENT / 10},
     )
     plan = place(np.clip(found.x[:-1], low, high))
     allowed = all(objective.measure(k, one).is_allowed for k, one in enumerate(plan))

@@ -32,11 +32,14 @@ from simulator.truth.sun import DAY, compute_julian_date, compute_sun_vector
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
-MODES = tuple(MODE_YAW)
-_group = np.round(Rotation.create_group("O").as_matrix())
+POINTING_MODES = tuple(MODE_YAW)
+_CUBE_ROTATIONS = np.round(Rotation.create_group("O").as_matrix())
 # (24, 3, 3) LVLH to body: first the modes, then all others.
-ATTITUDES = np.concatenate(
-    [np.round(build_turn_matrix(np.eye(3)[2], np.array(list(MODE_YAW.values())))), _group[_group[:, 2, 2] < 0.5]]
+LVLH_ATTITUDES = np.concatenate(
+    [
+        np.round(build_turn_matrix(np.eye(3)[2], np.array(list(MODE_YAW.values())))),
+        _CUBE_ROTATIONS[_CUBE_ROTATIONS[:, 2, 2] < 0.5],
+    ]
 )
 NO_TURN = 1e-6  # rad, below which a rotation is none
 SUN_CHECK_S = 10.0  # spacing of the attitudes that are compared with the Sun
@@ -52,7 +55,7 @@ class SlewLimits:
     slew_s : total time of all slews and transitions of holds, s
     settle_s : from an interval's start to its first slew, and from its last slew to its end, s
     keep_out : body axis, and its smallest angle to the Sun, rad, while the attitude is none of the modes; None for any
-    tilts : whether the attitude between intervals may be any of `ATTITUDES`, in place of a mode
+    tilts : whether the attitude between intervals may be any of `LVLH_ATTITUDES`, in place of a mode
     """
 
     rate: float
@@ -69,7 +72,7 @@ class IntervalDesign:
 
     Attributes
     ----------
-    start, end : which of `ATTITUDES` it starts and ends in
+    start, end : which of `LVLH_ATTITUDES` it starts and ends in
     turn : rotation vector of the first slew, rad in body axes; zero for none
     place : shares in [0, 1]: of the spare time before the first slew, and of the rest between the two slews
     hold : whether it keeps the scenario's inertial hold, then without slews
@@ -86,21 +89,21 @@ class IntervalDesign:
     @cached_property
     def turns(self) -> list[Array]:
         """Rotation vectors of the slews, rad; each (3,)."""
-        needed = Rotation.from_matrix(ATTITUDES[self.end] @ ATTITUDES[self.start].T)
+        needed = Rotation.from_matrix(LVLH_ATTITUDES[self.end] @ LVLH_ATTITUDES[self.start].T)
         second = -(needed * Rotation.from_rotvec(self.turn)).as_rotvec()
         return [turn for turn in (np.array(self.turn), second) if np.linalg.norm(turn) > NO_TURN]
 
 
 def find_attitude(C: Array) -> int | None:
-    """Find which of `ATTITUDES` a matrix (3, 3) is; None for another one."""
-    found = np.flatnonzero(np.abs(ATTITUDES - C).max(axis=(1, 2)) < NO_TURN)
+    """Find which of `LVLH_ATTITUDES` a matrix (3, 3) is; None for another one."""
+    found = np.flatnonzero(np.abs(LVLH_ATTITUDES - C).max(axis=(1, 2)) < NO_TURN)
     return int(found[0]) if found.size else None
 
 
 @cache
 def turn_orbit(attitude: int, turned: int) -> int:
-    """C H of two of `ATTITUDES`: what C becomes when LVLH is turned by H before, with all turns in body axes as they are."""
-    found = find_attitude(ATTITUDES[attitude] @ ATTITUDES[turned])
+    """C H of two of `LVLH_ATTITUDES`: what C becomes when LVLH is turned by H before, with the same turns in body axes."""
+    found = find_attitude(LVLH_ATTITUDES[attitude] @ LVLH_ATTITUDES[turned])
     assert found is not None  # a group
     return found
 
@@ -128,7 +131,7 @@ def compute_slew_time(scenario: Scenario) -> float:
 
 
 def find_end_attitude(profile: Profile) -> int | None:
-    """Find which of `ATTITUDES` an interval ends in; None for another one."""
+    """Find which of `LVLH_ATTITUDES` an interval ends in; None for another one."""
     C = profile.tilt_matrix @ build_turn_matrix(np.eye(3)[2], np.array([profile.yaw]))[0]
     for slew in profile.slews:
         C = build_turn_matrix(slew.axis, np.array([slew.angle]))[0] @ C
@@ -160,9 +163,9 @@ def build_slews(design: IntervalDesign, length: float, limits: SlewLimits) -> tu
 def build_interval(section: IntervalSection, design: IntervalDesign, limits: SlewLimits) -> IntervalSection:
     """The interval with a design that fits in it."""
     slews, _ = build_slews(design, section.stop_s - section.start_s, limits)
-    is_mode = design.start < len(MODES)
-    tilt = -np.rad2deg(Rotation.from_matrix(ATTITUDES[design.start]).as_rotvec())
-    mode = MODES[design.start] if is_mode else MODES[0]
+    is_mode = design.start < len(POINTING_MODES)
+    tilt = -np.rad2deg(Rotation.from_matrix(LVLH_ATTITUDES[design.start]).as_rotvec())
+    mode = POINTING_MODES[design.start] if is_mode else POINTING_MODES[0]
     text = "inertial hold" if design.hold else "slews" if slews else f"{mode} forward" if is_mode else "tilted"
     return section.model_copy(
         update={
@@ -178,11 +181,11 @@ def build_interval(section: IntervalSection, design: IntervalDesign, limits: Sle
 
 def compute_sun_margin(profile: Profile, design: IntervalDesign, epoch: str, keep_out: tuple[Sequence[float], float]) -> float:
     """Smallest angle of a body axis to the Sun less the keep-out angle, rad, while the attitude is none of the modes."""
-    if max(design.start, design.end) < len(MODES) and not profile.slews:
+    if max(design.start, design.end) < len(POINTING_MODES) and not profile.slews:
         return float(np.pi)
     first, last = (profile.slews[0].start, profile.slews[-1].stop) if profile.slews else (0.0, 0.0)
-    first = first if design.start < len(MODES) else 0.0
-    last = last if design.end < len(MODES) else profile.stop_s - profile.start_s
+    first = first if design.start < len(POINTING_MODES) else 0.0
+    last = last if design.end < len(POINTING_MODES) else profile.stop_s - profile.start_s
     tau = np.linspace(first, last, 2 + int((last - first) / SUN_CHECK_S))
     axis = np.array(keep_out[0]) / np.linalg.norm(keep_out[0])
     sun = compute_sun_vector(compute_julian_date(epoch) + (profile.start_s + tau) / DAY)

@@ -8,7 +8,7 @@ import pytest
 
 from diagnosis.plan.optimise import PlanObjective, exchange_designs, optimise_plan, refine_designs
 from diagnosis.plan.slew_design import (
-    ATTITUDES,
+    LVLH_ATTITUDES,
     IntervalDesign,
     SlewLimits,
     build_interval,
@@ -69,12 +69,12 @@ def test_limits_and_slew_time_of_trmm_are_those_of_its_slews():
 
 
 def test_attitudes_are_a_group_that_begins_with_the_modes():
-    assert len({tuple(C.ravel()) for C in ATTITUDES}) == 24
+    assert len({tuple(C.ravel()) for C in LVLH_ATTITUDES}) == 24
     for profile, C in zip(build_profiles(load("trmm")), (0, 0, 1, 1, 1, 1), strict=True):
         assert find_end_attitude(replace(profile, slews=())) == C
     assert [find_end_attitude(profile) for profile in build_profiles(load("trmm"))] == [0, 1, 1, 1, 1, 0]
     for a, b in ((3, 7), (20, 11)):
-        assert np.array_equal(ATTITUDES[turn_orbit(a, b)], ATTITUDES[a] @ ATTITUDES[b])
+        assert np.array_equal(LVLH_ATTITUDES[turn_orbit(a, b)], LVLH_ATTITUDES[a] @ LVLH_ATTITUDES[b])
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_slews_lead_from_the_first_attitude_to_the_last(small, design):
     path = motion(small.model_copy(update={"interval": (section,)}))
     ends = matrix_from_quaternion(path.quaternions[[0, -1]])
     lvlh = plain.attitude(np.array([0.0, section.stop_s - section.start_s]))
-    assert np.allclose(ends @ lvlh.transpose(0, 2, 1), ATTITUDES[[design.start, design.end]], atol=1e-9)
+    assert np.allclose(ends @ lvlh.transpose(0, 2, 1), LVLH_ATTITUDES[[design.start, design.end]], atol=1e-9)
     assert find_end_attitude(profile) == design.end
 
 
