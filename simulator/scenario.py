@@ -32,7 +32,7 @@ from pydantic import (
 )
 
 from gyrocal.errors import InputError, suggest_names
-from gyrocal.recording import format_validation_error, read_toml
+from gyrocal.recording import format_toml, format_validation_error, read_toml
 from gyrocal.recording.checks import is_full_rank
 from gyrocal.recording.names import GYRO_NAME, MOST_GYROS
 from gyrocal.recording.trackers import MAPS, SensorHeader, check_header
@@ -295,13 +295,17 @@ class HoldSection(Section):
 
 
 class IntervalSection(Section):
-    """One calibration interval; ``mode`` is the body axis along the velocity at its start, ``gyros`` are those switched on."""
+    """One calibration interval; ``mode`` is the body axis along the velocity at its start, ``gyros`` are those switched on.
+
+    ``tilt_deg`` is a rotation vector in body axes, from the mode to the attitude in which the interval starts.
+    """
 
     name: str = Field(min_length=1)
     activity: str
     start_s: float
     stop_s: float
     mode: Literal["+x", "-x", "+y", "-y"]
+    tilt_deg: Vector = (0.0, 0.0, 0.0)
     slew: Annotated[tuple[SlewSection, ...], Field(strict=False)] = ()
     hold: HoldSection | None = None
     gyros: Annotated[tuple[str, ...], Field(strict=False)] | None = None
@@ -352,7 +356,8 @@ class IntervalSection(Section):
         """The interval's motion in radians."""
         slews = tuple(section.slew() for section in self.slew)
         hold = self.hold.build_hold() if self.hold else None
-        return Profile(orbit, self.start_s, self.stop_s, MODE_YAW[self.mode], slews, hold, sway)
+        tilt = (radians(self.tilt_deg[0]), radians(self.tilt_deg[1]), radians(self.tilt_deg[2]))
+        return Profile(orbit, self.start_s, self.stop_s, MODE_YAW[self.mode], slews, hold, sway, tilt)
 
 
 class Scenario(Section):
@@ -412,6 +417,16 @@ def _find_joining_faults(first: IntervalSection, second: IntervalSection, orbit:
     if np.abs(end - after.compute_tracking_attitude(np.zeros(1))).max() > JOIN_TOLERANCE:
         faults.append(f"{second.name} touches {first.name} but starts in another attitude than the one it ends in")
     return faults
+
+
+def format_scenario(scenario: Scenario) -> str:
+    """The TOML of a scenario, with all digits."""
+    values = scenario.model_dump(mode="json", exclude_none=True)
+    intervals = values.pop("interval")
+    lines = [f"{key} = {format_toml(value)}" for key, value in values.items()]
+    for one in intervals:
+        lines += ["", "[[interval]]", *(f"{key} = {format_toml(value)}" for key, value in one.items())]
+    return "\n".join(lines) + "\n"
 
 
 def names() -> tuple[str, ...]:

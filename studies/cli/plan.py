@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,12 +12,38 @@ import click
 
 from gyrocal.errors import InputError, suggest_names
 from gyrocal.recording import read_toml
-from studies.cli.options import PATH, add_json_option, add_output_option, add_seed_option, effects_option, write_result
+from studies.cli.options import (
+    PATH,
+    add_json_option,
+    add_options,
+    add_output_option,
+    add_seed_option,
+    effects_option,
+    write_result,
+)
 from studies.montecarlo.files import write_text
 from studies.report.console import make_console, show_stages
 
 if TYPE_CHECKING:
+    from diagnosis.plan.slew_design import SlewLimits
     from simulator.scenario import Scenario
+
+OPTIMISE_OPTIONS = (
+    add_output_option(
+        "--optimise", help="Find slews with smaller sigmas of G and b, and write the scenario (TOML) to this file."
+    ),
+    click.option(
+        "--slew-time", type=click.FloatRange(0), metavar="S", help="Time of all slews; the scenario's own by default."
+    ),
+    click.option("--max-rate", type=float, metavar="DEG/S", help="Largest rate of a slew; the scenario's own by default."),
+    click.option(
+        "--max-acceleration", type=float, metavar="DEG/S2", help="Largest acceleration; the scenario's own by default."
+    ),
+    click.option(
+        "--keep-out", metavar="AXIS,DEG", help="Smallest angle of a body axis to the Sun, as in z,45 or -z,45, during slews."
+    ),
+    click.option("--tilts", is_flag=True, help="Between intervals the attitude may be tilted by 90 or 180 deg from nadir."),
+)
 
 
 @click.command("plan")
@@ -40,6 +68,7 @@ if TYPE_CHECKING:
 )
 @add_json_option(stdout="the tables")
 @add_output_option("--report", help="Write a page with all tables (HTML, needs no network) to this file.")
+@add_options(*OPTIMISE_OPTIONS)
 @add_seed_option()
 def command(
     scenario: str,
@@ -49,18 +78,26 @@ def command(
     named: bool,
     as_json: Path | None,
     report: Path | None,
+    optimise: Path | None,
+    slew_time: float | None,
+    max_rate: float | None,
+    max_acceleration: float | None,
+    keep_out: str | None,
+    tilts: bool,
     seed: int,
 ) -> None:
     """Compute the smallest visible size of each effect in SCENARIO (a built-in name or a TOML file), the pairs that cannot be
     told apart, and the extra maneuver that helps most.
 
-    The linear model of the diagnosis predicts this without a recording. It takes about a minute. See docs/plan.md.
+    The linear model of the diagnosis predicts this without a recording. It takes about a minute. With --optimise, search slews
+    with the smallest worst sigma of G and b instead; this takes some minutes. See docs/plan.md.
 
     \b
     Examples:
       gyrocal plan trmm_series
       gyrocal plan trmm --json /tmp/plan.json --report /tmp/plan.html
       gyrocal plan mine.toml --effect bias_orbital --effect time_offset --extra roll.toml --named
+      gyrocal plan trmm --optimise /tmp/better.toml --slew-time 1231 --max-rate 0.6 --max-acceleration 0.03
     """
     from simulator import scenario as scenarios
     from simulator.effects import ARRAY_EFFECTS, EFFECTS, TRACKER_EFFECTS
@@ -68,7 +105,14 @@ def command(
     for name in effects:
         if name not in {**EFFECTS, **TRACKER_EFFECTS, **ARRAY_EFFECTS}:
             raise InputError(f"--effect {name}: no such effect; {suggest_names(name, EFFECTS)}")
+    limits = {"--slew-time": slew_time, "--max-rate": max_rate, "--max-acceleration": max_acceleration, "--keep-out": keep_out}
+    given = [name for name, value in limits.items() if value is not None] + ["--tilts"] * tilts
+    if given and not optimise:
+        raise InputError(f"{given[0]} is a limit of --optimise; give --optimise FILE, the scenario to write")
     chosen = scenarios.load(scenario)
+    if optimise:
+        slews = _read_limits(chosen, slew_time, max_rate, max_acceleration, keep_out, tilts)
+        return _optimise(chosen, slews, optimise, as_json)
 
     from diagnosis.plan import list_maneuvers, plan
     from studies.report import plan as plan_report
@@ -81,6 +125,51 @@ def command(
     if report:
         write_text(report, plan_report.build_plan_page(found, build_provenance_footer()))
     write_result(as_json, found.to_json(), lambda: plan_report.show(make_console(), found))
+
+
+def _read_limits(
+    chosen: Scenario,
+    slew_time: float | None,
+    max_rate: float | None,
+    max_acceleration: float | None,
+    keep_out: str | None,
+    tilts: bool,
+) -> SlewLimits:
+    """The limits that are given, else the scenario's own."""
+    from diagnosis.plan.slew_design import SlewLimits, compute_slew_time, read_limits
+
+    rate, acceleration = read_limits(chosen)
+    rate = rate if max_rate is None else radians(max_rate)
+    acceleration = acceleration if max_acceleration is None else radians(max_acceleration)
+    slew_s = compute_slew_time(chosen) if slew_time is None else slew_time
+    for name, value in (("--max-rate", rate), ("--max-acceleration", acceleration), ("--slew-time", slew_s)):
+        if not value > 0:
+            raise InputError(f"{name}: must be above zero, and be given if the scenario has no slew to take it from")
+    return SlewLimits(rate, acceleration, slew_s, keep_out=_parse_keep_out(keep_out), tilts=tilts)
+
+
+def _parse_keep_out(text: str | None) -> tuple[tuple[float, float, float], float] | None:
+    """The body axis and the angle, rad, of --keep-out."""
+    if text is None:
+        return None
+    found = re.fullmatch(r"([+-]?)([xyz]),([0-9]+\.?[0-9]*)", text.strip())
+    if found is None or not float(found[3]) < 180:
+        raise InputError(f"--keep-out {text}: must be a body axis and an angle below 180 deg, as in z,45 or -z,45")
+    sign = -1.0 if found[1] == "-" else 1.0
+    x, y, z = (sign * (found[2] == name) for name in "xyz")
+    return (x, y, z), radians(float(found[3]))
+
+
+def _optimise(chosen: Scenario, limits: SlewLimits, path: Path, as_json: Path | None) -> None:
+    """Find better slews, write their scenario and show them."""
+    from diagnosis.plan.optimise import optimise_plan
+    from simulator.scenario import format_scenario
+    from studies.report import optimised_plan
+
+    with show_stages("plan") as tell:
+        found = optimise_plan(chosen, limits, progress=tell)
+    write_text(path, format_scenario(found.scenario))
+    write_result(as_json, found.to_json(), lambda: optimised_plan.show(make_console(), found, path))
 
 
 def _read_extras(chosen: Scenario, files: Sequence[Path]) -> dict[str, list[dict[str, Any]]]:

@@ -3,10 +3,13 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from rich.console import Console
 
 from diagnosis.plan import Extra, Pair, Plan, Visible
+from diagnosis.plan.optimise import OptimisedPlan
+from simulator.scenario import load
 from studies.report import plan as plan_report
 from tests.pages import checked
 
@@ -122,3 +125,40 @@ def test_an_axis_that_cannot_be_seen_and_the_unit_of_a_size_are_told():
     assert plan_report.format_headline(found).startswith("1 of 1 effects can be seen (but not bias_drift:z), ")
     sizes = plan_report.build_pairs_table(found)["size to separate"].tolist()
     assert sizes == ["0.5 deg/h per day", "50 deg/h per day (not plausible)"]
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (("--max-rate", "0.5"), "--max-rate is a limit of --optimise"),
+        (("--tilts",), "--tilts is a limit of --optimise"),
+        (("--optimise", "OUT", "--keep-out", "z"), "--keep-out z: must be a body axis and an angle"),
+        (("--optimise", "OUT", "--keep-out", "-y,200"), "--keep-out -y,200: must be a body axis and an angle"),
+        (("--optimise", "OUT", "--max-rate", "-1"), "--max-rate: must be above zero"),
+    ],
+)
+def test_limits_of_a_plan_that_are_no_limits_are_refused(run_cli, tmp_path, options, text):
+    shown = run_cli("plan", "trmm", *[str(tmp_path / "out.toml") if word == "OUT" else word for word in options])
+    assert shown.exit_code == 2
+    assert text in shown.stderr
+
+
+def test_an_optimised_plan_is_written_and_shown(run_cli, tmp_path, monkeypatch):
+    """The limits reach the search in radians; the file holds the plan that it returns."""
+    seen = {}
+
+    def answer(scenario, limits, progress):
+        seen["limits"] = limits
+        sigma = np.ones(12)
+        return OptimisedPlan(scenario, scenario, limits, 0.5 * sigma, sigma, 1200.0, 2400.0)
+
+    monkeypatch.setattr("diagnosis.plan.optimise.optimise_plan", answer)
+    out, result = tmp_path / "better.toml", tmp_path / "better.json"
+    words = ("--optimise", str(out), "--slew-time", "1231", "--max-rate", "0.6", "--keep-out", "-z,45", "--json", str(result))
+    shown = run_cli("plan", "trmm", *words)
+    assert shown.exit_code == 0, shown.output
+    assert "1200 s of slews in place of 2400 s (50%)" in shown.stdout
+    assert load(out) == load("trmm")
+    assert seen["limits"].rate == pytest.approx(np.deg2rad(0.6))
+    assert seen["limits"].keep_out == ((0.0, 0.0, -1.0), pytest.approx(np.pi / 4))
+    assert json.loads(result.read_text())["worst_ratio"] == 0.5

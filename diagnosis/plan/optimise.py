@@ -1,0 +1,469 @@
+"""Slews for the smallest worst sigma of G and b, within limits.
+
+The sigmas are those that the calibrator states: a noise-free recording of each interval is simulated, and its whitened
+sensitivity H taken at the true parameters (`gyrocal.calibration.problem`). Intervals that share no reference have independent
+residuals, so that their information adds,
+
+    P⁻¹ = D⁻² + Σ_k H_kᵀ H_k,
+
+with the plausible ranges D as a weak prior, which only keeps P finite. The objective is max_j ln(σ_j/σ_j0), with σ_0 of the
+plan to improve on. Free are the slews (`diagnosis.plan.slew_design`), the lengths of intervals with references at their
+ends, whether a hold stays, and the attitudes between intervals. The first and the last attitude stay.
+
+The search begins with no slews, and with the scenario's own if they fit in the limits. An exchange over a list of designs
+for each interval replaces those of two intervals at a time, and turns the attitudes between them, as long as this lowers a
+smooth form of the objective, (1/p) ln Σ (σ_j/σ_j0)^p (Fedorov, Theory of Optimal Experiments, 1972, for the exchange).
+SLSQP of `scipy.optimize.minimize` then moves axes, angles, times and lengths: it minimises t with t ≥ ln(σ_j/σ_j0) for all
+j. The optimum is a local one.
+
+Samples are longer than the scenario's: a slew by 5 deg in a sample changes sigmas by less than 1e-3. The sigmas of the
+result come from the scenario's own samples, by `gyrocal.calibrate`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from diagnosis.plan.result import Progress
+from diagnosis.plan.slew_design import (
+    LVLH_ATTITUDES,
+    POINTING_MODES,
+    IntervalDesign,
+    SlewLimits,
+    build_interval,
+    build_slews,
+    compute_slew_time,
+    compute_sun_margin,
+    find_end_attitude,
+    turn_orbit,
+)
+from gyrocal import calibrate
+from gyrocal.calibration.parameters import NAMES, GyroParameters
+from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
+from gyrocal.calibration.problem import Problem
+from gyrocal.calibration.sampling import prepare_measurements
+from gyrocal.errors import InputError
+from simulator.scenario import Scenario, build_profiles, override
+from simulator.simulate import simulate
+
+Array = NDArray[np.float64]
+
+TURN_PER_SAMPLE = np.deg2rad(5.0)
+SMOOTH_NORM = 16  # p of the exchange; the largest of 12 ratios counts by 17 % too much at most
+FIRST_SLEW_AXES = np.vstack([np.eye(3), -np.eye(3)])
+FIRST_SLEW_ANGLES = np.deg2rad([20.0, 45.0, 90.0])  # of first slews that a second one ends
+SLEW_PLACES = ((0.0, 0.0), (0.0, 1.0))  # of the two: together at the start, apart
+LENGTH_SHARES: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)  # of the scenario's interval
+SMALLEST_IMPROVEMENT = 1e-4  # of the objective, below which a search ends
+DIFFERENCE_STEP = 1e-5  # of finite differences, rad or share
+SLEW_TIME_MARGIN = 1e-6  # share of the slew time that SLSQP leaves, for its tolerance
+# Of a turn, its place and the length.
+DESIGN_BOUNDS = np.array([[-2 * np.pi] * 3 + [0.0, 0.0, 0.01], [2 * np.pi] * 3 + [1.0, 1.0, 1.0]])
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One design of one interval.
+
+    Attributes
+    ----------
+    information : (12, 12) Hᵀ H of parameters divided by their plausible ranges
+    slew_s : time of its slews and of the transitions of its hold
+    spare_s : time left over; negative if the slews do not fit
+    sun_margin : beyond the keep-out angle, rad
+    """
+
+    information: Array
+    slew_s: float
+    spare_s: float
+    sun_margin: float
+
+    @property
+    def is_allowed(self) -> bool:
+        """Whether the design fits in the interval and keeps out the Sun."""
+        return self.spare_s >= 0 and self.sun_margin >= 0
+
+
+@dataclass(frozen=True)
+class OptimisedPlan:
+    """A scenario with other slews, and what they bring.
+
+    Attributes
+    ----------
+    scenario, baseline : the plan that was found, and the one to improve on
+    limits : within which it is
+    sigma, baseline_sigma : (12,) of G and b (rad/s), as the calibrator states them for noise-free recordings
+    slew_s, baseline_slew_s : time of all slews and transitions of holds
+    """
+
+    scenario: Scenario
+    baseline: Scenario
+    limits: SlewLimits
+    sigma: Array
+    baseline_sigma: Array
+    slew_s: float
+    baseline_slew_s: float
+
+    @property
+    def worst_ratio(self) -> float:
+        """Largest ratio of a sigma to the baseline's."""
+        return float((self.sigma / self.baseline_sigma).max())
+
+    def to_json(self) -> dict[str, Any]:
+        """Document of `gyrocal plan --optimise --json`, format 1; biases in rad/s."""
+        return {
+            "format": 1,
+            "scenario": self.baseline.title,
+            "slew_s": {"before": self.baseline_slew_s, "after": self.slew_s, "limit": self.limits.slew_s},
+            "max_rate_deg_s": float(np.rad2deg(self.limits.rate)),
+            "max_acceleration_deg_s2": float(np.rad2deg(self.limits.acceleration)),
+            "worst_ratio": self.worst_ratio,
+            "sigma": {
+                name: {"before": float(before), "after": float(after)}
+                for name, before, after in zip(NAMES, self.baseline_sigma, self.sigma, strict=True)
+            },
+            "intervals": [one.model_dump(mode="json", exclude_none=True) for one in self.scenario.interval],
+        }
+
+
+class PlanObjective:
+    """Information of designs of each interval, measured once each.
+
+    Parameters
+    ----------
+    scenario : the plan to improve on
+    limits : of the slews
+    """
+
+    def __init__(self, scenario: Scenario, limits: SlewLimits):
+        each = max(1, int(TURN_PER_SAMPLE / limits.rate / scenario.gyro.sample_s))
+        coarse = scenario.gyro.model_copy(update={"sample_s": each * scenario.gyro.sample_s})
+        self.scenario = scenario.model_copy(update={"gyro": coarse})
+        self.limits = limits
+        self.truth = GyroParameters(np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
+        self.plausible = estimate_plausible_ranges(simulate(self.scenario, noise=False)).vector(np.arange(12) >= 9)
+        self.baseline = self.compute_sigmas(
+            sum((self._compute_information(one) for one in scenario.interval), np.zeros((12, 12)))
+        )
+        self._measured: dict[tuple[int, IntervalDesign], Measured] = {}
+
+    def measure(self, k: int, design: IntervalDesign) -> Measured:
+        """Measure a design of interval k."""
+        found = self._measured.get((k, design))
+        if found is None:
+            section = self.scenario.interval[k]
+            made = build_interval(section, design, self.limits)
+            profile = made.build_profile(self.scenario.orbit.build_circular_orbit())
+            _, spare = build_slews(design, section.stop_s - section.start_s, self.limits)
+            keep_out = self.limits.keep_out
+            margin = np.pi if keep_out is None else compute_sun_margin(profile, design, self.scenario.epoch, keep_out)
+            slew_s = sum(stop - start for start, stop in profile.moving_spans)
+            found = Measured(self._compute_information(made), slew_s, 0.0 if design.hold else spare, margin)
+            self._measured[k, design] = found
+        return found
+
+    def _compute_information(self, section: Any) -> Array:
+        """Hᵀ H (12, 12) of one interval."""
+        recording = simulate(self.scenario.model_copy(update={"interval": (section,)}), noise=False)
+        problem = Problem.build(recording, prepare_measurements(recording))
+        H = problem.state(self.truth).H / problem.scale * self.plausible
+        return np.asarray(H.T @ H)
+
+    def compute_sigmas(self, information: Array) -> Array:
+        """Sigmas (..., 12) over plausible ranges, of the summed information of all intervals (..., 12, 12)."""
+        P = np.linalg.inv(information + np.eye(12))
+        return np.asarray(np.sqrt(np.diagonal(P, axis1=-2, axis2=-1)))
+
+    def compute_log_ratios(self, designs: Sequence[IntervalDesign]) -> Array:
+        """ln(σ/σ_0), (12,)."""
+        total = sum((self.measure(k, one).information for k, one in enumerate(designs)), np.zeros((12, 12)))
+        return np.asarray(np.log(self.compute_sigmas(total) / self.baseline))
+
+    def compute_slew_time(self, designs: Sequence[IntervalDesign]) -> float:
+        """Time of all slews and of the transitions of holds, s."""
+        return sum(self.measure(k, one).slew_s for k, one in enumerate(designs))
+
+    def compute_smooth_worst(self, information: Array) -> Array:
+        """(1/p) ln Σ (σ/σ_0)^p of summed information (..., 12, 12)."""
+        ratio = np.log(self.compute_sigmas(information) / self.baseline)
+        top = ratio.max(axis=-1, keepdims=True)
+        return np.asarray(top[..., 0] + np.log(np.exp(SMOOTH_NORM * (ratio - top)).sum(axis=-1)) / SMOOTH_NORM)
+
+
+def optimise_plan(scenario: Scenario, limits: SlewLimits, progress: Progress | None = None) -> OptimisedPlan:
+    """Find slews with the smallest worst sigma of G and b over that of the scenario.
+
+    Parameters
+    ----------
+    scenario : the plan to improve on, of three gyros x, y and z
+    limits : of rate, acceleration, time and the Sun
+    progress : called with a text and the share done
+
+    Raises
+    ------
+    InputError
+        The scenario has other gyros or no references, or no plan within the limits was found.
+    """
+    tell = progress or (lambda text, share: None)
+    if scenario.gyro.array is not None:
+        raise InputError("an optimised plan is for three gyros x, y and z; take the scenario without [gyro.array]")
+    if scenario.reference.at == "none":
+        raise InputError("the scenario has no reference attitudes to calibrate with; set [reference] at to ends or series")
+    objective = PlanObjective(scenario, limits)
+    starts = [_build_start(objective), *_list_own_designs(objective)]
+    found = []
+    for number, start in enumerate(starts):
+        tell("refinement of axes, angles and times", 0.9 * number / len(starts))
+        found.append(refine_designs(objective, start))
+        tell("exchange of slews", 0.9 * (number + 0.2) / len(starts))
+        found.append(refine_designs(objective, exchange_designs(objective, start)))
+    best = min(found, key=lambda designs: float(objective.compute_log_ratios(designs).max()))
+    tell("sigmas from the scenario's own samples", 0.95)
+    sections = [build_interval(one, best[k], limits) for k, one in enumerate(scenario.interval)]
+    improved = override(
+        scenario.model_copy(update={"title": f"{scenario.title}, optimised slews"}),
+        {"interval": [one.model_dump(mode="json", exclude_none=True) for one in sections]},
+    )
+    before, after = (calibrate(simulate(one, noise=False)).sigma for one in (scenario, improved))
+    return OptimisedPlan(improved, scenario, limits, after, before, compute_slew_time(improved), compute_slew_time(scenario))
+
+
+def list_designs(objective: PlanObjective, k: int, start: int, end: int) -> list[IntervalDesign]:
+    """The designs of the exchange for an interval between two attitudes; their body axes depend on C₂ C₁ᵀ only.
+
+    With references at the ends of intervals the designs have several lengths, down to the shortest one for their slews.
+    """
+    rest, section = IntervalDesign(start, end), objective.scenario.interval[k]
+    if start == end:
+        turns = [2 * np.pi * axis for axis in FIRST_SLEW_AXES]
+        pairs = [angle * axis for axis in FIRST_SLEW_AXES for angle in FIRST_SLEW_ANGLES]
+        found = [rest]
+    else:
+        (short,), pairs, found = rest.turns, [], []
+        turns = [short, short * (1 - 2 * np.pi / np.linalg.norm(short))]
+    ends = (0.0,) if start == end else (0.0, 1.0)
+    found += [replace(rest, turn=_freeze(turn), place=(share, 0.0)) for turn in turns for share in ends]
+    found += [replace(rest, turn=_freeze(turn), place=place) for turn in pairs for place in SLEW_PLACES]
+    out = [replace(rest, hold=True)] if section.hold and start == end else []
+    for one in found:
+        length = section.stop_s - section.start_s
+        shortest = 1 - build_slews(one, length, objective.limits)[1] / length
+        shares = LENGTH_SHARES if objective.scenario.reference.at == "ends" else LENGTH_SHARES[:1]
+        shares = shares if len(one.turns) < 2 else shares[::2]
+        out += [replace(one, length=share) for share in shares if share >= shortest]
+        if one.turns and one.place == (0.0, 0.0) and len(shares) > 1 and shortest <= 1 and len(one.turns) == 1:
+            out.append(replace(one, length=shortest))
+    return out
+
+
+def _freeze(turn: Array) -> tuple[float, float, float]:
+    return (float(turn[0]), float(turn[1]), float(turn[2]))
+
+
+def _build_start(objective: PlanObjective) -> list[IntervalDesign]:
+    """The plan with the fewest slews: none, or one from the first attitude to the last one.
+
+    Raises
+    ------
+    InputError
+        No interval has room for that slew.
+    """
+    profiles = build_profiles(objective.scenario)
+    first = find_end_attitude(replace(profiles[0], slews=()))
+    last = find_end_attitude(profiles[-1])
+    if first is None:
+        raise InputError("the first interval's tilt_deg must have the body axes along those of LVLH")
+    last = first if last is None else last
+    for turned in reversed(range(len(profiles))):
+        designs = [IntervalDesign(first, first)] * turned + [IntervalDesign(last, last)] * (len(profiles) - turned)
+        for one in list_designs(objective, turned, first, last):
+            designs[turned] = one
+            if objective.measure(turned, one).is_allowed and objective.compute_slew_time(designs) <= objective.limits.slew_s:
+                return designs
+    raise InputError(
+        f"no interval has room for a slew from the first attitude to the last one within {objective.limits.slew_s:g} s of "
+        "slews; allow more with --slew-time, --max-rate or --max-acceleration"
+    )
+
+
+def _list_own_designs(objective: PlanObjective) -> list[list[IntervalDesign]]:
+    """The scenario's own slews, as short as the limits allow; none if they take too long or an interval has more than two."""
+    designs = []
+    for section, profile in zip(objective.scenario.interval, build_profiles(objective.scenario), strict=True):
+        start, end = find_end_attitude(replace(profile, slews=())), find_end_attitude(profile)
+        if start is None or end is None or len(profile.slews) > 2 or (profile.hold and profile.slews):
+            return []
+        turns = [slew.angle * slew.axis for slew in profile.slews]
+        one = IntervalDesign(start, end, _freeze(turns[0] if turns else np.zeros(3)), hold=profile.hold is not None)
+        spare = build_slews(one, section.stop_s - section.start_s, objective.limits)[1]
+        if turns and spare > 0:
+            before = float(np.clip((profile.slews[0].start - objective.limits.settle_s) / spare, 0, 1))
+            gap = profile.slews[-1].start - profile.slews[0].stop
+            one = replace(one, place=(before, float(np.clip(gap / max(spare * (1 - before), 1e-9), 0, 1))))
+        designs.append(one)
+    measured = [objective.measure(k, one) for k, one in enumerate(designs)]
+    joined = all(first.end == second.start for first, second in pairwise(designs))
+    allowed = all(one.is_allowed for one in measured) and sum(one.slew_s for one in measured) <= objective.limits.slew_s
+    return [designs] if joined and allowed else []
+
+
+@dataclass(frozen=True)
+class Move:
+    """Other designs of intervals i ≤ j, and the modes between them turned.
+
+    Attributes
+    ----------
+    plan : the plan with the modes turned, i and j not yet replaced
+    i, j : intervals
+    first, second : designs of i and of j
+    pairs : (m, 2) those that the limits allow together; with i = j both are the same
+    information : (m, 12, 12) of the whole plan
+    """
+
+    plan: tuple[IntervalDesign, ...]
+    i: int
+    j: int
+    first: Sequence[IntervalDesign]
+    second: Sequence[IntervalDesign]
+    pairs: NDArray[np.intp]
+    information: Array
+
+    def take(self, row: int) -> list[IntervalDesign]:
+        """The plan with one of the pairs."""
+        designs = list(self.plan)
+        designs[self.i], designs[self.j] = self.first[self.pairs[row, 0]], self.second[self.pairs[row, 1]]
+        return designs
+
+
+def build_move(objective: PlanObjective, designs: Sequence[IntervalDesign], i: int, j: int, turned: int) -> Move | None:
+    """Build the move that turns the attitudes between intervals i and j, see `turn_orbit`; None where nothing is allowed."""
+    plan = [
+        replace(one, start=turn_orbit(one.start, turned), end=turn_orbit(one.end, turned)) if i < k < j else one
+        for k, one in enumerate(designs)
+    ]
+    if not all(objective.measure(k, one).is_allowed for k, one in enumerate(plan) if k not in (i, j)):
+        return None
+    rest = [objective.measure(k, one) for k, one in enumerate(plan) if k not in (i, j)]
+    left = objective.limits.slew_s - sum(one.slew_s for one in rest) + 1e-9
+    end = designs[i].end if i == j else turn_orbit(designs[i].end, turned)
+    first = _list_allowed(objective, i, designs[i].start, end, left)
+    second = first if i == j else _list_allowed(objective, j, turn_orbit(designs[j].start, turned), designs[j].end, left)
+    if not first or not second:
+        return None
+    own, other = ([objective.measure(k, one) for one in found] for k, found in ((i, first), (j, second)))
+    base = sum((one.information for one in rest), np.zeros((12, 12)))
+    A, T = np.array([one.information for one in own]), np.array([one.slew_s for one in own])
+    if i == j:
+        pairs = np.repeat(np.flatnonzero(left >= T)[:, None], 2, axis=1)
+        return Move(tuple(plan), i, j, first, second, pairs, base + A[pairs[:, 0]])
+    B, S = np.array([one.information for one in other]), np.array([one.slew_s for one in other])
+    pairs = np.argwhere(T[:, None] + S <= left)
+    return Move(tuple(plan), i, j, first, second, pairs, base + A[pairs[:, 0]] + B[pairs[:, 1]]) if len(pairs) else None
+
+
+def _list_allowed(objective: PlanObjective, k: int, start: int, end: int, left: float) -> list[IntervalDesign]:
+    """Designs of interval k that the limits allow, of at most `left` seconds."""
+    found = list_designs(objective, k, start, end)
+    length = objective.scenario.interval[k].stop_s - objective.scenario.interval[k].start_s
+    short = []
+    for one in found:
+        slews, spare = build_slews(one, length, objective.limits)
+        if not slews or (spare >= 0 and sum(slew.duration_s for slew in slews) <= left):
+            short.append(one)
+    return [one for one in short if objective.measure(k, one).is_allowed]
+
+
+def _list_move_places(objective: PlanObjective) -> list[tuple[int, int, int]]:
+    """Intervals i ≤ j of all moves, and the turns of the attitudes between them."""
+    count = len(objective.scenario.interval)
+    turns = range(len(LVLH_ATTITUDES) if objective.limits.tilts else len(POINTING_MODES))
+    return [(i, j, turned) for i in range(count) for j in range(i + 1, count) for turned in turns] or [(0, 0, 0)]
+
+
+def exchange_designs(objective: PlanObjective, designs: Sequence[IntervalDesign]) -> list[IntervalDesign]:
+    """Exchange designs until no move lowers the smooth worst sigma."""
+    current, places = list(designs), _list_move_places(objective)
+    value = np.inf
+    while True:
+        before = value
+        for i, j, turned in places:
+            move = build_move(objective, current, i, j, turned)
+            if move is None:
+                continue
+            values = objective.compute_smooth_worst(move.information)
+            row = int(values.argmin())
+            if values[row] < value - SMALLEST_IMPROVEMENT:
+                value, current = float(values[row]), move.take(row)
+        if not value < before - SMALLEST_IMPROVEMENT:
+            return current
+
+
+def refine_designs(objective: PlanObjective, designs: Sequence[IntervalDesign]) -> list[IntervalDesign]:
+    """Move axes, angles, times and lengths to the smallest worst sigma; the designs as they are where that fails."""
+    start, moved = np.array([_pack(one) for one in designs]), np.array([_list_free(objective, one) for one in designs])
+    if not moved.any():
+        return list(designs)
+
+    def place(x: Array) -> list[IntervalDesign]:
+        values = start.copy()
+        values[moved] = x
+        return [_unpack(one, row) for one, row in zip(designs, values, strict=True)]
+
+    def compute_slack(x: Array) -> Array:
+        plan = place(x)
+        measured = [objective.measure(k, one) for k, one in enumerate(plan)]
+        left = 1 - SLEW_TIME_MARGIN - sum(one.slew_s for one in measured) / objective.limits.slew_s
+        own = [(one.spare_s / 100.0, 10 * one.sun_margin) for one in measured]
+        return np.concatenate([-objective.compute_log_ratios(plan), [left], np.ravel(own)])
+
+    def compute_constraints(xt: Array) -> Array:
+        slack = compute_slack(xt[:-1])
+        slack[:12] += xt[-1]
+        return slack
+
+    low, high = (np.broadcast_to(side, start.shape)[moved] for side in DESIGN_BOUNDS)
+
+    def compute_jacobian(xt: Array) -> Array:
+        at, x, columns = compute_slack(xt[:-1]), xt[:-1], []
+        for n in range(x.size):
+            step = -DIFFERENCE_STEP if x[n] + DIFFERENCE_STEP > high[n] else DIFFERENCE_STEP
+            columns.append((compute_slack(x + step * (np.arange(x.size) == n)) - at) / step)
+        return np.column_stack([*columns, np.arange(at.size) < 12])
+
+    worst = float(objective.compute_log_ratios(designs).max())
+    gradient = np.append(np.zeros(low.size), 1.0)
+    found = minimize(
+        lambda xt: float(xt[-1]),
+        np.append(start[moved], worst),
+        jac=lambda xt: gradient,
+        method="SLSQP",
+        bounds=[*zip(low, high, strict=True), (None, None)],
+        constraints={"type": "ineq", "fun": compute_constraints, "jac": compute_jacobian},
+        options={"maxiter": 100, "ftol": SMALLEST_IMPROVEMENT / 10},
+    )
+    plan = place(np.clip(found.x[:-1], low, high))
+    allowed = all(objective.measure(k, one).is_allowed for k, one in enumerate(plan))
+    allowed &= objective.compute_slew_time(plan) <= objective.limits.slew_s
+    return plan if allowed and objective.compute_log_ratios(plan).max() < worst else list(designs)
+
+
+def _pack(design: IntervalDesign) -> Array:
+    """(6,) the numbers of a design that can be moved."""
+    return np.array([*design.turn, *design.place, design.length])
+
+
+def _unpack(design: IntervalDesign, values: Array) -> IntervalDesign:
+    return replace(design, turn=_freeze(values), place=(float(values[3]), float(values[4])), length=float(values[5]))
+
+
+def _list_free(objective: PlanObjective, design: IntervalDesign) -> list[bool]:
+    """(6,) which of them may move: with one slew its turn is that from attitude to attitude."""
+    slews, ends = len(design.turns), objective.scenario.reference.at == "ends"
+    return [slews == 2] * 3 + [slews > 0, slews == 2, ends and not design.hold]
