@@ -6,8 +6,8 @@ import importlib
 import importlib.util
 import sys
 import traceback
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -21,6 +21,7 @@ from studies.report.junit import Verdict, convert_checks, write_junit
 
 if TYPE_CHECKING:
     from studies.montecarlo import engine
+    from studies.montecarlo.requirement import Requirement
     from studies.report.entry import Entry
 
 STUDY_MODULES = {
@@ -157,6 +158,7 @@ def run(
     console: Console,
     config: Path | None = None,
     junit: Path | None = None,
+    requirements: Sequence[Requirement] = (),
     **options: Any,
 ) -> engine.Outcome:
     """Run a study to its end and write and show its report.
@@ -168,17 +170,21 @@ def run(
     changes : settings by dotted path, over those of the file config
     console : for the report
     junit : a file for what was found, as tests
+    requirements : to answer from the rows
     options : how and where it runs, as of `engine.run`; none of them changes its rows
     """
     chosen = find_entry(name)
 
     from studies.montecarlo import engine
     from studies.montecarlo.manifest import write_manifest
+    from studies.montecarlo.requirement import check_independent, draws_independently
     from studies.montecarlo.study import load_config
+    from studies.report import checks, columns, sensitivity
     from studies.report import entry as report
-    from studies.report import sensitivity
 
     settings = load_config(chosen.study, config, changes)
+    if requirements:
+        check_independent(settings, "--require")
     name = Path(name).stem
     outcome = engine.run(chosen.study, settings, folder, progress=partial(show_progress, quiet=console.quiet), **options)
     rows = outcome.load()
@@ -188,6 +194,7 @@ def run(
             f"{folder}: every case failed, the first one with {rows['error'].iloc[0]}; {folder}/failures has the tracebacks, "
             "and --retry-failed runs the cases again"
         )
+    answers = [requirement.judge(rows) for requirement in requirements]
     try:
         made = chosen.report(settings.model_copy(update={"cases": outcome.cases}), good)
     except Exception as error:
@@ -197,7 +204,15 @@ def run(
         raise
     if settings.dispersions:
         made = replace(made, tables={**made.tables, **sensitivity.build_sensitivity_tables(rows)})
-    report.write(made, f"Study {name}: {chosen.summary}", folder)
+    made = replace(
+        made,
+        checks=(*checks.check_requirements(answers), *made.checks),
+        findings=(*map(str, answers), *made.findings),
+    )
+    tables = {"tolerance": columns.build_tolerance_table(good)} if draws_independently(settings) else {}
+    if answers:
+        outcome = replace(outcome, manifest=outcome.manifest | {"requirements": [asdict(answer) for answer in answers]})
+    report.write(replace(made, tables={**made.tables, **tables}), f"Study {name}: {chosen.summary}", folder)
     write_manifest(folder, outcome.manifest)
     report.show(made, console)
     if junit:
