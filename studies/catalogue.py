@@ -203,7 +203,8 @@ def run(
         )
         raise
     if settings.dispersions:
-        made = replace(made, tables={**made.tables, **sensitivity.build_sensitivity_tables(rows)})
+        ranking = sensitivity.build_sensitivity_tables(rows, settings.sampler, bool(settings.correlations))
+        made = replace(made, tables={**made.tables, **ranking})
     made = replace(
         made,
         checks=(*checks.check_requirements(answers), *made.checks),

@@ -52,6 +52,8 @@ def build_tolerance_table(rows: pd.DataFrame) -> Table:
         if len(each) and not str(name).startswith(DISPERSED):
             low, high = compute_tolerance_interval(each)
             lines.append({"column": name, "cases": len(each), "median": each.median(), "low": low, "high": high})
-    note = "Low to high holds 95 % of all cases that do not fail, with 95 % confidence, whatever the distribution. "
+    note = (
+        "Low to high holds 95 % of all cases that do not fail, with 95 % confidence, whatever the distribution. "
         "It needs 93 cases."
+    )
     return Table("Tolerance intervals", pd.DataFrame(lines, columns=["column", "cases", "median", "low", "high"]), note)
