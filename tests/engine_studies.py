@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from studies.montecarlo.study import Streams, Study, StudyConfig, observed
+from studies.montecarlo.study import Streams, Study, StudyConfig, dispersed, observed
 
 
 class DrawsConfig(StudyConfig):
@@ -103,3 +103,14 @@ DRAWS = Study("tests.engine_studies:DRAWS", DrawsConfig, draws_case)
 STEPS = Study("tests.engine_studies:STEPS", DrawsConfig, steps_case)
 RECORDED = Study("tests.engine_studies:RECORDED", StudyConfig, recording_case, observed)
 ODD = Study("tests.engine_studies:ODD", OddConfig, odd_case)
+
+
+class RareConfig(StudyConfig):
+    """A study of a sum of dispersed values."""
+
+
+def rare_case(config: RareConfig, case: int, streams: Streams) -> dict[str, float]:
+    return {"sum": sum(dispersed(config, case).gyro.true_bias_deg_s[:2])}
+
+
+RARE = Study("tests.engine_studies:RARE", RareConfig, rare_case)

@@ -159,7 +159,7 @@ def estimate_pair_indices(outputs: Array, seed: int = 0) -> dict[str, Array]:
     drawn = np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), size=REPLICATES)
     weights = np.vstack([np.ones(n), drawn]) / n
     mean, square = (np.einsum("bn,niq->biq", weights, part) for part in ((a + b) / 2, (a**2 + b**2) / 2))
-    out = {}
+    out: dict[str, Array] = {}
     for name, terms in (("first_order", b * (mixed - a)), ("total", (a - mixed) ** 2 / 2)):
         index = np.einsum("bn,niq->biq", weights, terms) / (square - mean**2)
         low, high = np.nanquantile(index[1:], [0.025, 0.975], axis=0)
@@ -182,8 +182,8 @@ def rank_pairs(rows: pd.DataFrame) -> pd.DataFrame:
     parts = []
     for table in (outputs, failed):
         size = len(inputs.columns) + PAIR_ENDS
-        block = table.index // size
-        whole = table[table.groupby(block)[table.columns[:1]].transform("size") == size] if len(table.columns) else table
+        block = pd.Series(table.index // size, index=table.index)
+        whole = table[block.map(block.value_counts()) == size]
         whole = whole.loc[:, whole.std() > SMALLEST_SPREAD * whole.abs().max()] if len(whole) else whole
         if len(whole) < FEWEST_CASES * size or not len(whole.columns):
             continue
