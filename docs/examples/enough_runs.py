@@ -1,4 +1,4 @@
-"""Whether a study has enough runs: three units against the requirement that 99.73 % of cases keep a limit, with 90 % confidence."""
+"""Whether a study has enough runs: three units against a limit that 99.73 % of cases must keep, with 90 % confidence."""
 
 from pathlib import Path
 

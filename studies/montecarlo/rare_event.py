@@ -35,7 +35,8 @@ from studies.montecarlo.study import RESERVED, Study, StudyConfig, find_study_fo
 Array = NDArray[np.float64]
 
 RUNS = 10_000  # unless stated
-LEVEL_RUNS = 700  # cases of each level
+FEWEST_RUNS = 1000
+MOST_LEVELS = 7  # in the first half of the runs; each takes the probability down by about LEVEL_SHARE
 LEVEL_SHARE = 0.1  # of them, those that the next level's kernels stand on
 MOST_DISPERSIONS = 10  # in more, standard errors were found too small on closed forms
 ACCURATE = 0.2  # relative standard error above which an answer is called inaccurate
@@ -165,7 +166,7 @@ def estimate_rare_probability(
     values = ot.CompositeRandomVector(ot.PythonFunction(dimensions, 1, func_sample=evaluate), ot.RandomVector(normal))
     levels = ot.NAIS(ot.ThresholdEvent(values, ot.Greater(), 0.0), LEVEL_SHARE)
     levels.setMaximumOuterSampling(1)
-    levels.setBlockSize(min(LEVEL_RUNS, runs // 10))
+    levels.setBlockSize(runs // (2 * MOST_LEVELS))
     try:
         levels.run()
     except RuntimeError:  # what OpenTURNS makes of every exception of the function
@@ -196,7 +197,7 @@ def run_rare_event(
     Raises
     ------
     InputError
-        The study has no dispersions or too many, or no such column; OpenTURNS is not installed.
+        The study has no dispersions or too many, too few runs, or no such column; OpenTURNS is not installed.
     """
     ready = resolve_config(config)
     scenario, paths = load_base_scenario(ready), tuple(ready.dispersions)
@@ -204,6 +205,8 @@ def run_rare_event(
         raise InputError(
             f"--rare: needs 1 to {MOST_DISPERSIONS} dispersions, and there are {len(paths)}; change the dispersions"
         )
+    if runs < FEWEST_RUNS:
+        raise InputError(f"--rare: needs at least {FEWEST_RUNS} runs; give --cases {RUNS} or leave it out")
     plain = ready.model_copy(update={"dispersions": {}, "correlations": (), "sampler": "random"})
     folder = find_study_folder(study)
     count = failed = 0
