@@ -9,7 +9,7 @@ from studies.montecarlo.requirement import Requirement, count_runs
 from studies.report.panels import BLUE, DARK, RED, TEAL, Line, draw_panels, make_curves, save
 
 requirement = Requirement.parse("p99.73(pointing_deg) < 0.4 @ 90%")
-allowed, risk = requirement.allowed, 1 - requirement.confidence / 100
+allowed, risk = requirement.failure_probability, 1 - requirement.confidence / 100
 runs = np.arange(1, 4001)
 print("runs needed with 0, 1, 2 … cases beyond the limit:", [count_runs(beyond, allowed, risk) for beyond in range(5)])
 

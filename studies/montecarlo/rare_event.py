@@ -40,7 +40,7 @@ MOST_LEVELS = 7  # in the first half of the runs; each takes the probability dow
 LEVEL_SHARE = 0.1  # of them, those that the next level's kernels stand on
 MOST_DISPERSIONS = 10  # in more, standard errors were found too small on closed forms
 ACCURATE = 0.2  # relative standard error above which an answer is called inaccurate
-FORM = re.compile(r"\s*([^<>\s]+)\s*([<>])\s*(\S+)\s*")
+EVENT_FORM = re.compile(r"\s*([^<>\s]+)\s*([<>])\s*(\S+)\s*")
 
 
 class _RunsSpentError(Exception):
@@ -96,7 +96,7 @@ class RareLimit:
         InputError
             It is not of that form.
         """
-        match = FORM.fullmatch(text)
+        match = EVENT_FORM.fullmatch(text)
         try:
             limit = float(match[3]) if match else math.nan
         except ValueError:

@@ -31,8 +31,8 @@ from scipy.stats import nbinom
 from gyrocal.errors import InputError, suggest_names
 from studies.montecarlo.study import RESERVED, GridConfig, StudyConfig
 
-FORM = re.compile(r"\s*p(\d+(?:\.\d+)?)\(\s*(\S+?)\s*\)\s*([<>])\s*(\S+?)\s*(?:@\s*(\d+(?:\.\d+)?)\s*%\s*)?")
-USAGE = (
+REQUIREMENT_FORM = re.compile(r"\s*p(\d+(?:\.\d+)?)\(\s*(\S+?)\s*\)\s*([<>])\s*(\S+?)\s*(?:@\s*(\d+(?:\.\d+)?)\s*%\s*)?")
+REQUIREMENT_USAGE = (
     "give it as pNN(COLUMN)<LIMIT or pNN(COLUMN)>LIMIT, the percentile between 0 and 100, and after @ a confidence between "
     "50 and 100 %, e.g. 'p99.73(pointing_deg)<0.4 @ 90%'"
 )
@@ -105,23 +105,23 @@ class Requirement:
         InputError
             It is not of that form.
         """
-        match = FORM.fullmatch(text)
+        match = REQUIREMENT_FORM.fullmatch(text)
         try:
             limit = float(match[4]) if match else math.nan
         except ValueError:
             limit = math.nan
         if match is None or not math.isfinite(limit):
-            raise InputError(f"--require {text}: {USAGE}")
+            raise InputError(f"--require {text}: {REQUIREMENT_USAGE}")
         found = cls(float(match[1]), match[2], match[3], limit, float(match[5] or DEFAULT_CONFIDENCE))
         if not (0 < found.percentile < 100 and 50 < found.confidence < 100):
-            raise InputError(f"--require {text}: {USAGE}")
+            raise InputError(f"--require {text}: {REQUIREMENT_USAGE}")
         return found
 
     def __str__(self) -> str:
         return f"p{self.percentile:.12g}({self.column}) {self.sign} {self.limit:.12g} @ {self.confidence:.12g} %"
 
     @property
-    def allowed(self) -> float:
+    def failure_probability(self) -> float:
         """Probability of a case beyond the limit that is just allowed."""
         share = self.percentile / 100
         return 1 - share if self.sign == "<" else share
@@ -153,7 +153,7 @@ class Requirement:
 
     def judge_counts(self, cases: int, beyond: int, failed: int = 0, empty: int = 0) -> Answer:
         """Answer from the number of cases and of those beyond the limit."""
-        q, risk = self.allowed, 1 - self.confidence / 100
+        q, risk = self.failure_probability, 1 - self.confidence / 100
         outcome: Outcome = "undecided"
         fewest, expected = 0, 0.0
         if compute_tail_below(beyond, cases, q) <= risk:

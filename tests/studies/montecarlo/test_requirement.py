@@ -42,6 +42,7 @@ def test_what_is_no_requirement_is_refused(text):
 def test_run_counts_are_the_published_ones():
     # J. M. Hanson and B. B. Beard, NASA/TP-2010-216447: 852 runs for 0.9973 at 10 %; S. S. Wilks: 59 for 95/95, 230 for 99/90.
     assert count_runs(0, 1 - 0.9973, 0.1) == 852
+    assert [count_runs(beyond, 1 - 0.9973, 0.1) for beyond in range(5)] == [852, 1440, 1970, 2473, 2959]  # docs/requirements.md
     assert (count_runs(0, 0.05, 0.05), count_runs(0, 0.01, 0.1)) == (59, 230)
 
 
@@ -62,7 +63,13 @@ def test_answers_are_those_of_clopper_and_pearson(cases, beyond):
     test = stats.binomtest(beyond, cases)
     high = test.proportion_ci(0.8, method="exact").high  # each end of it with 90 %
     low = test.proportion_ci(0.8, method="exact").low
-    expected = "met" if high <= THREE_SIGMA.allowed else "not met" if low >= THREE_SIGMA.allowed else "undecided"
+    expected = (
+        "met"
+        if high <= THREE_SIGMA.failure_probability
+        else "not met"
+        if low >= THREE_SIGMA.failure_probability
+        else "undecided"
+    )
     assert THREE_SIGMA.judge_counts(cases, beyond).outcome == expected
 
 
@@ -82,8 +89,10 @@ def test_further_cases_decide():
 
 def test_a_requirement_that_is_just_missed_is_met_as_often_as_the_risk_says():
     rng = np.random.default_rng(1)
-    found = [THREE_SIGMA.judge_counts(1440, beyond).outcome for beyond in rng.binomial(1440, THREE_SIGMA.allowed, 2000)]
-    met = stats.binom.cdf(1, 1440, THREE_SIGMA.allowed)
+    found = [
+        THREE_SIGMA.judge_counts(1440, beyond).outcome for beyond in rng.binomial(1440, THREE_SIGMA.failure_probability, 2000)
+    ]
+    met = stats.binom.cdf(1, 1440, THREE_SIGMA.failure_probability)
     assert found.count("met") == pytest.approx(2000 * met, abs=4 * np.sqrt(2000 * met))
     assert 0 < found.count("not met") < 2000 * 0.1 + 4 * np.sqrt(200)
 
@@ -155,3 +164,15 @@ def test_a_study_answers_and_answers_again_without_computing(tmp_path, run_cli):
     assert listed == json.loads((tmp_path / "o.json").read_text())["requirements"]
     assert [one["outcome"] for one in listed] == ["met", "not met"]
     assert run_cli(*arguments, "--require", "p99(y)<4").exit_code == 2
+
+
+def test_looking_again_and_again_adds_the_stated_risk():
+    """Exactly, of a study that is extended to the runs that one more case beyond the limit needs, until it is met."""
+    q, before = THREE_SIGMA.failure_probability, 0
+    counts, risks = np.array([1.0]), []
+    for beyond in range(10):
+        runs = count_runs(beyond, q, 0.1)
+        counts = np.convolve(counts, stats.binom.pmf(np.arange(60), runs - before, q))[:120]
+        risks.append(counts[: beyond + 1].sum())
+        counts[: beyond + 1], before = 0.0, runs
+    np.testing.assert_allclose(np.cumsum(risks)[[0, 1, 4, 9]], [0.10, 0.15, 0.22, 0.28], atol=0.005)
