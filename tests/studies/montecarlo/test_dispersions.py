@@ -17,10 +17,12 @@ from studies.montecarlo.study import (
     dispersed,
     draw_case_values,
     hash_config,
+    load_config,
     open_streams,
     resolve_config,
     simulate_case_motion,
 )
+from tests.docs.blocks import blocks
 from tests.engine_studies import DRAWS, observed
 
 NORMAL = {"kind": "normal", "sigma": 1e-3, "mode": "offset"}
@@ -293,3 +295,11 @@ def test_no_correlations_leave_the_hash_of_a_study():
     del document["correlations"]
     text = json.dumps({"study": DRAWS.name, "config": document}, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     assert hash_config(DRAWS, ready) == hashlib.sha256(text.encode()).hexdigest()
+
+
+def test_the_correlated_example_of_the_docs_has_its_correlation(tmp_path):
+    path = tmp_path / "config.toml"
+    path.write_text(blocks("docs/requirements.md", "toml")[0])
+    read = resolve_config(load_config(DRAWS, path, {"scenario": "trmm"}))
+    drawn = np.array([list(draw_case_values(read, case).values()) for case in range(400)])
+    assert np.corrcoef(drawn.T)[0, 1] == pytest.approx(0.8, abs=4 * 0.36 / 20)  # (1 − ρ²)/√n is the standard error
