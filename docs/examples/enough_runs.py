@@ -10,7 +10,7 @@ from studies.report.panels import BLUE, DARK, RED, TEAL, Line, draw_panels, make
 
 requirement = Requirement.parse("p99.73(pointing_deg) < 0.4 @ 90%")
 allowed, risk = requirement.failure_probability, 1 - requirement.confidence / 100
-runs = np.arange(10, 4001, 10)
+runs = np.arange(20, 4001, 20)
 print("runs needed with 0, 1, 2 … cases beyond the limit:", [count_runs(beyond, allowed, risk) for beyond in range(5)])
 
 # Pointing errors of three units are normal, each with its own sigma; the requirement needs 0.133 deg.
