@@ -6,8 +6,8 @@ import importlib
 import importlib.util
 import sys
 import traceback
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -20,7 +20,8 @@ from studies.report.console import show_progress
 from studies.report.junit import Verdict, convert_checks, write_junit
 
 if TYPE_CHECKING:
-    from studies.montecarlo import engine
+    from studies.montecarlo import engine, rare_event
+    from studies.montecarlo.requirement import Requirement
     from studies.report.entry import Entry
 
 STUDY_MODULES = {
@@ -157,6 +158,7 @@ def run(
     console: Console,
     config: Path | None = None,
     junit: Path | None = None,
+    requirements: Sequence[Requirement] = (),
     **options: Any,
 ) -> engine.Outcome:
     """Run a study to its end and write and show its report.
@@ -168,17 +170,21 @@ def run(
     changes : settings by dotted path, over those of the file config
     console : for the report
     junit : a file for what was found, as tests
+    requirements : to answer from the rows
     options : how and where it runs, as of `engine.run`; none of them changes its rows
     """
     chosen = find_entry(name)
 
     from studies.montecarlo import engine
     from studies.montecarlo.manifest import write_manifest
+    from studies.montecarlo.requirement import check_independent, draws_independently
     from studies.montecarlo.study import load_config
+    from studies.report import checks, columns, sensitivity
     from studies.report import entry as report
-    from studies.report import sensitivity
 
     settings = load_config(chosen.study, config, changes)
+    if requirements:
+        check_independent(settings, "--require")
     name = Path(name).stem
     outcome = engine.run(chosen.study, settings, folder, progress=partial(show_progress, quiet=console.quiet), **options)
     rows = outcome.load()
@@ -188,6 +194,7 @@ def run(
             f"{folder}: every case failed, the first one with {rows['error'].iloc[0]}; {folder}/failures has the tracebacks, "
             "and --retry-failed runs the cases again"
         )
+    answers = [requirement.judge(rows) for requirement in requirements]
     try:
         made = chosen.report(settings.model_copy(update={"cases": outcome.cases}), good)
     except Exception as error:
@@ -196,14 +203,37 @@ def run(
         )
         raise
     if settings.dispersions:
-        made = replace(made, tables={**made.tables, **sensitivity.build_sensitivity_tables(rows)})
-    report.write(made, f"Study {name}: {chosen.summary}", folder)
+        ranking = sensitivity.build_sensitivity_tables(rows, settings.sampler, bool(settings.correlations))
+        made = replace(made, tables={**made.tables, **ranking})
+    made = replace(
+        made,
+        checks=(*checks.check_requirements(answers), *made.checks),
+        findings=(*map(str, answers), *made.findings),
+    )
+    tables = {"tolerance": columns.build_tolerance_table(good)} if draws_independently(settings) else {}
+    if answers:
+        outcome = replace(outcome, manifest=outcome.manifest | {"requirements": [asdict(answer) for answer in answers]})
+    report.write(replace(made, tables={**made.tables, **tables}), f"Study {name}: {chosen.summary}", folder)
     write_manifest(folder, outcome.manifest)
     report.show(made, console)
     if junit:
         failed = [Verdict(f"case {case}", error) for case, error in outcome.failures.items()]
         write_junit(junit, f"gyrocal study {name}", str(folder), [*convert_checks(made.checks), *failed])
     return outcome
+
+
+def run_rare_event(
+    name: str, changes: Mapping[str, Any], event: str, config: Path | None = None, **options: Any
+) -> rare_event.RareEvent:
+    """Estimate the probability that a column of a study passes a limit; the setting cases is the number of runs."""
+    study = find_entry(name).study
+
+    from studies.montecarlo import rare_event
+    from studies.montecarlo.study import load_config
+
+    limit = rare_event.RareLimit.parse(event)
+    runs = int(changes.get("cases", rare_event.RUNS))
+    return rare_event.run_rare_event(study, load_config(study, config, changes), limit, runs, **options)
 
 
 def rerun(name: str, folder: Path, changes: Mapping[str, Any], case: int, config: Path | None = None) -> engine.Rerun:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,6 +57,21 @@ if TYPE_CHECKING:
     help="Stop when the 95 % half-width of a column's mean, or of p95(COLUMN), std(COLUMN) …, is below a limit; --cases is "
     "then the most there may be. The column may be 'failed'.",
 )
+@click.option(
+    "--require",
+    "required",
+    metavar="'pNN(COLUMN)<LIMIT @ NN%'",
+    multiple=True,
+    help="Answer whether a percentile of a column is below a limit (or above, with >) with this confidence, 90 % by default: "
+    "met, not met, or how many further cases decide it; repeatable.",
+)
+@click.option(
+    "--rare",
+    metavar="'COLUMN>LIMIT'",
+    default=None,
+    help="Estimate how probable it is that a column passes a limit, down to 1e-6, by importance sampling over the dispersions: "
+    "--cases runs, 10,000 by default, and no rows are kept. Needs the extra gyrocal[rare].",
+)
 @click.option("--mix", is_flag=True, help="Resume even if the source code or the machine has changed since the earlier rows.")
 @add_output_option(
     "--json",
@@ -74,6 +90,8 @@ def command(
     report: Path | None,
     as_json: Path | None,
     until: str | None,
+    required: tuple[str, ...],
+    rare: str | None,
     junit: Path | None,
     **options: Any,
 ) -> None:
@@ -90,6 +108,7 @@ def command(
       gyrocal study psi --set 'steps_s=[0.5,2.0]' --out /tmp/psi --report /tmp/psi.html
       gyrocal study paper --cases 20 --set overrides.gyro.arw_deg_per_sqrt_s=1e-4 --out /tmp/paper
       gyrocal study paper --out /tmp/paper --rerun 17
+      gyrocal study ./mystudy.py --cases 1440 --require 'p99.73(largest_error_ppm)<40 @ 90%'
       gyrocal study ./mystudy.py --cases 500 --until 'p95(largest_error_ppm)<20'
     """
     if name is None:
@@ -114,9 +133,18 @@ def command(
                 as_json, {"study": name, "case": again, "rows": rows, "same": result.same, "traceback": result.traceback}
             )
         return
+    if rare is not None:
+        kept = {name: options[name] for name in ("backend", "jobs", "scheduler")}
+        event = catalogue.run_rare_event(name, settings, rare, config, **kept)
+        click.echo(str(event))
+        if as_json:
+            write_json(as_json, {"study": name} | asdict(event))
+        return
+    from studies.montecarlo.requirement import Requirement
     from studies.montecarlo.stopping_rule import StoppingRule
 
     options["until"] = StoppingRule.parse(until) if until else None
+    options["requirements"] = [Requirement.parse(text) for text in required]
     terminal = make_console()
     outcome = catalogue.run(name, folder, settings, terminal, config, junit=junit, **options)
     terminal.print(outcome.summary(), highlight=False, markup=False)
@@ -130,7 +158,8 @@ def command(
     if as_json:
         failures = {str(case): error for case, error in outcome.failures.items()}
         about = {"study": name, "folder": str(folder), "cases": outcome.cases, "failures": failures}
-        write_json(as_json, about | {"until": outcome.manifest.get("until")})
+        found = {name: outcome.manifest.get(name) for name in ("until", "requirements")}
+        write_json(as_json, about | found)
 
 
 def _show_rerun(result: engine.Rerun, folder: Path) -> None:

@@ -16,27 +16,39 @@ draw. Each path has its own one-dimensional sequence, so that one more dispersio
   has its own. The only sampler whose rows depend on the number of cases.
 - ``sobol``: dimension k of a Sobol sequence for the k-th path declared, each with its own scrambling. Two entropies scramble
   the same sequence: their estimates are independent, but case i of the one is not independent of case i of the other.
+- ``pairs``: blocks of d + 2 cases for Sobol indices (A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259). Their rows are
+  a random point A, A with one path's u from a second point B for each path, and B. The cases of a block have the same noise.
+
+Correlations join the draws of some paths by a Gaussian copula: with their correlation matrix C = L Lᵀ and z = Φ⁻¹(u) of each
+path, u becomes Φ(L z). Each path keeps its distribution, and normal ones have the covariance C_ij σ_i σ_j. The first path of a
+group and all paths outside keep their draws::
+
+    [[correlations]]
+    paths = ["gyro.true_bias_deg_s.0", "gyro.true_bias_deg_s.1"]
+    matrix = [[1.0, 0.8], [0.8, 1.0]]
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import repeat
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
-from scipy.special import ndtri
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from scipy.special import ndtr, ndtri
 
-from gyrocal.errors import InputError
+from gyrocal.errors import InputError, suggest_names
 from simulator.scenario import Scenario, override
 from simulator.streams import generator
 
 Array = NDArray[np.float64]
-Sampler = Literal["random", "lhs", "sobol"]
+Sampler = Literal["random", "lhs", "sobol", "pairs"]
 
 SMALLEST_U = 2.0**-54  # half a unit of a random double: keeps the quantiles finite
 SOBOL_BITS = 32  # as many cases as there are case numbers
+PAIR_ENDS = 2  # cases of a block of pairs that are no mixture, its first and its last
+SMALLEST_EIGENVALUE = 1e-9  # of a correlation matrix: below it the Cholesky factor is rounding
 SOBOL_BLOCK = 1024  # rows made at a time; a power of two, as the sequence wants
 
 
@@ -98,6 +110,38 @@ class LogUniform(_Range):
 Dispersion = Annotated[Normal | Uniform | LogUniform, Field(discriminator="kind")]
 
 
+class Correlation(BaseModel):
+    """Gaussian copula of some dispersions.
+
+    Attributes
+    ----------
+    paths : of the scenario values
+    matrix : their correlations, those of normal numbers
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    paths: tuple[str, ...]
+    matrix: tuple[tuple[float, ...], ...]
+
+    @model_validator(mode="after")
+    def _check_matrix(self) -> Self:
+        size = len(self.paths)
+        if size < 2 or len(self.matrix) != size or any(len(row) != size for row in self.matrix):
+            raise ValueError(f"matrix: must have a row and a column for each of its {size} paths, at least two")
+        matrix = np.array(self.matrix)
+        if (matrix != matrix.T).any() or (np.diag(matrix) != 1).any():
+            raise ValueError("matrix: must be symmetric, with ones on its diagonal")
+        if np.linalg.eigvalsh(matrix)[0] < SMALLEST_EIGENVALUE:
+            raise ValueError("matrix: must be positive definite; no numbers have these correlations")
+        return self
+
+    def correlate(self, shares: Array) -> Array:
+        """Correlated numbers of (0, 1) from independent ones, in the order of the paths; the first stays as it is."""
+        mixed = ndtr(np.linalg.cholesky(np.array(self.matrix)) @ ndtri(shares))
+        return np.array([shares[0], *np.clip(mixed[1:], SMALLEST_U, 1 - 2 * SMALLEST_U)])
+
+
 def draw_uniforms(paths: tuple[str, ...], sampler: Sampler, *, entropy: int, case: int, cases: int) -> Iterator[float]:
     """One number of (0, 1) for each path, in the order of the paths."""
     for dimension, path in enumerate(paths):
@@ -105,6 +149,10 @@ def draw_uniforms(paths: tuple[str, ...], sampler: Sampler, *, entropy: int, cas
             u = float(generator(entropy, case, f"dispersions/{path}").random())
         elif sampler == "lhs":
             u = float(_draw_hypercube(entropy, path, cases)[case])
+        elif sampler == "pairs":
+            block, place = divmod(case, len(paths) + PAIR_ENDS)
+            stream = "dispersions pairs" if place in (dimension + 1, len(paths) + 1) else "dispersions"
+            u = float(generator(entropy, block, f"{stream}/{path}").random())
         else:
             block, row = divmod(case, SOBOL_BLOCK)
             u = float(_generate_sobol(entropy, path, dimension, block)[row])
@@ -154,14 +202,29 @@ def get_scenario_value(scenario: Scenario, path: str) -> float:
     return float(place)
 
 
-def check(dispersions: Mapping[str, Dispersion], scenario: Scenario) -> None:
-    """Refuse dispersions that could not act on the scenario.
+def check(
+    dispersions: Mapping[str, Dispersion],
+    scenario: Scenario,
+    sampler: Sampler = "random",
+    correlations: Sequence[Correlation] = (),
+) -> None:
+    """Refuse dispersions that could not act on the scenario, and correlations of what is not dispersed.
 
     Raises
     ------
     InputError
-        A path leads to no number, a factor has a zero to multiply, or the scenario is invalid with every draw at its median.
+        A path leads to no number, a factor has a zero to multiply, or the scenario is invalid with every draw at its median. A
+        correlated path is not dispersed or stands twice, or the sampler needs independent draws.
     """
+    correlated = [path for group in correlations for path in group.paths]
+    for path in correlated:
+        if path not in dispersions:
+            raise InputError(f"correlations: {path}: is not dispersed; {suggest_names(path, dispersions)}")
+        if correlated.count(path) > 1:
+            raise InputError(f"correlations: {path}: stands twice; give all paths that it is correlated with in one matrix")
+    if sampler == "pairs" and (correlated or not dispersions):
+        what = "correlations" if correlated else "no dispersions"
+        raise InputError(f"sampler pairs: Sobol indices are of independent dispersions, and there are {what}; use random")
     for path, dispersion in dispersions.items():
         if dispersion.mode == "factor" and get_scenario_value(scenario, path) == 0:
             raise InputError(f'dispersions: {path}: a factor leaves its value, 0, as it is; use mode = "offset"')
@@ -169,7 +232,14 @@ def check(dispersions: Mapping[str, Dispersion], scenario: Scenario) -> None:
 
 
 def draw_values(
-    dispersions: Mapping[str, Dispersion], scenario: Scenario, sampler: Sampler, *, entropy: int, case: int, cases: int
+    dispersions: Mapping[str, Dispersion],
+    scenario: Scenario,
+    sampler: Sampler,
+    correlations: Sequence[Correlation] = (),
+    *,
+    entropy: int,
+    case: int,
+    cases: int,
 ) -> dict[str, float]:
     """Draw the dispersed values of a scenario in one case, by path.
 
@@ -178,12 +248,22 @@ def draw_values(
     dispersions : distribution by path
     scenario : the scenario before the draws
     sampler : how the space of the draws is covered
+    correlations : of the draws
     entropy : seed of the study
     case : number of the case, 0 ≤ case < cases
     cases : number of cases of the study
     """
     shares = draw_uniforms(tuple(dispersions), sampler, entropy=entropy, case=case, cases=cases)
-    return evaluate_at_shares(dispersions, scenario, shares)
+    return evaluate_at_shares(dispersions, scenario, correlate_shares(tuple(dispersions), shares, correlations))
+
+
+def correlate_shares(paths: Sequence[str], shares: Iterable[float], correlations: Sequence[Correlation]) -> list[float]:
+    """The numbers of (0, 1) of all paths, those of each group correlated."""
+    by_path = dict(zip(paths, shares, strict=True))
+    for group in correlations:
+        mixed = group.correlate(np.array([by_path[path] for path in group.paths]))
+        by_path |= dict(zip(group.paths, mixed.tolist(), strict=True))
+    return list(by_path.values())
 
 
 def evaluate_at_shares(dispersions: Mapping[str, Dispersion], scenario: Scenario, shares: Iterable[float]) -> dict[str, float]:

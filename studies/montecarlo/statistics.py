@@ -172,3 +172,24 @@ def find_level_crossing(x: ArrayLike, y: ArrayLike, level: float) -> float:
     k = above[0]
     share = np.log(level / y[k]) / np.log(y[k + 1] / y[k])
     return float(x[k] * (x[k + 1] / x[k]) ** share)
+
+
+def compute_tolerance_interval(values: ArrayLike, content: float = 0.95, confidence: float = 0.95) -> Array:
+    """Interval (..., 2) that holds this share of a distribution with this confidence, from values (..., n); NaN of too few.
+
+    Between the order statistics r and r + d lies a share Beta(d, n − d + 1), so P(share ≥ content) = P(K ≤ d − 1) of a binomial
+    K (S. S. Wilks, Ann. Math. Stat. 12 (1941) 91). The smallest d with enough confidence has too much of it. The upper end is
+    therefore interpolated towards that of d − 1, by the weight of J. Nyblom, Stat. Probab. Lett. 14 (1992) 129.
+    """
+    from scipy.stats import binom
+
+    ordered = np.sort(np.asarray(values, dtype=float))
+    n = ordered.shape[-1]
+    d = int(binom.ppf(confidence, n, content)) + 1 if n else 0
+    if d > n - 1 or not n:
+        return np.full((*ordered.shape[:-1], 2), np.nan)
+    fewer, enough = binom.cdf([d - 2, d - 1], n, content)
+    lower = (n - d + 1) // 2  # counted from 1
+    gain, loss = (n - d + 1) * content * (confidence - fewer), (d - 1) * (1 - content) * (enough - confidence)
+    below, above = ordered[..., lower + d - 2], ordered[..., lower + d - 1]
+    return np.stack([ordered[..., lower - 1], below + gain / (gain + loss) * (above - below)], axis=-1)

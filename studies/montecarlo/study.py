@@ -39,7 +39,7 @@ from simulator.simulate import motion, observe
 from simulator.streams import MAX_CASE, generator
 from simulator.truth.motion import Motion
 from studies.montecarlo import dispersions
-from studies.montecarlo.dispersions import Dispersion, Sampler
+from studies.montecarlo.dispersions import PAIR_ENDS, Correlation, Dispersion, Sampler
 
 Scalar = bool | int | float | str
 Row = Mapping[str, Any]
@@ -58,6 +58,7 @@ class StudyConfig(BaseModel):
     overrides : scenario values to replace, by their dotted paths
     dispersions : distributions of scenario values, by their dotted paths; applied after the overrides
     sampler : how the draws of the dispersions cover their space
+    correlations : of the draws, each a matrix between some of their paths
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
@@ -68,6 +69,7 @@ class StudyConfig(BaseModel):
     overrides: dict[str, Scalar] = {}
     dispersions: dict[str, Dispersion] = {}
     sampler: Sampler = "random"
+    correlations: tuple[Correlation, ...] = ()
 
     # Not as constraints of the fields, which a study that gives another default would lose.
     @field_validator("cases")
@@ -223,7 +225,7 @@ def resolve_config(config: Config) -> Config:
         The scenario, an override or a dispersion cannot be used.
     """
     scenario = load_base_scenario(config)
-    dispersions.check(config.dispersions, scenario)
+    dispersions.check(config.dispersions, scenario, config.sampler, config.correlations)
     return config.model_copy(update={"scenario": scenario, "overrides": {}})
 
 
@@ -232,6 +234,8 @@ def hash_config(study: Study, config: StudyConfig) -> str:
     document = config.model_dump(mode="json") | {"cases": None if is_extendable(study, config) else config.cases}
     # Sorted keys must not hide the order of the dispersions, on which the Sobol dimensions depend.
     document["dispersions"] = list(document["dispersions"].items())
+    if not config.correlations:  # rows without them are those of a study from before there were any
+        del document["correlations"]
     text = json.dumps({"study": study.name, "config": document}, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -257,7 +261,13 @@ def draw_case_values(config: StudyConfig, case: int) -> dict[str, float]:
     if not config.dispersions:
         return {}
     sampling = {"entropy": config.entropy, "case": case, "cases": config.cases}
-    return dispersions.draw_values(config.dispersions, load_base_scenario(config), config.sampler, **sampling)
+    scenario = load_base_scenario(config)
+    return dispersions.draw_values(config.dispersions, scenario, config.sampler, config.correlations, **sampling)
+
+
+def open_streams(config: StudyConfig, case: int) -> Streams:
+    """The random streams of a case: its own, or with the sampler pairs those of its block, so that only dispersions differ."""
+    return Streams(config.entropy, case // (len(config.dispersions) + PAIR_ENDS) if config.sampler == "pairs" else case)
 
 
 def dispersed(config: StudyConfig, case: int) -> Scenario:

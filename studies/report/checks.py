@@ -12,6 +12,7 @@ from typing import Literal
 
 import pandas as pd
 
+from studies.montecarlo.requirement import Answer
 from studies.montecarlo.statistics import CONSISTENT
 from studies.report.tables import NO_VALUE, format_number
 from studies.report.units import format_heading
@@ -22,6 +23,9 @@ Bounds = tuple[float, float]
 ENOUGH = 50  # cases of a line, below which its bounds let most things pass
 CONTROL_NEES_NOTE = (
     "The mean NEES over the cases by its degrees of freedom; a control must be outside the bounds of a consistent one."
+)
+REQUIREMENT_NOTE = (
+    "The confidence of a requirement holds for a number of cases chosen beforehand; each further look at its answer adds risk."
 )
 FEW_CASES_NOTE = f"With fewer than {ENOUGH} cases the bounds are so wide that most covariances are within them."
 
@@ -109,6 +113,15 @@ def check_nees_rows(table: pd.DataFrame, keys: Sequence[str], prefix: str = "", 
         bounds = (row[f"{prefix}low"], row[f"{prefix}high"])
         outside = row[f"{prefix}expected"] != CONSISTENT
         out.append(Check(name, row[f"{prefix}nees_per_dof"], bounds, "NEES/dof", CONTROL_NEES_NOTE, outside))
+    return out
+
+
+def check_requirements(answers: Iterable[Answer]) -> list[Check]:
+    """A check for each answer; a note if it is undecided."""
+    out = []
+    for answer in answers:
+        bounds = None if answer.outcome == "undecided" else "met"
+        out.append(Check(answer.requirement, answer.outcome, bounds, meaning=REQUIREMENT_NOTE))
     return out
 
 

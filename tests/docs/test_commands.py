@@ -58,6 +58,7 @@ ONLY_PARSED = {  # why each is not run here
     "gyrocal bench": "minutes; tests/studies/validation/test_bench.py",
     "gyrocal exam": "tests/studies/validation/test_exam.py",
     "gyrocal study paper --backend dask": "needs a scheduler",
+    "gyrocal study ./mystudy.py --rare": "needs OpenTURNS; tests/studies/montecarlo/test_rare_event.py",
     "gyrocal study psi": "a grid of minutes; tests/studies/calibration",
     "gyrocal compare": "tests/studies/cli/test_compare.py",
     "gyrocal next": "tests/studies/cli/test_next.py",

@@ -1,3 +1,6 @@
+import hashlib
+import json
+
 import numpy as np
 import pytest
 from pydantic import TypeAdapter
@@ -7,9 +10,20 @@ from gyrocal.errors import InputError
 from gyrocal.recording import Recording
 from simulator.scenario import Scenario, load, override
 from simulator.simulate import motion
-from studies.montecarlo.dispersions import Dispersion, draw_uniforms, get_scenario_value
-from studies.montecarlo.study import Streams, StudyConfig, dispersed, draw_case_values, resolve_config, simulate_case_motion
-from tests.engine_studies import observed
+from studies.montecarlo.dispersions import Correlation, Dispersion, draw_uniforms, get_scenario_value
+from studies.montecarlo.study import (
+    Streams,
+    StudyConfig,
+    dispersed,
+    draw_case_values,
+    hash_config,
+    load_config,
+    open_streams,
+    resolve_config,
+    simulate_case_motion,
+)
+from tests.docs.blocks import blocks
+from tests.engine_studies import DRAWS, observed
 
 NORMAL = {"kind": "normal", "sigma": 1e-3, "mode": "offset"}
 
@@ -201,3 +215,91 @@ def test_the_motion_kept_is_that_of_the_scenario(short):
 def test_a_dispersion_that_cannot_act_is_refused(dispersions, message):
     with pytest.raises(InputError, match=message):
         config(dispersions)
+
+
+B0, B1, ARW = "gyro.true_bias_deg_s.0", "gyro.true_bias_deg_s.1", "gyro.arw_deg_per_sqrt_s"
+SPREAD = {B0: NORMAL, ARW: NORMAL | {"sigma": 1e-6}, B1: NORMAL | {"sigma": 2e-3}}
+JOINED = ({"paths": (B0, B1), "matrix": ((1.0, 0.8), (0.8, 1.0))},)
+
+
+@pytest.mark.parametrize("sampler", ["random", "lhs", "sobol"])
+def test_correlated_draws_have_their_covariance_and_leave_the_others(sampler):
+    n = 1024
+    alone, joined = config(SPREAD, n, sampler), config(SPREAD, n, sampler, correlations=JOINED)
+    free, drawn = (np.array([list(draw_case_values(one, case).values()) for case in range(n)]) for one in (alone, joined))
+    np.testing.assert_array_equal(drawn[:, :2], free[:, :2])  # the first of the group, and the path outside
+    covariance = np.cov(drawn[:, [0, 2]].T)
+    # Standard errors of a variance √(2/n) = 4.4 %, of a correlation (1 − ρ²)/√n = 0.011.
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), [1e-3, 2e-3], rtol=0.1)
+    assert np.corrcoef(drawn[:, [0, 2]].T)[0, 1] == pytest.approx(0.8, abs=0.045)
+    assert abs(np.corrcoef(free[:, [0, 2]].T)[0, 1]) < 0.14
+    assert stats.kstest((drawn[:, 2] - drawn[:, 2].mean()) / 2e-3, stats.norm.cdf).pvalue > 1e-3
+
+
+def test_a_copula_keeps_the_marginals():
+    group = Correlation(paths=("a", "b", "c"), matrix=((1.0, 0.5, -0.3), (0.5, 1.0, 0.2), (-0.3, 0.2, 1.0)))
+    u = np.random.default_rng(1).uniform(size=(4000, 3))
+    mixed = np.array([group.correlate(row) for row in u])
+    np.testing.assert_array_equal(mixed[:, 0], u[:, 0])
+    for column in mixed.T:
+        assert stats.kstest(column, "uniform").pvalue > 1e-3
+    np.testing.assert_allclose(np.corrcoef(stats.norm.ppf(mixed).T), group.matrix, atol=0.06)
+    assert np.isfinite(stats.norm.ppf(group.correlate(np.array([2.0**-54, 1 - 2.0**-53, 2.0**-54])))).all()
+
+
+@pytest.mark.parametrize(
+    ("matrix", "message"),
+    [
+        (((1.0, 0.5), (0.4, 1.0)), "symmetric"),
+        (((1.0, 1.0), (1.0, 1.0)), "positive definite"),
+        (((1.0, 1.5), (1.5, 1.0)), "positive definite"),
+        (((2.0, 0.5), (0.5, 2.0)), "ones on its diagonal"),
+        (((1.0, 0.5, 0.1), (0.5, 1.0, 0.1)), "a row and a column for each"),
+    ],
+)
+def test_what_is_no_correlation_matrix_is_refused(matrix, message):
+    with pytest.raises(ValueError, match=message):
+        Correlation(paths=(B0, B1), matrix=matrix)
+
+
+def test_correlations_of_what_is_not_dispersed_are_refused():
+    with pytest.raises(InputError, match="is not dispersed; did you mean"):
+        config({B0: NORMAL}, correlations=JOINED)
+    with pytest.raises(InputError, match="stands twice"):
+        config(SPREAD, correlations=(*JOINED, *JOINED))
+    with pytest.raises(InputError, match="independent dispersions, and there are correlations"):
+        config(SPREAD, sampler="pairs", correlations=JOINED)
+    with pytest.raises(InputError, match="there are no dispersions"):
+        config({}, sampler="pairs")
+
+
+def test_pairs_replace_one_path_at_a_time_and_keep_the_noise():
+    pairs = config(SPREAD, 10, "pairs")
+    block = np.array([list(draw_case_values(pairs, case).values()) for case in range(5, 10)])
+    for k in range(3):
+        mixed = block[0].copy()
+        mixed[k] = block[4, k]
+        np.testing.assert_array_equal(block[k + 1], mixed)
+    assert (block[0] != block[4]).all()
+    assert [open_streams(pairs, case).case for case in (4, 5, 9)] == [0, 1, 1]
+    assert open_streams(config(SPREAD), 7).case == 7
+
+
+def test_no_correlations_leave_the_hash_of_a_study():
+    ready = config(SPREAD)
+    assert hash_config(DRAWS, ready) != hash_config(DRAWS, config(SPREAD, correlations=JOINED))
+    document = ready.model_dump(mode="json") | {
+        "cases": None,
+        "dispersions": list(ready.model_dump(mode="json")["dispersions"].items()),
+    }
+    del document["correlations"]
+    text = json.dumps({"study": DRAWS.name, "config": document}, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    assert hash_config(DRAWS, ready) == hashlib.sha256(text.encode()).hexdigest()
+
+
+def test_the_correlated_example_of_the_docs_has_its_correlation(tmp_path):
+    path = tmp_path / "config.toml"
+    path.write_text(blocks("docs/requirements.md", "toml")[0])
+    read = resolve_config(load_config(DRAWS, path, {"scenario": "trmm"}))
+    drawn = np.array([list(draw_case_values(read, case).values()) for case in range(400)])
+    assert np.corrcoef(drawn.T)[0, 1] == pytest.approx(0.8, abs=4 * 0.36 / 20)  # (1 − ρ²)/√n is the standard error

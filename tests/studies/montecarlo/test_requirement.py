@@ -1,0 +1,178 @@
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from gyrocal.errors import InputError
+from studies.montecarlo.requirement import Requirement, check_independent, count_runs
+from studies.montecarlo.study import StudyConfig
+from studies.report.checks import check_requirements
+
+THREE_SIGMA = Requirement.parse("p99.73(x) < 0.4 @ 90%")
+
+
+def rows(values, **columns) -> pd.DataFrame:
+    return pd.DataFrame({"case": np.arange(len(values)), "error": "", "x": values} | columns)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("p99.73(pointing_deg) < 0.4 @ 90%", Requirement(99.73, "pointing_deg", "<", 0.4, 90.0)),
+        (" p1( disp:gyro.x )>-2e-3", Requirement(1.0, "disp:gyro.x", ">", -2e-3, 90.0)),
+        ("p95(x)<1@97.5 %", Requirement(95.0, "x", "<", 1.0, 97.5)),
+    ],
+)
+def test_a_requirement_is_read_and_written(text, expected):
+    assert Requirement.parse(text) == expected
+    assert Requirement.parse(str(expected)) == expected
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["x<1", "p100(x)<1", "p0(x)<1", "p99(x)<nan", "p99(x)<inf", "p99(x)=1", "p99(x)<1 @ 50%", "p99(x)<1 @ 100%", "p99<1"],
+)
+def test_what_is_no_requirement_is_refused(text):
+    with pytest.raises(InputError, match="give it as pNN"):
+        Requirement.parse(text)
+
+
+def test_run_counts_are_the_published_ones():
+    # J. M. Hanson and B. B. Beard, NASA/TP-2010-216447: 852 runs for 0.9973 at 10 %; S. S. Wilks: 59 for 95/95, 230 for 99/90.
+    assert count_runs(0, 1 - 0.9973, 0.1) == 852
+    assert [count_runs(beyond, 1 - 0.9973, 0.1) for beyond in range(5)] == [852, 1440, 1970, 2473, 2959]  # docs/requirements.md
+    assert (count_runs(0, 0.05, 0.05), count_runs(0, 0.01, 0.1)) == (59, 230)
+
+
+@pytest.mark.parametrize("success", [0.9, 0.9973, 0.9999])
+@pytest.mark.parametrize("risk", [0.01, 0.05, 0.1])
+@pytest.mark.parametrize("beyond", [0, 1, 2, 3, 10, 40])
+def test_run_counts_are_the_smallest_by_the_binomial_law(success, risk, beyond):
+    runs, q = count_runs(beyond, 1 - success, risk), 1 - success
+    assert stats.binom.cdf(beyond, runs, q) <= risk < stats.binom.cdf(beyond, runs - 1, q)
+    answer = Requirement(100 * success, "x", "<", 0.0, 100 * (1 - risk)).judge_counts(runs, beyond)
+    assert answer.outcome == "met"
+    before = Requirement(100 * success, "x", "<", 0.0, 100 * (1 - risk)).judge_counts(runs - 1, beyond)
+    assert (before.outcome, before.fewest) == ("undecided", 1)
+
+
+@pytest.mark.parametrize(("cases", "beyond"), [(852, 0), (1000, 2), (3000, 20), (3000, 9), (500, 5), (1, 1)])
+def test_answers_are_those_of_clopper_and_pearson(cases, beyond):
+    test = stats.binomtest(beyond, cases)
+    high = test.proportion_ci(0.8, method="exact").high  # each end of it with 90 %
+    low = test.proportion_ci(0.8, method="exact").low
+    expected = (
+        "met"
+        if high <= THREE_SIGMA.failure_probability
+        else "not met"
+        if low >= THREE_SIGMA.failure_probability
+        else "undecided"
+    )
+    assert THREE_SIGMA.judge_counts(cases, beyond).outcome == expected
+
+
+def test_further_cases_decide():
+    few = THREE_SIGMA.judge_counts(1000, 2)
+    assert few.fewest == 970  # 1970 runs with two failures
+    assert THREE_SIGMA.judge_counts(1000 + few.fewest, 2).outcome == "met"
+    again = round(0.002 * (1000 + few.expected))
+    assert THREE_SIGMA.judge_counts(round(1000 + few.expected), again).outcome == "met"
+    assert THREE_SIGMA.judge_counts(round(1000 + 0.9 * few.expected), again).outcome == "undecided"
+    many = THREE_SIGMA.judge_counts(1000, 4)
+    assert many.outcome == "undecided"
+    again = round(0.004 * (1000 + many.expected))
+    assert THREE_SIGMA.judge_counts(round(1000 + many.expected), again).outcome == "not met"
+    assert "no number at the share so far" in str(THREE_SIGMA.judge_counts(10_000, 27))
+
+
+def test_a_requirement_that_is_just_missed_is_met_as_often_as_the_risk_says():
+    rng = np.random.default_rng(1)
+    found = [
+        THREE_SIGMA.judge_counts(1440, beyond).outcome for beyond in rng.binomial(1440, THREE_SIGMA.failure_probability, 2000)
+    ]
+    met = stats.binom.cdf(1, 1440, THREE_SIGMA.failure_probability)
+    assert found.count("met") == pytest.approx(2000 * met, abs=4 * np.sqrt(2000 * met))
+    assert 0 < found.count("not met") < 2000 * 0.1 + 4 * np.sqrt(200)
+
+
+def test_failed_and_empty_cases_count_and_the_worst_row_of_a_case():
+    table = rows(np.full(1000, 0.1))
+    assert THREE_SIGMA.judge(table).beyond == 0
+    table.loc[0, ["error", "x"]] = ["ValueError: bad", np.nan]
+    table.loc[1, "x"] = np.nan
+    table = pd.concat([table, pd.DataFrame({"case": [2, 3], "error": "", "x": [9.0, 0.2]})])
+    answer = THREE_SIGMA.judge(table)
+    assert (answer.cases, answer.beyond, answer.failed, answer.empty) == (1000, 3, 1, 1)
+    assert "3 of 1000 cases are beyond the limit, among them 1 failed and 1 without a value" in str(answer)
+
+
+def test_above_mirrors_below():
+    values = np.random.default_rng(2).standard_normal(500)
+    below, above = Requirement.parse("p97(x)<2").judge(rows(values)), Requirement.parse("p3(x)>-2").judge(rows(-values))
+    assert (below.outcome, below.beyond, below.fewest) == (above.outcome, above.beyond, above.fewest)
+    assert below.expected == pytest.approx(above.expected, rel=1e-3)
+
+
+def test_truth_values_are_numbers_and_texts_are_not():
+    good = np.array([True] * 300, dtype=object)
+    assert Requirement.parse("p1(good)>0.5").judge(rows(np.ones(300), good=good)).outcome == "met"
+    with pytest.raises(InputError, match="holds no numbers"):
+        Requirement.parse("p1(good)>0.5").judge(rows(np.ones(3), good=["a"] * 3))
+    with pytest.raises(InputError, match="did you mean good"):
+        Requirement.parse("p1(god)>0.5").judge(rows(np.ones(3), good=True))
+
+
+def test_cases_that_depend_on_each_other_are_refused():
+    spread = {"gyro.true_G.0.0": {"kind": "normal", "sigma": 1e-4, "mode": "offset"}}
+    check_independent(StudyConfig(dispersions=spread), "--require")
+    check_independent(StudyConfig(sampler="lhs"), "--require")  # disperses nothing
+    for sampler in ("lhs", "sobol"):
+        with pytest.raises(InputError, match="use --set sampler=random"):
+            check_independent(StudyConfig(dispersions=spread, sampler=sampler), "--require")
+
+
+def test_the_checks_pass_fail_or_are_notes():
+    answers = [THREE_SIGMA.judge_counts(*counts) for counts in ((852, 0), (1000, 2), (3000, 20))]
+    assert [check.verdict for check in check_requirements(answers)] == ["pass", "note", "fail"]
+
+
+def test_a_study_answers_and_answers_again_without_computing(tmp_path, run_cli):
+
+    mine = tmp_path / "pointing_draws.py"
+    mine.write_text(
+        '"""Draws."""\n'
+        "from studies.montecarlo.study import Study, StudyConfig\n"
+        "def case(config, number, streams):\n"
+        '    return {"x": streams.generator("x").standard_normal()}\n'
+        'STUDY = Study("pointing_draws:STUDY", StudyConfig, case)\n'
+    )
+    out = tmp_path / "out"
+    arguments = ["study", str(mine), "--backend", "serial", "--cases", "300", "--out", str(out)]
+    assert run_cli(*arguments).exit_code == 0
+    before = (out / "table.parquet").read_bytes()
+    found = run_cli(*arguments, "--require", "p99(x)<4 @ 90%", "--require", "p50(x)<-1", "--json", str(tmp_path / "o.json"))
+    assert found.exit_code == 0, found.output
+    assert "p99(x) < 4 @ 90 %: met; 0 of 300 cases are beyond the limit." in found.stdout
+    assert "300 of them from an earlier run" in found.stdout
+    assert (out / "table.parquet").read_bytes() == before
+    assert "p50(x) < -1 @ 90 %: not met" in (out / "report.md").read_text()
+    assert pd.read_csv(out / "checks.csv")["verdict"].tolist() == ["pass", "fail"]
+    assert pd.read_csv(out / "tolerance.csv")["column"].tolist() == ["x"]
+    listed = json.loads((out / "manifest.json").read_text())["requirements"]
+    assert listed == json.loads((tmp_path / "o.json").read_text())["requirements"]
+    assert [one["outcome"] for one in listed] == ["met", "not met"]
+    assert run_cli(*arguments, "--require", "p99(y)<4").exit_code == 2
+
+
+def test_looking_again_and_again_adds_the_stated_risk():
+    """Exactly, of a study that is extended to the runs that one more case beyond the limit needs, until it is met."""
+    q, before = THREE_SIGMA.failure_probability, 0
+    counts, risks = np.array([1.0]), []
+    for beyond in range(10):
+        runs = count_runs(beyond, q, 0.1)
+        counts = np.convolve(counts, stats.binom.pmf(np.arange(60), runs - before, q))[:120]
+        risks.append(counts[: beyond + 1].sum())
+        counts[: beyond + 1], before = 0.0, runs
+    np.testing.assert_allclose(np.cumsum(risks)[[0, 1, 4, 9]], [0.10, 0.15, 0.22, 0.28], atol=0.005)
