@@ -96,11 +96,11 @@ def log_bayes(
     if tied:
         share = vectors[:, 0, :, None] / gain  # (o, k, s)
         mean = scales[None, :, None] * np.einsum("oks,okd->osd", share, along)
-        out = out + _log_peak_ratio(mean, np.einsum("ok,oks->os", vectors[:, 0], share)[:, :, None])
+        out = out + _compute_peak_evidence(mean, np.einsum("ok,oks->os", vectors[:, 0], share)[:, :, None])
     return np.asarray(out[:, :, 0] if single else out)
 
 
-def _log_peak_ratio(mean: Array, variance: Array) -> Array:
+def _compute_peak_evidence(mean: Array, variance: Array) -> Array:
     """log of the evidence with two peaks as the prior of an amplitude over that with N(0, s²), see the module."""
     narrow = SETTINGS.peak**-2
     A = 1 / variance + narrow - 1

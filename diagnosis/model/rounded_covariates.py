@@ -41,7 +41,7 @@ class RoundingSettings:
     held: float = 0.5  # share of rows equal to the one before, from which on the step is coarse beside changes and noise
     gap: float = 3.0  # median spacings of the rows, beyond which rows are missing
     finest: float = 100.0  # rows of a usual run; where there are more, rows are left out
-    rows: int = 9  # of a run that are used; T is linear between them
+    rows: int = 9  # of a run that are used beside its last one; T is linear between them
     longest: int = 30  # rows of a run that sharpen its crossing; the noise of a sensor blurs it
     courses: int = 72  # of the error that are kept
     unknown: float = 1e6  # steps, prior sigma of T and of its change per row where it begins
@@ -98,20 +98,20 @@ def estimate_course(t_s: Array, rows: Array, step: float) -> RoundedCovariate:
     pull = np.zeros(2 * nodes.size)
     pull[::2] = weights * y
 
-    def factor(sigma: float) -> tuple[float, Array]:
+    def factor_precision(sigma: float) -> tuple[float, Array]:
         """Log likelihood but for a constant, and the banded root of the precision of T and its change."""
         root = scipy.linalg.cholesky_banded(_build_precision(d, begins, sigma, weights))
         explained = pull @ scipy.linalg.cho_solve_banded((root, False), pull)
         return 0.5 * explained - np.log(root[-1]).sum() - 2 * np.log(sigma) * np.count_nonzero(~begins), root
 
     tried = np.geomspace(*SETTINGS.roughness[:2], SETTINGS.roughness[2])
-    _, root = max((factor(float(sigma)) for sigma in tried), key=lambda pair: pair[0])
+    _, root = max((factor_precision(float(sigma)) for sigma in tried), key=lambda pair: pair[0])
     mean = scipy.linalg.cho_solve_banded((root, False), pull)[::2] + values.mean()
     return RoundedCovariate(nodes, step * mean, step * _decompose_error(np.where(begins[1:], 0.0, d), root))
 
 
 def _thin_rows(t_s: Array, rows: Array) -> tuple[Array, Array]:
-    """Every k-th row, so that the run that a row is in, on average over the rows, has no more rows than are needed."""
+    """Leave out rows, so that the run that a row is in, on average over the rows, has no more rows than are needed."""
     lengths = np.bincount(np.cumsum(np.append(False, np.diff(rows) != 0))).astype(float)
     stride = max(1, round(float(np.sum(lengths**2)) / rows.size / SETTINGS.finest))
     return t_s[::stride], rows[::stride]
@@ -123,8 +123,10 @@ def _list_observations(t_s: Array, counts: Array, spacing: float) -> tuple[Array
     run = np.cumsum(np.append(False, (change != 0) | missing))
     lengths = np.bincount(run)
     rank = np.arange(run.size) - (np.cumsum(lengths) - lengths)[run]
-    used = np.minimum(lengths, SETTINGS.rows)[run]
-    kept = rank * used // lengths[run] != (rank - 1) * used // lengths[run]
+    most = np.minimum(lengths, SETTINGS.rows)[run]
+    last = np.append(np.diff(run) > 0, True)  # a switch comes right after it
+    kept = last | (rank * most // lengths[run] != (rank - 1) * most // lengths[run])
+    used = np.bincount(run[kept])[run]
     anew = np.append(True, (np.abs(change) > 1) | missing)
     crosses = np.flatnonzero((np.abs(change) == 1) & ~missing)
     shorter = np.minimum(np.minimum(lengths[run[crosses]], lengths[run[crosses + 1]]), SETTINGS.longest)
@@ -158,12 +160,12 @@ def _decompose_error(d: Array, root: Array) -> Array:
     """Strongest courses (n, r) of the posterior covariance at nodes d rows apart, orthogonal in time."""
     weight = np.sqrt(0.5 * np.maximum(np.append(d, 0.0) + np.append(0.0, d), 1.0))
 
-    def spread(course: Array) -> Array:
+    def multiply_covariance(course: Array) -> Array:
         load = np.zeros(2 * weight.size)
         load[::2] = weight * course.ravel()
         return np.asarray(weight * scipy.linalg.cho_solve_banded((root, False), load)[::2])
 
-    operator = scipy.sparse.linalg.LinearOperator((weight.size,) * 2, matvec=spread, dtype=float)
+    operator = scipy.sparse.linalg.LinearOperator((weight.size,) * 2, matvec=multiply_covariance, dtype=float)
     count = min(SETTINGS.courses, weight.size - 1)
     powers, turned = scipy.sparse.linalg.eigsh(operator, count, v0=np.cos(np.arange(weight.size) ** 2.0))
     return np.asarray((turned * np.sqrt(np.maximum(powers, 0.0)) / weight[:, None])[:, ::-1])
