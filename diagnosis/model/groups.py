@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 
 import numpy as np
 import scipy.linalg
@@ -114,21 +115,23 @@ def build_plain_group(
     trials = effect.trials(around)
     columns = [make_columns(model, effect, axis, trial.parameters) for trial in trials]
     parameters, weights = [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials]
-    recorded = len(columns)
-    if isinstance(model, RecordingModel) and model.rounded_covariates and not effect.on_references:
+    tied = False
+    if isinstance(model, RecordingModel) and model.rounded_covariates and effect.stage == "rate":
         for trial in trials:
-            with_rounding = build_rounded_columns(model, effect, axis, trial.parameters)
+            with_rounding = build_rounded_columns(model, effect, axis, dict(trial.parameters))
             if with_rounding is not None:  # the effect follows the value as recorded, or the one before its rounding
                 columns.append(with_rounding)
                 parameters.append(dict(trial.parameters))
                 weights.append(trial.weight)
+                tied = True
     if isinstance(model, RecordingModel) and effect.stage == "clock" and effect.unit == "s":  # one delay, of any length
         long = fit_delays(model, columns[0], effect.prior)
         columns += [one.columns for one in long]
         parameters += [{} for _ in long]
         weights = [0.5, *(0.5 * one.weight for one in long)] if long else weights
-    shares = np.array(weights) / sum(weights) if len(columns) > recorded else weights
-    return replace(build_group(effect, axis, columns, parameters, shares), tied=len(columns) > recorded)
+    if tied:
+        weights = [weight / sum(weights) for weight in weights]
+    return replace(build_group(effect, axis, columns, parameters, weights), tied=tied)
 
 
 def build_rounded_columns(model: RecordingModel, effect: Effect, axis: str | None, parameters: Parameters) -> Array | None:
@@ -139,8 +142,7 @@ def build_rounded_columns(model: RecordingModel, effect: Effect, axis: str | Non
     would be a random process then.
     """
     stream, known = model.stream, model.rounded_covariates
-    curves = {name: list(one.list_curves(stream.t_s)) for name, one in known.items()}
-    means = {name: own[0] for name, own in curves.items()}
+    means = {name: next(one.list_curves(stream.t_s)) for name, one in known.items()}
 
     def compute(changed: Mapping[str, Array]) -> Array:
         return effect.columns(replace(stream, housekeeping={**stream.housekeeping, **changed}), axis, parameters)
@@ -148,7 +150,11 @@ def build_rounded_columns(model: RecordingModel, effect: Effect, axis: str | Non
     centre = compute(means)
     if centre.shape[2] != 1 or np.array_equal(centre, compute({})):
         return None
-    courses = [compute({**means, name: curve}) - centre for name, own in curves.items() for curve in own[1:]]
+    courses = [
+        compute({**means, name: curve}) - centre
+        for name, one in known.items()
+        for curve in islice(one.list_curves(stream.t_s), 1, None)
+    ]
     W = model.whiten(model.reading(np.concatenate([centre, *courses], axis=2)))
     main, beside = np.split(W, [1], axis=1)
     X = model.project_out_nuisance(beside)

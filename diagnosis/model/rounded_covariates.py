@@ -42,6 +42,7 @@ class RoundingSettings:
     gap: float = 3.0  # median spacings of the rows, beyond which rows are missing
     finest: float = 100.0  # rows of a usual run; where there are more, rows are left out
     rows: int = 9  # of a run that are used beside its last one; T is linear between them
+    closest: float = 0.5  # rows between nodes, as from a row to a crossing; rows with nearly the same tag leave rounding
     longest: int = 30  # rows of a run that sharpen its crossing; the noise of a sensor blurs it
     courses: int = 72  # of the error that are kept
     unknown: float = 1e6  # steps, prior sigma of T and of its change per row where it begins
@@ -93,7 +94,7 @@ def estimate_course(t_s: Array, rows: Array, step: float) -> RoundedCovariate:
     t_s, rows = _thin_rows(t_s, rows)
     spacing = float(np.median(np.diff(t_s)))
     nodes, values, variances, begins = _list_observations(t_s, rows / step, spacing)
-    d = np.diff(nodes) / spacing
+    d = np.maximum(np.diff(nodes) / spacing, SETTINGS.closest)
     y, weights = values - values.mean(), 1 / variances
     pull = np.zeros(2 * nodes.size)
     pull[::2] = weights * y

@@ -73,6 +73,14 @@ def test_the_course_is_nearer_to_the_truth_than_the_rows_are(swing):
     assert 0.1 < np.mean(error**2) / np.mean(spread) < 2.0
 
 
+def test_rows_with_nearly_the_same_tag_are_used():
+    """Each row is there twice, a microsecond apart."""
+    t_s = np.sort(np.concatenate([np.arange(0.0, 9000.0, 10.0), np.arange(0.0, 9000.0, 10.0) + 1e-6]))
+    true = 20.3 + 2.0 * np.sin(2 * np.pi * t_s / PERIOD_S)
+    found = estimate_course(t_s, np.round(true), 1.0)
+    assert np.std(np.interp(t_s, found.t_s, found.mean) - true) < 0.5 * np.std(np.round(true) - true)
+
+
 def test_a_switch_is_not_smoothed():
     """A temperature that jumps by several steps within a row keeps its levels up to the jump."""
     t_s = np.arange(0.0, 9000.0, 10.0)
