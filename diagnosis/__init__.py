@@ -12,8 +12,9 @@ of the calibration. Its column is what the effect adds to the gyro's readings or
    identified (`model.known_effects`). `sinusoids` fits the lines of the samples, the tones of the references and the periods of
    step 4.
 3. `model.symptoms` computes the posterior of each symptom.
-4. `model.groups` builds the columns of listed effects, with `model.processes`, `model.periods` and `model.dead_zone`, and of
-   alternatives outside the library (`model.unlisted`, `model.repeating`). `model.candidates` joins them to one linear model.
+4. `model.groups` builds the columns of listed effects, with `model.processes`, `model.periods`, `model.dead_zone` and
+   `model.rounded_covariates`, and of alternatives outside the library (`model.unlisted`, `model.repeating`). `model.candidates`
+   joins them to one linear model.
 5. `inference.null` tests whether there is a misfit.
 6. `inference.search` computes the posterior of sets of effects from `inference.evidence`.
 7. `inference.attribution` selects the causes that are reported.

@@ -194,6 +194,8 @@ def _check_all_references(
         if effect is None or entry.process or not effect.has_columns or effect.stage == "clock":
             return ()
         beside.append(compute_attitude_errors(prepared.model, effect, entry.axis, linear.option(member).parameters))
+        if beside[-1].shape[2] != linear.option(member).count:  # with the rounding of a covariate
+            return ()
     return tuple(replace(one, name=f"{one.name}, of all references") for one in check_baseline(prepared.model, beside))
 
 

@@ -122,7 +122,7 @@ class Search:
         correlation = self.correlation[places]
         if given is not None:
             gram, correlation = given.reduce_products(gram, correlation, places)
-        return log_bayes(gram, correlation, entry.scales, entry.positive, entry.shifted)
+        return log_bayes(gram, correlation, entry.scales, entry.positive, entry.shifted, entry.tied)
 
     def score(self, candidate: int, members: tuple[SelectedCandidate, ...], most: int | None = None) -> Score:
         """Average and best of a candidate's evidence given some members, with its `most` strongest columns only.
@@ -167,7 +167,8 @@ class Search:
                 continue
             for batch in self.gram.list_batches(number):
                 values, weights = correlation[batch.places], candidate.log_weights[batch.options]
-                table = log_bayes(batch.gram, values, candidate.scales, candidate.positive, candidate.shifted)  # (o, s, d)
+                kind = candidate.positive, candidate.shifted, candidate.tied
+                table = log_bayes(batch.gram, values, candidate.scales, *kind)  # (o, s, d)
                 table[candidate.outside_window[batch.options]] = -np.inf
                 parts.append(
                     logsumexp(table + weights[:, None, None], axis=(0, 1)) - np.log(candidate.scales.size) + candidate.log_prior

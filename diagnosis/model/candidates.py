@@ -140,6 +140,7 @@ def list_candidates(
             Candidate(
                 group.effect, group.axis, group.listed, prior, tuple(options), scales, group.unit, group.process,
                 group.positive, group.log_odds, group.read, group.size_sigma, group.shifted, group.scanned, group.roughness,
+                group.tied,
             )
         )  # fmt: skip
     return tuple(candidates)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 
 import numpy as np
 import scipy.linalg
@@ -37,7 +38,8 @@ class CandidateColumns:
 
     Attributes
     ----------
-    effect, axis, listed, unit, process, positive, log_odds, read, size_sigma, shifted, scanned, roughness : as in `Candidate`
+    effect, axis, listed, unit, process, positive, log_odds, read, size_sigma, shifted, scanned, roughness, tied : as in
+        `Candidate`
     columns : per option (N, k) whitened columns
     parameters : per option
     weights : (o,) prior share of each option
@@ -66,6 +68,7 @@ class CandidateColumns:
     scanned: bool = False
     loudest: float = LINEAR.visible[1]
     roughness: float = 0.0
+    tied: bool = False
 
 
 # ---- listed effects ------------------------------------------------------------------------------------------------------
@@ -112,12 +115,54 @@ def build_plain_group(
     trials = effect.trials(around)
     columns = [make_columns(model, effect, axis, trial.parameters) for trial in trials]
     parameters, weights = [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials]
+    tied = False
+    if isinstance(model, RecordingModel) and model.rounded_covariates and effect.stage == "rate":
+        for trial in trials:
+            with_rounding = build_rounded_columns(model, effect, axis, dict(trial.parameters))
+            if with_rounding is not None:  # the effect follows the value as recorded, or the one before its rounding
+                columns.append(with_rounding)
+                parameters.append(dict(trial.parameters))
+                weights.append(trial.weight)
+                tied = True
     if isinstance(model, RecordingModel) and effect.stage == "clock" and effect.unit == "s":  # one delay, of any length
         long = fit_delays(model, columns[0], effect.prior)
         columns += [one.columns for one in long]
         parameters += [{} for _ in long]
         weights = [0.5, *(0.5 * one.weight for one in long)] if long else weights
-    return build_group(effect, axis, columns, parameters, weights)
+    if tied:
+        weights = [weight / sum(weights) for weight in weights]
+    return replace(build_group(effect, axis, columns, parameters, weights), tied=tied)
+
+
+def build_rounded_columns(model: RecordingModel, effect: Effect, axis: str | None, parameters: Parameters) -> Array | None:
+    """Build columns (N, 1 + r) of an effect of rounded covariates: at their means, and by each course of their errors.
+
+    Courses are changed one at a time, which holds to first order in the errors; the strongest come first. None where no such
+    covariate acts, where the effect has several amplitudes, or where the errors would show more than the mean does: the effect
+    would be a random process then.
+    """
+    stream, known = model.stream, model.rounded_covariates
+    means = {name: next(one.list_curves(stream.t_s)) for name, one in known.items()}
+
+    def compute(changed: Mapping[str, Array]) -> Array:
+        return effect.columns(replace(stream, housekeeping={**stream.housekeeping, **changed}), axis, parameters)
+
+    centre = compute(means)
+    if centre.shape[2] != 1 or np.array_equal(centre, compute({})):
+        return None
+    courses = [
+        compute({**means, name: curve}) - centre
+        for name, one in known.items()
+        for curve in islice(one.list_curves(stream.t_s), 1, None)
+    ]
+    W = model.whiten(model.reading(np.concatenate([centre, *courses], axis=2)))
+    main, beside = np.split(W, [1], axis=1)
+    X = model.project_out_nuisance(beside)
+    powers, turned = np.linalg.eigh(X.T @ X)
+    shown = float(np.sum(model.project_out_nuisance(main) ** 2))
+    if powers.sum() > shown:
+        return None
+    return np.hstack([main, (beside @ turned[:, powers > processes.SETTINGS.seen * shown])[:, ::-1]])
 
 
 def build_switched_group(

@@ -106,6 +106,7 @@ class Candidate:
     scanned : whether its options are those periods of a sine, of all that were tried, which a scan has found to explain most:
         their prior shares add up to less than one, and phases of different options do not compare
     roughness : power of what its columns may leave of its errors, beside that of what they explain
+    tied : whether columns after the first one are errors of its regressor, as large as the amplitude of that one makes them
     """
 
     effect: str
@@ -123,6 +124,7 @@ class Candidate:
     shifted: bool = False
     scanned: bool = False
     roughness: float = 0.0
+    tied: bool = False
 
     @property
     def label(self) -> str:

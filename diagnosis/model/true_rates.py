@@ -55,6 +55,8 @@ def use_true_rates(model: RecordingModel, linear: LinearModel, member: SelectedC
         return linear
     before = linear.X[:, option.columns]
     high, W, X = effect.columns(model.stream, entry.axis, option.parameters), linear.W[:, option.columns], before
+    if high.shape[2] != option.count:  # with the rounding of a covariate
+        return linear
     amplitudes = _fit_amplitudes(linear, member, X)
     for _ in range(SETTINGS.rounds):
         change = _change(model, W @ amplitudes)

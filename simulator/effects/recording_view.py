@@ -4,6 +4,7 @@ Sample tags, durations and intervals are those of the recording; a sample belong
 noise-free rates are not known, the smoothed adjusted ones G ω_raw + b stand in for them.
 """
 
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -132,10 +133,14 @@ def interpolate_housekeeping(recording: Recording, t_s: Array) -> dict[str, Arra
 
     Missing values, and fillers in their place, are left out.
     """
+    return {name: np.interp(t_s, tags, values) for name, tags, values in list_housekeeping_columns(recording)}
+
+
+def list_housekeeping_columns(recording: Recording) -> Iterator[tuple[str, Array, Array]]:
+    """Name, tags (m,) in order of time and values (m,) of each numeric housekeeping column that has a value."""
     table = recording.tables.get("housekeeping")
-    out: dict[str, Array] = {}
     if table is None:
-        return out
+        return
     tags = table["t_s"].to_numpy(dtype=float)
     order = np.argsort(tags, kind="stable")
     for name in table.columns:
@@ -143,5 +148,4 @@ def interpolate_housekeeping(recording: Recording, t_s: Array) -> dict[str, Arra
             values = table[name].to_numpy(dtype=float)[order]
             good = np.abs(values) < FILLER
             if good.any():
-                out[str(name)] = np.interp(t_s, tags[order][good], values[good])
-    return out
+                yield str(name), tags[order][good], values[good]
