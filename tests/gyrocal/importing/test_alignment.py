@@ -244,3 +244,26 @@ def test_errors_of_the_gyro_are_no_time_offset():
     assert abs(found.offset_s) < 3 * found.offset_sigma
     assert found.offset_sigma < np.median(np.diff(attitudes.t_s))
     assert not found.is_clock_off
+
+
+@pytest.mark.parametrize("are_small_rates_read", [True, False])
+def test_a_rotation_about_the_only_axis_of_a_motion_needs_the_other_rates(are_small_rates_read):
+    """A pendulum about z that cones: where the gyro has an error in place of the small rates, the angle about z is left open."""
+    step, turn = 0.01, Rotation.from_rotvec([0.0, 0.0, np.deg2rad(120.0)])
+    t = step * np.arange(6000)
+    rng = np.random.default_rng(8)
+    cones = 0.1 * np.cos(4.1 * t)
+    rates = np.column_stack([cones, 0.02 * np.sin(1.7 * t), 1.5 * np.sin(4.1 * t)])
+    steps = Rotation.from_rotvec(rates * step)
+    body = [Rotation.identity()]
+    for one in steps:
+        body.append(body[-1] * one)
+    q = Rotation.concatenate(body[::5])
+    q = (q * Rotation.from_rotvec(1e-3 * rng.standard_normal((len(q), 3)))).as_quat()
+    read_rates = turn.inv().apply(rates) * [are_small_rates_read, are_small_rates_read, 1.0]
+    if not are_small_rates_read:
+        read_rates[:, 1] += 0.3 * cones
+    found = estimate_alignment(t, read_rates, step, step * 5 * np.arange(len(q)), q)
+    assert not found.reverse
+    assert found.is_turned == are_small_rates_read
+    assert np.abs((Rotation.from_matrix(found.C) * turn.inv()).as_rotvec())[2] < 4 * found.turn_sigma[2]
