@@ -10,9 +10,9 @@ direction of the attitudes changes a speed. Gauss-Newton steps on τ, f, C, s an
 
 Unequal scale factors and skew axes of the gyro are not in s C and can pass for a time offset. Where a free matrix fits as well
 with the tags as they are, τ and f are not significant: their sigmas are at least their values over the significance of both,
-which counts as one if it is smaller. A rotation needs motion about two axes. Where there is too little beside the gyro's errors,
-the free matrix is no rotation: it shrinks one direction, as a regression does whose regressor is noise. The sigma of the rotation is
-then at least its angle.
+which counts as one if it is smaller. A rotation needs motion about two axes. Where there is too little beside the errors of the
+gyro, the free matrix is no rotation: it shrinks one direction, as a regression does whose regressor is noise. The sigma of the
+rotation is then at least its angle.
 
 Windows overlap, and residuals of a wrong G are not white: the covariance is that of sums over blocks of time (a sandwich
 estimator by clusters; White, Econometrica 48, 1980).

@@ -248,7 +248,7 @@ def test_errors_of_the_gyro_are_no_time_offset():
 
 @pytest.mark.parametrize("are_small_rates_read", [True, False])
 def test_a_rotation_about_the_only_axis_of_a_motion_needs_the_other_rates(are_small_rates_read):
-    """A pendulum about z that cones: where the gyro has an error in place of the small rates, the angle about z is left open."""
+    """A pendulum about z that cones: if the gyro has an error in place of its small rates, the angle about z is left open."""
     step, turn = 0.01, Rotation.from_rotvec([0.0, 0.0, np.deg2rad(120.0)])
     t = step * np.arange(6000)
     rng = np.random.default_rng(8)
