@@ -54,6 +54,6 @@ def build_tolerance_table(rows: pd.DataFrame) -> Table:
             lines.append({"column": name, "cases": len(each), "median": each.median(), "low": low, "high": high})
     note = (
         "Low to high holds 95 % of all cases that do not fail, with 95 % confidence, whatever the distribution. "
-        "It needs 93 cases."
+        "It needs 93 cases. Of a case with several rows their mean counts."
     )
     return Table("Tolerance intervals", pd.DataFrame(lines, columns=["column", "cases", "median", "low", "high"]), note)
