@@ -54,9 +54,14 @@ PAGES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs" / "f
 
 @pytest.mark.parametrize("page", [*PAGES, "docs/broad.md"])
 def test_examples_of_formats(page):
-    optional = {"ulog": "pyulog", "ros": "rosbags.highlevel", "euroc": "yaml", "kalibr": "yaml"}.get(
-        page.rpartition("/")[2].removesuffix(".md")
-    )
+    modules = {
+        "ardupilot": "pymavlink.DFReader",
+        "ulog": "pyulog",
+        "ros": "rosbags.highlevel",
+        "euroc": "yaml",
+        "kalibr": "yaml",
+    }
+    optional = modules.get(page.rpartition("/")[2].removesuffix(".md"))
     if optional:
         pytest.importorskip(optional)
     (block,) = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), flags=re.DOTALL)
@@ -81,7 +86,7 @@ def test_every_format_has_its_page():
     listed = set(re.findall(r"\((formats/[a-z]+\.md)\)", (ROOT / "docs" / "formats.md").read_text()))
     assert {f"docs/{name}" for name in listed} == set(PAGES)
     commands = {*import_.command.commands, *export.command.commands}
-    assert {"csv", "aem", "acm", "ck", "euroc", "bag", "ulog", "broad", "kalibr"} == commands
+    assert {"csv", "aem", "acm", "ck", "euroc", "bag", "ulog", "ardupilot", "broad", "kalibr"} == commands
 
 
 def test_trackers_example_finds_the_mounting(tmp_path, capsys):

@@ -134,7 +134,11 @@ def _put_on_even_times(
             f"time: {int(close.sum())} of {t_s.size} gyro rows have the tag of the row before or one within half a sample "
             "of it, and the tags do not follow the number of the row; "
             + ("are sample number and rate those of these rows?" if asked else "give the samples a second, e.g. --rate 100")
-            + ("" if asked or len(frame.columns) < 5 else ", or a column that counts the samples, --sample-number COLUMN")
+            + (
+                ""
+                if asked or len(frame.columns) < 5 + (mapping.temperature is not None)
+                else ", or a column that counts the samples, --sample-number COLUMN"
+            )
         )
     moved = t_s - found.t_s
     text = (
@@ -153,7 +157,7 @@ def _refuse_several_gyros(frame: pd.DataFrame, mapping: Mapping) -> None:
     if mapping.rows is not None or mapping.gyro_by is not None:
         return
     tags, unit = parse_spec(mapping.time, "time")
-    used = {*tags, *(name.removeprefix("-") for name in parse_spec(mapping.gyro, "gyro")[0])}
+    used = {*tags, mapping.temperature, *(name.removeprefix("-") for name in parse_spec(mapping.gyro, "gyro")[0])}
     for name in frame.columns:
         if name in used or not 2 <= frame[name].nunique() <= MOST_LABELS:
             continue

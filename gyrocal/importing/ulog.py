@@ -9,8 +9,6 @@ The package ``pyulog`` reads the file.
 
 from __future__ import annotations
 
-import contextlib
-import io
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +19,15 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing.build import ImportResult, build
 from gyrocal.importing.column_mapping import validate_mapping
+from gyrocal.importing.flight_logs import (
+    Key,
+    build_gyro_table,
+    build_log_entries,
+    compute_message_rate,
+    describe_others,
+    format_message,
+    read_log,
+)
 from gyrocal.importing.streams import read_streams
 
 if TYPE_CHECKING:
@@ -62,14 +69,7 @@ def import_ulog(
     """
     path = Path(path)
     gyro, attitude, said, tag = read_ulog(path, gyro_topic, attitude_topic)
-    made = {
-        "time": "t:us",
-        "gyro": "x,y,z:rad/s",
-        "quat": "qw,qx,qy,qz:scalar-first:body-to-world",
-        "title": f"ULog {path.resolve().stem}",
-        "tag": tag,
-        "temperature": "temperature" if "temperature" in gyro else None,
-    }
+    made = build_log_entries(gyro, f"ULog {path.resolve().stem}", tag) | {"quat": "qw,qx,qy,qz:scalar-first:body-to-world"}
     mapping = validate_mapping(made | entries, str(path))
     return build(read_streams(gyro, attitude, mapping), mapping, said=said)
 
@@ -81,17 +81,7 @@ def read_ulog(
     import pandas as pd
 
     path = Path(path)
-    try:
-        from pyulog import ULog
-    except ImportError:
-        raise InputError(f"{path}: pyulog is needed to read it: pip install 'gyrocal[px4]'") from None
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
-    try:
-        with path.open("rb") as file, contextlib.redirect_stdout(io.StringIO()):  # pyulog prints that a file is damaged
-            log = ULog(file)
-    except Exception as fault:  # a damaged file raises a zoo of types
-        raise InputError(f"{path}: cannot be read as ULog: {' '.join(str(fault).split())}") from None
+    log = read_log(path, "pyulog", "px4", "ULog", _read_file)
     topics = {(one.name, one.multi_id): one.data for one in log.data_list}
     gyro_key = _choose_gyro(topics, gyro_topic, path)
     attitude_key = _choose_reference(topics, attitude_topic, path)
@@ -102,9 +92,9 @@ def read_ulog(
         said.append(
             f"{attitude_key[0]} is PX4's own estimate from this gyro, no reference: the calibration only repeats the filter's"
         )
-    said.append(f"rates are those of {_name_topic(gyro_key)}{': ' * bool(changed)}{changed}")
+    said.append(f"rates are those of {format_message(gyro_key)}{': ' * bool(changed)}{changed}")
     said += _list_other_gyros(topics, gyro_key)
-    said.append(f"attitudes are those of {_name_topic(attitude_key)}")
+    said.append(f"attitudes are those of {format_message(attitude_key)}")
     if attitude_key[0] == "vehicle_visual_odometry":
         said.append("if the visual odometry uses this gyro, its attitudes say nothing independent of the gyro")
     for name, values, field, text in (
@@ -126,16 +116,18 @@ def read_ulog(
         said.append(
             f"SENS_BOARD_ROT is {rotation}: sensor_gyro is about the board's axes, not the body's; see --mounting estimate"
         )
-    gyro = pd.DataFrame({axis: rates[field].astype(float) for axis, field in zip("xyz", fields, strict=True)})
-    gyro["t"] = _read_times(rates)
     warm = topics.get(gyro_key if gyro_key[0] == "sensor_gyro" else ("sensor_gyro", 0), {})
-    known = np.isfinite(warm["temperature"]) if "temperature" in warm else np.zeros(0, dtype=bool)
-    if known.any():
-        gyro["temperature"] = np.interp(gyro["t"], _read_times(warm)[known], warm["temperature"][known])
+    warmth = (_read_times(warm), warm["temperature"]) if "temperature" in warm else ()
+    gyro = build_gyro_table(_read_times(rates), np.column_stack([rates[field] for field in fields]), *warmth)
     attitude = pd.DataFrame(
         {f"q{letter}": q[field].astype(float) for letter, field in zip("wxyz", ULOG_QUATERNION, strict=True)}
     )
     return gyro, attitude.assign(t=_read_times(q)), said, tag
+
+
+def _read_file(pyulog: Any, path: Path) -> Any:
+    with path.open("rb") as file:
+        return pyulog.ULog(file)
 
 
 def _read_times(values: dict[str, NDArray[Any]]) -> NDArray[np.int64]:
@@ -144,7 +136,7 @@ def _read_times(values: dict[str, NDArray[Any]]) -> NDArray[np.int64]:
     return np.asarray(measured if measured.all() else values["timestamp"]).astype(np.int64)
 
 
-def _choose_gyro(topics: dict[tuple[str, int], Any], topic: str | None, path: Path) -> tuple[str, int]:
+def _choose_gyro(topics: dict[Key, Any], topic: str | None, path: Path) -> Key:
     """The topic that is asked for, or the rawest that is fast enough to be integrated."""
     there = {key: topics[key] for name in GYRO_TOPICS for key in sorted(topics) if key[0] == name}
     if topic is not None:
@@ -155,7 +147,7 @@ def _choose_gyro(topics: dict[tuple[str, int], Any], topic: str | None, path: Pa
     return next(fast, max(there, key=lambda key: _compute_rate(there[key])))
 
 
-def _choose_reference(topics: dict[tuple[str, int], Any], topic: str | None, path: Path) -> tuple[str, int]:
+def _choose_reference(topics: dict[Key, Any], topic: str | None, path: Path) -> Key:
     """The attitudes that are asked for, or the first that were not made with the gyro."""
     there = {key: values for key, values in topics.items() if set(ULOG_QUATERNION) <= set(values)}
     if topic is not None:
@@ -168,27 +160,21 @@ def _choose_reference(topics: dict[tuple[str, int], Any], topic: str | None, pat
     return found[0]
 
 
-def _find_topic(there: dict[tuple[str, int], Any], topic: str, path: Path, option: str) -> tuple[str, int]:
+def _find_topic(there: dict[Key, Any], topic: str, path: Path, option: str) -> Key:
     """The key of NAME or NAME:INSTANCE."""
     for key in sorted(there):
         if topic in (key[0], f"{key[0]}:{key[1]}"):
             return key
-    known = ", ".join(map(_name_topic, sorted(there))) or "none of its kind"
+    known = ", ".join(map(format_message, sorted(there))) or "none of its kind"
     raise InputError(f"{path}: no topic {topic}; {option} may be {known}")
 
 
-def _list_other_gyros(topics: dict[tuple[str, int], Any], chosen: tuple[str, int]) -> list[str]:
+def _list_other_gyros(topics: dict[Key, Any], chosen: Key) -> list[str]:
     """List the raw gyros that are not used."""
-    others = [(key, _compute_rate(topics[key])) for key in sorted(topics) if key[0] == "sensor_gyro" != chosen[0]]
-    others += [(key, _compute_rate(topics[key])) for key in sorted(topics) if key[0] == chosen[0] and key[1] != chosen[1]]
-    return [f"not taken: {_name_topic(key)} at {rate:.3g} Hz (--gyro-topic)" for key, rate in others]
+    others = [key for key in sorted(topics) if key[0] == "sensor_gyro" != chosen[0]]
+    others += [key for key in sorted(topics) if key[0] == chosen[0] and key[1] != chosen[1]]
+    return describe_others({key: _compute_rate(topics[key]) for key in others}, "--gyro-topic")
 
 
 def _compute_rate(values: dict[str, NDArray[Any]]) -> float:
-    """Messages a second, by the median of the times between them."""
-    spacing = np.diff(values["timestamp"].astype(np.int64))
-    return 1e6 / max(float(np.median(spacing)), 1.0) if spacing.size else 0.0
-
-
-def _name_topic(key: tuple[str, int]) -> str:
-    return f"{key[0]}:{key[1]}"
+    return compute_message_rate(values["timestamp"])

@@ -9,7 +9,7 @@ from gyrocal import importing
 from gyrocal.errors import InputError
 from gyrocal.recording import save
 from studies.cli import import_formats
-from studies.cli.import_formats import IMPORT_JSON_OPTION, OUT, TABLE, show
+from studies.cli.import_formats import ATTITUDE_TABLE, IMPORT_JSON_OPTION, OUT, TABLE, show
 from studies.cli.options import FORCE, PATH, add_options, refuse_existing
 
 
@@ -31,14 +31,7 @@ for one in import_formats.IMPORT_COMMANDS:
 
 @command.command("csv")
 @click.argument("files", type=PATH, nargs=-1, required=True)
-@click.option(
-    "--quat",
-    metavar="COLUMNS:DIRECTION",
-    help="E.g. qw,qx,qy,qz:body-to-inertial; add :scalar-last or :scalar-first if the names do not show it.",
-)
-@click.option("--euler", metavar="COLUMNS:…", help="E.g. yaw,pitch,roll:deg:ZYX:body-to-inertial.")
-@click.option("--matrix", metavar="COLUMNS:DIRECTION", help="Nine columns, row by row.")
-@click.option("--attitude-time", metavar="COLUMN:UNIT", help="Time column of the attitudes, if it differs from --time.")
+@add_options(*ATTITUDE_TABLE)
 @click.option("--gyro-by", metavar="COLUMN", help="Column with the gyro of each row; --gyro then names one column.")
 @click.option("--attitude-by", metavar="COLUMN", help="Column with the attitude sensor of each row.")
 @click.option("--interval", "interval_s", type=float, help="Longest interval, s.")

@@ -79,6 +79,16 @@ class Axes(click.ParamType):
         return rows
 
 
+ATTITUDE_TABLE = (
+    click.option(
+        "--quat",
+        metavar="COLUMNS:DIRECTION",
+        help="E.g. qw,qx,qy,qz:body-to-inertial; add :scalar-last or :scalar-first if the names do not show it.",
+    ),
+    click.option("--euler", metavar="COLUMNS:…", help="E.g. yaw,pitch,roll:deg:ZYX:body-to-inertial."),
+    click.option("--matrix", metavar="COLUMNS:DIRECTION", help="Nine columns, row by row."),
+    click.option("--attitude-time", metavar="COLUMN:UNIT", help="Time column of the attitudes, if it differs from the gyro's."),
+)
 ALIGNMENT_OPTIONS = (
     click.option(
         "--align",
@@ -322,6 +332,28 @@ def import_ulog_command(
     _write(ulog.import_ulog(log, gyro_topic, attitude_topic, **_collect_entries(options)), out, as_json)
 
 
+@click.command("ardupilot")
+@click.argument("log", type=PATH, metavar="LOG.bin")
+@click.argument("attitude", type=PATH, metavar="ATTITUDE.csv")
+@OUT
+@click.option("--instance", type=click.IntRange(0), help="Number of the gyro; the first of the log by default.")
+@add_options(*ATTITUDE_TABLE, *LOG_OPTIONS)
+def import_ardupilot_command(
+    log: Path, attitude: Path, out: Path, instance: int | None, force: bool, as_json: Path | None, **options: Any
+) -> None:
+    """Import LOG.bin of ArduPilot, and attitudes that its filters have not made. See docs/formats/ardupilot.md.
+
+    \b
+    Example:
+      gyrocal import ardupilot flight.bin mocap.csv /tmp/rec --attitude-time timestamp_ms:ms \\
+        --quat qw,qx,qy,qz:body-to-world --align auto
+    """
+    refuse_existing(out, force)
+    from gyrocal.importing import ardupilot
+
+    _write(ardupilot.import_ardupilot(log, attitude, instance, **_collect_entries(options)), out, as_json)
+
+
 def _collect_entries(options: dict[str, Any]) -> dict[str, Any]:
     """Options that are given, with the noise of --imu."""
     imu = options.pop("imu")
@@ -336,4 +368,5 @@ IMPORT_COMMANDS = (
     import_euroc_command,
     import_bag_command,
     import_ulog_command,
+    import_ardupilot_command,
 )

@@ -28,6 +28,7 @@ GOOD_ARGUMENTS = {
     ("export", "kalibr"): ("REC", "imu.yaml"),
     ("import", "acm"): ("a.csv", "b.acm", "OUT"),
     ("import", "aem"): ("a.csv", "b.aem", "OUT"),
+    ("import", "ardupilot"): ("a.bin", "b.csv", "OUT"),
     ("import", "bag"): ("a.bag", "OUT"),
     ("import", "broad"): ("a.parquet", "OUT"),
     ("import", "ck"): ("a.csv", "b.bc", "c.tsc", "OUT"),

@@ -31,6 +31,7 @@ PLACEHOLDERS = {
     "V1_01_easy": "a folder of the EuRoC form",
     "flight.bag": "a bag of ROS 1",
     "flight.ulg": "a log of PX4",
+    "flight.bin": "a log of ArduPilot",
     "imu.yaml": "Kalibr's noise of a gyro",
     "05_undisturbed_slow_rotation_with_breaks_B.parquet": "a trial of BROAD",
     "mine.toml": "a scenario, or the mapping of an import",
@@ -82,7 +83,7 @@ def make(folder):
         assert done.exit_code == 0, done.output
     adopted = re.sub(r'sha256 = ".*?"', "", blocks("docs/compare.md", "toml")[0])
     (folder / "adopted.toml").write_text(adopted)
-    for page, name in (("euroc", "folder"), ("ros", "path"), ("ulog", "path")):
+    for page, name in (("euroc", "folder"), ("ros", "path"), ("ulog", "path"), ("ardupilot", "path")):
         made = namespace(f"docs/formats/{page}.md")[name]
         shutil.move(made, folder / made.name)
     shutil.move(namespace("docs/broad.md")["path"], folder / "05_undisturbed_slow_rotation_with_breaks_B.parquet")
