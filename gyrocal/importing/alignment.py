@@ -252,8 +252,8 @@ def _fit_matrix(windows: Motion, reference: Array, offset: float, factor: float)
     gyro, inside = _measure(windows, offset, factor)
     columns = np.column_stack([gyro[inside], np.ones(np.count_nonzero(inside))])
     found = np.linalg.lstsq(columns, reference[inside], rcond=None)[0]
-    left = float(np.mean(np.square(reference[inside] - columns @ found)))
-    return left + np.finfo(float).tiny, found[:3].T
+    left = np.mean(np.square(reference[inside] - columns @ found)) + np.finfo(float).tiny
+    return float(left), np.asarray(found[:3].T)
 
 
 def _differentiate_rates(windows: Motion, offset: float, factor: float, h: float) -> tuple[Array, Array, NDArray[np.bool_]]:

@@ -140,11 +140,7 @@ def command(
         if as_json:
             write_json(as_json, {"study": name} | asdict(event))
         return
-    from studies.montecarlo.requirement import Requirement
-    from studies.montecarlo.stopping_rule import StoppingRule
-
-    options["until"] = StoppingRule.parse(until) if until else None
-    options["requirements"] = [Requirement.parse(text) for text in required]
+    options |= _parse_criteria(until, required)
     terminal = make_console()
     outcome = catalogue.run(name, folder, settings, terminal, config, junit=junit, **options)
     terminal.print(outcome.summary(), highlight=False, markup=False)
@@ -172,3 +168,17 @@ def _show_rerun(result: engine.Rerun, folder: Path) -> None:
         click.echo(f"Its recording is in {result.recording}")
     if result.same is not None:
         click.echo(f"The rows are {'those' if result.same else 'NOT those'} of the study in {folder}, bit for bit.")
+
+
+def _parse_criteria(until: str | None, required: tuple[str, ...]) -> dict[str, Any]:
+    """The criteria of --until and --require; what parses them is loaded only where they are given."""
+    found: dict[str, Any] = {"until": None, "requirements": []}
+    if until:
+        from studies.montecarlo.stopping_rule import StoppingRule
+
+        found["until"] = StoppingRule.parse(until)
+    if required:
+        from studies.montecarlo.requirement import Requirement
+
+        found["requirements"] = [Requirement.parse(text) for text in required]
+    return found
