@@ -42,6 +42,12 @@ OPTIMISE_OPTIONS = (
     click.option(
         "--keep-out", metavar="AXIS,DEG", help="Smallest angle of a body axis to the Sun, as in z,45 or -z,45, during slews."
     ),
+    click.option(
+        "--dither",
+        type=click.FloatRange(0, 30, min_open=True),
+        metavar="DEG",
+        help="Leave the slews as they are, and add sinusoids of at most DEG in all to each interval that has none.",
+    ),
     click.option("--tilts", is_flag=True, help="Between intervals the attitude may be tilted by 90 or 180 deg from nadir."),
 )
 
@@ -83,6 +89,7 @@ def command(
     max_rate: float | None,
     max_acceleration: float | None,
     keep_out: str | None,
+    dither: float | None,
     tilts: bool,
     seed: int,
 ) -> None:
@@ -105,14 +112,17 @@ def command(
     for name in effects:
         if name not in {**EFFECTS, **TRACKER_EFFECTS, **ARRAY_EFFECTS}:
             raise InputError(f"--effect {name}: no such effect; {suggest_names(name, EFFECTS)}")
-    limits = {"--slew-time": slew_time, "--max-rate": max_rate, "--max-acceleration": max_acceleration, "--keep-out": keep_out}
-    given = [name for name, value in limits.items() if value is not None] + ["--tilts"] * tilts
+    of_search = {"--slew-time": slew_time, "--keep-out": keep_out}
+    of_all = {"--max-rate": max_rate, "--max-acceleration": max_acceleration, "--dither": dither}
+    given = [name for name, value in {**of_search, **of_all}.items() if value is not None] + ["--tilts"] * tilts
     if given and not optimise:
-        raise InputError(f"{given[0]} is a limit of --optimise; give --optimise FILE, the scenario to write")
+        raise InputError(f"{given[0]} is an option of --optimise; give --optimise FILE, the scenario to write")
+    if dither and (unused := [name for name in given if name in of_search]):
+        raise InputError(f"{unused[0]} is for a search of slews, and --dither leaves them as they are; give one of the two")
     chosen = scenarios.load(scenario)
     if optimise:
-        slews = _read_limits(chosen, slew_time, max_rate, max_acceleration, keep_out, tilts)
-        return _optimise(chosen, slews, optimise, as_json)
+        slews = _read_limits(chosen, slew_time, max_rate, max_acceleration, keep_out, tilts, dither)
+        return _optimise(chosen, slews, dither and radians(dither), optimise, as_json)
 
     from diagnosis.plan import list_maneuvers, plan
     from studies.report import plan as plan_report
@@ -134,6 +144,7 @@ def _read_limits(
     max_acceleration: float | None,
     keep_out: str | None,
     tilts: bool,
+    dither: float | None,
 ) -> SlewLimits:
     """The limits that are given, else the scenario's own."""
     from diagnosis.plan.slew_design import SlewLimits, compute_slew_time, read_limits
@@ -143,7 +154,7 @@ def _read_limits(
     acceleration = acceleration if max_acceleration is None else radians(max_acceleration)
     slew_s = compute_slew_time(chosen) if slew_time is None else slew_time
     for name, value in (("--max-rate", rate), ("--max-acceleration", acceleration), ("--slew-time", slew_s)):
-        if not value > 0:
+        if not value > 0 and not (dither and name == "--slew-time"):
             raise InputError(f"{name}: must be above zero, and be given if the scenario has no slew to take it from")
     return SlewLimits(rate, acceleration, slew_s, keep_out=_parse_keep_out(keep_out), tilts=tilts)
 
@@ -160,14 +171,15 @@ def _parse_keep_out(text: str | None) -> tuple[tuple[float, float, float], float
     return (x, y, z), radians(float(found[3]))
 
 
-def _optimise(chosen: Scenario, limits: SlewLimits, path: Path, as_json: Path | None) -> None:
-    """Find better slews, write their scenario and show them."""
+def _optimise(chosen: Scenario, limits: SlewLimits, dither: float | None, path: Path, as_json: Path | None) -> None:
+    """Find better slews or add a dither, rad, write the scenario and show it."""
+    from diagnosis.plan.dither import add_dither
     from diagnosis.plan.optimise import optimise_plan
     from simulator.scenario import format_scenario
     from studies.report import optimised_plan
 
     with show_stages("plan") as tell:
-        found = optimise_plan(chosen, limits, progress=tell)
+        found = add_dither(chosen, dither, limits) if dither else optimise_plan(chosen, limits, progress=tell)
     write_text(path, format_scenario(found.scenario))
     write_result(as_json, found.to_json(), lambda: optimised_plan.show(make_console(), found, path))
 
