@@ -297,7 +297,6 @@ class HoldSection(Section):
 class IntervalSection(Section):
     """One calibration interval; ``mode`` is the body axis along the velocity at its start, ``gyros`` are those switched on.
 
-    ``tilt_deg`` is a rotation vector in body axes, from the mode to the attitude in which the interval starts.
     ``control_motion`` stands in place of the scenario's.
     """
 
@@ -306,7 +305,6 @@ class IntervalSection(Section):
     start_s: float
     stop_s: float
     mode: Literal["+x", "-x", "+y", "-y"]
-    tilt_deg: Vector = (0.0, 0.0, 0.0)
     slew: Annotated[tuple[SlewSection, ...], Field(strict=False)] = ()
     hold: HoldSection | None = None
     gyros: Annotated[tuple[str, ...], Field(strict=False)] | None = None
@@ -359,8 +357,7 @@ class IntervalSection(Section):
         sway = self.control_motion.sway() if self.control_motion else sway
         slews = tuple(section.slew() for section in self.slew)
         hold = self.hold.build_hold() if self.hold else None
-        tilt = (radians(self.tilt_deg[0]), radians(self.tilt_deg[1]), radians(self.tilt_deg[2]))
-        return Profile(orbit, self.start_s, self.stop_s, MODE_YAW[self.mode], slews, hold, sway, tilt)
+        return Profile(orbit, self.start_s, self.stop_s, MODE_YAW[self.mode], slews, hold, sway)
 
 
 class Scenario(Section):

@@ -48,7 +48,6 @@ OPTIMISE_OPTIONS = (
         metavar="DEG",
         help="Leave the slews as they are, and add sinusoids of at most DEG in all to each interval that has none.",
     ),
-    click.option("--tilts", is_flag=True, help="Between intervals the attitude may be tilted by 90 or 180 deg from nadir."),
 )
 
 
@@ -90,7 +89,6 @@ def command(
     max_acceleration: float | None,
     keep_out: str | None,
     dither: float | None,
-    tilts: bool,
     seed: int,
 ) -> None:
     """Compute the smallest visible size of each effect in SCENARIO (a built-in name or a TOML file), the pairs that cannot be
@@ -114,14 +112,14 @@ def command(
             raise InputError(f"--effect {name}: no such effect; {suggest_names(name, EFFECTS)}")
     of_search = {"--slew-time": slew_time, "--keep-out": keep_out}
     of_all = {"--max-rate": max_rate, "--max-acceleration": max_acceleration, "--dither": dither}
-    given = [name for name, value in {**of_search, **of_all}.items() if value is not None] + ["--tilts"] * tilts
+    given = [name for name, value in {**of_search, **of_all}.items() if value is not None]
     if given and not optimise:
         raise InputError(f"{given[0]} is an option of --optimise; give --optimise FILE, the scenario to write")
     if dither and (unused := [name for name in given if name in of_search]):
         raise InputError(f"{unused[0]} is for a search of slews, and --dither leaves them as they are; give one of the two")
     chosen = scenarios.load(scenario)
     if optimise:
-        slews = _read_limits(chosen, slew_time, max_rate, max_acceleration, keep_out, tilts, dither)
+        slews = _read_limits(chosen, slew_time, max_rate, max_acceleration, keep_out, dither)
         return _optimise(chosen, slews, dither and radians(dither), optimise, as_json)
 
     from diagnosis.plan import list_maneuvers, plan
@@ -143,7 +141,6 @@ def _read_limits(
     max_rate: float | None,
     max_acceleration: float | None,
     keep_out: str | None,
-    tilts: bool,
     dither: float | None,
 ) -> SlewLimits:
     """The limits that are given, else the scenario's own."""
@@ -156,7 +153,7 @@ def _read_limits(
     for name, value in (("--max-rate", rate), ("--max-acceleration", acceleration), ("--slew-time", slew_s)):
         if not value > 0 and not (dither and name == "--slew-time"):
             raise InputError(f"{name}: must be above zero, and be given if the scenario has no slew to take it from")
-    return SlewLimits(rate, acceleration, slew_s, keep_out=_parse_keep_out(keep_out), tilts=tilts)
+    return SlewLimits(rate, acceleration, slew_s, keep_out=_parse_keep_out(keep_out))
 
 
 def _parse_keep_out(text: str | None) -> tuple[tuple[float, float, float], float] | None:

@@ -80,7 +80,8 @@ def test_the_simulated_attitude_is_that_of_the_file(dithered, tmp_path):
 
 
 def test_sigmas_are_those_of_a_sinusoid_in_noise_and_of_simulated_calibrations(dithered):
-    """σ of G_ij from N references is S/(A √(N/2)), S² = σ_ref² + q/4; a random walk of q per step has q/4 at the Nyquist number.
+    """σ of G_ij from N references is S/(A √(N/2)), S² = σ_ref² + q/4; a random walk of q per step has q/4 at the Nyquist
+    number.
 
     Off the orbit rate's axis y, which the rate itself shows. Errors of 30 cases with these sigmas: the mean square of whitened
     ones has a relative standard error of √(2/(12 × 30)).

@@ -131,7 +131,6 @@ def test_an_axis_that_cannot_be_seen_and_the_unit_of_a_size_are_told():
     ("options", "text"),
     [
         (("--max-rate", "0.5"), "--max-rate is an option of --optimise"),
-        (("--tilts",), "--tilts is an option of --optimise"),
         (("--optimise", "OUT", "--keep-out", "z"), "--keep-out z: must be a body axis and an angle"),
         (("--optimise", "OUT", "--keep-out", "-y,200"), "--keep-out -y,200: must be a body axis and an angle"),
         (("--dither", "0.1"), "--dither is an option of --optimise"),
