@@ -241,10 +241,10 @@ def list_designs(objective: PlanObjective, k: int, start: int, end: int, left: f
     """
     rest, section = IntervalDesign(start, end), objective.scenario.interval[k]
     if start == end:
-        turns, ends = [2 * np.pi * axis for axis in FIRST_SLEW_AXES], (0.0,)
+        turns, ends = [2 * np.pi * axis for axis in FIRST_SLEW_AXES], [0.0]
         found, pairs = [rest], [angle * axis for axis in FIRST_SLEW_AXES for angle in FIRST_SLEW_ANGLES]
     else:
-        (short,), ends = rest.turns, (0.0, 1.0)
+        (short,), ends = rest.turns, [0.0, 1.0]
         turns, found, pairs = [short, short * (1 - 2 * np.pi / np.linalg.norm(short))], [], []
     found += [replace(rest, turn=_freeze(turn), place=(share, 0.0)) for turn in turns for share in ends]
     found += [replace(rest, turn=_freeze(turn), place=place) for turn in pairs for place in SLEW_PLACES]
