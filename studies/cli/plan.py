@@ -95,7 +95,7 @@ def command(
     told apart, and the extra maneuver that helps most.
 
     The linear model of the diagnosis predicts this without a recording. It takes about a minute. With --optimise, search slews
-    with the smallest worst sigma of G and b instead; this takes some minutes. See docs/plan.md.
+    with the smallest worst sigma of G and b instead; this takes up to some minutes. See docs/plan.md.
 
     \b
     Examples:

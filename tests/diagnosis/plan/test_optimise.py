@@ -1,9 +1,11 @@
 """Optimised plans: limits, slews and attitudes against algebra, sigmas against the calibrator, brute force and Monte Carlo."""
 
+import json
 from dataclasses import replace
 from itertools import pairwise, product
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from diagnosis.plan.optimise import PlanObjective, exchange_designs, optimise_plan, refine_designs
@@ -23,7 +25,7 @@ from gyrocal import InputError, calibrate
 from gyrocal.attitude import matrix_from_quaternion
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.sampling import prepare_measurements
-from simulator.scenario import SensorsSection, build_profiles, format_scenario, load, override
+from simulator.scenario import SensorsSection, build_profiles, format_scenario, load, override, validate_scenario
 from simulator.simulate import compute_noise_free_rates, motion, realise, simulate
 from simulator.streams import generator
 from simulator.truth.maneuvers import MODE_YAW
@@ -209,3 +211,25 @@ def test_the_plan_of_the_gallery_has_the_sigmas_of_trmm_in_less_than_half_the_sl
     root = np.linalg.cholesky(stated.covariance / np.outer(stated.sigma, stated.sigma))
     white = np.linalg.solve(root, (np.array(errors) / stated.sigma).T)
     assert np.mean(white**2) == pytest.approx(1.0, abs=3.5 * np.sqrt(2 / white.size))
+
+
+def test_the_committed_study_is_that_of_the_plan_on_file_and_docs_state_its_numbers():
+    folder, page = ROOT / "results/optimised_plan", (ROOT / "docs/plan.md").read_text()
+    config = json.loads((folder / "manifest.json").read_text())["config"]
+    assert ROOT / config["scenario"] == ROOT / "docs/examples/half_the_slews.toml"
+    recorded = validate_scenario(json.loads((folder / "manifest.json").read_text())["scenario"], "manifest")
+    assert recorded == override(load(ROOT / config["scenario"]), config["overrides"])
+    checks = pd.read_csv(folder / "checks.csv", index_col="check")
+    assert (checks["verdict"] == "pass").all()
+    nees = [float(checks.loc[f"mean NEES, {name} prior", "value"]) for name in ("with", "without")]
+    assert f"is {nees[0]:.3f} with and {nees[1]:.3f} without the" in page.replace("\n", " ")
+
+
+def test_mean_rates_over_samples_bias_the_plan_by_the_square_of_the_sample():
+    """Noise-free, and converged: the errors over sigma that docs/plan.md states."""
+    errors = []
+    for sample_s in (2.0, 1.0, 0.5):
+        scenario = override(load(ROOT / "docs/examples/half_the_slews.toml"), {"gyro.sample_s": sample_s})
+        found = calibrate(simulate(scenario, noise=False))
+        errors.append((found.G[0, 0] - scenario.gyro.true_G[0][0]) / found.sigma[0])
+    assert errors == pytest.approx([0.034, 0.0085, 0.0021], rel=0.05)
