@@ -71,6 +71,11 @@ OPTIMISE_OPTIONS = (
     is_flag=True,
     help="Also find the smallest size at which an effect is identified alone; slow, so best with --effect.",
 )
+@click.option(
+    "--separate",
+    metavar="A,B",
+    help="List the extra maneuvers by how well they separate effect A from effect B, the best first.",
+)
 @add_json_option(stdout="the tables")
 @add_output_option("--report", help="Write a page with all tables (HTML, needs no network) to this file.")
 @add_options(*OPTIMISE_OPTIONS)
@@ -81,6 +86,7 @@ def command(
     files: tuple[Path, ...],
     no_extras: bool,
     named: bool,
+    separate: str | None,
     as_json: Path | None,
     report: Path | None,
     optimise: Path | None,
@@ -102,6 +108,7 @@ def command(
       gyrocal plan trmm_series
       gyrocal plan trmm --json /tmp/plan.json --report /tmp/plan.html
       gyrocal plan mine.toml --effect bias_orbital --effect time_offset --extra roll.toml --named
+      gyrocal plan trmm_series --separate bias_drift,bias_orbital
       gyrocal plan trmm --optimise /tmp/better.toml --slew-time 1231 --max-rate 0.6 --max-acceleration 0.03
     """
     from simulator import scenario as scenarios
@@ -117,6 +124,8 @@ def command(
         raise InputError(f"{given[0]} is an option of --optimise; give --optimise FILE, the scenario to write")
     if dither and (unused := [name for name in given if name in of_search]):
         raise InputError(f"{unused[0]} is for a search of slews, and --dither leaves them as they are; give one of the two")
+    if separate and optimise:
+        raise InputError("--separate lists plans and writes none; leave --optimise out, or --separate")
     chosen = scenarios.load(scenario)
     if optimise:
         slews = _read_limits(chosen, slew_time, max_rate, max_acceleration, keep_out, dither)
@@ -128,6 +137,8 @@ def command(
 
     extras = {} if no_extras else dict(list_maneuvers(chosen))
     extras |= _read_extras(chosen, files)
+    if separate:
+        return _separate(chosen, separate, extras, as_json)
     with show_stages("plan") as tell:
         found = plan(chosen, effects=effects or None, extras=extras, named=named, progress=tell, seed=seed)
     if report:
@@ -179,6 +190,25 @@ def _optimise(chosen: Scenario, limits: SlewLimits, dither: float | None, path: 
         found = add_dither(chosen, dither, limits) if dither else optimise_plan(chosen, limits, progress=tell)
     write_text(path, format_scenario(found.scenario))
     write_result(as_json, found.to_json(), lambda: optimised_plan.show(make_console(), found, path))
+
+
+def _separate(chosen: Scenario, pair: str, extras: dict[str, list[dict[str, Any]]], as_json: Path | None) -> None:
+    """List how the plan, and the plan with each extra maneuver, separates two effects."""
+    from dataclasses import asdict
+
+    from diagnosis.plan.separate import list_separations
+    from simulator.effects import EFFECTS
+    from studies.report import optimised_plan
+
+    names = [name.strip() for name in pair.split(",")]
+    unknown = [name for name in names if name not in EFFECTS]
+    if unknown or len(names) != 2 or names[0] == names[1]:
+        hint = f"; {suggest_names(unknown[0], EFFECTS)}" if unknown else ""
+        raise InputError(f"--separate {pair}: must be the names of two effects, as in bias_drift,bias_orbital{hint}")
+    with show_stages("plan") as tell:
+        found = list_separations(chosen, names[0], names[1], extras, progress=tell)
+    document = {"format": 1, "scenario": chosen.title, "separations": [asdict(one) for one in found]}
+    write_result(as_json, document, lambda: optimised_plan.show_separations(make_console(), found))
 
 
 def _read_extras(chosen: Scenario, files: Sequence[Path]) -> dict[str, list[dict[str, Any]]]:

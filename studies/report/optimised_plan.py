@@ -1,5 +1,6 @@
-"""An optimised plan on the terminal: its slews or its dither, and the sigmas of G and b before and after."""
+"""Optimised plans on the terminal: slews or dither with the sigmas of G and b, and plans that separate two effects."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,9 @@ import pandas as pd
 from rich.console import Console
 
 from diagnosis.plan.optimise import OptimisedPlan
+from diagnosis.plan.separate import OWN_PLAN, Separation
 from gyrocal.calibration.parameters import NAMES
+from simulator.effects import EFFECTS
 from studies.report import tables
 from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES
 
@@ -77,3 +80,27 @@ def build_sigma_table(found: OptimisedPlan) -> pd.DataFrame:
     return pd.DataFrame(
         {"parameter": NAMES, "before": before, "after": after, "ratio": after / before, "unit": PPM_DEG_H_NAMES}
     )
+
+
+def show_separations(console: Console, found: Sequence[Separation]) -> None:
+    """Print how each plan separates two effects, and the best plan beside the scenario itself."""
+    own = next(one for one in found if one.plan == OWN_PLAN)
+    best = found[0]
+    console.print(
+        f"Best of {len(found)} plans: {best.plan}. Size that separates {own.effect} from {own.other} without it: "
+        f"{_format_size(own)}; {best.effect} from {best.other} with it: {_format_size(best)}",
+        highlight=False,
+        markup=False,
+        style="bold",
+    )
+    rows = [
+        {"plan": one.plan, "effect": one.effect, "beside": one.other, "share": one.share, "size": _format_size(one)}
+        for one in found
+    ]
+    note = "Share: of the effect that the other reproduces. Size: that separates them with a probability of 0.95."
+    tables.print_table(console, "Separation", pd.DataFrame(rows), note, {"share": ".4f"})
+
+
+def _format_size(one: Separation) -> str:
+    unit = EFFECTS[one.effect.partition(":")[0]].unit
+    return f"{one.size:.3g} {unit}" if np.isfinite(one.size) else "never"
