@@ -297,7 +297,7 @@ class HoldSection(Section):
 class IntervalSection(Section):
     """One calibration interval; ``mode`` is the body axis along the velocity at its start, ``gyros`` are those switched on.
 
-    ``tilt_deg`` is a rotation vector in body axes, from the mode to the attitude in which the interval starts.
+    ``control_motion`` stands in place of the scenario's.
     """
 
     name: str = Field(min_length=1)
@@ -305,10 +305,10 @@ class IntervalSection(Section):
     start_s: float
     stop_s: float
     mode: Literal["+x", "-x", "+y", "-y"]
-    tilt_deg: Vector = (0.0, 0.0, 0.0)
     slew: Annotated[tuple[SlewSection, ...], Field(strict=False)] = ()
     hold: HoldSection | None = None
     gyros: Annotated[tuple[str, ...], Field(strict=False)] | None = None
+    control_motion: ControlMotionSection | None = None
 
     @field_validator("stop_s")
     @classmethod
@@ -353,11 +353,11 @@ class IntervalSection(Section):
         return value
 
     def build_profile(self, orbit: CircularOrbit, sway: Sway | None = None) -> Profile:
-        """The interval's motion in radians."""
+        """The interval's motion in radians, with the scenario's control motion unless it has its own."""
+        sway = self.control_motion.sway() if self.control_motion else sway
         slews = tuple(section.slew() for section in self.slew)
         hold = self.hold.build_hold() if self.hold else None
-        tilt = (radians(self.tilt_deg[0]), radians(self.tilt_deg[1]), radians(self.tilt_deg[2]))
-        return Profile(orbit, self.start_s, self.stop_s, MODE_YAW[self.mode], slews, hold, sway, tilt)
+        return Profile(orbit, self.start_s, self.stop_s, MODE_YAW[self.mode], slews, hold, sway)
 
 
 class Scenario(Section):
@@ -416,6 +416,8 @@ def _find_joining_faults(first: IntervalSection, second: IntervalSection, orbit:
     end = before.compute_tracking_attitude(np.array([before.stop_s - before.start_s]))
     if np.abs(end - after.compute_tracking_attitude(np.zeros(1))).max() > JOIN_TOLERANCE:
         faults.append(f"{second.name} touches {first.name} but starts in another attitude than the one it ends in")
+    if first.control_motion != second.control_motion:
+        faults.append(f"{second.name} touches {first.name} but has another control_motion")
     return faults
 
 

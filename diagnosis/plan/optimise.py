@@ -24,7 +24,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from functools import reduce
+from itertools import combinations, pairwise, product
 from typing import Any
 
 import numpy as np
@@ -33,16 +34,14 @@ from scipy.optimize import minimize
 
 from diagnosis.plan.result import Progress
 from diagnosis.plan.slew_design import (
-    LVLH_ATTITUDES,
-    POINTING_MODES,
+    QUARTER_MODES,
     IntervalDesign,
     SlewLimits,
     build_interval,
     build_slews,
     compute_slew_time,
     compute_sun_margin,
-    find_end_attitude,
-    turn_orbit,
+    find_end_quarter,
 )
 from gyrocal import calibrate
 from gyrocal.calibration.parameters import NAMES, GyroParameters
@@ -163,7 +162,7 @@ class PlanObjective:
             profile = made.build_profile(self.scenario.orbit.build_circular_orbit())
             _, spare = build_slews(design, section.stop_s - section.start_s, self.limits)
             keep_out = self.limits.keep_out
-            margin = np.pi if keep_out is None else compute_sun_margin(profile, design, self.scenario.epoch, keep_out)
+            margin = np.pi if keep_out is None else compute_sun_margin(profile, self.scenario.epoch, keep_out)
             slew_s = sum(stop - start for start, stop in profile.moving_spans)
             found = Measured(self._compute_information(made), slew_s, 0.0 if design.hold else spare, margin)
             self._measured[k, design] = found
@@ -235,32 +234,33 @@ def optimise_plan(scenario: Scenario, limits: SlewLimits, progress: Progress | N
     return OptimisedPlan(improved, scenario, limits, after, before, compute_slew_time(improved), compute_slew_time(scenario))
 
 
-def list_designs(objective: PlanObjective, k: int, start: int, end: int) -> list[IntervalDesign]:
-    """The designs of the exchange for an interval between two attitudes; their body axes depend on C₂ C₁ᵀ only.
+def list_designs(objective: PlanObjective, k: int, start: int, end: int, left: float) -> list[IntervalDesign]:
+    """The designs of the exchange for an interval between two modes that fit in it and take at most `left` seconds of slews.
 
     With references at the ends of intervals the designs have several lengths, down to the shortest one for their slews.
     """
     rest, section = IntervalDesign(start, end), objective.scenario.interval[k]
     if start == end:
-        turns = [2 * np.pi * axis for axis in FIRST_SLEW_AXES]
-        pairs = [angle * axis for axis in FIRST_SLEW_AXES for angle in FIRST_SLEW_ANGLES]
-        found = [rest]
+        turns, ends = [2 * np.pi * axis for axis in FIRST_SLEW_AXES], [0.0]
+        found, pairs = [rest], [angle * axis for axis in FIRST_SLEW_AXES for angle in FIRST_SLEW_ANGLES]
     else:
-        (short,), pairs, found = rest.turns, [], []
-        turns = [short, short * (1 - 2 * np.pi / np.linalg.norm(short))]
-    ends = (0.0,) if start == end else (0.0, 1.0)
+        (short,), ends = rest.turns, [0.0, 1.0]
+        turns, found, pairs = [short, short * (1 - 2 * np.pi / np.linalg.norm(short))], [], []
     found += [replace(rest, turn=_freeze(turn), place=(share, 0.0)) for turn in turns for share in ends]
     found += [replace(rest, turn=_freeze(turn), place=place) for turn in pairs for place in SLEW_PLACES]
     out = [replace(rest, hold=True)] if section.hold and start == end else []
+    length = section.stop_s - section.start_s
     for one in found:
-        length = section.stop_s - section.start_s
-        shortest = 1 - build_slews(one, length, objective.limits)[1] / length
-        shares = LENGTH_SHARES if objective.scenario.reference.at == "ends" else LENGTH_SHARES[:1]
-        shares = shares if len(one.turns) < 2 else shares[::2]
+        slews, spare = build_slews(one, length, objective.limits)
+        shortest = 1 - spare / length
+        if slews and (shortest > 1 or sum(slew.duration_s for slew in slews) > left):
+            continue
+        shares = list(LENGTH_SHARES[:: max(1, len(slews))] if objective.scenario.reference.at == "ends" else LENGTH_SHARES[:1])
+        if len(slews) == 1 and len(shares) > 1 and one.place == (0.0, 0.0):
+            shares.append(shortest)
         out += [replace(one, length=share) for share in shares if share >= shortest]
-        if one.turns and one.place == (0.0, 0.0) and len(shares) > 1 and shortest <= 1 and len(one.turns) == 1:
-            out.append(replace(one, length=shortest))
-    return out
+    measured = [objective.measure(k, one) for one in out]
+    return [one for one, seen in zip(out, measured, strict=True) if seen.is_allowed and seen.slew_s <= left]
 
 
 def _freeze(turn: Array) -> tuple[float, float, float]:
@@ -276,17 +276,12 @@ def _build_start(objective: PlanObjective) -> list[IntervalDesign]:
         No interval has room for that slew.
     """
     profiles = build_profiles(objective.scenario)
-    first = find_end_attitude(replace(profiles[0], slews=()))
-    last = find_end_attitude(profiles[-1])
-    if first is None:
-        raise InputError("the first interval's tilt_deg must have the body axes along those of LVLH")
+    first, last = QUARTER_MODES.index(objective.scenario.interval[0].mode), find_end_quarter(profiles[-1])
     last = first if last is None else last
     for turned in reversed(range(len(profiles))):
         designs = [IntervalDesign(first, first)] * turned + [IntervalDesign(last, last)] * (len(profiles) - turned)
-        for one in list_designs(objective, turned, first, last):
-            designs[turned] = one
-            if objective.measure(turned, one).is_allowed and objective.compute_slew_time(designs) <= objective.limits.slew_s:
-                return designs
+        for one in list_designs(objective, turned, first, last, objective.limits.slew_s):
+            return [*designs[:turned], one, *designs[turned + 1 :]]
     raise InputError(
         f"no interval has room for a slew from the first attitude to the last one within {objective.limits.slew_s:g} s of "
         "slews; allow more with --slew-time, --max-rate or --max-acceleration"
@@ -297,8 +292,8 @@ def _list_own_designs(objective: PlanObjective) -> list[list[IntervalDesign]]:
     """The scenario's own slews, as short as the limits allow; none if they take too long or an interval has more than two."""
     designs = []
     for section, profile in zip(objective.scenario.interval, build_profiles(objective.scenario), strict=True):
-        start, end = find_end_attitude(replace(profile, slews=())), find_end_attitude(profile)
-        if start is None or end is None or len(profile.slews) > 2 or (profile.hold and profile.slews):
+        start, end = QUARTER_MODES.index(section.mode), find_end_quarter(profile)
+        if end is None or len(profile.slews) > 2 or (profile.hold and profile.slews):
             return []
         turns = [slew.angle * slew.axis for slew in profile.slews]
         one = IntervalDesign(start, end, _freeze(turns[0] if turns else np.zeros(3)), hold=profile.hold is not None)
@@ -314,95 +309,55 @@ def _list_own_designs(objective: PlanObjective) -> list[list[IntervalDesign]]:
     return [designs] if joined and allowed else []
 
 
-@dataclass(frozen=True)
-class Move:
-    """Other designs of intervals i ≤ j, and the modes between them turned.
+def find_best_exchange(
+    objective: PlanObjective, designs: Sequence[IntervalDesign], places: Sequence[int], turned: int
+) -> tuple[float, list[IntervalDesign]]:
+    """Find the best of all designs of one or two intervals together, with the modes between them yawed by quarter turns.
 
-    Attributes
-    ----------
-    plan : the plan with the modes turned, i and j not yet replaced
-    i, j : intervals
-    first, second : designs of i and of j
-    pairs : (m, 2) those that the limits allow together; with i = j both are the same
-    information : (m, 12, 12) of the whole plan
+    Returns
+    -------
+    Smooth worst sigma, infinite where the limits allow nothing; the plan.
     """
-
-    plan: tuple[IntervalDesign, ...]
-    i: int
-    j: int
-    first: Sequence[IntervalDesign]
-    second: Sequence[IntervalDesign]
-    pairs: NDArray[np.intp]
-    information: Array
-
-    def take(self, row: int) -> list[IntervalDesign]:
-        """The plan with one of the pairs."""
-        designs = list(self.plan)
-        designs[self.i], designs[self.j] = self.first[self.pairs[row, 0]], self.second[self.pairs[row, 1]]
-        return designs
-
-
-def build_move(objective: PlanObjective, designs: Sequence[IntervalDesign], i: int, j: int, turned: int) -> Move | None:
-    """Build the move that turns the attitudes between intervals i and j, see `turn_orbit`; None where nothing is allowed."""
+    first, last = places[0], places[-1]
     plan = [
-        replace(one, start=turn_orbit(one.start, turned), end=turn_orbit(one.end, turned)) if i < k < j else one
+        replace(one, start=(one.start + turned) % 4, end=(one.end + turned) % 4) if first < k < last else one
         for k, one in enumerate(designs)
     ]
-    if not all(objective.measure(k, one).is_allowed for k, one in enumerate(plan) if k not in (i, j)):
-        return None
-    rest = [objective.measure(k, one) for k, one in enumerate(plan) if k not in (i, j)]
+    rest = [objective.measure(k, one) for k, one in enumerate(plan) if k not in places]
+    if not all(one.is_allowed for one in rest):
+        return np.inf, plan
     left = objective.limits.slew_s - sum(one.slew_s for one in rest) + 1e-9
-    end = designs[i].end if i == j else turn_orbit(designs[i].end, turned)
-    first = _list_allowed(objective, i, designs[i].start, end, left)
-    second = first if i == j else _list_allowed(objective, j, turn_orbit(designs[j].start, turned), designs[j].end, left)
-    if not first or not second:
-        return None
-    own, other = ([objective.measure(k, one) for one in found] for k, found in ((i, first), (j, second)))
-    base = sum((one.information for one in rest), np.zeros((12, 12)))
-    A, T = np.array([one.information for one in own]), np.array([one.slew_s for one in own])
-    if i == j:
-        pairs = np.repeat(np.flatnonzero(left >= T)[:, None], 2, axis=1)
-        return Move(tuple(plan), i, j, first, second, pairs, base + A[pairs[:, 0]])
-    B, S = np.array([one.information for one in other]), np.array([one.slew_s for one in other])
-    pairs = np.argwhere(T[:, None] + S <= left)
-    return Move(tuple(plan), i, j, first, second, pairs, base + A[pairs[:, 0]] + B[pairs[:, 1]]) if len(pairs) else None
-
-
-def _list_allowed(objective: PlanObjective, k: int, start: int, end: int, left: float) -> list[IntervalDesign]:
-    """Designs of interval k that the limits allow, of at most `left` seconds."""
-    found = list_designs(objective, k, start, end)
-    length = objective.scenario.interval[k].stop_s - objective.scenario.interval[k].start_s
-    short = []
-    for one in found:
-        slews, spare = build_slews(one, length, objective.limits)
-        if not slews or (spare >= 0 and sum(slew.duration_s for slew in slews) <= left):
-            short.append(one)
-    return [one for one in short if objective.measure(k, one).is_allowed]
-
-
-def _list_move_places(objective: PlanObjective) -> list[tuple[int, int, int]]:
-    """Intervals i ≤ j of all moves, and the turns of the attitudes between them."""
-    count = len(objective.scenario.interval)
-    turns = range(len(LVLH_ATTITUDES) if objective.limits.tilts else len(POINTING_MODES))
-    return [(i, j, turned) for i in range(count) for j in range(i + 1, count) for turned in turns] or [(0, 0, 0)]
+    lists = []
+    for k in places:
+        start = (designs[k].start + turned * (k != first)) % 4
+        end = (designs[k].end + turned * (k != last)) % 4
+        lists.append(list_designs(objective, k, start, end, left))
+    measured = [[objective.measure(k, one) for one in found] for k, found in zip(places, lists, strict=True)]
+    slew_s = reduce(np.add.outer, [np.array([one.slew_s for one in found]) for found in measured])
+    rows = np.argwhere(slew_s <= left)
+    if not len(rows):
+        return np.inf, plan
+    total = sum((one.information for one in rest), np.zeros((12, 12)))
+    for n, found in enumerate(measured):
+        total = total + np.array([one.information for one in found])[rows[:, n]]
+    values = objective.compute_smooth_worst(total)
+    best = int(values.argmin())
+    for n, k in enumerate(places):
+        plan[k] = lists[n][rows[best, n]]
+    return float(values[best]), plan
 
 
 def exchange_designs(objective: PlanObjective, designs: Sequence[IntervalDesign]) -> list[IntervalDesign]:
-    """Exchange designs until no move lowers the smooth worst sigma."""
-    current, places = list(designs), _list_move_places(objective)
-    value = np.inf
-    while True:
+    """Exchange designs until no exchange lowers the smooth worst sigma."""
+    places: list[tuple[int, ...]] = [*combinations(range(len(designs)), 2)] or [(0,)]
+    current, value, before = list(designs), np.inf, np.nan
+    while not value >= before - SMALLEST_IMPROVEMENT:
         before = value
-        for i, j, turned in places:
-            move = build_move(objective, current, i, j, turned)
-            if move is None:
-                continue
-            values = objective.compute_smooth_worst(move.information)
-            row = int(values.argmin())
-            if values[row] < value - SMALLEST_IMPROVEMENT:
-                value, current = float(values[row]), move.take(row)
-        if not value < before - SMALLEST_IMPROVEMENT:
-            return current
+        for pair, turned in product(places, range(len(QUARTER_MODES))):
+            found, plan = find_best_exchange(objective, current, pair, turned)
+            if found < value - SMALLEST_IMPROVEMENT:
+                value, current = found, plan
+    return current
 
 
 def refine_designs(objective: PlanObjective, designs: Sequence[IntervalDesign]) -> list[IntervalDesign]:
@@ -416,37 +371,22 @@ def refine_designs(objective: PlanObjective, designs: Sequence[IntervalDesign]) 
         values[moved] = x
         return [_unpack(one, row) for one, row in zip(designs, values, strict=True)]
 
-    def compute_slack(x: Array) -> Array:
-        plan = place(x)
+    def compute_slack(xt: Array) -> Array:
+        plan = place(xt[:-1])
         measured = [objective.measure(k, one) for k, one in enumerate(plan)]
         left = 1 - SLEW_TIME_MARGIN - sum(one.slew_s for one in measured) / objective.limits.slew_s
         own = [(one.spare_s / 100.0, 10 * one.sun_margin) for one in measured]
-        return np.concatenate([-objective.compute_log_ratios(plan), [left], np.ravel(own)])
-
-    def compute_constraints(xt: Array) -> Array:
-        slack = compute_slack(xt[:-1])
-        slack[:12] += xt[-1]
-        return slack
+        return np.concatenate([xt[-1] - objective.compute_log_ratios(plan), [left], np.ravel(own)])
 
     low, high = (np.broadcast_to(side, start.shape)[moved] for side in DESIGN_BOUNDS)
-
-    def compute_jacobian(xt: Array) -> Array:
-        at, x, columns = compute_slack(xt[:-1]), xt[:-1], []
-        for n in range(x.size):
-            step = -DIFFERENCE_STEP if x[n] + DIFFERENCE_STEP > high[n] else DIFFERENCE_STEP
-            columns.append((compute_slack(x + step * (np.arange(x.size) == n)) - at) / step)
-        return np.column_stack([*columns, np.arange(at.size) < 12])
-
     worst = float(objective.compute_log_ratios(designs).max())
-    gradient = np.append(np.zeros(low.size), 1.0)
     found = minimize(
         lambda xt: float(xt[-1]),
         np.append(start[moved], worst),
-        jac=lambda xt: gradient,
         method="SLSQP",
         bounds=[*zip(low, high, strict=True), (None, None)],
-        constraints={"type": "ineq", "fun": compute_constraints, "jac": compute_jacobian},
-        options={"maxiter": 100, "ftol": SMALLEST_IMPROVEMENT / 10},
+        constraints={"type": "ineq", "fun": compute_slack},
+        options={"maxiter": 100, "ftol": SMALLEST_IMPROVEMENT / 10, "eps": DIFFERENCE_STEP},
     )
     plan = place(np.clip(found.x[:-1], low, high))
     allowed = all(objective.measure(k, one).is_allowed for k, one in enumerate(plan))

@@ -1,10 +1,9 @@
 """The slews of one interval as a few numbers, within limits on rate, acceleration, the Sun and time.
 
-An interval starts in an attitude C₁ relative to LVLH and has to end in C₂, each one of the modes or, with tilts, any of the 24
-that have the body axes along those of LVLH. The first slew is free, with the rotation vector r₁ in body axes. The second one
-leads to the end,
+An interval starts and has to end in one of the pointing modes, whose yaws from LVLH are quarter turns k₁ and k₂. The first slew
+is free, with the rotation vector r₁ in body axes. The second one leads to the end,
 
-    R(r₂) = C₂ C₁ᵀ R(r₁)ᵀ    the short way,
+    R(r₂) = R(e_z (k₂ − k₁) π/2) R(r₁)ᵀ    the short way,
 
 so that no plan needs a slew outside its intervals. Where r₂ = 0 there is one slew only.
 
@@ -18,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,21 +25,13 @@ from scipy.spatial.transform import Rotation
 
 from simulator.scenario import IntervalSection, Scenario, SlewSection, build_profiles
 from simulator.truth.maneuvers import MODE_YAW, Profile
-from simulator.truth.rotation import build_turn_matrix
 from simulator.truth.sun import DAY, compute_julian_date, compute_sun_vector
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
-POINTING_MODES = tuple(MODE_YAW)
-_CUBE_ROTATIONS = np.round(Rotation.create_group("O").as_matrix())
-# (24, 3, 3) LVLH to body: first the modes, then all others.
-LVLH_ATTITUDES = np.concatenate(
-    [
-        np.round(build_turn_matrix(np.eye(3)[2], np.array(list(MODE_YAW.values())))),
-        _CUBE_ROTATIONS[_CUBE_ROTATIONS[:, 2, 2] < 0.5],
-    ]
-)
+QUARTER = np.pi / 2
+QUARTER_MODES = tuple(sorted(MODE_YAW, key=lambda mode: MODE_YAW[mode] % (2 * np.pi)))  # by the quarter turns of their yaw
 NO_TURN = 1e-6  # rad, below which a rotation is none
 SUN_CHECK_S = 10.0  # spacing of the attitudes that are compared with the Sun
 
@@ -54,8 +45,7 @@ class SlewLimits:
     rate, acceleration : of the attitude relative to LVLH, rad/s and rad/s²
     slew_s : total time of all slews and transitions of holds, s
     settle_s : from an interval's start to its first slew, and from its last slew to its end, s
-    keep_out : body axis, and its smallest angle to the Sun, rad, while the attitude is none of the modes; None for any
-    tilts : whether the attitude between intervals may be any of `LVLH_ATTITUDES`, in place of a mode
+    keep_out : body axis, and its smallest angle to the Sun, rad, from an interval's first slew to its last; None for any
     """
 
     rate: float
@@ -63,7 +53,6 @@ class SlewLimits:
     slew_s: float
     settle_s: float = 60.0
     keep_out: tuple[Vector, float] | None = None
-    tilts: bool = False
 
 
 @dataclass(frozen=True)
@@ -72,7 +61,7 @@ class IntervalDesign:
 
     Attributes
     ----------
-    start, end : which of `LVLH_ATTITUDES` it starts and ends in
+    start, end : yaw of the modes it starts and ends in, quarter turns; an index of `QUARTER_MODES`
     turn : rotation vector of the first slew, rad in body axes; zero for none
     place : shares in [0, 1]: of the spare time before the first slew, and of the rest between the two slews
     hold : whether it keeps the scenario's inertial hold, then without slews
@@ -89,23 +78,9 @@ class IntervalDesign:
     @cached_property
     def turns(self) -> list[Array]:
         """Rotation vectors of the slews, rad; each (3,)."""
-        needed = Rotation.from_matrix(LVLH_ATTITUDES[self.end] @ LVLH_ATTITUDES[self.start].T)
+        needed = Rotation.from_rotvec([0.0, 0.0, -QUARTER * (self.end - self.start)])
         second = -(needed * Rotation.from_rotvec(self.turn)).as_rotvec()
         return [turn for turn in (np.array(self.turn), second) if np.linalg.norm(turn) > NO_TURN]
-
-
-def find_attitude(C: Array) -> int | None:
-    """Find which of `LVLH_ATTITUDES` a matrix (3, 3) is; None for another one."""
-    found = np.flatnonzero(np.abs(LVLH_ATTITUDES - C).max(axis=(1, 2)) < NO_TURN)
-    return int(found[0]) if found.size else None
-
-
-@cache
-def turn_orbit(attitude: int, turned: int) -> int:
-    """C H of two of `LVLH_ATTITUDES`: what C becomes when LVLH is turned by H before, with the same turns in body axes."""
-    found = find_attitude(LVLH_ATTITUDES[attitude] @ LVLH_ATTITUDES[turned])
-    assert found is not None  # a group
-    return found
 
 
 def compute_shortest_slew(angle: float, limits: SlewLimits) -> tuple[float, float]:
@@ -130,12 +105,14 @@ def compute_slew_time(scenario: Scenario) -> float:
     return float(sum(stop - start for profile in build_profiles(scenario) for start, stop in profile.moving_spans))
 
 
-def find_end_attitude(profile: Profile) -> int | None:
-    """Find which of `LVLH_ATTITUDES` an interval ends in; None for another one."""
-    C = profile.tilt_matrix @ build_turn_matrix(np.eye(3)[2], np.array([profile.yaw]))[0]
+def find_end_quarter(profile: Profile) -> int | None:
+    """Find the quarter turns of yaw that an interval ends in; None for an attitude that is no mode's."""
+    turned = Rotation.identity()
     for slew in profile.slews:
-        C = build_turn_matrix(slew.axis, np.array([slew.angle]))[0] @ C
-    return find_attitude(C)
+        turned = Rotation.from_rotvec(-slew.angle * slew.axis) * turned
+    x, y, z = turned.as_rotvec()
+    quarters = (profile.yaw - z) / QUARTER
+    return round(quarters) % 4 if max(abs(x), abs(y), abs(quarters - round(quarters))) < NO_TURN else None
 
 
 def build_slews(design: IntervalDesign, length: float, limits: SlewLimits) -> tuple[tuple[SlewSection, ...], float]:
@@ -163,15 +140,12 @@ def build_slews(design: IntervalDesign, length: float, limits: SlewLimits) -> tu
 def build_interval(section: IntervalSection, design: IntervalDesign, limits: SlewLimits) -> IntervalSection:
     """The interval with a design that fits in it."""
     slews, _ = build_slews(design, section.stop_s - section.start_s, limits)
-    is_mode = design.start < len(POINTING_MODES)
-    tilt = -np.rad2deg(Rotation.from_matrix(LVLH_ATTITUDES[design.start]).as_rotvec())
-    mode = POINTING_MODES[design.start] if is_mode else POINTING_MODES[0]
-    text = "inertial hold" if design.hold else "slews" if slews else f"{mode} forward" if is_mode else "tilted"
+    mode = QUARTER_MODES[design.start]
+    text = "inertial hold" if design.hold else "slews" if slews else f"{mode} forward"
     return section.model_copy(
         update={
             "stop_s": section.start_s + design.length * (section.stop_s - section.start_s),
             "mode": mode,
-            "tilt_deg": (0.0, 0.0, 0.0) if is_mode else tuple(tilt.tolist()),
             "slew": slews,
             "hold": section.hold if design.hold else None,
             "activity": text,
@@ -179,13 +153,11 @@ def build_interval(section: IntervalSection, design: IntervalDesign, limits: Sle
     )
 
 
-def compute_sun_margin(profile: Profile, design: IntervalDesign, epoch: str, keep_out: tuple[Sequence[float], float]) -> float:
-    """Smallest angle of a body axis to the Sun less the keep-out angle, rad, while the attitude is none of the modes."""
-    if max(design.start, design.end) < len(POINTING_MODES) and not profile.slews:
+def compute_sun_margin(profile: Profile, epoch: str, keep_out: tuple[Sequence[float], float]) -> float:
+    """Smallest angle of a body axis to the Sun less the keep-out angle, rad, from the first slew to the last."""
+    if not profile.slews:
         return float(np.pi)
-    first, last = (profile.slews[0].start, profile.slews[-1].stop) if profile.slews else (0.0, 0.0)
-    first = first if design.start < len(POINTING_MODES) else 0.0
-    last = last if design.end < len(POINTING_MODES) else profile.stop_s - profile.start_s
+    first, last = profile.slews[0].start, profile.slews[-1].stop
     tau = np.linspace(first, last, 2 + int((last - first) / SUN_CHECK_S))
     axis = np.array(keep_out[0]) / np.linalg.norm(keep_out[0])
     sun = compute_sun_vector(compute_julian_date(epoch) + (profile.start_s + tau) / DAY)

@@ -5,9 +5,8 @@ followed by single-axis turns, A = R(e_m, α_m) … R(e_1, α_1) A_li, and a tur
 
     ω ← R(e, α) ω + α' e
 
-The first turn is the mode's constant yaw, the second one a constant tilt from the mode, if any. Then come the interval's slews
-in their order (e is the same in the frames before and after a turn, so it is a body axis), then the small sway of the attitude
-control about x, y and z. As long as there is
+The first turn is the mode's constant yaw, then come the interval's slews in their order (e is the same in the frames before
+and after a turn, so it is a body axis), then the small sway of the attitude control about x, y and z. As long as there is
 no inertial hold the attitude therefore has a closed form.
 
 A **slew** by θ in time T has ramps of f T at both ends, during which the rate rises and falls as the smoothstep 3s² − 2s³.
@@ -166,7 +165,6 @@ class Profile:
     slews: tuple[Slew, ...] = ()  # in time order, not overlapping
     hold: Hold | None = None  # inertial hold, not overlapping a slew
     sway: Sway | None = None  # attitude motion on top of all that
-    tilt: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rotation vector from the mode to the attitude before the slews, rad
 
     @property
     def moving_spans(self) -> tuple[tuple[float, float], ...]:
@@ -186,7 +184,6 @@ class Profile:
     def compute_tracking_rate(self, tau: Array) -> Array:
         """Body rate of mode and slews alone, without hold and sway, rad/s; (n,) s → (n, 3)."""
         omega = turned(AXIS_VECTORS[2], np.full(tau.shape, self.yaw), compute_pointing_rate(self.orbit, self.start_s + tau))
-        omega = omega @ self.tilt_matrix.T if any(self.tilt) else omega
         for slew in self.slews:
             omega = turned(slew.axis, slew.angles(tau), omega) + slew.rates(tau)[:, None] * slew.axis
         return omega
@@ -196,7 +193,6 @@ class Profile:
         A = build_turn_matrix(AXIS_VECTORS[2], np.full(tau.shape, self.yaw)) @ compute_pointing_attitude(
             self.orbit, self.start_s + tau
         )
-        A = self.tilt_matrix @ A if any(self.tilt) else A
         for slew in self.slews:
             A = build_turn_matrix(slew.axis, slew.angles(tau)) @ A
         return A
@@ -220,11 +216,6 @@ class Profile:
             for axis in range(3):
                 A = build_turn_matrix(AXIS_VECTORS[axis], angles[:, axis]) @ A
         return A
-
-    @cached_property
-    def tilt_matrix(self) -> Array:
-        """(3, 3) from the mode's frame to that of the tilt."""
-        return build_turn_matrix(np.array(self.tilt), np.ones(1))[0]
 
     @cached_property
     def return_rotation(self) -> Array:

@@ -42,7 +42,12 @@ OPTIMISE_OPTIONS = (
     click.option(
         "--keep-out", metavar="AXIS,DEG", help="Smallest angle of a body axis to the Sun, as in z,45 or -z,45, during slews."
     ),
-    click.option("--tilts", is_flag=True, help="Between intervals the attitude may be tilted by 90 or 180 deg from nadir."),
+    click.option(
+        "--dither",
+        type=click.FloatRange(0, 30, min_open=True),
+        metavar="DEG",
+        help="Leave the slews as they are, and add sinusoids of at most DEG in all to each interval that has none.",
+    ),
 )
 
 
@@ -66,6 +71,11 @@ OPTIMISE_OPTIONS = (
     is_flag=True,
     help="Also find the smallest size at which an effect is identified alone; slow, so best with --effect.",
 )
+@click.option(
+    "--separate",
+    metavar="A,B",
+    help="List the extra maneuvers by how well they separate effect A from effect B, the best first.",
+)
 @add_json_option(stdout="the tables")
 @add_output_option("--report", help="Write a page with all tables (HTML, needs no network) to this file.")
 @add_options(*OPTIMISE_OPTIONS)
@@ -76,6 +86,7 @@ def command(
     files: tuple[Path, ...],
     no_extras: bool,
     named: bool,
+    separate: str | None,
     as_json: Path | None,
     report: Path | None,
     optimise: Path | None,
@@ -83,20 +94,21 @@ def command(
     max_rate: float | None,
     max_acceleration: float | None,
     keep_out: str | None,
-    tilts: bool,
+    dither: float | None,
     seed: int,
 ) -> None:
     """Compute the smallest visible size of each effect in SCENARIO (a built-in name or a TOML file), the pairs that cannot be
     told apart, and the extra maneuver that helps most.
 
     The linear model of the diagnosis predicts this without a recording. It takes about a minute. With --optimise, search slews
-    with the smallest worst sigma of G and b instead; this takes some minutes. See docs/plan.md.
+    with the smallest worst sigma of G and b instead; this takes up to some minutes. See docs/plan.md.
 
     \b
     Examples:
       gyrocal plan trmm_series
       gyrocal plan trmm --json /tmp/plan.json --report /tmp/plan.html
       gyrocal plan mine.toml --effect bias_orbital --effect time_offset --extra roll.toml --named
+      gyrocal plan trmm_series --separate bias_drift,bias_orbital
       gyrocal plan trmm --optimise /tmp/better.toml --slew-time 1231 --max-rate 0.6 --max-acceleration 0.03
     """
     from simulator import scenario as scenarios
@@ -105,14 +117,19 @@ def command(
     for name in effects:
         if name not in {**EFFECTS, **TRACKER_EFFECTS, **ARRAY_EFFECTS}:
             raise InputError(f"--effect {name}: no such effect; {suggest_names(name, EFFECTS)}")
-    limits = {"--slew-time": slew_time, "--max-rate": max_rate, "--max-acceleration": max_acceleration, "--keep-out": keep_out}
-    given = [name for name, value in limits.items() if value is not None] + ["--tilts"] * tilts
+    of_search = {"--slew-time": slew_time, "--keep-out": keep_out}
+    of_all = {"--max-rate": max_rate, "--max-acceleration": max_acceleration, "--dither": dither}
+    given = [name for name, value in {**of_search, **of_all}.items() if value is not None]
     if given and not optimise:
-        raise InputError(f"{given[0]} is a limit of --optimise; give --optimise FILE, the scenario to write")
+        raise InputError(f"{given[0]} is an option of --optimise; give --optimise FILE, the scenario to write")
+    if dither and (unused := [name for name in given if name in of_search]):
+        raise InputError(f"{unused[0]} is for a search of slews, and --dither leaves them as they are; give one of the two")
+    if separate and optimise:
+        raise InputError("--separate lists plans and writes none; leave --optimise out, or --separate")
     chosen = scenarios.load(scenario)
     if optimise:
-        slews = _read_limits(chosen, slew_time, max_rate, max_acceleration, keep_out, tilts)
-        return _optimise(chosen, slews, optimise, as_json)
+        slews = _read_limits(chosen, slew_time, max_rate, max_acceleration, keep_out, dither)
+        return _optimise(chosen, slews, dither and radians(dither), optimise, as_json)
 
     from diagnosis.plan import list_maneuvers, plan
     from studies.report import plan as plan_report
@@ -120,6 +137,8 @@ def command(
 
     extras = {} if no_extras else dict(list_maneuvers(chosen))
     extras |= _read_extras(chosen, files)
+    if separate:
+        return _separate(chosen, separate, extras, as_json)
     with show_stages("plan") as tell:
         found = plan(chosen, effects=effects or None, extras=extras, named=named, progress=tell, seed=seed)
     if report:
@@ -133,7 +152,7 @@ def _read_limits(
     max_rate: float | None,
     max_acceleration: float | None,
     keep_out: str | None,
-    tilts: bool,
+    dither: float | None,
 ) -> SlewLimits:
     """The limits that are given, else the scenario's own."""
     from diagnosis.plan.slew_design import SlewLimits, compute_slew_time, read_limits
@@ -143,9 +162,9 @@ def _read_limits(
     acceleration = acceleration if max_acceleration is None else radians(max_acceleration)
     slew_s = compute_slew_time(chosen) if slew_time is None else slew_time
     for name, value in (("--max-rate", rate), ("--max-acceleration", acceleration), ("--slew-time", slew_s)):
-        if not value > 0:
+        if not value > 0 and not (dither and name == "--slew-time"):
             raise InputError(f"{name}: must be above zero, and be given if the scenario has no slew to take it from")
-    return SlewLimits(rate, acceleration, slew_s, keep_out=_parse_keep_out(keep_out), tilts=tilts)
+    return SlewLimits(rate, acceleration, slew_s, keep_out=_parse_keep_out(keep_out))
 
 
 def _parse_keep_out(text: str | None) -> tuple[tuple[float, float, float], float] | None:
@@ -160,16 +179,36 @@ def _parse_keep_out(text: str | None) -> tuple[tuple[float, float, float], float
     return (x, y, z), radians(float(found[3]))
 
 
-def _optimise(chosen: Scenario, limits: SlewLimits, path: Path, as_json: Path | None) -> None:
-    """Find better slews, write their scenario and show them."""
+def _optimise(chosen: Scenario, limits: SlewLimits, dither: float | None, path: Path, as_json: Path | None) -> None:
+    """Find better slews or add a dither, rad, write the scenario and show it."""
+    from diagnosis.plan.dither import add_dither
     from diagnosis.plan.optimise import optimise_plan
     from simulator.scenario import format_scenario
     from studies.report import optimised_plan
 
     with show_stages("plan") as tell:
-        found = optimise_plan(chosen, limits, progress=tell)
+        found = add_dither(chosen, dither, limits) if dither else optimise_plan(chosen, limits, progress=tell)
     write_text(path, format_scenario(found.scenario))
     write_result(as_json, found.to_json(), lambda: optimised_plan.show(make_console(), found, path))
+
+
+def _separate(chosen: Scenario, pair: str, extras: dict[str, list[dict[str, Any]]], as_json: Path | None) -> None:
+    """List how the plan, and the plan with each extra maneuver, separates two effects."""
+    from dataclasses import asdict
+
+    from diagnosis.plan.separate import list_separations
+    from simulator.effects import EFFECTS
+    from studies.report import optimised_plan
+
+    names = [name.strip() for name in pair.split(",")]
+    unknown = [name for name in names if name not in EFFECTS]
+    if unknown or len(names) != 2 or names[0] == names[1]:
+        hint = f"; {suggest_names(unknown[0], EFFECTS)}" if unknown else ""
+        raise InputError(f"--separate {pair}: must be the names of two effects, as in bias_drift,bias_orbital{hint}")
+    with show_stages("plan") as tell:
+        found = list_separations(chosen, names[0], names[1], extras, progress=tell)
+    document = {"format": 1, "scenario": chosen.title, "separations": [asdict(one) for one in found]}
+    write_result(as_json, document, lambda: optimised_plan.show_separations(make_console(), found))
 
 
 def _read_extras(chosen: Scenario, files: Sequence[Path]) -> dict[str, list[dict[str, Any]]]:

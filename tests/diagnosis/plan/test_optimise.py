@@ -1,14 +1,16 @@
 """Optimised plans: limits, slews and attitudes against algebra, sigmas against the calibrator, brute force and Monte Carlo."""
 
+import json
 from dataclasses import replace
 from itertools import pairwise, product
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from diagnosis.plan.optimise import PlanObjective, exchange_designs, optimise_plan, refine_designs
 from diagnosis.plan.slew_design import (
-    LVLH_ATTITUDES,
+    QUARTER_MODES,
     IntervalDesign,
     SlewLimits,
     build_interval,
@@ -16,17 +18,18 @@ from diagnosis.plan.slew_design import (
     compute_shortest_slew,
     compute_slew_time,
     compute_sun_margin,
-    find_end_attitude,
+    find_end_quarter,
     read_limits,
-    turn_orbit,
 )
 from gyrocal import InputError, calibrate
 from gyrocal.attitude import matrix_from_quaternion
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.sampling import prepare_measurements
-from simulator.scenario import SensorsSection, build_profiles, format_scenario, load, override
+from simulator.scenario import SensorsSection, build_profiles, format_scenario, load, override, validate_scenario
 from simulator.simulate import compute_noise_free_rates, motion, realise, simulate
 from simulator.streams import generator
+from simulator.truth.maneuvers import MODE_YAW
+from simulator.truth.rotation import build_turn_matrix
 from simulator.truth.sun import DAY, compute_julian_date, compute_sun_vector
 from tests import ROOT
 
@@ -68,13 +71,14 @@ def test_limits_and_slew_time_of_trmm_are_those_of_its_slews():
     assert compute_slew_time(trmm) == pytest.approx(2 * 800 + 2 * 400 + 2 * 31)
 
 
-def test_attitudes_are_a_group_that_begins_with_the_modes():
-    assert len({tuple(C.ravel()) for C in LVLH_ATTITUDES}) == 24
-    for profile, C in zip(build_profiles(load("trmm")), (0, 0, 1, 1, 1, 1), strict=True):
-        assert find_end_attitude(replace(profile, slews=())) == C
-    assert [find_end_attitude(profile) for profile in build_profiles(load("trmm"))] == [0, 1, 1, 1, 1, 0]
-    for a, b in ((3, 7), (20, 11)):
-        assert np.array_equal(LVLH_ATTITUDES[turn_orbit(a, b)], LVLH_ATTITUDES[a] @ LVLH_ATTITUDES[b])
+def test_the_modes_of_trmm_follow_from_its_slews():
+    profiles = build_profiles(load("trmm"))
+    assert [find_end_quarter(profile) for profile in profiles] == [0, 2, 2, 2, 2, 0]
+    assert [QUARTER_MODES[find_end_quarter(replace(profile, slews=()))] for profile in profiles] == [
+        one.mode for one in load("trmm").interval
+    ]
+    tilted = replace(profiles[0], slews=(replace(profiles[1].slews[0], axis=np.eye(3)[0]),))
+    assert find_end_quarter(tilted) is None
 
 
 @pytest.mark.parametrize(
@@ -82,19 +86,20 @@ def test_attitudes_are_a_group_that_begins_with_the_modes():
     [
         IntervalDesign(0, 3, (0.4, -0.3, 0.2), (0.3, 0.5)),
         IntervalDesign(2, 2, (0.0, 1.2, 0.5), (0.0, 1.0)),
-        IntervalDesign(5, 17, (0.1, 0.0, -0.4), (0.5, 0.1)),
+        IntervalDesign(3, 1, (0.1, 0.0, -0.4), (0.5, 0.1)),
     ],
 )
 def test_slews_lead_from_the_first_attitude_to_the_last(small, design):
     """The simulated attitudes at both ends, relative to LVLH, which R = C A_li has from the orbit alone."""
     section = build_interval(small.interval[0], design, LIMITS)
     profile = section.build_profile(small.orbit.build_circular_orbit())
-    plain = replace(profile, slews=(), yaw=0.0, tilt=(0.0, 0.0, 0.0))
+    plain = replace(profile, slews=(), yaw=0.0)
     path = motion(small.model_copy(update={"interval": (section,)}))
     ends = matrix_from_quaternion(path.quaternions[[0, -1]])
     lvlh = plain.attitude(np.array([0.0, section.stop_s - section.start_s]))
-    assert np.allclose(ends @ lvlh.transpose(0, 2, 1), LVLH_ATTITUDES[[design.start, design.end]], atol=1e-9)
-    assert find_end_attitude(profile) == design.end
+    yaws = np.array([MODE_YAW[QUARTER_MODES[k]] for k in (design.start, design.end)])
+    assert np.allclose(ends @ lvlh.transpose(0, 2, 1), build_turn_matrix(np.eye(3)[2], yaws), atol=1e-9)
+    assert find_end_quarter(profile) == design.end
 
 
 def test_the_sun_margin_is_that_of_the_simulated_attitudes(small):
@@ -108,7 +113,7 @@ def test_the_sun_margin_is_that_of_the_simulated_attitudes(small):
     for axis in (0, 2):
         angles = np.arccos(np.sum(matrix_from_quaternion(path.sensor_quaternions)[:, axis] * sun, axis=1))
         moving = (tau >= profile.slews[0].start) & (tau <= profile.slews[-1].stop)
-        margin = compute_sun_margin(profile, design, small.epoch, (tuple(np.eye(3)[axis]), 0.3))
+        margin = compute_sun_margin(profile, small.epoch, (tuple(np.eye(3)[axis]), 0.3))
         assert margin == pytest.approx(angles[moving].min() - 0.3, abs=0.5 * 10 * (RATE + 0.002))
 
 
@@ -116,9 +121,9 @@ def test_information_adds_to_the_covariance_that_the_calibrator_states(small, ob
     """The calibrator takes samples half as long, and the plausible ranges as its prior."""
     designs = [
         IntervalDesign(0, 0),
-        IntervalDesign(0, 1, (0.0, 0.0, float(np.pi))),
-        IntervalDesign(1, 1),
-        IntervalDesign(1, 1, (0.0, 0.0, float(-np.pi / 2)), (0.0, 0.9)),
+        IntervalDesign(0, 2, (0.0, 0.0, float(np.pi))),
+        IntervalDesign(2, 2),
+        IntervalDesign(2, 2, (0.0, 0.0, float(-np.pi / 2)), (0.0, 0.9)),
     ]
     sections = [build_interval(one, design, LIMITS) for one, design in zip(small.interval, designs, strict=True)]
     recording = simulate(small.model_copy(update={"interval": tuple(sections)}), noise=False)
@@ -164,10 +169,10 @@ def test_an_optimised_plan_is_within_its_limits_and_its_file_is_the_plan(small, 
     assert acceleration <= ACCELERATION * (1 + 1e-9)
     assert found.sigma == pytest.approx(calibrate(simulate(read, noise=False)).sigma)
     assert found.worst_ratio < 1.01  # in about half the slew time, some sigmas cannot be smaller than those of orbit rates
-    ends = [find_end_attitude(profile) for profile in build_profiles(read)]
-    starts = [find_end_attitude(replace(profile, slews=())) for profile in build_profiles(read)]
+    ends = [find_end_quarter(profile) for profile in build_profiles(read)]
+    starts = [QUARTER_MODES.index(one.mode) for one in read.interval]
     assert starts[1:] == ends[:-1]
-    assert (starts[0], ends[-1]) == (0, 1)
+    assert (starts[0], ends[-1]) == (0, 2)
 
 
 def test_what_cannot_be_planned_is_refused_in_one_line(small):
@@ -206,3 +211,25 @@ def test_the_plan_of_the_gallery_has_the_sigmas_of_trmm_in_less_than_half_the_sl
     root = np.linalg.cholesky(stated.covariance / np.outer(stated.sigma, stated.sigma))
     white = np.linalg.solve(root, (np.array(errors) / stated.sigma).T)
     assert np.mean(white**2) == pytest.approx(1.0, abs=3.5 * np.sqrt(2 / white.size))
+
+
+def test_the_committed_study_is_that_of_the_plan_on_file_and_docs_state_its_numbers():
+    folder, page = ROOT / "results/optimised_plan", (ROOT / "docs/plan.md").read_text()
+    config = json.loads((folder / "manifest.json").read_text())["config"]
+    assert ROOT / config["scenario"] == ROOT / "docs/examples/half_the_slews.toml"
+    recorded = validate_scenario(json.loads((folder / "manifest.json").read_text())["scenario"], "manifest")
+    assert recorded == override(load(ROOT / config["scenario"]), config["overrides"])
+    checks = pd.read_csv(folder / "checks.csv", index_col="check")
+    assert (checks["verdict"] == "pass").all()
+    nees = [float(checks.loc[f"mean NEES, {name} prior", "value"]) for name in ("with", "without")]
+    assert f"is {nees[0]:.3f} with and {nees[1]:.3f} without the" in page.replace("\n", " ")
+
+
+def test_mean_rates_over_samples_bias_the_plan_by_the_square_of_the_sample():
+    """Noise-free, and converged: the errors over sigma that docs/plan.md states."""
+    errors = []
+    for sample_s in (2.0, 1.0, 0.5):
+        scenario = override(load(ROOT / "docs/examples/half_the_slews.toml"), {"gyro.sample_s": sample_s})
+        found = calibrate(simulate(scenario, noise=False))
+        errors.append((found.G[0, 0] - scenario.gyro.true_G[0][0]) / found.sigma[0])
+    assert errors == pytest.approx([0.034, 0.0085, 0.0021], rel=0.05)

@@ -130,10 +130,12 @@ def test_an_axis_that_cannot_be_seen_and_the_unit_of_a_size_are_told():
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        (("--max-rate", "0.5"), "--max-rate is a limit of --optimise"),
-        (("--tilts",), "--tilts is a limit of --optimise"),
+        (("--max-rate", "0.5"), "--max-rate is an option of --optimise"),
         (("--optimise", "OUT", "--keep-out", "z"), "--keep-out z: must be a body axis and an angle"),
         (("--optimise", "OUT", "--keep-out", "-y,200"), "--keep-out -y,200: must be a body axis and an angle"),
+        (("--dither", "0.1"), "--dither is an option of --optimise"),
+        (("--optimise", "OUT", "--dither", "0.1", "--slew-time", "100"), "--slew-time is for a search of slews"),
+        (("--optimise", "OUT", "--separate", "bias_drift,scale_drift"), "--separate lists plans and writes none"),
         (("--optimise", "OUT", "--max-rate", "-1"), "--max-rate: must be above zero"),
     ],
 )
@@ -162,3 +164,27 @@ def test_an_optimised_plan_is_written_and_shown(run_cli, tmp_path, monkeypatch):
     assert seen["limits"].rate == pytest.approx(np.deg2rad(0.6))
     assert seen["limits"].keep_out == ((0.0, 0.0, -1.0), pytest.approx(np.pi / 4))
     assert json.loads(result.read_text())["worst_ratio"] == 0.5
+
+
+def test_a_dither_is_written_and_shown(run_cli, tmp_path):
+    """Without references inside the intervals; the amplitude is that of three sinusoids of 0.1 deg together."""
+    out = tmp_path / "dither.toml"
+    shown = run_cli("plan", "trmm", "--optimise", str(out), "--dither", "0.1")
+    assert shown.exit_code == 0, shown.output
+    assert "a dither in 3 of 6 intervals" in shown.stdout
+    assert "gains nothing" in shown.stdout
+    moving = [one.control_motion for one in load(out).interval]
+    assert [bool(one) for one in moving] == [True, False, True, False, True, False]
+    assert moving[0].amplitude_deg == pytest.approx([0.1 / np.sqrt(3)] * 3, rel=1e-3)
+
+
+def test_plans_that_separate_two_effects_are_listed(run_cli, tmp_path):
+    result = tmp_path / "pair.json"
+    shown = run_cli("plan", "trmm_series", "--separate", "bias_drift,bias_orbital", "--no-extras", "--json", str(result))
+    assert shown.exit_code == 0, shown.output
+    assert "Best of 1 plans: the scenario itself" in shown.stdout
+    assert json.loads(result.read_text())["separations"][0]["effect"].startswith("bias_drift:")
+    for words in ("bias_drift", "bias_drift,bias_drift", "bias_drift,bias_orbitl"):
+        refused = run_cli("plan", "trmm_series", "--separate", words)
+        assert refused.exit_code == 2
+        assert f"--separate {words}: must be the names of two effects" in refused.stderr
