@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from diagnosis.plan.result import Progress
+from diagnosis.plan.settings import SETTINGS
 from diagnosis.plan.slew_design import (
     QUARTER_MODES,
     IntervalDesign,
@@ -55,12 +56,9 @@ from simulator.simulate import simulate
 Array = NDArray[np.float64]
 
 TURN_PER_SAMPLE = np.deg2rad(5.0)
-SMOOTH_NORM = 16  # p of the exchange; the largest of 12 ratios counts by 17 % too much at most
 FIRST_SLEW_AXES = np.vstack([np.eye(3), -np.eye(3)])
 FIRST_SLEW_ANGLES = np.deg2rad([20.0, 45.0, 90.0])  # of first slews that a second one ends
-SLEW_PLACES = ((0.0, 0.0), (0.0, 1.0))  # of the two: together at the start, apart
 LENGTH_SHARES: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)  # of the scenario's interval
-SMALLEST_IMPROVEMENT = 1e-4  # of the objective, below which a search ends
 DIFFERENCE_STEP = 1e-5  # of finite differences, rad or share
 SLEW_TIME_MARGIN = 1e-6  # share of the slew time that SLSQP leaves, for its tolerance
 # Of a turn, its place and the length.
@@ -193,7 +191,9 @@ class PlanObjective:
         """(1/p) ln Σ (σ/σ_0)^p of summed information (..., 12, 12)."""
         ratio = np.log(self.compute_sigmas(information) / self.baseline)
         top = ratio.max(axis=-1, keepdims=True)
-        return np.asarray(top[..., 0] + np.log(np.exp(SMOOTH_NORM * (ratio - top)).sum(axis=-1)) / SMOOTH_NORM)
+        return np.asarray(
+            top[..., 0] + np.log(np.exp(SETTINGS.smooth_norm * (ratio - top)).sum(axis=-1)) / SETTINGS.smooth_norm
+        )
 
 
 def optimise_plan(scenario: Scenario, limits: SlewLimits, progress: Progress | None = None) -> OptimisedPlan:
@@ -247,7 +247,7 @@ def list_designs(objective: PlanObjective, k: int, start: int, end: int, left: f
         (short,), ends = rest.turns, [0.0, 1.0]
         turns, found, pairs = [short, short * (1 - 2 * np.pi / np.linalg.norm(short))], [], []
     found += [replace(rest, turn=_freeze(turn), place=(share, 0.0)) for turn in turns for share in ends]
-    found += [replace(rest, turn=_freeze(turn), place=place) for turn in pairs for place in SLEW_PLACES]
+    found += [replace(rest, turn=_freeze(turn), place=place) for turn in pairs for place in SETTINGS.slew_places]
     out = [replace(rest, hold=True)] if section.hold and start == end else []
     length = section.stop_s - section.start_s
     for one in found:
@@ -351,11 +351,11 @@ def exchange_designs(objective: PlanObjective, designs: Sequence[IntervalDesign]
     """Exchange designs until no exchange lowers the smooth worst sigma."""
     places: list[tuple[int, ...]] = [*combinations(range(len(designs)), 2)] or [(0,)]
     current, value, before = list(designs), np.inf, np.nan
-    while not value >= before - SMALLEST_IMPROVEMENT:
+    while not value >= before - SETTINGS.improvement:
         before = value
         for pair, turned in product(places, range(len(QUARTER_MODES))):
             found, plan = find_best_exchange(objective, current, pair, turned)
-            if found < value - SMALLEST_IMPROVEMENT:
+            if found < value - SETTINGS.improvement:
                 value, current = found, plan
     return current
 
@@ -386,7 +386,7 @@ def refine_designs(objective: PlanObjective, designs: Sequence[IntervalDesign]) 
         method="SLSQP",
         bounds=[*zip(low, high, strict=True), (None, None)],
         constraints={"type": "ineq", "fun": compute_slack},
-        options={"maxiter": 100, "ftol": SMALLEST_IMPROVEMENT / 10, "eps": DIFFERENCE_STEP},
+        options={"maxiter": 100, "ftol": SETTINGS.improvement / 10, "eps": DIFFERENCE_STEP},
     )
     plan = place(np.clip(found.x[:-1], low, high))
     allowed = all(objective.measure(k, one).is_allowed for k, one in enumerate(plan))

@@ -29,6 +29,11 @@ class PlanSettings:
     named_draws: int = 12  # of each
     sizes: int = 41  # tried over the plausible range of an effect that shows in the samples
     gap_orbits: float = 1.0  # between the scenario's end and an extra maneuver
+    smooth_norm: int = 16  # p of the exchange of slews; the largest of 12 ratios counts by 17 % too much at most
+    # of the two slews of an interval: together at the start, apart
+    slew_places: tuple[tuple[float, float], ...] = ((0.0, 0.0), (0.0, 1.0))
+    improvement: float = 1e-4  # of the objective of slews, below which a search ends
+    sun_check_s: float = 10.0  # spacing of the attitudes that are compared with the Sun
 
 
 SETTINGS = PlanSettings()

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from diagnosis.plan.settings import SETTINGS
 from simulator.scenario import IntervalSection, Scenario, SlewSection, build_profiles
 from simulator.truth.maneuvers import MODE_YAW, Profile
 from simulator.truth.sun import DAY, compute_julian_date, compute_sun_vector
@@ -33,7 +34,6 @@ Vector = tuple[float, float, float]
 QUARTER = np.pi / 2
 QUARTER_MODES = tuple(sorted(MODE_YAW, key=lambda mode: MODE_YAW[mode] % (2 * np.pi)))  # by the quarter turns of their yaw
 NO_TURN = 1e-6  # rad, below which a rotation is none
-SUN_CHECK_S = 10.0  # spacing of the attitudes that are compared with the Sun
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ def compute_sun_margin(profile: Profile, epoch: str, keep_out: tuple[Sequence[fl
     if not profile.slews:
         return float(np.pi)
     first, last = profile.slews[0].start, profile.slews[-1].stop
-    tau = np.linspace(first, last, 2 + int((last - first) / SUN_CHECK_S))
+    tau = np.linspace(first, last, 2 + int((last - first) / SETTINGS.sun_check_s))
     axis = np.array(keep_out[0]) / np.linalg.norm(keep_out[0])
     sun = compute_sun_vector(compute_julian_date(epoch) + (profile.start_s + tau) / DAY)
     cosine = np.einsum("i,nij,nj->n", axis, profile.compute_tracking_attitude(tau), sun)

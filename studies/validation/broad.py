@@ -291,9 +291,9 @@ def build_recording(
     """
     if not trial.sample_s <= spacing_s < np.inf:
         raise InputError(f"the spacing of the references must be at least a sample, {trial.sample_s:g} s, not {spacing_s:g}")
+    arw, bias = estimate_rest_noise(trial), estimate_rest_bias(trial)
     if not abs(attitude_offset_s) < trial.t_s[-1]:
         raise InputError(f"--attitude-offset {attitude_offset_s:g}: give s, less than the {trial.t_s[-1]:.6g} s of the trial")
-    arw, bias = estimate_rest_noise(trial), estimate_rest_bias(trial)
     chosen: list[tuple[str, str, Indices]] = []
     for name, activity, first, last in cut_trial(trial, intervals):
         rows = select_reference_samples(trial, (first, last), spacing_s)

@@ -78,7 +78,7 @@ def find_refusal(data: MemsLog, changes: dict[str, Any]) -> str:
 
 def is_mapping_named(message: str, wanted: str) -> bool:
     """Whether a refusal names what is wanted as the only way that fits."""
-    found = re.search(r" % with (.*)$", message)
+    found = re.search(r" % with (.*?)(; --align auto finds and applies the offset)?$", message)
     if found is None or "{}" not in wanted:
         return found is not None and found.group(1) == wanted
     number = re.fullmatch(re.escape(wanted).replace(r"\{\}", r"([-+][\d.e-]+)"), found.group(1))

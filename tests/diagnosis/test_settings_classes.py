@@ -21,6 +21,9 @@ ARITHMETIC = {
         "LEAST_P",
         "LARGEST_P",
         "DAY",
+        "NO_TURN",
+        "DIFFERENCE_STEP",
+        "SLEW_TIME_MARGIN",
     ),
 }
 MODULES = sorted(ROOT.rglob("*.py"))

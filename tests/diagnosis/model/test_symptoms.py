@@ -98,7 +98,7 @@ def test_noise_that_an_import_estimated_is_no_cause():
     )
     assert drop_estimated_levels([level, OUTLIERS], imported) == [OUTLIERS]
     kinds = [
-        [one.kind for one in list_reference_symptoms(replace(found, reference_noise=NOISE, model=model), DEFAULT)]
+        [one.kind for one in list_reference_symptoms(replace(found, reference_noise=NOISE, model=model))]
         for model in (found.model, replace(found.model, recording=imported))
     ]
     assert kinds == [["reference_noise_level"], []]

@@ -113,7 +113,7 @@ def test_a_remedy_that_is_typed_mends_its_case(run_cli, log, tmp_path, name):
     done = run_cli("import", "csv", *build_words(options | read(match)))
     assert done.exit_code == 0, done.stderr
     recording = gyrocal.load(tmp_path / "out")
-    if spoil not in (turn_axes, scale_rates) or value == 1.0:
+    if spoil not in (turn_axes, scale_rates) or np.array_equal(value, 1.0):
         assert largest_error(recording, log) < MOST_SIGMA
         return
     # The gyro's errors are those of the spoilt axes: the calibrated rates are those of the body.
