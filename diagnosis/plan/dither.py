@@ -22,13 +22,12 @@ import numpy as np
 from scipy.optimize import brentq
 
 from diagnosis.plan.optimise import OptimisedPlan
+from diagnosis.plan.settings import SETTINGS
 from diagnosis.plan.slew_design import SlewLimits, compute_slew_time
 from gyrocal import calibrate
 from gyrocal.errors import InputError
 from simulator.scenario import TOUCH_TOLERANCE, ControlMotionSection, IntervalSection, Scenario, override
 from simulator.simulate import simulate
-
-FEWEST_SAMPLES_PER_PERIOD = 10  # of the gyro: mean rates over samples hide the order of turns within them
 
 
 def add_dither(scenario: Scenario, budget: float, limits: SlewLimits) -> OptimisedPlan:
@@ -81,7 +80,7 @@ def build_dither(
     A, length = compute_dither_amplitude(budget), section.stop_s - section.start_s
     norm = np.sqrt(3 + 2 * np.sin(A))
     frequency = min(limits.rate / (A * norm), np.sqrt(limits.acceleration / (A * (norm + 3 * A)))) / (2 * np.pi)
-    frequency = min(frequency, 1 / (FEWEST_SAMPLES_PER_PERIOD * scenario.gyro.sample_s))
+    frequency = min(frequency, 1 / (SETTINGS.samples_per_period * scenario.gyro.sample_s))
     most = int(np.floor(length * frequency))
     if scenario.reference.every_s is not None:
         most = min(most, int(np.floor(length / (2 * scenario.reference.every_s) - 0.5)))
