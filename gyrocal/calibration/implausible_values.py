@@ -15,6 +15,7 @@ from gyrocal.calibration.plausible_ranges import PlausibleRanges
 
 Array = NDArray[np.float64]
 
+SIGNIFICANT_SCALE = 3.0  # sigma, beyond which a scale error is the data's and not of what they leave open
 LARGEST_SCALE_ERROR = 0.1  # MEMS data sheets state sensitivities to 3 to 6 %
 LARGEST_ROTATION = np.deg2rad(10.0)  # from the stated mounting; beyond it, axes are not mounted as assumed
 LARGEST_BIAS = 3.0  # plausible ranges of the grade
@@ -81,8 +82,8 @@ def find_combinations_lost_to_misfit(
 
 
 def _find_scale_errors(mounting: Mounting) -> list[str]:
-    scale = np.diag(mounting.S)
-    off = [k for k in range(3) if abs(scale[k] - 1) > LARGEST_SCALE_ERROR]
+    scale, sigma = np.diag(mounting.S), np.diag(mounting.sigma_S)
+    off = [k for k in range(3) if abs(scale[k] - 1) > max(LARGEST_SCALE_ERROR, SIGNIFICANT_SCALE * sigma[k])]
     if not off:
         return []
     named = ", ".join(f"{'xyz'[k]} {scale[k]:.4g} ± {mounting.sigma_S[k, k]:.1g}" for k in off)

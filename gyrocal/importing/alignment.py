@@ -10,9 +10,8 @@ direction of the attitudes changes a speed. Gauss-Newton steps on τ, f, C, s an
 
 Unequal scale factors and skew axes of the gyro are not in s C and can pass for a time offset. Where a free matrix fits as well
 with the tags as they are, τ and f are not significant: their sigmas are at least their values over the significance of both,
-which counts as one if it is smaller. A rotation needs motion about two axes. Where there is too little beside the errors of the
-gyro, the free matrix is no rotation: it shrinks one direction, as a regression does whose regressor is noise. The sigma of the
-rotation is then at least its angle.
+which counts as one if it is smaller. A rotation needs motion about two axes. Where it explains less than half of the motion
+across the main axis, errors of the gyro may have made its angle: its sigma is then at least the angle.
 
 Windows overlap, and residuals of a wrong G are not white: the covariance is that of sums over blocks of time (a sandwich
 estimator by clusters; White, Econometrica 48, 1980).
@@ -45,7 +44,7 @@ SIGNIFICANT_IN_SIGMA = 3.0
 DIRECTION_RATIO = 0.5  # times the residual as read: the other direction must fit so much better
 LEAST_FACTOR = 0.1  # of a scale: a smaller one is a gyro's own, which a calibration finds
 LEAST_TURN = np.deg2rad(1.0)
-LEAST_SINGULAR_SHARE = 0.5  # of the free matrix, smallest to largest, of a rotation: as much motion as error in a direction
+MOST_LEFT_ACROSS = 0.5  # of the square of the motion across its main axis: what a rotation that the motion shows may leave
 
 
 @dataclass(frozen=True)
@@ -226,11 +225,12 @@ def _fit(windows: Motion, reverse: bool) -> Alignment | None:
     time_sigma = float(factor**2 * np.sqrt(cov[1, 1]))
     # In sigma, by the likelihood ratio of as many independent rates as windows side by side have.
     independent = 3 * inside.sum() / float(np.median(windows.rows[:, 1] - windows.rows[:, 0]))
-    (before, _), (after, matrix) = (_fit_matrix(windows, reference, *at) for at in ((0.0, 1.0), (offset, factor)))
+    before, after = (_fit_matrix(windows, reference, *at) + np.finfo(float).tiny for at in ((0.0, 1.0), (offset, factor)))
     least = 1 / np.sqrt(max(independent * np.log(before / after), 1.0))
     offset_sigma, time_sigma = max(offset_sigma, least * abs(offset)), max(time_sigma, least * abs(factor - 1))
-    turn_sigma, stretches = np.sqrt(np.diag(cov)[2:5]), np.linalg.svd(matrix, compute_uv=False)
-    if stretches[-1] < LEAST_SINGULAR_SHARE * stretches[0]:
+    turn_sigma, across = np.sqrt(np.diag(cov)[2:5]), np.linalg.eigh(r0.T @ r0)[1][:, :2]
+    floor = np.finfo(float).eps * np.sum(r0**2)  # where all rates are along one line
+    if np.sum((left @ across) ** 2) > MOST_LEFT_ACROSS * np.sum((r0 @ across) ** 2) + floor:
         turn_sigma = np.maximum(turn_sigma, np.linalg.norm(Rotation.from_matrix(C).as_rotvec()))
     return Alignment(
         offset,
@@ -247,13 +247,12 @@ def _fit(windows: Motion, reverse: bool) -> Alignment | None:
     )
 
 
-def _fit_matrix(windows: Motion, reference: Array, offset: float, factor: float) -> tuple[float, Array]:
-    """A free matrix (3, 3) of the gyro's rates at some offset and clock rate, after the mean square that is left, (rad/s)²."""
+def _fit_matrix(windows: Motion, reference: Array, offset: float, factor: float) -> float:
+    """Mean square of what a free matrix and a bias leave at some offset and clock rate, (rad/s)²."""
     gyro, inside = _measure(windows, offset, factor)
     columns = np.column_stack([gyro[inside], np.ones(np.count_nonzero(inside))])
-    found = np.linalg.lstsq(columns, reference[inside], rcond=None)[0]
-    left = np.mean(np.square(reference[inside] - columns @ found)) + np.finfo(float).tiny
-    return float(left), np.asarray(found[:3].T)
+    left = reference[inside] - columns @ np.linalg.lstsq(columns, reference[inside], rcond=None)[0]
+    return float(np.mean(np.square(left)))
 
 
 def _differentiate_rates(windows: Motion, offset: float, factor: float, h: float) -> tuple[Array, Array, NDArray[np.bool_]]:

@@ -262,7 +262,7 @@ def test_a_rotation_about_the_only_axis_of_a_motion_needs_the_other_rates(are_sm
     q = (q * Rotation.from_rotvec(1e-3 * rng.standard_normal((len(q), 3)))).as_quat()
     read_rates = turn.inv().apply(rates) * [are_small_rates_read, are_small_rates_read, 1.0]
     if not are_small_rates_read:
-        read_rates[:, 1] += 0.3 * cones
+        read_rates[:, 1] += 0.2 * cones
     found = estimate_alignment(t, read_rates, step, step * 5 * np.arange(len(q)), q)
     assert not found.reverse
     assert found.is_turned == are_small_rates_read
