@@ -32,10 +32,7 @@ from studies.montecarlo.study import load_config, resolve_config
 OUT = Path("results/benchmarks/scale.json")
 SMALL, LARGE = 1, 16  # cases of a task, whose times give that of a task and of a case
 TASKS, SERVERS, THREADS = 200, 4, 16
-PAUSE_S, PAUSES = (
-    0.5,
-    10,
-)  # of the tasks that compare the simulation with a real run of one thread a worker, and how many follow
+PAUSE_S, PAUSES = 0.5, 10  # of a task without processor time, and tasks of a worker; a real run against the simulation
 CASES, WORKERS, CHUNKS, CASE_S = 10**6, 1000, (16, 64, 256), (None, 1.0, 10.0)
 
 

@@ -29,6 +29,7 @@ from gyrocal.errors import InputError, suggest_names
 from simulator import scenario as scenarios
 from studies.montecarlo.backends import Name, open_backend
 from studies.montecarlo.cases import Task, build_killed_result, run_cases, run_single_threaded
+from studies.montecarlo.criterion_text import match_criterion
 from studies.montecarlo.dispersions import SMALLEST_U, correlate_shares, evaluate_at_shares
 from studies.montecarlo.study import RESERVED, Study, StudyConfig, find_study_folder, load_base_scenario, resolve_config
 
@@ -40,7 +41,7 @@ MOST_LEVELS = 7  # in the first half of the runs; each takes the probability dow
 LEVEL_SHARE = 0.1  # of them, those that the next level's kernels stand on
 MOST_DISPERSIONS = 10  # in more, standard errors were found too small on closed forms
 ACCURATE = 0.2  # relative standard error above which an answer is called inaccurate
-EVENT_FORM = re.compile(r"\s*([^<>\s]+)\s*([<>])\s*(\S+)\s*")
+EVENT_FORM = re.compile(r"\s*([^<>\s]+)\s*([<>])\s*(?P<limit>\S+)\s*")
 
 
 class _RunsSpentError(Exception):
@@ -96,13 +97,8 @@ class RareLimit:
         InputError
             It is not of that form.
         """
-        match = EVENT_FORM.fullmatch(text)
-        try:
-            limit = float(match[3]) if match else math.nan
-        except ValueError:
-            limit = math.nan
-        if match is None or not math.isfinite(limit):
-            raise InputError(f"--rare {text}: give it as COLUMN>LIMIT or COLUMN<LIMIT, e.g. 'error_deg>0.4'")
+        usage = "give it as COLUMN>LIMIT or COLUMN<LIMIT, e.g. 'error_deg>0.4'"
+        match, limit = match_criterion(EVENT_FORM, text, "--rare", usage)
         return cls(match[1], match[2], limit)
 
     def measure_excess(self, rows: list[Mapping[str, Any]]) -> float:

@@ -29,9 +29,12 @@ from scipy import special
 from scipy.stats import nbinom
 
 from gyrocal.errors import InputError, suggest_names
+from studies.montecarlo.criterion_text import match_criterion
 from studies.montecarlo.study import RESERVED, GridConfig, StudyConfig
 
-REQUIREMENT_FORM = re.compile(r"\s*p(\d+(?:\.\d+)?)\(\s*(\S+?)\s*\)\s*([<>])\s*(\S+?)\s*(?:@\s*(\d+(?:\.\d+)?)\s*%\s*)?")
+REQUIREMENT_FORM = re.compile(
+    r"\s*p(\d+(?:\.\d+)?)\(\s*(\S+?)\s*\)\s*([<>])\s*(?P<limit>\S+?)\s*(?:@\s*(\d+(?:\.\d+)?)\s*%\s*)?"
+)
 REQUIREMENT_USAGE = (
     "give it as pNN(COLUMN)<LIMIT or pNN(COLUMN)>LIMIT, the percentile between 0 and 100, and after @ a confidence between "
     "50 and 100 %, e.g. 'p99.73(pointing_deg)<0.4 @ 90%'"
@@ -105,13 +108,7 @@ class Requirement:
         InputError
             It is not of that form.
         """
-        match = REQUIREMENT_FORM.fullmatch(text)
-        try:
-            limit = float(match[4]) if match else math.nan
-        except ValueError:
-            limit = math.nan
-        if match is None or not math.isfinite(limit):
-            raise InputError(f"--require {text}: {REQUIREMENT_USAGE}")
+        match, limit = match_criterion(REQUIREMENT_FORM, text, "--require", REQUIREMENT_USAGE)
         found = cls(float(match[1]), match[2], match[3], limit, float(match[5] or DEFAULT_CONFIDENCE))
         if not (0 < found.percentile < 100 and 50 < found.confidence < 100):
             raise InputError(f"--require {text}: {REQUIREMENT_USAGE}")

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from gyrocal.errors import InputError
+from studies.montecarlo.criterion_text import match_criterion
 from studies.montecarlo.statistics import compute_binomial_interval
 
 Array = NDArray[np.float64]
@@ -32,7 +33,7 @@ Array = NDArray[np.float64]
 LEVEL = 0.95
 FIRST, GROWTH = 64, 1.25  # cases at the first look, and from one to the next
 FAILED = "failed"
-FORM = re.compile(r"\s*(?:(mean|median|std|p\d\d)\(\s*(\S+?)\s*\)|([^<()\s]+))\s*<\s*(\S+)\s*")
+FORM = re.compile(r"\s*(?:(mean|median|std|p\d\d)\(\s*(\S+?)\s*\)|([^<()\s]+))\s*<\s*(?P<limit>\S+)\s*")
 USAGE = "give it as COLUMN<LIMIT or STATISTIC(COLUMN)<LIMIT with mean, median, std or p01 to p99, e.g. 'p95(nees)<0.5'"
 
 
@@ -60,12 +61,8 @@ class StoppingRule:
         InputError
             It is not of that form.
         """
-        match = FORM.fullmatch(text)
-        try:
-            limit = float(match[4]) if match else math.nan
-        except ValueError:
-            limit = math.nan
-        if match is None or not 0 < limit < math.inf or match[1] == "p00":
+        match, limit = match_criterion(FORM, text, "--until", USAGE)
+        if not limit > 0 or match[1] == "p00":
             raise InputError(f"--until {text}: {USAGE}")
         return cls(match[1] or "mean", match[2] or match[3], limit)
 
