@@ -1,23 +1,17 @@
-"""Slews for the smallest worst sigma of G and b, within limits.
+"""Slews that make an objective smallest, within limits: the worst sigma of G and b, or the size that separates two effects.
 
-The sigmas are those that the calibrator states: a noise-free recording of each interval is simulated, and its whitened
-sensitivity H taken at the true parameters (`gyrocal.calibration.problem`). Intervals that share no reference have independent
-residuals, so that their information adds,
-
-    P⁻¹ = D⁻² + Σ_k H_kᵀ H_k,
-
-with the plausible ranges D as a weak prior, which only keeps P finite. The objective is max_j ln(σ_j/σ_j0), with σ_0 of the
-plan to improve on. Free are the slews (`diagnosis.plan.slew_design`), the lengths of intervals with references at their
-ends, whether a hold stays, and the attitudes between intervals. The first and the last attitude stay.
+The objectives, and how the information of intervals adds, are those of `diagnosis.plan.objectives`. Free are the slews
+(`diagnosis.plan.slew_design`), the lengths of intervals with references at their ends, whether a hold stays, and the
+attitudes between intervals. The first and the last attitude stay.
 
 The search begins with no slews, and with the scenario's own if they fit in the limits. An exchange over a list of designs
 for each interval replaces those of two intervals at a time, and turns the attitudes between them, as long as this lowers a
-smooth form of the objective, (1/p) ln Σ (σ_j/σ_j0)^p (Fedorov, Theory of Optimal Experiments, 1972, for the exchange).
-SLSQP of `scipy.optimize.minimize` then moves axes, angles, times and lengths: it minimises t with t ≥ ln(σ_j/σ_j0) for all
-j. The optimum is a local one.
+smooth form of the objective, (1/p) ln Σ exp(p v_j) (Fedorov, Theory of Optimal Experiments, 1972, for the exchange). SLSQP
+of `scipy.optimize.minimize` then moves axes, angles, times and lengths: it minimises t with t ≥ v_j for all j. The optimum
+is a local one.
 
 Samples are longer than the scenario's: a slew by 5 deg in a sample changes sigmas by less than 1e-3. The sigmas of the
-result come from the scenario's own samples, by `gyrocal.calibrate`.
+result come from the scenario's own samples, by `gyrocal.calibrate`, and the sizes from its linear model.
 """
 
 from __future__ import annotations
@@ -32,7 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from diagnosis.plan.columns import linearise_noise_free
+from diagnosis.plan.objectives import PlanObjective, SeparationObjective, SigmaObjective
 from diagnosis.plan.result import Progress
+from diagnosis.plan.separate import OWN_PLAN, Separation, evaluate_separation
 from diagnosis.plan.settings import SETTINGS
 from diagnosis.plan.slew_design import (
     QUARTER_MODES,
@@ -41,21 +38,16 @@ from diagnosis.plan.slew_design import (
     build_interval,
     build_slews,
     compute_slew_time,
-    compute_sun_margin,
     find_end_quarter,
 )
 from gyrocal import calibrate
-from gyrocal.calibration.parameters import NAMES, GyroParameters
-from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
-from gyrocal.calibration.problem import Problem
-from gyrocal.calibration.sampling import prepare_measurements
+from gyrocal.calibration.parameters import NAMES
 from gyrocal.errors import InputError
 from simulator.scenario import Scenario, build_profiles, override
 from simulator.simulate import simulate
 
 Array = NDArray[np.float64]
 
-TURN_PER_SAMPLE = np.deg2rad(5.0)
 FIRST_SLEW_AXES = np.vstack([np.eye(3), -np.eye(3)])
 FIRST_SLEW_ANGLES = np.deg2rad([20.0, 45.0, 90.0])  # of first slews that a second one ends
 LENGTH_SHARES: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)  # of the scenario's interval
@@ -63,29 +55,6 @@ DIFFERENCE_STEP = 1e-5  # of finite differences, rad or share
 SLEW_TIME_MARGIN = 1e-6  # share of the slew time that SLSQP leaves, for its tolerance
 # Of a turn, its place and the length.
 DESIGN_BOUNDS = np.array([[-2 * np.pi] * 3 + [0.0, 0.0, 0.01], [2 * np.pi] * 3 + [1.0, 1.0, 1.0]])
-
-
-@dataclass(frozen=True)
-class Measured:
-    """One design of one interval.
-
-    Attributes
-    ----------
-    information : (12, 12) Hᵀ H of parameters divided by their plausible ranges
-    slew_s : time of its slews and of the transitions of its hold
-    spare_s : time left over; negative if the slews do not fit
-    sun_margin : beyond the keep-out angle, rad
-    """
-
-    information: Array
-    slew_s: float
-    spare_s: float
-    sun_margin: float
-
-    @property
-    def is_allowed(self) -> bool:
-        """Whether the design fits in the interval and keeps out the Sun."""
-        return self.spare_s >= 0 and self.sun_margin >= 0
 
 
 @dataclass(frozen=True)
@@ -98,6 +67,7 @@ class OptimisedPlan:
     limits : within which it is
     sigma, baseline_sigma : (12,) of G and b (rad/s), as the calibrator states them for noise-free recordings
     slew_s, baseline_slew_s : time of all slews and transitions of holds
+    separation : of two effects by the baseline and by the plan, if the slews were searched for that
     """
 
     scenario: Scenario
@@ -107,6 +77,7 @@ class OptimisedPlan:
     baseline_sigma: Array
     slew_s: float
     baseline_slew_s: float
+    separation: tuple[Separation, Separation] | None = None
 
     @property
     def worst_ratio(self) -> float:
@@ -122,6 +93,7 @@ class OptimisedPlan:
             "max_rate_deg_s": float(np.rad2deg(self.limits.rate)),
             "max_acceleration_deg_s2": float(np.rad2deg(self.limits.acceleration)),
             "worst_ratio": self.worst_ratio,
+            "separation": self.separation and dict(zip(("before", "after"), map(vars, self.separation), strict=True)),
             "sigma": {
                 name: {"before": float(before), "after": float(after)}
                 for name, before, after in zip(NAMES, self.baseline_sigma, self.sigma, strict=True)
@@ -130,92 +102,30 @@ class OptimisedPlan:
         }
 
 
-class PlanObjective:
-    """Information of designs of each interval, measured once each.
-
-    Parameters
-    ----------
-    scenario : the plan to improve on
-    limits : of the slews
-    """
-
-    def __init__(self, scenario: Scenario, limits: SlewLimits):
-        each = max(1, int(TURN_PER_SAMPLE / limits.rate / scenario.gyro.sample_s))
-        coarse = scenario.gyro.model_copy(update={"sample_s": each * scenario.gyro.sample_s})
-        self.scenario = scenario.model_copy(update={"gyro": coarse})
-        self.limits = limits
-        self.truth = GyroParameters(np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
-        self.plausible = estimate_plausible_ranges(simulate(self.scenario, noise=False)).vector(np.arange(12) >= 9)
-        self.baseline = self.compute_sigmas(
-            sum((self._compute_information(one) for one in scenario.interval), np.zeros((12, 12)))
-        )
-        self._measured: dict[tuple[int, IntervalDesign], Measured] = {}
-
-    def measure(self, k: int, design: IntervalDesign) -> Measured:
-        """Measure a design of interval k."""
-        found = self._measured.get((k, design))
-        if found is None:
-            section = self.scenario.interval[k]
-            made = build_interval(section, design, self.limits)
-            profile = made.build_profile(self.scenario.orbit.build_circular_orbit())
-            _, spare = build_slews(design, section.stop_s - section.start_s, self.limits)
-            keep_out = self.limits.keep_out
-            margin = np.pi if keep_out is None else compute_sun_margin(profile, self.scenario.epoch, keep_out)
-            slew_s = sum(stop - start for start, stop in profile.moving_spans)
-            found = Measured(self._compute_information(made), slew_s, 0.0 if design.hold else spare, margin)
-            self._measured[k, design] = found
-        return found
-
-    def _compute_information(self, section: Any) -> Array:
-        """Hᵀ H (12, 12) of one interval."""
-        recording = simulate(self.scenario.model_copy(update={"interval": (section,)}), noise=False)
-        problem = Problem.build(recording, prepare_measurements(recording))
-        H = problem.state(self.truth).H / problem.scale * self.plausible
-        return np.asarray(H.T @ H)
-
-    def compute_sigmas(self, information: Array) -> Array:
-        """Sigmas (..., 12) over plausible ranges, of the summed information of all intervals (..., 12, 12)."""
-        P = np.linalg.inv(information + np.eye(12))
-        return np.asarray(np.sqrt(np.diagonal(P, axis1=-2, axis2=-1)))
-
-    def compute_log_ratios(self, designs: Sequence[IntervalDesign]) -> Array:
-        """ln(σ/σ_0), (12,)."""
-        total = sum((self.measure(k, one).information for k, one in enumerate(designs)), np.zeros((12, 12)))
-        return np.asarray(np.log(self.compute_sigmas(total) / self.baseline))
-
-    def compute_slew_time(self, designs: Sequence[IntervalDesign]) -> float:
-        """Time of all slews and of the transitions of holds, s."""
-        return sum(self.measure(k, one).slew_s for k, one in enumerate(designs))
-
-    def compute_smooth_worst(self, information: Array) -> Array:
-        """(1/p) ln Σ (σ/σ_0)^p of summed information (..., 12, 12)."""
-        ratio = np.log(self.compute_sigmas(information) / self.baseline)
-        top = ratio.max(axis=-1, keepdims=True)
-        return np.asarray(
-            top[..., 0] + np.log(np.exp(SETTINGS.smooth_norm * (ratio - top)).sum(axis=-1)) / SETTINGS.smooth_norm
-        )
-
-
-def optimise_plan(scenario: Scenario, limits: SlewLimits, progress: Progress | None = None) -> OptimisedPlan:
-    """Find slews with the smallest worst sigma of G and b over that of the scenario.
+def optimise_plan(
+    scenario: Scenario, limits: SlewLimits, progress: Progress | None = None, separate: tuple[str, str] | None = None
+) -> OptimisedPlan:
+    """Find slews with the smallest worst sigma of G and b over that of the scenario, or those that separate two effects best.
 
     Parameters
     ----------
     scenario : the plan to improve on, of three gyros x, y and z
     limits : of rate, acceleration, time and the Sun
     progress : called with a text and the share done
+    separate : names of two effects; then the size of the first that separates it from the second is made smallest
 
     Raises
     ------
     InputError
-        The scenario has other gyros or no references, or no plan within the limits was found.
+        The scenario has other gyros or no references, an effect has no fixed shape or cannot be shown, or no plan within
+        the limits was found.
     """
     tell = progress or (lambda text, share: None)
     if scenario.gyro.array is not None:
         raise InputError("an optimised plan is for three gyros x, y and z; take the scenario without [gyro.array]")
     if scenario.reference.at == "none":
         raise InputError("the scenario has no reference attitudes to calibrate with; set [reference] at to ends or series")
-    objective = PlanObjective(scenario, limits)
+    objective = SeparationObjective(scenario, limits, *separate) if separate else SigmaObjective(scenario, limits)
     starts = [_build_start(objective), *_list_own_designs(objective)]
     found = []
     for number, start in enumerate(starts):
@@ -223,7 +133,7 @@ def optimise_plan(scenario: Scenario, limits: SlewLimits, progress: Progress | N
         found.append(refine_designs(objective, start))
         tell("exchange of slews", 0.9 * (number + 0.2) / len(starts))
         found.append(refine_designs(objective, exchange_designs(objective, start)))
-    best = min(found, key=lambda designs: float(objective.compute_log_ratios(designs).max()))
+    best = min(found, key=lambda designs: float(objective.compute_values(designs).max()))
     tell("sigmas from the scenario's own samples", 0.95)
     sections = [build_interval(one, best[k], limits) for k, one in enumerate(scenario.interval)]
     improved = override(
@@ -231,7 +141,14 @@ def optimise_plan(scenario: Scenario, limits: SlewLimits, progress: Progress | N
         {"interval": [one.model_dump(mode="json", exclude_none=True) for one in sections]},
     )
     before, after = (calibrate(simulate(one, noise=False)).sigma for one in (scenario, improved))
-    return OptimisedPlan(improved, scenario, limits, after, before, compute_slew_time(improved), compute_slew_time(scenario))
+    separation = None
+    if separate:
+        own, found_one = (
+            evaluate_separation(OWN_PLAN, linearise_noise_free(one), *separate, None) for one in (scenario, improved)
+        )
+        separation = own, replace(found_one, plan=improved.title)
+    slew_s = compute_slew_time(improved), compute_slew_time(scenario)
+    return OptimisedPlan(improved, scenario, limits, after, before, *slew_s, separation)
 
 
 def list_designs(objective: PlanObjective, k: int, start: int, end: int, left: float) -> list[IntervalDesign]:
@@ -337,7 +254,7 @@ def find_best_exchange(
     rows = np.argwhere(slew_s <= left)
     if not len(rows):
         return np.inf, plan
-    total = sum((one.information for one in rest), np.zeros((12, 12)))
+    total = sum((one.information for one in rest), np.zeros(()))
     for n, found in enumerate(measured):
         total = total + np.array([one.information for one in found])[rows[:, n]]
     values = objective.compute_smooth_worst(total)
@@ -376,10 +293,10 @@ def refine_designs(objective: PlanObjective, designs: Sequence[IntervalDesign]) 
         measured = [objective.measure(k, one) for k, one in enumerate(plan)]
         left = 1 - SLEW_TIME_MARGIN - sum(one.slew_s for one in measured) / objective.limits.slew_s
         own = [(one.spare_s / 100.0, 10 * one.sun_margin) for one in measured]
-        return np.concatenate([xt[-1] - objective.compute_log_ratios(plan), [left], np.ravel(own)])
+        return np.concatenate([xt[-1] - objective.compute_values(plan), [left], np.ravel(own)])
 
     low, high = (np.broadcast_to(side, start.shape)[moved] for side in DESIGN_BOUNDS)
-    worst = float(objective.compute_log_ratios(designs).max())
+    worst = float(objective.compute_values(designs).max())
     found = minimize(
         lambda xt: float(xt[-1]),
         np.append(start[moved], worst),
@@ -391,7 +308,7 @@ def refine_designs(objective: PlanObjective, designs: Sequence[IntervalDesign]) 
     plan = place(np.clip(found.x[:-1], low, high))
     allowed = all(objective.measure(k, one).is_allowed for k, one in enumerate(plan))
     allowed &= objective.compute_slew_time(plan) <= objective.limits.slew_s
-    return plan if allowed and objective.compute_log_ratios(plan).max() < worst else list(designs)
+    return plan if allowed and objective.compute_values(plan).max() < worst else list(designs)
 
 
 def _pack(design: IntervalDesign) -> Array:

@@ -62,19 +62,30 @@ def list_separations(
         An effect is random, or the scenario cannot show it.
     """
     tell = progress or (lambda text, share: None)
-    for name in (effect, other):
-        if EFFECTS[name].is_process:
-            raise InputError(f"{name}: is a random effect; --separate is for two that have a fixed shape; leave it out")
+    check_shapes(effect, other)
     model = linearise_noise_free(scenario)
-    steps, out = step_times(model), [_evaluate_separation(OWN_PLAN, model, effect, other, None)]
+    steps, out = step_times(model), [evaluate_separation(OWN_PLAN, model, effect, other, None)]
     for number, (name, sections) in enumerate(extras.items()):
         tell(f"extra: {name}", number / len(extras))
         longer = linearise_noise_free(append_intervals(scenario, sections))
-        out.append(_evaluate_separation(name, longer, effect, other, steps))
+        out.append(evaluate_separation(name, longer, effect, other, steps))
     return sorted(out, key=lambda one: one.size)
 
 
-def _evaluate_separation(name: str, model: RecordingModel, effect: str, other: str, steps: StepTimes | None) -> Separation:
+def check_shapes(*effects: str) -> None:
+    """Check that effects have a shape.
+
+    Raises
+    ------
+    InputError
+        One is random.
+    """
+    for name in effects:
+        if EFFECTS[name].is_process:
+            raise InputError(f"{name}: is a random effect; --separate is for two that have a fixed shape; leave it out")
+
+
+def evaluate_separation(name: str, model: RecordingModel, effect: str, other: str, steps: StepTimes | None) -> Separation:
     """Evaluate one plan, with steps at the given times."""
     every = build_signatures(model, [effect, other], steps)
     first, second = ([k for k, one in enumerate(every) if one.effect == wanted] for wanted in (effect, other))

@@ -32,6 +32,9 @@ class PlanSettings:
     smooth_norm: int = 16  # p of the exchange of slews; the largest of 12 ratios counts by 17 % too much at most
     # of the two slews of an interval: together at the start, apart
     slew_places: tuple[tuple[float, float], ...] = ((0.0, 0.0), (0.0, 1.0))
+    additive: float = (
+        0.01  # of the logarithm of a size, by which information of intervals may differ from that of all; rounding
+    )
     improvement: float = 1e-4  # of the objective of slews, below which a search ends
     samples_per_period: int = 10  # of a dither, fewest; mean rates over samples hide the order of turns within them
     sun_check_s: float = 10.0  # spacing of the attitudes that are compared with the Sun

@@ -74,7 +74,7 @@ OPTIMISE_OPTIONS = (
 @click.option(
     "--separate",
     metavar="A,B",
-    help="List the extra maneuvers by how well they separate effect A from effect B, the best first.",
+    help="List the extra maneuvers by how well they separate effect A from effect B; with --optimise, search slews for it.",
 )
 @add_json_option(stdout="the tables")
 @add_output_option("--report", help="Write a page with all tables (HTML, needs no network) to this file.")
@@ -124,12 +124,13 @@ def command(
         raise InputError(f"{given[0]} is an option of --optimise; give --optimise FILE, the scenario to write")
     if dither and (unused := [name for name in given if name in of_search]):
         raise InputError(f"{unused[0]} is for a search of slews, and --dither leaves them as they are; give one of the two")
-    if separate and optimise:
-        raise InputError("--separate lists plans and writes none; leave --optimise out, or --separate")
+    if separate and dither:
+        raise InputError("--separate searches slews, and --dither leaves them as they are; give one of the two")
+    pair = _parse_pair(separate) if separate else None
     chosen = scenarios.load(scenario)
     if optimise:
         slews = _read_limits(chosen, slew_time, max_rate, max_acceleration, keep_out, dither)
-        return _optimise(chosen, slews, dither and radians(dither), optimise, as_json)
+        return _optimise(chosen, slews, dither and radians(dither), pair, optimise, as_json)
 
     from diagnosis.plan import list_maneuvers, plan
     from studies.report import plan as plan_report
@@ -137,8 +138,8 @@ def command(
 
     extras = {} if no_extras else dict(list_maneuvers(chosen))
     extras |= _read_extras(chosen, files)
-    if separate:
-        return _separate(chosen, separate, extras, as_json)
+    if pair:
+        return _separate(chosen, pair, extras, as_json)
     with show_stages("plan") as tell:
         found = plan(chosen, effects=effects or None, extras=extras, named=named, progress=tell, seed=seed)
     if report:
@@ -179,7 +180,14 @@ def _parse_keep_out(text: str | None) -> tuple[tuple[float, float, float], float
     return (x, y, z), radians(float(found[3]))
 
 
-def _optimise(chosen: Scenario, limits: SlewLimits, dither: float | None, path: Path, as_json: Path | None) -> None:
+def _optimise(
+    chosen: Scenario,
+    limits: SlewLimits,
+    dither: float | None,
+    pair: tuple[str, str] | None,
+    path: Path,
+    as_json: Path | None,
+) -> None:
     """Find better slews or add a dither, rad, write the scenario and show it."""
     from diagnosis.plan.dither import add_dither
     from diagnosis.plan.optimise import optimise_plan
@@ -187,26 +195,32 @@ def _optimise(chosen: Scenario, limits: SlewLimits, dither: float | None, path: 
     from studies.report import optimised_plan
 
     with show_stages("plan") as tell:
-        found = add_dither(chosen, dither, limits) if dither else optimise_plan(chosen, limits, progress=tell)
+        found = add_dither(chosen, dither, limits) if dither else optimise_plan(chosen, limits, tell, pair)
     write_text(path, format_scenario(found.scenario))
     write_result(as_json, found.to_json(), lambda: optimised_plan.show(make_console(), found, path))
 
 
-def _separate(chosen: Scenario, pair: str, extras: dict[str, list[dict[str, Any]]], as_json: Path | None) -> None:
+def _parse_pair(text: str) -> tuple[str, str]:
+    """The two effects of --separate."""
+    from simulator.effects import EFFECTS
+
+    names = [name.strip() for name in text.split(",")]
+    unknown = [name for name in names if name not in EFFECTS]
+    if unknown or len(names) != 2 or names[0] == names[1]:
+        hint = f"; {suggest_names(unknown[0], EFFECTS)}" if unknown else ""
+        raise InputError(f"--separate {text}: must be the names of two effects, as in bias_drift,bias_orbital{hint}")
+    return names[0], names[1]
+
+
+def _separate(chosen: Scenario, pair: tuple[str, str], extras: dict[str, list[dict[str, Any]]], as_json: Path | None) -> None:
     """List how the plan, and the plan with each extra maneuver, separates two effects."""
     from dataclasses import asdict
 
     from diagnosis.plan.separate import list_separations
-    from simulator.effects import EFFECTS
     from studies.report import optimised_plan
 
-    names = [name.strip() for name in pair.split(",")]
-    unknown = [name for name in names if name not in EFFECTS]
-    if unknown or len(names) != 2 or names[0] == names[1]:
-        hint = f"; {suggest_names(unknown[0], EFFECTS)}" if unknown else ""
-        raise InputError(f"--separate {pair}: must be the names of two effects, as in bias_drift,bias_orbital{hint}")
     with show_stages("plan") as tell:
-        found = list_separations(chosen, names[0], names[1], extras, progress=tell)
+        found = list_separations(chosen, *pair, extras, progress=tell)
     document = {"format": 1, "scenario": chosen.title, "separations": [asdict(one) for one in found]}
     write_result(as_json, document, lambda: optimised_plan.show_separations(make_console(), found))
 

@@ -38,10 +38,14 @@ def format_headline(found: OptimisedPlan) -> str:
             f"{ratio.min():.3f} to {ratio.max():.3f} times those without it{unseen}"
         )
     share = f" ({found.slew_s / found.baseline_slew_s:.0%})" if found.baseline_slew_s else ""
-    return (
-        f"{found.baseline.title}: {found.slew_s:.0f} s of slews in place of {found.baseline_slew_s:.0f} s{share}, worst sigma "
-        f"of G and b {found.worst_ratio:.2f} times that before"
-    )
+    times = f"{found.baseline.title}: {found.slew_s:.0f} s of slews in place of {found.baseline_slew_s:.0f} s{share}"
+    if found.separation:
+        before, after = found.separation
+        return (
+            f"{times}. Size that separates {before.effect} from {before.other} before: {_format_size(before)}; {after.effect} "
+            f"from {after.other} with these slews: {_format_size(after)}"
+        )
+    return f"{times}, worst sigma of G and b {found.worst_ratio:.2f} times that before"
 
 
 def build_slew_table(found: OptimisedPlan) -> pd.DataFrame:

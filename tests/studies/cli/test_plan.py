@@ -135,7 +135,8 @@ def test_an_axis_that_cannot_be_seen_and_the_unit_of_a_size_are_told():
         (("--optimise", "OUT", "--keep-out", "-y,200"), "--keep-out -y,200: must be a body axis and an angle"),
         (("--dither", "0.1"), "--dither is an option of --optimise"),
         (("--optimise", "OUT", "--dither", "0.1", "--slew-time", "100"), "--slew-time is for a search of slews"),
-        (("--optimise", "OUT", "--separate", "bias_drift,scale_drift"), "--separate lists plans and writes none"),
+        (("--optimise", "OUT", "--separate", "bias_drift,scale_drift"), "must be the names of two effects"),
+        (("--optimise", "OUT", "--separate", "a,b", "--dither", "1"), "--separate searches slews"),
         (("--optimise", "OUT", "--max-rate", "-1"), "--max-rate: must be above zero"),
     ],
 )
@@ -149,7 +150,7 @@ def test_an_optimised_plan_is_written_and_shown(run_cli, tmp_path, monkeypatch):
     """The limits reach the search in radians; the file holds the plan that it returns."""
     seen = {}
 
-    def answer(scenario, limits, progress):
+    def answer(scenario, limits, progress, separate):
         seen["limits"] = limits
         sigma = np.ones(12)
         return OptimisedPlan(scenario, scenario, limits, 0.5 * sigma, sigma, 1200.0, 2400.0)
