@@ -49,8 +49,6 @@ from simulator.simulate import simulate
 Array = NDArray[np.float64]
 
 TURN_PER_SAMPLE = np.deg2rad(5.0)
-NO_LENGTH = 1e-300  # squared, whose logarithm stays finite
-WEAK_PRIOR = 1e-9  # keeps what no motion shows invertible
 
 
 @dataclass(frozen=True)
@@ -212,13 +210,16 @@ class SeparationObjective(PlanObjective):
 
     def compute_total_values(self, information: Array) -> Array:
         """Logarithms of the sizes (..., m), for each axis of the first effect beside each axis of the other."""
-        N, C = information[..., :12, :12] + WEAK_PRIOR * np.eye(12), information[..., :12, 12:]
+        N, C = information[..., :12, :12] + SETTINGS.weak_prior * np.eye(12), information[..., :12, 12:]
         left = information[..., 12:, 12:] - np.swapaxes(C, -1, -2) @ np.linalg.solve(N, C)
         out = []
         for first, second in product(self.parts[self.effect], self.parts[self.other]):
             both, beside = left[..., first, second], left[..., second, second]
-            floor = WEAK_PRIOR * np.trace(beside, axis1=-2, axis2=-1)[..., None, None] * np.eye(beside.shape[-1]) + NO_LENGTH
+            floor = (
+                SETTINGS.weak_prior * np.trace(beside, axis1=-2, axis2=-1)[..., None, None] * np.eye(beside.shape[-1])
+                + SETTINGS.no_length
+            )
             kept = left[..., first, first] - both @ np.linalg.solve(beside + floor, np.swapaxes(both, -1, -2))
             squared = np.trace(kept, axis1=-2, axis2=-1) / kept.shape[-1]
-            out.append(0.5 * np.log(2 * SETTINGS.log_odds / np.maximum(squared, NO_LENGTH)))
+            out.append(0.5 * np.log(2 * SETTINGS.log_odds / np.maximum(squared, SETTINGS.no_length)))
         return np.stack(out, axis=-1)

@@ -35,6 +35,8 @@ class PlanSettings:
     additive: float = (
         0.01  # of the logarithm of a size, by which information of intervals may differ from that of all; rounding
     )
+    no_length: float = 1e-300  # squared, whose logarithm is finite; rounding
+    weak_prior: float = 1e-9  # of information, which keeps what no motion shows invertible; rounding
     improvement: float = 1e-4  # of the objective of slews, below which a search ends
     samples_per_period: int = 10  # of a dither, fewest; mean rates over samples hide the order of turns within them
     sun_check_s: float = 10.0  # spacing of the attitudes that are compared with the Sun
