@@ -19,6 +19,7 @@ from simulator.truth.rotation import apply_rotation_errors
 from tests.diagnosis.model.test_lines import plan, recorded, swaying, tone
 
 P, EVERY = 1e-5, 0.5  # s between references, of which two are averaged
+SWING, VIBRATION = "reference_periodic:z=0.008,period_s=1.7,phase_deg=40", "vibration:y=0.2,apparent_hz=12.7"
 
 
 @lru_cache
@@ -40,8 +41,13 @@ def found(model):
     return find_reference_tone(model, model.recording.gyro.rates, P, 0.2)
 
 
+@lru_cache
+def found_of(*effects, seed=1):
+    return found(model_of(*effects, seed=seed))
+
+
 def test_a_swing_of_the_references_is_told():
-    first, probability = found(model_of("reference_periodic:z=0.008,period_s=1.7,phase_deg=40")).causes[0]
+    first, probability = found_of(SWING).causes[0]
     assert (first.kind, first.axis) == (REFERENCE, 2)
     assert probability > 0.9
     size, sigma, unit, parameters = first.state()
@@ -53,7 +59,7 @@ def test_a_swing_of_the_references_is_told():
 
 def test_a_vibration_is_told_from_its_aliases():
     """The references, half a second apart, see 12.7 Hz as 0.7 Hz; the samples tell."""
-    first, probability = found(model_of("vibration:y=0.2,apparent_hz=12.7")).causes[0]
+    first, probability = found_of(VIBRATION).causes[0]
     assert (first.kind, first.axis) == (PICKUP, 1)
     assert probability > 0.9
     assert first.frequency_hz == pytest.approx(12.7, abs=1e-4)
@@ -61,10 +67,10 @@ def test_a_vibration_is_told_from_its_aliases():
     assert abs(size - 0.2) < 4 * sigma
 
 
-@pytest.mark.parametrize("seed", [2, 3, 4])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_noise_has_no_tone(seed):
     assert find_peak(model_of(seed=seed))[1] > 1e-3
-    assert found(model_of(seed=seed)) is None
+    assert found_of(seed=seed) is None
 
 
 def test_what_follows_the_motion_is_no_tone():
@@ -91,16 +97,16 @@ def test_a_wave_that_is_not_steady_is_on_no_list():
     assert probability > 0.9
 
 
-@pytest.mark.parametrize("effect", ["reference_periodic:z=0.008,period_s=1.7", "vibration:y=0.2,apparent_hz=12.7"])
+@pytest.mark.parametrize("effect", [SWING, VIBRATION])
 def test_without_it_nothing_is_left(effect):
     model = model_of(effect)
-    recording, rates = found(model).causes[0][0].remove(model.recording, model.recording.gyro.rates)
+    recording, rates = found_of(effect).causes[0][0].remove(model.recording, model.recording.gyro.rates)
     assert found(modelled(replace(recording, gyro=replace(recording.gyro, rates=rates)))) is None
 
 
 def test_the_phases_between_intervals_are_those_of_the_waves():
     """The moved frequency explains as much as the best of all that are whitened afresh."""
-    model = model_of("reference_periodic:z=0.008,period_s=1.7")
+    model = model_of(SWING)
     series, centre = make_innovations(model), 1 / 1.7 + 4e-4
     (moved,) = find_coherent(series, np.array([centre]), 2, 1e-3)
     near = centre + np.arange(-1e-3, 1e-3, 2e-5)
@@ -118,7 +124,7 @@ def test_aliases_of_a_series():
 
 def test_a_diagnosis_names_it():
     rivals = ("bias_periodic", "vibration", "reference_correlated", "reference_noise_excess", "bias_step", "time_offset")
-    recording = recorded("reference_periodic:z=0.008,period_s=1.7", every_s=EVERY)
+    recording = recorded(SWING, every_s=EVERY)
     answer = diagnose(recording, library=["reference_periodic", *rivals])
     assert [cause.label for cause in answer.causes] == ["reference_periodic:z"]
     assert answer.verdict in ("named", "group")
