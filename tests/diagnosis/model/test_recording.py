@@ -312,7 +312,7 @@ def test_pieces_take_the_place_of_intervals(recording, model):
 
 
 def test_clipped_stretches_are_left_out():
-    recording = recorded(2, "rate_saturation:z=0.1", sample_s=0.5)
+    recording = recorded(2, "rate_saturation:z=0.1", sample_s=1.0)
     report = examine(recording)
     assert report.clipped.any()
     pieces = find_unclipped_pieces(recording, report)
