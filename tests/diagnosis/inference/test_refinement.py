@@ -104,7 +104,7 @@ STRONG = "reference_correlated:y=0.03,time_constant_s=600"
 def test_a_strong_process_is_not_taken_for_several(monkeypatch):
     """Beside a rival process of its axis, which the columns that are usual let in."""
     model = prepared(1, STRONG).model
-    linear = build_linear_model(model, [EFFECTS["reference_correlated"], EFFECTS["bias_markov"]])
+    linear = build_linear_model(model, [EFFECTS["reference_correlated"], EFFECTS["bias_markov"]], rivals=False)
 
     def find_best_labels():
         finer, found = search_with_refined_options(Search(linear), DEFAULT)

@@ -267,9 +267,20 @@ def test_a_swing_is_as_likely_in_each_octave_and_a_vibration_at_each_frequency(f
     assert lines.compute_probability_of_bias(line, gyro, fastest_hz) == pytest.approx(expected)
 
 
+SWING = "bias_periodic:z=25,period_s=1.25"
+
+
 def test_a_swing_that_the_samples_show_may_be_either():
     """References every 0.4 s follow a swing of 1.25 s, and a vibration may show at its frequency, too."""
-    answer = diagnose(recorded("bias_periodic:z=25,period_s=1.25", every_s=0.4), library=RIVALS)
+    (symptom,) = prepare(recorded(SWING, every_s=0.4)).samples.symptoms
+    assert (symptom.kind, symptom.axis) == ("bias_tone", "z")
+    assert [kind for kind, _ in symptom.rivals] == ["spectral_line"]
+    assert abs(symptom.size - 25) < 4 * symptom.sigma
+
+
+@pytest.mark.long
+def test_a_diagnosis_of_such_a_swing_names_both():
+    answer = diagnose(recorded(SWING, every_s=0.4), library=RIVALS)
     (cause,) = answer.causes
     assert (cause.effect, cause.axis, set(cause.group)) == ("bias_periodic", "z", {"bias_periodic:z", "vibration:z"})
     assert abs(cause.size - 25) < 4 * cause.sigma

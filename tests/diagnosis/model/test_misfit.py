@@ -17,7 +17,7 @@ from simulator.effects import EFFECTS
 from simulator.truth.rotation import apply_rotation_errors
 from tests.diagnosis.recordings import of_rates, prepared, recorded, slews_between_references
 
-DRAWS = 300
+DRAWS = 200
 
 
 @pytest.fixture(scope="module")

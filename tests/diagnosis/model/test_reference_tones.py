@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 from diagnosis.diagnose import diagnose
+from diagnosis.inference.criticism import combine_checks
 from diagnosis.model import reference_tones
 from diagnosis.model.linearise import linearise_recording
+from diagnosis.model.misfit import check_baseline
+from diagnosis.model.prepare import prepare
 from diagnosis.model.reference_tones import find_coherent, find_peak, find_reference_tone, list_aliases, make_innovations
 from diagnosis.model.sinusoid_causes import BIAS, PICKUP, REFERENCE, UNLISTED, ReferenceTone, SinusoidCause
 from diagnosis.sinusoids.spectrum import compute_power
@@ -122,6 +125,15 @@ def test_aliases_of_a_series():
     assert aliases.max() < 50
 
 
+def test_it_is_a_symptom_of_a_prepared_recording_and_no_misfit_any_more():
+    ready = prepare(recorded(SWING, every_s=EVERY))
+    assert [(one.kind, one.axis) for one in ready.samples.symptoms] == [(REFERENCE, "z")]
+    assert combine_checks(check_baseline(ready.model)) > 1e-3
+    # Without the tone taken out, the misfit is certain.
+    assert combine_checks(check_baseline(model_of(SWING))) < 1e-6
+
+
+@pytest.mark.long
 def test_a_diagnosis_names_it():
     rivals = ("bias_periodic", "vibration", "reference_noise_excess")
     recording = recorded(SWING, every_s=EVERY)
