@@ -131,7 +131,7 @@ def make_disturbed(kind, model, bins):
         return disturb_bias(model, bins, bins.turned[:, 0, 2] / bins.dt)
     if kind == "bias and past":
         return disturb_bias(model, bins, deterministic_alternatives.filter_low_pass(np.abs(bins.rates), bins, 300.0)[:, 1])
-    recording = recorded(21)
+    recording = recorded(21, every_s=90.0)
     references = recording.attitudes
     if kind == "references and twice the heading":
         forward = Rotation.from_quat(references.quaternions).as_matrix()[:, :, 0]  # body x in inertial axes
