@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.detectors.sample_report import SampleReport, Tell, ignore_progress
-from diagnosis.model.gate import check_residuals
+from diagnosis.model.gate import check_residuals, has_large_residuals
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.recording_model import RecordingModel
-from gyrocal.calibration.gate import LargeResidualError
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.recording import Interval, Recording, find_reference_rows
 
@@ -57,14 +56,12 @@ def calibrate_baseline(
         tell(f"first calibration, step {number + 1}", number / SETTINGS.iterations)
         model = linearise_recording(recording, G, bias, report.rates, report.smooth, report.density, pieces, reference_sigma)
         tell(f"first calibration, step {number + 1}: residuals", (number + 0.5) / SETTINGS.iterations)
-        try:
-            check_residuals(model, report.rates)
-        except LargeResidualError:
+        if has_large_residuals(model):
             better = None if short else _calibrate_short_pieces(recording, report, pieces, reference_sigma)
-            if better is None:
-                raise
-            (G, bias), short = better, True
-            continue
+            if better is not None:
+                (G, bias), short = better, True
+                continue
+            check_residuals(model, report.rates)
         change, covariance = compute_correction(model)
         sigma = np.sqrt(np.diag(covariance))
         if np.abs(change / sigma).max() < SETTINGS.settled:
@@ -94,9 +91,7 @@ def _calibrate_short_pieces(
     G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
     for _ in range(SETTINGS.iterations):
         model = linearise_recording(recording, G, bias, report.rates, report.smooth, report.density, some, reference_sigma)
-        try:
-            check_residuals(model, report.rates)
-        except LargeResidualError:
+        if has_large_residuals(model):
             return None
         change, _ = compute_correction(model)
         G, bias = G + change[:9].reshape(3, 3), bias + change[9:]

@@ -54,6 +54,11 @@ def check_residuals(model: RecordingModel, rates: Array) -> None:
     raise build_refusal(error, repaired, name, t_s, gyro.apriori_G, gyro.apriori_bias)
 
 
+def has_large_residuals(model: RecordingModel) -> bool:
+    """Whether `check_residuals` would refuse the recording, without the search for its reason, which takes seconds."""
+    return _find_large_residuals(model)[0] is not None
+
+
 def _find_large_residuals(model: RecordingModel) -> tuple[LargeResidualError | None, Mask]:
     """The error of residuals that are too large, None if none is, and which references it counts."""
     residuals = np.where(np.isfinite(model.off), model.off, np.inf)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,14 +55,19 @@ class Motion:
 
     def measure(self, a: Array, b: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Mean rates (n, 3) of the gyro from times a to b (n,) by its tags, and whether it has samples all the while."""
+        sample_s, lost_s = self._gaps
+        turn = np.stack([np.interp(b, self.t_s, x) - np.interp(a, self.t_s, x) for x in self.angle.T], axis=1)
+        covered = (a >= self.t_s[0]) & (b <= self.t_s[-1])
+        if lost_s[-1] > 0:
+            covered &= np.interp(b, self.t_s, lost_s) - np.interp(a, self.t_s, lost_s) <= sample_s
+        return turn / (b - a)[:, None], covered
+
+    @cached_property
+    def _gaps(self) -> tuple[float, Array]:
+        """Length of a sample, s, and the time (n,) that the gyro has been without samples up to each tag, s."""
         steps = np.diff(self.t_s)
         sample_s = float(np.median(steps))
-        lost_s = np.append(0.0, np.cumsum(np.where(steps > GYRO_GAP_SAMPLES * sample_s, steps, 0.0)))
-        turn, lost = (
-            np.stack([np.interp(b, self.t_s, x) - np.interp(a, self.t_s, x) for x in one.T], axis=1)
-            for one in (self.angle, lost_s[:, None])
-        )
-        return turn / (b - a)[:, None], (a >= self.t_s[0]) & (b <= self.t_s[-1]) & (lost[:, 0] <= sample_s)
+        return sample_s, np.append(0.0, np.cumsum(np.where(steps > GYRO_GAP_SAMPLES * sample_s, steps, 0.0)))
 
     def attitudes(
         self, order: tuple[int, ...] = QUATERNION_INDICES, reverse: bool = False, reversed_before: bool = False

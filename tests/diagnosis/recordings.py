@@ -43,6 +43,13 @@ def linear(seed, *effects, sample_s=2.0, every_s=120.0):
     return build_linear_model(model, list(EFFECTS.values()))
 
 
+@lru_cache
+def linear_of(names, seed, *effects, every_s=120.0):
+    """The linear model of the same, with the named effects only and no rivals."""
+    model = prepared(seed, *effects, every_s=every_s).model
+    return build_linear_model(model, [EFFECTS[name] for name in names], rivals=False)
+
+
 def joint_covariance(model):
     """(N, N) covariance of all observations of a recording model under M0, with broad priors on start attitudes, G and b."""
     V = np.zeros((model.size, model.size))

@@ -3,14 +3,18 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from diagnosis.diagnose import diagnose
+from diagnosis.inference import refinement
 from diagnosis.inference.refinement import find_near_alternatives, find_whole_processes, search_with_refined_options
 from diagnosis.inference.search import Search
+from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.linear import ParameterChoice
 from diagnosis.settings import DEFAULT
+from simulator.effects import EFFECTS
 from tests.diagnosis.linear_models import linear_model
-from tests.diagnosis.recordings import recorded
+from tests.diagnosis.recordings import prepared, recorded
 
 SIZE = 3.0
 
@@ -94,6 +98,24 @@ def test_explanations_without_a_process_have_none_to_refine():
     assert find_whole_processes(search, search.explanations()[:3]) == []
 
 
-def test_a_strong_process_is_not_taken_for_several():
-    found = diagnose(recorded(1, "reference_correlated:y=0.03,time_constant_s=600", every_s=60.0))
+STRONG = "reference_correlated:y=0.03,time_constant_s=600"
+
+
+def test_a_strong_process_is_not_taken_for_several(monkeypatch):
+    """Beside a rival process of its axis, which the columns that are usual let in."""
+    model = prepared(1, STRONG).model
+    linear = build_linear_model(model, [EFFECTS["reference_correlated"], EFFECTS["bias_markov"]], rivals=False)
+
+    def find_best_labels():
+        finer, found = search_with_refined_options(Search(linear), DEFAULT)
+        return {finer.candidate(member).label for member in found[0].members}
+
+    assert find_best_labels() == {"reference_correlated:y"}
+    monkeypatch.setattr(refinement, "find_whole_processes", lambda search, likely: [])
+    assert find_best_labels() > {"reference_correlated:y"}
+
+
+@pytest.mark.long
+def test_a_strong_process_is_named_alone():
+    found = diagnose(recorded(1, STRONG, every_s=60.0))
     assert [cause.label for cause in found.causes] == ["reference_correlated:y"]

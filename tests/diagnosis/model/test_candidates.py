@@ -18,7 +18,7 @@ from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects import EFFECTS, setting
 from simulator.scenario import override
 from simulator.simulate import motion, observe, simulate
-from tests.diagnosis.recordings import linear, plan, prepared
+from tests.diagnosis.recordings import linear, linear_of, plan, prepared
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +104,7 @@ def test_times_of_a_step_are_weighed_by_duration_and_gaps(model):
 def test_finer_times_surround_the_one_that_was_found(model):
     """A step between two times that are tried is found where it is, and no prior is lost."""
     true = 21_250.0
-    linear_one = linear(5, f"bias_step:y=3,time_s={true}")
+    linear_one = linear_of(("bias_step", "bias_drift"), 5, f"bias_step:y=3,time_s={true}")
     k = linear_one.find("bias_step:y")
     search = Search(linear_one)
     member = search.optimise_members((SelectedCandidate(k, 0, 0),)).members[0]
@@ -255,15 +255,19 @@ def test_options_of_a_process_have_scales_of_their_own():
     ("arw_deg", "sigma_deg"),
     [
         pytest.param(1e-2, 0.3, id="consumer MEMS"),
-        pytest.param(1e-4, 5e-3, id="fibre-optic"),
+        pytest.param(None, None, id="fibre-optic"),
         pytest.param(1e-6, 3e-4, id="HRG"),
     ],
 )
-def test_sizes_that_show_are_plausible_of_a_gyro_of_any_grade(arw_deg, sigma_deg):
-    """Of all that biases and references may do: where a size is cut off short of what shows, another cause would be named."""
-    changes = {"gyro.arw_deg_per_sqrt_s": arw_deg, "reference.sigma_deg": (sigma_deg,) * 3}
-    recording = simulate(override(plan(), changes), seed=1)
-    made = build_linear_model(prepare(recording).model, list(EFFECTS.values()))
+def test_sizes_that_show_are_plausible_of_a_gyro_of_any_grade(made, arw_deg, sigma_deg):
+    """Of all that biases and references may do: where a size is cut off short of what shows, another cause would be named.
+
+    The plan itself has a fibre-optic gyro.
+    """
+    if arw_deg is not None:
+        changes = {"gyro.arw_deg_per_sqrt_s": arw_deg, "reference.sigma_deg": (sigma_deg,) * 3}
+        recording = simulate(override(plan(), changes), seed=1)
+        made = build_linear_model(prepare(recording).model, list(EFFECTS.values()), rivals=False)
     shown = [one for one in made.candidates if one.listed and one.unit.startswith("deg")]
     for one in shown:
         norm = max(np.linalg.norm(made.X[:, own.start : own.start + own.count], axis=0).max() for own in one.options)

@@ -1,6 +1,7 @@
 """What is judged by the residuals, and judged anew without the effects that were found."""
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -37,6 +38,11 @@ def spinning(change):
     return replace(one, gyro=replace(one.gyro, rates=read))
 
 
+@lru_cache
+def prepared_spinning(change):
+    return prepare(spinning(change))
+
+
 @pytest.mark.parametrize(
     ("text", "amplitudes"),
     [
@@ -65,7 +71,7 @@ def test_processes_and_effects_without_columns_are_not_taken_out():
 
 def test_noise_of_the_references_is_judged_without_what_changes_it():
     """A changed misalignment of a spinning body makes its references noisier from then on; without it they are as stated."""
-    changed, clean = prepare(spinning(CHANGE)), prepare(spinning(0.0))
+    changed, clean = prepared_spinning(CHANGE), prepared_spinning(0.0)
     assert clean.classified_symptoms == ()
     assert any("reference noise" in what for what, _ in changed.classified_symptoms)
     found = fitted("g_matrix_step:x", [CHANGE * 1e6], time_s=600.0, toward="z")
@@ -79,18 +85,17 @@ def test_noise_of_the_references_is_judged_without_what_changes_it():
 
 def test_what_follows_the_motion_or_drifts_is_no_noise_of_the_references():
     """Half-way changes of a misalignment, and biases that drift while the body turns, are taken out before it is judged."""
-    small = prepare(spinning(CHANGE / 4))
-    assert small.classified_symptoms == ()
+    assert prepare(spinning(CHANGE / 4)).classified_symptoms == ()
     still = spinning(0.0)
     drift = np.deg2rad(0.02) * np.linspace(-1, 1, still.gyro.t_s.size)[:, None] * [1.0, 0.0, 0.0]
-    drifting = replace(still, gyro=replace(still.gyro, rates=still.gyro.rates + drift))
-    assert prepare(drifting).classified_symptoms == ()
-    assert misjudged(drifting)
+    drifting = prepare(replace(still, gyro=replace(still.gyro, rates=still.gyro.rates + drift)))
+    assert drifting.classified_symptoms == ()
+    assert misjudged(drifting.model)
 
 
-def misjudged(recording):
+def misjudged(model):
     """Whether the references' noise is not as stated where nothing that follows the motion is taken out."""
-    model = prepare(recording).model
+    recording = model.recording
     series = ReferenceSeries(
         t_s=model.references.t_s,
         interval=model.interval_of_reference,
@@ -105,7 +110,7 @@ def misjudged(recording):
 
 def test_what_is_judged_the_same_stays_as_it_is():
     """An effect that moves no reference by much changes nothing, and without effects nothing is asked again."""
-    changed = prepare(spinning(CHANGE))
+    changed = prepared_spinning(CHANGE)
     drift = KnownEffect(EFFECTS["bias_drift"], fitted("bias_drift:x", [1e-6]))
     assert reclassify_without_effects(changed, [drift], DEFAULT) is None
     assert reclassify_without_effects(changed, [], DEFAULT) is None

@@ -26,8 +26,13 @@ def resting(seed):
     return of_rates(slews_between_references(300, 72, 0.5, 3e-5), 72, 0.5, 3.8e-5, 7e-5, seed)
 
 
-def test_the_rate_at_an_observation_holds_no_reading_from_before_it():
-    model = prepare(resting(0)).model
+@pytest.fixture(scope="module")
+def rested():
+    return prepare(resting(0)).model
+
+
+def test_the_rate_at_an_observation_holds_no_reading_from_before_it(rested):
+    model = rested
     gyro, at = model.recording.gyro, model.observation_t_s.size // 2
     early = gyro.t_s < model.observation_t_s[at]
     noisy = gyro.rates + 1e-6 * np.random.default_rng(0).standard_normal(gyro.rates.shape) * early[:, None]
@@ -45,9 +50,8 @@ def test_where_noise_is_not_heard_a_change_is_that_since_the_observation_before(
         assert np.corrcoef(rates[later + 1, axis] - rates[later, axis], change[:, axis])[0, 1] > 0.999
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_noise_that_is_read_as_a_rate_is_no_dependence_on_it(seed):
-    model = prepare(resting(seed)).model
+def test_noise_that_is_read_as_a_rate_is_no_dependence_on_it(rested):
+    model = rested
     linear = build_linear_model(model, [EFFECTS["bias_drift"]], rivals=False)
     found = {one.name: one for one in check_explanation(linear, (), tabulate_observations(model))}
     assert found["dependence on what is known"].p_value > 1e-3

@@ -34,7 +34,7 @@ INTERVALS = [
 ]
 
 
-RIVALS = ["vibration", "bias_periodic", "reference_periodic", "bias_orbital", "bias_step", "noise_excess", "time_offset"]
+RIVALS = ["vibration", "bias_periodic", "reference_periodic", "noise_excess"]
 
 
 @lru_cache
@@ -101,7 +101,7 @@ def band(amplitude_deg, frequency_hz, width_hz, seed=1):
 
 @pytest.mark.parametrize(
     "turn",
-    [None, tone(0.001, 1 / 2.3), band(0.002, 0.3, 0.03), band(0.0003, 1.7, 0.05), band(5e-5, 6.3, 0.2)],
+    [None, band(0.002, 0.3, 0.03), band(5e-5, 6.3, 0.2)],
 )
 def test_a_body_that_sways_is_no_vibration(turn):
     """Steady and slow, where the references follow it; over a band, whether they can or not, far beyond their rate too."""
@@ -113,13 +113,13 @@ def test_a_body_that_sways_is_no_vibration(turn):
 
 
 def test_a_diagnosis_of_a_swaying_body_finds_no_gap_and_says_why():
-    answer = diagnose(swaying(recorded(), tone(0.002, 1 / 5.1)))
+    answer = diagnose(swaying(recorded(), tone(0.002, 1 / 5.1)), library=RIVALS)
     assert answer.verdict == "none"
     assert answer.causes == ()
     assert any("of the body" in note for note in answer.notes)
 
 
-@pytest.mark.parametrize(("frequency", "size"), [(0.43, 0.004), (13.7, 0.001), (41.0, 0.002)])
+@pytest.mark.parametrize(("frequency", "size"), [(0.43, 0.004), (41.0, 0.002)])
 def test_a_vibration_is_one_at_any_frequency(frequency, size):
     found = prepared(f"vibration:y={size},apparent_hz={frequency}")
     (symptom,) = found.samples.symptoms
@@ -133,6 +133,7 @@ def test_a_vibration_is_one_at_any_frequency(frequency, size):
     assert np.std(found.samples.rates[:, 1] - clean) < 0.2 * before
 
 
+@pytest.mark.long
 def test_a_diagnosis_names_a_vibration_of_a_fast_gyro():
     answer = diagnose(recorded("vibration:y=0.004,apparent_hz=0.43"), library=RIVALS)
     assert [(cause.effect, cause.axis) for cause in answer.causes] == [("vibration", "y")]
@@ -148,9 +149,9 @@ def test_a_vibration_beside_a_sway_is_told_from_it():
 
 def test_a_tone_that_no_reference_resolves_is_a_vibration_only_in_the_upper_part_of_the_band():
     """Structures ring in each octave alike, and a vibration shows evenly: the lower a tone, the likelier it is a motion."""
-    low, high = (prepare(recorded(f"vibration:z=0.002,apparent_hz={hz}")).samples for hz in (9.0, 31.0))
-    assert ([one.axis for one in low.unconfirmed], low.vibrations) == ([2], ())
-    assert ([one.axis for one in high.vibrations], high.unconfirmed) == ([2], ())
+    low, high = (prepared(f"vibration:y=0.002,apparent_hz={hz}").samples for hz in (9.0, 41.0))
+    assert ([one.axis for one in low.unconfirmed], low.vibrations) == ([1], ())
+    assert ([one.axis for one in high.vibrations], high.unconfirmed) == ([1], ())
 
 
 def test_quiet_samples_show_no_line():
@@ -266,9 +267,20 @@ def test_a_swing_is_as_likely_in_each_octave_and_a_vibration_at_each_frequency(f
     assert lines.compute_probability_of_bias(line, gyro, fastest_hz) == pytest.approx(expected)
 
 
+SWING = "bias_periodic:z=25,period_s=1.25"
+
+
 def test_a_swing_that_the_samples_show_may_be_either():
     """References every 0.4 s follow a swing of 1.25 s, and a vibration may show at its frequency, too."""
-    answer = diagnose(recorded("bias_periodic:z=25,period_s=1.25", every_s=0.4), library=RIVALS)
+    (symptom,) = prepare(recorded(SWING, every_s=0.4)).samples.symptoms
+    assert (symptom.kind, symptom.axis) == ("bias_tone", "z")
+    assert [kind for kind, _ in symptom.rivals] == ["spectral_line"]
+    assert abs(symptom.size - 25) < 4 * symptom.sigma
+
+
+@pytest.mark.long
+def test_a_diagnosis_of_such_a_swing_names_both():
+    answer = diagnose(recorded(SWING, every_s=0.4), library=RIVALS)
     (cause,) = answer.causes
     assert (cause.effect, cause.axis, set(cause.group)) == ("bias_periodic", "z", {"bias_periodic:z", "vibration:z"})
     assert abs(cause.size - 25) < 4 * cause.sigma

@@ -15,7 +15,7 @@ from tests.diagnosis.recordings import prepared, recorded
 
 def test_statistics_of_m0_have_uniform_p_values():
     p = []
-    for seed in (31, 32, 33):
+    for seed in range(3):
         model = prepared(seed).model
         p += compute_statistics(model)["p_value"].tolist()
     assert len(p) > 100
@@ -23,7 +23,7 @@ def test_statistics_of_m0_have_uniform_p_values():
 
 
 def test_findings_of_m0_are_rare():
-    found = [list_findings(compute_statistics(prepared(seed).model)) for seed in range(31, 37)]
+    found = [list_findings(compute_statistics(prepared(seed).model)) for seed in range(6)]
     assert sum(map(len, found)) <= 1
 
 

@@ -14,7 +14,7 @@ from diagnosis.model.motion import estimate_gyro_noise
 from diagnosis.model.prepare import prepare
 from tests.diagnosis.recordings import of_rates
 
-SEEDS = range(6)
+SEEDS = range(4)
 SAMPLE_S, EACH = 0.02, 5  # 50 Hz, and a reference at every fifth sample
 ARW, SIGMA = np.deg2rad(5e-3), np.deg2rad(5e-3)  # 0.035 deg/s in a sample
 SWAY = np.deg2rad([0.4, 0.35, 0.3])

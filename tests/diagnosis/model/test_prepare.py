@@ -1,6 +1,7 @@
 """Readings on a lattice: what the samples and the references say together of how they came there."""
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -14,14 +15,20 @@ from diagnosis.settings import DEFAULT
 from tests.diagnosis.recordings import recorded
 
 
-def _judged(spec, odds, lattice):
-    """Kinds and rivals of the lattice of a recording whose samples say so much of it."""
-    made = recorded(4, spec, sample_s=1.0, every_s=60.0)
-    report = replace(examine(made, lattice=lattice), cut_odds=odds)
-    found, _ = prepare._cut_or_rounded(
-        made, report, prepare._build_first_model(made, report), DEFAULT, lambda text, share: None
-    )
-    return [(one.kind, one.rivals) for one in found.symptoms if one.kind.startswith("lattice")]
+@lru_cache
+def _first(lattice, seed, *effects):
+    """A recording, what its samples show with the lattice taken in one way, and the first model."""
+    made = recorded(seed, *effects, sample_s=1.0, every_s=60.0)
+    report = examine(made, lattice=lattice)
+    return made, report, prepare._build_first_model(made, report)
+
+
+def _judged(lattice, odds, seed, *effects):
+    """Kind and rivals of the lattice of a recording whose samples say so much of it."""
+    made, report, first = _first(lattice, seed, *effects)
+    found, _ = prepare._cut_or_rounded(made, replace(report, cut_odds=odds), first, DEFAULT, lambda text, share: None)
+    ((kind, rivals),) = [(one.kind, one.rivals) for one in found.symptoms if one.kind.startswith("lattice")]
+    return kind, rivals
 
 
 @pytest.mark.parametrize("lattice", ["cut", "rounded"])
@@ -31,13 +38,13 @@ def _judged(spec, odds, lattice):
 )
 def test_the_references_tell_readings_that_were_cut_whatever_was_taken_at_first(spec, kind, odds, lattice):
     """Half a step too little everywhere is far more than they are uncertain by, and than samples that err."""
-    assert _judged(spec, odds, lattice) == [(kind, ())]
+    assert _judged(lattice, odds, 4, spec) == (kind, ())
 
 
 @pytest.mark.parametrize("odds", [-3.0, 1.0])
 def test_what_the_references_leave_open_has_the_odds_of_the_samples(odds, monkeypatch):
     monkeypatch.setattr(prepare, "_compute_misfit", lambda model: 100.0)
-    ((kind, rivals),) = _judged("rate_quantization=4e-4", odds, "rounded")
+    kind, rivals = _judged("rounded", odds, 4, "rate_quantization=4e-4")
     assert kind == ("lattice_cut" if odds > 0 else "lattice_rounded")
     ((other, share),) = rivals
     assert {kind, other} == {"lattice_cut", "lattice_rounded"}
@@ -46,14 +53,12 @@ def test_what_the_references_leave_open_has_the_odds_of_the_samples(odds, monkey
 
 def test_the_gain_counts_against_what_is_left_anyway(monkeypatch):
     """A misfit twice as large as it should be, of residuals that go by threes, makes the references six times less sure."""
-    made = recorded(4, "rate_quantization=4e-4", sample_s=1.0, every_s=60.0)
-    report = replace(examine(made, lattice="rounded"), cut_odds=0.0)
-    first = prepare._build_first_model(made, report)
+    _, _, first = _first("rounded", 4, "rate_quantization=4e-4")
     misfits = iter([2.0 * first[0].y.size + 24.0, 2.0 * first[0].y.size])
     monkeypatch.setattr(prepare, "_compute_misfit", lambda model: next(misfits))
     monkeypatch.setattr(prepare, "_estimate_redundancy", lambda y: 3.0)
-    found, _ = prepare._cut_or_rounded(made, report, first, DEFAULT, lambda text, share: None)
-    ((_, share),) = next(one.rivals for one in found.symptoms if one.kind == "lattice_cut")
+    kind, ((_, share),) = _judged("rounded", 0.0, 4, "rate_quantization=4e-4")
+    assert kind == "lattice_cut"
     assert share == pytest.approx(expit(-12.0 / 6.0))
 
 
@@ -65,15 +70,12 @@ def test_gyros_of_which_some_cut_and_some_round_are_taken_as_their_samples_say(m
         assert examine(made).cut_odds == asked
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_a_bias_that_wanders_does_not_say_how_readings_came_onto_a_lattice(seed):
-    """Errors that stay for a while go with any half step by chance: each counts once, not at every reference."""
-    made = recorded(seed, "rate_quantization=4e-4", "bias_random_walk:x=20", sample_s=1.0, every_s=60.0)
-    report = replace(examine(made, lattice="rounded"), cut_odds=0.0)
-    found, _ = prepare._cut_or_rounded(
-        made, report, prepare._build_first_model(made, report), DEFAULT, lambda text, share: None
-    )
-    ((kind, rivals),) = [(one.kind, one.rivals) for one in found.symptoms if one.kind.startswith("lattice")]
+def test_a_bias_that_wanders_does_not_say_how_readings_came_onto_a_lattice():
+    """Errors that stay for a while go with any half step by chance: each counts once, not at every reference.
+
+    With every residual of this recording counted, "rounded" would be excluded.
+    """
+    kind, rivals = _judged("rounded", 0.0, 1, "rate_quantization=4e-4", "bias_random_walk:x=20")
     shares = {kind: 1 - sum(share for _, share in rivals), **dict(rivals)}
     assert shares["lattice_rounded"] > 0.1
 

@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 from diagnosis.diagnose import diagnose
+from diagnosis.inference.criticism import combine_checks
 from diagnosis.model import reference_tones
 from diagnosis.model.linearise import linearise_recording
+from diagnosis.model.misfit import check_baseline
+from diagnosis.model.prepare import prepare
 from diagnosis.model.reference_tones import find_coherent, find_peak, find_reference_tone, list_aliases, make_innovations
 from diagnosis.model.sinusoid_causes import BIAS, PICKUP, REFERENCE, UNLISTED, ReferenceTone, SinusoidCause
 from diagnosis.sinusoids.spectrum import compute_power
@@ -19,6 +22,7 @@ from simulator.truth.rotation import apply_rotation_errors
 from tests.diagnosis.model.test_lines import plan, recorded, swaying, tone
 
 P, EVERY = 1e-5, 0.5  # s between references, of which two are averaged
+SWING, VIBRATION = "reference_periodic:z=0.008,period_s=1.7,phase_deg=40", "vibration:y=0.2,apparent_hz=12.7"
 
 
 @lru_cache
@@ -40,8 +44,13 @@ def found(model):
     return find_reference_tone(model, model.recording.gyro.rates, P, 0.2)
 
 
+@lru_cache
+def found_of(*effects, seed=1):
+    return found(model_of(*effects, seed=seed))
+
+
 def test_a_swing_of_the_references_is_told():
-    first, probability = found(model_of("reference_periodic:z=0.008,period_s=1.7,phase_deg=40")).causes[0]
+    first, probability = found_of(SWING).causes[0]
     assert (first.kind, first.axis) == (REFERENCE, 2)
     assert probability > 0.9
     size, sigma, unit, parameters = first.state()
@@ -53,7 +62,7 @@ def test_a_swing_of_the_references_is_told():
 
 def test_a_vibration_is_told_from_its_aliases():
     """The references, half a second apart, see 12.7 Hz as 0.7 Hz; the samples tell."""
-    first, probability = found(model_of("vibration:y=0.2,apparent_hz=12.7")).causes[0]
+    first, probability = found_of(VIBRATION).causes[0]
     assert (first.kind, first.axis) == (PICKUP, 1)
     assert probability > 0.9
     assert first.frequency_hz == pytest.approx(12.7, abs=1e-4)
@@ -61,10 +70,10 @@ def test_a_vibration_is_told_from_its_aliases():
     assert abs(size - 0.2) < 4 * sigma
 
 
-@pytest.mark.parametrize("seed", [2, 3, 4])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_noise_has_no_tone(seed):
     assert find_peak(model_of(seed=seed))[1] > 1e-3
-    assert found(model_of(seed=seed)) is None
+    assert found_of(seed=seed) is None
 
 
 def test_what_follows_the_motion_is_no_tone():
@@ -91,16 +100,16 @@ def test_a_wave_that_is_not_steady_is_on_no_list():
     assert probability > 0.9
 
 
-@pytest.mark.parametrize("effect", ["reference_periodic:z=0.008,period_s=1.7", "vibration:y=0.2,apparent_hz=12.7"])
+@pytest.mark.parametrize("effect", [SWING, VIBRATION])
 def test_without_it_nothing_is_left(effect):
     model = model_of(effect)
-    recording, rates = found(model).causes[0][0].remove(model.recording, model.recording.gyro.rates)
+    recording, rates = found_of(effect).causes[0][0].remove(model.recording, model.recording.gyro.rates)
     assert found(modelled(replace(recording, gyro=replace(recording.gyro, rates=rates)))) is None
 
 
 def test_the_phases_between_intervals_are_those_of_the_waves():
     """The moved frequency explains as much as the best of all that are whitened afresh."""
-    model = model_of("reference_periodic:z=0.008,period_s=1.7")
+    model = model_of(SWING)
     series, centre = make_innovations(model), 1 / 1.7 + 4e-4
     (moved,) = find_coherent(series, np.array([centre]), 2, 1e-3)
     near = centre + np.arange(-1e-3, 1e-3, 2e-5)
@@ -116,9 +125,18 @@ def test_aliases_of_a_series():
     assert aliases.max() < 50
 
 
+def test_it_is_a_symptom_of_a_prepared_recording_and_no_misfit_any_more():
+    ready = prepare(recorded(SWING, every_s=EVERY))
+    assert [(one.kind, one.axis) for one in ready.samples.symptoms] == [(REFERENCE, "z")]
+    assert combine_checks(check_baseline(ready.model)) > 1e-3
+    # Without the tone taken out, the misfit is certain.
+    assert combine_checks(check_baseline(model_of(SWING))) < 1e-6
+
+
+@pytest.mark.long
 def test_a_diagnosis_names_it():
-    rivals = ("bias_periodic", "vibration", "reference_correlated", "reference_noise_excess", "bias_step", "time_offset")
-    recording = recorded("reference_periodic:z=0.008,period_s=1.7", every_s=EVERY)
+    rivals = ("bias_periodic", "vibration", "reference_noise_excess")
+    recording = recorded(SWING, every_s=EVERY)
     answer = diagnose(recording, library=["reference_periodic", *rivals])
     assert [cause.label for cause in answer.causes] == ["reference_periodic:z"]
     assert answer.verdict in ("named", "group")
