@@ -20,7 +20,6 @@ from tests import SHARED
 from tests.diagnosis import recordings
 
 PRACTICE = SHARED / "practice"
-FEW = ("p12",)  # two effects; `make long` diagnoses all
 KEYS = json.loads((PRACTICE / "keys.json").read_text()) if PRACTICE.is_dir() else {}
 
 
@@ -32,6 +31,8 @@ def plan():
 OF_A_GAP = ("The residuals after a calibration fit", "look at the number")  # notes that have no place without their reason
 FINE_S = 0.5  # sampled as often as TRMM's: what an asymmetry leaves in the ramps of slews tells it from what is alike
 COARSE = {"sample_s": 4.0, "every_s": 240.0}  # where nothing hangs on what happens within minutes
+
+SLOW = ("bias_step", "bias_orbital", "bias_markov", "reference_correlated", "reference_orbital")  # a library of slow errors
 
 
 def diagnosed(text, sample_s=2.0, every_s=120.0):
@@ -63,11 +64,12 @@ def test_m0_has_no_gap_and_says_so(m0):
 
 def test_wrong_stated_noise_is_noise_excess_and_nothing_else():
     """Negative control: M0 data whose header states two thirds of the noise there is, of the gyro and of the references."""
-    recording = recordings.recorded(12, **COARSE)
+    recording = recordings.recorded(12)
     gyro, attitudes = recording.gyro, recording.attitudes
-    answer = diagnose(
-        replace(recording, gyro=replace(gyro, arw=gyro.arw / 1.5), attitudes=replace(attitudes, sigma=attitudes.sigma / 1.5))
+    wrong = replace(
+        recording, gyro=replace(gyro, arw=gyro.arw / 1.5), attitudes=replace(attitudes, sigma=attitudes.sigma / 1.5)
     )
+    answer = diagnose(wrong, library=["noise_excess", "reference_noise_excess", *SLOW])
     assert {(one.effect, one.axis) for one in answer.causes} == {("noise_excess", None), ("reference_noise_excess", None)}
     assert answer.verdict == "named"
     assert all(abs(cause.size - 1.5) < 4 * cause.sigma for cause in answer.causes)
@@ -92,7 +94,9 @@ def test_shuffled_residuals_give_no_cause():
     [
         ("bias_orbital:y=0.25,phase_deg=40", COARSE, "bias_orbital:y", "deg/h", True),
         ("scale_asymmetry:y=1800", {"sample_s": FINE_S}, "scale_asymmetry:y", "ppm", True),
-        ("reference_horizon:x=0.02,phase_deg=-70", COARSE, "reference_horizon:x", "deg", False),
+        pytest.param(
+            "reference_horizon:x=0.02,phase_deg=-70", COARSE, "reference_horizon:x", "deg", False, marks=pytest.mark.long
+        ),
     ],
 )
 def test_an_effect_is_named_with_its_size_and_closes_the_gap(plan, text, sampling, label, unit, biases):
@@ -150,8 +154,8 @@ def test_a_correlated_reference_error_is_not_noise_as_well():
 
 def test_an_effect_left_out_of_the_library_is_unknown():
     recording = recordings.recorded(16, "reference_horizon:x=0.03", **COARSE)
-    # A swing of any period describes one with half the orbit's period as well.
-    answer = diagnose(recording, library=[name for name in EFFECTS if name not in ("reference_horizon", "reference_periodic")])
+    # A swing of any period, reference_periodic, would describe one with half the orbit's period as well.
+    answer = diagnose(recording, library=SLOW)
     assert answer.verdict == "unknown"
     assert answer.unknown_probability > 0.5
     assert answer.causes == ()
@@ -162,8 +166,7 @@ def test_samples_that_show_an_unlisted_effect_leave_nothing_named():
 
     Of z only the slow remainder of the motion is left, by which G_xz may absorb a bias that swings, as it does at seed 9.
     """
-    recording = recordings.recorded(10, "rate_saturation:z=0.2", "bias_orbital:x=0.3", **COARSE)
-    answer = diagnose(recording, library=[name for name in EFFECTS if name != "rate_saturation"])
+    answer = diagnose(recordings.recorded(10, "rate_saturation:z=0.2", "bias_orbital:x=0.3"), library=SLOW)
     assert answer.verdict == "unknown"
     assert answer.unknown_probability > 0.99
     assert [cause.label for cause in answer.causes] == ["bias_orbital:x"]
@@ -190,8 +193,7 @@ def test_a_constant_reference_offset_changes_nothing_and_is_said_to_be_not_ident
 
 def test_the_same_seed_gives_the_same_answer():
     """With the draws of M0, which a recording without a gap takes all of."""
-    recording, library = recordings.recorded(11, **COARSE), ["bias_step", "bias_orbital", "bias_markov", "reference_correlated"]
-    first, second = (diagnose(recording, library=library).to_json() for _ in range(2))
+    first, second = (diagnose(recordings.recorded(11, **COARSE), library=SLOW).to_json() for _ in range(2))
     first.pop("runtime_s"), second.pop("runtime_s")
     assert first == second
 
@@ -201,8 +203,18 @@ def test_a_library_with_an_effect_there_is_not(plan):
         diagnose(simulate(plan, seed=1), library=["bias_dirft"])
 
 
+def test_two_effects_are_named_with_their_sizes():
+    """One of the gyro's noise-free errors and one of the references."""
+    wanted = {"bias_orbital:z": 0.4, "reference_horizon:x": 0.03}
+    answer = diagnose(recordings.recorded(15, *(f"{label}={size}" for label, size in wanted.items()), **COARSE))
+    assert answer.verdict == "named"
+    assert {cause.label for cause in answer.causes} == set(wanted)
+    assert all(abs(cause.size - wanted[cause.label]) < 3.5 * cause.sigma for cause in answer.causes)
+
+
+@pytest.mark.long
 @pytest.mark.skipif(not KEYS, reason="the practice recordings are not beside this checkout")
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name not in FEW)) for name in sorted(KEYS)])
+@pytest.mark.parametrize("name", sorted(KEYS))
 def test_practice_recordings_answer_as_their_keys(name):
     answer = diagnose(load(PRACTICE / name))
     truth = KEYS[name]["effects"]

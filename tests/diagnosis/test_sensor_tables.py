@@ -134,7 +134,7 @@ def by_latitude(recording):
     )
 
 
-@pytest.mark.parametrize("how", ["transfer function", "latitude", "noise"])
+@pytest.mark.parametrize("how", ["transfer function", pytest.param("latitude", marks=pytest.mark.long), "noise"])
 def test_what_is_on_no_list_is_unknown(how):
     if how == "latitude":
         found = diagnose(by_latitude(recorded(seed=5)))

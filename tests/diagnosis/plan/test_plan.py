@@ -25,7 +25,10 @@ from simulator.streams import generator
 
 SEEDS = 24
 NULLS = 4  # sets of draws of M0, which the simulated recordings take in turn
-CHECKED = ("scale_asymmetry:z", *(pytest.param(label, marks=pytest.mark.long) for label in ("bias_drift:z", "reference_orbital:x")))
+CHECKED = (
+    "scale_asymmetry:z",
+    *(pytest.param(label, marks=pytest.mark.long) for label in ("bias_drift:z", "reference_orbital:x")),
+)
 
 
 @pytest.fixture(scope="module")
