@@ -18,7 +18,6 @@ from simulator.effects import parse
 from simulator.simulate import motion, observe
 from simulator.streams import generator
 
-
 FLIGHT = scenario.override(scenario.load("trmm"), {"gyro.arw_deg_per_sqrt_s": 1.5e-4})
 
 
