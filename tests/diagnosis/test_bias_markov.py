@@ -21,12 +21,3 @@ def test_it_is_in_the_group_with_its_size(seed, axis, size, time_constant_s):
     assert f"bias_markov:{axis}" in cause.group
     if cause.label == f"bias_markov:{axis}":
         assert abs(cause.size - size) < 3 * cause.sigma
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("seed", range(44, 48))
-def test_the_baseline_has_none(seed):
-    """As the baseline of `test_diagnose`, over some more seeds."""
-    answer = diagnose(recorded(seed))
-    assert answer.verdict == "none"
-    assert not answer.causes

@@ -204,7 +204,7 @@ def test_a_library_with_an_effect_there_is_not():
 
 
 def test_two_effects_are_named_with_their_sizes():
-    """One of the gyro's noise-free errors and one of the references."""
+    """One effect of the gyro and one of the references."""
     wanted = {"bias_orbital:z": 0.4, "reference_horizon:x": 0.03}
     answer = diagnose(recordings.recorded(15, *(f"{label}={size}" for label, size in wanted.items()), **COARSE))
     assert answer.verdict == "named"

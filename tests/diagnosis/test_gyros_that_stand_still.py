@@ -40,8 +40,7 @@ def test_it_is_a_gap(axes, after):
     assert found.verdict == "unknown"
 
 
-@pytest.mark.parametrize("step", [20, pytest.param(300, marks=pytest.mark.long)])
-def test_so_are_readings_on_a_lattice_as_coarse_as_the_motion(step):
-    made = turning()
+def test_so_are_readings_on_a_lattice_as_coarse_as_the_motion():
+    made, step = turning(), 20
     found = diagnose(replace(made, gyro=replace(made.gyro, rates=step * NOISE * np.round(made.gyro.rates / (step * NOISE)))))
     assert found.p_value < 1e-100

@@ -69,12 +69,11 @@ def test_epoch_signs_of_quaternions_and_names_of_axes_change_nothing_but_these(b
     assert_same(asked(changed), axes, by_s)
 
 
-@pytest.mark.parametrize("place", [5, pytest.param(11, marks=pytest.mark.long)])
-def test_an_interval_that_is_cut_at_a_reference_has_the_same_cause(place):
+def test_an_interval_that_is_cut_at_a_reference_has_the_same_cause():
     """What is named and how large it is do not change; that the parts share an attitude is not used, which costs little."""
     recording = plain()
     third = recording.intervals[2]
-    at = float(recording.attitudes.t_s[find_reference_rows(recording.attitudes.t_s, third)][place])
+    at = float(recording.attitudes.t_s[find_reference_rows(recording.attitudes.t_s, third)][5])
     parts = (replace(third, name="first", stop_s=at), replace(third, name="second", start_s=at))
     found = asked(replace(recording, intervals=(*recording.intervals[:2], *parts, *recording.intervals[3:])))
     assert found.verdict == "named"

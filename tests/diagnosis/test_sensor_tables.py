@@ -51,8 +51,6 @@ def test_nominal_sensors_show_nothing(seed):
 NAMED = [
     pytest.param(("dss_head:1=0.08056,e1_deg=0.044,e2_deg=-0.008,e3_deg=0.067",), marks=pytest.mark.long),
     pytest.param(("dss_misalignment=0.04,m_x_deg=1,m_y_deg=0,m_z_deg=0",), marks=pytest.mark.long),
-    pytest.param(("esa_bias=0.19681",), marks=pytest.mark.long),
-    pytest.param(("esa_s_filter=0.74",), marks=pytest.mark.long),
     ("esa_s_filter=-0.5,time_constant_s=42",),
     ("esa_sun_intrusion=0.7,field_deg=4.6,time_constant_s=45",),
     ("esa_nadir=-0.3",),
