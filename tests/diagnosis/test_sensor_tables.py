@@ -34,7 +34,7 @@ def test_p_values_of_noise_are_uniform():
     model = build_sensor_model(build_tables(fits_of(recorded()), EFFECTS), EFFECTS, DEFAULT)
     assert estimate_sensor_noise(model, DEFAULT).factor == 1
     rng = np.random.default_rng(5)
-    found = [compute_null_p(Search(replace(model, y=rng.standard_normal(model.y.size))), seed=3, draws=300) for _ in range(60)]
+    found = [compute_null_p(Search(replace(model, y=rng.standard_normal(model.y.size))), seed=3, draws=150) for _ in range(60)]
     assert kstest(found, "uniform").pvalue > 0.01
 
 
