@@ -169,11 +169,12 @@ class Search:
                 values, weights = correlation[batch.places], candidate.log_weights[batch.options]
                 kind = candidate.positive, candidate.shifted, candidate.tied
                 table = log_bayes(batch.gram, values, candidate.scales, *kind)  # (o, s, d)
+                table += weights[:, None, None]
                 table[candidate.outside_window[batch.options]] = -np.inf
                 parts.append(
-                    logsumexp(table + weights[:, None, None], axis=(0, 1)) - np.log(candidate.scales.size) + candidate.log_prior
+                    _sum_in_log(table.reshape(-1, table.shape[2])) - np.log(candidate.scales.size) + candidate.log_prior
                 )
-        return np.asarray(logsumexp(np.array(parts), axis=0)) if parts else np.full(correlation.shape[1], -np.inf)
+        return _sum_in_log(np.array(parts)) if parts else np.full(correlation.shape[1], -np.inf)
 
     # ---- sets ------------------------------------------------------------------------------------------------------------
 
@@ -350,3 +351,15 @@ def _rank_explanations(explanations: list[Explanation]) -> list[Explanation]:
 def sum_log_posterior(explanations: list[Explanation]) -> float:
     """log of the summed posterior, not normalised."""
     return float(logsumexp([explanation.log_posterior for explanation in explanations]))
+
+
+def _sum_in_log(logs: Array) -> Array:
+    """(d,) log of the sum of exponentials of each column of (n, d) logs.
+
+    It is scipy's ``logsumexp``, which looks at its arguments for several times as long as it computes, and this is called
+    thousands of times for the draws of M0.
+    """
+    top = logs.max(axis=0)
+    top[np.isneginf(top)] = 0.0
+    with np.errstate(divide="ignore"):
+        return np.asarray(top + np.log(np.exp(logs - top).sum(axis=0)))

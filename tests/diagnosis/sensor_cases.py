@@ -1,6 +1,7 @@
 """Recordings with raw sensor tables that the tests of their model and of their diagnosis share."""
 
 from dataclasses import replace
+from functools import cache
 
 from diagnosis.model.sensors.arcs import build_arcs, fit_arcs
 from simulator import scenario
@@ -16,9 +17,13 @@ MOTION = motion(FEW)
 EFFECTS = tuple(SENSOR_EFFECTS.values())
 
 
+BARE = FEW.model_copy(update={"sensors": None})  # whose own tables would not be looked at
+
+
+@cache
 def recorded(*effects, seed=1, change=None):
     """A recording whose attitudes and gyro are those of the seed, with noise."""
-    plain = simulate(FEW, seed=seed)
+    plain = simulate(BARE, seed=seed)
     return replace(plain, sensors=simulate_sensor_tables(FEW, MOTION, [parse(one) for one in effects], seed, change=change))
 
 

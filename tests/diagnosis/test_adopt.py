@@ -16,11 +16,12 @@ from tests import diagnosis_cases
 from tests.diagnosis.recordings import recorded
 
 ORBITAL = "bias_orbital:z=0.3,phase_deg=60"
+COARSE = {"sample_s": 4.0, "every_s": 240.0}
 
 
 @pytest.fixture(scope="module")
 def found():
-    return diagnose(recorded(5, ORBITAL), library=["bias_orbital"])
+    return diagnose(recorded(5, ORBITAL, **COARSE), library=["bias_orbital"])
 
 
 def test_the_posterior_holds_the_truth(found):
@@ -36,7 +37,7 @@ def test_the_posterior_holds_the_truth(found):
 
 
 def test_two_effects_have_a_joint_posterior():
-    found = diagnose(recorded(5, ORBITAL, "bias_drift:x=0.02"), library=["bias_orbital", "bias_drift"])
+    found = diagnose(recorded(5, ORBITAL, "bias_drift:x=0.02", **COARSE), library=["bias_orbital", "bias_drift"])
     adoption = adopt_causes(found)
     assert {one.label() for one in adoption.effects} == {"bias_orbital:z", "bias_drift:x"}
     assert adoption.covariance.shape == (3, 3)
@@ -88,7 +89,7 @@ def test_what_the_recording_cannot_tell_from_it_is_said(found):
 
 
 def test_the_text_is_a_scenario_of_the_recording(found, tmp_path):
-    save(recorded(5, ORBITAL), tmp_path / "rec")
+    save(recorded(5, ORBITAL, **COARSE), tmp_path / "rec")
     recording = load(tmp_path / "rec")
     (tmp_path / "out").mkdir()
     text, _ = write_adopted_scenario(found, recording, tmp_path / "rec", tmp_path / "out" / "a.toml")

@@ -13,7 +13,7 @@ REMAINDER = ("bias_markov:y=0.4,time_constant_s=1000", "reference_correlated:x=0
 
 
 def identified(seed, *effects):
-    model = prepared(seed, *effects, *REMAINDER, every_s=300.0).model
+    model = prepared(seed, *effects, *REMAINDER, sample_s=4.0, every_s=300.0).model
     return identify_beside_remainder(model, list(EFFECTS.values()), DEFAULT, lambda text, share: None)
 
 

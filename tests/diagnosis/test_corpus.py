@@ -23,10 +23,9 @@ REFUSED = {
     "housekeeping t_s in words": "column t_s holds",
 }
 ANSWERED = (
-    "intervals of 1 samples",
-    "sigma and arw of 1e-9",
-    "housekeeping with a column of words",
-    "housekeeping gyro_temperature_c inf",
+    ("intervals of 1 samples",),
+    ("sigma and arw of 1e-9",),
+    ("housekeeping gyro_temperature_c inf", "housekeeping with a column of words"),
 )
 
 
@@ -37,10 +36,11 @@ def whole(tmp_path_factory):
 
 @pytest.fixture
 def damaged(whole, tmp_path):
-    def make(name):
+    def make(*names):
         folder = tmp_path / str(len(list(tmp_path.iterdir())))
         shutil.copytree(whole, folder)
-        DAMAGES[name](folder)
+        for name in names:
+            DAMAGES[name](folder)
         return folder
 
     return make
@@ -59,9 +59,9 @@ def test_what_cannot_be_used_is_refused_in_one_line(name, damaged):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("name", ANSWERED)
-def test_what_can_be_used_is_answered(name, damaged):
-    found = diagnose(load(damaged(name)), settings=QUICK)
+@pytest.mark.parametrize("names", ANSWERED, ids=" and ".join)
+def test_what_can_be_used_is_answered(names, damaged):
+    found = diagnose(load(damaged(*names)), settings=QUICK)
     assert found.verdict in ("none", "named", "group", "unknown", "not identifiable")
 
 

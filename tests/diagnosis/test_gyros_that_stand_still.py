@@ -28,7 +28,11 @@ def standing(axes, value, after=0):
 
 @pytest.mark.parametrize(
     ("axes", "after"),
-    [pytest.param([0, 1, 2], 0, id="all"), pytest.param([2], 0, id="one"), pytest.param([0], 500, id="one, after a while")],
+    [
+        pytest.param([0, 1, 2], 0, id="all", marks=pytest.mark.long),
+        pytest.param([2], 0, id="one"),
+        pytest.param([0], 500, id="one, after a while", marks=pytest.mark.long),
+    ],
 )
 def test_it_is_a_gap(axes, after):
     found = diagnose(standing(axes, 0.0, after))
@@ -36,8 +40,7 @@ def test_it_is_a_gap(axes, after):
     assert found.verdict == "unknown"
 
 
-@pytest.mark.parametrize("step", [20, 300])
-def test_so_are_readings_on_a_lattice_as_coarse_as_the_motion(step):
-    made = turning()
+def test_so_are_readings_on_a_lattice_as_coarse_as_the_motion():
+    made, step = turning(), 20
     found = diagnose(replace(made, gyro=replace(made.gyro, rates=step * NOISE * np.round(made.gyro.rates / (step * NOISE)))))
     assert found.p_value < 1e-100

@@ -5,16 +5,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from diagnosis.diagnose import diagnose
 from gyrocal.recording import find_reference_rows
 from tests.diagnosis.recordings import recorded
 
-# A diagnosis takes a second: two examples of each, the same in every run.
-FEW = settings(max_examples=2, phases=[Phase.generate])
 LIBRARY = ("bias_step", "bias_drift", "scale_asymmetry", "time_offset")
 TIME_S, SIZE = 3000.0, 2.0  # s since the epoch, deg/h
 AXES = "xyz"
@@ -55,14 +51,13 @@ def assert_same(found, axes=AXES, by_s=0.0, rel=1e-6):
     assert found.closure.closed == pytest.approx(before().closure.closed, rel=100 * rel)
 
 
-@FEW
-@given(st.sampled_from([-521179, 10**8]), st.integers(0, 2**31), st.sampled_from(["yzx", "zxy"]))
-def test_epoch_signs_of_quaternions_and_names_of_axes_change_nothing_but_these(by_s, seed, axes):
+@pytest.mark.parametrize(("by_s", "axes"), [(10**8, "yzx"), pytest.param(-521179, "zxy", marks=pytest.mark.long)])
+def test_epoch_signs_of_quaternions_and_names_of_axes_change_nothing_but_these(by_s, axes):
     """The body's axes and its gyros are called otherwise, x what was y or z: a turn by a third about the diagonal."""
     recording = plain()
     P = np.eye(3)[[axes.index(axis) for axis in AXES]]  # components by the new names
     gyro, own = recording.gyro, recording.attitudes
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (len(own.t_s), 1))
+    signs = np.random.default_rng(1).choice([-1.0, 1.0], (len(own.t_s), 1))
     q = signs * (Rotation.from_quat(own.quaternions) * Rotation.from_matrix(P).inv()).as_quat()
     G, bias = P @ gyro.apriori_G @ P.T, P @ gyro.apriori_bias
     changed = replace(
@@ -74,13 +69,11 @@ def test_epoch_signs_of_quaternions_and_names_of_axes_change_nothing_but_these(b
     assert_same(asked(changed), axes, by_s)
 
 
-@FEW
-@given(st.integers(3, 12))
-def test_an_interval_that_is_cut_at_a_reference_has_the_same_cause(place):
+def test_an_interval_that_is_cut_at_a_reference_has_the_same_cause():
     """What is named and how large it is do not change; that the parts share an attitude is not used, which costs little."""
     recording = plain()
     third = recording.intervals[2]
-    at = float(recording.attitudes.t_s[find_reference_rows(recording.attitudes.t_s, third)][place])
+    at = float(recording.attitudes.t_s[find_reference_rows(recording.attitudes.t_s, third)][5])
     parts = (replace(third, name="first", stop_s=at), replace(third, name="second", start_s=at))
     found = asked(replace(recording, intervals=(*recording.intervals[:2], *parts, *recording.intervals[3:])))
     assert found.verdict == "named"

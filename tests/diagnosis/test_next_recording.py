@@ -25,7 +25,7 @@ DRAWS = 120
 
 @pytest.fixture(scope="module")
 def plan():
-    return scenario.override(scenario.load("trmm_series"), {"reference.every_s": 240.0, "gyro.sample_s": 2.0})
+    return scenario.override(scenario.load("trmm_series"), {"reference.every_s": 300.0, "gyro.sample_s": 4.0})
 
 
 @pytest.fixture(scope="module")
@@ -128,10 +128,8 @@ def test_a_new_bias_is_a_departure_unless_each_recording_has_its_own(model, unit
 
 def test_from_the_recordings_to_the_comparison(recordings, plan):
     later = simulate(plan, seed=42, effects=[setting("scale_asymmetry", "z", 1500.0)])
-    same = predict_next_recording(recordings, library=["scale_asymmetry"])
-    assert same.predicted.p_value > 1e-3
-    assert same.recordings == ("one", "two")
     found = predict_next_recording({**recordings, "three": later}, library=["scale_asymmetry"])
+    assert found.recordings == ("one", "two")
     assert found.verdict == "none"
     assert found.predicted.p_value < 1e-6
     document = found.to_json()
@@ -184,4 +182,4 @@ def test_several_gyros_are_compared_by_the_rates_of_the_body():
 
 def test_the_next_recording_has_the_same_trackers(recordings):
     with pytest.raises(InputError, match="of the same star trackers"):
-        join_recordings({"two": simulate(scenario.override(AGILE, {"gyro.sample_s": 2.0})), "one": recordings["one"]})
+        join_recordings({"two": simulate(scenario.override(AGILE, {"gyro.sample_s": 4.0})), "one": recordings["one"]})

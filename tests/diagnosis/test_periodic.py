@@ -15,7 +15,11 @@ LIBRARY = (
 
 
 @pytest.mark.parametrize(
-    ("effect", "axis", "size", "period"), [("bias_periodic", "z", 0.35, 1730.0), ("reference_periodic", "x", 0.012, 2150.0)]
+    ("effect", "axis", "size", "period"),
+    [
+        ("bias_periodic", "z", 0.35, 1730.0),
+        pytest.param("reference_periodic", "x", 0.012, 2150.0, marks=pytest.mark.long),
+    ],
 )
 def test_it_is_found_with_its_period_and_size(effect, axis, size, period):
     answer = diagnose(recorded(6, f"{effect}:{axis}={size},period_s={period},phase_deg=-70"), library=LIBRARY)
@@ -28,9 +32,10 @@ def test_it_is_found_with_its_period_and_size(effect, axis, size, period):
     assert answer.closure.closed > 0.7
 
 
+@pytest.mark.long
 def test_a_sawtooth_is_not_named_as_a_swing():
     """Its second harmonic is half as large as a sine of its period would have to hide."""
-    quiet = recorded(6)
+    quiet = recorded(6, sample_s=4.0, every_s=240.0)
     rates = quiet.gyro.rates.copy()
     rates[:, 2] += np.deg2rad(1.5 / 3600) * (2 * ((quiet.gyro.t_s / 2400) % 1) - 1)
     answer = diagnose(replace(quiet, gyro=replace(quiet.gyro, rates=rates)))

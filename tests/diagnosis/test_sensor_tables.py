@@ -34,11 +34,11 @@ def test_p_values_of_noise_are_uniform():
     model = build_sensor_model(build_tables(fits_of(recorded()), EFFECTS), EFFECTS, DEFAULT)
     assert estimate_sensor_noise(model, DEFAULT).factor == 1
     rng = np.random.default_rng(5)
-    found = [compute_null_p(Search(replace(model, y=rng.standard_normal(model.y.size))), seed=3, draws=300) for _ in range(60)]
+    found = [compute_null_p(Search(replace(model, y=rng.standard_normal(model.y.size))), seed=3, draws=150) for _ in range(60)]
     assert kstest(found, "uniform").pvalue > 0.01
 
 
-@pytest.mark.parametrize("seed", range(11, 18))
+@pytest.mark.parametrize("seed", [11, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(12, 18))])
 def test_nominal_sensors_show_nothing(seed):
     found = diagnose(recorded(seed=seed), seed=seed)
     assert (found.verdict, found.present, found.causes, found.closure) == ("none", False, (), None)
@@ -49,12 +49,8 @@ def test_nominal_sensors_show_nothing(seed):
 # ---- what is named -----------------------------------------------------------------------------------------------------------
 
 NAMED = [
-    ("dss_head:1=0.08056,e1_deg=0.044,e2_deg=-0.008,e3_deg=0.067",),
-    ("dss_head:2=0.28156",),
-    ("dss_misalignment=0.22475",),
-    ("dss_misalignment=0.04,m_x_deg=1,m_y_deg=0,m_z_deg=0",),
-    ("esa_bias=0.19681",),
-    ("esa_s_filter=0.74",),
+    pytest.param(("dss_head:1=0.08056,e1_deg=0.044,e2_deg=-0.008,e3_deg=0.067",), marks=pytest.mark.long),
+    pytest.param(("dss_misalignment=0.04,m_x_deg=1,m_y_deg=0,m_z_deg=0",), marks=pytest.mark.long),
     ("esa_s_filter=-0.5,time_constant_s=42",),
     ("esa_sun_intrusion=0.7,field_deg=4.6,time_constant_s=45",),
     ("esa_nadir=-0.3",),
@@ -114,7 +110,9 @@ def test_heads_are_no_orthogonal_misalignment(head):
 
 def test_a_misalignment_is_no_head():
     found = diagnose(recorded("dss_misalignment=0.22475", seed=4))
-    assert [cause.label for cause in found.causes] == ["dss_misalignment"]
+    (cause,) = found.causes
+    assert cause.label == "dss_misalignment"
+    assert abs(cause.size - 0.22475) < 3.5 * cause.sigma
     assert found.rejected == ()
 
 
@@ -134,7 +132,7 @@ def by_latitude(recording):
     )
 
 
-@pytest.mark.parametrize("how", ["transfer function", "latitude", "noise"])
+@pytest.mark.parametrize("how", ["transfer function", pytest.param("latitude", marks=pytest.mark.long), "noise"])
 def test_what_is_on_no_list_is_unknown(how):
     if how == "latitude":
         found = diagnose(by_latitude(recorded(seed=5)))
@@ -149,10 +147,9 @@ def test_what_is_on_no_list_is_unknown(how):
     assert found.posterior[0] == (("unknown",), pytest.approx(1.0, abs=0.1))
 
 
-def test_more_noise_than_stated_does_not_pass_for_evidence():
+def test_more_noise_than_stated_does_not_pass_for_evidence(head):
     """A head is still named with the larger sigma, and nothing beside it."""
-    quiet, loud = (explain_tables(recorded(HEAD, seed=6, change=change), EFFECTS) for change in (None, _scale_earth_noise))
-    (one,), (other,) = quiet.found.fitted, loud.found.fitted
+    (one,), (other,) = head.causes, diagnose(recorded(HEAD, seed=4, change=_scale_earth_noise)).causes
     assert other.label == "dss_head:2"
     assert other.sigma > 1.2 * one.sigma
 
@@ -164,6 +161,14 @@ def test_both_posteriors_are_one(head):
     assert first == (("bias_drift:z", "dss_head:2"), pytest.approx(0.9))
     assert rest == (("unknown",), pytest.approx(0.1))
     assert head.posterior[0][0] == ("dss_head:2",)
+
+
+def thin_out(recording):
+    """Keep every third reading of the sensors, which is enough to see that nothing fits."""
+    sun, earth = recording.sensors.sun, recording.sensors.earth
+    sun = replace(sun, t_s=sun.t_s[::3], sensor=sun.sensor[::3], counts=sun.counts[::3])
+    earth = replace(earth, t_s=earth.t_s[::3], angles=earth.angles[::3], used=earth.used[::3])
+    return replace(recording, sensors=replace(recording.sensors, sun=sun, earth=earth))
 
 
 def _turned(table, name):
@@ -186,9 +191,12 @@ MISREAD = {
 }
 
 
-@pytest.mark.parametrize("what", MISREAD)
+SAME_IN_KIND = ("sensors", "axes of the Sun", "degrees")  # as others of the list
+
+
+@pytest.mark.parametrize("what", [pytest.param(one, marks=[pytest.mark.long] * (one in SAME_IN_KIND)) for one in MISREAD])
 def test_tables_that_fit_nothing_are_unknown_and_the_reading_that_fits_is_named(what):
-    recording = recorded()
+    recording = thin_out(recorded())
     change, words = MISREAD[what]
     found = diagnose(replace(recording, sensors=replace(recording.sensors, **change(recording.sensors))))
     assert (found.verdict, found.present, found.unknown_probability) == ("unknown", True, 1.0)
@@ -200,7 +208,7 @@ def test_tables_that_fit_nothing_are_unknown_and_the_reading_that_fits_is_named(
 
 
 def test_noise_that_no_reading_explains_is_unknown():
-    recording = recorded()
+    recording = thin_out(recorded())
     earth = recording.sensors.earth
     wrong = replace(earth, angles=20 * earth.angles)
     found = diagnose(replace(recording, sensors=replace(recording.sensors, earth=wrong)))

@@ -13,7 +13,7 @@ from diagnosis.model.localization import compute_body_residuals, compute_statist
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from simulator.effects import TRACKER_EFFECTS, parse
 from tests.diagnosis.recordings import joint_covariance
-from tests.tracker_cases import AGILE, ESTIMATED, TETRAHEDRON, TURNED_DEG
+from tests.tracker_cases import AGILE, ESTIMATED, TETRAHEDRON
 
 LIBRARY = (*TRACKER_EFFECTS, "bias_drift", "bias_step")
 
@@ -29,19 +29,17 @@ def test_two_clean_trackers_raise_no_alarm():
     assert {"tracker_noise:st1", "tracker_noise:st2"} >= {name for name in found.p_values if name.startswith("tracker_noise")}
 
 
-@pytest.mark.parametrize("text", ["tracker_misalignment:st2=5", "tracker_time_offset:st1=0.05", "tracker_aberration:st2=1"])
-def test_an_effect_of_one_tracker_is_named(text):
-    found = answer(AGILE, text)
-    assert [cause.label for cause in found.causes] == [text.partition("=")[0]]
-    assert abs(found.causes[0].size - parse(text).size) < 4 * found.causes[0].sigma
+@pytest.mark.parametrize(("label", "size"), [("tracker_time_offset:st1", 0.05), ("tracker_aberration:st2", 1.0)])
+def test_an_effect_of_one_tracker_is_named(label, size):
+    """A misalignment is named below, beside a mounting with a prior."""
+    found = answer(AGILE, f"{label}={size}")
+    assert [cause.label for cause in found.causes] == [label]
+    assert abs(found.causes[0].size - size) < 4 * found.causes[0].sigma
 
 
 def test_a_mounting_that_is_estimated_is_no_effect():
+    """It is turned by 135 arcsec; 58 arcsec beyond a prior are an effect, see below."""
     assert answer(ESTIMATED).verdict == "none"
-    stated = simulator.override(AGILE, {"reference.tracker.1.misalignment_deg": list(TURNED_DEG)})
-    found = answer(stated)
-    assert [cause.label for cause in found.causes] == ["tracker_misalignment:st2"]
-    assert found.causes[0].size == pytest.approx(3600 * np.linalg.norm(TURNED_DEG), rel=0.05)
 
 
 PRIOR_DEG = 2e-3
@@ -88,6 +86,7 @@ def test_a_prior_is_noise_that_all_intervals_share():
     assert chi2["p_value"].min() > 1e-5
 
 
+@pytest.mark.long
 def test_four_gyros_and_two_trackers_name_the_tracker():
     found = answer(simulator.override(AGILE, {"gyro.array": TETRAHEDRON}), "tracker_time_offset:st2=0.05")
     assert [cause.label for cause in found.causes] == ["tracker_time_offset:st2"]
