@@ -35,6 +35,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -66,6 +67,11 @@ class Rows:
     def chi2(self) -> float:
         """Σ z²."""
         return float(self.z @ self.z)
+
+    def build_sums_at_nodes(self, count: int) -> csr_array:
+        """(3 count, r) Jᵀ of the attitude columns: times (r, k), it sums the rows of each node."""
+        places = (3 * self.node[:, None] + np.arange(3)).ravel(), np.repeat(np.arange(len(self.node)), 3)
+        return csr_array((self.attitude.ravel(), places), shape=(3 * count, len(self.node)))
 
 
 @dataclass(frozen=True)
@@ -138,8 +144,7 @@ class PlainLeastSquares:
 
 def accumulate_by_increment(rows: Rows, errors: Array, count: int) -> Array:
     """Errors (J, r) per unit of the rows' residuals as errors (N − 1, J, 3) per increment: one enters all later nodes."""
-    at_node = np.zeros((count, len(errors), 3))
-    np.add.at(at_node, rows.node, errors.T[:, :, None] * rows.attitude[:, None, :])
+    at_node = (rows.build_sums_at_nodes(count) @ errors.T).reshape(count, 3, -1).transpose(0, 2, 1)
     return np.asarray(np.cumsum(at_node[:0:-1], axis=0)[::-1])
 
 
@@ -159,8 +164,8 @@ class ExactLeastSquares:
         self._scale = 1 / np.sqrt(np.sum(rows.parameters**2, axis=0))
         a, c = rows.attitude, rows.parameters * self._scale
         weight = 1 / q**2
-        diagonal = np.zeros((count, 3, 3))
-        np.add.at(diagonal, rows.node, a[:, :, None] * a[:, None, :])
+        self._sums = rows.build_sums_at_nodes(count)
+        diagonal = (self._sums @ a).reshape(count, 3, 3)
         diagonal += (np.append(weight, 0) + np.insert(weight, 0, 0))[:, None, None] * np.eye(3)
         band = np.zeros((4, count, 3))  # lower form of a symmetric band, as scipy stores it
         for offset in range(3):
@@ -168,15 +173,9 @@ class ExactLeastSquares:
                 band[offset, :, i] = diagonal[:, i + offset, i]
         band[3, :-1] = -weight[:, None]
         self._factor = scipy.linalg.cholesky_banded(band.reshape(4, -1), lower=True)
-        self._border = self._gather_at_nodes(c)
+        self._border = self._sums @ c
         self._solved_border = self._solve_banded(self._border)
         self._schur = scipy.linalg.cho_factor(c.T @ c - self._border.T @ self._solved_border)
-
-    def _gather_at_nodes(self, columns: Array) -> Array:
-        """(3N, k) products Jᵀ of the rows' attitude columns, each at its node, with columns (r, k)."""
-        spread = np.zeros((len(self._q) + 1, 3, columns.shape[1]))
-        np.add.at(spread, self._rows.node, self._rows.attitude[:, :, None] * columns[:, None, :])
-        return spread.reshape(-1, columns.shape[1])
 
     def _solve_banded(self, right: Array) -> Array:
         return np.asarray(scipy.linalg.cho_solve_banded((self._factor, True), right))
@@ -189,8 +188,7 @@ class ExactLeastSquares:
     def step(self) -> tuple[Array, Array, float]:
         """See `PlainLeastSquares`."""
         rows, count = self._rows, len(self._q) + 1
-        right = np.zeros((count, 3))
-        np.add.at(right, rows.node, rows.attitude * rows.z[:, None])
+        right = (self._sums @ rows.z).reshape(count, 3)
         pull = -self._d / self._q[:, None] ** 2
         right[1:] += pull
         right[:-1] -= pull
@@ -216,7 +214,7 @@ class ExactLeastSquares:
 
     def project(self, columns: Array) -> Array:
         """(k, k) products of columns (r, k) of the rows with the attitude at all nodes and the parameters projected out."""
-        by_node, by_parameter = self._gather_at_nodes(columns), (self._rows.parameters * self._scale).T @ columns
+        by_node, by_parameter = self._sums @ columns, (self._rows.parameters * self._scale).T @ columns
         nodes, parameters = self._solve(by_node, by_parameter)
         out = columns.T @ columns - by_node.T @ nodes - by_parameter.T @ parameters
         return np.asarray((out + out.T) / 2)
