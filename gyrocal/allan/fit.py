@@ -14,8 +14,9 @@ walk can often stand for one another.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -23,7 +24,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from gyrocal.allan.deviation import Deviation, compute_pooled_edf
-from gyrocal.allan.problem import Problem, build_problem
+from gyrocal.allan.problem import Problem, build_problem, compute_white_covariance
 from gyrocal.allan.terms import MARKOV, POWER_LAW_EXPONENTS, RAMP, RANDOM_WALK, TERMS, compute_allan_variance
 from gyrocal.errors import InputError
 
@@ -138,15 +139,15 @@ def fit_terms(found: Deviation, known: Array | None = None) -> Fit:
             f"Allan deviation: {found.factors.size} averaging times are too few for terms; {FEWEST_TIMES} are needed"
         )
     floor = np.zeros(found.factors.size) if known is None else known
-    rough = min(
-        _fit_all_sets(found, build_problem(found, floor, *_estimate_rough_terms(found, floor))), key=lambda one: one.cost
-    )
-    sets = _fit_all_sets(found, build_problem(found, floor, rough.squares(), rough.time_constant_s))
+    # The covariance of what is known is the same under all terms; it costs as much as theirs.
+    build = partial(build_problem, found, floor, compute_white_covariance(found) if floor.any() else None)
+    rough = min(_fit_all_sets(found, build(*_estimate_rough_terms(found, floor))), key=lambda one: one.cost)
+    sets = _fit_all_sets(found, build(rough.squares(), rough.time_constant_s))
     least = min(one.cost for one in sets)
     # Sets worth a thought, each under the covariance that it predicts itself: a trend scatters less than noise of its size.
-    sets = [_refine_set(one, found, floor) for one in sets if one.cost < least + CANDIDATE_CHI2_MARGIN]
+    sets = [_refine_set(one, build) for one in sets if one.cost < least + CANDIDATE_CHI2_MARGIN]
     best = min(sets, key=lambda one: one.cost)
-    problem = build_problem(found, floor, best.squares(), best.time_constant_s)
+    problem = build(best.squares(), best.time_constant_s)
     alike = tuple(one.terms for one in sorted(sets, key=lambda one: one.cost) if one is not best and _is_alike(one, best))
     model = floor + problem.compute_term_variances(best.terms, best.logs).sum(axis=0)
     return Fit(
@@ -159,10 +160,10 @@ def fit_terms(found: Deviation, known: Array | None = None) -> Fit:
     )
 
 
-def _refine_set(one: _TermSet, found: Deviation, floor: Array) -> _TermSet:
+def _refine_set(one: _TermSet, build: Callable[[dict[str, float], float], Problem]) -> _TermSet:
     """A set at its best under its own covariance."""
     for _ in range(REWEIGHTING_ROUNDS):
-        one = _fit_set(one.terms, build_problem(found, floor, one.squares(), one.time_constant_s), one.logs)
+        one = _fit_set(one.terms, build(one.squares(), one.time_constant_s), one.logs)
     return one
 
 

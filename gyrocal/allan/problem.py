@@ -92,19 +92,26 @@ class Problem:
         return x, float(told["fvec"] @ told["fvec"])
 
 
-def build_problem(found: Deviation, floor: Array, squares: Mapping[str, float], time_constant_s: float) -> Problem:
+def compute_white_covariance(found: Deviation) -> Array:
+    """(t, t) covariance of the estimates of angle white noise alone, relative to what they should be."""
+    return _compute_relative_covariance(found, {ANGLE_WHITE: 1.0}, 1.0)
+
+
+def build_problem(
+    found: Deviation, floor: Array, white: Array | None, squares: Mapping[str, float], time_constant_s: float
+) -> Problem:
     """Logarithms of the estimates and the covariance of their errors under some terms.
 
     Parameters
     ----------
     found : the estimates
     floor : (t,) Allan variance of what is known, whose share of each estimate scatters as that of angle white noise
+    white : `compute_white_covariance` of the estimates; None where nothing is known
     squares, time_constant_s : of the terms, as for `estimate_covariance`
     """
     own = _compute_relative_covariance(found, squares, time_constant_s)
-    if floor.any():
+    if white is not None:
         share = floor / (floor + _compute_variance(found, squares, time_constant_s))
-        white = _compute_relative_covariance(found, {ANGLE_WHITE: 1.0}, 1.0)
         crossed = np.sqrt(np.diag(own) * np.diag(white)) * share * (1 - share)
         V = own * np.outer(1 - share, 1 - share) + white * np.outer(share, share) + 2 * np.diag(crossed)
     else:

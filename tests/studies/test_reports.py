@@ -22,6 +22,7 @@ def committed_rows(folder):
     return rows[rows["error"] == ""].reset_index(drop=True)
 
 
+@pytest.mark.usefixtures("blank_figures")
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
 def test_a_report_made_again_of_committed_rows_is_the_committed_one(folder, tmp_path):
     entry = catalogue.find_entry(folder.name)

@@ -32,9 +32,10 @@ SWAY, SWAY_S = np.deg2rad(0.02), 900.0
 IDEAL = GyroParameters(np.eye(3), np.zeros(3))
 
 
-def rest(seed, *effects):
+def rest(seed, *effects, sample_s=1.0):
     """A recording of TRMM's six intervals, of which m1 rests for 6000 s."""
-    return simulate(scenario.load("trmm_series"), seed=seed, effects=[parse(text) for text in effects])
+    plan = scenario.override(scenario.load("trmm_series"), {"gyro.sample_s": sample_s})
+    return simulate(plan, seed=seed, effects=[parse(text) for text in effects])
 
 
 def swaying(seed, arw=ARW):
@@ -83,7 +84,9 @@ def test_flicker_and_a_tone_are_found_on_their_axes():
 
 def test_a_step_in_a_rest_is_told_beside_the_ramp_that_it_makes():
     """An Allan deviation has no term for it; of wander and drift nothing of the kind is said."""
-    found = estimate_noise_terms(rest(4, "bias_step:z=8,time_s=3000", "bias_drift:x=8", "noise_flicker:y=1"), "m1")
+    found = estimate_noise_terms(
+        rest(4, "bias_step:z=8,time_s=3000", "bias_drift:x=8", "noise_flicker:y=1", sample_s=0.5), "m1"
+    )
     assert not found.axes[0].steps
     assert not found.axes[1].steps
     (row,) = found.to_json()["axes"]["z"]["steps"]
@@ -128,7 +131,7 @@ def slewing(seed):
     return of_rates(rates, 100, 0.1, np.deg2rad(1e-3), np.deg2rad(0.003), seed)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
 def test_the_gentle_end_of_a_slew_is_no_noise_of_a_rest(seed):
     """Ends at which two means of up to 160 samples differ by four sigmas belong to the slew; what is left turns by less."""
     found = estimate_noise_terms(slewing(seed))

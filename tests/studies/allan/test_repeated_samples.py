@@ -24,7 +24,7 @@ def draw_white_noise(seed, count=9000):
     return np.random.default_rng(seed).normal(size=(count, 3)) * NOISE
 
 
-@pytest.mark.parametrize("ratio", [1, 1.25, 2, 2.5, 3, 5])
+@pytest.mark.parametrize("ratio", [1, 1.25, 3])
 def test_white_noise_that_is_read_too_often_has_its_angle_random_walk_and_no_tone(ratio):
     white = draw_white_noise(round(100 * ratio))
     found = estimate_noise_terms(build_rest(white[(np.arange(len(white)) / ratio).astype(int)]))
@@ -38,7 +38,7 @@ def test_white_noise_that_is_read_too_often_has_its_angle_random_walk_and_no_ton
     assert any("repeat the one before" in line for line in list_remarks(found)) == (ratio > 1)
 
 
-@pytest.mark.parametrize("share", [0.002, 0.1, 0.6])
+@pytest.mark.parametrize("share", [0.002, 0.6])
 def test_lost_samples_that_are_held_leave_the_angle_random_walk(share):
     rng = np.random.default_rng(round(1000 * share))
     white = draw_white_noise(7)

@@ -68,10 +68,10 @@ def test_oracles_residuals_are_those_of_rotations_multiplied_one_by_one():
 
 
 def test_all_but_the_costs_is_the_same_again(rows, tmp_path):
-    again = run_study(STUDY, CONFIG, tmp_path / "again")
+    again = run_study(STUDY, CONFIG.model_copy(update={"cases": 2}), tmp_path / "again")
     kept = [name for name in rows if not name.startswith("cost_")]
     assert set(rows) - set(kept) == {"cost_cpu_ms"}
-    assert again[kept].equals(rows[kept])
+    assert again[kept].equals(rows.loc[rows["case"] < 2, kept])
 
 
 def test_a_disagreement_is_reported_as_one(rows):

@@ -4,7 +4,7 @@ import json
 import re
 import subprocess
 import sys
-from functools import cache, partial
+from functools import partial
 
 import click
 import numpy as np
@@ -15,6 +15,7 @@ from click.testing import CliRunner
 import gyrocal
 from gyrocal import NAMES, load
 from simulator import scenario as scenarios
+from studies.calibration import psi
 from studies.cli.main import COMMAND_NAMES, main, read_help
 from studies.montecarlo import engine
 from studies.natanson import omitted_effects, paper_tables, reproduce, slew_timings
@@ -113,7 +114,7 @@ def test_remarks_name_what_was_chosen(run_cli, trmm_recording):
 
 def test_largest_residual_is_named(run_cli, tmp_path):
     rec = tmp_path / "rec"
-    run_cli("simulate", "trmm_series", str(rec))
+    run_cli("simulate", "trmm_series", str(rec), "--set", "gyro.sample_s=4")
     frame = pd.read_parquet(rec / "attitude.parquet")
     angle = np.deg2rad(0.2) / 2
     turned = frame.loc[20, ["q1", "q2", "q3", "q4"]].to_numpy()
@@ -167,12 +168,15 @@ def test_ctrl_c_has_its_own_status(run_cli, monkeypatch, tmp_path):
     assert "resumes" in result.stderr
 
 
-def test_reproduce_writes_everything_and_repeats_itself(run_cli, tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        slew_timings, "fit_common_timings", cache(slew_timings.fit_common_timings)
-    )  # kept, as fits of single intervals are
+@pytest.fixture
+def fewer_fits(monkeypatch):
     monkeypatch.setattr(slew_timings, "START_FRACTIONS", ())  # the fit from all of them is another test's
+    monkeypatch.setattr(slew_timings, "TIMING_CACHE", {})
     monkeypatch.setattr(omitted_effects, "build_drift_table", partial(omitted_effects.build_drift_table, seeds=3))
+
+
+@pytest.mark.usefixtures("fewer_fits")
+def test_reproduce_writes_everything(run_cli, tmp_path):
     result = run_cli("reproduce", "--paper", "natanson", "--cases", "2", "--jobs", "1", "--out", str(tmp_path / "a"))
     assert result.exit_code == 0, result.stderr
     summary = json.loads((tmp_path / "a" / "summary.json").read_text())
@@ -193,14 +197,24 @@ def test_reproduce_writes_everything_and_repeats_itself(run_cli, tmp_path, monke
     assert expected <= set(manifest["files"])
     for title in list(paper_tables.PAPER_TABLE_TITLES.values())[:4]:
         assert title in result.stdout
-    again = run_cli("reproduce", "--paper", "natanson", "--cases", "2", "--jobs", "1", "--out", str(tmp_path / "b"))
-    assert again.exit_code == 0
-    other = json.loads((tmp_path / "b" / "manifest.json").read_text())
-    # Figures, tables and numbers are the same to the bit.
-    assert manifest["files"] == other["files"]
 
 
-def test_another_scenario_is_reproduced_without_the_flight(run_cli, tmp_path):
+@pytest.mark.long
+@pytest.mark.usefixtures("fewer_fits")
+def test_reproduce_has_the_same_bytes_again(run_cli, tmp_path):
+    """Figures, tables and numbers, those of the flight included."""
+    files = []
+    for name in "ab":
+        slew_timings.TIMING_CACHE.clear()
+        arguments = ("reproduce", "--paper", "natanson", "--cases", "2", "--jobs", "1", "--out", str(tmp_path / name))
+        assert run_cli(*arguments).exit_code == 0
+        files.append(json.loads((tmp_path / name / "manifest.json").read_text())["files"])
+    assert files[0] == files[1]
+
+
+@pytest.mark.usefixtures("blank_figures")
+def test_another_scenario_is_reproduced_without_the_flight(run_cli, tmp_path, monkeypatch):
+    monkeypatch.setattr(psi, "run", partial(psi.run, rates_deg_s=(0.2,), steps_s=(0.5,)))
     options = ("--set", "interval.1.stop_s=13500.0", "--set", "gyro.arw_deg_per_sqrt_s=1e-4", "--cases", "2", "--jobs", "1")
     result = run_cli("reproduce", "--paper", "natanson", *options, "--out", str(tmp_path))
     assert result.exit_code == 0, result.stderr
@@ -234,7 +248,7 @@ def test_one_gyro_is_calibrated_by_the_command(run_cli, tmp_path):
     assert "unknown parameter 'G_zz'" in refused.stderr
 
 
-def test_a_reproduction_that_was_stopped_goes_on(run_cli, tmp_path, monkeypatch):
+def test_a_reproduction_that_was_stopped_goes_on_to_the_same_bytes(run_cli, tmp_path, monkeypatch):
     arguments = ("reproduce", "--paper", "natanson", "--cases", "2", "--jobs", "1", "--out", str(tmp_path))
     with monkeypatch.context() as patch:
         patch.setattr(reproduce, "compare_with_flight", pressed)  # when all cases are there
@@ -246,10 +260,14 @@ def test_a_reproduction_that_was_stopped_goes_on(run_cli, tmp_path, monkeypatch)
     (rows.parent / "parts" / "part-000001.parquet").unlink()
     for part in ("compare_with_flight", "add_omitted_effects"):
         monkeypatch.setattr(reproduce, part, lambda *arguments: None)  # what comes after the cases is another test's
+    monkeypatch.setattr(psi, "run", partial(psi.run, rates_deg_s=(0.2,), steps_s=(0.5,)))
     result = run_cli(*arguments)
     assert result.exit_code == 0, result.stderr
-    assert json.loads((tmp_path / "manifest.json").read_text())["runs"][-1]["resumed"] == 1
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+    assert manifest["runs"][-1]["resumed"] == 1
     assert not (tmp_path / "work").exists()
+    assert run_cli(*arguments[:-1], str(tmp_path / "b")).exit_code == 0
+    assert json.loads((tmp_path / "b" / "manifest.json").read_text())["files"] == manifest["files"]
 
 
 def pressed(*arguments):

@@ -1,11 +1,11 @@
-"""Small recordings to compare: TRMM's six activities at 2 s with references every two minutes."""
+"""Small recordings to compare: TRMM's six activities at 4 s with references every two minutes."""
 
 from simulator import scenario
 from simulator.effects import parse
 from simulator.simulate import simulate
 
 OVERRIDES = {
-    "gyro.sample_s": 2.0,
+    "gyro.sample_s": 4.0,
     "reference.every_s": 120.0,
     "gyro.arw_deg_per_sqrt_s": 1.5e-4,
     "reference.sigma_deg.0": 0.005,

@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import joblib
 import numpy as np
 import pytest
 from scipy.stats import kstest
@@ -122,24 +123,27 @@ def test_fitted_flights_lose_a_degree_of_freedom_for_each_amplitude(orbital):
 
 def test_percentiles_of_m0_are_uniform():
     percentiles, held = [], 0
-    for seed in range(20):
+    for seed in range(12):
         standing = compare(recorded(100 + seed), [], runs=20, seed=seed).standings[0]
         table = dict(zip(standing.names, standing.statistics["percentile"], strict=True))
         percentiles.append([table["mean square of the calibration"], table["residual rate lag-1 correlation y"]])
         held += standing.gap.before_90[0] <= 0 <= standing.gap.before_90[1]
     for column in np.transpose(percentiles):
         assert kstest(column, "uniform").pvalue > 1e-3
-    assert held >= 14  # of 20 at 90 %; fewer happen once in 2000
+    assert held >= 7  # of 12 at 90 %; fewer happen once in 1800
 
 
-def test_jobs_change_nothing(orbital):
+@pytest.mark.parametrize("backend", ["threading", pytest.param("loky", marks=pytest.mark.long)])
+def test_jobs_change_nothing(orbital, backend):
+    """Processes take seconds to start; threads divide the flights as they do."""
     recording, scenario = orbital
 
     def statistics(seed, jobs):
         return compare(recording, [("adopted", scenario)], runs=20, seed=seed, jobs=jobs).standings[1].statistics
 
     alone = statistics(seed=1, jobs=1)
-    assert statistics(seed=1, jobs=2).equals(alone)
+    with joblib.parallel_config(backend=backend):
+        assert statistics(seed=1, jobs=2).equals(alone)
     assert not statistics(seed=2, jobs=1).equals(alone)
 
 

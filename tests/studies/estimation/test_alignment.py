@@ -13,7 +13,7 @@ from studies.montecarlo.study import load_base_scenario, load_config
 from tests.builders import mean_bounds
 from tests.studies.rows import run_study
 
-CONFIG = load_config(STUDY, changes={"cases": 4, "esa_factors": [1.0, 50.0]})
+CONFIG = load_config(STUDY, changes={"cases": 3, "esa_factors": [1.0, 50.0]})
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def test_nees_that_one_round_has_is_predicted(rows):
     predicted = once["nees_predicted"].mean()
     spread = np.sqrt((2 * 7 + 4 * (predicted - 7)) / len(once))
     assert abs(once["nees"].mean() - predicted) < 4 * spread
-    low, high = mean_bounds(7, 4)
+    low, high = mean_bounds(7, 3)
     for name in ("nees_own_mean", "nees"):
         inside = low < once[name].mean() < high
         assert inside == (name == "nees_own_mean")

@@ -137,7 +137,7 @@ def test_threads_of_a_worker_take_turns(reference, tmp_path):
 def test_a_case_that_kills_its_worker_is_a_failed_row(where, reference, tmp_path):
     config, _ = reference
     config = config.model_copy(update={"die": (7,)})
-    outcome = run(DRAWS, config, tmp_path, chunk=6, **where)
+    outcome = run(DRAWS, config, tmp_path, chunk=6, **where | {"jobs": 1})  # each death costs the start of a worker
     assert outcome.failures == {3: "ValueError: case 3 is bad", 7: "WorkerDied: killed its worker"}
     assert "ended without an answer" in (tmp_path / "failures" / "case-000007.txt").read_text()
     expected = run(DRAWS, config.model_copy(update={"die": ()}), tmp_path / "serial", backend="serial").load()

@@ -15,7 +15,7 @@ import pytest
 from gyrocal import load as load_recording
 from gyrocal.errors import InputError
 from simulator.streams import generator
-from studies.montecarlo.engine import StudyConfig, rerun, run
+from studies.montecarlo.engine import StudyConfig, StudyInterrupted, rerun, run
 from studies.montecarlo.session import StorageError, open_study_folder
 from studies.montecarlo.study import DISPERSED
 from tests import ROOT
@@ -351,7 +351,7 @@ def test_one_run_at_a_time(tmp_path):
     serial(DRAWS, DrawsConfig(cases=4), tmp_path)
 
 
-@pytest.mark.parametrize("backend", ["serial", "loky"])
+@pytest.mark.parametrize("backend", ["serial", pytest.param("loky", marks=pytest.mark.long)])
 def test_a_full_disk_loses_nothing(backend, tmp_path, monkeypatch):
     """After three parts none can be put in its place."""
     config, count, rename = DrawsConfig(cases=20), 0, os.replace
@@ -380,8 +380,8 @@ def test_a_full_disk_loses_nothing(backend, tmp_path, monkeypatch):
 # Being stopped. A real process is told to stop at a real moment.
 
 
-def start(tmp_path: Path, backend: str, cases: int = 60) -> tuple[subprocess.Popen, DrawsConfig, Path]:
-    """A study in a process of its own, some cases into it."""
+def start(tmp_path: Path, cases: int = 60) -> tuple[subprocess.Popen, DrawsConfig, Path]:
+    """A study in a process of its own with two workers, some cases into it."""
     flag, folder = tmp_path / "flag", tmp_path / "study"
     config = DrawsConfig(cases=cases, flag=str(flag), pause_s=0.02, fail=(3,), label=True)
     code = f"""
@@ -395,7 +395,7 @@ def start(tmp_path: Path, backend: str, cases: int = 60) -> tuple[subprocess.Pop
             signal.signal(signal.SIGINT, signal.default_int_handler)  # it is ignored if the tests run in the background
             config = DrawsConfig.model_validate_json({config.model_dump_json()!r})
             try:
-                run(DRAWS, config, Path({str(folder)!r}), backend={backend!r}, jobs=2, chunk=2)
+                run(DRAWS, config, Path({str(folder)!r}), backend="loky", jobs=2, chunk=2)
             except GyrocalError as error:
                 print(error)
                 sys.exit(error.exit_status)
@@ -438,9 +438,8 @@ def check_resumable(config: DrawsConfig, folder: Path, tmp_path: Path, monkeypat
     assert outcome.table.read_bytes() == serial(DRAWS, config, tmp_path / "whole").table.read_bytes()
 
 
-@pytest.mark.parametrize("backend", ["serial", "loky"])
-def test_resumed_after_kill_9_the_table_is_the_same_bit_for_bit(backend, tmp_path, monkeypatch):
-    process, config, folder = start(tmp_path, backend)
+def test_resumed_after_kill_9_the_table_is_the_same_bit_for_bit(tmp_path, monkeypatch):
+    process, config, folder = start(tmp_path)
     process.kill()
     assert process.wait(DEADLINE_S) == -signal.SIGKILL
     assert manifest(folder)["status"] == "running"
@@ -464,15 +463,14 @@ def processes_of(session: int) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("backend", "number", "how"),
+    ("number", "how"),
     [
-        ("serial", signal.SIGTERM, "interrupted by SIGTERM"),
-        ("loky", signal.SIGINT, "interrupted"),
-        ("loky", signal.SIGHUP, "interrupted by SIGHUP"),
+        (signal.SIGINT, "interrupted"),
+        pytest.param(signal.SIGHUP, "interrupted by SIGHUP", marks=pytest.mark.long),
     ],
 )
-def test_a_signal_stops_cleanly_and_says_how_to_resume(backend, number, how, tmp_path, monkeypatch):
-    process, config, folder = start(tmp_path, backend)
+def test_a_signal_stops_cleanly_and_says_how_to_resume(number, how, tmp_path, monkeypatch):
+    process, config, folder = start(tmp_path)
     os.killpg(process.pid, number)  # as a terminal or a batch system does: to the workers too
     output, errors = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 128 + number
@@ -484,6 +482,36 @@ def test_a_signal_stops_cleanly_and_says_how_to_resume(backend, number, how, tmp
     assert manifest(folder)["status"] == "interrupted"
     wait_for(lambda: not processes_of(process.pid))
     check_resumable(config, folder, tmp_path, monkeypatch)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_of_a_batch_system_stops_cleanly(number, tmp_path):
+    """Sent to this process, in place of one that would take seconds to start."""
+
+    @contextmanager
+    def send_after_four(label, total):
+        done = 0
+
+        def advance(count):
+            nonlocal done
+            done += count
+            if done == 4:
+                os.kill(os.getpid(), number)
+
+        yield advance
+
+    config, before = DrawsConfig(cases=20, size=3), signal.signal(number, signal.SIG_DFL)  # under nohup it would be ignored
+    try:
+        told = f"interrupted by {number.name}; 4 of 20 cases are finished .*; the same command resumes"
+        with pytest.raises(StudyInterrupted, match=told) as caught:
+            serial(DRAWS, config, tmp_path / "study", chunk=2, progress=send_after_four)
+    finally:
+        signal.signal(number, before)
+    assert caught.value.exit_status == 128 + number
+    assert manifest(tmp_path / "study")["status"] == "interrupted"
+    outcome = serial(DRAWS, config, tmp_path / "study")
+    assert outcome.resumed == 4
+    assert outcome.table.read_bytes() == serial(DRAWS, config, tmp_path / "whole").table.read_bytes()
 
 
 def test_signals_are_as_before_after_a_run_and_ignored_ones_stay_so(tmp_path):

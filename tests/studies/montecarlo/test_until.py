@@ -90,7 +90,7 @@ def test_looks_are_whole_chunks_and_end_with_all():
     assert list(list_checkpoints(10, 1)) == [10]
 
 
-@pytest.mark.parametrize("backend", ["serial", "loky"])
+@pytest.mark.parametrize("backend", ["serial", pytest.param("loky", marks=pytest.mark.long)])
 def test_a_study_stops_when_it_has_enough(backend, tmp_path):
     def asked(limit, cases=1000):
         config = DrawsConfig(cases=cases, size=3, fail=(5,))

@@ -191,7 +191,13 @@ def test_a_gap_by_chance_is_not_named():
     assert frozenset() in found.group
 
 
-@pytest.mark.parametrize("kind", ["yaw of 2", "rate sign", "one timing", "noise /3", "unknown", "yaw of 2, four timings"])
+KINDS = [
+    *("rate sign", "unknown", "yaw of 2, four timings"),
+    *(pytest.param(kind, marks=pytest.mark.long) for kind in ("yaw of 2", "one timing", "noise /3")),
+]
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_what_is_simulated_is_named(kind):
     truth = simulated_tables.EFFECTS_BY_KIND[kind]
     found = diagnose(table_of(kind, 3), PRESENT)
@@ -208,7 +214,7 @@ def test_what_is_simulated_is_named(kind):
     ("name", "labels"),
     [
         ("rate of 4 at +1 RPO", {"-y rate sign:4"}),
-        ("slews centred and smooth", {"slew timing:common"}),
+        pytest.param("slews centred and smooth", {"slew timing:common"}, marks=pytest.mark.long),
         ("noise three times", {"noise level"}),
     ],
 )

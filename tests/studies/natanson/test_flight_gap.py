@@ -12,6 +12,14 @@ from studies.natanson import flight, flight_gap, slew_directions, slew_timings
 from studies.natanson.flight_diagnosis.baselines import centre_slews
 
 TRMM = scenarios.load("trmm")
+FITS = {(): {}, slew_timings.START_FRACTIONS: {}}  # kept, by where the fits begin beside the assumed timings
+
+
+@pytest.fixture(params=[(), pytest.param(slew_timings.START_FRACTIONS, marks=pytest.mark.long)], ids=["one", "all"])
+def starts(request, monkeypatch):
+    """Fits begin at the assumed timings; from the other beginnings, which lead to the same, they take minutes."""
+    monkeypatch.setattr(slew_timings, "START_FRACTIONS", request.param)
+    monkeypatch.setattr(slew_timings, "TIMING_CACHE", FITS[request.param])
 
 
 def test_gap_without_fitted_timing():
@@ -76,6 +84,7 @@ def test_prediction_does_not_move(num_regression):
     num_regression.check(values, default_tolerance={"atol": 0, "rtol": 1e-6})
 
 
+@pytest.mark.usefixtures("starts")
 def test_fitted_common_timing_narrows_the_gap():
     fit = slew_timings.fit_common_timings(TRMM)
     assert fit.clean_gap_rms_deg < 0.7 * flight_gap.compute_clean_gap_rms(flight_gap.predict_residuals(TRMM))
@@ -84,6 +93,7 @@ def test_fitted_common_timing_narrows_the_gap():
     assert fit.gap_rms_deg == pytest.approx(flight_gap.compute_gap_rms(flight_gap.predict_residuals(fit.scenario)))
 
 
+@pytest.mark.usefixtures("starts")
 def test_other_directions_are_rejected():
     table = slew_directions.compare_minus_y_rates(TRMM).set_index("rate_rpo")
     assert table.loc[-1, "gap_rms_deg"] < 0.03
@@ -123,6 +133,7 @@ def test_noise_from_the_spread_between_steps():
     assert estimates.std() / 2e-4 == pytest.approx(noise["relative_sigma"], rel=5 / np.sqrt(600))
 
 
+@pytest.mark.usefixtures("starts")
 def test_a_fit_says_which_timings_stopped_at_a_bound():
     fit = slew_timings.fit_each_maneuver(TRMM)
     assert fit.count == 9
@@ -132,6 +143,7 @@ def test_a_fit_says_which_timings_stopped_at_a_bound():
     assert low <= fit.timings["m4 stay_s"] <= high
 
 
+@pytest.mark.usefixtures("starts")
 def test_a_fit_is_the_same_again_bit_for_bit():
     """Also that of an interval alone, which is kept."""
     k = flight_gap.HOLD

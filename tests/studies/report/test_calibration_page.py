@@ -85,6 +85,7 @@ def test_what_the_data_do_not_determine_comes_first(recording):
     assert "gyrocal plan" in calibration_page.recommend_next_step(free)
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_the_command_writes_it(run_cli, tmp_path, recording, monkeypatch):
     def no_noise(*_):
         raise InputError("rec: no stretch of samples shows the gyro's noise")

@@ -43,11 +43,17 @@ FIGURES = {
 }
 
 
+RENDERED = {"pair", "not identifiable"}  # cases whose figures are rendered; those of the others are drawn only
+
+
 class Pages(dict):
     """The page of each case, made when it is first asked for: a worker may have few of the tests."""
 
     def __missing__(self, name):
-        self[name] = diagnosis_report.build_diagnosis_page(CASES[name]())
+        with pytest.MonkeyPatch.context() as patch:
+            if name not in RENDERED:
+                patch.setattr(svg, "render_svg", lambda figure: b'<svg viewBox="0 0 1 1"></svg>')
+            self[name] = diagnosis_report.build_diagnosis_page(CASES[name]())
         return self[name]
 
 
@@ -281,6 +287,7 @@ def test_pointing_is_the_largest_swing_within_an_orbit():
     assert "in the samples" in pointing_cost.describe_pointing_cost(table.iloc[:0], 5400.0)
 
 
+@pytest.mark.usefixtures("blank_figures")
 @pytest.mark.parametrize(("kind", "is_motion"), [("spectral_line", False), ("bias_tone", False), ("outliers", True)])
 def test_a_line_is_a_motion_of_the_body_unless_it_is_named_for_something_else(kind, is_motion):
     found = CASES["named"]()
@@ -313,8 +320,8 @@ def test_card_is_a_picture(case, tmp_path):
 
 
 def test_page_is_the_same_every_time(pages):
-    again = dataclasses.replace(CASES["pair"](), runtime_s=99.0)
-    assert diagnosis_report.build_diagnosis_page(again) == pages["pair"]
+    again = dataclasses.replace(CASES["not identifiable"](), runtime_s=99.0)
+    assert diagnosis_report.build_diagnosis_page(again) == pages["not identifiable"]
 
 
 def test_names_are_text(pages):
@@ -345,7 +352,7 @@ def test_unlikely_tables():
 
 def test_many_references_and_intervals_stay_small():
     base = CASES["named"]()
-    parts = [residuals(True, series_s=1.0, seed=k).assign(interval=lambda t, k=k: t["interval"] + f".{k}") for k in range(3)]
+    parts = [residuals(True, series_s=3.0, seed=k).assign(interval=lambda t, k=k: t["interval"] + f".{k}") for k in range(3)]
     table = pd.concat(parts, ignore_index=True)
     table.loc[table["interval"] == "m3.1", "before_y"] += 1.0
     details = dataclasses.replace(base.details, residuals=table, regressors=regressors(base.causes, table))
@@ -435,6 +442,7 @@ def test_a_gap_without_a_cause_leaves_no_trust_in_the_calibration():
     assert "trust" not in words.describe_calibration_change(CASES["named"]())
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_a_partial_answer_says_what_its_causes_close_and_what_to_look_at_first():
     base = CASES["group"]()
     alone = dataclasses.replace(base.causes[0], group=("time_offset",), probability=0.98, group_probability=0.98)

@@ -59,6 +59,7 @@ def test_both_answers_are_one(found):
     np.testing.assert_allclose(found.causes[0].size, 0.28156, atol=3 * found.causes[0].sigma)
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_the_json_has_what_the_format_names(run_cli, rec, found, tmp_path, monkeypatch):
     monkeypatch.setattr("diagnosis.diagnose.diagnose", lambda *_, **options: found)
     target, page = tmp_path / "d.json", tmp_path / "d.html"
@@ -82,6 +83,7 @@ def test_the_words_say_what_is_rejected(found):
     assert "would find dss_misalignment and esa_bias instead" in sentence
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_nominal_sensors_on_the_page(of_the_attitudes):
     nominal = diagnose(simulate(FEW, seed=2))
     assert nominal.verdict == "none"
@@ -90,6 +92,7 @@ def test_nominal_sensors_on_the_page(of_the_attitudes):
     assert "with the causes" not in page
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_without_tables_nothing_is_said_of_them(rec, of_the_attitudes):
     plain = diagnose(replace(load(rec), sensors=None))
     assert plain is of_the_attitudes
@@ -105,6 +108,7 @@ def test_tables_without_an_ephemeris_are_passed_over_and_said_so(rec, of_the_att
     assert any("were not looked at: there is no ephemeris table" in note for note in found.notes)
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_tables_that_fit_nothing_are_said_so(rec, of_the_attitudes):
     recording = load(rec)
     tables = recording.sensors

@@ -106,6 +106,7 @@ def test_what_is_no_exam_is_refused(tmp_path):
         steps.take("001", 1, tmp_path)
 
 
+@pytest.mark.usefixtures("small_plans_only")
 def test_keys_of_a_small_exam_are_the_same_again(tmp_path):
     folder = tmp_path / "001"
     folder.mkdir()
@@ -113,5 +114,6 @@ def test_keys_of_a_small_exam_are_the_same_again(tmp_path):
         shutil.copy(EXAM / file, folder / file)
     path = steps.seal("001", 3, 2, 1, tmp_path)
     sealed = json.loads(path.read_text())
+    assert sealed["drawn"] == 2
     assert sealed["keys_sha256"] == hash_bytes(steps.format_keys(steps.draw_exam_keys("001", 3, 2, 1)).encode())
     assert sealed["generator_sha256"]["plans.py"] == hash_bytes((folder / "plans.py").read_bytes())

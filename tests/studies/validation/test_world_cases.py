@@ -21,9 +21,6 @@ from studies.validation.world.timed_diagnosis import TimedDiagnosis
 from studies.validation.world.world import WORLD_SNR, Spec
 from tests.studies.validation.world_plans import small_world
 
-CHEAP = 4
-
-
 SOURCES = ("known", "fresh", "exam/001", "exam/002")
 
 
@@ -65,17 +62,14 @@ def test_kinds_come_in_their_shares_in_every_block():
         assert tuple(kinds.count(kind) for kind in KIND_ORDER) == MIX
 
 
-QUICK = "slews_and_rests"
-
-
+@pytest.mark.usefixtures("small_plans_only")
 @pytest.mark.parametrize("kind", KIND_ORDER)
 def test_a_case_is_the_same_again_and_has_what_its_kind_says(kind):
-    one = draw_world_case(Spec("known", 2), 3, kind, QUICK)
-    if kind != "unlisted":  # the draws of a mixed one hold its own
-        other = draw_world_case(Spec("known", 2), 3, kind, QUICK)
-        assert one.truth() == other.truth()
-        assert np.array_equal(one.recording().gyro.rates, other.recording().gyro.rates)
-        assert np.array_equal(one.recording().attitudes.quaternions, other.recording().attitudes.quaternions)
+    one = draw_world_case(Spec("known", 2), 3, kind)
+    other = draw_world_case(Spec("known", 2), 3, kind)
+    assert one.truth() == other.truth()
+    assert np.array_equal(one.recording().gyro.rates, other.recording().gyro.rates)
+    assert np.array_equal(one.recording().attitudes.quaternions, other.recording().attitudes.quaternions)
     assert all(snr >= 0.9 * WORLD_SNR[0] for snr in one.snr)
     listed = [setting.effect for setting in one.settings if setting.effect in EFFECTS]
     outside = [setting.effect for setting in one.settings if setting.effect in find_source("known").families]
@@ -181,9 +175,10 @@ def fake(recording):
     return TimedDiagnosis(answer, 1.0, 100.0)
 
 
+@pytest.mark.usefixtures("small_plans_only")
 def test_a_small_study_runs_and_resumes(tmp_path, monkeypatch):
     monkeypatch.setattr(world_study, "diagnose_timed", fake)
-    config = load_config(world_study.STUDY, None, {"cases": CHEAP, "entropy": 2})
+    config = load_config(world_study.STUDY, None, {"cases": 4, "entropy": 2})
     outcome = engine.run(world_study.STUDY, config, tmp_path, backend="serial", chunk=2)
     assert not outcome.failures
     rows = outcome.load()
@@ -191,10 +186,10 @@ def test_a_small_study_runs_and_resumes(tmp_path, monkeypatch):
     for name in ("truth", "causes", "posterior", "size_sigmas", "calibration_sigmas"):
         assert rows[name].map(json.loads).notna().all()
     made = report(config, rows)
-    assert made.tables["counts"].data["cases"].sum() == CHEAP
+    assert made.tables["counts"].data["cases"].sum() == 4
     (tmp_path / "table.parquet").unlink()
     again = engine.run(world_study.STUDY, config, tmp_path, backend="serial", chunk=2)
-    assert again.resumed == CHEAP
+    assert again.resumed == 4
     pd.testing.assert_frame_equal(again.load(), rows)
 
 
