@@ -125,6 +125,7 @@ def is_needed(place, number):
         set(re.findall(r"/tmp/[\w.]+", "\n".join(some)))
         for some in (lines[:number], lines[number : number + 1], lines[number + 1 :])
     )
+    before.add("/tmp/adopted.toml")  # `world` has one
     if not re.search(r"gyrocal (simulate|import) ", lines[number]):
         before.add("/tmp/rec")  # it is there if no line makes it
     return FIRST_PLACES[lines[number]] == place or bool((own - before) & after)
