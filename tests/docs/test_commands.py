@@ -66,6 +66,9 @@ ONLY_PARSED = {  # why each is not run here
     "gyrocal next": "tests/studies/cli/test_next.py",
     "gyrocal diagnose /tmp/months": "tests/diagnosis/test_sensor_tables.py",
     "gyrocal diagnose /tmp/four": "tests/diagnosis/test_gyros.py",
+    "gyrocal diagnose --without": "a diagnosis more; tests/studies/cli/test_diagnose.py",
+    "gyrocal diagnose /tmp/rec --draft": "that of RECORDING is run",
+    "gyrocal allan --interval --json": "that with a figure is run",
     "gyrocal diagnose --plan": "a plan of all effects takes a minute; tests/studies/report/test_next_flight.py",
 }
 NEEDS_DATA = {"real"}  # studies whose settings name files that are not part of the project

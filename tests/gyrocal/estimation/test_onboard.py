@@ -94,7 +94,8 @@ def test_covariance_over_seeds(opened, cases):
         # Independence counts the noise of the filter's time constant twice: too large, and the parameters look too good.
         assert white_naive < 0.75 * 3
         assert naive < 0.85 * own
-        assert cases < 30 or naive < mean_bounds(12, cases, z=3.0)[0]
+        if cases >= 30:  # fewer have too wide bounds
+            assert naive < mean_bounds(12, cases, z=3.0)[0]
 
 
 def test_a_filter_that_runs_through_needs_its_own_sensitivity():
