@@ -1,6 +1,7 @@
 """Small recordings with a truth known in closed form, made without the code under test."""
 
 import numpy as np
+import pytest
 import scipy.stats
 from scipy.spatial.transform import Rotation
 
@@ -74,6 +75,11 @@ def piecewise_recording(
         attitudes=Attitudes(np.asarray(t_ref), quaternions, sigma),
         intervals=tuple(intervals),
     )
+
+
+def choose_case_numbers(few, many):
+    """Values of a parameter: few cases for ``make test``, many, for the power of a study, for ``make long``."""
+    return [few, pytest.param(many, marks=pytest.mark.long)]
 
 
 def mean_bounds(size, cases, z=4.0):

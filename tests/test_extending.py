@@ -207,20 +207,22 @@ RIVALS = (
 )
 
 
+@pytest.mark.parametrize("is_against_all", [False, pytest.param(True, marks=pytest.mark.long)])
 @pytest.mark.parametrize("example", list(SEEN), indirect=True)
-def test_an_effect_from_outside_is_named_with_its_size(example):
+def test_an_effect_from_outside_is_named_with_its_size(example, is_against_all):
     """One file each: a rate column, a random process, a change of the samples, of the references, and of a sensor."""
     asked = parse(SEEN[example.name])
     every_s = 90.0 if example.name in ("bias_swing", "reference_third") else 120.0  # they swing fast
-    series = simulator.override(simulator.load("trmm_series"), {"reference.every_s": every_s})
-    scenario = FEW if isinstance(example, SensorEffect) else series
-    library = [example.name, *RIVALS] if example.name in ("bias_swing", "reference_third") else None
-    answer = diagnose(simulator.simulate(scenario, seed=1, effects=[asked]), library=library)
+    series = simulator.override(SCENARIO, {"reference.every_s": every_s})
+    on_sensors = isinstance(example, SensorEffect)
+    rivals = [name for name, one in REGISTRY.items() if isinstance(one, SensorEffect)] if on_sensors else RIVALS
+    library = None if is_against_all else [example.name, *(name for name in rivals if name != example.name)]
+    answer = diagnose(simulator.simulate(FEW if on_sensors else series, seed=1, effects=[asked]), library=library)
     (cause,) = answer.causes
     assert (cause.effect, cause.axis) == (asked.effect, asked.axis)
     assert cause.group == (cause.label,)
     # A remainder may stand in the place of a random process, whatever the data.
-    random = not isinstance(example, SensorEffect) and example.is_process
+    random = not on_sensors and example.is_process
     assert cause.probability > (0.95 * (1 - DEFAULT.unlisted_share) if random else 0.8)
     assert abs(cause.size - asked.size) < 3 * cause.sigma
 

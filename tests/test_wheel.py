@@ -50,23 +50,39 @@ def test_it_is_small_and_holds_the_program_alone(wheel):
     assert {"gyrocal/__init__.py", "simulator/scenarios/trmm.toml"} <= set(names)
 
 
-def test_the_tutorial_begins_outside_the_checkout(installed, tmp_path):
-    script = (ROOT / "docs" / "examples" / "own_log.py").read_text()
-    (tmp_path / "own_log.py").write_text(script)
-
+@pytest.fixture
+def run(installed, tmp_path):
+    """Run the interpreter of that environment in a folder that holds the script of the tutorial."""
+    (tmp_path / "own_log.py").write_text((ROOT / "docs" / "examples" / "own_log.py").read_text())
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
 
     def run(*arguments):
-        return subprocess.run([installed, *arguments], cwd=tmp_path, env=environment, capture_output=True, text=True)
+        done = subprocess.run([installed, *arguments], cwd=tmp_path, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
 
-    where = run("-c", "import gyrocal, studies; print(gyrocal.__file__, studies.__file__)").stdout
+    return run
+
+
+COLUMNS = ["--time", "time_ms:ms", "--gyro", "gx,gy,gz:deg/s"]
+
+
+def test_commands_work_outside_the_checkout(run, installed, tmp_path):
+    """With scenarios, pages and their style, by what needs no compiled code: to compile it for one log takes forty seconds."""
+    where = run("-c", "import gyrocal, studies; print(gyrocal.__file__, studies.__file__)")
     assert str(ROOT) not in where
     assert str(installed.parents[1]) in where
-    assert run("own_log.py", "desk").returncode == 0
-    command = "gyrocal"
-    tables = ["desk/gyro.csv", "desk/mocap.csv", "desk/rec", "--time", "time_ms:ms", "--gyro", "gx,gy,gz:deg/s"]
-    imported = run("-m", command, "import", "csv", *tables, "--quat", "qw,qx,qy,qz:body-to-inertial")
-    assert imported.returncode == 0, imported.stderr
-    calibrated = run("-m", command, "calibrate", "desk/rec", "--report", "calibration.html")
-    assert "Use the sigmas with remainder" in " ".join(calibrated.stdout.split())
+    assert "trmm_series" in run("-m", "gyrocal", "scenarios")
+    run("own_log.py", "desk")
+    run("-m", "gyrocal", "allan", "desk/gyro.csv", *COLUMNS, "--report", "allan.html")
+    assert (tmp_path / "allan.html").stat().st_size > 10_000
+
+
+@pytest.mark.long
+def test_the_tutorial_begins_outside_the_checkout(run, tmp_path):
+    run("own_log.py", "desk")
+    tables = ["desk/gyro.csv", "desk/mocap.csv", "desk/rec", "--quat", "qw,qx,qy,qz:body-to-inertial"]
+    run("-m", "gyrocal", "import", "csv", *tables, *COLUMNS)
+    calibrated = run("-m", "gyrocal", "calibrate", "desk/rec", "--report", "calibration.html")
+    assert "Use the sigmas with remainder" in " ".join(calibrated.split())
     assert (tmp_path / "calibration.html").stat().st_size > 10_000

@@ -47,9 +47,18 @@ class Problem:
             [self._compute_markov_variance(logs) if term == MARKOV else self._units[term] for term in terms]
         )
 
+    @cached_property
+    def _last_markov(self) -> dict[float, Array]:
+        """Allan variance of Markov noise at the last time constant, which residuals and their derivatives share."""
+        return {}
+
     def _compute_markov_variance(self, logs: Array) -> Array:
         """(t,) Allan variance of Markov noise per square of its coefficient."""
-        return compute_allan_variance(MARKOV, self.tau_s, self.time_constant_s(logs))
+        constant = self.time_constant_s(logs)
+        if constant not in self._last_markov:
+            self._last_markov.clear()
+            self._last_markov[constant] = compute_allan_variance(MARKOV, self.tau_s, constant)
+        return self._last_markov[constant]
 
     def time_constant_s(self, logs: Array) -> float:
         """The last number, kept between half a sample's and twice the longest averaging time."""

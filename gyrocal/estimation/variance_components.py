@@ -25,6 +25,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 START_SHARE = 0.3  # share of the excess power that all components have together where the optimisation starts
 PRECISION = 1e-6  # relative change of −log L at which the optimisation ends
@@ -82,10 +83,11 @@ def estimate_variance_components(residuals: Array, components: Sequence[Array], 
     Z = np.hstack([np.zeros((residuals.size, 0)), *components])
     owner = np.repeat(np.arange(len(counts)), counts)
     unit = max(power, dof) / each  # variance with which a component would make all the power alone
-    kernels = np.array([part @ part.T for part in components]).reshape(len(components), residuals.size, residuals.size)
+    lower = list_lower_places(residuals.size)
+    kernels = np.array([(part @ part.T).ravel()[lower] for part in components]).reshape(len(components), lower.size)
 
     def evaluate_objective(x: Array) -> tuple[float, Array]:
-        return evaluate_likelihood(float(np.exp(x[0])), np.exp(x[1:]), kernels, residuals, dof)
+        return evaluate_likelihood(float(np.exp(x[0])), np.exp(x[1:]), kernels, residuals, dof, lower)
 
     high = max(np.log(max(power, dof) / dof), 1e-9)
     excess = max(1.0 - dof / max(power, dof), 0.05)
@@ -101,18 +103,31 @@ def estimate_variance_components(residuals: Array, components: Sequence[Array], 
     return VarianceComponents(noise, theta, -float(found.fun) + 0.5 * power, basis, powers)
 
 
-def evaluate_likelihood(noise: float, theta: Array, kernels: Array, y: Array, dof: float) -> tuple[float, Array]:
-    """Evaluate −log L but for a constant, and its gradient by log φ and log θ, from the (K, N, N) matrices M_k."""
-    ratios = theta / noise
-    D = np.tensordot(ratios, kernels, 1)
-    D[np.diag_indices_from(D)] += 1.0
-    factor = scipy.linalg.cholesky(D, lower=True, check_finite=False)
-    a = scipy.linalg.cho_solve((factor, True), y, check_finite=False)
-    inverse, _ = scipy.linalg.lapack.dpotri(factor, lower=1)
-    inverse = np.tril(inverse) + np.tril(inverse, -1).T
-    seen = ratios * np.tensordot(kernels, inverse, 2)
-    u2 = ratios * (kernels @ a @ a)
+def list_lower_places(n: int) -> Indices:
+    """List the places of the lower triangle of an (n, n) matrix in its n² elements, row by row."""
+    return np.flatnonzero(np.tri(n, dtype=bool))
+
+
+def evaluate_likelihood(
+    noise: float, theta: Array, kernels: Array, y: Array, dof: float, lower: Indices
+) -> tuple[float, Array]:
+    """Evaluate −log L but for a constant, and its gradient by log φ and log θ.
+
+    The matrices M_k are given by their lower triangles (K, N (N + 1)/2) alone, at the places `lower` of the raveled matrix:
+    reading them from memory takes most of the time.
+    """
+    ratios, n = theta / noise, y.size
+    D = np.zeros(n * n)
+    D[lower] = ratios @ kernels
+    D[:: n + 1] += 1.0
+    # The lower triangle by rows is the upper one by columns, which LAPACK takes without a copy.
+    factor = scipy.linalg.cholesky(D.reshape(n, n).T, overwrite_a=True, check_finite=False)
+    a = scipy.linalg.cho_solve((factor, False), y, check_finite=False)
     value = 0.5 * (dof * np.log(noise) + 2 * np.log(np.diag(factor)).sum() + y @ a / noise)
+    inverse, _ = scipy.linalg.lapack.dpotri(factor, overwrite_c=1)
+    products = np.array([inverse.T, np.outer(a, a)]).reshape(2, -1)[:, lower] * 2.0
+    products[:, np.cumsum(np.arange(1, n + 1)) - 1] *= 0.5  # what is beside the diagonal is there twice
+    seen, u2 = (ratios * (kernels @ one) for one in products)
     slope = -0.5 * np.concatenate([[a @ a / noise - dof + seen.sum()], u2 / noise - seen])
     return float(value), slope
 

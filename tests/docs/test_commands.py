@@ -1,6 +1,8 @@
 """Every command that a page or a ``--help`` shows is typed, with what `world` makes behind its names.
 
 What takes minutes is made small by `SMALL`; what cannot be made small is only parsed, `ONLY_PARSED`. Both are lists by name.
+A line that stands in several places runs in the first of them, and a command draws its page and its pictures in one place. In
+the others, the line is parsed, unless later lines there need the files that it writes.
 """
 
 import json
@@ -25,7 +27,7 @@ from tests import ROOT
 from tests.docs import world
 from tests.docs.blocks import PAGES, helped, shell
 
-HELP = helped()
+HELP, TUTORIAL = helped(), "docs/tutorial.md"
 SHOWN = {page: lines for page in PAGES if (lines := shell(page))} | HELP
 SMALL = (  # what is typed in place of what is shown
     (r"\btrmm_series\b", "series.toml"),
@@ -64,6 +66,9 @@ ONLY_PARSED = {  # why each is not run here
     "gyrocal next": "tests/studies/cli/test_next.py",
     "gyrocal diagnose /tmp/months": "tests/diagnosis/test_sensor_tables.py",
     "gyrocal diagnose /tmp/four": "tests/diagnosis/test_gyros.py",
+    "gyrocal diagnose --without": "a diagnosis more; tests/studies/cli/test_diagnose.py",
+    "gyrocal diagnose /tmp/rec --draft": "that of RECORDING is run",
+    "gyrocal allan --interval --json": "that with a figure is run",
     "gyrocal diagnose --plan": "a plan of all effects takes a minute; tests/studies/report/test_next_flight.py",
 }
 NEEDS_DATA = {"real"}  # studies whose settings name files that are not part of the project
@@ -101,19 +106,32 @@ def diagnosed(recording, **options):
     return DIAGNOSES[key]
 
 
-DRAWN, DONE = set(), set()  # commands that have made their page, and lines that depend on no other line, in this process
+FIRST_PLACES = {line: place for place in reversed(SHOWN) for line in SHOWN[place]}
+PAGES_DRAWN_AT = {
+    line.split()[1]: place for place in (*reversed(SHOWN), TUTORIAL) for line in SHOWN[place] if "--report" in line
+}
 
 
-def in_small(line):
+def in_small(line, place):
     """What is typed for a line; a command makes its page and its pictures once."""
     for shown, typed in SMALL:
         line = re.sub(shown, typed, line)
-    command = line.split()[1]
-    if command in DRAWN:
+    if PAGES_DRAWN_AT.get(line.split()[1], place) != place:
         return re.sub(r" --(report|card|figure) \S+", "", line)
-    if "--report" in line:
-        DRAWN.add(command)
     return line
+
+
+def is_needed(place, number):
+    """Whether the line of a place with this number runs there first, or writes what later lines there read."""
+    lines = SHOWN[place]
+    before, own, after = (
+        set(re.findall(r"/tmp/[\w.]+", "\n".join(some)))
+        for some in (lines[:number], lines[number : number + 1], lines[number + 1 :])
+    )
+    before.add("/tmp/adopted.toml")  # `world` has one
+    if not re.search(r"gyrocal (simulate|import) ", lines[number]):
+        before.add("/tmp/rec")  # it is there if no line makes it
+    return FIRST_PLACES[lines[number]] == place or bool((own - before) & after)
 
 
 def belongs(key, line):
@@ -125,7 +143,7 @@ def extras():
     return tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
 
 
-@pytest.mark.parametrize("place", [place for place in SHOWN if place != "docs/tutorial.md"])  # which has a test of its own
+@pytest.mark.parametrize("place", [place for place in SHOWN if place != TUTORIAL])  # which has a test of its own
 def test_what_is_shown_runs(place, made, tmp_path, monkeypatch):
     shutil.copytree(made, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
@@ -138,15 +156,15 @@ def test_what_is_shown_runs(place, made, tmp_path, monkeypatch):
         shutil.copy(tmp_path / "scenario.toml", tmp_path / "mine.toml")
     else:
         shutil.copy(tmp_path / "mapping.toml", tmp_path / "mine.toml")
-    for line in lines:
-        if line not in DONE:
-            run(line, tmp_path)
-        if "/tmp/" not in line:
-            DONE.add(line)
+    for number, line in enumerate(lines):
+        if is_needed(place, number):
+            run(line, place, tmp_path)
+        elif line.startswith("gyrocal "):
+            parsed(main, shlex.split(line)[1:])
     sys.modules.pop("mystudy", None)
 
 
-def run(line, folder):
+def run(line, place, folder):
     """One line, or as much of it as can be run here."""
     words = shlex.split(line)
     if words[0] == "make":
@@ -161,7 +179,7 @@ def run(line, folder):
         parsed(main, words[1:])
     else:
         assert words[0] == "gyrocal", line
-        words = shlex.split(in_small(line.replace("/tmp/", "").partition(" > ")[0]))
+        words = shlex.split(in_small(line.replace("/tmp/", "").partition(" > ")[0], place))
         done = CliRunner().invoke(main, words[1:])
         assert done.exit_code == 0, f"{line}\n{done.output}"
 
@@ -207,7 +225,7 @@ def test_the_tutorial_ends_where_it_says(made, tmp_path, monkeypatch, capsys):
     answers = []
     for line in shell("docs/tutorial.md"):
         if not line.startswith("gyrocal"):
-            run(line, tmp_path)
+            run(line, TUTORIAL, tmp_path)
         else:
             answers.append(CliRunner().invoke(main, shlex.split(line.replace("/tmp/", ""))[1:]))
             assert answers[-1].exit_code == 0, answers[-1].output

@@ -18,7 +18,7 @@ from gyrocal.calibration.gyros import (
 )
 from gyrocal.recording.gyros import compute_gyro_gain, compute_nominal_gyros
 from gyrocal.recording.parts import build_empty_attitudes
-from tests.builders import RPO, mean_bounds, piecewise_recording
+from tests.builders import RPO, choose_case_numbers, mean_bounds, piecewise_recording
 from tests.gyro_arrays import SKEWED, TETRAHEDRON, array_recording
 
 ARW = 5e-6
@@ -103,7 +103,7 @@ def test_jacobian_of_G_and_b_by_differences():
         np.testing.assert_allclose(J[:, k], change, atol=1e-9)
 
 
-def squared_errors(axes, gyros, cases=60, stated=1.0):
+def squared_errors(axes, gyros, cases, stated=1.0):
     """NEES of some seeds, with the stated gyro noise off by a factor."""
     out = []
     for seed in range(cases):
@@ -116,9 +116,10 @@ def squared_errors(axes, gyros, cases=60, stated=1.0):
 
 
 @pytest.mark.parametrize(("axes", "gyros"), [(TETRAHEDRON, None), (SKEWED, SWITCHED)])
-def test_sigmas_are_consistent(axes, gyros):
-    low, high = mean_bounds(4 * len(axes), 60)
-    assert low < squared_errors(axes, gyros) < high
+@pytest.mark.parametrize("cases", choose_case_numbers(25, 60))
+def test_sigmas_are_consistent(axes, gyros, cases):
+    low, high = mean_bounds(4 * len(axes), cases)
+    assert low < squared_errors(axes, gyros, cases) < high
 
 
 def test_sigmas_from_too_little_noise_are_found_out():

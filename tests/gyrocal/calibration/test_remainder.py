@@ -32,7 +32,7 @@ from tests.builders import piecewise_recording
 from tests.gyrocal.calibration.remainder_cases import TRUTH, simulate_remainder
 
 RATE, REFERENCE = np.deg2rad(0.1), np.deg2rad(0.2)
-SEEDS = range(10)
+SEEDS = range(6)
 REMAINDERS = {
     "rate error": {"rate": RATE},
     "correlated reference error": {"reference": REFERENCE},
@@ -95,7 +95,7 @@ def test_covariance_of_means_is_the_integral_of_the_correlation(time_scale):
 
 
 def test_without_a_remainder_the_nominal_sigmas_stay():
-    for seed in range(5):
+    for seed in range(3):
         recording = simulate_remainder(100 + seed)
         result = add_remainder(recording, calibrate(recording))
         assert result.recommended == NOMINAL, result.remainder

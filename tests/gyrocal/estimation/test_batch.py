@@ -12,14 +12,13 @@ from gyrocal.sensors.series import SensorSeries
 from simulator.streams import generator
 from studies.estimation.attitude_cases import ATTITUDE_CASE_ORBIT, TRUE_BIAS, build_orbit_flight, make_direction_sensor
 from studies.estimation.flights import compute_nadir
-from tests.builders import TRUE_G, is_mean_of_chi2, squared_error
+from tests.builders import TRUE_G, choose_case_numbers, is_mean_of_chi2, squared_error
 
 SUN = np.array([np.cos(0.4), np.sin(0.4) * np.cos(0.41), np.sin(0.4) * np.sin(0.41)])
 SIGMA = 1e-3
 TIMES = np.array([0.0, 1000.0, 2746.0, 5488.0])
 EPOCH = 1000.0
 TURN = rotation_matrix(np.array([0.05, -0.03, 0.02]))
-CASES = 200
 
 
 @pytest.fixture(scope="module")
@@ -79,8 +78,8 @@ def test_rows_are_the_derivatives_of_the_residuals(motion):
         np.testing.assert_allclose(state.rows.plain[:, k], slope, rtol=0, atol=1e-7 * np.abs(slope).max() + 1e-6)
 
 
-@pytest.fixture(scope="module")
-def cases(motion):
+@pytest.mark.parametrize("cases", choose_case_numbers(80, 200))
+def test_errors_are_covered_one_by_one_and_together_but_not_by_the_formal_covariance(motion, cases):
     """NEES of epoch attitude and bias, of four attitudes together, and χ², for each way of treating the gyro noise."""
     ways = {
         "exact": {"weighting": "exact"},
@@ -88,7 +87,7 @@ def cases(motion):
         "formal": {"weighting": "plain", "covariance_model": "measurements only"},
     }
     out = {way: [] for way in ways}
-    for case in range(CASES):
+    for case in range(cases):
         rng = generator(51, case, "batch")
         gyro, series = motion.gyro(rng), sensors(motion, rng)
         for way, options in ways.items():
@@ -98,27 +97,16 @@ def cases(motion):
             # Without gyro noise four attitudes have six errors only.
             together = np.nan if way == "formal" else squared_error(many, found.attitude_covariance)
             out[way].append((squared_error(error, found.covariance), together, found.chi2))
-        dof = found.dof
-    return {way: np.array(values).T for way, values in out.items()}, dof
-
-
-@pytest.mark.parametrize("way", ["exact", "plain"])
-def test_errors_are_covered_one_by_one_and_together(cases, way):
-    alone, together, _ = cases[0][way]
-    assert is_mean_of_chi2(alone, 6)
-    assert is_mean_of_chi2(together, 12)
-
-
-def test_the_formal_covariance_of_plain_least_squares_is_far_too_small(cases):
-    alone, _, _ = cases[0]["formal"]
+    for way in ("exact", "plain"):
+        alone, together, chi2 = np.array(out[way]).T
+        assert is_mean_of_chi2(alone, 6)
+        assert is_mean_of_chi2(together, 12)
+        if way == "exact":
+            assert is_mean_of_chi2(chi2, found.dof)
+            assert scipy.stats.kstest(scipy.stats.chi2.cdf(chi2, found.dof), "uniform").pvalue > 1e-3
+    alone = np.array(out["formal"])[:, 0]
     assert np.mean(alone) > 2.5 * 6
     assert not is_mean_of_chi2(alone, 6)
-
-
-def test_chi2_is_that_of_the_weighted_noise_and_not_of_plain_residuals(cases):
-    values, dof = cases
-    assert is_mean_of_chi2(values["exact"][2], dof)
-    assert scipy.stats.kstest(scipy.stats.chi2.cdf(values["exact"][2], dof), "uniform").pvalue > 1e-3
 
 
 def test_exact_is_never_worse_than_plain_and_both_are_one_without_gyro_noise(motion):

@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 
 from gyrocal import GyroParameters, attitude
 from gyrocal.estimation.filter_run import run
@@ -17,7 +18,7 @@ from simulator.sensors import sun as true_sun
 from simulator.sensors.horizon import compute_orbit_position
 from simulator.truth.sun import DAY, compute_julian_date, compute_sun_vector, is_eclipsed
 from studies.estimation.filter_cases import FILTER_CASE_ARW, FILTER_CASE_ORBIT, Z, draw_apriori_parameters, fly
-from tests.builders import TRUTH, mean_bounds, state_errors
+from tests.builders import TRUTH, choose_case_numbers, mean_bounds, state_errors
 
 EPOCH = "1997-12-13T09:45:00Z"
 START = np.repeat([np.deg2rad(0.5), np.deg2rad(1e-3)], 3)
@@ -75,8 +76,8 @@ def consistency(cases, **options):
     return np.mean(values, axis=0), np.mean(ratios)
 
 
-def test_filter_is_consistent():
-    cases = 20
+@pytest.mark.parametrize("cases", choose_case_numbers(8, 20))
+def test_filter_is_consistent(cases):
     values, ratio = consistency(cases)
     low, high = mean_bounds(6, cases)
     assert (values > low).all()
@@ -84,9 +85,9 @@ def test_filter_is_consistent():
     assert abs(ratio - 1) < 0.05  # the S detectors' noise adds a little to the angles'
 
 
-def test_errors_of_an_orbit_period_show():
+@pytest.mark.parametrize("cases", choose_case_numbers(4, 10))
+def test_errors_of_an_orbit_period_show(cases):
     """The S detectors' filter lags behind a space radiance that changes over the orbit; DSS heads off the right angle."""
-    cases = 10
     high = mean_bounds(6, cases)[1]
     lagging, ratio = consistency(cases, swing=0.02)
     assert lagging.max() > high
@@ -95,9 +96,10 @@ def test_errors_of_an_orbit_period_show():
     assert heads.max() > 5 * high
 
 
-def test_on_board_residual_is_consistent():
+@pytest.mark.parametrize("cases", choose_case_numbers(12, 30))
+def test_on_board_residual_is_consistent(cases):
     flight, *_ = timeline()
-    cases, white, naive = 30, [], []
+    white, naive = [], []
     for seed in range(cases):
         rng = np.random.default_rng([42, seed])
         apriori = draw_apriori_parameters(rng, 1e-4, np.deg2rad(1e-5))

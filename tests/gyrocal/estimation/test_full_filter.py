@@ -17,7 +17,7 @@ from studies.estimation.filter_cases import (
     run_full_and_separate,
     simulate_direction_series,
 )
-from tests.builders import TRUTH, mean_bounds, piecewise_recording
+from tests.builders import TRUTH, choose_case_numbers, mean_bounds, piecewise_recording
 
 OFFSET = np.deg2rad(0.04)
 
@@ -103,9 +103,9 @@ def study(cases, offset_sigma=0.0, reference_sigma=0.0):
     return {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
 
 
-def test_right_model():
+@pytest.mark.parametrize("cases", choose_case_numbers(10, 25))
+def test_right_model(cases):
     """Consistent, and better than the separate scheme: it also uses what the sensors see within a maneuver."""
-    cases = 25
     found = study(cases)
     low, high = mean_bounds(12, cases)
     assert low < found["full"] < high
@@ -115,16 +115,16 @@ def test_right_model():
     assert found["full_G"] < found["separate_G"]
 
 
-def test_a_misaligned_sensor_makes_it_too_sure():
+@pytest.mark.parametrize("cases", choose_case_numbers(6, 15))
+def test_a_misaligned_sensor_makes_it_too_sure(cases):
     """An alignment error as large as a measurement's noise hardly shows in the innovations, but in the changes."""
-    cases = 15
     found = study(cases, offset_sigma=OFFSET, reference_sigma=OFFSET)
     high = mean_bounds(12, cases)[1]
     assert found["full"] > 5 * high
     assert found["separate"] < high  # the same error stated once for each reference
     assert found["nis"] < 1.1
     assert found["changes"] > 1 + 6 * np.sqrt(2 / (cases * found["dof"]))
-    unstated = study(5, offset_sigma=OFFSET)
+    unstated = study(3, offset_sigma=OFFSET)
     assert unstated["separate"] > high  # not stated, the separate scheme is too sure as well
 
 

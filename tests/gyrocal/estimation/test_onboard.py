@@ -23,7 +23,7 @@ from studies.estimation.filter_cases import (
     simulate_direction_series,
     solve_with_covariances,
 )
-from tests.builders import TRUTH, mean_bounds
+from tests.builders import TRUTH, choose_case_numbers, mean_bounds
 
 
 def calibrated(seed, openings=None, start=None, **options):
@@ -80,10 +80,10 @@ def outcome(cases, openings=None, **options):
     return np.mean(solved, axis=0), np.mean(white, axis=0)
 
 
+@pytest.mark.parametrize("cases", choose_case_numbers(12, 30))
 @pytest.mark.parametrize("opened", [False, True])
-def test_covariance_over_seeds(opened):
+def test_covariance_over_seeds(opened, cases):
     """Of a filter that runs through, and as N has it: opened after slews, the references forget the maneuver."""
-    cases = 30
     options = {"openings": OPENINGS, "through_filter": False} if opened else {}
     (own, naive), (white, white_naive) = outcome(cases, **options)
     low, high = mean_bounds(12, cases)
@@ -94,12 +94,13 @@ def test_covariance_over_seeds(opened):
         # Independence counts the noise of the filter's time constant twice: too large, and the parameters look too good.
         assert white_naive < 0.75 * 3
         assert naive < 0.85 * own
-        assert naive < mean_bounds(12, cases, z=3.0)[0]
+        if cases >= 30:  # fewer have too wide bounds
+            assert naive < mean_bounds(12, cases, z=3.0)[0]
 
 
 def test_a_filter_that_runs_through_needs_its_own_sensitivity():
     """N's sensitivity holds for references that have forgotten the maneuver."""
-    (own, _), _ = outcome(10, through_filter=False)
+    (own, _), _ = outcome(4, through_filter=False)
     assert own > 5 * 12
 
 

@@ -25,7 +25,7 @@ from studies.estimation.reference_cases import (
     build_chain_case,
     build_separate_case,
 )
-from tests.builders import TRUE_G, is_mean_of_chi2, squared_error
+from tests.builders import TRUE_G, choose_case_numbers, is_mean_of_chi2, squared_error
 
 TRUTH = GyroParameters(TRUE_G, TRUE_BIAS)
 TRUE = TRUTH.vector
@@ -50,10 +50,11 @@ def solved(recording, V, iterations=4):
     return x, P * np.outer(scale, scale)
 
 
+@pytest.mark.parametrize("cases", choose_case_numbers(120, 300))
 @pytest.mark.parametrize("weighting", ["plain", "exact"])
-def test_residuals_have_the_stated_covariance_with_all_that_is_shared(weighting):
+def test_residuals_have_the_stated_covariance_with_all_that_is_shared(weighting, cases):
     """Both ends of one batch, a batch that overlaps the interval, neighbours that share a batch: in one timeline."""
-    cases, arw = 300, 4 * ATTITUDE_CASE_ARW
+    arw = 4 * ATTITUDE_CASE_ARW
     motion = build_timeline_flight(
         [(FORWARD, 600.0), ((0, 0, SLEW_RATE), 200.0), (BACKWARD, 600.0), (BACKWARD, 400.0)], np.eye(3), arw=arw
     )
@@ -73,6 +74,7 @@ def test_residuals_have_the_stated_covariance_with_all_that_is_shared(weighting)
     white = np.linalg.solve(np.linalg.cholesky(V), draws.T)
     # Elements of a whitened covariance scatter by 1/sqrt(cases), its diagonal by sqrt(2/cases); 5 sigma.
     np.testing.assert_allclose(white @ white.T / cases, np.eye(9), atol=5 * np.sqrt(2 / cases))
+    assert is_mean_of_chi2(np.square(white).sum(axis=0), 9)
     blocks = interval_covariance(batches, intervals, arw)
     np.testing.assert_array_equal(blocks[1], V[3:6, 3:6])
     # What the references' sigmas say by themselves is something else.
@@ -112,39 +114,32 @@ def test_references_come_in_the_order_of_time_and_once():
             call()
 
 
-@pytest.fixture(scope="module")
-def separate():
+@pytest.mark.parametrize("cases", choose_case_numbers(40, 100))
+def test_the_calibration_from_batch_attitudes_is_covered_with_the_bias_that_they_share(cases):
     """NEES of a calibration from intervals apart, with the intervals' C and with references taken as independent."""
     setup = build_separate_case(TRUTH)
     out = {"given": [], "independent": []}
-    for case in range(100):
+    for case in range(cases):
         recording, batches = setup.draw(generator(53, case, "separate"))
         C = interval_covariance(batches, setup.intervals, ATTITUDE_CASE_ARW)
         for name, options in (("given", {"interval_covariance": C}), ("independent", {})):
             result = calibrate(recording, **options)
             error = TRUE - result.parameters.vector
             out[name].append((squared_error(error, result.covariance), squared_error(error[9:], result.covariance[9:, 9:])))
-    return {name: np.array(values).T for name, values in out.items()}
-
-
-def test_the_calibration_from_batch_attitudes_is_covered(separate):
-    everything, bias = separate["given"]
+    (everything, bias), (everything_alone, bias_alone) = (np.array(values).T for values in out.values())
     assert is_mean_of_chi2(everything, 12)
     assert is_mean_of_chi2(bias, 3)
+    assert not is_mean_of_chi2(bias_alone, 3)
+    assert np.mean(bias_alone) > 1.2 * 3
+    assert np.mean(everything_alone) > np.mean(everything) + 0.5
 
 
-def test_without_the_shared_bias_it_is_not(separate):
-    everything, bias = separate["independent"]
-    assert not is_mean_of_chi2(bias, 3)
-    assert np.mean(bias) > 1.2 * 3
-    assert np.mean(everything) > np.mean(separate["given"][0]) + 0.5
-
-
-def test_stretches_between_slews_need_the_covariance_between_intervals():
+@pytest.mark.parametrize("cases", choose_case_numbers(60, 100))
+def test_stretches_between_slews_need_the_covariance_between_intervals(cases):
     """A chain: each stretch ends one slew and starts the next, and is an interval itself; blocks alone waste and misstate."""
     setup = build_chain_case(TRUTH)
     values, sigmas, dof = {"whole": [], "blocks": [], "independent": []}, [], set()
-    for case in range(100):
+    for case in range(cases):
         recording, batches = setup.draw(generator(53, case, "chain"))
         V = residual_covariance(batches, setup.intervals, setup.arw)
         C = interval_covariance(batches, setup.intervals, setup.arw)

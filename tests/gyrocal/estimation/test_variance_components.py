@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gyrocal.estimation.variance_components import estimate_variance_components, evaluate_likelihood
+from gyrocal.estimation.variance_components import estimate_variance_components, evaluate_likelihood, list_lower_places
 from tests.builders import mean_bounds
 
 ROWS, PARAMETERS = 120, 5
@@ -30,7 +30,8 @@ def build_case(seed, variances, noise=1.0):
 
 def test_likelihood_is_that_of_the_dense_covariance_with_its_gradient():
     y, parts, basis = build_case(1, (2.0, 1.0, 0.5))
-    kernels = np.array([part @ part.T for part in parts])
+    lower = list_lower_places(ROWS)
+    kernels = np.array([(part @ part.T).ravel()[lower] for part in parts])
 
     def evaluate_densely(noise, theta):
         C = basis.T @ (noise * np.eye(ROWS) + sum(t * part @ part.T for t, part in zip(theta, parts, strict=True))) @ basis
@@ -38,7 +39,7 @@ def test_likelihood_is_that_of_the_dense_covariance_with_its_gradient():
         return 0.5 * (np.linalg.slogdet(C)[1] + r @ np.linalg.solve(C, r))
 
     x = np.log([1.3, 0.7, 2.1, 0.2])
-    value, slope = evaluate_likelihood(np.exp(x[0]), np.exp(x[1:]), kernels, y, ROWS - PARAMETERS)
+    value, slope = evaluate_likelihood(np.exp(x[0]), np.exp(x[1:]), kernels, y, ROWS - PARAMETERS, lower)
     assert value == pytest.approx(evaluate_densely(np.exp(x[0]), np.exp(x[1:])), rel=1e-10)
     for k in range(x.size):
         ahead, behind = x + 1e-5 * np.eye(x.size)[k], x - 1e-5 * np.eye(x.size)[k]

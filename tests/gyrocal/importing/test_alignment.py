@@ -21,6 +21,7 @@ from gyrocal.importing.streams import read_streams
 from studies.cli import import_
 from studies.validation import mems_log
 from studies.validation.imports import CORRECT_MAPPING, find_refusal
+from tests.builders import choose_case_numbers
 
 RATES = ["gx", "gy", "gz"]
 
@@ -42,10 +43,11 @@ def with_clock(data, factor, offset_s):
     return replace(data, gyro=gyro, attitude=data.attitude.assign(timestamp_ms=data.attitude["timestamp_ms"] - 1e3 * offset_s))
 
 
-def test_alignment_is_found_within_its_sigmas():
+@pytest.mark.parametrize("logs", choose_case_numbers(5, 12))
+def test_alignment_is_found_within_its_sigmas(logs):
     """Over logs whose G is the identity, so that nothing but what is estimated differs, errors have a chi-square of one."""
     errors = []
-    for seed in range(12):
+    for seed in range(logs):
         rng = np.random.default_rng(seed)
         data = mems_log.log(rng, seconds=60.0)
         raw = np.deg2rad(data.gyro[RATES].to_numpy()) @ data.G.T

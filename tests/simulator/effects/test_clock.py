@@ -62,14 +62,27 @@ def test_a_short_recording_has_no_drift():
     assert "shorter than 10 s" in EFFECTS["clock_drift"].missing(around)
 
 
+RIVALS = (
+    "clock_drift",
+    "clock_slip",
+    "time_offset",
+    "rate_lag",
+    "reference_jump",
+    "reference_correlated",
+    "bias_step",
+    "bias_drift",
+)
+
+
+@pytest.mark.parametrize("library", [RIVALS, pytest.param(None, marks=pytest.mark.long)], ids=["rivals", "all"])
 @pytest.mark.parametrize(
     ("text", "size", "tolerance"),
     [("clock_drift=150", 150.0, 20.0), ("clock_slip=-0.1,time_s=613", -0.1, 0.02), ("time_offset=0.1", 0.1, 0.02)],
 )
-def test_a_diagnosis_tells_drift_slip_and_offset_apart(text, size, tolerance):
+def test_a_diagnosis_tells_drift_slip_and_offset_apart(text, size, tolerance, library):
     """The offset is the negative control: neither a drift nor a slip takes part in its answer."""
     name = text.partition("=")[0]
-    found = diagnose(simulator.simulate(agile(), seed=3, effects=[parse(text)]))
+    found = diagnose(simulator.simulate(agile(), seed=3, effects=[parse(text)]), library=library)
     assert [cause.effect for cause in found.causes] == [name]
     (cause,) = found.causes
     assert cause.size == pytest.approx(size, abs=tolerance)
