@@ -118,16 +118,20 @@ def test_goals_are_judged_both_ways():
     assert met["diagnosis_cpu_s_10000k"] is None
 
 
-def test_what_runs_in_a_process_of_its_own_measures(tmp_path, monkeypatch):
-    cost = cases.run(2, tmp_path)
-    assert cost["cpu_ms_per_case_mean"] > 0
-    assert cost["peak_rss_mb"] > 0
-    assert np.isfinite(np.load(tmp_path / "part0.npy")).all()
+def test_the_recording_of_a_timed_diagnosis_has_its_step_about_x():
     made = diagnosis.recording(2000, 40)
     step = diagnosis.with_step(made).gyro.rates - made.gyro.rates
     assert (made.gyro.t_s.size, made.attitudes.t_s.size) == (2000, 40)
     assert 0 < np.count_nonzero(step[:, 0]) < 2000
     assert not step[:, 1:].any()
+
+
+@pytest.mark.long
+def test_what_runs_in_a_process_of_its_own_measures(tmp_path, monkeypatch):
+    cost = cases.run(2, tmp_path)
+    assert cost["cpu_ms_per_case_mean"] > 0
+    assert cost["peak_rss_mb"] > 0
+    assert np.isfinite(np.load(tmp_path / "part0.npy")).all()
     monkeypatch.setattr(start_up, "COMMAND_NAMES", ("calibrate",))
     assert set(start_up.compute_start_up_ratios(start_up.measure_start_ups(0))) == {
         "help_vs_numpy",

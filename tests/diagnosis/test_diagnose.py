@@ -93,7 +93,7 @@ def test_shuffled_residuals_give_no_cause():
     ("text", "sampling", "label", "unit", "biases"),
     [
         ("bias_orbital:y=0.25,phase_deg=40", COARSE, "bias_orbital:y", "deg/h", True),
-        ("scale_asymmetry:y=1800", {"sample_s": FINE_S}, "scale_asymmetry:y", "ppm", True),
+        pytest.param("scale_asymmetry:y=1800", {"sample_s": FINE_S}, "scale_asymmetry:y", "ppm", True, marks=pytest.mark.long),
         pytest.param(
             "reference_horizon:x=0.02,phase_deg=-70", COARSE, "reference_horizon:x", "deg", False, marks=pytest.mark.long
         ),

@@ -101,7 +101,11 @@ def band(amplitude_deg, frequency_hz, width_hz, seed=1):
 
 @pytest.mark.parametrize(
     "turn",
-    [None, band(0.002, 0.3, 0.03), band(5e-5, 6.3, 0.2)],
+    [
+        pytest.param(None, marks=pytest.mark.long),
+        band(0.002, 0.3, 0.03),
+        pytest.param(band(5e-5, 6.3, 0.2), marks=pytest.mark.long),
+    ],
 )
 def test_a_body_that_sways_is_no_vibration(turn):
     """Steady and slow, where the references follow it; over a band, whether they can or not, far beyond their rate too."""

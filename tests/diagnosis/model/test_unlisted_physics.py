@@ -149,7 +149,10 @@ RIVALS = {
 }
 
 
-@pytest.mark.parametrize("kind", RIVALS)
+IN_SHORT = ("bias and past", "references and twice the heading")
+
+
+@pytest.mark.parametrize("kind", [one if one in IN_SHORT else pytest.param(one, marks=pytest.mark.long) for one in RIVALS])
 def test_its_own_rival_explains_it_better_than_any_listed_effect(model, bins, kind):
     """Without these rivals, listed effects explain them: processes, an orbital bias, and a scale asymmetry."""
     listed = ["reference_correlated", "reference_orbital"]

@@ -77,7 +77,11 @@ RIVALS = (
 @pytest.mark.parametrize("library", [RIVALS, pytest.param(None, marks=pytest.mark.long)], ids=["rivals", "all"])
 @pytest.mark.parametrize(
     ("text", "size", "tolerance"),
-    [("clock_drift=150", 150.0, 20.0), ("clock_slip=-0.1,time_s=613", -0.1, 0.02), ("time_offset=0.1", 0.1, 0.02)],
+    [
+        pytest.param("clock_drift=150", 150.0, 20.0, marks=pytest.mark.long),
+        ("clock_slip=-0.1,time_s=613", -0.1, 0.02),
+        ("time_offset=0.1", 0.1, 0.02),
+    ],
 )
 def test_a_diagnosis_tells_drift_slip_and_offset_apart(text, size, tolerance, library):
     """The offset is the negative control: neither a drift nor a slip takes part in its answer."""

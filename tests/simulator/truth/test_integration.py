@@ -51,7 +51,7 @@ def test_closed_form(scenario):
     assert checked > 280
 
 
-@pytest.mark.parametrize("number", [1, 4])
+@pytest.mark.parametrize("number", [1, pytest.param(4, marks=pytest.mark.long)])
 def test_against_dop853(number):
     """An independent integrator on q' = ½ q ∘ (ω, 0), restarted at the knots; its own error is below 1e-12."""
     profile = build_profiles(BUSY)[number]

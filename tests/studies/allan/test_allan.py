@@ -219,7 +219,7 @@ def make_four(recording, spoilt=None):
     return replace(recording, gyro=gyro, intervals=intervals)
 
 
-@pytest.mark.parametrize("moving", [False, True], ids=["rest, a gyro off", "motion"])
+@pytest.mark.parametrize("moving", [False, pytest.param(True, marks=pytest.mark.long)], ids=["rest, a gyro off", "motion"])
 def test_each_of_several_gyros_has_its_noise(moving):
     """The fourth has twice the noise of the others; in body axes all three rates would have some of it."""
     if moving:
