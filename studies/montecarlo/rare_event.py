@@ -25,13 +25,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from gyrocal.errors import InputError, suggest_names
+from gyrocal.errors import InputError
 from simulator import scenario as scenarios
 from studies.montecarlo.backends import Name, open_backend
 from studies.montecarlo.cases import Task, build_killed_result, run_cases, run_single_threaded
-from studies.montecarlo.criterion_text import match_criterion
+from studies.montecarlo.criterion_text import check_criterion_column, match_criterion
 from studies.montecarlo.dispersions import SMALLEST_U, correlate_shares, evaluate_at_shares
-from studies.montecarlo.study import RESERVED, Study, StudyConfig, find_study_folder, load_base_scenario, resolve_config
+from studies.montecarlo.study import Study, StudyConfig, find_study_folder, load_base_scenario, resolve_config
 
 Array = NDArray[np.float64]
 
@@ -112,11 +112,7 @@ class RareLimit:
         if any(row["error"] for row in rows):
             return math.nan
         for row in rows:
-            if self.column not in row or self.column in RESERVED:
-                known = [name for name in row if name not in RESERVED]
-                raise InputError(f"--rare: {self.column}: the rows have no such column; {suggest_names(self.column, known)}")
-            if not isinstance(row[self.column], bool | int | float | None):
-                raise InputError(f"--rare: column {self.column} holds no numbers")
+            check_criterion_column(self.column, row, [row.get(self.column)], "--rare")
         values = [math.nan if row[self.column] is None else float(row[self.column]) for row in rows]
         excess = [value - self.limit if self.sign == ">" else self.limit - value for value in values]
         return math.nan if any(map(math.isnan, excess)) else max(excess)

@@ -23,14 +23,13 @@ import re
 from dataclasses import dataclass
 from typing import Any, Literal, Self
 
-import numpy as np
 import pandas as pd
 from scipy import special
 from scipy.stats import nbinom
 
-from gyrocal.errors import InputError, suggest_names
-from studies.montecarlo.criterion_text import match_criterion
-from studies.montecarlo.study import RESERVED, GridConfig, StudyConfig
+from gyrocal.errors import InputError
+from studies.montecarlo.criterion_text import check_criterion_column, match_criterion
+from studies.montecarlo.study import GridConfig, StudyConfig
 
 REQUIREMENT_FORM = re.compile(
     r"\s*p(\d+(?:\.\d+)?)\(\s*(\S+?)\s*\)\s*([<>])\s*(?P<limit>\S+?)\s*(?:@\s*(\d+(?:\.\d+)?)\s*%\s*)?"
@@ -135,13 +134,8 @@ class Requirement:
         InputError
             There is no such column, or it holds no numbers.
         """
-        if self.column not in rows or self.column in RESERVED:
-            known = [str(name) for name in rows if name not in RESERVED]
-            raise InputError(f"--require: {self.column}: the rows have no such column; {suggest_names(self.column, known)}")
-        values = rows[self.column]
-        if not values.dropna().map(lambda value: isinstance(value, bool | int | float | np.bool_ | np.number)).all():
-            raise InputError(f"--require: column {self.column} holds no numbers")
-        numbers = values.astype(float)
+        check_criterion_column(self.column, map(str, rows), rows.get(self.column, ()), "--require")
+        numbers = rows[self.column].astype(float)
         kept = numbers < self.limit if self.sign == "<" else numbers > self.limit
         failed = rows["error"] != ""
         by_case = pd.DataFrame({"beyond": ~kept | failed, "failed": failed, "empty": numbers.isna() & ~failed})
