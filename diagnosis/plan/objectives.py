@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from diagnosis.model.groups import list_effect_groups
 from diagnosis.plan.columns import linearise_noise_free
-from diagnosis.plan.separate import OWN_PLAN, check_shapes, evaluate_separation
+from diagnosis.plan.separate import check_shapes
 from diagnosis.plan.settings import SETTINGS
 from diagnosis.plan.slew_design import IntervalDesign, SlewLimits, build_interval, build_slews, compute_sun_margin
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
@@ -172,18 +172,25 @@ class SeparationObjective(PlanObjective):
     Raises
     ------
     InputError
-        The scenario cannot show an effect, an effect is random or a step, or the size that separates them in the plan to
-        improve on is not that of the whole recording's linear model.
+        The scenario cannot show an effect, an effect is random or has a time or a period that is searched, or the
+        information of the intervals does not add to that of the recording: a temperature has another mean in each.
     """
 
     def __init__(self, scenario: Scenario, limits: SlewLimits, effect: str, other: str):
         super().__init__(scenario, limits)
         check_shapes(effect, other)
+        for name in (effect, other):
+            if EFFECTS[name].switched or EFFECTS[name].scanned:
+                raise InputError(
+                    f"{name}: a diagnosis searches its time or its period, and slews are searched for effects of one shape; "
+                    "leave --optimise out to list extra maneuvers"
+                )
         self.effect, self.other = effect, other
         self.parts: dict[str, list[slice]] = {}
-        value = float(self.compute_total_values(self.own_information).max())
-        size = evaluate_separation(OWN_PLAN, linearise_noise_free(self.scenario), effect, other, None).size
-        if np.isfinite(size) and abs(value - np.log(size)) > SETTINGS.additive:
+        whole = self._measure_sections(self.scenario.interval, range(len(self.scenario.interval)))
+        added = self.own_information
+        norms = np.sqrt(np.diag(whole))
+        if whole.shape != added.shape or (np.abs(whole - added) > SETTINGS.additive * np.outer(norms, norms)).any():
             raise InputError(
                 f"{effect},{other}: what they show in one interval depends on the others, and slews are searched interval by "
                 "interval; leave --optimise out to list extra maneuvers"
@@ -191,7 +198,10 @@ class SeparationObjective(PlanObjective):
 
     def compute_information(self, k: int, section: Any) -> Array:
         """Information (n, n) of G, b and the sizes about all axes, beside the start attitude."""
-        sections = (self.scenario.interval[0], section) if k else (section,)
+        return self._measure_sections((self.scenario.interval[0], section) if k else (section,), [int(k > 0)])
+
+    def _measure_sections(self, sections: Sequence[Any], shown: Sequence[int]) -> Array:
+        """Information of some intervals of a recording of several."""
         model = linearise_noise_free(self.scenario.model_copy(update={"interval": sections}))
         columns, at = [model.calibration * PLAUSIBLE_RANGE], 0
         parts: dict[str, list[slice]] = {self.effect: [], self.other: []}
@@ -203,7 +213,7 @@ class SeparationObjective(PlanObjective):
             if not found:
                 raise InputError(f"{name}: the scenario cannot show it; gyrocal plan tells why")
         self.parts = parts
-        own = np.concatenate([np.arange(one.rows.start, one.rows.stop) for one in model.blocks if one.interval == bool(k)])
+        own = np.concatenate([np.arange(one.rows.start, one.rows.stop) for one in model.blocks if one.interval in shown])
         H, start = np.hstack(columns)[own], scipy.linalg.orth(model.attitude_nuisance[own])
         H = H - start @ (start.T @ H)
         return np.asarray(H.T @ H)

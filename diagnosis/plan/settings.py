@@ -32,9 +32,7 @@ class PlanSettings:
     smooth_norm: int = 16  # p of the exchange of slews; the largest of 12 ratios counts by 17 % too much at most
     # of the two slews of an interval: together at the start, apart
     slew_places: tuple[tuple[float, float], ...] = ((0.0, 0.0), (0.0, 1.0))
-    additive: float = (
-        0.01  # of the logarithm of a size, by which information of intervals may differ from that of all; rounding
-    )
+    additive: float = 0.01  # of information, by which the sum over intervals may differ from the recording's; by judgement
     no_length: float = 1e-300  # squared, whose logarithm is finite; rounding
     weak_prior: float = 1e-9  # of information, which keeps what no motion shows invertible; rounding
     improvement: float = 1e-4  # of the objective of slews, below which a search ends

@@ -39,9 +39,11 @@ def with_quaternions(change):
 MISREAD = {
     "deg/h for deg/s": (lambda: with_rates(lambda x: 3600 * x), "with the gyro in deg/h, not deg/s"),
     "rates x 1000": (lambda: with_rates(lambda x: 1000 * x), "with times in ms, not s or the rates divided by 1000"),
+    "converted twice": (lambda: with_rates(np.rad2deg), "with the rates divided by 57.296"),
     "axes": (lambda: with_rates(lambda x: x[:, [1, 0, 2]] * [1, 1, -1]), "with the gyro's axes as y,x,-z"),
     "scalar first": (lambda: with_quaternions(lambda q: np.roll(q, 1, axis=1)), "with the quaternion's scalar part first"),
     "direction": (lambda: with_quaternions(lambda q: q * [-1, -1, -1, 1]), "with the attitude from inertial to body"),
+    "q1 and q3": (lambda: with_quaternions(lambda q: q[:, [2, 1, 0, 3]]), "with q1 and q3 exchanged"),
     "zero": (lambda: with_rates(np.zeros_like), "all rates are zero"),
     "bias": (lambda: with_rates(lambda x: x + 0.02), "fit each other with a bias of -1.146, -1.146, -1.146 deg/s"),
 }

@@ -77,7 +77,7 @@ def test_the_sizes_of_a_plan_are_those_of_its_whole_recording(objective, monkeyp
     [
         (("bias_random_walk", "bias_drift"), "is a random effect"),
         (("bias_temperature", "bias_orbital"), "depends on the others"),
-        (("bias_step", "bias_orbital"), "depends on the others"),
+        (("bias_step", "bias_orbital"), "bias_step: a diagnosis searches its time"),
         (("acceleration_sensitivity", "bias_orbital"), "acceleration_sensitivity: the scenario cannot show it"),
     ],
 )
