@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --no-compile --constraint constraints.txt
 
-.PHONY: reproduce results test types compiled tests long docs bench mutants baseline audit clean help
+.PHONY: reproduce results test types compiled tests long docs bench baseline clean help
 
 help:
 	@echo "make reproduce   reproduce both papers beside TRMM's flight; one page in build/index.html"
@@ -14,8 +14,6 @@ help:
 	@echo "make docs        the documentation as pages, site/index.html"
 	@echo "make baseline    show what moved against results/baseline, and replace it"
 	@echo "make bench       measure the kernel against C, a textbook loop, gtsam and scipy; results/benchmarks"
-	@echo "make mutants     mutate a module with cosmic-ray: MODULE=gyrocal/calibration/davenport.py TESTS=tests/gyrocal/calibration"
-	@echo "make audit       known vulnerabilities of the pinned packages; one line says so where there is no network"
 	@echo "make clean       remove the virtual environment and the caches"
 
 reproduce: $(VENV)/run.stamp
@@ -50,18 +48,8 @@ docs: $(VENV)/dev.stamp
 bench: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks
 
-MODULE ?= gyrocal/calibration/davenport.py
-TESTS ?= tests/gyrocal/calibration
-mutants: $(VENV)/dev.stamp
-	$(PIP) --editable '.[mutants]'
-	$(BIN)/python -m tests.mutants $(MODULE) --tests $(TESTS)
-
 baseline: $(VENV)/run.stamp
 	$(BIN)/gyrocal baseline --write
-
-audit: | $(BIN)/python
-	-@$(PIP) pip-audit
-	@$(BIN)/python -m tests.audit
 
 $(BIN)/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed; set PYTHON=...")'
