@@ -1,0 +1,221 @@
+"""Marked numbers and tables of README and docs are those of the results; ``python -m tests.test_marked_numbers`` writes them.
+
+``46 times<!--=mission_loop-->`` is a marked number; a table stands between ``<!--begin NAME-->`` and ``<!--end-->``.
+"""
+
+import json
+import re
+
+import pandas as pd
+import pytest
+
+from studies.natanson import reproduce
+from studies.robertson import report
+from studies.robertson.calendar import PERIODS
+from tests import ROOT
+
+RESULTS = ROOT / "results"
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+NUMBER = re.compile(r"<!--=(\w+)-->")
+TABLE = re.compile(r"<!--begin (\w+)-->\n(.*?)<!--end-->", re.DOTALL)
+GTSAM_CPP_NS = 152.0  # a sample of gtsam's own benchmark in C++: full navigation state and covariance (gtsam issue 2765)
+SCALE_WORKERS = 1000  # of the cluster that docs/scale.md is about
+EXAM_RATES = {  # columns of the table of exams by the rates of a score
+    "false alarms": "no effect: a false alarm",
+    "one effect, SNR ≥ 8: right, or in its group": "one effect of SNR 8 and more: right or in the group",
+    "two effects, SNR ≥ 8: both right, or in their groups": "two effects of SNR 8 and more: both right or in the groups",
+    "outside the library, SNR ≥ 12: unknown": "unlisted of SNR 12 and more: unknown",
+    "outside the library: wrong name": "unlisted and detected: a confident wrong name",
+    "mixed: named causes that are there": "mixed: causes stated that are there",
+}
+TABLE3 = {  # lines of R Table 3, and the digits that R prints
+    "attitude_accuracy_deg": ("attitude accuracy", 3),
+    "yaw_update_deg": ("yaw update", 2),
+    "gyro_bias_std_deg_h": ("bias scatter", 3),
+}
+PERIOD_WORDS = ("before", "with alignment", "calibrated")
+
+
+def read_json(path):
+    return json.loads((RESULTS / path).read_text())
+
+
+def format_table(rows, head):
+    lines = [list(head), ["---"] * len(list(head)), *([str(cell) for cell in row] for row in rows)]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def format_share(row):
+    bounds = f"{100 * row['low']:.1f} to {100 * row['high']:.1f}"
+    return f"{row['count']:.0f} of {row['cases']:.0f} ({100 * row['share']:.0f} %; {bounds} %)"
+
+
+def read_scores():
+    return [json.loads(path.read_text()) for path in sorted((ROOT / "studies" / "validation" / "exam").glob("*/score.json"))]
+
+
+def tabulate_exams():
+    every = read_scores()
+    rows = [
+        [name, *(str(one[key]) for one in every)]
+        for name, key in {"recordings": "recordings", "not answered": "failed"}.items()
+    ]
+    rows.append(["code", *(f"`{one['commit'][:7]}`" for one in every)])
+    for title, what in EXAM_RATES.items():
+        rates = [{rate["what"]: rate for rate in one["rates"]} for one in every]
+        rows.append([title, *(format_share(rate[what]) for rate in rates)])
+    rows.append(["calibration error of the stated probabilities", *(f"{one['calibration_error']:.3f}" for one in every)])
+    return format_table(rows, ["first-sight exam", *(one["exam"] for one in every)])
+
+
+def tabulate_exam_outcomes():
+    rows = [[one["exam"], *row.values()] for one in read_scores() for row in one["outcomes"]]
+    return format_table(rows, ["exam", *read_scores()[0]["outcomes"][0]])
+
+
+def tabulate_exam_rates():
+    rows = [[one["exam"], rate["what"], format_share(rate)] for one in read_scores() for rate in one["rates"]]
+    return format_table(rows, ["exam", "what", "found, with its 95 % interval"])
+
+
+def tabulate_natanson_questions():
+    table = reproduce.build_question_table(read_json("reproduction/summary.json"))
+    return format_table(table.itertuples(index=False), table.columns)
+
+
+def tabulate_natanson_estimates():
+    table = reproduce.build_estimates_table(read_json("reproduction/summary.json"))
+    return format_table([row for row in table.itertuples(index=False) if row.question in reproduce.ESTIMATES], table.columns)
+
+
+def count_changed_digits(table):
+    return read_json("reproduction/summary.json")["own_digits_changed"]["0.5"][table]
+
+
+def format_mission_factors(before, after):
+    ladder = pd.read_csv(RESULTS / "mission" / "ladder.csv")
+    value, low, high = (ladder[f"{after}{end}"].iloc[-1] for end in ("", "_low", "_high"))
+    return f"×{ladder[before].iloc[0]:.2f} to ×{value:.2f} ({low:.2f} to {high:.2f})"
+
+
+def tabulate_mission_answers():
+    table = report.build_answers_table(read_json("mission/summary.json"))[["question", "answer"]]
+    return format_table(table.itertuples(index=False), table.columns)
+
+
+def tabulate_mission_table3():
+    table = pd.read_csv(RESULTS / "mission" / "table3.csv").set_index(["parameter", "axis", "period"])
+    rows = []
+    for (parameter, axis), own in table.groupby(level=["parameter", "axis"], sort=False):
+        name, digits = TABLE3[parameter]
+        there = [own.loc[(parameter, axis, period)] for period in PERIODS if (parameter, axis, period) in own.index]
+        cells = [f"{row['flight']:.{digits}f} → {row['simulated']:.3f}" for row in there]
+        rows.append([name, axis, *[""] * (len(PERIODS) - len(cells)), *cells])
+    return format_table(rows, ["", "axis", *PERIOD_WORDS])
+
+
+def tabulate_mission_mountings():
+    """Yaw updates of a day under each mounting, deg."""
+    table = pd.read_csv(RESULTS / "mission" / "mountings.csv")
+    rows = [[row.mounting, *(f"{getattr(row, period):.2f}" for period in PERIODS)] for row in table.itertuples(index=False)]
+    return format_table(rows, ["mounting", *PERIOD_WORDS])
+
+
+def tabulate_studies():
+    rows = []
+    for path in sorted((RESULTS / "studies").glob("*/checks.csv")):
+        verdicts, name = pd.read_csv(path)["verdict"], path.parent.name
+        title = path.with_name("report.md").read_text().splitlines()[0].removeprefix(f"# Study {name}: ")
+        passed, judged = int((verdicts == "pass").sum()), int(verdicts.isin(["pass", "fail"]).sum())
+        rows.append([f"[{name}](../results/studies/{name}/report.md)", title, f"{passed} of {judged}"])
+    return format_table(rows, ["study", "what it answers", "checks passed"])
+
+
+def read_benchmark():
+    return read_json("benchmarks/benchmark.json")
+
+
+def compute_kernel_ns():
+    first = read_benchmark()["growth"]["samples"][0]
+    return 1e6 * first["kernel_ms"] / first["samples"]
+
+
+def read_scale():
+    return read_json("benchmarks/scale.json")
+
+
+def tabulate_scale_costs():
+    found = read_scale()
+    costs = {name: f"{1e3 * value:.2g} ms" for name, value in found["costs"].items()}
+    rows = [
+        ["case of the study `paper`", costs["case_s"], "", ""],
+        ["task, however many cases it has", "", costs["parent_task_s"], costs["scheduler_task_s"]],
+        ["each case of a task", "", costs["parent_case_s"], costs["scheduler_case_s"]],
+        ["part file of a study that is resumed", "", f"{1e3 * found['inspect_part_s']:.2g} ms", ""],
+        ["result of a case, as it is sent", f"{found['bytes_of_a_case'] / 1e6:.3f} MB", "", ""],
+        ["row of a case in the table in memory", "", f"{found['table_bytes_of_a_case'] / 1e6:.3f} MB", ""],
+    ]
+    return format_table(rows, ["", "worker", "parent", "scheduler"])
+
+
+def tabulate_scale():
+    rows = []
+    for one in read_scale()["rows"]:
+        minutes = [f"{one[name] / 60:.0f} min" for name in ("wall_s", "bound_s")]
+        rows.append([f"{one['case_s']:.2g} s", one["chunk"], *minutes, f"{100 * one['busy']:.0f} %", f"{one['parts']:,}"])
+    return format_table(rows, ["a case", "chunk", "duration", "bound", "workers busy", "part files"])
+
+
+VALUES = {
+    "exam_history": tabulate_exams,
+    "exam_outcomes": tabulate_exam_outcomes,
+    "exam_rates": tabulate_exam_rates,
+    "natanson_questions": tabulate_natanson_questions,
+    "natanson_estimates": tabulate_natanson_estimates,
+    "digits_table2": lambda: f"{count_changed_digits('table2')} of the 18",
+    "digits_table4": lambda: f"{count_changed_digits('table4')} of 6",
+    "mission_summary": tabulate_mission_answers,
+    "mission_table3": tabulate_mission_table3,
+    "mission_mountings": tabulate_mission_mountings,
+    "mission_18": lambda: format_mission_factors("factor_18", "factor_unfitted"),
+    "mission_12": lambda: format_mission_factors("factor_12", "factor_12"),
+    "mission_loop": lambda: f"{read_benchmark()['mission_loop']['plain_vs_compiled']:.0f} times",
+    "studies": tabulate_studies,
+    "kernel_ns": lambda: f"{compute_kernel_ns():.1f} ns",
+    "gtsam_python": lambda: f"{read_benchmark()['ratios']['gtsam_vs_kernel']:.0f} times",
+    "gtsam_cpp": lambda: f"{GTSAM_CPP_NS / compute_kernel_ns():.0f} times",
+    "textbook": lambda: f"{read_benchmark()['ratios']['textbook_vs_kernel']:.0f} times",
+    "scale_costs": tabulate_scale_costs,
+    "scale_table": tabulate_scale,
+    "scale_real_run": lambda: "{wall_s:.1f} s against {simulated_s:.1f} s".format(**read_scale()["real_run"]),
+    "scale_parent_case": lambda: f"{1e3 * read_scale()['costs']['parent_case_s']:.2f} ms",
+    "scale_least_case": lambda: f"{SCALE_WORKERS * read_scale()['costs']['parent_case_s']:.2f} s",
+    "scale_enough_workers": lambda: f"{read_scale()['costs']['case_s'] / read_scale()['costs']['parent_case_s']:.0f} workers",
+    "scale_table_memory": lambda: f"{2 * read_scale()['table_bytes_of_a_case'] * 1e6 / 1e9:.0f} GB",
+}
+
+
+def update(text):
+    """Write values into their places; a number has as many words as its value."""
+    text = TABLE.sub(lambda found: f"<!--begin {found[1]}-->\n{VALUES[found[1]]()}<!--end-->", text)
+    for name in NUMBER.findall(text):
+        value = VALUES[name]()
+        words = rf"(?:[^\s|(]+ ){{{value.count(' ')}}}[^\s|(]+(<!--={name}-->)"
+        text = re.sub(words, lambda found, value=value: value + found[1], text)
+    return text
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if "<!--" in page.read_text()], ids=lambda page: page.name)
+def test_marked_numbers_and_tables_are_those_of_the_results(page):
+    assert page.read_text() == update(page.read_text())
+
+
+def test_every_value_stands_on_a_page_and_a_wrong_one_is_replaced():
+    text = "".join(page.read_text() for page in PAGES)
+    assert {*NUMBER.findall(text), *(name for name, _ in TABLE.findall(text))} == set(VALUES)
+    assert update("| 3 times<!--=mission_loop--> |") == f"| {VALUES['mission_loop']()}<!--=mission_loop--> |"
+
+
+if __name__ == "__main__":
+    for one in PAGES:
+        one.write_text(update(one.read_text()))
