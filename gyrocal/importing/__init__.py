@@ -19,6 +19,7 @@ from gyrocal.recording import format_toml, save
 
 if TYPE_CHECKING:
     from gyrocal.importing.build import ImportResult
+    from gyrocal.recording.reference_join import SensorReferences, join_references
 
 NOTES_FILE = "import.toml"  # beside recording.toml; a recording is read without it
 NOISE_PHRASES = ("angle random walk", "sigma of the references", "1-sigma about")  # how an estimate of it begins
@@ -26,13 +27,24 @@ NOISE_PHRASES = ("angle random walk", "sigma of the references", "1-sigma about"
 __all__ = [
     "NOTES_FILE",
     "Mapping",
+    "SensorReferences",
     "import_csv",
+    "join_references",
     "load_mapping",
     "read_estimated_noise",
     "read_import_warnings",
     "validate_mapping",
     "write",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Load scipy, which a refused table does without, when references are joined."""
+    if name not in ("SensorReferences", "join_references"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from gyrocal.recording import reference_join
+
+    return getattr(reference_join, name)
 
 
 def import_csv(

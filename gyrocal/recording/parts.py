@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,8 @@ from gyrocal.recording.names import TRIAD
 Array = NDArray[np.float64]
 
 FORWARD_AXES = ("+x", "-x", "+y", "-y", "none")
+AXES = np.arange(3)
+ROWS, COLUMNS = np.array([0, 0, 1]), np.array([1, 2, 2])  # of the elements of a covariance beside its diagonal
 TIME_TOLERANCE_S = 1e-6  # rounding of a time tag some years after the epoch
 
 
@@ -111,6 +113,7 @@ class Attitudes:
     t_s : (m,) s since the epoch, strictly increasing; of several sensors, for each of them
     quaternions : (m, 4) inertial to body, scalar last
     sigma : (m, 3) 1-sigma per body axis, rad; about the sensor's own axes where sensors are named
+    correlation : (m, 3) of the errors about x and y, x and z, y and z; None if they are independent
     sensor : (m,) number of the sensor of each, None for a single one in body axes
     sensors : see `gyrocal.recording.trackers`
     sigma_estimated : whether `sigma` was estimated from this recording, so that it is no statement of the references' noise
@@ -122,6 +125,21 @@ class Attitudes:
     sensor: NDArray[np.intp] | None = None
     sensors: tuple[AttitudeSensor, ...] = ()
     sigma_estimated: bool = False
+    correlation: Array | None = None
+
+    def compute_covariance(self, sigma: Array | None = None) -> Array:
+        """(m, 3, 3) covariance of the errors about the body's axes, rad²; of other sigmas (m, 3) with the same correlation."""
+        s = self.sigma if sigma is None else sigma
+        P = np.zeros((len(s), 3, 3))
+        P[:, AXES, AXES] = s**2
+        if self.correlation is not None:
+            P[:, ROWS, COLUMNS] = P[:, COLUMNS, ROWS] = self.correlation * s[:, ROWS] * s[:, COLUMNS]
+        return P
+
+    def replace_covariance(self, P: Array) -> Attitudes:
+        """The same attitudes with the covariances P (m, 3, 3), rad²."""
+        s, off = np.sqrt(np.diagonal(P, axis1=1, axis2=2)), P[:, ROWS, COLUMNS]
+        return replace(self, sigma=s, correlation=off / (s[:, ROWS] * s[:, COLUMNS]) if off.any() else None)
 
     @property
     def sigma_deg(self) -> Array:

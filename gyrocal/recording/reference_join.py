@@ -1,0 +1,286 @@
+"""References of several attitude sensors, such as star trackers, joined to one series of body attitudes by their covariances.
+
+A sensor mounted by M (body to sensor) measures A_s = exp([ν×]) M A, with ν ~ N(0, diag(σ²)) about its own axes. Its row stands
+for the body attitude Mᵀ A_s = exp([e×]) A, where e has the covariance P = Mᵀ diag(σ²) M. Rows of one time are averaged:
+
+    P = (P_a⁻¹ + P_b⁻¹)⁻¹,    A = exp([P P_b⁻¹ θ×]) A_a,    exp([θ×]) = Mᵀ A_s A_aᵀ
+
+A mounting M = exp([m×]) M₀ is estimated from all rows of one time by weighted least squares, with its prior if it has one:
+
+    m = Q Σ C⁻¹ θ,    Q = (Σ C⁻¹ + prior⁻¹)⁻¹,    exp([θ×]) = A_s A_aᵀ M₀ᵀ,    C = diag(σ²) + M₀ P_a M₀ᵀ
+
+The first sensor defines the body's axes. Its error of mounting cannot be separated from theirs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from gyrocal import attitude
+from gyrocal.errors import InputError
+from gyrocal.recording.parts import Attitudes, GyroStream
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+SAME_TIME = 0.5  # of a gyro sample, or without a gyro of the sensor's usual step: rows within it are of one time
+EXACT_S = 1e-9  # between rows that need not be brought to one time
+GAP_STEPS = 1.5  # usual steps of a sensor: it is not interpolated over a longer one
+FEWEST_COMMON_TIMES = 10  # to estimate a mounting without a prior
+DIRECTION_SCATTER_RATIO = 0.5  # times the scatter as read: attitudes of the other direction scatter so much less
+MOUNTING_TOLERANCE = np.deg2rad(2.0)  # of a sensor from its stated mounting: more is another mounting
+ITERATIONS = 3  # of a mounting, since bringing rows to one time takes it as known
+
+
+@dataclass(frozen=True)
+class SensorReferences:
+    """Reference attitudes by one sensor.
+
+    Attributes
+    ----------
+    name : of the sensor
+    t_s : (m,) s, strictly increasing
+    quaternions : (m, 4) inertial to the sensor's own axes, scalar last
+    sigma : (m, 3) 1-sigma about the sensor's own axes, rad
+    mounting : (3, 3) body to sensor as stated; None if it is not known
+    mounting_sigma : (3,) 1-sigma of the stated mounting about the sensor's own axes, rad; None if it is exact
+    """
+
+    name: str
+    t_s: Array
+    quaternions: Array
+    sigma: Array
+    mounting: Array | None = None
+    mounting_sigma: Array | None = None
+
+    @property
+    def is_estimated(self) -> bool:
+        """Whether its mounting is to be estimated."""
+        return self.mounting is None or self.mounting_sigma is not None
+
+
+@dataclass(frozen=True)
+class JoinedSensor:
+    """A sensor after the join.
+
+    Attributes
+    ----------
+    name : of the sensor
+    rows, common : number of its rows, and of those at a time of a sensor before it
+    mounting : (3, 3) body to sensor
+    mounting_sigma : (3,) 1-sigma of the mounting about the sensor's own axes, rad; None if it was not estimated
+    agreement : RMS of its differences from the sensors before it, in units of their stated sigma; NaN without any
+    """
+
+    name: str
+    rows: int
+    common: int
+    mounting: Array
+    mounting_sigma: Array | None
+    agreement: float
+
+    def describe(self) -> str:
+        """Describe the sensor in a sentence."""
+        turn = _format_degrees(-Rotation.from_matrix(self.mounting).as_rotvec())
+        text = f"{self.name}: {self.rows} attitudes, turned from the body by {turn} deg (rotation vector)"
+        if self.mounting_sigma is not None:
+            text += f", estimated with 1-sigma {_format_degrees(self.mounting_sigma)} deg about its own axes"
+        if self.common:
+            text += f"; {self.common} at a time of another sensor, from which they differ by {self.agreement:.3g} sigma RMS"
+        return text
+
+
+@dataclass(frozen=True)
+class JoinedReferences:
+    """One series of body attitudes of several sensors.
+
+    Attributes
+    ----------
+    attitudes : the references, each with its covariance
+    holds : (m, sensors) whether a row holds a reference of each sensor, in the order in which they were given
+    sensors : in the same order
+    """
+
+    attitudes: Attitudes
+    holds: Mask
+    sensors: tuple[JoinedSensor, ...]
+
+    def describe(self) -> list[str]:
+        """Describe each sensor, and the joint references."""
+        sigma = _format_degrees(np.median(self.attitudes.sigma, axis=0))
+        return [
+            *(one.describe() for one in self.sensors),
+            f"{self.attitudes.t_s.size} joint references, 1-sigma about the body's axes {sigma} deg (median)",
+        ]
+
+
+@dataclass
+class _Rows:
+    """Body attitudes joined so far: times (m,), A (m, 3, 3), P (m, 3, 3) rad², and the sensors (m, s) in each row."""
+
+    t_s: Array
+    A: Array
+    P: Array
+    holds: Mask
+
+
+def join_references(sensors: Sequence[SensorReferences], gyro: GyroStream | None = None) -> JoinedReferences:
+    """Join the references of several sensors to one series of body attitudes.
+
+    Mountings that are not stated are estimated from rows of one time. The first sensor defines the body's axes; they are its
+    own ones unless its mounting is stated. A row without another of its time is kept with its own covariance.
+
+    Parameters
+    ----------
+    sensors : the references of each sensor
+    gyro : brings rows less than half a sample apart to one time, by its a-priori G and bias in body axes; without it each
+        further sensor is interpolated at the times of those before it, which correlates its neighbouring errors
+
+    Raises
+    ------
+    InputError
+        A mounting cannot be estimated, or a stated mounting contradicts the attitudes.
+    """
+    first = sensors[0]
+    M = np.eye(3) if first.mounting is None else first.mounting
+    joined = _build_rows(first, M, 0, len(sensors))
+    found = {0: JoinedSensor(first.name, first.t_s.size, 0, M, None, np.nan)}
+    for number in sorted(range(1, len(sensors)), key=lambda k: sensors[k].is_estimated):
+        one = sensors[number]
+        a, b = _pair_rows(joined, one, gyro)
+        M, sigma = _estimate_mounting(joined, one, a, b, gyro)
+        theta = attitude.residual(_move_rows(one, b, joined.t_s[a], M, gyro), M @ joined.A[a])
+        C = _compute_difference_covariance(joined, one, a, b, M)
+        chi2 = float(np.einsum("ki,ki->", theta, np.linalg.solve(C, theta[:, :, None])[:, :, 0]))
+        dof = theta.size - 3 * (one.mounting is None)
+        found[number] = JoinedSensor(one.name, one.t_s.size, a.size, M, sigma, np.sqrt(chi2 / dof) if dof > 0 else np.nan)
+        joined = _merge_rows(joined, _build_rows(one, M, number, len(sensors)), a, b, theta @ M)
+    return JoinedReferences(_build_attitudes(joined), joined.holds, tuple(found[k] for k in range(len(sensors))))
+
+
+def _build_rows(sensor: SensorReferences, M: Array, number: int, count: int) -> _Rows:
+    """Body attitudes of one sensor."""
+    A, P = M.T @ attitude.matrix_from_quaternion(sensor.quaternions), np.einsum("ki,mk,kj->mij", M, sensor.sigma**2, M)
+    return _Rows(sensor.t_s, A, P, np.tile(np.arange(count) == number, (sensor.t_s.size, 1)))
+
+
+def _pair_rows(joined: _Rows, sensor: SensorReferences, gyro: GyroStream | None) -> tuple[Indices, Indices]:
+    """Joined rows and rows of a sensor at nearly the same time, each used once."""
+    after = np.clip(np.searchsorted(sensor.t_s, joined.t_s), 0, sensor.t_s.size - 1)
+    before = np.maximum(after - 1, 0)
+    late, early = np.abs(sensor.t_s[after] - joined.t_s), np.abs(sensor.t_s[before] - joined.t_s)
+    row, apart = np.where(early < late, before, after), np.minimum(early, late)
+    if gyro is not None:
+        near = apart <= SAME_TIME * gyro.sample_s
+    else:
+        step = float(np.median(np.diff(sensor.t_s))) if sensor.t_s.size > 1 else 0.0
+        inside = (joined.t_s >= sensor.t_s[0]) & (joined.t_s <= sensor.t_s[-1])
+        inside &= sensor.t_s[after] - sensor.t_s[before] <= GAP_STEPS * step
+        near = (inside & (apart <= GAP_STEPS * SAME_TIME * step)) | (apart <= EXACT_S)
+    a = np.flatnonzero(near)
+    order = a[np.lexsort((apart[a], row[a]))]  # of several joined rows at one of the sensor, the nearest
+    b, once = np.unique(row[order], return_index=True)
+    return order[once], b
+
+
+def _move_rows(sensor: SensorReferences, rows: Indices, t_s: Array, M: Array, gyro: GyroStream | None) -> Array:
+    """(k, 3, 3) inertial to sensor of some rows, at other times near theirs."""
+    A, gap = attitude.matrix_from_quaternion(sensor.quaternions[rows]), sensor.t_s[rows] - t_s
+    moved = np.abs(gap) > EXACT_S
+    if not moved.any():
+        return A
+    if gyro is None:
+        between = Slerp(sensor.t_s, Rotation.from_quat(sensor.quaternions))(np.clip(t_s, sensor.t_s[0], sensor.t_s[-1]))
+        return np.where(moved[:, None, None], between.inv().as_matrix(), A)
+    at = np.clip(np.searchsorted(gyro.t_s, np.minimum(sensor.t_s[rows], t_s), side="right") - 1, 0, gyro.t_s.size - 1)
+    rates = np.nan_to_num(gyro.rates[at]) @ gyro.apriori_G.T + gyro.apriori_bias
+    return np.asarray(attitude.rotation_matrix((rates * gap[:, None]) @ M.T) @ A)
+
+
+def _compute_difference_covariance(joined: _Rows, sensor: SensorReferences, a: Indices, b: Indices, M: Array) -> Array:
+    """(k, 3, 3) covariance of a sensor's attitudes less the joined ones about the sensor's own axes, rad²."""
+    return np.asarray(M @ joined.P[a] @ M.T + np.einsum("mi,ij->mij", sensor.sigma[b] ** 2, np.eye(3)))
+
+
+def _estimate_mounting(
+    joined: _Rows, sensor: SensorReferences, a: Indices, b: Indices, gyro: GyroStream | None
+) -> tuple[Array, Array | None]:
+    """Mounting (3, 3), body to sensor, and its 1-sigma (3,) about the sensor's axes, rad; None if it is taken as stated."""
+    stated = sensor.mounting
+    if stated is None and a.size < FEWEST_COMMON_TIMES:
+        raise InputError(
+            f"attitude: {sensor.name} has {a.size} time(s) in common with the sensors before it, too few of "
+            f"{FEWEST_COMMON_TIMES} to find its mounting; state the mountings, or read one sensor alone: --sensor NAME"
+        )
+    if a.size >= FEWEST_COMMON_TIMES:
+        mean = _check_turn(joined, sensor, a, b, gyro)
+    if stated is not None and sensor.mounting_sigma is None:
+        return stated, None
+    M = mean if stated is None else stated
+    prior = np.zeros((3, 3)) if sensor.mounting_sigma is None else np.diag(sensor.mounting_sigma**-2.0)
+    for _ in range(ITERATIONS):
+        weight = np.linalg.inv(_compute_difference_covariance(joined, sensor, a, b, M))
+        theta = attitude.residual(_move_rows(sensor, b, joined.t_s[a], M, gyro), M @ joined.A[a])
+        pull = np.einsum("kij,kj->i", weight, theta)
+        pull = pull if stated is None else pull + prior @ attitude.residual(stated, M)
+        Q = np.linalg.inv(weight.sum(axis=0) + prior)
+        M = np.asarray(attitude.rotation_matrix(Q @ pull) @ M)
+    return M, np.sqrt(np.diag(Q))
+
+
+def _check_turn(joined: _Rows, sensor: SensorReferences, a: Indices, b: Indices, gyro: GyroStream | None) -> Array:
+    """Mean turn (3, 3) from body to sensor; refuse attitudes of the other direction, and a stated mounting far from it."""
+    A = _move_rows(sensor, b, joined.t_s[a], np.eye(3) if sensor.mounting is None else sensor.mounting, gyro)
+    mean, scatter = _compute_mean_turn(A, joined.A[a])
+    _, other = _compute_mean_turn(A.transpose(0, 2, 1), joined.A[a].transpose(0, 2, 1))
+    if sensor.mounting is None and other < DIRECTION_SCATTER_RATIO * scatter:
+        raise InputError(
+            f"attitude: {sensor.name} and the sensors before it turn against each other by {np.rad2deg(scatter):.2g} deg RMS "
+            f"as read, by {np.rad2deg(other):.2g} deg with the other direction (body-to-inertial for inertial-to-body, or back)"
+        )
+    off = 0.0 if sensor.mounting is None else float(Rotation.from_matrix(sensor.mounting.T @ mean).magnitude())
+    if off > MOUNTING_TOLERANCE:
+        raise InputError(
+            f"attitude: by the attitudes {sensor.name} is mounted {np.rad2deg(off):.1f} deg from where it is stated; are the "
+            "mountings quaternions from body to sensor, scalar last?"
+        )
+    return mean
+
+
+def _compute_mean_turn(A: Array, B: Array) -> tuple[Array, float]:
+    """Mean rotation (3, 3) of A Bᵀ, and the RMS angle from it, rad."""
+    turns = Rotation.from_matrix(A @ B.transpose(0, 2, 1))
+    mean = turns.mean()
+    return mean.as_matrix(), float(np.sqrt(np.mean(np.square((mean.inv() * turns).magnitude()))))
+
+
+def _merge_rows(joined: _Rows, own: _Rows, a: Indices, b: Indices, theta: Array) -> _Rows:
+    """Average the rows a with the rows b of a sensor, whose attitudes are exp([θ×]) of theirs, and insert its others."""
+    A, P, holds = joined.A.copy(), joined.P.copy(), joined.holds.copy()
+    weight = np.linalg.inv(own.P[b])
+    P[a] = np.linalg.inv(np.linalg.inv(P[a]) + weight)
+    A[a] = attitude.rotation_matrix(np.einsum("kij,kjl,kl->ki", P[a], weight, theta)) @ A[a]
+    holds[a] |= own.holds[b]
+    alone = np.setdiff1d(np.arange(own.t_s.size), b)
+    t_s = np.append(joined.t_s, own.t_s[alone])
+    order = np.argsort(t_s, kind="stable")
+    return _Rows(
+        t_s[order],
+        np.concatenate([A, own.A[alone]])[order],
+        np.concatenate([P, own.P[alone]])[order],
+        np.concatenate([holds, own.holds[alone]])[order],
+    )
+
+
+def _build_attitudes(joined: _Rows) -> Attitudes:
+    return Attitudes(joined.t_s, attitude.quaternion_from_matrix(joined.A), np.empty((0, 3))).replace_covariance(joined.P)
+
+
+def _format_degrees(values: Array) -> str:
+    return ", ".join(f"{value:.4g}" for value in np.rad2deg(values))
