@@ -114,7 +114,6 @@ class RemainderSummary:
     side : "gyro", "reference", "time tags" or "white noise": which of them makes most of it
     time_scale_s : correlation time of that part; 0 for white noise
     regressors : what the remainder follows
-    draft : effect file that proposes a function of one regressor for it; None where none was written
     """
 
     share: float
@@ -127,7 +126,6 @@ class RemainderSummary:
     side: str
     time_scale_s: float
     regressors: tuple[Regressor, ...]
-    draft: str | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the remainder as in the documented format."""
@@ -142,7 +140,6 @@ class RemainderSummary:
             "side": self.side,
             "time_scale_s": self.time_scale_s,
             "regressors": [{"name": one.name, "p_value": one.p_value, "share": one.share} for one in self.regressors],
-            "draft": self.draft,
         }
 
 

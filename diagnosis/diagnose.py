@@ -10,13 +10,11 @@ from threadpoolctl import threadpool_limits
 
 from diagnosis.assemble import build_diagnosis
 from diagnosis.detectors.stream_faults import find_faults, remove_faults
-from diagnosis.draft import suggest_draft
 from diagnosis.explain import AttitudeInference, explain_prepared
 from diagnosis.merge import merge_answers
 from diagnosis.model.fault_causes import convert_faults
 from diagnosis.model.prepare import PreparedRecording, Progress, prepare
 from diagnosis.model.symptoms import list_sample_causes
-from diagnosis.remainder_search import identify_beside_remainder
 from diagnosis.result import Diagnosis
 from diagnosis.sensor_tables import diagnose_sensors
 from diagnosis.settings import DEFAULT, DiagnosisSettings
@@ -34,7 +32,6 @@ def diagnose(
     seed: int = 0,
     library: Sequence[str] | None = None,
     settings: DiagnosisSettings = DEFAULT,
-    draft: bool = False,
 ) -> Diagnosis:
     """Say whether a recording departs from M0, where, by which cause, and how far the gap shrinks with the cause in.
 
@@ -45,7 +42,6 @@ def diagnose(
     seed : of the null distribution
     library : names of the effects that may be named; all by default
     settings : thresholds and priors
-    draft : whether a function of one regressor is proposed for the remainder, see `diagnosis.draft`
 
     Raises
     ------
@@ -67,25 +63,7 @@ def diagnose(
         usable = remove_faults(recording, faults)
         prepared, explained = explain_prepared(prepare(usable, settings, tell), effects, settings, seed, tell)
         found = compose_diagnosis(prepared, explained, effects, settings, time.perf_counter() - began, faults)
-        if draft:
-            found = _add_draft(found, prepared, explained, effects, settings, tell)
         return found if recording.sensors is None else add_sensor_findings(found, recording, library, settings, seed)
-
-
-def _add_draft(
-    found: Diagnosis,
-    prepared: PreparedRecording,
-    explained: AttitudeInference,
-    effects: Sequence[Effect],
-    settings: DiagnosisSettings,
-    tell: Progress,
-) -> Diagnosis:
-    """Propose a function of one regressor for the remainder, or in place of a random process; parameters as of `diagnose`."""
-    beside = explained.beside
-    if beside is None and any(one.process for one in explained.fitted) and prepared.model.recording.attitudes.sensor is None:
-        beside = identify_beside_remainder(prepared.model, effects, settings, tell)
-    proposed = None if beside is None else suggest_draft(prepared.model, beside)
-    return found if beside is None or proposed is None else replace(found, draft=proposed, remainder=beside.remainder)
 
 
 def compose_diagnosis(

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from diagnosis.answer import Amplitudes, Cause, Closure, Explanations, Finding, RemainderSummary, Verdict
 from diagnosis.budget import Step
-from diagnosis.draft import Draft
 from diagnosis.inference.conformal import build_conformal_set
 from diagnosis.sensor_result import SensorDiagnosis
 from diagnosis.settings import DEFAULT
@@ -69,7 +68,6 @@ class Diagnosis:
     budget : steps of the gap budget on held-out data
     remainder : the part of the misfit that no identified cause explains; None where none is left or estimated
     sigma_nominal : (12,) sigma of G row by row and b, rad/s, under the stated noise alone; None where it is the only one
-    draft : function of one regressor proposed for the remainder; None where none was asked for or accepted
     """
 
     recording: str
@@ -99,7 +97,6 @@ class Diagnosis:
     budget: tuple[Step, ...] = ()
     remainder: RemainderSummary | None = None
     sigma_nominal: Array | None = None
-    draft: Draft | None = None
 
     @property
     def conformal_90(self) -> tuple[str, ...]:

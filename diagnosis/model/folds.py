@@ -56,25 +56,21 @@ RECORDING_SPLIT = "an eighth of each interval at a time"
 FOLD_COLUMNS_PER_BATCH = 256  # columns; these stay in a processor's cache
 
 
-def build_folds(
-    model: RecordingModel, W: Array, part: NDArray[np.intp] | None = None, biases: Array | None = None
-) -> Iterator[Fold]:
+def build_folds(model: RecordingModel, W: Array) -> Iterator[Fold]:
     """Folds of a recording; those that would leave nothing to learn from are left out.
 
     Parameters
     ----------
     model : the recording
     W : (N, p) whitened columns
-    part : (r,) fold of each observation; by default that of `assign_folds`
-    biases : (N, q) whitened columns of further biases
     """
     names = np.array([model.recording.intervals[block.interval].name for block in model.blocks])
     owner = np.repeat(names[model.observation_block], 3)
-    rows = np.repeat(assign_folds(model) if part is None else part, 3)
+    rows = np.repeat(assign_folds(model), 3)
     for number in np.unique(rows):
         out = rows == number
         if not out.all():
-            yield _build_recording_fold(model, W, out, owner, biases)
+            yield _build_recording_fold(model, W, out, owner)
 
 
 @dataclass(frozen=True)
@@ -86,29 +82,20 @@ class ConditionedRows:
     train_y, train_X : (N,), (N, p) training observations and columns, in units of their own scatter, turned into as many rows
         as there are in all
     error_y, error_X : (s,), (s, p) errors of M0's prediction of the others, not whitened
-    noise : (s, s) L_s Z (L_s Z)ᵀ, their covariance if what all intervals share were known
-    shared : (s, q) D U: what of that they show, along the singular directions of the training rows
-    known : (q,) S: prior sigma over posterior sigma of each direction is √(1 + S²)
+    covariance : (s, s) C
     """
 
     train_y: Array
     train_X: Array
     error_y: Array
     error_X: Array
-    noise: Array
-    shared: Array
-    known: Array
-
-    @property
-    def covariance(self) -> Array:
-        """(s, s) C."""
-        return self.noise + (self.shared / (1 + self.known**2)) @ self.shared.T
+    covariance: Array
 
 
-def condition_rows(model: RecordingModel, W: Array, out: NDArray[np.bool_], biases: Array | None = None) -> ConditionedRows:
+def condition_rows(model: RecordingModel, W: Array, out: NDArray[np.bool_]) -> ConditionedRows:
     """Rows (N,) of a recording that are `out`, and whitened columns W (N, p) there, given the others; see the module."""
     parts = [_build_part(block, np.flatnonzero(out[block.rows])) for block in model.blocks]
-    B, D = _split_values(parts, build_shared_columns(model, biases))
+    B, D = _split_values(parts, build_shared_columns(model))
     train_y, error_y = _split_values(parts, model.undo_mounting_whitening(model.whiten(model.zeta)))
     # With as many rows of zeros below, there is a singular value for what no training row shows as well.
     Q, S, U = np.linalg.svd(np.vstack([B, np.zeros((B.shape[1], B.shape[1]))]), full_matrices=False)
@@ -122,7 +109,9 @@ def condition_rows(model: RecordingModel, W: Array, out: NDArray[np.bool_], bias
         train_X[:, some], error_X[:, some] = train - shrunk @ along, error - gain @ along
     along_y = Q.T @ train_y
     noise = scipy.linalg.block_diag(*(part.shown @ part.shown.T for part in parts))
-    return ConditionedRows(train_y - shrunk @ along_y, train_X, error_y - gain @ along_y, error_X, noise, D, S)
+    return ConditionedRows(
+        train_y - shrunk @ along_y, train_X, error_y - gain @ along_y, error_X, noise + (D / (1 + S**2)) @ D.T
+    )
 
 
 @dataclass(frozen=True)
@@ -158,11 +147,9 @@ def _build_hidden_basis(L: Array, rows: NDArray[np.intp]) -> Array:
     return np.asarray(np.linalg.qr(_solve_lower(L, units))[0])
 
 
-def _build_recording_fold(
-    model: RecordingModel, W: Array, out: NDArray[np.bool_], owner: NDArray[np.str_], biases: Array | None
-) -> Fold:
+def _build_recording_fold(model: RecordingModel, W: Array, out: NDArray[np.bool_], owner: NDArray[np.str_]) -> Fold:
     """One part of a recording held out."""
-    found = condition_rows(model, W, out, biases)
+    found = condition_rows(model, W, out)
     return _fold(found.train_y, found.train_X, found.error_y, found.error_X, found.covariance, owner[out])
 
 
@@ -204,13 +191,11 @@ def assign_folds(model: RecordingModel) -> NDArray[np.intp]:
     return np.concatenate(each)
 
 
-def build_shared_columns(model: RecordingModel, biases: Array | None = None) -> Array:
-    """(N, q) whitened columns B of what all intervals share, in units of their priors: starts, mountings, G, b, biases."""
-    more = np.empty((model.size, 0)) if biases is None else biases
-    own = np.full(more.shape[1], SETTINGS.broad * PLAUSIBLE_RANGE[-1])
+def build_shared_columns(model: RecordingModel) -> Array:
+    """(N, q) whitened columns B of what all intervals share, in units of their priors: starts, mountings, G, b."""
     attitude = model.attitude_nuisance
-    scale = np.concatenate([np.full(attitude.shape[1], SETTINGS.start), SETTINGS.broad * PLAUSIBLE_RANGE, own])
-    shared = model.undo_mounting_whitening(np.hstack([attitude, model.calibration, more]) * scale)
+    scale = np.concatenate([np.full(attitude.shape[1], SETTINGS.start), SETTINGS.broad * PLAUSIBLE_RANGE])
+    shared = model.undo_mounting_whitening(np.hstack([attitude, model.calibration]) * scale)
     return np.hstack([shared, model.known_mountings])
 
 

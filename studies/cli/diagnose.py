@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -29,9 +26,6 @@ from studies.montecarlo.files import write_text
 from studies.report.console import LINE_EVERY_S, make_console, show_stages
 from studies.report.junit import Verdict
 
-if TYPE_CHECKING:
-    from diagnosis.result import Diagnosis
-
 
 @click.command("diagnose")
 @click.argument("recording", type=PATH)
@@ -48,11 +42,6 @@ if TYPE_CHECKING:
     help="Scenario of the recording, a built-in name or a TOML file: page and card then state which extra maneuver helps most.",
 )
 @add_output_option("--adopt", help="Write a scenario with the recording's own motion and the identified effects to this file.")
-@add_output_option(
-    "--draft",
-    metavar="OUT.py",
-    help="Write a function of one regressor that predicts the remainder to this file, an effect for --effects.",
-)
 @click.option(
     "--without",
     multiple=True,
@@ -74,7 +63,6 @@ def command(
     card: Path | None,
     flown: str | None,
     adopt: Path | None,
-    draft: Path | None,
     without: tuple[str, ...],
     seed: int,
     fail_on: tuple[str, ...],
@@ -94,7 +82,6 @@ def command(
       gyrocal diagnose /tmp/rec --card /tmp/card.png --plan trmm_series
       gyrocal diagnose /tmp/rec --without bias_orbital
       gyrocal diagnose /tmp/rec --adopt /tmp/adopted.toml
-      gyrocal diagnose /tmp/rec --draft /tmp/draft.py
       gyrocal diagnose /tmp/rec --fail-on unknown --junit /tmp/diagnosis.xml
     """
     library = _select_library(without)
@@ -106,19 +93,15 @@ def command(
 
     from diagnosis.adopt import write_adopted_scenario
     from diagnosis.diagnose import diagnose
-    from diagnosis.draft import summarise_draft
     from simulator import scenario as scenarios
     from studies.report import card_drawing, diagnosis_card, diagnosis_page, diagnosis_summary, next_flight
     from studies.report.pages import build_provenance_footer
     from studies.report.panels import save
 
     scenario_flown = scenarios.load(flown) if flown else None
-    run = partial(diagnose, draft=True) if draft else diagnose
     with show_stages("diagnose", LINE_EVERY_S) as progress:
-        result = run(loaded, progress=progress, seed=seed, library=library)
+        result = diagnose(loaded, progress=progress, seed=seed, library=library)
         found = next_flight.plan_next_flight(result, scenario_flown, progress, seed) if scenario_flown else None
-    if draft:
-        result = _write_draft(result, draft)
     write_result(as_json, result.to_json(), lambda: diagnosis_summary.show(make_console(), result))
     fly = next_flight.describe_next_flight(result, found)
     orbit_s = loaded.orbit.period_s if loaded.orbit is not None else math.nan
@@ -130,26 +113,9 @@ def command(
         text, adoption = write_adopted_scenario(result, loaded, recording, adopt)
         write_text(adopt, text)
         click.echo(f"{adopt}: {adoption.sentence()}", err=as_json == STDOUT)
-    if draft:
-        said = (
-            "no draft: no function of one regressor predicts the remainder"
-            if result.draft is None
-            else summarise_draft(result.draft)
-        )
-        click.echo(f"{draft}: {said}", err=as_json == STDOUT)
     holds = {"gap": result.present, "unknown": result.verdict == "unknown"}
     said = f"{result.verdict}, p = {result.p_value:.2g}"
     end("diagnose", str(recording), [Verdict(name, said if holds[name] else "") for name in fail_on], junit)
-
-
-def _write_draft(result: Diagnosis, path: Path) -> Diagnosis:
-    """Write the draft, if there is one, and name its file in the result."""
-    if result.draft is None or result.remainder is None:
-        return result
-    from diagnosis.draft import render_draft
-
-    write_text(path, render_draft(result.draft))
-    return replace(result, remainder=replace(result.remainder, draft=str(path)))
 
 
 def _select_library(without: Sequence[str]) -> list[str] | None:

@@ -24,7 +24,7 @@ from studies.report.printable import make_printable
 
 COMMAND_NAMES = (
     *("allan", "baseline", "bench", "calibrate", "compare", "diagnose", "effects", "exam", "export", "import", "mission"),
-    *("next", "plan", "predict", "product", "reproduce", "scenarios", "simulate", "study", "trend"),
+    *("plan", "predict", "reproduce", "scenarios", "simulate", "study"),
 )
 
 

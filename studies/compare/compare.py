@@ -12,7 +12,6 @@ import pandas as pd
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from diagnosis.next_recording import PARITY_NOTE
 from gyrocal import calibrate
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
@@ -29,6 +28,7 @@ BASELINE = "M0"
 CHUNK_FLIGHTS = 5  # flights that are handed out together
 FEWEST_FLIGHTS = 20
 EXTREME = 0.01  # percentile from either end that counts as extreme
+PARITY_NOTE = "Only the rates of the body are compared; what the parity of the gyros shows is in gyrocal diagnose"
 COMPARISON_COLUMNS = ("statistic", "of", "axis", "unit", "recording", "mean", "std", "p05", "p95", "percentile", "z", "judged")
 
 

@@ -115,36 +115,21 @@ def gyros() -> Iterator[Bad]:
     for kind, change in tables.items():
         yield _of(GYROS, "gyros", f"gyros: {kind}", partial(_table, name="gyro", change=change))
     yield _of(GYROS, "gyros", "no attitude", lambda folder: (folder / "REC" / "attitude.parquet").unlink())
-    yield Bad("gyros", "to next", ("next", "REC", "OTHER"), _copied, scenario=GYROS)
     for words in (("export", "kalibr", "REC", "imu.yaml"), ("predict", "REC", "--from", "1000")):
         yield Bad("gyros", f"to {' '.join(words[:2])}", words, expected=FREE, scenario=GYROS)
 
 
 def following() -> Iterator[Bad]:
-    """To `next` and `compare`: recordings and scenarios that cannot be compared with the first."""
-    counts = {"none": 0, "one": 1, "two": 2}
-    for kind, count in counts.items():
-        cut = partial(_table, name="gyro", change=lambda frame, count=count: frame.iloc[:count], folder_name="OTHER")
-        for order in (("REC", "OTHER"), ("OTHER", "REC")):
-            yield Bad("next", f"{kind} rows, {' '.join(order)}", ("next", *order), partial(_copied, then=cut))
-    still = partial(_table, name="gyro", change=lambda frame: frame * [1, 0, 0, 0], folder_name="OTHER")
-    yield Bad("next", "rates of zero", ("next", "REC", "OTHER"), partial(_copied, then=still))
-    late = partial(_table, name="gyro", change=lambda frame: frame.assign(t_s=frame["t_s"] + 1.7e9), folder_name="OTHER")
-    yield Bad("next", "unix time", ("next", "REC", "OTHER"), partial(_copied, then=late))
-    for table in ("gyro", "attitude"):
-        gone = partial(_gone, name=table)
-        yield Bad("next", f"no {table}", ("next", "REC", "OTHER"), partial(_copied, then=gone))
-    for words in (("REC",), ("REC", "REC"), ("REC", "nothing"), ("nothing", "REC"), ("REC", "/dev/null"), ("REC", "REC/")):
-        yield Bad("next", " ".join(words), ("next", *words))
+    """To `compare`: scenarios that cannot be compared with the recording."""
     for kind in ("nothing.toml", "", "/dev/null", "REC/gyro.parquet", "a\x1b[31m.toml"):
         yield Bad("compare", f"scenario {kind!a}", ("compare", "REC", kind))
 
 
 def conditions() -> Iterator[Bad]:
     """Conditions for scripts that say nothing."""
-    for command, arguments in {"next": ("REC", "OTHER"), "calibrate": ("REC",), "diagnose": ("REC",)}.items():
+    for command in ("calibrate", "diagnose"):
         for text in CONDITIONS:
-            yield Bad("condition", f"{command} {text!a}", (command, *arguments, f"--fail-on={text}"), _copied)
+            yield Bad("condition", f"{command} {text!a}", (command, "REC", f"--fail-on={text}"))
 
 
 def exports() -> Iterator[Bad]:
@@ -154,7 +139,7 @@ def exports() -> Iterator[Bad]:
         for kind in ("nothing", "/dev/null", "REC/gyro.parquet"):
             yield Bad("export", f"{which} of {kind}", ("export", which, kind, *names))
         given = ("export", which, "REC", *names)
-        yield Bad("export", f"{which}, no attitude", given, partial(_gone, name="attitude", folder_name="REC"))
+        yield Bad("export", f"{which}, no attitude", given, partial(_gone, name="attitude"))
         for kind in ("REC", "nothing/a", "/dev/full"):
             if which != "csv" or kind == "/dev/full":  # a folder is made, and tables may lie beside a recording
                 yield Bad("export", f"{which} to {kind}", ("export", which, "REC", kind, *names[1:]))
@@ -179,8 +164,8 @@ def _header(folder: Path, path: tuple[object, ...], value: str | None) -> None:
     write(folder, "REC/recording.toml", path, value)
 
 
-def _table(folder: Path, name: str, change: Change, folder_name: str = "REC") -> None:
-    path = folder / folder_name / f"{name}.parquet"
+def _table(folder: Path, name: str, change: Change) -> None:
+    path = folder / "REC" / f"{name}.parquet"
     change(pd.read_parquet(path)).to_parquet(path, index=False)
 
 
@@ -189,17 +174,8 @@ def _set(frame: pd.DataFrame, column: str, rows: slice, number: float) -> pd.Dat
     return frame
 
 
-def _copied(folder: Path, then: Callable[[Path], object] | None = None) -> None:
-    """Another recording beside the first, to which something is done."""
-    (folder / "OTHER").mkdir()
-    for path in (folder / "REC").iterdir():
-        (folder / "OTHER" / path.name).write_bytes(path.read_bytes())
-    if then:
-        then(folder)
-
-
-def _gone(folder: Path, name: str, folder_name: str = "OTHER") -> None:
-    (folder / folder_name / f"{name}.parquet").unlink()
+def _gone(folder: Path, name: str) -> None:
+    (folder / "REC" / f"{name}.parquet").unlink()
 
 
 def _result(folder: Path, text: str) -> None:

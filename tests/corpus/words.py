@@ -36,18 +36,15 @@ GOOD_ARGUMENTS = {
     ("import", "euroc"): ("folder", "OUT"),
     ("import", "ulog"): ("a.ulg", "OUT"),
     ("mission",): ("OUT", "--days", "0.01"),
-    ("next",): ("REC", "REC"),
     ("plan",): ("trmm",),
     ("predict",): ("REC", "--from", "100"),
-    ("product",): ("REC",),
     ("reproduce",): (),
     ("scenarios",): (),
     ("simulate",): ("trmm", "OUT"),
     ("study",): ("paper",),
-    ("trend",): ("REC",),
 }
 NO_NUMBERS = ("", "x", "1,5", "0x10", "1e", "--", "ψ", "1\x1b[31m")
-OUTPUTS = ("--json", "--report", "--figure", "--adopt", "--draft", "--truth", "--out")
+OUTPUTS = ("--json", "--report", "--figure", "--adopt", "--truth", "--out")
 EFFECTS = (
     "",
     "=",

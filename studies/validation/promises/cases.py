@@ -11,9 +11,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.linearise import linearise_recording
-from diagnosis.model.unit import join_recordings
-from diagnosis.next_recording import compare_with_prediction
 from gyrocal import GyroParameters, InputError, attitude, calibrate, calibrate_gyros
 from gyrocal.estimation.batch import batch
 from gyrocal.estimation.filter_run import run
@@ -70,7 +67,6 @@ def collect_statements(number: int, streams: Streams) -> list[Row]:
         *check_estimators(
             build_plan_flight(plan, grade), np.deg2rad(build_graded_scenario(plan, grade).reference.sigma_deg[0]), streams
         ),
-        *check_next_recording(plan, grade, streams),
     ]
     return [{"plan": plan, "grade": grade, **row} for row in made]
 
@@ -216,16 +212,3 @@ def check_alignments(
 
 def _compute_attitude_error(truth: Array, A: Array) -> Array:
     return np.asarray(attitude.residual(truth, A).ravel())
-
-
-# ---- the next recording --------------------------------------------------------------------------------------------------
-
-
-def check_next_recording(plan: str, grade: str, streams: Streams) -> Iterator[Row]:
-    """The residuals of a second recording as the first predicts them."""
-    own = build_graded_scenario(plan, grade)
-    pair = {name: record_plan(own, (plan, grade), "series", streams, f"next {name}") for name in ("first", "second")}
-    unit = join_recordings(pair)
-    before = calibrate(pair["first"])
-    found = compare_with_prediction(linearise_recording(unit.recording, before.G, before.bias), unit.owner, "second", [])
-    yield build_chi2_row("next: residuals of the next recording", found.chi2, found.dof)

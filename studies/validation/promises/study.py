@@ -1,8 +1,8 @@
 """Does every covariance and interval that the library states hold, over four plans and four grades of noise?
 
 Each case flies one plan with one grade (`studies.validation.promises.plans`) through calibrator, trackers, four gyros, batch,
-filter, smoother, alignment, prediction and the next recording (`studies.validation.promises.cases`). What a diagnosis states is
-checked in the test world (`studies.validation.world`).
+filter, smoother, alignment and prediction (`studies.validation.promises.cases`). What a diagnosis states is checked in the test
+world (`studies.validation.world`).
 
 Of a covariance, coverage is the share of cases in which the truth is within the ellipsoid that holds so much of a normal
 distribution. The bounds are those that all lines of one table keep to together with 99 %, if every statement is right: a share

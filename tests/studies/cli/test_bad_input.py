@@ -53,11 +53,6 @@ WRONG = [
     ("study paper --set sampler=pairs", "there are no dispersions"),
     ("study paper --cases 5 --rerun 7", "cases 0 to 4"),
     ("study consistency --cases 2 --out OUT", "more than 24 are needed"),
-    ("trend REC", "one recording has no trend"),
-    ("trend REC REC", "given twice"),
-    ("trend nothing", "neither a recording nor a folder with recordings"),
-    ("next one one", "given twice"),
-    ("next one two --fail-on chi<3", "NAME<LIMIT"),
     # values
     ("simulate trmm OUT --set gyro.arw=1", "gyro.arw"),
     ("simulate trmm OUT --set gyro.sample_s", "PATH=VALUE"),

@@ -20,7 +20,7 @@ from tests.gyrocal.recording.test_parquet import recording
 
 HEAVY = "numba", "scipy", "pandas", "matplotlib", "pyarrow"
 REFUSED = [
-    *([name, "REC"] for name in ("allan", "calibrate", "compare", "diagnose", "next", "trend")),
+    *([name, "REC"] for name in ("allan", "calibrate", "compare", "diagnose")),
     ["export", "csv", "REC", "OUT"],
     ["import", "csv", "GYRO", "OUT", "--time", "t:s", "--gyro", "x,y,z:deg/s", "--quat", "a,b,c,d:body-to-inertial"],
     ["import", "ardupilot", "GYRO", "GYRO", "OUT", "--attitude-time", "t:s", "--quat", "a,b,c,d:body-to-inertial"],

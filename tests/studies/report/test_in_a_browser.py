@@ -4,12 +4,10 @@ import pytest
 
 import simulator
 from gyrocal import calibrate
-from studies.compare.trend import estimate_trend
-from studies.report import calibration_page, diagnosis_page, index_page, trend
+from studies.report import calibration_page, diagnosis_page, index_page
 from tests import ROOT
 from tests.diagnosis_cases import CASES
 from tests.pages import BROWSER, SPILT, browsed
-from tests.studies.compare.test_trend import turn_recordings, warm
 
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no browser is here")
 LEAST = 4.5  # contrast of text, as WCAG 2 asks
@@ -21,9 +19,7 @@ def pages(tmp_path_factory):
     coarse = {"gyro.sample_s": 5.0, "reference.at": "series", "reference.every_s": 600.0}
     recording = simulator.simulate(simulator.override(simulator.load("trmm"), coarse), seed=3)
     papers = {"natanson": RESULTS / "reproduction", "robertson": RESULTS / "mission"}
-    warmed = {name: warm(one, 20.0 + 3 * k) for k, (name, one) in enumerate(turn_recordings([1.0, 1.0, 1.01]).items())}
     return {
-        "trend": trend.build_trend_page(estimate_trend(warmed, largest_walk=0.0)),
         "diagnosis": diagnosis_page.build_diagnosis_page(CASES["pair"]()),
         "calibration": calibration_page.build_calibration_page(calibrate(recording), recording),
         "index": index_page.build_index_page(papers, tmp_path_factory.mktemp("none")),
