@@ -20,7 +20,7 @@ from studies.report.console import show_progress
 from studies.report.junit import Verdict, convert_checks, write_junit
 
 if TYPE_CHECKING:
-    from studies.montecarlo import engine, rare_event
+    from studies.montecarlo import engine
     from studies.montecarlo.requirement import Requirement
     from studies.report.entry import Entry
 
@@ -203,7 +203,7 @@ def run(
         )
         raise
     if settings.dispersions:
-        ranking = sensitivity.build_sensitivity_tables(rows, settings.sampler, bool(settings.correlations))
+        ranking = sensitivity.build_sensitivity_tables(rows, bool(settings.correlations))
         made = replace(made, tables={**made.tables, **ranking})
     made = replace(
         made,
@@ -220,20 +220,6 @@ def run(
         failed = [Verdict(f"case {case}", error) for case, error in outcome.failures.items()]
         write_junit(junit, f"gyrocal study {name}", str(folder), [*convert_checks(made.checks), *failed])
     return outcome
-
-
-def run_rare_event(
-    name: str, changes: Mapping[str, Any], event: str, config: Path | None = None, **options: Any
-) -> rare_event.RareEvent:
-    """Estimate the probability that a column of a study passes a limit; the setting cases is the number of runs."""
-    study = find_entry(name).study
-
-    from studies.montecarlo import rare_event
-    from studies.montecarlo.study import load_config
-
-    limit = rare_event.RareLimit.parse(event)
-    runs = int(changes.get("cases", rare_event.RUNS))
-    return rare_event.run_rare_event(study, load_config(study, config, changes), limit, runs, **options)
 
 
 def rerun(name: str, folder: Path, changes: Mapping[str, Any], case: int, config: Path | None = None) -> engine.Rerun:

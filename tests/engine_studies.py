@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from studies.montecarlo.study import Streams, Study, StudyConfig, dispersed, observed
+from studies.montecarlo.study import Streams, Study, StudyConfig, observed
 
 
 class DrawsConfig(StudyConfig):
@@ -123,14 +123,3 @@ def serve_dask(kind, port, ready):
 
     logging.disable()
     asyncio.run(serve())
-
-
-class RareConfig(StudyConfig):
-    """A study of a sum of dispersed values."""
-
-
-def rare_case(config: RareConfig, case: int, streams: Streams) -> dict[str, float]:
-    return {"sum": sum(dispersed(config, case).gyro.true_bias_deg_s[:2])}
-
-
-RARE = Study("tests.engine_studies:RARE", RareConfig, rare_case)

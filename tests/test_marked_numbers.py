@@ -19,7 +19,6 @@ PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 NUMBER = re.compile(r"<!--=(\w+)-->")
 TABLE = re.compile(r"<!--begin (\w+)-->\n(.*?)<!--end-->", re.DOTALL)
 GTSAM_CPP_NS = 152.0  # a sample of gtsam's own benchmark in C++: full navigation state and covariance (gtsam issue 2765)
-SCALE_WORKERS = 1000  # of the cluster that docs/scale.md is about
 EXAM_RATES = {  # columns of the table of exams by the rates of a score
     "false alarms": "no effect: a false alarm",
     "one effect, SNR ≥ 8: right, or in its group": "one effect of SNR 8 and more: right or in the group",
@@ -140,32 +139,6 @@ def compute_kernel_ns():
     return 1e6 * first["kernel_ms"] / first["samples"]
 
 
-def read_scale():
-    return read_json("benchmarks/scale.json")
-
-
-def tabulate_scale_costs():
-    found = read_scale()
-    costs = {name: f"{1e3 * value:.2g} ms" for name, value in found["costs"].items()}
-    rows = [
-        ["case of the study `paper`", costs["case_s"], "", ""],
-        ["task, however many cases it has", "", costs["parent_task_s"], costs["scheduler_task_s"]],
-        ["each case of a task", "", costs["parent_case_s"], costs["scheduler_case_s"]],
-        ["part file of a study that is resumed", "", f"{1e3 * found['inspect_part_s']:.2g} ms", ""],
-        ["result of a case, as it is sent", f"{found['bytes_of_a_case'] / 1e6:.3f} MB", "", ""],
-        ["row of a case in the table in memory", "", f"{found['table_bytes_of_a_case'] / 1e6:.3f} MB", ""],
-    ]
-    return format_table(rows, ["", "worker", "parent", "scheduler"])
-
-
-def tabulate_scale():
-    rows = []
-    for one in read_scale()["rows"]:
-        minutes = [f"{one[name] / 60:.0f} min" for name in ("wall_s", "bound_s")]
-        rows.append([f"{one['case_s']:.2g} s", one["chunk"], *minutes, f"{100 * one['busy']:.0f} %", f"{one['parts']:,}"])
-    return format_table(rows, ["a case", "chunk", "duration", "bound", "workers busy", "part files"])
-
-
 VALUES = {
     "exam_history": tabulate_exams,
     "exam_outcomes": tabulate_exam_outcomes,
@@ -185,13 +158,6 @@ VALUES = {
     "gtsam_python": lambda: f"{read_benchmark()['ratios']['gtsam_vs_kernel']:.0f} times",
     "gtsam_cpp": lambda: f"{GTSAM_CPP_NS / compute_kernel_ns():.0f} times",
     "textbook": lambda: f"{read_benchmark()['ratios']['textbook_vs_kernel']:.0f} times",
-    "scale_costs": tabulate_scale_costs,
-    "scale_table": tabulate_scale,
-    "scale_real_run": lambda: "{wall_s:.1f} s against {simulated_s:.1f} s".format(**read_scale()["real_run"]),
-    "scale_parent_case": lambda: f"{1e3 * read_scale()['costs']['parent_case_s']:.2f} ms",
-    "scale_least_case": lambda: f"{SCALE_WORKERS * read_scale()['costs']['parent_case_s']:.2f} s",
-    "scale_enough_workers": lambda: f"{read_scale()['costs']['case_s'] / read_scale()['costs']['parent_case_s']:.0f} workers",
-    "scale_table_memory": lambda: f"{2 * read_scale()['table_bytes_of_a_case'] * 1e6 / 1e9:.0f} GB",
 }
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,13 +64,6 @@ if TYPE_CHECKING:
     help="Answer whether a percentile of a column is below a limit (or above, with >) with this confidence, 90 % by default: "
     "met, not met, or how many further cases decide it; repeatable.",
 )
-@click.option(
-    "--rare",
-    metavar="'COLUMN>LIMIT'",
-    default=None,
-    help="Estimate how probable it is that a column passes a limit, down to 1e-6, by importance sampling over the dispersions: "
-    "--cases runs, 10,000 by default, and no rows are kept. Needs the extra gyrocal[rare].",
-)
 @click.option("--mix", is_flag=True, help="Resume even if the source code or the machine has changed since the earlier rows.")
 @add_output_option(
     "--json",
@@ -91,7 +83,6 @@ def command(
     as_json: Path | None,
     until: str | None,
     required: tuple[str, ...],
-    rare: str | None,
     junit: Path | None,
     **options: Any,
 ) -> None:
@@ -132,13 +123,6 @@ def command(
             write_json(
                 as_json, {"study": name, "case": again, "rows": rows, "same": result.same, "traceback": result.traceback}
             )
-        return
-    if rare is not None:
-        kept = {name: options[name] for name in ("backend", "jobs", "scheduler")}
-        event = catalogue.run_rare_event(name, settings, rare, config, **kept)
-        click.echo(str(event))
-        if as_json:
-            write_json(as_json, {"study": name} | asdict(event))
         return
     options |= _parse_criteria(until, required)
     terminal = make_console()

@@ -20,7 +20,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from studies.montecarlo.provenance import describe_provenance
-from studies.montecarlo.study import DISPERSED, RESERVED, Study, StudyConfig, draw_case_values, find, open_streams
+from studies.montecarlo.study import DISPERSED, RESERVED, Streams, Study, StudyConfig, draw_case_values, find
 
 LONGEST_ERROR = 500  # characters of an error in a row
 KILLED = "WorkerDied: killed its worker"
@@ -140,7 +140,7 @@ def _parse_config(study: Study, text: str) -> StudyConfig:
 def _compute_case_rows(study: Study, config: StudyConfig, case: int, kinds: dict[str, str]) -> list[dict[str, Any]]:
     """The rows of one case; kinds remembers what each column holds."""
     drawn = {DISPERSED + path: value for path, value in draw_case_values(config, case).items()}
-    made = study.case(config, case, open_streams(config, case))
+    made = study.case(config, case, Streams(config.entropy, case))
     rows = [made] if isinstance(made, Mapping) else list(made)
     if not rows:
         raise ValueError("the study returned no row for this case")

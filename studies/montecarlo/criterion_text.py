@@ -1,4 +1,4 @@
-"""What --until, --require and --rare share: a criterion as text, a form with a limit, and the column it is of."""
+"""What --until and --require share: a criterion as text, a form with a limit, and the column it is of."""
 
 import math
 import re

@@ -16,8 +16,6 @@ draw. Each path has its own one-dimensional sequence, so that one more dispersio
   has its own. The only sampler whose rows depend on the number of cases.
 - ``sobol``: dimension k of a Sobol sequence for the k-th path declared, each with its own scrambling. Two entropies scramble
   the same sequence: their estimates are independent, but case i of the one is not independent of case i of the other.
-- ``pairs``: blocks of d + 2 cases for Sobol indices (A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259). Their rows are
-  a random point A, A with one path's u from a second point B for each path, and B. The cases of a block have the same noise.
 
 Correlations join the draws of some paths by a Gaussian copula: with their correlation matrix C = L Lᵀ and z = Φ⁻¹(u) of each
 path, u becomes Φ(L z). Each path keeps its distribution, and normal ones have the covariance C_ij σ_i σ_j. The first path of a
@@ -43,11 +41,10 @@ from simulator.scenario import Scenario, override
 from simulator.streams import generator
 
 Array = NDArray[np.float64]
-Sampler = Literal["random", "lhs", "sobol", "pairs"]
+Sampler = Literal["random", "lhs", "sobol"]
 
 SMALLEST_U = 2.0**-54  # half a unit of a random double: keeps the quantiles finite
 SOBOL_BITS = 32  # as many cases as there are case numbers
-PAIR_ENDS = 2  # cases of a block of pairs that are no mixture, its first and its last
 SMALLEST_EIGENVALUE = 1e-9  # of a correlation matrix: below it the Cholesky factor is rounding
 SOBOL_BLOCK = 1024  # rows made at a time; a power of two, as the sequence wants
 
@@ -149,10 +146,6 @@ def draw_uniforms(paths: tuple[str, ...], sampler: Sampler, *, entropy: int, cas
             u = float(generator(entropy, case, f"dispersions/{path}").random())
         elif sampler == "lhs":
             u = float(_draw_hypercube(entropy, path, cases)[case])
-        elif sampler == "pairs":
-            block, place = divmod(case, len(paths) + PAIR_ENDS)
-            stream = "dispersions pairs" if place in (dimension + 1, len(paths) + 1) else "dispersions"
-            u = float(generator(entropy, block, f"{stream}/{path}").random())
         else:
             block, row = divmod(case, SOBOL_BLOCK)
             u = float(_generate_sobol(entropy, path, dimension, block)[row])
@@ -202,19 +195,14 @@ def get_scenario_value(scenario: Scenario, path: str) -> float:
     return float(place)
 
 
-def check(
-    dispersions: Mapping[str, Dispersion],
-    scenario: Scenario,
-    sampler: Sampler = "random",
-    correlations: Sequence[Correlation] = (),
-) -> None:
+def check(dispersions: Mapping[str, Dispersion], scenario: Scenario, correlations: Sequence[Correlation] = ()) -> None:
     """Refuse dispersions that could not act on the scenario, and correlations of what is not dispersed.
 
     Raises
     ------
     InputError
         A path leads to no number, a factor has a zero to multiply, or the scenario is invalid with every draw at its median. A
-        correlated path is not dispersed or stands twice, or the sampler needs independent draws.
+        correlated path is not dispersed or stands twice.
     """
     correlated = [path for group in correlations for path in group.paths]
     for path in correlated:
@@ -222,9 +210,6 @@ def check(
             raise InputError(f"correlations: {path}: is not dispersed; {suggest_names(path, dispersions)}")
         if correlated.count(path) > 1:
             raise InputError(f"correlations: {path}: stands twice; give all paths that it is correlated with in one matrix")
-    if sampler == "pairs" and (correlated or not dispersions):
-        what = "correlations" if correlated else "no dispersions"
-        raise InputError(f"sampler pairs: Sobol indices are of independent dispersions, and there are {what}; use random")
     for path, dispersion in dispersions.items():
         if dispersion.mode == "factor" and get_scenario_value(scenario, path) == 0:
             raise InputError(f'dispersions: {path}: a factor leaves its value, 0, as it is; use mode = "offset"')

@@ -45,7 +45,6 @@ from studies.montecarlo.study import (
     find_study_folder,
     hash_config,
     is_extendable,
-    open_streams,
     resolve_config,
 )
 
@@ -391,7 +390,7 @@ def _keep(study: Study, config: StudyConfig, case: int, folder: Path) -> Path | 
     path = folder / "cases" / f"case-{case:06d}"
     try:
         with run_single_threaded():
-            recording = study.recording(config, case, open_streams(config, case))
+            recording = study.recording(config, case, Streams(config.entropy, case))
     except Exception as error:
         logger.warning("case %d: no recording, %s: %s", case, type(error).__name__, error)
         return None

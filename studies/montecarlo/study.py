@@ -39,7 +39,7 @@ from simulator.simulate import motion, observe
 from simulator.streams import MAX_CASE, generator
 from simulator.truth.motion import Motion
 from studies.montecarlo import dispersions
-from studies.montecarlo.dispersions import PAIR_ENDS, Correlation, Dispersion, Sampler
+from studies.montecarlo.dispersions import Correlation, Dispersion, Sampler
 
 Scalar = bool | int | float | str
 Row = Mapping[str, Any]
@@ -225,7 +225,7 @@ def resolve_config(config: Config) -> Config:
         The scenario, an override or a dispersion cannot be used.
     """
     scenario = load_base_scenario(config)
-    dispersions.check(config.dispersions, scenario, config.sampler, config.correlations)
+    dispersions.check(config.dispersions, scenario, config.correlations)
     return config.model_copy(update={"scenario": scenario, "overrides": {}})
 
 
@@ -263,11 +263,6 @@ def draw_case_values(config: StudyConfig, case: int) -> dict[str, float]:
     sampling = {"entropy": config.entropy, "case": case, "cases": config.cases}
     scenario = load_base_scenario(config)
     return dispersions.draw_values(config.dispersions, scenario, config.sampler, config.correlations, **sampling)
-
-
-def open_streams(config: StudyConfig, case: int) -> Streams:
-    """The random streams of a case: its own, or with the sampler pairs those of its block, so that only dispersions differ."""
-    return Streams(config.entropy, case // (len(config.dispersions) + PAIR_ENDS) if config.sampler == "pairs" else case)
 
 
 def dispersed(config: StudyConfig, case: int) -> Scenario:

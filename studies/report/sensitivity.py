@@ -15,14 +15,6 @@ Its 95 % interval is the basic bootstrap's over the cases: in the resampled worl
 interval is S less the quantiles of S* − R². Intervals and order are of single dispersions; what they do only together
 (interactions), and the noise of each case, is what their sum leaves of 1.
 
-The sampler ``pairs`` gives total indices too, with the interactions: of a block of cases A, AB_1 … AB_d, B with the same noise
-
-    S_i = mean of B (AB_i − A) / Var y,   T_i = mean of (A − AB_i)²/2 / Var y
-
-(A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259; M. J. W. Jansen, ibid. 117 (1999) 35), with bootstrap intervals over
-the blocks. A − AB_i would have twice the noise's variance, and T_i its share, if each case had noise of its own: with the noise
-of the block T_i has the interactions of the dispersion with the noise and not the noise itself.
-
 Which dispersions drive the failures is the same index of y = 1 for a failed case and 0 for a good one, with the share of
 failures in the lowest and in the highest fifth of each.
 """
@@ -34,7 +26,6 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from studies.montecarlo.dispersions import PAIR_ENDS
 from studies.montecarlo.study import DISPERSED, RESERVED
 from studies.report.tables import Table
 
@@ -145,65 +136,8 @@ def rank_failure_causes(rows: pd.DataFrame) -> pd.DataFrame:
     return table
 
 
-def estimate_pair_indices(outputs: Array, seed: int = 0) -> dict[str, Array]:
-    """First-order and total Sobol indices with their 95 % bootstrap intervals, each (d, q).
-
-    Parameters
-    ----------
-    outputs : (blocks, d + 2, q) of the sampler pairs
-    seed : of the bootstrap
-    """
-    n = len(outputs)
-    outputs = outputs - outputs[:, [0, -1]].mean(axis=(0, 1))
-    a, mixed, b = outputs[:, :1], outputs[:, 1:-1], outputs[:, -1:]
-    drawn = np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), size=REPLICATES)
-    weights = np.vstack([np.ones(n), drawn]) / n
-    mean, square = (np.einsum("bn,niq->biq", weights, part) for part in ((a + b) / 2, (a**2 + b**2) / 2))
-    out: dict[str, Array] = {}
-    for name, terms in (("first_order", b * (mixed - a)), ("total", (a - mixed) ** 2 / 2)):
-        index = np.einsum("bn,niq->biq", weights, terms) / (square - mean**2)
-        low, high = np.nanquantile(index[1:], [0.025, 0.975], axis=0)
-        prefix = "" if name == "first_order" else f"{name}_"
-        out |= {name: index[0], f"{prefix}low": low, f"{prefix}high": high}
-    return out
-
-
-def rank_pairs(rows: pd.DataFrame) -> pd.DataFrame:
-    """Each column's dispersions by their total index, of all rows of a study with the sampler pairs.
-
-    Blocks with a failed case are left out; whether a case failed is a column of its own.
-
-    Returns
-    -------
-    column, dispersion, first_order, low, high, total, total_low, total_high; empty with too few whole blocks
-    """
-    inputs, outputs = _group_by_case(rows[rows["error"] == ""])
-    failed = (rows.groupby("case")["error"].first() != "").astype(float).rename("failed").to_frame()
-    parts = []
-    for table in (outputs, failed):
-        size = len(inputs.columns) + PAIR_ENDS
-        block = pd.Series(table.index // size, index=table.index)
-        whole = table[block.map(block.value_counts()) == size]
-        whole = whole.loc[:, whole.std() > SMALLEST_SPREAD * whole.abs().max()] if len(whole) else whole
-        if len(whole) < FEWEST_CASES * size or not len(whole.columns):
-            continue
-        found = estimate_pair_indices(whole.to_numpy().reshape(-1, size, len(whole.columns)))
-        for q, column in enumerate(whole.columns):
-            numbers = {name: values[:, q] for name, values in found.items()}
-            part = pd.DataFrame({"column": column, "dispersion": inputs.columns} | numbers)
-            parts.append(part.sort_values("total", ascending=False, kind="stable"))
-    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=["column", "dispersion", "first_order"])
-
-
-def build_sensitivity_tables(rows: pd.DataFrame, sampler: str = "random", correlated: bool = False) -> dict[str, Table]:
+def build_sensitivity_tables(rows: pd.DataFrame, correlated: bool = False) -> dict[str, Table]:
     """The tables of a study with dispersions: ``dispersions``, and ``failures`` if a case failed."""
-    if sampler == "pairs":
-        found = rank_pairs(rows)
-        what = (
-            "Shares of a column's variance: of a dispersion alone (first-order Sobol index), and with interactions (total), "
-            "with 95 % bootstrap intervals. All cases of a block have the same noise."
-        )
-        return {} if found.empty else {"dispersions": Table("What the dispersions drive", found, what)}
     found = rank_dispersions(rows)
     if found.empty:
         return {}

@@ -29,6 +29,7 @@ ELSEWHERE = {  # by page and language, the test that runs or reads it
     ("docs/library.md", "python"): "tests/gyrocal/recording/test_arrays.py",
     ("docs/own_study.md", "python"): "tests/studies/cli/test_own_study.py",
     ("docs/plan.md", "toml"): "tests/docs/world.py",
+    ("docs/requirements.md", "python"): "tests/studies/montecarlo/test_dispersions.py",
     ("docs/requirements.md", "toml"): "tests/studies/montecarlo/test_dispersions.py",
     ("docs/predict.md", "python"): "tests/gyrocal/estimation/test_predict.py",
     ("docs/recording.md", "python"): "tests/test_docs.py",

@@ -60,7 +60,6 @@ ONLY_PARSED = {  # why each is not run here
     "gyrocal bench": "minutes; tests/studies/validation/test_bench.py",
     "gyrocal exam": "tests/studies/validation/test_exam.py",
     "gyrocal study paper --backend dask": "needs a scheduler",
-    "gyrocal study ./mystudy.py --rare": "needs OpenTURNS; tests/studies/montecarlo/test_rare_event.py",
     "gyrocal study psi": "a grid of minutes; tests/studies/calibration",
     "gyrocal compare": "tests/studies/cli/test_compare.py",
     "gyrocal diagnose /tmp/months": "tests/diagnosis/test_sensor_tables.py",

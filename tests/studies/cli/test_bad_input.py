@@ -48,9 +48,6 @@ WRONG = [
     ("study paper --until nees", "give it as COLUMN<LIMIT"),
     ("study paper --require nees<1", "give it as pNN(COLUMN)<LIMIT"),
     ("study psi --require p99(nees)<1", "the cases of this study are points of a grid"),
-    ("study paper --rare nees", "give it as COLUMN>LIMIT"),
-    ("study paper --rare nees>1", "needs 1 to 10 dispersions, and there are 0"),
-    ("study paper --set sampler=pairs", "there are no dispersions"),
     ("study paper --cases 5 --rerun 7", "cases 0 to 4"),
     ("study consistency --cases 2 --out OUT", "more than 24 are needed"),
     # values

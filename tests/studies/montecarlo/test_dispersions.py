@@ -2,6 +2,7 @@ import hashlib
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 from pydantic import TypeAdapter
 from scipy import stats
@@ -18,7 +19,6 @@ from studies.montecarlo.study import (
     draw_case_values,
     hash_config,
     load_config,
-    open_streams,
     resolve_config,
     simulate_case_motion,
 )
@@ -267,22 +267,6 @@ def test_correlations_of_what_is_not_dispersed_are_refused():
         config({B0: NORMAL}, correlations=JOINED)
     with pytest.raises(InputError, match="stands twice"):
         config(SPREAD, correlations=(*JOINED, *JOINED))
-    with pytest.raises(InputError, match="independent dispersions, and there are correlations"):
-        config(SPREAD, sampler="pairs", correlations=JOINED)
-    with pytest.raises(InputError, match="there are no dispersions"):
-        config({}, sampler="pairs")
-
-
-def test_pairs_replace_one_path_at_a_time_and_keep_the_noise():
-    pairs = config(SPREAD, 10, "pairs")
-    block = np.array([list(draw_case_values(pairs, case).values()) for case in range(5, 10)])
-    for k in range(3):
-        mixed = block[0].copy()
-        mixed[k] = block[4, k]
-        np.testing.assert_array_equal(block[k + 1], mixed)
-    assert (block[0] != block[4]).all()
-    assert [open_streams(pairs, case).case for case in (4, 5, 9)] == [0, 1, 1]
-    assert open_streams(config(SPREAD), 7).case == 7
 
 
 def test_no_correlations_leave_the_hash_of_a_study():
@@ -303,3 +287,15 @@ def test_the_correlated_example_of_the_docs_has_its_correlation(tmp_path):
     read = resolve_config(load_config(DRAWS, path, {"scenario": "trmm"}))
     drawn = np.array([list(draw_case_values(read, case).values()) for case in range(400)])
     assert np.corrcoef(drawn.T)[0, 1] == pytest.approx(0.8, abs=4 * 0.36 / 20)  # (1 − ρ²)/√n is the standard error
+
+
+def test_other_packages_read_the_rows_as_the_docs_say(tmp_path, capsys):
+    pytest.importorskip("openturns", reason="no dependency of the project")
+    rng = np.random.default_rng(0)
+    arw, b = 10 ** rng.uniform(-4, -3, 500), 1e-4 * rng.standard_normal(500)
+    rows = {"case": range(500), "error": "", "disp:arw": arw, "disp:b": b, "largest_error_ppm": 1e5 * arw * (1 + 1e4 * b) ** 2}
+    pd.DataFrame(rows).to_parquet(tmp_path / "table.parquet")
+    exec(blocks("docs/requirements.md", "python")[0].replace("/tmp/noise", str(tmp_path)), {})
+    indices, probability = capsys.readouterr().out.splitlines()
+    assert indices.startswith("[0.")
+    assert 0.02 < float(probability) < 0.04

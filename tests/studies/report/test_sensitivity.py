@@ -5,14 +5,12 @@ from SALib.analyze import rbd_fast, sobol
 from SALib.sample import sobol as design
 from SALib.test_functions import Ishigami
 
-from studies.montecarlo.dispersions import draw_uniforms
 from studies.report import sensitivity
 from studies.report.sensitivity import (
     build_sensitivity_tables,
     estimate_first_order,
     rank_dispersions,
     rank_failure_causes,
-    rank_pairs,
 )
 
 PROBLEM = {"num_vars": 3, "names": ["a", "b", "c"], "bounds": [[-np.pi, np.pi]] * 3}
@@ -119,47 +117,3 @@ def test_many_cases_are_cut(monkeypatch):
     good = rows(400).query("error == ''")
     monkeypatch.setattr(sensitivity, "MOST_CASES", 100)
     pd.testing.assert_frame_equal(rank_dispersions(good), rank_dispersions(good.head(100)))
-
-
-def make_pairs(blocks: int, noise: float = 0.0, own: bool = False) -> pd.DataFrame:
-    """Rows of Ishigami's function with the sampler pairs; noise is added to each block, or to each case as its own."""
-    paths = ("a", "b", "c")
-    case = np.arange(5 * blocks)
-    u = np.array([list(draw_uniforms(paths, "pairs", entropy=3, case=number, cases=len(case))) for number in case])
-    x = np.pi * (2 * u - 1)
-    draws = np.random.default_rng(7).standard_normal(len(case))
-    values = Ishigami.evaluate(x) + noise * (draws if own else draws[case // 5 * 5])
-    return pd.DataFrame({"case": case, "error": "", "y": values} | {f"disp:{path}": x[:, k] for k, path in enumerate(paths)})
-
-
-def test_total_indices_are_those_of_the_closed_form_and_of_salib():
-    table = make_pairs(1500)
-    found = rank_pairs(table).set_index("dispersion").loc[["a", "b", "c"]]
-    interaction = 0.1**2 * np.pi**8 * (1 / 18 - 1 / 50) / WHOLE  # of a and c, the only one
-    total = ALONE + np.array([interaction, 0, interaction])
-    # Six intervals of 95 %, 1.96 sigma each; all six errors are within 3.6 sigma with a probability of 0.998.
-    for name, low, high, known in (("total", "total_low", "total_high", total), ("first_order", "low", "high", ALONE)):
-        assert (np.abs(found[name] - known) < 3.6 / 1.96 * (found[high] - found[low]) / 2).all()
-    assert (found["total_high"] - found["total_low"] < 0.15).all()
-    outputs = table["y"].to_numpy()
-    theirs = sobol.analyze(PROBLEM, outputs, calc_second_order=False, seed=1)
-    np.testing.assert_allclose(found["total"], theirs["ST"], rtol=0.02)
-    np.testing.assert_allclose(found["first_order"], theirs["S1"], atol=0.02)
-
-
-def test_noise_of_a_block_is_in_no_total_index_and_noise_of_a_case_would_be():
-    block, own = (rank_pairs(make_pairs(1000, 3.0, kind)).set_index("dispersion")["total"] for kind in (False, True))
-    share = 9 / (9 + WHOLE)
-    assert block["b"] == pytest.approx(ALONE[1] * (1 - share), abs=0.08)
-    assert own["b"] == pytest.approx(ALONE[1] * (1 - share) + share, abs=0.08)
-
-
-def test_a_block_with_a_failed_case_is_left_out():
-    table = make_pairs(300)
-    table.loc[table["disp:a"] > 3.0, ["error", "y"]] = ["ValueError: too large", np.nan]
-    table = table.iloc[:-2]
-    found = rank_pairs(table)
-    assert list(found["column"].unique()) == ["y", "failed"]
-    assert found[found["column"] == "failed"].iloc[0]["dispersion"] == "a"
-    assert list(build_sensitivity_tables(table, "pairs")) == ["dispersions"]
-    assert build_sensitivity_tables(table.head(100), "pairs") == {}
