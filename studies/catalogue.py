@@ -24,47 +24,41 @@ if TYPE_CHECKING:
     from studies.montecarlo.requirement import Requirement
     from studies.report.entry import Entry
 
-STUDY_MODULES = {
-    "paper": "studies.natanson.paper_tables",
-    "psi": "studies.calibration.psi",
-    "iterations": "studies.calibration.iterations",
-    "timestep": "studies.calibration.timestep",
-    "consistency": "studies.calibration.consistency",
-    "observability": "studies.calibration.maneuvers_needed",
-    "noise": "studies.calibration.noise",
-    "estimators": "studies.calibration.estimators",
-    "alignment": "studies.estimation.alignment",
-    "references": "studies.estimation.references",
-    "onboard": "studies.estimation.onboard",
-    "world": "studies.validation.world.report",
-    "bench": "studies.validation.world.bench",
-    "flight": "studies.natanson.flight_diagnosis",
-    "real": "studies.validation.real_gyro",
-    "heads": "studies.robertson.heads",
-    "import": "studies.validation.imports",
-    "sentinel2a": "studies.validation.sentinel2a",
-    "promises": "studies.validation.promises.study",
-}
-
-
-CHECKOUT = ("studies.validation.world", "studies.validation.exam")  # packages of a checkout that are not installed
-EXAM_MODULE = "studies.validation.exam.steps"
+STUDY_NAMES = (
+    "paper",
+    "psi",
+    "iterations",
+    "timestep",
+    "consistency",
+    "observability",
+    "noise",
+    "estimators",
+    "alignment",
+    "references",
+    "onboard",
+    "world",
+    "bench",
+    "flight",
+    "real",
+    "heads",
+    "import",
+    "sentinel2a",
+    "promises",
+)
+CHECKOUT_MODULES = {"bench": "studies.validation.world.bench", "exam": "studies.validation.exam.steps"}
 
 
 def load_module(name: str) -> Any:
-    """Load the module of a study, or of the exams.
+    """Load a module of a checkout, which is not installed with the package.
 
     Raises
     ------
     InputError
-        It is part of a checkout, and this is an installed package.
+        This is an installed package.
     """
-    module = EXAM_MODULE if name == "exam" else STUDY_MODULES[name]
     try:
-        return importlib.import_module(module)
+        return importlib.import_module(CHECKOUT_MODULES[name])
     except ModuleNotFoundError as error:
-        if error.name is None or not error.name.startswith(CHECKOUT):
-            raise InputError(f"{name} cannot be loaded: {error}") from error
         raise InputError(f"{name}: belongs to the test world, which is not installed; run it from a checkout") from error
 
 
@@ -74,21 +68,59 @@ def find_entry(name: str) -> Entry:
     Raises
     ------
     InputError
-        There is none of that name, or it is about an effect that has been taken out; the file holds no study.
+        There is none of that name, or it cannot be loaded; the file holds no study.
     """
     if is_file(name):
         return load_study_file(Path(name))
-    if name not in STUDY_MODULES:
-        raise InputError(f"{name}: no such study; {suggest_names(name, STUDY_MODULES)}")
-
-    from studies.report.entry import Entry
-
     try:
-        found = load_module(name).ENTRY
+        return _import_entry(name)
     except ImportError as error:
         raise InputError(f"study {name} cannot be loaded: {error}") from error
-    assert isinstance(found, Entry)
-    return found
+
+
+def _import_entry(name: str) -> Entry:
+    match name:
+        case "paper":
+            from studies.natanson.paper_tables import ENTRY
+        case "psi":
+            from studies.calibration.psi import ENTRY
+        case "iterations":
+            from studies.calibration.iterations import ENTRY
+        case "timestep":
+            from studies.calibration.timestep import ENTRY
+        case "consistency":
+            from studies.calibration.consistency import ENTRY
+        case "observability":
+            from studies.calibration.maneuvers_needed import ENTRY
+        case "noise":
+            from studies.calibration.noise import ENTRY
+        case "estimators":
+            from studies.calibration.estimators import ENTRY
+        case "alignment":
+            from studies.estimation.alignment import ENTRY
+        case "references":
+            from studies.estimation.references import ENTRY
+        case "onboard":
+            from studies.estimation.onboard import ENTRY
+        case "world":
+            from studies.validation.world.report import ENTRY
+        case "bench":
+            from studies.validation.world.bench import ENTRY
+        case "flight":
+            from studies.natanson.flight_diagnosis import ENTRY
+        case "real":
+            from studies.validation.real_gyro import ENTRY
+        case "heads":
+            from studies.robertson.heads import ENTRY
+        case "import":
+            from studies.validation.imports import ENTRY
+        case "sentinel2a":
+            from studies.validation.sentinel2a import ENTRY
+        case "promises":
+            from studies.validation.promises.study import ENTRY
+        case _:
+            raise InputError(f"{name}: no such study; {suggest_names(name, STUDY_NAMES)}")
+    return ENTRY
 
 
 def is_file(name: str) -> bool:

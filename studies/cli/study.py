@@ -107,7 +107,7 @@ def command(
 
         from studies.report import tables as render
 
-        studies = [{"study": key, "what": catalogue.describe_study(key)} for key in catalogue.STUDY_MODULES]
+        studies = [{"study": key, "what": catalogue.describe_study(key)} for key in catalogue.STUDY_NAMES]
         render.print_table(make_console(), "Studies", pd.DataFrame(studies))
         if as_json:
             write_json(as_json, {"studies": studies})

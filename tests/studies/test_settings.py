@@ -43,3 +43,8 @@ def test_settings_that_cannot_be_used_are_refused_in_one_line(name, changes, mes
     with pytest.raises(InputError, match=message) as refusal:
         load_config(catalogue.find_entry(name).study, changes=changes)
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("name", catalogue.STUDY_NAMES)
+def test_every_study_of_the_list_is_loaded(name):
+    assert catalogue.find_entry(name).summary

@@ -61,6 +61,6 @@ def test_the_command_compares_two_runs(tmp_path, run_cli):
 
 
 def test_an_installed_package_says_where_the_test_world_is(monkeypatch):
-    monkeypatch.setitem(catalogue.STUDY_MODULES, "bench", "studies.validation.world.not_there")
+    monkeypatch.setitem(catalogue.CHECKOUT_MODULES, "bench", "studies.validation.world.not_there")
     with pytest.raises(InputError, match="run it from a checkout"):
         catalogue.load_module("bench")
