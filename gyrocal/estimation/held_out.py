@@ -79,21 +79,8 @@ def predict_held_out_turns(
     -------
     One for each length of which there are enough turns; none where too little is left to hold out.
     """
-    enough = gather_held_out_turns(recording, lengths_s, **options)
-    chosen = [length for length in lengths_s if length in enough] or list(enough)
-    return tuple(_summarise(enough[length], length) for length in chosen)
-
-
-def gather_held_out_turns(recording: Recording, lengths_s: Sequence[float], **options: Any) -> dict[float, Array]:
-    """Predict turns as `predict_held_out_turns` does, and gather those of each length of which there are enough.
-
-    Returns
-    -------
-    (n, 7) by length, s, and by `USUAL_TURN`: of each turn its length, s, the errors with each of the `PARAMETER_SETS` and the
-    sigma of the references' own, rad, the time of its start, s, and the mean rate of the body by the references, rad/s
-    """
     if recording.attitudes.sensor is not None or recording.is_array:
-        return {}
+        return ()
     pieces = _cut_intervals(recording)
     blocks = np.array_split(np.arange(len(pieces)), min(HELD_OUT_BLOCKS, len(pieces)))
     whole = _select_pieces(recording, pieces)
@@ -110,7 +97,9 @@ def gather_held_out_turns(recording: Recording, lengths_s: Sequence[float], **op
             for length, found in turns.items():
                 found.append(_compare_turns(whole, _find_rows(whole, [pieces[k]]), used, paths, length))
     together = {length: np.concatenate(found) for length, found in turns.items() if found}
-    return {length: found for length, found in together.items() if len(found) >= FEWEST_TURNS}
+    enough = {length: found for length, found in together.items() if len(found) >= FEWEST_TURNS}
+    chosen = [length for length in lengths_s if length in enough] or list(enough)
+    return tuple(_summarise(enough[length], length) for length in chosen)
 
 
 def _cut_intervals(recording: Recording) -> list[Interval]:
@@ -160,7 +149,12 @@ def _compare_turns(
     paths: Sequence[tuple[Indices, Indices, Array]],
     length_s: float,
 ) -> Array:
-    """Turns of a length in the piece of these rows, of references that are not used: (n, 7) of `gather_held_out_turns`."""
+    """Turns of a length in the piece of these rows, of references that are not used.
+
+    Returns
+    -------
+    (n, 5) of each turn its length, s, the errors with each of the `PARAMETER_SETS` and the sigma of the references' own, rad
+    """
     attitudes = recording.attitudes
     t_s = attitudes.t_s[rows]
     wanted = float(np.median(np.diff(t_s))) if length_s == USUAL_TURN and rows.size > 1 else length_s
@@ -179,14 +173,11 @@ def _compare_turns(
         predicted = P[second] @ P[first].transpose(0, 2, 1) @ A[first]
         errors.append(np.linalg.norm(attitude.residual(A[second], predicted), axis=1))
     variance = np.square(attitudes.sigma[rows]).sum(axis=1)
-    turned = np.append(0.0, np.linalg.norm(attitude.residual(A[1:], A[:-1]), axis=1).cumsum())
-    lasting = t_s[second] - t_s[first]
-    sigma = np.sqrt(variance[first] + variance[second])
-    return np.stack([lasting, *errors, sigma, t_s[first], (turned[second] - turned[first]) / lasting], axis=1)
+    return np.stack([t_s[second] - t_s[first], *errors, np.sqrt(variance[first] + variance[second])], axis=1)
 
 
 def _summarise(turns: Array, length_s: float) -> HeldOutTurns:
-    """Root mean squares of turns (n, 7)."""
+    """Root mean squares of turns (n, 5)."""
     usual = float(np.median(turns[:, 0])) if length_s == USUAL_TURN else length_s
     return HeldOutTurns(usual, len(turns), *np.sqrt(np.mean(np.square(turns[:, 1:5]), axis=0)).tolist())
 

@@ -1,4 +1,4 @@
-"""CCSDS Attitude Ephemeris Messages, versions 1 and 2 (504.0-B-1, 504.0-B-2) in KVN and XML, read; version 2 is written.
+"""CCSDS Attitude Ephemeris Messages, versions 1 and 2 (504.0-B-1, 504.0-B-2), in KVN and XML.
 
 Attitude types of the standard that begin with a quaternion are read; the rates after it are not used. Version 1 says the
 direction (ATTITUDE_DIR) and the place of the scalar part (QUATERNION_TYPE), which version 2 has not got. What the four numbers
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing import ccsds
 from gyrocal.importing.units import WEEK_S, Clock
-from gyrocal.recording import Recording, find_reference_rows
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,7 +65,7 @@ def read_aem(path: str | os.PathLike[str]) -> Aem:
         It is no AEM of version 1 or 2, or holds what a recording cannot.
     """
     path = Path(path)
-    version, blocks = ccsds.read(path, "AEM")
+    version, blocks = ccsds.read(path)
     times: list[tuple[int, float]] = []
     rows: list[Array] = []
     meta: dict[str, str] = {}
@@ -119,48 +118,3 @@ def _check_metadata(meta: dict[str, str], version: str, path: Path) -> tuple[str
     inertial, body, conjugate = ccsds.identify_frames(meta, path)
     backwards = meta.get("ATTITUDE_DIR", "A2B").upper() == "B2A"
     return inertial, body, ccsds.read_scale(meta["TIME_SYSTEM"], path), conjugate != backwards
-
-
-def write_aem(
-    recording: Recording,
-    path: str | os.PathLike[str],
-    *,
-    object_name: str = "UNKNOWN",
-    object_id: str = "UNKNOWN",
-    frame: str = "ICRF",
-    form: ccsds.Form = "kvn",
-) -> None:
-    """Write the reference attitudes, a segment for each interval.
-
-    Parameters
-    ----------
-    recording : its time scale must be UTC or GPS
-    path : file
-    object_name, object_id : of the spacecraft
-    frame : the inertial one, REF_FRAME_A
-    form : "kvn" or "xml"
-
-    Raises
-    ------
-    InputError
-        The recording's times have no date.
-    """
-    scale, epoch = ccsds.require_dates(recording, "an AEM")
-    blocks = []
-    for interval in recording.intervals:
-        rows = find_reference_rows(recording.attitudes.t_s, interval)
-        stamps = [ccsds.format_time(epoch, float(t)) for t in recording.attitudes.t_s[rows]]
-        meta = {
-            "OBJECT_NAME": object_name,
-            "OBJECT_ID": object_id,
-            "REF_FRAME_A": frame,
-            "REF_FRAME_B": ccsds.SPACECRAFT_BODY_FRAME,
-            "TIME_SYSTEM": scale,
-            "START_TIME": stamps[0],
-            "STOP_TIME": stamps[-1],
-            "ATTITUDE_TYPE": "QUATERNION",
-        }
-        quaternions = recording.attitudes.quaternions[rows]
-        lines = [("", [time, *ccsds.format_numbers(q)]) for time, q in zip(stamps, quaternions, strict=True)]
-        blocks += [ccsds.Block("META", meta), ccsds.Block("DATA", {}, lines)]
-    ccsds.write(path, "AEM", blocks, recording.title, form)

@@ -1,8 +1,8 @@
-"""CCSDS attitude messages as blocks of entries and lines, in either of their two forms: KVN, and XML.
+"""CCSDS Attitude Ephemeris Messages as blocks of entries and lines, from either of their two forms: KVN, and XML.
 
 In KVN a block stands between ``NAME_START`` and ``NAME_STOP`` and holds entries, KEYWORD = value, and lines of numbers. XML has
-the same entries as elements; lines are elements ``attLine`` and ``covLine`` of an ACM, and in an AEM every number has an
-element of its own. Both are read into the same blocks, and both are written from them (504.0-B-2; 505.0-B-3 for XML).
+the same entries as elements, and every number has an element of its own. Both are read into the same blocks (504.0-B-2;
+505.0-B-3 for XML).
 
 An attitude takes frame A to frame B: v_B = M(q) v_A with M the matrix of Wertz, the scalar part QC last. With an inertial
 frame A and a spacecraft's frame B the four numbers are the A(q) of a recording as they stand; the other way about they are
@@ -15,33 +15,24 @@ AEM 1.0, the version of most of them.
 
 from __future__ import annotations
 
-import os
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
-from importlib import metadata
+from datetime import datetime, timedelta
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
-from gyrocal.files import open_replacement
-from gyrocal.importing.units import GPS_EPOCH, UNIX_EPOCH, Clock, parse_date
-from gyrocal.recording import Recording
-from gyrocal.recording.trackers import need_one_sensor
+from gyrocal.importing.units import GPS_EPOCH, UNIX_EPOCH, Clock
 
 Array = NDArray[np.float64]
 
-Form = Literal["kvn", "xml"]
-
-CCSDS_VERSIONS = {"AEM": ("1.0", "2.0"), "ACM": ("2.0",)}  # the last one is written
+AEM_VERSIONS = ("1.0", "2.0")
 QUATERNION_KEYS = ("Q1", "Q2", "Q3", "QC")
 BODY_FRAMES = ("SC_BODY", "SC BODY", "IMU_FRAME", "GYRO_", "STARTRACKER", "AST_", "BODY", "INSTRUMENT", "SENSOR_")
-SPACECRAFT_BODY_FRAME = "SC_BODY_1"
 # Without their signs - and _. Mean and true frames of date turn by less than 1e-5 deg/h, precession and nutation together.
 INERTIAL = re.compile(
     "(ICRF|GCRF)[0-9]*|EME2000|J2000|B1950|ECLIPJ2000|GALACTIC|CIRS|TEME(OFDATE|OFEPOCH)?|MCI|(MOD|MOE|TOD|TOE)(EARTH)?"
@@ -57,7 +48,7 @@ class Block:
 
     Attributes
     ----------
-    kind : META, DATA, ATT, COV, AD, …
+    kind : META or DATA
     entries : keywords and values; of several comments the last
     lines : words of each line, and where it stands, for messages
     """
@@ -67,24 +58,24 @@ class Block:
     lines: list[tuple[str, list[str]]] = field(default_factory=list)
 
 
-def read(path: Path, kind: str) -> tuple[str, list[Block]]:
-    """Version and blocks of an AEM or ACM, in the order in which they stand."""
+def read(path: Path) -> tuple[str, list[Block]]:
+    """Read version and blocks of an AEM, in the order in which they stand."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as fault:
         raise InputError(f"{path}: cannot be read: {fault}") from None
-    version, blocks = (_parse_xml if text.lstrip().startswith("<") else _parse_kvn)(text, kind, path)
-    if version not in CCSDS_VERSIONS[kind]:
-        raise InputError(f"{path}: {kind} version {version} is not read; read is {' or '.join(CCSDS_VERSIONS[kind])}")
+    version, blocks = (_parse_xml if text.lstrip().startswith("<") else _parse_kvn)(text, path)
+    if version not in AEM_VERSIONS:
+        raise InputError(f"{path}: AEM version {version} is not read; read is {' or '.join(AEM_VERSIONS)}")
     return version, blocks
 
 
-def _parse_kvn(text: str, kind: str, path: Path) -> tuple[str, list[Block]]:
+def _parse_kvn(text: str, path: Path) -> tuple[str, list[Block]]:
     lines = text.splitlines()
     first = next((line for line in lines if line.strip()), "")
     key, _, version = (part.strip() for part in first.partition("="))
-    if key != f"CCSDS_{kind}_VERS":
-        raise InputError(f"{path}: not an {kind}: it begins neither with CCSDS_{kind}_VERS nor as XML")
+    if key != "CCSDS_AEM_VERS":
+        raise InputError(f"{path}: not an AEM: it begins neither with CCSDS_AEM_VERS nor as XML")
     blocks: list[Block] = []
     open_blocks: list[Block] = []
     for number, line in enumerate(lines, 1):
@@ -107,27 +98,26 @@ def _parse_kvn(text: str, kind: str, path: Path) -> tuple[str, list[Block]]:
     return version, blocks
 
 
-def _parse_xml(text: str, kind: str, path: Path) -> tuple[str, list[Block]]:
+def _parse_xml(text: str, path: Path) -> tuple[str, list[Block]]:
     try:
         root = ET.fromstring(text)
     except ET.ParseError as fault:
         raise InputError(f"{path}: not XML: {fault}") from None
-    if _name(root) != kind.lower():
-        raise InputError(f"{path}: not an {kind}: its XML begins with <{_name(root)}>")
+    if _name(root) != "aem":
+        raise InputError(f"{path}: not an AEM: its XML begins with <{_name(root)}>")
     blocks = []
     for segment in root.iter():
         if _name(segment) != "segment":
             continue
         for part in segment:
             if _name(part) == "metadata":
-                blocks.append(_parse_block("META", part))
+                leaves = [one for one in part if not len(one) and _name(one) != "COMMENT"]
+                blocks.append(Block("META", {_name(one): " ".join((one.text or "").split()) for one in leaves}))
                 if "QUATERNION_TYPE" in blocks[-1].entries:  # of lines; here the elements have names
                     blocks[-1].entries["QUATERNION_TYPE"] = "LAST"
-            elif kind == "AEM":
+            else:
                 states = [state for state in part if _name(state) == "attitudeState"]
                 blocks.append(Block("DATA", {}, [_parse_state(k, state) for k, state in enumerate(states, 1)]))
-            else:
-                blocks += [_parse_block(_name(element).upper(), element) for element in part]
     return root.get("version", "unknown"), blocks
 
 
@@ -135,74 +125,10 @@ def _name(element: ET.Element) -> str:
     return element.tag.rpartition("}")[2]
 
 
-def _parse_block(kind: str, element: ET.Element) -> Block:
-    block = Block(kind)
-    for child in element:
-        words = (child.text or "").split()
-        if _name(child) == f"{kind.lower()}Line":
-            block.lines.append((f"line {len(block.lines) + 1} of <{kind.lower()}>", words))
-        elif not len(child) and _name(child) != "COMMENT":
-            block.entries[_name(child)] = " ".join(words)
-    return block
-
-
 def _parse_state(number: int, state: ET.Element) -> tuple[str, list[str]]:
     """One attitude of an AEM in XML as the words of a line in KVN; elements are found by their names, whatever their order."""
     found = {_name(one): (one.text or "").strip() for one in state.iter()}
     return f"attitude {number}", [found[name] for name in ("EPOCH", *QUATERNION_KEYS) if name in found]
-
-
-def write(path: str | os.PathLike[str], kind: str, blocks: Sequence[Block], title: str, form: Form) -> None:
-    """Write a message; the blocks of an AEM are META and DATA in turn, those of an ACM META and its data."""
-    header = {
-        "COMMENT": f"written by gyrocal {metadata.version('gyrocal')}: {title}",
-        "CREATION_DATE": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S}",
-        "ORIGINATOR": "GYROCAL",
-    }
-    text = {"kvn": _format_kvn, "xml": _format_xml}[form](kind, header, blocks)
-    with open_replacement(path) as file:
-        file.write(text.encode())
-
-
-def _format_kvn(kind: str, header: dict[str, str], blocks: Sequence[Block]) -> str:
-    def format_entries(values: dict[str, str]) -> list[str]:
-        one_line = {name: " ".join(value.split()) for name, value in values.items()}
-        return [f"COMMENT {value}" if name == "COMMENT" else f"{name} = {value}" for name, value in one_line.items()]
-
-    lines = [f"CCSDS_{kind}_VERS = {CCSDS_VERSIONS[kind][-1]}", *format_entries(header), ""]
-    for block in blocks:
-        lines += [f"{block.kind}_START", *format_entries(block.entries)]
-        lines += [*(" ".join(words) for _, words in block.lines), f"{block.kind}_STOP", ""]
-    return "\n".join(lines)
-
-
-def _format_xml(kind: str, header: dict[str, str], blocks: Sequence[Block]) -> str:
-    root = ET.Element(kind.lower(), id=f"CCSDS_{kind}_VERS", version=CCSDS_VERSIONS[kind][-1])
-
-    def add_element(parent: ET.Element, name: str, entries: dict[str, str]) -> ET.Element:
-        element = ET.SubElement(parent, name)
-        for key, value in entries.items():
-            ET.SubElement(element, key).text = value
-        return element
-
-    add_element(root, "header", header)
-    body = ET.SubElement(root, "body")
-    segment = data = body
-    for block in blocks:
-        if block.kind == "META":
-            segment = ET.SubElement(body, "segment")
-            add_element(segment, "metadata", block.entries)
-            data = ET.SubElement(segment, "data")
-        elif block.kind == "DATA":
-            for _, words in block.lines:
-                state = add_element(ET.SubElement(data, "attitudeState"), "quaternionEphemeris", {"EPOCH": words[0]})
-                add_element(state, "quaternion", dict(zip(QUATERNION_KEYS, words[1:], strict=True)))
-        else:
-            element = add_element(data, block.kind.lower(), block.entries)
-            for _, words in block.lines:
-                ET.SubElement(element, f"{block.kind.lower()}Line").text = " ".join(words)
-    ET.indent(root)
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
 
 
 def identify_frames(entries: dict[str, str], path: Path) -> tuple[str, str, bool]:
@@ -272,23 +198,3 @@ def build_attitudes(
     q = q / norm[:, None] * ([-1.0, -1.0, -1.0, 1.0] if conjugate else [1.0, 1.0, 1.0, 1.0])
     whole, part = zip(*times, strict=True)
     return Clock(np.array(whole, dtype=np.int64), np.array(part), scale), q
-
-
-def require_dates(recording: Recording, what: str) -> tuple[str, datetime]:
-    """Time scale and epoch of a recording whose times have a date."""
-    need_one_sensor(recording.attitudes)
-    scale = recording.time_scale.upper()
-    if scale not in ("UTC", "GPS"):
-        raise InputError(f"{what} needs dates in UTC or GPS time; the recording's time scale is {recording.time_scale!r}")
-    return scale, parse_date(recording.epoch)
-
-
-def format_time(epoch: datetime, t_s: float) -> str:
-    """A time with nanoseconds."""
-    nanoseconds = round(t_s * NANO) + epoch.microsecond * 1000
-    return f"{epoch.replace(microsecond=0) + timedelta(seconds=nanoseconds // NANO):%Y-%m-%dT%H:%M:%S}.{nanoseconds % NANO:09d}"
-
-
-def format_numbers(values: Sequence[float] | Array) -> list[str]:
-    """Numbers with all their digits."""
-    return [f"{float(value):.17g}" for value in values]

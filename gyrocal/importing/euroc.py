@@ -9,6 +9,7 @@ takes that sensor's axes to the body's, whose axes are the IMU's where ``T_BS`` 
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,6 @@ from scipy.spatial.transform import Rotation
 from gyrocal.errors import InputError
 from gyrocal.importing.build import ImportResult, build
 from gyrocal.importing.column_mapping import validate_mapping
-from gyrocal.importing.kalibr import read_noise_density, read_yaml
 from gyrocal.importing.streams import read_csv, read_streams
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def import_euroc(
         said.append(f"{ESTIMATED} was estimated with the gyro itself: what it says of the gyro is not independent of it")
     sheet = root / "imu0" / "sensor.yaml"
     if stated_noise and "arw_deg_per_sqrt_s" not in entries and sheet.is_file():
-        entries["arw_deg_per_sqrt_s"] = read_noise_density(sheet)
+        entries["arw_deg_per_sqrt_s"] = _read_noise_density(sheet)
         said.append("the angle random walk is the noise density of imu0/sensor.yaml")
     names = _find_columns(attitude, EUROC_QUATERNION_COLUMNS, chosen)
     turn = _read_turn(root, chosen)
@@ -86,6 +86,33 @@ def import_euroc(
     return build(read_streams(gyro, attitude, mapping), mapping, said=said)
 
 
+def _read_yaml(path: Path) -> dict[str, Any]:
+    """A YAML file of keys and values; OpenCV's first line is skipped."""
+    try:
+        import yaml
+    except ImportError:
+        raise InputError(f"{path}: PyYAML is needed to read it: pip install 'gyrocal[formats]'") from None
+    try:
+        text = path.read_text(encoding="utf-8")
+        found = yaml.safe_load("\n".join(line for line in text.splitlines() if not line.startswith("%")))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as fault:
+        raise InputError(f"{path}: cannot be read as YAML: {' '.join(str(fault).split())}") from None
+    if not isinstance(found, dict):
+        raise InputError(f"{path}: not a file of keys and values")
+    return found
+
+
+def _read_noise_density(path: Path) -> float:
+    """Angle random walk, deg/sqrt(s), of a sensor.yaml: rad/s/sqrt(Hz) is rad/sqrt(s)."""
+    value = _read_yaml(path).get("gyroscope_noise_density")
+    if isinstance(value, str):  # YAML 1.1 takes 1e-3, without a point, for a text
+        with suppress(ValueError):
+            value = float(value)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1:
+        raise InputError(f"{path}: gyroscope_noise_density must be a positive number of rad/s/sqrt(Hz)")
+    return float(np.rad2deg(value))
+
+
 def _find_columns(table: pd.DataFrame, wanted: tuple[str, ...], where: str) -> list[str]:
     """Columns by the first word of their names: "w_RS_S_x [rad s^-1]"."""
     found = {str(name).split()[0]: str(name) for name in table.columns}
@@ -100,7 +127,7 @@ def _read_turn(root: Path, reference: str) -> Array:
     turns = []
     for name in (reference, "imu0"):
         path = root / name / "sensor.yaml"
-        matrix = read_yaml(path).get("T_BS") if path.is_file() else None
+        matrix = _read_yaml(path).get("T_BS") if path.is_file() else None
         data = np.array(matrix["data"], dtype=float) if isinstance(matrix, dict) and "data" in matrix else np.eye(4)
         R = data.reshape(4, 4)[:3, :3] if data.size == 16 else np.zeros((3, 3))
         if np.abs(R @ R.T - np.eye(3)).max() > 1e-3:

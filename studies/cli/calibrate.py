@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -118,10 +117,6 @@ CONDITIONS = ("p", "condition")  # what --fail-on may ask
     help="End with status 3 if this condition holds: 'p<0.001' of the residuals' p-value, or 'condition>100'; repeatable.",
 )
 @add_output_option("--junit", help=JUNIT)
-@add_output_option(
-    "--filter-noise",
-    help="Write the noise that a filter should take for the calibrated gyro as Kalibr's imu.yaml to this file.",
-)
 def command(
     recording: Path,
     as_json: Path | None,
@@ -136,7 +131,6 @@ def command(
     parametrisation: Parametrisation,
     fail_on: tuple[str, ...],
     junit: Path | None,
-    filter_noise: Path | None,
     **options: Any,
 ) -> None:
     """Calibrate the gyro of RECORDING, a folder with recording.toml, gyro and attitude tables.
@@ -149,7 +143,6 @@ def command(
       gyrocal simulate trmm /tmp/rec --truth /tmp/truth.json
       gyrocal calibrate /tmp/rec --truth /tmp/truth.json --json /tmp/result.json
       gyrocal calibrate /tmp/rec --report /tmp/calibration.html
-      gyrocal calibrate /tmp/rec --filter-noise /tmp/imu.yaml
       gyrocal calibrate /tmp/rec --parametrisation gyro --solve-for gyro_z
       gyrocal calibrate /tmp/rec --fail-on 'p<0.001' --junit /tmp/calibration.xml
     """
@@ -165,7 +158,6 @@ def command(
         changed = {"solve-for": solve_for != "all", "parametrisation": parametrisation != "gain"}
         changed |= {"step": options["step_s"] is not None, "covariance": covariance != "full"}
         changed |= {"junit": junit is not None, "fail-on": bool(fail_on), "report": report is not None}
-        changed |= {"filter-noise": filter_noise is not None}
         _refuse_for_array(loaded, [name for name, is_changed in changed.items() if is_changed])
 
         from gyrocal.calibration.gyros import calibrate_gyros
@@ -212,8 +204,6 @@ def command(
     calibration_report.show(make_console(), result, options["iterations"] is None, known)
     for line in calibration_report.describe_import_noise(result, read_estimated_noise(recording)):
         make_console().print(line, highlight=False, markup=False)
-    if filter_noise:
-        _write_filter_noise(filter_noise, loaded, asked)
     if as_json:
         more = {"held_out_turns": [one.to_json() for one in turns], "provenance": _describe_input(loaded)}
         write_json(as_json, result.to_json() | more)
@@ -248,22 +238,6 @@ def _describe_input(recording: Recording) -> dict[str, str | None]:
         "recording_sha256": hash_recording(recording),
         "commit": read_commit(),
     }
-
-
-def _write_filter_noise(path: Path, recording: Recording, asked: dict[str, Any]) -> None:
-    """Print the noise that a filter should take, and write it."""
-    from gyrocal.estimation.filter_noise import FILTER_TURNS_S, describe_filter_noise, fit_filter_noise, select_moving_turns
-    from gyrocal.estimation.held_out import gather_held_out_turns
-    from gyrocal.importing.kalibr import write_imu_yaml
-
-    arw = recording.gyro.arw
-    turns = select_moving_turns(gather_held_out_turns(recording, FILTER_TURNS_S, **asked))
-    noise = fit_filter_noise(turns, arw)
-    lines = describe_filter_noise(noise, turns, arw)
-    made = replace(recording, gyro=replace(recording.gyro, arw=noise.noise_density))
-    write_imu_yaml(made, path, random_walk=noise.random_walk, remarks=[*lines, "it holds for the rates after calibration"])
-    for line in lines:
-        make_console().print(f"Filter noise: {line}", highlight=False, markup=False)
 
 
 def _refuse_for_array(recording: Recording, changed: list[str]) -> None:

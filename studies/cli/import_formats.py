@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gyrocal import importing
-from gyrocal.importing import acm, aem, kalibr
+from gyrocal.importing import aem
 from gyrocal.importing.columns import resolve_columns
 from gyrocal.importing.streams import read_csv, read_streams
 from gyrocal.importing.units import RATE_UNITS
@@ -120,15 +120,12 @@ ALIGNMENT_OPTIONS = (
     click.option("--spacing", "spacing_s", type=float, help="Least time between references, s."),
     click.option("--unchecked", is_flag=True, default=None, help="Import even if rates and attitudes do not fit each other."),
 )
-ESTIMATE = click.option("--estimate-noise", is_flag=True, help="Estimate the noise although the file states it.")
-IMU_OPTION = click.option("--imu", type=PATH, help="Kalibr's imu.yaml, for the gyro's noise density.")
 TAG = click.option(
     "--tag",
     type=click.Choice(["start", "middle", "end"]),
     help="Part of a sample that its time tag refers to; start by default.",
 )
 IMPORT_JSON_OPTION = add_json_option("what was made, and what was assumed,")
-LOG_OPTIONS = (IMU_OPTION, TAG, RATE, *ALIGNMENT_OPTIONS, FORCE, IMPORT_JSON_OPTION)  # of files that name their columns
 TABLE = (*GYRO_TABLE_OPTIONS, TEMPERATURE, TAG, *ALIGNMENT_OPTIONS, FORCE, IMPORT_JSON_OPTION)
 
 
@@ -170,22 +167,20 @@ def _write(imported: ImportResult, out: Path, as_json: Path | None) -> None:
     show(imported.recording, imported.summary(), imported.assumed, out, as_json, imported.warnings)
 
 
-def _join_gyro_and_attitudes(
-    gyro_file: Path, read: aem.Aem, out: Path, given: dict[str, Any], stated: dict[str, Any], said: tuple[str, ...] = ()
-) -> None:
-    """A recording of a gyro's table and attitudes of a message; what the user gives goes before what the message states."""
+def _join_gyro_and_attitudes(gyro_file: Path, read: aem.Aem, out: Path, given: dict[str, Any]) -> None:
+    """Import a gyro's table and attitudes of a message."""
     attitude, entries = aem.tabulate_attitudes(read)
     file, as_json = given.pop("file"), given.pop("as_json")
     own = importing.load_mapping(file) if file else {}
     options = {name: value for name, value in given.items() if value is not None}
-    entries = {"title": read.title} | stated | own | entries | options
+    entries = {"title": read.title} | own | entries | options
     mapping = importing.validate_mapping(entries, str(file) if file else "options")
     table, attitude, mapping = resolve_columns(read_csv(gyro_file), attitude, mapping)
     streams = read_streams(table, attitude, mapping)
 
     from gyrocal.importing.build import build
 
-    _write(build(streams, mapping, said=said), out, as_json)
+    _write(build(streams, mapping), out, as_json)
 
 
 @click.command("aem")
@@ -201,26 +196,7 @@ def import_aem_command(gyro_file: Path, message: Path, out: Path, force: bool, *
       gyrocal import aem gyro.csv attitude.aem /tmp/rec --time time:iso --gyro gx,gy,gz:deg/s
     """
     refuse_existing(out, force)
-    _join_gyro_and_attitudes(gyro_file, aem.read_aem(message), out, options, {})
-
-
-@click.command("acm")
-@GYRO_ARGUMENT
-@click.argument("message", type=PATH, metavar="ATTITUDE.acm")
-@OUT
-@ESTIMATE
-@add_options(*TABLE)
-def import_acm_command(gyro_file: Path, message: Path, out: Path, force: bool, estimate_noise: bool, **options: Any) -> None:
-    """Import a gyro's table and a CCSDS Attitude Comprehensive Message (KVN or XML). See docs/formats/acm.md.
-
-    \b
-    Example:
-      gyrocal import acm gyro.csv attitude.acm /tmp/rec --time time:iso --gyro gx,gy,gz:deg/s
-    """
-    refuse_existing(out, force)
-    read = acm.read_acm(message)
-    stated, said = ({}, ()) if estimate_noise else acm.extract_noise(read)
-    _join_gyro_and_attitudes(gyro_file, read.attitudes, out, options, stated, said)
+    _join_gyro_and_attitudes(gyro_file, aem.read_aem(message), out, options)
 
 
 @click.command("ck")
@@ -242,7 +218,7 @@ def import_ck_command(gyro_file: Path, kernel: Path, sclk: Path, out: Path, forc
     from gyrocal.importing import ck
 
     read = ck.read_ck(kernel, sclk, options.pop("instrument"), options.pop("spacecraft"))
-    _join_gyro_and_attitudes(gyro_file, read, out, options, {})
+    _join_gyro_and_attitudes(gyro_file, read, out, options)
 
 
 @click.command("euroc")
@@ -252,8 +228,7 @@ def import_ck_command(gyro_file: Path, kernel: Path, sclk: Path, out: Path, forc
     "--reference",
     help="Folder with the attitudes; by default the first that exists of vicon0, state_groundtruth_estimate0, mocap0.",
 )
-@IMU_OPTION
-@ESTIMATE
+@click.option("--estimate-noise", is_flag=True, help="Estimate the noise although the folder states it.")
 @RATE
 @add_options(*ALIGNMENT_OPTIONS)
 @FORCE
@@ -280,7 +255,7 @@ def import_euroc_command(
 @click.option("--pose-topic", help="Topic of the attitudes: PoseStamped, Odometry and the like; the only one by default.")
 @click.option("--gyro-unit", type=click.Choice(list(RATE_UNITS)), default="rad/s", help="Unit of the rates, if not rad/s.")
 @click.option("--estimate-mounting", is_flag=True, help="The same as --mounting estimate.")
-@add_options(*LOG_OPTIONS)
+@add_options(TAG, RATE, *ALIGNMENT_OPTIONS, FORCE, IMPORT_JSON_OPTION)
 def import_bag_command(
     bag: Path,
     out: Path,
@@ -305,68 +280,14 @@ def import_bag_command(
     _write(rosbag.import_bag(bag, imu_topic, pose_topic, estimate_mounting, gyro_unit, **entries), out, as_json)
 
 
-@click.command("ulog")
-@click.argument("log", type=PATH)
-@OUT
-@click.option("--gyro-topic", help="Of the rates, NAME or NAME:INSTANCE; the rawest that is logged fast enough by default.")
-@click.option("--attitude-topic", help="Of the attitudes; one that was not made with the gyro by default.")
-@add_options(*LOG_OPTIONS)
-def import_ulog_command(
-    log: Path,
-    out: Path,
-    gyro_topic: str | None,
-    attitude_topic: str | None,
-    force: bool,
-    as_json: Path | None,
-    **options: Any,
-) -> None:
-    """Import LOG, a ULog file of PX4 with attitudes of motion capture, of vision or of a simulation. See docs/formats/ulog.md.
-
-    \b
-    Example:
-      gyrocal import ulog flight.ulg /tmp/rec --gyro-topic sensor_gyro:0
-    """
-    refuse_existing(out, force)
-    from gyrocal.importing import ulog
-
-    _write(ulog.import_ulog(log, gyro_topic, attitude_topic, **_collect_entries(options)), out, as_json)
-
-
-@click.command("ardupilot")
-@click.argument("log", type=PATH, metavar="LOG.bin")
-@click.argument("attitude", type=PATH, metavar="ATTITUDE.csv")
-@OUT
-@click.option("--instance", type=click.IntRange(0), help="Number of the gyro; the first of the log by default.")
-@add_options(*ATTITUDE_TABLE, *LOG_OPTIONS)
-def import_ardupilot_command(
-    log: Path, attitude: Path, out: Path, instance: int | None, force: bool, as_json: Path | None, **options: Any
-) -> None:
-    """Import LOG.bin of ArduPilot, and attitudes that its filters have not made. See docs/formats/ardupilot.md.
-
-    \b
-    Example:
-      gyrocal import ardupilot flight.bin mocap.csv /tmp/rec --attitude-time timestamp_ms:ms \\
-        --quat qw,qx,qy,qz:body-to-world --align auto
-    """
-    refuse_existing(out, force)
-    from gyrocal.importing import ardupilot
-
-    _write(ardupilot.import_ardupilot(log, attitude, instance, **_collect_entries(options)), out, as_json)
-
-
 def _collect_entries(options: dict[str, Any]) -> dict[str, Any]:
-    """Options that are given, with the noise of --imu."""
-    imu = options.pop("imu")
-    entries = {name: value for name, value in options.items() if value is not None}
-    return entries if imu is None else entries | {"arw_deg_per_sqrt_s": kalibr.read_noise_density(imu)}
+    """Options that are given."""
+    return {name: value for name, value in options.items() if value is not None}
 
 
 IMPORT_COMMANDS = (
     import_aem_command,
-    import_acm_command,
     import_ck_command,
     import_euroc_command,
     import_bag_command,
-    import_ulog_command,
-    import_ardupilot_command,
 )

@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tests.corpus.cases import FREE, JUDGED, REFUSED, Bad
+from tests.corpus.cases import FREE, JUDGED, Bad
 from tests.corpus.headers import VALUES, write
 
 TRACKERS, GYROS = "agile_trackers", "trmm_tetrahedron"
 CONDITIONS = ("", "p", "p<", "<0.1", "p<x", "p<nan", "nothing<1", "p=1", "p<0.1<0.2", "\x1b[31m")
-RESULTS = {"empty": "", "a list": "[]", "no G": '{"bias_deg_s": [0, 0, 0]}', "G of words": '{"G": "a"}', "deep": "[" * 100_000}
 Change = Callable[[pd.DataFrame], pd.DataFrame]
 
 
@@ -69,8 +68,7 @@ def trackers() -> Iterator[Bad]:
     for command in ("predict", "allan"):
         more = ("--from", "300") if command == "predict" else ()
         yield Bad("trackers", command, (command, "REC", *more), expected=FREE, scenario=TRACKERS)
-    for which in ("aem", "acm", "csv"):
-        yield Bad("trackers", f"export {which}", ("export", which, "REC", "OUT"), expected=FREE, scenario=TRACKERS)
+    yield Bad("trackers", "export csv", ("export", "csv", "REC", "OUT"), expected=FREE, scenario=TRACKERS)
 
 
 def gyros() -> Iterator[Bad]:
@@ -115,8 +113,7 @@ def gyros() -> Iterator[Bad]:
     for kind, change in tables.items():
         yield _of(GYROS, "gyros", f"gyros: {kind}", partial(_table, name="gyro", change=change))
     yield _of(GYROS, "gyros", "no attitude", lambda folder: (folder / "REC" / "attitude.parquet").unlink())
-    for words in (("export", "kalibr", "REC", "imu.yaml"), ("predict", "REC", "--from", "1000")):
-        yield Bad("gyros", f"to {' '.join(words[:2])}", words, expected=FREE, scenario=GYROS)
+    yield Bad("gyros", "to predict", ("predict", "REC", "--from", "1000"), expected=FREE, scenario=GYROS)
 
 
 def following() -> Iterator[Bad]:
@@ -133,27 +130,11 @@ def conditions() -> Iterator[Bad]:
 
 
 def exports() -> Iterator[Bad]:
-    """Recordings that are none, and results that are none, to `export`."""
-    targets = {"aem": ("out",), "acm": ("out",), "ck": ("out.bc", "out.tsc"), "csv": ("OUT",), "kalibr": ("imu.yaml",)}
-    for which, names in targets.items():
-        for kind in ("nothing", "/dev/null", "REC/gyro.parquet"):
-            yield Bad("export", f"{which} of {kind}", ("export", which, kind, *names))
-        given = ("export", which, "REC", *names)
-        yield Bad("export", f"{which}, no attitude", given, partial(_gone, name="attitude"))
-        for kind in ("REC", "nothing/a", "/dev/full"):
-            if which != "csv" or kind == "/dev/full":  # a folder is made, and tables may lie beside a recording
-                yield Bad("export", f"{which} to {kind}", ("export", which, "REC", kind, *names[1:]))
-        if which in ("acm", "kalibr"):
-            for kind, text in RESULTS.items():
-                change = partial(_result, text=text)
-                yield Bad("export", f"{which}, calibration {kind}", (*given, "--calibration", "result.json"), change)
-    for word in ("nan", "inf", "-1"):
-        yield Bad(
-            "export",
-            f"kalibr --random-walk {word}",
-            ("export", "kalibr", "REC", "imu.yaml", "--random-walk", word),
-            expected=REFUSED,
-        )
+    """Recordings that are none, to `export`."""
+    for kind in ("nothing", "/dev/null", "REC/gyro.parquet"):
+        yield Bad("export", f"csv of {kind}", ("export", "csv", kind, "OUT"))
+    yield Bad("export", "csv, no attitude", ("export", "csv", "REC", "OUT"), partial(_gone, name="attitude"))
+    yield Bad("export", "csv to /dev/full", ("export", "csv", "REC", "/dev/full"))
 
 
 def _of(scenario: str, family: str, name: str, damage: Callable[[Path], object]) -> Bad:
@@ -176,7 +157,3 @@ def _set(frame: pd.DataFrame, column: str, rows: slice, number: float) -> pd.Dat
 
 def _gone(folder: Path, name: str) -> None:
     (folder / "REC" / f"{name}.parquet").unlink()
-
-
-def _result(folder: Path, text: str) -> None:
-    (folder / "result.json").write_text(text)

@@ -21,20 +21,13 @@ GOOD_ARGUMENTS = {
     ("exam", "run"): ("001",),
     ("exam", "seal"): ("001", "--entropy", "1"),
     ("exam", "verify"): ("999",),
-    ("export", "acm"): ("REC", "out.acm"),
-    ("export", "aem"): ("REC", "out.aem"),
-    ("export", "ck"): ("REC", "out.bc", "out.tsc"),
     ("export", "csv"): ("REC", "OUT"),
-    ("export", "kalibr"): ("REC", "imu.yaml"),
-    ("import", "acm"): ("a.csv", "b.acm", "OUT"),
     ("import", "aem"): ("a.csv", "b.aem", "OUT"),
-    ("import", "ardupilot"): ("a.bin", "b.csv", "OUT"),
     ("import", "bag"): ("a.bag", "OUT"),
     ("import", "broad"): ("a.parquet", "OUT"),
     ("import", "ck"): ("a.csv", "b.bc", "c.tsc", "OUT"),
     ("import", "csv"): ("a.csv", "OUT"),
     ("import", "euroc"): ("folder", "OUT"),
-    ("import", "ulog"): ("a.ulg", "OUT"),
     ("mission",): ("OUT", "--days", "0.01"),
     ("plan",): ("trmm",),
     ("predict",): ("REC", "--from", "100"),
@@ -299,8 +292,6 @@ def outputs() -> Iterator[Bad]:
             if (words[0], kind) == ("mission", "REC"):
                 continue  # the tables of a mission may lie beside a recording
             yield Bad("output", f"{words[0]} {kind}", (*words, kind), _links)
-    yield Bad("output", "export aem into a folder", ("export", "aem", "REC", "REC"))
-    yield Bad("output", "export aem through a link", ("export", "aem", "REC", "link.json"), _links)
 
 
 def imports() -> Iterator[Bad]:

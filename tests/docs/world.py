@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from studies.cli.main import main
 from studies.validation.mems_log import log
 from tests.docs.blocks import blocks
+from tests.gyrocal.importing import mems
 
 COARSE = "[gyro]\nsample_s = 5.0\n"
 SERIES = f'base = "trmm_series"\n{COARSE}[reference]\nevery_s = 300.0\n'
@@ -25,14 +26,13 @@ PLACEHOLDERS = {
     "log.csv": "one table with both",
     "stick.csv": "one table with two header rows",
     "attitude.aem": "a CCSDS Attitude Ephemeris Message",
-    "attitude.acm": "a CCSDS Attitude Comprehensive Message",
     "attitude.bc": "a SPICE C-kernel",
     "clock.tsc": "its spacecraft clock",
     "V1_01_easy": "a folder of the EuRoC form",
     "flight.bag": "a bag of ROS 1",
-    "flight.ulg": "a log of PX4",
-    "flight.bin": "a log of ArduPilot",
-    "imu.yaml": "Kalibr's noise of a gyro",
+    "flight_sensor_gyro_0.csv": "rates of a log of PX4, by ulog2csv",
+    "flight_vehicle_mocap_odometry_0.csv": "its attitudes",
+    "flight_gyr.csv": "rates of a log of ArduPilot, by mavlogdump.py",
     "05_undisturbed_slow_rotation_with_breaks_B.parquet": "a trial of BROAD",
     "mine.toml": "a scenario, or the mapping of an import",
     "roll.toml": "a maneuver",
@@ -54,12 +54,28 @@ def _write_two_headers(tables, path):
     path.write_text(HEADERS + rows.to_csv(sep=";", index=False, header=False))
 
 
+def _write_flight_logs(tables, folder):
+    rates = np.deg2rad(tables.gyro[["gx", "gy", "gz"]].to_numpy())
+    us = 1000 * (tables.gyro["timestamp_ms"] - tables.gyro["timestamp_ms"][0]) + 10_000
+    px4 = pd.DataFrame(rates, columns=list("xyz")).assign(timestamp_sample=us)
+    px4.to_csv(folder / "flight_sensor_gyro_0.csv", index=False)
+    px4.rename(columns={"x": "GyrX", "y": "GyrY", "z": "GyrZ", "timestamp_sample": "SampleUS"}).to_csv(
+        folder / "flight_gyr.csv", index=False
+    )
+    mocap = tables.attitude.rename(columns={f"q{letter}": f"q[{k}]" for k, letter in enumerate("wxyz")})
+    mocap["timestamp_sample"] = 1000 * (mocap.pop("timestamp_ms") - tables.gyro["timestamp_ms"][0])
+    mocap.to_csv(folder / "flight_vehicle_mocap_odometry_0.csv", index=False)
+
+
 def make(folder):
     """All of `PLACEHOLDERS` but OUT in a folder, and the coarse ``series.toml``, ``four.toml`` and ``agile.toml``."""
     tables = log(np.random.default_rng(1), seconds=40.0)
     times = pd.to_datetime(tables.gyro["timestamp_ms"], unit="ms").dt.strftime("%Y-%m-%dT%H:%M:%S.%f")
     tables.gyro.assign(time=times).to_csv(folder / "gyro.csv", index=False)
     tables.attitude.to_csv(folder / "mocap.csv", index=False)
+    _write_flight_logs(tables, folder)
+    mems.write_aem(tables, folder / "attitude.aem")
+    mems.write_ck(tables, folder / "attitude.bc", folder / "clock.tsc")
     tables.gyro.merge(tables.attitude, how="left", on="timestamp_ms").to_csv(folder / "log.csv", index=False)
     _write_two_headers(tables, folder / "stick.csv")
     (folder / "mapping.toml").write_text(MAPPING)
@@ -74,16 +90,12 @@ def make(folder):
     for words in (
         ["import", "csv", folder / "gyro.csv", folder / "mocap.csv", folder / "RECORDING", *WORDS],
         ["calibrate", folder / "RECORDING", "--json", folder / "result.json"],
-        ["export", "aem", folder / "RECORDING", folder / "attitude.aem"],
-        ["export", "acm", folder / "RECORDING", folder / "attitude.acm"],
-        ["export", "ck", folder / "RECORDING", folder / "attitude.bc", folder / "clock.tsc", "--instrument", "-95000"],
-        ["export", "kalibr", folder / "RECORDING", folder / "imu.yaml", "--random-walk", "1e-5"],
     ):
         done = run(main, [str(word) for word in words])
         assert done.exit_code == 0, done.output
     adopted = re.sub(r'sha256 = ".*?"', "", blocks("docs/compare.md", "toml")[0])
     (folder / "adopted.toml").write_text(adopted)
-    for page, name in (("euroc", "folder"), ("ros", "path"), ("ulog", "path"), ("ardupilot", "path")):
+    for page, name in (("euroc", "folder"), ("ros", "path")):
         made = namespace(f"docs/formats/{page}.md")[name]
         shutil.move(made, folder / made.name)
     shutil.move(namespace("docs/broad.md")["path"], folder / "05_undisturbed_slow_rotation_with_breaks_B.parquet")

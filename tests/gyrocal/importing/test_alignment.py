@@ -219,7 +219,7 @@ def test_rates_of_zero_are_refused(data):
 
 
 def test_every_command_takes_the_same_alignment_options(data, tmp_path):
-    for name in ("csv", "aem", "acm", "ck", "euroc", "bag", "ulog", "ardupilot"):
+    for name in ("csv", "aem", "ck", "euroc", "bag"):
         known = {option for one in import_.command.commands[name].params for option in one.opts}
         wanted = {"--align", "--attitude-offset", "--time-factor", "--rate-factor", "--mounting", "--sigma", "--unchecked"}
         assert wanted <= known, name

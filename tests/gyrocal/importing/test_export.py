@@ -1,4 +1,4 @@
-"""Recordings as CSV tables and as Kalibr's imu.yaml, and back."""
+"""Recordings as CSV tables, and back."""
 
 from dataclasses import replace
 
@@ -9,13 +9,8 @@ import pytest
 import gyrocal
 import simulator
 from gyrocal import InputError
-from gyrocal.importing import build, column_mapping, csv_files, import_csv, kalibr, load_mapping, streams
+from gyrocal.importing import build, column_mapping, csv_files, import_csv, load_mapping, streams
 from studies.validation import mems_log
-from tests.builders import piecewise_recording
-
-yaml = pytest.importorskip("yaml")
-
-RECORDING = piecewise_recording(series_s=100.0, arw=2e-6)
 
 
 @pytest.fixture(scope="module")
@@ -159,52 +154,3 @@ def test_intervals_that_touch_share_a_reference_also_when_they_come_back(importe
     twice = pd.concat([table[table.unix_ns <= at], table[table.unix_ns >= at]])
     twice.to_csv(tmp_path / "attitude.csv", index=False)
     np.testing.assert_array_equal(back(tmp_path).attitudes.t_s, again.attitudes.t_s)
-
-
-def test_scale_and_misalignment_by_hand():
-    # A gyro whose axes are turned by +90 deg about z against the body reads (y, −x, z) of body rates; its x reads double.
-    G = np.linalg.inv(np.diag([2.0, 1.0, 1.0]) @ np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
-    M, C = kalibr.decompose_gain(G)
-    np.testing.assert_allclose(M, np.diag([2.0, 1.0, 1.0]), atol=1e-15)
-    np.testing.assert_allclose(C, [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-15)
-
-
-def test_a_calibration_goes_out_as_kalibr_s_model(run_cli, tmp_path):
-    gyrocal.save(RECORDING, tmp_path / "rec")
-    result = gyrocal.calibrate(RECORDING)
-    done = run_cli("calibrate", str(tmp_path / "rec"), "--json", str(tmp_path / "result.json"))
-    assert done.exit_code == 0, done.stderr
-    path = tmp_path / "imu.yaml"
-    arguments = ["--calibration", str(tmp_path / "result.json"), "--random-walk", "1e-5", "--topic", "/imu0"]
-    done = run_cli("export", "kalibr", str(tmp_path / "rec"), str(path), *arguments)
-    assert done.exit_code == 0, done.stderr
-    read = yaml.safe_load(path.read_text())
-    M, C = (np.array(read["gyroscopes"][name]) for name in ("M", "C_gyro_i"))
-    assert np.triu(M, 1).tolist() == np.zeros((3, 3)).tolist()
-    np.testing.assert_allclose(C @ C.T, np.eye(3), atol=1e-14)
-    assert np.linalg.det(C) > 0
-    np.testing.assert_allclose(M @ C, np.linalg.inv(result.G), rtol=0, atol=1e-12)
-    assert read["gyroscope_random_walk"] == 1e-5
-    assert (read["update_rate"], read["rostopic"], read["model"]) == (2.0, "/imu0", "scale-misalignment")
-    assert np.deg2rad(kalibr.read_noise_density(path)) == pytest.approx(2e-6, rel=1e-12)
-    # What Kalibr's gyro of these matrices and this bias reads is what the recording's gyro reads.
-    rate = np.array([0.01, -0.02, 0.005])
-    offset = [float(word) for word in path.read_text().rpartition("anew: [")[2].partition("]")[0].split(",")]
-    np.testing.assert_allclose(M @ C @ rate + offset, result.parameters.raw(rate[None])[0], rtol=0, atol=1e-12)
-
-
-def test_what_is_not_kalibr_s_is_said(tmp_path):
-    path = tmp_path / "imu.yaml"
-    four = simulator.simulate(simulator.override(simulator.load("trmm_tetrahedron"), {"gyro.sample_s": 8.0}), seed=1)
-    kalibr.write_imu_yaml(replace(RECORDING, gyro=replace(RECORDING.gyro, arw=1e-5)), path)
-    assert yaml.safe_load(path.read_text()).keys() == {"gyroscope_noise_density", "rostopic", "update_rate"}
-    assert yaml.safe_load(path.read_text())["gyroscope_noise_density"] == 1e-5
-    for recording, given, words in (
-        (replace(RECORDING, gyro=replace(RECORDING.gyro, arw=0.0)), {}, "angle random walk is zero"),
-        (four, {}, "takes the three gyros x, y and z, not 1, 2, 3, 4"),
-        (RECORDING, {"G": np.eye(3)}, "give G and bias"),
-        (RECORDING, {"random_walk": 0.0}, "random walk of the bias must be positive"),
-        (RECORDING, {"G": -np.eye(3), "bias": np.zeros(3)}, "of right-handed axes"),
-    ):
-        with pytest.raises(InputError, match=words):
-            kalibr.write_imu_yaml(recording, path, **given)

@@ -1,4 +1,4 @@
-"""EuRoC folders and Kalibr's imu.yaml."""
+"""EuRoC folders."""
 
 import numpy as np
 import pandas as pd
@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 import gyrocal
 from gyrocal import InputError
-from gyrocal.importing import euroc, kalibr
+from gyrocal.importing import euroc
 from studies.validation import mems_log
 from tests.gyrocal.importing import mems
 
@@ -59,20 +59,15 @@ def test_an_estimated_reference_is_said_to_be_one(log, tmp_path):
     assert made.mapping.arw_deg_per_sqrt_s is None
 
 
-def test_kalibr_s_imu_yaml(tmp_path):
-    path = tmp_path / "imu.yaml"
-    for text in (
-        "gyroscope_noise_density: 0.001\nupdate_rate: 200.0\n",
-        "imu0:\n  gyroscope_noise_density: 1.0e-3\n  rostopic: /imu0\n",
-        "%YAML:1.0\ngyroscope_noise_density: 0.001\n",
-        "gyroscope_noise_density: 1e-3\n",
-    ):
+def test_the_noise_density_of_a_sensor_sheet(tmp_path):
+    path = tmp_path / "sensor.yaml"
+    for text in ("%YAML:1.0\ngyroscope_noise_density: 0.001\n", "gyroscope_noise_density: 1e-3\n"):
         path.write_text(text)
-        assert np.deg2rad(kalibr.read_noise_density(path)) == pytest.approx(1e-3)
+        assert np.deg2rad(euroc._read_noise_density(path)) == pytest.approx(1e-3)
     for text in ("update_rate: 200.0\n", "gyroscope_noise_density: fast\n", "- 1\n", "a: [\n", "gyroscope_noise_density: -1\n"):
         path.write_text(text)
-        with pytest.raises(InputError, match=r"imu\.yaml: "):
-            kalibr.read_noise_density(path)
+        with pytest.raises(InputError, match=r"sensor\.yaml: "):
+            euroc._read_noise_density(path)
 
 
 def test_a_folder_that_is_not_of_the_form(tmp_path):

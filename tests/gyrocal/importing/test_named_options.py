@@ -8,27 +8,18 @@ import pytest
 from studies.cli.main import main
 from tests import ROOT
 
-TABLES = ("import csv", "import aem", "import acm", "import ck")  # commands that read a gyro's table whose columns are stated
-IMPORTS = (
-    *TABLES,
-    "import euroc",
-    "import bag",
-    "import ulog",
-    "import ardupilot",
-)  # all that share the streams and the alignment
+TABLES = ("import csv", "import aem", "import ck")  # commands that read a gyro's table whose columns are stated
+IMPORTS = (*TABLES, "import euroc", "import bag")  # all that share the streams and the alignment
 # Modules whose messages not every import prints.
 OWN_COMMANDS = {
-    "acm": ("import acm",),
-    "ardupilot": ("import ardupilot",),
     "ck": ("import ck",),
     "column_mapping": TABLES,
     "gyro_log": ("allan",),
     "gyro_samples": (*TABLES, "allan"),  # euroc and bag hand over the columns of the rates alone, see below
     "units": TABLES,  # of the unit of a column, or of counts
     "rosbag": ("import bag",),
-    "ulog": ("import ulog",),
 }
-ONLY = {"--quat": ("import csv", "import ardupilot")}  # the attitudes of the others have their form
+ONLY = {"--quat": ("import csv",)}  # the attitudes of the others have their form
 
 
 def list_messages():

@@ -23,7 +23,7 @@ WRONG = [
     ("calibrate REC --json REC", "is a folder"),
     ("calibrate REC --json same --report same", "need files of their own"),
     ("calibrate REC --truth REC/recording.toml", "not a truth file"),
-    ("export aem REC OUT --json none/there.json", "none/there.json: no folder none"),
+    ("export csv REC OUT --json none/there.json", "none/there.json: no folder none"),
     ("diagnose nothing", "not a folder"),
     ("diagnose REC --report -", "give the name of a file"),
     ("diagnose REC --card card.jpg", "must end in .svg or .png"),

@@ -23,7 +23,7 @@ REFUSED = [
     *([name, "REC"] for name in ("allan", "calibrate", "compare", "diagnose")),
     ["export", "csv", "REC", "OUT"],
     ["import", "csv", "GYRO", "OUT", "--time", "t:s", "--gyro", "x,y,z:deg/s", "--quat", "a,b,c,d:body-to-inertial"],
-    ["import", "ardupilot", "GYRO", "GYRO", "OUT", "--attitude-time", "t:s", "--quat", "a,b,c,d:body-to-inertial"],
+    ["import", "aem", "GYRO", "GYRO", "OUT", "--time", "t:s", "--gyro", "x,y,z:deg/s"],
     ["predict", "REC", "--from", "1"],
     ["study", "nothing"],
 ]
