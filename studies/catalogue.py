@@ -32,18 +32,12 @@ STUDY_NAMES = (
     "consistency",
     "observability",
     "noise",
-    "estimators",
-    "alignment",
-    "references",
-    "onboard",
     "world",
     "bench",
     "flight",
     "real",
     "heads",
-    "import",
     "sentinel2a",
-    "promises",
 )
 CHECKOUT_MODULES = {"bench": "studies.validation.world.bench", "exam": "studies.validation.exam.steps"}
 
@@ -94,14 +88,6 @@ def _import_entry(name: str) -> Entry:
             from studies.calibration.maneuvers_needed import ENTRY
         case "noise":
             from studies.calibration.noise import ENTRY
-        case "estimators":
-            from studies.calibration.estimators import ENTRY
-        case "alignment":
-            from studies.estimation.alignment import ENTRY
-        case "references":
-            from studies.estimation.references import ENTRY
-        case "onboard":
-            from studies.estimation.onboard import ENTRY
         case "world":
             from studies.validation.world.report import ENTRY
         case "bench":
@@ -112,12 +98,8 @@ def _import_entry(name: str) -> Entry:
             from studies.validation.real_gyro import ENTRY
         case "heads":
             from studies.robertson.heads import ENTRY
-        case "import":
-            from studies.validation.imports import ENTRY
         case "sentinel2a":
             from studies.validation.sentinel2a import ENTRY
-        case "promises":
-            from studies.validation.promises.study import ENTRY
         case _:
             raise InputError(f"{name}: no such study; {suggest_names(name, STUDY_NAMES)}")
     return ENTRY

@@ -12,8 +12,8 @@ from simulator import scenario
 from simulator.mission_mode.config import MissionConfig
 from simulator.mission_mode.flight import simulate_mission
 from simulator.simulate import simulate
-from studies.estimation.filter_cases import run_onboard_case
 from tests.diagnosis.recordings import recorded
+from tests.gyrocal.estimation.filter_cases import run_onboard_case
 
 
 def main() -> None:

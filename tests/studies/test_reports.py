@@ -10,10 +10,7 @@ from tests import ROOT
 
 FOLDERS = [
     ROOT / "results" / "studies" / name
-    for name in (
-        *("alignment", "consistency", "estimators", "import", "iterations", "noise", "observability", "onboard", "promises"),
-        *("psi", "references", "sentinel2a", "timestep"),
-    )
+    for name in (*("consistency", "iterations", "noise", "observability", "psi", "sentinel2a", "timestep"),)
 ]
 
 
@@ -39,8 +36,6 @@ FEW = {
     "iterations": "case == 0 and factor == 10",
     "psi": "case == 0",
     "timestep": "case == 0 and step_s == 0.5",
-    "alignment": "case == 0",
-    "onboard": "case == 5",  # memory is measured in the first cases
 }
 
 

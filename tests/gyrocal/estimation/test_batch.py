@@ -10,9 +10,9 @@ from gyrocal.estimation.arc import Estimate, build_gyro_arc, choose_columns, lin
 from gyrocal.estimation.batch import batch
 from gyrocal.sensors.series import SensorSeries
 from simulator.streams import generator
-from studies.estimation.attitude_cases import ATTITUDE_CASE_ORBIT, TRUE_BIAS, build_orbit_flight, make_direction_sensor
-from studies.estimation.flights import compute_nadir
 from tests.builders import TRUE_G, choose_case_numbers, is_mean_of_chi2, squared_error
+from tests.gyrocal.estimation.attitude_cases import ATTITUDE_CASE_ORBIT, TRUE_BIAS, build_orbit_flight, make_direction_sensor
+from tests.gyrocal.estimation.flights import compute_nadir
 
 SUN = np.array([np.cos(0.4), np.sin(0.4) * np.cos(0.41), np.sin(0.4) * np.sin(0.41)])
 SIGMA = 1e-3

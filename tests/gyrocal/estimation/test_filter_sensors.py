@@ -17,8 +17,8 @@ from simulator.sensors import earth as true_earth
 from simulator.sensors import sun as true_sun
 from simulator.sensors.horizon import compute_orbit_position
 from simulator.truth.sun import DAY, compute_julian_date, compute_sun_vector, is_eclipsed
-from studies.estimation.filter_cases import FILTER_CASE_ARW, FILTER_CASE_ORBIT, Z, draw_apriori_parameters, fly
 from tests.builders import TRUTH, choose_case_numbers, mean_bounds, state_errors
+from tests.gyrocal.estimation.filter_cases import FILTER_CASE_ARW, FILTER_CASE_ORBIT, Z, draw_apriori_parameters, fly
 
 EPOCH = "1997-12-13T09:45:00Z"
 START = np.repeat([np.deg2rad(0.5), np.deg2rad(1e-3)], 3)

@@ -9,7 +9,8 @@ from gyrocal import InputError, attitude, calibrate
 from gyrocal.estimation.full_filter import Leg, build_starting_covariance, compute_change_chi2, run_legs
 from gyrocal.estimation.mekf import KalmanFilter, compute_nees
 from gyrocal.sensors.series import SensorSeries
-from studies.estimation.filter_cases import (
+from tests.builders import TRUTH, choose_case_numbers, mean_bounds, piecewise_recording
+from tests.gyrocal.estimation.filter_cases import (
     FILTER_CASE_ARW,
     build_apriori_covariance,
     draw_apriori_parameters,
@@ -17,7 +18,6 @@ from studies.estimation.filter_cases import (
     run_full_and_separate,
     simulate_direction_series,
 )
-from tests.builders import TRUTH, choose_case_numbers, mean_bounds, piecewise_recording
 
 OFFSET = np.deg2rad(0.04)
 

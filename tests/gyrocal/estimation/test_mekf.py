@@ -9,9 +9,9 @@ from gyrocal import GyroParameters, InputError, attitude
 from gyrocal.estimation.filter_run import run
 from gyrocal.estimation.mekf import KalmanFilter, compute_nees
 from gyrocal.sensors.series import SensorSeries
-from studies.estimation.filter_cases import FILTER_CASE_ARW, FILTER_CASE_SIGMA, Z, fly, simulate_direction_series
-from studies.estimation.flights import DirectionSensor
 from tests.builders import TRUTH, mean_bounds, state_errors
+from tests.gyrocal.estimation.filter_cases import FILTER_CASE_ARW, FILTER_CASE_SIGMA, Z, fly, simulate_direction_series
+from tests.gyrocal.estimation.flights import DirectionSensor
 
 SIGMA = np.repeat([np.deg2rad(0.5), np.deg2rad(1e-3)], 3)
 P0 = np.diag(SIGMA**2)

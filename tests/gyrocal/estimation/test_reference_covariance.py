@@ -15,8 +15,9 @@ from gyrocal.estimation.reference_covariance import (
     residual_covariance,
 )
 from simulator.streams import generator
-from studies.estimation.attitude_cases import ATTITUDE_CASE_ARW, TRUE_BIAS, build_timeline_flight, run_star_batch
-from studies.estimation.reference_cases import (
+from tests.builders import TRUE_G, choose_case_numbers, is_mean_of_chi2, squared_error
+from tests.gyrocal.estimation.attitude_cases import ATTITUDE_CASE_ARW, TRUE_BIAS, build_timeline_flight, run_star_batch
+from tests.gyrocal.estimation.reference_cases import (
     BACKWARD,
     COMPONENT_SIGMA,
     FORWARD,
@@ -25,7 +26,6 @@ from studies.estimation.reference_cases import (
     build_chain_case,
     build_separate_case,
 )
-from tests.builders import TRUE_G, choose_case_numbers, is_mean_of_chi2, squared_error
 
 TRUTH = GyroParameters(TRUE_G, TRUE_BIAS)
 TRUE = TRUTH.vector

@@ -10,8 +10,8 @@ from gyrocal.estimation.batch import batch
 from gyrocal.estimation.filter_run import run
 from gyrocal.estimation.mekf import KalmanFilter, compute_nees
 from gyrocal.estimation.smoother import smooth
-from studies.estimation.filter_cases import FILTER_CASE_ARW, Z, fly, simulate_direction_series
 from tests.builders import TRUTH, mean_bounds, state_errors
+from tests.gyrocal.estimation.filter_cases import FILTER_CASE_ARW, Z, fly, simulate_direction_series
 
 SIGMA = np.repeat([np.deg2rad(0.5), np.deg2rad(1e-3)], 3)
 TIMES = np.array([100.0, 900.0, 1500.0])

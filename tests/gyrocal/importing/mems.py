@@ -1,14 +1,38 @@
-"""A simulated MEMS log beside motion capture, as the files that imports read."""
+"""A simulated MEMS log beside motion capture, as the files that imports read, and mappings of its tables."""
+
+import re
 
 import numpy as np
 import pandas as pd
 
 import gyrocal
-from gyrocal import attitude
+from gyrocal import InputError, attitude
+from gyrocal.importing import validate_mapping
+from gyrocal.importing.build import build
+from gyrocal.importing.streams import read_streams
 from studies.validation import mems_log
 
 EPOCH = "2023-11-14T22:13:20.123Z"
 OPTIONS = ("--time", "time:iso", "--gyro", "gx,gy,gz:deg/s")
+CORRECT_MAPPING = {"time": "timestamp_ms:ms", "gyro": "gx,gy,gz:deg/s", "quat": "qw,qx,qy,qz:body-to-inertial"}
+OFFSET_S = 0.35
+NEAR_S = 0.02  # how near a named time offset must come
+# What is wrong, how, and what must be named; {} stands for a time offset.
+WRONG_MAPPINGS = {
+    "rad/s for deg/s": ({"gyro": "gx,gy,gz:rad/s"}, "the gyro in deg/s, not rad/s"),
+    "deg/h for deg/s": ({"gyro": "gx,gy,gz:deg/h"}, "the gyro in deg/s, not deg/h"),
+    "scalar last for first": (
+        {"quat": "qw,qx,qy,qz:body-to-inertial:scalar-last"},
+        "the quaternion's scalar part first (scalar-first)",
+    ),
+    "conjugate": ({"quat": "qw,qx,qy,qz:inertial-to-body"}, "the attitude from body to inertial (body-to-inertial)"),
+    "axes swapped": ({"gyro": "gy,gx,gz:deg/s"}, "the gyro's axes as y,x,z"),
+    "sign of an axis": ({"gyro": "gx,-gy,gz:deg/s"}, "the gyro's axes as x,-y,z"),
+    "axes in a cycle": ({"gyro": "gy,gz,gx:deg/s"}, "the gyro's axes as z,x,y"),
+    "s for ms": ({"time": "timestamp_ms:s"}, "times in ms, not s"),
+    "us for ms": ({"time": "timestamp_ms:us"}, "times in ms, not us"),
+    "time offset": ({"attitude_offset_s": OFFSET_S}, "{} s added to the attitudes' time tags"),
+}
 INSTRUMENT = -95001
 AEM = """CCSDS_AEM_VERS = 2.0
 CREATION_DATE = 2020-01-01T00:00:00
@@ -79,7 +103,7 @@ def write_ck(log, kernel, clock):
     t_s, q = references(log)
     tt_s = (np.datetime64(EPOCH.rstrip("Z")) - np.datetime64("2000-01-01T12:00:00")) / np.timedelta64(1, "s") + 37 + 32.184
     write_clock(clock, coefficients=f"0 {tt_s:.6f} 1")
-    spins = np.array([spiceypy.m2q(one) for one in attitude.matrix_from_quaternion(q)])
+    spins = np.array([spiceypy.m2q(one.copy()) for one in attitude.matrix_from_quaternion(q)])
     ticks, handle = 1024 * t_s, spiceypy.ckopn(str(kernel), "theirs", 0)
     numbers = (len(ticks), ticks, spins, np.zeros((len(ticks), 3)))
     spiceypy.ckw01(handle, ticks[0], ticks[-1], INSTRUMENT, "J2000", False, "s", *numbers)
@@ -91,3 +115,22 @@ def largest_error(recording, log):
     result = gyrocal.calibrate(recording)
     error = result.parameters.vector - np.concatenate([log.G.ravel(), log.bias])
     return np.abs(error / result.sigma).max()
+
+
+def find_refusal(data, changes):
+    """The error that a mapping with changes ends in; empty if it is taken."""
+    mapping = validate_mapping(CORRECT_MAPPING | changes, "mapping")
+    try:
+        build(read_streams(data.gyro, data.attitude, mapping), mapping)
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def is_mapping_named(message, wanted):
+    """Whether a refusal names what is wanted as the only way that fits."""
+    found = re.search(r" % with (.*?)(; --align auto finds and applies the offset)?$", message)
+    if found is None or "{}" not in wanted:
+        return found is not None and found.group(1) == wanted
+    number = re.fullmatch(re.escape(wanted).replace(r"\{\}", r"([-+][\d.e-]+)"), found.group(1))
+    return number is not None and abs(float(number.group(1)) + OFFSET_S) < NEAR_S

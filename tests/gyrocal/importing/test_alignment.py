@@ -20,8 +20,8 @@ from gyrocal.importing.motion import build_motion
 from gyrocal.importing.streams import read_streams
 from studies.cli import import_
 from studies.validation import mems_log
-from studies.validation.imports import CORRECT_MAPPING, find_refusal
 from tests.builders import choose_case_numbers
+from tests.gyrocal.importing.mems import CORRECT_MAPPING, find_refusal
 
 RATES = ["gx", "gy", "gz"]
 

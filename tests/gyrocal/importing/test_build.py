@@ -15,8 +15,8 @@ from gyrocal.importing.sensors import join_sensors
 from gyrocal.importing.streams import Sensor, Streams, read_streams
 from gyrocal.recording.gyros import compute_nominal_gyros, compute_parity_basis
 from studies.validation import mems_log
-from studies.validation.imports import CORRECT_MAPPING, WRONG_MAPPINGS, find_refusal, is_mapping_named
 from tests.builders import piecewise_recording
+from tests.gyrocal.importing.mems import CORRECT_MAPPING, WRONG_MAPPINGS, find_refusal, is_mapping_named
 
 
 @pytest.fixture(scope="module")

@@ -16,9 +16,9 @@ from gyrocal.importing.streams import read_csv, read_streams
 from gyrocal.importing.table_layout import find_layout, join_headers
 from gyrocal.importing.table_rows import read_numbers
 from studies.validation import mems_log
-from studies.validation.imports import CORRECT_MAPPING, find_refusal
 from tests import SHARED
 from tests.builders import piecewise_recording
+from tests.gyrocal.importing.mems import CORRECT_MAPPING, find_refusal
 
 GROUPS = "Time (s);Vicon Orientation;;;;IMU Gyroscope;;;"
 ELEMENTS = ";W;X;Y;Z;X;Y;Z;"

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from gyrocal.importing import validate_mapping
 from gyrocal.importing.streams import read_streams
 from studies.validation import mems_log
-from studies.validation.imports import CORRECT_MAPPING
+from tests.gyrocal.importing.mems import CORRECT_MAPPING
 
 FEW = settings(max_examples=20, phases=[Phase.generate])
 # By hand: so much of the unit is one deg/s, or a second.

@@ -15,7 +15,7 @@ from gyrocal.importing.sensors import join_sensors
 from gyrocal.importing.streams import Sensor
 from studies.cli.main import main
 from studies.validation import mems_log
-from studies.validation.imports import find_refusal
+from tests.gyrocal.importing.mems import find_refusal
 
 RATES = ["gx", "gy", "gz"]
 AXES = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1]]) / np.sqrt(3)  # three of a tetrahedron

@@ -11,7 +11,7 @@ from gyrocal.importing.build import build
 from gyrocal.importing.streams import read_streams
 from gyrocal.importing.time_base import fit_even_times, is_uneven
 from studies.validation import mems_log
-from studies.validation.imports import CORRECT_MAPPING
+from tests.gyrocal.importing.mems import CORRECT_MAPPING
 
 ROWS = 6000
 SAMPLE = 0.01

@@ -11,7 +11,8 @@ from gyrocal.sensors.series import SensorSeries
 from gyrocal.sensors.sun import trmm_sun_sensors
 from simulator.sensors import sun as truth
 from simulator.streams import generator
-from studies.estimation.attitude_cases import (
+from tests.builders import choose_case_numbers, is_mean_of_chi2, squared_error
+from tests.gyrocal.estimation.attitude_cases import (
     ATTITUDE_CASE_ORBIT,
     M_DSS2,
     M_TRUE,
@@ -20,8 +21,7 @@ from studies.estimation.attitude_cases import (
     compute_alignment_error,
     make_direction_sensor,
 )
-from studies.estimation.flights import compute_nadir
-from tests.builders import choose_case_numbers, is_mean_of_chi2, squared_error
+from tests.gyrocal.estimation.flights import compute_nadir
 
 INJECTED = np.concatenate([TRUE_MISALIGNMENT_ANGLES, TRMM_BIASES])
 

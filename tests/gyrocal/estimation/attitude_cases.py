@@ -22,7 +22,7 @@ from simulator.sensors import sun as true_sun
 from simulator.sensors.horizon import Horizon, compute_orbit_position, compute_penetration
 from simulator.truth.integration import integrate
 from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude
-from studies.estimation.flights import DirectionSensor, Flight
+from tests.gyrocal.estimation.flights import DirectionSensor, Flight
 
 Array = NDArray[np.float64]
 Vector = Sequence[float] | Array

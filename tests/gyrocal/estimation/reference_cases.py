@@ -19,8 +19,8 @@ from gyrocal import GyroParameters, GyroStream, Interval, Recording
 from gyrocal.attitude import rotation_matrix
 from gyrocal.estimation.batch import BatchResult, Weighting
 from gyrocal.estimation.reference_covariance import reference_attitudes
-from studies.estimation.attitude_cases import ATTITUDE_CASE_ARW, RPO, build_timeline_flight, run_star_batch
-from studies.estimation.flights import Flight
+from tests.gyrocal.estimation.attitude_cases import ATTITUDE_CASE_ARW, RPO, build_timeline_flight, run_star_batch
+from tests.gyrocal.estimation.flights import Flight
 
 Array = NDArray[np.float64]
 Rate = tuple[float, float, float]

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from gyrocal import GyroParameters, GyroStream, attitude
@@ -17,19 +16,16 @@ from gyrocal.estimation.full_filter import FullFilterResult, Leg, build_starting
 from gyrocal.estimation.mekf import KalmanFilter
 from gyrocal.estimation.onboard import Maneuver, OnBoardCalibrator, replay
 from gyrocal.sensors.series import SensorSeries
-from simulator import scenario as scenarios
 from simulator.truth.maneuvers import Profile, Slew, integrate_trajectory
 from simulator.truth.orbit import CircularOrbit
 from simulator.truth.rotation import convert_to_matrix
-from studies.calibration.shared_truth import compute_rms, get_true_parameters
-from studies.estimation.flights import DirectionSensor, Flight, compute_nadir
-from studies.montecarlo.statistics import compute_nees
+from tests.builders import TRUTH
+from tests.gyrocal.estimation.flights import DirectionSensor, Flight, compute_nadir
 
 Array = NDArray[np.float64]
 Turn = tuple[Array, float, float, float]  # axis, angle in degrees, start, duration
 
 
-TRUTH = get_true_parameters(scenarios.load("trmm"))
 FILTER_CASE_ARW = float(np.deg2rad(2.6e-4))
 FILTER_CASE_ORBIT = CircularOrbit(altitude=350e3, inclination=np.deg2rad(35.0), node=0.7)
 FILTER_CASE_SIGMA = float(np.deg2rad(0.02))
@@ -176,22 +172,6 @@ def solve_with_covariances(
         W += H.T @ np.linalg.solve(C, H)
         u += H.T @ np.linalg.solve(C, one.residual)
     return apriori.vector - scale * np.linalg.solve(W, u), np.asarray(np.linalg.inv(W) * np.outer(scale, scale))
-
-
-def judge_parameters(error: Array, P: Array) -> dict[str, object]:
-    """NEES of an estimate of G and b, and the RMS of G's errors and sigmas, from its error (12,) and covariance (12, 12)."""
-    sizes = {f"G_{what}_ppm": 1e6 * value for what, value in compute_rms_sizes(error, P, slice(9))}
-    return {"nees": float(compute_nees(error[None], P[None])[0]), **sizes}
-
-
-def compute_rms_sizes(error: Array, P: Array, of: slice) -> list[tuple[str, float]]:
-    """RMS of some parameters' errors and sigmas."""
-    return [("error", compute_rms(error[of])), ("sigma", compute_rms(np.sqrt(np.diag(P)[of])))]
-
-
-def compute_column_rms(rows: pd.DataFrame, *names: str) -> dict[str, float]:
-    """RMS of some columns."""
-    return {name: compute_rms(rows[name]) for name in names}
 
 
 def list_timeline_legs() -> list[Leg]:

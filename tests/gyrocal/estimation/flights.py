@@ -2,39 +2,18 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import model_validator
 
 from gyrocal import GyroParameters, GyroStream
 from gyrocal.attitude import cross_matrix, rotation_matrix
 from gyrocal.sensors.series import SensorSeries
 from simulator.sensors.gyro import add_white_noise, compute_raw_rates
 from simulator.truth.orbit import CircularOrbit, compute_lvlh_attitude
-from studies.montecarlo.study import StudyConfig
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
-
-class FixedFlightConfig(StudyConfig):
-    """A study whose flights and sensors are fixed: of its scenario it takes the gyro alone.
-
-    Attributes
-    ----------
-    used : what it takes
-    """
-
-    used: ClassVar[tuple[str, ...]] = ("gyro.true_G", "gyro.true_bias_deg_s", "gyro.arw_deg_per_sqrt_s")
-
-    @model_validator(mode="after")
-    def _refuse_unused_settings(self) -> "FixedFlightConfig":
-        for path in (*self.overrides, *self.dispersions):
-            if not any(path == name or path.startswith(f"{name}.") for name in self.used):
-                raise ValueError(f"{path} has no effect in this study, which uses {', '.join(self.used)} only")
-        return self
 
 
 def compute_nadir(t: ArrayLike, orbit: CircularOrbit) -> Array:

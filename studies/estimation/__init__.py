@@ -1,1 +1,0 @@
-"""Studies of attitude estimation: alignment, reference attitudes, the on-board form."""
