@@ -37,42 +37,20 @@ def write_csv(recording: Recording, folder: str | os.PathLike[str]) -> None:
     gyro = recording.to_frame("gyro").rename(columns=lambda name: str(name).removeprefix("rate_").removesuffix("_deg_s"))
     gyro = gyro.rename(columns={"t": "t_s", **({} if recording.is_array else {axis: f"rate_{axis}" for axis in TRIAD})})
     rates = [str(name) for name in gyro.columns if name != "t_s"]
-    _write(recording, gyro, {"gyro": f"{','.join(rates)}:deg/s"}, folder)
-
-
-def write_packets(recording: Recording, counts: pd.DataFrame, lsb: str, wrap: float, folder: str | os.PathLike[str]) -> None:
-    """Write gyro.csv with accumulated angles in place of rates, attitude.csv and mapping.toml; the folder is made.
-
-    Parameters
-    ----------
-    recording : whose attitudes and stated noise are written
-    counts : t_s and a column a gyro
-    lsb, wrap : size of a count with its unit, and after how many it wraps
-    """
-    names = [str(name) for name in counts.columns if name != "t_s"]
-    entries = {"gyro": f"{','.join(names)}:counts", "lsb": lsb, "wrap": float(wrap)}
-    _write(recording, counts, entries, folder)
-
-
-def _write(recording: Recording, gyro: pd.DataFrame, read: dict[str, Any], folder: str | os.PathLike[str]) -> None:
-    """A table of the gyro, one of the attitudes, and the mapping with what reads the former."""
     if not recording.attitudes.t_s.size:
         raise InputError("the recording has no reference attitudes, without which its tables are no import")
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     gyro, time, begins_s = _insert_times(gyro, recording)
     attitude, _, _ = _insert_times(recording.to_frame("attitude"), recording)
-    entries = (
-        time
-        | read
-        | {
-            "quat": "q1,q2,q3,q4:scalar-last:body-to-inertial",
-            **_describe_sensors(recording.attitudes),
-            "G": recording.gyro.apriori_G.tolist(),
-            "bias_deg_s": np.rad2deg(recording.gyro.apriori_bias).tolist(),
-            "title": recording.title,
-        }
-    )
+    entries = time | {
+        "gyro": f"{','.join(rates)}:deg/s",
+        "quat": "q1,q2,q3,q4:scalar-last:body-to-inertial",
+        **_describe_sensors(recording.attitudes),
+        "G": recording.gyro.apriori_G.tolist(),
+        "bias_deg_s": np.rad2deg(recording.gyro.apriori_bias).tolist(),
+        "title": recording.title,
+    }
     if recording.gyro.arw > 0:
         entries["arw_deg_per_sqrt_s"] = float(np.rad2deg(recording.gyro.arw))
     entries["interval"] = [_format_span(one, begins_s) for one in recording.intervals]

@@ -6,7 +6,6 @@ import click
 import numpy as np
 
 from gyrocal.errors import InputError
-from gyrocal.importing.units import COUNTS_UNIT, compute_gyro_factor
 from gyrocal.recording import load, save
 from studies.cli.options import (
     FOLDER_TYPE,
@@ -39,14 +38,6 @@ from studies.montecarlo.files import write_json
 @effects_option
 @add_output_option("--truth", help="Also write the injected G, bias and effects as JSON to this file.")
 @add_json_option("what was made")
-@click.option(
-    "--packets",
-    "packet_folder",
-    type=FOLDER_TYPE,
-    help="Also write the gyro's telemetry as accumulated angles, for 'gyrocal import csv', to this folder.",
-)
-@click.option("--lsb", default="0.05 arcsec", show_default=True, help="With --packets: size of a count of angle, and its unit.")
-@click.option("--wrap", type=int, default=2**16, show_default=True, help="With --packets: counts after which a register wraps.")
 @FORCE
 def command(
     scenario: str,
@@ -59,9 +50,6 @@ def command(
     effects: tuple[str, ...],
     truth: Path | None,
     as_json: Path | None,
-    packet_folder: Path | None,
-    lsb: str,
-    wrap: int,
     force: bool,
 ) -> None:
     """Simulate SCENARIO (a built-in name or a TOML file) and write the recording to the folder OUT.
@@ -81,13 +69,11 @@ def command(
       gyrocal simulate trmm /tmp/gap --effect bias_orbital:y=0.2 --effect g_matrix_step:z=1300,toward=y,time_s=15000
       gyrocal simulate /tmp/rec /tmp/again --effect time_offset=0.5
       gyrocal simulate adopted.toml /tmp/flown --seed 3 --draw
-      gyrocal simulate trmm /tmp/counted --packets /tmp/sent --lsb '0.8 arcsec' --wrap 65536
       gyrocal simulate trmm_months /tmp/months --effect dss_head:2=0.28
       gyrocal simulate trmm /tmp/mine --effects mine.py --effect my_effect:z=0.5
       gyrocal simulate trmm_series /tmp/seven --seed 7 --set gyro.arw_deg_per_sqrt_s=1e-4 --set interval.1.slew.0.start_s=120
     """
     refuse_existing(out, force)
-    count = _count_of_angle(lsb)
 
     from simulator import adopted_scenario
     from simulator import scenario as scenarios
@@ -132,12 +118,6 @@ def command(
     if recording.is_array and not gyros:  # of a replay, whose G is that of the gyros
         K = np.linalg.pinv(G)
         gyros = {"gyros": {"names": recording.gyro.names, "K": K.tolist(), "c_deg_s": (-K @ bias_deg_s).tolist()}}
-    if packet_folder:
-        from gyrocal.importing.csv_files import write_packets
-        from simulator.packets import simulate_packets
-
-        sent = simulate_packets(recording, count, wrap, generator(seed, case, "packets"))
-        write_packets(recording, sent, lsb, wrap, packet_folder)
     save(recording, out)
     if truth:
         write_json(
@@ -152,14 +132,6 @@ def command(
         f"{out}: {len(recording.intervals)} intervals, {recording.gyro.t_s.size} gyro samples, "
         f"{recording.attitudes.t_s.size} reference attitudes"
     )
-
-
-def _count_of_angle(lsb: str) -> float:
-    """Size of a count, rad."""
-    size, of_angle = compute_gyro_factor(COUNTS_UNIT, lsb)
-    if not of_angle:
-        raise InputError(f"--lsb {lsb}: a packet holds an angle; give the count in rad, deg or arcsec")
-    return size
 
 
 def _refuse(changes: tuple[str, ...], draw: bool = False) -> None:

@@ -14,7 +14,7 @@ from gyrocal import CalibrationResult, calibrate
 from gyrocal.importing import validate_mapping
 from gyrocal.importing.streams import read_streams
 from gyrocal.recording import Recording
-from simulator.packets import simulate_packets
+from simulator.effects.recording_view import TIME_TOLERANCE, compute_durations
 from simulator.scenario import Scenario, override
 from simulator.simulate import motion, simulate
 from simulator.streams import generator
@@ -38,8 +38,7 @@ ORBIT_NOTE = (
 PACKET_NOTE = (
     f"One simulated flight; registers of {WRAP} counts. rounding_over_noise: q/√6 over the white noise of a sample's "
     "angle. The changes are against the calibration of the same samples as rates. Neither N nor R gives the size of a count. "
-    "`gyrocal simulate trmm OUT --packets FOLDER --lsb '0.8 arcsec' --wrap 65536` writes packets, `gyrocal import csv` reads "
-    "them."
+    "`gyrocal import csv` reads such packets."
 )
 DRIFT_NOTE = (
     "Medians over 40 seeds, RMS in deg. six: all six calibrated together, as N did; december: intervals 1 to 4 alone, whose "
@@ -106,6 +105,36 @@ def build_packet_table(scenario: Scenario, seed: int) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows)
+
+
+def simulate_packets(recording: Recording, lsb: float, wrap: int, rng: np.random.Generator) -> pd.DataFrame:
+    """Simulate packets that hold each gyro's register of accumulated angle, N(t) = ⌊φ(t)/q⌋ mod w.
+
+    n samples that follow one another make n + 1 packets. The register goes on while nothing is recorded, so that each stretch
+    of samples begins anywhere.
+
+    Parameters
+    ----------
+    recording : with the rates as the gyros put them out, noise included
+    lsb : q, rad
+    wrap : w, counts
+    rng : of the register's value at the start of a stretch
+
+    Returns
+    -------
+    t_s, and count_NAME of each gyro, whole numbers from 0 to w − 1
+    """
+    gyro, lasts = recording.gyro, compute_durations(recording)
+    angles = gyro.rates * lasts[:, None] / lsb  # counts
+    starts = np.flatnonzero(np.diff(gyro.t_s, prepend=-np.inf) > np.append(0.0, lasts[:-1]) + TIME_TOLERANCE)
+    parts = []
+    for first, last in zip(starts, [*starts[1:], len(gyro.t_s)], strict=True):
+        begin = wrap * rng.random(size=(len(gyro.names),))
+        counts = np.floor(begin + np.vstack([np.zeros(len(begin)), np.cumsum(angles[first:last], axis=0)]))
+        times = np.append(gyro.t_s[first:last], gyro.t_s[last - 1] + lasts[last - 1])
+        parts.append(np.column_stack([times, np.mod(counts, wrap)]))
+    names = [f"count_{name}" for name in gyro.names]
+    return pd.DataFrame(np.concatenate(parts), columns=["t_s", *names]).astype(dict.fromkeys(names, np.int64))
 
 
 def convert_through_packets(

@@ -145,36 +145,3 @@ def test_the_reader_of_the_page_reads_its_log(tmp_path):
     np.testing.assert_allclose(read.gyro.rates, simulated.gyro.rates, rtol=0, atol=1e-12)
     # The slews have no attitudes: the import states these gaps.
     assert "gap(s) of the attitudes" in (tmp_path / "rec" / "import.toml").read_text()
-
-
-def test_packets_of_a_simulated_flight_calibrate_to_its_truth(run_cli, tmp_path):
-    """TRMM's intervals sent as 16-bit registers, their wraps and the days between them included."""
-    sent, rec, truth = (str(tmp_path / name) for name in ("sent", "rec", "truth.json"))
-    made = run_cli(
-        "simulate", "trmm", str(tmp_path / "flown"), "--packets", sent, "--lsb", "0.8 arcsec", "--truth", truth,
-        "--set", "gyro.sample_s=2.0", "--seed", "3",
-    )  # fmt: skip
-    assert made.exit_code == 0, made.stderr
-    files = f"{sent}/gyro.csv", f"{sent}/attitude.csv"
-    read = run_cli("import", "csv", *files, rec, "--mapping", f"{sent}/mapping.toml")
-    assert read.exit_code == 0, read.stderr
-    flown, back = gyrocal.load(tmp_path / "flown"), gyrocal.load(rec)
-    assert len(back.intervals) == 6
-    np.testing.assert_allclose(back.attitudes.quaternions, flown.attitudes.quaternions, atol=1e-14)
-    shortest_s = 1.0  # the last sample of m5 is cut at its stop
-    np.testing.assert_allclose(back.gyro.rates, flown.gyro.rates, rtol=0, atol=np.deg2rad(0.8 / 3600) / shortest_s)
-    result, wanted = gyrocal.calibrate(back), json.loads((tmp_path / "truth.json").read_text())
-    error = result.parameters.vector - np.concatenate([np.ravel(wanted["G"]), np.deg2rad(wanted["bias_deg_s"])])
-    assert np.abs(error / np.sqrt(np.diag(result.covariance))).max() < 4
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [(("--lsb", "0.1 deg/s"), "a packet holds an angle"), (("--lsb", "0.001 arcsec"), "less than half of 65536")],
-)
-def test_packets_that_cannot_be_are_refused(run_cli, tmp_path, options, words):
-    result = run_cli("simulate", "trmm", str(tmp_path / "a"), "--packets", str(tmp_path / "b"), *options)
-    assert result.exit_code == 2
-    assert words in result.stderr
-    assert len(result.stderr.strip().splitlines()) == 1
-    assert not (tmp_path / "a" / "recording.toml").exists()
