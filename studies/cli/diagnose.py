@@ -32,14 +32,11 @@ from studies.report.junit import Verdict
 @effects_option
 @add_json_option(stdout="the summary")
 @add_output_option("--report", help=PAGE)
-@add_output_option(
-    "--card", help="Write the answer on one screen as a picture to this file, .svg or .png.", endings=(".svg", ".png")
-)
 @click.option(
     "--plan",
     "flown",
     metavar="SCENARIO",
-    help="Scenario of the recording, a built-in name or a TOML file: page and card then state which extra maneuver helps most.",
+    help="Scenario of the recording, a built-in name or a TOML file: the page then states which extra maneuver helps most.",
 )
 @add_output_option("--adopt", help="Write a scenario with the recording's own motion and the identified effects to this file.")
 @click.option(
@@ -60,7 +57,6 @@ def command(
     recording: Path,
     as_json: Path | None,
     report: Path | None,
-    card: Path | None,
     flown: str | None,
     adopt: Path | None,
     without: tuple[str, ...],
@@ -79,14 +75,14 @@ def command(
     Examples:
       gyrocal simulate trmm_series /tmp/rec --effect bias_orbital:z=0.3
       gyrocal diagnose /tmp/rec --report /tmp/report.html --json /tmp/diagnosis.json
-      gyrocal diagnose /tmp/rec --card /tmp/card.png --plan trmm_series
+      gyrocal diagnose /tmp/rec --report /tmp/report.html --plan trmm_series
       gyrocal diagnose /tmp/rec --without bias_orbital
       gyrocal diagnose /tmp/rec --adopt /tmp/adopted.toml
       gyrocal diagnose /tmp/rec --fail-on unknown --junit /tmp/diagnosis.xml
     """
     library = _select_library(without)
-    if flown and not (report or card):
-        raise InputError("--plan is for the page and the card: give --report or --card with it")
+    if flown and not report:
+        raise InputError("--plan is for the page: give --report with it")
     loaded = load(recording)
     if adopt:
         triad(loaded)  # gyros without references have no motion to simulate again
@@ -94,21 +90,18 @@ def command(
     from diagnosis.adopt import write_adopted_scenario
     from diagnosis.diagnose import diagnose
     from simulator import scenario as scenarios
-    from studies.report import card_drawing, diagnosis_card, diagnosis_page, diagnosis_summary, next_flight
+    from studies.report import diagnosis_page, diagnosis_summary, next_flight
     from studies.report.pages import build_provenance_footer
-    from studies.report.panels import save
 
     scenario_flown = scenarios.load(flown) if flown else None
     with show_stages("diagnose", LINE_EVERY_S) as progress:
         result = diagnose(loaded, progress=progress, seed=seed, library=library)
         found = next_flight.plan_next_flight(result, scenario_flown, progress, seed) if scenario_flown else None
     write_result(as_json, result.to_json(), lambda: diagnosis_summary.show(make_console(), result))
-    fly = next_flight.describe_next_flight(result, found)
-    orbit_s = loaded.orbit.period_s if loaded.orbit is not None else math.nan
     if report:
+        fly = next_flight.describe_next_flight(result, found)
+        orbit_s = loaded.orbit.period_s if loaded.orbit is not None else math.nan
         write_text(report, diagnosis_page.build_diagnosis_page(result, build_provenance_footer(loaded), orbit_s, fly))
-    if card:
-        save(card_drawing.draw_card(diagnosis_card.build_card(result, orbit_s, fly), result.recording), card)
     if adopt:
         text, adoption = write_adopted_scenario(result, loaded, recording, adopt)
         write_text(adopt, text)

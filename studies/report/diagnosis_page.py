@@ -12,7 +12,7 @@ from diagnosis.answer import Cause
 from diagnosis.model.sinusoid_causes import BIAS, PICKUP
 from diagnosis.result import Diagnosis
 from simulator.effects.sensor import SENSOR_EFFECTS
-from studies.report import diagnosis_card, gap_budget, sensor_figures, sensor_words, tables
+from studies.report import diagnosis_answers, gap_budget, sensor_figures, sensor_words, tables
 from studies.report import diagnosis_figures as figures
 from studies.report import diagnosis_words as words
 from studies.report.pages import Answer, Item, Page, PageTable, Picture, ProvenanceFooter, Section, SmallParagraph
@@ -40,11 +40,11 @@ def build_diagnosis_page(
     ----------
     diagnosis : the answer
     made : for the footer
-    orbit_s, next_flight : as of `studies.report.diagnosis_card.build_card`
+    orbit_s, next_flight : as of `studies.report.diagnosis_answers.list_answers`
     """
-    card = diagnosis_card.build_card(diagnosis, orbit_s, next_flight)
+    answers = diagnosis_answers.list_answers(diagnosis, orbit_s, next_flight)
     picture = _build_budget_picture(diagnosis) if diagnosis.budget else _build_residual_picture(diagnosis)
-    answer = Answer(VERDICT_STYLES.get(diagnosis.verdict, "gap"), picture, gap_budget.summarise(diagnosis), dict(card.lines))
+    answer = Answer(VERDICT_STYLES.get(diagnosis.verdict, "gap"), picture, gap_budget.summarise(diagnosis), answers)
     evidence = [
         *_build_place_sections(diagnosis),
         *_build_sensor_sections(diagnosis),
@@ -59,7 +59,8 @@ def build_diagnosis_page(
         Section("Limits of this recording", [_list_limits(diagnosis)]),
         Section("Words", [{name: words.explain_effect(name) for name in words.list_mentioned_effects(diagnosis)} | GLOSSARY]),
     ]
-    return Page(card.headline, sections, answer, made, f"Diagnosis of {diagnosis.recording}").render_html()
+    headline = diagnosis_answers.format_headline(diagnosis)
+    return Page(headline, sections, answer, made, f"Diagnosis of {diagnosis.recording}").render_html()
 
 
 # ---- sections ------------------------------------------------------------------------------------------------------------

@@ -114,7 +114,7 @@ def in_small(line, place):
     for shown, typed in SMALL:
         line = re.sub(shown, typed, line)
     if PAGES_DRAWN_AT.get(line.split()[1], place) != place:
-        return re.sub(r" --(report|card|figure) \S+", "", line)
+        return re.sub(r" --(report|figure) \S+", "", line)
     return line
 
 

@@ -24,7 +24,7 @@ from studies.validation.world.study import STUDY, WorldConfig, describe_answer
 from studies.validation.world.world import Spec
 
 EXAM_FOLDER = Path(__file__).parent
-RELIABILITY = EXAM_FOLDER.parents[1] / "data" / "reliability.csv"  # what the card of a diagnosis quotes
+RELIABILITY = EXAM_FOLDER.parents[1] / "data" / "reliability.csv"  # what the page of a diagnosis quotes
 GENERATOR = ("families.py", "plans.py")
 SEAL, KEYS, ANSWERS, SCORE = "seal.json", "keys.json", "answers.json", "score.json"
 KEY_DIGITS = 9  # of a number in the keys, so that another machine's last bits do not change their hash
@@ -197,7 +197,7 @@ def score_exam(folder: Path) -> dict[str, Any]:
 
 
 def pool_reliability(root: Path = EXAM_FOLDER) -> pd.DataFrame:
-    """Pool all exams' stated probabilities: how often the cause was there, as the card of a diagnosis quotes it."""
+    """Pool all exams' stated probabilities: how often the cause was there, as the page of a diagnosis quotes it."""
     stated = [score.collect_cause_statements(build_exam_rows(root / name)) for name in list_taken_exams(root)]
     return score.compute_reliability(pd.concat(stated, ignore_index=True))
 

@@ -16,8 +16,7 @@ from diagnosis.result import Details
 from simulator.effects.base import STAGE_NAMES
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.report import (
-    card_drawing,
-    diagnosis_card,
+    diagnosis_answers,
     diagnosis_figures,
     diagnosis_summary,
     gap_budget,
@@ -230,8 +229,9 @@ def test_page_is_whole_and_needs_no_network(pages, case):
     assert all(len(alt) > 60 for alt in page.figures.values())
 
 
-def assert_no_effect_name(card):
-    assert not re.search(r"[a-z]+_[a-z]+", " ".join([card.headline, *(text for line in card.lines for text in line)]))
+def assert_no_effect_name(diagnosis):
+    said = [diagnosis_answers.format_headline(diagnosis), *diagnosis_answers.list_answers(diagnosis).values()]
+    assert not re.search(r"[a-z]+_[a-z]+", " ".join(said))
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -241,8 +241,8 @@ def test_page_begins_with_the_answer(pages, case):
     first = first.partition("<nav")[0]
     questions = ["Does it agree with the simulator?", "Where not?", "Which cause?", "How sure?", "How far does the gap shrink?"]
     assert re.findall("<dt>(.*?)</dt>", first)[:5] == questions
-    assert f"<h1>{escape(diagnosis_card.format_headline(diagnosis))}</h1>" in first
-    assert_no_effect_name(diagnosis_card.build_card(diagnosis))
+    assert f"<h1>{escape(diagnosis_answers.format_headline(diagnosis))}</h1>" in first
+    assert_no_effect_name(diagnosis)
     assert not any(name in first for name in ALL_EFFECTS)
     assert escape(words.describe_verdict(diagnosis)) in rest
     for cause in diagnosis.causes:
@@ -261,7 +261,7 @@ def test_page_begins_with_the_answer(pages, case):
     ],
 )
 def test_headline_is_plain(case, headline):
-    assert diagnosis_card.format_headline(CASES[case]()) == headline
+    assert diagnosis_answers.format_headline(CASES[case]()) == headline
 
 
 def test_every_effect_has_a_sentence_of_its_own():
@@ -300,23 +300,12 @@ def test_a_line_is_a_motion_of_the_body_unless_it_is_named_for_something_else(ki
 
 def test_reliability_is_the_one_that_was_measured():
     committed = pool_reliability()
-    pd.testing.assert_frame_equal(diagnosis_card._read_reliability_table(), committed)
+    pd.testing.assert_frame_equal(diagnosis_answers._read_reliability_table(), committed)
     row = committed[committed["statements"] > 20].iloc[0]
-    said = diagnosis_card.describe_reliability((row["from"] + row["to"]) / 2)
+    said = diagnosis_answers.describe_reliability((row["from"] + row["to"]) / 2)
     assert f"Of {row['statements']:.0f} statements" in said
     assert f"{100 * row['there']:.0f} % were right" in said
-    assert "not known" in diagnosis_card.describe_reliability(committed["from"].min() / 2)
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_card_is_a_picture(case, tmp_path):
-    diagnosis = CASES[case]()
-    drawn = card_drawing.draw_card(diagnosis_card.build_card(diagnosis, 5490.0), "see $x$")
-    height = drawn.get_figheight() * drawn.dpi
-    assert all(0 <= text.get_window_extent().y0 <= height for text in drawn.texts)
-    text = svg.render_svg(drawn).decode()
-    assert "see $x$" in text
-    assert text.count("<text") > len(drawn.texts) - 1
+    assert "not known" in diagnosis_answers.describe_reliability(committed["from"].min() / 2)
 
 
 def test_page_is_the_same_every_time(pages):
@@ -394,22 +383,22 @@ def test_unlisted_explanations_look_different(pages):
     assert strong("pair") == [False, False]
 
 
-def test_the_card_names_no_more_than_is_sure():
+def test_the_answers_name_no_more_than_is_sure():
     """What is only likely is hedged, what may yet be on the list is not said to be on none."""
     base, group = CASES["unknown"](), CASES["group"]()
     alternatives = ((("bias_drift:y",), 0.5), (("a remainder",), 0.49), (("rate_lag",), 0.001))
     doubtful = dataclasses.replace(base, unknown_probability=0.49, alternatives=alternatives)
-    assert diagnosis_card.format_headline(doubtful).startswith("There is a gap whose cause is not known")
+    assert diagnosis_answers.format_headline(doubtful).startswith("There is a gap whose cause is not known")
     assert words.describe_verdict(doubtful).startswith("There is a gap of unknown cause: with a probability of 49 %")
-    said = dict(diagnosis_card.build_card(doubtful).lines)
+    said = diagnosis_answers.list_answers(doubtful)
     assert (
         said["Which cause?"]
         == "None that could be named. It behaves most like this: the y gyro's bias rises by some amount (50 %)."
     )
-    assert_no_effect_name(diagnosis_card.build_card(doubtful))
+    assert_no_effect_name(doubtful)
     alone = dataclasses.replace(group.causes[0], group=("time_offset",), probability=0.85, group_probability=0.85)
     likely = dataclasses.replace(group, causes=(alone,))
-    assert diagnosis_card.format_headline(likely) == "Most likely the gyro's time tags are 0.52 s late"
+    assert diagnosis_answers.format_headline(likely) == "Most likely the gyro's time tags are 0.52 s late"
     assert words.describe_verdict(likely) == "There is a gap, most likely by time_offset, but not surely."
 
 
@@ -449,10 +438,10 @@ def test_a_partial_answer_says_what_its_causes_close_and_what_to_look_at_first()
     budget = (Step("baseline", 4.0, 0.1), Step("time_offset", 3.8, 0.1, 0.07, (0.04, 0.13)), Step("remainder", 3.8, 0.1, 0.93))
     left = RemainderSummary(0.93, (0.87, 0.96), (0.0, 0.0, 0.0), (0.3, 0.2, 0.1), 0.0, 0.0, 1.0, "reference", 0.7, ())
     one = dataclasses.replace(base, verdict="partial", causes=(alone,), budget=budget, remainder=left)
-    assert diagnosis_card.format_headline(one).endswith("are 0.52 s late; this closes 7 % of the gap, 93 % is not explained")
+    assert diagnosis_answers.format_headline(one).endswith("are 0.52 s late; this closes 7 % of the gap, 93 % is not explained")
     assert next_step.describe_next_step(one).startswith("Look at the reference attitudes first")
     two = dataclasses.replace(one, causes=(alone, CASES["named"]().causes[0]))
-    assert ", the first of 2 causes; together they close 7 % of the gap" in diagnosis_card.format_headline(two)
+    assert ", the first of 2 causes; together they close 7 % of the gap" in diagnosis_answers.format_headline(two)
     whole = dataclasses.replace(one, budget=(*budget, Step("floor", 1.0, 0.1)))
     assert len(gap_budget.draw_waterfall(whole.budget).axes) == 1
     first = diagnosis_report.build_diagnosis_page(whole).partition("<dl>")[0]

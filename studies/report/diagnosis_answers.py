@@ -1,4 +1,4 @@
-"""The answer of a diagnosis on one screen, in plain words: for a page, and as a picture to pass on.
+"""The answer of a diagnosis on the first screen of its page, in plain words.
 
 No name of an effect is in it; each effect says itself what is so when it is at work (`simulator.effects.base.Effect.sentence`).
 """
@@ -7,14 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 
 import pandas as pd
 
 from diagnosis.answer import Cause, Finding
-from diagnosis.budget import Step
 from diagnosis.inference.attribution import REMAINDER
 from diagnosis.result import Diagnosis
 from diagnosis.settings import DEFAULT
@@ -24,29 +22,13 @@ from studies.report import gap_budget, next_step, pointing_cost
 from studies.report import next_flight as flights
 
 FEWEST_STATEMENTS = 5  # of a probability, below which how many of them were right says nothing
-MOST_CARD_FINDINGS = 2
-CARD_PROBABILITY = 0.01  # probability of an explanation from which on the card tells it
+MOST_FINDINGS = 2
+LEAST_PROBABILITY = 0.01  # of an explanation that is stated
 ORDINALS = ("First", "Second", "Third", "Fourth", "Fifth", "Sixth", "Seventh", "Eighth")
 
 
-@dataclass(frozen=True)
-class Card:
-    """What the card says.
-
-    Attributes
-    ----------
-    headline : the answer in a sentence
-    lines : (question, answer), in the order in which they are read
-    budget : steps of the gap budget, drawn under the answers
-    """
-
-    headline: str
-    lines: tuple[tuple[str, str], ...]
-    budget: tuple[Step, ...] = ()
-
-
-def build_card(diagnosis: Diagnosis, orbit_s: float = math.nan, next_flight: str = "") -> Card:
-    """The card of a diagnosis.
+def list_answers(diagnosis: Diagnosis, orbit_s: float = math.nan, next_flight: str = "") -> dict[str, str]:
+    """List the answers by their questions, in the order in which they are read.
 
     Parameters
     ----------
@@ -54,22 +36,20 @@ def build_card(diagnosis: Diagnosis, orbit_s: float = math.nan, next_flight: str
     orbit_s : period of the orbit, NaN if unknown; an hour is then what pointing is told for
     next_flight : what to fly next, in a sentence, of `studies.report.next_flight`; without a plan by default
     """
-    lines = [
-        ("Does it agree with the simulator?", _describe_gap(diagnosis)),
-        ("Where not?", _describe_places(diagnosis)),
-        ("Which cause?", _describe_causes(diagnosis)),
-        ("How sure?", _describe_certainty(diagnosis)),
-        ("How far does the gap shrink?", words.describe_closure_briefly(diagnosis)),
-    ]
+    answers = {
+        "Does it agree with the simulator?": _describe_gap(diagnosis),
+        "Where not?": _describe_places(diagnosis),
+        "Which cause?": _describe_causes(diagnosis),
+        "How sure?": _describe_certainty(diagnosis),
+        "How far does the gap shrink?": words.describe_closure_briefly(diagnosis),
+    }
     if diagnosis.causes:
-        lines.append(
-            ("What does it cost in pointing?", pointing_cost.describe_pointing_cost(diagnosis.details.regressors, orbit_s))
-        )
-    lines.append(("What next?", next_step.describe_next_step(diagnosis)))
+        cost = pointing_cost.describe_pointing_cost(diagnosis.details.regressors, orbit_s)
+        answers["What does it cost in pointing?"] = cost
+    answers["What next?"] = next_step.describe_next_step(diagnosis)
     if diagnosis.verdict != "none":
-        lines.append(("Which maneuver next?", next_flight or flights.describe_next_flight(diagnosis)))
-    lines.append(("What can it not tell?", _describe_limits(diagnosis)))
-    return Card(format_headline(diagnosis), tuple(lines), diagnosis.budget)
+        answers["Which maneuver next?"] = next_flight or flights.describe_next_flight(diagnosis)
+    return {**answers, "What can it not tell?": _describe_limits(diagnosis)}
 
 
 # ---- sentences -----------------------------------------------------------------------------------------------------------
@@ -169,9 +149,7 @@ def _describe_causes(diagnosis: Diagnosis) -> str:
         ]
         surely = diagnosis.unknown_probability >= DEFAULT.named
         none = f"None of the {len(EFFECTS)} that are known" if surely else "None that could be named"
-        told.insert(
-            0, f"{none}. It behaves most like this: {words.join_items(like[:MOST_CARD_FINDINGS], 'or')}" if like else none
-        )
+        told.insert(0, f"{none}. It behaves most like this: {words.join_items(like[:MOST_FINDINGS], 'or')}" if like else none)
         if diagnosis.remainder is not None:
             told.append(gap_budget.describe_side(diagnosis.remainder).rstrip("."))
     elif not told:
@@ -181,7 +159,7 @@ def _describe_causes(diagnosis: Diagnosis) -> str:
 
 def _is_telling(effects: Sequence[str], share: float) -> bool:
     """Tell whether an explanation says how the gap behaves: no unlikely one, nor a remainder."""
-    return share >= CARD_PROBABILITY and REMAINDER not in effects
+    return share >= LEAST_PROBABILITY and REMAINDER not in effects
 
 
 def _describe_behaviour(effects: Sequence[str]) -> str:
@@ -233,7 +211,7 @@ def describe_reliability(probability: float) -> str:
 
 
 def _describe_places(diagnosis: Diagnosis) -> str:
-    places = list(dict.fromkeys(_describe_place(one) for one in diagnosis.where[:MOST_CARD_FINDINGS]))
+    places = list(dict.fromkeys(_describe_place(one) for one in diagnosis.where[:MOST_FINDINGS]))
     return f"Most of all {words.join_items(places, 'and')}." if places else "Nowhere."
 
 
