@@ -32,7 +32,7 @@ from pydantic import (
 )
 
 from gyrocal.errors import InputError, suggest_names
-from gyrocal.recording import format_toml, format_validation_error, read_toml
+from gyrocal.recording import format_validation_error, read_toml
 from gyrocal.recording.checks import is_full_rank
 from gyrocal.recording.names import GYRO_NAME, MOST_GYROS
 from gyrocal.recording.trackers import MAPS, SensorHeader, check_header
@@ -295,10 +295,7 @@ class HoldSection(Section):
 
 
 class IntervalSection(Section):
-    """One calibration interval; ``mode`` is the body axis along the velocity at its start, ``gyros`` are those switched on.
-
-    ``control_motion`` stands in place of the scenario's.
-    """
+    """One calibration interval; ``mode`` is the body axis along the velocity at its start, ``gyros`` are those switched on."""
 
     name: str = Field(min_length=1)
     activity: str
@@ -308,7 +305,6 @@ class IntervalSection(Section):
     slew: Annotated[tuple[SlewSection, ...], Field(strict=False)] = ()
     hold: HoldSection | None = None
     gyros: Annotated[tuple[str, ...], Field(strict=False)] | None = None
-    control_motion: ControlMotionSection | None = None
 
     @field_validator("stop_s")
     @classmethod
@@ -353,8 +349,7 @@ class IntervalSection(Section):
         return value
 
     def build_profile(self, orbit: CircularOrbit, sway: Sway | None = None) -> Profile:
-        """The interval's motion in radians, with the scenario's control motion unless it has its own."""
-        sway = self.control_motion.sway() if self.control_motion else sway
+        """The interval's motion in radians."""
         slews = tuple(section.slew() for section in self.slew)
         hold = self.hold.build_hold() if self.hold else None
         return Profile(orbit, self.start_s, self.stop_s, MODE_YAW[self.mode], slews, hold, sway)
@@ -416,19 +411,7 @@ def _find_joining_faults(first: IntervalSection, second: IntervalSection, orbit:
     end = before.compute_tracking_attitude(np.array([before.stop_s - before.start_s]))
     if np.abs(end - after.compute_tracking_attitude(np.zeros(1))).max() > JOIN_TOLERANCE:
         faults.append(f"{second.name} touches {first.name} but starts in another attitude than the one it ends in")
-    if first.control_motion != second.control_motion:
-        faults.append(f"{second.name} touches {first.name} but has another control_motion")
     return faults
-
-
-def format_scenario(scenario: Scenario) -> str:
-    """The TOML of a scenario, with all digits."""
-    values = scenario.model_dump(mode="json", exclude_none=True)
-    intervals = values.pop("interval")
-    lines = [f"{key} = {format_toml(value)}" for key, value in values.items()]
-    for one in intervals:
-        lines += ["", "[[interval]]", *(f"{key} = {format_toml(value)}" for key, value in one.items())]
-    return "\n".join(lines) + "\n"
 
 
 def names() -> tuple[str, ...]:

@@ -13,7 +13,6 @@ from diagnosis.model.groups import AXES
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.plan.columns import build_signatures, linearise_noise_free
 from diagnosis.plan.extras import append_intervals, evaluate_extra, list_maneuvers
-from diagnosis.plan.named_size import find_named_sizes
 from diagnosis.plan.result import Plan, Progress
 from diagnosis.plan.samples import list_sample_sizes
 from diagnosis.plan.separability import list_pairs
@@ -31,7 +30,6 @@ def plan(
     *,
     effects: Sequence[str] | None = None,
     extras: Mapping[str, Sequence[Mapping[str, Any]]] | None = None,
-    named: bool = False,
     progress: Progress | None = None,
     seed: int = 0,
     settings: DiagnosisSettings = DEFAULT,
@@ -43,7 +41,6 @@ def plan(
     scenario : the maneuver plan, with the gyro's and the references' noise
     effects : names of those to look at; all by default
     extras : extra maneuvers by name, each a list of interval sections; those of `list_maneuvers` by default, none if empty
-    named : also look for the size at which an effect is named, which takes ten seconds and more for each
     progress : called with a text and the share done
     seed : of the draws
     settings : thresholds and priors of the diagnosis that the recording is for
@@ -68,15 +65,12 @@ def plan(
     tell("smallest visible sizes", 0.15)
     seen = []
     for number, one in enumerate(every):
-        tell("smallest visible sizes", 0.15 + 0.4 * number / len(every))
+        tell("smallest visible sizes", 0.15 + 0.55 * number / len(every))
         seen.append(find_visible_size(one, power))
     snr = np.array([one.snr for one in seen if np.isfinite(one.snr)])
     effects_seen = [EFFECTS[name] for name in names]
     seen += list_sample_sizes(scenario, model, effects_seen, float(np.median(snr)) if snr.size else SETTINGS.snr)
     seen += list_unavailable_effects(model, effects_seen)
-    if named:
-        tell("smallest named sizes", 0.55)
-        seen = find_named_sizes(seen, every, power, tell)
     tell("pairs", 0.7)
     found = list_pairs(every, seen)
     helped = []

@@ -26,7 +26,6 @@ class Visible:
     snr : a‖x‖ at which that is so; NaN for random effects and those seen in the samples
     plausible : range of its size
     seen_in : "attitude" or "samples"
-    named : smallest size at which it is also named; NaN if not asked for, infinite if none was found
     text : condition or reason
     """
 
@@ -41,7 +40,6 @@ class Visible:
     snr: float
     plausible: tuple[float, float]
     seen_in: Literal["attitude", "samples"]
-    named: float = float("nan")
     text: str = ""
 
 

@@ -11,7 +11,7 @@ import numpy as np
 class PlanSettings:
     """Thresholds and draws of a plan."""
 
-    power: float = 0.9  # probability with which an effect of its smallest visible or named size is seen or named; a convention
+    power: float = 0.9  # probability with which an effect of its smallest visible size is seen; a convention
     null_draws: int = 2000  # of M0, for the threshold of the statistic
     power_draws: int = 200  # of each effect; their 10 % point is good to 2 % of a size
     near: float = 0.1  # of the statistic; a size is good to 0.3 % then
@@ -24,20 +24,8 @@ class PlanSettings:
     log_odds: float = float(np.log(19.0))  # that tell two effects apart, of a probability of 0.95
     limit_snr: float = 20.0  # from which on a pair that needs it counts as inseparable; by judgement
     exact: float = 1e-7  # of 1 − ρ², below which columns are the same; rounding
-    # of the visible size, at which naming is tried
-    factors: tuple[float, ...] = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 6.0, 10.0)
-    named_draws: int = 12  # of each
     sizes: int = 41  # tried over the plausible range of an effect that shows in the samples
     gap_orbits: float = 1.0  # between the scenario's end and an extra maneuver
-    smooth_norm: int = 16  # p of the exchange of slews; the largest of 12 ratios counts by 17 % too much at most
-    # of the two slews of an interval: together at the start, apart
-    slew_places: tuple[tuple[float, float], ...] = ((0.0, 0.0), (0.0, 1.0))
-    additive: float = 0.01  # of information, by which the sum over intervals may differ from the recording's; by judgement
-    no_length: float = 1e-300  # squared, whose logarithm is finite; rounding
-    weak_prior: float = 1e-9  # of information, which keeps what no motion shows invertible; rounding
-    improvement: float = 1e-4  # of the objective of slews, below which a search ends
-    samples_per_period: int = 10  # of a dither, fewest; mean rates over samples hide the order of turns within them
-    sun_check_s: float = 10.0  # spacing of the attitudes that are compared with the Sun
 
 
 SETTINGS = PlanSettings()

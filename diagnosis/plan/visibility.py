@@ -46,19 +46,16 @@ class DetectionPower:
     Attributes
     ----------
     threshold : of the statistic, above which the diagnosis calls a gap
-    noise : (N, d) draws of M0
     """
 
     def __init__(self, linear: LinearModel, seed: int = 0, settings: DiagnosisSettings = DEFAULT):
         self.linear = linear
-        self.settings = settings
         self.search = Search(linear, settings)
         self.rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"diagnosis_plan")))
         null = draw_null_statistics(self.search, seed, SETTINGS.null_draws)
         # Beyond ln(draws + 1) the diagnosis goes by the bound P(B ≥ c) ≤ 1/c.
         self.threshold = float(min(np.quantile(null, 1 - settings.false_alarm_rate), np.log(1 + settings.null_draws)))
-        self.noise = linear.projected(self.rng.standard_normal((linear.y.size, SETTINGS.power_draws)))
-        self._correlation = linear.X.T @ self.noise
+        self._correlation = linear.X.T @ linear.projected(self.rng.standard_normal((linear.y.size, SETTINGS.power_draws)))
 
     def statistic(self, y: Array) -> Array:
         """(d,) the statistic of observations y (N, d)."""

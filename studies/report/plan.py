@@ -92,22 +92,23 @@ def _format_hidden_axes(found: Plan, by_effect: Mapping[str, bool]) -> str:
 
 def build_effects_table(effects: tuple[Visible, ...]) -> pd.DataFrame:
     """A row for each effect and axis; axes that are alike in words and within a tenth share one."""
-    named = any(pd.notna(one.named) for one in effects)
     rows = []
     for group in _group_alike(effects):
         first = group[0]
         label = first.label if len(group) == 1 else f"{first.effect}:{''.join(one.axis or '' for one in group)}"
         finite = any(pd.notna(one.size) and one.size < float("inf") for one in group)
         varies = any(one.best < one.worst for one in group)
-        row = {
-            "effect": label,
-            "size": _format_size(group, "size") if finite else VERDICT_WORDS[first.verdict],
-            "best": _format_size(group, "best") if varies else "",
-            "worst": _format_size(group, "worst") if varies else "",
-        }
-        if named:
-            row["named"] = _format_size(group, "named")
-        rows.append(row | {"unit": first.unit, "by": first.seen_in, "remark": first.text})
+        rows.append(
+            {
+                "effect": label,
+                "size": _format_size(group, "size") if finite else VERDICT_WORDS[first.verdict],
+                "best": _format_size(group, "best") if varies else "",
+                "worst": _format_size(group, "worst") if varies else "",
+                "unit": first.unit,
+                "by": first.seen_in,
+                "remark": first.text,
+            }
+        )
     return pd.DataFrame(rows)
 
 

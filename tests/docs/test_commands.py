@@ -36,7 +36,6 @@ SMALL = (  # what is typed in place of what is shown
     (r"(?<=scenario=)mine\.toml", "scenario.toml"),
     (r"bias_orbital:z=0\.[23](,phase_deg=60)?( --seed 1)?|(?<=series.toml /rec )--seed 1 --effect .*", "bias_orbital:z=0.3"),
     (r"^(gyrocal plan )mine\.toml\b", r"\1series.toml"),
-    (r" --named\b", ""),
     (r"--days \d+", "--days 0.02"),
     (r"--cases \d+", "--cases 3"),
     (r"^gyrocal study (\S+) (?!.*--(cases|rerun))", r"gyrocal study \1 --cases 3 "),

@@ -3,13 +3,10 @@
 import json
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from rich.console import Console
 
 from diagnosis.plan import Extra, Pair, Plan, Visible
-from diagnosis.plan.optimise import OptimisedPlan
-from simulator.scenario import load
 from studies.report import plan as plan_report
 from tests.pages import checked
 
@@ -88,9 +85,9 @@ def test_tables_and_json(run_cli, asked, tmp_path):
 def test_options_reach_the_plan(run_cli, asked, tmp_path):
     extra = tmp_path / "roll.toml"
     extra.write_text(EXTRA)
-    arguments = ["--effect", "bias_drift", "--extra", str(extra), "--no-extras", "--named", "--seed", "3"]
+    arguments = ["--effect", "bias_drift", "--extra", str(extra), "--no-extras", "--seed", "3"]
     assert run_cli("plan", "trmm", *arguments).exit_code == 0
-    assert (asked["effects"], asked["named"], asked["seed"]) == (("bias_drift",), True, 3)
+    assert (asked["effects"], asked["seed"]) == (("bias_drift",), 3)
     assert list(asked["extras"]) == ["a roll"]
 
 
@@ -125,67 +122,3 @@ def test_an_axis_that_cannot_be_seen_and_the_unit_of_a_size_are_told():
     assert plan_report.format_headline(found).startswith("1 of 1 effects can be seen (but not bias_drift:z), ")
     sizes = plan_report.build_pairs_table(found)["size to separate"].tolist()
     assert sizes == ["0.5 deg/h per day", "50 deg/h per day (not plausible)"]
-
-
-@pytest.mark.parametrize(
-    ("options", "text"),
-    [
-        (("--max-rate", "0.5"), "--max-rate is an option of --optimise"),
-        (("--optimise", "OUT", "--keep-out", "z"), "--keep-out z: must be a body axis and an angle"),
-        (("--optimise", "OUT", "--keep-out", "-y,200"), "--keep-out -y,200: must be a body axis and an angle"),
-        (("--dither", "0.1"), "--dither is an option of --optimise"),
-        (("--optimise", "OUT", "--dither", "0.1", "--slew-time", "100"), "--slew-time is for a search of slews"),
-        (("--optimise", "OUT", "--separate", "bias_drift,scale_drift"), "must be the names of two effects"),
-        (("--optimise", "OUT", "--separate", "a,b", "--dither", "1"), "--separate searches slews"),
-        (("--optimise", "OUT", "--max-rate", "-1"), "--max-rate: must be above zero"),
-    ],
-)
-def test_limits_of_a_plan_that_are_no_limits_are_refused(run_cli, tmp_path, options, text):
-    shown = run_cli("plan", "trmm", *[str(tmp_path / "out.toml") if word == "OUT" else word for word in options])
-    assert shown.exit_code == 2
-    assert text in shown.stderr
-
-
-def test_an_optimised_plan_is_written_and_shown(run_cli, tmp_path, monkeypatch):
-    """The limits reach the search in radians; the file holds the plan that it returns."""
-    seen = {}
-
-    def answer(scenario, limits, progress, separate):
-        seen["limits"] = limits
-        sigma = np.ones(12)
-        return OptimisedPlan(scenario, scenario, limits, 0.5 * sigma, sigma, 1200.0, 2400.0)
-
-    monkeypatch.setattr("diagnosis.plan.optimise.optimise_plan", answer)
-    out, result = tmp_path / "better.toml", tmp_path / "better.json"
-    words = ("--optimise", str(out), "--slew-time", "1231", "--max-rate", "0.6", "--keep-out", "-z,45", "--json", str(result))
-    shown = run_cli("plan", "trmm", *words)
-    assert shown.exit_code == 0, shown.output
-    assert "1200 s of slews in place of 2400 s (50%)" in shown.stdout
-    assert load(out) == load("trmm")
-    assert seen["limits"].rate == pytest.approx(np.deg2rad(0.6))
-    assert seen["limits"].keep_out == ((0.0, 0.0, -1.0), pytest.approx(np.pi / 4))
-    assert json.loads(result.read_text())["worst_ratio"] == 0.5
-
-
-def test_a_dither_is_written_and_shown(run_cli, tmp_path):
-    """Without references inside the intervals; the amplitude is that of three sinusoids of 0.1 deg together."""
-    out = tmp_path / "dither.toml"
-    shown = run_cli("plan", "trmm", "--optimise", str(out), "--dither", "0.1")
-    assert shown.exit_code == 0, shown.output
-    assert "a dither in 3 of 6 intervals" in shown.stdout
-    assert "gains nothing" in shown.stdout
-    moving = [one.control_motion for one in load(out).interval]
-    assert [bool(one) for one in moving] == [True, False, True, False, True, False]
-    assert moving[0].amplitude_deg == pytest.approx([0.1 / np.sqrt(3)] * 3, rel=1e-3)
-
-
-def test_plans_that_separate_two_effects_are_listed(run_cli, tmp_path):
-    result = tmp_path / "pair.json"
-    shown = run_cli("plan", "trmm_series", "--separate", "bias_drift,bias_orbital", "--no-extras", "--json", str(result))
-    assert shown.exit_code == 0, shown.output
-    assert "Best of 1 plans: the scenario itself" in shown.stdout
-    assert json.loads(result.read_text())["separations"][0]["effect"].startswith("bias_drift:")
-    for words in ("bias_drift", "bias_drift,bias_drift", "bias_drift,bias_orbitl"):
-        refused = run_cli("plan", "trmm_series", "--separate", words)
-        assert refused.exit_code == 2
-        assert f"--separate {words}: must be the names of two effects" in refused.stderr
