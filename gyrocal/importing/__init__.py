@@ -1,8 +1,8 @@
 """Recordings from anyone's tables: what the columns mean is told, what is not told is estimated, and both are written down.
 
-A `Mapping` says what the columns are. `streams` reads them in SI units on one clock, `sensors` makes one body's attitudes of
-several sensors', `agreement` asks whether rates and attitudes fit each other as they are read and how else they would, `noise`
-estimates, and `build` puts it together. See docs/import.md.
+A `Mapping` says what the columns are. `streams` reads them in SI units on one clock and joins gyros, `sensors` makes one body's
+attitudes of several sensors', `agreement` asks whether rates and attitudes fit each other as they are read and how else they
+would, `noise` estimates, and `build` puts it together. See docs/import.md.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from gyrocal.errors import InputError
 from gyrocal.files import open_replacement
 from gyrocal.importing.column_mapping import Mapping, load_mapping, validate_mapping
 from gyrocal.recording import format_toml, save
+from gyrocal.recording.gyro_join import join_gyros
 
 if TYPE_CHECKING:
     from gyrocal.importing.build import ImportResult
@@ -29,6 +30,7 @@ __all__ = [
     "Mapping",
     "SensorReferences",
     "import_csv",
+    "join_gyros",
     "join_references",
     "load_mapping",
     "read_estimated_noise",

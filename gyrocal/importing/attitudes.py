@@ -1,4 +1,4 @@
-"""What an import makes of several attitude sensors, and of the names of gyros and sensors, in a recording."""
+"""What an import makes of several attitude sensors, and of their names, in a recording."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from gyrocal.importing.intervals import select_rows
 from gyrocal.importing.sensors import JoinedAttitudes
 from gyrocal.importing.streams import Sensor
 from gyrocal.recording import Attitudes, GyroStream
-from gyrocal.recording.names import GYRO_NAME, TRIAD
 from gyrocal.recording.parts import AttitudeSensor
 from gyrocal.recording.trackers import NAME, convert_to_body
 
@@ -23,17 +22,6 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 SAME_S = 1e-6
-
-
-def name_gyros(channels: tuple[str, ...], said: list[str]) -> tuple[str, ...]:
-    """Names of a recording's gyros: x, y and z for three, else those of the columns, or numbers where these will not do."""
-    if len(channels) == len(TRIAD):
-        return TRIAD
-    if all(GYRO_NAME.fullmatch(name) for name in channels):
-        return channels
-    numbers = tuple(str(k + 1) for k in range(len(channels)))
-    said.append(f"the gyros {', '.join(channels)} are named {', '.join(numbers)}")
-    return numbers
 
 
 def rename_sensors(sensors: tuple[Sensor, ...], said: list[str]) -> tuple[Sensor, ...]:

@@ -40,7 +40,6 @@ from gyrocal.importing.sensors import JoinedAttitudes, join_sensors
 from gyrocal.importing.streams import Sensor, Streams
 from gyrocal.importing.units import compute_gyro_factor
 from gyrocal.recording import Attitudes, GyroStream, Recording
-from gyrocal.recording.gyros import compute_parity_basis
 
 Array = NDArray[np.float64]
 
@@ -120,7 +119,7 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
         mapping.spacing_s or 0.0,
         mapping.build_mountings(),
     )
-    G = mapping.directions(streams.raw.shape[1])
+    G = streams.G
     said += _describe_mountings(joined, mapping)
     _check_overlap(streams, joined)
     if isinstance(mapping.mounting, list):
@@ -136,16 +135,19 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
     windows = build_motion(streams.t_s, rates, streams.sample_s, joined.t_s, joined.q)
     if windows is None:
         raise InputError("too few attitudes within the gyro's time to compare the two")
-    K = np.asarray(np.linalg.pinv(G))
-    unmoved = np.asarray(streams.raw @ compute_parity_basis(K, np.arange(len(K))))  # (n, k − 3), whatever the motion
-    estimated = partial(_estimate_gyro, streams, mapping, rates, joined, windows, unmoved)
-    found = _evaluate(windows, mapping, streams.sensors[0], G)
+    estimated = partial(_estimate_gyro, streams, mapping, rates, joined, windows)
+    found = _evaluate(windows, mapping, streams.sensors[0], None if streams.gyros else G)
     late_s = LATE * streams.sample_s if check else np.inf
     said += _check_agreement(found, late_s, windows.is_coarse, lambda: _find_largest_miss(joined, estimated))
     near = refine(windows, reverse=False)
     if near is not None and near.residual <= HOPELESS and not windows.is_coarse and not is_aligned:
         said.append(near.describe_offset())
     gyro, still, chosen = estimated(said)
+    disagreement = []
+    if streams.gyros is not None:
+        noise = gyro.arw / streams.gyros.gain / np.sqrt(gyro.sample_s)
+        said += streams.gyros.describe(noise)
+        disagreement = [text for text in [streams.gyros.find_disagreement(noise)] if text]
     if len(streams.sensors) == 1:
         each = streams.sensors[0].sigma
         sigma = estimate_reference_sigma(gyro, joined, chosen, said) if each is None else each
@@ -156,12 +158,11 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
         references = attitudes.build_references(streams.sensors, joined, chosen, mapping, gyro, said)
     for text in said:
         logger.info("%s", text)
-    names = attitudes.name_gyros(streams.channels, said)
     recording = Recording(
         title=mapping.title or "imported",
         epoch=streams.epoch,
         time_scale=streams.time_scale,
-        gyro=replace(gyro, rates=streams.raw, apriori_G=G, names=names, arw_estimated=mapping.arw_deg_per_sqrt_s is None),
+        gyro=replace(gyro, rates=streams.raw, apriori_G=G, arw_estimated=mapping.arw_deg_per_sqrt_s is None),
         attitudes=references,
         intervals=tuple(name_interval(joined.t_s, rows, still, streams.t_s, k) for k, rows in enumerate(chosen, 1))
         if mapping.interval is None
@@ -170,19 +171,19 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
         if streams.temperature is None
         else {"housekeeping": pd.DataFrame(streams.temperature, columns=["t_s", "gyro_temperature_c"])},
     )
-    warnings = _list_warnings(found, mapping, G, near, gyro, bool(still))
+    warnings = disagreement + _list_warnings(found, mapping, G, near, gyro, bool(still))
     warnings += [text for text in [describe_mean_rates(windows)] if text and mapping.bias_deg_s is None]
     return ImportResult(recording, mapping, tuple(said), streams.sensors, joined, tuple(warnings))
 
 
 def _estimate_gyro(
-    streams: Streams, mapping: Mapping, rates: Array, joined: JoinedAttitudes, windows: Motion, parity: Array, said: list[str]
+    streams: Streams, mapping: Mapping, rates: Array, joined: JoinedAttitudes, windows: Motion, said: list[str]
 ) -> tuple[GyroStream, list[tuple[int, int]], list[NDArray[np.intp]]]:
     """Body rates with their bias and noise, rests, and the rows of the attitudes of each interval."""
     still = find_rests(rates, streams.sample_s, compute_speed(joined.t_s, joined.q, streams.t_s))
     said.append(f"{len(still)} rest(s) found" if still else "no rest found")
     bias = estimate_bias(mapping, rates, still, windows, joined, streams, said)
-    arw = estimate_walk(mapping, streams, rates, still, parity, said)
+    arw = estimate_walk(mapping, streams, rates, still, said)
     gyro = GyroStream(streams.t_s, rates, streams.sample_s, arw, np.eye(3), bias)
     return gyro, still, choose_intervals(gyro, joined, mapping, said)
 
@@ -250,7 +251,7 @@ def _check_overlap(streams: Streams, joined: JoinedAttitudes) -> None:
     )
 
 
-def _evaluate(windows: Motion, mapping: Mapping, sensor: Sensor, G: Array) -> Agreement:
+def _evaluate(windows: Motion, mapping: Mapping, sensor: Sensor, G: Array | None) -> Agreement:
     """Compare rates and attitudes under the mapping and its alternatives."""
     _, (unit, *_) = parse_spec(mapping.gyro, "gyro")
     _, (time_unit, *_) = parse_spec(mapping.time, "time")
@@ -261,7 +262,7 @@ def _evaluate(windows: Motion, mapping: Mapping, sensor: Sensor, G: Array) -> Ag
     reverse = any(ATTITUDE_DIRECTIONS.get(word, False) for word in words)
     others = _list_euler_readings(names, words, sensor) if windows.q.shape == sensor.q.shape else []
     time_unit = {"unix": "s"}.get(time_unit, time_unit)
-    return evaluate_agreement(windows, unit, time_unit, order, reverse, others=others, G=G if G.shape == (3, 3) else None)
+    return evaluate_agreement(windows, unit, time_unit, order, reverse, others=others, G=G)
 
 
 def _list_euler_readings(names: list[str], words: list[str], sensor: Sensor) -> list[tuple[tuple[str, ...], Array]]:
@@ -307,13 +308,12 @@ def _check_agreement(found: Agreement, late_s: float, is_coarse: bool, carry: Ca
 
 def _align(streams: Streams, mapping: Mapping, said: list[str]) -> tuple[Streams, Mapping]:
     """Streams and mapping with the alignment that the rates of both sides show, and all of it in words."""
-    G = mapping.directions(streams.raw.shape[1])
     _, (unit, *_) = parse_spec(mapping.gyro, "gyro")
     accumulated = compute_gyro_factor(unit, mapping.lsb)[1]
     if mapping.mountings is not None:
         raise InputError("align: goes with no mountings of attitude sensors; give the sensors one by one")
     first = streams.sensors[0]
-    found = estimate_alignment(streams.t_s, streams.raw @ G.T, streams.sample_s, first.t_s, first.q, accumulated)
+    found = estimate_alignment(streams.t_s, streams.raw @ streams.G.T, streams.sample_s, first.t_s, first.q, accumulated)
     if found is None or found.residual > HOPELESS:
         share = "" if found is None else f"; the best leaves {100 * found.residual:.0f} % of the motion"
         raise InputError(
@@ -344,6 +344,9 @@ def _align(streams: Streams, mapping: Mapping, said: list[str]) -> tuple[Streams
     if found.is_turned and mapping.mounting != "estimate":
         entries["mounting"] = np.rad2deg(found.turn).tolist()
     aligned = replace(streams, t_s=t_s, raw=raw, sample_s=factor * streams.sample_s, sensors=sensors)
+    if streams.gyros is not None:
+        residuals = streams.gyros.residuals * scale / (factor if accumulated else 1.0)
+        aligned = replace(aligned, gyros=replace(streams.gyros, residuals=residuals))
     if streams.temperature is not None:
         start = np.array([streams.t_s[0], 0.0])
         aligned = replace(aligned, temperature=start + np.array([factor, 1.0]) * (streams.temperature - start))

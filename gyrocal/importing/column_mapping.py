@@ -42,7 +42,8 @@ TETRAHEDRON = (np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 Quaternion = Annotated[list[float], Field(min_length=4, max_length=4)]
-Sigma = Annotated[float, Field(gt=0)] | Vector
+Positive = Annotated[float, Field(gt=0)]
+Sigma = Positive | Vector
 
 
 class Span(IntervalHeader):
@@ -66,6 +67,7 @@ class Mapping(BaseModel):
     temperature : column of the gyro's table with the gyro's temperature, °C, which becomes housekeeping
     rate_hz : samples a second; with it or the sample number the gyro's time tags are put on an even time base
     gyro_by, attitude_by : column that says which gyro or which attitude sensor a row is of
+    gyros : which of the gyros are used, three or more by name or by number from 1, separated by commas; all by default
     axes : direction of each gyro in the body, a row a gyro; or "tetrahedron", three or all four of its axes
     G : 3×n in place of axes: ω = G ω_raw + b
     mounting : rotation vector in degrees from the gyros' axes to the attitudes'; "estimate" finds it
@@ -81,7 +83,7 @@ class Mapping(BaseModel):
     mountings : with attitude_by, quaternion from body to each sensor, scalar last, by its name; estimated if not given
     mounting_sigma_deg : 1-sigma of those that are to be estimated as well, about the sensor's own axes, by its name
     estimated_mountings : names of those that are to be estimated without regard to what is stated
-    arw_deg_per_sqrt_s : of each gyro
+    arw_deg_per_sqrt_s : of each gyro; a number for all, or one for each that is used
     bias_deg_s : of the body, b of ω = G ω_raw + b
     interval_s, spacing_s : longest interval, and least time between references
     interval : intervals as in recording.toml, in the place of those that are made
@@ -104,6 +106,7 @@ class Mapping(BaseModel):
     rate_hz: float | None = Field(default=None, gt=0)
     gyro_by: str | None = None
     attitude_by: str | None = None
+    gyros: str | None = None
     axes: list[Vector] | Literal["tetrahedron"] | None = None
     G: list[list[float]] | None = None
     mounting: Literal["as given", "estimate"] | Vector = "as given"
@@ -118,7 +121,7 @@ class Mapping(BaseModel):
     mountings: dict[str, Quaternion] | None = None
     mounting_sigma_deg: dict[str, Vector] | None = None
     estimated_mountings: list[str] | None = None
-    arw_deg_per_sqrt_s: float | None = Field(default=None, gt=0)
+    arw_deg_per_sqrt_s: Positive | list[Positive] | None = None
     bias_deg_s: Vector | None = None
     interval_s: float | None = Field(default=None, gt=0)
     spacing_s: float | None = Field(default=None, gt=0)
@@ -157,6 +160,28 @@ class Mapping(BaseModel):
 
         return {name: np.asarray(Rotation.from_quat(q).as_matrix().T) for name, q in self.mountings.items()}
 
+    def choose_gyros(self, names: list[str]) -> list[int]:
+        """Places of the gyros that are used among all of these names."""
+        if self.gyros is None:
+            return list(range(len(names)))
+        chosen = [part.strip().removeprefix("#") for part in self.gyros.split(",")]
+        numbers = [str(number) for number in range(1, len(names) + 1)]
+        plain = [name.removeprefix("-") for name in names]
+        unknown = [one for one in chosen if one not in (*names, *plain, *numbers)]
+        if unknown:
+            raise InputError(f"gyros: no gyro {', '.join(unknown)}; there are {', '.join(plain)}, or 1 to {len(names)}")
+        places = [next(known.index(one) for known in (names, plain, numbers) if one in known) for one in chosen]
+        if len(places) < 3 or len(set(places)) < len(places):
+            raise InputError(f"gyros: three or more different ones are needed, not {self.gyros}")
+        return places
+
+    def get_relative_noise(self, gyros: int) -> list[float] | None:
+        """Noise of each gyro where it is stated for each, in deg/sqrt(s)."""
+        stated = self.arw_deg_per_sqrt_s
+        if isinstance(stated, list) and len(stated) != gyros:
+            raise InputError(f"arw_deg_per_sqrt_s: {len(stated)} numbers, but {gyros} gyros; give one, or one a gyro")
+        return stated if isinstance(stated, list) else None
+
     def directions(self, count: int) -> Array:
         """G (3, count) that the mapping gives: its own, that of its axes, or the identity for three gyros."""
         if self.G is not None:
@@ -169,7 +194,7 @@ class Mapping(BaseModel):
             if count != 3:
                 raise InputError(
                     f"gyro: {count} columns; with other than three give the gyros' axes: --axes 'X,Y,Z;X,Y,Z;…', three numbers "
-                    "a gyro, or --axes tetrahedron"
+                    "a gyro, or --axes tetrahedron (allan: axes in --mapping), or take three with --gyros"
                 )
             G = np.eye(3)
         else:

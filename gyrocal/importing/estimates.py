@@ -87,17 +87,18 @@ def _estimate_bias_of_turns(rates: Array, joined: JoinedAttitudes, streams: Stre
     return bias, left
 
 
-def estimate_walk(
-    mapping: Mapping, streams: Streams, rates: Array, still: list[tuple[int, int]], parity: Array, said: list[str]
-) -> float:
-    """Angle random walk of each gyro, rad/sqrt(s)."""
-    if mapping.arw_deg_per_sqrt_s is not None:
-        return float(np.deg2rad(mapping.arw_deg_per_sqrt_s))
-    if parity.shape[1]:
-        # Parity rows are orthonormal: each has the noise of one gyro.
-        walk = noise.estimate_walk_at_rest([parity], streams.sample_s)
-        assert walk is not None
-        arw, how = float(np.sqrt(np.mean(np.square(walk)))), "the parity of the gyros"
+def estimate_walk(mapping: Mapping, streams: Streams, rates: Array, still: list[tuple[int, int]], said: list[str]) -> float:
+    """Angle random walk of the rates, rad/sqrt(s)."""
+    stated, joined = mapping.arw_deg_per_sqrt_s, streams.gyros
+    if stated is not None:
+        each = float(np.sqrt(np.mean(np.square(stated)))) if joined is None or not isinstance(stated, list) else 1.0
+        return float(np.deg2rad(each)) * (1.0 if joined is None else joined.gain)
+    if joined is not None:
+        parity = (joined.residuals / joined.spread)[:, np.isfinite(joined.residuals).any(axis=0)]
+        walk = noise.estimate_walk_at_rest([parity[np.isfinite(parity).all(axis=1)]], streams.sample_s)
+        if walk is None:
+            raise InputError("gyro: too few samples to tell its noise; give arw_deg_per_sqrt_s")
+        arw, how = joined.gain * float(np.sqrt(np.mean(np.square(walk)))), "the parity of the gyros"
     else:
         walk = noise.estimate_walk_at_rest([rates[a:b] for a, b in still], streams.sample_s)
         how = f"the Allan deviation of the rests at {ALLAN_S:g} s"

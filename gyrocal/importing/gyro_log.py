@@ -11,13 +11,14 @@ import numpy as np
 from gyrocal.errors import InputError
 from gyrocal.importing.column_mapping import validate_mapping
 from gyrocal.importing.columns import resolve_columns
+from gyrocal.importing.estimates import estimate_walk
 from gyrocal.importing.streams import read_csv, read_gyro_log
 from gyrocal.recording import GyroStream, Interval, Recording
 from gyrocal.recording.parts import build_empty_attitudes
 
 
 def import_gyro_log(file: str | os.PathLike[str], entries: dict[str, Any]) -> tuple[Recording, tuple[str, ...]]:
-    """Read a CSV table of three gyros as a recording without references, and what was assumed, a sentence each.
+    """Read a CSV table of gyros as a recording without references, and what was assumed, a sentence each.
 
     Parameters
     ----------
@@ -39,16 +40,13 @@ def import_gyro_log(file: str | os.PathLike[str], entries: dict[str, Any]) -> tu
     mapping = validate_mapping(entries, "options", attitude_needed=False)
     table, _, mapping = resolve_columns(table, table, mapping)
     streams = read_gyro_log(table, mapping)
-    if streams.raw.shape[1] != 3:
-        raise InputError(f"gyro: three columns are needed without attitudes, not {streams.raw.shape[1]}")
-    G = mapping.directions(3)
-    arw = float(np.deg2rad(mapping.arw_deg_per_sqrt_s or 0.0))
+    arw = 0.0 if mapping.arw_deg_per_sqrt_s is None else estimate_walk(mapping, streams, streams.raw, [], [])
     stop = float(streams.t_s[-1] + streams.sample_s)
     recording = Recording(
         title=mapping.title or path.stem,
         epoch=streams.epoch,
         time_scale=streams.time_scale,
-        gyro=GyroStream(streams.t_s, streams.raw, streams.sample_s, arw, G, np.zeros(3)),
+        gyro=GyroStream(streams.t_s, streams.raw, streams.sample_s, arw, streams.G, np.zeros(3)),
         attitudes=build_empty_attitudes(),
         intervals=(Interval("whole", "", float(streams.t_s[0]), stop),),
         without_references=True,

@@ -16,6 +16,7 @@ from gyrocal.importing import units
 from gyrocal.importing.column_mapping import Mapping, parse_spec
 from gyrocal.importing.table_rows import read_numbers, read_rows, select_columns, sort_rows
 from gyrocal.importing.time_base import fit_even_times, is_uneven
+from gyrocal.recording.gyro_join import measure_all_directions
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,8 +38,8 @@ FEWEST_OVERFLOWS = 4
 
 def read_gyro_rows(
     frame: pd.DataFrame, mapping: Mapping
-) -> tuple[units.Clock, Array, tuple[str, ...], Array | None, list[str]]:
-    """Time tags, numbers, names and sample numbers of the gyro's rows, and what is said of them."""
+) -> tuple[units.Clock, Array, tuple[str, ...], Array, Array | None, list[str]]:
+    """Time tags, numbers, names, G (3, k) and sample numbers of the gyro's rows, and what is said of them."""
     names, words = parse_spec(mapping.gyro, "gyro")
     tags, unit = parse_spec(mapping.time, "time")
     said = []
@@ -53,7 +54,17 @@ def read_gyro_rows(
         raise InputError(
             f"gyro: {mapping.gyro!r} must be columns of the table and one unit; there are {', '.join(map(str, frame.columns))}"
         )
-    if mapping.gyro_by is not None and not np.isfinite(read_numbers(frame, names, "gyro")).all(axis=1).any():
+    chosen = mapping.choose_gyros(names)
+    if mapping.axes is None and mapping.G is None:
+        G = mapping.directions(len(chosen))
+    else:
+        G = mapping.directions(len(names))
+        K = np.asarray(np.linalg.pinv(G))[chosen]
+        if not measure_all_directions(K):
+            raise InputError(f"gyros: {', '.join(names[one] for one in chosen)} do not measure all three directions")
+        G = G if mapping.gyros is None else np.linalg.pinv(K)
+    names = [names[one] for one in chosen]
+    if mapping.gyro_by is not None and not (np.isfinite(read_numbers(frame, names, "gyro")).sum(axis=1) >= 3).any():
         accumulated = units.compute_gyro_factor(words[0], mapping.lsb)[1]
         frame, own = _interpolate_gyros(frame, names, tags, accumulated, mapping.wrap)
         said += own
@@ -61,11 +72,12 @@ def read_gyro_rows(
     counter = [mapping.sample_number] if mapping.sample_number is not None else []
     if counter:
         select_columns(frame, counter, "sample_number")
+    spare = 0 if counter else len(names) - 3
     clock, values, left_out = read_rows(
-        frame, [*names, *counter], "gyro", "gyro", ("time", tags, unit), mapping.gyro_by is None
+        frame, [*names, *counter], "gyro", "gyro", ("time", tags, unit), mapping.gyro_by is None, spare
     )
     number = _unwrap_sample_number(values[:, -1]) if counter else None
-    return clock, values[:, : len(names)], channels, number, said + left_out
+    return clock, values[:, : len(names)], channels, G, number, said + left_out
 
 
 def _select_rows(frame: pd.DataFrame, text: str) -> pd.DataFrame:
@@ -285,7 +297,7 @@ def _unwrap_steps(step: Array, wrap: float | None) -> tuple[Array, list[str]]:
     """Differences of an accumulated angle without the jumps at its wrap, which is guessed where it is not given."""
     said: list[str] = []
     if wrap is None:
-        typical = max(float(np.median(np.abs(step))), np.finfo(float).tiny)
+        typical = max(float(np.nanmedian(np.abs(step))), np.finfo(float).tiny)
         jumps = np.abs(step[np.abs(step) > 20 * typical])
         if jumps.size == 0:
             return step, said
@@ -304,11 +316,11 @@ def _undo_overflows(raw: Array, full_range: float | None) -> tuple[Array, list[s
     out, said = raw.copy(), []
     for k, x in enumerate(raw.T):
         size, words = (full_range, "") if full_range is not None else _find_full_range(x)
-        turns = np.round(np.diff(x) / size)
+        turns = np.nan_to_num(np.round(np.diff(x) / size))
         if not turns.any():
             continue
         level = -np.append(0.0, np.cumsum(turns))
-        level -= min(np.unique(level), key=lambda base: float(np.mean(np.square(x + size * (level - base)))))
+        level -= min(np.unique(level), key=lambda base: float(np.nanmean(np.square(x + size * (level - base)))))
         out[:, k] += size * level
         said.append(
             f"the readings of gyro {k + 1} jump {np.count_nonzero(turns)} time(s) by their full range of {size:.9g}{words} "
@@ -323,7 +335,8 @@ def _find_full_range(x: Array) -> tuple[float, str]:
     A jump less the step that a cubic through its neighbours has is the full range. Readings that are whole numbers of a count
     give it as 2^16 counts without an error.
     """
-    steps, span = np.diff(x), float(np.ptp(x))
+    x = x[np.isfinite(x)]
+    steps, span = np.diff(x), float(np.ptp(x)) if x.size else 0.0
     jump = np.abs(steps) > OVERFLOW_JUMP * span
     at = np.flatnonzero(jump)
     at = at[(at >= 2) & (at < steps.size - 2) & ~jump[np.clip(at[:, None] + [-2, -1, 1, 2], 0, jump.size - 1)].any(axis=1)]

@@ -15,6 +15,7 @@ from gyrocal.importing import units
 from gyrocal.importing.column_mapping import Mapping, convert_attitude, parse_spec
 from gyrocal.importing.gyro_samples import MOST_LOST_SHARE, build_samples, read_gyro_rows
 from gyrocal.importing.table_rows import read_rows, select_columns, sort_rows
+from gyrocal.recording.gyro_join import JoinedGyros, join_gyros
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,24 +57,26 @@ class Streams:
     Attributes
     ----------
     t_s : (n,) starts of the gyro's samples, s since the epoch
-    raw : (n, k) rates of the k gyros about their own axes, rad/s
+    raw : (n, 3) rates of three gyros about their own axes, or about those of the body by more gyros, rad/s
     sample_s : s between samples
-    channels : names of the gyros
+    G : (3, 3) of the rates as the gyros' axes are stated, ω = G ω_raw + b
     sensors : the attitudes, the first sensor's axes being the body's
     epoch, time_scale : as in a recording
     assumed : what was taken for granted, a sentence each
     temperature : (m, 2) s since the epoch, and the gyro's °C
+    gyros : more than three, whose rates are joined
     """
 
     t_s: Array
     raw: Array
     sample_s: float
-    channels: tuple[str, ...]
+    G: Array
     sensors: tuple[Sensor, ...]
     epoch: str
     time_scale: str
     assumed: tuple[str, ...]
     temperature: Array | None = None
+    gyros: JoinedGyros | None = None
 
 
 def read_csv(path: Path) -> pd.DataFrame:
@@ -121,7 +124,7 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
     """
     from gyrocal.importing.lost_references import leave_out_lost_references  # late: it loads scipy
 
-    clock_g, raw, channels, number, assumed = read_gyro_rows(gyro, mapping)
+    clock_g, raw, channels, G, number, assumed = read_gyro_rows(gyro, mapping)
     temperature = _read_temperature(gyro, mapping, int(clock_g.whole[0]))
     named, clocks, said = _read_attitudes(attitude, mapping)
     layouts = dict.fromkeys(text for table in (gyro, attitude) for text in table.attrs.get("said", ()))
@@ -149,23 +152,41 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
     if temperature is not None:
         temperature[:, 0] += clock_g.whole[0] - origin
         temperature[:, 0] = t_s[0] + mapping.time_factor * (temperature[:, 0] - t_s[0])
+    t_s, raw, G, joined = _join_gyros(t_s, raw, G, channels, mapping, said)
     for k, sensor in enumerate(sensors):
         keep, lost = leave_out_lost_references(sensor.t_s, sensor.q, t_s, raw, sample_s, f"attitude {sensor.name}".strip())
         sensors[k] = sensor.select_rows(keep)
         said += lost
     time_scale = scale or "seconds of the file"
     assumed = _put_large_losses_first([*changes, *assumed, *said], len(clock_g.whole), sum(len(c.whole) for c in clocks))
-    return Streams(t_s, raw, sample_s, channels, tuple(sensors), epoch, time_scale, tuple(assumed), temperature)
+    return Streams(t_s, raw, sample_s, G, tuple(sensors), epoch, time_scale, tuple(assumed), temperature, joined)
 
 
 def read_gyro_log(gyro: pd.DataFrame, mapping: Mapping) -> Streams:
     """The gyro's table alone, as the mapping reads it."""
-    clock, raw, channels, number, assumed = read_gyro_rows(gyro, mapping)
+    clock, raw, channels, G, number, assumed = read_gyro_rows(gyro, mapping)
     start = int(clock.whole.min()) if clock.scale else 0
     epoch = units.convert_to_date(start, clock.scale).replace(tzinfo=None).isoformat() if clock.scale else UNDATED
     t_s, raw, sample_s, changes, said = build_samples(clock.subtract(start), raw, number, mapping, gyro)
+    t_s, raw, G, joined = _join_gyros(t_s, raw, G, channels, mapping, said)
     time_scale = clock.scale or "seconds of the file"
-    return Streams(t_s, raw, sample_s, channels, (), epoch, time_scale, (*changes, *assumed, *said))
+    return Streams(t_s, raw, sample_s, G, (), epoch, time_scale, (*changes, *assumed, *said), gyros=joined)
+
+
+def _join_gyros(
+    t_s: Array, raw: Array, G: Array, names: tuple[str, ...], mapping: Mapping, said: list[str]
+) -> tuple[Array, Array, Array, JoinedGyros | None]:
+    """Starts and rates (n, 3) of the samples and their G: as they are for three gyros, else of the gyros together."""
+    if len(names) == 3:
+        return t_s, raw, G, None
+    joined = join_gyros(raw, np.linalg.pinv(G), noise=mapping.get_relative_noise(len(names)), names=names)
+    kept, whole = np.isfinite(joined.rates).all(axis=1), np.isfinite(raw).all(axis=1)
+    if not whole.all():
+        said.append(
+            f"{int((kept & ~whole).sum())} gyro row(s) in which a gyro is missing use the others; "
+            f"{int((~kept).sum())} of fewer than three with independent axes are left out"
+        )
+    return t_s[kept], joined.rates[kept], np.eye(3), joined
 
 
 def _read_temperature(frame: pd.DataFrame, mapping: Mapping, start: int) -> Array | None:

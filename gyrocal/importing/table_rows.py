@@ -17,7 +17,13 @@ Array = NDArray[np.float64]
 
 
 def read_rows(
-    frame: pd.DataFrame, names: list[str], key: str, what: str, time: tuple[str, list[str], list[str]], places: bool = True
+    frame: pd.DataFrame,
+    names: list[str],
+    key: str,
+    what: str,
+    time: tuple[str, list[str], list[str]],
+    places: bool = True,
+    spare: int = 0,
 ) -> tuple[units.Clock, Array, list[str]]:
     """Time tags and numbers of the rows that hold numbers, and what is said of the others.
 
@@ -26,9 +32,10 @@ def read_rows(
     key, what : entry of the mapping, and what is measured
     time : entry of the mapping, columns and unit
     places : whether the rows are those of the table, so that the first left out can be told
+    spare : how many of its numbers a row may lack
     """
     values = read_numbers(frame, names, key)
-    good = np.isfinite(values).all(axis=1)
+    good = np.isfinite(values).sum(axis=1) >= len(names) - spare
     if key in ("quat", "matrix"):  # zeros are no attitude; loggers write them for one that is missing
         good &= (values != 0).any(axis=1)
     if not good.any():

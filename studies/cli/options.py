@@ -37,6 +37,7 @@ GYRO_TABLE_OPTIONS = (
         "--wrap", type=float, help="Where an accumulated angle wraps, or the full range of rates that overflow; column's unit."
     ),
     click.option("--rows", metavar="COLUMN:VALUE", help="Rows of the gyro's table to read, where it holds several gyros."),
+    click.option("--gyros", metavar="NAMES", help="Gyros to use, three or more, e.g. 1,2,4; all are joined by default."),
     RATE,
     click.option("--sample-number", metavar="COLUMN", help="Column of the gyro's table that counts the samples."),
 )

@@ -4,16 +4,16 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
 import gyrocal
 from gyrocal import InputError, attitude, importing
 from gyrocal.importing import agreement, motion, noise, rests, validate_mapping
-from gyrocal.importing.build import build, estimate_mounting
+from gyrocal.importing.build import build
 from gyrocal.importing.sensors import join_sensors
 from gyrocal.importing.streams import Sensor, Streams, read_streams
-from gyrocal.recording.gyros import compute_nominal_gyros, compute_parity_basis
 from studies.validation import mems_log
 from tests.builders import piecewise_recording
 from tests.gyrocal.importing.mems import CORRECT_MAPPING, WRONG_MAPPINGS, find_refusal, is_mapping_named
@@ -158,43 +158,85 @@ def test_two_sensors_are_one_body():
     assert nees.mean() == pytest.approx(3.0, abs=4 * np.sqrt(6 / t.size))
 
 
-def four(mirror=1.0, rng=None, walk=0.0):
-    """Streams of a tetrahedron of gyros, turned against the body, and the body's attitudes."""
+FOUR = CORRECT_MAPPING | {
+    "gyro": "a,b,c,d:rad/s",
+    "time": "t:s",
+    "attitude_time": "t:s",
+    "quat": "x,y,z,w:body-to-inertial",
+    "axes": "tetrahedron",
+    "mounting": "estimate",
+    "sigma_deg": [1e-4] * 3,
+    "bias_deg_s": [0.0] * 3,
+}
+
+
+def import_four(mirror=1.0, walk=0.0, damage=None, **entries):
+    """The import of a tetrahedron of gyros, turned against the body, and the body's rates."""
     t, omega, body = turning()
     axes = np.array(importing.column_mapping.TETRAHEDRON) * [1.0, 1.0, mirror]
-    own = MOUNTING.inv().apply(omega)
-    noise_of = 0.0 if rng is None else rng.normal(size=(t.size, 4)) * walk / np.sqrt(0.1)
-    sensor = Sensor("", t, body.as_quat())
-    return Streams(t, own @ axes.T + noise_of, 0.1, tuple("1234"), (sensor,), "", "s", ()), omega
+    raw = MOUNTING.inv().apply(omega) @ axes.T
+    raw += np.random.default_rng(2).normal(size=raw.shape) * walk / np.sqrt(0.1)
+    gyro = pd.DataFrame({"t": t} | dict(zip("abcd", raw.T, strict=True)))
+    if damage is not None:
+        damage(gyro)
+    attitudes = pd.DataFrame({"t": t} | dict(zip("xyzw", body.as_quat().T, strict=True)))
+    mapping = validate_mapping(FOUR | entries, "x")
+    return build(read_streams(gyro, attitudes, mapping), mapping), omega
 
 
 @pytest.mark.parametrize("mirror", [1.0, -1.0])
-def test_the_mounting_of_a_tetrahedron_is_estimated(mirror):
-    made, omega = four(mirror)
-    G = validate_mapping(CORRECT_MAPPING | {"axes": "tetrahedron"}, "x").directions(4)
-    (sensor,) = made.sensors
-    windows = motion.build_motion(made.t_s, made.raw @ G.T, 0.1, sensor.t_s, sensor.q)
-    C = estimate_mounting(windows, mirrored=True)
-    assert np.sign(np.linalg.det(C)) == mirror
-    np.testing.assert_allclose(made.raw @ (C @ G).T, omega, atol=2e-3 * np.abs(omega).max())
-    assert np.linalg.det(estimate_mounting(windows, mirrored=False)) > 0
+def test_four_gyros_are_joined_in_a_mounting_that_is_estimated(mirror):
+    found, omega = import_four(mirror, arw_deg_per_sqrt_s=1e-5)
+    gyro = found.recording.gyro
+    assert np.sign(np.linalg.det(gyro.apriori_G)) == mirror
+    np.testing.assert_allclose(gyro.rates @ gyro.apriori_G.T, omega, atol=2e-3 * np.abs(omega).max())
+    np.testing.assert_allclose(gyro.arw_deg_per_sqrt_s, np.sqrt(0.75) * 1e-5)
 
 
-def test_four_gyros_stay_four_and_their_parity_has_their_noise():
+def test_the_parity_of_joined_gyros_has_their_noise_and_shows_the_one_that_fails():
     walk = np.deg2rad(1e-5)
-    made, _ = four(rng=np.random.default_rng(2), walk=walk)
-    entries = {"axes": "tetrahedron", "mounting": "estimate", "sigma_deg": [1e-4] * 3, "bias_deg_s": [0.0] * 3}
-    found = build(made, validate_mapping(CORRECT_MAPPING | entries, "x")).recording
-    assert found.gyro.names == tuple("1234")
-    assert found.gyro.rates is made.raw
-    assert found.gyro.arw == pytest.approx(walk, rel=0.1)
-    V = compute_parity_basis(compute_nominal_gyros(found.gyro)[0], np.arange(4))
-    np.testing.assert_allclose(np.abs(V), 0.5)
-    assert (made.raw @ V).std() == pytest.approx(walk / np.sqrt(0.1), rel=0.06)
-    assert found.tables == {}
-    named = build(replace(made, channels=("a", "b", "c", "d")), validate_mapping(CORRECT_MAPPING | entries, "x"))
-    assert named.recording.gyro.names == tuple("1234")
-    assert "the gyros a, b, c, d are named 1, 2, 3, 4" in named.assumed
+    found, _ = import_four(walk=walk)
+    assert found.recording.gyro.arw == pytest.approx(np.sqrt(0.75) * walk, rel=0.1)
+    assert sum("differs from what the others say" in text for text in found.assumed) == 4
+    assert found.warnings == ()
+
+    def step(gyro):
+        gyro.loc[1500:, "c"] += 1e-3
+
+    stepped, _ = import_four(walk=walk, damage=step, unchecked=True)
+    assert any("the gyros do not agree" in text and "--gyros" in text for text in stepped.warnings)
+    without, _ = import_four(walk=walk, damage=step, gyros="1,b,4")
+    assert without.warnings == ()
+    three, four = (one.recording.gyro for one in (without, found))
+    np.testing.assert_allclose(three.rates @ three.apriori_G.T, four.rates @ four.apriori_G.T, atol=1e-4)
+
+
+def test_rows_without_a_gyro_use_the_others():
+    def lose(gyro):
+        gyro.loc[100:200, "a"] = np.nan
+        gyro.loc[150, "b"] = np.nan
+
+    found, omega = import_four(damage=lose, arw_deg_per_sqrt_s=1e-5)
+    assert any("101 gyro row(s) in which a gyro is missing use the others" in text for text in found.assumed)
+    gyro = found.recording.gyro
+    np.testing.assert_allclose(gyro.rates @ gyro.apriori_G.T, omega, atol=2e-3 * np.abs(omega).max())
+
+
+@pytest.mark.parametrize(
+    ("entries", "words"),
+    [
+        ({"gyros": "a,b"}, "three or more different ones are needed, not a,b"),
+        ({"gyros": "a,b,5"}, "no gyro 5; there are a, b, c, d, or 1 to 4"),
+        (
+            {"axes": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "gyros": "1,2,3"},
+            "do not measure all",
+        ),
+        ({"arw_deg_per_sqrt_s": [1e-5] * 3}, "3 numbers, but 4 gyros"),
+    ],
+)
+def test_gyros_that_cannot_be_joined_are_refused(entries, words):
+    with pytest.raises(InputError, match=words):
+        import_four(**entries)
 
 
 def trackers(rng, sigma, dropped=(100.0, 130.0)):
@@ -204,7 +246,7 @@ def trackers(rng, sigma, dropped=(100.0, 130.0)):
     seen = (t < dropped[0]) | (t > dropped[1])
     first = Sensor("one", t, (body * errors[0]).as_quat())
     second = Sensor("two", t[seen] + 0.02, (body * Rotation.from_rotvec(0.02 * omega) * MOUNTING * errors[1])[seen].as_quat())
-    return Streams(t, omega + 1e-7 * rng.normal(size=omega.shape), 0.1, tuple("xyz"), (first, second), "", "s", ()), t
+    return Streams(t, omega + 1e-7 * rng.normal(size=omega.shape), 0.1, np.eye(3), (first, second), "", "s", ()), t
 
 
 def test_two_trackers_stay_two_with_their_own_noise_and_mounting():

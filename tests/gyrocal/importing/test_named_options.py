@@ -15,6 +15,7 @@ OWN_COMMANDS = {
     "ck": ("import ck",),
     "column_mapping": TABLES,
     "gyro_log": ("allan",),
+    "gyro_join": TABLES,
     "gyro_samples": (*TABLES, "allan"),  # euroc and bag hand over the columns of the rates alone, see below
     "units": TABLES,  # of the unit of a column, or of counts
     "rosbag": ("import bag",),

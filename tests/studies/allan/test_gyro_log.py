@@ -59,5 +59,5 @@ def test_a_recording_without_references_shows_its_noise_and_is_not_calibrated(lo
 
 
 def test_two_gyros_are_refused(log):
-    with pytest.raises(InputError, match="three columns are needed without attitudes"):
+    with pytest.raises(InputError, match="2 columns; with other than three give the gyros' axes"):
         import_gyro_log(log, {"time": "ms:ms", "gyro": "gx,gy:deg/s"})

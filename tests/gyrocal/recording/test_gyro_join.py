@@ -1,0 +1,116 @@
+"""Several gyros joined to three rates: their noise, their parity, and what they refuse."""
+
+import numpy as np
+import pytest
+
+from gyrocal import InputError, Recording, calibrate
+from gyrocal.importing import join_gyros
+from gyrocal.importing.column_mapping import TETRAHEDRON
+from tests.builders import TRUTH, piecewise_recording
+
+GOLDEN = (1 + np.sqrt(5)) / 2
+SIX = np.array([[1, GOLDEN, 0], [-1, GOLDEN, 0], [0, 1, GOLDEN], [0, -1, GOLDEN], [GOLDEN, 0, 1], [GOLDEN, 0, -1]])
+AXES = {4: np.array(TETRAHEDRON), 6: SIX / np.sqrt(1 + GOLDEN**2)}
+NOISE = 1e-5
+
+
+def draw(axes, noise=NOISE, rows=4000, seed=1):
+    """Rates of a body, and the readings of gyros."""
+    rng = np.random.default_rng(seed)
+    rates = 1e-2 * rng.standard_normal((rows, 3))
+    return rates, rates @ axes.T + noise * rng.standard_normal((rows, len(axes)))
+
+
+@pytest.mark.parametrize("count", [4, 6])
+def test_joined_rates_are_true_within_the_stated_noise(count):
+    rates, raw = draw(AXES[count])
+    joined = join_gyros(raw, AXES[count])
+    assert joined.gain == pytest.approx(np.sqrt(3 / count))
+    assert (joined.rates - rates).std() == pytest.approx(NOISE * joined.gain, rel=0.03)
+    np.testing.assert_allclose(joined.residuals.std(axis=0), NOISE * joined.spread, rtol=0.05)
+    assert joined.find_disagreement(NOISE) == ""
+    assert len(joined.describe(NOISE)) == count + 1
+
+
+def test_a_residual_is_the_reading_less_what_the_others_say():
+    _, raw = draw(AXES[6])
+    own = AXES[6][2] @ join_gyros(np.delete(raw, 2, axis=1), np.delete(AXES[6], 2, axis=0)).rates.T
+    np.testing.assert_allclose(join_gyros(raw, AXES[6]).residuals[:, 2], raw[:, 2] - own, atol=1e-15)
+
+
+def test_noisier_gyros_weigh_less():
+    noise = NOISE * np.array([1, 1, 1, 5, 1, 20])
+    rates, raw = draw(AXES[6], noise)
+    joined = join_gyros(raw, AXES[6], noise=noise)
+    error = (joined.rates - rates).std()
+    assert error == pytest.approx(joined.gain, rel=0.03)
+    assert error < 0.5 * (join_gyros(raw, AXES[6]).rates - rates).std()
+    np.testing.assert_allclose(joined.residuals.std(axis=0), joined.spread, rtol=0.05)
+
+
+def test_parity_finds_the_gyro_that_is_biased_where_it_can():
+    _, raw = draw(AXES[6])
+    joined = join_gyros(raw + 10 * NOISE * np.eye(6)[4], AXES[6], names="abcdef")
+    assert joined.residuals[:, 4].mean() == pytest.approx(10 * NOISE, rel=0.05)
+    assert "gyro e does not agree with the others" in joined.find_disagreement(NOISE)
+    assert joined.find_disagreement(NOISE).endswith("--gyros a,b,c,d,f")
+    _, raw = draw(AXES[4])
+    raw[:, 2] = 1.001 * raw[:, 2] + 10 * NOISE  # which a calibration finds, of joined rates as well
+    assert join_gyros(raw, AXES[4]).find_disagreement(NOISE) == ""
+    raw[2000:, 2] += 20 * NOISE
+    assert "the gyros do not agree" in join_gyros(raw, AXES[4]).find_disagreement(NOISE)
+
+
+def test_a_row_without_a_gyro_uses_the_others():
+    rates, raw = draw(AXES[4])
+    raw[10:20, 0] = np.nan
+    raw[30, :2] = np.nan
+    joined = join_gyros(raw, AXES[4])
+    assert np.flatnonzero(~np.isfinite(joined.rates).all(axis=1)).tolist() == [30]
+    assert np.nanmax(np.abs(joined.rates - rates)) < 8 * NOISE
+    assert np.isnan(joined.residuals[10:20]).all()
+    lonely = join_gyros(np.ones((5, 4)), [[1, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    assert np.isfinite(lonely.residuals).any(axis=0).tolist() == [True, True, False, False]
+    assert "gyro 3: the others do not tell" in lonely.describe(NOISE)[3]
+
+
+@pytest.mark.parametrize(
+    ("raw", "axes", "noise", "words"),
+    [
+        (np.ones((5, 4)), np.eye(3), None, "an axis of three numbers"),
+        (np.ones((5, 3)), np.ones((3, 3)), None, "no row has three gyros"),
+        (np.ones((5, 3)), np.eye(3), [1, 0, 1], "3 positive numbers"),
+    ],
+)
+def test_what_cannot_be_joined_is_refused(raw, axes, noise, words):
+    with pytest.raises(InputError, match=words):
+        join_gyros(raw, axes, noise=noise)
+
+
+def test_the_calibration_of_joined_gyros_is_consistent():
+    """NEES of twelve parameters, whose truth are those of the least squares of gyros with errors of their own."""
+    axes, cases, arw = AXES[4], 40, 2e-6
+    rng = np.random.default_rng(8)
+    nees = []
+    for _ in range(cases):
+        made = piecewise_recording(rng=rng, arw=0.0)
+        K = axes + 1e-3 * rng.standard_normal((4, 3))
+        c = 1e-6 * rng.standard_normal(4)
+        rates = made.gyro.rates @ TRUTH.G.T + TRUTH.bias
+        raw = rates @ K.T + c + arw / np.sqrt(made.gyro.sample_s) * rng.standard_normal((len(rates), 4))
+        joined = join_gyros(raw, axes)
+        references = made.attitudes
+        recording = Recording.from_arrays(
+            made.gyro.t_s,
+            joined.rates,
+            references.t_s,
+            references.quaternions,
+            sigma=references.sigma,
+            arw=arw * joined.gain,
+            intervals=made.intervals,
+        )
+        result = calibrate(recording)
+        G = np.linalg.inv(np.linalg.pinv(axes) @ K)
+        error = result.parameters.vector - np.concatenate([G.ravel(), -G @ np.linalg.pinv(axes) @ c])
+        nees.append(error @ np.linalg.solve(result.covariance, error))
+    assert np.mean(nees) == pytest.approx(12, abs=4 * np.sqrt(24 / cases))
