@@ -210,7 +210,8 @@ def describe_first_word(column: pd.Series) -> str:
     """The first entry of a column that is no number, with its row."""
     import pandas as pd
 
-    words = column[pd.to_numeric(column, errors="coerce").isna() & column.notna()]
+    values = pd.to_numeric(column.astype(str), errors="coerce")  # as text: an integer of 400 digits is no float
+    words = column[~np.isfinite(values) & column.notna()]
     return f"{str(words.iloc[0])!r} in row {words.index[0]}" if len(words) else str(column.dtype)
 
 

@@ -1,5 +1,6 @@
 """Small simulated recordings, each made and prepared once."""
 
+from dataclasses import replace
 from functools import lru_cache
 from itertools import accumulate
 
@@ -9,12 +10,24 @@ from scipy.spatial.transform import Rotation
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.folds import build_shared_columns, reverse_whitening
 from diagnosis.model.prepare import prepare
+from diagnosis.settings import DiagnosisSettings
+from gyrocal import Orbit
 from gyrocal.recording import Recording
 from simulator import scenario
 from simulator.effects import EFFECTS, parse
 from simulator.simulate import simulate
+from tests.builders import piecewise_recording
 
+QUICK = DiagnosisSettings(null_draws=20)  # where only the kind of an answer matters
+AXES = np.vstack([np.eye(3), -np.eye(3), np.ones((1, 3)) / np.sqrt(3)])
 NOISE = {"gyro.arw_deg_per_sqrt_s": 1.5e-4, "reference.sigma_deg": (0.005, 0.005, 0.008)}
+
+
+def slews(seed=1):
+    """Seven slews of 90 deg, about each axis and the diagonal, with rests."""
+    turns = tuple(((np.zeros(3), 20.0), (np.deg2rad(1.5) * axis, 60.0), (np.zeros(3), 20.0)) for axis in AXES)
+    noise = {"sigma_deg": 0.01, "arw": np.deg2rad(2e-4), "rng": np.random.default_rng(seed)}
+    return replace(piecewise_recording(turns, 0.5, series_s=5.0, gap_s=50.0, **noise), orbit=Orbit(500.0, 350.0, 35.0))
 
 
 @lru_cache

@@ -10,7 +10,7 @@ from diagnosis.diagnose import diagnose
 from diagnosis.identifiable import explain_blindness
 from diagnosis.settings import DEFAULT
 from studies.report.diagnosis_words import describe_verdict
-from tests.corpus_recordings import QUICK, slews
+from tests.diagnosis.recordings import QUICK, slews
 
 
 def turned(recording, offset_deg):

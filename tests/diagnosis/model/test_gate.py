@@ -18,8 +18,7 @@ from diagnosis.model.prepare import prepare
 from gyrocal import InputError, calibrate
 from gyrocal.calibration.gate import LargeResidualError
 from simulator.effects import EFFECTS
-from tests.corpus_recordings import slews
-from tests.diagnosis.recordings import of_rates
+from tests.diagnosis.recordings import of_rates, slews
 
 
 @lru_cache

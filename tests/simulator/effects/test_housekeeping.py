@@ -11,6 +11,7 @@ from diagnosis.diagnose import diagnose
 from gyrocal import InputError
 from simulator.effects import EFFECTS, extract_stream, extract_surroundings, parse
 from simulator.effects.housekeeping_columns import STANDARD_GRAVITY
+from simulator.effects.recording_view import interpolate_housekeeping
 from tests.simulator.effects.test_clock import agile, sparse
 from tests.simulator.effects.test_effects import ACCELERATIONS, PLAIN
 
@@ -35,6 +36,17 @@ def test_without_its_column_it_is_no_candidate(name):
 def test_an_acceleration_that_is_missing_is_one_clear_line():
     with pytest.raises(InputError, match="acceleration_x_m_s2"):
         EFFECTS["acceleration_sensitivity"].columns(extract_stream(PLAIN, np.eye(3), np.zeros(3)), "x", {"toward": "x"})
+
+
+@pytest.mark.parametrize("filler", [1e300, np.inf, np.nan])
+def test_housekeeping_is_read_in_order_of_time_and_without_fillers(filler):
+    t_s = np.arange(1000.0, -1.0, -10.0)
+    table = pd.DataFrame(
+        {"t_s": t_s, "gyro_temperature_c": np.where(t_s == 500.0, filler, 20.0 + 0.01 * t_s), "mode": "nominal"}
+    )
+    found = interpolate_housekeeping(replace(PLAIN, tables={"housekeeping": table}), np.array([100.0, 503.0]))
+    assert found.keys() == {"gyro_temperature_c"}
+    np.testing.assert_allclose(found["gyro_temperature_c"], [21.0, 25.03])
 
 
 def warmed(size):

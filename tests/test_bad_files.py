@@ -1,0 +1,251 @@
+"""Bad files end in an answer or in one line: no traceback, and no wrong calibration that its report does not doubt."""
+
+import json
+import re
+import shutil
+import tempfile
+import warnings
+from contextlib import chdir
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from simulator import scenario
+from studies.cli.main import main
+
+SIGMAS = 6.0
+DOUBTS = ("do not trust the sigmas", "smaller than the stated noise", "Not determined by the data", "No degrees of freedom")
+COARSE = ("--set", "gyro.sample_s=5.0")
+CALIBRATE = ("calibrate", "REC", "--json", "result.json")
+COMMANDS = {  # by the file that is bad
+    "mine.toml": ("simulate", "mine.toml", "OUT", *COARSE),
+    "good.json": ("predict", "REC", "--from", "1000", "--calibration", "good.json"),
+    "truth.json": ("calibrate", "REC", "--truth", "truth.json"),
+}
+WHOLE = (
+    *(b"", bytes(range(256)), "format = 1".encode("utf-16"), b'title = "a', b"a = " + b"[" * 5000, b"a = " + b"{a = " * 2000),
+    *(b"a = " + b"1" * 5000, b"a = 1\na = 1\n", b"a = 1\n\x00\n", b'{"a": 1}', b'base = "mine.toml"', b"[" * 100_000),
+)
+TOML = (
+    *('"a word"', '""', "[]", "{ a = 1 }", "true", "nan", "inf", "-1.0", "0.0", "1e308", "1e-308", "9" * 400, "1979-05-27"),
+    *('"\\u001b[31mred"', "1.0\nunknown = 4", "[[1.0, 2.0], [3.0]]", "[0.0, 0.0, 0.0]", ""),
+)
+JSON = (
+    *('"a"', '["a", "b", "c"]', "[[1, 0], [0]]", "[]", "{}", "null", "NaN", "Infinity", "1e999", "-1.0", "0.0", "true"),
+    *("9" * 10_000, "[" * 5_000 + "]" * 5_000, ""),
+)
+COLUMNS = [("gyro", "t_s"), ("gyro", "rate_x_deg_s"), *(("attitude", name) for name in ("t_s", "q1", "q4", "sigma_x_deg"))]
+NUMBERS = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-308, 0.0, -1.0, 1e12)
+PLACES = (slice(0, 1), slice(40, 41), slice(-1, None), slice(None))
+KINDS = (
+    *(lambda one: one.astype(str), lambda one: one > 0, lambda one: one.round().astype("int64"), lambda one: [None] * len(one)),
+    *(lambda one: one.astype("float32"), lambda one: pd.to_datetime(one.abs(), unit="s"), lambda one: one.astype("category")),
+    lambda one: [[value] for value in one],
+)
+TABLES = {
+    **{f"{count} rows": lambda table, count=count: table.iloc[:count] for count in range(4)},
+    "reversed": lambda table: table.iloc[::-1],
+    "doubled": lambda table: pd.concat([table, table]),
+    "one twice": lambda table: table.iloc[[*range(5), 4, *range(5, len(table))]],
+    "unix time": lambda table: table.assign(t_s=table["t_s"] + 1.7e9),
+    "milliseconds": lambda table: table.assign(t_s=1e3 * table["t_s"]),
+    "one column": lambda table: table.assign(**dict.fromkeys(table.columns[1:], table.iloc[:, 1])),
+    "no columns": lambda table: table[[]],
+    "numbered": lambda table: table.set_axis(range(table.shape[1]), axis=1),
+    "radians": lambda table: table.rename(columns=lambda name: name.replace("_deg", "_rad")),
+}
+CSV = {
+    "decimal commas": lambda text: text.replace(".", ","),
+    "semicolons": lambda text: text.replace(",", ";").replace(".", ","),
+    "comment": lambda text: "# made by hand\n" + text,
+    "open quote": lambda text: text.replace("\n", '\n"', 5).replace('\n"', "\n", 4),
+    "byte order mark": lambda text: "\ufeff" + text,
+    "carriage returns": lambda text: text.replace("\n", "\r"),
+    "no header": lambda text: text.partition("\n")[2],
+    "empty": lambda text: "",
+    "units": lambda text: text.replace("\n", "\ns" + ",deg" * text.partition("\n")[0].count(",") + "\n", 1),
+    "commas at the end": lambda text: text.replace("\n", ",\n").replace(",\n", "\n", 1),
+    "a field more": lambda text: text.replace("\n", ",7\n").replace(",7\n", "\n", 1),
+    "a long field": lambda text: text.replace("\n", "\n" + "9" * 200_000, 5),
+    "escape": lambda text: text.replace("t_s", "\x1b[31mt_s", 1),
+}
+FILES = {
+    "missing": Path.unlink,
+    "a folder": lambda path: (path.unlink(), path.mkdir()),
+    "a link to nothing": lambda path: (path.unlink(), path.symlink_to("nothing")),
+    "CSV": lambda path: path.write_text("t_s,rate_x_deg_s\n0,0\n"),
+}
+HEADER, NAMES = "REC/recording.toml", ("gyro", "attitude")
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory):
+    """A small recording, its truth, its calibration and a table of another program, in a folder."""
+    folder = tmp_path_factory.mktemp("good")
+    turn = np.deg2rad(np.arange(20.0)) / 2  # about z at one deg/s
+    rows = [f"{k},0,0,1,0,0,{np.sin(half)},{np.cos(half)}" for k, half in enumerate(turn)]
+    (folder / "a.csv").write_text("\n".join(["t,gx,gy,gz,q1,q2,q3,q4", *rows, ""]))
+    (folder / "mine.toml").write_text(scenario.read_text("trmm"))
+    with chdir(folder):
+        options = (*COARSE, "--set", "reference.every_s=300.0", "--seed", "1", "--truth", "truth.json")
+        for words in (("simulate", "trmm_series", "REC", *options), ("calibrate", "REC", "--json", "good.json")):
+            assert CliRunner().invoke(main, words).exit_code == 0
+    return folder
+
+
+def ends_well(good, arguments, damage=lambda folder: None, said=""):
+    """Run a command on a copy to which something was done; True if it was answered, and not refused."""
+    with tempfile.TemporaryDirectory() as name, chdir(name), warnings.catch_warnings():
+        warnings.simplefilter("default")
+        shutil.copytree(good, name, dirs_exist_ok=True)
+        damage(Path(name))
+        result = CliRunner().invoke(main, arguments)
+        assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+        if result.exit_code:
+            assert result.exit_code == 2
+            assert re.fullmatch(rf"gyrocal[^:\n]*: [^\n\x1b]*{said}[^\n\x1b]*\n", result.stderr), result.stderr
+            return False
+        if arguments == CALIBRATE and not any(doubt in result.stdout for doubt in DOUBTS):
+            found, truth = (json.loads(Path(file).read_text()) for file in ("result.json", "truth.json"))
+            error = np.array([*np.ravel(found["G"]), *found["bias_deg_s"]]) - [*np.ravel(truth["G"]), *truth["bias_deg_s"]]
+            assert (np.abs(error) <= SIGMAS * np.array([row["sigma"] for row in found["estimates"]])).all()
+        return True
+
+
+def edit(name, change):
+    """Change a table of the recording."""
+
+    def damage(folder):
+        path = folder / "REC" / f"{name}.parquet"
+        change(pd.read_parquet(path)).to_parquet(path, index=False)
+
+    return damage
+
+
+def put(name, column, place, number):
+    def change(table):
+        table.iloc[place, table.columns.get_loc(column)] = number
+        return table
+
+    return edit(name, change)
+
+
+def write_csv(name, change):
+    def damage(folder):
+        path = folder / "REC" / f"{name}.parquet"
+        path.with_suffix(".csv").write_text(change(pd.read_parquet(path).to_csv(index=False)), newline="")
+        path.unlink()
+
+    return damage
+
+
+def replace_value(file, share, value, separator):
+    """Replace the value behind a ``=`` or ``:`` in one line of a file."""
+
+    def damage(folder):
+        lines = (folder / file).read_text().splitlines()
+        places = [number for number, line in enumerate(lines) if separator in line]
+        place = places[int(share * len(places))]
+        key, _, old = lines[place].partition(separator)
+        lines[place] = f"{key}{separator} {value}{',' if old.endswith(',') else ''}" if value else ""
+        (folder / file).write_text("\n".join(lines))
+
+    return damage
+
+
+def values(file):
+    separator, words = ("=", TOML) if file.endswith(".toml") else (":", JSON)
+    return st.builds(lambda share, word: replace_value(file, share, word, separator), SHARES, st.sampled_from(words))
+
+
+def contents(file):
+    return st.sampled_from(WHOLE).map(lambda data: lambda folder: (folder / file).write_bytes(data))
+
+
+SHARES = st.floats(0, 1, exclude_max=True)
+NUMBERS_PUT = st.builds(lambda column, *given: put(*column, *given), *map(st.sampled_from, (COLUMNS, PLACES, NUMBERS)))
+KINDS_PUT = st.builds(
+    lambda column, kind: edit(column[0], lambda table: table.assign(**{column[1]: kind(table[column[1]])})),
+    *map(st.sampled_from, (COLUMNS, KINDS)),
+)
+
+
+@settings(max_examples=60)
+@given(st.one_of(NUMBERS_PUT, KINDS_PUT, values(HEADER), contents(HEADER)))
+def test_a_recording_with_a_bad_value(good, damage):
+    ends_well(good, CALIBRATE, damage)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("kind", [*TABLES, *CSV, *FILES])
+def test_a_recording_with_a_bad_table(good, name, kind):
+    if kind in TABLES:
+        ends_well(good, CALIBRATE, edit(name, TABLES[kind]))
+    elif kind in CSV:
+        ends_well(good, CALIBRATE, write_csv(name, CSV[kind]))
+    else:
+        assert not ends_well(good, CALIBRATE, lambda folder: FILES[kind](folder / f"REC/{name}.parquet"))
+
+
+@pytest.mark.parametrize(("file", "command"), COMMANDS.items())
+@settings(max_examples=30)
+@given(st.data())
+def test_a_bad_scenario_calibration_or_truth(good, file, command, data):
+    ends_well(good, command, data.draw(st.one_of(values(file), contents(file))))
+
+
+IMPORT = {"--time": "t:s", "--gyro": "gx,gy,gz:deg/s", "--quat": "q1,q2,q3,q4:body-to-inertial:scalar-last"}
+WORDS = (
+    *(("--time", word) for word in ("", "t", "t:", ":s", "t:fortnights", "x:s", "t:s:s", "\x1b:s")),
+    *(("--gyro", word) for word in ("", "gx", "gx,gy,gz", "gx,gy,gz:furlongs", "gx,gx,gx:deg/s", "#90,#91,#92:deg/s")),
+    *(("--quat", word) for word in ("q1", "q1,q2,q3,q4", "q1,q2,q3,q4:sideways", "a,b,c,d:body-to-inertial")),
+    *(("--lsb", word) for word in ("", "x", "0 deg/s", "nan deg/s", "-1 deg/s")),
+    *((flag, word) for flag in ("--wrap", "--interval", "--spacing", "--attitude-offset") for word in ("nan", "1e308", "-1")),
+)
+CELLS = ("", "a", "inf", "1e300", "0", "-1", "1,2", '"', "\x00", "9" * 400)
+
+
+@settings(max_examples=60)
+@given(st.sampled_from([*WORDS, *[("--time", "t:s")] * 20]), SHARES, st.integers(0, 7), st.sampled_from(CELLS), st.booleans())
+def test_a_bad_import(good, word, share, column, cell, everywhere):
+    def damage(folder):
+        header, *rows = (folder / "a.csv").read_text().splitlines()
+        for place in range(len(rows)) if everywhere else [int(share * len(rows))]:
+            cells = rows[place].split(",")
+            rows[place] = ",".join([*cells[:column], cell, *cells[column + 1 :]])
+        (folder / "a.csv").write_text("\n".join([header, *rows]))
+
+    options = [f"{key}={text}" for key, text in (IMPORT | dict([word])).items()]
+    ends_well(good, ("import", "csv", "a.csv", "OUT", *options), damage)
+
+
+REFUSED = {
+    "no gyro sample covers its first reference attitude": edit("gyro", lambda table: table.assign(t_s=table["t_s"] + 1e9)),
+    "no gyro samples between": edit("gyro", lambda table: table.iloc[:1]),
+    "all rates are zero": edit("gyro", lambda table: table * [1, 0, 0, 0]),
+    "too large to linearise": put("gyro", "rate_y_deg_s", slice(None), 0.0),
+    "row 50: not a finite number": put("gyro", "rate_x_deg_s", 50, np.nan),
+    "sigma in row 50 is not within": put("attitude", "sigma_y_deg", 50, 1e-310),
+    "orbit.period_s": lambda folder: substitute(folder / HEADER, r"(?<=period_s = ).*", "1e300"),
+}
+
+
+def substitute(path, old, new):
+    path.write_text(re.sub(old, new, path.read_text()))
+
+
+@pytest.mark.parametrize("text", REFUSED)
+def test_a_diagnosis_refuses_what_it_cannot_use(good, text):
+    assert not ends_well(good, ("diagnose", "REC"), REFUSED[text], text)
+
+
+def test_what_is_good_is_answered_and_a_silent_error_is_seen(good):
+    for words in (CALIBRATE, *COMMANDS.values()):
+        assert ends_well(good, words)
+    with pytest.raises(AssertionError):
+        ends_well(good, CALIBRATE, lambda folder: substitute(folder / "truth.json", r"1\.000443", "1.01"))
