@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 import gyrocal
 import simulator
 from gyrocal import importing
-from studies.validation import imports, mems_log
+from studies.validation import mems_log
 from tests import ROOT
+from tests.gyrocal.importing.mems import CORRECT_MAPPING
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +28,7 @@ def folder(tmp_path_factory):
     return out
 
 
-OPTIONS = [word for key, value in imports.CORRECT_MAPPING.items() for word in (f"--{key}", value)]
+OPTIONS = [word for key, value in CORRECT_MAPPING.items() for word in (f"--{key}", value)]
 
 
 def test_two_tables_one_table_and_a_mapping_file_are_the_same(run_cli, folder):
@@ -35,7 +36,7 @@ def test_two_tables_one_table_and_a_mapping_file_are_the_same(run_cli, folder):
     first = run_cli("import", "csv", *files, str(folder / "a"), *OPTIONS)
     assert first.exit_code == 0, first.stderr
     assert "2 rest(s) found" in first.stdout
-    (folder / "mine.toml").write_text("\n".join(f'{key} = "{value}"' for key, value in imports.CORRECT_MAPPING.items()))
+    (folder / "mine.toml").write_text("\n".join(f'{key} = "{value}"' for key, value in CORRECT_MAPPING.items()))
     second = run_cli("import", "csv", str(folder / "both.csv"), str(folder / "b"), "--mapping", str(folder / "mine.toml"))
     assert second.exit_code == 0, second.stderr
     a, b = gyrocal.load(folder / "a"), gyrocal.load(folder / "b")
