@@ -33,7 +33,7 @@ from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.errors import InputError
 from gyrocal.recording import Interval, Recording, find_reference_rows
 
-__all__ = ["PreparedRecording", "Progress", "check_usable", "find_unclipped_pieces", "prepare"]
+__all__ = ["PreparedRecording", "Progress", "find_unclipped_pieces", "prepare"]
 
 Array = NDArray[np.float64]
 
@@ -79,12 +79,6 @@ def prepare(
     dead = _find_dead_zones(recording, report, model.bias)
     found = classify_lines_and_noise(UnclassifiedRecording(recording, report, model, sigma, pieces, dead), settings, tell)
     return replace(found, notes=(*report_noise_levels(found), *_write_notes(recording, pieces, found.sigma)))
-
-
-def check_usable(recording: Recording, settings: DiagnosisSettings = DEFAULT) -> None:
-    """Raise an `InputError` where `prepare` would, without its tests of lines and noise, which take most of its time."""
-    _check_samples(recording)
-    _choose_lattice_reading(recording, settings, lambda text, share: None)
 
 
 def _check_samples(recording: Recording) -> None:
