@@ -6,7 +6,6 @@ from itertools import pairwise
 import numpy as np
 import scipy.special
 
-from gyrocal.deprecation import build_getattr
 from gyrocal.errors import InputError
 from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array
@@ -232,6 +231,3 @@ def recursion(decay: Array, drive: Array) -> Array:
         value = decay[k] * value + drive[k]
         out[k] = value
     return out
-
-
-__getattr__ = build_getattr(__name__, {"on_axis": "put_on_axis", "from_phase_amplitudes": "convert_phase_amplitudes"})

@@ -36,7 +36,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gyrocal.deprecation import build_getattr
 from gyrocal.jit_cache import compile_cached
 from simulator.arrays import Array
 from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, compute_lvlh_attitude
@@ -121,6 +120,3 @@ def compute_penetrations(A: Array, position: Array, a: float, c: float, nominal:
         for i in range(QUADRANTS):
             out[k, i] = compute_penetration(A[k], position[k], i, a, c, nominal)
     return out
-
-
-__getattr__ = build_getattr(__name__, {"orbit_position": "compute_orbit_position"})

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gyrocal.deprecation import build_getattr
 from simulator.arrays import Array
 
 MU = 3.986004418e14  # m³/s², WGS 84
@@ -83,6 +82,3 @@ def compute_lvlh_rate(orbit: CircularOrbit, t: Array) -> Array:
         across = orbit.nodal_rate * np.sin(orbit.inclination)
         out[..., 0], out[..., 2] = across * np.cos(u), -across * np.sin(u)
     return out
-
-
-__getattr__ = build_getattr(__name__, {"lvlh_attitude": "compute_lvlh_attitude"})

@@ -6,7 +6,6 @@ the errors; the sum over n cases is χ² with np. Coverage counts |e| ≤ kσ; i
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,7 +16,6 @@ Array = NDArray[np.float64]
 
 SIGMA_LEVELS = {"68": 0.682689492137, "95": 0.954499736104, "99.7": 0.997300203937}  # 1, 2 and 3 sigma of a Gaussian
 CONSISTENT, OVER_CONFIDENT, UNDER_CONFIDENT = "consistent", "over-confident", "under-confident"
-LINE_CONFIDENCE = 0.999  # of each line of a table: a dozen lines with consistent covariances pass together with 99 %
 
 
 @dataclass(frozen=True)
@@ -57,13 +55,6 @@ def check_mean_nees(values: ArrayLike, dof: int, confidence: float = 0.99) -> Ne
     tail = (1 - confidence) / 2
     lower, upper = scipy.special.chdtri(n * dof, [1 - tail, tail]) / n  # the survival function's inverse
     return Nees(float(np.mean(found)), float(lower), float(upper), dof, n)
-
-
-def build_nees_row(values: ArrayLike, dof: int, confidence: float = LINE_CONFIDENCE) -> dict[str, Any]:
-    """The columns of a table that judge a mean NEES: cases, dof, nees_per_dof, low, high, verdict."""
-    found = check_mean_nees(values, dof, confidence)
-    numbers = {"nees_per_dof": found.value / dof, "low": found.lower / dof, "high": found.upper / dof}
-    return {"cases": found.cases, "dof": dof, **numbers, "verdict": found.verdict}
 
 
 def count_covered(errors: Array, sigmas: Array, level: str) -> tuple[int, int]:

@@ -6,28 +6,21 @@ sentences, one a kind of check.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
 import pandas as pd
 
 from studies.montecarlo.requirement import Answer
-from studies.montecarlo.statistics import CONSISTENT
 from studies.report.tables import NO_VALUE, format_number
-from studies.report.units import format_heading
 
 Verdict = Literal["pass", "fail", "note"]
 Bounds = tuple[float, float]
 
-ENOUGH = 50  # cases of a line, below which its bounds let most things pass
-CONTROL_NEES_NOTE = (
-    "The mean NEES over the cases by its degrees of freedom; a control must be outside the bounds of a consistent one."
-)
 REQUIREMENT_NOTE = (
     "The confidence of a requirement holds for a number of cases chosen beforehand; each further look at its answer adds risk."
 )
-FEW_CASES_NOTE = f"With fewer than {ENOUGH} cases the bounds are so wide that most covariances are within them."
 
 
 @dataclass(frozen=True)
@@ -91,31 +84,6 @@ def check_extremes(
     ]
 
 
-def format_expectation(consistent: bool | None) -> str:
-    """Column "expected" of a line whose covariance must be consistent, must not be, or may be either."""
-    return {None: "", True: CONSISTENT, False: f"not {CONSISTENT}"}[consistent]
-
-
-def check_nees_rows(table: pd.DataFrame, keys: Sequence[str], prefix: str = "", of: str = "") -> list[Check]:
-    """A check for each line of a table of mean NEES that is expected to be consistent, or not to be.
-
-    Parameters
-    ----------
-    table : the keys, and {prefix}nees_per_dof, {prefix}low, {prefix}high and {prefix}expected
-    keys : columns that name a line
-    prefix : of those columns
-    of : what the NEES is of, to be added to the names
-    """
-    out = []
-    for row in table[table[f"{prefix}expected"] != ""].to_dict("records"):
-        names = [f"{format_heading(key)} {row[key]:g}" if isinstance(row[key], float) else str(row[key]) for key in keys]
-        name = ", ".join([*names, of] if of else names)
-        bounds = (row[f"{prefix}low"], row[f"{prefix}high"])
-        outside = row[f"{prefix}expected"] != CONSISTENT
-        out.append(Check(name, row[f"{prefix}nees_per_dof"], bounds, "NEES/dof", CONTROL_NEES_NOTE, outside))
-    return out
-
-
 def check_requirements(answers: Iterable[Answer]) -> list[Check]:
     """A check for each answer; a note if it is undecided."""
     out = []
@@ -123,12 +91,6 @@ def check_requirements(answers: Iterable[Answer]) -> list[Check]:
         bounds = None if answer.outcome == "undecided" else "met"
         out.append(Check(answer.requirement, answer.outcome, bounds, meaning=REQUIREMENT_NOTE))
     return out
-
-
-def check_case_count(*tables: pd.DataFrame) -> Check:
-    """Whether every line of tables with a column "cases" rests on so many that its bounds tell something."""
-    fewest = min((float(table["cases"].min()) for table in tables if len(table)), default=math.nan)
-    return Check("cases of the line with the fewest", fewest, bound_below(ENOUGH), "", FEW_CASES_NOTE)
 
 
 def build_check_frame(checks: Iterable[Check]) -> pd.DataFrame:

@@ -17,7 +17,6 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from gyrocal.files import open_replacement
-from studies.montecarlo.statistics import CONSISTENT
 from studies.report import svg
 
 Array = NDArray[np.float64]
@@ -302,63 +301,6 @@ def make_histogram(counts: ArrayLike, expected: float, band: tuple[float, float]
         on.set_xlim(0, 1)
 
     return Panel(draw, **{"ticks": [0, 0.5, 1]} | axes)
-
-
-def make_nees_distribution(
-    samples: Mapping[str, ArrayLike], dof: int, styles: Mapping[str, str] | None = None, **axes: Any
-) -> Panel:
-    """The share of cases below each NEES, by estimator, over the one that χ² has.
-
-    Parameters
-    ----------
-    samples : NEES of each case, by name
-    dof : degrees of freedom
-    styles : line styles by name, solid where there is none
-    axes : further attributes of the `Panel`
-    """
-    from scipy.stats import chi2  # scipy.stats costs every worker 45 MiB, and no case needs it
-
-    def draw(on: Axes) -> None:
-        x = np.linspace(0, chi2.isf(1e-3, dof), 200)
-        on.plot(x, chi2.cdf(x, dof), color="0.75", linewidth=4, label=f"χ², {dof} degrees of freedom")
-        for (name, values), colour in zip(samples.items(), (TEAL, RED, DARK), strict=False):
-            found = np.sort(np.asarray(values, dtype=float))
-            share = (1 + np.arange(found.size)) / found.size
-            on.step(found, share, (styles or {}).get(name, "-"), where="post", color=colour, label=name, linewidth=1.3)
-        on.set_xlim(0, x[-1])
-        on.set_ylim(0, 1.02)
-
-    return Panel(draw, **{"y": "share of cases below", "legend": "lower right"} | axes)
-
-
-def make_nees_means(groups: Mapping[str, pd.DataFrame], **axes: Any) -> Panel:
-    """Mean NEES per degree of freedom, a line each under the heading of its group, with the bounds of a consistent covariance.
-
-    Parameters
-    ----------
-    groups : by heading, tables with a first column of names, and nees_per_dof, low, high and verdict
-    axes : further attributes of the `Panel`
-    """
-
-    def draw(on: Axes) -> None:
-        on.grid(axis="y", visible=False)
-        on.axvline(1, color=TEAL, linewidth=0.8)
-        names: list[str] = []
-        for title, part in groups.items():
-            names.append(title)
-            band = len(names) - 0.5, len(names) + len(part) - 0.5
-            on.fill_betweenx(band, *part[["low", "high"]].iloc[0], color=TEAL, alpha=0.2, linewidth=0)
-            for name, value, verdict in zip(part.iloc[:, 0], part["nees_per_dof"], part["verdict"], strict=True):
-                on.plot(value, len(names), "o", color=DARK if verdict == CONSISTENT else RED, markersize=5)
-                add_note(on, f"{value:.3g}", value, len(names))
-                names.append(str(name))
-        on.set_ylim(len(names) - 0.5, -0.5)
-        on.set_yticks(range(len(names)), names, fontsize=SMALL_FONT_SIZE)
-        for label in on.get_yticklabels():
-            label.set_fontweight("bold" if label.get_text() in groups else "normal")
-        on.margins(x=0.12)
-
-    return Panel(draw, **{"x": "NEES per degree of freedom; band: consistent; red: outside", "log": "x"} | axes)
 
 
 def make_strokes(

@@ -76,16 +76,6 @@ def test_orders_and_crossings_of_known_curves():
     assert np.isnan(statistics.fit_log_slope([1.0], [2.0]))
 
 
-def test_a_line_judges_per_degree_of_freedom_and_leaves_out_cases_without_a_nees(cases):
-    values = statistics.compute_nees(*cases)
-    line = statistics.build_nees_row([*values, np.nan], P)
-    check = statistics.check_mean_nees(values, P, statistics.LINE_CONFIDENCE)
-    assert (line["cases"], line["dof"]) == (N, P)
-    assert (line["nees_per_dof"], line["low"], line["high"]) == (check.value / P, check.lower / P, check.upper / P)
-    verdicts = [statistics.build_nees_row(scale * values, P)["verdict"] for scale in (1.0, 4.0, 0.25)]
-    assert verdicts == ["consistent", "over-confident", "under-confident"]
-
-
 def test_the_flight_beside_simulated_values():
     values = pd.Series(np.arange(101.0))
     assert statistics.summarise_with_flight(values, 25.0)["flight_percentile"] == pytest.approx(100 * 25 / 101)

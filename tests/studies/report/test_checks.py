@@ -2,11 +2,8 @@
 
 import math
 
-import numpy as np
-import pandas as pd
 import pytest
 
-from studies.montecarlo.statistics import build_nees_row
 from studies.report import checks
 from studies.report.checks import Check, bound_above, bound_below
 
@@ -61,28 +58,6 @@ def test_extremes_leave_out_what_is_not_known():
     assert (smallest.value, smallest.verdict) == (0.9, "fail")
     assert (largest.value, largest.verdict) == (1.1, "pass")
     assert [check.verdict for check in checks.check_extremes("order", [math.nan], (0, 1))] == ["note", "note"]
-
-
-def test_lines_of_a_table_are_held_to_what_is_expected_of_them():
-    rng = np.random.default_rng(0)
-    right = rng.chisquare(12, 200)
-    expected = {
-        "right": checks.format_expectation(True),
-        "control": checks.format_expectation(False),
-        "either": checks.format_expectation(None),
-    }
-    table = pd.DataFrame(
-        [
-            {"way": way, **build_nees_row(3 * right if way == "control" else right, 12), "expected": word}
-            for way, word in expected.items()
-        ]
-    )
-    found = checks.check_nees_rows(table, ["way"])
-    assert [(check.name, check.verdict) for check in found] == [("right", "pass"), ("control", "pass")]
-    swapped = table.assign(expected=["not consistent", "consistent", ""])
-    assert [check.verdict for check in checks.check_nees_rows(swapped, ["way"])] == ["fail", "fail"]
-    assert checks.check_case_count(table).verdict == "pass"
-    assert checks.check_case_count(table, table.assign(cases=[200, 3, 200])).value == 3
 
 
 def test_each_meaning_is_said_once():

@@ -5,14 +5,12 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from studies.montecarlo.statistics import build_nees_row, fit_log_slope
+from studies.montecarlo.statistics import fit_log_slope
 from studies.report import panels
 from studies.report.panels import Line
 
 X = np.array([0.5, 1.0, 2.0])
 GRID = pd.DataFrame([[1e-6, 2e-5], [np.nan, 3e-4]], index=[0.1, 0.5], columns=[1.0, 2.0])
-NEES = np.random.default_rng(0).chisquare(12, 100)
-LINES = pd.DataFrame([{"way": "right", **build_nees_row(NEES, 12)}, {"way": "wrong", **build_nees_row(4 * NEES, 12)}])
 
 PANELS = {
     "curves": panels.make_curves(
@@ -27,8 +25,6 @@ PANELS = {
     ),
     "heat map": panels.make_heat_map(GRID, mark_above=1e-4, log=True, title="grid", x="step", y="rate"),
     "histogram": panels.make_histogram([3, 5, 4], 4.0, (1, 8)),
-    "NEES distribution": panels.make_nees_distribution({"right": NEES, "wrong": 4 * NEES}, 12, {"wrong": ":"}),
-    "NEES means": panels.make_nees_means({"one flight": LINES, "another": LINES}),
     "forest": panels.make_forest(["a", "b"], [1.0, 2.0], [0.5, 0.4], [0.1, 0.2], (0.8, 1.2)),
     "strokes": panels.make_strokes({"a": [1.0, 2.0], "b": [3.0]}, (0.5, 1.5), log="x"),
 }
@@ -63,12 +59,3 @@ def test_a_power_law_has_its_slope():
 
 def test_cells_above_the_limit_are_crossed_and_empty_ones_are_empty():
     assert [text.get_text() for text in drawn(PANELS["heat map"]).texts] == ["1e-6", "2e-5", "3e-4 ✗"]
-
-
-def test_what_is_not_consistent_is_red():
-    axes = drawn(PANELS["NEES means"])
-    colours = [line.get_color() for line in axes.lines if line.get_marker() == "o"]
-    assert colours == [panels.DARK, panels.RED] * 2
-    names = ["one flight", "right", "wrong", "another", "right", "wrong"]
-    assert [label.get_text() for label in axes.get_yticklabels()] == names
-    assert [label.get_fontweight() for label in axes.get_yticklabels()] == ["bold", "normal", "normal"] * 2
