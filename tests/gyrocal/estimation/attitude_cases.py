@@ -98,17 +98,7 @@ def run_star_batch(
 
 @dataclass(frozen=True)
 class AlignmentOrbit:
-    """One orbit +x forward with the Sun 25° on the −Y side, so that both sun sensors see it; measurements every 30 s.
-
-    Attributes
-    ----------
-    motion : of the orbit
-    t : (n,) s
-    A : (n, 3, 3) there
-    sun : (n, 3) inertial unit vectors
-    position : (n, 3) m
-    angles : (n, 4) true penetration angles without biases, rad
-    """
+    """One orbit +x forward with the Sun 25° on the −Y side, so that both sun sensors see it; measurements every 30 s."""
 
     motion: Flight
     t: Array
@@ -123,25 +113,15 @@ class AlignmentOrbit:
         M: Array = M_TRUE,
         biases: Array = TRMM_BIASES,
         heads: tuple[Array, Array] = SQUARE,
-        esa_factor: float = 1.0,
     ) -> list[SensorSeries]:
-        """DSS-1, DSS-2 and ESA as an estimator gets them, with nominal models.
-
-        Parameters
-        ----------
-        rng : source of the noise, None for none; counts are whole numbers even so
-        M : (3, 3) misalignment of DSS-2
-        biases : (4,) of the ESA, rad
-        heads : 2-3-1 Euler angles of both β heads, rad
-        esa_factor : by which the ESA's noise, and what is stated of it, is smaller than TRMM's
-        """
+        """DSS-1, DSS-2 and ESA as an estimator gets them, with nominal models."""
         out = []
         pairs = zip(true_sun.build_trmm_sensors(misalignments=(np.eye(3), M), heads=heads), trmm_sun_sensors(), strict=True)
         for true, nominal in pairs:
             counts, visible = true_sun.observe(rng, true, self.A, self.sun)
             out.append(nominal.series(self.t, counts, self.sun, visible))
         esa = EarthSensor(np.zeros(4))
-        sigma = esa.sigma / esa_factor
+        sigma = esa.sigma
         noise = 0.0 if rng is None else sigma * rng.standard_normal(self.angles.shape)
         model = EarthModel(esa, self.position)
         out.append(SensorSeries(model, self.t, self.angles + biases + noise, np.full(self.angles.shape, sigma)))
@@ -157,9 +137,8 @@ class AlignmentOrbit:
         return out
 
 
-def build_alignment_orbit(arw: float = ATTITUDE_CASE_ARW) -> AlignmentOrbit:
-    """The orbit, flown with a gyro of that angle random walk, rad/sqrt(s)."""
-    motion = build_orbit_flight(arw=arw)
+def build_alignment_orbit() -> AlignmentOrbit:
+    motion = build_orbit_flight()
     t = np.arange(0, ORBIT_S, 30.0)
     A = motion.get_attitudes(t)
     toward = compute_lvlh_attitude(ATTITUDE_CASE_ORBIT, np.zeros(1))[0].T @ np.array([np.cos(0.436), -np.sin(0.436), 0.0])

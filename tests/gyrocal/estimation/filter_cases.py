@@ -5,7 +5,7 @@ component, and one timeline of seven slews about all axes, `build_maneuver_timel
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -71,13 +71,9 @@ def fly(
 
 
 @lru_cache(maxsize=1)
-def _simulate_timeline() -> Flight:
-    return fly(FILTER_CASE_SLEWS, 14400.0, sample_s=FILTER_CASE_SAMPLE_S)
-
-
-def build_maneuver_timeline(truth: GyroParameters = TRUTH, arw: float = FILTER_CASE_ARW) -> Flight:
+def build_maneuver_timeline() -> Flight:
     """The flight with all of `FILTER_CASE_SLEWS`."""
-    return replace(_simulate_timeline(), truth=truth, arw=arw, apriori=truth)
+    return fly(FILTER_CASE_SLEWS, 14400.0, sample_s=FILTER_CASE_SAMPLE_S)
 
 
 def simulate_direction_series(
@@ -94,12 +90,10 @@ def simulate_direction_series(
     return DirectionSensor((sun, compute_nadir(times, FILTER_CASE_ORBIT))).simulate_series(flight, times, sigma, rng, turn)
 
 
-def draw_apriori_parameters(
-    rng: np.random.Generator, sigma_G: float, sigma_b: float, truth: GyroParameters = TRUTH
-) -> GyroParameters:
+def draw_apriori_parameters(rng: np.random.Generator, sigma_G: float, sigma_b: float) -> GyroParameters:
     """A-priori parameters off the truth by random amounts."""
     off = rng.standard_normal(12) * np.repeat([sigma_G, sigma_b], [9, 3])
-    return GyroParameters.from_vector(truth.vector + off)
+    return GyroParameters.from_vector(TRUTH.vector + off)
 
 
 def build_apriori_covariance(sigma_G: float = PRIOR_G, sigma_b: float = PRIOR_B) -> Array:
@@ -109,15 +103,7 @@ def build_apriori_covariance(sigma_G: float = PRIOR_G, sigma_b: float = PRIOR_B)
 
 @dataclass(frozen=True)
 class OnBoardCase:
-    """One pass of the on-board form.
-
-    Attributes
-    ----------
-    apriori : what both adjust the rates with
-    onboard : after the last maneuver
-    maneuvers : what each contributed
-    gyro : the samples
-    """
+    """One pass of the on-board form."""
 
     apriori: GyroParameters
     onboard: OnBoardCalibrator
@@ -129,29 +115,20 @@ def run_onboard_case(
     rng: np.random.Generator,
     openings: Mapping[float, Array] | None = None,
     start: GyroParameters | None = None,
-    truth: GyroParameters = TRUTH,
-    arw: float = FILTER_CASE_ARW,
     apriori_covariance: Array | None = None,
     through_filter: bool = True,
     reference_sigma: Array | None = None,
 ) -> OnBoardCase:
-    """A pass over the timeline from a-priori errors of 1e-3 in G, or from given parameters.
-
-    Parameters
-    ----------
-    rng : source of the errors and of the noise
-    openings : as of `gyrocal.estimation.onboard.replay`
-    start : a-priori parameters, drawn by default
-    truth, arw : of the gyro
-    apriori_covariance, through_filter, reference_sigma : as of `gyrocal.estimation.onboard.OnBoardCalibrator`
-    """
-    flight = build_maneuver_timeline(truth, arw)
-    near = draw_apriori_parameters(rng, PRIOR_G, PRIOR_B, truth)
+    """A pass over the timeline from a-priori errors of 1e-3 in G, or from given parameters."""
+    flight = build_maneuver_timeline()
+    near = draw_apriori_parameters(rng, PRIOR_G, PRIOR_B)
     apriori = start or near
     gyro, series = flight.gyro(rng, apriori), simulate_direction_series(flight, rng, sigma=DIRECTION_SENSOR_SIGMA)
     off = rng.standard_normal(6) * FILTER_START_SIGMA
     A = attitude.rotation_matrix(-off[:3]) @ flight.A[0]
-    estimator = KalmanFilter(A, GyroParameters(apriori.G, truth.bias + off[3:]), np.diag(FILTER_START_SIGMA**2), arw)
+    estimator = KalmanFilter(
+        A, GyroParameters(apriori.G, TRUTH.bias + off[3:]), np.diag(FILTER_START_SIGMA**2), FILTER_CASE_ARW
+    )
     onboard = OnBoardCalibrator(estimator, apriori, "all", apriori_covariance, through_filter, reference_sigma)
     return OnBoardCase(apriori, onboard, replay(onboard, gyro, [series], 0.0, SPANS, openings), gyro)
 
@@ -186,39 +163,19 @@ def list_timeline_legs() -> list[Leg]:
 
 
 def run_full_and_separate(
-    rng: np.random.Generator,
-    offset_sigma: float = 0.0,
-    reference_sigmas: Sequence[float] = (0.0,),
-    truth: GyroParameters = TRUTH,
-    arw: float = FILTER_CASE_ARW,
-) -> tuple[FullFilterResult, list[tuple[GyroParameters, Array]]]:
-    """The full filter, and filter and calibrator side by side, on one pass with a random alignment error of the Sun sensor.
-
-    Parameters
-    ----------
-    offset_sigma : of the alignment error about each axis, rad
-    reference_sigmas : stated to the separate scheme for each of its references, rad; a solution for each
-
-    Returns
-    -------
-    What the full filter found, and parameters and covariance (12, 12) of the separate scheme for each reference_sigma.
-    """
-    flight = build_maneuver_timeline(truth, arw)
-    apriori = draw_apriori_parameters(rng, PRIOR_G, PRIOR_B, truth)
+    rng: np.random.Generator, offset_sigma: float = 0.0, reference_sigma: float = 0.0
+) -> tuple[FullFilterResult, tuple[GyroParameters, Array]]:
+    """The full filter, and filter and calibrator side by side, on one pass with a random alignment error of the Sun sensor."""
+    flight, P0 = build_maneuver_timeline(), build_apriori_covariance()
+    apriori = draw_apriori_parameters(rng, PRIOR_G, PRIOR_B)
     offset = offset_sigma * rng.standard_normal(3)
-    gyro, series = (
-        flight.gyro(rng, apriori),
-        simulate_direction_series(flight, rng, sigma=DIRECTION_SENSOR_SIGMA, sun_offset=offset),
-    )
+    gyro = flight.gyro(rng, apriori)
+    series = simulate_direction_series(flight, rng, sigma=DIRECTION_SENSOR_SIGMA, sun_offset=offset)
     A = attitude.rotation_matrix(-START_SIGMA * rng.standard_normal(3)) @ flight.A[0]
-    estimator = KalmanFilter(A, apriori, build_starting_covariance(START_SIGMA, build_apriori_covariance()), arw, names="all")
+    estimator = KalmanFilter(A, apriori, build_starting_covariance(START_SIGMA, P0), FILTER_CASE_ARW, names="all")
     full = run_legs(estimator, gyro, [series], list_timeline_legs())
-    separate = []
-    for sigma in reference_sigmas:
-        alone = KalmanFilter(A, apriori, build_starting_covariance(START_SIGMA, np.eye(3) * np.deg2rad(1e-3) ** 2), arw)
-        side = OnBoardCalibrator(
-            alone, apriori, apriori_covariance=build_apriori_covariance(), reference_sigma=np.full(3, sigma)
-        )
-        replay(side, gyro, [series], 0.0, SPANS)
-        separate.append(side.solve())
-    return full, separate
+    start = build_starting_covariance(START_SIGMA, np.eye(3) * np.deg2rad(1e-3) ** 2)
+    alone = KalmanFilter(A, apriori, start, FILTER_CASE_ARW)
+    side = OnBoardCalibrator(alone, apriori, apriori_covariance=P0, reference_sigma=np.full(3, reference_sigma))
+    replay(side, gyro, [series], 0.0, SPANS)
+    return full, side.solve()

@@ -23,17 +23,7 @@ def compute_nadir(t: ArrayLike, orbit: CircularOrbit) -> Array:
 
 @dataclass(frozen=True)
 class Flight:
-    """Truth of a flight, and the gyro it is flown with.
-
-    Attributes
-    ----------
-    t : (n + 1,) edges of the gyro samples, s
-    A : (n + 1, 3, 3) attitudes there
-    rates : (n, 3) mean body rates over the samples, rad/s
-    truth : of the gyro
-    arw : of the gyro, rad/sqrt(s)
-    apriori : what an estimator takes for the gyro's parameters
-    """
+    """Truth of a flight, and the gyro it is flown with."""
 
     t: Array
     A: Array
@@ -45,14 +35,7 @@ class Flight:
     def gyro(
         self, rng: np.random.Generator | None = None, apriori: GyroParameters | None = None, bias: Array | None = None
     ) -> GyroStream:
-        """The samples.
-
-        Parameters
-        ----------
-        rng : source of the noise, None for none
-        apriori : in place of the flight's
-        bias : (n, 3) true bias of each sample in place of the constant one, rad/s
-        """
+        """The samples."""
         sample_s = float(self.t[1] - self.t[0])
         raw = compute_raw_rates(self.rates, self.truth.G, self.truth.bias if bias is None else bias)
         if rng is not None:
@@ -67,15 +50,7 @@ class Flight:
 
 @dataclass(frozen=True)
 class DirectionSensor:
-    """Sees inertial directions, each (n, 3): y = Mᵀ A r of one after the other; M ← exp([m×]) M by its parameters.
-
-    Attributes
-    ----------
-    directions : r of each
-    name : of the sensor
-    M : (3, 3) misalignment
-    parameters : those an estimator may solve for, none by default
-    """
+    """Sees inertial directions, each (n, 3): y = Mᵀ A r of one after the other; M ← exp([m×]) M by its parameters."""
 
     directions: tuple[Array, ...]
     name: str = "vectors"
@@ -117,16 +92,7 @@ class DirectionSensor:
     def simulate_series(
         self, flight: Flight, t: Array, sigma: float, rng: np.random.Generator | None = None, turn: Array | None = None
     ) -> SensorSeries:
-        """A series along a flight, by the sensor's own truth.
-
-        Parameters
-        ----------
-        flight : in which it is measured
-        t : (n,) when, s
-        sigma : 1-sigma of the noise on each component
-        rng : source of the noise, None for none
-        turn : (3, 3) by which the first direction is seen turned, and the model does not know
-        """
+        """A series along a flight, by the sensor's own truth."""
         y = self.predict(flight.get_attitudes(t), np.arange(len(t)))
         if turn is not None:
             y[:, :3] = y[:, :3] @ turn.T

@@ -34,15 +34,7 @@ FORWARD, BACKWARD, SIDEWAYS, STILL = (0.0, -RPO, 0.0), (0.0, RPO, 0.0), (RPO, 0.
 
 @dataclass(frozen=True)
 class ReferenceCase:
-    """Flights, batches along them and intervals.
-
-    Attributes
-    ----------
-    name : title of the recordings
-    motions : the flights, one after another with gaps between
-    spans : of the batches, and the flight each is in
-    intervals : of the calibration
-    """
+    """Flights, batches along them and intervals."""
 
     name: str
     motions: tuple[Flight, ...]

@@ -88,7 +88,7 @@ def study(cases, offset_sigma=0.0, reference_sigma=0.0):
     """Means over seeds: NEES of both, innovations and changes per degree of freedom, mean square of G."""
     rows = []
     for seed in range(cases):
-        full, ((separate, P),) = run_full_and_separate(np.random.default_rng([32, seed]), offset_sigma, (reference_sigma,))
+        full, (separate, P) = run_full_and_separate(np.random.default_rng([32, seed]), offset_sigma, reference_sigma)
         rows.append(
             {
                 "full": error_nees(full.parameters.vector, full.covariance),
