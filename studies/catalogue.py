@@ -34,6 +34,7 @@ STUDY_NAMES = (
     "noise",
     "world",
     "bench",
+    "withheld",
     "flight",
     "real",
     "heads",
@@ -92,6 +93,8 @@ def _import_entry(name: str) -> Entry:
             from studies.validation.world.report import ENTRY
         case "bench":
             from studies.validation.world.bench import ENTRY
+        case "withheld":
+            from studies.withheld.score import ENTRY
         case "flight":
             from studies.natanson.flight_diagnosis import ENTRY
         case "real":

@@ -1,0 +1,540 @@
+"""Effects that were never on the list: errors of gyros, clocks, samples and references, each a law with a sentence of physics.
+
+A law gets the samples (`Samples`) or the references (`Sightings`) with three numbers drawn for a case, a phase, a share of one
+and a pace of one, from which time constants and directions follow. It returns what is added per unit of the size, about the
+axis (n,) or about all axes (n, 3); a law of the stages that change samples or their timing returns what comes out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+from scipy.signal import lfilter
+
+from simulator.effects import Effect, Parameter, References, Setting, Stream, Surroundings
+from simulator.effects.base import Array, Value
+from simulator.effects.common import DEG, DEG_H, PPM, gauss_markov, index, recursion
+from simulator.effects.housekeeping_columns import TEMPERATURE_COLUMN
+from simulator.truth.integration import accumulate
+from simulator.truth.rotation import convert_to_matrix, separation
+
+SIZES = {  # of a unit in rad, rad/s or s, and plausible sizes
+    "deg/h": (DEG_H, (1e-7, 1e6)),
+    "deg/s": (DEG, (1e-10, 1e2)),
+    "deg": (DEG, (1e-7, 1e2)),
+    "ppm": (PPM, (1e-3, 1e5)),
+    "s": (1.0, (1e-8, 1e2)),
+    "share": (1.0, (1e-5, 0.95)),
+}
+TINY = 1e-30  # keeps a ratio of zeros finite
+TURNING = 1e-3 * DEG  # rad/s; a body that nowhere turns faster does not turn
+DENSE_RAD = 0.5  # turn between two references, up to which their difference is the rate
+
+
+@dataclass(frozen=True)
+class LawNumbers:
+    """The numbers of a case: axis, phase (rad), share and pace of one, and a source of randomness."""
+
+    k: int
+    phase: float
+    share: float
+    pace: float
+    rng: np.random.Generator
+
+    @property
+    def other(self) -> int:
+        """Another axis."""
+        return (self.k + 1 + (self.share > 0.5)) % 3
+
+    def scaled(self, low: float, high: float) -> float:
+        """A number between two by the pace, uniform in its logarithm."""
+        return float(low * (high / low) ** self.pace)
+
+    def direction(self) -> Array:
+        """A unit vector that the numbers fix, (3,)."""
+        z = 2 * self.share - 1
+        return np.array([*(np.sqrt(1 - z * z) * np.array([np.cos(self.phase), np.sin(self.phase)])), z])
+
+
+@dataclass(frozen=True)
+class Samples(LawNumbers):
+    """The samples as a law sees them."""
+
+    stream: Stream
+
+    @property
+    def t(self) -> Array:
+        """(n,) s since the epoch."""
+        return self.stream.t_s
+
+    @property
+    def w(self) -> Array:
+        """(n, 3) body rates, rad/s."""
+        return self.stream.rates
+
+    @property
+    def own(self) -> Array:
+        """(n,) rate about the axis, rad/s."""
+        return self.w[:, self.k]
+
+    @property
+    def sample_s(self) -> float:
+        """Length of a sample, s."""
+        return float(self.stream.duration_s[0])
+
+    @property
+    def fastest(self) -> float:
+        """Largest rate about any axis, rad/s."""
+        return float(np.abs(self.w).max())
+
+    def each(self, law: Callable[[slice], Array]) -> Array:
+        """Join the values that a law gives for each interval by itself."""
+        return np.concatenate([law(part) for part in self.stream.intervals])
+
+    @cached_property
+    def since_start(self) -> Array:
+        """(n,) since the first sample of the interval, s."""
+        return self.each(lambda p: self.t[p] - self.t[p.start])
+
+    @cached_property
+    def elapsed(self) -> Array:
+        """(n,) from 0 at the first sample of all to 1 at the last."""
+        return np.asarray((self.t - self.t[0]) / (self.t[-1] - self.t[0]))
+
+    def between(self, low: float, high: float) -> float:
+        """A time between two shares of a median interval, s, not below two samples."""
+        lengths = [self.sample_s * (p.stop - p.start) for p in self.stream.intervals]
+        return max(float(np.median(lengths)) * self.scaled(low, high), 2 * self.sample_s)
+
+    def cycle(self, low: float, high: float) -> Array:
+        """(n,) phase, rad, of a period between two shares of an interval."""
+        return 2 * np.pi * self.t / self.between(low, high) + self.phase
+
+    @cached_property
+    def acceleration(self) -> Array:
+        """(n, 3) rad/s²."""
+        return self.each(lambda p: np.gradient(self.w[p], self.sample_s, axis=0))
+
+    @cached_property
+    def turned(self) -> Array:
+        """(n,) angle turned about the axis since the interval's start, rad."""
+        return self.each(lambda p: np.cumsum(self.own[p]) * self.sample_s)
+
+    @cached_property
+    def attitude(self) -> Array:
+        """(n, 3, 3) attitude against that at the interval's start."""
+        begin = np.array([0.0, 0.0, 0.0, 1.0])
+        return self.each(lambda p: convert_to_matrix(accumulate(begin, self.w[p] * self.sample_s)[1:]))
+
+    @cached_property
+    def temperature(self) -> Array:
+        """(n,) of the gyro above its mean, K."""
+        found = self.stream.housekeeping[TEMPERATURE_COLUMN]
+        return np.asarray(found - found.mean())
+
+    def smooth(self, values: Array, time_s: float) -> Array:
+        """Values (n,) behind a first-order low-pass, which starts settled in each interval."""
+        a = float(np.exp(-self.sample_s / time_s))
+        return self.each(lambda p: lfilter([1 - a], [1, -a], values[p], zi=[a * values[p.start]])[0])
+
+    def delayed(self, raw: Array, delay: Array) -> Array:
+        """Raw rates (n, 3) as they were a delay (n,), s, before, within each interval; linear between the samples."""
+        return self.each(
+            lambda p: np.stack([np.interp(self.t[p] - delay[p], self.t[p], raw[p, axis]) for axis in range(3)], axis=1)
+        )
+
+    def replaced(self, values: Array, column: Array) -> Array:
+        """Samples with those of the axis replaced, (n, 3)."""
+        out = values.copy()
+        out[:, self.k] = column
+        return out
+
+
+@dataclass(frozen=True)
+class Sightings(LawNumbers):
+    """The references as a law sees them."""
+
+    references: References
+
+    @property
+    def t(self) -> Array:
+        """(m,) s since the epoch."""
+        return self.references.t_s
+
+    @cached_property
+    def first(self) -> Array:
+        """(m,) number of the first reference of the interval of each."""
+        begins = np.append(True, np.diff(self.references.interval) != 0)
+        return np.maximum.accumulate(np.where(begins, np.arange(len(self.t)), 0))
+
+    @cached_property
+    def since_start(self) -> Array:
+        """(m,) since the interval's first reference, s."""
+        return np.asarray(self.t - self.t[self.first])
+
+    def between(self, low: float, high: float) -> float:
+        """A time between two shares of a median interval, s."""
+        lengths = [np.ptp(self.t[self.references.interval == k]) for k in np.unique(self.references.interval)]
+        return float(max(np.median(lengths), 1e-3) * self.scaled(low, high))
+
+    @cached_property
+    def body(self) -> Array:
+        """(m, 3, 3) attitude matrices."""
+        return convert_to_matrix(self.references.quaternions)
+
+    @cached_property
+    def rates(self) -> Array:
+        """(m, 3) body rate from one reference to the next, rad/s; the last of an interval has that before."""
+        q, interval = self.references.quaternions, self.references.interval
+        turns = -separation(q[:-1], q[1:]) / np.diff(self.t)[:, None]
+        rates = np.vstack([turns, turns[-1:]])
+        last = np.flatnonzero(np.append(np.diff(interval) != 0, True))
+        rates[last] = rates[np.maximum(last - 1, 0)]
+        return rates
+
+
+Law = TypeVar("Law", bound=Callable[..., Array])
+ONE = {"lower": 0.0, "upper": 1.0}
+LAW_PARAMETERS = (
+    Parameter("phase_deg", "deg", 0.0, "phase", -360.0, 360.0),
+    Parameter("share", "", 0.5, "of one, as the law uses it", **ONE),
+    Parameter("pace", "", 0.5, "of one, how slow it is", **ONE),
+)
+
+
+@dataclass(frozen=True)
+class Family(Effect):
+    """An unlisted effect.
+
+    Attributes
+    ----------
+    law : its physics
+    needs : what a recording must have: orbit, temperature, turns, dense (references that follow the rate)
+    side : gyro, reference or time, where that is not the side of its stage
+    """
+
+    law: Callable[..., Array] = field(default=np.zeros, compare=False)
+    needs: tuple[str, ...] = ()
+    side: str = ""
+
+    def missing(self, around: Surroundings) -> str | None:
+        """Name what a recording lacks."""
+        stream, references = around.stream, around.references
+        gaps = np.diff(references.t_s)[np.diff(references.interval) == 0]
+        lacks = {
+            "orbit": not np.isfinite(stream.orbit_period_s),
+            "temperature": TEMPERATURE_COLUMN not in stream.housekeeping,
+            "turns": np.abs(stream.rates).max() < TURNING,
+            "dense": gaps.size == 0 or float(gaps.max() * np.linalg.norm(stream.rates, axis=1).max()) > DENSE_RAD,
+        }
+        return next((f"the recording has no {need}" for need in self.needs if lacks[need]), None)
+
+    def put_on_axes(self, values: Array, axis: str | None) -> Array:
+        """Values (n,) on the axis, or (n, 3) on all, in rad or rad/s per unit of the size, (n, 3)."""
+        out = np.zeros((len(values), 3))
+        out[:, slice(None) if values.ndim == 2 else index(axis)] = values
+        return SIZES[self.unit][0] * out
+
+
+def read_numbers(
+    axis: str | None, parameters: Mapping[str, Value], rng: np.random.Generator | None = None
+) -> tuple[int, float, float, float, np.random.Generator]:
+    """The numbers of a law; without a source of randomness they are its seed. A law of all axes has its first one by lot."""
+    phase, share, pace = (float(parameters[one.name]) for one in LAW_PARAMETERS)
+    k = int(1e6 * (phase + 360)) % 3 if axis is None else index(axis)
+    seed = [int(1e6 * (phase + 360)), int(1e9 * share), int(1e9 * pace)]
+    return k, float(np.deg2rad(phase)), share, pace, rng or np.random.default_rng(seed)
+
+
+class _RateFamily(Family):
+    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+        return self.put_on_axes(self.law(Samples(*read_numbers(axis, parameters), stream)), axis)[:, :, None]
+
+
+class _RandomRateFamily(Family):
+    def wander(self, rng: np.random.Generator, stream: Stream, setting: Setting) -> Array:
+        seen = Samples(*read_numbers(setting.axis, setting.parameters, rng), stream)
+        return setting.size * self.put_on_axes(self.law(seen), setting.axis)
+
+
+class _TimingFamily(Family):
+    def retimed(self, raw: Array, stream: Stream, setting: Setting) -> Array:
+        return self.law(Samples(*read_numbers(setting.axis, setting.parameters), stream), raw, setting.size)
+
+
+class _SampleFamily(Family):
+    def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
+        seen = Samples(*read_numbers(setting.axis, setting.parameters, rng), stream)
+        return self.law(seen, samples, SIZES[self.unit][0] * setting.size)
+
+
+class _ReferenceFamily(Family):
+    def reference_columns(self, references: References, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+        return self.put_on_axes(self.law(Sightings(*read_numbers(axis, parameters), references)), axis)[:, :, None]
+
+
+class _RandomReferenceFamily(Family):
+    def reference_wander(self, rng: np.random.Generator, references: References, setting: Setting) -> Array:
+        seen = Sightings(*read_numbers(setting.axis, setting.parameters, rng), references)
+        return setting.size * self.put_on_axes(self.law(seen), setting.axis)
+
+
+SAMPLE_STAGES = ("threshold", "pickup", "resolution", "telemetry")
+KINDS: dict[str, type[Family]] = {
+    **dict.fromkeys(("clock", "filter"), _TimingFamily),
+    **dict.fromkeys(SAMPLE_STAGES, _SampleFamily),
+    "rate": _RateFamily,
+    "random_rate": _RandomRateFamily,
+    "reference": _ReferenceFamily,
+    "random_reference": _RandomReferenceFamily,
+}
+FAMILIES: dict[str, Family] = {}
+
+
+def declare(stage: str, unit: str, *needs: str, all_axes: bool = False, side: str = "") -> Callable[[Law], Law]:
+    """Declare a law as a family: its name is the function's, its summary the first sentence of the docstring."""
+
+    def add(law: Law) -> Law:
+        text, positive = " ".join((law.__doc__ or "").split()).partition(". ")[0], stage in SAMPLE_STAGES
+        more: dict[str, Any] = {"axes": ()} if all_axes else {}
+        FAMILIES[law.__name__] = KINDS[stage](
+            law.__name__, text, unit, stage, SIZES[unit][1], parameters=LAW_PARAMETERS,
+            sign="positive" if positive else "any", law=law, needs=needs, side=side, **more,
+        )  # fmt: skip
+        return law
+
+    return add
+
+
+# ---- gyro: errors of the rate ----------------------------------------------------------------------------------------------
+
+
+@declare("rate", "deg/h")
+def warm_up(seen: Samples) -> Array:
+    """Bias relaxes after each switching on. The electronics come to their temperature (IEEE Std 1431)."""
+    return np.exp(-seen.since_start / seen.between(0.03, 0.4))
+
+
+@declare("rate", "deg/h")
+def heater_duty(seen: Samples) -> Array:
+    """Bias has two values, those of a heater on and off (IEEE Std 952, supply sensitivity)."""
+    return (np.mod(seen.cycle(0.04, 0.5) / (2 * np.pi), 1.0) < 0.15 + 0.6 * seen.share).astype(float)
+
+
+@declare("rate", "deg/h")
+def register_ramp(seen: Samples) -> Array:
+    """Bias is a saw tooth. An accumulator of the compensation overflows regularly (Savage, Strapdown Analytics)."""
+    return np.mod(seen.cycle(0.1, 0.9) / (2 * np.pi), 1.0) - 0.5
+
+
+@declare("rate", "deg/h", "temperature")
+def shupe(seen: Samples) -> Array:
+    """Bias follows the rate of change of the temperature (Shupe, Applied Optics 19, 1980)."""
+    slow = seen.smooth(seen.temperature, max(60.0, seen.between(0.02, 0.05)))
+    change = seen.each(lambda p: np.gradient(slow[p], seen.t[p]))
+    return np.asarray(change / max(float(np.abs(change).max()), TINY))
+
+
+@declare("rate", "deg/h", "temperature")
+def thermal_hysteresis(seen: Samples) -> Array:
+    """Bias depends on the way to a temperature. Glue follows it with a play (IEEE Std 1431, thermal hysteresis)."""
+    play, at = (0.2 + 0.6 * seen.share) * float(np.std(seen.temperature)), 0.0
+    out = np.empty(len(seen.t))
+    for k, value in enumerate(seen.temperature):
+        at = min(max(at, value - play), value + play)
+        out[k] = at - value
+    return out / max(play, TINY)
+
+
+@declare("rate", "deg/h", "turns")
+def slew_heating(seen: Samples) -> Array:
+    """Bias follows the recent turning. Torquers warm the sensor (IEEE Std 813, torquer heating)."""
+    return seen.smooth(np.abs(seen.w[:, seen.other]), seen.between(0.05, 0.5)) / seen.fastest
+
+
+@declare("rate", "deg/h", "turns")
+def mass_unbalance(seen: Samples) -> Array:
+    """Bias follows gravity's component along an axis of the case (IEEE Std 528, g-sensitive drift)."""
+    return np.asarray(seen.attitude[:, seen.other] @ seen.direction())
+
+
+@declare("rate", "deg/h", "turns")
+def pivot_friction(seen: Samples) -> Array:
+    """Bias keeps the sign of the last fast turn. A gimbal sticks where it was turned to (IEEE Std 813)."""
+    rates = seen.w[:, seen.other]
+    strong = np.abs(rates) > seen.fastest * (0.05 + 0.3 * seen.share)
+    return np.where(strong.any(), np.sign(rates[np.maximum.accumulate(np.where(strong, np.arange(len(rates)), 0))]), 0.0)
+
+
+@declare("rate", "s", "turns")
+def cross_acceleration(seen: Samples) -> Array:
+    """An axis reads the angular acceleration about another. A float lags behind its case (Titterton and Weston)."""
+    return seen.acceleration[:, seen.other]
+
+
+@declare("rate", "ppm", "turns")
+def scale_ageing(seen: Samples) -> Array:
+    """Scale factor drifts through the recording. Radiation darkens the fibre (Lefèvre, The Fiber-Optic Gyroscope)."""
+    return seen.own * seen.elapsed ** (0.5 + 2 * seen.share)
+
+
+@declare("rate", "ppm", "turns")
+def range_switch(seen: Samples) -> Array:
+    """Scale factor is another one above a rate. The amplifier switches its range (IEEE Std 1431)."""
+    return np.where(np.abs(seen.own) > seen.fastest * (0.2 + 0.6 * seen.share), seen.own, 0.0)
+
+
+@declare("rate", "deg/s", "turns")
+def backscatter(seen: Samples) -> Array:
+    """Error swings with the angle turned. Backscatter adds the beat's sine (Aronowitz, Ring Laser Gyro, 1999)."""
+    return np.sin(seen.scaled(0.7, 15.0) * seen.turned + seen.phase)
+
+
+@declare("random_rate", "deg/h")
+def popcorn_noise(seen: Samples) -> Array:
+    """Bias hops at random between two levels (Kirton and Uren, Advances in Physics 38, 1989)."""
+    hops = seen.rng.random(len(seen.t)) < -0.5 * np.expm1(-2 * seen.sample_s / seen.between(0.02, 0.4))
+    return (np.cumsum(hops) % 2).astype(float)
+
+
+@declare("random_rate", "deg/h")
+def stress_releases(seen: Samples) -> Array:
+    """Bias jumps at random times by heavy-tailed amounts. Solder and glue crack (Titterton and Weston)."""
+    released = seen.rng.random(len(seen.t)) < -np.expm1(-seen.sample_s / seen.between(0.15, 1.5))
+    return np.cumsum(np.where(released, np.clip(seen.rng.standard_t(1.5, len(seen.t)), -10, 10), 0.0))
+
+
+@declare("random_rate", "ppm", "turns", all_axes=True)
+def foam_mount(seen: Samples) -> Array:
+    """Misalignment wanders at random and returns. Foam lets the gyro tilt (Titterton and Weston, mounts)."""
+    tilt = [gauss_markov(seen.rng, seen.t, seen.between(0.02, 0.5)) for _ in range(3)]
+    return np.cross(seen.w, np.stack(tilt, axis=1))
+
+
+# ---- gyro: timing and samples ----------------------------------------------------------------------------------------------
+
+
+@declare("clock", "s", "turns", all_axes=True)
+def clock_resets(seen: Samples, raw: Array, size: float) -> Array:
+    """Tags drift and are set right again and again. The clock is synchronised at intervals (CCSDS 301.0)."""
+    return seen.delayed(raw, size * np.mod(seen.cycle(0.1, 0.6) / (2 * np.pi), 1.0))
+
+
+@declare("filter", "share", "turns")
+def peaking(seen: Samples, raw: Array, size: float) -> Array:
+    """Output overshoots changes of rate. A digital filter peaks before its cut-off (Savage, Strapdown Analytics)."""
+    own = raw[:, seen.k]
+    return seen.replaced(raw, own + size * (own - seen.smooth(own, seen.between(0.002, 0.02))))
+
+
+@declare("threshold", "deg/s", "turns")
+def lock_in(seen: Samples, values: Array, size: float) -> Array:
+    """Rates below a limit lock, and above it read sign · √(rate² − limit²) (Aronowitz, Ring Laser Gyro, 1999)."""
+    own = values[:, seen.k]
+    return seen.replaced(values, np.sign(own) * np.sqrt(np.maximum(own**2 - size**2, 0.0)))
+
+
+@declare("pickup", "share", "turns")
+def intensity_noise(seen: Samples, values: Array, size: float) -> Array:
+    """Noise grows in proportion to the rate (Lefèvre, The Fiber-Optic Gyroscope, relative intensity noise)."""
+    return seen.replaced(values, values[:, seen.k] + size * seen.own * seen.rng.standard_normal(len(values)))
+
+
+@declare("telemetry", "share")
+def smoothed_output(seen: Samples, values: Array, size: float) -> Array:
+    """Each sample holds a part of the one before. The processor smooths (Savage, Strapdown Analytics)."""
+    own = values[:, seen.k]
+    before = seen.each(lambda p: np.append(own[p.start], own[p][:-1]))
+    return seen.replaced(values, (1 - size) * own + size * before)
+
+
+@declare("telemetry", "share", "turns", all_axes=True)
+def packets_swapped(seen: Samples, values: Array, size: float) -> Array:
+    """Some packets come in the wrong order. The ground joins them as they arrive (CCSDS 133.0)."""
+    length, out = int(seen.scaled(2, 16)), values.copy()
+    starts = np.concatenate([np.arange(p.start + length, p.stop - length, 2 * length) for p in seen.stream.intervals])
+    for start in starts[seen.rng.random(len(starts)) < size]:
+        out[start - length : start], out[start : start + length] = (
+            values[start : start + length],
+            values[start - length : start],
+        )
+    return out
+
+
+@declare("telemetry", "share")
+def bit_errors(seen: Samples, values: Array, size: float) -> Array:
+    """Single bits of words are turned. The link has errors that no code mends (CCSDS 131.0)."""
+    own, count = values[:, seen.k], len(values)
+    weights = float(np.abs(own).max()) * 2.0 ** -np.arange(1.0, 12.0)
+    hit = seen.rng.random(count) < 0.02 * size
+    return seen.replaced(values, own + hit * seen.rng.choice([-1.0, 1.0], count) * seen.rng.choice(weights, count))
+
+
+# ---- references ------------------------------------------------------------------------------------------------------------
+
+
+@declare("reference", "deg", "turns")
+def field_waves(seen: Sightings) -> Array:
+    """Error has waves over the sky. Distortion and catalogue shift stars (Liebe, IEEE Trans. AES 38, 2002)."""
+    return np.sin(seen.scaled(3.0, 40.0) * (seen.body[:, seen.other] @ seen.direction()) + seen.phase)
+
+
+@declare("reference", "deg")
+def acquisition_tail(seen: Sightings) -> Array:
+    """Error decays after each acquisition. The tracker's filter settles (Liebe, IEEE Trans. AES 38, 2002)."""
+    return np.exp(-seen.since_start / seen.between(0.05, 0.4))
+
+
+@declare("reference", "deg", "turns")
+def sun_glint(seen: Sightings) -> Array:
+    """Error appears near one direction. Stray light pulls the centroids (Liebe, IEEE Trans. AES 38, 2002)."""
+    angle = np.arccos(np.clip(seen.body[:, seen.other] @ seen.direction(), -1, 1))
+    return np.exp(-0.5 * ((angle - angle.min()) / seen.scaled(0.05, 0.5)) ** 2)
+
+
+@declare("reference", "deg", "turns")
+def parallax(seen: Sightings) -> Array:
+    """Error goes with the pose. Cameras and markers are not where their calibration has them."""
+    down = seen.body @ seen.direction()
+    return down[:, seen.k] * down[:, (seen.k + 1) % 3] + 0.5 * down[:, (seen.k + 2) % 3] ** 2
+
+
+@declare("reference", "deg", "dense", "turns")
+def leaning_vertical(seen: Sightings) -> Array:
+    """Error about one axis lags behind the rate about another. Centripetal acceleration is taken for gravity (Farrell, Aided
+    Navigation)."""
+    decay = np.exp(-np.diff(seen.t, prepend=seen.t[0]) / seen.between(0.02, 0.3))
+    decay[seen.first == np.arange(len(seen.t))] = 0.0
+    lean = recursion(decay, (1 - decay) * seen.rates[:, seen.other])
+    return np.asarray(lean / max(float(np.abs(lean).max()), TINY))
+
+
+@declare("random_reference", "s", "dense", "turns", all_axes=True, side="time")
+def late_exposures(seen: Sightings) -> Array:
+    """References are late by a random time. Exposures wait for the processor (Liebe, IEEE Trans. AES 38, 2002)."""
+    return -seen.rates * seen.rng.random(len(seen.t))[:, None]
+
+
+@declare("random_reference", "deg")
+def marker_swap(seen: Sightings) -> Array:
+    """Error is constant through random episodes. A marker is lost and the fit goes on with the others."""
+    length, share, inside = seen.between(0.02, 0.15), 0.1 + 0.3 * seen.share, False
+    out = np.zeros(len(seen.t))
+    for row, away in enumerate(-np.expm1(-np.diff(seen.t, prepend=seen.t[0]) / length)):
+        inside = seen.rng.random() > away if inside else seen.rng.random() < away * share / (1 - share)
+        out[row] = inside
+    return out
+
+
+@declare("random_reference", "deg", all_axes=True)
+def loop_closures(seen: Sightings) -> Array:
+    """Error is a random walk that returns to zero at random times. Visual odometry meets a place again (Mur-Artal and Tardós,
+    IEEE Trans. Robotics 33, 2017)."""
+    step = np.diff(seen.since_start, prepend=0.0).clip(0.0) / seen.between(0.1, 1.0)
+    keeps = np.where(seen.first == np.arange(len(seen.t)), 0.0, seen.rng.random(len(step)) < np.exp(-step))
+    drive = np.sqrt(step)[:, None] * seen.rng.standard_normal((len(step), 3))
+    return np.stack([recursion(keeps, keeps * drive[:, axis]) for axis in range(3)], axis=1)

@@ -1,0 +1,397 @@
+"""Plans of spacecraft, of rate tables, and of what is carried: motion, sampling, gyro and references.
+
+The simulator's sixth-order method integrates an analytic body rate from sample to sample; a sample shows its mean. The heading
+ψ, elevation θ and bank φ of a carrier, A = R_x(φ) R_y(θ) R_z(ψ), give the rate (φ' − ψ' sin θ, θ' cos φ + ψ' cos θ sin φ,
+−θ' sin φ + ψ' cos θ cos φ) (Wertz, Spacecraft Attitude Determination and Control, kinematics of the 3-2-1 sequence).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording
+from simulator.arrays import Array
+from simulator.effects.common import log_uniform
+from simulator.effects.housekeeping_columns import simulate_gyro_temperature
+from simulator.sensors.gyro import compute_raw_rates
+from simulator.truth.integration import integrate
+from simulator.truth.maneuvers import MODE_YAW, Profile, Slew, Sway, smoothstep
+from simulator.truth.motion import Motion
+from simulator.truth.orbit import CircularOrbit
+from simulator.truth.rotation import convert_to_quaternion, turned
+
+MOST_SAMPLES, MOST_REFERENCES = 60_000, 2500
+SAME_S = 1e-6  # times closer than this are one
+APRIORI_DEG = 3.0  # attitude error that the a-priori calibration may build up within an interval
+WARM_SHARE = 0.4  # of the recordings that have a gyro temperature
+REST_S = 20.0  # before and after a turn
+ARCSEC = 1 / 3600
+
+Span = tuple[float, float]
+Rate = Callable[[Array], Array]
+Angle = Callable[[Array], tuple[Array, Array]]
+"""An angle and its rate at local times, (n,) s → (n,) rad, (n,) rad/s."""
+
+
+class Grade(NamedTuple):
+    """A class of gyro and of the references that go with it; each range is log-uniform."""
+
+    arw: Span  # deg/√s
+    bias: Span  # deg/s
+    matrix: Span  # size of the elements of G − I
+    sigma: Span  # of the references about each axis, deg
+
+
+GRADES = {
+    "phone": Grade((3e-3, 2e-2), (0.02, 0.5), (3e-3, 1.5e-2), (0.05, 1.0)),
+    "industrial MEMS": Grade((1e-3, 5e-3), (5e-3, 0.1), (1e-3, 5e-3), (0.02, 0.3)),
+    "tactical MEMS": Grade((3e-4, 1.5e-3), (5e-4, 2e-2), (5e-4, 3e-3), (0.005, 0.1)),
+    "tuned rotor": Grade((3e-5, 3e-4), (1e-4, 3e-3), (3e-4, 2e-3), (0.002, 0.05)),
+    "open-loop coil": Grade((2e-4, 1e-3), (1e-4, 3e-3), (2e-4, 2e-3), (0.003, 0.05)),
+    "closed-loop coil": Grade((1e-5, 1e-4), (1e-5, 3e-4), (1e-4, 1e-3), (2 * ARCSEC, 60 * ARCSEC)),
+    "ring laser": Grade((2e-5, 1e-4), (1e-6, 5e-5), (3e-5, 5e-4), (2 * ARCSEC, 40 * ARCSEC)),
+    "resonator": Grade((2e-6, 3e-5), (1e-7, 3e-5), (2e-5, 5e-4), (1 * ARCSEC, 20 * ARCSEC)),
+    "coarse sky": Grade((3e-5, 2e-4), (1e-5, 1e-3), (1e-4, 1e-3), (0.1, 0.8)),
+}
+
+
+class Stretch(NamedTuple):
+    """A body rate at local times (n,) → (n, 3), times where it is not smooth, and the turns in it.
+
+    A stretch that points to the Earth has the attitude (4,) that it begins in and the mode's body axis along the velocity.
+    """
+
+    rate: Rate
+    breaks: Sequence[float] = ()
+    turns: Sequence[Slew] = ()
+    begin: Array | None = None
+    mode: str | None = None
+
+
+class Lot(NamedTuple):
+    """What the motion of an interval is drawn from."""
+
+    rng: np.random.Generator  # of the interval
+    craft: np.random.Generator  # begins anew in every interval: what is drawn from it first is the craft's own
+    peaks: Span  # peak rates, deg/s
+    length_s: float  # of the interval
+    start_s: float  # since the epoch
+    frame: Array  # (3, 3) columns are the carrier's axes in the gyros' frame
+    number: int  # of the interval
+    orbit: CircularOrbit
+
+    def peak(self) -> float:
+        """A rate, rad/s."""
+        return float(np.deg2rad(log_uniform(self.rng, *self.peaks)))
+
+    def angle(self, low_deg: float, high_deg: float) -> float:
+        """An angle of either sign, rad."""
+        return float(self.rng.choice([-1.0, 1.0]) * np.deg2rad(log_uniform(self.rng, low_deg, high_deg)))
+
+    def edges(self, fewest: int, most: int) -> Array:
+        """Edges of parts of unequal lengths that fill the interval, s."""
+        parts = self.rng.uniform(0.5, 1.5, int(self.rng.integers(fewest, most + 1)))
+        return np.append(0.0, np.cumsum(parts)) / parts.sum() * self.length_s
+
+    def step(self, low: float, high: float, angle: float) -> Slew:
+        """A turn between two times at a peak rate of the kind's, unless there is no time for it."""
+        duration = min(1.5 * abs(angle) / self.peak(), 0.8 * (high - low))
+        first = low + float(self.rng.uniform(0.05, 0.95)) * (high - low - duration)
+        return Slew(np.array([1.0, 0.0, 0.0]), angle, first, duration, float(self.rng.uniform(0.3, 0.5)))
+
+    def slews(self, most: int) -> list[Slew]:
+        """Turns about near the axes of the frame one after another, so that all axes come."""
+        edges = np.linspace(0, self.length_s, int(self.rng.integers(0 if self.number > 2 else 1, most + 1)) + 1)
+        out = []
+        for place, (low, high) in enumerate(pairwise(edges)):
+            room = min(high - low - 2 * min(REST_S, 0.1 * (high - low)), 600.0)
+            duration = float(self.rng.uniform(0.3, 0.9)) * room
+            first = float(low + self.rng.uniform(0.1, 0.9) * (high - low - duration))
+            ramp = float(self.rng.choice([0.5, self.rng.uniform(0.15, 0.5)]))
+            axis = self.frame[:, (self.number + place) % 3] + 0.2 * self.rng.standard_normal(3)
+            angle = self.peak() * self.rng.choice([-1, 1]) * duration * (1 - ramp)
+            out.append(Slew(axis / np.linalg.norm(axis), float(angle), first, duration, ramp))
+        return out
+
+    def waves(self, size: float, hz: Span, count: int = 4) -> Angle:
+        """An angle of such an RMS, rad, that is a sum of waves."""
+        turn = 2 * np.pi * np.array([log_uniform(self.rng, *hz) for _ in range(count)])
+        high, phase = self.rng.uniform(0.3, 1.0, count), self.rng.uniform(0, 2 * np.pi, count)
+        high *= size * np.sqrt(2 / (high @ high))
+
+        def evaluate(tau: Array) -> tuple[Array, Array]:
+            inner = tau[:, None] * turn + phase
+            return np.sin(inner) @ high, np.cos(inner) @ (high * turn)
+
+        return evaluate
+
+
+# ---- angles and rates ------------------------------------------------------------------------------------------------------
+
+
+def add_turns(turns: Sequence[Slew], tau: Array) -> Array:
+    """Body rate of turns about their axes, (n, 3) rad/s."""
+    return np.asarray(sum((one.rates(tau)[:, None] * one.axis for one in turns), np.zeros((len(tau), 3))))
+
+
+def build_carried_rate(steps: Sequence[Slew], yaw: Angle, pitch: Angle, roll: Angle, frame: Array) -> Rate:
+    """Body rate of a carrier from the steps and the yawing of its heading, its elevation and its bank."""
+
+    def evaluate(tau: Array) -> Array:
+        (theta, up), (phi, over) = pitch(tau), roll(tau)
+        turning = yaw(tau)[1] + sum(step.rates(tau) for step in steps)
+        own = [
+            over - turning * np.sin(theta),
+            up * np.cos(phi) + turning * np.cos(theta) * np.sin(phi),
+            turning * np.cos(theta) * np.cos(phi) - up * np.sin(phi),
+        ]
+        return np.stack(own, axis=1) @ frame.T
+
+    return evaluate
+
+
+def list_knots(steps: Sequence[Slew]) -> list[float]:
+    """Times where steps are not smooth, s."""
+    return [knot for step in steps for knot in step.knots]
+
+
+# ---- spacecraft ------------------------------------------------------------------------------------------------------------
+
+
+def draw_slews(lot: Lot, most: int = 3) -> Stretch:
+    """Rests at a small constant rate, and turns."""
+    turns = lot.slews(most)
+    rest = np.deg2rad(log_uniform(lot.rng, 1e-4, 2e-2)) * lot.rng.standard_normal(3) * (lot.rng.random() < 0.6)
+    return Stretch(lambda tau: rest + add_turns(turns, tau), list_knots(turns), turns)
+
+
+def draw_agile(lot: Lot) -> Stretch:
+    """Many turns."""
+    return draw_slews(lot, 6)
+
+
+def draw_earth_pointing(lot: Lot) -> Stretch:
+    """Pointing to the Earth in one of four modes between turns, with the sway of the attitude control."""
+    period = np.array([log_uniform(lot.rng, 100.0, 500.0) for _ in range(3)])
+    sway = Sway(np.deg2rad(lot.rng.uniform(0.002, 0.05, 3)), period, lot.rng.uniform(0, 2 * np.pi, 3))
+    mode, turns = str(lot.rng.choice(list(MODE_YAW))), tuple(lot.slews(3))
+    profile = Profile(lot.orbit, lot.start_s, lot.start_s + lot.length_s, MODE_YAW[mode], turns, None, sway)
+    return Stretch(profile.rate, list_knots(turns), turns, convert_to_quaternion(profile.attitude(np.zeros(1)))[0], mode)
+
+
+def draw_tumble(lot: Lot) -> Stretch:
+    """A tumble ω = R(e, λt) w + λ e."""
+    axis, peak = lot.frame[:, int(lot.rng.integers(3))], lot.peak()
+    spin, w = float(peak * lot.rng.uniform(-1, 1)), peak * lot.rng.standard_normal(3)
+    return Stretch(lambda tau: turned(axis, spin * tau, w) + spin * axis)
+
+
+def draw_spinner(lot: Lot) -> Stretch:
+    """A spin with a damped nutation that a thruster's pulse starts anew, and in some intervals another spin rate."""
+    ratio = lot.craft.choice([lot.craft.uniform(0.3, 0.8), lot.craft.uniform(1.2, 1.9)])
+    spin, cone = np.deg2rad(log_uniform(lot.craft, *lot.peaks)), np.deg2rad(log_uniform(lot.craft, 2.0, 15.0))
+    kick, phases, damping = lot.rng.uniform(0.3, 0.7) * lot.length_s, lot.rng.uniform(0, 6.28, 2), lot.rng.uniform(0.3, 3)
+    press, change = 1.5 / spin, float(lot.rng.uniform(-0.5, 0.5)) * (lot.rng.random() < 0.5)
+    e, u, v = lot.frame.T
+
+    def rate(tau: Array) -> Array:
+        s = spin * (1 + change * smoothstep((tau - kick) / (0.2 * lot.length_s)))
+        nod = np.exp(1j * phases[0] - tau / (damping * lot.length_s))
+        nod = nod + smoothstep((tau - kick) / press) * np.exp(
+            1j * phases[1] - np.maximum(tau - kick, 0) / (damping * lot.length_s)
+        )
+        nod *= 0.5 * spin * ratio * np.tan(cone) * np.exp(1j * (ratio - 1) * spin * tau)
+        return np.asarray(s[:, None] * e + nod.real[:, None] * u + nod.imag[:, None] * v)
+
+    return Stretch(rate, (kick, kick + press, kick + 0.2 * lot.length_s))
+
+
+def draw_wheel_ramps(lot: Lot) -> Stretch:
+    """Wheels are ramped to one speed after another, so that the rates are made of straight lines."""
+    alone, lines = lot.rng.random() < 0.5, []
+    for wheel in range(3):
+        if alone and wheel != lot.number % 3:
+            continue
+        at = lot.edges(4, 9)
+        speeds = lot.peak() * lot.rng.uniform(-1, 1, len(at)) * (np.arange(len(at)) > 0)
+        lines.append((lot.frame[:, wheel], at, speeds))
+    return Stretch(
+        lambda tau: np.asarray(sum(np.interp(tau, at, speeds)[:, None] * axis for axis, at, speeds in lines)),
+        [float(one) for _, at, _ in lines for one in at[1:-1]],
+    )
+
+
+# ---- rate tables, and what is carried --------------------------------------------------------------------------------------
+
+
+def draw_rate_table(lot: Lot) -> Stretch:
+    """A rate table goes up and down a stair of constant rates about one axis of the gyros."""
+    axis = lot.frame[:, lot.number % 3] + 0.02 * lot.craft.standard_normal(3)
+    up = float(lot.rng.choice([-1.0, 1.0])) * lot.peak() * np.linspace(0, 1, int(lot.rng.integers(3, 7)))
+    levels = np.concatenate([up, up[-2::-1], *([-up[1:], -up[-2::-1]] if lot.rng.random() < 0.5 else [])])
+    at = np.linspace(0, lot.length_s, len(levels) + 1)[1:-1]
+    ramp = float(lot.rng.uniform(0.1, 0.6)) * at[0]
+    steps = list(zip(at, np.diff(levels), strict=True))
+    return Stretch(
+        lambda tau: np.asarray(sum(step * smoothstep((tau - time) / ramp) for time, step in steps))[:, None] * axis,
+        [*at, *(at + ramp)],
+    )
+
+
+def draw_hand_motion(lot: Lot) -> Stretch:
+    """A hand turns the gyros about all axes in turn and never rests wholly."""
+    turns, tremble = lot.slews(8), [lot.waves(np.deg2rad(log_uniform(lot.rng, 0.05, 2)), (0.1, 3.0)) for _ in range(3)]
+    return Stretch(
+        lambda tau: np.stack([wave(tau)[1] for wave in tremble], axis=1) + add_turns(turns, tau),
+        list_knots(turns),
+        turns,
+    )
+
+
+def draw_walk(lot: Lot) -> Stretch:
+    """A walker's hip turns and tilts with each stride, and the path has corners."""
+    stride, height = 0.5 * log_uniform(lot.craft, 1.3, 2.1), np.deg2rad(log_uniform(lot.craft, 1.0, 4.0))
+    corners = [lot.step(low, high, lot.angle(30, 180)) for low, high in pairwise(lot.edges(3, 10))]
+    pitch, roll, yaw = (lot.waves(height, (0.95 * n * stride, 1.05 * n * stride)) for n in (2, 1, 1))
+    return Stretch(build_carried_rate(corners, yaw, pitch, roll, lot.frame), list_knots(corners))
+
+
+def draw_ship(lot: Lot) -> Stretch:
+    """A ship rolls near its resonance, pitches with the waves that it meets, and changes its course now and then."""
+    own, wave = log_uniform(lot.craft, 0.06, 0.14), log_uniform(lot.craft, 0.08, 0.25)
+    sea = np.deg2rad(log_uniform(lot.rng, 1.5, 8.0))
+    steps = [lot.step(low, high, lot.angle(20, 150)) for low, high in pairwise(lot.edges(1, 4))]
+    yaw, roll = lot.waves(0.15 * sea, (0.5 * wave, wave)), lot.waves(sea, (0.85 * own, 1.15 * own), 6)
+    pitch = lot.waves(0.4 * sea, (0.7 * wave, 1.4 * wave), 6)
+    return Stretch(build_carried_rate(steps, yaw, pitch, roll, lot.frame), list_knots(steps))
+
+
+class PlanKind(NamedTuple):
+    """A kind of plan; ranges are log-uniform."""
+
+    law: Callable[[Lot], Stretch]
+    hz: tuple[float, ...]  # sample rates to choose from
+    intervals: tuple[int, int]  # fewest and most
+    length_s: Span  # of an interval
+    spacing_s: Span  # between references
+    peaks: Span  # peak rates, deg/s
+    orbit: bool = False  # whether the recording states an orbit
+
+
+PLANS = {
+    "earth_pointing": PlanKind(draw_earth_pointing, (0.5, 1, 2, 4), (4, 10), (900, 7000), (20, 300), (0.05, 0.6), True),
+    "earth_agile": PlanKind(draw_earth_pointing, (2, 5, 10), (4, 12), (600, 4000), (5, 120), (0.1, 1.5), True),
+    "slews_and_rests": PlanKind(draw_slews, (1, 2, 5, 10), (4, 14), (300, 7200), (5, 300), (0.05, 1.5)),
+    "slews_in_orbit": PlanKind(draw_slews, (1, 2, 5), (5, 14), (600, 5400), (10, 200), (0.05, 0.8), True),
+    "agile": PlanKind(draw_agile, (5, 10, 20), (6, 30), (60, 900), (1, 30), (0.5, 4)),
+    "tumble": PlanKind(draw_tumble, (4, 10, 20, 50), (2, 8), (60, 1500), (0.5, 20), (0.1, 2.0)),
+    "spinner": PlanKind(draw_spinner, (4, 10, 20), (3, 10), (120, 1800), (0.25, 20), (1, 20)),
+    "wheel_ramps": PlanKind(draw_wheel_ramps, (2, 4, 8), (3, 12), (300, 3600), (2, 60), (0.05, 0.6)),
+    "rate_table": PlanKind(draw_rate_table, (20, 50, 100), (3, 18), (40, 400), (0.05, 2), (2, 40)),
+    "hand_motion": PlanKind(draw_hand_motion, (50, 100), (1, 6), (60, 400), (0.1, 2), (2, 30)),
+    "walk": PlanKind(draw_walk, (50, 100), (2, 8), (60, 400), (0.1, 2), (15, 70)),
+    "ship": PlanKind(draw_ship, (20, 50), (3, 12), (120, 1200), (0.2, 5), (0.5, 3)),
+}
+
+
+class Plan(NamedTuple):
+    """The noise-free truth of a case."""
+
+    kind: str
+    grade: str
+    motion: Motion
+    plain: Recording  # without noise
+    G: Array  # (3, 3), true
+
+
+def draw_plan(rng: np.random.Generator, title: str) -> Plan:
+    """Draw a kind of plan and a grade, and the noise-free recording of both."""
+    name, grade_name = str(rng.choice(sorted(PLANS))), str(rng.choice(sorted(GRADES)))
+    kind = PLANS[name]
+    sample_s = 1 / float(rng.choice(kind.hz))
+    lengths = np.array([log_uniform(rng, *kind.length_s) for _ in range(round(log_uniform(rng, *kind.intervals)))])
+    lengths *= min(1.0, MOST_SAMPLES * sample_s / lengths.sum())
+    lengths = np.maximum(np.round(lengths / sample_s), round(10 / sample_s)) * sample_s
+    spacing = max(log_uniform(rng, *kind.spacing_s), sample_s, lengths.sum() / (MOST_REFERENCES - 2 * len(lengths)))
+    spacing = sample_s * np.ceil(spacing / sample_s) if rng.random() < 0.75 else spacing
+    node, latitude = (float(angle) for angle in rng.uniform(0, 2 * np.pi, 2))
+    orbit = CircularOrbit(log_uniform(rng, 3e5, 3e6), float(np.deg2rad(rng.uniform(0, 110))), node, latitude)
+    frame, craft, start, parts = np.linalg.qr(rng.standard_normal((3, 3)))[0], int(rng.integers(2**63)), 0.0, []
+    through = rng.random() < 0.5  # references go on through turns
+    for number, length in enumerate(lengths):
+        lot = Lot(rng, np.random.default_rng(craft), kind.peaks, float(length), start, frame, number, orbit)
+        parts.append((start, float(length), kind.law(lot)))
+        start += float(np.ceil(length + log_uniform(rng, 0.2 * length, 30 * length)))
+    motion = _integrate_motion(rng, parts, sample_s, spacing, through)
+    plain, G = _build_recording(rng, motion, GRADES[grade_name], parts, sample_s, title)
+    if kind.orbit:
+        plain = replace(plain, orbit=Orbit(orbit.period, orbit.altitude / 1e3, float(np.rad2deg(orbit.inclination))))
+    if rng.random() < WARM_SHARE:
+        period = orbit.period if kind.orbit else float(np.median(lengths)) * log_uniform(rng, 0.5, 5.0)
+        spans = [(one.start_s, one.stop_s) for one in plain.intervals]
+        plain = replace(plain, tables={"housekeeping": simulate_gyro_temperature(rng, spans, period)})
+    return Plan(name, grade_name, motion, plain, G)
+
+
+def _integrate_motion(
+    rng: np.random.Generator, parts: list[tuple[float, float, Stretch]], sample_s: float, spacing: float, through: bool
+) -> Motion:
+    made = []
+    for start, length, stretch in parts:
+        edges = sample_s * np.arange(round(length / sample_s) + 1)
+        at = np.append(np.arange(0.0, length - max(0.3 * spacing, SAME_S), spacing), edges[-1])
+        if not through:
+            at = at[~np.any([(at > one.start) & (at < one.stop) for one in stretch.turns] or [np.zeros(len(at), bool)], axis=0)]
+        grid = _merge_times(edges, at, np.array(stretch.breaks))
+        begin = rng.standard_normal(4) if stretch.begin is None else stretch.begin
+        path = integrate(stretch.rate, grid, begin / np.linalg.norm(begin))
+        rates = np.add.reduceat(path.angles, np.searchsorted(grid, edges[:-1] - SAME_S), axis=0) / sample_s
+        made.append((start + edges[:-1], rates, start + at, path.quaternions[np.searchsorted(grid, at - SAME_S)]))
+    ends = np.cumsum([0] + [len(part[0]) for part in made])
+    t_s, rates, reference_t_s, quaternions = (np.concatenate(column) for column in zip(*made, strict=True))
+    intervals = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
+    return Motion(t_s, np.full(len(t_s), sample_s), rates, intervals, reference_t_s, quaternions)
+
+
+def _merge_times(edges: Array, *more: Array) -> Array:
+    """Sorted times; of those that are one, the edge of a sample stays."""
+    others = np.concatenate(more)
+    near = np.abs(others - edges[np.clip(np.searchsorted(edges, others - SAME_S), 0, len(edges) - 1)]) < 2 * SAME_S
+    grid = np.unique(np.concatenate([edges, others[~near & (others > 0) & (others < edges[-1])]]))
+    return grid[np.append(True, np.diff(grid) > SAME_S)]
+
+
+def _build_recording(
+    rng: np.random.Generator,
+    motion: Motion,
+    grade: Grade,
+    parts: list[tuple[float, float, Stretch]],
+    sample_s: float,
+    title: str,
+) -> tuple[Recording, Array]:
+    """The noise-free recording and the true G; the a-priori calibration is near the truth, and not it."""
+    size = log_uniform(rng, *grade.matrix)
+    G = np.eye(3) + size * rng.standard_normal((3, 3))
+    bias = np.deg2rad(log_uniform(rng, *grade.bias)) * rng.standard_normal(3)
+    turned_rad = max(float(np.abs(motion.rates[part]).sum(axis=0).max()) * sample_s for part in motion.intervals)
+    allowed, longest = np.deg2rad(APRIORI_DEG), max(length for _, length, _ in parts)
+    sigma = np.deg2rad(log_uniform(rng, *grade.sigma)) * rng.choice([1.0, 1.0, 1.5, 3.0], 3)
+    gyro = GyroStream(
+        t_s=motion.t_s,
+        rates=compute_raw_rates(motion.rates, G, bias),
+        sample_s=sample_s,
+        arw=float(np.deg2rad(log_uniform(rng, *grade.arw))),
+        apriori_G=G + min(0.3 * size, allowed / max(turned_rad, 1e-9)) * rng.standard_normal((3, 3)),
+        apriori_bias=bias + min(0.3 * float(np.abs(bias).max()), allowed / longest) * rng.standard_normal(3),
+    )
+    intervals = tuple(
+        Interval(f"i{k + 1:02d}", "turns" if one.turns else "rest", start, start + length, None if one.turns else one.mode)
+        for k, (start, length, one) in enumerate(parts)
+    )
+    attitudes = Attitudes(motion.reference_t_s, motion.quaternions, np.tile(sigma, (len(motion.quaternions), 1)))
+    return Recording(title=title, epoch="2020-01-01T00:00:00Z", gyro=gyro, attitudes=attitudes, intervals=intervals), G

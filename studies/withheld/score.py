@@ -1,0 +1,286 @@
+"""What the answers are worth, from the rows of cases: rates, proper scores of what is stated, sizes, shares, and two runs.
+
+A cause that is stated with a probability p is right or not, o ∈ {0, 1}. z = (Σo − Σp)/√Σp(1 − p) of all stated causes is
+standard normal if the probabilities are right; the log score is the mean of −ln of the probability of what is so, the Brier
+score that of (p − o)², each with its standard error. Rates have Wilson's 95 % intervals.
+
+McNemar's exact test compares two runs case by case: of the cases that only one of them answers well, both would have half.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from gyrocal.errors import InputError
+from studies.montecarlo.statistics import compute_binomial_interval
+from studies.report.checks import Check
+from studies.report.entry import Entry, Report
+from studies.report.panels import GREY, RED, TEAL, Draw, Line, build_sheet, make_curves
+from studies.report.tables import Table
+from studies.withheld.cases import MIX, STUDY, WithheldConfig
+
+Array = NDArray[np.float64]
+
+STRONG = 8.0  # signal-to-noise ratio from which an effect must be found
+SURE, LIKELY = 0.9, 0.5  # probabilities of a statement
+CERTAIN = 1e-3  # nearest to 0 or 1 that a probability counts as in the log score
+GOOD = {  # outcomes that count as answered well
+    "none": ("right",),
+    "single": ("right",),
+    "pair": ("right",),
+    "withheld": ("right", "localised", "unknown"),
+    "unlisted": ("right", "localised", "unknown"),
+    "mixed": ("right",),
+}
+OUTCOMES = ("right", "part", "localised", "unknown", "missed", "wrong", "alarm")
+SNR_EDGES = (5.0, 8.0, 12.0, 20.0, 35.0, 100.0)
+
+
+def is_answered_well(rows: pd.DataFrame) -> pd.Series:
+    """Tell of each case whether it is answered well."""
+    good = [outcome in GOOD[kind] for kind, outcome in zip(rows["kind"], rows["outcome"], strict=True)]
+    return pd.Series(good, index=rows.index, dtype=bool)
+
+
+def count_hits(what: str, hits: ArrayLike) -> dict[str, Any]:
+    """Count hits, with their share and its 95 % binomial interval."""
+    values = np.asarray(hits, dtype=bool)
+    count, of = int(values.sum()), int(values.size)
+    low, high = compute_binomial_interval(count, of)
+    return {"what": what, "cases": of, "count": count, "share": count / of if of else np.nan, "low": low, "high": high}
+
+
+def collect_statements(rows: pd.DataFrame) -> pd.DataFrame:
+    """Each stated cause: case, kind, probability p, and whether it is right."""
+    out = [
+        {"case": case, "kind": kind, "p": float(one["p"]), "right": bool(one["right"])}
+        for case, kind, text in zip(rows["case"], rows["kind"], rows["statements"], strict=True)
+        for one in json.loads(text)
+    ]
+    return pd.DataFrame(out, columns=["case", "kind", "p", "right"]).astype({"p": float, "right": bool})
+
+
+def compute_rates(rows: pd.DataFrame) -> pd.DataFrame:
+    """Rates by kind, with their intervals."""
+    kinds = {kind: rows[rows["kind"] == kind] for kind in MIX}
+    stated = collect_statements(rows)
+    wrong = set(stated["case"][~stated["right"] & (stated["p"] >= SURE)])
+    out = [count_hits("no effect: a false alarm", kinds["none"]["outcome"] == "alarm")]
+    for kind, name in (("single", "one listed effect"), ("pair", "two listed effects")):
+        strong = kinds[kind][kinds[kind]["snr"] >= STRONG]
+        out.append(count_hits(f"{name} of SNR {STRONG:g} and more: right", strong["outcome"] == "right"))
+    for kind in ("withheld", "unlisted"):
+        own = kinds[kind][kinds[kind]["snr"] >= STRONG]
+        good = own["outcome"].isin(GOOD[kind])
+        out.append(count_hits(f"{kind}, SNR {STRONG:g} and more: localised or unknown", good))
+        out.append(count_hits(f"{kind}: a wrong name at {SURE:g} and more", kinds[kind]["case"].isin(wrong)))
+    mixed = stated[stated["kind"] == "mixed"]
+    out.append(count_hits("mixed: stated causes that are right", mixed["right"]))
+    out.append(count_hits(f"mixed: causes stated at {SURE:g} and more that are right", mixed["right"][mixed["p"] >= SURE]))
+    out.append(count_hits(f"mixed: listed effects of SNR {STRONG:g} and more found", list_found(kinds["mixed"])))
+    share = rows[rows["true_closed"].notna() & rows["closed_low"].notna()]
+    holds = (share["closed_low"] <= share["true_closed"]) & (share["true_closed"] <= share["closed_high"])
+    out.append(count_hits("90 % interval of the share closed holds the true share", holds))
+    errors = collect_size_errors(rows)
+    out += [count_hits(f"sizes within {level} sigma", np.abs(errors) <= level) for level in (1, 2)]
+    return pd.DataFrame(out)
+
+
+def list_found(rows: pd.DataFrame) -> list[bool]:
+    """Tell of each strong listed effect of some cases whether a cause names it."""
+    out = []
+    for truth, statements in zip(rows["truth"], rows["statements"], strict=True):
+        hits = {hit for one in json.loads(statements) for hit in one["hits"]}
+        strong = [number for number, one in enumerate(json.loads(truth)) if one["listed"] and one["snr"] >= STRONG]
+        out += [number in hits for number in strong]
+    return out
+
+
+def collect_size_errors(rows: pd.DataFrame) -> Array:
+    """(size − true size)/sigma of every cause that is there."""
+    return np.array([error for text in rows["size_sigmas"] for error in json.loads(text)], dtype=float)
+
+
+def compute_rms(errors: Array) -> float:
+    """Root mean square; NaN of nothing."""
+    return float(np.sqrt(np.mean(errors**2))) if errors.size else np.nan
+
+
+def score_statements(stated: pd.DataFrame) -> pd.DataFrame:
+    """Score what is stated at 0.9 and more, at 0.5 and more, and in all."""
+    return pd.DataFrame(
+        [
+            _score_part(name, stated[stated["p"] >= least])
+            for name, least in ((f"at {SURE:g} and more", SURE), (f"at {LIKELY:g} and more", LIKELY), ("all", 0.0))
+        ]
+    )
+
+
+def _score_part(name: str, stated: pd.DataFrame) -> dict[str, Any]:
+    p, right = stated["p"].to_numpy(), stated["right"].to_numpy(dtype=float)
+    spread = float(np.sqrt(np.sum(p * (1 - p))))
+    bounded = np.clip(p, CERTAIN, 1 - CERTAIN)
+    log = -np.log(np.where(right > 0, bounded, 1 - bounded))
+    scores = {"log_score": log, "brier_score": (p - right) ** 2}
+    out = {"stated": name, "causes": len(p), "right": int(right.sum()), "expected": float(p.sum())}
+    out["z"] = (right.sum() - p.sum()) / spread if spread > 0 else np.nan
+    for key, values in scores.items():
+        out[key] = float(values.mean()) if len(p) else np.nan
+        out[f"{key}_se"] = float(values.std(ddof=1) / np.sqrt(len(p))) if len(p) > 1 else np.nan
+    return out
+
+
+def count_outcomes(rows: pd.DataFrame) -> pd.DataFrame:
+    """Cases of each kind by outcome."""
+    table = pd.crosstab(rows["kind"], rows["outcome"]).reindex(index=list(MIX), columns=list(OUTCOMES), fill_value=0)
+    table.insert(0, "cases", table.sum(axis=1))
+    return table.rename_axis(columns=None).reset_index()
+
+
+def summarise_cost(rows: pd.DataFrame) -> pd.DataFrame:
+    """Seconds of processor time of drawing and diagnosis, and peak memory."""
+    names = {"make_s": "drawing, s", "diagnose_s": "diagnosis, s", "peak_mb": "diagnosis, peak MB"}
+    return pd.DataFrame(
+        [{"what": label, "median": rows[name].median(), "largest": rows[name].max()} for name, label in names.items()]
+    )
+
+
+def build_readme_table(rows: pd.DataFrame, failed: int) -> pd.DataFrame:
+    """The rates and scores that the README shows, as texts."""
+    rates = [(one["what"], format_rate(one)) for one in compute_rates(rows).to_dict("records")]
+    scores = score_statements(collect_statements(rows)).to_dict("records")
+    lines = [("cases", f"{len(rows)}"), ("diagnosis failed", f"{failed}"), *rates]
+    for one in scores:
+        told = f"{one['right']} of {one['causes']}, expected {one['expected']:.1f}"
+        lines.append((f"causes stated {one['stated']}: right", told))
+    lines.append(("z of all stated probabilities", f"{scores[-1]['z']:.1f}"))
+    lines.append(("sizes: RMS of (size − true size)/sigma", f"{compute_rms(collect_size_errors(rows)):.2f}"))
+    return pd.DataFrame(lines, columns=["what", "found"])
+
+
+def format_rate(rate: dict[str, Any]) -> str:
+    """A rate as text, with its interval."""
+    if not rate["cases"]:
+        return "0 of 0"
+    shares = (100 * rate["share"], 100 * rate["low"], 100 * rate["high"])
+    return "{} of {} ({:.0f} %; {:.0f} to {:.0f} %)".format(rate["count"], rate["cases"], *shares)
+
+
+# ---- two runs --------------------------------------------------------------------------------------------------------------
+
+
+def compare_runs(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
+    """Compare two runs case by case, in all and by kind.
+
+    Raises
+    ------
+    InputError
+        They share no case, or their cases are not the same.
+    """
+    keys = ["case", "kind", "effects"]
+    both = before.merge(after, on="case", suffixes=("_before", "_after"), validate="one_to_one")
+    if both.empty or any((both[f"{key}_before"] != both[f"{key}_after"]).any() for key in keys[1:]):
+        raise InputError("compare: the two runs are not of the same cases; run both with the same --entropy")
+    parts = {"all": both} | {kind: both[both["kind_after"] == kind] for kind in MIX}
+    return pd.DataFrame([_compare_part(name, part) for name, part in parts.items() if len(part)])
+
+
+def _compare_part(name: str, both: pd.DataFrame) -> dict[str, Any]:
+    from scipy.stats import binomtest  # scipy.stats costs every worker 45 MiB, and no case needs it
+
+    good = {}
+    for when in ("before", "after"):
+        named = both[[f"kind_{when}", f"outcome_{when}"]].set_axis(["kind", "outcome"], axis=1)
+        good[when] = is_answered_well(named)
+    gained, lost = int((good["after"] & ~good["before"]).sum()), int((good["before"] & ~good["after"]).sum())
+    out = {"kind": name, "cases": len(both), "well_before": int(good["before"].sum()), "well_after": int(good["after"].sum())}
+    out |= {"gained": gained, "lost": lost, "p": binomtest(gained, gained + lost).pvalue if gained + lost else 1.0}
+    out["seconds_ratio"] = both["diagnose_s_after"].sum() / max(both["diagnose_s_before"].sum(), 1e-9)
+    out["mb_ratio"] = both["peak_mb_after"].median() / both["peak_mb_before"].median()
+    return out
+
+
+def list_moved_cases(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
+    """The cases whose outcome or stated causes differ."""
+    shown = ["case", "kind", "effects", "snr", "outcome", "said"]
+    both = before[shown].merge(after[["case", "outcome", "said"]], on="case", suffixes=("_before", "_after"))
+    moved = (both["outcome_before"] != both["outcome_after"]) | (both["said_before"] != both["said_after"])
+    return both[moved].reset_index(drop=True)
+
+
+def read_run(path: Path) -> pd.DataFrame:
+    """The good rows of a run.
+
+    Raises
+    ------
+    InputError
+        The file is no table of this study.
+    """
+    try:
+        rows = pd.read_parquet(path)
+    except (OSError, ValueError) as error:
+        raise InputError(f"compare: {path} cannot be read as the table of a run ({error}); give its table.parquet") from None
+    if "statements" not in rows:
+        raise InputError(f"compare: {path} is not the table of a run of the study withheld")
+    return rows[rows["error"] == ""].reset_index(drop=True)
+
+
+# ---- report ----------------------------------------------------------------------------------------------------------------
+
+
+def report(config: WithheldConfig, rows: pd.DataFrame) -> Report:
+    """Tables, two figures, and the comparison with another run."""
+    stated, failed = collect_statements(rows), config.cases - len(rows)
+    shown = ["case", "kind", "plan", "grade", "effects", "snr_attitude", "snr_samples", "outcome", "said"]
+    tables = {
+        "outcomes": Table("Outcomes by kind", count_outcomes(rows), f"Diagnoses that failed, and are not counted: {failed}."),
+        "statements": Table("Stated causes", score_statements(stated)),
+        "cost": Table("Cost of a case", summarise_cost(rows)),
+        "cases": Table("Cases not answered well", rows[~is_answered_well(rows)][shown]),
+        "rates": Table("Rates, with 95 % binomial intervals", compute_rates(rows)),
+    }
+    if config.compare:
+        before = read_run(Path(config.compare))
+        tables["moved"] = Table("Cases answered otherwise than before", list_moved_cases(before, rows))
+        tables["compare"] = Table("Against the run before, case by case", compare_runs(before, rows))
+    tables["readme"] = Table("In words", build_readme_table(rows, failed))
+    checks = (
+        Check("cases whose diagnosis failed", float(failed), None),
+        Check("z of all stated probabilities", float(score_statements(stated)["z"].iloc[-1]), (-2.0, 2.0)),
+        Check("RMS of (size − true size)/sigma", compute_rms(collect_size_errors(rows)), None),
+    )
+    return Report(tables, {"found": draw_found(rows), "stated": draw_statements(stated)}, checks)
+
+
+def draw_found(rows: pd.DataFrame) -> Draw:
+    """Draw the share of single effects that are found, and of effects outside the library that are refused, over the SNR."""
+    kinds = {"single": TEAL, "withheld": GREY, "unlisted": RED}
+    lines = []
+    for kind, colour in kinds.items():
+        own = rows[rows["kind"] == kind]
+        groups = own.groupby(np.digitize(own["snr"], SNR_EDGES))
+        found = pd.DataFrame([count_hits("", is_answered_well(part)) | {"snr": part["snr"].median()} for _, part in groups])
+        if len(found):
+            lines.append(Line(found["snr"], found["share"], kind, colour, "o-", found["low"], found["high"], bars=True))
+    panel = make_curves(lines, x="SNR", y="answered well, 95 %", log="x", legend="lower right")
+    return build_sheet(panel, size=(5.0, 3.4))
+
+
+def draw_statements(stated: pd.DataFrame) -> Draw:
+    """Draw right less expected statements, cumulated from the least sure one on, within two standard deviations."""
+    sorted_ = stated.sort_values("p", kind="stable")
+    p, right = sorted_["p"].to_numpy(), sorted_["right"].to_numpy(dtype=float)
+    band, number = 2 * np.sqrt(np.cumsum(p * (1 - p))), np.arange(1, len(p) + 1)
+    expected = Line(number, np.zeros(len(p)), "expected, 2 sigma", GREY, "-", -band, band)
+    found = Line(number, np.cumsum(right - p), "right − Σp", TEAL, "-")
+    panel = make_curves([expected, found], x="statements, the least sure first", y="right − expected", legend="lower left")
+    return build_sheet(panel, size=(5.0, 3.4))
+
+
+ENTRY = Entry(STUDY, "is the diagnosis right, also of effects that it cannot name", report)

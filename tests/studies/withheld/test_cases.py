@@ -1,0 +1,119 @@
+"""The drawing of cases, and what counts as right."""
+
+import json
+
+import numpy as np
+import pytest
+
+from simulator.effects import EFFECTS, Setting, setting
+from studies.withheld import cases
+from studies.withheld.cases import LISTED, MIX, SNR, WithheldConfig, draw_case, draw_kind, judge_causes, measure_left_power
+from studies.withheld.families import FAMILIES
+from studies.withheld.plans import PLANS
+from tests.studies.withheld.conftest import make_case
+
+ENTROPY = 5
+
+
+def state(effect, axis, size=1.0, p=0.95, **parameters):
+    """A stated cause."""
+    return {"effect": effect, "axis": axis, "size": size, "sigma": 0.1, "probability": p, "parameters": parameters}
+
+
+def test_case_depends_on_entropy_and_number_only():
+    first = draw_case(ENTROPY, 1)
+    draw_case(ENTROPY, 7)
+    again, other = draw_case(ENTROPY, 1), draw_case(ENTROPY + 1, 1)
+    assert again.settings == first.settings
+    np.testing.assert_array_equal(again.world.record(again.settings).gyro.rates, first.world.record(first.settings).gyro.rates)
+    assert other.world.plan.plain.gyro.arw != first.world.plan.plain.gyro.arw
+
+
+def test_kinds_have_exact_shares():
+    count = sum(MIX.values())
+    kinds = [draw_kind(ENTROPY, case) for case in range(2 * count)]
+    assert {kind: kinds.count(kind) for kind in MIX} == {kind: 2 * number for kind, number in MIX.items()}
+
+
+@pytest.mark.parametrize("kind", ["pair", "withheld", "mixed"])
+def test_effects_of_a_kind(kind):
+    number = next(case for case in range(40) if draw_kind(ENTROPY, case) == kind)
+    drawn = draw_case(ENTROPY, number)
+    names = [one.effect for one in drawn.settings]
+    assert sum(name in FAMILIES for name in names) == (kind == "mixed")
+    assert len(names) == {"pair": 2, "withheld": 1}.get(kind, len(names))
+    assert all(0.7 * SNR[0] < one.snr < 1.4 * SNR[1] for one in drawn.effects)
+    assert (drawn.library is None) == (kind != "withheld")
+    if kind == "withheld":
+        assert set(EFFECTS) - set(drawn.library) == set(names)
+    assert drawn.world.plan.kind in PLANS
+
+
+def test_names_are_no_others():
+    assert not set(FAMILIES) & set(EFFECTS)
+    assert len(FAMILIES) == 30
+    for name, parameters in LISTED.items():
+        assert set(parameters) <= {one.name for one in EFFECTS[name].parameters}
+
+
+@pytest.mark.parametrize("name", [name for name, one in FAMILIES.items() if set(one.needs) <= {"turns"}])
+def test_family_acts_on_its_side(turning, name):
+    family = FAMILIES[name]
+    size = 0.3 if family.unit == "share" else 30.0 if family.unit in ("ppm", "deg/h") else 0.01
+    one = Setting(name, "y" if family.axes else None, size, {"phase_deg": 40.0, "share": 0.4, "pace": 0.6})
+    change = turning.change(one)
+    assert change.raw.any() == (not family.on_references)
+    assert change.reference.any() == family.on_references
+    again = turning.change(one)
+    np.testing.assert_array_equal(change.raw, again.raw)
+
+
+# ---- the rule of 2 % -------------------------------------------------------------------------------------------------------
+
+
+def test_short_lag_is_a_delay(turning):
+    lag = setting("rate_lag", None, 0.05)
+    assert measure_left_power(turning, lag, state("time_offset", None, 0.05)) < 1e-3
+
+
+def test_step_is_no_drift(turning):
+    """The negative control: the same side and axis, and another waveform."""
+    step = setting("bias_step", "x", 1.0, {"time_s": 1000.0})
+    assert measure_left_power(turning, step, state("bias_drift", "x")) > 0.1
+    assert measure_left_power(turning, step, state("bias_step", "x", time_s=1000.0)) < 1e-9
+    assert measure_left_power(turning, step, state("bias_step", "x", time_s=1300.0)) > 0.02
+
+
+def test_process_in_the_place_of_a_process(turning):
+    walk = setting("bias_random_walk", "y", 5.0, {"gaps": "hold"})
+    assert measure_left_power(turning, walk, state("bias_random_walk", "y", 5.0, gaps="hold")) == 0
+    assert measure_left_power(turning, walk, state("bias_random_walk", "z", 5.0, gaps="hold")) == 1
+
+
+def test_judgement_and_outcome(turning):
+    placed = cases.Placed(setting("bias_step", "x", 1.0, {"time_s": 2000.0}), 20.0, 0.0)
+    drawn = make_case(turning, "single", placed)
+    right, wrong_axis = judge_causes(drawn, [state("bias_step", "x", time_s=2000.0), state("bias_drift", "z")])
+    assert (right["right"], right["hits"], wrong_axis["right"], wrong_axis["near"]) == (True, [0], False, [])
+    near = judge_causes(drawn, [state("bias_drift", "x")])
+    decide = cases.decide_outcome
+    assert decide("single", True, 1, [right], "named") == "right"
+    assert decide("single", True, 1, [right, wrong_axis], "named") == "wrong"
+    assert decide("pair", True, 2, [right], "named") == "part"
+    assert decide("withheld", True, 1, near, "named") == "localised"
+    assert decide("withheld", True, 1, [wrong_axis], "named") == "wrong"
+    assert decide("none", False, 0, [], "none") == "right"
+    assert decide("unlisted", True, 1, [right], "unknown") == "unknown"
+
+
+# ---- a run -----------------------------------------------------------------------------------------------------------------
+
+
+def test_row_of_a_diagnosed_case():
+    number = next(case for case in range(40) if draw_kind(ENTROPY, case) == "none")
+    row = cases.run_case(WithheldConfig(entropy=ENTROPY), number, None)
+    assert row["kind"] == "none"
+    assert row["outcome"] in ("right", "alarm")
+    assert row["diagnose_s"] > 0
+    assert row["peak_mb"] > 50
+    assert json.loads(row["truth"]) == []
