@@ -27,9 +27,8 @@ from gyrocal.calibration.problem import Iterates, Problem
 from gyrocal.calibration.sampling import Resampling, prepare_measurements
 from studies.calibration.shared_truth import NoiseFreeSimulation, build_once, compute_rms, make_noise_generators
 from studies.montecarlo import statistics
-from studies.montecarlo.settings import Rising
 from studies.montecarlo.statistics import find_level_crossing, fit_log_slope
-from studies.montecarlo.study import Streams, Study, StudyConfig, observed
+from studies.montecarlo.study import Rising, Streams, Study, StudyConfig, observed
 from studies.natanson import flight, flight_gap
 from studies.report import panels
 from studies.report.checks import Check, bound_above, bound_near, check_extremes

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from studies.montecarlo.provenance import describe_provenance
+from studies.montecarlo.manifest import describe_provenance
 from studies.montecarlo.study import DISPERSED, RESERVED, Streams, Study, StudyConfig, draw_case_values, find
 
 LONGEST_ERROR = 500  # characters of an error in a row

@@ -19,17 +19,16 @@ path: a scenario file that changes, or that a worker could not read, can then no
 import hashlib
 import importlib
 import json
-import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
-from typing import Any, ClassVar, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from gyrocal.errors import InputError, suggest_names
 from gyrocal.recording import Recording, format_validation_error, read_toml
@@ -45,6 +44,23 @@ Scalar = bool | int | float | str
 Row = Mapping[str, Any]
 RESERVED = ("case", "error")  # columns of every table
 DISPERSED = "disp:"  # begins the columns of the dispersed values
+
+
+def _check_different(value: tuple[float, ...]) -> tuple[float, ...]:
+    if not value or min(value) <= 0 or len(set(value)) < len(value):
+        raise ValueError("must be one or more different numbers above zero")
+    return value
+
+
+def _check_rising(value: tuple[float, ...]) -> tuple[float, ...]:
+    if not value or value[0] <= 0 or any(b <= a for a, b in pairwise(value)):
+        raise ValueError("must be one or more rising numbers above zero")
+    return value
+
+
+# Kinds of settings that several studies have.
+Different = Annotated[tuple[float, ...], AfterValidator(_check_different)]
+Rising = Annotated[tuple[float, ...], AfterValidator(_check_rising)]
 
 
 class StudyConfig(BaseModel):
@@ -231,23 +247,11 @@ def resolve_config(config: Config) -> Config:
 
 def hash_config(study: Study, config: StudyConfig) -> str:
     """SHA-256 of what a study's rows depend on, its name and resolved configuration, as canonical JSON."""
-    document = config.model_dump(mode="json") | {"cases": None if is_extendable(study, config) else config.cases}
+    document = config.model_dump(mode="json") | {"cases": config.cases}
     # Sorted keys must not hide the order of the dispersions, on which the Sobol dimensions depend.
     document["dispersions"] = list(document["dispersions"].items())
-    if not config.correlations:  # rows without them are those of a study from before there were any
-        del document["correlations"]
     text = json.dumps({"study": study.name, "config": document}, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def is_extendable(study: Study, config: StudyConfig) -> bool:
-    """Whether the rows of the first cases are the same however many follow.
-
-    They are not if the study's module reads the number of cases of a configuration, as in ``config.cases``.
-    """
-    stratified = config.sampler == "lhs" and config.dispersions
-    text = Path(str(sys.modules[study.name.partition(":")[0]].__file__)).read_text(encoding="utf-8")
-    return not (isinstance(config, GridConfig) or stratified or re.search(r"(?<![\w.])\w+\.cases\b", text))
 
 
 def load_base_scenario(config: StudyConfig) -> Scenario:

@@ -179,7 +179,7 @@ def fake(recording):
 def test_a_small_study_runs_and_resumes(tmp_path, monkeypatch):
     monkeypatch.setattr(world_study, "diagnose_timed", fake)
     config = load_config(world_study.STUDY, None, {"cases": 4, "entropy": 2})
-    outcome = engine.run(world_study.STUDY, config, tmp_path, backend="serial", chunk=2)
+    outcome = engine.run(world_study.STUDY, config, tmp_path, backend="serial")
     assert not outcome.failures
     rows = outcome.load()
     assert (rows["outcome"][rows["kind"] != "none"] == "missed").all()
@@ -188,7 +188,7 @@ def test_a_small_study_runs_and_resumes(tmp_path, monkeypatch):
     made = report(config, rows)
     assert made.tables["counts"].data["cases"].sum() == 4
     (tmp_path / "table.parquet").unlink()
-    again = engine.run(world_study.STUDY, config, tmp_path, backend="serial", chunk=2)
+    again = engine.run(world_study.STUDY, config, tmp_path, backend="serial")
     assert again.resumed == 4
     pd.testing.assert_frame_equal(again.load(), rows)
 

@@ -1,10 +1,14 @@
-"""Whether a study shows that a requirement is met, with a stated risk: order statistics of independent cases.
+"""Criteria of a study: when it has enough cases (--until), and whether its cases show a requirement to be met (--require).
 
-    Requirement.parse("p99.73(pointing_deg) < 0.4 @ 90%")   # at least 99.73 % of cases below 0.4, with 90 % confidence
-    Requirement.parse("p1(margin_deg) > 0.1")                # at least 99 % above 0.1; 90 % confidence unless stated
+The criterion of --until is the half-width of a statistic's 95 % confidence interval. With n values: the mean has s/√n and
+Student's t; the standard deviation, by the delta method, √((m₄ − s⁴)/n)/(2 s); a quantile half the distance of the order
+statistics between which it lies by the binomial law; a share Wilson's interval, which stays wide when all n are alike. It is
+asked at fixed numbers of cases, each a quarter larger than the one before: where a study stops depends on its rows, never on
+which case ended first. Looking several times stops a little early by chance: of normal values the interval at the stop covers
+in a little less than 95 %.
 
-A requirement on a percentile is one on a probability: q = 1 − 0.9973 is the most that may lie beyond the limit. Of N
-independent cases k lie beyond it, and k is binomial whatever the distribution of the column. With the risk β = 1 − confidence
+A requirement on a percentile is one on a probability: for p99.73, q = 1 − 0.9973 is the most that may lie beyond the limit. Of
+N independent cases k lie beyond it, and k is binomial whatever the distribution of the column. With the risk β = 1 − confidence
 the requirement is
 
 - met if P(K ≤ k | q) ≤ β: had it just been missed, so few failures would be that improbable (the consumer's risk);
@@ -12,25 +16,33 @@ the requirement is
 - undecided else. The two sum to more than 1, so for β < 1/2 they exclude each other.
 
 J. M. Hanson and B. B. Beard, NASA/TP-2010-216447: 852 runs without a failure for 99.73 % at 10 % risk. Equivalently, an end of
-the interval of C. J. Clopper and E. S. Pearson, Biometrika 26 (1934) 404, lies on the right side of q.
-
-A failed case counts as one beyond the limit, and so does one without a value. Of a case with several rows the worst counts.
-The risk holds for cases drawn independently, and for a number of cases that was not chosen by their values.
+the interval of C. J. Clopper and E. S. Pearson, Biometrika 26 (1934) 404, lies on the right side of q. The risk holds for cases
+drawn independently, and for a number of cases that was not chosen by their values.
 """
 
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, Self
 
+import numpy as np
 import pandas as pd
-from scipy import special
-from scipy.stats import nbinom
+from numpy.typing import NDArray
+from scipy import special, stats
 
-from gyrocal.errors import InputError
-from studies.montecarlo.criterion_text import check_criterion_column, match_criterion
-from studies.montecarlo.study import GridConfig, StudyConfig
+from gyrocal.errors import InputError, suggest_names
+from studies.montecarlo.statistics import compute_binomial_interval
+from studies.montecarlo.study import RESERVED, GridConfig, StudyConfig
 
+Array = NDArray[np.float64]
+Outcome = Literal["met", "not met", "undecided"]
+
+LEVEL = 0.95
+FIRST, GROWTH = 64, 1.25  # cases at the first look, and from one to the next
+FAILED = "failed"
+UNTIL_FORM = re.compile(r"\s*(?:(mean|median|std|p\d\d)\(\s*(\S+?)\s*\)|([^<()\s]+))\s*<\s*(?P<limit>\S+)\s*")
+UNTIL_USAGE = "give it as COLUMN<LIMIT or STATISTIC(COLUMN)<LIMIT with mean, median, std or p01 to p99, e.g. 'p95(nees)<0.5'"
 REQUIREMENT_FORM = re.compile(
     r"\s*p(\d+(?:\.\d+)?)\(\s*(\S+?)\s*\)\s*([<>])\s*(?P<limit>\S+?)\s*(?:@\s*(\d+(?:\.\d+)?)\s*%\s*)?"
 )
@@ -41,7 +53,112 @@ REQUIREMENT_USAGE = (
 DEFAULT_CONFIDENCE = 90.0  # %, the consumer's risk of 10 % of the report named above
 MOST_RUNS = 1e12  # beyond which a number of further cases is stated as none
 
-Outcome = Literal["met", "not met", "undecided"]
+
+def _match_criterion(form: re.Pattern[str], text: str, option: str, usage: str) -> tuple[re.Match[str], float]:
+    """Match a criterion with a form whose group `limit` is a finite number, and read this limit."""
+    match = form.fullmatch(text)
+    try:
+        limit = float(match["limit"]) if match else math.nan
+    except ValueError:
+        limit = math.nan
+    if match is None or not math.isfinite(limit):
+        raise InputError(f"{option} {text}: {usage}")
+    return match, limit
+
+
+def _read_column(rows: pd.DataFrame, column: str, option: str) -> pd.Series:
+    """The values of a study's own column, which are numbers or missing."""
+    known = [str(name) for name in rows if name not in RESERVED]
+    if column not in known:
+        raise InputError(f"{option}: {column}: the rows have no such column; {suggest_names(column, known)}")
+    if not all(isinstance(value, bool | int | float | np.bool_ | np.number | None) for value in rows[column]):
+        raise InputError(f"{option}: column {column} holds no numbers")
+    return rows[column]
+
+
+@dataclass(frozen=True)
+class StoppingRule:
+    """Half-width below which a study has enough cases.
+
+    Attributes
+    ----------
+    statistic : mean, median, std or a percentile such as p95
+    column : of the rows, or "failed"
+    limit : in the column's unit
+    """
+
+    statistic: str
+    column: str
+    limit: float
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """The criterion of a text such as "nees<0.1", "p95(error_G_xx_ppm)<5" or "failed<0.01".
+
+        Raises
+        ------
+        InputError
+            It is not of that form.
+        """
+        match, limit = _match_criterion(UNTIL_FORM, text, "--until", UNTIL_USAGE)
+        if not limit > 0 or match[1] == "p00":
+            raise InputError(f"--until {text}: {UNTIL_USAGE}")
+        return cls(match[1] or "mean", match[2] or match[3], limit)
+
+    def half_width(self, rows: pd.DataFrame) -> float:
+        """Half-width over the rows of the first cases, infinite if they are too few to have one.
+
+        Of a case with several rows their mean counts, since they are not independent.
+
+        Parameters
+        ----------
+        rows : columns case, error and the criterion's own; failed cases count for "failed" only
+
+        Raises
+        ------
+        InputError
+            There is no such column, or it holds no numbers.
+        """
+        if self.column == FAILED:
+            failed = rows.groupby("case")["error"].first() != ""
+            return _compute_share_half_width(int(failed.sum()), len(failed))
+        values = _read_column(rows, self.column, "--until")[rows["error"] == ""].dropna()
+        truth = values.map(type).isin([bool, np.bool_]).all() and len(values)
+        each = np.asarray(values.astype(float).groupby(rows["case"]).mean(), dtype=np.float64)
+        if truth and self.statistic == "mean" and len(each) == len(values):
+            return _compute_share_half_width(int(each.sum()), len(each))
+        return _compute_half_width(self.statistic, each) if len(each) > 1 and np.isfinite(each).all() else math.inf
+
+    def __str__(self) -> str:
+        return f"half-width of {self.statistic}({self.column}) < {self.limit:g}"
+
+
+def list_checkpoints(cases: int, part: int) -> Iterator[int]:
+    """Numbers of cases at which the criterion is asked, whole parts of so many cases, the last one all."""
+    size = float(FIRST)
+    while (count := -(-math.ceil(size) // part) * part) < cases:
+        yield count
+        size = count * GROWTH
+    yield cases
+
+
+def _compute_share_half_width(successes: int, trials: int) -> float:
+    low, high = compute_binomial_interval(successes, trials, LEVEL)
+    return (high - low) / 2
+
+
+def _compute_half_width(statistic: str, values: Array) -> float:
+    n, sigma = len(values), float(values.std(ddof=1))
+    t = float(stats.t.ppf((1 + LEVEL) / 2, n - 1))
+    if statistic == "mean":
+        return t * sigma / math.sqrt(n)
+    if statistic == "std":
+        fourth = float(np.mean((values - values.mean()) ** 4))
+        return t * math.sqrt(max(fourth - sigma**4, 0.0) / n) / (2 * sigma) if sigma else 0.0
+    share = 0.5 if statistic == "median" else int(statistic[1:]) / 100
+    interval = stats.quantile_test(values, p=share).confidence_interval(LEVEL)
+    half = float(interval.high - interval.low) / 2
+    return half if math.isfinite(half) else math.inf  # the interval reaches beyond the sample
 
 
 @dataclass(frozen=True)
@@ -100,14 +217,14 @@ class Requirement:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """The requirement of a text.
+        """The requirement of a text such as "p99.73(pointing_deg) < 0.4 @ 90%" or "p1(margin_deg) > 0.1".
 
         Raises
         ------
         InputError
             It is not of that form.
         """
-        match, limit = match_criterion(REQUIREMENT_FORM, text, "--require", REQUIREMENT_USAGE)
+        match, limit = _match_criterion(REQUIREMENT_FORM, text, "--require", REQUIREMENT_USAGE)
         found = cls(float(match[1]), match[2], match[3], limit, float(match[5] or DEFAULT_CONFIDENCE))
         if not (0 < found.percentile < 100 and 50 < found.confidence < 100):
             raise InputError(f"--require {text}: {REQUIREMENT_USAGE}")
@@ -125,6 +242,9 @@ class Requirement:
     def judge(self, rows: pd.DataFrame) -> Answer:
         """Answer from all rows of a study.
 
+        A failed case counts as one beyond the limit, and so does one without a value. Of a case with several rows the worst
+        counts.
+
         Parameters
         ----------
         rows : columns case, error and the requirement's own; a failed case is a row with its error
@@ -134,8 +254,7 @@ class Requirement:
         InputError
             There is no such column, or it holds no numbers.
         """
-        check_criterion_column(self.column, map(str, rows), rows.get(self.column, ()), "--require")
-        numbers = rows[self.column].astype(float)
+        numbers = _read_column(rows, self.column, "--require").astype(float)
         kept = numbers < self.limit if self.sign == "<" else numbers > self.limit
         failed = rows["error"] != ""
         by_case = pd.DataFrame({"beyond": ~kept | failed, "failed": failed, "empty": numbers.isna() & ~failed})
@@ -172,7 +291,7 @@ def count_runs(beyond: int, q: float, risk: float) -> int:
 
     That is P(the failure after these comes later than case N), a negative binomial's tail.
     """
-    return beyond + 1 + int(nbinom.isf(risk, beyond + 1, q))
+    return beyond + 1 + int(stats.nbinom.isf(risk, beyond + 1, q))
 
 
 def _estimate_runs(share: float, cases: int, q: float, risk: float) -> float:
