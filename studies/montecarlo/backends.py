@@ -17,11 +17,11 @@ import queue
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
 from itertools import islice
 from multiprocessing import resource_tracker
-from typing import Any, Literal, Self, TypeVar
+from typing import Any, Literal, Self
 
 import joblib
 from joblib.externals.loky import get_reusable_executor
@@ -32,7 +32,6 @@ from studies.montecarlo.cases import Result, Task
 
 Name = Literal["serial", "loky", "dask"]
 Run = Callable[[Task], Result]
-T = TypeVar("T")
 
 IDLE_S = 60.0  # after which a warm worker ends
 FOLLOW_S = 0.5  # how often a worker looks whether its parent is alive
@@ -48,14 +47,7 @@ class SchedulerLostError(GyrocalError):
 
 
 class Executor:
-    """Where tasks run, here: in this thread.
-
-    Attributes
-    ----------
-    run : what to do with a task; importable in a worker
-    jobs : tasks that run at a time
-    deaths : errors of a task whose worker died
-    """
+    """Where tasks run, here: in this thread; `jobs` run at a time, and `deaths` are errors of a task whose worker died."""
 
     def __init__(self, run: Run, jobs: int = 1) -> None:
         self.run, self.jobs = run, jobs
@@ -98,7 +90,7 @@ class Executor:
 
 
 def open_backend(name: Name, run: Run, jobs: int | None = None, scheduler: str | None = None) -> Executor:
-    """Start a backend.
+    """Start a backend, to be left as a context.
 
     Parameters
     ----------
@@ -106,11 +98,6 @@ def open_backend(name: Name, run: Run, jobs: int | None = None, scheduler: str |
     run : what to do with a task; importable in a worker
     jobs : workers of this machine; by default as many as there are cores
     scheduler : address of a dask scheduler
-
-    Raises
-    ------
-    InputError
-        There is no such backend, dask is not installed, or the scheduler does not answer or has no workers.
     """
     if (scheduler is not None) != (name == "dask"):
         raise InputError("--backend dask and --scheduler tcp://HOST:PORT go together; one machine needs neither")
@@ -238,13 +225,7 @@ class _Dask(Executor):
 
 
 def _check_scheduler(distributed: Any, address: str) -> None:
-    """Shake hands with a scheduler; a client that meets none would log, and wait once more when it is thrown away.
-
-    Raises
-    ------
-    InputError
-        Nobody answers, or somebody who is no scheduler, or the address is none.
-    """
+    """Shake hands with a scheduler; a client that meets none would log, and wait once more when it is thrown away."""
 
     async def shake() -> None:
         comm = await distributed.comm.connect(address, timeout=CONNECT_S)
@@ -256,29 +237,3 @@ def _check_scheduler(distributed: Any, address: str) -> None:
     if error:  # a port of something else answers anything
         fault = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"dask scheduler {address!r}: {fault}; give it as tcp://HOST:PORT, and see that it runs")
-
-
-def call_all(calls: Sequence[Callable[[], T]], jobs: int, done: Callable[[int], None] = lambda count: None) -> list[T]:
-    """Make independent calls, in worker processes if there are several; their results, in the order of the calls.
-
-    Parameters
-    ----------
-    calls : partials of functions that a worker can import, the longest first
-    jobs : worker processes
-    done : told of each call that has ended
-    """
-    call: Any = _call  # in place of the function that runs the cases of a study
-    numbered: Any = enumerate(calls)  # in place of the tasks of a study
-    found: dict[int, Any] = {}
-    with open_backend("loky" if jobs > 1 else "serial", call, jobs) as workers:
-        ended: Iterator[Any] = workers.results(numbered)
-        for (place, _), result in ended:
-            found[place] = result
-            done(1)
-    if any(result is None for result in found.values()):
-        raise GyrocalError("a worker process was killed; run the same command again, with fewer --jobs if memory was short")
-    return [found[place] for place in range(len(calls))]
-
-
-def _call(task: tuple[int, Callable[[], T]]) -> T:
-    return task[1]()

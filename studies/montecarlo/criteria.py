@@ -1,23 +1,15 @@
 """Criteria of a study: when it has enough cases (--until), and whether its cases show a requirement to be met (--require).
 
-The criterion of --until is the half-width of a statistic's 95 % confidence interval. With n values: the mean has s/√n and
-Student's t; the standard deviation, by the delta method, √((m₄ − s⁴)/n)/(2 s); a quantile half the distance of the order
-statistics between which it lies by the binomial law; a share Wilson's interval, which stays wide when all n are alike. It is
-asked at fixed numbers of cases, each a quarter larger than the one before: where a study stops depends on its rows, never on
-which case ended first. Looking several times stops a little early by chance: of normal values the interval at the stop covers
-in a little less than 95 %.
+The criterion of --until is the half-width of a statistic's 95 % confidence interval: of the mean by Student's t; of the
+standard deviation by the delta method, √((m₄ − s⁴)/n)/(2 s); of a quantile by order statistics; of a share Wilson's, which
+stays wide when all values are alike. It is asked at fixed numbers of cases: where a study stops depends on its rows, never on
+which case ended first. Of normal values the interval at the stop covers in a little less than 95 %, since several looks are taken.
 
 A requirement on a percentile is one on a probability: for p99.73, q = 1 − 0.9973 is the most that may lie beyond the limit. Of
 N independent cases k lie beyond it, and k is binomial whatever the distribution of the column. With the risk β = 1 − confidence
-the requirement is
-
-- met if P(K ≤ k | q) ≤ β: had it just been missed, so few failures would be that improbable (the consumer's risk);
-- not met if P(K ≥ k | q) ≤ β: had it just been met, so many failures would be that improbable (the producer's risk);
-- undecided else. The two sum to more than 1, so for β < 1/2 they exclude each other.
-
-J. M. Hanson and B. B. Beard, NASA/TP-2010-216447: 852 runs without a failure for 99.73 % at 10 % risk. Equivalently, an end of
-the interval of C. J. Clopper and E. S. Pearson, Biometrika 26 (1934) 404, lies on the right side of q. The risk holds for cases
-drawn independently, and for a number of cases that was not chosen by their values.
+it is met if P(K ≤ k | q) ≤ β (the consumer's risk), not met if P(K ≥ k | q) ≤ β (the producer's risk), and undecided else
+(J. M. Hanson and B. B. Beard, NASA/TP-2010-216447). Equivalently, an end of the interval of C. J. Clopper and E. S. Pearson,
+Biometrika 26 (1934) 404, lies on the right side of q. The risk holds for a number of cases that their values did not choose.
 """
 
 import math
@@ -78,14 +70,7 @@ def _read_column(rows: pd.DataFrame, column: str, option: str) -> pd.Series:
 
 @dataclass(frozen=True)
 class StoppingRule:
-    """Half-width below which a study has enough cases.
-
-    Attributes
-    ----------
-    statistic : mean, median, std or a percentile such as p95
-    column : of the rows, or "failed"
-    limit : in the column's unit
-    """
+    """Half-width of a statistic (mean, median, std, p01 to p99) of a column, below which a study has enough cases."""
 
     statistic: str
     column: str
@@ -93,13 +78,7 @@ class StoppingRule:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """The criterion of a text such as "nees<0.1", "p95(error_G_xx_ppm)<5" or "failed<0.01".
-
-        Raises
-        ------
-        InputError
-            It is not of that form.
-        """
+        """Parse a text such as "nees<0.1", "p95(error_G_xx_ppm)<5" or "failed<0.01"; `InputError` if it is not of that form."""
         match, limit = _match_criterion(UNTIL_FORM, text, "--until", UNTIL_USAGE)
         if not limit > 0 or match[1] == "p00":
             raise InputError(f"--until {text}: {UNTIL_USAGE}")
@@ -108,16 +87,8 @@ class StoppingRule:
     def half_width(self, rows: pd.DataFrame) -> float:
         """Half-width over the rows of the first cases, infinite if they are too few to have one.
 
-        Of a case with several rows their mean counts, since they are not independent.
-
-        Parameters
-        ----------
-        rows : columns case, error and the criterion's own; failed cases count for "failed" only
-
-        Raises
-        ------
-        InputError
-            There is no such column, or it holds no numbers.
+        Of a case with several rows their mean counts, since they are not independent. Failed cases count for "failed" only.
+        `InputError` if there is no such column, or it holds no numbers.
         """
         if self.column == FAILED:
             failed = rows.groupby("case")["error"].first() != ""
@@ -167,12 +138,9 @@ class Answer:
 
     Attributes
     ----------
-    requirement : as text
-    outcome : met, not met or undecided
-    cases : number of cases
-    beyond : of them, those that do not keep the limit, failed ones and ones without a value among them
-    failed : cases that ended with an error
-    empty : cases with a row without a value
+    requirement, outcome : as text; met, not met or undecided
+    cases, beyond : number of cases, and of those that do not keep the limit, failed and empty ones among them
+    failed, empty : cases that ended with an error, and with a row without a value
     fewest : further cases that show it met if all of them keep the limit; 0 if it is decided
     expected : further cases that decide it if the share beyond the limit stays; infinite if that share is the one allowed
     """
@@ -198,16 +166,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Requirement:
-    """A limit that a share of all cases must keep.
-
-    Attributes
-    ----------
-    percentile : of the column's distribution, %
-    column : of the rows
-    sign : "<" if the percentile must lie below the limit, ">" if above
-    limit : in the column's unit
-    confidence : of the answer, %
-    """
+    """A limit that a percentile of a column must lie below ("<") or above (">"), with a confidence in %."""
 
     percentile: float
     column: str
@@ -217,13 +176,7 @@ class Requirement:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """The requirement of a text such as "p99.73(pointing_deg) < 0.4 @ 90%" or "p1(margin_deg) > 0.1".
-
-        Raises
-        ------
-        InputError
-            It is not of that form.
-        """
+        """Parse a text such as "p99.73(pointing_deg) < 0.4 @ 90%" or "p1(x) > 0.1"; `InputError` if it is not of that form."""
         match, limit = _match_criterion(REQUIREMENT_FORM, text, "--require", REQUIREMENT_USAGE)
         found = cls(float(match[1]), match[2], match[3], limit, float(match[5] or DEFAULT_CONFIDENCE))
         if not (0 < found.percentile < 100 and 50 < found.confidence < 100):
@@ -243,16 +196,7 @@ class Requirement:
         """Answer from all rows of a study.
 
         A failed case counts as one beyond the limit, and so does one without a value. Of a case with several rows the worst
-        counts.
-
-        Parameters
-        ----------
-        rows : columns case, error and the requirement's own; a failed case is a row with its error
-
-        Raises
-        ------
-        InputError
-            There is no such column, or it holds no numbers.
+        counts. `InputError` if there is no such column, or it holds no numbers.
         """
         numbers = _read_column(rows, self.column, "--require").astype(float)
         kept = numbers < self.limit if self.sign == "<" else numbers > self.limit
@@ -309,13 +253,7 @@ def _estimate_runs(share: float, cases: int, q: float, risk: float) -> float:
 
 
 def check_independent(config: StudyConfig, option: str) -> None:
-    """Refuse a study whose cases are no independent draws, to which order statistics do not apply.
-
-    Raises
-    ------
-    InputError
-        Its cases are the points of a grid, or its sampler spreads them evenly.
-    """
+    """Raise `InputError` if the cases of a study are no independent draws, to which order statistics do not apply."""
     if isinstance(config, GridConfig):
         raise InputError(f"{option}: the cases of this study are points of a grid, not draws; choose another study")
     if not draws_independently(config):

@@ -20,7 +20,6 @@ import fcntl
 import json
 import logging
 import os
-import shutil
 import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -40,10 +39,8 @@ from studies.montecarlo.criteria import StoppingRule, list_checkpoints
 from studies.montecarlo.files import write_bytes
 from studies.montecarlo.manifest import (
     MANIFEST,
-    WORK,
     collect_versions,
     describe_provenance,
-    hash_bytes,
     list_changes,
     write_manifest,
 )
@@ -78,14 +75,11 @@ class Outcome:
 
     Attributes
     ----------
-    folder : of the study
-    table : its table, a Parquet file
-    cases : number of cases
-    resumed : of them, those found finished in the folder
+    folder, table : of the study, and its table, a Parquet file
+    cases, resumed : number of cases, and of those found finished in the folder
     failures : error of each failed case
     warnings : how often each warning was given in this run
-    wall_s : duration of this run
-    cpu_s : CPU time of all cases, in whatever run they were computed
+    wall_s, cpu_s : duration of this run, and CPU time of all cases, in whatever run they were computed
     manifest : what the folder's manifest says, without the files
     """
 
@@ -191,7 +185,8 @@ def run(
         about = _describe_configuration(study, config)
         earlier = _load_earlier_manifest(about, folder)
         parts = Parts(folder, config.cases, about["config_sha256"])
-        session = _Session(parts, about, earlier, backend, describe_provenance(study))
+        about |= {**collect_versions(["distributed"] if backend == "dask" else []), "backend": backend, "jobs": None}
+        session = _Session(parts, about, earlier, describe_provenance(study))
         missing = session.find_missing_cases(retry_failed)
         resumed = session.done
         table = folder / "table.parquet"
@@ -256,36 +251,8 @@ def load_stored_config(study: Study, folder: Path) -> StudyConfig | None:
         return None
 
 
-def get_work_folder(folder: Path, study: Study, config: StudyConfig) -> Path:
-    """Return the folder of a study whose rows are not kept, inside the folder of its output.
-
-    Of each configuration, source code and machine its own, so that what another one left unfinished is never in the way.
-    """
-    made = [hash_config(study, resolve_config(config)), describe_provenance(study)]
-    return Path(folder) / WORK / hash_bytes(json.dumps(made, sort_keys=True).encode())[:12]
-
-
-def finish_folder(outcome: Outcome, folder: Path, **about: Any) -> None:
-    """Write the manifest of what was made of a study's rows, and remove the `get_work_folder` of the folder.
-
-    Parameters
-    ----------
-    outcome : of the study
-    folder : every result in it is hashed
-    about : what the manifest says differently from the study's own, as plain values
-    """
-    write_manifest(folder, outcome.manifest | about)
-    shutil.rmtree(Path(folder) / WORK)
-
-
 def read_study_manifest(folder: Path) -> dict[str, Any] | None:
-    """Manifest of the study in a folder, None if there is none.
-
-    Raises
-    ------
-    InputError
-        It is no manifest of a study.
-    """
+    """Manifest of the study in a folder, None if there is none; `InputError` if it is none of a study."""
     path = folder / MANIFEST
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
@@ -325,13 +292,7 @@ def _describe_configuration(study: Study, config: StudyConfig) -> dict[str, Any]
 
 
 def _load_earlier_manifest(about: Mapping[str, Any], folder: Path) -> dict[str, Any] | None:
-    """Manifest of the same study in the folder; None if there is none.
-
-    Raises
-    ------
-    InputError
-        The folder holds another study.
-    """
+    """Manifest of the same study in the folder, None if there is none; `InputError` if it is of another study."""
     found = read_study_manifest(folder)
     if found is None or not (what := list_changes(*map(_identify_study, (found, about)))):
         return found
@@ -372,13 +333,7 @@ def _keep(study: Study, config: StudyConfig, case: int, folder: Path) -> Path | 
 
 @contextmanager
 def open_study_folder(folder: Path) -> Iterator[None]:
-    """Make the folder and hold it for this run; the lock goes with the process, however that ends.
-
-    Raises
-    ------
-    InputError
-        Another process holds it.
-    """
+    """Make the folder and hold it for this run, or raise `InputError`; the lock ends with the process, however that ends."""
     folder.mkdir(parents=True, exist_ok=True)
     # Neither through a link nor emptying what is there: nothing is written to it.
     with os.fdopen(os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666), "w") as file:
@@ -390,32 +345,12 @@ def open_study_folder(folder: Path) -> Iterator[None]:
 
 
 class _Session:
-    """One run of a study in its folder.
+    """One run of a study in its folder: what the manifest says of it, what is done, and what failed."""
 
-    Attributes
-    ----------
-    about : what the manifest says of the study
-    before : the manifest of earlier runs
-    made_with : source code and machine of this run
-    cases : number of cases with which the study ends
-    done : cases that have ended and are stored
-    failures : error of each failed case
-    cpu_s : CPU time of the stored cases
-    warnings : how often each warning was given in this run
-    """
-
-    def __init__(
-        self,
-        parts: Parts,
-        about: Mapping[str, Any],
-        earlier: Mapping[str, Any] | None,
-        backend: Name,
-        made_with: Mapping[str, Any],
-    ) -> None:
+    def __init__(self, parts: Parts, about: Mapping[str, Any], earlier: Mapping[str, Any] | None, made_with: Any) -> None:
         self.parts, self.before, self.made_with, self.cases = parts, earlier or {}, made_with, parts.cases
         self.begun = time.monotonic()
-        installed = collect_versions(["distributed"] if backend == "dask" else [])
-        self.about = {**about, **installed, **made_with, "backend": backend, "jobs": None}
+        self.about = {**about, **made_with}
         self.done, self.cpu_s = 0, 0.0
         self.failures: dict[int, str] = {}
         self.warnings: Counter[str] = Counter()

@@ -58,14 +58,7 @@ def collect_versions(more: Iterable[str] = ()) -> dict[str, Any]:
 
 
 def write_manifest(folder: Path, about: Mapping[str, Any], complete: bool = True) -> None:
-    """Write the manifest of a folder.
-
-    Parameters
-    ----------
-    folder : of a study
-    about : what the manifest says beside the hashes, as plain values
-    complete : whether all results are there; only then are they hashed
-    """
+    """Write the manifest of a folder: plain values, and the hashes of all results once they are complete."""
     files = {}
     for path in list_results(folder) if complete else ():
         with path.open("rb") as file:

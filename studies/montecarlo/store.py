@@ -52,14 +52,7 @@ def _build_array(values: list[Any]) -> pa.Array:
 
 @dataclass(frozen=True)
 class Parts:
-    """The parts of a study.
-
-    Attributes
-    ----------
-    folder : of the study
-    cases : number of cases
-    config_sha256 : hash of what the rows depend on
-    """
+    """The parts of a study in its folder, with its number of cases and the hash of what its rows depend on."""
 
     folder: Path
     cases: int
@@ -97,13 +90,7 @@ class Parts:
             return file.read()
 
     def inspect(self, cases: range) -> PartInfo | str | None:
-        """Read the description of a part; text if it is damaged, None if there is none.
-
-        Raises
-        ------
-        InputError
-            It is of another configuration.
-        """
+        """Read the description of a part: text if it is damaged, None if there is none, `InputError` if of another study."""
         path = self.path(cases.start)
         if not path.exists():
             return None
@@ -131,13 +118,7 @@ class Parts:
         return self.path(case).rename(self.path(case).with_suffix(".corrupt"))
 
     def table(self, stop: int) -> pa.Table:
-        """Rows of the first cases, which are those of whole parts and are there, in one piece.
-
-        Raises
-        ------
-        GyrocalError
-            A column does not hold the same kind of value in all parts.
-        """
+        """Rows of the first cases, which are those of whole parts and are there, in one piece."""
         tables = [self.read(case).replace_schema_metadata(None) for case in range(0, stop, self.size)]
         try:
             return pa.concat_tables(tables, promote_options="permissive").combine_chunks()
