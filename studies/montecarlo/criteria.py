@@ -3,7 +3,7 @@
 The criterion of --until is the half-width of a statistic's 95 % confidence interval: of the mean by Student's t; of the
 standard deviation by the delta method, √((m₄ − s⁴)/n)/(2 s); of a quantile by order statistics; of a share Wilson's, which
 stays wide when all values are alike. It is asked at fixed numbers of cases: where a study stops depends on its rows, never on
-which case ended first. Of normal values the interval at the stop covers in a little less than 95 %, since several looks are taken.
+which case ended first. Since it looks several times, the interval at the stop covers in a little less than 95 %.
 
 A requirement on a percentile is one on a probability: for p99.73, q = 1 − 0.9973 is the most that may lie beyond the limit. Of
 N independent cases k lie beyond it, and k is binomial whatever the distribution of the column. With the risk β = 1 − confidence

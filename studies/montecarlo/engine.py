@@ -116,14 +116,9 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Rerun:
-    """A case repeated.
+    """A case repeated: its rows, traceback if it failed, folder of its recording if the study keeps one.
 
-    Attributes
-    ----------
-    rows : its rows
-    traceback : of its failure; empty if it succeeded
-    recording : folder with its recording; None if the study keeps none
-    same : whether the rows are those of the study in the folder, bit for bit; None if that has no such case
+    `same` is whether the rows are those of the study in the folder, bit for bit; None if that has no such case.
     """
 
     rows: pd.DataFrame

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 SIGMA_LEVELS = {"68": 0.682689492137, "95": 0.954499736104, "99.7": 0.997300203937}  # 1, 2 and 3 sigma of a Gaussian
-CONSISTENT, OVER_CONFIDENT, UNDER_CONFIDENT = "consistent", "over-confident", "under-confident"
 
 
 @dataclass(frozen=True)
@@ -32,11 +31,6 @@ class Nees:
     def is_inside(self) -> bool:
         """Whether the mean lies within its bounds."""
         return self.lower <= self.value <= self.upper
-
-    @property
-    def verdict(self) -> str:
-        """Verdict of the mean on the covariance."""
-        return CONSISTENT if self.is_inside else OVER_CONFIDENT if self.value > self.upper else UNDER_CONFIDENT
 
 
 def compute_nees(errors: Array, covariances: Array) -> Array:

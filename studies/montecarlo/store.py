@@ -2,7 +2,7 @@
 
 A part is written under another name and then renamed, so that it is there whole or not at all, and is found by its number,
 never by looking what files there are. Its metadata say which configuration it is of, and its pages carry checksums: when a
-study is resumed, a damaged part is seen, set aside and computed again. Nothing is forced to the disk (fsync), which would cost
+study is resumed, a damaged part is seen and computed again. Nothing is forced to the disk (fsync), which would cost
 more than the part: a part lost in a power failure is a damaged part.
 
 The table holds the rows in the order of the cases, in row groups of a fixed size, so that its bytes do not depend on how the
@@ -112,10 +112,6 @@ class Parts:
         if not isinstance(self.inspect(range(start, min(start + self.size, self.cases))), PartInfo):
             return None
         return self.read(case).filter(pc.field("case") == case).to_pandas()
-
-    def set_aside(self, case: int) -> Path:
-        """Rename the damaged part that has a case; returns its new path."""
-        return self.path(case).rename(self.path(case).with_suffix(".corrupt"))
 
     def table(self, stop: int) -> pa.Table:
         """Rows of the first cases, which are those of whole parts and are there, in one piece."""
