@@ -1,10 +1,9 @@
 """Every threshold of the diagnosis, in one place.
 
 A threshold decides something: whether there is a gap, whether a cause is named, whether a test of the samples speaks. Each says
-what it means, its unit, and how it was chosen. Where the choice came from data, they are recordings of the test world's known
-source (`studies.validation.world.sources`), or of its forerunner, the "earlier test world" below, whose scored part was looked
-at in development, too. The figures in the README come from first-sight exams (`studies.validation.exam`) alone. Numbers that
-belong to a method rather than to a decision, such as the length of a window or the points of a grid, stand beside the method.
+what it means, its unit, and how it was chosen. Where the choice came from data, they are simulated recordings that were looked
+at in development; the figures in the README come from other ones (`studies.withheld`). Numbers that belong to a method rather
+than to a decision, such as the length of a window or the points of a grid, stand beside the method.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ class DiagnosisSettings:
         0.3,
         "prior probability that what is at work is on no list",
         "probability",
-        "62 explanations in the earlier test world are likeliest with three to eight times the odds of a fifth: "
+        "62 explanations of simulated recordings are likeliest with three to eight times the odds of a fifth: "
         "what stands for the unlisted in the search is never quite what is at work; a step towards that",
     )
     another: float = define_threshold(
@@ -97,7 +96,7 @@ class DiagnosisSettings:
         0.762,
         "how much less likely than the likeliest, as a share of it, an explanation in the 90 % conformal set may be",
         "probability",
-        "covers 90 % with 95 % confidence, from 299 cases of the earlier test world",
+        "covers 90 % with 95 % confidence, from 299 simulated recordings",
     )
     sample_event: float = define_threshold(
         1e-5,

@@ -21,7 +21,7 @@ from studies.report.junit import Verdict, convert_checks, write_junit
 
 if TYPE_CHECKING:
     from studies.montecarlo import engine
-    from studies.montecarlo.criteria import Requirement
+    from studies.montecarlo.requirement import Requirement
     from studies.report.entry import Entry
 
 STUDY_NAMES = (
@@ -32,29 +32,12 @@ STUDY_NAMES = (
     "consistency",
     "observability",
     "noise",
-    "world",
-    "bench",
     "withheld",
     "flight",
     "real",
     "heads",
     "sentinel2a",
 )
-CHECKOUT_MODULES = {"bench": "studies.validation.world.bench", "exam": "studies.validation.exam.steps"}
-
-
-def load_module(name: str) -> Any:
-    """Load a module of a checkout, which is not installed with the package.
-
-    Raises
-    ------
-    InputError
-        This is an installed package.
-    """
-    try:
-        return importlib.import_module(CHECKOUT_MODULES[name])
-    except ModuleNotFoundError as error:
-        raise InputError(f"{name}: belongs to the test world, which is not installed; run it from a checkout") from error
 
 
 def find_entry(name: str) -> Entry:
@@ -89,10 +72,6 @@ def _import_entry(name: str) -> Entry:
             from studies.calibration.maneuvers_needed import ENTRY
         case "noise":
             from studies.calibration.noise import ENTRY
-        case "world":
-            from studies.validation.world.report import ENTRY
-        case "bench":
-            from studies.validation.world.bench import ENTRY
         case "withheld":
             from studies.withheld.score import ENTRY
         case "flight":
@@ -193,8 +172,8 @@ def run(
     chosen = find_entry(name)
 
     from studies.montecarlo import engine
-    from studies.montecarlo.criteria import check_independent, draws_independently
     from studies.montecarlo.manifest import write_manifest
+    from studies.montecarlo.requirement import check_independent, draws_independently
     from studies.montecarlo.study import load_config
     from studies.report import checks, columns, sensitivity
     from studies.report import entry as report
@@ -216,8 +195,7 @@ def run(
         made = chosen.report(settings.model_copy(update={"cases": outcome.cases}), good)
     except Exception as error:
         error.add_note(
-            f"The report failed; {outcome.table} has the rows. The same command makes the report again; "
-            "after a change of the source code choose another --out."
+            f"The report failed; the rows are kept in {folder}. Correct the report and add --mix to the same command."
         )
         raise
     if settings.dispersions:

@@ -19,14 +19,6 @@ PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 NUMBER = re.compile(r"<!--=(\w+)-->")
 TABLE = re.compile(r"<!--begin (\w+)-->\n(.*?)<!--end-->", re.DOTALL)
 GTSAM_CPP_NS = 152.0  # a sample of gtsam's own benchmark in C++: full navigation state and covariance (gtsam issue 2765)
-EXAM_RATES = {  # columns of the table of exams by the rates of a score
-    "false alarms": "no effect: a false alarm",
-    "one effect, SNR ≥ 8: right, or in its group": "one effect of SNR 8 and more: right or in the group",
-    "two effects, SNR ≥ 8: both right, or in their groups": "two effects of SNR 8 and more: both right or in the groups",
-    "outside the library, SNR ≥ 12: unknown": "unlisted of SNR 12 and more: unknown",
-    "outside the library: wrong name": "unlisted and detected: a confident wrong name",
-    "mixed: named causes that are there": "mixed: causes stated that are there",
-}
 TABLE3 = {  # lines of R Table 3, and the digits that R prints
     "attitude_accuracy_deg": ("attitude accuracy", 3),
     "yaw_update_deg": ("yaw update", 2),
@@ -44,37 +36,12 @@ def format_table(rows, head):
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
-def format_share(row):
-    bounds = f"{100 * row['low']:.1f} to {100 * row['high']:.1f}"
-    return f"{row['count']:.0f} of {row['cases']:.0f} ({100 * row['share']:.0f} %; {bounds} %)"
-
-
-def read_scores():
-    return [json.loads(path.read_text()) for path in sorted((ROOT / "studies" / "validation" / "exam").glob("*/score.json"))]
-
-
-def tabulate_exams():
-    every = read_scores()
-    rows = [
-        [name, *(str(one[key]) for one in every)]
-        for name, key in {"recordings": "recordings", "not answered": "failed"}.items()
-    ]
-    rows.append(["code", *(f"`{one['commit'][:7]}`" for one in every)])
-    for title, what in EXAM_RATES.items():
-        rates = [{rate["what"]: rate for rate in one["rates"]} for one in every]
-        rows.append([title, *(format_share(rate[what]) for rate in rates)])
-    rows.append(["calibration error of the stated probabilities", *(f"{one['calibration_error']:.3f}" for one in every)])
-    return format_table(rows, ["first-sight exam", *(one["exam"] for one in every)])
-
-
-def tabulate_exam_outcomes():
-    rows = [[one["exam"], *row.values()] for one in read_scores() for row in one["outcomes"]]
-    return format_table(rows, ["exam", *read_scores()[0]["outcomes"][0]])
-
-
-def tabulate_exam_rates():
-    rows = [[one["exam"], rate["what"], format_share(rate)] for one in read_scores() for rate in one["rates"]]
-    return format_table(rows, ["exam", "what", "found, with its 95 % interval"])
+def tabulate_withheld():
+    path = RESULTS / "studies" / "withheld" / "readme.csv"
+    if not path.exists():
+        return "The table follows with the first committed run of the study.\n"
+    table = pd.read_csv(path, dtype=str)
+    return format_table(table.itertuples(index=False), table.columns)
 
 
 def tabulate_natanson_questions():
@@ -140,9 +107,7 @@ def compute_kernel_ns():
 
 
 VALUES = {
-    "exam_history": tabulate_exams,
-    "exam_outcomes": tabulate_exam_outcomes,
-    "exam_rates": tabulate_exam_rates,
+    "withheld": tabulate_withheld,
     "natanson_questions": tabulate_natanson_questions,
     "natanson_estimates": tabulate_natanson_estimates,
     "digits_table2": lambda: f"{count_changed_digits('table2')} of the 18",

@@ -1,4 +1,4 @@
-"""The wheel is small, holds no test world and no results, and works where there is no checkout."""
+"""The wheel is small, holds no tests and no results, and works where there is no checkout."""
 
 import os
 import subprocess
@@ -12,7 +12,7 @@ import pytest
 from tests import ROOT
 
 LARGEST_MB = 3.0
-ONLY_CHECKOUT = ("results/", "tests/", "studies/validation/world/", "studies/validation/exam/")
+ONLY_CHECKOUT = ("results/", "tests/")
 
 
 @pytest.fixture(scope="module")

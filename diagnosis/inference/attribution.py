@@ -8,7 +8,7 @@ No list is complete. Something unlisted may act beside the effects, with the pri
 of `DiagnosisSettings`. It is described by a remainder of random errors (`diagnosis.model.remainder`). A listed random process
 is one of these, so that a remainder may stand in its place as well, with the prior probability `unlisted_share`. What the
 samples show of a process by themselves speaks against that, since the remainder would have to show it, too. In the place of an
-effect with a shape of its own a remainder had less evidence in every recording of the test world that was tried.
+effect with a shape of its own a remainder had less evidence in every simulated recording that was tried.
 
 The checks of what the explanation leaves (`diagnosis.inference.criticism`) weigh both. Their p-value p is uniform under the
 explanation. Where something else is at work its density is α p^(α − 1), the smaller α, the more the checks see of it. α may

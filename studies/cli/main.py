@@ -23,7 +23,7 @@ import click
 from studies.report.printable import make_printable
 
 COMMAND_NAMES = (
-    *("allan", "baseline", "bench", "calibrate", "compare", "diagnose", "effects", "exam", "export", "import", "mission"),
+    *("allan", "baseline", "calibrate", "compare", "diagnose", "effects", "export", "import", "mission"),
     *("plan", "predict", "reproduce", "scenarios", "simulate", "study"),
 )
 

@@ -7,10 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cache
-from importlib import resources
-
-import pandas as pd
 
 from diagnosis.answer import Cause, Finding
 from diagnosis.inference.attribution import REMAINDER
@@ -21,7 +17,6 @@ from studies.report import diagnosis_words as words
 from studies.report import gap_budget, next_step, pointing_cost
 from studies.report import next_flight as flights
 
-FEWEST_STATEMENTS = 5  # of a probability, below which how many of them were right says nothing
 MOST_FINDINGS = 2
 LEAST_PROBABILITY = 0.01  # of an explanation that is stated
 ORDINALS = ("First", "Second", "Third", "Fourth", "Fifth", "Sixth", "Seventh", "Eighth")
@@ -186,28 +181,8 @@ def _describe_certainty(diagnosis: Diagnosis) -> str:
         text = f"{which}robability {words.format_percent(cause.probability)}"
         if len(cause.group) > 1:
             text += f", {words.format_percent(cause.group_probability)} that it is this or what cannot be told from it"
-        parts.append(f"{text}. {describe_reliability(cause.probability)}".strip())
+        parts.append(f"{text}.")
     return " ".join(dict.fromkeys(parts))
-
-
-@cache
-def _read_reliability_table() -> pd.DataFrame:
-    """Read the measured reliability by stated probability; of the first-sight exams."""
-    with resources.files("studies").joinpath("data", "reliability.csv").open("rb") as file:
-        return pd.read_csv(file)
-
-
-def describe_reliability(probability: float) -> str:
-    """Describe the measured frequency of right statements at such a probability."""
-    rows = _read_reliability_table()
-    rows = rows[(rows["from"] <= probability) & (probability <= rows["to"]) & (rows["statements"] >= FEWEST_STATEMENTS)]
-    if rows.empty:
-        return "How often so sure a statement is right is not known: the first-sight exams had next to none."
-    row = rows.iloc[-1]
-    return (
-        f"Of {row['statements']:.0f} statements of {100 * row['from']:.0f} to {100 * row['to']:.0f} % in first-sight "
-        f"exams {100 * row['there']:.0f} % were right ({100 * row['low']:.0f} to {100 * row['high']:.0f} %)."
-    )
 
 
 def _describe_places(diagnosis: Diagnosis) -> str:

@@ -1,13 +1,12 @@
 """The page of a reproduction: do simulation and flight agree, where not, by which cause, how sure that is, how far the gap
-shrinks, and what would be next; then every claim of both papers, every table and figure, the first-sight exams of the
-diagnosis, and the studies, each with its command, commit and hash.
+shrinks, and what would be next; then every claim of both papers, every table and figure, and the
+studies, each with its command, commit and hash.
 
 The page is made of the folders of results alone; figures are taken in as they are there.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -55,7 +54,7 @@ def build_index_page(folders: Mapping[str, Path], studies: Path, made: Provenanc
     evidence = [
         section for name, one in found.items() for section in _build_paper_sections(name, Source.load(one.results.folder))
     ]
-    evidence += [*_build_exam_sections(), *_build_study_sections(studies)]
+    evidence += [*_build_study_sections(studies)]
     answers = [_build_answers(name, one, claims[name]) for name, one in found.items()]
     sections = [*answers, *_build_claim_sections(claims, {one.name for one in evidence}), *evidence]
     return Page(TITLE, sections, _build_first_screen(found), made).render_html()
@@ -251,20 +250,6 @@ CAPTIONS = {
 
 
 # ---- checks and studies --------------------------------------------------------------------------------------------------
-
-
-def _build_exam_sections() -> Iterator[Section]:
-    """Tabulate every first-sight exam; they are part of a checkout, and an installed package has none."""
-    folder = Path(__file__).parents[1] / "validation" / "exam"
-    scores = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.glob("*/score.json"))]
-    columns = ["what", "cases", "share", "low", "high"]
-    rows = [pd.DataFrame(one["rates"])[columns].assign(exam=one["exam"])[["exam", *columns]] for one in scores]
-    lead = (
-        "Each exam is taken once, on craft and effects written after the code was frozen and without sight of it. The "
-        "hash of its keys was committed before it ran. Shares have 95 % binomial intervals."
-    )
-    if rows:
-        yield Section("How far the diagnosis can be believed", [lead, PageTable(pd.concat(rows), label="First-sight exams")])
 
 
 def _build_study_sections(studies: Path) -> Iterator[Section]:

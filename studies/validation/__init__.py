@@ -1,1 +1,1 @@
-"""Validation of the framework itself: the test world, exams, the baseline of recovered parameters, real gyros."""
+"""Validation of the framework itself: the baseline of recovered parameters, real gyros."""

@@ -56,6 +56,7 @@ DESCRIBED = 0.3  # norm of the error of a plan's own samples, up to which M0 des
 DETERMINED = 0.03  # sigma of an element of G, up to which a plan determines it
 ALIKE = 0.8  # cosine of two responses from which two effects of a case are one to any diagnosis
 SAME_POWER = 0.02  # share of an effect's power that a cause may leave to be right in its place
+LEAST_MISFIT = 1.05  # of the floor, from which a share of the misfit is measured
 RANDOM_DRAWS, PROCESS_DRAWS = 4, 48  # of a random change, and of a process whose span is compared
 
 Draw = Callable[[np.random.Generator, Surroundings], Value]
@@ -462,10 +463,13 @@ def list_size_errors(drawn: DrawnCase, causes: Sequence[Cause]) -> list[float]:
 
 
 def measure_true_share(drawn: DrawnCase, removed: Iterable[int]) -> float:
-    """Share of the misfit that goes when some effects are taken out of the simulation, with all noise as it was."""
+    """Share of the misfit that goes when some effects are taken out of the simulation, with all noise as it was.
+
+    NaN where held-out data show next to no misfit.
+    """
     kept = [one for number, one in enumerate(drawn.settings) if number not in set(removed)]
     whole, left = (_measure_misfit(drawn.world.record(settings)) for settings in (drawn.settings, kept))
-    return (whole - left) / (whole - BUDGET.floor)
+    return (whole - left) / (whole - BUDGET.floor) if whole > LEAST_MISFIT * BUDGET.floor else float("nan")
 
 
 def _measure_misfit(recording: Recording) -> float:

@@ -343,7 +343,7 @@ def _integrate_motion(
 ) -> Motion:
     made = []
     for start, length, stretch in parts:
-        edges = sample_s * np.arange(round(length / sample_s) + 1)
+        edges = np.asarray(sample_s * np.arange(round(length / sample_s) + 1), dtype=float)
         at = np.append(np.arange(0.0, length - max(0.3 * spacing, SAME_S), spacing), edges[-1])
         if not through:
             at = at[~np.any([(at > one.start) & (at < one.stop) for one in stretch.turns] or [np.zeros(len(at), bool)], axis=0)]

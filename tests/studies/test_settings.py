@@ -21,9 +21,6 @@ REFUSED = [
     ("psi", {"slew_angles_deg": []}, "one or more"),
     ("timestep", {"steps_s": [1.0, 0.5]}, "rising numbers above zero"),
     ("iterations", {"iterations": 3}, "must be between 4 and 100"),
-    ("bench", {"entropy": 3}, "fixed set"),
-    ("bench", {"source": "fresh"}, "fixed set"),
-    ("bench", {"overrides.gyro.sample_s": 1.0}, "fixed set"),
 ]
 
 

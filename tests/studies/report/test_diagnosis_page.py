@@ -26,7 +26,6 @@ from studies.report import (
 )
 from studies.report import diagnosis_page as diagnosis_report
 from studies.report import diagnosis_words as words
-from studies.validation.exam.steps import pool_reliability
 from tests.diagnosis_cases import CASES, regressors, residuals
 from tests.pages import checked
 
@@ -296,16 +295,6 @@ def test_a_line_is_a_motion_of_the_body_unless_it_is_named_for_something_else(ki
     details = dataclasses.replace(found.details, stream=pd.DataFrame([row]))
     page = diagnosis_report.build_diagnosis_page(dataclasses.replace(found, where=where, details=details))
     assert ("taken for a motion of the body" in page) == is_motion
-
-
-def test_reliability_is_the_one_that_was_measured():
-    committed = pool_reliability()
-    pd.testing.assert_frame_equal(diagnosis_answers._read_reliability_table(), committed)
-    row = committed[committed["statements"] > 20].iloc[0]
-    said = diagnosis_answers.describe_reliability((row["from"] + row["to"]) / 2)
-    assert f"Of {row['statements']:.0f} statements" in said
-    assert f"{100 * row['there']:.0f} % were right" in said
-    assert "not known" in diagnosis_answers.describe_reliability(committed["from"].min() / 2)
 
 
 def test_page_is_the_same_every_time(pages):
