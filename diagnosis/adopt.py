@@ -40,7 +40,7 @@ class Adoption:
     left_out : causes that a replay cannot fly, such as those of raw sensor tables
     reason : why there are no effects, or ""
     instead : of each cause that the recording cannot tell from others, its label and theirs
-    constant : constant errors of the gyros and the star trackers that a replay has not, or ""
+    constant : constant errors of the gyros that a replay has not, or ""
     """
 
     effects: tuple[Setting, ...]
@@ -97,8 +97,6 @@ def write_adopted_scenario(diagnosis: Diagnosis, recording: Recording, folder: P
             "[[interval]] gyros and diagnose again"
         )
     constant = "; a constant offset of the parity left out" if recording.is_array else ""
-    if any(one.estimated for one in recording.attitudes.sensors):
-        constant += "; the mountings are those that the recording states"
     adoption = replace(adoption, constant=constant)
     where = os.path.relpath(folder.resolve(), out.resolve().parent)
     title = f"{recording.title}, {' with '.join(['simulated again', *(one.label() for one in adoption.effects)])}"

@@ -25,7 +25,6 @@ from diagnosis.result import Details, Diagnosis
 from diagnosis.settings import DiagnosisSettings
 from diagnosis.verdict import decide_verdict
 from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
-from gyrocal.calibration.trackers import compare_sensors
 from simulator.effects import ALL_EFFECTS
 
 if TYPE_CHECKING:
@@ -261,11 +260,6 @@ def collect_p_values(prepared: PreparedRecording, explained: AttitudeInference) 
         out[name] = float(test.p_value)
     if prepared.reference_noise is not None:
         out["reference_noise"] = float(prepared.reference_noise.p_value)
-    for name, noise in prepared.tracker_noise:
-        out[f"tracker_noise:{name}"] = float(noise.p_value)
-    for one in compare_sensors(prepared.model.recording):
-        if one.dof > 0:
-            out[f"trackers {one.first} and {one.second}"] = one.p_value
     out.update({f"misfit: {check.name}": check.p_value for check in explained.left})
     out.update({f"check: {check.name}": check.p_value for check in explained.checks})
     if explained.passed is not None:

@@ -185,7 +185,7 @@ def collect_held_out(model: RecordingModel, predicted: Iterable[tuple[Mask, Arra
 
 def convert(source: RecordingModel, target: RecordingModel, columns: Array) -> Array:
     """Convert columns whitened by the noise of one model to those whitened by the noise of another."""
-    return target.whiten(reverse_whitening(source, source.undo_mounting_whitening(columns)))
+    return target.whiten(reverse_whitening(source, columns))
 
 
 def summarise_closure(held: HeldOut) -> Closure:

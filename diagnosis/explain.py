@@ -119,7 +119,7 @@ def _add_remainder(
     random process among them.
     """
     attribution = explained.attribution
-    if attribution is None or prepared.model.recording.attitudes.sensor is not None:
+    if attribution is None:
         return explained
     full = len(explained.fitted) == settings.largest_set and any(one.process for one in explained.fitted)
     model = prepared.model

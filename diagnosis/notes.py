@@ -54,7 +54,7 @@ def explain_fitting_residuals(
 ) -> tuple[str, ...]:
     """Explain a gap although the residuals of a calibration fit the stated noise."""
     own = prepared.model
-    if not (gap or samples) or own.recording.attitudes.sensor is not None:
+    if not (gap or samples):
         return ()
     # As a calibration has it: all references, the samples as they are, and the noise as stated.
     e, _, taken = compute_innovations(linearise_recording(own.recording, own.G, own.bias, pieces=prepared.pieces))

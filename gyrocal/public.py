@@ -19,13 +19,11 @@ from gyrocal.estimation.reference_covariance import interval_covariance, referen
 from gyrocal.estimation.smoother import Smoothed, smooth
 from gyrocal.recording import (
     Attitudes,
-    AttitudeSensor,
     GyroStream,
     Interval,
     Orbit,
     Recording,
     load,
-    of_sensor,
     save,
     triad,
 )
@@ -40,7 +38,6 @@ __all__ = [
     "NAMES",
     "AlignmentResult",
     "Arcs",
-    "AttitudeSensor",
     "Attitudes",
     "BatchResult",
     "CalibrationResult",
@@ -77,7 +74,6 @@ __all__ = [
     "calibrate_gyros",
     "interval_covariance",
     "load",
-    "of_sensor",
     "propagate",
     "psi_matrix",
     "reference_attitudes",

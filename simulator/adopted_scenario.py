@@ -221,7 +221,8 @@ def hash_recording(recording: Recording) -> str:
     """SHA-256 of a recording's samples, references, stated noises and intervals, as they are when it is loaded from file."""
     hashed = hashlib.sha256()
     gyro, attitudes = recording.gyro, recording.attitudes
-    for values in (gyro.t_s, gyro.rates, attitudes.t_s, attitudes.quaternions, attitudes.sigma):
+    correlation = () if attitudes.correlation is None else (attitudes.correlation,)
+    for values in (gyro.t_s, gyro.rates, attitudes.t_s, attitudes.quaternions, attitudes.sigma, *correlation):
         hashed.update(np.ascontiguousarray(values).tobytes())
     about = [gyro.sample_s, gyro.arw, *((i.name, i.start_s, i.stop_s) for i in recording.intervals)]
     hashed.update(repr(about).encode())

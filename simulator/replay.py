@@ -22,7 +22,6 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from gyrocal.recording import Recording, find_reference_rows, triad
-from gyrocal.recording.merged_references import merge_references
 from simulator.arrays import Array
 from simulator.effects import Setting
 from simulator.effects.recording_view import compute_durations, find_interval_slices, smooth_rates
@@ -76,11 +75,9 @@ def build_noise_free(recording: Recording, motion: Motion, G: Array, bias: Array
 
 def reconstruct_motion(recording: Recording, G: Array, bias: Array) -> Motion:
     """The motion of a recording, as of a scenario, by its calibration G (3, gyros) and bias (3,), rad/s."""
-    rows_s = recording.attitudes.t_s
     if recording.is_array:
         K = np.asarray(np.linalg.pinv(G), dtype=float)
         recording, G, bias = triad(recording, K, -K @ bias), np.eye(3), np.zeros(3)
-    recording = merge_references(recording)
     rates = smooth_rates(recording, G, bias)
     duration = compute_durations(recording)
     quaternions = recording.attitudes.quaternions.copy()
@@ -100,8 +97,8 @@ def reconstruct_motion(recording: Recording, G: Array, bias: Array) -> Motion:
         duration_s=duration,
         rates=rates,
         intervals=slices,
-        reference_t_s=rows_s,
-        quaternions=quaternions[np.searchsorted(recording.attitudes.t_s, rows_s)],
+        reference_t_s=recording.attitudes.t_s,
+        quaternions=quaternions,
     )
 
 

@@ -35,7 +35,6 @@ from gyrocal.errors import InputError, suggest_names
 from gyrocal.recording import format_validation_error, read_toml
 from gyrocal.recording.checks import is_full_rank
 from gyrocal.recording.names import GYRO_NAME, MOST_GYROS
-from gyrocal.recording.trackers import MAPS, SensorHeader, check_header
 from simulator.truth.maneuvers import MODE_YAW, Hold, Profile, Slew, Sway
 from simulator.truth.orbit import CircularOrbit
 
@@ -164,65 +163,12 @@ class GyroSection(Section):
         return value
 
 
-class TrackerSection(Section):
-    """One of several star trackers: its mounting as stated, body to tracker, and how far it is truly turned from that.
-
-    Angles are about the tracker's own axes, of which z is the boresight. There is no reference while the body turns faster
-    than ``max_rate_deg_s``, or while the Sun is within ``sun_exclusion_deg`` of the boresight.
-    """
-
-    name: str
-    mounting: Annotated[tuple[float, float, float, float], Field(strict=False)]
-    sigma_deg: Vector
-    misalignment_deg: Vector = (0.0, 0.0, 0.0)
-    estimated: bool = False
-    mounting_sigma_deg: Vector | None = None
-    max_rate_deg_s: float | None = Field(default=None, gt=0)
-    sun_exclusion_deg: float | None = Field(default=None, ge=0, lt=180)
-
-    @model_validator(mode="after")
-    def _validate_header(self) -> "TrackerSection":
-        self.build_header()
-        return self
-
-    def build_header(self) -> SensorHeader:
-        """Build the header of the recording; a quaternion is normalised."""
-        q = np.array(self.mounting) / max(float(np.linalg.norm(self.mounting)), 1e-300)
-        prior = None if self.mounting_sigma_deg is None else list(self.mounting_sigma_deg)
-        return SensorHeader(
-            name=self.name,
-            mounting=q.tolist(),
-            sigma_deg=list(self.sigma_deg),
-            estimated=self.estimated,
-            mounting_sigma_deg=prior,
-        )
-
-
 class ReferenceSection(Section):
-    """When reference attitudes are taken, and their standard deviation about each body axis.
-
-    Of several trackers, each has its own, about its own axes, and looks on during slews.
-    """
+    """When reference attitudes are taken, and their standard deviation about each body axis."""
 
     at: Literal["ends", "series", "none"] = "ends"
     every_s: float | None = Field(default=None, ge=1e-3, validate_default=True)
     sigma_deg: PositiveVector
-    tracker: Annotated[tuple[TrackerSection, ...], Field(strict=False)] = ()
-
-    @model_validator(mode="before")
-    @classmethod
-    def _fill_sigma(cls, values: Any) -> Any:
-        """Where only trackers state theirs, that of the first stands for the section's."""
-        if isinstance(values, dict) and values.get("tracker") and "sigma_deg" not in values:
-            first = values["tracker"][0]
-            return {**values, "sigma_deg": first.get("sigma_deg") if isinstance(first, dict) else first.sigma_deg}
-        return values
-
-    @model_validator(mode="after")
-    def _validate_trackers(self) -> "ReferenceSection":
-        if self.tracker:
-            check_header(2, MAPS, [one.build_header() for one in self.tracker])
-        return self
 
     @field_validator("every_s")
     @classmethod

@@ -15,8 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from gyrocal.errors import InputError
-from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
+from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording
 from gyrocal.recording.gyros import compute_nominal_gyros
 from gyrocal.recording.names import TRIAD
 from gyrocal.recording.parts import build_empty_attitudes
@@ -30,7 +29,6 @@ from simulator.scenario import Scenario, build_profiles
 from simulator.sensors.gyro import add_white_noise, compute_raw_rates
 from simulator.sensors.raw_tables import simulate_sensor_tables
 from simulator.sensors.reference import TIME_TOLERANCE, add_reference_errors, list_reference_times
-from simulator.sensors.trackers import build_recorded_orbit, simulate_tracker_references
 from simulator.streams import generator
 from simulator.truth.maneuvers import Profile, integrate_trajectory
 from simulator.truth.motion import Motion
@@ -73,7 +71,7 @@ def _move(profile: Profile, scenario: Scenario, substeps: int) -> Motion:
     """Motion of one interval."""
     length, section = profile.stop_s - profile.start_s, scenario.reference
     edges = sample_edges(length, scenario.gyro.sample_s)
-    reference_tau = list_reference_times(profile, section.every_s if section.at == "series" else None, bool(section.tracker))
+    reference_tau = list_reference_times(profile, section.every_s if section.at == "series" else None)
     knots = profile.knots[(profile.knots > 0) & (profile.knots < length)]
     # Up to the last before the end, so that intervals that touch share no tag.
     tagged = scenario.sensors.every_s if scenario.sensors else None
@@ -133,8 +131,6 @@ def realise(
     -------
     Raw rates (n, 3), rad/s, and reference quaternions (m, 4).
     """
-    if scenario.reference.tracker and reference_rng is not None:
-        raise InputError("references of several trackers are made by observe, a whole recording at a time")
     if gyro_rng is not None:
         rates = add_white_noise(gyro_rng, rates, float(np.deg2rad(scenario.gyro.arw_deg_per_sqrt_s)), motion.duration_s, out)
     quaternions = motion.quaternions
@@ -173,13 +169,10 @@ def observe(
         point = scenario.gyro.reading == "point"
         return add_effects_and_noise(plain, motion, effects, gyro_rng, reference_rng, seed, case, point=point)
     gyro = scenario.gyro
-    of_one = None if scenario.reference.tracker else reference_rng
-    rates, quaternions = realise(scenario, motion, compute_noise_free_rates(scenario, motion, G, bias), gyro_rng, of_one)
+    rates, quaternions = realise(scenario, motion, compute_noise_free_rates(scenario, motion, G, bias), gyro_rng, reference_rng)
     sigma = np.deg2rad(scenario.reference.sigma_deg)
     if scenario.reference.at == "none":
         attitudes = build_empty_attitudes()
-    elif scenario.reference.tracker:
-        attitudes = simulate_tracker_references(scenario, motion, reference_rng)
     else:
         attitudes = Attitudes(motion.reference_t_s, quaternions, np.tile(sigma, (len(quaternions), 1)))
     apriori_G = np.array(gyro.apriori_G)
@@ -198,7 +191,7 @@ def observe(
         ),
         attitudes=attitudes,
         intervals=tuple(Interval(i.name, i.activity, i.start_s, i.stop_s, None, i.gyros) for i in scenario.interval),
-        orbit=build_recorded_orbit(scenario),
+        orbit=Orbit(scenario.orbit.build_circular_orbit().period, scenario.orbit.altitude_km, scenario.orbit.inclination_deg),
     )
 
 
@@ -238,7 +231,8 @@ def build_surroundings(plain: Recording, motion: Motion, point: bool = False) ->
     stream = build_stream(plain, t_s, motion.duration_s, motion.rates, plain.gyro.rates, motion.intervals)
     if plain.is_array:
         stream = replace(stream, gyros=plain.gyro.names, axes=compute_nominal_gyros(plain.gyro)[0])
-    return Surroundings(stream, extract_references(plain, stream), plain.gyro.arw, plain.gyro.sample_s, plain.attitudes.sigma)
+    references, axes = extract_references(plain), plain.attitudes.build_error_axes()
+    return Surroundings(stream, references, plain.gyro.arw, plain.gyro.sample_s, plain.attitudes.sigma, axes)
 
 
 def add_gyro_temperature(plain: Recording, seed: int = 0, case: int = 0) -> Recording:

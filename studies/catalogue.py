@@ -36,7 +36,6 @@ STUDY_NAMES = (
     "flight",
     "real",
     "heads",
-    "sentinel2a",
 )
 
 
@@ -80,8 +79,6 @@ def _import_entry(name: str) -> Entry:
             from studies.validation.real_gyro import ENTRY
         case "heads":
             from studies.robertson.heads import ENTRY
-        case "sentinel2a":
-            from studies.validation.sentinel2a import ENTRY
         case _:
             raise InputError(f"{name}: no such study; {suggest_names(name, STUDY_NAMES)}")
     return ENTRY

@@ -82,17 +82,6 @@ def test_every_format_has_its_page():
     assert {"csv", "aem", "ck", "euroc", "bag", "broad"} == commands
 
 
-def test_trackers_example_finds_the_mounting(tmp_path, capsys):
-    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "trackers.md").read_text(), flags=re.DOTALL)
-    namespace = {}
-    exec(compile(block.replace("/tmp/two_trackers", str(tmp_path)), "trackers.md", "exec"), namespace)
-    assert "misalignment_arcsec" in capsys.readouterr().out
-    found = namespace["result"].mountings
-    error = found.misalignment - np.deg2rad([0.01, 0.0, 0.0])
-    assert np.abs(error / np.sqrt(np.diag(found.covariance))).max() < 4.5
-    assert [one.estimated for one in gyrocal.load(tmp_path).attitudes.sensors] == [False, True]
-
-
 def test_gyros_example_recovers_the_scale_factor(tmp_path, capsys):
     (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "gyros.md").read_text(), flags=re.DOTALL)
     namespace = {}

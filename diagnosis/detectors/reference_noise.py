@@ -61,6 +61,7 @@ class ReferenceSeries:
     to_inertial : (m, 3, 3) Aᵀ of the propagated attitude
     residuals : (m, 3) reference minus propagated attitude, inertial, rad
     rates : (m, 3) of the body, rad/s
+    error_axes : (m, 3, 3) body components of independent errors of these sigmas; None of errors that are independent themselves
     """
 
     t_s: Array
@@ -69,6 +70,7 @@ class ReferenceSeries:
     to_inertial: Array
     residuals: Array
     rates: Array
+    error_axes: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -218,8 +220,9 @@ def _compute_second_differences(series: ReferenceSeries, density: Array, gyro_s:
     zeta = series.residuals
     A = series.to_inertial[k].transpose(0, 2, 1)
     # The body turns between references; where it turns far, axes mix and σ differs between them.
+    turned = series.to_inertial if series.error_axes is None else series.to_inertial @ series.error_axes
     stated = sum(
-        weight * np.einsum("mij,mj->mi", (A @ series.to_inertial[k + shift]) ** 2, series.sigma[k + shift] ** 2)
+        weight * np.einsum("mij,mj->mi", (A @ turned[k + shift]) ** 2, series.sigma[k + shift] ** 2)
         for weight, shift in ((1, -apart), (4, 0), (1, apart))
     )
     return Differences(

@@ -35,9 +35,9 @@ SETTINGS = StreamFaultSettings()
 
 
 def find_faults(recording: Recording, effects: Sequence[Effect]) -> tuple[Fault, ...]:
-    """Find the faults of a recording of three gyros and one sensor of the attitude."""
+    """Find the faults of a recording of three gyros."""
     able = [effect for effect in effects if effect.implements("find_faults")]
-    if not able or recording.is_array or recording.attitudes.sensor is not None or not recording.attitudes.t_s.size:
+    if not able or recording.is_array or not recording.attitudes.t_s.size:
         return ()
     found: list[Fault] = []
     for effect in able:
@@ -98,7 +98,7 @@ def remove_faults(recording: Recording, faults: Sequence[Fault]) -> Recording:
 
 
 def _keep_references(attitudes: Attitudes, kept: Mask) -> Attitudes:
-    return replace(attitudes, t_s=attitudes.t_s[kept], quaternions=attitudes.quaternions[kept], sigma=attitudes.sigma[kept])
+    return attitudes.select_rows(kept)
 
 
 def _cut_intervals(recording: Recording, reference_s: NDArray[np.float64], lost_s: NDArray[np.float64]) -> tuple[Interval, ...]:

@@ -106,7 +106,7 @@ def compute_correction(model: RecordingModel) -> tuple[Array, Array]:
 
     A broad prior, ten plausible ranges wide, keeps what cannot be observed where it is.
     """
-    Q = np.linalg.qr(model.attitude_nuisance)[0]
+    Q = np.linalg.qr(model.starts)[0]
     scaled = (model.calibration - Q @ (Q.T @ model.calibration)) * PLAUSIBLE_RANGE
     observed = model.whiten(model.zeta)
     observed = observed - Q @ (Q.T @ observed)

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 def calibrate_with_effects(model: RecordingModel, effects: Sequence[FittedEffect]) -> tuple[Array, Array]:
     """Change of G and b with the effects in the model, (12,), and the joint covariance of it and all amplitudes.
 
-    Start attitudes, mountings that are estimated, calibration and the amplitudes of the effects are estimated together, the
+    Start attitudes, calibration and the amplitudes of the effects are estimated together, the
     latter under the prior that their evidence used. The covariance has the twelve parameters first, then the amplitudes, effect
     after effect.
     """
@@ -26,7 +26,7 @@ def calibrate_with_effects(model: RecordingModel, effects: Sequence[FittedEffect
 
 def calibrate_beside(model: RecordingModel, effects: Sequence[tuple[Array, float]]) -> tuple[Array, Array]:
     """The same of effects that are whitened columns (N, k), and the prior sigma of their amplitudes."""
-    Q = np.linalg.qr(model.attitude_nuisance)[0]
+    Q = np.linalg.qr(model.starts)[0]
     columns = np.hstack([model.calibration, *(part for part, _ in effects)])
     columns = columns - Q @ (Q.T @ columns)
     y = model.whiten(model.zeta)

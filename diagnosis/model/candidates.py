@@ -164,7 +164,7 @@ def assemble_linear_model(
 
     def refine(linear: LinearModel, member: SelectedCandidate) -> LinearModel:
         effect = effects.get(linear.candidate(member).effect)
-        if effect is None or effect.of_trackers:
+        if effect is None:
             return linear
         if effect.scanned:
             return add_finer_periods(model, linear, member, effect)
@@ -175,7 +175,7 @@ def assemble_linear_model(
 
     def whole(linear: LinearModel, member: SelectedCandidate) -> LinearModel:
         effect = effects.get(linear.candidate(member).effect)
-        if effect is None or effect.of_trackers or not linear.candidate(member).process:
+        if effect is None or not linear.candidate(member).process:
             return linear
         return expand_whole_process(model, linear, member, effect)
 

@@ -96,7 +96,7 @@ def condition_rows(model: RecordingModel, W: Array, out: NDArray[np.bool_]) -> C
     """Rows (N,) of a recording that are `out`, and whitened columns W (N, p) there, given the others; see the module."""
     parts = [_build_part(block, np.flatnonzero(out[block.rows])) for block in model.blocks]
     B, D = _split_values(parts, build_shared_columns(model))
-    train_y, error_y = _split_values(parts, model.undo_mounting_whitening(model.whiten(model.zeta)))
+    train_y, error_y = _split_values(parts, model.whiten(model.zeta))
     # With as many rows of zeros below, there is a singular value for what no training row shows as well.
     Q, S, U = np.linalg.svd(np.vstack([B, np.zeros((B.shape[1], B.shape[1]))]), full_matrices=False)
     Q, D = Q[: len(B)], D @ U.T
@@ -104,7 +104,7 @@ def condition_rows(model: RecordingModel, W: Array, out: NDArray[np.bool_]) -> C
     train_X, error_X = np.empty(W.shape, order="F"), np.empty((len(D), W.shape[1]), order="F")
     for first in range(0, W.shape[1], FOLD_COLUMNS_PER_BATCH):
         some = slice(first, first + FOLD_COLUMNS_PER_BATCH)
-        train, error = _split_values(parts, model.undo_mounting_whitening(W[:, some]))
+        train, error = _split_values(parts, W[:, some])
         along = Q.T @ train
         train_X[:, some], error_X[:, some] = train - shrunk @ along, error - gain @ along
     along_y = Q.T @ train_y
@@ -192,11 +192,9 @@ def assign_folds(model: RecordingModel) -> NDArray[np.intp]:
 
 
 def build_shared_columns(model: RecordingModel) -> Array:
-    """(N, q) whitened columns B of what all intervals share, in units of their priors: starts, mountings, G, b."""
-    attitude = model.attitude_nuisance
-    scale = np.concatenate([np.full(attitude.shape[1], SETTINGS.start), SETTINGS.broad * PLAUSIBLE_RANGE])
-    shared = model.undo_mounting_whitening(np.hstack([attitude, model.calibration]) * scale)
-    return np.hstack([shared, model.known_mountings])
+    """(N, q) whitened columns B of what all intervals share, in units of their priors: starts, G, b."""
+    scale = np.concatenate([np.full(model.starts.shape[1], SETTINGS.start), SETTINGS.broad * PLAUSIBLE_RANGE])
+    return np.hstack([model.starts, model.calibration]) * scale
 
 
 def reverse_whitening(model: RecordingModel, columns: Array) -> Array:

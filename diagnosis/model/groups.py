@@ -16,7 +16,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from diagnosis.model import deterministic_alternatives, periodic_alternatives, processes, trackers
+from diagnosis.model import deterministic_alternatives, periodic_alternatives, processes
 from diagnosis.model.array_model import ArrayModel
 from diagnosis.model.linear import SETTINGS as LINEAR
 from diagnosis.model.linear import Parameters, add_no_sigma, build_scales, read_first_amplitude
@@ -88,12 +88,6 @@ def list_effect_groups(
     around = model.surroundings
     for effect in effects:
         if effect.missing(around) is not None:
-            continue
-        if effect.of_trackers:
-            trials = effect.trials(around)
-            parameters, weights = [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials]
-            for name, columns in trackers.list_tracker_columns(model, effect):
-                yield replace(build_group(effect, name, columns, parameters, weights), process=effect.is_process)
             continue
         if effect.has_columns:
             for axis in effect.axes or (None,):
@@ -254,7 +248,7 @@ def list_alternative_groups(model: RecordingModel, found: Found, effects: Sequen
     known = [
         effect.covariance(cells, trial.parameters)
         for effect in effects
-        if effect.is_process and not effect.on_references and not effect.of_trackers and effect.missing(around) is None
+        if effect.is_process and not effect.on_references and effect.missing(around) is None
         for trial in effect.trials(around)
     ]
     between = build_interval_steps(model, effects)
@@ -262,8 +256,6 @@ def list_alternative_groups(model: RecordingModel, found: Found, effects: Sequen
         others = [one for one in process.columns if not _is_within(model.project_out_nuisance(one), between[process.axis])]
         if others:
             yield build_rival(process.name, process.axis, others, True)
-    for rival in trackers.list_tracker_rivals(model):
-        yield build_rival(*rival)
 
 
 def build_interval_steps(model: RecordingModel, effects: Sequence[Effect]) -> dict[str, list[Array]]:

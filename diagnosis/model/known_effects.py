@@ -48,7 +48,7 @@ def select_known_effects(fitted: Sequence[FittedEffect], effects: Mapping[str, E
     return tuple(
         KnownEffect(effects[one.effect], one)
         for one in fitted
-        if not one.process and one.effect in effects and effects[one.effect].has_columns and not effects[one.effect].of_trackers
+        if not one.process and one.effect in effects and effects[one.effect].has_columns
     )
 
 

@@ -21,8 +21,7 @@ from diagnosis.model.recording_model import Block, RecordingModel
 from diagnosis.model.relinearised_path import find_relinearised_path
 from gyrocal.calibration.propagation import Arcs, propagate
 from gyrocal.calibration.sampling import Measurements, prepare_measurements
-from gyrocal.recording import Attitudes, Interval, Recording, find_reference_rows
-from gyrocal.recording.trackers import keep_rows, stack_sensor_axes
+from gyrocal.recording import Interval, Recording, find_reference_rows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -76,7 +75,8 @@ def linearise_recording(
     for number, own in enumerate(edges):
         outputs = np.flatnonzero(parts.arcs.arc == number)
         references = row_of[np.append(parts.start[outputs[0]], parts.row[outputs])]
-        order, groups = _group_references(recording.attitudes, references, references_each)
+        width = max(1, min(references_each, references.size // SETTINGS.fewest_observations))
+        groups = np.arange(0, references.size, width)
         samples = parts.arcs.sample[own[0] : own[-1]]
         dt = parts.arcs.dt[own[0] : own[-1]]
         begin = own[:-1] - own[0]
@@ -97,17 +97,16 @@ def linearise_recording(
             zeta, at, middle = path.errors, path.turn_attitudes(at), path.interpolate_turns(ends) @ middle
         elapsed = np.append(0.0, parts.elapsed_s[outputs])
         began = tags[samples[0]] + (recording.attitudes.t_s[references[0]] - tags[samples[0]])  # where the first step begins
-        references, ends, elapsed = references[order], ends[order], elapsed[order]
-        at, zeta, off = at[order], zeta[order], off[order]
         t_s = began + np.cumsum(length) - 0.5 * length
         if density is None:
             walk = recording.gyro.arw**2 * elapsed[:, None, None] * np.eye(3)
         else:
             power = np.add.reduceat(density[samples] * dt[:, None], begin, axis=0)
             walk = _accumulate_gyro_noise(middle @ G, power, ends)
-        axes = _rotate_sigma_axes(recording.attitudes, references, at)
+        error_axes = recording.attitudes.select_rows(references).build_error_axes(sigmas[references])
+        axes = at if error_axes is None else at @ error_axes
         errors = np.einsum("mij,mj,mkj->mik", axes, sigmas[references] ** 2, axes)
-        V = _build_interval_covariance(errors, walk, groups, elapsed)
+        V = _build_interval_covariance(errors, walk, groups)
         whitener = np.asarray(np.linalg.cholesky(V))
         times = recording.attitudes.t_s[references]
         middle_time = 0.5 * (times.min() + times.max())
@@ -165,29 +164,7 @@ def _measure_pieces(recording: Recording, pieces: Sequence[Interval] | None) -> 
     if pieces is None:
         return prepare_measurements(recording), np.arange(attitudes.t_s.size)
     rows = np.unique(np.concatenate([find_reference_rows(attitudes.t_s, piece) for piece in pieces]))
-    return prepare_measurements(replace(recording, intervals=tuple(pieces), attitudes=keep_rows(attitudes, rows))), rows
-
-
-def _group_references(attitudes: Attitudes, references: Indices, each: int) -> tuple[Indices, Indices]:
-    """The references of an interval in the order in which they are averaged, and the first of each observation.
-
-    Neighbours of one sensor are averaged, so that what sensors differ in is not lost.
-    """
-    count = references.size
-    width = max(1, min(each, count // SETTINGS.fewest_observations))
-    if attitudes.sensor is None or width == 1:
-        return np.arange(count), np.arange(0, count, width)
-    sensor, observation = attitudes.sensor[references], np.empty(count, dtype=np.intp)
-    for one in np.unique(sensor):
-        own = np.flatnonzero(sensor == one)
-        observation[own] = own[np.arange(own.size) // width * width]  # named by its first reference
-    order = np.argsort(observation, kind="stable")
-    return order, np.unique(observation[order], return_index=True)[1]
-
-
-def _rotate_sigma_axes(attitudes: Attitudes, references: Indices, A_T: Array) -> Array:
-    """(m, 3, 3) from the axes in which each reference's sigmas are to inertial ones."""
-    return A_T if attitudes.sensor is None else A_T @ stack_sensor_axes(attitudes)[references].transpose(0, 2, 1)
+    return prepare_measurements(replace(recording, intervals=tuple(pieces), attitudes=attitudes.select_rows(rows))), rows
 
 
 def _accumulate_gyro_noise(turned: Array, power: Array, ends: Indices) -> Array:
@@ -198,14 +175,8 @@ def _accumulate_gyro_noise(turned: Array, power: Array, ends: Indices) -> Array:
     return np.concatenate([np.zeros((1, 3, 3)), total])[place]
 
 
-def _build_interval_covariance(errors: Array, walk: Array, groups: Indices, elapsed: Array) -> Array:
-    """(3r, 3r) covariance of an interval's observations, from (m, 3, 3) of its references, as the module's text has it.
-
-    Where observations of several sensors overlap in time, the covariance of two is Σ_k f_ak f_bk ΔW_k over the stretches k
-    between references, f the share of an observation's references that come after a stretch.
-    """
-    if (np.diff(elapsed) < 0).any():
-        return _build_overlapping_covariance(errors, walk, groups, elapsed)
+def _build_interval_covariance(errors: Array, walk: Array, groups: Indices) -> Array:
+    """(3r, 3r) covariance of an interval's observations, from (m, 3, 3) of its references, as the module's text has it."""
     counts = np.diff(np.append(groups, len(walk)))
     within = np.arange(len(walk)) - np.repeat(groups, counts)
     share = np.repeat(counts, counts)
@@ -218,16 +189,3 @@ def _build_interval_covariance(errors: Array, walk: Array, groups: Indices, elap
     V = np.array(later[np.minimum.outer(np.arange(count), np.arange(count))])  # (r, r, 3, 3)
     V[np.arange(count), np.arange(count)] = own
     return np.asarray(V.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count))
-
-
-def _build_overlapping_covariance(errors: Array, walk: Array, groups: Indices, elapsed: Array) -> Array:
-    """Build the covariance as `_build_interval_covariance` does, for references in any order."""
-    counts = np.diff(np.append(groups, len(walk)))
-    order = np.argsort(elapsed, kind="stable")
-    steps = np.diff(walk[order], axis=0, prepend=np.zeros((1, 3, 3)))
-    later = np.add.reduceat((elapsed[:, None] >= elapsed[order]).astype(float), groups, axis=0) / counts[:, None]  # f (r, m)
-    count = groups.size
-    V = np.einsum("ak,kij,bk->aibj", later, steps, later, optimize=True)
-    noise = errors / (np.repeat(counts, counts) ** 2)[:, None, None]
-    V[np.arange(count), :, np.arange(count)] += np.add.reduceat(noise, groups, axis=0)
-    return np.asarray(V.reshape(3 * count, 3 * count))

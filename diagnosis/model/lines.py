@@ -174,7 +174,7 @@ def _observe(model: RecordingModel, axis: int, waveforms: Iterable[Array]) -> tu
         rates.append((at_end - at_begin) / model.dt)
     high = np.zeros((model.t_s.size, 3, len(rates)))
     high[:, axis] = np.column_stack(rates)
-    if model.recording.attitudes.sensor is not None or all((block.counts == 1).all() for block in model.blocks):
+    if all((block.counts == 1).all() for block in model.blocks):
         return model.y, list(model.whiten_and_project(model.reading(high)).T)
     left, _, _ = project_innovations(model, np.dstack([model.residuals, model.compute_attitude_turns(high)]))
     y, *columns = left.T

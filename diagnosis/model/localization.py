@@ -61,14 +61,12 @@ def compute_body_residuals(model: RecordingModel, y: Array) -> tuple[Array, Arra
     y : (N,) whitened, projected residuals
     """
     residual, variance = np.empty((2, len(model.observation_attitude), 3))
-    own_y, nuisance = model.undo_mounting_whitening(y), model.undo_mounting_whitening(model.nuisance)
     for number, block in enumerate(model.blocks):
         mine = model.observation_block == number
         L = block.whitener.reshape(-1, 3, len(block.whitener))
         turned = np.matmul(model.observation_attitude[mine].transpose(0, 2, 1), L)
-        residual[mine] = -turned @ own_y[block.rows]
-        shared, fitted = turned @ model.known_mountings[block.rows], turned @ nuisance[block.rows]
-        variance[mine] = np.sum(turned**2, axis=2) + np.sum(shared**2, axis=2) - np.sum(fitted**2, axis=2)
+        residual[mine] = -turned @ y[block.rows]
+        variance[mine] = np.sum(turned**2, axis=2) - np.sum((turned @ model.nuisance[block.rows]) ** 2, axis=2)
     return residual, np.sqrt(np.maximum(variance, 0.0))
 
 

@@ -11,8 +11,6 @@ starts from the interval's first reference,
 are N(0, I) and independent (Kailath, IEEE Transactions on Automatic Control 13, 1968); those of the columns of G and b are
 projected out of them. G turns the readings' errors into those of the rates and has an inverse, so that the columns may be
 those of either. The tests are those of `diagnosis.inference.criticism`.
-
-Recordings of several sensors have differences between these in place of it (`diagnosis.model.trackers`).
 """
 
 from __future__ import annotations
@@ -46,15 +44,13 @@ LEAST_POSITIVE = 1e-300
 
 
 def check_baseline(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Check, ...]:
-    """Test M0's innovations of all references; no tests where there are too few, or several sensors.
+    """Test M0's innovations of all references; no tests where there are too few.
 
     Parameters
     ----------
     model : of the recording, about its calibration under M0
     beside : (m, 3, k) attitude errors that are estimated with G and b, such as those of an identified effect
     """
-    if model.recording.attitudes.sensor is not None:
-        return ()
     e, later, taken = compute_innovations(model, beside)
     found = Innovations(e, taken.reshape(*e.shape, -1))
     if found.dof < DEFAULT_CRITICISM.fewest:

@@ -27,7 +27,6 @@ from diagnosis.model.reference_tones import find_reference_tone
 from diagnosis.model.remainder import add_rounding
 from diagnosis.model.sinusoid_causes import UNLISTED
 from diagnosis.model.step_index import find_reference_steps
-from diagnosis.model.tracker_noise import build_tracker_series, is_one_factor
 from diagnosis.settings import DiagnosisSettings
 from gyrocal.recording import Interval, Recording
 from simulator.effects.timing import compute_delay_columns
@@ -82,7 +81,6 @@ class PreparedRecording:
     dead : gyros that read zero for long, and may have a dead zone
     notes : limits of this recording
     pieces : the intervals that the model is propagated over
-    tracker_noise : the test of the references' noise for each of several sensors, by name
     """
 
     model: RecordingModel
@@ -92,14 +90,13 @@ class PreparedRecording:
     dead: tuple[DeadZoneEvidence, ...]
     notes: tuple[str, ...]
     pieces: tuple[Interval, ...]
-    tracker_noise: tuple[tuple[str, ReferenceNoise], ...] = ()
 
     @property
     def classified_symptoms(self) -> tuple[tuple[str, str | None], ...]:
         """Symptoms found in the residuals of M0: lines that are no motions, by gyro, and misfits of the references' noise."""
         lines = [(one.kind, one.axis) for one in self.samples.symptoms if one.of_line]
-        noise = [(None, self.reference_noise), *self.tracker_noise]
-        odd = [("reference noise", name) for name, one in noise if one is not None and one.odd]
+        noise = self.reference_noise
+        odd = [("reference noise", None)] if noise is not None and noise.odd else []
         return tuple(sorted([*lines, *odd], key=str))
 
     @property
@@ -142,15 +139,8 @@ def classify_lines_and_noise(
         recording, report, model, sigma = _remove_tones(recording, report, pieces, model, sigma, settings)
     tell("gyro samples: noise of the references", 0.095)
     left = subtract_effects(model, at_work)
-    found = [
-        (name, _measure_reference_noise(left, report, dead, settings, number))
-        for number, name in ([(None, None)] if recording.attitudes.sensor is None else _list_sensors(recording))
-    ]
-    factors = np.ones(recording.attitudes.sigma.shape)
-    owner = np.zeros(len(factors), dtype=np.intp) if recording.attitudes.sensor is None else recording.attitudes.sensor
-    for number, (_, noise) in enumerate(found):
-        if noise is not None and noise.departs:
-            factors[owner == number] = noise.factors
+    noise = _measure_reference_noise(left, report, dead, settings)
+    factors = np.ones(3) if noise is None else noise.factors
     if (factors != 1.0).any():
         model, sigma = calibrate_baseline(recording, report, pieces, recording.attitudes.sigma * factors)
     if not (report.lattice | report.hidden).any():  # what these do to a reading is no noise of a known density
@@ -159,11 +149,9 @@ def classify_lines_and_noise(
             tell(f"gyro samples: {text}", 0.096 + 0.003 * share)
 
         model = add_expected_motion(model, report, pieces, recording.attitudes.sigma * factors, tell_smoothing)
-    elif report.lattice.any() and recording.attitudes.sensor is None:
+    elif report.lattice.any():
         model = add_rounding(model, np.deg2rad(_find_coarse_steps(report)))
-    of_all = next((noise for name, noise in found if name is None), None)
-    of_each = tuple((name, noise) for name, noise in found if name is not None and noise is not None)
-    return PreparedRecording(model, report, sigma, of_all, dead, (), pieces, of_each)
+    return PreparedRecording(model, report, sigma, noise, dead, (), pieces)
 
 
 def _find_coarse_steps(report: SampleReport) -> Array:
@@ -218,33 +206,18 @@ def _remove_tones(
     return recording, report, model, sigma
 
 
-def _list_sensors(recording: Recording) -> list[tuple[int | None, str | None]]:
-    return [(number, one.name) for number, one in enumerate(recording.attitudes.sensors)]
-
-
 def _measure_reference_noise(
     model: RecordingModel,
     report: SampleReport,
     dead: tuple[DeadZoneEvidence, ...],
     settings: DiagnosisSettings,
-    sensor: int | None = None,
 ) -> ReferenceNoise | None:
-    """The test of the references' noise, where no gyro hides motion between two references, which would look like it.
-
-    Of one of several sensors it is made about its own axes.
-    """
+    """The test of the references' noise, where no gyro hides motion between two references, which would look like it."""
     blind = set(np.flatnonzero(report.hidden | report.lattice).tolist())
     silent = np.zeros(report.rates.shape, dtype=bool)
     for one in dead:
         silent[:, one.axis] |= (one.part >= 0) & (one.log_odds > SETTINGS.likely)
     recording, density = model.recording, np.median(report.density, axis=0)
-    if sensor is not None:
-        axes = recording.attitudes.sensors[sensor].M
-        hidden = np.repeat(np.asarray(silent).any(axis=1).reshape(-1, 1), 3, axis=1)
-        found = estimate_reference_noise(
-            build_tracker_series(model, sensor), axes**2 @ density, recording.gyro.t_s, hidden, settings
-        )
-        return found if found is not None and not blind and is_one_factor(found) else None
     series = ReferenceSeries(
         t_s=model.references.t_s,
         interval=model.interval_of_reference,
@@ -252,6 +225,7 @@ def _measure_reference_noise(
         to_inertial=model.at_reference,
         residuals=model.residuals,
         rates=model.rates[find_reference_steps(model)],
+        error_axes=recording.attitudes.select_rows(model.reference_rows).build_error_axes(),
     )
     noise = estimate_reference_noise(series, density, recording.gyro.t_s, silent, settings)
     if noise is not None and noise.odd:

@@ -124,7 +124,6 @@ def make_grid(model: RecordingModel) -> Grid | None:
 
 def scan_periods(model: RecordingModel) -> Found:
     """Scan for each kind of error, of the references or not, about each axis; nothing without a series of references."""
-    model = model.drop_mounting_priors()  # whose blocks have nothing in common but nuisance parameters
     at = make_grid(model)
     out: Found = {}
     if at is None:

@@ -94,7 +94,7 @@ class ProcessProjection:
 
     def turn_root(self, t_s: Array, interval: Indices) -> ProcessProjection:
         """The place with a root along the directions in which Markov processes at given times (q,) show, one after another."""
-        spacing = max(float(np.median(np.diff(np.unique(t_s), append=np.max(t_s)))), LEAST_TRACE)  # sensors may share times
+        spacing = max(float(np.median(np.diff(np.unique(t_s), append=np.max(t_s)))), LEAST_TRACE)
         longest = max(float(np.ptp(t_s[interval == number])) for number in np.unique(interval))
         total, same = np.zeros(self.root.shape), np.equal.outer(interval, interval)
         for tau in np.geomspace(spacing, max(longest, 2 * spacing), DECOMPOSITION.constants):

@@ -20,20 +20,13 @@ the complement of their columns if M0 is true, and an effect adds its projected 
 evidence, amplitudes and predictions. Source: Kay, Fundamentals of Statistical Signal Processing II, section 7.7 (the linear
 model with nuisance parameters).
 
-Mountings of sensors that are estimated without a prior are nuisance parameters as well. Those with a prior covariance P are
-noise that all blocks share: with their columns L⁻¹ C, whitened by the factor L of the covariance of each block,
-
-    S = I + L⁻¹ C P Cᵀ L⁻ᵀ,    S^−½ = I + U ((1 + s²)^−½ − 1) Uᵀ
-
-(U, s the singular vectors and values of L⁻¹ C P^½), and S^−½ L⁻¹ whitens all.
-
 Long recordings are condensed to fewer steps and observations (`diagnosis.model.linearise`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
@@ -44,12 +37,10 @@ from scipy.linalg.blas import dtrsm
 
 from diagnosis.model import process_projection
 from diagnosis.model.rounded_covariates import RoundedCovariate, find_rounded_covariates
-from gyrocal.calibration.trackers import Mountings
 from gyrocal.jit_cache import compile_cached
 from gyrocal.recording import Recording
 from simulator.effects import References, Stream, Surroundings, find_flight_directions
 from simulator.effects.recording_view import interpolate_housekeeping
-from simulator.effects.tracker_view import build_trackers
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -235,10 +226,6 @@ class RecordingModel:
         rows = self.reference_rows
         attitudes = self.recording.attitudes
         orbit = self.recording.orbit
-        seen = None
-        if attitudes.sensor is not None:
-            known = interpolate_housekeeping(self.recording, attitudes.t_s[rows])
-            seen = build_trackers(self.recording, rows, self.interval_of_reference, self.stream, known)
         forward, heading = find_flight_directions(self.recording)
         return References(
             t_s=attitudes.t_s[rows],
@@ -247,14 +234,14 @@ class RecordingModel:
             forward=forward[rows],
             orbit_period_s=orbit.period_s if orbit is not None else float("nan"),
             heading=heading[rows],
-            trackers=seen,
         )
 
     @cached_property
     def surroundings(self) -> Surroundings:
         """Quantities of the recording that effects depend on."""
-        gyro, sigma = self.recording.gyro, self.recording.attitudes.sigma[self.reference_rows]
-        return Surroundings(self.stream, self.references, gyro.arw, gyro.sample_s, sigma)
+        gyro, attitudes = self.recording.gyro, self.recording.attitudes.select_rows(self.reference_rows)
+        axes = attitudes.build_error_axes()
+        return Surroundings(self.stream, self.references, gyro.arw, gyro.sample_s, attitudes.sigma, axes)
 
     # ---- columns ---------------------------------------------------------------------------------------------------------
 
@@ -314,35 +301,13 @@ class RecordingModel:
 
     def _totals(self, turn: Array, rates: Array, block: Block) -> Array:
         """Integrals of turned rates up to each reference of a block, (n, 3, 3) and (n, 3, k) of all steps → (m, 3, k)."""
-        ends, place = np.unique(block.ends, return_inverse=True)  # several sensors may have a reference at one time
         own = block.steps
-        return np.asarray(_integrate(turn[own], self.dt[own], np.ascontiguousarray(rates[own], dtype=float), ends)[place])
+        return np.asarray(_integrate(turn[own], self.dt[own], np.ascontiguousarray(rates[own], dtype=float), block.ends))
 
     # ---- whitening and projection ----------------------------------------------------------------------------------------
 
     def whiten(self, columns: Array) -> Array:
-        """S^−½ L⁻¹ of the columns, (N,) or (N, k), see the module."""
-        return self._scale_mounting_modes(self._whiten_blocks(columns), lambda s: 1 / np.sqrt(1 + s**2))
-
-    def undo_mounting_whitening(self, columns: Array) -> Array:
-        """S^½ of whitened columns, (N,) or (N, k): L⁻¹ of what they are of."""
-        return self._scale_mounting_modes(columns, lambda s: np.sqrt(1 + s**2))
-
-    def _scale_mounting_modes(self, columns: Array, share: Callable[[Array], Array]) -> Array:
-        """Each direction that the mountings with a prior have times its share."""
-        if not self.known_mountings.shape[1]:
-            return columns
-        U, s = self._mounting_modes
-        return np.asarray(columns + (U * (share(s) - 1)) @ (U.T @ columns))
-
-    @cached_property
-    def _mounting_modes(self) -> tuple[Array, Array]:
-        """U (N, q) and s (q,) of L⁻¹ C P^½."""
-        U, s, _ = np.linalg.svd(self.known_mountings, full_matrices=False)
-        return U, s
-
-    def _whiten_blocks(self, columns: Array) -> Array:
-        """L⁻¹ of the columns."""
+        """L⁻¹ of the columns, (N,) or (N, k), with the factor L of the covariance of each block."""
         values = columns.reshape(self.size, -1)
         out = np.empty(values.shape)
         for block in self.blocks:
@@ -364,42 +329,9 @@ class RecordingModel:
         return self.whiten(out)
 
     @cached_property
-    def _estimated_mountings(self) -> tuple[Array, Array]:
-        """(N, q) columns of the misalignments of sensors whose mounting is estimated, and (q,) prior sigma of each, rad."""
-        found = Mountings.build(self.recording.attitudes)
-        turns = found.turns[self.reference_rows]
-        return self.observe_reference_error(turns) if turns.shape[2] else np.empty((self.size, 0)), found.prior
-
-    @cached_property
-    def mountings(self) -> Array:
-        """(N, q) whitened columns of those misalignments that have no prior."""
-        columns, prior = self._estimated_mountings
-        return self.whiten(columns[:, ~np.isfinite(prior)])
-
-    @cached_property
-    def known_mountings(self) -> Array:
-        """(N, q) L⁻¹ C P^½, columns of those that have a prior, in units of it."""
-        columns, prior = self._estimated_mountings
-        known = np.isfinite(prior)
-        return self._whiten_blocks(columns[:, known] * prior[known])
-
-    def drop_mounting_priors(self) -> RecordingModel:
-        """The model in which every mounting that is estimated is free."""
-        if not self.known_mountings.shape[1]:
-            return self
-        attitudes = self.recording.attitudes
-        sensors = tuple(replace(one, mounting_sigma=None) for one in attitudes.sensors)
-        return replace(self, recording=replace(self.recording, attitudes=replace(attitudes, sensors=sensors)))
-
-    @cached_property
-    def attitude_nuisance(self) -> Array:
-        """(N, q) whitened columns of nuisance parameters of the attitude: start errors, and mountings that are free."""
-        return self.starts if not self.mountings.shape[1] else np.hstack([self.starts, self.mountings])
-
-    @cached_property
     def nuisance(self) -> Array:
         """(N, q) orthonormal basis of the nuisance parameters' columns."""
-        return build_basis(np.hstack([self.attitude_nuisance, self.calibration]))
+        return build_basis(np.hstack([self.starts, self.calibration]))
 
     def project_out_nuisance(self, columns: Array) -> Array:
         """Whitened columns with the nuisance parameters' part taken out, some at a time: ten thousand are a gigabyte thrice."""
@@ -421,7 +353,7 @@ class RecordingModel:
     @property
     def weighed_residuals(self) -> Array:
         """(N,) V⁻¹ (z − C θ), of the observations less what the nuisance parameters explain."""
-        out = self._scale_mounting_modes(self.y, lambda s: 1 / np.sqrt(1 + s**2)).copy()
+        out = self.y.copy()
         for block in self.blocks:
             out[block.rows] = scipy.linalg.solve_triangular(block.whitener, out[block.rows], lower=True, trans="T")
         return out

@@ -126,7 +126,7 @@ def find_reference_tone(model: RecordingModel, rates: Array, p_least: float, unl
     p_least : p-value below which a sinusoid is one
     unlisted : prior probability that it is on no list
     """
-    peak = None if model.recording.attitudes.sensor is not None else find_peak(model)
+    peak = find_peak(model)
     if peak is None or peak[1] >= p_least:
         return None
     centre, p_value, reach = peak

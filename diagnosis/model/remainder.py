@@ -6,7 +6,7 @@ the whitened observations y of `diagnosis.model.recording_model`, whose stated n
 
     y ~ N(0, C + B Bᵀ),    C = φ I + Σ_k θ_k K_k
 
-B holds the columns of start attitudes, mountings, G, b and the listed effects, each in units of its prior. C consists of one
+B holds the columns of start attitudes, G, b and the listed effects, each in units of its prior. C consists of one
 block for each interval. φ ≥ 1 inflates the stated noise. The K_k are Ornstein-Uhlenbeck processes: rate errors about each body
 axis, rate errors in proportion to the rate, errors of the references about each body axis, and errors of the time tags. With
 M = I + BᵀC⁻¹B,
@@ -99,8 +99,8 @@ def build_processes(model: RecordingModel) -> tuple[RemainderProcess, ...]:
     steps = [block.steps.start + np.minimum(block.ends, block.steps.stop - block.steps.start - 1) for block in model.blocks]
     body_rates = model.rates[np.concatenate(steps)][model.reference_rows_of_observations]
     cell_rates = np.add.reduceat(model.rates * model.dt[:, None], cells.first, axis=0) / cells.duration_s[:, None]
-    gyro = np.stack([model.undo_mounting_whitening(one) for one in model.cell_columns])
-    reference = np.stack([model.undo_mounting_whitening(one) for one in model.reference_columns])
+    gyro = model.cell_columns
+    reference = model.reference_columns
     late = np.einsum("anr,ra->nr", reference, body_rates)
     out = []
     for tau in np.array(SETTINGS.gyro_times) * length:
@@ -145,8 +145,8 @@ def estimate_remainder(
     start : sizes from which the optimisation starts
     largest : (K,) bounds of the variances where they are known; the white noise then is as stated
     """
-    y = model.undo_mounting_whitening(model.whiten(model.zeta))
-    B = np.hstack([build_shared_columns(model), model.undo_mounting_whitening(effects)])
+    y = model.whiten(model.zeta)
+    B = np.hstack([build_shared_columns(model), effects])
     rows = [block.rows for block in model.blocks]
     traces = np.array([sum(float(np.trace(K)) for K in one.blocks) for one in processes])
     left = y - B @ np.linalg.lstsq(B, y, rcond=None)[0]

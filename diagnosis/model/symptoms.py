@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from diagnosis.answer import Cause, Finding
-from diagnosis.detectors.reference_noise import ReferenceNoise
 from diagnosis.detectors.sample_report import SampleTest, Symptom
 from diagnosis.inference.attribution import compute_bayes_factor_bound
 from diagnosis.model.prepare import PreparedRecording
@@ -216,30 +215,20 @@ def _list_rivals(symptom: Symptom, claims: Mapping[str | None, str]) -> tuple[tu
 
 def list_reference_symptoms(prepared: PreparedRecording) -> list[Symptom]:
     """The references' noise, where it is not white noise of the stated size."""
-    estimated = prepared.model.recording.attitudes.sigma_estimated
-    if prepared.tracker_noise:
-        return [one for name, noise in prepared.tracker_noise for one in _list_noise_symptoms(noise, estimated, name)]
-    return [] if prepared.reference_noise is None else _list_noise_symptoms(prepared.reference_noise, estimated)
-
-
-def _list_noise_symptoms(noise: ReferenceNoise, sigma_estimated: bool, tracker: str | None = None) -> list[Symptom]:
-    """The same of one test; the noise of one of several trackers has its name in the place of an axis."""
-    found = []
-    them = "the references" if tracker is None else tracker
-    if noise.departs and not sigma_estimated:
-        axis = None if noise.axis is None else AXES[noise.axis]
-        place = 0 if noise.axis is None else noise.axis
-        sigma = float(1 / np.sqrt(np.sum(1 / noise.sigma**2))) if noise.axis is None else float(noise.sigma[place])
-        size = float(noise.factors[place])
-        text = f"second differences of {them} scatter {size:.3g} times as much as stated"
-        kind = "reference_noise_level" if tracker is None else "tracker_noise_level"
-        found.append(Symptom(kind, axis if tracker is None else tracker, size, "factor", sigma, {}, noise.p_value, text))
-    return found
+    noise = prepared.reference_noise
+    if noise is None or not noise.departs or prepared.model.recording.attitudes.sigma_estimated:
+        return []
+    axis = None if noise.axis is None else AXES[noise.axis]
+    place = 0 if noise.axis is None else noise.axis
+    sigma = float(1 / np.sqrt(np.sum(1 / noise.sigma**2))) if noise.axis is None else float(noise.sigma[place])
+    size = float(noise.factors[place])
+    text = f"second differences of the references scatter {size:.3g} times as much as stated"
+    return [Symptom("reference_noise_level", axis, size, "factor", sigma, {}, noise.p_value, text)]
 
 
 def _build_finding(all_tests: Sequence[SampleTest], symptom: Symptom) -> Finding:
     if symptom.text:
-        signal = "attitude" if symptom.kind.startswith(("reference", "tracker")) else "gyro stream"
+        signal = "attitude" if symptom.kind.startswith("reference") else "gyro stream"
         return Finding(signal, None, symptom.axis, None, symptom.kind, symptom.size, symptom.p_value, symptom.text)
     tests = [t for t in all_tests if t.symptom == symptom.kind and symptom.axis in (None, t.axis)]
     if not tests:

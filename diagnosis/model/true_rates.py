@@ -82,7 +82,7 @@ def _fit_amplitudes(linear: LinearModel, member: SelectedCandidate, X: Array) ->
 
 def _change(model: RecordingModel, explained: Array) -> Array:
     """(12,) by how much G_xx, …, G_zz and b, rad/s, differ from M0's beside what an effect explains, (N,) whitened."""
-    columns = np.hstack([model.calibration, model.attitude_nuisance])
+    columns = np.hstack([model.calibration, model.starts])
     scale = 1 / np.maximum(np.linalg.norm(columns, axis=0), LEAST_POSITIVE)
     left = model.whiten(model.zeta) - explained
     return np.asarray((scale * np.linalg.lstsq(columns * scale, left, rcond=RECORDING.rank)[0])[:12])

@@ -21,7 +21,7 @@ from diagnosis.plan.visibility import DetectionPower, find_visible_size, list_un
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.errors import InputError
-from simulator.effects import ARRAY_EFFECTS, EFFECTS, TRACKER_EFFECTS
+from simulator.effects import ARRAY_EFFECTS, EFFECTS
 from simulator.scenario import Scenario
 
 
@@ -93,10 +93,8 @@ def plan(
 
 def _select_effects(effects: Sequence[str] | None) -> list[str]:
     for name in effects or ():
-        if name in TRACKER_EFFECTS or name in ARRAY_EFFECTS:
-            raise InputError(
-                f"{name}: a plan knows effects of the gyros x, y and z and of all references, not of one of several"
-            )
+        if name in ARRAY_EFFECTS:
+            raise InputError(f"{name}: a plan knows effects of the gyros x, y and z, not of one of several")
         if name not in EFFECTS:
             raise InputError(f"{name}: no such effect; there are {', '.join(EFFECTS)}")
     return [name for name in EFFECTS if not effects or name in effects]
@@ -110,7 +108,7 @@ def _write_plan_notes(scenario: Scenario, model: RecordingModel) -> tuple[str, .
             "left beside the calibration; what happens inside an interval shows only by its sum, and few effects can be told "
             "from one another"
         )
-    own = np.linalg.qr(model.attitude_nuisance)[0]
+    own = np.linalg.qr(model.starts)[0]
     columns = (model.calibration - own @ (own.T @ model.calibration)) * PLAUSIBLE_RANGE
     sigma = np.sqrt(np.diag(np.linalg.inv(columns.T @ columns + 1e-2 * np.eye(12))))
     parameters = [f"G_{a}{b}" for a in AXES for b in AXES] + [f"b_{a}" for a in AXES]
@@ -127,8 +125,6 @@ def _write_plan_notes(scenario: Scenario, model: RecordingModel) -> tuple[str, .
         notes.append(
             "Axes are those of the body's rates: effects of one gyro, and the parity that shows them, are not looked at"
         )
-    if scenario.reference.tracker:
-        notes.append("Effects of one star tracker are not looked at")
     if scenario.control_motion is not None:
         notes.append("Thresholds in the samples take the control motion for quiet; with a strong one fewer samples count")
     return tuple(notes)

@@ -55,11 +55,6 @@ def list_sample_sizes(scenario: Scenario, model: RecordingModel, effects: Sequen
     for effect in effects:
         if not effect.in_samples or effect.missing(model.surroundings) is not None:
             continue
-        if effect.on_references and model.references.trackers is not None:
-            yield build_visibility_row(
-                effect, "not available", np.inf, "noise of several star trackers is tested of each by itself", "samples", None
-            )
-            continue
         found = effect.smallest(model.surroundings, tests)
         for one in found:
             verdict: Verdict = "visible" if np.isfinite(one.size) else "not identifiable"

@@ -9,7 +9,6 @@ import numpy as np
 from gyrocal.allan.deviation import overlapping_allan_deviation
 from gyrocal.errors import InputError
 from gyrocal.importing.rests import compute_speed, find_rests
-from gyrocal.recording.trackers import need_one_sensor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,7 +41,6 @@ def _list_stretches(recording: Recording, interval: str | None) -> list[tuple[in
     """Samples of an interval without its holes; of the rests without one."""
     gyro, attitudes = recording.gyro, recording.attitudes
     if interval is None:
-        need_one_sensor(attitudes)
         found = find_rests(
             gyro.rates @ gyro.apriori_G.T, gyro.sample_s, compute_speed(attitudes.t_s, attitudes.quaternions, gyro.t_s)
         )

@@ -63,7 +63,7 @@ def estimate_attenuation(problem: Problem, G: Array, P: Array) -> Array:
 
     Parameters
     ----------
-    problem : of references by one sensor, with the full covariance
+    problem : with the full covariance
     G, P : (3, 3) calibrated, and the (12, 12) covariance of G and b
     """
     made = problem.measurements

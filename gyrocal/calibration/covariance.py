@@ -11,8 +11,8 @@ so that for two outputs a, b of one interval
 
 The start attitude is shared by all outputs of an interval, and one reference attitude may end an interval and start the
 next, cov = −diag(σ²) R_bᵀ; both make residuals correlate. The noise is taken along the body axes: G ≈ I, its departure from I
-changes the noise by |G − I| of itself. Of several sensors diag(σ²) is about each one's own axes, and the noise of other gyros
-than three is not the same about all axes; then 3×3 covariances stand for diag(σ²) and for ARW² t.
+changes the noise by |G − I| of itself. The errors of a reference may correlate between axes, and the noise of other gyros than
+three is not the same about all axes; then 3×3 covariances stand for diag(σ²) and for ARW² t.
 
 "references only" is the paper's C in N (31)–(32): each residual by itself, both ends' reference errors and no gyro noise.
 

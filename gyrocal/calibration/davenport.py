@@ -40,7 +40,6 @@ from gyrocal.calibration.problem import Problem, State, tabulate_residuals
 from gyrocal.calibration.propagation import Psi, StreamingPropagation
 from gyrocal.calibration.result import PLAUSIBLE_PRIOR, CalibrationResult
 from gyrocal.calibration.sampling import Resampling, prepare_measurements
-from gyrocal.calibration.trackers import compare_sensors, count_free_mountings, estimate
 from gyrocal.errors import InputError, UnobservableError
 from gyrocal.recording import Recording
 
@@ -241,7 +240,6 @@ def calibrate(
         sums.add(state.H, state.z)
         step = np.zeros(12)
         step[columns], P = sums.solve()
-        solved, problem = state, problem.correct_mountings(state, step[columns] / problem.scale)
         x = x - step
         before, parameters = parameters, space.parameters(x)
         corrections.append(GyroParameters.from_vector(parameters.vector - before.vector))
@@ -255,8 +253,7 @@ def calibrate(
     covariance[np.ix_(columns, columns)] = P
     J = space.jacobian(parameters)
     # A prior adds p equations and the solution takes p away.
-    dof = 3 * len(state.theta) - (p if apriori_covariance is None else 0) - count_free_mountings(problem.mountings)
-    has_attenuation = problem.model == "full" and problem.mountings is None
+    dof = 3 * len(state.theta) - (p if apriori_covariance is None else 0)
     return CalibrationResult(
         recording=recording.title,
         parameters=parameters,
@@ -284,9 +281,7 @@ def calibrate(
         },
         parametrisation=parametrisation,
         noise_degrees=count_noise_degrees(recording, dof),
-        mountings=estimate(problem.mountings, solved.eliminated, P / np.outer(problem.scale, problem.scale)),
-        differences=compare_sensors(recording),
-        attenuation=estimate_attenuation(problem, parameters.G, J @ covariance @ J.T) if has_attenuation else None,
+        attenuation=estimate_attenuation(problem, parameters.G, J @ covariance @ J.T) if problem.model == "full" else None,
         plausible=ranges,
     )
 

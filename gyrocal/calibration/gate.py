@@ -61,7 +61,7 @@ def build_refusal(
     """
     from gyrocal.importing.agreement import explain_residuals  # late: needed only for a recording that is refused
 
-    reason = explain_residuals(recording, G, bias) if recording.attitudes.sensor is None else None
+    reason = explain_residuals(recording, G, bias)
     return _build_error(error.angle, error.output, f"interval {interval}, t_s = {t_s}: ", f"; {reason}" if reason else "")
 
 

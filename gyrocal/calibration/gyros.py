@@ -27,7 +27,7 @@ G Gᵀ = ν I that is ν ARW² T.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,14 +40,6 @@ from gyrocal.calibration.plausible_ranges import PlausibleRanges, estimate_plaus
 from gyrocal.calibration.problem import Problem, State, tabulate_residuals
 from gyrocal.calibration.propagation import Arcs, Psi, convert_to_body_sums, propagate
 from gyrocal.calibration.sampling import prepare_measurements
-from gyrocal.calibration.trackers import (
-    Difference,
-    MountingEstimate,
-    compare_sensors,
-    count_free_mountings,
-    estimate,
-    format_tracker_results,
-)
 from gyrocal.errors import InputError, UnobservableError
 from gyrocal.jit_cache import compile_cached
 from gyrocal.recording import Recording
@@ -332,8 +324,6 @@ class GyrosResult:
     parity_chi2, parity_dof : of the parity alone, with the parameters that only it sees taken off
     prior_sigma : of K and of c (rad/s), None without; the plausible ranges where the data leave a combination free and no
         prior is given
-    mountings : misalignments of the sensors whose mounting is estimated; None where none is
-    differences : of references by several sensors, each two against one another
     plausible : grade of the gyros and plausible ranges of K and c
     prior_from : "given", "plausible ranges", or None without a prior
     """
@@ -352,8 +342,6 @@ class GyrosResult:
     parity_chi2: float
     parity_dof: int
     prior_sigma: tuple[float, float] | None
-    mountings: MountingEstimate | None = None
-    differences: tuple[Difference, ...] = ()
     plausible: PlausibleRanges | None = None
     prior_from: str | None = None
 
@@ -425,7 +413,6 @@ class GyrosResult:
                 "degrees_of_freedom": self.parity_dof,
                 "p_value": self.parity_p_value if self.parity_dof > 0 else None,
             },
-            **format_tracker_results(self.mountings, self.differences),
         }
 
 
@@ -543,8 +530,7 @@ def calibrate_gyros(
         scaled = H * plausible
         P = np.linalg.inv(scaled.T @ scaled) * np.outer(plausible, plausible)
         step = np.linalg.lstsq(scaled, z, rcond=None)[0] * plausible
-        gyros, solved = gyros.at(gyros.vector - step), state
-        steps = replace(steps, problem=steps.problem.correct_mountings(state, step))
+        gyros = gyros.at(gyros.vector - step)
         state, done = steps.state(gyros), done + 1
         converged = bool(np.abs(step / np.sqrt(np.diag(P))).max() < CONVERGED_SIGMAS)
     parity_chi2 = sum(one.chi2(gyros, stream.arw) for one in sums)
@@ -564,12 +550,10 @@ def calibrate_gyros(
         residuals=tabulate_residuals(recording, steps.problem.measurements, first, state),
         observability=judged,
         chi2=chi2,
-        dof=state.theta.size + parity_rows - (4 * n if prior is None else 0) - count_free_mountings(steps.problem.mountings),
+        dof=state.theta.size + parity_rows - (4 * n if prior is None else 0),
         parity_chi2=parity_chi2,
         parity_dof=parity_rows - int(seen),
         prior_sigma=prior_sigma,
-        mountings=estimate(steps.problem.mountings, solved.eliminated, P),
-        differences=compare_sensors(recording),
         plausible=ranges,
         prior_from=prior_from,
     )

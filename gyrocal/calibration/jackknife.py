@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from gyrocal.calibration.davenport import calibrate
 from gyrocal.errors import InputError
 from gyrocal.recording import Interval, Recording, find_reference_rows
-from gyrocal.recording.trackers import keep_rows
 
 Array = NDArray[np.float64]
 
@@ -76,5 +75,5 @@ def _keep_intervals(recording: Recording, intervals: tuple[Interval, ...]) -> Re
     inside = np.zeros(times.size, dtype=bool)
     for one in intervals:
         inside[find_reference_rows(times, one)] = True
-    attitudes = keep_rows(recording.attitudes, inside)
+    attitudes = recording.attitudes.select_rows(inside)
     return replace(recording, attitudes=attitudes, intervals=intervals, tables={}, sensors=None)

@@ -151,18 +151,17 @@ def estimate_plausible_ranges(
 
 
 def compute_rest_rates(recording: Recording) -> RestRates | None:
-    """Compute the mean rates over the rests of three gyros; None where no rest is seen, or several sensors give attitudes."""
+    """Compute the mean rates over the rests of three gyros; None where no rest is seen."""
     from gyrocal.importing.rests import compute_speed, find_rests  # late: the import's modules use this package
 
     gyro, references = recording.gyro, recording.attitudes
     t_ref = references.t_s
-    if recording.is_array or references.sensor is not None or t_ref.size < 4:
+    if recording.is_array or t_ref.size < 4:
         return None
     if np.median(np.diff(t_ref)) > LONGEST_SPACING_S or np.ptp(t_ref) < 2 * LONGEST_SPACING_S:
         return None
     A = attitude.matrix_from_quaternion(references.quaternions)
     raw, reference, seconds, variance = np.zeros(3), np.zeros(3), 0.0, 0.0
-    # The speed needs the references in the order of time; an instant that two intervals share stands twice.
     for first, stop in find_rests(gyro.rates, gyro.sample_s, compute_speed(t_ref, references.quaternions, gyro.t_s)):
         rows = np.flatnonzero((t_ref >= gyro.t_s[first]) & (t_ref <= gyro.t_s[stop - 1]))
         if rows.size < 2 or not t_ref[rows[-1]] > t_ref[rows[0]]:

@@ -28,10 +28,8 @@ from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.calibration.parameters import NAMES, GyroParameters
 from gyrocal.calibration.propagation import Psi, propagate
 from gyrocal.calibration.sampling import Measurements
-from gyrocal.calibration.trackers import Mountings, ReducedEquations
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
-from gyrocal.recording.trackers import compute_body_covariance as in_body_axes
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,9 +48,7 @@ class State:
     ----------
     theta, theta_linear : (m, 3) residuals by the full rotation vector N (16) and by the linear form N (29), rad
     sigma : (m, 3) 1-sigma of each residual under the covariance model, rad
-    H, z : (3m, p) and (3m,) whitened scaled sensitivity and residuals, group by group; with mountings that are estimated,
-        these taken out of them
-    eliminated : how that was done; None where none is
+    H, z : (3m, p) and (3m,) whitened scaled sensitivity and residuals, group by group
     """
 
     theta: Array
@@ -60,7 +56,6 @@ class State:
     sigma: Array
     H: Array
     z: Array
-    eliminated: ReducedEquations | None = None
 
     @property
     def chi2(self) -> float:
@@ -121,7 +116,6 @@ class Problem:
     given : (intervals, 3, 3) C of each interval's residuals, with "given"
     joint : (3m, 3m) V of all residuals, with "given", in place of `given`
     parametrisation : "gain" or "gyro", see `gyrocal.calibration.gyro_space`; the names are of its parameters
-    mountings : of sensors whose mounting is estimated, as adjusted so far; None for a single sensor
     """
 
     measurements: Measurements
@@ -134,7 +128,6 @@ class Problem:
     given: Array | None = None
     joint: Array | None = None
     parametrisation: Parametrisation = "gain"
-    mountings: Mountings | None = None
 
     @classmethod
     def build(
@@ -151,12 +144,8 @@ class Problem:
         """Prepare a recording."""
         A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
         code = model if given is None and joint is None else "given"
-        noise, arw, mountings = in_body_axes(recording.attitudes), recording.gyro.arw, None
-        if recording.attitudes.sensor is not None:
-            if code != "full":
-                raise InputError(f"covariance '{code}': references of several sensors take the full one")
-            mountings = Mountings.build(recording.attitudes)
-        return cls(measurements, A, noise, arw, names, psi, code, given, joint, parametrisation, mountings)
+        noise = recording.attitudes.compute_covariance()
+        return cls(measurements, A, noise, recording.gyro.arw, names, psi, code, given, joint, parametrisation)
 
     @cached_property
     def columns(self) -> Indices:
@@ -175,15 +164,7 @@ class Problem:
         made = self.measurements
         if self.joint is not None:
             return np.arange(len(made.row)), np.array([len(made.row)])
-        order, ends = group_residuals(made.arcs.arc, made.start, made.row)
-        for own in np.split(order, ends[:-1]):
-            at_start = made.elapsed_s[own] == 0
-            if self.model == "full" and np.isin(made.row[own][at_start], made.row[own][~at_start]).any():
-                raise InputError(
-                    "references of several sensors at one time end an interval and begin the next one, and would count twice:"
-                    " let each interval begin a reference after the one before ends"
-                )
-        return order, ends
+        return group_residuals(made.arcs.arc, made.start, made.row)
 
     @cached_property
     def references(self) -> tuple[Indices, Indices, Indices, Array]:
@@ -236,27 +217,14 @@ class Problem:
             A residual is too large to be corrected by linearisation.
         """
         prepared = self.measurements
-        A = self.A if self.mountings is None else self.mountings.correct_attitudes(self.A)
-        A_start, A_obs = A[prepared.start], A[prepared.row]
+        A_start, A_obs = self.A[prepared.start], self.A[prepared.row]
         with np.errstate(over="ignore", invalid="ignore"):
             theta = accumulation.compute_attitude_residuals(R, A_start, A_obs)
         gate.check(np.where(np.isfinite(R).all(axis=2), theta, np.inf))
         linear = attitude.residual_linear(A_obs, R @ A_start)
-        p, free = Theta.shape[1], self.mountings is not None and self.mountings.misalignment.size > 0
-        if self.mountings is not None:
-            Theta = np.hstack([Theta, self.mountings.compute_sensitivity(R, prepared.start, prepared.row)])
         walk = self.walk if walk is None else walk
         H, z, variance = accumulation.whiten_groups(theta, Theta, R, self.groups, self.references, walk, *self._model)
-        if self.mountings is None or not free:
-            return State(theta, linear, np.sqrt(variance), H, z)
-        left = self.mountings.eliminate(H[:, :p], z, H[:, p:])
-        return State(theta, linear, np.sqrt(variance), left.H, left.z, left)
-
-    def correct_mountings(self, state: State, change: Array) -> "Problem":
-        """The problem with mountings as they are after a correction Δx (p,) of the parameters, scaled as H is."""
-        if self.mountings is None:
-            return self
-        return replace(self, mountings=self.mountings.apply_correction(state.eliminated, change))
+        return State(theta, linear, np.sqrt(variance), H, z)
 
     def _compute_sensitivity(self, S: Array, parameters: GyroParameters) -> Array:
         """Θ D (3m, p) with respect to the solved-for parameters."""
@@ -275,8 +243,8 @@ class Problem:
         psi : in place of the problem's
         look_back : whether to propagate once more for the residuals after the last iteration; NaN without
         """
-        if self.parametrisation != "gain" or self.mountings is not None:
-            raise InputError("compiled iterations are those of the parametrisation 'gain' and of references by one sensor")
+        if self.parametrisation != "gain":
+            raise InputError("compiled iterations are those of the parametrisation 'gain'")
         arcs = self.measurements.arcs
         x = np.ascontiguousarray(x, dtype=float)
         values: tuple[Any, ...] = accumulation.iterate(

@@ -80,10 +80,9 @@ def add_remainder(recording: Recording, result: CalibrationResult) -> Calibratio
 
     Returns
     -------
-    The result as it was, without a remainder, where references are by several sensors or a covariance was given: these
-    residuals have other covariances, and no remainder is estimated for them.
+    The result as it was, without a remainder, where a covariance was given: its residuals have other covariances.
     """
-    if result.covariance_model == "given" or recording.attitudes.sensor is not None:
+    if result.covariance_model == "given":
         return result
     options = result.options
     prepared = prepare_measurements(recording, options["step_s"], options["resampling"], options["max_gap_s"])
@@ -99,7 +98,7 @@ def estimate_remainder(recording: Recording, problem: Problem, result: Calibrati
     Parameters
     ----------
     recording : as calibrated
-    problem : of its references by one sensor
+    problem : of its references
     result : of its calibration
     """
     state = problem.state(result.parameters)

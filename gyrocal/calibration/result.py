@@ -21,7 +21,6 @@ from gyrocal.calibration.plausible_ranges import PlausibleRanges
 from gyrocal.calibration.problem import ROTATION_NAMES
 from gyrocal.calibration.propagation import Psi
 from gyrocal.calibration.remainder_processes import NOMINAL, WITH_REMAINDER, Remainder
-from gyrocal.calibration.trackers import Difference, MountingEstimate, format_tracker_results
 from gyrocal.errors import InputError
 from gyrocal.recording import representation
 
@@ -59,10 +58,8 @@ class CalibrationResult:
     options : what it was asked with (step_s, resampling, max_gap_s, held_s, prior sigmas by parameter), for the record
     chi2, dof : weighted square sum of the residuals after, with a prior's own term, and its degrees of freedom
     parametrisation : "gain" or "gyro", see `gyrocal.calibration.gyro_space`
-    mountings : misalignments of the sensors whose mounting is estimated; None where none is
-    differences : of references by several sensors, each two against one another
     attenuation : (12,) expected error of G and b that the noise of the rates makes, see `gyrocal.calibration.attenuation`; None
-        with other covariances than the full one and with references by several sensors
+        with other covariances than the full one
     plausible : grade of the gyro and plausible ranges of G and b; they are the a-priori sigmas where the data leave a
         combination free and no a-priori covariance is given
     remainder : misfit beyond the stated noise, and the covariance with it; None until `remainder.add_remainder`
@@ -86,8 +83,6 @@ class CalibrationResult:
     dof: int
     options: Mapping[str, Any]
     parametrisation: Parametrisation = "gain"
-    mountings: MountingEstimate | None = None
-    differences: tuple[Difference, ...] = ()
     attenuation: Array | None = None
     plausible: PlausibleRanges | None = None
     remainder: Remainder | None = None
@@ -342,7 +337,6 @@ class CalibrationResult:
             "version": metadata.version("gyrocal"),
             "gyros": self.parameters.table().to_dict("records"),
             **self._format_remainder(),
-            **format_tracker_results(self.mountings, self.differences),
         }
 
     def _format_remainder(self) -> dict[str, Any]:

@@ -25,7 +25,6 @@ from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.errors import GyrocalError
 from gyrocal.estimation.prediction_consistency import HORIZON_TOLERANCE
 from gyrocal.recording import Interval, Recording, find_reference_rows
-from gyrocal.recording.trackers import keep_rows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -71,7 +70,7 @@ def predict_held_out_turns(
 
     Parameters
     ----------
-    recording : of the gyros x, y and z, with references by one sensor
+    recording : of the gyros x, y and z
     lengths_s : of the turns, s; where no references are so far apart, the usual time between two of them
     options : of `gyrocal.calibrate`
 
@@ -79,7 +78,7 @@ def predict_held_out_turns(
     -------
     One for each length of which there are enough turns; none where too little is left to hold out.
     """
-    if recording.attitudes.sensor is not None or recording.is_array:
+    if recording.is_array:
         return ()
     pieces = _cut_intervals(recording)
     blocks = np.array_split(np.arange(len(pieces)), min(HELD_OUT_BLOCKS, len(pieces)))
@@ -120,7 +119,7 @@ def _find_rows(recording: Recording, pieces: Sequence[Interval]) -> Indices:
 
 def _select_pieces(recording: Recording, pieces: Sequence[Interval]) -> Recording:
     """The recording with these intervals and their references alone."""
-    kept = keep_rows(recording.attitudes, _find_rows(recording, pieces))
+    kept = recording.attitudes.select_rows(_find_rows(recording, pieces))
     return replace(recording, attitudes=kept, intervals=tuple(pieces), tables={}, sensors=None)
 
 
@@ -185,7 +184,7 @@ def _summarise(turns: Array, length_s: float) -> HeldOutTurns:
 def describe_held_out_turns(turns: Sequence[HeldOutTurns]) -> str:
     """Say in one line how well held-out turns are predicted, beside the two other sets of parameters."""
     if not turns:
-        return "Held-out prediction: none; it needs references of one sensor in at least two blocks that share none."
+        return "Held-out prediction: none; it needs references in at least two blocks that share none."
     last = turns[-1]
     lengths = ", ".join(f"{one.length_s:.3g}" for one in turns)
     errors = {

@@ -10,12 +10,9 @@ a the error of the anchor, w the gyro's integrated white noise in the axes of t�
 
     cov(c(s), c(t)) = R(s) (σ_a² + ARW² min(s, t)) R(t)ᵀ + Θ(s) P₀ Θ(t)ᵀ,    cov(e_j) = diag(σ_j²)
 
-(in the axes of its sensor; of several, also with the misalignment m of each whose mounting is estimated, e = Mᵀ(ν + m), see
-`gyrocal.calibration.trackers`, whose −Mᵀ stand beside Θ as columns of m − m_true)
-
-so that c at any time, and Δx, follow from the references used by conditioning. That is the best linear estimate; it counts no
-reference twice, and knows that the attitude at the last reference and the parameters correlate. Δx is applied and all is done
-again, since Θ is linearised.
+(or the full covariance of a reference whose errors correlate), so that c at any time, and Δx, follow from the references used
+by conditioning. That is the best linear estimate; it counts no reference twice, and knows that the attitude at the last
+reference and the parameters correlate. Δx is applied and all is done again, since Θ is linearised.
 
 What is known of a and Δx beforehand is up to a million times wider than what is known in the end, and a difference of the two
 would be rounding. So V holds noise alone, V = L Lᵀ, and S u with u ~ N(0, I) are a and Δx, which F takes to c:
@@ -52,13 +49,11 @@ from gyrocal.calibration.propagation import Arcs, propagate
 from gyrocal.calibration.remainder import interpolate_rates
 from gyrocal.calibration.remainder_processes import compute_turns
 from gyrocal.calibration.sampling import prepare_measurements
-from gyrocal.calibration.trackers import MountingEstimate, Mountings
 from gyrocal.errors import InputError
 from gyrocal.estimation.error_smoother import ErrorStates
 from gyrocal.estimation.prediction import Prediction
 from gyrocal.estimation.remainder_noise import RemainderNoise
 from gyrocal.recording import Attitudes, Interval, Recording, triad
-from gyrocal.recording.trackers import compute_body_covariance, keep_rows
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -121,7 +116,7 @@ def predict(
 
     Parameters
     ----------
-    recording : of any gyros and attitude sensors; its interval that holds from_s, or is the last to begin before it, is the
+    recording : of any gyros; its interval that holds from_s, or is the last to begin before it, is the
         stretch
     from_s : references later than this are not used
     times : (k,) s, of the prediction; each end of a gyro sample after from_s, to
@@ -174,26 +169,22 @@ class _Problem:
     Attributes
     ----------
     seen : the n references used
-    mountings : estimated misalignments
     arcs : the gyro samples between the nodes, which are the references and outputs
     anchor : (3, 3) attitude at the start
     stated : (n, 3, 3) covariance of the references about the body axes, rad²
-    turns : (n, 3, m) Mᵀ of the misalignments
     place, wanted : nodes of the references and of the k outputs
     lasting, later : columns of the references' lasting errors, at the references and at the outputs
     steps_s : s between the nodes
     arw : angle random walk, rad/√s
     noise : remainder of a calibration
-    x0 : (p,) parameters and misalignments known beforehand
-    S : (3 + p, 3 + p) root of the covariance of the anchor and of x
+    x0 : (12,) parameters known beforehand
+    S : (15, 15) root of the covariance of the anchor and of x
     """
 
     seen: Attitudes
-    mountings: Mountings
     arcs: Arcs
     anchor: Array
     stated: Array
-    turns: Array
     place: NDArray[np.intp]
     wanted: NDArray[np.intp]
     lasting: Array
@@ -257,26 +248,22 @@ def _pose_problem(
     """Collect what the conditioning needs of a stretch, see `condition_on_references`."""
     references, gyro = recording.attitudes, recording.gyro
     anchor = _find_anchor(references, rows, times)
-    seen, mountings = keep_rows(references, rows), Mountings.build(references)
+    seen = references.select_rows(rows)
     if apriori_covariance is None:
         ranges = estimate_plausible_ranges(recording, use_rests=False)
         apriori_covariance = prior_covariance(ranges.G, ranges.bias)
-    P0 = _append_mountings(apriori_covariance, references, mountings)
     start_s = float(references.t_s[anchor])
     at = _list_nodes(start_s, np.union1d(times, seen.t_s), noise)
-    _check_memory(at.size, noise, len(P0))
+    _check_memory(at.size, noise)
     lasting, later = (
         noise.build_reference_columns(interpolate_rates(gyro, gyro.apriori_G, gyro.apriori_bias, t)) for t in (seen.t_s, times)
     )
-    turns = mountings.turns[rows]
     anchor_sigma = ANCHOR * float(references.sigma[anchor].max())
     return _Problem(
         seen=seen,
-        mountings=mountings,
         arcs=prepare_measurements(_build_stretch(recording, anchor, at)).arcs,
         anchor=attitude.matrix_from_quaternion(references.quaternions[anchor]),
-        stated=noise.factor * compute_body_covariance(seen),
-        turns=turns,
+        stated=noise.factor * seen.compute_covariance(),
         place=_locate_times(start_s, at, seen.t_s),
         wanted=_locate_times(start_s, at, times),
         lasting=lasting,
@@ -284,8 +271,8 @@ def _pose_problem(
         steps_s=np.diff(at, prepend=start_s),
         arw=gyro.arw * float(np.sqrt(noise.factor)),
         noise=noise,
-        x0=np.concatenate([gyro.apriori_G.ravel(), gyro.apriori_bias, np.zeros(turns.shape[2])]),
-        S=scipy.linalg.block_diag(anchor_sigma * np.eye(3), _compute_covariance_root(P0)),
+        x0=np.concatenate([gyro.apriori_G.ravel(), gyro.apriori_bias]),
+        S=scipy.linalg.block_diag(anchor_sigma * np.eye(3), _compute_covariance_root(apriori_covariance)),
     )
 
 
@@ -310,14 +297,12 @@ def _list_nodes(start_s: float, at: Array, noise: RemainderNoise) -> Array:
 
 
 def _solve_linearised(problem: _Problem, x: Array) -> _Solution:
-    """Solve [L⁻¹ F S; I] = Q U with Θ taken at parameters x (p,)."""
-    run = propagate(problem.arcs, x[:9].reshape(3, 3), x[9:12])
+    """Solve [L⁻¹ F S; I] = Q U with Θ taken at parameters x (12,)."""
+    run = propagate(problem.arcs, x[:9].reshape(3, 3), x[9:])
     R = np.concatenate([np.eye(3)[None], run.R])
     F = np.zeros((len(R), 3, 3 + x.size))
-    F[:, :, :3], F[1:, :, 3:15] = R, run.Theta
-    own = F[problem.place]
-    own[:, :, 15:] = -problem.turns
-    observed = attitude.rotation_matrix(-problem.turns @ x[12:]) @ attitude.matrix_from_quaternion(problem.seen.quaternions)
+    F[:, :, :3], F[1:, :, 3:] = R, run.Theta
+    own, observed = F[problem.place], attitude.matrix_from_quaternion(problem.seen.quaternions)
     theta = attitude.residual(observed, R[problem.place] @ problem.anchor)
     # Both means: c has that of Θ (x − x₀), whose covariance is P₀.
     z = theta - own[:, :, 3:] @ (x - problem.x0)
@@ -336,7 +321,7 @@ def _solve_linearised(problem: _Problem, x: Array) -> _Solution:
 
 
 def _build_prediction(problem: _Problem, solution: _Solution, times: Array, x: Array) -> Prediction:
-    """Build attitudes and covariances from the last solution and the parameters x (p,) that it leads to."""
+    """Build attitudes and covariances from the last solution and the parameters x (12,) that it leads to."""
     R, F, states, spread = solution.R, solution.F, solution.states, solution.spread
     S, y, later, seen = problem.S, solution.y, problem.later, problem.seen
     walk = (states[:, :3, -1:] - states[:, :3, :-1] @ y[:, None])[:, :, 0]
@@ -349,41 +334,28 @@ def _build_prediction(problem: _Problem, solution: _Solution, times: Array, x: A
     blocks = turned[:, :, :3] @ R.transpose(0, 2, 1) + B @ B.transpose(0, 2, 1)
     both = turned[:, :, 3:] @ later.transpose(0, 2, 1) + B @ D.transpose(0, 2, 1)
     readings = blocks + both + both.transpose(0, 2, 1) + (later * solution.variance) @ later.transpose(0, 2, 1)
-    P_x = T[3:] @ T[3:].T
-    cross = B @ T[3:].T
     return Prediction(
         times,
         np.asarray(attitude.rotation_matrix(c) @ R @ problem.anchor),
         np.asarray(0.5 * (blocks + blocks.transpose(0, 2, 1))),
-        GyroParameters.from_vector(x[:12]),
-        P_x[:12, :12],
+        GyroParameters.from_vector(x),
+        T[3:] @ T[3:].T,
         len(seen.t_s),
         solution.chi2,
         3 * len(seen.t_s),
-        seen.sensors,
-        np.array([np.sqrt(np.mean(np.square(seen.sigma[seen.sensor == k]), axis=0)) for k in range(len(seen.sensors))]),
-        MountingEstimate(problem.mountings.sensors, x[12:], P_x[12:, 12:]),
-        -cross[:, :, 12:],
         readings,
     )
 
 
-def _check_memory(count: int, noise: RemainderNoise, parameters: int) -> None:
+def _check_memory(count: int, noise: RemainderNoise) -> None:
     """Refuse a prediction whose arrays would not fit: they grow with the number of references and output times."""
     states = 3 + sum(len(one.members) for one in noise.processes)
-    each = 8 * (2 * states**2 + (states + 6) * (4 + parameters) + 3 * states + 60)
+    each = 8 * (2 * states**2 + (states + 6) * 16 + 3 * states + 60)
     if count * each > LARGEST_PREDICTION_BYTES:
         raise InputError(
             f"{count} references and output times need {count * each / 1e9:.1f} GB, the limit is"
             f" {LARGEST_PREDICTION_BYTES / 1e9:.0f} GB: give a larger --step, or predict from a shorter interval"
         )
-
-
-def _append_mountings(P0: Array, references: Attitudes, mountings: Mountings) -> Array:
-    """P₀ with the misalignments that are estimated; one without a prior is as good as unknown."""
-    wide = {one.name: references.sigma[references.sensor == k].max() for k, one in enumerate(references.sensors)}
-    free = np.repeat([ANCHOR * wide[name] for name in mountings.sensors], 3)
-    return scipy.linalg.block_diag(P0, np.diag(np.square(np.where(np.isfinite(mountings.prior), mountings.prior, free))))
 
 
 def _locate_times(start_s: float, at: Array, times: Array) -> NDArray[np.intp]:

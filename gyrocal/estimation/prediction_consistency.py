@@ -20,7 +20,6 @@ from gyrocal.errors import InputError
 from gyrocal.estimation.predict import SAME_TIME_S, condition_on_references
 from gyrocal.estimation.remainder_noise import KnownCalibration
 from gyrocal.recording import Attitudes, Recording
-from gyrocal.recording.trackers import keep_rows
 
 Array = NDArray[np.float64]
 
@@ -73,7 +72,7 @@ def compute_prediction_errors(
 
     Parameters
     ----------
-    recording : with references by one sensor; none of it may be in the calibration
+    recording : none of it may be in the calibration
     known : parameters, their covariance and the remainder, of other data
     horizons_s : s, ascending
     most_starts : starts are chosen evenly from all references that have enough references before and after them
@@ -98,8 +97,7 @@ def compute_prediction_errors(
             continue
         observed = attitude.matrix_from_quaternion(recording.attitudes.quaternions[targets])
         errors = attitude.residual(observed, made.A)
-        stated = known.noise.factor * np.square(recording.attitudes.sigma[targets])
-        covariance = made.readings + stated[:, :, None] * np.eye(3)
+        covariance = made.readings + known.noise.factor * recording.attitudes.select_rows(targets).compute_covariance()
         for k, one in enumerate(wanted):
             if one is not None:
                 place = targets.index(one)
@@ -110,7 +108,7 @@ def compute_prediction_errors(
 def cut_recording(recording: Recording, from_s: float, to_s: float) -> Recording:
     """Cut a recording: its references and intervals from one time to another, s, and the gyro samples that cover them."""
     attitudes, gyro = recording.attitudes, recording.gyro
-    kept = keep_rows(attitudes, (attitudes.t_s >= from_s - SAME_TIME_S) & (attitudes.t_s <= to_s + SAME_TIME_S))
+    kept = attitudes.select_rows((attitudes.t_s >= from_s - SAME_TIME_S) & (attitudes.t_s <= to_s + SAME_TIME_S))
     intervals = []
     for one in recording.intervals:
         inside = kept.t_s[(kept.t_s >= one.start_s - SAME_TIME_S) & (kept.t_s <= one.stop_s + SAME_TIME_S)]

@@ -1,8 +1,8 @@
 """Recordings from anyone's tables: what the columns mean is told, what is not told is estimated, and both are written down.
 
-A `Mapping` says what the columns are. `streams` reads them in SI units on one clock and joins gyros, `sensors` makes one body's
-attitudes of several sensors', `agreement` asks whether rates and attitudes fit each other as they are read and how else they
-would, `noise` estimates, and `build` puts it together. See docs/import.md.
+A `Mapping` says what the columns are. `streams` reads them in SI units on one clock and joins gyros, `join_references` makes
+one series of body attitudes of several sensors', `agreement` asks whether rates and attitudes fit each other as they are read
+and how else they would, `noise` estimates, and `build` puts it together. See docs/import.md.
 """
 
 from __future__ import annotations

@@ -36,10 +36,11 @@ from gyrocal.importing.estimates import (
 from gyrocal.importing.intervals import choose_intervals, name_interval
 from gyrocal.importing.motion import Motion, build_motion, rotate_onto
 from gyrocal.importing.rests import compute_speed, find_rests
-from gyrocal.importing.sensors import JoinedAttitudes, join_sensors
+from gyrocal.importing.sensors import BodyAttitudes, join_sensors
 from gyrocal.importing.streams import Sensor, Streams
 from gyrocal.importing.units import compute_gyro_factor
 from gyrocal.recording import Attitudes, GyroStream, Recording
+from gyrocal.recording.reference_join import JoinedReferences
 
 Array = NDArray[np.float64]
 
@@ -67,7 +68,7 @@ class ImportResult:
     mapping : as which the tables were read
     assumed : what was taken for granted or estimated, a sentence each
     sensors : the attitudes of each sensor as they were read
-    joined : the body's by all of them together
+    joined : those of several sensors joined, with their mountings; None of a single one
     warnings : what is implausible, a sentence each
     """
 
@@ -75,7 +76,7 @@ class ImportResult:
     mapping: Mapping
     assumed: tuple[str, ...]
     sensors: tuple[Sensor, ...]
-    joined: JoinedAttitudes
+    joined: JoinedReferences | None
     warnings: tuple[str, ...] = ()
 
     def summary(self) -> pd.DataFrame:
@@ -109,36 +110,30 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
     said, check = [*said, *streams.assumed], check and not mapping.unchecked
     if not streams.raw.any():
         raise InputError("gyro: all rates are zero; is the gyro switched on, and are these its columns or its topic?")
-    streams = replace(streams, sensors=attitudes.rename_sensors(streams.sensors, said))
     is_aligned = mapping.align == "auto"
     if is_aligned:
         streams, mapping = _align(streams, mapping, said)
-    joined = join_sensors(
-        streams.sensors,
-        attitudes.read_stated_sigma(mapping, streams.sensors),
-        mapping.spacing_s or 0.0,
-        mapping.build_mountings(),
-    )
+    stated = attitudes.read_stated_sigma(mapping, streams.sensors)
+    body = join_sensors(streams.sensors, stated, mapping.spacing_s or 0.0, mapping.build_mountings())
     G = streams.G
-    said += _describe_mountings(joined, mapping)
-    _check_overlap(streams, joined)
+    _check_overlap(streams, body)
     if isinstance(mapping.mounting, list):
         G = Rotation.from_rotvec(mapping.mounting, degrees=True).as_matrix() @ G
     elif mapping.mounting == "estimate":
-        few = build_motion(streams.t_s, streams.raw @ G.T, streams.sample_s, joined.t_s, joined.q, 12)
+        few = build_motion(streams.t_s, streams.raw @ G.T, streams.sample_s, body.t_s, body.q, 12)
         C = estimate_mounting(few, mirrored=mapping.axes == "tetrahedron")
         G = C @ G
         said.append(f"the gyros' axes are turned to those of the attitudes by {_describe_turn(C)}")
         if np.linalg.det(C) < 0:
             said.append("the tetrahedron is the mirror image of the one with the axes (1,1,1), (1,−1,−1), (−1,1,−1), (−1,−1,1)")
     rates = streams.raw @ G.T  # of the body, but for the bias
-    windows = build_motion(streams.t_s, rates, streams.sample_s, joined.t_s, joined.q)
+    windows = build_motion(streams.t_s, rates, streams.sample_s, body.t_s, body.q)
     if windows is None:
         raise InputError("too few attitudes within the gyro's time to compare the two")
-    estimated = partial(_estimate_gyro, streams, mapping, rates, joined, windows)
+    estimated = partial(_estimate_gyro, streams, mapping, rates, body, windows)
     found = _evaluate(windows, mapping, streams.sensors[0], None if streams.gyros else G)
     late_s = LATE * streams.sample_s if check else np.inf
-    said += _check_agreement(found, late_s, windows.is_coarse, lambda: _find_largest_miss(joined, estimated))
+    said += _check_agreement(found, late_s, windows.is_coarse, lambda: _find_largest_miss(body, estimated))
     near = refine(windows, reverse=False)
     if near is not None and near.residual <= HOPELESS and not windows.is_coarse and not is_aligned:
         said.append(near.describe_offset())
@@ -148,14 +143,16 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
         noise = gyro.arw / streams.gyros.gain / np.sqrt(gyro.sample_s)
         said += streams.gyros.describe(noise)
         disagreement = [text for text in [streams.gyros.find_disagreement(noise)] if text]
-    if len(streams.sensors) == 1:
-        each = streams.sensors[0].sigma
-        sigma = estimate_reference_sigma(gyro, joined, chosen, said) if each is None else each
+    joined = None
+    if not body.sensors:
+        sigma = streams.sensors[0].sigma
+        if sigma is None:
+            sigma = estimate_reference_sigma(gyro, body, chosen, said) if stated is None else next(iter(stated.values()))
         used = np.unique(np.concatenate(chosen))  # two intervals that touch share a reference
-        references = Attitudes(joined.t_s[used], joined.q[used], np.broadcast_to(sigma, joined.q[:, :3].shape)[used])
-        references = replace(references, sigma_estimated=joined.covariance is None)
+        references = Attitudes(body.t_s[used], body.q[used], np.broadcast_to(sigma, body.q[:, :3].shape)[used])
+        references = replace(references, sigma_estimated=stated is None)
     else:
-        references = attitudes.build_references(streams.sensors, joined, chosen, mapping, gyro, said)
+        references, joined = attitudes.build_references(body, chosen, mapping, gyro, said)
     for text in said:
         logger.info("%s", text)
     recording = Recording(
@@ -164,7 +161,7 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
         time_scale=streams.time_scale,
         gyro=replace(gyro, rates=streams.raw, apriori_G=G, arw_estimated=mapping.arw_deg_per_sqrt_s is None),
         attitudes=references,
-        intervals=tuple(name_interval(joined.t_s, rows, still, streams.t_s, k) for k, rows in enumerate(chosen, 1))
+        intervals=tuple(name_interval(body.t_s, rows, still, streams.t_s, k) for k, rows in enumerate(chosen, 1))
         if mapping.interval is None
         else tuple(one.interval for one in mapping.interval),
         tables={}
@@ -177,24 +174,24 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
 
 
 def _estimate_gyro(
-    streams: Streams, mapping: Mapping, rates: Array, joined: JoinedAttitudes, windows: Motion, said: list[str]
+    streams: Streams, mapping: Mapping, rates: Array, body: BodyAttitudes, windows: Motion, said: list[str]
 ) -> tuple[GyroStream, list[tuple[int, int]], list[NDArray[np.intp]]]:
     """Body rates with their bias and noise, rests, and the rows of the attitudes of each interval."""
-    still = find_rests(rates, streams.sample_s, compute_speed(joined.t_s, joined.q, streams.t_s))
+    still = find_rests(rates, streams.sample_s, compute_speed(body.t_s, body.q, streams.t_s))
     said.append(f"{len(still)} rest(s) found" if still else "no rest found")
-    bias = estimate_bias(mapping, rates, still, windows, joined, streams, said)
+    bias = estimate_bias(mapping, rates, still, windows, body, streams, said)
     arw = estimate_walk(mapping, streams, rates, still, said)
     gyro = GyroStream(streams.t_s, rates, streams.sample_s, arw, np.eye(3), bias)
-    return gyro, still, choose_intervals(gyro, joined, mapping, said)
+    return gyro, still, choose_intervals(gyro, body, mapping, said)
 
 
 def _find_largest_miss(
-    joined: JoinedAttitudes, estimated: Callable[[list[str]], tuple[GyroStream, Any, list[NDArray[np.intp]]]]
+    body: BodyAttitudes, estimated: Callable[[list[str]], tuple[GyroStream, Any, list[NDArray[np.intp]]]]
 ) -> float:
     """Compute the largest angle between an attitude and its propagation from the one before, rad; infinite if unknown."""
     try:
         gyro, _, chosen = estimated([])
-        return compute_largest_miss(gyro, joined, chosen)
+        return compute_largest_miss(gyro, body, chosen)
     except InputError:
         return np.inf
 
@@ -213,31 +210,18 @@ def estimate_mounting(windows: Motion | None, mirrored: bool) -> Array:
     return rotate_onto(windows.attitudes()[inside], gyro[inside], mirrored)[0]
 
 
-def _describe_mountings(joined: JoinedAttitudes, mapping: Mapping) -> list[str]:
-    said = []
-    first, *others = joined.mounting
-    for name in others if mapping.mountings is None else []:
-        said.append(
-            f"{name} is turned to {first}, the body, by {_describe_turn(joined.mounting[name])}, "
-            "which a calibration estimates anew"
-        )
-    for name, sigma in joined.sigma.items() if mapping.sigma_deg is not None else []:
-        said.append(f"1-sigma about the axes of {name or 'the attitudes'}: {format_degrees(sigma)} deg")
-    return said
-
-
 def _describe_turn(C: Array) -> str:
     """A rotation, or its mirror image, in words."""
     turn = Rotation.from_matrix(C * np.sign(np.linalg.det(C))).as_rotvec()
     return f"{format_degrees(turn)} deg (rotation vector)"
 
 
-def _check_overlap(streams: Streams, joined: JoinedAttitudes) -> None:
+def _check_overlap(streams: Streams, body: BodyAttitudes) -> None:
     stop = streams.t_s[-1] + streams.sample_s
-    inside = (joined.t_s >= streams.t_s[0]) & (joined.t_s <= stop)
+    inside = (body.t_s >= streams.t_s[0]) & (body.t_s <= stop)
     if inside.sum() >= 4:
         return
-    gyro_s, attitude_s = stop - streams.t_s[0], joined.t_s[-1] - joined.t_s[0]
+    gyro_s, attitude_s = stop - streams.t_s[0], body.t_s[-1] - body.t_s[0]
     hint = ""
     for times in (1e3, 1e6, 1e9):
         if 0.5 < attitude_s / gyro_s / times < 2:
@@ -245,8 +229,8 @@ def _check_overlap(streams: Streams, joined: JoinedAttitudes) -> None:
         if 0.5 < gyro_s / attitude_s / times < 2:
             hint = f"; both would last as long with the gyro's time unit {times:g} times finer, see time"
     raise InputError(
-        f"the gyro runs from {streams.t_s[0]:.9g} to {stop:.9g} s and the attitudes from {joined.t_s[0]:.9g} to "
-        f"{joined.t_s[-1]:.9g} s: {int(inside.sum())} attitudes are within"
+        f"the gyro runs from {streams.t_s[0]:.9g} to {stop:.9g} s and the attitudes from {body.t_s[0]:.9g} to "
+        f"{body.t_s[-1]:.9g} s: {int(inside.sum())} attitudes are within"
         f"{hint or '; is one of the time tags offset? --align auto finds an offset of any size; a unit may be 100us'}"
     )
 

@@ -80,9 +80,9 @@ class Mapping(BaseModel):
     unchecked : whether rates and attitudes are taken that do not fit each other
     sigma_deg : reference 1-sigma about all body axes or each; column(s) of the attitudes' table with it; with attitude_by about
         each sensor's own axes, by its name
-    mountings : with attitude_by, quaternion from body to each sensor, scalar last, by its name; estimated if not given
-    mounting_sigma_deg : 1-sigma of those that are to be estimated as well, about the sensor's own axes, by its name
-    estimated_mountings : names of those that are to be estimated without regard to what is stated
+    sensor : with attitude_by, the only attitude sensor that is read
+    mountings : with attitude_by, quaternion from body to a sensor, scalar last, by its name; estimated of those not given
+    mounting_sigma_deg : 1-sigma of those that are to be estimated all the same, about the sensor's own axes, by its name
     arw_deg_per_sqrt_s : of each gyro; a number for all, or one for each that is used
     bias_deg_s : of the body, b of ω = G ω_raw + b
     interval_s, spacing_s : longest interval, and least time between references
@@ -107,6 +107,7 @@ class Mapping(BaseModel):
     gyro_by: str | None = None
     attitude_by: str | None = None
     gyros: str | None = None
+    sensor: str | None = None
     axes: list[Vector] | Literal["tetrahedron"] | None = None
     G: list[list[float]] | None = None
     mounting: Literal["as given", "estimate"] | Vector = "as given"
@@ -120,7 +121,6 @@ class Mapping(BaseModel):
     sigma_deg: Sigma | str | dict[str, Sigma] | None = None
     mountings: dict[str, Quaternion] | None = None
     mounting_sigma_deg: dict[str, Vector] | None = None
-    estimated_mountings: list[str] | None = None
     arw_deg_per_sqrt_s: Positive | list[Positive] | None = None
     bias_deg_s: Vector | None = None
     interval_s: float | None = Field(default=None, gt=0)
@@ -140,25 +140,22 @@ class Mapping(BaseModel):
             )
         return given[0]
 
-    def build_mountings(self) -> dict[str, Array] | None:
-        """(3, 3) of each sensor whose mounting is stated, by name; None where none is."""
-        if self.mountings is None:
-            if self.mounting_sigma_deg is not None or self.estimated_mountings is not None:
-                raise InputError(
-                    "mounting_sigma_deg, estimated_mountings: go with mountings; one not stated is estimated freely"
-                )
-            return None
-        if self.attitude_by is None:
+    def build_mountings(self) -> dict[str, tuple[Array, Array | None]]:
+        """(3, 3) body to sensor of each sensor whose mounting is stated, and its 1-sigma (3,) rad or None, by name."""
+        stated, sigmas = self.mountings or {}, self.mounting_sigma_deg or {}
+        if stated and self.attitude_by is None:
             raise InputError("mountings: goes with attitude_by, the column that says which sensor a row is of")
-        for name, q in self.mountings.items():
+        for name, q in stated.items():
             if abs(np.linalg.norm(q) - 1) > NORM_TOLERANCE:
                 raise InputError(f"mountings: {name} must be a quaternion of norm 1")
-        unknown = {*(self.mounting_sigma_deg or {}), *(self.estimated_mountings or [])} - set(self.mountings)
-        if unknown:
-            raise InputError(f"mounting_sigma_deg, estimated_mountings: no mounting of {', '.join(sorted(unknown))} is stated")
+        if unknown := sorted(set(sigmas) - set(stated)):
+            raise InputError(f"mounting_sigma_deg: no mounting of {', '.join(unknown)} is stated; one not stated is estimated")
+        if not stated:
+            return {}
         from scipy.spatial.transform import Rotation  # late, as below: a refused table does without
 
-        return {name: np.asarray(Rotation.from_quat(q).as_matrix().T) for name, q in self.mountings.items()}
+        prior = {name: np.deg2rad(sigma) for name, sigma in sigmas.items()}
+        return {name: (np.asarray(Rotation.from_quat(q).as_matrix().T), prior.get(name)) for name, q in stated.items()}
 
     def choose_gyros(self, names: list[str]) -> list[int]:
         """Places of the gyros that are used among all of these names."""

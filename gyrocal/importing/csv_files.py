@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.files import open_replacement
 from gyrocal.importing.units import UNIX_RANGE_S, WEEK_S, convert_to_second, parse_date
-from gyrocal.recording import Attitudes, Interval, Recording, format_toml
+from gyrocal.recording import Interval, Recording, format_toml
 from gyrocal.recording.names import TRIAD
-from gyrocal.recording.trackers import SENSOR_COLUMN
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,7 +31,7 @@ def write_csv(recording: Recording, folder: str | os.PathLike[str]) -> None:
     """Write gyro.csv, attitude.csv and mapping.toml; the folder is made.
 
     ``gyrocal import csv FOLDER/gyro.csv FOLDER/attitude.csv OUT --mapping FOLDER/mapping.toml`` makes a recording of them; its
-    references have one sigma per axis, of each sensor, the root mean square of this one's.
+    references have one sigma per axis, the root mean square of this one's.
     """
     gyro = recording.to_frame("gyro").rename(columns=lambda name: str(name).removeprefix("rate_").removesuffix("_deg_s"))
     gyro = gyro.rename(columns={"t": "t_s", **({} if recording.is_array else {axis: f"rate_{axis}" for axis in TRIAD})})
@@ -46,7 +45,7 @@ def write_csv(recording: Recording, folder: str | os.PathLike[str]) -> None:
     entries = time | {
         "gyro": f"{','.join(rates)}:deg/s",
         "quat": "q1,q2,q3,q4:scalar-last:body-to-inertial",
-        **_describe_sensors(recording.attitudes),
+        "sigma_deg": np.rad2deg(np.sqrt(np.mean(np.square(recording.attitudes.sigma), axis=0))).tolist(),
         "G": recording.gyro.apriori_G.tolist(),
         "bias_deg_s": np.rad2deg(recording.gyro.apriori_bias).tolist(),
         "title": recording.title,
@@ -59,27 +58,6 @@ def write_csv(recording: Recording, folder: str | os.PathLike[str]) -> None:
             file.write(table.to_csv(index=False).encode())
     with open_replacement(folder / "mapping.toml") as file:
         file.write("".join(f"{name} = {format_toml(value)}\n" for name, value in entries.items()).encode())
-
-
-def _describe_sensors(attitudes: Attitudes) -> dict[str, Any]:
-    """Describe the attitude sensors of a mapping, or the only one."""
-
-    def compute_sigma(rows: Any) -> list[float]:
-        return np.rad2deg(np.sqrt(np.mean(np.square(attitudes.sigma[rows]), axis=0))).tolist()
-
-    if attitudes.sensor is None:
-        return {"sigma_deg": compute_sigma(slice(None))}
-    seen = {one.name: attitudes.sensor == number for number, one in enumerate(attitudes.sensors)}
-    priors = {one.name: one.mounting_sigma for one in attitudes.sensors if one.mounting_sigma is not None}
-    free = [one.name for one in attitudes.sensors if one.estimated and one.mounting_sigma is None]
-    said: dict[str, Any] = {
-        "attitude_by": SENSOR_COLUMN,
-        "sigma_deg": {name: compute_sigma(rows) for name, rows in seen.items()},
-        "mountings": {one.name: one.mounting.tolist() for one in attitudes.sensors},
-    }
-    if priors:
-        said["mounting_sigma_deg"] = {name: np.rad2deg(values).tolist() for name, values in priors.items()}
-    return said | ({"estimated_mountings": free} if free else {})
 
 
 def _format_span(interval: Interval, begins_s: float) -> dict[str, Any]:

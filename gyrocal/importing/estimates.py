@@ -14,10 +14,11 @@ from gyrocal.importing import noise
 from gyrocal.importing.column_mapping import Mapping
 from gyrocal.importing.gyro_samples import GAP_SAMPLES
 from gyrocal.importing.motion import Motion
-from gyrocal.importing.sensors import JoinedAttitudes
-from gyrocal.importing.streams import Sensor, Streams
+from gyrocal.importing.sensors import BodyAttitudes
+from gyrocal.importing.streams import Streams
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
 from gyrocal.recording.gyros import TAG_ROUNDING
+from gyrocal.recording.reference_join import SensorReferences
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -39,7 +40,7 @@ def estimate_bias(
     rates: Array,
     still: list[tuple[int, int]],
     windows: Motion,
-    joined: JoinedAttitudes,
+    joined: BodyAttitudes,
     streams: Streams,
     said: list[str],
 ) -> Array:
@@ -71,7 +72,7 @@ def estimate_bias(
     return np.asarray(bias)
 
 
-def _estimate_bias_of_turns(rates: Array, joined: JoinedAttitudes, streams: Streams) -> tuple[Array, float]:
+def _estimate_bias_of_turns(rates: Array, joined: BodyAttitudes, streams: Streams) -> tuple[Array, float]:
     """b from the turns between successive attitudes, by Gauss-Newton from zero, and the median miss that it leaves, rad."""
     inside = np.flatnonzero((joined.t_s >= streams.t_s[0]) & (joined.t_s <= streams.t_s[-1] + streams.sample_s))
     pairs = _list_pairs(GyroStream(streams.t_s, rates, streams.sample_s, 0.0, np.eye(3), np.zeros(3)), joined.t_s, [inside])
@@ -111,10 +112,8 @@ def estimate_walk(mapping: Mapping, streams: Streams, rates: Array, still: list[
     return arw
 
 
-def estimate_reference_sigma(gyro: GyroStream, joined: JoinedAttitudes, chosen: list[Indices], said: list[str]) -> Array:
+def estimate_reference_sigma(gyro: GyroStream, joined: BodyAttitudes, chosen: list[Indices], said: list[str]) -> Array:
     """(3,) 1-sigma of the references about the body's axes, rad."""
-    if joined.covariance is not None:
-        return np.asarray(np.sqrt(np.diag(joined.covariance)))
     pairs = _list_pairs(gyro, joined.t_s, chosen)
     if len(pairs) < FEWEST_PAIRS:
         raise InputError(
@@ -133,7 +132,7 @@ def estimate_reference_sigma(gyro: GyroStream, joined: JoinedAttitudes, chosen: 
 
 
 def estimate_sensor_sigma(
-    gyro: GyroStream, sensor: Sensor, M: Array, scatter: Array, chosen: list[Indices], said: list[str]
+    gyro: GyroStream, sensor: SensorReferences, M: Array, chosen: list[Indices], said: list[str]
 ) -> Array:
     """(3,) 1-sigma of one of several sensors about its own axes, rad.
 
@@ -142,14 +141,14 @@ def estimate_sensor_sigma(
 
     Parameters
     ----------
+    sensor : its attitudes, with the sigma of its second differences
     M : (3, 3) body to sensor
-    scatter : (3,) of its second differences, rad
     chosen : its rows in each interval
     """
     pairs = _list_pairs(gyro, sensor.t_s, chosen)
-    sigma, how = scatter, "second differences"
+    sigma, how = sensor.sigma[0], "second differences"
     if len(pairs) >= FEWEST_PAIRS:
-        q = attitude.quaternion_from_matrix(M.T @ attitude.matrix_from_quaternion(sensor.q))
+        q = attitude.quaternion_from_matrix(M.T @ attitude.matrix_from_quaternion(sensor.quaternions))
         own = _estimate_sigma_of_turns(gyro, sensor.t_s, q, pairs, M)
         if (own > LEAST_SIGMA).all() and own @ own < sigma @ sigma:
             sigma, how = own, "the turns between its attitudes"
@@ -175,7 +174,7 @@ def _estimate_sigma_of_turns(gyro: GyroStream, t_s: Array, q: Array, pairs: list
     return noise.estimate_axis_sigma(left @ M.T, M @ R @ M.T, gyro.arw**2 * elapsed)
 
 
-def compute_largest_miss(gyro: GyroStream, joined: JoinedAttitudes, chosen: list[Indices]) -> float:
+def compute_largest_miss(gyro: GyroStream, joined: BodyAttitudes, chosen: list[Indices]) -> float:
     """Largest angle by which the gyro, from one attitude used, misses the next, rad; infinite of fewer than three."""
     pairs = _list_pairs(gyro, joined.t_s, chosen)
     if len(pairs) < FEWEST_ARRIVALS:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing.column_mapping import Mapping, Span
 from gyrocal.importing.gyro_samples import GAP_SAMPLES
-from gyrocal.importing.sensors import JoinedAttitudes
+from gyrocal.importing.sensors import BodyAttitudes
 from gyrocal.recording import GyroStream, Interval, find_reference_rows
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ MOST_INTERVAL_REFERENCES = 150  # of an interval, at most
 ATTITUDE_GAP_FACTOR = 5.0  # times the usual spacing without an attitude
 
 
-def choose_intervals(gyro: GyroStream, joined: JoinedAttitudes, mapping: Mapping, said: list[str]) -> list[Indices]:
+def choose_intervals(gyro: GyroStream, joined: BodyAttitudes, mapping: Mapping, said: list[str]) -> list[Indices]:
     """Rows of the attitudes of each interval."""
     t_ref, sample_s = joined.t_s, gyro.sample_s
     stop = np.append(gyro.t_s[1:], gyro.t_s[-1] + sample_s)

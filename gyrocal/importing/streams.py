@@ -221,6 +221,12 @@ def _read_attitudes(frame: pd.DataFrame, mapping: Mapping) -> tuple[list[tuple[s
     if mapping.attitude_by is not None:
         select_columns(frame, [mapping.attitude_by], "attitude")
         parts = [(str(name), part) for name, part in frame.groupby(mapping.attitude_by, sort=False)]
+    if mapping.sensor is not None:
+        known = [name for name, _ in parts]
+        if mapping.attitude_by is None or mapping.sensor not in known:
+            there = ", ".join(known) if mapping.attitude_by is not None else "attitude_by names their column"
+            raise InputError(f"sensor: no attitude sensor {mapping.sensor}; {there}")
+        parts = [(name, part) for name, part in parts if name == mapping.sensor]
     named, clocks, assumed = [], [], []
     for name, part in parts:
         clock, values, said = read_rows(part, names, kind, "attitude", ("attitude_time", tags, unit))

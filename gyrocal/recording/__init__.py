@@ -3,12 +3,11 @@
 from gyrocal.recording.faults import format_validation_error
 from gyrocal.recording.format import load, save
 from gyrocal.recording.gyros import triad
-from gyrocal.recording.parts import Attitudes, AttitudeSensor, GyroStream, Interval, Orbit, find_reference_rows
-from gyrocal.recording.recording_data import Recording, of_sensor
+from gyrocal.recording.parts import Attitudes, GyroStream, Interval, Orbit, find_reference_rows
+from gyrocal.recording.recording_data import Recording
 from gyrocal.recording.toml import format_toml, read_toml
 
 __all__ = [
-    "AttitudeSensor",
     "Attitudes",
     "GyroStream",
     "Interval",
@@ -18,7 +17,6 @@ __all__ = [
     "format_toml",
     "format_validation_error",
     "load",
-    "of_sensor",
     "read_toml",
     "save",
     "triad",

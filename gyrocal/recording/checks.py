@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +16,7 @@ Array = NDArray[np.float64]
 
 NORM_TOLERANCE = 1e-6  # |q| - 1 of a quaternion written with 7 digits
 SMALLEST_DETERMINANT = 1e-3  # of a G that counts as invertible
+SMALLEST_EIGENVALUE = 1e-9  # of a correlation matrix that can be inverted
 LARGEST_RATE = float(np.deg2rad(1e5))  # no gyro measures more
 SIGMA_RANGE = (float(np.deg2rad(1e-9)), float(np.deg2rad(180.0)))  # nothing outside is the sigma of an attitude
 
@@ -24,7 +26,8 @@ def is_full_rank(G: Array) -> bool:
     return bool(np.sqrt(max(float(np.linalg.det(G @ G.T)), 0.0)) >= SMALLEST_DETERMINANT)
 
 
-def _check_times(t_s: Array, what: str) -> None:
+def check_times(t_s: Array, what: str) -> None:
+    """Finite times that increase."""
     if t_s.ndim != 1 or t_s.size == 0:
         raise InputError(f"{what}: no rows")
     if not np.isfinite(t_s).all():
@@ -37,7 +40,7 @@ def _check_times(t_s: Array, what: str) -> None:
 
 def check_gyro(gyro: GyroStream) -> None:
     """Times that increase, rates of all gyros, a G that spans the axes, and samples as far apart as they are long."""
-    _check_times(gyro.t_s, "gyro")
+    check_times(gyro.t_s, "gyro")
     try:
         check_names(gyro.names)
     except ValueError as fault:
@@ -80,16 +83,24 @@ def check_norms(quaternions: Array, what: str = "") -> None:
 
 def check_attitudes(attitudes: Attitudes) -> None:
     """Times that increase, unit quaternions, and sigmas that an attitude can have."""
-    if attitudes.sensor is None:
-        _check_times(attitudes.t_s, "attitude")
-    elif (np.diff(attitudes.t_s) < 0).any() or not np.isfinite(attitudes.t_s).all():
-        row = np.argmax(np.diff(attitudes.t_s) < 0) + 1
-        raise InputError(f"attitude: times must be finite and in order; t_s falls at row {row}")
+    check_times(attitudes.t_s, "attitude")
     count = attitudes.t_s.size
     if attitudes.quaternions.shape != (count, 4) or attitudes.sigma.shape != (count, 3):
         raise InputError("attitude: four quaternion elements and three sigmas a row are needed")
     check_norms(attitudes.quaternions, "attitude: ")
-    bad = np.flatnonzero(~((attitudes.sigma >= SIGMA_RANGE[0]) & (attitudes.sigma <= SIGMA_RANGE[1])).all(axis=1))
+    check_sigmas(attitudes.sigma)
+    if attitudes.correlation is not None:
+        if attitudes.correlation.shape != (count, 3):
+            raise InputError("attitude: three correlations a row are needed, of x and y, x and z, y and z")
+        R = replace(attitudes, sigma=np.ones((count, 3))).compute_covariance()
+        bad = np.flatnonzero(~(np.linalg.eigvalsh(R)[:, 0] > SMALLEST_EIGENVALUE))
+        if bad.size:
+            raise InputError(f"attitude: the correlations in row {bad[0]} are those of no errors ({bad.size} such)")
+
+
+def check_sigmas(sigma: Array) -> None:
+    """Sigmas (m, 3) rad that an attitude can have."""
+    bad = np.flatnonzero(~((sigma >= SIGMA_RANGE[0]) & (sigma <= SIGMA_RANGE[1])).all(axis=1))
     if bad.size:
         low, high = np.rad2deg(SIGMA_RANGE)
         raise InputError(f"attitude: sigma in row {bad[0]} is not within {low:g} and {high:g} deg")

@@ -5,26 +5,41 @@ tables. Files are in degrees, objects in radians. The gyro sample k is the mean 
 uncalibrated gyro shows it. Simulated and real data share the format, and nothing in it says which it is.
 
 Format 1 holds the three gyros x, y and z. Format 2 holds any number of named gyros from three on, may say which of them were
-switched on in an interval, may do without reference attitudes, and may have those of several sensors. What format 1 can hold is
-written in it.
+switched on in an interval, may do without reference attitudes, and may have those of several sensors, which are joined when
+they are read. What format 1 can hold is written in it.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gyrocal.errors import InputError
 from gyrocal.files import lock_folder, write_together
-from gyrocal.recording import checks, header, sensor_tables, tables, trackers
-from gyrocal.recording.names import OPTIONAL_TABLES, QUATERNION_COLUMNS, SIGMA_COLUMNS, TRIAD, list_rate_columns
+from gyrocal.recording import attitude_sensors, checks, header, sensor_tables, tables
+from gyrocal.recording.names import (
+    CORRELATION_COLUMNS,
+    OPTIONAL_TABLES,
+    QUATERNION_COLUMNS,
+    SIGMA_COLUMNS,
+    TRIAD,
+    list_rate_columns,
+)
 from gyrocal.recording.parts import Attitudes, GyroStream, Orbit, build_empty_attitudes
 from gyrocal.recording.recording_data import Recording
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+logger = logging.getLogger(__name__)
 
 HEADER = "recording.toml"
 IS_A_RECORDING = f"a recording is a folder with {HEADER} in it"
@@ -75,26 +90,14 @@ def _load(folder: Path, without_references: bool) -> Recording:
         names=names,
         arw_estimated=said.gyro.arw_estimated,
     )
-    attitudes = build_empty_attitudes()
-    if attitude is not None and said.attitude.sensor:
-        with _name_in_error(folder / attitude_name):
-            rows = trackers.read(attitude, said.attitude.sensor, SIGMA_COLUMNS)
-        attitudes = Attitudes(tables.convert_column(attitude, "t_s"), *rows, sigma_estimated=said.attitude.sigma_estimated)
-    elif attitude is not None:
-        with _name_in_error(folder / attitude_name):
-            trackers.check_unnamed(attitude, said.format)
-        attitudes = Attitudes(
-            t_s=tables.convert_column(attitude, "t_s"),
-            quaternions=tables.convert_columns(attitude, QUATERNION_COLUMNS),
-            sigma=np.deg2rad(tables.convert_columns(attitude, SIGMA_COLUMNS)),
-            sigma_estimated=said.attitude.sigma_estimated,
-        )
     with _name_in_error(folder):
         sensors = sensor_tables.read(optional)
     with _name_in_error(folder / gyro_name):  # checked here first so that the message can name the file
         checks.check_gyro(stream)
+    attitudes = build_empty_attitudes()
     if attitude is not None:
         with _name_in_error(folder / attitude_name):
+            attitudes = _read_attitudes(attitude, said, stream)
             checks.check_attitudes(attitudes)
     with _name_in_error(folder):
         return Recording(
@@ -109,6 +112,28 @@ def _load(folder: Path, without_references: bool) -> Recording:
             sensors=sensors,
             without_references=without_references,
         )
+
+
+def _read_attitudes(table: pd.DataFrame, said: header.Header, gyro: GyroStream) -> Attitudes:
+    """The references of a table, those of several sensors joined."""
+    if said.attitude.sensor:
+        from gyrocal.recording.reference_join import join_references  # late: it loads scipy
+
+        joined = join_references(attitude_sensors.read(table, said.attitude.sensor), gyro)
+        for text in joined.describe():
+            logger.info("%s", text)
+        return replace(joined.attitudes, sigma_estimated=said.attitude.sigma_estimated)
+    attitude_sensors.check_unnamed(table, said.format)
+    correlated = [name for name in CORRELATION_COLUMNS if name in table.columns]
+    if correlated and len(correlated) < len(CORRELATION_COLUMNS):
+        raise InputError(f"columns {', '.join(CORRELATION_COLUMNS)} go together; only {', '.join(correlated)} is there")
+    return Attitudes(
+        t_s=tables.convert_column(table, "t_s"),
+        quaternions=tables.convert_columns(table, QUATERNION_COLUMNS),
+        sigma=np.deg2rad(tables.convert_columns(table, SIGMA_COLUMNS)),
+        sigma_estimated=said.attitude.sigma_estimated,
+        correlation=tables.convert_columns(table, CORRELATION_COLUMNS) if correlated else None,
+    )
 
 
 @contextmanager

@@ -14,14 +14,14 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from gyrocal.errors import InputError
-from gyrocal.recording import bounds, trackers
+from gyrocal.recording import attitude_sensors, bounds
+from gyrocal.recording.attitude_sensors import SensorHeader
 from gyrocal.recording.checks import is_full_rank
 from gyrocal.recording.faults import format_validation_error
 from gyrocal.recording.names import MOST_GYROS, TRIAD, check_names
 from gyrocal.recording.parts import Interval
 from gyrocal.recording.recording_data import Recording
 from gyrocal.recording.toml import format_toml, read_toml
-from gyrocal.recording.trackers import SensorHeader
 
 
 class _Model(BaseModel):
@@ -105,7 +105,7 @@ class Header(_Model):
 
     @model_validator(mode="after")
     def _validate_format(self) -> Header:
-        trackers.check_header(self.format, self.attitude.maps, self.attitude.sensor)
+        attitude_sensors.check_header(self.format, self.attitude.maps, self.attitude.sensor)
         if self.format == 1 and (tuple(self.gyro.names) != TRIAD or any(one.gyros is not None for one in self.interval)):
             raise ValueError("names of gyros, and gyros of an interval, need format = 2")
         orbit = set() if self.orbit is None else self.orbit.model_fields_set
@@ -129,7 +129,7 @@ def format_header(recording: Recording) -> str:
     known = {} if recording.orbit is None else vars(recording.orbit)
     orbit: dict[str, object] = {key: float(value) for key, value in known.items() if value is not None}
     named = recording.is_array or any(interval.gyros is not None for interval in recording.intervals)
-    second = named or bool(attitudes.sensors) or len(orbit) > 3
+    second = named or len(orbit) > 3
     sections: list[tuple[str, dict[str, object]]] = [  # what is None is left out
         (
             "",
@@ -155,12 +155,11 @@ def format_header(recording: Recording) -> str:
         (
             "[attitude]",
             {
-                "maps": trackers.MAPS if attitudes.sensors else "inertial to body",
+                "maps": "inertial to body",
                 "quaternion": "scalar last",
                 "sigma_estimated": attitudes.sigma_estimated or None,
             },
         ),
-        *(("[[attitude.sensor]]", trackers.list_entries(one)) for one in attitudes.sensors),
         *([("[orbit]", orbit)] if orbit else []),
         *(
             ("[[interval]]", vars(one) | {"start_s": float(one.start_s), "stop_s": float(one.stop_s)})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,50 +81,21 @@ class GyroStream:
 
 
 @dataclass(frozen=True)
-class AttitudeSensor:
-    """A sensor of reference attitudes.
-
-    Attributes
-    ----------
-    name : of its own, with a digit at the end
-    mounting : (4,) quaternion, body to sensor, scalar last
-    estimated : whether its misalignment is a parameter of a calibration
-    mounting_sigma : (3,) prior 1-sigma of that about the sensor's axes, rad; None without a prior
-    """
-
-    name: str
-    mounting: Array = field(default_factory=lambda: np.array([0.0, 0.0, 0.0, 1.0]))
-    estimated: bool = False
-    mounting_sigma: Array | None = None
-
-    @property
-    def M(self) -> Array:
-        """(3, 3) body to sensor."""
-        from scipy.spatial.transform import Rotation  # late: a third of a second that a refused file does without
-
-        return np.asarray(Rotation.from_quat(self.mounting).as_matrix().T)
-
-
-@dataclass(frozen=True)
 class Attitudes:
     """Reference attitudes; none at all where more than three gyros are to be compared with one another only.
 
     Attributes
     ----------
-    t_s : (m,) s since the epoch, strictly increasing; of several sensors, for each of them
+    t_s : (m,) s since the epoch, strictly increasing
     quaternions : (m, 4) inertial to body, scalar last
-    sigma : (m, 3) 1-sigma per body axis, rad; about the sensor's own axes where sensors are named
-    correlation : (m, 3) of the errors about x and y, x and z, y and z; None if they are independent
-    sensor : (m,) number of the sensor of each, None for a single one in body axes
-    sensors : see `gyrocal.recording.trackers`
+    sigma : (m, 3) 1-sigma per body axis, rad
     sigma_estimated : whether `sigma` was estimated from this recording, so that it is no statement of the references' noise
+    correlation : (m, 3) of the errors about x and y, x and z, y and z; None if they are independent
     """
 
     t_s: Array
     quaternions: Array
     sigma: Array
-    sensor: NDArray[np.intp] | None = None
-    sensors: tuple[AttitudeSensor, ...] = ()
     sigma_estimated: bool = False
     correlation: Array | None = None
 
@@ -135,6 +107,18 @@ class Attitudes:
         if self.correlation is not None:
             P[:, ROWS, COLUMNS] = P[:, COLUMNS, ROWS] = self.correlation * s[:, ROWS] * s[:, COLUMNS]
         return P
+
+    def build_error_axes(self, sigma: Array | None = None) -> Array | None:
+        """(m, 3, 3) D of errors D ν, with ν independent and of these sigmas; None if the errors are independent themselves."""
+        if self.correlation is None:
+            return None
+        s = self.sigma if sigma is None else sigma
+        return np.asarray(np.linalg.cholesky(self.compute_covariance(s)) / s[:, None])
+
+    def select_rows(self, rows: Any) -> Attitudes:
+        """Some of the references, by their rows."""
+        correlation = None if self.correlation is None else self.correlation[rows]
+        return Attitudes(self.t_s[rows], self.quaternions[rows], self.sigma[rows], self.sigma_estimated, correlation)
 
     def replace_covariance(self, P: Array) -> Attitudes:
         """The same attitudes with the covariances P (m, 3, 3), rad²."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gyrocal.errors import InputError
-from gyrocal.recording import checks, representation, trackers
+from gyrocal.recording import checks, representation
 from gyrocal.recording.names import QUATERNION_COLUMNS, RATE_COLUMNS, SIGMA_COLUMNS, TRIAD
 from gyrocal.recording.parts import Attitudes, GyroStream, Interval, Orbit
 from gyrocal.recording.sensor_tables import SensorTables
@@ -49,7 +49,6 @@ class Recording:
         if self.attitudes.t_s.size or not (self.is_array or self.without_references):
             checks.check_attitudes(self.attitudes)
             checks.check_references(self.attitudes.t_s, self.intervals)
-            trackers.check(self.attitudes)
 
     @property
     def is_array(self) -> bool:
@@ -191,7 +190,6 @@ class Recording:
         except ImportError:
             raise InputError("to_xarray needs xarray: pip install 'gyrocal[xarray]'") from None
         gyro, attitudes = self.gyro, self.attitudes
-        trackers.need_one_sensor(attitudes)
         seconds, deg_s = {"units": "s"}, {"units": "deg/s"}
         return xarray.Dataset(
             {
@@ -255,7 +253,6 @@ class Recording:
                 "references",
                 f"{attitudes.t_s.size}, sigma {', '.join(f'{value:.3g}' for value in sigma)} deg" if sigma.size else "none",
             ),
-            *([("of sensors", ", ".join(one.name for one in attitudes.sensors))] if attitudes.sensors else []),
             ("intervals", f"{len(lengths)} of {min(lengths):.6g} to {max(lengths):.6g} s"),
         ]
         tables = [*self.tables, *(["sensor tables"] if self.sensors is not None else [])]
@@ -266,23 +263,3 @@ class Recording:
 
     def _repr_html_(self) -> str:
         return representation.format_html("Recording", self._list_facts())
-
-
-def of_sensor(recording: Recording, name: str) -> Recording:
-    """The recording with the references of one of its sensors alone, which keeps its axes and its mounting as stated.
-
-    Its body axes are those that this mounting stands for, and its sigmas are taken about them: the root of the diagonal of
-    their covariance there.
-
-    Raises
-    ------
-    InputError
-        There is none of that name, or an interval has too few of its references.
-    """
-    attitudes = recording.attitudes
-    names = [one.name for one in attitudes.sensors]
-    if name not in names:
-        raise InputError(f"no attitude sensor {name}; there are {', '.join(names) or 'none that are named'}")
-    own = trackers.keep_rows(attitudes, attitudes.sensor == names.index(name))
-    sigma = np.sqrt(np.diagonal(trackers.compute_body_covariance(own), axis1=1, axis2=2))
-    return replace(recording, attitudes=replace(own, sigma=np.asarray(sigma), sensor=None, sensors=()))

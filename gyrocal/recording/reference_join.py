@@ -87,8 +87,9 @@ class JoinedSensor:
 
     def describe(self) -> str:
         """Describe the sensor in a sentence."""
-        turn = _format_degrees(-Rotation.from_matrix(self.mounting).as_rotvec())
-        text = f"{self.name}: {self.rows} attitudes, turned from the body by {turn} deg (rotation vector)"
+        turn = -Rotation.from_matrix(self.mounting).as_rotvec()
+        where = f"turned from the body by {_format_degrees(turn)} deg (rotation vector)" if turn.any() else "the body's axes"
+        text = f"{self.name}: {self.rows} attitudes, {where}"
         if self.mounting_sigma is not None:
             text += f", estimated with 1-sigma {_format_degrees(self.mounting_sigma)} deg about its own axes"
         if self.common:
@@ -215,8 +216,8 @@ def _estimate_mounting(
     stated = sensor.mounting
     if stated is None and a.size < FEWEST_COMMON_TIMES:
         raise InputError(
-            f"attitude: {sensor.name} has {a.size} time(s) in common with the sensors before it, too few of "
-            f"{FEWEST_COMMON_TIMES} to find its mounting; state the mountings, or read one sensor alone: --sensor NAME"
+            f"attitude: {sensor.name} has {a.size} time(s) in common with the sensors before it, of {FEWEST_COMMON_TIMES} that "
+            "are needed to find its mounting; state the mountings, or keep one sensor: gyrocal import csv --sensor NAME"
         )
     if a.size >= FEWEST_COMMON_TIMES:
         mean = _check_turn(joined, sensor, a, b, gyro)

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
-from gyrocal.recording import bounds, sensor_tables, trackers
-from gyrocal.recording.names import QUATERNION_COLUMNS, SIGMA_COLUMNS, list_rate_columns
+from gyrocal.recording import bounds, sensor_tables
+from gyrocal.recording.names import CORRELATION_COLUMNS, QUATERNION_COLUMNS, SIGMA_COLUMNS, list_rate_columns
 from gyrocal.recording.parts import Attitudes, GyroStream
 from gyrocal.recording.sensor_tables import SensorTables
 
@@ -97,12 +97,13 @@ def build_frames(
     of_gyro = ["t_s", *list_rate_columns(gyro.names)]
     own = {"gyro": pd.DataFrame(np.column_stack([gyro.t_s, np.rad2deg(gyro.rates)]), columns=of_gyro)}
     if attitudes.t_s.size:
-        own["attitude"] = pd.DataFrame(
-            np.column_stack([attitudes.t_s, trackers.convert_to_sensors(attitudes), np.rad2deg(attitudes.sigma)]),
-            columns=["t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS],
+        columns, values = (
+            ["t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS],
+            [attitudes.t_s, attitudes.quaternions, attitudes.sigma_deg],
         )
-        if attitudes.sensor is not None:
-            own["attitude"][trackers.SENSOR_COLUMN] = [attitudes.sensors[k].name for k in attitudes.sensor]
+        if attitudes.correlation is not None:
+            columns, values = [*columns, *CORRELATION_COLUMNS], [*values, attitudes.correlation]
+        own["attitude"] = pd.DataFrame(np.column_stack(values), columns=columns)
     return {
         **own,
         **others,

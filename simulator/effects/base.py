@@ -75,7 +75,6 @@ SYMPTOMS = (
     "own_repeats",  # readings of one gyro that repeat while the others change
     "filled_samples",  # samples that repeat a value which was not measured
     "reference_noise_level",  # white noise of the references other than stated
-    "tracker_noise_level",  # the same of one of several sensors of the references
 )
 
 
@@ -99,21 +98,6 @@ class Stream:
 
 
 @dataclass(frozen=True)
-class Trackers:
-    """Which of several sensors each reference is of, and what it sees."""
-
-    names: tuple[str, ...]  # of the sensors; the first defines the body's axes
-    sensor: NDArray[np.intp]  # (m,) number of that of each reference
-    to_axes: Array  # (m, 3, 3) its mounting, body to sensor; its boresight is its z axis
-    rates: Array  # (m, 3) body rates, rad/s
-    path: Array  # (m,) angle that its boresight has moved over the sky since the interval's start, rad
-    # (m, 3) velocities, inertial, in units of that of light; NaN where the orbit's elements are not stated
-    orbital: Array  # on the orbit
-    annual: Array  # of the Earth about the Sun
-    housekeeping: Mapping[str, Array] = field(default_factory=dict)  # named columns at the references, (m,) each
-
-
-@dataclass(frozen=True)
 class References:
     """The reference attitudes as an effect on them sees them."""
 
@@ -124,7 +108,6 @@ class References:
     orbit_period_s: float  # NaN if unknown
     # (m,) rad, angle of the velocity in the body's xy-plane from +x to +y; NaN if unknown, None if all are
     heading: Array | None = None
-    trackers: Trackers | None = None  # of references by several sensors, None of one in body axes
 
 
 @dataclass(frozen=True)
@@ -136,6 +119,7 @@ class Surroundings:
     arw: float  # stated angle random walk, rad/√s
     sample_s: float  # length of a sample, s
     reference_sigma: Array  # (m, 3) stated sigma of the references, rad
+    reference_axes: Array | None = None  # (m, 3, 3) `Attitudes.build_error_axes`
 
     @property
     def sample_sigma_deg(self) -> float:
@@ -150,8 +134,6 @@ class ProcessTimes:
     t_s: Array  # (c,) s since the epoch
     run_s: Array  # (c,) sampled time up to then, the gaps between intervals left out, s
     interval: NDArray[np.intp]  # (c,) index of the interval
-    # (c,) angle that a tracker's boresight has moved over the sky since the interval's start, rad; None for others
-    path: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -305,7 +287,6 @@ class Effect:
     symptom : one of `SYMPTOMS`, the statistic of the samples that shows it
     kin : what it shares with effects that are nearly the same to any diagnosis; a blind check never puts two of them together
     of_arrays : whether it is told apart from others only where there are more gyros than x, y and z
-    of_trackers : whether it is of one of several star trackers, whose name stands in the place of an axis
     blind_sizes : between which a blind check draws the size, uniform in its logarithm
     in_noise : whether these are in sigma of a sample's white noise, for a size in deg/s
     requirement : why it cannot act on a recording, a function of its surroundings; None if it always can
@@ -331,7 +312,6 @@ class Effect:
     symptom: str | None = None
     kin: str = ""
     of_arrays: bool = False
-    of_trackers: bool = False
     blind_sizes: tuple[float, float] | None = None
     in_noise: bool = False
     requirement: Callable[[Surroundings], str | None] | None = None

@@ -43,12 +43,6 @@ reference.reference_horizon
 reference.reference_periodic
 reference.reference_correlated
 reference.reference_noise_excess
-tracker.tracker_misalignment
-tracker.tracker_time_offset
-tracker.tracker_aberration
-tracker.tracker_thermal
-tracker.tracker_field_error
-tracker.tracker_noise_excess
 sensor.dss_head
 sensor.dss_misalignment
 sensor.esa_bias

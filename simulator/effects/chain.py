@@ -19,7 +19,6 @@ from gyrocal.errors import InputError
 from simulator.effects.base import STAGES, Array, Effect, Setting, Surroundings
 from simulator.effects.gyros import check_gyro, replace_axis, select_gyro
 from simulator.effects.registry import REGISTRY
-from simulator.effects.tracker.base import find_tracker_rows
 from simulator.sensors.gyro import add_white_noise
 from simulator.streams import generator
 from simulator.truth.rotation import apply_rotation_errors
@@ -57,8 +56,6 @@ def simulate_readings(around: Surroundings, active: Sequence[ActiveEffect], rng:
             raw = raw + _draw_white_noise(around, active, rng)
             continue
         for one in _select_stage(active, stage.name):
-            if one.effect.of_trackers:  # whose name is no gyro's
-                continue
             raw = _apply_effect(one, raw, around, stage.calls)
     return raw
 
@@ -122,9 +119,9 @@ def simulate_references(around: Surroundings, active: Sequence[ActiveEffect], rn
     references = around.references
     error = np.zeros((len(references.t_s), 3))
     if rng is not None:
-        error = rng.standard_normal(error.shape) * around.reference_sigma * _compute_reference_factor(around, active)
-        if references.trackers is not None:
-            error = np.einsum("mji,mj->mi", references.trackers.to_axes, error)  # drawn about the axes of each sensor
+        error = rng.standard_normal(error.shape) * around.reference_sigma * _compute_reference_factor(active)
+        if around.reference_axes is not None:
+            error = np.einsum("mij,mj->mi", around.reference_axes, error)
     for one in active:
         if one.effect.stage == "reference":
             _check_step_time(one, around)
@@ -147,14 +144,11 @@ def _select_stage(active: Sequence[ActiveEffect], stage: str) -> list[ActiveEffe
     return here
 
 
-def _compute_reference_factor(around: Surroundings, active: Sequence[ActiveEffect]) -> Array:
-    """Compute the factor of the references' white errors, (3,) or (m, 3)."""
+def _compute_reference_factor(active: Sequence[ActiveEffect]) -> Array:
+    """Compute the factor of the references' white errors, (3,)."""
     factor = np.ones(3)
-    for one in sorted(_select_stage(active, "reference_noise"), key=lambda one: one.effect.of_trackers):
-        own = one.effect.noise_factor(one.setting)
-        if one.effect.of_trackers:
-            own = np.where(find_tracker_rows(around.references, str(one.setting.axis), one.effect)[:, None], own, 1.0)
-        factor = factor * own
+    for one in _select_stage(active, "reference_noise"):
+        factor = factor * one.effect.noise_factor(one.setting)
     return factor
 
 

@@ -185,11 +185,6 @@ def no_gyro_noise(around: Surroundings) -> str | None:
     return None if around.arw > 0 else "the recording states no gyro noise"
 
 
-def several_trackers(around: Surroundings) -> str | None:
-    """Reason why an effect on the references of one sensor cannot act; None if it can."""
-    return "the references are of several star trackers" if around.references.trackers is not None else None
-
-
 def no_orbit(around: Surroundings) -> str | None:
     """Reason why an effect at orbit rate cannot act; None if it can."""
     return None if np.isfinite(around.stream.orbit_period_s) else "the recording does not state its orbit's period"

@@ -15,7 +15,6 @@ from simulator.effects.base import Array, References, Stream, Surroundings
 from simulator.effects.common import list_runs
 from simulator.effects.flight_mode import find_flight_directions
 from simulator.effects.smoothing import estimate_sample_sigma, smooth_run
-from simulator.effects.tracker_view import build_trackers
 from simulator.sensors.gyro import compute_raw_rates
 
 SMOOTH_S = np.inf  # s, longest window of the smoothing: as long as the motion allows
@@ -67,14 +66,9 @@ def extract_stream(recording: Recording, G: Array, bias: Array, smooth_s: float 
     return build_stream(recording, t_s, duration, rates, raw, find_interval_slices(recording))
 
 
-def extract_references(recording: Recording, stream: Stream | None = None) -> References:
-    """The reference attitudes of a recording as an effect on them sees them, row by row; those of several need its stream."""
+def extract_references(recording: Recording) -> References:
+    """The reference attitudes of a recording as an effect on them sees them, row by row."""
     attitudes, interval = recording.attitudes, _find_intervals(recording)
-    seen = None
-    if attitudes.sensor is not None and stream is not None:
-        seen = build_trackers(
-            recording, np.arange(attitudes.t_s.size), interval, stream, interpolate_housekeeping(recording, attitudes.t_s)
-        )
     forward, heading = find_flight_directions(recording)
     return References(
         t_s=attitudes.t_s,
@@ -83,7 +77,6 @@ def extract_references(recording: Recording, stream: Stream | None = None) -> Re
         forward=forward,
         orbit_period_s=_read_period(recording),
         heading=heading,
-        trackers=seen,
     )
 
 
@@ -92,10 +85,11 @@ def extract_surroundings(recording: Recording, G: Array, bias: Array, smooth_s: 
     stream = extract_stream(recording, G, bias, smooth_s)
     return Surroundings(
         stream=stream,
-        references=extract_references(recording, stream),
+        references=extract_references(recording),
         arw=recording.gyro.arw,
         sample_s=recording.gyro.sample_s,
         reference_sigma=recording.attitudes.sigma,
+        reference_axes=recording.attitudes.build_error_axes(),
     )
 
 

@@ -110,20 +110,18 @@ class Registry(Mapping[str, Effect]):
 
 
 class View(Mapping[str, Kind]):
-    """The effects of one kind: on sun and Earth sensors, of more gyros than three, of one of several trackers, or all others.
+    """The effects of one kind: on sun and Earth sensors, of more gyros than three, or all others.
 
     It follows its registry.
     """
 
-    def __init__(
-        self, registry: Registry, kind: type[Kind], on_sensors: bool, of_arrays: bool = False, of_trackers: bool = False
-    ):
+    def __init__(self, registry: Registry, kind: type[Kind], on_sensors: bool, of_arrays: bool = False):
         self._registry = registry
         self._kind = kind
-        self._where = (on_sensors, of_arrays, of_trackers)
+        self._where = (on_sensors, of_arrays)
 
     def _has(self, effect: Effect) -> TypeGuard[Kind]:
-        where = (effect.stage == "sensor", effect.of_arrays, effect.of_trackers)
+        where = (effect.stage == "sensor", effect.of_arrays)
         return isinstance(effect, self._kind) and where == self._where
 
     def __getitem__(self, name: str) -> Kind:
@@ -163,4 +161,3 @@ REGISTRY = Registry()
 ALL_EFFECTS: Mapping[str, Effect] = REGISTRY
 EFFECTS: Mapping[str, Effect] = View(REGISTRY, Effect, on_sensors=False)
 ARRAY_EFFECTS: Mapping[str, Effect] = View(REGISTRY, Effect, on_sensors=False, of_arrays=True)
-TRACKER_EFFECTS: Mapping[str, Effect] = View(REGISTRY, Effect, on_sensors=False, of_trackers=True)

@@ -92,12 +92,6 @@ def _format_usage(effect: Effect) -> str:
 
 
 def _check_axis(effect: Effect, axis: str | None) -> str | None:
-    if effect.of_trackers:
-        if axis is None or not GYRO_NAME.fullmatch(axis):
-            raise InputError(
-                f"{effect.name}: of which star tracker? write {effect.name}:TRACKER=SIZE with its name, such as st1"
-            )
-        return axis
     if not effect.axes:
         if axis is not None:
             raise InputError(f"{effect.name}: has no axis; write {_format_usage(effect)}")

@@ -13,20 +13,19 @@ from simulator.truth.rotation import apply_rotation_errors
 TIME_TOLERANCE = 1e-6  # s; times closer than this are one
 
 
-def list_reference_times(profile: Profile, every: float | None, moving: bool = False) -> Array:
+def list_reference_times(profile: Profile, every: float | None) -> Array:
     """Local times of an interval's reference attitudes, (m,) s, strictly increasing, both ends included.
 
     Parameters
     ----------
     every : spacing of a series, s, counted from the interval's start; None for the two ends only
-    moving : whether references are taken inside a slew or a transition, too
     """
     length = profile.stop_s - profile.start_s
     if every is None:
         return np.array([0.0, length])
     inner = every * np.arange(1, int(np.ceil(length / every)))
     inner = inner[inner < length - TIME_TOLERANCE]
-    for start, stop in () if moving else profile.moving_spans:
+    for start, stop in profile.moving_spans:
         inner = inner[(inner <= start) | (inner >= stop)]
     return np.concatenate([[0.0], inner, [length]])
 

@@ -28,7 +28,6 @@ from gyrocal.attitude import cross_matrix
 from gyrocal.calibration.gyros import GyroArray, calibrate_gyros
 from gyrocal.recording import Interval, find_reference_rows
 from gyrocal.recording.gyros import compute_nominal_gyros
-from gyrocal.recording.merged_references import merge_references
 
 Array = NDArray[np.float64]
 
@@ -85,7 +84,6 @@ def find_stretches(recording: Recording, interval: str | None = None) -> tuple[t
     InputError
         The interval does not exist, or no stretch of it shows the noise.
     """
-    recording = merge_references(recording)
     names = [one.name for one in recording.intervals]
     if interval is not None and interval not in names:
         raise InputError(f"--interval {interval}: no such interval; there are {', '.join(names)}")

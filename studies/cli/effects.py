@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 @effects_option
 @add_json_option("the list")
 def command(as_json: Path | None) -> None:
-    """List the effects: errors of a gyro, a reference or an attitude sensor that the baseline simulator does not have.
+    """List the effects: errors of a gyro or a reference that the baseline simulator does not have.
 
     A positive size makes the gyro read high.
 
@@ -41,7 +41,7 @@ def command(as_json: Path | None) -> None:
             "effect": effect.name,
             "what": effect.summary,
             "unit": effect.unit,
-            "axis": "tracker" if effect.of_trackers else ", ".join(effect.axes) + (" or all" if effect.axis_optional else ""),
+            "axis": ", ".join(effect.axes) + (" or all" if effect.axis_optional else ""),
             "parameters": _format_parameters(effect),
             "plausible": f"{effect.prior[0]:g} to {effect.prior[1]:g}",
         }

@@ -34,6 +34,7 @@ for one in import_formats.IMPORT_COMMANDS:
 @add_options(*ATTITUDE_TABLE)
 @click.option("--gyro-by", metavar="COLUMN", help="Column with the gyro of each row; --gyro then names one column.")
 @click.option("--attitude-by", metavar="COLUMN", help="Column with the attitude sensor of each row.")
+@click.option("--sensor", metavar="NAME", help="The only one of them that is read; by default they are joined.")
 @click.option("--interval", "interval_s", type=float, help="Longest interval, s.")
 @click.option("--title", help="Title of the recording.")
 @add_options(*TABLE)

@@ -24,7 +24,7 @@ FEWEST_S = 1e-6
     required=True,
     help="Start of the prediction, s from the epoch; later references are not used.",
 )
-@add_output_option("--out", help="Write the prediction as CSV: t_s, q1 … q4, sigma_x_arcsec … z, and each sensor's.")
+@add_output_option("--out", help="Write the prediction as CSV: t_s, q1 … q4, sigma_x_arcsec … z.")
 @click.option("--step", "step_s", type=click.FloatRange(FEWEST_S), help="s between rows; by default a row at each gyro sample.")
 @add_output_option("--report", help="Write a page with the figure (HTML, needs no network) to this file.")
 @add_json_option("the prediction, and how its start fits,")

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from gyrocal import GyroParameters
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording, triad
-from gyrocal.recording.merged_references import merge_references
 from simulator.adopted_scenario import AdoptedScenario, ReplayPlan, hash_recording
 from simulator.effects import REGISTRY, Setting
 from simulator.streams import generator
@@ -120,8 +119,8 @@ class PreparedScenario:
                 scenario = replace(scenario, plan=ReplayPlan(recording, plan.G, plan.bias))
         else:
             start = GyroParameters(np.array(plan.gyro.true_G), np.deg2rad(plan.gyro.true_bias_deg_s))
-        plain = make_body_recording(scenario.fly(effects=(), noise=False))
-        _check_alike(name, make_body_recording(recording), plain)
+        plain = triad(scenario.fly(effects=(), noise=False))
+        _check_alike(name, triad(recording), plain)
         # Stretches of quiet samples are those of the recording, so that the same samples of all are looked at.
         ruler = replace(MeasurementSetup.build(plain, start), quiet=recorded.quiet)
         amplitudes = scenario.amplitudes
@@ -160,7 +159,7 @@ class PreparedScenario:
         """One flight, its sizes drawn from the posterior."""
         scenario, ruler = self.scenario, self.ruler
         drawn = scenario.draw_amplitudes(generator(seed, case, "posterior"))
-        flown = make_body_recording(scenario.fly(seed, case, scenario.replace_amplitudes(drawn)))
+        flown = triad(scenario.fly(seed, case, scenario.replace_amplitudes(drawn)))
         left = self.subtract_stated_response(flown)
         if self.fitted and self.places.size:
             z = ruler.state(left).z
@@ -171,11 +170,6 @@ class PreparedScenario:
         added = self.W @ drawn[self.places]
         error = before - float(added @ added) / ruler.degrees_of_freedom
         return FlightStatistics(before, ruler.compute_samples_mean_square(flown), error, under)
-
-
-def make_body_recording(recording: Recording) -> Recording:
-    """The recording of the body's rates, with one reference at each time: of gyros x, y and z and one sensor as it is."""
-    return merge_references(triad(recording))
 
 
 def _check_alike(name: str, recording: Recording, flown: Recording) -> None:
@@ -205,5 +199,5 @@ def _find_predicted_amplitudes(effects: Sequence[Setting]) -> NDArray[np.intp]:
 def _compute_response(scenario: AdoptedScenario, plain: Recording, effects: Sequence[Setting]) -> Response:
     """Compute the change of a noise-free recording by the predicted ones of some effects."""
     predicted = [one for one in effects if REGISTRY[one.effect].stage in PREDICTABLE_STAGES]
-    shown = make_body_recording(scenario.fly(effects=predicted, noise=False)) if predicted else plain
+    shown = triad(scenario.fly(effects=predicted, noise=False)) if predicted else plain
     return Response(shown.gyro.rates - plain.gyro.rates, separation(plain.attitudes.quaternions, shown.attitudes.quaternions))

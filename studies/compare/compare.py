@@ -14,9 +14,9 @@ from threadpoolctl import threadpool_limits
 
 from gyrocal import calibrate
 from gyrocal.errors import InputError
-from gyrocal.recording import Recording
+from gyrocal.recording import Recording, triad
 from simulator.adopted_scenario import AdoptedScenario, ReplayPlan
-from studies.compare.bench import FlightStatistics, PreparedScenario, make_body_recording
+from studies.compare.bench import FlightStatistics, PreparedScenario
 from studies.compare.gap import Gap, compute_gap
 from studies.compare.measure import MeasurementSetup, RecordingStatistics
 from studies.montecarlo.statistics import summarise_distribution
@@ -141,7 +141,7 @@ def compare(
         raise InputError(f"{runs} runs: at least {FEWEST_FLIGHTS} are needed for a distribution")
     with threadpool_limits(1, user_api="blas"):
         recorded = recording
-        recording = make_body_recording(recorded)
+        recording = triad(recorded)
         found = calibrate(recording)
         if found.dof < 1:
             raise InputError(f"{recording.title}: no more residuals than parameters; there is nothing to compare")

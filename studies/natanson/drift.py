@@ -80,9 +80,7 @@ def select_intervals(recording: Recording, intervals: Sequence[int]) -> Recordin
     """A recording of some of the intervals."""
     chosen = tuple(recording.intervals[k] for k in intervals)
     rows = np.concatenate([find_reference_rows(recording.attitudes.t_s, one) for one in chosen])
-    attitudes = recording.attitudes
-    kept = replace(attitudes, t_s=attitudes.t_s[rows], quaternions=attitudes.quaternions[rows], sigma=attitudes.sigma[rows])
-    return replace(recording, intervals=chosen, attitudes=kept)
+    return replace(recording, intervals=chosen, attitudes=recording.attitudes.select_rows(rows))
 
 
 def _compute_interval_rms(values: Array, intervals: Sequence[int]) -> float:

@@ -12,7 +12,7 @@ from gyrocal.calibration.observability import BIAS_LETTERS
 from gyrocal.calibration.problem import ROTATION_NAMES
 from gyrocal.calibration.remainder_processes import DEG_H_PER_RAD_S, WITH_REMAINDER
 from gyrocal.calibration.result import DEGREES
-from studies.report import tables, trackers
+from studies.report import tables
 
 LARGEST_SCALE = 1.5  # of a gyro's scale factor against the one stated: a data sheet allows a few percent
 LARGEST_TURN_DEG = 30.0
@@ -37,7 +37,6 @@ def show(console: Console, result: CalibrationResult, to_tolerance: bool, truth:
     tables.print_table(console, "Residuals at the end of each interval", last.assign(t_s=[f"{t:.1f}" for t in last["t_s"]]))
     for line in [*list_remarks(result), *result.mounting.format_sentences()]:
         console.print(line, highlight=False, markup=False)
-    trackers.show(console, result.mountings, result.differences)
 
 
 def build_parameter_table(result: CalibrationResult, truth: GyroParameters | None = None) -> pd.DataFrame:

@@ -7,7 +7,7 @@ import pandas as pd
 from rich.console import Console
 
 from gyrocal import GyroArray, GyrosResult
-from studies.report import tables, trackers
+from studies.report import tables
 
 DOUBT = 0.01  # p-value below which residuals do not fit the stated noise
 PARAMETER_UNITS = (
@@ -27,7 +27,6 @@ def show(console: Console, result: GyrosResult, truth: GyroArray | None = None) 
     tables.print_table(console, "Residuals at the end of each interval", last.assign(t_s=[f"{t:.1f}" for t in last["t_s"]]))
     for line in list_remarks(result):
         console.print(line, highlight=False, markup=False)
-    trackers.show(console, result.mountings, result.differences)
 
 
 def build_gyro_table(result: GyrosResult, truth: GyroArray | None = None) -> pd.DataFrame:

@@ -16,24 +16,13 @@ ROWS = 12  # of the table
 
 
 def tabulate_prediction(found: Prediction) -> pd.DataFrame:
-    """A row a time: inertial to body, scalar last, and 1-sigma about the body's axes; the same of each of several sensors.
-
-    A sensor's quaternion is inertial to sensor, sigma that of a reading of it, and attitude_sigma that of the attitude alone,
-    about the sensor's own axes.
-    """
-    columns: dict[str, np.ndarray] = {"t_s": found.t_s} | _build_columns("", found.A, {"sigma": found.sigma})
-    for one in found.sensors:
-        seen = found.of_sensor(one.name)
-        columns |= _build_columns(f"{one.name.lower()}_", seen.A, {"sigma": seen.reading_sigma, "attitude_sigma": seen.sigma})
-    return pd.DataFrame(columns)
-
-
-def _build_columns(prefix: str, A: np.ndarray, sigmas: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    q = attitude.quaternion_from_matrix(A)
-    out = {f"{prefix}q{k + 1}": q[:, k] for k in range(4)}
-    for label, sigma in sigmas.items():
-        out |= {f"{prefix}{label}_{axis}_arcsec": np.rad2deg(sigma[:, k]) * ARCSEC_PER_DEG for k, axis in enumerate("xyz")}
-    return out
+    """A row a time: inertial to body, scalar last, and 1-sigma about the body's axes."""
+    q, sigma = attitude.quaternion_from_matrix(found.A), np.rad2deg(found.sigma) * ARCSEC_PER_DEG
+    return pd.DataFrame(
+        {"t_s": found.t_s}
+        | {f"q{k + 1}": q[:, k] for k in range(4)}
+        | {f"sigma_{axis}_arcsec": sigma[:, k] for k, axis in enumerate("xyz")}
+    )
 
 
 def build_prediction_page(

@@ -23,7 +23,6 @@ ELSEWHERE = {  # by page and language, the test that runs or reads it
     ("docs/extending.md", "python"): "tests/test_extending.py",
     ("docs/extending.md", "toml"): "tests/docs/test_blocks.py",
     ("docs/gyros.md", "python"): "tests/test_docs.py",
-    ("docs/trackers.md", "python"): "tests/test_docs.py",
     ("docs/import.md", "python"): "tests/studies/cli/test_import_csv.py",
     ("docs/import.md", "toml"): "tests/docs/test_blocks.py",
     ("docs/library.md", "python"): "tests/gyrocal/recording/test_arrays.py",

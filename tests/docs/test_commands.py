@@ -32,7 +32,6 @@ SHOWN = {page: lines for page in PAGES if (lines := shell(page))} | HELP
 SMALL = (  # what is typed in place of what is shown
     (r"\btrmm_series\b", "series.toml"),
     (r"\btrmm_tetrahedron\b", "four.toml"),
-    (r"\bagile_trackers\b", "agile.toml"),
     (r"(?<=scenario=)mine\.toml", "scenario.toml"),
     (r"bias_orbital:z=0\.[23](,phase_deg=60)?( --seed 1)?|(?<=series.toml /rec )--seed 1 --effect .*", "bias_orbital:z=0.3"),
     (r"^(gyrocal plan )mine\.toml\b", r"\1series.toml"),
@@ -52,7 +51,6 @@ ONLY_PARSED = {  # why each is not run here
     "gyrocal reproduce": "minutes; tests/studies/natanson and tests/studies/robertson run its parts",
     "gyrocal study heads": "minutes for any number of cases",
     "gyrocal study real": "needs the trials of BROAD",
-    "gyrocal study sentinel2a": "tests/studies/validation/test_sentinel2a.py",
     "gyrocal import csv /tmp/s2a": "as above",
     "gyrocal predict /tmp/s2a": "as above",
     "gyrocal study withheld": "minutes; tests/studies/withheld runs a case",

@@ -68,7 +68,6 @@ def _write_flight_logs(tables, folder):
 
 
 def make(folder):
-    """All of `PLACEHOLDERS` but OUT in a folder, and the coarse ``series.toml``, ``four.toml`` and ``agile.toml``."""
     tables = log(np.random.default_rng(1), seconds=40.0)
     times = pd.to_datetime(tables.gyro["timestamp_ms"], unit="ms").dt.strftime("%Y-%m-%dT%H:%M:%S.%f")
     tables.gyro.assign(time=times).to_csv(folder / "gyro.csv", index=False)
@@ -81,7 +80,6 @@ def make(folder):
     (folder / "mapping.toml").write_text(MAPPING)
     (folder / "series.toml").write_text(SERIES)
     (folder / "four.toml").write_text(f'base = "trmm_tetrahedron"\n{COARSE}')
-    (folder / "agile.toml").write_text(f'base = "agile_trackers"\n{COARSE}[reference]\nevery_s = 200.0\n')
     (folder / "scenario.toml").write_text('base = "trmm"\n')
     (folder / "roll.toml").write_text(blocks("docs/plan.md", "toml")[0])
     (folder / "mystudy.py").write_text(blocks("docs/own_study.md", "python")[0])

@@ -2,18 +2,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from gyrocal import calibrate, load, save
 from gyrocal.errors import InputError
-from gyrocal.recording.trackers import stack_sensor_axes
 from simulator import adopted_scenario, scenario
 from simulator.effects import parse
 from simulator.replay import replay
 from simulator.simulate import simulate
 from tests.builders import PLAN
 from tests.gyro_arrays import array_recording
-from tests.tracker_cases import AGILE
 
 OVERRIDES = {"gyro.sample_s": 4.0, "reference.every_s": 240.0}
 ORBITAL = "bias_orbital:z=0.3,phase_deg=40"
@@ -157,15 +154,3 @@ def test_several_gyros_are_flown_again(gyros):
     assert off.any() == (gyros is not None)
     difference = (again.gyro.rates - recording.gyro.rates)[~off.any(axis=1)]
     np.testing.assert_allclose(difference - (K @ (G @ c) - c), 0, atol=1e-7)
-
-
-def test_references_of_several_trackers_are_taken_again_by_each():
-    recording = simulate(AGILE, seed=2)
-    G, bias = np.array(AGILE.gyro.true_G), np.deg2rad(AGILE.gyro.true_bias_deg_s)
-    errors = []
-    for seed in (1, 2):
-        plain, noisy = (replay(recording, G, bias, seed=seed, noise=noise).attitudes for noise in (False, True))
-        np.testing.assert_array_equal(noisy.sensor, recording.attitudes.sensor)
-        e = (Rotation.from_quat(noisy.quaternions).inv() * Rotation.from_quat(plain.quaternions)).as_rotvec()
-        errors.append(np.einsum("mij,mj->mi", stack_sensor_axes(noisy), e) / noisy.sigma)
-    assert np.mean(np.square(errors)) == pytest.approx(1, abs=4 * np.sqrt(2 / np.size(errors)))

@@ -10,7 +10,7 @@ from tests import ROOT
 
 FOLDERS = [
     ROOT / "results" / "studies" / name
-    for name in (*("consistency", "iterations", "noise", "observability", "psi", "sentinel2a", "timestep"),)
+    for name in (*("consistency", "iterations", "noise", "observability", "psi", "timestep"),)
 ]
 
 

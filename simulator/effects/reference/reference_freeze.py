@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from simulator.effects.base import Array, Detection, Effect, Fault, Parameter, References, Setting, Surroundings
-from simulator.effects.common import draw_step_time, log_uniform, number, several_trackers
+from simulator.effects.common import draw_step_time, log_uniform, number
 from simulator.effects.innovations import Innovations, compute_innovations
 
 FEWEST_REPEATS = 2  # repeats in a row; one may be a tag that was read twice
@@ -38,8 +38,6 @@ class ReferenceFreeze(Effect):
     def find_faults(self, around: Surroundings) -> Sequence[Fault]:
         """Find runs of references that agree to the last digit while the gyro turns."""
         references = around.references
-        if references.trackers is not None:
-            return ()
         seen = compute_innovations(around)
         lost, longest, begin = np.zeros(references.t_s.size, dtype=bool), 0.0, 0.0
         for low, high in _find_repeats(references, seen):
@@ -86,6 +84,5 @@ EFFECT = ReferenceFreeze(
     ),
     meaning="The reference repeats its last attitude for a while although the body moves; the size is how long at most.",
     sign="positive",
-    requirement=several_trackers,
     drawn=False,
 )

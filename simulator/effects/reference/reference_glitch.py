@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from simulator.effects.base import Array, Detection, Effect, Fault, Parameter, References, Setting, Surroundings
-from simulator.effects.common import DEG, log_uniform, number, several_trackers
+from simulator.effects.common import DEG, log_uniform, number
 from simulator.effects.innovations import Innovations, compute_innovations
 from simulator.truth.rotation import apply_rotation_errors, separation
 
@@ -52,8 +52,6 @@ class ReferenceGlitch(Effect):
     def find_faults(self, around: Surroundings) -> Sequence[Fault]:
         """Find groups that leave by far more than noise and return."""
         references = around.references
-        if references.trackers is not None:
-            return ()
         seen = compute_innovations(around)
         z = np.sqrt(np.sum((seen.values / seen.sigma) ** 2, axis=1))
         lost, sizes, last, others = np.zeros(references.t_s.size, dtype=bool), [], -1, 0
@@ -115,6 +113,5 @@ EFFECT = ReferenceGlitch(
     parameters=(Parameter("fraction", "", 0.01, "share of the references that are off", 0.0, 0.3, draw=(5e-3, 5e-2)),),
     meaning="Single references, or up to three in a row, are off by a large random rotation, as when markers are swapped.",
     sign="positive",
-    requirement=several_trackers,
     drawn=False,
 )

@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 
 from simulator.effects.base import Array, Parameter, Parameters, References, Surroundings, Trial, Value
-from simulator.effects.common import DEG, draw_step_time, log_uniform, number, several_trackers
+from simulator.effects.common import DEG, draw_step_time, log_uniform, number
 from simulator.effects.directed_effect import DirectedEffect
 from simulator.effects.innovations import Innovations, compute_innovations
 
@@ -60,10 +60,8 @@ class ReferenceJump(DirectedEffect):
         return [*stays, *returns]
 
     def missing(self, around: Surroundings) -> str | None:
-        """It needs a series of references of one sensor."""
+        """It needs a series of references."""
         references = around.references
-        if references.trackers is not None:
-            return several_trackers(around)
         most = int(np.bincount(references.interval[references.interval >= 0], minlength=1).max()) if references.t_s.size else 0
         return None if most >= FEWEST_JUMP_REFERENCES else f"it needs {FEWEST_JUMP_REFERENCES} references in an interval"
 

@@ -38,7 +38,7 @@ def cube_score(model):
     bins = build_bins(model)
     (column,) = observe_rate_errors(model, bins, 2, normalise_columns(bins.rates[:, [2]] ** 3)).T
     # The family's column is whitened, and its part beside the calibration is what can be told from that.
-    basis = np.linalg.qr(np.hstack([model.attitude_nuisance, model.calibration]))[0]
+    basis = np.linalg.qr(np.hstack([model.starts, model.calibration]))[0]
     column = column - basis @ (basis.T @ column)
     return float((column @ model.y) ** 2 / (column @ column))
 

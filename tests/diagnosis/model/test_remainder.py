@@ -40,7 +40,7 @@ def some_sizes(processes):
 
 
 def log_likelihood(model, noise, theta, processes):
-    y, rows = model.undo_mounting_whitening(model.whiten(model.zeta)), [block.rows for block in model.blocks]
+    y, rows = model.whiten(model.zeta), [block.rows for block in model.blocks]
     return -_compute_negative_log_likelihood(noise, theta, y, build_shared_columns(model), rows, processes)[0]
 
 
@@ -54,7 +54,7 @@ def dense(model, noise, theta, processes):
 
 def test_its_likelihood_is_that_of_a_dense_normal_distribution(model, processes):
     theta, B = some_sizes(processes), build_shared_columns(model)
-    y = model.undo_mounting_whitening(model.whiten(model.zeta))
+    y = model.whiten(model.zeta)
     C = dense(model, 1.3, theta, processes) + B @ B.T
     constant = 0.5 * model.size * np.log(2 * np.pi)
     expected = scipy.stats.multivariate_normal(np.zeros(model.size), C, allow_singular=True).logpdf(y) + constant
@@ -62,7 +62,7 @@ def test_its_likelihood_is_that_of_a_dense_normal_distribution(model, processes)
 
 
 def test_its_slope_is_that_of_differences(model, processes):
-    y, B = model.undo_mounting_whitening(model.whiten(model.zeta)), build_shared_columns(model)
+    y, B = model.whiten(model.zeta), build_shared_columns(model)
     rows = [block.rows for block in model.blocks]
     x = np.log(np.concatenate([[1.3], some_sizes(processes)]))
 

@@ -13,7 +13,6 @@ from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.prepare import prepare
 from diagnosis.plan import SETTINGS, append_intervals, list_maneuvers, pipeline, plan, visibility
 from diagnosis.plan.columns import Signature, build_signatures, linearise_noise_free
-from diagnosis.plan.samples import list_sample_sizes
 from diagnosis.plan.separability import compute_confusion_shares, compute_separating_snr, find_separating_size, list_pairs
 from diagnosis.plan.visibility import DetectionPower, find_visible_size
 from diagnosis.settings import DEFAULT
@@ -297,22 +296,3 @@ def test_effects_of_one_of_several_gyros_are_not_planned_for():
 
 
 SHORT = {"gyro.sample_s": 4.0, "reference.every_s": 300.0}
-
-
-def test_of_several_trackers_a_plan_leaves_out_what_it_does_not_know():
-    tracked = override(load("agile_trackers"), SHORT)
-    (noise,) = list_sample_sizes(tracked, linearise_noise_free(tracked), [EFFECTS["reference_noise_excess"]], 5.0)
-    assert noise.verdict == "not available"
-    assert "of each by itself" in noise.text
-    assert "Effects of one star tracker are not looked at" in pipeline._write_plan_notes(tracked, linearise_noise_free(tracked))
-    with pytest.raises(InputError, match="tracker_time_offset: a plan knows effects"):
-        plan(tracked, effects=["tracker_time_offset"])
-
-
-def test_a_mounting_that_is_estimated_leaves_less_to_see():
-    sizes = []
-    for changes in (SHORT, SHORT | {"reference.tracker.1.estimated": True}):
-        seen = linearise_noise_free(override(load("agile_trackers"), changes))
-        sizes.append([np.linalg.norm(one.X[:, 0]) for one in build_signatures(seen, ["scale_asymmetry", "time_offset"])])
-    assert (np.array(sizes[1]) <= np.array(sizes[0]) * (1 + 1e-9)).all()
-    assert (np.array(sizes[1]) < np.array(sizes[0])).any()

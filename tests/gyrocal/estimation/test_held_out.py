@@ -63,7 +63,7 @@ def test_a_reference_that_two_blocks_share_is_in_no_turn(recording):
     rows = gyrocal.recording.find_reference_rows(recording.attitudes.t_s, one)
     t_s = recording.attitudes.t_s[rows]
     chain = tuple(replace(one, name=f"part {k}", start_s=t_s[k], stop_s=t_s[k + 1]) for k in range(6))
-    attitudes = gyrocal.recording.trackers.keep_rows(recording.attitudes, rows[:7])
+    attitudes = recording.attitudes.select_rows(rows[:7])
     touching = replace(recording, intervals=chain, attitudes=attitudes, tables={}, sensors=None)
     assert predict_held_out_turns(touching) == ()  # each turn would start or end at one that a calibration has used
     assert "Held-out prediction: none" in describe_held_out_turns(())
@@ -75,7 +75,7 @@ def test_one_interval_is_cut_and_a_wrong_set_is_called_worse(recording):
     alone = replace(
         recording,
         intervals=(longest,),
-        attitudes=gyrocal.recording.trackers.keep_rows(recording.attitudes, rows),
+        attitudes=recording.attitudes.select_rows(rows),
         tables={},
         sensors=None,
     )

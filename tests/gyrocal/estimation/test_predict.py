@@ -7,18 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import simulator
-from gyrocal import GyroParameters, InputError, attitude, calibrate, triad
+from gyrocal import GyroParameters, InputError, attitude, calibrate
 from gyrocal.calibration.remainder_processes import Process
 from gyrocal.estimation.error_smoother import ErrorStates
 from gyrocal.estimation.predict import _check_memory, condition_on_references, list_step_times, predict, prior_covariance
 from gyrocal.estimation.remainder_noise import RemainderNoise
-from gyrocal.recording.trackers import convert_to_sensors
-from simulator.simulate import motion, observe
-from simulator.streams import generator
 from tests import ROOT
 from tests.builders import RPO, TRUTH, mean_bounds, piecewise_recording
-from tests.tracker_cases import ESTIMATED, TETRAHEDRON, truth
 
 DEG_S = np.deg2rad(1.0)
 PLAN = (
@@ -183,58 +178,7 @@ def test_memory_grows_with_the_number_of_references_and_not_with_its_square():
     assert found.used > 4_700
     assert peak < 75e6
     with pytest.raises(InputError, match=r"need \d+\.\d GB, the limit is 4 GB: give a larger --step"):
-        _check_memory(10**7, RemainderNoise(), 12)
-
-
-TRACKED = simulator.override(ESTIMATED, {"reference.every_s": 40.0})
-TRACKED_FROM_S = 2900.0
-
-
-@pytest.fixture(scope="module")
-def flown():
-    return motion(TRACKED)
-
-
-def tracked(flown, case):
-    """Two trackers, the second of which is turned; a-priori parameters are drawn about the truth."""
-    streams = {name: generator(11, case, name) for name in ("gyro_noise", "reference_noise", "apriori")}
-    seen = observe(TRACKED, flown, gyro_rng=streams["gyro_noise"], reference_rng=streams["reference_noise"])
-    start = GyroParameters.from_vector(truth(TRACKED) + streams["apriori"].normal(size=12) * np.sqrt(np.diag(P0)))
-    return replace(seen, gyro=replace(seen.gyro, apriori_G=start.G, apriori_bias=start.bias))
-
-
-def test_what_a_turned_tracker_will_show_has_the_covariance_that_is_claimed(flown):
-    """Attitude, mounting and their correlation: the truth is the tracker's own reading without noise."""
-    cases = 40
-    plain = observe(TRACKED, flown, gyro_rng=None, reference_rng=None).attitudes
-    names = [one.name for one in plain.sensors]
-    inside = (plain.t_s > TRACKED_FROM_S) & (plain.t_s <= 3600.0)
-    measured = attitude.matrix_from_quaternion(convert_to_sensors(plain))
-    nees = {name: [] for name in names}
-    for case in range(cases):
-        recording = tracked(flown, case)
-        for number, name in enumerate(names):
-            rows = np.flatnonzero(inside & (plain.sensor == number))[::5]
-            found = predict(recording, TRACKED_FROM_S, plain.t_s[rows], P0)
-            seen = found.of_sensor(name)
-            off = attitude.residual(measured[rows], seen.A)
-            nees[name].append(np.einsum("ki,kij,kj->k", off, np.linalg.inv(seen.covariance), off))
-            np.testing.assert_allclose(seen.noise, np.deg2rad([5e-4, 5e-4, 5e-3]))
-            np.testing.assert_allclose(seen.reading_sigma**2, seen.sigma**2 + seen.noise**2)
-    low, high = mean_bounds(3, cases)
-    for name in names:
-        mean = np.mean(nees[name], axis=0)
-        assert ((mean > low) & (mean < high)).all(), (name, mean)
-    with pytest.raises(InputError, match="no attitude sensor st9; there are st1, st2"):
-        found.of_sensor("st9")
-
-
-def test_four_gyros_are_taken_by_their_body_rates():
-    four = simulator.simulate(simulator.override(TRACKED, {"gyro.array": TETRAHEDRON}), seed=2)
-    times = np.array([3000.0, 3500.0])
-    own, body = (predict(one, TRACKED_FROM_S, times) for one in (four, triad(four)))
-    np.testing.assert_array_equal(own.A, body.A)
-    np.testing.assert_array_equal(own.covariance, body.covariance)
+        _check_memory(10**7, RemainderNoise())
 
 
 def test_equal_steps_end_at_the_first_gap():

@@ -9,10 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import gyrocal
-from gyrocal import InputError, attitude, importing
+from gyrocal import InputError, importing
 from gyrocal.importing import agreement, motion, noise, rests, validate_mapping
 from gyrocal.importing.build import build
-from gyrocal.importing.sensors import join_sensors
 from gyrocal.importing.streams import Sensor, Streams, read_streams
 from studies.validation import mems_log
 from tests.builders import piecewise_recording
@@ -139,25 +138,6 @@ def turning(n=3000, dt=0.1, rng=None):
     return t, omega, Rotation.from_matrix(bodies[:-1])
 
 
-def test_two_sensors_are_one_body():
-    rng = np.random.default_rng(8)
-    t, _, body = turning()
-    own, its = np.deg2rad([0.001, 0.002, 0.008]), np.deg2rad([0.002, 0.001, 0.01])
-    errors = [Rotation.from_rotvec(rng.normal(size=(t.size, 3)) * sigma) for sigma in (own, its)]
-    first = Sensor("A", t, (body * errors[0]).as_quat())
-    second = Sensor("B", t, (body * MOUNTING * errors[1]).as_quat())
-    joined = join_sensors((first, second), None)
-    angle = (Rotation.from_matrix(joined.mounting["B"]).inv() * MOUNTING).magnitude()
-    assert angle < 4 * np.deg2rad(0.01) / np.sqrt(t.size)
-    for name, sigma in (("A", own), ("B", its)):
-        # Second differences of n samples of white noise: 35/18 of the variance of as many independent ones.
-        np.testing.assert_allclose(joined.sigma[name], sigma, rtol=4 * np.sqrt(35 / 18 / 2 / t.size))
-    weighted = join_sensors((first, second), {"A": own, "B": its})
-    error = attitude.residual(attitude.matrix_from_quaternion(weighted.q), body.as_matrix().transpose(0, 2, 1))
-    nees = np.einsum("ni,ij,nj->n", error, np.linalg.inv(weighted.covariance), error)
-    assert nees.mean() == pytest.approx(3.0, abs=4 * np.sqrt(6 / t.size))
-
-
 FOUR = CORRECT_MAPPING | {
     "gyro": "a,b,c,d:rad/s",
     "time": "t:s",
@@ -249,51 +229,74 @@ def trackers(rng, sigma, dropped=(100.0, 130.0)):
     return Streams(t, omega + 1e-7 * rng.normal(size=omega.shape), 0.1, np.eye(3), (first, second), "", "s", ()), t
 
 
-def test_two_trackers_stay_two_with_their_own_noise_and_mounting():
+ENTRIES = CORRECT_MAPPING | {"attitude_by": "sensor", "spacing_s": 1.0}
+
+
+def test_two_trackers_are_joined_with_their_own_noise_and_mounting():
     sigma = np.deg2rad([[0.001, 0.002, 0.008], [0.002, 0.001, 0.01]])
-    made, t = trackers(np.random.default_rng(9), sigma)
-    found = build(made, validate_mapping(CORRECT_MAPPING | {"attitude_by": "sensor", "spacing_s": 1.0}, "x"))
-    references = found.recording.attitudes
-    assert [one.name for one in references.sensors] == ["s1", "s2"]
-    assert [one.estimated for one in references.sensors] == [False, True]
-    assert "the attitude sensors one, two are named s1, s2" in found.assumed
-    for number in range(2):
-        own = references.sensor == number
-        np.testing.assert_allclose(references.sigma[own][0], sigma[number], rtol=0.25)
-        assert np.diff(references.t_s[own]).min() > 0.9
-    assert not ((references.t_s > 100.1) & (references.t_s < 130) & (references.sensor == 1)).any()
-    assert ((references.t_s > 100.1) & (references.t_s < 130)).sum() > 25
-    turned = Rotation.from_matrix(references.sensors[1].M.T).inv() * MOUNTING
-    assert turned.magnitude() < 5 * np.deg2rad(0.01) / np.sqrt(t.size)
+    made, _ = trackers(np.random.default_rng(9), sigma)
+    found = build(made, validate_mapping(ENTRIES, "x"))
+    references, joined = found.recording.attitudes, found.joined
+    assert [one.name for one in joined.sensors] == ["one", "two"]
+    for number, one in enumerate(("one", "two")):
+        (said,) = (text for text in found.assumed if text.startswith(f"1-sigma about the axes of {one}: "))
+        own = [float(value) for value in said.split(": ")[1].split(" deg")[0].split(",")]
+        np.testing.assert_allclose(own, np.rad2deg(sigma[number]), rtol=0.25)
+    second = joined.sensors[1]
+    off = (Rotation.from_matrix(second.mounting.T).inv() * MOUNTING).as_rotvec()
+    assert (np.abs(off) < 4.5 * second.mounting_sigma).all()
+    assert second.agreement == pytest.approx(1, abs=0.1)
+    assert any("estimated with 1-sigma" in text and "sigma RMS" in text for text in found.assumed)
+    assert np.diff(references.t_s).min() > 0.9
+    alone = (references.t_s > 99.95) & (references.t_s < 130.05)  # where the second drops out
+    assert alone.sum() > 25
+    np.testing.assert_allclose(np.rad2deg(references.sigma[alone][0]), [0.001, 0.002, 0.008], rtol=0.25)
+    assert (np.rad2deg(references.sigma[~alone]) < 0.003).all()
     result = gyrocal.calibrate(found.recording)
     assert result.p_value > 1e-3
     assert (np.abs(result.parameters.vector - np.eye(4, 3).ravel()) < 4.5 * result.sigma).all()
 
 
-def test_mountings_that_are_stated_are_kept_or_refused():
+def test_mountings_that_are_stated_are_kept_weighed_or_refused():
     made, _ = trackers(np.random.default_rng(9), np.full((2, 3), np.deg2rad(0.002)))
-    made = replace(made, sensors=tuple(replace(one, name=f"st{k}") for k, one in enumerate(made.sensors, 1)))
-    stated = {"st1": [0.0, 0.0, 0.0, 1.0], "st2": MOUNTING.as_quat().tolist()}
-    entries = CORRECT_MAPPING | {
-        "attitude_by": "sensor",
-        "mountings": stated,
-        "spacing_s": 1.0,
-        "mounting_sigma_deg": {"st2": [0.1] * 3},
-    }
-    sensors = build(made, validate_mapping(entries, "x")).recording.attitudes.sensors
-    np.testing.assert_allclose(sensors[1].mounting, MOUNTING.as_quat(), atol=1e-12)
-    assert sensors[1].estimated
-    np.testing.assert_allclose(np.rad2deg(sensors[1].mounting_sigma), 0.1)
+    stated = {"one": [0.0, 0.0, 0.0, 1.0], "two": (MOUNTING * Rotation.from_rotvec([1e-3, 0, 0])).as_quat().tolist()}
+    kept, weighed = (
+        build(made, validate_mapping(ENTRIES | {"mountings": stated, "mounting_sigma_deg": prior}, "x")).joined.sensors[1]
+        for prior in (None, {"two": [0.1] * 3})
+    )
+    assert kept.mounting_sigma is None
+    np.testing.assert_allclose(kept.mounting, Rotation.from_quat(stated["two"]).as_matrix().T, atol=1e-12)
+    np.testing.assert_allclose(weighed.mounting, MOUNTING.as_matrix().T, atol=np.deg2rad(1e-3))
     for changes, words in (
-        ({"mountings": stated | {"st2": MOUNTING.inv().as_quat().tolist()}}, "sits .* deg from where it is stated"),
-        ({"mountings": {"st1": stated["st1"]}, "mounting_sigma_deg": None}, "mountings: give it for st1, st2"),
-        ({"mountings": stated | {"st1": [0.0, 0.0, 0.0, 2.0]}}, "st1 must be a quaternion of norm 1"),
-        ({"attitude_by": None}, "goes with attitude_by"),
-        ({"mountings": None}, "go with mountings"),
-        ({"estimated_mountings": ["st3"]}, "no mounting of st3 is stated"),
+        ({"mountings": stated | {"two": MOUNTING.inv().as_quat().tolist()}}, "two is mounted .* deg from where it is stated"),
+        ({"mountings": stated | {"three": stated["one"]}}, "no sensor three; there are one, two"),
+        ({"mountings": stated | {"one": [0.0, 0.0, 0.0, 2.0]}}, "one must be a quaternion of norm 1"),
+        ({"mountings": stated, "attitude_by": None}, "goes with attitude_by"),
+        ({"mounting_sigma_deg": {"two": [0.1] * 3}}, "no mounting of two is stated"),
+        ({"sigma_deg": {"one": 0.002}}, "give it for one, two"),
     ):
         with pytest.raises(InputError, match=words):
-            build(made, validate_mapping(entries | changes, "x"))
+            build(made, validate_mapping(ENTRIES | changes, "x"))
+
+
+def test_one_of_two_trackers_is_read_alone(tmp_path):
+    made, t = trackers(np.random.default_rng(9), np.full((2, 3), np.deg2rad(0.002)))
+    gyro = pd.DataFrame(np.column_stack([t, np.rad2deg(made.raw)]), columns=["t", "x", "y", "z"])
+    rows = [pd.DataFrame(one.q, columns=list("abcd")).assign(t=one.t_s, unit=one.name) for one in made.sensors]
+    gyro.to_csv(tmp_path / "gyro.csv", index=False)
+    pd.concat(rows).to_csv(tmp_path / "attitude.csv", index=False)
+    entries = {"time": "t:s", "gyro": "x,y,z:deg/s", "quat": "a,b,c,d:scalar-last:body-to-inertial", "attitude_by": "unit"}
+    files = tmp_path / "gyro.csv", tmp_path / "attitude.csv"
+    both, alone = importing.import_csv(*files, **entries), importing.import_csv(*files, **entries, sensor="one")
+    rows[0].to_csv(tmp_path / "attitude.csv", index=False)
+    without = importing.import_csv(*files, **{name: text for name, text in entries.items() if name != "attitude_by"})
+    np.testing.assert_array_equal(alone.recording.attitudes.quaternions, without.recording.attitudes.quaternions)
+    np.testing.assert_array_equal(alone.recording.attitudes.sigma, without.recording.attitudes.sigma)
+    assert (alone.joined, alone.recording.attitudes.correlation) == (None, None)
+    assert both.joined is not None
+    for changes in ({"sensor": "three"}, {"sensor": "one", "attitude_by": None}):
+        with pytest.raises(InputError, match="sensor: no attitude sensor"):
+            importing.import_csv(*files, **(entries | changes))
 
 
 def test_rests_of_a_body_that_turns_steadily_are_none():

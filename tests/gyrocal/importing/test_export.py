@@ -28,14 +28,8 @@ def back(folder):
     return import_csv(folder / "gyro.csv", folder / "attitude.csv", mapping=read).recording
 
 
-@pytest.mark.parametrize("name", ["trmm", "agile_trackers"])
-def test_a_recording_of_any_kind_comes_back_whole(name, tmp_path):
-    """References at the ends of intervals alone, a whole turn apart; two trackers."""
-    source = simulator.simulate(simulator.override(simulator.load(name), {"gyro.sample_s": 2.0}), seed=1)
-    if name == "agile_trackers":
-        first, second = source.attitudes.sensors
-        second = replace(second, estimated=True, mounting_sigma=np.array([1e-5, 2e-5, 3e-5]))
-        source = replace(source, attitudes=replace(source.attitudes, sensors=(first, second)))
+def test_references_a_turn_apart_come_back_whole(tmp_path):
+    source = simulator.simulate(simulator.override(simulator.load("trmm"), {"gyro.sample_s": 2.0}), seed=1)
     csv_files.write_csv(source, tmp_path)
     again = back(tmp_path)
     assert again.intervals == source.intervals
@@ -44,13 +38,6 @@ def test_a_recording_of_any_kind_comes_back_whole(name, tmp_path):
     np.testing.assert_allclose(again.attitudes.t_s, source.attitudes.t_s, rtol=0, atol=1e-8)
     np.testing.assert_allclose(again.attitudes.quaternions, source.attitudes.quaternions, rtol=0, atol=1e-15)
     np.testing.assert_allclose(again.attitudes.sigma, source.attitudes.sigma, rtol=1e-12)
-    assert len(again.attitudes.sensors) == len(source.attitudes.sensors)
-    for one, other in zip(again.attitudes.sensors, source.attitudes.sensors, strict=True):
-        assert (one.name, one.estimated) == (other.name, other.estimated)
-        np.testing.assert_allclose(one.mounting, other.mounting, atol=1e-15)
-    if name == "agile_trackers":
-        assert again.attitudes.sensors[0].mounting_sigma is None
-        np.testing.assert_allclose(again.attitudes.sensors[1].mounting_sigma, [1e-5, 2e-5, 3e-5], rtol=1e-12)
 
 
 def test_references_a_turn_apart_still_refuse_a_wrong_mapping(tmp_path):
@@ -120,20 +107,12 @@ def test_a_recording_goes_out_as_csv_and_comes_back(run_cli, imported, tmp_path)
     np.testing.assert_allclose(gyrocal.load(tmp_path / "again").gyro.rates, imported.gyro.rates, rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize("sensors", [1, 2])
-def test_intervals_that_touch_share_a_reference_also_when_they_come_back(imported, tmp_path, sensors):
+def test_intervals_that_touch_share_a_reference_also_when_they_come_back(imported, tmp_path):
     one = imported.intervals[0]
     rows = gyrocal.recording.find_reference_rows(imported.attitudes.t_s, one)
     shared_s = float(imported.attitudes.t_s[rows[len(rows) // 2]])
     halves = replace(one, name="first", stop_s=shared_s), replace(one, name="second", start_s=shared_s)
     attitudes = gyrocal.Attitudes(*(getattr(imported.attitudes, name)[rows] for name in ("t_s", "quaternions", "sigma")))
-    if sensors == 2:
-        straight = np.array([0.0, 0.0, 0.0, 1.0])
-        attitudes = gyrocal.Attitudes(
-            *(np.repeat(values, 2, axis=0) for values in (attitudes.t_s, attitudes.quaternions, attitudes.sigma)),
-            sensor=np.tile([0, 1], rows.size),
-            sensors=(gyrocal.AttitudeSensor("st1", straight), gyrocal.AttitudeSensor("st2", straight)),
-        )
     source = replace(imported, attitudes=attitudes, intervals=halves)
     csv_files.write_csv(source, tmp_path)
     again = back(tmp_path)
@@ -143,11 +122,11 @@ def test_intervals_that_touch_share_a_reference_also_when_they_come_back(importe
         (part.name, pytest.approx(part.start_s), pytest.approx(part.stop_s)) for part in halves
     ]
     both = [gyrocal.recording.find_reference_rows(again.attitudes.t_s, part) for part in again.intervals]
-    assert sum(map(len, both)) == len(attitudes.t_s) + sensors  # the shared reference is of both
+    assert sum(map(len, both)) == len(attitudes.t_s) + 1  # the shared reference is of both
 
     # A table that holds the shared reference twice, once for each interval, is the same recording.
     table = pd.read_csv(tmp_path / "attitude.csv")
-    at = table.unix_ns[sensors * (rows.size // 2)]
+    at = table.unix_ns[rows.size // 2]
     twice = pd.concat([table[table.unix_ns <= at], table[table.unix_ns >= at]])
     twice.to_csv(tmp_path / "attitude.csv", index=False)
     np.testing.assert_array_equal(back(tmp_path).attitudes.t_s, again.attitudes.t_s)

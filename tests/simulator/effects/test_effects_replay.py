@@ -9,7 +9,7 @@ import scipy.stats
 
 import simulator
 from gyrocal import InputError, calibrate, load, save
-from simulator.effects import EFFECTS, TRACKER_EFFECTS, parse
+from simulator.effects import EFFECTS, parse
 from simulator.effects.sensor import ALL_EFFECTS
 from simulator.effects.smoothing import estimate_sample_sigma
 from simulator.replay import reconstruct_motion, replay
@@ -187,7 +187,7 @@ def test_effects_are_listed(run_cli, tmp_path):
 
 def test_every_effect_is_in_the_documentation():
     text = (ROOT / "docs" / "effects.md").read_text()
-    for name, effect in {**EFFECTS, **TRACKER_EFFECTS}.items():
+    for name, effect in EFFECTS.items():
         row = next(line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
         assert f"| {effect.unit} |" in row
         assert all(f"`{parameter.name}`" in row for parameter in effect.parameters)

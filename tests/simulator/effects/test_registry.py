@@ -19,7 +19,6 @@ from simulator.effects import (
     EFFECTS,
     REGISTRY,
     STAGES,
-    TRACKER_EFFECTS,
     Effect,
     Registry,
     parse,
@@ -73,7 +72,7 @@ def test_every_stage_has_a_meaning_and_a_built_in_effect():
 
 
 def test_views_tell_sensor_effects_apart_and_follow_the_registry(monkeypatch):
-    views = (EFFECTS, SENSOR_EFFECTS, ARRAY_EFFECTS, TRACKER_EFFECTS)
+    views = (EFFECTS, SENSOR_EFFECTS, ARRAY_EFFECTS)
     assert set().union(*views) == set(ALL_EFFECTS)
     assert sum(len(view) for view in views) == len(ALL_EFFECTS)
     assert "dss_head" not in EFFECTS

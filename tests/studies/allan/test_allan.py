@@ -25,7 +25,6 @@ from tests.builders import piecewise_recording
 from tests.diagnosis.recordings import of_rates
 from tests.gyro_arrays import TETRAHEDRON
 from tests.pages import checked
-from tests.tracker_cases import AGILE
 
 ARW = np.deg2rad(2.6e-4)
 SWAY, SWAY_S = np.deg2rad(0.02), 900.0
@@ -233,9 +232,3 @@ def test_each_of_several_gyros_has_its_noise(moving):
     for one, factor in zip(found.axes, (1, 1, 1, 2), strict=True):
         walk = one.fit.estimate(RANDOM_WALK)
         assert abs(walk.value - factor * ARW) < 5 * walk.sigma
-
-
-def test_references_of_two_trackers_show_the_motion():
-    found = estimate_noise_terms(simulate(AGILE, seed=1))
-    arw = np.deg2rad(AGILE.gyro.arw_deg_per_sqrt_s)
-    assert all(abs(one.fit.estimate(RANDOM_WALK).value - arw) < 5 * one.fit.estimate(RANDOM_WALK).sigma for one in found.axes)
