@@ -19,7 +19,7 @@ from gyrocal import attitude
 from gyrocal.calibration.increment_packing import compute_packed_shape
 from simulator.simulate import realise
 from simulator.streams import generator
-from studies.montecarlo.workspace import get_workspace
+from studies.calibration.shared_truth import get_workspace
 
 Array = NDArray[np.float64]
 

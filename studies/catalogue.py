@@ -21,7 +21,7 @@ from studies.report.junit import Verdict, convert_checks, write_junit
 
 if TYPE_CHECKING:
     from studies.montecarlo import engine
-    from studies.montecarlo.requirement import Requirement
+    from studies.montecarlo.criteria import Requirement
     from studies.report.entry import Entry
 
 STUDY_NAMES = (
@@ -169,8 +169,8 @@ def run(
     chosen = find_entry(name)
 
     from studies.montecarlo import engine
+    from studies.montecarlo.criteria import check_independent, draws_independently
     from studies.montecarlo.manifest import write_manifest
-    from studies.montecarlo.requirement import check_independent, draws_independently
     from studies.montecarlo.study import load_config
     from studies.report import checks, columns, sensitivity
     from studies.report import entry as report
@@ -192,7 +192,8 @@ def run(
         made = chosen.report(settings.model_copy(update={"cases": outcome.cases}), good)
     except Exception as error:
         error.add_note(
-            f"The report failed; the rows are kept in {folder}. Correct the report and add --mix to the same command."
+            f"The report failed; {outcome.table} has the rows. The same command makes the report again; "
+            "after a change of the source code choose another --out."
         )
         raise
     if settings.dispersions:

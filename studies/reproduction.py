@@ -2,23 +2,65 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pandas as pd
 from rich.console import Console
 
+from gyrocal.errors import GyrocalError
 from studies.montecarlo import engine
+from studies.montecarlo.backends import open_backend
 from studies.montecarlo.files import write_csv, write_json, write_text
-from studies.montecarlo.study import Study, StudyConfig
+from studies.montecarlo.manifest import WORK, describe_provenance, hash_bytes, write_manifest
+from studies.montecarlo.study import Study, StudyConfig, hash_config, resolve_config
 from studies.report import tables as render
 from studies.report.console import show_progress
 from studies.report.panels import Draw
 from studies.report.tables import Table
+
+T = TypeVar("T")
+
+
+def call_all(calls: Sequence[Callable[[], T]], jobs: int, done: Callable[[int], None] = lambda count: None) -> list[T]:
+    """Make independent calls, in worker processes if there are several; their results, in the order of the calls.
+
+    Parameters
+    ----------
+    calls : partials of functions that a worker can import, the longest first
+    jobs : worker processes
+    done : told of each call that has ended
+    """
+    call: Any = _call  # in place of the function that runs the cases of a study
+    numbered: Any = enumerate(calls)  # in place of the tasks of a study
+    found: dict[int, Any] = {}
+    with open_backend("loky" if jobs > 1 else "serial", call, jobs) as workers:
+        ended: Iterator[Any] = workers.results(numbered)
+        for (place, _), result in ended:
+            found[place] = result
+            done(1)
+    if any(result is None for result in found.values()):
+        raise GyrocalError("a worker process was killed; run the same command again, with fewer --jobs if memory was short")
+    return [found[place] for place in range(len(calls))]
+
+
+def _call(task: tuple[int, Callable[[], T]]) -> T:
+    return task[1]()
+
+
+def get_work_folder(folder: Path, study: Study, config: StudyConfig) -> Path:
+    """Return the folder of a study whose rows are not kept, inside the folder of its output.
+
+    Of each configuration, source code and machine its own, so that what another one left unfinished is never in the way.
+    """
+    made = [hash_config(study, resolve_config(config)), describe_provenance(study)]
+    return folder / WORK / hash_bytes(json.dumps(made, sort_keys=True).encode())[:12]
 
 
 @dataclass
@@ -45,7 +87,7 @@ class Reproduction:
     def run(self, study: Study, config: StudyConfig, folder: Path) -> engine.Outcome:
         """Run the study whose rows the paper is reproduced from; none of its cases may fail."""
         display = partial(show_progress, quiet=self.console.quiet)
-        work = engine.get_work_folder(folder, study, config)
+        work = get_work_folder(folder, study, config)
         backend: Any = "loky" if self.jobs > 1 else "serial"
         outcome = engine.run(study, config, work, backend=backend, jobs=self.jobs, progress=display)
         outcome.check()
@@ -81,5 +123,6 @@ class Reproduction:
     def publish(self, outcome: engine.Outcome, folder: Path, **about: Any) -> None:
         """Write the manifest; `about` is what it says differently from that of the study."""
         wall_s = round(time.monotonic() - self.begun, 2)
-        engine.finish_folder(outcome, folder, **about, wall_s=wall_s)
+        write_manifest(folder, outcome.manifest | about | {"wall_s": wall_s})
+        shutil.rmtree(folder / WORK)
         self.console.print(f"Written to {folder} in {wall_s:.0f} s.", highlight=False)

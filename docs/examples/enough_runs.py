@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import binom
 
-from studies.montecarlo.requirement import Requirement, count_runs
+from studies.montecarlo.criteria import Requirement, count_runs
 from studies.report.panels import BLUE, DARK, RED, TEAL, Line, draw_panels, make_curves, save
 
 requirement = Requirement.parse("p99.73(pointing_deg) < 0.4 @ 90%")

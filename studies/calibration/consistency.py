@@ -33,7 +33,7 @@ from simulator import scenario as scenarios
 from studies.calibration.shared_truth import require_converged
 from studies.montecarlo import statistics
 from studies.montecarlo.dispersions import Dispersion, Normal, get_scenario_value
-from studies.montecarlo.statistics import CONSISTENT, OVER_CONFIDENT, UNDER_CONFIDENT, compute_binomial_band
+from studies.montecarlo.statistics import compute_binomial_band
 from studies.montecarlo.study import Streams, Study, StudyConfig, dispersed, load_base_scenario, observed
 from studies.report import panels
 from studies.report.checks import Check
@@ -53,6 +53,7 @@ TO_SI = np.array([1.0] * 9 + [np.deg2rad(1.0)] * 3)
 ERRORS, SIGMAS = name_columns("error"), name_columns("sigma")
 WHITE_COLUMNS = [f"white_{k + 1}" for k in range(12)]
 WHOLE = "whole"
+CONSISTENT, OVER_CONFIDENT, UNDER_CONFIDENT = "consistent", "over-confident", "under-confident"
 BIASED_ESTIMATOR = "biased"
 
 # What each estimator must be found to be.

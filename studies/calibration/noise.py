@@ -33,8 +33,8 @@ from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.sampling import prepare_measurements
 from simulator.scenario import override
+from studies.calibration.settings import Rising
 from studies.calibration.shared_truth import NoiseFreeSimulation, build_once, make_noise_generators
-from studies.montecarlo.settings import Rising
 from studies.montecarlo.study import GridConfig, Streams, Study, load_base_scenario
 from studies.natanson import flight_gap
 from studies.report import panels

@@ -49,6 +49,16 @@ def compute_rms(values: ArrayLike) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
+@lru_cache(maxsize=16)
+def get_workspace(name: object, shape: tuple[int, ...]) -> Array:
+    """Return this process' array of that name and shape, uninitialised when it is new; the next case overwrites it.
+
+    A case's arrays are a megabyte or two, and depending on the heap's layout they go back to the system each time, at a page
+    fault for every 4 KiB when they return: more than the case's own work.
+    """
+    return np.empty(shape)
+
+
 def make_noise_generators(streams: Streams) -> Noise:
     """The generators of a case's gyro noise and reference noise, each at its start."""
     return streams.generator("gyro_noise"), streams.generator("reference_noise")

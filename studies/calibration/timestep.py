@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 from gyrocal import NAMES
 from gyrocal.calibration.problem import Iterates, Problem
 from gyrocal.calibration.sampling import Resampling, prepare_measurements
+from studies.calibration.curves import find_level_crossing, fit_log_slope, summarise_with_flight
+from studies.calibration.settings import Rising
 from studies.calibration.shared_truth import NoiseFreeSimulation, build_once, compute_rms, make_noise_generators
 from studies.montecarlo import statistics
-from studies.montecarlo.settings import Rising
-from studies.montecarlo.statistics import find_level_crossing, fit_log_slope
 from studies.montecarlo.study import Streams, Study, StudyConfig, observed
 from studies.natanson import flight, flight_gap
 from studies.report import panels
@@ -242,7 +242,7 @@ def estimate_step_noise(rows: pd.DataFrame) -> pd.DataFrame:
             flown = compute_step_arw(
                 difference, flight.compute_interval_durations()[:, None], (step - finer) / flight.FLIGHT_STEPS_S[0]
             )
-        out.append({"from_s": finer, "to_s": step, **statistics.summarise_with_flight(values, flown)})
+        out.append({"from_s": finer, "to_s": step, **summarise_with_flight(values, flown)})
     return pd.DataFrame(out, columns=["from_s", "to_s", "median", "p05", "p95", "flight", "flight_percentile"])
 
 

@@ -6,6 +6,7 @@ refusal take a fraction of a second.
 
 import json
 import math
+import os
 import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
@@ -15,7 +16,8 @@ from typing import Any, TypeVar
 import click
 
 from gyrocal.errors import InputError
-from studies.montecarlo.files import check_writable, format_json, write_json
+from gyrocal.files import is_replaced
+from studies.montecarlo.files import format_json, write_json
 from studies.report.junit import Verdict, write_junit
 
 T = TypeVar("T")
@@ -101,6 +103,29 @@ def add_output_option(*names: str, help: str, stdout: bool = False, endings: Seq
         return path
 
     return click.option(*names, type=PATH, callback=check, help=help, **more)
+
+
+def check_writable(path: Path | None) -> None:
+    """Say before the work, not after it, that a file cannot be written; None is no file.
+
+    Raises
+    ------
+    InputError
+        It is a folder, in a folder that does not exist, or without permission.
+    """
+    if path is None:
+        return
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give the name of a file")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: no folder {path.parent}")
+    # A regular file is replaced, which its folder must allow; a device or a pipe is only written to.
+    try:
+        allowed = os.access(path.parent if is_replaced(path) else path, os.W_OK)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from None
+    if not allowed or (path.exists() and not os.access(path, os.W_OK)):
+        raise InputError(f"{path}: cannot be written")
 
 
 def add_json_option(what: str = "the result", stdout: str = "") -> Any:

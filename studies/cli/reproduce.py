@@ -86,11 +86,11 @@ def command(
 
     from simulator.mission_mode.config import MissionConfig
     from simulator.mission_mode.flight import simulate_mission
-    from studies.montecarlo.backends import call_all
     from studies.natanson import paper_tables, reproduce
     from studies.natanson.paper_tables import PaperTablesConfig
     from studies.report import committed_results, index_page
     from studies.report.pages import build_provenance_footer
+    from studies.reproduction import call_all
     from studies.robertson import report as mission_report
     from studies.robertson.runs import MissionStudy
 

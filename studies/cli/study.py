@@ -34,12 +34,6 @@ if TYPE_CHECKING:
 @add_jobs_option("Workers; the CPU count by default.")
 @click.option("--scheduler", default=None, help="Address of a dask scheduler, with --backend dask.")
 @click.option(
-    "--chunk",
-    type=click.IntRange(1),
-    default=None,
-    help="Cases that are handed out and stored together; by default up to 64. The rows do not depend on it.",
-)
-@click.option(
     "--rerun",
     "again",
     type=click.IntRange(0),
@@ -62,9 +56,8 @@ if TYPE_CHECKING:
     metavar="'pNN(COLUMN)<LIMIT @ NN%'",
     multiple=True,
     help="Answer whether a percentile of a column is below a limit (or above, with >) with this confidence, 90 % by default: "
-    "met, not met, or how many further cases decide it; repeatable.",
+    "met, not met, or how many further cases would decide it; repeatable.",
 )
-@click.option("--mix", is_flag=True, help="Resume even if the source code or the machine has changed since the earlier rows.")
 @add_output_option(
     "--json",
     "as_json",
@@ -158,11 +151,11 @@ def _parse_criteria(until: str | None, required: tuple[str, ...]) -> dict[str, A
     """The criteria of --until and --require; what parses them is loaded only where they are given."""
     found: dict[str, Any] = {"until": None, "requirements": []}
     if until:
-        from studies.montecarlo.stopping_rule import StoppingRule
+        from studies.montecarlo.criteria import StoppingRule
 
         found["until"] = StoppingRule.parse(until)
     if required:
-        from studies.montecarlo.requirement import Requirement
+        from studies.montecarlo.criteria import Requirement
 
         found["requirements"] = [Requirement.parse(text) for text in required]
     return found

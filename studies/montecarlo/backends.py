@@ -1,4 +1,4 @@
-"""Backends: where the chunks of a study run.
+"""Backends: where the tasks of a study run.
 
 Each is an `Executor`. It has a bounded window of tasks in flight, so that neither tasks nor results pile up however many there
 are, and yields every task with its result as they end. A task whose worker died is yielded with None; such a task and those
@@ -17,11 +17,11 @@ import queue
 import signal
 import threading
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
 from itertools import islice
 from multiprocessing import resource_tracker
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, Self
 
 import joblib
 from joblib.externals.loky import get_reusable_executor
@@ -32,7 +32,6 @@ from studies.montecarlo.cases import Result, Task
 
 Name = Literal["serial", "loky", "dask"]
 Run = Callable[[Task], Result]
-T = TypeVar("T")
 
 IDLE_S = 60.0  # after which a warm worker ends
 FOLLOW_S = 0.5  # how often a worker looks whether its parent is alive
@@ -41,36 +40,24 @@ WORKERS_S = 30.0  # for its first worker
 RETRIES = 2  # of a dask task that a connection or a lost worker's result failed
 COUNT_S = 1.0  # between two counts of the workers of a cluster
 PER_WORKER = 2  # tasks in flight per worker: one that runs, one that waits
-# What ends the study, and is left to the parent where a terminal or a batch system sends it to every process.
-ENDING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+
+
+class SchedulerLostError(GyrocalError):
+    """The scheduler of a cluster ended or cannot be reached any more."""
 
 
 class Executor:
-    """Where tasks run, here: in this thread. A backend says how a task is handed out and what became of it.
-
-    Attributes
-    ----------
-    run : what to do with a task; importable in a worker
-    jobs : tasks that run at a time
-    """
+    """Where tasks run, here: in this thread; `jobs` run at a time, and `deaths` are errors of a task whose worker died."""
 
     def __init__(self, run: Run, jobs: int = 1) -> None:
         self.run, self.jobs = run, jobs
+        self.deaths: tuple[type[Exception], ...] = ()
 
-    def submit(self, task: Task) -> Any:
+    def submit(self, task: Task) -> Future[Result]:
         """Hand a task out; returns its future."""
         future: Future[Result] = Future()
         future.set_result(self.run(task))
         return future
-
-    def wait(self, futures: Collection[Any]) -> Iterable[Any]:
-        """Wait for at least one of the futures; returns those that have ended."""
-        return wait(futures, return_when=FIRST_COMPLETED).done
-
-    def result(self, future: Any) -> Result | None:
-        """Result of a future that has ended; None if its worker died."""
-        result: Result = future.result()
-        return result
 
     def window(self) -> int:
         """Most tasks that are handed out at a time."""
@@ -79,21 +66,31 @@ class Executor:
     def close(self, finished: bool) -> None:
         """Let go of the workers; if not finished, stop what they are doing."""
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        self.close(finished=kind is None)
+
     def results(self, tasks: Iterable[Task], alone: bool = False) -> Iterator[tuple[Task, Result | None]]:
         """Run tasks, each alone if asked for; yields each as it ends, with its result, or None if its worker died."""
-        waiting, flying = iter(tasks), dict[Any, Task]()
+        waiting, flying = iter(tasks), dict[Future[Result], Task]()
         while True:
             room = (1 if alone else self.window()) - len(flying)
             for task in islice(waiting, max(0, room)):
                 flying[self.submit(task)] = task
             if not flying:
                 return
-            for future in self.wait(list(flying)):
-                yield flying.pop(future), self.result(future)
+            for future in wait(flying, return_when=FIRST_COMPLETED).done:
+                try:
+                    result = future.result()
+                except self.deaths:
+                    result = None
+                yield flying.pop(future), result
 
 
 def open_backend(name: Name, run: Run, jobs: int | None = None, scheduler: str | None = None) -> Executor:
-    """Start a backend.
+    """Start a backend, to be left as a context.
 
     Parameters
     ----------
@@ -101,11 +98,6 @@ def open_backend(name: Name, run: Run, jobs: int | None = None, scheduler: str |
     run : what to do with a task; importable in a worker
     jobs : workers of this machine; by default as many as there are cores
     scheduler : address of a dask scheduler
-
-    Raises
-    ------
-    InputError
-        There is no such backend, dask is not installed, or the scheduler does not answer or has no workers.
     """
     if (scheduler is not None) != (name == "dask"):
         raise InputError("--backend dask and --scheduler tcp://HOST:PORT go together; one machine needs neither")
@@ -119,9 +111,8 @@ def open_backend(name: Name, run: Run, jobs: int | None = None, scheduler: str |
 
 
 def _start_worker() -> None:
-    """Leave Ctrl-C, which the terminal sends to every process, and its kin to the parent, and end when that was killed."""
-    for number in ENDING:
-        signal.signal(number, signal.SIG_IGN)
+    """Leave Ctrl-C, which the terminal sends to every process, to the parent, and end when that was killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
 
 
@@ -132,9 +123,9 @@ def _follow(parent: int) -> None:
 
 
 @contextlib.contextmanager
-def _delay_signals() -> Iterator[None]:
-    """Delay signals that would end the study, also for the processes that are started meanwhile."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+def _delay_interrupt() -> Iterator[None]:
+    """Delay Ctrl-C, also for the processes that are started meanwhile."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
@@ -144,8 +135,9 @@ def _delay_signals() -> Iterator[None]:
 class _Loky(Executor):
     def __init__(self, run: Run, jobs: int) -> None:
         super().__init__(run, jobs)
+        self.deaths = (BrokenProcessPool, ShutdownExecutorError)
         # Started together with the first worker, this helper would (in Python 3.11) let Ctrl-C through to it.
-        with _delay_signals():
+        with _delay_interrupt():
             resource_tracker.ensure_running()
 
     def _pool(self) -> Any:
@@ -153,18 +145,12 @@ class _Loky(Executor):
 
     def submit(self, task: Task) -> Future[Result]:
         # Workers that are started here inherit that Ctrl-C is held back, and are safe from it before `_start_worker`.
-        with _delay_signals():
+        with _delay_interrupt():
             # The pool may be found broken only now; asked for again it is a new one.
             for _ in range(self.jobs):
-                with contextlib.suppress(BrokenProcessPool, ShutdownExecutorError):
+                with contextlib.suppress(*self.deaths):
                     return self._pool().submit(self.run, task)
             return self._pool().submit(self.run, task)
-
-    def result(self, future: Future[Result]) -> Result | None:
-        try:
-            return future.result()
-        except (BrokenProcessPool, ShutdownExecutorError):
-            return None
 
     def window(self) -> int:
         return PER_WORKER * self.jobs
@@ -180,37 +166,6 @@ class _Loky(Executor):
             pool.shutdown(wait=True, kill_workers=True)
 
 
-def _check_scheduler(distributed: Any, address: str) -> None:
-    """Shake hands with a scheduler; a client that meets none would log, and wait once more when it is thrown away.
-
-    Raises
-    ------
-    InputError
-        Nobody answers, or somebody who is no scheduler, or the address is none.
-    """
-
-    async def shake() -> None:
-        comm = await distributed.comm.connect(address, timeout=CONNECT_S)
-        await comm.close()
-
-    def run() -> str:
-        try:
-            asyncio.run(asyncio.wait_for(shake(), CONNECT_S))
-        except Exception as error:  # a port of something else answers anything
-            return " ".join(str(error).split()) or type(error).__name__
-        return ""
-
-    # In a thread of its own: where there is an event loop, as in a notebook, no second one may run.
-    with ThreadPoolExecutor(1) as thread:
-        fault = thread.submit(run).result()
-    if fault:
-        raise InputError(f"dask scheduler {address!r}: {fault}; give it as tcp://HOST:PORT, and see that it runs")
-
-
-class SchedulerLostError(GyrocalError):
-    """The scheduler of a cluster ended or cannot be reached any more."""
-
-
 class _Dask(Executor):
     def __init__(self, run: Run, scheduler: str) -> None:
         super().__init__(run)
@@ -218,7 +173,7 @@ class _Dask(Executor):
             import distributed
         except ImportError:
             raise InputError('--backend dask needs the extra: pip install "gyrocal[dask]"') from None
-        self.distributed, self.scheduler = distributed, scheduler
+        self.deaths, self.scheduler = (distributed.scheduler.KilledWorker,), scheduler
         self.quiet = contextlib.ExitStack()
         _check_scheduler(distributed, scheduler)
         # A scheduler that is lost is told in one line, here; the client would log a traceback for each of its connections.
@@ -227,56 +182,41 @@ class _Dask(Executor):
         try:
             self.client = distributed.Client(scheduler, timeout=CONNECT_S, set_as_default=False)
             self.client.wait_for_workers(1, timeout=WORKERS_S)
-        except (OSError, TimeoutError, ValueError) as error:
+        except BaseException as error:
             self.close(finished=False)
-            raise InputError(f"dask scheduler {scheduler!r}: {' '.join(str(error).split())}") from None
-        except BaseException:
-            self.close(finished=False)
+            if isinstance(error, OSError | TimeoutError | ValueError):
+                raise InputError(f"dask scheduler {scheduler!r}: {' '.join(str(error).split())}") from None
             raise
-        # Each future is watched once. `distributed.wait` would watch all that are in flight again for each that ends.
-        self.ended = distributed.as_completed(loop=self.client.loop)
+        # Not pure: a cluster may still know the result that an earlier version of the study gave.
+        self.pool = self.client.get_executor(pure=False, retries=RETRIES)
         self.counted_at = -COUNT_S
         self.window()
-
-    @contextlib.contextmanager
-    def _detect_loss(self) -> Iterator[None]:
-        try:
-            yield
-        except Exception as error:
-            lost = (OSError, TimeoutError, self.distributed.client.FutureCancelledError)
-            if isinstance(error, lost) or self.client.status != "running":
-                raise SchedulerLostError(f"dask scheduler {self.scheduler!r}: the connection is lost") from None
-            raise
 
     def window(self) -> int:
         # Workers of a cluster come and go. The answer names each of them, so that it is not asked for with every task.
         if time.monotonic() - self.counted_at >= COUNT_S:
-            with self._detect_loss():
+            try:
                 self.jobs = max(1, sum(self.client.nthreads().values()))
+            except (OSError, TimeoutError):
+                raise self._lose_scheduler() from None
             self.counted_at = time.monotonic()
         return PER_WORKER * self.jobs
 
-    def submit(self, task: Task) -> Any:
-        with self._detect_loss():
-            # Not pure: a cluster may still know the result that an earlier version of the study gave.
-            future = self.client.submit(self.run, task, pure=False, retries=RETRIES)
-            self.ended.add(future)
+    def submit(self, task: Task) -> Future[Result]:
+        future: Future[Result] = self.pool.submit(self.run, task)
         return future
 
-    def wait(self, futures: Collection[Any]) -> Iterable[Any]:
-        done: Iterable[Any] = self.ended.next_batch()
-        return done
-
-    def result(self, future: Any) -> Result | None:
+    def results(self, tasks: Iterable[Task], alone: bool = False) -> Iterator[tuple[Task, Result | None]]:
         try:
-            # An error of the task itself may be of the kinds that a lost connection has.
-            with contextlib.nullcontext() if future.status == "error" else self._detect_loss():
-                result: Result = future.result()
-            return result
-        except self.distributed.scheduler.KilledWorker:
-            return None
-        finally:
-            future.release()
+            yield from super().results(tasks, alone)
+        except Exception as error:
+            # A client that loses its scheduler cancels all tasks.
+            if isinstance(error, CancelledError) or self.client.status != "running":
+                raise self._lose_scheduler() from None
+            raise
+
+    def _lose_scheduler(self) -> SchedulerLostError:
+        return SchedulerLostError(f"dask scheduler {self.scheduler!r}: the connection is lost")
 
     def close(self, finished: bool) -> None:
         with self.quiet:
@@ -284,30 +224,16 @@ class _Dask(Executor):
                 self.client.close()
 
 
-def call_all(calls: Sequence[Callable[[], T]], jobs: int, done: Callable[[int], None] = lambda count: None) -> list[T]:
-    """Make independent calls, in worker processes if there are several; their results, in the order of the calls.
+def _check_scheduler(distributed: Any, address: str) -> None:
+    """Shake hands with a scheduler; a client that meets none would log, and wait once more when it is thrown away."""
 
-    Parameters
-    ----------
-    calls : partials of functions that a worker can import, the longest first
-    jobs : worker processes
-    done : told of each call that has ended
-    """
-    call: Any = _call  # in place of the function that runs the cases of a study
-    workers = open_backend("loky" if jobs > 1 else "serial", call, jobs)
-    found: dict[int, Any] = {}
-    try:
-        numbered: Any = enumerate(calls)  # in place of the tasks of a study
-        ended: Iterator[Any] = workers.results(numbered)
-        for (place, _), result in ended:
-            found[place] = result
-            done(1)
-    finally:
-        workers.close(len(found) == len(calls))
-    if any(result is None for result in found.values()):
-        raise GyrocalError("a worker process was killed; run the same command again, with fewer --jobs if memory was short")
-    return [found[place] for place in range(len(calls))]
+    async def shake() -> None:
+        comm = await distributed.comm.connect(address, timeout=CONNECT_S)
+        await comm.close()
 
-
-def _call(task: tuple[int, Callable[[], T]]) -> T:
-    return task[1]()
+    # In a thread of its own: where there is an event loop, as in a notebook, no second one may run.
+    with ThreadPoolExecutor(1) as thread:
+        error = thread.submit(lambda: asyncio.run(asyncio.wait_for(shake(), CONNECT_S))).exception()
+    if error:  # a port of something else answers anything
+        fault = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"dask scheduler {address!r}: {fault}; give it as tcp://HOST:PORT, and see that it runs")

@@ -1,8 +1,7 @@
-"""Running cases: what a worker does with a range of case numbers.
+"""Running cases: a worker is handed a `Task` and hands back a `Result`, all of it plain text and numbers.
 
-A worker is handed a `Task`, all of it plain text and numbers, and hands back a `Result`: the rows, and a record of what
-happened, since a worker's log and warnings would be seen by nobody. A case that raises is a row with its error, and a traceback
-in the record.
+A case that raises is a row with its error, and a traceback in the result. A worker's warnings, which nobody would see, are
+counted.
 """
 
 import threading
@@ -19,7 +18,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from studies.montecarlo.provenance import describe_provenance
+from studies.montecarlo.manifest import describe_provenance
 from studies.montecarlo.study import DISPERSED, RESERVED, Streams, Study, StudyConfig, draw_case_values, find
 
 LONGEST_ERROR = 500  # characters of an error in a row
@@ -33,15 +32,7 @@ ONE_AT_A_TIME = threading.Lock()
 
 @dataclass(frozen=True)
 class Task:
-    """Cases to run.
-
-    Attributes
-    ----------
-    study : name of the study
-    config : its resolved configuration as JSON
-    cases : numbers of the cases
-    folder : where the study's module is, if it is a single file; else empty
-    """
+    """Cases to run: name of the study, its resolved configuration as JSON, case numbers, folder of a study that is a file."""
 
     study: str
     config: str
@@ -51,16 +42,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Result:
-    """What became of a task.
-
-    Attributes
-    ----------
-    rows : of its cases; a failed case is one with its error
-    tracebacks : text for each failed case's file
-    cpu_s : CPU time of the cases
-    warnings : how often each warning was given
-    made_with : the worker's `describe_provenance`; None if it died
-    """
+    """What became of a task: its rows, failed cases with tracebacks, CPU time, warnings, and what the worker is made with."""
 
     rows: list[dict[str, Any]]
     tracebacks: dict[int, str]
@@ -76,14 +58,10 @@ class Result:
 
 @contextmanager
 def run_single_threaded() -> Iterator[Counter[str]]:
-    """Make the process the same wherever a case runs: one BLAS thread, and warnings counted.
+    """Make the process the same wherever a case runs: one BLAS thread, and warnings counted; yields how often each was given.
 
-    With more threads BLAS may split a sum otherwise, and bits differ. Warnings are neither shown nor turned into errors by
-    whatever filter the process has: a warning that is an error in one place would be a failed case there.
-
-    Yields
-    ------
-    how often each warning was given
+    With more threads BLAS may split a sum otherwise, and bits differ. A warning that a filter of the process turned into an
+    error would be a failed case in this place alone.
     """
     messages: Counter[str] = Counter()
 

@@ -12,8 +12,7 @@ Every sampler yields one number u of (0, 1) per case and path, and the distribut
 draw. Each path has its own one-dimensional sequence, so that one more dispersion changes none of the others:
 
 - ``random``: u from the case's stream "dispersions/<path>".
-- ``lhs``: Latin hypercube. A hypercube of d dimensions is d independent stratified permutations of the cases, and each path
-  has its own. The only sampler whose rows depend on the number of cases.
+- ``lhs``: Latin hypercube, for each path a stratified permutation of the cases. Rows depend on the number of cases.
 - ``sobol``: dimension k of a Sobol sequence for the k-th path declared, each with its own scrambling. Two entropies scramble
   the same sequence: their estimates are independent, but case i of the one is not independent of case i of the other.
 
@@ -108,13 +107,7 @@ Dispersion = Annotated[Normal | Uniform | LogUniform, Field(discriminator="kind"
 
 
 class Correlation(BaseModel):
-    """Gaussian copula of some dispersions.
-
-    Attributes
-    ----------
-    paths : of the scenario values
-    matrix : their correlations, those of normal numbers
-    """
+    """Gaussian copula of the dispersions of some paths, with the correlation matrix of normal numbers."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -175,13 +168,7 @@ def _generate_sobol(entropy: int, path: str, dimension: int, block: int) -> Arra
 
 
 def get_scenario_value(scenario: Scenario, path: str) -> float:
-    """The number at a dotted path of a scenario.
-
-    Raises
-    ------
-    InputError
-        There is none.
-    """
+    """The number at a dotted path of a scenario; `InputError` if there is none."""
     place: Any = scenario
     for key in path.split("."):
         if isinstance(place, BaseModel) and key in type(place).model_fields:
@@ -196,13 +183,9 @@ def get_scenario_value(scenario: Scenario, path: str) -> float:
 
 
 def check(dispersions: Mapping[str, Dispersion], scenario: Scenario, correlations: Sequence[Correlation] = ()) -> None:
-    """Refuse dispersions that could not act on the scenario, and correlations of what is not dispersed.
+    """Raise `InputError` if a dispersion cannot act on the scenario, or a correlated path is not dispersed or stands twice.
 
-    Raises
-    ------
-    InputError
-        A path leads to no number, a factor has a zero to multiply, or the scenario is invalid with every draw at its median. A
-        correlated path is not dispersed or stands twice.
+    The scenario must be valid with every draw at its median.
     """
     correlated = [path for group in correlations for path in group.paths]
     for path in correlated:
@@ -213,45 +196,20 @@ def check(dispersions: Mapping[str, Dispersion], scenario: Scenario, correlation
     for path, dispersion in dispersions.items():
         if dispersion.mode == "factor" and get_scenario_value(scenario, path) == 0:
             raise InputError(f'dispersions: {path}: a factor leaves its value, 0, as it is; use mode = "offset"')
-    override(scenario, evaluate_at_shares(dispersions, scenario, repeat(0.5)))
+    override(scenario, _evaluate_at_shares(dispersions, scenario, repeat(0.5)))
 
 
-def draw_values(
-    dispersions: Mapping[str, Dispersion],
-    scenario: Scenario,
-    sampler: Sampler,
-    correlations: Sequence[Correlation] = (),
-    *,
-    entropy: int,
-    case: int,
-    cases: int,
-) -> dict[str, float]:
-    """Draw the dispersed values of a scenario in one case, by path.
-
-    Parameters
-    ----------
-    dispersions : distribution by path
-    scenario : the scenario before the draws
-    sampler : how the space of the draws is covered
-    correlations : of the draws
-    entropy : seed of the study
-    case : number of the case, 0 ≤ case < cases
-    cases : number of cases of the study
-    """
-    shares = draw_uniforms(tuple(dispersions), sampler, entropy=entropy, case=case, cases=cases)
-    return evaluate_at_shares(dispersions, scenario, correlate_shares(tuple(dispersions), shares, correlations))
-
-
-def correlate_shares(paths: Sequence[str], shares: Iterable[float], correlations: Sequence[Correlation]) -> list[float]:
-    """The numbers of (0, 1) of all paths, those of each group correlated."""
-    by_path = dict(zip(paths, shares, strict=True))
-    for group in correlations:
+def draw_values(config: Any, scenario: Scenario, case: int) -> dict[str, float]:
+    """Draw the dispersed values of a scenario in one case of a study's configuration, by path."""
+    paths, counts = tuple(config.dispersions), {"entropy": config.entropy, "case": case, "cases": config.cases}
+    by_path = dict(zip(paths, draw_uniforms(paths, config.sampler, **counts), strict=True))
+    for group in config.correlations:
         mixed = group.correlate(np.array([by_path[path] for path in group.paths]))
         by_path |= dict(zip(group.paths, mixed.tolist(), strict=True))
-    return list(by_path.values())
+    return _evaluate_at_shares(config.dispersions, scenario, by_path.values())
 
 
-def evaluate_at_shares(dispersions: Mapping[str, Dispersion], scenario: Scenario, shares: Iterable[float]) -> dict[str, float]:
+def _evaluate_at_shares(dispersions: Mapping[str, Dispersion], scenario: Scenario, shares: Iterable[float]) -> dict[str, float]:
     """Evaluate the dispersed values, each at a share of its distribution, in the order of the dispersions."""
     return {
         path: dispersion.apply_draw(dispersion.quantile(share), get_scenario_value(scenario, path))

@@ -6,8 +6,9 @@
 Case i draws from children of ``SeedSequence(entropy, spawn_key=(i,))`` alone, so its row is the same on every backend,
 resumed, or repeated by `rerun`, bit for bit. The folder of a study holds
 
-- ``manifest.json``: configuration, hashes of it and of the source code, versions, machine, seeds, backend, times, failures
-- ``parts/``: the rows of each finished chunk (`studies.montecarlo.store`); what makes a study resumable
+- ``manifest.json``: configuration, hashes of it and of the source code, versions, machine, seeds, backend, times, failures. It
+  is written when a run starts and when it ends
+- ``parts/``: the rows of finished cases (`studies.montecarlo.store`); what makes a study resumable
 - ``failures/``: a traceback for each failed case
 - ``cases/``: recordings of single cases, on demand
 - ``table.parquet``: all rows in the order of the cases, once all are there
@@ -15,12 +16,14 @@ resumed, or repeated by `rerun`, bit for bit. The folder of a study holds
 A case that raises or kills its worker is a row with its error; everything else goes on.
 """
 
+import fcntl
 import json
 import logging
-import shutil
+import os
+import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,43 +33,40 @@ from pydantic import ValidationError
 
 from gyrocal import save
 from gyrocal.errors import GyrocalError, InputError
-from studies.montecarlo.backends import Executor, Name, open_backend
-from studies.montecarlo.cases import Task, run_cases, run_single_threaded
-from studies.montecarlo.manifest import WORK, hash_bytes, write_manifest
-from studies.montecarlo.provenance import describe_provenance, list_changes
-from studies.montecarlo.session import Session, StudyInterrupted, handle_stop_signals, open_study_folder, read_study_manifest
-from studies.montecarlo.stopping_rule import StoppingRule, list_checkpoints
-from studies.montecarlo.store import Parts, build_table
+from studies.montecarlo.backends import Executor, Name, SchedulerLostError, open_backend
+from studies.montecarlo.cases import Result, Task, build_killed_result, merge_results, run_cases, run_single_threaded
+from studies.montecarlo.criteria import StoppingRule, list_checkpoints
+from studies.montecarlo.files import write_bytes
+from studies.montecarlo.manifest import (
+    MANIFEST,
+    collect_versions,
+    describe_provenance,
+    list_changes,
+    write_manifest,
+)
+from studies.montecarlo.store import ANOTHER_FOLDER, PartInfo, Parts, build_table
 from studies.montecarlo.study import (
+    GridConfig,
     Streams,
     Study,
     StudyConfig,
     find,
     find_study_folder,
     hash_config,
-    is_extendable,
     resolve_config,
 )
 
-__all__ = [
-    "Name",
-    "Outcome",
-    "Rerun",
-    "Streams",
-    "Study",
-    "StudyConfig",
-    "StudyInterrupted",
-    "rerun",
-    "run",
-    "show_no_progress",
-]
-
 logger = logging.getLogger(__name__)
 
-LARGEST_CHUNK = 64  # cases
-CHUNKS = 128  # that a study has at least, if it has so many cases
+SEED_FORMULA = "SeedSequence(entropy, spawn_key=(case, *name.encode()))"
 
 Display = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
+
+
+class StudyInterrupted(GyrocalError):  # noqa: N818  # an event, not a fault
+    """Ctrl-C stopped the study; the message says how far it is and that the same command resumes it."""
+
+    exit_status = 130  # as shells have it
 
 
 @dataclass(frozen=True)
@@ -75,14 +75,11 @@ class Outcome:
 
     Attributes
     ----------
-    folder : of the study
-    table : its table, a Parquet file
-    cases : number of cases
-    resumed : of them, those found finished in the folder
+    folder, table : of the study, and its table, a Parquet file
+    cases, resumed : number of cases, and of those found finished in the folder
     failures : error of each failed case
     warnings : how often each warning was given in this run
-    wall_s : duration of this run
-    cpu_s : CPU time of all cases, in whatever run they were computed
+    wall_s, cpu_s : duration of this run, and CPU time of all cases, in whatever run they were computed
     manifest : what the folder's manifest says, without the files
     """
 
@@ -111,24 +108,17 @@ class Outcome:
         resumed = f" ({self.resumed} of them from an earlier run)" if self.resumed else ""
         kinds = Counter(error.partition(":")[0] for error in self.failures.values())
         which = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(3))
-        failed = (
-            f", {len(self.failures)} failed ({which}; see {self.folder / 'failures'})" if self.failures else ", none failed"
-        )
+        failed = f"{len(self.failures)} failed ({which}; see {self.folder / 'failures'})" if self.failures else "none failed"
         until = self.manifest.get("until")
         met = f", {until['asked']} is {'met' if until['met'] else 'NOT met'}: {until['half_width']:.3g}" if until else ""
-        return f"{self.cases} cases{resumed}{failed}{met}; {self.wall_s:.1f} s, {self.cpu_s:.1f} s of CPU"
+        return f"{self.cases} cases{resumed}, {failed}{met}; {self.wall_s:.1f} s, {self.cpu_s:.1f} s of CPU"
 
 
 @dataclass(frozen=True)
 class Rerun:
-    """A case repeated.
+    """A case repeated: its rows, traceback if it failed, folder of its recording if the study keeps one.
 
-    Attributes
-    ----------
-    rows : its rows
-    traceback : of its failure; empty if it succeeded
-    recording : folder with its recording; None if the study keeps none
-    same : whether the rows are those of the study in the folder, bit for bit; None if that has no such case
+    `same` is whether the rows are those of the study in the folder, bit for bit; None if that has no such case.
     """
 
     rows: pd.DataFrame
@@ -150,12 +140,10 @@ def run(
     backend: Name = "loky",
     jobs: int | None = None,
     scheduler: str | None = None,
-    chunk: int | None = None,
     progress: Display = show_no_progress,
     keep: Collection[int] = (),
     retry_failed: bool = False,
     until: StoppingRule | None = None,
-    mix: bool = False,
 ) -> Outcome:
     """Run a study, or what is left of it, and write its table.
 
@@ -163,160 +151,64 @@ def run(
     ----------
     study : what to run
     config : its configuration
-    folder : where it is written; if it holds a part of the same study, that is resumed, and if it holds the same study with
-        fewer cases, only the others are computed
+    folder : where it is written; if it holds a part of the same study, that is resumed
     backend : where the cases run, see `studies.montecarlo.backends`
     jobs : workers; by default as many as there are cores
     scheduler : address of a dask scheduler
-    chunk : cases that are handed out and stored together; changes nothing in the table
     progress : (label, cases left) to a context with a function that is told how many more have ended; for example
         ``functools.partial(studies.report.console.show_progress, console)``
     keep : cases whose recordings are kept
     retry_failed : run failed cases of earlier runs again
     until : stop as soon as this is met; the configuration's number of cases is then the most there may be
-    mix : let rows stand beside those of an earlier run with other source code, or on another machine
 
     Raises
     ------
     InputError
-        The configuration cannot be used, the folder holds another study or rows that were made otherwise, or it cannot be
-        written (`StorageError`).
-    Interrupted
-        Ctrl-C, SIGTERM or SIGHUP; what has ended is kept.
+        The configuration cannot be used, or the folder holds another study or rows that were made otherwise.
+    StudyInterrupted
+        Ctrl-C; what has ended is kept.
     """
     task_for, ready = _prepare(study, config)
     if keep and study.recording is None:
         raise InputError(f"study {study.name}: has no recordings to keep")
     for case in keep:
         _check_case(config, case)
-    if until and not is_extendable(study, ready):
-        raise InputError(f"study {study.name}: --until needs rows that do not depend on the number of cases")
+    if until and (isinstance(ready, GridConfig) or (ready.sampler == "lhs" and ready.dispersions)):
+        raise InputError(f"study {study.name}: --until needs cases of which the first ones are a sample, not a grid or lhs")
     folder = Path(folder)
-    with open_study_folder(folder), handle_stop_signals():
-        document = describe_configuration(study, config)
-        earlier = _load_earlier_manifest(document, folder)
-        document["chunk"] = _choose_chunk_size(config.cases, chunk, earlier, folder)
-        parts = Parts(folder, config.cases, document["chunk"], document["config_sha256"])
-        session = Session(parts, task_for, document, earlier, backend, describe_provenance(study), mix)
+    with open_study_folder(folder):
+        about = _describe_configuration(study, config)
+        earlier = _load_earlier_manifest(about, folder)
+        parts = Parts(folder, config.cases, about["config_sha256"])
+        about |= {**collect_versions(["distributed"] if backend == "dask" else []), "backend": backend, "jobs": None}
+        session = _Session(parts, about, earlier, describe_provenance(study))
         missing = session.find_missing_cases(retry_failed)
         resumed = session.done
         table = folder / "table.parquet"
         with session.record_ending():
             session.write("running")
             if missing:
-                with run_single_threaded() as messages, _open_executor(backend, jobs, scheduler) as workers:
-                    try:
-                        with progress(study.name, sum(map(len, missing))) as advance:
-                            _finish(session, workers, missing, advance, until)
-                    finally:
-                        session.run["jobs"] = workers.jobs
+                workers = open_backend(backend, run_cases, jobs, scheduler)
+                with run_single_threaded() as messages, workers, progress(study.name, sum(map(len, missing))) as advance:
+                    session.finish(workers, task_for, missing, advance, until)
                 session.count(messages)
-            elif until:
-                _finish(session, None, missing, lambda count: None, until)
+            else:
+                session.finish(None, task_for, missing, lambda count: None, until)
             for case in keep:
                 _keep(study, ready, case, folder)
-            session.parts.write_table(table)
+            parts.write_table(table, session.cases)
             manifest = session.write("complete")
     return Outcome(
         folder=folder,
         table=table,
-        cases=manifest["cases"],
-        resumed=min(resumed, manifest["cases"]),
+        cases=session.cases,
+        resumed=min(resumed, session.cases),
         failures=dict(sorted(session.failures.items())),
         warnings=dict(session.warnings),
         wall_s=session.wall_s,
         cpu_s=session.cpu_s,
         manifest=manifest,
     )
-
-
-def _finish(
-    session: Session, workers: Executor | None, missing: list[range], advance: Callable[[int], None], until: StoppingRule | None
-) -> None:
-    """Run the missing cases, or as many as the criterion asks for; the study ends with these."""
-    parts = session.parts
-    for stop in list_checkpoints(parts.cases, parts.chunk) if until else [parts.cases]:
-        now = [cases for cases in missing if cases.stop <= stop]
-        missing = missing[len(now) :]
-        if workers and now:
-            session.finish(workers, now, advance)
-        if until is None:
-            return
-        width = until.half_width(parts.values(until.column, stop))
-        session.about["until"] = {"asked": str(until), "half_width": width, "met": width < until.limit}
-        if width < until.limit:
-            session.end_at(stop)
-            return
-
-
-def _load_earlier_manifest(document: Mapping[str, Any], folder: Path) -> dict[str, Any] | None:
-    """Manifest of the same study in the folder, with as many cases or fewer; None if there is none.
-
-    Raises
-    ------
-    InputError
-        The folder holds another study, or one that cannot be continued.
-    """
-    found = read_study_manifest(folder)
-    if found is None:
-        return None
-    before, cases = found["cases"], document["cases"]
-    if found["config_sha256"] == document["config_sha256"] and before <= cases:
-        return found
-    settings = ({"study": one.get("study"), **one.get("config", {}), "cases": None} for one in (found, document))
-    scenarios = ({"scenario": one.get("scenario")} for one in (found, document))
-    why = "it cannot have fewer" if before > cases else "its rows depend on the number of cases"
-    number = f"cases: {before} → {cases}, and {why}" if before != cases else "the order of the dispersions"
-    what = list_changes(*settings) or list_changes(*scenarios) or number
-    raise InputError(f"{folder}: holds a study with another configuration ({what}); choose another folder")
-
-
-def _choose_chunk_size(cases: int, wanted: int | None, earlier: Mapping[str, Any] | None, folder: Path) -> int:
-    """Cases of a chunk: what the folder's parts have, else what is wanted, else what suits the number of cases.
-
-    Raises
-    ------
-    InputError
-        The folder's parts are of another size, or the size is not positive.
-    """
-    if wanted is not None and wanted < 1:
-        raise InputError(f"chunk {wanted}: must be at least one case")
-    if earlier is None:
-        return wanted or min(LARGEST_CHUNK, -(-cases // CHUNKS))
-    if wanted not in (None, earlier["chunk"]):
-        raise InputError(f"{folder}: its parts hold {earlier['chunk']} cases each, not {wanted}; leave --chunk out to resume")
-    return int(earlier["chunk"])
-
-
-def get_work_folder(folder: Path, study: Study, config: StudyConfig) -> Path:
-    """Return the folder of a study whose rows are not kept, inside the folder of its output.
-
-    Of each configuration, source code and machine its own, so that what another one left unfinished is never in the way.
-    """
-    made = [hash_config(study, resolve_config(config)), config.cases, describe_provenance(study)]
-    return Path(folder) / WORK / hash_bytes(json.dumps(made, sort_keys=True).encode())[:12]
-
-
-def finish_folder(outcome: Outcome, folder: Path, **about: Any) -> None:
-    """Write the manifest of what was made of a study's rows, and remove the `get_work_folder` of the folder.
-
-    Parameters
-    ----------
-    outcome : of the study
-    folder : every result in it is hashed
-    about : what the manifest says differently from the study's own, as plain values
-    """
-    write_manifest(folder, outcome.manifest | about)
-    shutil.rmtree(Path(folder) / WORK)
-
-
-def load_stored_config(study: Study, folder: Path) -> StudyConfig | None:
-    """Configuration of the study that a folder holds, as it was given; None without one that this study can have."""
-    found = read_study_manifest(folder)
-    try:
-        return study.config.model_validate_json(json.dumps(found["config"])) if found else None
-    except (KeyError, ValidationError):
-        return None
 
 
 def rerun(study: Study, config: StudyConfig, case: int, folder: Path) -> Rerun:
@@ -335,17 +227,36 @@ def rerun(study: Study, config: StudyConfig, case: int, folder: Path) -> Rerun:
     task_for, ready = _prepare(study, config)
     _check_case(config, case)
     folder = Path(folder)
-    document = describe_configuration(study, config)
-    manifest = _load_earlier_manifest(document, folder)
+    about = _describe_configuration(study, config)
+    earlier = _load_earlier_manifest(about, folder)
     # First, since the case may end this process.
     recording = _keep(study, ready, case, folder) if study.recording else None
     result = run_cases(task_for(range(case, case + 1)))
     rows = build_table(result.rows).to_pandas()
-    same = None
-    if manifest:
-        before = Parts(folder, config.cases, manifest["chunk"], document["config_sha256"]).read_case_rows(case)
-        same = None if before is None else _is_same_table(before, rows)
-    return Rerun(rows, result.tracebacks.get(case, ""), recording, same)
+    before = Parts(folder, config.cases, about["config_sha256"]).read_case_rows(case) if earlier else None
+    return Rerun(rows, result.tracebacks.get(case, ""), recording, None if before is None else _is_same_table(before, rows))
+
+
+def load_stored_config(study: Study, folder: Path) -> StudyConfig | None:
+    """Configuration of the study that a folder holds, as it was given; None without one that this study can have."""
+    found = read_study_manifest(folder)
+    try:
+        return study.config.model_validate_json(json.dumps(found["config"])) if found else None
+    except (KeyError, ValidationError):
+        return None
+
+
+def read_study_manifest(folder: Path) -> dict[str, Any] | None:
+    """Manifest of the study in a folder, None if there is none; `InputError` if it is none of a study."""
+    path = folder / MANIFEST
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+        _ = manifest["config_sha256"], range(manifest["cases"])
+    except FileNotFoundError:
+        return None
+    except (ValueError, KeyError, TypeError, RecursionError):
+        raise InputError(f"{path}: is not the manifest of a Monte Carlo study; choose another folder") from None
+    return dict(manifest)
 
 
 def _prepare(study: Study, config: StudyConfig) -> tuple[Callable[[range], Task], StudyConfig]:
@@ -365,15 +276,32 @@ def _check_case(config: StudyConfig, case: int) -> None:
         raise InputError(f"case {case}: the study has the cases 0 to {config.cases - 1}")
 
 
-def describe_configuration(study: Study, config: StudyConfig) -> dict[str, Any]:
+def _describe_configuration(study: Study, config: StudyConfig) -> dict[str, Any]:
     """Describe a study for the manifest: its configuration as given, the resolved scenario, and the hash of both."""
     ready = resolve_config(config)
     given = config.model_dump(mode="json")
     if not isinstance(config.scenario, str):
         given["scenario"] = config.scenario.title
     scenario = ready.model_dump(mode="json")["scenario"]
-    sha256 = hash_config(study, ready)
-    return {"study": study.name, "config": given, "scenario": scenario, "config_sha256": sha256, "cases": config.cases}
+    return {"study": study.name, "config": given, "scenario": scenario, "config_sha256": hash_config(study, ready)}
+
+
+def _load_earlier_manifest(about: Mapping[str, Any], folder: Path) -> dict[str, Any] | None:
+    """Manifest of the same study in the folder, None if there is none; `InputError` if it is of another study."""
+    found = read_study_manifest(folder)
+    if found is None or not (what := list_changes(*map(_identify_study, (found, about)))):
+        return found
+    settings = ({"study": one.get("study"), **one.get("config", {})} for one in (found, about))
+    raise InputError(
+        f"{folder}: holds a study with another configuration ({list_changes(*settings) or what}); {ANOTHER_FOLDER}"
+    )
+
+
+def _identify_study(about: Mapping[str, Any]) -> dict[str, Any]:
+    """What the rows depend on: the scenario's content in place of its name or path, and the order of the dispersions."""
+    config = {name: value for name, value in about.get("config", {}).items() if name not in ("scenario", "overrides")}
+    order = list(config.get("dispersions", {}))
+    return {"study": about.get("study"), **config, "scenario": about.get("scenario"), "order of dispersions": order}
 
 
 def _is_same_table(before: pd.DataFrame, now: pd.DataFrame) -> bool:
@@ -399,11 +327,164 @@ def _keep(study: Study, config: StudyConfig, case: int, folder: Path) -> Path | 
 
 
 @contextmanager
-def _open_executor(name: Name, jobs: int | None, scheduler: str | None) -> Iterator[Executor]:
-    backend = open_backend(name, run_cases, jobs, scheduler)
-    finished = False
-    try:
-        yield backend
-        finished = True
-    finally:
-        backend.close(finished)
+def open_study_folder(folder: Path) -> Iterator[None]:
+    """Make the folder and hold it for this run, or raise `InputError`; the lock ends with the process, however that ends."""
+    folder.mkdir(parents=True, exist_ok=True)
+    # Neither through a link nor emptying what is there: nothing is written to it.
+    with os.fdopen(os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666), "w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InputError(f"{folder}: another run is at work in this folder; wait for it or choose another folder") from None
+        yield
+
+
+class _Session:
+    """One run of a study in its folder: what the manifest says of it, what is done, and what failed."""
+
+    def __init__(self, parts: Parts, about: Mapping[str, Any], earlier: Mapping[str, Any] | None, made_with: Any) -> None:
+        self.parts, self.before, self.made_with, self.cases = parts, earlier or {}, made_with, parts.cases
+        self.begun = time.monotonic()
+        self.about = {**about, **made_with}
+        self.done, self.cpu_s = 0, 0.0
+        self.failures: dict[int, str] = {}
+        self.warnings: Counter[str] = Counter()
+
+    def count(self, warnings: Mapping[str, int]) -> None:
+        """Add to the run's warnings; each is logged when it is first met."""
+        for text in warnings:
+            if text not in self.warnings:
+                logger.warning(text)
+        self.warnings.update(warnings)
+
+    def find_missing_cases(self, retry_failed: bool) -> list[range]:
+        """The cases that are still to be computed, part by part."""
+        self.parts.remove_temporary()
+        missing = []
+        for cases in self.parts.list_ranges():
+            info = self.parts.inspect(cases)
+            if isinstance(info, str):
+                self.count({f"{self.parts.path(cases.start)} is damaged ({info}) and is computed again": 1})
+            if not isinstance(info, PartInfo) or (retry_failed and info.failures):
+                missing.append(cases)
+            else:
+                self._add(cases, *info)
+        if self.done and self.before:
+            self._check_provenance(bool(missing))
+        return missing
+
+    def _check_provenance(self, more: bool) -> None:
+        """Refuse finished rows of other source code, and more rows than those on another machine."""
+        before = {name: self.before.get(name) for name in self.made_with}
+        elsewhere = list_changes(before["machine"] or {}, self.made_with["machine"])
+        if before["source_sha256"] != self.made_with["source_sha256"]:
+            how = "before the source code changed"
+        elif elsewhere and more:
+            how = f"elsewhere ({elsewhere})"
+        else:
+            self.about |= before  # a run that makes no rows leaves what made them
+            return
+        raise InputError(f"{self.parts.folder}: {self.done} finished cases were computed {how}; {ANOTHER_FOLDER}")
+
+    def finish(
+        self,
+        workers: Executor | None,
+        task_for: Callable[[range], Task],
+        missing: list[range],
+        advance: Callable[[int], None],
+        until: StoppingRule | None,
+    ) -> None:
+        """Run the missing cases, or as many as the criterion asks for; the study ends with these."""
+        for stop in list_checkpoints(self.cases, self.parts.size) if until else [self.cases]:
+            now = [cases for cases in missing if cases.stop <= stop]
+            missing = missing[len(now) :]
+            if workers and now:
+                self._run_cases(workers, task_for, now, advance)
+            if until is None:
+                return
+            table, columns = self.parts.table(stop), list(dict.fromkeys(["case", "error", until.column]))
+            width = until.half_width((table.select(columns) if until.column in table.column_names else table).to_pandas())
+            self.about["until"] = {"asked": str(until), "half_width": width, "met": width < until.limit}
+            if width < until.limit:
+                self.cases = self.done = stop
+                self.failures = {case: error for case, error in self.failures.items() if case < stop}
+                return
+
+    def _run_cases(
+        self, workers: Executor, task_for: Callable[[range], Task], missing: list[range], advance: Callable[[int], None]
+    ) -> None:
+        """Run cases; those of a task whose worker died are run again, each alone."""
+        died = []
+        try:
+            for task, result in workers.results(map(task_for, missing)):
+                if result is None:
+                    died.append(task)
+                else:
+                    self._store(task.cases, result)
+                    advance(len(task.cases))
+            for task in died:
+                singles = [task_for(range(case, case + 1)) for case in task.cases]
+                alone = (result or build_killed_result(single) for single, result in workers.results(singles, alone=True))
+                self._store(task.cases, merge_results(alone))
+                advance(len(task.cases))
+        finally:
+            self.about["jobs"] = workers.jobs
+
+    def _store(self, cases: range, result: Result) -> None:
+        """Store a part; its tracebacks first, so that a part that is there is complete."""
+        if result.made_with not in (None, self.made_with):
+            differs = list_changes(self.made_with["machine"], result.made_with["machine"]) or "its source code"
+            raise InputError(f"a worker differs ({differs}); make them alike")
+        for case in cases:
+            path = self.parts.folder / "failures" / f"case-{case:06d}.txt"
+            if case in result.tracebacks:
+                write_bytes(path, result.tracebacks[case].encode())
+            else:
+                path.unlink(missing_ok=True)  # it failed in an earlier run
+        self.parts.write(cases, result.rows, result.cpu_s)
+        self._add(cases, result.failures, result.cpu_s)
+        self.count(result.warnings)
+
+    def _add(self, cases: range, failures: Mapping[int, str], cpu_s: float) -> None:
+        self.done += len(cases)
+        self.failures.update(failures)
+        self.cpu_s += cpu_s
+
+    @property
+    def wall_s(self) -> float:
+        """Elapsed time of the run, s."""
+        return time.monotonic() - self.begun
+
+    def write(self, status: str) -> dict[str, Any]:
+        """Write the manifest, and return it without the hashes."""
+        document = self.about | {
+            "cases": self.cases,
+            "seeds": {"entropy": self.about["config"]["entropy"], "stream": SEED_FORMULA},
+            "status": status,
+            "wall_s": round(self.wall_s, 3),
+            "cpu_s": round(self.cpu_s, 3),
+            "done": self.done,
+            "failed": len(self.failures),
+            "failures": {str(case): self.failures[case] for case in sorted(self.failures)},
+            "warnings": dict(self.warnings),
+        }
+        write_manifest(self.parts.folder, document, complete=status == "complete")
+        return document
+
+    @contextmanager
+    def record_ending(self) -> Iterator[None]:
+        """Whatever ends the run early is written down, and said in one line if it is not the program's fault."""
+        try:
+            yield
+        except BaseException as error:
+            with suppress(OSError):  # a full disk must not hide how the run ended
+                self.write("interrupted")
+            safe = f"{self.done} of {self.parts.cases} cases are finished and kept in {self.parts.folder}"
+            if isinstance(error, KeyboardInterrupt):
+                raise StudyInterrupted(f"interrupted; {safe}; the same command resumes") from None
+            if isinstance(error, SchedulerLostError):
+                raise SchedulerLostError(f"{error}; {safe}; start it again there, and the same command resumes") from None
+            if isinstance(error, OSError):
+                where, why = error.filename or self.parts.folder, error.strerror or error
+                raise InputError(f"{where}: {why}; {safe}; the same command resumes") from None
+            raise

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gyrocal.errors import InputError
-from gyrocal.files import is_replaced, open_replacement
+from gyrocal.files import open_replacement
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,26 +60,3 @@ def convert_to_plain(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         return convert_to_plain(value.tolist())
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def check_writable(path: Path | None) -> None:
-    """Say before the work, not after it, that a file cannot be written; None is no file.
-
-    Raises
-    ------
-    InputError
-        It is a folder, in a folder that does not exist, or without permission.
-    """
-    if path is None:
-        return
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; give the name of a file")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: no folder {path.parent}")
-    # A regular file is replaced, which its folder must allow; a device or a pipe is only written to.
-    try:
-        allowed = os.access(path.parent if is_replaced(path) else path, os.W_OK)
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from None
-    if not allowed or (path.exists() and not os.access(path, os.W_OK)):
-        raise InputError(f"{path}: cannot be written")

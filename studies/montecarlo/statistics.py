@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 SIGMA_LEVELS = {"68": 0.682689492137, "95": 0.954499736104, "99.7": 0.997300203937}  # 1, 2 and 3 sigma of a Gaussian
-CONSISTENT, OVER_CONFIDENT, UNDER_CONFIDENT = "consistent", "over-confident", "under-confident"
 
 
 @dataclass(frozen=True)
@@ -32,11 +31,6 @@ class Nees:
     def is_inside(self) -> bool:
         """Whether the mean lies within its bounds."""
         return self.lower <= self.value <= self.upper
-
-    @property
-    def verdict(self) -> str:
-        """Verdict of the mean on the covariance."""
-        return CONSISTENT if self.is_inside else OVER_CONFIDENT if self.value > self.upper else UNDER_CONFIDENT
 
 
 def compute_nees(errors: Array, covariances: Array) -> Array:
@@ -138,31 +132,6 @@ def summarise_distribution(samples: Array, flight: Array | None = None) -> pd.Da
         table["flight"] = flight
         table["flight_percentile"] = 100 * ((samples < flight).mean(axis=0) + 0.5 * (samples == flight).mean(axis=0))
     return table
-
-
-def summarise_with_flight(values: pd.Series, flight: float) -> dict[str, float]:
-    """Median and 5–95 % range of simulated values, the flight's, and the percentage of them below it; NaN if it did not fly."""
-    low, median, high = np.quantile(values, [0.05, 0.5, 0.95]) if len(values) else np.full(3, np.nan)
-    percentile = np.nan if np.isnan(flight) else 100 * float((values < flight).mean())
-    return {"median": median, "p05": low, "p95": high, "flight": flight, "flight_percentile": percentile}
-
-
-def fit_log_slope(x: ArrayLike, y: ArrayLike) -> float:
-    """Slope of log y over log x by least squares: the n of y ∝ xⁿ; NaN from fewer than two points above zero."""
-    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    good = (x > 0) & (y > 0)
-    return float(np.polyfit(np.log(x[good]), np.log(y[good]), 1)[0]) if good.sum() > 1 else float("nan")
-
-
-def find_level_crossing(x: ArrayLike, y: ArrayLike, level: float) -> float:
-    """Find the first x at which y rises through the level, interpolated in log x and log y; NaN if there is none."""
-    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    above = np.flatnonzero((y[:-1] < level) & (y[1:] >= level))
-    if above.size == 0:
-        return float("nan")
-    k = above[0]
-    share = np.log(level / y[k]) / np.log(y[k + 1] / y[k])
-    return float(x[k] * (x[k + 1] / x[k]) ** share)
 
 
 def compute_tolerance_interval(values: ArrayLike, content: float = 0.95, confidence: float = 0.95) -> Array:

@@ -19,7 +19,6 @@ path: a scenario file that changes, or that a worker could not read, can then no
 import hashlib
 import importlib
 import json
-import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -135,8 +134,7 @@ class Study:
 
     Attributes
     ----------
-    name : where to import it from, "module:attribute"
-    config : type of its configuration
+    name, config : where to import it from, "module:attribute"; type of its configuration
     case : (config, case, streams) to the case's row, or to several rows; values are numbers, truth values, text or None
     recording : (config, case, streams) to the recording the case works on, for a study whose recordings can be kept
     """
@@ -148,18 +146,7 @@ class Study:
 
 
 def find(name: str, folder: str = "") -> Study:
-    """The study of a name.
-
-    Parameters
-    ----------
-    name : module:attribute
-    folder : where else to look for the module
-
-    Raises
-    ------
-    InputError
-        It cannot be imported from there.
-    """
+    """The study of a name "module:attribute", also from another folder; `InputError` if it cannot be imported."""
     module, _, attribute = name.partition(":")
     if folder and folder not in sys.path:
         sys.path.append(folder)
@@ -182,17 +169,9 @@ def find_study_folder(study: Study) -> str:
 def load_config(study: Study, path: Path | None = None, changes: Mapping[str, Any] | None = None) -> Any:
     """Configuration of a study: its defaults, a TOML file over them, single values over both.
 
-    Parameters
-    ----------
-    study : the study
-    path : TOML file
-    changes : values of settings; of overrides and dispersions also by the path in the scenario, e.g.
-        ``{"cases": 50, "overrides.gyro.sample_s": 1.0, "dispersions.gyro.true_G.0.0": {"kind": "normal", "sigma": 1e-3}}``
-
-    Raises
-    ------
-    InputError
-        One line with every fault of the result.
+    Values of overrides and dispersions may be given by the path in the scenario, e.g.
+    ``{"cases": 50, "overrides.gyro.sample_s": 1.0, "dispersions.gyro.true_G.0.0": {"kind": "normal", "sigma": 1e-3}}``.
+    `InputError` with every fault in one line.
     """
     # Defaults that are replaced need not be valid, such as a folder that is not there.
     document = study.config.model_construct().model_dump(mode="json") | (read_toml(path) if path else {})
@@ -217,13 +196,7 @@ def load_config(study: Study, path: Path | None = None, changes: Mapping[str, An
 
 
 def resolve_config(config: Config) -> Config:
-    """The configuration with its scenario's content, overrides applied, in place of the scenario's name; checked.
-
-    Raises
-    ------
-    InputError
-        The scenario, an override or a dispersion cannot be used.
-    """
+    """The configuration with its scenario's content, overrides applied, in place of its name; `InputError` if it is no good."""
     scenario = load_base_scenario(config)
     dispersions.check(config.dispersions, scenario, config.correlations)
     return config.model_copy(update={"scenario": scenario, "overrides": {}})
@@ -231,23 +204,11 @@ def resolve_config(config: Config) -> Config:
 
 def hash_config(study: Study, config: StudyConfig) -> str:
     """SHA-256 of what a study's rows depend on, its name and resolved configuration, as canonical JSON."""
-    document = config.model_dump(mode="json") | {"cases": None if is_extendable(study, config) else config.cases}
+    document = config.model_dump(mode="json") | {"cases": config.cases}
     # Sorted keys must not hide the order of the dispersions, on which the Sobol dimensions depend.
     document["dispersions"] = list(document["dispersions"].items())
-    if not config.correlations:  # rows without them are those of a study from before there were any
-        del document["correlations"]
     text = json.dumps({"study": study.name, "config": document}, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def is_extendable(study: Study, config: StudyConfig) -> bool:
-    """Whether the rows of the first cases are the same however many follow.
-
-    They are not if the study's module reads the number of cases of a configuration, as in ``config.cases``.
-    """
-    stratified = config.sampler == "lhs" and config.dispersions
-    text = Path(str(sys.modules[study.name.partition(":")[0]].__file__)).read_text(encoding="utf-8")
-    return not (isinstance(config, GridConfig) or stratified or re.search(r"(?<![\w.])\w+\.cases\b", text))
 
 
 def load_base_scenario(config: StudyConfig) -> Scenario:
@@ -260,19 +221,11 @@ def draw_case_values(config: StudyConfig, case: int) -> dict[str, float]:
     """The scenario's dispersed values in one case, by path."""
     if not config.dispersions:
         return {}
-    sampling = {"entropy": config.entropy, "case": case, "cases": config.cases}
-    scenario = load_base_scenario(config)
-    return dispersions.draw_values(config.dispersions, scenario, config.sampler, config.correlations, **sampling)
+    return dispersions.draw_values(config, load_base_scenario(config), case)
 
 
 def dispersed(config: StudyConfig, case: int) -> Scenario:
-    """The scenario of one case, overrides and dispersions applied.
-
-    Raises
-    ------
-    InputError
-        The draws make no valid scenario.
-    """
+    """The scenario of one case, overrides and dispersions applied; `InputError` if the draws make no valid one."""
     drawn = draw_case_values(config, case)
     scenario = load_base_scenario(config)
     return scenarios.override(scenario, drawn) if drawn else scenario
@@ -299,9 +252,5 @@ def _simulate_cached_motion(scenario: Scenario) -> Motion:
 def observed(config: StudyConfig, case: int, streams: Streams) -> Recording:
     """The recording of one case: its scenario, dispersions applied, with noise from its own two streams."""
     scenario = dispersed(config, case)
-    return observe(
-        scenario,
-        simulate_case_motion(scenario),
-        gyro_rng=streams.generator("gyro_noise"),
-        reference_rng=streams.generator("reference_noise"),
-    )
+    gyro, reference = streams.generator("gyro_noise"), streams.generator("reference_noise")
+    return observe(scenario, simulate_case_motion(scenario), gyro_rng=gyro, reference_rng=reference)

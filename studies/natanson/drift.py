@@ -24,9 +24,9 @@ from gyrocal import calibrate
 from gyrocal.recording import Recording, find_reference_rows
 from simulator import adopted_scenario
 from simulator.adopted_scenario import AdoptedScenario
-from studies.montecarlo.backends import call_all
 from studies.natanson import flight
 from studies.natanson.flight_gap import compute_residuals
+from studies.reproduction import call_all
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from simulator.scenario import Scenario
-from studies.montecarlo.backends import call_all
 from studies.natanson import flight, flight_gap, flight_recalibration, slew_directions, slew_timings
 from studies.natanson.flight_diagnosis import misfit_numbers
 from studies.natanson.flight_diagnosis.baselines import centre_slews
@@ -18,7 +17,7 @@ from studies.natanson.slew_timings import TimingFit
 from studies.report.claims import fill
 from studies.report.committed_results import flatten
 from studies.report.console import show_progress
-from studies.reproduction import Reproduction
+from studies.reproduction import Reproduction, call_all
 
 Array = NDArray[np.float64]
 

@@ -20,10 +20,15 @@ from gyrocal.calibration.increment_packing import compute_packed_shape
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import Psi
 from gyrocal.calibration.sampling import Resampling, prepare_measurements
-from studies.calibration.shared_truth import NoiseFreeSimulation, build_once, get_true_parameters, make_noise_generators
+from studies.calibration.shared_truth import (
+    NoiseFreeSimulation,
+    build_once,
+    get_true_parameters,
+    get_workspace,
+    make_noise_generators,
+)
 from studies.montecarlo import statistics
 from studies.montecarlo.study import Streams, Study, StudyConfig, load_base_scenario, observed
-from studies.montecarlo.workspace import get_workspace
 from studies.natanson import flight
 from studies.natanson.paper_forms import (
     ITERATION_PHASES,

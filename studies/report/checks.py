@@ -12,7 +12,7 @@ from typing import Literal
 
 import pandas as pd
 
-from studies.montecarlo.requirement import Answer
+from studies.montecarlo.criteria import Answer
 from studies.report.tables import NO_VALUE, format_number
 
 Verdict = Literal["pass", "fail", "note"]

@@ -13,12 +13,11 @@ from rich.console import Console
 
 from simulator.mission_mode.config import DAY, MissionConfig
 from simulator.mission_mode.flight import MissionRun, build_flight_schedule
-from studies.montecarlo.backends import call_all
 from studies.report import checks
 from studies.report import tables as render
 from studies.report.claims import fill
 from studies.report.committed_results import flatten, round_values
-from studies.reproduction import Reproduction
+from studies.reproduction import Reproduction, call_all
 from studies.robertson import (
     biases,
     combined_diagnosis,

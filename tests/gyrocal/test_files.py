@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 
 from gyrocal import InputError, files, save
 from gyrocal.files import open_replacement
-from studies.montecarlo.files import check_writable, write_csv, write_json, write_parquet
+from studies.cli.options import check_writable
+from studies.montecarlo.files import write_csv, write_json, write_parquet
 from studies.report import panels
 from tests.gyrocal.recording.test_parquet import recording
 

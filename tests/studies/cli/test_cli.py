@@ -19,6 +19,7 @@ from studies.calibration import psi
 from studies.cli.main import COMMAND_NAMES, main, read_help
 from studies.montecarlo import engine
 from studies.natanson import omitted_effects, paper_tables, reproduce, slew_timings
+from studies.reproduction import get_work_folder
 from tests import ROOT
 
 
@@ -255,8 +256,8 @@ def test_a_reproduction_that_was_stopped_goes_on_to_the_same_bytes(run_cli, tmp_
         assert run_cli(*arguments).exit_code == 1
     (rows,) = (tmp_path / "work").rglob("table.parquet")
     config = paper_tables.PaperTablesConfig(cases=2)
-    assert rows.parent == engine.get_work_folder(tmp_path, paper_tables.STUDY, config)
-    assert rows.parent != engine.get_work_folder(tmp_path, paper_tables.STUDY, config.model_copy(update={"entropy": 7}))
+    assert rows.parent == get_work_folder(tmp_path, paper_tables.STUDY, config)
+    assert rows.parent != get_work_folder(tmp_path, paper_tables.STUDY, config.model_copy(update={"entropy": 7}))
     (rows.parent / "parts" / "part-000001.parquet").unlink()
     for part in ("compare_with_flight", "add_omitted_effects"):
         monkeypatch.setattr(reproduce, part, lambda *arguments: None)  # what comes after the cases is another test's
@@ -264,7 +265,7 @@ def test_a_reproduction_that_was_stopped_goes_on_to_the_same_bytes(run_cli, tmp_
     result = run_cli(*arguments)
     assert result.exit_code == 0, result.stderr
     manifest = json.loads((tmp_path / "manifest.json").read_text())
-    assert manifest["runs"][-1]["resumed"] == 1
+    assert manifest["resumed"] == 1
     assert not (tmp_path / "work").exists()
     assert run_cli(*arguments[:-1], str(tmp_path / "b")).exit_code == 0
     assert json.loads((tmp_path / "b" / "manifest.json").read_text())["files"] == manifest["files"]

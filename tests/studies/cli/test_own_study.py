@@ -145,5 +145,9 @@ def test_a_report_that_raises_names_the_folder_with_the_rows(mine, tmp_path, mon
     with pytest.raises(KeyError) as found:
         catalogue.run(str(mine), tmp_path / "out", {"cases": 2}, Console(quiet=True), backend="serial")
     assert found.value.__notes__ == [
-        f"The report failed; the rows are kept in {tmp_path / 'out'}. Correct the report and add --mix to the same command."
+        f"The report failed; {tmp_path / 'out' / 'table.parquet'} has the rows. The same command makes the report again; "
+        "after a change of the source code choose another --out."
     ]
+    monkeypatch.undo()
+    assert catalogue.run(str(mine), tmp_path / "out", {"cases": 2}, Console(quiet=True), backend="serial").resumed == 2
+    assert (tmp_path / "out" / "report.md").exists()

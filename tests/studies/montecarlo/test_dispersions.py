@@ -1,6 +1,3 @@
-import hashlib
-import json
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -17,7 +14,6 @@ from studies.montecarlo.study import (
     StudyConfig,
     dispersed,
     draw_case_values,
-    hash_config,
     load_config,
     resolve_config,
     simulate_case_motion,
@@ -267,18 +263,6 @@ def test_correlations_of_what_is_not_dispersed_are_refused():
         config({B0: NORMAL}, correlations=JOINED)
     with pytest.raises(InputError, match="stands twice"):
         config(SPREAD, correlations=(*JOINED, *JOINED))
-
-
-def test_no_correlations_leave_the_hash_of_a_study():
-    ready = config(SPREAD)
-    assert hash_config(DRAWS, ready) != hash_config(DRAWS, config(SPREAD, correlations=JOINED))
-    document = ready.model_dump(mode="json") | {
-        "cases": None,
-        "dispersions": list(ready.model_dump(mode="json")["dispersions"].items()),
-    }
-    del document["correlations"]
-    text = json.dumps({"study": DRAWS.name, "config": document}, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-    assert hash_config(DRAWS, ready) == hashlib.sha256(text.encode()).hexdigest()
 
 
 def test_the_correlated_example_of_the_docs_has_its_correlation(tmp_path):

@@ -15,9 +15,8 @@ import pytest
 from gyrocal import load as load_recording
 from gyrocal.errors import InputError
 from simulator.streams import generator
-from studies.montecarlo.engine import StudyConfig, StudyInterrupted, rerun, run
-from studies.montecarlo.session import StorageError, open_study_folder
-from studies.montecarlo.study import DISPERSED
+from studies.montecarlo.engine import open_study_folder, rerun, run
+from studies.montecarlo.study import DISPERSED, StudyConfig
 from tests import ROOT
 from tests.engine_studies import DRAWS, ODD, RECORDED, STEPS, DrawsConfig, OddConfig
 
@@ -59,14 +58,21 @@ def test_a_case_of_several_rows(tmp_path):
     np.testing.assert_array_equal(table["step_s"], np.tile([0.5, 1.0, 2.0], 5))
 
 
-@pytest.mark.parametrize("chunk", [1, 7, 1000])
-def test_chunks_change_nothing_in_the_table(chunk, tmp_path, monkeypatch):
+@pytest.fixture
+def parts_of(monkeypatch):
+    """Sets the number of parts that a study has at least, and so the cases of a part."""
+    return lambda count: monkeypatch.setattr("studies.montecarlo.store.PARTS", count)
+
+
+@pytest.mark.parametrize("count", [3, 1])
+def test_parts_change_nothing_in_the_table(count, parts_of, tmp_path, monkeypatch):
     monkeypatch.setattr("studies.montecarlo.store.ROW_GROUP", 8)
     config = DrawsConfig(cases=20, fail=(3,), label=True, size=3)
     expected = serial(DRAWS, config, tmp_path / "a").table.read_bytes()
-    outcome = serial(DRAWS, config, tmp_path / "b", chunk=chunk)
+    parts_of(count)
+    outcome = serial(DRAWS, config, tmp_path / "b")
+    assert len(parts(tmp_path / "b")) == count
     assert outcome.table.read_bytes() == expected
-    np.testing.assert_array_equal(outcome.load()["case"], np.arange(20))
 
 
 def test_manifest(tmp_path):
@@ -83,11 +89,11 @@ def test_manifest(tmp_path):
     assert document["cpu_s"] == pytest.approx(outcome.cpu_s, abs=1e-3)
     assert 0 < document["wall_s"] <= outcome.wall_s
     assert {"numpy", "scipy", "pandas", "gyrocal"} <= document["packages"].keys()
-    assert [run["status"] for run in document["runs"]] == ["complete"]
 
 
-def test_progress_is_told_of_what_is_left(tmp_path):
+def test_progress_is_told_of_what_is_left(parts_of, tmp_path):
     told = []
+    parts_of(3)
 
     @contextmanager
     def progress(label, total):
@@ -95,7 +101,7 @@ def test_progress_is_told_of_what_is_left(tmp_path):
         yield told.append
 
     config = DrawsConfig(cases=10, size=3)
-    serial(DRAWS, config, tmp_path, chunk=4, progress=progress)
+    serial(DRAWS, config, tmp_path, progress=progress)
     (tmp_path / "parts" / "part-000001.parquet").unlink()
     serial(DRAWS, config, tmp_path, progress=progress)
     serial(DRAWS, config, tmp_path, progress=progress)
@@ -135,8 +141,9 @@ def test_dispersed_values_are_columns(tmp_path):
 # Failures
 
 
-def test_a_case_that_raises_is_a_row(tmp_path):
-    outcome = serial(DRAWS, DrawsConfig(cases=8, fail=(2, 5)), tmp_path, chunk=3)
+def test_a_case_that_raises_is_a_row(parts_of, tmp_path):
+    parts_of(3)
+    outcome = serial(DRAWS, DrawsConfig(cases=8, fail=(2, 5)), tmp_path)
     table = outcome.load()
     assert outcome.failures == {2: "ValueError: case 2 is bad", 5: "ValueError: case 5 is bad"}
     np.testing.assert_array_equal(np.flatnonzero(table["error"]), [2, 5])
@@ -165,8 +172,9 @@ def test_a_study_of_failures_only(tmp_path):
         ("exit", "SystemExit: over"),
     ],
 )
-def test_a_row_that_cannot_be_stored_is_a_failure(value, error, tmp_path):
-    outcome = serial(ODD, OddConfig(cases=4, values=("number", value, "none", "whole")), tmp_path, chunk=4)
+def test_a_row_that_cannot_be_stored_is_a_failure(value, error, parts_of, tmp_path):
+    parts_of(1)
+    outcome = serial(ODD, OddConfig(cases=4, values=("number", value, "none", "whole")), tmp_path)
     assert list(outcome.failures) == [1]
     assert outcome.failures[1].startswith(error)
     np.testing.assert_array_equal(outcome.load()["x"], [1.5, np.nan, np.nan, 3.0])
@@ -179,11 +187,12 @@ def test_a_scenario_that_the_draws_make_invalid_is_a_failure(tmp_path):
     assert all("after the interval's 1080 s" in error for error in outcome.failures.values())
 
 
-def test_failed_cases_are_run_again_on_demand_only(tmp_path):
+def test_failed_cases_are_run_again_on_demand_only(parts_of, tmp_path):
+    parts_of(3)
     crutch = tmp_path / "crutch"
     config = DrawsConfig(cases=9, stumble=(4,), crutch=str(crutch))
     folder = tmp_path / "study"
-    assert serial(DRAWS, config, folder, chunk=3).failures == {4: "RuntimeError: no crutch"}
+    assert serial(DRAWS, config, folder).failures == {4: "RuntimeError: no crutch"}
     crutch.touch()
     assert serial(DRAWS, config, folder).failures == {4: "RuntimeError: no crutch"}
     outcome = serial(DRAWS, config, folder, retry_failed=True)
@@ -237,7 +246,6 @@ def test_a_rerun_keeps_the_recording(tmp_path):
         (lambda folder: serial(RECORDED, StudyConfig(cases=3), folder, keep=(3,)), "case 3: the study has the cases 0 to 2"),
         (lambda folder: rerun(DRAWS, DrawsConfig(cases=4), 4, folder), "case 4: the study has the cases 0 to 3"),
         (lambda folder: serial(DRAWS, StudyConfig(), folder), "needs a DrawsConfig, not a StudyConfig"),
-        (lambda folder: serial(DRAWS, DrawsConfig(), folder, chunk=0), "at least one case"),
     ],
 )
 def test_what_cannot_be_done_is_refused_before_anything_is_run(call, message, tmp_path):
@@ -249,11 +257,12 @@ def test_what_cannot_be_done_is_refused_before_anything_is_run(call, message, tm
 # Resuming
 
 
-def test_only_what_is_missing_is_computed(tmp_path):
+def test_only_what_is_missing_is_computed(parts_of, tmp_path):
+    parts_of(8)
     flag = tmp_path / "flag"
     config = DrawsConfig(cases=30, flag=str(flag))
     folder = tmp_path / "study"
-    table = serial(DRAWS, config, folder, chunk=4).table.read_bytes()
+    table = serial(DRAWS, config, folder).table.read_bytes()
     for index in (0, 5):
         (folder / "parts" / f"part-{index:06d}.parquet").unlink()
     (folder / "parts" / "part-000000.parquet.tmp").write_bytes(b"half")
@@ -266,13 +275,13 @@ def test_only_what_is_missing_is_computed(tmp_path):
     assert outcome.table.read_bytes() == table
     assert "part-000000.parquet.tmp" not in parts(folder)
     assert outcome.cpu_s > 0
-    assert [run["resumed"] for run in manifest(folder)["runs"]] == [0, 22]
 
 
 @pytest.mark.parametrize("damage", ["truncated", "empty", "flipped", "of other cases"])
-def test_a_damaged_part_is_set_aside_and_computed_again(damage, tmp_path, caplog):
+def test_a_damaged_part_is_computed_again(damage, parts_of, tmp_path, caplog):
+    parts_of(8)
     config = DrawsConfig(cases=30)
-    table = serial(DRAWS, config, tmp_path, chunk=4).table.read_bytes()
+    table = serial(DRAWS, config, tmp_path).table.read_bytes()
     part = tmp_path / "parts" / "part-000002.parquet"
     data = part.read_bytes()
     if damage == "flipped":  # in the middle of the first page's values
@@ -290,8 +299,6 @@ def test_a_damaged_part_is_set_aside_and_computed_again(damage, tmp_path, caplog
     assert outcome.resumed == 26
     (message,) = caplog.messages
     assert "part-000002.parquet is damaged" in message
-    assert "set aside as part-000002.corrupt and computed again" in message
-    assert "part-000002.corrupt" in parts(tmp_path)
 
 
 def test_another_configuration_is_refused_in_one_line(tmp_path):
@@ -303,9 +310,9 @@ def test_another_configuration_is_refused_in_one_line(tmp_path):
         (DrawsConfig(cases=6, size=3, steps_s=(0.5, 2.0)), r"size: 50 → 3, steps_s.1: 1.0 → 2.0"),
         (DrawsConfig(cases=6, scenario="trmm_series"), r"scenario: trmm → trmm_series"),
         (DrawsConfig(cases=6, overrides={"gyro.sample_s": 1.0}), r"overrides.gyro.sample_s: – → 1.0"),
-        (DrawsConfig(cases=5), r"cases: 6 → 5, and it cannot have fewer"),
+        (DrawsConfig(cases=9), r"cases: 6 → 9"),
     ):
-        with pytest.raises(InputError, match=rf"{difference}.*choose another folder") as caught:
+        with pytest.raises(InputError, match=rf"{difference}.*choose another --out, or delete the folder") as caught:
             serial(DRAWS, other, tmp_path)
         assert "\n" not in str(caught.value)
     with pytest.raises(InputError, match=r"study: tests\.engine_studies:DRAWS → tests\.engine_studies:STEPS"):
@@ -334,11 +341,8 @@ def test_a_scenario_file_that_changes_is_another_configuration(tmp_path):
     assert same.table.read_bytes() == table
 
 
-def test_other_chunks_and_strange_manifests_are_refused(tmp_path):
+def test_strange_manifests_are_refused(tmp_path):
     config = DrawsConfig(cases=8)
-    serial(DRAWS, config, tmp_path, chunk=4)
-    with pytest.raises(InputError, match="its parts hold 4 cases each, not 3; leave --chunk out to resume"):
-        serial(DRAWS, config, tmp_path, chunk=3)
     for text in ("{", "[]", '{"config_sha256": "a"}'):
         (tmp_path / "manifest.json").write_text(text)
         with pytest.raises(InputError, match="is not the manifest of a Monte Carlo study"):
@@ -351,8 +355,7 @@ def test_one_run_at_a_time(tmp_path):
     serial(DRAWS, DrawsConfig(cases=4), tmp_path)
 
 
-@pytest.mark.parametrize("backend", ["serial", pytest.param("loky", marks=pytest.mark.long)])
-def test_a_full_disk_loses_nothing(backend, tmp_path, monkeypatch):
+def test_a_full_disk_loses_nothing(tmp_path, monkeypatch):
     """After three parts none can be put in its place."""
     config, count, rename = DrawsConfig(cases=20), 0, os.replace
 
@@ -363,17 +366,14 @@ def test_a_full_disk_loses_nothing(backend, tmp_path, monkeypatch):
             raise OSError(28, "No space left on device")
         rename(source, target)
 
-    message = "No space left on device; 6 of 20 cases are finished and kept in .*; free some space, and the same command"
+    message = "No space left on device; 3 of 20 cases are finished and kept in .*; the same command resumes"
     with monkeypatch.context() as full:
         full.setattr(os, "replace", renamed)
-        with pytest.raises(StorageError, match=message) as caught:
-            run(DRAWS, config, tmp_path, backend=backend, jobs=2, chunk=2)
-    assert "\n" not in str(caught.value)
-    assert len(parts(tmp_path)) == 3
+        with pytest.raises(InputError, match=message):
+            serial(DRAWS, config, tmp_path)
     assert not list(tmp_path.rglob("*.tmp"))
-    assert manifest(tmp_path)["status"] == "running"  # it cannot be replaced either
     outcome = serial(DRAWS, config, tmp_path)
-    assert outcome.resumed == 6
+    assert outcome.resumed == 3
     assert outcome.table.read_bytes() == serial(DRAWS, config, tmp_path / "whole").table.read_bytes()
 
 
@@ -395,7 +395,7 @@ def start(tmp_path: Path, cases: int = 60) -> tuple[subprocess.Popen, DrawsConfi
             signal.signal(signal.SIGINT, signal.default_int_handler)  # it is ignored if the tests run in the background
             config = DrawsConfig.model_validate_json({config.model_dump_json()!r})
             try:
-                run(DRAWS, config, Path({str(folder)!r}), backend="loky", jobs=2, chunk=2)
+                run(DRAWS, config, Path({str(folder)!r}), backend="loky", jobs=2)
             except GyrocalError as error:
                 print(error)
                 sys.exit(error.exit_status)
@@ -410,7 +410,6 @@ def start(tmp_path: Path, cases: int = 60) -> tuple[subprocess.Popen, DrawsConfi
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # under nohup it would be ignored, and stay so
     )
     reached = random.randint(cases // 6, cases // 2)
     wait_for(lambda: process.poll() is not None or (flag.exists() and flag.stat().st_size >= reached))
@@ -427,13 +426,11 @@ def wait_for(condition) -> None:
 
 
 def check_resumable(config: DrawsConfig, folder: Path, tmp_path: Path, monkeypatch) -> None:
-    before = manifest(folder)
     Path(config.flag).unlink()
     monkeypatch.setattr(time, "sleep", lambda seconds: None)  # nobody waits for these cases
     outcome = serial(DRAWS, config, folder)
     assert Path(config.flag).stat().st_size == config.cases - outcome.resumed
     assert outcome.resumed < config.cases
-    assert [run["status"] for run in manifest(folder)["runs"]] == [before["status"], "complete"]
     assert outcome.failures == {3: "ValueError: case 3 is bad"}
     assert outcome.table.read_bytes() == serial(DRAWS, config, tmp_path / "whole").table.read_bytes()
 
@@ -462,73 +459,14 @@ def processes_of(session: int) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize(
-    ("number", "how"),
-    [
-        (signal.SIGINT, "interrupted"),
-        pytest.param(signal.SIGHUP, "interrupted by SIGHUP", marks=pytest.mark.long),
-    ],
-)
-def test_a_signal_stops_cleanly_and_says_how_to_resume(number, how, tmp_path, monkeypatch):
+def test_ctrl_c_stops_cleanly_and_says_how_to_resume(tmp_path, monkeypatch):
     process, config, folder = start(tmp_path)
-    os.killpg(process.pid, number)  # as a terminal or a batch system does: to the workers too
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers too
     output, errors = process.communicate(timeout=DEADLINE_S)
-    assert process.returncode == 128 + number
-    assert output.startswith(f"{how}; ")
-    assert output.endswith("the same command resumes\n")
-    assert errors == ""
+    assert process.returncode == 130
     done = manifest(folder)["done"]
-    assert f"{done} of 60 cases are finished and kept in {folder}" in output
+    assert output == f"interrupted; {done} of 60 cases are finished and kept in {folder}; the same command resumes\n"
+    assert errors == ""
     assert manifest(folder)["status"] == "interrupted"
     wait_for(lambda: not processes_of(process.pid))
     check_resumable(config, folder, tmp_path, monkeypatch)
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_of_a_batch_system_stops_cleanly(number, tmp_path):
-    """Sent to this process, in place of one that would take seconds to start."""
-
-    @contextmanager
-    def send_after_four(label, total):
-        done = 0
-
-        def advance(count):
-            nonlocal done
-            done += count
-            if done == 4:
-                os.kill(os.getpid(), number)
-
-        yield advance
-
-    config, before = DrawsConfig(cases=20, size=3), signal.signal(number, signal.SIG_DFL)  # under nohup it would be ignored
-    try:
-        told = f"interrupted by {number.name}; 4 of 20 cases are finished .*; the same command resumes"
-        with pytest.raises(StudyInterrupted, match=told) as caught:
-            serial(DRAWS, config, tmp_path / "study", chunk=2, progress=send_after_four)
-    finally:
-        signal.signal(number, before)
-    assert caught.value.exit_status == 128 + number
-    assert manifest(tmp_path / "study")["status"] == "interrupted"
-    outcome = serial(DRAWS, config, tmp_path / "study")
-    assert outcome.resumed == 4
-    assert outcome.table.read_bytes() == serial(DRAWS, config, tmp_path / "whole").table.read_bytes()
-
-
-def test_signals_are_as_before_after_a_run_and_ignored_ones_stay_so(tmp_path):
-    before = signal.getsignal(signal.SIGTERM)
-    hangup = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as under nohup
-    seen = []
-
-    @contextmanager
-    def look(label, total):
-        seen.append((signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGHUP)))
-        yield lambda count: None
-
-    try:
-        serial(DRAWS, DrawsConfig(cases=2, size=3), tmp_path, progress=look)
-        assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
-    finally:
-        signal.signal(signal.SIGHUP, hangup)
-    assert seen[0][0] != before
-    assert seen[0][1] == signal.SIG_IGN
-    assert signal.getsignal(signal.SIGTERM) == before

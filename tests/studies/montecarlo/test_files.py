@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 from gyrocal import InputError
+from studies.cli import options
 from studies.montecarlo import files
 
 
@@ -40,17 +41,17 @@ def test_tables(tmp_path):
 
 
 def test_what_cannot_be_written_is_said_before_the_work(tmp_path, monkeypatch):
-    files.check_writable(None)
-    files.check_writable(tmp_path / "new.json")
+    options.check_writable(None)
+    options.check_writable(tmp_path / "new.json")
     for path, message in ((tmp_path, "is a folder"), (tmp_path / "no" / "x.json", "no folder")):
         with pytest.raises(InputError, match=message):
-            files.check_writable(path)
-    monkeypatch.setattr(files.os, "access", lambda path, mode: False)
+            options.check_writable(path)
+    monkeypatch.setattr(options.os, "access", lambda path, mode: False)
     with pytest.raises(InputError, match="cannot be written"):
-        files.check_writable(tmp_path / "new.json")
+        options.check_writable(tmp_path / "new.json")
 
 
 def test_a_pipe_needs_no_folder_that_can_be_written(tmp_path, monkeypatch):
     os.mkfifo(tmp_path / "pipe")
-    monkeypatch.setattr(files.os, "access", lambda path, mode: path == tmp_path / "pipe")
-    files.check_writable(tmp_path / "pipe")
+    monkeypatch.setattr(options.os, "access", lambda path, mode: path == tmp_path / "pipe")
+    options.check_writable(tmp_path / "pipe")

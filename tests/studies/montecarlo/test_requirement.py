@@ -6,7 +6,7 @@ import pytest
 from scipy import stats
 
 from gyrocal.errors import InputError
-from studies.montecarlo.requirement import Requirement, check_independent, count_runs
+from studies.montecarlo.criteria import Requirement, check_independent, count_runs
 from studies.montecarlo.study import StudyConfig
 from studies.report.checks import check_requirements
 
@@ -167,7 +167,7 @@ def test_a_study_answers_and_answers_again_without_computing(tmp_path, run_cli):
 
 
 def test_looking_again_and_again_adds_the_stated_risk():
-    """Exactly, of a study that is extended to the runs that one more case beyond the limit needs, until it is met."""
+    """Exactly, of runs that go on to the number that one more case beyond the limit needs, until the requirement is met."""
     q, before = THREE_SIGMA.failure_probability, 0
     counts, risks = np.array([1.0]), []
     for beyond in range(10):

@@ -1,7 +1,6 @@
 """Verdicts on estimators known to be calibrated, over-confident, under-confident and biased."""
 
 import numpy as np
-import pandas as pd
 import pytest
 import scipy.stats
 
@@ -64,24 +63,6 @@ def test_accuracy_table_finds_a_bias(cases):
     table = statistics.tabulate_accuracy(errors + [0, 0.5, 0] * sigma, sigma, list("abc"), ["1"] * 3)
     significant = table["bias_in_standard_errors"].abs() > 4
     assert significant.tolist() == [False, True, False]
-
-
-def test_orders_and_crossings_of_known_curves():
-    x = np.array([0.5, 1.0, 2.0, 4.0])
-    assert statistics.fit_log_slope(x, 3 * x**1.7) == pytest.approx(1.7)
-    assert statistics.find_level_crossing(x, 3 * x**2, 3 * 1.3**2) == pytest.approx(1.3)
-    assert statistics.find_level_crossing(x, x, 4.0) == 4.0
-    assert np.isnan(statistics.find_level_crossing(x, x, 5.0))
-    assert np.isnan(statistics.find_level_crossing(x, x, 0.1))
-    assert np.isnan(statistics.fit_log_slope([1.0], [2.0]))
-
-
-def test_the_flight_beside_simulated_values():
-    values = pd.Series(np.arange(101.0))
-    assert statistics.summarise_with_flight(values, 25.0)["flight_percentile"] == pytest.approx(100 * 25 / 101)
-    found = statistics.summarise_with_flight(values, np.nan)
-    assert [found[name] for name in ("p05", "median", "p95")] == [5.0, 50.0, 95.0]
-    assert np.isnan(found["flight_percentile"])
 
 
 @pytest.mark.parametrize("share", [0.90, 0.95])

@@ -75,7 +75,7 @@ def test_second_iteration_and_linear_psi_are_small(rows):
 def test_a_row_is_the_same_alone_serial_and_parallel(backend, config, rows, tmp_path):
     small = config.model_copy(update={"cases": 10})
     serial = engine.run(paper_tables.STUDY, small, tmp_path / "serial", backend="serial").load()
-    parts = engine.run(paper_tables.STUDY, small, tmp_path / "parts", backend=backend, jobs=2, chunk=3).load()
+    parts = engine.run(paper_tables.STUDY, small, tmp_path / "parts", backend=backend, jobs=2).load()
     pd.testing.assert_frame_equal(serial, parts, check_exact=True)
     # More cases do not change the first ones, and the engine adds nothing but the error column.
     pd.testing.assert_frame_equal(serial.drop(columns="error"), rows.head(len(serial)), check_exact=True)

@@ -12,6 +12,7 @@ import pytest
 from gyrocal import GyrocalError
 from simulator.mission_mode.config import MissionConfig
 from simulator.mission_mode.flight import MissionRun
+from studies import reproduction
 from studies.cli.mission import TABLES, summarise_periods
 from studies.montecarlo import engine
 from studies.robertson import report
@@ -40,7 +41,7 @@ def flown_already(short_flight, monkeypatch):
         shutil.copytree(short_flight, work)
         return work
 
-    monkeypatch.setattr(engine, "get_work_folder", work_folder)
+    monkeypatch.setattr(reproduction, "get_work_folder", work_folder)
     monkeypatch.setattr("studies.robertson.runs.MissionStudy", partial(MissionStudy, mounting_days=SHORT.mounting_days))
 
 

@@ -1,0 +1,268 @@
+"""Criteria of a study: when it has enough cases (--until), and whether its cases show a requirement to be met (--require).
+
+The criterion of --until is the half-width of a statistic's 95 % confidence interval: of the mean by Student's t; of the
+standard deviation by the delta method, √((m₄ − s⁴)/n)/(2 s); of a quantile by order statistics; of a share Wilson's, which
+stays wide when all values are alike. It is asked at fixed numbers of cases: where a study stops depends on its rows, never on
+which case ended first. Since it looks several times, the interval at the stop covers in a little less than 95 %.
+
+A requirement on a percentile is one on a probability: for p99.73, q = 1 − 0.9973 is the most that may lie beyond the limit. Of
+N independent cases k lie beyond it, and k is binomial whatever the distribution of the column. With the risk β = 1 − confidence
+it is met if P(K ≤ k | q) ≤ β (the consumer's risk), not met if P(K ≥ k | q) ≤ β (the producer's risk), and undecided else
+(J. M. Hanson and B. B. Beard, NASA/TP-2010-216447). Equivalently, an end of the interval of C. J. Clopper and E. S. Pearson,
+Biometrika 26 (1934) 404, lies on the right side of q. The risk holds for a number of cases that their values did not choose.
+"""
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal, Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import special, stats
+
+from gyrocal.errors import InputError, suggest_names
+from studies.montecarlo.statistics import compute_binomial_interval
+from studies.montecarlo.study import RESERVED, GridConfig, StudyConfig
+
+Array = NDArray[np.float64]
+Outcome = Literal["met", "not met", "undecided"]
+
+LEVEL = 0.95
+FIRST, GROWTH = 64, 1.25  # cases at the first look, and from one to the next
+FAILED = "failed"
+UNTIL_FORM = re.compile(r"\s*(?:(mean|median|std|p\d\d)\(\s*(\S+?)\s*\)|([^<()\s]+))\s*<\s*(?P<limit>\S+)\s*")
+UNTIL_USAGE = "give it as COLUMN<LIMIT or STATISTIC(COLUMN)<LIMIT with mean, median, std or p01 to p99, e.g. 'p95(nees)<0.5'"
+REQUIREMENT_FORM = re.compile(
+    r"\s*p(\d+(?:\.\d+)?)\(\s*(\S+?)\s*\)\s*([<>])\s*(?P<limit>\S+?)\s*(?:@\s*(\d+(?:\.\d+)?)\s*%\s*)?"
+)
+REQUIREMENT_USAGE = (
+    "give it as pNN(COLUMN)<LIMIT or pNN(COLUMN)>LIMIT, the percentile between 0 and 100, and after @ a confidence between "
+    "50 and 100 %, e.g. 'p99.73(pointing_deg)<0.4 @ 90%'"
+)
+DEFAULT_CONFIDENCE = 90.0  # %, the consumer's risk of 10 % of the report named above
+MOST_RUNS = 1e12  # beyond which a number of further cases is stated as none
+
+
+def _match_criterion(form: re.Pattern[str], text: str, option: str, usage: str) -> tuple[re.Match[str], float]:
+    """Match a criterion with a form whose group `limit` is a finite number, and read this limit."""
+    match = form.fullmatch(text)
+    try:
+        limit = float(match["limit"]) if match else math.nan
+    except ValueError:
+        limit = math.nan
+    if match is None or not math.isfinite(limit):
+        raise InputError(f"{option} {text}: {usage}")
+    return match, limit
+
+
+def _read_column(rows: pd.DataFrame, column: str, option: str) -> pd.Series:
+    """The values of a study's own column, which are numbers or missing."""
+    known = [str(name) for name in rows if name not in RESERVED]
+    if column not in known:
+        raise InputError(f"{option}: {column}: the rows have no such column; {suggest_names(column, known)}")
+    if not all(isinstance(value, bool | int | float | np.bool_ | np.number | None) for value in rows[column]):
+        raise InputError(f"{option}: column {column} holds no numbers")
+    return rows[column]
+
+
+@dataclass(frozen=True)
+class StoppingRule:
+    """Half-width of a statistic (mean, median, std, p01 to p99) of a column, below which a study has enough cases."""
+
+    statistic: str
+    column: str
+    limit: float
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Parse a text such as "nees<0.1", "p95(error_G_xx_ppm)<5" or "failed<0.01"; `InputError` if it is not of that form."""
+        match, limit = _match_criterion(UNTIL_FORM, text, "--until", UNTIL_USAGE)
+        if not limit > 0 or match[1] == "p00":
+            raise InputError(f"--until {text}: {UNTIL_USAGE}")
+        return cls(match[1] or "mean", match[2] or match[3], limit)
+
+    def half_width(self, rows: pd.DataFrame) -> float:
+        """Half-width over the rows of the first cases, infinite if they are too few to have one.
+
+        Of a case with several rows their mean counts, since they are not independent. Failed cases count for "failed" only.
+        `InputError` if there is no such column, or it holds no numbers.
+        """
+        if self.column == FAILED:
+            failed = rows.groupby("case")["error"].first() != ""
+            return _compute_share_half_width(int(failed.sum()), len(failed))
+        values = _read_column(rows, self.column, "--until")[rows["error"] == ""].dropna()
+        truth = values.map(type).isin([bool, np.bool_]).all() and len(values)
+        each = np.asarray(values.astype(float).groupby(rows["case"]).mean(), dtype=np.float64)
+        if truth and self.statistic == "mean" and len(each) == len(values):
+            return _compute_share_half_width(int(each.sum()), len(each))
+        return _compute_half_width(self.statistic, each) if len(each) > 1 and np.isfinite(each).all() else math.inf
+
+    def __str__(self) -> str:
+        return f"half-width of {self.statistic}({self.column}) < {self.limit:g}"
+
+
+def list_checkpoints(cases: int, part: int) -> Iterator[int]:
+    """Numbers of cases at which the criterion is asked, whole parts of so many cases, the last one all."""
+    size = float(FIRST)
+    while (count := -(-math.ceil(size) // part) * part) < cases:
+        yield count
+        size = count * GROWTH
+    yield cases
+
+
+def _compute_share_half_width(successes: int, trials: int) -> float:
+    low, high = compute_binomial_interval(successes, trials, LEVEL)
+    return (high - low) / 2
+
+
+def _compute_half_width(statistic: str, values: Array) -> float:
+    n, sigma = len(values), float(values.std(ddof=1))
+    t = float(stats.t.ppf((1 + LEVEL) / 2, n - 1))
+    if statistic == "mean":
+        return t * sigma / math.sqrt(n)
+    if statistic == "std":
+        fourth = float(np.mean((values - values.mean()) ** 4))
+        return t * math.sqrt(max(fourth - sigma**4, 0.0) / n) / (2 * sigma) if sigma else 0.0
+    share = 0.5 if statistic == "median" else int(statistic[1:]) / 100
+    interval = stats.quantile_test(values, p=share).confidence_interval(LEVEL)
+    half = float(interval.high - interval.low) / 2
+    return half if math.isfinite(half) else math.inf  # the interval reaches beyond the sample
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Whether a requirement is met.
+
+    Attributes
+    ----------
+    requirement, outcome : as text; met, not met or undecided
+    cases, beyond : number of cases, and of those that do not keep the limit, failed and empty ones among them
+    failed, empty : cases that ended with an error, and with a row without a value
+    fewest : further cases that show it met if all of them keep the limit; 0 if it is decided
+    expected : further cases that decide it if the share beyond the limit stays; infinite if that share is the one allowed
+    """
+
+    requirement: str
+    outcome: Outcome
+    cases: int
+    beyond: int
+    failed: int
+    empty: int
+    fewest: int
+    expected: float
+
+    def __str__(self) -> str:
+        parts = [f"{self.failed} failed"] * (self.failed > 0) + [f"{self.empty} without a value"] * (self.empty > 0)
+        among = f", among them {' and '.join(parts)}" if parts else ""
+        found = f"{self.requirement}: {self.outcome}; {self.beyond} of {self.cases} cases are beyond the limit{among}"
+        if self.outcome != "undecided":
+            return f"{found}."
+        more = f"about {self.expected:.0f}" if self.expected < MOST_RUNS else "no number"
+        return f"{found}. Further cases that decide it: {self.fewest} if all keep the limit, {more} at the share so far."
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A limit that a percentile of a column must lie below ("<") or above (">"), with a confidence in %."""
+
+    percentile: float
+    column: str
+    sign: str
+    limit: float
+    confidence: float = DEFAULT_CONFIDENCE
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Parse a text such as "p99.73(pointing_deg) < 0.4 @ 90%" or "p1(x) > 0.1"; `InputError` if it is not of that form."""
+        match, limit = _match_criterion(REQUIREMENT_FORM, text, "--require", REQUIREMENT_USAGE)
+        found = cls(float(match[1]), match[2], match[3], limit, float(match[5] or DEFAULT_CONFIDENCE))
+        if not (0 < found.percentile < 100 and 50 < found.confidence < 100):
+            raise InputError(f"--require {text}: {REQUIREMENT_USAGE}")
+        return found
+
+    def __str__(self) -> str:
+        return f"p{self.percentile:.12g}({self.column}) {self.sign} {self.limit:.12g} @ {self.confidence:.12g} %"
+
+    @property
+    def failure_probability(self) -> float:
+        """Probability of a case beyond the limit that is just allowed."""
+        share = self.percentile / 100
+        return 1 - share if self.sign == "<" else share
+
+    def judge(self, rows: pd.DataFrame) -> Answer:
+        """Answer from all rows of a study.
+
+        A failed case counts as one beyond the limit, and so does one without a value. Of a case with several rows the worst
+        counts. `InputError` if there is no such column, or it holds no numbers.
+        """
+        numbers = _read_column(rows, self.column, "--require").astype(float)
+        kept = numbers < self.limit if self.sign == "<" else numbers > self.limit
+        failed = rows["error"] != ""
+        by_case = pd.DataFrame({"beyond": ~kept | failed, "failed": failed, "empty": numbers.isna() & ~failed})
+        counts = by_case.groupby(rows["case"]).any()
+        return self.judge_counts(len(counts), *(int(counts[name].sum()) for name in counts))
+
+    def judge_counts(self, cases: int, beyond: int, failed: int = 0, empty: int = 0) -> Answer:
+        """Answer from the number of cases and of those beyond the limit."""
+        q, risk = self.failure_probability, 1 - self.confidence / 100
+        outcome: Outcome = "undecided"
+        fewest, expected = 0, 0.0
+        if compute_tail_below(beyond, cases, q) <= risk:
+            outcome = "met"
+        elif compute_tail_above(beyond, cases, q) <= risk:
+            outcome = "not met"
+        else:
+            fewest = count_runs(beyond, q, risk) - cases
+            expected = _estimate_runs(beyond / cases, cases, q, risk) - cases if beyond else fewest
+        return Answer(str(self), outcome, cases, beyond, failed, empty, fewest, expected)
+
+
+def compute_tail_below(count: float, cases: float, q: float) -> float:
+    """P(K ≤ count) of a binomial K, also between whole numbers, by the incomplete beta function."""
+    return float(special.betaincc(count + 1, cases - count, q)) if count < cases else 1.0
+
+
+def compute_tail_above(count: float, cases: float, q: float) -> float:
+    """P(K ≥ count) of a binomial K, also between whole numbers, by the incomplete beta function."""
+    return float(special.betainc(count, cases - count + 1, q)) if count > 0 else 1.0
+
+
+def count_runs(beyond: int, q: float, risk: float) -> int:
+    """Fewest cases that show a requirement met with so many beyond the limit: the smallest N with P(K ≤ beyond) ≤ risk.
+
+    That is P(the failure after these comes later than case N), a negative binomial's tail.
+    """
+    return beyond + 1 + int(stats.nbinom.isf(risk, beyond + 1, q))
+
+
+def _estimate_runs(share: float, cases: int, q: float, risk: float) -> float:
+    """Cases that decide a requirement if this share of them lies beyond the limit; infinite if that is the allowed share."""
+    tail = compute_tail_below if share < q else compute_tail_above
+    low, high = cases, 2 * cases
+    while tail(share * high, high, q) > risk:
+        low, high = high, 2 * high
+        if high > MOST_RUNS:
+            return math.inf
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if tail(share * middle, middle, q) > risk else (low, middle)
+    return float(high)
+
+
+def check_independent(config: StudyConfig, option: str) -> None:
+    """Raise `InputError` if the cases of a study are no independent draws, to which order statistics do not apply."""
+    if isinstance(config, GridConfig):
+        raise InputError(f"{option}: the cases of this study are points of a grid, not draws; choose another study")
+    if not draws_independently(config):
+        raise InputError(
+            f"{option}: cases of the sampler {config.sampler} depend on each other, and order statistics need independent "
+            "ones; use --set sampler=random and another folder"
+        )
+
+
+def draws_independently(config: Any) -> bool:
+    """Whether the cases of a study are independent draws."""
+    return not isinstance(config, GridConfig) and (config.sampler == "random" or not config.dispersions)
