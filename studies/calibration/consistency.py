@@ -30,6 +30,7 @@ from pydantic import Field, model_validator
 
 from gyrocal import NAMES, GyroParameters, calibrate
 from simulator import scenario as scenarios
+from studies.calibration import summaries
 from studies.calibration.shared_truth import require_converged
 from studies.montecarlo import statistics
 from studies.montecarlo.dispersions import Dispersion, Normal, get_scenario_value
@@ -207,9 +208,9 @@ def _compute_statistics(y: Array, confidence: float, bins: int) -> pd.DataFrame:
         "spread": [y.var(axis=0, ddof=1).mean(), *scipy.stats.chi2.ppf([tail, 1 - tail], (n - 1) * d) / ((n - 1) * d)],
     }
     for level in ("68", "95"):
-        inside = int(np.sum(square <= scipy.stats.chi2.ppf(statistics.SIGMA_LEVELS[level], d)))
+        inside = int(np.sum(square <= scipy.stats.chi2.ppf(summaries.SIGMA_LEVELS[level], d)))
         table[f"coverage_{level}"] = [
-            statistics.SIGMA_LEVELS[level],
+            summaries.SIGMA_LEVELS[level],
             *statistics.compute_binomial_interval(inside, n, confidence),
         ]
     counts = count_ranks(y, bins)
@@ -260,7 +261,7 @@ def _build_verdict_table(checks: pd.DataFrame) -> pd.DataFrame:
 def _build_parameter_table(rows: pd.DataFrame, checks: pd.DataFrame) -> pd.DataFrame:
     """A row a parameter of one estimator."""
     errors, sigmas = rows[ERRORS].to_numpy(), rows[SIGMAS].to_numpy()
-    table = statistics.tabulate_accuracy(errors, sigmas, NAMES, PPM_DEG_H_NAMES)
+    table = summaries.tabulate_accuracy(errors, sigmas, NAMES, PPM_DEG_H_NAMES)
     kept = ["parameter", "unit", "formal_sigma", "spread_over_formal", "bias_in_standard_errors"]
     kept += [f"coverage_{level}{end}" for level in ("68", "95") for end in ("", "_low", "_high")]
     values = checks.pivot_table(index="parameter", columns="statistic", values="value").loc[list(NAMES)]

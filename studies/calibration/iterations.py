@@ -18,9 +18,9 @@ from pydantic import field_validator
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import Psi
 from gyrocal.calibration.sampling import prepare_measurements
-from studies.calibration.curves import find_level_crossing, fit_log_slope, summarise_with_flight
 from studies.calibration.settings import Different
 from studies.calibration.shared_truth import NoiseFreeSimulation, build_once, make_noise_generators
+from studies.calibration.summaries import find_level_crossing, fit_log_slope, summarise_with_flight
 from studies.montecarlo.study import Streams, Study, StudyConfig, observed
 from studies.natanson import flight
 from studies.report import panels

@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from gyrocal import NAMES
 from gyrocal.calibration.problem import Iterates, Problem
 from gyrocal.calibration.sampling import Resampling, prepare_measurements
-from studies.calibration.curves import find_level_crossing, fit_log_slope, summarise_with_flight
 from studies.calibration.settings import Rising
 from studies.calibration.shared_truth import NoiseFreeSimulation, build_once, compute_rms, make_noise_generators
+from studies.calibration.summaries import find_level_crossing, fit_log_slope, summarise_with_flight
 from studies.montecarlo import statistics
 from studies.montecarlo.study import Streams, Study, StudyConfig, observed
 from studies.natanson import flight, flight_gap

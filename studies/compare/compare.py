@@ -16,10 +16,10 @@ from gyrocal import calibrate
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording, triad
 from simulator.adopted_scenario import AdoptedScenario, ReplayPlan
+from studies.calibration.summaries import summarise_distribution
 from studies.compare.bench import FlightStatistics, PreparedScenario
 from studies.compare.gap import Gap, compute_gap
 from studies.compare.measure import MeasurementSetup, RecordingStatistics
-from studies.montecarlo.statistics import summarise_distribution
 
 Array = NDArray[np.float64]
 Display = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]

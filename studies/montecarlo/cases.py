@@ -24,8 +24,7 @@ from studies.montecarlo.study import DISPERSED, RESERVED, Streams, Study, StudyC
 LONGEST_ERROR = 500  # characters of an error in a row
 KILLED = "WorkerDied: killed its worker"
 INT64 = range(-(2**63), 2**63)
-MOST_MESSAGES = 50  # different warnings that are kept apart
-OTHER_MESSAGES = "further warnings"
+KINDS: dict[type, str] = {type(None): "nothing", bool: "truth value", int: "number", float: "number", str: "text"}
 # A worker of a cluster may have several threads, while the settings below are those of the process.
 ONE_AT_A_TIME = threading.Lock()
 
@@ -66,8 +65,7 @@ def run_single_threaded() -> Iterator[Counter[str]]:
     messages: Counter[str] = Counter()
 
     def count(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
-        text = f"{category.__name__}: {' '.join(str(message).split())}"
-        messages[text if text in messages or len(messages) < MOST_MESSAGES else OTHER_MESSAGES] += 1
+        messages[f"{category.__name__}: {' '.join(str(message).split())}"] += 1
 
     with warnings.catch_warnings(), threadpool_limits(1):
         warnings.simplefilter("always")
@@ -89,7 +87,8 @@ def run_cases(task: Task) -> Result:
                 rows += _compute_case_rows(study, config, case, kinds)
             except (Exception, SystemExit) as error:
                 tracebacks[case] = "".join(traceback.format_exception(error))
-                rows.append({"case": case, "error": _format_error(error)})
+                text = f"{type(error).__name__}: {' '.join(str(error).split())}"
+                rows.append({"case": case, "error": text[:LONGEST_ERROR]})
         return Result(rows, tracebacks, time.process_time() - start, messages, describe_provenance(study))
 
 
@@ -131,21 +130,10 @@ def _convert_row(row: Mapping[str, Any], drawn: Mapping[str, float], kinds: dict
         if not isinstance(name, str) or name in RESERVED or name in drawn:
             raise TypeError(f"a study's row cannot have a column {name!r}")
         item = value.item() if isinstance(value, np.generic) else value
-        kind = _determine_kind(item)
+        kind = KINDS.get(type(item))
         if kind is None or (kind == "number" and isinstance(item, int) and item not in INT64):
             raise TypeError(f"column {name}: a number, truth value, text or None is expected, not {value!r:.60}")
         if kind != "nothing" and kinds.setdefault(name, kind) != kind:
             raise TypeError(f"column {name}: {kind} in this case, {kinds[name]} in another")
         plain[name] = item
     return plain
-
-
-def _determine_kind(value: object) -> str | None:
-    for kind, types in (("nothing", type(None)), ("truth value", bool), ("number", (int, float)), ("text", str)):
-        if isinstance(value, types):
-            return kind
-    return None
-
-
-def _format_error(error: BaseException) -> str:
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"[:LONGEST_ERROR]

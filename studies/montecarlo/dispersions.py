@@ -18,11 +18,7 @@ draw. Each path has its own one-dimensional sequence, so that one more dispersio
 
 Correlations join the draws of some paths by a Gaussian copula: with their correlation matrix C = L Lᵀ and z = Φ⁻¹(u) of each
 path, u becomes Φ(L z). Each path keeps its distribution, and normal ones have the covariance C_ij σ_i σ_j. The first path of a
-group and all paths outside keep their draws::
-
-    [[correlations]]
-    paths = ["gyro.true_bias_deg_s.0", "gyro.true_bias_deg_s.1"]
-    matrix = [[1.0, 0.8], [0.8, 1.0]]
+group and all paths outside keep their draws.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence

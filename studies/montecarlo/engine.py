@@ -1,8 +1,5 @@
 """The Monte Carlo engine: runs a study's cases, thousands of them, so that they can be stopped, resumed, repeated and trusted.
 
-    outcome = run(STUDY, load_config(STUDY, changes={"cases": 10_000}), Path("results/noise"))
-    table = outcome.load()
-
 Case i draws from children of ``SeedSequence(entropy, spawn_key=(i,))`` alone, so its row is the same on every backend,
 resumed, or repeated by `rerun`, bit for bit. The folder of a study holds
 

@@ -60,17 +60,12 @@ def collect_versions(more: Iterable[str] = ()) -> dict[str, Any]:
 def write_manifest(folder: Path, about: Mapping[str, Any], complete: bool = True) -> None:
     """Write the manifest of a folder: plain values, and the hashes of all results once they are complete."""
     files = {}
-    for path in list_results(folder) if complete else ():
-        with path.open("rb") as file:
-            files[str(path.relative_to(folder))] = hashlib.file_digest(file, "sha256").hexdigest()
+    for path in sorted(folder.rglob("*")) if complete else ():
+        parts = path.relative_to(folder).parts
+        if path.is_file() and path.name != MANIFEST and parts[0] not in AT_WORK and not path.name.startswith("."):
+            with path.open("rb") as file:
+                files["/".join(parts)] = hashlib.file_digest(file, "sha256").hexdigest()
     write_json(folder / MANIFEST, dict(about) | {"files": files})
-
-
-def list_results(folder: Path) -> list[Path]:
-    """The files of a folder that are results: all but the manifest, hidden ones, and what a study works with."""
-    found = (path for path in folder.rglob("*") if path.is_file() and path.name != MANIFEST)
-    inside = ((path, path.relative_to(folder).parts) for path in found)
-    return sorted(path for path, parts in inside if parts[0] not in AT_WORK and not parts[-1].startswith("."))
 
 
 @lru_cache(maxsize=64)

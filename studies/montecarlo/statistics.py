@@ -1,20 +1,16 @@
-"""Statistics of estimates against a known truth: bias, spread, coverage, NEES, and where a value falls in a sample.
+"""Statistics of independent cases: NEES, binomial intervals and tolerance intervals.
 
 NEES, the normalised estimation error squared eᵀP⁻¹e, is χ² with p degrees of freedom if the covariance P is consistent with
-the errors; the sum over n cases is χ² with np. Coverage counts |e| ≤ kσ; its interval is Wilson's.
+the errors; the sum over n cases is χ² with np.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 import scipy.special
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
-
-SIGMA_LEVELS = {"68": 0.682689492137, "95": 0.954499736104, "99.7": 0.997300203937}  # 1, 2 and 3 sigma of a Gaussian
 
 
 @dataclass(frozen=True)
@@ -51,13 +47,6 @@ def check_mean_nees(values: ArrayLike, dof: int, confidence: float = 0.99) -> Ne
     return Nees(float(np.mean(found)), float(lower), float(upper), dof, n)
 
 
-def count_covered(errors: Array, sigmas: Array, level: str) -> tuple[int, int]:
-    """Count the |e| within the level's k sigma, and all of them."""
-    k = scipy.special.ndtri(0.5 + SIGMA_LEVELS[level] / 2)
-    inside = np.abs(errors) <= k * sigmas
-    return int(inside.sum()), int(inside.size)
-
-
 def compute_binomial_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
     """Wilson's interval of a proportion; all of [0, 1] without a trial. E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209."""
     from scipy.stats import binomtest  # scipy.stats costs every worker 45 MiB, and no case needs it
@@ -75,63 +64,6 @@ def compute_binomial_band(trials: int, share: float, confidence: float, counts: 
     tail = (1 - confidence) / (2 * counts)
     low, high = binom.ppf([tail, 1 - tail], trials, share)
     return int(low), int(high)
-
-
-def tabulate_accuracy(errors: Array, sigmas: Array, names: Sequence[str], units: Sequence[str]) -> pd.DataFrame:
-    """Bias, spread, formal sigma and coverage of each parameter over the cases.
-
-    Parameters
-    ----------
-    errors, sigmas : (n, p) recovered minus injected, and formal sigma, in the named units
-    """
-    n = len(errors)
-    spread = errors.std(axis=0, ddof=1)
-    table = pd.DataFrame(
-        {
-            "parameter": names,
-            "unit": units,
-            "bias": errors.mean(axis=0),
-            "standard_error": spread / np.sqrt(n),
-            "bias_in_standard_errors": errors.mean(axis=0) / (spread / np.sqrt(n)),
-            "spread": spread,
-            "formal_sigma": np.sqrt(np.mean(sigmas**2, axis=0)),
-        }
-    )
-    table["spread_over_formal"] = table["spread"] / table["formal_sigma"]
-    for level in SIGMA_LEVELS:
-        counts = [count_covered(errors[:, j], sigmas[:, j], level) for j in range(errors.shape[1])]
-        table[f"coverage_{level}"] = [inside / total for inside, total in counts]
-        limits = np.array([compute_binomial_interval(*count) for count in counts])
-        table[f"coverage_{level}_low"], table[f"coverage_{level}_high"] = limits[:, 0], limits[:, 1]
-    return table
-
-
-def summarise_distribution(samples: Array, flight: Array | None = None) -> pd.DataFrame:
-    """Mean, standard deviation, 5–95 % range of each column, and where the flight's value falls.
-
-    Parameters
-    ----------
-    samples : (n, cells)
-    flight : (cells,) or None
-
-    Returns
-    -------
-    A row a cell; flight_percentile is the share of samples below the flight's value, in percent, with ties counted half.
-    """
-    table = pd.DataFrame(
-        {
-            "mean": samples.mean(axis=0),
-            "std": samples.std(axis=0, ddof=1),
-            "p05": np.quantile(samples, 0.05, axis=0),
-            "p95": np.quantile(samples, 0.95, axis=0),
-            "flight": np.nan,
-            "flight_percentile": np.nan,
-        }
-    )
-    if flight is not None:
-        table["flight"] = flight
-        table["flight_percentile"] = 100 * ((samples < flight).mean(axis=0) + 0.5 * (samples == flight).mean(axis=0))
-    return table
 
 
 def compute_tolerance_interval(values: ArrayLike, content: float = 0.95, confidence: float = 0.95) -> Array:

@@ -1,13 +1,4 @@
-"""What a study is: a configuration, and a function from it, a case number and random streams to a row.
-
-    class NoiseConfig(StudyConfig):
-        step_s: float = 0.5
-
-    def case(config: NoiseConfig, case: int, streams: Streams) -> dict[str, float]:
-        recording = observed(config, case, streams)
-        return {"chi2": calibrate(recording, step_s=config.step_s).chi2}
-
-    STUDY = Study("studies.calibration.noise:STUDY", NoiseConfig, case, observed)
+"""What a study is: a configuration, and a function from it, a case number and random streams to a row. See docs/own_study.md.
 
 The name says where a worker finds the study, so that a worker needs nothing but the name, the configuration as JSON and a
 range of case numbers. A case may draw from its streams only: then its row depends on the configuration and its number alone.

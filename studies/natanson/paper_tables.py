@@ -20,6 +20,7 @@ from gyrocal.calibration.increment_packing import compute_packed_shape
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import Psi
 from gyrocal.calibration.sampling import Resampling, prepare_measurements
+from studies.calibration import summaries
 from studies.calibration.shared_truth import (
     NoiseFreeSimulation,
     build_once,
@@ -169,7 +170,7 @@ def _summarise_variants(rows: pd.DataFrame, flown: bool, build: Build) -> pd.Dat
     for (psi, resampling, step), chosen in rows[rows["covariance"] == "full"].groupby(VARIANT, sort=False):
         as_flown = comparable and resampling == "skip"
         for samples, published, columns in build(chosen.sort_values("case"), known.get(step) if as_flown else None):
-            part = statistics.summarise_distribution(samples, published)
+            part = summaries.summarise_distribution(samples, published)
             keys = {"psi": psi, "resampling": resampling, "step_s": step} | columns
             out.append(pd.concat([pd.DataFrame(keys, index=part.index), part], axis=1))
     return pd.concat(out, ignore_index=True)
@@ -295,7 +296,7 @@ def build_accuracy_table(rows: pd.DataFrame, truth: GyroParameters) -> pd.DataFr
     parts = []
     for variant, chosen in rows[rows["covariance"] == "full"].groupby(VARIANT, sort=False):
         errors = compute_errors_and_sigmas(chosen.sort_values("case"), truth)
-        part = statistics.tabulate_accuracy(*errors, NAMES, ONE_DEG_S_NAMES)
+        part = summaries.tabulate_accuracy(*errors, NAMES, ONE_DEG_S_NAMES)
         parts.append(pd.concat([pd.DataFrame(dict(zip(VARIANT, variant, strict=True)), index=part.index), part], axis=1))
     return pd.concat(parts, ignore_index=True)
 
@@ -306,8 +307,8 @@ def build_consistency_table(rows: pd.DataFrame, truth: GyroParameters) -> pd.Dat
     def line(chosen: pd.DataFrame) -> dict[str, float]:
         found = statistics.check_mean_nees(chosen["nees"], len(NAMES))
         row = {"nees": found.value, "nees_lower": found.lower, "nees_upper": found.upper, "nees_inside": found.is_inside}
-        for level in statistics.SIGMA_LEVELS:
-            inside, total = statistics.count_covered(*compute_errors_and_sigmas(chosen, truth), level)
+        for level in summaries.SIGMA_LEVELS:
+            inside, total = summaries.count_covered(*compute_errors_and_sigmas(chosen, truth), level)
             row[f"coverage_{level}"] = inside / total
         return row
 

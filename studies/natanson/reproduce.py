@@ -14,7 +14,7 @@ from rich.console import Console
 
 from gyrocal import NAMES
 from simulator.scenario import Scenario
-from studies.calibration import psi
+from studies.calibration import psi, summaries
 from studies.calibration.shared_truth import get_true_parameters
 from studies.montecarlo import statistics
 from studies.montecarlo.files import write_parquet, write_text
@@ -173,7 +173,7 @@ def add_monte_carlo_tables(rows: pd.DataFrame, config: PaperTablesConfig, scenar
     made.show("consistency", "second_iteration", "printed_digits", "psi_difference")
     chosen = paper_tables.select_variant(rows, finest)
     counts = {
-        level: statistics.count_covered(*compute_variant_errors(chosen, scenario), level) for level in statistics.SIGMA_LEVELS
+        level: summaries.count_covered(*compute_variant_errors(chosen, scenario), level) for level in summaries.SIGMA_LEVELS
     }
     nees, control = (
         statistics.check_mean_nees(paper_tables.select_variant(rows, finest, covariance=model)["nees"].to_numpy(), len(NAMES))

@@ -19,7 +19,7 @@ import threadpoolctl
 from gyrocal.errors import InputError
 from studies.montecarlo import backends
 from studies.montecarlo.backends import Executor, open_backend
-from studies.montecarlo.cases import MOST_MESSAGES, OTHER_MESSAGES, Task, run_cases, run_single_threaded
+from studies.montecarlo.cases import Task, run_cases, run_single_threaded
 from studies.montecarlo.engine import run
 from studies.montecarlo.study import resolve_config
 from tests.engine_studies import DRAWS, DrawsConfig, serve_dask
@@ -256,14 +256,6 @@ def test_warnings_are_counted_and_afterwards_shown_again():
     assert (inner, outer) == ({"RuntimeWarning: first": 1}, {"RuntimeWarning: second": 1})
     with pytest.warns(RuntimeWarning, match="third"):
         warnings.warn("third", RuntimeWarning, stacklevel=1)
-
-
-def test_warnings_that_are_all_different_do_not_pile_up():
-    with run_single_threaded() as messages:
-        for number in range(1000):
-            warnings.warn(f"number {number}", UserWarning, stacklevel=1)
-    assert len(messages) == MOST_MESSAGES + 1
-    assert messages[OTHER_MESSAGES] == 1000 - MOST_MESSAGES
 
 
 def test_a_task_is_plain_and_its_result_does_not_depend_on_its_range():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
+from studies.calibration import summaries
 from studies.montecarlo import statistics
 
 N, P = 400, 3
@@ -41,9 +42,9 @@ def test_nees_bounds_are_those_of_chi_square():
 
 def test_coverage_and_its_interval():
     errors = np.array([[0.5, 2.5], [-0.9, 0.1], [1.1, 3.5], [-1.9, 0.0]])
-    assert statistics.count_covered(errors, np.ones((4, 2)), "68") == (4, 8)
-    assert statistics.count_covered(errors, np.ones((4, 2)), "95") == (6, 8)
-    assert statistics.count_covered(errors, np.ones((4, 2)), "99.7") == (7, 8)
+    assert summaries.count_covered(errors, np.ones((4, 2)), "68") == (4, 8)
+    assert summaries.count_covered(errors, np.ones((4, 2)), "95") == (6, 8)
+    assert summaries.count_covered(errors, np.ones((4, 2)), "99.7") == (7, 8)
     low, high = statistics.compute_binomial_interval(95, 100)
     assert (low, high) == pytest.approx((0.8882, 0.9785), abs=1e-4)  # Wilson's, by hand
     assert statistics.compute_binomial_interval(0, 0) == (0.0, 1.0)  # without a trial nothing is known
@@ -51,16 +52,16 @@ def test_coverage_and_its_interval():
 
 def test_distribution_places_the_flight_value():
     samples = np.arange(10.0)[:, None] * np.ones((1, 3))
-    table = statistics.summarise_distribution(samples, np.array([-1.0, 4.0, 100.0]))
+    table = summaries.summarise_distribution(samples, np.array([-1.0, 4.0, 100.0]))
     np.testing.assert_allclose(table["flight_percentile"], [0, 45, 100])
     np.testing.assert_allclose(table["mean"], 4.5)
-    assert statistics.summarise_distribution(samples)["flight"].isna().all()
+    assert summaries.summarise_distribution(samples)["flight"].isna().all()
 
 
 def test_accuracy_table_finds_a_bias(cases):
     errors, covariances = cases
     sigma = np.sqrt(np.einsum("nii->ni", covariances))
-    table = statistics.tabulate_accuracy(errors + [0, 0.5, 0] * sigma, sigma, list("abc"), ["1"] * 3)
+    table = summaries.tabulate_accuracy(errors + [0, 0.5, 0] * sigma, sigma, list("abc"), ["1"] * 3)
     significant = table["bias_in_standard_errors"].abs() > 4
     assert significant.tolist() == [False, True, False]
 

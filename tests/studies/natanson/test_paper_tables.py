@@ -7,6 +7,7 @@ import scipy.stats
 
 from gyrocal import NAMES, GyroParameters
 from simulator import scenario as scenarios
+from studies.calibration import summaries
 from studies.montecarlo import engine, statistics
 from studies.natanson import flight, paper_forms, paper_tables
 
@@ -53,7 +54,7 @@ def test_coverage_is_what_the_sigmas_claim(rows, truth, covariance, consistent):
         paper_tables.select_variant(rows, 0.5, covariance=covariance), truth
     )
     for level in ("68", "95"):
-        share = statistics.SIGMA_LEVELS[level]
+        share = summaries.SIGMA_LEVELS[level]
         k = scipy.stats.norm.ppf(0.5 + share / 2)
         # The twelve of a case correlate: the case is the unit, its own share the sample; 4 standard errors of their mean.
         per_case = (np.abs(errors) <= k * sigmas).mean(axis=1)

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from studies.calibration.curves import fit_log_slope
+from studies.calibration.summaries import fit_log_slope
 from studies.report import panels
 from studies.report.panels import Line
 

@@ -1,0 +1,103 @@
+"""Summaries of rows: accuracy against the truth, orders and crossings of error curves, where a flight's value falls."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+import scipy.special
+from numpy.typing import ArrayLike, NDArray
+
+from studies.montecarlo.statistics import compute_binomial_interval
+
+Array = NDArray[np.float64]
+
+SIGMA_LEVELS = {"68": 0.682689492137, "95": 0.954499736104, "99.7": 0.997300203937}  # 1, 2 and 3 sigma of a Gaussian
+
+
+def count_covered(errors: Array, sigmas: Array, level: str) -> tuple[int, int]:
+    """Count the |e| within the level's k sigma, and all of them."""
+    k = scipy.special.ndtri(0.5 + SIGMA_LEVELS[level] / 2)
+    inside = np.abs(errors) <= k * sigmas
+    return int(inside.sum()), int(inside.size)
+
+
+def tabulate_accuracy(errors: Array, sigmas: Array, names: Sequence[str], units: Sequence[str]) -> pd.DataFrame:
+    """Bias, spread, formal sigma and coverage of each parameter over the cases.
+
+    Parameters
+    ----------
+    errors, sigmas : (n, p) recovered minus injected, and formal sigma, in the named units
+    """
+    n = len(errors)
+    spread = errors.std(axis=0, ddof=1)
+    table = pd.DataFrame(
+        {
+            "parameter": names,
+            "unit": units,
+            "bias": errors.mean(axis=0),
+            "standard_error": spread / np.sqrt(n),
+            "bias_in_standard_errors": errors.mean(axis=0) / (spread / np.sqrt(n)),
+            "spread": spread,
+            "formal_sigma": np.sqrt(np.mean(sigmas**2, axis=0)),
+        }
+    )
+    table["spread_over_formal"] = table["spread"] / table["formal_sigma"]
+    for level in SIGMA_LEVELS:
+        counts = [count_covered(errors[:, j], sigmas[:, j], level) for j in range(errors.shape[1])]
+        table[f"coverage_{level}"] = [inside / total for inside, total in counts]
+        limits = np.array([compute_binomial_interval(*count) for count in counts])
+        table[f"coverage_{level}_low"], table[f"coverage_{level}_high"] = limits[:, 0], limits[:, 1]
+    return table
+
+
+def summarise_distribution(samples: Array, flight: Array | None = None) -> pd.DataFrame:
+    """Mean, standard deviation, 5–95 % range of each column, and where the flight's value falls.
+
+    Parameters
+    ----------
+    samples : (n, cells)
+    flight : (cells,) or None
+
+    Returns
+    -------
+    A row a cell; flight_percentile is the share of samples below the flight's value, in percent, with ties counted half.
+    """
+    table = pd.DataFrame(
+        {
+            "mean": samples.mean(axis=0),
+            "std": samples.std(axis=0, ddof=1),
+            "p05": np.quantile(samples, 0.05, axis=0),
+            "p95": np.quantile(samples, 0.95, axis=0),
+            "flight": np.nan,
+            "flight_percentile": np.nan,
+        }
+    )
+    if flight is not None:
+        table["flight"] = flight
+        table["flight_percentile"] = 100 * ((samples < flight).mean(axis=0) + 0.5 * (samples == flight).mean(axis=0))
+    return table
+
+
+def summarise_with_flight(values: pd.Series, flight: float) -> dict[str, float]:
+    """Median and 5–95 % range of simulated values, the flight's, and the percentage of them below it; NaN if it did not fly."""
+    low, median, high = np.quantile(values, [0.05, 0.5, 0.95]) if len(values) else np.full(3, np.nan)
+    percentile = np.nan if np.isnan(flight) else 100 * float((values < flight).mean())
+    return {"median": median, "p05": low, "p95": high, "flight": flight, "flight_percentile": percentile}
+
+
+def fit_log_slope(x: ArrayLike, y: ArrayLike) -> float:
+    """Slope of log y over log x by least squares: the n of y ∝ xⁿ; NaN from fewer than two points above zero."""
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    good = (x > 0) & (y > 0)
+    return float(np.polyfit(np.log(x[good]), np.log(y[good]), 1)[0]) if good.sum() > 1 else float("nan")
+
+
+def find_level_crossing(x: ArrayLike, y: ArrayLike, level: float) -> float:
+    """Find the first x at which y rises through the level, interpolated in log x and log y; NaN if there is none."""
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    above = np.flatnonzero((y[:-1] < level) & (y[1:] >= level))
+    if above.size == 0:
+        return float("nan")
+    k = above[0]
+    share = np.log(level / y[k]) / np.log(y[k + 1] / y[k])
+    return float(x[k] * (x[k + 1] / x[k]) ** share)
