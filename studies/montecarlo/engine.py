@@ -366,6 +366,7 @@ class _Session:
                 missing.append(cases)
             else:
                 self._add(cases, *info)
+        self.about["resumed"] = self.done
         if self.done and self.before:
             self._check_provenance(bool(missing))
         return missing
