@@ -4,7 +4,6 @@
 
 - `columns`: the signature x of each effect
 - `visibility`: the smallest visible size, by the statistic and the threshold of the diagnosis itself
-- `samples`: the same of effects seen in the samples
 - `separability`: pairs that cannot be told apart
 - `extras`: extra maneuvers and what each would help
 - `planning`: all of it in turn; `result`: what comes out; `settings`: thresholds

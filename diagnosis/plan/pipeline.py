@@ -14,9 +14,7 @@ from diagnosis.model.recording_model import RecordingModel
 from diagnosis.plan.columns import build_signatures, linearise_noise_free
 from diagnosis.plan.extras import append_intervals, evaluate_extra, list_maneuvers
 from diagnosis.plan.result import Plan, Progress
-from diagnosis.plan.samples import list_sample_sizes
 from diagnosis.plan.separability import list_pairs
-from diagnosis.plan.settings import SETTINGS
 from diagnosis.plan.visibility import DetectionPower, find_visible_size, list_unavailable_effects
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
@@ -67,10 +65,7 @@ def plan(
     for number, one in enumerate(every):
         tell("smallest visible sizes", 0.15 + 0.55 * number / len(every))
         seen.append(find_visible_size(one, power))
-    snr = np.array([one.snr for one in seen if np.isfinite(one.snr)])
-    effects_seen = [EFFECTS[name] for name in names]
-    seen += list_sample_sizes(scenario, model, effects_seen, float(np.median(snr)) if snr.size else SETTINGS.snr)
-    seen += list_unavailable_effects(model, effects_seen)
+    seen += list_unavailable_effects(model, [EFFECTS[name] for name in names])
     tell("pairs", 0.7)
     found = list_pairs(every, seen)
     helped = []
@@ -116,6 +111,7 @@ def _write_plan_notes(scenario: Scenario, model: RecordingModel) -> tuple[str, .
     if unseen:
         notes.append(f"Not observed by these motions: {', '.join(unseen)}; effects that act like them cannot be seen either")
     notes += [
+        "Sizes of effects that show in the samples, or in the noise of the references, are not computed",
         "Not identifiable from any recording: a constant offset of all references, the same as a turn of G and the start "
         "attitudes; constant errors of G and b, which are calibrated away",
         "What follows a temperature is as with the simulator's own gyro temperature; a recording without housekeeping shows it "
@@ -125,6 +121,4 @@ def _write_plan_notes(scenario: Scenario, model: RecordingModel) -> tuple[str, .
         notes.append(
             "Axes are those of the body's rates: effects of one gyro, and the parity that shows them, are not looked at"
         )
-    if scenario.control_motion is not None:
-        notes.append("Thresholds in the samples take the control motion for quiet; with a strong one fewer samples count")
     return tuple(notes)

@@ -23,9 +23,8 @@ class Visible:
     verdict : whether it can be seen at a plausible size
     size : seen with probability 0.9 at a typical phase and time; infinite if never
     best, worst : at the best and the worst phase and time
-    snr : a‖x‖ at which that is so; NaN for random effects and those seen in the samples
+    snr : a‖x‖ at which that is so; NaN for random effects
     plausible : range of its size
-    seen_in : "attitude" or "samples"
     text : condition or reason
     """
 
@@ -39,7 +38,6 @@ class Visible:
     worst: float
     snr: float
     plausible: tuple[float, float]
-    seen_in: Literal["attitude", "samples"]
     text: str = ""
 
 

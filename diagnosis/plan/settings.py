@@ -24,7 +24,6 @@ class PlanSettings:
     log_odds: float = float(np.log(19.0))  # that tell two effects apart, of a probability of 0.95
     limit_snr: float = 20.0  # from which on a pair that needs it counts as inseparable; by judgement
     exact: float = 1e-7  # of 1 − ρ², below which columns are the same; rounding
-    sizes: int = 41  # tried over the plausible range of an effect that shows in the samples
     gap_orbits: float = 1.0  # between the scenario's end and an extra maneuver
 
 

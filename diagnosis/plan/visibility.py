@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +92,7 @@ def find_visible_size(one: Signature, power: DetectionPower) -> Visible:
     effect = EFFECTS[one.effect]
     smallest, largest = one.extremes
     reason = "acts like a change of G, b or start attitudes"
-    row = replace(build_visibility_row(effect, "not identifiable", np.inf, reason, "attitude", one.axis), label=one.label)
+    row = replace(build_visibility_row(effect, "not identifiable", np.inf, reason, one.axis), label=one.label)
     if one.share.max() < SETTINGS.gone:
         return row
     x = one.draw(power.rng, SETTINGS.power_draws)
@@ -121,16 +120,14 @@ def list_unavailable_effects(model: RecordingModel, effects: Sequence[Effect]) -
     """Effects that this scenario has not what it takes for, and faults of the references that are taken out."""
     for effect in effects:
         reason = effect.missing(model.surroundings)
-        if reason is None and not effect.in_samples and effect.implements("find_faults"):
+        if reason is None and effect.implements("find_faults"):
             reason = "a fault that is found by itself and taken out; its smallest size is not predicted"
-        if reason is not None:
-            yield build_visibility_row(effect, "not available", np.inf, reason, "samples" if effect.in_samples else "attitude")
+        if reason is not None and not effect.in_samples:
+            yield build_visibility_row(effect, "not available", np.inf, reason)
 
 
-def build_visibility_row(
-    effect: Effect, verdict: Verdict, size: float, text: str, seen_in: Literal["attitude", "samples"], axis: str | None = None
-) -> Visible:
+def build_visibility_row(effect: Effect, verdict: Verdict, size: float, text: str, axis: str | None = None) -> Visible:
     """An answer of one size for every time and phase."""
     label = effect.name if axis is None else f"{effect.name}:{axis}"
     nan = float("nan")
-    return Visible(effect.name, axis, label, effect.unit, verdict, size, size, size, nan, effect.prior, seen_in, text=text)
+    return Visible(effect.name, axis, label, effect.unit, verdict, size, size, size, nan, effect.prior, text=text)

@@ -121,11 +121,6 @@ class Surroundings:
     reference_sigma: Array  # (m, 3) stated sigma of the references, rad
     reference_axes: Array | None = None  # (m, 3, 3) `Attitudes.build_error_axes`
 
-    @property
-    def sample_sigma_deg(self) -> float:
-        """Stated white noise of a sample, deg/s."""
-        return float(np.rad2deg(self.arw / np.sqrt(self.sample_s)))
-
 
 @dataclass(frozen=True)
 class ProcessTimes:
@@ -175,41 +170,9 @@ class Fault:
     references: Flags  # (m,) bool, references that carry no attitude
 
 
-@dataclass(frozen=True)
-class SampleTests:
-    """The tests of the samples that a diagnosis makes, as far as the smallest size which they show depends on them."""
-
-    power: float  # probability to be seen at the smallest size
-    quiet: tuple[int, ...]  # samples in each arc clear of slews and transitions
-    event_p: float  # p-value at which a wrong noise level counts
-    correlated: float  # variance of a mean of squared second differences, over that of as many independent squares
-    line_p: float  # p-value at which a tone counts
-    lowest_line_hz: float  # the lowest frequency that is tried
-    outlier_sigma: float  # from where on a sample is an outlier
-    fewest_clipped: int  # samples at the same largest reading that make a limit
-    coarse: float  # smallest step on which readings count as a lattice, in sigma of a sample
-    fewest_references: int  # second differences of references without which their noise is not tested
-    reference_p: float  # p-value at which a wrong noise level of the references counts
-    trimming: float  # what leaving outliers out adds to the variance of that test
-
-
-@dataclass(frozen=True)
-class Smallest:
-    """The smallest size of an effect that shows in the samples; infinite if none does, with the reason as text."""
-
-    axis: str | None
-    size: float
-    text: str = ""
-
-
 # ---- what an effect is -------------------------------------------------------------------------------------------------------
 
 Method = TypeVar("Method", bound=Callable[..., object])
-
-
-def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    """Draw a number between two, uniform in its logarithm."""
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 @dataclass(frozen=True)
@@ -237,17 +200,7 @@ class Parameter:
     lower: float = -np.inf  # inclusive bounds of a number
     upper: float = np.inf
     choices: tuple[str, ...] = ()  # the words allowed, or () for a number; ("*",) allows any word
-    # of a value for a blind check: a function of a random generator and the surroundings, two numbers between which it is
-    # uniform in its logarithm, or words of which it is any; None takes the default
-    draw: Callable[[np.random.Generator, Surroundings], Value] | tuple[float, float] | tuple[str, ...] | None = None
     tried: tuple[Value, ...] = ()  # values that a diagnosis tries, equally probable
-
-    def draw_value(self, rng: np.random.Generator, around: Surroundings) -> Value:
-        """Draw a value for a blind check."""
-        assert self.draw is not None
-        if not isinstance(self.draw, tuple):
-            return self.draw(rng, around)
-        return str(rng.choice(self.draw)) if self.choices else log_uniform(rng, float(self.draw[0]), float(self.draw[1]))
 
 
 @dataclass(frozen=True)
@@ -285,12 +238,8 @@ class Effect:
     switched : its column is switched on at the parameter time_s, whose values a diagnosis chooses itself
     scanned : its columns are a sine's of the parameter period_s, whose values a diagnosis finds by a scan of the data
     symptom : one of `SYMPTOMS`, the statistic of the samples that shows it
-    kin : what it shares with effects that are nearly the same to any diagnosis; a blind check never puts two of them together
     of_arrays : whether it is told apart from others only where there are more gyros than x, y and z
-    blind_sizes : between which a blind check draws the size, uniform in its logarithm
-    in_noise : whether these are in sigma of a sample's white noise, for a size in deg/s
     requirement : why it cannot act on a recording, a function of its surroundings; None if it always can
-    drawn : whether the cases of the test world draw it; an effect that came later would change the cases before it
     """
 
     name: str
@@ -310,12 +259,8 @@ class Effect:
     switched: bool = False
     scanned: bool = False
     symptom: str | None = None
-    kin: str = ""
     of_arrays: bool = False
-    blind_sizes: tuple[float, float] | None = None
-    in_noise: bool = False
     requirement: Callable[[Surroundings], str | None] | None = None
-    drawn: bool = True
 
     # ---- what it is ------------------------------------------------------------------------------------------------------
 
@@ -444,22 +389,3 @@ class Effect:
     def completed(self, setting: Setting) -> Setting:
         """A validated setting in the form in which it acts; an `InputError` where it would do nothing."""
         return setting
-
-    # ---- how it is drawn and when it shows -------------------------------------------------------------------------------
-
-    def draw(self, rng: np.random.Generator, around: Surroundings) -> tuple[str | None, dict[str, Value]]:
-        """Axis and parameters for a blind check: any axis, where it may be left out none half of the time."""
-        axis = str(rng.choice(self.axes)) if self.axes else None
-        if self.axis_optional and rng.random() < 0.5:
-            axis = None
-        return axis, {one.name: one.draw_value(rng, around) for one in self.parameters if one.draw is not None}
-
-    def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float | None:
-        """Size for a blind check; None leaves it to the check, which asks for a signal-to-noise ratio in the attitude."""
-        if self.blind_sizes is None:
-            return None
-        return log_uniform(rng, *self.blind_sizes) * (around.sample_sigma_deg if self.in_noise else 1.0)
-
-    def smallest(self, around: Surroundings, tests: SampleTests) -> Sequence[Smallest]:
-        """Smallest sizes that show in the samples; of one that gives none, the attitude decides."""
-        return ()

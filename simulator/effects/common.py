@@ -4,7 +4,6 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
-import scipy.special
 
 from gyrocal.errors import InputError
 from gyrocal.jit_cache import compile_cached
@@ -13,15 +12,12 @@ from simulator.effects.base import (
     AXIS_NAMES,
     Parameter,
     Parameters,
-    SampleTests,
     Setting,
-    Smallest,
     Stream,
     Surroundings,
     Trial,
     Value,
 )
-from simulator.effects.base import log_uniform as log_uniform
 
 DEG = float(np.deg2rad(1.0))  # rad
 DEG_H = DEG / 3600  # rad/s
@@ -29,33 +25,12 @@ RAD_PER_ARCSEC = DEG / 3600  # rad
 PPM = 1e-6
 DAY = 86400.0
 HOUR = 3600.0
-DISTINCT = 0.7  # share of the readings that differ, from where on they count as a lattice
 PAUSE_SAMPLES = 0.5  # of a sample: a longer pause between two samples separates them
 
-STEP_INSIDE = 0.7  # of the drawn steps fall into an interval, the rest into the gaps
 
-
-def draw_phase(rng: np.random.Generator, around: Surroundings) -> Value:
-    """A phase, deg."""
-    return float(rng.uniform(-180.0, 180.0))
-
-
-def draw_step_time(rng: np.random.Generator, around: Surroundings) -> Value:
-    """Time of a step: inside an interval, the longer ones more often, or in the middle of a gap between two."""
-    begin, end = list_spans(around.stream)
-    if rng.random() < STEP_INSIDE or len(begin) == 1:
-        length = end - begin
-        chosen = int(rng.choice(len(begin), p=length / length.sum()))
-        return float(begin[chosen] + rng.uniform(0.15, 0.85) * length[chosen])
-    gap = int(rng.integers(len(begin) - 1))
-    return float(0.5 * (end[gap] + begin[gap + 1]))
-
-
-TIME_PARAMETER = Parameter("time_s", "s", None, "time of the step since the epoch", -1e12, 1e12, draw=draw_step_time)
-TOWARD = Parameter(
-    "toward", "", None, "body axis whose rate is picked up", choices=AXIS_NAMES, draw=AXIS_NAMES, tried=AXIS_NAMES
-)
-PHASE = Parameter("phase_deg", "deg", 0.0, "phase at the epoch", -360.0, 360.0, draw=draw_phase)
+TIME_PARAMETER = Parameter("time_s", "s", None, "time of the step since the epoch", -1e12, 1e12)
+TOWARD = Parameter("toward", "", None, "body axis whose rate is picked up", choices=AXIS_NAMES, tried=AXIS_NAMES)
+PHASE = Parameter("phase_deg", "deg", 0.0, "phase at the epoch", -360.0, 360.0)
 
 
 def list_spans(stream: Stream) -> tuple[Array, Array]:
@@ -169,17 +144,6 @@ def build_factor(axis: str | None, size: float) -> Array:
     return factor
 
 
-def compute_noise_powers(quiet: int, tests: SampleTests) -> tuple[float, float]:
-    """Powers of the noise of so many quiet samples, over that stated, above and below which the test of its level shows it.
-
-    z = (power − 1)/rel must pass the point of the test with the scatter power · rel.
-    """
-    relative = np.sqrt(2 / quiet * tests.correlated)
-    level, spread = -scipy.special.ndtri(tests.event_p / 2) * relative, scipy.special.ndtri(tests.power) * relative
-    high = float((1 + level) / (1 - spread)) if spread < 1 else np.inf
-    return high, float(max(1 - level, 0.0) / (1 + spread))
-
-
 def no_gyro_noise(around: Surroundings) -> str | None:
     """Reason why an effect that is detected against the stated noise cannot act; None if it can."""
     return None if around.arw > 0 else "the recording states no gyro noise"
@@ -190,30 +154,11 @@ def no_orbit(around: Surroundings) -> str | None:
     return None if np.isfinite(around.stream.orbit_period_s) else "the recording does not state its orbit's period"
 
 
-def compute_noncentrality(point: float, degrees: int, power: float) -> float:
-    """Compute the noncentrality of a χ² that exceeds a point with a given probability."""
-    return float(scipy.special.chndtrinc(point, degrees, 1 - power))
-
-
 def round_to_multiples(samples: Array, axis: str | None, step: float, rounded: Callable[[Array], Array]) -> Array:
     """Samples (n, 3) with one axis, or all, at whole multiples of a step."""
     out = samples.copy()
     axes = select_axes(axis)
     out[:, axes] = rounded(samples[:, axes] / step) * step
-    return out
-
-
-def find_smallest_steps(around: Surroundings, tests: SampleTests) -> list[Smallest]:
-    """Find the smallest visible step of quantised readings: many fall together, and it is not far below the noise."""
-    sigma = around.sample_sigma_deg
-    raw = np.rad2deg(around.stream.raw)
-    x = raw + sigma * np.random.default_rng(0).standard_normal(raw.shape)
-    steps = np.geomspace(1e-9, 1.0, 37)
-    out = []
-    for axis in range(3):
-        few = [np.unique(np.round(x[:, axis] / step)).size <= DISTINCT * len(x) for step in steps]
-        step = float(steps[int(np.argmax(few))]) if any(few) else np.inf
-        out.append(Smallest(AXIS_NAMES[axis], max(step, tests.coarse * sigma), "exact: readings are multiples of it"))
     return out
 
 

@@ -11,13 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from simulator.effects.base import Array, Effect, Parameter, Setting, Surroundings, Trial, Value
-from simulator.effects.common import PHASE, convert_phase_amplitudes, log_uniform, measure_reference_arc, phase_amplitudes
+from simulator.effects.common import PHASE, convert_phase_amplitudes, measure_reference_arc, phase_amplitudes
 
 SHORTEST_PERIOD_SPACINGS = 2.5  # spacings of the references; a swing is sampled twice in a period at least
-DRAWN_PERIOD_FACTORS = (
-    1.2,
-    1.5,
-)  # periods of a blind check: from so many times the shortest one to so many times the longest interval
 PLANNED_PERIODS = 16  # periods of a plan, for which nothing can be scanned
 
 
@@ -29,14 +25,7 @@ def compute_period_band(around: Surroundings) -> tuple[float, float] | None:
     return SHORTEST_PERIOD_SPACINGS * spacing, float(np.ptp(around.references.t_s))
 
 
-def draw_period(rng: np.random.Generator, around: Surroundings) -> Value:
-    """Draw from the shortest period the references resolve to somewhat more than an interval, s."""
-    spacing, arc = measure_reference_arc(around)
-    low = DRAWN_PERIOD_FACTORS[0] * SHORTEST_PERIOD_SPACINGS * spacing
-    return log_uniform(rng, low, max(min(DRAWN_PERIOD_FACTORS[1] * arc, float(np.ptp(around.references.t_s))), 1.1 * low))
-
-
-PERIOD_PARAMETER = Parameter("period_s", "s", 1000.0, "period", 1e-3, 1e12, draw=draw_period)
+PERIOD_PARAMETER = Parameter("period_s", "s", 1000.0, "period", 1e-3, 1e12)
 
 
 @dataclass(frozen=True)

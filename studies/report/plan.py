@@ -105,7 +105,6 @@ def build_effects_table(effects: tuple[Visible, ...]) -> pd.DataFrame:
                 "best": _format_size(group, "best") if varies else "",
                 "worst": _format_size(group, "worst") if varies else "",
                 "unit": first.unit,
-                "by": first.seen_in,
                 "remark": first.text,
             }
         )

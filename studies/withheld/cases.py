@@ -37,14 +37,14 @@ from simulator.arrays import Array
 from simulator.effects import EFFECTS, Effect, Setting, Surroundings, setting
 from simulator.effects.base import Value
 from simulator.effects.chain import ActiveEffect, simulate_readings, simulate_references
-from simulator.effects.common import log_uniform, measure_reference_arc
+from simulator.effects.common import measure_reference_arc
 from simulator.simulate import build_surroundings
 from simulator.streams import generator
 from simulator.truth.rotation import separation
 from studies.montecarlo.files import convert_to_plain
 from studies.montecarlo.study import Streams, Study, StudyConfig
 from studies.withheld.families import FAMILIES, Family
-from studies.withheld.plans import Plan, draw_plan
+from studies.withheld.plans import Plan, draw_plan, log_uniform
 from studies.withheld.snr import Change, ResidualModel, measure_attitude
 
 MIX = {"none": 3, "single": 5, "pair": 3, "withheld": 3, "unlisted": 3, "mixed": 3}  # cases in a block

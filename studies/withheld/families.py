@@ -198,11 +198,10 @@ class Sightings(LawNumbers):
 
 
 Law = TypeVar("Law", bound=Callable[..., Array])
-ONE = {"lower": 0.0, "upper": 1.0}
 LAW_PARAMETERS = (
     Parameter("phase_deg", "deg", 0.0, "phase", -360.0, 360.0),
-    Parameter("share", "", 0.5, "of one, as the law uses it", **ONE),
-    Parameter("pace", "", 0.5, "of one, how slow it is", **ONE),
+    Parameter("share", "", 0.5, "of one, as the law uses it", 0.0, 1.0),
+    Parameter("pace", "", 0.5, "of one, how slow it is", 0.0, 1.0),
 )
 
 

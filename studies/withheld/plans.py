@@ -16,7 +16,6 @@ import numpy as np
 
 from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording
 from simulator.arrays import Array
-from simulator.effects.common import log_uniform
 from simulator.effects.housekeeping_columns import simulate_gyro_temperature
 from simulator.sensors.gyro import compute_raw_rates
 from simulator.truth.integration import integrate
@@ -36,6 +35,11 @@ Span = tuple[float, float]
 Rate = Callable[[Array], Array]
 Angle = Callable[[Array], tuple[Array, Array]]
 """An angle and its rate at local times, (n,) s → (n,) rad, (n,) rad/s."""
+
+
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """Draw a number between two, uniform in its logarithm."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 class Grade(NamedTuple):

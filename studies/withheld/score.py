@@ -153,7 +153,7 @@ def summarise_cost(rows: pd.DataFrame) -> pd.DataFrame:
 
 def build_readme_table(rows: pd.DataFrame, failed: int) -> pd.DataFrame:
     """The rates and scores that the README shows, as texts."""
-    rates = [(one["what"], format_rate(one)) for one in compute_rates(rows).to_dict("records")]
+    rates = [(one["what"], format_rate(one)) for _, one in compute_rates(rows).iterrows()]
     scores = score_statements(collect_statements(rows)).to_dict("records")
     lines = [("cases", f"{len(rows)}"), ("diagnosis failed", f"{failed}"), *rates]
     for one in scores:
@@ -164,7 +164,7 @@ def build_readme_table(rows: pd.DataFrame, failed: int) -> pd.DataFrame:
     return pd.DataFrame(lines, columns=["what", "found"])
 
 
-def format_rate(rate: dict[str, Any]) -> str:
+def format_rate(rate: pd.Series) -> str:
     """A rate as text, with its interval."""
     if not rate["cases"]:
         return "0 of 0"

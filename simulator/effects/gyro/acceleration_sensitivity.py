@@ -9,16 +9,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from gyrocal.errors import InputError
-from simulator.effects.base import AXIS_NAMES, Array, Effect, Parameter, Parameters, Stream, Surroundings, Trial, Value
+from simulator.effects.base import AXIS_NAMES, Array, Effect, Parameter, Parameters, Stream, Surroundings, Trial
 from simulator.effects.common import DEG_H, put_on_axis
 from simulator.effects.housekeeping_columns import ACCELERATION, STANDARD_GRAVITY
 
 LEAST_CHANGE = 1e-3  # g₀, RMS: a steadier acceleration is a bias
-
-
-def draw_axis(rng: np.random.Generator, around: Surroundings) -> Value:
-    """One of those whose acceleration is recorded."""
-    return str(rng.choice(_list_changing_axes(around.stream) or list(AXIS_NAMES)))
 
 
 class AccelerationSensitivity(Effect):
@@ -68,7 +63,6 @@ EFFECT = AccelerationSensitivity(
     unit="deg/h per g",
     stage="rate",
     prior=(1e-3, 1e4),
-    parameters=(Parameter("toward", "", None, "body axis whose acceleration acts", choices=AXIS_NAMES, draw=draw_axis),),
+    parameters=(Parameter("toward", "", None, "body axis whose acceleration acts", choices=AXIS_NAMES),),
     meaning="The gyro's bias follows an acceleration of the housekeeping data; positive: it reads high where that is positive.",
-    drawn=False,
 )

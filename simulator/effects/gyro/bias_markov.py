@@ -19,13 +19,11 @@ from simulator.effects.base import (
     Stream,
     Surroundings,
     Trial,
-    Value,
 )
 from simulator.effects.common import (
     DEG_H,
     gauss_markov,
     list_time_constants,
-    log_uniform,
     markov,
     measure_reference_arc,
     number,
@@ -35,12 +33,6 @@ from simulator.effects.common import (
 SHORTEST_BIAS_CONSTANT = 1.0  # spacing of the references
 LONGEST_BIAS_CONSTANT = 1.0  # intervals
 BIAS_CONSTANT_RATIO = 3.0  # between time constants that are tried
-
-
-def draw_time_constant(rng: np.random.Generator, around: Surroundings) -> Value:
-    """Draw from twice the references' spacing to a third of the longest interval, s."""
-    spacing, arc = measure_reference_arc(around)
-    return log_uniform(rng, 2 * spacing, max(arc / 3, 2.1 * spacing))
 
 
 class BiasMarkov(Effect):
@@ -75,7 +67,6 @@ EFFECT = BiasMarkov(
     stage="random_rate",
     prior=(1e-5, 1e3),
     bounds=(0.0, 1e9),
-    parameters=(Parameter("time_constant_s", "s", 600.0, "time constant", 1e-3, 1e9, draw=draw_time_constant),),
+    parameters=(Parameter("time_constant_s", "s", 600.0, "time constant", 1e-3, 1e9),),
     meaning="The gyro's bias wanders and returns, within a time constant.",
-    kin="wandering bias",
 )

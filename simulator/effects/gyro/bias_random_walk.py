@@ -23,7 +23,7 @@ from simulator.effects.base import (
 from simulator.effects.common import DEG_H, HOUR, put_on_axis
 
 GAPS = ("hold", "grow", "reset")
-DRAWN_GAP_BEHAVIOURS = (
+COMMON_GAPS = (
     "hold",
     "reset",
 )  # over gaps of days a walk that goes on makes levels of their own, and hardly shows as a walk
@@ -64,7 +64,7 @@ class BiasRandomWalk(Effect):
         """List the walk's options over gaps; continuous only where the intervals would show the walk."""
         stream = around.stream
         sampled, whole = float(np.sum(stream.duration_s)), float(stream.t_s[-1] - stream.t_s[0])
-        tried = GAPS if whole < LARGEST_SPAN_RATIO * sampled else DRAWN_GAP_BEHAVIOURS
+        tried = GAPS if whole < LARGEST_SPAN_RATIO * sampled else COMMON_GAPS
         return tuple(Trial({"gaps": gaps}, 1 / len(tried)) for gaps in tried)
 
 
@@ -76,7 +76,6 @@ EFFECT = BiasRandomWalk(
     stage="random_rate",
     prior=(1e-5, 5e3),
     bounds=(0.0, 1e9),
-    parameters=(Parameter("gaps", "", "hold", "over the gaps between intervals", choices=GAPS, draw=DRAWN_GAP_BEHAVIOURS),),
+    parameters=(Parameter("gaps", "", "hold", "over the gaps between intervals", choices=GAPS),),
     meaning="The gyro's bias wanders without returning (rate random walk).",
-    kin="wandering bias",
 )

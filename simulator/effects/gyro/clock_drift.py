@@ -10,7 +10,7 @@ factor takes up.
 import numpy as np
 
 from simulator.effects.base import Array, Effect, Parameters, Setting, Stream, Surroundings
-from simulator.effects.common import PPM, log_uniform
+from simulator.effects.common import PPM
 from simulator.effects.timing import compute_delay_columns, delay_rates
 
 LEAST_SPAN_S = 10.0  # at the largest plausible drift the delay then changes by 5 ms
@@ -40,10 +40,6 @@ class ClockDrift(Effect):
             return f"the recording is shorter than {LEAST_SPAN_S:g} s, in which clocks do not run apart"
         return None
 
-    def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
-        """Draw from the range of good to bad quartz clocks, of either sign."""
-        return float(rng.choice([-1.0, 1.0])) * log_uniform(rng, 3.0, 200.0)
-
 
 EFFECT = ClockDrift(
     name="clock_drift",
@@ -58,6 +54,4 @@ EFFECT = ClockDrift(
     axes=(),
     meaning="The clocks of gyro and references run apart: the gyro's tags get later and later against the references (earlier "
     "if negative).",
-    kin="delay",
-    drawn=False,
 )

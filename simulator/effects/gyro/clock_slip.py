@@ -41,6 +41,4 @@ EFFECT = ClockSlip(
     meaning="The gyro's time tags are late from one time on (early if negative), as after a sample that was lost or counted "
     "twice.",
     switched=True,
-    kin="delay",
-    drawn=False,
 )

@@ -30,5 +30,4 @@ EFFECT = GMatrixTemperature(
     parameters=(TOWARD, make_temperature_parameter("the gyro's")),
     meaning="One element of the gyro's scale-factor and misalignment matrix follows a temperature of the housekeeping data.",
     requirement=no_gyro_temperature,
-    drawn=False,
 )

@@ -16,7 +16,7 @@ import numpy as np
 
 from gyrocal.jit_cache import compile_cached
 from simulator.effects.base import AXIS_NAMES, Array, Detection, Effect, Fault, Parameter, Setting, Stream, Surroundings, Value
-from simulator.effects.common import DEG, draw_step_time, log_uniform, number, select_axes
+from simulator.effects.common import DEG, number, select_axes
 from simulator.effects.innovations import Innovations, compute_innovations
 
 FEWEST_SAMPLES = 8  # of a stretch
@@ -89,12 +89,6 @@ class GyroStop(Effect):
         parameters: dict[str, Value] = {"begin_s": begin, "end_s": end}
         found = Detection(self.name, axis, level, self.unit, sigma, parameters, CERTAIN, STOP_P_VALUE, text)
         return Fault(found, lost, np.zeros(around.references.t_s.size, dtype=bool))
-
-    def draw(self, rng: np.random.Generator, around: Surroundings) -> tuple[str | None, dict[str, Value]]:
-        """Any begin; for one to some spacings of the references."""
-        axis = None if rng.random() < 0.5 else str(rng.choice(AXIS_NAMES))
-        begin, spacing = float(draw_step_time(rng, around)), float(np.median(np.diff(np.sort(around.references.t_s))))
-        return axis, {"begin_s": begin, "end_s": begin + spacing * log_uniform(rng, 2.0, 20.0)}
 
 
 def find_levels(around: Surroundings, axis: int) -> list[Stretch]:
@@ -213,5 +207,4 @@ EFFECT = GyroStop(
         Parameter("end_s", "s", None, "time at which it resumes", -1e12, 1e12),
     ),
     meaning="The gyro's reading stops at a level for a while, whatever the motion, and resumes; the size is the level.",
-    drawn=False,
 )

@@ -43,5 +43,4 @@ EFFECT = NoiseFlicker(
     prior=(1e-5, 1e3),
     bounds=(0.0, 1e9),
     meaning="The gyro's bias wanders about a level that is never quite constant (bias instability, 1/f noise).",
-    kin="wandering bias",
 )

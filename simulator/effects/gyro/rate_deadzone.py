@@ -6,7 +6,7 @@ behind it and goes on.
 
 import numpy as np
 
-from simulator.effects.base import AXIS_NAMES, Array, Effect, Setting, Stream, Surroundings, Value
+from simulator.effects.base import Array, Effect, Setting, Stream
 from simulator.effects.common import DEG, index
 
 
@@ -19,21 +19,6 @@ class RateDeadzone(Effect):
         out = samples.copy()
         out[np.abs(samples[:, axis]) < setting.size * DEG, axis] = 0.0
         return out
-
-    def draw(self, rng: np.random.Generator, around: Surroundings) -> tuple[str | None, dict[str, Value]]:
-        """An axis whose rate is small most of the time, which that of the orbital motion is not."""
-        usual = _compute_usual_rates(around)
-        slow = [axis for axis, rate in zip(AXIS_NAMES, usual, strict=True) if rate <= 0.5 * usual.max()]
-        return str(rng.choice(slow or AXIS_NAMES)), {}
-
-    def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
-        """About as wide as the rate is most of the time."""
-        return float(np.rad2deg(_compute_usual_rates(around)[index(axis)]) * rng.uniform(0.5, 2.0))
-
-
-def _compute_usual_rates(around: Surroundings) -> Array:
-    """(3,) median of the absolute raw rates, rad/s."""
-    return np.asarray(np.median(np.abs(around.stream.raw), axis=0))
 
 
 EFFECT = RateDeadzone(

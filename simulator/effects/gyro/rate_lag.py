@@ -59,5 +59,4 @@ EFFECT = RateLag(
     axes=(),
     meaning="The gyro's output trails the rate, as behind a low-pass filter with this time constant.",
     sign="positive",
-    kin="delay",
 )

@@ -5,8 +5,8 @@ The least significant bit of the converter or of telemetry. Without an axis it a
 
 import numpy as np
 
-from simulator.effects.base import Array, Effect, SampleTests, Setting, Smallest, Stream, Surroundings
-from simulator.effects.common import DEG, find_smallest_steps, round_to_multiples
+from simulator.effects.base import Array, Effect, Setting, Stream
+from simulator.effects.common import DEG, round_to_multiples
 
 
 class RateQuantization(Effect):
@@ -15,10 +15,6 @@ class RateQuantization(Effect):
     def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
         """Nearest multiples of the step."""
         return round_to_multiples(samples, setting.axis, setting.size * DEG, np.round)
-
-    def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
-        """A step on which many readings fall together."""
-        return find_smallest_steps(around, tests)
 
 
 EFFECT = RateQuantization(
@@ -30,9 +26,6 @@ EFFECT = RateQuantization(
     prior=(1e-6, 1.0),
     bounds=(1e-12, 1e5),
     axis_optional=True,
-    blind_sizes=(0.5, 8.0),
-    in_noise=True,
     meaning="The gyro's output is rounded to multiples of a step.",
     symptom="lattice_rounded",
-    kin="lattice",
 )

@@ -7,8 +7,8 @@ BROAD trials (docs/broad.md). Without an axis it acts on all three.
 
 import numpy as np
 
-from simulator.effects.base import Array, Effect, SampleTests, Setting, Smallest, Stream, Surroundings
-from simulator.effects.common import DEG, find_smallest_steps, round_to_multiples
+from simulator.effects.base import Array, Effect, Setting, Stream
+from simulator.effects.common import DEG, round_to_multiples
 
 
 class RateTruncation(Effect):
@@ -17,10 +17,6 @@ class RateTruncation(Effect):
     def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
         """Multiples of the step toward zero."""
         return round_to_multiples(samples, setting.axis, setting.size * DEG, np.trunc)
-
-    def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
-        """A step on which many readings fall together."""
-        return find_smallest_steps(around, tests)
 
 
 EFFECT = RateTruncation(
@@ -32,9 +28,6 @@ EFFECT = RateTruncation(
     prior=(1e-6, 1.0),
     bounds=(1e-12, 1e5),
     axis_optional=True,
-    blind_sizes=(0.5, 8.0),
-    in_noise=True,
     meaning="The gyro's output is cut off to a multiple of a step instead of rounded.",
     symptom="lattice_cut",
-    kin="lattice",
 )

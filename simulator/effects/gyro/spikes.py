@@ -6,11 +6,10 @@ own. Without an axis all three have them.
 
 import numpy as np
 
-from simulator.effects.base import Array, Effect, Parameter, SampleTests, Setting, Smallest, Stream, Surroundings
+from simulator.effects.base import Array, Effect, Parameter, Setting, Stream
 from simulator.effects.common import DEG, number, select_axes
 
 FRACTION = 0.001
-TWO = 3.89  # mean of a Poisson number that is two or more in nine cases of ten
 
 
 class Spikes(Effect):
@@ -26,15 +25,6 @@ class Spikes(Effect):
         out[:, axes] += np.where(hit, outlier, 0.0)
         return out
 
-    def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
-        """Two outliers beyond the limit of the test, a reading less a median of seven, among exponential ones."""
-        n, sigma, share = sum(tests.quiet), around.sample_sigma_deg, FRACTION
-        if 3 * n * share <= TWO:
-            return [Smallest(None, np.inf, f"too few samples for a share of {share:g}")]
-        limit = tests.outlier_sigma * sigma * np.sqrt(1 + np.pi / 14)
-        size = float(limit / np.log(3 * n * share / TWO))
-        return [Smallest(None, size, f"share {share:g} on all axes; two beyond {limit:.2g} suffice")]
-
 
 EFFECT = Spikes(
     name="spikes",
@@ -45,9 +35,7 @@ EFFECT = Spikes(
     prior=(1e-6, 1e3),
     bounds=(0.0, 1e4),
     axis_optional=True,
-    blind_sizes=(8.0, 50.0),
-    in_noise=True,
-    parameters=(Parameter("fraction", "", FRACTION, "share of the samples", 0.0, 1.0, draw=(2e-4, 3e-3)),),
+    parameters=(Parameter("fraction", "", FRACTION, "share of the samples", 0.0, 1.0),),
     meaning="Single samples are far off, as by bit flips or lost counts; the size is their mean height.",
     symptom="outliers",
 )

@@ -8,10 +8,8 @@ The first sample of an interval is fresh.
 import numpy as np
 
 from gyrocal.errors import InputError
-from simulator.effects.base import Array, Effect, Parameter, SampleTests, Setting, Smallest, Stream, Surroundings
+from simulator.effects.base import Array, Effect, Parameter, Setting, Stream
 from simulator.effects.common import number
-
-MEAN_OF_THREE_REPEATS = 5.32  # mean of a Poisson number that is three or more in nine cases of ten
 
 
 def draw_stale_mask(rng: np.random.Generator, count: int, mean_run: float, fraction: float) -> np.ndarray:
@@ -40,15 +38,6 @@ class StaleSamples(Effect):
         source = np.maximum.accumulate(np.where(stale, 0, np.arange(len(samples))))
         return np.asarray(samples[source])
 
-    def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
-        """Short runs."""
-        return float(rng.uniform(1.0, 5.0))
-
-    def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
-        """Three exact repeats are enough, of any length."""
-        share = MEAN_OF_THREE_REPEATS / around.stream.t_s.size
-        return [Smallest(None, 1.0, f"any run length, from a share of {share:.2g} on")]
-
 
 EFFECT = StaleSamples(
     name="stale_samples",
@@ -59,7 +48,7 @@ EFFECT = StaleSamples(
     prior=(1.0, 100.0),
     bounds=(1.0, 1e6),
     axes=(),
-    parameters=(Parameter("fraction", "", 0.01, "share of the samples that are repeats", 0.0, 0.99, draw=(2e-3, 5e-2)),),
+    parameters=(Parameter("fraction", "", 0.01, "share of the samples that are repeats", 0.0, 0.99),),
     meaning="Telemetry repeats the sample before; the size is the mean length of a run of repeats.",
     symptom="repeats",
 )

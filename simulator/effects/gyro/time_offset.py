@@ -33,5 +33,4 @@ EFFECT = TimeOffset(
     bounds=(-3600.0, 3600.0),
     axes=(),
     meaning="The gyro's time tags are late against the clock of the reference attitudes (early if negative).",
-    kin="delay",
 )

@@ -58,6 +58,6 @@ EFFECT = ReferenceCorrelated(
     stage="random_reference",
     prior=(1e-5, 10.0),
     bounds=(0.0, 90.0),
-    parameters=(Parameter("time_constant_s", "s", 600.0, "time constant", 1e-3, 1e9, draw=(150.0, 2500.0)),),
+    parameters=(Parameter("time_constant_s", "s", 600.0, "time constant", 1e-3, 1e9),),
     meaning="Errors of the reference attitude last for a while instead of being new each time.",
 )

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from simulator.effects.base import Array, Detection, Effect, Fault, Parameter, References, Setting, Surroundings
-from simulator.effects.common import draw_step_time, log_uniform, number
+from simulator.effects.common import number
 from simulator.effects.innovations import Innovations, compute_innovations
 
 FEWEST_REPEATS = 2  # repeats in a row; one may be a tag that was read twice
@@ -56,11 +56,6 @@ class ReferenceFreeze(Effect):
         found = Detection(self.name, None, longest, self.unit, sigma, {"begin_s": begin}, CERTAIN, FREEZE_P_VALUE, text)
         return (Fault(found, np.zeros(around.stream.t_s.size, dtype=bool), lost),)
 
-    def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
-        """Draw a size of at least three references."""
-        spacing = float(np.median(np.diff(np.sort(around.references.t_s))))
-        return log_uniform(rng, 3.0, 50.0) * spacing
-
 
 def _find_repeats(references: References, seen: Innovations) -> list[tuple[int, int]]:
     """Runs of steps, first and last + 1, at which a reference repeats the one before."""
@@ -79,10 +74,7 @@ EFFECT = ReferenceFreeze(
     prior=(1e-2, 1e4),
     bounds=(0.0, 1e9),
     axes=(),
-    parameters=(
-        Parameter("begin_s", "s", None, "first time at which it repeats, since the epoch", -1e12, 1e12, draw=draw_step_time),
-    ),
+    parameters=(Parameter("begin_s", "s", None, "first time at which it repeats, since the epoch", -1e12, 1e12),),
     meaning="The reference repeats its last attitude for a while although the body moves; the size is how long at most.",
     sign="positive",
-    drawn=False,
 )

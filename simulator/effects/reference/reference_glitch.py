@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from simulator.effects.base import Array, Detection, Effect, Fault, Parameter, References, Setting, Surroundings
-from simulator.effects.common import DEG, log_uniform, number
+from simulator.effects.common import DEG, number
 from simulator.effects.innovations import Innovations, compute_innovations
 from simulator.truth.rotation import apply_rotation_errors, separation
 
@@ -74,10 +74,6 @@ class ReferenceGlitch(Effect):
         found = Detection(self.name, None, size, self.unit, sigma, {"fraction": share}, CERTAIN, GLITCH_P_VALUE, text)
         return (Fault(found, np.zeros(around.stream.t_s.size, dtype=bool), lost),)
 
-    def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
-        """Far above the noise."""
-        return float(np.rad2deg(np.max(around.reference_sigma))) * log_uniform(rng, 60.0, 2000.0)
-
 
 def _is_calm(z: Array, step: int, length: int) -> bool:
     """Whether the innovations before and after a group are noise; a gyro that errs makes others beside it."""
@@ -110,8 +106,7 @@ EFFECT = ReferenceGlitch(
     prior=(1e-3, 180.0),
     bounds=(0.0, 180.0),
     axes=(),
-    parameters=(Parameter("fraction", "", 0.01, "share of the references that are off", 0.0, 0.3, draw=(5e-3, 5e-2)),),
+    parameters=(Parameter("fraction", "", 0.01, "share of the references that are off", 0.0, 0.3),),
     meaning="Single references, or up to three in a row, are off by a large random rotation, as when markers are swapped.",
     sign="positive",
-    drawn=False,
 )

@@ -14,8 +14,8 @@ from itertools import combinations
 
 import numpy as np
 
-from simulator.effects.base import Array, Parameter, Parameters, References, Surroundings, Trial, Value
-from simulator.effects.common import DEG, draw_step_time, log_uniform, number
+from simulator.effects.base import Array, Parameter, Parameters, References, Surroundings, Trial
+from simulator.effects.common import DEG, number
 from simulator.effects.directed_effect import DirectedEffect
 from simulator.effects.innovations import Innovations, compute_innovations
 
@@ -65,15 +65,6 @@ class ReferenceJump(DirectedEffect):
         most = int(np.bincount(references.interval[references.interval >= 0], minlength=1).max()) if references.t_s.size else 0
         return None if most >= FEWEST_JUMP_REFERENCES else f"it needs {FEWEST_JUMP_REFERENCES} references in an interval"
 
-    def draw(self, rng: np.random.Generator, around: Surroundings) -> tuple[str | None, dict[str, Value]]:
-        """Any direction and begin; half of the jumps return, after one reference or up to most of an interval."""
-        direction = rng.standard_normal(3)
-        begin = float(draw_step_time(rng, around))
-        spacing = float(np.median(np.diff(np.sort(around.references.t_s))))
-        end = begin + log_uniform(rng, 1.0, 100.0) * spacing if rng.random() < 0.5 else FOREVER_S
-        angles = dict(zip((one.name for one in self.directions), direction.tolist(), strict=True))
-        return None, {**angles, "begin_s": begin, "end_s": end}
-
 
 def find_edges(seen: Innovations) -> np.ndarray:
     """Find the innovations too large for noise, the largest ones, in order of time."""
@@ -113,5 +104,4 @@ EFFECT = ReferenceJump(
     ),
     meaning="The reference attitude is off by a constant rotation about all axes from one time on and returns later or not, as "
     "when markers are mistaken for one another.",
-    drawn=False,
 )

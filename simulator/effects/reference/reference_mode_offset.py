@@ -20,11 +20,6 @@ WITHIN_DEG = 90.0
 TRIED_DEG = tuple(range(30, 125, 15))  # headings from -x at which the head may take over
 
 
-def draw_heading(rng: np.random.Generator, around: Surroundings) -> Value:
-    """Anywhere between those tried."""
-    return float(rng.uniform(TRIED_DEG[0], TRIED_DEG[-1]))
-
-
 class ReferenceModeOffset(Effect):
     """See the module."""
 
@@ -77,8 +72,8 @@ EFFECT = ReferenceModeOffset(
     prior=(1e-5, 10.0),
     bounds=(-90.0, 90.0),
     parameters=(
-        Parameter("holds", "", "off", "in an inertial hold after -x forward", choices=HOLDS, draw=HOLDS),
-        Parameter("within_deg", "deg", WITHIN_DEG, "heading from -x up to which it acts", 0.0, 180.0, draw=draw_heading),
+        Parameter("holds", "", "off", "in an inertial hold after -x forward", choices=HOLDS),
+        Parameter("within_deg", "deg", WITHIN_DEG, "heading from -x up to which it acts", 0.0, 180.0),
     ),
     meaning="The reference attitude is offset when flying -x forward, as when another sensor head takes over.",
 )

@@ -17,11 +17,11 @@ FOUND = Plan(
     threshold=0.5,
     degrees_of_freedom=100,
     effects=(
-        Visible("bias_drift", "x", "bias_drift:x", "deg/h per day", "visible", 0.1, 0.1, 0.1, 5.0, (1e-3, 10.0), "attitude"),
-        Visible("bias_drift", "y", "bias_drift:y", "deg/h per day", "visible", 0.105, 0.1, 0.11, 5.0, (1e-3, 10.0), "attitude"),
-        Visible("time_offset", None, "time_offset", "s", "visible", 0.2, 0.2, INF, 5.0, (5e-3, 10.0), "attitude"),
+        Visible("bias_drift", "x", "bias_drift:x", "deg/h per day", "visible", 0.1, 0.1, 0.1, 5.0, (1e-3, 10.0)),
+        Visible("bias_drift", "y", "bias_drift:y", "deg/h per day", "visible", 0.105, 0.1, 0.11, 5.0, (1e-3, 10.0)),
+        Visible("time_offset", None, "time_offset", "s", "visible", 0.2, 0.2, INF, 5.0, (5e-3, 10.0)),
         Visible(
-            "scale_asymmetry", "x", "scale_asymmetry:x", "ppm", "not identifiable", INF, INF, INF, NAN, (10.0, 5e4), "attitude",
+            "scale_asymmetry", "x", "scale_asymmetry:x", "ppm", "not identifiable", INF, INF, INF, NAN, (10.0, 5e4),
             text="acts like [G]",
         ),
     ),
