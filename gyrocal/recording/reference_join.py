@@ -5,7 +5,8 @@ for the body attitude Mᵀ A_s = exp([e×]) A, where e has the covariance P = M�
 
     P = (P_a⁻¹ + P_b⁻¹)⁻¹,    A = exp([P P_b⁻¹ θ×]) A_a,    exp([θ×]) = Mᵀ A_s A_aᵀ
 
-A mounting M = exp([m×]) M₀ is estimated from all rows of one time by weighted least squares, with its prior if it has one:
+A mounting M = exp([m×]) M₀ is estimated by weighted least squares, with its prior if it has one, from all rows of one time, or
+by interpolation where the sensors take turns:
 
     m = Q Σ C⁻¹ θ,    Q = (Σ C⁻¹ + prior⁻¹)⁻¹,    exp([θ×]) = A_s A_aᵀ M₀ᵀ,    C = diag(σ²) + M₀ P_a M₀ᵀ
 
@@ -15,7 +16,7 @@ The first sensor defines the body's axes. Its error of mounting cannot be separa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,7 @@ Mask = NDArray[np.bool_]
 
 SAME_TIME = 0.5  # of a gyro sample, or without a gyro of the sensor's usual step: rows within it are of one time
 EXACT_S = 1e-9  # between rows that need not be brought to one time
+LARGEST_TURN = np.deg2rad(10.0)  # between two rows of a sensor that are interpolated: a body keeps its rate over less
 GAP_STEPS = 1.5  # usual steps of a sensor: it is not interpolated over a longer one
 FEWEST_COMMON_TIMES = 10  # to estimate a mounting without a prior
 DIRECTION_SCATTER_RATIO = 0.5  # times the scatter as read: attitudes of the other direction scatter so much less
@@ -72,7 +74,7 @@ class JoinedSensor:
     Attributes
     ----------
     name : of the sensor
-    rows, common : number of its rows, and of those at a time of a sensor before it
+    rows, common : number of its rows, and of those compared with a sensor before it
     mounting : (3, 3) body to sensor
     mounting_sigma : (3,) 1-sigma of the mounting about the sensor's own axes, rad; None if it was not estimated
     agreement : RMS of its differences from the sensors before it, in units of their stated sigma; NaN without any
@@ -93,7 +95,7 @@ class JoinedSensor:
         if self.mounting_sigma is not None:
             text += f", estimated with 1-sigma {_format_degrees(self.mounting_sigma)} deg about its own axes"
         if self.common:
-            text += f"; {self.common} at a time of another sensor, from which they differ by {self.agreement:.3g} sigma RMS"
+            text += f"; {self.common} compared with those of another sensor differ from them by {self.agreement:.3g} sigma RMS"
         return text
 
 
@@ -134,8 +136,9 @@ class _Rows:
 def join_references(sensors: Sequence[SensorReferences], gyro: GyroStream | None = None) -> JoinedReferences:
     """Join the references of several sensors to one series of body attitudes.
 
-    Mountings that are not stated are estimated from rows of one time. The first sensor defines the body's axes; they are its
-    own ones unless its mounting is stated. A row without another of its time is kept with its own covariance.
+    Mountings that are not stated are estimated from rows of one time, those of sensors that take turns by interpolation. The
+    first sensor defines the body's axes; they are its own ones unless its mounting is stated. A row without another of its time
+    is kept with its own covariance.
 
     Parameters
     ----------
@@ -154,14 +157,15 @@ def join_references(sensors: Sequence[SensorReferences], gyro: GyroStream | None
     found = {0: JoinedSensor(first.name, first.t_s.size, 0, M, None, np.nan)}
     for number in sorted(range(1, len(sensors)), key=lambda k: sensors[k].is_estimated):
         one = sensors[number]
-        a, b = _pair_rows(joined, one, gyro)
-        M, sigma = _estimate_mounting(joined, one, a, b, gyro)
-        theta = attitude.residual(_move_rows(one, b, joined.t_s[a], M, gyro), M @ joined.A[a])
-        C = _compute_difference_covariance(joined, one, a, b, M)
-        chi2 = float(np.einsum("ki,ki->", theta, np.linalg.solve(C, theta[:, :, None])[:, :, 0]))
-        dof = theta.size - 3 * (one.mounting is None)
-        found[number] = JoinedSensor(one.name, one.t_s.size, a.size, M, sigma, np.sqrt(chi2 / dof) if dof > 0 else np.nan)
-        joined = _merge_rows(joined, _build_rows(one, M, number, len(sensors)), a, b, theta @ M)
+        pairs, by = _pair_rows(joined, one, gyro), gyro
+        common = pairs
+        if pairs[0].size < FEWEST_COMMON_TIMES:  # sensors that take turns: compared by interpolation, and not averaged
+            common, by = _pair_rows(joined, one, None), None
+        M, sigma = _estimate_mounting(joined, one, *common, by)
+        agreement = _compute_agreement(joined, one, *common, M, by)
+        found[number] = JoinedSensor(one.name, one.t_s.size, common[0].size, M, sigma, agreement)
+        theta = attitude.residual(_move_rows(one, pairs[1], joined.t_s[pairs[0]], M, gyro), M @ joined.A[pairs[0]])
+        joined = _merge_rows(joined, _build_rows(one, M, number, len(sensors)), *pairs, theta @ M)
     return JoinedReferences(_build_attitudes(joined), joined.holds, tuple(found[k] for k in range(len(sensors))))
 
 
@@ -183,6 +187,8 @@ def _pair_rows(joined: _Rows, sensor: SensorReferences, gyro: GyroStream | None)
         step = float(np.median(np.diff(sensor.t_s))) if sensor.t_s.size > 1 else 0.0
         inside = (joined.t_s >= sensor.t_s[0]) & (joined.t_s <= sensor.t_s[-1])
         inside &= sensor.t_s[after] - sensor.t_s[before] <= GAP_STEPS * step
+        body = Rotation.from_quat(sensor.quaternions)
+        inside &= (body[before].inv() * body[after]).magnitude() <= LARGEST_TURN
         near = (inside & (apart <= GAP_STEPS * SAME_TIME * step)) | (apart <= EXACT_S)
     a = np.flatnonzero(near)
     order = a[np.lexsort((apart[a], row[a]))]  # of several joined rows at one of the sensor, the nearest
@@ -207,6 +213,22 @@ def _move_rows(sensor: SensorReferences, rows: Indices, t_s: Array, M: Array, gy
 def _compute_difference_covariance(joined: _Rows, sensor: SensorReferences, a: Indices, b: Indices, M: Array) -> Array:
     """(k, 3, 3) covariance of a sensor's attitudes less the joined ones about the sensor's own axes, rad²."""
     return np.asarray(M @ joined.P[a] @ M.T + np.einsum("mi,ij->mij", sensor.sigma[b] ** 2, np.eye(3)))
+
+
+def _compute_agreement(
+    joined: _Rows, sensor: SensorReferences, a: Indices, b: Indices, M: Array, gyro: GyroStream | None
+) -> float:
+    """RMS of a sensor's differences from the joined attitudes in units of their stated sigma; NaN without any."""
+    theta = attitude.residual(_move_rows(sensor, b, joined.t_s[a], M, gyro), M @ joined.A[a])
+    sigma = sensor.sigma
+    if gyro is None and sensor.t_s.size > 1:  # an attitude between two is the mean of both, with less noise
+        part = np.abs(sensor.t_s[b] - joined.t_s[a]) / np.median(np.diff(sensor.t_s))
+        sigma = np.empty_like(sigma)
+        sigma[b] = sensor.sigma[b] * np.sqrt((1 - part) ** 2 + part**2)[:, None]
+    C = _compute_difference_covariance(joined, replace(sensor, sigma=sigma), a, b, M)
+    chi2 = float(np.einsum("ki,ki->", theta, np.linalg.solve(C, theta[:, :, None])[:, :, 0]))
+    dof = theta.size - 3 * (sensor.mounting is None)
+    return float(np.sqrt(chi2 / dof)) if dof > 0 else np.nan
 
 
 def _estimate_mounting(

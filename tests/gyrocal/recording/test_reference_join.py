@@ -61,12 +61,12 @@ def test_joined_attitudes_hold_their_covariances(late_s, sample_s, rows):
     assert low < squares < high
 
 
-@pytest.mark.parametrize("late_s", [0.0, 0.03])
-def test_mounting_is_estimated_within_its_sigma(late_s):
+@pytest.mark.parametrize(("late_s", "sample_s"), [(0.0, 0.1), (0.03, 0.1), (0.03, 0.04)])  # the last ones take turns
+def test_mounting_is_estimated_within_its_sigma(late_s, sample_s):
     off = []
     for seed in range(20):
-        found = join_references(make_sensors(seed, late_s), make_gyro(0.1)).sensors[1]
-        assert found.common == COUNT
+        found = join_references(make_sensors(seed, late_s), make_gyro(sample_s)).sensors[1]
+        assert found.common >= COUNT - 1
         assert found.agreement == pytest.approx(1, abs=0.15)
         off.append(attitude.residual(found.mounting, MOUNTING) / found.mounting_sigma)
     assert 0.7 < np.sqrt(np.mean(np.square(off))) < 1.3
