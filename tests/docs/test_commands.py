@@ -51,8 +51,6 @@ ONLY_PARSED = {  # why each is not run here
     "gyrocal reproduce": "minutes; tests/studies/natanson and tests/studies/robertson run its parts",
     "gyrocal study heads": "minutes for any number of cases",
     "gyrocal study real": "needs the trials of BROAD",
-    "gyrocal import csv /tmp/s2a": "as above",
-    "gyrocal predict /tmp/s2a": "as above",
     "gyrocal study withheld": "minutes; tests/studies/withheld runs a case",
     "gyrocal study paper --backend dask": "needs a scheduler",
     "gyrocal study psi": "a grid of minutes; tests/studies/calibration",
