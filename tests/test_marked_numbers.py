@@ -37,11 +37,18 @@ def format_table(rows, head):
 
 
 def tabulate_withheld():
-    path = RESULTS / "studies" / "withheld" / "readme.csv"
-    if not path.exists():
+    folder = RESULTS / "studies" / "withheld"
+    if not folder.exists():
         return "The table follows with the first committed run of the study.\n"
-    table = pd.read_csv(path, dtype=str)
-    return format_table(table.itertuples(index=False), table.columns)
+    rows = [["cases", pd.read_csv(folder / "outcomes.csv")["cases"].sum()]]
+    for one in pd.read_csv(folder / "rates.csv").itertuples():
+        bounds = f"{100 * one.share:.0f} %; {100 * one.low:.0f} to {100 * one.high:.0f} %"
+        rows.append([one.what, f"{one.hits} of {one.cases} ({bounds})"])
+    for one in pd.read_csv(folder / "statements.csv").itertuples():
+        rows.append(
+            [f"causes stated {one.stated}: right", f"{one.right} of {one.causes}, expected {one.expected:.1f}, z {one.z:.1f}"]
+        )
+    return format_table(rows, ["what", "found"])
 
 
 def tabulate_natanson_questions():

@@ -1,6 +1,6 @@
 """The study `withheld`: is the diagnosis right about craft, gyros and effects, among them effects that it cannot name?
 
-- `plans`: motions of spacecraft and of what is held by hand or carried, their gyros and references
+- `plans`: motions of spacecraft, rate tables and hands, their gyros and references
 - `families`: effects that were never on the list
 - `snr`: how strongly an effect shows to an analyst who does not know its waveform in the samples
 - `cases`: the drawing of a case, its diagnosis, and its row; ``STUDY``

@@ -81,16 +81,14 @@ def draw_time(rng: np.random.Generator, around: Surroundings) -> Value:
     return float(0.5 * (end[gap] + begin[gap + 1]))
 
 
-def draw_period(rng: np.random.Generator, around: Surroundings) -> Value:
-    """A period from three spacings of the references to one and a half times the longest interval, s."""
-    spacing, arc = measure_reference_arc(around)
-    return log_uniform(rng, 3 * spacing, max(1.5 * arc, 3.3 * spacing))
+def draw_over_arc(spacings: float, arcs: float) -> Draw:
+    """A time from some spacings of the references to a share of the longest interval, s."""
 
+    def draw(rng: np.random.Generator, around: Surroundings) -> Value:
+        spacing, arc = measure_reference_arc(around)
+        return log_uniform(rng, spacings * spacing, max(arcs * arc, 1.1 * spacings * spacing))
 
-def draw_time_constant(rng: np.random.Generator, around: Surroundings) -> Value:
-    """A time constant from two spacings of the references to a third of the longest interval, s."""
-    spacing, arc = measure_reference_arc(around)
-    return log_uniform(rng, 2 * spacing, max(arc / 3, 2.1 * spacing))
+    return draw
 
 
 def draw_frequency(rng: np.random.Generator, around: Surroundings) -> Value:
@@ -108,20 +106,16 @@ def between(low: float, high: float) -> Draw:
     return lambda rng, around: log_uniform(rng, low, high)
 
 
-def draw_direction(rng: np.random.Generator, around: Surroundings) -> Value:
-    """A component of a direction."""
-    return float(rng.standard_normal())
-
-
+PERIOD, TIME_CONSTANT = draw_over_arc(3.0, 1.5), draw_over_arc(2.0, 1 / 3)
 TOWARD = choose("x", "y", "z")
 LISTED: dict[str, dict[str, Draw]] = {  # effects that are drawn, and their parameters
     "bias_drift": {},
     "bias_step": {"time_s": draw_time},
     "bias_orbital": {"phase_deg": draw_phase},
-    "bias_periodic": {"period_s": draw_period, "phase_deg": draw_phase},
+    "bias_periodic": {"period_s": PERIOD, "phase_deg": draw_phase},
     "bias_temperature": {},
     "bias_random_walk": {"gaps": choose("hold", "reset")},
-    "bias_markov": {"time_constant_s": draw_time_constant},
+    "bias_markov": {"time_constant_s": TIME_CONSTANT},
     "noise_flicker": {},
     "noise_excess": {},
     "noise_angle_white": {},
@@ -140,13 +134,13 @@ LISTED: dict[str, dict[str, Draw]] = {  # effects that are drawn, and their para
     "vibration": {"apparent_hz": draw_frequency, "phase_deg": draw_phase},
     "spikes": {"fraction": between(2e-4, 3e-3)},
     "stale_samples": {"fraction": between(2e-3, 5e-2)},
-    "reference_jump": {**dict.fromkeys(("e_x_deg", "e_y_deg", "e_z_deg"), draw_direction), "begin_s": draw_time},
+    "reference_jump": {**dict.fromkeys(("e_x_deg", "e_y_deg", "e_z_deg"), draw_phase), "begin_s": draw_time},
     "reference_glitch": {"fraction": between(5e-3, 5e-2)},
     "reference_mode_offset": {"holds": choose("off", "on")},
     "reference_orbital": {"phase_deg": draw_phase},
     "reference_horizon": {"phase_deg": draw_phase},
-    "reference_periodic": {"period_s": draw_period, "phase_deg": draw_phase},
-    "reference_correlated": {"time_constant_s": draw_time_constant},
+    "reference_periodic": {"period_s": PERIOD, "phase_deg": draw_phase},
+    "reference_correlated": {"time_constant_s": TIME_CONSTANT},
     "reference_noise_excess": {},
 }
 SIZES = {  # ranges that are narrower than the priors
@@ -291,7 +285,7 @@ def draw_case(entropy: int, case: int) -> DrawnCase:
     for attempt in range(MOST_PLANS):
         plan = draw_plan(generator(entropy, case, f"withheld:{attempt}:plan"), f"withheld {case}")
         world = World(entropy, case, attempt, plan, ResidualModel(plan))
-        if world.model.model_error < DESCRIBED and world.model.sigmas[:9].max() < DETERMINED:
+        if world.model.model_error < DESCRIBED and world.model.taken_up[1][:9].max() < DETERMINED:
             effects = _place_effects(world, kind)
             if effects is not None:
                 return DrawnCase(kind, world, tuple(effects))

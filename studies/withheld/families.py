@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -35,24 +34,31 @@ TURNING = 1e-3 * DEG  # rad/s; a body that nowhere turns faster does not turn
 DENSE_RAD = 0.5  # turn between two references, up to which their difference is the rate
 
 
-@dataclass(frozen=True)
+LAW_PARAMETERS = (
+    Parameter("phase_deg", "deg", 0.0, "phase", -360.0, 360.0),
+    Parameter("share", "", 0.5, "of one, as the law uses it", 0.0, 1.0),
+    Parameter("pace", "", 0.5, "of one, how slow it is", 0.0, 1.0),
+)
+
+
 class LawNumbers:
-    """The numbers of a case: axis, phase (rad), share and pace of one, and a source of randomness."""
+    """Axis k, phase (rad), share and pace of one, and a source of randomness, which without one is seeded by the numbers."""
 
-    k: int
-    phase: float
-    share: float
-    pace: float
-    rng: np.random.Generator
-
-    @property
-    def other(self) -> int:
-        """Another axis."""
-        return (self.k + 1 + (self.share > 0.5)) % 3
+    def __init__(self, axis: str | None, parameters: Mapping[str, Value], rng: np.random.Generator | None = None):
+        phase, self.share, self.pace = (float(parameters[one.name]) for one in LAW_PARAMETERS)
+        seed = [int(1e6 * (phase + 360)), int(1e9 * self.share), int(1e9 * self.pace)]
+        self.k, self.phase = seed[0] % 3 if axis is None else index(axis), float(np.deg2rad(phase))
+        self.other = (self.k + 1 + (self.share > 0.5)) % 3  # another axis
+        self.rng = rng or np.random.default_rng(seed)
+        self.length = 0.0  # of a median interval, s
 
     def scaled(self, low: float, high: float) -> float:
         """A number between two by the pace, uniform in its logarithm."""
         return float(low * (high / low) ** self.pace)
+
+    def between(self, low: float, high: float) -> float:
+        """A time between two shares of a median interval, s."""
+        return self.length * self.scaled(low, high)
 
     def direction(self) -> Array:
         """A unit vector that the numbers fix, (3,)."""
@@ -60,77 +66,28 @@ class LawNumbers:
         return np.array([*(np.sqrt(1 - z * z) * np.array([np.cos(self.phase), np.sin(self.phase)])), z])
 
 
-@dataclass(frozen=True)
 class Samples(LawNumbers):
-    """The samples as a law sees them."""
+    """The samples: times t (n,), s, body rates w (n, 3) and own (n,) about the axis, rad/s, and what follows from them."""
 
-    stream: Stream
-
-    @property
-    def t(self) -> Array:
-        """(n,) s since the epoch."""
-        return self.stream.t_s
-
-    @property
-    def w(self) -> Array:
-        """(n, 3) body rates, rad/s."""
-        return self.stream.rates
-
-    @property
-    def own(self) -> Array:
-        """(n,) rate about the axis, rad/s."""
-        return self.w[:, self.k]
-
-    @property
-    def sample_s(self) -> float:
-        """Length of a sample, s."""
-        return float(self.stream.duration_s[0])
-
-    @property
-    def fastest(self) -> float:
-        """Largest rate about any axis, rad/s."""
-        return float(np.abs(self.w).max())
+    def __init__(
+        self, axis: str | None, parameters: Mapping[str, Value], stream: Stream, rng: np.random.Generator | None = None
+    ):
+        super().__init__(axis, parameters, rng)
+        self.stream, self.t, self.w, self.own = stream, stream.t_s, stream.rates, stream.rates[:, self.k]
+        self.sample_s, self.fastest = float(stream.duration_s[0]), float(np.abs(self.w).max())
+        self.length = max(float(np.median([p.stop - p.start for p in stream.intervals])) * self.sample_s, 50 * self.sample_s)
+        self.since_start = self.each(lambda p: self.t[p] - self.t[p.start])  # of the interval, s
+        self.elapsed = np.asarray((self.t - self.t[0]) / (self.t[-1] - self.t[0]))  # from 0 to 1
 
     def each(self, law: Callable[[slice], Array]) -> Array:
         """Join the values that a law gives for each interval by itself."""
         return np.concatenate([law(part) for part in self.stream.intervals])
 
-    @cached_property
-    def since_start(self) -> Array:
-        """(n,) since the first sample of the interval, s."""
-        return self.each(lambda p: self.t[p] - self.t[p.start])
-
-    @cached_property
-    def elapsed(self) -> Array:
-        """(n,) from 0 at the first sample of all to 1 at the last."""
-        return np.asarray((self.t - self.t[0]) / (self.t[-1] - self.t[0]))
-
-    def between(self, low: float, high: float) -> float:
-        """A time between two shares of a median interval, s, not below two samples."""
-        lengths = [self.sample_s * (p.stop - p.start) for p in self.stream.intervals]
-        return max(float(np.median(lengths)) * self.scaled(low, high), 2 * self.sample_s)
-
     def cycle(self, low: float, high: float) -> Array:
         """(n,) phase, rad, of a period between two shares of an interval."""
         return 2 * np.pi * self.t / self.between(low, high) + self.phase
 
-    @cached_property
-    def acceleration(self) -> Array:
-        """(n, 3) rad/s²."""
-        return self.each(lambda p: np.gradient(self.w[p], self.sample_s, axis=0))
-
-    @cached_property
-    def turned(self) -> Array:
-        """(n,) angle turned about the axis since the interval's start, rad."""
-        return self.each(lambda p: np.cumsum(self.own[p]) * self.sample_s)
-
-    @cached_property
-    def attitude(self) -> Array:
-        """(n, 3, 3) attitude against that at the interval's start."""
-        begin = np.array([0.0, 0.0, 0.0, 1.0])
-        return self.each(lambda p: convert_to_matrix(accumulate(begin, self.w[p] * self.sample_s)[1:]))
-
-    @cached_property
+    @property
     def temperature(self) -> Array:
         """(n,) of the gyro above its mean, K."""
         found = self.stream.housekeeping[TEMPERATURE_COLUMN]
@@ -141,12 +98,6 @@ class Samples(LawNumbers):
         a = float(np.exp(-self.sample_s / time_s))
         return self.each(lambda p: lfilter([1 - a], [1, -a], values[p], zi=[a * values[p.start]])[0])
 
-    def delayed(self, raw: Array, delay: Array) -> Array:
-        """Raw rates (n, 3) as they were a delay (n,), s, before, within each interval; linear between the samples."""
-        return self.each(
-            lambda p: np.stack([np.interp(self.t[p] - delay[p], self.t[p], raw[p, axis]) for axis in range(3)], axis=1)
-        )
-
     def replaced(self, values: Array, column: Array) -> Array:
         """Samples with those of the axis replaced, (n, 3)."""
         out = values.copy()
@@ -154,55 +105,31 @@ class Samples(LawNumbers):
         return out
 
 
-@dataclass(frozen=True)
 class Sightings(LawNumbers):
-    """The references as a law sees them."""
+    """The references: times t (m,), s, attitude matrices body (m, 3, 3), and the first reference of each one's interval."""
 
-    references: References
+    def __init__(
+        self, axis: str | None, parameters: Mapping[str, Value], references: References, rng: np.random.Generator | None = None
+    ):
+        super().__init__(axis, parameters, rng)
+        self.references, self.t, self.body = references, references.t_s, convert_to_matrix(references.quaternions)
+        begins = np.append(True, np.diff(references.interval) != 0)
+        self.first = np.maximum.accumulate(np.where(begins, np.arange(len(self.t)), 0))
+        self.since_start = np.asarray(self.t - self.t[self.first])
+        self.length = float(max(np.median([np.ptp(self.t[self.first == k]) for k in np.unique(self.first)]), 1e-3))
 
     @property
-    def t(self) -> Array:
-        """(m,) s since the epoch."""
-        return self.references.t_s
-
-    @cached_property
-    def first(self) -> Array:
-        """(m,) number of the first reference of the interval of each."""
-        begins = np.append(True, np.diff(self.references.interval) != 0)
-        return np.maximum.accumulate(np.where(begins, np.arange(len(self.t)), 0))
-
-    @cached_property
-    def since_start(self) -> Array:
-        """(m,) since the interval's first reference, s."""
-        return np.asarray(self.t - self.t[self.first])
-
-    def between(self, low: float, high: float) -> float:
-        """A time between two shares of a median interval, s."""
-        lengths = [np.ptp(self.t[self.references.interval == k]) for k in np.unique(self.references.interval)]
-        return float(max(np.median(lengths), 1e-3) * self.scaled(low, high))
-
-    @cached_property
-    def body(self) -> Array:
-        """(m, 3, 3) attitude matrices."""
-        return convert_to_matrix(self.references.quaternions)
-
-    @cached_property
     def rates(self) -> Array:
         """(m, 3) body rate from one reference to the next, rad/s; the last of an interval has that before."""
-        q, interval = self.references.quaternions, self.references.interval
+        q = self.references.quaternions
         turns = -separation(q[:-1], q[1:]) / np.diff(self.t)[:, None]
         rates = np.vstack([turns, turns[-1:]])
-        last = np.flatnonzero(np.append(np.diff(interval) != 0, True))
+        last = np.flatnonzero(np.append(np.diff(self.first) != 0, True))
         rates[last] = rates[np.maximum(last - 1, 0)]
         return rates
 
 
 Law = TypeVar("Law", bound=Callable[..., Array])
-LAW_PARAMETERS = (
-    Parameter("phase_deg", "deg", 0.0, "phase", -360.0, 360.0),
-    Parameter("share", "", 0.5, "of one, as the law uses it", 0.0, 1.0),
-    Parameter("pace", "", 0.5, "of one, how slow it is", 0.0, 1.0),
-)
 
 
 @dataclass(frozen=True)
@@ -239,46 +166,35 @@ class Family(Effect):
         return SIZES[self.unit][0] * out
 
 
-def read_numbers(
-    axis: str | None, parameters: Mapping[str, Value], rng: np.random.Generator | None = None
-) -> tuple[int, float, float, float, np.random.Generator]:
-    """The numbers of a law; without a source of randomness they are its seed. A law of all axes has its first one by lot."""
-    phase, share, pace = (float(parameters[one.name]) for one in LAW_PARAMETERS)
-    k = int(1e6 * (phase + 360)) % 3 if axis is None else index(axis)
-    seed = [int(1e6 * (phase + 360)), int(1e9 * share), int(1e9 * pace)]
-    return k, float(np.deg2rad(phase)), share, pace, rng or np.random.default_rng(seed)
-
-
 class _RateFamily(Family):
     def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
-        return self.put_on_axes(self.law(Samples(*read_numbers(axis, parameters), stream)), axis)[:, :, None]
+        return self.put_on_axes(self.law(Samples(axis, parameters, stream)), axis)[:, :, None]
 
 
 class _RandomRateFamily(Family):
     def wander(self, rng: np.random.Generator, stream: Stream, setting: Setting) -> Array:
-        seen = Samples(*read_numbers(setting.axis, setting.parameters, rng), stream)
+        seen = Samples(setting.axis, setting.parameters, stream, rng)
         return setting.size * self.put_on_axes(self.law(seen), setting.axis)
 
 
 class _TimingFamily(Family):
     def retimed(self, raw: Array, stream: Stream, setting: Setting) -> Array:
-        return self.law(Samples(*read_numbers(setting.axis, setting.parameters), stream), raw, setting.size)
+        return self.law(Samples(setting.axis, setting.parameters, stream), raw, setting.size)
 
 
 class _SampleFamily(Family):
     def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
-        seen = Samples(*read_numbers(setting.axis, setting.parameters, rng), stream)
-        return self.law(seen, samples, SIZES[self.unit][0] * setting.size)
+        return self.law(Samples(setting.axis, setting.parameters, stream, rng), samples, SIZES[self.unit][0] * setting.size)
 
 
 class _ReferenceFamily(Family):
     def reference_columns(self, references: References, axis: str | None, parameters: Mapping[str, Value]) -> Array:
-        return self.put_on_axes(self.law(Sightings(*read_numbers(axis, parameters), references)), axis)[:, :, None]
+        return self.put_on_axes(self.law(Sightings(axis, parameters, references)), axis)[:, :, None]
 
 
 class _RandomReferenceFamily(Family):
     def reference_wander(self, rng: np.random.Generator, references: References, setting: Setting) -> Array:
-        seen = Sightings(*read_numbers(setting.axis, setting.parameters, rng), references)
+        seen = Sightings(setting.axis, setting.parameters, references, rng)
         return setting.size * self.put_on_axes(self.law(seen), setting.axis)
 
 
@@ -338,17 +254,6 @@ def shupe(seen: Samples) -> Array:
     return np.asarray(change / max(float(np.abs(change).max()), TINY))
 
 
-@declare("rate", "deg/h", "temperature")
-def thermal_hysteresis(seen: Samples) -> Array:
-    """Bias depends on the way to a temperature. Glue follows it with a play (IEEE Std 1431, thermal hysteresis)."""
-    play, at = (0.2 + 0.6 * seen.share) * float(np.std(seen.temperature)), 0.0
-    out = np.empty(len(seen.t))
-    for k, value in enumerate(seen.temperature):
-        at = min(max(at, value - play), value + play)
-        out[k] = at - value
-    return out / max(play, TINY)
-
-
 @declare("rate", "deg/h", "turns")
 def slew_heating(seen: Samples) -> Array:
     """Bias follows the recent turning. Torquers warm the sensor (IEEE Std 813, torquer heating)."""
@@ -358,7 +263,9 @@ def slew_heating(seen: Samples) -> Array:
 @declare("rate", "deg/h", "turns")
 def mass_unbalance(seen: Samples) -> Array:
     """Bias follows gravity's component along an axis of the case (IEEE Std 528, g-sensitive drift)."""
-    return np.asarray(seen.attitude[:, seen.other] @ seen.direction())
+    start = np.array([0.0, 0.0, 0.0, 1.0])
+    attitude = seen.each(lambda p: convert_to_matrix(accumulate(start, seen.w[p] * seen.sample_s)[1:]))
+    return np.asarray(attitude[:, seen.other] @ seen.direction())
 
 
 @declare("rate", "deg/h", "turns")
@@ -372,7 +279,7 @@ def pivot_friction(seen: Samples) -> Array:
 @declare("rate", "s", "turns")
 def cross_acceleration(seen: Samples) -> Array:
     """An axis reads the angular acceleration about another. A float lags behind its case (Titterton and Weston)."""
-    return seen.acceleration[:, seen.other]
+    return seen.each(lambda p: np.gradient(seen.w[p, seen.other], seen.sample_s))
 
 
 @declare("rate", "ppm", "turns")
@@ -390,7 +297,8 @@ def range_switch(seen: Samples) -> Array:
 @declare("rate", "deg/s", "turns")
 def backscatter(seen: Samples) -> Array:
     """Error swings with the angle turned. Backscatter adds the beat's sine (Aronowitz, Ring Laser Gyro, 1999)."""
-    return np.sin(seen.scaled(0.7, 15.0) * seen.turned + seen.phase)
+    turned = seen.each(lambda p: np.cumsum(seen.own[p]) * seen.sample_s)
+    return np.sin(seen.scaled(0.7, 15.0) * turned + seen.phase)
 
 
 @declare("random_rate", "deg/h")
@@ -420,7 +328,8 @@ def foam_mount(seen: Samples) -> Array:
 @declare("clock", "s", "turns", all_axes=True)
 def clock_resets(seen: Samples, raw: Array, size: float) -> Array:
     """Tags drift and are set right again and again. The clock is synchronised at intervals (CCSDS 301.0)."""
-    return seen.delayed(raw, size * np.mod(seen.cycle(0.1, 0.6) / (2 * np.pi), 1.0))
+    late = seen.t - size * np.mod(seen.cycle(0.1, 0.6) / (2 * np.pi), 1.0)
+    return seen.each(lambda p: np.stack([np.interp(late[p], seen.t[p], raw[p, axis]) for axis in range(3)], axis=1))
 
 
 @declare("filter", "share", "turns")
@@ -500,16 +409,6 @@ def parallax(seen: Sightings) -> Array:
     """Error goes with the pose. Cameras and markers are not where their calibration has them."""
     down = seen.body @ seen.direction()
     return down[:, seen.k] * down[:, (seen.k + 1) % 3] + 0.5 * down[:, (seen.k + 2) % 3] ** 2
-
-
-@declare("reference", "deg", "dense", "turns")
-def leaning_vertical(seen: Sightings) -> Array:
-    """Error about one axis lags behind the rate about another. Centripetal acceleration is taken for gravity (Farrell, Aided
-    Navigation)."""
-    decay = np.exp(-np.diff(seen.t, prepend=seen.t[0]) / seen.between(0.02, 0.3))
-    decay[seen.first == np.arange(len(seen.t))] = 0.0
-    lean = recursion(decay, (1 - decay) * seen.rates[:, seen.other])
-    return np.asarray(lean / max(float(np.abs(lean).max()), TINY))
 
 
 @declare("random_reference", "s", "dense", "turns", all_axes=True, side="time")

@@ -1,8 +1,6 @@
-"""Plans of spacecraft, of rate tables, and of what is carried: motion, sampling, gyro and references.
+"""Plans of spacecraft, of rate tables, and of what is held by hand: motion, sampling, gyro and references.
 
-The simulator's sixth-order method integrates an analytic body rate from sample to sample; a sample shows its mean. The heading
-ψ, elevation θ and bank φ of a carrier, A = R_x(φ) R_y(θ) R_z(ψ), give the rate (φ' − ψ' sin θ, θ' cos φ + ψ' cos θ sin φ,
-−θ' sin φ + ψ' cos θ cos φ) (Wertz, Spacecraft Attitude Determination and Control, kinematics of the 3-2-1 sequence).
+The simulator's sixth-order method integrates an analytic body rate from sample to sample; a sample shows its mean.
 """
 
 from __future__ import annotations
@@ -33,8 +31,6 @@ ARCSEC = 1 / 3600
 
 Span = tuple[float, float]
 Rate = Callable[[Array], Array]
-Angle = Callable[[Array], tuple[Array, Array]]
-"""An angle and its rate at local times, (n,) s → (n,) rad, (n,) rad/s."""
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
@@ -65,14 +61,14 @@ GRADES = {
 
 
 class Stretch(NamedTuple):
-    """A body rate at local times (n,) → (n, 3), times where it is not smooth, and the turns in it.
+    """A body rate at local times (n,) → (n, 3), the turns in it, and further times where it is not smooth.
 
     A stretch that points to the Earth has the attitude (4,) that it begins in and the mode's body axis along the velocity.
     """
 
     rate: Rate
-    breaks: Sequence[float] = ()
     turns: Sequence[Slew] = ()
+    breaks: Sequence[float] = ()
     begin: Array | None = None
     mode: str | None = None
 
@@ -93,21 +89,6 @@ class Lot(NamedTuple):
         """A rate, rad/s."""
         return float(np.deg2rad(log_uniform(self.rng, *self.peaks)))
 
-    def angle(self, low_deg: float, high_deg: float) -> float:
-        """An angle of either sign, rad."""
-        return float(self.rng.choice([-1.0, 1.0]) * np.deg2rad(log_uniform(self.rng, low_deg, high_deg)))
-
-    def edges(self, fewest: int, most: int) -> Array:
-        """Edges of parts of unequal lengths that fill the interval, s."""
-        parts = self.rng.uniform(0.5, 1.5, int(self.rng.integers(fewest, most + 1)))
-        return np.append(0.0, np.cumsum(parts)) / parts.sum() * self.length_s
-
-    def step(self, low: float, high: float, angle: float) -> Slew:
-        """A turn between two times at a peak rate of the kind's, unless there is no time for it."""
-        duration = min(1.5 * abs(angle) / self.peak(), 0.8 * (high - low))
-        first = low + float(self.rng.uniform(0.05, 0.95)) * (high - low - duration)
-        return Slew(np.array([1.0, 0.0, 0.0]), angle, first, duration, float(self.rng.uniform(0.3, 0.5)))
-
     def slews(self, most: int) -> list[Slew]:
         """Turns about near the axes of the frame one after another, so that all axes come."""
         edges = np.linspace(0, self.length_s, int(self.rng.integers(0 if self.number > 2 else 1, most + 1)) + 1)
@@ -122,46 +103,10 @@ class Lot(NamedTuple):
             out.append(Slew(axis / np.linalg.norm(axis), float(angle), first, duration, ramp))
         return out
 
-    def waves(self, size: float, hz: Span, count: int = 4) -> Angle:
-        """An angle of such an RMS, rad, that is a sum of waves."""
-        turn = 2 * np.pi * np.array([log_uniform(self.rng, *hz) for _ in range(count)])
-        high, phase = self.rng.uniform(0.3, 1.0, count), self.rng.uniform(0, 2 * np.pi, count)
-        high *= size * np.sqrt(2 / (high @ high))
-
-        def evaluate(tau: Array) -> tuple[Array, Array]:
-            inner = tau[:, None] * turn + phase
-            return np.sin(inner) @ high, np.cos(inner) @ (high * turn)
-
-        return evaluate
-
-
-# ---- angles and rates ------------------------------------------------------------------------------------------------------
-
 
 def add_turns(turns: Sequence[Slew], tau: Array) -> Array:
     """Body rate of turns about their axes, (n, 3) rad/s."""
     return np.asarray(sum((one.rates(tau)[:, None] * one.axis for one in turns), np.zeros((len(tau), 3))))
-
-
-def build_carried_rate(steps: Sequence[Slew], yaw: Angle, pitch: Angle, roll: Angle, frame: Array) -> Rate:
-    """Body rate of a carrier from the steps and the yawing of its heading, its elevation and its bank."""
-
-    def evaluate(tau: Array) -> Array:
-        (theta, up), (phi, over) = pitch(tau), roll(tau)
-        turning = yaw(tau)[1] + sum(step.rates(tau) for step in steps)
-        own = [
-            over - turning * np.sin(theta),
-            up * np.cos(phi) + turning * np.cos(theta) * np.sin(phi),
-            turning * np.cos(theta) * np.cos(phi) - up * np.sin(phi),
-        ]
-        return np.stack(own, axis=1) @ frame.T
-
-    return evaluate
-
-
-def list_knots(steps: Sequence[Slew]) -> list[float]:
-    """Times where steps are not smooth, s."""
-    return [knot for step in steps for knot in step.knots]
 
 
 # ---- spacecraft ------------------------------------------------------------------------------------------------------------
@@ -171,7 +116,7 @@ def draw_slews(lot: Lot, most: int = 3) -> Stretch:
     """Rests at a small constant rate, and turns."""
     turns = lot.slews(most)
     rest = np.deg2rad(log_uniform(lot.rng, 1e-4, 2e-2)) * lot.rng.standard_normal(3) * (lot.rng.random() < 0.6)
-    return Stretch(lambda tau: rest + add_turns(turns, tau), list_knots(turns), turns)
+    return Stretch(lambda tau: rest + add_turns(turns, tau), turns)
 
 
 def draw_agile(lot: Lot) -> Stretch:
@@ -185,7 +130,7 @@ def draw_earth_pointing(lot: Lot) -> Stretch:
     sway = Sway(np.deg2rad(lot.rng.uniform(0.002, 0.05, 3)), period, lot.rng.uniform(0, 2 * np.pi, 3))
     mode, turns = str(lot.rng.choice(list(MODE_YAW))), tuple(lot.slews(3))
     profile = Profile(lot.orbit, lot.start_s, lot.start_s + lot.length_s, MODE_YAW[mode], turns, None, sway)
-    return Stretch(profile.rate, list_knots(turns), turns, convert_to_quaternion(profile.attitude(np.zeros(1)))[0], mode)
+    return Stretch(profile.rate, turns, (), convert_to_quaternion(profile.attitude(np.zeros(1)))[0], mode)
 
 
 def draw_tumble(lot: Lot) -> Stretch:
@@ -212,25 +157,10 @@ def draw_spinner(lot: Lot) -> Stretch:
         nod *= 0.5 * spin * ratio * np.tan(cone) * np.exp(1j * (ratio - 1) * spin * tau)
         return np.asarray(s[:, None] * e + nod.real[:, None] * u + nod.imag[:, None] * v)
 
-    return Stretch(rate, (kick, kick + press, kick + 0.2 * lot.length_s))
+    return Stretch(rate, (), (kick, kick + press, kick + 0.2 * lot.length_s))
 
 
-def draw_wheel_ramps(lot: Lot) -> Stretch:
-    """Wheels are ramped to one speed after another, so that the rates are made of straight lines."""
-    alone, lines = lot.rng.random() < 0.5, []
-    for wheel in range(3):
-        if alone and wheel != lot.number % 3:
-            continue
-        at = lot.edges(4, 9)
-        speeds = lot.peak() * lot.rng.uniform(-1, 1, len(at)) * (np.arange(len(at)) > 0)
-        lines.append((lot.frame[:, wheel], at, speeds))
-    return Stretch(
-        lambda tau: np.asarray(sum(np.interp(tau, at, speeds)[:, None] * axis for axis, at, speeds in lines)),
-        [float(one) for _, at, _ in lines for one in at[1:-1]],
-    )
-
-
-# ---- rate tables, and what is carried --------------------------------------------------------------------------------------
+# ---- rate tables and hands --------------------------------------------------------------------------------------------------
 
 
 def draw_rate_table(lot: Lot) -> Stretch:
@@ -243,36 +173,17 @@ def draw_rate_table(lot: Lot) -> Stretch:
     steps = list(zip(at, np.diff(levels), strict=True))
     return Stretch(
         lambda tau: np.asarray(sum(step * smoothstep((tau - time) / ramp) for time, step in steps))[:, None] * axis,
+        (),
         [*at, *(at + ramp)],
     )
 
 
 def draw_hand_motion(lot: Lot) -> Stretch:
     """A hand turns the gyros about all axes in turn and never rests wholly."""
-    turns, tremble = lot.slews(8), [lot.waves(np.deg2rad(log_uniform(lot.rng, 0.05, 2)), (0.1, 3.0)) for _ in range(3)]
-    return Stretch(
-        lambda tau: np.stack([wave(tau)[1] for wave in tremble], axis=1) + add_turns(turns, tau),
-        list_knots(turns),
-        turns,
-    )
-
-
-def draw_walk(lot: Lot) -> Stretch:
-    """A walker's hip turns and tilts with each stride, and the path has corners."""
-    stride, height = 0.5 * log_uniform(lot.craft, 1.3, 2.1), np.deg2rad(log_uniform(lot.craft, 1.0, 4.0))
-    corners = [lot.step(low, high, lot.angle(30, 180)) for low, high in pairwise(lot.edges(3, 10))]
-    pitch, roll, yaw = (lot.waves(height, (0.95 * n * stride, 1.05 * n * stride)) for n in (2, 1, 1))
-    return Stretch(build_carried_rate(corners, yaw, pitch, roll, lot.frame), list_knots(corners))
-
-
-def draw_ship(lot: Lot) -> Stretch:
-    """A ship rolls near its resonance, pitches with the waves that it meets, and changes its course now and then."""
-    own, wave = log_uniform(lot.craft, 0.06, 0.14), log_uniform(lot.craft, 0.08, 0.25)
-    sea = np.deg2rad(log_uniform(lot.rng, 1.5, 8.0))
-    steps = [lot.step(low, high, lot.angle(20, 150)) for low, high in pairwise(lot.edges(1, 4))]
-    yaw, roll = lot.waves(0.15 * sea, (0.5 * wave, wave)), lot.waves(sea, (0.85 * own, 1.15 * own), 6)
-    pitch = lot.waves(0.4 * sea, (0.7 * wave, 1.4 * wave), 6)
-    return Stretch(build_carried_rate(steps, yaw, pitch, roll, lot.frame), list_knots(steps))
+    turns, pace = lot.slews(8), 2 * np.pi * np.exp(lot.rng.uniform(np.log(0.1), np.log(3.0), (3, 4)))
+    tremble = np.deg2rad(log_uniform(lot.rng, 0.05, 2)) * lot.rng.uniform(0.3, 1.0, (3, 4)) * pace
+    phase = lot.rng.uniform(0, 2 * np.pi, (3, 4))
+    return Stretch(lambda tau: (tremble * np.cos(tau[:, None, None] * pace + phase)).sum(axis=2) + add_turns(turns, tau), turns)
 
 
 class PlanKind(NamedTuple):
@@ -295,11 +206,8 @@ PLANS = {
     "agile": PlanKind(draw_agile, (5, 10, 20), (6, 30), (60, 900), (1, 30), (0.5, 4)),
     "tumble": PlanKind(draw_tumble, (4, 10, 20, 50), (2, 8), (60, 1500), (0.5, 20), (0.1, 2.0)),
     "spinner": PlanKind(draw_spinner, (4, 10, 20), (3, 10), (120, 1800), (0.25, 20), (1, 20)),
-    "wheel_ramps": PlanKind(draw_wheel_ramps, (2, 4, 8), (3, 12), (300, 3600), (2, 60), (0.05, 0.6)),
     "rate_table": PlanKind(draw_rate_table, (20, 50, 100), (3, 18), (40, 400), (0.05, 2), (2, 40)),
     "hand_motion": PlanKind(draw_hand_motion, (50, 100), (1, 6), (60, 400), (0.1, 2), (2, 30)),
-    "walk": PlanKind(draw_walk, (50, 100), (2, 8), (60, 400), (0.1, 2), (15, 70)),
-    "ship": PlanKind(draw_ship, (20, 50), (3, 12), (120, 1200), (0.2, 5), (0.5, 3)),
 }
 
 
@@ -351,7 +259,7 @@ def _integrate_motion(
         at = np.append(np.arange(0.0, length - max(0.3 * spacing, SAME_S), spacing), edges[-1])
         if not through:
             at = at[~np.any([(at > one.start) & (at < one.stop) for one in stretch.turns] or [np.zeros(len(at), bool)], axis=0)]
-        grid = _merge_times(edges, at, np.array(stretch.breaks))
+        grid = _merge_times(edges, at, np.array([*stretch.breaks, *(knot for one in stretch.turns for knot in one.knots)]))
         begin = rng.standard_normal(4) if stretch.begin is None else stretch.begin
         path = integrate(stretch.rate, grid, begin / np.linalg.norm(begin))
         rates = np.add.reduceat(path.angles, np.searchsorted(grid, edges[:-1] - SAME_S), axis=0) / sample_s

@@ -53,7 +53,7 @@ def count_hits(what: str, hits: ArrayLike) -> dict[str, Any]:
     values = np.asarray(hits, dtype=bool)
     count, of = int(values.sum()), int(values.size)
     low, high = compute_binomial_interval(count, of)
-    return {"what": what, "cases": of, "count": count, "share": count / of if of else np.nan, "low": low, "high": high}
+    return {"what": what, "cases": of, "hits": count, "share": count / of if of else np.nan, "low": low, "high": high}
 
 
 def collect_statements(rows: pd.DataFrame) -> pd.DataFrame:
@@ -151,27 +151,6 @@ def summarise_cost(rows: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def build_readme_table(rows: pd.DataFrame, failed: int) -> pd.DataFrame:
-    """The rates and scores that the README shows, as texts."""
-    rates = [(one["what"], format_rate(one)) for _, one in compute_rates(rows).iterrows()]
-    scores = score_statements(collect_statements(rows)).to_dict("records")
-    lines = [("cases", f"{len(rows)}"), ("diagnosis failed", f"{failed}"), *rates]
-    for one in scores:
-        told = f"{one['right']} of {one['causes']}, expected {one['expected']:.1f}"
-        lines.append((f"causes stated {one['stated']}: right", told))
-    lines.append(("z of all stated probabilities", f"{scores[-1]['z']:.1f}"))
-    lines.append(("sizes: RMS of (size − true size)/sigma", f"{compute_rms(collect_size_errors(rows)):.2f}"))
-    return pd.DataFrame(lines, columns=["what", "found"])
-
-
-def format_rate(rate: pd.Series) -> str:
-    """A rate as text, with its interval."""
-    if not rate["cases"]:
-        return "0 of 0"
-    shares = (100 * rate["share"], 100 * rate["low"], 100 * rate["high"])
-    return "{} of {} ({:.0f} %; {:.0f} to {:.0f} %)".format(rate["count"], rate["cases"], *shares)
-
-
 # ---- two runs --------------------------------------------------------------------------------------------------------------
 
 
@@ -249,7 +228,6 @@ def report(config: WithheldConfig, rows: pd.DataFrame) -> Report:
         before = read_run(Path(config.compare))
         tables["moved"] = Table("Cases answered otherwise than before", list_moved_cases(before, rows))
         tables["compare"] = Table("Against the run before, case by case", compare_runs(before, rows))
-    tables["readme"] = Table("In words", build_readme_table(rows, failed))
     checks = (
         Check("cases whose diagnosis failed", float(failed), None),
         Check("z of all stated probabilities", float(score_statements(stated)["z"].iloc[-1]), (-2.0, 2.0)),

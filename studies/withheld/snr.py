@@ -1,18 +1,15 @@
 r"""How strongly an effect shows to an analyst, beside G, b, the start attitudes and the motion of the body.
 
 **In the attitude** a change δ of the raw rates and an error e of the references change the residual by y(t) = ∫ Aᵀ G δ dt +
-Aᵀ e, in inertial axes and to first order. A Kalman filter whitens y, whose noise is a random walk of ARW² a second beside the
-references' own, from each interval's first reference on; what the twelve parameters take up is projected out. The norm of the
-rest is the signal-to-noise ratio of a fit of just this change: attitude residuals hold no motion, so that its waveform can be
-looked for. Of a random change w and w' in two draws, E|w|² = tr Λ and E(w·w')² = tr Λ² of its covariance Λ; r = (tr Λ)²/tr Λ²
-equal eigenvalues λ = tr Λ²/tr Λ have these moments, and √(2D), D = (r/2)(λ − ln(1 + λ)) its divergence from the noise, is the
-ratio.
+Aᵀ e, to first order and in inertial axes. A Kalman filter whitens y, what the twelve parameters take up is projected out, and
+the norm of the rest is √Δχ² of a fit of just this change. Of a random change w and w' in two draws, E|w|² = tr Λ and E(w·w')²
+= tr Λ²; r = (tr Λ)²/tr Λ² equal eigenvalues λ = tr Λ²/tr Λ have these moments, and the ratio is √(2D), D = (r/2)(λ −
+ln(1 + λ)).
 
 **In the samples** nobody who does not know the motion can look for a waveform. Third differences over √20 have the samples'
 white noise and next to nothing of a smooth motion; of frequencies a tenth of the sampling rate and more are looked at. The
-level of cells of sixteen numbers, in time or in frequency, is compared with that of noise and motion: the ratio is √(2D), D =
-½ Σ 16 (ρ − 1 − ln ρ) over the cells, ρ the ratio of a cell's power with and without the change. Time or frequency counts,
-whichever shows more.
+level of cells of sixteen numbers is compared with that of noise and motion: √(2D), D = ½ Σ 16 (ρ − 1 − ln ρ), ρ the ratio of a
+cell's power with and without the change, in time or in frequency, whichever shows more.
 """
 
 from __future__ import annotations
@@ -86,20 +83,13 @@ class ResidualModel:
         return np.stack([self._whiten_residuals(self._integrate(one)) for one in columns], axis=1)
 
     @cached_property
-    def sigmas(self) -> Array:
-        """(12,) formal sigmas of G and b, rad/s; infinite where the plan does not determine them."""
+    def taken_up(self) -> tuple[Array, Array]:
+        """(N, r) orthonormal basis of what G and b take up, and their (12,) formal sigmas; infinite where r is below 12."""
         scale = np.linalg.norm(self.parameters, axis=0)
-        _, s, vt = np.linalg.svd(self.parameters / np.where(scale > 0, scale, 1.0), full_matrices=False)
-        if not scale.all() or s[-1] < RANK_TOLERANCE * s[0]:
-            return np.full(12, np.inf)
-        return np.asarray(np.linalg.norm(vt.T / s, axis=1) / scale)
-
-    @cached_property
-    def taken_up(self) -> Array:
-        """(N, r) orthonormal basis of what the calibration takes up."""
-        scale = np.linalg.norm(self.parameters, axis=0)
-        u, s, _ = np.linalg.svd(self.parameters / np.where(scale > 0, scale, 1.0), full_matrices=False)
-        return u[:, s > RANK_TOLERANCE * s[0]]
+        u, s, vt = np.linalg.svd(self.parameters / np.where(scale > 0, scale, 1.0), full_matrices=False)
+        kept = s > RANK_TOLERANCE * s[0]
+        sigmas = np.linalg.norm(vt.T / s, axis=1) / scale if kept.all() and scale.all() else np.full(12, np.inf)
+        return u[:, kept], sigmas
 
     def whiten(self, change: Change) -> Array:
         """(N,) change of the whitened residuals, before anything is taken up."""
@@ -109,8 +99,8 @@ class ResidualModel:
 
     def respond(self, change: Change) -> Array:
         """(N,) change of the whitened residuals that the calibration does not take up."""
-        white = self.whiten(change)
-        return np.asarray(white - self.taken_up @ (self.taken_up.T @ white))
+        white, (basis, _) = self.whiten(change), self.taken_up
+        return np.asarray(white - basis @ (basis.T @ white))
 
     def _integrate(self, inertial: Array) -> Array:
         """∫ of rates (n, 3) up to each reference since its interval's start, (m, 3)."""

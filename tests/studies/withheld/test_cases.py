@@ -51,7 +51,7 @@ def test_effects_of_a_kind(kind):
 
 def test_names_are_no_others():
     assert not set(FAMILIES) & set(EFFECTS)
-    assert len(FAMILIES) == 30
+    assert len(FAMILIES) == 28
     for name, parameters in LISTED.items():
         assert set(parameters) <= {one.name for one in EFFECTS[name].parameters}
 

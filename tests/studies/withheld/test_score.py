@@ -56,8 +56,8 @@ def test_rates():
     assert rates.loc["sizes within 1 sigma", "share"] == pytest.approx(0.5)
     assert rates.loc["90 % interval of the share closed holds the true share", "share"] == 1
     withheld = score.compute_rates(make_rows([0.95, 0.95], [False, False], "withheld", "localised")).set_index("what")
-    assert withheld.loc["withheld, SNR 8 and more: localised or unknown", "count"] == 2
-    assert withheld.loc["withheld: a wrong name at 0.9 and more", "count"] == 2
+    assert withheld.loc["withheld, SNR 8 and more: localised or unknown", "hits"] == 2
+    assert withheld.loc["withheld: a wrong name at 0.9 and more", "hits"] == 2
 
 
 def test_two_runs():
@@ -75,7 +75,7 @@ def test_report(tmp_path):
     rows = draw_rows(count=30)
     rows.to_parquet(tmp_path / "before.parquet")
     made = score.report(WithheldConfig(cases=31, compare=str(tmp_path / "before.parquet")), rows)
-    assert set(made.tables) == {"outcomes", "statements", "cost", "cases", "rates", "moved", "compare", "readme"}
+    assert set(made.tables) == {"outcomes", "statements", "cost", "cases", "rates", "moved", "compare"}
     assert set(made.figures) == {"found", "stated"}
     assert made.check("cases whose diagnosis failed").value == 1
     for name, draw in made.figures.items():
