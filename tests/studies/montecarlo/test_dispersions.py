@@ -50,11 +50,6 @@ def test_distributions(sampler, distribution, law):
     assert stats.kstest(draws, stats.norm(law.mean() + 0.2 * law.std(), law.std()).cdf).pvalue < 1e-3
 
 
-def test_the_ends_of_a_distribution_are_finite():
-    normal = TypeAdapter(Dispersion).validate_python({"kind": "normal", "sigma": 1.0})
-    assert np.isfinite([normal.quantile(u) for u in (2.0**-54, 1 - 2.0**-53)]).all()
-
-
 def test_a_latin_hypercube_has_one_case_in_each_stratum():
     for column in sample("lhs", 250, ("a", "b", "c")).T:
         np.testing.assert_array_equal(np.sort(np.floor(250 * column)), np.arange(250))
@@ -69,11 +64,6 @@ def test_sobol_rows_do_not_depend_on_the_number_of_cases():
     for block in (many[:64], many[960:1024], many[1024:1088]):
         for column in block.T:
             np.testing.assert_array_equal(np.sort(np.floor(64 * column)), np.arange(64))
-
-
-def test_sobol_covers_the_plane_better_than_chance():
-    cells = np.floor(8 * sample("sobol", 64, ("a", "b"))).astype(int)
-    assert np.unique(cells @ [8, 1]).size == 64
 
 
 @pytest.mark.parametrize("sampler", ["random", "lhs", "sobol"])

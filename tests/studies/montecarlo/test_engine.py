@@ -52,12 +52,6 @@ def test_the_table_holds_every_case_in_order(tmp_path):
     assert outcome.load(["case", "mean"]).shape == (300, 2)
 
 
-def test_a_case_of_several_rows(tmp_path):
-    table = serial(STEPS, DrawsConfig(cases=5, steps_s=(0.5, 1.0, 2.0)), tmp_path).load()
-    np.testing.assert_array_equal(table["case"], np.repeat(np.arange(5), 3))
-    np.testing.assert_array_equal(table["step_s"], np.tile([0.5, 1.0, 2.0], 5))
-
-
 @pytest.fixture
 def parts_of(monkeypatch):
     """Sets the number of parts that a study has at least, and so the cases of a part."""
@@ -116,17 +110,6 @@ def test_warnings_are_counted_and_are_not_errors(tmp_path, caplog):
     assert manifest(tmp_path)["warnings"] == outcome.warnings
 
 
-# Streams
-
-
-def test_neighbouring_entropies_share_no_case(tmp_path):
-    tables = [
-        serial(DRAWS, DrawsConfig(cases=40, entropy=entropy, size=3), tmp_path / str(entropy)).load() for entropy in (7, 8, 9)
-    ]
-    values = np.concatenate([table["gyro"] for table in tables] + [table["mean"] for table in tables])
-    assert np.unique(values).size == values.size
-
-
 def test_dispersed_values_are_columns(tmp_path):
     path = "gyro.arw_deg_per_sqrt_s"
     dispersions = {path: {"kind": "loguniform", "low": 1e-5, "high": 1e-3}}
@@ -153,12 +136,6 @@ def test_a_case_that_raises_is_a_row(parts_of, tmp_path):
     assert text.startswith("Traceback")
     assert 'raise ValueError(f"case {case}\\nis bad")' in text
     assert "8 cases, 2 failed (2 ValueError" in outcome.summary()
-
-
-def test_a_study_of_failures_only(tmp_path):
-    outcome = serial(DRAWS, DrawsConfig(cases=3, fail=(0, 1, 2)), tmp_path)
-    assert len(outcome.failures) == 3
-    assert list(outcome.load()) == ["case", "error"]
 
 
 @pytest.mark.parametrize(

@@ -142,25 +142,6 @@ def test_a_worker_that_differs_is_refused(differences, what, tmp_path, monkeypat
         run(DRAWS, config, tmp_path, backend="serial")
 
 
-@pytest.mark.parametrize("parts", [True, False])
-def test_a_folder_without_a_hash_of_its_sources_is_refused_where_it_has_rows(parts, tmp_path):
-    """Of an older version; without parts as in results/studies, where all is computed anew."""
-    config = DrawsConfig(cases=4, size=3)
-    table = run(DRAWS, config, tmp_path, backend="serial").table.read_bytes()
-    path = tmp_path / "manifest.json"
-    document = json.loads(path.read_text())
-    del document["source_sha256"], document["machine"]
-    path.write_text(json.dumps(document))
-    if parts:
-        with pytest.raises(InputError, match="before the source code changed"):
-            run(DRAWS, config, tmp_path, backend="serial")
-        return
-    for part in (tmp_path / "parts").iterdir():
-        part.unlink()
-    outcome = run(DRAWS, config, tmp_path, backend="serial")
-    assert (outcome.resumed, outcome.table.read_bytes()) == (0, table)
-
-
 def test_committed_manifests_are_read():
     folders = [path.parent for path in (ROOT / "results" / "studies").glob("*/manifest.json")]
     assert folders
