@@ -48,7 +48,7 @@ def import_csv_command(files: tuple[Path, ...], file: Path | None, force: bool, 
     Examples:
       gyrocal import csv gyro.csv mocap.csv /tmp/rec --time timestamp_ms:ms --gyro gx,gy,gz:deg/s \\
         --quat qw,qx,qy,qz:body-to-inertial
-      gyrocal import csv log.csv /tmp/again --mapping mine.toml --json /tmp/import.json
+      gyrocal import csv log.csv /tmp/again --mapping mapping.toml --json /tmp/import.json
     """
     if len(files) not in (2, 3):
         raise InputError("give GYRO.csv, ATTITUDE.csv and the folder OUT, or one table with both and OUT")

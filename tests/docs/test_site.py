@@ -1,44 +1,35 @@
-"""The site is built without a warning, holds every page and loads nothing from elsewhere."""
+"""The site is built without a warning and loads nothing from elsewhere; pictures, lists and examples are those of the code."""
 
+import doctest
 import io
 import re
-from html.parser import HTMLParser
+import runpy
+import sys
 
 import pytest
 
+import gyrocal
+import simulator
+from studies.natanson.claims import NATANSON_CLAIMS
+from studies.report import committed_results
+from studies.report.claims import PaperResults, judge_claims
+from studies.robertson.claims import ROBERTSON_CLAIMS
 from tests import ROOT
 from tests.docs.blocks import PAGES
-from tests.pages import BROWSER, SPILT, browsed
 
-pytest.importorskip("pydata_sphinx_theme", reason="needs the extra docs")
-pytest.importorskip("myst_parser", reason="needs the extra docs")
-
-from sphinx.application import Sphinx
-from sphinx.util.docutils import docutils_namespace, patch_docutils
-
+EXAMPLES = ROOT / "docs" / "examples"
+GALLERY = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+DRAWN = re.findall(r"\(examples/(\w+)\.svg\)", GALLERY)
 WRITTEN = ("docs/index", "docs/theory", "docs/gallery", "docs/api")  # all pages are read and their links resolved
-LOADING = {"script": "src", "img": "src", "link": "href", "iframe": "src", "source": "srcset", "use": "href", "object": "data"}
-
-
-class Loaded(HTMLParser):
-    """What a page loads, and the text alternatives of what it draws."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.addresses, self.labels = [], []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        attributes = dict(attrs)
-        if tag in LOADING and LOADING[tag] in attributes:
-            self.addresses.append(attributes[LOADING[tag]])
-        if attributes.get("class") == "equation":
-            self.labels.append(attributes["aria-label"])
 
 
 @pytest.mark.filterwarnings("default")  # those of Sphinx and its extensions are not ours
 def test_the_site_is_built_without_a_warning_and_loads_nothing_from_elsewhere(tmp_path):
-    """One test, since the pages are read once: in a process of its own each check would read them again."""
+    pytest.importorskip("pydata_sphinx_theme", reason="needs the extra docs")
+    pytest.importorskip("myst_parser", reason="needs the extra docs")
+    from sphinx.application import Sphinx
+    from sphinx.util.docutils import docutils_namespace, patch_docutils
+
     warned, site = io.StringIO(), tmp_path / "site"
     without_sources = {"extensions": ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]}  # coloured sources are slow
     with patch_docutils(str(ROOT / "docs")), docutils_namespace():
@@ -47,37 +38,50 @@ def test_the_site_is_built_without_a_warning_and_loads_nothing_from_elsewhere(tm
         app.build(filenames=[str(ROOT / f"{name}.md") for name in WRITTEN])
     assert warned.getvalue() == ""
     assert {page.removesuffix(".md") for page in PAGES} <= set(app.env.found_docs)
-    nothing_is_loaded_from_elsewhere(site)
-    equations_are_drawn_and_can_be_read_out((site / "docs" / "theory.html").read_text(encoding="utf-8"))
-    if BROWSER is not None:
-        a_browser_shows_it_narrow_and_wide_light_and_dark(site)
-    shapes = (site / "docs" / "api.html").read_text(encoding="utf-8")
-    assert "(..., 3, 3)" in shapes
-    assert "inertial to body, scalar last" in shapes
-
-
-def a_browser_shows_it_narrow_and_wide_light_and_dark(site):
-    for dark in (False, True):
-        seen = browsed(WRITTEN, site, dark)
-        assert {one["dark"] for one in seen.values()} == {dark}
-        assert {key: one["spill"] for key, one in seen.items() if one["spill"] > SPILT} == {}
-        assert {key: one["faint"] for key, one in seen.items() if one["contrast"] < 4.5} == {}
-
-
-def nothing_is_loaded_from_elsewhere(site):
-    for name in WRITTEN:
-        page = Loaded((site / f"{name}.html").read_text(encoding="utf-8"))
-        assert page.addresses
-        assert [one for one in page.addresses if re.match(r"(https?:)?//", one)] == []
+    pages = {name: (site / f"{name}.html").read_text(encoding="utf-8") for name in WRITTEN}
+    for text in pages.values():
+        loaded = re.findall(r"<(?:script|img|iframe|source|link|object)\b[^>]*?(?:src|srcset|href|data)=\"([^\"]+)\"", text)
+        assert loaded
+        assert not [address for address in loaded if re.match(r"(https?:)?//", address)]
     for sheet in site.rglob("*.css"):
-        addresses = re.findall(r"url\(\s*[\"']?([^\"')]+)|@import\s+[\"']([^\"']+)", sheet.read_text(encoding="utf-8"))
-        assert [one for pair in addresses for one in pair if re.match(r"(https?:)?//", one)] == [], sheet
+        assert not re.search(r"(url\(\s*[\"']?|@import\s+[\"'])(https?:)?//", sheet.read_text(encoding="utf-8")), sheet
+    assert pages["docs/theory"].count('class="equation"') > 8
+    assert "(..., 3, 3)" in pages["docs/api"]
 
 
-def equations_are_drawn_and_can_be_read_out(text):
-    source = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
-    equations = [" ".join(one.split()) for one in re.findall(r"^\$\$\n(.*?)\n\$\$$", source, flags=re.MULTILINE | re.DOTALL)]
-    assert Loaded(text).labels == equations
-    assert len(equations) > 8
-    drawn = re.findall(r'class="equation".*?</svg>', text, flags=re.DOTALL)
-    assert all("currentColor" in one and not re.search(r"#[0-9a-f]{6}", one) for one in drawn)  # no paper of their own
+@pytest.mark.parametrize("name", DRAWN)
+def test_an_example_draws_the_picture_that_is_shown(name, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(EXAMPLES)
+    runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+    sys.modules.pop("own_log", None)
+    assert capsys.readouterr().out
+    made, shown = ((folder / f"{name}.svg").read_text(encoding="utf-8") for folder in (tmp_path, EXAMPLES))
+    assert re.findall(r"<text[^>]*>([^<]+)</text>", made) == re.findall(r"<text[^>]*>([^<]+)</text>", shown)
+
+
+def test_the_gallery_shows_every_picture_and_its_code():
+    assert re.findall(r"\} examples/(\w+)\.py", GALLERY) == DRAWN
+    assert sorted(path.stem for path in EXAMPLES.glob("*.svg")) == sorted(DRAWN)
+
+
+def test_examples_of_docstrings():
+    for module in (simulator, simulator.scenario):
+        result = doctest.testmod(module)
+        assert (result.failed, result.attempted > 0) == (0, True)
+
+
+def test_slips_of_the_papers_are_those_of_the_reproduction():
+    listed = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8").split("## Where the papers slip")[1]
+    slips = []
+    for folder, claims in (("reproduction", NATANSON_CLAIMS), ("mission", ROBERTSON_CLAIMS)):
+        results = PaperResults(committed_results.read(ROOT / "results" / folder), ROOT / "results" / "studies")
+        slips += [one.claim.where for one in judge_claims(claims, results) if one.verdict == "the paper slips"]
+    assert re.findall(r"^\| ([NR] .*?) \| .* \|$", listed, flags=re.MULTILINE) == slips
+
+
+def test_signs_of_the_conventions_are_those_of_the_package():
+    page = (ROOT / "docs" / "conventions.md").read_text(encoding="utf-8")
+    for sign in ("dA/dt = −[ω×] A", "ω = G ω_raw + b", "exp([θ×]) = A_obs A_propᵀ", "Δx = x_adj − x_true"):
+        assert sign in page
+        assert sign in gyrocal.__doc__

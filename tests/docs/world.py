@@ -1,9 +1,7 @@
 """What stands behind the names of a reader's own files in the docs: one small log in every format, and coarse scenarios."""
 
-import json
 import re
 import shutil
-import tempfile
 
 import numpy as np
 import pandas as pd
@@ -16,30 +14,7 @@ from tests.gyrocal.importing import mems
 
 COARSE = "[gyro]\nsample_s = 5.0\n"
 SERIES = f'base = "trmm_series"\n{COARSE}[reference]\nevery_s = 300.0\n'
-# Names in the docs for what a reader has or makes; each is in the folder that its command runs in.
-PLACEHOLDERS = {
-    "RECORDING": "a recording",
-    "OUT": "a folder to be made",
-    "AGAIN": "another one",
-    "gyro.csv": "a table of rates",
-    "mocap.csv": "a table of attitudes",
-    "log.csv": "one table with both",
-    "stick.csv": "one table with two header rows",
-    "attitude.aem": "a CCSDS Attitude Ephemeris Message",
-    "attitude.bc": "a SPICE C-kernel",
-    "clock.tsc": "its spacecraft clock",
-    "V1_01_easy": "a folder of the EuRoC form",
-    "flight.bag": "a bag of ROS 1",
-    "flight_sensor_gyro_0.csv": "rates of a log of PX4, by ulog2csv",
-    "flight_vehicle_mocap_odometry_0.csv": "its attitudes",
-    "flight_gyr.csv": "rates of a log of ArduPilot, by mavlogdump.py",
-    "05_undisturbed_slow_rotation_with_breaks_B.parquet": "a trial of BROAD",
-    "mine.toml": "a scenario, or the mapping of an import",
-    "roll.toml": "a maneuver",
-    "adopted.toml": "a scenario that a diagnosis has adopted",
-    "mine.py": "effects of one's own",
-    "./mystudy.py": "a study of one's own",
-}
+NAMES = {"broad": "05_undisturbed_slow_rotation_with_breaks_B.parquet"}
 MAPPING = 'time = "timestamp_ms:ms"\ngyro = "gx,gy,gz:deg/s"\nquat = "qw,qx,qy,qz:body-to-inertial"\n'
 WORDS = ["--time", "timestamp_ms:ms", "--gyro", "gx,gy,gz:deg/s", "--quat", "qw,qx,qy,qz:body-to-inertial"]
 HEADERS = "Time (s);Vicon Orientation;;;;IMU Gyroscope;;\n;W;X;Y;Z;X;Y;Z\n"
@@ -67,7 +42,21 @@ def _write_flight_logs(tables, folder):
     mocap.to_csv(folder / "flight_vehicle_mocap_odometry_0.csv", index=False)
 
 
+def _write_redundant_sensors(tables, folder):
+    """Rates about x, y, z and about the axes of a tetrahedron, attitudes of two trackers in turn, in s from the start."""
+    start = tables.gyro["timestamp_ms"][0]
+    axes = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
+    four = pd.DataFrame(tables.gyro[["gx", "gy", "gz"]].to_numpy() @ axes.T, columns=["g1", "g2", "g3", "g4"])
+    tables.gyro.join(four).assign(t=lambda table: (table.pop("timestamp_ms") - start) / 1000).to_csv(
+        folder / "rates.csv", index=False
+    )
+    names = np.where(np.arange(len(tables.attitude)) % 2, "B", "A")
+    attitude = tables.attitude.assign(t=(tables.attitude["timestamp_ms"] - start) / 1000, tracker=names)
+    attitude.to_csv(folder / "attitude.csv", index=False)
+
+
 def make(folder):
+    """Write a log in every format, and coarse scenarios in place of those that take long."""
     tables = log(np.random.default_rng(1), seconds=40.0)
     times = pd.to_datetime(tables.gyro["timestamp_ms"], unit="ms").dt.strftime("%Y-%m-%dT%H:%M:%S.%f")
     tables.gyro.assign(time=times).to_csv(folder / "gyro.csv", index=False)
@@ -77,10 +66,12 @@ def make(folder):
     mems.write_ck(tables, folder / "attitude.bc", folder / "clock.tsc")
     tables.gyro.merge(tables.attitude, how="left", on="timestamp_ms").to_csv(folder / "log.csv", index=False)
     _write_two_headers(tables, folder / "stick.csv")
+    _write_redundant_sensors(tables, folder)
     (folder / "mapping.toml").write_text(MAPPING)
     (folder / "series.toml").write_text(SERIES)
     (folder / "four.toml").write_text(f'base = "trmm_tetrahedron"\n{COARSE}')
-    (folder / "scenario.toml").write_text('base = "trmm"\n')
+    for name in ("scenario.toml", "mine.toml"):
+        (folder / name).write_text('base = "trmm"\n')
     (folder / "roll.toml").write_text(blocks("docs/plan.md", "toml")[0])
     (folder / "mystudy.py").write_text(blocks("docs/own_study.md", "python")[0])
     (folder / "mine.py").write_text(blocks("docs/extending.md", "python")[0])
@@ -93,21 +84,7 @@ def make(folder):
         assert done.exit_code == 0, done.output
     adopted = re.sub(r'sha256 = ".*?"', "", blocks("docs/compare.md", "toml")[0])
     (folder / "adopted.toml").write_text(adopted)
-    for page, name in (("euroc", "folder"), ("ros", "path")):
-        made = namespace(f"docs/formats/{page}.md")[name]
-        shutil.move(made, folder / made.name)
-    shutil.move(namespace("docs/broad.md")["path"], folder / "05_undisturbed_slow_rotation_with_breaks_B.parquet")
-
-
-def namespace(page, tmp=None):
-    """What the Python blocks of a page leave, in which ``/tmp`` is another folder."""
-    found = {"__name__": page}
-    for block in blocks(page, "python"):
-        exec(compile(block.replace("/tmp/", f"{tmp or tempfile.gettempdir()}/"), page, "exec"), found)
-    return found
-
-
-def truth(path):
-    """G and bias in deg/s of a result."""
-    read = json.loads(path.read_text())
-    return np.array(read["G"]), np.array(read["bias_deg_s"])
+    for page, name in (("formats/euroc", "folder"), ("formats/ros", "path"), ("broad", "path")):
+        found = {}
+        exec(blocks(f"docs/{page}.md", "python")[0], found)
+        shutil.move(found[name], folder / NAMES.get(page, found[name].name))

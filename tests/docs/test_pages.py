@@ -1,0 +1,169 @@
+"""Every block and every command of README, docs and ``--help`` runs in the order of its page, coarsely where it takes minutes.
+
+`world` makes what stands behind the names of a reader's own files. A line that stands in several places runs in the first of
+them, and in others if later lines there need its files.
+"""
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tomllib
+from contextlib import contextmanager
+
+import pytest
+from click.testing import CliRunner
+
+import simulator
+from diagnosis.diagnose import diagnose
+from gyrocal import importing
+from studies.cli.main import main
+from studies.report import svg
+from tests import ROOT
+from tests.docs import world
+from tests.docs.blocks import PAGES, blocks, list_examples, list_fences, list_steps
+
+HELP = list_examples()
+SHOWN = {page: steps for page in PAGES if (steps := list(list_steps(page)))} | HELP
+SMALL = (  # what is typed in place of what is shown
+    (r"\btrmm_series\b", "series.toml"),
+    (r"\btrmm_tetrahedron\b", "four.toml"),
+    (r"(?<=scenario=)mine\.toml|(?<=--scenario )mine\.toml", "scenario.toml"),
+    (r"--seed 1 --effect bias_orbital:\S+", "--effect bias_orbital:z=0.3"),
+    (r"^gyrocal plan (?!.*--effect )\S+", "gyrocal plan series.toml --effect bias_orbital --no-extras"),
+    (r"^(gyrocal plan )mine\.toml\b", r"\1series.toml"),
+    (r"^(gyrocal mission .*)--days \d+", r"\1--days 0.02"),
+    (r"--runs \d+|(?<=^gyrocal compare) (?!.*--runs)", " --runs 20 "),
+    (r"--cases \d+", "--cases 3"),
+    (r"^gyrocal study (?!psi)(\S+) (?!.*--(cases|rerun))", r"gyrocal study \1 --cases 3 "),
+    (r"^gyrocal study psi", "gyrocal study psi --set slew_rates_deg_s=[0.2] --set slew_angles_deg=[30]"),
+    (r"--rerun 17\b", "--rerun 1"),
+    (r"^(gyrocal study (?!.*--(rerun|backend))\S+ .*)", r"\1 --backend serial"),
+    (r"^gyrocal baseline", "gyrocal baseline --file baseline.csv"),
+    (r"my_effect:z=0\.5", "bias_eclipse:z=2"),
+)
+MINUTES = r"gyrocal (reproduce|study (heads|real|withheld)|diagnose .*--plan)"  # in make long
+MAKES = r"gyrocal (simulate|import) "
+SET_UP = {  # lines that make an environment, and what of them can be looked at
+    "python -m venv .venv": "constraints.txt",
+    ".venv/bin/pip install --constraint constraints.txt --editable .": "constraints.txt",
+    "pre-commit install": ".pre-commit-config.yaml",
+}
+FIRST_PLACES = {text: place for place in reversed(SHOWN) for _, text in SHOWN[place]}
+ELSEWHERE = {"docs/requirements.md"}  # tests/studies/montecarlo/test_dispersions.py runs its block with hundreds of rows
+DIAGNOSES = {}
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory):
+    """A folder with all that the names in the docs stand for."""
+    folder = tmp_path_factory.mktemp("world")
+    world.make(folder)
+    return folder
+
+
+def diagnose_once(recording, **options):
+    """Several pages diagnose one recording: it is diagnosed once."""
+    tables = (recording.gyro.t_s, recording.gyro.rates, recording.attitudes.quaternions)
+    key = (*(table.tobytes() for table in tables), repr(options.get("library")))
+    if key not in DIAGNOSES:
+        DIAGNOSES[key] = diagnose(recording, **options)
+    return DIAGNOSES[key]
+
+
+@pytest.fixture
+def place(made, tmp_path, monkeypatch):
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.setattr(svg, "render_svg", lambda figure, dpi=130: b'<svg viewBox="0 0 1 1"></svg>')
+    monkeypatch.setattr("diagnosis.diagnose.diagnose", diagnose_once)
+    yield tmp_path
+    sys.modules.pop("mystudy", None)
+
+
+@pytest.mark.parametrize("shown", SHOWN)
+def test_what_is_shown_runs(shown, place):
+    run_all(shown, place)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("shown", [name for name, steps in SHOWN.items() if any(re.match(MINUTES, text) for _, text in steps)])
+def test_what_takes_minutes_runs(shown, place):
+    run_all(shown, place, are_minutes_left_out=False)
+
+
+def run_all(shown, folder, are_minutes_left_out=True):
+    namespace = {"__name__": shown}
+    first = next((text for _, text in SHOWN[shown] if "/tmp/rec" in text), "")
+    if not re.match(MAKES, first):
+        shutil.copytree("RECORDING", "rec")
+    for number, (language, text) in enumerate(SHOWN[shown]):
+        if language == "python" and shown not in ELSEWHERE:
+            exec(compile(text.replace("/tmp/", f"{folder}/"), shown, "exec"), namespace)
+        elif language == "sh" and not (are_minutes_left_out and re.match(MINUTES, text)) and is_needed(shown, number):
+            run(text, folder)
+
+
+def is_needed(shown, number):
+    """Whether a line runs here first, or makes what later steps read."""
+    text, later = SHOWN[shown][number][1], "\n".join(text for _, text in SHOWN[shown][number + 1 :])
+    own = {name for name in re.findall(r"/tmp/[\w.]+", text) if re.match(MAKES, text) or name != "/tmp/rec"}
+    return FIRST_PLACES[text] == shown or any(name in later for name in own)
+
+
+def run(line, folder):
+    words = shlex.split(line)
+    if words[0] == "make":
+        subprocess.run(["make", "--dry-run", words[1]], cwd=ROOT, check=True, capture_output=True)
+    elif line in SET_UP:
+        assert (ROOT / SET_UP[line]).is_file()
+    elif words[:2] == ["pip", "install"]:
+        extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+        assert set(re.findall(r"\[(.*?)\]", line)) <= set(extras)
+    elif words[0] == "python":
+        subprocess.run(
+            [sys.executable, ROOT / words[1], *(word.replace("/tmp/", f"{folder}/") for word in words[2:])], check=True
+        )
+    else:
+        line, _, output = line.partition(" > ")
+        for shown, typed in SMALL:
+            line = re.sub(shown, typed, line)
+        with start_scheduler(line) as address:
+            words = shlex.split(line.replace("/tmp/", "").replace("tcp://host:8786", address))
+            done = CliRunner().invoke(main, [str(ROOT / word) if (ROOT / word).is_file() else word for word in words[1:]])
+        assert done.exit_code == 0, f"{line}\n{done.output}"
+        if output:
+            (folder / output).write_text(done.stdout)
+
+
+@contextmanager
+def start_scheduler(line):
+    """Start a Dask scheduler for a line that names one; its address."""
+    if "tcp://" not in line:
+        yield ""
+        return
+    distributed = pytest.importorskip("distributed", reason="dask is an optional extra")
+    options = {"threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "silence_logs": 50}
+    with distributed.LocalCluster(n_workers=1, **options) as cluster:
+        yield cluster.scheduler_address
+
+
+def test_every_command_has_an_example():
+    assert {name.split()[1] for name in HELP} == set(main.list_commands(None))
+
+
+def test_blocks_of_toml_are_what_they_say(tmp_path):
+    """Those of plan and compare are files of `world`, that of requirements.md is run with its study."""
+    (block,) = blocks("docs/import.md", "toml")
+    importing.validate_mapping(tomllib.loads(block), "the page")
+    (block,) = blocks("docs/extending.md", "toml")
+    (group,) = tomllib.loads(block)["project"]["entry-points"]
+    assert f'"{group}"' in (ROOT / "simulator" / "effects" / "registry.py").read_text()
+    (tmp_path / "mine.toml").write_text(blocks("docs/scenario.md", "toml")[0])
+    simulator.motion(simulator.load(tmp_path / "mine.toml"))
+    pages = {page for page in PAGES for language, _ in list_fences(page) if language == "toml"}
+    assert {page.removeprefix("docs/").removesuffix(".md") for page in pages} == {
+        *("import", "extending", "scenario", "plan", "compare", "requirements", "recording")
+    }
