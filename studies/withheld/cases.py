@@ -274,13 +274,7 @@ def draw_kind(entropy: int, case: int) -> str:
 
 
 def draw_case(entropy: int, case: int) -> DrawnCase:
-    """Draw a case.
-
-    Raises
-    ------
-    InputError
-        No plan of many will do.
-    """
+    """Draw a case; an `InputError` if no plan of many will do."""
     kind = draw_kind(entropy, case)
     for attempt in range(MOST_PLANS):
         plan = draw_plan(generator(entropy, case, f"withheld:{attempt}:plan"), f"withheld {case}")
@@ -461,31 +455,23 @@ def measure_true_share(drawn: DrawnCase, removed: Iterable[int]) -> float:
 
     NaN where held-out data show next to no misfit.
     """
-    kept = [one for number, one in enumerate(drawn.settings) if number not in set(removed)]
-    whole, left = (_measure_misfit(drawn.world.record(settings)) for settings in (drawn.settings, kept))
+    kept, misfits = [one for number, one in enumerate(drawn.settings) if number not in set(removed)], []
+    for settings in (drawn.settings, kept):  # the whitened mean square of held-out errors under M0
+        model = prepare(drawn.world.record(settings), DEFAULT, lambda text, share: None).model
+        misfits.append(float(predict_held_out(model, model, ()).misfit[0]))
+    whole, left = misfits
     return (whole - left) / (whole - BUDGET.floor) if whole > LEAST_MISFIT * BUDGET.floor else float("nan")
-
-
-def _measure_misfit(recording: Recording) -> float:
-    """Whitened mean square of held-out errors under M0."""
-    model = prepare(recording, DEFAULT, lambda text, share: None).model
-    return float(predict_held_out(model, model, ()).misfit[0])
 
 
 # ---- the study -------------------------------------------------------------------------------------------------------------
 
 
 class WithheldConfig(StudyConfig):
-    """What is drawn.
-
-    Attributes
-    ----------
-    compare : table.parquet of another run, which the report compares case by case; no part of the study's identity
-    """
+    """What is drawn, and the table of another run that the report compares."""
 
     cases: int = 400
     entropy: int = 20261128
-    compare: str = Field(default="", exclude=True)
+    compare: str = Field(default="", exclude=True)  # path of its table.parquet; no part of the study's identity
 
 
 def make_recording(config: WithheldConfig, number: int, streams: Streams) -> Recording:

@@ -134,25 +134,17 @@ Law = TypeVar("Law", bound=Callable[..., Array])
 
 @dataclass(frozen=True)
 class Family(Effect):
-    """An unlisted effect.
-
-    Attributes
-    ----------
-    law : its physics
-    needs : what a recording must have: orbit, temperature, turns, dense (references that follow the rate)
-    side : gyro, reference or time, where that is not the side of its stage
-    """
+    """An unlisted effect."""
 
     law: Callable[..., Array] = field(default=np.zeros, compare=False)
-    needs: tuple[str, ...] = ()
-    side: str = ""
+    needs: tuple[str, ...] = ()  # what a recording must have: temperature, turns, dense (references that follow the rate)
+    side: str = ""  # gyro, reference or time, where that is not the side of its stage
 
     def missing(self, around: Surroundings) -> str | None:
         """Name what a recording lacks."""
         stream, references = around.stream, around.references
         gaps = np.diff(references.t_s)[np.diff(references.interval) == 0]
         lacks = {
-            "orbit": not np.isfinite(stream.orbit_period_s),
             "temperature": TEMPERATURE_COLUMN not in stream.housekeeping,
             "turns": np.abs(stream.rates).max() < TURNING,
             "dense": gaps.size == 0 or float(gaps.max() * np.linalg.norm(stream.rates, axis=1).max()) > DENSE_RAD,
@@ -430,8 +422,7 @@ def marker_swap(seen: Sightings) -> Array:
 
 @declare("random_reference", "deg", all_axes=True)
 def loop_closures(seen: Sightings) -> Array:
-    """Error is a random walk that returns to zero at random times. Visual odometry meets a place again (Mur-Artal and Tardós,
-    IEEE Trans. Robotics 33, 2017)."""
+    """Error is a random walk that returns to zero at random times. Visual odometry meets a place again."""
     step = np.diff(seen.since_start, prepend=0.0).clip(0.0) / seen.between(0.1, 1.0)
     keeps = np.where(seen.first == np.arange(len(seen.t)), 0.0, seen.rng.random(len(step)) < np.exp(-step))
     drive = np.sqrt(step)[:, None] * seen.rng.standard_normal((len(step), 3))

@@ -30,7 +30,7 @@ REST_S = 20.0  # before and after a turn
 ARCSEC = 1 / 3600
 
 Span = tuple[float, float]
-Rate = Callable[[Array], Array]
+Rate = Callable[[Array], Array]  # (n,) s → (n, 3) rad/s
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
@@ -61,16 +61,13 @@ GRADES = {
 
 
 class Stretch(NamedTuple):
-    """A body rate at local times (n,) → (n, 3), the turns in it, and further times where it is not smooth.
-
-    A stretch that points to the Earth has the attitude (4,) that it begins in and the mode's body axis along the velocity.
-    """
+    """What happens in an interval."""
 
     rate: Rate
-    turns: Sequence[Slew] = ()
-    breaks: Sequence[float] = ()
-    begin: Array | None = None
-    mode: str | None = None
+    turns: Sequence[Slew] = ()  # in the rate
+    breaks: Sequence[float] = ()  # further times where it is not smooth, s
+    begin: Array | None = None  # (4,) attitude, of what points to the Earth
+    mode: str | None = None  # body axis along the velocity, of what points to the Earth
 
 
 class Lot(NamedTuple):

@@ -155,13 +155,7 @@ def summarise_cost(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def compare_runs(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
-    """Compare two runs case by case, in all and by kind.
-
-    Raises
-    ------
-    InputError
-        They share no case, or their cases are not the same.
-    """
+    """Compare two runs case by case, in all and by kind; an `InputError` if their cases are not the same."""
     keys = ["case", "kind", "effects"]
     both = before.merge(after, on="case", suffixes=("_before", "_after"), validate="one_to_one")
     if both.empty or any((both[f"{key}_before"] != both[f"{key}_after"]).any() for key in keys[1:]):
@@ -194,13 +188,7 @@ def list_moved_cases(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
 
 
 def read_run(path: Path) -> pd.DataFrame:
-    """The good rows of a run.
-
-    Raises
-    ------
-    InputError
-        The file is no table of this study.
-    """
+    """The good rows of a run; an `InputError` if the file is no table of this study."""
     try:
         rows = pd.read_parquet(path)
     except (OSError, ValueError) as error:
