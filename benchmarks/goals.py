@@ -22,8 +22,6 @@ class Goal:
 GOALS = {
     "kernel_vs_c_48k": Goal(1.2),
     "kernel_vs_c_4800k": Goal(1.6),
-    "kernel_vs_c_48k_n4": Goal(1.2),
-    "kernel_vs_c_48k_n6": Goal(1.2),
     "pack_vs_kernel_48k": Goal(0.5),
     "pack_vs_kernel_4800k": Goal(0.5),
     "case_vs_c_48k": Goal(4.2),  # two thirds of what it was while drawing called the generator for every number

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from benchmarks import c_kernel, gyros, mission_loop, oracle, references, start_up
+from benchmarks import c_kernel, mission_loop, oracle, references, start_up
 from benchmarks.goals import judged
 from benchmarks.loading import loaders
 from benchmarks.machine import machine
@@ -99,8 +99,6 @@ def run(quick: bool = False, say: Say = lambda text: None) -> dict[str, Any]:
     checks |= apart
     say("least squares against the calibrator")
     solvers, checks["least_squares_G"] = _solvers(flight, effort.slow)
-    say("more gyros than three")
-    arrays = gyros.run(flight, effort.sizes[1], tuple(kept))
     say("Monte Carlo cases")
     cases = [_cases(count) for count in effort.cases]
     say("diagnoses")
@@ -112,14 +110,13 @@ def run(quick: bool = False, say: Say = lambda text: None) -> dict[str, Any]:
     mission = mission_loop.run(*effort.mission)
     document = _document(growth, load_ms, others | solvers, cases, diagnoses, mission, reasons)
     document["many_references"] = many
-    document["ratios"] |= gyros.ratios(arrays) | start_up.compute_start_up_ratios(starts)
+    document["ratios"] |= start_up.compute_start_up_ratios(starts)
     return {
         "command": "python -m benchmarks" + (" --quick" if quick else ""),
         "commit": read_commit(),
         "method": METHOD,
         "machine": machine(),
         **document,
-        "gyros": arrays,
         "start_up_cpu_s": starts,
         "agreement": checks,
         "goals": judged(document),
@@ -133,8 +130,7 @@ def _libraries(variants: tuple[c_kernel.Variant, ...], reasons: dict[str, str]) 
         try:
             libraries = c_kernel.build(variants, Path(folder))
         except RuntimeError as error:
-            of_arrays = (f"kernel_vs_c_48k_n{count}" for count in gyros.AXES)
-            reasons.update(dict.fromkeys(("kernel_vs_c_48k", "kernel_vs_c_4800k", "case_vs_c_48k", *of_arrays), str(error)))
+            reasons.update(dict.fromkeys(("kernel_vs_c_48k", "kernel_vs_c_4800k", "case_vs_c_48k"), str(error)))
             libraries = {}
         yield libraries
 

@@ -70,15 +70,8 @@ class Flight:
 
 def run_packed(arcs: Arcs, parameters: GyroParameters) -> Propagation:
     """The project's kernel on increments that are packed already (they are kept once asked for)."""
-    options = (arcs.ends, arcs.last, arcs.arc, parameters.G, parameters.bias, False, False, arcs.gyros)
-    return Propagation(*propagate_packed(arcs.increments, arcs.increments, *options))
-
-
-def run_array(arcs: Arcs, G: Array, bias: Array) -> Propagation:
-    """The same for other numbers of gyros than three, G (3, gyros)."""
-    return Propagation(
-        *propagate_packed(arcs.increments, None, arcs.ends, arcs.last, arcs.arc, G, bias, False, False, arcs.gyros)
-    )
+    options = (arcs.ends, arcs.last, arcs.arc, parameters.G, parameters.bias, False, False)
+    return Propagation(*propagate_packed(arcs.increments, *options))
 
 
 def run_unpacked(arcs: Arcs, parameters: GyroParameters) -> Propagation:

@@ -26,7 +26,6 @@ of the calibration. Its column is what the effect adds to the gyro's readings or
     explain the data. `replication` compares their sizes between parts of the recording, and `budget` gives the gap budget.
 13. `assemble` builds the answer (`result`), with the verdict from probabilities alone (`verdict`).
 
-Raw sensor tables (`sensor_tables`, built by `model.sensors`) and arrays of gyros (`gyros`, built by `model.gyros`) use the same
-steps from 4 on. General thresholds are in `settings`, others in the settings class of their module. `plan` predicts what a
-maneuver plan can show.
+Raw sensor tables (`sensor_tables`, built by `model.sensors`) use the same steps from 4 on. General thresholds are in
+`settings`, others in the settings class of their module. `plan` predicts what a maneuver plan can show.
 """

@@ -8,8 +8,7 @@ a sigma and correlates with nothing. Nonlinear parameters, such as the time of a
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +16,9 @@ from numpy.typing import NDArray
 
 from diagnosis.answer import Amplitudes, Cause
 from diagnosis.result import Diagnosis
-from gyrocal.calibration.gyros import GyroArray, calibrate_gyros
-from gyrocal.errors import InputError
 from gyrocal.recording import Recording
-from simulator.adopted_scenario import AdoptedScenario, ReplayPlan, format_adopted, hash_recording
+from simulator.adopted_scenario import format_adopted, hash_recording
 from simulator.effects import REGISTRY, Setting, setting
-from simulator.truth.rotation import apply_rotation_errors, separation
 
 Array = NDArray[np.float64]
 
@@ -40,7 +36,6 @@ class Adoption:
     left_out : causes that a replay cannot fly, such as those of raw sensor tables
     reason : why there are no effects, or ""
     instead : of each cause that the recording cannot tell from others, its label and theirs
-    constant : constant errors of the gyros that a replay has not, or ""
     """
 
     effects: tuple[Setting, ...]
@@ -48,16 +43,15 @@ class Adoption:
     left_out: tuple[str, ...]
     reason: str
     instead: tuple[tuple[str, tuple[str, ...]], ...] = ()
-    constant: str = ""
 
     def sentence(self) -> str:
         """Describe what was written."""
         if not self.effects:
-            return f"a scenario without effects: {self.reason}{self.constant}"
+            return f"a scenario without effects: {self.reason}"
         note = f"; {', '.join(self.left_out)} left out, which acts on raw sensor tables" if self.left_out else ""
         for label, others in self.instead:
             note += f"; this recording cannot tell {label} from {' or '.join(others)}, of which a copy of the file may have one"
-        return f"a scenario with {', '.join(one.label() for one in self.effects)}{note}{self.constant}"
+        return f"a scenario with {', '.join(one.label() for one in self.effects)}{note}"
 
 
 def adopt_causes(diagnosis: Diagnosis) -> Adoption:
@@ -90,30 +84,10 @@ def write_adopted_scenario(diagnosis: Diagnosis, recording: Recording, folder: P
     out : the file that the text is for; it names the recording's folder relative to its own
     """
     adoption = adopt_causes(diagnosis)
-    dead = [name for name in recording.gyro.names if name not in diagnosis.gyros]
-    if dead:
-        raise InputError(
-            f"{folder}: gyro {', '.join(dead)} failed, and the motion cannot be made of its readings: leave it out of "
-            "[[interval]] gyros and diagnose again"
-        )
-    constant = "; a constant offset of the parity left out" if recording.is_array else ""
-    adoption = replace(adoption, constant=constant)
     where = os.path.relpath(folder.resolve(), out.resolve().parent)
     title = f"{recording.title}, {' with '.join(['simulated again', *(one.label() for one in adoption.effects)])}"
-    found = _calibrate_without(recording, adoption.effects, diagnosis) if recording.is_array else diagnosis
-    G, bias = found.G, found.bias
+    G, bias = diagnosis.G, diagnosis.bias
     return format_adopted(title, where, hash_recording(recording), G, bias, adoption.effects, adoption.covariance), adoption
-
-
-def _calibrate_without(recording: Recording, effects: Sequence[Setting], diagnosis: Diagnosis) -> GyroArray:
-    """Calibrate the gyros without the effects, by attitude and parity; a diagnosis corrects the body's rates only."""
-    known = tuple(one for one in effects if REGISTRY[one.effect].has_columns)
-    scenario = AdoptedScenario("", ReplayPlan(recording, diagnosis.G, diagnosis.bias), known)
-    plain, flown = (scenario.fly(effects=some, noise=False) for some in ((), known))
-    rates = recording.gyro.rates - (flown.gyro.rates - plain.gyro.rates)
-    turned = separation(plain.attitudes.quaternions, flown.attitudes.quaternions)
-    attitudes = replace(recording.attitudes, quaternions=apply_rotation_errors(recording.attitudes.quaternions, -turned))
-    return calibrate_gyros(replace(recording, gyro=replace(recording.gyro, rates=rates), attitudes=attitudes)).gyros
 
 
 def _locate_amplitudes(cause: Cause, found: Amplitudes) -> tuple[Setting, list[int], float]:

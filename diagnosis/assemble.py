@@ -124,7 +124,6 @@ class AnswerInputs:
     notes: tuple[str, ...]
     details: Details
     amplitudes: Amplitudes = field(default_factory=Amplitudes)
-    gyros: tuple[str, ...] = ("x", "y", "z")
     blind: str | None = None
     sigma_nominal: Array | None = None
 
@@ -180,7 +179,6 @@ def build_answer(
         p_values=seen.p_values,
         posterior=posterior.combine_posteriors(samples, explained, gap, settings),
         amplitudes=seen.amplitudes,
-        gyros=seen.gyros,
         budget=explained.budget,
         remainder=None if explained.beside is None else explained.beside.remainder,
         sigma_nominal=seen.sigma_nominal,

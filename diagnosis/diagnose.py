@@ -20,7 +20,7 @@ from diagnosis.sensor_tables import diagnose_sensors
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
-from simulator.effects import ARRAY_EFFECTS, EFFECTS
+from simulator.effects import EFFECTS
 from simulator.effects.base import Effect, Fault
 from simulator.effects.sensor import ALL_EFFECTS, SENSOR_EFFECTS
 
@@ -52,10 +52,6 @@ def diagnose(
     began = time.perf_counter()
     # The matrices are small: threads of the linear algebra would wait for one another more than they work.
     with threadpool_limits(1, user_api="blas"):
-        if recording.is_array:
-            from diagnosis.gyros import diagnose_gyros  # late: it explains as this module does
-
-            return diagnose_gyros(recording, list_nameable_effects(library, True), settings, seed, tell)
         effects = list_nameable_effects(library)
         tell("gyro samples", 0.0)
         faults = find_faults(recording, effects)
@@ -78,12 +74,12 @@ def compose_diagnosis(
     return build_diagnosis(prepared, samples, explained, settings, runtime_s)
 
 
-def list_nameable_effects(library: Sequence[str] | None, of_arrays: bool = False) -> list[Effect]:
-    """The effects that may be named; those of one of several gyros where there are such."""
+def list_nameable_effects(library: Sequence[str] | None) -> list[Effect]:
+    """The effects that may be named."""
     unknown = [] if library is None else [name for name in library if name not in ALL_EFFECTS]
     if unknown:
         raise InputError(f"no such effect: {', '.join(sorted(unknown))}; there are {', '.join(ALL_EFFECTS)}")
-    known = {**EFFECTS, **(ARRAY_EFFECTS if of_arrays else {})}
+    known = EFFECTS
     return [effect for name, effect in known.items() if library is None or name in library]
 
 

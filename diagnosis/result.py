@@ -64,7 +64,6 @@ class Diagnosis:
     posterior : labels of each explanation with its probability, the likeliest first, to a sum of 0.999; "unknown" stands for
         all that hold something unlisted; without a gap, the empty explanation
     amplitudes : joint posterior of the effects that are linear, for a scenario with them in it
-    gyros : names of the gyros, the columns of G
     budget : steps of the gap budget on held-out data
     remainder : the part of the misfit that no identified cause explains; None where none is left or estimated
     sigma_nominal : (12,) sigma of G row by row and b, rad/s, under the stated noise alone; None where it is the only one
@@ -93,7 +92,6 @@ class Diagnosis:
     p_values: Mapping[str, float] = field(default_factory=dict)
     posterior: Explanations = ()
     amplitudes: Amplitudes = field(default_factory=Amplitudes)
-    gyros: tuple[str, ...] = ("x", "y", "z")
     budget: tuple[Step, ...] = ()
     remainder: RemainderSummary | None = None
     sigma_nominal: Array | None = None

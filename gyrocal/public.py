@@ -1,7 +1,6 @@
 """The names of the package `gyrocal`, which loads this module when one of them is asked for."""
 
 from gyrocal.calibration.davenport import RecursiveCalibrator, calibrate, residual_table
-from gyrocal.calibration.gyros import GyroArray, GyrosResult, calibrate_gyros
 from gyrocal.calibration.observability import Observability
 from gyrocal.calibration.parameters import NAMES, GyroParameters, select
 from gyrocal.calibration.propagation import Arcs, StreamingPropagation, propagate, psi_matrix
@@ -25,7 +24,6 @@ from gyrocal.recording import (
     Recording,
     load,
     save,
-    triad,
 )
 from gyrocal.sensors.alignment import AlignmentResult
 from gyrocal.sensors.alignment import align_in_two_steps as align_in_two_steps
@@ -45,11 +43,9 @@ __all__ = [
     "EarthSensor",
     "FilterRun",
     "FullFilterResult",
-    "GyroArray",
     "GyroParameters",
     "GyroStream",
     "GyrocalError",
-    "GyrosResult",
     "InputError",
     "Interval",
     "KalmanFilter",
@@ -71,7 +67,6 @@ __all__ = [
     "align_together",
     "batch",
     "calibrate",
-    "calibrate_gyros",
     "interval_covariance",
     "load",
     "propagate",
@@ -85,6 +80,5 @@ __all__ = [
     "save",
     "select",
     "smooth",
-    "triad",
     "trmm_sun_sensors",
 ]

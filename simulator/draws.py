@@ -72,7 +72,7 @@ def read_layers() -> Layers:
 def add_normals(
     rng: np.random.Generator, words: Words, layers: Layers, rates: Array, size: float, duration: Array, out: Array
 ) -> None:
-    """Rates (n, gyros) with `rng.standard_normal()` times size/√duration added to each, into out (n, gyros).
+    """Rates (n, 3) with `rng.standard_normal()` times size/√duration added to each, into out (n, 3).
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from gyrocal.recording import Recording, find_reference_rows, triad
+from gyrocal.recording import Recording, find_reference_rows
 from simulator.arrays import Array
 from simulator.effects import Setting
 from simulator.effects.recording_view import compute_durations, find_interval_slices, smooth_rates
@@ -53,7 +53,7 @@ def replay(
     Parameters
     ----------
     recording : what to repeat
-    G, bias : (3, gyros), (3,) rad/s: true gyro parameters of the replay, usually the recording's calibration
+    G, bias : (3, 3), (3,) rad/s: true gyro parameters of the replay, usually the recording's calibration
     effects : errors beyond M0
     seed, case : of the random streams
     noise : whether gyro and references have their white noise
@@ -65,7 +65,7 @@ def replay(
 
 
 def build_noise_free(recording: Recording, motion: Motion, G: Array, bias: Array) -> Recording:
-    """The recording of a motion without noise, by gyros with G (3, gyros) and bias (3,), rad/s; all else stays as recorded."""
+    """The recording of a motion without noise, by a gyro with G (3, 3) and bias (3,), rad/s; all else stays as recorded."""
     return replace(
         recording,
         gyro=replace(recording.gyro, rates=compute_raw_rates(motion.rates, G, bias)),
@@ -74,10 +74,7 @@ def build_noise_free(recording: Recording, motion: Motion, G: Array, bias: Array
 
 
 def reconstruct_motion(recording: Recording, G: Array, bias: Array) -> Motion:
-    """The motion of a recording, as of a scenario, by its calibration G (3, gyros) and bias (3,), rad/s."""
-    if recording.is_array:
-        K = np.asarray(np.linalg.pinv(G), dtype=float)
-        recording, G, bias = triad(recording, K, -K @ bias), np.eye(3), np.zeros(3)
+    """The motion of a recording, as of a scenario, by its calibration G (3, 3) and bias (3,), rad/s."""
     rates = smooth_rates(recording, G, bias)
     duration = compute_durations(recording)
     quaternions = recording.attitudes.quaternions.copy()

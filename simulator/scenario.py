@@ -28,13 +28,10 @@ from pydantic import (
     ValidationError,
     ValidationInfo,
     field_validator,
-    model_validator,
 )
 
 from gyrocal.errors import InputError, suggest_names
 from gyrocal.recording import format_validation_error, read_toml
-from gyrocal.recording.checks import is_full_rank
-from gyrocal.recording.names import GYRO_NAME, MOST_GYROS
 from simulator.truth.maneuvers import MODE_YAW, Hold, Profile, Slew, Sway
 from simulator.truth.orbit import CircularOrbit
 
@@ -87,63 +84,10 @@ class OrbitSection(Section):
         )
 
 
-class ArraySection(Section):
-    """More gyros than x, y and z: gyro i reads (1 + k_i)(u_i + m_i) · ω_unit + c_i.
-
-    u_i are the axes as they are known, normalised, in the axes of the unit, whose rate ω_unit = G⁻¹(ω − b) is what three gyros
-    x, y and z would read. k_i is ``scale_ppm``, m_i ``misalignment_deg`` along the unit's axes, c_i ``bias_deg_s``.
-    """
-
-    names: Annotated[tuple[str, ...], Field(strict=False)] = ()
-    axes: Annotated[tuple[Vector, ...], Field(strict=False, min_length=3, max_length=MOST_GYROS)]
-    scale_ppm: Annotated[tuple[float, ...], Field(strict=False)] = ()
-    misalignment_deg: Annotated[tuple[Vector, ...], Field(strict=False)] = ()
-    bias_deg_s: Annotated[tuple[float, ...], Field(strict=False)] = ()
-
-    @field_validator("axes")
-    @classmethod
-    def _validate_axes(cls, value: tuple[Vector, ...]) -> tuple[Vector, ...]:
-        lengths = np.linalg.norm(value, axis=1)
-        if not (lengths > 1e-6).all() or not is_full_rank(np.linalg.pinv(np.array(value) / lengths[:, None])):
-            raise ValueError("must not be zero, nor lie in one plane")
-        return value
-
-    @model_validator(mode="after")
-    def _validate_lengths(self) -> "ArraySection":
-        for name in ("names", "scale_ppm", "misalignment_deg", "bias_deg_s"):
-            given = getattr(self, name)
-            if given and len(given) != len(self.axes):
-                raise ValueError(f"{name} holds {len(given)} values for {len(self.axes)} axes")
-        wrong = [name for name in self.names if not GYRO_NAME.fullmatch(name)]
-        if wrong or len(set(self.names)) < len(self.names):
-            raise ValueError("names must differ and be letters with digits at the end, such as g1")
-        return self
-
-    @property
-    def gyros(self) -> tuple[str, ...]:
-        """Names of the gyros, by default their numbers from 1."""
-        return self.names or tuple(str(k + 1) for k in range(len(self.axes)))
-
-    @property
-    def directions(self) -> np.ndarray:
-        """(n, 3) unit vectors, as they are known."""
-        axes = np.array(self.axes)
-        return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
-
-    @property
-    def true(self) -> tuple[np.ndarray, np.ndarray]:
-        """K (n, 3) in the axes of the unit, and c (n,) rad/s, as they are."""
-        n = len(self.axes)
-        turned = self.directions + np.deg2rad(self.misalignment_deg or np.zeros((n, 3)))
-        scale = 1 + 1e-6 * np.array(self.scale_ppm or np.zeros(n))
-        return scale[:, None] * turned, np.deg2rad(self.bias_deg_s or np.zeros(n))
-
-
 class GyroSection(Section):
     """True and a-priori gyro parameters, sampling and noise.
 
-    ``reading`` is what a sample shows: the mean rate over it, or the rate at its start. An ``array`` of other gyros than x, y
-    and z reads the rate of a unit that has this G and b.
+    ``reading`` is what a sample shows: the mean rate over it, or the rate at its start.
     """
 
     sample_s: float = Field(ge=1e-3, le=1e4)
@@ -153,7 +97,6 @@ class GyroSection(Section):
     true_bias_deg_s: Vector
     apriori_G: Matrix
     apriori_bias_deg_s: Vector
-    array: ArraySection | None = None
 
     @field_validator("true_G", "apriori_G")
     @classmethod
@@ -166,7 +109,7 @@ class GyroSection(Section):
 class ReferenceSection(Section):
     """When reference attitudes are taken, and their standard deviation about each body axis."""
 
-    at: Literal["ends", "series", "none"] = "ends"
+    at: Literal["ends", "series"] = "ends"
     every_s: float | None = Field(default=None, ge=1e-3, validate_default=True)
     sigma_deg: PositiveVector
 
@@ -241,7 +184,7 @@ class HoldSection(Section):
 
 
 class IntervalSection(Section):
-    """One calibration interval; ``mode`` is the body axis along the velocity at its start, ``gyros`` are those switched on."""
+    """One calibration interval; ``mode`` is the body axis along the velocity at its start."""
 
     name: str = Field(min_length=1)
     activity: str
@@ -250,7 +193,6 @@ class IntervalSection(Section):
     mode: Literal["+x", "-x", "+y", "-y"]
     slew: Annotated[tuple[SlewSection, ...], Field(strict=False)] = ()
     hold: HoldSection | None = None
-    gyros: Annotated[tuple[str, ...], Field(strict=False)] | None = None
 
     @field_validator("stop_s")
     @classmethod

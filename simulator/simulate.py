@@ -16,9 +16,6 @@ from itertools import pairwise
 import numpy as np
 
 from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording
-from gyrocal.recording.gyros import compute_nominal_gyros
-from gyrocal.recording.names import TRIAD
-from gyrocal.recording.parts import build_empty_attitudes
 from simulator.arrays import Array
 from simulator.effects import REGISTRY, Setting, Surroundings, extract_references
 from simulator.effects.chain import prepare_effects, simulate_readings, simulate_references
@@ -93,21 +90,10 @@ def _move(profile: Profile, scenario: Scenario, substeps: int) -> Motion:
 
 
 def compute_noise_free_rates(scenario: Scenario, motion: Motion, G: Array | None = None, bias: Array | None = None) -> Array:
-    """Compute the noise-free readings of the uncalibrated gyros, (n, gyros) rad/s; G and bias as for `observe`."""
+    """Compute the noise-free readings of the uncalibrated gyros, (n, 3) rad/s; G and bias as for `observe`."""
     true_G = np.array(scenario.gyro.true_G) if G is None else G
     true_bias = np.deg2rad(scenario.gyro.true_bias_deg_s) if bias is None else bias
-    unit = compute_raw_rates(motion.rates, true_G, true_bias)
-    if scenario.gyro.array is None:
-        return unit
-    K, c = scenario.gyro.array.true
-    return np.asarray(unit @ K.T + c)
-
-
-def compute_true_gyros(scenario: Scenario) -> tuple[Array, Array]:
-    """K (gyros, 3) and c (gyros,) rad/s of what each gyro truly reads of the body's rate, ω_raw = K ω + c."""
-    K, c = (np.eye(3), np.zeros(3)) if scenario.gyro.array is None else scenario.gyro.array.true
-    K = K @ np.linalg.inv(np.array(scenario.gyro.true_G))
-    return K, c - K @ np.deg2rad(scenario.gyro.true_bias_deg_s)
+    return compute_raw_rates(motion.rates, true_G, true_bias)
 
 
 def realise(
@@ -171,11 +157,7 @@ def observe(
     gyro = scenario.gyro
     rates, quaternions = realise(scenario, motion, compute_noise_free_rates(scenario, motion, G, bias), gyro_rng, reference_rng)
     sigma = np.deg2rad(scenario.reference.sigma_deg)
-    if scenario.reference.at == "none":
-        attitudes = build_empty_attitudes()
-    else:
-        attitudes = Attitudes(motion.reference_t_s, quaternions, np.tile(sigma, (len(quaternions), 1)))
-    apriori_G = np.array(gyro.apriori_G)
+    attitudes = Attitudes(motion.reference_t_s, quaternions, np.tile(sigma, (len(quaternions), 1)))
     return Recording(
         title=scenario.title,
         epoch=scenario.epoch,
@@ -185,12 +167,11 @@ def observe(
             rates=rates,
             sample_s=gyro.sample_s,
             arw=float(np.deg2rad(gyro.arw_deg_per_sqrt_s)),
-            apriori_G=apriori_G if gyro.array is None else apriori_G @ np.linalg.pinv(gyro.array.directions),
+            apriori_G=np.array(gyro.apriori_G),
             apriori_bias=np.deg2rad(gyro.apriori_bias_deg_s),
-            names=TRIAD if gyro.array is None else gyro.array.gyros,
         ),
         attitudes=attitudes,
-        intervals=tuple(Interval(i.name, i.activity, i.start_s, i.stop_s, None, i.gyros) for i in scenario.interval),
+        intervals=tuple(Interval(i.name, i.activity, i.start_s, i.stop_s) for i in scenario.interval),
         orbit=Orbit(scenario.orbit.build_circular_orbit().period, scenario.orbit.altitude_km, scenario.orbit.inclination_deg),
     )
 
@@ -229,8 +210,6 @@ def build_surroundings(plain: Recording, motion: Motion, point: bool = False) ->
     """The noise-free truth as effects see it."""
     t_s = motion.t_s if point else motion.t_s + 0.5 * motion.duration_s
     stream = build_stream(plain, t_s, motion.duration_s, motion.rates, plain.gyro.rates, motion.intervals)
-    if plain.is_array:
-        stream = replace(stream, gyros=plain.gyro.names, axes=compute_nominal_gyros(plain.gyro)[0])
     references, axes = extract_references(plain), plain.attitudes.build_error_axes()
     return Surroundings(stream, references, plain.gyro.arw, plain.gyro.sample_s, plain.attitudes.sigma, axes)
 

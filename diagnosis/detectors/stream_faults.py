@@ -35,9 +35,9 @@ SETTINGS = StreamFaultSettings()
 
 
 def find_faults(recording: Recording, effects: Sequence[Effect]) -> tuple[Fault, ...]:
-    """Find the faults of a recording of three gyros."""
+    """Find the faults of a recording."""
     able = [effect for effect in effects if effect.implements("find_faults")]
-    if not able or recording.is_array or not recording.attitudes.t_s.size:
+    if not able or not recording.attitudes.t_s.size:
         return ()
     found: list[Fault] = []
     for effect in able:

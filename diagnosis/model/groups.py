@@ -17,7 +17,6 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from diagnosis.model import deterministic_alternatives, periodic_alternatives, processes
-from diagnosis.model.array_model import ArrayModel
 from diagnosis.model.linear import SETTINGS as LINEAR
 from diagnosis.model.linear import Parameters, add_no_sigma, build_scales, read_first_amplitude
 from diagnosis.model.periods import Found, make_columns, make_effect_columns
@@ -102,15 +101,13 @@ def list_effect_groups(
             yield from list_process_groups(model, effect, around)
 
 
-def build_plain_group(
-    model: RecordingModel | ArrayModel, effect: Effect, axis: str | None, around: Surroundings
-) -> CandidateColumns:
+def build_plain_group(model: RecordingModel, effect: Effect, axis: str | None, around: Surroundings) -> CandidateColumns:
     """An effect whose columns are there throughout, with an option for each set of parameters worth trying."""
     trials = effect.trials(around)
     columns = [make_columns(model, effect, axis, trial.parameters) for trial in trials]
     parameters, weights = [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials]
     tied = False
-    if isinstance(model, RecordingModel) and model.rounded_covariates and effect.stage == "rate":
+    if model.rounded_covariates and effect.stage == "rate":
         for trial in trials:
             with_rounding = build_rounded_columns(model, effect, axis, dict(trial.parameters))
             if with_rounding is not None:  # the effect follows the value as recorded, or the one before its rounding
@@ -118,7 +115,7 @@ def build_plain_group(
                 parameters.append(dict(trial.parameters))
                 weights.append(trial.weight)
                 tied = True
-    if isinstance(model, RecordingModel) and effect.stage == "clock" and effect.unit == "s":  # one delay, of any length
+    if effect.stage == "clock" and effect.unit == "s":  # one delay, of any length
         long = fit_delays(model, columns[0], effect.prior)
         columns += [one.columns for one in long]
         parameters += [{} for _ in long]
@@ -160,7 +157,7 @@ def build_rounded_columns(model: RecordingModel, effect: Effect, axis: str | Non
 
 
 def build_switched_group(
-    model: RecordingModel | ArrayModel, effect: Effect, axis: str | None, around: Surroundings, steps: StepTimes | None = None
+    model: RecordingModel, effect: Effect, axis: str | None, around: Surroundings, steps: StepTimes | None = None
 ) -> CandidateColumns:
     """An effect that is switched on at some time, with an option for each time that is tried."""
     times, widths, weights, firsts = steps or step_times(model)

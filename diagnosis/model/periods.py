@@ -21,13 +21,11 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from diagnosis.model.array_model import ArrayModel
 from diagnosis.model.linear import LinearModel, ParameterChoice, Parameters, SelectedCandidate
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.sinusoids.coherence import IntervalProducts, find_tops
 from diagnosis.sinusoids.fit import make_waves
 from simulator.effects.base import AXIS_NAMES, Effect, Value
-from simulator.effects.gyros import compute_columns
 from simulator.effects.periodic import SHORTEST_PERIOD_SPACINGS, compute_period_band
 
 Array = NDArray[np.float64]
@@ -211,13 +209,11 @@ def make_period_columns(model: RecordingModel, axis: int, on_references: bool, f
     return np.split(both, frequencies.size, axis=1)
 
 
-def make_columns(
-    model: RecordingModel | ArrayModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value]
-) -> Array:
-    """Make (N, k) whitened columns of an effect per unit of its amplitudes; the axis is the name of a gyro, of any number."""
-    if isinstance(model, RecordingModel) and effect.on_references:
+def make_columns(model: RecordingModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    """Make (N, k) whitened columns of an effect per unit of its amplitudes."""
+    if effect.on_references:
         return model.whiten(model.observe_reference_error(effect.reference_columns(model.references, axis, parameters)))
-    return model.whiten(model.reading(compute_columns(effect, model.stream, axis, parameters)))
+    return model.whiten(model.reading(effect.columns(model.stream, axis, parameters)))
 
 
 def make_effect_columns(model: RecordingModel, effect: Effect, axis: str, frequencies: Array) -> list[Array]:

@@ -20,11 +20,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from diagnosis.model.array_model import ArrayModel
 from diagnosis.model.linear import LinearModel, ParameterChoice, Parameters, SelectedCandidate, Wanted
 from diagnosis.model.recording_model import RecordingModel
 from simulator.effects.base import Effect, Value
-from simulator.effects.gyros import compute_columns
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -49,7 +47,7 @@ class StepSettings:
 SETTINGS = StepSettings()
 
 
-def step_times(model: RecordingModel | ArrayModel, spacing_s: float = SETTINGS.longest_step_gap) -> StepTimes:
+def step_times(model: RecordingModel, spacing_s: float = SETTINGS.longest_step_gap) -> StepTimes:
     """Times a step is tried at, how far each may be off where that is not known, their prior weights, and their first steps.
 
     Between two intervals only the fact can be seen, so the middle of the gap stands for all of it.
@@ -76,18 +74,16 @@ def step_times(model: RecordingModel | ArrayModel, spacing_s: float = SETTINGS.l
 
 
 def build_switched_columns(
-    model: RecordingModel | ArrayModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value], firsts: Indices
+    model: RecordingModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value], firsts: Indices
 ) -> Array:
     """(N, s) whitened columns of an effect that is switched on at each of several steps."""
     stream = model.stream
     begin = float(stream.t_s[0]) - SETTINGS.already_on - float(stream.duration_s[0])
-    on = compute_columns(effect, stream, axis, {**parameters, "time_s": begin})[:, :, 0]
+    on = effect.columns(stream, axis, {**parameters, "time_s": begin})[:, :, 0]
     return model.whiten(model.observe_reading_steps(on, firsts))
 
 
-def add_finer_times(
-    model: RecordingModel | ArrayModel, linear: LinearModel, member: SelectedCandidate, effect: Effect
-) -> LinearModel:
+def add_finer_times(model: RecordingModel, linear: LinearModel, member: SelectedCandidate, effect: Effect) -> LinearModel:
     """The linear model with more times for a step of any element, close together around the one at which a member is held.
 
     They take over half the prior of the times between which they lie; a gap between intervals keeps its own.
@@ -113,7 +109,7 @@ def add_finer_times(
 
 
 def _add_times(
-    model: RecordingModel | ArrayModel,
+    model: RecordingModel,
     linear: LinearModel,
     effect: Effect,
     place: int,

@@ -17,10 +17,9 @@ from diagnosis.model.groups import CandidateColumns, list_effect_groups
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.model.steps import StepTimes
-from gyrocal.recording import triad
 from simulator.effects import EFFECTS
 from simulator.scenario import Scenario
-from simulator.simulate import add_gyro_temperature, compute_true_gyros, simulate
+from simulator.simulate import add_gyro_temperature, simulate
 
 Array = NDArray[np.float64]
 
@@ -86,13 +85,8 @@ class Signature:
 
 
 def linearise_noise_free(scenario: Scenario) -> RecordingModel:
-    """The model about the true G and b, without noise, and with the simulator's gyro temperature as housekeeping.
-
-    Of an array it is that of the body's rates, about G = I.
-    """
+    """The model about the true G and b, without noise, and with the simulator's gyro temperature as housekeeping."""
     recording = add_gyro_temperature(simulate(scenario, noise=False))
-    if recording.is_array:
-        return linearise_recording(triad(recording, *compute_true_gyros(scenario)), np.eye(3), np.zeros(3))
     return linearise_recording(recording, np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
 
 

@@ -19,7 +19,7 @@ from diagnosis.plan.visibility import DetectionPower, find_visible_size, list_un
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.errors import InputError
-from simulator.effects import ARRAY_EFFECTS, EFFECTS
+from simulator.effects import EFFECTS
 from simulator.scenario import Scenario
 
 
@@ -88,8 +88,6 @@ def plan(
 
 def _select_effects(effects: Sequence[str] | None) -> list[str]:
     for name in effects or ():
-        if name in ARRAY_EFFECTS:
-            raise InputError(f"{name}: a plan knows effects of the gyros x, y and z, not of one of several")
         if name not in EFFECTS:
             raise InputError(f"{name}: no such effect; there are {', '.join(EFFECTS)}")
     return [name for name in EFFECTS if not effects or name in effects]
@@ -117,8 +115,4 @@ def _write_plan_notes(scenario: Scenario, model: RecordingModel) -> tuple[str, .
         "What follows a temperature is as with the simulator's own gyro temperature; a recording without housekeeping shows it "
         "only as something unknown",
     ]
-    if scenario.gyro.array is not None:
-        notes.append(
-            "Axes are those of the body's rates: effects of one gyro, and the parity that shows them, are not looked at"
-        )
     return tuple(notes)

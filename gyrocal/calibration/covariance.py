@@ -9,10 +9,9 @@ so that for two outputs a, b of one interval
 
     cov(θ_a, θ_b) = δ_ab diag(σ_a²) + R_a diag(σ_0²) R_bᵀ + ARW² min(t_a, t_b) R_a R_bᵀ.
 
-The start attitude is shared by all outputs of an interval, and one reference attitude may end an interval and start the
-next, cov = −diag(σ²) R_bᵀ; both make residuals correlate. The noise is taken along the body axes: G ≈ I, its departure from I
-changes the noise by |G − I| of itself. The errors of a reference may correlate between axes, and the noise of other gyros than
-three is not the same about all axes; then 3×3 covariances stand for diag(σ²) and for ARW² t.
+The start attitude is shared by all outputs of an interval, and one reference attitude may end an interval and start the next,
+cov = −diag(σ²) R_bᵀ; both make residuals correlate. The noise is taken along the body axes: G ≈ I, its departure from I changes
+the noise by |G − I| of itself. The errors of a reference may correlate between axes; then 3×3 covariances stand for diag(σ²).
 
 "references only" is the paper's C in N (31)–(32): each residual by itself, both ends' reference errors and no gyro noise.
 

@@ -1,15 +1,12 @@
 """A stream of rates in the order in which the lanes of the compiled pass read it.
 
 The stream is cut into pieces, 32 of which run side by side as a batch of lanes (see `gyrocal.calibration.propagation`). The
-pass reads (steps, n + 1, lanes) of [ω_raw Δt, Δt] of n gyros, so that a step of all lanes is a row of vectors; a recording has
+pass reads (steps, 4, lanes) of [ω_raw Δt, Δt], so that a step of all lanes is a row of vectors; a recording has
 a row for each sample. Packing is the transposition between the two. It is done by squares of eight steps and eight lanes,
 which are transposed in registers, and a chunk of steps at a time.
 
 The lanes read at 32 distant places at once, more than a processor follows by itself. Hence the prefetching: without it, packing
 a stream that is not in the caches takes three times as long.
-
-The number of gyros is told by the length of a tuple, `gyros_of(n)`: it is part of the type, so that each number is compiled by
-itself, and all loops over gyros are unrolled.
 """
 
 from math import sqrt
@@ -27,27 +24,21 @@ from gyrocal.jit_cache import compile_cached
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Pieces = tuple[Indices, Indices]
-# Raw rates (samples, n) rad/s; the sample that each step holds; duration of each step, s; whether that is `is_unbroken`.
+# Raw rates (samples, 3) rad/s; the sample that each step holds; duration of each step, s; whether that is `is_unbroken`.
 Stream = tuple[Array, Indices, Array, bool]
-Gyros = tuple[int, ...]
 
 LANES = 32
 TILE = 2
-CHUNK_STEPS = 256  # steps, 256 KiB of three gyros; a multiple of WIDTH and of TILE
+CHUNK_STEPS = 256  # steps, 256 KiB; a multiple of WIDTH and of TILE
 AHEAD = 32  # steps from what is packed to what is fetched
 DOUBLE = 8  # bytes
 LANE_WIDTH = 8  # lanes and steps that make a square
-THREE_GYROS: Gyros = (0, 0, 0)
+GYROS = 3
 
 
-def encode_gyro_count(count: int) -> Gyros:
-    """Encode the number of gyros as a type for the compiled functions."""
-    return (0,) * count
-
-
-def compute_packed_shape(pieces: Pieces, count: int = 3) -> tuple[int, int, int, int]:
-    """Shape of packed increments of so many gyros: batches, steps in whole tiles, gyros and Δt, lanes."""
-    return -(-len(pieces[0]) // LANES), -(-int(pieces[1].max()) // TILE) * TILE, count + 1, LANES
+def compute_packed_shape(pieces: Pieces) -> tuple[int, int, int, int]:
+    """Shape of packed increments: batches, steps in whole tiles, gyros and Δt, lanes."""
+    return -(-len(pieces[0]) // LANES), -(-int(pieces[1].max()) // TILE) * TILE, GYROS + 1, LANES
 
 
 def _build_prefetch(_typing: Any, _address: Any) -> Any:
@@ -67,17 +58,16 @@ def _build_prefetch(_typing: Any, _address: Any) -> Any:
 _prefetch: Any = intrinsic(_build_prefetch)
 
 
-def _build_square_packing(_typing: Any, _rates: Any, _dt: Any, _out: Any, _largest: Any, gyros: Any) -> Any:
+def _build_square_packing(_typing: Any, _rates: Any, _dt: Any, _out: Any, _largest: Any) -> Any:
     """Pack a square: eight consecutive samples of eight lanes.
 
     Arguments are addresses: of the eight lanes' addresses of their rates, and of their durations; of the first place of the
-    first lane to pack to; and of the eight lanes' largest |ω_raw Δt|². The last argument tells the number of gyros.
+    first lane to pack to; and of the eight lanes' largest |ω_raw Δt|².
     """
-    count = len(gyros)
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         number, vector = ir.IntType(64), ir.VectorType(ir.DoubleType(), LANE_WIDTH)
-        rates, dt, out, largest, _ = arguments
+        rates, dt, out, largest = arguments
 
         def locate(address: Any, doubles: int, kind: Any = vector) -> Any:
             return builder.inttoptr(builder.add(address, number(DOUBLE * doubles)), kind.as_pointer())
@@ -99,12 +89,12 @@ def _build_square_packing(_typing: Any, _rates: Any, _dt: Any, _out: Any, _large
         most = builder.load(locate(largest, 0), align=DOUBLE)
         durations, squares = transpose(of_dt, 0), [None] * LANE_WIDTH
         for step, h in enumerate(durations):
-            builder.store(h, locate(out, LANES * ((count + 1) * step + count)), align=DOUBLE)
-        for column in range(count):  # eight doubles at a time, which the registers hold whatever the number of gyros
+            builder.store(h, locate(out, LANES * ((GYROS + 1) * step + GYROS)), align=DOUBLE)
+        for column in range(GYROS):  # eight doubles at a time, which the registers hold
             for row, value in enumerate(transpose(of_rates, LANE_WIDTH * column)):
-                step, gyro = divmod(LANE_WIDTH * column + row, count)
+                step, gyro = divmod(LANE_WIDTH * column + row, GYROS)
                 turn = builder.fmul(value, durations[step])
-                builder.store(turn, locate(out, LANES * ((count + 1) * step + gyro)), align=DOUBLE)
+                builder.store(turn, locate(out, LANES * ((GYROS + 1) * step + gyro)), align=DOUBLE)
                 square, before = builder.fmul(turn, turn), squares[step]
                 squares[step] = square if before is None else builder.fadd(before, square)
         for size in squares:
@@ -112,7 +102,7 @@ def _build_square_packing(_typing: Any, _rates: Any, _dt: Any, _out: Any, _large
         builder.store(most, locate(largest, 0), align=DOUBLE)
         return None
 
-    return types.void(*[types.intp] * 4, gyros), generate
+    return types.void(*[types.intp] * 4), generate
 
 
 _pack_square: Any = intrinsic(_build_square_packing)
@@ -129,8 +119,8 @@ def is_unbroken(sample: Indices, starts: Indices, lengths: Indices) -> bool:
 
 
 @compile_cached
-def pack_chunk(stream: Stream, pieces: Pieces, batch: int, low: int, out: Array, gyros: Gyros) -> float:
-    """Pack steps `low` and following of a batch's pieces into out (steps, n + 1, lanes), zero where a piece is short.
+def pack_chunk(stream: Stream, pieces: Pieces, batch: int, low: int, out: Array) -> float:
+    """Pack steps `low` and following of a batch's pieces into out (steps, 4, lanes), zero where a piece is short.
 
     Returns
     -------
@@ -138,7 +128,6 @@ def pack_chunk(stream: Stream, pieces: Pieces, batch: int, low: int, out: Array,
     """
     rates, sample, dt, in_order = stream
     starts, lengths = pieces
-    columns = len(gyros)
     # Of each lane: its first step here, the sample of that, and how many steps it has here.
     first, row, count = np.zeros(LANES, np.uintp), np.zeros(LANES, np.uintp), np.zeros(LANES, np.intp)
     for lane in range(LANES):
@@ -153,52 +142,51 @@ def pack_chunk(stream: Stream, pieces: Pieces, batch: int, low: int, out: Array,
     squares = full // LANE_WIDTH * LANE_WIDTH if in_order else 0  # steps in squares
     for k in range(0, squares, LANE_WIDTH):
         for lane in range(LANES):
-            rates_at[lane] = rates.ctypes.data + columns * DOUBLE * np.intp(row[lane] + uintp(k))
+            rates_at[lane] = rates.ctypes.data + GYROS * DOUBLE * np.intp(row[lane] + uintp(k))
             dt_at[lane] = dt.ctypes.data + DOUBLE * np.intp(first[lane] + uintp(k))
         for lane in range(0, LANES, LANE_WIDTH):
             here = DOUBLE * lane
             _pack_square(
                 rates_at.ctypes.data + here,
                 dt_at.ctypes.data + here,
-                out.ctypes.data + DOUBLE * (columns + 1) * LANES * k + here,
+                out.ctypes.data + DOUBLE * (GYROS + 1) * LANES * k + here,
                 largest.ctypes.data + here,
-                gyros,
             )
         for lane in range(LANES):
-            for column in range(columns):  # a cache line is eight doubles long
-                _prefetch(rates_at[lane] + DOUBLE * (columns * AHEAD + LANE_WIDTH * column))
+            for column in range(GYROS):  # a cache line is eight doubles long
+                _prefetch(rates_at[lane] + DOUBLE * (GYROS * AHEAD + LANE_WIDTH * column))
             _prefetch(dt_at[lane] + DOUBLE * AHEAD)
     for k in range(squares, full):
         for lane in range(LANES):
             step = first[lane] + uintp(k)
-            _put(rates, uintp(sample[step]), dt[step], out, k, lane, largest, gyros)
+            _put(rates, uintp(sample[step]), dt[step], out, k, lane, largest)
     for lane in range(LANES):
         for k in range(full, count[lane]):
             step = first[lane] + uintp(k)
-            _put(rates, uintp(sample[step]), dt[step], out, k, lane, largest, gyros)
+            _put(rates, uintp(sample[step]), dt[step], out, k, lane, largest)
         for k in range(count[lane], len(out)):
-            for q in range(columns + 1):
+            for q in range(GYROS + 1):
                 out[k, q, lane] = 0.0
     return sqrt(largest.max())
 
 
 @compile_cached(inline="always")
-def _put(rates: Array, sample: int, h: float, out: Array, k: int, lane: int, largest: Array, gyros: Gyros) -> None:
+def _put(rates: Array, sample: int, h: float, out: Array, k: int, lane: int, largest: Array) -> None:
     """Pack one step of one lane."""
     size = 0.0
-    for column in range(len(gyros)):
+    for column in range(GYROS):
         turn = rates[sample, uintp(column)] * h
         out[k, column, lane] = turn
         size += turn * turn
-    out[k, len(gyros), lane] = h
+    out[k, GYROS, lane] = h
     largest[lane] = max(largest[lane], size)
 
 
 @compile_cached
-def pack_increments(stream: Stream, pieces: Pieces, out: Array, gyros: Gyros) -> float:
-    """Pack a whole stream into out (batches, steps, n + 1, lanes); returns the largest |ω_raw Δt| rad."""
+def pack_increments(stream: Stream, pieces: Pieces, out: Array) -> float:
+    """Pack a whole stream into out (batches, steps, 4, lanes); returns the largest |ω_raw Δt| rad."""
     largest = 0.0
     for batch in range(len(out)):
         for low in range(0, out.shape[1], CHUNK_STEPS):
-            largest = max(largest, pack_chunk(stream, pieces, batch, low, out[batch, low : low + CHUNK_STEPS], gyros))
+            largest = max(largest, pack_chunk(stream, pieces, batch, low, out[batch, low : low + CHUNK_STEPS]))
     return largest

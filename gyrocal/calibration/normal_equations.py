@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.calibration.covariance import FULL, is_chain, model_covariance, whiten_chain
-from gyrocal.calibration.increment_packing import THREE_GYROS
 from gyrocal.calibration.propagation import propagate_packed
 from gyrocal.jit_cache import compile_cached
 
@@ -175,7 +174,7 @@ def iterate(
             chi2 = np.nan
             break
         G, bias = xs[n, :9].copy().reshape(3, 3), xs[n, 9:].copy()
-        R, S = propagate_packed(increments, increments, ends, last, arc, G, bias, linear, beyond_series, THREE_GYROS)
+        R, S = propagate_packed(increments, ends, last, arc, G, bias, linear, beyond_series)
         thetas[n] = compute_attitude_residuals(R, A_start, A_obs)
         Theta = build_sensitivity(S, columns, scale)
         H, z, _ = whiten_groups(thetas[n], Theta, R, groups, references, walk, model, given)

@@ -151,12 +151,12 @@ def estimate_plausible_ranges(
 
 
 def compute_rest_rates(recording: Recording) -> RestRates | None:
-    """Compute the mean rates over the rests of three gyros; None where no rest is seen."""
+    """Compute the mean rates over the rests; None where no rest is seen."""
     from gyrocal.importing.rests import compute_speed, find_rests  # late: the import's modules use this package
 
     gyro, references = recording.gyro, recording.attitudes
     t_ref = references.t_s
-    if recording.is_array or t_ref.size < 4:
+    if t_ref.size < 4:
         return None
     if np.median(np.diff(t_ref)) > LONGEST_SPACING_S or np.ptp(t_ref) < 2 * LONGEST_SPACING_S:
         return None

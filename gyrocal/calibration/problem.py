@@ -174,7 +174,7 @@ class Problem:
 
     @cached_property
     def walk(self) -> Array:
-        """(m, 3, 3) covariance of the integrated gyro noise, of three gyros alike about all axes, rad²."""
+        """(m, 3, 3) covariance of the integrated gyro noise, alike about all axes, rad²."""
         made = self.measurements
         return integrate_white_noise(made.elapsed_s, self.arw * float(np.sqrt(made.noise_gain)))
 
@@ -202,14 +202,13 @@ class Problem:
             propagation = propagate(self.measurements.arcs, parameters.G, parameters.bias, self.psi)
         return self.compute_state(propagation.R, self._compute_sensitivity(propagation.S, parameters))
 
-    def compute_state(self, R: Array, Theta: Array, walk: Array | None = None) -> State:
-        """Compute residuals and whiten them, from the propagation of any number of gyros.
+    def compute_state(self, R: Array, Theta: Array) -> State:
+        """Compute residuals and whiten them.
 
         Parameters
         ----------
         R : (m, 3, 3) rotation from the start of the arc to each output
         Theta : (3m, p) scaled sensitivity
-        walk : (m, 3, 3) covariance of the integrated gyro noise in the axes at the start, rad², in place of ARW² T I
 
         Raises
         ------
@@ -222,8 +221,7 @@ class Problem:
             theta = accumulation.compute_attitude_residuals(R, A_start, A_obs)
         gate.check(np.where(np.isfinite(R).all(axis=2), theta, np.inf))
         linear = attitude.residual_linear(A_obs, R @ A_start)
-        walk = self.walk if walk is None else walk
-        H, z, variance = accumulation.whiten_groups(theta, Theta, R, self.groups, self.references, walk, *self._model)
+        H, z, variance = accumulation.whiten_groups(theta, Theta, R, self.groups, self.references, self.walk, *self._model)
         return State(theta, linear, np.sqrt(variance), H, z)
 
     def _compute_sensitivity(self, S: Array, parameters: GyroParameters) -> Array:

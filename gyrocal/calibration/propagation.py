@@ -18,11 +18,10 @@ The linear ψ_k = I Δt is Davenport's conventional form. A rate error δω_k = 
 
     Θ_n = P_nᵀ Σ_k P_k ψ_k F_k
 
-and only P is serial. A column of the form f = e_i h(t) (axis i, regressor h) needs only S_h = Σ h_k M_k Δt_k with
-M_k = P_k ψ_k / Δt_k; the twelve calibration columns are the regressors (ω_raw,x, ω_raw,y, ω_raw,z, 1) times three axes. Of
-other gyros than three, whose ω_raw has n components and G is 3×n, attitude sees no more than errors of ω itself, and the
-regressors are (ω_x, ω_y, ω_z, 1). M_k follows from P_{k−1} without a second matrix product: R_kᵀψ_k = ψ_kᵀ, hence
-M_k = P_{k−1} E_k with E = I + c[φ×] + d[φ×]², and P_k = P_{k−1} + M_k [φ×].
+and only P is serial. A column of the form f = e_i h(t) (axis i, regressor h) needs only S_h = Σ h_k M_k Δt_k with M_k = P_k ψ_k
+/ Δt_k; the twelve calibration columns are the regressors (ω_raw,x, ω_raw,y, ω_raw,z, 1) times three axes. M_k follows from
+P_{k−1} without a second matrix product: R_kᵀψ_k = ψ_kᵀ, hence M_k = P_{k−1} E_k with E = I + c[φ×] + d[φ×]², and P_k = P_{k−1}
++ M_k [φ×].
 
 Stretches compose, (R₂, Θ₂)∘(R₁, Θ₁) = (R₂R₁, R₂Θ₁ + Θ₂). So the stream is cut into pieces which run side by side as lanes
 of one vector loop and are joined afterwards; a step of zero duration changes nothing and pads the short pieces.
@@ -39,13 +38,10 @@ from numpy.typing import NDArray
 from gyrocal.attitude import cross_matrix, rotation_matrix
 from gyrocal.calibration.increment_packing import (
     LANES,
-    THREE_GYROS,
     TILE,
-    Gyros,
     Pieces,
     Stream,
     compute_packed_shape,
-    encode_gyro_count,
     is_unbroken,
     pack_increments,
 )
@@ -137,7 +133,7 @@ class Arcs:
 
     Attributes
     ----------
-    rates : (samples, gyros) raw rates of the gyro stream, rad/s
+    rates : (samples, 3) raw rates of the gyro stream, rad/s
     dt : (n,) duration of each step, s; the arcs one after another
     sample : (n,) gyro sample whose rate a step holds; where steps average, (fine steps,) that of each step they are made of
     first : (m,) first step of the stretch that leads to output j; an arc's first output starts where the arc starts
@@ -161,7 +157,7 @@ class Arcs:
 
     @cached_property
     def raw(self) -> Array:
-        """(n, gyros) raw rate of each step, rad/s."""
+        """(n, 3) raw rate of each step, rad/s."""
         if self.fine is None or self.fine_dt is None:
             return np.asarray(self.rates[self.sample])
         return np.asarray(_average_rates(np.ascontiguousarray(self.rates), self.sample, self.fine, self.fine_dt))
@@ -176,11 +172,6 @@ class Arcs:
         """One past the last step of each piece."""
         return self.pieces[0] + self.pieces[1]
 
-    @property
-    def gyros(self) -> Gyros:
-        """The number of gyros, as compiled functions are told of it."""
-        return encode_gyro_count(self.rates.shape[1])
-
     @cached_property
     def _unbroken(self) -> bool:
         return bool(is_unbroken(self.sample, *self.pieces)) if self.fine is None else True
@@ -194,8 +185,8 @@ class Arcs:
         else:
             stream = self.raw, np.arange(len(dt)), dt, True
         # numpy's allocation, not numba's: it asks for huge pages, and a fault for every 4 KiB costs as much as the packing.
-        increments = np.empty(compute_packed_shape(self.pieces, len(self.gyros))) if self.workspace is None else self.workspace
-        return increments, float(pack_increments(stream, self.pieces, increments, self.gyros))
+        increments = np.empty(compute_packed_shape(self.pieces)) if self.workspace is None else self.workspace
+        return increments, float(pack_increments(stream, self.pieces, increments))
 
     @property
     def increments(self) -> Array:
@@ -208,7 +199,7 @@ class Arcs:
         return self._increments_and_largest[1]
 
     def with_rates(self, rates: Array, workspace: Array | None = None) -> "Arcs":
-        """The same steps over another stream of raw rates, (samples, gyros) rad/s, packed into the workspace if given."""
+        """The same steps over another stream of raw rates, (samples, 3) rad/s, packed into the workspace if given."""
         new = replace(self, rates=rates, workspace=workspace)
         for name in ("pieces", "ends", "longest_step", "_unbroken"):  # they do not depend on the rates
             new.__dict__[name] = getattr(self, name)
@@ -252,24 +243,12 @@ def propagate(arcs: Arcs, G: Array, bias: Array, psi: Psi = "full") -> Propagati
     Parameters
     ----------
     arcs : the steps and the wanted times
-    G, bias : (3, gyros), and (3,) in rad/s
+    G, bias : (3, 3), and (3,) in rad/s
     psi : "full" or "linear"
-
-    Returns
-    -------
-    Propagation
-        S holds four regressors: the raw rates of three gyros, or the body rates of other numbers, then 1.
     """
     G, bias = np.ascontiguousarray(G, dtype=float), np.ascontiguousarray(bias, dtype=float)
-    options = (arcs.ends, arcs.last, arcs.arc, G, bias, psi == "linear", arcs.beyond_series(G, bias), arcs.gyros)
-    return Propagation(*propagate_packed(arcs.increments, arcs.increments if arcs.gyros == THREE_GYROS else None, *options))
-
-
-def convert_to_body_sums(S: Array, G: Array, bias: Array) -> Array:
-    """S (m, 4, 3, 3) to the body's rates and 1, of any number of gyros: ω = G ω_raw + b is a sum of the raw rates of three."""
-    if G.shape[1] != len(THREE_GYROS):
-        return S
-    return np.asarray(np.concatenate([np.einsum("qj,mjra->mqra", np.column_stack([G, bias]), S), S[:, 3:4]], axis=1))
+    options = (arcs.ends, arcs.last, arcs.arc, G, bias, psi == "linear", arcs.beyond_series(G, bias))
+    return Propagation(*propagate_packed(arcs.increments, *options))
 
 
 @compile_cached
@@ -306,7 +285,7 @@ def cut(first: Indices, last: Indices) -> tuple[Indices, Indices]:
 
 @compile_cached
 def _average_rates(rates: Array, sample: Indices, fine: Indices, fine_dt: Array) -> Array:
-    """Raw rate of every step, (n, gyros): the mean over its fine steps, each by its duration."""
+    """Raw rate of every step, (n, 3): the mean over its fine steps, each by its duration."""
     out = np.zeros((len(fine) - 1, rates.shape[1]))
     for step in range(len(out)):
         total = 0.0
@@ -322,7 +301,6 @@ def _average_rates(rates: Array, sample: Indices, fine: Indices, fine_dt: Array)
 @compile_cached
 def propagate_packed(
     increments: Array,
-    weights: Array | None,
     ends: Indices,
     last: Indices,
     arc: Indices,
@@ -330,23 +308,19 @@ def propagate_packed(
     bias: Array,
     linear: bool,
     beyond_series: bool,
-    gyros: Gyros,
 ) -> tuple[Array, Array]:
     """R (m, 3, 3) and S (m, 4, 3, 3) at every output: run the lanes, then chain the pieces.
 
     Parameters
     ----------
-    increments, weights : packed [ω_raw Δt, Δt], and [h Δt] of four regressors; None for the body's rates and 1
+    increments : packed [ω_raw Δt, Δt], which are the regressors times Δt as well
     ends : one past the last step of each piece
     last, arc : of the outputs, as in `Arcs`
     """
     out = np.zeros((len(increments), 45, LANES))  # of the lanes: P = I (0–8), S = 0 (9–44)
     out[:, 0], out[:, 4], out[:, 8] = 1.0, 1.0, 1.0
     for batch in range(len(increments)):
-        if weights is None:
-            _propagate_lanes(increments[batch], None, G, bias, linear, beyond_series, out[batch], gyros)
-        else:
-            _propagate_lanes(increments[batch], weights[batch], G, bias, linear, beyond_series, out[batch], gyros)
+        _propagate_lanes(increments[batch], G, bias, linear, beyond_series, out[batch])
     return _chain_pieces(out, ends, last, arc)
 
 
@@ -384,17 +358,13 @@ def _chain_pieces(out: Array, ends: Indices, last: Indices, arc: Indices) -> tup
 @compile_cached(fastmath={"contract"})
 def _propagate_lanes(
     increments: Array,
-    weights: Array | None,
     G: Array,
     bias: Array,
     linear: bool,
     beyond_series: bool,
     out: Array,
-    gyros: Gyros,
 ) -> None:
-    """One batch: (steps, n + 1, lanes) of [ω_raw Δt, Δt] and (steps, 4, lanes) of [h Δt] carry on P (9), S (36) in out (45).
-
-    Without weights the regressors are the body's rates and 1, which the tile holds as φ.
+    """One batch: (steps, 4, lanes) of [ω_raw Δt, Δt] carry on P (9), S (36) in out (45).
 
     The workspace is local with literal sizes: passed in, the compiler stops vectorising over the lanes. Its
     lanes start on a cache line, which numba's arrays do only by chance: loads that straddle two cost a third of the speed.
@@ -416,9 +386,9 @@ def _propagate_lanes(
         for t in range(TILE):
             k = first + t
             for lane in range(LANES):
-                h, dt = increments[k, 0, lane], increments[k, len(gyros), lane]
+                h, dt = increments[k, 0, lane], increments[k, 3, lane]
                 x, y, z = G[0, 0] * h, G[1, 0] * h, G[2, 0] * h
-                for j in range(1, len(gyros)):
+                for j in range(1, 3):
                     h = increments[k, j, lane]
                     x, y, z = x + G[0, j] * h, y + G[1, j] * h, z + G[2, j] * h
                 x, y, z = x + bias[0] * dt, y + bias[1] * dt, z + bias[2] * dt
@@ -450,13 +420,13 @@ def _propagate_lanes(
                     px, py, pz = px + my * z - mz * y, py + mz * x - mx * z, pz + mx * y - my * x
                     if linear:  # ψ = I Δt: M_k = P_k
                         mx, my, mz = px, py, pz
-                    h = tile[t, 0, u + lane] if weights is None else weights[first + t, 0, lane]
+                    h = increments[first + t, 0, lane]
                     s00, s01, s02 = s00 + h * mx, s01 + h * my, s02 + h * mz
-                    h = tile[t, 1, u + lane] if weights is None else weights[first + t, 1, lane]
+                    h = increments[first + t, 1, lane]
                     s10, s11, s12 = s10 + h * mx, s11 + h * my, s12 + h * mz
-                    h = tile[t, 2, u + lane] if weights is None else weights[first + t, 2, lane]
+                    h = increments[first + t, 2, lane]
                     s20, s21, s22 = s20 + h * mx, s21 + h * my, s22 + h * mz
-                    h = increments[first + t, len(gyros), lane] if weights is None else weights[first + t, 3, lane]
+                    h = increments[first + t, 3, lane]
                     s30, s31, s32 = s30 + h * mx, s31 + h * my, s32 + h * mz
                 state[i, 0, v + lane], state[i, 1, v + lane], state[i, 2, v + lane] = px, py, pz
                 state[i, 3, v + lane], state[i, 4, v + lane], state[i, 5, v + lane] = s00, s01, s02

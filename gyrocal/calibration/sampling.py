@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from gyrocal.calibration.propagation import Arcs
 from gyrocal.errors import InputError
 from gyrocal.recording import GyroStream, Interval, Recording, find_reference_rows
-from gyrocal.recording.gyros import need_triad
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -152,7 +151,6 @@ def find_covering_samples(gyro: GyroStream, interval: Interval, times: Array, ma
     InputError
         They do not cover the times, or have a gap.
     """
-    need_triad(gyro)
     t = gyro.t_s
     # The sample that holds times[0] is the last to start at or before it.
     low = int(np.searchsorted(t, times[0] + TAG_ROUNDING * gyro.sample_s, side="right")) - 1

@@ -14,7 +14,6 @@ from gyrocal.errors import InputError
 from gyrocal.estimation.error_state import Indices, advance
 from gyrocal.estimation.mekf import Innovation, KalmanFilter
 from gyrocal.recording import GyroStream
-from gyrocal.recording.gyros import need_triad
 from gyrocal.sensors.series import SensorSeries
 
 Array = NDArray[np.float64]
@@ -178,7 +177,6 @@ def find_held_sample(gyro: GyroStream, start_s: float, stop_s: float, max_gap_s:
     InputError
         They do not.
     """
-    need_triad(gyro)
     limit = gyro.sample_s + max(0.5 * gyro.sample_s, max_gap_s or 0.0)
     first = int(np.searchsorted(gyro.t_s, start_s + TIME_TOLERANCE_S, side="right")) - 1
     last = int(np.searchsorted(gyro.t_s, stop_s - TIME_TOLERANCE_S, side="left"))

@@ -70,7 +70,7 @@ def predict_held_out_turns(
 
     Parameters
     ----------
-    recording : of the gyros x, y and z
+    recording : gyro stream and reference attitudes
     lengths_s : of the turns, s; where no references are so far apart, the usual time between two of them
     options : of `gyrocal.calibrate`
 
@@ -78,8 +78,6 @@ def predict_held_out_turns(
     -------
     One for each length of which there are enough turns; none where too little is left to hold out.
     """
-    if recording.is_array:
-        return ()
     pieces = _cut_intervals(recording)
     blocks = np.array_split(np.arange(len(pieces)), min(HELD_OUT_BLOCKS, len(pieces)))
     whole = _select_pieces(recording, pieces)

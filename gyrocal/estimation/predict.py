@@ -24,8 +24,6 @@ whose time and memory are linear in the number of references. With ŵ linear in 
 
     c(t) = R ŵ(z − F S u) + F(t) S u,    cov c(t) = R W Rᵀ + B Bᵀ,    B = F(t) T − R ŵ(F S) U⁻¹
 
-Of more gyros than three x are the twelve of their body rates. Their parity has noise of its own and says nothing of these.
-
 With a calibration that has a remainder the walk and the errors of the references have its processes too, see
 `gyrocal.estimation.remainder_noise`.
 
@@ -53,7 +51,7 @@ from gyrocal.errors import InputError
 from gyrocal.estimation.error_smoother import ErrorStates
 from gyrocal.estimation.prediction import Prediction
 from gyrocal.estimation.remainder_noise import RemainderNoise
-from gyrocal.recording import Attitudes, Interval, Recording, triad
+from gyrocal.recording import Attitudes, Interval, Recording
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -116,13 +114,12 @@ def predict(
 
     Parameters
     ----------
-    recording : of any gyros; its interval that holds from_s, or is the last to begin before it, is the
+    recording : its interval that holds from_s, or is the last to begin before it, is the
         stretch
     from_s : references later than this are not used
     times : (k,) s, of the prediction; each end of a gyro sample after from_s, to
         its first gap, by default
-    apriori_covariance : (12, 12) P₀ of the recording's a-priori parameters, see `prior_covariance`; of more gyros than three of
-        those of `gyrocal.triad`, with G = I
+    apriori_covariance : (12, 12) P₀ of the recording's a-priori parameters, see `prior_covariance`
     noise : remainder of a calibration, beside the stated noise
 
     Raises
@@ -234,7 +231,7 @@ def condition_on_references(
         No reference is used, a time is not after the first reference, or the gyro does not cover the stretch.
     """
     remainder = RemainderNoise() if noise is None else noise
-    problem = _pose_problem(triad(recording), np.flatnonzero(used), times, apriori_covariance, remainder)
+    problem = _pose_problem(recording, np.flatnonzero(used), times, apriori_covariance, remainder)
     x = problem.x0
     for _ in range(CALIBRATION_ITERATIONS):
         solution = _solve_linearised(problem, x)

@@ -127,11 +127,13 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
         if np.linalg.det(C) < 0:
             said.append("the tetrahedron is the mirror image of the one with the axes (1,1,1), (1,−1,−1), (−1,1,−1), (−1,−1,1)")
     rates = streams.raw @ G.T  # of the body, but for the bias
+    if streams.gyros is not None:  # about no gyro's axis, and so about the body's
+        streams, G = replace(streams, raw=rates), np.eye(3)
     windows = build_motion(streams.t_s, rates, streams.sample_s, body.t_s, body.q)
     if windows is None:
         raise InputError("too few attitudes within the gyro's time to compare the two")
     estimated = partial(_estimate_gyro, streams, mapping, rates, body, windows)
-    found = _evaluate(windows, mapping, streams.sensors[0], None if streams.gyros else G)
+    found = _evaluate(windows, mapping, streams.sensors[0], G if streams.gyros is None else None)
     late_s = LATE * streams.sample_s if check else np.inf
     said += _check_agreement(found, late_s, windows.is_coarse, lambda: _find_largest_miss(body, estimated))
     near = refine(windows, reverse=False)

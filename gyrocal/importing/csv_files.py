@@ -17,7 +17,7 @@ from gyrocal.errors import InputError
 from gyrocal.files import open_replacement
 from gyrocal.importing.units import UNIX_RANGE_S, WEEK_S, convert_to_second, parse_date
 from gyrocal.recording import Interval, Recording, format_toml
-from gyrocal.recording.names import TRIAD
+from gyrocal.recording.names import RATE_COLUMNS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,8 +33,7 @@ def write_csv(recording: Recording, folder: str | os.PathLike[str]) -> None:
     ``gyrocal import csv FOLDER/gyro.csv FOLDER/attitude.csv OUT --mapping FOLDER/mapping.toml`` makes a recording of them; its
     references have one sigma per axis, the root mean square of this one's.
     """
-    gyro = recording.to_frame("gyro").rename(columns=lambda name: str(name).removeprefix("rate_").removesuffix("_deg_s"))
-    gyro = gyro.rename(columns={"t": "t_s", **({} if recording.is_array else {axis: f"rate_{axis}" for axis in TRIAD})})
+    gyro = recording.to_frame("gyro").rename(columns={name: name.removesuffix("_deg_s") for name in RATE_COLUMNS})
     rates = [str(name) for name in gyro.columns if name != "t_s"]
     if not recording.attitudes.t_s.size:
         raise InputError("the recording has no reference attitudes, without which its tables are no import")

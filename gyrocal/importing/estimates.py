@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from gyrocal import attitude
 from gyrocal.calibration.estimated_noise import ALLAN_S, MOST_REFERENCE_PAIRS
+from gyrocal.calibration.sampling import TAG_ROUNDING
 from gyrocal.errors import InputError
 from gyrocal.importing import noise
 from gyrocal.importing.column_mapping import Mapping
@@ -17,7 +18,6 @@ from gyrocal.importing.motion import Motion
 from gyrocal.importing.sensors import BodyAttitudes
 from gyrocal.importing.streams import Streams
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
-from gyrocal.recording.gyros import TAG_ROUNDING
 from gyrocal.recording.reference_join import SensorReferences
 
 Array = NDArray[np.float64]

@@ -2,7 +2,6 @@
 
 from gyrocal.recording.faults import format_validation_error
 from gyrocal.recording.format import load, save
-from gyrocal.recording.gyros import triad
 from gyrocal.recording.parts import Attitudes, GyroStream, Interval, Orbit, find_reference_rows
 from gyrocal.recording.recording_data import Recording
 from gyrocal.recording.toml import format_toml, read_toml
@@ -19,5 +18,4 @@ __all__ = [
     "load",
     "read_toml",
     "save",
-    "triad",
 ]

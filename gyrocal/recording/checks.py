@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
-from gyrocal.recording.names import check_names
 from gyrocal.recording.parts import FORWARD_AXES, TIME_TOLERANCE_S, Attitudes, GyroStream, Interval, find_reference_rows
 
 Array = NDArray[np.float64]
@@ -22,8 +21,8 @@ SIGMA_RANGE = (float(np.deg2rad(1e-9)), float(np.deg2rad(180.0)))  # nothing out
 
 
 def is_full_rank(G: Array) -> bool:
-    """Whether gyros with this G (3, gyros) see all three axes: the product of its singular values is not near zero."""
-    return bool(np.sqrt(max(float(np.linalg.det(G @ G.T)), 0.0)) >= SMALLEST_DETERMINANT)
+    """Whether gyros with this G (3, 3) see all three axes."""
+    return bool(abs(np.linalg.det(G)) >= SMALLEST_DETERMINANT)
 
 
 def check_times(t_s: Array, what: str) -> None:
@@ -39,17 +38,14 @@ def check_times(t_s: Array, what: str) -> None:
 
 
 def check_gyro(gyro: GyroStream) -> None:
-    """Times that increase, rates of all gyros, a G that spans the axes, and samples as far apart as they are long."""
+    """Times that increase, finite rates, a G that spans the axes, and samples as far apart as they are long."""
     check_times(gyro.t_s, "gyro")
-    try:
-        check_names(gyro.names)
-    except ValueError as fault:
-        raise InputError(f"gyro: names {fault}") from None
-    gyros = len(gyro.names)
-    if gyro.rates.shape != (gyro.t_s.size, gyros):
-        raise InputError(f"gyro: rates must be {'three' if gyros == 3 else gyros} a sample")
-    if gyro.apriori_G.shape != (3, gyros) or not is_full_rank(gyro.apriori_G):
-        raise InputError(f"gyro: G must be 3×{gyros}, and the gyros' axes must not lie in one plane")
+    if gyro.rates.shape != (gyro.t_s.size, 3):
+        raise InputError("gyro: rates must be three a sample; gyrocal.importing.join_gyros makes three of more gyros")
+    if not np.isfinite(gyro.rates).all():
+        raise InputError("gyro: rates must be finite numbers")
+    if gyro.apriori_G.shape != (3, 3) or not is_full_rank(gyro.apriori_G):
+        raise InputError("gyro: G must be 3×3, and the gyros' axes must not lie in one plane")
     if not gyro.sample_s > 0:
         raise InputError("gyro: sample_s must be positive")
     # Two numbers of all rates say whether there is such a row, in a tenth of the time that it takes to find it.
@@ -126,27 +122,6 @@ def check_intervals(intervals: tuple[Interval, ...]) -> None:
                 f"intervals {first.name} and {second.name} overlap: "
                 f"{second.name} starts at {second.start_s} s, before {first.name} stops at {first.stop_s} s"
             )
-
-
-def check_switched_on(gyro: GyroStream, intervals: tuple[Interval, ...]) -> None:
-    """Gyros that are on have finite rates, and see all three axes."""
-    switched = any(interval.gyros is not None for interval in intervals)
-    if not switched and not np.isfinite(gyro.rates).all():
-        raise InputError("gyro: rates must be finite numbers")
-    for interval in intervals if switched else ():
-        chosen = gyro.names if interval.gyros is None else interval.gyros
-        unknown = [name for name in chosen if name not in gyro.names]
-        if unknown:
-            raise InputError(f"interval {interval.name}: no gyro {', '.join(unknown)}; there are {', '.join(gyro.names)}")
-        columns = [k for k, name in enumerate(gyro.names) if name in chosen]
-        if len(columns) < 3 or not is_full_rank(np.linalg.pinv(np.linalg.pinv(gyro.apriori_G)[columns])):
-            raise InputError(f"interval {interval.name}: its gyros {', '.join(chosen)} do not see all three axes")
-        used = (gyro.t_s > interval.start_s - gyro.sample_s + TIME_TOLERANCE_S) & (
-            gyro.t_s < interval.stop_s - TIME_TOLERANCE_S
-        )
-        bad = np.flatnonzero(used & ~np.isfinite(gyro.rates[:, columns]).all(axis=1))
-        if bad.size:
-            raise InputError(f"interval {interval.name}: gyro row {bad[0]} is not a finite number of a gyro that is on")
 
 
 def check_references(t_s: Array, intervals: tuple[Interval, ...]) -> None:

@@ -4,9 +4,9 @@ On disk a recording is one folder: ``recording.toml``, ``gyro.parquet`` (or ``.c
 tables. Files are in degrees, objects in radians. The gyro sample k is the mean body rate over [t_k, t_k + sample_s) as the
 uncalibrated gyro shows it. Simulated and real data share the format, and nothing in it says which it is.
 
-Format 1 holds the three gyros x, y and z. Format 2 holds any number of named gyros from three on, may say which of them were
-switched on in an interval, may do without reference attitudes, and may have those of several sensors, which are joined when
-they are read. What format 1 can hold is written in it.
+Format 1 holds the three gyros x, y and z and references of one sensor. Format 2 may have reference attitudes of several
+sensors, and more named gyros, of which it may say which were switched on in an interval: both are joined when it is loaded.
+What format 1 can hold is written in it.
 """
 
 from __future__ import annotations
@@ -21,23 +21,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.files import lock_folder, write_together
 from gyrocal.recording import attitude_sensors, checks, header, sensor_tables, tables
-from gyrocal.recording.names import (
-    CORRELATION_COLUMNS,
-    OPTIONAL_TABLES,
-    QUATERNION_COLUMNS,
-    SIGMA_COLUMNS,
-    TRIAD,
-    list_rate_columns,
-)
-from gyrocal.recording.parts import Attitudes, GyroStream, Orbit, build_empty_attitudes
+from gyrocal.recording.gyro_join import join_gyros
+from gyrocal.recording.names import CORRELATION_COLUMNS, OPTIONAL_TABLES, QUATERNION_COLUMNS, SIGMA_COLUMNS
+from gyrocal.recording.parts import TIME_TOLERANCE_S, Attitudes, GyroStream, Orbit, build_empty_attitudes
 from gyrocal.recording.recording_data import Recording
 
 if TYPE_CHECKING:
     import pandas as pd
+
+Array = NDArray[np.float64]
 
 logger = logging.getLogger(__name__)
 
@@ -51,7 +48,7 @@ def load(folder: str | os.PathLike[str], *, without_references: bool = False) ->
     Parameters
     ----------
     folder : path of the recording's folder
-    without_references : whether three gyros may do without reference attitudes, as for their noise alone
+    without_references : whether it may do without reference attitudes, as for their noise alone
 
     Raises
     ------
@@ -69,27 +66,17 @@ def load(folder: str | os.PathLike[str], *, without_references: bool = False) ->
 
 def _load(folder: Path, without_references: bool) -> Recording:
     said = header.read(folder / HEADER)
-    names = tuple(said.gyro.names)
-    rates = list_rate_columns(names)
-    switched = any(one.gyros is not None for one in said.interval)
-    gyro_name, gyro = tables.read(folder, "gyro", ("t_s", *rates), rates if switched else ())
+    rates = tuple(f"rate_{name}_deg_s" for name in said.gyro.names)
+    gyro_name, gyro = tables.read(folder, "gyro", ("t_s", *rates), rates if len(rates) > 3 else ())
     attitude_name, attitude = "attitude", None
     without_references = without_references and tables.find(folder, "attitude") is None
-    if not without_references and (tables.find(folder, "attitude") is not None or names == TRIAD):
+    if not without_references:
         stated = bool(said.attitude.sensor) and all(one.sigma_deg for one in said.attitude.sensor)
         wanted = ("t_s", *QUATERNION_COLUMNS, *(() if stated else SIGMA_COLUMNS))
         attitude_name, attitude = tables.read(folder, "attitude", wanted)
     optional = {name: tables.read(folder, name, ("t_s",))[1] for name in OPTIONAL_TABLES if tables.find(folder, name)}
-    stream = GyroStream(
-        t_s=tables.convert_column(gyro, "t_s"),
-        rates=np.deg2rad(tables.convert_columns(gyro, rates)),
-        sample_s=said.gyro.sample_s,
-        arw=float(np.deg2rad(said.gyro.arw_deg_per_sqrt_s)),
-        apriori_G=np.array(said.gyro.apriori_G),
-        apriori_bias=np.deg2rad(said.gyro.apriori_bias_deg_s),
-        names=names,
-        arw_estimated=said.gyro.arw_estimated,
-    )
+    with _name_in_error(folder / gyro_name):
+        stream = _build_stream(said, tables.convert_column(gyro, "t_s"), np.deg2rad(tables.convert_columns(gyro, rates)))
     with _name_in_error(folder):
         sensors = sensor_tables.read(optional)
     with _name_in_error(folder / gyro_name):  # checked here first so that the message can name the file
@@ -112,6 +99,38 @@ def _load(folder: Path, without_references: bool) -> Recording:
             sensors=sensors,
             without_references=without_references,
         )
+
+
+def _build_stream(said: header.Header, t_s: Array, raw: Array) -> GyroStream:
+    """Samples of the three gyros, or of the rates by more gyros, joined; of an interval those that were switched on."""
+    gyro, names = said.gyro, said.gyro.names
+    arw, G = float(np.deg2rad(gyro.arw_deg_per_sqrt_s)), np.array(gyro.apriori_G)
+    if len(names) > 3:
+        for one in said.interval:
+            unknown = [name for name in one.gyros or () if name not in names]
+            if unknown:
+                raise InputError(f"interval {one.name}: no gyro {', '.join(unknown)}; there are {', '.join(names)}")
+            inside = _find_samples(t_s, gyro.sample_s, one)
+            raw[np.ix_(inside, np.array([one.gyros is not None and name not in one.gyros for name in names]))] = np.nan
+        joined = join_gyros(raw, np.linalg.pinv(G), names=names)
+        for text in joined.describe(arw / np.sqrt(gyro.sample_s)):
+            logger.info("%s", text)
+        kept = np.isfinite(joined.rates).all(axis=1)
+        for one in said.interval:
+            lost = np.flatnonzero(_find_samples(t_s, gyro.sample_s, one) & ~kept)
+            if lost.size:
+                raise InputError(
+                    f"interval {one.name}: row {lost[0]} has fewer than three gyros that see all axes ({lost.size} such); "
+                    "leave the interval out, or make three rates of the gyros by gyrocal import csv --gyros"
+                )
+        t_s, raw, arw, G = t_s[kept], joined.rates[kept], arw * joined.gain, np.eye(3)
+    return GyroStream(t_s, raw, gyro.sample_s, arw, G, np.deg2rad(gyro.apriori_bias_deg_s), gyro.arw_estimated)
+
+
+def _find_samples(t_s: Array, sample_s: float, interval: header.IntervalHeader) -> NDArray[np.bool_]:
+    """(n,) whether a sample has a part in an interval."""
+    first, stop = interval.start_s - sample_s + TIME_TOLERANCE_S, interval.stop_s - TIME_TOLERANCE_S
+    return np.asarray((t_s > first) & (t_s < stop))
 
 
 def _read_attitudes(table: pd.DataFrame, said: header.Header, gyro: GyroStream) -> Attitudes:

@@ -1,11 +1,12 @@
 """recording.toml: what it must say, and how it is written.
 
-Format 1 holds the three gyros x, y and z. Format 2 holds any number of named gyros from three on, and may say which of them
-were switched on in an interval. What format 1 can hold is written in it.
+Format 1 holds the three gyros x, y and z. A file of format 2 may hold any number of named gyros from three on, and say which of
+them were switched on in an interval; they are joined when it is read. What format 1 can hold is written in it.
 """
 
 from __future__ import annotations
 
+import re
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
@@ -16,12 +17,15 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationIn
 from gyrocal.errors import InputError
 from gyrocal.recording import attitude_sensors, bounds
 from gyrocal.recording.attitude_sensors import SensorHeader
-from gyrocal.recording.checks import is_full_rank
 from gyrocal.recording.faults import format_validation_error
-from gyrocal.recording.names import MOST_GYROS, TRIAD, check_names
+from gyrocal.recording.gyro_join import measure_all_directions
+from gyrocal.recording.names import TRIAD
 from gyrocal.recording.parts import Interval
 from gyrocal.recording.recording_data import Recording
 from gyrocal.recording.toml import format_toml, read_toml
+
+GYRO_NAME = re.compile(r"[A-Za-z_]*[0-9]+")  # of a gyro that is not x, y or z
+MOST_GYROS = 24
 
 
 class _Model(BaseModel):
@@ -40,7 +44,8 @@ class _GyroHeader(_Model):
     @field_validator("names")
     @classmethod
     def _validate_names(cls, value: list[str]) -> list[str]:
-        check_names(tuple(value))
+        if tuple(value) != TRIAD and not (all(map(GYRO_NAME.fullmatch, value)) and len(set(value)) == len(value)):
+            raise ValueError(f"must be x, y and z, or different names of letters with digits at the end, not {value}")
         return value
 
     @field_validator("apriori_G")
@@ -49,7 +54,7 @@ class _GyroHeader(_Model):
         gyros = len(info.data.get("names", TRIAD))
         if len(value) != 3 or any(len(row) != gyros for row in value):
             raise ValueError(f"must be 3 rows of {gyros} numbers")
-        if not is_full_rank(np.array(value)):
+        if not measure_all_directions(np.array(value).T):
             raise ValueError("must be invertible")
         return value
 
@@ -77,12 +82,17 @@ class IntervalHeader(_Model):
     start_s: float
     stop_s: float
     forward: Literal["+x", "-x", "+y", "-y", "none"] | None = None
-    gyros: list[str] | None = None
 
     @property
     def interval(self) -> Interval:
         """The same in memory."""
-        return Interval(**self.model_dump() | {"gyros": None if self.gyros is None else tuple(self.gyros)})
+        return Interval(self.name, self.activity, self.start_s, self.stop_s, self.forward)
+
+
+class RecordedInterval(IntervalHeader):
+    """An interval of recording.toml, which may say which gyros were switched on."""
+
+    gyros: list[str] | None = None
 
 
 class Header(_Model):
@@ -95,7 +105,7 @@ class Header(_Model):
     gyro: _GyroHeader
     attitude: _AttitudeHeader
     orbit: _OrbitHeader | None = None
-    interval: list[IntervalHeader] = Field(min_length=1)
+    interval: list[RecordedInterval] = Field(min_length=1)
 
     @field_validator("epoch")
     @classmethod
@@ -128,8 +138,7 @@ def format_header(recording: Recording) -> str:
     gyro, attitudes = recording.gyro, recording.attitudes
     known = {} if recording.orbit is None else vars(recording.orbit)
     orbit: dict[str, object] = {key: float(value) for key, value in known.items() if value is not None}
-    named = recording.is_array or any(interval.gyros is not None for interval in recording.intervals)
-    second = named or len(orbit) > 3
+    second = len(orbit) > 3
     sections: list[tuple[str, dict[str, object]]] = [  # what is None is left out
         (
             "",
@@ -147,7 +156,6 @@ def format_header(recording: Recording) -> str:
                 "kind": "rate",
                 "arw_deg_per_sqrt_s": gyro.arw_deg_per_sqrt_s,
                 "arw_estimated": gyro.arw_estimated or None,
-                "names": list(gyro.names) if named else None,
                 "apriori_G": gyro.apriori_G.tolist(),
                 "apriori_bias_deg_s": gyro.apriori_bias_deg_s.tolist(),
             },

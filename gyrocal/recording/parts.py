@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.recording.names import TRIAD
-
 Array = NDArray[np.float64]
 
 FORWARD_AXES = ("+x", "-x", "+y", "-y", "none")
@@ -28,7 +26,6 @@ class Interval:
     activity : for people
     start_s, stop_s : s since the epoch
     forward : one of `FORWARD_AXES`, the body axis along the velocity throughout; None leaves it to the attitudes
-    gyros : names of those that were switched on; None for all
     """
 
     name: str
@@ -36,7 +33,6 @@ class Interval:
     start_s: float
     stop_s: float
     forward: str | None = None
-    gyros: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -46,12 +42,11 @@ class GyroStream:
     Attributes
     ----------
     t_s : (n,) sample start times, s since the epoch, strictly increasing
-    rates : (n, gyros) raw rates, rad/s; anything where an interval has a gyro switched off
+    rates : (n, 3) raw rates, rad/s
     sample_s : duration of one sample, s
-    arw : angle random walk of each gyro, rad/sqrt(s); the noise of one sample's rate is arw / sqrt(sample_s)
-    apriori_G : (3, gyros) rows are body axes, columns gyros
+    arw : angle random walk, rad/sqrt(s); the noise of one sample's rate is arw / sqrt(sample_s)
+    apriori_G : (3, 3) rows are body axes, columns gyros
     apriori_bias : (3,) rad/s
-    names : of the gyros
     arw_estimated : whether `arw` was estimated from these samples, so that it is no statement of the gyro's noise
     """
 
@@ -61,7 +56,6 @@ class GyroStream:
     arw: float
     apriori_G: Array = field(default_factory=lambda: np.eye(3))
     apriori_bias: Array = field(default_factory=lambda: np.zeros(3))
-    names: tuple[str, ...] = TRIAD
     arw_estimated: bool = False
 
     @property
@@ -82,7 +76,7 @@ class GyroStream:
 
 @dataclass(frozen=True)
 class Attitudes:
-    """Reference attitudes; none at all where more than three gyros are to be compared with one another only.
+    """Reference attitudes; none at all in a recording of the gyro's noise alone.
 
     Attributes
     ----------

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from gyrocal.errors import InputError
 from gyrocal.recording import checks, representation
-from gyrocal.recording.names import QUATERNION_COLUMNS, RATE_COLUMNS, SIGMA_COLUMNS, TRIAD
+from gyrocal.recording.names import QUATERNION_COLUMNS, RATE_COLUMNS, SIGMA_COLUMNS
 from gyrocal.recording.parts import Attitudes, GyroStream, Interval, Orbit
 from gyrocal.recording.sensor_tables import SensorTables
 from gyrocal.recording.tables import build_frames
@@ -45,20 +45,9 @@ class Recording:
     def __post_init__(self) -> None:
         checks.check_gyro(self.gyro)
         checks.check_intervals(self.intervals)
-        checks.check_switched_on(self.gyro, self.intervals)
-        if self.attitudes.t_s.size or not (self.is_array or self.without_references):
+        if self.attitudes.t_s.size or not self.without_references:
             checks.check_attitudes(self.attitudes)
             checks.check_references(self.attitudes.t_s, self.intervals)
-
-    @property
-    def is_array(self) -> bool:
-        """Whether it has other gyros than x, y and z."""
-        return self.gyro.names != TRIAD
-
-    def switched_on(self, interval: int) -> NDArray[np.intp]:
-        """Columns of the gyros that were on in an interval, by its number."""
-        chosen = self.intervals[interval].gyros
-        return np.array([k for k, name in enumerate(self.gyro.names) if chosen is None or name in chosen])
 
     @classmethod
     def from_arrays(
@@ -71,7 +60,7 @@ class Recording:
         sigma: ArrayLike,
         arw: float,
         sample_s: float | None = None,
-        G: ArrayLike | None = None,
+        G: ArrayLike = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
         bias: ArrayLike = (0.0, 0.0, 0.0),
         intervals: Sequence[Interval] | None = None,
         title: str = "arrays",
@@ -82,12 +71,12 @@ class Recording:
 
         Parameters
         ----------
-        t_s, rates : (n,) starts of the samples, s, and (n, k) raw rates of k gyros, rad/s
+        t_s, rates : (n,) starts of the samples, s, and (n, 3) raw rates, rad/s
         reference_t_s, quaternions : (m,) s, and (m, 4) inertial to body, scalar last
         sigma : 1-sigma of the references per body axis, rad; (m, 3), (3,) or one number
         arw : angle random walk, rad/sqrt(s)
         sample_s : s; the median spacing by default
-        G : (3, k) a-priori G, needed if k is not 3: the gyros are then named "1", "2", …
+        G : (3, 3) a-priori G
         bias : (3,) a-priori b, rad/s
         intervals : one over all references by default
         title, epoch, time_scale : of the recording
@@ -99,13 +88,9 @@ class Recording:
         """
         tags, raw, when, q = (np.array(values, dtype=np.float64) for values in (t_s, rates, reference_t_s, quaternions))
         if raw.ndim != 2 or len(raw) != tags.size or tags.ndim != 1:
-            raise InputError(f"rates must be (n, gyros) for n times, not {raw.shape} for {tags.shape}")
+            raise InputError(f"rates must be (n, 3) for n times, not {raw.shape} for {tags.shape}")
         if q.shape != (when.size, 4):
             raise InputError(f"quaternions must be (m, 4) for m times, not {q.shape} for {when.size}")
-        wide = np.eye(3) if G is None else np.array(G, dtype=np.float64)
-        if wide.shape != (3, raw.shape[1]):
-            raise InputError(f"G must be 3×{raw.shape[1]}, a column for each gyro, not {'×'.join(map(str, wide.shape))}")
-        names = TRIAD if raw.shape[1] == 3 else tuple(str(k + 1) for k in range(raw.shape[1]))
         norm = np.linalg.norm(q, axis=1, keepdims=True)
         bad = np.flatnonzero(~(np.abs(norm[:, 0] - 1) < ROUNDED_NORM))
         if bad.size:
@@ -120,7 +105,7 @@ class Recording:
             title=title,
             epoch=epoch,
             time_scale=time_scale,
-            gyro=GyroStream(tags, raw, sample_s, arw, wide, np.array(bias, dtype=np.float64), names),
+            gyro=GyroStream(tags, raw, sample_s, arw, np.array(G, dtype=np.float64), np.array(bias, dtype=np.float64)),
             attitudes=Attitudes(when, q / norm, spread),
             intervals=whole if intervals is None else tuple(intervals),
         )
@@ -239,13 +224,12 @@ class Recording:
         """List the facts of a recording, a row a quantity."""
         gyro, attitudes = self.gyro, self.attitudes
         lengths = [one.stop_s - one.start_s for one in self.intervals]
-        fastest = np.rad2deg(np.nanmax(np.abs(gyro.rates)) if self.is_array else np.linalg.norm(gyro.rates, axis=1).max())
+        fastest = np.rad2deg(np.linalg.norm(gyro.rates, axis=1).max())
         sigma = np.rad2deg(np.sqrt(np.mean(np.square(attitudes.sigma), axis=0))) if attitudes.t_s.size else np.empty(0)
         rows = [
             ("title", self.title),
             ("epoch", f"{self.epoch} ({self.time_scale})"),
             ("gyro", f"{gyro.t_s.size} samples of {gyro.sample_s:.6g} s, {gyro.t_s[0]:.6g} to {gyro.t_s[-1]:.6g} s"),
-            *([("gyros", ", ".join(gyro.names))] if self.is_array else []),
             ("fastest rate", f"{fastest:.4g} deg/s"),
             ("angle random walk", f"{np.rad2deg(gyro.arw):.4g} deg/sqrt(s)"),
             ("a-priori bias", f"{', '.join(f'{value:.4g}' for value in np.rad2deg(gyro.apriori_bias))} deg/s"),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.recording import bounds, sensor_tables
-from gyrocal.recording.names import CORRELATION_COLUMNS, QUATERNION_COLUMNS, SIGMA_COLUMNS, list_rate_columns
+from gyrocal.recording.names import CORRELATION_COLUMNS, QUATERNION_COLUMNS, RATE_COLUMNS, SIGMA_COLUMNS
 from gyrocal.recording.parts import Attitudes, GyroStream
 from gyrocal.recording.sensor_tables import SensorTables
 
@@ -94,7 +94,7 @@ def build_frames(
     """The tables of a recording as they are on file."""
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
-    of_gyro = ["t_s", *list_rate_columns(gyro.names)]
+    of_gyro = ["t_s", *RATE_COLUMNS]
     own = {"gyro": pd.DataFrame(np.column_stack([gyro.t_s, np.rad2deg(gyro.rates)]), columns=of_gyro)}
     if attitudes.t_s.size:
         columns, values = (

@@ -88,13 +88,11 @@ class Stream:
     t_s: Array  # (n,) middle of each sample, s since the epoch
     duration_s: Array  # (n,)
     rates: Array  # (n, 3) body rates, rad/s: the true ones in the simulator, the best estimate in a diagnosis
-    raw: Array  # (n, gyros) noise-free raw rates, of three gyros G⁻¹(ω − b), rad/s
+    raw: Array  # (n, 3) noise-free raw rates G⁻¹(ω − b), rad/s
     intervals: tuple[slice, ...]  # the samples of each interval
     orbit_period_s: float  # NaN if unknown
     span_s: tuple[float, float]  # first start and last stop of the intervals
     housekeeping: Mapping[str, Array] = field(default_factory=dict)  # named columns at t_s, (n,) each
-    gyros: tuple[str, ...] = ("x", "y", "z")  # names of the gyros
-    axes: Array | None = None  # (gyros, 3) scale factor times axis of each, where they are not x, y and z
 
 
 @dataclass(frozen=True)
@@ -137,13 +135,12 @@ class SampleView:
 
     t_s: Array  # (n,) middle of each sample, s since the epoch
     sample_s: float  # length of a sample, s
-    rates: Array  # (n, gyros) raw rates as recorded, rad/s
-    sigma: Array  # (gyros,) white noise of a sample, rad/s
+    rates: Array  # (n, 3) raw rates as recorded, rad/s
+    sigma: Array  # (3,) white noise of a sample, rad/s
     inside: Flags  # (n,) bool, whether a sample lies inside an interval
     intervals: tuple[slice, ...]  # the samples of each interval
-    # (n, gyros) raw rates without noise, from the references or by smoothing, rad/s; NaN where they are not known
+    # (n, 3) raw rates without noise, from the references or by smoothing, rad/s; NaN where they are not known
     motion: Array
-    gyros: tuple[str, ...] = ("x", "y", "z")  # names of the gyros
 
 
 @dataclass(frozen=True)
@@ -238,7 +235,6 @@ class Effect:
     switched : its column is switched on at the parameter time_s, whose values a diagnosis chooses itself
     scanned : its columns are a sine's of the parameter period_s, whose values a diagnosis finds by a scan of the data
     symptom : one of `SYMPTOMS`, the statistic of the samples that shows it
-    of_arrays : whether it is told apart from others only where there are more gyros than x, y and z
     requirement : why it cannot act on a recording, a function of its surroundings; None if it always can
     """
 
@@ -259,7 +255,6 @@ class Effect:
     switched: bool = False
     scanned: bool = False
     symptom: str | None = None
-    of_arrays: bool = False
     requirement: Callable[[Surroundings], str | None] | None = None
 
     # ---- what it is ------------------------------------------------------------------------------------------------------

@@ -32,8 +32,6 @@ gyro.vibration
 gyro.spikes
 gyro.stale_samples
 gyro.gyro_stop
-gyro.gyro_scale_step
-gyro.gyro_dead
 reference.reference_jump
 reference.reference_freeze
 reference.reference_glitch

@@ -8,16 +8,14 @@ Each effect draws from a stream of its own, named after its label, so that addin
 were. Of two with the same label, such as two steps on one axis, the second has "#2" after its name.
 """
 
-import copy
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from gyrocal.errors import InputError
 from simulator.effects.base import STAGES, Array, Effect, Setting, Surroundings
-from simulator.effects.gyros import check_gyro, replace_axis, select_gyro
 from simulator.effects.registry import REGISTRY
 from simulator.sensors.gyro import add_white_noise
 from simulator.streams import generator
@@ -49,37 +47,19 @@ def prepare_effects(settings: Sequence[Setting], seed: int, case: int) -> list[A
 
 
 def simulate_readings(around: Surroundings, active: Sequence[ActiveEffect], rng: np.random.Generator | None) -> Array:
-    """Raw samples as recorded, (n, gyros) rad/s; rng is the source of the white noise, None for none."""
+    """Raw samples as recorded, (n, 3) rad/s; rng is the source of the white noise, None for none."""
     raw = around.stream.raw
     for stage in STAGES:
         if stage.name == "white_noise":
             raw = raw + _draw_white_noise(around, active, rng)
             continue
         for one in _select_stage(active, stage.name):
-            raw = _apply_effect(one, raw, around, stage.calls)
+            raw = _apply_method(one, raw, around, stage.calls)
     return raw
 
 
-def _apply_effect(one: ActiveEffect, raw: Array, around: Surroundings, method: str) -> Array:
-    """Raw readings behind one effect."""
-    check_gyro(one.setting, one.effect, around.stream.gyros)
-    if around.stream.axes is None:
-        return _apply_method(one, raw, around, method)
-    out = raw.copy()
-    for column, name in enumerate(around.stream.gyros):
-        if one.setting.axis not in (None, name):
-            continue
-        # What has no axis at all, such as late tags or lost samples, is common to all gyros, and so are its draws.
-        rng = one.rng if one.effect.axes else copy.deepcopy(one.rng)
-        alone = replace(one, setting=replace_axis(one.setting), rng=rng)
-        own = replace(around, stream=select_gyro(around.stream, column))
-        shown = np.zeros((len(raw), 3))
-        shown[:, 0] = raw[:, column]
-        out[:, column] = _apply_method(alone, shown, own, method)[:, 0]
-    return out
-
-
 def _apply_method(one: ActiveEffect, raw: Array, around: Surroundings, method: str) -> Array:
+    """Raw readings behind one effect."""
     if method == "columns":
         _check_step_time(one, around)
         try:
@@ -100,17 +80,11 @@ def _apply_method(one: ActiveEffect, raw: Array, around: Surroundings, method: s
 
 
 def _draw_white_noise(around: Surroundings, active: Sequence[ActiveEffect], rng: np.random.Generator | None) -> Array:
-    gyros = around.stream.gyros
     if rng is None:
-        return np.zeros(len(gyros))
-    factor = np.ones(len(gyros))
+        return np.zeros(3)
+    factor = np.ones(3)
     for one in _select_stage(active, "white_noise"):
-        check_gyro(one.setting, one.effect, gyros)
-        if around.stream.axes is None:
-            factor *= one.effect.noise_factor(one.setting)
-        else:
-            on = [one.setting.axis in (None, name) for name in gyros]
-            factor[on] *= one.effect.noise_factor(replace_axis(one.setting))[0]
+        factor *= one.effect.noise_factor(one.setting)
     return add_white_noise(rng, np.zeros_like(around.stream.raw), around.arw, around.stream.duration_s) * factor
 
 

@@ -13,7 +13,7 @@ not matter. An interval whose `forward` is given is taken at its word; what its 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.recording import GyroStream, Interval, Recording, find_reference_rows, triad
+from gyrocal.recording import GyroStream, Interval, Recording, find_reference_rows
 from simulator.arrays import Flags
 from simulator.effects.base import Array
 
@@ -33,7 +33,7 @@ def find_flight_directions(recording: Recording) -> tuple[NDArray[np.str_], Arra
     t_s = recording.attitudes.t_s
     axes, headings = np.full(t_s.size, "", dtype="<U2"), np.full(t_s.size, np.nan)
     taken = np.zeros(t_s.size, dtype=bool)
-    gyro = triad(recording).gyro if t_s.size else recording.gyro
+    gyro = recording.gyro
     for interval in recording.intervals:
         rows = find_reference_rows(t_s, interval)
         rows = rows[~taken[rows]]

@@ -110,19 +110,18 @@ class Registry(Mapping[str, Effect]):
 
 
 class View(Mapping[str, Kind]):
-    """The effects of one kind: on sun and Earth sensors, of more gyros than three, or all others.
+    """The effects of one kind: on sun and Earth sensors, or all others.
 
     It follows its registry.
     """
 
-    def __init__(self, registry: Registry, kind: type[Kind], on_sensors: bool, of_arrays: bool = False):
+    def __init__(self, registry: Registry, kind: type[Kind], on_sensors: bool):
         self._registry = registry
         self._kind = kind
-        self._where = (on_sensors, of_arrays)
+        self._on_sensors = on_sensors
 
     def _has(self, effect: Effect) -> TypeGuard[Kind]:
-        where = (effect.stage == "sensor", effect.of_arrays)
-        return isinstance(effect, self._kind) and where == self._where
+        return isinstance(effect, self._kind) and (effect.stage == "sensor") == self._on_sensors
 
     def __getitem__(self, name: str) -> Kind:
         effect = self._registry[name]
@@ -160,4 +159,3 @@ def _format_exception(fault: BaseException) -> str:
 REGISTRY = Registry()
 ALL_EFFECTS: Mapping[str, Effect] = REGISTRY
 EFFECTS: Mapping[str, Effect] = View(REGISTRY, Effect, on_sensors=False)
-ARRAY_EFFECTS: Mapping[str, Effect] = View(REGISTRY, Effect, on_sensors=False, of_arrays=True)

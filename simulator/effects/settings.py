@@ -9,7 +9,6 @@ import math
 from collections.abc import Mapping
 
 from gyrocal.errors import InputError, suggest_names
-from gyrocal.recording.names import GYRO_NAME
 from simulator.effects.base import Effect, Parameter, Setting, Value
 from simulator.effects.registry import REGISTRY
 
@@ -101,8 +100,7 @@ def _check_axis(effect: Effect, axis: str | None) -> str | None:
             return None
         words = f"{', '.join(effect.axes[:-1])} or {effect.axes[-1]}"
         raise InputError(f"{effect.name}: which axis? write {_format_usage(effect)} with {words}")
-    of_gyro = effect.stage != "sensor" and not effect.on_references and GYRO_NAME.fullmatch(axis)
-    if axis not in effect.axes and not of_gyro:
+    if axis not in effect.axes:
         raise InputError(f"{effect.name}: axis '{axis}' must be one of {', '.join(effect.axes)}")
     return axis
 

@@ -15,12 +15,8 @@ from simulator.draws import add_normals, read_layers, state_words
 
 
 def compute_raw_rates(omega: Array, G: Array, bias: Array) -> Array:
-    """Noise-free raw rates G⁻¹ (ω − b), R (7) solved for ω_raw; ω (n, 3) and b (3,) in rad/s, G rows body, columns gyros.
-
-    Of an array G⁻¹ is G⁺ = K, what its gyros read of the body's rate; its biases are −K b, without parity.
-    """
-    inverse = np.linalg.inv(G) if G.shape == (3, 3) else np.linalg.pinv(G)
-    return np.asarray((omega - bias) @ inverse.T)
+    """Noise-free raw rates G⁻¹ (ω − b), R (7) solved for ω_raw; ω (n, 3) and b (3,) in rad/s, G rows body, columns gyros."""
+    return np.asarray((omega - bias) @ np.linalg.inv(G).T)
 
 
 def add_white_noise(rng: np.random.Generator, rates: Array, arw: float, duration: Array, out: Array | None = None) -> Array:
@@ -31,14 +27,14 @@ def add_white_noise(rng: np.random.Generator, rates: Array, arw: float, duration
     Parameters
     ----------
     rng : source of randomness
-    rates : (n, gyros) rad/s
+    rates : (n, 3) rad/s
     arw : angle random walk, rad/√s
     duration : (n,) time each sample averages over, s
-    out : (n, gyros) array to write to; a new one by default
+    out : (n, 3) array to write to; a new one by default
 
     Returns
     -------
-    (n, gyros)
+    (n, 3)
     """
     out = np.empty_like(rates) if out is None else out
     words = state_words(rng)

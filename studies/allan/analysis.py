@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.sample_report import Line, SampleTest, Stream
+from diagnosis.detectors.sample_report import Line, Stream
 from diagnosis.detectors.spectral_lines import SETTINGS, find_lines
 from diagnosis.settings import DEFAULT
 from gyrocal import Recording
 from gyrocal.allan import Deviation, Fit, TermEstimate, fit_terms, overlapping_allan_deviation
 from gyrocal.allan.terms import ANGLE_WHITE, FLICKER, MARKOV, RAMP, RANDOM_WALK, RATE_WALK, compute_sinusoid_variance
-from gyrocal.recording.gyros import select_interval_samples
+from gyrocal.calibration.parameters import AXIS_NAMES
 from simulator.streams import generator
 from studies.allan.rates import Stretch, find_stretches
 from studies.allan.repeated_samples import select_measured_samples
@@ -85,22 +85,20 @@ class AxisNoise:
 
 @dataclass(frozen=True)
 class NoiseAnalysis:
-    """Noise of a recording, of each gyro by itself.
+    """Noise of a recording, about each axis by itself.
 
     Attributes
     ----------
     recording : title
     arw : stated angle random walk, rad/√s
     stretches : what it rests on
-    names : of the gyros
-    axes : of each gyro
+    axes : x, y and z
     notes : what to know of it
     """
 
     recording: str
     arw: float
     stretches: tuple[Stretch, ...]
-    names: tuple[str, ...]
     axes: tuple[AxisNoise, ...]
     notes: tuple[str, ...]
 
@@ -114,7 +112,7 @@ class NoiseAnalysis:
             },
             "confidence": BOUND_CONFIDENCE,
             "stretches": [describe_stretch(one) for one in self.stretches],
-            "axes": {axis: _describe_axis(one, self.stretches) for axis, one in zip(self.names, self.axes, strict=True)},
+            "axes": {axis: _describe_axis(one, self.stretches) for axis, one in zip(AXIS_NAMES, self.axes, strict=True)},
             "notes": list(self.notes),
         }
 
@@ -127,37 +125,23 @@ def estimate_noise_terms(recording: Recording, interval: str | None = None) -> N
     InputError
         There is no such interval, or no stretch of samples shows the gyro's noise.
     """
-    if recording.is_array:
-        rates = np.where(mark_gyros_on(recording), recording.gyro.rates, 0.0)
-        recording = replace(recording, gyro=replace(recording.gyro, rates=rates))
     samples = select_measured_samples(recording)
     recording = samples.recording
     parts, notes = find_stretches(recording, interval)
     sinusoids, clean = _subtract_lines(recording, parts)
-    on = mark_gyros_on(recording) & samples.measured[:, None]
-    measured = [on[one.samples] for one in parts]
+    measured = [samples.measured[one.samples] for one in parts]
     sample_s = recording.gyro.sample_s
-    axes = tuple(_estimate_axis_noise(sample_s, parts, k, clean, sinusoids[k], measured) for k in range(on.shape[1]))
-    return NoiseAnalysis(recording.title, recording.gyro.arw, parts, recording.gyro.names, axes, (*samples.notes, *notes))
-
-
-def mark_gyros_on(recording: Recording) -> Mask:
-    """Mark the samples (n, gyros) of gyros that were on, also outside the intervals."""
-    count = len(recording.gyro.names)
-    on = np.ones((recording.gyro.t_s.size, count), dtype=bool)
-    for number in range(len(recording.intervals)):
-        off = np.setdiff1d(np.arange(count), recording.switched_on(number))
-        on[select_interval_samples(recording, number)[0]][:, off] = False
-    return on
+    axes = tuple(_estimate_axis_noise(sample_s, parts, k, clean, sinusoids[k], measured) for k in range(3))
+    return NoiseAnalysis(recording.title, recording.gyro.arw, parts, axes, (*samples.notes, *notes))
 
 
 def _estimate_axis_noise(
     sample_s: float, parts: tuple[Stretch, ...], axis: int, clean: list[Array], sinusoid: LineSearch, measured: list[Mask]
 ) -> AxisNoise:
-    """Fit the terms of one axis to the samples (n, gyros) of each stretch that were measured."""
+    """Fit the terms of one axis to the samples of each stretch that were measured."""
 
     def compute_deviation(rates: Iterable[Array]) -> Deviation:
-        own_parts = (one[own[:, axis], axis] for one, own in zip(rates, measured, strict=True))
+        own_parts = (one[own, axis] for one, own in zip(rates, measured, strict=True))
         return overlapping_allan_deviation([one for one in own_parts if one.size], sample_s)
 
     deviation = compute_deviation(one.rates for one in parts)
@@ -165,11 +149,9 @@ def _estimate_axis_noise(
     fit = fit_terms(compute_deviation(clean), floor)
     low, high = deviation.band(fit.degrees, BOUND_CONFIDENCE)
     tones = (compute_sinusoid_variance(line.amplitude, line.frequency_hz, deviation.tau_s) for line in sinusoid.found)
-    found = ((place, find_rate_step(rates[measured[place][:, axis], axis])) for place, rates in enumerate(clean))
+    found = ((place, find_rate_step(rates[measured[place], axis])) for place, rates in enumerate(clean))
     steps = tuple(
-        (place, replace(step, at=int(np.flatnonzero(measured[place][:, axis])[step.at])))
-        for place, step in found
-        if step is not None
+        (place, replace(step, at=int(np.flatnonzero(measured[place])[step.at]))) for place, step in found if step is not None
     )
     return AxisNoise(deviation, low, high, sum(tones, fit.model), floor, fit, sinusoid, steps)
 
@@ -190,15 +172,10 @@ def _subtract_lines(recording: Recording, parts: tuple[Stretch, ...]) -> tuple[l
     for one in parts:
         used[one.samples] = True
         rates[one.samples] = one.rates
-    found, tests = list[Line](), list[SampleTest]()
-    for low in range(0, rates.shape[1], 3):  # three gyros at a time, as in a diagnosis
-        some = rates[:, low : low + 3]
-        stream = Stream(recording, some, np.zeros_like(some), np.zeros_like(used), used)
-        lines, findings = find_lines(stream, used, np.zeros(3, dtype=bool), DEFAULT.line)
-        found += [replace(line, axis=low + line.axis) for line in lines]
-        tests += findings.tests
+    stream = Stream(recording, rates, np.zeros_like(rates), np.zeros_like(used), used)
+    found, findings = find_lines(stream, used, np.zeros(3, dtype=bool), DEFAULT.line)
     sinusoids, longest_s = [], max(len(one.rates) for one in parts) * recording.gyro.sample_s / SETTINGS.fewest_cycles
-    for axis, test in enumerate(tests):
+    for axis, test in enumerate(findings.tests):
         own = tuple(line for line in found if line.axis == axis)
         # Of a line whose power exceeds the level around it P times the amplitude scatters by 1/√(2P) of itself.
         power = np.log(used.size / 2) - np.log(test.p_value)

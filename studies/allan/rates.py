@@ -25,9 +25,7 @@ from diagnosis.detectors.sample_noise import estimate_local_noise, find_quiet_sa
 from diagnosis.detectors.sample_report import find_long_runs, mark_consecutive_samples, mark_interval_samples
 from gyrocal import GyroParameters, InputError, Recording, UnobservableError, calibrate
 from gyrocal.attitude import cross_matrix
-from gyrocal.calibration.gyros import GyroArray, calibrate_gyros
 from gyrocal.recording import Interval, find_reference_rows
-from gyrocal.recording.gyros import compute_nominal_gyros
 
 Array = NDArray[np.float64]
 
@@ -50,8 +48,7 @@ class Stretch:
     rest : whether the body turned at a constant rate, and the raw rates are used
     references : how many there are in it
     p_value : of a constant rate by the references, NaN where they cannot tell
-    rates : (n, gyros) rad/s, along the gyros; of the gyros x, y and z in body axes where it is no rest
-    axes : (gyros, 3) of the rates, in body axes
+    rates : (n, 3) rad/s, along the gyros, in body axes where it is no rest
     reference_sigma : (r, 3) rad, and reference_t_s : (r,) s; of those that were taken out, none for a rest
     edges : (n + 1,) begin of each sample and end of the last, s
     """
@@ -62,18 +59,17 @@ class Stretch:
     references: int
     p_value: float
     rates: Array
-    axes: Array
     reference_sigma: Array
     reference_t_s: Array
     edges: Array
 
     def draw_reference_rates(self, rng: np.random.Generator) -> Array:
-        """Rates (n, gyros) that errors of the references make, rad/s; zero for a rest."""
+        """Rates (n, 3) that errors of the references make, rad/s; zero for a rest."""
         if self.rest:
             return np.zeros_like(self.rates)
         errors = rng.standard_normal(self.reference_sigma.shape) * self.reference_sigma
         angle = scipy.interpolate.CubicSpline(self.reference_t_s, errors)(self.edges)
-        return np.asarray(np.diff(angle, axis=0) / np.diff(self.edges)[:, None] @ self.axes.T)
+        return np.asarray(np.diff(angle, axis=0) / np.diff(self.edges)[:, None])
 
 
 def find_stretches(recording: Recording, interval: str | None = None) -> tuple[tuple[Stretch, ...], tuple[str, ...]]:
@@ -90,16 +86,15 @@ def find_stretches(recording: Recording, interval: str | None = None) -> tuple[t
     notes: list[str] = []
 
     @cache
-    def calibration() -> tuple[GyroParameters | GyroArray, list[str]]:
+    def calibration() -> tuple[GyroParameters, list[str]]:
         return _calibrate_or_use_stated(recording)  # costs seconds, and only a motion asks for it
 
     used = mark_interval_samples(recording)
     sigma = recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
     none = np.zeros(recording.gyro.t_s.size, dtype=bool)
-    rates, count = recording.gyro.rates, recording.gyro.rates.shape[1]
-    noise = estimate_local_noise(rates, sigma, np.zeros(count, dtype=bool), np.zeros(count), none)
-    three = [slice(low, low + 3) for low in range(0, count, 3)]
-    still = np.logical_and.reduce([find_quiet_samples(rates[:, some], noise[some]) for some in three])
+    rates = recording.gyro.rates
+    noise = estimate_local_noise(rates, sigma, np.zeros(3, dtype=bool), np.zeros(3), none)
+    still = find_quiet_samples(rates, noise)
     chosen = [one for one in recording.intervals if interval in (None, one.name)]
     runs = [(one, run) for one in chosen for run in _find_usable_runs(recording, one, used & still, noise)]
     if not runs:  # a body that moves gently all the time; the references say how
@@ -121,18 +116,15 @@ def find_stretches(recording: Recording, interval: str | None = None) -> tuple[t
     return tuple(found), tuple(notes)
 
 
-def _calibrate_or_use_stated(recording: Recording) -> tuple[GyroParameters | GyroArray, list[str]]:
-    """G and b, or the gyros, of the recording's own calibration, as stated where it cannot be calibrated."""
+def _calibrate_or_use_stated(recording: Recording) -> tuple[GyroParameters, list[str]]:
+    """G and b of the recording's own calibration, as stated where it cannot be calibrated."""
     gyro = recording.gyro
     try:
-        if recording.is_array:
-            return calibrate_gyros(recording).gyros, []
         found = calibrate(recording)
         free = found.has_plausible_prior
         return found.parameters, ["These maneuvers do not determine all of G and b: plausible ranges stand for the rest"] * free
     except UnobservableError:
-        nominal = GyroArray(gyro.names, *compute_nominal_gyros(gyro))
-        stated = nominal if recording.is_array else GyroParameters(gyro.apriori_G, gyro.apriori_bias)
+        stated = GyroParameters(gyro.apriori_G, gyro.apriori_bias)
         return stated, ["These maneuvers do not determine G and b: the motion is taken out with the stated ones"]
 
 
@@ -172,7 +164,7 @@ def _count_gentle_samples(x: Array) -> int:
 
 
 def _build_stretch(
-    recording: Recording, interval: Interval, part: slice, parameters: Callable[[], GyroParameters | GyroArray]
+    recording: Recording, interval: Interval, part: slice, parameters: Callable[[], GyroParameters]
 ) -> Stretch | None:
     """One stretch; None if it moves and too few references say how."""
     gyro, attitudes = recording.gyro, recording.attitudes
@@ -183,9 +175,7 @@ def _build_stretch(
     p = compute_constant_rate_p(t, turned, sigma) if rows.size > 2 else float("nan")
     if not p < DENIED:
         edges = np.append(gyro.t_s[part], end)
-        return Stretch(
-            interval.name, part, True, rows.size, p, gyro.rates[part], np.eye(3), np.empty((0, 3)), np.empty(0), edges
-        )
+        return Stretch(interval.name, part, True, rows.size, p, gyro.rates[part], np.empty((0, 3)), np.empty(0), edges)
     if rows.size < FEWEST_REFERENCES:
         return None
     low, high = np.searchsorted(gyro.t_s[part], [t[0] - 1e-6, t[-1] - gyro.sample_s + 1e-6])
@@ -196,11 +186,8 @@ def _build_stretch(
     attitude = interpolate_attitudes(t, turned, edges)
     motion = (attitude[:-1].inv() * attitude[1:]).as_rotvec() / np.diff(edges)[:, None]
     found = parameters()
-    if isinstance(found, GyroArray):
-        axes, rates = found.K, gyro.rates[part] - (motion @ found.K.T + found.c)
-    else:
-        axes, rates = np.eye(3), gyro.rates[part] @ found.G.T + found.bias - motion
-    return Stretch(interval.name, part, False, rows.size, p, rates, axes, sigma, t, edges)
+    rates = gyro.rates[part] @ found.G.T + found.bias - motion
+    return Stretch(interval.name, part, False, rows.size, p, rates, sigma, t, edges)
 
 
 def interpolate_attitudes(t_s: Array, attitudes: Rotation, at_s: Array) -> Rotation:

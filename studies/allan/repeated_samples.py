@@ -24,6 +24,7 @@ from diagnosis.detectors.sample_noise import SETTINGS as NOISE
 from diagnosis.detectors.sample_report import Stream, mark_consecutive_samples, mark_interval_samples
 from diagnosis.settings import DEFAULT
 from gyrocal import Recording
+from gyrocal.calibration.parameters import AXIS_NAMES
 from gyrocal.mask_runs import find_mask_runs
 
 Array = NDArray[np.float64]
@@ -121,7 +122,7 @@ def describe_lattices(recording: Recording) -> list[str]:
     """Describe number formats so coarse that the readings' noise is not that of the gyro, a sentence an axis."""
     used, rates, notes = mark_interval_samples(recording), recording.gyro.rates, []
     follows = mark_consecutive_samples(recording, used)[1:]
-    for axis, name in enumerate(recording.gyro.names):
+    for axis, name in enumerate(AXIS_NAMES):
         step = find_lattice_step(rates[used, axis])
         change = np.diff(rates[:, axis])[follows]
         # The trimmed variance of changes holds no slews; rounding adds step²/12 to each reading.

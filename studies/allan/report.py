@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from gyrocal.allan.terms import MARKOV, RANDOM_WALK, compute_allan_variance
+from gyrocal.calibration.parameters import AXIS_NAMES
 from studies.allan.analysis import (
     COEFFICIENT_UNITS,
     RATE,
@@ -49,7 +50,7 @@ CAPTION = (
 def build_terms_table(found: NoiseAnalysis) -> pd.DataFrame:
     """A row for each term and axis, as texts."""
     rows = []
-    for name, axis in zip(found.names, found.axes, strict=True):
+    for name, axis in zip(AXIS_NAMES, found.axes, strict=True):
         for one in axis.fit.estimates:
             estimate, unit = convert_to_display_unit(one), COEFFICIENT_UNITS[one.term][0]
             row = {"axis": name, "term": one.term, "value": "not seen", "sigma": NO_VALUE, "unit": unit}
@@ -88,7 +89,7 @@ def _build_sinusoid_rows(name: str, axis: AxisNoise) -> list[dict[str, str]]:
 def list_remarks(found: NoiseAnalysis) -> list[str]:
     """List the findings in sentences."""
     out = [] if found.arw else ["The recording states no angle random walk."]
-    for name, axis in zip(found.names, found.axes, strict=True):
+    for name, axis in zip(AXIS_NAMES, found.axes, strict=True):
         walk = axis.fit.estimate(RANDOM_WALK)
         if found.arw and not walk.seen:
             out.append(f"{name}: no angle random walk is seen; it is below {walk.upper / found.arw:.2g} times the stated one.")
@@ -121,7 +122,7 @@ def show_analysis(console: Console, found: NoiseAnalysis) -> None:
 
 def draw_allan_figure(found: NoiseAnalysis) -> Figure:
     """The deviation of each axis with its terms."""
-    panels = [_draw_axis_panel(name, axis, found.arw) for name, axis in zip(found.names, found.axes, strict=True)]
+    panels = [_draw_axis_panel(name, axis, found.arw) for name, axis in zip(AXIS_NAMES, found.axes, strict=True)]
     return draw_panels(*panels, size=(11.0 / 3 * len(panels), 4.2), sharey=True)
 
 
@@ -161,7 +162,7 @@ def build_allan_page(found: NoiseAnalysis, made: ProvenanceFooter | None = None)
 def describe_allan_figure(found: NoiseAnalysis) -> str:
     """The figure in words."""
     parts = []
-    for name, axis in zip(found.names, found.axes, strict=True):
+    for name, axis in zip(AXIS_NAMES, found.axes, strict=True):
         deviation = axis.deviation.deviation * RATE
         tau = axis.deviation.tau_s
         parts.append(f"{name} from {deviation[0]:.3g} deg/h at {tau[0]:g} s to {deviation[-1]:.3g} deg/h at {tau[-1]:g} s")

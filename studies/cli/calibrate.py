@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 import numpy as np
@@ -27,9 +27,6 @@ from studies.cli.options import (
 )
 from studies.montecarlo.files import write_json, write_text
 from studies.report.console import make_console
-
-if TYPE_CHECKING:
-    from gyrocal.calibration.gyros import GyroArray
 
 MOST_ITERATIONS = 1000  # a handful converge, or none do
 LARGEST = 1e6  # of what is plausible, or known before
@@ -136,7 +133,6 @@ def command(
     """Calibrate the gyro of RECORDING, a folder with recording.toml, gyro and attitude tables.
 
     G and b of ω = G ω_raw + b are found by Davenport's method. N is Natanson et al., the paper that it follows, see README.md.
-    Of other gyros than x, y and z each one's scale factor, axis and bias are found from attitude and parity, see docs/gyros.md.
 
     \b
     Example:
@@ -154,29 +150,6 @@ def command(
     loaded = load(recording)
     for text in read_import_warnings(recording):
         click.echo(f"implausible: {text}")
-    if loaded.is_array:
-        changed = {"solve-for": solve_for != "all", "parametrisation": parametrisation != "gain"}
-        changed |= {"step": options["step_s"] is not None, "covariance": covariance != "full"}
-        changed |= {"junit": junit is not None, "fail-on": bool(fail_on), "report": report is not None}
-        _refuse_for_array(loaded, [name for name, is_changed in changed.items() if is_changed])
-
-        from gyrocal.calibration.gyros import calibrate_gyros
-        from studies.report import gyros as gyros_report
-
-        of_gyros = _read_gyros(truth, loaded.gyro.names) if truth else None
-        found = calibrate_gyros(
-            loaded,
-            psi=options["psi"],
-            iterations=options["iterations"],
-            max_gap_s=options["max_gap_s"],
-            prior_sigma=_convert_prior_sigmas(prior_sigma_g, prior_sigma_bias),
-            plausible_G=plausible_g,
-            plausible_bias=plausible_rate,
-        )
-        gyros_report.show(make_console(), found, of_gyros)
-        if as_json:
-            write_json(as_json, found.to_json())
-        return
     known = _read_truth(truth) if truth else None
 
     from gyrocal.calibration.davenport import calibrate
@@ -238,25 +211,6 @@ def _describe_input(recording: Recording) -> dict[str, str | None]:
         "recording_sha256": hash_recording(recording),
         "commit": read_commit(),
     }
-
-
-def _refuse_for_array(recording: Recording, changed: list[str]) -> None:
-    """Options that only the calibration of the gyros x, y and z has."""
-    if changed:
-        raise InputError(f"--{changed[0]} is for the gyros x, y and z; there are {', '.join(recording.gyro.names)}")
-
-
-def _read_gyros(path: Path, names: tuple[str, ...]) -> GyroArray:
-    from gyrocal.calibration.gyros import GyroArray
-
-    def convert(document: Any) -> GyroArray:
-        own = document["gyros"]
-        K, c = np.array(own["K"], dtype=float), np.deg2rad(np.array(own["c_deg_s"], dtype=float))
-        if tuple(own["names"]) != names or K.shape != (len(names), 3) or c.shape != (len(names),):
-            raise ValueError(f"its gyros are not {', '.join(names)}")
-        return GyroArray(names, K, c)
-
-    return read_json(path, "a truth file with names, K and c_deg_s of gyros", convert)
 
 
 def _read_truth(path: Path) -> GyroParameters:

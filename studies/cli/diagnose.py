@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from gyrocal.errors import InputError, suggest_names
-from gyrocal.recording import load, triad
+from gyrocal.recording import load
 from studies.cli.options import (
     JUNIT,
     PAGE,
@@ -68,8 +68,7 @@ def command(
 
     The baseline has a constant G and b, white gyro noise and white reference noise, both as stated. The gap is the misfit
     beyond them. Without --fail-on the exit status is 0 whatever the answer. Raw tables of sun and Earth sensors with an
-    ephemeris are diagnosed too. See docs/diagnosis.md, and docs/gyros.md for more gyros than three, which are compared with one
-    another as well.
+    ephemeris are diagnosed too. See docs/diagnosis.md.
 
     \b
     Examples:
@@ -84,8 +83,6 @@ def command(
     if flown and not report:
         raise InputError("--plan is for the page: give --report with it")
     loaded = load(recording)
-    if adopt:
-        triad(loaded)  # gyros without references have no motion to simulate again
 
     from diagnosis.adopt import write_adopted_scenario
     from diagnosis.diagnose import diagnose

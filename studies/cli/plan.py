@@ -64,10 +64,10 @@ def command(
       gyrocal plan mine.toml --effect bias_orbital --effect time_offset --extra roll.toml
     """
     from simulator import scenario as scenarios
-    from simulator.effects import ARRAY_EFFECTS, EFFECTS
+    from simulator.effects import EFFECTS
 
     for name in effects:
-        if name not in {**EFFECTS, **ARRAY_EFFECTS}:
+        if name not in EFFECTS:
             raise InputError(f"--effect {name}: no such effect; {suggest_names(name, EFFECTS)}")
     chosen = scenarios.load(scenario)
 

@@ -6,7 +6,7 @@ import click
 import numpy as np
 
 from gyrocal.errors import InputError
-from gyrocal.recording import load, triad
+from gyrocal.recording import load
 from studies.cli.options import PATH, add_json_option, add_output_option
 from studies.montecarlo.files import write_csv, write_json, write_text
 from studies.report.console import make_console
@@ -74,7 +74,7 @@ def command(
       gyrocal calibrate /tmp/earlier --json /tmp/result.json
       gyrocal predict /tmp/rec --from 3000 --calibration /tmp/result.json
     """
-    loaded = triad(load(recording))
+    loaded = load(recording)
 
     from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
     from gyrocal.estimation.predict import list_step_times, predict, prior_covariance

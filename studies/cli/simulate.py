@@ -60,9 +60,6 @@ def command(
     truth: same sample tags, reference times, noise as stated and housekeeping. SCENARIO may hold effects of its own, such as
     one that 'gyrocal diagnose --adopt' has written; see docs/compare.md.
 
-    With more gyros than three, --effect takes the name of a gyro in place of an axis: --effect bias_step:4=3,time_s=3000. See
-    docs/gyros.md.
-
     \b
     Examples:
       gyrocal simulate trmm /tmp/rec --truth /tmp/truth.json
@@ -81,12 +78,11 @@ def command(
     from simulator.effects.sensor import SENSOR_EFFECTS, tabulate_setting
     from simulator.effects.sensor import parse as parse_effect
     from simulator.replay import replay
-    from simulator.simulate import compute_true_gyros, simulate
+    from simulator.simulate import simulate
     from simulator.streams import generator
 
     settings = [parse_effect(text) for text in effects]
     noise = not noise_free
-    gyros: dict[str, object] = {}
     if (Path(scenario) / "recording.toml").exists() and scenario not in scenarios.names():
         _refuse(changes, draw)
         on_sensors = [one.effect for one in settings if one.effect in SENSOR_EFFECTS]
@@ -95,9 +91,8 @@ def command(
         original = load(scenario)
 
         from gyrocal.calibration.davenport import calibrate
-        from gyrocal.calibration.gyros import calibrate_gyros
 
-        fitted = calibrate_gyros(original).gyros if original.is_array else calibrate(original).parameters
+        fitted = calibrate(original).parameters
         recording = replay(original, fitted.G, fitted.bias, settings, seed=seed, case=case, noise=noise)
         G, bias_deg_s = fitted.G.tolist(), np.rad2deg(fitted.bias).tolist()
     else:
@@ -112,17 +107,9 @@ def command(
             plan = scenarios.override(chosen.plan, dict(parse_assignment(change) for change in changes))
             recording = simulate(plan, seed=seed, case=case, noise=noise, effects=settings)
             G, bias_deg_s = plan.gyro.true_G, plan.gyro.true_bias_deg_s
-            if plan.gyro.array is not None:
-                K, c = compute_true_gyros(plan)
-                gyros = {"gyros": {"names": plan.gyro.array.gyros, "K": K.tolist(), "c_deg_s": np.rad2deg(c).tolist()}}
-    if recording.is_array and not gyros:  # of a replay, whose G is that of the gyros
-        K = np.linalg.pinv(G)
-        gyros = {"gyros": {"names": recording.gyro.names, "K": K.tolist(), "c_deg_s": (-K @ bias_deg_s).tolist()}}
     save(recording, out)
     if truth:
-        write_json(
-            truth, {"G": G, "bias_deg_s": bias_deg_s, **gyros, "effects": [tabulate_setting(setting) for setting in settings]}
-        )
+        write_json(truth, {"G": G, "bias_deg_s": bias_deg_s, "effects": [tabulate_setting(setting) for setting in settings]})
     if as_json:
         counts = {"intervals": len(recording.intervals), "gyro_samples": recording.gyro.t_s.size}
         effects_done = [tabulate_setting(setting) for setting in settings]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gyrocal import GyroParameters
 from gyrocal.errors import InputError
-from gyrocal.recording import Recording, triad
+from gyrocal.recording import Recording
 from simulator.adopted_scenario import AdoptedScenario, ReplayPlan, hash_recording
 from simulator.effects import REGISTRY, Setting
 from simulator.streams import generator
@@ -119,8 +119,8 @@ class PreparedScenario:
                 scenario = replace(scenario, plan=ReplayPlan(recording, plan.G, plan.bias))
         else:
             start = GyroParameters(np.array(plan.gyro.true_G), np.deg2rad(plan.gyro.true_bias_deg_s))
-        plain = triad(scenario.fly(effects=(), noise=False))
-        _check_alike(name, triad(recording), plain)
+        plain = scenario.fly(effects=(), noise=False)
+        _check_alike(name, recording, plain)
         # Stretches of quiet samples are those of the recording, so that the same samples of all are looked at.
         ruler = replace(MeasurementSetup.build(plain, start), quiet=recorded.quiet)
         amplitudes = scenario.amplitudes
@@ -159,7 +159,7 @@ class PreparedScenario:
         """One flight, its sizes drawn from the posterior."""
         scenario, ruler = self.scenario, self.ruler
         drawn = scenario.draw_amplitudes(generator(seed, case, "posterior"))
-        flown = triad(scenario.fly(seed, case, scenario.replace_amplitudes(drawn)))
+        flown = scenario.fly(seed, case, scenario.replace_amplitudes(drawn))
         left = self.subtract_stated_response(flown)
         if self.fitted and self.places.size:
             z = ruler.state(left).z
@@ -199,5 +199,5 @@ def _find_predicted_amplitudes(effects: Sequence[Setting]) -> NDArray[np.intp]:
 def _compute_response(scenario: AdoptedScenario, plain: Recording, effects: Sequence[Setting]) -> Response:
     """Compute the change of a noise-free recording by the predicted ones of some effects."""
     predicted = [one for one in effects if REGISTRY[one.effect].stage in PREDICTABLE_STAGES]
-    shown = triad(scenario.fly(effects=predicted, noise=False)) if predicted else plain
+    shown = scenario.fly(effects=predicted, noise=False) if predicted else plain
     return Response(shown.gyro.rates - plain.gyro.rates, separation(plain.attitudes.quaternions, shown.attitudes.quaternions))

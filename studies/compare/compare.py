@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from gyrocal import calibrate
 from gyrocal.errors import InputError
-from gyrocal.recording import Recording, triad
+from gyrocal.recording import Recording
 from simulator.adopted_scenario import AdoptedScenario, ReplayPlan
 from studies.calibration.summaries import summarise_distribution
 from studies.compare.bench import FlightStatistics, PreparedScenario
@@ -28,7 +28,6 @@ BASELINE = "M0"
 CHUNK_FLIGHTS = 5  # flights that are handed out together
 FEWEST_FLIGHTS = 20
 EXTREME = 0.01  # percentile from either end that counts as extreme
-PARITY_NOTE = "Only the rates of the body are compared; what the parity of the gyros shows is in gyrocal diagnose"
 COMPARISON_COLUMNS = ("statistic", "of", "axis", "unit", "recording", "mean", "std", "p05", "p95", "percentile", "z", "judged")
 
 
@@ -98,7 +97,6 @@ class Comparison:
     runs: int
     seed: int
     standings: tuple[ScenarioComparison, ...]
-    notes: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The result as one object, format 1."""
@@ -108,7 +106,6 @@ class Comparison:
             "runs": self.runs,
             "seed": self.seed,
             "scenarios": [standing.to_json() for standing in self.standings],
-            "notes": list(self.notes),
         }
 
 
@@ -141,13 +138,11 @@ def compare(
         raise InputError(f"{runs} runs: at least {FEWEST_FLIGHTS} are needed for a distribution")
     with threadpool_limits(1, user_api="blas"):
         recorded = recording
-        recording = triad(recorded)
         found = calibrate(recording)
         if found.dof < 1:
             raise InputError(f"{recording.title}: no more residuals than parameters; there is nothing to compare")
         ruler = MeasurementSetup.build(recording, found.parameters)
-        G = found.G @ recorded.gyro.apriori_G if recorded.is_array else found.G
-        baseline = AdoptedScenario("the baseline on the recording's own plan", ReplayPlan(recorded, G, found.bias))
+        baseline = AdoptedScenario("the baseline on the recording's own plan", ReplayPlan(recorded, found.G, found.bias))
         named = [(BASELINE, baseline), *scenarios]
         benches = [PreparedScenario.build(scenario, recorded, ruler, name) for name, scenario in named]
         bare = ruler.measure(recording)
@@ -159,7 +154,7 @@ def compare(
                 floors = (float(np.mean([f.before for f in flights])), float(np.mean([f.before_samples for f in flights])))
             measured = ruler.measure(bench.subtract_stated_response(recording))
             standings.append(build_scenario_comparison(name, scenario, bench, bare, measured, flights, floors))
-    return Comparison(recording.title, runs, seed, tuple(standings), (PARITY_NOTE,) if recorded.is_array else ())
+    return Comparison(recording.title, runs, seed, tuple(standings))
 
 
 def simulate_flights(

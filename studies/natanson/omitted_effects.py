@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from gyrocal import CalibrationResult, calibrate
+from gyrocal.calibration.parameters import AXIS_NAMES
 from gyrocal.importing import validate_mapping
 from gyrocal.importing.streams import read_streams
 from gyrocal.recording import Recording
@@ -129,11 +130,11 @@ def simulate_packets(recording: Recording, lsb: float, wrap: int, rng: np.random
     starts = np.flatnonzero(np.diff(gyro.t_s, prepend=-np.inf) > np.append(0.0, lasts[:-1]) + TIME_TOLERANCE)
     parts = []
     for first, last in zip(starts, [*starts[1:], len(gyro.t_s)], strict=True):
-        begin = wrap * rng.random(size=(len(gyro.names),))
+        begin = wrap * rng.random(size=3)
         counts = np.floor(begin + np.vstack([np.zeros(len(begin)), np.cumsum(angles[first:last], axis=0)]))
         times = np.append(gyro.t_s[first:last], gyro.t_s[last - 1] + lasts[last - 1])
         parts.append(np.column_stack([times, np.mod(counts, wrap)]))
-    names = [f"count_{name}" for name in gyro.names]
+    names = [f"count_{name}" for name in AXIS_NAMES]
     return pd.DataFrame(np.concatenate(parts), columns=["t_s", *names]).astype(dict.fromkeys(names, np.int64))
 
 

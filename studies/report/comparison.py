@@ -96,7 +96,7 @@ def describe_comparison(comparison: Comparison) -> list[str]:
             else ""
         )
         out.append(f"With {standing.name}: {words}{fitted}.")
-    return [*out, *comparison.notes]
+    return out
 
 
 def _describe_furthest(standing: ScenarioComparison) -> str:

@@ -12,7 +12,6 @@ from diagnosis.answer import Cause, Closure
 from diagnosis.result import Details, Diagnosis
 from diagnosis.settings import DEFAULT
 from gyrocal import NAMES
-from gyrocal.calibration.parameters import AXIS_NAMES
 from simulator.effects.sensor import ALL_EFFECTS as EFFECTS
 from studies.report import tables
 
@@ -279,7 +278,7 @@ def tabulate_calibration_change(diagnosis: Diagnosis) -> pd.DataFrame:
     before = np.append(diagnosis.baseline_G.ravel(), diagnosis.baseline_bias * per_hour)
     after = np.append(diagnosis.G.ravel(), diagnosis.bias * per_hour)
     sigma = np.append(diagnosis.sigma_G.ravel(), diagnosis.sigma_bias * per_hour)
-    for name, old, new, error in zip(list_gain_names(diagnosis.gyros), before, after, sigma, strict=True):
+    for name, old, new, error in zip(NAMES, before, after, sigma, strict=True):
         scale, unit = (1e6, "ppm") if name.startswith("G") else (1.0, "deg/h")
         change = (new - old) * scale
         relative = change / error / scale if 0 < error < math.inf else math.nan
@@ -295,11 +294,6 @@ def tabulate_calibration_change(diagnosis: Diagnosis) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows)
-
-
-def list_gain_names(gyros: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of G by rows, then of b: those of the calibration for the gyros x, y and z."""
-    return (*(f"G_{axis}{gyro}" for axis in AXIS_NAMES for gyro in gyros), *NAMES[9:])
 
 
 def _remove_zero_sign(text: str) -> str:

@@ -10,7 +10,7 @@ import pytest
 from benchmarks import c_kernel, cases, diagnosis, references, report, start_up
 from benchmarks.goals import Goal, judged
 from benchmarks.measure import LEFT_OUT
-from benchmarks.streams import disagreement, run_array, run_packed
+from benchmarks.streams import disagreement, run_packed
 from benchmarks.timing import Candidate, interleaved
 from gyrocal import Arcs, GyroParameters
 from tests import ROOT
@@ -36,16 +36,6 @@ def test_every_c_variant_agrees_with_the_kernel(arcs, tmp_path):
         call = c_kernel.prepared(library, c_kernel.pack(arcs, variant.lanes), PARAMETERS.G, PARAMETERS.bias)
         assert disagreement(call(), expected) < 1e-12, variant
         assert disagreement(call(), expected) < 1e-12, "a second call starts afresh"
-
-
-@needs_compiler
-def test_c_of_more_gyros_agrees_with_the_kernel(arcs, tmp_path):
-    count = 6
-    G, more = RNG.normal(size=(3, count)), arcs.with_rates(RNG.normal(size=(len(arcs.rates), count)) * 1e-2)
-    expected = run_array(more, G, PARAMETERS.bias)
-    for variant, library in c_kernel.build(c_kernel.QUICK_VARIANTS[:1], tmp_path, count).items():
-        call = c_kernel.prepared(library, c_kernel.pack(more, variant.lanes), G, PARAMETERS.bias)
-        assert disagreement(call(), expected) < 1e-12, variant
 
 
 @needs_compiler
@@ -149,8 +139,6 @@ def check_document(folder):
     assert {
         "kernel_vs_c_48k",
         "kernel_vs_c_4800k",
-        "kernel_vs_c_48k_n4",
-        "kernel_vs_c_48k_n6",
         "pack_vs_kernel_48k",
         "pack_vs_kernel_4800k",
         "load_vs_kernel_4800k",

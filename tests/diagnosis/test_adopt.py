@@ -6,12 +6,9 @@ import pytest
 from diagnosis.adopt import adopt_causes, write_adopted_scenario
 from diagnosis.answer import Amplitudes
 from diagnosis.diagnose import diagnose
-from gyrocal import InputError, load, save
-from gyrocal.recording.gyros import compute_parity_basis
+from gyrocal import load, save
 from simulator import adopted_scenario as scenarios
-from simulator import scenario
 from simulator.effects import REGISTRY, parse
-from simulator.simulate import simulate
 from tests import diagnosis_cases
 from tests.diagnosis.recordings import recorded
 
@@ -99,33 +96,3 @@ def test_the_text_is_a_scenario_of_the_recording(found, tmp_path):
     np.testing.assert_allclose(loaded.covariance, adopt_causes(found).covariance)
     np.testing.assert_allclose(loaded.plan.bias, found.bias)
     assert 'recording = "../rec"' in text
-
-
-@pytest.fixture(scope="module")
-def four(tmp_path_factory):
-    """A recording of four gyros of which one has a step, its diagnosis, and where the recording is."""
-    plan = scenario.override(scenario.load("trmm_tetrahedron"), {"gyro.sample_s": 4.0, "reference.every_s": 300.0})
-    folder = tmp_path_factory.mktemp("four") / "rec"
-    save(simulate(plan, seed=1, effects=[parse("bias_step:4=6,time_s=13000")]), folder)
-    return load(folder), diagnose(load(folder), library=["bias_step"]), folder
-
-
-def test_four_gyros_are_adopted_with_their_axes_noise_and_effect(four, tmp_path):
-    """A flight with the noise of the recording has its parity, but for a constant: axes, noise and effect are the same."""
-    recording, found, folder = four
-    text, adoption = write_adopted_scenario(found, recording, folder, tmp_path / "a.toml")
-    (tmp_path / "a.toml").write_text(text)
-    assert "a constant offset of the parity left out" in adoption.sentence()
-    adopted = scenarios.load(tmp_path / "a.toml")
-    assert adopted.effects[0].label() == "bias_step:4"
-    assert abs(adopted.effects[0].size - 6) < 4.5 * np.sqrt(adopted.covariance[0, 0])
-    V = compute_parity_basis(np.linalg.pinv(found.G), np.arange(4))
-    own, flown = ((one.gyro.rates @ V)[:, 0] for one in (recording, adopted.fly(seed=1)))
-    sigma = recording.gyro.arw / 2  # in 4 s
-    assert np.std(own - flown) < 0.2 * sigma  # 2.4 sigma by K and c of a calibration that does not know the step
-
-
-def test_a_gyro_that_failed_cannot_be_adopted(four):
-    recording, found, folder = four
-    with pytest.raises(InputError, match="gyro 3 failed"):
-        write_adopted_scenario(replace(found, gyros=("1", "2", "4")), recording, folder, folder)

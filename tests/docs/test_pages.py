@@ -28,7 +28,6 @@ HELP = list_examples()
 SHOWN = {page: steps for page in PAGES if (steps := list(list_steps(page)))} | HELP
 SMALL = (  # what is typed in place of what is shown
     (r"\btrmm_series\b", "series.toml"),
-    (r"\btrmm_tetrahedron\b", "four.toml"),
     (r"(?<=scenario=)mine\.toml|(?<=--scenario )mine\.toml", "scenario.toml"),
     (r"--seed 1 --effect bias_orbital:\S+", "--effect bias_orbital:z=0.3"),
     (r"^gyrocal plan (?!.*--effect )\S+", "gyrocal plan series.toml --effect bias_orbital --no-extras"),

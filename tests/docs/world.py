@@ -69,7 +69,6 @@ def make(folder):
     _write_redundant_sensors(tables, folder)
     (folder / "mapping.toml").write_text(MAPPING)
     (folder / "series.toml").write_text(SERIES)
-    (folder / "four.toml").write_text(f'base = "trmm_tetrahedron"\n{COARSE}')
     for name in ("scenario.toml", "mine.toml"):
         (folder / name).write_text('base = "trmm"\n')
     (folder / "roll.toml").write_text(blocks("docs/plan.md", "toml")[0])

@@ -7,10 +7,7 @@ from gyrocal import calibrate, load, save
 from gyrocal.errors import InputError
 from simulator import adopted_scenario, scenario
 from simulator.effects import parse
-from simulator.replay import replay
 from simulator.simulate import simulate
-from tests.builders import PLAN
-from tests.gyro_arrays import array_recording
 
 OVERRIDES = {"gyro.sample_s": 4.0, "reference.every_s": 240.0}
 ORBITAL = "bias_orbital:z=0.3,phase_deg=40"
@@ -138,19 +135,3 @@ def test_a_recording_that_has_changed_has_another_digest(recording):
     rates[7, 1] += 1e-12
     changed = replace(recording, gyro=replace(recording.gyro, rates=rates))
     assert adopted_scenario.hash_recording(changed) != adopted_scenario.hash_recording(recording)
-
-
-SWITCHED = [None, ("1", "2", "3"), *[None] * (len(PLAN) - 2)]
-
-
-@pytest.mark.parametrize("gyros", [None, SWITCHED], ids=["all on", "switched"])
-def test_several_gyros_are_flown_again(gyros):
-    """Without noise the replay of a recording without noise is that recording, but for what only parity shows."""
-    recording, K, c = array_recording(gyros=gyros)
-    recording = replace(recording, gyro=replace(recording.gyro, arw=1e-9))
-    G = np.linalg.pinv(K)
-    again = replay(recording, G, -G @ c, noise=False)
-    off = np.isnan(recording.gyro.rates)
-    assert off.any() == (gyros is not None)
-    difference = (again.gyro.rates - recording.gyro.rates)[~off.any(axis=1)]
-    np.testing.assert_allclose(difference - (K @ (G @ c) - c), 0, atol=1e-7)

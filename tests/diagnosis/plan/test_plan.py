@@ -11,7 +11,7 @@ from diagnosis.inference.search import Search
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.prepare import prepare
-from diagnosis.plan import SETTINGS, append_intervals, list_maneuvers, pipeline, plan, visibility
+from diagnosis.plan import SETTINGS, append_intervals, list_maneuvers, plan, visibility
 from diagnosis.plan.columns import Signature, build_signatures, linearise_noise_free
 from diagnosis.plan.separability import compute_confusion_shares, compute_separating_snr, find_separating_size, list_pairs
 from diagnosis.plan.visibility import DetectionPower, find_visible_size
@@ -267,20 +267,3 @@ def test_plan_of_a_scenario_with_references_at_the_ends(monkeypatch):
     assert all(value < 1 + 1e-9 for label, value in extra.by_effect.items() if not label.startswith("reference"))
     assert "scale_asymmetry:x" in extra.gained
     assert extra.resolved
-
-
-def test_an_array_is_planned_for_by_the_rates_of_the_body():
-    """Four gyros in a tetrahedron: (KᵀK)⁻¹ = ¾ I, so where gyro noise is all there is every size is √¾ of that of three."""
-    changes = {"gyro.sample_s": 4.0, "reference.every_s": 300.0, "reference.sigma_deg": [1e-5] * 3}
-    norms = []
-    for name in ("trmm_series", "trmm_tetrahedron"):
-        scenario = override(load(name), changes)
-        seen = linearise_noise_free(scenario)
-        norms.append([one.norms for one in build_signatures(seen, ["bias_step"])])
-    np.testing.assert_allclose(np.array(norms[0]) / norms[1], np.sqrt(0.75), rtol=2e-3)
-    assert "the parity that shows them" in " ".join(pipeline._write_plan_notes(scenario, seen))
-
-
-def test_effects_of_one_of_several_gyros_are_not_planned_for():
-    with pytest.raises(InputError, match="gyro_dead: a plan knows effects of the gyros x, y and z"):
-        plan(load("trmm"), effects=["gyro_dead"])

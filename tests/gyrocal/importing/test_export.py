@@ -10,6 +10,7 @@ import gyrocal
 import simulator
 from gyrocal import InputError
 from gyrocal.importing import build, column_mapping, csv_files, import_csv, load_mapping, streams
+from gyrocal.recording.parts import build_empty_attitudes
 from studies.validation import mems_log
 
 
@@ -54,10 +55,8 @@ def test_references_a_turn_apart_still_refuse_a_wrong_mapping(tmp_path):
             )
 
 
-def test_without_references_there_is_nothing_to_import(tmp_path):
-    source = simulator.simulate(
-        simulator.override(simulator.load("trmm_tetrahedron"), {"gyro.sample_s": 4.0, "reference.at": "none"}), seed=1
-    )
+def test_without_references_there_is_nothing_to_import(imported, tmp_path):
+    source = replace(imported, attitudes=build_empty_attitudes(), without_references=True)
     with pytest.raises(InputError, match="has no reference attitudes"):
         csv_files.write_csv(source, tmp_path)
 

@@ -10,7 +10,6 @@ import pytest
 
 import gyrocal
 from gyrocal import InputError, Recording
-from gyrocal.importing.column_mapping import TETRAHEDRON
 from tests import ROOT
 from tests.builders import PLAN, piecewise_recording
 
@@ -34,18 +33,6 @@ def test_arrays_and_frames_make_the_recording_they_came_from():
         np.testing.assert_allclose(made.attitudes.sigma, RECORDING.attitudes.sigma, rtol=1e-14)
         assert made.gyro.sample_s == RECORDING.gyro.sample_s
         assert made.intervals == RECORDING.intervals
-
-
-def test_four_gyros_are_kept_and_have_body_rates():
-    axes = np.array(TETRAHEDRON)
-    made = arrays(rates=RECORDING.gyro.rates @ axes.T, G=np.linalg.pinv(axes))
-    assert made.gyro.names == ("1", "2", "3", "4")
-    assert "gyros" in repr(made)
-    body = gyrocal.triad(made)
-    np.testing.assert_allclose(body.gyro.rates, RECORDING.gyro.rates, atol=1e-16)
-    np.testing.assert_array_equal(body.gyro.apriori_G, np.eye(3))
-    with pytest.raises(InputError, match="G must be 3×4"):
-        arrays(rates=RECORDING.gyro.rates @ axes.T)
 
 
 def test_options_are_taken():

@@ -14,7 +14,6 @@ import simulator
 from gyrocal import InputError, load
 from simulator.effects import (
     ALL_EFFECTS,
-    ARRAY_EFFECTS,
     BUILT_IN,
     EFFECTS,
     REGISTRY,
@@ -72,7 +71,7 @@ def test_every_stage_has_a_meaning_and_a_built_in_effect():
 
 
 def test_views_tell_sensor_effects_apart_and_follow_the_registry(monkeypatch):
-    views = (EFFECTS, SENSOR_EFFECTS, ARRAY_EFFECTS)
+    views = (EFFECTS, SENSOR_EFFECTS)
     assert set().union(*views) == set(ALL_EFFECTS)
     assert sum(len(view) for view in views) == len(ALL_EFFECTS)
     assert "dss_head" not in EFFECTS

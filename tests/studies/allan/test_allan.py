@@ -9,9 +9,8 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
-from gyrocal import GyroParameters, GyroStream, InputError, save
+from gyrocal import GyroParameters, InputError, save
 from gyrocal.allan.terms import ANGLE_WHITE, FLICKER, RANDOM_WALK
-from gyrocal.recording.gyros import select_interval_samples
 from simulator import scenario
 from simulator.effects import parse
 from simulator.simulate import simulate
@@ -23,7 +22,6 @@ from studies.cli.main import main
 from tests import ROOT
 from tests.builders import piecewise_recording
 from tests.diagnosis.recordings import of_rates
-from tests.gyro_arrays import TETRAHEDRON
 from tests.pages import checked
 
 ARW = np.deg2rad(2.6e-4)
@@ -200,35 +198,3 @@ def test_the_example_of_the_page_runs():
     exec(compile(block, "allan.md", "exec"), namespace)
     walk = namespace["walk"]
     assert abs(walk.value - 1 / np.sqrt(2)) < 4 * walk.sigma
-
-
-def make_four(recording, spoilt=None):
-    """The recording by four gyros in a tetrahedron with noise of their own, of which the fourth is off in an interval."""
-    rng = np.random.default_rng(7)
-    raw = recording.gyro.rates @ TETRAHEDRON.T
-    raw += rng.normal(size=raw.shape) * ARW * np.array([1, 1, 1, 2]) / np.sqrt(recording.gyro.sample_s)
-    gyro = GyroStream(
-        recording.gyro.t_s, raw, recording.gyro.sample_s, ARW, np.linalg.pinv(TETRAHEDRON), np.zeros(3), ("1", "2", "3", "4")
-    )
-    intervals = recording.intervals
-    if spoilt is not None:
-        part, _ = select_interval_samples(recording, spoilt)
-        raw[part, 3] = np.nan
-        intervals = tuple(replace(one, gyros=("1", "2", "3") if k == spoilt else None) for k, one in enumerate(intervals))
-    return replace(recording, gyro=gyro, intervals=intervals)
-
-
-@pytest.mark.parametrize("moving", [False, pytest.param(True, marks=pytest.mark.long)], ids=["rest, a gyro off", "motion"])
-def test_each_of_several_gyros_has_its_noise(moving):
-    """The fourth has twice the noise of the others; in body axes all three rates would have some of it."""
-    if moving:
-        bare = make_four(swaying(3, arw=0.0))
-    else:
-        plan = scenario.override(scenario.load("trmm_series"), {"gyro.sample_s": 2.0, "gyro.arw_deg_per_sqrt_s": 0.0})
-        bare = make_four(simulate(plan, seed=1), spoilt=0)
-    found = estimate_noise_terms(bare)
-    assert found.names == ("1", "2", "3", "4")
-    assert {one.rest for one in found.stretches} == {not moving}
-    for one, factor in zip(found.axes, (1, 1, 1, 2), strict=True):
-        walk = one.fit.estimate(RANDOM_WALK)
-        assert abs(walk.value - factor * ARW) < 5 * walk.sigma

@@ -7,12 +7,10 @@ from scipy.stats import kstest
 
 from diagnosis.adopt import adopt_causes
 from diagnosis.diagnose import diagnose
-from gyrocal import calibrate, calibrate_gyros
+from gyrocal import calibrate
 from gyrocal.errors import InputError
 from simulator.adopted_scenario import AdoptedScenario, ReplayPlan
 from simulator.effects import parse
-from simulator.scenario import load, override
-from simulator.simulate import simulate
 from studies.compare.bench import PreparedScenario
 from studies.compare.compare import compare
 from studies.compare.measure import MeasurementSetup
@@ -169,18 +167,3 @@ def test_sentences_speak_of_sizes_only_where_there_are_some_and_say_why_a_diagno
     assert describe_comparison(closed)[0].endswith("shows no gap; single statistics deviate, which a diagnosis tests as well.")
     calm = replace(closed.standings[0], statistics=under.statistics.assign(z=0.5))
     assert describe_comparison(replace(closed, standings=(calm, adopted_one)))[0].endswith("shows no gap.")
-
-
-FOUR = override(load("trmm_tetrahedron"), {"gyro.sample_s": 4.0, "reference.every_s": 240.0})
-
-
-def test_several_gyros_are_flown_with_their_effects():
-    effects = (parse("bias_step:4=3,time_s=13000"),)
-    recording = simulate(FOUR, seed=2, effects=effects)
-    found = calibrate_gyros(recording).gyros
-    right = AdoptedScenario("right", ReplayPlan(recording, found.G, found.bias), effects, np.zeros((1, 1)))
-    standing = compare(recording, [("right", right)], runs=20, seed=1)
-    assert standing.standings[1].gap.before_90[0] > 1
-    assert standing.standings[1].gap.after_90[0] <= 0.05
-    assert standing.standings[1].gap.shrinkage > 0.95
-    assert standing.notes
