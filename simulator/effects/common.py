@@ -33,13 +33,6 @@ TOWARD = Parameter("toward", "", None, "body axis whose rate is picked up", choi
 PHASE = Parameter("phase_deg", "deg", 0.0, "phase at the epoch", -360.0, 360.0)
 
 
-def list_spans(stream: Stream) -> tuple[Array, Array]:
-    """Start and stop of each interval's samples, s; (intervals,) each."""
-    begin = [stream.t_s[part.start] - 0.5 * stream.duration_s[part.start] for part in stream.intervals]
-    end = [stream.t_s[part.stop - 1] + 0.5 * stream.duration_s[part.stop - 1] for part in stream.intervals]
-    return np.array(begin), np.array(end)
-
-
 def number(parameters: Parameters, name: str) -> float:
     """A parameter that is a number."""
     return float(parameters[name])
