@@ -12,18 +12,14 @@ FENCE = re.compile(r"^```(\S*)\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
 COMMAND = re.compile(r"(\.venv/bin/)?(gyrocal|pip|python|make|pre-commit) ")
 
 
-def list_fences(page):
-    return FENCE.findall((ROOT / page).read_text(encoding="utf-8"))
-
-
 def blocks(page, language):
     """The fences of a page in a language."""
-    return [body for name, body in list_fences(page) if name == language]
+    return [body for name, body in FENCE.findall((ROOT / page).read_text(encoding="utf-8")) if name == language]
 
 
 def list_steps(page):
     """Lines of shell and whole blocks of Python; a fence without a language may show what a command answers, too."""
-    for name, body in list_fences(page):
+    for name, body in FENCE.findall((ROOT / page).read_text(encoding="utf-8")):
         if name == "python":
             yield name, body
         elif name in ("", "sh"):
