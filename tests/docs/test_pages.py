@@ -35,7 +35,8 @@ SMALL = (  # what is typed in place of what is shown
     (r"^(gyrocal mission .*)--days \d+", r"\1--days 0.02"),
     (r"--runs \d+|(?<=^gyrocal compare) (?!.*--runs)", " --runs 20 "),
     (r"--cases \d+", "--cases 3"),
-    (r"^gyrocal study (?!psi)(\S+) (?!.*--(cases|rerun))", r"gyrocal study \1 --cases 3 "),
+    (r"^gyrocal study (?!psi|real)(\S+) (?!.*--(cases|rerun))", r"gyrocal study \1 --cases 3 "),
+    (r"^gyrocal study real(?!.*folder=)", "gyrocal study real --set folder=/data/broad"),
     (r"^gyrocal study psi", "gyrocal study psi --set slew_rates_deg_s=[0.2] --set slew_angles_deg=[30]"),
     (r"--rerun 17\b", "--rerun 1"),
     (r"^(gyrocal study (?!.*--(rerun|backend))\S+ .*)", r"\1 --backend serial"),
@@ -124,8 +125,9 @@ def run(line, folder):
         for shown, typed in SMALL:
             line = re.sub(shown, typed, line)
         with start_scheduler(line) as address:
-            words = shlex.split(line.replace("/tmp/", "").replace("tcp://host:8786", address))
-            done = CliRunner().invoke(main, [str(ROOT / word) if (ROOT / word).is_file() else word for word in words[1:]])
+            line = line.replace("/tmp/", "").replace("/data/broad", str(folder)).replace("tcp://host:8786", address)
+            words = [str(ROOT / word) if (ROOT / word).is_file() else word for word in shlex.split(line)[1:]]
+            done = CliRunner().invoke(main, words)
         assert done.exit_code == 0, f"{line}\n{done.output}"
         if output:
             (folder / output).write_text(done.stdout)
