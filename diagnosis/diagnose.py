@@ -79,8 +79,7 @@ def list_nameable_effects(library: Sequence[str] | None) -> list[Effect]:
     unknown = [] if library is None else [name for name in library if name not in ALL_EFFECTS]
     if unknown:
         raise InputError(f"no such effect: {', '.join(sorted(unknown))}; there are {', '.join(ALL_EFFECTS)}")
-    known = EFFECTS
-    return [effect for name, effect in known.items() if library is None or name in library]
+    return [effect for name, effect in EFFECTS.items() if library is None or name in library]
 
 
 def add_sensor_findings(

@@ -81,11 +81,6 @@ def compute_part_times(model: RecordingModel) -> ProcessTimes:
     return ProcessTimes(t_s=t_s, run_s=began + t_s, interval=np.repeat(model.cells.interval, counts))
 
 
-def compute_reference_times(model: RecordingModel) -> ProcessTimes:
-    """Times of the observations, for a process of the references."""
-    return _compute_run_times(model, model.observation_t_s, model.observation_block)
-
-
 def compute_node_times(model: RecordingModel) -> ProcessTimes:
     """Times of the nodes, see `diagnosis.model.process_projection`."""
     rows, _ = select_nodes(model)
