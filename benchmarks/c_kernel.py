@@ -58,16 +58,10 @@ QUICK_VARIANTS = (Variant(8, 4, 2, 0), Variant(4, 8, 4, 0))
 
 @dataclass(frozen=True)
 class Packed:
-    """A stream in the kernel's layout.
+    """A stream in the kernel's layout."""
 
-    Attributes
-    ----------
-    increments : (steps, gyros + 1, lanes) of [ω_raw Δt, Δt], zero where a piece is short
-    pieces : (outputs,) lanes that lead to each output
-    """
-
-    increments: Array
-    pieces: NDArray[np.int_]
+    increments: Array  # (steps, gyros + 1, lanes) of [ω_raw Δt, Δt], zero where a piece is short
+    pieces: NDArray[np.int_]  # (outputs,) lanes that lead to each output
 
 
 def compiler() -> str | None:
@@ -87,10 +81,7 @@ def compiler_version() -> str | None:
 def build(variants: Sequence[Variant], folder: Path, gyros: int = 3) -> dict[Variant, ctypes.CDLL]:
     """Compile and load the variants for so many gyros.
 
-    Raises
-    ------
-    RuntimeError
-        There is no compiler, or it failed; with the last thing it said.
+    A `RuntimeError` if there is no compiler, or it failed; with the last thing it said.
     """
     path = compiler()
     if path is None:
@@ -145,10 +136,7 @@ def _page_aligned(shape: tuple[int, ...]) -> Array:
 def prepared(library: ctypes.CDLL, packed: Packed, G: Array, bias: Array) -> Callable[[], Propagation]:
     """A call of the kernel with nothing left to do but its work; G (3, gyros) and bias (3,) rad/s.
 
-    Raises
-    ------
-    ValueError
-        A step turns too far for the series.
+    A `ValueError` if a step turns too far for the series.
     """
     increments, pieces = packed.increments, packed.pieces
     G, bias = np.ascontiguousarray(G), np.ascontiguousarray(bias)

@@ -41,28 +41,18 @@ KEPT = 6  # C variants that stay in after the first comparison
 
 @dataclass(frozen=True)
 class Effort:
-    """How much of everything is done.
+    """How much of everything is done."""
 
-    Attributes
-    ----------
-    sizes : factor on the number of samples → rounds of kernel and C
-    loads : rounds of loading a recording of the largest size
-    scouting : rounds of the first comparison of the C variants
-    variants : C variants to compile
-    slow : rounds of gtsam, scipy, least squares
-    cases : numbers of Monte Carlo cases
-    mission : days of Mission Mode, seconds of it compiled and plain in turn, rounds
-    diagnoses : samples, references and effects of each diagnosis, and whether there is a gap in it
-    references : of a prediction and of a calibration
-    """
-
+    # factor on the number of samples → rounds of kernel and C
     sizes: dict[int, int] = field(default_factory=lambda: {1: 400, 10: 60, 100: 12})
-    loads: int = 2
-    scouting: int = 30
-    variants: tuple[c_kernel.Variant, ...] = c_kernel.VARIANTS
-    slow: int = 10
-    cases: tuple[int, ...] = (1, 10, 100, 1000, 10_000)
+    loads: int = 2  # rounds of loading a recording of the largest size
+    scouting: int = 30  # rounds of the first comparison of the C variants
+    variants: tuple[c_kernel.Variant, ...] = c_kernel.VARIANTS  # C variants to compile
+    slow: int = 10  # rounds of gtsam, scipy, least squares
+    cases: tuple[int, ...] = (1, 10, 100, 1000, 10_000)  # numbers of Monte Carlo cases
+    # days of Mission Mode, seconds of it compiled and plain in turn, rounds
     mission: tuple[float, float, int] = (30.0, 6000.0, 3)
+    # samples, references and effects of each diagnosis, and whether there is a gap in it
     diagnoses: tuple[tuple[int, int, int, int], ...] = (
         *((samples, 2000, ALL_EFFECTS, 0) for samples in (10**4, 10**5, 10**6, 10**7)),
         *((samples, 2000, ALL_EFFECTS, 1) for samples in (10**5, 10**6)),
@@ -70,7 +60,7 @@ class Effort:
         *((10**5, references, ALL_EFFECTS, 0) for references in (50, 200, 20_000)),
         *((10**5, 2000, effects, 0) for effects in (1, 10)),
     )
-    references: int = 100_000
+    references: int = 100_000  # of a prediction and of a calibration
 
 
 QUICK = Effort({1: 20}, 1, 3, c_kernel.QUICK_VARIANTS, 2, (1, 100), (1.0, 120.0, 1), ((4000, 60, 1, 0),), 4000)

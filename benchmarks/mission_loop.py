@@ -41,18 +41,13 @@ def plain(seconds: float) -> tuple[float, list[list[float]]]:
 
 
 def run(days: float = 30.0, plain_seconds: float = 6000.0, rounds: int = 3) -> dict[str, Any]:
-    """Measure both.
+    """Measure both; an `AssertionError` if the two do not fly the same.
 
     Parameters
     ----------
     days : length of the long compiled run
     plain_seconds : length of the runs that are compared; a run's 4 ms of tables and preparation are in it
     rounds : turns of the comparison
-
-    Raises
-    ------
-    AssertionError
-        The two do not fly the same.
     """
     fly(1.0)  # compiles, or loads what was compiled
     compiled_s, plain_s = float("inf"), float("inf")

@@ -42,13 +42,7 @@ def solvers(flight: Flight) -> dict[str, Callable[[], Array]]:
 
 
 def agreement(solutions: dict[str, Array]) -> float:
-    """Largest difference in G between the two.
-
-    Raises
-    ------
-    AssertionError
-        They are not the same solution.
-    """
+    """Largest difference in G between the two; an `AssertionError` if they are not the same solution."""
     difference = float(np.abs(solutions["least_squares"] - solutions["davenport"])[:9].max())
     if not difference < AGREEMENT:
         raise AssertionError(f"least squares and the calibrator differ by {difference:.1e} in G, more than {AGREEMENT:g}")

@@ -8,16 +8,10 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Candidate:
-    """Something to be timed.
+    """Something to be timed."""
 
-    Attributes
-    ----------
-    call : the work, prepared so that nothing else is timed
-    rounds : how many rounds to take part in, spread evenly over all; a slow candidate takes part in few
-    """
-
-    call: Callable[[], Any]
-    rounds: int
+    call: Callable[[], Any]  # the work, prepared so that nothing else is timed
+    rounds: int  # how many rounds to take part in, spread evenly over all; a slow candidate takes part in few
 
 
 def interleaved(candidates: Mapping[str, Candidate]) -> dict[str, float]:

@@ -42,10 +42,7 @@ STUDY_NAMES = (
 def find_entry(name: str) -> Entry:
     """The study of a name, or of a file with a STUDY in it.
 
-    Raises
-    ------
-    InputError
-        There is none of that name, or it cannot be loaded; the file holds no study.
+    An `InputError` if there is none of that name, or it cannot be loaded; the file holds no study.
     """
     if is_file(name):
         return load_study_file(Path(name))
@@ -92,10 +89,7 @@ def is_file(name: str) -> bool:
 def load_study_file(path: Path) -> Entry:
     """The ENTRY of a file, or its STUDY with a report on all columns; the file is imported as a module of its name.
 
-    Raises
-    ------
-    InputError
-        It cannot be imported, holds no study, or a study of another name.
+    An `InputError` if it cannot be imported, holds no study, or a study of another name.
     """
     from studies.montecarlo.study import Study
     from studies.report.columns import report_columns

@@ -65,24 +65,16 @@ def get_work_folder(folder: Path, study: Study, config: StudyConfig) -> Path:
 
 @dataclass
 class Reproduction:
-    """What a reproduction gathers on its way.
+    """What a reproduction gathers on its way."""
 
-    Attributes
-    ----------
-    console : for progress and the tables that are shown
-    jobs : worker processes; the results do not depend on it
-    tables : by the names of their files; one without a title is not on the page
-    figures : what draws them, and their titles, by the names of their files; one without a title is not on the page
-    summary : for ``summary.json``
-    begun : when, s
-    """
-
-    console: Console
-    jobs: int = 1
+    console: Console  # for progress and the tables that are shown
+    jobs: int = 1  # worker processes; the results do not depend on it
+    # by the names of their files; one without a title is not on the page
     tables: dict[str, Table] = field(default_factory=dict)
+    # what draws them, and their titles, by the names of their files; one without a title is not on the page
     figures: dict[str, tuple[str, Draw]] = field(default_factory=dict)
-    summary: dict[str, Any] = field(default_factory=dict)
-    begun: float = field(default_factory=time.monotonic)
+    summary: dict[str, Any] = field(default_factory=dict)  # for ``summary.json``
+    begun: float = field(default_factory=time.monotonic)  # when, s
 
     def run(self, study: Study, config: StudyConfig, folder: Path) -> engine.Outcome:
         """Run the study whose rows the paper is reproduced from; none of its cases may fail."""

@@ -44,63 +44,36 @@ RATE_UNIT, RATE = "deg/h", DEG * HOUR
 
 @dataclass(frozen=True)
 class LineSearch:
-    """Lines of one axis.
+    """Lines of one axis."""
 
-    Attributes
-    ----------
-    found : the lines, each with its amplitude and sigma in rad/s
-    upper : amplitude that a line hidden in the spectrum may have at most, rad/s; 95 %
-    longest_s : period up to which lines are looked for
-    """
-
-    found: tuple[Line, ...]
-    upper: float
-    longest_s: float
+    found: tuple[Line, ...]  # the lines, each with its amplitude and sigma in rad/s
+    upper: float  # amplitude that a line hidden in the spectrum may have at most, rad/s; 95 %
+    longest_s: float  # period up to which lines are looked for
 
 
 @dataclass(frozen=True)
 class AxisNoise:
-    """Noise of one axis, in radians and seconds.
+    """Noise of one axis, in radians and seconds."""
 
-    Attributes
-    ----------
-    deviation : with the lines in it
-    low, high : (t,) confidence limits of the deviation
-    model : (t,) Allan variance of the terms, the lines and the references
-    references : (t,) that of the references' errors alone
-    fit : the terms
-    sinusoid : the lines
-    steps : of the rate inside stretches, each with the stretch's place among all
-    """
-
-    deviation: Deviation
-    low: Array
+    deviation: Deviation  # with the lines in it
+    low: Array  # low, high: (t,) confidence limits of the deviation
     high: Array
-    model: Array
-    references: Array
-    fit: Fit
-    sinusoid: LineSearch
-    steps: tuple[tuple[int, RateStep], ...]
+    model: Array  # (t,) Allan variance of the terms, the lines and the references
+    references: Array  # (t,) that of the references' errors alone
+    fit: Fit  # the terms
+    sinusoid: LineSearch  # the lines
+    steps: tuple[tuple[int, RateStep], ...]  # of the rate inside stretches, each with the stretch's place among all
 
 
 @dataclass(frozen=True)
 class NoiseAnalysis:
-    """Noise of a recording, about each axis by itself.
+    """Noise of a recording, about each axis by itself."""
 
-    Attributes
-    ----------
-    recording : title
-    arw : stated angle random walk, rad/√s
-    stretches : what it rests on
-    axes : x, y and z
-    notes : what to know of it
-    """
-
-    recording: str
-    arw: float
-    stretches: tuple[Stretch, ...]
-    axes: tuple[AxisNoise, ...]
-    notes: tuple[str, ...]
+    recording: str  # title
+    arw: float  # stated angle random walk, rad/√s
+    stretches: tuple[Stretch, ...]  # what it rests on
+    axes: tuple[AxisNoise, ...]  # x, y and z
+    notes: tuple[str, ...]  # what to know of it
 
     def to_json(self) -> dict[str, Any]:
         """Everything as numbers with their units."""
@@ -120,10 +93,7 @@ class NoiseAnalysis:
 def estimate_noise_terms(recording: Recording, interval: str | None = None) -> NoiseAnalysis:
     """Allan deviation and noise terms of a recording, or of one of its intervals.
 
-    Raises
-    ------
-    InputError
-        There is no such interval, or no stretch of samples shows the gyro's noise.
+    An `InputError` if there is no such interval, or no stretch of samples shows the gyro's noise.
     """
     samples = select_measured_samples(recording)
     recording = samples.recording

@@ -39,29 +39,17 @@ CONSTANT_RATE_ITERATIONS = 6  # of the fit of a constant rate
 
 @dataclass(frozen=True)
 class Stretch:
-    """Samples that follow one another, without the motion of the body.
+    """Samples that follow one another, without the motion of the body."""
 
-    Attributes
-    ----------
-    interval : name
-    samples : of the recording
-    rest : whether the body turned at a constant rate, and the raw rates are used
-    references : how many there are in it
-    p_value : of a constant rate by the references, NaN where they cannot tell
-    rates : (n, 3) rad/s, along the gyros, in body axes where it is no rest
-    reference_sigma : (r, 3) rad, and reference_t_s : (r,) s; of those that were taken out, none for a rest
-    edges : (n + 1,) begin of each sample and end of the last, s
-    """
-
-    interval: str
-    samples: slice
-    rest: bool
-    references: int
-    p_value: float
-    rates: Array
-    reference_sigma: Array
+    interval: str  # name
+    samples: slice  # of the recording
+    rest: bool  # whether the body turned at a constant rate, and the raw rates are used
+    references: int  # how many there are in it
+    p_value: float  # of a constant rate by the references, NaN where they cannot tell
+    rates: Array  # (n, 3) rad/s, along the gyros, in body axes where it is no rest
+    reference_sigma: Array  # (r, 3) rad, and reference_t_s : (r,) s; of those that were taken out, none for a rest
     reference_t_s: Array
-    edges: Array
+    edges: Array  # (n + 1,) begin of each sample and end of the last, s
 
     def draw_reference_rates(self, rng: np.random.Generator) -> Array:
         """Rates (n, 3) that errors of the references make, rad/s; zero for a rest."""
@@ -75,10 +63,7 @@ class Stretch:
 def find_stretches(recording: Recording, interval: str | None = None) -> tuple[tuple[Stretch, ...], tuple[str, ...]]:
     """Find the stretches of a recording, or of one interval, that show the gyro's noise, and notes on them.
 
-    Raises
-    ------
-    InputError
-        The interval does not exist, or no stretch of it shows the noise.
+    An `InputError` if the interval does not exist, or no stretch of it shows the noise.
     """
     names = [one.name for one in recording.intervals]
     if interval is not None and interval not in names:

@@ -38,18 +38,11 @@ NEGLIGIBLE_SHARE = 0.01  # of lost samples: angle random walk and averaging time
 
 @dataclass(frozen=True)
 class MeasuredSamples:
-    """A recording whose samples were measured.
+    """A recording whose samples were measured."""
 
-    Attributes
-    ----------
-    recording : without the repeats of a slower gyro
-    measured : (n,) its samples that stand for no lost one
-    notes : on the removed samples and the number format, a sentence each
-    """
-
-    recording: Recording
-    measured: Mask
-    notes: tuple[str, ...]
+    recording: Recording  # without the repeats of a slower gyro
+    measured: Mask  # (n,) its samples that stand for no lost one
+    notes: tuple[str, ...]  # on the removed samples and the number format, a sentence each
 
 
 def select_measured_samples(recording: Recording) -> MeasuredSamples:

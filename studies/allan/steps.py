@@ -23,16 +23,10 @@ WHITE_VARIANCE_RATIO = 1.7  # mean square change from bin to bin over the varian
 
 @dataclass(frozen=True)
 class RateStep:
-    """A step of the rate.
+    """A step of the rate."""
 
-    Attributes
-    ----------
-    at : sample from which on the rate is another
-    size : rad/s
-    """
-
-    at: int
-    size: float
+    at: int  # sample from which on the rate is another
+    size: float  # rad/s
 
 
 def find_rate_step(rates: Array) -> RateStep | None:

@@ -78,18 +78,12 @@ def build_default_prior() -> dict[str, Dispersion]:
 
 
 class ConsistencyConfig(StudyConfig):
-    """What the study runs; its dispersions of the twelve true parameters are the prior.
-
-    Attributes
-    ----------
-    confidence : probability that a consistent estimator passes all its checks
-    bins : of the rank histograms
-    """
+    """What the study runs; its dispersions of the twelve true parameters are the prior."""
 
     cases: int = 400
     dispersions: dict[str, Dispersion] = Field(default_factory=build_default_prior)
-    confidence: float = Field(default=0.99, gt=0.5, lt=1)
-    bins: int = Field(default=20, ge=2, le=100)
+    confidence: float = Field(default=0.99, gt=0.5, lt=1)  # probability that a consistent estimator passes all its checks
+    bins: int = Field(default=20, ge=2, le=100)  # of the rank histograms
 
     @model_validator(mode="after")
     def _has_a_prior(self) -> "ConsistencyConfig":

@@ -40,19 +40,12 @@ ERROR_DIRECTIONS = ("flown", "random")
 
 
 class IterationsConfig(StudyConfig):
-    """What the study runs.
-
-    Attributes
-    ----------
-    factors : sizes of the initial error, in units of the scenario's own
-    iterations : after which an estimate is taken as the converged one
-    psi : "full" or "linear"
-    """
+    """What the study runs."""
 
     cases: int = 100
-    factors: Different = FACTORS
-    iterations: int = 8
-    psi: Psi = "full"
+    factors: Different = FACTORS  # sizes of the initial error, in units of the scenario's own
+    iterations: int = 8  # after which an estimate is taken as the converged one
+    psi: Psi = "full"  # "full" or "linear"
 
     @field_validator("iterations")
     @classmethod

@@ -46,15 +46,10 @@ GROWTHS = [f"growth_{name}" for name in NAMES]
 
 
 class ManeuversNeededConfig(GridConfig):
-    """What the study runs.
-
-    Attributes
-    ----------
-    series_s : time between the references of a series
-    """
+    """What the study runs."""
 
     axes: ClassVar = ("scenario",)
-    series_s: float = Field(default=60.0, gt=0)
+    series_s: float = Field(default=60.0, gt=0)  # time between the references of a series
 
     def points(self) -> list[tuple[str, tuple[int, ...]]]:
         """Kind of references and subset of the scenario's intervals."""

@@ -55,20 +55,14 @@ PARAMETER_GROUPS = {"scale factors": SCALE_FACTORS, "misalignments": MISALIGNMEN
 
 
 class NoiseConfig(GridConfig):
-    """What the study runs.
-
-    Attributes
-    ----------
-    arw_deg_per_sqrt_s, sigma_deg : the grid: angle random walk, and 1-sigma of a reference attitude about each body axis
-    seeds : estimates that make the spread at a point that has one
-    confidence : of all intervals of the spread together
-    """
+    """What the study runs."""
 
     axes: ClassVar = ("arw_deg_per_sqrt_s", "sigma_deg")
+    # arw_deg_per_sqrt_s, sigma_deg: the grid: angle random walk, and 1-sigma of a reference attitude about each body axis
     arw_deg_per_sqrt_s: Rising = Field(default=ARW_GRID_DEG_PER_SQRT_S, min_length=2)
     sigma_deg: Rising = Field(default=SIGMA_GRID_DEG, min_length=2)
-    seeds: int = Field(default=200, ge=3)
-    confidence: float = Field(default=0.99, gt=0.5, lt=1)
+    seeds: int = Field(default=200, ge=3)  # estimates that make the spread at a point that has one
+    confidence: float = Field(default=0.99, gt=0.5, lt=1)  # of all intervals of the spread together
 
     def points(self) -> list[tuple[float, float]]:
         """ARW and reference sigma of each point: those of the grid, and last the flight's."""

@@ -42,28 +42,18 @@ FLOWN_RATE_AND_STEP = (0.25, 0.5)  # rate and step of the TRMM calibration
 
 
 class PsiConfig(GridConfig):
-    """The grid.
-
-    Attributes
-    ----------
-    slew_rates_deg_s : rates at which the slews coast
-    steps_s : gyro sample and propagation step
-    slew_angles_deg : angle of the scenario's largest slew; the others are scaled with it
-    """
+    """The grid."""
 
     axes: ClassVar = ("slew_angles_deg", "slew_rates_deg_s", "steps_s")
-    slew_rates_deg_s: Different = SLEW_RATES_DEG_S
-    steps_s: Different = STEPS_S
-    slew_angles_deg: Different = ANGLES_DEG
+    slew_rates_deg_s: Different = SLEW_RATES_DEG_S  # rates at which the slews coast
+    steps_s: Different = STEPS_S  # gyro sample and propagation step
+    slew_angles_deg: Different = ANGLES_DEG  # angle of the scenario's largest slew; the others are scaled with it
 
 
 def scale_slew_angles(scenario: Scenario, angle_deg: float) -> Scenario:
     """The scenario with its largest slew turning through the angle, and the others scaled with it.
 
-    Raises
-    ------
-    InputError
-        The scenario has no slew.
+    An `InputError` if the scenario has no slew.
     """
     largest = max((abs(slew.angle_deg) for interval in scenario.interval for slew in interval.slew), default=0.0)
     if largest == 0:

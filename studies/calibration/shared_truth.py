@@ -34,10 +34,7 @@ def get_apriori_parameters(scenario: Scenario) -> GyroParameters:
 def require_converged(result: CalibrationResult) -> CalibrationResult:
     """A calibration that was to converge, if it did: one that did not is a failed case, not a row like the others.
 
-    Raises
-    ------
-    InputError
-        It did not.
+    An `InputError` if it did not.
     """
     if not result.converged:
         raise InputError(f"diverged: the calibration still moves after {len(result.corrections)} iterations")
@@ -66,21 +63,13 @@ def make_noise_generators(streams: Streams) -> Noise:
 
 @dataclass(frozen=True)
 class NoiseFreeSimulation:
-    """A scenario flown without noise.
+    """A scenario flown without noise."""
 
-    Attributes
-    ----------
-    scenario, motion : what was flown
-    plain : its recording without noise
-    rates : (n, 3) noise-free raw rates, rad/s
-    truth, initial : (12,) true and a-priori parameters; G dimensionless, b rad/s
-    """
-
-    scenario: Scenario
+    scenario: Scenario  # scenario, motion: what was flown
     motion: Motion
-    plain: Recording
-    rates: Array
-    truth: Array
+    plain: Recording  # its recording without noise
+    rates: Array  # (n, 3) noise-free raw rates, rad/s
+    truth: Array  # truth, initial: (12,) true and a-priori parameters; G dimensionless, b rad/s
     initial: Array
 
     @classmethod

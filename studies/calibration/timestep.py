@@ -47,15 +47,10 @@ LIMIT = 0.1  # formal sigmas of bias that count as none
 
 
 class TimestepConfig(StudyConfig):
-    """What the study runs.
-
-    Attributes
-    ----------
-    steps_s : step sizes, rising
-    """
+    """What the study runs."""
 
     cases: int = 100
-    steps_s: Rising = STEPS_S
+    steps_s: Rising = STEPS_S  # step sizes, rising
 
     def ways(self, sample_s: float) -> list[Way]:
         """Every way a case is calibrated; the sample itself is neither skipped nor averaged, and under "skip"."""
@@ -64,20 +59,12 @@ class TimestepConfig(StudyConfig):
 
 @dataclass(frozen=True)
 class _TimestepProblems:
-    """What cases with the same scenario share.
+    """What cases with the same scenario share."""
 
-    Attributes
-    ----------
-    flown : the scenario without noise
-    T_s : (m, 1) time between the references of each residual
-    problems : of each way
-    held : (12,) noise-free error of each way
-    """
-
-    flown: NoiseFreeSimulation
-    T_s: Array
-    problems: dict[Way, Problem]
-    held: dict[Way, Array]
+    flown: NoiseFreeSimulation  # the scenario without noise
+    T_s: Array  # (m, 1) time between the references of each residual
+    problems: dict[Way, Problem]  # of each way
+    held: dict[Way, Array]  # (12,) noise-free error of each way
 
 
 @build_once

@@ -108,10 +108,7 @@ def add_output_option(*names: str, help: str, stdout: bool = False, endings: Seq
 def check_writable(path: Path | None) -> None:
     """Say before the work, not after it, that a file cannot be written; None is no file.
 
-    Raises
-    ------
-    InputError
-        It is a folder, in a folder that does not exist, or without permission.
+    An `InputError` if it is a folder, in a folder that does not exist, or without permission.
     """
     if path is None:
         return
@@ -145,18 +142,13 @@ def write_result(as_json: Path | None, document: Any, show: Callable[[], None]) 
 
 
 def read_json(path: Path, what: str, convert: Callable[[Any], T]) -> T:
-    """Read a JSON file.
+    """Read a JSON file; an `InputError` if it is no JSON, or not what it should be.
 
     Parameters
     ----------
     path : of the file
     what : it should be, for the message if it is not
     convert : makes the value of the document
-
-    Raises
-    ------
-    InputError
-        It is no JSON, or not what it should be.
     """
     try:
         with path.open("rb") as file:
@@ -180,10 +172,7 @@ def refuse_existing(out: Path, force: bool) -> None:
 def parse_assignment(text: str) -> tuple[str, Any]:
     """Path and value of a setting; a value that is no TOML is text.
 
-    Raises
-    ------
-    InputError
-        There is no = in it, or nothing before it.
+    An `InputError` if there is no = in it, or nothing before it.
     """
     path, separator, value = text.partition("=")
     if not separator or not path:
@@ -226,10 +215,7 @@ effects_option = click.option(
 def compare_conditions(texts: Sequence[str], known: Mapping[str, float]) -> list[Verdict]:
     """Compare conditions such as "p<0.001" with numbers by name; one on a number that is not known is met.
 
-    Raises
-    ------
-    InputError
-        A text is no condition on one of the numbers.
+    An `InputError` if a text is no condition on one of the numbers.
     """
     out = []
     for text in texts:
@@ -242,13 +228,7 @@ def compare_conditions(texts: Sequence[str], known: Mapping[str, float]) -> list
 
 
 def parse_condition(text: str, names: Sequence[str] | Mapping[str, float]) -> tuple[str, str, float]:
-    """Name, sign and limit of a condition.
-
-    Raises
-    ------
-    InputError
-        It is none, or on something else.
-    """
+    """Name, sign and limit of a condition; an `InputError` if it is none, or on something else."""
     match = CONDITION.fullmatch(text)
     try:
         if match is None or match[1] not in names:
@@ -262,13 +242,7 @@ def parse_condition(text: str, names: Sequence[str] | Mapping[str, float]) -> tu
 
 
 def end(command: str, subject: str, verdicts: Sequence[Verdict], junit: Path | None) -> None:
-    """Write the verdicts if asked for, and leave with status 3 if one of them is a failure.
-
-    Raises
-    ------
-    SystemExit
-        One is.
-    """
+    """Write the verdicts if asked for, and leave with status 3 if one of them is a failure."""
     if junit:
         write_junit(junit, f"gyrocal {command}", subject, verdicts)
     if any(one.failure for one in verdicts):

@@ -52,45 +52,26 @@ class Response:
 
 @dataclass(frozen=True)
 class FlightStatistics:
-    """What one flight gave.
+    """What one flight gave."""
 
-    Attributes
-    ----------
-    before, before_samples : m_0 of attitude and samples: nothing taken out
-    error : e_0, `before` less its expectation for the sizes that were flown, but for the floor of M0
-    under : measured under the scenario
-    """
-
-    before: float
+    before: float  # before, before_samples: m_0 of attitude and samples: nothing taken out
     before_samples: float
-    error: float
-    under: RecordingStatistics
+    error: float  # e_0, `before` less its expectation for the sizes that were flown, but for the floor of M0
+    under: RecordingStatistics  # measured under the scenario
 
 
 @dataclass(frozen=True)
 class PreparedScenario:
-    """A scenario with all that its flights have in common.
+    """A scenario with all that its flights have in common."""
 
-    Attributes
-    ----------
-    scenario : what is flown
-    ruler : for flights of its plan
-    fitted : whether its sizes were fitted to the very recording that is compared
-    stated : response at the stated sizes
-    slopes : response per unit of each amplitude of effects that are predicted
-    places : (k,) of these amplitudes among all
-    Q : (N, p) orthonormal basis of what the calibration takes up, whitened
-    W : (N, k) whitened columns of the amplitudes, projected off Q
-    """
-
-    scenario: AdoptedScenario
-    ruler: MeasurementSetup
-    fitted: bool
-    stated: Response
-    slopes: tuple[Response, ...]
-    places: NDArray[np.intp]
-    Q: Array
-    W: Array
+    scenario: AdoptedScenario  # what is flown
+    ruler: MeasurementSetup  # for flights of its plan
+    fitted: bool  # whether its sizes were fitted to the very recording that is compared
+    stated: Response  # response at the stated sizes
+    slopes: tuple[Response, ...]  # response per unit of each amplitude of effects that are predicted
+    places: NDArray[np.intp]  # (k,) of these amplitudes among all
+    Q: Array  # (N, p) orthonormal basis of what the calibration takes up, whitened
+    W: Array  # (N, k) whitened columns of the amplitudes, projected off Q
 
     @classmethod
     def build(

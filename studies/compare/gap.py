@@ -49,22 +49,14 @@ Z90 = 1.6448536269514722  # two-sided 90 %
 
 @dataclass(frozen=True)
 class Gap:
-    """A gap before and after, in units of what noise as stated leaves.
+    """A gap before and after, in units of what noise as stated leaves."""
 
-    Attributes
-    ----------
-    before, before_90 : g_0 and its 90 % interval
-    after, after_90 : g_s and its interval
-    shrinkage : 1 − after/before
-    shrinkage_90 : its interval; infinite where there is no gap before
-    """
-
-    before: float
+    before: float  # before, before_90: g_0 and its 90 % interval
     before_90: tuple[float, float]
-    after: float
+    after: float  # after, after_90: g_s and its interval
     after_90: tuple[float, float]
-    shrinkage: float
-    shrinkage_90: tuple[float, float]
+    shrinkage: float  # 1 − after/before
+    shrinkage_90: tuple[float, float]  # its interval; infinite where there is no gap before
 
 
 def compute_gap(recorded: tuple[float, float], floors: tuple[float, float], errors: Array, shift: float = 0.0) -> Gap:

@@ -73,44 +73,25 @@ class Statistic:
 
 @dataclass(frozen=True)
 class RecordingStatistics:
-    """Statistics of one recording.
+    """Statistics of one recording."""
 
-    Attributes
-    ----------
-    mean_square : χ²/dof of the calibration
-    samples : mean square of the samples' second differences; NaN where too few are quiet
-    statistics : all of them
-    x : (12,) calibrated parameters
-    """
-
-    mean_square: float
-    samples: float
-    statistics: Mapping[Statistic, float]
-    x: Array
+    mean_square: float  # χ²/dof of the calibration
+    samples: float  # mean square of the samples' second differences; NaN where too few are quiet
+    statistics: Mapping[Statistic, float]  # all of them
+    x: Array  # (12,) calibrated parameters
 
 
 @dataclass(frozen=True)
 class MeasurementSetup:
-    """How recordings of one plan are measured: made of one of them, and the same for all.
+    """How recordings of one plan are measured: made of one of them, and the same for all."""
 
-    Attributes
-    ----------
-    problem : the calibration problem
-    start : (12,) parameters to start from
-    names : of the intervals
-    t_s : (m,) times of the residuals
-    quiet : stretches of samples where the motion is smooth
-    noise : stated noise of a sample, rad/s
-    sample_s : s
-    """
-
-    problem: Problem
-    start: Array
-    names: tuple[str, ...]
-    t_s: Array
-    quiet: tuple[slice, ...]
-    noise: float
-    sample_s: float
+    problem: Problem  # the calibration problem
+    start: Array  # (12,) parameters to start from
+    names: tuple[str, ...]  # of the intervals
+    t_s: Array  # (m,) times of the residuals
+    quiet: tuple[slice, ...]  # stretches of samples where the motion is smooth
+    noise: float  # stated noise of a sample, rad/s
+    sample_s: float  # s
 
     @classmethod
     def build(cls, recording: Recording, start: GyroParameters) -> "MeasurementSetup":

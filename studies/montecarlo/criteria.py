@@ -134,24 +134,16 @@ def _compute_half_width(statistic: str, values: Array) -> float:
 
 @dataclass(frozen=True)
 class Answer:
-    """Whether a requirement is met.
+    """Whether a requirement is met."""
 
-    Attributes
-    ----------
-    requirement, outcome : as text; met, not met or undecided
-    cases, beyond : number of cases, and of those that do not keep the limit, failed and empty ones among them
-    failed, empty : cases that ended with an error, and with a row without a value
-    fewest : further cases that show it met if all of them keep the limit; 0 if it is decided
-    expected : further cases that decide it if the share beyond the limit stays; infinite if that share is the one allowed
-    """
-
-    requirement: str
+    requirement: str  # requirement, outcome: as text; met, not met or undecided
     outcome: Outcome
-    cases: int
+    cases: int  # cases, beyond: number of cases, and of those that do not keep the limit, failed and empty ones among them
     beyond: int
-    failed: int
+    failed: int  # failed, empty: cases that ended with an error, and with a row without a value
     empty: int
-    fewest: int
+    fewest: int  # further cases that show it met if all of them keep the limit; 0 if it is decided
+    # further cases that decide it if the share beyond the limit stays; infinite if that share is the one allowed
     expected: float
 
     def __str__(self) -> str:

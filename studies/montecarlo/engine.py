@@ -68,27 +68,17 @@ class StudyInterrupted(GyrocalError):  # noqa: N818  # an event, not a fault
 
 @dataclass(frozen=True)
 class Outcome:
-    """A finished study.
+    """A finished study."""
 
-    Attributes
-    ----------
-    folder, table : of the study, and its table, a Parquet file
-    cases, resumed : number of cases, and of those found finished in the folder
-    failures : error of each failed case
-    warnings : how often each warning was given in this run
-    wall_s, cpu_s : duration of this run, and CPU time of all cases, in whatever run they were computed
-    manifest : what the folder's manifest says, without the files
-    """
-
-    folder: Path
+    folder: Path  # folder, table: of the study, and its table, a Parquet file
     table: Path
-    cases: int
+    cases: int  # cases, resumed: number of cases, and of those found finished in the folder
     resumed: int
-    failures: dict[int, str]
-    warnings: dict[str, int]
-    wall_s: float
+    failures: dict[int, str]  # error of each failed case
+    warnings: dict[str, int]  # how often each warning was given in this run
+    wall_s: float  # wall_s, cpu_s: duration of this run, and CPU time of all cases, in whatever run they were computed
     cpu_s: float
-    manifest: dict[str, Any]
+    manifest: dict[str, Any]  # what the folder's manifest says, without the files
 
     def load(self, columns: list[str] | None = None) -> pd.DataFrame:
         """The table, or some columns of it."""
@@ -211,15 +201,12 @@ def run(
 def rerun(study: Study, config: StudyConfig, case: int, folder: Path) -> Rerun:
     """Repeat one case in this process and keep its recording in ``folder/cases``.
 
+    An `InputError` if there is no such case, or the folder holds another study.
+
     Parameters
     ----------
     study, config, folder : as given to `run`
     case : number of the case
-
-    Raises
-    ------
-    InputError
-        There is no such case, or the folder holds another study.
     """
     task_for, ready = _prepare(study, config)
     _check_case(config, case)

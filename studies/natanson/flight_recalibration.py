@@ -74,18 +74,11 @@ def calibrate_like_paper(
 
 @dataclass(frozen=True)
 class StepCalibration:
-    """The flight's residuals at one step, calibrated.
+    """The flight's residuals at one step, calibrated."""
 
-    Attributes
-    ----------
-    step_s : of it
-    recording : the simulated motion with the flight's residuals
-    results : what comes out of one iteration, and of two
-    """
-
-    step_s: float
-    recording: Recording
-    results: tuple[CalibrationResult, CalibrationResult]
+    step_s: float  # of it
+    recording: Recording  # the simulated motion with the flight's residuals
+    results: tuple[CalibrationResult, CalibrationResult]  # what comes out of one iteration, and of two
 
     @property
     def after(self) -> tuple[Array, Array]:

@@ -65,18 +65,11 @@ STUDY_NAMES = {"table2": "residuals", "table3": "parameters", "table4": "means_a
 
 
 class PaperTablesConfig(StudyConfig):
-    """What the study runs.
+    """What the study runs."""
 
-    Attributes
-    ----------
-    steps_s : step sizes
-    resamplings : how steps longer than the sample are made
-    control : whether to calibrate with the paper's covariance too, at the smallest step
-    """
-
-    steps_s: tuple[float, ...] = flight.FLIGHT_STEPS_S
-    resamplings: tuple[Resampling, ...] = ("skip", "average")
-    control: bool = True
+    steps_s: tuple[float, ...] = flight.FLIGHT_STEPS_S  # step sizes
+    resamplings: tuple[Resampling, ...] = ("skip", "average")  # how steps longer than the sample are made
+    control: bool = True  # whether to calibrate with the paper's covariance too, at the smallest step
 
     def variants(self, sample_s: float) -> list[Variant]:
         """Every way a case is calibrated; the sample itself is neither skipped nor averaged."""

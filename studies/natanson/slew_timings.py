@@ -37,20 +37,12 @@ TIMED = (*SLEWING, HOLD)
 
 @dataclass(frozen=True)
 class CommonTiming:
-    """Timings common to all maneuvers, where N and R leave them open.
+    """Timings common to all maneuvers, where N and R leave them open."""
 
-    Attributes
-    ----------
-    delay_s : from an interval's start to its first slew
-    slew_rate_deg_s : rate all slews coast at
-    ramp_fraction : share of a slew spent on speeding up, and again on slowing down
-    stay_s : from the middle of the slew into -y forward to the middle of the slew out of it
-    """
-
-    delay_s: float
-    slew_rate_deg_s: float
-    ramp_fraction: float
-    stay_s: float
+    delay_s: float  # from an interval's start to its first slew
+    slew_rate_deg_s: float  # rate all slews coast at
+    ramp_fraction: float  # share of a slew spent on speeding up, and again on slowing down
+    stay_s: float  # from the middle of the slew into -y forward to the middle of the slew out of it
 
     def overrides(self, scenario: Scenario) -> dict[str, float]:
         """Overrides of a TRMM scenario."""
@@ -161,20 +153,12 @@ def _apply_common_timing(section: IntervalSection, timing: CommonTiming) -> Inte
 
 @dataclass(frozen=True)
 class TimingFit:
-    """A fit of timings to the 18 numbers free of noise.
+    """A fit of timings to the 18 numbers free of noise."""
 
-    Attributes
-    ----------
-    scenario : with the fitted timings
-    timings : fitted values by name
-    at_bound : names of those that stopped at a bound
-    clean_gap_rms_deg, gap_rms_deg : what is left of both
-    """
-
-    scenario: Scenario
-    timings: Mapping[str, float]
-    at_bound: tuple[str, ...]
-    clean_gap_rms_deg: float
+    scenario: Scenario  # with the fitted timings
+    timings: Mapping[str, float]  # fitted values by name
+    at_bound: tuple[str, ...]  # names of those that stopped at a bound
+    clean_gap_rms_deg: float  # clean_gap_rms_deg, gap_rms_deg: what is left of both
     gap_rms_deg: float
 
     @property

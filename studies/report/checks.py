@@ -25,24 +25,15 @@ REQUIREMENT_NOTE = (
 
 @dataclass(frozen=True)
 class Check:
-    """A finding.
+    """A finding."""
 
-    Attributes
-    ----------
-    name : what was found, in words
-    value : a number, NaN where the rows do not say; or a word
-    bounds : lowest and highest value that passes, infinite where there is none; the word to be; None for a note
-    unit : of value and bounds
-    meaning : a sentence that says how to read checks of this kind
-    outside : whether the value must be outside its bounds, as that of a control
-    """
-
-    name: str
-    value: float | str
+    name: str  # what was found, in words
+    value: float | str  # a number, NaN where the rows do not say; or a word
+    # lowest and highest value that passes, infinite where there is none; the word to be; None for a note
     bounds: Bounds | str | None = None
-    unit: str = ""
-    meaning: str = ""
-    outside: bool = False
+    unit: str = ""  # of value and bounds
+    meaning: str = ""  # a sentence that says how to read checks of this kind
+    outside: bool = False  # whether the value must be outside its bounds, as that of a control
 
     @property
     def verdict(self) -> Verdict:

@@ -23,16 +23,10 @@ NOT_FLOWN = "This run did not fly what it takes."
 
 @dataclass(frozen=True)
 class PaperResults:
-    """What a paper's reproduction found.
+    """What a paper's reproduction found."""
 
-    Attributes
-    ----------
-    results : of the reproduction
-    studies : folder of the studies' results
-    """
-
-    results: Results
-    studies: Path
+    results: Results  # of the reproduction
+    studies: Path  # folder of the studies' results
 
     def __getitem__(self, path: str) -> Any:
         """A number of the summary; `KeyError` if it is not there, or none."""
@@ -77,22 +71,13 @@ Judge = Callable[[PaperResults], tuple[Verdict, str]]
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim of a paper.
+    """A claim of a paper."""
 
-    Attributes
-    ----------
-    where : its place in the paper
-    text : what the paper says
-    evidence : title of the section that the verdict rests on
-    judge : verdict and what was found, in a sentence
-    about : what it is about, in a few words
-    """
-
-    where: str
-    text: str
-    evidence: str
-    judge: Judge
-    about: str = ""
+    where: str  # its place in the paper
+    text: str  # what the paper says
+    evidence: str  # title of the section that the verdict rests on
+    judge: Judge  # verdict and what was found, in a sentence
+    about: str = ""  # what it is about, in a few words
 
 
 @dataclass(frozen=True)

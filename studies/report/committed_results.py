@@ -26,20 +26,12 @@ RESULT_SETTINGS = ("cases", "entropy", "scenario", "overrides", "days", "seeds",
 
 @dataclass(frozen=True)
 class Results:
-    """What a folder holds.
+    """What a folder holds."""
 
-    Attributes
-    ----------
-    folder : its path
-    config : settings that the results depend on
-    summary : of ``summary.json``, as paths and values
-    tables : of the CSV files, by name
-    """
-
-    folder: Path
-    config: dict[str, Any]
-    summary: dict[str, Any]
-    tables: dict[str, pd.DataFrame] = field(repr=False)
+    folder: Path  # its path
+    config: dict[str, Any]  # settings that the results depend on
+    summary: dict[str, Any]  # of ``summary.json``, as paths and values
+    tables: dict[str, pd.DataFrame] = field(repr=False)  # of the CSV files, by name
 
 
 def round_values(value: Any) -> Any:

@@ -21,20 +21,12 @@ CHECKS = "What was found"
 
 @dataclass(frozen=True)
 class Report:
-    """A study's findings.
+    """A study's findings."""
 
-    Attributes
-    ----------
-    tables : aggregates by a short name, which is that of the CSV file
-    figures : what draws a figure to a path, by file name without ending
-    checks : what answers the study's question; first in everything shown, and ``checks.csv``
-    findings : sentences of a study that has no checks
-    """
-
-    tables: Mapping[str, Table]
-    figures: Mapping[str, Draw] = field(default_factory=dict)
-    checks: tuple[Check, ...] = ()
-    findings: tuple[str, ...] = ()
+    tables: Mapping[str, Table]  # aggregates by a short name, which is that of the CSV file
+    figures: Mapping[str, Draw] = field(default_factory=dict)  # what draws a figure to a path, by file name without ending
+    checks: tuple[Check, ...] = ()  # what answers the study's question; first in everything shown, and ``checks.csv``
+    findings: tuple[str, ...] = ()  # sentences of a study that has no checks
 
     def check(self, name: str) -> Check:
         """The check of a name."""
@@ -43,18 +35,11 @@ class Report:
 
 @dataclass(frozen=True)
 class Entry:
-    """A study in the catalogue.
+    """A study in the catalogue."""
 
-    Attributes
-    ----------
-    study : what the engine runs
-    summary : one line for the list of studies
-    report : (config, rows) to its report; rows of failed cases are left out
-    """
-
-    study: Study
-    summary: str
-    report: Callable[[Any, pd.DataFrame], Report]
+    study: Study  # what the engine runs
+    summary: str  # one line for the list of studies
+    report: Callable[[Any, pd.DataFrame], Report]  # (config, rows) to its report; rows of failed cases are left out
 
 
 def write(report: Report, title: str, folder: Path) -> None:

@@ -19,18 +19,11 @@ NOT_IN_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 
 @dataclass(frozen=True)
 class Verdict:
-    """One thing that is asked.
+    """One thing that is asked."""
 
-    Attributes
-    ----------
-    name : what is asked
-    failure : why it is not as it should be; empty where it is
-    skipped : why it has no answer; empty where it has one
-    """
-
-    name: str
-    failure: str = ""
-    skipped: str = ""
+    name: str  # what is asked
+    failure: str = ""  # why it is not as it should be; empty where it is
+    skipped: str = ""  # why it has no answer; empty where it has one
 
 
 def convert_checks(checks: Sequence[Check]) -> list[Verdict]:

@@ -39,20 +39,12 @@ class SmallParagraph(str):
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure of the page.
+    """A figure of the page."""
 
-    Attributes
-    ----------
-    name : of its anchor
-    draw : makes it, or its SVG
-    alt : what it shows, for those who do not see it
-    caption : how to read it
-    """
-
-    name: str
-    draw: Callable[[], Figure | bytes]
-    alt: str
-    caption: str
+    name: str  # of its anchor
+    draw: Callable[[], Figure | bytes]  # makes it, or its SVG
+    alt: str  # what it shows, for those who do not see it
+    caption: str  # how to read it
 
     @property
     def source(self) -> str:
@@ -64,18 +56,11 @@ class Picture:
 
 @dataclass(frozen=True)
 class PageTable:
-    """A table of the page; a column of numbers is aligned at its right.
+    """A table of the page; a column of numbers is aligned at its right."""
 
-    Attributes
-    ----------
-    frame : its cells, texts or numbers
-    strong : rows in bold; none by default
-    label : what is in it, for a screen reader
-    """
-
-    frame: pd.DataFrame
-    strong: Sequence[bool] | pd.Series = ()
-    label: str = "Table"
+    frame: pd.DataFrame  # its cells, texts or numbers
+    strong: Sequence[bool] | pd.Series = ()  # rows in bold; none by default
+    label: str = "Table"  # what is in it, for a screen reader
 
     @cached_property
     def _texts(self) -> list[list[str]]:
@@ -104,22 +89,14 @@ Item = str | Picture | PageTable | Mapping[str, str] | Sequence[str]
 
 @dataclass(frozen=True)
 class Section:
-    """A section of a page.
+    """A section of a page."""
 
-    Attributes
-    ----------
-    title : its heading, "" for none
-    items : paragraphs, lists, definitions (a mapping), tables and figures in their order; empty ones are left out
-    level : of the heading
-    anchor : name of the heading; made of the title by default
-    is_folded : whether it is shown when asked for
-    """
-
-    title: str
+    title: str  # its heading, "" for none
+    # paragraphs, lists, definitions (a mapping), tables and figures in their order; empty ones are left out
     items: Sequence[Item]
-    level: int = 2
-    anchor: str = ""
-    is_folded: bool = False
+    level: int = 2  # of the heading
+    anchor: str = ""  # name of the heading; made of the title by default
+    is_folded: bool = False  # whether it is shown when asked for
 
     @property
     def name(self) -> str:
@@ -129,38 +106,22 @@ class Section:
 
 @dataclass(frozen=True)
 class Answer:
-    """The first screen of a page.
+    """The first screen of a page."""
 
-    Attributes
-    ----------
-    kind : "gap", "open", or "" for an agreement
-    picture : what carries the answer
-    sentence : what it says
-    lines : answers by question
-    """
-
-    kind: str
-    picture: Picture | None
-    sentence: str
-    lines: Mapping[str, str] = field(default_factory=dict)
+    kind: str  # "gap", "open", or "" for an agreement
+    picture: Picture | None  # what carries the answer
+    sentence: str  # what it says
+    lines: Mapping[str, str] = field(default_factory=dict)  # answers by question
 
 
 @dataclass(frozen=True)
 class ProvenanceFooter:
-    """What a page's footer says.
+    """What a page's footer says."""
 
-    Attributes
-    ----------
-    version : of gyrocal
-    day : as YYYY-MM-DD, UTC
-    command : as typed
-    sha256 : of the input's samples, references and stated noises, or "" if there is none
-    """
-
-    version: str
-    day: str
-    command: str
-    sha256: str = ""
+    version: str  # of gyrocal
+    day: str  # as YYYY-MM-DD, UTC
+    command: str  # as typed
+    sha256: str = ""  # of the input's samples, references and stated noises, or "" if there is none
 
 
 def build_provenance_footer(recording: Recording | None = None) -> ProvenanceFooter:
@@ -172,22 +133,13 @@ def build_provenance_footer(recording: Recording | None = None) -> ProvenanceFoo
 
 @dataclass(frozen=True)
 class Page:
-    """A whole page.
+    """A whole page."""
 
-    Attributes
-    ----------
-    title : its heading
-    sections : in order
-    answer : the first screen
-    made : how it came about, for the footer
-    short : title of the window; the heading by default
-    """
-
-    title: str
-    sections: Sequence[Section]
-    answer: Answer | None = None
-    made: ProvenanceFooter | None = None
-    short: str = ""
+    title: str  # its heading
+    sections: Sequence[Section]  # in order
+    answer: Answer | None = None  # the first screen
+    made: ProvenanceFooter | None = None  # how it came about, for the footer
+    short: str = ""  # title of the window; the heading by default
 
     @property
     def chapters(self) -> list[Section]:

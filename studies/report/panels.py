@@ -42,31 +42,19 @@ MANY = 200  # points of a line: more are drawn as pixels
 
 @dataclass(frozen=True)
 class Panel:
-    """What is drawn on one pair of axes.
+    """What is drawn on one pair of axes."""
 
-    Attributes
-    ----------
-    draw : draws it
-    title, x, y : of the panel and its axes
-    log : which axes are logarithmic: "x", "y" or "xy"
-    levels, at : where dashed horizontal, and dotted vertical, lines are
-    ticks : of x, labelled as the numbers they are
-    rows : names of y = 0, 1, 2 …, from the top
-    legend : where its legend is, none by default
-    legend_title : above it
-    """
-
-    draw: Callable[[Axes], None]
-    title: str = ""
+    draw: Callable[[Axes], None]  # draws it
+    title: str = ""  # title, x, y: of the panel and its axes
     x: str = ""
     y: str = ""
-    log: str = ""
-    levels: Sequence[float] = ()
+    log: str = ""  # which axes are logarithmic: "x", "y" or "xy"
+    levels: Sequence[float] = ()  # levels, at: where dashed horizontal, and dotted vertical, lines are
     at: Sequence[float] = ()
-    ticks: Sequence[float] = ()
-    rows: Sequence[str] = ()
-    legend: str = ""
-    legend_title: str = ""
+    ticks: Sequence[float] = ()  # of x, labelled as the numbers they are
+    rows: Sequence[str] = ()  # names of y = 0, 1, 2 …, from the top
+    legend: str = ""  # where its legend is, none by default
+    legend_title: str = ""  # above it
 
     def draw_axes(self, axes: Axes) -> None:
         """Draw the panel with what belongs to its axes."""
@@ -153,29 +141,18 @@ def save(figure: Figure, path: Path) -> Path:
 
 @dataclass(frozen=True)
 class Line:
-    """A series of points.
+    """A series of points."""
 
-    Attributes
-    ----------
-    x, y : where they are
-    label : in the legend
-    colour, style : matplotlib's
-    low, high : their ranges
-    bars : whether ranges are bars, not a band
-    size : of the markers
-    hollow : whether the markers are open
-    """
-
-    x: ArrayLike
+    x: ArrayLike  # x, y: where they are
     y: ArrayLike
-    label: str = ""
-    colour: str = TEAL
+    label: str = ""  # in the legend
+    colour: str = TEAL  # colour, style: matplotlib's
     style: str = "o-"
-    low: ArrayLike | None = None
+    low: ArrayLike | None = None  # low, high: their ranges
     high: ArrayLike | None = None
-    bars: bool = False
-    size: float = 4.0
-    hollow: bool = False
+    bars: bool = False  # whether ranges are bars, not a band
+    size: float = 4.0  # of the markers
+    hollow: bool = False  # whether the markers are open
 
 
 def make_curves(lines: Sequence[Line], expected: tuple[float, float] | None = None, **axes: Any) -> Panel:

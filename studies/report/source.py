@@ -24,16 +24,10 @@ _IMAGE = re.compile(r"^!\[([^\]]*)\]\(([^)]+)\)$", re.MULTILINE)
 
 @dataclass(frozen=True)
 class Source:
-    """A folder of results and its manifest.
+    """A folder of results and its manifest."""
 
-    Attributes
-    ----------
-    folder : with its ``manifest.json``
-    manifest : its content
-    """
-
-    folder: Path
-    manifest: Mapping[str, Any]
+    folder: Path  # with its ``manifest.json``
+    manifest: Mapping[str, Any]  # its content
 
     @classmethod
     def load(cls, folder: Path) -> Source:

@@ -26,24 +26,16 @@ FOLDED = 24  # characters of a text, which a narrow terminal folds to no less
 
 @dataclass(frozen=True)
 class Table:
-    """A table of a report.
+    """A table of a report."""
 
-    Attributes
-    ----------
-    title : what is in it
-    data : the numbers; written as CSV
-    note : a sentence on how to read it
-    formats : format of a column, such as ".3f", where few digits are not the right ones
-    shown : the form for people, where the table itself is long; or the columns they see
-    digits : significant ones of its numbers in the CSV file
-    """
-
-    title: str
-    data: pd.DataFrame
-    note: str = ""
+    title: str  # what is in it
+    data: pd.DataFrame  # the numbers; written as CSV
+    note: str = ""  # a sentence on how to read it
+    # format of a column, such as ".3f", where few digits are not the right ones
     formats: Mapping[str, str] = field(default_factory=dict)
+    # the form for people, where the table itself is long; or the columns they see
     shown: pd.DataFrame | list[str] | None = None
-    digits: int = SIGNIFICANT_DIGITS
+    digits: int = SIGNIFICANT_DIGITS  # significant ones of its numbers in the CSV file
 
     def get_shown_data(self) -> pd.DataFrame:
         """Return the columns that are shown."""

@@ -53,26 +53,17 @@ WALK_SIZE = 0.02  # deg/h/sqrt(day), that a walk's column is formed with
 
 @dataclass(frozen=True)
 class TrialEffect:
-    """An effect as it was flown about the nominal.
+    """An effect as it was flown about the nominal."""
 
-    Attributes
-    ----------
-    effect, axis, unit : of the candidate
-    size : flown
-    squared : whether the amplitude is the square of the size
-    switch : whether it is there or not
-    limits : plausible range of the size
-    setting : set of effects of the windows; empty for a walk of the bias, which is added to the nominal's
-    """
-
-    effect: str
+    effect: str  # effect, axis, unit: of the candidate
     axis: str | None
     unit: str
-    size: float
-    limits: tuple[float, float]
+    size: float  # flown
+    limits: tuple[float, float]  # plausible range of the size
+    # set of effects of the windows; empty for a walk of the bias, which is added to the nominal's
     setting: tuple[str, ...] = ()
-    squared: bool = True
-    switch: bool = False
+    squared: bool = True  # whether the amplitude is the square of the size
+    switch: bool = False  # whether it is there or not
 
 
 TRIED_EFFECTS = (
@@ -92,19 +83,12 @@ TRIED_EFFECTS = (
 
 @dataclass(frozen=True)
 class FurtherObservations:
-    """Further observations in the model of Table 3.
+    """Further observations in the model of Table 3."""
 
-    Attributes
-    ----------
-    names, blocks : (m,) of the observations, and what each belongs to
-    y : (m,) flown less nominal, in sigmas
-    changes : (m,) of each set of effects, in sigmas
-    """
-
-    names: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()  # names, blocks: (m,) of the observations, and what each belongs to
     blocks: tuple[str, ...] = ()
-    y: Array = field(default_factory=lambda: np.zeros(0))
-    changes: Mapping[tuple[str, ...], Array] = field(default_factory=dict)
+    y: Array = field(default_factory=lambda: np.zeros(0))  # (m,) flown less nominal, in sigmas
+    changes: Mapping[tuple[str, ...], Array] = field(default_factory=dict)  # (m,) of each set of effects, in sigmas
 
 
 NO_FURTHER_DATA = FurtherObservations()
@@ -112,20 +96,12 @@ NO_FURTHER_DATA = FurtherObservations()
 
 @dataclass(frozen=True)
 class PerformanceDiagnosis:
-    """What the numbers say.
+    """What the numbers say."""
 
-    Attributes
-    ----------
-    attribution : of the common inference
-    fitted : effects of the likeliest explanation
-    closed : with whole periods held out; None where nothing listed was found
-    left : (n,) flown minus simulated with the listed effects of the explanation, in sigmas; Table 3's 18 numbers first
-    """
-
-    attribution: Attribution
-    fitted: tuple[FittedEffect, ...]
-    closed: Closure | None
-    left: Array
+    attribution: Attribution  # of the common inference
+    fitted: tuple[FittedEffect, ...]  # effects of the likeliest explanation
+    closed: Closure | None  # with whole periods held out; None where nothing listed was found
+    left: Array  # (n,) flown minus simulated with the listed effects of the explanation, in sigmas; Table 3's 18 numbers first
 
     @property
     def probabilities(self) -> dict[str, float]:

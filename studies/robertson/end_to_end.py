@@ -48,19 +48,12 @@ READING_SPACING_S = 30.0  # of the readings that (c, d) are fitted to
 
 @dataclass(frozen=True)
 class HistoryResult:
-    """What came out.
+    """What came out."""
 
-    Attributes
-    ----------
-    misalignment : (3,) rotation vector of M of DSS-2 that was found, deg; biases (4,) of the Earth sensor, deg
-    factors : (c, d) of both sensors
-    updates : a row a sun angle: mean size of the updates with the first tables, the alignment, and (c, d)
-    """
-
-    misalignment: Array
+    misalignment: Array  # (3,) rotation vector of M of DSS-2 that was found, deg; biases (4,) of the Earth sensor, deg
     biases: Array
-    factors: tuple[tuple[float, float], tuple[float, float]]
-    updates: pd.DataFrame
+    factors: tuple[tuple[float, float], tuple[float, float]]  # (c, d) of both sensors
+    updates: pd.DataFrame  # a row a sun angle: mean size of the updates with the first tables, the alignment, and (c, d)
 
     def compare_published(self) -> pd.DataFrame:
         """Compare the estimates with R's."""

@@ -48,20 +48,13 @@ DEG_H_PER_RAD_S = float(np.rad2deg(3600.0))  # of rad/s
 
 @dataclass(frozen=True)
 class GroundSolution:
-    """A batch over a stretch of telemetry, beside the attitude on board and the true one.
+    """A batch over a stretch of telemetry, beside the attitude on board and the true one."""
 
-    Attributes
-    ----------
-    onboard_minus_ground, ground_minus_true, onboard_minus_true : (n, 3) roll, pitch, yaw, rad
-    bias : (3,) that the batch found, rad/s
-    attitudes : (n, 3, 3) the batch's
-    """
-
-    onboard_minus_ground: Array
+    onboard_minus_ground: Array  # onboard_minus_ground, ground_minus_true, onboard_minus_true: (n, 3) roll, pitch, yaw, rad
     ground_minus_true: Array
     onboard_minus_true: Array
-    bias: Array
-    attitudes: Array
+    bias: Array  # (3,) that the batch found, rad/s
+    attitudes: Array  # (n, 3, 3) the batch's
 
     def row(self) -> dict[str, float]:
         """RMS of each difference, deg, and the bias, deg/h."""
@@ -76,22 +69,14 @@ class GroundSolution:
 
 @dataclass(frozen=True)
 class GroundData:
-    """What the ground has of a stretch of telemetry, and the truth beside it.
+    """What the ground has of a stretch of telemetry, and the truth beside it."""
 
-    Attributes
-    ----------
-    series, gyro : for the batch
-    t_s : (n,) times of the measurements, s
-    true, onboard : (n, 3, 3) attitudes
-    sun : (n, 3) inertial
-    """
-
-    series: list[SensorSeries]
+    series: list[SensorSeries]  # series, gyro: for the batch
     gyro: GyroStream
-    t_s: Array
-    true: Array
+    t_s: Array  # (n,) times of the measurements, s
+    true: Array  # true, onboard: (n, 3, 3) attitudes
     onboard: Array
-    sun: Array
+    sun: Array  # (n, 3) inertial
 
 
 def collect_ground_data(
@@ -129,6 +114,8 @@ def solve_ground_attitude(
 ) -> GroundSolution:
     """The ground's batch over telemetry of every cycle, without a yaw maneuver in it.
 
+    A `ValueError` if the telemetry skips cycles.
+
     Parameters
     ----------
     config : that was flown
@@ -136,11 +123,6 @@ def solve_ground_attitude(
     tables : the ground's; a bias in them is not used, since the batch solves for it
     rng : of the sun sensors' noise
     every_s : between the measurements used
-
-    Raises
-    ------
-    ValueError
-        The telemetry skips cycles.
     """
     data = collect_ground_data(config, telemetry, tables, rng, every_s)
     found = batch(data.series, data.gyro, data.onboard[0], epoch_s=data.t_s[0], weighting="plain")

@@ -44,20 +44,12 @@ POST = PERIODS[2]
 
 @dataclass(frozen=True)
 class Rung:
-    """A step of the ladder.
+    """A step of the ladder."""
 
-    Attributes
-    ----------
-    name : what it adds to the rung before
-    effects : all of them
-    against : what the on-board attitude is compared with
-    fitted : numbers of R Table 3 that a size was fitted on in this step
-    """
-
-    name: str
-    effects: tuple[str, ...]
-    against: str = "onboard_minus_ground"
-    fitted: tuple[Number, ...] = ()
+    name: str  # what it adds to the rung before
+    effects: tuple[str, ...]  # all of them
+    against: str = "onboard_minus_ground"  # what the on-board attitude is compared with
+    fitted: tuple[Number, ...] = ()  # numbers of R Table 3 that a size was fitted on in this step
 
 
 RUNGS = (

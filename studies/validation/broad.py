@@ -53,24 +53,14 @@ FEWEST_INCREMENTS = 12  # for a sigma of its own at rest, or in motion
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial as it is on file.
+    """A trial as it is on file."""
 
-    Attributes
-    ----------
-    name : the file's
-    sample_s : s between samples; sample k is tagged k sample_s
-    rates : (n, 3) raw gyro, rad/s
-    force : (n, 3) specific force by the accelerometer, m/s²
-    quaternions : (n, 4) ENU to sensor frame, scalar last; NaN where not tracked
-    moving : (n,) inside a motion phase
-    """
-
-    name: str
-    sample_s: float
-    rates: Array
-    force: Array
-    quaternions: Array
-    moving: Mask
+    name: str  # the file's
+    sample_s: float  # s between samples; sample k is tagged k sample_s
+    rates: Array  # (n, 3) raw gyro, rad/s
+    force: Array  # (n, 3) specific force by the accelerometer, m/s²
+    quaternions: Array  # (n, 4) ENU to sensor frame, scalar last; NaN where not tracked
+    moving: Mask  # (n,) inside a motion phase
 
     @property
     def t_s(self) -> Array:
@@ -103,21 +93,13 @@ class Trial:
 
 @dataclass(frozen=True)
 class ImportedTrial:
-    """A recording and what was estimated for it.
+    """A recording and what was estimated for it."""
 
-    Attributes
-    ----------
-    recording : the recording
-    sigma_rest, sigma_motion : (3,) reference 1-sigma per body axis, rad
-    arw : (3,) angle random walk per axis, rad/sqrt(s)
-    still : (references,) whether each was taken at rest
-    """
-
-    recording: Recording
-    sigma_rest: Array
+    recording: Recording  # the recording
+    sigma_rest: Array  # sigma_rest, sigma_motion: (3,) reference 1-sigma per body axis, rad
     sigma_motion: Array
-    arw: Array
-    still: Mask
+    arw: Array  # (3,) angle random walk per axis, rad/sqrt(s)
+    still: Mask  # (references,) whether each was taken at rest
 
     def summary(self) -> pd.DataFrame:
         """Summary of the import, a row for each quantity, in degrees."""
@@ -141,13 +123,7 @@ class ImportedTrial:
 
 
 def read(path: Path) -> Trial:
-    """Read a trial.
-
-    Raises
-    ------
-    InputError
-        One line saying what is wrong with the file.
-    """
+    """Read a trial; an `InputError` if one line saying what is wrong with the file."""
     if not path.is_file():
         raise InputError(f"{path}: no such file; a BROAD trial is one Parquet file")
     try:
@@ -277,17 +253,14 @@ def build_recording(
 ) -> ImportedTrial:
     """A trial as a recording.
 
+    An `InputError` if the trial has no rest, no motion or too few tracked orientations for what is asked.
+
     Parameters
     ----------
     trial : the trial
     intervals : see `cut_trial`
     spacing_s : s between the reference attitudes of an interval
     attitude_offset_s : by which the orientations are too early, s; the trial has no date, so the gyro's tags move back instead
-
-    Raises
-    ------
-    InputError
-        The trial has no rest, no motion or too few tracked orientations for what is asked.
     """
     if not trial.sample_s <= spacing_s < np.inf:
         raise InputError(f"the spacing of the references must be at least a sample, {trial.sample_s:g} s, not {spacing_s:g}")

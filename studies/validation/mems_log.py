@@ -29,18 +29,11 @@ UNIX_MS = 1_700_000_000_123
 
 @dataclass(frozen=True)
 class MemsLog:
-    """Both tables and the truth.
+    """Both tables and the truth."""
 
-    Attributes
-    ----------
-    gyro : timestamp_ms (unix time), gx, gy, gz (deg/s)
-    attitude : timestamp_ms, qw, qx, qy, qz: body to world
-    G, bias : (3, 3), and (3,) rad/s
-    """
-
-    gyro: pd.DataFrame
-    attitude: pd.DataFrame
-    G: Array
+    gyro: pd.DataFrame  # timestamp_ms (unix time), gx, gy, gz (deg/s)
+    attitude: pd.DataFrame  # timestamp_ms, qw, qx, qy, qz: body to world
+    G: Array  # G, bias: (3, 3), and (3,) rad/s
     bias: Array
 
 

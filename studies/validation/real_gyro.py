@@ -54,16 +54,11 @@ PREDICTION = (
 
 
 class RealConfig(GridConfig):
-    """Which trials.
-
-    Attributes
-    ----------
-    folder : of the trials; a relative one counts from the repository
-    trials : names of their files without ending; all of the folder by default
-    """
+    """Which trials."""
 
     axes: ClassVar = ("trials",)
-    folder: str = BROAD_FOLDER
+    folder: str = BROAD_FOLDER  # of the trials; a relative one counts from the repository
+    # names of their files without ending; all of the folder by default
     trials: tuple[str, ...] = Field(default=(), validate_default=True)
 
     @field_validator("trials")

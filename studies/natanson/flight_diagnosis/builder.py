@@ -46,15 +46,10 @@ SPLITS = {"number": "a number at a time", "interval": "an interval at a time"}
 
 @dataclass(frozen=True)
 class LinearisationPoint:
-    """What a table's model is linearised about.
+    """What a table's model is linearised about."""
 
-    Attributes
-    ----------
-    flips : intervals whose slews are the other way round
-    timings : numbers between zero and one for each candidate's timings, by its axis
-    """
-
-    flips: frozenset[int] = frozenset()
+    flips: frozenset[int] = frozenset()  # intervals whose slews are the other way round
+    # numbers between zero and one for each candidate's timings, by its axis
     timings: Mapping[str, Array] = field(default_factory=lambda: {one.axis: np.full(len(one.names), 0.5) for one in TIMINGS})
 
 

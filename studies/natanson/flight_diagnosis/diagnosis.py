@@ -52,32 +52,19 @@ CONVERGED_TIMING = 0.01  # of a timing between zero and one
 
 @dataclass(frozen=True)
 class TableDiagnosis:
-    """What is found in a table under a baseline.
+    """What is found in a table under a baseline."""
 
-    Attributes
-    ----------
-    gap : tests of the motion's and the noise's numbers
-    verdict : "none", "named", "group" or "unknown"
-    causes : effects with a probability of `NAMING_PROBABILITY`, "unknown" left out
-    sets : probability of each set of effects, the likeliest first, whatever their axes
-    fitted : effects of the likeliest explanation, unlisted ones included
-    noise : mean and sigma of the noise over the baseline's
-    closed : by the likeliest explanation with the amplitudes that the other numbers give it, of each of `SPLITS`; empty
-        without a gap
-    before, after : (18,) d without and with the listed effects of the likeliest explanation, deg
-    covariance : (18, 18) that print leaves of `after`, deg²
-    """
-
-    gap: Mapping[str, float]
-    verdict: Verdict
-    causes: tuple[str, ...]
-    sets: Mapping[Effects, float]
-    fitted: tuple[FittedEffect, ...]
-    noise: tuple[float, float]
+    gap: Mapping[str, float]  # tests of the motion's and the noise's numbers
+    verdict: Verdict  # "none", "named", "group" or "unknown"
+    causes: tuple[str, ...]  # effects with a probability of `NAMING_PROBABILITY`, "unknown" left out
+    sets: Mapping[Effects, float]  # probability of each set of effects, the likeliest first, whatever their axes
+    fitted: tuple[FittedEffect, ...]  # effects of the likeliest explanation, unlisted ones included
+    noise: tuple[float, float]  # mean and sigma of the noise over the baseline's
+    # by the likeliest explanation with the amplitudes that the other numbers give it, of each of `SPLITS`; empty without a gap
     closed: Mapping[str, Closure]
-    before: Array
+    before: Array  # before, after: (18,) d without and with the listed effects of the likeliest explanation, deg
     after: Array
-    covariance: Array
+    covariance: Array  # (18, 18) that print leaves of `after`, deg²
 
     def includes(self, effect: str) -> float:
         """Probability that an effect is at work."""

@@ -48,24 +48,14 @@ RESIDUAL_PLACES = [
 
 @dataclass(frozen=True)
 class MotionNumbers:
-    """A table's motion numbers against a baseline, some of its slews reversed.
+    """A table's motion numbers against a baseline, some of its slews reversed."""
 
-    Attributes
-    ----------
-    sections : the six intervals
-    d : (18,) y − c less the prediction, deg
-    prediction : (6, 3) deg
-    covariance : (18, 18) of d, deg²
-    Theta : (6, 3, 12) deg per unit
-    shift : (12,) published minus R (9)
-    """
-
-    sections: tuple[IntervalSection, ...]
-    d: Array
-    prediction: Array
-    covariance: Array
-    Theta: Array
-    shift: Array
+    sections: tuple[IntervalSection, ...]  # the six intervals
+    d: Array  # (18,) y − c less the prediction, deg
+    prediction: Array  # (6, 3) deg
+    covariance: Array  # (18, 18) of d, deg²
+    Theta: Array  # (6, 3, 12) deg per unit
+    shift: Array  # (12,) published minus R (9)
 
     def predicted(self, sections: Sequence[IntervalSection]) -> Array:
         """Residuals (n, 3) of intervals flown in another way, deg."""

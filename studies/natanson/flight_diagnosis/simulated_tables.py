@@ -88,17 +88,11 @@ def simulate_table(kind: str, baseline: Baseline, rng: np.random.Generator) -> R
 
 
 class FlightConfig(GridConfig):
-    """The simulated tables.
-
-    Attributes
-    ----------
-    nothing : tables made of the baseline itself
-    each : tables of every other kind
-    """
+    """The simulated tables."""
 
     axes: ClassVar = ("nothing", "each")
-    nothing: int = 200
-    each: int = 5
+    nothing: int = 200  # tables made of the baseline itself
+    each: int = 5  # tables of every other kind
 
     @model_validator(mode="after")
     def _require_flight_scenario(self) -> Self:

@@ -31,19 +31,12 @@ PUBLISHED_DIGITS = np.array([1e-6, 1e-6, 1e-9, 1e-9, 1e-5, 1e-7, 1e-9, 1e-7, 1e-
 
 @dataclass(frozen=True)
 class ResidualTable:
-    """What the paper prints of a calibration.
+    """What the paper prints of a calibration."""
 
-    Attributes
-    ----------
-    before, after : (6, 3) residuals at 0.5 s before and after calibration, deg
-    coarser : (2, 6, 3) residuals before calibration at 1 and 2 s, deg
-    published : (12,) the calibration; G, and b in rad/s
-    """
-
-    before: Array
+    before: Array  # before, after: (6, 3) residuals at 0.5 s before and after calibration, deg
     after: Array
-    coarser: Array
-    published: Array
+    coarser: Array  # (2, 6, 3) residuals before calibration at 1 and 2 s, deg
+    published: Array  # (12,) the calibration; G, and b in rad/s
 
 
 def read_flight_residual_table() -> ResidualTable:
@@ -65,20 +58,12 @@ def round_to_digits(values: Array, digits: Array | float) -> Array:
 
 @dataclass(frozen=True)
 class Baseline:
-    """What the simulator is told.
+    """What the simulator is told."""
 
-    Attributes
-    ----------
-    name : for people
-    scenario : motion and noise
-    noise_factor : on the scenario's noise
-    done : effects that it was made wrong by on purpose
-    """
-
-    name: str
-    scenario: Scenario
-    noise_factor: float = 1.0
-    done: frozenset[str] = frozenset()
+    name: str  # for people
+    scenario: Scenario  # motion and noise
+    noise_factor: float = 1.0  # on the scenario's noise
+    done: frozenset[str] = frozenset()  # effects that it was made wrong by on purpose
 
     def variances(self) -> tuple[Array, Array]:
         """(6,) of a residual, and its gyro part a²T, deg²."""

@@ -23,18 +23,11 @@ HOLD_START_S, HOLD_TRANSITION_S = 300.0, (10.0, 600.0)
 
 @dataclass(frozen=True)
 class Timings:
-    """Timings that change together.
+    """Timings that change together."""
 
-    Attributes
-    ----------
-    axis : for people: the interval as N counts them, or "common" for those of all slews
-    intervals : that they move, counted from 0
-    names : of the timings
-    """
-
-    axis: str
-    intervals: tuple[int, ...]
-    names: tuple[str, ...]
+    axis: str  # for people: the interval as N counts them, or "common" for those of all slews
+    intervals: tuple[int, ...]  # that they move, counted from 0
+    names: tuple[str, ...]  # of the timings
 
     def values(self, sections: Sequence[IntervalSection], u: Array) -> Array:
         """Timings (m,) of numbers (m,) between zero and one, s; the ramp's share has no unit, a mean rate is in deg/s."""
