@@ -40,6 +40,8 @@ SMALL = (  # what is typed in place of what is shown
     (r"^gyrocal study psi", "gyrocal study psi --set slew_rates_deg_s=[0.2] --set slew_angles_deg=[30]"),
     (r"--rerun 17\b", "--rerun 1"),
     (r"^(gyrocal study (?!.*--(rerun|backend))\S+ .*)", r"\1 --backend serial"),
+    (r"^gyrocal reproduce(?!.*natanson)", "gyrocal reproduce --days 1 --slews 2"),
+    (r"^gyrocal reproduce(?!.*(robertson|--cases))", "gyrocal reproduce --cases 3"),
     (r"^gyrocal baseline", "gyrocal baseline --file baseline.csv"),
     (r"my_effect:z=0\.5", "bias_eclipse:z=2"),
 )
