@@ -12,8 +12,7 @@ from collections.abc import Callable
 from benchmarks.cases import peak_rss_mb
 from benchmarks.diagnosis import recording
 from gyrocal import Recording, calibrate
-from gyrocal.estimation.predict import list_step_times, predict
-from gyrocal.estimation.prediction import Prediction
+from gyrocal.estimation.predict import Prediction, list_step_times, predict
 
 SMALL_COUNT, ALONE_S = 2000, 2.0  # of the small ones, and how long the gyro is alone at the end
 

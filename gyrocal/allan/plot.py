@@ -8,7 +8,7 @@ import numpy as np
 
 from gyrocal.allan.deviation import overlapping_allan_deviation
 from gyrocal.errors import InputError
-from gyrocal.importing.rests import compute_speed, find_rests
+from gyrocal.importing.motion import compute_speed, find_rests
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -55,7 +55,7 @@ def count_noise_degrees(recording: Recording, dof: float) -> float:
 
 def _measure_rests(recording: Recording) -> float:
     """Length of the rests, s; that of all samples without rests, since then the whole motion gives the noise."""
-    from gyrocal.importing.rests import compute_speed, find_rests  # late: only for a recording that an import made
+    from gyrocal.importing.motion import compute_speed, find_rests  # late: only for a recording that an import made
 
     gyro, attitudes = recording.gyro, recording.attitudes
     speed = compute_speed(attitudes.t_s, attitudes.quaternions, gyro.t_s)

@@ -152,7 +152,7 @@ def estimate_plausible_ranges(
 
 def compute_rest_rates(recording: Recording) -> RestRates | None:
     """Compute the mean rates over the rests; None where no rest is seen."""
-    from gyrocal.importing.rests import compute_speed, find_rests  # late: the import's modules use this package
+    from gyrocal.importing.motion import compute_speed, find_rests  # late: the import's modules use this package
 
     gyro, references = recording.gyro, recording.attitudes
     t_ref = references.t_s

@@ -22,7 +22,7 @@ from gyrocal.calibration.problem import ROTATION_NAMES
 from gyrocal.calibration.propagation import Psi
 from gyrocal.calibration.remainder_processes import NOMINAL, WITH_REMAINDER, Remainder
 from gyrocal.errors import InputError
-from gyrocal.recording import representation
+from gyrocal.recording.recording_data import format_html, format_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -215,10 +215,10 @@ class CalibrationResult:
         return rows
 
     def __repr__(self) -> str:
-        return representation.format_text("CalibrationResult", self._list_facts())
+        return format_text("CalibrationResult", self._list_facts())
 
     def _repr_html_(self) -> str:
-        return representation.format_html("CalibrationResult", self._list_facts())
+        return format_html("CalibrationResult", self._list_facts())
 
     @property
     def bias_deg_s(self) -> Array:

@@ -49,7 +49,6 @@ from gyrocal.calibration.remainder_processes import compute_turns
 from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.errors import InputError
 from gyrocal.estimation.error_smoother import ErrorStates
-from gyrocal.estimation.prediction import Prediction
 from gyrocal.estimation.remainder_noise import RemainderNoise
 from gyrocal.recording import Attitudes, Interval, Recording
 
@@ -63,6 +62,39 @@ LARGEST_PREDICTION_BYTES = 4_000_000_000
 SAME_TIME_S = 1e-6
 GAP_SAMPLES = 1.5  # samples
 LARGEST_SIGMA = 1e6  # of what is known before; one beyond is a mistake, and its square may be no number
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Attitudes by gyro, conditioned on references.
+
+    Attributes
+    ----------
+    t_s : (k,) s since the epoch
+    A : (k, 3, 3) inertial to body
+    covariance : (k, 3, 3) of their errors about the body's axes, rad²
+    parameters : G and b, estimated from the references
+    parameter_covariance : (12, 12) G dimensionless, b rad/s
+    used : references that were used
+    chi2, dof : χ² of the innovations of these references (each against its prediction from the earlier ones), and their number
+    readings : (k, 3, 3) covariance of a reference at each time less the prediction, with the reference's remainder and without
+        its stated noise, rad²
+    """
+
+    t_s: Array
+    A: Array
+    covariance: Array
+    parameters: GyroParameters
+    parameter_covariance: Array
+    used: int
+    chi2: float
+    dof: int
+    readings: Array
+
+    @property
+    def sigma(self) -> Array:
+        """(k, 3) 1-sigma about each body axis, rad."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2)))
 
 
 def prior_covariance(

@@ -2,7 +2,7 @@
 
 A `Mapping` says what the columns are. `streams` reads them in SI units on one clock and joins gyros, `join_references` makes
 one series of body attitudes of several sensors', `agreement` asks whether rates and attitudes fit each other as they are read
-and how else they would, `noise` estimates, and `build` puts it together. See docs/import.md.
+and how else they would, `estimates` estimates noise and bias, and `build` puts it together. See docs/import.md.
 """
 
 from __future__ import annotations
@@ -12,11 +12,14 @@ import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from gyrocal.errors import InputError
 from gyrocal.files import open_replacement
 from gyrocal.importing.column_mapping import Mapping, load_mapping, validate_mapping
-from gyrocal.recording import format_toml, save
+from gyrocal.recording import GyroStream, Interval, Recording, format_toml, save
 from gyrocal.recording.gyro_join import join_gyros
+from gyrocal.recording.parts import build_empty_attitudes
 
 if TYPE_CHECKING:
     from gyrocal.importing.build import ImportResult
@@ -30,6 +33,7 @@ __all__ = [
     "Mapping",
     "SensorReferences",
     "import_csv",
+    "import_gyro_log",
     "join_gyros",
     "join_references",
     "load_mapping",
@@ -87,6 +91,48 @@ def import_csv(
     from gyrocal.importing.build import build  # late: what compiles is not loaded for a table that cannot be read
 
     return build(streams, mapping, check)
+
+
+def import_gyro_log(file: str | os.PathLike[str], entries: dict[str, Any]) -> tuple[Recording, tuple[str, ...]]:
+    """Read a CSV table of gyros as a recording without references, for their noise alone, and what was assumed.
+
+    Parameters
+    ----------
+    file : path of the table
+    entries : of a mapping; time and gyro are needed, and those of attitudes are not read
+
+    Raises
+    ------
+    InputError
+        A column is missing or does not hold what the mapping says.
+    """
+    from gyrocal.importing.columns import resolve_columns
+    from gyrocal.importing.streams import read_csv, read_gyro_log
+
+    path = Path(file)
+    table = read_csv(path)
+    if "time" not in entries or "gyro" not in entries:
+        columns = ", ".join(map(str, table.columns))
+        raise InputError(
+            f"{path}: a table needs --time and --gyro, e.g. --time t:s --gyro gx,gy,gz:deg/s; its columns are {columns}"
+        )
+    mapping = validate_mapping(entries, "options", attitude_needed=False)
+    table, _, mapping = resolve_columns(table, table, mapping)
+    streams = read_gyro_log(table, mapping)
+    from gyrocal.importing.estimates import estimate_walk  # late, as above
+
+    arw = 0.0 if mapping.arw_deg_per_sqrt_s is None else estimate_walk(mapping, streams, streams.raw, [], [])
+    stop = float(streams.t_s[-1] + streams.sample_s)
+    recording = Recording(
+        title=mapping.title or path.stem,
+        epoch=streams.epoch,
+        time_scale=streams.time_scale,
+        gyro=GyroStream(streams.t_s, streams.raw, streams.sample_s, arw, streams.G, np.zeros(3)),
+        attitudes=build_empty_attitudes(),
+        intervals=(Interval("whole", "", float(streams.t_s[0]), stop),),
+        without_references=True,
+    )
+    return recording, streams.assumed
 
 
 def write(imported: ImportResult, folder: str | os.PathLike[str]) -> None:

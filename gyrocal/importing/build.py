@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gyrocal.errors import InputError
-from gyrocal.importing import attitudes
 from gyrocal.importing.agreement import FITS, HOPELESS, Agreement, describe_mean_rates, evaluate_agreement
 from gyrocal.importing.alignment import Alignment, estimate_alignment, refine
 from gyrocal.importing.column_mapping import (
@@ -34,10 +33,9 @@ from gyrocal.importing.estimates import (
     format_degrees,
 )
 from gyrocal.importing.intervals import choose_intervals, name_interval
-from gyrocal.importing.motion import Motion, build_motion, rotate_onto
-from gyrocal.importing.rests import compute_speed, find_rests
-from gyrocal.importing.sensors import BodyAttitudes, join_sensors
-from gyrocal.importing.streams import Sensor, Streams
+from gyrocal.importing.motion import Motion, build_motion, compute_speed, find_rests, rotate_onto
+from gyrocal.importing.sensors import build_references, join_sensors, read_stated_sigma
+from gyrocal.importing.streams import BodyAttitudes, Sensor, Streams
 from gyrocal.importing.units import compute_gyro_factor
 from gyrocal.recording import Attitudes, GyroStream, Recording
 from gyrocal.recording.reference_join import JoinedReferences
@@ -113,7 +111,7 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
     is_aligned = mapping.align == "auto"
     if is_aligned:
         streams, mapping = _align(streams, mapping, said)
-    stated = attitudes.read_stated_sigma(mapping, streams.sensors)
+    stated = read_stated_sigma(mapping, streams.sensors)
     body = join_sensors(streams.sensors, stated, mapping.spacing_s or 0.0, mapping.build_mountings())
     G = streams.G
     _check_overlap(streams, body)
@@ -154,7 +152,7 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
         references = Attitudes(body.t_s[used], body.q[used], np.broadcast_to(sigma, body.q[:, :3].shape)[used])
         references = replace(references, sigma_estimated=stated is None)
     else:
-        references, joined = attitudes.build_references(body, chosen, mapping, gyro, said)
+        references, joined = build_references(body, chosen, mapping, gyro, said)
     for text in said:
         logger.info("%s", text)
     recording = Recording(

@@ -17,7 +17,7 @@ from gyrocal.errors import InputError
 from gyrocal.files import open_replacement
 from gyrocal.importing.units import UNIX_RANGE_S, WEEK_S, convert_to_second, parse_date
 from gyrocal.recording import Interval, Recording, format_toml
-from gyrocal.recording.names import RATE_COLUMNS
+from gyrocal.recording.tables import RATE_COLUMNS
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing.column_mapping import Mapping, Span
 from gyrocal.importing.gyro_samples import GAP_SAMPLES
-from gyrocal.importing.sensors import BodyAttitudes
+from gyrocal.importing.streams import BodyAttitudes
 from gyrocal.recording import GyroStream, Interval, find_reference_rows
 
 Array = NDArray[np.float64]

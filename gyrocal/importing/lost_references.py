@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gyrocal.importing.rests import QUIET, compute_speed
+from gyrocal.importing.motion import QUIET, compute_speed
 from gyrocal.mask_runs import find_mask_runs
 
 Array = NDArray[np.float64]

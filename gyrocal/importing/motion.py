@@ -1,4 +1,4 @@
-"""Mean rates by gyro and by attitudes over the same windows, whatever way either is read."""
+"""Mean rates by gyro and by attitudes over the same windows, whatever way either is read, and rests of the body."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gyrocal.mask_runs import find_mask_runs
+
 Array = NDArray[np.float64]
 
 QUATERNION_INDICES = (0, 1, 2, 3)  # of a quaternion, in the order in which they are read
@@ -16,6 +18,12 @@ WINDOWS = 60  # at least so many in a recording, as far as there are attitudes
 MOST_WINDOWS = 4000
 GYRO_GAP_SAMPLES = 3.0  # samples, beyond which the gyro's rate is not known
 MOST_WINDOW_TURN = np.deg2rad(20.0)  # of a window: the mean rate of more is not that of the axes at its ends
+REST_WINDOW_S = 0.5  # in which the scatter of the rates tells rest from motion
+FEWEST_REST_SAMPLES = 5  # samples in it
+QUIET = 2.5  # times the quietest scatter
+REST_SPEED_SHARE = 0.02  # of the motion: a body that turns slower is at rest, as far as the attitudes tell
+SHORTEST_REST_S = 3.0
+SPEED_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -131,3 +139,45 @@ def build_motion(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Arr
     chosen = chosen[:: max(chosen.size // MOST_WINDOWS, 1)]
     rows = np.stack([first[chosen], last[chosen]], axis=1)
     return Motion(t_ref[rows[:, 0]], t_ref[rows[:, 1]], rows, edges, angle, t_ref, q)
+
+
+def find_rests(rates: Array, sample_s: float, speed: Array) -> list[tuple[int, int]]:
+    """Stretches of samples at rest: the rates scatter as little as anywhere, and the attitudes do not turn.
+
+    Parameters
+    ----------
+    rates : (n, 3) rad/s
+    speed : (n,) magnitude of the body rate by the attitudes about each sample, rad/s
+    """
+    size = max(round(REST_WINDOW_S / sample_s), FEWEST_REST_SAMPLES)
+    count = len(rates) // size
+    if count < 4:
+        return []
+    parts = rates[: count * size].reshape(count, size, 3)
+    scatter = np.sqrt(np.mean(parts.var(axis=1), axis=1))
+    turning = np.array([np.median(part) for part in speed[: count * size].reshape(count, size)])
+    motion = float(np.sqrt(np.mean(np.square(speed))))
+    still = (scatter <= QUIET * np.percentile(scatter, 5)) & (turning <= REST_SPEED_SHARE * motion)
+    out = []
+    for first, stop in find_mask_runs(still):
+        # A window at either end may hold the beginning of a motion.
+        a, b = (first + 1) * size, (stop - 1) * size
+        if (b - a) * sample_s >= SHORTEST_REST_S:
+            out.append((a, b))
+    return out
+
+
+def compute_speed(t_ref: Array, q: Array, t_s: Array) -> Array:
+    """Compute the body's speed (n,) at the gyro's tags, rad/s, from attitudes `SPEED_S` apart: their noise is negligible.
+
+    Parameters
+    ----------
+    t_ref, q : (m,) s and (m, 4) A(q)
+    t_s : (n,) s
+    """
+    later = np.minimum(np.searchsorted(t_ref, t_ref + SPEED_S), t_ref.size - 1)
+    rows = np.flatnonzero(later > np.arange(later.size))
+    turned = Rotation.from_quat(q)
+    elapsed = t_ref[later[rows]] - t_ref[rows]
+    found = (turned[rows].inv() * turned[later[rows]]).magnitude() / elapsed
+    return np.interp(t_s, t_ref[rows] + 0.5 * elapsed, found)

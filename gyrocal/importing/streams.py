@@ -20,6 +20,8 @@ from gyrocal.recording.gyro_join import JoinedGyros, join_gyros
 if TYPE_CHECKING:
     import pandas as pd
 
+    from gyrocal.recording.reference_join import SensorReferences
+
 Array = NDArray[np.float64]
 
 UNDATED = "2000-01-01T00:00:00"  # epoch of files without a date
@@ -79,6 +81,21 @@ class Streams:
     gyros: JoinedGyros | None = None
 
 
+@dataclass(frozen=True)
+class BodyAttitudes:
+    """Attitudes of the body as far as an import asks of its motion.
+
+    Attributes
+    ----------
+    t_s, q : (m,) s and (m, 4) inertial to body, scalar last
+    sensors : where there are several, each one's attitudes with what is known of its noise and mounting
+    """
+
+    t_s: Array
+    q: Array
+    sensors: tuple[SensorReferences, ...] = ()
+
+
 def read_csv(path: Path) -> pd.DataFrame:
     """Read a text table, whose layout is found; `attrs` has what is said of it.
 
@@ -88,13 +105,13 @@ def read_csv(path: Path) -> pd.DataFrame:
         It cannot be read.
     """
     from gyrocal.importing.table_layout import find_layout
-    from gyrocal.recording import csv_file
+    from gyrocal.recording.tables import read_csv_file
 
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     try:
         layout = find_layout(path)
-        frame = csv_file.read(
+        frame = read_csv_file(
             path,
             sep=layout.separator,
             encoding=layout.encoding,

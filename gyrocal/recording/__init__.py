@@ -2,9 +2,9 @@
 
 from gyrocal.recording.faults import format_validation_error
 from gyrocal.recording.format import load, save
+from gyrocal.recording.header import format_toml, read_toml
 from gyrocal.recording.parts import Attitudes, GyroStream, Interval, Orbit, find_reference_rows
 from gyrocal.recording.recording_data import Recording
-from gyrocal.recording.toml import format_toml, read_toml
 
 __all__ = [
     "Attitudes",

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from gyrocal.errors import InputError
 from gyrocal.recording.checks import NORM_TOLERANCE, check_norms, check_sigmas, check_times
-from gyrocal.recording.names import QUATERNION_COLUMNS, SIGMA_COLUMNS
+from gyrocal.recording.tables import QUATERNION_COLUMNS, SIGMA_COLUMNS
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -27,9 +27,9 @@ from gyrocal.errors import InputError
 from gyrocal.files import lock_folder, write_together
 from gyrocal.recording import attitude_sensors, checks, header, sensor_tables, tables
 from gyrocal.recording.gyro_join import join_gyros
-from gyrocal.recording.names import CORRELATION_COLUMNS, OPTIONAL_TABLES, QUATERNION_COLUMNS, SIGMA_COLUMNS
 from gyrocal.recording.parts import TIME_TOLERANCE_S, Attitudes, GyroStream, Orbit, build_empty_attitudes
 from gyrocal.recording.recording_data import Recording
+from gyrocal.recording.tables import CORRELATION_COLUMNS, OPTIONAL_TABLES, QUATERNION_COLUMNS, SIGMA_COLUMNS
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -6,10 +6,13 @@ them were switched on in an interval; they are joined when it is read. What form
 
 from __future__ import annotations
 
+import json
 import re
+import tomllib
+from collections.abc import Iterable, Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
@@ -19,10 +22,9 @@ from gyrocal.recording import attitude_sensors, bounds
 from gyrocal.recording.attitude_sensors import SensorHeader
 from gyrocal.recording.faults import format_validation_error
 from gyrocal.recording.gyro_join import measure_all_directions
-from gyrocal.recording.names import TRIAD
 from gyrocal.recording.parts import Interval
 from gyrocal.recording.recording_data import Recording
-from gyrocal.recording.toml import format_toml, read_toml
+from gyrocal.recording.tables import TRIAD
 
 GYRO_NAME = re.compile(r"[A-Za-z_]*[0-9]+")  # of a gyro that is not x, y or z
 MOST_GYROS = 24
@@ -179,3 +181,36 @@ def format_header(recording: Recording) -> str:
         lines = [f"{key} = {format_toml(value)}" for key, value in entries.items() if value is not None]
         blocks.append("\n".join([title, *lines] if title else lines))
     return "\n\n".join(blocks) + "\n"
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file; every failure is an `InputError` that names the file."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except OSError as fault:
+        raise InputError(f"{path}: cannot be read: {fault.strerror}") from None
+    except (ValueError, RecursionError) as fault:  # TOML and UTF-8 errors are ValueErrors, as are endless integers
+        raise InputError(f"{path}: not a TOML file: {fault}") from None
+
+
+def format_toml(value: object) -> str:
+    """One TOML value; floats with all their digits, so that what is read is what was written."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=True).replace("\x7f", "\\u007f")  # a JSON string is a TOML basic string
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        return repr(float(value))
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_format_key(str(key))} = {format_toml(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, Iterable):
+        return "[" + ", ".join(format_toml(item) for item in value) + "]"
+    raise TypeError(f"no TOML form for {value!r}")
+
+
+def _format_key(name: str) -> str:
+    return name if re.fullmatch("[A-Za-z0-9_-]+", name) else format_toml(name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -10,11 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gyrocal.errors import InputError
-from gyrocal.recording import checks, representation
-from gyrocal.recording.names import QUATERNION_COLUMNS, RATE_COLUMNS, SIGMA_COLUMNS
+from gyrocal.recording import checks
 from gyrocal.recording.parts import Attitudes, GyroStream, Interval, Orbit
 from gyrocal.recording.sensor_tables import SensorTables
-from gyrocal.recording.tables import build_frames
+from gyrocal.recording.tables import QUATERNION_COLUMNS, RATE_COLUMNS, SIGMA_COLUMNS, build_frames
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 ROUNDED_NORM = 0.01  # a quaternion as far from the unit as this is rounded, one further off is wrong
+MOST_REPR_LINES = 15  # of a repr, at most
 
 
 @dataclass(frozen=True)
@@ -243,7 +244,21 @@ class Recording:
         return rows + ([("tables", ", ".join(tables))] if tables else [])
 
     def __repr__(self) -> str:
-        return representation.format_text("Recording", self._list_facts())
+        return format_text("Recording", self._list_facts())
 
     def _repr_html_(self) -> str:
-        return representation.format_html("Recording", self._list_facts())
+        return format_html("Recording", self._list_facts())
+
+
+def format_text(name: str, rows: list[tuple[str, str]]) -> str:
+    """A repr: a line for each fact."""
+    width = max(len(label) for label, _ in rows)
+    return "\n".join(
+        [name, *(f"  {label:<{width}}  {' '.join(value.split())[:100]}" for label, value in rows)][:MOST_REPR_LINES]
+    )
+
+
+def format_html(name: str, rows: list[tuple[str, str]]) -> str:
+    """The same as a table of HTML."""
+    cells = "".join(f"<tr><th>{html.escape(label)}</th><td>{html.escape(value)}</td></tr>" for label, value in rows)
+    return f"<table><caption>{html.escape(name)}</caption>{cells}</table>"

@@ -5,16 +5,16 @@ Files are in degrees, objects in radians.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.recording import bounds, sensor_tables
-from gyrocal.recording.names import CORRELATION_COLUMNS, QUATERNION_COLUMNS, RATE_COLUMNS, SIGMA_COLUMNS
 from gyrocal.recording.parts import Attitudes, GyroStream
 from gyrocal.recording.sensor_tables import SensorTables
 
@@ -22,6 +22,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Array = NDArray[np.float64]
+
+TRIAD = ("x", "y", "z")
+RATE_COLUMNS = ("rate_x_deg_s", "rate_y_deg_s", "rate_z_deg_s")
+QUATERNION_COLUMNS = ("q1", "q2", "q3", "q4")
+SIGMA_COLUMNS = ("sigma_x_deg", "sigma_y_deg", "sigma_z_deg")
+CORRELATION_COLUMNS = ("rho_xy", "rho_xz", "rho_yz")  # optional, of the errors of an attitude about two body axes
+OPTIONAL_TABLES = ("housekeeping", *sensor_tables.SENSOR_TABLE_NAMES)
 
 
 def find(folder: Path, name: str) -> Path | None:
@@ -36,14 +43,12 @@ def read(folder: Path, name: str, required: tuple[str, ...], with_holes: tuple[s
     """A table and its file's name; columns with holes may hold what is not a number."""
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
-    from gyrocal.recording import csv_file
-
     path = find(folder, name)
     if path is None:
         raise InputError(f"{folder}: neither {name}.parquet nor {name}.csv is there")
     bounds.check_table(path)
     try:
-        frame = _read_parquet(path) if path.suffix == ".parquet" else csv_file.read(path)
+        frame = _read_parquet(path) if path.suffix == ".parquet" else read_csv_file(path)
     except pd.errors.EmptyDataError:
         raise InputError(f"{path}: the file is empty") from None
     except Exception as fault:  # pyarrow and pandas raise a zoo of types for a damaged file
@@ -76,6 +81,31 @@ def _read_parquet(path: Path) -> pd.DataFrame:
     from gyrocal.recording import parquet  # late, as pandas; and a recording in CSV does without it
 
     return parquet.read(path)
+
+
+def read_csv_file(path: Path, **options: Any) -> pd.DataFrame:
+    """Read a CSV file so that no field is lost, which pandas drops with a warning; a comma at the end of every row is let pass.
+
+    Parameters
+    ----------
+    path : of the file
+    options : of `pandas.read_csv`
+
+    Raises
+    ------
+    ValueError
+        A row has more fields than the header has names, or what else pandas has to say of a damaged file.
+    """
+    import pandas as pd  # late, as above
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", pd.errors.ParserWarning)
+        warnings.simplefilter("ignore", pd.errors.DtypeWarning)  # who wants numbers sees that a column has none
+        try:
+            return pd.read_csv(path, index_col=False, **options)
+        except pd.errors.ParserWarning:
+            text = "a row has more fields than the header has names; is a comma the decimal sign, or a name missing?"
+            raise ValueError(text) from None
 
 
 def convert_column(frame: pd.DataFrame, name: str) -> Array:

@@ -67,10 +67,9 @@ def _load_recording_or_table(path: Path, options: dict[str, Any]) -> Recording:
                 f"{', '.join(f'--{OPTION_NAMES.get(name, name)}' for name in given)}: for a CSV table; {path} is none"
             )
         return load(path, without_references=True)
-    from gyrocal.importing.gyro_log import import_gyro_log
 
     file = given.pop("file", None)
-    loaded, assumed = import_gyro_log(path, (importing.load_mapping(file) if file else {}) | given)
+    loaded, assumed = importing.import_gyro_log(path, (importing.load_mapping(file) if file else {}) | given)
     for text in assumed:
         click.echo(f"Assumed: {text}.")
     return loaded

@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from gyrocal import attitude
-from gyrocal.estimation.prediction import Prediction
+from gyrocal.estimation.predict import Prediction
 from studies.report.pages import Answer, Page, PageTable, Picture, ProvenanceFooter, Section
 from studies.report.panels import AXIS_COLOURS, AXIS_LINE_STYLES, Line, draw_panels, make_curves
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from gyrocal import Attitudes, GyroStream, InputError, Interval, Recording
 from gyrocal.calibration.estimated_noise import ALLAN_S
 from gyrocal.importing.alignment import refine
+from gyrocal.importing.estimates import compute_increment_residuals, estimate_axis_sigma, estimate_walk_at_rest
 from gyrocal.importing.motion import build_motion
-from gyrocal.importing.noise import compute_increment_residuals, estimate_axis_sigma, estimate_walk_at_rest
 from gyrocal.mask_runs import find_mask_runs
 
 Array = NDArray[np.float64]

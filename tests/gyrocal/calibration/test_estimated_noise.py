@@ -13,7 +13,7 @@ import gyrocal
 from diagnosis.inference.criticism import Innovations, Layout, check_innovations
 from gyrocal.calibration.estimated_noise import compute_chi2_p, compute_smaller_chi2_p
 from gyrocal.importing import import_csv
-from gyrocal.importing.noise import estimate_walk_at_rest
+from gyrocal.importing.estimates import estimate_walk_at_rest
 from tests.builders import choose_case_numbers
 
 SAMPLE_S, EVERY, LENGTH = 0.1, 2, 6000

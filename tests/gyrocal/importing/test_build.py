@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import gyrocal
 from gyrocal import InputError, importing
-from gyrocal.importing import agreement, motion, noise, rests, validate_mapping
+from gyrocal.importing import agreement, estimates, motion, validate_mapping
 from gyrocal.importing.build import build
 from gyrocal.importing.streams import Sensor, Streams, read_streams
 from studies.validation import mems_log
@@ -303,9 +303,9 @@ def test_one_of_two_trackers_is_read_alone(tmp_path):
 def test_rests_of_a_body_that_turns_steadily_are_none():
     rng = np.random.default_rng(0)
     rates = np.tile(np.deg2rad([0.0, 0.06, 0.0]), (600, 1)) + rng.normal(size=(600, 3)) * 1e-7
-    assert rests.find_rests(rates, 0.1, np.full(600, np.deg2rad(0.06))) == []
+    assert motion.find_rests(rates, 0.1, np.full(600, np.deg2rad(0.06))) == []
     still = np.where(np.arange(600) < 100, 0.0, np.deg2rad(0.06))
-    ((first, stop),) = rests.find_rests(
+    ((first, stop),) = motion.find_rests(
         np.where(still[:, None] > 0, rates * 10 + rng.normal(size=(600, 3)) * 1e-3, rates), 0.1, still
     )
     assert 0 <= first <= 10
@@ -315,9 +315,9 @@ def test_rests_of_a_body_that_turns_steadily_are_none():
 def test_walk_of_white_rates():
     rng = np.random.default_rng(4)
     rates = rng.normal(size=(20000, 3)) * 1e-3 / np.sqrt(0.01)
-    np.testing.assert_allclose(noise.estimate_walk_at_rest([rates], 0.01), 1e-3, rtol=0.05)
-    np.testing.assert_allclose(noise.estimate_walk_in_motion(rates, 0.01), 1e-3, rtol=0.05)
-    assert noise.estimate_walk_at_rest([rates[:20]], 0.01) is None
+    np.testing.assert_allclose(estimates.estimate_walk_at_rest([rates], 0.01), 1e-3, rtol=0.05)
+    np.testing.assert_allclose(estimates.estimate_walk_in_motion(rates, 0.01), 1e-3, rtol=0.05)
+    assert estimates.estimate_walk_at_rest([rates[:20]], 0.01) is None
 
 
 def test_a_single_axis_leaves_what_it_cannot_tell_in_the_message(data):

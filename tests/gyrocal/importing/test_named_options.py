@@ -14,7 +14,7 @@ IMPORTS = (*TABLES, "import euroc", "import bag")  # all that share the streams 
 OWN_COMMANDS = {
     "ck": ("import ck",),
     "column_mapping": TABLES,
-    "gyro_log": ("allan",),
+    "__init__": ("allan",),
     "gyro_join": TABLES,
     "gyro_samples": (*TABLES, "allan"),  # euroc and bag hand over the columns of the rates alone, see below
     "units": TABLES,  # of the unit of a column, or of counts

@@ -77,7 +77,7 @@ def test_on_a_screen_everything_is_short():
     assert "deg/s" in repr(result)
     np.testing.assert_allclose(result.bias_deg_s, np.rad2deg(result.bias))
     assert result.to_frame().equals(result.summary())
-    escaped = gyrocal.recording.representation.format_html("<b>", [("a", "<script>")])
+    escaped = gyrocal.recording.recording_data.format_html("<b>", [("a", "<script>")])
     assert "<script>" not in escaped
 
 

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from gyrocal import InputError, calibrate, load, save
-from gyrocal.importing.gyro_log import import_gyro_log
+from gyrocal.importing import import_gyro_log
 from studies.cli.main import main
 
 

@@ -14,7 +14,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from gyrocal import InputError, load, save
-from gyrocal.recording import csv_file
+from gyrocal.recording.tables import read_csv_file
 from simulator import scenario as scenarios
 from studies.cli.main import main
 from studies.report import console as consoles
@@ -117,7 +117,7 @@ def test_fields_of_a_row_are_not_lost(run_cli, rec, edit, said):
 
 def test_a_comma_at_the_end_of_rows_is_no_column(tmp_path):
     (tmp_path / "a.csv").write_text("x,y\n1,2,\n3,4,\n")
-    assert csv_file.read(tmp_path / "a.csv").to_numpy().tolist() == [[1, 2], [3, 4]]
+    assert read_csv_file(tmp_path / "a.csv").to_numpy().tolist() == [[1, 2], [3, 4]]
 
 
 @pytest.mark.parametrize("text", ["[" * 100_000, '{"G": ' + "[" * 5000 + "]" * 5000 + "}", "[" + "0," * 600_000 + "0]"])
