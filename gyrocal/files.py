@@ -31,10 +31,7 @@ def is_opened(path: Path) -> bool:
 def is_replaced(path: Path) -> bool:
     """Whether what is written takes the place of a path: of a regular file or of nothing; else it is written into it.
 
-    Raises
-    ------
-    OSError
-        It is a symbolic link.
+    An `OSError` if it is a symbolic link.
     """
     if is_opened(path):
         return False
@@ -47,10 +44,7 @@ def is_replaced(path: Path) -> bool:
 def open_replacement(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """A binary file that takes the place of the one at the path when the block ends; after an error the old one stays.
 
-    Raises
-    ------
-    OSError
-        The file cannot be written; its name is the path's.
+    An `OSError` if the file cannot be written; its name is the path's.
     """
     path = Path(path)
     temporary = path.with_name(f"{path.name}.{secrets.token_hex(4)}{TEMPORARY}") if path.name else path
@@ -85,16 +79,13 @@ def write_together(folder: Path, files: Mapping[str, Callable[[BinaryIO], Any]],
     For the few renames that put them in their places the last one is missing: who is killed there leaves a folder that is seen
     to be incomplete, never old and new files side by side.
 
+    An `OSError` if one cannot be written; its name is the file's.
+
     Parameters
     ----------
     folder : is made if need be
     files : what writes each file, by its name; the last one is that without which the others are nothing
     without : names of files that must not be there beside them
-
-    Raises
-    ------
-    OSError
-        One cannot be written; its name is the file's.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for name in files:

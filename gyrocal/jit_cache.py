@@ -62,10 +62,7 @@ def compile_cached(function: Function | None = None, **options: Any) -> Any:
 def hash_sources(package: str) -> str:
     """Hash of the versions that compile and of every source that a compiled function of a package may come from.
 
-    Raises
-    ------
-    OSError
-        A source cannot be read.
+    An `OSError` if a source cannot be read.
     """
     below = PACKAGE_LAYERS[: PACKAGE_LAYERS.index(package) + 1] if package in PACKAGE_LAYERS else (*PACKAGE_LAYERS, package)
     hashed = hashlib.sha256(repr(CACHE_VERSIONS).encode())

@@ -41,22 +41,13 @@ FEWEST_STRETCH_SAMPLES = 8  # samples in the longest stretch
 
 @dataclass(frozen=True)
 class Deviation:
-    """Overlapping Allan deviation.
+    """Overlapping Allan deviation."""
 
-    Attributes
-    ----------
-    sample_s : length of a sample, s
-    factors : (t,) samples in an average, m
-    variance : (t,) overlapping Allan variance, in the square of the rate's unit
-    counts : (t,) differences it rests on
-    lengths : samples of each stretch
-    """
-
-    sample_s: float
-    factors: Counts
-    variance: Array
-    counts: Counts
-    lengths: tuple[int, ...]
+    sample_s: float  # length of a sample, s
+    factors: Counts  # (t,) samples in an average, m
+    variance: Array  # (t,) overlapping Allan variance, in the square of the rate's unit
+    counts: Counts  # (t,) differences it rests on
+    lengths: tuple[int, ...]  # samples of each stretch
 
     @property
     def tau_s(self) -> Array:
@@ -85,16 +76,13 @@ def overlapping_allan_deviation(
 ) -> Deviation:
     """Overlapping Allan deviation of some stretches of samples.
 
+    An `InputError` if no stretch is long enough for a factor.
+
     Parameters
     ----------
     parts : (n,) each: rates of samples that follow one another without a hole
     sample_s : length of a sample, s
     factors : samples in an average; octaves by default
-
-    Raises
-    ------
-    InputError
-        No stretch is long enough for a factor.
     """
     lengths = tuple(len(part) for part in parts if len(part) > 2)
     longest = max(lengths, default=0)
@@ -121,16 +109,13 @@ def overlapping_allan_deviation(
 def compute_edf(alpha: int, factor: int, samples: int) -> float:
     """Equivalent degrees of freedom of the overlapping Allan variance of one stretch.
 
+    An `InputError` if there is no such exponent, or the stretch is too short.
+
     Parameters
     ----------
     alpha : exponent of the rate's spectrum, one of `ALPHAS`
     factor : samples in an average, m
     samples : in the stretch
-
-    Raises
-    ------
-    InputError
-        There is no such exponent, or the stretch is too short.
     """
     if alpha not in ALPHAS:
         raise InputError(f"edf: alpha must be one of {', '.join(map(str, ALPHAS))}, not {alpha}")

@@ -46,45 +46,30 @@ STEP, STEPS = 0.5, 40  # of the logarithm, in that search
 
 @dataclass(frozen=True)
 class TermEstimate:
-    """One term.
+    """One term."""
 
-    Attributes
-    ----------
-    term : one of `gyrocal.allan.TERMS`
-    seen : whether the deviation needs it
-    value, sigma : coefficient and its standard error, NaN if it is not seen; in powers of the rate's unit and seconds
-    upper : limit of 95 % of a term that is not seen, NaN otherwise
-    time_constant_s, time_constant_sigma_s : of Markov noise that is seen, NaN otherwise
-    """
-
-    term: str
-    seen: bool
+    term: str  # one of `gyrocal.allan.TERMS`
+    seen: bool  # whether the deviation needs it
+    # value, sigma: coefficient and its standard error, NaN if it is not seen; in powers of the rate's unit and seconds
     value: float
     sigma: float
-    upper: float
+    upper: float  # limit of 95 % of a term that is not seen, NaN otherwise
+    # time_constant_s, time_constant_sigma_s: of Markov noise that is seen, NaN otherwise
     time_constant_s: float = float("nan")
     time_constant_sigma_s: float = float("nan")
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Terms of one axis.
+    """Terms of one axis."""
 
-    Attributes
-    ----------
-    estimates : one for each term, in the order of `TERMS`
-    degrees : (t,) equivalent degrees of freedom of each averaging time, for the strongest term there
-    model : (t,) Allan variance of the terms that are seen, and of what was known before
-    chi2, dof : of the fit
-    alternatives : other sets of terms that fit as well
-    """
-
-    estimates: tuple[TermEstimate, ...]
-    degrees: Array
-    model: Array
+    estimates: tuple[TermEstimate, ...]  # one for each term, in the order of `TERMS`
+    degrees: Array  # (t,) equivalent degrees of freedom of each averaging time, for the strongest term there
+    model: Array  # (t,) Allan variance of the terms that are seen, and of what was known before
+    # chi2, dof: of the fit
     chi2: float
     dof: int
-    alternatives: tuple[tuple[str, ...], ...]
+    alternatives: tuple[tuple[str, ...], ...]  # other sets of terms that fit as well
 
     def estimate(self, term: str) -> TermEstimate:
         """The estimate of a term."""
@@ -119,15 +104,12 @@ class _TermSet:
 def fit_terms(found: Deviation, known: Array | None = None) -> Fit:
     """Fit the terms of IEEE Std 952 to an Allan deviation.
 
+    An `InputError` if there is no noise at some averaging time, or there are too few of them.
+
     Parameters
     ----------
     found : an overlapping Allan deviation, at octaves
     known : (t,) Allan variance of what is there besides, such as the noise of references
-
-    Raises
-    ------
-    InputError
-        There is no noise at some averaging time, or there are too few of them.
     """
     if not np.all(found.variance > 0):
         place = float(found.tau_s[np.argmin(found.variance)])

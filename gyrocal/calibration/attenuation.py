@@ -35,16 +35,14 @@ Array = NDArray[np.float64]
 def integrate_information(A: Array, noise: Array, elapsed_s: Array, arw: float) -> Array:
     """∫ M(s) ds over an interval.
 
+    Returns (3, 3) in body axes, s/rad².
+
     Parameters
     ----------
     A : (m + 1, 3, 3) attitudes at the references of the interval
     noise : (m + 1, 3, 3) covariance of these about the body axes, rad²
     elapsed_s : (m,) s from the first to the others
     arw : rad/sqrt(s)
-
-    Returns
-    -------
-    (3, 3) in body axes, s/rad²
     """
     dt = np.diff(elapsed_s, prepend=0.0)
     S = A.swapaxes(1, 2) @ noise @ A

@@ -35,10 +35,7 @@ class LargeResidualError(InputError):
 def check(theta: Array) -> None:
     """Refuse residuals (m, 3) rad of which one is too large, or not a number.
 
-    Raises
-    ------
-    LargeResidualError
-        For the largest of them.
+    A `LargeResidualError` for the largest of them.
     """
     angle = np.linalg.norm(theta, axis=1)
     angle = np.where(np.isfinite(angle), angle, np.inf)

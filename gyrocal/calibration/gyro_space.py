@@ -42,10 +42,7 @@ SMALLEST_OWN = 0.1  # component of a gyro's axis along its own body axis, below 
 def convert_to_gyro_space(parameters: GyroParameters) -> Array:
     """(12,) in the order of `GYRO_NAMES`; s and u dimensionless, c in rad/s.
 
-    Raises
-    ------
-    InputError
-        A gyro's axis is nowhere near the body axis it is named for.
+    An `InputError` if a gyro's axis is nowhere near the body axis it is named for.
     """
     K = np.linalg.inv(parameters.G)
     scale = np.linalg.norm(K, axis=1)
@@ -58,10 +55,7 @@ def convert_to_gyro_space(parameters: GyroParameters) -> Array:
 def convert_from_gyro_space(y: Array) -> GyroParameters:
     """G and b of (12,) in the order of `GYRO_NAMES`.
 
-    Raises
-    ------
-    InputError
-        A gyro's axis is nowhere near the body axis it is named for.
+    An `InputError` if a gyro's axis is nowhere near the body axis it is named for.
     """
     U = y[:9].reshape(3, 3).copy()
     scale = np.diag(U).copy()
@@ -104,19 +98,12 @@ def compute_gyro_jacobian(parameters: GyroParameters) -> Array:
 
 @dataclass(frozen=True)
 class ParameterSpace:
-    """A parametrisation of a gyro's calibration.
+    """A parametrisation of a gyro's calibration."""
 
-    Attributes
-    ----------
-    names : of its twelve parameters; nine dimensionless, then three biases in rad/s
-    vector : (12,) parameters of G and b
-    parameters : G and b of (12,) parameters
-    jacobian : (12, 12) ∂(G, b)/∂ its parameters, rows in the order of `gyrocal.calibration.parameters.NAMES`
-    """
-
-    names: tuple[str, ...]
-    vector: Callable[[GyroParameters], Array]
-    parameters: Callable[[Array], GyroParameters]
+    names: tuple[str, ...]  # of its twelve parameters; nine dimensionless, then three biases in rad/s
+    vector: Callable[[GyroParameters], Array]  # (12,) parameters of G and b
+    parameters: Callable[[Array], GyroParameters]  # G and b of (12,) parameters
+    # (12, 12) ∂(G, b)/∂ its parameters, rows in the order of `gyrocal.calibration.parameters.NAMES`
     jacobian: Callable[[GyroParameters], Array]
 
 
@@ -129,10 +116,7 @@ SPACES: dict[str, ParameterSpace] = {
 def select_parameter_space(parametrisation: str) -> ParameterSpace:
     """The parametrisation of a name.
 
-    Raises
-    ------
-    InputError
-        There is none of that name.
+    An `InputError` if there is none of that name.
     """
     if parametrisation not in SPACES:
         raise InputError(f"unknown parametrisation {parametrisation!r}; known: {', '.join(SPACES)}")

@@ -28,16 +28,14 @@ def find_implausible_values(
 ) -> tuple[str, ...]:
     """Find values that no gyro of this grade has.
 
+    Returns a sentence each: the value, and what to check.
+
     Parameters
     ----------
     mounting : of G
     G : (3, 3) calibrated
     bias, sigma_bias : (3,) calibrated b and its 1-sigma, rad/s
     plausible : grade, ranges, and mean rates over the rests
-
-    Returns
-    -------
-    A sentence each: the value, and what to check.
     """
     return (
         *_find_scale_errors(mounting),
@@ -54,16 +52,14 @@ def find_combinations_lost_to_misfit(
 
     Residuals that exceed the stated noise widen all sigmas by sqrt(χ²/dof) at least (the Birge ratio).
 
+    Returns one sentence, or nothing.
+
     Parameters
     ----------
     covariance : (p, p) of the solved-for parameters by the stated noise, without a prior
     ranges : (p,) plausible range of each
     names : of them
     chi2, dof : of the residuals after the calibration
-
-    Returns
-    -------
-    One sentence, or nothing.
     """
     if dof <= 0 or chi2 <= dof:
         return ()

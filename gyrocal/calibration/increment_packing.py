@@ -122,9 +122,7 @@ def is_unbroken(sample: Indices, starts: Indices, lengths: Indices) -> bool:
 def pack_chunk(stream: Stream, pieces: Pieces, batch: int, low: int, out: Array) -> float:
     """Pack steps `low` and following of a batch's pieces into out (steps, 4, lanes), zero where a piece is short.
 
-    Returns
-    -------
-    Largest |ω_raw Δt| of these steps, rad.
+    Returns the largest |ω_raw Δt| of these steps, rad.
     """
     rates, sample, dt, in_order = stream
     starts, lengths = pieces

@@ -29,15 +29,12 @@ ENOUGH_BLOCKS = 8
 def estimate_jackknife_covariance(recording: Recording, least_blocks: int = ENOUGH_BLOCKS) -> Array:
     """Estimate the covariance (12, 12) of G and b by leaving out one block at a time; b in rad/s.
 
+    An `InputError` if there are fewer than `FEWEST_BLOCKS` blocks.
+
     Parameters
     ----------
     recording : the recording
     least_blocks : number of blocks that intervals are cut into, where there are fewer intervals and enough references
-
-    Raises
-    ------
-    InputError
-        There are fewer than `FEWEST_BLOCKS` blocks.
     """
     blocks = cut_into_blocks(recording, least_blocks)
     if len(blocks) < FEWEST_BLOCKS:

@@ -30,23 +30,14 @@ AXIS_NAMES = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class Mounting:
-    """G = R S with uncertainties.
+    """G = R S with uncertainties."""
 
-    Attributes
-    ----------
-    R : (3, 3) from the gyro's axes to those of the body; orthogonal
-    S : (3, 3) symmetric, dimensionless
-    sigma_rotation : (3,) 1-sigma of a small rotation about each axis of the body, rad
-    sigma_S : (3, 3) 1-sigma of S
-    change : rad, rotation from the mounting that the a-priori G states
-    undetermined : axes of the body about which the motion does not determine the rotation to within the plausible range
-    """
-
-    R: Array
-    S: Array
-    sigma_rotation: Array
-    sigma_S: Array
-    change: float
+    R: Array  # (3, 3) from the gyro's axes to those of the body; orthogonal
+    S: Array  # (3, 3) symmetric, dimensionless
+    sigma_rotation: Array  # (3,) 1-sigma of a small rotation about each axis of the body, rad
+    sigma_S: Array  # (3, 3) 1-sigma of S
+    change: float  # rad, rotation from the mounting that the a-priori G states
+    # axes of the body about which the motion does not determine the rotation to within the plausible range
     undetermined: tuple[str, ...]
 
     @property

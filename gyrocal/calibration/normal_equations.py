@@ -146,6 +146,9 @@ def iterate(
 ) -> tuple[Array, Array, Array, float]:
     """A fixed number of iterations without a prior, in one call: what a Monte Carlo case needs.
 
+    Returns x (iterations + 1, 12) at the start and after each iteration; θ (iterations + 1, m, 3) there, NaN at the last
+    without looking back; P (p, p) of the last iteration; Σ θᵀ V⁻¹ θ after it, NaN likewise.
+
     Parameters
     ----------
     iterations : how many
@@ -154,11 +157,6 @@ def iterate(
     packed : increments, ends, last as in `gyrocal.calibration.propagation.propagate_packed`
     groups, references, walk, model, given : as in `whiten_groups`
     look_back : whether to propagate once more for the residuals after the last iteration
-
-    Returns
-    -------
-    x (iterations + 1, 12) at the start and after each iteration; θ (iterations + 1, m, 3) there, NaN at the last without
-    looking back; P (p, p) of the last iteration; Σ θᵀ V⁻¹ θ after it, NaN likewise.
     """
     increments, ends, last = packed
     arc = references[0]

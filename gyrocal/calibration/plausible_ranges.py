@@ -41,18 +41,11 @@ LONGEST_SPACING_S = 3.0  # between references, of which rests can be seen
 
 @dataclass(frozen=True)
 class RestRates:
-    """Mean rates over the rests of a recording.
+    """Mean rates over the rests of a recording."""
 
-    Attributes
-    ----------
-    raw : (3,) of the gyros, ω_raw, rad/s
-    reference : (3,) of the body by its reference attitudes, rad/s
-    sigma : 1-sigma of the latter, rad/s
-    """
-
-    raw: Array
-    reference: Array
-    sigma: float
+    raw: Array  # (3,) of the gyros, ω_raw, rad/s
+    reference: Array  # (3,) of the body by its reference attitudes, rad/s
+    sigma: float  # 1-sigma of the latter, rad/s
 
     def bias(self, G: Array) -> Array:
         """b (3,), rad/s, that fits the rests with some G (3, 3)."""
@@ -61,22 +54,13 @@ class RestRates:
 
 @dataclass(frozen=True)
 class PlausibleRanges:
-    """Plausible ranges of the errors of G and b, with their reason.
+    """Plausible ranges of the errors of G and b, with their reason."""
 
-    Attributes
-    ----------
-    grade : of the gyro
-    G : of an element of G, dimensionless
-    bias : of an element of b, rad/s
-    reason : how they were chosen, a sentence
-    rest : mean rates over the rests; None where no rest is seen
-    """
-
-    grade: Grade
-    G: float
-    bias: float
-    reason: str
-    rest: RestRates | None = None
+    grade: Grade  # of the gyro
+    G: float  # of an element of G, dimensionless
+    bias: float  # of an element of b, rad/s
+    reason: str  # how they were chosen, a sentence
+    rest: RestRates | None = None  # mean rates over the rests; None where no rest is seen
 
     @property
     def bias_deg_h(self) -> float:
@@ -86,10 +70,7 @@ class PlausibleRanges:
     def vector(self, is_bias: NDArray[np.bool_]) -> Array:
         """(p,) range of each parameter; is_bias (p,) says which are biases.
 
-        Raises
-        ------
-        InputError
-            A range is not positive, or not finite.
+        An `InputError` if a range is not positive, or not finite.
         """
         if not all(np.isfinite(value) and value > 0 for value in (self.G, self.bias)):
             raise InputError("plausible_G and plausible_bias must be positive and finite")

@@ -42,18 +42,13 @@ ROTATION_NAMES = ("roll", "pitch", "yaw")
 
 @dataclass(frozen=True)
 class State:
-    """A problem evaluated at one set of parameters.
+    """A problem evaluated at one set of parameters."""
 
-    Attributes
-    ----------
-    theta, theta_linear : (m, 3) residuals by the full rotation vector N (16) and by the linear form N (29), rad
-    sigma : (m, 3) 1-sigma of each residual under the covariance model, rad
-    H, z : (3m, p) and (3m,) whitened scaled sensitivity and residuals, group by group
-    """
-
+    # theta, theta_linear: (m, 3) residuals by the full rotation vector N (16) and by the linear form N (29), rad
     theta: Array
     theta_linear: Array
-    sigma: Array
+    sigma: Array  # (m, 3) 1-sigma of each residual under the covariance model, rad
+    # H, z: (3m, p) and (3m,) whitened scaled sensitivity and residuals, group by group
     H: Array
     z: Array
 
@@ -65,28 +60,17 @@ class State:
 
 @dataclass(frozen=True)
 class Iterates:
-    """What a fixed number of iterations made of a case.
+    """What a fixed number of iterations made of a case."""
 
-    Attributes
-    ----------
-    x : (iterations + 1, 12) parameters at the start and after each iteration
-    theta : (iterations + 1, m, 3) residuals there, rad
-    P : (p, p) covariance of the last iteration; G dimensionless, b rad/s
-    chi2 : Σ θᵀ V⁻¹ θ after it
-    """
-
-    x: Array
-    theta: Array
-    P: Array
-    chi2: float
+    x: Array  # (iterations + 1, 12) parameters at the start and after each iteration
+    theta: Array  # (iterations + 1, m, 3) residuals there, rad
+    P: Array  # (p, p) covariance of the last iteration; G dimensionless, b rad/s
+    chi2: float  # Σ θᵀ V⁻¹ θ after it
 
     def check_convergence(self) -> "Iterates":
         """These, if each iteration was within what one linearisation can correct, as `Problem.state` asks; they must look back.
 
-        Raises
-        ------
-        InputError
-            They diverged: a residual is beyond `LARGEST_RESIDUAL`, or a number is not finite.
+        An `InputError` if they diverged: a residual is beyond `LARGEST_RESIDUAL`, or a number is not finite.
         """
         largest = np.linalg.norm(self.theta, axis=2).max(axis=1)
         if not (largest <= gate.LARGEST_RESIDUAL).all():  # NaN too
@@ -102,31 +86,18 @@ class Iterates:
 
 @dataclass(frozen=True)
 class Problem:
-    """A recording, its steps, and how it is to be evaluated.
+    """A recording, its steps, and how it is to be evaluated."""
 
-    Attributes
-    ----------
-    measurements : steps and references, see `gyrocal.calibration.sampling.prepare_measurements`
-    A : (references, 3, 3) observed attitudes
-    noise : (references, 3, 3) covariance of each in body axes, rad²
-    arw : rad/sqrt(s), of the full stream
-    names : solved-for parameters
-    psi : "full" or "linear"
-    model : covariance model, or "given"
-    given : (intervals, 3, 3) C of each interval's residuals, with "given"
-    joint : (3m, 3m) V of all residuals, with "given", in place of `given`
-    parametrisation : "gain" or "gyro", see `gyrocal.calibration.gyro_space`; the names are of its parameters
-    """
-
-    measurements: Measurements
-    A: Array
-    noise: Array
-    arw: float
-    names: tuple[str, ...] = NAMES
-    psi: Psi = "full"
-    model: str = "full"
-    given: Array | None = None
-    joint: Array | None = None
+    measurements: Measurements  # steps and references, see `gyrocal.calibration.sampling.prepare_measurements`
+    A: Array  # (references, 3, 3) observed attitudes
+    noise: Array  # (references, 3, 3) covariance of each in body axes, rad²
+    arw: float  # rad/sqrt(s), of the full stream
+    names: tuple[str, ...] = NAMES  # solved-for parameters
+    psi: Psi = "full"  # "full" or "linear"
+    model: str = "full"  # covariance model, or "given"
+    given: Array | None = None  # (intervals, 3, 3) C of each interval's residuals, with "given"
+    joint: Array | None = None  # (3m, 3m) V of all residuals, with "given", in place of `given`
+    # "gain" or "gyro", see `gyrocal.calibration.gyro_space`; the names are of its parameters
     parametrisation: Parametrisation = "gain"
 
     @classmethod
@@ -193,10 +164,7 @@ class Problem:
     def state(self, parameters: GyroParameters) -> State:
         """Residuals, sensitivities and covariances at these parameters.
 
-        Raises
-        ------
-        gyrocal.calibration.gate.LargeResidualError
-            A residual is too large to be corrected by linearisation.
+        A `gyrocal.calibration.gate.LargeResidualError` if a residual is too large to be corrected by linearisation.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             propagation = propagate(self.measurements.arcs, parameters.G, parameters.bias, self.psi)
@@ -205,15 +173,12 @@ class Problem:
     def compute_state(self, R: Array, Theta: Array) -> State:
         """Compute residuals and whiten them.
 
+        A `gyrocal.calibration.gate.LargeResidualError` if a residual is too large to be corrected by linearisation.
+
         Parameters
         ----------
         R : (m, 3, 3) rotation from the start of the arc to each output
         Theta : (3m, p) scaled sensitivity
-
-        Raises
-        ------
-        gyrocal.calibration.gate.LargeResidualError
-            A residual is too large to be corrected by linearisation.
         """
         prepared = self.measurements
         A_start, A_obs = self.A[prepared.start], self.A[prepared.row]

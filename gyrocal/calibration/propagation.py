@@ -218,16 +218,10 @@ class Arcs:
 
 @dataclass(frozen=True)
 class Propagation:
-    """R and Θ at each output of some `Arcs`.
+    """R and Θ at each output of some `Arcs`."""
 
-    Attributes
-    ----------
-    R : (m, 3, 3) rotation from the arc's start
-    S : (m, 4, 3, 3) sensitivity to each regressor, a column for each body axis
-    """
-
-    R: Array
-    S: Array
+    R: Array  # (m, 3, 3) rotation from the arc's start
+    S: Array  # (m, 4, 3, 3) sensitivity to each regressor, a column for each body axis
 
     @property
     def Theta(self) -> Array:

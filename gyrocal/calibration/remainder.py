@@ -73,14 +73,12 @@ SINGULAR_VALUE_TOLERANCE = 1e-9  # of singular values and eigenvalues, relative 
 def add_remainder(recording: Recording, result: CalibrationResult) -> CalibrationResult:
     """Return the same calibration with its remainder estimated.
 
+    Returns the result as it was, without a remainder, where a covariance was given: its residuals have other covariances.
+
     Parameters
     ----------
     recording : as calibrated
     result : of `gyrocal.calibrate`
-
-    Returns
-    -------
-    The result as it was, without a remainder, where a covariance was given: its residuals have other covariances.
     """
     if result.covariance_model == "given":
         return result
@@ -125,25 +123,18 @@ def estimate_remainder(recording: Recording, problem: Problem, result: Calibrati
 
 @dataclass(frozen=True)
 class Paths:
-    """Propagation of errors to the residuals of a calibration.
+    """Propagation of errors to the residuals of a calibration."""
 
-    Attributes
-    ----------
-    kept : (m,) places of these residuals among all
-    R, Theta : (m, 3, 3) and (m, 3, 12), from the start of the interval to each
-    interval, start, row : (m,) interval, and rows of the references that each starts from and is compared with
-    reference_s : (references,) time of each reference, s
-    body_rates : (references, 3) body rate at each, rad/s
-    """
-
-    kept: Indices
+    kept: Indices  # (m,) places of these residuals among all
+    # R, Theta: (m, 3, 3) and (m, 3, 12), from the start of the interval to each
     R: Array
     Theta: Array
+    # interval, start, row: (m,) interval, and rows of the references that each starts from and is compared with
     interval: Indices
     start: Indices
     row: Indices
-    reference_s: Array
-    body_rates: Array
+    reference_s: Array  # (references,) time of each reference, s
+    body_rates: Array  # (references, 3) body rate at each, rad/s
 
     def select(self, kept: Indices) -> Paths:
         """Keep some residuals."""

@@ -43,20 +43,14 @@ VARIANCE_SERIES_LIMIT = 1e-4  # of a stretch over a time scale, below which the 
 
 @dataclass(frozen=True)
 class Process:
-    """One random process of a remainder.
+    """One random process of a remainder."""
 
-    Attributes
-    ----------
-    kind : "rate" for a wander of parameters, "reference" or "delay"
-    members : places of the parameters among the twelve, or body axes of the references; each has a process of its own
-    time_scale_s : 0 for white, infinite for constant
-    variance : of a rate process in units of the parameter, (rad/s)² or 1, times s where it is white; of references in rad²; of
-        a delay in s²
-    """
-
-    kind: Kind
+    kind: Kind  # "rate" for a wander of parameters, "reference" or "delay"
+    # places of the parameters among the twelve, or body axes of the references; each has a process of its own
     members: tuple[int, ...]
-    time_scale_s: float
+    time_scale_s: float  # 0 for white, infinite for constant
+    # of a rate process in units of the parameter, (rad/s)² or 1, times s where it is white; of references in rad²; of a delay
+    # in s²
     variance: float = 1.0
 
     def to_json(self) -> dict[str, Any]:
@@ -78,22 +72,13 @@ class Process:
 
 @dataclass(frozen=True)
 class Remainder:
-    """The remainder of a calibration.
+    """The remainder of a calibration."""
 
-    Attributes
-    ----------
-    processes : with their sizes; those of size zero are left out
-    noise_factor : φ, of the variance of all stated noise
-    log_likelihood_gain : above that of the stated noise alone
-    p_value : probability of a larger gain without a remainder
-    covariance : (12, 12) of G and b with the remainder; b in rad/s
-    """
-
-    processes: tuple[Process, ...]
-    noise_factor: float
-    log_likelihood_gain: float
-    p_value: float
-    covariance: Array
+    processes: tuple[Process, ...]  # with their sizes; those of size zero are left out
+    noise_factor: float  # φ, of the variance of all stated noise
+    log_likelihood_gain: float  # above that of the stated noise alone
+    p_value: float  # probability of a larger gain without a remainder
+    covariance: Array  # (12, 12) of G and b with the remainder; b in rad/s
 
     @property
     def is_significant(self) -> bool:
@@ -158,17 +143,12 @@ def read_processes(value: Mapping[str, Any]) -> tuple[Process, ...]:
 
 @dataclass(frozen=True)
 class Stretches:
-    """Times over which a wander of parameters is averaged.
+    """Times over which a wander of parameters is averaged."""
 
-    Attributes
-    ----------
-    from_s, to_s : (n,) s
-    interval : (n,) that each belongs to
-    """
-
+    # from_s, to_s: (n,) s
     from_s: Array
     to_s: Array
-    interval: Indices
+    interval: Indices  # (n,) that each belongs to
 
     def covariance(self, process: Process, rows: slice = slice(None)) -> Array:
         """Compute the covariance (rows, n) of the means of a process of unit variance."""

@@ -29,24 +29,14 @@ TAG_ROUNDING = 1e-6  # of a sample
 
 @dataclass(frozen=True)
 class Measurements:
-    """The arcs of a recording and the reference attitudes at their ends.
+    """The arcs of a recording and the reference attitudes at their ends."""
 
-    Attributes
-    ----------
-    arcs : an arc for each interval
-    start : (m,) row of the reference attitude that output j is propagated from
-    row : (m,) row of the reference attitude output j is compared with
-    elapsed_s : (m,) time between the two
-    noise_gain : variance of the integrated gyro noise relative to that of the full stream
-    held_s : time of missing samples over which the last one is held
-    """
-
-    arcs: Arcs
-    start: Indices
-    row: Indices
-    elapsed_s: Array
-    noise_gain: float
-    held_s: float
+    arcs: Arcs  # an arc for each interval
+    start: Indices  # (m,) row of the reference attitude that output j is propagated from
+    row: Indices  # (m,) row of the reference attitude output j is compared with
+    elapsed_s: Array  # (m,) time between the two
+    noise_gain: float  # variance of the integrated gyro noise relative to that of the full stream
+    held_s: float  # time of missing samples over which the last one is held
 
 
 def prepare_measurements(
@@ -57,17 +47,14 @@ def prepare_measurements(
 ) -> Measurements:
     """Arcs and references of a recording.
 
+    An `InputError` if the gyro stream does not cover an interval, has a gap in it, or step_s is not a multiple of the sample.
+
     Parameters
     ----------
     recording : the recording
     step_s : propagation step, a whole multiple of the sample; the sample itself by default
     resampling : how a coarser step is made
     max_gap_s : longest time of missing samples that the last one may be held over; half a sample by default
-
-    Raises
-    ------
-    InputError
-        The gyro stream does not cover an interval, has a gap in it, or step_s is not a multiple of the sample.
     """
     gyro = recording.gyro
     factor = _factor(step_s, gyro.sample_s)
@@ -135,21 +122,16 @@ def _group_steps(ends: Indices, factor: int) -> tuple[Indices, Indices]:
 def find_covering_samples(gyro: GyroStream, interval: Interval, times: Array, max_gap_s: float) -> tuple[int, Array]:
     """Gyro samples that hold between the first and the last of some times.
 
+    An `InputError` if they do not cover the times, or have a gap.
+
+    Returns the first sample used, and the tags of all used with the end of the last.
+
     Parameters
     ----------
     gyro : the stream
     interval : whose name an error is to tell
     times : (n,) ascending, s
     max_gap_s : longest time from a tag to the next
-
-    Returns
-    -------
-    The first sample used, and the tags of all used with the end of the last.
-
-    Raises
-    ------
-    InputError
-        They do not cover the times, or have a gap.
     """
     t = gyro.t_s
     # The sample that holds times[0] is the last to start at or before it.
@@ -176,14 +158,12 @@ def find_covering_samples(gyro: GyroStream, interval: Interval, times: Array, ma
 def cut_at(edges: Array, times: Array) -> tuple[Array, Indices, Indices]:
     """Cut stretches of held rate at the wanted times; edges within a microsecond of one of them are that time.
 
+    Returns durations of the steps, the stretch each belongs to, and the step counts at the wanted times.
+
     Parameters
     ----------
     edges : (k + 1,) start of each stretch and the end of the last, ascending, s
     times : (n,) ascending, the first and the last within the edges, s
-
-    Returns
-    -------
-    Durations of the steps, the stretch each belongs to, and the step counts at the wanted times.
     """
     inside = edges[(edges > times[0]) & (edges < times[-1])]
     nearest = np.clip(np.searchsorted(times, inside), 1, len(times) - 1)

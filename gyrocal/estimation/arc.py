@@ -26,20 +26,12 @@ SAME_TIME_S = 1e-6
 
 @dataclass(frozen=True)
 class GyroArc:
-    """Gyro steps through all nodes.
+    """Gyro steps through all nodes."""
 
-    Attributes
-    ----------
-    t : (N,) nodes, s
-    arcs : one arc from the first node, an output at each other
-    G : (3, 3) held
-    q : (N − 1,) sigma per axis of what the rates' white noise adds to the angle between a node and the next, rad
-    """
-
-    t: Array
-    arcs: Arcs
-    G: Array
-    q: Array
+    t: Array  # (N,) nodes, s
+    arcs: Arcs  # one arc from the first node, an output at each other
+    G: Array  # (3, 3) held
+    q: Array  # (N − 1,) sigma per axis of what the rates' white noise adds to the angle between a node and the next, rad
 
     def propagate_nodes(self, bias: Array) -> tuple[Array, Array]:
         """R_n and S_n, (N, 3, 3) each, under a bias (3,) rad/s."""
@@ -56,17 +48,14 @@ class GyroArc:
 def build_gyro_arc(gyro: GyroStream, times: Array, G: Array, max_gap_s: float | None = None) -> GyroArc:
     """The arc through some times.
 
+    An `InputError` if all times are one, or the stream does not cover them or has a gap.
+
     Parameters
     ----------
     gyro : stream that covers them
     times : (any,) s, in any order
     G : (3, 3)
     max_gap_s : longest time of missing samples that the last one may be held over; half a sample by default
-
-    Raises
-    ------
-    InputError
-        All times are one, or the stream does not cover them or has a gap.
     """
     ordered = np.sort(np.asarray(times, dtype=float))
     t = ordered[np.diff(ordered, prepend=-np.inf) > SAME_TIME_S]
@@ -81,34 +70,20 @@ def build_gyro_arc(gyro: GyroStream, times: Array, G: Array, max_gap_s: float | 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The state of a batch.
+    """The state of a batch."""
 
-    Attributes
-    ----------
-    C : (N, 3, 3) attitude at each node, carried back to the first
-    bias : (3,) rad/s
-    models : sensor models with their present parameters
-    """
-
-    C: Array
-    bias: Array
-    models: tuple[SensorModel, ...]
+    C: Array  # (N, 3, 3) attitude at each node, carried back to the first
+    bias: Array  # (3,) rad/s
+    models: tuple[SensorModel, ...]  # sensor models with their present parameters
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Which sensor parameters are solved for, after the three of the bias.
+    """Which sensor parameters are solved for, after the three of the bias."""
 
-    Attributes
-    ----------
-    names : (q,) "sensor parameter"
-    sensor : (q,) series each belongs to
-    parameter : (q,) its place among the model's
-    """
-
-    names: tuple[str, ...]
-    sensor: Indices
-    parameter: Indices
+    names: tuple[str, ...]  # (q,) "sensor parameter"
+    sensor: Indices  # (q,) series each belongs to
+    parameter: Indices  # (q,) its place among the model's
 
     def find_sensor_columns(self, sensor: int) -> tuple[Indices, Indices]:
         """Columns of one series, and their places among its model's parameters."""
@@ -129,15 +104,12 @@ class Columns:
 def choose_columns(series: Sequence[SensorSeries], free: Mapping[str, Sequence[str]]) -> Columns:
     """Columns of the freed parameters.
 
+    An `InputError` if two sensors have one name, or a sensor or parameter is unknown.
+
     Parameters
     ----------
     series : of sensors with different names
     free : names of solved-for parameters by name of sensor
-
-    Raises
-    ------
-    InputError
-        Two sensors of one name, or an unknown sensor or parameter.
     """
     names = [one.model.name for one in series]
     if len(set(names)) < len(names):
@@ -161,17 +133,11 @@ def choose_columns(series: Sequence[SensorSeries], free: Mapping[str, Sequence[s
 
 @dataclass(frozen=True)
 class LinearisedMeasurements:
-    """Measurements along the arc, linearised about an estimate.
+    """Measurements along the arc, linearised about an estimate."""
 
-    Attributes
-    ----------
-    rows : all used numbers, series by series
-    residuals : (n, m) of each series, in its own unit; NaN where a number is not used
-    R, S : (N, 3, 3) as in `GyroArc.carried`
-    """
-
-    rows: Rows
-    residuals: tuple[Array, ...]
+    rows: Rows  # all used numbers, series by series
+    residuals: tuple[Array, ...]  # (n, m) of each series, in its own unit; NaN where a number is not used
+    # R, S: (N, 3, 3) as of `GyroArc.propagate_nodes`
     R: Array
     S: Array
 

@@ -60,20 +60,12 @@ NEGLIGIBLE_WALK = 1e-3  # in sigmas of all measurements together, times the root
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of J numbers a batch found, by their sources.
+    """Errors of J numbers a batch found, by their sources."""
 
-    Attributes
-    ----------
-    measurements : (J, J) covariance by the measurements' noise, and by a prior's error
-    t_s : (N,) nodes of the batch, s
-    walk : (N − 1, J, 3) error per rad that the gyro's noise adds between a node and the next, in inertial axes
-    arw : rad/sqrt(s)
-    """
-
-    measurements: Array
-    t_s: Array
-    walk: Array
-    arw: float
+    measurements: Array  # (J, J) covariance by the measurements' noise, and by a prior's error
+    t_s: Array  # (N,) nodes of the batch, s
+    walk: Array  # (N − 1, J, 3) error per rad that the gyro's noise adds between a node and the next, in inertial axes
+    arw: float  # rad/sqrt(s)
 
     @property
     def covariance(self) -> Array:

@@ -34,23 +34,15 @@ DECAY_SERIES_LIMIT = 1e-4  # of x, below which series are exact to rounding
 
 @dataclass(frozen=True)
 class ErrorStates:
-    """Steps of the state between the start and n outputs; q states follow the three of w.
+    """Steps of the state between the start and n outputs; q states follow the three of w."""
 
-    Attributes
-    ----------
-    turns : (n, 3, q) u, rad by a unit of each state; zero of those of references
-    white : (n, 3, 3) covariance of η, rad²
-    variance : (q,) σ² of each state
-    mean, decay : (n, q) m and e^{−x}
-    mean_variance : (n, q) V − m²
-    """
-
-    turns: Array
-    white: Array
-    variance: Array
+    turns: Array  # (n, 3, q) u, rad by a unit of each state; zero of those of references
+    white: Array  # (n, 3, 3) covariance of η, rad²
+    variance: Array  # (q,) σ² of each state
+    # mean, decay: (n, q) m and e^{−x}
     mean: Array
     decay: Array
-    mean_variance: Array
+    mean_variance: Array  # (n, q) V − m²
 
     @classmethod
     def build(cls, turns: Array, steps_s: Array, arw: float, processes: Sequence[Process]) -> ErrorStates:

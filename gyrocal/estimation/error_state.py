@@ -80,15 +80,13 @@ def compute_rotation(x: float, y: float, z: float, R: Array) -> tuple[float, flo
 def compute_transition(x: Array, raw: Array, dt: float, columns: Indices, R: Array, B: Array) -> tuple[float, float, float]:
     """R and B = ψF of one step into (3, 3) and (3, p).
 
+    Returns ω Δt, rad.
+
     Parameters
     ----------
     x : (12,) G row by row and b
     raw : (3,) rad/s
     columns : (p,) positions of the solved-for parameters among the twelve
-
-    Returns
-    -------
-    ω Δt, rad
     """
     wx = (x[0] * raw[0] + x[1] * raw[1] + x[2] * raw[2] + x[9]) * dt
     wy = (x[3] * raw[0] + x[4] * raw[1] + x[5] * raw[2] + x[10]) * dt
@@ -212,6 +210,8 @@ def advance(
 ) -> int:
     """Propagate over the stream from one time to another, in place, cutting samples at both.
 
+    Returns the sample that holds at `stop`.
+
     Parameters
     ----------
     A, P : (3, 3) attitude and (3 + p, 3 + p) covariance, changed
@@ -220,10 +220,6 @@ def advance(
     rates : (samples, 3) raw rates, rad/s
     first : sample that holds at `start`
     others : as in `compute_transition` and `process_noise`
-
-    Returns
-    -------
-    The sample that holds at `stop`.
     """
     p = len(columns)
     R, B = np.empty((3, 3)), np.empty((3, p))

@@ -23,46 +23,35 @@ TIME_TOLERANCE_S = 1e-6  # rounding of a time tag some years after the epoch
 
 @dataclass(frozen=True)
 class Innovations:
-    """All measurements of a run, in order.
+    """All measurements of a run, in order."""
 
-    Attributes
-    ----------
-    t : (e,) s
-    series, row : (e,) which series, and which row of it
-    residual, sigma : (e, m) y − h(A) and the filter's own 1-sigma of it; NaN where a number was not used
-    nis, dof : (e,) normalised innovation squared and its degrees of freedom
-    accepted : (e,) whether it was within the gate
-    """
-
-    t: Array
+    t: Array  # (e,) s
+    # series, row: (e,) which series, and which row of it
     series: Indices
     row: Indices
+    # residual, sigma: (e, m) y − h(A) and the filter's own 1-sigma of it; NaN where a number was not used
     residual: Array
     sigma: Array
+    # nis, dof: (e,) normalised innovation squared and its degrees of freedom
     nis: Array
     dof: Indices
-    accepted: NDArray[np.bool_]
+    accepted: NDArray[np.bool_]  # (e,) whether it was within the gate
 
 
 @dataclass(frozen=True)
 class History:
-    """Every stop of a run, for the way back: predicted (before) and corrected (after) state.
+    """Every stop of a run, for the way back: predicted (before) and corrected (after) state."""
 
-    Attributes
-    ----------
-    A_before, A_after : (k, 3, 3)
-    x_before, x_after : (k, 12)
-    P_before, P_after : (k, n, n)
-    Phi : (k, 3, n) upper rows of the transition from the stop before
-    """
-
+    # A_before, A_after: (k, 3, 3)
     A_before: Array
+    # x_before, x_after: (k, 12)
     x_before: Array
+    # P_before, P_after: (k, n, n)
     P_before: Array
     A_after: Array
     x_after: Array
     P_after: Array
-    Phi: Array
+    Phi: Array  # (k, 3, n) upper rows of the transition from the stop before
 
 
 @dataclass(frozen=True)
@@ -172,10 +161,7 @@ def run(
 def find_held_sample(gyro: GyroStream, start_s: float, stop_s: float, max_gap_s: float | None = None) -> int:
     """The sample that holds at `start_s`, once it is sure that samples cover the time from there to `stop_s`.
 
-    Raises
-    ------
-    InputError
-        They do not.
+    An `InputError` if they do not cover it.
     """
     limit = gyro.sample_s + max(0.5 * gyro.sample_s, max_gap_s or 0.0)
     first = int(np.searchsorted(gyro.t_s, start_s + TIME_TOLERANCE_S, side="right")) - 1

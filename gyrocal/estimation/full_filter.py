@@ -64,21 +64,16 @@ class Leg:
 
 @dataclass(frozen=True)
 class Change:
-    """Change of the solved-for parameters by one leg.
+    """Change of the solved-for parameters by one leg."""
 
-    Attributes
-    ----------
-    name : of the leg
-    before, after : (p,) estimates
-    sigma_before, sigma_after : (p,) as the filter has them
-    chi2, dof : of the change, over the combinations the leg has told something about
-    """
-
-    name: str
+    name: str  # of the leg
+    # before, after: (p,) estimates
     before: Array
     after: Array
+    # sigma_before, sigma_after: (p,) as the filter has them
     sigma_before: Array
     sigma_after: Array
+    # chi2, dof: of the change, over the combinations the leg has told something about
     chi2: float
     dof: int
 

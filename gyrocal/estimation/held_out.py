@@ -40,22 +40,15 @@ EQUAL_ERRORS = 0.05  # relative difference of two errors that counts as none
 
 @dataclass(frozen=True)
 class HeldOutTurns:
-    """Errors of the predicted turns of one length: root mean squares of the angle, rad.
+    """Errors of the predicted turns of one length: root mean squares of the angle, rad."""
 
-    Attributes
-    ----------
-    length_s : s from the first to the second reference
-    count : number of turns
-    calibrated, bias_alone, stated : error with G and b of the other blocks, with their b alone, and as stated
-    references : error that the stated sigmas of the two references make
-    """
-
-    length_s: float
-    count: int
+    length_s: float  # s from the first to the second reference
+    count: int  # number of turns
+    # calibrated, bias_alone, stated: error with G and b of the other blocks, with their b alone, and as stated
     calibrated: float
     bias_alone: float
     stated: float
-    references: float
+    references: float  # error that the stated sigmas of the two references make
 
     def to_json(self) -> dict[str, Any]:
         """Plain values, in degrees."""
@@ -68,15 +61,13 @@ def predict_held_out_turns(
 ) -> tuple[HeldOutTurns, ...]:
     """Predict turns of given lengths, each by a calibration that has not used it.
 
+    Returns one for each length of which there are enough turns; none where too little is left to hold out.
+
     Parameters
     ----------
     recording : gyro stream and reference attitudes
     lengths_s : of the turns, s; where no references are so far apart, the usual time between two of them
     options : of `gyrocal.calibrate`
-
-    Returns
-    -------
-    One for each length of which there are enough turns; none where too little is left to hold out.
     """
     pieces = _cut_intervals(recording)
     blocks = np.array_split(np.arange(len(pieces)), min(HELD_OUT_BLOCKS, len(pieces)))
@@ -148,9 +139,8 @@ def _compare_turns(
 ) -> Array:
     """Turns of a length in the piece of these rows, of references that are not used.
 
-    Returns
-    -------
-    (n, 5) of each turn its length, s, the errors with each of the `PARAMETER_SETS` and the sigma of the references' own, rad
+    Returns (n, 5) of each turn its length, s, the errors with each of the `PARAMETER_SETS` and the sigma of the references'
+    own, rad.
     """
     attitudes = recording.attitudes
     t_s = attitudes.t_s[rows]

@@ -43,20 +43,12 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Rows:
-    """Measurements divided by their sigma, linearised.
+    """Measurements divided by their sigma, linearised."""
 
-    Attributes
-    ----------
-    node : (r,) node each was taken at
-    attitude : (r, 3) a, per rad of γ at that node
-    parameters : (r, p) c, per unit of δ; the bias's three columns first
-    z : (r,) residuals
-    """
-
-    node: Indices
-    attitude: Array
-    parameters: Array
-    z: Array
+    node: Indices  # (r,) node each was taken at
+    attitude: Array  # (r, 3) a, per rad of γ at that node
+    parameters: Array  # (r, p) c, per unit of δ; the bias's three columns first
+    z: Array  # (r,) residuals
 
     @property
     def plain(self) -> Array:
@@ -76,16 +68,10 @@ class Rows:
 
 @dataclass(frozen=True)
 class Influence:
-    """Errors of J wanted numbers as a linear map of the noises.
+    """Errors of J wanted numbers as a linear map of the noises."""
 
-    Attributes
-    ----------
-    measurements : (J, r) per sigma of each measurement
-    walk : (N − 1, J, 3) per rad of the walk's increment between a node and the next
-    """
-
-    measurements: Array
-    walk: Array
+    measurements: Array  # (J, r) per sigma of each measurement
+    walk: Array  # (N − 1, J, 3) per rad of the walk's increment between a node and the next
 
 
 def map_corrections(nodes: Indices, bias_maps: Array, p: int) -> Array:

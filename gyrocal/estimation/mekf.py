@@ -32,26 +32,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Innovation:
-    """One measurement as the filter met it.
+    """One measurement as the filter met it."""
 
-    Attributes
-    ----------
-    residual : (m,) y − h(A), of the numbers used
-    S : (m, m) its covariance as the filter has it
-    nis : zᵀ S⁻¹ z, χ² with m degrees of freedom in a consistent filter
-    accepted : whether it was within the gate and has been used
-    H : (m, 3) sensitivity to the attitude error
-    K : (n, m) gain, zero if it was not accepted
-    used : (model's size,) which of the sensor's numbers those are
-    """
-
-    residual: Array
-    S: Array
-    nis: float
-    accepted: bool
-    H: Array
-    K: Array
-    used: NDArray[np.bool_]
+    residual: Array  # (m,) y − h(A), of the numbers used
+    S: Array  # (m, m) its covariance as the filter has it
+    nis: float  # zᵀ S⁻¹ z, χ² with m degrees of freedom in a consistent filter
+    accepted: bool  # whether it was within the gate and has been used
+    H: Array  # (m, 3) sensitivity to the attitude error
+    K: Array  # (n, m) gain, zero if it was not accepted
+    used: NDArray[np.bool_]  # (model's size,) which of the sensor's numbers those are
 
 
 class KalmanFilter:

@@ -193,36 +193,23 @@ def list_step_times(recording: Recording, from_s: float, step_s: float) -> Array
 
 @dataclass(frozen=True)
 class _Problem:
-    """References, gyro and prior of one stretch.
+    """References, gyro and prior of one stretch."""
 
-    Attributes
-    ----------
-    seen : the n references used
-    arcs : the gyro samples between the nodes, which are the references and outputs
-    anchor : (3, 3) attitude at the start
-    stated : (n, 3, 3) covariance of the references about the body axes, rad²
-    place, wanted : nodes of the references and of the k outputs
-    lasting, later : columns of the references' lasting errors, at the references and at the outputs
-    steps_s : s between the nodes
-    arw : angle random walk, rad/√s
-    noise : remainder of a calibration
-    x0 : (12,) parameters known beforehand
-    S : (15, 15) root of the covariance of the anchor and of x
-    """
-
-    seen: Attitudes
-    arcs: Arcs
-    anchor: Array
-    stated: Array
+    seen: Attitudes  # the n references used
+    arcs: Arcs  # the gyro samples between the nodes, which are the references and outputs
+    anchor: Array  # (3, 3) attitude at the start
+    stated: Array  # (n, 3, 3) covariance of the references about the body axes, rad²
+    # place, wanted: nodes of the references and of the k outputs
     place: NDArray[np.intp]
     wanted: NDArray[np.intp]
+    # lasting, later: columns of the references' lasting errors, at the references and at the outputs
     lasting: Array
     later: Array
-    steps_s: Array
-    arw: float
-    noise: RemainderNoise
-    x0: Array
-    S: Array
+    steps_s: Array  # s between the nodes
+    arw: float  # angle random walk, rad/√s
+    noise: RemainderNoise  # remainder of a calibration
+    x0: Array  # (12,) parameters known beforehand
+    S: Array  # (15, 15) root of the covariance of the anchor and of x
 
 
 @dataclass(frozen=True)
@@ -249,6 +236,8 @@ def condition_on_references(
 ) -> Prediction:
     """Attitudes at any times of one gap-free stretch, from the references that are to be used.
 
+    An `InputError` if no reference is used, a time is not after the first reference, or the gyro does not cover the stretch.
+
     Parameters
     ----------
     recording : the recording
@@ -256,11 +245,6 @@ def condition_on_references(
     times : (k,) s, ascending
     apriori_covariance : (12, 12) P₀
     noise : remainder of a calibration, beside the stated noise
-
-    Raises
-    ------
-    InputError
-        No reference is used, a time is not after the first reference, or the gyro does not cover the stretch.
     """
     remainder = RemainderNoise() if noise is None else noise
     problem = _pose_problem(recording, np.flatnonzero(used), times, apriori_covariance, remainder)

@@ -31,20 +31,12 @@ HORIZON_TOLERANCE = 0.3  # of a horizon, within which a reference is compared
 
 @dataclass(frozen=True)
 class PredictionErrors:
-    """Errors of predictions over one horizon.
+    """Errors of predictions over one horizon."""
 
-    Attributes
-    ----------
-    horizon_s : s
-    from_s : (n,) starts, s
-    error : (n, 3) reading less prediction about the body axes, rad
-    covariance : (n, 3, 3) of this, rad²
-    """
-
-    horizon_s: float
-    from_s: Array
-    error: Array
-    covariance: Array
+    horizon_s: float  # s
+    from_s: Array  # (n,) starts, s
+    error: Array  # (n, 3) reading less prediction about the body axes, rad
+    covariance: Array  # (n, 3, 3) of this, rad²
 
     @property
     def normalised(self) -> Array:
@@ -70,16 +62,14 @@ def compute_prediction_errors(
 ) -> list[PredictionErrors]:
     """Predict from many starts in a recording, and compare with its later references.
 
+    Returns one for each horizon.
+
     Parameters
     ----------
     recording : none of it may be in the calibration
     known : parameters, their covariance and the remainder, of other data
     horizons_s : s, ascending
     most_starts : starts are chosen evenly from all references that have enough references before and after them
-
-    Returns
-    -------
-    One for each horizon
     """
     recording = known.apply(recording)
     t_s = recording.attitudes.t_s

@@ -41,16 +41,10 @@ LARGEST_BYTES = 200_000_000  # of a result of a calibration, with all its residu
 
 @dataclass(frozen=True)
 class RemainderNoise:
-    """Noise beside the stated one, and the factor of that.
+    """Noise beside the stated one, and the factor of that."""
 
-    Attributes
-    ----------
-    processes : of the gyro, the references and their time tags
-    factor : φ, of the variance of the stated noise
-    """
-
-    processes: tuple[Process, ...] = ()
-    factor: float = 1.0
+    processes: tuple[Process, ...] = ()  # of the gyro, the references and their time tags
+    factor: float = 1.0  # φ, of the variance of the stated noise
 
     def build_reference_columns(self, rates: Array) -> Array:
         """Build the error (n, 3, q) of references by a unit of each state of `gyrocal.estimation.error_smoother`.
@@ -73,18 +67,11 @@ class RemainderNoise:
 
 @dataclass(frozen=True)
 class KnownCalibration:
-    """A calibration that a prediction starts from.
+    """A calibration that a prediction starts from."""
 
-    Attributes
-    ----------
-    parameters : G and b
-    covariance : (12, 12) the recommended one; b in rad/s
-    noise : the remainder, without processes where the nominal covariance is recommended
-    """
-
-    parameters: GyroParameters
-    covariance: Array
-    noise: RemainderNoise
+    parameters: GyroParameters  # G and b
+    covariance: Array  # (12, 12) the recommended one; b in rad/s
+    noise: RemainderNoise  # the remainder, without processes where the nominal covariance is recommended
 
     @classmethod
     def build(cls, result: CalibrationResult) -> KnownCalibration:
@@ -103,10 +90,7 @@ class KnownCalibration:
 def read_calibration(path: Path) -> KnownCalibration:
     """Read the JSON that ``gyrocal calibrate --json`` writes.
 
-    Raises
-    ------
-    InputError
-        The file is no such result.
+    An `InputError` if the file is no such result.
     """
     try:
         with path.open("rb") as file:

@@ -35,18 +35,11 @@ COMPONENT_RANK_TOLERANCE = 1e-10  # relative size of a singular value that is ro
 
 @dataclass(frozen=True)
 class VarianceComponents:
-    """Sizes of the components, and the whitening by the covariance that they make.
+    """Sizes of the components, and the whitening by the covariance that they make."""
 
-    Attributes
-    ----------
-    noise : φ, variance of the white noise relative to the stated one
-    variances : (K,) θ
-    log_likelihood_gain : log L above that of the stated noise alone, φ = 1 and θ = 0
-    """
-
-    noise: float
-    variances: Array
-    log_likelihood_gain: float
+    noise: float  # φ, variance of the white noise relative to the stated one
+    variances: Array  # (K,) θ
+    log_likelihood_gain: float  # log L above that of the stated noise alone, φ = 1 and θ = 0
     basis: Array = field(repr=False)  # (N, r) orthonormal directions in which C is more than φ
     powers: Array = field(repr=False)  # (r,) C/φ − 1 along them
 
@@ -61,15 +54,13 @@ class VarianceComponents:
 def estimate_variance_components(residuals: Array, components: Sequence[Array], dof: float) -> VarianceComponents:
     """Estimate the sizes of noise components by restricted maximum likelihood.
 
+    Components that the residuals do not need have variance 0.
+
     Parameters
     ----------
     residuals : (N,) whitened by the stated noise, the estimated parameters projected out
     components : K arrays (N, r_k), columns of each process of unit variance, treated in the same way
     dof : d, degrees of freedom of the residuals
-
-    Returns
-    -------
-    Components that the residuals do not need have variance 0
     """
     power = float(residuals @ residuals)
     each = np.array([float(np.square(part).sum()) for part in components])

@@ -96,15 +96,12 @@ def import_csv(
 def import_gyro_log(file: str | os.PathLike[str], entries: dict[str, Any]) -> tuple[Recording, tuple[str, ...]]:
     """Read a CSV table of gyros as a recording without references, for their noise alone, and what was assumed.
 
+    An `InputError` if a column is missing or does not hold what the mapping says.
+
     Parameters
     ----------
     file : path of the table
     entries : of a mapping; time and gyro are needed, and those of attitudes are not read
-
-    Raises
-    ------
-    InputError
-        A column is missing or does not hold what the mapping says.
     """
     from gyrocal.importing.columns import resolve_columns
     from gyrocal.importing.streams import read_csv, read_gyro_log

@@ -62,29 +62,18 @@ TYPES = {
 
 @dataclass(frozen=True)
 class Aem:
-    """Attitudes of a message, all segments one after another.
+    """Attitudes of a message, all segments one after another."""
 
-    Attributes
-    ----------
-    clock : times
-    q : (m, 4) A(q), inertial to body, scalar last
-    title : the object's name
-    frames : inertial frame and body frame
-    """
-
-    clock: Clock
-    q: Array
-    title: str
-    frames: tuple[str, str]
+    clock: Clock  # times
+    q: Array  # (m, 4) A(q), inertial to body, scalar last
+    title: str  # the object's name
+    frames: tuple[str, str]  # inertial frame and body frame
 
 
 def read_aem(path: str | os.PathLike[str]) -> Aem:
     """Read a message.
 
-    Raises
-    ------
-    InputError
-        It is no AEM of version 1 or 2, or holds what a recording cannot.
+    An `InputError` if it is no AEM of version 1 or 2, or holds what a recording cannot.
     """
     path = Path(path)
     version, blocks = _read_blocks(path)
@@ -144,18 +133,11 @@ def _check_metadata(meta: dict[str, str], version: str, path: Path) -> tuple[str
 
 @dataclass(frozen=True)
 class Block:
-    """One block of a message.
+    """One block of a message."""
 
-    Attributes
-    ----------
-    kind : META or DATA
-    entries : keywords and values; of several comments the last
-    lines : words of each line, and where it stands, for messages
-    """
-
-    kind: str
-    entries: dict[str, str] = field(default_factory=dict)
-    lines: list[tuple[str, list[str]]] = field(default_factory=list)
+    kind: str  # META or DATA
+    entries: dict[str, str] = field(default_factory=dict)  # keywords and values; of several comments the last
+    lines: list[tuple[str, list[str]]] = field(default_factory=list)  # words of each line, and where it stands, for messages
 
 
 def _read_blocks(path: Path) -> tuple[str, list[Block]]:

@@ -69,36 +69,21 @@ DIRECTION_WORDS = {
 
 @dataclass(frozen=True)
 class Reading:
-    """One way to read the tables.
+    """One way to read the tables."""
 
-    Attributes
-    ----------
-    changes : what is to be changed, in words; empty as they are read
-    count : how many things these are; each axis that another takes the place of is one
-    residual : RMS of w_ref − s Π w − b over that of the motion
-    offset_s : τ, s; the attitudes' tags are too late by it
-    """
-
-    changes: tuple[str, ...]
-    count: int
-    residual: float
-    offset_s: float
+    changes: tuple[str, ...]  # what is to be changed, in words; empty as they are read
+    count: int  # how many things these are; each axis that another takes the place of is one
+    residual: float  # RMS of w_ref − s Π w − b over that of the motion
+    offset_s: float  # τ, s; the attitudes' tags are too late by it
 
 
 @dataclass(frozen=True)
 class MatrixReading:
-    """A reading that fits after a rotation of the gyro's axes, or with gyros that are not at right angles.
+    """A reading that fits after a rotation of the gyro's axes, or with gyros that are not at right angles."""
 
-    Attributes
-    ----------
-    changes : what is to be changed, in words
-    residual : as of a `Reading`
-    angle : of the rotation, or the largest by which two gyros' angle differs from 90 deg, rad
-    """
-
-    changes: tuple[str, ...]
-    residual: float
-    angle: float
+    changes: tuple[str, ...]  # what is to be changed, in words
+    residual: float  # as of a `Reading`
+    angle: float  # of the rotation, or the largest by which two gyros' angle differs from 90 deg, rad
 
     @property
     def sentence(self) -> str:
@@ -117,22 +102,14 @@ class RatePair(NamedTuple):
 
 @dataclass(frozen=True)
 class Agreement:
-    """Agreement of the rates and attitudes of the tables.
+    """Agreement of the rates and attitudes of the tables."""
 
-    Attributes
-    ----------
-    as_read : the reading that was asked about
-    better : those that fit better and change least; empty if what was asked fits, or nothing does
-    rotated : the best with a rotation of the gyro's axes, or with skew ones, if it fits much better than all without
-    aligned : with a free factor and a free clock, if that fits much better than all others
-    cause : of a misfit that no reading mends, and where in time it lies
-    """
-
-    as_read: Reading
-    better: tuple[Reading, ...]
+    as_read: Reading  # the reading that was asked about
+    better: tuple[Reading, ...]  # those that fit better and change least; empty if what was asked fits, or nothing does
+    # the best with a rotation of the gyro's axes, or with skew ones, if it fits much better than all without
     rotated: MatrixReading | None = None
-    aligned: Alignment | None = None
-    cause: str = ""
+    aligned: Alignment | None = None  # with a free factor and a free clock, if that fits much better than all others
+    cause: str = ""  # of a misfit that no reading mends, and where in time it lies
 
     @property
     def fits(self) -> bool:

@@ -49,30 +49,23 @@ MOST_LEFT_ACROSS = 0.5  # of the square of the motion across its main axis: what
 
 @dataclass(frozen=True)
 class Alignment:
-    """Alignment of the gyro with the attitudes: time, rotation and scale.
+    """Alignment of the gyro with the attitudes: time, rotation and scale."""
 
-    Attributes
-    ----------
-    offset_s, offset_sigma : τ, s
-    time_factor, time_sigma : f
-    reverse : whether the attitudes' direction is the other one
-    C, turn_sigma : (3, 3), and (3,) 1-sigma of the rotation about the body's axes, rad
-    factor, factor_sigma : s
-    bias : (3,) rad/s
-    residual : over the motion
-    """
-
+    # offset_s, offset_sigma: τ, s
     offset_s: float
     offset_sigma: float
+    # time_factor, time_sigma: f
     time_factor: float
     time_sigma: float
-    reverse: bool
+    reverse: bool  # whether the attitudes' direction is the other one
+    # C, turn_sigma: (3, 3), and (3,) 1-sigma of the rotation about the body's axes, rad
     C: Array
     turn_sigma: Array
+    # factor, factor_sigma: s
     factor: float
     factor_sigma: float
-    bias: Array
-    residual: float
+    bias: Array  # (3,) rad/s
+    residual: float  # over the motion
 
     @property
     def turn(self) -> Array:

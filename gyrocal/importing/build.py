@@ -58,24 +58,14 @@ ARRIVES = np.deg2rad(10.0)  # a turn at random is as small as this once in 4000 
 
 @dataclass(frozen=True)
 class ImportResult:
-    """A recording and how it came about.
+    """A recording and how it came about."""
 
-    Attributes
-    ----------
-    recording : the recording
-    mapping : as which the tables were read
-    assumed : what was taken for granted or estimated, a sentence each
-    sensors : the attitudes of each sensor as they were read
-    joined : those of several sensors joined, with their mountings; None of a single one
-    warnings : what is implausible, a sentence each
-    """
-
-    recording: Recording
-    mapping: Mapping
-    assumed: tuple[str, ...]
-    sensors: tuple[Sensor, ...]
-    joined: JoinedReferences | None
-    warnings: tuple[str, ...] = ()
+    recording: Recording  # the recording
+    mapping: Mapping  # as which the tables were read
+    assumed: tuple[str, ...]  # what was taken for granted or estimated, a sentence each
+    sensors: tuple[Sensor, ...]  # the attitudes of each sensor as they were read
+    joined: JoinedReferences | None  # those of several sensors joined, with their mountings; None of a single one
+    warnings: tuple[str, ...] = ()  # what is implausible, a sentence each
 
     def summary(self) -> pd.DataFrame:
         """Table of the recording made, a row a quantity, in degrees."""
@@ -93,17 +83,14 @@ class ImportResult:
 def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence[str] = ()) -> ImportResult:
     """A recording of the streams.
 
+    An `InputError` if the tables do not overlap, do not fit each other, or are too short.
+
     Parameters
     ----------
     streams : of both tables
     mapping : what is known beyond the columns
     check : whether rates and attitudes that do not fit each other are refused, unless the mapping says unchecked
     said : what was taken for granted before
-
-    Raises
-    ------
-    InputError
-        The tables do not overlap, do not fit each other, or are too short.
     """
     said, check = [*said, *streams.assumed], check and not mapping.unchecked
     if not streams.raw.any():

@@ -67,16 +67,13 @@ def read_ck(
 ) -> Aem:
     """Attitudes with times in GPS time.
 
+    An `InputError` if one of the two cannot be used.
+
     Parameters
     ----------
     path, sclk : CK, and the kernel of the spacecraft's clock
     instrument : NAIF number; that of the CK if there is only one
     spacecraft : whose clock it is; instrument / 1000 by default, as for SPICE
-
-    Raises
-    ------
-    InputError
-        One of the two cannot be used.
     """
     path = Path(path)
     with _open_toolkit(f"{path}, {sclk}", sclk, path) as spice:

@@ -53,79 +53,60 @@ class Span(IntervalHeader):
 
 
 class Mapping(BaseModel):
-    """What the columns mean, and what is known beyond them; None is estimated or taken from the data.
-
-    Attributes
-    ----------
-    time, attitude_time : "COLUMN:UNIT" of the gyro's table and of the attitudes'; the latter as the former by default
-    gyro : "COLUMNS:UNIT", or one column with `gyro_by`
-    quat, euler, matrix : the attitudes, one of the three
-    lsb : size of a count with its unit
-    wrap : where an accumulated angle wraps, or the full range of rates that overflow, in the column's own unit
-    rows : "COLUMN:VALUE", the rows of the gyro's table that are read, where it holds several gyros
-    sample_number : column of the gyro's table that counts the samples
-    temperature : column of the gyro's table with the gyro's temperature, °C, which becomes housekeeping
-    rate_hz : samples a second; with it or the sample number the gyro's time tags are put on an even time base
-    gyro_by, attitude_by : column that says which gyro or which attitude sensor a row is of
-    gyros : which of the gyros are used, three or more by name or by number from 1, separated by commas; all by default
-    axes : direction of each gyro in the body, a row a gyro; or "tetrahedron", three or all four of its axes
-    G : 3×n in place of axes: ω = G ω_raw + b
-    mounting : rotation vector in degrees from the gyros' axes to the attitudes'; "estimate" finds it
-    tag : which part of a rate's sample its time tags
-    attitude_offset_s : added to the attitudes' tags
-    time_factor : factor of the gyro's tags about its first one
-    rate_factor : factor of the rates
-    common_start : whether a table whose times have no date begins with the other one
-    align : "auto" finds offset, time_factor, direction, mounting and rate_factor from the rates of both
-    unchecked : whether rates and attitudes are taken that do not fit each other
-    sigma_deg : reference 1-sigma about all body axes or each; column(s) of the attitudes' table with it; with attitude_by about
-        each sensor's own axes, by its name
-    sensor : with attitude_by, the only attitude sensor that is read
-    mountings : with attitude_by, quaternion from body to a sensor, scalar last, by its name; estimated of those not given
-    mounting_sigma_deg : 1-sigma of those that are to be estimated all the same, about the sensor's own axes, by its name
-    arw_deg_per_sqrt_s : of each gyro; a number for all, or one for each that is used
-    bias_deg_s : of the body, b of ω = G ω_raw + b
-    interval_s, spacing_s : longest interval, and least time between references
-    interval : intervals as in recording.toml, in the place of those that are made
-    title, epoch : of the recording; times of intervals are since the epoch
-    """
+    """What the columns mean, and what is known beyond them; None is estimated or taken from the data."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
+    # time, attitude_time: "COLUMN:UNIT" of the gyro's table and of the attitudes'; the latter as the former by default
     time: str
-    gyro: str
+    gyro: str  # "COLUMNS:UNIT", or one column with `gyro_by`
     attitude_time: str | None = None
+    # quat, euler, matrix: the attitudes, one of the three
     quat: str | None = None
     euler: str | None = None
     matrix: str | None = None
-    lsb: str | None = None
+    lsb: str | None = None  # size of a count with its unit
+    # where an accumulated angle wraps, or the full range of rates that overflow, in the column's own unit
     wrap: float | None = Field(default=None, gt=0)
-    rows: str | None = None
-    sample_number: str | None = None
-    temperature: str | None = None
+    rows: str | None = None  # "COLUMN:VALUE", the rows of the gyro's table that are read, where it holds several gyros
+    sample_number: str | None = None  # column of the gyro's table that counts the samples
+    temperature: str | None = None  # column of the gyro's table with the gyro's temperature, °C, which becomes housekeeping
+    # samples a second; with it or the sample number the gyro's time tags are put on an even time base
     rate_hz: float | None = Field(default=None, gt=0)
+    # gyro_by, attitude_by: column that says which gyro or which attitude sensor a row is of
     gyro_by: str | None = None
     attitude_by: str | None = None
+    # which of the gyros are used, three or more by name or by number from 1, separated by commas; all by default
     gyros: str | None = None
-    sensor: str | None = None
+    sensor: str | None = None  # with attitude_by, the only attitude sensor that is read
+    # direction of each gyro in the body, a row a gyro; or "tetrahedron", three or all four of its axes
     axes: list[Vector] | Literal["tetrahedron"] | None = None
-    G: list[list[float]] | None = None
+    G: list[list[float]] | None = None  # 3×n in place of axes: ω = G ω_raw + b
+    # rotation vector in degrees from the gyros' axes to the attitudes'; "estimate" finds it
     mounting: Literal["as given", "estimate"] | Vector = "as given"
-    tag: Literal["start", "middle", "end"] = "start"
-    attitude_offset_s: float = 0.0
-    time_factor: float = Field(default=1.0, gt=0)
-    rate_factor: float = Field(default=1.0, gt=0)
-    common_start: bool = False
+    tag: Literal["start", "middle", "end"] = "start"  # which part of a rate's sample its time tags
+    attitude_offset_s: float = 0.0  # added to the attitudes' tags
+    time_factor: float = Field(default=1.0, gt=0)  # factor of the gyro's tags about its first one
+    rate_factor: float = Field(default=1.0, gt=0)  # factor of the rates
+    common_start: bool = False  # whether a table whose times have no date begins with the other one
+    # "auto" finds offset, time_factor, direction, mounting and rate_factor from the rates of both
     align: Literal["as given", "auto"] = "as given"
-    unchecked: bool = False
+    unchecked: bool = False  # whether rates and attitudes are taken that do not fit each other
+    # reference 1-sigma about all body axes or each; column(s) of the attitudes' table with it; with attitude_by about each
+    # sensor's own axes, by its name
     sigma_deg: Sigma | str | dict[str, Sigma] | None = None
+    # with attitude_by, quaternion from body to a sensor, scalar last, by its name; estimated of those not given
     mountings: dict[str, Quaternion] | None = None
+    # 1-sigma of those that are to be estimated all the same, about the sensor's own axes, by its name
     mounting_sigma_deg: dict[str, Vector] | None = None
-    arw_deg_per_sqrt_s: Positive | list[Positive] | None = None
-    bias_deg_s: Vector | None = None
+    arw_deg_per_sqrt_s: Positive | list[Positive] | None = None  # of each gyro; a number for all, or one for each that is used
+    bias_deg_s: Vector | None = None  # of the body, b of ω = G ω_raw + b
+    # interval_s, spacing_s: longest interval, and least time between references
     interval_s: float | None = Field(default=None, gt=0)
     spacing_s: float | None = Field(default=None, gt=0)
+    # intervals as in recording.toml, in the place of those that are made
     interval: list[Span] | None = Field(default=None, min_length=1)
+    # title, epoch: of the recording; times of intervals are since the epoch
     title: str | None = None
     epoch: str | None = None
 
@@ -221,11 +202,6 @@ def validate_mapping(entries: dict[str, Any], source: str, attitude_needed: bool
     ----------
     entries, source : the mapping, and where it stands
     attitude_needed : whether it must name attitudes
-
-    Raises
-    ------
-    InputError
-        One line with every fault.
     """
     entries = {key: value for key, value in entries.items() if value is not None}
     for name, example in (("time", "timestamp_ms:ms"), ("gyro", "gx,gy,gz:deg/s")):

@@ -199,13 +199,11 @@ def _build_pieces(gyro: GyroStream, t_s: Array, q: Array, pairs: list[tuple[int,
 def estimate_walk_at_rest(stretches: list[Array], sample_s: float) -> Array | None:
     """Angle random walk (k,) rad/sqrt(s) of white rate noise: overlapping Allan deviation near `ALLAN_S`, times its root.
 
+    Returns None if no stretch is long enough.
+
     Parameters
     ----------
     stretches : rates (n, k) each, rad/s, constant but for noise and slow drift
-
-    Returns
-    -------
-    None if no stretch is long enough.
     """
     m = max(round(ALLAN_S / sample_s), 1)
     squares = []
@@ -242,14 +240,12 @@ def compute_increment_residuals(recording: Recording) -> tuple[Array, Array]:
     G, bias and a time offset between gyro and references are fitted by least squares and forgotten: without them their effect
     would be taken for reference noise.
 
+    Returns (m, 3) residuals in the body axes of the second reference, rad, scaled by the degrees of freedom of the fit, and (m,
+    3, 3) rotations from the first to it.
+
     Parameters
     ----------
     recording : intervals that hold two references each
-
-    Returns
-    -------
-    (m, 3) residuals in the body axes of the second reference, rad, scaled by the degrees of freedom of the fit, and (m, 3, 3)
-    rotations from the first to it
     """
     gyro = recording.gyro
     theta, prepared, run = compute_misses(recording)

@@ -38,17 +38,14 @@ def import_euroc(
 ) -> ImportResult:
     """A recording of a folder of the EuRoC form.
 
+    An `InputError` if a file or a column is missing, or rates and attitudes do not fit each other.
+
     Parameters
     ----------
     folder : with mav0 in it, or mav0 itself
     reference : the folder with the attitudes; the first of `REFERENCE_FOLDERS` that is there by default
     stated_noise : whether the noise density of ``imu0/sensor.yaml`` is used; otherwise it is estimated
     entries : of the mapping, beyond the columns
-
-    Raises
-    ------
-    InputError
-        A file or a column is missing, or rates and attitudes do not fit each other.
     """
     folder = Path(folder)
     root = folder / "mav0" if (folder / "mav0").is_dir() else folder

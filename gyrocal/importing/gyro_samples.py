@@ -109,9 +109,7 @@ def _put_on_even_times(
 ) -> tuple[Array, Array, list[str], list[str]]:
     """Time tags on an even time base where more than a percent of them are uneven, or the mapping states number or rate.
 
-    Returns
-    -------
-    Tags and rates of the rows, what is changed, and what else is said.
+    Returns tags and rates of the rows, what is changed, and what else is said.
     """
     said: list[str] = []
     asked = number is not None or mapping.rate_hz is not None

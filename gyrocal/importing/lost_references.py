@@ -36,16 +36,14 @@ def leave_out_lost_references(
 ) -> tuple[Mask, list[str]]:
     """Find rows of attitudes that were not measured.
 
+    Returns the rows (m,) to keep, and a sentence for each kind of the others.
+
     Parameters
     ----------
     t_s, q : (m,) s and (m, 4) unit quaternions in the order of time
     gyro_t_s, raw : (n,) begins of the samples, s, and (n, k) their rates, rad/s
     sample_s : length of a sample
     what : how the rows are called
-
-    Returns
-    -------
-    The rows (m,) to keep, and a sentence for each kind of the others.
     """
     edges = np.append(gyro_t_s, gyro_t_s[-1] + sample_s)
     length = np.diff(edges)[:, None]

@@ -28,20 +28,12 @@ HALF = 0.5  # of the misfit's square, whose shortest time is said
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault and how much of the misfit it leaves.
+    """A fault and how much of the misfit it leaves."""
 
-    Attributes
-    ----------
-    kind : "bias", "scale", "step", "jump" or "clipping"
-    words : what it is, with its numbers
-    left : RMS of e with the fault over that of e
-    bias : (3,) rad/s that is missing, of a constant bias
-    """
-
-    kind: str
-    words: str
-    left: float
-    bias: Array | None = None
+    kind: str  # "bias", "scale", "step", "jump" or "clipping"
+    words: str  # what it is, with its numbers
+    left: float  # RMS of e with the fault over that of e
+    bias: Array | None = None  # (3,) rad/s that is missing, of a constant bias
 
 
 def explain_misfit(windows: Motion) -> Fault | None:

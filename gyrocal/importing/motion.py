@@ -28,21 +28,16 @@ SPEED_S = 1.0
 
 @dataclass(frozen=True)
 class Motion:
-    """Mean rates by both sides over windows.
+    """Mean rates by both sides over windows."""
 
-    Attributes
-    ----------
-    start_s, stop_s : (n,) of the windows
-    rows : (n, 2) attitudes at their ends
-    t_s, angle : gyro tags with the end of the last sample, and the integral of the rates (., 3) up to each
-    t_ref, q : (m,) s and (m, 4) of all attitudes, inertial to body, scalar last
-    """
-
+    # start_s, stop_s: (n,) of the windows
     start_s: Array
     stop_s: Array
-    rows: NDArray[np.intp]
+    rows: NDArray[np.intp]  # (n, 2) attitudes at their ends
+    # t_s, angle: gyro tags with the end of the last sample, and the integral of the rates (., 3) up to each
     t_s: Array
     angle: Array
+    # t_ref, q: (m,) s and (m, 4) of all attitudes, inertial to body, scalar last
     t_ref: Array
     q: Array
 

@@ -46,6 +46,8 @@ def import_bag(
 ) -> ImportResult:
     """A recording of a bag.
 
+    An `InputError` if the bag or a topic cannot be read, or rates and attitudes do not fit each other.
+
     Parameters
     ----------
     path : a file of ROS 1, or a folder or file of ROS 2
@@ -53,11 +55,6 @@ def import_bag(
     estimate_mounting : the same as mounting="estimate"
     gyro_unit : of the rates, which the message's definition has in rad/s and some drivers send otherwise
     entries : of the mapping, beyond the columns
-
-    Raises
-    ------
-    InputError
-        The bag or a topic cannot be read, or rates and attitudes do not fit each other.
     """
     path = Path(path)
     gyro, attitude, said = read_bag(path, imu_topic, pose_topic)

@@ -97,6 +97,8 @@ def build_references(
 ) -> tuple[Attitudes, JoinedReferences]:
     """Join the references of several sensors.
 
+    Returns the references that are used, and all of them.
+
     Parameters
     ----------
     body : of all sensors
@@ -105,10 +107,6 @@ def build_references(
     mapping : what is known beyond the columns
     gyro : body rates
     said : what is assumed, to which it is added
-
-    Returns
-    -------
-    The references that are used, and all of them.
     """
     sensors = list(body.sensors)
     if mapping.sigma_deg is None:

@@ -29,22 +29,13 @@ UNDATED = "2000-01-01T00:00:00"  # epoch of files without a date
 
 @dataclass(frozen=True)
 class Sensor:
-    """Attitudes by one sensor.
+    """Attitudes by one sensor."""
 
-    Attributes
-    ----------
-    name : of the sensor; empty if there is only one
-    t_s : (m,) s since the epoch
-    q : (m, 4) A(q), inertial to the sensor's own axes, scalar last
-    sigma : (m, 3) 1-sigma about the sensor's own axes, rad, of columns of the table
-    angles : (m, 3) Euler angles as they are on file
-    """
-
-    name: str
-    t_s: Array
-    q: Array
-    sigma: Array | None = None
-    angles: Array | None = None
+    name: str  # of the sensor; empty if there is only one
+    t_s: Array  # (m,) s since the epoch
+    q: Array  # (m, 4) A(q), inertial to the sensor's own axes, scalar last
+    sigma: Array | None = None  # (m, 3) 1-sigma about the sensor's own axes, rad, of columns of the table
+    angles: Array | None = None  # (m, 3) Euler angles as they are on file
 
     def select_rows(self, rows: NDArray[Any]) -> Sensor:
         """The attitudes of some rows."""
@@ -54,55 +45,36 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Streams:
-    """What the tables hold.
+    """What the tables hold."""
 
-    Attributes
-    ----------
-    t_s : (n,) starts of the gyro's samples, s since the epoch
-    raw : (n, 3) rates of three gyros about their own axes, or about those of the body by more gyros, rad/s
-    sample_s : s between samples
-    G : (3, 3) of the rates as the gyros' axes are stated, ω = G ω_raw + b
-    sensors : the attitudes, the first sensor's axes being the body's
-    epoch, time_scale : as in a recording
-    assumed : what was taken for granted, a sentence each
-    temperature : (m, 2) s since the epoch, and the gyro's °C
-    gyros : more than three, whose rates are joined
-    """
-
-    t_s: Array
-    raw: Array
-    sample_s: float
-    G: Array
-    sensors: tuple[Sensor, ...]
+    t_s: Array  # (n,) starts of the gyro's samples, s since the epoch
+    raw: Array  # (n, 3) rates of three gyros about their own axes, or about those of the body by more gyros, rad/s
+    sample_s: float  # s between samples
+    G: Array  # (3, 3) of the rates as the gyros' axes are stated, ω = G ω_raw + b
+    sensors: tuple[Sensor, ...]  # the attitudes, the first sensor's axes being the body's
+    # epoch, time_scale: as in a recording
     epoch: str
     time_scale: str
-    assumed: tuple[str, ...]
-    temperature: Array | None = None
-    gyros: JoinedGyros | None = None
+    assumed: tuple[str, ...]  # what was taken for granted, a sentence each
+    temperature: Array | None = None  # (m, 2) s since the epoch, and the gyro's °C
+    gyros: JoinedGyros | None = None  # more than three, whose rates are joined
 
 
 @dataclass(frozen=True)
 class BodyAttitudes:
-    """Attitudes of the body as far as an import asks of its motion.
+    """Attitudes of the body as far as an import asks of its motion."""
 
-    Attributes
-    ----------
-    t_s, q : (m,) s and (m, 4) inertial to body, scalar last
-    sensors : where there are several, each one's attitudes with what is known of its noise and mounting
-    """
-
+    # t_s, q: (m,) s and (m, 4) inertial to body, scalar last
     t_s: Array
     q: Array
+    # where there are several, each one's attitudes with what is known of its noise and mounting
     sensors: tuple[SensorReferences, ...] = ()
 
 
 def read_csv(path: Path) -> pd.DataFrame:
     """Read a text table, whose layout is found; `attrs` has what is said of it.
 
-    Raises
-    ------
-    InputError
-        It cannot be read.
+    An `InputError` if it cannot be read.
     """
     from gyrocal.importing.table_layout import find_layout
     from gyrocal.recording.tables import read_csv_file
@@ -134,10 +106,7 @@ def read_csv(path: Path) -> pd.DataFrame:
 def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -> Streams:
     """Both tables as the mapping reads them.
 
-    Raises
-    ------
-    InputError
-        A column is missing or does not hold what the mapping says.
+    An `InputError` if a column is missing or does not hold what the mapping says.
     """
     from gyrocal.importing.lost_references import leave_out_lost_references  # late: it loads scipy
 

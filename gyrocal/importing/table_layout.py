@@ -40,22 +40,15 @@ BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_
 
 @dataclass(frozen=True)
 class TableLayout:
-    """Where the values of a table are, and what their columns are named.
+    """Where the values of a table are, and what their columns are named."""
 
-    Attributes
-    ----------
-    encoding, separator, decimal : as `pandas.read_csv` takes them
-    names : of the columns; their numbers from 1 where the table has no header
-    first_line : of the values, from 0
-    said : how the table is read, if it is not commas below a header in the first line
-    """
-
+    # encoding, separator, decimal: as `pandas.read_csv` takes them
     encoding: str
     separator: str
     decimal: str
-    names: list[str]
-    first_line: int
-    said: tuple[str, ...]
+    names: list[str]  # of the columns; their numbers from 1 where the table has no header
+    first_line: int  # of the values, from 0
+    said: tuple[str, ...]  # how the table is read, if it is not commas below a header in the first line
 
 
 def find_layout(path: Path) -> TableLayout:

@@ -44,19 +44,12 @@ BLOCK_ANCHORS = 50  # of a block whose median shows whether the clock drifts fro
 
 @dataclass(frozen=True)
 class EvenTimes:
-    """Even times of some rows.
+    """Even times of some rows."""
 
-    Attributes
-    ----------
-    t_s : (n,) s
-    sample_s : spacing, s
-    errors : how the tags deviate from them, in words
-    drift_s : largest departure of the clock from one straight line that the times follow, s; zero where they are straight
-    """
-
-    t_s: Array
-    sample_s: float
-    errors: str
+    t_s: Array  # (n,) s
+    sample_s: float  # spacing, s
+    errors: str  # how the tags deviate from them, in words
+    # largest departure of the clock from one straight line that the times follow, s; zero where they are straight
     drift_s: float
 
 

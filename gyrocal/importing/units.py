@@ -57,20 +57,12 @@ LEAP_MONTHS = (
 
 @dataclass(frozen=True)
 class Clock:
-    """Time tags of a table.
+    """Time tags of a table."""
 
-    Attributes
-    ----------
-    whole : (n,) whole seconds, exact
-    part : (n,) what is left of a second, s
-    scale : "UTC" for unix time and ISO 8601, "GPS", or "" for seconds from an unknown start
-    said : how tags of a counter were continued, a sentence; empty where they were not
-    """
-
-    whole: NDArray[np.int64]
-    part: Array
-    scale: str
-    said: str = ""
+    whole: NDArray[np.int64]  # (n,) whole seconds, exact
+    part: Array  # (n,) what is left of a second, s
+    scale: str  # "UTC" for unix time and ISO 8601, "GPS", or "" for seconds from an unknown start
+    said: str = ""  # how tags of a counter were continued, a sentence; empty where they were not
 
     def subtract(self, second: int) -> Array:
         """(n,) s since a whole second."""

@@ -33,24 +33,14 @@ MOST_REST_SHARE = 0.25  # of the sum of squares a degree of freedom: so little i
 
 @dataclass(frozen=True)
 class JoinedGyros:
-    """Rates of the body by several gyros, and their parity.
+    """Rates of the body by several gyros, and their parity."""
 
-    Attributes
-    ----------
-    names : of the k gyros
-    rates : (n, 3) G ω_raw, rad/s; NaN where fewer than three gyros with independent axes were read
-    gain : noise of the rates, root mean square about the three axes, in the unit of the gyros' `noise`
-    residuals : (n, k) parity residuals r_i, rad/s; NaN where the gyro was not read or the others do not determine it
-    spread : (k,) their noise σ_i / √f_i, root mean square over the rows
-    freedom : (k,) f_i, mean over the rows
-    """
-
-    names: tuple[str, ...]
-    rates: Array
-    gain: float
-    residuals: Array
-    spread: Array
-    freedom: Array
+    names: tuple[str, ...]  # of the k gyros
+    rates: Array  # (n, 3) G ω_raw, rad/s; NaN where fewer than three gyros with independent axes were read
+    gain: float  # noise of the rates, root mean square about the three axes, in the unit of the gyros' `noise`
+    residuals: Array  # (n, k) parity residuals r_i, rad/s; NaN where the gyro was not read or the others do not determine it
+    spread: Array  # (k,) their noise σ_i / √f_i, root mean square over the rows
+    freedom: Array  # (k,) f_i, mean over the rows
 
     def describe(self, unit: float) -> list[str]:
         """Say how well the gyros agree, a sentence each.
@@ -122,17 +112,14 @@ def join_gyros(
 
     A row in which a gyro is missing uses the others, if three with independent axes are left.
 
+    An `InputError` if shapes do not fit, or no row has three gyros that measure all three directions.
+
     Parameters
     ----------
     raw : (n, k) readings, rad/s; NaN where a gyro was not read
     axes : (k, 3) sensitive axis of each gyro in the body, times its scale factor if that is not one
     noise : (k,) white noise of each gyro, in any unit; equal, of one unit, by default
     names : of the gyros; their numbers from 1 by default
-
-    Raises
-    ------
-    InputError
-        Shapes do not fit, or no row has three gyros that measure all three directions.
     """
     read, K = np.asarray(raw, dtype=np.float64), np.asarray(axes, dtype=np.float64)
     if read.ndim != 2 or K.shape != (read.shape[1], 3):

@@ -42,23 +42,14 @@ ITERATIONS = 3  # of a mounting, since bringing rows to one time takes it as kno
 
 @dataclass(frozen=True)
 class SensorReferences:
-    """Reference attitudes by one sensor.
+    """Reference attitudes by one sensor."""
 
-    Attributes
-    ----------
-    name : of the sensor
-    t_s : (m,) s, strictly increasing
-    quaternions : (m, 4) inertial to the sensor's own axes, scalar last
-    sigma : (m, 3) 1-sigma about the sensor's own axes, rad
-    mounting : (3, 3) body to sensor as stated; None if it is not known
-    mounting_sigma : (3,) 1-sigma of the stated mounting about the sensor's own axes, rad; None if it is exact
-    """
-
-    name: str
-    t_s: Array
-    quaternions: Array
-    sigma: Array
-    mounting: Array | None = None
+    name: str  # of the sensor
+    t_s: Array  # (m,) s, strictly increasing
+    quaternions: Array  # (m, 4) inertial to the sensor's own axes, scalar last
+    sigma: Array  # (m, 3) 1-sigma about the sensor's own axes, rad
+    mounting: Array | None = None  # (3, 3) body to sensor as stated; None if it is not known
+    # (3,) 1-sigma of the stated mounting about the sensor's own axes, rad; None if it is exact
     mounting_sigma: Array | None = None
 
     @property
@@ -69,23 +60,15 @@ class SensorReferences:
 
 @dataclass(frozen=True)
 class JoinedSensor:
-    """A sensor after the join.
+    """A sensor after the join."""
 
-    Attributes
-    ----------
-    name : of the sensor
-    rows, common : number of its rows, and of those compared with a sensor before it
-    mounting : (3, 3) body to sensor
-    mounting_sigma : (3,) 1-sigma of the mounting about the sensor's own axes, rad; None if it was not estimated
-    agreement : RMS of its differences from the sensors before it, in units of their stated sigma; NaN without any
-    """
-
-    name: str
+    name: str  # of the sensor
+    # rows, common: number of its rows, and of those compared with a sensor before it
     rows: int
     common: int
-    mounting: Array
-    mounting_sigma: Array | None
-    agreement: float
+    mounting: Array  # (3, 3) body to sensor
+    mounting_sigma: Array | None  # (3,) 1-sigma of the mounting about the sensor's own axes, rad; None if it was not estimated
+    agreement: float  # RMS of its differences from the sensors before it, in units of their stated sigma; NaN without any
 
     def describe(self) -> str:
         """Describe the sensor in a sentence."""
@@ -101,18 +84,11 @@ class JoinedSensor:
 
 @dataclass(frozen=True)
 class JoinedReferences:
-    """One series of body attitudes of several sensors.
+    """One series of body attitudes of several sensors."""
 
-    Attributes
-    ----------
-    attitudes : the references, each with its covariance
-    holds : (m, sensors) whether a row holds a reference of each sensor, in the order in which they were given
-    sensors : in the same order
-    """
-
-    attitudes: Attitudes
-    holds: Mask
-    sensors: tuple[JoinedSensor, ...]
+    attitudes: Attitudes  # the references, each with its covariance
+    holds: Mask  # (m, sensors) whether a row holds a reference of each sensor, in the order in which they were given
+    sensors: tuple[JoinedSensor, ...]  # in the same order
 
     def describe(self) -> list[str]:
         """Describe each sensor, and the joint references."""
@@ -140,16 +116,13 @@ def join_references(sensors: Sequence[SensorReferences], gyro: GyroStream | None
     first sensor defines the body's axes; they are its own ones unless its mounting is stated. A row without another of its time
     is kept with its own covariance.
 
+    An `InputError` if a mounting cannot be estimated, or a stated mounting contradicts the attitudes.
+
     Parameters
     ----------
     sensors : the references of each sensor
     gyro : brings rows less than half a sample apart to one time, by its a-priori G and bias in body axes; without it each
         further sensor is interpolated at the times of those before it, which correlates its neighbouring errors
-
-    Raises
-    ------
-    InputError
-        A mounting cannot be estimated, or a stated mounting contradicts the attitudes.
     """
     first = sensors[0]
     M = np.eye(3) if first.mounting is None else first.mounting

@@ -41,18 +41,11 @@ NEAREST_M = 6.3e6  # no orbit is nearer to the Earth's centre
 
 @dataclass(frozen=True)
 class SunCounts:
-    """Counts of sun sensors.
+    """Counts of sun sensors."""
 
-    Attributes
-    ----------
-    t_s : (n,) s since the epoch, not decreasing
-    sensor : (n,) 1, 2, …
-    counts : (n, 2) of the α and the β head
-    """
-
-    t_s: Array
-    sensor: NDArray[np.int64]
-    counts: Array
+    t_s: Array  # (n,) s since the epoch, not decreasing
+    sensor: NDArray[np.int64]  # (n,) 1, 2, …
+    counts: Array  # (n, 2) of the α and the β head
 
     def select_sensor(self, number: int) -> tuple[Array, Array]:
         """Times (k,) and counts (k, 2) of one sensor."""
@@ -62,34 +55,20 @@ class SunCounts:
 
 @dataclass(frozen=True)
 class PenetrationAngles:
-    """Angles of an Earth sensor's four quadrants.
+    """Angles of an Earth sensor's four quadrants."""
 
-    Attributes
-    ----------
-    t_s : (n,) s since the epoch, increasing
-    angles : (n, 4) rad; of any value where not used
-    used : (n, 4)
-    """
-
-    t_s: Array
-    angles: Array
-    used: NDArray[np.bool_]
+    t_s: Array  # (n,) s since the epoch, increasing
+    angles: Array  # (n, 4) rad; of any value where not used
+    used: NDArray[np.bool_]  # (n, 4)
 
 
 @dataclass(frozen=True)
 class Ephemeris:
-    """Positions of the spacecraft and directions of the Sun.
+    """Positions of the spacecraft and directions of the Sun."""
 
-    Attributes
-    ----------
-    t_s : (n,) s since the epoch, increasing
-    position : (n, 3) from the Earth's centre, inertial, m
-    sun : (n, 3) unit vectors, inertial
-    """
-
-    t_s: Array
-    position: Array
-    sun: Array
+    t_s: Array  # (n,) s since the epoch, increasing
+    position: Array  # (n, 3) from the Earth's centre, inertial, m
+    sun: Array  # (n, 3) unit vectors, inertial
 
     def rows(self, t_s: Array) -> NDArray[np.intp]:
         """Rows of some times, each of which is there."""
@@ -100,10 +79,7 @@ class Ephemeris:
 class SensorTables:
     """The raw tables of a recording's attitude sensors; None for one that is not there.
 
-    Raises
-    ------
-    InputError
-        A sensor has a tag that the ephemeris lacks.
+    An `InputError` if a sensor has a tag that the ephemeris lacks.
     """
 
     sun: SunCounts | None = None

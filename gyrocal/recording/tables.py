@@ -86,15 +86,12 @@ def _read_parquet(path: Path) -> pd.DataFrame:
 def read_csv_file(path: Path, **options: Any) -> pd.DataFrame:
     """Read a CSV file so that no field is lost, which pandas drops with a warning; a comma at the end of every row is let pass.
 
+    A `ValueError` if a row has more fields than the header has names, or the file is damaged.
+
     Parameters
     ----------
     path : of the file
     options : of `pandas.read_csv`
-
-    Raises
-    ------
-    ValueError
-        A row has more fields than the header has names, or what else pandas has to say of a damaged file.
     """
     import pandas as pd  # late, as above
 
