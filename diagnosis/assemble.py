@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from diagnosis import notes, posterior
 from diagnosis.answer import Amplitudes, Cause, Explanations, Finding
 from diagnosis.detail_tables import build_details
-from diagnosis.identifiable import explain_blindness
 from diagnosis.inference.amplitudes import FittedEffect
 from diagnosis.inference.attribution import REMAINDER, Attribution
 from diagnosis.model import localization
@@ -33,18 +33,12 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class AssembleSettings:
-    """Constants of `diagnosis.assemble`."""
-
-    shown_explanations: int = 12  # in the list of the likeliest ones
-    worth_showing: float = 1e-4  # probability of an alternative
-
-
-SETTINGS = AssembleSettings()
+SHOWN_EXPLANATIONS = 12  # in the list of the likeliest ones
+WORTH_SHOWING = 1e-4  # probability of an alternative
 
 
 LEAST_POSITIVE = 1e-300
+OFFSET = 0.1  # rad, prior sigma of a constant rotation of references that are mounted otherwise than stated
 
 
 def build_diagnosis(
@@ -84,6 +78,40 @@ def _explain_blindness(prepared: PreparedRecording, settings: DiagnosisSettings)
     plausible = estimate_plausible_ranges(model.recording)
     sigma_G = prepared.sigma[:9].reshape(3, 3)
     return explain_blindness(model.degrees_of_freedom, model.G, sigma_G, model.recording.gyro.apriori_G, plausible.G, settings)
+
+
+def explain_blindness(
+    degrees_of_freedom: int, G: Array, sigma_G: Array, apriori_G: Array, plausible_G: float, settings: DiagnosisSettings
+) -> str | None:
+    """Explain why a recording without a visible gap cannot show whether there is one; None if it can.
+
+    A rotation of the axes is one that gyros of the grade have, or that and one of the references. The priors of its three
+    components are normal, that of the references by `OFFSET`.
+
+    Parameters
+    ----------
+    degrees_of_freedom : observations less nuisance parameters
+    G, sigma_G : (3, 3) as calibrated under M0, and standard errors
+    apriori_G : (3, 3) what the gyro is known to be
+    plausible_G : plausible range of an element of G, dimensionless
+    settings : priors
+    """
+    if degrees_of_freedom <= 0:
+        return "M0 has as many parameters as this recording has observations, so that no gap could be seen"
+    U, _, V = np.linalg.svd(G @ np.linalg.inv(apriori_G))
+    turn = Rotation.from_matrix(U @ V if np.linalg.det(U @ V) > 0 else np.eye(3)).as_rotvec()
+    of_gyro = float(np.sqrt(plausible_G**2 + np.sum(sigma_G**2) / 9))
+    prior = settings.another * settings.unlisted_share
+    wide = float(np.hypot(of_gyro, OFFSET))  # ratio of the densities of two normal variables of these sigmas
+    log_odds = np.log(prior / (1 - prior)) + np.sum(0.5 * turn**2 * (of_gyro**-2 - wide**-2) - np.log(wide / of_gyro))
+    if log_odds < np.log(settings.unknown / (1 - settings.unknown)):
+        return None
+    angle = float(np.linalg.norm(turn))
+    about = ", ".join(f"{value:.3g}" for value in np.rad2deg(turn))
+    return (
+        f"The calibration turns the gyro's axes by {np.rad2deg(angle):.3g} deg ({about} deg about x, y, z), more than any "
+        "plausible misalignment; a constant offset of the references does the same, and this recording cannot tell them apart"
+    )
 
 
 def _compute_nominal_sigma(prepared: PreparedRecording, explained: AttitudeInference) -> Array | None:
@@ -273,6 +301,6 @@ def list_next_explanations(attribution: Attribution | None) -> Explanations:
     chosen = {best, (*best, REMAINDER)} if best else set()
     return tuple(
         (one.labels, one.probability)
-        for one in attribution.ranked[: SETTINGS.shown_explanations]
-        if one.labels and one.labels not in chosen and one.probability > SETTINGS.worth_showing
+        for one in attribution.ranked[:SHOWN_EXPLANATIONS]
+        if one.labels and one.labels not in chosen and one.probability > WORTH_SHOWING
     )

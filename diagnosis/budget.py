@@ -29,15 +29,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class BudgetSettings:
-    """Constants of `diagnosis.budget`."""
-
-    draws: int = 2000  # of the bootstrap over held-out parts
-    floor: float = 1.0  # whitened mean square of held-out errors under the stated noise
-
-
-SETTINGS = BudgetSettings()
+DRAWS = 2000  # of the bootstrap over held-out parts
+FLOOR = 1.0  # whitened mean square of held-out errors under the stated noise
 
 
 LEAST_TOTAL_MISFIT = 1e-9
@@ -113,8 +106,8 @@ class HeldOut:
         The interval is that of a bootstrap over the held-out parts.
         """
         rng = np.random.default_rng(seed)
-        picks = rng.integers(0, len(self.dof), (SETTINGS.draws, len(self.dof)))
-        whole = self.squares[:, 0] - SETTINGS.floor * self.dof
+        picks = rng.integers(0, len(self.dof), (DRAWS, len(self.dof)))
+        whole = self.squares[:, 0] - FLOOR * self.dof
         gained = self.squares[:, before] - self.squares[:, after]
         total = max(float(whole.sum()), LEAST_TOTAL_MISFIT)
         drawn = whole[picks].sum(axis=1)
@@ -199,12 +192,12 @@ def summarise_closure(held: HeldOut) -> Closure:
             "interval": names,
             "before": [held.squares[mine, 0].sum() / held.dof[mine].sum() for _, mine in rows],
             "after": [held.squares[mine, last].sum() / held.dof[mine].sum() for _, mine in rows],
-            "floor": [SETTINGS.floor] * len(names),
+            "floor": [FLOOR] * len(names),
             "dof": [held.dof[mine].sum() for _, mine in rows],
         }
     )
     before, after = float(held.misfit[0]), float(held.misfit[last])
-    return Closure("held-out whitened mean square", RECORDING_SPLIT, before, after, SETTINGS.floor, closed, interval, table)
+    return Closure("held-out whitened mean square", RECORDING_SPLIT, before, after, FLOOR, closed, interval, table)
 
 
 def build_budget(
@@ -241,6 +234,6 @@ def build_budget(
     left = 1.0 - held.closed(0, len(effects))[0]
     low, high = held.closed(0, len(effects))[1]
     steps.append(Step("remainder", float(misfit[-1]), float(degrees[-1]), left, (1 - high, 1 - low)))
-    expected = float(degrees[-1] / np.sqrt(max(misfit[-1], SETTINGS.floor)))
-    steps.append(Step("floor", SETTINGS.floor, expected))
+    expected = float(degrees[-1] / np.sqrt(max(misfit[-1], FLOOR)))
+    steps.append(Step("floor", FLOOR, expected))
     return tuple(steps)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,19 +21,12 @@ if TYPE_CHECKING:
 AXES = "xyz"
 
 
-@dataclass(frozen=True)
-class DetailTableSettings:
-    """Constants of `diagnosis.detail_tables`."""
-
-    worth_keeping: float = 1e-6  # probability of an explanation in the details
-
-
-SETTINGS = DetailTableSettings()
+WORTH_KEEPING = 1e-6  # probability of an explanation in the details
 
 
 def tabulate_explanations(attribution: Attribution | None) -> pd.DataFrame:
     """All explanations with a probability worth keeping."""
-    ranked = [one for one in attribution.ranked if one.probability >= SETTINGS.worth_keeping] if attribution is not None else []
+    ranked = [one for one in attribution.ranked if one.probability >= WORTH_KEEPING] if attribution is not None else []
     return pd.DataFrame.from_records(
         [(" + ".join(one.labels), one.probability, one.log_evidence, one.unlisted) for one in ranked],
         columns=EXPLANATIONS,

@@ -8,21 +8,26 @@ from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
 
+from diagnosis.answer import Explanations, Finding
 from diagnosis.assemble import build_diagnosis
+from diagnosis.detectors.sample_report import Symptom
 from diagnosis.detectors.stream_faults import find_faults, remove_faults
-from diagnosis.explain import AttitudeInference, explain_prepared
-from diagnosis.merge import merge_answers
-from diagnosis.model.fault_causes import convert_faults
-from diagnosis.model.prepare import PreparedRecording, Progress, prepare
-from diagnosis.model.symptoms import list_sample_causes
+from diagnosis.explain import explain_prepared
+from diagnosis.model.prepare import Progress, prepare
+from diagnosis.model.symptoms import SampleCause, list_sample_causes
+from diagnosis.posterior import select_likeliest
 from diagnosis.result import Diagnosis
+from diagnosis.sensor_result import SensorDiagnosis
 from diagnosis.sensor_tables import diagnose_sensors
 from diagnosis.settings import DEFAULT, DiagnosisSettings
+from diagnosis.verdict import decide_verdict
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
 from simulator.effects import EFFECTS
 from simulator.effects.base import Effect, Fault
 from simulator.effects.sensor import ALL_EFFECTS, SENSOR_EFFECTS
+
+UNKNOWN_LABELS = ("unknown",)
 
 
 def diagnose(
@@ -57,21 +62,20 @@ def diagnose(
         faults = find_faults(recording, effects)
         usable = remove_faults(recording, faults)
         prepared, explained = explain_prepared(prepare(usable, settings, tell), effects, settings, seed, tell)
-        found = compose_diagnosis(prepared, explained, effects, settings, time.perf_counter() - began, faults)
+        samples = (*list_sample_causes(prepared, effects, settings), *map(_convert_fault, faults))
+        found = build_diagnosis(prepared, samples, explained, settings, time.perf_counter() - began)
         return found if recording.sensors is None else add_sensor_findings(found, recording, library, settings, seed)
 
 
-def compose_diagnosis(
-    prepared: PreparedRecording,
-    explained: AttitudeInference,
-    effects: Sequence[Effect],
-    settings: DiagnosisSettings,
-    runtime_s: float,
-    faults: Sequence[Fault] = (),
-) -> Diagnosis:
-    """Make the answer of what samples and attitude show, and of faults taken out before; parameters as of `diagnose`."""
-    samples = (*list_sample_causes(prepared, effects, settings), *convert_faults(faults))
-    return build_diagnosis(prepared, samples, explained, settings, runtime_s)
+def _convert_fault(fault: Fault) -> SampleCause:
+    """Make a fault a cause that samples or references show by themselves."""
+    found = fault.detection
+    symptom = Symptom(
+        found.effect, found.axis, found.size, found.unit, found.sigma, dict(found.parameters), found.p_value, found.text
+    )
+    signal = "attitude" if fault.references.any() else "gyro stream"
+    finding = Finding(signal, None, found.axis, None, found.effect, found.size, found.p_value, found.text)
+    return SampleCause(symptom, found.effect, finding)
 
 
 def list_nameable_effects(library: Sequence[str] | None) -> list[Effect]:
@@ -93,3 +97,43 @@ def add_sensor_findings(
     except InputError as error:
         return replace(found, notes=(*found.notes, f"The raw sensor tables were not looked at: {error}"))
     return replace(merge_answers(found, sensors, settings), runtime_s=found.runtime_s + time.perf_counter() - began)
+
+
+def merge_answers(attitude: Diagnosis, sensors: SensorDiagnosis, settings: DiagnosisSettings) -> Diagnosis:
+    """The result of both: a gap where either has one, the causes of both, and the verdict of all of it.
+
+    Alternatives and closure are those of the gyro and the references if they show a gap, else those of the sensors.
+    """
+    present, causes = attitude.present or sensors.present, (*attitude.causes, *sensors.causes)
+    unknown = 1 - (1 - attitude.unknown_probability) * (1 - sensors.unknown_probability)
+    verdict = decide_verdict(
+        present, causes, unknown, settings,
+        beside_remainder=attitude.verdict == "partial", blind="not identifiable" in (attitude.verdict, sensors.verdict),
+    )  # fmt: skip
+    leading = sensors if sensors.present and not attitude.present else attitude
+    return replace(
+        attitude,
+        verdict=verdict,
+        present=present,
+        p_value=min(1.0, 2 * min(attitude.p_value, sensors.p_value)),
+        false_alarm_rate=attitude.false_alarm_rate + sensors.false_alarm_rate,
+        where=(*attitude.where, *sensors.where),
+        causes=causes,
+        alternatives=leading.alternatives,
+        unknown_probability=unknown,
+        closure=leading.closure,
+        notes=(*sensors.notes, *attitude.notes),
+        p_values={**attitude.p_values, "sensor tables": sensors.p_value},
+        posterior=_join_posteriors(attitude, sensors),
+        sensors=sensors,
+    )
+
+
+def _join_posteriors(attitude: Diagnosis, sensors: SensorDiagnosis) -> Explanations:
+    """Explanations of both together, which are independent of one another."""
+    found: dict[tuple[str, ...], float] = {}
+    for one, p in attitude.posterior:
+        for other, q in sensors.posterior:
+            labels = UNKNOWN_LABELS if UNKNOWN_LABELS in (one, other) else (*one, *other)
+            found[labels] = found.get(labels, 0.0) + p * q
+    return select_likeliest(found)

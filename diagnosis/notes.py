@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,15 +22,8 @@ AXES = "xyz"
 LEAST_POSITIVE = 1e-300
 
 
-@dataclass(frozen=True)
-class NoteSettings:
-    """Constants of `diagnosis.notes`."""
-
-    fits: float = 0.01  # p-value of χ² from which on a calibration says that the residuals fit
-    alike: float = 0.1  # relative, of a noise factor and a ratio of units
-
-
-SETTINGS = NoteSettings()
+FITS = 0.01  # p-value of χ² from which on a calibration says that the residuals fit
+ALIKE = 0.1  # relative, of a noise factor and a ratio of units
 
 
 MISTAKEN = {  # factors of white noise that a number in another unit makes, by symptom
@@ -60,7 +52,7 @@ def explain_fitting_residuals(
     e, _, taken = compute_innovations(linearise_recording(own.recording, own.G, own.bias, pieces=prepared.pieces))
     chi2, dof = float(np.sum(e**2)), e.size - taken.shape[1]
     p = float(scipy.special.chdtrc(dof, chi2)) if dof > 0 else 0.0
-    if p < SETTINGS.fits:
+    if p < FITS:
         return ()
     why = ["the gyro samples show what is hardly left of them over the time between two references"] if samples else []
     if gap and explained.fitted:
@@ -106,7 +98,7 @@ def list_unit_mistakes(samples: Sequence[SampleCause]) -> Iterator[str]:
             for ratio, what in MISTAKEN.get(one.symptom.kind, ())
         ]
         least, what = min(off, default=(np.inf, ""))
-        if one.effect is not None and least < SETTINGS.alike:
+        if one.effect is not None and least < ALIKE:
             yield f"{one.effect} is about {what}: look at the number that is stated, and its unit"
 
 

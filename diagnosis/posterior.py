@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from diagnosis.answer import Explanations
@@ -15,14 +14,7 @@ if TYPE_CHECKING:
     from diagnosis.explain import AttitudeInference
 
 
-@dataclass(frozen=True)
-class PosteriorSettings:
-    """Constants of `diagnosis.posterior`."""
-
-    kept: float = 0.999  # of the posterior
-
-
-SETTINGS = PosteriorSettings()
+KEPT = 0.999  # of the posterior
 
 
 def combine_posteriors(
@@ -102,6 +94,6 @@ def select_likeliest(found: Mapping[tuple[str, ...], float]) -> Explanations:
     for labels, probability in sorted(found.items(), key=lambda pair: -pair[1]):
         out.append((labels, probability))
         total += probability
-        if total >= SETTINGS.kept:
+        if total >= KEPT:
             break
     return tuple(out)

@@ -49,17 +49,10 @@ from simulator.effects.base import Effect
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class RemainderSearchSettings:
-    """Settings of the search beside a remainder."""
-
-    rounds: int = 3  # of remainder and explanation in turn
-    most_effects: int = 4  # in one explanation
-    significant: float = 1e-3  # p-value below which the remainder follows a regressor, all tests counted
-    most_regressors: int = 4  # that are reported
-
-
-SETTINGS = RemainderSearchSettings()
+ROUNDS = 3  # of remainder and explanation in turn
+MOST_EFFECTS = 4  # in one explanation
+SIGNIFICANT = 1e-3  # p-value below which the remainder follows a regressor, all tests counted
+MOST_REGRESSORS = 4  # that are reported
 
 
 @dataclass(frozen=True)
@@ -101,13 +94,13 @@ def identify_beside_remainder(
     tell : progress
     """
     rivals = [effect for effect in effects if not (effect.is_process and effect.on_references)]
-    rules = replace(settings, largest_set=SETTINGS.most_effects)
+    rules = replace(settings, largest_set=MOST_EFFECTS)
     processes = build_processes(model)
     columns, labels = np.zeros((model.size, 0)), frozenset[str]()
     remainder = estimate_remainder(model, processes, columns)
     noisy = add_remainder(model, remainder)
     linear = build_linear_model(noisy, rivals, (), rules)
-    for number in range(SETTINGS.rounds):
+    for number in range(ROUNDS):
         tell(f"remainder, round {number + 1}", 0.9 + 0.02 * number)
         if number:
             before, noisy = noisy, add_remainder(model, remainder)
@@ -223,11 +216,11 @@ def find_regressors(
         Q = build_basis(linear.X[:, option.columns])
         statistic = float(np.sum((Q.T @ left) ** 2))
         p = min(1.0, float(scipy.special.chdtrc(Q.shape[1], statistic)) * len(tests))
-        if p < SETTINGS.significant:
+        if p < SIGNIFICANT:
             a = np.linalg.lstsq(linear.X[:, option.columns], left, rcond=None)[0]
             gone = stated - model.project_out_nuisance(convert(noisy, model, linear.W[:, option.columns] @ a))
             out.append(Regressor(candidate.label, p, float(stated @ stated - gone @ gone) / excess))
     best: dict[str, Regressor] = {}
     for one in sorted(out, key=lambda one: one.p_value):
         best.setdefault(one.name, one)
-    return tuple(list(best.values())[: SETTINGS.most_regressors])
+    return tuple(list(best.values())[:MOST_REGRESSORS])

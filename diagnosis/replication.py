@@ -21,18 +21,11 @@ from diagnosis.model.recording_model import RecordingModel
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class ReplicationSettings:
-    """Settings of the estimates by part."""
-
-    parts: int = 6  # of a recording at least; intervals are divided until there are as many
-    widest: float = 4.0  # sigma of a part beyond which it shows nothing, in sigmas of the best part
-    prior: float = 1e3  # sigma of an amplitude in one part, in units of the prior of the whole
-    significant: float = 3.0  # sigmas by which the mean over the parts differs from zero
-    heterogeneous: float = 1e-4  # p-value of Q below which it is not one effect of one size
-
-
-SETTINGS = ReplicationSettings()
+PARTS = 6  # of a recording at least; intervals are divided until there are as many
+WIDEST = 4.0  # sigma of a part beyond which it shows nothing, in sigmas of the best part
+PRIOR = 1e3  # sigma of an amplitude in one part, in units of the prior of the whole
+SIGNIFICANT = 3.0  # sigmas by which the mean over the parts differs from zero
+HETEROGENEOUS = 1e-4  # p-value of Q below which it is not one effect of one size
 
 
 @dataclass(frozen=True)
@@ -63,15 +56,15 @@ class Replication:
     @property
     def replicates(self) -> bool:
         """Whether the sizes may be one size that differs from zero, and most parts agree on the sign."""
-        if len(self.parts) < 2 or self.heterogeneity_p < SETTINGS.heterogeneous:
+        if len(self.parts) < 2 or self.heterogeneity_p < HETEROGENEOUS:
             return False
         same = sum(one.size * self.mean > 0 for one in self.parts)
-        return abs(self.mean) > SETTINGS.significant * self.sigma and same > len(self.parts) / 2
+        return abs(self.mean) > SIGNIFICANT * self.sigma and same > len(self.parts) / 2
 
 
 def name_parts(model: RecordingModel) -> NDArray[np.str_]:
     """Name the part of the recording that each observation (r,) belongs to: its interval, or a piece of it."""
-    pieces = max(1, -(-SETTINGS.parts // len(model.blocks)))
+    pieces = max(1, -(-PARTS // len(model.blocks)))
     names = []
     for block in model.blocks:
         interval = model.recording.intervals[block.interval].name
@@ -99,7 +92,7 @@ def estimate_by_part(model: RecordingModel, effects: Sequence[FittedEffect], num
     own = np.column_stack([np.where(names == name, shape, 0.0) for name in parts])
     others = [other.columns * other.prior_sigma for k, other in enumerate(effects) if k != number]
     columns = model.project_out_nuisance(np.hstack([own, *others]))
-    prior = np.concatenate([np.full(len(parts), SETTINGS.prior**-2), np.ones(columns.shape[1] - len(parts))])
+    prior = np.concatenate([np.full(len(parts), PRIOR**-2), np.ones(columns.shape[1] - len(parts))])
     covariance = np.linalg.inv(columns.T @ columns + np.diag(prior))
     found = covariance @ (columns.T @ model.y)
     sizes = found[: len(parts)] * one.size
@@ -110,7 +103,7 @@ def estimate_by_part(model: RecordingModel, effects: Sequence[FittedEffect], num
 def combine_parts(names: Sequence[str], sizes: Array, covariance: Array) -> Replication:
     """Combine the sizes (k,) of an effect by part, with their covariance (k, k), to a random-effects mean."""
     sigmas = np.sqrt(np.diag(covariance))
-    seen = sigmas <= SETTINGS.widest * sigmas.min()
+    seen = sigmas <= WIDEST * sigmas.min()
     shown, sigma = sizes[seen], sigmas[seen]
     parts = tuple(PartSize(*one) for one in zip(np.array(names)[seen].tolist(), shown.tolist(), sigma.tolist(), strict=True))
     if shown.size < 2:

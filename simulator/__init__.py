@@ -2,7 +2,7 @@
 
 A scenario (orbit, maneuvers, true gyro parameters, noise) becomes a recording in three steps: an analytic body rate per
 interval (`simulator.truth.maneuvers`), its integration to a true attitude (`simulator.truth.integration`), and what gyro and
-attitude sensors show of it (`simulator.sensors.gyro`, `simulator.sensors.reference`). The package integrates the truth by its
+attitude sensors show of it (`simulator.sensors.gyro`). The package integrates the truth by its
 own, finer means and takes nothing of the calibrator but the recording format.
 
 Conventions are those of `gyrocal`: attitude matrices are passive and map inertial to body components, A' = −[ω×]A,

@@ -25,10 +25,12 @@ from simulator.effects.sensor import SENSOR_EFFECTS
 from simulator.scenario import Scenario, build_profiles
 from simulator.sensors.gyro import add_white_noise, compute_raw_rates
 from simulator.sensors.raw_tables import simulate_sensor_tables
-from simulator.sensors.reference import TIME_TOLERANCE, add_reference_errors, list_reference_times
 from simulator.streams import generator
 from simulator.truth.maneuvers import Profile, integrate_trajectory
 from simulator.truth.motion import Motion
+from simulator.truth.rotation import apply_rotation_errors
+
+TIME_TOLERANCE = 1e-6  # s; times closer than this are one
 
 
 def motion(scenario: Scenario, substeps: int = 1) -> Motion:
@@ -52,6 +54,28 @@ def motion(scenario: Scenario, substeps: int = 1) -> Motion:
         sensor_quaternions=join("sensor_quaternions"),
         sensor_intervals=_build_slices([part.sensor_t_s.size for part in parts]),
     )
+
+
+def list_reference_times(profile: Profile, every: float | None) -> Array:
+    """Local times of an interval's reference attitudes, (m,) s, strictly increasing, both ends included.
+
+    Parameters
+    ----------
+    every : spacing of a series, s, counted from the interval's start; None for the two ends only
+    """
+    length = profile.stop_s - profile.start_s
+    if every is None:
+        return np.array([0.0, length])
+    inner = every * np.arange(1, int(np.ceil(length / every)))
+    inner = inner[inner < length - TIME_TOLERANCE]
+    for start, stop in profile.moving_spans:
+        inner = inner[(inner <= start) | (inner >= stop)]
+    return np.concatenate([[0.0], inner, [length]])
+
+
+def add_reference_errors(rng: np.random.Generator, quaternions: Array, sigma: Array) -> Array:
+    """Reference attitudes (m, 4) with their random errors, of standard deviations (3,) about each body axis, rad."""
+    return apply_rotation_errors(quaternions, rng.standard_normal((len(quaternions), 3)) * sigma)
 
 
 def _build_slices(counts: Sequence[int]) -> tuple[slice, ...]:

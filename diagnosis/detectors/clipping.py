@@ -8,8 +8,6 @@ nearly all of which are small under clipping, and half of them under a stop.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf, expit
@@ -23,21 +21,14 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class ClippingSettings:
-    """Constants of `diagnosis.detectors.clipping`."""
-
-    fewest_clipped: int = 5  # samples at the largest reading
-    fewest_plateau: int = 20  # samples in a run of clipped ones on a lattice
-    often: int = 3  # times as often as any other reading, that the largest stands if it is clipped
-    plateau_p: float = 1e-8  # chance of a steady rate to stand still that long
-    outside: int = 5  # readings before and after a plateau, whose largest change is what a reading changes by there
-    reached: float = 2.0  # of those changes, up to which the rate runs up to the plateau
-    # share of the ends of plateaus at which it does, of a gyro that is clipped and of one that stops
-    close: tuple[float, float] = (0.95, 0.5)
-
-
-SETTINGS = ClippingSettings()
+FEWEST_CLIPPED = 5  # samples at the largest reading
+FEWEST_PLATEAU = 20  # samples in a run of clipped ones on a lattice
+OFTEN = 3  # times as often as any other reading, that the largest stands if it is clipped
+PLATEAU_P = 1e-8  # chance of a steady rate to stand still that long
+OUTSIDE = 5  # readings before and after a plateau, whose largest change is what a reading changes by there
+REACHED = 2.0  # of those changes, up to which the rate runs up to the plateau
+# share of the ends of plateaus at which it does, of a gyro that is clipped and of one that stops
+CLOSE = (0.95, 0.5)
 
 
 def find_clipping(recording: Recording, used: Mask, formats: NumberFormats, sigma: float) -> tuple[Findings, Mask]:
@@ -66,11 +57,11 @@ def find_clipping(recording: Recording, used: Mask, formats: NumberFormats, sigm
         at = np.abs(x) >= largest * (1 - 1e-12)
         count = int((at & ~held[used]).sum())
         # A gyro that reads zero throughout is dead, not clipped.
-        found = largest > 0 and count >= SETTINGS.fewest_clipped
+        found = largest > 0 and count >= FEWEST_CLIPPED
         if found and formats.coarse[axis]:
             found = _is_plateau(at, float(steps[axis]) / sigma if sigma else np.inf)
         elif found:
-            found = count >= SETTINGS.often * _count_most_frequent(x[~held[used]], at[~held[used]])
+            found = count >= OFTEN * _count_most_frequent(x[~held[used]], at[~held[used]])
         clipped = used & (np.abs(rates[:, axis]) >= largest * (1 - 1e-12))
         probability = compute_probability_of_clipping(rates[:, axis] - at_rest[axis], used, clipped, sigma) if found else 0.0
         tests.append(
@@ -101,19 +92,15 @@ def compute_probability_of_clipping(x: Array, used: Mask, clipped: Mask, sigma: 
     sigma : noise of a sample, rad/s
     """
     level = float(np.abs(x[clipped]).max())
-    if float(np.abs(x[used]).max()) > level + SETTINGS.reached * sigma:
+    if float(np.abs(x[used]).max()) > level + REACHED * sigma:
         return 0.0
     log_odds = 0.0
     for low, high in find_mask_runs(clipped):
-        for outside in (x[max(low - SETTINGS.outside, 0) : low][::-1], x[high : high + SETTINGS.outside]):
-            if outside.size == SETTINGS.outside:
+        for outside in (x[max(low - OUTSIDE, 0) : low][::-1], x[high : high + OUTSIDE]):
+            if outside.size == OUTSIDE:
                 change = max(float(np.abs(np.diff(outside)).max()), sigma)
-                close = abs(float(x[low] - outside[0])) <= SETTINGS.reached * change
-                log_odds += (
-                    np.log(SETTINGS.close[0] / SETTINGS.close[1])
-                    if close
-                    else np.log((1 - SETTINGS.close[0]) / (1 - SETTINGS.close[1]))
-                )
+                close = abs(float(x[low] - outside[0])) <= REACHED * change
+                log_odds += np.log(CLOSE[0] / CLOSE[1]) if close else np.log((1 - CLOSE[0]) / (1 - CLOSE[1]))
     return float(expit(log_odds)) if clipped.sum() < used.sum() else 1.0
 
 
@@ -136,4 +123,4 @@ def _is_plateau(at: Mask, step: float) -> bool:
     longest = max(high - low for low, high in find_mask_runs(at))
     stays = float(erf(0.5 * step / np.sqrt(2)))
     chance = np.log(at.size) + longest * np.log(stays) if stays < 1 else 0.0
-    return longest >= SETTINGS.fewest_plateau and chance < np.log(SETTINGS.plateau_p)
+    return longest >= FEWEST_PLATEAU and chance < np.log(PLATEAU_P)

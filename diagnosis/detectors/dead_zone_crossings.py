@@ -24,7 +24,6 @@ the odds of the half widths whose hole ends before it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -39,44 +38,37 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
-@dataclass(frozen=True)
-class DeadZoneCrossingSettings:
-    """Constants of `diagnosis.detectors.dead_zone_crossings`."""
-
-    resolved: float = 6.0  # sigmas of a window's mean in the half width
-    longest: int = 2000  # samples of a window
-    core: float = 0.35  # half widths, below which a mean lies in the core
-    hole: float = 0.85  # the same, of the hole
-    band: float = 0.5  # width of each of three bands above the edge, in half widths
-    tried: int = 60  # half widths
-    fewest_in_band: int = 2  # windows of a pass that tells something
-    resting: int = 4  # times as many windows in one band as in another, beyond which the body rests in it
-    fewest_passes: int = 2  # one way through the zone, in and out again
-    # mean number of windows across the edge: of readings at a moment, and of means
-    straddling: tuple[float, float] = (0.05, 0.7)
-    jumps: tuple[float, float, float] = (0.03, 0.3, 0.97)  # share of passes in which a body jumps over the hole
-    ratios: tuple[float, ...] = (0.5, 0.7, 1.0, 1.4, 2.0)  # of the time in the hole to that in the band, of a real motion
-    dispersions: tuple[float, float] = (2.0, 20.0)  # shape of the negative binomial
-    odd: float = 0.03  # share of odd passes, of a real motion or of a zone
-    loud: float = 4.0  # sigmas of a window in the core, beyond which it reads a rate
-    # mean steps and sigmas of a window, within which the first one outside is at the edge
-    steps: float = 3.0
-    certain: float = 3.0
-    edges: tuple[float, float] = (0.5, 1.7)  # half widths within which the edge lies of one that was found
-    edges_tried: int = 121  # half widths
-    fewest_windows: int = 8  # of an interval
-    shown: float = 3.0  # log odds of a dead zone from which on its edges are left out of the other tests
-    beside: int = 10  # samples beside an edge
-    grid: int = 1000  # readings over which a density is normalised
-
-
-SETTINGS = DeadZoneCrossingSettings()
+RESOLVED = 6.0  # sigmas of a window's mean in the half width
+LONGEST = 2000  # samples of a window
+CORE = 0.35  # half widths, below which a mean lies in the core
+HOLE = 0.85  # the same, of the hole
+BAND = 0.5  # width of each of three bands above the edge, in half widths
+TRIED = 60  # half widths
+FEWEST_IN_BAND = 2  # windows of a pass that tells something
+RESTING = 4  # times as many windows in one band as in another, beyond which the body rests in it
+FEWEST_PASSES = 2  # one way through the zone, in and out again
+# mean number of windows across the edge: of readings at a moment, and of means
+STRADDLING = (0.05, 0.7)
+JUMPS = (0.03, 0.3, 0.97)  # share of passes in which a body jumps over the hole
+RATIOS = (0.5, 0.7, 1.0, 1.4, 2.0)  # of the time in the hole to that in the band, of a real motion
+DISPERSIONS = (2.0, 20.0)  # shape of the negative binomial
+ODD = 0.03  # share of odd passes, of a real motion or of a zone
+LOUD = 4.0  # sigmas of a window in the core, beyond which it reads a rate
+# mean steps and sigmas of a window, within which the first one outside is at the edge
+STEPS = 3.0
+CERTAIN = 3.0
+EDGES = (0.5, 1.7)  # half widths within which the edge lies of one that was found
+EDGES_TRIED = 121  # half widths
+FEWEST_WINDOWS = 8  # of an interval
+SHOWN = 3.0  # log odds of a dead zone from which on its edges are left out of the other tests
+BESIDE = 10  # samples beside an edge
+GRID = 1000  # readings over which a density is normalised
 
 
 BAND_EDGES = (
-    SETTINGS.core,
-    SETTINGS.hole,
-    *(1.0 + k * SETTINGS.band for k in range(4)),
+    CORE,
+    HOLE,
+    *(1.0 + k * BAND for k in range(4)),
 )  # upper ends of core, hole, edge and bands, in half widths
 STRAY = np.geomspace(0.01, 0.9, 8)  # share of readings that are anywhere, not beyond the edge
 LEAST_POSITIVE = 1e-300
@@ -97,9 +89,9 @@ def find_near_edges(zones: Mapping[int, Zone], size: int) -> NDArray[np.bool_]:
     """Find samples beside an edge of a zone that passes show for certain."""
     jumps = np.zeros(size, dtype=bool)
     for one in zones.values():
-        if one.log_odds > SETTINGS.shown:
+        if one.log_odds > SHOWN:
             jumps[1:] |= np.diff(one.dead)
-    return np.asarray(scipy.ndimage.binary_dilation(jumps, iterations=SETTINGS.beside)) if jumps.any() else jumps
+    return np.asarray(scipy.ndimage.binary_dilation(jumps, iterations=BESIDE)) if jumps.any() else jumps
 
 
 def find_best_zone(x: Array, parts: Sequence[slice], noise: float) -> Zone | None:
@@ -114,13 +106,13 @@ def find_best_zone(x: Array, parts: Sequence[slice], noise: float) -> Zone | Non
     if noise <= 0:
         return None
     top = float(np.quantile(np.abs(x), 0.9))
-    low = max(SETTINGS.resolved * noise / np.sqrt(SETTINGS.longest), 1e-4 * top)
+    low = max(RESOLVED * noise / np.sqrt(LONGEST), 1e-4 * top)
     if top <= low:
         return None
     sums = [np.append(0.0, np.cumsum(x[part])) for part in parts]
-    tried = np.geomspace(low, top, SETTINGS.tried)
+    tried = np.geomspace(low, top, TRIED)
     odds = np.array([_log_odds(sums, float(size), noise) for size in tried])
-    log_odds = float(logsumexp(odds)) - float(np.log(SETTINGS.tried))
+    log_odds = float(logsumexp(odds)) - float(np.log(TRIED))
     if log_odds <= 0:
         return None
     best = int(np.argmax(odds))
@@ -134,13 +126,13 @@ def _find_dead(x: Array, parts: Sequence[slice], size: float, count: int) -> NDA
     for part in parts:
         own = x[part]
         u = own[: own.size // count * count].reshape(-1, count).mean(axis=1) / size
-        inside = np.repeat(np.abs(u) < 0.5 * (SETTINGS.core + SETTINGS.hole), count)
+        inside = np.repeat(np.abs(u) < 0.5 * (CORE + HOLE), count)
         dead[part] = np.pad(inside, (0, own.size - inside.size), mode="edge") if inside.size else False
     return dead
 
 
 def _choose_window_length(size: float, noise: float) -> int:
-    return max(1, int(np.ceil((SETTINGS.resolved * noise / size) ** 2)))
+    return max(1, int(np.ceil((RESOLVED * noise / size) ** 2)))
 
 
 def _average_windows(total: Array, count: int) -> Array:
@@ -151,16 +143,16 @@ def _average_windows(total: Array, count: int) -> Array:
 def _log_odds(sums: Sequence[Array], size: float, noise: float) -> float:
     """log odds of a zone of some half width, over the passes of all intervals."""
     count = _choose_window_length(size, noise)
-    windows = [_average_windows(total, count) / size for total in sums if total.size > SETTINGS.fewest_windows * count]
+    windows = [_average_windows(total, count) / size for total in sums if total.size > FEWEST_WINDOWS * count]
     if not windows:
         return 0.0
     hole, band, behind = np.concatenate([_count_pass_windows(u) for u in windows], axis=1)
-    telling = band >= SETTINGS.fewest_in_band
-    if telling.sum() < SETTINGS.fewest_passes:
+    telling = band >= FEWEST_IN_BAND
+    if telling.sum() < FEWEST_PASSES:
         return 0.0
     h, o = hole[telling].astype(np.intp), band[telling].astype(np.intp)
     blur = noise / size / np.sqrt(count)
-    near = SETTINGS.steps + SETTINGS.certain * blur * o / (3 * SETTINGS.band)
+    near = STEPS + CERTAIN * blur * o / (3 * BAND)
     return _compute_pass_log_odds(h, o, behind[telling] < near, near) + _compute_core_log_likelihood(windows, blur)
 
 
@@ -173,23 +165,23 @@ def _compute_pass_log_odds(h: Indices, o: Indices, at_the_edge: NDArray[np.bool_
     at_the_edge : (p,) whether the first window outside is there
     near : (p,) steps from the edge that count as there
     """
-    wide = (SETTINGS.hole - SETTINGS.core) / SETTINGS.band
-    there = np.where(at_the_edge, np.log1p(-SETTINGS.odd), np.log(SETTINGS.odd))
-    chance = np.clip(near / o, SETTINGS.odd, 1 - SETTINGS.odd)  # that a jump to anywhere in the bands ends there
+    wide = (HOLE - CORE) / BAND
+    there = np.where(at_the_edge, np.log1p(-ODD), np.log(ODD))
+    chance = np.clip(near / o, ODD, 1 - ODD)  # that a jump to anywhere in the bands ends there
     anywhere = np.where(at_the_edge, np.log(chance), np.log1p(-chance))
-    empty = [_compute_log_poisson(h, mean) for mean in SETTINGS.straddling]
+    empty = [_compute_log_poisson(h, mean) for mean in STRADDLING]
     smooth = [
         _compute_log_negative_binomial(h, shape, shape / (shape + ratio * wide * o)) + there
-        for ratio in SETTINGS.ratios
-        for shape in SETTINGS.dispersions
+        for ratio in RATIOS
+        for shape in DISPERSIONS
     ]
-    odd = np.log(SETTINGS.odd) + _compute_log_negative_binomial(h, 1.0, 1 / (1 + wide * o))
-    of_zone = [np.sum(np.logaddexp(np.log1p(-SETTINGS.odd) + own, odd) + there) for own in empty]
+    odd = np.log(ODD) + _compute_log_negative_binomial(h, 1.0, 1 / (1 + wide * o))
+    of_zone = [np.sum(np.logaddexp(np.log1p(-ODD) + own, odd) + there) for own in empty]
     of_motion = [
         np.sum(np.logaddexp(np.log1p(-share) + one, np.log(share) + own + anywhere))
         for one in smooth
         for own in empty
-        for share in SETTINGS.jumps
+        for share in JUMPS
     ]
     return float(logsumexp(of_zone) - np.log(len(of_zone)) - logsumexp(of_motion) + np.log(len(of_motion)))
 
@@ -209,7 +201,7 @@ def _compute_log_negative_binomial(h: Indices, shape: float, p: NDArray[np.float
 
 def _interpolate_edge_odds(edge: Array, tried: Array, odds: Array) -> Array:
     """log odds of a zone with its edge at some rates (k,), rad/s: those of the half widths whose hole ends before the edge."""
-    fitting = edge[:, None] / np.linspace(SETTINGS.hole, 1.0, 5)
+    fitting = edge[:, None] / np.linspace(HOLE, 1.0, 5)
     return np.asarray(np.interp(np.log(fitting), np.log(tried), odds).max(axis=1))
 
 
@@ -225,7 +217,7 @@ def _estimate_edge(sums: Sequence[Array], size: float, noise: float, odds: Calla
     """
     count, found = _choose_window_length(size, noise), []
     for total in sums:
-        if total.size > SETTINGS.fewest_windows * count:
+        if total.size > FEWEST_WINDOWS * count:
             u = _average_windows(total, count) / size
             begin, end = _find_pass_ends(np.digitize(np.abs(u), BAND_EDGES), len(BAND_EDGES))
             within = np.zeros(u.size + 1)
@@ -233,19 +225,19 @@ def _estimate_edge(sums: Sequence[Array], size: float, noise: float, odds: Calla
             np.add.at(within, end, -1)
             found.append(np.abs(u[np.cumsum(within[:-1]) > 0]))
     v = np.concatenate(found)
-    v, blur = v[(v > SETTINGS.core) & (v < BAND_EDGES[-1])], noise / size / np.sqrt(count)
-    tried = np.linspace(*SETTINGS.edges, SETTINGS.edges_tried)
+    v, blur = v[(v > CORE) & (v < BAND_EDGES[-1])], noise / size / np.sqrt(count)
+    tried = np.linspace(*EDGES, EDGES_TRIED)
     middle, sigma = _estimate_edge_posterior(v, tried, blur, BAND_EDGES[-1], odds(size * tried))
     near = 4 * max(sigma, float(tried[1] - tried[0]))
-    tried = np.linspace(max(middle - near, SETTINGS.core), middle + near, SETTINGS.edges_tried)
+    tried = np.linspace(max(middle - near, CORE), middle + near, EDGES_TRIED)
     middle, sigma = _estimate_edge_posterior(v, tried, blur, BAND_EDGES[-1], odds(size * tried))
     return size * middle, size * float(np.hypot(sigma, blur))
 
 
 def _estimate_edge_posterior(v: Array, tried: Array, blur: float, top: float, odds: Array) -> tuple[float, float]:
     """Mean and sigma of the edge over some (k,) with odds beforehand, of readings (n,) from core to `top`; in half widths."""
-    span = top - SETTINGS.core
-    grid = SETTINGS.core + span * (np.arange(SETTINGS.grid) + 0.5) / SETTINGS.grid
+    span = top - CORE
+    grid = CORE + span * (np.arange(GRID) + 0.5) / GRID
     likely = np.empty(tried.size)
     for k, edge in enumerate(tried):
         beyond = ndtr((v - edge) / blur) / max(float(ndtr((grid - edge) / blur).mean()), LEAST_POSITIVE)
@@ -259,15 +251,15 @@ def _estimate_edge_posterior(v: Array, tried: Array, blur: float, top: float, od
 
 def _compute_core_log_likelihood(windows: Sequence[Array], sigma: float) -> float:
     """log of the likelihood of the core's windows under a zone, in which they read nothing but noise, over that of a motion."""
-    core = [np.abs(u) < SETTINGS.core for u in windows]
+    core = [np.abs(u) < CORE for u in windows]
     inside = [one[1:-1] & one[:-2] & one[2:] for one in core]
     u = np.concatenate([one[1:-1][own] for one, own in zip(windows, inside, strict=True)])
     if not u.size:
         return 0.0
     steps = np.concatenate([np.diff(one)[own[1:] & own[:-1]] for one, own in zip(windows, core, strict=True)])
     scatter = max(sigma, float(np.median(np.abs(steps))) / 0.6745 / np.sqrt(2))
-    off = int(np.sum(np.abs(u) > SETTINGS.loud * scatter))
-    of_zone = betaln(off + 1, u.size - off + 1 / SETTINGS.odd) - betaln(1, 1 / SETTINGS.odd)
+    off = int(np.sum(np.abs(u) > LOUD * scatter))
+    of_zone = betaln(off + 1, u.size - off + 1 / ODD) - betaln(1, 1 / ODD)
     return float(of_zone - betaln(off + 1, u.size - off + 1))
 
 
@@ -287,10 +279,10 @@ def _count_pass_windows(u: Array) -> Array:
     outside = np.append(np.flatnonzero(level >= 2), level.size - 1)
     out = level[begin] == 0
     first = outside[np.where(out, np.searchsorted(outside, begin + 1), np.maximum(np.searchsorted(outside, end) - 1, 0))]
-    behind = (np.abs(u[first]) - 1) * np.sum(bands, axis=0) / (3 * SETTINGS.band)
+    behind = (np.abs(u[first]) - 1) * np.sum(bands, axis=0) / (3 * BAND)
     low, high = np.flatnonzero(np.diff(np.concatenate([[False], level == 0, [False]]))).reshape(-1, 2).T
     stay = (high - low)[np.searchsorted(low, np.where(out, begin, end), side="right") - 1] if low.size else np.zeros(0)
-    even = (slowest <= SETTINGS.resting * (fastest + 1)) & (SETTINGS.resting * stay >= fastest)
+    even = (slowest <= RESTING * (fastest + 1)) & (RESTING * stay >= fastest)
     return np.array([hole, np.where(even, fastest, 0), behind])
 
 

@@ -35,33 +35,26 @@ Mask = NDArray[np.bool_]
 Parts = NDArray[np.int16]  # of a million samples it is megabytes less than usual numbers are
 
 
-@dataclass(frozen=True)
-class RestSettings:
-    """Settings of the search for rests that read zero."""
-
-    # least samples and longest time of a window
-    window_samples: int = 6
-    longest_window_s: float = 60.0
-    slow_window_s: float = 20.0  # of the means that show how large slow rates usually are
-    resolved: float = 6.0  # sigmas of a window's mean in the usual slow rate, which make it as long as needed
-    shortest_windows: int = 4  # of a run
-    slow: float = 3.0  # usual rates, up to which a reading is slow
-    mostly: float = 0.5  # share of a slow part that reads zero, for it to count as evidence
-    zero: float = 3.5  # sigmas of a window's mean up to which it may be zero
-    consistent: float = 1e-3  # p-value of a run's windows being zero, at least
-    nonzero: float = 6.0  # sigmas from which a window's mean is a rate
-    leak: float = 0.2  # of the usual slow rate, what misalignments leak of the body's rate
-    telling: float = 1.5  # times `nonzero`, from which on the smallest rate that is read says something of the zone
-    edge_share: float = 0.02  # quantile of the nonzero means that stands for the smallest rate that is read
-    edge: float = 0.1  # relative error of a half width from means on the edge
-    most_odds: float = 60.0  # log odds that are credited
-    # samples, and the share of them that must read exactly zero in a stretch of a zone
-    zero_window: int = 41
-    zero_share: float = 0.05
-    most_parts: int = 40  # parts with a rate of their own, the longest ones; others have this number
-
-
-SETTINGS = RestSettings()
+# least samples and longest time of a window
+WINDOW_SAMPLES = 6
+LONGEST_WINDOW_S = 60.0
+SLOW_WINDOW_S = 20.0  # of the means that show how large slow rates usually are
+RESOLVED = 6.0  # sigmas of a window's mean in the usual slow rate, which make it as long as needed
+SHORTEST_WINDOWS = 4  # of a run
+SLOW = 3.0  # usual rates, up to which a reading is slow
+MOSTLY = 0.5  # share of a slow part that reads zero, for it to count as evidence
+ZERO = 3.5  # sigmas of a window's mean up to which it may be zero
+CONSISTENT = 1e-3  # p-value of a run's windows being zero, at least
+NONZERO = 6.0  # sigmas from which a window's mean is a rate
+LEAK = 0.2  # of the usual slow rate, what misalignments leak of the body's rate
+TELLING = 1.5  # times `nonzero`, from which on the smallest rate that is read says something of the zone
+EDGE_SHARE = 0.02  # quantile of the nonzero means that stands for the smallest rate that is read
+EDGE = 0.1  # relative error of a half width from means on the edge
+MOST_ODDS = 60.0  # log odds that are credited
+# samples, and the share of them that must read exactly zero in a stretch of a zone
+ZERO_WINDOW = 41
+ZERO_SHARE = 0.05
+MOST_PARTS = 40  # parts with a rate of their own, the longest ones; others have this number
 
 
 @dataclass(frozen=True)
@@ -87,7 +80,7 @@ class DeadZoneEvidence:
     alive: float
     crossed: bool
     usual: float
-    edge: float = SETTINGS.edge
+    edge: float = EDGE
     passed: bool = False
 
 
@@ -124,7 +117,7 @@ def _combine_evidence(rest: DeadZoneEvidence | None, passed: DeadZoneEvidence | 
 def convert_zone(axis: int, found: Zone) -> DeadZoneEvidence:
     """Convert a dead zone that the motion passes through to the evidence of one gyro."""
     part, size = label_runs(found.dead), found.half_width
-    odds = min(found.log_odds, SETTINGS.most_odds)
+    odds = min(found.log_odds, MOST_ODDS)
     return DeadZoneEvidence(axis, part, odds, size, True, size, found.sigma / size, passed=True)
 
 
@@ -132,7 +125,7 @@ def label_runs(mask: Mask) -> Parts:
     """Number the runs of a mask (n,) from the longest down, up to `MOST_PARTS`; −1 elsewhere."""
     part = np.full(mask.size, -1, dtype=np.int16)
     for number, (low, high) in enumerate(sorted(find_mask_runs(mask), key=lambda run: run[0] - run[1])):
-        part[low:high] = min(number, SETTINGS.most_parts)
+        part[low:high] = min(number, MOST_PARTS)
     return part
 
 
@@ -147,13 +140,13 @@ def find_zero_sample_evidence(recording: Recording, axis: int, smallest: float, 
     usual : usual size of slow raw rates, rad/s
     """
     zero = recording.gyro.rates[:, axis] == 0.0
-    often = scipy.ndimage.uniform_filter1d(zero.astype(float), SETTINGS.zero_window, mode="nearest") > SETTINGS.zero_share
+    often = scipy.ndimage.uniform_filter1d(zero.astype(float), ZERO_WINDOW, mode="nearest") > ZERO_SHARE
     if not often.any():
         return None
     # Every zero misses its rate; the longest stretches of them have one of their own, the others share one.
     numbers = label_runs(often)
-    part = np.where(zero, np.where(numbers >= 0, numbers, SETTINGS.most_parts), -1).astype(np.int16)
-    return DeadZoneEvidence(axis, part, SETTINGS.most_odds, smallest, True, max(usual, smallest))
+    part = np.where(zero, np.where(numbers >= 0, numbers, MOST_PARTS), -1).astype(np.int16)
+    return DeadZoneEvidence(axis, part, MOST_ODDS, smallest, True, max(usual, smallest))
 
 
 def estimate_half_width(one: DeadZoneEvidence, missing: Array) -> tuple[float, float]:
@@ -171,13 +164,13 @@ def estimate_half_width(one: DeadZoneEvidence, missing: Array) -> tuple[float, f
         return 1.3 * low, 0.4 * low
     if high > low:
         high = min(high, 4 * low)
-        return 0.5 * (low + high), max((high - low) / np.sqrt(12), SETTINGS.edge * low)
-    return low, SETTINGS.edge * low
+        return 0.5 * (low + high), max((high - low) / np.sqrt(12), EDGE * low)
+    return low, EDGE * low
 
 
 def estimate_slow_rate(recording: Recording, rates: Array, bias: Array) -> float:
     """Usual size of slow raw rates, rad/s: that of the biases, or the slower half of what the middle one of the gyros reads."""
-    count = max(1, round(SETTINGS.slow_window_s / recording.gyro.sample_s))
+    count = max(1, round(SLOW_WINDOW_S / recording.gyro.sample_s))
     windows = np.column_stack(
         [np.concatenate([part for _, part in _average_interval_windows(recording, rates[:, axis], count)]) for axis in range(3)]
     )
@@ -188,36 +181,36 @@ def estimate_slow_rate(recording: Recording, rates: Array, bias: Array) -> float
 
 def _search_axis(recording: Recording, x: Array, noise: float, axis: int, sizes: Sequence[float]) -> DeadZoneEvidence | None:
     usual = sizes[0]
-    longest = max(SETTINGS.window_samples, round(SETTINGS.longest_window_s / recording.gyro.sample_s))
-    count = max(SETTINGS.window_samples, min(int((SETTINGS.resolved * noise / usual) ** 2), longest))
+    longest = max(WINDOW_SAMPLES, round(LONGEST_WINDOW_S / recording.gyro.sample_s))
+    count = max(WINDOW_SAMPLES, min(int((RESOLVED * noise / usual) ** 2), longest))
     sigma = noise / np.sqrt(count)
     zero, slow, others = np.zeros(x.size, dtype=bool), np.zeros(x.size, dtype=bool), []
     for low, windows in _average_interval_windows(recording, x, count):
         still = np.zeros(windows.size, dtype=bool)
-        for a, b in find_mask_runs(np.abs(windows) < SETTINGS.zero * sigma):
-            still[a:b] = b - a >= SETTINGS.shortest_windows and _is_zero(windows[a:b] / sigma)
-        here, limit = slice(low, low + windows.size * count), max(SETTINGS.nonzero * sigma, SETTINGS.slow * usual)
+        for a, b in find_mask_runs(np.abs(windows) < ZERO * sigma):
+            still[a:b] = b - a >= SHORTEST_WINDOWS and _is_zero(windows[a:b] / sigma)
+        here, limit = slice(low, low + windows.size * count), max(NONZERO * sigma, SLOW * usual)
         zero[here] = np.repeat(still, count)
         slow[here] = np.repeat(np.abs(windows) < limit, count)
         others.append(windows[~still])
     rests = np.zeros(x.size, dtype=bool)
     for own in find_interval_slices(recording):
         for low, high in find_mask_runs(slow[own]):
-            rests[own.start + low : own.start + high] = high - low >= SETTINGS.shortest_windows * count
+            rests[own.start + low : own.start + high] = high - low >= SHORTEST_WINDOWS * count
     means, sigmas = [], []
     for low, high in find_mask_runs(rests):
         read = x[low:high][zero[low:high]]
-        if read.size > SETTINGS.mostly * (high - low):
+        if read.size > MOSTLY * (high - low):
             means.append(float(read.mean()))
             sigmas.append(noise / np.sqrt(read.size))
     if not means:
         return None
     rates = np.abs(np.concatenate(others))
-    rates = np.sort(rates[rates > SETTINGS.nonzero * sigma])
-    alive = float(rates[int(SETTINGS.edge_share * rates.size)]) if rates.size else np.inf
-    if alive < SETTINGS.telling * SETTINGS.nonzero * sigma:  # the noise, not the zone, says which rates pass for zero
+    rates = np.sort(rates[rates > NONZERO * sigma])
+    alive = float(rates[int(EDGE_SHARE * rates.size)]) if rates.size else np.inf
+    if alive < TELLING * NONZERO * sigma:  # the noise, not the zone, says which rates pass for zero
         alive = np.inf
-    odds = min(_log_odds(np.array(means), np.array(sigmas), sizes), SETTINGS.most_odds)
+    odds = min(_log_odds(np.array(means), np.array(sigmas), sizes), MOST_ODDS)
     return DeadZoneEvidence(axis, label_runs(rests), odds, alive, False, usual)
 
 
@@ -235,12 +228,12 @@ def _is_zero(z: Array) -> bool:
     """Whether the means of a run, in their sigmas, are zero: their squares, and those of the means of its quarters."""
     quarters = np.array([part.mean() * np.sqrt(part.size) for part in np.array_split(z, 4)])
     p = min(float(scipy.special.chdtrc(z.size, np.sum(z**2))), float(scipy.special.chdtrc(4, np.sum(quarters**2))))
-    return p > SETTINGS.consistent
+    return p > CONSISTENT
 
 
 def _log_odds(means: Array, sigmas: Array, sizes: Sequence[float]) -> float:
     own = np.diag(sigmas**2)
-    others = [own + size**2 + (SETTINGS.leak * size) ** 2 * np.eye(means.size) for size in sizes]
+    others = [own + size**2 + (LEAK * size) ** 2 * np.eye(means.size) for size in sizes]
     read = scipy.special.logsumexp([_compute_log_density(means, other) for other in others]) - np.log(len(others))
     return _compute_log_density(means, own) - float(read)
 

@@ -17,7 +17,6 @@ shows; that is taken for a sigma as well. All of them are spread over the run as
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -29,23 +28,16 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class GapInterpolationSettings:
-    """Constants of `diagnosis.detectors.gap_interpolation`."""
-
-    side: int = 8  # readings on either side
-    short: int = 2  # samples of a run, up to which a line does
-    fewest: int = 3  # readings of a side, for a slope
-    # readings of a side and degree, in place of these
-    polynomials: tuple[tuple[int, int], ...] = ((2, 3), (3, 3), (3, 5), (4, 5), (6, 5), (4, 7), (6, 7))
-    reach: int = 150  # samples on either side, in which a bridge is tried
-    # places, below which nothing is said, and the nearest that count
-    fewest_tried: int = 12
-    most_tried: int = 64
-    clearly: float = 0.8  # of the variance, below which another bridge is the better one
-
-
-SETTINGS = GapInterpolationSettings()
+SIDE = 8  # readings on either side
+SHORT = 2  # samples of a run, up to which a line does
+FEWEST = 3  # readings of a side, for a slope
+# readings of a side and degree, in place of these
+POLYNOMIALS = ((2, 3), (3, 3), (3, 5), (4, 5), (6, 5), (4, 7), (6, 7))
+REACH = 150  # samples on either side, in which a bridge is tried
+# places, below which nothing is said, and the nearest that count
+FEWEST_TRIED = 12
+MOST_TRIED = 64
+CLEARLY = 0.8  # of the variance, below which another bridge is the better one
 
 
 def fill_gaps(t_s: Array, rates: Array, bad: Mask, sample_s: float, sigma: float = 0.0) -> tuple[Array, Array, Array]:
@@ -74,18 +66,18 @@ def fill_gaps(t_s: Array, rates: Array, bad: Mask, sample_s: float, sigma: float
     for low, high in find_mask_runs(bad):
         n = high - low
         factor[max(low - 1, 0) : high + 1] = 1 + n / 2
-        before = _collect_side(t_s, bad, range(low - 1, max(low - 1 - SETTINGS.side, -1), -1), sample_s)
-        after = _collect_side(t_s, bad, range(high, min(high + SETTINGS.side, len(rates))), sample_s)
+        before = _collect_side(t_s, bad, range(low - 1, max(low - 1 - SIDE, -1), -1), sample_s)
+        after = _collect_side(t_s, bad, range(high, min(high + SIDE, len(rates))), sample_s)
         m = min(before.size, after.size)
         if not m or not follows[low : high + 1].all():
             continue
-        near = slice(max(low - SETTINGS.reach, 0), high + SETTINGS.reach)
+        near = slice(max(low - REACH, 0), high + REACH)
         W, of_motion = _choose_bridge(rates[near], bad[near], follows[near], 0.5 * (low + high) - near.start, (n, m), sigma)
         m = W.shape[1] // 2
         out[low:high] = W @ np.concatenate([rates[low - m : low], rates[high : high + m]])
         factor[low - 1 : high + 1] = (float(np.sum((1 + W.sum(axis=0)) ** 2)) - 2 * (m - 1)) / (n + 2)
         density[low:high] = of_motion * sample_s / n
-        if n > SETTINGS.short and min(before.size, after.size) >= SETTINGS.fewest:
+        if n > SHORT and min(before.size, after.size) >= FEWEST:
             span = float(t_s[high] - t_s[low - 1])
             change = _fit_slope(t_s, rates, before) - _fit_slope(t_s, rates, after)
             density[low:high] += (change * span**2 / 24) ** 2 / span
@@ -97,25 +89,25 @@ def _choose_bridge(
 ) -> tuple[Array, Array]:
     """The bridge over n samples with m readings at a side, and M² (3,) over Δt², (rad/s)²; zero where nothing says it."""
     n, most = run
-    usual = _build_polynomial_bridge(n, 1, 1) if n <= SETTINGS.short or most < SETTINGS.fewest else _build_cubic_bridge(n, most)
+    usual = _build_polynomial_bridge(n, 1, 1) if n <= SHORT or most < FEWEST else _build_cubic_bridge(n, most)
     best, least, of_best = usual, np.inf, np.zeros(3)
-    for W in (usual, *(_build_polynomial_bridge(n, m, degree) for m, degree in SETTINGS.polynomials if m <= most)):
+    for W in (usual, *(_build_polynomial_bridge(n, m, degree) for m, degree in POLYNOMIALS if m <= most)):
         m, w = W.shape[1] // 2, W.sum(axis=0)
         kernel = np.concatenate([w[:m], -np.ones(n), w[m:]])
         whole = ~np.convolve(bad | ~follows, np.ones(kernel.size, dtype=int), "valid").astype(bool)
         places = np.flatnonzero(whole)
-        if places.size < SETTINGS.fewest_tried:
+        if places.size < FEWEST_TRIED:
             if W is usual:
                 break
             continue
-        nearest = places[np.argsort(np.abs(places + 0.5 * kernel.size - middle))[: SETTINGS.most_tried]]
+        nearest = places[np.argsort(np.abs(places + 0.5 * kernel.size - middle))[:MOST_TRIED]]
         missed = np.einsum("pax,x->pa", np.lib.stride_tricks.sliding_window_view(rates, kernel.size, axis=0)[nearest], kernel)
         of_motion = np.maximum(np.mean(missed**2, axis=0) - sigma**2 * (w @ w + n), 0.0)
         of_noise = 3 * sigma**2 * float(np.sum((1 + w) ** 2) - 2 * m)
         variance = float(of_motion.sum()) + of_noise
-        if W is usual and variance * SETTINGS.clearly < of_noise:  # no motion that another would follow better
+        if W is usual and variance * CLEARLY < of_noise:  # no motion that another would follow better
             return usual, of_motion
-        if variance < (SETTINGS.clearly if W is not usual else 1.0) * least:
+        if variance < (CLEARLY if W is not usual else 1.0) * least:
             best, least, of_best = W, variance, of_motion
     return best, of_best
 

@@ -13,7 +13,6 @@ sample where the noise spreads it, and worse on a stair, or where a swing turns 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -25,24 +24,17 @@ Array = NDArray[np.float64]
 Kind = Literal["rounded", "cut"]
 
 
-@dataclass(frozen=True)
-class LatticeSettings:
-    """Constants of `diagnosis.detectors.lattice`."""
-
-    mean_s: float = 60.0  # s, of the means that are inverted
-    few: int = 20  # readings at least, of those
-    reach: int = 10  # steps on either side of zero in which f is tabulated
-    least_slope: float = 0.15  # of f, below which nothing more can be said of the rate
-    hidden: float = 0.3  # slope of f below which a reading hides the rate
-    spread: float = 0.45  # noise over step, above which rounding does nothing to a mean
-    exact: float = 0.02  # steps, by which a value may be off the lattice
-    printed: float = 5e-5  # relative error of a number printed with five digits, by which it may be off as well
-    untold: float = 0.2  # steps, of what may be off, beyond which a value says nothing of the lattice
-    fewest_told: int = 50  # other values, by which the chance of a lattice is less than 1e-19
-    fine: float = 5.0  # noise over step, above which the stairs of cut readings are lost in it
-
-
-SETTINGS = LatticeSettings()
+MEAN_S = 60.0  # s, of the means that are inverted
+FEW = 20  # readings at least, of those
+REACH = 10  # steps on either side of zero in which f is tabulated
+LEAST_SLOPE = 0.15  # of f, below which nothing more can be said of the rate
+HIDDEN = 0.3  # slope of f below which a reading hides the rate
+SPREAD = 0.45  # noise over step, above which rounding does nothing to a mean
+EXACT = 0.02  # steps, by which a value may be off the lattice
+PRINTED = 5e-5  # relative error of a number printed with five digits, by which it may be off as well
+UNTOLD = 0.2  # steps, of what may be off, beyond which a value says nothing of the lattice
+FEWEST_TOLD = 50  # other values, by which the chance of a lattice is less than 1e-19
+FINE = 5.0  # noise over step, above which the stairs of cut readings are lost in it
 
 
 def find_lattice_step(x: Array) -> float:
@@ -62,9 +54,9 @@ def find_lattice_step(x: Array) -> float:
         if np.any(counts):
             step = float(counts @ chosen / (counts @ counts))
     off = np.abs(values / step - np.round(values / step))
-    allowed = SETTINGS.exact + SETTINGS.printed * np.abs(values / step)
-    told = allowed < SETTINGS.untold
-    exact = off.max() < SETTINGS.exact or (told.sum() >= SETTINGS.fewest_told and bool((off < allowed)[told].all()))
+    allowed = EXACT + PRINTED * np.abs(values / step)
+    told = allowed < UNTOLD
+    exact = off.max() < EXACT or (told.sum() >= FEWEST_TOLD and bool((off < allowed)[told].all()))
     return step if exact else 0.0
 
 
@@ -72,7 +64,7 @@ def compute_mean_reading(x: Array, step: float, sigma: float, kind: Kind) -> Arr
     """f(x): mean reading at true readings x with noise sigma, within `REACH` steps of zero."""
     shift = 0.5 if kind == "rounded" else 1.0
     out = np.zeros_like(x)
-    for k in range(SETTINGS.reach + 8):
+    for k in range(REACH + 8):
         edge = (k + shift) * step
         out += ndtr((x - edge) / sigma) - ndtr((-x - edge) / sigma)
     return out * step
@@ -94,13 +86,13 @@ def undo_lattice(x: Array, sample_s: float, step: float, sigma: float, kind: Kin
     """
     counts = np.round(x / step)
     half = 0.5 * step * np.sign(counts) if kind == "cut" else np.zeros_like(x)
-    if (kind == "rounded" and sigma > SETTINGS.spread * step) or sigma > SETTINGS.fine * step:
+    if (kind == "rounded" and sigma > SPREAD * step) or sigma > FINE * step:
         return x + half, np.ones_like(x), np.zeros_like(x)
-    count = min(max(SETTINGS.few, round(SETTINGS.mean_s / sample_s)), x.size)
+    count = min(max(FEW, round(MEAN_S / sample_s)), x.size)
     mean = scipy.ndimage.uniform_filter1d(x, count, mode="nearest")
-    few = scipy.ndimage.uniform_filter1d(x, min(SETTINGS.few, x.size), mode="nearest")
+    few = scipy.ndimage.uniform_filter1d(x, min(FEW, x.size), mode="nearest")
     # A long mean of a fast swing stands still; that of few readings does not.
-    moving = (np.abs(np.gradient(mean)) * count > step) | (np.abs(few - mean) > step + 4 * sigma / np.sqrt(SETTINGS.few))
+    moving = (np.abs(np.gradient(mean)) * count > step) | (np.abs(few - mean) > step + 4 * sigma / np.sqrt(FEW))
     # Away from zero the stairs are all alike, and cut readings are rounded ones half a step nearer to zero.
     stair = np.linspace(-0.5, 0.5, 401) * step
     level = np.round(mean / step) * step
@@ -109,14 +101,14 @@ def undo_lattice(x: Array, sample_s: float, step: float, sigma: float, kind: Kin
     )
     true = true + level
     if kind == "cut":
-        near = np.abs(mean) < (SETTINGS.reach - 2) * step
-        grid = np.linspace(-SETTINGS.reach, SETTINGS.reach, 4001) * step
+        near = np.abs(mean) < (REACH - 2) * step
+        grid = np.linspace(-REACH, REACH, 4001) * step
         low, low_slope = _invert_mean_reading(mean, grid, compute_mean_reading(grid, step, max(sigma, 1e-3 * step), "cut"))
         true = np.where(near, low, true + 0.5 * step * np.sign(mean))
         slope = np.where(near, low_slope, slope)
-    factor = np.where(moving, 1.0, 1.0 / np.clip(slope, SETTINGS.least_slope, 1.0) ** 2)
+    factor = np.where(moving, 1.0, 1.0 / np.clip(slope, LEAST_SLOPE, 1.0) ** 2)
     # On a flat stair the rate may be anywhere in between, and stay there for a while.
-    hidden = np.where(~moving & (slope < SETTINGS.hidden), step**2 / 12 * SETTINGS.mean_s, 0.0)
+    hidden = np.where(~moving & (slope < HIDDEN), step**2 / 12 * MEAN_S, 0.0)
     width = step * np.where((kind == "cut") & (counts == 0), 2.0, 1.0)
     turning = np.where(moving, width**2 / 12 * (measure_hold_times(counts, sample_s) - sample_s), 0.0)
     return x + np.where(moving, half, true - mean), factor, hidden + turning

@@ -35,64 +35,57 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class NoiseBlockSettings:
-    """Constants of `diagnosis.detectors.noise_blocks`."""
-
-    samples: int = 32  # of a block, whose spectrum is looked at
-    order: int = 6  # of the differences
-    slowest: int = 2  # cosine, below which differences leave too little of white noise
-    showing: int = 26  # cosines from the highest down that show the noise; those below, how calm a block is
-    unrest: float = 4.0  # times the usual slow power, from which on a block never counts: one in a hundred of white noise
-    # sigmas of the least and of the largest reading of a block that passes zero
-    at_zero: float = 2.0
-    from_zero: float = 4.0
-    spike: float = 4.5  # sigmas of a sample that is far off
-    cut: float = 12.25  # of a square in terms of its mean, from which on it does not count
-    rounds: int = 8  # of finding that mean
-    quantiles: tuple[float, float] = (0.3, 0.85)  # of the blocks' powers; the few that are far out do not count
-    even: float = 3.0  # sigmas between the levels that they show, at most
-    moving: float = 2.0  # sigmas of a motion's power, up to which blocks show none
-    band: int = 9  # cosines, a third of those that show the noise, that a motion in one band may have
-    fits: float = 1e-3  # p-value from which on powers are explained
+SAMPLES = 32  # of a block, whose spectrum is looked at
+ORDER = 6  # of the differences
+SLOWEST = 2  # cosine, below which differences leave too little of white noise
+SHOWING = 26  # cosines from the highest down that show the noise; those below, how calm a block is
+UNREST = 4.0  # times the usual slow power, from which on a block never counts: one in a hundred of white noise
+# sigmas of the least and of the largest reading of a block that passes zero
+AT_ZERO = 2.0
+FROM_ZERO = 4.0
+SPIKE = 4.5  # sigmas of a sample that is far off
+CUT = 12.25  # of a square in terms of its mean, from which on it does not count
+ROUNDS = 8  # of finding that mean
+QUANTILES = (0.3, 0.85)  # of the blocks' powers; the few that are far out do not count
+EVEN = 3.0  # sigmas between the levels that they show, at most
+MOVING = 2.0  # sigmas of a motion's power, up to which blocks show none
+BAND = 9  # cosines, a third of those that show the noise, that a motion in one band may have
+FITS = 1e-3  # p-value from which on powers are explained
 
 
-SETTINGS = NoiseBlockSettings()
-
-
-HIDDEN_TONE_FREQUENCY = 1 / SETTINGS.samples  # cycles a sample, up to which a tone leaves nothing in the blocks
+HIDDEN_TONE_FREQUENCY = 1 / SAMPLES  # cycles a sample, up to which a tone leaves nothing in the blocks
 MEDIAN_SQUARE = float(scipy.special.chdtri(1, 0.5))  # of white noise of unit variance
 
 
 def cut_blocks(parts: list[Array]) -> Array:
     """(b, samples + order) samples of the same blocks."""
-    windows, length = np.lib.stride_tricks.sliding_window_view, SETTINGS.samples + SETTINGS.order
-    found = [windows(part, length)[:: SETTINGS.samples] for part in parts if part.size >= length]
+    windows, length = np.lib.stride_tricks.sliding_window_view, SAMPLES + ORDER
+    found = [windows(part, length)[::SAMPLES] for part in parts if part.size >= length]
     return np.concatenate([np.empty((0, length)), *found])
 
 
 def find_zero_crossings(samples: Array, sigma: float) -> NDArray[np.bool_]:
     """(b,) blocks whose readings move through zero or set out from there, where a dead zone makes jumps."""
-    smooth = samples - np.diff(samples, SETTINGS.order, axis=1) @ WHITE_COSINES[: SETTINGS.showing].T @ BACK
-    at_zero = (smooth.min(axis=1) < SETTINGS.at_zero * sigma) & (smooth.max(axis=1) > -SETTINGS.at_zero * sigma)
-    return np.asarray(at_zero & (np.abs(smooth).max(axis=1) > SETTINGS.from_zero * sigma))
+    smooth = samples - np.diff(samples, ORDER, axis=1) @ WHITE_COSINES[:SHOWING].T @ BACK
+    at_zero = (smooth.min(axis=1) < AT_ZERO * sigma) & (smooth.max(axis=1) > -AT_ZERO * sigma)
+    return np.asarray(at_zero & (np.abs(smooth).max(axis=1) > FROM_ZERO * sigma))
 
 
 def has_spike(blocks: Array) -> NDArray[np.bool_]:
     """(b,) blocks in which one sample is far off its neighbours, as no motion makes it: of white noise one in 4000."""
-    power = np.median(blocks[:, : SETTINGS.samples // 2] ** 2) / MEDIAN_SQUARE if len(blocks) else 0.0
-    limit = SETTINGS.spike * np.sqrt(power * np.sum(BACK**2, axis=0))
-    return np.asarray((np.abs(blocks[:, : SETTINGS.showing] @ BACK) > limit).any(axis=1))
+    power = np.median(blocks[:, : SAMPLES // 2] ** 2) / MEDIAN_SQUARE if len(blocks) else 0.0
+    limit = SPIKE * np.sqrt(power * np.sum(BACK**2, axis=0))
+    return np.asarray((np.abs(blocks[:, :SHOWING] @ BACK) > limit).any(axis=1))
 
 
 def rank_calm_blocks(blocks: Array) -> NDArray[np.intp]:
     """Blocks in the order of their slow power, the calmest first, without those that are far from calm."""
-    slow = blocks[:, SETTINGS.showing :] ** 2
+    slow = blocks[:, SHOWING:] ** 2
     if not len(slow):
         return np.zeros(0, dtype=np.intp)
     unrest = np.sum(slow / np.maximum(np.median(slow, axis=0), 1e-300), axis=1)
     order = np.argsort(unrest, kind="stable")
-    return order[unrest[order] < SETTINGS.unrest * np.median(unrest)]
+    return order[unrest[order] < UNREST * np.median(unrest)]
 
 
 def estimate_powers(blocks: Array) -> Array:
@@ -100,8 +93,8 @@ def estimate_powers(blocks: Array) -> Array:
     squares = blocks**2
     power = np.median(squares, axis=0) / MEDIAN_SQUARE
     before: NDArray[np.bool_] | None = None
-    for _ in range(SETTINGS.rounds):
-        kept = squares < SETTINGS.cut * power
+    for _ in range(ROUNDS):
+        kept = squares < CUT * power
         if before is not None and np.array_equal(kept, before):
             break
         before = kept
@@ -135,8 +128,8 @@ def fit_white_noise(powers: Array, blocks: int) -> WhiteNoiseFit:
     variance = SPREAD / blocks
     white, motion = _LEVEL @ (_DESIGN.T @ powers)
     left = powers - _DESIGN @ np.array([white, motion])
-    fits = white > 0 and scipy.special.chdtrc(SETTINGS.showing - 2, float(left @ left) / (variance * white**2)) > SETTINGS.fits
-    still = motion < SETTINGS.moving * white * float(np.sqrt(_LEVEL[1, 1] * variance))
+    fits = white > 0 and scipy.special.chdtrc(SHOWING - 2, float(left @ left) / (variance * white**2)) > FITS
+    still = motion < MOVING * white * float(np.sqrt(_LEVEL[1, 1] * variance))
     rise = float(_RISE @ (powers - 1) / np.sqrt(_RISE @ _RISE * variance))
     error, of_motion = float(white * np.sqrt(_LEVEL[0, 0] * variance)), max(float(motion * OF_MOTION.mean()), 0.0)
     return WhiteNoiseFit(float(white), error, bool(fits), bool(still), of_motion, rise)
@@ -154,13 +147,13 @@ def compute_broadband_share(powers: Array, expected: float) -> float:
     expected : variance of the white noise that is stated
     """
     above = powers / expected - 1
-    inside = np.convolve(above, np.ones(SETTINGS.band), "valid")
-    return float((above.sum() - inside.max()) / (above.size - SETTINGS.band) / above.mean())
+    inside = np.convolve(above, np.ones(BAND), "valid")
+    return float((above.sum() - inside.max()) / (above.size - BAND) / above.mean())
 
 
 def smooth_errors(powers: Array, blocks: int) -> Array:
     """(k,) standard errors of the powers, from powers smoothed by all three parts."""
-    design = np.column_stack([np.ones(SETTINGS.showing), READ_OUT, OF_MOTION])
+    design = np.column_stack([np.ones(SHOWING), READ_OUT, OF_MOTION])
     smooth = design @ np.linalg.lstsq(design, powers, rcond=None)[0]
     return np.asarray(np.maximum(smooth, 0.2 * powers.mean()) * np.sqrt(SPREAD / blocks))
 
@@ -172,30 +165,30 @@ def is_even(blocks: Array) -> bool:
     p (1 − q)/(n f_p f_q).
     """
     power, dof = np.sum(blocks**2, axis=1), blocks.shape[1]
-    at = scipy.special.chdtri(dof, 1 - np.array(SETTINGS.quantiles))
-    low, high = np.quantile(power, SETTINGS.quantiles) / at
-    (p, q), (a, b) = SETTINGS.quantiles, 1 / (at * _compute_chi2_density(at, dof))
+    at = scipy.special.chdtri(dof, 1 - np.array(QUANTILES))
+    low, high = np.quantile(power, QUANTILES) / at
+    (p, q), (a, b) = QUANTILES, 1 / (at * _compute_chi2_density(at, dof))
     error = np.sqrt((p * (1 - p) * a**2 + q * (1 - q) * b**2 - 2 * p * (1 - q) * a * b) / len(power))
-    return bool(high < (1 + SETTINGS.even * error) * low)
+    return bool(high < (1 + EVEN * error) * low)
 
 
 def _build_difference_covariance(order: int) -> Array:
     """(samples, samples) of differences of white noise of unit variance."""
     kernel = np.array([(-1.0) ** k * math.comb(order, k) for k in range(order + 1)])
     lags = np.correlate(kernel, kernel, "full")[order:]
-    return np.asarray(scipy.linalg.toeplitz(np.append(lags, np.zeros(SETTINGS.samples - lags.size))))
+    return np.asarray(scipy.linalg.toeplitz(np.append(lags, np.zeros(SAMPLES - lags.size))))
 
 
 def _build_white_cosines() -> Array:
     """(samples − slowest, samples) from differences to coefficients, downward, that are independent under white noise."""
-    cosines = scipy.fft.dct(np.eye(SETTINGS.samples), axis=0, norm="ortho")[SETTINGS.slowest :][::-1]
-    factor = np.linalg.cholesky(cosines @ _build_difference_covariance(SETTINGS.order) @ cosines.T)
+    cosines = scipy.fft.dct(np.eye(SAMPLES), axis=0, norm="ortho")[SLOWEST:][::-1]
+    factor = np.linalg.cholesky(cosines @ _build_difference_covariance(ORDER) @ cosines.T)
     return np.asarray(scipy.linalg.solve_triangular(factor, cosines, lower=True))
 
 
 def _compute_process_power(order: int) -> Array:
     """(showing,) power of each of a process whose differences of the given order white noise has in those of the sixth."""
-    return np.diag(WHITE_COSINES @ _build_difference_covariance(order) @ WHITE_COSINES.T)[: SETTINGS.showing].copy()
+    return np.diag(WHITE_COSINES @ _build_difference_covariance(order) @ WHITE_COSINES.T)[:SHOWING].copy()
 
 
 def _compute_chi2_density(x: Array | float, dof: int) -> Array:
@@ -206,20 +199,20 @@ def _compute_chi2_density(x: Array | float, dof: int) -> Array:
 
 def _compute_truncation_factors() -> tuple[float, float]:
     """κ and V of the mean of the squares below CUT."""
-    f1, f3, f5 = (float(scipy.special.chdtr(n, SETTINGS.cut)) for n in (1, 3, 5))
+    f1, f3, f5 = (float(scipy.special.chdtr(n, CUT)) for n in (1, 3, 5))
     kappa = f3 / f1
-    slope = f3 - (SETTINGS.cut - kappa) * SETTINGS.cut * float(_compute_chi2_density(SETTINGS.cut, 1))
+    slope = f3 - (CUT - kappa) * CUT * float(_compute_chi2_density(CUT, 1))
     return kappa, (3 * f5 - f3**2 / f1) / slope**2
 
 
 WHITE_COSINES = _build_white_cosines()
-BACK = WHITE_COSINES[: SETTINGS.showing] @ np.diff(
-    np.eye(SETTINGS.samples + SETTINGS.order), SETTINGS.order, axis=0
+BACK = WHITE_COSINES[:SHOWING] @ np.diff(
+    np.eye(SAMPLES + ORDER), ORDER, axis=0
 )  # (showing, samples + order) from samples to cosines
-READ_OUT = _compute_process_power(SETTINGS.order + 1)  # R_k
-OF_MOTION = _compute_process_power(SETTINGS.order - 2)  # M_k
+READ_OUT = _compute_process_power(ORDER + 1)  # R_k
+OF_MOTION = _compute_process_power(ORDER - 2)  # M_k
 _KAPPA, SPREAD = _compute_truncation_factors()
-_DESIGN = np.column_stack([np.ones(SETTINGS.showing), OF_MOTION])
+_DESIGN = np.column_stack([np.ones(SHOWING), OF_MOTION])
 _LEVEL = np.linalg.inv(_DESIGN.T @ _DESIGN)
 LEVEL_WEIGHTS = (_LEVEL @ _DESIGN.T)[0]  # (showing,) from squares of a block to its noise power beside any motion
 _RISE = np.linalg.pinv(np.column_stack([READ_OUT, OF_MOTION]))[0]  # q² from powers less than what is stated

@@ -10,31 +10,31 @@ that a dependence of one gyro alone is reported.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
-from diagnosis.detectors.noise_blocks import LEVEL_WEIGHTS, WHITE_COSINES, find_zero_crossings, rank_calm_blocks
-from diagnosis.detectors.noise_blocks import SETTINGS as NOISE_BLOCKS
+from diagnosis.detectors.noise_blocks import (
+    LEVEL_WEIGHTS,
+    ORDER,
+    SAMPLES,
+    SHOWING,
+    WHITE_COSINES,
+    find_zero_crossings,
+    rank_calm_blocks,
+)
 from diagnosis.detectors.sample_report import AXES, IMPOSSIBLE, Findings, SampleTest, Stream, Symptom
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class NoiseDependenceSettings:
-    """Settings of the dependence of the noise level."""
-
-    fewest_blocks: int = 150  # in six classes of 25, below which no test is made
-    classes: int = 6  # of blocks
-    largest: float = 6.0  # standard deviations of white noise above the mean, at which a block's power is cut off; by judgement
-    notable: float = 0.05  # standard deviation of the classes' means, as a share of the power, that matters; by judgement
-
-
-SETTINGS = NoiseDependenceSettings()
+FEWEST_BLOCKS = 150  # in six classes of 25, below which no test is made
+CLASSES = 6  # of blocks
+LARGEST = 6.0  # standard deviations of white noise above the mean, at which a block's power is cut off; by judgement
+NOTABLE = 0.05  # standard deviation of the classes' means, as a share of the power, that matters; by judgement
 
 
 def find_noise_dependence(stream: Stream, measured: Mask, tested: Mask, event_p: float) -> tuple[Findings, Array]:
@@ -51,8 +51,8 @@ def find_noise_dependence(stream: Stream, measured: Mask, tested: Mask, event_p:
     -------
     Findings, and the p-value of each gyro (3,), 1 where it is not tested.
     """
-    length = NOISE_BLOCKS.samples + NOISE_BLOCKS.order
-    begins = [np.arange(low, high - length + 1, NOISE_BLOCKS.samples) for low, high in stream.find_arcs(measured)]
+    length = SAMPLES + ORDER
+    begins = [np.arange(low, high - length + 1, SAMPLES) for low, high in stream.find_arcs(measured)]
     begin = np.concatenate([np.zeros(0, dtype=np.intp), *begins]).astype(np.intp)
     p_values, sizes, texts = np.ones(3), np.zeros(3), [""] * 3
     for axis in np.flatnonzero(tested):
@@ -62,7 +62,7 @@ def find_noise_dependence(stream: Stream, measured: Mask, tested: Mask, event_p:
         for axis in range(3)
         if texts[axis]
     )
-    departing = (p_values < event_p) & (sizes > SETTINGS.notable)
+    departing = (p_values < event_p) & (sizes > NOTABLE)
     if np.count_nonzero(departing) != 1:
         return Findings(tests), np.ones(3)
     one = int(np.argmax(departing))
@@ -84,23 +84,23 @@ def lower_likeness(symptoms: tuple[Symptom, ...], p_values: Array) -> tuple[Symp
 
 def _test_axis(stream: Stream, window: NDArray[np.intp], axis: int) -> tuple[float, float, str]:
     """Test one gyro: the smallest p-value times the number of covariates, its size and a sentence; no text if untested."""
-    if len(window) < SETTINGS.fewest_blocks:
+    if len(window) < FEWEST_BLOCKS:
         return 1.0, 0.0, ""
     x = stream.rates[window, axis]
-    cosines = np.diff(x, NOISE_BLOCKS.order, axis=1) @ WHITE_COSINES.T
+    cosines = np.diff(x, ORDER, axis=1) @ WHITE_COSINES.T
     calm = np.zeros(len(x), dtype=bool)
     calm[rank_calm_blocks(cosines)] = True
     calm &= ~find_zero_crossings(x, stream.sigma)
-    if np.count_nonzero(calm) < SETTINGS.fewest_blocks:
+    if np.count_nonzero(calm) < FEWEST_BLOCKS:
         return 1.0, 0.0, ""
-    window, power = window[calm], cosines[calm, : NOISE_BLOCKS.showing] ** 2 @ LEVEL_WEIGHTS
+    window, power = window[calm], cosines[calm, :SHOWING] ** 2 @ LEVEL_WEIGHTS
     usual = float(np.median(power))
     if usual <= 0:
         return 1.0, 0.0, ""
-    power = np.minimum(power / usual, 1 + SETTINGS.largest * np.sqrt(2 * np.sum(LEVEL_WEIGHTS**2)))
+    power = np.minimum(power / usual, 1 + LARGEST * np.sqrt(2 * np.sum(LEVEL_WEIGHTS**2)))
     found = []
     for name, values in _list_covariates(stream, window, axis):
-        classes = np.array_split(np.argsort(values, kind="stable"), SETTINGS.classes)
+        classes = np.array_split(np.argsort(values, kind="stable"), CLASSES)
         if values[classes[-1]].min() <= values[classes[0]].max():  # nearly all blocks have the same value
             continue
         found.append((*_compare_means([power[own] for own in classes]), name))
@@ -114,7 +114,7 @@ def _list_covariates(stream: Stream, window: NDArray[np.intp], axis: int) -> lis
     """List what the level may depend on, with a value for each block."""
     gyro = stream.recording.gyro
     means = stream.rates[window].mean(axis=1)
-    half, order = window.shape[1] // 2, NOISE_BLOCKS.order
+    half, order = window.shape[1] // 2, ORDER
     own = stream.rates[window, axis]
     change = own[:, -order:].mean(axis=1) - own[:, :order].mean(axis=1)
     t_s = gyro.t_s[window[:, half]]

@@ -20,8 +20,12 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from diagnosis.detectors.noise_blocks import (
+    MOVING,
     OF_MOTION,
+    ORDER,
     READ_OUT,
+    SAMPLES,
+    SHOWING,
     WHITE_COSINES,
     cut_blocks,
     estimate_powers,
@@ -32,24 +36,16 @@ from diagnosis.detectors.noise_blocks import (
     rank_calm_blocks,
     smooth_errors,
 )
-from diagnosis.detectors.noise_blocks import SETTINGS as NOISE_BLOCKS
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class NoiseSettings:
-    """Settings of the noise of one gyro."""
-
-    calm_shares: tuple[float, ...] = (1.0, 0.9, 0.75, 0.5, 0.35, 0.25)  # of the blocks that are tried, the calmest ones
-    fewest_blocks: int = 12  # below which nothing is said
-    same: float = 2.0  # sigmas between blocks that pass zero and the rest, up to which they show one level
-    fits: float = 1e-3  # p-value from which on noise is explained
-    undecided: float = 8.0  # difference of χ² up to which the worse of white and readout noise is possible, too
-    clear: float = 4.0  # sigmas of white and of readout noise, where both are needed
-
-
-SETTINGS = NoiseSettings()
+CALM_SHARES = (1.0, 0.9, 0.75, 0.5, 0.35, 0.25)  # of the blocks that are tried, the calmest ones
+FEWEST_BLOCKS = 12  # below which nothing is said
+SAME = 2.0  # sigmas between blocks that pass zero and the rest, up to which they show one level
+FITS = 1e-3  # p-value from which on noise is explained
+UNDECIDED = 8.0  # difference of χ² up to which the worse of white and readout noise is possible, too
+CLEAR = 4.0  # sigmas of white and of readout noise, where both are needed
 
 
 @dataclass(frozen=True)
@@ -110,7 +106,7 @@ def fit_noise_level(x: Array, arcs: list[tuple[int, int]], expected: float) -> N
     expected : variance of a sample's noise as stated, (rad/s)²
     """
     samples = cut_blocks([x[low:high] for low, high in arcs])
-    blocks = np.diff(samples, NOISE_BLOCKS.order, axis=1) @ WHITE_COSINES.T
+    blocks = np.diff(samples, ORDER, axis=1) @ WHITE_COSINES.T
     # Spikes that are too small to be repaired beside the motion are no level.
     single = ~has_spike(blocks)
     samples, blocks = samples[single], blocks[single]
@@ -119,11 +115,11 @@ def fit_noise_level(x: Array, arcs: list[tuple[int, int]], expected: float) -> N
         blocks = blocks[~through]
     order = rank_calm_blocks(blocks)
     moving: list[NoiseLevel] = []
-    for share in SETTINGS.calm_shares:
+    for share in CALM_SHARES:
         chosen = np.sort(order[: int(share * order.size)])
-        if chosen.size < SETTINGS.fewest_blocks:
+        if chosen.size < FEWEST_BLOCKS:
             break
-        found = _fit_blocks(blocks[chosen, : NOISE_BLOCKS.showing], expected)
+        found = _fit_blocks(blocks[chosen, :SHOWING], expected)
         if found is not None and found.still:
             return found
         moving += [found] if found is not None else []
@@ -135,12 +131,12 @@ def _has_same_level(some: Array, rest: Array) -> bool:
     levels: list[tuple[float, float]] = []
     for blocks in (some, rest):
         chosen = rank_calm_blocks(blocks)
-        if chosen.size < SETTINGS.fewest_blocks:
+        if chosen.size < FEWEST_BLOCKS:
             return rest.size < some.size
-        fit = fit_white_noise(estimate_powers(blocks[chosen, : NOISE_BLOCKS.showing]), chosen.size)
+        fit = fit_white_noise(estimate_powers(blocks[chosen, :SHOWING]), chosen.size)
         levels.append((fit.white, fit.sigma))
     (one, error), (other, other_error) = levels
-    return bool(abs(one - other) < SETTINGS.same * np.hypot(error, other_error))
+    return bool(abs(one - other) < SAME * np.hypot(error, other_error))
 
 
 def _fit_blocks(blocks: Array, expected: float) -> NoiseLevel | None:
@@ -151,7 +147,7 @@ def _fit_blocks(blocks: Array, expected: float) -> NoiseLevel | None:
     fit = fit_white_noise(powers / expected, count)
     readout = fit_readout(powers, smooth_errors(powers, count), expected)
     explained = fit.fits or (fit.still and readout is not None and readout.probability >= 0.5)
-    half = NOISE_BLOCKS.samples // 2
+    half = SAMPLES // 2
     if not explained or fit.white <= 0 or not is_even(blocks[:, :half] / np.sqrt(powers[:half])):
         return None
     variance = expected * fit.white
@@ -159,7 +155,7 @@ def _fit_blocks(blocks: Array, expected: float) -> NoiseLevel | None:
     p = compute_p_of_level(variance, sigma, expected)
     if not fit.still:
         return NoiseLevel(variance, sigma, p, None, powers, count, still=False)
-    free = NOISE_BLOCKS.showing * count
+    free = SHOWING * count
     rising = float(scipy.special.chdtrc(free, free + fit.rise * np.sqrt(2 * free)))
     return NoiseLevel(variance, sigma, min(1.0, 2 * min(p, rising)), readout, powers, count, still=True)
 
@@ -178,14 +174,14 @@ def fit_readout(powers: Array, errors: Array, expected: float) -> Readout | None
     powers, errors : (k,) of the blocks, and their standard errors, (rad/s)²
     expected : variance of white noise as stated, (rad/s)²
     """
-    even, fits, free = np.ones(powers.size), SETTINGS.fits, powers.size - 2
+    even, fits, free = np.ones(powers.size), FITS, powers.size - 2
     _, _, white_chi2 = _fit_parts(powers / errors, errors, [even])
     square, error, chi2 = _fit_parts((powers - expected) / errors, errors, [READ_OUT])
     both, sigmas, both_chi2 = _fit_parts(powers / errors, errors, [READ_OUT, even])
-    needed = (np.abs(both - [0.0, expected]) > SETTINGS.clear * sigmas).all() and (both > 0).all()
+    needed = (np.abs(both - [0.0, expected]) > CLEAR * sigmas).all() and (both > 0).all()
     if needed and scipy.special.chdtrc(free, white_chi2) < fits < scipy.special.chdtrc(free - 1, both_chi2):
         return _make_readout(both[0], sigmas[0], both[1], sigmas[1], float(expit(0.5 * (white_chi2 - both_chi2))))
-    if square[0] > 0 and chi2 < white_chi2 + SETTINGS.undecided and scipy.special.chdtrc(free, chi2) > fits:
+    if square[0] > 0 and chi2 < white_chi2 + UNDECIDED and scipy.special.chdtrc(free, chi2) > fits:
         return _make_readout(square[0], error[0], expected, 0.0, float(expit(0.5 * (white_chi2 - chi2))))
     return None
 
@@ -201,6 +197,6 @@ def _fit_parts(seen: Array, errors: Array, parts: list[Array]) -> tuple[Array, A
         design = np.column_stack(columns) / errors[:, None]
         covariance = np.linalg.inv(design.T @ design)
         found, sigmas = covariance @ design.T @ seen, np.sqrt(np.diag(covariance))
-        if found[-1] > NOISE_BLOCKS.moving * sigmas[-1]:
+        if found[-1] > MOVING * sigmas[-1]:
             break
     return found[: len(parts)], sigmas[: len(parts)], float(np.sum((seen - design @ found) ** 2))

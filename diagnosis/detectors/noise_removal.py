@@ -14,8 +14,6 @@ estimate.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
@@ -29,19 +27,12 @@ from simulator.effects.smoothing import estimate_sample_sigma, replace_outliers,
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class NoiseRemovalSettings:
-    """Constants of `diagnosis.detectors.noise_removal`."""
-
-    neighbours: int = 17  # coefficients whose mean square is taken
-
-
-SETTINGS = NoiseRemovalSettings()
+NEIGHBOURS = 17  # coefficients whose mean square is taken
 
 
 # Mean squares of so many coefficients of noise alone, in σ², stay below this but for one in a thousand (χ²).
-LOUDEST = 1 + 4 * float(np.sqrt(2 / SETTINGS.neighbours))
-FEWEST_COSINE_SAMPLES = 8 * SETTINGS.neighbours  # samples of an interval whose motion is looked for among frequencies
+LOUDEST = 1 + 4 * float(np.sqrt(2 / NEIGHBOURS))
+FEWEST_COSINE_SAMPLES = 8 * NEIGHBOURS  # samples of an interval whose motion is looked for among frequencies
 
 
 def remove_noise(rates: Array, recording: Recording, tell: Tell = ignore_progress) -> Array:
@@ -88,11 +79,11 @@ def shrink_cosines(rates: Array, sigma: float) -> tuple[Array, float]:
     """
     line = np.polynomial.Polynomial.fit(np.arange(rates.size), rates, 1)(np.arange(rates.size))
     coefficients = scipy.fft.dct(rates - line, norm="ortho") / sigma
-    power = np.maximum(uniform_filter1d(coefficients**2, SETTINGS.neighbours, mode="mirror"), LOUDEST)
+    power = np.maximum(uniform_filter1d(coefficients**2, NEIGHBOURS, mode="mirror"), LOUDEST)
     loud = power > LOUDEST
     share = np.where(loud, 1 - 1 / power, 0.0)
     # The derivative of each share by its own coefficient, times that: neighbours' mean squares hold it, too.
-    own = np.where(loud, 2 / SETTINGS.neighbours * coefficients**2 / power**2, 0.0)
+    own = np.where(loud, 2 / NEIGHBOURS * coefficients**2 / power**2, 0.0)
     estimate = line + scipy.fft.idct(sigma * share * coefficients, norm="ortho")
     return estimate, float(share.sum() + own.sum()) + 2.0
 

@@ -36,30 +36,25 @@ Mask = NDArray[np.bool_]
 FORMATS: tuple[Kind, Kind] = ("rounded", "cut")
 
 
-@dataclass(frozen=True)
-class FormatSettings:
-    """Settings of the number formats."""
-
-    # readings of a block, and degree of its mean
-    block: int = 16
-    degree: int = 3
-    loud: float = 1.6  # root mean square of a block's residuals over the noise, above which the polynomial misses its motion
-    most_blocks: int = 1000  # of one axis, evenly chosen
-    rounds: int = 25  # of expectation maximisation
-    least_sigma: float = 0.05  # of a block, steps
-    dithered: float = 0.4  # noise in steps, from which on a rest reaches more bins than one
-    # of the mean over which a block is integrated, steps
-    shifts: tuple[float, ...] = tuple(np.linspace(-2.0, 2.0, 33).tolist())
-    same: float = 0.01  # relative difference of the steps of one converter
-    coarse: float = 0.2  # a lattice finer than this share of the noise is a number format: its rounding has 0.3 % of the power
-    # sigmas of the angle random walk over all samples, that half steps must turn by for a finer lattice to matter
-    worth: float = 3.0
-    decided: float = 8.0  # log odds from which on the references are not compared, and a finer lattice matters
-    possible: float = 0.05  # probability of the other number format, from which on it is reported
-    hidden: float = 0.1  # share of an interval in which a lattice hides the rate, from which on the gyro is blind there
+# readings of a block, and degree of its mean
+BLOCK = 16
+DEGREE = 3
+LOUD = 1.6  # root mean square of a block's residuals over the noise, above which the polynomial misses its motion
+MOST_BLOCKS = 1000  # of one axis, evenly chosen
+ROUNDS = 25  # of expectation maximisation
+LEAST_SIGMA = 0.05  # of a block, steps
+DITHERED = 0.4  # noise in steps, from which on a rest reaches more bins than one
+# of the mean over which a block is integrated, steps
+SHIFTS = tuple(np.linspace(-2.0, 2.0, 33).tolist())
+SAME = 0.01  # relative difference of the steps of one converter
+COARSE = 0.2  # a lattice finer than this share of the noise is a number format: its rounding has 0.3 % of the power
+# sigmas of the angle random walk over all samples, that half steps must turn by for a finer lattice to matter
+WORTH = 3.0
+DECIDED = 8.0  # log odds from which on the references are not compared, and a finer lattice matters
+POSSIBLE = 0.05  # probability of the other number format, from which on it is reported
+HIDDEN = 0.1  # share of an interval in which a lattice hides the rate, from which on the gyro is blind there
 
 
-SETTINGS = FormatSettings()
 LEAST_CELL_PROBABILITY = 1e-12  # of a probability
 
 
@@ -93,7 +88,7 @@ class NumberFormats:
         for kind in ("lattice_rounded", "lattice_cut"):
             axes = np.flatnonzero(self.coarse & (names == kind))
             steps = self.steps[axes]
-            common = axes.size == 3 and np.ptp(steps) < SETTINGS.same * steps.mean()
+            common = axes.size == 3 and np.ptp(steps) < SAME * steps.mean()
             each = [(None, axes[0], steps.mean())] if common else [(AXES[k], k, self.steps[k]) for k in axes]
             symptoms += [self._describe_lattice(kind, name, int(axis), float(step)) for name, axis, step in each]
         return Findings(tests, tuple(symptoms))
@@ -110,7 +105,7 @@ class NumberFormats:
         text = f"all readings are multiples of {size:.4g} deg/s, {'cut toward zero' if kind == 'lattice_cut' else 'rounded'}"
         cut = float(expit(self.log_odds[axis]))
         other, share = ("lattice_rounded", 1 - cut) if kind == "lattice_cut" else ("lattice_cut", cut)
-        rivals = ((other, share),) if share > SETTINGS.possible else ()
+        rivals = ((other, share),) if share > POSSIBLE else ()
         return Symptom(kind, name, size, "deg/s", 1e-6 * size, {}, IMPOSSIBLE, text, rivals=rivals)
 
 
@@ -128,19 +123,19 @@ def find_number_formats(
     lattice : how readings came onto a lattice, if that is known
     """
     steps = np.array([find_lattice_step(rates[used, axis]) for axis in range(3)])
-    coarse = steps > SETTINGS.coarse * sigma
+    coarse = steps > COARSE * sigma
     # A finer one is of no consequence if readings were rounded; cut ones are all half a step too near to zero.
-    worth = ~coarse & (sigma > 0) & (0.5 * steps * np.sqrt(used.sum()) > SETTINGS.worth * sigma)
+    worth = ~coarse & (sigma > 0) & (0.5 * steps * np.sqrt(used.sum()) > WORTH * sigma)
     odds = compute_log_odds(rates, parts, usable, np.where(coarse | worth, steps, 0.0), sigma)
-    coarse = coarse | (worth & (odds > SETTINGS.decided))
+    coarse = coarse | (worth & (odds > DECIDED))
     # Readings that keep their sign and are cut toward zero are rounded ones but for a constant.
     both_signs = bool((coarse & (rates[used].min(axis=0) < 0) & (rates[used].max(axis=0) > 0)).any())
     cut = coarse & both_signs & (odds > 0 if lattice is None else lattice == "cut")
     if lattice is not None:
         return NumberFormats(steps, odds, coarse, cut, coarse & ~cut, cut, None)
     strongest, mixed = float(odds[np.argmax(np.abs(odds))]), bool(cut.any() and (coarse & ~cut).any())
-    is_open = both_signs and not mixed and abs(strongest) < SETTINGS.decided
-    may_be_rounded, may_be_cut = (coarse & (expit(sign * odds) > SETTINGS.possible) for sign in (-1, 1))
+    is_open = both_signs and not mixed and abs(strongest) < DECIDED
+    may_be_rounded, may_be_cut = (coarse & (expit(sign * odds) > POSSIBLE) for sign in (-1, 1))
     return NumberFormats(steps, odds, coarse, cut, may_be_rounded, may_be_cut, strongest if is_open else None)
 
 
@@ -159,7 +154,7 @@ def compute_log_odds(rates: Array, parts: Sequence[slice], usable: Mask, steps: 
     for axis in np.flatnonzero(steps > 0):
         rounded, cut = compute_log_likelihood([rates[p, axis][usable[p]] for p in parts], steps[axis], sigma)
         own[axis] = cut - rounded
-    alike = np.abs(steps - steps[:, None]) < SETTINGS.same * steps[:, None]
+    alike = np.abs(steps - steps[:, None]) < SAME * steps[:, None]
     return np.asarray(alike @ own)
 
 
@@ -172,18 +167,18 @@ def compute_log_likelihood(parts: Iterable[Array], step: float, sigma: float) ->
     step : of the lattice, rad/s
     sigma : noise of a reading before it was put on the lattice, rad/s
     """
-    blocks = [np.round(x[: x.size // SETTINGS.block * SETTINGS.block] / step).reshape(-1, SETTINGS.block) for x in parts]
-    counts = np.concatenate([np.empty((0, SETTINGS.block)), *blocks])
+    blocks = [np.round(x[: x.size // BLOCK * BLOCK] / step).reshape(-1, BLOCK) for x in parts]
+    counts = np.concatenate([np.empty((0, BLOCK)), *blocks])
     counts = counts[(counts.min(axis=1) <= 1) & (counts.max(axis=1) >= -1) & (np.ptp(counts, axis=1) > 0)]
     left = counts - counts @ _build_polynomial_projection()
     noise = (sigma / step) ** 2 + 1 / 12
-    counts = counts[np.sum(left**2, axis=1) < SETTINGS.loud**2 * noise * (SETTINGS.block - SETTINGS.degree - 1)]
+    counts = counts[np.sum(left**2, axis=1) < LOUD**2 * noise * (BLOCK - DEGREE - 1)]
     passes = (counts.min(axis=1) < -1) & (counts.max(axis=1) > 1)
-    if sigma < SETTINGS.dithered * step:
+    if sigma < DITHERED * step:
         counts, passes = counts[passes], passes[passes]
     if not len(counts):
         return np.zeros(len(FORMATS))
-    chosen = np.unique(np.linspace(0, len(counts) - 1, min(len(counts), SETTINGS.most_blocks)).astype(np.intp))
+    chosen = np.unique(np.linspace(0, len(counts) - 1, min(len(counts), MOST_BLOCKS)).astype(np.intp))
     return np.array([_sum_over_blocks(*compute_bins(counts[chosen], name), passes[chosen]) for name in FORMATS])
 
 
@@ -201,16 +196,16 @@ def _sum_over_blocks(low: Array, high: Array, passes: Mask) -> float:
     """Log likelihood of all blocks (k, `block`) of bins; integrated over the phase of those that pass through zero."""
     onto = _build_polynomial_projection()
     y, variance = 0.5 * (low + high), (high - low) ** 2 / 12
-    for _ in range(SETTINGS.rounds):
+    for _ in range(ROUNDS):
         mean = y @ onto
-        sigma = np.sqrt(np.maximum(np.mean((y - mean) ** 2 + variance, axis=1, keepdims=True), SETTINGS.least_sigma**2))
+        sigma = np.sqrt(np.maximum(np.mean((y - mean) ** 2 + variance, axis=1, keepdims=True), LEAST_SIGMA**2))
         a, b = (low - mean) / sigma, (high - mean) / sigma
         inside = np.maximum(_compute_normal_mass(a, b), LEAST_CELL_PROBABILITY)
         at_a, at_b = (np.exp(-0.5 * edge**2) / np.sqrt(2 * np.pi) for edge in (a, b))
         shift = (at_a - at_b) / inside
         y = np.clip(mean + sigma * shift, low, high)
         variance = np.clip(sigma**2 * (1 + (a * at_a - b * at_b) / inside - shift**2), 0.0, (high - low) ** 2 / 4)
-    shifts = np.array(SETTINGS.shifts)
+    shifts = np.array(SHIFTS)
     shifted = mean[:, None] + shifts[:, None]
     likely = np.log(
         np.maximum(
@@ -223,7 +218,7 @@ def _sum_over_blocks(low: Array, high: Array, passes: Mask) -> float:
 
 def _build_polynomial_projection() -> Array:
     """(`block`, `block`) projection onto polynomials."""
-    q, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, SETTINGS.block), SETTINGS.degree + 1))
+    q, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, BLOCK), DEGREE + 1))
     return np.asarray(q @ q.T)
 
 
@@ -244,5 +239,5 @@ def undo_lattices(stream: Stream, formats: NumberFormats) -> tuple[Stream, Mask]
         for part in find_interval_slices(stream.recording):
             rates[part, axis], factor, more = undo_lattice(rates[part, axis], sample_s, step, stream.sigma, kind)
             density[part, axis] = density[part, axis] * factor + more
-            hidden[axis] |= bool(np.mean(more > 0) > SETTINGS.hidden)
+            hidden[axis] |= bool(np.mean(more > 0) > HIDDEN)
     return replace(stream, rates=rates, density=density), hidden

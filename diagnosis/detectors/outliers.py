@@ -35,31 +35,24 @@ Mask = NDArray[np.bool_]
 BETWEEN = np.array([1.0, -6.0, 15.0, 0.0, 15.0, -6.0, 1.0]) / 20  # of a quintic through three samples on either side
 
 
-@dataclass(frozen=True)
-class OutlierSettings:
-    """Settings of the outliers."""
-
-    limit: float = 6.0  # noise sigmas of an outlier; one sample in 5e8 under M0
-    side: int = 6  # samples to either side that tell a spike from a step
-    clearly: float = 4.0  # squared sigmas by which a spike fits better
-    explained: float = 1e-3  # p-value of what it leaves of the readings around, at least: a jolt rings on
-    as_far: float = 0.75  # of its deviation, that a spike is off the curve through its neighbours
-    beside: float = 0.2  # of a spike, that may be left beside it
-    least_power: float = 1e-3  # of the deviations, at a frequency that the motion fills
-    # readings that tell the weights of those around them
-    fewest_fitted: int = 300
-    most_fitted: int = 200_000
-    nearby: int = 101  # readings over which the size of their usual error is taken
-    resting: float = 0.3  # share of the samples in which the body rests, below which all are taken as a motion
-    # of the steps and bends of a motion, which may pass for spikes: a body that is jolted all the time has hundreds
-    alike: float = 0.02
-    as_high: float = 0.4  # of the usual spike
-    few: int = 5  # outliers, of which heights show no law
-    many: int = 25  # of which the scatter of heights shows whether they are exponential
-    all_alike: float = 3.0  # mean smallest heights of exponential outliers, up to which that of some may be one
-
-
-SETTINGS = OutlierSettings()
+LIMIT = 6.0  # noise sigmas of an outlier; one sample in 5e8 under M0
+SIDE = 6  # samples to either side that tell a spike from a step
+CLEARLY = 4.0  # squared sigmas by which a spike fits better
+EXPLAINED = 1e-3  # p-value of what it leaves of the readings around, at least: a jolt rings on
+AS_FAR = 0.75  # of its deviation, that a spike is off the curve through its neighbours
+BESIDE = 0.2  # of a spike, that may be left beside it
+LEAST_POWER = 1e-3  # of the deviations, at a frequency that the motion fills
+# readings that tell the weights of those around them
+FEWEST_FITTED = 300
+MOST_FITTED = 200_000
+NEARBY = 101  # readings over which the size of their usual error is taken
+RESTING = 0.3  # share of the samples in which the body rests, below which all are taken as a motion
+# of the steps and bends of a motion, which may pass for spikes: a body that is jolted all the time has hundreds
+ALIKE = 0.02
+AS_HIGH = 0.4  # of the usual spike
+FEW = 5  # outliers, of which heights show no law
+MANY = 25  # of which the scatter of heights shows whether they are exponential
+ALL_ALIKE = 3.0  # mean smallest heights of exponential outliers, up to which that of some may be one
 
 
 @dataclass(frozen=True)
@@ -116,10 +109,10 @@ def find_outliers(
     found, judged = _find_of_gyros(stream, quiet, noise, steps, tell)
     counts = [int(one.places.sum()) for one in found]
     n = max(int(judged.sum()), 1)
-    chance = n * 2 * float(scipy.special.ndtr(-SETTINGS.limit)) * 1.2
-    expected = [chance + SETTINGS.alike * float((one.odd & ~one.places).sum()) for one in found]
+    chance = n * 2 * float(scipy.special.ndtr(-LIMIT)) * 1.2
+    expected = [chance + ALIKE * float((one.odd & ~one.places).sum()) for one in found]
     p_values = [_compute_p_value(count, usual) for count, usual in zip(counts, expected, strict=True)]
-    text = f"of {n} samples are off by more than {SETTINGS.limit:g} sigmas"
+    text = f"of {n} samples are off by more than {LIMIT:g} sigmas"
     tests = tuple(
         SampleTest("outliers", AXES[k], counts[k], expected[k], p, "outliers", f"{counts[k]} {text}")
         for k, p in enumerate(p_values)
@@ -154,18 +147,18 @@ def _fit_heights(found: list[Outliers], judged: Mask, noise: Array) -> OutlierFi
     beyond = together - limit
     uneven = beyond.std() > 0.5 * beyond.mean()
     # The scatter of few says little. Of n exponential ones the smallest is beyond the limit by an n-th of the mean.
-    if total < SETTINGS.many:
-        uneven = uneven or total * beyond.min() < SETTINGS.all_alike * beyond.mean()
-    exponential = total > SETTINGS.few and uneven
+    if total < MANY:
+        uneven = uneven or total * beyond.min() < ALL_ALIKE * beyond.mean()
+    exponential = total > FEW and uneven
     # Of outliers of all sizes what exceeds a limit has, for exponential ones, the mean of all; the others are hidden.
     seen = float(beyond.mean() if exponential else together.mean())
     size, error = seen, np.hypot(together.std(), noise.mean()) / np.sqrt(total)
     if exponential:
         error = seen * np.sqrt(1 / total + 0.1**2)
-    elif total <= SETTINGS.few:  # so few may be all there are, or the highest of many
+    elif total <= FEW:  # so few may be all there are, or the highest of many
         size = 0.5 * (seen + float(beyond.mean()))
         error = np.hypot(error, max(seen - size, size / np.sqrt(total)))
-    high = max(SETTINGS.as_high * seen, float(together.min()))
+    high = max(AS_HIGH * seen, float(together.min()))
     shown = sum(int((judged & (one.hidden <= high)).sum()) for one in ([found[strongest]] if alone else found))
     fraction = total / max(shown, total) * (float(np.exp(min(limit / seen, 5.0))) if exponential else 1.0)
     return OutlierFit(strongest if alone else None, size, float(error), seen, float(fraction))
@@ -174,11 +167,11 @@ def _fit_heights(found: list[Outliers], judged: Mask, noise: Array) -> OutlierFi
 def _find_of_gyros(stream: Stream, quiet: Mask, noise: Array, steps: Array, tell: Tell) -> tuple[list[Outliers], Mask]:
     """Find the outliers of each gyro; also the samples that were judged."""
     used, follows = stream.used, mark_consecutive_samples(stream.recording, quiet)
-    whole = scipy.ndimage.binary_erosion(used & mark_consecutive_samples(stream.recording, used), iterations=SETTINGS.side)
+    whole = scipy.ndimage.binary_erosion(used & mark_consecutive_samples(stream.recording, used), iterations=SIDE)
     # Beside a sample that was bridged the motion is known less well than the noise says.
     known = ~scipy.ndimage.binary_dilation(stream.filled, iterations=len(BETWEEN) // 2)
     resting = quiet & follows & np.roll(follows, -1) & known
-    if resting.sum() < SETTINGS.resting * used.sum():
+    if resting.sum() < RESTING * used.sum():
         resting = np.zeros_like(resting)
     turning = whole & known & ~resting
     found, moving = [], []
@@ -198,7 +191,7 @@ def _find_of_gyros(stream: Stream, quiet: Mask, noise: Array, steps: Array, tell
             )  # fmt: skip
         found.append(one)
     # Outliers of two gyros at once while the body moves are a jolt of it.
-    near = sum(scipy.ndimage.binary_dilation(one.places, iterations=SETTINGS.side).astype(int) for one in found)
+    near = sum(scipy.ndimage.binary_dilation(one.places, iterations=SIDE).astype(int) for one in found)
     jolts = [one & (near > 1) for one in moving]
     return [replace(one, places=one.places & ~jolt) for one, jolt in zip(found, jolts, strict=True)], resting | turning
 
@@ -210,11 +203,11 @@ def _repair(stream: Stream, found: list[Outliers], fit: OutlierFit) -> Stream:
         if not one.places.any():
             continue
         x = rates[:, axis]
-        bad = one.places | (one.odd & (one.off > SETTINGS.as_high * fit.seen))
+        bad = one.places | (one.odd & (one.off > AS_HIGH * fit.seen))
         rates[bad, axis] = np.interp(t_s[bad], t_s[~bad], x[~bad])
         filled |= bad
         power = fit.fraction * float(np.mean(one.off[one.places] ** 2)) * stream.recording.gyro.sample_s
-        density[(one.hidden > SETTINGS.as_high * fit.seen) & ~bad, axis] += power
+        density[(one.hidden > AS_HIGH * fit.seen) & ~bad, axis] += power
     return replace(stream, rates=rates, density=density, filled=filled)
 
 
@@ -228,21 +221,21 @@ def find_single_samples(x: Array, judged: Mask, noise: float, step: float) -> Ou
     noise, step : of a sample, and of a coarse lattice, rad/s
     """
     judged = judged.copy()
-    judged[: SETTINGS.side] = judged[-SETTINGS.side :] = False
+    judged[:SIDE] = judged[-SIDE:] = False
     weights = _fit_weights(x, judged)
     off = x - scipy.ndimage.convolve1d(x, np.concatenate([weights[::-1], [0.0], weights]), mode="nearest")
     usual = noise * float(np.sqrt(1 + 2 * weights @ weights))
-    level = np.maximum(scipy.ndimage.median_filter(np.abs(off), SETTINGS.nearby, mode="nearest") / 0.6745, usual)
-    least = SETTINGS.limit * level + step
+    level = np.maximum(scipy.ndimage.median_filter(np.abs(off), NEARBY, mode="nearest") / 0.6745, usual)
+    least = LIMIT * level + step
     # Beside a spike a reading is off as well, by its share of the spike.
-    highest = np.abs(off) >= scipy.ndimage.maximum_filter1d(np.abs(off), 2 * SETTINGS.side + 1, mode="nearest")
+    highest = np.abs(off) >= scipy.ndimage.maximum_filter1d(np.abs(off), 2 * SIDE + 1, mode="nearest")
     far = judged & highest & (np.abs(off) > least)
     single, known = _is_single(x, np.where(far, off, 0.0), noise), _Shapes(weights)
-    most = float(scipy.special.chdtri(2 * SETTINGS.side, SETTINGS.explained))
+    most = float(scipy.special.chdtri(2 * SIDE, EXPLAINED))
     for k in np.flatnonzero(single).tolist():
-        odds, left = known.compare(off[k - SETTINGS.side : k + SETTINGS.side + 1])
-        single[k] = odds > SETTINGS.clearly * level[k] ** 2 and left < most * level[k] ** 2
-    return Outliers(single, np.abs(off), SETTINGS.limit * usual + step, far, least)
+        odds, left = known.compare(off[k - SIDE : k + SIDE + 1])
+        single[k] = odds > CLEARLY * level[k] ** 2 and left < most * level[k] ** 2
+    return Outliers(single, np.abs(off), LIMIT * usual + step, far, least)
 
 
 def _is_single(x: Array, deviation: Array, noise: float) -> Mask:
@@ -252,8 +245,8 @@ def _is_single(x: Array, deviation: Array, noise: float) -> Mask:
     them, and nothing else. The rate of a fast and jerky motion may be far off what the readings around it predict, but not so.
     """
     off = x - scipy.ndimage.convolve1d(x, BETWEEN, mode="nearest")
-    half, limit = len(BETWEEN) // 2, SETTINGS.limit * noise
-    found = (off * deviation > 0) & (np.abs(off) > np.maximum(SETTINGS.as_far * np.abs(deviation), limit))
+    half, limit = len(BETWEEN) // 2, LIMIT * noise
+    found = (off * deviation > 0) & (np.abs(off) > np.maximum(AS_FAR * np.abs(deviation), limit))
     spread = float(np.sqrt(1 + BETWEEN @ BETWEEN))
     pattern = np.zeros(4 * half + 1)
     pattern[half : 3 * half + 1] = -BETWEEN
@@ -261,7 +254,7 @@ def _is_single(x: Array, deviation: Array, noise: float) -> Mask:
     for k in np.flatnonzero(found).tolist():
         low, high = max(k - 2 * half, 0), min(k + 2 * half + 1, x.size)
         left = off[low:high] - off[k] * pattern[low - k + 2 * half : high - k + 2 * half]
-        found[k] = np.abs(left).max() < max(SETTINGS.beside * abs(off[k]), limit * spread)
+        found[k] = np.abs(left).max() < max(BESIDE * abs(off[k]), limit * spread)
     return np.asarray(found)
 
 
@@ -271,16 +264,16 @@ def _fit_weights(x: Array, judged: Mask) -> Array:
     White noise wants the mean of many, and a fast motion a curve through few; the readings tell what theirs want.
     """
     places = np.flatnonzero(judged)
-    places = places[:: max(1, -(-places.size // SETTINGS.most_fitted))]
-    if places.size < SETTINGS.fewest_fitted:
+    places = places[:: max(1, -(-places.size // MOST_FITTED))]
+    if places.size < FEWEST_FITTED:
         half = len(BETWEEN) // 2
-        return np.pad(BETWEEN[half + 1 :], (0, SETTINGS.side - half))
-    sides = np.column_stack([x[places - lag] + x[places + lag] - 2 * x[places] for lag in range(1, SETTINGS.side + 1)])
+        return np.pad(BETWEEN[half + 1 :], (0, SIDE - half))
+    sides = np.column_stack([x[places - lag] + x[places + lag] - 2 * x[places] for lag in range(1, SIDE + 1)])
     y, sides = -0.5 * sides[:, 0], sides[:, 1:] - sides[:, :1]
     for _ in range(2):
         others = np.asarray(np.linalg.lstsq(sides, y, rcond=None)[0])
         left = np.abs(y - sides @ others)
-        kept = left <= SETTINGS.limit * np.median(left) / 0.6745
+        kept = left <= LIMIT * np.median(left) / 0.6745
         y, sides = y[kept], sides[kept]
     return np.append(0.5 - others.sum(), others)
 
@@ -295,12 +288,12 @@ class _Shapes:
 
     def __init__(self, weights: Array) -> None:
         K = np.concatenate([-weights[::-1], [1.0], -weights])
-        t = np.arange(-2.0 * SETTINGS.side, 2 * SETTINGS.side + 1)
+        t = np.arange(-2.0 * SIDE, 2 * SIDE + 1)
         after = [t >= late for late in (0, 1)]
         shapes = [t[:, None] == 0.0, *(np.column_stack([one, one * t]) for one in after)]
-        seen = [scipy.ndimage.convolve1d(one.astype(float), K, axis=0)[SETTINGS.side : -SETTINGS.side] for one in shapes]
-        values, vectors = np.linalg.eigh(scipy.linalg.toeplitz(np.concatenate([[1.0], -weights, np.zeros(SETTINGS.side)])))
-        inverse = vectors / np.maximum(values, SETTINGS.least_power) @ vectors.T
+        seen = [scipy.ndimage.convolve1d(one.astype(float), K, axis=0)[SIDE:-SIDE] for one in shapes]
+        values, vectors = np.linalg.eigh(scipy.linalg.toeplitz(np.concatenate([[1.0], -weights, np.zeros(SIDE)])))
+        inverse = vectors / np.maximum(values, LEAST_POWER) @ vectors.T
         self.all = inverse
         self.spike, *self.steps = (inverse @ one @ np.linalg.inv(one.T @ inverse @ one) @ one.T @ inverse for one in seen)
 

@@ -16,8 +16,6 @@ clipped gyro. Readings on a lattice coarser than their noise repeat by chance. N
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import scipy.special
 from numpy.typing import NDArray
@@ -29,16 +27,9 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class OwnRepeatSettings:
-    """Constants of `diagnosis.detectors.own_repeats`."""
-
-    steps: float = 2.5  # of an octave's smallest difference, up to which differences are compared with none
-    fewest: int = 10  # repeats, below which nothing is said
-    worth: float = 1e-9  # of a reading: smaller differences are rounding
-
-
-SETTINGS = OwnRepeatSettings()
+STEPS = 2.5  # of an octave's smallest difference, up to which differences are compared with none
+FEWEST = 10  # repeats, below which nothing is said
+WORTH = 1e-9  # of a reading: smaller differences are rounding
 
 
 def find_own_repeats(stream: Stream, formats: NumberFormats, zone: Mask, event_p: float) -> Findings:
@@ -76,12 +67,12 @@ def find_own_repeats(stream: Stream, formats: NumberFormats, zone: Mask, event_p
 def compute_chance(x: Array, change: Array) -> tuple[int, float]:
     """Count readings x (n,) without a change from the one before, and compute the p-value that the format makes so many."""
     repeats = int(np.sum(change == 0.0))
-    if repeats < SETTINGS.fewest:
+    if repeats < FEWEST:
         return repeats, 1.0
     octave = np.frexp(np.abs(x) + np.abs(change))[1]
-    size = np.where(np.abs(change) > SETTINGS.worth * np.abs(x), np.abs(change), np.inf)
+    size = np.where(np.abs(change) > WORTH * np.abs(x), np.abs(change), np.inf)
     near = 0
     for one in np.unique(octave[change == 0.0]):
         own = size[octave == one]
-        near += int(np.sum(own <= SETTINGS.steps * own.min())) if np.isfinite(own.min()) else 0
+        near += int(np.sum(own <= STEPS * own.min())) if np.isfinite(own.min()) else 0
     return repeats, max(float(scipy.special.bdtrc(repeats - 1, repeats + near, 1 / 3)), IMPOSSIBLE)

@@ -27,27 +27,20 @@ Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
 
-@dataclass(frozen=True)
-class ReferenceNoiseSettings:
-    """Constants of `diagnosis.detectors.reference_noise`."""
-
-    correlated: float = 1 + 2 * 17 / 36  # variance of the mean square of second differences, beside that of independent ones
-    trim: float = 3.0  # robust sigmas beyond which a difference does not count
-    trimmed: float = 0.9733  # variance of a normal variable cut there
-    fewest: int = 40  # second differences of an axis, below which nothing is said
-    # Log odds of an excess of the references, below which it is one of the angle turned: of the two the first is on the list,
-    # and white noise of the gyros that is as large would show in the samples as a rule.
-    unlikely: float = -3.0
-    of_each: int = 4  # second differences for each error that is fitted to them, at least
-    # factor, down to which it is told; the less the better it is known
-    least: float = 0.01
-    faintest: float = 1e-9
-    unseen: float = 10.0  # relative error of an axis of which nothing is seen
-    rounds: int = 3  # of a fit whose large residuals do not count
-    trimming: float = 1.1  # times the variance of a mean square whose limit was estimated
-
-
-SETTINGS = ReferenceNoiseSettings()
+CORRELATED = 1 + 2 * 17 / 36  # variance of the mean square of second differences, beside that of independent ones
+TRIM = 3.0  # robust sigmas beyond which a difference does not count
+TRIMMED = 0.9733  # variance of a normal variable cut there
+FEWEST = 40  # second differences of an axis, below which nothing is said
+# Log odds of an excess of the references, below which it is one of the angle turned: of the two the first is on the list,
+# and white noise of the gyros that is as large would show in the samples as a rule.
+UNLIKELY = -3.0
+OF_EACH = 4  # second differences for each error that is fitted to them, at least
+# factor, down to which it is told; the less the better it is known
+LEAST = 0.01
+FAINTEST = 1e-9
+UNSEEN = 10.0  # relative error of an axis of which nothing is seen
+ROUNDS = 3  # of a fit whose large residuals do not count
+TRIMMING = 1.1  # times the variance of a mean square whose limit was estimated
 
 
 @dataclass(frozen=True)
@@ -153,18 +146,18 @@ def estimate_reference_noise(
     motion : (m, 3, k) attitude errors about inertial axes that follow the motion, whose part is taken out
     """
     found, wider = (_find_differences(series, density, gyro_s, dead, motion, apart) for apart in (1, 2))
-    enough = np.sum(~found.hidden, axis=0) >= SETTINGS.fewest
+    enough = np.sum(~found.hidden, axis=0) >= FEWEST
     if not enough.any() or not np.all(found.stated > 0):
         return None
     z = found.values / np.sqrt(found.stated + found.walk)
     # Single large differences, as beside a slew with wrong time tags, are not noise.
     usual = [np.median(np.abs(z[~found.hidden[:, axis], axis])) if enough[axis] else 0.0 for axis in range(3)]
-    kept = (np.abs(z) < SETTINGS.trim * np.array(usual) / 0.6745) & ~found.hidden & enough
+    kept = (np.abs(z) < TRIM * np.array(usual) / 0.6745) & ~found.hidden & enough
     factor, sigma, p, axis = _estimate_factors(found, kept, enough)
     of_gyro = False
     if p < settings.sample_event and np.any(factor[enough] > 1):
         axes = np.flatnonzero(enough) if axis is None else np.array([axis])
-        of_gyro = _compute_log_odds(found, wider, axes) < SETTINGS.unlikely
+        of_gyro = _compute_log_odds(found, wider, axes) < UNLIKELY
     return ReferenceNoise(factor, sigma, p, axis, settings.sample_event, of_gyro)
 
 
@@ -179,18 +172,18 @@ def _compute_log_odds(found: Differences, wider: Differences, axes: Indices) -> 
         squares, stated, walks, counts = [], [], [], []
         for one in (found, wider):
             own = ~one.hidden[:, axis]
-            if own.sum() < SETTINGS.fewest:
+            if own.sum() < FEWEST:
                 return 0.0
             values = one.values[own, axis]
-            kept = np.abs(values) < SETTINGS.trim * np.median(np.abs(values)) / 0.6745
-            squares.append(float(np.mean(values[kept] ** 2)) / SETTINGS.trimmed)
+            kept = np.abs(values) < TRIM * np.median(np.abs(values)) / 0.6745
+            squares.append(float(np.mean(values[kept] ** 2)) / TRIMMED)
             stated.append(float(np.mean(one.stated[own, axis])))
             walks.append(float(np.mean(one.walk[own, axis])))
             counts.append(int(own.sum()))
         of_references = walks[1] + max(squares[0] - walks[0], 0.0) * stated[1] / stated[0]
         of_angle = stated[1] + max(squares[0] - stated[0], 0.0) * walks[1] / walks[0]
         off = np.log(squares[1] / np.array([of_references, of_angle])) ** 2
-        odds -= 0.5 * float(off[0] - off[1]) / (2 * SETTINGS.correlated * float(np.sum(1 / np.array(counts))))
+        odds -= 0.5 * float(off[0] - off[1]) / (2 * CORRELATED * float(np.sum(1 / np.array(counts))))
     return odds
 
 
@@ -240,9 +233,9 @@ def _remove_motion_errors(found: Differences, motion: list[Differences]) -> Diff
     X = np.stack([one.values / scale for one in motion], axis=-1)
     X = X / np.maximum(np.linalg.norm(X[~found.hidden], axis=0), 1e-300)
     left = z
-    for _ in range(SETTINGS.rounds):
-        used = ~found.hidden & (np.abs(left) < SETTINGS.trim * np.median(np.abs(left), axis=0) / 0.6745)
-        if used.sum() < SETTINGS.of_each * len(motion):
+    for _ in range(ROUNDS):
+        used = ~found.hidden & (np.abs(left) < TRIM * np.median(np.abs(left), axis=0) / 0.6745)
+        if used.sum() < OF_EACH * len(motion):
             return found
         amplitudes, _, rank, _ = np.linalg.lstsq(X[used], z[used], rcond=1e-9)
         left = z - X @ amplitudes
@@ -254,15 +247,15 @@ def _estimate_factors(found: Differences, kept: Mask, enough: Mask) -> tuple[Arr
 
     One does if the others are as stated, or are rather that than all are too large by one factor.
     """
-    sums = np.sum(np.where(kept, found.values**2, 0.0), axis=0) / SETTINGS.trimmed
+    sums = np.sum(np.where(kept, found.values**2, 0.0), axis=0) / TRIMMED
     # An axis with too few differences is taken as stated, with no certainty.
     stated = np.where(enough, np.sum(np.where(kept, found.stated, 0.0), axis=0), 1.0)
     walk = np.sum(np.where(kept, found.walk, 0.0), axis=0)
-    relative = np.sqrt(2 * SETTINGS.correlated * SETTINGS.trimming / np.maximum(np.sum(~found.hidden, axis=0), 1))
+    relative = np.sqrt(2 * CORRELATED * TRIMMING / np.maximum(np.sum(~found.hidden, axis=0), 1))
     # What the gyros' noise may hide of a factor is no factor: it is not told below its own error.
-    least = np.clip(relative * sums / stated, SETTINGS.faintest**2, SETTINGS.least**2)
+    least = np.clip(relative * sums / stated, FAINTEST**2, LEAST**2)
     factor = np.where(enough, np.sqrt(np.maximum((sums - walk) / stated, least)), 1.0)
-    error = np.where(enough, 0.5 * relative * (sums / stated) / factor, SETTINGS.unseen)
+    error = np.where(enough, 0.5 * relative * (sums / stated) / factor, UNSEEN)
     # A sum of squares has a long upper tail; its cube root is normal (Wilson & Hilferty, 1931).
     spread = relative**2 / 9
     total = np.where(enough, sums / (stated + walk), 1.0 - 3 * spread)

@@ -44,32 +44,25 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class RepeatSettings:
-    """Settings of the test."""
-
-    nearby: int = 1500  # samples of a stretch of time in which the share of repeats is taken; short beside an orbit
-    alike: int = 101  # of these, samples with nearly the same change of rate, over which it is taken
-    fewest_alike: int = 10  # samples among these that do not repeat on all axes, below which chance may repeat all
-    side: int = 2  # samples on either side of a repeat that are left out where the change of rate is taken
-    least_chance: float = 1e-3  # probability by chance on a number format, below which no estimate from so few samples goes
-    alone: float = 1e-3  # share of samples that repeat on one axis only, from which on repeats by chance are possible at all
-    most_chance: float = 0.99  # the same, above which it is not certain either
-    # gain of the log likelihood by a common probability of two axes, from which on these are not independent; odds of 2e4
-    tied: float = 10.0
-    # sigma of the number of repeats by chance, relative to it; it is off by 8 % on swaying bodies and coarse lattices
-    rough: float = 0.1
-    most: float = 0.5  # share of all samples that repeat by chance, above which faults cannot be told
-    fewest: int = 500  # samples, below which nothing is said
-    sure: float = 0.9  # probability of a fault from which on a sample is bridged
-    longest_period: int = 64  # samples, of a period in the times of faults; the longest usual packet
-    # runs of faults whose times are tested, at least and at most
-    fewest_runs: int = 8
-    most_runs: int = 2000
-    far: float = 8.0  # noise sigmas from its neighbours at which a value was not measured
-
-
-SETTINGS = RepeatSettings()
+NEARBY = 1500  # samples of a stretch of time in which the share of repeats is taken; short beside an orbit
+ALIKE = 101  # of these, samples with nearly the same change of rate, over which it is taken
+FEWEST_ALIKE = 10  # samples among these that do not repeat on all axes, below which chance may repeat all
+SIDE = 2  # samples on either side of a repeat that are left out where the change of rate is taken
+LEAST_CHANCE = 1e-3  # probability by chance on a number format, below which no estimate from so few samples goes
+ALONE = 1e-3  # share of samples that repeat on one axis only, from which on repeats by chance are possible at all
+MOST_CHANCE = 0.99  # the same, above which it is not certain either
+# gain of the log likelihood by a common probability of two axes, from which on these are not independent; odds of 2e4
+TIED = 10.0
+# sigma of the number of repeats by chance, relative to it; it is off by 8 % on swaying bodies and coarse lattices
+ROUGH = 0.1
+MOST = 0.5  # share of all samples that repeat by chance, above which faults cannot be told
+FEWEST = 500  # samples, below which nothing is said
+SURE = 0.9  # probability of a fault from which on a sample is bridged
+LONGEST_PERIOD = 64  # samples, of a period in the times of faults; the longest usual packet
+# runs of faults whose times are tested, at least and at most
+FEWEST_RUNS = 8
+MOST_RUNS = 2000
+FAR = 8.0  # noise sigmas from its neighbours at which a value was not measured
 
 
 @dataclass(frozen=True)
@@ -95,7 +88,7 @@ class Repeats:
     mask: Mask
 
 
-def find_repeats(rates: Array, follows: Mask, settings: RepeatSettings = SETTINGS) -> Repeats | None:
+def find_repeats(rates: Array, follows: Mask) -> Repeats | None:
     """Find samples that repeat the one before on all axes; None where nothing can be told.
 
     Parameters
@@ -107,19 +100,19 @@ def find_repeats(rates: Array, follows: Mask, settings: RepeatSettings = SETTING
     equal[1:] = rates[1:] == rates[:-1]
     joint = equal.all(axis=1) & follows
     n, count = int(follows.sum()), int(joint.sum())
-    if n < settings.fewest:
+    if n < FEWEST:
         return None
     chance, sigma = np.zeros(len(rates)), 0.0
-    if ((equal & ~joint[:, None])[follows].mean(axis=0) > settings.alone).all():
-        chance = np.maximum(_compute_chance(equal, rates, follows, settings), settings.least_chance)
-        sigma = settings.rough * float(chance[follows].sum())
-        if max(count, float(chance[follows].sum())) > settings.most * n:
+    if ((equal & ~joint[:, None])[follows].mean(axis=0) > ALONE).all():
+        chance = np.maximum(_compute_chance(equal, rates, follows), LEAST_CHANCE)
+        sigma = ROUGH * float(chance[follows].sum())
+        if max(count, float(chance[follows].sum())) > MOST * n:
             return None
     expected = float(chance[follows].sum())
     fraction, p = _test_share(joint[follows], chance[follows], sigma)
     posterior = np.where(joint, fraction / np.maximum(fraction + (1 - fraction) * chance, 1e-300), 0.0)
     size, error = _estimate_run(joint & follows, chance, follows)
-    return Repeats(count, n, expected, p, fraction, size, error, np.asarray(posterior > settings.sure))
+    return Repeats(count, n, expected, p, fraction, size, error, np.asarray(posterior > SURE))
 
 
 def _test_share(joint: Mask, chance: Array, sigma: float) -> tuple[float, float]:
@@ -146,24 +139,24 @@ def _test_share(joint: Mask, chance: Array, sigma: float) -> tuple[float, float]
     return share, max(0.5 * float(scipy.special.chdtrc(1, 2 * ratio)), IMPOSSIBLE)
 
 
-def _compute_chance(equal: Mask, rates: Array, follows: Mask, settings: RepeatSettings) -> Array:
+def _compute_chance(equal: Mask, rates: Array, follows: Mask) -> Array:
     """(n,) probability that all axes repeat by chance."""
     n = len(rates)
-    after, before = np.minimum(np.arange(n) + settings.side, n - 1), np.maximum(np.arange(n) - settings.side - 1, 0)
+    after, before = np.minimum(np.arange(n) + SIDE, n - 1), np.maximum(np.arange(n) - SIDE - 1, 0)
     change = np.abs(rates[after] - rates[before])
     others = follows & ~equal.all(axis=1)
-    shares = np.column_stack([_average_alike(equal[:, k], others, change[:, k], settings) for k in range(equal.shape[1])])
+    shares = np.column_stack([_average_alike(equal[:, k], others, change[:, k]) for k in range(equal.shape[1])])
     C = _solve_product(shares)
     each = shares * (1 - C)[:, None] + C[:, None]
-    found, best = each.prod(axis=1), settings.tied
+    found, best = each.prod(axis=1), TIED
     for axis in range(equal.shape[1]):
         pair, lone = np.asarray(np.delete(equal, axis, axis=1).all(axis=1)), follows & ~equal[:, axis]
-        together = _average_alike(pair, lone, np.delete(change, axis, axis=1).max(axis=1), settings)
+        together = _average_alike(pair, lone, np.delete(change, axis, axis=1).max(axis=1))
         apart = np.delete(each, axis, axis=1).prod(axis=1)
         gain = _compute_log_likelihood(pair[lone], together[lone]) - _compute_log_likelihood(pair[lone], apart[lone])
         if gain > best:
             found, best = each[:, axis] * together, gain
-    return np.asarray(np.minimum(found, settings.most_chance))
+    return np.asarray(np.minimum(found, MOST_CHANCE))
 
 
 def _compute_log_likelihood(event: Mask, chance: Array) -> float:
@@ -171,14 +164,14 @@ def _compute_log_likelihood(event: Mask, chance: Array) -> float:
     return float(np.sum(np.log(np.where(event, p, 1 - p))))
 
 
-def _average_alike(repeats: Mask, where: Mask, change: Array, settings: RepeatSettings) -> Array:
+def _average_alike(repeats: Mask, where: Mask, change: Array) -> Array:
     """(n,) share of repeats among the other samples of a mask that are near in time and whose rate changes as fast."""
     share = np.zeros(repeats.size)
-    for part in np.array_split(np.arange(repeats.size), max(1, repeats.size // settings.nearby)):
+    for part in np.array_split(np.arange(repeats.size), max(1, repeats.size // NEARBY)):
         order = part[np.argsort(change[part], kind="stable")]
-        all_of_them, own = _count(where[order], settings.alike), _count((repeats & where)[order], settings.alike)
+        all_of_them, own = _count(where[order], ALIKE), _count((repeats & where)[order], ALIKE)
         # Where nearly all samples repeat on all axes, nothing shows that chance does not do it.
-        share[order] = np.where(all_of_them < settings.fewest_alike, 1.0, own / np.maximum(all_of_them, 1.0))
+        share[order] = np.where(all_of_them < FEWEST_ALIKE, 1.0, own / np.maximum(all_of_them, 1.0))
     return share
 
 
@@ -208,12 +201,12 @@ def _estimate_run(joint: Mask, chance: Array, follows: Mask) -> tuple[float, flo
     return size, float(size**2 * error)
 
 
-def compute_p_of_times(times: NDArray[np.intp], settings: RepeatSettings = SETTINGS) -> float:
+def compute_p_of_times(times: NDArray[np.intp]) -> float:
     """Compute the p-value of the strongest period of random times (m,), in samples since the interval's first."""
-    if times.size < settings.fewest_runs:
+    if times.size < FEWEST_RUNS:
         return 1.0
-    times = times[: settings.most_runs]
-    periods = np.arange(2, settings.longest_period + 1)
+    times = times[:MOST_RUNS]
+    periods = np.arange(2, LONGEST_PERIOD + 1)
     angle = 2 * np.pi * (times[None] % periods[:, None]) / periods[:, None]
     resultant = np.abs(np.exp(1j * angle).sum(axis=1)) ** 2 / times.size
     resultant[0] *= 0.5  # of period 2 it is real: χ² with one degree of freedom
@@ -263,4 +256,4 @@ def is_measured(rates: Array, repeated: Mask) -> bool:
     departure = np.abs(source - ((1 - share) * before + share * after))
     noise = np.median(np.abs(np.diff(rates, 2, axis=0)), axis=0) / 0.6745 / np.sqrt(6)
     change = np.abs(after - before)
-    return bool(np.median((departure / np.maximum(SETTINGS.far * noise, change)).max(axis=1)) < 1)
+    return bool(np.median((departure / np.maximum(FAR * noise, change)).max(axis=1)) < 1)

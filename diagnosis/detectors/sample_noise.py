@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import expit, logit
 
 from diagnosis.detectors.noise_blocks import HIDDEN_TONE_FREQUENCY, compute_broadband_share
-from diagnosis.detectors.noise_level import SETTINGS as LEVEL
-from diagnosis.detectors.noise_level import Readout, fit_noise_level
+from diagnosis.detectors.noise_level import UNDECIDED, Readout, fit_noise_level
 from diagnosis.detectors.number_format import NumberFormats
 from diagnosis.detectors.sample_report import (
     AXES,
@@ -36,29 +35,22 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class SampleNoiseSettings:
-    """Settings of the noise of the samples."""
-
-    half: int = 20  # samples on either side of one in the test for quiet
-    # sigmas of the change of the mean that count as visible; a slew's are hundreds, those of a vibration a few
-    moving: float = 20.0
-    order: int = 6  # of the differences that show the noise of a sample robustly
-    fewest: int = 200  # differences, below which those of samples that were not measured count as well
-    # variance of the samples in squares of a lattice's step, below which it may be that of a few readings
-    resolved: float = 0.34
-    # noise sigmas in a step, up to which rounding adds uniform noise, to 1e-3 of the variance (Widrow, 1956)
-    dithered: float = 1.5
-    slack: float = 0.1  # departure of the noise factor that rounding to a few sigmas makes by itself
-    # share of too much power beside any one band of the spectrum, from which on it is noise of another level
-    elsewhere: float = 0.3
-    least_error: float = 0.01  # of a noise factor that is compared with others
-    one_factor: float = 14.0  # χ² of three noise factors with one mean, below which they are one: a chance of 1e-3
-    off_zero: float = 5.0  # sigmas from zero, from which on cutting toward zero is rounding down
-    possible: float = 0.02  # probability from which on the other kind of noise is an alternative
-
-
-SETTINGS = SampleNoiseSettings()
+HALF = 20  # samples on either side of one in the test for quiet
+# sigmas of the change of the mean that count as visible; a slew's are hundreds, those of a vibration a few
+MOVING = 20.0
+ORDER = 6  # of the differences that show the noise of a sample robustly
+FEWEST = 200  # differences, below which those of samples that were not measured count as well
+# variance of the samples in squares of a lattice's step, below which it may be that of a few readings
+RESOLVED = 0.34
+# noise sigmas in a step, up to which rounding adds uniform noise, to 1e-3 of the variance (Widrow, 1956)
+DITHERED = 1.5
+SLACK = 0.1  # departure of the noise factor that rounding to a few sigmas makes by itself
+# share of too much power beside any one band of the spectrum, from which on it is noise of another level
+ELSEWHERE = 0.3
+LEAST_ERROR = 0.01  # of a noise factor that is compared with others
+ONE_FACTOR = 14.0  # χ² of three noise factors with one mean, below which they are one: a chance of 1e-3
+OFF_ZERO = 5.0  # sigmas from zero, from which on cutting toward zero is rounding down
+POSSIBLE = 0.02  # probability from which on the other kind of noise is an alternative
 
 
 @dataclass(frozen=True)
@@ -98,11 +90,11 @@ class NoiseFactor:
 
 def estimate_local_noise(rates: Array, sigma: float, coarse: Mask, steps: Array, filled: Mask) -> Array:
     """(3,) robust noise of a sample that was measured, where enough were; what bridges the others has less."""
-    order = SETTINGS.order
+    order = ORDER
     if len(rates) <= order:
         return np.full(3, sigma)
     measured = ~scipy.ndimage.binary_dilation(filled, iterations=order // 2)[order // 2 : filled.size - order // 2]
-    if measured.sum() < SETTINGS.fewest:
+    if measured.sum() < FEWEST:
         measured[:] = True
     # The differences of white noise have C(2d, d) times its variance.
     scale = 0.6745 * np.sqrt(comb(2 * order, order))
@@ -113,12 +105,12 @@ def estimate_local_noise(rates: Array, sigma: float, coarse: Mask, steps: Array,
 
 def find_quiet_samples(rates: Array, noise: Array, tell: Tell = ignore_progress) -> Mask:
     """Samples around which the mean rate does not visibly change on any axis."""
-    half, moving = SETTINGS.half, np.zeros(len(rates), dtype=bool)
+    half, moving = HALF, np.zeros(len(rates), dtype=bool)
     for axis, level in enumerate(noise):
         tell(f"quiet samples of gyro {AXES[axis]}", axis / 3)
         ahead = scipy.ndimage.uniform_filter1d(rates[:, axis], half, origin=-half // 2, mode="nearest")
         behind = scipy.ndimage.uniform_filter1d(rates[:, axis], half, origin=half // 2 - 1, mode="nearest")
-        moving |= np.abs(ahead - behind) / (level * np.sqrt(2 / half)) > SETTINGS.moving
+        moving |= np.abs(ahead - behind) / (level * np.sqrt(2 / half)) > MOVING
     return ~scipy.ndimage.binary_dilation(moving, iterations=half)
 
 
@@ -171,25 +163,25 @@ def _measure_axis(
     if formats.may_be_cut[axis]:
         where = where & _is_off_zero(x, step, sigma)
     level = fit_noise_level(x, stream.find_arcs(where), expected)
-    if level is None or (coarse and level.variance < SETTINGS.resolved * step**2):
+    if level is None or (coarse and level.variance < RESOLVED * step**2):
         return None
     factor = float(np.sqrt(max(1 + (level.variance - expected) / sigma**2, 1e-6)))
-    p, rough = max(level.p_value, IMPOSSIBLE), coarse and step > SETTINGS.dithered * sigma
-    in_one_band = p < event_p and factor > 1 and compute_broadband_share(level.powers, expected) < SETTINGS.elsewhere
+    p, rough = max(level.p_value, IMPOSSIBLE), coarse and step > DITHERED * sigma
+    in_one_band = p < event_p and factor > 1 and compute_broadband_share(level.powers, expected) < ELSEWHERE
     # Rounding to a few noise sigmas is not uniform noise.
-    if in_one_band or (rough and abs(factor - 1) < SETTINGS.slack):
+    if in_one_band or (rough and abs(factor - 1) < SLACK):
         p = 1.0
     readout = level.readout if factor > 1 and not rough else None
-    bound = 0.5 * LEVEL.undecided
+    bound = 0.5 * UNDECIDED
     odds = -bound if readout is None else max(float(logit(readout.probability)), -bound)
     return NoiseFactor(factor, 0.5 * level.sigma / sigma**2 / factor, p, readout, odds)
 
 
 def _is_off_zero(x: Array, step: float, sigma: float) -> Mask:
     """Tell samples around which all readings are far from zero, where cutting toward zero is rounding down."""
-    middle = scipy.ndimage.uniform_filter1d(x, SETTINGS.half, mode="nearest")
-    near = np.abs(middle) < SETTINGS.off_zero * sigma + 2 * step
-    return np.asarray(~scipy.ndimage.binary_dilation(near, iterations=SETTINGS.half))
+    middle = scipy.ndimage.uniform_filter1d(x, HALF, mode="nearest")
+    near = np.abs(middle) < OFF_ZERO * sigma + 2 * step
+    return np.asarray(~scipy.ndimage.binary_dilation(near, iterations=HALF))
 
 
 def _describe(stream: Stream, odd: dict[int, NoiseFactor], event_p: float) -> tuple[list[Symptom], Array]:
@@ -210,7 +202,7 @@ def _describe(stream: Stream, odd: dict[int, NoiseFactor], event_p: float) -> tu
         size = float(np.mean([odd[axis].value for axis in axes]))
         error = float(np.sqrt(np.mean([odd[axis].sigma ** 2 for axis in axes]) / len(axes)))
         readout = float(expit(log_odds[axes[0]]))
-        rivals = (("readout_noise", readout),) if readout > SETTINGS.possible else ()
+        rivals = (("readout_noise", readout),) if readout > POSSIBLE else ()
         p = min(odd[axis].p_value for axis in axes)
         symptoms.append(Symptom("white_noise_level", name, size, "factor", error, {}, p, rivals=rivals))
     return symptoms, density
@@ -219,8 +211,8 @@ def _describe(stream: Stream, odd: dict[int, NoiseFactor], event_p: float) -> tu
 def _has_one_factor(factors: Sequence[NoiseFactor]) -> bool:
     """Whether the noise factors of some gyros are one."""
     values, errors = np.array([one.value for one in factors]), np.array([one.sigma for one in factors])
-    off = (values - np.average(values, weights=1 / errors**2)) / np.maximum(errors, SETTINGS.least_error)
-    return float(off @ off) < SETTINGS.one_factor
+    off = (values - np.average(values, weights=1 / errors**2)) / np.maximum(errors, LEAST_ERROR)
+    return float(off @ off) < ONE_FACTOR
 
 
 def _describe_readout(
@@ -230,7 +222,7 @@ def _describe_readout(
     sample_s, sigma = stream.recording.gyro.sample_s, stream.sigma
     size, error = (float(np.rad2deg(value) * 3600 * sample_s) for value in (readout.reading, readout.sigma))
     text = f"the noise of the samples rises with the frequency as that of readings of the angle of {size:.3g} arcsec"
-    rivals = (("white_noise_level", 1 - probability),) if readout.is_as_stated and 1 - probability > SETTINGS.possible else ()
+    rivals = (("white_noise_level", 1 - probability),) if readout.is_as_stated and 1 - probability > POSSIBLE else ()
     found = [Symptom("readout_noise", AXES[axis], size, "arcsec", error, {}, one.p_value, text, rivals=rivals)]
     if readout.is_as_stated:
         return found, 1.0

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from diagnosis.detectors.clipping import find_clipping
 from diagnosis.detectors.dead_zone_crossings import find_near_edges, find_zones
-from diagnosis.detectors.dead_zone_zeros import find_zeros
 from diagnosis.detectors.lattice import Kind
 from diagnosis.detectors.noise_dependence import find_noise_dependence, lower_likeness
 from diagnosis.detectors.noise_removal import remove_noise
@@ -28,10 +27,13 @@ from diagnosis.detectors.repeats import bridge_repeats
 from diagnosis.detectors.sample_noise import estimate_local_noise, find_quiet_samples, measure_noise
 from diagnosis.detectors.sample_report import (
     AXES,
+    IMPOSSIBLE,
     Findings,
     Line,
     SampleReport,
+    SampleTest,
     Stream,
+    Symptom,
     Tell,
     Zone,
     ignore_progress,
@@ -40,6 +42,7 @@ from diagnosis.detectors.sample_report import (
 )
 from diagnosis.detectors.spectral_lines import find_lines
 from diagnosis.settings import DEFAULT, DiagnosisSettings
+from gyrocal.mask_runs import find_mask_runs
 from gyrocal.recording import Recording
 from simulator.effects.recording_view import find_interval_slices
 
@@ -47,14 +50,15 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class SampleSettings:
-    """Constants of `diagnosis.detectors.samples`."""
-
-    hiding: float = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
-
-
-SETTINGS = SampleSettings()
+# of samples that read exactly zero in a dead zone behind the noise, beside others that do not come near it
+FEWEST_STRETCHES = 3  # of zeros, in a dead zone
+FIRST_STEPS = 3.0  # steps of a number format, within which the smallest readings beside its zeros lie
+OF_NOISE = 0.01  # noise sigmas, within which readings are as good as zero
+# readings that are not zero: the smallest show the edge, and the next ones how dense they are there
+SMALLEST = 3
+NEXT_SMALLEST = 30
+BESIDE_ZERO = 10  # samples beside a zero that are left out of other tests
+HIDING = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
 
 
 def examine(
@@ -93,7 +97,7 @@ def examine(
         noise=stream.sigma * np.array(noisy.factor),
         smooth=remove_noise(noisy.stream.rates, recording, scale_progress(tell, 0.8, 1)),
         hidden=np.array(noisy.hidden),
-        lattice=formats.steps > SETTINGS.hiding * stream.sigma,
+        lattice=formats.steps > HIDING * stream.sigma,
         zones=noisy.zones,
         lines=noisy.lines,
         cut_odds=formats.cut_odds,
@@ -137,15 +141,36 @@ def _examine_noise(stream: Stream, formats: NumberFormats, clipped: Mask, settin
     still = stream.used & find_quiet_samples(stream.rates, local, scale_progress(tell, 0.2, 0.25))
     steps = np.where(coarse, formats.steps, 0.0)
     outliers, stream = find_outliers(stream, still, local, steps, event_p, scale_progress(tell, 0.25, 0.3))
-    lines, tests = find_lines(
-        stream, still, formats.steps > SETTINGS.hiding * sigma, settings.line, scale_progress(tell, 0.3, 0.65)
-    )
+    lines, tests = find_lines(stream, still, formats.steps > HIDING * sigma, settings.line, scale_progress(tell, 0.3, 0.65))
     noise = measure_noise(stream, clipped, formats, lines, event_p, scale_progress(tell, 0.65, 0.8))
     dependence, p_values = find_noise_dependence(*_choose_noise(stream, clipped, formats, lines, zones), event_p)
     levels = replace(noise.findings, symptoms=lower_likeness(noise.findings.symptoms, p_values))
     stream, hidden = undo_lattices(replace(stream, density=stream.density * noise.density), formats)
     found = held, outliers, tests, levels, dependence, zeros
     return NoisyPart(stream, found, lines, zones, tuple(noise.factor.tolist()), tuple(hidden.tolist()))
+
+
+def find_zeros(stream: Stream, formats: NumberFormats) -> tuple[Findings, Mask]:
+    """Find samples that read exactly zero on no coarse lattice; also the samples (n,) beside those of a dead zone.
+
+    Zeros beside readings that are as good as zero leave no zone, and a number format has zeros beside its first step. A gyro
+    that stops reads zero in one stretch, and a rate goes in and out of a zone.
+    """
+    tests, symptoms, near = [], [], np.zeros(len(stream.rates), dtype=bool)
+    for axis in np.flatnonzero(~formats.coarse):
+        zero = (stream.recording.gyro.rates[:, axis] == 0.0) & stream.used
+        sizes = np.sort(np.abs(stream.recording.gyro.rates[stream.used & ~zero, axis]))
+        smallest = float(sizes[:SMALLEST].mean()) if sizes.size else 0.0
+        is_away = smallest > max(OF_NOISE * stream.sigma, FIRST_STEPS * float(formats.steps[axis]))
+        zone = is_away and sizes.size > NEXT_SMALLEST and len(find_mask_runs(zero)) >= FEWEST_STRETCHES
+        p, text = IMPOSSIBLE if zone else 1.0, f"{int(zero.sum())} samples read exactly zero"
+        tests.append(SampleTest("zero_samples", AXES[axis], int(zero.sum()), 0.0, p, "dead_zone", text))
+        if zone:
+            near |= scipy.ndimage.binary_dilation(zero, iterations=BESIDE_ZERO)
+            spacing = max(float(sizes[SMALLEST:NEXT_SMALLEST].mean()) - smallest, 1e-3 * smallest)
+            size, sigma = float(np.rad2deg(smallest)), float(np.rad2deg(spacing))
+            symptoms.append(Symptom("dead_zone", AXES[axis], size, "deg/s", sigma, {}, IMPOSSIBLE))
+    return Findings(tuple(tests), tuple(symptoms)), near
 
 
 def _choose_noise(

@@ -7,7 +7,7 @@ leaves of waves. Each arc has its own phase.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -23,28 +23,21 @@ from simulator.effects.recording_view import find_interval_slices
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class SinusoidSettings:
-    """Constants that decide on a sinusoid in the samples."""
-
-    # lengths of the local polynomial, in cycles; the one that leaves the sinusoid whole is taken
-    smoothing_cycles: tuple[float, ...] = (4, 4.5, 5, 5.5, 6, 7, 8, 9, 10)
-    degree: int = 6  # of the polynomial
-    sudden: float = 6.0  # robust sigmas beyond which a sample does not count: what jolts leave
-    frequencies_per_sample: float = 2.0  # independent frequencies of a fit; oversampling finds twice the Fourier frequencies
-    clear: float = 5.0  # sigmas of the amplitude below which there is no line
-    # resolutions of an arc from the sinusoid, at which the level of the noise is taken
-    beside: tuple[int, ...] = tuple(range(3, 11))
-    nearby: float = 0.25  # share of the frequency within which that is
-    # least cycles and χ² of a part in which the amplitude is compared: enough to tell it from zero
-    part_cycles: float = 12.0
-    part_chi2: float = 25.0
-    most_parts: int = 8  # of an arc
-    tolerance: float = 0.1  # relative change of the amplitude that a constant one may have: what the background takes of it
-    undisturbed: float = 0.75  # share of the parts that no motion disturbs
-
-
-SETTINGS = SinusoidSettings()
+# lengths of the local polynomial, in cycles; the one that leaves the sinusoid whole is taken
+SMOOTHING_CYCLES = (4, 4.5, 5, 5.5, 6, 7, 8, 9, 10)
+DEGREE = 6  # of the polynomial
+SUDDEN = 6.0  # robust sigmas beyond which a sample does not count: what jolts leave
+FREQUENCIES_PER_SAMPLE = 2.0  # independent frequencies of a fit; oversampling finds twice the Fourier frequencies
+CLEAR = 5.0  # sigmas of the amplitude below which there is no line
+# resolutions of an arc from the sinusoid, at which the level of the noise is taken
+BESIDE = tuple(range(3, 11))
+NEARBY = 0.25  # share of the frequency within which that is
+# least cycles and χ² of a part in which the amplitude is compared: enough to tell it from zero
+PART_CYCLES = 12.0
+PART_CHI2 = 25.0
+MOST_PARTS = 8  # of an arc
+TOLERANCE = 0.1  # relative change of the amplitude that a constant one may have: what the background takes of it
+UNDISTURBED = 0.75  # share of the parts that no motion disturbs
 
 
 def fit_line(
@@ -60,12 +53,12 @@ def fit_line(
     pieces = [piece.select(rows) for piece, rows in zip(pieces, calm, strict=True)]
     fit = fit_sinusoid(pieces, f, 0.2 / span_s, steps=2)  # the frequency is found to a twentieth of the resolution
     size, sigma = fit.size
-    if not size > SETTINGS.clear * sigma:
+    if not size > CLEAR * sigma:
         return None
     samples = sum(piece.data.size for piece in pieces)
     level = _compute_level([piece.t_s[rows] for piece, rows in zip(pieces, calm, strict=True)], fit)
     chance = scipy.special.chdtrc(2 * len(pieces), fit.chi2 / level)
-    p = float(np.clip(SETTINGS.frequencies_per_sample * samples * chance, IMPOSSIBLE, 1.0))
+    p = float(np.clip(FREQUENCIES_PER_SAMPLE * samples * chance, IMPOSSIBLE, 1.0))
     constancy = _compute_constancy(fit, [fit.frequency_hz * piece.data.size * sample_s for piece in pieces])
     waveform = _make_waveform(fit, recording, arcs, beside=constancy > 0)
     return Line(axis, fit.frequency_hz, size, sigma, p, waveform, isolated, constancy)
@@ -101,10 +94,10 @@ def _choose_smoothing(cycles: float, size: int) -> tuple[Array | None, float]:
     They are made of orthogonal polynomials, since windows may be long.
     """
 
-    counts = np.unique(np.round(np.array(SETTINGS.smoothing_cycles) / cycles).astype(np.intp) // 2 * 2 + 1)
+    counts = np.unique(np.round(np.array(SMOOTHING_CYCLES) / cycles).astype(np.intp) // 2 * 2 + 1)
     best, least = None, np.inf
-    for count in counts[(counts > SETTINGS.degree + 2) & (counts < size)]:
-        Q = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1, 1, count), SETTINGS.degree))[0]
+    for count in counts[(counts > DEGREE + 2) & (counts < size)]:
+        Q = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1, 1, count), DEGREE))[0]
         kernel = Q @ Q[count // 2]
         gain = float(kernel @ np.cos(2 * np.pi * cycles * (np.arange(count) - count // 2)))
         if abs(gain) < abs(least):
@@ -115,7 +108,7 @@ def _choose_smoothing(cycles: float, size: int) -> tuple[Array | None, float]:
 def _is_calm(residual: Array) -> NDArray[np.bool_]:
     """Samples in which nothing sudden is left of the motion."""
     spread = float(np.median(np.abs(residual))) / 0.6745
-    return np.asarray(np.abs(residual) <= SETTINGS.sudden * spread)
+    return np.asarray(np.abs(residual) <= SUDDEN * spread)
 
 
 def _remove_jolts(piece: Piece) -> Piece:
@@ -133,7 +126,7 @@ def _compute_level(times_s: Sequence[Array], fit: SinusoidFit) -> float:
     powers = [np.empty(0)]
     for t_s, residual in zip(times_s, fit.residuals, strict=True):
         span_s = max(float(np.ptp(t_s)), 1e-300)
-        apart = np.array([k for k in SETTINGS.beside if k < SETTINGS.nearby * fit.frequency_hz * span_s]) / span_s
+        apart = np.array([k for k in BESIDE if k < NEARBY * fit.frequency_hz * span_s]) / span_s
         beside = np.concatenate([fit.frequency_hz - apart, fit.frequency_hz + apart])
         powers.append(compute_power(t_s, residual[:, None], beside)[:, 0] / max(float(np.mean(residual**2)), 1e-300))
     found = np.concatenate(powers)
@@ -145,7 +138,7 @@ def _compute_constancy(fit: SinusoidFit, cycles: Sequence[float]) -> float:
     amplitudes, variances = list[float](), list[float]()
     for k, (waves, residual) in enumerate(zip(fit.waves, fit.residuals, strict=True)):
         chi2 = float(fit.amplitudes[k] @ fit.amplitudes[k] / fit.variances[k])
-        count = int(np.clip(min(cycles[k] / SETTINGS.part_cycles, chi2 / SETTINGS.part_chi2), 1, SETTINGS.most_parts))
+        count = int(np.clip(min(cycles[k] / PART_CYCLES, chi2 / PART_CHI2), 1, MOST_PARTS))
         data = waves @ fit.amplitudes[k] + residual
         for part in np.array_split(np.arange(residual.size), count):
             amplitudes.append(float(np.hypot(*np.linalg.lstsq(waves[part], data[part], rcond=None)[0])))
@@ -167,8 +160,8 @@ def compute_log_constancy(amplitudes: Array, variances: Array, size: float) -> f
     trial = size * np.geomspace(0.7, 1.4, 9)[:, None]
     rayleigh = _log_rice(amplitudes, 0.0, variances + 0.5 * trial**2)
     changing = rayleigh[int(np.argmax(rayleigh.sum(axis=1)))]
-    rice = _log_rice(amplitudes, trial, variances + (SETTINGS.tolerance * trial) ** 2)
-    known = np.logaddexp(np.log(SETTINGS.undisturbed) + rice, np.log(1 - SETTINGS.undisturbed) + changing)
+    rice = _log_rice(amplitudes, trial, variances + (TOLERANCE * trial) ** 2)
+    known = np.logaddexp(np.log(UNDISTURBED) + rice, np.log(1 - UNDISTURBED) + changing)
     constant = float(known.sum(axis=1).max())
     return constant - float(np.logaddexp(constant, changing.sum()) - np.log(2))
 

@@ -25,30 +25,23 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class LineSettings:
-    """Constants that decide which peaks of a spectrum are lines."""
-
-    fewest_cycles: float = 4.0  # of a line in a segment; fewer are a trend
-    p_of_peak: float = 0.01  # p-value of a peak below which a sinusoid is fitted; the fit decides, with all of its power
-    # of an axis in one look: a bound of the time
-    most_lines: int = 4
-    most_peaks: int = 8
-    strong: float = 30.0  # power over the white noise that a motion has and chance has not (e⁻³⁰)
-    # power over that of motion beside it and below, down to a third of the frequency, above which a line stands out
-    outstanding: float = 8.0
-    fewest_below: int = 40  # bins below a strong line in samples of a moving body; fewer do not show that it stands out
-    isolated: float = 2.0  # level over the white noise below which the body shows no other motion around a line
-    jolt: float = 15.0  # medians of the second differences, ten sigmas of noise, above which the rate jumps
-    most_jolts: float = 0.02  # share of the samples above which the body moves fast, and nothing is left out
-    shortest: int = 256  # samples of a segment
-    halvings: int = 6  # lengths of segments that are tried, from the longest arc down
-    level_bins: int = 61  # of the spectrum, over which the level around a line is taken
-    lobe: int = 4  # bins on either side of a line, over which its peak spreads
-    fewest_bins: int = 20  # of a spectrum in which a line is looked for
-
-
-SETTINGS = LineSettings()
+FEWEST_CYCLES = 4.0  # of a line in a segment; fewer are a trend
+P_OF_PEAK = 0.01  # p-value of a peak below which a sinusoid is fitted; the fit decides, with all of its power
+# of an axis in one look: a bound of the time
+MOST_LINES = 4
+MOST_PEAKS = 8
+STRONG = 30.0  # power over the white noise that a motion has and chance has not (e⁻³⁰)
+# power over that of motion beside it and below, down to a third of the frequency, above which a line stands out
+OUTSTANDING = 8.0
+FEWEST_BELOW = 40  # bins below a strong line in samples of a moving body; fewer do not show that it stands out
+ISOLATED = 2.0  # level over the white noise below which the body shows no other motion around a line
+JOLT = 15.0  # medians of the second differences, ten sigmas of noise, above which the rate jumps
+MOST_JOLTS = 0.02  # share of the samples above which the body moves fast, and nothing is left out
+SHORTEST = 256  # samples of a segment
+HALVINGS = 6  # lengths of segments that are tried, from the longest arc down
+LEVEL_BINS = 61  # of the spectrum, over which the level around a line is taken
+LOBE = 4  # bins on either side of a line, over which its peak spreads
+FEWEST_BINS = 20  # of a spectrum in which a line is looked for
 
 
 @dataclass(frozen=True)
@@ -107,8 +100,8 @@ def find_jolts(rates: Array, used: Mask) -> Mask:
     second = np.zeros_like(rates)
     second[1:-1] = np.abs(np.diff(rates, 2, axis=0))
     usual = np.median(second[used], axis=0)
-    found = scipy.ndimage.binary_dilation((second > SETTINGS.jolt * usual).any(axis=1), iterations=2)
-    return np.asarray(found) if found[used].mean() < SETTINGS.most_jolts else np.zeros_like(found)
+    found = scipy.ndimage.binary_dilation((second > JOLT * usual).any(axis=1), iterations=2)
+    return np.asarray(found) if found[used].mean() < MOST_JOLTS else np.zeros_like(found)
 
 
 def _find_lines_of_axis(
@@ -117,14 +110,14 @@ def _find_lines_of_axis(
     """Find the lines of an axis and its strongest peak; those of each look are counted apart: slow motions are many."""
     x, found, strongest = rates.copy(), list[tuple[Line, float]](), Peak()
     for look in looks:
-        most = len(found) + SETTINGS.most_lines
-        for number in range(SETTINGS.most_peaks):
-            tell(f"lines of gyro {AXES[axis]}", (axis + number / SETTINGS.most_peaks) / 3)
+        most = len(found) + MOST_LINES
+        for number in range(MOST_PEAKS):
+            tell(f"lines of gyro {AXES[axis]}", (axis + number / MOST_PEAKS) / 3)
             peak = find_peak(x, look, recording.gyro.sample_s)
             if number == 0 and peak.p_value <= strongest.p_value:
                 strongest = peak
             # Rounding a slow motion makes lines of its own.
-            if peak.p_value >= SETTINGS.p_of_peak or lattice or len(found) == most:
+            if peak.p_value >= P_OF_PEAK or lattice or len(found) == most:
                 break
             line = fit_line(x, recording, axis, peak.frequency_hz, peak.width_hz, look.arcs, peak.isolated)
             if line is None or line.p_value >= line_p:
@@ -152,7 +145,7 @@ def find_peak(x: Array, look: Look, sample_s: float) -> Peak:
     Long segments gather the power of a sinusoid in one bin, short ones use more of the arcs.
     """
     longest = max(high - low for low, high in look.arcs)
-    lengths = {scipy.fft.prev_fast_len(max(longest >> k, SETTINGS.shortest), real=True) for k in range(SETTINGS.halvings)}
+    lengths = {scipy.fft.prev_fast_len(max(longest >> k, SHORTEST), real=True) for k in range(HALVINGS)}
     peaks = list(map(partial(_find_peak_in_segments, x, look, sample_s), sorted(lengths)))
     best = min(peaks, key=lambda peak: peak.p_value)
     return replace(best, p_value=min(1.0, best.p_value * len(peaks)))
@@ -162,26 +155,26 @@ def _find_peak_in_segments(x: Array, look: Look, sample_s: float, length: int) -
     """Find the strongest line of the spectrum averaged over all segments of so many samples."""
     # A window of far lower side lobes keeps the body's motion out of other frequencies, where it moves.
     spectrum = compute_segment_spectrum(x, look.arcs, length, sample_s, "blackmanharris" if look.moving else "hann")
-    first = int(SETTINGS.fewest_cycles) + 1
-    if spectrum is None or spectrum.power.size - 1 - first < SETTINGS.fewest_bins:
+    first = int(FEWEST_CYCLES) + 1
+    if spectrum is None or spectrum.power.size - 1 - first < FEWEST_BINS:
         return Peak()
-    power, around = spectrum.power, spectrum.compute_level(SETTINGS.level_bins)
+    power, around = spectrum.power, spectrum.compute_level(LEVEL_BINS)
     white = float(np.median(around[around.size // 2 :]))
     # Of few bins, the level around may be low by chance; the white noise is that of many.
     level = np.maximum(np.maximum(around, white), 1e-300)
     ratio = power / level
     tops = first + np.flatnonzero((power[first:-1] >= power[first - 1 : -2]) & (power[first:-1] >= power[first + 1 :]))
     for k in tops[np.argsort(-ratio[tops])]:
-        slower, beside = power[int(k / 3) : k - SETTINGS.lobe], power[k + SETTINGS.lobe + 1 : k + SETTINGS.level_bins]
+        slower, beside = power[int(k / 3) : k - LOBE], power[k + LOBE + 1 : k + LEVEL_BINS]
         motion = max(float(slower.max(initial=0.0)), float(beside.max(initial=0.0))) if look.moving else 0.0
-        moves = motion > SETTINGS.strong * white
-        slow = look.moving and k < SETTINGS.fewest_below and power[k] > SETTINGS.strong * white
-        if slow or (moves and power[k] < SETTINGS.outstanding * motion):
+        moves = motion > STRONG * white
+        slow = look.moving and k < FEWEST_BELOW and power[k] > STRONG * white
+        if slow or (moves and power[k] < OUTSTANDING * motion):
             continue
         log_p = float(compute_log_p(ratio[k], spectrum.count[0], power.size - 1 - first))
         p = max(float(np.exp(log_p)), IMPOSSIBLE)
         amplitude = spectrum.amplitude_of_one * float(np.sqrt(power[k]))
-        isolated = not moves and float(around[k]) < SETTINGS.isolated * white
-        width = (SETTINGS.lobe if look.moving else 2) * float(spectrum.frequency_hz[1])
+        isolated = not moves and float(around[k]) < ISOLATED * white
+        width = (LOBE if look.moving else 2) * float(spectrum.frequency_hz[1])
         return Peak(p, float(spectrum.frequency_hz[k]), amplitude, isolated, width)
     return Peak()

@@ -8,7 +8,7 @@ them the intervals are cut at lost samples, and lost references are missing.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,17 +21,10 @@ from simulator.effects.recording_view import extract_surroundings
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class StreamFaultSettings:
-    """Constants of `diagnosis.detectors.stream_faults`."""
-
-    fewest: int = 2  # references of an interval that can be propagated
-    zero: float = 8.0  # sigmas of a level, within which one gyro that stops there may have a dead zone as well
-    along: float = 0.98  # cosine, which a random direction exceeds in one of a hundred
-    most_lost: float = 0.5  # share of the references, above which they are not taken for exceptions
-
-
-SETTINGS = StreamFaultSettings()
+FEWEST = 2  # references of an interval that can be propagated
+ZERO = 8.0  # sigmas of a level, within which one gyro that stops there may have a dead zone as well
+ALONG = 0.98  # cosine, which a random direction exceeds in one of a hundred
+MOST_LOST = 0.5  # share of the references, above which they are not taken for exceptions
 
 
 def find_faults(recording: Recording, effects: Sequence[Effect]) -> tuple[Fault, ...]:
@@ -64,15 +57,15 @@ def _is_along_rate(fault: Fault, around: Surroundings) -> bool:
     change = around.stream.rates[at[seen.second[begins]]] - around.stream.rates[at[seen.first[begins]]]
     off = seen.values[begins]
     along = np.abs(np.sum(off * change, axis=1))
-    return bool((along > SETTINGS.along * np.linalg.norm(off, axis=1) * np.linalg.norm(change, axis=1)).all())
+    return bool((along > ALONG * np.linalg.norm(off, axis=1) * np.linalg.norm(change, axis=1)).all())
 
 
 def _is_exception(fault: Fault) -> bool:
     """Whether most of the recording is left, and no dead zone of one gyro looks the same."""
     level = fault.detection
-    if level.axis is not None and abs(level.size) <= SETTINGS.zero * level.sigma:
+    if level.axis is not None and abs(level.size) <= ZERO * level.sigma:
         return False
-    return bool(fault.references.mean() < SETTINGS.most_lost and fault.samples.mean() < SETTINGS.most_lost)
+    return bool(fault.references.mean() < MOST_LOST and fault.samples.mean() < MOST_LOST)
 
 
 def _expand_fault(fault: Fault, part: Recording, whole: Recording) -> Fault:
@@ -110,7 +103,7 @@ def _cut_intervals(recording: Recording, reference_s: NDArray[np.float64], lost_
         numbers = np.unique(part)
         for number in numbers:
             chosen = times[part == number]
-            if chosen.size < SETTINGS.fewest:
+            if chosen.size < FEWEST:
                 continue
             if numbers.size == 1:
                 out.append(interval)

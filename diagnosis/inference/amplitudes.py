@@ -24,18 +24,11 @@ from diagnosis.model.linear import Candidate, LinearModel, ParameterChoice, Para
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class AmplitudeSettings:
-    """Constants of `diagnosis.inference.amplitudes`."""
-
-    fine_sizes: int = 200  # of a random process
-    reach: float = 6.0  # of that grid to either side of the likeliest scale, as a factor
-    negligible: float = 1e-6  # probability of an option below which it is left out
-    step: float = 1e-3  # of their sigmas, by which amplitudes are changed to see how the size does
-    certain: float = 0.99  # of it, from which on it is not told
-
-
-SETTINGS = AmplitudeSettings()
+FINE_SIZES = 200  # of a random process
+REACH = 6.0  # of that grid to either side of the likeliest scale, as a factor
+NEGLIGIBLE = 1e-6  # probability of an option below which it is left out
+STEP = 1e-3  # of their sigmas, by which amplitudes are changed to see how the size does
+CERTAIN = 0.99  # of it, from which on it is not told
 
 
 TIME_KEY = "time_s"
@@ -110,7 +103,7 @@ def _estimate_member(search: Search, members: tuple[SelectedCandidate, ...], pla
     weights = np.exp(table - logsumexp(table))
     # Options with other columns, such as a richer form of the same effect, have amplitudes of another meaning.
     alike = [k for k, one in enumerate(entry.options) if entry.process or one.count == option.count]
-    alike = [k for k in alike if weights[k].sum() > SETTINGS.negligible or k == member.option]
+    alike = [k for k in alike if weights[k].sum() > NEGLIGIBLE or k == member.option]
     products = {k: _compute_member_products(search, member.candidate, k, given) for k in alike}
     if entry.process:
         size, sigma = _process_size(entry, products, entry.scales[member.scale])
@@ -235,7 +228,7 @@ def _summarise_parameters(entry: Candidate, weights: Array, best: int) -> Parame
         sum(one for one, option in zip(share, entry.options, strict=True) if _select_text_parameters(option) == names)
         / share.sum()
     )
-    if of_names < SETTINGS.certain:
+    if of_names < CERTAIN:
         shown |= {f"{name}{PROBABILITY}": of_names for name in names}
     if PERIOD_WIDTH in entry.options[best].parameters:
         # Of the option itself, since its phase is that of its own period.
@@ -262,7 +255,7 @@ def _read_sigma(entry: Candidate, amplitudes: Array, covariance: Array) -> float
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     if not np.any(amplitudes):
         return float(np.linalg.norm(sigmas) / np.sqrt(max(sigmas.size, 1)))
-    steps = SETTINGS.step * sigmas
+    steps = STEP * sigmas
     by_each = np.zeros(sigmas.size)
     for k in np.flatnonzero(steps):
         changed = np.where(np.arange(sigmas.size) == k, steps, 0.0)
@@ -273,7 +266,7 @@ def _read_sigma(entry: Candidate, amplitudes: Array, covariance: Array) -> float
 
 def _process_size(entry: Candidate, products: Mapping[int, tuple[Array, Array]], centre: float) -> tuple[float, float]:
     """Mean and sigma of the scale of a random process, over its options and a fine grid in log of the scale."""
-    sizes = np.geomspace(centre / SETTINGS.reach, centre * SETTINGS.reach, SETTINGS.fine_sizes)
+    sizes = np.geomspace(centre / REACH, centre * REACH, FINE_SIZES)
     log = np.array([
         log_bayes(gram[None], correlation[None], sizes)[0] + entry.options[k].log_weight
         for k, (gram, correlation) in products.items()

@@ -38,18 +38,10 @@ from diagnosis.inference.search import BASELINE_EXPLANATION, Explanation, sum_lo
 from diagnosis.model.linear import LinearModel, SelectedCandidate
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 
-
-@dataclass(frozen=True)
-class AttributionSettings:
-    """Constants of `diagnosis.inference.attribution`."""
-
-    least: float = 1e-300  # p-value, below which the factor is that of this one
-    certain: float = 1e-4  # −log of a p-value, below which the factor is its series
-    worth_a_check: float = 0.02  # share of the listed explanations' probability, from which on one of them is checked
-    most_checked: int = 5  # of these
-
-
-SETTINGS = AttributionSettings()
+LEAST = 1e-300  # p-value, below which the factor is that of this one
+CERTAIN = 1e-4  # −log of a p-value, below which the factor is its series
+WORTH_A_CHECK = 0.02  # share of the listed explanations' probability, from which on one of them is checked
+MOST_CHECKED = 5  # of these
 
 
 REMAINDER = "a remainder"  # in explanations
@@ -246,8 +238,8 @@ def _rank_unlisted(attribution: Attribution, own: Sequence[float], alone: float)
 
 def compute_bayes_factor_bound(p_value: float) -> float:
     """Bayes factor 1/B for a model against what its checks may see, of their p-value; two at most."""
-    x = -math.log(min(max(p_value, SETTINGS.least), 1.0))
-    return 1 / (0.5 + x / 6) if x < SETTINGS.certain else x**2 / (math.expm1(x) - x)
+    x = -math.log(min(max(p_value, LEAST), 1.0))
+    return 1 / (0.5 + x / 6) if x < CERTAIN else x**2 / (math.expm1(x) - x)
 
 
 def average_checks(
@@ -257,7 +249,7 @@ def average_checks(
     entries = [one for one in explanations if one.members and listed(one)]
     norm = sum_log_posterior(entries)
     weighed = [(float(np.exp(one.log_posterior - norm)), one) for one in entries]
-    kept = [(weight, one) for weight, one in weighed if weight > SETTINGS.worth_a_check][: SETTINGS.most_checked]
+    kept = [(weight, one) for weight, one in weighed if weight > WORTH_A_CHECK][:MOST_CHECKED]
     return sum(weight * check(one) for weight, one in kept) / sum(weight for weight, _ in kept)
 
 

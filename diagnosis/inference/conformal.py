@@ -17,25 +17,14 @@ explanation with anything unlisted in it is ``unknown``, a member like any other
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 Posterior = Sequence[tuple[Sequence[str], float]]
 
 UNKNOWN, NONE = "unknown", "none"
 
 
-@dataclass(frozen=True)
-class ConformalSettings:
-    """Constants of `diagnosis.inference.conformal`."""
-
-    missing: float = 1.0  # score of an explanation that the posterior does not hold
-    covered: float = 0.9  # probability that a set holds the truth
-    confidence: float = 0.95  # that its coverage is at least that; a convention
-
-
-SETTINGS = ConformalSettings()
+MISSING = 1.0  # score of an explanation that the posterior does not hold
 
 
 def name_of(labels: Iterable[str]) -> str:
@@ -45,25 +34,17 @@ def name_of(labels: Iterable[str]) -> str:
 
 def compute_scores(posterior: Posterior) -> dict[str, float]:
     """Score of each explanation of a posterior, by its name; ``unknown`` is always among them."""
-    most = max((probability for _, probability in posterior), default=SETTINGS.missing)
+    most = max((probability for _, probability in posterior), default=MISSING)
     out: dict[str, float] = {}
     for labels, probability in sorted(posterior, key=lambda pair: -pair[1]):
         out.setdefault(name_of(labels), 1 - probability / most)
-    out.setdefault(UNKNOWN, SETTINGS.missing)
+    out.setdefault(UNKNOWN, MISSING)
     return out
 
 
 def score(posterior: Posterior, truth: Iterable[str]) -> float:
     """Score of the truth."""
-    return compute_scores(posterior).get(name_of(truth), SETTINGS.missing)
-
-
-def compute_score_threshold(truths: Sequence[float], level: float = SETTINGS.covered) -> float:
-    """The threshold τ from the scores of the truth of n recordings; infinite where they are too few."""
-    import scipy.stats  # late: it takes half a second to import, and a diagnosis does without
-
-    rank = int(scipy.stats.binom.ppf(SETTINGS.confidence, len(truths), level)) + 1
-    return sorted(truths)[rank - 1] if rank <= len(truths) else math.inf
+    return compute_scores(posterior).get(name_of(truth), MISSING)
 
 
 def build_conformal_set(posterior: Posterior, limit: float) -> tuple[str, ...]:

@@ -37,26 +37,17 @@ Indices = NDArray[np.intp]
 LEAST_POSITIVE = 1e-300  # least p-value
 
 
-@dataclass(frozen=True)
-class CriticismSettings:
-    """Settings of the tests."""
-
-    fewest: int = 30  # degrees of freedom below which the approximate p-values do not hold and nothing is tested
-    lags: int = 6  # of the correlation in time
-    # share of its variance that an innovation keeps beside the nuisance parameters, from which on its size counts; that of a
-    # regressor is the same
-    shown: float = 0.1
-    draws: int = 500  # of a random process
-    power: float = 2 / 3  # of |e| in the test of the scatter
+FEWEST = 30  # degrees of freedom below which the approximate p-values do not hold and nothing is tested
+LAGS = 6  # of the correlation in time
+# share of its variance that an innovation keeps beside the nuisance parameters, from which on its size counts; that of a
+# regressor is the same
+SHOWN = 0.1
+DRAWS = 500  # of a random process
+POWER = 2 / 3  # of |e| in the test of the scatter
 
 
-DEFAULT_CRITICISM = CriticismSettings()
-MEAN_ABSOLUTE_POWER = (
-    2 ** (DEFAULT_CRITICISM.power / 2) * scipy.special.gamma((DEFAULT_CRITICISM.power + 1) / 2) / np.sqrt(np.pi)
-)  # of |z|^POWER, z normal
-VARIANCE = (
-    2**DEFAULT_CRITICISM.power * scipy.special.gamma(DEFAULT_CRITICISM.power + 0.5) / np.sqrt(np.pi) - MEAN_ABSOLUTE_POWER**2
-)
+MEAN_ABSOLUTE_POWER = 2 ** (POWER / 2) * scipy.special.gamma((POWER + 1) / 2) / np.sqrt(np.pi)  # of |z|^POWER, z normal
+VARIANCE = 2**POWER * scipy.special.gamma(POWER + 0.5) / np.sqrt(np.pi) - MEAN_ABSOLUTE_POWER**2
 
 
 @dataclass(frozen=True)
@@ -117,7 +108,7 @@ def check_explanation(
     layout : of the observations
     seed : of the draws
     """
-    if model.dof < DEFAULT_CRITICISM.fewest:
+    if model.dof < FEWEST:
         return ()
     places, scales, shifts = model.build_design(members)
     C, shift = scales * model.X[:, places], model.X[:, shifts].sum(axis=1)
@@ -129,8 +120,8 @@ def check_explanation(
     found = list(check_innovations(Innovations(body[:, :, 0], body[:, :, 1:]), layout))
     processes = [member for member in members if model.candidate(member).process]
     if processes:
-        noise = model.projected(rng.standard_normal((model.y.size, DEFAULT_CRITICISM.draws)))
-        drawn = _solve(L, np.hstack([y, noise + C @ rng.standard_normal((C.shape[1], DEFAULT_CRITICISM.draws))]))
+        noise = model.projected(rng.standard_normal((model.y.size, DRAWS)))
+        drawn = _solve(L, np.hstack([y, noise + C @ rng.standard_normal((C.shape[1], DRAWS))]))
         found += [_check_changes(model, member, _solve(L, drawn, trans="T"), layout) for member in processes]
     return tuple(found)
 
@@ -154,11 +145,9 @@ def check_innovations(found: Innovations, layout: Layout, noise_degrees: float =
     yield _build_check("size", size, found.dof, 2 * min(larger, compute_smaller_chi2_p(size, found.dof, noise_degrees)))
     yield _test_regressors(found, layout.regressors)
     yield _test_correlation(found, layout.interval)
-    seen = found.remaining_variance > DEFAULT_CRITICISM.shown
+    seen = found.remaining_variance > SHOWN
     standard = found.e / np.sqrt(np.where(seen, found.remaining_variance, 1.0))
-    yield _test_scatter(
-        np.where(seen, (np.abs(standard) ** DEFAULT_CRITICISM.power - MEAN_ABSOLUTE_POWER) / np.sqrt(VARIANCE), 0.0), layout
-    )
+    yield _test_scatter(np.where(seen, (np.abs(standard) ** POWER - MEAN_ABSOLUTE_POWER) / np.sqrt(VARIANCE), 0.0), layout)
     kurtosis, p = compute_kurtosis(standard[seen])
     yield _build_check("shape", kurtosis, 3.0, p)
 
@@ -185,7 +174,7 @@ def _test_regressors(found: Innovations, regressors: Array) -> Check:
     basis = found.basis.reshape(found.e.size, -1)
     X = np.kron(_build_orthonormal_basis(regressors), np.eye(3))
     U, s, _ = np.linalg.svd(X - basis @ (basis.T @ X), full_matrices=False)
-    along = U[:, s**2 > DEFAULT_CRITICISM.shown].T @ found.e.ravel()
+    along = U[:, s**2 > SHOWN].T @ found.e.ravel()
     value = float(along @ along)
     return _build_check("dependence on what is known", value, along.size, scipy.special.chdtrc(max(along.size, 1), value))
 
@@ -193,11 +182,11 @@ def _test_regressors(found: Innovations, regressors: Array) -> Check:
 def _test_correlation(found: Innovations, interval: Indices) -> Check:
     """Test the products of innovations at some lags about each axis."""
     value, count = 0.0, 0
-    for lag in range(1, DEFAULT_CRITICISM.lags + 1):
+    for lag in range(1, LAGS + 1):
         same = interval[lag:] == interval[:-lag]
         mean = -np.einsum("raq,raq->ra", found.basis[lag:][same], found.basis[:-lag][same])
         products = found.e[lag:][same] * found.e[:-lag][same] - mean
-        if len(products) >= DEFAULT_CRITICISM.fewest:
+        if len(products) >= FEWEST:
             value += float(np.sum(products.sum(axis=0) ** 2 / np.sum(products**2, axis=0)))
             count += 3
     return _build_check("correlation in time", value, count, scipy.special.chdtrc(count, value) if count else 1.0)

@@ -30,8 +30,6 @@ A shift o, which has the amplitude one wherever its group is at work, takes y to
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
@@ -40,15 +38,8 @@ from scipy.special import log_ndtr
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class EvidenceSettings:
-    """Constants of `diagnosis.inference.evidence`."""
-
-    many: int = 48  # columns from which on they are not turned to their eigenvectors
-    peak: float = 0.3  # δ: neighbouring scales, four to a decade, overlap at a standard deviation
-
-
-SETTINGS = EvidenceSettings()
+MANY = 48  # columns from which on they are not turned to their eigenvectors
+PEAK = 0.3  # δ: neighbouring scales, four to a decade, overlap at a standard deviation
 
 
 LAPACK_BLOCK_COLUMNS = 64  # of columns that LAPACK works on together
@@ -75,7 +66,7 @@ def log_bayes(
     if shifted:
         gram, correlation, known = remove_shift(gram, correlation)
         return known[:, None] + log_bayes(gram, correlation, scales, positive)
-    if not tied and gram.shape[1] >= SETTINGS.many and correlation.size == gram.shape[0] * gram.shape[1]:
+    if not tied and gram.shape[1] >= MANY and correlation.size == gram.shape[0] * gram.shape[1]:
         found = np.array(
             [_compute_tridiagonal_evidence(own, along.ravel(), scales) for own, along in zip(gram, correlation, strict=True)]
         )
@@ -102,7 +93,7 @@ def log_bayes(
 
 def _compute_peak_evidence(mean: Array, variance: Array) -> Array:
     """log of the evidence with two peaks as the prior of an amplitude over that with N(0, s²), see the module."""
-    narrow = SETTINGS.peak**-2
+    narrow = PEAK**-2
     A = 1 / variance + narrow - 1
     ways = [0.5 * ((mean / variance + way * narrow) ** 2 / A - mean**2 / variance - narrow) for way in (-1, 1)]
     return np.asarray(np.logaddexp(*ways) - np.log(2) - 0.5 * np.log(variance / narrow * A))

@@ -16,7 +16,6 @@ to that noise about the true motion.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,14 +30,7 @@ LEAST_POSITIVE = 1e-300
 DRAWS_PER_BATCH = 250  # draws
 
 
-@dataclass(frozen=True)
-class NullSettings:
-    """Constants of `diagnosis.inference.null`."""
-
-    enough: int = 20  # draws beyond what was observed, after which no more are made
-
-
-SETTINGS = NullSettings()
+ENOUGH = 20  # draws beyond what was observed, after which no more are made
 
 
 def compute_null_p(
@@ -67,7 +59,7 @@ def compute_null_p(
     if bound * (1 + draws) < 1:
         return _combine_scanned_p(search, bound, scanned_share)
     null = draw_null_statistics(search, seed, draws, tell, observed)
-    usual = SETTINGS.enough / null.size if null.size < draws else _compute_simulated_p(observed, null)
+    usual = ENOUGH / null.size if null.size < draws else (1 + int(np.sum(null >= observed))) / (1 + null.size)
     return _combine_scanned_p(search, usual, scanned_share)
 
 
@@ -90,21 +82,9 @@ def draw_null_statistics(
         tell(k / draws)
         found = np.append(found, search.compute_null_statistic(search.model.X.T @ noise[:, k : k + DRAWS_PER_BATCH]))
         beyond = np.flatnonzero(found >= observed)
-        if beyond.size >= SETTINGS.enough:
-            return np.asarray(found[: beyond[SETTINGS.enough - 1] + 1])
+        if beyond.size >= ENOUGH:
+            return np.asarray(found[: beyond[ENOUGH - 1] + 1])
     return found
-
-
-def compute_p_among_draws(search: Search, null: Array, scanned_share: float = DEFAULT.scanned_share) -> float:
-    """P-value of what was observed, among the statistics of draws of M0."""
-    return _combine_scanned_p(search, _compute_simulated_p(search.compute_observed_statistic(), null), scanned_share)
-
-
-def _compute_simulated_p(observed: float, null: Array) -> float:
-    """P-value among draws, or beyond what they can resolve the bound on the evidence."""
-    simulated = (1 + int(np.sum(null >= observed))) / (1 + null.size)
-    bound = float(np.exp(-max(observed, 0.0)))
-    return bound if bound * (1 + null.size) < 1 else simulated
 
 
 def _combine_scanned_p(search: Search, usual: float, scanned_share: float) -> float:

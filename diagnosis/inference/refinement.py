@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,18 +11,10 @@ from diagnosis.inference.search import Explanation, Score, Search
 from diagnosis.model.linear import LinearModel, SelectedCandidate, Wanted
 from diagnosis.settings import DiagnosisSettings
 
-
-@dataclass(frozen=True)
-class RefinementSettings:
-    """Constants of `diagnosis.inference.refinement`."""
-
-    nearly: float = 0.25  # of a member's log evidence, from which on another effect in its place may be it with finer options
-    most_beside: int = 6  # of these
-    reach: float = 12.0  # log evidence below the best process, down to which another may be likelier with finer options
-    refined: int = 3  # of the likeliest explanations, around whose members options are made finer
-
-
-SETTINGS = RefinementSettings()
+NEARLY = 0.25  # of a member's log evidence, from which on another effect in its place may be it with finer options
+MOST_BESIDE = 6  # of these
+REACH = 12.0  # log evidence below the best process, down to which another may be likelier with finer options
+REFINED = 3  # of the likeliest explanations, around whose members options are made finer
 
 
 def search_with_refined_options(
@@ -35,8 +27,8 @@ def search_with_refined_options(
     process would explain.
     """
     found = search.explanations()
-    moments = search.model.moments(search.model, _list_wanted_sets(search, found[: SETTINGS.refined]))
-    likely = found[: SETTINGS.refined]
+    moments = search.model.moments(search.model, _list_wanted_sets(search, found[:REFINED]))
+    likely = found[:REFINED]
     places = [member for explanation in likely for member in explanation.members]
     places += find_near_alternatives(search, found[0]) if found else []
     places = [member for member in places if not search.model.candidate(member).process]
@@ -79,7 +71,7 @@ def find_whole_processes(search: Search, likely: Sequence[Explanation]) -> list[
     spots = []
     for scored in found.values():
         top = max((best for best, _ in scored), default=0.0)
-        spots += [member for best, member in scored if best > top - SETTINGS.reach]
+        spots += [member for best, member in scored if best > top - REACH]
     return list({(member.candidate, member.option): member for member in spots}.values())
 
 
@@ -107,7 +99,7 @@ def _list_wanted_sets(search: Search, found: Sequence[Explanation]) -> list[Want
     for explanation in found:
         for member in explanation.members:
             others = _list_other_members(explanation, member)
-            least = SETTINGS.nearly * search.score(member.candidate, others).best
+            least = NEARLY * search.score(member.candidate, others).best
             wanted.setdefault(frozenset(others), (others, least))
     return list(wanted.values())
 
@@ -127,10 +119,8 @@ def find_near_alternatives(search: Search, best: Explanation) -> list[SelectedCa
                 continue
             score = search.score(number, others)
             share = score.best / own if own > 0 else 0.0
-            if share > max(SETTINGS.nearly, found.get(number, (0.0, member))[0]):
+            if share > max(NEARLY, found.get(number, (0.0, member))[0]):
                 found[number] = share, SelectedCandidate(number, score.option, score.scale)
     ranked = [member for _, member in sorted(found.values(), key=lambda one: -one[0])]
     alone = {member: len(search.model.candidate(member).options) == 1 for member in ranked}
-    return [
-        member for kind in (False, True) for member in [one for one in ranked if alone[one] is kind][: SETTINGS.most_beside]
-    ]
+    return [member for kind in (False, True) for member in [one for one in ranked if alone[one] is kind][:MOST_BESIDE]]

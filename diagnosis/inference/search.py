@@ -23,20 +23,13 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
-@dataclass(frozen=True)
-class SearchSettings:
-    """Constants of `diagnosis.inference.search`."""
-
-    children: int = 12  # extensions of a set by one more candidate whose options and scales are optimised
-    sweeps: int = 2  # over the members of a set, each moved to its best with the others held
-    exchanges: int = 4  # rounds in which members of the best set are exchanged for other candidates
-    exchanged_for: int = 4  # candidates that are optimised in the place of each member
-    thinned: int = 4  # best sets of which every subset with one member fewer is evaluated too
-    screen_columns: int = 24  # strongest columns of a random process, with which it is screened
-    hopeless: float = 6.0  # by how much the log posterior of a larger set must fall below the best for the search to end
-
-
-SETTINGS = SearchSettings()
+CHILDREN = 12  # extensions of a set by one more candidate whose options and scales are optimised
+SWEEPS = 2  # over the members of a set, each moved to its best with the others held
+EXCHANGES = 4  # rounds in which members of the best set are exchanged for other candidates
+EXCHANGED_FOR = 4  # candidates that are optimised in the place of each member
+THINNED = 4  # best sets of which every subset with one member fewer is evaluated too
+SCREEN_COLUMNS = 24  # strongest columns of a random process, with which it is screened
+HOPELESS = 6.0  # by how much the log posterior of a larger set must fall below the best for the search to end
 
 
 @dataclass(frozen=True)
@@ -210,7 +203,7 @@ class Search:
         """A set with its members moved to their best, one after another, and its evidence."""
         occam = np.zeros(len(members))
         best = 0.0
-        for sweep in range(SETTINGS.sweeps if len(members) > 1 else 1):
+        for sweep in range(SWEEPS if len(members) > 1 else 1):
             moved = False
             for place, member in enumerate(members):
                 score = self.score(member.candidate, members[:place] + members[place + 1 :])
@@ -254,7 +247,7 @@ class Search:
         for width in self.model.beam[: depth - 1]:
             new: dict[frozenset[int], Explanation] = {}
             for parent in self._select_beam(level, width):
-                for child in self._list_children(parent, SETTINGS.children):
+                for child in self._list_children(parent, CHILDREN):
                     if child.key not in new or child.log_posterior > new[child.key].log_posterior:
                         new[child.key] = child
             level = _rank_explanations(
@@ -262,7 +255,7 @@ class Search:
             )
             top = max(explanation.log_posterior for explanation in found.values())
             found.update({explanation.key: explanation for explanation in level})
-            if not level or level[0].log_posterior < top - SETTINGS.hopeless:
+            if not level or level[0].log_posterior < top - HOPELESS:
                 break
         if depth > 1:
             self._replace_members(found)
@@ -271,8 +264,8 @@ class Search:
     def _replace_members(self, found: dict[frozenset[int], Explanation]) -> None:
         """Replace each member of the best set by others; a beam that once took a detour may not get there by itself."""
         tried: set[frozenset[int]] = set()
-        for _ in range(SETTINGS.exchanges):
-            for other in _rank_explanations(list(found.values()))[1 : SETTINGS.thinned]:
+        for _ in range(EXCHANGES):
+            for other in _rank_explanations(list(found.values()))[1:THINNED]:
                 self._drop_members(other, found)
             best = max(found.values(), key=lambda explanation: explanation.log_posterior)
             for member in best.members if len(best.members) > 1 else ():
@@ -283,7 +276,7 @@ class Search:
                 tried.add(key)
                 parent = self.optimise_members(others)
                 found.setdefault(parent.key, parent)
-                for child in self._list_children(parent, SETTINGS.exchanged_for):
+                for child in self._list_children(parent, EXCHANGED_FOR):
                     if child.key not in found:
                         found[child.key] = self.optimise_members(child.members)
             if best is max(found.values(), key=lambda explanation: explanation.log_posterior):
@@ -328,7 +321,7 @@ class Search:
         for candidate in range(len(self.model.candidates)):
             if candidate in parent.key:
                 continue
-            score = self.score(candidate, parent.members, SETTINGS.screen_columns)
+            score = self.score(candidate, parent.members, SCREEN_COLUMNS)
             member = SelectedCandidate(candidate, score.option, score.scale)
             children.append(self._build_explanation((*parent.members, member), parent.log_evidence + score.average))
         return _rank_explanations(children)[:most]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -18,19 +17,12 @@ from gyrocal.recording import Interval, Recording, find_reference_rows
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class BaselineSettings:
-    """Constants of `diagnosis.model.baseline`."""
-
-    iterations: int = 10  # of Gauss and Newton at most; two or three are usual
-    settled: float = 1e-3  # sigmas of the last correction
-    # stretches between two references that a calibration starts from, where whole intervals lead too far astray
-    most_short: int = 200
-    fewest_short: int = 6  # of them, for twelve parameters
-    settled_short: float = 1e-6  # of G
-
-
-SETTINGS = BaselineSettings()
+ITERATIONS = 10  # of Gauss and Newton at most; two or three are usual
+SETTLED = 1e-3  # sigmas of the last correction
+# stretches between two references that a calibration starts from, where whole intervals lead too far astray
+MOST_SHORT = 200
+FEWEST_SHORT = 6  # of them, for twelve parameters
+SETTLED_SHORT = 1e-6  # of G
 
 
 IMPLAUSIBLE = np.array([0.2] * 9 + [np.deg2rad(0.1)] * 3)  # changes of G and b, rad/s
@@ -52,10 +44,10 @@ def calibrate_baseline(
     """
     G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
     sigma, short = PLAUSIBLE_RANGE, False
-    for number in range(SETTINGS.iterations):
-        tell(f"first calibration, step {number + 1}", number / SETTINGS.iterations)
+    for number in range(ITERATIONS):
+        tell(f"first calibration, step {number + 1}", number / ITERATIONS)
         model = linearise_recording(recording, G, bias, report.rates, report.smooth, report.density, pieces, reference_sigma)
-        tell(f"first calibration, step {number + 1}: residuals", (number + 0.5) / SETTINGS.iterations)
+        tell(f"first calibration, step {number + 1}: residuals", (number + 0.5) / ITERATIONS)
         if has_large_residuals(model):
             better = None if short else _calibrate_short_pieces(recording, report, pieces, reference_sigma)
             if better is not None:
@@ -64,7 +56,7 @@ def calibrate_baseline(
             check_residuals(model, report.rates)
         change, covariance = compute_correction(model)
         sigma = np.sqrt(np.diag(covariance))
-        if np.abs(change / sigma).max() < SETTINGS.settled:
+        if np.abs(change / sigma).max() < SETTLED:
             break
         G, bias = G + change[:9].reshape(3, 3), bias + change[9:]
     return model, sigma
@@ -85,17 +77,17 @@ def _calibrate_short_pieces(
         )
         if high - low > recording.gyro.sample_s
     ]
-    some = tuple(gaps[k] for k in np.unique(np.linspace(0, len(gaps) - 1, SETTINGS.most_short).astype(np.intp))) if gaps else ()
-    if len(some) < SETTINGS.fewest_short or not report.rates.any():
+    some = tuple(gaps[k] for k in np.unique(np.linspace(0, len(gaps) - 1, MOST_SHORT).astype(np.intp))) if gaps else ()
+    if len(some) < FEWEST_SHORT or not report.rates.any():
         return None
     G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
-    for _ in range(SETTINGS.iterations):
+    for _ in range(ITERATIONS):
         model = linearise_recording(recording, G, bias, report.rates, report.smooth, report.density, some, reference_sigma)
         if has_large_residuals(model):
             return None
         change, _ = compute_correction(model)
         G, bias = G + change[:9].reshape(3, 3), bias + change[9:]
-        if np.abs(change[:9]).max() < SETTINGS.settled_short:
+        if np.abs(change[:9]).max() < SETTLED_SHORT:
             break
     moved = np.append((G - recording.gyro.apriori_G).ravel(), bias - recording.gyro.apriori_bias)
     return None if (np.abs(moved) > IMPLAUSIBLE).any() else (G, bias)

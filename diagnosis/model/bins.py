@@ -17,15 +17,8 @@ Array = NDArray[np.float64]
 AXES = "xyz"
 
 
-@dataclass(frozen=True)
-class BinSettings:
-    """Constants of `diagnosis.model.bins`."""
-
-    longest: float = 8.0  # s, of a bin; the slews of most spacecraft take minutes
-    most: int = 6000  # bins about, of a recording whose motion may be faster
-
-
-SETTINGS = BinSettings()
+LONGEST = 8.0  # s, of a bin; the slews of most spacecraft take minutes
+MOST = 6000  # bins about, of a recording whose motion may be faster
 
 
 @dataclass(frozen=True)
@@ -62,7 +55,7 @@ class Bins:
 
 def build_bins(model: RecordingModel, bin_s: float | None = None) -> Bins:
     """Bins of about `bin_s`, by default as short as a few thousand allow, that end at every reference."""
-    bin_s = min(SETTINGS.longest, float(model.dt.sum()) / SETTINGS.most) if bin_s is None else bin_s
+    bin_s = min(LONGEST, float(model.dt.sum()) / MOST) if bin_s is None else bin_s
     first: list[NDArray[np.intp]] = []
     ends: list[NDArray[np.intp]] = []
     interval = []

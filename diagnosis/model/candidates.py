@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from diagnosis.model.finer_processes import add_finer_process, expand_whole_process
 from diagnosis.model.folds import RECORDING_SPLIT, build_folds
 from diagnosis.model.groups import CandidateColumns, list_alternative_groups, list_effect_groups
-from diagnosis.model.linear import SETTINGS as LINEAR
 from diagnosis.model.linear import (
     UNBOUNDED_SCALES,
+    VISIBLE,
     Candidate,
     ColumnStore,
     LinearModel,
@@ -79,7 +79,7 @@ def place_candidates(
     projected: Callable[[Array], Array],
     settings: DiagnosisSettings,
     size: int = 0,
-    visible: tuple[float, float] = LINEAR.visible,
+    visible: tuple[float, float] = VISIBLE,
 ) -> tuple[tuple[Candidate, ...], Array]:
     """Place the columns (N, p) of all groups side by side, and list their candidates; see `list_candidates`."""
     candidates, columns = list_candidates(groups, projected, settings, visible), [np.empty((size, 0))]
@@ -91,7 +91,7 @@ def list_candidates(
     groups: Sequence[CandidateColumns],
     projected: Callable[[Array], Array],
     settings: DiagnosisSettings,
-    visible: tuple[float, float] = LINEAR.visible,
+    visible: tuple[float, float] = VISIBLE,
 ) -> tuple[Candidate, ...]:
     """List the candidates of groups whose columns lie side by side, with their scales and priors.
 

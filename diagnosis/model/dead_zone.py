@@ -13,18 +13,17 @@ missing, and its G is off; the product of m and of what that lacks is not linear
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.dead_zone_rests import SETTINGS as DEAD_ZONE_RESTS
-from diagnosis.detectors.dead_zone_rests import DeadZoneEvidence, estimate_half_width
+from diagnosis.detectors.dead_zone_rests import MOST_PARTS, DeadZoneEvidence, estimate_half_width
 from diagnosis.model.calibration import calibrate_beside
 from diagnosis.model.groups import CandidateColumns
 from diagnosis.model.linear import Parameters
 from diagnosis.model.prepare import PreparedRecording
-from diagnosis.model.processes import SETTINGS as PROCESSES
+from diagnosis.model.processes import MOST_COLUMNS, SEEN
 from diagnosis.model.recording_model import RecordingModel
 from gyrocal.mask_runs import find_mask_runs
 from simulator.effects.base import Effect
@@ -35,27 +34,20 @@ Array = NDArray[np.float64]
 AXES = "xyz"
 
 
-@dataclass(frozen=True)
-class DeadZoneSettings:
-    """Constants of `diagnosis.model.dead_zone`."""
-
-    # size of the motion inside the zone beside the rates that are missing, in usual rates
-    unseen: tuple[float, float, float] = (0.05, 0.15, 0.5)
-    memory: float = 10.0  # time constant of that motion in cells, beside none: a body at rest drifts
-    rounding: float = 1e-9  # of the variance of a motion, below which there is none
-    difference: float = 0.4  # usual size of the differences between runs beside what they have in common
-    scales: tuple[float, float] = (0.003, 10.0)  # of the amplitudes, in usual rates
-    most_odds: float = 4.0  # that rests may give it: their model of the motion is a rough one, and the attitude must show it
-    most_passed: float = 25.0  # the same of passes through the zone
-    trials: int = 3  # gyros
-    # Of the power of what a zone hides: a motion has a course of its own in each passage, and these have a level and a slope.
-    roughness: float = 0.02
-    calibrated: int = 3  # times that the input axis is found anew, with what is missing along the last one
-    felt: float = 0.5  # sigmas that a usual rate must move the residuals by for what it hides to be a column of its own
-    least_odds: float = -10.0  # that they may hold against it
-
-
-SETTINGS = DeadZoneSettings()
+# size of the motion inside the zone beside the rates that are missing, in usual rates
+UNSEEN = (0.05, 0.15, 0.5)
+MEMORY = 10.0  # time constant of that motion in cells, beside none: a body at rest drifts
+ROUNDING = 1e-9  # of the variance of a motion, below which there is none
+DIFFERENCE = 0.4  # usual size of the differences between runs beside what they have in common
+SCALES = (0.003, 10.0)  # of the amplitudes, in usual rates
+MOST_ODDS = 4.0  # that rests may give it: their model of the motion is a rough one, and the attitude must show it
+MOST_PASSED = 25.0  # the same of passes through the zone
+TRIALS = 3  # gyros
+# Of the power of what a zone hides: a motion has a course of its own in each passage, and these have a level and a slope.
+ROUGHNESS = 0.02
+CALIBRATED = 3  # times that the input axis is found anew, with what is missing along the last one
+FELT = 0.5  # sigmas that a usual rate must move the residuals by for what it hides to be a column of its own
+LEAST_ODDS = -10.0  # that they may hold against it
 
 
 def estimate_input_axis(model: RecordingModel, one: DeadZoneEvidence) -> Array:
@@ -65,7 +57,7 @@ def estimate_input_axis(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     true one. It is found as the calibration beside any rate that the zone may hide.
     """
     toward, usual = model.G[:, one.axis], float(np.rad2deg(one.usual))
-    for _ in range(SETTINGS.calibrated):
+    for _ in range(CALIBRATED):
         hidden = model.whiten(observe_missing_rates(model, one, toward))
         (beside,) = build_unseen_motion(model, one, toward)
         change, _ = calibrate_beside(model, [(hidden, usual), (beside, usual)])
@@ -80,8 +72,8 @@ def observe_missing_rates(model: RecordingModel, one: DeadZoneEvidence, toward: 
     """
     step = np.searchsorted(model.recording.gyro.t_s, model.t_s, side="right") - 1
     part = one.part[step]
-    numbers = np.unique(part[(part >= 0) & (part < DEAD_ZONE_RESTS.most_parts)])
-    low = np.deg2rad(1.0) * np.column_stack([part >= 0, *(SETTINGS.difference * (part == number) for number in numbers)])
+    numbers = np.unique(part[(part >= 0) & (part < MOST_PARTS)])
+    low = np.deg2rad(1.0) * np.column_stack([part >= 0, *(DIFFERENCE * (part == number) for number in numbers)])
     return model.observe_rate_error(toward[:, None] * low[:, None, :])
 
 
@@ -106,7 +98,7 @@ def build_unseen_motion(
     model: RecordingModel,
     one: DeadZoneEvidence,
     toward: Array,
-    sizes: Sequence[float] = SETTINGS.unseen[-1:],
+    sizes: Sequence[float] = UNSEEN[-1:],
     memories: Sequence[float] = (0.0,),
 ) -> list[Array]:
     """(N, r) whitened observations of a random rate, deg/s, in the slow part of each cell: a level, and a slope over it.
@@ -120,7 +112,7 @@ def build_unseen_motion(
     for memory in memories:
         columns = np.hstack([level, slope])
         if memory and run_s.size > 1:
-            spread = markov(run_s, memory * float(np.median(np.diff(run_s)))) + SETTINGS.rounding * np.eye(run_s.size)
+            spread = markov(run_s, memory * float(np.median(np.diff(run_s)))) + ROUNDING * np.eye(run_s.size)
             columns[:, : run_s.size] = level @ np.linalg.cholesky(spread)
         columns = columns[:, np.any(columns != 0, axis=0)]
         parts[memory] = columns, *np.linalg.eigh(columns.T @ model.project_out_nuisance(columns))
@@ -129,8 +121,8 @@ def build_unseen_motion(
 
 def _select_seen(columns: Array, powers: Array, turned: Array, size: float, usual: float) -> Array:
     """The directions (N, r) of columns of unit size that are seen at a size, by their powers (k,) and themselves (k, k)."""
-    faint = min(PROCESSES.seen * powers.max(initial=0.0), (SETTINGS.felt / (size * usual)) ** 2)
-    seen = np.flatnonzero(powers > faint)[::-1][: PROCESSES.most_columns]
+    faint = min(SEEN * powers.max(initial=0.0), (FELT / (size * usual)) ** 2)
+    seen = np.flatnonzero(powers > faint)[::-1][:MOST_COLUMNS]
     return np.asarray(columns @ turned[:, seen]) * np.deg2rad(size)
 
 
@@ -162,9 +154,7 @@ def _integrate_cells(model: RecordingModel, toward: Array, weights: Array) -> Ar
 
 def bound_p_of_passes(dead: Sequence[DeadZoneEvidence]) -> float:
     """Bound on the p-value under M0 of what passes through a zone show, 1/(odds) averaged over all tried half widths."""
-    return float(
-        np.exp(-max((one.log_odds - np.log(SETTINGS.trials) for one in dead if one.passed), default=0.0)).clip(0.0, 1.0)
-    )
+    return float(np.exp(-max((one.log_odds - np.log(TRIALS) for one in dead if one.passed), default=0.0)).clip(0.0, 1.0))
 
 
 def list_dead_zone_groups(prepared: PreparedRecording, effects: Sequence[Effect]) -> Iterator[CandidateColumns]:
@@ -183,12 +173,12 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Cand
     toward = estimate_input_axis(model, one)
     rates = model.whiten(observe_missing_rates(model, one, toward))
     course = [model.whiten(bridge_passes(model, one, toward))] if one.passed else []
-    unseen = build_unseen_motion(model, one, toward, SETTINGS.unseen, (0.0, SETTINGS.memory))
+    unseen = build_unseen_motion(model, one, toward, UNSEEN, (0.0, MEMORY))
     moving = [np.hstack([rates, part]) for part in unseen]
     count = rates.shape[1]
 
     def read(amplitudes: Array) -> tuple[float, Parameters]:
-        return estimate_half_width(one, amplitudes[0] + SETTINGS.difference * amplitudes[1:count])[0], {}
+        return estimate_half_width(one, amplitudes[0] + DIFFERENCE * amplitudes[1:count])[0], {}
 
     return CandidateColumns(
         effect=effect.name,
@@ -197,12 +187,12 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Cand
         columns=[np.hstack([part, *course]) for part in (rates, *moving)],
         parameters=[{} for _ in (rates, *moving)],
         weights=np.array([0.5, *(0.5 / len(moving) for _ in moving)]),
-        limits=(max(effect.prior[0], SETTINGS.scales[0] * usual), min(effect.prior[1], SETTINGS.scales[1] * usual)),
+        limits=(max(effect.prior[0], SCALES[0] * usual), min(effect.prior[1], SCALES[1] * usual)),
         unit=effect.unit,
-        log_odds=float(np.clip(one.log_odds, SETTINGS.least_odds, SETTINGS.most_passed if one.passed else SETTINGS.most_odds)),
+        log_odds=float(np.clip(one.log_odds, LEAST_ODDS, MOST_PASSED if one.passed else MOST_ODDS)),
         read=read,
         size_sigma=lambda size: estimate_half_width(one, np.array([size]))[1],
-        roughness=SETTINGS.roughness,
+        roughness=ROUGHNESS,
         shifted=one.passed,
         loudest=np.inf,  # each of hundreds of amplitudes is that large, and a smaller scale would hold all of them back
     )

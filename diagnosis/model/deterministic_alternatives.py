@@ -25,7 +25,6 @@ of the sizes that the recording can show, since nothing is known of them.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from itertools import chain, combinations_with_replacement
 
 import numpy as np
@@ -41,19 +40,14 @@ Array = NDArray[np.float64]
 DAY = 86400.0
 
 
-@dataclass(frozen=True)
-class DeterministicAlternativeSettings:
-    """Times and sizes that the families take."""
-
-    warm_up_s: tuple[float, ...] = (200.0, 600.0, 1800.0)  # time constants of errors that decay after an interval's start
-    memory_s: tuple[float, ...] = (30.0, 100.0, 300.0, 1000.0)  # time constants after which the effect of a slew decays
-    lags_s: tuple[float, ...] = (300.0, 1000.0, 3000.0)  # by which an error follows a temperature
-    periods: int = 14  # number of periods counted from an interval's start
-    large: float = 0.1  # share of the largest rate, or of its largest change, from which on its sign is kept
-    visible: float = 1e-6  # share of the largest column that a column must have to be visible
+WARM_UP_S = (200.0, 600.0, 1800.0)  # time constants of errors that decay after an interval's start
+MEMORY_S = (30.0, 100.0, 300.0, 1000.0)  # time constants after which the effect of a slew decays
+LAGS_S = (300.0, 1000.0, 3000.0)  # by which an error follows a temperature
+PERIODS = 14  # number of periods counted from an interval's start
+LARGE = 0.1  # share of the largest rate, or of its largest change, from which on its sign is kept
+VISIBLE = 1e-6  # share of the largest column that a column must have to be visible
 
 
-SETTINGS = DeterministicAlternativeSettings()
 Options = Mapping[str, list[Array]]  # of each family by name, the values (n, k) of each option
 
 
@@ -107,7 +101,7 @@ def build_late_tags(model: RecordingModel, bins: Bins) -> Family:
     columns = sum(observe_rate_errors(model, bins, axis, errors[:, axis]) for axis in range(3)) / np.maximum(
         late.max(axis=0), 1.0
     )
-    seen = np.linalg.norm(columns, axis=0) > SETTINGS.visible * np.linalg.norm(columns, axis=0).max()
+    seen = np.linalg.norm(columns, axis=0) > VISIBLE * np.linalg.norm(columns, axis=0).max()
     options = [columns[:, [0]]] * (blocks > 1) + [columns[:, 1:][:, seen[1:]]] * (blocks > 2)
     return Family("time tags run late", None, [one for one in options if one.any()])
 
@@ -117,12 +111,12 @@ def build_late_tags(model: RecordingModel, bins: Bins) -> Family:
 
 def _run_in_time(model: RecordingModel, bins: Bins) -> Options:
     since, t, count = bins.since_s[:, None], bins.t_s[:, None], len(model.blocks)
-    trend = [np.exp(-since / tau) for tau in SETTINGS.warm_up_s] + [since]
+    trend = [np.exp(-since / tau) for tau in WARM_UP_S] + [since]
     span = t - t.min()
     length = max(float(span.max()), 1.0)
     longest = max(float(block.elapsed_s[-1]) for block in model.blocks)
     shortest = max(4.0 * float(np.median(np.diff(model.recording.attitudes.t_s))), longest / 60)
-    periods = np.geomspace(shortest, 2.5 * longest, SETTINGS.periods) if longest > 2 * shortest else np.array([])
+    periods = np.geomspace(shortest, 2.5 * longest, PERIODS) if longest > 2 * shortest else np.array([])
     waves = [_build_wave(since, period) for period in periods]
     return {
         "bias runs with the time since an interval's start": trend,
@@ -190,7 +184,7 @@ def _follow_temperatures(model: RecordingModel, bins: Bins) -> Options:
         known = np.interp(bins.t_s, model.t_s, values)
         centred = (known - known.mean())[:, None]
         if centred.any():
-            lagging = [centred - filter_low_pass(centred, bins, lag) for lag in SETTINGS.lags_s]
+            lagging = [centred - filter_low_pass(centred, bins, lag) for lag in LAGS_S]
             errors += [centred**2, *lagging]
             rates += [centred * bins.rates[:, [k]] for k in range(3)]
     kept = [one for one in errors if np.isfinite(one).all() and one.any()]
@@ -206,7 +200,7 @@ def _follow_temperatures(model: RecordingModel, bins: Bins) -> Options:
 def _follow_past(bins: Bins) -> Options:
     signs = [keep_last_sign(values[:, axis], bins) for values in (bins.rates, bins.acceleration) for axis in range(3)]
     both = np.hstack([bins.rates, np.abs(bins.rates)])
-    slow = [one for memory in SETTINGS.memory_s for one in _split_columns(filter_low_pass(both, bins, memory))]
+    slow = [one for memory in MEMORY_S for one in _split_columns(filter_low_pass(both, bins, memory))]
     return {
         "bias keeps the sign of the last turn, or of the last change of a rate": [one for one in signs if np.ptp(one) > 0],
         "bias follows the rates of the past": [one for one in slow if one.any()],
@@ -215,7 +209,7 @@ def _follow_past(bins: Bins) -> Options:
 
 def keep_last_sign(values: Array, bins: Bins) -> Array:
     """Hold the sign (n, 1) of the last of values (n,) that is large; zero before the first one of each interval."""
-    large = np.abs(values) > SETTINGS.large * np.abs(values).max(initial=0.0)
+    large = np.abs(values) > LARGE * np.abs(values).max(initial=0.0)
     begins = np.diff(bins.interval, prepend=-1) != 0
     last = np.maximum.accumulate(np.where(large | begins, np.arange(values.size), 0))
     return np.where(large[last], np.sign(values[last]), 0.0)[:, None]
@@ -246,7 +240,7 @@ def _follow_surroundings(model: RecordingModel, bins: Bins) -> Options:
     place, now = find_reference_steps(model), find_reference_bins(model, bins)
     loads = [one[now] for axis in range(3) for one in (keep_last_sign(bins.rates[:, axis], bins), bins.acceleration[:, [axis]])]
     both = np.hstack([bins.rates, np.abs(bins.rates)])
-    past = [one[now] for memory in SETTINGS.memory_s for one in _split_columns(filter_low_pass(both, bins, memory))]
+    past = [one[now] for memory in MEMORY_S for one in _split_columns(filter_low_pass(both, bins, memory))]
     return {
         "references follow a direction": directions,
         "references follow a housekeeping value": [
@@ -269,7 +263,7 @@ def _follow_reference_courses(model: RecordingModel) -> Options:
     times = np.concatenate([np.linspace(own[0], own[-1], 7)[1:-1] for own in inside])
     return {
         "references run with the time since an interval's start": [
-            since, *(np.exp(-since / tau) for tau in SETTINGS.warm_up_s[1:]),
+            since, *(np.exp(-since / tau) for tau in WARM_UP_S[1:]),
         ],
         "references drift with mission time": [t - t.mean()],
         "references follow a rate": _split_columns(np.hstack([w, np.abs(w)])),

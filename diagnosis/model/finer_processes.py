@@ -59,7 +59,7 @@ def _build_whole_options(
     options, columns, start = dict(enumerate(linear.candidate(member).options)), [], linear.W.shape[1]
     for number, one in wanted.items():
         columns.append(
-            processes.build_all_columns(place, covariance(one.parameters), processes.SETTINGS.whole / linear.scale(member) ** 2)
+            processes.build_all_columns(place, covariance(one.parameters), processes.WHOLE / linear.scale(member) ** 2)
         )
         options[number] = replace(one, start=start, count=columns[-1].shape[1])
         start += columns[-1].shape[1]

@@ -40,16 +40,9 @@ from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class FoldSettings:
-    """Constants of `diagnosis.model.folds`."""
-
-    parts: int = 8  # of an interval
-    start: float = 0.02  # rad, prior sigma of a start attitude
-    broad: float = 10.0  # prior sigma of G and b, in their plausible ranges
-
-
-SETTINGS = FoldSettings()
+PARTS = 8  # of an interval
+START = 0.02  # rad, prior sigma of a start attitude
+BROAD = 10.0  # prior sigma of G and b, in their plausible ranges
 
 
 RECORDING_SPLIT = "an eighth of each interval at a time"
@@ -185,7 +178,7 @@ def assign_folds(model: RecordingModel) -> NDArray[np.intp]:
     """
     rank = np.argsort(np.argsort([block.elapsed_s[-1] for block in model.blocks]))
     each = [
-        (np.arange(block.groups.size) * SETTINGS.parts // block.groups.size + int(place)) % SETTINGS.parts
+        (np.arange(block.groups.size) * PARTS // block.groups.size + int(place)) % PARTS
         for place, block in zip(rank, model.blocks, strict=True)
     ]
     return np.concatenate(each)
@@ -193,7 +186,7 @@ def assign_folds(model: RecordingModel) -> NDArray[np.intp]:
 
 def build_shared_columns(model: RecordingModel) -> Array:
     """(N, q) whitened columns B of what all intervals share, in units of their priors: starts, G, b."""
-    scale = np.concatenate([np.full(model.starts.shape[1], SETTINGS.start), SETTINGS.broad * PLAUSIBLE_RANGE])
+    scale = np.concatenate([np.full(model.starts.shape[1], START), BROAD * PLAUSIBLE_RANGE])
     return np.hstack([model.starts, model.calibration]) * scale
 
 

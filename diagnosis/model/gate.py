@@ -7,7 +7,7 @@ reference that is far off between two that agree is a fault of the references an
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +20,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class GateSettings:
-    """Constants of `diagnosis.model.gate`."""
-
-    outliers: float = 0.02  # largest share of references that are single outliers; with more of them, something else is wrong
-
-
-SETTINGS = GateSettings()
+OUTLIERS = 0.02  # largest share of references that are single outliers; with more of them, something else is wrong
 
 
 def check_residuals(model: RecordingModel, rates: Array) -> None:
@@ -84,7 +77,7 @@ def _drop_outliers(residuals: Array, block: NDArray[np.intp]) -> tuple[Array, Ma
         good = ~_find_isolated(turned)
         kept[rows] = good
         based[rows] = (turned[int(np.argmax(good))].inv() * turned).as_rotvec()
-    if np.sum(~kept) > max(1, SETTINGS.outliers * kept.size):
+    if np.sum(~kept) > max(1, OUTLIERS * kept.size):
         return residuals, np.ones(len(residuals), dtype=bool)
     return based[kept], kept
 

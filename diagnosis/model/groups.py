@@ -17,8 +17,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from diagnosis.model import deterministic_alternatives, periodic_alternatives, processes
-from diagnosis.model.linear import SETTINGS as LINEAR
-from diagnosis.model.linear import Parameters, add_no_sigma, build_scales, read_first_amplitude
+from diagnosis.model.linear import VISIBLE, Parameters, add_no_sigma, build_scales, read_first_amplitude
 from diagnosis.model.periods import Found, make_columns, make_effect_columns
 from diagnosis.model.process_projection import ProcessProjection
 from diagnosis.model.recording_model import RecordingModel
@@ -65,7 +64,7 @@ class CandidateColumns:
     shifted: bool = False
     scales: Array | None = None
     scanned: bool = False
-    loudest: float = LINEAR.visible[1]
+    loudest: float = VISIBLE[1]
     roughness: float = 0.0
     tied: bool = False
 
@@ -153,7 +152,7 @@ def build_rounded_columns(model: RecordingModel, effect: Effect, axis: str | Non
     shown = float(np.sum(model.project_out_nuisance(main) ** 2))
     if powers.sum() > shown:
         return None
-    return np.hstack([main, (beside @ turned[:, powers > processes.SETTINGS.seen * shown])[:, ::-1]])
+    return np.hstack([main, (beside @ turned[:, powers > processes.SEEN * shown])[:, ::-1]])
 
 
 def build_switched_group(
@@ -227,7 +226,7 @@ def build_scanned_group(model: RecordingModel, effect: Effect, axis: str, found:
     group = build_group(effect, axis, columns, parameters, [float(np.exp(one.log_weight)) for one in options])
     # What a size shows grows with the period: the scales are those of all options, not only of the strongest.
     norms = np.array([max(np.linalg.norm(model.project_out_nuisance(part), axis=0).max(), 1e-300) for part in columns])
-    low, high = max(effect.prior[0], LINEAR.visible[0] / norms.max()), min(effect.prior[1], LINEAR.visible[1] / norms.min())
+    low, high = max(effect.prior[0], VISIBLE[0] / norms.max()), min(effect.prior[1], VISIBLE[1] / norms.min())
     return replace(group, scanned=True, scales=build_scales(low, high))
 
 
@@ -278,7 +277,7 @@ def build_interval_steps(model: RecordingModel, effects: Sequence[Effect]) -> di
 def _is_within(columns: Array, bases: Sequence[Array]) -> bool:
     """Whether some projected columns (N, r) lie in the span of one of the bases, but for a small part of their power."""
     power = float(np.sum(columns**2))
-    return any(float(np.sum((basis.T @ columns) ** 2)) > processes.SETTINGS.alike * power for basis in bases)
+    return any(float(np.sum((basis.T @ columns) ** 2)) > processes.ALIKE * power for basis in bases)
 
 
 def build_rival(

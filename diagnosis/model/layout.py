@@ -10,8 +10,6 @@ reading is `HEARD` by that many innovations, the change until the reference that
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,17 +22,10 @@ Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class LayoutSettings:
-    """Constants of `diagnosis.model.layout`."""
-
-    quiet: float = 0.25  # of the scatter of the rates, that their noise may have
-    # of the variance of the rates, from which on noise of readings times the number of innovations is too much
-    heard: float = 0.1
-    outlier: float = 10.0  # sigma of a reading, beyond which it is replaced by the smoothed one
-
-
-SETTINGS = LayoutSettings()
+QUIET = 0.25  # of the scatter of the rates, that their noise may have
+# of the variance of the rates, from which on noise of readings times the number of innovations is too much
+HEARD = 0.1
+OUTLIER = 10.0  # sigma of a reading, beyond which it is replaced by the smoothed one
 
 
 LEAST_POSITIVE = 1e-300
@@ -82,7 +73,7 @@ def measure_motion(model: RecordingModel, references: Indices, block: Indices) -
     noise = (gyro.arw**2 / gyro.sample_s) / np.maximum(smooth.var(axis=0), LEAST_POSITIVE)
     first, stop = np.searchsorted(gyro.t_s, model.t_s[first]), np.searchsorted(gyro.t_s, model.t_s[stop])
     most = np.maximum(1, (stop - first) // np.bincount(block)[block])  # no more than lie between two references
-    count = np.clip(np.ceil(noise / SETTINGS.quiet**2).astype(np.intp), 1, most[:, None])
+    count = np.clip(np.ceil(noise / QUIET**2).astype(np.intp), 1, most[:, None])
     at = np.searchsorted(gyro.t_s, t_s - 0.5 * gyro.sample_s)[:, None]
     total = _accumulate_readings(model)
     rates = _average_readings(total, at, np.minimum(at + count, stop[:, None]), smooth)
@@ -91,7 +82,7 @@ def measure_motion(model: RecordingModel, references: Indices, block: Indices) -
     since, until = np.zeros_like(rates), np.zeros_like(rates)
     since[1:], until[:-1] = rates[1:] - before[:-1], np.diff(rates, axis=0)
     since[starts] = until[np.append(starts[1:], True)] = 0.0
-    return rates, np.where(noise * references.size < SETTINGS.heard, since, until)
+    return rates, np.where(noise * references.size < HEARD, since, until)
 
 
 def _accumulate_readings(model: RecordingModel) -> Array:
@@ -99,7 +90,7 @@ def _accumulate_readings(model: RecordingModel) -> Array:
     gyro = model.recording.gyro
     smooth = model.rates[np.clip(np.searchsorted(model.t_s, gyro.t_s), 0, model.t_s.size - 1)]
     readings = gyro.rates @ model.G.T + model.bias
-    odd = np.abs(readings - smooth) > SETTINGS.outlier * gyro.arw / np.sqrt(gyro.sample_s)
+    odd = np.abs(readings - smooth) > OUTLIER * gyro.arw / np.sqrt(gyro.sample_s)
     return np.vstack([np.zeros(3), np.cumsum(np.where(odd, smooth, readings), axis=0)])
 
 

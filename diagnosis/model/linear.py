@@ -30,19 +30,12 @@ Indices = NDArray[np.intp]
 Parameters = dict[str, float | str]
 
 
-@dataclass(frozen=True)
-class LinearSettings:
-    """Constants of `diagnosis.model.linear`."""
-
-    # Scales of interest, as signal-to-noise ratios of the amplitude's standard deviation: nothing smaller can be seen, and
-    # nothing larger than the upper end would be left for a linear model to explain.
-    visible: tuple[float, float] = (1.0, 300.0)
-    rounding: float = 1e-9  # relative, by which a scale may lie beyond the end of its range
-    per_decade: int = 4  # scales in a decade; the evidence of a few amplitudes changes little between neighbours
-    finer: int = 3  # scales between neighbours, for a process that may have hundreds of amplitudes
-
-
-SETTINGS = LinearSettings()
+# Scales of interest, as signal-to-noise ratios of the amplitude's standard deviation: nothing smaller can be seen, and
+# nothing larger than the upper end would be left for a linear model to explain.
+VISIBLE = (1.0, 300.0)
+ROUNDING = 1e-9  # relative, by which a scale may lie beyond the end of its range
+PER_DECADE = 4  # scales in a decade; the evidence of a few amplitudes changes little between neighbours
+FINER = 3  # scales between neighbours, for a process that may have hundreds of amplitudes
 
 
 COLUMN_CAPACITY = 30_000  # of a model, usually; what is not used takes no memory
@@ -135,9 +128,7 @@ class Candidate:
     def outside_window(self) -> NDArray[np.bool_]:
         """(o, s) which of the scales an option cannot have."""
         low, high = np.array([option.window for option in self.options]).T
-        return np.asarray(
-            (self.scales < low[:, None] * (1 - SETTINGS.rounding)) | (self.scales > high[:, None] * (1 + SETTINGS.rounding))
-        )
+        return np.asarray((self.scales < low[:, None] * (1 - ROUNDING)) | (self.scales > high[:, None] * (1 + ROUNDING)))
 
     @cached_property
     def log_weights(self) -> Array:
@@ -367,7 +358,7 @@ class LinearModel:
         return replace(self, W=np.hstack([self.W, W]), X=together, candidates=tuple(candidates))
 
 
-def choose_scales(largest: float, limits: tuple[float, float], visible: tuple[float, float] = SETTINGS.visible) -> Array:
+def choose_scales(largest: float, limits: tuple[float, float], visible: tuple[float, float] = VISIBLE) -> Array:
     """Scales to average over: those that the data can show and that are physically plausible, evenly spaced in log.
 
     Parameters
@@ -389,7 +380,7 @@ def choose_scales(largest: float, limits: tuple[float, float], visible: tuple[fl
 def refine_scales(scales: Array, held: int) -> Array:
     """The scales with further ones around one of them, `FINER` from it to each neighbour."""
     beside = [scales[k] for k in (held - 1, held + 1) if 0 <= k < scales.size]
-    more = [np.geomspace(scales[held], one, SETTINGS.finer + 2)[1:-1] for one in beside]
+    more = [np.geomspace(scales[held], one, FINER + 2)[1:-1] for one in beside]
     return np.unique(np.concatenate([scales, *more]))
 
 
@@ -397,4 +388,4 @@ def build_scales(low: float, high: float) -> Array:
     """Scales from one to another, evenly spaced in log; none if there are none between."""
     if low >= high:
         return np.empty(0)
-    return np.geomspace(low, high, max(3, round(SETTINGS.per_decade * np.log10(high / low)) + 1))
+    return np.geomspace(low, high, max(3, round(PER_DECADE * np.log10(high / low)) + 1))

@@ -10,7 +10,7 @@ observation is Σ_i W_i/n.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -27,16 +27,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
-@dataclass(frozen=True)
-class LineariseSettings:
-    """Constants of `diagnosis.model.linearise`."""
-
-    most_steps: int = 60_000  # steps on which columns are made
-    most_observations: int = 500  # attitudes that enter the model; its cost grows with the square of them
-    fewest_observations: int = 10  # of an interval that are left by averaging; with few of them its motion would be lost
-
-
-SETTINGS = LineariseSettings()
+MOST_STEPS = 60_000  # steps on which columns are made
+MOST_OBSERVATIONS = 500  # attitudes that enter the model; its cost grows with the square of them
+FEWEST_OBSERVATIONS = 10  # of an interval that are left by averaging; with few of them its motion would be lost
 
 
 def linearise_recording(
@@ -66,7 +59,7 @@ def linearise_recording(
     shown = stream if smooth is None else smooth
     sigmas = recording.attitudes.sigma if sigma is None else sigma
     tags = recording.gyro.t_s
-    references_each = max(1, -(-parts.row.size // SETTINGS.most_observations))
+    references_each = max(1, -(-parts.row.size // MOST_OBSERVATIONS))
     edges, first, last, arc = _choose_steps(parts)
     run = propagate(Arcs(stream, parts.arcs.dt, parts.arcs.sample, first, last, arc), G, bias)
     blocks: list[Block] = []
@@ -75,7 +68,7 @@ def linearise_recording(
     for number, own in enumerate(edges):
         outputs = np.flatnonzero(parts.arcs.arc == number)
         references = row_of[np.append(parts.start[outputs[0]], parts.row[outputs])]
-        width = max(1, min(references_each, references.size // SETTINGS.fewest_observations))
+        width = max(1, min(references_each, references.size // FEWEST_OBSERVATIONS))
         groups = np.arange(0, references.size, width)
         samples = parts.arcs.sample[own[0] : own[-1]]
         dt = parts.arcs.dt[own[0] : own[-1]]
@@ -143,7 +136,7 @@ def linearise_recording(
 
 def _choose_steps(parts: Measurements) -> tuple[list[Indices], Indices, Indices, Indices]:
     """Edges of the steps of each arc among its samples, and the arcs that have an output at each of them."""
-    each = max(1, -(-parts.arcs.dt.size // SETTINGS.most_steps))
+    each = max(1, -(-parts.arcs.dt.size // MOST_STEPS))
     edges, firsts, lasts, arcs = [], [], [], []
     for number in range(int(parts.arcs.arc[-1]) + 1):
         outputs = np.flatnonzero(parts.arcs.arc == number)

@@ -8,7 +8,6 @@ decides which blocks are reported.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -23,17 +22,10 @@ Array = NDArray[np.float64]
 PHASES = ("start", "slew", "hold", "end")
 
 
-@dataclass(frozen=True)
-class LocalizationSettings:
-    """Settings of the localization."""
-
-    edge: float = 0.1  # share of an interval's references that count as its start or end
-    hole: float = 2.5  # times the usual spacing; a slew lies between two such references
-    most: int = 6  # findings
-    significant: float = 0.01  # p-value of a finding, with an allowance for the number of blocks
-
-
-SETTINGS = LocalizationSettings()
+EDGE = 0.1  # share of an interval's references that count as its start or end
+HOLE = 2.5  # times the usual spacing; a slew lies between two such references
+MOST = 6  # findings
+SIGNIFICANT = 0.01  # p-value of a finding, with an allowance for the number of blocks
 
 
 def label_phases(t_s: Array, interval: NDArray[np.intp]) -> NDArray[np.str_]:
@@ -42,9 +34,9 @@ def label_phases(t_s: Array, interval: NDArray[np.intp]) -> NDArray[np.str_]:
     spacing = np.median(np.concatenate([np.diff(np.unique(t)) for t in parts]))
     out = []
     for t in parts:
-        edge = max(1, round(SETTINGS.edge * t.size))
+        edge = max(1, round(EDGE * t.size))
         phase = np.full(t.size, "hold", dtype="<U5")
-        for hole in np.flatnonzero(np.diff(t) > SETTINGS.hole * spacing):
+        for hole in np.flatnonzero(np.diff(t) > HOLE * spacing):
             phase[max(0, hole - 1) : hole + 3] = "slew"
         phase[:edge] = "start"
         phase[-edge:] = "end"
@@ -104,9 +96,9 @@ def compute_chi2(r: Array, S: Array) -> tuple[float, int]:
 def list_findings(table: pd.DataFrame) -> Sequence[Finding]:
     """List the strongest blocks whose p-value times the number of blocks (Bonferroni) is significant."""
     found = []
-    for row in table.nsmallest(SETTINGS.most, "p_value").to_dict("records"):
+    for row in table.nsmallest(MOST, "p_value").to_dict("records"):
         p = row["p_value"] * len(table)
-        if p > SETTINGS.significant:
+        if p > SIGNIFICANT:
             break
         text = (
             f"{row['interval']}, {row['phase']}, axis {row['axis']}: χ² {row['value']:.0f} ({row['dof']} expected), "

@@ -21,10 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.answer import Finding
-from diagnosis.inference.criticism import DEFAULT_CRITICISM, Check, Innovations, check_innovations
+from diagnosis.inference.criticism import FEWEST, Check, Innovations, check_innovations
 from diagnosis.model.layout import tabulate_references
-from diagnosis.model.recording_model import SETTINGS as RECORDING
-from diagnosis.model.recording_model import RecordingModel, build_parameter_errors
+from diagnosis.model.recording_model import RANK, RecordingModel, build_parameter_errors
 from gyrocal.calibration.estimated_noise import count_noise_degrees
 from gyrocal.jit_cache import compile_cached
 from gyrocal.small_matrices import compute_lower_root, solve_lower
@@ -53,7 +52,7 @@ def check_baseline(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple
     """
     e, later, taken = compute_innovations(model, beside)
     found = Innovations(e, taken.reshape(*e.shape, -1))
-    if found.dof < DEFAULT_CRITICISM.fewest:
+    if found.dof < FEWEST:
         return ()
     return tuple(check_innovations(found, tabulate_references(model, later), count_noise_degrees(model.recording, found.dof)))
 
@@ -106,7 +105,7 @@ def whiten_errors(model: RecordingModel, columns: Array) -> tuple[Array, Mask]:
 def build_basis(columns: Array) -> Array:
     """Build an orthonormal basis of columns (n, c), without directions that add nothing to the others."""
     U, s, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), LEAST_POSITIVE), full_matrices=False)
-    return np.asarray(U[:, s > RECORDING.rank * s[0]])
+    return np.asarray(U[:, s > RANK * s[0]])
 
 
 @compile_cached

@@ -35,16 +35,9 @@ Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
 
-@dataclass(frozen=True)
-class NoiseClassificationSettings:
-    """Constants of `diagnosis.model.noise_classification`."""
-
-    most_tones: int = 3  # of the references, beyond their averages
-    # log odds of a dead zone from the samples, from which on its axis is left out of tests that it would mislead
-    likely: float = 1.0
-
-
-SETTINGS = NoiseClassificationSettings()
+MOST_TONES = 3  # of the references, beyond their averages
+# log odds of a dead zone from the samples, from which on its axis is left out of tests that it would mislead
+LIKELY = 1.0
 
 
 @dataclass(frozen=True)
@@ -123,7 +116,7 @@ def classify_lines_and_noise(
     tones : whether tones of the references are looked for
     """
     recording, report, model, sigma, pieces, dead = one.recording, one.report, one.model, one.sigma, one.pieces, one.dead
-    likely = {zone.axis for zone in dead if zone.log_odds > SETTINGS.likely}
+    likely = {zone.axis for zone in dead if zone.log_odds > LIKELY}
     count = max(len(report.lines), 1)
 
     def tell_line(done: int) -> None:
@@ -192,7 +185,7 @@ def _remove_tones(
     """Take the tones that only all references show out of a recording, as symptoms; also its model and the sigma of that."""
     if (report.lattice | report.hidden).any():
         return recording, report, model, sigma
-    for _ in range(SETTINGS.most_tones):
+    for _ in range(MOST_TONES):
         tone = find_reference_tone(model, report.rates, settings.sample_event, settings.unlisted_share)
         if tone is None:
             break
@@ -216,7 +209,7 @@ def _measure_reference_noise(
     blind = set(np.flatnonzero(report.hidden | report.lattice).tolist())
     silent = np.zeros(report.rates.shape, dtype=bool)
     for one in dead:
-        silent[:, one.axis] |= (one.part >= 0) & (one.log_odds > SETTINGS.likely)
+        silent[:, one.axis] |= (one.part >= 0) & (one.log_odds > LIKELY)
     recording, density = model.recording, np.median(report.density, axis=0)
     series = ReferenceSeries(
         t_s=model.references.t_s,

@@ -6,7 +6,7 @@ Their periods are those that `diagnosis.model.periods` has found to explain most
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,17 +18,10 @@ from diagnosis.model.recording_model import RecordingModel
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class PeriodicAlternativeSettings:
-    """Constants of `diagnosis.model.periodic_alternatives`."""
-
-    repeated: int = 4  # best periods at which a swing that is no sine is tried
-    shape: int = 3  # its harmonics of any phase
-    highest: int = 7  # its highest harmonic that is locked to the fundamental
-    doubled: int = 2  # best periods that may be the second harmonics of others
-
-
-SETTINGS = PeriodicAlternativeSettings()
+REPEATED = 4  # best periods at which a swing that is no sine is tried
+SHAPE = 3  # its harmonics of any phase
+HIGHEST = 7  # its highest harmonic that is locked to the fundamental
+DOUBLED = 2  # best periods that may be the second harmonics of others
 
 
 def list_families(model: RecordingModel, found: Found, listed: Collection[bool]) -> Iterator[Family]:
@@ -46,11 +39,11 @@ def list_families(model: RecordingModel, found: Found, listed: Collection[bool])
     """
     for (on_references, axis), periods in found.items():
         what = "references repeat" if on_references else "bias repeats"
-        doubled = [replace(one, frequency=0.5 * one.frequency) for one in periods[: SETTINGS.doubled]]
-        shapes = [*periods[: SETTINGS.repeated], *doubled]
+        doubled = [replace(one, frequency=0.5 * one.frequency) for one in periods[:DOUBLED]]
+        shapes = [*periods[:REPEATED], *doubled]
         options, at = [], []
         for one in shapes:
-            orders = one.frequency * np.arange(1.0, SETTINGS.highest + 1)
+            orders = one.frequency * np.arange(1.0, HIGHEST + 1)
             several = make_shapes(model, make_period_columns(model, axis, on_references, orders))
             options += several
             at += [replace(one, log_weight=one.log_weight - float(np.log(len(several))))] * len(several)
@@ -75,7 +68,7 @@ def make_shapes(model: RecordingModel, waves: Sequence[Array]) -> list[Array]:
     # sin k(ωt + φ) of sine and cosine of kωt
     locked = [wave @ [np.cos(k * theta), np.sin(k * theta)] for k, wave in enumerate(falling, 1)]
     odd, even = sum(locked[2::2], np.zeros(len(X))), sum(locked[1::2], np.zeros(len(X)))
-    return [np.hstack(falling[: SETTINGS.shape]), np.column_stack([waves[0], odd]), np.column_stack([waves[0], odd, even])]
+    return [np.hstack(falling[:SHAPE]), np.column_stack([waves[0], odd]), np.column_stack([waves[0], odd, even])]
 
 
 def _build_periodic_family(model: RecordingModel, name: str, axis: int, options: list[Array], at: Sequence[Period]) -> Family:

@@ -32,28 +32,21 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
-@dataclass(frozen=True)
-class PeriodSettings:
-    """Constants of the scan for periods; all bound the time or the share of χ² that is lost between two periods."""
-
-    step: float = 0.25  # between frequencies that are tried, in units of 1/T
-    made: float = 0.0625  # between frequencies at which waves are made, in units of 1/D, at most
-    most: int = 300_000  # frequencies; of longer recordings the shortest periods are left out
-    harmonics: int = 4  # of the orbit that are left out: they are other effects
-    near: float = 0.25  # of 1/T from one of them, up to which a sinusoid shows nine tenths of what that does
-    finer: int = 8  # steps of the finer grid in one of the first
-    peaks: int = 12  # best frequencies that are kept, no two of one peak in terms of an interval's length
-    # others near each of the best peaks, which differ by the gaps between intervals, and how many peaks
-    aliases: int = 6
-    aliased: int = 3
-    fine_periods: int = 8  # to either side of an option that was found
-    refined_aliases: int = 8  # of an option, around which the same is done
-    # share of χ² and χ² by which such an alias may explain less
-    nearly: float = 0.03
-    enough: float = 12.0
-
-
-SETTINGS = PeriodSettings()
+STEP = 0.25  # between frequencies that are tried, in units of 1/T
+MADE = 0.0625  # between frequencies at which waves are made, in units of 1/D, at most
+MOST = 300_000  # frequencies; of longer recordings the shortest periods are left out
+HARMONICS = 4  # of the orbit that are left out: they are other effects
+NEAR = 0.25  # of 1/T from one of them, up to which a sinusoid shows nine tenths of what that does
+FINER = 8  # steps of the finer grid in one of the first
+PEAKS = 12  # best frequencies that are kept, no two of one peak in terms of an interval's length
+# others near each of the best peaks, which differ by the gaps between intervals, and how many peaks
+ALIASES = 6
+ALIASED = 3
+FINE_PERIODS = 8  # to either side of an option that was found
+REFINED_ALIASES = 8  # of an option, around which the same is done
+# share of χ² and χ² by which such an alias may explain less
+NEARLY = 0.03
+ENOUGH = 12.0
 
 
 @dataclass(frozen=True)
@@ -100,19 +93,19 @@ def make_grid(model: RecordingModel) -> Grid | None:
     apart = np.diff(t)[(np.diff(block) == 0) & (np.diff(t) > 0)]
     shortest = max(band[0], SHORTEST_PERIOD_SPACINGS * float(np.median(apart)) if apart.size else np.inf)
     span, arc = band[1], max(float(one.elapsed_s[-1]) for one in model.blocks)
-    step = SETTINGS.step / span
-    highest = min(1 / shortest, SETTINGS.most * step)
+    step = STEP / span
+    highest = min(1 / shortest, MOST * step)
     lowest = 1 / span
     if not lowest < highest:
         return None
-    each = max(1, int(np.floor(SETTINGS.made / arc / step)))
+    each = max(1, int(np.floor(MADE / arc / step)))
     made = lowest + each * step * (np.arange(int(np.ceil((highest - lowest) / (each * step)))) + 0.5)
     tried = made[:, None] + step * (np.arange(each) + 0.5 - 0.5 * each)
     allowed = tried <= highest
     orbit = 1 / model.stream.orbit_period_s
     if np.isfinite(orbit):
         order = np.rint(tried / orbit)
-        allowed &= (np.abs(tried - order * orbit) > SETTINGS.near * lowest) | (order < 1) | (order > SETTINGS.harmonics)
+        allowed &= (np.abs(tried - order * orbit) > NEAR * lowest) | (order < 1) | (order > HARMONICS)
     if not allowed.any():
         return None
     with np.errstate(divide="ignore"):
@@ -176,21 +169,21 @@ def select_periods(at: Grid, found: IntervalProducts) -> tuple[Period, ...]:
     """Select the frequencies that explain most: the best of each peak, and the aliases of the very best."""
     score = found.compute_log_evidence(at.tried) + at.log_weight
     best = score.max(axis=1)
-    peaks = find_tops(best, SETTINGS.peaks)
+    peaks = find_tops(best, PEAKS)
     width = score.shape[1]
     chosen = {int(peak) * width + int(np.argmax(score[peak])) for peak in peaks}
     flat = score.ravel()
     tops = find_tops(flat, flat.size)
-    for peak in peaks[: SETTINGS.aliased]:
+    for peak in peaks[:ALIASED]:
         near = tops[np.abs(tops // width - peak) <= 1]
-        chosen |= {int(k) for k in near[: SETTINGS.aliases]}
+        chosen |= {int(k) for k in near[:ALIASES]}
     places = np.array([k for k in chosen if np.isfinite(flat[k])], dtype=np.intp)
-    near = at.tried.ravel()[places, None] + at.step / SETTINGS.finer * (np.arange(SETTINGS.finer) + 0.5 - 0.5 * SETTINGS.finer)
+    near = at.tried.ravel()[places, None] + at.step / FINER * (np.arange(FINER) + 0.5 - 0.5 * FINER)
     finer = found.compute_log_evidence(near, places // width)
-    log_weight = at.log_weight.ravel()[places] - np.log(SETTINGS.finer)
+    log_weight = at.log_weight.ravel()[places] - np.log(FINER)
     best_of = np.argmax(finer, axis=1)
     order = np.argsort(-(finer.max(axis=1) + log_weight))
-    return tuple(Period(float(near[k, best_of[k]]), float(log_weight[k]), at.step / SETTINGS.finer) for k in order)
+    return tuple(Period(float(near[k, best_of[k]]), float(log_weight[k]), at.step / FINER) for k in order)
 
 
 def make_period_columns(model: RecordingModel, axis: int, on_references: bool, frequencies: Array) -> list[Array]:
@@ -232,7 +225,7 @@ def add_finer_periods(model: RecordingModel, linear: LinearModel, member: Select
     entry = linear.candidate(member)
     if not entry.scanned:
         return linear
-    held, fine = _find_aliases(linear, member), SETTINGS.fine_periods
+    held, fine = _find_aliases(linear, member), FINE_PERIODS
     beside = np.array([k for k in range(-fine, fine + 1) if k]) / fine
     share = float(np.log(beside.size))
     near = [
@@ -251,13 +244,13 @@ def _find_aliases(linear: LinearModel, member: SelectedCandidate) -> list[Parame
     """The option at which a sinusoid is held, and others, none next to another, that explain nearly as much by themselves."""
     options, first = linear.candidate(member).options, linear.option(member)
     chi2 = {one.start: float(np.sum((scipy.linalg.orth(linear.X[:, one.columns]).T @ linear.y) ** 2)) for one in options}
-    least = (1 - SETTINGS.nearly) * chi2[first.start] - SETTINGS.enough
-    apart = 2 * SETTINGS.fine_periods * _get_period(first).width
+    least = (1 - NEARLY) * chi2[first.start] - ENOUGH
+    apart = 2 * FINE_PERIODS * _get_period(first).width
     found = [first]
     for one in sorted(options, key=lambda one: -chi2[one.start]):
         frequency = _get_period(one).frequency
         new = all(abs(frequency - _get_period(other).frequency) > apart for other in found)
-        if len(found) < SETTINGS.refined_aliases and chi2[one.start] >= least and new:
+        if len(found) < REFINED_ALIASES and chi2[one.start] >= least and new:
             found.append(one)
     return found
 

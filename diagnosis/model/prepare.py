@@ -8,7 +8,7 @@ noise. What the references say of lines in the samples and of their own noise is
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,17 +42,10 @@ First = tuple[RecordingModel, Array, tuple[Interval, ...]]  # model, sigma of th
 AXES = "xyz"
 
 
-@dataclass(frozen=True)
-class PrepareSettings:
-    """Constants of `diagnosis.model.prepare`."""
-
-    # probability of the other way in which readings may have come onto a lattice, from which on it is told
-    least_share: float = 0.02
-    shown: float = 3.0  # sigmas of a correlation of residuals, down to which it counts
-    unseen: float = 0.5  # of its plausible range: a parameter less certain than that is not observed
-
-
-SETTINGS = PrepareSettings()
+# probability of the other way in which readings may have come onto a lattice, from which on it is told
+LEAST_SHARE = 0.02
+SHOWN = 3.0  # sigmas of a correlation of residuals, down to which it counts
+UNSEEN = 0.5  # of its plausible range: a parameter less certain than that is not observed
 
 
 def prepare(
@@ -130,7 +123,7 @@ def _cut_or_rounded(
     p = float(expit(gain + (odds if other == "cut" else -odds)))
     if p > 0.5:
         report, first, other, p = again, second, now, 1 - p
-    rivals = ((f"lattice_{other}", p),) if p > SETTINGS.least_share else ()
+    rivals = ((f"lattice_{other}", p),) if p > LEAST_SHARE else ()
     symptoms = tuple(replace(one, rivals=rivals) if one.kind.startswith("lattice") else one for one in report.symptoms)
     return replace(report, symptoms=symptoms), first
 
@@ -167,7 +160,7 @@ def _estimate_redundancy(y: Array) -> float:
     power, total = float(np.sum(e**2)), 1.0
     for lag in range(1, len(e) // 2):
         one = float(np.sum(e[lag:] * e[:-lag])) / power
-        if one < SETTINGS.shown / np.sqrt(e.size):
+        if one < SHOWN / np.sqrt(e.size):
             break
         total += 2 * one
     return total
@@ -236,11 +229,7 @@ def _write_notes(recording: Recording, pieces: tuple[Interval, ...], sigma: Arra
             "of the calibration, so most effects cannot be told from one another or from a change of G and b"
         )
     names = [f"G_{a}{b}" for a in "xyz" for b in "xyz"] + ["b_x", "b_y", "b_z"]
-    unseen = [
-        name
-        for name, value, plausible in zip(names, sigma, PLAUSIBLE_RANGE, strict=True)
-        if value > SETTINGS.unseen * plausible
-    ]
+    unseen = [name for name, value, plausible in zip(names, sigma, PLAUSIBLE_RANGE, strict=True) if value > UNSEEN * plausible]
     if unseen:
         notes.append(f"Not observed by these motions: {', '.join(unseen)}; effects that act like them cannot be seen either")
     if len(pieces) != len(recording.intervals) or any(a != b for a, b in zip(pieces, recording.intervals, strict=False)):

@@ -27,21 +27,14 @@ Array = NDArray[np.float64]
 AXES = "xyz"
 
 
-@dataclass(frozen=True)
-class ProcessSettings:
-    """Constants of `diagnosis.model.processes`."""
-
-    seen: float = 1e-4  # power relative to the strongest column, below which a column is left out
-    information: float = 0.95  # share of Σ λ² that the columns have together at least
-    # variance of a column beside that of the noise, from which on it counts where the whole process is wanted
-    whole: float = 0.02
-    usual_columns: int = 72  # that are kept whatever they share
-    most_columns: int = 400  # a bound of the time
-    rounding: float = 1e-13  # power relative to the strongest column, below which a column is rounding
-    alike: float = 0.95  # cosine of two covariances from which on they are one process
-
-
-SETTINGS = ProcessSettings()
+SEEN = 1e-4  # power relative to the strongest column, below which a column is left out
+INFORMATION = 0.95  # share of Σ λ² that the columns have together at least
+# variance of a column beside that of the noise, from which on it counts where the whole process is wanted
+WHOLE = 0.02
+USUAL_COLUMNS = 72  # that are kept whatever they share
+MOST_COLUMNS = 400  # a bound of the time
+ROUNDING = 1e-13  # power relative to the strongest column, below which a column is rounding
+ALIKE = 0.95  # cosine of two covariances from which on they are one process
 
 
 # Near the smallest size that can be detected, a column of power λ adds to the expected evidence in proportion to λ². A larger
@@ -82,13 +75,9 @@ def compute_part_times(model: RecordingModel) -> ProcessTimes:
 
 
 def compute_node_times(model: RecordingModel) -> ProcessTimes:
-    """Times of the nodes, see `diagnosis.model.process_projection`."""
+    """Times of the nodes, see `diagnosis.model.process_projection`; the gaps between the intervals do not run."""
     rows, _ = select_nodes(model)
-    return _compute_run_times(model, model.references.t_s[rows], model.interval_of_reference[rows])
-
-
-def _compute_run_times(model: RecordingModel, t_s: Array, interval: NDArray[np.intp]) -> ProcessTimes:
-    """Times with those that ran while the gyro was sampled, the gaps between the intervals left out."""
+    t_s, interval = model.references.t_s[rows], model.interval_of_reference[rows]
     ends = np.cumsum([0.0, *(float(block.elapsed_s[-1]) for block in model.blocks)])
     begins = np.array([t_s[interval == number][0] for number in range(len(model.blocks))])
     return ProcessTimes(t_s=t_s, run_s=t_s - begins[interval] + ends[interval], interval=interval)
@@ -102,9 +91,9 @@ def match_labels(labels: NDArray[np.intp]) -> Array:
 def build_usual_columns(place: ProcessProjection, K: Array, share: float = DECOMPOSITION.share) -> Array:
     """Compute the strongest columns (N, r) of a process of covariance K; see `build_all_columns`."""
     powers, columns = place.powers(K, share)
-    kept = _select_powers(powers, SETTINGS.seen * _find_largest_power(powers))[: SETTINGS.most_columns]
-    enough = int(np.searchsorted(np.cumsum(powers[kept] ** 2), SETTINGS.information * float(np.sum(powers**2)))) + 1
-    return columns(kept[: max(enough, SETTINGS.usual_columns)])
+    kept = _select_powers(powers, SEEN * _find_largest_power(powers))[:MOST_COLUMNS]
+    enough = int(np.searchsorted(np.cumsum(powers[kept] ** 2), INFORMATION * float(np.sum(powers**2)))) + 1
+    return columns(kept[: max(enough, USUAL_COLUMNS)])
 
 
 def build_all_columns(place: ProcessProjection, K: Array, least: float | None = None) -> Array:
@@ -114,7 +103,7 @@ def build_all_columns(place: ProcessProjection, K: Array, least: float | None = 
     as a walk over cells of one time.
     """
     powers, columns = place.powers(K, least=least or 0.0)
-    kept = _select_powers(powers, SETTINGS.seen * _find_largest_power(powers) if least is None else least)
+    kept = _select_powers(powers, SEEN * _find_largest_power(powers) if least is None else least)
     return columns(kept if kept.size else _select_powers(powers, 0.0)[:1])
 
 
@@ -122,7 +111,7 @@ def build_course_columns(place: ProcessProjection, values: Array) -> Array:
     """Columns (N, k) of a process that is a sum of k courses (q, k) with independent amplitudes, the strongest first."""
     made = values if place.mean is None else place.mean @ values
     powers, turned = np.linalg.eigh(made.T @ place.gram @ made)
-    return np.asarray(place.columns @ (made @ turned[:, _select_powers(powers, SETTINGS.seen * _find_largest_power(powers))]))
+    return np.asarray(place.columns @ (made @ turned[:, _select_powers(powers, SEEN * _find_largest_power(powers))]))
 
 
 def _find_largest_power(powers: Array) -> float:
@@ -131,12 +120,12 @@ def _find_largest_power(powers: Array) -> float:
 
 def _select_powers(powers: Array, least: float) -> NDArray[np.intp]:
     """Places of the powers beyond one and beyond rounding, the strongest first."""
-    return np.flatnonzero(powers > max(least, SETTINGS.rounding * _find_largest_power(powers)))[::-1]
+    return np.flatnonzero(powers > max(least, ROUNDING * _find_largest_power(powers)))[::-1]
 
 
 def is_one_of(K: Array, known: Sequence[Array]) -> bool:
     """Whether a covariance is that of a process among others, but for its size."""
-    return any(float(np.sum(K * one)) > SETTINGS.alike * float(np.linalg.norm(K) * np.linalg.norm(one)) for one in known)
+    return any(float(np.sum(K * one)) > ALIKE * float(np.linalg.norm(K) * np.linalg.norm(one)) for one in known)
 
 
 def list_process_alternatives(model: RecordingModel, known: Sequence[Array] = ()) -> Iterator[Process]:

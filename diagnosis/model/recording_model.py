@@ -46,15 +46,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
-@dataclass(frozen=True)
-class RecordingSettings:
-    """Constants of `diagnosis.model.recording_model`."""
-
-    most_cells: int = 320  # cells of a recording; random processes cost the cube of it
-    rank: float = 1e-9  # relative size below which a nuisance column adds nothing to the others
-
-
-SETTINGS = RecordingSettings()
+MOST_CELLS = 320  # cells of a recording; random processes cost the cube of it
+RANK = 1e-9  # relative size below which a nuisance column adds nothing to the others
 
 
 PROJECTED_COLUMNS_PER_BATCH = 1024  # columns that are projected together
@@ -369,7 +362,7 @@ class RecordingModel:
     def cells(self) -> Cells:
         """Cells that end at the first reference of every observation."""
         total = float(self.dt.sum())
-        length = total / SETTINGS.most_cells * 1.35  # gaps between references leave short ones
+        length = total / MOST_CELLS * 1.35  # gaps between references leave short ones
         parts: list[tuple[int, int, int]] = []
         for number, block in enumerate(self.blocks):
             for low, high in pairwise(np.append(block.ends[block.groups], block.ends.max())):
@@ -441,7 +434,7 @@ def build_basis(columns: Array) -> Array:
     """Build an orthonormal basis (N, q) of columns of nuisance parameters in any units."""
     columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     U, s, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(U[:, s > SETTINGS.rank * s[0]])
+    return np.asarray(U[:, s > RANK * s[0]])
 
 
 def build_parameter_errors(raw: Array) -> Array:

@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from diagnosis.inference.evidence import average_evidence, log_bayes
-from diagnosis.model.linear import SETTINGS as LINEAR
-from diagnosis.model.linear import build_scales
+from diagnosis.model.linear import VISIBLE, build_scales
 from diagnosis.model.lines import LINE_PRIOR
 from diagnosis.model.misfit import build_basis, compute_innovations, whiten_errors
 from diagnosis.model.recording_model import RecordingModel, build_parameter_errors
@@ -50,25 +49,18 @@ AXIS_INDICES = range(3)
 NEIGHBOUR_OFFSETS = np.arange(3, 15)  # coefficients of the samples to either side, in units of the frequency resolution
 
 
-@dataclass(frozen=True)
-class ToneSettings:
-    """Constants that decide on a sinusoid of the references."""
-
-    shortest: int = 16  # innovations of an interval from which its spectrum counts
-    fewest_periods: float = 2.0  # in the longest interval
-    slow: float = 2.5  # spacings of the averages, above which period these show a sinusoid themselves
-    level_frequencies: int = 81  # over which the level of the noise is taken
-    own_chi2: float = 0.5  # share of its χ² that a sinusoid keeps beside what follows the motion
-    regular: float = 1e-3  # relative scatter of the references' spacing below which frequencies have aliases
-    segments: int = 4  # parts of the recording in which an alternative's amplitude differs
-    phase_step: float = 0.1  # cycles over the whole recording, between frequencies that its intervals are to tell apart
-    # bounds of the time
-    most_moves: int = 4000
-    most_aliases: int = 60
-    tops: int = 6
-
-
-SETTINGS = ToneSettings()
+SHORTEST = 16  # innovations of an interval from which its spectrum counts
+FEWEST_PERIODS = 2.0  # in the longest interval
+SLOW = 2.5  # spacings of the averages, above which period these show a sinusoid themselves
+LEVEL_FREQUENCIES = 81  # over which the level of the noise is taken
+OWN_CHI2 = 0.5  # share of its χ² that a sinusoid keeps beside what follows the motion
+REGULAR = 1e-3  # relative scatter of the references' spacing below which frequencies have aliases
+SEGMENTS = 4  # parts of the recording in which an alternative's amplitude differs
+PHASE_STEP = 0.1  # cycles over the whole recording, between frequencies that its intervals are to tell apart
+# bounds of the time
+MOST_MOVES = 4000
+MOST_ALIASES = 60
+TOPS = 6
 
 
 @dataclass(frozen=True)
@@ -110,7 +102,7 @@ class ReferenceInnovations:
         """Return the log evidence of columns with amplitudes of any size that is plausible and could be seen."""
         own = (columns - self.taken @ (self.taken.T @ columns)) / np.sqrt(level)
         largest = np.linalg.norm(own, axis=0).max()
-        scales = build_scales(max(LINEAR.visible[0] / largest, limits[0]), min(LINEAR.visible[1] / largest, limits[1]))
+        scales = build_scales(max(VISIBLE[0] / largest, limits[0]), min(VISIBLE[1] / largest, limits[1]))
         if not scales.size:
             return -np.inf
         return average_evidence(log_bayes((own.T @ own)[None], (own.T @ self.y)[None] / np.sqrt(level), scales), np.zeros(1))
@@ -136,7 +128,7 @@ def find_reference_tone(model: RecordingModel, rates: Array, p_least: float, unl
     (frequency,) = find_coherent(series, np.array([centre]), axis, reach)
     columns = series.make_columns(np.array([frequency]), True, [axis])
     chi2 = series.compute_chi2(columns, series.taken)
-    if series.compute_chi2(columns, series.motion) < SETTINGS.own_chi2 * chi2:
+    if series.compute_chi2(columns, series.motion) < OWN_CHI2 * chi2:
         return None
     level = float((series.y @ series.y - chi2) / max(series.y.size - series.taken.shape[1] - 2, 1))
     aliases = find_coherent(series, list_aliases(model, centre), axis, reach)
@@ -158,20 +150,20 @@ def find_peak(model: RecordingModel) -> tuple[float, float, float] | None:
     """Return frequency, p-value and the step between frequencies, Hz; None where the averages show all there is."""
     e, later, _ = compute_innovations(model)
     interval, t_s = model.interval_of_reference[later], model.references.t_s[later]
-    parts = [own for own in (np.flatnonzero(interval == k) for k in np.unique(interval)) if own.size >= SETTINGS.shortest]
+    parts = [own for own in (np.flatnonzero(interval == k) for k in np.unique(interval)) if own.size >= SHORTEST]
     if not parts:
         return None
     spacing = float(np.median(np.concatenate([np.diff(t_s[own]) for own in parts])))
     step = 0.5 / max(float(np.ptp(t_s[own])) for own in parts)
-    frequencies = np.arange(2 * SETTINGS.fewest_periods * step, 0.5 / spacing - step, step)
+    frequencies = np.arange(2 * FEWEST_PERIODS * step, 0.5 / spacing - step, step)
     averages = spacing * float(np.median(np.concatenate([block.counts for block in model.blocks])))
-    fast = frequencies > 1 / (SETTINGS.slow * averages)
+    fast = frequencies > 1 / (SLOW * averages)
     if not fast.any():
         return None
     highest = [0.5 / float(np.median(np.diff(t_s[own]))) + 0.5 * step for own in parts]
     spectrum = compute_piece_spectrum([(t_s[own], e[own]) for own in parts], frequencies, highest)
     mean = np.sum(spectrum.power * spectrum.count, axis=0) / spectrum.count.sum()
-    level = np.maximum(spectrum.compute_level(SETTINGS.level_frequencies), mean)  # around it, where noise is not white
+    level = np.maximum(spectrum.compute_level(LEVEL_FREQUENCIES), mean)  # around it, where noise is not white
     log_p = compute_log_p(spectrum.power / level, np.maximum(spectrum.count, 1), spectrum.power.size)
     log_p[~fast | (spectrum.count[:, 0] == 0)] = 0.0
     place, axis = np.unravel_index(int(np.argmin(log_p)), log_p.shape)
@@ -204,14 +196,12 @@ def find_coherent(series: ReferenceInnovations, frequencies: Array, axis: int, r
     middle = np.array([t_s[model.interval_of_reference == k].mean() for k in np.unique(owner)])
     columns = series.make_columns(frequencies, True, [axis])
     columns = columns - series.taken @ (series.taken.T @ columns)
-    width = max(SETTINGS.phase_step / float(np.ptp(t_s)), 2 * reach / SETTINGS.most_moves)
+    width = max(PHASE_STEP / float(np.ptp(t_s)), 2 * reach / MOST_MOVES)
     near = frequencies[:, None] + width * np.arange(-np.floor(reach / width), np.floor(reach / width) + 1)
     scores = compute_products(frequencies, columns, series.y, owner, middle).compute_log_evidence(near)
     moved = []
     for tried, score in zip(near, scores, strict=True):
-        tops = (
-            tried[find_tops(score, SETTINGS.tops)] if middle.size > 1 else tried
-        )  # one interval has one phase at any frequency
+        tops = tried[find_tops(score, TOPS)] if middle.size > 1 else tried  # one interval has one phase at any frequency
         exact = series.make_columns(tops, True, [axis])
         chi2 = [series.compute_chi2(exact[:, 2 * k : 2 * k + 2], series.taken) for k in range(tops.size)]
         moved.append(float(tops[int(np.argmax(chi2))]))
@@ -222,12 +212,12 @@ def list_aliases(model: RecordingModel, frequency: float) -> Array:
     """Return frequencies of a reading that the references cannot tell from one, up to half the sampling rate, Hz."""
     apart = np.concatenate([np.diff(block.elapsed_s) for block in model.blocks])
     spacing, half_rate = float(np.median(apart)), 0.5 / model.recording.gyro.sample_s
-    irregular = np.abs(apart - spacing) > SETTINGS.regular * spacing
+    irregular = np.abs(apart - spacing) > REGULAR * spacing
     if irregular.mean() > 0.1:
         return np.array([frequency])
     multiples = np.arange(1, int(half_rate * spacing) + 2) / spacing
     found = np.sort(np.concatenate([[frequency], multiples - frequency, multiples + frequency]))
-    return np.asarray(found[(found > 0) & (found < half_rate)][: SETTINGS.most_aliases])
+    return np.asarray(found[(found > 0) & (found < half_rate)][:MOST_ALIASES])
 
 
 # ---- causes ---------------------------------------------------------------------------------------------------------------
@@ -265,7 +255,7 @@ def _list_alternatives(series: ReferenceInnovations, frequency: float, axis: int
     """A sinusoid about no single axis, and one whose amplitude changes between parts of the recording."""
     model, at = series.model, np.array([frequency])
     number = model.interval_of_reference if len(model.blocks) > 1 else model.references.t_s
-    cuts = np.unique(np.quantile(number, np.linspace(0, 1, SETTINGS.segments + 1)[1:-1]))
+    cuts = np.unique(np.quantile(number, np.linspace(0, 1, SEGMENTS + 1)[1:-1]))
     part = np.searchsorted(cuts, number, side="right")
     parts = np.asarray(part[:, None] == np.unique(part), dtype=float)
     prior = -float(np.log(2 * LINE_PRIOR.bias_range * frequency))

@@ -26,16 +26,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
-@dataclass(frozen=True)
-class RelinearisedPathSettings:
-    """Constants of `diagnosis.model.relinearised_path`."""
-
-    small: float = 0.3  # sigmas of a reference in half the square of ζ, up to which first order is enough
-    noise: float = 0.05  # of the largest ζ, that the noise of the path may be
-    widest: float = 0.2  # of the references of an interval in an average
-
-
-SETTINGS = RelinearisedPathSettings()
+SMALL = 0.3  # sigmas of a reference in half the square of ζ, up to which first order is enough
+NOISE = 0.05  # of the largest ζ, that the noise of the path may be
+WIDEST = 0.2  # of the references of an interval in an average
 
 
 @dataclass(frozen=True)
@@ -71,10 +64,10 @@ def find_relinearised_path(zeta: Array, sigma: Array) -> RelinearisedPath | None
     sigma : (m, 3) of the references, rad
     """
     largest = float(np.linalg.norm(zeta, axis=1).max())
-    if 0.5 * largest**2 < SETTINGS.small * float(sigma.min()):
+    if 0.5 * largest**2 < SMALL * float(sigma.min()):
         return None
-    wanted = (float(sigma.max()) / (SETTINGS.noise * largest)) ** 2
-    count = int(np.clip(np.ceil(wanted), 1, max(1, SETTINGS.widest * len(zeta))))
+    wanted = (float(sigma.max()) / (NOISE * largest)) ** 2
+    count = int(np.clip(np.ceil(wanted), 1, max(1, WIDEST * len(zeta))))
     smooth = scipy.ndimage.uniform_filter1d(zeta, count, axis=0, mode="nearest")
     S, E = Rotation.from_rotvec(smooth), Rotation.from_rotvec(zeta)
     run = np.cumsum((S[1:] * S[:-1].inv()).as_rotvec(), axis=0)

@@ -38,20 +38,15 @@ Indices = NDArray[np.intp]
 AXES = "xyz"
 
 
-@dataclass(frozen=True)
-class RemainderSettings:
-    """Settings of the remainder."""
-
-    # correlation times of the processes, in lengths of the median interval
-    gyro_times: tuple[float, ...] = (0.05, 1.0)
-    reference_times: tuple[float, ...] = (0.02, 0.2)
-    start: float = 0.05  # share of the excess power that each process has where the optimisation starts
-    least: float = 1e-6  # share of the power below which a process has the size zero
-    precision: float = 1e-5  # relative change of −log L at which the optimisation ends
-    iterations: int = 60  # of the optimisation, at most
+# correlation times of the processes, in lengths of the median interval
+GYRO_TIMES = (0.05, 1.0)
+REFERENCE_TIMES = (0.02, 0.2)
+START = 0.05  # share of the excess power that each process has where the optimisation starts
+LEAST = 1e-6  # share of the power below which a process has the size zero
+PRECISION = 1e-5  # relative change of −log L at which the optimisation ends
+ITERATIONS = 60  # of the optimisation, at most
 
 
-SETTINGS = RemainderSettings()
 Side = Literal["gyro", "reference", "time tags"]
 
 
@@ -103,13 +98,13 @@ def build_processes(model: RecordingModel) -> tuple[RemainderProcess, ...]:
     reference = model.reference_columns
     late = np.einsum("anr,ra->nr", reference, body_rates)
     out = []
-    for tau in np.array(SETTINGS.gyro_times) * length:
+    for tau in np.array(GYRO_TIMES) * length:
         for axis, columns in zip(AXES, gyro, strict=True):
             out.append(RemainderProcess("gyro", axis, tau, _correlate(model, [columns], cells.t_s, cells.interval, tau)))
     follow = [columns * w for columns in gyro for w in cell_rates.T]
     out.append(RemainderProcess("gyro", None, tau, _correlate(model, follow, cells.t_s, cells.interval, tau)))
     at = (model.observation_t_s, model.observation_block)
-    for tau in np.array(SETTINGS.reference_times) * length:
+    for tau in np.array(REFERENCE_TIMES) * length:
         for axis, columns in zip(AXES, reference, strict=True):
             out.append(RemainderProcess("reference", axis, tau, _correlate(model, [columns], *at, tau)))
         out.append(RemainderProcess("time tags", None, tau, _correlate(model, [late], *at, tau)))
@@ -159,24 +154,24 @@ def estimate_remainder(
 
     if start is None:
         excess = max(1.0 - dof / max(power, dof), 0.05)
-        x = np.concatenate([[0.3 * high], np.log(SETTINGS.start * excess * unit)])
+        x = np.concatenate([[0.3 * high], np.log(START * excess * unit)])
     else:
-        x = np.concatenate([[np.log(start.noise)], np.log(np.maximum(start.variances, 100 * SETTINGS.least * unit))])
+        x = np.concatenate([[np.log(start.noise)], np.log(np.maximum(start.variances, 100 * LEAST * unit))])
     most = 10 * unit
     if largest is not None:
-        x[0], high, most = 0.0, 0.0, np.maximum(np.minimum(most, largest), 2 * SETTINGS.least * unit)
+        x[0], high, most = 0.0, 0.0, np.maximum(np.minimum(most, largest), 2 * LEAST * unit)
         x[1:] = np.minimum(x[1:], np.log(most))
-    bounds = [(0.0, high + 1e-9), *((np.log(SETTINGS.least * one), np.log(top)) for one, top in zip(unit, most, strict=True))]
+    bounds = [(0.0, high + 1e-9), *((np.log(LEAST * one), np.log(top)) for one, top in zip(unit, most, strict=True))]
     found = scipy.optimize.minimize(
         objective,
         x,
         jac=True,
         method="L-BFGS-B",
         bounds=bounds,
-        options={"maxiter": SETTINGS.iterations, "ftol": SETTINGS.precision},
+        options={"maxiter": ITERATIONS, "ftol": PRECISION},
     )
     theta = np.exp(found.x[1:])
-    theta = np.where(theta > 2 * SETTINGS.least * unit, theta, 0.0)
+    theta = np.where(theta > 2 * LEAST * unit, theta, 0.0)
     return Remainder(float(np.exp(found.x[0])), theta, tuple(processes), -float(found.fun))
 
 

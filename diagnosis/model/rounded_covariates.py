@@ -34,23 +34,16 @@ from simulator.effects.recording_view import list_housekeeping_columns
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class RoundingSettings:
-    """Constants of `diagnosis.model.rounded_covariates`."""
-
-    held: float = 0.5  # share of rows equal to the one before, from which on the step is coarse beside changes and noise
-    gap: float = 3.0  # median spacings of the rows, beyond which rows are missing
-    finest: float = 100.0  # rows of a usual run; where there are more, rows are left out
-    rows: int = 9  # of a run that are used beside its last one; T is linear between them
-    closest: float = 0.5  # rows between nodes, as from a row to a crossing; rows with nearly the same tag leave rounding
-    longest: int = 30  # rows of a run that sharpen its crossing; the noise of a sensor blurs it
-    courses: int = 72  # of the error that are kept
-    unknown: float = 1e6  # steps, prior sigma of T and of its change per row where it begins
-    # σ in steps per row^1.5: least (T is straight over 20 usual runs), largest (over one row), number
-    roughness: tuple[float, float, int] = (1e-5, 1.0, 26)
-
-
-SETTINGS = RoundingSettings()
+HELD = 0.5  # share of rows equal to the one before, from which on the step is coarse beside changes and noise
+GAP = 3.0  # median spacings of the rows, beyond which rows are missing
+FINEST = 100.0  # rows of a usual run; where there are more, rows are left out
+ROWS = 9  # of a run that are used beside its last one; T is linear between them
+CLOSEST = 0.5  # rows between nodes, as from a row to a crossing; rows with nearly the same tag leave rounding
+LONGEST = 30  # rows of a run that sharpen its crossing; the noise of a sensor blurs it
+COURSES = 72  # of the error that are kept
+UNKNOWN = 1e6  # steps, prior sigma of T and of its change per row where it begins
+# σ in steps per row^1.5: least (T is straight over 20 usual runs), largest (over one row), number
+ROUGHNESS = (1e-5, 1.0, 26)
 
 
 @dataclass(frozen=True)
@@ -84,7 +77,7 @@ def find_rounded_covariates(recording: Recording) -> Mapping[str, RoundedCovaria
         t_s, first = np.unique(tags[inside], return_index=True)
         rows = values[inside][first]
         step = find_lattice_step(rows)
-        if step > 0 and np.mean(np.diff(rows) == 0) > SETTINGS.held:
+        if step > 0 and np.mean(np.diff(rows) == 0) > HELD:
             found[name] = estimate_course(t_s, rows, step)
     return found
 
@@ -94,7 +87,7 @@ def estimate_course(t_s: Array, rows: Array, step: float) -> RoundedCovariate:
     t_s, rows = _thin_rows(t_s, rows)
     spacing = float(np.median(np.diff(t_s)))
     nodes, values, variances, begins = _list_observations(t_s, rows / step, spacing)
-    d = np.maximum(np.diff(nodes) / spacing, SETTINGS.closest)
+    d = np.maximum(np.diff(nodes) / spacing, CLOSEST)
     y, weights = values - values.mean(), 1 / variances
     pull = np.zeros(2 * nodes.size)
     pull[::2] = weights * y
@@ -105,7 +98,7 @@ def estimate_course(t_s: Array, rows: Array, step: float) -> RoundedCovariate:
         explained = pull @ scipy.linalg.cho_solve_banded((root, False), pull)
         return 0.5 * explained - np.log(root[-1]).sum() - 2 * np.log(sigma) * np.count_nonzero(~begins), root
 
-    tried = np.geomspace(*SETTINGS.roughness[:2], SETTINGS.roughness[2])
+    tried = np.geomspace(*ROUGHNESS[:2], ROUGHNESS[2])
     _, root = max((factor_precision(float(sigma)) for sigma in tried), key=lambda pair: pair[0])
     mean = scipy.linalg.cho_solve_banded((root, False), pull)[::2] + values.mean()
     return RoundedCovariate(nodes, step * mean, step * _decompose_error(np.where(begins[1:], 0.0, d), root))
@@ -114,23 +107,23 @@ def estimate_course(t_s: Array, rows: Array, step: float) -> RoundedCovariate:
 def _thin_rows(t_s: Array, rows: Array) -> tuple[Array, Array]:
     """Leave out rows, so that the run that a row is in, on average over the rows, has no more rows than are needed."""
     lengths = np.bincount(np.cumsum(np.append(False, np.diff(rows) != 0))).astype(float)
-    stride = max(1, round(float(np.sum(lengths**2)) / rows.size / SETTINGS.finest))
+    stride = max(1, round(float(np.sum(lengths**2)) / rows.size / FINEST))
     return t_s[::stride], rows[::stride]
 
 
 def _list_observations(t_s: Array, counts: Array, spacing: float) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Times, values and variances of rows and crossings in order of time, in steps, and where T begins anew."""
-    change, missing = np.round(np.diff(counts)), np.diff(t_s) > SETTINGS.gap * spacing
+    change, missing = np.round(np.diff(counts)), np.diff(t_s) > GAP * spacing
     run = np.cumsum(np.append(False, (change != 0) | missing))
     lengths = np.bincount(run)
     rank = np.arange(run.size) - (np.cumsum(lengths) - lengths)[run]
-    most = np.minimum(lengths, SETTINGS.rows)[run]
+    most = np.minimum(lengths, ROWS)[run]
     last = np.append(np.diff(run) > 0, True)  # a switch comes right after it
     kept = last | (rank * most // lengths[run] != (rank - 1) * most // lengths[run])
     used = np.bincount(run[kept])[run]
     anew = np.append(True, (np.abs(change) > 1) | missing)
     crosses = np.flatnonzero((np.abs(change) == 1) & ~missing)
-    shorter = np.minimum(np.minimum(lengths[run[crosses]], lengths[run[crosses + 1]]), SETTINGS.longest)
+    shorter = np.minimum(np.minimum(lengths[run[crosses]], lengths[run[crosses + 1]]), LONGEST)
     times = np.concatenate([t_s[kept], 0.5 * (t_s[crosses] + t_s[crosses + 1])])
     values = np.concatenate([counts[kept], 0.5 * (counts[crosses] + counts[crosses + 1])])
     variances = np.concatenate([used[kept] / 12, 1 / (12.0 * shorter**2)])
@@ -147,7 +140,7 @@ def _build_precision(d: Array, begins: NDArray[np.bool_], sigma: float, weights:
     on = np.where(begins[1:], 0.0, sigma**-2)
     a, b, c = 12 * on / d**3, 6 * on / d**2, 4 * on / d
     band = np.zeros((4, 2 * weights.size))
-    first = SETTINGS.unknown**-2 * begins
+    first = UNKNOWN**-2 * begins
     band[3, ::2] = weights + first + np.append(a, 0.0) + np.append(0.0, a)
     band[3, 1::2] = first + np.append(c, 0.0) + np.append(0.0, c)
     band[2, 1::2] = np.append(b, 0.0) - np.append(0.0, b)
@@ -167,6 +160,6 @@ def _decompose_error(d: Array, root: Array) -> Array:
         return np.asarray(weight * scipy.linalg.cho_solve_banded((root, False), load)[::2])
 
     operator = scipy.sparse.linalg.LinearOperator((weight.size,) * 2, matvec=multiply_covariance, dtype=float)
-    count = min(SETTINGS.courses, weight.size - 1)
+    count = min(COURSES, weight.size - 1)
     powers, turned = scipy.sparse.linalg.eigsh(operator, count, v0=np.cos(np.arange(weight.size) ** 2.0))
     return np.asarray((turned * np.sqrt(np.maximum(powers, 0.0)) / weight[:, None])[:, ::-1])

@@ -29,25 +29,18 @@ Indices = NDArray[np.intp]
 StepTimes = tuple[Array, Array, Array, Indices]  # of `step_times`
 
 
-@dataclass(frozen=True)
-class StepSettings:
-    """Constants of `diagnosis.model.steps`."""
-
-    longest_step_gap: float = 300.0  # s between the times a step is tried at, before refinement
-    most_step_times: int = 14  # times a step is tried at inside an interval
-    fine_step_times: int = 48  # times around one that was found
-    between_intervals: float = 0.5  # prior of a step in a gap between intervals
-    already_on: float = 1.0  # s before the first sample, when a switched column is on throughout
-    scanned_times: int = 600  # that a step is looked for at, over the recording
-    most_moments: int = 5  # steps that get further options; each makes every later search slower
-    rounding: int = 6  # decimals of a duration in s
-    peak: float = 8.0  # log of a likelihood ratio to the highest, down to which a peak reaches
+LONGEST_STEP_GAP = 300.0  # s between the times a step is tried at, before refinement
+MOST_STEP_TIMES = 14  # times a step is tried at inside an interval
+FINE_STEP_TIMES = 48  # times around one that was found
+BETWEEN_INTERVALS = 0.5  # prior of a step in a gap between intervals
+ALREADY_ON = 1.0  # s before the first sample, when a switched column is on throughout
+SCANNED_TIMES = 600  # that a step is looked for at, over the recording
+MOST_MOMENTS = 5  # steps that get further options; each makes every later search slower
+ROUNDING = 6  # decimals of a duration in s
+PEAK = 8.0  # log of a likelihood ratio to the highest, down to which a peak reaches
 
 
-SETTINGS = StepSettings()
-
-
-def step_times(model: RecordingModel, spacing_s: float = SETTINGS.longest_step_gap) -> StepTimes:
+def step_times(model: RecordingModel, spacing_s: float = LONGEST_STEP_GAP) -> StepTimes:
     """Times a step is tried at, how far each may be off where that is not known, their prior weights, and their first steps.
 
     Between two intervals only the fact can be seen, so the middle of the gap stands for all of it.
@@ -55,20 +48,20 @@ def step_times(model: RecordingModel, spacing_s: float = SETTINGS.longest_step_g
     times, widths, weights, firsts = [], [], [], []
     stream, t_s = model.stream, model.stream.t_s
     parts = [part for part in stream.intervals if part.stop > part.start]
-    durations = [round(float(stream.duration_s[part].sum()), SETTINGS.rounding) for part in parts]
+    durations = [round(float(stream.duration_s[part].sum()), ROUNDING) for part in parts]
     gaps = len(parts) - 1
     for number, (part, duration) in enumerate(zip(parts, durations, strict=True)):
         if number:
             end, begin = float(t_s[parts[number - 1].stop - 1]), float(t_s[part.start])
             times.append(0.5 * (end + begin))
             widths.append((begin - end) / np.sqrt(12))
-            weights.append(SETTINGS.between_intervals / gaps)
+            weights.append(BETWEEN_INTERVALS / gaps)
             firsts.append(part.start)
-        count = int(np.clip(duration / spacing_s, 3, SETTINGS.most_step_times))
+        count = int(np.clip(duration / spacing_s, 3, MOST_STEP_TIMES))
         inside = part.start + (np.arange(1, count + 1) / (count + 1) * (part.stop - part.start)).astype(int)
         times += t_s[inside].tolist()
         widths += [0.0] * count
-        weights += [(1 - SETTINGS.between_intervals if gaps else 1.0) * duration / sum(durations) / count] * count
+        weights += [(1 - BETWEEN_INTERVALS if gaps else 1.0) * duration / sum(durations) / count] * count
         firsts += inside.tolist()
     return np.array(times), np.array(widths), np.array(weights), np.array(firsts)
 
@@ -78,7 +71,7 @@ def build_switched_columns(
 ) -> Array:
     """(N, s) whitened columns of an effect that is switched on at each of several steps."""
     stream = model.stream
-    begin = float(stream.t_s[0]) - SETTINGS.already_on - float(stream.duration_s[0])
+    begin = float(stream.t_s[0]) - ALREADY_ON - float(stream.duration_s[0])
     on = effect.columns(stream, axis, {**parameters, "time_s": begin})[:, :, 0]
     return model.whiten(model.observe_reading_steps(on, firsts))
 
@@ -94,7 +87,7 @@ def add_finer_times(model: RecordingModel, linear: LinearModel, member: Selected
     times = sorted({float(o.parameters["time_s"]) for o in entry.options})
     place = times.index(float(parameters["time_s"]))
     low, high = times[max(place - 2, 0)], times[min(place + 2, len(times) - 1)]
-    firsts = np.unique(np.searchsorted(model.stream.t_s, np.linspace(low, high, SETTINGS.fine_step_times)))
+    firsts = np.unique(np.searchsorted(model.stream.t_s, np.linspace(low, high, FINE_STEP_TIMES)))
     firsts = firsts[(firsts > 0) & (firsts < model.stream.t_s.size)]
     if not firsts.size:
         return linear
@@ -195,7 +188,7 @@ def add_step_times(
     """
     left = [ResidualProducts(linear, members) for members, _ in wanted]
     taken = [{member.candidate for member in members} for members, _ in wanted]
-    firsts = np.unique(np.linspace(1, model.t_s.size - 1, min(SETTINGS.scanned_times, model.t_s.size - 1)).astype(np.intp))
+    firsts = np.unique(np.linspace(1, model.t_s.size - 1, min(SCANNED_TIMES, model.t_s.size - 1)).astype(np.intp))
     found: list[list[StepPeak]] = [[] for _ in wanted]
     for candidate, entry in enumerate(linear.candidates):
         effect = effects.get(entry.effect) if entry.listed else None
@@ -215,7 +208,7 @@ def add_step_times(
     chosen: dict[tuple[object, ...], StepPeak] = {}
     for _, peak in sorted(worth, key=lambda one: -one[0]):
         chosen.setdefault((peak.candidate, *peak.fixed.items(), peak.low, peak.high), peak)
-    for peak in list(chosen.values())[: SETTINGS.most_moments]:
+    for peak in list(chosen.values())[:MOST_MOMENTS]:
         linear = _add_peak_times(model, linear, effects[linear.candidates[peak.candidate].effect], peak)
     return linear
 
@@ -229,7 +222,7 @@ def _add_peak_times(model: RecordingModel, linear: LinearModel, effect: Effect, 
     ]
     if not givers:
         return linear
-    firsts = np.unique(np.linspace(peak.low, peak.high, SETTINGS.fine_step_times).astype(np.intp))
+    firsts = np.unique(np.linspace(peak.low, peak.high, FINE_STEP_TIMES).astype(np.intp))
     share = min(0.5, (peak.high - peak.low) / model.t_s.size)
     return _add_times(model, linear, effect, peak.candidate, peak.fixed, firsts, givers, share)
 
@@ -251,7 +244,7 @@ def _list_fixed_parameters(parameters: Iterable[Parameters]) -> list[Parameters]
 def _find_ratio_peak(ratio: Array, firsts: Indices, candidate: int, fixed: Parameters) -> StepPeak:
     """The highest peak, and one time further to each side."""
     top = int(np.argmax(ratio))
-    below = np.flatnonzero(ratio < ratio[top] - SETTINGS.peak)
+    below = np.flatnonzero(ratio < ratio[top] - PEAK)
     low = int(below[below < top].max(initial=0))
     high = int(below[below > top].min(initial=ratio.size - 1))
     return StepPeak(float(ratio[top]), candidate, fixed, int(firsts[low]), int(firsts[high]))

@@ -28,14 +28,7 @@ OF_NOISE = ("white_noise_level", "readout_noise")
 LEAST_P, LARGEST_P = 1e-300, float(np.exp(-1))  # p-values for which the bound on the Bayes factor holds
 
 
-@dataclass(frozen=True)
-class SymptomSettings:
-    """Constants of `diagnosis.model.symptoms`."""
-
-    tests: int = 30  # of the samples of a recording, over which the prior probability of one more effect is spread
-
-
-SETTINGS = SymptomSettings()
+TESTS = 30  # of the samples of a recording, over which the prior probability of one more effect is spread
 
 
 @dataclass(frozen=True)
@@ -71,7 +64,7 @@ def compute_posterior(symptom: Symptom, settings: DiagnosisSettings, claimed: bo
     - *Motion.* Where a likelihood has compared the effect with a motion of the body, its probability r gives the odds
       (1 − r)/r.
     """
-    prior = settings.another / (1 - settings.another) / SETTINGS.tests
+    prior = settings.another / (1 - settings.another) / TESTS
     p = min(max(symptom.p_value, LEAST_P), LARGEST_P)
     chance = -math.e * p * np.log(p) / prior
     behaviour = compute_bayes_factor_bound(symptom.likeness) if symptom.likeness < 1 else 1.0

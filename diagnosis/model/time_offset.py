@@ -26,20 +26,13 @@ from gyrocal.calibration.propagation import Arcs, propagate
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class DelaySettings:
-    """Constants of `diagnosis.model.time_offset`."""
-
-    rounds: int = 10  # in which a delay settles
-    settled: float = 0.01  # relative change, at which it has
-    nonlinear: float = 0.3  # sigmas of all observations together, by which a column then differs from that of a short delay
-    # factor to either side of that delay, and delays that are tried
-    widest: float = 4.0
-    tried: int = 17
-    fitting: float = 12.0  # χ² above the least, up to which a delay is an option
-
-
-SETTINGS = DelaySettings()
+ROUNDS = 10  # in which a delay settles
+SETTLED = 0.01  # relative change, at which it has
+NONLINEAR = 0.3  # sigmas of all observations together, by which a column then differs from that of a short delay
+# factor to either side of that delay, and delays that are tried
+WIDEST = 4.0
+TRIED = 17
+FITTING = 12.0  # χ² above the least, up to which a delay is an option
 
 
 @dataclass(frozen=True)
@@ -65,27 +58,25 @@ def fit_delays(model: RecordingModel, small: Array, prior: tuple[float, float]) 
         return float(np.sum((model.y - delay * model.project_out_nuisance(path.column(delay))[:, 0]) ** 2))
 
     column, delay = small, 0.0
-    for _ in range(SETTINGS.rounds):
+    for _ in range(ROUNDS):
         before, delay = delay, float(np.clip(_fit_amplitude(model, column), -prior[1], prior[1]))
         if abs(delay) < prior[0]:
             return []
         column = path.column(delay)
-        if abs(delay - before) < SETTINGS.settled * abs(delay):
+        if abs(delay - before) < SETTLED * abs(delay):
             break
-    if abs(delay) * float(np.linalg.norm(model.project_out_nuisance(column - small))) < SETTINGS.nonlinear:
+    if abs(delay) * float(np.linalg.norm(model.project_out_nuisance(column - small))) < NONLINEAR:
         return []
-    factors = np.geomspace(1 / SETTINGS.widest, SETTINGS.widest, SETTINGS.tried)
+    factors = np.geomspace(1 / WIDEST, WIDEST, TRIED)
     tried = [delay * float(factor) for factor in factors if abs(delay * factor) <= prior[1]]
     nearest = min(tried, key=compute_left_chi2)
-    step = SETTINGS.widest ** (2 / (SETTINGS.tried - 1))
+    step = WIDEST ** (2 / (TRIED - 1))
     low, high = sorted((nearest / step, nearest * step))
     tried.append(
         float(minimize_scalar(compute_left_chi2, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * abs(delay)}).x)
     )
     values = [compute_left_chi2(one) for one in tried]
-    found = [
-        (one, path.column(one)) for one, value in zip(tried, values, strict=True) if value < min(values) + SETTINGS.fitting
-    ]
+    found = [(one, path.column(one)) for one, value in zip(tried, values, strict=True) if value < min(values) + FITTING]
     # A fit of the amplitude gains (a − s)² |c|² over it.
     gains = [(_fit_amplitude(model, c) - one) ** 2 * float(np.sum(model.project_out_nuisance(c) ** 2)) for one, c in found]
     return [Delay(c, float(share)) for (_, c), share in zip(found, compute_delay_shares(np.array(gains)), strict=True)]

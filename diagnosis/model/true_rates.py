@@ -12,29 +12,21 @@ whose last term is the effect's column. At the new ω all is estimated anew, unt
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.model.linear import LinearModel, SelectedCandidate
-from diagnosis.model.recording_model import SETTINGS as RECORDING
-from diagnosis.model.recording_model import RecordingModel, build_parameter_errors
+from diagnosis.model.recording_model import RANK, RecordingModel, build_parameter_errors
 from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class TrueRateSettings:
-    """Constants of `diagnosis.model.true_rates`."""
-
-    rounds: int = 6  # at most
-    settled: float = 0.03  # sigmas of all observations together, by which what the effect does still changes
-    nonlinear: float = 0.3  # the same, from which on the columns are taken at the true rates
-
-
-SETTINGS = TrueRateSettings()
+ROUNDS = 6  # at most
+SETTLED = 0.03  # sigmas of all observations together, by which what the effect does still changes
+NONLINEAR = 0.3  # the same, from which on the columns are taken at the true rates
 
 
 LEAST_POSITIVE = 1e-300
@@ -58,7 +50,7 @@ def use_true_rates(model: RecordingModel, linear: LinearModel, member: SelectedC
     if high.shape[2] != option.count:  # with the rounding of a covariate
         return linear
     amplitudes = _fit_amplitudes(linear, member, X)
-    for _ in range(SETTINGS.rounds):
+    for _ in range(ROUNDS):
         change = _change(model, W @ amplitudes)
         G = model.G + change[:9].reshape(3, 3)
         rates = model.rates + build_parameter_errors(model.raw) @ change - (high @ amplitudes) @ G.T
@@ -66,9 +58,9 @@ def use_true_rates(model: RecordingModel, linear: LinearModel, member: SelectedC
         W = model.whiten(model.observe_rate_error(-np.einsum("ij,njk->nik", G, high)))
         X = model.project_out_nuisance(W)
         amplitudes = _fit_amplitudes(linear, member, X)
-        if np.linalg.norm(X @ amplitudes - last) < SETTINGS.settled:
+        if np.linalg.norm(X @ amplitudes - last) < SETTLED:
             break
-    if np.linalg.norm((X - before) @ amplitudes) < SETTINGS.nonlinear:
+    if np.linalg.norm((X - before) @ amplitudes) < NONLINEAR:
         return linear
     options = list(entry.options)
     options[member.option] = replace(option, start=linear.X.shape[1])
@@ -85,4 +77,4 @@ def _change(model: RecordingModel, explained: Array) -> Array:
     columns = np.hstack([model.calibration, model.starts])
     scale = 1 / np.maximum(np.linalg.norm(columns, axis=0), LEAST_POSITIVE)
     left = model.whiten(model.zeta) - explained
-    return np.asarray((scale * np.linalg.lstsq(columns * scale, left, rcond=RECORDING.rank)[0])[:12])
+    return np.asarray((scale * np.linalg.lstsq(columns * scale, left, rcond=RANK)[0])[:12])

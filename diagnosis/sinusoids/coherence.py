@@ -25,15 +25,8 @@ Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 
 
-@dataclass(frozen=True)
-class CoherenceSettings:
-    """Constants of `diagnosis.sinusoids.coherence`."""
-
-    # signal-to-noise ratios of the amplitudes by which frequencies are compared
-    scales: tuple[float, ...] = (3.0, 10.0, 30.0, 100.0, 300.0)
-
-
-SETTINGS = CoherenceSettings()
+# signal-to-noise ratios of the amplitudes by which frequencies are compared
+SCALES = (3.0, 10.0, 30.0, 100.0, 300.0)
 
 
 @dataclass(frozen=True)
@@ -69,7 +62,7 @@ class IntervalProducts:
         pp, qq, pq = 0.5 * (around + along.real), 0.5 * (around - along.real), 0.5 * along.imag
         mean = np.maximum(0.5 * around, 1e-300)
         best = np.full(frequency.shape, -np.inf)
-        for scale in SETTINGS.scales:
+        for scale in SCALES:
             v = scale**2 / mean
             det = np.maximum((1 + v * pp) * (1 + v * qq) - (v * pq) ** 2, 1.0)
             quadratic = (1 + v * qq) * z.real**2 - 2 * v * pq * z.real * z.imag + (1 + v * pp) * z.imag**2

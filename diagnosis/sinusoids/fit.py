@@ -18,16 +18,9 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class FitSettings:
-    """Constants of `diagnosis.sinusoids.fit`."""
-
-    steps: int = 3  # of Gauss and Newton: from a tenth of the resolution the error falls below a thousandth of its sigma
-    zoom_step: float = 0.1  # between trial frequencies, in units of the resolution of the longest piece
-    no_noise: float = 1e-60  # variance where the data leave nothing beside a sinusoid
-
-
-SETTINGS = FitSettings()
+STEPS = 3  # of Gauss and Newton: from a tenth of the resolution the error falls below a thousandth of its sigma
+ZOOM_STEP = 0.1  # between trial frequencies, in units of the resolution of the longest piece
+NO_NOISE = 1e-60  # variance where the data leave nothing beside a sinusoid
 
 
 @dataclass(frozen=True)
@@ -92,7 +85,7 @@ def make_waves(frequency_hz: Array | float, t_s: Array, duration_s: Array | floa
     return waves.reshape(t_s.size, -1)
 
 
-def fit_sinusoid(pieces: Sequence[Piece], frequency_hz: float, reach_hz: float, steps: int = SETTINGS.steps) -> SinusoidFit:
+def fit_sinusoid(pieces: Sequence[Piece], frequency_hz: float, reach_hz: float, steps: int = STEPS) -> SinusoidFit:
     """Fit a sinusoid near a frequency, at most so far from it."""
     found, sigma_hz = frequency_hz, 0.0
     for _ in range(steps):
@@ -103,7 +96,7 @@ def fit_sinusoid(pieces: Sequence[Piece], frequency_hz: float, reach_hz: float, 
         waves = piece.observe(make_waves(found, piece.t_s))
         amplitude, variance, residual = _solve(waves, piece.data)
         amplitudes.append(amplitude)
-        variances.append(2 * variance / max(float(np.sum(waves**2)), SETTINGS.no_noise))
+        variances.append(2 * variance / max(float(np.sum(waves**2)), NO_NOISE))
         all_waves.append(waves)
         residuals.append(residual)
     return SinusoidFit(found, sigma_hz, np.array(amplitudes), np.array(variances), tuple(all_waves), tuple(residuals))
@@ -113,7 +106,7 @@ def _solve(waves: Array, data: Array) -> tuple[Array, float, Array]:
     """Amplitudes (2,), variance of the residuals, and these."""
     amplitude = np.linalg.lstsq(waves, data, rcond=None)[0]
     residual = data - waves @ amplitude
-    return np.asarray(amplitude), max(float(np.mean(residual**2)), SETTINGS.no_noise), np.asarray(residual)
+    return np.asarray(amplitude), max(float(np.mean(residual**2)), NO_NOISE), np.asarray(residual)
 
 
 def _compute_step(pieces: Sequence[Piece], frequency_hz: float) -> tuple[float, float]:
@@ -134,11 +127,11 @@ def find_frequency(pieces: Sequence[Piece], centre_hz: float, width_hz: float, s
     """Return the frequency near a peak at which even samples with a phase in each piece explain most, Hz."""
     span_s = max(float(np.ptp(piece.t_s)) for piece in pieces)
     low, high = max(centre_hz - width_hz, 0.1 / span_s), centre_hz + width_hz
-    trial = np.linspace(low, high, 2 + int((high - low) * span_s / SETTINGS.zoom_step))
+    trial = np.linspace(low, high, 2 + int((high - low) * span_s / ZOOM_STEP))
     power = np.zeros(trial.size)
     for piece in pieces:
         transform = compute_zoom(piece.data, low * sample_s, (trial[1] - trial[0]) * sample_s, trial.size)
-        power += np.abs(transform) ** 2 / max(float(piece.data @ piece.data), SETTINGS.no_noise)
+        power += np.abs(transform) ** 2 / max(float(piece.data @ piece.data), NO_NOISE)
     return float(trial[int(np.argmax(power))])
 
 

@@ -20,16 +20,9 @@ Array = NDArray[np.float64]
 Arcs = Sequence[tuple[int, int]]
 
 
-@dataclass(frozen=True)
-class SpectrumSettings:
-    """Constants of `diagnosis.sinusoids.spectrum`."""
-
-    samples_at_once: int = 1 << 20  # of segments that are transformed together: a bound of the memory
-    frequencies_at_once: int = 1000  # of times that are not even: a bound of the memory
-    segments_to_overlap: int = 8  # pieces side by side from which on overlapping ones are averaged too
-
-
-SETTINGS = SpectrumSettings()
+SAMPLES_AT_ONCE = 1 << 20  # of segments that are transformed together: a bound of the memory
+FREQUENCIES_AT_ONCE = 1000  # of times that are not even: a bound of the memory
+SEGMENTS_TO_OVERLAP = 8  # pieces side by side from which on overlapping ones are averaged too
 
 
 LEAST_POSITIVE = 1e-300
@@ -79,13 +72,13 @@ def compute_segment_spectrum(x: Array, arcs: Arcs, length: int, sample_s: float,
     Where segments are many, overlapping ones are averaged (Welch 1967). A straight line is taken out of each.
     """
     taper = make_taper(window, length)
-    many = sum((high - low) // length for low, high in arcs) >= SETTINGS.segments_to_overlap
+    many = sum((high - low) // length for low, high in arcs) >= SEGMENTS_TO_OVERLAP
     step = (length // 2 if window == "hann" else length // 3) if many else length
     starts = [np.arange(low, high - length + 1, step) for low, high in arcs]
     places = np.concatenate(starts)
     if not places.size:
         return None
-    power, some = np.zeros(length // 2 + 1), max(1, SETTINGS.samples_at_once // length)
+    power, some = np.zeros(length // 2 + 1), max(1, SAMPLES_AT_ONCE // length)
     for first in range(0, places.size, some):
         segments = np.array([x[start : start + length] for start in places[first : first + some]])
         power += (np.abs(scipy.fft.rfft(remove_line(segments) * taper, axis=1)) ** 2).sum(axis=0)
@@ -117,8 +110,8 @@ def compute_power(t_s: Array, values: Array, frequency_hz: Array) -> Array:
     """Return the (f, c) periodogram of values (n, c) at any times; one in the mean for white noise of variance one."""
     x, t = values - values.mean(axis=0), t_s - t_s.mean()
     power = np.empty((frequency_hz.size, x.shape[1]))
-    for first in range(0, frequency_hz.size, SETTINGS.frequencies_at_once):
-        some = slice(first, first + SETTINGS.frequencies_at_once)
+    for first in range(0, frequency_hz.size, FREQUENCIES_AT_ONCE):
+        some = slice(first, first + FREQUENCIES_AT_ONCE)
         phase = np.outer(2 * np.pi * frequency_hz[some], t)
         power[some] = ((np.cos(phase) @ x) ** 2 + (np.sin(phase) @ x) ** 2) / len(x)
     return power

@@ -110,13 +110,3 @@ def is_hidden(position: Array, direction: Array, a: float, c: float) -> bool:
 def compute_orbit_position(orbit: CircularOrbit, t: Array) -> Array:
     """Inertial position at times t (n,), s since the orbit's epoch; (n, 3), m."""
     return np.asarray(-orbit.radius * compute_lvlh_attitude(orbit, t)[..., 2, :])
-
-
-@compile_cached
-def compute_penetrations(A: Array, position: Array, a: float, c: float, nominal: float) -> Array:
-    """Compute true penetration angles (n, 4), rad, of attitudes (n, 3, 3) at positions (n, 3), m."""
-    out = np.empty((len(A), QUADRANTS))
-    for k in range(len(A)):
-        for i in range(QUADRANTS):
-            out[k, i] = compute_penetration(A[k], position[k], i, a, c, nominal)
-    return out

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.detectors.sample_report import Line, Stream
-from diagnosis.detectors.spectral_lines import SETTINGS, find_lines
+from diagnosis.detectors.spectral_lines import FEWEST_CYCLES, find_lines
 from diagnosis.settings import DEFAULT
 from gyrocal import Recording
 from gyrocal.allan import Deviation, Fit, TermEstimate, fit_terms, overlapping_allan_deviation
@@ -144,7 +144,7 @@ def _subtract_lines(recording: Recording, parts: tuple[Stretch, ...]) -> tuple[l
         rates[one.samples] = one.rates
     stream = Stream(recording, rates, np.zeros_like(rates), np.zeros_like(used), used)
     found, findings = find_lines(stream, used, np.zeros(3, dtype=bool), DEFAULT.line)
-    sinusoids, longest_s = [], max(len(one.rates) for one in parts) * recording.gyro.sample_s / SETTINGS.fewest_cycles
+    sinusoids, longest_s = [], max(len(one.rates) for one in parts) * recording.gyro.sample_s / FEWEST_CYCLES
     for axis, test in enumerate(findings.tests):
         own = tuple(line for line in found if line.axis == axis)
         # Of a line whose power exceeds the level around it P times the amplitude scatters by 1/√(2P) of itself.

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from diagnosis.detectors.lattice import find_lattice_step
 from diagnosis.detectors.repeats import bridge_repeats
-from diagnosis.detectors.sample_noise import SETTINGS as NOISE
+from diagnosis.detectors.sample_noise import DITHERED
 from diagnosis.detectors.sample_report import Stream, mark_consecutive_samples, mark_interval_samples
 from diagnosis.settings import DEFAULT
 from gyrocal import Recording
@@ -121,9 +121,9 @@ def describe_lattices(recording: Recording) -> list[str]:
         # The trimmed variance of changes holds no slews; rounding adds step²/12 to each reading.
         change = change[np.abs(change) <= np.quantile(np.abs(change), 0.99)] if change.size else np.zeros(1)
         noise = np.sqrt(max(float(np.mean(change**2)) / 2 - step**2 / 12, 0.0))
-        if step > NOISE.dithered * noise:
+        if step > DITHERED * noise:
             notes.append(
-                f"{name}: all readings are multiples of {np.rad2deg(step):.4g} deg/s, which is more than {NOISE.dithered:g} "
+                f"{name}: all readings are multiples of {np.rad2deg(step):.4g} deg/s, which is more than {DITHERED:g} "
                 "times their noise: the terms are those of the rounded readings"
             )
     return notes

@@ -26,8 +26,7 @@ import numpy as np
 from pydantic import Field
 from scipy.optimize import brentq
 
-from diagnosis.budget import SETTINGS as BUDGET
-from diagnosis.budget import predict_held_out
+from diagnosis.budget import FLOOR, predict_held_out
 from diagnosis.diagnose import diagnose
 from diagnosis.model.prepare import prepare
 from diagnosis.settings import DEFAULT
@@ -460,7 +459,7 @@ def measure_true_share(drawn: DrawnCase, removed: Iterable[int]) -> float:
         model = prepare(drawn.world.record(settings), DEFAULT, lambda text, share: None).model
         misfits.append(float(predict_held_out(model, model, ()).misfit[0]))
     whole, left = misfits
-    return (whole - left) / (whole - BUDGET.floor) if whole > LEAST_MISFIT * BUDGET.floor else float("nan")
+    return (whole - left) / (whole - FLOOR) if whole > LEAST_MISFIT * FLOOR else float("nan")
 
 
 # ---- the study -------------------------------------------------------------------------------------------------------------

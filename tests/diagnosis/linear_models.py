@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from diagnosis.inference.closure import average_closure
 from diagnosis.model.linear import Candidate, LinearModel, ParameterChoice
 
 SCALES = np.geomspace(0.3, 30, 9)
@@ -50,10 +49,3 @@ def linear_model(columns, y, nuisance=None, changes=(), **further):
         projected=projected,
         **further,
     )
-
-
-def closure_by_truth(model, response):
-    """The closure that a known truth reaches: its response (N,) to the whitened observations is taken out of held-out data."""
-    folds = list(model.folds(response[:, None]))
-    errors = [np.column_stack([fold.left_y, fold.left_y - fold.left_X[:, 0]]) for fold in folds]
-    return average_closure(errors, folds, model.split) if folds else None

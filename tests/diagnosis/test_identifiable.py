@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from diagnosis.assemble import explain_blindness
 from diagnosis.diagnose import diagnose
-from diagnosis.identifiable import explain_blindness
 from diagnosis.settings import DEFAULT
 from studies.report.diagnosis_words import describe_verdict
 from tests.diagnosis.recordings import QUICK, slews

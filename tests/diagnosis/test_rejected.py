@@ -51,3 +51,13 @@ def test_what_the_checks_reject_is_kept():
     usual = explain.infer_causes(model, lambda *_: (), DEFAULT, 0, lambda *_: None)
     assert [one.effect for one in usual.fitted] == ["e0"]
     assert usual.rejected == ()
+
+
+@pytest.mark.parametrize("share", [0.5, 0.99, 1.01])
+def test_a_linear_model_alarms_at_the_rate_that_is_stated(monkeypatch, share):
+    rng = np.random.default_rng(3)
+    Q = np.linalg.qr(rng.standard_normal((60, 3)))[0] * 8
+    model = linear_model([Q[:, [k]] for k in range(3)], 2 * Q[:, 0] + 0.3 * rng.standard_normal(60))
+    monkeypatch.setattr(explain, "compute_null_p", lambda *_: share * DEFAULT.false_alarm_rate)
+    found = explain.infer_causes(model, lambda *_: (), DEFAULT, 0, lambda *_: None)
+    assert (found.attribution is not None) == (share < 1)

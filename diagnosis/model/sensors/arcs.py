@@ -41,19 +41,12 @@ from simulator.effects.sensor import Sightings
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class ArcSettings:
-    """What makes an arc, and its fit; by judgement."""
-
-    steady: float = float(np.deg2rad(0.01))  # rad/s, by which a mean rate over `steady_s` may depart from that of the interval
-    steady_s: float = 60.0  # s
-    times: int = 12  # measurements of the Earth sensor that are worth the six unknowns of an arc
-    iterations: int = 12  # of a fit at most; nominal sensors take three or four
-    converged: float = 1e-4  # last correction, in sigmas
-    arw: float = float(np.deg2rad(2e-6))  # rad/√s, least angle random walk; a smaller one would only cost digits
-
-
-SETTINGS = ArcSettings()
+STEADY = float(np.deg2rad(0.01))  # rad/s, by which a mean rate over `steady_s` may depart from that of the interval
+STEADY_S = 60.0  # s
+TIMES = 12  # measurements of the Earth sensor that are worth the six unknowns of an arc
+ITERATIONS = 12  # of a fit at most; nominal sensors take three or four
+CONVERGED = 1e-4  # last correction, in sigmas
+ARW = float(np.deg2rad(2e-6))  # rad/√s, least angle random walk; a smaller one would only cost digits
 
 
 class MisfitError(InputError):
@@ -167,11 +160,11 @@ def _format_names(names: list[str]) -> str:
 def is_steady(gyro: GyroStream, interval: Interval) -> bool:
     """Find out whether the rates of an interval are constant, but for noise."""
     own = (gyro.t_s >= interval.start_s) & (gyro.t_s < interval.stop_s)
-    rates, length = gyro.rates[own], max(1, round(SETTINGS.steady_s / gyro.sample_s))
+    rates, length = gyro.rates[own], max(1, round(STEADY_S / gyro.sample_s))
     if len(rates) < 2 * length:
         return False
     means = rates[: len(rates) // length * length].reshape(-1, length, 3).mean(axis=1)
-    return bool(np.abs(means - means.mean(axis=0)).max() < SETTINGS.steady)
+    return bool(np.abs(means - means.mean(axis=0)).max() < STEADY)
 
 
 def build_arc(recording: Recording, tables: SensorTables, interval: Interval, number: int = 0) -> Arc | None:
@@ -197,7 +190,7 @@ def build_arc(recording: Recording, tables: SensorTables, interval: Interval, nu
         return None
     own = (tables.earth.t_s >= low) & (tables.earth.t_s <= high)
     t, used = tables.earth.t_s[own], tables.earth.used[own]
-    if t.size < SETTINGS.times or not used.any():
+    if t.size < TIMES or not used.any():
         return None
     place = tables.ephemeris.rows(t)
     earth = EarthSensor(np.zeros(4))
@@ -210,7 +203,7 @@ def build_arc(recording: Recording, tables: SensorTables, interval: Interval, nu
     gyro = recording.gyro
     kept = (gyro.t_s > low - 1.5 * gyro.sample_s) & (gyro.t_s < high)
     first = float(list_measured_times(series).min())
-    gyro = replace(gyro, t_s=gyro.t_s[kept], rates=gyro.rates[kept], arw=max(gyro.arw, SETTINGS.arw))
+    gyro = replace(gyro, t_s=gyro.t_s[kept], rates=gyro.rates[kept], arw=max(gyro.arw, ARW))
     if first - float(recording.attitudes.t_s[rows[0]]) > 1e-6:
         carried = build_gyro_arc(gyro, np.array([recording.attitudes.t_s[rows[0]], first]), gyro.apriori_G)
         start = carried.propagate_nodes(gyro.apriori_bias)[0][-1] @ start
@@ -257,7 +250,7 @@ def fit_arc(arc: Arc, sun_error: Array | None = None, earth_error: Array | None 
     path = build_gyro_arc(arc.gyro, list_measured_times(series), arc.gyro.apriori_G)
     solved = choose_columns(series, {})
     estimate = Estimate(np.tile(arc.start, (len(path.t), 1, 1)), arc.gyro.apriori_bias, tuple(one.model for one in series))
-    for iteration in range(SETTINGS.iterations):
+    for iteration in range(ITERATIONS):
         state = linearise(path, series, estimate, solved)
         if not np.isfinite(state.rows.z).all():
             break
@@ -265,7 +258,7 @@ def fit_arc(arc: Arc, sun_error: Array | None = None, earth_error: Array | None 
             check_observable(state.rows, arc.start, ())
         gamma, delta, length = PlainLeastSquares(state.rows, len(path.t)).step()
         estimate = correct_estimate(estimate, gamma, delta, solved)
-        if length < SETTINGS.converged:
+        if length < CONVERGED:
             state = linearise(path, series, estimate, solved)
             A = state.R @ estimate.C
             return FittedArc(_update_sightings(arc, series, path, A), state.rows, path, state.S, state.residuals)

@@ -31,17 +31,10 @@ from simulator.sensors.horizon import AZIMUTHS, Horizon
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class ColumnSettings:
-    """Constants of `diagnosis.model.sensors.columns`."""
-
-    step: float = 1e-3  # of an amplitude, for the derivative of an effect's error
-    degree: int = 3  # of polynomials in the measured direction
-    harmonics: int = 3  # of the orbit rate
-    gyro_harmonics: int = 2  # the same, of a rate error of the gyro
-
-
-SETTINGS = ColumnSettings()
+STEP = 1e-3  # of an amplitude, for the derivative of an effect's error
+DEGREE = 3  # of polynomials in the measured direction
+HARMONICS = 3  # of the orbit rate
+GYRO_HARMONICS = 2  # the same, of a rate error of the gyro
 
 
 FIELD = float(np.deg2rad(48.0))  # half width of a sun sensor's field of view
@@ -104,9 +97,9 @@ def _build_listed(
 def _differentiate_error(fitted: FittedArc, effect: SensorEffect, axis: str | None, held: HeldAmplitudes) -> Array:
     """(r, k) derivatives of an effect's error by its amplitudes."""
     arc, columns = fitted.arc, []
-    for step in SETTINGS.step * np.eye(effect.count):
+    for step in STEP * np.eye(effect.count):
         high, low = (effect.error(arc.sightings, axis, held.amplitudes + way * step, held.parameters) for way in (1, -1))
-        columns.append(arc.vector((high[0] - low[0]) / (2 * SETTINGS.step), (high[1] - low[1]) / (2 * SETTINGS.step)))
+        columns.append(arc.vector((high[0] - low[0]) / (2 * STEP), (high[1] - low[1]) / (2 * STEP)))
     return np.column_stack(columns)
 
 
@@ -137,8 +130,8 @@ def build_rival(name: str, columns: Sequence[Array]) -> CandidateColumns:
 def _build_smooth(fitted: FittedArc, number: int) -> list[Array]:
     """Legendre products in (α, β) for α, for β, and for both of one sun sensor, 1 deg each."""
     sightings = fitted.arc.sightings
-    values = [np.polynomial.legendre.legvander(angle / FIELD, SETTINGS.degree) for angle in sightings.sun_angles.T]
-    powers = [(i, j) for i in range(SETTINGS.degree + 1) for j in range(SETTINGS.degree + 1 - i)]
+    values = [np.polynomial.legendre.legvander(angle / FIELD, DEGREE) for angle in sightings.sun_angles.T]
+    powers = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
     own = (sightings.sun_sensor == number)[:, None]
     terms = np.deg2rad(np.stack([values[0][:, i] * values[1][:, j] for i, j in powers], axis=-1)) * own  # (n, q)
     nothing = np.zeros_like(terms)
@@ -167,7 +160,7 @@ def _build_quadrant_harmonics(fitted: FittedArc) -> list[Array]:
     """Sin and cos(k u) of each quadrant, 1 rad, for each k and for all."""
     phase = compute_orbit_phase(fitted.arc.sightings)
     each = []
-    for k in range(1, SETTINGS.harmonics + 1):
+    for k in range(1, HARMONICS + 1):
         waves = np.column_stack([np.sin(k * phase), np.cos(k * phase)])
         each.append(_build_quadrant_columns(fitted, np.einsum("mw,qr->mqwr", waves, np.eye(4)).reshape(len(waves), 4, -1)))
     return [*each, np.hstack(each)]
@@ -197,7 +190,7 @@ def _build_gyro_harmonics(fitted: FittedArc) -> list[Array]:
     middle = np.interp((path.t[:-1] + path.t[1:]) / 2, sightings.t_s, compute_orbit_phase(sightings))
     steps = np.diff(fitted.S, axis=0)
     parts = []
-    for k in range(1, SETTINGS.gyro_harmonics + 1):
+    for k in range(1, GYRO_HARMONICS + 1):
         waves = []
         for wave in (np.sin, np.cos):
             gamma = np.concatenate([np.zeros((1, 3, 3)), -np.cumsum(wave(k * middle)[:, None, None] * steps, axis=0)])

@@ -22,20 +22,13 @@ from gyrocal.recording.sensor_tables import SensorTables
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class ReadingSettings:
-    """What decides on a reading, in mean squares of residuals in units of their sigma; by judgement."""
-
-    gross: float = 3.0  # from which on the tables as read are doubted
-    better: float = 0.25  # share of it that another reading may leave
-    largest: float = 10.0  # that effects may leave beside the right reading
-    alike: float = 1.25  # times the least of all readings, within which another one is as good
-    arcs: int = 3  # the middle one of these many stands for all; the others may be worse by something else
-    shown: int = 3  # readings stated at most
-    full_scale: int = 2**14 - 1  # of the sun sensors' counts
-
-
-SETTINGS = ReadingSettings()
+GROSS = 3.0  # from which on the tables as read are doubted
+BETTER = 0.25  # share of it that another reading may leave
+LARGEST = 10.0  # that effects may leave beside the right reading
+ALIKE = 1.25  # times the least of all readings, within which another one is as good
+ARCS = 3  # the middle one of these many stands for all; the others may be worse by something else
+SHOWN = 3  # readings stated at most
+FULL_SCALE = 2**14 - 1  # of the sun sensors' counts
 
 
 @dataclass(frozen=True)
@@ -59,23 +52,23 @@ def find_misreading(recording: Recording) -> str | None:
     tables = recording.sensors
     if tables is None or tables.ephemeris is None or tables.sun is None or tables.earth is None:
         return None
-    steady = [one for one in recording.intervals if is_steady(recording.gyro, one)][: SETTINGS.arcs]
+    steady = [one for one in recording.intervals if is_steady(recording.gyro, one)][:ARCS]
     if not steady:
         return None
     as_read, arc = sorted([(_compute_mean_square(recording, tables, one), one) for one in steady], key=itemgetter(0))[
         len(steady) // 2
     ]
-    if as_read < SETTINGS.gross:
+    if as_read < GROSS:
         return None
     others = [(_compute_mean_square(recording, one.tables, arc), one) for one in _list_misreadings(tables)]
     best = min(left for left, _ in others)
     hopeless = np.isinf(as_read)
     lead = "no attitude fits them" if hopeless else f"their residuals have {as_read:.3g} times the mean square of the noise"
-    if best > min(SETTINGS.better * as_read, SETTINGS.largest):
+    if best > min(BETTER * as_read, LARGEST):
         return f"{lead}, and no usual misreading of the tables explains that" if hopeless else None
-    good = sorted((one.changes, left, one.words) for left, one in others if left <= SETTINGS.alike * best)
+    good = sorted((one.changes, left, one.words) for left, one in others if left <= ALIKE * best)
     ways = [words for changes, _, words in good if changes == good[0][0]]
-    return f"{lead}; {best:.3g} with {' or '.join(ways[: SETTINGS.shown])}"
+    return f"{lead}; {best:.3g} with {' or '.join(ways[:SHOWN])}"
 
 
 def _compute_mean_square(recording: Recording, tables: SensorTables, interval: Interval) -> float:
@@ -97,7 +90,7 @@ def _list_misreadings(tables: SensorTables) -> Iterator[Reading]:
     assert sun is not None
     assert earth is not None
     assert ephemeris is not None
-    turned, mirrored = sun.counts[:, ::-1], SETTINGS.full_scale - sun.counts
+    turned, mirrored = sun.counts[:, ::-1], FULL_SCALE - sun.counts
     counts = [("count_alpha and count_beta exchanged", 1, turned)]
     for number in (1, 2):
         own = np.where((sun.sensor == number)[:, None], turned, sun.counts)

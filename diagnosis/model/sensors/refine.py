@@ -10,7 +10,7 @@ a sigma apart then stand for its posterior, and the amplitudes, averaged over th
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -25,21 +25,14 @@ Array = NDArray[np.float64]
 Places = Sequence[tuple[str, str]]  # label and name of each parameter
 
 
-@dataclass(frozen=True)
-class SensorRefinementSettings:
-    """How parameters are moved, by their logarithms."""
-
-    first: float = 0.15  # step of the search for the least χ², less than half that between options
-    # spread of the parameters and of χ² that ends the search, both far below a sigma
-    enough: float = 0.004
-    enough_chi2: float = 0.01
-    trials: int = 60  # at most
-    step: float = 0.05  # for the derivative, over several steps of χ²
-    # sigmas at which options stand; under a normal density they have nearly its variance
-    around: tuple[float, ...] = (-2.5, -1.25, 0.0, 1.25, 2.5)
-
-
-SETTINGS = SensorRefinementSettings()
+FIRST = 0.15  # step of the search for the least χ², less than half that between options
+# spread of the parameters and of χ² that ends the search, both far below a sigma
+ENOUGH = 0.004
+ENOUGH_CHI2 = 0.01
+TRIALS = 60  # at most
+STEP = 0.05  # for the derivative, over several steps of χ²
+# sigmas at which options stand; under a normal density they have nearly its variance
+AROUND = (-2.5, -1.25, 0.0, 1.25, 2.5)
 
 
 def refine_parameters(fits: Sequence[FittedArc], held: Mapping[str, HeldAmplitudes]) -> dict[str, HeldAmplitudes]:
@@ -61,9 +54,9 @@ def refine_parameters(fits: Sequence[FittedArc], held: Mapping[str, HeldAmplitud
         amplitudes = _invert_scaled(gram[:-1, :-1]) @ gram[:-1, -1]
         return amplitudes, float(gram[-1, -1] - amplitudes @ gram[:-1, -1])
 
-    simplex = np.vstack([np.zeros(len(places)), SETTINGS.first * np.eye(len(places))])
+    simplex = np.vstack([np.zeros(len(places)), FIRST * np.eye(len(places))])
     options = {
-        "initial_simplex": simplex, "xatol": SETTINGS.enough, "fatol": SETTINGS.enough_chi2, "maxfev": SETTINGS.trials
+        "initial_simplex": simplex, "xatol": ENOUGH, "fatol": ENOUGH_CHI2, "maxfev": TRIALS
     }  # fmt: skip
     change = minimize(lambda x: solve(x)[1], simplex[0], method="Nelder-Mead", options=options).x
     amplitudes, found, start = solve(change)[0], _move_parameters(held, places, change), 0
@@ -81,7 +74,7 @@ def _list_near_parameters(
     own = [k for k, (other, _) in enumerate(places) if other == label]
     values, vectors = np.linalg.eigh(covariance[np.ix_(own, own)])
     factor = vectors * np.sqrt(np.maximum(values, 0.0))
-    steps = [factor @ step for step in product(SETTINGS.around, repeat=len(own)) if np.any(step)]
+    steps = [factor @ step for step in product(AROUND, repeat=len(own)) if np.any(step)]
     return tuple(_move_parameters({label: one}, [places[k] for k in own], step)[label].parameters for step in steps)
 
 
@@ -92,9 +85,9 @@ def _estimate_parameter_covariance(fits: Sequence[FittedArc], held: Mapping[str,
     def columns(fitted: FittedArc) -> Array:
         ends = [
             [build_held_columns(fitted, _move_parameters(held, places, way * step)) @ amplitudes for way in (1, -1)]
-            for step in SETTINGS.step * np.eye(len(places))
+            for step in STEP * np.eye(len(places))
         ]
-        return np.column_stack([build_held_columns(fitted, held), *((high - low) / (2 * SETTINGS.step) for high, low in ends)])
+        return np.column_stack([build_held_columns(fitted, held), *((high - low) / (2 * STEP) for high, low in ends)])
 
     return _invert_scaled(_sum_grams(fits, columns)[:-1, :-1])[-len(places) :, -len(places) :]
 

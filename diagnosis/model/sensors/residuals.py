@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -34,14 +33,7 @@ RIVAL_FINDINGS = {  # signal and words for residuals that follow the columns of 
 }
 
 
-@dataclass(frozen=True)
-class ResidualSettings:
-    """Constants of `diagnosis.model.sensors.residuals`."""
-
-    seen: float = 1e-5  # relative singular value of a sensor's columns, below which one adds nothing to the others
-
-
-SETTINGS = ResidualSettings()
+SEEN = 1e-5  # relative singular value of a sensor's columns, below which one adds nothing to the others
 
 
 LEAST_POSITIVE = 1e-300
@@ -83,7 +75,7 @@ def list_sensor_findings(tables: Tables, rate: float) -> tuple[Finding, ...]:
         finding = SENSOR_EFFECTS[group.effect].finding if group.listed else RIVAL_FINDINGS.get(group.effect)
         if finding is None:
             continue
-        basis = scipy.linalg.orth(np.hstack(group.columns), rcond=SETTINGS.seen)
+        basis = scipy.linalg.orth(np.hstack(group.columns), rcond=SEEN)
         chi2, count = float(np.sum((basis.T @ tables.y) ** 2)), basis.shape[1]
         p = float(max(chdtrc(count, chi2), LEAST_POSITIVE)) if count else 1.0
         if p < rate:

@@ -29,19 +29,12 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
-@dataclass(frozen=True)
-class TableSettings:
-    """Constants of `diagnosis.model.sensors.tables`."""
-
-    folds: int = 6  # of the arcs
-    month: float = 30 * 86400.0  # s, unit of a drift
-    # signal-to-noise ratios: of thousands of measurements, about amplitudes that were found
-    visible: tuple[float, float] = (1.0, 10000.0)
-    rank: float = 1e-13  # relative eigenvalue of a Gram matrix, below which there is only rounding
-    seen: float = 1e-9  # relative singular value of all columns, below which one adds nothing to the others
-
-
-SETTINGS = TableSettings()
+FOLDS = 6  # of the arcs
+MONTH = 30 * 86400.0  # s, unit of a drift
+# signal-to-noise ratios: of thousands of measurements, about amplitudes that were found
+VISIBLE = (1.0, 10000.0)
+RANK = 1e-13  # relative eigenvalue of a Gram matrix, below which there is only rounding
+SEEN = 1e-9  # relative singular value of all columns, below which one adds nothing to the others
 
 
 TABLE_SPLIT = "days left out, a sixth of the arcs at a time"
@@ -113,7 +106,7 @@ def _factor_gram(gram: Array) -> Array:
     norms = np.sqrt(np.maximum(np.diag(gram), 0.0))
     unit = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
     values, vectors = np.linalg.eigh(gram * np.outer(unit, unit))
-    kept = values > SETTINGS.rank * values[-1]
+    kept = values > RANK * values[-1]
     return np.asarray(np.sqrt(values[kept])[:, None] * vectors[:, kept].T * norms)
 
 
@@ -121,7 +114,7 @@ def build_sensor_model(tables: Tables, effects: Sequence[SensorEffect], settings
     """The linear model, with the effects that may be named and all unlisted rivals as candidates."""
     groups = [group for group in tables.groups if not group.listed or SENSOR_EFFECTS[group.effect] in effects]
     candidates, W = place_candidates(
-        [*groups, *_list_wander_groups(tables)], lambda columns: columns, settings, visible=SETTINGS.visible
+        [*groups, *_list_wander_groups(tables)], lambda columns: columns, settings, visible=VISIBLE
     )
     return LinearModel(
         y=tables.y,
@@ -145,15 +138,15 @@ def _list_wander_groups(tables: Tables) -> Iterator[CandidateColumns]:
         days = np.hstack([np.where(tables.owner[:, None] == k, columns, 0.0) for k in range(len(tables.names))])
         # The search looks at the first columns first. The prior of the amplitudes is the same for any rotation of them.
         _, turn = np.linalg.eigh(days.T @ days)
-        months = (tables.t_s - tables.t_s.mean()) / SETTINGS.month
+        months = (tables.t_s - tables.t_s.mean()) / MONTH
         yield build_rival(f"{sensor} sits differently each day", [days @ turn[:, ::-1]])
         yield build_rival(f"{sensor} drifts", [months[tables.owner][:, None] * columns])
 
 
 def _build_arc_folds(tables: Tables, W: Array) -> Iterator[Fold]:
     """A sixth of the arcs held out at a time; each keeps its own epoch attitude and bias, which no explanation may use."""
-    for number in range(SETTINGS.folds):
-        out = tables.owner % SETTINGS.folds == number
+    for number in range(FOLDS):
+        out = tables.owner % FOLDS == number
         if not out.any() or out.all():
             continue
         yield Fold(
@@ -189,7 +182,7 @@ def estimate_sensor_noise(model: LinearModel, settings: DiagnosisSettings) -> No
     unit = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
     (triangle,) = scipy.linalg.qr(np.column_stack([model.X * unit, model.y]), mode="r", check_finite=False)
     A, b = triangle[:, :-1], triangle[:, -1]
-    solved, _, rank, _ = np.linalg.lstsq(A, b, rcond=SETTINGS.seen)
+    solved, _, rank, _ = np.linalg.lstsq(A, b, rcond=SEEN)
     chi2, dof = float(np.sum((b - A @ solved) ** 2)), model.dof - int(rank)
     p = max(float(chdtrc(dof, chi2)), LEAST_POSITIVE) if dof > 0 else 1.0
     return Noise(float(np.sqrt(chi2 / dof)), p) if p < settings.chi2_sensors else Noise()

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.detectors.gap_interpolation import SETTINGS as GAP_INTERPOLATION
-from diagnosis.detectors.gap_interpolation import fill_gaps
+from diagnosis.detectors.gap_interpolation import SIDE, fill_gaps
 from gyrocal.mask_runs import find_mask_runs
 
 DT = 0.5
@@ -59,8 +58,8 @@ def test_noise_of_a_bridge_is_as_stated(n):
     for _ in range(1000):
         out, factor, _ = bridged(rng.standard_normal((T.size, 3)), low, low + n, 1.0)
         # All that a bridge is made of, so that what it shares with its neighbours is counted.
-        found.append(out[low - GAP_INTERPOLATION.side : low + n + GAP_INTERPOLATION.side].sum(axis=0))
-        stated = float(factor[low - GAP_INTERPOLATION.side : low + n + GAP_INTERPOLATION.side].sum())
+        found.append(out[low - SIDE : low + n + SIDE].sum(axis=0))
+        stated = float(factor[low - SIDE : low + n + SIDE].sum())
     variance = float(np.var(found))
     assert 0.9 < variance / stated < 1.1
 
@@ -82,7 +81,7 @@ def test_a_fast_swing_is_covered_by_what_the_bridge_misses_nearby(period, n):
         true = np.sin(2 * np.pi * t_s[:, None] / (period * DT) + phase + np.arange(3))
         read = true + sigma * rng.standard_normal(true.shape)
         out, factor, density = bridged(read, low, low + n, sigma, t_s)
-        own = slice(low - GAP_INTERPOLATION.side, low + n + GAP_INTERPOLATION.side)
+        own = slice(low - SIDE, low + n + SIDE)
         variance = np.sum(factor[own] * sigma**2 * DT**2) + np.sum(density[own], axis=0) * DT
         z.append((out - true)[own].sum(axis=0) * DT / np.sqrt(variance))
         straight = np.interp(t_s[low : low + n], t_s[[low - 1, low + n]], true[[low - 1, low + n], 0])

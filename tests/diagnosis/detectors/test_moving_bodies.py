@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.detectors.outliers import SETTINGS, find_single_samples
+from diagnosis.detectors.outliers import find_single_samples
 from diagnosis.detectors.repeats import find_repeats
 from diagnosis.detectors.samples import examine
 from diagnosis.detectors.spectral_lines import find_jolts
@@ -54,15 +54,6 @@ def bending():
 
 def test_a_rate_that_bends_has_no_spikes():
     assert not find_single_samples(bending(), np.ones(SAMPLES, dtype=bool), 1.0, 0.0).places.any()
-
-
-def test_spikes_of_a_body_in_motion_are_found_with_their_size():
-    x, places = swaying(3)[:, 0], np.arange(500, SAMPLES - 500, 700)
-    x[places] += 40.0
-    found = find_single_samples(x, np.ones(SAMPLES, dtype=bool), 1.0, 0.0)
-    assert set(np.flatnonzero(found.places)) == set(places)
-    # Readings around tell of it but for the noise of both.
-    assert abs(np.mean(found.off[places]) - 40.0) < found.limit / SETTINGS.limit
 
 
 # ---- jolts and zeros -----------------------------------------------------------------------------------------------------

@@ -70,6 +70,8 @@ def test_each_symptom_is_found_alone_with_its_size(plan, truth, text, symptom, a
     assert (found.kind, found.axis) == (symptom, axis)
     assert abs(found.size - size) < 4 * (found.sigma if sigma is None else sigma)
     assert found.p_value < DEFAULT.sample_event
+    if "fraction" in text:
+        assert found.parameters["fraction"] == pytest.approx(parse(text).parameters["fraction"], rel=0.25)
 
 
 @pytest.mark.parametrize(("amplitude", "frequency"), [(1e-4, 0.31), (4e-4, 0.706), (2e-4, 0.12)])
@@ -118,13 +120,6 @@ def test_a_strong_tone_is_one_line_and_slow_motions_do_not_hide_it(plan, truth):
     report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
     assert [line.axis for line in report.lines if abs(line.frequency_hz - 0.41) < 0.02] == [0, 1]
     assert [line.frequency_hz for line in report.lines if line.axis == 1] == [pytest.approx(0.41, abs=1e-4)]
-
-
-def test_other_numbers_of_a_symptom(plan, truth):
-    (stale,) = stream.examine(_recording(plan, truth, 3, "stale_samples=2,fraction=0.02")).symptoms
-    assert float(stale.parameters["fraction"]) == pytest.approx(0.02, rel=0.15)
-    (spikes,) = stream.examine(_recording(plan, truth, 3, "spikes=0.006,fraction=0.002")).symptoms
-    assert float(spikes.parameters["fraction"]) == pytest.approx(0.002, rel=0.25)
 
 
 def test_filler_is_no_repeat(plan, truth):
@@ -256,12 +251,6 @@ def test_a_reading_is_held_where_it_goes_back():
     np.testing.assert_allclose(measure_hold_times(counts, 0.5), 0.5 * held)
 
 
-def test_repeats_by_chance_on_a_coarse_lattice_are_none(plan, truth):
-    """Steady rates on steps five times the noise repeat most of the time, without any telemetry fault."""
-    symptoms = stream.examine(_recording(plan, truth, 6, "rate_quantization=1e-3")).symptoms
-    assert [found.kind for found in symptoms] == ["lattice_rounded"]
-
-
 def test_lattice_step_and_its_kind():
     rng = np.random.default_rng(8)
     x = np.cumsum(rng.standard_normal(5000)) * 4
@@ -276,17 +265,6 @@ def test_a_lattice_shows_through_numbers_printed_with_five_digits():
     assert np.abs(printed * 2048 - np.round(printed * 2048)).max() > 0.02
     assert find_lattice_step(printed) == pytest.approx(1 / 2048, rel=1e-4)
     assert find_lattice_step(printed + 2e-4 * np.random.default_rng(1).standard_normal(x.size)) == 0.0
-
-
-def test_a_line_in_one_part_only_is_no_steady_tone(plan, truth):
-    recording = _recording(plan, truth, 3)
-    t = recording.gyro.t_s[2000:2400]
-    for everywhere in (True, False):
-        rates = recording.gyro.rates.copy()
-        part = slice(None) if everywhere else slice(2000, 2400)
-        rates[part, 2] += np.deg2rad(1.5e-4) * np.sin(2 * np.pi * 0.31 * (recording.gyro.t_s if everywhere else t))
-        report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
-        assert any(line.steady for line in report.lines) == everywhere
 
 
 def test_a_repeated_largest_reading_is_not_clipped(plan, truth):
@@ -311,7 +289,7 @@ def test_repeats_among_those_of_a_lattice(plan, truth):
     assert cause.parameters["fraction"] == pytest.approx(0.03, rel=0.3)
 
 
-@pytest.mark.parametrize("step", ["1e-4", "4e-4", "7e-4"])
+@pytest.mark.parametrize("step", ["1e-4", "4e-4", "7e-4", "1e-3"])
 def test_no_repeats_on_a_lattice_without_faults(plan, truth, step):
     symptoms = stream.examine(_recording(plan, truth, 1, f"rate_quantization={step}")).symptoms
     assert [found.kind for found in symptoms] == ["lattice_rounded"]

@@ -189,15 +189,6 @@ def test_of_two_elements_that_explain_as_much_the_size_may_be_that_of_either():
     assert not any(name.endswith("_probability") for name in alone.parameters)
 
 
-def test_a_size_that_is_read_off_with_an_error_of_its_own_has_both():
-    rng = np.random.default_rng(8)
-    x = rng.standard_normal((30, 1))
-    y = 4 * x[:, 0] + rng.standard_normal(30)
-    exact = fit(linear_model([x], y), [SelectedCandidate(0, 0, 4)])[0]
-    rough = fit(linear_model([x], y, changes={0: {"size_sigma": lambda size: 0.2 * size}}), [SelectedCandidate(0, 0, 4)])[0]
-    assert rough.sigma == pytest.approx(np.hypot(exact.sigma, 0.2 * exact.size))
-
-
 def test_amplitudes_of_other_periods_are_turned_to_the_phase_of_the_best():
     """Sines of neighbouring periods, far from the epoch: their phases there differ by turns, their sizes hardly at all."""
     rng = np.random.default_rng(31)

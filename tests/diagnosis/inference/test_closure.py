@@ -8,7 +8,7 @@ import scipy.stats
 
 from diagnosis.inference.closure import average_closure, compute_closure
 from diagnosis.model.linear import Fold, SelectedCandidate
-from tests.diagnosis.linear_models import closure_by_truth, linear_model
+from tests.diagnosis.linear_models import linear_model
 
 PARTS, EACH = 6, 40
 ROWS = PARTS * EACH
@@ -106,18 +106,9 @@ def test_noise_as_stated_has_no_gap_to_close():
     assert abs(np.mean(values) - 1) < 4 * np.sqrt(2 / ROWS / 40)
 
 
-def test_response_of_the_truth_closes_the_gap_and_of_half_of_it_three_quarters(columns):
-    model = made(columns, 3.0)
-    response = 3.0 * columns[0][:, 0]
-    assert closure_by_truth(model, response).closed == pytest.approx(1.0, abs=0.03)
-    assert closure_by_truth(model, 0.5 * response).closed == pytest.approx(0.75, abs=0.03)
-    assert closure_by_truth(model, 0.0 * response).closed == 0.0
-
-
 def test_without_folds_there_is_no_closure(columns):
     model = linear_model(columns, 2.0 * columns[0][:, 0])
     assert compute_closure(model, [SelectedCandidate(0, 0, 4)]) is None
-    assert closure_by_truth(model, columns[0][:, 0]) is None
 
 
 def test_rows_that_stand_for_more_are_counted_by_their_degrees_of_freedom():

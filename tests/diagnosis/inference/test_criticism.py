@@ -165,12 +165,6 @@ def test_jumps_are_no_draw_of_a_process(process, layout):
     assert swallowed(process, layout, np.zeros(ROWS))["jumps"] > 0.01
 
 
-def test_whole_checks_of_the_named_model_seldom_reject(model, layout):
-    y = drawn(model, np.random.default_rng(5), 25)
-    count = sum(combine_checks(check_explanation(replace(model, y=y[:, k]), MEMBERS, layout, seed=k)) < 0.2 for k in range(25))
-    assert scipy.stats.binom.sf(count - 1, 25, 0.2) > 1e-4
-
-
 def beside(layout, kind):
     """Something of two sigma or so beside the named effects, (3 r,)."""
     values = np.zeros((ROWS, 3))

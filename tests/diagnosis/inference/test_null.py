@@ -5,8 +5,6 @@ from readings with the very noise that y is made of, the path of its attitude wa
 averaged. Here the noise is known, sample by sample.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import scipy.stats
@@ -44,12 +42,8 @@ def quiet():
 def truth(quiet, request, monkeypatch):
     """The model of the motion as it was; of each sample and reference, or of steps and observations of three."""
     if request.param > 1:
-        monkeypatch.setattr(
-            linearise, "SETTINGS", replace(linearise.SETTINGS, most_steps=quiet.gyro.t_s.size // request.param + 1)
-        )
-        monkeypatch.setattr(
-            linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=quiet.attitudes.t_s.size // request.param + 1)
-        )
+        monkeypatch.setattr(linearise, "MOST_STEPS", quiet.gyro.t_s.size // request.param + 1)
+        monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", quiet.attitudes.t_s.size // request.param + 1)
     made = linearise_recording(quiet, G, BIAS)
     assert made.size < 4 * quiet.attitudes.t_s.size / request.param + 30
     return made

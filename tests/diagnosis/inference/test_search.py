@@ -9,7 +9,7 @@ import scipy.stats
 
 from diagnosis.inference import products
 from diagnosis.inference.null import compute_null_p
-from diagnosis.inference.search import Search, sum_log_posterior
+from diagnosis.inference.search import Search
 from diagnosis.model.linear import SelectedCandidate
 from diagnosis.settings import DiagnosisSettings
 from tests.diagnosis.linear_models import SCALES, linear_model
@@ -224,12 +224,6 @@ def test_what_a_scan_has_chosen_alarms_by_the_bound_on_its_evidence():
     average = search.compute_observed_statistic(scanned=True) - search.model.candidates[1].log_prior
     assert np.log(p) == pytest.approx(-average - np.log(share))  # p itself is below any absolute tolerance
     assert p < 1e-6
-
-
-def test_total_is_the_log_of_the_sum():
-    rng = np.random.default_rng(14)
-    found = Search(linear_model([rng.standard_normal((20, 1)) for _ in range(3)], rng.standard_normal(20))).explanations()
-    assert sum_log_posterior(found) == pytest.approx(np.log(sum(np.exp(one.log_posterior) for one in found)))
 
 
 def test_products_that_are_not_kept_are_made_again(monkeypatch):

@@ -5,14 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.detectors.dead_zone_rests import SETTINGS, convert_zone, find_zero_sample_evidence
-from diagnosis.detectors.dead_zone_rests import SETTINGS as DEAD_ZONE_RESTS
+from diagnosis.detectors.dead_zone_rests import EDGE, MOST_PARTS, convert_zone, find_zero_sample_evidence
 from diagnosis.detectors.sample_report import Zone
 from diagnosis.diagnose import diagnose
 from diagnosis.model import dead_zone
 from diagnosis.model.prepare import prepare
+from simulator import scenario
 from simulator.effects import EFFECTS
-from tests.diagnosis.recordings import of_rates, prepared, recorded
+from simulator.simulate import simulate
+from tests.diagnosis.recordings import of_rates, plan, prepared, recorded
 
 DEG = np.deg2rad(1.0)
 WIDE, WIDE_S = 0.03, 0.25  # half width, deg/s, and the time between two samples, s
@@ -25,17 +26,26 @@ def found():
     return prepared(4, f"{EFFECT.name}:z=9e-4", sample_s=0.5, every_s=60.0)
 
 
+def test_a_gyro_without_bias_is_no_dead_zone():
+    """Negative control: raw rates that are zero because there is nothing to read."""
+    assert all(one.log_odds <= 2 for one in prepared(4).dead)
+    changes = {"gyro.true_bias_deg_s": (0.0, 0.0, 0.0), "gyro.true_G": np.eye(3).tolist()}
+    answer = diagnose(simulate(scenario.override(plan(), changes), seed=25))
+    assert {"none", "unknown"} <= set(answer.conformal_90)
+    assert answer.verdict == "none"  # whatever the samples look like, no rate is missing in the attitude
+
+
 def test_what_is_missing_is_a_rate_in_the_runs_and_nowhere_else(found):
     (shown,) = found.dead
     model = found.model
-    one = replace(shown, part=np.where(shown.part < DEAD_ZONE_RESTS.most_parts, shown.part, -1))
+    one = replace(shown, part=np.where(shown.part < MOST_PARTS, shown.part, -1))
     toward = model.G[:, one.axis]
     columns = dead_zone.observe_missing_rates(model, one, toward)
     assert columns.shape == (model.size, 2 + one.part.max())
     # What is too short for a rate of its own shares the common one.
     assert dead_zone.observe_missing_rates(model, shown, toward).shape == columns.shape
     # All runs alike are the sum of each by itself.
-    np.testing.assert_allclose(columns[:, 0], columns[:, 1:].sum(axis=1) / dead_zone.SETTINGS.difference, atol=1e-12)
+    np.testing.assert_allclose(columns[:, 0], columns[:, 1:].sum(axis=1) / dead_zone.DIFFERENCE, atol=1e-12)
     # Where every sample may miss a rate, that is a bias of the opposite sign.
     all_of_it = replace(one, part=np.zeros_like(one.part))
     everywhere = dead_zone.observe_missing_rates(model, all_of_it, toward)[:, 0]
@@ -97,7 +107,7 @@ def test_a_candidate_has_the_likelihood_of_the_samples_within_bounds(found):
     for asked in (-100.0, 1.5, 100.0):
         (group,) = dead_zone.list_dead_zone_groups(replace(found, dead=(replace(one, log_odds=asked),)), [EFFECT])
         odds[asked] = group.log_odds
-    assert odds == {-100.0: dead_zone.SETTINGS.least_odds, 1.5: 1.5, 100.0: dead_zone.SETTINGS.most_odds}
+    assert odds == {-100.0: dead_zone.LEAST_ODDS, 1.5: 1.5, 100.0: dead_zone.MOST_ODDS}
     assert group.axis == "xyz"[one.axis]
     assert group.weight == pytest.approx(EFFECT.weight / 3)  # each gyro could have had one
     assert EFFECT.prior[0] <= group.limits[0] < group.limits[1] <= EFFECT.prior[1]
@@ -111,12 +121,12 @@ def test_the_size_lies_between_what_is_missing_and_what_is_read(found):
     assert group.size_sigma(6e-4) == pytest.approx(3e-4 / np.sqrt(12))
     (edge,) = dead_zone.list_dead_zone_groups(replace(found, dead=(replace(one, crossed=True),)), [EFFECT])
     assert edge.read(np.append(6e-4, np.zeros(runs)))[0] == pytest.approx(9e-4)
-    assert edge.size_sigma(6e-4) == pytest.approx(SETTINGS.edge * 9e-4)
+    assert edge.size_sigma(6e-4) == pytest.approx(EDGE * 9e-4)
 
 
 def test_every_zero_misses_its_rate_and_the_longest_stretches_have_one_of_their_own():
     made = recorded(4, sample_s=0.5, every_s=60.0)
-    rates, lengths = made.gyro.rates.copy(), 30 + np.arange(DEAD_ZONE_RESTS.most_parts + 20)
+    rates, lengths = made.gyro.rates.copy(), 30 + np.arange(MOST_PARTS + 20)
     begins = 200 + 150 * np.arange(lengths.size)
     for begin, length in zip(begins, lengths, strict=True):
         rates[begin : begin + length, 1] = 0.0
@@ -125,7 +135,7 @@ def test_every_zero_misses_its_rate_and_the_longest_stretches_have_one_of_their_
     np.testing.assert_array_equal(one.part >= 0, zero)
     for place, begin in enumerate(begins):
         own = one.part[begin : begin + 30]
-        assert (own == min(lengths.size - 1 - place, DEAD_ZONE_RESTS.most_parts)).all()
+        assert (own == min(lengths.size - 1 - place, MOST_PARTS)).all()
 
 
 @pytest.fixture(scope="module")

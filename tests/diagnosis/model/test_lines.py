@@ -137,13 +137,6 @@ def test_a_vibration_is_one_at_any_frequency(frequency, size):
     assert np.std(found.samples.rates[:, 1] - clean) < 0.2 * before
 
 
-@pytest.mark.long
-def test_a_diagnosis_names_a_vibration_of_a_fast_gyro():
-    answer = diagnose(recorded("vibration:y=0.004,apparent_hz=0.43"), library=RIVALS)
-    assert [(cause.effect, cause.axis) for cause in answer.causes] == [("vibration", "y")]
-    assert answer.verdict == "named"
-
-
 def test_a_vibration_beside_a_sway_is_told_from_it():
     """On another axis, and beyond the band of the motion on the same one."""
     found = prepare(swaying(recorded("vibration:z=0.002,apparent_hz=31.0"), tone(0.002, 1 / 5.1)))
@@ -196,13 +189,6 @@ def test_a_gap_between_intervals_takes_nothing_from_what_a_line_turns():
     once, twice = (compute_log_ratio(model, replace(line, waveform=factor * wave)) for factor in (1, 2))
     assert once > 1000
     assert abs(twice) < 0.05 * once
-
-
-def test_references_that_are_too_few_leave_it_to_the_prior():
-    """The same slow and steady sway with a reference every hundred seconds only."""
-    found = prepare(swaying(recorded(every_s=100.0), tone(0.001, 1 / 2.3)))
-    (line,) = found.samples.lines
-    assert abs(compute_log_ratio(found.model, line)) < 2
 
 
 def test_power_beside_a_line_that_is_none_of_noise_takes_from_what_the_references_tell():

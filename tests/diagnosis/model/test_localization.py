@@ -65,7 +65,7 @@ def test_residuals_show_the_error_with_its_sign(turned):
 @pytest.mark.parametrize("averaged", [False, True])
 def test_residuals_in_body_axes_have_the_sigma_they_state(averaged, monkeypatch):
     if averaged:
-        monkeypatch.setattr(linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=70))
+        monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", 70)
     rng = np.random.default_rng(34)
     model = prepare(recorded(3)).model
     draws = [compute_body_residuals(model, model.project_out_nuisance(rng.standard_normal(model.size))) for _ in range(40)]

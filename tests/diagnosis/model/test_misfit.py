@@ -97,7 +97,7 @@ def test_what_averaging_hides_is_seen(monkeypatch):
     recording = recorded(3)
     alternate = np.where(np.arange(recording.attitudes.t_s.size) % 2, 1.0, -1.0)[:, None] * recording.attitudes.sigma * 1.2
     result = calibrate(recording)
-    monkeypatch.setattr(linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=recording.attitudes.t_s.size // 4))
+    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", recording.attitudes.t_s.size // 4)
     clean = linearise_recording(recording, result.G, result.bias)
     found = linearise_recording(with_errors(recording, alternate), result.G, result.bias)
     assert found.y @ found.y < clean.y @ clean.y + 5 * np.sqrt(2 * clean.size)

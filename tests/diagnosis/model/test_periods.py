@@ -77,7 +77,7 @@ def test_the_scan_scores_as_the_columns_themselves_do(swinging, on_references, a
             own = periods.make_period_columns(swinging, axis, on_references, np.array([frequency]))[0]
             X = swinging.project_out_nuisance(own)
             gram = X.T @ X
-            scales = np.array(coherence.SETTINGS.scales) / np.sqrt(0.5 * np.trace(gram))
+            scales = np.array(coherence.SCALES) / np.sqrt(0.5 * np.trace(gram))
             expected = log_bayes(gram[None], (X.T @ swinging.y)[None], scales).max()
             score = found.compute_log_evidence(np.array([[frequency]]), np.array([j]))[0, 0]
             assert score == pytest.approx(expected, abs=tolerance * abs(expected) + 0.3)
@@ -97,7 +97,7 @@ def test_columns_of_cells_are_those_of_the_effect(model):
 @pytest.mark.parametrize("axis", ["x", "z"])
 def test_a_body_may_turn_while_references_are_averaged(model, monkeypatch, axis):
     """The error of each reference is along an axis of the body at that reference, in the columns and in the scan."""
-    monkeypatch.setattr(linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=model.reference_rows.size // 5))
+    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", model.reference_rows.size // 5)
     averaged = linearise_recording(model.recording, model.G, model.bias)
     assert averaged.observation_t_s.size < 0.3 * averaged.reference_rows.size
     effect, number = EFFECTS["reference_periodic"], "xyz".index(axis)
@@ -113,7 +113,7 @@ def test_a_body_may_turn_while_references_are_averaged(model, monkeypatch, axis)
     products = periods.compute_wave_products(swinging, at, number, True)
     score = products.compute_log_evidence(np.array([[frequency]]), np.array([20]))[0, 0]
     gram = exact.T @ exact
-    scales = np.array(coherence.SETTINGS.scales) / np.sqrt(0.5 * np.trace(gram))
+    scales = np.array(coherence.SCALES) / np.sqrt(0.5 * np.trace(gram))
     expected = log_bayes(gram[None], (exact.T @ swinging.y)[None], scales).max()
     assert score == pytest.approx(expected, rel=0.02)  # in the middle of the frequencies at which waves are made, as above
 

@@ -48,7 +48,7 @@ def strongest(U, K):
     values, vectors = np.linalg.eigh(whole)
     order = np.argsort(-values)
     share = np.cumsum(values[order] ** 2) / np.sum(values**2)
-    kept = order[: max(int(np.searchsorted(share, processes.SETTINGS.information)) + 1, processes.SETTINGS.usual_columns)]
+    kept = order[: max(int(np.searchsorted(share, processes.INFORMATION)) + 1, processes.USUAL_COLUMNS)]
     return (vectors[:, kept] * values[kept]) @ vectors[:, kept].T, whole
 
 
@@ -171,7 +171,7 @@ def test_cells_of_a_coarse_recording_stay_few():
 def test_a_process_of_averaged_references_is_that_of_every_reference(monkeypatch):
     """Covariance of the observations against that of the errors of all references; of one that is fast it is much smaller."""
     recording = recorded(3)
-    monkeypatch.setattr(linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=recording.attitudes.t_s.size // 4))
+    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", recording.attitudes.t_s.size // 4)
     model = linearise.linearise_recording(recording, np.eye(3), np.zeros(3))
     every, nodes_s = model.references.t_s, processes.compute_node_times(model).t_s
     for axis in range(3):
@@ -205,7 +205,7 @@ def test_a_walk_goes_on_only_over_gaps_that_leave_it_a_walk():
 def test_errors_of_averaged_references_are_about_the_axes_of_each(monkeypatch):
     """Unit errors of the nodes against the error of the residuals that those of single references make."""
     recording = recorded(3, every_s=30.0)
-    monkeypatch.setattr(linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=recording.attitudes.t_s.size // 3))
+    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", recording.attitudes.t_s.size // 3)
     model = linearise.linearise_recording(recording, np.eye(3), np.zeros(3))
     rows, _ = select_nodes(model)
     assert max(block.counts.max() for block in model.blocks) == 3

@@ -40,11 +40,9 @@ def quiet():
 @pytest.fixture
 def condensed(recording, model, quiet, monkeypatch):
     """The same with steps of three samples and about three references an observation."""
-    monkeypatch.setattr(linearise, "SETTINGS", replace(linearise.SETTINGS, most_steps=model.t_s.size // 3 + 1))
-    monkeypatch.setattr(
-        linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=len(model.reference_rows) // 3 + 1)
-    )
-    monkeypatch.setattr(recordings, "SETTINGS", replace(recordings.SETTINGS, most_cells=80))
+    monkeypatch.setattr(linearise, "MOST_STEPS", model.t_s.size // 3 + 1)
+    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", len(model.reference_rows) // 3 + 1)
+    monkeypatch.setattr(recordings, "MOST_CELLS", 80)
     made = linearise_recording(recording, model.G, model.bias, smooth=quiet.recording.gyro.rates)
     assert made.t_s.size < 0.4 * model.t_s.size
     assert made.size < 0.4 * model.size
@@ -145,8 +143,8 @@ def test_residuals_of_m0_have_unit_variance():
 
 def test_averaged_references_on_condensed_steps_have_unit_variance(monkeypatch):
     """The same with three references an observation and four samples a step."""
-    monkeypatch.setattr(linearise, "SETTINGS", replace(linearise.SETTINGS, most_steps=4000))
-    monkeypatch.setattr(linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=70))
+    monkeypatch.setattr(linearise, "MOST_STEPS", 4000)
+    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", 70)
     total, dof = chi2_of_m0([prepare(recorded(seed)).model for seed in range(3)])
     assert dof < 3 * 220
     assert 1e-3 < scipy.stats.chi2.cdf(total, dof) < 1 - 1e-3
@@ -205,9 +203,7 @@ def averaging(block):
 @pytest.mark.parametrize("isotropic", [True, False])
 def test_covariance_of_averaged_references_is_that_of_brute_force(recording, model, monkeypatch, isotropic):
     """With stated white noise, and with a density of its own for each axis and time."""
-    monkeypatch.setattr(
-        linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=len(model.reference_rows) // 3 + 1)
-    )
+    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", len(model.reference_rows) // 3 + 1)
     rng = np.random.default_rng(4)
     arw2 = recording.gyro.arw**2
     density = None if isotropic else arw2 * rng.uniform(0.3, 3.0, recording.gyro.rates.shape)
@@ -277,7 +273,7 @@ def test_steps_reference_errors_and_cells_are_averaged_the_same_way(model, conde
 
 def test_an_interval_with_few_references_keeps_them(recording, model, monkeypatch):
     """Averaged to one observation it would show nothing beside its own start attitude."""
-    monkeypatch.setattr(linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=20))
+    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", 20)
     made = linearise_recording(recording, model.G, model.bias)
     counts = [block.references.size for block in made.blocks]
     assert min(counts) < 12 < max(counts)

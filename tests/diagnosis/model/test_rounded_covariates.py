@@ -10,12 +10,11 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 from diagnosis.inference.amplitudes import estimate_amplitudes
-from diagnosis.inference.evidence import SETTINGS as EVIDENCE
-from diagnosis.inference.evidence import log_bayes
+from diagnosis.inference.evidence import PEAK, log_bayes
 from diagnosis.inference.search import Search
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.prepare import prepare
-from diagnosis.model.rounded_covariates import SETTINGS, _build_precision, estimate_course, find_rounded_covariates
+from diagnosis.model.rounded_covariates import UNKNOWN, _build_precision, estimate_course, find_rounded_covariates
 from simulator.effects import EFFECTS
 from simulator.effects.common import DEG_H
 from tests.diagnosis.recordings import of_rates, slews_between_references
@@ -49,7 +48,7 @@ def test_the_precision_is_that_of_an_integrated_wiener_process():
     band, expected = _build_precision(d, begins, sigma, weights), np.diag(np.repeat(np.arange(1.0, 6.0), 2) * ([1, 0] * 5))
     for k in range(5):
         if begins[k]:
-            expected[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] += np.eye(2) * SETTINGS.unknown**-2
+            expected[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] += np.eye(2) * UNKNOWN**-2
             continue
         h = d[k - 1]
         Q = sigma**2 * np.array([[h**3 / 3, h**2 / 2], [h**2 / 2, h]])
@@ -95,7 +94,7 @@ def test_a_switch_is_not_smoothed():
 def test_tied_errors_have_the_evidence_of_two_peaks(correlation):
     """The closed form is the integral over the main amplitude with the errors integrated out."""
     scale, gram, along = 0.8, np.array([[50.0, 4.0], [4.0, 2.0]]), np.array(correlation)
-    peak = EVIDENCE.peak * scale
+    peak = PEAK * scale
 
     def likelihood(a):
         """Likelihood ratio of a main amplitude, with the error's amplitude of variance scale² integrated out."""

@@ -5,8 +5,7 @@ import pytest
 
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.linear import SelectedCandidate
-from diagnosis.model.steps import SETTINGS as STEPS
-from diagnosis.model.steps import ResidualProducts, add_finer_times, add_step_times
+from diagnosis.model.steps import FINE_STEP_TIMES, MOST_MOMENTS, ResidualProducts, add_finer_times, add_step_times
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import prepared
 
@@ -52,7 +51,7 @@ def test_the_moment_between_two_that_are_tried_is_found(stepped):
     # The prior of the step as a whole stays what it was, and no candidate grows without bound.
     for one, other in zip(linear.candidates, finer.candidates, strict=True):
         assert np.exp(other.log_weights).sum() == pytest.approx(np.exp(one.log_weights).sum())
-        assert len(other.options) <= len(one.options) + STEPS.most_moments * STEPS.fine_step_times
+        assert len(other.options) <= len(one.options) + MOST_MOMENTS * FINE_STEP_TIMES
 
 
 def test_a_step_that_is_in_already_or_explains_too_little_gets_no_further_times(stepped):

@@ -77,7 +77,7 @@ def test_errors_of_references_leave_the_steps_before_them_alone(model, families)
 
 def test_periods_from_an_interval_s_start_need_no_orbit(families):
     waves = families["bias of a period counted from each interval's start", "z"]
-    assert len(waves) == deterministic_alternatives.SETTINGS.periods
+    assert len(waves) == deterministic_alternatives.PERIODS
     assert {columns.shape[1] for columns in waves} == {2}
 
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from diagnosis.inference.evidence import log_bayes
-from diagnosis.sinusoids.coherence import SETTINGS as COHERENCE
-from diagnosis.sinusoids.coherence import compute_products, find_tops
+from diagnosis.sinusoids.coherence import SCALES, compute_products, find_tops
 from diagnosis.sinusoids.fit import make_waves
 
 TIMES = [np.arange(0.0, 300.0), np.arange(2000.0, 2200.0), np.arange(7000.0, 7300.0)]
@@ -26,7 +25,7 @@ def test_evidence_is_that_of_columns_made_at_each_frequency():
     found = evidence_of(y)
     for j, k in ((0, 11), (0, 2), (1, 5)):
         X = make_waves(NEAR[j, k], T)
-        scales = np.array(COHERENCE.scales) / np.sqrt(0.5 * np.sum(X**2))
+        scales = np.array(SCALES) / np.sqrt(0.5 * np.sum(X**2))
         expected = log_bayes((X.T @ X)[None], (X.T @ y)[None], scales).max()
         assert found[j, k] == pytest.approx(expected, abs=0.02 * abs(expected) + 0.2)
     assert abs(int(find_tops(found[0], 1)[0]) - 11) <= 3  # its sigma is 0.9 steps
@@ -38,7 +37,7 @@ def test_noise_has_no_evidence():
     rng = np.random.default_rng(2)
     values = np.array([evidence_of(rng.standard_normal(T.size))[:, 8] for _ in range(400)]).ravel()
     for x in (2.0, 4.0):
-        assert np.mean(values > x) <= len(COHERENCE.scales) * np.exp(-x)
+        assert np.mean(values > x) <= len(SCALES) * np.exp(-x)
 
 
 def test_tops_are_in_the_order_of_their_height():

@@ -1,7 +1,5 @@
 """Mean periodograms: level, p-value and amplitude of a line, of even and of uneven times."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import scipy.signal
@@ -38,7 +36,7 @@ def test_overlapping_segments_scatter_as_stated(window):
 def test_a_spectrum_is_the_same_some_segments_at_a_time(monkeypatch):
     x = np.random.default_rng(3).standard_normal(9000)
     whole = compute_segment_spectrum(x, ARCS, 600, 0.1, "hann")
-    monkeypatch.setattr(spectrum, "SETTINGS", replace(spectrum.SETTINGS, samples_at_once=1800))
+    monkeypatch.setattr(spectrum, "SAMPLES_AT_ONCE", 1800)
     np.testing.assert_allclose(compute_segment_spectrum(x, ARCS, 600, 0.1, "hann").power, whole.power, rtol=1e-12)
     assert compute_segment_spectrum(x, ARCS, 7000, 0.1, "hann") is None
 

@@ -16,7 +16,6 @@ from tests.simulator.effects.test_clock import agile, sparse
 from tests.simulator.effects.test_effects import ACCELERATIONS, PLAIN
 
 LIBRARY = ("acceleration_sensitivity", "g_matrix_temperature", "bias_temperature", "bias_drift", "bias_step", "scale_asymmetry")
-DEG_H = np.deg2rad(1 / 3600)
 
 
 def test_accelerations_are_those_of_a_body_on_a_rate_table():

@@ -3,7 +3,7 @@
 import numpy as np
 
 from gyrocal.attitude import rotation_matrix
-from simulator.sensors.horizon import COSINES, FLATTENING, SINES, compute_penetrations
+from simulator.sensors.horizon import COSINES, FLATTENING, SINES, compute_penetration
 from simulator.truth.orbit import EARTH_RADIUS
 
 
@@ -33,6 +33,11 @@ def geodetic_nadir(position):
         multiplier = multiplier - (terms.sum(axis=-1, keepdims=True) - 1) / slope
     normal = position / (axes + multiplier)
     return np.asarray(-normal / np.linalg.norm(normal, axis=-1, keepdims=True))
+
+
+def compute_penetrations(A, position, a, c, nominal):
+    """True penetration angles (n, 4), rad, of attitudes (n, 3, 3) at positions (n, 3), m."""
+    return np.array([[compute_penetration(*one, i, a, c, nominal) for i in range(4)] for one in zip(A, position, strict=True)])
 
 
 def bisector_attitude(A, position, horizon):

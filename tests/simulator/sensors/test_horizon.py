@@ -15,11 +15,10 @@ from simulator.sensors.horizon import (
     compute_limb_angle,
     compute_orbit_position,
     compute_penetration,
-    compute_penetrations,
     is_hidden,
 )
 from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, compute_lvlh_attitude
-from tests.simulator.sensors.nadir import bisector_attitude, geocentric_nadir, geodetic_nadir
+from tests.simulator.sensors.nadir import bisector_attitude, compute_penetrations, geocentric_nadir, geodetic_nadir
 
 ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=0.7, latitude_argument=0.2)
 TIMES = np.linspace(0.0, ORBIT.period, 361)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from simulator.sensors.reference import add_reference_errors, list_reference_times
+from simulator.simulate import add_reference_errors, list_reference_times
 from simulator.truth.maneuvers import Hold, Profile, Slew
 from simulator.truth.orbit import CircularOrbit
 from simulator.truth.rotation import separation
