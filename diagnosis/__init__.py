@@ -7,14 +7,14 @@ of the calibration. Its column is what the effect adds to the gyro's readings or
 `diagnosis.diagnose` uses the modules in this order (steps 4 to 12 are in `explain`):
 
 1. `detectors.samples` calls the test of each symptom. A test returns its findings and the repaired stream.
-2. `model.prepare` calibrates under M0 (`model.baseline`) on the linearised recording (`model.recording`).
-   `model.judgement` classifies spectral lines and the noise of the references, and repeats that without the effects that were
-   identified (`model.known_effects`). `sinusoids` fits the lines of the samples, the tones of the references and the periods of
-   step 4.
+2. `model.prepare` calibrates under M0 (`model.baseline`) on the linearised recording (`model.recording_model`).
+   `model.noise_classification` classifies spectral lines and the noise of the references, and repeats that without the effects
+   that were identified (`model.known_effects`). `sinusoids` fits the lines of the samples, the tones of the references and the
+   periods of step 4.
 3. `model.symptoms` computes the posterior of each symptom.
 4. `model.groups` builds the columns of listed effects, with `model.processes`, `model.periods`, `model.dead_zone` and
-   `model.rounded_covariates`, and of alternatives outside the library (`model.unlisted`, `model.repeating`). `model.candidates`
-   joins them to one linear model.
+   `model.rounded_covariates`, and of alternatives outside the library (`model.deterministic_alternatives`,
+   `model.periodic_alternatives`). `model.candidates` joins them to one linear model.
 5. `inference.null` tests whether there is a misfit.
 6. `inference.search` computes the posterior of sets of effects from `inference.evidence`.
 7. `inference.attribution` selects the causes that are reported.
@@ -27,5 +27,5 @@ of the calibration. Its column is what the effect adds to the gyro's readings or
 13. `assemble` builds the answer (`result`), with the verdict from probabilities alone (`verdict`).
 
 Raw sensor tables (`sensor_tables`, built by `model.sensors`) use the same steps from 4 on. General thresholds are in
-`settings`, others in the settings class of their module. `plan` predicts what a maneuver plan can show.
+`settings`, others are constants of their module. `plan` predicts what a maneuver plan can show.
 """

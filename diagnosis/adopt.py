@@ -27,21 +27,13 @@ NAMING = ("named", "group", "partial")  # verdicts whose causes are put into a s
 
 @dataclass(frozen=True)
 class Adoption:
-    """What is put into the simulator.
+    """What is put into the simulator."""
 
-    Attributes
-    ----------
-    effects : with their sizes; none without a named cause
-    covariance : (k, k) of their amplitudes, effect after effect
-    left_out : causes that a replay cannot fly, such as those of raw sensor tables
-    reason : why there are no effects, or ""
-    instead : of each cause that the recording cannot tell from others, its label and theirs
-    """
-
-    effects: tuple[Setting, ...]
-    covariance: Array
-    left_out: tuple[str, ...]
-    reason: str
+    effects: tuple[Setting, ...]  # with their sizes; none without a named cause
+    covariance: Array  # (k, k) of their amplitudes, effect after effect
+    left_out: tuple[str, ...]  # causes that a replay cannot fly, such as those of raw sensor tables
+    reason: str  # why there are no effects, or ""
+    # of each cause that the recording cannot tell from others, its label and theirs
     instead: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
     def sentence(self) -> str:

@@ -16,50 +16,31 @@ Explanations = tuple[tuple[tuple[str, ...], float], ...]  # labels of each, and 
 
 @dataclass(frozen=True)
 class Finding:
-    """One place where the recording departs from the baseline.
+    """One place where the recording departs from the baseline."""
 
-    Attributes
-    ----------
-    signal : "attitude" or "gyro stream"
-    interval, axis : where; None for all of them
-    window_s : since the interval's start, s
-    statistic, value, p_value : the test; p already corrected for the number of tests
-    text : a sentence for people
-    """
-
-    signal: str
-    interval: str | None
+    signal: str  # "attitude" or "gyro stream"
+    interval: str | None  # interval, axis: where; None for all of them
     axis: str | None
-    window_s: tuple[float, float] | None
-    statistic: str
+    window_s: tuple[float, float] | None  # since the interval's start, s
+    statistic: str  # statistic, value, p_value: the test; p already corrected for the number of tests
     value: float
     p_value: float
-    text: str
+    text: str  # a sentence for people
 
 
 @dataclass(frozen=True)
 class Cause:
-    """An effect of the best explanation.
+    """An effect of the best explanation."""
 
-    Attributes
-    ----------
-    effect, axis : which, and about which body axis
-    size, unit, sigma : how large
-    parameters : its other numbers, such as phase_deg or time_s
-    probability : that this effect (and axis) is at work
-    group : what could stand in its place, as effect:axis, itself included, the likeliest first
-    group_probability : that one of the group is at work
-    """
-
-    effect: str
+    effect: str  # effect, axis: which, and about which body axis
     axis: str | None
-    size: float
+    size: float  # size, unit, sigma: how large
     unit: str
     sigma: float
-    parameters: dict[str, float | str]
-    probability: float
-    group: tuple[str, ...]
-    group_probability: float
+    parameters: dict[str, float | str]  # its other numbers, such as phase_deg or time_s
+    probability: float  # that this effect (and axis) is at work
+    group: tuple[str, ...]  # what could stand in its place, as effect:axis, itself included, the likeliest first
+    group_probability: float  # that one of the group is at work
 
     @property
     def label(self) -> str:
@@ -69,63 +50,37 @@ class Cause:
 
 @dataclass(frozen=True)
 class Amplitudes:
-    """Amplitudes in which the named effects are linear, with G, b and the start attitudes estimated beside them.
+    """Amplitudes in which the named effects are linear, with G, b and the start attitudes estimated beside them."""
 
-    Attributes
-    ----------
-    labels : (k,) effect:axis that each belongs to
-    values : (k,) in the effect's unit, as of `simulator.effects.base.Effect.amplitudes`
-    covariance : (k, k)
-    """
-
-    labels: tuple[str, ...] = ()
+    labels: tuple[str, ...] = ()  # (k,) effect:axis that each belongs to
+    # (k,) in the effect's unit, as of `simulator.effects.base.Effect.amplitudes`
     values: Array = field(default_factory=lambda: np.empty(0))
-    covariance: Array = field(default_factory=lambda: np.empty((0, 0)))
+    covariance: Array = field(default_factory=lambda: np.empty((0, 0)))  # (k, k)
 
 
 @dataclass(frozen=True)
 class Regressor:
-    """What a remainder follows.
+    """What a remainder follows."""
 
-    Attributes
-    ----------
-    name : in words, with the axis
-    p_value : of a score test in the presence of the remainder, corrected for the number of tests
-    share : of the misfit beyond the stated noise that it explains
-    """
-
-    name: str
-    p_value: float
-    share: float
+    name: str  # in words, with the axis
+    p_value: float  # of a score test in the presence of the remainder, corrected for the number of tests
+    share: float  # of the misfit beyond the stated noise that it explains
 
 
 @dataclass(frozen=True)
 class RemainderSummary:
-    """The part of the misfit that no identified cause explains.
+    """The part of the misfit that no identified cause explains."""
 
-    Attributes
-    ----------
-    share, interval_90 : of the held-out misfit, and its 90 % interval
-    gyro_deg_h : (3,) standard deviation of the rate error about each body axis, deg/h
-    reference_deg : (3,) standard deviation of the error of the references about each body axis, deg
-    time_tags_s : standard deviation of the error of the time tags, s
-    rate_share : standard deviation of a rate error in proportion to the rate
-    noise_factor : by which white noise is larger than stated
-    side : "gyro", "reference", "time tags" or "white noise": which of them makes most of it
-    time_scale_s : correlation time of that part; 0 for white noise
-    regressors : what the remainder follows
-    """
-
-    share: float
+    share: float  # share, interval_90: of the held-out misfit, and its 90 % interval
     interval_90: tuple[float, float]
-    gyro_deg_h: tuple[float, ...]
-    reference_deg: tuple[float, ...]
-    time_tags_s: float
-    rate_share: float
-    noise_factor: float
-    side: str
-    time_scale_s: float
-    regressors: tuple[Regressor, ...]
+    gyro_deg_h: tuple[float, ...]  # (3,) standard deviation of the rate error about each body axis, deg/h
+    reference_deg: tuple[float, ...]  # (3,) standard deviation of the error of the references about each body axis, deg
+    time_tags_s: float  # standard deviation of the error of the time tags, s
+    rate_share: float  # standard deviation of a rate error in proportion to the rate
+    noise_factor: float  # by which white noise is larger than stated
+    side: str  # "gyro", "reference", "time tags" or "white noise": which of them makes most of it
+    time_scale_s: float  # correlation time of that part; 0 for white noise
+    regressors: tuple[Regressor, ...]  # what the remainder follows
 
     def to_json(self) -> dict[str, Any]:
         """Return the remainder as in the documented format."""
@@ -145,25 +100,16 @@ class RemainderSummary:
 
 @dataclass(frozen=True)
 class Closure:
-    """Reduction of the misfit by the causes on held-out data, from which no amplitude was estimated.
+    """Reduction of the misfit by the causes on held-out data, from which no amplitude was estimated."""
 
-    Attributes
-    ----------
-    measure, split : what is compared and how the data were parted
-    before, after, floor : the measure under M0, with the causes in, and what M0 has on data of its own making
-    closed : 1 − (after − floor)/(before − floor)
-    interval_90 : its 90 % interval
-    by_interval : columns interval, before, after, floor
-    """
-
-    measure: str
+    measure: str  # measure, split: what is compared and how the data were parted
     split: str
-    before: float
+    before: float  # before, after, floor: the measure under M0, with the causes in, and what M0 has on data of its own making
     after: float
     floor: float
-    closed: float
-    interval_90: tuple[float, float]
-    by_interval: pd.DataFrame
+    closed: float  # 1 − (after − floor)/(before − floor)
+    interval_90: tuple[float, float]  # its 90 % interval
+    by_interval: pd.DataFrame  # columns interval, before, after, floor
 
     def to_json(self) -> dict[str, Any]:
         """Return plain values in the documented format."""

@@ -32,10 +32,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-
 SHOWN_EXPLANATIONS = 12  # in the list of the likeliest ones
 WORTH_SHOWING = 1e-4  # probability of an alternative
-
 
 LEAST_POSITIVE = 1e-300
 OFFSET = 0.1  # rad, prior sigma of a constant rotation of references that are mounted otherwise than stated

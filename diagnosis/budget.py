@@ -28,42 +28,28 @@ from diagnosis.replication import PartSize, Replication
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-
 DRAWS = 2000  # of the bootstrap over held-out parts
 FLOOR = 1.0  # whitened mean square of held-out errors under the stated noise
-
 
 LEAST_TOTAL_MISFIT = 1e-9
 
 
 @dataclass(frozen=True)
 class Step:
-    """One step of the budget.
+    """One step of the budget."""
 
-    Attributes
-    ----------
-    step : "baseline", the label of a cause, "remainder" or "floor"
-    misfit : whitened mean square of the held-out errors once the step is done
-    misfit_deg : their RMS, deg
-    closed : share of the misfit between baseline and floor that this step closes
-    interval_90 : its 90 % interval
-    probability, size, sigma, unit : of a cause
-    by_part, heterogeneity_p : sizes of a cause by part, see `diagnosis.replication`
-    delta_G, delta_bias_deg_s : (3, 3) and (3,) change of the calibration by this step
-    """
-
-    step: str
-    misfit: float
-    misfit_deg: float
-    closed: float | None = None
-    interval_90: tuple[float, float] | None = None
-    probability: float | None = None
+    step: str  # "baseline", the label of a cause, "remainder" or "floor"
+    misfit: float  # whitened mean square of the held-out errors once the step is done
+    misfit_deg: float  # their RMS, deg
+    closed: float | None = None  # share of the misfit between baseline and floor that this step closes
+    interval_90: tuple[float, float] | None = None  # its 90 % interval
+    probability: float | None = None  # probability, size, sigma, unit: of a cause
     size: float | None = None
     sigma: float | None = None
     unit: str | None = None
-    by_part: tuple[PartSize, ...] = ()
+    by_part: tuple[PartSize, ...] = ()  # by_part, heterogeneity_p: sizes of a cause by part, see `diagnosis.replication`
     heterogeneity_p: float | None = None
-    delta_G: Array | None = None
+    delta_G: Array | None = None  # delta_G, delta_bias_deg_s: (3, 3) and (3,) change of the calibration by this step
     delta_bias_deg_s: Array | None = None
 
     def to_json(self) -> dict[str, Any]:
@@ -75,20 +61,12 @@ class Step:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Held-out errors of a sequence of explanations.
+    """Held-out errors of a sequence of explanations."""
 
-    Attributes
-    ----------
-    squares : (parts, steps) sums of whitened squares in each held-out part
-    squares_deg2 : (parts, steps) sums of squares, deg²
-    dof : (parts,) held-out values
-    interval : (parts,) name of the interval of each
-    """
-
-    squares: Array
-    squares_deg2: Array
-    dof: Array
-    interval: tuple[str, ...]
+    squares: Array  # (parts, steps) sums of whitened squares in each held-out part
+    squares_deg2: Array  # (parts, steps) sums of squares, deg²
+    dof: Array  # (parts,) held-out values
+    interval: tuple[str, ...]  # (parts,) name of the interval of each
 
     @property
     def misfit(self) -> Array:

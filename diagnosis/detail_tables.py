@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 AXES = "xyz"
 
-
 WORTH_KEEPING = 1e-6  # probability of an explanation in the details
 
 

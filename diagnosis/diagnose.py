@@ -40,6 +40,8 @@ def diagnose(
 ) -> Diagnosis:
     """Say whether a recording departs from M0, where, by which cause, and how far the gap shrinks with the cause in.
 
+    An `InputError` if the recording cannot be used, or the library names an effect there is not.
+
     Parameters
     ----------
     recording : gyro stream and reference attitudes; raw tables of the sensors, if there are any, are diagnosed too
@@ -47,11 +49,6 @@ def diagnose(
     seed : of the null distribution
     library : names of the effects that may be named; all by default
     settings : thresholds and priors
-
-    Raises
-    ------
-    InputError
-        The recording cannot be used, or the library names an effect there is not.
     """
     tell = progress or (lambda text, share: None)
     began = time.perf_counter()

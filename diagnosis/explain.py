@@ -52,39 +52,25 @@ Checker = Callable[[LinearModel, tuple[SelectedCandidate, ...]], tuple[Check, ..
 
 @dataclass(frozen=True)
 class AttitudeInference:
-    """What the attitude says.
+    """What the attitude says."""
 
-    Attributes
-    ----------
-    candidates : what the linear model of the recording tried
-    p_value : that M0 alone departs so far
-    attribution : None without a gap
-    fitted : amplitudes of the effects that are named
-    rejected : amplitudes of those that would be, but for the checks of what they leave
-    checks : of what the named effects leave
-    passed : p-value of the checks of all listed explanations together, averaged over their posterior; None without a check
-    left : what M0 leaves of all references, before any averaging
-    unseen : without a gap, the probability of M0 and of what is too weak to be told
-    closed : how far the gap closes on held-out data
-    beside : effects identified in the presence of a remainder, where the listed effects alone do not explain the data
-    budget : steps of the gap budget on held-out data; none without a gap
-    change, covariance : of the calibration with the named effects in the model, (12,), and of it and their amplitudes
-    """
-
-    candidates: tuple[Candidate, ...]
-    p_value: float
-    attribution: Attribution | None
-    fitted: tuple[FittedEffect, ...]
-    checks: tuple[Check, ...]
-    closed: Closure | None
+    candidates: tuple[Candidate, ...]  # what the linear model of the recording tried
+    p_value: float  # that M0 alone departs so far
+    attribution: Attribution | None  # None without a gap
+    fitted: tuple[FittedEffect, ...]  # amplitudes of the effects that are named
+    checks: tuple[Check, ...]  # of what the named effects leave
+    closed: Closure | None  # how far the gap closes on held-out data
+    # change, covariance: of the calibration with the named effects in the model, (12,), and of it and their amplitudes
     change: Array
     covariance: Array
+    # p-value of the checks of all listed explanations together, averaged over their posterior; None without a check
     passed: float | None = None
-    left: tuple[Check, ...] = ()
-    unseen: tuple[RankedExplanation, ...] = ()
-    rejected: tuple[FittedEffect, ...] = ()
+    left: tuple[Check, ...] = ()  # what M0 leaves of all references, before any averaging
+    unseen: tuple[RankedExplanation, ...] = ()  # without a gap, the probability of M0 and of what is too weak to be told
+    rejected: tuple[FittedEffect, ...] = ()  # amplitudes of those that would be, but for the checks of what they leave
+    # effects identified in the presence of a remainder, where the listed effects alone do not explain the data
     beside: BesideRemainder | None = None
-    budget: tuple[Step, ...] = ()
+    budget: tuple[Step, ...] = ()  # steps of the gap budget on held-out data; none without a gap
 
 
 def explain_prepared(

@@ -21,10 +21,8 @@ if TYPE_CHECKING:
 AXES = "xyz"
 LEAST_POSITIVE = 1e-300
 
-
 FITS = 0.01  # p-value of χ² from which on a calibration says that the residuals fit
 ALIKE = 0.1  # relative, of a noise factor and a ratio of units
-
 
 MISTAKEN = {  # factors of white noise that a number in another unit makes, by symptom
     "white_noise_level": (

@@ -48,7 +48,6 @@ from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
 
-
 ROUNDS = 3  # of remainder and explanation in turn
 MOST_EFFECTS = 4  # in one explanation
 SIGNIFICANT = 1e-3  # p-value below which the remainder follows a regressor, all tests counted

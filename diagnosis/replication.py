@@ -20,7 +20,6 @@ from diagnosis.model.recording_model import RecordingModel
 
 Array = NDArray[np.float64]
 
-
 PARTS = 6  # of a recording at least; intervals are divided until there are as many
 WIDEST = 4.0  # sigma of a part beyond which it shows nothing, in sigmas of the best part
 PRIOR = 1e3  # sigma of an amplitude in one part, in units of the prior of the whole
@@ -39,18 +38,11 @@ class PartSize:
 
 @dataclass(frozen=True)
 class Replication:
-    """Sizes of an effect by part.
+    """Sizes of an effect by part."""
 
-    Attributes
-    ----------
-    parts : size in each part that shows the effect
-    heterogeneity_p : p-value of Q; 1 where fewer than two parts show the effect
-    mean, sigma : random-effects mean over the parts, and its sigma
-    """
-
-    parts: tuple[PartSize, ...]
-    heterogeneity_p: float
-    mean: float
+    parts: tuple[PartSize, ...]  # size in each part that shows the effect
+    heterogeneity_p: float  # p-value of Q; 1 where fewer than two parts show the effect
+    mean: float  # mean, sigma: random-effects mean over the parts, and its sigma
     sigma: float
 
     @property

@@ -15,21 +15,13 @@ EXPLANATIONS = ["effects", "probability", "log_evidence", "unlisted"]
 
 @dataclass(frozen=True)
 class RejectedExplanation:
-    """An explanation that was put to the test beside the one that is named.
+    """An explanation that was put to the test beside the one that is named."""
 
-    Attributes
-    ----------
-    effects : labels
-    log_bayes_factor : natural logarithm of how much likelier the data are under what is named
-    before, after : mean square on days left out, under M0 and with it; the floor is 1
-    p_value : that noise as stated leaves that much
-    """
-
-    effects: tuple[str, ...]
-    log_bayes_factor: float
-    before: float
+    effects: tuple[str, ...]  # labels
+    log_bayes_factor: float  # natural logarithm of how much likelier the data are under what is named
+    before: float  # before, after: mean square on days left out, under M0 and with it; the floor is 1
     after: float
-    p_value: float
+    p_value: float  # that noise as stated leaves that much
 
     def to_json(self) -> dict[str, Any]:
         """One object."""
@@ -38,42 +30,28 @@ class RejectedExplanation:
 
 @dataclass(frozen=True)
 class SensorDiagnosis:
-    """The answer of the raw sensor tables; the parts that `diagnosis.result.Diagnosis` has too mean the same there.
+    """The answer of the raw sensor tables; the parts that `diagnosis.result.Diagnosis` has too mean the same there."""
 
-    Attributes
-    ----------
-    verdict : none, named, group or unknown
-    present, p_value, false_alarm_rate : the gap
-    where : one finding for each sensor that departs
-    mean_square : of M0's residuals in sigmas, per degree of freedom; one if M0 is true, None where M0 could not be fitted
-    dof : degrees of freedom
-    causes : one for each effect of the best explanation
-    alternatives : (effects, probability) of the next best
-    unknown_probability : that something not on the list is at work
-    closure : on days left out; None without a named cause
-    rejected : what else an alignment calibration would say, tested beside the causes
-    notes : limits, in sentences
-    posterior : labels of each explanation with its probability, as in `diagnosis.result.Diagnosis`
-    residuals : sensor, angle, interval, t_s, alpha_deg, beta_deg, before_deg, after_deg — the latter two are residuals under
-        M0 and with the causes taken out; alpha and beta are NaN for the Earth sensor, and so is an angle not used
-    explanations : effects (joined by " + "), probability, log_evidence, unlisted
-    """
-
-    verdict: Verdict
-    present: bool
+    verdict: Verdict  # none, named, group or unknown
+    present: bool  # present, p_value, false_alarm_rate: the gap
     p_value: float
     false_alarm_rate: float
-    where: tuple[Finding, ...]
+    where: tuple[Finding, ...]  # one finding for each sensor that departs
+    # of M0's residuals in sigmas, per degree of freedom; one if M0 is true, None where M0 could not be fitted
     mean_square: float | None = None
-    dof: int = 0
-    causes: tuple[Cause, ...] = ()
-    alternatives: Explanations = ()
-    unknown_probability: float = 1.0
-    closure: Closure | None = None
-    rejected: tuple[RejectedExplanation, ...] = ()
-    notes: tuple[str, ...] = ()
+    dof: int = 0  # degrees of freedom
+    causes: tuple[Cause, ...] = ()  # one for each effect of the best explanation
+    alternatives: Explanations = ()  # (effects, probability) of the next best
+    unknown_probability: float = 1.0  # that something not on the list is at work
+    closure: Closure | None = None  # on days left out; None without a named cause
+    rejected: tuple[RejectedExplanation, ...] = ()  # what else an alignment calibration would say, tested beside the causes
+    notes: tuple[str, ...] = ()  # limits, in sentences
+    # labels of each explanation with its probability, as in `diagnosis.result.Diagnosis`
     posterior: Explanations = ((("unknown",), 1.0),)
+    # sensor, angle, interval, t_s, alpha_deg, beta_deg, before_deg, after_deg — the latter two are residuals under M0 and with
+    # the causes taken out; alpha and beta are NaN for the Earth sensor, and so is an angle not used
     residuals: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=SENSOR_RESIDUAL_COLUMNS), repr=False)
+    # effects (joined by " + "), probability, log_evidence, unlisted
     explanations: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=EXPLANATIONS), repr=False)
 
     def to_json(self) -> dict[str, Any]:

@@ -45,26 +45,16 @@ UNOBSERVABLE_ROTATION_NOTE = (
 
 @dataclass(frozen=True)
 class ExplainedTables:
-    """What the raw tables say.
+    """What the raw tables say."""
 
-    Attributes
-    ----------
-    fits : the arcs under M0
-    about_m0 : columns and residuals about M0
-    linear : the linear model about what was found, in units of the noise as stated
-    noise : of the sensors, beside what is stated
-    found : what the linear model says, in units of the noise found; its p-value is that of M0, in any candidate or in its noise
-    notes : what was left out
-    misfits : of each arc that does not fit the nominal sensors at all, while others do
-    """
-
-    fits: tuple[FittedArc, ...]
-    about_m0: Tables
-    linear: LinearModel
-    noise: Noise
+    fits: tuple[FittedArc, ...]  # the arcs under M0
+    about_m0: Tables  # columns and residuals about M0
+    linear: LinearModel  # the linear model about what was found, in units of the noise as stated
+    noise: Noise  # of the sensors, beside what is stated
+    # what the linear model says, in units of the noise found; its p-value is that of M0, in any candidate or in its noise
     found: AttitudeInference
-    notes: tuple[str, ...]
-    misfits: tuple[str, ...] = ()
+    notes: tuple[str, ...]  # what was left out
+    misfits: tuple[str, ...] = ()  # of each arc that does not fit the nominal sensors at all, while others do
 
     @property
     def scaled_model(self) -> LinearModel:
@@ -77,17 +67,14 @@ def diagnose_sensors(
 ) -> SensorDiagnosis:
     """Say whether the raw sensor tables depart from the nominal sensors, and by which effects.
 
+    An `InputError` if the tables cannot be used.
+
     Parameters
     ----------
     recording : with raw sensor tables and an ephemeris
     effects : that may be named
     settings : thresholds and priors
     seed : of the null distribution
-
-    Raises
-    ------
-    InputError
-        The tables cannot be used.
     """
     wrong = find_misreading(recording)
     if wrong is None:

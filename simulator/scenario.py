@@ -340,15 +340,12 @@ def load_document(name_or_path: str | os.PathLike[str]) -> dict[str, Any]:
 def override(scenario: Scenario, values: Mapping[str, object]) -> Scenario:
     """A scenario with some values replaced, validated again as a whole.
 
+    An `InputError` if a path leads nowhere, or the result is not a valid scenario.
+
     Parameters
     ----------
     scenario : the one to start from, left as it is
     values : by dotted path, list items by their index, e.g. ``{"interval.1.slew.0.start_s": 200.0}``
-
-    Raises
-    ------
-    InputError
-        A path leads nowhere, or the result is not a valid scenario.
     """
     changed = _convert_to_lists(scenario.model_dump(exclude_none=True))
     for path, value in values.items():

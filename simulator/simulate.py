@@ -279,7 +279,7 @@ def make_noise_streams(seed: int, case: int, noise: bool) -> tuple[np.random.Gen
 def simulate(
     scenario: Scenario, seed: int = 0, case: int = 0, noise: bool = True, effects: Sequence[Setting] = ()
 ) -> Recording:
-    """Simulate a recording of a scenario.
+    """Simulate a recording of a scenario; an `InputError` if there is an effect on the sensors and it has none.
 
     Parameters
     ----------
@@ -288,11 +288,6 @@ def simulate(
     case : number of the case within a study; cases with the same seed are independent
     noise : whether gyro and references have their white noise
     effects : errors beyond M0, see `simulator.effects.parse`
-
-    Raises
-    ------
-    InputError
-        An effect on the sensors in a scenario without.
     """
     truth, (gyro_rng, reference_rng) = motion(scenario), make_noise_streams(seed, case, noise)
     on_sensors = [setting for setting in effects if setting.effect in SENSOR_EFFECTS]

@@ -12,18 +12,13 @@ WORD = 2**32 - 1
 
 
 def generator(entropy: int, case: int, name: str) -> np.random.Generator:
-    """Random generator of one named stream of one case.
+    """Random generator of one named stream of one case; a `ValueError` if the entropy is negative or the case is out of range.
 
     Parameters
     ----------
     entropy : seed of the study, a non-negative integer
     case : number of the case, 0 ≤ case < 2³²
     name : what the stream is used for, e.g. "gyro_noise"
-
-    Raises
-    ------
-    ValueError
-        The entropy is negative or the case is out of range.
     """
     if not 0 <= case < MAX_CASE:
         raise ValueError(f"case must be in [0, 2**32), not {case}")

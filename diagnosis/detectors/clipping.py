@@ -20,7 +20,6 @@ from gyrocal.recording import Recording
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-
 FEWEST_CLIPPED = 5  # samples at the largest reading
 FEWEST_PLATEAU = 20  # samples in a run of clipped ones on a lattice
 OFTEN = 3  # times as often as any other reading, that the largest stands if it is clipped

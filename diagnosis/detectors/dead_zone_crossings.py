@@ -37,7 +37,6 @@ from simulator.effects.recording_view import find_interval_slices
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-
 RESOLVED = 6.0  # sigmas of a window's mean in the half width
 LONGEST = 2000  # samples of a window
 CORE = 0.35  # half widths, below which a mean lies in the core
@@ -63,7 +62,6 @@ FEWEST_WINDOWS = 8  # of an interval
 SHOWN = 3.0  # log odds of a dead zone from which on its edges are left out of the other tests
 BESIDE = 10  # samples beside an edge
 GRID = 1000  # readings over which a density is normalised
-
 
 BAND_EDGES = (
     CORE,

@@ -34,7 +34,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Parts = NDArray[np.int16]  # of a million samples it is megabytes less than usual numbers are
 
-
 # least samples and longest time of a window
 WINDOW_SAMPLES = 6
 LONGEST_WINDOW_S = 60.0
@@ -59,29 +58,18 @@ MOST_PARTS = 40  # parts with a rate of their own, the longest ones; others have
 
 @dataclass(frozen=True)
 class DeadZoneEvidence:
-    """What one gyro shows of a dead zone.
+    """What one gyro shows of a dead zone."""
 
-    Attributes
-    ----------
-    axis : which gyro
-    part : (n,) slow part in which each sample may miss a rate, counted from 0, `MOST_PARTS` where that has no rate of its
-        own; −1 elsewhere
-    log_odds : in favour of a dead zone, before the attitude is looked at
-    alive : smallest steady rate that is read, rad/s, an upper limit; infinite if there is none
-    crossed : whether the motion crosses the edge, so that `alive` is the half width
-    usual : usual size of the slow raw rates of this axis, rad/s
-    edge : relative error of `alive` where that is the half width
-    passed : whether the motion was seen to pass through the zone
-    """
-
-    axis: int
+    axis: int  # which gyro
+    # (n,) slow part in which each sample may miss a rate, counted from 0, `MOST_PARTS` where that has no rate of its own; −1
+    # elsewhere
     part: Parts
-    log_odds: float
-    alive: float
-    crossed: bool
-    usual: float
-    edge: float = EDGE
-    passed: bool = False
+    log_odds: float  # in favour of a dead zone, before the attitude is looked at
+    alive: float  # smallest steady rate that is read, rad/s, an upper limit; infinite if there is none
+    crossed: bool  # whether the motion crosses the edge, so that `alive` is the half width
+    usual: float  # usual size of the slow raw rates of this axis, rad/s
+    edge: float = EDGE  # relative error of `alive` where that is the half width
+    passed: bool = False  # whether the motion was seen to pass through the zone
 
 
 def find_dead_zone_evidence(

@@ -27,7 +27,6 @@ from gyrocal.mask_runs import find_mask_runs
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-
 SIDE = 8  # readings on either side
 SHORT = 2  # samples of a run, up to which a line does
 FEWEST = 3  # readings of a side, for a slope

@@ -23,7 +23,6 @@ from scipy.special import ndtr
 Array = NDArray[np.float64]
 Kind = Literal["rounded", "cut"]
 
-
 MEAN_S = 60.0  # s, of the means that are inverted
 FEW = 20  # readings at least, of those
 REACH = 10  # steps on either side of zero in which f is tabulated

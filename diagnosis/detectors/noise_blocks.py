@@ -34,7 +34,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-
 SAMPLES = 32  # of a block, whose spectrum is looked at
 ORDER = 6  # of the differences
 SLOWEST = 2  # cosine, below which differences leave too little of white noise
@@ -51,7 +50,6 @@ EVEN = 3.0  # sigmas between the levels that they show, at most
 MOVING = 2.0  # sigmas of a motion's power, up to which blocks show none
 BAND = 9  # cosines, a third of those that show the noise, that a motion in one band may have
 FITS = 1e-3  # p-value from which on powers are explained
-
 
 HIDDEN_TONE_FREQUENCY = 1 / SAMPLES  # cycles a sample, up to which a tone leaves nothing in the blocks
 MEDIAN_SQUARE = float(scipy.special.chdtri(1, 0.5))  # of white noise of unit variance
@@ -104,23 +102,14 @@ def estimate_powers(blocks: Array) -> Array:
 
 @dataclass(frozen=True)
 class WhiteNoiseFit:
-    """White noise in the mean squares of blocks.
+    """White noise in the mean squares of blocks."""
 
-    Attributes
-    ----------
-    white, sigma : variance w of a sample and its standard error, in units of the powers
-    fits : whether that explains the powers
-    still : whether no motion shows in them
-    motion : mean power of the motion over them, no less than zero, in units of the powers
-    rise : readout noise beside white noise of variance one, in its sigmas
-    """
-
-    white: float
+    white: float  # white, sigma: variance w of a sample and its standard error, in units of the powers
     sigma: float
-    fits: bool
-    still: bool
-    motion: float
-    rise: float
+    fits: bool  # whether that explains the powers
+    still: bool  # whether no motion shows in them
+    motion: float  # mean power of the motion over them, no less than zero, in units of the powers
+    rise: float  # readout noise beside white noise of variance one, in its sigmas
 
 
 def fit_white_noise(powers: Array, blocks: int) -> WhiteNoiseFit:

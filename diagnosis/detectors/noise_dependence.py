@@ -30,7 +30,6 @@ from diagnosis.detectors.sample_report import AXES, IMPOSSIBLE, Findings, Sample
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-
 FEWEST_BLOCKS = 150  # in six classes of 25, below which no test is made
 CLASSES = 6  # of blocks
 LARGEST = 6.0  # standard deviations of white noise above the mean, at which a block's power is cut off; by judgement

@@ -39,7 +39,6 @@ from diagnosis.detectors.noise_blocks import (
 
 Array = NDArray[np.float64]
 
-
 CALM_SHARES = (1.0, 0.9, 0.75, 0.5, 0.35, 0.25)  # of the blocks that are tried, the calmest ones
 FEWEST_BLOCKS = 12  # below which nothing is said
 SAME = 2.0  # sigmas between blocks that pass zero and the rest, up to which they show one level
@@ -50,20 +49,13 @@ CLEAR = 4.0  # sigmas of white and of readout noise, where both are needed
 
 @dataclass(frozen=True)
 class Readout:
-    """Readout noise of an axis.
+    """Readout noise of an axis."""
 
-    Attributes
-    ----------
-    reading, sigma : standard deviation of a reading over a sample's length, rad/s
-    white, white_sigma : variance of the white noise beside it, (rad/s)²; its sigma is zero where it is as stated
-    probability : that the excess is readout noise and not white
-    """
-
-    reading: float
+    reading: float  # reading, sigma: standard deviation of a reading over a sample's length, rad/s
     sigma: float
-    white: float
+    white: float  # white, white_sigma: variance of the white noise beside it, (rad/s)²; its sigma is zero where it is as stated
     white_sigma: float
-    probability: float
+    probability: float  # that the excess is readout noise and not white
 
     @property
     def is_as_stated(self) -> bool:
@@ -73,25 +65,15 @@ class Readout:
 
 @dataclass(frozen=True)
 class NoiseLevel:
-    """Noise of one axis.
+    """Noise of one axis."""
 
-    Attributes
-    ----------
-    variance, sigma : of a sample, (rad/s)², and the standard error of that
-    p_value : under white noise as stated, that it has another level or rises as readout noise
-    readout : readout noise, if that explains it
-    powers : (k,) mean squares over the blocks, (rad/s)²
-    blocks : number of blocks
-    still : whether no motion shows in them
-    """
-
-    variance: float
+    variance: float  # variance, sigma: of a sample, (rad/s)², and the standard error of that
     sigma: float
-    p_value: float
-    readout: Readout | None
-    powers: Array
-    blocks: int
-    still: bool
+    p_value: float  # under white noise as stated, that it has another level or rises as readout noise
+    readout: Readout | None  # readout noise, if that explains it
+    powers: Array  # (k,) mean squares over the blocks, (rad/s)²
+    blocks: int  # number of blocks
+    still: bool  # whether no motion shows in them
 
 
 def fit_noise_level(x: Array, arcs: list[tuple[int, int]], expected: float) -> NoiseLevel | None:

@@ -26,9 +26,7 @@ from simulator.effects.smoothing import estimate_sample_sigma, replace_outliers,
 
 Array = NDArray[np.float64]
 
-
 NEIGHBOURS = 17  # coefficients whose mean square is taken
-
 
 # Mean squares of so many coefficients of noise alone, in σ², stay below this but for one in a thousand (χ²).
 LOUDEST = 1 + 4 * float(np.sqrt(2 / NEIGHBOURS))

@@ -35,7 +35,6 @@ Mask = NDArray[np.bool_]
 
 FORMATS: tuple[Kind, Kind] = ("rounded", "cut")
 
-
 # readings of a block, and degree of its mean
 BLOCK = 16
 DEGREE = 3
@@ -54,31 +53,20 @@ DECIDED = 8.0  # log odds from which on the references are not compared, and a f
 POSSIBLE = 0.05  # probability of the other number format, from which on it is reported
 HIDDEN = 0.1  # share of an interval in which a lattice hides the rate, from which on the gyro is blind there
 
-
 LEAST_CELL_PROBABILITY = 1e-12  # of a probability
 
 
 @dataclass(frozen=True)
 class NumberFormats:
-    """Number formats of the readings of three gyros.
+    """Number formats of the readings of three gyros."""
 
-    Attributes
-    ----------
-    steps : (3,) step of the lattice that readings lie on, rad/s; zero if on none
-    log_odds : (3,) that readings were cut and not rounded
-    coarse : (3,) whether the lattice matters beside the noise
-    cut : (3,) whether readings are taken as cut toward zero
-    may_be_rounded, may_be_cut : (3,) whether that is possible
-    cut_odds : log odds that readings were cut and not rounded, where the samples leave that open; else None
-    """
-
-    steps: Array
-    log_odds: Array
-    coarse: Mask
-    cut: Mask
-    may_be_rounded: Mask
+    steps: Array  # (3,) step of the lattice that readings lie on, rad/s; zero if on none
+    log_odds: Array  # (3,) that readings were cut and not rounded
+    coarse: Mask  # (3,) whether the lattice matters beside the noise
+    cut: Mask  # (3,) whether readings are taken as cut toward zero
+    may_be_rounded: Mask  # may_be_rounded, may_be_cut: (3,) whether that is possible
     may_be_cut: Mask
-    cut_odds: float | None
+    cut_odds: float | None  # log odds that readings were cut and not rounded, where the samples leave that open; else None
 
     def describe(self) -> Findings:
         """Describe the lattice of each gyro; gyros on one lattice are one departure."""

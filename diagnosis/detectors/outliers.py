@@ -34,7 +34,6 @@ Mask = NDArray[np.bool_]
 
 BETWEEN = np.array([1.0, -6.0, 15.0, 0.0, 15.0, -6.0, 1.0]) / 20  # of a quintic through three samples on either side
 
-
 LIMIT = 6.0  # noise sigmas of an outlier; one sample in 5e8 under M0
 SIDE = 6  # samples to either side that tell a spike from a step
 CLEARLY = 4.0  # squared sigmas by which a spike fits better
@@ -57,41 +56,24 @@ ALL_ALIKE = 3.0  # mean smallest heights of exponential outliers, up to which th
 
 @dataclass(frozen=True)
 class Outliers:
-    """Outliers of one gyro; masks and arrays (n,) of all samples.
+    """Outliers of one gyro; masks and arrays (n,) of all samples."""
 
-    Attributes
-    ----------
-    places : outliers
-    off : how far each reading is off its neighbours, rad/s
-    limit : from which on one counts, where the motion adds nothing
-    odd : readings that are far off, also in a step
-    hidden : how far off an outlier must be to be visible in the motion there; zero at rest
-    """
-
-    places: Mask
-    off: Array
-    limit: float
-    odd: Mask
-    hidden: Array
+    places: Mask  # outliers
+    off: Array  # how far each reading is off its neighbours, rad/s
+    limit: float  # from which on one counts, where the motion adds nothing
+    odd: Mask  # readings that are far off, also in a step
+    hidden: Array  # how far off an outlier must be to be visible in the motion there; zero at rest
 
 
 @dataclass(frozen=True)
 class OutlierFit:
-    """Outliers of all gyros together.
+    """Outliers of all gyros together."""
 
-    Attributes
-    ----------
-    axis : gyro that has them alone; None for all
-    size, sigma : mean height, rad/s
-    seen : mean height of those above the limit, rad/s
-    fraction : share of the samples
-    """
-
-    axis: int | None
-    size: float
+    axis: int | None  # gyro that has them alone; None for all
+    size: float  # size, sigma: mean height, rad/s
     sigma: float
-    seen: float
-    fraction: float
+    seen: float  # mean height of those above the limit, rad/s
+    fraction: float  # share of the samples
 
 
 def find_outliers(

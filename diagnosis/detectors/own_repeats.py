@@ -26,7 +26,6 @@ from diagnosis.detectors.sample_report import AXES, IMPOSSIBLE, Findings, Sample
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-
 STEPS = 2.5  # of an octave's smallest difference, up to which differences are compared with none
 FEWEST = 10  # repeats, below which nothing is said
 WORTH = 1e-9  # of a reading: smaller differences are rounding

@@ -26,7 +26,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
-
 CORRELATED = 1 + 2 * 17 / 36  # variance of the mean square of second differences, beside that of independent ones
 TRIM = 3.0  # robust sigmas beyond which a difference does not count
 TRIMMED = 0.9733  # variance of a normal variable cut there
@@ -45,46 +44,28 @@ TRIMMING = 1.1  # times the variance of a mean square whose limit was estimated
 
 @dataclass(frozen=True)
 class ReferenceSeries:
-    """References in the order of time beside the attitude propagated between them.
+    """References in the order of time beside the attitude propagated between them."""
 
-    Attributes
-    ----------
-    t_s, interval : (m,) times, and the number of the interval each belongs to
-    sigma : (m, 3) stated, about the body axes, rad
-    to_inertial : (m, 3, 3) Aᵀ of the propagated attitude
-    residuals : (m, 3) reference minus propagated attitude, inertial, rad
-    rates : (m, 3) of the body, rad/s
-    error_axes : (m, 3, 3) body components of independent errors of these sigmas; None of errors that are independent themselves
-    """
-
-    t_s: Array
+    t_s: Array  # t_s, interval: (m,) times, and the number of the interval each belongs to
     interval: Indices
-    sigma: Array
-    to_inertial: Array
-    residuals: Array
-    rates: Array
+    sigma: Array  # (m, 3) stated, about the body axes, rad
+    to_inertial: Array  # (m, 3, 3) Aᵀ of the propagated attitude
+    residuals: Array  # (m, 3) reference minus propagated attitude, inertial, rad
+    rates: Array  # (m, 3) of the body, rad/s
+    # (m, 3, 3) body components of independent errors of these sigmas; None of errors that are independent themselves
     error_axes: Array | None = None
 
 
 @dataclass(frozen=True)
 class ReferenceNoise:
-    """Actual over stated noise of the references.
+    """Actual over stated noise of the references."""
 
-    Attributes
-    ----------
-    factor, sigma : (3,) by body axis; NaN where there are too few
-    p_value : that all three are one
-    axis : the one axis that departs, or None for all
-    event_p : p-value below which the noise is not as stated
-    of_gyro : whether an excess is rather one of the angle turned in each spacing, and so the gyro's
-    """
-
-    factor: Array
+    factor: Array  # factor, sigma: (3,) by body axis; NaN where there are too few
     sigma: Array
-    p_value: float
-    axis: int | None
-    event_p: float = DEFAULT.sample_event
-    of_gyro: bool = False
+    p_value: float  # that all three are one
+    axis: int | None  # the one axis that departs, or None for all
+    event_p: float = DEFAULT.sample_event  # p-value below which the noise is not as stated
+    of_gyro: bool = False  # whether an excess is rather one of the angle turned in each spacing, and so the gyro's
 
     @property
     def departs(self) -> bool:
@@ -111,19 +92,12 @@ class ReferenceNoise:
 
 @dataclass(frozen=True)
 class Differences:
-    """Second differences of the residuals, in the body axes of the middle reference.
+    """Second differences of the residuals, in the body axes of the middle reference."""
 
-    Attributes
-    ----------
-    values : (k, 3), rad
-    stated, walk : (k, 3) their variances from the references as stated and from the gyros' noise, rad²
-    hidden : (k, 3) whether that gyro may have shown nothing in the meantime
-    """
-
-    values: Array
-    stated: Array
+    values: Array  # (k, 3), rad
+    stated: Array  # stated, walk: (k, 3) their variances from the references as stated and from the gyros' noise, rad²
     walk: Array
-    hidden: Mask
+    hidden: Mask  # (k, 3) whether that gyro may have shown nothing in the meantime
 
 
 def estimate_reference_noise(

@@ -43,7 +43,6 @@ from gyrocal.mask_runs import find_mask_runs
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-
 NEARBY = 1500  # samples of a stretch of time in which the share of repeats is taken; short beside an orbit
 ALIKE = 101  # of these, samples with nearly the same change of rate, over which it is taken
 FEWEST_ALIKE = 10  # samples among these that do not repeat on all axes, below which chance may repeat all
@@ -67,25 +66,16 @@ FAR = 8.0  # noise sigmas from its neighbours at which a value was not measured
 
 @dataclass(frozen=True)
 class Repeats:
-    """Repeated samples.
+    """Repeated samples."""
 
-    Attributes
-    ----------
-    count, samples, expected : repeats among the samples looked at, and how many of them chance makes
-    p_value : of that
-    fraction : share of the samples that are faults
-    size, sigma : mean length of a run of faults and its sigma, samples
-    mask : (n,) samples that are surely faults
-    """
-
-    count: int
+    count: int  # count, samples, expected: repeats among the samples looked at, and how many of them chance makes
     samples: int
     expected: float
-    p_value: float
-    fraction: float
-    size: float
+    p_value: float  # of that
+    fraction: float  # share of the samples that are faults
+    size: float  # size, sigma: mean length of a run of faults and its sigma, samples
     sigma: float
-    mask: Mask
+    mask: Mask  # (n,) samples that are surely faults
 
 
 def find_repeats(rates: Array, follows: Mask) -> Repeats | None:

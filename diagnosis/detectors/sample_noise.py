@@ -34,7 +34,6 @@ from diagnosis.detectors.sample_report import (
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-
 HALF = 20  # samples on either side of one in the test for quiet
 # sigmas of the change of the mean that count as visible; a slew's are hundreds, those of a vibration a few
 MOVING = 20.0
@@ -55,37 +54,22 @@ POSSIBLE = 0.02  # probability from which on the other kind of noise is an alter
 
 @dataclass(frozen=True)
 class SampleNoise:
-    """Noise of the samples.
+    """Noise of the samples."""
 
-    Attributes
-    ----------
-    findings : tests and departures
-    factor : (3,) of a sample, actual over stated noise
-    density : (3,) of the noise density that integrates to the attitude, actual over stated
-    """
-
-    findings: Findings
-    factor: Array
-    density: Array
+    findings: Findings  # tests and departures
+    factor: Array  # (3,) of a sample, actual over stated noise
+    density: Array  # (3,) of the noise density that integrates to the attitude, actual over stated
 
 
 @dataclass(frozen=True)
 class NoiseFactor:
-    """Noise of one gyro beside what is stated.
+    """Noise of one gyro beside what is stated."""
 
-    Attributes
-    ----------
-    value, sigma : actual over stated noise of a sample
-    p_value : under noise as stated
-    readout : readout noise, if that explains an excess
-    log_odds : of readout noise against white noise
-    """
-
-    value: float
+    value: float  # value, sigma: actual over stated noise of a sample
     sigma: float
-    p_value: float
-    readout: Readout | None
-    log_odds: float
+    p_value: float  # under noise as stated
+    readout: Readout | None  # readout noise, if that explains an excess
+    log_odds: float  # of readout noise against white noise
 
 
 def estimate_local_noise(rates: Array, sigma: float, coarse: Mask, steps: Array, filled: Mask) -> Array:

@@ -32,56 +32,34 @@ def scale_progress(tell: Tell, begin: float, stop: float) -> Tell:
 
 @dataclass(frozen=True)
 class SampleTest:
-    """One statistic.
+    """One statistic."""
 
-    Attributes
-    ----------
-    statistic, axis : which
-    value, expected : what was found, and what M0 gives
-    p_value : under M0, not corrected
-    symptom : what it is a sign of (`simulator.effects.base.SYMPTOMS`), or None
-    text : a sentence
-    """
-
-    statistic: str
+    statistic: str  # statistic, axis: which
     axis: str | None
-    value: float
+    value: float  # value, expected: what was found, and what M0 gives
     expected: float
-    p_value: float
-    symptom: str | None
-    text: str
+    p_value: float  # under M0, not corrected
+    symptom: str | None  # what it is a sign of (`simulator.effects.base.SYMPTOMS`), or None
+    text: str  # a sentence
 
 
 @dataclass(frozen=True)
 class Symptom:
-    """A departure from M0 that shows in the samples, whatever effect may claim it.
+    """A departure from M0 that shows in the samples, whatever effect may claim it."""
 
-    Attributes
-    ----------
-    kind : one of `simulator.effects.base.SYMPTOMS`
-    axis : gyro, or None for all of them
-    size, unit, sigma : how large
-    parameters : its other numbers
-    p_value : under M0
-    text : a sentence
-    probability : that an effect is at work and not a motion of the body, where that was weighed
-    rivals : other symptoms that this may be as well, about the same axis, with their shares of the probability
-    likeness : p-value of how it behaves, if it is what its kind says (`diagnosis.detectors.repeats`)
-    of_line : whether it is a line of the spectrum, which the attitude has judged
-    """
-
-    kind: str
-    axis: str | None
-    size: float
+    kind: str  # one of `simulator.effects.base.SYMPTOMS`
+    axis: str | None  # gyro, or None for all of them
+    size: float  # size, unit, sigma: how large
     unit: str
     sigma: float
-    parameters: dict[str, float | str]
-    p_value: float
-    text: str = ""
-    probability: float = 1.0
+    parameters: dict[str, float | str]  # its other numbers
+    p_value: float  # under M0
+    text: str = ""  # a sentence
+    probability: float = 1.0  # that an effect is at work and not a motion of the body, where that was weighed
+    # other symptoms that this may be as well, about the same axis, with their shares of the probability
     rivals: tuple[tuple[str, float], ...] = ()
-    likeness: float = 1.0
-    of_line: bool = False
+    likeness: float = 1.0  # p-value of how it behaves, if it is what its kind says (`diagnosis.detectors.repeats`)
+    of_line: bool = False  # whether it is a line of the spectrum, which the attitude has judged
 
 
 @dataclass(frozen=True)
@@ -94,27 +72,16 @@ class Findings:
 
 @dataclass(frozen=True)
 class Line:
-    """A sinusoid in the readings of one gyro.
+    """A sinusoid in the readings of one gyro."""
 
-    Attributes
-    ----------
-    axis : which gyro
-    frequency_hz : as sampled
-    amplitude, sigma : rad/s
-    p_value : that noise has so strong a line at any frequency
-    waveform : (n,) the sinusoid in the samples, rad/s; if it is steady, also beside the arcs in which it was found
-    isolated : whether nothing but white noise is around it in the spectrum, so that the body shows no other motion there
-    log_constancy : log likelihood ratio of its amplitudes in parts of the samples, of a vibration against a motion
-    """
-
-    axis: int
-    frequency_hz: float
-    amplitude: float
+    axis: int  # which gyro
+    frequency_hz: float  # as sampled
+    amplitude: float  # amplitude, sigma: rad/s
     sigma: float
-    p_value: float
-    waveform: Array
-    isolated: bool
-    log_constancy: float
+    p_value: float  # that noise has so strong a line at any frequency
+    waveform: Array  # (n,) the sinusoid in the samples, rad/s; if it is steady, also beside the arcs in which it was found
+    isolated: bool  # whether nothing but white noise is around it in the spectrum, so that the body shows no other motion there
+    log_constancy: float  # log likelihood ratio of its amplitudes in parts of the samples, of a vibration against a motion
 
     @property
     def steady(self) -> bool:
@@ -124,21 +91,13 @@ class Line:
 
 @dataclass(frozen=True)
 class Stream:
-    """A stream of three gyros, repaired so far.
+    """A stream of three gyros, repaired so far."""
 
-    Attributes
-    ----------
-    recording : as recorded
-    rates, density : (n, 3) rad/s, and noise density, rad²/s
-    filled : (n,) samples that something was put in place of
-    used : (n,) samples inside the intervals that are tested
-    """
-
-    recording: Recording
-    rates: Array
+    recording: Recording  # as recorded
+    rates: Array  # rates, density: (n, 3) rad/s, and noise density, rad²/s
     density: Array
-    filled: Mask
-    used: Mask
+    filled: Mask  # (n,) samples that something was put in place of
+    used: Mask  # (n,) samples inside the intervals that are tested
 
     @property
     def sigma(self) -> float:
@@ -152,60 +111,38 @@ class Stream:
 
 @dataclass(frozen=True)
 class Zone:
-    """A dead zone that passes show.
+    """A dead zone that passes show."""
 
-    Attributes
-    ----------
-    half_width, sigma : rad/s
-    log_odds : in its favour
-    dead : (n,) samples in it
-    """
-
-    half_width: float
+    half_width: float  # half_width, sigma: rad/s
     sigma: float
-    log_odds: float
-    dead: NDArray[np.bool_]
+    log_odds: float  # in its favour
+    dead: NDArray[np.bool_]  # (n,) samples in it
 
 
 @dataclass(frozen=True)
 class SampleReport:
-    """What the samples show, and the stream with it repaired as far as that goes.
+    """What the samples show, and the stream with it repaired as far as that goes."""
 
-    Attributes
-    ----------
-    tests, symptoms : all statistics, and the departures they establish
-    rates : (n, 3) repaired raw rates, rad/s
-    density : (n, 3) noise density of each repaired sample, rad²/s
-    clipped, filled : (n,) samples that do not show the rate, and those that something was put in place of
-    noise_factor : (3,) actual white noise relative to the stated one
-    noise : (3,) noise of a sample as it shows, rad/s
-    smooth : (n, 3) repaired raw rates without their noise: what effects follow, since a regressor with the noise of the
-        residuals in it would explain that noise
-    hidden : (3,) whether a coarse lattice hides the gyro's slow motion for long
-    lattice : (3,) whether readings lie on one that is coarser than the noise
-    zones : of the gyros whose motion seems to pass through a dead zone
-    lines : lines of the spectrum, before the attitude has judged whether the body moves so
-    vibrations : of these, those that are none of the body's motions and are taken out of the rates
-    motions, unconfirmed : those that are motions of the body as the references see, and those that are taken for such
-    cut_odds : log odds that readings on a lattice were cut and not rounded, where the samples leave that open
-    """
-
-    tests: tuple[SampleTest, ...]
+    tests: tuple[SampleTest, ...]  # tests, symptoms: all statistics, and the departures they establish
     symptoms: tuple[Symptom, ...]
-    rates: Array
-    density: Array
-    clipped: Mask
+    rates: Array  # (n, 3) repaired raw rates, rad/s
+    density: Array  # (n, 3) noise density of each repaired sample, rad²/s
+    clipped: Mask  # clipped, filled: (n,) samples that do not show the rate, and those that something was put in place of
     filled: Mask
-    noise_factor: Array
-    noise: Array
+    noise_factor: Array  # (3,) actual white noise relative to the stated one
+    noise: Array  # (3,) noise of a sample as it shows, rad/s
+    # (n, 3) repaired raw rates without their noise: what effects follow, since a regressor with the noise of the residuals in
+    # it would explain that noise
     smooth: Array
-    hidden: Mask
-    lattice: Mask
-    zones: Mapping[int, Zone]
-    lines: tuple[Line, ...]
-    vibrations: tuple[Line, ...] = ()
+    hidden: Mask  # (3,) whether a coarse lattice hides the gyro's slow motion for long
+    lattice: Mask  # (3,) whether readings lie on one that is coarser than the noise
+    zones: Mapping[int, Zone]  # of the gyros whose motion seems to pass through a dead zone
+    lines: tuple[Line, ...]  # lines of the spectrum, before the attitude has judged whether the body moves so
+    vibrations: tuple[Line, ...] = ()  # of these, those that are none of the body's motions and are taken out of the rates
+    # motions, unconfirmed: those that are motions of the body as the references see, and those that are taken for such
     motions: tuple[Line, ...] = ()
     unconfirmed: tuple[Line, ...] = ()
+    # log odds that readings on a lattice were cut and not rounded, where the samples leave that open
     cut_odds: float | None = None
 
     def restore_lines(self) -> SampleReport:

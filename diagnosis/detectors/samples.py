@@ -49,7 +49,6 @@ from simulator.effects.recording_view import find_interval_slices
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-
 # of samples that read exactly zero in a dead zone behind the noise, beside others that do not come near it
 FEWEST_STRETCHES = 3  # of zeros, in a dead zone
 FIRST_STEPS = 3.0  # steps of a number format, within which the smallest readings beside its zeros lie
@@ -106,24 +105,14 @@ def examine(
 
 @dataclass(frozen=True)
 class NoisyPart:
-    """What the noise of the samples lets one see.
+    """What the noise of the samples lets one see."""
 
-    Attributes
-    ----------
-    stream : repaired
-    findings : tests and departures
-    lines : of the spectrum
-    zones : dead zones that motions pass through, by axis
-    factor : (3,) actual over stated noise of a sample
-    hidden : (3,) whether a coarse lattice hides the gyro's slow motion for long
-    """
-
-    stream: Stream
-    findings: tuple[Findings, ...] = ()
-    lines: tuple[Line, ...] = ()
-    zones: dict[int, Zone] = field(default_factory=dict)
-    factor: tuple[float, ...] = (1.0, 1.0, 1.0)
-    hidden: tuple[bool, ...] = (False, False, False)
+    stream: Stream  # repaired
+    findings: tuple[Findings, ...] = ()  # tests and departures
+    lines: tuple[Line, ...] = ()  # of the spectrum
+    zones: dict[int, Zone] = field(default_factory=dict)  # dead zones that motions pass through, by axis
+    factor: tuple[float, ...] = (1.0, 1.0, 1.0)  # (3,) actual over stated noise of a sample
+    hidden: tuple[bool, ...] = (False, False, False)  # (3,) whether a coarse lattice hides the gyro's slow motion for long
 
 
 def _examine_noise(stream: Stream, formats: NumberFormats, clipped: Mask, settings: DiagnosisSettings, tell: Tell) -> NoisyPart:

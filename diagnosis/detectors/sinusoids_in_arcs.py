@@ -22,7 +22,6 @@ from simulator.effects.recording_view import find_interval_slices
 
 Array = NDArray[np.float64]
 
-
 # lengths of the local polynomial, in cycles; the one that leaves the sinusoid whole is taken
 SMOOTHING_CYCLES = (4, 4.5, 5, 5.5, 6, 7, 8, 9, 10)
 DEGREE = 6  # of the polynomial

@@ -24,7 +24,6 @@ from gyrocal.recording import Recording
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-
 FEWEST_CYCLES = 4.0  # of a line in a segment; fewer are a trend
 P_OF_PEAK = 0.01  # p-value of a peak below which a sinusoid is fitted; the fit decides, with all of its power
 # of an axis in one look: a bound of the time

@@ -20,7 +20,6 @@ from simulator.effects.recording_view import extract_surroundings
 
 Mask = NDArray[np.bool_]
 
-
 FEWEST = 2  # references of an interval that can be propagated
 ZERO = 8.0  # sigmas of a level, within which one gyro that stops there may have a dead zone as well
 ALONG = 0.98  # cosine, which a random direction exceeds in one of a hundred

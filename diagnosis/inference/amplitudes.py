@@ -23,13 +23,11 @@ from diagnosis.model.linear import Candidate, LinearModel, ParameterChoice, Para
 
 Array = NDArray[np.float64]
 
-
 FINE_SIZES = 200  # of a random process
 REACH = 6.0  # of that grid to either side of the likeliest scale, as a factor
 NEGLIGIBLE = 1e-6  # probability of an option below which it is left out
 STEP = 1e-3  # of their sigmas, by which amplitudes are changed to see how the size does
 CERTAIN = 0.99  # of it, from which on it is not told
-
 
 TIME_KEY = "time_s"
 TIME_WIDTH = "time_sigma_s"  # of an option: what is not known of its own time
@@ -40,33 +38,21 @@ PROBABILITY = "_probability"  # of a parameter that is no number, such as the el
 
 @dataclass(frozen=True)
 class FittedEffect:
-    """Amplitudes of one effect.
+    """Amplitudes of one effect."""
 
-    Attributes
-    ----------
-    label, effect, axis, unit : which
-    size, sigma, parameters : in the effect's unit
-    columns : (N, k) whitened columns before projection, of unit amplitude
-    amplitudes : (k,) posterior mean
-    sigmas : (k,) of each amplitude
-    prior_sigma : scale of the amplitudes under the prior, in the effect's unit
-    process : whether it is a random process
-    shift : (N,) what it adds beside its columns, whitened
-    """
-
-    label: str
+    label: str  # label, effect, axis, unit: which
     effect: str
     axis: str | None
     unit: str
-    size: float
+    size: float  # size, sigma, parameters: in the effect's unit
     sigma: float
     parameters: Parameters
-    columns: Array
-    amplitudes: Array
-    sigmas: Array
-    prior_sigma: float
-    process: bool
-    shift: Array
+    columns: Array  # (N, k) whitened columns before projection, of unit amplitude
+    amplitudes: Array  # (k,) posterior mean
+    sigmas: Array  # (k,) of each amplitude
+    prior_sigma: float  # scale of the amplitudes under the prior, in the effect's unit
+    process: bool  # whether it is a random process
+    shift: Array  # (N,) what it adds beside its columns, whitened
 
     @property
     def contribution(self) -> Array:

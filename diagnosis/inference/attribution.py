@@ -43,24 +43,16 @@ CERTAIN = 1e-4  # −log of a p-value, below which the factor is its series
 WORTH_A_CHECK = 0.02  # share of the listed explanations' probability, from which on one of them is checked
 MOST_CHECKED = 5  # of these
 
-
 REMAINDER = "a remainder"  # in explanations
 
 
 @dataclass(frozen=True)
 class CredibleGroup:
-    """One effect of the best explanation, and the alternatives that this recording cannot tell from it.
+    """One effect of the best explanation, and the alternatives that this recording cannot tell from it."""
 
-    Attributes
-    ----------
-    member : the effect in the explanation
-    probability : that it is at work
-    group : labels with probabilities, itself included, the likeliest first
-    """
-
-    member: SelectedCandidate
-    probability: float
-    group: tuple[tuple[str, float], ...]
+    member: SelectedCandidate  # the effect in the explanation
+    probability: float  # that it is at work
+    group: tuple[tuple[str, float], ...]  # labels with probabilities, itself included, the likeliest first
 
 
 @dataclass(frozen=True)
@@ -75,22 +67,13 @@ class RankedExplanation:
 
 @dataclass(frozen=True)
 class Attribution:
-    """What the explanations amount to.
+    """What the explanations amount to."""
 
-    Attributes
-    ----------
-    verdict : named, group or unknown
-    best : the explanation that the slots belong to; the likeliest of all if unknown
-    slots : its effects; none if unknown
-    unknown : probability that something unlisted is at work
-    ranked : all explanations, the likeliest first
-    """
-
-    verdict: Verdict
-    best: Explanation
-    slots: tuple[CredibleGroup, ...]
-    unknown: float
-    ranked: tuple[RankedExplanation, ...]
+    verdict: Verdict  # named, group or unknown
+    best: Explanation  # the explanation that the slots belong to; the likeliest of all if unknown
+    slots: tuple[CredibleGroup, ...]  # its effects; none if unknown
+    unknown: float  # probability that something unlisted is at work
+    ranked: tuple[RankedExplanation, ...]  # all explanations, the likeliest first
 
 
 def infer_attribution(

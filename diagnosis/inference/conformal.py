@@ -23,7 +23,6 @@ Posterior = Sequence[tuple[Sequence[str], float]]
 
 UNKNOWN, NONE = "unknown", "none"
 
-
 MISSING = 1.0  # score of an explanation that the posterior does not hold
 
 

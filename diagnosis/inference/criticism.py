@@ -36,7 +36,6 @@ Indices = NDArray[np.intp]
 
 LEAST_POSITIVE = 1e-300  # least p-value
 
-
 FEWEST = 30  # degrees of freedom below which the approximate p-values do not hold and nothing is tested
 LAGS = 6  # of the correlation in time
 # share of its variance that an innovation keeps beside the nuisance parameters, from which on its size counts; that of a
@@ -44,7 +43,6 @@ LAGS = 6  # of the correlation in time
 SHOWN = 0.1
 DRAWS = 500  # of a random process
 POWER = 2 / 3  # of |e| in the test of the scatter
-
 
 MEAN_ABSOLUTE_POWER = 2 ** (POWER / 2) * scipy.special.gamma((POWER + 1) / 2) / np.sqrt(np.pi)  # of |z|^POWER, z normal
 VARIANCE = 2**POWER * scipy.special.gamma(POWER + 0.5) / np.sqrt(np.pi) - MEAN_ABSOLUTE_POWER**2
@@ -62,20 +60,12 @@ class Check:
 
 @dataclass(frozen=True)
 class Layout:
-    """What each observation of a linear model stands for.
+    """What each observation of a linear model stands for."""
 
-    Attributes
-    ----------
-    axes : (r, 3, 3) rotation of its three rows to body axes
-    interval : (r,) number of its interval
-    regressors : (r, q) what the innovations may follow, such as rates, accelerations and temperatures
-    speed : (r,) size of the rate, rad/s
-    """
-
-    axes: Array
-    interval: Indices
-    regressors: Array
-    speed: Array
+    axes: Array  # (r, 3, 3) rotation of its three rows to body axes
+    interval: Indices  # (r,) number of its interval
+    regressors: Array  # (r, q) what the innovations may follow, such as rates, accelerations and temperatures
+    speed: Array  # (r,) size of the rate, rad/s
 
 
 @dataclass(frozen=True)

@@ -37,10 +37,8 @@ from scipy.special import log_ndtr
 
 Array = NDArray[np.float64]
 
-
 MANY = 48  # columns from which on they are not turned to their eigenvectors
 PEAK = 0.3  # δ: neighbouring scales, four to a decade, overlap at a standard deviation
-
 
 LAPACK_BLOCK_COLUMNS = 64  # of columns that LAPACK works on together
 

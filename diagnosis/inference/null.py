@@ -29,7 +29,6 @@ Array = NDArray[np.float64]
 LEAST_POSITIVE = 1e-300
 DRAWS_PER_BATCH = 250  # draws
 
-
 ENOUGH = 20  # draws beyond what was observed, after which no more are made
 
 

@@ -87,18 +87,11 @@ class Products:
 
 @dataclass(frozen=True)
 class Batch:
-    """Options of a candidate that have as many columns each, or the first columns of these.
+    """Options of a candidate that have as many columns each, or the first columns of these."""
 
-    Attributes
-    ----------
-    options : (o,) their numbers
-    gram : (o, k, k) XᵀX
-    places : (o, k) of the columns
-    """
-
-    options: Indices
-    gram: Array
-    places: Indices
+    options: Indices  # (o,) their numbers
+    gram: Array  # (o, k, k) XᵀX
+    places: Indices  # (o, k) of the columns
 
 
 class Grams:

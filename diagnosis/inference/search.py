@@ -22,7 +22,6 @@ from diagnosis.settings import DEFAULT, DiagnosisSettings
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-
 CHILDREN = 12  # extensions of a set by one more candidate whose options and scales are optimised
 SWEEPS = 2  # over the members of a set, each moved to its best with the others held
 EXCHANGES = 4  # rounds in which members of the best set are exchanged for other candidates
@@ -34,37 +33,22 @@ HOPELESS = 6.0  # by how much the log posterior of a larger set must fall below 
 
 @dataclass(frozen=True)
 class Score:
-    """Evidence of one candidate, given the members that are in the set already.
+    """Evidence of one candidate, given the members that are in the set already."""
 
-    Attributes
-    ----------
-    average : log evidence averaged over options and scales
-    best : log evidence of the best option and scale
-    option, scale : which these are
-    before : log evidence of the members that are in already
-    """
-
-    average: float
-    best: float
-    option: int
+    average: float  # log evidence averaged over options and scales
+    best: float  # log evidence of the best option and scale
+    option: int  # option, scale: which these are
     scale: int
-    before: float = 0.0
+    before: float = 0.0  # log evidence of the members that are in already
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """A set of effects.
+    """A set of effects."""
 
-    Attributes
-    ----------
-    members : its members, held at their best
-    log_evidence : averaged over options and scales, relative to the baseline
-    log_posterior : with the prior, not normalised
-    """
-
-    members: tuple[SelectedCandidate, ...]
-    log_evidence: float
-    log_posterior: float
+    members: tuple[SelectedCandidate, ...]  # its members, held at their best
+    log_evidence: float  # averaged over options and scales, relative to the baseline
+    log_posterior: float  # with the prior, not normalised
 
     @property
     def key(self) -> frozenset[int]:

@@ -16,14 +16,12 @@ from gyrocal.recording import Interval, Recording, find_reference_rows
 
 Array = NDArray[np.float64]
 
-
 ITERATIONS = 10  # of Gauss and Newton at most; two or three are usual
 SETTLED = 1e-3  # sigmas of the last correction
 # stretches between two references that a calibration starts from, where whole intervals lead too far astray
 MOST_SHORT = 200
 FEWEST_SHORT = 6  # of them, for twelve parameters
 SETTLED_SHORT = 1e-6  # of G
-
 
 IMPLAUSIBLE = np.array([0.2] * 9 + [np.deg2rad(0.1)] * 3)  # changes of G and b, rad/s
 
@@ -37,10 +35,7 @@ def calibrate_baseline(
 ) -> tuple[RecordingModel, Array]:
     """The model about its own calibration, and the (12,) sigma of that.
 
-    Raises
-    ------
-    InputError
-        Rates and references do not fit each other, before the calibration or after it.
+    An `InputError` if rates and references do not fit each other, before the calibration or after it.
     """
     G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
     sigma, short = PLAUSIBLE_RANGE, False

@@ -16,27 +16,18 @@ Array = NDArray[np.float64]
 
 AXES = "xyz"
 
-
 LONGEST = 8.0  # s, of a bin; the slews of most spacecraft take minutes
 MOST = 6000  # bins about, of a recording whose motion may be faster
 
 
 @dataclass(frozen=True)
 class Family:
-    """A kind of discrepancy.
+    """A kind of discrepancy."""
 
-    Attributes
-    ----------
-    name : what it is, in words
-    axis : body axis it acts about; None for all
-    columns : per option, (N, k) whitened columns of unit size
-    weights : prior share of each option; None for equal ones
-    """
-
-    name: str
-    axis: str | None
-    columns: list[Array]
-    weights: Array | None = None
+    name: str  # what it is, in words
+    axis: str | None  # body axis it acts about; None for all
+    columns: list[Array]  # per option, (N, k) whitened columns of unit size
+    weights: Array | None = None  # prior share of each option; None for equal ones
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,6 @@ Array = NDArray[np.float64]
 
 AXES = "xyz"
 
-
 # size of the motion inside the zone beside the rates that are missing, in usual rates
 UNSEEN = (0.05, 0.15, 0.5)
 MEMORY = 10.0  # time constant of that motion in cells, beside none: a body at rest drifts

@@ -39,14 +39,12 @@ Array = NDArray[np.float64]
 
 DAY = 86400.0
 
-
 WARM_UP_S = (200.0, 600.0, 1800.0)  # time constants of errors that decay after an interval's start
 MEMORY_S = (30.0, 100.0, 300.0, 1000.0)  # time constants after which the effect of a slew decays
 LAGS_S = (300.0, 1000.0, 3000.0)  # by which an error follows a temperature
 PERIODS = 14  # number of periods counted from an interval's start
 LARGE = 0.1  # share of the largest rate, or of its largest change, from which on its sign is kept
 VISIBLE = 1e-6  # share of the largest column that a column must have to be visible
-
 
 Options = Mapping[str, list[Array]]  # of each family by name, the values (n, k) of each option
 

@@ -39,11 +39,9 @@ from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 
 Array = NDArray[np.float64]
 
-
 PARTS = 8  # of an interval
 START = 0.02  # rad, prior sigma of a start attitude
 BROAD = 10.0  # prior sigma of G and b, in their plausible ranges
-
 
 RECORDING_SPLIT = "an eighth of each interval at a time"
 FOLD_COLUMNS_PER_BATCH = 256  # columns; these stay in a processor's cache
@@ -68,21 +66,15 @@ def build_folds(model: RecordingModel, W: Array) -> Iterator[Fold]:
 
 @dataclass(frozen=True)
 class ConditionedRows:
-    """Some rows of a recording, given the others.
+    """Some rows of a recording, given the others."""
 
-    Attributes
-    ----------
-    train_y, train_X : (N,), (N, p) training observations and columns, in units of their own scatter, turned into as many rows
-        as there are in all
-    error_y, error_X : (s,), (s, p) errors of M0's prediction of the others, not whitened
-    covariance : (s, s) C
-    """
-
+    # train_y, train_X: (N,), (N, p) training observations and columns, in units of their own scatter, turned into as many rows
+    # as there are in all
     train_y: Array
     train_X: Array
-    error_y: Array
+    error_y: Array  # error_y, error_X: (s,), (s, p) errors of M0's prediction of the others, not whitened
     error_X: Array
-    covariance: Array
+    covariance: Array  # (s, s) C
 
 
 def condition_rows(model: RecordingModel, W: Array, out: NDArray[np.bool_]) -> ConditionedRows:

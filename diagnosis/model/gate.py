@@ -19,7 +19,6 @@ from gyrocal.calibration.gate import LARGEST_RESIDUAL, LargeResidualError, build
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-
 OUTLIERS = 0.02  # largest share of references that are single outliers; with more of them, something else is wrong
 
 

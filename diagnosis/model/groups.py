@@ -32,39 +32,28 @@ AXES = "xyz"
 
 @dataclass(frozen=True)
 class CandidateColumns:
-    """A candidate before its place in the model is known.
+    """A candidate before its place in the model is known."""
 
-    Attributes
-    ----------
-    effect, axis, listed, unit, process, positive, log_odds, read, size_sigma, shifted, scanned, roughness, tied : as in
-        `Candidate`
-    columns : per option (N, k) whitened columns
-    parameters : per option
-    weights : (o,) prior share of each option
-    limits : plausible range of the size
-    weight : prior of its effect beside that of the others
-    scales : as in `Candidate`; by default those within the limits that the columns can show
-    loudest : largest signal-to-noise ratio of interest, where the scales are those by default
-    """
-
+    # effect, axis, listed, unit, process, positive, log_odds, read, size_sigma, shifted, scanned, roughness, tied: as in
+    # `Candidate`
     effect: str
     axis: str | None
     listed: bool
-    columns: Sequence[Array]
-    parameters: Sequence[Parameters]
-    weights: Array
-    limits: tuple[float, float]
+    columns: Sequence[Array]  # per option (N, k) whitened columns
+    parameters: Sequence[Parameters]  # per option
+    weights: Array  # (o,) prior share of each option
+    limits: tuple[float, float]  # plausible range of the size
     unit: str
     process: bool = False
     positive: bool = False
-    weight: float = 1.0
+    weight: float = 1.0  # prior of its effect beside that of the others
     log_odds: float = 0.0
     read: Callable[[Array], tuple[float, Parameters]] = read_first_amplitude
     size_sigma: Callable[[float], float] = add_no_sigma
     shifted: bool = False
-    scales: Array | None = None
+    scales: Array | None = None  # as in `Candidate`; by default those within the limits that the columns can show
     scanned: bool = False
-    loudest: float = VISIBLE[1]
+    loudest: float = VISIBLE[1]  # largest signal-to-noise ratio of interest, where the scales are those by default
     roughness: float = 0.0
     tied: bool = False
 

@@ -21,12 +21,10 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-
 QUIET = 0.25  # of the scatter of the rates, that their noise may have
 # of the variance of the rates, from which on noise of readings times the number of innovations is too much
 HEARD = 0.1
 OUTLIER = 10.0  # sigma of a reading, beyond which it is replaced by the smoothed one
-
 
 LEAST_POSITIVE = 1e-300
 

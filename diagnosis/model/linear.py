@@ -29,14 +29,12 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Parameters = dict[str, float | str]
 
-
 # Scales of interest, as signal-to-noise ratios of the amplitude's standard deviation: nothing smaller can be seen, and
 # nothing larger than the upper end would be left for a linear model to explain.
 VISIBLE = (1.0, 300.0)
 ROUNDING = 1e-9  # relative, by which a scale may lie beyond the end of its range
 PER_DECADE = 4  # scales in a decade; the evidence of a few amplitudes changes little between neighbours
 FINER = 3  # scales between neighbours, for a process that may have hundreds of amplitudes
-
 
 COLUMN_CAPACITY = 30_000  # of a model, usually; what is not used takes no memory
 RESTORED_ROWS_PER_BATCH = 64  # rows of columns that are restored together
@@ -45,21 +43,13 @@ UNBOUNDED_SCALES = (0.0, np.inf)  # window of an option that may have any scale
 
 @dataclass(frozen=True)
 class ParameterChoice:
-    """One way in which an effect can be present.
+    """One way in which an effect can be present."""
 
-    Attributes
-    ----------
-    start, count : its columns among those of the model
-    log_weight : log of its prior share among the options of its candidate
-    parameters : what is fixed in it, such as the time of a step
-    window : range of the scales that it may have, among those of its candidate
-    """
-
-    start: int
+    start: int  # start, count: its columns among those of the model
     count: int
-    log_weight: float
-    parameters: Parameters
-    window: tuple[float, float] = UNBOUNDED_SCALES
+    log_weight: float  # log of its prior share among the options of its candidate
+    parameters: Parameters  # what is fixed in it, such as the time of a step
+    window: tuple[float, float] = UNBOUNDED_SCALES  # range of the scales that it may have, among those of its candidate
 
     @property
     def columns(self) -> slice:
@@ -79,44 +69,28 @@ def add_no_sigma(size: float) -> float:
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect about one axis, or an unlisted rival.
+    """An effect about one axis, or an unlisted rival."""
 
-    Attributes
-    ----------
-    effect : name of the effect; of a rival, what it does in words
-    axis : body axis or sensor, None if it has none
-    listed : whether it may be named as a cause
-    log_prior : log of its prior share among all candidates
-    options : the ways in which it can be present
-    scales : standard deviations of the amplitudes that the evidence is averaged over, in `unit`
-    unit : of its size
-    process : whether it is a random process, whose size is the scale itself
-    positive : whether its amplitude can only be positive
-    log_odds : evidence from data outside the linear model, such as tests of the samples
-    read : from amplitudes (k,) to the size and further parameters
-    size_sigma : from the size to the sigma that reading it off the amplitudes adds to theirs
-    shifted : whether the last column of each option is a shift; `read` gets the other amplitudes
-    scanned : whether its options are those periods of a sine, of all that were tried, which a scan has found to explain most:
-        their prior shares add up to less than one, and phases of different options do not compare
-    roughness : power of what its columns may leave of its errors, beside that of what they explain
-    tied : whether columns after the first one are errors of its regressor, as large as the amplitude of that one makes them
-    """
-
-    effect: str
-    axis: str | None
-    listed: bool
-    log_prior: float
-    options: tuple[ParameterChoice, ...]
-    scales: Array
-    unit: str
-    process: bool = False
-    positive: bool = False
-    log_odds: float = 0.0
+    effect: str  # name of the effect; of a rival, what it does in words
+    axis: str | None  # body axis or sensor, None if it has none
+    listed: bool  # whether it may be named as a cause
+    log_prior: float  # log of its prior share among all candidates
+    options: tuple[ParameterChoice, ...]  # the ways in which it can be present
+    scales: Array  # standard deviations of the amplitudes that the evidence is averaged over, in `unit`
+    unit: str  # of its size
+    process: bool = False  # whether it is a random process, whose size is the scale itself
+    positive: bool = False  # whether its amplitude can only be positive
+    log_odds: float = 0.0  # evidence from data outside the linear model, such as tests of the samples
+    # from amplitudes (k,) to the size and further parameters
     read: Callable[[Array], tuple[float, Parameters]] = read_first_amplitude
+    # from the size to the sigma that reading it off the amplitudes adds to theirs
     size_sigma: Callable[[float], float] = add_no_sigma
-    shifted: bool = False
+    shifted: bool = False  # whether the last column of each option is a shift; `read` gets the other amplitudes
+    # whether its options are those periods of a sine, of all that were tried, which a scan has found to explain most: their
+    # prior shares add up to less than one, and phases of different options do not compare
     scanned: bool = False
-    roughness: float = 0.0
+    roughness: float = 0.0  # power of what its columns may leave of its errors, beside that of what they explain
+    # whether columns after the first one are errors of its regressor, as large as the amplitude of that one makes them
     tied: bool = False
 
     @property
@@ -153,40 +127,28 @@ Wanted = tuple[
 
 @dataclass(frozen=True)
 class Fold:
-    """One part of the data held out, and the rest to learn from.
+    """One part of the data held out, and the rest to learn from."""
 
-    Attributes
-    ----------
-    train_y, train_X : (t,), (t, p) training observations and columns, in units of their own scatter under M0; only their inner
-        products matter, so that a builder may turn them
-    left_y, left_X : (s,), (s, p) errors of M0's prediction of the part held out, of observations and of columns, in units of
-        the scatter of that prediction
-    owner : (s,) name of the interval each row belongs to
-    dof : degrees of freedom of each interval in the part held out, by name; the rows' number unless the builder compressed them
-    """
-
+    # train_y, train_X: (t,), (t, p) training observations and columns, in units of their own scatter under M0; only their inner
+    # products matter, so that a builder may turn them
     train_y: Array
     train_X: Array
+    # left_y, left_X: (s,), (s, p) errors of M0's prediction of the part held out, of observations and of columns, in units of
+    # the scatter of that prediction
     left_y: Array
     left_X: Array
-    owner: NDArray[np.str_]
+    owner: NDArray[np.str_]  # (s,) name of the interval each row belongs to
+    # degrees of freedom of each interval in the part held out, by name; the rows' number unless the builder compressed them
     dof: dict[str, float]
 
 
 @dataclass(frozen=True)
 class RestoredColumns:
-    """Whitened columns before the projection, by the projected ones and what the projection took: hundreds of megabytes less.
+    """Whitened columns before the projection, by the projected ones and what that took: hundreds of megabytes less."""
 
-    Attributes
-    ----------
-    X : (N, p) projected columns
-    basis : (N, q) orthonormal basis of the nuisance parameters' columns
-    hidden : (q, p) components of the columns along it
-    """
-
-    X: Array
-    basis: Array
-    hidden: Array
+    X: Array  # (N, p) projected columns
+    basis: Array  # (N, q) orthonormal basis of the nuisance parameters' columns
+    hidden: Array  # (q, p) components of the columns along it
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -206,16 +168,10 @@ class RestoredColumns:
 
 @dataclass
 class Room:
-    """Memory with room for further columns beside those of a model, which a few more need not be copied for.
+    """Memory with room for further columns beside those of a model, which a few more need not be copied for."""
 
-    Attributes
-    ----------
-    memory : (N, c)
-    used : columns that are taken; nothing changes them any more
-    """
-
-    memory: Array
-    used: int = 0
+    memory: Array  # (N, c)
+    used: int = 0  # columns that are taken; nothing changes them any more
 
     def append(self, more: Array) -> None:
         """Append columns (N, k), in a larger memory if there is no room for them."""
@@ -258,42 +214,28 @@ class ColumnStore:
 
 @dataclass(frozen=True)
 class LinearModel:
-    """Observations, and the columns of all candidates.
+    """Observations, and the columns of all candidates."""
 
-    Attributes
-    ----------
-    y : (N,) whitened observations with the nuisance parameters projected out
-    X : (N, p) columns, the same way
-    W : (N, p) whitened columns before the projection
-    candidates : which columns belong to whom
-    dof : degrees of freedom of y under M0
-    projected : takes the nuisance parameters out of (N, d) values
-    most_effects : largest number of effects in one explanation
-    beam : how many sets a search extends by a second, third … effect; few rows afford many
-    split : how `folds` parts the data, in words; "" where nothing can be held out
-    folds : parts of the data held out in turn, of the model's W
-    room : memory behind X for the columns of further options
-    refine : a model with more options around a member's own, for a parameter such as the time of a step that lies between the
-        options; the model itself where there is nothing to refine
-    whole : a model with all columns of a random process that show at the scale at which a member is held, at each of its
-        options; the model itself where it is no process
-    moments : a model with more options of effects that are switched on, at the moments when they explain most beside each of
-        some sets of members
-    """
-
-    y: Array
-    X: Array
-    W: Array | RestoredColumns
-    candidates: tuple[Candidate, ...]
-    dof: int
-    projected: Callable[[Array], Array] = field(repr=False)
-    most_effects: int = 3
-    beam: tuple[int, ...] = (10, 6, 6, 6)
-    split: str = ""
+    y: Array  # (N,) whitened observations with the nuisance parameters projected out
+    X: Array  # (N, p) columns, the same way
+    W: Array | RestoredColumns  # (N, p) whitened columns before the projection
+    candidates: tuple[Candidate, ...]  # which columns belong to whom
+    dof: int  # degrees of freedom of y under M0
+    projected: Callable[[Array], Array] = field(repr=False)  # takes the nuisance parameters out of (N, d) values
+    most_effects: int = 3  # largest number of effects in one explanation
+    beam: tuple[int, ...] = (10, 6, 6, 6)  # how many sets a search extends by a second, third … effect; few rows afford many
+    split: str = ""  # how `folds` parts the data, in words; "" where nothing can be held out
+    # parts of the data held out in turn, of the model's W
     folds: Callable[[Array], Iterable[Fold]] = field(default=lambda W: (), repr=False)
-    room: Room | None = field(default=None, repr=False)
+    room: Room | None = field(default=None, repr=False)  # memory behind X for the columns of further options
+    # a model with more options around a member's own, for a parameter such as the time of a step that lies between the options;
+    # the model itself where there is nothing to refine
     refine: Callable[[LinearModel, SelectedCandidate], LinearModel] = field(default=lambda model, member: model, repr=False)
+    # a model with all columns of a random process that show at the scale at which a member is held, at each of its options; the
+    # model itself where it is no process
     whole: Callable[[LinearModel, SelectedCandidate], LinearModel] = field(default=lambda model, member: model, repr=False)
+    # a model with more options of effects that are switched on, at the moments when they explain most beside each of some sets
+    # of members
     moments: Callable[[LinearModel, Sequence[Wanted]], LinearModel] = field(default=lambda model, wanted: model, repr=False)
 
     def find(self, label: str) -> int | None:

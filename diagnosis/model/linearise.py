@@ -26,7 +26,6 @@ from gyrocal.recording import Interval, Recording, find_reference_rows
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-
 MOST_STEPS = 60_000  # steps on which columns are made
 MOST_OBSERVATIONS = 500  # attitudes that enter the model; its cost grows with the square of them
 FEWEST_OBSERVATIONS = 10  # of an interval that are left by averaging; with few of them its motion would be lost

@@ -21,7 +21,6 @@ Array = NDArray[np.float64]
 
 PHASES = ("start", "slew", "hold", "end")
 
-
 EDGE = 0.1  # share of an interval's references that count as its start or end
 HOLE = 2.5  # times the usual spacing; a slew lies between two such references
 MOST = 6  # findings

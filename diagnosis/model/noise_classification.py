@@ -34,7 +34,6 @@ from simulator.effects.timing import compute_delay_columns
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
-
 MOST_TONES = 3  # of the references, beyond their averages
 # log odds of a dead zone from the samples, from which on its axis is left out of tests that it would mislead
 LIKELY = 1.0
@@ -42,47 +41,27 @@ LIKELY = 1.0
 
 @dataclass(frozen=True)
 class UnclassifiedRecording:
-    """A recording with what its samples show, about the calibration under M0, before the references were asked.
+    """A recording with what its samples show, about the calibration under M0, before the references were asked."""
 
-    Attributes
-    ----------
-    recording : what was recorded
-    report : of the samples
-    model, sigma : with the references as stated, and the (12,) sigma of its calibration
-    pieces : the intervals it is propagated over
-    dead : gyros that may have a dead zone
-    """
-
-    recording: Recording
-    report: SampleReport
-    model: RecordingModel
+    recording: Recording  # what was recorded
+    report: SampleReport  # of the samples
+    model: RecordingModel  # model, sigma: with the references as stated, and the (12,) sigma of its calibration
     sigma: Array
-    pieces: tuple[Interval, ...]
-    dead: tuple[DeadZoneEvidence, ...]
+    pieces: tuple[Interval, ...]  # the intervals it is propagated over
+    dead: tuple[DeadZoneEvidence, ...]  # gyros that may have a dead zone
 
 
 @dataclass(frozen=True)
 class PreparedRecording:
-    """A recording ready for the attitude tests.
+    """A recording ready for the attitude tests."""
 
-    Attributes
-    ----------
-    model : linearised about the calibration, on the repaired stream
-    samples : what the samples showed
-    sigma : (12,) of the calibration under M0: G_xx … G_zz, b_x … b_z (rad/s)
-    reference_noise : test of the references' noise, None without a series of them
-    dead : gyros that read zero for long, and may have a dead zone
-    notes : limits of this recording
-    pieces : the intervals that the model is propagated over
-    """
-
-    model: RecordingModel
-    samples: SampleReport
-    sigma: Array
-    reference_noise: ReferenceNoise | None
-    dead: tuple[DeadZoneEvidence, ...]
-    notes: tuple[str, ...]
-    pieces: tuple[Interval, ...]
+    model: RecordingModel  # linearised about the calibration, on the repaired stream
+    samples: SampleReport  # what the samples showed
+    sigma: Array  # (12,) of the calibration under M0: G_xx … G_zz, b_x … b_z (rad/s)
+    reference_noise: ReferenceNoise | None  # test of the references' noise, None without a series of them
+    dead: tuple[DeadZoneEvidence, ...]  # gyros that read zero for long, and may have a dead zone
+    notes: tuple[str, ...]  # limits of this recording
+    pieces: tuple[Interval, ...]  # the intervals that the model is propagated over
 
     @property
     def classified_symptoms(self) -> tuple[tuple[str, str | None], ...]:

@@ -17,7 +17,6 @@ from diagnosis.model.recording_model import RecordingModel
 
 Array = NDArray[np.float64]
 
-
 REPEATED = 4  # best periods at which a swing that is no sine is tried
 SHAPE = 3  # its harmonics of any phase
 HIGHEST = 7  # its highest harmonic that is locked to the fundamental

@@ -31,7 +31,6 @@ from simulator.effects.periodic import SHORTEST_PERIOD_SPACINGS, compute_period_
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-
 STEP = 0.25  # between frequencies that are tried, in units of 1/T
 MADE = 0.0625  # between frequencies at which waves are made, in units of 1/D, at most
 MOST = 300_000  # frequencies; of longer recordings the shortest periods are left out
@@ -51,20 +50,12 @@ ENOUGH = 12.0
 
 @dataclass(frozen=True)
 class Grid:
-    """Frequencies that are tried, Hz.
+    """Frequencies that are tried, Hz."""
 
-    Attributes
-    ----------
-    made : (j,) at which waves are made
-    tried : (j, m) in the order of frequency
-    log_weight : (j, m) log prior share, −∞ of what is left out
-    step : between neighbours
-    """
-
-    made: Array
-    tried: Array
-    log_weight: Array
-    step: float
+    made: Array  # (j,) at which waves are made
+    tried: Array  # (j, m) in the order of frequency
+    log_weight: Array  # (j, m) log prior share, −∞ of what is left out
+    step: float  # between neighbours
 
 
 @dataclass(frozen=True)

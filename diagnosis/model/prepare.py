@@ -41,7 +41,6 @@ First = tuple[RecordingModel, Array, tuple[Interval, ...]]  # model, sigma of th
 
 AXES = "xyz"
 
-
 # probability of the other way in which readings may have come onto a lattice, from which on it is told
 LEAST_SHARE = 0.02
 SHOWN = 3.0  # sigmas of a correlation of residuals, down to which it counts
@@ -53,16 +52,13 @@ def prepare(
 ) -> PreparedRecording:
     """Examine the samples, calibrate under M0 by Gauss–Newton on the linear model, and linearise there.
 
+    An `InputError` if the stream does not cover the intervals, or nothing is left of them.
+
     Parameters
     ----------
     recording : what was recorded
     settings : thresholds
     tell : called with a text and the share done of a whole diagnosis
-
-    Raises
-    ------
-    InputError
-        The stream does not cover the intervals, or nothing is left of them.
     """
     _check_samples(recording)
     report, (model, sigma, pieces) = _choose_lattice_reading(recording, settings, tell)

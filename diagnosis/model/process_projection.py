@@ -65,21 +65,14 @@ DECOMPOSITION = Decomposition()
 
 @dataclass(frozen=True)
 class ProcessProjection:
-    """Observations of unit errors of a random process about one axis.
+    """Observations of unit errors of a random process about one axis."""
 
-    Attributes
-    ----------
-    columns : (N, c) whitened observations of unit errors
-    gram : (c, c) products of the projected columns
-    root : (c, c) root of them
-    mean : (c, q) the unit errors of errors at the times of a covariance; None where the times are those of the unit errors
-    shown : (c,) power along each direction of the root of Markov processes of all time constants, each of the power one in all
-    """
-
-    columns: Array
-    gram: Array
-    root: Array
+    columns: Array  # (N, c) whitened observations of unit errors
+    gram: Array  # (c, c) products of the projected columns
+    root: Array  # (c, c) root of them
+    # (c, q) the unit errors of errors at the times of a covariance; None where the times are those of the unit errors
     mean: scipy.sparse.csr_array | None = None
+    # (c,) power along each direction of the root of Markov processes of all time constants, each of the power one in all
     shown: Array | None = None
 
     @classmethod

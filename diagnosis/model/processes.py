@@ -26,7 +26,6 @@ Array = NDArray[np.float64]
 
 AXES = "xyz"
 
-
 SEEN = 1e-4  # power relative to the strongest column, below which a column is left out
 INFORMATION = 0.95  # share of Σ λ² that the columns have together at least
 # variance of a column beside that of the noise, from which on it counts where the whole process is wanted
@@ -43,18 +42,11 @@ ALIKE = 0.95  # cosine of two covariances from which on they are one process
 
 @dataclass(frozen=True)
 class Process:
-    """A random discrepancy about one axis.
+    """A random discrepancy about one axis."""
 
-    Attributes
-    ----------
-    name : what it does, in words
-    axis : body axis
-    columns : per option (N, r) whitened columns of unit amplitude, orthogonal once projected
-    """
-
-    name: str
-    axis: str
-    columns: list[Array]
+    name: str  # what it does, in words
+    axis: str  # body axis
+    columns: list[Array]  # per option (N, r) whitened columns of unit amplitude, orthogonal once projected
 
 
 def compute_cell_times(model: RecordingModel) -> ProcessTimes:

@@ -45,38 +45,24 @@ from simulator.effects.recording_view import interpolate_housekeeping
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-
 MOST_CELLS = 320  # cells of a recording; random processes cost the cube of it
 RANK = 1e-9  # relative size below which a nuisance column adds nothing to the others
-
 
 PROJECTED_COLUMNS_PER_BATCH = 1024  # columns that are projected together
 
 
 @dataclass(frozen=True)
 class Block:
-    """One interval, or a part of one: its steps, the references in it and their observations.
+    """One interval, or a part of one: its steps, the references in it and their observations."""
 
-    Attributes
-    ----------
-    interval : index of the recording's interval it is, or is a part of
-    steps : its steps among all
-    rows : its rows among those of the observations, three for each observation
-    references : (m,) rows of the reference attitudes in the recording
-    ends : (m,) steps of the interval done at each reference, the first is 0
-    elapsed_s : (m,) time since the first reference
-    groups : (r,) the first of the references that are averaged to each observation
-    whitener : (3r, 3r) lower Cholesky factor of the observations' covariance
-    """
-
-    interval: int
-    steps: slice
-    rows: slice
-    references: Indices
-    ends: Indices
-    elapsed_s: Array
-    groups: Indices
-    whitener: Array
+    interval: int  # index of the recording's interval it is, or is a part of
+    steps: slice  # its steps among all
+    rows: slice  # its rows among those of the observations, three for each observation
+    references: Indices  # (m,) rows of the reference attitudes in the recording
+    ends: Indices  # (m,) steps of the interval done at each reference, the first is 0
+    elapsed_s: Array  # (m,) time since the first reference
+    groups: Indices  # (r,) the first of the references that are averaged to each observation
+    whitener: Array  # (3r, 3r) lower Cholesky factor of the observations' covariance
 
     @property
     def counts(self) -> Indices:
@@ -98,60 +84,35 @@ class Block:
 
 @dataclass(frozen=True)
 class Cells:
-    """Stretches between observations and inside long gaps of them, over which a random rate error is taken as constant.
+    """Stretches between observations and inside long gaps of them, over which a random rate error is taken as constant."""
 
-    Attributes
-    ----------
-    interval : (c,) index of the interval
-    first, last : (c,) its steps among all, the last excluded
-    t_s : (c,) time of its middle, s since the epoch
-    run_s : (c,) sampled time up to its middle, gaps between the intervals left out
-    duration_s : (c,)
-    """
-
-    interval: Indices
-    first: Indices
+    interval: Indices  # (c,) index of the interval
+    first: Indices  # first, last: (c,) its steps among all, the last excluded
     last: Indices
-    t_s: Array
-    run_s: Array
-    duration_s: Array
+    t_s: Array  # (c,) time of its middle, s since the epoch
+    run_s: Array  # (c,) sampled time up to its middle, gaps between the intervals left out
+    duration_s: Array  # (c,)
 
 
 @dataclass(frozen=True)
 class RecordingModel:
-    """A recording linearised about a calibration.
+    """A recording linearised about a calibration."""
 
-    Attributes
-    ----------
-    recording : what was recorded
-    G, bias : (3, 3), (3,) rad/s: the parameters it is linearised about
-    t_s, dt : (n,) middle and length of each step, s
-    raw, rates : (n, 3) raw and calibrated rates, smoothed if there is a smoothed stream, rad/s
-    to_inertial : (n, 3, 3) Aᵀ in the middle of each step
-    at_reference : (m, 3, 3) Aᵀ at each reference of each block, as propagated
-    blocks : the intervals
-    zeta : (N,) observations, rad
-    residuals : (m, 3) ζ of every reference before any averaging, rad
-    off : (m, 3) rotation vectors from the propagated attitudes to the references, inertial axes, rad
-    errors : (m, 3, 3) covariance of the error of every reference, inertial axes, rad²
-    walk : (m, 3, 3) covariance of the integrated gyro noise at every reference, inertial axes, rad²
-    """
-
-    recording: Recording
-    G: Array
+    recording: Recording  # what was recorded
+    G: Array  # G, bias: (3, 3), (3,) rad/s: the parameters it is linearised about
     bias: Array
-    t_s: Array
+    t_s: Array  # t_s, dt: (n,) middle and length of each step, s
     dt: Array
-    raw: Array
+    raw: Array  # raw, rates: (n, 3) raw and calibrated rates, smoothed if there is a smoothed stream, rad/s
     rates: Array
-    to_inertial: Array
-    at_reference: Array
-    blocks: tuple[Block, ...]
-    zeta: Array
-    residuals: Array
-    off: Array
-    errors: Array
-    walk: Array
+    to_inertial: Array  # (n, 3, 3) Aᵀ in the middle of each step
+    at_reference: Array  # (m, 3, 3) Aᵀ at each reference of each block, as propagated
+    blocks: tuple[Block, ...]  # the intervals
+    zeta: Array  # (N,) observations, rad
+    residuals: Array  # (m, 3) ζ of every reference before any averaging, rad
+    off: Array  # (m, 3) rotation vectors from the propagated attitudes to the references, inertial axes, rad
+    errors: Array  # (m, 3, 3) covariance of the error of every reference, inertial axes, rad²
+    walk: Array  # (m, 3, 3) covariance of the integrated gyro noise at every reference, inertial axes, rad²
 
     @property
     def size(self) -> int:

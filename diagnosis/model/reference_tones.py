@@ -48,7 +48,6 @@ Array = NDArray[np.float64]
 AXIS_INDICES = range(3)
 NEIGHBOUR_OFFSETS = np.arange(3, 15)  # coefficients of the samples to either side, in units of the frequency resolution
 
-
 SHORTEST = 16  # innovations of an interval from which its spectrum counts
 FEWEST_PERIODS = 2.0  # in the longest interval
 SLOW = 2.5  # spacings of the averages, above which period these show a sinusoid themselves
@@ -65,18 +64,11 @@ TOPS = 6
 
 @dataclass(frozen=True)
 class ReferenceInnovations:
-    """Innovations of all references.
+    """Innovations of all references."""
 
-    Attributes
-    ----------
-    model : of the recording
-    y : (N,) without what G and b take up
-    taken, motion : (N, q) orthonormal bases of that, and of it and what follows the motion
-    """
-
-    model: RecordingModel
-    y: Array
-    taken: Array
+    model: RecordingModel  # of the recording
+    y: Array  # (N,) without what G and b take up
+    taken: Array  # taken, motion: (N, q) orthonormal bases of that, and of it and what follows the motion
     motion: Array
 
     def make_columns(self, frequencies: Array, on_references: bool, axes: Sequence[int], parts: Array | None = None) -> Array:

@@ -25,7 +25,6 @@ from scipy.spatial.transform import Rotation
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-
 SMALL = 0.3  # sigmas of a reference in half the square of ζ, up to which first order is enough
 NOISE = 0.05  # of the largest ζ, that the noise of the path may be
 WIDEST = 0.2  # of the references of an interval in an average
@@ -33,16 +32,10 @@ WIDEST = 0.2  # of the references of an interval in an average
 
 @dataclass(frozen=True)
 class RelinearisedPath:
-    """Turns from the propagated to the true attitudes of an interval.
+    """Turns from the propagated to the true attitudes of an interval."""
 
-    Attributes
-    ----------
-    errors : (m, 3) z at the references, rad
-    turns : (m, 3) rotation vectors of S there, inertial axes
-    """
-
-    errors: Array
-    turns: Array
+    errors: Array  # (m, 3) z at the references, rad
+    turns: Array  # (m, 3) rotation vectors of S there, inertial axes
 
     def turn_attitudes(self, propagated: Array) -> Array:
         """(m, 3, 3) Aᵀ along the path at the references, of those as propagated."""

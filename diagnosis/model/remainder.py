@@ -37,7 +37,6 @@ Indices = NDArray[np.intp]
 
 AXES = "xyz"
 
-
 # correlation times of the processes, in lengths of the median interval
 GYRO_TIMES = (0.05, 1.0)
 REFERENCE_TIMES = (0.02, 0.2)
@@ -46,45 +45,29 @@ LEAST = 1e-6  # share of the power below which a process has the size zero
 PRECISION = 1e-5  # relative change of −log L at which the optimisation ends
 ITERATIONS = 60  # of the optimisation, at most
 
-
 Side = Literal["gyro", "reference", "time tags"]
 
 
 @dataclass(frozen=True)
 class RemainderProcess:
-    """One process of the remainder.
+    """One process of the remainder."""
 
-    Attributes
-    ----------
-    side : where it acts
-    axis : body axis; None for all of them together
-    time_scale_s : correlation time
-    blocks : of each interval (n, n) whitened covariance of its observations at unit variance, in (rad/s)², rad², s², or 1 for
-        errors in proportion to the rate
-    """
-
-    side: Side
-    axis: str | None
-    time_scale_s: float
+    side: Side  # where it acts
+    axis: str | None  # body axis; None for all of them together
+    time_scale_s: float  # correlation time
+    # of each interval (n, n) whitened covariance of its observations at unit variance, in (rad/s)², rad², s², or 1 for errors
+    # in proportion to the rate
     blocks: tuple[Array, ...]
 
 
 @dataclass(frozen=True)
 class Remainder:
-    """Sizes of the remainder.
+    """Sizes of the remainder."""
 
-    Attributes
-    ----------
-    noise : φ, variance of the white noise relative to the stated one
-    variances : (K,) θ of each process
-    processes : the processes
-    log_likelihood : log L, but for a constant of the recording
-    """
-
-    noise: float
-    variances: Array
-    processes: tuple[RemainderProcess, ...]
-    log_likelihood: float
+    noise: float  # φ, variance of the white noise relative to the stated one
+    variances: Array  # (K,) θ of each process
+    processes: tuple[RemainderProcess, ...]  # the processes
+    log_likelihood: float  # log L, but for a constant of the recording
 
 
 def build_processes(model: RecordingModel) -> tuple[RemainderProcess, ...]:

@@ -33,7 +33,6 @@ from simulator.effects.recording_view import list_housekeeping_columns
 
 Array = NDArray[np.float64]
 
-
 HELD = 0.5  # share of rows equal to the one before, from which on the step is coarse beside changes and noise
 GAP = 3.0  # median spacings of the rows, beyond which rows are missing
 FINEST = 100.0  # rows of a usual run; where there are more, rows are left out
@@ -48,18 +47,11 @@ ROUGHNESS = (1e-5, 1.0, 26)
 
 @dataclass(frozen=True)
 class RoundedCovariate:
-    """Posterior of a rounded covariate.
+    """Posterior of a rounded covariate."""
 
-    Attributes
-    ----------
-    t_s : (n,) times, s from the epoch
-    mean : (n,) in its unit
-    courses : (n, r) of its error, √λ_k u_k, the strongest first
-    """
-
-    t_s: Array
-    mean: Array
-    courses: Array
+    t_s: Array  # (n,) times, s from the epoch
+    mean: Array  # (n,) in its unit
+    courses: Array  # (n, r) of its error, √λ_k u_k, the strongest first
 
     def list_curves(self, t_s: Array) -> Iterator[Array]:
         """The mean at some times (k,), and the mean with each course of its error added."""

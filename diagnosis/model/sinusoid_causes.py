@@ -25,24 +25,14 @@ def get_effect(kind: str) -> Effect:
 
 @dataclass(frozen=True)
 class SinusoidCause:
-    """A cause of a sinusoid.
+    """A cause of a sinusoid."""
 
-    Attributes
-    ----------
-    kind : its symptom
-    axis : about which
-    frequency_hz : f, or an alias of it
-    amplitudes : (2,) of sine and cosine, rad or rad/s
-    sigma : of each of them
-    log_weight : prior and evidence, not normalised
-    """
-
-    kind: str
-    axis: int
-    frequency_hz: float
-    amplitudes: Array
-    sigma: float
-    log_weight: float = 0.0
+    kind: str  # its symptom
+    axis: int  # about which
+    frequency_hz: float  # f, or an alias of it
+    amplitudes: Array  # (2,) of sine and cosine, rad or rad/s
+    sigma: float  # of each of them
+    log_weight: float = 0.0  # prior and evidence, not normalised
 
     def compute_at(self, t_s: Array) -> Array:
         """Compute the sinusoid (n,) at some times, rad or rad/s."""
@@ -79,16 +69,10 @@ class SinusoidCause:
 
 @dataclass(frozen=True)
 class ReferenceTone:
-    """A sinusoid of the references: its possible causes with their probabilities, the likeliest first.
+    """A sinusoid of the references: its possible causes with their probabilities, the likeliest first."""
 
-    Attributes
-    ----------
-    causes : of kinds and axes that differ
-    p_value : that noise has so strong a sinusoid
-    """
-
-    causes: tuple[tuple[SinusoidCause, float], ...]
-    p_value: float
+    causes: tuple[tuple[SinusoidCause, float], ...]  # of kinds and axes that differ
+    p_value: float  # that noise has so strong a sinusoid
 
     @property
     def listed_causes(self) -> tuple[tuple[SinusoidCause, float], ...]:

@@ -28,7 +28,6 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 StepTimes = tuple[Array, Array, Array, Indices]  # of `step_times`
 
-
 LONGEST_STEP_GAP = 300.0  # s between the times a step is tried at, before refinement
 MOST_STEP_TIMES = 14  # times a step is tried at inside an interval
 FINE_STEP_TIMES = 48  # times around one that was found
@@ -129,20 +128,12 @@ def _add_times(
 
 @dataclass(frozen=True)
 class StepPeak:
-    """Time at which a step explains most of the residual of some members.
+    """Time at which a step explains most of the residual of some members."""
 
-    Attributes
-    ----------
-    height : log of its likelihood ratio there
-    candidate : of the linear model
-    fixed : parameters other than its time
-    low, high : steps of the recording between which the peak lies
-    """
-
-    height: float
-    candidate: int
-    fixed: Parameters
-    low: int
+    height: float  # log of its likelihood ratio there
+    candidate: int  # of the linear model
+    fixed: Parameters  # parameters other than its time
+    low: int  # low, high: steps of the recording between which the peak lies
     high: int
 
 

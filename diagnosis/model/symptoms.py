@@ -27,26 +27,17 @@ AXES = "xyz"
 OF_NOISE = ("white_noise_level", "readout_noise")
 LEAST_P, LARGEST_P = 1e-300, float(np.exp(-1))  # p-values for which the bound on the Bayes factor holds
 
-
 TESTS = 30  # of the samples of a recording, over which the prior probability of one more effect is spread
 
 
 @dataclass(frozen=True)
 class SymptomPosterior:
-    """Posterior probabilities of a symptom's explanations; they add up to one.
+    """Posterior probabilities of a symptom's explanations; they add up to one."""
 
-    Attributes
-    ----------
-    listed : the effect that claims it, or a listed rival
-    unlisted : something unlisted
-    motion : a motion of the body
-    chance : noise of M0
-    """
-
-    listed: float
-    unlisted: float
-    motion: float
-    chance: float
+    listed: float  # the effect that claims it, or a listed rival
+    unlisted: float  # something unlisted
+    motion: float  # a motion of the body
+    chance: float  # noise of M0
 
 
 def compute_posterior(symptom: Symptom, settings: DiagnosisSettings, claimed: bool = True) -> SymptomPosterior:
@@ -76,20 +67,12 @@ def compute_posterior(symptom: Symptom, settings: DiagnosisSettings, claimed: bo
 
 @dataclass(frozen=True)
 class SampleCause:
-    """A symptom and the effect that claims it.
+    """A symptom and the effect that claims it."""
 
-    Attributes
-    ----------
-    symptom : what was seen
-    effect : its name, None if no effect that may be named claims the symptom
-    finding : for the list of where the recording departs
-    rivals : effects that may be at work in its place, with their shares of the probability
-    """
-
-    symptom: Symptom
-    effect: str | None
-    finding: Finding
-    rivals: tuple[tuple[str, float], ...] = ()
+    symptom: Symptom  # what was seen
+    effect: str | None  # its name, None if no effect that may be named claims the symptom
+    finding: Finding  # for the list of where the recording departs
+    rivals: tuple[tuple[str, float], ...] = ()  # effects that may be at work in its place, with their shares of the probability
 
     def compute_listed(self, settings: DiagnosisSettings) -> float:
         """Compute the probability that listed effects make the symptom; where none claims it, that nothing unlisted does."""

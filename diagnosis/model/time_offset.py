@@ -25,7 +25,6 @@ from gyrocal.calibration.propagation import Arcs, propagate
 
 Array = NDArray[np.float64]
 
-
 ROUNDS = 10  # in which a delay settles
 SETTLED = 0.01  # relative change, at which it has
 NONLINEAR = 0.3  # sigmas of all observations together, by which a column then differs from that of a short delay

@@ -23,11 +23,9 @@ from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
 
-
 ROUNDS = 6  # at most
 SETTLED = 0.03  # sigmas of all observations together, by which what the effect does still changes
 NONLINEAR = 0.3  # the same, from which on the columns are taken at the true rates
-
 
 LEAST_POSITIVE = 1e-300
 

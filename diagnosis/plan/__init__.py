@@ -6,7 +6,7 @@
 - `visibility`: the smallest visible size, by the statistic and the threshold of the diagnosis itself
 - `separability`: pairs that cannot be told apart
 - `extras`: extra maneuvers and what each would help
-- `planning`: all of it in turn; `result`: what comes out; `settings`: thresholds
+- `pipeline`: all of it in turn; `result`: what comes out; `settings`: thresholds
 """
 
 from diagnosis.plan.extras import append_intervals, list_maneuvers

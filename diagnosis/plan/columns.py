@@ -28,27 +28,18 @@ OF_TIME = ("time_s", "time_sigma_s")  # parameters of an option that is one of s
 
 @dataclass(frozen=True)
 class Signature:
-    """What an effect does to the whitened and projected observations, per unit of its size.
+    """What an effect does to the whitened and projected observations, per unit of its size."""
 
-    Attributes
-    ----------
-    effect, axis, label : the label also tells what else is fixed in a switched effect, as in "effect:z<y"
-    X : (N, o, k) columns of each option (time of a step), k amplitudes (sine and cosine); of a random effect y = a X z with
-        z ~ N(0, I), in the usual option
-    share : (o,) what the projection leaves of each option, 1 for all
-    weights : (o,) prior of the options, sum one
-    parameters : of each option
-    process : whether the effect is random
-    """
-
-    effect: str
+    effect: str  # effect, axis, label: the label also tells what else is fixed in a switched effect, as in "effect:z<y"
     axis: str | None
     label: str
+    # (N, o, k) columns of each option (time of a step), k amplitudes (sine and cosine); of a random effect y = a X z with z ~
+    # N(0, I), in the usual option
     X: Array
-    share: Array
-    weights: Array
-    parameters: tuple[Mapping[str, float | str], ...]
-    process: bool = False
+    share: Array  # (o,) what the projection leaves of each option, 1 for all
+    weights: Array  # (o,) prior of the options, sum one
+    parameters: tuple[Mapping[str, float | str], ...]  # of each option
+    process: bool = False  # whether the effect is random
 
     @property
     def norms(self) -> Array:

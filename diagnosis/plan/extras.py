@@ -23,17 +23,13 @@ from simulator.scenario import Scenario, override
 
 AXES = "xyz"
 
-
 DAY = 86400.0
 
 
 def append_intervals(scenario: Scenario, sections: Sequence[Mapping[str, Any]]) -> Scenario:
     """The scenario with intervals after its end, whose start_s and stop_s count from there.
 
-    Raises
-    ------
-    InputError
-        They are no valid intervals.
+    An `InputError` if these are no valid intervals.
     """
     end = scenario.interval[-1].stop_s
     intervals = [one.model_dump(mode="json", exclude_none=True) for one in scenario.interval]

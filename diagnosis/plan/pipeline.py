@@ -34,6 +34,8 @@ def plan(
 ) -> Plan:
     """Predict what a recording of a scenario can show.
 
+    An `InputError` if there is no such effect, or an extra maneuver is no valid continuation of the scenario.
+
     Parameters
     ----------
     scenario : the maneuver plan, with the gyro's and the references' noise
@@ -42,11 +44,6 @@ def plan(
     progress : called with a text and the share done
     seed : of the draws
     settings : thresholds and priors of the diagnosis that the recording is for
-
-    Raises
-    ------
-    InputError
-        There is no such effect, an extra maneuver is no valid continuation of the scenario.
     """
     began = time.perf_counter()
     tell = progress or (lambda text, share: None)

@@ -15,101 +15,58 @@ Verdict = Literal["visible", "implausible", "not identifiable", "not available"]
 
 @dataclass(frozen=True)
 class Visible:
-    """Smallest visible size of one effect.
+    """Smallest visible size of one effect."""
 
-    Attributes
-    ----------
-    effect, axis, label, unit : which
-    verdict : whether it can be seen at a plausible size
-    size : seen with probability 0.9 at a typical phase and time; infinite if never
-    best, worst : at the best and the worst phase and time
-    snr : a‖x‖ at which that is so; NaN for random effects
-    plausible : range of its size
-    text : condition or reason
-    """
-
-    effect: str
+    effect: str  # effect, axis, label, unit: which
     axis: str | None
     label: str
     unit: str
-    verdict: Verdict
-    size: float
-    best: float
+    verdict: Verdict  # whether it can be seen at a plausible size
+    size: float  # seen with probability 0.9 at a typical phase and time; infinite if never
+    best: float  # best, worst: at the best and the worst phase and time
     worst: float
-    snr: float
-    plausible: tuple[float, float]
-    text: str = ""
+    snr: float  # a‖x‖ at which that is so; NaN for random effects
+    plausible: tuple[float, float]  # range of its size
+    text: str = ""  # condition or reason
 
 
 @dataclass(frozen=True)
 class Pair:
-    """An effect that another one imitates.
+    """An effect that another one imitates."""
 
-    Attributes
-    ----------
-    effect, other : labels; `effect` is at work and `other` imitates it
-    share : ρ², NaN for random effects
-    snr : that tells them apart; infinite if nothing does, NaN for random effects
-    size : of `effect` that tells them apart, in its unit
-    """
-
-    effect: str
+    effect: str  # effect, other: labels; `effect` is at work and `other` imitates it
     other: str
-    share: float
-    snr: float
-    size: float
+    share: float  # ρ², NaN for random effects
+    snr: float  # that tells them apart; infinite if nothing does, NaN for random effects
+    size: float  # of `effect` that tells them apart, in its unit
 
 
 @dataclass(frozen=True)
 class Extra:
-    """What an extra maneuver brings.
+    """What an extra maneuver brings."""
 
-    Attributes
-    ----------
-    name : of the maneuver
-    hours : it takes
-    ratio : smallest visible size with it over that without, median over the effects of
-        the median over their axes
-    by_effect : the same by label, of effects that are visible with it
-    resolved : pairs that it makes separable, of `pairs`
-    pairs : inseparable pairs before
-    gained : effects that become visible at a plausible size
-    """
-
-    name: str
-    hours: float
-    ratio: float
-    by_effect: dict[str, float]
-    resolved: tuple[tuple[str, str], ...]
-    pairs: int
-    gained: tuple[str, ...]
+    name: str  # of the maneuver
+    hours: float  # it takes
+    ratio: float  # smallest visible size with it over that without, median over the effects of the median over their axes
+    by_effect: dict[str, float]  # the same by label, of effects that are visible with it
+    resolved: tuple[tuple[str, str], ...]  # pairs that it makes separable, of `pairs`
+    pairs: int  # inseparable pairs before
+    gained: tuple[str, ...]  # effects that become visible at a plausible size
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Everything a plan says.
+    """Everything a plan says."""
 
-    Attributes
-    ----------
-    scenario : title
-    false_alarm_rate, threshold : of the diagnosis, and the value of its statistic that stands for it
-    degrees_of_freedom : beside the calibration
-    effects : smallest visible sizes, in the order of the registry
-    pairs : that cannot be told apart, the worst first
-    extras : the most helpful first
-    notes : limits of this scenario, in sentences
-    runtime_s : time taken
-    """
-
-    scenario: str
-    false_alarm_rate: float
+    scenario: str  # title
+    false_alarm_rate: float  # false_alarm_rate, threshold: of the diagnosis, and the value of its statistic that stands for it
     threshold: float
-    degrees_of_freedom: int
-    effects: tuple[Visible, ...]
-    pairs: tuple[Pair, ...]
-    extras: tuple[Extra, ...]
-    notes: tuple[str, ...]
-    runtime_s: float
+    degrees_of_freedom: int  # beside the calibration
+    effects: tuple[Visible, ...]  # smallest visible sizes, in the order of the registry
+    pairs: tuple[Pair, ...]  # that cannot be told apart, the worst first
+    extras: tuple[Extra, ...]  # the most helpful first
+    notes: tuple[str, ...]  # limits of this scenario, in sentences
+    runtime_s: float  # time taken
 
     def list_unordered_pairs(self) -> set[tuple[str, str]]:
         """The inseparable pairs, each once."""

@@ -24,27 +24,18 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 
-
 # signal-to-noise ratios of the amplitudes by which frequencies are compared
 SCALES = (3.0, 10.0, 30.0, 100.0, 300.0)
 
 
 @dataclass(frozen=True)
 class IntervalProducts:
-    """Products of waves at some frequencies f_j in each of n intervals, see the module.
+    """Products of waves at some frequencies f_j in each of n intervals, see the module."""
 
-    Attributes
-    ----------
-    middle_s : (n,) c_i
-    zg : (j, n, 1 + q) z and g
-    h : (j,) Σ_i h_i
-    s : (j, n, 1)
-    """
-
-    middle_s: Array
-    zg: Complex
-    h: Array
-    s: Complex
+    middle_s: Array  # (n,) c_i
+    zg: Complex  # (j, n, 1 + q) z and g
+    h: Array  # (j,) Σ_i h_i
+    s: Complex  # (j, n, 1)
 
     def compute_log_evidence(self, frequency: Array, made: Indices | slice = slice(None)) -> Array:
         """Return the (j, m) log evidence of waves with their phase free, at the best of some sizes.

@@ -17,7 +17,6 @@ from diagnosis.sinusoids.spectrum import convolve
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-
 STEPS = 3  # of Gauss and Newton: from a tenth of the resolution the error falls below a thousandth of its sigma
 ZOOM_STEP = 0.1  # between trial frequencies, in units of the resolution of the longest piece
 NO_NOISE = 1e-60  # variance where the data leave nothing beside a sinusoid
@@ -25,17 +24,11 @@ NO_NOISE = 1e-60  # variance where the data leave nothing beside a sinusoid
 
 @dataclass(frozen=True)
 class Piece:
-    """Data through which a sinusoid has one phase.
+    """Data through which a sinusoid has one phase."""
 
-    Attributes
-    ----------
-    t_s : (n,) times of a waveform
-    data : (N,) without the background
-    observe : turns waveforms (n, k) into their contributions (N, k) to the data, without the background
-    """
-
-    t_s: Array
-    data: Array
+    t_s: Array  # (n,) times of a waveform
+    data: Array  # (N,) without the background
+    # turns waveforms (n, k) into their contributions (N, k) to the data, without the background
     observe: Callable[[Array], Array]
 
     def select(self, rows: Mask) -> Piece:
@@ -45,20 +38,13 @@ class Piece:
 
 @dataclass(frozen=True)
 class SinusoidFit:
-    """A sinusoid in some pieces.
+    """A sinusoid in some pieces."""
 
-    Attributes
-    ----------
-    frequency_hz, sigma_hz : and its standard deviation
-    amplitudes : (p, 2) of sine and cosine in each piece
-    variances : (p,) of each amplitude
-    waves, residuals : for each piece (N, 2) contributions of sine and cosine, and (N,) the data without the sinusoid
-    """
-
-    frequency_hz: float
+    frequency_hz: float  # frequency_hz, sigma_hz: and its standard deviation
     sigma_hz: float
-    amplitudes: Array
-    variances: Array
+    amplitudes: Array  # (p, 2) of sine and cosine in each piece
+    variances: Array  # (p,) of each amplitude
+    # waves, residuals: for each piece (N, 2) contributions of sine and cosine, and (N,) the data without the sinusoid
     waves: tuple[Array, ...]
     residuals: tuple[Array, ...]
 

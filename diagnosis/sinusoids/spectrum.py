@@ -19,11 +19,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Arcs = Sequence[tuple[int, int]]
 
-
 SAMPLES_AT_ONCE = 1 << 20  # of segments that are transformed together: a bound of the memory
 FREQUENCIES_AT_ONCE = 1000  # of times that are not even: a bound of the memory
 SEGMENTS_TO_OVERLAP = 8  # pieces side by side from which on overlapping ones are averaged too
-
 
 LEAST_POSITIVE = 1e-300
 COSINES = {"hann": (0.5, 0.5), "blackmanharris": (0.35875, 0.48829, 0.14128, 0.01168)}  # shares of each in a taper
@@ -31,20 +29,12 @@ COSINES = {"hann": (0.5, 0.5), "blackmanharris": (0.35875, 0.48829, 0.14128, 0.0
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Mean periodogram of some pieces.
+    """Mean periodogram of some pieces."""
 
-    Attributes
-    ----------
-    frequency_hz : (f,)
-    power : (f,) or (f, c) mean over the pieces; of white noise its variance
-    count : (1,) or (f, 1) number of independent pieces in the mean, 0 where there is none
-    amplitude_of_one : amplitude of a sinusoid whose power at its own frequency is one
-    """
-
-    frequency_hz: Array
-    power: Array
-    count: Array
-    amplitude_of_one: float
+    frequency_hz: Array  # (f,)
+    power: Array  # (f,) or (f, c) mean over the pieces; of white noise its variance
+    count: Array  # (1,) or (f, 1) number of independent pieces in the mean, 0 where there is none
+    amplitude_of_one: float  # amplitude of a sinusoid whose power at its own frequency is one
 
     def compute_level(self, width: int) -> Array:
         """Return the level of the noise around each frequency: the running median over so many frequencies."""

@@ -16,10 +16,7 @@ from simulator.effects.registry import REGISTRY
 def setting(name: str, axis: str | None, size: float, parameters: Mapping[str, Value] | None = None) -> Setting:
     """A validated setting, defaults filled in.
 
-    Raises
-    ------
-    InputError
-        One line: unknown effect, axis or parameter, or a value that is not finite or out of bounds.
+    An `InputError` of one line if effect, axis or parameter are unknown, or a value is not finite or out of bounds.
     """
     effect = _find_effect(name)
     given = dict(parameters or {})
@@ -36,11 +33,7 @@ def parse(text: str) -> Setting:
     """A setting from text such as "bias_orbital:y=0.2,phase_deg=30" or "dss_head:2=0.28".
 
     Of an effect of several angles the text has the norm as its size and their direction; the setting has the angles themselves.
-
-    Raises
-    ------
-    InputError
-        One line that says what is wrong with it.
+    An `InputError` of one line says what is wrong with it.
     """
     name, axis, size, parameters = split_text(text)
     if not name:

@@ -52,27 +52,23 @@ SLEW_NUMBERS = (
 
 @dataclass(frozen=True)
 class MissionRun:
-    """What a run leaves; angles in degrees.
+    """What a run leaves; angles in degrees."""
 
-    Attributes
-    ----------
-    telemetry : every so many cycles: t_s, error_*_deg and estimate_*_deg of roll, pitch, yaw, bias_yaw_deg_h on board,
-        wheel_*_nms (momentum), quadrants used by the Earth sensor, normal (0 from a yaw maneuver's start to the next update),
-        raw_*_deg_s (gyro's rate over the cycle before), angle_*_deg (penetration angles before the table's biases)
-    updates : a row a yaw update: t_s, sensor (1, 2), update_deg, bias_deg_h (new), bias_solved (whether it was solved for),
-        measured_deg, error_yaw_deg (true), forward ("+x", "-x"), sun_angle_deg (Sun's angle from the body's XZ plane toward −Y)
-    slews : a row a yaw maneuver: start_s, stop_s, forward after it; pointing_*_deg, the true error at its end;
-        targeting_*_deg, true minus propagated by gyro from the true attitude at its start; bias_yaw_deg_h at its start
-    orbits : a row an orbit, over its cycles in normal pointing (NaN without): t_s of its start, forward, samples, lost (cycles
-        not in normal pointing), rms_error_*_deg, rms_knowledge_*_deg, largest_error_*_deg, largest_knowledge_*_deg,
-        jitter_*_deg (largest peak to peak over 1 s), apparent_bias_*_deg_h (mean of ω − G ω_raw, the bias that an attitude
-        solution would find), momentum_nms and wheel_nms (largest of the wheels together and of one), moment_am2 (largest of a
-        torquer), three_quadrants (share of cycles)
-    """
-
+    # every so many cycles: t_s, error_*_deg and estimate_*_deg of roll, pitch, yaw, bias_yaw_deg_h on board, wheel_*_nms
+    # (momentum), quadrants used by the Earth sensor, normal (0 from a yaw maneuver's start to the next update), raw_*_deg_s
+    # (gyro's rate over the cycle before), angle_*_deg (penetration angles before the table's biases)
     telemetry: pd.DataFrame
+    # a row a yaw update: t_s, sensor (1, 2), update_deg, bias_deg_h (new), bias_solved (whether it was solved for),
+    # measured_deg, error_yaw_deg (true), forward ("+x", "-x"), sun_angle_deg (Sun's angle from the body's XZ plane toward −Y)
     updates: pd.DataFrame
+    # a row a yaw maneuver: start_s, stop_s, forward after it; pointing_*_deg, the true error at its end; targeting_*_deg, true
+    # minus propagated by gyro from the true attitude at its start; bias_yaw_deg_h at its start
     slews: pd.DataFrame
+    # a row an orbit, over its cycles in normal pointing (NaN without): t_s of its start, forward, samples, lost (cycles not in
+    # normal pointing), rms_error_*_deg, rms_knowledge_*_deg, largest_error_*_deg, largest_knowledge_*_deg, jitter_*_deg
+    # (largest peak to peak over 1 s), apparent_bias_*_deg_h (mean of ω − G ω_raw, the bias that an attitude solution would
+    # find), momentum_nms and wheel_nms (largest of the wheels together and of one), moment_am2 (largest of a torquer),
+    # three_quadrants (share of cycles)
     orbits: pd.DataFrame
 
 
@@ -87,6 +83,8 @@ def simulate_mission(
 ) -> MissionRun:
     """Fly a run from its epoch.
 
+    A `ValueError` if not one of days and seconds is given, nothing is to be flown, or a yaw maneuver starts within another one.
+
     Parameters
     ----------
     config : what is flown
@@ -94,11 +92,6 @@ def simulate_mission(
     seed : of the noise; one seed gives one run, and uploads do not change what is drawn
     telemetry_every : cycles from one row of telemetry to the next; None for no telemetry
     progress : told after each whole day flown that it is one more; changes nothing else
-
-    Raises
-    ------
-    ValueError
-        Not one of days and seconds is given, nothing is to be flown, or a yaw maneuver starts within another one.
     """
     if (days is None) == (seconds is None):
         raise ValueError("give days or seconds, not both")

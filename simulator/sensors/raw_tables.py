@@ -43,6 +43,8 @@ def simulate_sensor_tables(
 ) -> SensorTables | None:
     """Raw tables of the sensors of a scenario, None if it has none.
 
+    An `InputError` if there is an effect on the sensors, and no sensors.
+
     Parameters
     ----------
     scenario : what was simulated
@@ -51,11 +53,6 @@ def simulate_sensor_tables(
     seed, case : of the random streams; an effect leaves the noise as it was
     noise : whether there is any; counts are whole numbers all the same
     change : what else is done to the nominal sensors, for discrepancies that are no listed effect
-
-    Raises
-    ------
-    InputError
-        An effect on the sensors, and no sensors.
     """
     if scenario.sensors is None:
         if effects:

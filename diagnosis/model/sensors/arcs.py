@@ -40,7 +40,6 @@ from simulator.effects.sensor import Sightings
 
 Array = NDArray[np.float64]
 
-
 STEADY = float(np.deg2rad(0.01))  # rad/s, by which a mean rate over `steady_s` may depart from that of the interval
 STEADY_S = 60.0  # s
 TIMES = 12  # measurements of the Earth sensor that are worth the six unknowns of an arc
@@ -55,26 +54,15 @@ class MisfitError(InputError):
 
 @dataclass(frozen=True)
 class Arc:
-    """One arc and its measurements.
+    """One arc and its measurements."""
 
-    Attributes
-    ----------
-    name : of the interval
-    number : its place among the arcs
-    start : (3, 3) attitude at the first measurement, roughly
-    gyro : samples of the arc
-    series : of the sensors that saw something; the sun sensors first
-    numbers : number of the sun sensor of each series, 0 for the Earth sensor
-    sightings : what the sensors look at; angles and attitudes are those of M0's fit once there is one
-    """
-
-    name: str
-    number: int
-    start: Array
-    gyro: GyroStream
-    series: tuple[SensorSeries, ...]
-    numbers: tuple[int, ...]
-    sightings: Sightings
+    name: str  # of the interval
+    number: int  # its place among the arcs
+    start: Array  # (3, 3) attitude at the first measurement, roughly
+    gyro: GyroStream  # samples of the arc
+    series: tuple[SensorSeries, ...]  # of the sensors that saw something; the sun sensors first
+    numbers: tuple[int, ...]  # number of the sun sensor of each series, 0 for the Earth sensor
+    sightings: Sightings  # what the sensors look at; angles and attitudes are those of M0's fit once there is one
 
     def vector(self, sun: Array, earth: Array) -> Array:
         """Errors (n, 2, …) and (m, 4, …) of both kinds as rows (r, …), each divided by its sigma."""
@@ -88,21 +76,13 @@ class Arc:
 
 @dataclass(frozen=True)
 class FittedArc:
-    """An arc fitted under M0.
+    """An arc fitted under M0."""
 
-    Attributes
-    ----------
-    arc : with the sightings of the fit
-    rows : measurements, linearised at the fit
-    path : nodes of the gyro
-    S : (N, 3, 3) bias columns carried back to the first node, of `GyroArc.carried`
-    residuals : of each series (n, m), measured minus predicted of a plain batch, rad; they hold the gyro's walk
-    """
-
-    arc: Arc
-    rows: Rows
-    path: GyroArc
-    S: Array
+    arc: Arc  # with the sightings of the fit
+    rows: Rows  # measurements, linearised at the fit
+    path: GyroArc  # nodes of the gyro
+    S: Array  # (N, 3, 3) bias columns carried back to the first node, of `GyroArc.carried`
+    # of each series (n, m), measured minus predicted of a plain batch, rad; they hold the gyro's walk
     residuals: tuple[Array, ...]
 
     @cached_property
@@ -122,10 +102,7 @@ class FittedArc:
 def build_arcs(recording: Recording) -> tuple[list[Arc], list[str]]:
     """Arcs of a recording that can be used, and what is said of the other intervals.
 
-    Raises
-    ------
-    InputError
-        There are no raw tables with an ephemeris, or no arc can be used.
+    An `InputError` if there are no raw tables with an ephemeris, or no arc can be used.
     """
     tables = recording.sensors
     if tables is None or (tables.sun is None and tables.earth is None):

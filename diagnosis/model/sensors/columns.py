@@ -30,12 +30,10 @@ from simulator.sensors.horizon import AZIMUTHS, Horizon
 
 Array = NDArray[np.float64]
 
-
 STEP = 1e-3  # of an amplitude, for the derivative of an effect's error
 DEGREE = 3  # of polynomials in the measured direction
 HARMONICS = 3  # of the orbit rate
 GYRO_HARMONICS = 2  # the same, of a rate error of the gyro
-
 
 FIELD = float(np.deg2rad(48.0))  # half width of a sun sensor's field of view
 SUN_EDGES = np.deg2rad([0.0, 5.0, 7.0, 10.0, 15.0, 25.0, 40.0])  # angles from the Sun
@@ -44,16 +42,11 @@ GYRO_RIVAL = "gyro rate at orbit harmonics"
 
 @dataclass(frozen=True)
 class HeldAmplitudes:
-    """Amplitudes (k,) of an effect about which its error is linearised, and its other parameters.
+    """Amplitudes (k,) of an effect about which its error is linearised, and its other parameters."""
 
-    Attributes
-    ----------
-    amplitudes, parameters : as `SensorEffect.error` takes them
-    others : further parameters that are tried beside them, in place of the effect's own options
-    """
-
-    amplitudes: Array
+    amplitudes: Array  # amplitudes, parameters: as `SensorEffect.error` takes them
     parameters: Mapping[str, Value]
+    # further parameters that are tried beside them, in place of the effect's own options
     others: tuple[Mapping[str, Value], ...] = ()
 
 

@@ -21,7 +21,6 @@ from gyrocal.recording.sensor_tables import SensorTables
 
 Array = NDArray[np.float64]
 
-
 GROSS = 3.0  # from which on the tables as read are doubted
 BETTER = 0.25  # share of it that another reading may leave
 LARGEST = 10.0  # that effects may leave beside the right reading
@@ -33,18 +32,11 @@ FULL_SCALE = 2**14 - 1  # of the sun sensors' counts
 
 @dataclass(frozen=True)
 class Reading:
-    """Another way to read the tables.
+    """Another way to read the tables."""
 
-    Attributes
-    ----------
-    words : what is changed
-    changes : how many things these are
-    tables : read this way
-    """
-
-    words: str
-    changes: int
-    tables: SensorTables
+    words: str  # what is changed
+    changes: int  # how many things these are
+    tables: SensorTables  # read this way
 
 
 def find_misreading(recording: Recording) -> str | None:

@@ -24,7 +24,6 @@ from simulator.effects.base import Value
 Array = NDArray[np.float64]
 Places = Sequence[tuple[str, str]]  # label and name of each parameter
 
-
 FIRST = 0.15  # step of the search for the least χ², less than half that between options
 # spread of the parameters and of χ² that ends the search, both far below a sigma
 ENOUGH = 0.004

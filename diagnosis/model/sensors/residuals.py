@@ -32,9 +32,7 @@ RIVAL_FINDINGS = {  # signal and words for residuals that follow the columns of 
     "Earth sensor near the Sun": ("ESA", "quadrants of the Earth sensor are off near the Sun"),
 }
 
-
 SEEN = 1e-5  # relative singular value of a sensor's columns, below which one adds nothing to the others
-
 
 LEAST_POSITIVE = 1e-300
 

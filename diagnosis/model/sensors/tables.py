@@ -28,7 +28,6 @@ from simulator.effects.sensor import SENSOR_EFFECTS, SensorEffect
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-
 FOLDS = 6  # of the arcs
 MONTH = 30 * 86400.0  # s, unit of a drift
 # signal-to-noise ratios: of thousands of measurements, about amplitudes that were found
@@ -36,27 +35,19 @@ VISIBLE = (1.0, 10000.0)
 RANK = 1e-13  # relative eigenvalue of a Gram matrix, below which there is only rounding
 SEEN = 1e-9  # relative singular value of all columns, below which one adds nothing to the others
 
-
 TABLE_SPLIT = "days left out, a sixth of the arcs at a time"
 LEAST_POSITIVE = 1e-300
 
 
 @dataclass(frozen=True)
 class Tables:
-    """All arcs, in a few rows each.
+    """All arcs, in a few rows each."""
 
-    Attributes
-    ----------
-    groups : candidates with their columns (N, k) in sigmas, the nuisance parameters projected out
-    y : (N,) residuals, the same way
-    owner : (N,) number of the arc of each row
-    names, t_s, dof : of each arc its interval, its middle, and its degrees of freedom
-    """
-
+    # candidates with their columns (N, k) in sigmas, the nuisance parameters projected out
     groups: tuple[CandidateColumns, ...]
-    y: Array
-    owner: Indices
-    names: tuple[str, ...]
+    y: Array  # (N,) residuals, the same way
+    owner: Indices  # (N,) number of the arc of each row
+    names: tuple[str, ...]  # names, t_s, dof: of each arc its interval, its middle, and its degrees of freedom
     t_s: Array
     dof: tuple[int, ...]
 
@@ -164,16 +155,10 @@ def _build_arc_folds(tables: Tables, W: Array) -> Iterator[Fold]:
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of the sensors, from what all columns together, of effects and of rivals, leave.
+    """Noise of the sensors, from what all columns together, of effects and of rivals, leave."""
 
-    Attributes
-    ----------
-    factor : how many times it is what is stated; 1 unless it is surely more
-    p_value : that noise as stated leaves that much; 1 if the factor is 1
-    """
-
-    factor: float = 1.0
-    p_value: float = 1.0
+    factor: float = 1.0  # how many times it is what is stated; 1 unless it is surely more
+    p_value: float = 1.0  # that noise as stated leaves that much; 1 if the factor is 1
 
 
 def estimate_sensor_noise(model: LinearModel, settings: DiagnosisSettings) -> Noise:
