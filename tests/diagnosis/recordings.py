@@ -72,11 +72,6 @@ def joint_covariance(model):
     return V + columns @ columns.T
 
 
-def of_rates(rates, each, sample_s, arw, sigma, seed, **options):
-    """A recording of a body with rates (n, 3) rad/s, by a gyro without error, with a reference after every `each` samples."""
-    return observed(rates, each, sample_s, arw, sigma, np.random.default_rng(seed), **options)
-
-
 def slews_between_references(gaps, each, sample_s, sway):
     """(n, 3) rad/s of a body that slews within one gap of ten between references, and hardly sways otherwise."""
     t_s = sample_s * np.arange(gaps * each)
@@ -87,9 +82,9 @@ def slews_between_references(gaps, each, sample_s, sway):
     return rates
 
 
-def observed(rates, each, sample_s, arw, sigma, rng, **options):
+def of_rates(rates, each, sample_s, arw, sigma, seed, **options):
     """A recording of a body with rates (n, 3) rad/s, by a gyro without error, with a reference after every `each` samples."""
-    gaps = len(rates) // each
+    rng, gaps = np.random.default_rng(seed), len(rates) // each
     turns = Rotation.identity(gaps)
     for k in range(each):
         turns = turns * Rotation.from_rotvec(rates[k::each][:gaps] * sample_s)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.special
 from scipy.spatial.transform import Rotation
 
 from diagnosis.diagnose import diagnose
@@ -12,7 +13,7 @@ from diagnosis.inference.null import compute_null_p
 from diagnosis.inference.search import Search
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.settings import DEFAULT
-from gyrocal import InputError, load
+from gyrocal import InputError, calibrate, load
 from simulator import scenario
 from simulator.effects import EFFECTS, parse
 from simulator.simulate import simulate
@@ -182,6 +183,86 @@ def test_two_effects_are_named_with_their_sizes():
     assert answer.verdict == "named"
     assert {cause.label for cause in answer.causes} == set(wanted)
     assert all(abs(cause.size - wanted[cause.label]) < 3.5 * cause.sigma for cause in answer.causes)
+
+
+# ---- notes on a gap ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("effects", "why"),
+    [
+        pytest.param(("bias_orbital:y=0.05",), "bias_orbital:y takes ", id="a pattern"),
+        pytest.param(("vibration:x=0.002",), "the gyro samples show", id="of the samples"),
+    ],
+)
+def test_a_gap_that_no_calibration_sees_is_told_with_its_reason(effects, why):
+    recording = recordings.recorded(3, *effects)
+    found, of_calibration = diagnose(recording), calibrate(recording)
+    assert of_calibration.p_value > 0.01
+    assert found.present
+    (note,) = [one for one in found.notes if one.startswith(OF_A_GAP[0])]
+    assert why in note
+    # The same sum as that of the calibration.
+    assert float(scipy.special.chdtrc(of_calibration.dof, of_calibration.chi2)) == pytest.approx(
+        float(note.split("p = ")[1].split(")")[0]), rel=0.02
+    )
+
+
+def test_numbers_in_another_unit_are_told():
+    """The noise is as it was, and the number that states it is another; sigmas in arcsec are 3600 times too large."""
+    arw, sigma = 60.0, 3600.0
+    plain = recordings.recorded(3, "bias_orbital:y=0.5")
+    gyro, attitudes = replace(plain.gyro, arw=arw * plain.gyro.arw), plain.attitudes
+    found = diagnose(replace(plain, gyro=gyro, attitudes=replace(attitudes, sigma=sigma * attitudes.sigma)))
+    notes = " ".join(one for one in found.notes if "look at the number" in one)
+    assert "1/60, as of an angle" in notes
+    assert "1/3600, as of sigmas" in notes
+    for name, factor in (("noise_excess", 1 / arw), ("reference_noise_excess", 1 / sigma)):
+        noise = next(one for one in found.causes if one.effect == name)
+        assert abs(noise.size - factor) < 4 * noise.sigma
+    # With the noise as it is, what is at work shows as ever.
+    other = next(one for one in found.causes if one.effect == "bias_orbital")
+    assert abs(other.size - 0.5) < 4 * other.sigma
+
+
+# ---- swings with a period of their own ------------------------------------------------------------------------------------
+
+SWINGING = (
+    *("bias_periodic", "bias_orbital", "bias_step", "bias_random_walk", "bias_markov", "noise_flicker"),
+    *("reference_periodic", "reference_orbital", "reference_horizon", "reference_correlated"),
+)
+
+
+@pytest.mark.parametrize(
+    ("effect", "axis", "size", "period"),
+    [
+        ("bias_periodic", "z", 0.35, 1730.0),
+        pytest.param("reference_periodic", "x", 0.012, 2150.0, marks=pytest.mark.long),
+    ],
+)
+def test_it_is_found_with_its_period_and_size(effect, axis, size, period):
+    answer = diagnose(recordings.recorded(6, f"{effect}:{axis}={size},period_s={period},phase_deg=-70"), library=SWINGING)
+    assert answer.verdict in ("named", "group")
+    (cause,) = answer.causes
+    assert f"{effect}:{axis}" in cause.group
+    assert abs(cause.parameters["period_s"] - period) < 4 * cause.parameters["period_sigma_s"]
+    if cause.effect == effect:
+        assert abs(cause.size - size) < 3.5 * cause.sigma
+    assert answer.closure.closed > 0.7
+
+
+@pytest.mark.long
+def test_a_sawtooth_is_not_named_as_a_swing():
+    """Its second harmonic is half as large as a sine of its period would have to hide."""
+    quiet = recordings.recorded(6, sample_s=4.0, every_s=240.0)
+    rates = quiet.gyro.rates.copy()
+    rates[:, 2] += np.deg2rad(1.5 / 3600) * (2 * ((quiet.gyro.t_s / 2400) % 1) - 1)
+    answer = diagnose(replace(quiet, gyro=replace(quiet.gyro, rates=rates)))
+    assert answer.verdict == "unknown"
+    assert any("not as a sine" in label for labels, _ in answer.alternatives[:3] for label in labels)
+
+
+# ---- practice ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.long

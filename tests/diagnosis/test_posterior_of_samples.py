@@ -1,11 +1,15 @@
-"""What acts on one gyro acts on others: symptoms of one kind have one unlisted cause or none."""
+"""Symptoms of one kind have one unlisted cause or none, and the verdict follows from causes and probabilities."""
+
+from dataclasses import replace
 
 import pytest
 
+from diagnosis.answer import Cause
 from diagnosis.detectors.sample_report import Symptom
 from diagnosis.model.symptoms import SampleCause, compute_posterior
 from diagnosis.posterior import list_listed
 from diagnosis.settings import DEFAULT
+from diagnosis.verdict import decide_verdict
 
 SURE = 1 - DEFAULT.unlisted_in_samples
 
@@ -41,3 +45,24 @@ def test_the_probability_of_nothing_unlisted_does_not_depend_on_the_order():
             product *= one
         products.append(product)
     assert products == pytest.approx([LESS * SURE] * 2)
+
+
+CERTAIN = Cause("bias_drift", "x", 1.0, "deg/h per day", 0.1, {}, 0.95, ("bias_drift:x",), 0.95)
+OPEN = replace(CERTAIN, probability=0.6)
+
+
+@pytest.mark.parametrize(
+    ("present", "causes", "unlisted", "further", "verdict"),
+    [
+        (False, [], 0.0, {}, "none"),
+        (False, [], 0.0, {"blind": True}, "not identifiable"),
+        (True, [CERTAIN], 0.1, {}, "named"),
+        (True, [CERTAIN, OPEN], 0.1, {}, "group"),
+        (True, [CERTAIN], 0.51, {}, "unknown"),
+        (True, [], 0.1, {}, "unknown"),
+        (True, [CERTAIN], 0.99, {"beside_remainder": True}, "partial"),
+        (True, [CERTAIN], 0.1, {"blind": True}, "named"),
+    ],
+)
+def test_the_verdict_of_causes_and_probabilities(present, causes, unlisted, further, verdict):
+    assert decide_verdict(present, causes, unlisted, DEFAULT, **further) == verdict

@@ -1,4 +1,4 @@
-"""Quick draws are numpy's own draws, to the bit, and leave the generator where numpy's would."""
+"""Streams of draws, and quick draws: numpy's own, to the bit, which leave the generator where numpy's would."""
 
 import numpy as np
 import pytest
@@ -42,3 +42,22 @@ def test_layers_are_those_of_a_ziggurat():
     np.testing.assert_allclose(area, width[0] * 2.0**52 * np.exp(-(x[-1] ** 2) / 2), rtol=1e-11)
     assert np.flatnonzero(bound == 0).tolist() == [1, 257], "every other layer has quick draws"
     assert bound[:256].mean() / 2**52 == pytest.approx(0.985, abs=1e-3), "and nearly all draws are quick"
+
+
+def test_pinned_values():
+    """A study must give the same numbers with the next version too."""
+    np.testing.assert_array_equal(generator(0, 0, "gyro_noise").integers(0, 2**32, 3), [2083569829, 4087709124, 991660696])
+
+
+@pytest.mark.parametrize("entropy", [0, 1998, 2**32, 2**127 + 5, 2**200 + 17])
+def test_a_stream_is_the_child_of_its_seed_sequence(entropy):
+    for key in [(0, b"gyro_noise"), (2**32 - 1, b""), (7, "größe".encode())]:
+        child = np.random.SFC64(np.random.SeedSequence(entropy, spawn_key=(key[0], *key[1])))
+        ours = generator(entropy, key[0], key[1].decode()).bit_generator
+        np.testing.assert_array_equal(ours.random_raw(5), child.random_raw(5))
+
+
+@pytest.mark.parametrize(("entropy", "case", "words"), [(-1, 0, "entropy"), (0, -1, "case must"), (0, 2**32, "case must")])
+def test_what_is_out_of_range_is_refused(entropy, case, words):
+    with pytest.raises(ValueError, match=words):
+        generator(entropy, case, "gyro_noise")

@@ -9,7 +9,6 @@ from diagnosis.detectors.noise_blocks import (
     SHOWING,
     SPREAD,
     WHITE_COSINES,
-    compute_broadband_share,
     cut_blocks,
     estimate_powers,
     fit_white_noise,
@@ -18,7 +17,6 @@ from diagnosis.detectors.noise_blocks import (
     rank_calm_blocks,
 )
 from diagnosis.detectors.noise_level import fit_noise_level
-from diagnosis.detectors.sample_noise import ELSEWHERE
 from diagnosis.detectors.samples import examine
 from tests.diagnosis.recordings import of_rates
 
@@ -178,24 +176,7 @@ def test_beside_a_weak_motion_in_all_blocks_noise_has_a_level_that_is_known_less
     assert max(more) < 1e-6
 
 
-def test_readout_noise_in_a_motion_is_told_from_white_noise():
-    """Its size by the rise of the spectrum."""
-    rng = np.random.default_rng(9)
-    for size in (0.6, 1.0):
-        x = rng.standard_normal(30_000) + np.diff(size * rng.standard_normal(30_001)) + swing(30_000)
-        reading = found_in(x).readout
-        assert reading.probability > 0.9
-        assert reading.is_as_stated
-        assert abs(reading.reading - size) < 4 * reading.sigma
-    reading = found_in(1.3 * rng.standard_normal(30_000) + swing(30_000)).readout
-    assert reading is None or reading.probability < 0.02
-
-
 # ---- in one band ---------------------------------------------------------------------------------------------------------
-
-
-def outside(x):
-    return compute_broadband_share(estimate_powers(blocks_of(x)[:, :SHOWING]), 1.0)
 
 
 def band(rng, count, low, high, power):
@@ -206,22 +187,6 @@ def band(rng, count, low, high, power):
     return np.sqrt(power) * part / part.std()
 
 
-@pytest.mark.parametrize(("low", "high"), [(0.1, 0.14), (0.25, 0.3), (0.44, 0.5)])
-def test_a_body_that_shakes_in_one_band_has_no_more_noise(low, high):
-    rng = np.random.default_rng(17)
-    x = rng.standard_normal(40_000)
-    x += band(rng, x.size, low, high, 0.2)
-    assert outside(x) < ELSEWHERE - 0.05
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_white_and_readout_noise_have_more_power_everywhere(seed):
-    rng = np.random.default_rng(seed)
-    x = rng.standard_normal(40_000)
-    assert outside(1.1 * x) > 0.85
-    assert outside(x + np.diff(0.3 * rng.standard_normal(x.size + 1))) > ELSEWHERE + 0.2
-
-
 def symptoms_of(noise, seed=1):
     """What the samples show of bodies that hardly turn, whose rates have some more noise, in sigmas of the stated one."""
     arw, sample_s = 1e-5, 0.1
@@ -229,7 +194,7 @@ def symptoms_of(noise, seed=1):
     return examine(of_rates(swing + arw / np.sqrt(sample_s) * noise, 20, sample_s, arw, 1e-4, seed)).symptoms
 
 
-@pytest.mark.parametrize("low", [0.3, 0.39])
+@pytest.mark.parametrize("low", [0.1, 0.3, 0.39])
 def test_a_shaking_body_has_no_symptom_and_noise_of_the_same_power_has(low):
     rng = np.random.default_rng(5)
     shaking = np.column_stack([band(rng, 12_000, low, low + 0.06, 0.25) for _ in range(3)])

@@ -74,15 +74,6 @@ def test_it_is_named_and_not_an_excess_of_white_noise():
     assert abs(cause.size - 0.4) < 3 * cause.sigma
 
 
-def test_it_is_named_at_another_rate():
-    """At ten samples a second a reading of the same noise is a larger rate."""
-    plan = scenario.override(scenario.load("trmm_series"), {"gyro.sample_s": 0.1, "interval": _one_interval()})
-    report = examine(simulate(plan, seed=31, effects=[parse("noise_angle_white:x=0.3")]))
-    (symptom,) = report.symptoms
-    assert (symptom.kind, symptom.axis) == ("readout_noise", "x")
-    assert abs(symptom.size - 0.3) < 3 * symptom.sigma
-
-
 def _one_interval():
     """An interval of ten minutes."""
     return [{"name": "hold", "activity": "hold", "start_s": 0.0, "stop_s": 600.0, "mode": "+x"}]

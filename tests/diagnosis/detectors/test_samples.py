@@ -144,52 +144,6 @@ def test_motion_that_is_fast_beside_the_sampling_is_no_noise(plan, truth):
     assert [found.kind for found in report.symptoms if found.kind.startswith("noise")] == []
 
 
-def swaying(recording, frequency_hz=0.02):
-    """A body that never rests: its rates swing by hundreds of sigmas on all axes."""
-    t = recording.gyro.t_s[:, None]
-    sway = np.deg2rad(0.2) * np.sin(2 * np.pi * frequency_hz * t + np.arange(3.0))
-    return replace(recording, gyro=replace(recording.gyro, rates=recording.gyro.rates + sway))
-
-
-@pytest.mark.parametrize(("text", "found"), [("", []), ("noise_excess=1.3", ["white_noise_level"])])
-def test_the_level_of_noise_shows_in_motion(plan, truth, text, found):
-    recording = _recording(plan, truth, 5, *([text] if text else []))
-    report = stream.examine(swaying(recording))
-    assert [symptom.kind for symptom in report.symptoms] == found
-    if found:
-        (symptom,) = report.symptoms
-        assert abs(symptom.size - 1.3) < 4 * symptom.sigma
-
-
-def test_a_tone_shows_above_the_band_of_a_motion(plan, truth):
-    report = stream.examine(swaying(_recording(plan, truth, 6, "vibration:y=1e-4,apparent_hz=0.41")))
-    fast = [line for line in report.lines if line.frequency_hz > 0.1]
-    assert [line.axis for line in fast] == [1]
-    assert fast[0].frequency_hz == pytest.approx(0.41, abs=1e-3)
-    assert abs(np.rad2deg(fast[0].amplitude) - 1e-4) < 4 * np.rad2deg(fast[0].sigma)
-
-
-def test_repairs_bring_the_reading_back(plan, truth):
-    """Repaired rates against those without the effect, same noise."""
-    clean = _recording(plan, truth, 4).gyro.rates
-    for text in ("spikes=0.01,fraction=0.002", "spikes:x=0.01,fraction=0.002"):
-        recording = _recording(plan, truth, 4, text)
-        repaired = stream.examine(recording).rates
-        before = np.sqrt(np.mean((recording.gyro.rates - clean) ** 2))
-        assert np.sqrt(np.mean((repaired - clean) ** 2)) < 0.5 * before
-    # What a repeated sample hides is its noise too; only the motion it missed can be put back.
-    recording = _recording(plan, truth, 4, "stale_samples=2,fraction=0.02")
-    slewing = np.abs(np.gradient(truth.rates[:, 2])) > np.deg2rad(1e-3)
-    before = np.sqrt(np.mean((recording.gyro.rates - clean)[slewing] ** 2))
-    assert np.sqrt(np.mean((stream.examine(recording).rates - clean)[slewing] ** 2)) < 0.5 * before
-
-
-def test_clipped_samples_are_marked(plan, truth):
-    recording = _recording(plan, truth, 5, "rate_saturation:z=0.15")
-    report = stream.examine(recording)
-    assert np.array_equal(report.clipped, np.abs(recording.gyro.rates[:, 2]) >= np.deg2rad(0.15) * (1 - 1e-12))
-
-
 @pytest.mark.parametrize("kind", ["rounded", "cut"])
 def test_mean_reading_against_draws(kind):
     rng = np.random.default_rng(6)
@@ -371,16 +325,6 @@ def test_floats_with_few_digits_neither_clip_nor_repeat(plan, truth):
     short = np.round(rates / 2.0 ** (exponent - 9)) * 2.0 ** (exponent - 9)
     found = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=short)))
     assert not {one.kind for one in found.symptoms} & {"plateau", "repeats"}
-
-
-def test_a_gyro_that_reads_one_value_throughout_has_no_line(plan, truth):
-    """It is clipped, and what is left of its readings beside any tone is exactly nothing."""
-    recording = _recording(plan, truth, 6)
-    rates = recording.gyro.rates.copy()
-    rates[:, 0] = -0.07
-    found = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
-    assert ("plateau", "x") in {(one.kind, one.axis) for one in found.symptoms}
-    assert not [line for line in found.lines if line.axis == 0]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.2])

@@ -37,16 +37,11 @@ def model():
     return linear_model([drift, wander], np.zeros(3 * ROWS), rng.standard_normal((3 * ROWS, 12)))
 
 
-def _smooth(layout):
-    """(r, r) covariance that is correlated over some observations."""
-    apart = np.abs(T_S[:, None] - T_S)
-    return np.exp(-0.5 * (apart / 150.0) ** 2) + 1e-9 * np.eye(ROWS)
-
-
 @pytest.fixture(scope="module")
 def process(model, layout):
     """The same, the second of which is a random process about a body axis, correlated over some observations."""
-    factor = np.linalg.cholesky(_smooth(layout))
+    apart = np.abs(T_S[:, None] - T_S)
+    factor = np.linalg.cholesky(np.exp(-0.5 * (apart / 150.0) ** 2) + 1e-9 * np.eye(ROWS))
     columns = np.einsum("rb,rk->rbk", layout.axes[:, 0, :], factor).reshape(3 * ROWS, ROWS)
     rng = np.random.default_rng(12)
     drift = np.repeat(np.linspace(-1, 1, ROWS), 3)[:, None]
@@ -131,38 +126,28 @@ def test_draws_of_a_process_are_rejected_at_the_stated_rate(process, layout):
         assert np.mean(np.array(own) < level) < level + 4 * np.sqrt(level / count)
 
 
-def test_a_bump_is_no_draw_of_a_process(process, layout):
-    """One bump of an interval, which a slow process takes up whole, so that the innovations show nothing."""
-    rng = np.random.default_rng(15)
-    y = process.projected(rng.standard_normal((process.y.size, 1)))[:, 0]
-    values = np.zeros((ROWS, 3))
-    values[:, 0] = np.exp(-0.5 * ((T_S - 8900.0) / 200.0) ** 2)
-    bump = process.projected((40 * along_body(layout, values))[:, None])[:, 0]
-    found = {one.name: one.p_value for one in check_explanation(replace(process, y=y + bump), MEMBERS, layout)}
-    own = [p for name, p in found.items() if name.endswith("itself")]
-    assert min(own) < 1e-4
-    draw = drawn(process, rng, 1)[:, 0]
-    usual = {one.name: one.p_value for one in check_explanation(replace(process, y=draw), MEMBERS, layout)}
-    assert min(p for name, p in usual.items() if name.endswith("itself")) > 1e-3
+STEPS = np.isin(np.arange(ROWS), [101]) * 1.0 - np.isin(np.arange(ROWS), [47])
 
 
-def swallowed(process, layout, course, size=40.0, seed=15):
-    """P-values of the checks of a process itself, which has taken up some course (r,) about its axis."""
-    rng = np.random.default_rng(seed)
-    values = np.zeros((ROWS, 3))
-    values[:, 0] = course
-    y = process.projected(np.column_stack([rng.standard_normal(process.y.size), size * along_body(layout, values)])).sum(axis=1)
-    found = check_explanation(replace(process, y=y), MEMBERS, layout)
-    return {one.name.split(",")[0]: one.p_value for one in found if one.name.endswith("itself")}
+@pytest.mark.parametrize(
+    ("course", "most"),
+    [
+        pytest.param(np.exp(-0.5 * ((T_S - 8900.0) / 200.0) ** 2), 1e-4, id="one bump of an interval"),
+        pytest.param(np.cumsum(STEPS), 1e-3, id="steps up and down, two in a hundred and twenty observations"),
+    ],
+)
+def test_what_a_process_takes_up_whole_and_would_not_make_is_no_draw_of_it(process, layout, course, most):
+    """The innovations show nothing of it, and the changes of the process do."""
 
+    def changes(size):
+        rng, values = np.random.default_rng(15), np.zeros((ROWS, 3))
+        values[:, 0] = course
+        y = np.column_stack([rng.standard_normal(process.y.size), size * along_body(layout, values)])
+        found = check_explanation(replace(process, y=process.projected(y).sum(axis=1)), MEMBERS, layout)
+        return min(one.p_value for one in found if one.name.endswith("itself"))
 
-def test_jumps_are_no_draw_of_a_process(process, layout):
-    """Steps up and down, two in a hundred and twenty observations, unlike the steady changes of a process."""
-    steps = np.zeros(ROWS)
-    steps[[47, 101]] = [-1.0, 1.0]
-    found = swallowed(process, layout, np.cumsum(steps))
-    assert found["jumps"] < 1e-3
-    assert swallowed(process, layout, np.zeros(ROWS))["jumps"] > 0.01
+    assert changes(40.0) < most
+    assert changes(0.0) > 1e-3
 
 
 def beside(layout, kind):

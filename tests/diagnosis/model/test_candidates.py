@@ -14,7 +14,7 @@ from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.periods import make_columns
 from diagnosis.model.prepare import prepare
 from diagnosis.model.steps import add_finer_times, step_times
-from diagnosis.settings import DEFAULT, DiagnosisSettings
+from diagnosis.settings import DEFAULT
 from simulator.effects import EFFECTS, setting
 from simulator.scenario import override
 from simulator.simulate import motion, observe, simulate
@@ -180,17 +180,6 @@ def test_what_cannot_be_seen_or_is_implausible_is_no_candidate(model):
     assert [candidate.effect for candidate in candidates] == ["fine"]
     (option,) = candidates[0].options
     np.testing.assert_array_equal(W[:, option.columns], seen)
-
-
-def test_settings_reach_the_model(model):
-    settings = DiagnosisSettings(unlisted_share=0.5, largest_set=2)
-    made = build_linear_model(model, [EFFECTS["bias_drift"]], settings=settings)
-    assert made.most_effects == 2
-    rivals = {c.effect: [] for c in made.candidates if not c.listed}
-    for candidate in made.candidates:
-        if not candidate.listed:
-            rivals[candidate.effect].append(np.exp(candidate.log_prior))
-    assert sum(float(np.sum(values)) for values in rivals.values()) == pytest.approx(0.5)
 
 
 def _with_candidates(made, *effects):

@@ -1,4 +1,4 @@
-"""What innovations are asked to follow holds none of the noise that they hold."""
+"""What innovations are asked to follow, and what is in progress at a reference."""
 
 from dataclasses import replace
 
@@ -6,29 +6,21 @@ import numpy as np
 import pytest
 
 from diagnosis.inference.criticism import check_explanation
+from diagnosis.model.bins import build_bins
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.layout import tabulate_observations
 from diagnosis.model.prepare import prepare
-from diagnosis.model.step_index import find_steps
+from diagnosis.model.step_index import find_reference_bins, find_reference_steps, find_steps
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import of_rates, prepared, slews_between_references
 
 CHANGE = slice(6, 9)
 
 
-def with_readings(model, rates):
-    gyro = replace(model.recording.gyro, rates=rates)
-    return replace(model, recording=replace(model.recording, gyro=gyro))
-
-
-def resting(seed):
-    """Slews between references, and a sway at them that is as large as the gyro's noise."""
-    return of_rates(slews_between_references(300, 72, 0.5, 3e-5), 72, 0.5, 3.8e-5, 7e-5, seed)
-
-
 @pytest.fixture(scope="module")
 def rested():
-    return prepare(resting(0)).model
+    """Slews between references, and a sway at them that is as large as the gyro's noise."""
+    return prepare(of_rates(slews_between_references(300, 72, 0.5, 3e-5), 72, 0.5, 3.8e-5, 7e-5, 0)).model
 
 
 def test_the_rate_at_an_observation_holds_no_reading_from_before_it(rested):
@@ -36,7 +28,8 @@ def test_the_rate_at_an_observation_holds_no_reading_from_before_it(rested):
     gyro, at = model.recording.gyro, model.observation_t_s.size // 2
     early = gyro.t_s < model.observation_t_s[at]
     noisy = gyro.rates + 1e-6 * np.random.default_rng(0).standard_normal(gyro.rates.shape) * early[:, None]
-    change = tabulate_observations(with_readings(model, noisy)).regressors - tabulate_observations(model).regressors
+    changed = replace(model, recording=replace(model.recording, gyro=replace(gyro, rates=noisy)))
+    change = tabulate_observations(changed).regressors - tabulate_observations(model).regressors
     np.testing.assert_allclose(change[at:-1, :9], 0, atol=1e-15)  # after the last one there are no readings
 
 
@@ -55,3 +48,22 @@ def test_noise_that_is_read_as_a_rate_is_no_dependence_on_it(rested):
     linear = build_linear_model(model, [EFFECTS["bias_drift"]], rivals=False)
     found = {one.name: one for one in check_explanation(linear, (), tabulate_observations(model))}
     assert found["dependence on what is known"].p_value > 1e-3
+
+
+def test_the_step_at_a_reference_is_the_one_that_follows_it_and_at_the_end_the_last():
+    model = prepared(1).model
+    assert len(model.blocks) > 1
+    expected = [np.minimum(block.steps.start + block.ends, block.steps.stop - 1) for block in model.blocks]
+    np.testing.assert_array_equal(find_reference_steps(model), np.concatenate(expected))
+    np.testing.assert_array_equal(
+        find_steps(model, model.references.t_s, model.interval_of_reference), np.concatenate(expected)
+    )
+
+
+def test_the_bin_at_a_reference_is_of_its_interval():
+    model = prepared(1).model
+    bins = build_bins(model)
+    found = find_reference_bins(model, bins)
+    np.testing.assert_array_equal(bins.interval[found], model.interval_of_reference)
+    last = np.flatnonzero(np.append(np.diff(model.interval_of_reference) != 0, True))
+    np.testing.assert_array_equal(found[last], np.searchsorted(bins.interval, np.arange(len(model.blocks)), "right") - 1)

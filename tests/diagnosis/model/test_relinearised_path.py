@@ -9,7 +9,8 @@ from diagnosis.model.relinearised_path import find_relinearised_path
 STEP_S, COUNT, EACH = 0.05, 6000, 60
 
 
-def _flown():
+@pytest.fixture(scope="module")
+def flown():
     """Aᵀ along the true and the propagated path, both at every step, and the error of the rates."""
     t = (np.arange(COUNT) + 0.5) * STEP_S
     true = np.column_stack([0.02 * np.sin(0.01 * t), 0.03 * np.cos(0.013 * t), 0.01 + 0 * t])
@@ -22,11 +23,6 @@ def _flown():
         return Rotation.concatenate(turns)
 
     return path(true), path(true - error), true, error
-
-
-@pytest.fixture(scope="module")
-def flown():
-    return _flown()
 
 
 def test_path_gives_the_integral_where_the_first_order_does_not(flown):

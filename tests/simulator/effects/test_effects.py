@@ -1,16 +1,18 @@
 """Effects with columns: each against finite differences of the simulator and against closed forms; their text form."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import simulator
 from gyrocal import InputError
-from simulator.effects import EFFECTS, Stream, extract_references, extract_stream, parse, setting
+from simulator.effects import EFFECTS, Stream, extract_references, extract_stream, extract_surroundings, parse, setting
 from simulator.effects.base import AXIS_NAMES
 from simulator.effects.gyro.rate_lag import apply_lag
 from simulator.effects.housekeeping_columns import STANDARD_GRAVITY
+from simulator.effects.periodic import SHORTEST_PERIOD_SPACINGS, compute_period_band
 from simulator.truth.rotation import separation
 
 DEG_H = np.deg2rad(1 / 3600)
@@ -257,3 +259,19 @@ def test_bad_text_is_one_clear_line(text, words):
 def test_an_effect_that_cannot_act_is_refused(text, words):
     with pytest.raises(InputError, match=re.escape(words)):
         simulator.simulate(SCENARIO, effects=[parse(text)])
+
+
+@pytest.mark.parametrize("name", ["bias_periodic", "reference_periodic"])
+def test_periods_are_those_that_the_references_can_show(name):
+    plan = simulator.override(simulator.load("trmm_series"), {"gyro.sample_s": 2.0, "reference.every_s": 120.0})
+    around = extract_surroundings(simulator.simulate(plan, noise=False), np.eye(3), np.zeros(3))
+    effect = EFFECTS[name]
+    low, high = compute_period_band(around)
+    assert low == pytest.approx(SHORTEST_PERIOD_SPACINGS * 120.0)
+    assert high == np.ptp(around.references.t_s)
+    trials = effect.trials(around)
+    assert sum(trial.weight for trial in trials) == pytest.approx(1.0)
+    assert (trials[0].parameters["period_s"], trials[-1].parameters["period_s"]) == pytest.approx((low, high))
+    ends = replace(around, references=replace(around.references, interval=np.arange(around.references.t_s.size)))
+    assert "series" in effect.missing(ends)
+    assert effect.trials(ends) == ()

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import simulator
+from gyrocal.allan import compute_allan_variance, overlapping_allan_deviation
+from gyrocal.allan.terms import ANGLE_WHITE, MARKOV
 from simulator.effects import EFFECTS, ProcessTimes, References, Stream, Surroundings, parse
 from simulator.effects.chain import prepare_effects, simulate_readings
 from simulator.effects.gyro.stale_samples import draw_stale_mask
@@ -129,30 +131,24 @@ def test_dead_zone_silences_the_reading_but_not_the_noise():
     np.testing.assert_allclose(noisy - free, plain.gyro.rates - PLAIN.gyro.rates, atol=1e-17)
 
 
-def test_saturation_clips_with_the_noise():
-    limit = np.deg2rad(0.3)
-    clipped, plain = shown("rate_saturation:z=0.3", 6), simulator.simulate(SCENARIO, seed=6).gyro.rates
-    assert (np.abs(plain[:, 2]) > limit).any()
-    np.testing.assert_array_equal(clipped[:, 2], np.clip(plain[:, 2], -limit, limit))
-    np.testing.assert_array_equal(clipped[:, :2], plain[:, :2])
+STEP, LIMIT = np.deg2rad(1e-3), np.deg2rad(0.3)
 
 
-def test_quantization_rounds_to_the_nearest_multiple():
-    step = np.deg2rad(1e-3)
+@pytest.mark.parametrize(
+    ("text", "axes", "change"),
+    [
+        ("rate_saturation:z=0.3", [2], lambda x: np.clip(x, -LIMIT, LIMIT)),
+        ("rate_quantization=1e-3", [0, 1, 2], lambda x: STEP * np.round(x / STEP)),
+        ("rate_quantization:y=1e-3", [1], lambda x: STEP * np.round(x / STEP)),
+        ("rate_truncation=1e-3", [0, 1, 2], lambda x: STEP * np.trunc(x / STEP)),
+    ],
+)
+def test_readings_are_clipped_and_come_to_steps_with_their_noise(text, axes, change):
     plain = simulator.simulate(SCENARIO, seed=6).gyro.rates
-    rounded = shown("rate_quantization=1e-3", 6)
-    np.testing.assert_allclose(rounded / step, np.round(rounded / step), atol=1e-9)
-    assert np.abs(rounded - plain).max() <= 0.5 * step * (1 + 1e-9)
-    np.testing.assert_array_equal(shown("rate_quantization:y=1e-3", 6)[:, [0, 2]], plain[:, [0, 2]])
-
-
-def test_truncation_cuts_toward_zero():
-    step = np.deg2rad(1e-3)
-    plain, cut = simulator.simulate(SCENARIO, seed=6).gyro.rates, shown("rate_truncation=1e-3", 6)
-    np.testing.assert_allclose(cut / step, np.round(cut / step), atol=1e-9)
-    lost = (plain - cut) * np.sign(plain)
-    assert lost.min() > -1e-9 * step
-    assert 0.9 * step < lost.max() < step
+    expected = plain.copy()
+    expected[:, axes] = change(plain[:, axes])
+    assert (expected != plain).any()
+    np.testing.assert_allclose(shown(text, 6), expected, rtol=0, atol=1e-9 * STEP)
 
 
 def test_vibration_is_a_tone_at_the_apparent_frequency():
@@ -256,3 +252,39 @@ def test_every_process_has_a_covariance_for_all_its_trials():
             for trial in trials:
                 K = effect.covariance(AT, trial.parameters)
                 assert np.linalg.eigvalsh(K).min() > -1e-9 * np.trace(K)
+
+
+# ---- noise of a colour ------------------------------------------------------------------------------------------------
+
+PLAN = simulator.load("trmm_series")
+ARCSEC = np.deg2rad(1 / 3600)
+
+
+def added(*effects, seed=1):
+    """What effects add to each interval's samples of axis z, and how long a sample is."""
+    with_, without = (simulator.simulate(PLAN, seed=seed, effects=[parse(text) for text in texts]) for texts in (effects, ()))
+    difference = (with_.gyro.rates - without.gyro.rates)[:, 2]
+    edges = np.searchsorted(with_.gyro.t_s, [[one.start_s, one.stop_s] for one in with_.intervals])
+    return [difference[low:high] for low, high in edges], with_.gyro.sample_s
+
+
+def test_angle_white_noise_is_that_of_readings_and_does_not_add_up():
+    parts, sample_s = added("noise_angle_white:z=2")
+    found = overlapping_allan_deviation(parts, sample_s, [1, 8, 64])
+    expected = (2 * ARCSEC) ** 2 * compute_allan_variance(ANGLE_WHITE, found.tau_s)
+    assert np.all(np.abs(found.variance / expected - 1) < 4 * np.sqrt(2 * 35 / 18 / found.counts))
+    for part in parts:  # only the first and the last reading remain
+        assert abs(np.sum(part) * sample_s) < 6 * np.sqrt(2) * 2 * ARCSEC
+
+
+def test_markov_noise_has_its_size_and_time_constant():
+    variances = []
+    for seed in range(8):
+        parts, sample_s = added("bias_markov:z=3,time_constant_s=20", seed=seed)
+        variances.append(overlapping_allan_deviation(parts, sample_s, [1, 16, 64, 256]).variance)
+    tau = sample_s * np.array([1, 16, 64, 256])
+    expected = (3 * DEG_H) ** 2 * compute_allan_variance(MARKOV, tau, 20.0)
+    mean, error = np.mean(variances, axis=0), np.std(variances, axis=0, ddof=1) / np.sqrt(8)
+    # At one sample the process' value stands for its mean over it, whose difference is smaller: 2 ln-scale terms of Δt/τ.
+    assert abs(mean[0] / (0.5 * (3 * DEG_H) ** 2 * 2 * (1 - np.exp(-sample_s / 20))) - 1) < 0.05
+    assert np.all(np.abs(mean - expected)[1:] < 6 * error[1:] + 0.01 * expected[1:])

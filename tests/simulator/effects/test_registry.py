@@ -91,6 +91,7 @@ def test_views_tell_sensor_effects_apart_and_follow_the_registry(monkeypatch):
         ({"symptom": "outliers"}, "is that of spikes already"),
         ({"prior": (0.0, 1.0)}, "prior"),
         ({"switched": True}, "needs a parameter time_s"),
+        ({"scanned": True}, "period_s"),
     ],
 )
 def test_what_cannot_work_is_refused_at_registration(own, changes, words):

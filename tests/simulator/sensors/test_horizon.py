@@ -158,16 +158,3 @@ def test_bisector_is_a_hundredth_of_a_degree_from_geodetic_nadir(yaw):
     assert np.sqrt((geodetic**2).mean()) == pytest.approx(0.0060, abs=1e-4)
     assert geocentric.max() == pytest.approx(0.1633, abs=2e-4)
     assert between(geodetic_nadir(position), geocentric_nadir(position)).max() == pytest.approx(0.1713, abs=2e-4)
-
-
-def test_bisector_leans_less_than_geodetic_nadir_by_the_horizons_ratio():
-    A, position = compute_lvlh_attitude(ORBIT, TIMES), compute_orbit_position(ORBIT, TIMES)
-    bisector = bisector_attitude(A, position, HORIZON)[:, 2]
-    latitude = np.arcsin(position[:, 2] / ORBIT.radius)
-    lean = np.rad2deg(FLATTENING * np.abs(np.sin(2 * latitude))) * EARTH_RADIUS / ORBIT.radius
-    # What is left out is of second order in f: 0.171 deg times a few f.
-    tolerance = 0.171 * 4 * FLATTENING
-    np.testing.assert_allclose(between(geodetic_nadir(position), geocentric_nadir(position)), lean, atol=tolerance)
-    ratio = HORIZON.semi_axes[0] / ORBIT.radius
-    np.testing.assert_allclose(between(bisector, geocentric_nadir(position)), lean * ratio, atol=tolerance)
-    assert np.abs(between(bisector, geocentric_nadir(position)) - lean).max() > 2 * tolerance  # and not the full one
