@@ -70,8 +70,6 @@ def test_each_symptom_is_found_alone_with_its_size(plan, truth, text, symptom, a
     assert (found.kind, found.axis) == (symptom, axis)
     assert abs(found.size - size) < 4 * (found.sigma if sigma is None else sigma)
     assert found.p_value < DEFAULT.sample_event
-    if "fraction" in text:
-        assert found.parameters["fraction"] == pytest.approx(parse(text).parameters["fraction"], rel=0.25)
 
 
 @pytest.mark.parametrize(("amplitude", "frequency"), [(1e-4, 0.31), (4e-4, 0.706), (2e-4, 0.12)])
@@ -120,6 +118,12 @@ def test_a_strong_tone_is_one_line_and_slow_motions_do_not_hide_it(plan, truth):
     report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
     assert [line.axis for line in report.lines if abs(line.frequency_hz - 0.41) < 0.02] == [0, 1]
     assert [line.frequency_hz for line in report.lines if line.axis == 1] == [pytest.approx(0.41, abs=1e-4)]
+
+
+def test_other_numbers_of_a_symptom(plan, truth):
+    for text, rel in (("stale_samples=2,fraction=0.02", 0.15), ("spikes=0.006,fraction=0.002", 0.25)):
+        (found,) = stream.examine(_recording(plan, truth, 3, text)).symptoms
+        assert float(found.parameters["fraction"]) == pytest.approx(parse(text).parameters["fraction"], rel=rel)
 
 
 def test_filler_is_no_repeat(plan, truth):
