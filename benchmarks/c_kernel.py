@@ -60,7 +60,7 @@ QUICK_VARIANTS = (Variant(8, 4, 2, 0), Variant(4, 8, 4, 0))
 class Packed:
     """A stream in the kernel's layout."""
 
-    increments: Array  # (steps, gyros + 1, lanes) of [ω_raw Δt, Δt], zero where a piece is short
+    increments: Array  # (steps, 4, lanes) of [ω_raw Δt, Δt], zero where a piece is short
     pieces: NDArray[np.int_]  # (outputs,) lanes that lead to each output
 
 
@@ -78,8 +78,8 @@ def compiler_version() -> str | None:
     return said.splitlines()[0]
 
 
-def build(variants: Sequence[Variant], folder: Path, gyros: int = 3) -> dict[Variant, ctypes.CDLL]:
-    """Compile and load the variants for so many gyros.
+def build(variants: Sequence[Variant], folder: Path) -> dict[Variant, ctypes.CDLL]:
+    """Compile and load the variants.
 
     A `RuntimeError` if there is no compiler, or it failed; with the last thing it said.
     """
@@ -88,10 +88,10 @@ def build(variants: Sequence[Variant], folder: Path, gyros: int = 3) -> dict[Var
         raise RuntimeError("no C compiler: neither $CC nor cc is there")
     libraries = {}
     for number, variant in enumerate(variants):
-        library = folder / f"kernel{number}_of_{gyros}.so"
+        library = folder / f"kernel{number}.so"
         compiled = library.with_suffix(".o")
         for command in (
-            [path, *COMPILE, *variant.defines(), f"-DGYROS={gyros}", str(SOURCE), "-o", str(compiled)],
+            [path, *COMPILE, *variant.defines(), "-DGYROS=3", str(SOURCE), "-o", str(compiled)],
             [path, *LINK, str(compiled), "-o", str(library)],
         ):
             done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -116,12 +116,11 @@ def pack(arcs: Arcs, lanes: int) -> Packed:
     starts, ends = np.concatenate([e[:-1] for e in edges]), np.concatenate([e[1:] for e in edges])
     if len(starts) > lanes:
         raise ValueError(f"{len(lengths)} outputs need more than {lanes} lanes")
-    gyros = arcs.raw.shape[1]
-    increments = _page_aligned((int((ends - starts).max()), gyros + 1, lanes))
+    increments = _page_aligned((int((ends - starts).max()), 4, lanes))
     for lane, (start, end) in enumerate(zip(starts, ends, strict=True)):
         dt = arcs.dt[start:end]
-        increments[: end - start, :gyros, lane] = arcs.raw[start:end] * dt[:, None]
-        increments[: end - start, gyros, lane] = dt
+        increments[: end - start, :3, lane] = arcs.raw[start:end] * dt[:, None]
+        increments[: end - start, 3, lane] = dt
     return Packed(increments, np.ascontiguousarray(pieces, dtype=np.int_))
 
 
@@ -134,7 +133,7 @@ def _page_aligned(shape: tuple[int, ...]) -> Array:
 
 
 def prepared(library: ctypes.CDLL, packed: Packed, G: Array, bias: Array) -> Callable[[], Propagation]:
-    """A call of the kernel with nothing left to do but its work; G (3, gyros) and bias (3,) rad/s.
+    """A call of the kernel with nothing left to do but its work; G (3, 3) and bias (3,) rad/s.
 
     A `ValueError` if a step turns too far for the series.
     """

@@ -1,4 +1,5 @@
 """A diagnosis in a process of its own: ``python -m benchmarks.diagnosis SAMPLES REFERENCES EFFECTS GAP`` prints what it costs.
+With one number in place of these, COUNT, a prediction and a calibration from so many references.
 
 The recording is M0: twenty intervals at 100 Hz, each a rest, a slew and another rest, with white noise as stated. What numba
 compiles is loaded before by a small diagnosis, which is not counted; the recording itself is, in memory. The effects are the
@@ -11,6 +12,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +21,8 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.cases import peak_rss_mb
 from diagnosis.diagnose import diagnose
-from gyrocal import Attitudes, GyroStream, Interval, Recording
+from gyrocal import Attitudes, GyroStream, Interval, Recording, calibrate
+from gyrocal.estimation.predict import Prediction, list_step_times, predict
 from simulator.effects import EFFECTS
 
 Array = NDArray[np.float64]
@@ -32,6 +35,7 @@ AXES = np.vstack([np.eye(3), -np.eye(3), np.full((1, 3), 1 / np.sqrt(3)), [[np.s
 ARW = float(np.deg2rad(1.5e-4))
 SIGMA = float(np.deg2rad(0.005))
 SEED = 20260501
+SMALL_COUNT, ALONE_S = 2000, 2.0  # references that compile a prediction, and how long its gyro is alone at the end
 STEP_SIGMAS = 10.0  # of a reference, which the step turns the body by in an interval
 
 
@@ -102,5 +106,27 @@ def run(samples: int, references: int, effects: int, gap: int) -> dict[str, floa
     }
 
 
+def run_many_references(count: int) -> dict[str, float | int]:
+    """Cost of a prediction from so many references at 100 Hz in one interval, and of a calibration from as many in twenty."""
+    small, long, many = recording(SMALL_COUNT, SMALL_COUNT, 1), recording(count, count, 1), recording(count, count)
+    calls: dict[str, tuple[Callable[[], object], Callable[[], object]]] = {
+        "predict": (lambda: _predict(small), lambda: _predict(long)),
+        "calibrate": (lambda: calibrate(recording(SMALL_COUNT, SMALL_COUNT)), lambda: calibrate(many)),
+    }
+    costs: dict[str, float | int] = {"references": int(many.attitudes.t_s.size)}
+    for name, (warm, call) in calls.items():
+        warm()
+        cpu = time.process_time()
+        call()
+        costs |= {f"{name}_cpu_s": time.process_time() - cpu, f"{name}_peak_rss_mb": peak_rss_mb()}
+    return costs
+
+
+def _predict(one: Recording) -> Prediction:
+    from_s = one.intervals[0].stop_s - ALONE_S
+    return predict(one, from_s, list_step_times(one, from_s, 1.0))
+
+
 if __name__ == "__main__":
-    print(json.dumps(run(*map(int, sys.argv[1:5]))))
+    numbers = [int(text) for text in sys.argv[1:]]
+    print(json.dumps(run_many_references(*numbers) if len(numbers) == 1 else run(*numbers)))

@@ -3,22 +3,151 @@
 import contextlib
 import ctypes
 import json
+import platform
+import resource
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from importlib import metadata
+from os import cpu_count
 from pathlib import Path
 from typing import Any
 
-from benchmarks import c_kernel, mission_loop, oracle, references, start_up
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from benchmarks import c_kernel, mission_loop, references
+from benchmarks.c_kernel import compiler_version
 from benchmarks.goals import judged
-from benchmarks.loading import loaders
-from benchmarks.machine import machine
 from benchmarks.streams import Flight, disagreement, run_packed, run_unpacked
-from benchmarks.timing import Candidate, interleaved
-from studies.montecarlo.manifest import read_commit
+from gyrocal import Recording, load, save
+from gyrocal.calibration.problem import Problem
+from gyrocal.calibration.sampling import prepare_measurements
+from studies.cli.main import COMMAND_NAMES
+from studies.montecarlo.manifest import REPORTED_PACKAGES, read_commit
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Something to be timed."""
+
+    call: Callable[[], Any]  # the work, prepared so that nothing else is timed
+    rounds: int  # how many rounds to take part in, spread evenly over all; a slow candidate takes part in few
+
+
+def interleaved(candidates: Mapping[str, Candidate]) -> dict[str, float]:
+    """Least time of each, ms.
+
+    A turn is a call that is not timed, then one that is: so each finds its own data in the caches, whoever came before it and
+    whether or not that one read the same. A candidate with a single round is called once.
+    """
+    total = max(candidate.rounds for candidate in candidates.values())
+    least = dict.fromkeys(candidates, float("inf"))
+    for turn in range(total):
+        for name, candidate in candidates.items():
+            if turn * candidate.rounds // total == (turn + 1) * candidate.rounds // total:
+                continue  # its next turn is a later one
+            if candidate.rounds > 1:
+                candidate.call()
+            start = time.perf_counter()
+            candidate.call()
+            least[name] = min(least[name], time.perf_counter() - start)
+    return {name: 1e3 * value for name, value in least.items()}
+
+
+Array = NDArray[np.float64]
+
+
+def finer_recording(recording: Recording, finer: int) -> Recording:
+    """The same rates in so many times as many samples."""
+    gyro = recording.gyro
+    sample_s = gyro.sample_s / finer
+    t_s = (gyro.t_s[:, None] + sample_s * np.arange(finer)).ravel()
+    return replace(recording, gyro=replace(gyro, t_s=t_s, rates=np.repeat(gyro.rates, finer, axis=0), sample_s=sample_s))
+
+
+@contextlib.contextmanager
+def loaders(flight: Flight, finer: int) -> Iterator[dict[str, Callable[[], Array]]]:
+    """Calls from the files of case 0, as Parquet and as CSV, to the residuals (m, 3) rad at its a-priori parameters."""
+    with tempfile.TemporaryDirectory() as place:
+        parquet, csv = Path(place, "parquet"), Path(place, "csv")
+        for folder in (parquet, csv):
+            save(finer_recording(flight.recording, finer), folder)
+        table = csv / "gyro.parquet"
+        pd.read_parquet(table).to_csv(table.with_suffix(".csv"), index=False)
+        table.unlink()
+
+        def residuals(folder: Path) -> Array:
+            recording = load(folder)
+            return Problem.build(recording, prepare_measurements(recording)).state(flight.initial).theta
+
+        yield {"parquet": lambda: residuals(parquet), "csv": lambda: residuals(csv)}
+
+
+NUMPY = "import numpy"
+COMMAND_LINE = "from studies.cli.main import main; main()"
+REFUSALS = {"wrong_option": ("calibrate", "--no-such-option"), "no_recording": ("calibrate", "no/such/recording")}
+
+
+def measure_start_ups(rounds: int) -> dict[str, float]:
+    """Least processor time (s) of `import numpy` in a fresh process, of each command's help, and of refusals, by name."""
+    calls = {"numpy": (NUMPY,), **{f"help_{name}": (COMMAND_LINE, name, "--help") for name in COMMAND_NAMES}}
+    calls |= {name: (COMMAND_LINE, *arguments) for name, arguments in REFUSALS.items()}
+    least = dict.fromkeys(calls, float("inf"))
+    for _ in range(rounds + 1):  # the first one fills the file system's caches
+        for name, call in calls.items():
+            least[name] = min(least[name], _measure_processor_time(*call))
+    return least
+
+
+def compute_start_up_ratios(seconds: dict[str, float]) -> dict[str, float]:
+    """The largest help, and each refusal, over `import numpy`."""
+    slowest = max(value for name, value in seconds.items() if name.startswith("help_"))
+    return {"help_vs_numpy": slowest / seconds["numpy"]} | {
+        f"{name}_vs_numpy": seconds[name] / seconds["numpy"] for name in REFUSALS
+    }
+
+
+def _measure_processor_time(code: str, *arguments: str) -> float:
+    """Processor time of a fresh process, s."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, "-c", code, *arguments], cwd=Path(__file__).parents[1], capture_output=True, check=False)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+OPTIONAL = ("gtsam",)
+
+
+def machine() -> dict[str, Any]:
+    """CPU, cores, versions."""
+    return {
+        "cpu": _cpu_model(),
+        "cores": cpu_count(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "compiler": compiler_version(),
+        "packages": {name: _version(name) for name in (*REPORTED_PACKAGES, *OPTIONAL)},
+    }
+
+
+def _cpu_model() -> str:
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
 
 Libraries = dict[c_kernel.Variant, ctypes.CDLL]
 Say = Callable[[str], None]
@@ -93,14 +222,14 @@ def run(quick: bool = False, say: Say = lambda text: None) -> dict[str, Any]:
     cases = [_cases(count) for count in effort.cases]
     say("diagnoses")
     diagnoses = [_alone("benchmarks.diagnosis", *one) for one in effort.diagnoses]
-    many = _alone("benchmarks.many_references", effort.references)
+    many = _alone("benchmarks.diagnosis", effort.references)
     say("starts of the command line")
-    starts = start_up.measure_start_ups(min(effort.slow, 3))
+    starts = measure_start_ups(min(effort.slow, 3))
     say("the Mission Mode loop")
     mission = mission_loop.run(*effort.mission)
     document = _document(growth, load_ms, others | solvers, cases, diagnoses, mission, reasons)
     document["many_references"] = many
-    document["ratios"] |= start_up.compute_start_up_ratios(starts)
+    document["ratios"] |= compute_start_up_ratios(starts)
     return {
         "command": "python -m benchmarks" + (" --quick" if quick else ""),
         "commit": read_commit(),
@@ -215,8 +344,8 @@ def _check(name: str, apart: float | None, limit: float) -> None:
 
 
 def _solvers(flight: Flight, rounds: int) -> tuple[dict[str, float], float]:
-    solvers = oracle.solvers(flight)
-    difference = oracle.agreement({name: solve() for name, solve in solvers.items()})
+    solvers = references.solvers(flight)
+    difference = references.agreement({name: solve() for name, solve in solvers.items()})
     return interleaved({name: Candidate(solve, rounds) for name, solve in solvers.items()}), difference
 
 

@@ -1,4 +1,4 @@
-"""The Mission Mode loop, compiled and as plain Python: ``python -m benchmarks.mission_loop`` prints what they take as JSON.
+"""The Mission Mode loop, compiled and as plain Python: ``python -m benchmarks.mission_loop SECONDS`` prints time and telemetry.
 
 Both are the same functions, run by numba and, in a process of its own with NUMBA_DISABLE_JIT, by the interpreter: what
 compilation brings, and a check of it, since both must fly the same. They take turns, and the least time of each is kept.
@@ -11,8 +11,6 @@ import sys
 import time
 from pathlib import Path
 from typing import Any
-
-import click
 
 from simulator.mission_mode.config import MissionConfig, build_period_tables
 from simulator.mission_mode.flight import MissionRun, simulate_mission
@@ -32,7 +30,7 @@ def fly(seconds: float) -> tuple[float, MissionRun]:
 
 def plain(seconds: float) -> tuple[float, list[list[float]]]:
     """Wall time, s, and telemetry of the same run by the interpreter."""
-    command = [sys.executable, "-m", "benchmarks.mission_loop", "--as-plain", str(seconds)]
+    command = [sys.executable, "-m", "benchmarks.mission_loop", str(seconds)]
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
     folder = Path(__file__).parents[1]
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True)
@@ -40,7 +38,7 @@ def plain(seconds: float) -> tuple[float, list[list[float]]]:
     return document["wall_s"], document["telemetry"]
 
 
-def run(days: float = 30.0, plain_seconds: float = 6000.0, rounds: int = 3) -> dict[str, Any]:
+def run(days: float, plain_seconds: float, rounds: int) -> dict[str, Any]:
     """Measure both; an `AssertionError` if the two do not fly the same.
 
     Parameters
@@ -71,17 +69,6 @@ def run(days: float = 30.0, plain_seconds: float = 6000.0, rounds: int = 3) -> d
     }
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
-@click.option("--days", default=30.0, show_default=True, help="Length of the long run.")
-@click.option("--as-plain", type=float, hidden=True, help="Fly so many seconds and print time and telemetry.")
-def main(days: float, as_plain: float | None) -> None:
-    """Simulated seconds per second of the Mission Mode loop, compiled and plain, in one run."""
-    if as_plain is None:
-        click.echo(json.dumps(run(days), indent=2))
-        return
-    took, flown = fly(as_plain)
-    click.echo(json.dumps({"wall_s": took, "telemetry": flown.telemetry.to_numpy().tolist()}))
-
-
 if __name__ == "__main__":
-    main()
+    took, flown = fly(float(sys.argv[1]))
+    print(json.dumps({"wall_s": took, "telemetry": flown.telemetry.to_numpy().tolist()}))

@@ -92,8 +92,7 @@ def load_study_file(path: Path) -> Entry:
     An `InputError` if it cannot be imported, holds no study, or a study of another name.
     """
     from studies.montecarlo.study import Study
-    from studies.report.columns import report_columns
-    from studies.report.entry import Entry
+    from studies.report.entry import Entry, report_columns
 
     module = _import_file(path)
     found = getattr(module, "ENTRY", None)
@@ -166,7 +165,7 @@ def run(
     from studies.montecarlo.criteria import check_independent, draws_independently
     from studies.montecarlo.manifest import write_manifest
     from studies.montecarlo.study import load_config
-    from studies.report import checks, columns, sensitivity
+    from studies.report import checks, sensitivity
     from studies.report import entry as report
 
     settings = load_config(chosen.study, config, changes)
@@ -198,7 +197,7 @@ def run(
         checks=(*checks.check_requirements(answers), *made.checks),
         findings=(*map(str, answers), *made.findings),
     )
-    tables = {"tolerance": columns.build_tolerance_table(good)} if draws_independently(settings) else {}
+    tables = {"tolerance": report.build_tolerance_table(good)} if draws_independently(settings) else {}
     if answers:
         outcome = replace(outcome, manifest=outcome.manifest | {"requirements": [asdict(answer) for answer in answers]})
     report.write(replace(made, tables={**made.tables, **tables}), f"Study {name}: {chosen.summary}", folder)

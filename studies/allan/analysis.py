@@ -23,13 +23,16 @@ from gyrocal.calibration.parameters import AXIS_NAMES
 from simulator.streams import generator
 from studies.allan.rates import Stretch, find_stretches
 from studies.allan.repeated_samples import select_measured_samples
-from studies.allan.steps import RateStep, find_rate_step
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 BOUND_CONFIDENCE = 0.95
 REFERENCE_ERROR_DRAWS = 32  # of the references' errors
+BINS = 256
+FEWEST_BINS = 16
+STEP_CHI2_MARGIN = 50.0  # by how much the two levels' χ² is below that of the line, of noise that the levels leave
+WHITE_VARIANCE_RATIO = 1.7  # mean square change from bin to bin over the variance, at least; 2 for white noise
 DEG, HOUR = float(np.rad2deg(1.0)), 3600.0
 COEFFICIENT_UNITS = {  # of a coefficient: from radians and seconds to the unit shown
     ANGLE_WHITE: ("arcsec", DEG * 3600),
@@ -40,6 +43,14 @@ COEFFICIENT_UNITS = {  # of a coefficient: from radians and seconds to the unit 
     RAMP: ("deg/h/h", DEG * HOUR * HOUR),
 }
 RATE_UNIT, RATE = "deg/h", DEG * HOUR
+
+
+@dataclass(frozen=True)
+class RateStep:
+    """A step of the rate."""
+
+    at: int  # sample from which on the rate is another
+    size: float  # rad/s
 
 
 @dataclass(frozen=True)
@@ -155,6 +166,33 @@ def _subtract_lines(recording: Recording, parts: tuple[Stretch, ...]) -> tuple[l
     for line in found:
         waves[:, line.axis] += line.waveform
     return sinusoids, [one.rates - waves[one.samples] for one in parts]
+
+
+def find_rate_step(rates: Array) -> RateStep | None:
+    """The step that explains the course of a stretch's rates (n,), rad/s; None where a line or noise explains it as well.
+
+    The means over up to `BINS` equal times are fitted by a straight line, and by two levels with a step where that fits best.
+    A step explains them far better and leaves what is white: of a ramp the line fits better, and of noise that wanders neither
+    leaves white noise (its changes are too small for its scatter; von Neumann, Annals of Mathematical Statistics 12, 1941).
+    """
+    each = max(1, rates.size // BINS)
+    count = rates.size // each
+    if count < FEWEST_BINS:
+        return None
+    means = rates[: count * each].reshape(count, each).mean(axis=1)
+    before = np.arange(1, count)
+    low = np.cumsum(means)[:-1] / before
+    high = (means.sum() - np.cumsum(means)[:-1]) / (count - before)
+    explained = before * (count - before) / count * (high - low) ** 2
+    best = int(np.argmax(explained))
+    left = means - np.where(np.arange(count) <= best, low[best], high[best])
+    of_line = means - np.polynomial.Polynomial.fit(np.arange(count), means, 1)(np.arange(count))
+    variance = float(np.sum(left**2)) / (count - 3)
+    better = float(np.sum(of_line**2) - np.sum(left**2))
+    white = float(np.mean(np.diff(left) ** 2)) / max(variance, 1e-300)
+    if better < STEP_CHI2_MARGIN * variance or white < WHITE_VARIANCE_RATIO:
+        return None
+    return RateStep((best + 1) * each, float(high[best] - low[best]))
 
 
 def describe_stretch(one: Stretch) -> dict[str, Any]:

@@ -87,16 +87,16 @@ def command(
     from diagnosis.adopt import write_adopted_scenario
     from diagnosis.diagnose import diagnose
     from simulator import scenario as scenarios
-    from studies.report import diagnosis_page, diagnosis_summary, next_flight
+    from studies.report import diagnosis_answers, diagnosis_page, diagnosis_summary
     from studies.report.pages import build_provenance_footer
 
     scenario_flown = scenarios.load(flown) if flown else None
     with show_stages("diagnose", LINE_EVERY_S) as progress:
         result = diagnose(loaded, progress=progress, seed=seed, library=library)
-        found = next_flight.plan_next_flight(result, scenario_flown, progress, seed) if scenario_flown else None
+        found = diagnosis_answers.plan_next_flight(result, scenario_flown, progress, seed) if scenario_flown else None
     write_result(as_json, result.to_json(), lambda: diagnosis_summary.show(make_console(), result))
     if report:
-        fly = next_flight.describe_next_flight(result, found)
+        fly = diagnosis_answers.describe_next_flight(result, found)
         orbit_s = loaded.orbit.period_s if loaded.orbit is not None else math.nan
         write_text(report, diagnosis_page.build_diagnosis_page(result, build_provenance_footer(loaded), orbit_s, fly))
     if adopt:

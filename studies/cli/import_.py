@@ -9,7 +9,7 @@ from gyrocal import importing
 from gyrocal.errors import InputError
 from gyrocal.recording import save
 from studies.cli import import_formats
-from studies.cli.import_formats import ATTITUDE_TABLE, IMPORT_JSON_OPTION, OUT, TABLE, show
+from studies.cli.import_formats import ATTITUDE_TABLE, IMPORT_JSON_OPTION, OUT, TABLE, collect_entries, show, write_import
 from studies.cli.options import FORCE, PATH, add_options, refuse_existing
 
 
@@ -55,11 +55,8 @@ def import_csv_command(files: tuple[Path, ...], file: Path | None, force: bool, 
     *tables, out = files
     refuse_existing(out, force)
     entries = importing.load_mapping(file) if file else {}
-    entries |= {name: value for name, value in options.items() if value is not None}
-    mapping = importing.validate_mapping(entries, str(file) if file else "options")
-    imported = importing.import_csv(*tables, mapping=mapping)
-    importing.write(imported, out)
-    show(imported.recording, imported.summary(), imported.assumed, out, as_json, imported.warnings)
+    mapping = importing.validate_mapping(entries | collect_entries(options), str(file) if file else "options")
+    write_import(importing.import_csv(*tables, mapping=mapping), out, as_json)
 
 
 @command.command("broad")

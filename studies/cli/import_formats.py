@@ -162,7 +162,8 @@ def show(
         write_json(as_json, made)
 
 
-def _write(imported: ImportResult, out: Path, as_json: Path | None) -> None:
+def write_import(imported: ImportResult, out: Path, as_json: Path | None) -> None:
+    """Write what was imported, and say what was made."""
     importing.write(imported, out)
     show(imported.recording, imported.summary(), imported.assumed, out, as_json, imported.warnings)
 
@@ -172,15 +173,14 @@ def _join_gyro_and_attitudes(gyro_file: Path, read: aem.Aem, out: Path, given: d
     attitude, entries = aem.tabulate_attitudes(read)
     file, as_json = given.pop("file"), given.pop("as_json")
     own = importing.load_mapping(file) if file else {}
-    options = {name: value for name, value in given.items() if value is not None}
-    entries = {"title": read.title} | own | entries | options
+    entries = {"title": read.title} | own | entries | collect_entries(given)
     mapping = importing.validate_mapping(entries, str(file) if file else "options")
     table, attitude, mapping = resolve_columns(read_csv(gyro_file), attitude, mapping)
     streams = read_streams(table, attitude, mapping)
 
     from gyrocal.importing.build import build
 
-    _write(build(streams, mapping), out, as_json)
+    write_import(build(streams, mapping), out, as_json)
 
 
 @click.command("aem")
@@ -245,7 +245,7 @@ def import_euroc_command(
     refuse_existing(out, force)
     from gyrocal.importing import euroc
 
-    _write(euroc.import_euroc(folder, reference, not estimate_noise, **_collect_entries(options)), out, as_json)
+    write_import(euroc.import_euroc(folder, reference, not estimate_noise, **collect_entries(options)), out, as_json)
 
 
 @click.command("bag")
@@ -276,18 +276,13 @@ def import_bag_command(
     refuse_existing(out, force)
     from gyrocal.importing import rosbag
 
-    entries = _collect_entries(options)
-    _write(rosbag.import_bag(bag, imu_topic, pose_topic, estimate_mounting, gyro_unit, **entries), out, as_json)
+    entries = collect_entries(options)
+    write_import(rosbag.import_bag(bag, imu_topic, pose_topic, estimate_mounting, gyro_unit, **entries), out, as_json)
 
 
-def _collect_entries(options: dict[str, Any]) -> dict[str, Any]:
+def collect_entries(options: dict[str, Any]) -> dict[str, Any]:
     """Options that are given."""
     return {name: value for name, value in options.items() if value is not None}
 
 
-IMPORT_COMMANDS = (
-    import_aem_command,
-    import_ck_command,
-    import_euroc_command,
-    import_bag_command,
-)
+IMPORT_COMMANDS = (import_aem_command, import_ck_command, import_euroc_command, import_bag_command)

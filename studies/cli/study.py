@@ -124,10 +124,10 @@ def command(
     for message, count in outcome.warnings.items():
         click.echo(f"gyrocal: warning, {count} times: {message}", err=True)
     if report:
-        from studies.report import study_page
         from studies.report.pages import build_provenance_footer
+        from studies.report.source import build_study_page
 
-        write_text(report, study_page.build_study_page(folder, build_provenance_footer()))
+        write_text(report, build_study_page(folder, build_provenance_footer()))
     if as_json:
         failures = {str(case): error for case, error in outcome.failures.items()}
         about = {"study": name, "folder": str(folder), "cases": outcome.cases, "failures": failures}

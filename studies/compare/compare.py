@@ -33,29 +33,18 @@ COMPARISON_COLUMNS = ("statistic", "of", "axis", "unit", "recording", "mean", "s
 
 @dataclass(frozen=True)
 class ScenarioComparison:
-    """Percentiles of a recording among the simulations of one scenario.
+    """Percentiles of a recording among the simulations of one scenario."""
 
-    Attributes
-    ----------
-    name : of the scenario
-    title : its own
-    effects : labels of its effects
-    fitted : whether its sizes, or its G and b, were found on this very recording
-    flights : their number
-    statistics : a row a statistic, `COMPARISON_COLUMNS`; percentile in 0 … 1 with ties counted half, empty where the scenario
-    took the
-        number over from the recording
-    gap, samples : before and after, of the attitude and of the samples; the latter is None where too few samples are quiet
-    """
-
-    name: str
-    title: str
-    effects: tuple[str, ...]
-    fitted: bool
-    flights: int
+    name: str  # of the scenario
+    title: str  # its own
+    effects: tuple[str, ...]  # labels of its effects
+    fitted: bool  # whether its sizes, or its G and b, were found on this very recording
+    flights: int  # their number
+    # A row a statistic, `COMPARISON_COLUMNS`; percentile in 0 … 1 with ties counted half, empty where the scenario took the
+    # number over from the recording.
     statistics: pd.DataFrame
-    gap: Gap
-    samples: Gap | None
+    gap: Gap  # of the attitude, before and after
+    samples: Gap | None  # of the samples; None where too few of them are quiet
 
     @property
     def names(self) -> list[str]:
@@ -137,14 +126,13 @@ def compare(
     if runs < FEWEST_FLIGHTS:
         raise InputError(f"{runs} runs: at least {FEWEST_FLIGHTS} are needed for a distribution")
     with threadpool_limits(1, user_api="blas"):
-        recorded = recording
         found = calibrate(recording)
         if found.dof < 1:
             raise InputError(f"{recording.title}: no more residuals than parameters; there is nothing to compare")
         ruler = MeasurementSetup.build(recording, found.parameters)
-        baseline = AdoptedScenario("the baseline on the recording's own plan", ReplayPlan(recorded, found.G, found.bias))
+        baseline = AdoptedScenario("the baseline on the recording's own plan", ReplayPlan(recording, found.G, found.bias))
         named = [(BASELINE, baseline), *scenarios]
-        benches = [PreparedScenario.build(scenario, recorded, ruler, name) for name, scenario in named]
+        benches = [PreparedScenario.build(scenario, recording, ruler, name) for name, scenario in named]
         bare = ruler.measure(recording)
         standings: list[ScenarioComparison] = []
         floors = (float("nan"), float("nan"))
@@ -164,7 +152,7 @@ def simulate_flights(
     parts = [range(first, min(first + CHUNK_FLIGHTS, runs)) for first in range(0, runs, CHUNK_FLIGHTS)]
     pool = joblib.Parallel(n_jobs=jobs, return_as="generator", max_nbytes=None)
     out: list[FlightStatistics] = []
-    with _start_progress(progress, name, runs) as advance:
+    with nullcontext(lambda count: None) if progress is None else progress(f"compare: {name}", runs) as advance:
         for flights in pool(joblib.delayed(_fly_cases)(bench, seed, part) for part in parts):
             out += flights
             advance(len(flights))
@@ -237,7 +225,3 @@ def _fly_cases(bench: PreparedScenario, seed: int, cases: range) -> list[FlightS
     """Flights of some numbers, in a worker."""
     with threadpool_limits(1, user_api="blas"):
         return [bench.fly(seed, case) for case in cases]
-
-
-def _start_progress(progress: Display | None, name: str, runs: int) -> AbstractContextManager[Callable[[int], None]]:
-    return nullcontext(lambda count: None) if progress is None else progress(f"compare: {name}", runs)

@@ -51,9 +51,9 @@ Z90 = 1.6448536269514722  # two-sided 90 %
 class Gap:
     """A gap before and after, in units of what noise as stated leaves."""
 
-    before: float  # before, before_90: g_0 and its 90 % interval
+    before: float  # g_0, with its 90 % interval
     before_90: tuple[float, float]
-    after: float  # after, after_90: g_s and its interval
+    after: float  # g_s, with its interval
     after_90: tuple[float, float]
     shrinkage: float  # 1 − after/before
     shrinkage_90: tuple[float, float]  # its interval; infinite where there is no gap before
@@ -83,15 +83,15 @@ def compute_gap(recorded: tuple[float, float], floors: tuple[float, float], erro
     )
 
 
-def compute_fieller_interval(a: float, b: float, V: Array, z: float = Z90) -> tuple[float, float]:
+def compute_fieller_interval(a: float, b: float, V: Array) -> tuple[float, float]:
     """Interval of a/b for estimates (a, b) with covariance V (2, 2); infinite where b is not clear of zero.
 
     The κ with (a − κ b)² ≤ z² (V_aa − 2 κ V_ab + κ² V_bb) are those between the roots of
     (b² − z² V_bb) κ² − 2 (a b − z² V_ab) κ + (a² − z² V_aa).
     """
-    A = b**2 - z**2 * V[1, 1]
-    B = a * b - z**2 * V[0, 1]
-    C = a**2 - z**2 * V[0, 0]
+    A = b**2 - Z90**2 * V[1, 1]
+    B = a * b - Z90**2 * V[0, 1]
+    C = a**2 - Z90**2 * V[0, 0]
     if not A > 0:
         return float("-inf"), float("inf")
     root = np.sqrt(max(B**2 - A * C, 0.0))

@@ -38,18 +38,28 @@ DISPERSED = "disp:"  # begins the columns of the dispersed values
 
 
 class StudyConfig(BaseModel):
-    """What every study is told; a study adds its own fields, each with a default."""
+    """What every study is told; a study adds its own fields, each with a default.
+
+    Attributes
+    ----------
+    cases : number of cases
+    entropy : root of all random streams
+    scenario : built-in name or path of the scenario, or the scenario itself
+    overrides : scenario values to replace, by their dotted paths
+    dispersions : distributions of scenario values, by their dotted paths; applied after the overrides
+    sampler : how the draws of the dispersions cover their space
+    correlations : of the draws, each a matrix between some of their paths
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
-    cases: int = 200  # number of cases
-    entropy: int = 1998  # root of all random streams
-    scenario: str | Scenario = "trmm"  # built-in name or path of the scenario, or the scenario itself
-    overrides: dict[str, Scalar] = {}  # scenario values to replace, by their dotted paths
-    # distributions of scenario values, by their dotted paths; applied after the overrides
+    cases: int = 200
+    entropy: int = 1998
+    scenario: str | Scenario = "trmm"
+    overrides: dict[str, Scalar] = {}
     dispersions: dict[str, Dispersion] = {}
-    sampler: Sampler = "random"  # how the draws of the dispersions cover their space
-    correlations: tuple[Correlation, ...] = ()  # of the draws, each a matrix between some of their paths
+    sampler: Sampler = "random"
+    correlations: tuple[Correlation, ...] = ()
 
     # Not as constraints of the fields, which a study that gives another default would lose.
     @field_validator("cases")
@@ -68,10 +78,16 @@ class StudyConfig(BaseModel):
 
 
 class GridConfig(StudyConfig):
-    """What a study over a grid is told: a case is a point of the grid, so that the axes say how many cases there are."""
+    """What a study over a grid is told: a case is a point of the grid, so that the axes say how many cases there are.
 
-    axes: ClassVar[tuple[str, ...]]  # names of the settings that make the grid, the slowest first
-    cases: int = Field(default=0, exclude=True)  # points of the grid; not a setting
+    Attributes
+    ----------
+    axes : names of the settings that make the grid, the slowest first
+    cases : points of the grid; not a setting
+    """
+
+    axes: ClassVar[tuple[str, ...]]
+    cases: int = Field(default=0, exclude=True)
 
     def points(self) -> Sequence[Any]:
         """The points in the order of the cases: all combinations of the axes' values."""
@@ -105,13 +121,18 @@ class Streams:
 
 @dataclass(frozen=True)
 class Study:
-    """A study."""
+    """A study.
 
-    name: str  # where to import it from, "module:attribute"
+    Attributes
+    ----------
+    name, config : where to import it from, "module:attribute"; type of its configuration
+    case : (config, case, streams) to the case's row, or to several rows; values are numbers, truth values, text or None
+    recording : (config, case, streams) to the recording the case works on, for a study whose recordings can be kept
+    """
+
+    name: str
     config: type[StudyConfig]
-    # (config, case, streams) to the case's row, or to several rows; values are numbers, truth values, text or None
     case: Callable[[Any, int, Streams], Row | Sequence[Row]]
-    # (config, case, streams) to the recording the case works on, for a study whose recordings can be kept
     recording: Callable[[Any, int, Streams], Recording] | None = None
 
 

@@ -21,9 +21,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gyrocal import calibrate
-from gyrocal.recording import Recording, find_reference_rows
 from simulator import adopted_scenario
 from simulator.adopted_scenario import AdoptedScenario
+from studies.calibration.maneuvers_needed import select_intervals
 from studies.natanson import flight
 from studies.natanson.flight_gap import compute_residuals
 from studies.reproduction import call_all
@@ -74,13 +74,6 @@ def run_drift_case(flown: AdoptedScenario, scale: float, entropy: int, number: i
         "december_january_deg": _compute_interval_rms(compute_residuals(recording, first), JANUARY),
         "new_bias_january_deg": float(flight.compute_rms(compute_residuals(january, again).ravel())),
     }
-
-
-def select_intervals(recording: Recording, intervals: Sequence[int]) -> Recording:
-    """A recording of some of the intervals."""
-    chosen = tuple(recording.intervals[k] for k in intervals)
-    rows = np.concatenate([find_reference_rows(recording.attitudes.t_s, one) for one in chosen])
-    return replace(recording, intervals=chosen, attitudes=recording.attitudes.select_rows(rows))
 
 
 def _compute_interval_rms(values: Array, intervals: Sequence[int]) -> float:

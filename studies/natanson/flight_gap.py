@@ -43,16 +43,9 @@ COARSE_SAMPLE_S = 2.0  # mean rates over longer samples: the prediction moves by
 YAW_INTERVALS, MINUS_Y, HOLD = (1, 5), 3, 4
 
 
-def predict_residuals(scenario: Scenario, truth: GyroParameters | None = None, initial: GyroParameters | None = None) -> Array:
-    """Noise-free residuals under the initial parameters, (intervals, 3) deg.
-
-    Parameters
-    ----------
-    scenario : the maneuvers
-    truth : injected parameters, R eq. (9) by default
-    initial : processed with these, N Table 3's pre-launch ones by default
-    """
-    return compute_residuals(simulate_without_noise(scenario, truth), initial or flight.read_published_parameters("prelaunch"))
+def predict_residuals(scenario: Scenario, truth: GyroParameters | None = None) -> Array:
+    """Noise-free residuals under N Table 3's pre-launch parameters, (intervals, 3) deg; the truth is R (9) by default."""
+    return compute_residuals(simulate_without_noise(scenario, truth), flight.read_published_parameters("prelaunch"))
 
 
 def simulate_without_noise(scenario: Scenario, truth: GyroParameters | None = None) -> Recording:
@@ -71,7 +64,8 @@ def compute_residuals(recording: Recording, parameters: GyroParameters) -> Array
 
 def compute_gap_rms(predicted: Array, intervals: Iterable[int] | None = None) -> float:
     """RMS of flown minus predicted at 0.5 s, over all 18 numbers or some intervals', deg."""
-    return _compute_difference_rms(flight.read_published_residuals("prelaunch") - predicted, intervals)
+    difference = flight.read_published_residuals("prelaunch") - predicted
+    return float(flight.compute_rms((difference if intervals is None else difference[list(intervals)]).ravel()))
 
 
 def compute_noise_free_residuals() -> Array:
@@ -79,14 +73,9 @@ def compute_noise_free_residuals() -> Array:
     return flight.read_published_residuals("prelaunch") - flight.read_published_residuals("calibrated")
 
 
-def compute_clean_gap_rms(predicted: Array, intervals: Iterable[int] | None = None) -> float:
-    """RMS of the clean gap at 0.5 s, over all 18 numbers or some intervals', deg."""
-    return _compute_difference_rms(compute_noise_free_residuals() - predicted, intervals)
-
-
-def _compute_difference_rms(difference: Array, intervals: Iterable[int] | None) -> float:
-    rows = difference if intervals is None else difference[list(intervals)]
-    return float(flight.compute_rms(rows.ravel()))
+def compute_clean_gap_rms(predicted: Array) -> float:
+    """RMS of the clean gap at 0.5 s, over all 18 numbers, deg."""
+    return float(flight.compute_rms((compute_noise_free_residuals() - predicted).ravel()))
 
 
 def compute_floor_rms() -> float:

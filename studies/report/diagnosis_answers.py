@@ -10,12 +10,15 @@ from collections.abc import Sequence
 
 from diagnosis.answer import Cause, Finding
 from diagnosis.inference.attribution import REMAINDER
+from diagnosis.plan import Extra, Plan, plan
+from diagnosis.plan.result import Progress
 from diagnosis.result import Diagnosis
 from diagnosis.settings import DEFAULT
+from simulator.effects import EFFECTS as PLANNED_EFFECTS
 from simulator.effects.sensor import ALL_EFFECTS as EFFECTS
+from simulator.scenario import Scenario
 from studies.report import diagnosis_words as words
-from studies.report import gap_budget, next_step, pointing_cost
-from studies.report import next_flight as flights
+from studies.report import gap_budget, pointing_cost
 
 MOST_FINDINGS = 2
 LEAST_PROBABILITY = 0.01  # of an explanation that is stated
@@ -29,7 +32,7 @@ def list_answers(diagnosis: Diagnosis, orbit_s: float = math.nan, next_flight: s
     ----------
     diagnosis : the answer
     orbit_s : period of the orbit, NaN if unknown; an hour is then what pointing is told for
-    next_flight : what to fly next, in a sentence, of `studies.report.next_flight`; without a plan by default
+    next_flight : what to fly next, in a sentence of `describe_next_flight`; without a plan by default
     """
     answers = {
         "Does it agree with the simulator?": _describe_gap(diagnosis),
@@ -41,9 +44,9 @@ def list_answers(diagnosis: Diagnosis, orbit_s: float = math.nan, next_flight: s
     if diagnosis.causes:
         cost = pointing_cost.describe_pointing_cost(diagnosis.details.regressors, orbit_s)
         answers["What does it cost in pointing?"] = cost
-    answers["What next?"] = next_step.describe_next_step(diagnosis)
+    answers["What next?"] = describe_next_step(diagnosis)
     if diagnosis.verdict != "none":
-        answers["Which maneuver next?"] = next_flight or flights.describe_next_flight(diagnosis)
+        answers["Which maneuver next?"] = next_flight or describe_next_flight(diagnosis)
     return {**answers, "What can it not tell?": _describe_limits(diagnosis)}
 
 
@@ -203,3 +206,102 @@ def _describe_limits(diagnosis: Diagnosis) -> str:
     if others:
         return f"Whether it is not rather that {words.join_items(list(dict.fromkeys(others)), 'or')}."
     return "Constant errors of scale, alignment and bias, which the calibration takes up, and what is below the noise."
+
+
+# ---- what to do and to fly next ---------------------------------------------------------------------------------------------
+
+HELPS = 0.9  # ratio of the smallest visible size with the maneuver over that without, below which it is worth naming
+
+
+def list_suspected_effects(diagnosis: Diagnosis) -> list[str]:
+    """Labels of what may be at work: the causes with what cannot be told from them, or else the next best explanations."""
+    labels = [member for cause in diagnosis.causes for member in (cause.label, *cause.group)]
+    labels = labels or [label for effects, _ in diagnosis.alternatives for label in effects]
+    return [label for label in dict.fromkeys(labels) if label.partition(":")[0] in PLANNED_EFFECTS]
+
+
+def plan_next_flight(diagnosis: Diagnosis, scenario: Scenario, progress: Progress | None = None, seed: int = 0) -> Plan | None:
+    """The plan of a scenario for what may be at work; None if that is nothing that a plan knows."""
+    names = list(dict.fromkeys(label.partition(":")[0] for label in list_suspected_effects(diagnosis)))
+    return plan(scenario, effects=names, progress=progress, seed=seed) if names else None
+
+
+def describe_next_flight(diagnosis: Diagnosis, found: Plan | None = None) -> str:
+    """Describe the recommended next flight, or where it can be asked for.
+
+    Parameters
+    ----------
+    diagnosis : the answer
+    found : of `plan_next_flight`, if a scenario was given
+    """
+    if diagnosis.verdict == "none":
+        return "No further recording is needed."
+    if found is None or not found.extras:
+        return "gyrocal diagnose --plan SCENARIO, with the scenario of this recording, states which extra maneuver helps most."
+    labels = list_suspected_effects(diagnosis)
+    pairs = {frozenset((a, b)) for a in labels for b in labels if a != b}
+    apart = [(len(pairs & {frozenset(pair) for pair in one.resolved}), one) for one in found.extras]
+    most, best = max(apart, key=lambda one: (one[0], -one[1].ratio))
+    if most:
+        return f"{best.name} ({best.hours:.1f} h): it separates causes that this recording cannot separate."
+    ratio, helpful = min(((_find_best_ratio(one, labels), one) for one in found.extras), key=lambda one: one[0])
+    if ratio > HELPS:
+        return "No extra maneuver on the list makes the cause much better visible."
+    visible = f"the smallest visible size of the cause is then {ratio:.2g} times that of this recording"
+    return f"{helpful.name} ({helpful.hours:.1f} h): {visible}."
+
+
+def _find_best_ratio(extra: Extra, labels: list[str]) -> float:
+    """The best ratio of what may be at work; a label of the plan may say more, as in effect:z<y."""
+    own = [ratio for name, ratio in extra.by_effect.items() if name.partition("<")[0] in labels]
+    return min(own, default=1.0)
+
+
+_IN_MODEL = "Take scale, alignment and bias from the calibration with the cause in it, which the answer holds"
+_TAGS = "Mend the gyro's time tags or undo its filter, by the size found, and calibrate again"
+_SAMPLES = "Have the gyro's samples mended where they are made, in the unit's settings or its telemetry, and calibrate again"
+_REFERENCES = (
+    "Leave the gyro; mend the reference attitudes or take the calibration that allows for their error, which the answer holds"
+)
+REMEDIES = {
+    "rate": _IN_MODEL,
+    "random_rate": f"{_IN_MODEL}, and repeat it as often as the bias wanders by more than you can bear",
+    "filter": _TAGS,
+    "clock": _TAGS,
+    "threshold": _SAMPLES,
+    "white_noise": "State the gyro's noise as found, and calibrate again: the sigmas change",
+    "pickup": _IN_MODEL,
+    "outliers": _SAMPLES,
+    "range": _SAMPLES,
+    "resolution": _SAMPLES,
+    "telemetry": _SAMPLES,
+    "reference": _REFERENCES,
+    "random_reference": _REFERENCES,
+    "reference_noise": "State the references' noise as found, and calibrate again: the sigmas change",
+    "reference_telemetry": "Leave out the references found false; the answer already does",
+    "sensor": "Put the values found into the sensor's model, determine the references again, and calibrate with those",
+}
+
+
+def describe_next_step(diagnosis: Diagnosis) -> str:
+    """Describe the next step, without the maneuvers to fly."""
+    if diagnosis.verdict == "none":
+        return "Use the calibration as it is."
+    if diagnosis.verdict == "unknown":
+        place = next((one.interval for one in diagnosis.where if one.interval), None)
+        first = f"Look at {place} first: what" if place else "Look at what"
+        return (
+            f"{first} was different there (mode, temperature, sensors in use)? Until it is explained the calibration's errors "
+            "are larger than its sigmas."
+        )
+    if not diagnosis.causes:
+        return "Do not decide by this recording: make another one."
+    remedies = list(dict.fromkeys(_find_remedy(cause) for cause in diagnosis.causes))
+    left = diagnosis.remainder
+    if left is not None and left.share > 0.5:
+        remedies.insert(0, f"Look at {gap_budget.SIDE_NAMES[left.side]} first, from which most of the gap comes")
+    return " ".join(f"{one}." for one in remedies)
+
+
+def _find_remedy(cause: Cause) -> str:
+    return REMEDIES[EFFECTS[cause.effect].stage] if cause.effect in EFFECTS else _IN_MODEL

@@ -36,14 +36,19 @@ def _print(console: Console, shown: list[str]) -> None:
 
 def format_answer_lines(diagnosis: Diagnosis) -> list[str]:
     """Everything above the table of the calibration."""
+    closed = diagnosis.closure
+    closure = words.explain_missing_closure(diagnosis) if closed is None else words.describe_closure(closed)
     out = [f"{diagnosis.recording}: {words.describe_verdict(diagnosis)}", words.describe_gap_test(diagnosis)]
     for title, part in (
         ("Where it departs from the baseline, strongest test first", _format_places(diagnosis)),
-        ("Cause" if len(diagnosis.causes) == 1 else "Causes", _format_causes(diagnosis)),
+        (
+            "Cause" if len(diagnosis.causes) == 1 else "Causes",
+            (line for one in diagnosis.causes for line in _format_cause(one, diagnosis)),
+        ),
         ("Other explanations", _format_alternatives(diagnosis)),
-        ("How far the gap closes", iter([_format_closure(diagnosis)])),
+        ("How far the gap closes", iter([closure])),
         ("Gap budget on held-out data", _format_budget(diagnosis)),
-        ("Raw tables of sun and Earth sensors", _format_sensors(diagnosis)),
+        ("Raw tables of sun and Earth sensors", (f"- {sentence}" for sentence in sensor_words.describe_sensors(diagnosis))),
         ("Effect on the calibration", iter([words.describe_calibration_change(diagnosis)])),
     ):
         body = [f"  {line}" for line in part]
@@ -67,11 +72,6 @@ def _format_places(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"and {more} more, in what --json writes under 'where'"
 
 
-def _format_causes(diagnosis: Diagnosis) -> Iterator[str]:
-    for cause in diagnosis.causes:
-        yield from _format_cause(cause, diagnosis)
-
-
 def _format_cause(cause: Cause, diagnosis: Diagnosis) -> Iterator[str]:
     yield "; ".join([f"- {cause.label}: {words.format_cause_size(cause)}", *words.describe_parameters(cause, diagnosis)])
     yield f"  {words.describe_probability(cause)}"
@@ -85,16 +85,8 @@ def _format_alternatives(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"- in all, with some effect that is not on the list: {words.format_percent(diagnosis.unknown_probability)}"
 
 
-def _format_sensors(diagnosis: Diagnosis) -> Iterator[str]:
-    yield from (f"- {sentence}" for sentence in sensor_words.describe_sensors(diagnosis))
-
-
 def _format_budget(diagnosis: Diagnosis) -> Iterator[str]:
     for step in diagnosis.budget:
         share = "" if step.closed is None else f"  {100 * step.closed:5.0f} %"
         yield f"{gap_budget.name_step(step):32s}{step.misfit:9.3g}{share}"
     yield from (f"- {sentence}" for sentence in gap_budget.describe(diagnosis))
-
-
-def _format_closure(diagnosis: Diagnosis) -> str:
-    return words.explain_missing_closure(diagnosis) if diagnosis.closure is None else words.describe_closure(diagnosis.closure)

@@ -10,12 +10,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from markdown_it import MarkdownIt
 from markdown_it.rules_core import StateCore
 from markdown_it.token import Token
 from markupsafe import Markup
 
-from studies.report.pages import NUMERIC_CELL, Item, Picture, Section, SmallParagraph
+from studies.report.pages import NUMERIC_CELL, Item, Page, Picture, ProvenanceFooter, Section, SmallParagraph, make_slug
 
 LONG = 40  # rows of a report's table, above which it is folded
 
@@ -133,3 +134,24 @@ def _fit_table(tokens: Sequence[Token]) -> None:
 def _shorten_commit(commit: str) -> str:
     """A commit by twelve digits, and whether there were changes."""
     return commit[:12] + commit[40:]
+
+
+def build_study_page(folder: Path, made: ProvenanceFooter | None = None) -> str:
+    """The whole page, made of the content of the folder."""
+    source = Source.load(folder)
+    sections = [Section("", [summarise_checks(folder)]), *source.sections("report.md", 2, make_slug)]
+    return Page(
+        source.title("report.md"), [*sections, Section("", [source.describe_origin("report.md")])], None, made
+    ).render_html()
+
+
+def summarise_checks(folder: Path) -> str:
+    """Count the checks of a study that pass, and name the others."""
+    path = folder / "checks.csv"
+    if not path.is_file():
+        return "This study has no checks."
+    checks = pd.read_csv(path)
+    judged = checks[checks["verdict"] != "note"]
+    failed = judged.loc[judged["verdict"] == "fail", "check"]
+    text = f"{len(judged) - len(failed)} of {len(judged)} checks pass."
+    return f"{text} Not: {'; '.join(failed)}." if len(failed) else text

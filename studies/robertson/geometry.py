@@ -28,13 +28,13 @@ from simulator.mission_mode.config import DAY, MissionConfig, build_uploads, fit
 from simulator.mission_mode.mounting import ELEVATION, PATH_STEP, compute_sun_path
 from simulator.sensors.sun import SIMULATED_HALF_FOV, build_trmm_alignments
 from studies.report.panels import DARK, RED, TEAL, Draw, Line, build_sheet, make_curves
+from studies.robertson.printed_coefficients import SLIPS
 
 Array = NDArray[np.float64]
 
 YEAR_DAYS = 365.25
 TILTS_DEG = (10.0, 20.0, 30.0, 40.0)
 ELEVATIONS_DEG = (0.0, 10.0, 20.0, 25.0, 29.4, 33.0, 40.0)
-SLIPS = (1.0, 10.0, 100.0)
 
 
 def compute_sun_availability(tilt: float, elevation: float, angles: Array) -> Array:

@@ -7,11 +7,10 @@ import sys
 import numpy as np
 import pytest
 
-from benchmarks import c_kernel, cases, diagnosis, references, report, start_up
+from benchmarks import c_kernel, cases, diagnosis, measure, references, report
 from benchmarks.goals import Goal, judged
-from benchmarks.measure import LEFT_OUT
+from benchmarks.measure import LEFT_OUT, Candidate, interleaved
 from benchmarks.streams import disagreement, run_packed
-from benchmarks.timing import Candidate, interleaved
 from gyrocal import Arcs, GyroParameters
 from tests import ROOT
 
@@ -122,8 +121,8 @@ def test_what_runs_in_a_process_of_its_own_measures(tmp_path, monkeypatch):
     assert cost["cpu_ms_per_case_mean"] > 0
     assert cost["peak_rss_mb"] > 0
     assert np.isfinite(np.load(tmp_path / "part0.npy")).all()
-    monkeypatch.setattr(start_up, "COMMAND_NAMES", ("calibrate",))
-    assert set(start_up.compute_start_up_ratios(start_up.measure_start_ups(0))) == {
+    monkeypatch.setattr(measure, "COMMAND_NAMES", ("calibrate",))
+    assert set(measure.compute_start_up_ratios(measure.measure_start_ups(0))) == {
         "help_vs_numpy",
         "wrong_option_vs_numpy",
         "no_recording_vs_numpy",

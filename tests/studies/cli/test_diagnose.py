@@ -7,10 +7,9 @@ import re
 import pytest
 
 from diagnosis.plan import Extra, Plan
-from gyrocal import InputError
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli.main import main
-from studies.report import next_flight
+from studies.report import diagnosis_answers
 from studies.report.console import show_stages
 from tests import ROOT
 from tests.diagnosis_cases import CASES
@@ -62,7 +61,7 @@ def test_any_verdict_is_a_success(run_cli, asked, rec, case, tmp_path):
 
 def test_a_plan_says_what_to_fly(run_cli, asked, rec, tmp_path, monkeypatch):
     asked["case"] = "group"
-    monkeypatch.setattr(next_flight, "plan", lambda scenario, **_: planned(scenario.title))
+    monkeypatch.setattr(diagnosis_answers, "plan", lambda scenario, **_: planned(scenario.title))
     page = tmp_path / "page.html"
     shown = run_cli("diagnose", rec, "--report", str(page), "--plan", "trmm")
     assert shown.exit_code == 0, shown.output
@@ -80,26 +79,20 @@ def planned(title):
 
 def test_the_next_maneuver_follows_the_plan():
     group, named, unknown, none = (CASES[case]() for case in ("group", "named", "unknown", "none"))
-    assert next_flight.describe_next_flight(group, planned("x")).startswith("a roll (0.3 h)")
+    assert diagnosis_answers.describe_next_flight(group, planned("x")).startswith("a roll (0.3 h)")
     assert (
-        next_flight.describe_next_flight(named, planned("x"))
+        diagnosis_answers.describe_next_flight(named, planned("x"))
         == "No extra maneuver on the list makes the cause much better visible."
     )
     helped = dataclasses.replace(planned("x").extras[0], by_effect={"bias_orbital:z": 0.25})
     better = dataclasses.replace(planned("x"), extras=(helped,))
     assert (
-        next_flight.describe_next_flight(named, better)
+        diagnosis_answers.describe_next_flight(named, better)
         == "a turn (1.5 h): the smallest visible size of the cause is then 0.25 times that of this recording."
     )
-    assert "--plan SCENARIO" in next_flight.describe_next_flight(unknown)
-    assert next_flight.describe_next_flight(none) == "No further recording is needed."
-    assert next_flight.list_suspected_effects(group) == ["time_offset", "rate_lag"]
-
-
-def test_json_on_standard_output_is_alone(run_cli, asked, rec):
-    shown = run_cli("diagnose", rec, "--json", "-")
-    assert shown.exit_code == 0
-    assert json.loads(shown.stdout) == CASES["named"]().to_json()
+    assert "--plan SCENARIO" in diagnosis_answers.describe_next_flight(unknown)
+    assert diagnosis_answers.describe_next_flight(none) == "No further recording is needed."
+    assert diagnosis_answers.list_suspected_effects(group) == ["time_offset", "rate_lag"]
 
 
 def test_effects_are_taken_off_the_list(run_cli, asked, rec):
@@ -108,22 +101,6 @@ def test_effects_are_taken_off_the_list(run_cli, asked, rec):
     assert run_cli("diagnose", rec, "--without", "spikes", "--without", "rate_lag", "--seed", "5").exit_code == 0
     assert set(asked["library"]) == set(ALL_EFFECTS) - {"spikes", "rate_lag"}
     assert asked["seed"] == 5
-
-
-def test_an_unusable_recording_is_one_line(run_cli, rec, monkeypatch):
-    def refuse(recording, **_):
-        raise InputError("m1: a hole of 30 s in the gyro stream")
-
-    monkeypatch.setattr("diagnosis.diagnose.diagnose", refuse)
-    result = run_cli("diagnose", rec)
-    assert result.exit_code == 2
-    assert result.stderr == "gyrocal: m1: a hole of 30 s in the gyro stream\n"
-
-
-def test_long_work_says_how_far_it_is(capsys):
-    with show_stages("diagnose", 0.0) as tell:
-        tell("null distribution", 0.4)
-    assert capsys.readouterr().err == "diagnose: null distribution, 40 % done\n"
 
 
 def test_each_stage_is_said_once(capsys):

@@ -5,6 +5,7 @@ import pytest
 
 from simulator import adopted_scenario
 from simulator import load as load_scenario
+from studies.calibration.maneuvers_needed import select_intervals
 from studies.natanson import drift, omitted_effects
 from studies.robertson import published_tables
 
@@ -45,7 +46,7 @@ def test_a_drift_leaves_more_in_january():
 
 
 def test_january_alone_is_a_recording():
-    january = drift.select_intervals(FLOWN.fly(1, 0, []), drift.JANUARY)
+    january = select_intervals(FLOWN.fly(1, 0, []), drift.JANUARY)
     assert [one.name for one in january.intervals] == ["m5", "m6"]
     assert len(january.attitudes.t_s) == 4
 

@@ -20,7 +20,6 @@ from studies.report import (
     diagnosis_figures,
     diagnosis_summary,
     gap_budget,
-    next_step,
     pointing_cost,
     svg,
 )
@@ -44,6 +43,12 @@ FIGURES = {
 RENDERED = {"pair", "not identifiable"}  # cases whose figures are rendered; those of the others are drawn only
 
 
+TITLES = (
+    *("Where it departs from the baseline, strongest test first", "Causes", "Other explanations", "How far the gap closes"),
+    *("Effect on the calibration", "Limits of this recording"),
+)
+
+
 class Pages(dict):
     """The page of each case, made when it is first asked for: a worker may have few of the tests."""
 
@@ -60,78 +65,24 @@ def pages():
     return Pages()
 
 
-def summary(diagnosis, width=100):
-    console = Console(file=io.StringIO(), width=width, emoji=True)
+def summary(diagnosis):
+    console = Console(file=io.StringIO(), width=100, emoji=True)
     diagnosis_summary.show(console, diagnosis)
     return console.file.getvalue()
-
-
-def flat(text):
-    return " ".join(text.split())
 
 
 # ---- summary -------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("case", "texts"),
-    [
-        (
-            "none",
-            ["No gap", "p = 0.43, so no gap is reported", "There is no gap to close", "The calibration is the baseline's"],
-        ),
-        (
-            "named",
-            [
-                "one cause explains it: bias_orbital:z.",
-                "m4, hold, axis z: χ² 310 (61 expected), 450 to 4050 s after its start (p = 1e-40)",
-                "bias_orbital:z: 0.1100 ± 0.0060 deg/h; phase 57° at the epoch",
-                "probability 98 %; no other effect on the list explains the data as well",
-                "reference_orbital:z: 1 %",
-                "97 % of the gap is closed on held-out data (90 % interval 90 to 105 %; held out: ",
-                "is 2.53 under the baseline and 1.13 with the cause in the model; noise alone would leave 1.09",
-                "4 of 12 parameters move by more than their sigma, most of all b_z by +0.08 deg/h",
-            ],
-        ),
-        (
-            "pair",
-            [
-                "2 causes together explain it: bias_orbital:z and g_matrix_step:z.",
-                "g_matrix_step:z: -1310 ± 42 ppm; at 15000 s since the epoch, in m3, 4200 s after its start; "
-                "axis z picks up the rate about y (G_zy)",
-                "bias_orbital:z + something unlisted (bias of another period, axis z): 0.6 %",
-            ],
-        ),
-        (
-            "group",
-            [
-                "cannot tell apart what explains it: time_offset or rate_lag.",
-                "probability 55 %; indistinguishable here from rate_lag (probability that it is one of these: 99.1 %)",
-            ],
-        ),
-        ("unknown", ["no known effect explains: with a probability of 97 %", "nothing closes the gap"]),
-        ("not identifiable", ["cannot show what causes it", "bias_step:x: 8 %", "References only at the ends"]),
-        (
-            "stream",
-            [
-                "one cause explains it: rate_quantization.",
-                "gyro stream: samples lie on a lattice of 0.0002778 deg/s (p < 1e-99)",
-                "rate_quantization: 0.00027777 ± 3e-10 deg/s",
-                "more than 99.9 %",
-                "Not measured: the cause is seen in the samples",
-            ],
-        ),
-    ],
-)
-def test_summary_says(case, texts):
-    shown = flat(summary(CASES[case]()))
-    for text in texts:
-        assert text in shown
-
-
 @pytest.mark.parametrize("case", CASES)
-def test_summary_says_nothing_that_is_not_so(case):
-    shown = summary(CASES[case]())
+def test_summary_has_its_parts_and_says_nothing_that_is_not_so(case):
+    diagnosis = CASES[case]()
+    shown = summary(diagnosis)
+    assert words.describe_verdict(diagnosis) in " ".join(shown.split())
+    titles = [line for line in shown.splitlines() if line in TITLES]
+    assert titles == [title for title in TITLES if title in titles]
+    assert {*TITLES[3:4], *TITLES[-2:]} <= set(titles)
+    assert sum(f"- {cause.label}: " in shown for cause in diagnosis.causes) == len(diagnosis.causes)
     assert ("No gap" in shown) == (case == "none")
     assert ("% of the gap is closed" in shown) == (case in ("named", "pair", "group"))
     assert ("change in sigma" in shown) == (case in ("named", "pair", "group"))
@@ -160,31 +111,6 @@ def test_probabilities_are_never_certain():
 )
 def test_sizes(value, sigma, shown):
     assert words.format_size(value, sigma, "u") == shown
-
-
-def test_a_time_between_intervals():
-    step = dataclasses.replace(CASES["pair"]().causes[1], parameters={"time_s": 5000.0, "toward": "z"})
-    assert words.describe_parameters(step, CASES["pair"]()) == [
-        "at 5000 s since the epoch, between m1 and m2",
-        "the scale factor of axis z (G_zz)",
-    ]
-
-
-@pytest.mark.parametrize(
-    ("parameters", "text"),
-    [
-        ({"apparent_hz": 0.31}, "seen at 0.31 Hz"),
-        ({"fraction": 0.004}, "0.4 % of the samples"),
-        ({"time_constant_s": 612.0}, "lasting about 612 s"),
-        ({"column": "gyro_temperature_c"}, "follows housekeeping column gyro_temperature_c"),
-        ({"gaps": "hold"}, "between intervals the bias holds its value"),
-        ({"depth_deg": 2.0}, "depth 2 deg"),
-        ({"time_s": float("nan")}, "time s not known"),
-    ],
-)
-def test_parameters_in_words(parameters, text):
-    cause = dataclasses.replace(CASES["named"]().causes[0], parameters=parameters)
-    assert words.describe_parameters(cause, CASES["named"]()) == [text]
 
 
 def test_every_effect_has_a_meaning():
@@ -250,19 +176,6 @@ def test_page_begins_with_the_answer(pages, case):
     assert diagnosis.notes[0] in rest
 
 
-@pytest.mark.parametrize(
-    ("case", "headline"),
-    [
-        ("named", "The z gyro's bias swings by ±0.11 deg/h once an orbit"),
-        ("group", "Either the gyro's time tags are 0.52 s late, or the gyro's readings trail the motion by some amount"),
-        ("unknown", "Something is at work that is on no list of known causes"),
-        ("stream", "The gyro's readings are rounded to steps of 0.000278 deg/s"),
-    ],
-)
-def test_headline_is_plain(case, headline):
-    assert diagnosis_answers.format_headline(CASES[case]()) == headline
-
-
 def test_every_effect_has_a_sentence_of_its_own():
     said = {effect.sentence("y" if effect.axes else None, -2.0, "2.0 u") for effect in ALL_EFFECTS.values()}
     assert len(said) == len(ALL_EFFECTS)
@@ -295,25 +208,6 @@ def test_a_line_is_a_motion_of_the_body_unless_it_is_named_for_something_else(ki
     details = dataclasses.replace(found.details, stream=pd.DataFrame([row]))
     page = diagnosis_report.build_diagnosis_page(dataclasses.replace(found, where=where, details=details))
     assert ("taken for a motion of the body" in page) == is_motion
-
-
-def test_page_is_the_same_every_time(pages):
-    again = dataclasses.replace(CASES["not identifiable"](), runtime_s=99.0)
-    assert diagnosis_report.build_diagnosis_page(again) == pages["not identifiable"]
-
-
-def test_names_are_text(pages):
-    odd = dataclasses.replace(CASES["none"](), recording="<b>$x_1$ & :x:", notes=("a < b",))
-    text = diagnosis_report.build_diagnosis_page(odd)
-    assert "<b>" not in text
-    assert "a &lt; b" in text
-    assert "<b>$x_1$ & :x:" in summary(odd)
-
-
-def test_stream_tests_stand_out(pages):
-    strong = re.findall('<tr class="strong"><td>([^<]*)', pages["stream"].split("The gyro stream<")[-1])
-    assert strong == ["lattice"] * 3
-    assert 'class="strong"' not in pages["none"]
 
 
 def test_unlikely_tables():
@@ -363,15 +257,6 @@ def test_after_is_drawn_only_where_it_differs():
     assert marks(CASES["unknown"]().details.residuals) == 0
 
 
-def test_unlisted_explanations_look_different(pages):
-    def strong(case):
-        rows = pages[case].split("The explanations that were compared</h2>")[1].split("</table>")[0].split("<tr")[2:]
-        return [row.startswith(' class="strong"') for row in rows]
-
-    assert strong("unknown") == [True, True, False]
-    assert strong("pair") == [False, False]
-
-
 def test_the_answers_name_no_more_than_is_sure():
     """What is only likely is hedged, what may yet be on the list is not said to be on none."""
     base, group = CASES["unknown"](), CASES["group"]()
@@ -392,10 +277,12 @@ def test_the_answers_name_no_more_than_is_sure():
 
 
 def test_every_stage_has_a_remedy():
-    assert set(next_step.REMEDIES) == set(STAGE_NAMES)
-    assert "time tags" in next_step.describe_next_step(CASES["group"]())
-    assert next_step.describe_next_step(CASES["none"]()) == "Use the calibration as it is."
-    assert next_step.describe_next_step(CASES["unknown"]()).startswith(f"Look at {CASES['unknown']().where[0].interval} first")
+    assert set(diagnosis_answers.REMEDIES) == set(STAGE_NAMES)
+    assert "time tags" in diagnosis_answers.describe_next_step(CASES["group"]())
+    assert diagnosis_answers.describe_next_step(CASES["none"]()) == "Use the calibration as it is."
+    assert diagnosis_answers.describe_next_step(CASES["unknown"]()).startswith(
+        f"Look at {CASES['unknown']().where[0].interval} first"
+    )
 
 
 def test_a_time_in_an_interval_counts_from_its_start_where_references_are_averaged():
@@ -428,7 +315,7 @@ def test_a_partial_answer_says_what_its_causes_close_and_what_to_look_at_first()
     left = RemainderSummary(0.93, (0.87, 0.96), (0.0, 0.0, 0.0), (0.3, 0.2, 0.1), 0.0, 0.0, 1.0, "reference", 0.7, ())
     one = dataclasses.replace(base, verdict="partial", causes=(alone,), budget=budget, remainder=left)
     assert diagnosis_answers.format_headline(one).endswith("are 0.52 s late; this closes 7 % of the gap, 93 % is not explained")
-    assert next_step.describe_next_step(one).startswith("Look at the reference attitudes first")
+    assert diagnosis_answers.describe_next_step(one).startswith("Look at the reference attitudes first")
     two = dataclasses.replace(one, causes=(alone, CASES["named"]().causes[0]))
     assert ", the first of 2 causes; together they close 7 % of the gap" in diagnosis_answers.format_headline(two)
     whole = dataclasses.replace(one, budget=(*budget, Step("floor", 1.0, 0.1)))

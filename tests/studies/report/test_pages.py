@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from markupsafe import Markup
 
-from studies.report import study_page
+from studies.report import source
 from studies.report.pages import Answer, Page, PageTable, Picture, ProvenanceFooter, Section, SmallParagraph
 from studies.report.source import Source, render_markdown
 from tests import ROOT
@@ -83,16 +83,16 @@ def test_markdown_keeps_links_within_the_page_and_folds_long_tables():
 @pytest.mark.parametrize("name", ["flight", "timestep"])
 def test_the_page_of_a_study_is_whole(name):
     folder = ROOT / "results" / "studies" / name
-    page = checked(study_page.build_study_page(folder, ProvenanceFooter("1", "2026-01-01", "gyrocal study flight")))
+    page = checked(source.build_study_page(folder, ProvenanceFooter("1", "2026-01-01", "gyrocal study flight")))
     assert set(page.figures) == {f"{name}-{path.stem}" for path in folder.glob("*.svg")}
     assert "SHA-256" in page.words
 
 
 def test_checks_that_fail_are_named(tmp_path):
-    assert study_page.summarise_checks(tmp_path) == "This study has no checks."
+    assert source.summarise_checks(tmp_path) == "This study has no checks."
     lines = ["check,verdict", "one,pass", "two,fail", "three,note"]
     (tmp_path / "checks.csv").write_text("\n".join(lines))
-    assert study_page.summarise_checks(tmp_path) == "1 of 2 checks pass. Not: two."
+    assert source.summarise_checks(tmp_path) == "1 of 2 checks pass. Not: two."
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
