@@ -9,6 +9,7 @@ import sys
 import pytest
 
 import simulator
+from simulator.mission_mode import flight
 from studies.natanson.claims import NATANSON_CLAIMS
 from studies.report import committed_results
 from studies.report.claims import PaperResults, judge_claims
@@ -62,7 +63,7 @@ def test_the_gallery_shows_every_picture_and_its_code():
 
 
 def test_examples_of_docstrings():
-    for module in (simulator, simulator.scenario):
+    for module in (simulator, simulator.scenario, flight):
         result = doctest.testmod(module)
         assert (result.failed, result.attempted > 0) == (0, True)
 

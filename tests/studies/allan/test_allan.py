@@ -14,12 +14,10 @@ from gyrocal.allan.terms import ANGLE_WHITE, FLICKER, RANDOM_WALK
 from simulator import scenario
 from simulator.effects import parse
 from simulator.simulate import simulate
-from studies.allan.analysis import convert_to_display_unit, estimate_noise_terms
+from studies.allan.analysis import convert_to_display_unit, estimate_noise_terms, find_rate_step
 from studies.allan.rates import compute_constant_rate_p, find_stretches
 from studies.allan.report import list_remarks
-from studies.allan.steps import find_rate_step
 from studies.cli.main import main
-from tests import ROOT
 from tests.builders import piecewise_recording
 from tests.diagnosis.recordings import of_rates
 from tests.pages import checked
@@ -190,11 +188,3 @@ def test_bad_input_is_one_line(tmp_path):
     result = CliRunner().invoke(main, ["allan", str(tmp_path / "rec"), "--figure", str(tmp_path / "a.pdf")])
     assert result.exit_code == 2
     assert "must end in .svg or .png" in result.output
-
-
-def test_the_example_of_the_page_runs():
-    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "allan.md").read_text(), flags=re.DOTALL)
-    namespace = {}
-    exec(compile(block, "allan.md", "exec"), namespace)
-    walk = namespace["walk"]
-    assert abs(walk.value - 1 / np.sqrt(2)) < 4 * walk.sigma

@@ -56,8 +56,3 @@ def test_a_recording_without_references_shows_its_noise_and_is_not_calibrated(lo
     with pytest.raises(InputError, match="no reference attitudes"):
         calibrate(recording)
     assert "for a CSV table" in str(run(tmp_path / "rec", "--time", "t:s").output)
-
-
-def test_two_gyros_are_refused(log):
-    with pytest.raises(InputError, match="2 columns; with other than three give the gyros' axes"):
-        import_gyro_log(log, {"time": "ms:ms", "gyro": "gx,gy:deg/s"})

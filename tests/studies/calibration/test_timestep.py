@@ -102,12 +102,6 @@ def test_flights_spread_is_that_of_the_flight_gap(rows):
     assert flight.FLIGHT_STEPS_S == (0.5, 1.0, 2.0)
 
 
-def test_a_step_that_is_no_multiple_is_a_failed_case_and_says_why(tmp_path):
-    config = load_config(timestep.STUDY, changes={"cases": 2, "steps_s": [0.5, 0.7]})
-    outcome = engine.run(timestep.STUDY, config, tmp_path, backend="serial")
-    assert "not a whole multiple" in outcome.failures[0]
-
-
 def test_ways_that_are_swapped_fail(config, rows):
     at_8_s = timestep.summarise_steps(rows).set_index(["resampling", "step_s"])["gyro_ratio"].loc[("skip", 8.0)]
     assert at_8_s == pytest.approx(4, rel=4 * 0.06)  # sqrt(16); four relative standard errors of the spread's ratio

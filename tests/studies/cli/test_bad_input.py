@@ -75,7 +75,23 @@ WRONG = [
     ("calibrate REC --fail-on q<1", "where NAME is p or condition"),
     ("predict REC --from 10 --prior-scale nan", "sigma_scale nan"),
     ("predict REC --from 10 --prior-sigma-g -1", "sigma_G -1"),
-    ("mission OUT --days 1 --every 1e308", "must be a multiple of the cycle"),
+    *((f"mission OUT --days {days}", text) for days, text in (("nan", "--days nan"), ("0", "one cycle"), ("1e9", "1000 days"))),
+    *((f"mission OUT --days 1 --every {every}", "must be a multiple of the cycle") for every in ("0.7", "inf", "1e308")),
+    ("mission OUT --days 900 --every 0.5", "too many"),
+    ("mission OUT --days 1 --calibrated --tables calibration1", "exclude each other"),
+    ("mission OUT --days 1 --json no/such/x.json", "no folder no/such"),
+    ("reproduce --paper robertson --days nan", "--days nan"),
+    ("reproduce --paper robertson --days 0.5", "between 1 and 200"),
+    # adopted scenarios and sensors
+    ("compare REC trmm trmm", "give each scenario once"),
+    ("compare REC nowhere.toml", "neither a file nor a built-in scenario"),
+    ("compare REC --report -", "give the name of a file"),
+    ("diagnose REC --adopt -", "give the name of a file"),
+    ("diagnose REC --adopt same --json same", "need files of their own"),
+    ("simulate REC OUT --draw", "no posterior to draw from"),
+    ("simulate trmm OUT --effect dss_head:2=0.1", "dss_head: acts on raw sensor tables"),
+    ("simulate trmm_months OUT --effect dss_head=0.1", "which axis"),
+    ("simulate trmm_months OUT --effect esa_bias=9", "not within"),
 ]
 
 

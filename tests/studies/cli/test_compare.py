@@ -64,13 +64,6 @@ def test_an_adopted_scenario_is_flown_and_drawn(run_cli, made):
     ("arguments", "text"),
     [
         (("compare", "REC", "trmm"), "flies another plan"),
-        (("compare", "REC", "nowhere.toml"), "neither a file nor a built-in scenario"),
-        (("compare", "REC", "trmm", "trmm"), "give each scenario once"),
-        (("compare", "REC", "--report", "-"), "give the name of a file"),
-        (("compare", "REC", "--json", "OUT", "--report", "OUT"), "need files of their own"),
-        (("diagnose", "REC", "--adopt", "-"), "give the name of a file"),
-        (("diagnose", "REC", "--adopt", "OUT", "--json", "OUT"), "need files of their own"),
-        (("simulate", "REC", "OUT", "--draw"), "no posterior to draw from"),
         (("simulate", "SCENARIO", "OUT", "--set", "gyro.sample_s=1"), "no scenario to change"),
     ],
 )

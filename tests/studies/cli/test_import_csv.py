@@ -102,33 +102,7 @@ def test_a_gyro_mounted_by_hand_is_refused_with_the_option_that_imports_it(run_c
     assert found["warnings"] == []
 
 
-def test_faults_are_one_line_and_status_2(run_cli, folder):
-    files = str(folder / "gyro.csv"), str(folder / "mocap.csv"), str(folder / "c")
-    wrong = [word.replace("deg/s", "rad/s") for word in OPTIONS]
-    for arguments, words in (
-        ((*files, *wrong), "the gyro in deg/s, not rad/s"),
-        ((*files, *OPTIONS[2:]), "time is missing"),
-        ((files[0], *OPTIONS), "give GYRO.csv, ATTITUDE.csv and the folder OUT"),
-        ((*files, "--mapping", str(folder / "none.toml")), "no such file"),
-    ):
-        result = run_cli("import", "csv", *arguments)
-        assert result.exit_code == 2
-        assert words in result.stderr
-        assert result.stderr.count("\n") == 1
-        assert not (folder / "c").exists()
-    assert run_cli("import", "csv", *files, *wrong, "--unchecked").exit_code == 0
-    again = run_cli("import", "csv", *files, *OPTIONS)
-    assert again.exit_code == 2
-    assert "--force" in again.stderr
-
-
 EXAMPLE, READER = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "import.md").read_text(), flags=re.DOTALL)
-
-
-def test_the_page_s_example_finds_the_bias():
-    namespace = {}
-    exec(compile(EXAMPLE, "import.md", "exec"), namespace)
-    assert np.abs(np.abs(np.rad2deg(namespace["result"].bias)) - 0.4).max() < 0.02
 
 
 def test_the_reader_of_the_page_reads_its_log(tmp_path):

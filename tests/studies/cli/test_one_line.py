@@ -29,10 +29,6 @@ def rec(tmp_path, monkeypatch):
     return tmp_path / "rec"
 
 
-def test_no_command_at_all_shows_the_help(run_cli):
-    assert "Commands:" in run_cli().output
-
-
 def warned(*met):
     def names():
         for category, message in met:
@@ -153,12 +149,6 @@ def test_control_characters_of_a_title_reach_neither_terminal_nor_figure(run_cli
     for page in pages:
         assert ElementTree.fromstring(page).tag.endswith("svg")
         assert b"[2Jred" in page
-
-
-def test_control_characters_do_not_reach_a_terminal(capsys):
-    consoles.make_console().print("a\x1b[31mb\x9bc\nd", markup=False)
-    shown = capsys.readouterr().out
-    assert shown == f"a{consoles.MISSING}[31mb{consoles.MISSING}c\nd\n"
 
 
 def test_an_effect_file_that_exits_does_not_end_the_program(run_cli, tmp_path):

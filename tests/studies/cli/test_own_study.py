@@ -12,7 +12,6 @@ from rich.console import Console
 from gyrocal import InputError
 from studies import catalogue
 from studies.montecarlo.cases import Task, run_cases
-from tests import ROOT
 
 MINE = '''"""How well the mean of some noise is known."""
 
@@ -120,20 +119,6 @@ def test_names_that_cannot_be_imported(name, message, mine, run_cli):
     found = run_cli("study", str(path))
     assert (found.exit_code, message in found.stderr) == (2, True)
     assert "no such file" in run_cli("study", str(mine)).stderr
-
-
-def test_the_example_of_the_docs_runs(run_cli, tmp_path, monkeypatch):
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "own_study.md").read_text(), flags=re.DOTALL)
-    assert len(blocks) == 2
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    (tmp_path / "mystudy.py").write_text("\n".join(blocks))
-    found = run_cli(
-        "study", str(tmp_path / "mystudy.py"), "--cases", "3", "--backend", "serial", "--out", str(tmp_path / "out")
-    )
-    sys.modules.pop("mystudy", None)
-    assert found.exit_code == 0, found.output
-    assert "3 cases, none failed" in found.stdout
-    assert {"summary.csv", "errors.svg"} <= {path.name for path in (tmp_path / "out").iterdir()}
 
 
 def test_a_report_that_raises_names_the_folder_with_the_rows(mine, tmp_path, monkeypatch):

@@ -1,7 +1,6 @@
 """What scripts rely on: exit statuses, JUnit's XML, JSON, and names that were meant."""
 
 import json
-import shlex
 from types import SimpleNamespace
 from xml.etree import ElementTree
 
@@ -64,23 +63,6 @@ def test_checks_as_tests(tmp_path):
     assert [case.get("name") for case in suite] == [check.name for check in checks]
     assert suite[0].get("classname") == "rec\ufffd[31m <&>"
     assert (suite.get("tests"), suite.get("failures"), suite.get("skipped")) == ("4", "2", "1")
-
-
-def test_a_study_as_tests_and_its_own_example_of_a_rerun(run_cli, tmp_path):
-    """The lines of `study --help`, in a folder of the test's own and with fewer cases."""
-    text = run_cli("study", "--help").stdout
-    lines = [line.strip() for line in text.splitlines() if line.strip().startswith("gyrocal study paper")]
-    assert len(lines) == 2
-    out = str(tmp_path / "paper")
-    first, again = (shlex.split(line.replace("/tmp/paper", out).replace("--cases 20", "--cases 18"))[1:] for line in lines)
-    found = run_cli(*first, "--backend", "serial", "--junit", str(tmp_path / "a.xml"))
-    assert found.exit_code == 0, found.output
-    assert int(ElementTree.parse(tmp_path / "a.xml").getroot()[0].get("tests")) > 1
-    found = run_cli(*again, "--json", str(tmp_path / "rerun.json"))
-    assert found.exit_code == 0, found.output
-    assert "The rows are those of the study" in found.stdout
-    document = json.loads((tmp_path / "rerun.json").read_text())
-    assert (document["case"], document["same"], document["rows"][0]["case"]) == (17, True, 17)
 
 
 def test_scenarios_have_titles(run_cli, tmp_path):

@@ -165,21 +165,6 @@ def test_a_bad_scheduler_address_fails_at_once_in_one_line(address, monkeypatch,
     assert not caplog.messages
 
 
-@needs_dask
-def test_a_port_that_is_no_scheduler(tmp_path):
-    """Something else that answers, with what dask takes for the length of an answer."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-
-        def answer():
-            one, _ = server.accept()
-            with one:
-                one.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
-
-        threading.Thread(target=answer, daemon=True).start()
-        with pytest.raises(InputError, match="see that it runs"):
-            run(DRAWS, DrawsConfig(), tmp_path, backend="dask", scheduler=f"tcp://127.0.0.1:{server.getsockname()[1]}")
-
-
 def test_dask_is_optional(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"gyrocal\[dask\]"):

@@ -8,7 +8,7 @@ import scipy.stats
 from gyrocal import NAMES, GyroParameters
 from simulator import scenario as scenarios
 from studies.calibration import summaries
-from studies.montecarlo import engine, statistics
+from studies.montecarlo import statistics
 from studies.natanson import flight, paper_forms, paper_tables
 
 CASES = 200
@@ -70,16 +70,6 @@ def test_second_iteration_and_linear_psi_are_small(rows):
     assert 1e-6 < second["G_median"] < 1e-5  # N Table 5: up to 4e-6
     psi = paper_tables.compare_psi_models(rows)
     assert psi["G"].max() < 1e-5
-
-
-@pytest.mark.parametrize("backend", ["serial", pytest.param("loky", marks=pytest.mark.long)])
-def test_a_row_is_the_same_alone_serial_and_parallel(backend, config, rows, tmp_path):
-    small = config.model_copy(update={"cases": 10})
-    serial = engine.run(paper_tables.STUDY, small, tmp_path / "serial", backend="serial").load()
-    parts = engine.run(paper_tables.STUDY, small, tmp_path / "parts", backend=backend, jobs=2).load()
-    pd.testing.assert_frame_equal(serial, parts, check_exact=True)
-    # More cases do not change the first ones, and the engine adds nothing but the error column.
-    pd.testing.assert_frame_equal(serial.drop(columns="error"), rows.head(len(serial)), check_exact=True)
 
 
 def test_dispersions_reach_the_calibration(config):

@@ -10,7 +10,7 @@ from rich.console import Console
 from studies.report import entry, panels, tables
 from studies.report.checks import Check
 from studies.report.tables import Table
-from studies.report.units import format_heading, name_columns
+from studies.report.units import format_heading
 
 DATA = pd.DataFrame({"step_s": [0.5, 1.0], "error_G_xx_ppm": [1 / 3, np.nan], "inside": [True, False], "what": ["a|b", "[c]"]})
 
@@ -32,13 +32,6 @@ def test_headings_have_the_unit_of_the_column(column, expected):
     assert format_heading(column) == expected
 
 
-def test_columns_of_the_twelve_parameters():
-    names = name_columns("sigma")
-    assert len(names) == 12
-    assert names[1] == "sigma_G_xy_ppm"
-    assert names[-1] == "sigma_b_z_deg_h"
-
-
 def test_markdown_has_few_digits_or_as_many_as_asked():
     text = tables.format_markdown("Title", DATA, "A note.", {"step_s": ".2f"})
     assert text.splitlines() == [
@@ -51,13 +44,6 @@ def test_markdown_has_few_digits_or_as_many_as_asked():
         "| 0.50 | 0.33333 | yes | a\\|b |",
         "| 1.00 | – | no | [c] |",
     ]
-
-
-def test_terminal_shows_the_same_cells():
-    out = io.StringIO()
-    tables.print_table(Console(file=out, width=120), "Title", DATA)
-    for text in ("step (s)", "0.33333", "a|b", "[c]", "–"):
-        assert text in out.getvalue()
 
 
 def test_a_report_is_written_and_shown_by_names(tmp_path):
@@ -93,8 +79,3 @@ def test_what_a_terminal_has_no_room_for_is_named():
         for k in range(9):
             assert (f"{1234.5 + k:g}" in shown) != (f"number {k}" in " ".join(shown.partition("left out")[2].split()))
         assert ("left out" in shown) == (width == 70)
-
-
-def test_what_has_no_value_is_a_dash():
-    text = tables.format_markdown("t", pd.DataFrame({"a": [None, True]}, dtype=object))
-    assert text.splitlines()[-2:] == ["| – |", "| yes |"]

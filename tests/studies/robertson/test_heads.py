@@ -16,7 +16,6 @@ from simulator.effects.sensor import parse
 from simulator.simulate import simulate
 from studies import catalogue
 from studies.report import diagnosis_page as diagnosis_report
-from studies.report import sensor_words
 from studies.report.diagnosis_summary import format_answer_lines
 from studies.robertson import heads as sensor_story
 from studies.robertson import heads_truth
@@ -76,13 +75,6 @@ def test_the_json_has_what_the_format_names(run_cli, rec, found, tmp_path, monke
     assert "Residuals of DSS-2 over the Sun's two angles" in html.unescape(page.read_text())
 
 
-def test_the_words_say_what_is_rejected(found):
-    said = "\n".join(format_answer_lines(found))
-    assert "Raw tables of sun and Earth sensors" in said
-    sentence = sensor_words.describe_sensors(found)[-1]
-    assert "would find dss_misalignment and esa_bias instead" in sentence
-
-
 @pytest.mark.usefixtures("blank_figures")
 def test_nominal_sensors_on_the_page(of_the_attitudes):
     nominal = diagnose(simulate(FEW, seed=2))
@@ -118,33 +110,6 @@ def test_tables_that_fit_nothing_are_said_so(rec, of_the_attitudes):
     assert json.loads(json.dumps(found.to_json()["sensors"], allow_nan=False))["mean_square"] is None
     assert any("do not fit the nominal sensors" in line for line in format_answer_lines(found))
     assert "do not fit the nominal sensors in any arc" in diagnosis_report.build_diagnosis_page(found)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (("simulate", "trmm", "{out}", "--effect", "dss_head:2=0.1"), "dss_head: acts on raw sensor tables"),
-        (("simulate", "trmm_months", "{out}", "--effect", "dss_head=0.1"), "which axis"),
-        (("simulate", "trmm_months", "{out}", "--effect", "esa_bias=9"), "not within"),
-        (("simulate", "{rec}", "{out}", "--effect", "esa_bias=0.1"), "which a replay keeps"),
-        (("diagnose", "{rec}", "--without", "dss_heads"), "no such effect"),
-    ],
-)
-def test_bad_input_is_one_line(run_cli, rec, tmp_path, arguments, text):
-    result = run_cli(*(one.format(out=tmp_path / "out", rec=rec) for one in arguments))
-    assert result.exit_code == 2
-    assert text in result.stderr
-    assert len(result.stderr.strip().splitlines()) == 1
-
-
-def test_a_broken_table_is_one_line(run_cli, rec, tmp_path):
-    save(load(rec), tmp_path)
-    table = pd.read_parquet(tmp_path / "sun_sensor.parquet")
-    table.drop(columns="sensor").to_parquet(tmp_path / "sun_sensor.parquet")
-    result = run_cli("diagnose", str(tmp_path))
-    assert result.exit_code == 2
-    assert "sun_sensor: column sensor is missing" in result.stderr
-    assert len(result.stderr.strip().splitlines()) == 1
 
 
 def test_an_orthogonal_fit_of_rs_truth_finds_r3():

@@ -1,6 +1,5 @@
 """The tables beside the flight's: each statistic on made-up runs with known answers, formulas against the loop itself."""
 
-import doctest
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +7,6 @@ import pandas as pd
 import pytest
 
 from simulator import scenario as scenarios
-from simulator.mission_mode import flight as mission_mode
 from simulator.mission_mode.calendar import compute_sun_angle
 from simulator.mission_mode.config import DAY, PRELAUNCH_G, R9_BIAS, R9_G, MissionConfig, TrueGyro, build_period_tables
 from simulator.mission_mode.flight import MissionRun, build_flight_schedule, simulate_mission
@@ -298,19 +296,6 @@ def test_what_is_flown():
     assert study.cases == len(wanted)
     # Both states of a comparison see the same noise.
     assert len({one.seed for name, one in wanted.items() if name[0] == "spikes"}) == 1
-
-
-def test_being_told_of_days_changes_nothing():
-    one, two = (simulate_mission(BASE, days=1.3, seed=4, progress=told) for told in (None, lambda days: None))
-    assert one.telemetry.equals(two.telemetry)
-    assert one.updates.equals(two.updates)
-    assert one.orbits.equals(two.orbits)
-
-
-def test_the_example_of_the_loop_runs():
-    result = doctest.testmod(mission_mode)
-    assert result.attempted > 0
-    assert result.failed == 0
 
 
 def test_daily_means_split_at_uploads():

@@ -68,15 +68,6 @@ def test_uncalibrated_misses_are_marked(run_cli, tmp_path):
     assert "knowledge yaw" in next(line for line in result.stdout.splitlines() if "✗" in line)
 
 
-def test_mission_repeats_itself_and_seeds_differ(run_cli, tmp_path):
-    documents = [
-        json.loads(run_cli("mission", str(tmp_path / name), "--days", "0.1", "--seed", seed, "--json", "-").stdout)
-        for name, seed in (("a", "1"), ("b", "1"), ("c", "2"))
-    ]
-    assert documents[0] == documents[1]
-    assert documents[0]["stretches"] != documents[2]["stretches"]
-
-
 def test_tables_are_replaced_only_by_force(run_cli, tmp_path):
     arguments = ("mission", str(tmp_path / "out"), "--days", "0.01")
     assert run_cli(*arguments).exit_code == 0
@@ -84,33 +75,6 @@ def test_tables_are_replaced_only_by_force(run_cli, tmp_path):
     assert refused.exit_code == 2
     assert "--force" in refused.stderr
     assert run_cli(*arguments, "--force").exit_code == 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (("mission", "OUT", "--days", "nan"), "--days nan"),
-        (("mission", "OUT", "--days", "0"), "between one cycle"),
-        (("mission", "OUT", "--days", "1e9"), "1000 days"),
-        (("mission", "OUT", "--days", "1", "--every", "0.7"), "multiple of the cycle"),
-        (("mission", "OUT", "--days", "1", "--every", "inf"), "multiple of the cycle"),
-        (("mission", "OUT", "--days", "900", "--every", "0.5"), "too many"),
-        (("mission", "OUT", "--days", "1", "--calibrated", "--tables", "calibration1"), "exclude each other"),
-        (("mission", "OUT", "--days", "1", "--json", "no/such/x.json"), "no folder no/such"),
-        (("mission", "FILE/x", "--days", "0.01"), "FILE/x"),
-        (("reproduce", "--paper", "robertson", "--days", "nan"), "--days nan"),
-        (("reproduce", "--paper", "robertson", "--days", "0.5"), "between 1 and 200"),
-        (("reproduce", "--paper", "robertson", "--out", "FILE"), "FILE"),
-    ],
-)
-def test_bad_input_is_one_line(run_cli, tmp_path, arguments, text):
-    (tmp_path / "FILE").write_text("x")
-    paths = {"OUT": str(tmp_path / "out"), "FILE": str(tmp_path / "FILE"), "FILE/x": str(tmp_path / "FILE" / "x")}
-    result = run_cli(*(paths.get(one, one) for one in arguments))
-    assert result.exit_code == 2
-    assert len(result.stderr.strip().splitlines()) == 1
-    assert text in result.stderr
-    assert not (tmp_path / "out").exists()
 
 
 def test_stretches_are_weighted_by_samples_and_end_with_the_run():
@@ -182,19 +146,6 @@ def test_symptoms_are_in_the_short_runs(short_flight):
     rolls = {period: axes["roll"]["simulated"] for period, axes in summary["slew_deg"][best].items()}
     assert rolls["calibration1"] == pytest.approx(0.248, abs=0.05)
     assert abs(rolls["postcalibration"]) < 0.03  # white noise of 0.008° a slew
-
-
-def test_both_papers_by_default(run_cli, monkeypatch, tmp_path):
-    called = {}
-    monkeypatch.setattr("studies.natanson.reproduce.run", lambda folder, *_: called.update(natanson=folder) or {"a": 1})
-    monkeypatch.setattr("studies.robertson.report.run", lambda folder, *_: called.update(robertson=folder) or {"b": 2})
-    options = ("--jobs", "1", "--out", str(tmp_path))
-    assert run_cli("reproduce", *options, "--json", str(tmp_path / "all.json")).exit_code == 0
-    assert called == {"natanson": tmp_path / "reproduction", "robertson": tmp_path / "mission"}
-    assert json.loads((tmp_path / "all.json").read_text()) == {"natanson": {"a": 1}, "robertson": {"b": 2}}
-    called.clear()
-    assert run_cli("reproduce", "--paper", "natanson", "--out", str(tmp_path)).exit_code == 0
-    assert called == {"natanson": tmp_path}
 
 
 def test_a_failed_flight_is_told_and_the_others_are_kept(monkeypatch, tmp_path):
