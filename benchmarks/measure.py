@@ -24,7 +24,7 @@ from benchmarks import c_kernel, mission_loop, references
 from benchmarks.c_kernel import compiler_version
 from benchmarks.goals import judged
 from benchmarks.streams import Flight, disagreement, run_packed, run_unpacked
-from gyrocal import Recording, load, save
+from gyrocal import Arcs, GyroParameters, Recording, load, save
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.sampling import prepare_measurements
 from studies.cli.main import COMMAND_NAMES
@@ -254,16 +254,18 @@ def _libraries(variants: tuple[c_kernel.Variant, ...], reasons: dict[str, str]) 
         yield libraries
 
 
+def _prepare_calls(libraries: Libraries, arcs: Arcs, parameters: GyroParameters) -> dict[c_kernel.Variant, Callable[[], Any]]:
+    packed = {lanes: c_kernel.pack(arcs, lanes) for lanes in {variant.lanes for variant in libraries}}
+    return {
+        one: c_kernel.prepared(library, packed[one.lanes], parameters.G, parameters.bias) for one, library in libraries.items()
+    }
+
+
 def _scouted(libraries: Libraries, flight: Flight, rounds: int) -> Libraries:
     """The variants that are fastest in a first comparison."""
     if not libraries:
         return libraries
-    arcs, parameters = flight.arcs(), flight.initial
-    packed = {lanes: c_kernel.pack(arcs, lanes) for lanes in {variant.lanes for variant in libraries}}
-    calls = {
-        variant: c_kernel.prepared(library, packed[variant.lanes], parameters.G, parameters.bias)
-        for variant, library in libraries.items()
-    }
+    calls = _prepare_calls(libraries, flight.arcs(), flight.initial)
     ms = interleaved({repr(variant): Candidate(call, rounds) for variant, call in calls.items()})
     return {variant: libraries[variant] for variant in sorted(libraries, key=lambda v: ms[repr(v)])[:KEPT]}
 
@@ -274,11 +276,7 @@ def _growth(flight: Flight, finer: int, rounds: int, libraries: Libraries) -> di
     if arcs.beyond_series(parameters.G, parameters.bias):
         raise ValueError("the steps are too long for the series both kernels are compared with")
     expected = run_packed(arcs, parameters)
-    packed = {lanes: c_kernel.pack(arcs, lanes) for lanes in {variant.lanes for variant in libraries}}
-    calls = {
-        variant: c_kernel.prepared(library, packed[variant.lanes], parameters.G, parameters.bias)
-        for variant, library in libraries.items()
-    }
+    calls = _prepare_calls(libraries, arcs, parameters)
     apart = max((disagreement(call(), expected) for call in calls.values()), default=None)
     _check(f"C at {len(arcs.dt)} samples", apart, AGREEMENT if finer == 1 else LONG_AGREEMENT)
     candidates = {repr(variant): Candidate(call, rounds) for variant, call in calls.items()}
