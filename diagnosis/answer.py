@@ -30,17 +30,27 @@ class Finding:
 
 @dataclass(frozen=True)
 class Cause:
-    """An effect of the best explanation."""
+    """An effect of the best explanation.
 
-    effect: str  # effect, axis: which, and about which body axis
+    Attributes
+    ----------
+    effect, axis : which, and about which body axis
+    size, unit, sigma : how large
+    parameters : its other numbers, such as phase_deg or time_s
+    probability : that this effect (and axis) is at work
+    group : what could stand in its place, as effect:axis, itself included, the likeliest first
+    group_probability : that one of the group is at work
+    """
+
+    effect: str
     axis: str | None
-    size: float  # size, unit, sigma: how large
+    size: float
     unit: str
     sigma: float
-    parameters: dict[str, float | str]  # its other numbers, such as phase_deg or time_s
-    probability: float  # that this effect (and axis) is at work
-    group: tuple[str, ...]  # what could stand in its place, as effect:axis, itself included, the likeliest first
-    group_probability: float  # that one of the group is at work
+    parameters: dict[str, float | str]
+    probability: float
+    group: tuple[str, ...]
+    group_probability: float
 
     @property
     def label(self) -> str:
@@ -100,16 +110,25 @@ class RemainderSummary:
 
 @dataclass(frozen=True)
 class Closure:
-    """Reduction of the misfit by the causes on held-out data, from which no amplitude was estimated."""
+    """Reduction of the misfit by the causes on held-out data, from which no amplitude was estimated.
 
-    measure: str  # measure, split: what is compared and how the data were parted
+    Attributes
+    ----------
+    measure, split : what is compared and how the data were parted
+    before, after, floor : the measure under M0, with the causes in, and what M0 has on data of its own making
+    closed : 1 − (after − floor)/(before − floor)
+    interval_90 : its 90 % interval
+    by_interval : columns interval, before, after, floor
+    """
+
+    measure: str
     split: str
-    before: float  # before, after, floor: the measure under M0, with the causes in, and what M0 has on data of its own making
+    before: float
     after: float
     floor: float
-    closed: float  # 1 − (after − floor)/(before − floor)
-    interval_90: tuple[float, float]  # its 90 % interval
-    by_interval: pd.DataFrame  # columns interval, before, after, floor
+    closed: float
+    interval_90: tuple[float, float]
+    by_interval: pd.DataFrame
 
     def to_json(self) -> dict[str, Any]:
         """Return plain values in the documented format."""

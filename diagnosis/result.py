@@ -34,40 +34,58 @@ class Details:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The whole answer; `to_json` is the documented format."""
+    """The whole answer; `to_json` is the documented format.
 
-    recording: str  # title
-    verdict: Verdict  # none, named, group, partial, unknown, not identifiable
-    # present, p_value, false_alarm_rate: the gap; p of the whole, and the rate of false alarms the threshold stands for
+    Attributes
+    ----------
+    recording : title
+    verdict : none, named, group, partial, unknown, not identifiable
+    present, p_value, false_alarm_rate : the gap; p of the whole, and the rate of false alarms the threshold stands for
+    where : findings, the strongest first
+    causes : one for each effect of the best explanation
+    alternatives : (effects, probability) of the next best explanations
+    unknown_probability : that something not on the list is at work
+    closure : None without a named cause or where it could not be measured
+    G, bias, sigma_G, sigma_bias : calibration with the causes in, bias in rad/s
+    baseline_G, baseline_bias : calibration under M0
+    notes : limits of this recording, in sentences
+    runtime_s : time taken
+    details : tables for the figures
+    sensors : what the raw sensor tables say, where there are any; its causes are among those above
+    p_values : of each test by its name, under M0
+    posterior : labels of each explanation with its probability, the likeliest first, to a sum of 0.999; "unknown" stands for
+        all that hold something unlisted; without a gap, the empty explanation
+    amplitudes : joint posterior of the effects that are linear, for a scenario with them in it
+    budget : steps of the gap budget on held-out data
+    remainder : the part of the misfit that no identified cause explains; None where none is left or estimated
+    sigma_nominal : (12,) sigma of G row by row and b, rad/s, under the stated noise alone; None where it is the only one
+    """
+
+    recording: str
+    verdict: Verdict
     present: bool
     p_value: float
     false_alarm_rate: float
-    where: tuple[Finding, ...]  # findings, the strongest first
-    causes: tuple[Cause, ...]  # one for each effect of the best explanation
-    alternatives: Explanations  # (effects, probability) of the next best explanations
-    unknown_probability: float  # that something not on the list is at work
-    closure: Closure | None  # None without a named cause or where it could not be measured
-    G: Array  # G, bias, sigma_G, sigma_bias: calibration with the causes in, bias in rad/s
+    where: tuple[Finding, ...]
+    causes: tuple[Cause, ...]
+    alternatives: Explanations
+    unknown_probability: float
+    closure: Closure | None
+    G: Array
     bias: Array
     sigma_G: Array
     sigma_bias: Array
-    baseline_G: Array  # baseline_G, baseline_bias: calibration under M0
+    baseline_G: Array
     baseline_bias: Array
-    notes: tuple[str, ...]  # limits of this recording, in sentences
-    runtime_s: float  # time taken
-    details: Details = field(repr=False)  # tables for the figures
-    # what the raw sensor tables say, where there are any; its causes are among those above
+    notes: tuple[str, ...]
+    runtime_s: float
+    details: Details = field(repr=False)
     sensors: SensorDiagnosis | None = None
-    p_values: Mapping[str, float] = field(default_factory=dict)  # of each test by its name, under M0
-    # labels of each explanation with its probability, the likeliest first, to a sum of 0.999; "unknown" stands for all that
-    # hold something unlisted; without a gap, the empty explanation
+    p_values: Mapping[str, float] = field(default_factory=dict)
     posterior: Explanations = ()
-    # joint posterior of the effects that are linear, for a scenario with them in it
     amplitudes: Amplitudes = field(default_factory=Amplitudes)
-    budget: tuple[Step, ...] = ()  # steps of the gap budget on held-out data
-    # the part of the misfit that no identified cause explains; None where none is left or estimated
+    budget: tuple[Step, ...] = ()
     remainder: RemainderSummary | None = None
-    # (12,) sigma of G row by row and b, rad/s, under the stated noise alone; None where it is the only one
     sigma_nominal: Array | None = None
 
     @property

@@ -216,27 +216,45 @@ def mark_absent(method: Method) -> Method:
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect; subclasses give the method that their stage calls, and what a diagnosis needs."""
+    """One effect; subclasses give the method that their stage calls, and what a diagnosis needs.
 
-    name: str  # name, summary, unit: for people; the unit is that of the size
+    Attributes
+    ----------
+    name, summary, unit : for people; the unit is that of the size
+    stage : where in the measuring chain it acts, one of `STAGES`
+    prior : plausible range of the absolute size, log-uniform
+    bounds : of a size that can be simulated, inclusive
+    axes : ("x", "y", "z"), or () if it has none
+    axis_optional : no axis means all of them
+    parameters : beside the size
+    meaning : a sentence for the report of a diagnosis; the summary by default
+    says : what is so when it is at work, as the first words of a sentence, see `sentence`
+    ways : what {way} in it stands for at a positive and at a negative size
+    sign : "positive" if a negative size means nothing, or another effect
+    weight : prior probability beside that of the other effects, which have 1
+    switched : its column is switched on at the parameter time_s, whose values a diagnosis chooses itself
+    scanned : its columns are a sine's of the parameter period_s, whose values a diagnosis finds by a scan of the data
+    symptom : one of `SYMPTOMS`, the statistic of the samples that shows it
+    requirement : why it cannot act on a recording, a function of its surroundings; None if it always can
+    """
+
+    name: str
     summary: str
     unit: str
-    stage: str  # where in the measuring chain it acts, one of `STAGES`
-    prior: tuple[float, float]  # plausible range of the absolute size, log-uniform
-    bounds: tuple[float, float] = (-1e9, 1e9)  # of a size that can be simulated, inclusive
-    axes: tuple[str, ...] = AXIS_NAMES  # ("x", "y", "z"), or () if it has none
-    axis_optional: bool = False  # no axis means all of them
-    parameters: tuple[Parameter, ...] = ()  # beside the size
-    meaning: str = ""  # a sentence for the report of a diagnosis; the summary by default
-    says: str = ""  # what is so when it is at work, as the first words of a sentence, see `sentence`
-    ways: tuple[str, ...] = ()  # what {way} in it stands for at a positive and at a negative size
-    sign: Literal["any", "positive"] = "any"  # "positive" if a negative size means nothing, or another effect
-    weight: float = 1.0  # prior probability beside that of the other effects, which have 1
-    switched: bool = False  # its column is switched on at the parameter time_s, whose values a diagnosis chooses itself
-    # its columns are a sine's of the parameter period_s, whose values a diagnosis finds by a scan of the data
+    stage: str
+    prior: tuple[float, float]
+    bounds: tuple[float, float] = (-1e9, 1e9)
+    axes: tuple[str, ...] = AXIS_NAMES
+    axis_optional: bool = False
+    parameters: tuple[Parameter, ...] = ()
+    meaning: str = ""
+    says: str = ""
+    ways: tuple[str, ...] = ()
+    sign: Literal["any", "positive"] = "any"
+    weight: float = 1.0
+    switched: bool = False
     scanned: bool = False
-    symptom: str | None = None  # one of `SYMPTOMS`, the statistic of the samples that shows it
-    # why it cannot act on a recording, a function of its surroundings; None if it always can
+    symptom: str | None = None
     requirement: Callable[[Surroundings], str | None] | None = None
 
     # ---- what it is ------------------------------------------------------------------------------------------------------
