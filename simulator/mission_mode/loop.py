@@ -91,7 +91,6 @@ def _update_yaw(
     frame: Array,
     sun: Array,
     error_yaw: float,
-    plant: Plant,
     sensors: Sensors,
     state: State,
     tables: Tables,
@@ -301,7 +300,7 @@ def fly(
                 state.estimate[0], state.estimate[1] = roll, pitch
         height = frame[2, 0] * sun[0] + frame[2, 1] * sun[1] + frame[2, 2] * sun[2]
         if height * state.memory[0] < 0.0 and not slewing:
-            count = _update_yaw(rng, t, A, frame, sun, error[2], plant, sensors, state, tables, updates, count)
+            count = _update_yaw(rng, t, A, frame, sun, error[2], sensors, state, tables, updates, count)
         state.memory[0] = height
         for i in range(3):
             rate[i] = turned[i] / dt

@@ -52,17 +52,6 @@ def test_a_wrong_sense_of_a_slew_is_seen(angles):
     assert np.sqrt(np.mean(gap**2)) > 0.050
 
 
-def test_recording_survives_the_disk(tmp_path):
-    made = simulator.simulate(TRMM, seed=3)
-    recording_file.save(made, tmp_path)
-    read = recording_file.load(tmp_path)
-    np.testing.assert_array_equal(read.gyro.t_s, made.gyro.t_s)
-    np.testing.assert_allclose(read.gyro.rates, made.gyro.rates, rtol=1e-15)
-    np.testing.assert_array_equal(read.attitudes.quaternions, made.attitudes.quaternions)
-    assert read.intervals == made.intervals
-    assert read.orbit == made.orbit
-
-
 def test_raw_rates_carry_the_true_parameters():
     G = np.eye(3) + 1e-2 * np.arange(9).reshape(3, 3)
     bias = np.array([1e-5, -2e-5, 3e-5])

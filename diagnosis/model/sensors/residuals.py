@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 import scipy.linalg
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from diagnosis.answer import Finding
@@ -16,8 +15,6 @@ from diagnosis.model.sensors.columns import HeldAmplitudes, compute_held_error
 from diagnosis.model.sensors.tables import Tables
 from diagnosis.sensor_result import SENSOR_RESIDUAL_COLUMNS
 from simulator.effects.sensor import SENSOR_EFFECTS
-
-Array = NDArray[np.float64]
 
 SENSOR_ANGLE_NAMES = {
     0: ("penetration 1", "penetration 2", "penetration 3", "penetration 4"),

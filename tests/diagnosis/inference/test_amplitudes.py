@@ -140,23 +140,6 @@ def test_size_of_a_random_process_is_the_mean_of_its_scale():
     assert one.sigma == pytest.approx(np.sqrt(weight @ (sizes - mean) ** 2), rel=1e-2)
 
 
-def test_sigmas_cover_the_truth_when_the_truth_is_drawn_from_the_prior():
-    """Options, scales and amplitudes from the prior: errors over their sigmas have the mean square one."""
-    rng = np.random.default_rng(6)
-    options = [rng.standard_normal(12) * 0.8 for _ in range(4)]
-    scales = np.geomspace(0.3, 3, 5)
-    errors = []
-    for _ in range(600):
-        true = rng.choice(scales) * rng.standard_normal()
-        y = true * options[rng.integers(4)] + rng.standard_normal(12)
-        model = linear_model([[x[:, None] for x in options]], y, changes={0: {"scales": scales}})
-        (one,) = fit(model, [SelectedCandidate(0, 0, 0)])
-        errors.append((one.size - true) / one.sigma)
-    square = np.square(errors)
-    assert abs(square.mean() - 1) < 4 * square.std() / np.sqrt(600)
-    assert abs(np.mean(errors)) < 4 / np.sqrt(600)
-
-
 def test_options_of_another_meaning_do_not_enter_the_amplitudes():
     """A richer form of an effect has other amplitudes; those of the option that is held are told."""
     rng = np.random.default_rng(7)

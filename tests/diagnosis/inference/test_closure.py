@@ -76,16 +76,6 @@ def test_an_unlisted_member_is_estimated_and_predicts_nothing(columns):
     assert both.closed == pytest.approx(0.75 * alone.closed, abs=0.03)
 
 
-def test_held_out_data_have_no_part_in_the_fit(columns):
-    """Other values in one fold's rows leave its own prediction as it is."""
-    model = made(columns, 2.0)
-    out = PART == 0
-    changed = with_folds(replace(model, y=np.where(out, model.y + 50.0, model.y)))
-    folds = [next(iter(one.folds(one.W))) for one in (model, changed)]
-    np.testing.assert_array_equal(folds[0].train_y, folds[1].train_y)
-    np.testing.assert_allclose(folds[1].left_y - folds[0].left_y, 50.0)
-
-
 def test_intervals_cover_a_closed_gap_nine_times_in_ten(columns):
     """Of 150 data sets with an effect whose amplitude is well known from the training part."""
     inside, values = 0, []
@@ -95,15 +85,6 @@ def test_intervals_cover_a_closed_gap_nine_times_in_ten(columns):
         inside += found.interval_90[0] < 1 < found.interval_90[1]
     assert np.mean(values) == pytest.approx(1.0, abs=0.02)
     assert scipy.stats.binomtest(inside, 150, 0.9).pvalue > 1e-3
-
-
-def test_noise_as_stated_has_no_gap_to_close():
-    rng = np.random.default_rng(4)
-    values = []
-    for _ in range(40):
-        model = with_folds(linear_model([rng.standard_normal((ROWS, 1))], rng.standard_normal(ROWS)))
-        values.append(compute_closure(model, [SelectedCandidate(0, 0, 4)]).before)
-    assert abs(np.mean(values) - 1) < 4 * np.sqrt(2 / ROWS / 40)
 
 
 def test_without_folds_there_is_no_closure(columns):

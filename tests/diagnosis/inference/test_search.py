@@ -184,24 +184,6 @@ def test_draws_end_where_enough_are_beyond_the_observation():
     assert made == 250
 
 
-def test_the_p_value_of_draws_that_end_early_is_exact():
-    """Of an observation that is one draw more, P(p ≤ h/l) = h/l wherever they can end."""
-    rng = np.random.default_rng(3)
-    model = SimpleNamespace(y=np.zeros(3), X=np.zeros((3, 1)), candidates=(), projected=lambda noise: noise)
-    found = []
-    for _ in range(3000):
-        own = rng.random()
-        search = SimpleNamespace(
-            model=model,
-            compute_observed_statistic=lambda own=own: own,
-            compute_null_statistic=lambda correlation: rng.random(correlation.shape[1]),
-        )
-        found.append(compute_null_p(search, seed=0, draws=999))
-    for level in (0.025, 0.05, 0.2, 0.5):
-        share = np.mean(np.array(found) <= level)
-        assert abs(share - level) < 4 * np.sqrt(level * (1 - level) / len(found))
-
-
 def test_what_a_scan_has_chosen_alarms_by_the_bound_on_its_evidence():
     """Options chosen for the data, with their share of all that were tried: no more false alarms, and a strong one is seen."""
     rng = np.random.default_rng(15)

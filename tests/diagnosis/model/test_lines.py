@@ -268,15 +268,6 @@ def test_a_swing_that_the_samples_show_may_be_either():
     assert abs(symptom.size - 25) < 4 * symptom.sigma
 
 
-@pytest.mark.long
-def test_a_diagnosis_of_such_a_swing_names_both():
-    answer = diagnose(recorded(SWING, every_s=0.4), library=RIVALS)
-    (cause,) = answer.causes
-    assert (cause.effect, cause.axis, set(cause.group)) == ("bias_periodic", "z", {"bias_periodic:z", "vibration:z"})
-    assert abs(cause.size - 25) < 4 * cause.sigma
-    assert answer.verdict == "group"
-
-
 def test_a_slow_swing_that_the_samples_show_is_left_to_the_search():
     """Of twelve seconds, a hundred times as likely as a vibration at that very frequency: what the references say goes."""
     found = prepare(recorded("bias_periodic:z=25,period_s=12.0"))

@@ -6,7 +6,6 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from diagnosis.diagnose import diagnose
 from diagnosis.inference.criticism import combine_checks
 from diagnosis.model import reference_tones
 from diagnosis.model.linearise import linearise_recording
@@ -131,16 +130,6 @@ def test_it_is_a_symptom_of_a_prepared_recording_and_no_misfit_any_more():
     assert combine_checks(check_baseline(ready.model)) > 1e-3
     # Without the tone taken out, the misfit is certain.
     assert combine_checks(check_baseline(model_of(SWING))) < 1e-6
-
-
-@pytest.mark.long
-def test_a_diagnosis_names_it():
-    rivals = ("bias_periodic", "vibration", "reference_noise_excess")
-    recording = recorded(SWING, every_s=EVERY)
-    answer = diagnose(recording, library=["reference_periodic", *rivals])
-    assert [cause.label for cause in answer.causes] == ["reference_periodic:z"]
-    assert answer.verdict in ("named", "group")
-    assert min(p for name, p in answer.p_values.items() if name.startswith("misfit")) > 1e-3
 
 
 def test_a_listed_way_is_taken_out_where_the_unlisted_are_likelier_than_each():

@@ -12,7 +12,6 @@ from simulator.truth.rotation import separation
 from tests.simulator.effects.test_clock import RIVALS, agile, sparse
 
 JUMP = "reference_jump=0.1,e_x_deg=1,e_y_deg=2,e_z_deg=-2,begin_s=500,end_s=560"
-LIBRARIES = pytest.mark.parametrize("library", [RIVALS, pytest.param(None, marks=pytest.mark.long)], ids=["rivals", "all"])
 
 
 def seen(scenario, *texts, seed=2):
@@ -63,9 +62,8 @@ def test_without_a_jump_one_window_stands_for_all():
     assert only.weight < 0.01
 
 
-@LIBRARIES
-def test_a_diagnosis_names_a_jump_and_nothing_else(library):
-    found = diagnose(seen(agile(), JUMP)[0], library=library)
+def test_a_diagnosis_names_a_jump_and_nothing_else():
+    found = diagnose(seen(agile(), JUMP)[0], library=RIVALS)
     (cause,) = found.causes
     assert cause.group == ("reference_jump",)
     assert cause.size == pytest.approx(0.1, abs=0.01)
@@ -75,8 +73,7 @@ def test_a_diagnosis_names_a_jump_and_nothing_else(library):
     assert (cause.parameters["begin_s"], cause.parameters["end_s"]) == (499.0, 559.0)
 
 
-@LIBRARIES
-def test_a_correlated_error_is_no_jump(library):
+def test_a_correlated_error_is_no_jump():
     """Negative control: an error about one axis that wanders."""
-    found = diagnose(seen(sparse(), "reference_correlated:y=0.03,time_constant_s=60")[0], library=library)
+    found = diagnose(seen(sparse(), "reference_correlated:y=0.03,time_constant_s=60")[0], library=RIVALS)
     assert all("reference_jump" not in cause.group for cause in found.causes)

@@ -20,7 +20,6 @@ from simulator.effects import (
     STAGES,
     Effect,
     Registry,
-    parse,
 )
 from simulator.effects import registry as registry_module
 from simulator.effects.base import SYMPTOMS
@@ -182,20 +181,6 @@ def test_effects_of_a_file_on_the_command_line(run_cli, tmp_path):
     refused = run_cli("simulate", "trmm", str(tmp_path / "other"), *asked)
     assert refused.exit_code == 2
     assert refused.stderr.strip().splitlines() == [f"gyrocal: {path}: gives int, not an Effect or several"]
-
-
-@pytest.mark.parametrize("name", list(ALL_EFFECTS))
-def test_nothing_depends_on_an_effect(run_cli, monkeypatch, name):
-    monkeypatch.delitem(REGISTRY.effects, name)
-    other = "scale_asymmetry:y=700" if name != "scale_asymmetry" else "bias_drift:z=1"
-    scenario = simulator.override(simulator.load("trmm"), {"gyro.sample_s": 5.0})
-    changed = simulator.simulate(scenario, noise=False, effects=[parse(other)]).gyro.rates
-    assert (changed != simulator.simulate(scenario, noise=False).gyro.rates).any()
-    listed = run_cli("effects")
-    assert listed.exit_code == 0
-    assert f" {name} " not in listed.stdout
-    with pytest.raises(InputError, match="no such effect"):
-        parse(f"{name}=1")
 
 
 FOLDERS = ("gyrocal", "simulator", "diagnosis", "studies", "benchmarks")
