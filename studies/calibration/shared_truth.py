@@ -26,11 +26,6 @@ def get_true_parameters(scenario: Scenario) -> GyroParameters:
     return GyroParameters(np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
 
 
-def get_apriori_parameters(scenario: Scenario) -> GyroParameters:
-    """G and b that a scenario's calibration starts from."""
-    return GyroParameters(np.array(scenario.gyro.apriori_G), np.deg2rad(scenario.gyro.apriori_bias_deg_s))
-
-
 def require_converged(result: CalibrationResult) -> CalibrationResult:
     """A calibration that was to converge, if it did: one that did not is a failed case, not a row like the others.
 
@@ -78,8 +73,8 @@ class NoiseFreeSimulation:
         path = simulate_case_motion(scenario)
         plain = observe(scenario, path, gyro_rng=None, reference_rng=None)
         rates = compute_noise_free_rates(scenario, path)
-        truth, initial = (parameters(scenario).vector for parameters in (get_true_parameters, get_apriori_parameters))
-        return cls(scenario, path, plain, rates, truth, initial)
+        initial = GyroParameters(plain.gyro.apriori_G, plain.gyro.apriori_bias)
+        return cls(scenario, path, plain, rates, get_true_parameters(scenario).vector, initial.vector)
 
     def realise(self, noise: Noise | None = None, out: Array | None = None) -> tuple[Array, Array]:
         """Raw rates (n, 3) and reference attitudes (m, 3, 3) with noise from these generators, or without any."""

@@ -97,7 +97,9 @@ def command(
     workers, terminal = jobs or os.cpu_count() or 1, make_console()
     study = MissionStudy(days=days, seeds=seeds, slews=slews, entropy=entropy, windows=days >= DAYS)
     summaries: dict[str, dict[str, Any]] = {}
-    folders = {name: _choose_folder(name, out, paper) for name in PAPER_FOLDERS if paper in (None, name)}
+    folders = {name: folder for name, folder in PAPER_FOLDERS.items() if paper in (None, name)}
+    if out is not None:
+        folders = {name: out if paper else out / folder.name for name, folder in folders.items()}
     before = {name: committed_results.read(COMMITTED / PAPER_FOLDERS[name].name) for name in folders}
     if workers > 1 and not paper:
         # On a new checkout each paper's kernels are compiled by one worker, and not by every worker one after the other.
@@ -118,11 +120,6 @@ def command(
         page = (out or PAPER_FOLDERS["natanson"].parent) / "index.html"
         write_text(page, index_page.build_index_page(folders, COMMITTED / "studies", build_provenance_footer()))
         click.echo(page)
-
-
-def _choose_folder(name: str, out: Path | None, paper: str | None) -> Path:
-    """Choose the folder of a paper's results."""
-    return PAPER_FOLDERS[name] if out is None else out if paper else out / PAPER_FOLDERS[name].name
 
 
 def _compare(now: committed_results.Results | None, then: committed_results.Results | None, terminal: Console) -> None:

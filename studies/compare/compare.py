@@ -117,11 +117,6 @@ def compare(
     seed : root of the random streams; flights depend on it and their number only
     jobs : processes
     progress : (label, flights) to a context with a function that is told how many more are done
-
-    Raises
-    ------
-    InputError
-        The recording cannot be calibrated, a scenario's plan has nothing in common with it, or there are too few runs.
     """
     if runs < FEWEST_FLIGHTS:
         raise InputError(f"{runs} runs: at least {FEWEST_FLIGHTS} are needed for a distribution")

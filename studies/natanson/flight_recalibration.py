@@ -198,11 +198,11 @@ def read_second_correction() -> Array:
     return np.concatenate([G.ravel(), bias]) * PRINTED
 
 
-def simulate_correction_sigma(scenario: Scenario, entropy: int, draws: int = RESIDUAL_DRAWS) -> dict[str, Array]:
+def simulate_correction_sigma(scenario: Scenario, entropy: int) -> dict[str, Array]:
     """(12,) standard deviation of the second correction at 1 s over the scenario's noise, in each space, N Table 5's units."""
     path, truth = motion(scenario), flight.read_published_calibration()
-    out = {name: np.empty((draws, 12)) for name in CALIBRATION_SPACES}
-    for n in range(draws):
+    out = {name: np.empty((RESIDUAL_DRAWS, 12)) for name in CALIBRATION_SPACES}
+    for n in range(RESIDUAL_DRAWS):
         gyro_rng, reference_rng = (generator(entropy, n, f"second_{name}") for name in ("gyro", "reference"))
         recording = observe(scenario, path, gyro_rng=gyro_rng, reference_rng=reference_rng, G=truth.G, bias=truth.bias)
         for name, space in CALIBRATION_SPACES.items():

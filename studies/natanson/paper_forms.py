@@ -74,10 +74,10 @@ def count_digit_changes(first: Array, second: Array) -> tuple[Array, Array]:
     return table2, table4
 
 
-def format_paper_table(table: pd.DataFrame, name: str, psi: str = "full", resampling: str = "skip") -> pd.DataFrame:
-    """A table of distributions, made by `studies.natanson.paper_tables`, in N's rows and columns, as texts."""
+def format_paper_table(table: pd.DataFrame, name: str) -> pd.DataFrame:
+    """A table of `studies.natanson.paper_tables`, of full ψ and skipped samples, in N's rows and columns, as texts."""
     rows, digits = list(TABLE_LAYOUTS[name].rows), TABLE_LAYOUTS[name].digits
-    chosen = table.query("psi == @psi and resampling == @resampling")
+    chosen = table.query("psi == 'full' and resampling == 'skip'")
     if "phase" in chosen:
         chosen = chosen[chosen["phase"] != "second iteration"]
     wide = _arrange_by_heading(
@@ -94,10 +94,10 @@ def format_paper_table(table: pd.DataFrame, name: str, psi: str = "full", resamp
     return wide.sort_values(rows, key=lambda column: column.map(TABLE3_ORDER), ignore_index=True)
 
 
-def format_ways_table(table: pd.DataFrame, name: str, resampling: str = "skip") -> pd.DataFrame:
+def format_ways_table(table: pd.DataFrame, name: str) -> pd.DataFrame:
     """Full beside linear ψ and one iteration beside two, at every step: mean ± standard deviation over the seeds, as texts."""
     digits = TABLE_LAYOUTS[name].ways_digits
-    chosen = table.query("resampling == @resampling and phase != 'prelaunch'").sort_values("step_s", kind="stable")
+    chosen = table.query("resampling == 'skip' and phase != 'prelaunch'").sort_values("step_s", kind="stable")
     headings = [f"{row['psi']} ψ, {TABLE_COLUMN_TITLES[row['phase']]}" for _, row in chosen.iterrows()]
     return _arrange_by_heading(
         chosen, ["step_s", *TABLE_LAYOUTS[name].rows], headings, [_format_spread(row, digits) for _, row in chosen.iterrows()]
@@ -114,14 +114,9 @@ def _arrange_by_heading(chosen: pd.DataFrame, rows: list[str], headings: list[st
     """Texts under their headings, columns in the order of N: all steps before launch, then all of each iteration."""
     cells = chosen.assign(heading=headings, text=texts)
     wide = cells.pivot_table(index=rows, columns="heading", values="text", aggfunc="first", sort=False)
-    by_phase = sorted(
-        dict.fromkeys(headings), key=lambda heading: list(TABLE_COLUMN_TITLES.values()).index(_find_phase(heading))
-    )
+    phases = list(TABLE_COLUMN_TITLES.values())
+    by_phase = sorted(dict.fromkeys(headings), key=lambda heading: [name in heading for name in phases].index(True))
     return wide[by_phase].reset_index().rename_axis(columns=None)
-
-
-def _find_phase(heading: str) -> str:
-    return next(name for name in TABLE_COLUMN_TITLES.values() if name in heading)
 
 
 def _format_spread(row: pd.Series, digits: int | None) -> str:

@@ -7,7 +7,6 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from studies.compare.compare import Comparison, ScenarioComparison
-from studies.compare.gap import Gap
 from studies.report import tables
 from studies.report.pages import Answer, Page, PageTable, Picture, ProvenanceFooter, Section
 from studies.report.panels import GREY, RED, TEAL, Panel, draw_panels
@@ -41,13 +40,14 @@ def build_scenario_table(comparison: Comparison) -> pd.DataFrame:
     """A row for each scenario, as texts."""
     rows = []
     for standing in comparison.standings:
-        gap = standing.gap
-        count, of = standing.extreme
+        gap, (count, of) = standing.gap, standing.extreme
+        known = np.isfinite(gap.shrinkage_90).all()
+        shrinkage = _format_percent(gap.shrinkage, *gap.shrinkage_90) if known else "no gap before"
         row = {
             "scenario": standing.name,
             "effects": ", ".join(standing.effects) or "none",
             "gap": _format_interval(gap.after, gap.after_90),
-            "shrinkage": "" if standing is comparison.standings[0] else _format_shrinkage(gap),
+            "shrinkage": "" if standing is comparison.standings[0] else shrinkage,
             "gap of the samples": ""
             if standing.samples is None
             else _format_interval(standing.samples.after, standing.samples.after_90),
@@ -161,10 +161,6 @@ def _build_panel(standing: ScenarioComparison) -> Panel:
 
 def _format_interval(value: float, interval: tuple[float, float]) -> str:
     return f"{value:.3g} ({interval[0]:.3g} to {interval[1]:.3g})"
-
-
-def _format_shrinkage(gap: Gap) -> str:
-    return _format_percent(gap.shrinkage, *gap.shrinkage_90) if np.isfinite(gap.shrinkage_90).all() else "no gap before"
 
 
 def _format_percent(value: float, low: float, high: float) -> str:

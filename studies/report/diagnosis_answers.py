@@ -21,7 +21,7 @@ from studies.report import diagnosis_words as words
 from studies.report import gap_budget, pointing_cost
 
 MOST_FINDINGS = 2
-LEAST_PROBABILITY = 0.01  # of an explanation that is stated
+LEAST_PROBABILITY = 0.01  # of an explanation that is stated; none with a remainder says how the gap behaves
 ORDINALS = ("First", "Second", "Third", "Fourth", "Fifth", "Sixth", "Seventh", "Eighth")
 
 
@@ -143,7 +143,7 @@ def _describe_causes(diagnosis: Diagnosis) -> str:
         like = [
             f"{_describe_behaviour(one)} ({words.format_percent(share)})"
             for one, share in diagnosis.alternatives
-            if _is_telling(one, share)
+            if share >= LEAST_PROBABILITY and REMAINDER not in one
         ]
         surely = diagnosis.unknown_probability >= DEFAULT.named
         none = f"None of the {len(EFFECTS)} that are known" if surely else "None that could be named"
@@ -153,11 +153,6 @@ def _describe_causes(diagnosis: Diagnosis) -> str:
     elif not told:
         return "It cannot be told."
     return " ".join(f"{one}." for one in told)
-
-
-def _is_telling(effects: Sequence[str], share: float) -> bool:
-    """Tell whether an explanation says how the gap behaves: no unlikely one, nor a remainder."""
-    return share >= LEAST_PROBABILITY and REMAINDER not in effects
 
 
 def _describe_behaviour(effects: Sequence[str]) -> str:
@@ -296,12 +291,9 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
         )
     if not diagnosis.causes:
         return "Do not decide by this recording: make another one."
-    remedies = list(dict.fromkeys(_find_remedy(cause) for cause in diagnosis.causes))
+    stages = [EFFECTS[one.effect].stage if one.effect in EFFECTS else "rate" for one in diagnosis.causes]
+    remedies = list(dict.fromkeys(REMEDIES[stage] for stage in stages))
     left = diagnosis.remainder
     if left is not None and left.share > 0.5:
         remedies.insert(0, f"Look at {gap_budget.SIDE_NAMES[left.side]} first, from which most of the gap comes")
     return " ".join(f"{one}." for one in remedies)
-
-
-def _find_remedy(cause: Cause) -> str:
-    return REMEDIES[EFFECTS[cause.effect].stage] if cause.effect in EFFECTS else _IN_MODEL

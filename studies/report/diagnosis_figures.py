@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,12 +16,13 @@ from studies.report.panels import Line
 
 Array = NDArray[np.float64]
 
-BEFORE, AFTER = panels.RED, panels.BLUE
+BEFORE, BETWEEN, AFTER = panels.RED, "#999999", panels.BLUE
 AXIS_MARKERS = {"x": "o", "y": "s", "z": "^"}
 AXIS_TITLES = {"x": "x (roll)", "y": "y (pitch)", "z": "z (yaw)"}
 FIGURE_WIDTH_IN = 11.0  # inches: the width of the page
 MOST_FIGURE_LINES = 12  # lines of a figure; of more, the most telling
 MOST_SEPARATE_POINTS = 20  # references of an interval, above which its residuals are a line
+MOST_LETTERS = 24  # of a name
 MOST_PANELS = 8  # intervals with panels of their own
 REACHED = 0.02  # of a cause's largest trace: an axis with less of it shows nothing
 STRONGEST = 12.0  # −log10 p at which the colours end
@@ -75,9 +77,9 @@ def draw_interval_residuals(residuals: pd.DataFrame) -> Figure:
     return panels.draw_panels(*drawn, size=size, columns=3, sharey="col", legend="outside upper center")
 
 
-def _shorten_name(name: object, most: int = 24) -> str:
+def _shorten_name(name: object) -> str:
     """A name that is text and no formula, and not too long."""
-    return textwrap.shorten(str(name), most, placeholder="…").replace("$", r"\$") or str(name)[:most]
+    return textwrap.shorten(str(name), MOST_LETTERS, placeholder="…").replace("$", r"\$") or str(name)[:MOST_LETTERS]
 
 
 # ---- map of statistics ---------------------------------------------------------------------------------------------------
@@ -141,3 +143,51 @@ def draw_regressor_figure(regressors: pd.DataFrame, cause: str) -> Figure:
         panels.make_curves(both, None, legend="best", **along),
     )
     return panels.draw_panels(left, right, size=(FIGURE_WIDTH_IN, 3.3), widths=(1, 1.5))
+
+
+# ---- raw tables of sun sensors ----------------------------------------------------------------------------------------------
+
+RESIDUAL_COLOURS = {"before_deg": BEFORE, "after_deg": AFTER}
+MOST_POINTS = 1500
+
+
+def draw_sun_residuals(residuals: pd.DataFrame, sensor: str, titles: dict[str, str]) -> Figure:
+    """Residuals of α and β over α and over β.
+
+    Parameters
+    ----------
+    residuals : sensor, angle, alpha_deg, beta_deg and the columns of `titles`, deg
+    sensor : name of the sun sensor
+    titles : legend of each column of residuals, drawn in this order
+    """
+    own = residuals[residuals["sensor"] == sensor]
+    drawn = []
+    for angle in ("alpha", "beta"):
+        part = own[own["angle"] == angle]
+        part = part.iloc[:: max(1, len(part) // MOST_POINTS)]
+        for over in ("alpha", "beta"):
+            looks = {name: (title, RESIDUAL_COLOURS.get(name, BETWEEN), ".") for name, title in titles.items()}
+            lines = [Line(part[f"{over}_deg"], part[name], *look, size=2.0) for name, look in looks.items()]
+            y = f"residual of {angle} (deg)" if over == "alpha" else ""
+            drawn.append(panels.make_curves(lines, levels=[0], x=f"Sun's {over} (deg)", y=y))
+    title = f"{sensor}, measured minus predicted"
+    return panels.draw_panels(*drawn, size=(8.6, 4.6), columns=2, title=title, sharey="all", legend="outside upper right")
+
+
+def draw_gap_figure(gaps: pd.DataFrame, columns: list[str]) -> Figure:
+    """Held-out mean square by truth, a mark for each explanation; logarithmic, with the floor.
+
+    Parameters
+    ----------
+    gaps : truth, the columns, and floor
+    columns : explanations, in this order
+    """
+    rows = np.arange(len(gaps))
+    looks = zip(columns, (BEFORE, BETWEEN, AFTER), "osD", strict=True)
+    lines = [Line(gaps[name], rows, name, colour, mark, size=6.0) for name, colour, mark in looks]
+    axes: dict[str, Any] = {"log": "x", "ticks": [1.0, 1.3, 2.0, 5.0, 10.0, 20.0], "at": [float(gaps["floor"].iloc[0])]}
+    axes |= {
+        "rows": [f"truth: {name}" for name in gaps["truth"]],
+        "x": "mean square of held-out residuals in sigmas; dotted: floor",
+    }
+    return panels.draw_panels(panels.make_curves(lines, **axes), size=(7.4, 2.6), legend="outside upper center")

@@ -12,7 +12,7 @@ from diagnosis.answer import Cause
 from diagnosis.model.sinusoid_causes import BIAS, PICKUP
 from diagnosis.result import Diagnosis
 from simulator.effects.sensor import SENSOR_EFFECTS
-from studies.report import diagnosis_answers, gap_budget, sensor_figures, sensor_words, tables
+from studies.report import diagnosis_answers, gap_budget, tables
 from studies.report import diagnosis_figures as figures
 from studies.report import diagnosis_words as words
 from studies.report.pages import Answer, Item, Page, PageTable, Picture, ProvenanceFooter, Section, SmallParagraph
@@ -145,7 +145,7 @@ def _build_sensor_sections(diagnosis: Diagnosis) -> list[Section]:
     sensors = diagnosis.sensors
     if sensors is None:
         return []
-    items: list[Item] = [*sensor_words.describe_sensors(diagnosis)]
+    items: list[Item] = [*words.describe_sensors(diagnosis)]
     titles = {"before_deg": "nominal sensors", "after_deg": "with the causes"}
     if not sensors.causes:
         titles.pop("after_deg")
@@ -157,7 +157,7 @@ def _build_sensor_sections(diagnosis: Diagnosis) -> list[Section]:
         items.append(
             Picture(
                 f"sensor-{name.lower()}",
-                partial(sensor_figures.draw_sun_residuals, sensors.residuals, name, titles),
+                partial(figures.draw_sun_residuals, sensors.residuals, name, titles),
                 f"Residuals of {name} over the Sun's two angles: {'; '.join(rms)}.",
                 "Measured minus predicted by each arc's own attitude and gyro bias; noise and the gyro's random walk leave a "
                 "band about zero, the same everywhere in the field of view.",

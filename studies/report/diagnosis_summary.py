@@ -10,7 +10,7 @@ from rich.console import Console
 from diagnosis.answer import Cause
 from diagnosis.result import Diagnosis
 from studies.report import diagnosis_words as words
-from studies.report import gap_budget, sensor_words, tables
+from studies.report import gap_budget, tables
 
 MOST_SUMMARY_FINDINGS = 4
 MOST_ALTERNATIVES = 4
@@ -48,7 +48,7 @@ def format_answer_lines(diagnosis: Diagnosis) -> list[str]:
         ("Other explanations", _format_alternatives(diagnosis)),
         ("How far the gap closes", iter([closure])),
         ("Gap budget on held-out data", _format_budget(diagnosis)),
-        ("Raw tables of sun and Earth sensors", (f"- {sentence}" for sentence in sensor_words.describe_sensors(diagnosis))),
+        ("Raw tables of sun and Earth sensors", (f"- {sentence}" for sentence in words.describe_sensors(diagnosis))),
         ("Effect on the calibration", iter([words.describe_calibration_change(diagnosis)])),
     ):
         body = [f"  {line}" for line in part]

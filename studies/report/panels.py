@@ -305,8 +305,3 @@ def make_strokes(
         on.set_ylim(len(samples) - 0.5, -0.5)
 
     return Panel(draw, **axes)
-
-
-def add_note(on: Axes, text: str, x: float, y: float, offset: tuple[float, float] = (6, 0)) -> None:
-    """A small text beside a point."""
-    on.annotate(text, (x, y), xytext=offset, textcoords="offset points", fontsize=SMALL_FONT_SIZE, va="center")

@@ -28,11 +28,11 @@ COORDINATE_ATTRIBUTES = re.compile(rb'\b(?:d|x|y)="[^"]*"')
 EXCESS_DECIMALS = re.compile(rb"(\.\d)\d+")  # a tenth of a point is not seen
 
 
-def render_svg(figure: Figure, dpi: int = 130) -> bytes:
-    """A figure as SVG; its pixels, where it has some, are so many an inch."""
+def render_svg(figure: Figure) -> bytes:
+    """A figure as SVG."""
     out = io.BytesIO()
     with mpl.rc_context(SVG_STYLE):
-        figure.savefig(out, format="svg", dpi=dpi, metadata=NO_METADATA)
+        figure.savefig(out, format="svg", dpi=130, metadata=NO_METADATA)
     return name_by_content(make_well_formed(out.getvalue()))
 
 

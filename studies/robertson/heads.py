@@ -45,7 +45,7 @@ from simulator.sensors.raw_tables import simulate_sensor_tables
 from simulator.sensors.suite import SensorSuite
 from simulator.simulate import observe
 from studies.montecarlo.study import Row, Streams, Study, StudyConfig, dispersed, load_base_scenario, simulate_case_motion
-from studies.report import panels, sensor_figures
+from studies.report import diagnosis_figures, panels
 from studies.report.checks import Check, bound_above
 from studies.report.entry import Entry, Report
 from studies.report.tables import Table, summarise_groups
@@ -274,6 +274,7 @@ def build_head_checks(rows: pd.DataFrame) -> tuple[Check, ...]:
         "an effect on no list": list(UNLISTED_CHANGES),
     }
     heads, nominal = (rows[rows["truth"] == truth] for truth in ("heads", "nominal"))
+    shares = {name: float(rows.loc[rows["truth"].isin(truths), "right"].mean()) for name, truths in groups.items()}
     misled = [heads[f"orthogonal dss_misalignment {k} found"].mean() for k in range(3)]
     ours = rows[rows["truth"] == "R"]
     off = [
@@ -282,10 +283,7 @@ def build_head_checks(rows: pd.DataFrame) -> tuple[Check, ...]:
         for k, value in enumerate(compute_sensor_amplitudes(one))
     ]
     return (
-        *(
-            Check(f"share of right answers, {name}", _compute_right_share(rows, truths), meaning=CORRECT_ANSWER_NOTE)
-            for name, truths in groups.items()
-        ),
+        *(Check(f"share of right answers, {name}", share, meaning=CORRECT_ANSWER_NOTE) for name, share in shares.items()),
         Check("misalignment that an orthogonal calibration makes of heads alone", float(np.linalg.norm(misled)), unit="deg"),
         Check(
             "what it makes of R's truth, less R (3) and R's biases", np.abs(off).max(initial=0.0), bound_above(0.005), "deg", R3
@@ -293,10 +291,6 @@ def build_head_checks(rows: pd.DataFrame) -> tuple[Check, ...]:
         Check("false alarms with nominal sensors", float((nominal["verdict"] != "none").sum()), unit=f"of {len(nominal)}"),
         Check("diagnoses with a wrong name", float((rows["wrong"] > 0).sum()), bound_above(0), f"of {len(rows)}"),
     )
-
-
-def _compute_right_share(rows: pd.DataFrame, truths: list[str]) -> float:
-    return float(rows.loc[rows["truth"].isin(truths), "right"].mean())
 
 
 def _save_residual_figure(config: StoryConfig, path: Path) -> Path:
@@ -311,12 +305,12 @@ def _save_residual_figure(config: StoryConfig, path: Path) -> Path:
         ]
     )
     titles = {f"{name}_deg": label for name, label in LABELS.items()}
-    return panels.save(sensor_figures.draw_sun_residuals(table, "DSS-2", titles), path)
+    return panels.save(diagnosis_figures.draw_sun_residuals(table, "DSS-2", titles), path)
 
 
 def _save_gap_figure(gaps: pd.DataFrame, path: Path) -> Path:
     chosen = gaps[gaps["truth"].isin(list(STORY))]
-    return panels.save(sensor_figures.draw_gap_figure(chosen, list(LABELS.values())), path)
+    return panels.save(diagnosis_figures.draw_gap_figure(chosen, list(LABELS.values())), path)
 
 
 STUDY = Study("studies.robertson.heads:STUDY", StoryConfig, run_case, record_truth)

@@ -58,24 +58,14 @@ Runs = dict[Name, MissionRun]
 
 
 class MissionStudy(GridConfig):
-    """What is flown.
-
-    Attributes
-    ----------
-    days : of the months from launch; R's periods end on May 1, 1998
-    seeds : of the months
-    slews : seeds of the yaw maneuver
-    mounting_days : of each run of a mounting
-    windows : whether the ladder's windows are flown
-    entropy : seeds are counted from it
-    """
+    """What is flown; seeds are counted from the entropy."""
 
     axes: ClassVar = ("seeds", "slews")
-    days: float = Field(default=DAYS, gt=0)
-    seeds: int = Field(default=1, ge=1)
-    slews: int = Field(default=20, ge=1)
-    mounting_days: float = Field(default=1.0, gt=0)
-    windows: bool = True
+    days: float = Field(default=DAYS, gt=0)  # of the months from launch; R's periods end on May 1, 1998
+    seeds: int = Field(default=1, ge=1)  # of the months
+    slews: int = Field(default=20, ge=1)  # seeds of the yaw maneuver
+    mounting_days: float = Field(default=1.0, gt=0)  # of each run of a mounting
+    windows: bool = True  # whether the ladder's windows are flown
 
     def points(self) -> list[Name]:
         """Name of each flight, the longest first."""

@@ -74,7 +74,7 @@ def place(made, tmp_path, monkeypatch):
     shutil.copytree(made, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
-    monkeypatch.setattr(svg, "render_svg", lambda figure, dpi=130: b'<svg viewBox="0 0 1 1"></svg>')
+    monkeypatch.setattr(svg, "render_svg", lambda figure: b'<svg viewBox="0 0 1 1"></svg>')
     monkeypatch.setattr("diagnosis.diagnose.diagnose", diagnose_once)
     yield tmp_path
     sys.modules.pop("mystudy", None)
