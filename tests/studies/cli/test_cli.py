@@ -11,7 +11,6 @@ import click
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 
 import gyrocal
 from gyrocal import NAMES, load
@@ -22,14 +21,6 @@ from studies.montecarlo import engine
 from studies.natanson import omitted_effects, paper_tables, reproduce, slew_timings
 from studies.reproduction import get_work_folder
 from tests import ROOT
-
-
-@pytest.fixture(scope="module")
-def trmm_recording(tmp_path_factory):
-    """A recording that `gyrocal simulate trmm` makes; not to be written to."""
-    folder = tmp_path_factory.mktemp("simulated") / "REC"
-    assert CliRunner().invoke(main, ["simulate", "trmm", str(folder)]).exit_code == 0
-    return folder
 
 
 @pytest.mark.parametrize("option", ["--version", "--help"])
@@ -69,17 +60,6 @@ def test_simulate_then_calibrate(run_cli, tmp_path):
     truth = np.array(gyrocal.load(tmp_path / "rec").gyro.apriori_G)
     assert np.abs(np.array(document["G"]) - truth).max() > 1e-4
     assert document["parameters"] == list(NAMES)
-
-
-def test_remarks_name_what_was_chosen(run_cli, trmm_recording):
-    rec = str(trmm_recording)
-    assert "They fit the stated noise" in run_cli("calibrate", rec).stdout
-    held = run_cli("calibrate", rec, "--solve-for", "gyro_x").stdout
-    assert "wrong values of the held parameters" in held
-    assert "take the held parameters as exact" in held
-    assert (
-        "a prior that is too tight" in run_cli("calibrate", rec, "--prior-sigma-g", "1e-5", "--prior-sigma-bias", "1e-6").stdout
-    )
 
 
 def test_largest_residual_is_named(run_cli, tmp_path):

@@ -14,7 +14,6 @@ from simulator.effects import parse
 from studies.compare.bench import PreparedScenario
 from studies.compare.compare import compare
 from studies.compare.measure import MeasurementSetup
-from studies.report.comparison import describe_comparison
 from tests.studies.compare.recordings import plan, recorded
 
 ORBITAL = "bias_orbital:z=0.3,phase_deg=60"
@@ -156,14 +155,3 @@ def test_a_scenario_of_the_same_plan_may_be_compared():
 def test_too_few_runs_are_refused():
     with pytest.raises(InputError, match="at least 20"):
         compare(recorded(1), [], runs=5)
-
-
-def test_sentences_speak_of_sizes_only_where_there_are_some_and_say_why_a_diagnosis_may_see_more(compared):
-    under, adopted_one = compared.standings
-    assert "its sizes were fitted to this recording" in describe_comparison(compared)[-1]
-    bare = replace(compared, standings=(under, replace(adopted_one, effects=())))
-    assert "its sizes" not in describe_comparison(bare)[-1]
-    closed = replace(compared, standings=(replace(under, gap=replace(under.gap, before_90=(-0.1, 0.1))), adopted_one))
-    assert describe_comparison(closed)[0].endswith("shows no gap; single statistics deviate, which a diagnosis tests as well.")
-    calm = replace(closed.standings[0], statistics=under.statistics.assign(z=0.5))
-    assert describe_comparison(replace(closed, standings=(calm, adopted_one)))[0].endswith("shows no gap.")
