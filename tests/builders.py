@@ -24,15 +24,7 @@ PLAN = (
 
 
 def piecewise_recording(
-    plan=PLAN,
-    sample_s=0.5,
-    truth=TRUTH,
-    series_s=None,
-    sigma_deg=0.005,
-    arw=0.0,
-    rng=None,
-    gap_s=300.0,
-    apriori=None,
+    plan=PLAN, sample_s=0.5, truth=TRUTH, series_s=None, sigma_deg=0.005, arw=0.0, rng=None, gap_s=300.0, apriori=None
 ):
     """Piecewise-constant rates; attitudes as exact products of exponentials. With rng, both noises are drawn from it."""
     t_gyro, rates, t_ref, q_ref, intervals = [], [], [], [], []

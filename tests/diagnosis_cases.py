@@ -1,5 +1,7 @@
 """Diagnoses made by hand, one of each verdict, with tables of the size a real recording gives."""
 
+from itertools import product
+
 import numpy as np
 import pandas as pd
 
@@ -50,24 +52,13 @@ def statistics(strong, seed=2):
 
 
 def regressors(causes, table):
-    parts = []
-    for cause in causes:
-        for axis in AXES:
-            regressor = table[f"before_{axis}"] - table[f"after_{axis}"]
-            parts.append(
-                pd.DataFrame(
-                    {
-                        "cause": cause.label,
-                        "interval": table["interval"],
-                        "axis": axis,
-                        "t_s": table["t_s"],
-                        "regressor_deg": regressor,
-                        "residual_deg": table[f"before_{axis}"],
-                    }
-                )
-            )
     columns = ["cause", "interval", "axis", "t_s", "regressor_deg", "residual_deg"]
-    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
+    parts = [pd.DataFrame(columns=columns)]
+    for cause, axis in product(causes, AXES):
+        before = table[f"before_{axis}"]
+        own = table[["interval", "t_s"]].assign(cause=cause.label, axis=axis, residual_deg=before)
+        parts.append(own.assign(regressor_deg=before - table[f"after_{axis}"])[columns])
+    return pd.concat(parts[1:] or parts, ignore_index=True)
 
 
 def explanations(rows):
@@ -95,28 +86,10 @@ def closure_of(closed=0.97):
     )  # fmt: skip
 
 
-SPAN = (450.0, 4050.0)
-FINDINGS = (
-    Finding(
-        "attitude",
-        "m4",
-        "z",
-        SPAN,
-        "chi2",
-        310.2,
-        1e-40,
-        "m4, hold, axis z: χ² 310 (61 expected), 450 to 4050 s after its start",
-    ),
-    Finding(
-        "attitude",
-        "m2",
-        "z",
-        SPAN,
-        "chi2",
-        180.0,
-        3e-9,
-        "m2, hold, axis z: χ² 180 (61 expected), 450 to 4050 s after its start",
-    ),
+SPAN, WHEN = (450.0, 4050.0), "450 to 4050 s after its start"
+FINDINGS = tuple(
+    Finding("attitude", name, "z", SPAN, "chi2", value, p, f"{name}, hold, axis z: χ² {value:.0f} (61 expected), {WHEN}")
+    for name, value, p in (("m4", 310.2, 1e-40), ("m2", 180.0, 3e-9))
 )
 
 

@@ -12,12 +12,7 @@ from gyrocal.importing.rosbag import import_bag
 def bias_of(folder: str) -> list[float]:
     recording = gyrocal.load(folder)
     made = gyrocal.Recording.from_arrays(
-        recording.gyro.t_s,
-        recording.gyro.rates,
-        recording.attitudes.t_s,
-        recording.attitudes.quaternions,
-        sigma=1e-4,
-        arw=1e-7,
+        recording.gyro.t_s, recording.gyro.rates, recording.attitudes.t_s, recording.attitudes.quaternions, sigma=1e-4, arw=1e-7
     )
     result = gyrocal.calibrate(made, solve_for="bias", psi="full")
     values: list[float] = result.bias_deg_s.tolist()

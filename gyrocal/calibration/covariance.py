@@ -42,9 +42,7 @@ MODEL_CODES = {"full": FULL, "references only": REFERENCES_ONLY, "given": GIVEN}
 def chain_intervals(first_rows: Indices, last_rows: Indices) -> list[list[int]]:
     """Groups of intervals whose residuals correlate because they share a reference attitude, as intervals that touch do.
 
-    Parameters
-    ----------
-    first_rows, last_rows : reference rows at the start and end of each interval, which uses all from one to the other
+    first_rows, last_rows: reference rows at the start and end of each interval, which uses all from one to the other.
     """
     groups: list[list[int]] = []
     reached = -1

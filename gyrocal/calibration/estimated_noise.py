@@ -49,7 +49,7 @@ def count_noise_degrees(recording: Recording, dof: float) -> float:
     if gyro.arw_estimated:
         m = max(round(ALLAN_S / gyro.sample_s), 1)
         degrees = 1.5 * _measure_rests(recording) / (m * gyro.sample_s) * 4 * m**2 / (4 * m**2 + 5)
-        inverse += gyro_weight**2 / (gyro.rates.shape[1] * degrees)
+        inverse += gyro_weight**2 / (3 * degrees)
     return float(1 / inverse) if inverse > 0 else float("inf")
 
 

@@ -70,9 +70,6 @@ class Change:
     # before, after: (p,) estimates
     before: Array
     after: Array
-    # sigma_before, sigma_after: (p,) as the filter has them
-    sigma_before: Array
-    sigma_after: Array
     # chi2, dof: of the change, over the combinations the leg has told something about
     chi2: float
     dof: int
@@ -96,12 +93,6 @@ class FullFilterResult:
     names: tuple[str, ...]
     changes: tuple[Change, ...]
     runs: tuple[FilterRun, ...]
-
-    @property
-    def mean_nis(self) -> float:
-        """Normalised innovation squared over its degrees of freedom, all measurements; 1 if consistent."""
-        nis, dof = (np.concatenate([getattr(one.innovations, field) for one in self.runs]) for field in ("nis", "dof"))
-        return float(nis.sum() / dof.sum())
 
 
 def build_starting_covariance(attitude_sigma: float, parameter_covariance: Array) -> Array:
@@ -149,16 +140,7 @@ def run_legs(
         runs.append(run(estimator, gyro, fresh, leg.start_s, np.array([leg.stop_s])))
         used_until = leg.stop_s
         after, P_after = estimator.x[estimator.columns].copy(), estimator.P[3:, 3:].copy()
-        changes.append(
-            Change(
-                leg.name,
-                before,
-                after,
-                np.sqrt(np.diag(P_before)),
-                np.sqrt(np.diag(P_after)),
-                *compute_change_chi2(after - before, P_before, P_after),
-            )
-        )
+        changes.append(Change(leg.name, before, after, *compute_change_chi2(after - before, P_before, P_after)))
     return FullFilterResult(estimator.parameters, estimator.P[3:, 3:].copy(), estimator.names, tuple(changes), tuple(runs))
 
 

@@ -61,7 +61,7 @@ from gyrocal.estimation.error_state import Indices, compute_transition, rotate_a
 from gyrocal.estimation.filter_run import find_held_sample
 from gyrocal.estimation.mekf import Innovation, KalmanFilter
 from gyrocal.jit_cache import compile_cached
-from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
+from gyrocal.recording import GyroStream
 from gyrocal.sensors.series import SensorModel, SensorSeries
 
 Array = NDArray[np.float64]
@@ -261,30 +261,6 @@ def replay(
         elif kind == 3:
             onboard.start()
     return tuple(found)
-
-
-def build_ground_recording(
-    maneuvers: Sequence[Maneuver], spans: Sequence[tuple[float, float]], gyro: GyroStream, title: str, epoch: str
-) -> tuple[Recording, Array]:
-    """The maneuvers as a recording for the ground, and their C (maneuvers, 3, 3) for `gyrocal.calibrate`'s interval_covariance.
-
-    Parameters
-    ----------
-    maneuvers, spans : what was found, and the start and end of each, s
-    gyro : the samples, with the a-priori parameters that the ground is to start from
-    """
-    times, first = np.unique(np.array(spans, dtype=float).ravel(), return_index=True)  # maneuvers that touch share one
-    A = np.array([A for one in maneuvers for A in (one.A_start, one.A_end)])[first]
-    P = np.array([P for one in maneuvers for P in (one.P_start, one.P_end)])[first]
-    sigma = np.sqrt(np.einsum("kii->ki", P))
-    recording = Recording(
-        title=title,
-        epoch=epoch,
-        gyro=gyro,
-        attitudes=Attitudes(times, attitude.quaternion_from_matrix(A), sigma),
-        intervals=tuple(Interval(f"m{n + 1}", "maneuver", float(a), float(b)) for n, (a, b) in enumerate(spans)),
-    )
-    return recording, np.array([one.C for one in maneuvers])
 
 
 @compile_cached

@@ -49,9 +49,7 @@ class RemainderNoise:
     def build_reference_columns(self, rates: Array) -> Array:
         """Build the error (n, 3, q) of references by a unit of each state of `gyrocal.estimation.error_smoother`.
 
-        Parameters
-        ----------
-        rates : (n, 3) body rates at the references, rad/s
+        rates: (n, 3) body rates at the references, rad/s.
         """
         columns = [np.zeros((*rates.shape, 0))]
         for process in self.processes:

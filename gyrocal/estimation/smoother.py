@@ -44,12 +44,6 @@ class Smoothed:
     covariance: Array
 
     @property
-    def marginal(self) -> Array:
-        """(k, n, n) covariance at each time by itself."""
-        times = np.arange(len(self.t))
-        return np.asarray(self.covariance[times, :, times])
-
-    @property
     def attitude_covariance(self) -> Array:
         """(3k, 3k) joint covariance of the attitude errors, rad²."""
         k = len(self.t)

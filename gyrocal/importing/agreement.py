@@ -250,9 +250,7 @@ def _list_readings(windows: Motion, order: str, reverse: bool) -> list[tuple[tup
 def explain_residuals(recording: Recording, G: Array, bias: Array) -> str:
     """Explain large residuals of a recording with the parameters it starts from; empty without an explanation.
 
-    Parameters
-    ----------
-    G, bias : (3, 3) and (3,) rad/s, as the rates are adjusted with
+    G, bias: (3, 3) and (3,) rad/s, as the rates are adjusted with.
     """
     gyro, references = recording.gyro, recording.attitudes
     if not gyro.rates.any():
@@ -320,9 +318,7 @@ def _fit_scales_and_axes(pair: RatePair, scales: dict[str, float]) -> list[Readi
 def _find_rotation(pairs: list[RatePair], scales: dict[str, float], largest: float) -> MatrixReading | None:
     """Find the reading with a rotation of the gyro's axes that fits best and changes least.
 
-    Parameters
-    ----------
-    largest : residual over motion beyond which no rotation is named
+    largest: residual over motion beyond which no rotation is named.
     """
     found = []
     for pair in pairs:

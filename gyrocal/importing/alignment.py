@@ -160,9 +160,7 @@ def estimate_alignment(
 def refine(windows: Motion, reverse: bool | None = None) -> Alignment | None:
     """Find the alignment near the tags as they are, in the direction that fits; None of too few windows.
 
-    Parameters
-    ----------
-    reverse : the direction of the attitudes, if it is known
+    reverse: the direction of the attitudes, if it is known.
     """
     found = [_fit(windows, one) for one in ((False, True) if reverse is None else (reverse,))]
     good = [one for one in found if one is not None]

@@ -16,6 +16,7 @@ from gyrocal.importing.column_mapping import Mapping
 from gyrocal.importing.gyro_samples import GAP_SAMPLES
 from gyrocal.importing.motion import Motion
 from gyrocal.importing.streams import BodyAttitudes, Streams
+from gyrocal.importing.units import format_degrees
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
 from gyrocal.recording.reference_join import SensorReferences
 
@@ -29,11 +30,6 @@ LARGEST_MISS_DEG = 10.0  # median, of attitudes far apart that tell a bias
 LEAST_SIGMA = np.deg2rad(2e-9)
 MAD_TO_SIGMA = 1.4826
 CLIP = 4.0  # increments beyond so many robust sigmas are left out of the preliminary fit
-
-
-def format_degrees(values: Array) -> str:
-    """Angles in degrees, four digits each."""
-    return ", ".join(f"{value:.4g}" for value in np.rad2deg(values))
 
 
 def estimate_bias(
@@ -201,9 +197,7 @@ def estimate_walk_at_rest(stretches: list[Array], sample_s: float) -> Array | No
 
     Returns None if no stretch is long enough.
 
-    Parameters
-    ----------
-    stretches : rates (n, k) each, rad/s, constant but for noise and slow drift
+    stretches: rates (n, k) each, rad/s, constant but for noise and slow drift.
     """
     m = max(round(ALLAN_S / sample_s), 1)
     squares = []
@@ -243,9 +237,7 @@ def compute_increment_residuals(recording: Recording) -> tuple[Array, Array]:
     Returns (m, 3) residuals in the body axes of the second reference, rad, scaled by the degrees of freedom of the fit, and (m,
     3, 3) rotations from the first to it.
 
-    Parameters
-    ----------
-    recording : intervals that hold two references each
+    recording: intervals that hold two references each.
     """
     gyro = recording.gyro
     theta, prepared, run = compute_misses(recording)

@@ -54,7 +54,9 @@ def choose_intervals(gyro: GyroStream, joined: BodyAttitudes, mapping: Mapping, 
         said.append(f"{gap.size} gap(s) of the gyro longer than {GAP_SAMPLES:g} samples end an interval")
     usual = float(np.median(np.diff(t_ref)))
     holes = np.diff(t_ref) > ATTITUDE_GAP_FACTOR * usual
-    covered = [k for k in np.flatnonzero(holes).tolist() if _is_sampled(starts, stops, t_ref[k], t_ref[k + 1])]
+    covered = [
+        k for k in np.flatnonzero(holes).tolist() if ((starts <= t_ref[k] + 1e-9) & (stops >= t_ref[k + 1] - 1e-9)).any()
+    ]
     if covered:
         longest = max(covered, key=lambda k: float(t_ref[k + 1] - t_ref[k]))
         said.append(
@@ -105,11 +107,6 @@ def select_rows(t_ref: Array, spans: list[Span], spacing_s: float) -> list[Indic
                 kept.append(row)
         chosen.append(np.array(kept, dtype=np.intp))
     return chosen
-
-
-def _is_sampled(starts: Array, stops: Array, begin: float, end: float) -> bool:
-    """Whether one stretch of the gyro without a gap covers a time."""
-    return bool(((starts <= begin + 1e-9) & (stops >= end - 1e-9)).any())
 
 
 def _choose_length(mapping: Mapping, turn_at: Array, t_ref: Array) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.importing.motion import Motion
+from gyrocal.importing.units import format_degrees
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -79,14 +80,14 @@ def _list_faults(windows: Motion) -> list[Fault]:
     def compute_rest(values: Array) -> float:
         return float(np.sqrt(np.sum(values * values))) / raw
 
-    out = [Fault("bias", f"a bias of {_format_degrees(bias)} deg/s", compute_rest(rest), bias)]
+    out = [Fault("bias", f"a bias of {format_degrees(bias)} deg/s", compute_rest(rest), bias)]
     r0, g0 = reference - reference.mean(axis=0), gyro - gyro.mean(axis=0)
     scale = float(np.sum(r0 * g0) / max(np.sum(g0 * g0), 1e-300))
     out.append(Fault("scale", f"the rates times {scale:.4g}", compute_rest(r0 - scale * g0)))
     step = _find_step(rest, middle)
     if step is not None:
         when, jump, values = step
-        words = f"a step of the bias by {_format_degrees(jump)} deg/s at {when:.6g} s"
+        words = f"a step of the bias by {format_degrees(jump)} deg/s at {when:.6g} s"
         out.append(Fault("step", words, compute_rest(values)))
     h = 0.25 * float(np.median(windows.stop_s - windows.start_s))
     later, sooner = windows.gyro(h)[0][inside], windows.gyro(-h)[0][inside]
@@ -154,7 +155,3 @@ def _find_clipping(reference: Array, gyro: Array) -> tuple[str, Array] | None:
                 )
                 best = (square, words, values)
     return None if best is None else best[1:]
-
-
-def _format_degrees(values: Array) -> str:
-    return ", ".join(f"{value:.4g}" for value in np.rad2deg(values))

@@ -163,17 +163,12 @@ def _count_lost_samples(t_s: Array, k: Array, h: float, rows: Indices, part: Ind
         j = int(near[np.argmax(jump[near])])
         lost = round(float(step[j]) / h)
         if lost >= 1:
-            begins = _find_gap_row(t_s, rows[j], rows[j + 1])
+            begins = int(rows[j] + 1 + np.argmax(np.diff(t_s[rows[j] : rows[j + 1] + 1])))  # after the longest spacing
             shift[begins:] += lost
             if lost > LONGEST_COUNTED:
                 part[j + 1 :] += 1
         last = j
     return k + shift, part
-
-
-def _find_gap_row(t_s: Array, before: int, after: int) -> int:
-    """The row after the longest spacing between two anchors."""
-    return int(before + 1 + np.argmax(np.diff(t_s[before : after + 1])))
 
 
 def _estimate_anchor_spacing(t_s: Array, k: Array, part: Indices, usual: float) -> float:

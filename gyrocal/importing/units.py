@@ -260,3 +260,8 @@ def compute_gyro_factor(unit: str, lsb: str | None) -> tuple[float, bool]:
         known = (*RATE_UNITS, *ANGLE_UNITS, *(f"{one}{PER_SAMPLE}" for one in ANGLE_UNITS), COUNTS_UNIT)
         raise InputError(f"gyro: unit {unit} is not known; known are {', '.join(known)}")
     return (ANGLE_UNITS | RATE_UNITS)[unit], unit in ANGLE_UNITS
+
+
+def format_degrees(values: Array) -> str:
+    """Angles in degrees, four digits each."""
+    return ", ".join(f"{value:.4g}" for value in np.rad2deg(values))

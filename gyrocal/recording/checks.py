@@ -20,11 +20,6 @@ LARGEST_RATE = float(np.deg2rad(1e5))  # no gyro measures more
 SIGMA_RANGE = (float(np.deg2rad(1e-9)), float(np.deg2rad(180.0)))  # nothing outside is the sigma of an attitude
 
 
-def is_full_rank(G: Array) -> bool:
-    """Whether gyros with this G (3, 3) see all three axes."""
-    return bool(abs(np.linalg.det(G)) >= SMALLEST_DETERMINANT)
-
-
 def check_times(t_s: Array, what: str) -> None:
     """Finite times that increase."""
     if t_s.ndim != 1 or t_s.size == 0:
@@ -44,7 +39,7 @@ def check_gyro(gyro: GyroStream) -> None:
         raise InputError("gyro: rates must be three a sample; gyrocal.importing.join_gyros makes three of more gyros")
     if not np.isfinite(gyro.rates).all():
         raise InputError("gyro: rates must be finite numbers")
-    if gyro.apriori_G.shape != (3, 3) or not is_full_rank(gyro.apriori_G):
+    if gyro.apriori_G.shape != (3, 3) or not abs(np.linalg.det(gyro.apriori_G)) >= SMALLEST_DETERMINANT:
         raise InputError("gyro: G must be 3×3, and the gyros' axes must not lie in one plane")
     if not gyro.sample_s > 0:
         raise InputError("gyro: sample_s must be positive")

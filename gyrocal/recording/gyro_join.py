@@ -45,9 +45,7 @@ class JoinedGyros:
     def describe(self, unit: float) -> list[str]:
         """Say how well the gyros agree, a sentence each.
 
-        Parameters
-        ----------
-        unit : rad/s of one unit of the gyros' `noise`, for one sample; zero if it is not known
+        unit: rad/s of one unit of the gyros' `noise`, for one sample; zero if it is not known.
         """
         said = [f"the gyros {', '.join(self.names)} are joined to the rates about x, y and z by least squares"]
         for name, mean, rms, ratio in zip(self.names, *self._summarise(unit), strict=True):
@@ -63,9 +61,7 @@ class JoinedGyros:
     def find_disagreement(self, unit: float) -> str:
         """Name the gyro that does not agree with the others, and the remedy; empty where all agree within their noise.
 
-        Parameters
-        ----------
-        unit : as in `describe`
+        unit: as in `describe`.
         """
         _, rms, ratio = self._summarise(unit)
         if not np.isfinite(ratio).any():

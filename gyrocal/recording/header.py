@@ -206,11 +206,8 @@ def format_toml(value: object) -> str:
     if isinstance(value, float):
         return repr(float(value))
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_format_key(str(key))} = {format_toml(item)}" for key, item in value.items()) + "}"
+        names = (name if re.fullmatch("[A-Za-z0-9_-]+", name) else format_toml(name) for name in map(str, value))
+        return "{" + ", ".join(f"{name} = {format_toml(item)}" for name, item in zip(names, value.values(), strict=True)) + "}"
     if isinstance(value, Iterable):
         return "[" + ", ".join(format_toml(item) for item in value) + "]"
     raise TypeError(f"no TOML form for {value!r}")
-
-
-def _format_key(name: str) -> str:
-    return name if re.fullmatch("[A-Za-z0-9_-]+", name) else format_toml(name)

@@ -124,13 +124,6 @@ def _evaluate_transfer(N: Array, k: Array) -> Array:
     return np.asarray(np.arctan(bracket) + k[8])
 
 
-def compute_direction(angles: Array) -> Array:
-    """Unit vectors O (n, 3) in the sensor frame of angles (α, β) (n, 2) rad, R (4)."""
-    tangents = np.tan(angles)
-    along = np.concatenate([tangents, np.ones((*tangents.shape[:-1], 1))], axis=-1)
-    return np.asarray(along / np.linalg.norm(along, axis=-1, keepdims=True))
-
-
 def compute_angles(observed: Array) -> Array:
     """(α, β) (n, 2) rad of directions O (n, 3) in the sensor frame, O_z > 0; the inverse of R (4)."""
     x, y, z = observed[..., 0], observed[..., 1], observed[..., 2]

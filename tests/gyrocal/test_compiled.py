@@ -126,10 +126,6 @@ def test_a_folder_that_cannot_be_written_is_replaced(started, tmp_path, monkeypa
     assert kernel(2.0) == 6.0
 
 
-def test_the_hash_of_a_layer_takes_in_those_below_it():
-    assert len({jit_cache.hash_sources(layer) for layer in jit_cache.PACKAGE_LAYERS}) == len(jit_cache.PACKAGE_LAYERS)
-
-
 @pytest.mark.parametrize("edited", range(len(jit_cache.PACKAGE_LAYERS)))
 def test_an_edit_changes_the_hash_of_its_layer_and_of_those_above(edited, tmp_path, monkeypatch):
     for layer in jit_cache.PACKAGE_LAYERS:

@@ -1,6 +1,5 @@
 """The one way in which files are written: whole or not at all, and never in place of what is no regular file."""
 
-import json
 import os
 import resource
 import stat
@@ -95,28 +94,6 @@ def test_a_link_is_neither_written_through_nor_replaced(tmp_path, to):
     assert (tmp_path / "there" / "a.json").read_bytes() == b"of somebody else"
     with pytest.raises(InputError, match=r"link\.json: is a symbolic link"):
         check_writable(link)
-
-
-def test_six_writers_of_one_file_all_succeed(tmp_path):
-    path, faults, start = tmp_path / "a.json", [], threading.Barrier(6)
-
-    def writer(number):
-        start.wait()
-        try:
-            for _ in range(20):
-                write_json(path, {"number": number, "filling": [number] * 1000})
-        except BaseException as fault:
-            faults.append(fault)
-
-    threads = [threading.Thread(target=writer, args=(number,)) for number in range(6)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert faults == []
-    found = json.loads(path.read_text())
-    assert set(found["filling"]) == {found["number"]}
-    assert os.listdir(tmp_path) == ["a.json"]
 
 
 @pytest.mark.parametrize("name", ["a.json", "a.csv", "a.parquet", "a.svg", "a.png", "rec/gyro.parquet"])

@@ -23,10 +23,7 @@ from gyrocal.calibration.sampling import prepare_measurements
 from tests.builders import RPO, TRUTH, piecewise_recording
 
 # Two touching intervals with a turn, then a separate one; several references in each.
-PLAN = (
-    (((0.0, -RPO, 0.0), 200.0), ((0.0, 0.0, np.deg2rad(0.4)), 200.0)),
-    (((RPO, 0.0, 0.0), 200.0),),
-)
+PLAN = ((((0.0, -RPO, 0.0), 200.0), ((0.0, 0.0, np.deg2rad(0.4)), 200.0)), (((RPO, 0.0, 0.0), 200.0),))
 
 
 def test_one_residual_by_hand():

@@ -34,8 +34,7 @@ def test_raw_inverts_rates():
 
 
 @pytest.mark.parametrize(
-    ("text", "count"),
-    [("all", 12), ("bias", 3), ("scale,bias", 6), ("all,-misalignment", 6), ("gyro_y", 4), ("G_xy,b_z", 2)],
+    ("text", "count"), [("all", 12), ("bias", 3), ("scale,bias", 6), ("all,-misalignment", 6), ("gyro_y", 4), ("G_xy,b_z", 2)]
 )
 def test_subsets(text, count):
     names = select(text)

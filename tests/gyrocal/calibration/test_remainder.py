@@ -19,13 +19,7 @@ from gyrocal.calibration.remainder import (
     compute_p_value,
     list_processes,
 )
-from gyrocal.calibration.remainder_processes import (
-    NOMINAL,
-    WITH_REMAINDER,
-    Process,
-    Stretches,
-    read_processes,
-)
+from gyrocal.calibration.remainder_processes import NOMINAL, WITH_REMAINDER, Process, Stretches, read_processes
 from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.estimation.remainder_noise import KnownCalibration, RemainderNoise, read_calibration
 from tests.builders import piecewise_recording
@@ -33,11 +27,7 @@ from tests.gyrocal.calibration.remainder_cases import TRUTH, simulate_remainder
 
 RATE, REFERENCE = np.deg2rad(0.1), np.deg2rad(0.2)
 SEEDS = range(6)
-REMAINDERS = {
-    "rate error": {"rate": RATE},
-    "correlated reference error": {"reference": REFERENCE},
-    "delay": {"delay_s": 0.01},
-}
+REMAINDERS = {"rate error": {"rate": RATE}, "correlated reference error": {"reference": REFERENCE}, "delay": {"delay_s": 0.01}}
 
 
 @cache

@@ -89,11 +89,12 @@ def study(cases, offset_sigma=0.0, reference_sigma=0.0):
     rows = []
     for seed in range(cases):
         full, (separate, P) = run_full_and_separate(np.random.default_rng([32, seed]), offset_sigma, reference_sigma)
+        total = sum(one.innovations.dof.sum() for one in full.runs)
         rows.append(
             {
                 "full": error_nees(full.parameters.vector, full.covariance),
                 "separate": error_nees(separate.vector, P),
-                "nis": full.mean_nis,
+                "nis": sum(one.innovations.nis.sum() for one in full.runs) / total,
                 "changes": sum(one.chi2 for one in full.changes) / sum(one.dof for one in full.changes),
                 "full_G": np.square(full.parameters.G - TRUTH.G).mean(),
                 "separate_G": np.square(separate.G - TRUTH.G).mean(),

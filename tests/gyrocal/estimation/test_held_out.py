@@ -72,13 +72,7 @@ def test_a_reference_that_two_blocks_share_is_in_no_turn(recording):
 def test_one_interval_is_cut_and_a_wrong_set_is_called_worse(recording):
     longest = max(recording.intervals, key=lambda one: one.stop_s - one.start_s)
     rows = gyrocal.recording.find_reference_rows(recording.attitudes.t_s, longest)
-    alone = replace(
-        recording,
-        intervals=(longest,),
-        attitudes=recording.attitudes.select_rows(rows),
-        tables={},
-        sensors=None,
-    )
+    alone = replace(recording, intervals=(longest,), attitudes=recording.attitudes.select_rows(rows), tables={}, sensors=None)
     assert predict_held_out_turns(alone)
     worse = held_out.HeldOutTurns(60.0, 9, 2.0, 1.0, 2.01, 1.0)
     assert "worse than the bias alone and as good as the gyro as stated" in describe_held_out_turns([worse])

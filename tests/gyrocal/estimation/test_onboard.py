@@ -6,9 +6,19 @@ import pickle
 import numpy as np
 import pytest
 
-from gyrocal import GyroParameters, InputError, RecursiveCalibrator, StreamingPropagation, calibrate
+from gyrocal import (
+    Attitudes,
+    GyroParameters,
+    InputError,
+    Interval,
+    Recording,
+    RecursiveCalibrator,
+    StreamingPropagation,
+    attitude,
+    calibrate,
+)
 from gyrocal.estimation.mekf import KalmanFilter, compute_nees
-from gyrocal.estimation.onboard import OnBoardCalibrator, build_ground_recording, replay
+from gyrocal.estimation.onboard import OnBoardCalibrator, replay
 from tests.builders import TRUTH, choose_case_numbers, mean_bounds
 from tests.gyrocal.estimation.filter_cases import (
     DIRECTION_SENSOR_SIGMA,
@@ -33,6 +43,16 @@ def calibrated(seed, openings=None, start=None, **options):
     return case.apriori, case.onboard, case.maneuvers, case.gyro
 
 
+def build_ground_recording(maneuvers, spans, gyro):
+    """The maneuvers as a recording for the ground, and their C (maneuvers, 3, 3)."""
+    times, first = np.unique(np.array(spans, dtype=float).ravel(), return_index=True)  # maneuvers that touch share one
+    A = np.array([A for one in maneuvers for A in (one.A_start, one.A_end)])[first]
+    sigma = np.array([np.sqrt(np.diag(P)) for one in maneuvers for P in (one.P_start, one.P_end)])[first]
+    intervals = tuple(Interval(f"m{n + 1}", "maneuver", float(a), float(b)) for n, (a, b) in enumerate(spans))
+    references = Attitudes(times, attitude.quaternion_from_matrix(A), sigma)
+    return Recording("on board", "1998-01-01T00:00:00Z", gyro, references, intervals), np.array([one.C for one in maneuvers])
+
+
 def batch_nees(apriori, maneuvers, covariances):
     """NEES of the parameters from these maneuvers with other C."""
     x, P = solve_with_covariances(apriori, maneuvers, covariances)
@@ -43,7 +63,7 @@ def batch_nees(apriori, maneuvers, covariances):
 def test_same_as_the_ground_batch_from_the_same_references(prior):
     P0 = np.diag(np.repeat([1e-3, np.deg2rad(1e-4)], [9, 3]) ** 2) if prior else None
     apriori, onboard, maneuvers, gyro = calibrated(0, OPENINGS, through_filter=False, apriori_covariance=P0)
-    recording, C = build_ground_recording(maneuvers, SPANS, gyro, "on board", "1998-01-01T00:00:00Z")
+    recording, C = build_ground_recording(maneuvers, SPANS, gyro)
     ground = calibrate(recording, iterations=1, interval_covariance=C, apriori_covariance=P0)
     found, P = onboard.solve()
     assert np.abs((found.vector - ground.parameters.vector) / ground.sigma).max() < 1e-9
@@ -206,7 +226,7 @@ def test_samples_are_cut_at_events():
         )
         maneuvers = replay(onboard, gyro, [late], 0.0, spans)
         found.append([one.elapsed_s for one in maneuvers])
-        recording, C = build_ground_recording(maneuvers, spans, gyro, "cut", "1998-01-01T00:00:00Z")
+        recording, C = build_ground_recording(maneuvers, spans, gyro)
         assert len(recording.attitudes.t_s) == 3
         assert C.shape == (2, 3, 3)
     np.testing.assert_allclose(found, [[40.0, 30.0], [40.5, 29.5]])

@@ -9,11 +9,7 @@ from gyrocal import GyroParameters, InputError, Interval, Recording, calibrate
 from gyrocal.attitude import matrix_from_quaternion, residual, rotation_matrix
 from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.sampling import prepare_measurements
-from gyrocal.estimation.reference_covariance import (
-    interval_covariance,
-    reference_attitudes,
-    residual_covariance,
-)
+from gyrocal.estimation.reference_covariance import interval_covariance, reference_attitudes, residual_covariance
 from simulator.streams import generator
 from tests.builders import TRUE_G, choose_case_numbers, is_mean_of_chi2, squared_error
 from tests.gyrocal.estimation.attitude_cases import ATTITUDE_CASE_ARW, TRUE_BIAS, build_timeline_flight, run_star_batch

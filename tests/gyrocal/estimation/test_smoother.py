@@ -57,7 +57,7 @@ def test_joint_covariance_over_seeds():
         for k in range(0, 12, 3):
             blocks[k : k + 3, k : k + 3] = P[k : k + 3, k : k + 3]
         alone.append(compute_nees(s.ravel()[wanted][None], blocks[None])[0])
-        assert (np.einsum("kii->ki", smoothed.marginal) <= np.einsum("kii->ki", found.covariance) * (1 + 1e-9)).all()
+        assert (np.einsum("kiki->ki", smoothed.covariance) <= np.einsum("kii->ki", found.covariance) * (1 + 1e-9)).all()
     low, high = mean_bounds(12, cases)
     assert low < np.mean(joint) < high
     # Without the correlations the mean is the same, but errors that go together make the values scatter more.
@@ -70,6 +70,6 @@ def test_the_last_estimate_is_the_filters():
     found, *_ = filtered(flight, np.random.default_rng(2))
     smoothed = smooth(found)
     np.testing.assert_array_equal(smoothed.A[-1], found.A[-1])
-    np.testing.assert_array_equal(smoothed.marginal[-1], found.covariance[-1])
+    np.testing.assert_array_equal(smoothed.covariance[-1, :, -1], found.covariance[-1])
     with pytest.raises(InputError, match="keep_history"):
         smooth(dataclasses.replace(found, history=None))

@@ -1,7 +1,5 @@
 """A simulated MEMS log beside motion capture, as the files that imports read, and mappings of its tables."""
 
-import re
-
 import numpy as np
 import pandas as pd
 
@@ -15,24 +13,6 @@ from studies.validation import mems_log
 EPOCH = "2023-11-14T22:13:20.123Z"
 OPTIONS = ("--time", "time:iso", "--gyro", "gx,gy,gz:deg/s")
 CORRECT_MAPPING = {"time": "timestamp_ms:ms", "gyro": "gx,gy,gz:deg/s", "quat": "qw,qx,qy,qz:body-to-inertial"}
-OFFSET_S = 0.35
-NEAR_S = 0.02  # how near a named time offset must come
-# What is wrong, how, and what must be named; {} stands for a time offset.
-WRONG_MAPPINGS = {
-    "rad/s for deg/s": ({"gyro": "gx,gy,gz:rad/s"}, "the gyro in deg/s, not rad/s"),
-    "deg/h for deg/s": ({"gyro": "gx,gy,gz:deg/h"}, "the gyro in deg/s, not deg/h"),
-    "scalar last for first": (
-        {"quat": "qw,qx,qy,qz:body-to-inertial:scalar-last"},
-        "the quaternion's scalar part first (scalar-first)",
-    ),
-    "conjugate": ({"quat": "qw,qx,qy,qz:inertial-to-body"}, "the attitude from body to inertial (body-to-inertial)"),
-    "axes swapped": ({"gyro": "gy,gx,gz:deg/s"}, "the gyro's axes as y,x,z"),
-    "sign of an axis": ({"gyro": "gx,-gy,gz:deg/s"}, "the gyro's axes as x,-y,z"),
-    "axes in a cycle": ({"gyro": "gy,gz,gx:deg/s"}, "the gyro's axes as z,x,y"),
-    "s for ms": ({"time": "timestamp_ms:s"}, "times in ms, not s"),
-    "us for ms": ({"time": "timestamp_ms:us"}, "times in ms, not us"),
-    "time offset": ({"attitude_offset_s": OFFSET_S}, "{} s added to the attitudes' time tags"),
-}
 INSTRUMENT = -95001
 AEM = """CCSDS_AEM_VERS = 2.0
 CREATION_DATE = 2020-01-01T00:00:00
@@ -125,12 +105,3 @@ def find_refusal(data, changes):
     except InputError as error:
         return str(error)
     return ""
-
-
-def is_mapping_named(message, wanted):
-    """Whether a refusal names what is wanted as the only way that fits."""
-    found = re.search(r" % with (.*?)(; --align auto finds and applies the offset)?$", message)
-    if found is None or "{}" not in wanted:
-        return found is not None and found.group(1) == wanted
-    number = re.fullmatch(re.escape(wanted).replace(r"\{\}", r"([-+][\d.e-]+)"), found.group(1))
-    return number is not None and abs(float(number.group(1)) + OFFSET_S) < NEAR_S

@@ -1,6 +1,5 @@
 """Time offset, clock, direction, mounting and factor are found with their sigmas, and faults of a misfit are named."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -126,13 +125,6 @@ def test_a_factor_that_is_no_unit_is_named_and_mended(data):
     assert "the rates times 1.4" in find_refusal(low, {})
 
 
-def test_a_clock_rate_is_named_beside_an_offset(data):
-    message = find_refusal(with_clock(data, 1.02, 0.6), {})
-    assert "the gyro's time tags times 1.0" in message
-    offset = re.search(r"([-+][\d.]+) s added", message)
-    assert float(offset.group(1)) == pytest.approx(0.6, abs=0.01)
-
-
 def test_increments_per_sample_are_named_and_read(data):
     angle = np.deg2rad(data.gyro[RATES]) * mems_log.MEMS_SAMPLE_S
     wrong = replace(data, gyro=data.gyro.assign(**angle))
@@ -143,8 +135,7 @@ def test_increments_per_sample_are_named_and_read(data):
 
 
 @pytest.mark.parametrize(
-    ("stated", "words"),
-    [("deg:XYZ", "the Euler angles as ZYX, not XYZ"), ("rad:ZYX", "the Euler angles in deg, not rad")],
+    ("stated", "words"), [("deg:XYZ", "the Euler angles as ZYX, not XYZ"), ("rad:ZYX", "the Euler angles in deg, not rad")]
 )
 def test_euler_angles_in_another_order_or_unit_are_named(data, stated, words):
     q = np.roll(data.attitude[["qw", "qx", "qy", "qz"]].to_numpy(), -1, axis=1)

@@ -93,8 +93,20 @@ ROWS = "0.5,1.25,3\n1.0,2.5,4\n"
         (ROWS, ["1", "2", "3"]),
         ("Rate: 50\n" + ROWS, ["1", "2", "3"]),
         ("t|x|y\n" + ROWS.replace(",", "|"), ["t", "x", "y"]),
+        ("#t; x; y\n" + ROWS.replace(",", "; "), ["t", "x", "y"]),
     ],
-    ids=["comments", "spaces", "preamble", "groups", "units", "decimal comma", "no header", "one field", "bars"],
+    ids=[
+        "comments",
+        "spaces",
+        "preamble",
+        "groups",
+        "units",
+        "decimal comma",
+        "no header",
+        "one field",
+        "bars",
+        "comment in the header",
+    ],
 )
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
 def test_header_is_found_in_the_file(tmp_path, text, names, encoding):
@@ -110,6 +122,8 @@ def test_header_is_found_in_the_file(tmp_path, text, names, encoding):
 def test_first_line_with_degree_sign_of_windows(tmp_path):
     (tmp_path / "a.csv").write_bytes("t,x (°/s)\n1,2\n".encode("cp1252"))
     assert list(read_csv(tmp_path / "a.csv").columns) == ["t", "x (°/s)"]
+    with pytest.raises(InputError, match="no such file"):
+        read_csv(tmp_path / "b.csv")
 
 
 def test_elements_alone_mean_the_one_group_that_has_all_of_them():

@@ -106,9 +106,13 @@ def test_directions_of_gyros():
     np.testing.assert_allclose(tetrahedron @ axes, np.eye(3), atol=1e-15)
     np.testing.assert_allclose(axes @ axes.T - np.eye(4), -(1 - np.eye(4)) / 3, atol=1e-15)
     np.testing.assert_array_equal(column_mapping.validate_mapping(BASE, "x").directions(3), np.eye(3))
-    with pytest.raises(InputError, match="other than three give the gyros' axes"):
-        column_mapping.validate_mapping(BASE, "x").directions(4)
-    with pytest.raises(InputError, match="do not measure all three"):
-        column_mapping.validate_mapping(BASE | {"axes": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]]}, "x").directions(3)
-    with pytest.raises(InputError, match="three rows of 4 numbers"):
-        column_mapping.validate_mapping(BASE | {"G": [[1.0, 0.0, 0.0]] * 3}, "x").directions(4)
+    for entries, gyros, words in (
+        ({}, 4, "4 columns; with other than three give the gyros' axes"),
+        ({"axes": "tetrahedron"}, 5, "axes: 4 rows, but 5 gyros"),
+        ({"axes": [[1, 0, 0], [0, 1, 0], [0, 0, 0]]}, 3, "axes: a row is zero"),
+        ({"axes": [[1, 0, 0], [0, 1, 0], [1, 1, 0]]}, 3, "do not measure all three"),
+        ({"G": [[1, 0], [0, 1], [0, 0]]}, 3, "G: three rows of 3 numbers"),
+        ({"G": [[1, 0, 0]] * 3, "axes": "tetrahedron"}, 3, "give axes or G, not both"),
+    ):
+        with pytest.raises(InputError, match=words):
+            column_mapping.validate_mapping(BASE | entries, "x").directions(gyros)

@@ -8,7 +8,7 @@ import pytest
 
 from gyrocal import InputError
 from gyrocal.importing import validate_mapping
-from gyrocal.importing.streams import read_csv, read_streams
+from gyrocal.importing.streams import read_streams
 from gyrocal.importing.units import build_clock, continue_tags
 
 BASE = {"time": "t:s", "gyro": "x,y,z:deg/s", "quat": "w,a,b,c:body-to-world:scalar-first"}
@@ -262,12 +262,3 @@ def test_offset_joins_a_dated_table_and_one_that_counts_from_boot():
         made(gyro(), a)
     found = made(gyro(), a, attitude_offset_s=float(re.search(r"--attitude-offset (\S+);", str(caught.value))[1]))
     np.testing.assert_allclose(found.sensors[0].t_s, attitudes()["t"], atol=1e-6)
-
-
-def test_csv_with_other_separators_and_comments_in_the_header(tmp_path):
-    (tmp_path / "a.csv").write_text("#timestamp; x; y\n1; 2; 3\n4; 5; 6\n")
-    table = read_csv(tmp_path / "a.csv")
-    assert list(table.columns) == ["timestamp", "x", "y"]
-    assert table["y"].tolist() == [3, 6]
-    with pytest.raises(InputError, match="no such file"):
-        read_csv(tmp_path / "b.csv")

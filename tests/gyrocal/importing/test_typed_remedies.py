@@ -12,11 +12,7 @@ from tests.gyrocal.importing.mems import largest_error
 
 MOST_SIGMA = 5.0  # of twelve parameters
 RATES = ["gx", "gy", "gz"]
-WORDS = {
-    "--time": "t:s",
-    "--gyro": "gx,gy,gz:deg/s",
-    "--quat": "qw,qx,qy,qz:body-to-inertial",
-}
+WORDS = {"--time": "t:s", "--gyro": "gx,gy,gz:deg/s", "--quat": "qw,qx,qy,qz:body-to-inertial"}
 
 
 @pytest.fixture(scope="module")

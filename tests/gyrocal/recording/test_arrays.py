@@ -200,10 +200,6 @@ def test_a_csv_recording_is_calibrated_without_matplotlib_and_pyarrow(tmp_path):
     assert "b_x" in done.stdout
 
 
-def test_the_package_says_that_it_is_typed():
-    assert (ROOT / "gyrocal" / "py.typed").is_file()
-
-
 def test_the_page_s_example(capsys):
     (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "library.md").read_text(), flags=re.DOTALL)
     namespace = {}

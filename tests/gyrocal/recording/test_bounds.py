@@ -35,17 +35,11 @@ def refusal(folder):
     return str(caught.value)
 
 
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")], ids=["pipe", "device"])
 @pytest.mark.parametrize("name", FILES)
-def test_a_pipe_is_refused_and_not_waited_for(name, folder):
+def test_a_pipe_or_a_device_is_refused_and_not_waited_for(name, make, folder):
     (folder / name).unlink()
-    os.mkfifo(folder / name)
-    assert refusal(folder).startswith(f"{folder / name}: not a regular file")
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_a_device_is_refused(name, folder):
-    (folder / name).unlink()
-    (folder / name).symlink_to("/dev/zero")
+    make(folder / name)
     assert refusal(folder).startswith(f"{folder / name}: not a regular file")
 
 

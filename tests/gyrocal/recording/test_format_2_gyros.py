@@ -75,15 +75,6 @@ def test_sets_that_do_not_measure_all_directions_are_refused(tmp_path, switched,
         load(tmp_path)
 
 
-def test_three_gyros_and_one_sensor_are_format_1_on_file(tmp_path):
-    save(piecewise_recording(), tmp_path)
-    header = (tmp_path / "recording.toml").read_text()
-    assert header.startswith("format = 1\n")
-    assert 'maps = "inertial to body"' in header
-    assert not any(word in header for word in ("names", "raan", "sensor"))
-    assert "sensor" not in piecewise_recording().to_frame("attitude").columns
-
-
 def test_a_recording_of_other_than_three_rates_or_without_references_is_refused():
     one = piecewise_recording()
     for changes, words in (

@@ -25,6 +25,13 @@ def scene(sensor, rng, n, limit_deg=47.5):
     return A, np.einsum("nji,nj->ni", A, inside @ sensor.alignment.T), np.column_stack([a, b])
 
 
+def compute_direction(angles):
+    """Unit vectors O (n, 3) in the sensor frame of angles (α, β) (n, 2) rad, R (4)."""
+    tangents = np.tan(angles)
+    along = np.concatenate([tangents, np.ones((*tangents.shape[:-1], 1))], axis=-1)
+    return np.asarray(along / np.linalg.norm(along, axis=-1, keepdims=True))
+
+
 def kernel_tangents(s, head):
     return np.array([truth.compute_head_tangents(*row, head) for row in s])
 
@@ -64,7 +71,7 @@ def test_the_transfer_function_rises_within_fourteen_bits():
 def test_the_sun_is_seen_within_the_field_of_view_only():
     sensor = truth.build_trmm_sensors(heads=SQUARE)[0]
     angles = np.deg2rad([[0, 0], [47.9, -47.9], [48.1, 0], [0, -48.1], [10, 10]])
-    s = ground.compute_direction(angles)
+    s = compute_direction(angles)
     s[4] *= -1  # behind, where the tangents are the same
     A = np.broadcast_to(np.eye(3), (5, 3, 3))
     counts, visible = truth.observe(None, sensor, A, s @ sensor.alignment.T)
@@ -110,7 +117,7 @@ def test_counts_close_within_noise_and_quantisation(which):
     assert np.sqrt((error**2).mean()) < ground.SUN_ANGLE_SIGMA
     # The vectors follow, R (4) and (1).
     body = np.einsum("nij,nj->ni", A, sun)
-    seen = ground.compute_direction(sensor.angles(counts)) @ (sensor.alignment @ sensor.misalignment).T
+    seen = compute_direction(sensor.angles(counts)) @ (sensor.alignment @ sensor.misalignment).T
     across = np.linalg.norm(np.cross(seen, body), axis=1)
     assert across.max() < 7 * ground.SUN_ANGLE_SIGMA
 
@@ -190,7 +197,7 @@ def test_a_turn_of_body_and_sensor_together_is_not_seen(model):
 @pytest.mark.parametrize(("which", "sign"), [(0, -1.0), (1, 1.0)])
 def test_beta_is_yaw_where_the_sun_crosses_the_xy_plane(which, sign):
     sensor = ground.trmm_sun_sensors()[which]
-    sun = ground.compute_direction(np.column_stack([np.zeros(5), np.linspace(-0.3, 0.6, 5)])) @ sensor.alignment.T
+    sun = compute_direction(np.column_stack([np.zeros(5), np.linspace(-0.3, 0.6, 5)])) @ sensor.alignment.T
     assert np.abs(sun[:, 2]).max() < 1e-15
     jacobian = ground.SunModel(sensor, sun).jacobian(np.broadcast_to(np.eye(3), (5, 3, 3)), np.arange(5))
     np.testing.assert_allclose(jacobian[:, 1, 2], sign, atol=1e-14)
