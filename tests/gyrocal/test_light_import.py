@@ -3,19 +3,18 @@
 import subprocess
 import sys
 
+import pytest
+
 import gyrocal
 
 
-def test_simulating_and_calibrating_load_no_tables():
-    heavy = "pandas", "pyarrow", "matplotlib"
-    code = f"import sys, gyrocal, simulator; print([name for name in {heavy!r} if name in sys.modules])"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "[]"
-
-
-def test_the_library_loads_nothing_heavy_until_a_name_is_used():
-    """So that `import gyrocal` takes hundredths of a second."""
-    code = "import sys, gyrocal; print([name for name in ('numpy', 'scipy', 'numba') if name in sys.modules])"
+@pytest.mark.parametrize(
+    ("packages", "heavy"),
+    [("gyrocal, simulator", ("pandas", "pyarrow", "matplotlib")), ("gyrocal", ("numpy", "scipy", "numba"))],
+)
+def test_what_is_heavy_is_loaded_when_it_is_used(packages, heavy):
+    """So that `import gyrocal` takes hundredths of a second, and a simulation loads no tables."""
+    code = f"import sys, {packages}; print([name for name in {heavy!r} if name in sys.modules])"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
 

@@ -119,7 +119,3 @@ def test_no_noise_is_said():
         fit_terms(overlapping_allan_deviation([np.ones(1000)], 1.0))
     with pytest.raises(InputError, match="too few for terms"):
         fit_terms(overlapping_allan_deviation([np.random.default_rng(1).standard_normal(20)], 1.0))
-
-
-def test_all_terms_have_an_estimate():
-    assert tuple(one.term for one in fitted(1, WHITE).estimates) == TERMS

@@ -126,13 +126,6 @@ def test_sample_number_and_rate_make_even_times():
         read(build_gyro(TRUE, n=np.minimum(np.arange(ROWS), 4)), sample_number="n")
 
 
-def test_tags_without_a_line_are_refused_and_the_remedy_works():
-    tags = np.repeat(TRUE[::3000], 3000)
-    with pytest.raises(InputError, match=r"gyro rows have the tag of the row before.*--rate 100"):
-        read(build_gyro(tags))
-    read(build_gyro(tags), rate_hz=100.0)
-
-
 def test_several_gyros_in_one_table_are_refused_and_the_remedy_works():
     gyro = pd.concat([build_gyro(TRUE, imu=name, z=k) for k, name in enumerate(("left", "right", "top"))])
     gyro = gyro.sort_values("t", kind="stable")

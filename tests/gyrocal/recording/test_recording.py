@@ -38,13 +38,6 @@ def test_optional_tables_are_kept(folder):
     pd.testing.assert_frame_equal(load(folder).tables["housekeeping"], recording.tables["housekeeping"])
 
 
-def test_a_new_save_does_not_leave_an_old_table_behind(folder):
-    recording = load(folder)
-    save(dataclasses.replace(recording, tables={"housekeeping": pd.DataFrame({"t_s": [0.0]})}), folder)
-    save(recording, folder)
-    assert not load(folder).tables
-
-
 def test_the_axis_that_flies_forward_is_kept(folder):
     recording = load(folder)
     first, *others = recording.intervals
