@@ -4,7 +4,6 @@ import json
 from dataclasses import replace
 
 import pytest
-from rich.console import Console
 
 from diagnosis.plan import Extra, Pair, Plan, Visible
 from studies.report import plan as plan_report
@@ -94,13 +93,6 @@ def test_options_reach_the_plan(run_cli, asked, tmp_path):
 def test_built_in_maneuvers_by_default(run_cli, asked):
     run_cli("plan", "trmm")
     assert len(asked["extras"]) >= 9
-
-
-def test_a_plan_without_pairs_or_extras_is_shown(capsys):
-    plan_report.show(Console(width=200), replace(FOUND, pairs=(), extras=()))
-    shown = capsys.readouterr().out
-    assert "Every pair can be told apart" in shown
-    assert "extra maneuver" not in shown
 
 
 def test_the_page_holds_the_tables(run_cli, asked, tmp_path):

@@ -16,7 +16,7 @@ from gyrocal import load as load_recording
 from gyrocal.errors import InputError
 from simulator.streams import generator
 from studies.montecarlo.engine import open_study_folder, rerun, run
-from studies.montecarlo.study import DISPERSED, StudyConfig
+from studies.montecarlo.study import StudyConfig
 from tests import ROOT
 from tests.engine_studies import DRAWS, ODD, RECORDED, STEPS, DrawsConfig, OddConfig
 
@@ -108,17 +108,6 @@ def test_warnings_are_counted_and_are_not_errors(tmp_path, caplog):
     assert outcome.failures == {}
     assert caplog.messages == ["RuntimeWarning: mind the gap"]
     assert manifest(tmp_path)["warnings"] == outcome.warnings
-
-
-def test_dispersed_values_are_columns(tmp_path):
-    path = "gyro.arw_deg_per_sqrt_s"
-    dispersions = {path: {"kind": "loguniform", "low": 1e-5, "high": 1e-3}}
-    config = StudyConfig(cases=4, dispersions=dispersions)
-    table = serial(RECORDED, config, tmp_path).load()
-    column = table[DISPERSED + path]
-    assert column.between(1e-5, 1e-3).all()
-    assert column.nunique() == 4
-    assert table["rates"].nunique() == 4
 
 
 # Failures
