@@ -22,10 +22,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gyrocal.attitude import cross_matrix
+from gyrocal.calibration.parameters import AXIS_NAMES
 
 Array = NDArray[np.float64]
-
-AXIS_NAMES = ("x", "y", "z")
 
 
 @dataclass(frozen=True)

@@ -139,7 +139,8 @@ def join_references(sensors: Sequence[SensorReferences], gyro: GyroStream | None
         found[number] = JoinedSensor(one.name, one.t_s.size, common[0].size, M, sigma, agreement)
         theta = attitude.residual(_move_rows(one, pairs[1], joined.t_s[pairs[0]], M, gyro), M @ joined.A[pairs[0]])
         joined = _merge_rows(joined, _build_rows(one, M, number, len(sensors)), *pairs, theta @ M)
-    return JoinedReferences(_build_attitudes(joined), joined.holds, tuple(found[k] for k in range(len(sensors))))
+    attitudes = Attitudes(joined.t_s, attitude.quaternion_from_matrix(joined.A), np.empty((0, 3)))
+    return JoinedReferences(attitudes.replace_covariance(joined.P), joined.holds, tuple(found[k] for k in range(len(sensors))))
 
 
 def _build_rows(sensor: SensorReferences, M: Array, number: int, count: int) -> _Rows:
@@ -272,10 +273,6 @@ def _merge_rows(joined: _Rows, own: _Rows, a: Indices, b: Indices, theta: Array)
         np.concatenate([P, own.P[alone]])[order],
         np.concatenate([holds, own.holds[alone]])[order],
     )
-
-
-def _build_attitudes(joined: _Rows) -> Attitudes:
-    return Attitudes(joined.t_s, attitude.quaternion_from_matrix(joined.A), np.empty((0, 3))).replace_covariance(joined.P)
 
 
 def _format_degrees(values: Array) -> str:
