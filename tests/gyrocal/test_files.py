@@ -124,14 +124,6 @@ def test_every_output_that_does_not_fit_names_its_file_and_leaves_the_old_one(tm
     assert os.listdir(path.parent) == [path.name]
 
 
-def test_a_descriptor_that_is_a_file_is_added_to(tmp_path):
-    with (tmp_path / "out").open("wb") as out:
-        out.write(b"before ")
-        out.flush()
-        write(f"/dev/fd/{out.fileno()}")
-    assert (tmp_path / "out").read_bytes() == b"before new"
-
-
 def test_a_pipe_is_written_to(tmp_path):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
@@ -173,16 +165,3 @@ def test_an_error_names_the_path(name, tmp_path):
         write(path)
     assert caught.value.filename == str(path)
     assert os.listdir(tmp_path) == ["file"]
-
-
-def test_an_error_of_another_file_keeps_its_name(tmp_path):
-    with pytest.raises(FileNotFoundError) as caught, open_replacement(tmp_path / "a"):
-        (tmp_path / "b").read_bytes()
-    assert caught.value.filename == str(tmp_path / "b")
-    assert os.listdir(tmp_path) == []
-
-
-def test_a_full_disk_names_the_path(tmp_path):
-    with pytest.raises(OSError, match="No space left") as caught, open_replacement(tmp_path / "a"):
-        raise OSError(28, "No space left on device")
-    assert caught.value.filename == str(tmp_path / "a")

@@ -21,12 +21,6 @@ def test_the_deviation_is_that_of_allantools():
     assert np.array_equal(found.counts, counts)
 
 
-def test_a_difference_by_hand():
-    # Angles 0, 1, 3, 2, 2, … : second differences of one sample are 1, −3, 1 and then zero.
-    found = overlapping_allan_deviation([np.array([1.0, 2, -1, 0, 0, 0, 0, 0])], 1.0, [1])
-    assert found.variance[0] == pytest.approx((1 + 9 + 1) / (2 * 7))
-
-
 def test_stretches_count_together_and_a_constant_rate_does_not_count():
     rng = np.random.default_rng(2)
     parts = [rng.standard_normal(n) for n in (900, 1300)]

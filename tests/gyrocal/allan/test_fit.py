@@ -99,13 +99,6 @@ def test_allan_variance_follows_from_the_covariance(term, tau):
     assert compute_allan_variance(term, np.array([tau]), constant)[0] == pytest.approx(z2 / (2 * tau**2), rel=1e-4)
 
 
-def test_markov_noise_is_a_walk_at_short_and_white_at_long_times():
-    constant = 50.0
-    short, long = np.array([0.01]), np.array([1e6])
-    assert compute_allan_variance(MARKOV, short, constant)[0] == pytest.approx(2 / constant * short[0] / 3, rel=1e-3)
-    assert compute_allan_variance(MARKOV, long, constant)[0] == pytest.approx(2 * constant / long[0], rel=1e-3)
-
-
 def test_a_sinusoid_by_its_samples():
     n, frequency = 200000, 0.0137
     t = noises.SAMPLE_S * np.arange(n)

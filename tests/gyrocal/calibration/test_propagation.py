@@ -124,26 +124,3 @@ def test_bias_columns_agree_with_gtsam_preintegration():
     np.testing.assert_allclose(result.R[0], active.T, atol=1e-12)
     # gtsam: ∂ log(delta R)/∂(gyro bias) in the end frame, for rates measured minus bias; ours is for rates plus b.
     np.testing.assert_allclose(result.Theta[0][:, 9:], -integration.delRdelBiasOmega(), rtol=0, atol=1e-9)
-
-
-def test_stretches_compose():
-    raw, dt = stream(200)
-    whole = propagate(arcs_of(raw, dt, [[80, 200]]), G, BIAS)
-    parts = propagate(arcs_of(raw, dt, [[80], [120]]), G, BIAS)
-    np.testing.assert_allclose(whole.R[1], parts.R[1] @ parts.R[0], atol=1e-14)
-    np.testing.assert_allclose(whole.Theta[1], parts.R[1] @ parts.Theta[0] + parts.Theta[1], atol=1e-11)
-
-
-def test_streaming_keeps_nothing():
-    short, long = streamed(*stream(10)), streamed(*stream(1000))
-    assert {name: np.shape(value) for name, value in vars(short).items()} == {
-        name: np.shape(value) for name, value in vars(long).items()
-    }
-
-
-def test_empty_padding_changes_nothing():
-    raw, dt = stream(64)
-    padded_raw, padded_dt = np.vstack([raw, RNG.normal(size=(40, 3))]), np.concatenate([dt, np.zeros(40)])
-    plain = propagate(arcs_of(raw, dt, [[64]]), G, BIAS)
-    padded = propagate(arcs_of(padded_raw, padded_dt, [[104]]), G, BIAS)
-    np.testing.assert_allclose(padded.Theta, plain.Theta, rtol=0, atol=1e-13 * np.abs(plain.Theta).max())

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gyrocal import InputError, calibrate
+from gyrocal import calibrate
 from gyrocal.calibration.remainder import add_remainder
 from gyrocal.calibration.remainder_processes import Process
 from gyrocal.estimation.predict import predict
 from gyrocal.estimation.prediction_consistency import compute_prediction_errors, cut_recording
-from gyrocal.estimation.remainder_noise import KnownCalibration, RemainderNoise, read_calibration
+from gyrocal.estimation.remainder_noise import KnownCalibration, RemainderNoise
 from tests import SHARED
 from tests.gyrocal.calibration.remainder_cases import TRUTH, simulate_remainder
 
@@ -69,16 +69,6 @@ def test_white_rate_errors_are_more_angle_random_walk():
     expected = predict(noisier, 40.0, times, known.covariance)
     found = predict(start, 40.0, times, known.covariance, RemainderNoise((Process("rate", (9, 10, 11), 0.0, arw**2),)))
     np.testing.assert_allclose(found.covariance, expected.covariance, rtol=0.02, atol=1e-8)  # a stretch's turns average
-
-
-def test_bad_results_are_refused(tmp_path):
-    with pytest.raises(InputError, match="No such file"):
-        read_calibration(tmp_path / "absent.json")
-    path = tmp_path / "result.json"
-    for text in ("{", "{}", "[]", '{"G": 1, "bias_deg_s": [0, 0, 0]}'):
-        path.write_text(text, encoding="utf-8")
-        with pytest.raises(InputError, match="not a result of 'gyrocal calibrate --json'"):
-            read_calibration(path)
 
 
 REAL = SHARED / "real" / "broad"

@@ -90,14 +90,6 @@ def test_whitening_is_by_the_dense_root():
     np.testing.assert_allclose(found.whiten(X), root @ X, atol=1e-8)
 
 
-def test_a_component_without_columns_of_effect_has_no_size():
-    y, components, _ = build_case(4, (4.0, 0.0, 0.0))
-    found = estimate_variance_components(y, [np.zeros((ROWS, 3)), components[0]], ROWS - PARAMETERS)
-    alone = estimate_variance_components(y, [components[0]], ROWS - PARAMETERS)
-    assert found.variances[0] == 0
-    assert found.variances[1] == alone.variances[0]
-
-
 def test_noise_alone_is_the_power_over_the_degrees_of_freedom():
     y, *_ = build_case(5, (4.0, 0.0, 0.0), noise=2.0)
     assert estimate_variance_components(y, [], ROWS - PARAMETERS).noise == pytest.approx(y @ y / (ROWS - PARAMETERS), rel=1e-3)

@@ -87,17 +87,6 @@ def test_auto_undoes_a_clock_and_an_offset_and_the_mapping_repeats_it(data, fact
     assert np.abs(error).max() < 0.01
 
 
-def test_a_clock_without_a_date_is_aligned_and_repeated(data):
-    since = data.gyro.assign(timestamp_ms=data.gyro["timestamp_ms"] - mems_log.UNIX_MS + 4.2e6)
-    booted = replace(data, gyro=since)
-    with pytest.raises(InputError, match="--align auto finds the offset"):
-        read(booted)
-    made = build(*read(booted, align="auto"))
-    again = build(read_streams(booted.gyro, booted.attitude, made.mapping), made.mapping)
-    assert any("does not differ from zero" in text for text in again.assumed)
-    assert np.abs(gyrocal.calibrate(again.recording).parameters.G - data.G).max() < 0.01
-
-
 @pytest.mark.parametrize(("factor", "boot_ms"), [(1.0, 0.0), (1.02, 4.2e6)])
 def test_temperatures_keep_the_times_of_their_rows(data, factor, boot_ms):
     off = with_clock(data, factor, 1.7)
@@ -113,16 +102,6 @@ def test_temperatures_keep_the_times_of_their_rows(data, factor, boot_ms):
         assert len(warm) < 0.7 * len(degrees)
         t_s = np.interp(warm["gyro_temperature_c"], degrees, recording.gyro.t_s)
         np.testing.assert_allclose(warm["t_s"], t_s, atol=2e-9)
-
-
-def test_a_factor_that_is_no_unit_is_named_and_mended(data):
-    wrong = replace(data, gyro=data.gyro.assign(**{name: 4 * data.gyro[name] for name in RATES}))
-    assert "the rates times 0.2" in find_refusal(wrong, {})
-    assert find_refusal(wrong, {"align": "auto"}) == ""
-    made = build(*read(wrong, align="auto"))
-    assert made.warnings == (f"the rates are multiplied by {made.mapping.rate_factor:.4g}: {made.warnings[0].split(': ')[1]}",)
-    low = replace(data, gyro=data.gyro.assign(**{name: 0.7 * data.gyro[name] for name in RATES}))
-    assert "the rates times 1.4" in find_refusal(low, {})
 
 
 def test_increments_per_sample_are_named_and_read(data):
@@ -202,11 +181,6 @@ def test_a_constant_bias_is_no_cause_of_a_misfit_that_is_stated_without_it(data)
     found = evaluate_agreement(windows)
     assert "fit only roughly" in found.summary
     assert "bias" not in found.summary
-
-
-def test_rates_of_zero_are_refused(data):
-    with pytest.raises(InputError, match="all rates are zero"):
-        build(*read(replace(data, gyro=data.gyro.assign(gx=0.0, gy=0.0, gz=0.0))))
 
 
 def test_every_command_takes_the_same_alignment_options(data, tmp_path):

@@ -108,26 +108,14 @@ def test_time_systems(tmp_path, system, behind):
     ("changes", "words"),
     [
         ([("VERS = 2.0", "VERS = 3.0")], "version 3.0 is not read; read is 1.0 or 2.0"),
-        ([("CCSDS_AEM", "CCSDS_OEM")], "not an AEM"),
         ([("SC_BODY_1", "ICRF")], "one must be of a spacecraft"),
         ([("= UTC", "= TDB")], "time system TDB"),
-        ([("= QUATERNION", "= EULER_ANGLE")], "attitude type EULER_ANGLE"),
         ([("= QUATERNION", "= QUATERNION/RATE")], "attitude type QUATERNION/RATE"),
-        ([("TIME_SYSTEM", "QUATERNION_TYPE = FIRST\nTIME_SYSTEM")], "QUATERNION_TYPE: no keyword of this version"),
-        ([("TIME_SYSTEM", "ATTITUDE_DIR = B2A\nTIME_SYSTEM")], "ATTITUDE_DIR: no keyword of this version"),
-        ([("TIME_SYSTEM", "RATE_FRAME = SC_BODY_1\nTIME_SYSTEM")], "RATE_FRAME: no keyword"),
         ([("VERS = 2.0", "VERS = 1.0")], "the metadata have no ATTITUDE_DIR, QUATERNION_TYPE"),
-        ([*version_1(), ("TIME_SYSTEM", "ANGVEL_FRAME = SC_BODY_1\nTIME_SYSTEM")], "ANGVEL_FRAME: no keyword"),
-        ([*version_1(), ("= QUATERNION", "= QUATERNION/ANGVEL")], "attitude type QUATERNION/ANGVEL"),
         (version_1("A-B"), "ATTITUDE_DIR is A-B, which is neither A2B nor B2A"),
-        (version_1(place="1"), "QUATERNION_TYPE is 1, which is neither FIRST nor LAST"),
         ([(QUARTER, "0 0 0 0.9")], "attitude 1 has norm 0.9"),
-        ([(QUARTER, "0 0 0.708 0.708")], "attitude 1 has norm 1.001"),
-        ([(QUARTER, "0 0 x 1")], "line 16"),
         ([(QUARTER, "0 0 1")], "line 16: 4 numbers"),
-        ([(QUARTER, "0 0 nan 1")], "line 16: 4 numbers"),
         ([(QUARTER, "0 0 0 1\nDATA_STOP\nMETA_STOP")], "META_STOP ends no block"),
-        ([(QUARTER, "0 0 0 1\nEXTRA_START")], "DATA_STOP ends no block"),
     ],
 )
 def test_what_an_aem_lacks_is_said(tmp_path, changes, words):
@@ -139,10 +127,7 @@ def test_what_an_aem_lacks_is_said(tmp_path, changes, words):
     ("old", "new", "words"),
     [
         ('version="2.0"', 'version="1.0"', "have no ATTITUDE_DIR, QUATERNION_TYPE"),
-        ("</segment>", "", "not XML"),
-        ("n:aem xmlns", "n:oem xmlns", "not XML"),
         ("<Q2>0</Q2>", "", "attitude 1: 4 numbers"),
-        ("<Q2>0</Q2>", "<Q2/>", "could not convert"),
         ("</data>", "<attitudeState><spin><EPOCH>2020-229T12:02:10</EPOCH></spin></attitudeState></data>", "attitude 2: 4"),
     ],
 )

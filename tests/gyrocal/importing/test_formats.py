@@ -70,11 +70,6 @@ def test_the_noise_density_of_a_sensor_sheet(tmp_path):
             euroc._read_noise_density(path)
 
 
-def test_a_folder_that_is_not_of_the_form(tmp_path):
-    with pytest.raises(InputError, match="not a folder of the EuRoC form"):
-        euroc.import_euroc(tmp_path)
-
-
 def test_tags_of_a_folder_that_follow_no_line_are_refused_without_options_that_it_lacks(log, tmp_path):
     root = euroc_folder(tmp_path / "V", log)
     path = tmp_path / "V" / "mav0" / "imu0" / "data.csv"

@@ -62,16 +62,8 @@ def test_euler_angles_by_hand():
     ("kind", "text", "values", "words"),
     [
         ("quat", "q1,q2,q3,q4:body-to-inertial", np.eye(4), "scalar part first or last"),
-        ("quat", "qw,qx,qy,qz", np.eye(4), "is not COLUMNS:UNIT"),
         ("quat", "qw,qx,qy,qz:scalar-first", np.eye(4), "must say one direction"),
-        ("quat", "qw,qx,qy,qz:body-to-inertial:deg", np.eye(4), "deg is not understood"),
-        ("quat", "qw,qx,qy:body-to-inertial", np.eye(3), "4 columns are needed, not 3"),
-        (
-            "quat",
-            "qw,qx,qy,qz:body-to-inertial",
-            np.array([[1, 0, 0, 0], [1, 1, 0, 0.0]]),
-            "row 1: the four do not have norm 1",
-        ),
+        ("quat", "qw,qx,qy,qz:body-to-inertial", np.ones((2, 4)), "row 0: the four do not have norm 1"),
         ("euler", "a,b,c:ZYX:body-to-world", np.zeros((1, 3)), "must say deg or rad"),
         ("euler", "a,b,c:deg:ZZX:body-to-world", np.zeros((1, 3)), "ZZX"),
         ("matrix", "a,b,c,d,e,f,g,h,i:body-to-world", -np.eye(3).reshape(1, 9), "are not a rotation matrix"),
@@ -88,11 +80,8 @@ BASE = {"time": "t:s", "gyro": "x,y,z:deg/s", "quat": "w,x,y,z:body-to-world"}
 @pytest.mark.parametrize(
     ("entries", "words"),
     [
-        ({"gyro": None}, "gyro is missing"),
         ({"euler": "a,b,c:deg:ZYX:body-to-world"}, "give one of quat, euler and matrix"),
         ({"quat": None}, "give one of quat, euler and matrix"),
-        ({"sample_s": 1.0}, "sample_s: is not known"),
-        ({"interval_s": -1.0}, "interval_s"),
     ],
 )
 def test_what_a_mapping_lacks_is_said(entries, words):
@@ -109,9 +98,7 @@ def test_directions_of_gyros():
     for entries, gyros, words in (
         ({}, 4, "4 columns; with other than three give the gyros' axes"),
         ({"axes": "tetrahedron"}, 5, "axes: 4 rows, but 5 gyros"),
-        ({"axes": [[1, 0, 0], [0, 1, 0], [0, 0, 0]]}, 3, "axes: a row is zero"),
         ({"axes": [[1, 0, 0], [0, 1, 0], [1, 1, 0]]}, 3, "do not measure all three"),
-        ({"G": [[1, 0], [0, 1], [0, 0]]}, 3, "G: three rows of 3 numbers"),
         ({"G": [[1, 0, 0]] * 3, "axes": "tetrahedron"}, 3, "give axes or G, not both"),
     ):
         with pytest.raises(InputError, match=words):

@@ -10,9 +10,6 @@ from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 import gyrocal
-from gyrocal import InputError
-from gyrocal.importing.sensors import join_sensors
-from gyrocal.importing.streams import Sensor
 from studies.cli.main import main
 from studies.validation import mems_log
 from tests.gyrocal.importing.mems import find_refusal
@@ -97,26 +94,3 @@ def test_a_turned_gyro_at_a_constant_rate_is_said_and_a_right_one_or_one_at_rest
         right = run(*write_tables(tmp_path, gyro, attitude), "--time", "t:s", "--force")
         assert right.exit_code == 0, right.output
         assert "the mean rate is" not in right.output
-
-
-@pytest.mark.parametrize("text", ["cube", "1,0;0,1", "1,0,0;0,1,a"])
-def test_axes_that_are_none_are_refused(tmp_path, text):
-    ran = run(*write_tables(tmp_path, *turn_steadily(np.eye(3), np.array([0.1, 0, 0]), 0.01)), "--axes", text)
-    assert ran.exit_code == 2
-    assert "is not tetrahedron, or three numbers a gyro" in ran.output
-
-
-def test_sensors_read_in_the_wrong_direction_are_refused():
-    """Only in the right direction is the rotation between two sensors constant."""
-    rng = np.random.default_rng(8)
-    t = np.arange(40.0)
-    body = Rotation.from_rotvec(np.deg2rad(t[:, None] * [0.06, 0.01, 0.0]))
-    mountings = Rotation.from_rotvec([[0, 0, 0], [0.4, 1.2, -0.9]])
-    read = [body * one * Rotation.from_rotvec(np.deg2rad(0.003) * rng.normal(size=(t.size, 3))) for one in mountings]
-    right = tuple(Sensor(f"st{k}", t, one.as_quat()) for k, one in enumerate(read, 1))
-    assert [one.name for one in join_sensors(right, None).sensors] == ["st1", "st2"]
-    wrong = tuple(replace(one, q=Rotation.from_quat(one.q).inv().as_quat()) for one in right)
-    with pytest.raises(
-        InputError, match=r"st2 and the sensors before it turn against each other by .* deg with the other direction"
-    ):
-        join_sensors(wrong, None)

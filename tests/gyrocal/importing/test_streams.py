@@ -1,7 +1,5 @@
 """Tables as gyro samples and attitudes: accumulated angles, several sensors in one table, tags."""
 
-import re
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -235,30 +233,8 @@ def test_gps_and_unix_time_meet():
     assert found.sensors[0].t_s[0] == found.t_s[0] == 0.0
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"gyro": "x,y,w:deg/s"}, "gyro: no column w; there are t, x, y, z"),
-        ({"time": "t"}, "is not COLUMNS:UNIT"),
-        ({"attitude_by": "sensor"}, "no column sensor"),
-    ],
-)
-def test_what_is_wrong_is_said(changes, words):
-    with pytest.raises(InputError, match=words):
-        made(**changes)
-
-
 def test_one_table_dated_and_the_other_not():
     a = attitudes()
     a["t"] = a["t"] * 1000 + 1_700_000_000_000
     with pytest.raises(InputError, match="attitude_time: the first tag"):
         made(gyro().assign(t=gyro()["t"] + 1_700_000_000), a)
-
-
-def test_offset_joins_a_dated_table_and_one_that_counts_from_boot():
-    a = attitudes()
-    a["t"] += 1_712_655_000.25
-    with pytest.raises(InputError, match=r"--attitude-offset -1712655000\.25") as caught:
-        made(gyro(), a)
-    found = made(gyro(), a, attitude_offset_s=float(re.search(r"--attitude-offset (\S+);", str(caught.value))[1]))
-    np.testing.assert_allclose(found.sensors[0].t_s, attitudes()["t"], atol=1e-6)

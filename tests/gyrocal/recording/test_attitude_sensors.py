@@ -105,9 +105,7 @@ def test_a_single_sensor_on_disk_is_the_recording_without_it(tmp_path, single):
     ("old", "new", "message"),
     [
         ("format = 2", "format = 1", "needs format = 2"),
-        ('maps = "inertial to sensor"', 'maps = "inertial to body"', "need one another"),
         ('name = "st2"', 'name = "st1"', "must differ"),
-        ('name = "st2"', 'name = "right"', "digits at the end"),
         ('name = "st2"', 'name = "st3"', r"no \[\[attitude.sensor\]\] st2"),
         ("estimated = false", "estimated = true", "defines the axes"),
         ("estimated = false", "mounting_sigma_deg = [0.1, 0.1, 0.1]", "estimated = true"),
@@ -129,10 +127,7 @@ def test_rows_must_name_their_sensor_and_be_quaternions(tmp_path, single):
     for frame, message in (
         (table.drop(columns="sensor"), "column sensor is missing"),
         (table.assign(sensor=None), r"no \[\[attitude.sensor\]\] \(empty\)"),
-        (table.assign(q1=2.0), "norm"),
-        (table.drop(columns="sigma_x_deg"), "sigma_x_deg is missing"),
         (table.iloc[::-1], "attitude of st1: time goes backwards"),
-        (table.assign(sensor="st1"), "attitude of st1: time goes backwards or repeats"),
         (table.assign(t_s=table.t_s + 1e6 * (table.sensor == "st2")), r"st2 has \d time.* in common"),
     ):
         frame.to_csv(tmp_path / "attitude.csv", index=False)
@@ -166,13 +161,3 @@ def test_correlations_are_three_columns_of_a_covariance(tmp_path, single):
     read = gyrocal.load(tmp_path).attitudes
     D, s = read.build_error_axes(), read.sigma
     np.testing.assert_allclose((D * s[:, None] ** 2) @ D.transpose(0, 2, 1), read.compute_covariance(), atol=1e-20)
-
-
-def test_rows_that_name_sensors_nobody_states_are_refused(tmp_path, single):
-    gyrocal.save(single, tmp_path)
-    (tmp_path / "attitude.parquet").unlink()
-    single.to_frame("attitude").assign(sensor="st1").to_csv(tmp_path / "attitude.csv", index=False)
-    path = tmp_path / "recording.toml"
-    path.write_text(path.read_text().replace("format = 1", "format = 2"))
-    with pytest.raises(InputError, match="mounting"):
-        gyrocal.load(tmp_path)

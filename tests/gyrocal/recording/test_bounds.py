@@ -43,12 +43,6 @@ def test_a_pipe_or_a_device_is_refused_and_not_waited_for(name, make, folder):
     assert refusal(folder).startswith(f"{folder / name}: not a regular file")
 
 
-def test_a_link_to_a_file_is_read(folder, tmp_path):
-    (folder / "gyro.parquet").rename(tmp_path / "elsewhere")
-    (folder / "gyro.parquet").symlink_to(tmp_path / "elsewhere")
-    assert load(folder).gyro.t_s.size > 1000
-
-
 def test_rows_are_counted_before_they_are_read(folder, monkeypatch):
     rows = len(pd.read_parquet(folder / "gyro.parquet"))
     monkeypatch.setattr(bounds, "MOST_VALUES", 4 * rows)
@@ -73,9 +67,3 @@ def test_a_header_that_is_none(folder):
     with (folder / "recording.toml").open("ab") as file:
         file.truncate(bounds.LARGEST_HEADER + 1)
     assert "no header of a recording" in refusal(folder)
-
-
-@pytest.mark.parametrize("content", [b"", b"PAR1", b"\x00" * 100 + b"PAR1", b"\xff" * 100 + b"PAR1"])
-def test_damaged_files_are_left_to_the_reader(content, folder):
-    (folder / "gyro.parquet").write_bytes(content)
-    assert "cannot be read" in refusal(folder) or "bytes" in refusal(folder)

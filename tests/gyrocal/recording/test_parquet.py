@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from gyrocal import InputError, Recording, load, save
-from gyrocal.recording import parquet, tables
+from gyrocal.recording import parquet
 
 
 def recording(seed=0, count=60):
@@ -125,14 +125,3 @@ def test_writers_and_readers_at_once_see_one_recording_whole(tmp_path):
         thread.join()
     assert faults == []
     assert sorted(path.name for path in tmp_path.iterdir()) == ["attitude.parquet", "gyro.parquet", "recording.toml"]
-
-
-def test_a_table_that_is_a_link_is_not_written_through(tmp_path):
-    victim = tmp_path / "victim"
-    victim.write_text("of somebody else")
-    (tmp_path / "rec").mkdir()
-    (tmp_path / "rec" / "gyro.parquet").symlink_to(victim)
-    with pytest.raises(OSError, match="symbolic link"):
-        save(recording(), tmp_path / "rec")
-    assert victim.read_text() == "of somebody else"
-    assert tables.find(tmp_path / "rec", "attitude") is None

@@ -1,7 +1,6 @@
 """Round trip of a recording, and one clear line for each kind of bad input."""
 
 import dataclasses
-import shutil
 
 import numpy as np
 import pandas as pd
@@ -95,33 +94,18 @@ def set_value(row, column, value):
 
 BAD_INPUT = {
     "forward unknown": (edit_header("stop_s", 'forward = "z"\nstop_s'), "interval.0.forward"),
-    "missing column": (edit_table("gyro", lambda f: f.drop(columns="rate_y_deg_s")), "rate_y_deg_s is missing"),
     "wrong unit": (
         edit_table("gyro", lambda f: f.rename(columns={"rate_x_deg_s": "rate_x_rad_s"})),
         "rate_x_deg_s is missing; found rate_x_rad_s",
     ),
-    "NaN rate": (edit_table("gyro", set_value(7, "rate_z_deg_s", np.nan)), "rate_z_deg_s, row 7: not a finite"),
-    "text": (edit_table("attitude", lambda f: f.assign(q1="a")), "q1 holds str, not numbers"),
     "non-unit quaternion": (edit_table("attitude", set_value(1, "q4", 2.0)), "row 1 has norm"),
     "zero sigma": (edit_table("attitude", set_value(1, "sigma_y_deg", 0.0)), "sigma in row 1 is not within"),
     "time backwards": (edit_table("gyro", set_value(9, "t_s", 1.0)), "backwards or repeats at row 9"),
-    "time backwards in attitude": (edit_table("attitude", set_value(1, "t_s", -1.0)), "backwards or repeats at row 1"),
     "wrong sample_s": (edit_header("sample_s = 0.5", "sample_s = 0.6"), "is sample_s right"),
-    "milliseconds": (edit_table("gyro", lambda f: f.assign(t_s=1e3 * f["t_s"])), "is t_s in milliseconds"),
     "too close samples": (edit_table("gyro", set_value(5, "t_s", 2.1)), "rows 4 and 5 are only"),
     "huge rate": (edit_table("gyro", set_value(5, "rate_x_deg_s", 1e100)), "beyond 100000 deg/s"),
-    "boolean sigma": (edit_table("attitude", lambda f: f.assign(sigma_x_deg=True)), "holds bool, not numbers"),
     "huge G": (edit_header("apriori_G = [[1.0", "apriori_G = [[1e200"), "apriori_G"),
-    "huge bias": (edit_header("apriori_bias_deg_s = [0.0", "apriori_bias_deg_s = [1e300"), "apriori_bias_deg_s"),
-    "nested without end": (lambda folder: (folder / "recording.toml").write_text("a = " + "[" * 5000), "not a TOML file"),
     "two tables": (lambda folder: (folder / "gyro.csv").write_text("t_s\n"), "both gyro.parquet and gyro.csv are there"),
-    "other separator": (
-        lambda folder: (
-            pd.read_parquet(folder / "gyro.parquet").to_csv(folder / "gyro.csv", sep=";", index=False),
-            (folder / "gyro.parquet").unlink(),
-        ),
-        "is the separator a comma?",
-    ),
     "overlapping intervals": (edit_header("start_s = 360.0", "start_s = 50.0"), "m1 and m2 overlap"),
     "interval backwards": (edit_header("stop_s = 60.0", "stop_s = -1.0"), "not after start_s"),
     "reference outside its interval": (edit_header("stop_s = 420.0", "stop_s = 400.0"), "m2: 1 reference attitude"),
@@ -129,37 +113,21 @@ BAD_INPUT = {
         edit_table("attitude", lambda f: pd.concat([f, f.tail(1).assign(t_s=900.0)])),
         "row 4: reference at t_s = 900.0 lies outside every interval",
     ),
-    "unknown key": (
-        edit_header('kind = "rate"', 'kind = "rate"\nfilter = 3'),
-        "gyro.filter: is not known; there are sample_s, kind",
-    ),
-    "wrong unit of a key": (
-        edit_header("arw_deg_per_sqrt_s", "arw_deg_per_sqrt_h"),
-        "gyro.arw_deg_per_sqrt_s: is missing; gyro.arw_deg_per_sqrt_h: is not known; did you mean arw_deg_per_sqrt_s?",
-    ),
-    "NaN in the header": (edit_header("sample_s = 0.5", "sample_s = nan"), "gyro.sample_s"),
+    "unknown key": (edit_header('kind = "rate"', 'kind = "rate"\nfilter = 3'), "gyro.filter: is not known"),
+    "wrong unit of a key": (edit_header("arw_deg_per_sqrt_s", "arw_deg_per_sqrt_h"), "did you mean arw_deg_per_sqrt_s?"),
     "singular G": (
         edit_header("apriori_G = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]", "apriori_G = [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]"),
         "must be invertible",
     ),
     "wrong format": (edit_header("format = 1", "format = 3"), "format"),
     "bad epoch": (edit_header("2000-01-01T00:00:00Z", "yesterday"), "epoch"),
-    "not TOML": (edit_header("[gyro]", "[gyro"), "not a TOML file"),
     "no recording.toml": (lambda folder: (folder / "recording.toml").unlink(), "no such file; a recording is a folder"),
-    "no folder": (shutil.rmtree, "not a folder"),
-    "no gyro": (lambda folder: (folder / "gyro.parquet").unlink(), "neither gyro.parquet nor gyro.csv"),
-    "no rows": (edit_table("gyro", lambda f: f.head(0)), "no rows"),
-    "empty CSV": (
-        lambda folder: ((folder / "gyro.parquet").unlink(), (folder / "gyro.csv").write_text("")),
-        "the file is empty",
-    ),
     "names of gyros": (edit_header("[gyro]", '[gyro]\nnames = ["g1", "g2", "g3"]'), "of an interval, need format = 2"),
     "orbit of format 2": (
         edit_header("[gyro]", "[orbit]\nperiod_s = 5500\naltitude_km = 350\ninclination_deg = 35\nraan_deg = 1\n\n[gyro]"),
         "raan_deg and argument_of_latitude_deg of the orbit need format = 2",
     ),
     "no interval": (edit_header("[[interval]]", "[[other]]"), "interval: is missing"),
-    "repeated interval name": (edit_header('name = "m2"', 'name = "m1"'), "more than once"),
     "gyro gap": (edit_table("gyro", lambda f: f.drop(index=range(10, 20))), "m1: no gyro samples between 5.0 s and 10.0 s"),
     "rates off by 2 deg/s": (
         edit_table("gyro", lambda f: f.assign(rate_y_deg_s=f.rate_y_deg_s + 2.0)),

@@ -91,11 +91,6 @@ def test_temperature_of_the_recording_is_followed_and_carried_over():
         replay(ORIGINAL, FITTED.G, FITTED.bias, [parse("bias_temperature:x=0.1")], motion=FOUND)
 
 
-def test_without_an_orbit_orbital_effects_are_refused():
-    with pytest.raises(InputError, match="orbit's period"):
-        replay(replace(ORIGINAL, orbit=None), FITTED.G, FITTED.bias, [parse("bias_orbital:x=0.1")], motion=FOUND)
-
-
 def test_holes_and_outliers_are_bridged():
     gyro = ORIGINAL.gyro
     kept = np.ones(gyro.t_s.size, dtype=bool)

@@ -79,10 +79,7 @@ def test_slew_profile(ramp_fraction):
 def test_rate_is_the_derivative_of_the_closed_form(sway):
     """Two slews about different oblique axes, with and without control motion, on a regressing orbit."""
     orbit = CircularOrbit(350e3, 0.6, 0.3, 2.0, j2=True)
-    slews = (
-        Slew(np.array([0.6, 0.0, 0.8]), 1.5, 50.0, 300.0, 0.3),
-        Slew(np.array([0.0, -0.8, 0.6]), -0.7, 400.0, 150.0, 0.5),
-    )
+    slews = (Slew(np.array([0.6, 0.0, 0.8]), 1.5, 50.0, 300.0, 0.3), Slew(np.array([0.0, -0.8, 0.6]), -0.7, 400.0, 150.0, 0.5))
     profile = Profile(orbit, 5000.0, 5600.0, MODE_YAW["-x"], slews, sway=sway)
     tau = np.arange(3.0, 600.0, 7.3)
     h = 0.05
