@@ -95,16 +95,6 @@ def write_scenario(path, base, intervals):
     path.write_text("\n".join(lines).replace("'", '"'))
 
 
-def test_an_example_can_be_tried(example):
-    if isinstance(example, SensorEffect):
-        return
-    path = simulator.motion(SCENARIO)
-    around = build_surroundings(simulator.simulate(SCENARIO, noise=False), path)
-    assert example.missing(around) is None
-    assert sum(trial.weight for trial in example.trials(around)) == pytest.approx(1.0)
-    assert example.meaning.endswith(".")
-
-
 @one_of("bias_eclipse")
 def test_the_bias_differs_in_the_shadow(example):
     plain = simulator.simulate(SCENARIO, noise=False)

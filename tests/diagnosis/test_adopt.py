@@ -77,14 +77,6 @@ def test_effects_on_raw_sensor_tables_are_left_out(found):
     assert "raw sensor tables" in alone.sentence()
 
 
-def test_what_the_recording_cannot_tell_from_it_is_said(found):
-    (cause,) = found.causes
-    assert "cannot tell" not in adopt_causes(found).sentence()
-    tied = replace(cause, group=(cause.label, "bias_drift:z", "bias_step:z"))
-    said = adopt_causes(replace(found, verdict="group", causes=(tied,))).sentence()
-    assert "cannot tell bias_orbital:z from bias_drift:z or bias_step:z" in said
-
-
 def test_the_text_is_a_scenario_of_the_recording(found, tmp_path):
     save(recorded(5, ORBITAL, **COARSE), tmp_path / "rec")
     recording = load(tmp_path / "rec")

@@ -13,7 +13,7 @@ from diagnosis.inference.null import compute_null_p
 from diagnosis.inference.search import Search
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.settings import DEFAULT
-from gyrocal import InputError, calibrate, load
+from gyrocal import calibrate, load
 from simulator import scenario
 from simulator.effects import EFFECTS, parse
 from simulator.simulate import simulate
@@ -169,11 +169,6 @@ def test_the_same_seed_gives_the_same_answer(m0):
     first, second = m0[0].to_json(), diagnose(recordings.recorded(11, **COARSE)).to_json()
     first.pop("runtime_s"), second.pop("runtime_s")
     assert first == second
-
-
-def test_a_library_with_an_effect_there_is_not():
-    with pytest.raises(InputError, match="no such effect: bias_dirft"):
-        diagnose(recordings.recorded(11, **COARSE), library=["bias_dirft"])
 
 
 def test_two_effects_are_named_with_their_sizes():

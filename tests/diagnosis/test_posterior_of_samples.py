@@ -36,17 +36,6 @@ def test_symptoms_of_one_kind_have_one_unlisted_cause_or_none(samples, likely):
     assert list_listed(samples, DEFAULT) == pytest.approx(likely)
 
 
-def test_the_probability_of_nothing_unlisted_does_not_depend_on_the_order():
-    first = [seen("outliers", "x", probability=0.6), seen("outliers", "y"), seen("plateau", "x")]
-    products = []
-    for samples in (first, first[::-1]):
-        product = 1.0
-        for one in list_listed(samples, DEFAULT):
-            product *= one
-        products.append(product)
-    assert products == pytest.approx([LESS * SURE] * 2)
-
-
 CERTAIN = Cause("bias_drift", "x", 1.0, "deg/h per day", 0.1, {}, 0.95, ("bias_drift:x",), 0.95)
 OPEN = replace(CERTAIN, probability=0.6)
 

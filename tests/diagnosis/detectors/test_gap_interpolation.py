@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from diagnosis.detectors.gap_interpolation import SIDE, fill_gaps
-from gyrocal.mask_runs import find_mask_runs
 
 DT = 0.5
 T = DT * np.arange(81)
@@ -16,10 +15,6 @@ def bridged(rates, low, high, sigma=0.0, t_s=T):
     spoiled = rates.copy()
     spoiled[bad] = spoiled[low - 1]
     return fill_gaps(t_s, spoiled, bad, DT, sigma)
-
-
-def test_runs_of_a_mask():
-    assert find_mask_runs(np.array([True, False, True, True, False, False, True])) == [(0, 1), (2, 4), (6, 7)]
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 7, 20])
@@ -62,14 +57,6 @@ def test_noise_of_a_bridge_is_as_stated(n):
         stated = float(factor[low - SIDE : low + n + SIDE].sum())
     variance = float(np.var(found))
     assert 0.9 < variance / stated < 1.1
-
-
-def test_too_little_on_a_side_is_bridged_by_a_line():
-    rates = np.column_stack([np.sin(T / 5)] * 3)
-    bad = np.zeros(T.size, dtype=bool)
-    bad[1:8] = True
-    out, _, _ = fill_gaps(T, rates, bad, DT)
-    np.testing.assert_allclose(out[1:8, 0], np.interp(T[1:8], T[[0, 8]], rates[[0, 8], 0]))
 
 
 @pytest.mark.parametrize(("period", "n"), [(12.0, 1), (12.0, 3), (30.0, 6), (30.0, 12), (400.0, 5)])

@@ -5,9 +5,7 @@ import pytest
 
 from diagnosis.detectors.outliers import find_single_samples
 from diagnosis.detectors.repeats import find_repeats
-from diagnosis.detectors.samples import examine
 from diagnosis.detectors.spectral_lines import find_jolts
-from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
 
 SAMPLES = 20_000
 
@@ -56,7 +54,7 @@ def test_a_rate_that_bends_has_no_spikes():
     assert not find_single_samples(bending(), np.ones(SAMPLES, dtype=bool), 1.0, 0.0).places.any()
 
 
-# ---- jolts and zeros -----------------------------------------------------------------------------------------------------
+# ---- jolts ---------------------------------------------------------------------------------------------------------------
 
 
 def test_a_jolt_is_found_and_fast_motion_is_none():
@@ -68,22 +66,3 @@ def test_a_jolt_is_found_and_fast_motion_is_none():
     always = np.cumsum(np.random.default_rng(2).standard_t(1.0, (SAMPLES, 3)), axis=0)
     assert not find_jolts(always, used).any()
     assert not find_jolts(x, ~used).any()
-
-
-def test_zeros_behind_the_noise_are_a_dead_zone_and_nothing_else():
-    sample_s, sigma = 0.5, np.deg2rad(1e-4)
-    rates = sigma * np.random.default_rng(4).standard_normal((SAMPLES, 3))
-    rates[SAMPLES // 3 : 2 * SAMPLES // 3] += 30 * sigma
-    rates[np.abs(rates[:, 2]) < 2 * sigma, 2] = 0.0
-    t_s = sample_s * np.arange(SAMPLES)
-    span = float(t_s[-1])
-    recording = Recording(
-        title="rests and a turn",
-        epoch="2020-01-01T00:00:00Z",
-        gyro=GyroStream(t_s, rates, sample_s, sigma * np.sqrt(sample_s)),
-        attitudes=Attitudes(np.array([0.0, span]), np.tile([0.0, 0.0, 0.0, 1.0], (2, 1)), np.full((2, 3), 1e-4)),
-        intervals=(Interval("i1", "rests", 0.0, span),),
-    )
-    (symptom,) = examine(recording).symptoms
-    assert (symptom.kind, symptom.axis) == ("dead_zone", "z")
-    assert symptom.size == pytest.approx(2e-4, rel=0.01)

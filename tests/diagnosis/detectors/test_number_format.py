@@ -5,7 +5,6 @@ import pytest
 
 from diagnosis.detectors.number_format import (
     FORMATS,
-    compute_bins,
     compute_log_likelihood,
     compute_log_odds,
 )
@@ -74,14 +73,6 @@ def test_sweeps_through_zero_tell_the_format_also_in_a_fraction_of_a_sample(pace
     noisy = np.concatenate(ramps) + 0.1 * rng.standard_normal(61 * 2000)
     assert odds(np.round(noisy), 0.1)["cut"] < -3
     assert odds(np.trunc(noisy), 0.1)["cut"] > 3
-
-
-def test_bins_cover_the_line_once():
-    counts = np.arange(-5.0, 6.0)
-    for name in FORMATS:
-        low, high = compute_bins(counts, name)
-        np.testing.assert_array_equal(low[1:], high[:-1])
-    assert compute_bins(np.zeros(1), "cut")[1] == 1.0
 
 
 def test_gyros_of_one_step_count_together():

@@ -4,10 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scipy.stats
 
-from diagnosis.detectors import outliers
-from diagnosis.detectors.sample_report import Stream
 from diagnosis.detectors.samples import examine
 from studies.validation import broad
 from tests import SHARED
@@ -112,29 +109,6 @@ def jolted(width):
 @pytest.mark.parametrize("width", [3.0, 6.0, 8.0])
 def test_a_jolted_body_that_rings_has_no_outliers(width):
     assert not [one for one in examine(jolted(width)).symptoms if one.kind.startswith("outlier")]
-
-
-def test_outliers_of_one_gyro_speak_although_the_others_motion_passes_for_some(monkeypatch):
-    """Five where next to none is expected are told, as 3 P(N >= 5); of all gyros, of which seven are expected, they are not."""
-    t_s = SAMPLE_S * np.arange(3000)
-    made = of_rates(np.zeros((t_s.size, 3)), 40, SAMPLE_S, ARW, 3e-4, 1)
-    places, odd, none = (np.zeros(t_s.size, dtype=bool) for _ in range(3))
-    places[[300, 777, 1400, 1999, 2500]] = True
-    odd[::17] = True
-    off = np.where(places, 50 * SIGMA, 0.0)
-    quiet = outliers.Outliers(places, off, 6 * SIGMA, places, np.zeros(t_s.size))
-    jolted = outliers.Outliers(none, off, 6 * SIGMA, odd, np.zeros(t_s.size))
-    monkeypatch.setattr(outliers, "_find_of_gyros", lambda *_: ([jolted, quiet, jolted], ~none))
-    stream = Stream(made, made.gyro.rates, np.ones((t_s.size, 3)), none, ~none)
-
-    def found(seen):
-        findings, _ = outliers.find_outliers(stream, ~none, np.full(3, SIGMA), np.zeros(3), seen)
-        return [(one.axis, one.p_value) for one in findings.symptoms if one.kind == "outliers"]
-
-    expected = 3000 * 2 * scipy.stats.norm.sf(6.0) * 1.2
-    p = 3 * scipy.stats.poisson.sf(4, expected)
-    assert found(2 * p) == [("y", pytest.approx(p))]
-    assert found(0.5 * p) == []
 
 
 @pytest.mark.skipif(not (SHARED / "real").exists(), reason="the real recordings are not there")

@@ -59,12 +59,6 @@ def test_noise_of_another_colour_is_none():
         assert found_in(soft) is None
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_the_baseline_has_none(seed):
-    report = examine(recorded(seed))
-    assert not [one for one in report.symptoms if one.kind in ("readout_noise", "white_noise_level", "noise_colour")]
-
-
 def test_it_is_named_and_not_an_excess_of_white_noise():
     """On TRMM's plan at a sample of two seconds, about half the white noise of a sample: 0.4 arcsec."""
     answer = diagnose(recorded(20, "noise_angle_white:y=0.4"))

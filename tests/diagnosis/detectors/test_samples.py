@@ -9,7 +9,7 @@ import scipy.special
 
 from diagnosis.detectors import samples as stream
 from diagnosis.detectors.clipping import _is_plateau, compute_probability_of_clipping
-from diagnosis.detectors.lattice import compute_mean_reading, find_lattice_step, measure_hold_times, undo_lattice
+from diagnosis.detectors.lattice import compute_mean_reading, find_lattice_step, undo_lattice
 from diagnosis.detectors.sample_noise import estimate_local_noise
 from diagnosis.detectors.spectral_lines import Look, find_peak
 from diagnosis.settings import DEFAULT
@@ -203,12 +203,6 @@ def test_a_swing_comes_back_from_the_cut():
     assert np.abs(turned[:, 1]).max() < 0.2
 
 
-def test_a_reading_is_held_where_it_goes_back():
-    counts = np.repeat([0.0, 1.0, 2.0, 1.0, 0.0, 1.0], [5, 3, 10, 4, 2, 1])
-    held = np.repeat([5, 1, 10, 1, 2, 1], [5, 3, 10, 4, 2, 1])
-    np.testing.assert_allclose(measure_hold_times(counts, 0.5), 0.5 * held)
-
-
 def test_lattice_step_and_its_kind():
     rng = np.random.default_rng(8)
     x = np.cumsum(rng.standard_normal(5000)) * 4
@@ -237,14 +231,6 @@ def test_a_repeated_largest_reading_is_not_clipped(plan, truth):
     rates[top + 9 : top + 14, 1] = rates[top, 1] * np.linspace(0.9, 0.5, 5)
     report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
     assert {found.kind for found in report.symptoms} >= {"repeats", "plateau"}
-
-
-def test_repeats_among_those_of_a_lattice(plan, truth):
-    """Where a lattice repeats readings in steady parts, faults of the telemetry add to what the axes have in common."""
-    recording = _recording(plan, truth, 7, "rate_quantization=3e-4", "stale_samples=2.5,fraction=0.03")
-    cause = next(found for found in stream.examine(recording).symptoms if found.kind == "repeats")
-    assert abs(cause.size - 2.5) < 3 * cause.sigma < 2.5
-    assert cause.parameters["fraction"] == pytest.approx(0.03, rel=0.3)
 
 
 @pytest.mark.parametrize("step", ["1e-4", "4e-4", "7e-4", "1e-3"])
@@ -293,18 +279,6 @@ def test_two_axes_that_repeat_together_are_no_repeats_of_all(plan, truth):
     mixed = counts + 1e-3 * counts[:, [1, 0, 2]] * [1.0, 1.0, 0.0]
     report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=mixed * step)))
     assert "repeats" not in {one.kind for one in report.symptoms}
-
-
-@pytest.mark.parametrize(("effect", "kind"), [("rate_quantization", "rounded"), ("rate_truncation", "cut")])
-def test_the_level_of_a_clipped_rate_is_known_to_a_step_of_its_lattice(plan, truth, effect, kind):
-    step, exact = 5e-4, 1e-6  # the share of a step to which a lattice is stated
-    # Where it is open how readings came to the lattice, both ways count.
-    for seed, (part, known, widest) in enumerate(((0.02, None, 1.5), (0.6, kind, 1.0), (0.9, None, 1.5))):
-        level = (300 + part) * step
-        recording = _recording(plan, truth, seed, f"rate_saturation:z={level}", f"{effect}={step}")
-        (plateau,) = (one for one in stream.examine(recording, known).symptoms if one.kind == "plateau")
-        assert step * (1 - exact) <= np.sqrt(12) * plateau.sigma <= widest * step * (1 + exact)
-        assert abs(plateau.size - level) <= np.sqrt(3) * plateau.sigma * (1 + exact)  # half the width, nothing beyond it
 
 
 def test_a_sway_that_two_gyros_show_in_quiet_arcs_is_no_slow_noise(plan, truth):

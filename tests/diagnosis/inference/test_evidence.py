@@ -90,11 +90,6 @@ def test_averaged_evidence_is_the_likelihood_ratio_of_what_it_averages_over(posi
     assert np.std(inverse) / np.sqrt(4000) < 0.03
 
 
-def test_averaged_by_hand():
-    table = np.log([[1.0, 3.0], [5.0, 7.0]])
-    assert average_evidence(table, np.log([0.25, 0.75])) == pytest.approx(np.log(0.25 * 2 + 0.75 * 6))
-
-
 def test_scales_hold_only_what_is_visible_and_plausible():
     assert choose_scales(0.0, (1.0, 2.0)).size == 0
     assert choose_scales(1e-6, (1.0, 2.0)).size == 0  # nothing plausible could be seen

@@ -86,11 +86,6 @@ def test_a_process_is_refined_where_all_its_columns_explain_most():
     assert 1 not in {member.candidate for member in spots}
 
 
-def test_explanations_without_a_process_have_none_to_refine():
-    search = Search(between_two_options())
-    assert find_whole_processes(search, search.explanations()[:3]) == []
-
-
 STRONG = "reference_correlated:y=0.03,time_constant_s=600"
 
 

@@ -76,21 +76,6 @@ def test_calibration_with_the_effect_in_covers_the_truth(label, text):
     assert nees["without"] > nees["with"]
 
 
-def test_without_effects_nothing_changes():
-    """The calibration of M0 is where the model is linearised, to a thousandth of a sigma."""
-    found = prepared(3)
-    change, covariance = calibrate_with_effects(found.model, [])
-    assert np.abs(change / found.sigma).max() < 0.01
-    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), found.sigma, rtol=0.02)
-
-
-def test_effects_in_the_model_only_add_to_the_uncertainty():
-    model, effects = named("bias_orbital:z", "bias_orbital:z=0.3,phase_deg=25")
-    alone, together = calibrate_with_effects(model, [])[1], calibrate_with_effects(model, effects)[1][:12, :12]
-    assert (np.diag(together) >= np.diag(alone) * (1 - 1e-9)).all()
-    assert (np.diag(together) > 1.05 * np.diag(alone)).any()
-
-
 # ---- the noise of the references -----------------------------------------------------------------------------------------
 
 
@@ -120,12 +105,6 @@ def test_a_noisy_gyro_is_no_noise_of_the_references(seed):
     found = prepared(seed, "noise_excess:y=3", every_s=60.0).reference_noise
     assert found is not None
     assert not found.departs
-
-
-def test_a_small_dead_zone_is_no_noise_of_the_references():
-    found = prepared(4, "rate_deadzone:z=9e-4", sample_s=0.5, every_s=60.0)
-    assert [one.axis for one in found.dead] == [2]
-    assert found.reference_noise is None or not found.reference_noise.departs
 
 
 def test_without_a_series_of_references_their_noise_is_not_tested():

@@ -149,15 +149,6 @@ def test_priors_are_equal_for_each_effect_and_shared_by_its_axes(made):
     assert sum(value for key, value in whole.items() if not key[0]) == pytest.approx(DEFAULT.unlisted_share)
 
 
-def test_a_weight_of_its_own_changes_the_prior(model):
-    groups = [
-        CandidateColumns(name, None, True, [np.eye(model.size)[:, [number]]], [{}], np.ones(1), (1e-3, 1e3), "", weight=weight)
-        for number, (name, weight) in enumerate((("one", 1.0), ("two", 0.25)))
-    ]
-    (first, second), _ = place_candidates(groups, model.project_out_nuisance, DEFAULT)
-    assert second.log_prior - first.log_prior == pytest.approx(np.log(0.25))
-
-
 def test_without_rivals_the_listed_effects_have_all_of_the_prior(model):
     alone = build_linear_model(model, [EFFECTS["bias_drift"], EFFECTS["time_offset"]], rivals=False)
     assert sum(np.exp(candidate.log_prior) for candidate in alone.candidates) == pytest.approx(1.0)
@@ -180,32 +171,6 @@ def test_what_cannot_be_seen_or_is_implausible_is_no_candidate(model):
     assert [candidate.effect for candidate in candidates] == ["fine"]
     (option,) = candidates[0].options
     np.testing.assert_array_equal(W[:, option.columns], seen)
-
-
-def _with_candidates(made, *effects):
-    return replace(made, candidates=tuple(one for one in made.candidates if one.effect in effects)).compact()
-
-
-def test_parts_of_a_model_keep_their_columns(made):
-    part = _with_candidates(made, "bias_drift", "bias_orbital")
-    assert part.X.shape[1] == 3 * 1 + 3 * 2
-    for candidate in part.candidates:
-        old = made.candidates[made.find(candidate.label)]
-        for option, before in zip(candidate.options, old.options, strict=True):
-            np.testing.assert_array_equal(part.X[:, option.columns], made.X[:, before.columns])
-    assert _with_candidates(made).X.shape == (made.y.size, 0)
-
-
-def test_effects_that_need_what_the_recording_lacks_are_left_out(made):
-    """No housekeeping here, so nothing can follow a temperature."""
-    assert made.find("bias_temperature:x") is None
-    assert made.find("bias_drift:x") is not None
-
-
-def test_the_sign_of_an_effect_is_that_of_its_candidate(made):
-    positive = {candidate.effect for candidate in made.candidates if candidate.positive}
-    assert positive == {name for name, effect in EFFECTS.items() if effect.sign == "positive" and made.find(name) is not None}
-    assert positive
 
 
 def test_options_of_a_process_have_scales_of_their_own():

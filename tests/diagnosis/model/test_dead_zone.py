@@ -1,11 +1,11 @@
-"""The candidate of a dead zone: its columns, its likelihood from the samples, and the size that amplitudes stand for."""
+"""The candidate of a dead zone: its columns, its axis, and the whole diagnosis of a wide one."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from diagnosis.detectors.dead_zone_rests import EDGE, MOST_PARTS, convert_zone, find_zero_sample_evidence
+from diagnosis.detectors.dead_zone_rests import MOST_PARTS, convert_zone
 from diagnosis.detectors.sample_report import Zone
 from diagnosis.diagnose import diagnose
 from diagnosis.model import dead_zone
@@ -13,7 +13,7 @@ from diagnosis.model.prepare import prepare
 from simulator import scenario
 from simulator.effects import EFFECTS
 from simulator.simulate import simulate
-from tests.diagnosis.recordings import of_rates, plan, prepared, recorded
+from tests.diagnosis.recordings import of_rates, plan, prepared
 
 DEG = np.deg2rad(1.0)
 WIDE, WIDE_S = 0.03, 0.25  # half width, deg/s, and the time between two samples, s
@@ -95,58 +95,8 @@ def test_a_zone_of_hundreds_of_sigmas_is_named_with_its_size(wide):
     assert abs(found.causes[0].size - WIDE) < 3 * found.causes[0].sigma
 
 
-def test_no_candidate_unless_an_effect_claims_the_symptom(found):
-    others = [effect for effect in EFFECTS.values() if effect is not EFFECT]
-    assert not list(dead_zone.list_dead_zone_groups(found, others))
-    assert not list(dead_zone.list_dead_zone_groups(replace(found, dead=()), [EFFECT]))
-
-
-def test_a_candidate_has_the_likelihood_of_the_samples_within_bounds(found):
-    (one,) = found.dead
-    odds = {}
-    for asked in (-100.0, 1.5, 100.0):
-        (group,) = dead_zone.list_dead_zone_groups(replace(found, dead=(replace(one, log_odds=asked),)), [EFFECT])
-        odds[asked] = group.log_odds
-    assert odds == {-100.0: dead_zone.LEAST_ODDS, 1.5: 1.5, 100.0: dead_zone.MOST_ODDS}
-    assert group.axis == "xyz"[one.axis]
-    assert group.weight == pytest.approx(EFFECT.weight / 3)  # each gyro could have had one
-    assert EFFECT.prior[0] <= group.limits[0] < group.limits[1] <= EFFECT.prior[1]
-
-
-def test_the_size_lies_between_what_is_missing_and_what_is_read(found):
-    one = replace(found.dead[0], alive=9e-4 * DEG, crossed=False)
-    (group,) = dead_zone.list_dead_zone_groups(replace(found, dead=(one,)), [EFFECT])
-    runs = group.columns[0].shape[1] - 1
-    assert group.read(np.append(6e-4, np.zeros(runs)))[0] == pytest.approx(7.5e-4)
-    assert group.size_sigma(6e-4) == pytest.approx(3e-4 / np.sqrt(12))
-    (edge,) = dead_zone.list_dead_zone_groups(replace(found, dead=(replace(one, crossed=True),)), [EFFECT])
-    assert edge.read(np.append(6e-4, np.zeros(runs)))[0] == pytest.approx(9e-4)
-    assert edge.size_sigma(6e-4) == pytest.approx(EDGE * 9e-4)
-
-
-def test_every_zero_misses_its_rate_and_the_longest_stretches_have_one_of_their_own():
-    made = recorded(4, sample_s=0.5, every_s=60.0)
-    rates, lengths = made.gyro.rates.copy(), 30 + np.arange(MOST_PARTS + 20)
-    begins = 200 + 150 * np.arange(lengths.size)
-    for begin, length in zip(begins, lengths, strict=True):
-        rates[begin : begin + length, 1] = 0.0
-    one = find_zero_sample_evidence(replace(made, gyro=replace(made.gyro, rates=rates)), 1, 1e-6, 1e-6)
-    zero = rates[:, 1] == 0.0
-    np.testing.assert_array_equal(one.part >= 0, zero)
-    for place, begin in enumerate(begins):
-        own = one.part[begin : begin + 30]
-        assert (own == min(lengths.size - 1 - place, MOST_PARTS)).all()
-
-
 @pytest.fixture(scope="module")
 def passed(found):
     """A gyro of the same recording that is seen to read zero below 0.02 deg/s, which its body passes in every slew."""
     zone = Zone(0.02 * DEG, 0.0006 * DEG, 8.0, np.abs(found.samples.rates[:, 2]) < 0.012 * DEG)
     return replace(found, dead=(convert_zone(2, zone),))
-
-
-def test_the_edge_that_was_passed_is_the_half_width_whatever_is_missing(passed):
-    (group,) = dead_zone.list_dead_zone_groups(passed, [EFFECT])
-    sizes = {group.read(scale * np.ones(group.columns[0].shape[1]))[0] for scale in (0.0, 1e-3, 1.0)}
-    assert list(sizes) == [pytest.approx(0.02)]
-    assert group.size_sigma(0.02) == pytest.approx(0.0006)

@@ -64,16 +64,6 @@ def test_predictions_are_those_of_the_joint_normal_distribution(model):
         np.testing.assert_allclose(fold.left_X.T @ fold.left_X, left.T @ np.linalg.solve(C, left), rtol=1e-4)
 
 
-def test_rows_belong_to_their_intervals(model):
-    names = [interval.name for interval in model.recording.intervals]
-    total = dict.fromkeys(names, 0.0)
-    for fold in build_folds(model, np.empty((model.size, 0))):
-        for name, dof in fold.dof.items():
-            assert dof == np.sum(fold.owner == name)
-            total[name] += dof
-    assert total == {name: float(3 * block.groups.size) for name, block in zip(names, model.blocks, strict=True)}
-
-
 def test_errors_of_m0s_predictions_have_unit_variance():
     """Over recordings of M0, the mean square of all rows held out is one."""
     total, dof = 0.0, 0

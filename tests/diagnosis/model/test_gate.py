@@ -8,16 +8,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from diagnosis.detectors.samples import examine
-from diagnosis.inference import null
-from diagnosis.inference.search import Search
 from diagnosis.model import recording_model as recordings
-from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.gate import check_residuals
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.prepare import prepare
 from gyrocal import InputError, calibrate
 from gyrocal.calibration.gate import LargeResidualError
-from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import of_rates, slews
 
 
@@ -112,15 +108,6 @@ def test_the_gate_asks_the_repaired_stream():
     check_residuals(linearise_recording(wrong, G, bias, examine(one).rates), examine(one).rates)
 
 
-def test_the_stages_of_the_samples_are_told():
-    told = []
-    prepare(recording(), tell=lambda text, share: told.append((share, text)))
-    assert len(told) >= 3
-    shares = [share for share, _ in told]
-    assert shares == sorted(shares)
-    assert all(text.startswith("gyro samples: ") for _, text in told)
-
-
 def test_columns_are_projected_some_at_a_time(monkeypatch):
     """The same columns, and values alone, whatever the number that is projected together."""
     model = prepare(recording()).model
@@ -131,15 +118,6 @@ def test_columns_are_projected_some_at_a_time(monkeypatch):
         np.testing.assert_allclose(model.project_out_nuisance(columns), whole, rtol=0, atol=1e-13)
         np.testing.assert_allclose(model.project_out_nuisance(columns[:, 3]), whole[:, 3], rtol=0, atol=1e-13)
     assert np.abs(model.nuisance.T @ model.project_out_nuisance(columns)).max() < 1e-12
-
-
-def test_the_null_distribution_is_drawn_some_at_a_time(monkeypatch):
-    linear = build_linear_model(prepare(recording()).model, [EFFECTS["bias_drift"], EFFECTS["bias_random_walk"]], rivals=False)
-    found = []
-    for at_once in (7, 250):
-        monkeypatch.setattr(null, "DRAWS_PER_BATCH", at_once)
-        found.append(null.compute_null_p(Search(linear), 5, 100))
-    assert found[0] == found[1] > 0.01
 
 
 def test_a_coarse_a_priori_calibration_leads_astray_over_an_interval_and_not_between_two_references():

@@ -8,7 +8,7 @@ import pytest
 
 from diagnosis.detectors.reference_noise import ReferenceSeries, estimate_reference_noise
 from diagnosis.inference.amplitudes import FittedEffect
-from diagnosis.model.known_effects import KnownEffect, select_known_effects, subtract_effects
+from diagnosis.model.known_effects import KnownEffect, subtract_effects
 from diagnosis.model.noise_classification import reclassify_without_effects
 from diagnosis.model.prepare import prepare
 from diagnosis.settings import DEFAULT
@@ -63,12 +63,6 @@ def test_without_an_effect_the_residuals_are_those_of_m0(text, amplitudes):
     assert np.linalg.norm(left.y - clean.y) < 0.05 * size
 
 
-def test_processes_and_effects_without_columns_are_not_taken_out():
-    walk = replace(fitted("bias_random_walk:x", [1.0]), process=True)
-    assert select_known_effects([walk, fitted("spikes:x", [1.0])], EFFECTS) == ()
-    assert [one.effect.name for one in select_known_effects([fitted("bias_drift:x", [1.0])], EFFECTS)] == ["bias_drift"]
-
-
 def test_noise_of_the_references_is_judged_without_what_changes_it():
     """A changed misalignment of a spinning body makes its references noisier from then on; without it they are as stated."""
     changed, clean = prepared_spinning(CHANGE), prepared_spinning(0.0)
@@ -106,15 +100,6 @@ def misjudged(model):
     )
     silent = np.zeros(recording.gyro.rates.shape, dtype=bool)
     return estimate_reference_noise(series, np.full(3, recording.gyro.arw**2), recording.gyro.t_s, silent).odd
-
-
-def test_what_is_judged_the_same_stays_as_it_is():
-    """An effect that moves no reference by much changes nothing, and without effects nothing is asked again."""
-    changed = prepared_spinning(CHANGE)
-    drift = KnownEffect(EFFECTS["bias_drift"], fitted("bias_drift:x", [1e-6]))
-    assert reclassify_without_effects(changed, [drift], DEFAULT) is None
-    assert reclassify_without_effects(changed, [], DEFAULT) is None
-    assert any("reference noise" in what for what, _ in changed.classified_symptoms)
 
 
 def test_a_report_before_its_lines_were_judged():

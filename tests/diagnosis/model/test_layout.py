@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from diagnosis.inference.criticism import check_explanation
-from diagnosis.model.bins import build_bins
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.layout import tabulate_observations
 from diagnosis.model.prepare import prepare
-from diagnosis.model.step_index import find_reference_bins, find_reference_steps, find_steps
+from diagnosis.model.step_index import find_steps
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import of_rates, prepared, slews_between_references
 
@@ -48,22 +47,3 @@ def test_noise_that_is_read_as_a_rate_is_no_dependence_on_it(rested):
     linear = build_linear_model(model, [EFFECTS["bias_drift"]], rivals=False)
     found = {one.name: one for one in check_explanation(linear, (), tabulate_observations(model))}
     assert found["dependence on what is known"].p_value > 1e-3
-
-
-def test_the_step_at_a_reference_is_the_one_that_follows_it_and_at_the_end_the_last():
-    model = prepared(1).model
-    assert len(model.blocks) > 1
-    expected = [np.minimum(block.steps.start + block.ends, block.steps.stop - 1) for block in model.blocks]
-    np.testing.assert_array_equal(find_reference_steps(model), np.concatenate(expected))
-    np.testing.assert_array_equal(
-        find_steps(model, model.references.t_s, model.interval_of_reference), np.concatenate(expected)
-    )
-
-
-def test_the_bin_at_a_reference_is_of_its_interval():
-    model = prepared(1).model
-    bins = build_bins(model)
-    found = find_reference_bins(model, bins)
-    np.testing.assert_array_equal(bins.interval[found], model.interval_of_reference)
-    last = np.flatnonzero(np.append(np.diff(model.interval_of_reference) != 0, True))
-    np.testing.assert_array_equal(found[last], np.searchsorted(bins.interval, np.arange(len(model.blocks)), "right") - 1)

@@ -151,12 +151,6 @@ def test_a_tone_that_no_reference_resolves_is_a_vibration_only_in_the_upper_part
     assert ([one.axis for one in high.vibrations], high.unconfirmed) == ([1], ())
 
 
-def test_quiet_samples_show_no_line():
-    found = prepared()
-    assert found.samples.lines == ()
-    assert found.samples.symptoms == ()
-
-
 def test_the_log_ratio_is_what_the_references_can_tell():
     """About ½ cᵀc in favour of a vibration, the same against it for a motion, and nothing where they could not see it."""
     still, moved = prepared("vibration:y=0.004,apparent_hz=0.43"), prepared_sway()
@@ -266,10 +260,3 @@ def test_a_swing_that_the_samples_show_may_be_either():
     assert (symptom.kind, symptom.axis) == ("bias_tone", "z")
     assert [kind for kind, _ in symptom.rivals] == ["spectral_line"]
     assert abs(symptom.size - 25) < 4 * symptom.sigma
-
-
-def test_a_slow_swing_that_the_samples_show_is_left_to_the_search():
-    """Of twelve seconds, a hundred times as likely as a vibration at that very frequency: what the references say goes."""
-    found = prepare(recorded("bias_periodic:z=25,period_s=12.0"))
-    assert found.samples.symptoms == ()
-    assert found.samples.vibrations == ()

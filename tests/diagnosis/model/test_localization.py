@@ -8,7 +8,7 @@ import scipy.stats
 from scipy.spatial.transform import Rotation
 
 from diagnosis.model import linearise
-from diagnosis.model.localization import compute_body_residuals, compute_statistics, label_phases, list_findings
+from diagnosis.model.localization import compute_body_residuals, compute_statistics, list_findings
 from diagnosis.model.prepare import prepare
 from tests.diagnosis.recordings import prepared, recorded
 
@@ -74,17 +74,3 @@ def test_residuals_in_body_axes_have_the_sigma_they_state(averaged, monkeypatch)
     spread = np.sqrt(np.mean([residual**2 for residual, _ in draws], axis=0))
     kept = sigma > 1e-3 * sigma.max()
     assert np.mean(spread[kept] / sigma[kept]) == pytest.approx(1.0, abs=0.02)
-
-
-def test_phases_of_an_interval(monkeypatch):
-    """The first and last tenth are start and end; references beside a hole are those of a slew."""
-    model = prepared(3).model
-    kinds = label_phases(model.observation_t_s, model.observation_block)
-    assert kinds.size == len(model.observation_t_s)
-    for number in range(len(model.blocks)):
-        own = kinds[model.observation_block == number]
-        assert own[0] == "start"
-        assert own[-1] == "end"
-    assert set(kinds) == {"start", "slew", "hold", "end"}
-    slews = model.observation_t_s[kinds == "slew"]
-    assert slews.size < 0.5 * kinds.size

@@ -10,7 +10,7 @@ from diagnosis.diagnose import diagnose
 from diagnosis.inference.criticism import combine_checks
 from diagnosis.model import linearise
 from diagnosis.model.linearise import linearise_recording
-from diagnosis.model.misfit import check_baseline, compute_attitude_errors, compute_innovations, list_findings
+from diagnosis.model.misfit import check_baseline, compute_attitude_errors, compute_innovations
 from diagnosis.model.prepare import prepare
 from gyrocal import calibrate
 from simulator.effects import EFFECTS
@@ -128,13 +128,3 @@ def test_nothing_is_said_of_few_references():
     found = linearise_recording(recording, result.G, result.bias)
     assert found.degrees_of_freedom == 6
     assert check_baseline(found) == ()
-
-
-def test_findings_are_those_that_speak(model):
-    checks = check_baseline(model)
-    assert list_findings(checks, 1e-4) == ()
-    odd = [replace(checks[0], p_value=1e-9), *checks[1:]]
-    (one,) = list_findings(odd, 1e-4)
-    assert one.statistic == "size"
-    assert "χ²" in one.text
-    assert one.p_value == pytest.approx(len(checks) * 1e-9)

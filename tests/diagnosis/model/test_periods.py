@@ -170,26 +170,6 @@ def test_finer_periods_are_around_each_alias_and_share_its_prior(swinging):
     assert made.refine(made, orbital) is made
 
 
-def test_rivals_repeat_but_not_as_a_sine_that_may_be_named(model):
-    found = periods.scan_periods(model)
-    groups = {(one.name, one.axis): one for one in periodic_alternatives.list_families(model, found, [False])}
-    names = {name for name, _ in groups}
-    assert names == {
-        "bias repeats with a period, not as a sine",
-        "references repeat with a period, not as a sine",
-        "references repeat with another period",
-    }
-    shape = groups["bias repeats with a period, not as a sine", "z"]
-    assert {part.shape[1] for part in shape.columns} == {6, 3, 4}
-    for part in shape.columns:
-        assert np.linalg.norm(model.project_out_nuisance(part[:, :2])) == pytest.approx(1.0)
-    # The third harmonic of a swing of the bias is a third as large, and turns the attitude by another third.
-    for part in shape.columns[::3]:
-        assert np.linalg.norm(model.project_out_nuisance(part[:, 4:])) < 0.5
-    # All of them share the prior of the period.
-    assert shape.weights[:3].sum() == pytest.approx(np.exp(found[False, 2][0].log_weight))
-
-
 def test_harmonics_are_locked_to_the_phase_of_the_fundamental(model):
     """A square wave and a sawtooth of any phase are in the span of their columns, but for their highest harmonics."""
     period, t = 3000.0, model.references.t_s
@@ -204,10 +184,3 @@ def test_harmonics_are_locked_to_the_phase_of_the_fundamental(model):
         )
         left = [1 - _chi2(model, part, y) / float(y @ y) for part in (options[place][:, :2], options[place])]
         assert left[1] < 0.45 * left[0]
-
-
-def test_a_plan_scans_no_data(model):
-    made = build_linear_model(model, [EFFECTS["bias_periodic"]], rivals=False, scan=False)
-    assert not [one for one in made.candidates if one.scanned]
-    periodic = made.candidates[made.find("bias_periodic:x")]
-    assert np.exp(periodic.log_weights).sum() == pytest.approx(1.0)

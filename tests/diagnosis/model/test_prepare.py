@@ -8,7 +8,6 @@ import pytest
 from scipy.signal import lfilter
 from scipy.special import expit
 
-from diagnosis.detectors import number_format
 from diagnosis.detectors.samples import examine
 from diagnosis.model import prepare
 from diagnosis.settings import DEFAULT
@@ -60,14 +59,6 @@ def test_the_gain_counts_against_what_is_left_anyway(monkeypatch):
     kind, ((_, share),) = _judged("rounded", 0.0, 4, "rate_quantization=4e-4")
     assert kind == "lattice_cut"
     assert share == pytest.approx(expit(-12.0 / 6.0))
-
-
-def test_gyros_of_which_some_cut_and_some_round_are_taken_as_their_samples_say(monkeypatch):
-    """One question of both ways is none of two converters; of one alike on all axes it is asked."""
-    made = recorded(4, "rate_quantization=1e-3", sample_s=1.0, every_s=60.0)
-    for odds, asked in (([-5.0, 4.0, 4.0], None), ([-5.0, -2.0, -1.0], -5.0), ([4.0, 5.0, 4.0], 5.0), ([-9.0, 1.0, 1.0], None)):
-        monkeypatch.setattr(number_format, "compute_log_odds", lambda *of, odds=odds: np.array(odds))
-        assert examine(made).cut_odds == asked
 
 
 def test_a_bias_that_wanders_does_not_say_how_readings_came_onto_a_lattice():

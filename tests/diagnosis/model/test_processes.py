@@ -12,7 +12,7 @@ from diagnosis.model.groups import list_process_places
 from diagnosis.model.process_projection import DECOMPOSITION, ProcessProjection, build_unit_errors, select_nodes, split_cells
 from diagnosis.model.processes import build_all_columns, build_usual_columns, markov, match_labels
 from simulator.effects import EFFECTS, ProcessTimes
-from tests.diagnosis.recordings import linear, of_rates, prepared, recorded
+from tests.diagnosis.recordings import of_rates, prepared, recorded
 
 
 @pytest.fixture(scope="module")
@@ -134,14 +134,6 @@ def test_a_simulated_process_has_the_power_of_its_columns(name, size, trial, sha
         dof += d.size
     assert scipy.stats.chi2.sf(total / (1 + share), dof) > 1e-3
     assert scipy.stats.chi2.cdf(total, dof) > 1e-3
-
-
-def test_unlisted_processes_are_about_each_axis_and_can_be_seen():
-    made = linear(3)
-    names = {candidate.effect for candidate in made.candidates if candidate.process and not candidate.listed}
-    assert len(names) >= 4
-    for name in names:
-        assert {c.axis for c in made.candidates if c.effect == name} == set("xyz")
 
 
 def test_a_rival_is_no_process_that_is_on_the_list(model):

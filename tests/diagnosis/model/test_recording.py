@@ -267,14 +267,6 @@ def test_an_interval_with_few_references_keeps_them(recording, model, monkeypatc
     assert made.size < 0.5 * model.size
 
 
-def test_condensing_hardly_changes_what_an_effect_can_show(model, condensed):
-    """‖x‖ of slow effects: a third of the observations hold nearly all there is to know."""
-    for k in (2, 4):
-        fine = np.linalg.norm(model.whiten_and_project(model.reading(waves(model)[:, :, [k]])))
-        coarse = np.linalg.norm(condensed.whiten_and_project(condensed.reading(waves(condensed)[:, :, [k]])))
-        assert 0.9 < coarse / fine < 1.001
-
-
 # ---- preparation ---------------------------------------------------------------------------------------------------------
 
 

@@ -20,17 +20,6 @@ def test_columns_before_the_projection_are_restored():
         np.testing.assert_allclose(found[place], W[place], atol=1e-13)
 
 
-def test_more_columns_are_beside_the_others_without_a_copy():
-    room = Room(np.empty((5, 6)))
-    room.memory[:, :3], room.used = RNG.standard_normal((5, 3)), 3
-    first, more = room.memory[:, :3], RNG.standard_normal((5, 2))
-    before = first.copy()
-    found = room.append_columns(first, more)
-    np.testing.assert_array_equal(found, np.hstack([before, more]))
-    assert np.shares_memory(found, first)
-    np.testing.assert_array_equal(first, before)
-
-
 def test_columns_are_copied_where_there_is_no_room_or_others_have_it():
     room = Room(np.empty((5, 6)))
     room.memory[:, :3], room.used = RNG.standard_normal((5, 3)), 3

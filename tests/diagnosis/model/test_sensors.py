@@ -139,18 +139,6 @@ def test_products_are_those_of_the_full_covariance():
     assert dof == len(rows.z) - 6
 
 
-@pytest.mark.parametrize(
-    "about", [{}, {"esa_s_filter": HeldAmplitudes(np.array([0.3]), {"time_constant_s": 41.0}, ({"time_constant_s": 40.0},))}]
-)
-def test_options_are_those_of_the_effect_or_those_found(nominal, about):
-    groups = build_groups(nominal[3], EFFECTS, about)
-    assert all(len(one.columns) == len(one.parameters) == len(one.weights) for one in groups)
-    own = next(one for one in groups if one.effect == "esa_s_filter")
-    constants = [parameters["time_constant_s"] for parameters in own.parameters]
-    assert constants == ([41.0, 40.0] if about else [15.0, 30.0, 60.0, 120.0, 240.0])
-    assert sum(own.weights) == pytest.approx(0.2 if about else 1.0)
-
-
 # ---- rows ----------------------------------------------------------------------------------------------------------------
 
 
@@ -174,19 +162,6 @@ def test_linearised_about_what_was_found_the_residuals_get_their_linear_part_bac
     (X,) = next(one.columns for one in about.groups if (one.effect, one.axis) == ("dss_head", "2"))
     left = about.y - X @ np.linalg.lstsq(X, about.y, rcond=None)[0]
     assert left @ left / sum(about.dof) == pytest.approx(1.0, abs=5 * np.sqrt(2 / sum(about.dof)))
-
-
-def test_candidates_are_all_effects_and_what_is_on_no_list(nominal):
-    model = build_sensor_model(build_tables(nominal, [dss_head.EFFECT]), [dss_head.EFFECT], DEFAULT)
-    assert {one.label for one in model.candidates if one.listed} == {"dss_head:1", "dss_head:2"}
-    rivals = {one.label for one in model.candidates if not one.listed}
-    # A sensor wanders whether or not its misalignment may be named.
-    assert rivals >= {"DSS-2 sits differently each day", "DSS-2 drifts", "Earth sensor sits differently each day", GYRO_RIVAL}
-    priors = np.exp([one.log_prior for one in model.candidates])
-    assert priors.sum() == pytest.approx(1.0)
-    assert sum(p for p, one in zip(priors, model.candidates, strict=True) if not one.listed) == pytest.approx(
-        DEFAULT.unlisted_share
-    )
 
 
 def test_columns_of_each_day_are_those_of_one_arc_each(nominal):

@@ -32,11 +32,6 @@ def test_a_likelihood_ratio_is_that_of_the_dense_covariance(stepped):
     np.testing.assert_allclose(ResidualProducts(linear, members).log_ratio(X), expected, rtol=1e-8)
 
 
-def test_a_column_that_nothing_shows_explains_nothing(stepped):
-    _, linear = stepped
-    assert ResidualProducts(linear, ()).log_ratio(np.zeros((len(linear.y), 2))).tolist() == [0.0, 0.0]
-
-
 def test_the_moment_between_two_that_are_tried_is_found(stepped):
     model, linear = stepped
     place = linear.find("g_matrix_step:y")
@@ -52,16 +47,6 @@ def test_the_moment_between_two_that_are_tried_is_found(stepped):
     for one, other in zip(linear.candidates, finer.candidates, strict=True):
         assert np.exp(other.log_weights).sum() == pytest.approx(np.exp(one.log_weights).sum())
         assert len(other.options) <= len(one.options) + MOST_MOMENTS * FINE_STEP_TIMES
-
-
-def test_a_step_that_is_in_already_or_explains_too_little_gets_no_further_times(stepped):
-    model, linear = stepped
-    effects = {one.name: one for one in (BIAS, SCALE)}
-    assert add_step_times(model, linear, effects, [((), 1e6)]) is linear
-    place = linear.find("g_matrix_step:y")
-    held = SelectedCandidate(place, 0, 0)
-    finer = add_step_times(model, linear, effects, [((held,), 20.0)])
-    assert len(finer.candidates[place].options) == len(linear.candidates[place].options)
 
 
 def test_every_element_of_a_row_gets_the_finer_times(stepped):

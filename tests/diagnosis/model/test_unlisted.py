@@ -1,6 +1,5 @@
 """Discrepancies that are on no list: their columns against closed forms, and their breadth."""
 
-from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -60,30 +59,12 @@ def test_bins_change_a_slow_regressor_little(model, bins):
     assert np.linalg.norm(binned - exact) < 0.02 * np.linalg.norm(exact)
 
 
-def test_every_family_is_about_each_axis_with_columns_that_can_be_seen(model, families):
-    of_axes = Counter(name for name, axis in families if axis is not None)
-    assert set(of_axes.values()) == {3}
-    assert [name for name, axis in families if axis is None] == ["time tags run late"]
-    for options in families.values():
-        assert options
-        for columns in options:
-            assert columns.shape[0] == model.size
-            assert np.isfinite(columns).all()
-            assert (np.linalg.norm(columns, axis=0) > 0).all()
-
-
 def test_errors_of_references_leave_the_steps_before_them_alone(model, families):
     """A step of the references inside one interval shows in no other interval."""
     for columns in families["references step at a time", "x"]:
         shown = {model.observation_block[row // 3] for row in np.flatnonzero(np.abs(columns[:, 0]) > 1e-9)}
         before = [k for k in range(len(model.blocks)) if k < min(shown)]
         assert all(np.abs(columns[model.blocks[k].rows]).max() == 0 for k in before)
-
-
-def test_periods_from_an_interval_s_start_need_no_orbit(families):
-    waves = families["bias of a period counted from each interval's start", "z"]
-    assert len(waves) == deterministic_alternatives.PERIODS
-    assert {columns.shape[1] for columns in waves} == {2}
 
 
 def test_time_offset_are_what_a_later_reading_leaves(model, bins):
@@ -163,21 +144,6 @@ def test_the_last_large_value_keeps_its_sign(bins):
     assert (found[own[10:30]] == 1).all()
     assert (found[own[30:]] == -1).all()
     assert (found[bins.interval != 1] == 0).all()
-
-
-def test_housekeeping_brings_its_families(model, bins):
-    """What lags behind a temperature is the temperature less its low-pass, and a constant one brings nothing."""
-    known = {"gyro_temperature_c": np.sin(model.t_s / 2000.0), "bus_v": np.full(model.t_s.size, 28.0)}
-    around = replace(model)
-    around.__dict__["stream"] = replace(model.stream, housekeeping=known)
-    found = {
-        one.name: len(one.columns) for one in deterministic_alternatives.build_families(around) if "housekeeping" in one.name
-    }
-    assert found == {
-        "bias follows the square of a housekeeping value, or its delayed value": 1 + len(deterministic_alternatives.LAGS_S),
-        "scale factor or misalignment follows a housekeeping value": 3,
-        "references follow a housekeeping value": 1,
-    }
 
 
 def test_twice_a_heading_is_a_second_harmonic_of_a_direction():

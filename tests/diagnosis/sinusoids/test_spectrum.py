@@ -33,14 +33,6 @@ def test_overlapping_segments_scatter_as_stated(window):
     assert 1 / np.var(powers) == pytest.approx(float(found.count[0]), rel=0.06)
 
 
-def test_a_spectrum_is_the_same_some_segments_at_a_time(monkeypatch):
-    x = np.random.default_rng(3).standard_normal(9000)
-    whole = compute_segment_spectrum(x, ARCS, 600, 0.1, "hann")
-    monkeypatch.setattr(spectrum, "SAMPLES_AT_ONCE", 1800)
-    np.testing.assert_allclose(compute_segment_spectrum(x, ARCS, 600, 0.1, "hann").power, whole.power, rtol=1e-12)
-    assert compute_segment_spectrum(x, ARCS, 7000, 0.1, "hann") is None
-
-
 def test_the_p_value_of_uneven_pieces_holds_for_white_noise():
     """Two pieces share the frequencies up to half the rate of the slower one; beyond it the other one counts alone."""
     rng, smallest = np.random.default_rng(4), []

@@ -1,6 +1,5 @@
 """The command ``gyrocal diagnose`` as a user types it."""
 
-import dataclasses
 import json
 import re
 
@@ -75,24 +74,6 @@ def planned(title):
         Extra("a roll", 0.3, 0.9, {"time_offset": 0.8}, (("rate_lag", "time_offset"),), 1, ()),
     )
     return Plan(title, 0.01, 1.0, 1, (), (), extras, (), 0.0)
-
-
-def test_the_next_maneuver_follows_the_plan():
-    group, named, unknown, none = (CASES[case]() for case in ("group", "named", "unknown", "none"))
-    assert diagnosis_answers.describe_next_flight(group, planned("x")).startswith("a roll (0.3 h)")
-    assert (
-        diagnosis_answers.describe_next_flight(named, planned("x"))
-        == "No extra maneuver on the list makes the cause much better visible."
-    )
-    helped = dataclasses.replace(planned("x").extras[0], by_effect={"bias_orbital:z": 0.25})
-    better = dataclasses.replace(planned("x"), extras=(helped,))
-    assert (
-        diagnosis_answers.describe_next_flight(named, better)
-        == "a turn (1.5 h): the smallest visible size of the cause is then 0.25 times that of this recording."
-    )
-    assert "--plan SCENARIO" in diagnosis_answers.describe_next_flight(unknown)
-    assert diagnosis_answers.describe_next_flight(none) == "No further recording is needed."
-    assert diagnosis_answers.list_suspected_effects(group) == ["time_offset", "rate_lag"]
 
 
 def test_effects_are_taken_off_the_list(run_cli, asked, rec):

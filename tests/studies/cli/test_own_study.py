@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import pandas as pd
 import pytest
-from rich.console import Console
 
 from gyrocal import InputError
 from studies import catalogue
@@ -119,20 +118,3 @@ def test_names_that_cannot_be_imported(name, message, mine, run_cli):
     found = run_cli("study", str(path))
     assert (found.exit_code, message in found.stderr) == (2, True)
     assert "no such file" in run_cli("study", str(mine)).stderr
-
-
-def test_a_report_that_raises_names_the_folder_with_the_rows(mine, tmp_path, monkeypatch):
-    def fail(config, rows):
-        raise KeyError("no such column")
-
-    entry = catalogue.find_entry(str(mine))
-    monkeypatch.setattr(catalogue, "find_entry", lambda name: replace(entry, report=fail))
-    with pytest.raises(KeyError) as found:
-        catalogue.run(str(mine), tmp_path / "out", {"cases": 2}, Console(quiet=True), backend="serial")
-    assert found.value.__notes__ == [
-        f"The report failed; {tmp_path / 'out' / 'table.parquet'} has the rows. The same command makes the report again; "
-        "after a change of the source code choose another --out."
-    ]
-    monkeypatch.undo()
-    assert catalogue.run(str(mine), tmp_path / "out", {"cases": 2}, Console(quiet=True), backend="serial").resumed == 2
-    assert (tmp_path / "out" / "report.md").exists()

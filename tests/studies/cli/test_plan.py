@@ -103,14 +103,3 @@ def test_the_page_holds_the_tables(run_cli, asked, tmp_path):
         assert text.lower() in words.lower()
     alone = plan_report.build_plan_page(replace(FOUND, pairs=(), extras=()))
     assert "Every pair can be told apart" in checked(alone).words
-
-
-def test_an_axis_that_cannot_be_seen_and_the_unit_of_a_size_are_told():
-    """An effect that shows about one axis does not show about all; a size without its unit, or beyond any, says little."""
-    drift = FOUND.effects[0]
-    hidden = replace(drift, axis="z", label="bias_drift:z", verdict="not identifiable", size=INF, best=INF, worst=INF)
-    pairs = (Pair("bias_drift:x", "bias_step:x", 0.9, 20.0, 0.5), Pair("bias_drift:y", "bias_step:y", 0.9, 900.0, 50.0))
-    found = replace(FOUND, effects=(drift, FOUND.effects[1], hidden), pairs=pairs)
-    assert plan_report.format_headline(found).startswith("1 of 1 effects can be seen (but not bias_drift:z), ")
-    sizes = plan_report.build_pairs_table(found)["size to separate"].tolist()
-    assert sizes == ["0.5 deg/h per day", "50 deg/h per day (not plausible)"]

@@ -78,18 +78,6 @@ def test_scenarios_have_titles(run_cli, tmp_path):
     assert load(tmp_path / "mine.toml") == load("trmm")
 
 
-def test_commands_write_json(recording, run_cli, tmp_path):
-    out = tmp_path / "out.json"
-    made = run_cli("simulate", "trmm", str(tmp_path / "rec"), "--effect", "time_offset=0.5", "--json", str(out))
-    assert made.exit_code == 0, made.output
-    document = json.loads(out.read_text())
-    assert (document["intervals"], document["effects"][0]["effect"]) == (6, "time_offset")
-    assert run_cli("study", "--json", str(out)).exit_code == 0
-    assert {"study": "paper", "what": json.loads(out.read_text())["studies"][0]["what"]} in json.loads(out.read_text())[
-        "studies"
-    ]
-
-
 @pytest.mark.parametrize(
     ("verdict", "present", "asked", "status"),
     [

@@ -9,7 +9,7 @@ from gyrocal import NAMES, GyroParameters
 from simulator import scenario as scenarios
 from studies.calibration import summaries
 from studies.montecarlo import statistics
-from studies.natanson import flight, paper_forms, paper_tables
+from studies.natanson import flight, paper_tables
 
 CASES = 200
 
@@ -164,23 +164,6 @@ def test_the_flight_stands_beside_its_own_intervals_only():
     assert not flight.matches_flight(with_seventh(trmm))
     assert not flight.matches_flight(scenarios.override(trmm, {"interval.1.stop_s": 13500.0}))
     assert not flight.matches_flight(scenarios.load("trmm_series"))
-
-
-def test_forms_are_those_of_the_paper(rows):
-    table2 = paper_forms.format_paper_table(paper_tables.build_table2(rows), "table2")
-    assert list(table2.columns) == ["interval", "axis", "pre-launch, Δt = 0.5 s", "1st iteration, Δt = 0.5 s"]
-    cell = table2.query("interval == 3 and axis == 'pitch'")["pre-launch, Δt = 0.5 s"].item()
-    assert cell.startswith("-0.433 | ")
-    table3 = paper_forms.format_paper_table(paper_tables.build_table3(rows), "table3").set_index(["quantity", "gyro"])
-    assert list(table3.index[:4]) == [("bias_deg_s", "x"), ("bias_deg_s", "y"), ("bias_deg_s", "z"), ("scale_factor", "x")]
-    assert table3.loc[("misalignment_z_deg", "y"), "pre-launch"] == "-0.033000"
-    assert table3.loc[("misalignment_z_deg", "y"), "1st iteration, Δt = 0.5 s"].startswith("-0.124000 | ")
-    table5 = paper_forms.format_paper_table(paper_tables.build_table5(rows), "table5")
-    assert list(table5.columns[3:]) == ["1st iteration, Δt = 0.5 s", "2nd iteration, Δt = 0.5 s"]
-    ways = paper_forms.format_ways_table(paper_tables.build_table3(rows), "table3").set_index(["quantity", "gyro"])
-    assert list(ways.columns[1:]) == [f"{psi} ψ, {n} iteration" for n in ("1st", "2nd") for psi in ("full", "linear")]
-    linear = paper_tables.select_variant(rows, 0.5, psi="linear")["second_G_yy"]
-    assert ways.loc[("scale_factor", "y"), "linear ψ, 2nd iteration"].startswith(f"{linear.mean():.6f} ± ")
 
 
 def test_second_iteration_changes_printed_digits(rows):

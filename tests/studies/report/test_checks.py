@@ -58,8 +58,3 @@ def test_extremes_leave_out_what_is_not_known():
     assert (smallest.value, smallest.verdict) == (0.9, "fail")
     assert (largest.value, largest.verdict) == (1.1, "pass")
     assert [check.verdict for check in checks.check_extremes("order", [math.nan], (0, 1))] == ["note", "note"]
-
-
-def test_each_meaning_is_said_once():
-    found = [Check("a", 1.0, meaning="One."), Check("b", 1.0), Check("c", 1.0, meaning="One."), Check("d", 1.0, meaning="Two.")]
-    assert checks.list_meanings(found) == ["One.", "Two."]

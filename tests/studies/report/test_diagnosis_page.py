@@ -10,7 +10,7 @@ import pytest
 from markupsafe import escape
 from rich.console import Console
 
-from diagnosis.answer import Finding, RemainderSummary
+from diagnosis.answer import RemainderSummary
 from diagnosis.budget import Step
 from diagnosis.result import Details
 from simulator.effects.base import STAGE_NAMES
@@ -113,11 +113,6 @@ def test_sizes(value, sigma, shown):
     assert words.format_size(value, sigma, "u") == shown
 
 
-def test_every_effect_has_a_meaning():
-    assert all(words.explain_effect(f"{name}:x").endswith(".") for name in ALL_EFFECTS)
-    assert words.explain_effect("bias of another period:z") == words.UNLISTED_NOTE
-
-
 def test_rounding_is_no_change_of_the_calibration():
     still = CASES["stream"]()
     moved = dataclasses.replace(still, G=still.G + 1e-5 * still.sigma_G)
@@ -199,17 +194,6 @@ def test_pointing_is_the_largest_swing_within_an_orbit():
     assert "in the samples" in pointing_cost.describe_pointing_cost(table.iloc[:0], 5400.0)
 
 
-@pytest.mark.usefixtures("blank_figures")
-@pytest.mark.parametrize(("kind", "is_motion"), [("spectral_line", False), ("bias_tone", False), ("outliers", True)])
-def test_a_line_is_a_motion_of_the_body_unless_it_is_named_for_something_else(kind, is_motion):
-    found = CASES["named"]()
-    row = {"statistic": "strongest_line", "axis": "z", "value": 1.0, "expected": 0.0, "p_value": 1e-9, "text": "a line"}
-    where = (Finding("gyro stream", None, "z", None, kind, 1.0, 1e-9, "a line"),)
-    details = dataclasses.replace(found.details, stream=pd.DataFrame([row]))
-    page = diagnosis_report.build_diagnosis_page(dataclasses.replace(found, where=where, details=details))
-    assert ("taken for a motion of the body" in page) == is_motion
-
-
 def test_unlikely_tables():
     # Empty tables, references at the ends only, one interval, odd names, no axis.
     base = CASES["named"]()
@@ -243,18 +227,6 @@ def test_significant_cells_are_marked_and_no_others():
     assert stars == below[-1] + 1 == 12
     clean = diagnosis_figures.draw_statistics_figure(CASES["none"]().details.statistics)
     assert not any(text.get_text().endswith("✗") for axes in clean.axes for text in axes.texts)
-
-
-def test_after_is_drawn_only_where_it_differs():
-    def marks(table):
-        return sum(
-            line.get_color() == diagnosis_figures.AFTER
-            for axes in diagnosis_figures.draw_interval_residuals(table).axes
-            for line in axes.lines
-        )
-
-    assert marks(CASES["named"]().details.residuals) == 18
-    assert marks(CASES["unknown"]().details.residuals) == 0
 
 
 def test_the_answers_name_no_more_than_is_sure():

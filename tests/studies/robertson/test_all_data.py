@@ -76,20 +76,3 @@ def test_signs_weigh_what_turns_them_round():
     assert combined_diagnosis.compute_sign_evidence(rows) == pytest.approx(0.0, abs=1e-6)
     turned = rows.assign(forward=rows["forward"].map({"+x": "-x", "-x": "+x"}))
     assert combined_diagnosis.compute_sign_evidence(turned) < -100.0
-
-
-def test_tables_have_every_rung_number_and_cause(made):
-    windows, further = made
-    rungs, numbers = (
-        combined_diagnosis.build_rungs_table(windows, further),
-        combined_diagnosis.build_observations_table(further),
-    )
-    assert rungs["effect"].tolist() == [rung.name for rung in ladder.RUNGS]
-    assert rungs["R Table 2 rms deg"].max() == 0.0
-    assert rungs.set_index("effect").loc["computed coefficients", "R (6) ln B"] == 0.0
-    assert numbers["number"].tolist() == list(combined_diagnosis.COMPARED)
-    values = dict(further[ladder.NOMINAL]) | {"m_x_deg": 0.5}
-    together = combined_diagnosis.diagnose_all_data(windows, dict.fromkeys(windows, values))
-    table = combined_diagnosis.compare_cause_probabilities(diagnosis.diagnose_table3(windows), together).set_index("cause")
-    assert table.loc["unknown in a number beside:m_x_deg", "all_data"] > 0.5
-    assert np.isnan(table.loc["unknown in a number beside:m_x_deg", "table_3"])

@@ -10,7 +10,6 @@ import pytest
 
 from diagnosis.diagnose import diagnose
 from gyrocal import load, save
-from gyrocal.recording.sensor_tables import SensorTables
 from simulator import scenario
 from simulator.effects.sensor import parse
 from simulator.simulate import simulate
@@ -82,22 +81,6 @@ def test_nominal_sensors_on_the_page(of_the_attitudes):
     page = diagnosis_report.build_diagnosis_page(nominal)
     assert "Sun and Earth sensors show nothing that the nominal ones would not" in page
     assert "with the causes" not in page
-
-
-@pytest.mark.usefixtures("blank_figures")
-def test_without_tables_nothing_is_said_of_them(rec, of_the_attitudes):
-    plain = diagnose(replace(load(rec), sensors=None))
-    assert plain is of_the_attitudes
-    assert "sensors" not in plain.to_json()
-    assert "Sun and Earth sensors" not in diagnosis_report.build_diagnosis_page(plain)
-
-
-def test_tables_without_an_ephemeris_are_passed_over_and_said_so(rec, of_the_attitudes):
-    recording = load(rec)
-    tables = SensorTables(recording.sensors.sun, recording.sensors.earth)
-    found = diagnose(replace(recording, sensors=tables))
-    assert found.sensors is None
-    assert any("were not looked at: there is no ephemeris table" in note for note in found.notes)
 
 
 @pytest.mark.usefixtures("blank_figures")

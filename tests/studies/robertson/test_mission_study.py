@@ -15,7 +15,7 @@ from simulator.sensors.earth import TrueEarthSensor
 from simulator.sensors.sun import SIMULATED_BETA_COEFFICIENTS, build_trmm_sensors
 from simulator.truth.orbit import compute_lvlh_attitude
 from studies.natanson import flight_gap
-from studies.robertson import biases, figures, ground, performance, published_tables, report, report_text, slews
+from studies.robertson import biases, ground, performance, published_tables, slews
 from studies.robertson.calendar import (
     FIRST_DAYS,
     PERIODS,
@@ -24,7 +24,7 @@ from studies.robertson.calendar import (
     convert_to_mission_day,
     shift_mission_start,
 )
-from studies.robertson.runs import SLEW_TABLES, SPIKE_FILTERS, SPIKE_SUN_DEG, MissionStudy, build_mission_flight, find_spike_day
+from studies.robertson.runs import SLEW_TABLES
 
 BASE = MissionConfig()
 AXES = published_tables.ROTATION_NAMES
@@ -262,14 +262,6 @@ def test_targeting_has_rs_sign():
     assert (row.maneuver, row.tables, row.seed) == ("+x to -x", "calibration1", 3)
 
 
-def test_mountings_leave_the_first_updates_out():
-    updates = pd.DataFrame({"update_deg": [9.0] * performance.SETTLING_UPDATES + [0.2, -0.4]})
-    run = MissionRun(EMPTY, updates, EMPTY, EMPTY)
-    table = performance.compare_mountings({("mounting", "solved", period): run for period in PERIODS})
-    assert table["mounting"].tolist() == ["flight", "solved"]
-    assert table.loc[1, list(PERIODS)].astype(float).to_numpy() == pytest.approx(0.3)
-
-
 def test_a_later_start_flies_the_same_orbit():
     """Moved by days: the same place in the orbit and the same Sun, and the axis forward that keeps the Sun on −Y."""
     later = shift_mission_start(BASE, 40.0)
@@ -279,60 +271,3 @@ def test_a_later_start_flies_the_same_orbit():
     assert here == pytest.approx(there, abs=1e-6)
     assert (here[0] > 0) == (later.forward == "+x")
     assert later.uploads == later.maneuvers == ()
-
-
-def test_spikes_are_flown_where_the_sun_is_seen():
-    turned = shift_mission_start(BASE, find_spike_day(BASE))
-    assert abs(np.rad2deg(compute_sun_angle(turned.epoch, turned.orbit, 0.0))) == pytest.approx(SPIKE_SUN_DEG, abs=0.3)
-
-
-def test_what_is_flown():
-    study = MissionStudy(days=30.0, seeds=3, slews=4, windows=False)
-    wanted = {name: build_mission_flight(study, name) for name in study.points()}
-    kinds = pd.Series([name[0] for name in wanted]).value_counts()
-    assert kinds.to_dict() == {"months": 3, "slew": 2 * 2 * 4, "mounting": 12, "spikes": 3, "yaw": 2}
-    assert len({one.seed for name, one in wanted.items() if name[0] == "months"}) == 3
-    assert next(iter(wanted))[0] == "months"  # the longest first
-    assert study.cases == len(wanted)
-    # Both states of a comparison see the same noise.
-    assert len({one.seed for name, one in wanted.items() if name[0] == "spikes"}) == 1
-
-
-def test_daily_means_split_at_uploads():
-    rows = [{**orbit("precalibration", rms_knowledge_yaw_deg=float(k)), "t_s": 0.25 * DAY * k} for k in range(4)]
-    table = figures.average_by_day(pd.DataFrame(rows), [0.4 * DAY])
-    assert table["rms_knowledge_yaw_deg"].tolist() == [0.5, 2.5]
-    assert table["day"].tolist() == pytest.approx([0.125, 0.625])
-    assert len(figures.average_by_day(pd.DataFrame(rows))) == 1
-
-
-def test_checks_have_no_verdict_on_what_was_not_flown():
-    first = performance.build_requirements_table([run_of([orbit("precalibration", rms_knowledge_yaw_deg=0.1)])])
-    later = performance.build_requirements_table([run_of([orbit("postcalibration", rms_knowledge_yaw_deg=0.1)])])
-    for table, verdict in ((first, "note"), (later, "fail")):
-        found = {one.name: one for one in report_text.build_mission_checks(*tables_with(table))}
-        assert found["R's knowledge, calibrated, worst axis"].verdict == verdict
-    assert found["R's knowledge, calibrated, worst axis"].value == pytest.approx(0.3)
-    assert np.isnan(found["yaw updates between the uploads, +x less −x forward"].value)
-    assert found["yaw maneuver, simulated minus flown, largest"].value == pytest.approx(0.2, abs=0.05)
-
-
-def tables_with(requirements):
-    """Tables of runs in which hardly anything was flown, with these requirements, and their summary."""
-    runs = [run_of([orbit("precalibration", rms_knowledge_yaw_deg=0.1)])]
-    slew = {"roll_deg": 0.2, "pitch_deg": 0.0, "yaw_deg": -0.1}
-    flown_slews = [
-        {"maneuver": maneuver, "tables": tables, "seed": 0} | slew for maneuver in YAW_MANEUVER_TIMES for tables in SLEW_TABLES
-    ]
-    tables = {
-        "table2": slews.build_slew_table(pd.DataFrame(flown_slews)),
-        "table3": performance.build_performance_table(runs),
-        "requirements": requirements,
-        "biases": biases.build_apparent_bias_table(runs),
-        "bias_scatter": biases.compute_orientation_scatter(runs),
-        "orientation": performance.compare_orientations(runs),
-        "yaw_maneuvers": performance.compare_maneuver_dates(30.0),
-    }
-    telemetry = pd.DataFrame(0.0, index=[0], columns=[f"{kind}_{axis}_deg" for kind in ("error", "estimate") for axis in AXES])
-    spikes = {("spikes", state): MissionRun(telemetry, EMPTY, EMPTY, EMPTY) for state in SPIKE_FILTERS}
-    return tables, report.summarise_mission(tables, spikes)
