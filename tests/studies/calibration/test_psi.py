@@ -24,11 +24,6 @@ def rows(config, tmp_path_factory):
     return run_study(psi.STUDY, config, tmp_path_factory.mktemp("psi"))
 
 
-def test_a_row_for_every_point_of_the_grid(config, rows):
-    points = rows[["slew_angle_deg", "slew_rate_deg_s", "step_s"]].itertuples(index=False, name=None)
-    assert list(points) == config.points()
-
-
 @pytest.mark.parametrize(
     ("column", "claimed", "true"),
     [("G_difference", 1, True), ("G_difference", 2, False), ("full_error_G", 2, True), ("full_error_G", 1, False)],

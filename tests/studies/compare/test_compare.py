@@ -14,7 +14,7 @@ from simulator.effects import parse
 from studies.compare.bench import PreparedScenario
 from studies.compare.compare import compare
 from studies.compare.measure import MeasurementSetup
-from tests.studies.compare.recordings import plan, recorded
+from tests.studies.compare.recordings import recorded
 
 ORBITAL = "bias_orbital:z=0.3,phase_deg=60"
 
@@ -141,15 +141,6 @@ def test_jobs_change_nothing(orbital, backend):
     with joblib.parallel_config(backend=backend):
         assert statistics(seed=1, jobs=2).equals(alone)
     assert not statistics(seed=2, jobs=1).equals(alone)
-
-
-def test_a_scenario_of_the_same_plan_may_be_compared():
-    recording = recorded(7, "bias_step:y=0.4,time_s=13000")
-    settings = (parse("bias_step:y=0.4,time_s=13000"),)
-    found = compare(recording, [("mine", AdoptedScenario("mine", plan(), settings))], runs=40)
-    gap = found.standings[1].gap
-    assert gap.before_90[0] > 0
-    assert gap.after_90[0] <= 0 <= gap.after_90[1]
 
 
 def test_too_few_runs_are_refused():
