@@ -18,16 +18,7 @@ def candidate(number, parts, start, share, **changes):
 
 
 def linear_model(columns, y, nuisance=None, changes=(), **further):
-    """A model with a candidate for each entry: an array (N, k), or a list of them that are its options.
-
-    Parameters
-    ----------
-    columns : of the candidates
-    y : (N,) observations
-    nuisance : (N, q) columns that are projected out
-    changes : attributes of single candidates, by number
-    further : attributes of the model
-    """
+    """A model with a candidate for each entry: columns (N, k), or a list of them that are its options; nuisance is (N, q)."""
     changes = dict(changes)
     Q = np.empty((len(y), 0)) if nuisance is None else np.linalg.qr(nuisance)[0]
 

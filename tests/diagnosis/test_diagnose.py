@@ -135,10 +135,7 @@ def test_an_effect_left_out_of_the_library_is_unknown():
 
 
 def test_samples_that_show_an_unlisted_effect_leave_nothing_named():
-    """Whatever the attitude seems to say beside it: what has no name may make that, too.
-
-    Of z only the slow remainder of the motion is left, by which G_xz may absorb a bias that swings, as it does at seed 9.
-    """
+    """An unlisted effect may make what the attitude shows, too. At seed 9 G_xz absorbs the bias that swings."""
     answer = diagnose(recordings.recorded(10, "rate_saturation:z=0.2", "bias_orbital:x=0.3"), library=SLOW)
     assert answer.verdict == "unknown"
     assert answer.unknown_probability > 0.99

@@ -32,10 +32,7 @@ def before():
 
 
 def assert_same(found, axes=AXES, by_s=0.0, rel=1e-6):
-    """The same answer to rounding, about axes of other names and with another epoch.
-
-    Which of the least likely sets a search keeps hangs on the last bits: one worth 1e-4 of the probability may be there or not.
-    """
+    """The same answer to rounding; an unlikely set worth 1e-4 of the probability may be kept or not by the last bits."""
     named = dict(zip(AXES, axes, strict=True))
     assert found.verdict == before().verdict
     assert found.p_value == pytest.approx(before().p_value, rel=1e-3)

@@ -99,10 +99,7 @@ def test_data_of_the_named_model_are_rejected_at_the_stated_rate(p_values):
 
 
 def test_what_nuisance_parameters_take_is_no_correlation(layout):
-    """White noise less a cubic in each interval has products of a negative mean, which is no finding.
-
-    The 48 directions make the test reject 8 % at a level of 5 %, and all of the draws without that mean.
-    """
+    """The products of white noise less a cubic have a negative mean; the 48 directions make the test reject 8 % at 5 %."""
     powers = np.linalg.qr(np.vander(np.linspace(-1, 1, EACH), 4))[0]
     basis = np.linalg.qr(np.kron(np.kron(np.eye(INTERVALS), powers), np.eye(3)))[0]
     white, draws = np.random.default_rng(5), 100

@@ -1,9 +1,4 @@
-"""The null distribution of the attitude test against recordings without an effect.
-
-The null draws white observations and takes the columns as given. A recording has neither: its calibration and its columns come
-from readings with the very noise that y is made of, the path of its attitude wanders with that noise, and references are
-averaged. Here the noise is known, sample by sample.
-"""
+"""The null distribution of the attitude test against recordings without an effect, whose noise is known sample by sample."""
 
 import numpy as np
 import pytest

@@ -214,10 +214,7 @@ def test_options_of_a_process_have_scales_of_their_own():
     ],
 )
 def test_sizes_that_show_are_plausible_of_a_gyro_of_any_grade(made, arw_deg, sigma_deg):
-    """Of all that biases and references may do: where a size is cut off short of what shows, another cause would be named.
-
-    The plan itself has a fibre-optic gyro.
-    """
+    """Where a size is cut off short of what shows, another cause would be named; the plan itself has a fibre-optic gyro."""
     if arw_deg is not None:
         changes = {"gyro.arw_deg_per_sqrt_s": arw_deg, "reference.sigma_deg": (sigma_deg,) * 3}
         recording = simulate(override(plan(), changes), seed=1)

@@ -50,10 +50,7 @@ def recorded(*effects, every_s=1.0):
 
 
 def swaying(recording, turn):
-    """M0 with a body that also turns by small angles about y: rates, and references, follow it.
-
-    With A' = exp(−[θ×]) A the rate is ω + dθ/dt + ω × θ.
-    """
+    """M0 with a body that also turns by θ about y: with A' = exp(−[θ×]) A the rate is ω + dθ/dt + ω × θ."""
     G = np.array(plan().gyro.true_G)
     gyro, attitudes = recording.gyro, recording.attitudes
     before, after = turn(gyro.t_s), turn(gyro.t_s + gyro.sample_s)
@@ -186,8 +183,7 @@ def test_a_gap_between_intervals_takes_nothing_from_what_a_line_turns():
 
 
 def test_power_beside_a_line_that_is_none_of_noise_takes_from_what_the_references_tell():
-    """References with ten times their noise make a projection of ten sigmas, which of noise alone would be certain; weighed by
-    its power it is a tenth of that, less than one beside the references' own answer."""
+    """A projection of ten sigmas by references with ten times their noise, weighed by its power, is a tenth of that."""
     found = prepared_sway()
     model, (line,) = found.model, found.samples.lines
     assert compute_log_ratio(model, line) < -10
@@ -199,8 +195,7 @@ def test_power_beside_a_line_that_is_none_of_noise_takes_from_what_the_reference
 
 
 def test_a_vibration_within_the_band_of_a_motion_is_one_where_the_references_deny_it():
-    """Slower sways of many frequencies lead up to it, so that it seems to end their band; it stands far above them. At 1.7 Hz
-    it is faster than the averages of references that the linear model has."""
+    """Slower sways lead up to it, above which it stands far; it is faster than the averages of references."""
     frequencies = [0.05, 0.13, 0.3, 0.75]
 
     def turn(t_s):

@@ -62,10 +62,7 @@ def test_the_gain_counts_against_what_is_left_anyway(monkeypatch):
 
 
 def test_a_bias_that_wanders_does_not_say_how_readings_came_onto_a_lattice():
-    """Errors that stay for a while go with any half step by chance: each counts once, not at every reference.
-
-    With every residual of this recording counted, "rounded" would be excluded.
-    """
+    """Errors that stay for a while count once; with every residual counted, "rounded" would be excluded."""
     kind, rivals = _judged("rounded", 0.0, 1, "rate_quantization=4e-4", "bias_random_walk:x=20")
     shares = {kind: 1 - sum(share for _, share in rivals), **dict(rivals)}
     assert shares["lattice_rounded"] > 0.1

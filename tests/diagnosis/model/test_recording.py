@@ -65,10 +65,7 @@ def test_observations_are_the_calibrators_residuals(recording, model):
 
 
 def test_calibration_columns_are_what_the_residuals_lack(quiet):
-    """Finite differences of the observations in all twelve parameters: what is added to G or b is no longer missing.
-
-    Without noise, since residuals of a few sigma turn the differences by as many tenths of a percent.
-    """
+    """Finite differences in all twelve parameters, without noise, which turns them by tenths of a percent."""
     scale = np.append(np.full(9, 1e-6), np.full(3, np.deg2rad(5e-8)))
     for k in range(12):
         change = np.zeros(12)

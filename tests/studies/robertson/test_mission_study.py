@@ -198,11 +198,7 @@ def quiet(config):
 @pytest.mark.parametrize("maneuver", list(YAW_MANEUVER_TIMES))
 @pytest.mark.parametrize("tables", SLEW_TABLES)
 def test_noise_free_miss_is_that_of_the_loop(maneuver, tables):
-    """The formula with the bias that the loop had on board, against the loop without noise.
-
-    What is left is the Earth's geodetic lean, 0.2° at most, which the formula's circular turn does not have. The heads are
-    square and aligned as the tables say: an error of theirs at the update would be a drift of the bias that was solved for.
-    """
+    """The Earth's geodetic lean, 0.2° at most, is left; square heads, for an error of theirs would drift the solved bias."""
     square = build_trmm_sensors(BORESIGHTS[0], (np.eye(3), R3_M), (np.zeros(3), np.zeros(3)), BORESIGHTS[1])
     own = replace(
         build_period_tables()[tables], coefficients_beta=np.stack([SIMULATED_BETA_COEFFICIENTS, SIMULATED_BETA_COEFFICIENTS])
