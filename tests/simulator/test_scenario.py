@@ -74,20 +74,11 @@ def test_bases_in_a_circle(tmp_path: Path):
     (tmp_path / "b.toml").write_text('base = "a.toml"\n', encoding="utf-8")
     with pytest.raises(InputError, match="circle"):
         load(tmp_path / "a.toml")
-    (tmp_path / "c.toml").write_text("base = 3\n", encoding="utf-8")
-    with pytest.raises(InputError, match="base must be"):
-        load(tmp_path / "c.toml")
 
 
 def test_unknown_scenario_lists_the_built_in_ones():
     with pytest.raises(InputError, match=r"trmn: neither a file nor a built-in scenario; did you mean trmm\?"):
         load("trmn")
-
-
-def test_broken_toml_names_the_file(tmp_path: Path):
-    (tmp_path / "broken.toml").write_text("title = \n", encoding="utf-8")
-    with pytest.raises(InputError, match=r"broken\.toml: not a TOML file"):
-        load(tmp_path / "broken.toml")
 
 
 def test_override_changes_what_it_names_only():

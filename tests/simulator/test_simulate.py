@@ -159,10 +159,6 @@ LOW_ORBIT = CircularOrbit(350e3, 0.6)
 Z = np.array([0.0, 0.0, 1.0])
 
 
-def test_ends():
-    assert list_reference_times(Profile(LOW_ORBIT, 100.0, 700.0, 0.0), None).tolist() == [0.0, 600.0]
-
-
 def test_series_leaves_out_slews_and_transitions():
     profile = Profile(LOW_ORBIT, 0.0, 1030.0, 0.0, (Slew(Z, 1.0, 100.0, 150.0),), Hold(400.0, 900.0, 100.0, np.zeros(3)))
     expected = [0, 50, 100, 250, 300, 350, 400, 500, 550, 600, 650, 700, 750, 800, 900, 950, 1000, 1030]

@@ -1,9 +1,4 @@
-"""Flights at piecewise constant rates with the sensors a batch or an alignment is made from.
-
-Two kinds of sensors. A `DirectionSensor` sees known directions with equal noise on the three components, the simplest thing
-that shows what an estimator does. `AlignmentOrbit` has TRMM's: whole counts of two digital sun sensors and the penetration
-angles of an Earth sensor over an oblate Earth.
-"""
+"""Flights at piecewise constant rates with the sensors a batch or an alignment is made from."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

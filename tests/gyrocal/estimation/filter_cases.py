@@ -1,8 +1,4 @@
-"""Flights with slews, gyro streams and idealised sensors for filters and what runs beside them.
-
-Nadir pointing with analytic slews (`simulator.truth.maneuvers`), a sensor that sees the Sun and nadir with equal noise on each
-component, and one timeline of seven slews about all axes, `build_maneuver_timeline`, with the spans that a calibrator uses.
-"""
+"""Flights with slews, gyro streams and idealised sensors for filters and what runs beside them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

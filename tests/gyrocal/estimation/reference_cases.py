@@ -1,13 +1,4 @@
-"""Two flights whose reference attitudes come from batches: intervals that share nothing, and a chain that shares its batches.
-
-`build_separate_case`
-    Four arcs at constant rate, both ends of each extrapolated by the gyro from one batch in its middle third: the ends
-    share the batch's bias. Four slews between batches before and after. No two intervals share a batch, so that a C of each
-    interval says all.
-`build_chain_case`
-    Seven arcs with slews between them, intervals all; a batch of each arc gives its start and its end, and so ends one
-    slew and starts the next. Only one covariance V of all residuals says all.
-"""
+"""Two flights whose reference attitudes come from batches: intervals that share nothing, and a chain that shares batches."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -59,7 +50,7 @@ class ReferenceCase:
 
 
 def build_separate_case(truth: GyroParameters, arw: float = ATTITUDE_CASE_ARW) -> ReferenceCase:
-    """Intervals that share nothing; arw in rad/sqrt(s)."""
+    """No two intervals share a batch: a C (3, 3) of each says all; arw in rad/sqrt(s)."""
     Plan = tuple[Sequence[tuple[Rate, float]], Sequence[Span], tuple[float, float], float]
     flights: list[Plan] = []
     for k, rate in enumerate((FORWARD, BACKWARD, SIDEWAYS, STILL)):

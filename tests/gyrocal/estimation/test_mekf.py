@@ -197,10 +197,6 @@ def test_wrong_use(flight):
     gyro = flight.gyro()
     with pytest.raises(InputError, match="walks must be solved for"):
         KalmanFilter(np.eye(3), TRUTH, np.eye(5), FILTER_CASE_ARW, rate_random_walk=1e-9, names=("b_x", "b_y"))
-    with pytest.raises(InputError, match="probability"):
-        KalmanFilter(np.eye(3), TRUTH, P0, FILTER_CASE_ARW, gate=3.0)
-    with pytest.raises(InputError, match="6×6"):
-        started(flight, np.random.default_rng(0)).restart(np.eye(3), np.eye(5))
     with pytest.raises(InputError, match="ascend"):
         run(started(flight, np.random.default_rng(0)), gyro, [], 0.0, np.array([5.0, 3.0]))
     with pytest.raises(InputError, match="begin"):

@@ -172,19 +172,13 @@ def test_a_covariance_of_all_residuals_is_checked():
     setup = build_chain_case(TRUTH)
     recording, batches = setup.draw(generator(53, 0, "chain"))
     V = residual_covariance(batches, setup.intervals, setup.arw)
-    lopsided, negative, singular, unknown = V.copy(), V.copy(), V.copy(), V.copy()
+    lopsided, singular = V.copy(), V.copy()
     lopsided[0, 4] += 0.1 * np.sqrt(V[0, 0] * V[4, 4])
-    negative[3, 3] = -V[3, 3]
     singular[:3], singular[:, :3] = singular[3:6], singular[:, 3:6]
-    unknown[2, 2] = np.nan
-    for match, value in (
-        ("13 residuals, must be 39×39, not 36×36", V[:36, :36]),
-        ("must be 39×39, not 39", V[0]),
-        *(("13 residuals, must be symmetric and positive definite", one) for one in (lopsided, negative, singular, unknown)),
-    ):
-        with pytest.raises(InputError, match=match) as caught:
+    definite = "13 residuals, must be symmetric and positive definite"
+    for match, value in (("39×39, not 36×36", V[:36, :36]), (definite, lopsided), (definite, singular), (definite, -V)):
+        with pytest.raises(InputError, match=match):
             calibrate(recording, residual_covariance=value)
-        assert "\n" not in str(caught.value)
     C = interval_covariance(batches, setup.intervals, setup.arw)
     with pytest.raises(InputError, match="not both"):
         calibrate(recording, residual_covariance=V, interval_covariance=C)

@@ -116,8 +116,6 @@ def test_what_a_ck_lacks_is_said(tmp_path, kernels):
         (lambda: ck.read_ck(body, clock), "the reference frame is 10013; one inertial frame"),
         (lambda: ck.read_ck(kernels[0], clock, -7), "no instrument -7; there are -95001"),
         (lambda: ck.read_ck(*kernels, spacecraft=-7), r"a.bc, .*a.tsc: SPICE: .*SCLK_DATA_TYPE_7 was not found"),
-        (lambda: ck.read_ck(kernels[0], tmp_path / "none.tsc"), "SPICE: .*could not be located"),
-        (lambda: ck.read_ck(clock, clock), "not a binary C-kernel"),
         (lambda: ck.read_ck(hand, early), "SPICE: .*"),
         (lambda: ck.read_ck(tmp_path / "half.bc", clock), "SPICE: .*"),
     ):

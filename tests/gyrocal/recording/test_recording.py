@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 
 from gyrocal import InputError, calibrate, load, save
-from gyrocal.recording import format_toml
 from tests.builders import piecewise_recording
 
 PLAN = ((((0.001, 0, 0), 60.0),), (((0, 0.002, 0), 60.0),))
@@ -58,13 +57,6 @@ def test_noise_that_was_estimated_is_kept_as_that(folder):
     attitudes = dataclasses.replace(recording.attitudes, sigma_estimated=True)
     save(dataclasses.replace(recording, attitudes=attitudes), folder)
     assert (load(folder).gyro.arw_estimated, load(folder).attitudes.sigma_estimated) == (False, True)
-
-
-def test_toml_values():
-    assert format_toml('a "b" \\ c') == '"a \\"b\\" \\\\ c"'
-    assert format_toml([1, 2.5, True]) == "[1, 2.5, true]"
-    with pytest.raises(TypeError):
-        format_toml(None)
 
 
 def edit_table(name, change):

@@ -72,12 +72,6 @@ def test_mounting_is_estimated_within_its_sigma(late_s, sample_s):
     assert 0.7 < np.sqrt(np.mean(np.square(off))) < 1.3
 
 
-def test_joint_sigma_is_that_across_both_boresights():
-    joined = join_references(make_sensors(1)).attitudes
-    assert (joined.sigma[0] < 3.1 * ARCSEC).all()
-    assert joined.correlation is not None
-
-
 def test_rows_of_other_times_are_kept_with_their_own_covariance():
     one, two = make_sensors(2)
     kept = slice(0, 20)

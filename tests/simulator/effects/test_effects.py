@@ -143,11 +143,8 @@ def test_the_sample_with_the_step_shows_its_mean():
 
 
 def test_two_effects_add_also_of_one_kind():
-    both = shown("bias_drift:z=3", "bias_drift:x=2", "bias_step:z=1,time_s=1500", "bias_step:z=-2,time_s=2500")
-    apart = [
-        shown(one) for one in ("bias_drift:z=3", "bias_drift:x=2", "bias_step:z=1,time_s=1500", "bias_step:z=-2,time_s=2500")
-    ]
-    np.testing.assert_allclose(both, sum(apart), atol=1e-16)
+    texts = ("bias_drift:z=3", "bias_drift:x=2", "bias_step:z=1,time_s=1500", "bias_step:z=-2,time_s=2500")
+    np.testing.assert_allclose(shown(*texts), sum(shown(one) for one in texts), atol=1e-16)
 
 
 def test_reference_effects_in_closed_form():

@@ -8,7 +8,6 @@ import pytest
 
 import simulator
 from diagnosis.diagnose import diagnose
-from gyrocal import InputError
 from simulator.effects import EFFECTS, extract_stream, extract_surroundings, parse
 from simulator.effects.housekeeping_columns import STANDARD_GRAVITY
 from simulator.effects.recording_view import interpolate_housekeeping
@@ -30,11 +29,6 @@ def test_without_its_column_it_is_no_candidate(name):
     recording = simulator.simulate(agile(), seed=1)
     around = extract_surroundings(recording, recording.gyro.apriori_G, recording.gyro.apriori_bias)
     assert "no housekeeping column" in EFFECTS[name].missing(around)
-
-
-def test_an_acceleration_that_is_missing_is_one_clear_line():
-    with pytest.raises(InputError, match="acceleration_x_m_s2"):
-        EFFECTS["acceleration_sensitivity"].columns(extract_stream(PLAIN, np.eye(3), np.zeros(3)), "x", {"toward": "x"})
 
 
 @pytest.mark.parametrize("filler", [1e300, np.inf, np.nan])

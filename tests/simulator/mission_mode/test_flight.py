@@ -107,10 +107,7 @@ def test_a_noisy_sensor_and_a_fast_controller_shake():
 
 
 def test_yaw_updates_by_period(runs):
-    """Before any upload twice what R (3) is about body z at raised boresights, 2 |cos E m_x − sin E m_z|; near none after.
-
-    R Table 3 has 0.24, 0.10 and 0.04°, over sun angles of up to 58°; the Sun of the launch is within 5° of the orbit plane.
-    """
+    """Before any upload twice what R (3) is about body z at raised boresights, 2 |cos E m_x − sin E m_z|; near none after."""
     turn = np.rad2deg(Rotation.from_matrix(R3_M).as_rotvec())
     expected = 2 * abs(np.cos(BORESIGHTS[1]) * turn[0] - np.sin(BORESIGHTS[1]) * turn[2])
     assert mean_update(runs["precalibration"]) == pytest.approx(expected, abs=0.02)

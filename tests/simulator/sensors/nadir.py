@@ -13,16 +13,7 @@ def geocentric_nadir(position):
 
 
 def geodetic_nadir(position):
-    """Unit vectors along the inward normal of WGS 84, inertial.
-
-    Parameters
-    ----------
-    position : (..., 3) inertial, m, outside the ellipsoid
-
-    Returns
-    -------
-    (..., 3)
-    """
+    """Unit vectors along the inward normal of WGS 84, inertial, at positions (..., 3) in m outside the ellipsoid."""
     # In units of the equatorial radius; Newton from the left of the root of a convex function never overshoots it.
     axes = np.array([1.0, 1.0, (1 - FLATTENING) ** 2])
     squares = (np.asarray(position, dtype=float) / EARTH_RADIUS) ** 2
@@ -41,18 +32,7 @@ def compute_penetrations(A, position, a, c, nominal):
 
 
 def bisector_attitude(A, position, horizon):
-    """Attitudes near A for which four quadrants without error show no roll and no pitch.
-
-    Parameters
-    ----------
-    A : (n, 3, 3) within a few degrees, e.g. LVLH turned in yaw; turned about body x and y only
-    position : (n, 3) inertial, m
-    horizon : the horizon seen
-
-    Returns
-    -------
-    (n, 3, 3)
-    """
+    """Attitudes (n, 3, 3) within a few degrees of A for which four quadrants without error show no roll and no pitch."""
     A = np.array(A, dtype=float)
     for _ in range(10):  # each round leaves about a hundredth of the error
         y = compute_penetrations(A, np.ascontiguousarray(position, dtype=float), *horizon.semi_axes, horizon.nominal)

@@ -1,7 +1,6 @@
 """Raw tables of both kinds of sensor on an orbit, read back by the estimator's models."""
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import gyrocal.sensors.sun as ground
@@ -36,20 +35,6 @@ def whitened(table, number):
     index = np.searchsorted(T, rows["t_s"])
     series = sensor.series(T[index], rows[["count_alpha", "count_beta"]].to_numpy(), SUN[index])
     return (series.y - series.model.predict(A[index], np.arange(index.size))) / series.sigma
-
-
-def test_columns_are_those_of_a_recording(tables):
-    sun, earth = tables
-    assert list(sun.columns) == ["t_s", "sensor", "count_alpha", "count_beta"]
-    assert list(sun.dtypes) == [np.float64, np.int64, np.int64, np.int64]
-    assert list(earth.columns) == [
-        "t_s", *(f"penetration_{i}_deg" for i in range(1, 5)), *(f"used_{i}" for i in range(1, 5))
-    ]  # fmt: skip
-    assert list(earth.dtypes) == [np.float64] * 5 + [np.bool_] * 4
-    np.testing.assert_array_equal(earth["t_s"], T)
-    key = sun[["t_s", "sensor"]]
-    pd.testing.assert_frame_equal(key, key.sort_values(["t_s", "sensor"], ignore_index=True))
-    assert not key.duplicated().any()
 
 
 def test_sun_rows_are_those_in_view_and_lit(tables):

@@ -105,8 +105,3 @@ def test_accumulated_rotations_stay_unit_and_exact():
     half = 0.5 * 1e-3 * 100_000
     expected = np.append(np.sin(half) * axis, np.cos(half))
     np.testing.assert_allclose(out[-1], expected, atol=1e-11)
-
-
-def test_zero_rate_keeps_the_attitude():
-    start = np.array([0.5, 0.5, -0.5, 0.5])
-    np.testing.assert_array_equal(accumulate(start, np.zeros((3, 3))), np.tile(start, (4, 1)))

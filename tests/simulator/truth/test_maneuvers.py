@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from gyrocal.errors import InputError
 from simulator.truth.maneuvers import (
     MODE_YAW,
     Hold,
@@ -159,15 +158,3 @@ def test_hold_rate_and_its_derivative_are_continuous(hold):
         # The next derivative is of the order of the steepest slope over a tenth of the transition.
         for slope in (before, after):
             assert np.abs(slope - across).max() < 2 * h / (0.1 * hold.transition) * steepest
-
-
-def test_moving_parts():
-    profile = Profile(ORBIT, 0.0, 6000.0, 0.0, (Slew(Z, 1.0, 10.0, 50.0),), HOLDS[0])
-    assert profile.moving_spans == ((10.0, 60.0), (150.0, 450.0), (5100.0, 5400.0))
-    assert profile.knots.tolist() == [10.0, 35.0, 60.0, 150.0, 450.0, 5100.0, 5400.0]
-
-
-def test_hold_without_a_way_back_says_so(monkeypatch):
-    monkeypatch.setattr("simulator.truth.maneuvers.RETURN_TOLERANCE", 0.0)
-    with pytest.raises(InputError, match="inertial hold"):
-        _ = Profile(ORBIT, 0.0, 5535.0, 0.0, hold=HOLDS[2]).return_rotation

@@ -21,13 +21,6 @@ def test_trmm_orbit_is_the_papers():
     assert np.rad2deg(PLAIN.mean_motion) == pytest.approx(0.0656, abs=1e-4)
 
 
-@pytest.mark.parametrize("orbit", [PLAIN, REGRESSING])
-def test_attitude_is_a_rotation(orbit):
-    A = compute_lvlh_attitude(orbit, TIMES)
-    np.testing.assert_allclose(A @ np.swapaxes(A, -1, -2), np.broadcast_to(np.eye(3), A.shape), atol=1e-15)
-    np.testing.assert_allclose(np.linalg.det(A), 1.0, rtol=1e-14)
-
-
 def test_axes_follow_the_orbit():
     """z points against the position, x along its derivative, y against the normal."""
     position = -compute_lvlh_attitude(PLAIN, TIMES)[:, 2]
