@@ -8,7 +8,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from diagnosis.model.candidates import build_linear_model
-from diagnosis.model.folds import build_shared_columns, reverse_whitening
 from diagnosis.model.prepare import prepare
 from diagnosis.settings import DiagnosisSettings
 from gyrocal import Orbit
@@ -61,15 +60,6 @@ def linear_of(names, seed, *effects, every_s=120.0):
     """The linear model of the same, with the named effects only and no rivals."""
     model = prepared(seed, *effects, every_s=every_s).model
     return build_linear_model(model, [EFFECTS[name] for name in names], rivals=False)
-
-
-def joint_covariance(model):
-    """(N, N) covariance of all observations of a recording model under M0, with broad priors on start attitudes, G and b."""
-    V = np.zeros((model.size, model.size))
-    for block in model.blocks:
-        V[block.rows, block.rows] = block.whitener @ block.whitener.T
-    columns = reverse_whitening(model, build_shared_columns(model))
-    return V + columns @ columns.T
 
 
 def slews_between_references(gaps, each, sample_s, sway):

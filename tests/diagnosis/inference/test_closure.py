@@ -87,11 +87,6 @@ def test_intervals_cover_a_closed_gap_nine_times_in_ten(columns):
     assert scipy.stats.binomtest(inside, 150, 0.9).pvalue > 1e-3
 
 
-def test_without_folds_there_is_no_closure(columns):
-    model = linear_model(columns, 2.0 * columns[0][:, 0])
-    assert compute_closure(model, [SelectedCandidate(0, 0, 4)]) is None
-
-
 def test_rows_that_stand_for_more_are_counted_by_their_degrees_of_freedom():
     """Two rows that keep the square sums of ten: the mean is over ten, and the floor is that of ten."""
     errors = np.sqrt([[20.0, 8.0], [10.0, 4.0]])

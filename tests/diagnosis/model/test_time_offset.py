@@ -30,10 +30,6 @@ def test_the_columns_of_a_large_offset_give_it_back_and_leave_noise(size):
     assert sum(one.weight for one in large) == pytest.approx(1.0, abs=1e-12)
 
 
-def test_a_small_one_has_no_others():
-    assert model_and_columns(0.05)[2] == []
-
-
 def test_shares_of_delays_that_all_explain_far_less_are_numbers():
     """As where a dead zone makes a gap of hundreds of sigmas, and no delay is anywhere near."""
     np.testing.assert_allclose(

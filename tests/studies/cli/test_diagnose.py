@@ -9,7 +9,6 @@ from diagnosis.plan import Extra, Plan
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli.main import main
 from studies.report import diagnosis_answers
-from studies.report.console import show_stages
 from tests import ROOT
 from tests.diagnosis_cases import CASES
 
@@ -82,13 +81,6 @@ def test_effects_are_taken_off_the_list(run_cli, asked, rec):
     assert run_cli("diagnose", rec, "--without", "spikes", "--without", "rate_lag", "--seed", "5").exit_code == 0
     assert set(asked["library"]) == set(ALL_EFFECTS) - {"spikes", "rate_lag"}
     assert asked["seed"] == 5
-
-
-def test_each_stage_is_said_once(capsys):
-    with show_stages("plan") as tell:
-        for text, share in (("pairs: 1 of 2", 0.1), ("pairs: 2 of 2", 0.2), ("extras", 0.5)):
-            tell(text, share)
-    assert capsys.readouterr().err.splitlines() == ["plan: pairs, 10 % done", "plan: extras, 50 % done"]
 
 
 def test_a_real_recording(run_cli, rec, tmp_path):

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from studies.report import source
 from studies.report.pages import Answer, Page, PageTable, Picture, ProvenanceFooter, Section, SmallParagraph
-from studies.report.source import Source, render_markdown
+from studies.report.source import render_markdown
 from tests import ROOT
 from tests.pages import checked
 
@@ -88,23 +88,9 @@ def test_the_page_of_a_study_is_whole(name):
     assert "SHA-256" in page.words
 
 
-def test_checks_that_fail_are_named(tmp_path):
-    assert source.summarise_checks(tmp_path) == "This study has no checks."
-    lines = ["check,verdict", "one,pass", "two,fail", "three,note"]
-    (tmp_path / "checks.csv").write_text("\n".join(lines))
-    assert source.summarise_checks(tmp_path) == "1 of 2 checks pass. Not: two."
-
-
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
 def test_a_figures_hash_is_that_of_its_file(folder):
     files = json.loads((folder / "manifest.json").read_text())["files"]
     for path in folder.glob("*.svg"):
         if path.name in files:  # the oldest manifests have only their rows'
             assert files[path.name] == hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def test_figures_that_were_made_later_than_their_rows_say_so():
-    rows, later = "a" * 40, "b" * 40 + "+changes"
-    said = Source(ROOT, {"commit": rows, "reported": {"commit": later}}).describe_origin("x.svg")
-    assert "aaaaaaaaaaaa, reported from its rows at bbbbbbbbbbbb+changes;" in said
-    assert "reported" not in Source(ROOT, {"commit": rows}).describe_origin("x.svg")
