@@ -8,7 +8,7 @@ than to a decision, such as the length of a window or the points of a grid, stan
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 
@@ -19,7 +19,7 @@ def define_threshold(value: Any, meaning: str, unit: str, chosen: str) -> Any:
 
 @dataclass(frozen=True)
 class DiagnosisSettings:
-    """Thresholds of a diagnosis; `describe` lists them with their meaning."""
+    """Thresholds of a diagnosis; the metadata of each field say what it means, in which unit, and how it was chosen."""
 
     false_alarm_rate: float = define_threshold(
         0.002,
@@ -110,10 +110,6 @@ class DiagnosisSettings:
         "probability",
         "three gyros leave 0.0003 % false lines of white noise, whose strongest line has the p-value that is stated",
     )
-
-    def describe(self) -> list[dict[str, Any]]:
-        """Name, value, meaning, unit and choice of each threshold."""
-        return [{"name": one.name, "value": getattr(self, one.name), **one.metadata} for one in fields(self)]
 
 
 DEFAULT = DiagnosisSettings()
