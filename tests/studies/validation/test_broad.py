@@ -18,6 +18,7 @@ from tests import SHARED
 
 FOLDER = SHARED / "real" / "broad"
 REAL = sorted(FOLDER.glob("*.parquet"))
+VIBRATING = "27_"
 real = pytest.mark.skipif(not REAL, reason="the BROAD trials are not beside this checkout; their licence keeps them out of it")
 
 SAMPLE_S = 7 / 2000
@@ -264,7 +265,16 @@ def test_bad_files_are_one_line(run_import, frame, tmp_path):
 
 
 @real
-@pytest.mark.parametrize("path", REAL, ids=lambda path: path.name[:2])
+def test_a_trial_beside_a_vibrating_phone_needs_references_nearer_to_each_other():
+    """Over a second the motor's vibration adds more to the gyro's noise than the references scatter."""
+    trial = broad.read(next(path for path in REAL if path.name.startswith(VIBRATING)))
+    with pytest.raises(InputError, match="choose a shorter spacing"):
+        broad.build_recording(trial)
+    assert calibrate(broad.build_recording(trial, spacing_s=0.25).recording, plausible_bias=0.1).converged
+
+
+@real
+@pytest.mark.parametrize("path", [path for path in REAL if not path.name.startswith(VIBRATING)], ids=lambda path: path.name[:2])
 def test_real_trial_is_imported_and_calibrated(path):
     """The residual of the raw gyro is some degrees, and a calibration takes most of it: the conversion's sign and units."""
     imported = broad.build_recording(broad.read(path))
