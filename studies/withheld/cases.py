@@ -261,7 +261,7 @@ class DrawnCase:
         return [one.setting for one in self.effects]
 
     @property
-    def library(self) -> list[str] | None:
+    def allowed_names(self) -> list[str] | None:
         """Names that the diagnosis may use; None for all."""
         return [name for name in EFFECTS if name != self.effects[0].setting.effect] if self.kind == "withheld" else None
 
@@ -486,7 +486,7 @@ def run_case(config: WithheldConfig, number: int, streams: Streams) -> dict[str,
     recording = drawn.world.record(drawn.settings)
     made = time.process_time()
     _reset_peak_memory()
-    answer = diagnose(recording, library=drawn.library).to_json()
+    answer = diagnose(recording, library=drawn.allowed_names).to_json()
     cost = {"make_s": made - begun, "diagnose_s": time.process_time() - made, "peak_mb": _read_peak_memory()}
     return describe_case(drawn) | describe_answer(drawn, answer) | cost
 
@@ -497,7 +497,7 @@ def describe_case(drawn: DrawnCase) -> dict[str, Any]:
     for one in drawn.effects:
         described = {"effect": one.setting.effect, "axis": one.setting.axis, "size": one.setting.size}
         ratios = {"snr_attitude": one.attitude, "snr_samples": one.samples, "snr": one.snr}
-        listed = one.setting.effect in (EFFECTS if drawn.library is None else drawn.library)
+        listed = one.setting.effect in (EFFECTS if drawn.allowed_names is None else drawn.allowed_names)
         truth.append(described | {"parameters": dict(one.setting.parameters), "listed": listed} | ratios)
     return {
         "kind": drawn.kind,

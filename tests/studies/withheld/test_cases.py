@@ -43,9 +43,9 @@ def test_effects_of_a_kind(kind):
     assert sum(name in FAMILIES for name in names) == (kind == "mixed")
     assert len(names) == {"pair": 2, "withheld": 1}.get(kind, len(names))
     assert all(0.7 * SNR[0] < one.snr < 1.4 * SNR[1] for one in drawn.effects)
-    assert (drawn.library is None) == (kind != "withheld")
+    assert (drawn.allowed_names is None) == (kind != "withheld")
     if kind == "withheld":
-        assert set(EFFECTS) - set(drawn.library) == set(names)
+        assert set(EFFECTS) - set(drawn.allowed_names) == set(names)
     assert drawn.world.plan.kind in PLANS
 
 
