@@ -38,8 +38,6 @@ def format_table(rows, head):
 
 def tabulate_withheld():
     folder = RESULTS / "studies" / "withheld"
-    if not folder.exists():
-        return "The table follows with the first committed run of the study.\n"
     rows = [["cases", pd.read_csv(folder / "outcomes.csv")["cases"].sum()]]
     for one in pd.read_csv(folder / "rates.csv").itertuples():
         bounds = f"{100 * one.share:.0f} %; {100 * one.low:.0f} to {100 * one.high:.0f} %"

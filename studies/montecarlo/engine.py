@@ -70,14 +70,14 @@ class StudyInterrupted(GyrocalError):  # noqa: N818  # an event, not a fault
 class Outcome:
     """A finished study."""
 
-    folder: Path  # folder, table: of the study, and its table, a Parquet file
-    table: Path
-    cases: int  # cases, resumed: number of cases, and of those found finished in the folder
-    resumed: int
+    folder: Path  # of the study
+    table: Path  # of all rows, a Parquet file
+    cases: int  # their number
+    resumed: int  # number of cases found finished in the folder
     failures: dict[int, str]  # error of each failed case
     warnings: dict[str, int]  # how often each warning was given in this run
-    wall_s: float  # wall_s, cpu_s: duration of this run, and CPU time of all cases, in whatever run they were computed
-    cpu_s: float
+    wall_s: float  # duration of this run
+    cpu_s: float  # CPU time of all cases, in whatever run they were computed
     manifest: dict[str, Any]  # what the folder's manifest says, without the files
 
     def load(self, columns: list[str] | None = None) -> pd.DataFrame:
