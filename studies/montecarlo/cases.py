@@ -77,6 +77,7 @@ def run_cases(task: Task) -> Result:
     """Run the cases of a task, one after the other."""
     study = find(task.study, task.folder)
     config = _parse_config(study, task.config)
+    made_with = describe_provenance(study)  # before the cases, while what was imported is young
     rows: list[dict[str, Any]] = []
     kinds: dict[str, str] = {}
     tracebacks: dict[int, str] = {}
@@ -89,7 +90,7 @@ def run_cases(task: Task) -> Result:
                 tracebacks[case] = "".join(traceback.format_exception(error))
                 text = f"{type(error).__name__}: {' '.join(str(error).split())}"
                 rows.append({"case": case, "error": text[:LONGEST_ERROR]})
-        return Result(rows, tracebacks, time.process_time() - start, messages, describe_provenance(study))
+        return Result(rows, tracebacks, time.process_time() - start, messages, made_with)
 
 
 def build_killed_result(task: Task) -> Result:

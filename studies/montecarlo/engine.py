@@ -3,7 +3,7 @@
 Case i draws from children of ``SeedSequence(entropy, spawn_key=(i,))`` alone, so its row is the same on every backend,
 resumed, or repeated by `rerun`, bit for bit. The folder of a study holds
 
-- ``manifest.json``: configuration, hashes of it and of the source code, versions, machine, seeds, backend, times, failures. It
+- ``manifest.json``: configuration, hashes of it and of the source files, versions, machine, seeds, backend, times, failures. It
   is written when a run starts and when it ends
 - ``parts/``: the rows of finished cases (`studies.montecarlo.store`); what makes a study resumable
 - ``failures/``: a traceback for each failed case
@@ -362,8 +362,9 @@ class _Session:
         """Refuse finished rows of other source code, and more rows than those on another machine."""
         before = {name: self.before.get(name) for name in self.made_with}
         elsewhere = list_changes(before["machine"] or {}, self.made_with["machine"])
-        if before["source_sha256"] != self.made_with["source_sha256"]:
-            how = "before the source code changed"
+        if before["sources"] != self.made_with["sources"]:
+            files = list_changes(before["sources"], self.made_with["sources"], values=False) if before["sources"] else ""
+            how = f"before {files or 'the source code'} changed"
         elif elsewhere and more:
             how = f"elsewhere ({elsewhere})"
         else:
@@ -418,8 +419,9 @@ class _Session:
     def _store(self, cases: range, result: Result) -> None:
         """Store a part; its tracebacks first, so that a part that is there is complete."""
         if result.made_with not in (None, self.made_with):
-            differs = list_changes(self.made_with["machine"], result.made_with["machine"]) or "its source code"
-            raise InputError(f"a worker differs ({differs}); make them alike")
+            differs = list_changes(self.made_with["machine"], result.made_with["machine"])
+            files = list_changes(self.made_with["sources"], result.made_with["sources"], values=False)
+            raise InputError(f"a worker differs ({differs or files}); make them alike, or undo what was edited during the run")
         for case in cases:
             path = self.parts.folder / "failures" / f"case-{case:06d}.txt"
             if case in result.tracebacks:

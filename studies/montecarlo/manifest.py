@@ -10,9 +10,11 @@ import platform
 import re
 import subprocess
 import sys
+import sysconfig
 from collections.abc import Iterable, Mapping
 from functools import cache, lru_cache
 from importlib import import_module, metadata
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +22,7 @@ import numpy as np
 
 import gyrocal
 from studies.montecarlo.files import write_json
-from studies.montecarlo.study import Study, find_study_folder
+from studies.montecarlo.study import Study
 
 MANIFEST = "manifest.json"
 REPORTED_PACKAGES = ("gyrocal", "numpy", "scipy", "pandas", "numba", "matplotlib", "joblib", "pydantic", "pyarrow")
@@ -28,7 +30,13 @@ WORK = "work"
 AT_WORK = ("parts", "failures", "cases", WORK)  # folders of a study that hold no result
 PROJECT = Path(gyrocal.__file__).resolve().parents[1]
 SOURCE_PACKAGES = ("gyrocal", "simulator", "diagnosis", "studies")
-SOURCE_SUFFIXES = (".py", ".csv", ".json", ".toml")
+TABLE_SUFFIXES = (".csv", ".json", ".toml")
+STANDARD_LIBRARY = Path(sysconfig.get_path("stdlib")).resolve()
+IMPORT = re.compile(  # one that begins a line, or follows ; or :, and one by a constant name
+    r"(?:^|[;:])[ \t]*(?:from\s+([\w.]+)\s+import\s+(\([^)]*\)|[^\n;]+)|import\s+([^\n;]+))"
+    r"""|import_module\(\s*["']([\w.]+)["']""",
+    flags=re.MULTILINE,
+)
 DECISIVE = ("numpy", "scipy", "numba", "pandas")
 SHOWN_DIFFERENCES = 4  # differences that a message names
 
@@ -70,22 +78,65 @@ def write_manifest(folder: Path, about: Mapping[str, Any], complete: bool = True
 
 @lru_cache(maxsize=64)
 def describe_provenance(study: Study) -> dict[str, Any]:
-    """Describe what a study's rows are made with in this process: the hash of the source code, and the machine.
+    """Describe what a study's rows are made with in this process: the hash of each source file, and the machine.
 
     The sources are read once a process for the same functions: what this process has loaded is as old as that. They are the
-    files of our packages and of the study's own package, or the modules in the folder of a study that is a single file.
+    tables of our packages, and the modules that the study and the running of its cases import, also within functions, without
+    those of installed packages.
     """
-    files = {path for name in SOURCE_PACKAGES for path in (PROJECT / name).rglob("*")}
-    top = study.name.partition(":")[0].partition(".")[0]
-    if find_study_folder(study):
-        files |= set(Path(find_study_folder(study)).glob("*.py"))
-    elif top not in SOURCE_PACKAGES:
-        files |= {path for place in sys.modules[top].__path__ for path in Path(place).resolve().rglob("*.py")}
-    hashed = hashlib.sha256()
-    for path in sorted(path for path in files if path.suffix in SOURCE_SUFFIXES):
-        name = path.relative_to(PROJECT).as_posix() if path.is_relative_to(PROJECT) else path.name
-        hashed.update(name.encode() + hashlib.sha256(path.read_bytes()).digest())
-    return {"source_sha256": hashed.hexdigest(), "machine": describe_machine()}
+    files = {path.relative_to(PROJECT).as_posix(): path for name in SOURCE_PACKAGES for path in (PROJECT / name).rglob("*")}
+    files = {name: path for name, path in files.items() if path.suffix in TABLE_SUFFIXES}
+    files |= find_imported_files((study.name.partition(":")[0], "studies.montecarlo.cases"))
+    sources = {name: hash_bytes(path.read_bytes()) for name, path in sorted(files.items())}
+    return {"sources": sources, "machine": describe_machine()}
+
+
+def find_imported_files(modules: Iterable[str]) -> dict[str, Path]:
+    """Find the files of modules and of all that they import, by their path in the packages; nothing is imported for this."""
+    found: dict[str, Path] = {}
+    names, known = list(modules), set[str]()
+    while names:
+        parts = names.pop().split(".")
+        locations: Any = None
+        for name in (".".join(parts[:count]) for count in range(1, len(parts) + 1)):
+            spec = getattr(sys.modules.get(name), "__spec__", None) or PathFinder.find_spec(name, locations)
+            if spec is None or (name not in known and _is_installed(name, spec)):
+                break
+            locations = spec.submodule_search_locations
+            if name not in known and spec.has_location:
+                path, is_package = Path(str(spec.origin)).resolve(), locations is not None
+                found[name.replace(".", "/") + ("/__init__.py" if is_package else path.suffix)] = path
+                names += _read_imports(name, path, is_package)
+            known.add(name)
+            if locations is None:
+                break
+    return found
+
+
+def _is_installed(name: str, spec: ModuleSpec) -> bool:
+    """Whether a module is none of ours and of the standard library or an installed package."""
+    if name.partition(".")[0] in SOURCE_PACKAGES:
+        return False
+    places = [Path(place).resolve() for place in spec.submodule_search_locations or [str(spec.origin)]]
+    installed = {"site-packages", "dist-packages"}
+    return spec.origin in ("built-in", "frozen") or any(
+        place.is_relative_to(STANDARD_LIBRARY) or installed & {*place.parts} for place in places
+    )
+
+
+def _read_imports(module: str, path: Path, is_package: bool) -> list[str]:
+    """Read the names that a module's source may import; a package that computes names may import all of its modules."""
+    text = path.read_text(encoding="utf-8", errors="replace") if path.suffix == ".py" else ""
+    names = []
+    for source, imported, plain, computed in IMPORT.findall(re.sub(r"\\\n|#.*", " ", text)):
+        dots = len(source) - len(source.lstrip("."))
+        above = module.split(".")[: len(module.split(".")) - dots + is_package] if dots else []
+        base = ".".join([*above, *filter(None, [source.lstrip(".")])])
+        names += [base, *(f"{base}.{one.split()[0]}" for one in imported.strip("() \n").split(",") if source and one.strip())]
+        names += [one.split()[0] for one in plain.split(",") if one.strip()] + [computed]
+    if is_package and "import_module(f" in text:
+        names += [".".join([module, *one.relative_to(path.parent).with_suffix("").parts]) for one in path.parent.rglob("*.py")]
+    return [name for name in names if name]
 
 
 @cache
@@ -110,12 +161,13 @@ def describe_machine() -> dict[str, str]:
     }
 
 
-def list_changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
-    """List the first values that differ as "key: old → new", – where there is none, and how many more there are."""
-    old, new = _flatten_values(before), _flatten_values(now)
+def list_changes(before: Mapping[str, Any], now: Mapping[str, Any], *, values: bool = True) -> str:
+    """List the first values that differ as "key: old → new" (– is none), or only their keys, and how many more there are."""
+    old, new = (_flatten_values(before), _flatten_values(now)) if values else (before, now)
     keys = [key for key in dict.fromkeys([*old, *new]) if old.get(key, "–") != new.get(key, "–")]
     more = f" and {len(keys) - SHOWN_DIFFERENCES} more" if len(keys) > SHOWN_DIFFERENCES else ""
-    return ", ".join(f"{key}: {old.get(key, '–')} → {new.get(key, '–')}" for key in keys[:SHOWN_DIFFERENCES]) + more
+    shown = (f"{key}: {old.get(key, '–')} → {new.get(key, '–')}" if values else key for key in keys[:SHOWN_DIFFERENCES])
+    return ", ".join(shown) + more
 
 
 def _flatten_values(value: Any, path: str = "") -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import subprocess
 import sys
 import textwrap
 
@@ -64,14 +65,18 @@ def serial(study, folder, cases=8, **options):
 
 
 @pytest.mark.parametrize(
-    "edit", [{"old": "factor(2.0)", "new": "factor(3.0)"}, {"helper": HELPER.replace("return x", "return 2 * x")}]
+    ("edit", "name"),
+    [
+        ({"old": "factor(2.0)", "new": "factor(3.0)"}, "my_own_study.py"),
+        ({"helper": HELPER.replace("return x", "return 2 * x")}, "helping_hand.py"),
+    ],
 )
-def test_an_edited_study_is_refused(edit, my_study, tmp_path):
+def test_an_edited_study_is_refused(edit, name, my_study, tmp_path):
     folder = tmp_path / "out"
     table = serial(my_study(), folder).load()
     edited = my_study(**edit)
     before = (folder / "manifest.json").read_bytes()
-    told = "8 finished cases were computed before the source code changed; choose another --out, or delete the folder"
+    told = f"8 finished cases were computed before {name} changed; choose another --out, or delete the folder"
     with pytest.raises(InputError, match=told):
         serial(edited, folder)
     assert (folder / "manifest.json").read_bytes() == before
@@ -81,17 +86,33 @@ def test_an_edited_study_is_refused(edit, my_study, tmp_path):
     assert serial(my_study(), folder).resumed == 8
 
 
-def test_an_edited_source_or_table_of_ours_counts(tmp_path, monkeypatch):
-    monkeypatch.setattr(manifest, "PROJECT", tmp_path)
-    found = []
-    for name, text in (("gyrocal/a.py", "1"), ("gyrocal/a.py", "2"), ("studies/data/b.csv", "1"), ("gyrocal/c.so", "1")):
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(text)
-        describe_provenance.cache_clear()
-        found.append(describe_provenance(DRAWS)["source_sha256"])
+def test_a_file_that_the_study_does_not_import_counts_for_nothing(my_study, tmp_path):
+    """Also one that is written while a case runs; what the modules import, also within a function, is among the sources."""
+    study = my_study(helper="def factor(x):\n    from my_kit import gain\n\n    return gain(x)\n")
+    (tmp_path / "my_kit").mkdir()
+    (tmp_path / "my_kit" / "__init__.py").write_text("from .inner import (  # more to come\n    gain,\n)\n")
+    (tmp_path / "my_kit" / "inner.py").write_text("def gain(x):\n    return x\n")
+    own = dict.fromkeys(["helping_hand.py", "my_kit/__init__.py", "my_kit/inner.py", "my_own_study.py"])
+    before = describe_provenance(study)["sources"]
+    (tmp_path / "notes.py").write_text("x = 1\n")
+    (tmp_path / "my_kit" / "spare.py").write_text("x = 1\n")
     describe_provenance.cache_clear()
-    assert len(set(found)) == 3
-    assert found[2] == found[3]
+    assert describe_provenance(study)["sources"] == before
+    assert {name for name in before if not name.startswith(manifest.SOURCE_PACKAGES)} == set(own)
+
+
+def test_every_module_that_a_case_loads_is_a_source():
+    """Python itself says what a process has loaded once a case has run; the search of the texts must find all of it."""
+    code = (
+        "import sys; from studies.montecarlo import cases, manifest; from tests.engine_studies import DRAWS as study;"
+        "cases.run_cases(cases.Task(study.name, study.config(cases=1).model_dump_json(), range(1)));"
+        "known = {str(path) for path in manifest.find_imported_files([study.name.partition(':')[0], cases.__name__]).values()};"
+        "ours = ('gyrocal', 'simulator', 'diagnosis', 'studies', 'tests');"
+        "loaded = {module.__file__ for name, module in sys.modules.items() if name.partition('.')[0] in ours};"
+        "print(len(loaded), sorted(loaded - known), any(name.startswith('diagnosis') for name in known))"
+    )
+    found = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    assert (int(found[0]) > 50, found[1:]) == (True, ["[]", "False"])
 
 
 def on_another_machine(monkeypatch, **differences):
@@ -124,13 +145,16 @@ def test_a_finished_study_is_reported_on_any_machine(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("differences", "what"),
-    [({"machine": describe_machine() | {"numpy": "2.0.0"}}, "numpy: .* → 2.0.0"), ({"source_sha256": "0"}, "its source code")],
+    [
+        ({"machine": describe_machine() | {"numpy": "2.0.0"}}, "numpy: .* → 2.0.0"),
+        ({"sources": {"here.py": "0"}}, ".*here.py|.* more"),
+    ],
 )
 def test_a_worker_that_differs_is_refused(differences, what, tmp_path, monkeypatch):
     there = describe_provenance(DRAWS) | differences
     monkeypatch.setattr("studies.montecarlo.cases.describe_provenance", lambda study: there)
     config = DrawsConfig(cases=4, size=3)
-    with pytest.raises(InputError, match=rf"a worker differs \({what}\); make them alike"):
+    with pytest.raises(InputError, match=rf"a worker differs \({what}\); make them alike, or undo"):
         run(DRAWS, config, tmp_path, backend="serial")
 
 
