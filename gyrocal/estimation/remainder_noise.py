@@ -70,6 +70,7 @@ class KnownCalibration:
     parameters: GyroParameters  # G and b
     covariance: Array  # (12, 12) the recommended one; b in rad/s
     noise: RemainderNoise  # the remainder, without processes where the nominal covariance is recommended
+    recording_sha256: str | None = None  # of the recording, where a file states it
 
     @classmethod
     def build(cls, result: CalibrationResult) -> KnownCalibration:
@@ -105,11 +106,13 @@ def read_calibration(path: Path) -> KnownCalibration:
         if with_remainder:
             noise = RemainderNoise(read_processes(document["remainder"]), float(document["remainder"]["noise_factor"]))
             _check(noise.processes, noise.factor)
-        return KnownCalibration(parameters, covariance / np.outer(DEGREES, DEGREES), noise)
+        sha256 = document.get("provenance", {}).get("recording_sha256")
+        return KnownCalibration(parameters, covariance / np.outer(DEGREES, DEGREES), noise, sha256)
     except OSError as fault:
         raise InputError(f"{path}: {fault.strerror}") from None
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as fault:
-        raise InputError(f"{path}: not a result of 'gyrocal calibrate --json': {fault}") from None
+        why = f"it has no {fault}" if isinstance(fault, KeyError) else fault
+        raise InputError(f"{path}: not a result of 'gyrocal calibrate --json': {why}") from None
 
 
 def _check(processes: Iterable[Process], factor: float) -> None:

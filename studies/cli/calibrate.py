@@ -15,7 +15,6 @@ from gyrocal.errors import InputError
 from gyrocal.importing import read_estimated_noise, read_import_warnings
 from gyrocal.recording import Recording, load
 from studies.cli.options import (
-    JUNIT,
     PAGE,
     PATH,
     add_json_option,
@@ -26,6 +25,7 @@ from studies.cli.options import (
     read_json,
 )
 from studies.montecarlo.files import write_json, write_text
+from studies.report.calibration_change import check_limits, parse_limit, show_change
 from studies.report.console import make_console
 
 MOST_ITERATIONS = 1000  # a handful converge, or none do
@@ -113,7 +113,25 @@ CONDITIONS = ("p", "condition")  # what --fail-on may ask
     metavar="CONDITION",
     help="End with status 3 if this condition holds: 'p<0.001' of the residuals' p-value, or 'condition>100'; repeatable.",
 )
-@add_output_option("--junit", help=JUNIT)
+@click.option(
+    "--against",
+    type=PATH,
+    metavar="RESULT.json",
+    help="Compare with a saved result of --json: the change of each parameter in sigmas.",
+)
+@click.option(
+    "--max-sigma",
+    type=float,
+    help="With --against, end with status 1 if a parameter, or all together, moved by so many sigmas.",
+)
+@click.option(
+    "--max-change",
+    multiple=True,
+    metavar="LIMIT",
+    help="With --against, end with status 1 if a change exceeds it: 'G_zz<50ppm', 'misalignment<20arcsec', 'b_x<0.1deg/h'; "
+    "repeatable.",
+)
+@add_output_option("--junit", help="Write each --fail-on, --max-sigma and --max-change as a test to this file, JUnit's XML.")
 def command(
     recording: Path,
     as_json: Path | None,
@@ -127,6 +145,9 @@ def command(
     solve_for: str,
     parametrisation: Parametrisation,
     fail_on: tuple[str, ...],
+    against: Path | None,
+    max_sigma: float | None,
+    max_change: tuple[str, ...],
     junit: Path | None,
     **options: Any,
 ) -> None:
@@ -141,22 +162,32 @@ def command(
       gyrocal calibrate /tmp/rec --report /tmp/calibration.html
       gyrocal calibrate /tmp/rec --parametrisation gyro --solve-for gyro_z
       gyrocal calibrate /tmp/rec --fail-on 'p<0.001' --junit /tmp/calibration.xml
+      gyrocal calibrate /tmp/rec --against /tmp/result.json --max-sigma 3 --max-change 'G_zz<50ppm'
     """
     if not all(0 < value < LARGEST for value in (plausible_g, plausible_bias) if value is not None):
         raise InputError(f"--plausible-g and --plausible-bias must be plausible: positive and below {LARGEST:g}")
     plausible_rate = None if plausible_bias is None else float(np.deg2rad(plausible_bias / 3600))
     for text in fail_on:
         parse_condition(text, CONDITIONS)
+    if against is None and (max_sigma is not None or max_change):
+        raise InputError("--max-sigma and --max-change limit a change: give the saved result with --against RESULT.json")
+    if max_sigma is not None and not 0 < max_sigma < LARGEST:
+        raise InputError(f"--max-sigma {max_sigma:g}: must be positive and below {LARGEST:g}")
+    for text in max_change:
+        parse_limit(text)
     loaded = load(recording)
     for text in read_import_warnings(recording):
         click.echo(f"implausible: {text}")
     known = _read_truth(truth) if truth else None
 
+    from gyrocal.calibration.change import compute_change
     from gyrocal.calibration.davenport import calibrate
     from gyrocal.calibration.remainder import add_remainder
     from gyrocal.estimation.held_out import describe_held_out_turns, predict_held_out_turns
+    from gyrocal.estimation.remainder_noise import read_calibration
     from studies.report import calibration as calibration_report
 
+    saved = read_calibration(against) if against else None
     asked: dict[str, Any] = {
         "solve_for": solve_for,
         "apriori_covariance": _build_prior(
@@ -170,6 +201,10 @@ def command(
     }
     result = calibrate(loaded, **asked)
     result = add_remainder(loaded, result)
+    about, limits = _describe_input(loaded) if as_json or against else {}, []
+    if saved is not None:
+        is_same = about["recording_sha256"] == saved.recording_sha256
+        change = compute_change(saved.parameters, saved.covariance, result.parameters, result.recommended_covariance, is_same)
     for text in calibration_report.list_implausible(result, loaded):
         click.echo(f"implausible: {text}")
     turns = predict_held_out_turns(loaded, **asked)
@@ -177,8 +212,11 @@ def command(
     calibration_report.show(make_console(), result, options["iterations"] is None, known)
     for line in calibration_report.describe_import_noise(result, read_estimated_noise(recording)):
         make_console().print(line, highlight=False, markup=False)
+    if saved is not None:
+        limits = check_limits(change, max_sigma, max_change)
+        show_change(make_console(), change, str(against), limits)
     if as_json:
-        more = {"held_out_turns": [one.to_json() for one in turns], "provenance": _describe_input(loaded)}
+        more = {"held_out_turns": [one.to_json() for one in turns], "provenance": about}
         write_json(as_json, result.to_json() | more)
     if report:
         from studies.report import calibration_page
@@ -191,7 +229,7 @@ def command(
             ),
         )
     known_numbers = dict(zip(CONDITIONS, (float(result.p_value), float(result.observability.condition)), strict=True))
-    end("calibrate", str(recording), compare_conditions(fail_on, known_numbers), junit)
+    end("calibrate", str(recording), compare_conditions(fail_on, known_numbers), junit, limits)
 
 
 def _describe_input(recording: Recording) -> dict[str, str | None]:

@@ -241,9 +241,9 @@ def parse_condition(text: str, names: Sequence[str] | Mapping[str, float]) -> tu
     return match[1], match[2], limit
 
 
-def end(command: str, subject: str, verdicts: Sequence[Verdict], junit: Path | None) -> None:
-    """Write the verdicts if asked for, and leave with status 3 if one of them is a failure."""
+def end(command: str, subject: str, verdicts: Sequence[Verdict], junit: Path | None, limits: Sequence[Verdict] = ()) -> None:
+    """Write the verdicts if asked for, and leave with status 3 if one of them is a failure, or 1 if one of the limits is."""
     if junit:
-        write_junit(junit, f"gyrocal {command}", subject, verdicts)
-    if any(one.failure for one in verdicts):
-        raise SystemExit(STATUS)
+        write_junit(junit, f"gyrocal {command}", subject, [*verdicts, *limits])
+    if any(one.failure for one in [*verdicts, *limits]):
+        raise SystemExit(STATUS if any(one.failure for one in verdicts) else 1)

@@ -60,6 +60,14 @@ WRONG = [
     ("calibrate REC --prior-sigma-g 1e200 --prior-sigma-bias 1", "below 1e6"),
     *((f"calibrate REC --fail-on p{text}", "give NAME<LIMIT or NAME>LIMIT") for text in ("", "<", "<x", "<nan", "<=0.1")),
     ("calibrate REC --fail-on q<1", "where NAME is p or condition"),
+    ("calibrate REC --max-sigma 3", "give the saved result with --against"),
+    ("calibrate REC --against REC/recording.toml", "not a result of 'gyrocal calibrate --json'"),
+    *((f"calibrate REC --against a --max-sigma {text}", f"--max-sigma {text}: must be") for text in ("nan", "0", "inf")),
+    *(
+        (f"calibrate REC --against a --max-change {text}", message)
+        for text, message in (("G_zz", "give NAME<LIMIT"), ("G_zz<-1ppm", "give NAME<LIMIT"), ("b_x<1ppm", "no unit of b_x"))
+    ),
+    ("calibrate REC --against a --max-change G_ab<1ppm", "unknown parameter"),
     ("predict REC --from 10 --prior-scale nan", "sigma_scale nan"),
     ("predict REC --from 10 --prior-sigma-g -1", "sigma_G -1"),
     *((f"mission OUT --days {days}", text) for days, text in (("nan", "--days nan"), ("0", "one cycle"), ("1e9", "1000 days"))),

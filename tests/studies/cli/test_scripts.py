@@ -1,14 +1,22 @@
 """What scripts rely on: exit statuses, JUnit's XML, JSON, and names that were meant."""
 
+import copy
 import json
 from types import SimpleNamespace
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
 
-from gyrocal import InputError, save
-from simulator import load, simulate
+from gyrocal import NAMES, InputError, save
+from gyrocal.calibration.change import CalibrationChange
+from simulator import load, override, simulate
+from studies.cli.main import main
 from studies.cli.options import compare_conditions
+from studies.report.calibration_change import check_limits, parse_limit
 from studies.report.checks import Check
 from studies.report.junit import Verdict, convert_checks, write_junit
 
@@ -101,3 +109,75 @@ def test_a_diagnosis_fails_on_a_gap_or_on_an_unknown_one(
     suite = ElementTree.parse(report).getroot()[0]
     assert [case.get("name") for case in suite] == asked
     assert int(suite.get("failures")) == sum({"gap": present, "unknown": verdict == "unknown"}[name] for name in asked)
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    """A short recording and the result of its calibration."""
+    folder = tmp_path_factory.mktemp("saved")
+    save(simulate(override(load("trmm"), {"gyro.sample_s": 15.0}), seed=2), folder / "rec")
+    assert CliRunner().invoke(main, ["calibrate", str(folder / "rec"), "--json", str(folder / "a.json")]).exit_code == 0
+    return folder / "rec", json.loads((folder / "a.json").read_text())
+
+
+@pytest.mark.parametrize(
+    ("sigmas", "is_same", "status"), [(4, True, 1), (2.5, True, 0), (4 * 2**0.5, False, 1), (2.5 * 2**0.5, False, 0)]
+)
+def test_a_calibration_is_guarded_by_a_saved_one(sigmas, is_same, status, saved, run_cli, tmp_path):
+    folder, document = copy.deepcopy(saved)
+    document["bias_deg_s"][1] += sigmas * document["sigma_bias_deg_s"][1]
+    if not is_same:
+        del document["provenance"]
+    (tmp_path / "a.json").write_text(json.dumps(document))
+    command = ["calibrate", str(folder), "--against", str(tmp_path / "a.json")]
+    limits = ["--max-sigma", "3", "--max-change", "scale,misalignment<1ppm", "--junit", str(tmp_path / "a.xml")]
+    found = run_cli(*command, *limits)
+    assert found.exit_code == status, found.output
+    assert ("Not met: b_y < 3 sigma: moved by 4.0 sigma" in found.stdout) == bool(status)
+    assert ("share its noise" in found.stdout) == is_same
+    suite = ElementTree.parse(tmp_path / "a.xml").getroot()[0]
+    assert {one.get("name") for one in suite if len(one)} == ({"b_y < 3 sigma"} if status else set())
+    assert len(suite) == 14
+    if status:
+        assert run_cli(*command).exit_code == 0  # without a limit nothing fails
+        by = 3600 * sigmas * document["sigma_bias_deg_s"][1]
+        assert run_cli(*command, "--max-change", f"bias<{0.99 * by:.5g}deg/h").exit_code == 1
+        assert run_cli(*command, "--max-change", f"bias<{1.01 * by:.5g}deg/h").exit_code == 0
+        assert run_cli(*command, "--max-sigma", "3", "--fail-on", "p>0").exit_code == 3
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda a: a.pop("covariance"), "it has no 'covariance'"),
+        (lambda a: a.update(covariance=[[1.0]]), "not 12×12"),
+        (lambda a: a.update(G=[1.0]), "G must be 3×3"),
+        (
+            lambda a: a.update(covariance=np.diag([1e-9] * 9 + [0.0] * 3).tolist()),
+            "this calibration: b_x, b_y, b_z",
+        ),
+    ],
+)
+def test_a_saved_result_that_cannot_be_compared_is_refused(change, text, saved, run_cli, tmp_path):
+    folder, document = copy.deepcopy(saved)
+    change(document)
+    (tmp_path / "a.json").write_text(json.dumps(document))
+    found = run_cli("calibrate", str(folder), "--against", str(tmp_path / "a.json"))
+    assert (found.exit_code, found.stdout, found.stderr.count("\n")) == (2, "", 1)
+    assert text in found.stderr
+
+
+@given(
+    index=st.integers(0, 11), unit=st.sampled_from(["ppm", "%", "arcsec", "deg", "deg/h", "rad/s"]), limit=st.floats(1e-9, 1e9)
+)
+def test_limits_are_read_in_their_unit(index, unit, limit):
+    factor = {"ppm": 1e-6, "%": 1e-2, "arcsec": np.pi / 648000, "deg": np.pi / 180, "deg/h": np.pi / 648000, "rad/s": 1.0}[unit]
+    text, name = f" {NAMES[index]} < {limit!r} {unit}", NAMES[index]
+    if ("/" in unit) != name.startswith("b") or (name in ("G_xx", "G_yy", "G_zz") and unit in ("arcsec", "deg")):
+        with pytest.raises(InputError, match=f"no unit of {name}"):
+            parse_limit(text)
+        return
+    size = np.eye(12)[index] * factor * limit
+    for share, kept in ((0.999, True), (-0.999, True), (1.001, False), (-1.001, False)):
+        (verdict,) = check_limits(CalibrationChange(share * size, np.ones(12), 0.0, 12, False), None, [text])
+        assert (verdict.failure == "") == kept
