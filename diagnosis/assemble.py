@@ -229,7 +229,7 @@ def compute_joint_amplitudes(fitted: Sequence[FittedEffect], covariance: Array) 
     start = 12
     for one in fitted:
         count = one.columns.shape[1]
-        # The columns of a random process are draws of it, those of a dead zone are edges of it: neither are its amplitudes.
+        # The columns of a random process are draws of it, not its amplitudes.
         if ALL_EFFECTS[one.effect].has_columns and not one.process and one.amplitudes.size == count:
             labels += [one.label] * count
             values += one.amplitudes.tolist()

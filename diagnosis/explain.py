@@ -32,7 +32,6 @@ from diagnosis.inference.refinement import search_with_refined_options
 from diagnosis.inference.search import BASELINE_EXPLANATION, Explanation, Search
 from diagnosis.model.calibration import calibrate_with_effects
 from diagnosis.model.candidates import build_linear_model
-from diagnosis.model.dead_zone import bound_p_of_passes, list_dead_zone_groups
 from diagnosis.model.known_effects import select_known_effects
 from diagnosis.model.layout import tabulate_observations
 from diagnosis.model.linear import Candidate, LinearModel, SelectedCandidate
@@ -157,12 +156,11 @@ def explain(
     def check(found: LinearModel, members: tuple[SelectedCandidate, ...]) -> tuple[Check, ...]:
         return (*check_explanation(found, members, table, seed), *_check_all_references(prepared, found, members, by_name))
 
-    dead, of_all = list_dead_zone_groups(prepared, effects), combine_checks(left) if left else None
+    of_all = combine_checks(left) if left else None
     told = count_progress(tell, "candidates", 0.1, 0.3, 100)
     # No name for it here: the columns of a long recording are hundreds of megabytes, which are let go before the end.
     explained = infer_causes(
-        build_linear_model(model, effects, dead, settings, tell=told),
-        check, settings, seed, tell, bound_p_of_passes(prepared.dead), of_all,
+        build_linear_model(model, effects, settings, tell=told), check, settings, seed, tell, left=of_all
     )  # fmt: skip
     change, covariance = calibrate_with_effects(model, explained.fitted)
     return replace(explained, change=change, covariance=covariance, left=left)

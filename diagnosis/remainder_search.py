@@ -98,7 +98,7 @@ def identify_beside_remainder(
     columns, labels = np.zeros((model.size, 0)), frozenset[str]()
     remainder = estimate_remainder(model, processes, columns)
     noisy = add_remainder(model, remainder)
-    linear = build_linear_model(noisy, rivals, (), rules)
+    linear = build_linear_model(noisy, rivals, rules)
     for number in range(ROUNDS):
         tell(f"remainder, round {number + 1}", 0.9 + 0.02 * number)
         if number:

@@ -10,8 +10,8 @@ were not read. Of numbers without a step in sight, q is the smallest difference 
 doubles where readings do, so that differences are gathered by the octave of the reading, and up to 2.5 of the smallest step are
 counted there, which makes the bound wider.
 
-Repeats on all axes are stale samples. Zeros may be those of a dead zone, and the largest and smallest readings those of a
-clipped gyro. Readings on a lattice coarser than their noise repeat by chance. None of these counts here.
+Repeats on all axes are stale samples. Many zeros are a finding of their own, and the largest and smallest readings may
+be those of a clipped gyro. Readings on a lattice coarser than their noise repeat by chance. None of these counts here.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ FEWEST = 10  # repeats, below which nothing is said
 WORTH = 1e-9  # of a reading: smaller differences are rounding
 
 
-def find_own_repeats(stream: Stream, formats: NumberFormats, zone: Mask, event_p: float) -> Findings:
+def find_own_repeats(stream: Stream, formats: NumberFormats, at_zero: Mask, event_p: float) -> Findings:
     """Find gyros whose readings repeat while those of the others change.
 
     Parameters
     ----------
     stream : samples inside the intervals
     formats : gyros that read on a coarse lattice are left out
-    zone : (3,) gyros whose zeros may be those of a dead zone
+    at_zero : (3,) gyros that read zero more often than noise allows
     event_p : p-value below which repeats are a departure
     """
     recording, used = stream.recording, stream.used
@@ -49,7 +49,7 @@ def find_own_repeats(stream: Stream, formats: NumberFormats, zone: Mask, event_p
     for axis in np.flatnonzero(~formats.coarse):
         x = rates[1:, axis]
         ends = (
-            ((x == 0.0) & zone[axis])
+            ((x == 0.0) & at_zero[axis])
             | (x == rates[used, axis].max(initial=-np.inf))
             | (x == rates[used, axis].min(initial=np.inf))
         )

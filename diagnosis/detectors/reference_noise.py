@@ -29,7 +29,7 @@ Indices = NDArray[np.intp]
 CORRELATED = 1 + 2 * 17 / 36  # variance of the mean square of second differences, beside that of independent ones
 TRIM = 3.0  # robust sigmas beyond which a difference does not count
 TRIMMED = 0.9733  # variance of a normal variable cut there
-FEWEST = 40  # second differences of an axis, below which nothing is said
+FEWEST = 40  # second differences, below which nothing is said
 # Log odds of an excess of the references, below which it is one of the angle turned: of the two the first is on the list,
 # and white noise of the gyros that is as large would show in the samples as a rule.
 UNLIKELY = -3.0
@@ -37,7 +37,6 @@ OF_EACH = 4  # second differences for each error that is fitted to them, at leas
 # factor, down to which it is told; the less the better it is known
 LEAST = 0.01
 FAINTEST = 1e-9
-UNSEEN = 10.0  # relative error of an axis of which nothing is seen
 ROUNDS = 3  # of a fit whose large residuals do not count
 TRIMMING = 1.1  # times the variance of a mean square whose limit was estimated
 
@@ -60,7 +59,7 @@ class ReferenceSeries:
 class ReferenceNoise:
     """Actual over stated noise of the references."""
 
-    factor: Array  # factor, sigma: (3,) by body axis; NaN where there are too few
+    factor: Array  # factor, sigma: (3,) by body axis
     sigma: Array
     p_value: float  # that all three are one
     axis: int | None  # the one axis that departs, or None for all
@@ -97,14 +96,11 @@ class Differences:
     values: Array  # (k, 3), rad
     stated: Array  # stated, walk: (k, 3) their variances from the references as stated and from the gyros' noise, rad²
     walk: Array
-    hidden: Mask  # (k, 3) whether that gyro may have shown nothing in the meantime
 
 
 def estimate_reference_noise(
     series: ReferenceSeries,
     density: Array,
-    gyro_s: Array,
-    dead: Mask,
     settings: DiagnosisSettings = DEFAULT,
     motion: Array | None = None,
 ) -> ReferenceNoise | None:
@@ -114,23 +110,19 @@ def estimate_reference_noise(
     ----------
     series : references and residuals under the calibration
     density : (3,) noise density of the gyros, rad²/s
-    gyro_s : (n,) times of the gyro samples
-    dead : (n, 3) samples in which a gyro may show nothing; what it then misses would pass for noise about its axis
     settings : thresholds
     motion : (m, 3, k) attitude errors about inertial axes that follow the motion, whose part is taken out
     """
-    found, wider = (_find_differences(series, density, gyro_s, dead, motion, apart) for apart in (1, 2))
-    enough = np.sum(~found.hidden, axis=0) >= FEWEST
-    if not enough.any() or not np.all(found.stated > 0):
+    found, wider = (_find_differences(series, density, motion, apart) for apart in (1, 2))
+    if len(found.values) < FEWEST or not np.all(found.stated > 0):
         return None
     z = found.values / np.sqrt(found.stated + found.walk)
     # Single large differences, as beside a slew with wrong time tags, are not noise.
-    usual = [np.median(np.abs(z[~found.hidden[:, axis], axis])) if enough[axis] else 0.0 for axis in range(3)]
-    kept = (np.abs(z) < TRIM * np.array(usual) / 0.6745) & ~found.hidden & enough
-    factor, sigma, p, axis = _estimate_factors(found, kept, enough)
+    kept = np.abs(z) < TRIM * np.median(np.abs(z), axis=0) / 0.6745
+    factor, sigma, p, axis = _estimate_factors(found, kept)
     of_gyro = False
-    if p < settings.sample_event and np.any(factor[enough] > 1):
-        axes = np.flatnonzero(enough) if axis is None else np.array([axis])
+    if p < settings.sample_event and np.any(factor > 1):
+        axes = np.arange(3) if axis is None else np.array([axis])
         of_gyro = _compute_log_odds(found, wider, axes) < UNLIKELY
     return ReferenceNoise(factor, sigma, p, axis, settings.sample_event, of_gyro)
 
@@ -145,15 +137,14 @@ def _compute_log_odds(found: Differences, wider: Differences, axes: Indices) -> 
     for axis in axes:
         squares, stated, walks, counts = [], [], [], []
         for one in (found, wider):
-            own = ~one.hidden[:, axis]
-            if own.sum() < FEWEST:
+            values = one.values[:, axis]
+            if values.size < FEWEST:
                 return 0.0
-            values = one.values[own, axis]
             kept = np.abs(values) < TRIM * np.median(np.abs(values)) / 0.6745
             squares.append(float(np.mean(values[kept] ** 2)) / TRIMMED)
-            stated.append(float(np.mean(one.stated[own, axis])))
-            walks.append(float(np.mean(one.walk[own, axis])))
-            counts.append(int(own.sum()))
+            stated.append(float(np.mean(one.stated[:, axis])))
+            walks.append(float(np.mean(one.walk[:, axis])))
+            counts.append(values.size)
         of_references = walks[1] + max(squares[0] - walks[0], 0.0) * stated[1] / stated[0]
         of_angle = stated[1] + max(squares[0] - stated[0], 0.0) * walks[1] / walks[0]
         off = np.log(squares[1] / np.array([of_references, of_angle])) ** 2
@@ -161,18 +152,16 @@ def _compute_log_odds(found: Differences, wider: Differences, axes: Indices) -> 
     return odds
 
 
-def _find_differences(
-    series: ReferenceSeries, density: Array, gyro_s: Array, dead: Mask, motion: Array | None, apart: int
-) -> Differences:
+def _find_differences(series: ReferenceSeries, density: Array, motion: Array | None, apart: int) -> Differences:
     """Find the second differences of each reference or of every other one, without the part that follows a motion."""
-    found = _compute_second_differences(series, density, gyro_s, dead, apart)
+    found = _compute_second_differences(series, density, apart)
     if motion is None:
         return found
     each = [replace(series, residuals=error) for error in np.moveaxis(motion, 2, 0)]
-    return _remove_motion_errors(found, [_compute_second_differences(one, density, gyro_s, dead, apart) for one in each])
+    return _remove_motion_errors(found, [_compute_second_differences(one, density, apart) for one in each])
 
 
-def _compute_second_differences(series: ReferenceSeries, density: Array, gyro_s: Array, dead: Mask, apart: int) -> Differences:
+def _compute_second_differences(series: ReferenceSeries, density: Array, apart: int) -> Differences:
     """Those of three references at even spacing in one interval, no gap between them; of each one or of every other."""
     t_s, owner = series.t_s, series.interval
     before, after = t_s[apart:-apart] - t_s[: -2 * apart], t_s[2 * apart :] - t_s[apart:-apart]
@@ -181,8 +170,6 @@ def _compute_second_differences(series: ReferenceSeries, density: Array, gyro_s:
     near = before <= 2.5 * apart * usual[owner[apart:-apart]]
     even = (owner[2 * apart :] == owner[: -2 * apart]) & (np.abs(before - after) <= 0.01 * before) & near
     k = apart + np.flatnonzero(even)
-    missed = np.concatenate([np.zeros((1, 3), dtype=np.intp), np.cumsum(dead, axis=0)])
-    first, last = np.searchsorted(gyro_s, t_s[k - apart]), np.searchsorted(gyro_s, t_s[k + apart])
     # ζ of neighbours differ by the references' errors; turned back to the body axes of the middle one.
     zeta = series.residuals
     A = series.to_inertial[k].transpose(0, 2, 1)
@@ -196,7 +183,6 @@ def _compute_second_differences(series: ReferenceSeries, density: Array, gyro_s:
         values=np.einsum("mij,mj->mi", A, zeta[k + apart] - 2 * zeta[k] + zeta[k - apart]),
         stated=np.asarray(stated),
         walk=2 * density * before[k - apart, None],
-        hidden=missed[last] > missed[first],
     )
 
 
@@ -205,10 +191,10 @@ def _remove_motion_errors(found: Differences, motion: list[Differences]) -> Diff
     scale = np.sqrt(found.stated + found.walk)
     z = found.values / scale
     X = np.stack([one.values / scale for one in motion], axis=-1)
-    X = X / np.maximum(np.linalg.norm(X[~found.hidden], axis=0), 1e-300)
+    X = X / np.maximum(np.linalg.norm(X, axis=(0, 1)), 1e-300)
     left = z
     for _ in range(ROUNDS):
-        used = ~found.hidden & (np.abs(left) < TRIM * np.median(np.abs(left), axis=0) / 0.6745)
+        used = np.abs(left) < TRIM * np.median(np.abs(left), axis=0) / 0.6745
         if used.sum() < OF_EACH * len(motion):
             return found
         amplitudes, _, rank, _ = np.linalg.lstsq(X[used], z[used], rcond=1e-9)
@@ -216,29 +202,27 @@ def _remove_motion_errors(found: Differences, motion: list[Differences]) -> Diff
     return replace(found, values=left * scale * np.sqrt(used.sum() / (used.sum() - rank)))
 
 
-def _estimate_factors(found: Differences, kept: Mask, enough: Mask) -> tuple[Array, Array, float, int | None]:
+def _estimate_factors(found: Differences, kept: Mask) -> tuple[Array, Array, float, int | None]:
     """Actual over stated noise and its sigma, (3,) each, the p-value of all being one, and the axis that departs alone.
 
     One does if the others are as stated, or are rather that than all are too large by one factor.
     """
     sums = np.sum(np.where(kept, found.values**2, 0.0), axis=0) / TRIMMED
-    # An axis with too few differences is taken as stated, with no certainty.
-    stated = np.where(enough, np.sum(np.where(kept, found.stated, 0.0), axis=0), 1.0)
+    stated = np.sum(np.where(kept, found.stated, 0.0), axis=0)
     walk = np.sum(np.where(kept, found.walk, 0.0), axis=0)
-    relative = np.sqrt(2 * CORRELATED * TRIMMING / np.maximum(np.sum(~found.hidden, axis=0), 1))
+    relative = np.sqrt(2 * CORRELATED * TRIMMING / len(found.values))
     # What the gyros' noise may hide of a factor is no factor: it is not told below its own error.
     least = np.clip(relative * sums / stated, FAINTEST**2, LEAST**2)
-    factor = np.where(enough, np.sqrt(np.maximum((sums - walk) / stated, least)), 1.0)
-    error = np.where(enough, 0.5 * relative * (sums / stated) / factor, UNSEEN)
+    factor = np.sqrt(np.maximum((sums - walk) / stated, least))
+    error = 0.5 * relative * (sums / stated) / factor
     # A sum of squares has a long upper tail; its cube root is normal (Wilson & Hilferty, 1931).
     spread = relative**2 / 9
-    total = np.where(enough, sums / (stated + walk), 1.0 - 3 * spread)
-    z = np.where(enough, (np.cbrt(total) - (1 - spread)) / np.sqrt(spread), 0.0)
+    z = (np.cbrt(sums / (stated + walk)) - (1 - spread)) / np.sqrt(spread)
     chi2 = float(np.sum(z**2))
     odd = int(np.argmax(np.abs(z)))
     others = float(chi2 - z[odd] ** 2)
-    log, weight = np.log(factor[enough]), (factor[enough] / error[enough]) ** 2
-    common = float(np.sum(weight * (log - np.average(log, weights=weight)) ** 2)) if enough.any() else 0.0
-    as_stated = scipy.special.chdtrc(enough.sum() - 1, others) > 0.01 or others < common
-    alone = enough.sum() > 1 and as_stated and z[odd] ** 2 > 12
-    return factor, error, max(float(scipy.special.chdtrc(enough.sum(), chi2)), 1e-300), odd if alone else None
+    log, weight = np.log(factor), (factor / error) ** 2
+    common = float(np.sum(weight * (log - np.average(log, weights=weight)) ** 2))
+    as_stated = scipy.special.chdtrc(2, others) > 0.01 or others < common
+    alone = as_stated and z[odd] ** 2 > 12
+    return factor, error, max(float(scipy.special.chdtrc(3, chi2)), 1e-300), odd if alone else None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -110,16 +110,6 @@ class Stream:
 
 
 @dataclass(frozen=True)
-class Zone:
-    """A dead zone that passes show."""
-
-    half_width: float  # half_width, sigma: rad/s
-    sigma: float
-    log_odds: float  # in its favour
-    dead: NDArray[np.bool_]  # (n,) samples in it
-
-
-@dataclass(frozen=True)
 class SampleReport:
     """What the samples show, and the stream with it repaired as far as that goes."""
 
@@ -136,7 +126,6 @@ class SampleReport:
     smooth: Array
     hidden: Mask  # (3,) whether a coarse lattice hides the gyro's slow motion for long
     lattice: Mask  # (3,) whether readings lie on one that is coarser than the noise
-    zones: Mapping[int, Zone]  # of the gyros whose motion seems to pass through a dead zone
     lines: tuple[Line, ...]  # lines of the spectrum, before the attitude has judged whether the body moves so
     vibrations: tuple[Line, ...] = ()  # of these, those that are none of the body's motions and are taken out of the rates
     # motions, unconfirmed: those that are motions of the body as the references see, and those that are taken for such

@@ -1,4 +1,4 @@
-"""Tests that see every gyro sample: lattice, repeats, clipping, outliers, noise level, lines, dead zones.
+"""Tests that see every gyro sample: lattice, repeats, clipping, outliers, noise level, lines, zeros.
 
 They come before the attitude tests, since one run of clipped or repeated samples spoils those. Under M0 a reading is a smooth
 motion plus white noise with σ = ARW/√Δt and is never exactly the same twice.
@@ -9,14 +9,13 @@ clipping) cannot happen at all under M0 and are given the smallest p.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
 
 from diagnosis.detectors.clipping import find_clipping
-from diagnosis.detectors.dead_zone_crossings import find_near_edges, find_zones
 from diagnosis.detectors.lattice import Kind
 from diagnosis.detectors.noise_dependence import find_noise_dependence, lower_likeness
 from diagnosis.detectors.noise_removal import remove_noise
@@ -35,7 +34,6 @@ from diagnosis.detectors.sample_report import (
     Stream,
     Symptom,
     Tell,
-    Zone,
     ignore_progress,
     mark_interval_samples,
     scale_progress,
@@ -49,13 +47,12 @@ from simulator.effects.recording_view import find_interval_slices
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# of samples that read exactly zero in a dead zone behind the noise, beside others that do not come near it
-FEWEST_STRETCHES = 3  # of zeros, in a dead zone
+# of samples that read exactly zero beside others that do not come near it
+FEWEST_STRETCHES = 3  # of zeros
 FIRST_STEPS = 3.0  # steps of a number format, within which the smallest readings beside its zeros lie
 OF_NOISE = 0.01  # noise sigmas, within which readings are as good as zero
-# readings that are not zero: the smallest show the edge, and the next ones how dense they are there
-SMALLEST = 3
-NEXT_SMALLEST = 30
+SMALLEST = 3  # readings that are not zero, whose mean shows how near to it others come
+FEWEST_OTHERS = 30  # readings that are not zero
 BESIDE_ZERO = 10  # samples beside a zero that are left out of other tests
 HIDING = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
 
@@ -97,7 +94,6 @@ def examine(
         smooth=remove_noise(noisy.stream.rates, recording, scale_progress(tell, 0.8, 1)),
         hidden=np.array(noisy.hidden),
         lattice=formats.steps > HIDING * stream.sigma,
-        zones=noisy.zones,
         lines=noisy.lines,
         cut_odds=formats.cut_odds,
     )
@@ -110,7 +106,6 @@ class NoisyPart:
     stream: Stream  # repaired
     findings: tuple[Findings, ...] = ()  # tests and departures
     lines: tuple[Line, ...] = ()  # of the spectrum
-    zones: dict[int, Zone] = field(default_factory=dict)  # dead zones that motions pass through, by axis
     factor: tuple[float, ...] = (1.0, 1.0, 1.0)  # (3,) actual over stated noise of a sample
     hidden: tuple[bool, ...] = (False, False, False)  # (3,) whether a coarse lattice hides the gyro's slow motion for long
 
@@ -120,30 +115,29 @@ def _examine_noise(stream: Stream, formats: NumberFormats, clipped: Mask, settin
     sigma, coarse, event_p = stream.sigma, formats.coarse, settings.sample_event
     tell("zeros", 0.03)
     zeros, near_zeros = find_zeros(stream, formats)
-    zone = np.array([axis in {one.axis for one in zeros.symptoms} for axis in AXES])
-    held = find_own_repeats(stream, formats, zone, event_p)
+    at_zero = np.array([axis in {one.axis for one in zeros.symptoms} for axis in AXES])
+    held = find_own_repeats(stream, formats, at_zero, event_p)
     tell("noise here and there", 0.045)
     local = estimate_local_noise(stream.rates, sigma, coarse, formats.steps, stream.filled)
-    zones = find_zones(stream, coarse, tell)
-    # The jumps at the edges of a zone are neither noise nor motion; of readings beside zeros, some were made zeros.
-    stream = replace(stream, used=stream.used & ~find_near_edges(zones, len(stream.rates)) & ~near_zeros)
+    # Of readings beside zeros, some were made zeros: the jumps there are neither noise nor motion.
+    stream = replace(stream, used=stream.used & ~near_zeros)
     still = stream.used & find_quiet_samples(stream.rates, local, scale_progress(tell, 0.2, 0.25))
     steps = np.where(coarse, formats.steps, 0.0)
     outliers, stream = find_outliers(stream, still, local, steps, event_p, scale_progress(tell, 0.25, 0.3))
     lines, tests = find_lines(stream, still, formats.steps > HIDING * sigma, settings.line, scale_progress(tell, 0.3, 0.65))
     noise = measure_noise(stream, clipped, formats, lines, event_p, scale_progress(tell, 0.65, 0.8))
-    dependence, p_values = find_noise_dependence(*_choose_noise(stream, clipped, formats, lines, zones), event_p)
+    dependence, p_values = find_noise_dependence(*_choose_noise(stream, clipped, formats, lines), event_p)
     levels = replace(noise.findings, symptoms=lower_likeness(noise.findings.symptoms, p_values))
     stream, hidden = undo_lattices(replace(stream, density=stream.density * noise.density), formats)
     found = held, outliers, tests, levels, dependence, zeros
-    return NoisyPart(stream, found, lines, zones, tuple(noise.factor.tolist()), tuple(hidden.tolist()))
+    return NoisyPart(stream, found, lines, tuple(noise.factor.tolist()), tuple(hidden.tolist()))
 
 
 def find_zeros(stream: Stream, formats: NumberFormats) -> tuple[Findings, Mask]:
-    """Find samples that read exactly zero on no coarse lattice; also the samples (n,) beside those of a dead zone.
+    """Find readings that are exactly zero more often than noise allows, on no coarse lattice; also samples (n,) beside them.
 
-    Zeros beside readings that are as good as zero leave no zone, and a number format has zeros beside its first step. A gyro
-    that stops reads zero in one stretch, and a rate goes in and out of a zone.
+    Zeros beside readings that are as good as zero are no exception, and a number format has zeros beside its first step. A gyro
+    that stops reads zero in one stretch.
     """
     tests, symptoms, near = [], [], np.zeros(len(stream.rates), dtype=bool)
     for axis in np.flatnonzero(~formats.coarse):
@@ -151,24 +145,21 @@ def find_zeros(stream: Stream, formats: NumberFormats) -> tuple[Findings, Mask]:
         sizes = np.sort(np.abs(stream.recording.gyro.rates[stream.used & ~zero, axis]))
         smallest = float(sizes[:SMALLEST].mean()) if sizes.size else 0.0
         is_away = smallest > max(OF_NOISE * stream.sigma, FIRST_STEPS * float(formats.steps[axis]))
-        zone = is_away and sizes.size > NEXT_SMALLEST and len(find_mask_runs(zero)) >= FEWEST_STRETCHES
-        p, text = IMPOSSIBLE if zone else 1.0, f"{int(zero.sum())} samples read exactly zero"
-        tests.append(SampleTest("zero_samples", AXES[axis], int(zero.sum()), 0.0, p, "dead_zone", text))
-        if zone:
+        count = int(zero.sum())
+        odd = is_away and sizes.size > FEWEST_OTHERS and len(find_mask_runs(zero)) >= FEWEST_STRETCHES
+        p, text = IMPOSSIBLE if odd else 1.0, f"{count} samples read exactly zero"
+        tests.append(SampleTest("zero_samples", AXES[axis], count, 0.0, p, "zero_samples", text))
+        if odd:
             near |= scipy.ndimage.binary_dilation(zero, iterations=BESIDE_ZERO)
-            spacing = max(float(sizes[SMALLEST:NEXT_SMALLEST].mean()) - smallest, 1e-3 * smallest)
-            size, sigma = float(np.rad2deg(smallest)), float(np.rad2deg(spacing))
-            symptoms.append(Symptom("dead_zone", AXES[axis], size, "deg/s", sigma, {}, IMPOSSIBLE))
+            text = f"readings are exactly zero more often than noise allows, {AXES[axis]}: {count} samples"
+            symptoms.append(Symptom("zero_samples", AXES[axis], count, "samples", 0.0, {}, IMPOSSIBLE, text))
     return Findings(tuple(tests), tuple(symptoms)), near
 
 
-def _choose_noise(
-    stream: Stream, clipped: Mask, formats: NumberFormats, lines: tuple[Line, ...], zones: dict[int, Zone]
-) -> tuple[Stream, Mask, Mask]:
+def _choose_noise(stream: Stream, clipped: Mask, formats: NumberFormats, lines: tuple[Line, ...]) -> tuple[Stream, Mask, Mask]:
     """Choose readings without tones, samples that were measured, and gyros in which nothing but noise is in the blocks."""
     rates = stream.rates.copy()
     for line in lines:
         rates[:, line.axis] -= line.waveform
-    tested = ~formats.coarse & ~np.array([axis in zones for axis in range(3)])
     measured = stream.used & ~scipy.ndimage.binary_dilation(stream.filled | clipped, iterations=2)
-    return replace(stream, rates=rates), measured, np.asarray(tested)
+    return replace(stream, rates=rates), measured, ~formats.coarse

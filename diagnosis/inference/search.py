@@ -7,7 +7,7 @@ the discrete parameters). The search keeps a beam of sets, since the best single
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -213,7 +213,7 @@ class Search:
         prior += (len(members) - 1) * float(np.log(self.settings.another))
         if len(members) < self.model.most_effects:
             prior += float(np.log1p(-self.settings.another))
-        return Explanation(members, log_evidence, log_evidence + prior - _compute_roughness_evidence(entries, log_evidence))
+        return Explanation(members, log_evidence, log_evidence + prior)
 
     def score_singles(self) -> list[Explanation]:
         """Every candidate alone."""
@@ -309,16 +309,6 @@ class Search:
             member = SelectedCandidate(candidate, score.option, score.scale)
             children.append(self._build_explanation((*parent.members, member), parent.log_evidence + score.average))
         return _rank_explanations(children)[:most]
-
-
-def _compute_roughness_evidence(entries: Sequence[Candidate], log_evidence: float) -> float:
-    """Log evidence that an unlisted error has from what the columns of an effect about the same axis leave of that.
-
-    The log evidence of a strong effect is half the power of its errors. A share of it is left where the columns are rough, and
-    an error that may have any course explains that.
-    """
-    free = {entry.axis for entry in entries if not entry.listed}
-    return max(log_evidence, 0.0) * sum(entry.roughness for entry in entries if entry.axis in free)
 
 
 def _rank_explanations(explanations: list[Explanation]) -> list[Explanation]:

@@ -6,7 +6,7 @@ the recording's nuisance parameters are taken out of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 
@@ -41,7 +41,6 @@ Array = NDArray[np.float64]
 def build_linear_model(
     model: RecordingModel,
     effects: Sequence[Effect],
-    further: Iterable[CandidateColumns] = (),
     settings: DiagnosisSettings = DEFAULT,
     rivals: bool = True,
     scan: bool = True,
@@ -53,7 +52,6 @@ def build_linear_model(
     ----------
     model : the recording, linearised about its calibration under M0
     effects : that may be named
-    further : candidates that tests of the samples bring
     settings : priors
     rivals : whether unlisted rivals compete
     scan : whether the data are scanned for swings of any period; if not, some periods stand for all of them
@@ -66,7 +64,7 @@ def build_linear_model(
 
     def store_groups() -> Iterator[CandidateColumns]:
         others = list_alternative_groups(model, found or {}, effects) if rivals else ()
-        for count, group in enumerate(chain(list_effect_groups(model, effects, found), further, others)):
+        for count, group in enumerate(chain(list_effect_groups(model, effects, found), others)):
             tell(count)
             yield replace(group, columns=[store.add(part) for part in group.columns])
 
@@ -114,11 +112,10 @@ def list_candidates(
         stop = int(stops[-1]) if stops.size else stop
         norms = [np.linalg.norm(projected(part), axis=0) for part in group.columns]
         largest = max((float(norm.max()) for norm in norms if norm.size), default=0.0)
-        shown = visible[0], max(visible[1], group.loudest)
-        scales = choose_scales(largest, group.limits, shown) if group.scales is None else group.scales
+        scales = choose_scales(largest, group.limits, visible) if group.scales is None else group.scales
         # What a size of a random process shows differs between its options, each of which has scales of its own.
         windows = (
-            [_find_scale_range(norm, group.limits, shown) for norm in norms] if group.process and group.scales is None else []
+            [_find_scale_range(norm, group.limits, visible) for norm in norms] if group.process and group.scales is None else []
         )
         if windows and scales.size:
             scales = build_scales(
@@ -139,8 +136,7 @@ def list_candidates(
         candidates.append(
             Candidate(
                 group.effect, group.axis, group.listed, prior, tuple(options), scales, group.unit, group.process,
-                group.positive, group.log_odds, group.read, group.size_sigma, group.shifted, group.scanned, group.roughness,
-                group.tied,
+                group.positive, group.log_odds, group.read, group.size_sigma, group.shifted, group.scanned, group.tied,
             )
         )  # fmt: skip
     return tuple(candidates)

@@ -34,7 +34,7 @@ AXES = "xyz"
 class CandidateColumns:
     """A candidate before its place in the model is known."""
 
-    # effect, axis, listed, unit, process, positive, log_odds, read, size_sigma, shifted, scanned, roughness, tied: as in
+    # effect, axis, listed, unit, process, positive, log_odds, read, size_sigma, shifted, scanned, tied: as in
     # `Candidate`
     effect: str
     axis: str | None
@@ -53,8 +53,6 @@ class CandidateColumns:
     shifted: bool = False
     scales: Array | None = None  # as in `Candidate`; by default those within the limits that the columns can show
     scanned: bool = False
-    loudest: float = VISIBLE[1]  # largest signal-to-noise ratio of interest, where the scales are those by default
-    roughness: float = 0.0
     tied: bool = False
 
 

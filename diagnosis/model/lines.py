@@ -16,7 +16,7 @@ logarithm. Where that is far more probable, the search of the attitude decides, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Set
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -58,13 +58,11 @@ LINE_PRIOR = LinePrior()
 def judge_lines(
     report: SampleReport,
     model: RecordingModel,
-    silent: Set[int] = frozenset(),
     tell: Callable[[int], None] = lambda count: None,
 ) -> SampleReport:
     """Take the lines that are vibrations out of the samples, as symptoms; return the report with them.
 
-    Lines that are motions of the body stay where they are, and so do those in the band of motion of gyros that are silent in a
-    dead zone, whose edges make lines of their own. `tell` is called with the number of lines that are done, before each.
+    Lines that are motions of the body stay where they are. `tell` is called with the number of lines that are done.
     """
     gyro, band = model.recording.gyro, compute_period_band(model.surroundings)
     fastest_hz = 0.0 if band is None else 1 / band[0]
@@ -74,8 +72,6 @@ def judge_lines(
     unconfirmed: list[Line] = []
     for count, line in enumerate(report.lines):
         tell(count)
-        if line.axis in silent and not line.isolated:
-            continue
         of_attitude = compute_log_ratio(model, line)
         odds = compute_log_prior_odds(line, gyro) + line.log_constancy + of_attitude
         if odds <= 0:

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.dead_zone_rests import DeadZoneEvidence
 from diagnosis.detectors.noise_removal import remove_noise
 from diagnosis.detectors.reference_noise import ReferenceNoise, ReferenceSeries, estimate_reference_noise
 from diagnosis.detectors.sample_report import SampleReport
@@ -35,8 +34,6 @@ Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
 MOST_TONES = 3  # of the references, beyond their averages
-# log odds of a dead zone from the samples, from which on its axis is left out of tests that it would mislead
-LIKELY = 1.0
 
 
 @dataclass(frozen=True)
@@ -48,7 +45,6 @@ class UnclassifiedRecording:
     model: RecordingModel  # model, sigma: with the references as stated, and the (12,) sigma of its calibration
     sigma: Array
     pieces: tuple[Interval, ...]  # the intervals it is propagated over
-    dead: tuple[DeadZoneEvidence, ...]  # gyros that may have a dead zone
 
 
 @dataclass(frozen=True)
@@ -59,7 +55,6 @@ class PreparedRecording:
     samples: SampleReport  # what the samples showed
     sigma: Array  # (12,) of the calibration under M0: G_xx … G_zz, b_x … b_z (rad/s)
     reference_noise: ReferenceNoise | None  # test of the references' noise, None without a series of them
-    dead: tuple[DeadZoneEvidence, ...]  # gyros that read zero for long, and may have a dead zone
     notes: tuple[str, ...]  # limits of this recording
     pieces: tuple[Interval, ...]  # the intervals that the model is propagated over
 
@@ -94,15 +89,14 @@ def classify_lines_and_noise(
     at_work : effects that have been found, which are taken out before lines and noise are judged
     tones : whether tones of the references are looked for
     """
-    recording, report, model, sigma, pieces, dead = one.recording, one.report, one.model, one.sigma, one.pieces, one.dead
-    likely = {zone.axis for zone in dead if zone.log_odds > LIKELY}
+    recording, report, model, sigma, pieces = one.recording, one.report, one.model, one.sigma, one.pieces
     count = max(len(report.lines), 1)
 
     def tell_line(done: int) -> None:
         tell("gyro samples: lines and references", 0.08 + 0.01 * done / count)
 
     if report.lines:
-        report = judge_lines(report, subtract_effects(model, at_work), likely, tell_line)
+        report = judge_lines(report, subtract_effects(model, at_work), tell_line)
     if report.vibrations:
         report = replace(report, smooth=remove_noise(report.rates, recording))
         model, sigma = calibrate_baseline(recording, report, pieces, recording.attitudes.sigma)
@@ -111,7 +105,7 @@ def classify_lines_and_noise(
         recording, report, model, sigma = _remove_tones(recording, report, pieces, model, sigma, settings)
     tell("gyro samples: noise of the references", 0.095)
     left = subtract_effects(model, at_work)
-    noise = _measure_reference_noise(left, report, dead, settings)
+    noise = _measure_reference_noise(left, report, settings)
     factors = np.ones(3) if noise is None else noise.factors
     if (factors != 1.0).any():
         model, sigma = calibrate_baseline(recording, report, pieces, recording.attitudes.sigma * factors)
@@ -123,7 +117,7 @@ def classify_lines_and_noise(
         model = add_expected_motion(model, report, pieces, recording.attitudes.sigma * factors, tell_smoothing)
     elif report.lattice.any():
         model = add_rounding(model, np.deg2rad(_find_coarse_steps(report)))
-    return PreparedRecording(model, report, sigma, noise, dead, (), pieces)
+    return PreparedRecording(model, report, sigma, noise, (), pieces)
 
 
 def _find_coarse_steps(report: SampleReport) -> Array:
@@ -148,7 +142,7 @@ def reclassify_without_effects(
     if prepared.classified_symptoms:
         model, sigma = calibrate_baseline(recording, report, pieces, recording.attitudes.sigma)
     again = classify_lines_and_noise(
-        UnclassifiedRecording(recording, report, model, sigma, pieces, prepared.dead), settings, tell, at_work, tones=False
+        UnclassifiedRecording(recording, report, model, sigma, pieces), settings, tell, at_work, tones=False
     )
     return replace(again, notes=prepared.notes) if again.classified_symptoms != prepared.classified_symptoms else None
 
@@ -181,14 +175,10 @@ def _remove_tones(
 def _measure_reference_noise(
     model: RecordingModel,
     report: SampleReport,
-    dead: tuple[DeadZoneEvidence, ...],
     settings: DiagnosisSettings,
 ) -> ReferenceNoise | None:
     """The test of the references' noise, where no gyro hides motion between two references, which would look like it."""
     blind = set(np.flatnonzero(report.hidden | report.lattice).tolist())
-    silent = np.zeros(report.rates.shape, dtype=bool)
-    for one in dead:
-        silent[:, one.axis] |= (one.part >= 0) & (one.log_odds > LIKELY)
     recording, density = model.recording, np.median(report.density, axis=0)
     series = ReferenceSeries(
         t_s=model.references.t_s,
@@ -199,11 +189,9 @@ def _measure_reference_noise(
         rates=model.rates[find_reference_steps(model)],
         error_axes=recording.attitudes.select_rows(model.reference_rows).build_error_axes(),
     )
-    noise = estimate_reference_noise(series, density, recording.gyro.t_s, silent, settings)
+    noise = estimate_reference_noise(series, density, settings)
     if noise is not None and noise.odd:
-        noise = estimate_reference_noise(
-            series, density, recording.gyro.t_s, silent, settings, model.compute_attitude_turns(_build_motion_errors(model))
-        )
+        noise = estimate_reference_noise(series, density, settings, model.compute_attitude_turns(_build_motion_errors(model)))
     return None if noise is not None and (noise.axis in blind or len(blind) == 3) else noise
 
 

@@ -14,12 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from diagnosis.detectors.dead_zone_rests import (
-    DeadZoneEvidence,
-    estimate_slow_rate,
-    find_dead_zone_evidence,
-    find_zero_sample_evidence,
-)
 from diagnosis.detectors.lattice import Kind
 from diagnosis.detectors.sample_report import SampleReport, mark_interval_samples, scale_progress
 from diagnosis.detectors.samples import examine
@@ -38,8 +32,6 @@ __all__ = ["PreparedRecording", "Progress", "find_unclipped_pieces", "prepare"]
 Array = NDArray[np.float64]
 
 First = tuple[RecordingModel, Array, tuple[Interval, ...]]  # model, sigma of the references, intervals
-
-AXES = "xyz"
 
 # probability of the other way in which readings may have come onto a lattice, from which on it is told
 LEAST_SHARE = 0.02
@@ -64,9 +56,7 @@ def prepare(
     report, (model, sigma, pieces) = _choose_lattice_reading(recording, settings, tell)
     if report.cut_odds is not None:
         report, (model, sigma, pieces) = _cut_or_rounded(recording, report, (model, sigma, pieces), settings, tell)
-    tell("gyro samples: dead zones", 0.08)
-    dead = _find_dead_zones(recording, report, model.bias)
-    found = classify_lines_and_noise(UnclassifiedRecording(recording, report, model, sigma, pieces, dead), settings, tell)
+    found = classify_lines_and_noise(UnclassifiedRecording(recording, report, model, sigma, pieces), settings, tell)
     return replace(found, notes=(*report_noise_levels(found), *_write_notes(recording, pieces, found.sigma)))
 
 
@@ -160,26 +150,6 @@ def _estimate_redundancy(y: Array) -> float:
             break
         total += 2 * one
     return total
-
-
-def _find_dead_zones(recording: Recording, report: SampleReport, bias: Array) -> tuple[DeadZoneEvidence, ...]:
-    """Gyros that may have a dead zone; a lattice makes zeros of its own."""
-    coarse = {symptom.axis for symptom in report.symptoms if symptom.kind.startswith("lattice")}
-    if None in coarse:
-        return ()
-    exact = {symptom.axis: symptom for symptom in report.symptoms if symptom.kind == "dead_zone"}
-    biases = np.maximum(np.abs(bias), np.abs(recording.gyro.apriori_bias))
-    usual = estimate_slow_rate(recording, report.rates, biases)
-    found = [
-        one
-        for one in find_dead_zone_evidence(recording, report.rates, report.noise, usual, biases, report.zones)
-        if AXES[one.axis] not in {*coarse, *exact}
-    ]
-    for axis, symptom in exact.items():
-        one = find_zero_sample_evidence(recording, AXES.index(str(axis)), float(np.deg2rad(symptom.size)), usual)
-        if one is not None:
-            found.append(one)
-    return tuple(found)
 
 
 def find_unclipped_pieces(recording: Recording, report: SampleReport) -> tuple[Interval, ...]:

@@ -2,8 +2,7 @@
 
 The evidence of a symptom is a test with a p-value under M0, such as readings that lie on a lattice, which noise cannot do. It
 says little of the attitude and the attitude little of it, so that the two are separate parts of one likelihood and need no
-common search; a dead zone, which both see, is a candidate of the linear model instead (`diagnosis.model.dead_zone`), and so is
-a line, which the attitude judges (`diagnosis.model.lines`).
+common search; a line is judged by the attitude (`diagnosis.model.lines`).
 """
 
 from __future__ import annotations
@@ -176,12 +175,9 @@ def weigh_consequences(
 def list_symptoms(effect: Effect) -> tuple[str, ...]:
     """List the symptoms that an effect makes beside its own.
 
-    A random process of the references has noise at all frequencies, also in their second differences. Readings jump at the
-    edges of a dead zone.
+    A random process of the references has noise at all frequencies, also in their second differences.
     """
-    if effect.is_process and effect.on_references:
-        return ("reference_noise_level",)
-    return ("outliers",) if effect.symptom == "dead_zone" else ()
+    return ("reference_noise_level",) if effect.is_process and effect.on_references else ()
 
 
 def _list_rivals(symptom: Symptom, claims: Mapping[str | None, str]) -> tuple[tuple[str, float], ...]:

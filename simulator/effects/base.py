@@ -65,7 +65,7 @@ SYMPTOMS = (
     "readout_noise",  # noise of the samples whose spectrum rises as f²
     "lattice_rounded",  # readings are multiples of a step, rounded to it
     "lattice_cut",  # readings are multiples of a step, cut toward zero
-    "dead_zone",  # small rates read zero
+    "zero_samples",  # readings that are exactly zero more often than noise allows
     "plateau",  # the largest readings are all the same
     "spectral_line",  # a tone in the samples
     "bias_tone",  # a tone in the readings that all references show and no samples
@@ -273,6 +273,12 @@ class Effect:
     def is_process(self) -> bool:
         """Whether it is a random process, known by its covariance."""
         return self.implements("covariance")
+
+    @property
+    def is_nameable(self) -> bool:
+        """Whether a diagnosis may name it as a cause; others can only be simulated."""
+        tested = self.symptom is not None or self.implements("detect") or self.implements("find_faults")
+        return self.has_columns or self.is_process or tested or self.stage == "sensor"
 
     @property
     def on_references(self) -> bool:

@@ -39,7 +39,7 @@ def command(as_json: Path | None) -> None:
     rows = [
         {
             "effect": effect.name,
-            "what": effect.summary,
+            "what": effect.summary if effect.is_nameable else f"{effect.summary} (simulated only, never named as a cause)",
             "unit": effect.unit,
             "axis": ", ".join(effect.axes) + (" or all" if effect.axis_optional else ""),
             "parameters": _format_parameters(effect),

@@ -146,7 +146,8 @@ def _describe_causes(diagnosis: Diagnosis) -> str:
             if share >= LEAST_PROBABILITY and REMAINDER not in one
         ]
         surely = diagnosis.unknown_probability >= DEFAULT.named
-        none = f"None of the {len(EFFECTS)} that are known" if surely else "None that could be named"
+        count = sum(effect.is_nameable for effect in EFFECTS.values())
+        none = f"None of the {count} that are known" if surely else "None that could be named"
         told.insert(0, f"{none}. It behaves most like this: {words.join_items(like[:MOST_FINDINGS], 'or')}" if like else none)
         if diagnosis.remainder is not None:
             told.append(gap_budget.describe_side(diagnosis.remainder).rstrip("."))

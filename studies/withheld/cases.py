@@ -107,7 +107,7 @@ def between(low: float, high: float) -> Draw:
 
 PERIOD, TIME_CONSTANT = draw_over_arc(3.0, 1.5), draw_over_arc(2.0, 1 / 3)
 TOWARD = choose("x", "y", "z")
-LISTED: dict[str, dict[str, Draw]] = {  # effects that are drawn, and their parameters
+LISTED: dict[str, dict[str, Draw]] = {  # effects that are drawn, of those that a diagnosis may name, and their parameters
     "bias_drift": {},
     "bias_step": {"time_s": draw_time},
     "bias_orbital": {"phase_deg": draw_phase},
@@ -128,7 +128,6 @@ LISTED: dict[str, dict[str, Draw]] = {  # effects that are drawn, and their para
     "rate_lag": {},
     "rate_quantization": {},
     "rate_truncation": {},
-    "rate_deadzone": {},
     "rate_saturation": {},
     "vibration": {"apparent_hz": draw_frequency, "phase_deg": draw_phase},
     "spikes": {"fraction": between(2e-4, 3e-3)},

@@ -30,5 +30,4 @@ EFFECT = RateDeadzone(
     prior=(1e-5, 1.0),
     bounds=(0.0, 1e5),
     meaning="Rates smaller than this read zero.",
-    symptom="dead_zone",
 )

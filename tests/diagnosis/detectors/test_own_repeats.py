@@ -47,12 +47,19 @@ def symptoms(recording):
         pytest.param(lambda x: x.astype(np.float16).astype(float), id="half precision"),
         pytest.param(lambda x: 0.1 * NOISE * np.round(x / (0.1 * NOISE)), id="a number format"),
         pytest.param(lambda x: np.round(x / (3 * NOISE)) * 3 * NOISE, id="a lattice"),
-        pytest.param(lambda x: np.where(np.abs(x) < 2e-4, 0.0, x), id="a dead zone"),
+        pytest.param(lambda x: np.where(np.abs(x) < 2e-4, 0.0, x), id="zeros"),
         pytest.param(lambda x: np.clip(x, -1.5e-3, 1.5e-3), id="clipped"),
     ],
 )
 def test_what_repeats_for_another_reason_does_not_count(change):
     assert ("own_repeats", "z") not in symptoms(read_as(turning(), change))
+
+
+def test_readings_that_are_zero_too_often_are_a_finding_with_axis_and_number():
+    made = read_as(turning(), lambda x: np.where(np.abs(x) < 2e-4, 0.0, x))
+    (found,) = examine(made).symptoms
+    assert (found.kind, found.axis) == ("zero_samples", "z")
+    assert f"z: {np.sum(made.gyro.rates[:-1, 2] == 0)} samples" in found.text
 
 
 def test_stale_samples_are_of_all_axes():

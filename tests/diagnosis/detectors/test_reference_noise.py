@@ -24,7 +24,7 @@ def level_of(excess=1.0, delay=0.0, motion=None):
         residuals=noise - delay * RATES,
         rates=RATES,
     )
-    return estimate_reference_noise(series, DENSITY, T, np.zeros((COUNT, 3), dtype=bool), motion=motion)
+    return estimate_reference_noise(series, DENSITY, motion=motion)
 
 
 def test_an_error_that_follows_the_motion_is_no_noise():
@@ -72,7 +72,7 @@ def spinning(rate_deg_s, seed, of_references=1.0, of_angle=0.0, slow=0.0):
         residuals=errors - turned - wander,
         rates=np.tile(np.deg2rad(rate_deg_s) * axis, (COUNT, 1)),
     )
-    return estimate_reference_noise(series, DENSITY, T, np.zeros((COUNT, 3), dtype=bool))
+    return estimate_reference_noise(series, DENSITY)
 
 
 @pytest.mark.parametrize("rate_deg_s", [0.0, 7.0, 110.0])

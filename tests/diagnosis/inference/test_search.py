@@ -229,24 +229,3 @@ def test_products_of_the_first_columns_of_several_options_are_not_those_of_one()
     after, fresh = search.score(0, other), Search(search.model).score(0, other)
     assert after == fresh
     assert search.score(1, (), 24) is search.score(1, ())  # of one column, which is no fewer than all
-
-
-def test_an_unlisted_error_beside_a_rough_effect_must_explain_more_than_it_leaves():
-    """By the share of the log evidence, about the same axis alone."""
-    rng = np.random.default_rng(8)
-    columns = [rng.standard_normal((60, 1)) for _ in range(3)]
-    y = 20 * columns[0][:, 0] + columns[1][:, 0] + rng.standard_normal(60)
-    rough = {"axis": "x", "roughness": 0.03}
-
-    def posterior(of_rough, axis):
-        changes = {0: {"axis": "x", **of_rough}, 1: {"axis": axis, "listed": False}, 2: {"axis": axis}}
-        search = Search(linear_model(columns, y, changes=changes))
-        return {one.key: one for one in search.explanations()}
-
-    smooth, other, same = posterior({}, "x"), posterior(rough, "y"), posterior(rough, "x")
-    both, listed = frozenset({0, 1}), frozenset({0, 2})
-    assert other[both].log_posterior == pytest.approx(smooth[both].log_posterior)
-    lost = smooth[both].log_posterior - same[both].log_posterior
-    assert lost == pytest.approx(0.03 * smooth[both].log_evidence)
-    assert lost > 10
-    assert same[listed].log_posterior == pytest.approx(smooth[listed].log_posterior)

@@ -98,8 +98,7 @@ def misjudged(model):
         residuals=model.residuals,
         rates=np.zeros((model.references.t_s.size, 3)),
     )
-    silent = np.zeros(recording.gyro.rates.shape, dtype=bool)
-    return estimate_reference_noise(series, np.full(3, recording.gyro.arw**2), recording.gyro.t_s, silent).odd
+    return estimate_reference_noise(series, np.full(3, recording.gyro.arw**2)).odd
 
 
 def test_a_report_before_its_lines_were_judged():

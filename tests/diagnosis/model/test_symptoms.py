@@ -143,9 +143,8 @@ def weigh(cause, effect, probability=1.0):
     return weigh_consequences([cause], [(EFFECTS[effect], "y", probability)], DEFAULT)
 
 
-@pytest.mark.parametrize(("effect", "kind"), [("rate_deadzone", "outliers"), ("reference_correlated", "reference_noise_level")])
-def test_what_an_effect_makes_elsewhere_in_the_samples_needs_no_other_one(effect, kind):
-    """Jumps at a dead zone's edges, noise of a process."""
+def test_noise_that_a_process_of_the_references_makes_needs_no_other_effect():
+    effect, kind = "reference_correlated", "reference_noise_level"
     assert kind in list_symptoms(EFFECTS[effect])
     assert weigh(seen(kind, "y"), effect) == []
     assert weigh(seen(kind, None), effect) == []  # of all axes
