@@ -305,7 +305,8 @@ class Search:
         for candidate in range(len(self.model.candidates)):
             if candidate in parent.key:
                 continue
-            score = self.score(candidate, parent.members, SCREEN_COLUMNS)
+            # Only columns of a process are sorted by strength; the last one of others may be a shift.
+            score = self.score(candidate, parent.members, SCREEN_COLUMNS if self.model.candidates[candidate].process else None)
             member = SelectedCandidate(candidate, score.option, score.scale)
             children.append(self._build_explanation((*parent.members, member), parent.log_evidence + score.average))
         return _rank_explanations(children)[:most]

@@ -125,6 +125,18 @@ def test_the_search_leaves_a_wrong_set_for_the_right_one():
     assert best.log_posterior > start.log_posterior + 100
 
 
+@pytest.mark.parametrize("shifted", [False, True])
+def test_a_second_effect_is_found_whose_late_columns_carry_it(shifted):
+    """Screening with the first columns only is for processes, whose columns are sorted by their strength."""
+    rng = np.random.default_rng(12)
+    first = rng.standard_normal((300, 1))
+    other = [first + 0.5 * rng.standard_normal((300, 1)) for _ in range(40)]
+    late = rng.standard_normal((300, 31))
+    y = 4 * first[:, 0] + late[:, -1] + rng.standard_normal(300)
+    model = linear_model([first, *other, late], y, changes={41: {"shifted": shifted, "scales": np.ones(1)}})
+    assert Search(model).explanations()[0].key == {0, 41}
+
+
 def test_rivals_leave_room_in_the_beam_for_two_listed_effects():
     """Twelve rivals, each near to the sum of two effects, come before either of them alone."""
     rng = np.random.default_rng(11)
