@@ -12,6 +12,7 @@ from diagnosis.model.gate import check_residuals, has_large_residuals
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.recording_model import RecordingModel
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
+from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
 from gyrocal.recording import Interval, Recording, find_reference_rows
 
 Array = NDArray[np.float64]
@@ -23,6 +24,7 @@ MOST_SHORT = 200
 FEWEST_SHORT = 6  # of them, for twelve parameters
 SETTLED_SHORT = 1e-6  # of G
 
+UNSEEN = 0.5  # of its plausible range: a parameter less certain than that is not observed
 IMPLAUSIBLE = np.array([0.2] * 9 + [np.deg2rad(0.1)] * 3)  # changes of G and b, rad/s
 
 
@@ -88,15 +90,29 @@ def _calibrate_short_pieces(
     return None if (np.abs(moved) > IMPLAUSIBLE).any() else (G, bias)
 
 
-def compute_correction(model: RecordingModel) -> tuple[Array, Array]:
+def compute_correction(model: RecordingModel, ranges: Array = PLAUSIBLE_RANGE) -> tuple[Array, Array]:
     """Least-squares correction of G and b with the start attitudes as nuisance parameters, (12,), and its covariance (12, 12).
 
-    A broad prior, ten plausible ranges wide, keeps what cannot be observed where it is.
+    A broad prior, ten plausible ranges (12,) wide, keeps what cannot be observed where it is.
     """
     Q = np.linalg.qr(model.starts)[0]
-    scaled = (model.calibration - Q @ (Q.T @ model.calibration)) * PLAUSIBLE_RANGE
+    scaled = (model.calibration - Q @ (Q.T @ model.calibration)) * ranges
     observed = model.whiten(model.zeta)
     observed = observed - Q @ (Q.T @ observed)
     information = scaled.T @ scaled + 1e-2 * np.eye(12)
-    covariance = np.linalg.inv(information) * np.outer(PLAUSIBLE_RANGE, PLAUSIBLE_RANGE)
-    return np.asarray(np.linalg.solve(information, scaled.T @ observed) * PLAUSIBLE_RANGE), np.asarray(covariance)
+    covariance = np.linalg.inv(information) * np.outer(ranges, ranges)
+    return np.asarray(np.linalg.solve(information, scaled.T @ observed) * ranges), np.asarray(covariance)
+
+
+def report_unobserved(model: RecordingModel) -> tuple[str, ...]:
+    """Sentence with the elements of G and b that stay less certain than `UNSEEN` of the plausible range of the gyro's grade."""
+    plausible = estimate_plausible_ranges(model.recording)
+    ranges = plausible.vector(np.arange(12) >= 9)
+    sigma = np.sqrt(np.diag(compute_correction(model, ranges)[1]))
+    names = np.array([f"G_{a}{b}" for a in "xyz" for b in "xyz"] + ["b_x", "b_y", "b_z"])[sigma > UNSEEN * ranges]
+    if not names.size:
+        return ()
+    return (
+        f"Not observed by these motions: {', '.join(names)} ({plausible.reason}); effects that act like them cannot be seen "
+        "either",
+    )

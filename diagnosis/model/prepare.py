@@ -17,12 +17,11 @@ from scipy.special import expit
 from diagnosis.detectors.lattice import Kind
 from diagnosis.detectors.sample_report import SampleReport, mark_interval_samples, scale_progress
 from diagnosis.detectors.samples import examine
-from diagnosis.model.baseline import calibrate_baseline
+from diagnosis.model.baseline import calibrate_baseline, report_unobserved
 from diagnosis.model.noise_classification import PreparedRecording, Progress, UnclassifiedRecording, classify_lines_and_noise
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.calibration.gate import LargeResidualError
-from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.errors import InputError
 from gyrocal.recording import Interval, Recording, find_reference_rows
@@ -36,7 +35,6 @@ First = tuple[RecordingModel, Array, tuple[Interval, ...]]  # model, sigma of th
 # probability of the other way in which readings may have come onto a lattice, from which on it is told
 LEAST_SHARE = 0.02
 SHOWN = 3.0  # sigmas of a correlation of residuals, down to which it counts
-UNSEEN = 0.5  # of its plausible range: a parameter less certain than that is not observed
 
 
 def prepare(
@@ -57,7 +55,7 @@ def prepare(
     if report.cut_odds is not None:
         report, (model, sigma, pieces) = _cut_or_rounded(recording, report, (model, sigma, pieces), settings, tell)
     found = classify_lines_and_noise(UnclassifiedRecording(recording, report, model, sigma, pieces), settings, tell)
-    return replace(found, notes=(*report_noise_levels(found), *_write_notes(recording, pieces, found.sigma)))
+    return replace(found, notes=(*report_noise_levels(found), *_write_notes(found.model, pieces)))
 
 
 def _check_samples(recording: Recording) -> None:
@@ -185,8 +183,8 @@ def report_noise_levels(found: PreparedRecording) -> Iterator[str]:
         yield f"Noise of the references estimated as {sigmas} deg about x, y, z; the recording states an estimate only"
 
 
-def _write_notes(recording: Recording, pieces: tuple[Interval, ...], sigma: Array) -> tuple[str, ...]:
-    notes = []
+def _write_notes(model: RecordingModel, pieces: tuple[Interval, ...]) -> tuple[str, ...]:
+    notes, recording = [], model.recording
     counts = [find_reference_rows(recording.attitudes.t_s, interval).size for interval in recording.intervals]
     if max(counts) <= 2:
         left = 3 * len(counts) - 12
@@ -194,10 +192,7 @@ def _write_notes(recording: Recording, pieces: tuple[Interval, ...], sigma: Arra
             f"References only at the ends of {len(counts)} intervals: {max(left, 0)} degrees of freedom are left beside the 12 "
             "of the calibration, so most effects cannot be told from one another or from a change of G and b"
         )
-    names = [f"G_{a}{b}" for a in "xyz" for b in "xyz"] + ["b_x", "b_y", "b_z"]
-    unseen = [name for name, value, plausible in zip(names, sigma, PLAUSIBLE_RANGE, strict=True) if value > UNSEEN * plausible]
-    if unseen:
-        notes.append(f"Not observed by these motions: {', '.join(unseen)}; effects that act like them cannot be seen either")
+    notes += report_unobserved(model)
     if len(pieces) != len(recording.intervals) or any(a != b for a, b in zip(pieces, recording.intervals, strict=False)):
         notes.append("The attitude was not propagated over clipped gyro samples; the parts before and after them were used")
     notes.append(

@@ -6,10 +6,8 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
+from diagnosis.model.baseline import report_unobserved
 from diagnosis.model.candidates import build_linear_model
-from diagnosis.model.groups import AXES
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.plan.columns import build_signatures, linearise_noise_free
 from diagnosis.plan.extras import append_intervals, evaluate_extra, list_maneuvers
@@ -17,7 +15,6 @@ from diagnosis.plan.result import Plan, Progress
 from diagnosis.plan.separability import list_pairs
 from diagnosis.plan.visibility import DetectionPower, find_visible_size, list_unavailable_effects
 from diagnosis.settings import DEFAULT, DiagnosisSettings
-from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.errors import InputError
 from simulator.effects import EFFECTS
 from simulator.scenario import Scenario
@@ -98,14 +95,8 @@ def _write_plan_notes(scenario: Scenario, model: RecordingModel) -> tuple[str, .
             "left beside the calibration; what happens inside an interval shows only by its sum, and few effects can be told "
             "from one another"
         )
-    own = np.linalg.qr(model.starts)[0]
-    columns = (model.calibration - own @ (own.T @ model.calibration)) * PLAUSIBLE_RANGE
-    sigma = np.sqrt(np.diag(np.linalg.inv(columns.T @ columns + 1e-2 * np.eye(12))))
-    parameters = [f"G_{a}{b}" for a in AXES for b in AXES] + [f"b_{a}" for a in AXES]
-    unseen = [name for name, value in zip(parameters, sigma, strict=True) if value > 0.5]
-    if unseen:
-        notes.append(f"Not observed by these motions: {', '.join(unseen)}; effects that act like them cannot be seen either")
     notes += [
+        *report_unobserved(model),
         "Sizes of effects that show in the samples, or in the noise of the references, are not computed",
         "Not identifiable from any recording: a constant offset of all references, the same as a turn of G and the start "
         "attitudes; constant errors of G and b, which are calibrated away",
