@@ -31,7 +31,7 @@ class DiagnosisSettings:
         1060,
         "simulated observations of M0 for the null distribution of the attitude test",
         "draws",
-        "the least p-value, 1/1061 over the shares of the other tests, is 0.00104: an alarm is beyond all draws",
+        "a tenth of them fits the tail beyond which a recording alarms; its p-value is then known to about a half of itself",
     )
     scanned_share: float = define_threshold(
         0.05,

@@ -30,6 +30,8 @@ LEAST_POSITIVE = 1e-300
 DRAWS_PER_BATCH = 250  # draws
 
 ENOUGH = 20  # draws beyond what was observed, after which no more are made
+TAIL = 0.1  # share of the draws that the tail is fitted to
+EXPONENTIAL = 1e-6  # shape below which a tail is exponential
 
 
 def compute_null_p(
@@ -41,9 +43,10 @@ def compute_null_p(
 ) -> float:
     """P-value of the evidence averaged over all candidates.
 
-    It comes from draws of M0, and beyond what those can resolve from the bound P(B ≥ c) ≤ 1/c on an average of likelihood
-    ratios, which needs none. Draws end where `ENOUGH` of them are beyond what was observed: of as many as h of l, the last of
-    them beyond, h/l is a p-value as exact as that of all draws (Besag and Clifford, Biometrika 78 (1991) 301).
+    It comes from draws of M0, where few of them are beyond what was observed from their tail (`extrapolate_tail`), and beyond
+    what those can resolve from the bound P(B ≥ c) ≤ 1/c on an average of likelihood ratios, which needs none. Draws end where
+    `ENOUGH` of them are beyond what was observed: of as many as h of l, the last of them beyond, h/l is a p-value as exact as
+    that of all draws (Besag and Clifford, Biometrika 78 (1991) 301).
 
     Parameters
     ----------
@@ -58,8 +61,31 @@ def compute_null_p(
     if bound * (1 + draws) < 1:
         return _combine_scanned_p(search, bound, scanned_share)
     null = draw_null_statistics(search, seed, draws, tell, observed)
-    usual = ENOUGH / null.size if null.size < draws else (1 + int(np.sum(null >= observed))) / (1 + null.size)
+    usual = ENOUGH / null.size if null.size < draws else extrapolate_tail(null, observed)
     return _combine_scanned_p(search, usual, scanned_share)
+
+
+def extrapolate_tail(null: Array, observed: float) -> float:
+    """P-value of what was observed among draws (n,) of the statistic, with a smooth tail.
+
+    Fewer than `ENOUGH` draws beyond it are a coarse estimate, and none is no estimate at all. A generalised Pareto distribution
+    is fitted to what the largest draws exceed a threshold by (Knijnenburg et al., Bioinformatics 25, 2009), by the method of
+    probability-weighted moments (Hosking and Wallis, Technometrics 29, 1987). A shape below zero, whose tail has an end, is
+    taken as zero, an exponential tail.
+    """
+    beyond = int(np.sum(null >= observed))
+    count = int(TAIL * null.size)
+    if beyond >= ENOUGH or count < ENOUGH:
+        return (1 + beyond) / (1 + null.size)
+    top = np.sort(null)[-count - 1 :]
+    excess = top[1:] - top[0]
+    ranks = (np.arange(count) + 0.65) / count
+    mean, weighed = float(excess.mean()), float(np.mean((1 - ranks) * excess))
+    shape = max(2 - mean / max(mean - 2 * weighed, LEAST_POSITIVE), 0.0)
+    size = mean * (1 - shape)
+    z = (observed - top[0]) / max(size, LEAST_POSITIVE)
+    tail = np.exp(-z) if shape < EXPONENTIAL else (1 + shape * z) ** (-1 / shape)
+    return float(count / null.size * tail)
 
 
 def draw_null_statistics(

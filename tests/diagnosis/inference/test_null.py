@@ -5,6 +5,7 @@ import pytest
 import scipy.stats
 from scipy.spatial.transform import Rotation
 
+from diagnosis.inference.null import extrapolate_tail
 from diagnosis.inference.search import Search
 from diagnosis.model import linearise
 from diagnosis.model.candidates import build_linear_model
@@ -76,3 +77,21 @@ def test_noise_drawn_sample_by_sample_has_the_null_distribution(quiet, truth):
     null = _statistic(search, truth.project_out_nuisance(rng.standard_normal((truth.size, count))))
     assert scipy.stats.ks_2samp(noisy, null).pvalue > 1e-3
     assert scipy.stats.binomtest(int(np.sum(noisy > np.quantile(null, 0.95))), count, 0.05).pvalue > 1e-3
+
+
+def test_beyond_the_draws_the_p_value_falls_smoothly():
+    """Of an exponential statistic the p-value is e^−x; 1060 draws alone know nothing between 1/1061 and zero."""
+    rng = np.random.default_rng(25)
+    for x in (5.0, 6.5, 8.0):
+        found = [extrapolate_tail(rng.exponential(size=1060), x) for _ in range(200)]
+        assert np.median(found) == pytest.approx(np.exp(-x), rel=0.4)
+        assert np.unique(found).size == 200
+
+
+def test_the_p_value_of_the_tail_is_uniform_under_m0():
+    """The statistic is the log of an average of likelihood ratios, of forty columns here."""
+    rng = np.random.default_rng(26)
+    drawn = np.sort(np.log(np.mean(np.exp(0.48 * rng.standard_normal((100_000, 40)) ** 2), axis=1)))
+    p = np.array([extrapolate_tail(rng.choice(drawn, 1060), x) for x in rng.choice(drawn, 6000)])
+    for level in (0.01, 0.002):
+        assert scipy.stats.binomtest(int(np.sum(p < level)), p.size, level).pvalue > 1e-3
