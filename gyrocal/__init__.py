@@ -28,7 +28,6 @@ Symbols
 
 import logging as _logging
 from importlib import import_module as _import_module
-from importlib.metadata import version as _version
 from importlib.util import find_spec as _find_spec
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
@@ -36,12 +35,17 @@ from typing import Any as _Any
 if _TYPE_CHECKING:
     from gyrocal.public import *  # noqa: F403
 
-__version__ = _version("gyrocal")
+    __version__: str
+
 _logging.getLogger("gyrocal").addHandler(_logging.NullHandler())  # a library is silent until its user listens
 
 
 def __getattr__(name: str) -> _Any:
     """Load the public names at the first use of one: numba and scipy take most of a second."""
+    if name == "__version__":
+        from importlib.metadata import version  # late: it takes as long to load as all else here
+
+        return version("gyrocal")
     if name.startswith("_") and name != "__all__":
         raise AttributeError(f"module 'gyrocal' has no attribute {name!r}")
     if name != "__all__" and _find_spec(f"gyrocal.{name}") is not None:  # a module of the package is no public name

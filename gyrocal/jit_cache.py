@@ -13,6 +13,7 @@ write who may write the sources, or only this user, and where there is no such f
 
 import hashlib
 import importlib.util
+import logging
 import os
 import pickle
 import shutil
@@ -39,6 +40,8 @@ CACHE_FOLDER_PREFIX = f"compiled-{sys.implementation.cache_tag}-"  # of the fold
 CACHE_VERSIONS = (sys.version, numba.__version__, metadata.version("llvmlite"), np.__version__)
 ELSEWHERE = ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS")  # settings that change no code; joblib gives its workers the latter
 DIGEST = hashlib.sha256().digest_size
+
+logger = logging.getLogger(__name__)
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -105,6 +108,17 @@ def find_cache_folder(package: str) -> tuple[Path, str] | None:
     return None
 
 
+@cache
+def announce_compilation(package: str) -> None:
+    """Log once in a process that a package's functions are compiled and how long a calibration's take, if none is kept yet."""
+    found = find_cache_folder(package)
+    length = "about 20 s" if package == "gyrocal" else "up to a minute"
+    if found is None:
+        logger.info("compiling %s, %s, each time: no folder can keep it; set NUMBA_CACHE_DIR to one", package, length)
+    elif not any(found[0].glob("*")):
+        logger.info("compiling %s once, %s", package, length)
+
+
 def _list_parents(package: str) -> Iterator[Path]:
     """List folders for the cache, best first: the one numba is given, one beside the sources, one of this user."""
     found = importlib.util.find_spec(package)
@@ -159,6 +173,8 @@ class _Store(NullCache):
         target.refresh()
         key = self._build_key(signature, target.codegen())
         path = self._find_path(key)
+        if path is None or not path.exists():
+            announce_compilation(self.package)
         try:
             data = path.read_bytes() if path else b""
             if hashlib.sha256(data[DIGEST:]).digest() != data[:DIGEST]:

@@ -1,4 +1,4 @@
-"""Roots of covariances (3, 3) and what is under them, for functions that are compiled.
+"""Roots and products of matrices (3, 3) and what is under them, for functions that are compiled.
 
 The linear algebra of numpy, as numba compiles it, takes seconds to compile and holds for matrices of any size.
 """
@@ -39,3 +39,25 @@ def solve_lower(L: Array, b: Array) -> Array:
                 x[i, j] -= L[i, a] * x[a, j]
             x[i, j] /= L[i, i]
     return x
+
+
+@compile_cached
+def multiply(A: Array, B: Array) -> Array:
+    """A B; (3, 3) and (3, k)."""
+    out = np.zeros(B.shape)
+    for i in range(3):
+        for k in range(3):
+            for j in range(B.shape[1]):
+                out[i, j] += A[i, k] * B[k, j]
+    return out
+
+
+@compile_cached
+def transform_covariance(A: Array, P: Array) -> Array:
+    """A P Aᵀ; (3, 3) twice."""
+    AP, out = multiply(A, P), np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                out[i, j] += AP[i, k] * A[j, k]
+    return out

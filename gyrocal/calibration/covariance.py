@@ -29,10 +29,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.jit_cache import compile_cached
-from gyrocal.small_matrices import compute_lower_root, solve_lower
+from gyrocal.small_matrices import compute_lower_root, multiply, solve_lower, transform_covariance
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
 CovarianceModel = Literal["full", "references only"]
 
 FULL, REFERENCES_ONLY, GIVEN, JOINT = 0, 1, 2, 3
@@ -84,16 +85,14 @@ def compute_residual_covariance(R: Array, interval: Indices, start: Indices, row
     V = np.zeros((3 * m, 3 * m))
     for a in range(m):
         for b in range(a + 1):
-            both = np.zeros((3, 3))  # of the errors that R carries to both
-            if start[a] == start[b]:
-                both += noise[start[a]]
-            if interval[a] == interval[b]:
-                both += walk[b]
-            turned = np.zeros((3, 3))
+            turned = np.zeros((3, 3))  # by R of b, the errors that R carries to both
             for i in range(3):
-                for j in range(3):
-                    for k in range(3):
-                        turned[i, j] += both[i, k] * R[b, j, k]
+                for k in range(3):
+                    both = noise[start[a], i, k] if start[a] == start[b] else 0.0
+                    if interval[a] == interval[b]:
+                        both += walk[b, i, k]
+                    for j in range(3):
+                        turned[i, j] += both * R[b, j, k]
             for i in range(3):
                 for j in range(3):
                     value = noise[row[a], i, j] if row[a] == row[b] else 0.0
@@ -136,41 +135,94 @@ def model_covariance(
         return compute_residual_covariance(R, interval, start, row, noise, walk)
     V = np.zeros((3 * len(row), 3 * len(row)))
     for a in range(len(row)):
-        own, at = slice(a, a + 1), slice(3 * a, 3 * a + 3)
-        if model == GIVEN:
-            V[at, at] = given[interval[a]]
-        else:
-            V[at, at] = compute_residual_covariance(R[own], interval[own], start[own], row[own], noise, 0.0 * walk[own])
+        C = given[interval[a]] if model == GIVEN else transform_covariance(R[a], noise[start[a]])
+        for i in range(3):
+            for j in range(3):
+                V[3 * a + i, 3 * a + j] = C[i, j] if model == GIVEN else C[i, j] + noise[row[a], i, j]
     return V
 
 
-@compile_cached
-def is_chain(interval: Indices, start: Indices, row: Indices) -> bool:
-    """Whether each interval of some residuals starts at the reference that ends the one before it."""
-    for a in range(1, len(row)):
-        same = interval[a] == interval[a - 1]
-        if (start[a] != start[a - 1] or row[a] <= row[a - 1]) if same else start[a] != row[a - 1]:
-            return False
-    return True
+def find_chains(order: Indices, ends: Indices, interval: Indices, start: Indices, row: Indices) -> BoolArray:
+    """Whether in each group, (groups,), every interval starts at the reference that ends the one before it.
+
+    order, ends : the groups as in `group_residuals`; interval, start, row as in `compute_residual_covariance`
+    """
+    interval, start, row = interval[order], start[order], row[order]
+    same = interval[1:] == interval[:-1]
+    broken = np.where(same, (start[1:] != start[:-1]) | (row[1:] <= row[:-1]), start[1:] != row[:-1])
+    broken = np.append(False, broken)
+    firsts = np.append(0, ends[:-1])
+    broken[firsts] = False
+    return np.asarray(~np.logical_or.reduceat(broken, firsts))
 
 
 @compile_cached
-def whiten_chain(R: Array, interval: Indices, start: Indices, row: Indices, noise: Array, walk: Array, values: Array) -> Array:
-    """L⁻¹ values (3m, c), L Lᵀ the covariance of the residuals of a chain; the others as in `compute_residual_covariance`."""
-    out, x = np.empty_like(values), np.zeros((3, values.shape[1]))
-    P, known = noise[start[0]].copy(), np.zeros((3, 3))
-    for a in range(len(row)):
-        if a > 0 and interval[a] != interval[a - 1]:
-            x = R[a - 1] @ x - values[3 * a - 3 : 3 * a]
-            P = R[a - 1] @ P @ R[a - 1].T
-            known = np.zeros((3, 3))
-        P = P + walk[a] - known
-        known = walk[a]
-        root = solve_lower(compute_lower_root(R[a] @ P @ R[a].T + noise[row[a]]), np.eye(3))
-        seen = root @ R[a]
-        out[3 * a : 3 * a + 3] = root @ (values[3 * a : 3 * a + 3] - R[a] @ x)
-        gain = P @ seen.T
-        x = x + gain @ out[3 * a : 3 * a + 3]
-        kept, K = np.eye(3) - gain @ seen, gain @ root
-        P = kept @ P @ kept.T + K @ noise[row[a]] @ K.T
-    return out
+def whiten_chain(
+    order: Indices,
+    values: Array,
+    R: Array,
+    references: tuple[Indices, Indices, Indices, Array],
+    walk: Array,
+    out: Array,
+    variance: Array,
+) -> None:
+    """Whiten columns along chains of residuals, and write the variance of each residual, rad².
+
+    Parameters
+    ----------
+    order : (n,) the residuals of one chain after another; a chain ends where the next interval does not go on from it
+    values : (3m, c) of all residuals
+    R, walk : of all residuals, and
+    references : interval, start, row and noise, as in `compute_residual_covariance`
+    out : (3n, c) for L⁻¹ values of these, L Lᵀ their covariance
+    variance : (m, 3) of all residuals
+    """
+    # Loops: what numpy allows of shapes and layouts would be most of the time to compile.
+    interval, start, row, noise = references
+    columns, before = values.shape[1], -1
+    x, P, known = np.zeros((3, columns)), np.zeros((3, 3)), np.zeros((3, 3))
+    innovation, gain, identity = np.empty((3, columns)), np.empty((3, 3)), np.zeros((3, 3))
+    identity[0, 0] = identity[1, 1] = identity[2, 2] = 1.0
+    for k in range(len(order)):
+        a = order[k]
+        if before < 0 or interval[a] != interval[before]:
+            if before >= 0 and start[a] == row[before]:
+                x, P = multiply(R[before], x), transform_covariance(R[before], P)
+                for i in range(3):
+                    for c in range(columns):
+                        x[i, c] -= values[3 * before + i, c]
+            else:
+                x, P = np.zeros((3, columns)), noise[start[a]].copy()
+            for i in range(3):
+                for j in range(3):
+                    known[i, j] = 0.0
+        for i in range(3):
+            for j in range(3):
+                P[i, j] += walk[a, i, j] - known[i, j]
+                known[i, j] = walk[a, i, j]
+        of_start, of_gyro = transform_covariance(R[a], noise[start[a]]), transform_covariance(R[a], walk[a])
+        S, predicted = transform_covariance(R[a], P), multiply(R[a], x)
+        for i in range(3):
+            variance[a, i] = of_start[i, i] + of_gyro[i, i] + noise[row[a], i, i]
+            for j in range(3):
+                S[i, j] += noise[row[a], i, j]
+            for c in range(columns):
+                innovation[i, c] = values[3 * a + i, c] - predicted[i, c]
+        root = solve_lower(compute_lower_root(S), identity)
+        seen, white = multiply(root, R[a]), multiply(root, innovation)
+        half = multiply(seen, P)
+        for i in range(3):
+            for j in range(3):
+                gain[i, j] = half[j, i]
+        K, kept, correction = multiply(gain, root), multiply(gain, seen), multiply(gain, white)
+        for i in range(3):
+            for j in range(3):
+                kept[i, j] = identity[i, j] - kept[i, j]
+            for c in range(columns):
+                out[3 * k + i, c] = white[i, c]
+                x[i, c] += correction[i, c]
+        P, added = transform_covariance(kept, P), transform_covariance(K, noise[row[a]])
+        for i in range(3):
+            for j in range(3):
+                P[i, j] += added[i, j]
+        before = a

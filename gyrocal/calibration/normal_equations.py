@@ -14,12 +14,13 @@ from math import atan2, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.calibration.covariance import FULL, is_chain, model_covariance, whiten_chain
+from gyrocal.calibration.covariance import model_covariance, whiten_chain
 from gyrocal.calibration.propagation import propagate_packed
 from gyrocal.jit_cache import compile_cached
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
 
 SMALL_SINE = 1e-9  # below it a rotation vector is its sine to rounding
 
@@ -82,48 +83,43 @@ def build_sensitivity(S: Array, columns: Indices, scale: Array) -> Array:
 
 @compile_cached
 def whiten_groups(
-    theta: Array,
-    Theta: Array,
+    values: Array,
     R: Array,
-    groups: tuple[Indices, Indices],
+    groups: tuple[Indices, Indices, BoolArray],
     references: tuple[Indices, Indices, Indices, Array],
     walk: Array,
     model: int,
     given: Array,
-) -> tuple[Array, Array, Array]:
-    """H (3m, p) and z (3m,) of all groups, one group after another, and the variance (m, 3) of each residual, rad².
+) -> tuple[Array, Array]:
+    """L⁻¹ values (3m, c) of all groups, one group after another, and the variance (m, 3) of each residual, rad².
 
     Parameters
     ----------
-    theta, Theta : (m, 3) residuals and (3m, p) scaled sensitivity
-    groups : (m,) residuals, group by group, and one past the end of each group; with one V of all residuals there is one
+    values : (3m, c) columns of the residuals
+    groups : (m,) residuals, group by group, one past the end of each group, and whether each is a chain to be whitened as one;
+        with one V of all residuals there is one group
     references : interval, start, row and noise as in `gyrocal.calibration.covariance.compute_residual_covariance`
     walk, model, given : as in `gyrocal.calibration.covariance.model_covariance`
     """
     interval, start, row, noise = references
-    p = Theta.shape[1]
-    out, variance = np.empty((3 * len(theta), p + 1)), np.empty(theta.shape)
+    order, ends, chained = groups
+    out, variance = np.empty(values.shape), np.empty((len(order), 3))
     low = 0
-    for high in groups[1]:
-        rows = groups[0][low:high]
-        parts = (R[rows], interval[rows], start[rows], row[rows], noise, walk[rows])
-        values = np.empty((3 * len(rows), p + 1))
-        for a in range(len(rows)):
-            for i in range(3):
-                values[3 * a + i, :p] = Theta[3 * rows[a] + i]
-                values[3 * a + i, p] = theta[rows[a], i]
-        if model == FULL and is_chain(*parts[1:4]):
-            out[3 * low : 3 * high] = whiten_chain(*parts, values)
-            for a in rows:
-                variance[a] = np.diag(noise[row[a]] + R[a] @ (noise[start[a]] + walk[a]) @ R[a].T)
+    for group in range(len(ends)):
+        rows, high = order[low : ends[group]], ends[group]
+        if chained[group]:
+            whiten_chain(rows, values, R, references, walk, out[3 * low : 3 * high], variance)
         else:
-            V = model_covariance(*parts, model, given)
-            out[3 * low : 3 * high] = whiten(V, values)
-            for a in range(len(rows)):
-                for i in range(3):
-                    variance[rows[a], i] = V[3 * a + i, 3 * a + i]
+            own = np.empty((3 * len(rows), values.shape[1]))
+            for k in range(len(own)):
+                for c in range(values.shape[1]):
+                    own[k, c] = values[3 * rows[k // 3] + k % 3, c]
+            V = model_covariance(R[rows], interval[rows], start[rows], row[rows], noise, walk[rows], model, given)
+            out[3 * low : 3 * high] = whiten(V, own)
+            for k in range(len(own)):
+                variance[rows[k // 3], k % 3] = V[k, k]
         low = high
-    return out[:, :p].copy(), out[:, p].copy(), variance
+    return out, variance
 
 
 @compile_cached
@@ -137,7 +133,7 @@ def iterate(
     beyond_series: bool,
     A_start: Array,
     A_obs: Array,
-    groups: tuple[Indices, Indices],
+    groups: tuple[Indices, Indices, BoolArray],
     references: tuple[Indices, Indices, Indices, Array],
     walk: Array,
     model: int,
@@ -174,8 +170,9 @@ def iterate(
         G, bias = xs[n, :9].copy().reshape(3, 3), xs[n, 9:].copy()
         R, S = propagate_packed(increments, ends, last, arc, G, bias, linear, beyond_series)
         thetas[n] = compute_attitude_residuals(R, A_start, A_obs)
-        Theta = build_sensitivity(S, columns, scale)
-        H, z, _ = whiten_groups(thetas[n], Theta, R, groups, references, walk, model, given)
+        values = np.concatenate((build_sensitivity(S, columns, scale), thetas[n].reshape(-1, 1)), axis=1)
+        white, _ = whiten_groups(values, R, groups, references, walk, model, given)
+        H, z = white[:, :p].copy(), white[:, p].copy()
         if n == iterations:
             chi2 = np.sum(z * z)
             break

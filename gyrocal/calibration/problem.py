@@ -16,12 +16,15 @@ from gyrocal import attitude
 from gyrocal.calibration import gate
 from gyrocal.calibration import normal_equations as accumulation
 from gyrocal.calibration.covariance import (
+    FULL,
     JOINT,
     MODEL_CODES,
     CovarianceModel,
+    find_chains,
     group_residuals,
     integrate_white_noise,
     model_covariance,
+    whiten_chain,
 )
 from gyrocal.calibration.gyro_space import Parametrisation, select_parameter_space
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
@@ -36,6 +39,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
 
 ROTATION_NAMES = ("roll", "pitch", "yaw")
 
@@ -138,6 +142,11 @@ class Problem:
         return group_residuals(made.arcs.arc, made.start, made.row)
 
     @cached_property
+    def _chained(self) -> BoolArray:
+        """(groups,) whether each is a chain, whose residuals are whitened one after another."""
+        return find_chains(*self.groups, *self.references[:3]) & (self._model[0] == FULL)
+
+    @cached_property
     def references(self) -> tuple[Indices, Indices, Indices, Array]:
         """Interval, start, row and noise, as in `gyrocal.calibration.covariance.compute_residual_covariance`."""
         made = self.measurements
@@ -186,8 +195,14 @@ class Problem:
             theta = accumulation.compute_attitude_residuals(R, A_start, A_obs)
         gate.check(np.where(np.isfinite(R).all(axis=2), theta, np.inf))
         linear = attitude.residual_linear(A_obs, R @ A_start)
-        H, z, variance = accumulation.whiten_groups(theta, Theta, R, self.groups, self.references, self.walk, *self._model)
-        return State(theta, linear, np.sqrt(variance), H, z)
+        values = np.column_stack([Theta, theta.ravel()])
+        if self._chained.all():  # by itself: the covariances of other groups take as long to compile
+            white, variance = np.empty_like(values), np.empty_like(theta)
+            whiten_chain(self.groups[0], values, R, self.references, self.walk, white, variance)
+        else:
+            groups = *self.groups, self._chained
+            white, variance = accumulation.whiten_groups(values, R, groups, self.references, self.walk, *self._model)
+        return State(theta, linear, np.sqrt(variance), white[:, :-1].copy(), white[:, -1].copy())
 
     def _compute_sensitivity(self, S: Array, parameters: GyroParameters) -> Array:
         """Θ D (3m, p) with respect to the solved-for parameters."""
@@ -220,7 +235,7 @@ class Problem:
             arcs.beyond_series(x[:9].reshape(3, 3), x[9:]),
             self.A[self.measurements.start],
             self.A[self.measurements.row],
-            self.groups,
+            (*self.groups, self._chained),
             self.references,
             self.walk,
             *self._model,
@@ -237,7 +252,7 @@ class Problem:
         moved = replace(self.measurements, arcs=self.measurements.arcs.with_rates(rates, workspace))
         new = replace(self, measurements=moved, A=A)
         # What does not depend on the case is handed on.
-        for name in ("columns", "scale", "groups", "references", "walk", "_model"):
+        for name in ("columns", "scale", "groups", "references", "walk", "_model", "_chained"):
             new.__dict__[name] = getattr(self, name)
         return new
 

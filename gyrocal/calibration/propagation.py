@@ -245,36 +245,28 @@ def propagate(arcs: Arcs, G: Array, bias: Array, psi: Psi = "full") -> Propagati
     return Propagation(*propagate_packed(arcs.increments, *options))
 
 
-@compile_cached
 def cut(first: Indices, last: Indices) -> tuple[Indices, Indices]:
     """Start and length of pieces that end at every output and fill whole batches of lanes with little padding.
 
     The work is batches times the longest piece; for one batch more than the outputs need, and for the fewest, the shortest
     possible longest piece is found by bisection.
     """
-    fewest = (len(first) + LANES - 1) // LANES
-    longest = (last - first).max()
+    steps = last - first
+    fewest = -(-len(first) // LANES)
+    longest = int(steps.max())
     best, work = longest, fewest * longest
     for batches in (fewest, fewest + 1):
         low, high = 0, longest  # low: too short; high: fits
         while high - low > 1:
             middle = (low + high) // 2
-            if np.sum((last - first + middle - 1) // middle) <= batches * LANES:
-                high = middle
-            else:
-                low = middle
+            low, high = (low, middle) if np.sum(-(-steps // middle)) <= batches * LANES else (middle, high)
         if batches * high < work:
             best, work = high, batches * high
-    counts = np.maximum((last - first + best - 1) // best, 1)
-    starts, lengths = np.empty(counts.sum(), dtype=np.intp), np.empty(counts.sum(), dtype=np.intp)
-    piece = 0
-    for j in range(len(first)):
-        length = last[j] - first[j]
-        for k in range(counts[j]):
-            low, high = length * k // counts[j], length * (k + 1) // counts[j]
-            starts[piece], lengths[piece] = first[j] + low, high - low
-            piece += 1
-    return starts, lengths
+    counts = np.maximum(-(-steps // best), 1)
+    output = np.repeat(np.arange(len(first)), counts)
+    number = np.arange(len(output)) - np.repeat(np.cumsum(counts) - counts, counts)  # of the piece in its output
+    low, high = (steps[output] * k // counts[output] for k in (number, number + 1))
+    return first[output] + low, high - low
 
 
 @compile_cached
@@ -292,7 +284,7 @@ def _average_rates(rates: Array, sample: Indices, fine: Indices, fine_dt: Array)
     return out
 
 
-@compile_cached
+@compile_cached(fastmath={"contract"})
 def propagate_packed(
     increments: Array,
     ends: Indices,
@@ -312,8 +304,9 @@ def propagate_packed(
     last, arc : of the outputs, as in `Arcs`
     """
     out = np.zeros((len(increments), 45, LANES))  # of the lanes: P = I (0–8), S = 0 (9–44)
-    out[:, 0], out[:, 4], out[:, 8] = 1.0, 1.0, 1.0
     for batch in range(len(increments)):
+        for lane in range(LANES):
+            out[batch, 0, lane] = out[batch, 4, lane] = out[batch, 8, lane] = 1.0
         _propagate_lanes(increments[batch], G, bias, linear, beyond_series, out[batch])
     return _chain_pieces(out, ends, last, arc)
 
@@ -322,12 +315,15 @@ def propagate_packed(
 def _chain_pieces(out: Array, ends: Indices, last: Indices, arc: Indices) -> tuple[Array, Array]:
     """R (m, 3, 3) and S (m, 4, 3, 3) at every output, the pieces (batches, 45, lanes) chained."""
     R_out, S_out = np.empty((len(arc), 3, 3)), np.empty((len(arc), REGRESSOR_GROUP_SIZE, 3, 3))
-    P, P_new, S = np.eye(3), np.empty((3, 3)), np.zeros((REGRESSOR_GROUP_SIZE, 3, 3))
+    P, P_new, S = np.empty((3, 3)), np.empty((3, 3)), np.empty((REGRESSOR_GROUP_SIZE, 3, 3))
     piece = 0
     for output in range(len(arc)):
         if output == 0 or arc[output] != arc[output - 1]:
-            P[:] = np.eye(3)
-            S[:] = 0.0
+            for i in range(3):
+                for j in range(3):
+                    P[i, j] = 1.0 if i == j else 0.0
+                    for q in range(REGRESSOR_GROUP_SIZE):
+                        S[q, i, j] = 0.0
         reached = False
         while not reached:
             batch, lane = piece // LANES, piece % LANES
@@ -338,7 +334,7 @@ def _chain_pieces(out: Array, ends: Indices, last: Indices, arc: Indices) -> tup
                         P_new[i, j] += P[i, k] * out[batch, 3 * k + j, lane]
                         for q in range(REGRESSOR_GROUP_SIZE):
                             S[q, i, j] += P[i, k] * out[batch, 9 + 9 * q + 3 * k + j, lane]
-            P[:] = P_new
+            P, P_new = P_new, P
             reached = ends[piece] == last[output]
             piece += 1
         for i in range(3):
@@ -349,7 +345,7 @@ def _chain_pieces(out: Array, ends: Indices, last: Indices, arc: Indices) -> tup
     return R_out, S_out
 
 
-@compile_cached(fastmath={"contract"})
+@compile_cached(inline="always")  # by itself it would be compiled twice
 def _propagate_lanes(
     increments: Array,
     G: Array,

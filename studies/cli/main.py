@@ -9,6 +9,7 @@ import ast
 import contextlib
 import errno
 import importlib
+import logging
 import os
 import sys
 import warnings
@@ -120,6 +121,14 @@ def _show_warnings() -> Iterator[None]:
         click.echo(make_printable(f"gyrocal: warning: {line}"), err=True)
 
 
+class _StandardError(logging.Handler):
+    """Show what is being done in a line of the standard error."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Show one message."""
+        click.echo(make_printable(f"gyrocal: {record.getMessage()}"), err=True)
+
+
 @click.group("gyrocal", cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="gyrocal")
 def main() -> None:
@@ -128,6 +137,8 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # a terminal that cannot show ψ shows ? instead of a traceback
             stream.reconfigure(errors="replace")
+    compilation = logging.getLogger("gyrocal.jit_cache")
+    compilation.handlers, compilation.level = [_StandardError()], logging.INFO
 
 
 def _open_null_stream() -> Any:

@@ -6,12 +6,13 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
-from gyrocal import NAMES, CalibrationResult, GyroParameters, Recording
 from gyrocal.calibration.gyro_space import select_parameter_space
 from gyrocal.calibration.observability import BIAS_LETTERS
+from gyrocal.calibration.parameters import NAMES, GyroParameters
 from gyrocal.calibration.problem import ROTATION_NAMES
 from gyrocal.calibration.remainder_processes import DEG_H_PER_RAD_S, WITH_REMAINDER
-from gyrocal.calibration.result import DEGREES
+from gyrocal.calibration.result import DEGREES, CalibrationResult
+from gyrocal.recording import Recording
 from studies.report import tables
 
 LARGEST_SCALE = 1.5  # of a gyro's scale factor against the one stated: a data sheet allows a few percent

@@ -5,7 +5,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal import NAMES
+from gyrocal.calibration.parameters import NAMES
 
 Array = NDArray[np.float64]
 

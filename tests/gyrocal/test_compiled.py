@@ -50,6 +50,20 @@ def entries(kernel):
     return sorted(path for path in Path(kernel.stats.cache_path).iterdir())
 
 
+def test_a_compilation_is_announced_once_while_nothing_is_kept(started, caplog):
+    """A second process that finds the code kept says nothing."""
+    caplog.set_level("INFO", "gyrocal.jit_cache")
+    said = []
+    for _ in range(2):
+        caplog.clear()
+        kernel = started(3.0)
+        jit_cache.announce_compilation.cache_clear()
+        kernel(2.0), kernel(2)  # two types
+        said.append(caplog.messages)
+    package = kernel.py_func.__module__.partition(".")[0]
+    assert said == [[f"compiling {package} once, up to a minute"], []]
+
+
 def test_a_constant_of_another_file_is_seen_and_what_is_stale_goes(started):
     kernel = started(3.0)
     assert kernel(2.0) == 6.0

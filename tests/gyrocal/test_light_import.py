@@ -8,7 +8,11 @@ import pytest
 
 @pytest.mark.parametrize(
     ("packages", "heavy"),
-    [("gyrocal, simulator", ("pandas", "pyarrow", "matplotlib")), ("gyrocal", ("numpy", "scipy", "numba"))],
+    [
+        ("gyrocal, simulator", ("pandas", "pyarrow", "matplotlib")),
+        ("gyrocal", ("numpy", "scipy", "numba", "importlib.metadata")),
+        ("studies.report.calibration, gyrocal.estimation.held_out", ("gyrocal.public", "gyrocal.estimation.mekf")),
+    ],
 )
 def test_what_is_heavy_is_loaded_when_it_is_used(packages, heavy):
     """So that `import gyrocal` takes hundredths of a second, and a simulation loads no tables."""

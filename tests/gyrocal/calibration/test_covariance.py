@@ -11,8 +11,8 @@ from gyrocal.calibration.covariance import (
     REFERENCES_ONLY,
     chain_intervals,
     compute_residual_covariance,
+    find_chains,
     integrate_white_noise,
-    is_chain,
     model_covariance,
     whiten_chain,
 )
@@ -95,7 +95,12 @@ def test_a_chain_is_whitened_by_the_root_of_its_whole_covariance(turn, chained):
     walk = integrate_white_noise(np.array([1.0, 3.0, 4.0, 2.0, 3.0, 7.0, 9.0]), 0.5)
     noise = np.array([part @ part.T for part in rng.normal(size=(9, 3, 3))])
     values = rng.normal(size=(21, 4))
-    assert is_chain(interval, start, row) == chained
-    expected = whiten(compute_residual_covariance(R, interval, start, row, noise, walk), values)
-    found = whiten_chain(R, interval, start, row, noise, walk, values)
-    assert np.allclose(found, expected, rtol=1e-10, atol=1e-12) == chained
+    order, out, variance = np.arange(7), np.empty((21, 4)), np.empty((7, 3))
+    assert find_chains(order, np.array([7]), interval, start, row) == [chained]
+    V = compute_residual_covariance(R, interval, start, row, noise, walk)
+    whiten_chain(order, values, R, (interval, start, row, noise), walk, out, variance)
+    expected = np.empty_like(values)
+    for rows in [slice(0, 21)] if turn != "apart" else [slice(0, 9), slice(9, 21)]:  # two chains
+        expected[rows] = whiten(V[rows, rows].copy(), values[rows])
+    assert np.allclose(out, expected, rtol=1e-10, atol=1e-12) == (turn != "overlapping")
+    assert np.allclose(variance.ravel(), np.diag(V), rtol=1e-10)
