@@ -74,7 +74,7 @@ class Regressor:
 
     name: str  # in words, with the axis
     p_value: float  # of a score test in the presence of the remainder, corrected for the number of tests
-    share: float  # of the misfit beyond the stated noise that it explains
+    share: float  # of the held-out misfit that it closes, beside the causes and the regressors before it
 
 
 @dataclass(frozen=True)

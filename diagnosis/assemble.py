@@ -270,7 +270,7 @@ def list_attitude_causes(attribution: Attribution | None, fitted: Sequence[Fitte
     return tuple(
         Cause(
             one.effect, one.axis, one.size, one.unit, one.sigma, one.parameters, slot.probability,
-            tuple(label for label, _ in slot.group), sum(p for _, p in slot.group),
+            tuple(label for label, _ in slot.group), slot.group_probability,
         )
         for slot, one in zip(attribution.slots, fitted, strict=True)
     )  # fmt: skip

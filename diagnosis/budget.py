@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from diagnosis.answer import Closure
 from diagnosis.inference.amplitudes import FittedEffect
+from diagnosis.inference.attribution import CredibleGroup
 from diagnosis.model.calibration import calibrate_beside
 from diagnosis.model.folds import RECORDING_SPLIT, ConditionedRows, assign_folds, condition_rows, reverse_whitening
 from diagnosis.model.recording_model import RecordingModel
@@ -49,13 +50,16 @@ class Step:
     unit: str | None = None
     by_part: tuple[PartSize, ...] = ()  # by_part, heterogeneity_p: sizes of a cause by part, see `diagnosis.replication`
     heterogeneity_p: float | None = None
+    # spread, ramp: scatter of the sizes by part beyond their sigmas, and the sizes of a line over time at its two ends
+    spread: float | None = None
+    ramp: tuple[float, float] | None = None
     delta_G: Array | None = None  # delta_G, delta_bias_deg_s: (3, 3) and (3,) change of the calibration by this step
     delta_bias_deg_s: Array | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the step as in the documented format."""
         out = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
-        out["interval_90"] = None if self.interval_90 is None else list(self.interval_90)
+        out |= {name: list(out[name]) for name in ("interval_90", "ramp") if out[name] is not None}
         return {**out, "by_part": [vars(one).copy() for one in self.by_part]}
 
 
@@ -178,6 +182,11 @@ def summarise_closure(held: HeldOut) -> Closure:
     return Closure("held-out whitened mean square", RECORDING_SPLIT, before, after, FLOOR, closed, interval, table)
 
 
+def select_closing(slots: Sequence[CredibleGroup], budget: Sequence[Step]) -> list[CredibleGroup]:
+    """Select the causes, in the order of the budget, whose share of the misfit on held-out data is not negative."""
+    return [slot for slot, step in zip(slots, budget[1:], strict=False) if step.closed is None or step.closed >= 0]
+
+
 def build_budget(
     held: HeldOut,
     with_remainder: RecordingModel,
@@ -205,8 +214,8 @@ def build_budget(
         steps.append(
             Step(
                 one.label, float(misfit[k + 1]), float(degrees[k + 1]), closed, interval, probability, parts_of.mean,
-                max(parts_of.sigma, one.sigma), one.unit, parts_of.parts, parts_of.heterogeneity_p, delta[:9].reshape(3, 3),
-                np.rad2deg(delta[9:]),
+                max(parts_of.sigma, one.sigma), one.unit, parts_of.parts, parts_of.heterogeneity_p, parts_of.spread,
+                parts_of.ramp, delta[:9].reshape(3, 3), np.rad2deg(delta[9:]),
             )
         )  # fmt: skip
     left = 1.0 - held.closed(0, len(effects))[0]

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.answer import Closure
-from diagnosis.budget import Step, build_budget, convert, predict_held_out, summarise_closure
+from diagnosis.budget import Step, build_budget, convert, predict_held_out, select_closing, summarise_closure
 from diagnosis.inference.amplitudes import FittedEffect, estimate_amplitudes, refine_explanation
 from diagnosis.inference.attribution import (
     Attribution,
@@ -38,6 +38,7 @@ from diagnosis.model.linear import Candidate, LinearModel, SelectedCandidate
 from diagnosis.model.misfit import check_baseline, compute_attitude_errors
 from diagnosis.model.noise_classification import reclassify_without_effects
 from diagnosis.model.prepare import PreparedRecording, Progress
+from diagnosis.model.recording_model import RecordingModel
 from diagnosis.model.symptoms import list_sample_causes
 from diagnosis.remainder_search import BesideRemainder, identify_beside_remainder
 from diagnosis.replication import estimate_by_part
@@ -67,6 +68,7 @@ class AttitudeInference:
     left: tuple[Check, ...] = ()  # what M0 leaves of all references, before any averaging
     unseen: tuple[RankedExplanation, ...] = ()  # without a gap, the probability of M0 and of what is too weak to be told
     rejected: tuple[FittedEffect, ...] = ()  # amplitudes of those that would be, but for the checks of what they leave
+    first: tuple[FittedEffect, ...] = ()  # amplitudes of the listed effects of the likeliest explanation without a remainder
     # effects identified in the presence of a remainder, where the listed effects alone do not explain the data
     beside: BesideRemainder | None = None
     budget: tuple[Step, ...] = ()  # steps of the gap budget on held-out data; none without a gap
@@ -101,7 +103,7 @@ def _add_remainder(
     """Judge effects in the presence of a remainder where listed effects alone do not explain the data.
 
     So it is where the samples show something unlisted, and where an explanation needs as many effects as one may have and a
-    random process among them.
+    random process among them. One list of causes has the probabilities, the budget and the share that they close.
     """
     attribution = explained.attribution
     if attribution is None:
@@ -110,27 +112,46 @@ def _add_remainder(
     model = prepared.model
     odd = [one for one in list_sample_causes(prepared, effects, settings) if one.effect is None]
     odd = [one for one in odd if one.compute_listed(settings) < 1 - settings.unknown]
-    if attribution.verdict != "unknown" and not full and not odd:
-        sizes = [estimate_by_part(model, explained.fitted, number) for number in range(len(explained.fitted))]
-        shares = [sum(p for _, p in slot.group) for slot in attribution.slots]
-        held = predict_held_out(model, model, explained.fitted)
-        closed = summarise_closure(held) if explained.fitted else None
-        return replace(explained, closed=closed, budget=build_budget(held, model, explained.fitted, shares, sizes))
-    beside = identify_beside_remainder(model, effects, settings, tell)
-    if not beside.slots:
-        return replace(explained, beside=beside, budget=beside.budget)
+    if attribution.verdict in ("named", "group") and not full and not odd:
+        whole = _add_budget(model, explained)
+        if whole.fitted:
+            return whole
+    beside = identify_beside_remainder(
+        model, effects, settings, tell, explained.first, list(zip(attribution.slots, explained.fitted, strict=True))
+    )
     fitted = tuple(
         replace(one, columns=convert(beside.model, model, one.columns), shift=convert(beside.model, model, one.shift))
         for one in beside.fitted
     )
+    found = replace(explained, fitted=fitted, closed=beside.closed, beside=beside, budget=beside.budget)
+    if not fitted:
+        unknown = attribution.unknown if attribution.verdict == "unknown" else 1.0
+        nothing = replace(attribution, verdict="unknown", slots=(), unknown=unknown)
+        return replace(found, attribution=nothing, change=np.zeros(12), rejected=explained.fitted or explained.rejected)
     unknown = max(attribution.unknown, 1 - min(slot.probability for slot in beside.slots))
     partial_answer = replace(
         attribution, verdict="partial", slots=beside.slots, unknown=unknown, ranked=rank_beside_remainder(beside.slots)
     )
+    return replace(found, attribution=partial_answer, change=beside.change, covariance=beside.covariance, checks=())
+
+
+def _add_budget(model: RecordingModel, explained: AttitudeInference) -> AttitudeInference:
+    """Add the budget to an explanation that needs no remainder, and leave out causes that close less than nothing."""
+    assert explained.attribution is not None
+    slots, fitted = explained.attribution.slots, explained.fitted
+    while True:
+        sizes = [estimate_by_part(model, fitted, number) for number in range(len(fitted))]
+        held = predict_held_out(model, model, fitted)
+        budget = build_budget(held, model, fitted, [slot.group_probability for slot in slots], sizes)
+        closing = select_closing(slots, budget)
+        if len(closing) == len(slots):
+            break
+        fitted = tuple(one for slot, one in zip(slots, fitted, strict=True) if slot in closing)
+        slots = tuple(closing)
+    change, covariance = calibrate_with_effects(model, fitted)
     return replace(
-        explained, attribution=partial_answer, fitted=fitted,
-        closed=beside.closed, change=beside.change, covariance=beside.covariance, checks=(), beside=beside,
-        budget=beside.budget,
+        explained, attribution=replace(explained.attribution, slots=slots), fitted=fitted, budget=budget, change=change,
+        covariance=covariance, closed=summarise_closure(held) if fitted else None,
     )  # fmt: skip
 
 
@@ -216,6 +237,7 @@ def infer_causes(
     attribution: Attribution | None = None
     fitted: tuple[FittedEffect, ...] = ()
     rejected: tuple[FittedEffect, ...] = ()
+    first: tuple[FittedEffect, ...] = ()
     checks: tuple[Check, ...] = ()
     passed: float | None = None
     closed: Closure | None = None
@@ -227,16 +249,22 @@ def infer_causes(
         weighed = sorted([*explanations, BASELINE_EXPLANATION], key=lambda one: -one.log_posterior)
         attribution = infer_attribution(linear, weighed, settings)
         tell("amplitudes", 0.7)
-        members = tuple(slot.member for slot in attribution.slots)
+        # Beside something unlisted, listed effects are fitted with it in the model.
+        unlisted = attribution.verdict in ("partial", "unknown")
+        members = attribution.best.members if unlisted else tuple(slot.member for slot in attribution.slots)
         if members:
+            stated = [member in [slot.member for slot in attribution.slots] for member in members]
             linear, members = refine_explanation(linear, members)
             tell("amplitudes", 0.72)
-            fitted = tuple(estimate_amplitudes(linear, members))
+            parts = estimate_amplitudes(linear, members)
+            first = tuple(one for one, member in zip(parts, members, strict=True) if linear.candidate(member).listed)
+            fitted = tuple(itertools.compress(parts, stated))
+        if attribution.slots:
             tell("checks", 0.74)
             checks = check(linear, members)
             passed = combine_checks(checks) if checks else None
-            if passed is not None and compute_bayes_factor_bound(passed) < 1:
-                step = map(count_progress(tell, "checks", 0.75, 0.85, 5), count()).__next__
+            if passed is not None and compute_bayes_factor_bound(passed) < 1 and not unlisted:
+                step = map(count_progress(tell, "checks", 0.75, 0.85, 5), itertools.count()).__next__
                 passed = average_checks(weighed, partial(_compute_check_p, linear, check, step), partial(is_listed, linear))
             attribution = weigh_unlisted(linear, attribution, passed, settings)
             if not attribution.slots:
@@ -249,7 +277,7 @@ def infer_causes(
         quiet = rank_weak_effects(linear, search.score_singles(), of_all, settings)
     return AttitudeInference(
         linear.candidates, min(p, left, 1.0), attribution, fitted, checks, closed, np.zeros(12), np.zeros((12, 12)), passed,
-        unseen=quiet, rejected=rejected,
+        unseen=quiet, rejected=rejected, first=first,
     )  # fmt: skip
 
 

@@ -1,16 +1,18 @@
 """Identify effects in the presence of a remainder.
 
 Where no explanation by listed effects fits the stated noise, the sizes of the remainder (`diagnosis.model.remainder`) and the
-explanation are found in turn: the remainder beside the effects of the best explanation, then the posterior of all explanations
-with the remainder in the noise. Random processes of the gyro compete with the other effects, since a walk over the whole
-recording may look like a drift. They are not identified here, since the remainder describes them.
+explanation are found in turn: the remainder beside the effects of the best explanation, first that of the search without a
+remainder, then the posterior of all explanations with the remainder in the noise. Random processes of the gyro compete with the
+other effects, since a walk over the whole recording may look like a drift. They are not identified here, since the remainder
+describes them; those that the search without a remainder has identified stay on the list.
 
-An effect is identified if
+An effect is stated, at its probability, if
 
-* its posterior in the presence of the remainder, or that of the group it belongs to, reaches the naming threshold. The
-  remainder is estimated with and without it, so that an effect has to explain more than a larger remainder would;
-* its size replicates in separate parts of the recording (`diagnosis.replication`);
-* it closes a share of the misfit on held-out data (`diagnosis.budget`): the 90 % interval of the share is above zero.
+* it is likelier than not in the presence of the remainder, alone or with the group it belongs to. The remainder is estimated
+  with and without it, so that an effect has to explain more than a larger remainder would;
+* it closes a share of the misfit on held-out data (`diagnosis.budget`).
+
+Sizes that differ between parts of the recording (`diagnosis.replication`) are reported, and do not exclude the effect.
 """
 
 from __future__ import annotations
@@ -24,9 +26,9 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from diagnosis.answer import Closure, Regressor, RemainderSummary
-from diagnosis.budget import Step, build_budget, convert, predict_held_out, summarise_closure
+from diagnosis.budget import Step, build_budget, convert, predict_held_out, select_closing, summarise_closure
 from diagnosis.inference.amplitudes import FittedEffect, estimate_amplitudes, refine_explanation
-from diagnosis.inference.attribution import CredibleGroup, find_slots
+from diagnosis.inference.attribution import CredibleGroup, find_slots, scale_slot
 from diagnosis.inference.search import BASELINE_EXPLANATION, Explanation, Search
 from diagnosis.model.calibration import calibrate_with_effects
 from diagnosis.model.candidates import assemble_linear_model, build_linear_model
@@ -62,7 +64,7 @@ class BesideRemainder:
     ----------
     model : the recording with the remainder in its noise
     remainder : the part of the misfit that no identified cause explains
-    slots : identified effects and what could stand in their place, in the order of the budget
+    slots : stated effects and what could stand in their place, in the order of the budget
     fitted : their amplitudes; size and sigma are those over the parts of the recording
     budget : steps on held-out data
     closed : how far all causes together close the misfit; None without a cause
@@ -81,7 +83,12 @@ class BesideRemainder:
 
 
 def identify_beside_remainder(
-    model: RecordingModel, effects: Sequence[Effect], settings: DiagnosisSettings, tell: Progress
+    model: RecordingModel,
+    effects: Sequence[Effect],
+    settings: DiagnosisSettings,
+    tell: Progress,
+    first: Sequence[FittedEffect] = (),
+    stated: Sequence[tuple[CredibleGroup, FittedEffect]] = (),
 ) -> BesideRemainder:
     """Identify effects in the presence of a remainder.
 
@@ -91,11 +98,15 @@ def identify_beside_remainder(
     effects : listed effects
     settings : priors and thresholds
     tell : progress
+    first : explanation by the search without a remainder; the remainder is first estimated beside its shapes
+    stated : those effects of it that are stated, of which random processes are kept
     """
     rivals = [effect for effect in effects if not (effect.is_process and effect.on_references)]
     rules = replace(settings, largest_set=MOST_EFFECTS)
     processes = build_processes(model)
-    columns, labels = np.zeros((model.size, 0)), frozenset[str]()
+    shapes = [one for one in first if not one.process]
+    columns = np.hstack([np.zeros((model.size, 0)), *(one.columns * one.prior_sigma for one in shapes)])
+    labels = frozenset(one.label for one in shapes)
     remainder = estimate_remainder(model, processes, columns)
     noisy = add_remainder(model, remainder)
     linear = build_linear_model(noisy, rivals, rules)
@@ -118,7 +129,8 @@ def identify_beside_remainder(
         remainder = estimate_remainder(model, processes, columns, remainder)
     slots = [slot for slot in find_slots(linear, best, explanations, rules) if not linear.candidate(slot.member).process]
     slots = _weigh_larger_remainder(model, noisy, linear, best, slots, processes, remainder, rules)
-    return _confirm_effects(model, noisy, linear, remainder, slots, settings)
+    kept = [pair for pair in stated if pair[1].process]
+    return _confirm_effects(model, noisy, linear, remainder, slots, kept, settings)
 
 
 def _build_prior_columns(
@@ -150,10 +162,7 @@ def _weigh_larger_remainder(
         less = estimate_remainder(model, processes, _build_prior_columns(model, noisy, linear, others), remainder)
         entry, option = linear.candidate(slot.member), linear.option(slot.member)
         odds = whole.log_likelihood - less.log_likelihood - float(np.log(entry.scales.size)) + option.log_weight
-        share = float(expit(odds + entry.log_prior + np.log(settings.another)))
-        out.append(
-            replace(slot, probability=slot.probability * share, group=tuple((name, p * share) for name, p in slot.group))
-        )
+        out.append(scale_slot(slot, float(expit(odds + entry.log_prior + np.log(settings.another)))))
     return out
 
 
@@ -163,29 +172,28 @@ def _confirm_effects(
     linear: LinearModel,
     remainder: Remainder,
     slots: Sequence[CredibleGroup],
+    kept: Sequence[tuple[CredibleGroup, FittedEffect]],
     settings: DiagnosisSettings,
 ) -> BesideRemainder:
-    """Keep the effects that are likely, replicate and close a share of the misfit on held-out data."""
-    likely = [slot for slot in slots if sum(p for _, p in slot.group) >= settings.named]
+    """State the effects that are likely and close a share of the misfit on held-out data, those kept of `first` among them."""
+    likely = [slot for slot in slots if slot.group_probability >= settings.unknown]
+    kept = [
+        (slot, replace(one, columns=convert(model, noisy, one.columns), shift=convert(model, noisy, one.shift)))
+        for slot, one in kept
+    ]
     while True:
         fine, members = refine_explanation(linear, tuple(slot.member for slot in likely)) if likely else (linear, ())
-        fitted = estimate_amplitudes(fine, members)
+        pairs = [*zip(likely, estimate_amplitudes(fine, members), strict=True), *kept]
+        pairs.sort(key=lambda pair: -float(np.sum(noisy.project_out_nuisance(pair[1].contribution) ** 2)))
+        stated, fitted = tuple(slot for slot, _ in pairs), [one for _, one in pairs]
         replications = [estimate_by_part(noisy, fitted, number) for number in range(len(fitted))]
-        order = sorted(
-            range(len(fitted)), key=lambda k: -float(np.sum(noisy.project_out_nuisance(fitted[k].contribution) ** 2))
-        )
-        likely, fitted = [likely[k] for k in order], [fitted[k] for k in order]
-        replications = [replications[k] for k in order]
-        shares = [sum(p for _, p in slot.group) for slot in likely]
         held = predict_held_out(model, noisy, fitted)
-        budget = build_budget(held, noisy, fitted, shares, replications)
-        kept = [
-            one.replicates and step.interval_90 is not None and step.interval_90[0] > 0
-            for one, step in zip(replications, budget[1:], strict=False)
-        ]
-        if all(kept):
+        budget = build_budget(held, noisy, fitted, [slot.group_probability for slot in stated], replications)
+        closing = select_closing(stated, budget)
+        if len(closing) == len(stated):
             break
-        likely = [slot for slot, good in zip(likely, kept, strict=True) if good]
+        likely = [slot for slot in likely if slot in closing]
+        kept = [pair for pair in kept if pair[0] in closing]
     change, covariance = calibrate_with_effects(noisy, fitted)
     sized = [
         replace(one, size=parts.mean, sigma=max(parts.sigma, one.sigma))
@@ -195,31 +203,39 @@ def _confirm_effects(
     left = summarise_remainder(
         remainder, last.closed or 0.0, last.interval_90 or (0.0, 0.0), find_regressors(model, noisy, linear, fitted)
     )
-    return BesideRemainder(
-        noisy, left, tuple(likely), tuple(sized), budget, summarise_closure(held) if fitted else None, change, covariance
-    )
+    closed = summarise_closure(held) if fitted else None
+    return BesideRemainder(noisy, left, stated, tuple(sized), budget, closed, change, covariance)
 
 
 def find_regressors(
     model: RecordingModel, noisy: RecordingModel, linear: LinearModel, fitted: Sequence[FittedEffect]
 ) -> tuple[Regressor, ...]:
-    """Find what the remainder follows: score tests of shapes outside the library, in the presence of the remainder."""
+    """Find what the remainder follows: score tests of shapes outside the library, in the presence of the remainder.
+
+    A shape is reported with the share of the held-out misfit that it closes beside the effects and the shapes before it, and
+    only if the 90 % interval of that share is above zero.
+    """
     left = noisy.y - sum((noisy.project_out_nuisance(one.contribution) for one in fitted), np.zeros(noisy.size))
-    stated = model.y - sum(
-        (model.project_out_nuisance(convert(noisy, model, one.contribution)) for one in fitted), np.zeros(model.size)
-    )
-    excess = max(float(stated @ stated) - model.degrees_of_freedom, 1.0)
-    out = []
+    found: dict[str, tuple[float, FittedEffect]] = {}
     tests = [(one, option) for one in linear.candidates if not one.listed for option in one.options]
     for candidate, option in tests:
         Q = build_basis(linear.X[:, option.columns])
         statistic = float(np.sum((Q.T @ left) ** 2))
         p = min(1.0, float(scipy.special.chdtrc(Q.shape[1], statistic)) * len(tests))
         if p < SIGNIFICANT:
-            a = np.linalg.lstsq(linear.X[:, option.columns], left, rcond=None)[0]
-            gone = stated - model.project_out_nuisance(convert(noisy, model, linear.W[:, option.columns] @ a))
-            out.append(Regressor(candidate.label, p, float(stated @ stated - gone @ gone) / excess))
-    best: dict[str, Regressor] = {}
-    for one in sorted(out, key=lambda one: one.p_value):
-        best.setdefault(one.name, one)
-    return tuple(list(best.values())[:MOST_REGRESSORS])
+            a = np.asarray(np.linalg.lstsq(linear.X[:, option.columns], left, rcond=None)[0], dtype=np.float64)
+            shape = FittedEffect(
+                candidate.label, candidate.effect, candidate.axis, candidate.unit, 1.0, 0.0, {}, linear.W[:, option.columns], a,
+                np.zeros(a.size), float(np.sqrt(np.mean(a**2))), False, np.zeros(noisy.size),
+            )  # fmt: skip
+            if p < found.get(candidate.label, (1.0, shape))[0]:
+                found[candidate.label] = p, shape
+    best = sorted(found.values(), key=lambda one: one[0])[:MOST_REGRESSORS]
+    held = predict_held_out(model, noisy, [*fitted, *(shape for _, shape in best)]) if best else None
+    out = []
+    for number, (p, shape) in enumerate(best, len(fitted)):
+        assert held is not None
+        share, (low, _) = held.closed(number, number + 1)
+        if low > 0:
+            out.append(Regressor(shape.label, p, share))
+    return tuple(out)

@@ -3,7 +3,8 @@
 A listed effect has one size. Its amplitude is estimated in each part, with all other effects in the model. The sizes a_k with
 sigmas s_k agree if Q = Σ (a_k − ā)²/s_k² is χ² distributed (Cochran, Biometrics 10, 1954). Their scatter beyond the sigmas is
 the variance τ² of DerSimonian and Laird (Controlled Clinical Trials 7, 1986), and the mean over the parts, with the weights
-1/(s_k² + τ²), has a sigma that holds even where they do not agree.
+1/(s_k² + τ²), has a sigma that holds even where they do not agree. A cause whose size differs between parts is a cause all
+the same: mean and scatter τ are stated, and a straight line over time where one is significant.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ Array = NDArray[np.float64]
 PARTS = 6  # of a recording at least; intervals are divided until there are as many
 WIDEST = 4.0  # sigma of a part beyond which it shows nothing, in sigmas of the best part
 PRIOR = 1e3  # sigma of an amplitude in one part, in units of the prior of the whole
-SIGNIFICANT = 3.0  # sigmas by which the mean over the parts differs from zero
-HETEROGENEOUS = 1e-4  # p-value of Q below which it is not one effect of one size
+SIGNIFICANT = 0.01  # p-value of the slope over time below which sizes by part follow a ramp
+FEWEST_IN_RAMP = 4  # parts that a ramp is fitted to
 
 
 @dataclass(frozen=True)
@@ -44,14 +45,8 @@ class Replication:
     heterogeneity_p: float  # p-value of Q; 1 where fewer than two parts show the effect
     mean: float  # mean, sigma: random-effects mean over the parts, and its sigma
     sigma: float
-
-    @property
-    def replicates(self) -> bool:
-        """Whether the sizes may be one size that differs from zero, and most parts agree on the sign."""
-        if len(self.parts) < 2 or self.heterogeneity_p < HETEROGENEOUS:
-            return False
-        same = sum(one.size * self.mean > 0 for one in self.parts)
-        return abs(self.mean) > SIGNIFICANT * self.sigma and same > len(self.parts) / 2
+    spread: float = 0.0  # τ, scatter of the sizes between parts beyond their sigmas
+    ramp: tuple[float, float] | None = None  # sizes in the first and the last part by a line over time; None without one
 
 
 def name_parts(model: RecordingModel) -> NDArray[np.str_]:
@@ -89,11 +84,12 @@ def estimate_by_part(model: RecordingModel, effects: Sequence[FittedEffect], num
     found = covariance @ (columns.T @ model.y)
     sizes = found[: len(parts)] * one.size
     spread = covariance[: len(parts), : len(parts)] * one.size**2
-    return combine_parts(parts, np.asarray(sizes), np.asarray(spread))
+    times = np.array([np.repeat(model.observation_t_s, 3)[names == name].mean() for name in parts])
+    return combine_parts(parts, np.asarray(sizes), np.asarray(spread), times)
 
 
-def combine_parts(names: Sequence[str], sizes: Array, covariance: Array) -> Replication:
-    """Combine the sizes (k,) of an effect by part, with their covariance (k, k), to a random-effects mean."""
+def combine_parts(names: Sequence[str], sizes: Array, covariance: Array, t_s: Array) -> Replication:
+    """Combine sizes (k,) of an effect by part, with covariance (k, k) and times (k,), to a random-effects mean and a ramp."""
     sigmas = np.sqrt(np.diag(covariance))
     seen = sigmas <= WIDEST * sigmas.min()
     shown, sigma = sizes[seen], sigmas[seen]
@@ -107,4 +103,23 @@ def combine_parts(names: Sequence[str], sizes: Array, covariance: Array) -> Repl
     weights = 1.0 / (sigma**2 + between)
     mean = float(weights @ shown / weights.sum())
     p = float(scipy.special.chdtrc(shown.size - 1, Q))
-    return Replication(parts, p, mean, float(weights.sum() ** -0.5))
+    return Replication(
+        parts, p, mean, float(weights.sum() ** -0.5), float(np.sqrt(between)), _fit_ramp(shown, sigma, t_s[seen])
+    )
+
+
+def _fit_ramp(sizes: Array, sigmas: Array, t_s: Array) -> tuple[float, float] | None:
+    """Fit a line over time; its values at the first and the last time, or None unless its slope is significant.
+
+    The sigma of the slope holds where sizes scatter about the line beyond their sigmas.
+    """
+    if sizes.size < FEWEST_IN_RAMP or not np.ptp(t_s) > 0:
+        return None
+    X = np.column_stack([np.ones(sizes.size), (t_s - t_s.min()) / np.ptp(t_s)]) / sigmas[:, None]
+    line = np.linalg.lstsq(X, sizes / sigmas, rcond=None)[0]
+    dof = sizes.size - 2
+    scatter = max(1.0, float(np.sum((sizes / sigmas - X @ line) ** 2)) / dof)
+    t = line[1] / np.sqrt(scatter * np.linalg.inv(X.T @ X)[1, 1])
+    if 2 * scipy.special.stdtr(dof, -abs(t)) > SIGNIFICANT:
+        return None
+    return float(line[0]), float(line[0] + line[1])

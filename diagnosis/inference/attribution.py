@@ -2,7 +2,8 @@
 
 A cause is *named* if its probability is at least `DiagnosisSettings.named`. Where several listed effects share the
 probability of one place in the explanation, they are a *group* of indistinguishable alternatives. If the sets that hold
-something unlisted have more than `DiagnosisSettings.unknown` of the probability together, the answer is *unknown*.
+something unlisted have more than `DiagnosisSettings.unknown` of the probability together, the answer is *unknown*, or
+*partial* where a place that reaches `DiagnosisSettings.named` is in nearly all of these sets.
 
 No list is complete. Something unlisted may act beside the effects, with the prior probability `another` times `unlisted_share`
 of `DiagnosisSettings`. It is described by a remainder of random errors (`diagnosis.model.remainder`). A listed random process
@@ -54,6 +55,11 @@ class CredibleGroup:
     probability: float  # that it is at work
     group: tuple[tuple[str, float], ...]  # labels with probabilities, itself included, the likeliest first
 
+    @property
+    def group_probability(self) -> float:
+        """Probability that one of the group is at work."""
+        return sum(p for _, p in self.group)
+
 
 @dataclass(frozen=True)
 class RankedExplanation:
@@ -69,9 +75,9 @@ class RankedExplanation:
 class Attribution:
     """What the explanations amount to."""
 
-    verdict: Verdict  # named, group or unknown
-    best: Explanation  # the explanation that the slots belong to; the likeliest of all if unknown
-    slots: tuple[CredibleGroup, ...]  # its effects; none if unknown
+    verdict: Verdict  # named, group, partial or unknown
+    best: Explanation  # the explanation that the slots belong to; the likeliest of all if partial or unknown
+    slots: tuple[CredibleGroup, ...]  # its effects; if partial those that are sure, and none if unknown
     unknown: float  # probability that something unlisted is at work
     ranked: tuple[RankedExplanation, ...]  # all explanations, the likeliest first
 
@@ -94,7 +100,9 @@ def infer_attribution(
     unknown = sum(one.probability for one in ranked if one.unlisted)
     listed = [one for one in explanations if one.members and is_listed(model, one)]
     if not listed or unknown > settings.unknown:
-        return Attribution("unknown", explanations[0], (), unknown, ranked)
+        found = find_slots(model, explanations[0], explanations, settings)
+        sure = tuple(slot for slot in found if slot.group_probability >= settings.named)
+        return Attribution("partial" if sure else "unknown", explanations[0], _trim_groups(sure, settings), unknown, ranked)
     best = _find_best_explanation(listed, probability)
     slots = tuple(_build_credible_group(model, best, member, probability, settings) for member in best.members)
     return Attribution(_decide_attribution_verdict(slots, settings), best, _trim_groups(slots, settings), unknown, ranked)
@@ -175,6 +183,9 @@ def weigh_unlisted(
     p_value : of all checks of what the explanation leaves together; None where nothing could be checked
     """
     factor = 1.0 if p_value is None else 1 / compute_bayes_factor_bound(p_value)
+    if attribution.verdict == "partial":  # something unlisted is in the explanation already
+        slots = [scale_slot(slot, _keep(model, slot, factor, settings)) for slot in attribution.slots]
+        return replace(attribution, slots=tuple(slots))
     beside = settings.another * settings.unlisted_share
     alone = 1 / (1 + factor * beside / (1 - beside))
     own = [_keep(model, slot, factor, settings) for slot in attribution.slots]
@@ -184,13 +195,15 @@ def weigh_unlisted(
     ranked = sorted([*ranked, *_rank_unlisted(attribution, own, alone)], key=lambda one: -one.probability)
     if unknown > settings.unknown:
         return Attribution("unknown", attribution.best, (), unknown, tuple(ranked))
-    slots = [
-        replace(slot, probability=slot.probability * part, group=tuple((name, p * part) for name, p in slot.group))
-        for slot, part in zip(attribution.slots, own, strict=True)
-    ]
+    slots = [scale_slot(slot, part) for slot, part in zip(attribution.slots, own, strict=True)]
     return Attribution(
         _decide_attribution_verdict(slots, settings), attribution.best, _trim_groups(slots, settings), unknown, tuple(ranked)
     )
+
+
+def scale_slot(slot: CredibleGroup, share: float) -> CredibleGroup:
+    """Multiply the probabilities of an effect and of its alternatives by a share."""
+    return replace(slot, probability=slot.probability * share, group=tuple((name, p * share) for name, p in slot.group))
 
 
 def _keep(model: LinearModel, slot: CredibleGroup, factor: float, settings: DiagnosisSettings) -> float:

@@ -68,9 +68,9 @@ def _describe_agreement(step: Step) -> str:
         return ""
     count = len(step.by_part)
     if step.heterogeneity_p < HETEROGENEOUS:
-        return (
-            f"; its sizes in {count} parts of the recording differ by more than their sigmas (p = {step.heterogeneity_p:.1g})"
-        )
+        text = f"; its size differs between {count} parts of the recording by {step.spread:.2g} {step.unit} (1 sigma, p = "
+        ramp = "" if step.ramp is None else f"; a line over time goes from {step.ramp[0]:.3g} to {step.ramp[1]:.3g} {step.unit}"
+        return f"{text}{step.heterogeneity_p:.1g}), in the mean {step.size:.3g} {step.unit}{ramp}"
     return f"; its sizes in {count} parts of the recording agree (p = {step.heterogeneity_p:.2g})"
 
 
@@ -80,7 +80,7 @@ def describe_remainder(left: RemainderSummary) -> Iterator[str]:
     yield f"No identified cause explains {100 * left.share:.0f} % of the misfit (90 % interval {low:.0f} to {high:.0f} %)."
     yield describe_side(left)
     for one in left.regressors:
-        share = f"{100 * one.share:.0f} % of the misfit"
+        share = f"closes {100 * one.share:.0f} % of the held-out misfit"
         yield f"It {_describe_behaviour(one.name)} ({words.format_p_value(one.p_value)}; {share})."
 
 

@@ -9,7 +9,8 @@ NAMES = [f"part {k}" for k in range(8)]
 
 
 def combined(sizes, sigmas):
-    return combine_parts(NAMES[: len(sizes)], np.array(sizes, dtype=float), np.diag(np.square(sigmas)))
+    t_s = 10.0 * np.arange(len(sizes))
+    return combine_parts(NAMES[: len(sizes)], np.array(sizes, dtype=float), np.diag(np.square(sigmas)), t_s)
 
 
 def test_sizes_that_agree_have_the_weighted_mean():
@@ -18,23 +19,20 @@ def test_sizes_that_agree_have_the_weighted_mean():
     assert found.mean == pytest.approx(weights @ [1.0, 1.1, 0.9] / weights.sum())
     assert found.sigma == pytest.approx(weights.sum() ** -0.5)
     assert found.heterogeneity_p > 0.5
-    assert found.replicates
+    assert found.spread == 0
 
 
-def test_sizes_that_scatter_have_a_wider_sigma_and_may_not_replicate():
+def test_sizes_that_scatter_have_a_wider_sigma():
     found = combined([3.0, -3.0, 3.2, -2.8], [0.1] * 4)
     assert found.heterogeneity_p < 1e-10
     assert found.sigma > 1.0
-    assert not found.replicates
+    assert found.spread == pytest.approx(np.std([3.0, -3.0, 3.2, -2.8], ddof=1), rel=0.01)
+    assert found.ramp is None
 
 
 def test_a_part_that_shows_nothing_is_left_out():
     found = combined([1.0, 1.1, 50.0], [0.1, 0.1, 100.0])
     assert [one.part for one in found.parts] == NAMES[:2]
-
-
-def test_one_part_alone_does_not_replicate():
-    assert not combined([1.0, 0.0], [0.01, 10.0]).replicates
 
 
 def test_the_p_value_of_heterogeneity_is_uniform_and_the_sigma_holds():
@@ -47,9 +45,16 @@ def test_the_p_value_of_heterogeneity_is_uniform_and_the_sigma_holds():
     assert 0.85 < errors.std() < 1.1  # the scatter that is estimated cannot be negative, so that the sigma is rather wide
 
 
-def test_sizes_of_one_sign_that_differ_beyond_their_errors_do_not_replicate():
-    found = combined([3.0, 3.5, 4.0, 2.5], [0.1] * 4)
-    assert abs(found.mean) > 3 * found.sigma
-    assert found.heterogeneity_p < 1e-4
-    assert not found.replicates
-    assert combined([3.0, 3.5, 4.0, 2.5], [0.6] * 4).replicates
+def test_sizes_that_grow_over_time_have_a_ramp():
+    """By hand: they lie on a line from 7 to 12, of which their variance is 3.5 beside what their sigmas make."""
+    found = combined([7.0, 8.0, 9.0, 10.0, 11.0, 12.0], [0.2] * 6)
+    assert found.heterogeneity_p < 1e-10
+    assert found.mean == pytest.approx(9.5)
+    assert found.spread == pytest.approx(np.std(np.arange(6), ddof=1), rel=0.02)
+    assert found.ramp == pytest.approx((7.0, 12.0))
+
+
+def test_a_ramp_is_found_by_chance_as_rarely_as_its_p_value_says():
+    rng = np.random.default_rng(2)
+    found = [combined(2.0 + rng.standard_normal(6), [1.0] * 6).ramp for _ in range(2000)]
+    assert sum(one is not None for one in found) < 2000 * 0.01 + 3 * np.sqrt(2000 * 0.01)

@@ -99,6 +99,20 @@ def test_what_is_unlisted_counts_together(share, verdict):
     assert infer_attribution(model, found, DiagnosisSettings(unknown=0.6)).verdict == "group"
 
 
+def test_an_effect_of_every_likely_explanation_stays_although_the_rest_is_unlisted():
+    model, found = three({(0, 1): 0.5, (0, 2): 0.47, (1,): 0.03}, listed=(True, False, False))
+    answer = infer_attribution(model, found)
+    assert answer.verdict == "partial"
+    assert answer.unknown == pytest.approx(1.0)
+    assert [slot.group for slot in answer.slots] == [(("e0", pytest.approx(0.97)),)]
+    # A remainder may still stand in its place if it is a random process.
+    own = weigh_unlisted(of_kind(model, True), answer, 1.0, PRIORS)
+    assert own.slots[0].probability == pytest.approx(0.97 / (1 + 0.5 * 0.25))
+    assert weigh_unlisted(model, answer, 1e-12, PRIORS) == answer
+    model, found = three({(0, 1): 0.6, (2,): 0.4}, listed=(True, False, False))
+    assert infer_attribution(model, found).slots == ()
+
+
 def test_the_likeliest_number_of_effects_comes_before_the_likeliest_set():
     """One pair is ahead, but that there is a single effect is more probable: which one is open."""
     answer = infer_attribution(*three({(0, 1): 0.4, (0,): 0.35, (2,): 0.25}))
