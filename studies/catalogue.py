@@ -205,6 +205,8 @@ def run(
     report.show(made, console)
     if junit:
         failed = [Verdict(f"case {case}", error) for case, error in outcome.failures.items()]
+        if until := outcome.manifest.get("until"):
+            failed.append(Verdict(until["asked"], "" if until["met"] else f"{until['half_width']:.3g} {until['values']}"))
         write_junit(junit, f"gyrocal study {name}", str(folder), [*convert_checks(made.checks), *failed])
     return outcome
 

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from gyrocal.errors import InputError
 from studies import catalogue
-from studies.cli.options import PAGE, PATH, add_jobs_option, add_output_option, parse_assignment
+from studies.cli.options import PAGE, PATH, STATUS, add_jobs_option, add_output_option, parse_assignment, parse_duration
 from studies.montecarlo.files import write_json, write_text
 from studies.report.console import make_console
 
@@ -34,6 +35,13 @@ if TYPE_CHECKING:
 @add_jobs_option("Workers; the CPU count by default.")
 @click.option("--scheduler", default=None, help="Address of a dask scheduler, with --backend dask.")
 @click.option(
+    "--limit",
+    "limit_s",
+    metavar="TIME",
+    callback=lambda context, option, text: parse_duration(text) if text else 0.0,
+    help="End a case that takes longer, such as 30s, 10min or 2h, as a failed case; the others go on.",
+)
+@click.option(
     "--rerun",
     "again",
     type=click.IntRange(0),
@@ -58,6 +66,14 @@ if TYPE_CHECKING:
     help="Answer whether a percentile of a column is below a limit (or above, with >) with this confidence, 90 % by default: "
     "met, not met, or how many further cases would decide it; repeatable.",
 )
+@click.option(
+    "--fail-on",
+    "fail_on",
+    metavar="WORDS",
+    default="",
+    help="End with status 3 if one of these holds, comma separated: failed (a case failed), until (the criterion of --until is "
+    "not met), require (a requirement is not met or undecided).",
+)
 @add_output_option(
     "--json",
     "as_json",
@@ -76,6 +92,7 @@ def command(
     as_json: Path | None,
     until: str | None,
     required: tuple[str, ...],
+    fail_on: str,
     junit: Path | None,
     **options: Any,
 ) -> None:
@@ -93,7 +110,7 @@ def command(
       gyrocal study paper --cases 20 --set overrides.gyro.arw_deg_per_sqrt_s=1e-4 --out /tmp/paper
       gyrocal study paper --out /tmp/paper --rerun 17
       gyrocal study ./mystudy.py --cases 1440 --require 'p99.73(largest_error_ppm)<40 @ 90%'
-      gyrocal study ./mystudy.py --cases 500 --until 'p95(largest_error_ppm)<20'
+      gyrocal study ./mystudy.py --cases 500 --until 'p95(largest_error_ppm)<20' --limit 10min --fail-on failed
     """
     if name is None:
         import pandas as pd
@@ -118,6 +135,7 @@ def command(
             )
         return
     options |= _parse_criteria(until, required)
+    words = _parse_fail_on(fail_on, {"failed": True, "until": bool(until), "require": bool(required)})
     terminal = make_console()
     outcome = catalogue.run(name, folder, settings, terminal, config, junit=junit, **options)
     terminal.print(outcome.summary(), highlight=False, markup=False)
@@ -131,8 +149,16 @@ def command(
     if as_json:
         failures = {str(case): error for case, error in outcome.failures.items()}
         about = {"study": name, "folder": str(folder), "cases": outcome.cases, "failures": failures}
-        found = {name: outcome.manifest.get(name) for name in ("until", "requirements")}
-        write_json(as_json, about | found)
+        write_json(as_json, about | {name: outcome.manifest.get(name) for name in ("until", "requirements")})
+    stop, answers = outcome.manifest.get("until"), outcome.manifest.get("requirements", ())
+    missed = {
+        "failed": f"{len(outcome.failures)} of {outcome.cases} cases failed" if outcome.failures else "",
+        "until": f"{stop['asked']} is not met" if stop and not stop["met"] else "",
+        "require": "; ".join(f"{one['requirement']} is {one['outcome']}" for one in answers if one["outcome"] != "met"),
+    }
+    if found := [f"--fail-on {word}: {missed[word]}" for word in words if missed[word]]:
+        click.echo(f"gyrocal: {', '.join(found)}", err=True)
+        raise SystemExit(STATUS)
 
 
 def _show_rerun(result: engine.Rerun, folder: Path) -> None:
@@ -145,6 +171,17 @@ def _show_rerun(result: engine.Rerun, folder: Path) -> None:
         click.echo(f"Its recording is in {result.recording}")
     if result.same is not None:
         click.echo(f"The rows are {'those' if result.same else 'NOT those'} of the study in {folder}, bit for bit.")
+
+
+def _parse_fail_on(text: str, known: dict[str, bool]) -> list[str]:
+    """The words of --fail-on; an `InputError` if one is unknown, or on a criterion that is not given."""
+    words = [word.strip() for word in text.split(",") if word.strip()]
+    for word in words:
+        if word not in known:
+            raise InputError(f"--fail-on {word}: give failed, until or require, comma separated")
+        if not known[word]:
+            raise InputError(f"--fail-on {word}: there is no --{word}; give one")
+    return words
 
 
 def _parse_criteria(until: str | None, required: tuple[str, ...]) -> dict[str, Any]:

@@ -4,15 +4,17 @@ A case that raises is a row with its error, and a traceback in the result. A wor
 counted.
 """
 
+import os
 import threading
 import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,12 +33,17 @@ ONE_AT_A_TIME = threading.Lock()
 
 @dataclass(frozen=True)
 class Task:
-    """Cases to run: name of the study, its resolved configuration as JSON, case numbers, folder of a study that is a file."""
+    """Cases to run: name of the study, its resolved configuration as JSON, case numbers, folder of a study that is a file.
+
+    `limit_s` is the longest time of a case, 0 without a limit, and `watch` the folder in which a process notes its case.
+    """
 
     study: str
     config: str
     cases: range
     folder: str = ""
+    limit_s: float = 0.0
+    watch: str = ""
 
 
 @dataclass(frozen=True)
@@ -73,17 +80,46 @@ def run_single_threaded() -> Iterator[Counter[str]]:
         yield messages
 
 
-def run_cases(task: Task) -> Result:
-    """Run the cases of a task, one after the other."""
+@contextmanager
+def _note_cases(folder: str) -> Iterator[Callable[[int], object]]:
+    """Yield a function that notes which case begins, in a file of this process; nothing without a folder."""
+    if not folder:
+        yield lambda case: None
+        return
+    Path(folder).mkdir(exist_ok=True)
+    path = Path(folder, str(os.getpid()))
+    with path.open("wb", buffering=0) as file:
+        yield lambda case: os.pwrite(file.fileno(), b"%-20d" % case, 0)
+    path.unlink(missing_ok=True)
+
+
+def list_running_cases(folder: str) -> dict[int, float]:
+    """List the cases that processes of this machine have noted in a folder, with their ages in s."""
+    found = {}
+    for path in Path(folder).glob("*"):
+        with suppress(OSError, ValueError):
+            os.kill(int(path.name), 0)  # one that was killed has left its file
+            found[int(path.read_text())] = time.time() - path.stat().st_mtime
+    return found
+
+
+def run_cases(task: Task, kinds: dict[str, str] | None = None) -> Result:
+    """Run the cases of a task, one after the other; `kinds`, what each column holds, is that of earlier cases, and grows."""
     study = find(task.study, task.folder)
     config = _parse_config(study, task.config)
-    made_with = describe_provenance(study)  # before the cases, while what was imported is young
+    kinds = {} if kinds is None else kinds
     rows: list[dict[str, Any]] = []
-    kinds: dict[str, str] = {}
     tracebacks: dict[int, str] = {}
-    with ONE_AT_A_TIME, run_single_threaded() as messages:
+    with ONE_AT_A_TIME, _note_cases(task.watch) as note, run_single_threaded() as messages:
+        if task.limit_s:
+            from studies.montecarlo.time_limit import run_limited
+
+            singles = (replace(task, cases=range(case, case + 1)) for case in task.cases)
+            return merge_results(run_limited(one, kinds, note) for one in singles)
+        made_with = describe_provenance(study)  # before the cases, while what was imported is young
         start = time.process_time()
         for case in task.cases:
+            note(case)
             try:
                 rows += _compute_case_rows(study, config, case, kinds)
             except (Exception, SystemExit) as error:
@@ -93,11 +129,16 @@ def run_cases(task: Task) -> Result:
         return Result(rows, tracebacks, time.process_time() - start, messages, made_with)
 
 
+def build_failed_result(task: Task, error: str, text: str) -> Result:
+    """Result of a single case that was ended, with what is known of it."""
+    (case,) = task.cases
+    return Result([{"case": case, "error": error}], {case: f"{error}\n\n{text}"})
+
+
 def build_killed_result(task: Task) -> Result:
     """Result of a single case whose worker died of it."""
-    (case,) = task.cases
-    text = f"{KILLED}\n\nThe process that ran this case alone ended without an answer: a signal, os._exit, or no memory left.\n"
-    return Result([{"case": case, "error": KILLED}], {case: text})
+    text = "The process that ran this case alone ended without an answer: a signal, os._exit, or no memory left.\n"
+    return build_failed_result(task, KILLED, text)
 
 
 def merge_results(results: Iterable[Result]) -> Result:

@@ -85,7 +85,7 @@ class StoppingRule:
         return cls(match[1] or "mean", match[2] or match[3], limit)
 
     def half_width(self, rows: pd.DataFrame) -> float:
-        """Half-width over the rows of the first cases, infinite if they are too few to have one.
+        """Half-width over the rows of the first cases, infinite if they are too few to have one, or reach infinite values.
 
         Of a case with several rows their mean counts, since they are not independent. Failed cases count for "failed" only.
         `InputError` if there is no such column, or it holds no numbers.
@@ -93,12 +93,28 @@ class StoppingRule:
         if self.column == FAILED:
             failed = rows.groupby("case")["error"].first() != ""
             return _compute_share_half_width(int(failed.sum()), len(failed))
-        values = _read_column(rows, self.column, "--until")[rows["error"] == ""].dropna()
+        values = self._select_values(rows)
         truth = values.map(type).isin([bool, np.bool_]).all() and len(values)
         each = np.asarray(values.astype(float).groupby(rows["case"]).mean(), dtype=np.float64)
         if truth and self.statistic == "mean" and len(each) == len(values):
             return _compute_share_half_width(int(each.sum()), len(each))
-        return _compute_half_width(self.statistic, each) if len(each) > 1 and np.isfinite(each).all() else math.inf
+        each = each[~np.isnan(each)]
+        refused = self.statistic in ("mean", "std") and not np.isfinite(each).all()
+        return _compute_half_width(self.statistic, each) if len(each) > 1 and not refused else math.inf
+
+    def describe_values(self, rows: pd.DataFrame) -> str:
+        """Describe of how many cases the statistic is, those without a value or with an infinite one, and a refusal."""
+        if self.column == FAILED:
+            return f"of {rows['case'].nunique()} cases"
+        values = self._select_values(rows).astype(float)
+        cases, found = rows.loc[rows["error"] == "", "case"].nunique(), rows.loc[values.index, "case"]
+        missing, infinite = cases - found.nunique(), found[np.isinf(values)].nunique()
+        parts = [f"{missing} more have no value"] * (missing > 0) + [f"{infinite} are infinite"] * (infinite > 0)
+        refused = [f"so there is no {self.statistic}"] if infinite and self.statistic in ("mean", "std") else []
+        return ", ".join([f"of {found.nunique()} cases", *parts, *refused])
+
+    def _select_values(self, rows: pd.DataFrame) -> pd.Series:
+        return _read_column(rows, self.column, "--until")[rows["error"] == ""].dropna()
 
     def __str__(self) -> str:
         return f"half-width of {self.statistic}({self.column}) < {self.limit:g}"
@@ -119,17 +135,18 @@ def _compute_share_half_width(successes: int, trials: int) -> float:
 
 
 def _compute_half_width(statistic: str, values: Array) -> float:
+    if statistic not in ("mean", "std"):
+        share = 0.5 if statistic == "median" else int(statistic[1:]) / 100
+        interval = stats.quantile_test(values, p=share).confidence_interval(LEVEL)
+        # An end may be infinite: the interval reaches beyond the sample, or to infinite values.
+        ends = interval.low, interval.high
+        return float(interval.high - interval.low) / 2 if np.isfinite(ends).all() else math.inf
     n, sigma = len(values), float(values.std(ddof=1))
     t = float(stats.t.ppf((1 + LEVEL) / 2, n - 1))
     if statistic == "mean":
         return t * sigma / math.sqrt(n)
-    if statistic == "std":
-        fourth = float(np.mean((values - values.mean()) ** 4))
-        return t * math.sqrt(max(fourth - sigma**4, 0.0) / n) / (2 * sigma) if sigma else 0.0
-    share = 0.5 if statistic == "median" else int(statistic[1:]) / 100
-    interval = stats.quantile_test(values, p=share).confidence_interval(LEVEL)
-    half = float(interval.high - interval.low) / 2
-    return half if math.isfinite(half) else math.inf  # the interval reaches beyond the sample
+    fourth = float(np.mean((values - values.mean()) ** 4))
+    return t * math.sqrt(max(fourth - sigma**4, 0.0) / n) / (2 * sigma) if sigma else 0.0
 
 
 @dataclass(frozen=True)
@@ -140,14 +157,16 @@ class Answer:
     outcome: Outcome
     cases: int  # cases, beyond: number of cases, and of those that do not keep the limit, failed and empty ones among them
     beyond: int
-    failed: int  # failed, empty: cases that ended with an error, and with a row without a value
+    failed: int  # failed, empty, infinite: cases that ended with an error, without a value, and with an infinite one beyond it
     empty: int
+    infinite: int
     fewest: int  # further cases that show it met if all of them keep the limit; 0 if it is decided
     # further cases that decide it if the share beyond the limit stays; infinite if that share is the one allowed
     expected: float
 
     def __str__(self) -> str:
-        parts = [f"{self.failed} failed"] * (self.failed > 0) + [f"{self.empty} without a value"] * (self.empty > 0)
+        kinds = {"failed": self.failed, "without a value": self.empty, "infinite": self.infinite}
+        parts = [f"{count} {kind}" for kind, count in kinds.items() if count]
         among = f", among them {' and '.join(parts)}" if parts else ""
         found = f"{self.requirement}: {self.outcome}; {self.beyond} of {self.cases} cases are beyond the limit{among}"
         if self.outcome != "undecided":
@@ -193,11 +212,14 @@ class Requirement:
         numbers = _read_column(rows, self.column, "--require").astype(float)
         kept = numbers < self.limit if self.sign == "<" else numbers > self.limit
         failed = rows["error"] != ""
-        by_case = pd.DataFrame({"beyond": ~kept | failed, "failed": failed, "empty": numbers.isna() & ~failed})
+        infinite = np.isinf(numbers) & ~kept
+        by_case = pd.DataFrame(
+            {"beyond": ~kept | failed, "failed": failed, "empty": numbers.isna() & ~failed, "infinite": infinite}
+        )
         counts = by_case.groupby(rows["case"]).any()
         return self.judge_counts(len(counts), *(int(counts[name].sum()) for name in counts))
 
-    def judge_counts(self, cases: int, beyond: int, failed: int = 0, empty: int = 0) -> Answer:
+    def judge_counts(self, cases: int, beyond: int, failed: int = 0, empty: int = 0, infinite: int = 0) -> Answer:
         """Answer from the number of cases and of those beyond the limit."""
         q, risk = self.failure_probability, 1 - self.confidence / 100
         outcome: Outcome = "undecided"
@@ -209,7 +231,7 @@ class Requirement:
         else:
             fewest = count_runs(beyond, q, risk) - cases
             expected = _estimate_runs(beyond / cases, cases, q, risk) - cases if beyond else fewest
-        return Answer(str(self), outcome, cases, beyond, failed, empty, fewest, expected)
+        return Answer(str(self), outcome, cases, beyond, failed, empty, infinite, fewest, expected)
 
 
 def compute_tail_below(count: float, cases: float, q: float) -> float:

@@ -21,8 +21,10 @@ import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pandas as pd
@@ -57,7 +59,7 @@ logger = logging.getLogger(__name__)
 
 SEED_FORMULA = "SeedSequence(entropy, spawn_key=(case, *name.encode()))"
 
-Display = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
+Display = Callable[..., AbstractContextManager[Callable[[int], None]]]
 
 
 class StudyInterrupted(GyrocalError):  # noqa: N818  # an event, not a fault
@@ -96,8 +98,10 @@ class Outcome:
         kinds = Counter(error.partition(":")[0] for error in self.failures.values())
         which = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(3))
         failed = f"{len(self.failures)} failed ({which}; see {self.folder / 'failures'})" if self.failures else "none failed"
-        until = self.manifest.get("until")
-        met = f", {until['asked']} is {'met' if until['met'] else 'NOT met'}: {until['half_width']:.3g}" if until else ""
+        met = ""
+        if until := self.manifest.get("until"):
+            answer = "met" if until["met"] else "NOT met"
+            met = f", {until['asked']} is {answer}: {until['half_width']:.3g} {until['values']}"
         return f"{self.cases} cases{resumed}, {failed}{met}; {self.wall_s:.1f} s, {self.cpu_s:.1f} s of CPU"
 
 
@@ -114,7 +118,7 @@ class Rerun:
     same: bool | None
 
 
-def show_no_progress(label: str, total: int) -> AbstractContextManager[Callable[[int], None]]:
+def show_no_progress(label: str, total: int, *, running: object) -> AbstractContextManager[Callable[[int], None]]:
     """No progress."""
     return nullcontext(lambda count: None)
 
@@ -131,6 +135,7 @@ def run(
     keep: Collection[int] = (),
     retry_failed: bool = False,
     until: StoppingRule | None = None,
+    limit_s: float = 0.0,
 ) -> Outcome:
     """Run a study, or what is left of it, and write its table.
 
@@ -142,11 +147,12 @@ def run(
     backend : where the cases run, see `studies.montecarlo.backends`
     jobs : workers; by default as many as there are cores
     scheduler : address of a dask scheduler
-    progress : (label, cases left) to a context with a function that is told how many more have ended; for example
-        ``functools.partial(studies.report.console.show_progress, console)``
+    progress : (label, cases left, and as `running` what lists the cases that run with their ages in s) to a context with a
+        function that is told how many more have ended; for example ``studies.report.console.show_progress``
     keep : cases whose recordings are kept
     retry_failed : run failed cases of earlier runs again
     until : stop as soon as this is met; the configuration's number of cases is then the most there may be
+    limit_s : time after which a case is ended and has failed; none by default
 
     Raises
     ------
@@ -167,7 +173,12 @@ def run(
         about = _describe_configuration(study, config)
         earlier = _load_earlier_manifest(about, folder)
         parts = Parts(folder, config.cases, about["config_sha256"])
-        about |= {**collect_versions(["distributed"] if backend == "dask" else []), "backend": backend, "jobs": None}
+        about |= {
+            **collect_versions(["distributed"] if backend == "dask" else []),
+            "backend": backend,
+            "jobs": None,
+            "limit_s": limit_s,
+        }
         session = _Session(parts, about, earlier, describe_provenance(study))
         missing = session.find_missing_cases(retry_failed)
         resumed = session.done
@@ -176,8 +187,11 @@ def run(
             session.write("running")
             if missing:
                 workers = open_backend(backend, run_cases, jobs, scheduler)
-                with run_single_threaded() as messages, workers, progress(study.name, sum(map(len, missing))) as advance:
-                    session.finish(workers, task_for, missing, advance, until)
+                with TemporaryDirectory(prefix="gyrocal-") as watch, run_single_threaded() as messages, workers:
+                    options: dict[str, Any] = {"limit_s": limit_s, "watch": watch}
+                    running = partial(workers.list_running, watch)
+                    with progress(study.name, sum(map(len, missing)), running=running) as advance:
+                        session.finish(workers, lambda cases: replace(task_for(cases), **options), missing, advance, until)
                 session.count(messages)
             else:
                 session.finish(None, task_for, missing, lambda count: None, until)
@@ -389,8 +403,9 @@ class _Session:
             if until is None:
                 return
             table, columns = self.parts.table(stop), list(dict.fromkeys(["case", "error", until.column]))
-            width = until.half_width((table.select(columns) if until.column in table.column_names else table).to_pandas())
-            self.about["until"] = {"asked": str(until), "half_width": width, "met": width < until.limit}
+            rows = (table.select(columns) if until.column in table.column_names else table).to_pandas()
+            width, values = until.half_width(rows), until.describe_values(rows)
+            self.about["until"] = {"asked": str(until), "half_width": width, "values": values, "met": width < until.limit}
             if width < until.limit:
                 self.cases = self.done = stop
                 self.failures = {case: error for case, error in self.failures.items() if case < stop}

@@ -94,28 +94,27 @@ def describe_provenance(study: Study) -> dict[str, Any]:
 def find_imported_files(modules: Iterable[str]) -> dict[str, Path]:
     """Find the files of modules and of all that they import, by their path in the packages; nothing is imported for this."""
     found: dict[str, Path] = {}
-    names, known = list(modules), set[str]()
+    names, known = list(modules), dict[str, ModuleSpec | None]()
     while names:
         parts = names.pop().split(".")
         locations: Any = None
         for name in (".".join(parts[:count]) for count in range(1, len(parts) + 1)):
-            spec = getattr(sys.modules.get(name), "__spec__", None) or PathFinder.find_spec(name, locations)
-            if spec is None or (name not in known and _is_installed(name, spec)):
-                break
-            locations = spec.submodule_search_locations
-            if name not in known and spec.has_location:
-                path, is_package = Path(str(spec.origin)).resolve(), locations is not None
-                found[name.replace(".", "/") + ("/__init__.py" if is_package else path.suffix)] = path
-                names += _read_imports(name, path, is_package)
-            known.add(name)
+            if name not in known:
+                spec = getattr(sys.modules.get(name), "__spec__", None) or PathFinder.find_spec(name, locations)
+                known[name] = spec if spec and (locations or not _is_installed(name, spec)) else None
+                if spec and known[name] and spec.has_location:
+                    path, is_package = Path(str(spec.origin)).resolve(), spec.submodule_search_locations is not None
+                    found[name.replace(".", "/") + ("/__init__.py" if is_package else path.suffix)] = path
+                    names += _read_imports(name, path, is_package)
+            locations = getattr(known[name], "submodule_search_locations", None)
             if locations is None:
                 break
     return found
 
 
 def _is_installed(name: str, spec: ModuleSpec) -> bool:
-    """Whether a module is none of ours and of the standard library or an installed package."""
-    if name.partition(".")[0] in SOURCE_PACKAGES:
+    """Whether a module, which is in no package, is none of ours and of the standard library or an installed package."""
+    if name in SOURCE_PACKAGES:
         return False
     places = [Path(place).resolve() for place in spec.submodule_search_locations or [str(spec.origin)]]
     installed = {"site-packages", "dist-packages"}

@@ -40,7 +40,7 @@ def compute_nees(errors: Array, covariances: Array) -> Array:
 def check_mean_nees(values: ArrayLike, dof: int, confidence: float = 0.99) -> Nees:
     """Mean NEES of n independent cases against its χ² bounds at the given confidence; cases without one, NaN, are left out."""
     found = np.asarray(values, dtype=float)
-    found = found[np.isfinite(found)]
+    found = found[~np.isnan(found)]
     n = len(found)
     tail = (1 - confidence) / 2
     lower, upper = scipy.special.chdtri(n * dof, [1 - tail, tail]) / n  # the survival function's inverse
@@ -66,8 +66,26 @@ def compute_binomial_band(trials: int, share: float, confidence: float, counts: 
     return int(low), int(high)
 
 
+def _interpolate(below: Array, above: Array, weight: float) -> Array:
+    """Interpolate between two order statistics; an infinite one reaches as far as the other, and both ends have no middle."""
+    finite = np.isfinite(below) & np.isfinite(above)
+    with np.errstate(invalid="ignore"):
+        return np.where(below == above, below, np.where(finite, below + weight * (above - below), below + above))
+
+
+def compute_quantile(values: ArrayLike, share: float) -> float:
+    """Quantile of values (n,), infinite ones among them, between its two order statistics; NaN without a value."""
+    ordered = np.sort(np.asarray(values, dtype=float))
+    if not len(ordered):
+        return np.nan
+    place = share * (len(ordered) - 1)
+    return float(_interpolate(ordered[int(np.floor(place))], ordered[int(np.ceil(place))], place % 1))
+
+
 def compute_tolerance_interval(values: ArrayLike, content: float = 0.95, confidence: float = 0.95) -> Array:
     """Interval (..., 2) that holds this share of a distribution with this confidence, from values (..., n); NaN of too few.
+
+    Infinite values count: an end that reaches them is infinite.
 
     Between the order statistics r and r + d lies a share Beta(d, n − d + 1), so P(share ≥ content) = P(K ≤ d − 1) of a binomial
     K (S. S. Wilks, Ann. Math. Stat. 12 (1941) 91). The smallest d with enough confidence has too much of it. The upper end is
@@ -84,4 +102,4 @@ def compute_tolerance_interval(values: ArrayLike, content: float = 0.95, confide
     lower = (n - d + 1) // 2  # counted from 1
     gain, loss = (n - d + 1) * content * (confidence - fewer), (d - 1) * (1 - content) * (enough - confidence)
     below, above = ordered[..., lower + d - 2], ordered[..., lower + d - 1]
-    return np.stack([ordered[..., lower - 1], below + gain / (gain + loss) * (above - below)], axis=-1)
+    return np.stack([ordered[..., lower - 1], _interpolate(below, above, gain / (gain + loss))], axis=-1)

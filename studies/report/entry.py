@@ -10,7 +10,7 @@ import pandas as pd
 from rich.console import Console
 
 from studies.montecarlo.files import write_csv, write_text
-from studies.montecarlo.statistics import compute_tolerance_interval
+from studies.montecarlo.statistics import compute_quantile, compute_tolerance_interval
 from studies.montecarlo.study import DISPERSED, RESERVED, Study
 from studies.report import checks as rendering
 from studies.report import tables as rendered
@@ -95,11 +95,11 @@ QUANTILES = {"p05": 0.05, "median": 0.5, "p95": 0.95}
 
 def report_columns(config: Any, rows: pd.DataFrame) -> Report:
     """Mean, its standard error, spread and quantiles of each numeric column, and the counts of each text."""
-    tables = {
-        "columns": Table(
-            f"Columns, {rows['case'].nunique()} cases", _summarise_numbers(rows), "Of truth values the mean is a share."
-        )
-    }
+    note = (
+        "Rows have a value, missing ones none. Of truth values the mean is a share. Infinite values count in the quantiles; a "
+        "column with them has no mean, standard error and spread."
+    )
+    tables = {"columns": Table(f"Columns, {rows['case'].nunique()} cases that did not fail", _summarise_numbers(rows), note)}
     texts = rows.select_dtypes(exclude=["number", "bool"]).drop(columns=list(RESERVED), errors="ignore")
     counts = [
         texts[name].value_counts().rename_axis("value").reset_index(name="rows").assign(column=str(name)).head(20)
@@ -111,29 +111,44 @@ def report_columns(config: Any, rows: pd.DataFrame) -> Report:
     return Report(tables)
 
 
+COUNTS = ("rows", "missing", "infinite")
+
+
+def _select_numbers(rows: pd.DataFrame, kinds: Any) -> pd.DataFrame:
+    """The columns of numbers; one without any number in all rows is of numbers, too."""
+    empty = [name for name in rows if rows[name].isna().all()]
+    return rows.astype(dict.fromkeys(empty, float)).select_dtypes(kinds).drop(columns=list(RESERVED), errors="ignore")
+
+
 def _summarise_numbers(rows: pd.DataFrame) -> pd.DataFrame:
-    numbers = rows.select_dtypes(["number", "bool"]).drop(columns=list(RESERVED), errors="ignore").astype(float)
     lines = []
-    for name, values in numbers.items():
-        found = values[np.isfinite(values)]
+    for name, values in _select_numbers(rows, ["number", "bool"]).astype(float).items():
+        found = values.dropna()
+        infinite = int(np.isinf(found).sum())
+        line = {"column": name, "rows": len(found), "missing": len(values) - len(found), "infinite": infinite}
         # The rows of a case are not independent.
-        each = found.groupby(rows["case"]).mean()
+        each = found.groupby(rows["case"]).mean() if not infinite else found.head(0)
         error = float(each.std(ddof=1) / np.sqrt(len(each))) if len(each) > 1 else np.nan
-        line = {"column": name, "rows": len(found), "mean": found.mean(), "standard_error": error, "spread": found.std(ddof=1)}
-        lines.append(line | {key: found.quantile(share) for key, share in QUANTILES.items()})
-    return pd.DataFrame(lines, columns=["column", "rows", "mean", "standard_error", "spread", *QUANTILES])
+        mean, spread = (np.nan, np.nan) if infinite else (found.mean(), found.std(ddof=1))
+        line |= {"mean": mean, "standard_error": error, "spread": spread}
+        lines.append(line | {key: compute_quantile(found, share) for key, share in QUANTILES.items()})
+    return pd.DataFrame(lines, columns=["column", *COUNTS, "mean", "standard_error", "spread", *QUANTILES])
 
 
 def build_tolerance_table(rows: pd.DataFrame) -> Table:
     """Median and tolerance interval of each numeric column of a study's good rows; of a case with several rows their mean."""
     lines = []
-    for name, values in rows.select_dtypes("number").drop(columns=list(RESERVED), errors="ignore").items():
-        each = values[np.isfinite(values)].astype(float).groupby(rows["case"]).mean()
-        if len(each) and not str(name).startswith(DISPERSED):
+    for name, values in _select_numbers(rows, ["number"]).astype(float).items():
+        each = values.dropna().groupby(rows["case"]).mean().dropna()
+        if not str(name).startswith(DISPERSED):
             low, high = compute_tolerance_interval(each)
-            lines.append({"column": name, "cases": len(each), "median": each.median(), "low": low, "high": high})
+            line = {"column": name, "cases": len(each), "missing": rows["case"].nunique() - len(each)}
+            line |= {"infinite": int(np.isinf(each).sum()), "median": compute_quantile(each, 0.5), "low": low, "high": high}
+            lines.append(line)
     note = (
-        "Low to high holds 95 % of all cases that do not fail, with 95 % confidence, whatever the distribution. "
-        "It needs 93 cases. Of a case with several rows their mean counts."
+        "Low to high holds 95 % of all cases that do not fail and have a value, with 95 % confidence, whatever the "
+        "distribution. It needs 93 cases. Missing cases have no value; an end that reaches infinite values is infinite. Of a "
+        "case with several rows their mean counts."
     )
-    return Table("Tolerance intervals", pd.DataFrame(lines, columns=["column", "cases", "median", "low", "high"]), note)
+    columns = ["column", "cases", "missing", "infinite", "median", "low", "high"]
+    return Table("Tolerance intervals", pd.DataFrame(lines, columns=columns), note)

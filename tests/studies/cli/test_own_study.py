@@ -4,6 +4,7 @@ import json
 import re
 import sys
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import pandas as pd
 import pytest
@@ -87,6 +88,20 @@ def test_it_stops_when_told_and_ranks_what_drives_it(mine, run_cli, tmp_path):
     # The noise of this study knows nothing of the scenario.
     assert (table["dispersion"] == "gyro.arw_deg_per_sqrt_s").all()
     assert (table["low"] < 0.05).all()
+
+
+def test_a_script_fails_on_what_it_names_only(mine, run_cli, tmp_path):
+    words = ["study", str(mine), "--cases", "70", "--backend", "serial", "--out", str(tmp_path / "out")]
+    words += ["--until", "std(mean)<1e-9", "--require", "p50(mean)<-100", "--require", "p10(mean)>-100"]
+    found = run_cli(*words, "--fail-on", "failed, until,require", "--junit", str(tmp_path / "out.xml"))
+    assert found.exit_code == 3
+    told = (
+        "--fail-on until: half-width of std(mean) < 1e-09 is not met, --fail-on require: p50(mean) < -100 @ 90 % is not met\n"
+    )
+    assert found.stderr.endswith(told)
+    names = [one.get("name") for one in ElementTree.parse(tmp_path / "out.xml").getroot()[0] if len(one)]
+    assert names == ["p50(mean) < -100 @ 90 %", "half-width of std(mean) < 1e-09"]
+    assert run_cli(*words, "--fail-on", "failed").exit_code == 0
 
 
 @pytest.mark.parametrize(

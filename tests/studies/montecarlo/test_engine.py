@@ -90,7 +90,7 @@ def test_progress_is_told_of_what_is_left(parts_of, tmp_path):
     parts_of(3)
 
     @contextmanager
-    def progress(label, total):
+    def progress(label, total, running):
         told.append(total)
         yield told.append
 

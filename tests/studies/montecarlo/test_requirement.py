@@ -94,6 +94,7 @@ def test_failed_and_empty_cases_count_and_the_worst_row_of_a_case():
     table = pd.concat([table, pd.DataFrame({"case": [2, 3], "error": "", "x": [9.0, 0.2]})])
     answer = THREE_SIGMA.judge(table)
     assert (answer.cases, answer.beyond, answer.failed, answer.empty) == (1000, 3, 1, 1)
+    assert str(Requirement.parse("p50(x)>0.1").judge(rows([1.0, np.inf, -np.inf]))).count("among them 1 infinite") == 1
     assert "3 of 1000 cases are beyond the limit, among them 1 failed and 1 without a value" in str(answer)
 
 

@@ -75,6 +75,19 @@ def test_too_few_or_odd_values_are_never_enough():
         StoppingRule("mean", "x", 1.0).half_width(rows(["a", "b"]))
 
 
+def test_infinite_values_count_and_missing_ones_are_named():
+    """Three cases in ten never lock: the median is known, the 95th percentile and the mean are not."""
+    values = np.random.default_rng(1).gamma(2.0, size=300)
+    table = rows(np.where(np.arange(300) % 10 < 3, np.inf, values))
+    huge = rows(np.where(np.arange(300) % 10 < 3, 1e300, values))
+    assert StoppingRule("median", "x", 1.0).half_width(table) == StoppingRule("median", "x", 1.0).half_width(huge) < 1
+    for statistic in ("p95", "mean", "std"):
+        assert StoppingRule(statistic, "x", 1.0).half_width(table) == math.inf
+    table.loc[:4, "x"] = None
+    assert StoppingRule("p95", "x", 1.0).describe_values(table) == "of 295 cases, 5 more have no value, 87 are infinite"
+    assert StoppingRule("mean", "x", 1.0).describe_values(table).endswith("infinite, so there is no mean")
+
+
 def test_rows_of_a_case_count_once():
     values = np.random.default_rng(2).standard_normal(50)
     doubled = pd.concat([rows(values), rows(values)])
@@ -107,8 +120,10 @@ def test_a_study_stops_when_it_has_enough(backend, tmp_path):
     assert StoppingRule("mean", "gyro", 0.2).half_width(table[table["case"] < before]) >= 0.2
     document = json.loads((tmp_path / "manifest.json").read_text())
     assert (document["cases"], document["done"], document["config"]["cases"]) == (first.cases, first.cases, 1000)
-    assert document["until"] == {"asked": "half-width of mean(gyro) < 0.2", "half_width": enough, "met": True}
-    assert f"half-width of mean(gyro) < 0.2 is met: {enough:.3g}" in first.summary()
+    values = f"of {first.cases - 1} cases"
+    asked = {"asked": "half-width of mean(gyro) < 0.2", "half_width": enough, "values": values, "met": True}
+    assert document["until"] == asked
+    assert f"half-width of mean(gyro) < 0.2 is met: {enough:.3g} {values}" in first.summary()
     # Asked again it computes nothing, asked for more it goes on; the first rows stay.
     assert ask(0.2).resumed == first.cases
     more = ask(0.12)
