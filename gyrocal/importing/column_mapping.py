@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from shlex import quote
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -38,6 +39,7 @@ ATTITUDE_DIRECTIONS = {
     "world-to-body": True,
 }  # True: the inverse is meant
 QUATERNION_ORDERS = ("scalar-first", "scalar-last")
+PLACE = re.compile(r"#?([0-9]{1,6})")
 TETRAHEDRON = (np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)).tolist()
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -117,7 +119,7 @@ class Mapping(BaseModel):
         if len(given) != 1:
             raise InputError(
                 "attitude: give one of quat, euler and matrix, e.g. --quat qw,qx,qy,qz:body-to-inertial; the noise of a "
-                f"gyro at rest needs no attitudes: gyrocal allan LOG.csv --time {self.time} --gyro {self.gyro}"
+                f"gyro at rest needs no attitudes: gyrocal allan LOG.csv --time {quote(self.time)} --gyro {quote(self.gyro)}"
             )
         return given[0]
 
@@ -142,13 +144,12 @@ class Mapping(BaseModel):
         """Places of the gyros that are used among all of these names."""
         if self.gyros is None:
             return list(range(len(names)))
-        chosen = [part.strip().removeprefix("#") for part in self.gyros.split(",")]
-        numbers = [str(number) for number in range(1, len(names) + 1)]
         plain = [name.removeprefix("-") for name in names]
-        unknown = [one for one in chosen if one not in (*names, *plain, *numbers)]
+        found = {part: find_name(part.strip(), plain, "gyros", "gyro") for part in self.gyros.split(",")}
+        unknown = [part for part, one in found.items() if one is None]
         if unknown:
             raise InputError(f"gyros: no gyro {', '.join(unknown)}; there are {', '.join(plain)}, or 1 to {len(names)}")
-        places = [next(known.index(one) for known in (names, plain, numbers) if one in known) for one in chosen]
+        places = [plain.index(found[part][1]) for part in self.gyros.split(",")]  # type: ignore[index]
         if len(places) < 3 or len(set(places)) < len(places):
             raise InputError(f"gyros: three or more different ones are needed, not {self.gyros}")
         return places
@@ -214,6 +215,27 @@ def validate_mapping(entries: dict[str, Any], source: str, attitude_needed: bool
     if attitude_needed:
         _ = made.attitude
     return made
+
+
+def find_name(text: str, names: list[str], what: str, thing: str = "column") -> tuple[str, str] | None:
+    """Sign, "" or "-", and the name that a text means, by itself or by its number from 1; None without one.
+
+    Every option that names columns, gyros or sensors is read by this one rule.
+    """
+    if text in names:
+        return "", text
+    sign, plain = ("-", text[1:].strip()) if text.startswith("-") else ("", text)
+    if plain in names:
+        return sign, plain
+    uncommented = plain.removeprefix("#").strip()  # a header may begin with the sign of a comment
+    if uncommented in names and not uncommented.isdigit():
+        return sign, uncommented
+    number = PLACE.fullmatch(plain)
+    if number is None:
+        return None
+    if not 1 <= int(number[1]) <= len(names):
+        raise InputError(f"{what}: no {thing} {plain}; there are {len(names)}, counted from 1 as in #1: {', '.join(names)}")
+    return sign, names[int(number[1]) - 1]
 
 
 def parse_spec(text: str, what: str) -> tuple[list[str], list[str]]:

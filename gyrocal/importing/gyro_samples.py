@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing import units
 from gyrocal.importing.column_mapping import Mapping, parse_spec
-from gyrocal.importing.table_rows import read_numbers, read_rows, select_columns, sort_rows
+from gyrocal.importing.table_rows import read_labels, read_numbers, read_rows, select_columns, sort_rows
 from gyrocal.importing.time_base import fit_even_times, is_uneven
 from gyrocal.recording.gyro_join import measure_all_directions
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+TAG_NAMES = ("seconds (time)", "rest (time)")  # of the tags of rows that are arranged by gyro
 WRAPS = (2.0**16, 2.0**24, 2.0**32, 360.0, 2 * np.pi)
 GAP_SAMPLES = 1.5  # samples without a gyro reading
 MOST_FILLED_SAMPLES = 2  # lost in a row that are filled
@@ -49,7 +50,8 @@ def read_gyro_rows(
     if mapping.gyro_by is not None:
         if mapping.sample_number is not None:
             raise InputError("sample_number: does not go with gyro_by, whose rows are put together by their time")
-        frame, names = _arrange_by_gyro(frame, mapping.gyro_by, tags, names)
+        frame, names, tags, unit, own = _arrange_by_gyro(frame, mapping.gyro_by, tags, unit, names)
+        said += own
     if len(words) != 1:
         raise InputError(
             f"gyro: {mapping.gyro!r} must be columns of the table and one unit; there are {', '.join(map(str, frame.columns))}"
@@ -82,11 +84,11 @@ def read_gyro_rows(
 
 def _select_rows(frame: pd.DataFrame, text: str) -> pd.DataFrame:
     """Rows of a table in which a column has a value, as "COLUMN:VALUE" says."""
-    name, _, value = text.rpartition(":")
-    select_columns(frame, [name], "rows")
-    chosen = frame[frame[name].astype(str) == value]
+    name, _, value = text.partition(":")
+    labels = read_labels(frame, name, "rows")
+    chosen = frame[labels == value]
     if chosen.empty:
-        known = ", ".join(map(str, frame[name].unique()[:MOST_LABELS]))
+        known = ", ".join(labels.dropna().unique()[:MOST_LABELS])
         raise InputError(f"rows: column {name} has no {value}; it has {known}")
     return chosen
 
@@ -181,14 +183,36 @@ def _refuse_several_gyros(frame: pd.DataFrame, mapping: Mapping) -> None:
             )
 
 
-def _arrange_by_gyro(frame: pd.DataFrame, by: str, tags: list[str], names: list[str]) -> tuple[pd.DataFrame, list[str]]:
-    """Rows of several gyros as one row a time: a column a gyro, in the order in which they first come."""
-    select_columns(frame, [by, *tags, *names], "gyro")
+def _arrange_by_gyro(
+    frame: pd.DataFrame, by: str, tags: list[str], unit: list[str], names: list[str]
+) -> tuple[pd.DataFrame, list[str], list[str], list[str], list[str]]:
+    """Rows of several gyros as one row a time, a column a gyro in the order in which they first come.
+
+    Returns this table, the gyros, the columns and units of its tags, and what is said.
+    """
+    import pandas as pd
+
+    labels = read_labels(frame, by, "gyro_by")
     if len(names) != 1:
         raise InputError(f"gyro: with gyro_by = {by!r} one column is wanted, not {len(names)}")
-    order = [str(name) for name in frame[by].unique()]
-    table = frame.assign(**{by: frame[by].astype(str)}).pivot_table(index=tags, columns=by, values=names[0], aggfunc="first")
-    return table[order].reset_index(), order
+    order = list(labels.dropna().unique())
+    values = pd.Series(read_numbers(frame, names, "gyro")[:, 0], index=frame.index)
+    if len(unit) != 1:
+        raise InputError(f"time: one unit is wanted, not {':'.join(unit)}")
+    parts, said, scale = [], list[str](), ""
+    for one in order:  # each gyro's tags go on by themselves
+        rows = labels == one
+        clock = units.build_clock(select_columns(frame, tags, "time")[rows], unit[0])
+        scale = clock.scale
+        said += [f"the tags of gyro {one} {clock.said}"] if clock.said else []
+        parts.append(pd.DataFrame({"gyro": one, "whole": clock.whole, "part": clock.part, "value": values[rows].to_numpy()}))
+    rows = pd.concat(parts)
+    twice = int(rows.duplicated(["gyro", "whole", "part"]).sum())
+    said += [f"{int(labels.isna().sum())} gyro row(s) without a gyro in {by} are left out"] if labels.isna().any() else []
+    said += [f"{twice} gyro row(s) of a time that another one of that gyro has are left out"] if twice else []
+    table = rows.pivot_table(index=["whole", "part"], columns="gyro", values="value", aggfunc="first")[order]
+    table = table.set_axis(order, axis=1).reset_index(names=[*TAG_NAMES])
+    return table, order, [*TAG_NAMES], [{"UTC": "unix+s", "GPS": "gps+s", "": "s+s"}[scale]], said
 
 
 def _interpolate_gyros(
@@ -198,26 +222,21 @@ def _interpolate_gyros(
 
     Between two tags an accumulated angle is linear for the mean rate that is taken from it.
     """
-    import pandas as pd
-
-    if len(tags) != 1 or not pd.api.types.is_numeric_dtype(frame[tags[0]]):
-        raise InputError("gyro: the gyros have time tags of their own; give these as numbers in one column")
     if not accumulated:
         raise InputError("gyro: the gyros have time tags of their own; only accumulated angles can be taken to common ones")
-    t = frame[tags[0]].to_numpy()
-    start = t.min()
+    whole, part = (frame[tag].to_numpy() for tag in tags)
+    seconds = (whole - whole.min()) + part
     columns = {name: frame[name].to_numpy(dtype=np.float64) for name in names}
     rows = {name: np.flatnonzero(np.isfinite(values)) for name, values in columns.items()}
-    begin = max(t[own[0]] for own in rows.values())
-    end = min(t[own[-1]] for own in rows.values())
+    begin = max(seconds[own[0]] for own in rows.values())
+    end = min(seconds[own[-1]] for own in rows.values())
     common = rows[names[0]]
-    common = common[(t[common] >= begin) & (t[common] <= end)]
-    table = pd.DataFrame({tags[0]: t[common]})
+    common = common[(seconds[common] >= begin) & (seconds[common] <= end)]
+    table = frame.loc[common, tags].reset_index(drop=True)
     for name, values in columns.items():
         own = values[rows[name]]
         steps, _ = _unwrap_steps(np.diff(own)[:, None], wrap)
         angle = own[0] + np.concatenate([[0.0], np.cumsum(steps[:, 0])])
-        seconds = (t - start).astype(np.float64)
         table[name] = np.interp(seconds[common], seconds[rows[name]], angle)
     return table, [f"each gyro has its own time tags: the angles of all are interpolated at those of {names[0]}"]
 
@@ -296,13 +315,20 @@ def _unwrap_steps(step: Array, wrap: float | None) -> tuple[Array, list[str]]:
     said: list[str] = []
     if wrap is None:
         typical = max(float(np.nanmedian(np.abs(step))), np.finfo(float).tiny)
-        jumps = np.abs(step[np.abs(step) > 20 * typical])
-        if jumps.size == 0:
+        jump = np.abs(step) > 20 * typical
+        if not jump.any():
             return step, said
+        # What a jump has beyond the steps beside it is the wrap, whatever the rate.
+        padded = np.pad(np.where(jump, np.nan, step), ((1, 1), (0, 0)), constant_values=np.nan)
+        beside = np.nan_to_num(np.array([padded[:-2][jump], padded[2:][jump]]))
+        known = np.isfinite(np.array([padded[:-2][jump], padded[2:][jump]])).sum(axis=0)
+        jumps = np.abs(step[jump] - beside.sum(axis=0) / np.maximum(known, 1))
         room = [float(np.abs(jumps / one - 1).max()) for one in WRAPS]
         if min(room) > WRAP_TOLERANCE:
+            middle, spread = float(np.median(jumps)), float(np.ptp(jumps))
+            near = next(value for digits in range(1, 18) if abs((value := float(f"{middle:.{digits}g}")) - middle) <= spread)
             raise InputError(
-                f"gyro: the accumulated angle jumps by {jumps.max():.6g}; if it wraps there, say where: --wrap VALUE"
+                f"gyro: the accumulated angle jumps by {middle:.6g}; if it wraps there, say where: --wrap {near:.15g}"
             )
         wrap = WRAPS[int(np.argmin(room))]
         said = [f"the accumulated angle wraps at {wrap:.9g}, as {jumps.size} jumps of it say"]

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.importing import units
-from gyrocal.importing.column_mapping import Mapping, convert_attitude, parse_spec
+from gyrocal.importing.column_mapping import Mapping, convert_attitude, find_name, parse_spec
 from gyrocal.importing.gyro_samples import MOST_LOST_SHARE, build_samples, read_gyro_rows
-from gyrocal.importing.table_rows import read_rows, select_columns, sort_rows
+from gyrocal.importing.table_rows import read_labels, read_rows, sort_rows
 from gyrocal.recording.gyro_join import JoinedGyros, join_gyros
 
 if TYPE_CHECKING:
@@ -203,17 +203,20 @@ def _read_attitudes(frame: pd.DataFrame, mapping: Mapping) -> tuple[list[tuple[s
     if isinstance(mapping.sigma_deg, str):
         names = [*names, *_name_sigma_columns(mapping.sigma_deg)]
     tags, unit = parse_spec(mapping.attitude_time or mapping.time, "attitude_time")
-    parts = [("", frame)]
+    parts, assumed = [("", frame)], list[str]()
     if mapping.attitude_by is not None:
-        select_columns(frame, [mapping.attitude_by], "attitude")
-        parts = [(str(name), part) for name, part in frame.groupby(mapping.attitude_by, sort=False)]
+        labels = read_labels(frame, mapping.attitude_by, "attitude_by")
+        parts = [(str(name), part) for name, part in frame.groupby(labels, sort=False)]
+        missing = int(labels.isna().sum())
+        assumed += [f"{missing} attitude row(s) without a sensor in {mapping.attitude_by} are left out"] if missing else []
     if mapping.sensor is not None:
         known = [name for name, _ in parts]
-        if mapping.attitude_by is None or mapping.sensor not in known:
+        found = None if mapping.attitude_by is None else find_name(mapping.sensor, known, "sensor", "attitude sensor")
+        if found is None:
             there = ", ".join(known) if mapping.attitude_by is not None else "attitude_by names their column"
             raise InputError(f"sensor: no attitude sensor {mapping.sensor}; {there}")
-        parts = [(name, part) for name, part in parts if name == mapping.sensor]
-    named, clocks, assumed = [], [], []
+        parts = [(name, part) for name, part in parts if name == found[1]]
+    named, clocks = [], []
     for name, part in parts:
         clock, values, said = read_rows(part, names, kind, "attitude", ("attitude_time", tags, unit))
         assumed += said

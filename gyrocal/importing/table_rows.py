@@ -74,6 +74,16 @@ def read_numbers(frame: pd.DataFrame, names: list[str], what: str) -> Array:
     return np.asarray(chosen.to_numpy(dtype=np.float64) * sign)
 
 
+def read_labels(frame: pd.DataFrame, name: str, what: str) -> pd.Series:
+    """A column as labels, whole numbers without a point; missing ones stay missing."""
+    import pandas as pd
+
+    column = select_columns(frame, [name], what)[name]
+    if pd.api.types.is_float_dtype(column) and (column.dropna() % 1 == 0).all():
+        column = column.astype("Int64")
+    return column.astype(str).str.strip().where(column.notna())
+
+
 def select_columns(frame: pd.DataFrame, names: list[str], what: str) -> pd.DataFrame:
     """Select columns by name; the refusal of a missing one lists those that the table has."""
     missing = [name for name in names if name not in frame.columns]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,15 +37,18 @@ RATE_UNITS = {
 }
 PER_SAMPLE = "/sample"  # ends the unit of increments of angle, a column's number being that of one sample
 COUNTS_UNIT = "counts"
-TIME_UNITS = {"s": 0, "ms": 3, "us": 6, "ns": 9, "unix": 0}  # decimal places of a second
+TIME_UNITS = {"s": 0, "ms": 3, "us": 6, "ns": 9, "unix": 0, "gps": 0}  # decimal places of a second
 SCALED_UNIT = re.compile(r"([1-9][0-9]{0,8})(s|ms|us|ns)")  # such as the 100us of a counter of 10 kHz
-CALENDARS = ("iso", "gps")
+SCALES = {"unix": "UTC", "gps": "GPS"}  # of clocks that count from a known start
+TIME_WORDS = ("s", "ms", "us", "ns", "unix", "iso", "gps", "week")
+NANO = 10**9
 
 UNIX_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC)
 SECONDS_A_DAY = 86400
 TIME_OF_DAY = r"\s*\d{1,2}:\d{2}:\d{2}([.,]\d*)?\s*"
 REGISTERS = (2**16, 2**24, 2**32)  # counts at which a register of time tags wraps
+WRAP_SHARE = 0.99  # of the range: a step back by less is no wrap, but a gap of a week or a day is possible in it
 LEAST_CARRY_STEPS = 5  # of the usual step: tags that are off by less are late or exchanged
 WEEK_S = 604800
 UNIX_RANGE_S = (631152000, 4102444800)  # 1990 to 2100: numbers in between are taken for unix time
@@ -118,43 +122,70 @@ def convert_to_utc(clock: Clock) -> Clock:
 
 
 def build_clock(columns: pd.DataFrame, unit: str) -> Clock:
-    """Time tags of one column, or of GPS week and second of the week in two."""
-    import pandas as pd
+    """Time tags of one column, or of several: numbers are added, a date and a time of day are joined.
 
+    Parameters
+    ----------
+    columns : of the table
+    unit : one, or one for each column as in "s+ns"; "iso" of dates; "gps" of two columns is "week+gps"
+    """
     name = ", ".join(map(str, columns.columns))
     if unit == "iso":
-        if columns.iloc[:, 0].astype(str).str.fullmatch(TIME_OF_DAY).all():
-            return _parse_times_of_day(columns.iloc[:, 0].astype(str))
-        try:
-            stamps = pd.to_datetime(columns.iloc[:, 0], utc=True, format="ISO8601").astype("datetime64[ns, UTC]")
-        except (ValueError, TypeError) as fault:
-            raise InputError(f"time: column {name} is not ISO 8601: {_describe_fault(fault)}") from None
-        ticks, said = continue_tags(stamps.astype("int64").to_numpy(), "ns")
-        return replace(_split_seconds(ticks, 9, "UTC"), said=said)
-    factor = SCALED_UNIT.fullmatch(unit)
-    if unit not in TIME_UNITS and unit != "gps" and factor is None:
-        raise InputError(f"time: unit {unit} of {name} is not known; known are {', '.join((*TIME_UNITS, *CALENDARS))}, 100us")
+        return _parse_dates(columns, name)
     values = [_read_numeric(columns.iloc[:, k], name) for k in range(columns.shape[1])]
-    if unit == "gps":
-        if len(values) == 2:
-            seconds = _split_seconds(values[1], 0, "GPS")
-            return Clock(seconds.whole + values[0].astype(np.int64) * WEEK_S, seconds.part, "GPS")
-        return _split_seconds(values[0], 0, "GPS")
-    values[0], said = continue_tags(values[0], unit)
+    units = unit.split("+") if unit != "gps" or len(values) == 1 else ["week", "gps"]
+    for one in units:
+        if one not in TIME_WORDS and SCALED_UNIT.fullmatch(one) is None:
+            raise InputError(f"time: unit {one} of {name} is not known; known are {', '.join(TIME_WORDS)}, 100us")
+    summed = ""
+    if len(units) == 1 and len(values) == 2:
+        units.append(_guess_second_unit(values[1], name, unit))
+        summed = f"are the sums of {' and '.join(f'{one} in {by}' for one, by in zip(columns.columns, units, strict=True))}"
+    if len(units) != len(values) or "iso" in units:
+        raise InputError(f"time: {len(values)} column(s) {name}, but unit {unit}; give one for each, as in secs,nsecs:s+ns")
+    scale = next((SCALES[one] for one in units if one in SCALES), "")
+    if len(values) > 1 or units == ["week"]:
+        values = [np.sum([_count_nanoseconds(one, by, name) for one, by in zip(values, units, strict=True)], axis=0)]
+        units = ["ns"]
+    tags, said = continue_tags(values[0], units[0])
+    factor = SCALED_UNIT.fullmatch(units[0])
     if factor is not None:
-        values = [np.multiply(values[0], int(factor[1]))]
-        unit = factor[2]
-    made = _split_seconds(values[0], TIME_UNITS[unit], "")
-    calendar = unit == "unix" or UNIX_RANGE_S[0] <= made.whole[0] <= UNIX_RANGE_S[1]
-    return Clock(made.whole, made.part, "UTC" if calendar else "", said)
+        tags = np.multiply(tags, int(factor[1]))
+    made = _split_seconds(tags, TIME_UNITS[factor[2] if factor else units[0]], scale)
+    calendar = not scale and UNIX_RANGE_S[0] <= made.whole[0] <= UNIX_RANGE_S[1]
+    return replace(made, scale="UTC" if calendar else scale, said=" and ".join(filter(None, (summed, said))))
+
+
+def _guess_second_unit(values: NDArray[np.generic], name: str, unit: str) -> str:
+    """The unit of a column beside whole seconds, by the range of its whole numbers."""
+    most = int(values.max())
+    if unit in ("s", "unix", "gps") and np.issubdtype(values.dtype, np.integer) and values.min() >= 0:
+        for part in ("ms", "us", "ns"):
+            if 0.1 <= most / 10 ** TIME_UNITS[part] < 1:
+                return part
+    names = name.replace(", ", ",")
+    raise InputError(
+        f"time: in which unit is the second of {name}? give one for each, e.g. --time {quote(f'{names}:{unit}+ns')}"
+    )
+
+
+def _count_nanoseconds(values: NDArray[np.generic], unit: str, name: str) -> NDArray[np.int64]:
+    """Whole nanoseconds (n,) of tags of a unit; integers stay exact."""
+    factor = SCALED_UNIT.fullmatch(unit)
+    size = WEEK_S * NANO if unit == "week" else NANO // 10 ** TIME_UNITS[factor[2] if factor else unit]
+    size *= int(factor[1]) if factor else 1
+    if float(np.abs(values.astype(float)).max()) * size >= 2.0**62:
+        raise InputError(f"time: column {name} has values beyond 146 years")
+    whole = np.floor(values).astype(np.int64)
+    return np.asarray(whole * size + np.round((values - whole) * size).astype(np.int64))
 
 
 def continue_tags(values: NDArray[np.generic], unit: str) -> tuple[NDArray[np.generic], str]:
     """Continue tags (n,) of a counter that wraps or of which one part is counted up late or early, and describe this.
 
-    A register goes back by nearly its range and stays there. Where one part of a clock, such as its seconds, is counted up
-    late, tags are too early by one unit of that part, for less than this unit. The order of the rows and their usual step show
-    both.
+    A register, or the seconds of a day or of a week, go back by nearly their range and stay there. Where one part of a clock,
+    such as its seconds, is counted up late, tags are too early by one unit of that part, for less than this unit. The order of
+    the rows and their usual step show both.
     """
     is_whole = np.issubdtype(values.dtype, np.integer)
     tags = values.astype(np.int64 if is_whole else np.float64)
@@ -163,11 +194,16 @@ def continue_tags(values: NDArray[np.generic], unit: str) -> tuple[NDArray[np.ge
     usual = float(np.median(steps)) if back.any() else 0.0
     if not usual > 0:
         return values, ""
+    factor = SCALED_UNIT.fullmatch(unit)
+    second = 10 ** TIME_UNITS[factor[2]] / int(factor[1]) if factor else 10 ** TIME_UNITS[unit]
+    cycles = [round(one * second) for one in (SECONDS_A_DAY, WEEK_S)]
+    for part in (*(REGISTERS if is_whole else ()), *cycles):
+        turns = -np.round(steps / part).astype(np.int64)
+        if turns.any() and tags.min() >= 0 and tags.max() < part and (np.abs(steps[turns != 0]) > WRAP_SHARE * part).all():
+            at = f"2^{part.bit_length() - 1}" if part in REGISTERS else f"{round(part / second)} s"
+            return tags + part * np.append(0, np.cumsum(turns)), f"wrap {turns.sum()} time(s) at {at} and go on"
     jump = usual - float(np.median(steps[back]))
-    part = min((*(REGISTERS if is_whole else ()), 10 ** round(np.log10(jump))), key=lambda one: abs(one - jump))
-    # A step back by nearly the whole range is no order of rows.
-    if part in REGISTERS and tags.min() >= 0 and tags.max() < part and (steps[back] < -0.99 * part).all():
-        return tags + part * np.append(0, np.cumsum(back)), f"wrap {back.sum()} time(s) at 2^{part.bit_length() - 1} and go on"
+    part = min((*cycles, 10 ** round(np.log10(jump))), key=lambda one: abs(one - jump))
     carry = np.select([np.abs(steps - usual + part) <= 2 * usual, np.abs(steps - usual - part) <= 2 * usual], [1, -1])
     if part < LEAST_CARRY_STEPS * usual or ((carry == 1) != back).any():
         return values, ""
@@ -181,6 +217,28 @@ def continue_tags(values: NDArray[np.generic], unit: str) -> tuple[NDArray[np.ge
             )
             found.append((np.count_nonzero(off), tags + part * off, text))
     return min(found, key=lambda one: one[0])[1:] if found else (values, "")
+
+
+def _parse_dates(columns: pd.DataFrame, name: str) -> Clock:
+    """Time tags of ISO 8601: a date with its time, times of day, or both in two columns."""
+    import pandas as pd
+
+    texts = [columns.iloc[:, k].astype(str).str.strip() for k in range(columns.shape[1])]
+    of_day = [one.str.fullmatch(TIME_OF_DAY).all() for one in texts]
+    if of_day == [True]:
+        return _parse_times_of_day(texts[0])
+    if len(texts) > 1:
+        if sorted(of_day) != [False, True]:
+            raise InputError(f"time: {name} are not one column of dates and one of times of day, as iso joins them")
+        # ISO 8601 has two digits of an hour; a comma may stand for the point.
+        hours = texts[of_day.index(True)].str.replace(",", ".").str.zfill(8)
+        texts[0] = texts[of_day.index(False)] + "T" + hours.where(hours.str.find(":") != 1, "0" + hours)
+    try:
+        stamps = pd.to_datetime(texts[0], utc=True, format="ISO8601").astype("datetime64[ns, UTC]")
+    except (ValueError, TypeError) as fault:
+        raise InputError(f"time: column {name} is not ISO 8601: {_describe_fault(fault)}") from None
+    ticks, said = continue_tags(stamps.astype("int64").to_numpy(), "ns")
+    return replace(_split_seconds(ticks, 9, "UTC"), said=said)
 
 
 def _describe_fault(fault: Exception) -> str:

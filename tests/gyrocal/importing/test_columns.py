@@ -133,8 +133,26 @@ def test_numbers_go_behind_names_and_signs_go_along():
     mapping = validate_mapping({"time": "#1:s", "gyro": "1,-#3,2:rad/s", "quat": "a,b,c,d:body-to-world"}, "mapping")
     *_, found = resolve_columns(frame, frame.copy(), mapping)
     assert (found.time, found.gyro, found.quat) == ("t:s", "1,-b,1:rad/s", mapping.quat)
-    with pytest.raises(InputError, match="gyro: no column #4; the table has 3 columns"):
+    with pytest.raises(InputError, match="gyro: no column #4; there are 3, counted from 1"):
         resolve_columns(frame, frame, mapping.model_copy(update={"gyro": "#4:rad/s"}))
+
+
+@pytest.mark.parametrize("form", ["{name}", "#{place}", "{place}"])
+def test_every_entry_with_columns_is_read_by_one_grammar(form):
+    names = ["secs", "rest", "who", "n", "heat", "x", "w", "a", "b", "c", "s"]
+    words = {name: form.format(name=name, place=place) for place, name in enumerate(names, 1)}
+    entries = {
+        "time": "{secs},{rest}:s+ns", "gyro": "-{x}:deg/s", "gyro_by": "{who}", "sample_number": "{n}", "temperature": "{heat}",
+        "rows": "{who}:a:b", "attitude_time": "{secs},{rest}:s+ns", "quat": "{w},{a},{b},{c}:body-to-world:scalar-first",
+        "attitude_by": "{who}", "sigma_deg": "{s}",
+    }  # fmt: skip
+    frame = pd.DataFrame(np.zeros((2, len(names))), columns=names)
+    mapping = validate_mapping({key: text.format(**words) for key, text in entries.items()}, "x")
+    found = resolve_columns(frame, frame, mapping)[2]
+    assert {key: getattr(found, key) for key in entries} == {
+        key: text.format(**dict(zip(names, names, strict=True))) for key, text in entries.items()
+    }
+    assert mapping.model_copy(update={"gyros": "#1, 3,b"}).choose_gyros(["a", "-b", "c"]) == [0, 2, 1]
 
 
 def test_a_time_by_number_is_that_column_of_both_tables():

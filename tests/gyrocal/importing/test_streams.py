@@ -78,6 +78,22 @@ def test_rows_of_several_gyros_and_sensors_in_one_table():
     assert found.sensors[1].t_s[0] == 0.01
 
 
+def test_gyros_in_turn_are_told_by_any_column_and_label():
+    """Labels that are names of other columns, missing labels, and seconds of the day that start anew."""
+    g = gyro().melt(id_vars="t", var_name="gyro", value_name="rate").set_axis(["1", "2", "3"], axis=1)
+    g["2"] = g["2"].map({"x": 1.0, "y": 2.0, "z": 3.0})
+    g["1"] = (g["1"] + 86395) % 86400
+    g = pd.concat([g, g.iloc[[-1]], g.iloc[[3]].assign(**{"2": np.nan})])
+    found = made(
+        g, attitudes().assign(t=attitudes()["t"] + 86395), time="1:s", attitude_time="t:s", gyro="-3:deg/s", gyro_by="2"
+    )
+    np.testing.assert_allclose(found.raw, -made().raw)
+    np.testing.assert_allclose(found.t_s, 86395 + 0.5 * np.arange(20))
+    said = " ".join(found.assumed)
+    assert "1 gyro row(s) without a gyro in 2 are left out" in said
+    assert "1 gyro row(s) of a time that another one of that gyro has are left out" in said
+
+
 def test_rows_without_numbers_and_rows_twice_are_left_out():
     g, a = gyro(), attitudes()
     g.loc[3, "y"] = np.nan
