@@ -113,6 +113,11 @@ class Mapping(BaseModel):
     epoch: str | None = None
 
     @property
+    def is_counted(self) -> bool:
+        """Whether the order of the gyro's rows, and not their tags, is that of the samples."""
+        return self.rate_hz is not None or self.sample_number is not None
+
+    @property
     def attitude(self) -> str:
         """Which of quat, euler and matrix is given."""
         given = [name for name in ("quat", "euler", "matrix") if getattr(self, name) is not None]
@@ -293,7 +298,7 @@ def convert_attitude(kind: str, text: str, values: Array) -> Array:
         _refuse_others(kind, others, ())
         M = values.reshape(-1, 3, 3)
         off = np.abs(M @ M.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-        _refuse_rows(kind, (off > 0.01) | (np.linalg.det(M) < 0), "the nine, row by row, are not a rotation matrix")
+        _refuse_rows(kind, (off > 0.02) | (np.linalg.det(M) < 0), "the nine, row by row, are not a rotation matrix")
         rotation = Rotation.from_matrix(M)
     return np.asarray((rotation.inv() if inverse[0] else rotation).as_quat())
 

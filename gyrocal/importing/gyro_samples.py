@@ -6,6 +6,7 @@ accumulated angle are means over the time between two tags exactly, whatever lie
 
 from __future__ import annotations
 
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,8 +15,8 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing import units
 from gyrocal.importing.column_mapping import Mapping, parse_spec
-from gyrocal.importing.table_rows import read_labels, read_numbers, read_rows, select_columns, sort_rows
-from gyrocal.importing.time_base import fit_even_times, is_uneven
+from gyrocal.importing.table_rows import order_rows, read_labels, read_numbers, read_rows, select_columns, sort_rows
+from gyrocal.importing.time_base import estimate_spacing, fit_even_times, is_uneven
 from gyrocal.recording.gyro_join import measure_all_directions
 
 if TYPE_CHECKING:
@@ -28,7 +29,6 @@ WRAPS = (2.0**16, 2.0**24, 2.0**32, 360.0, 2 * np.pi)
 GAP_SAMPLES = 1.5  # samples without a gyro reading
 MOST_FILLED_SAMPLES = 2  # lost in a row that are filled
 MOST_LOST_SHARE = 0.01  # of the rows; more that are lost or changed are said first
-MOST_SWAPPED_ROWS = 4  # by which the tags go back where rows are tagged late; farther back, rows are out of order
 MOST_LABELS = 16  # values of a column that says which gyro a row is of
 WRAP_TOLERANCE = 0.02  # of a wrap: how near a jump must come to it to be one
 OVERFLOW_JUMP = 0.75  # of the span of a gyro's readings: a smaller step is none of an overflow
@@ -76,7 +76,7 @@ def read_gyro_rows(
         select_columns(frame, counter, "sample_number")
     spare = 0 if counter else len(names) - 3
     clock, values, left_out = read_rows(
-        frame, [*names, *counter], "gyro", "gyro", ("time", tags, unit), mapping.gyro_by is None, spare
+        frame, [*names, *counter], "gyro", "gyro", ("time", tags, unit), mapping.gyro_by is None, spare, not mapping.is_counted
     )
     number = _unwrap_sample_number(values[:, -1]) if counter else None
     return clock, values[:, : len(names)], channels, G, number, said + left_out
@@ -106,46 +106,53 @@ def _unwrap_sample_number(values: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(step)])
 
 
-def _put_on_even_times(
-    t_s: Array, raw: Array, number: Array | None, mapping: Mapping, frame: pd.DataFrame
-) -> tuple[Array, Array, list[str], list[str]]:
+def put_on_even_times(
+    t_s: Array, raw: Array, number: Array | None, rows: NDArray[np.int64], mapping: Mapping, frame: pd.DataFrame
+) -> tuple[Array, list[str]]:
     """Time tags on an even time base where more than a percent of them are uneven, or the mapping states number or rate.
 
-    Returns tags and rates of the rows, what is changed, and what else is said.
+    Returns tags of the rows, and what is changed.
+
+    Parameters
+    ----------
+    t_s, raw, number, rows : of `read_gyro_rows`, tags in s, and their rows in the table
+    frame : the gyro's table
     """
-    said: list[str] = []
-    asked = number is not None or mapping.rate_hz is not None
+    asked = mapping.is_counted
     if t_s.size < 2 or (np.ptp(t_s) == 0 and not asked):
-        return t_s, raw, [], said
-    back = np.diff(t_s) < 0
-    is_far = -np.diff(t_s).min() > MOST_SWAPPED_ROWS * np.ptp(t_s) / t_s.size or back.mean() > 0.5
-    if back.any() and number is None and is_far:
-        order = np.argsort(t_s, kind="stable")
-        said.append(
-            f"the time goes back {int(back.sum())} time(s) in the gyro rows, first to {t_s[1:][back][0]:.9g} s: put in order"
-        )
-        t_s, raw = t_s[order], raw[order]
+        return t_s, []
     tie = np.concatenate([[False], np.diff(t_s) == 0])
     same = tie & np.concatenate([[False], (np.diff(raw, axis=0) == 0).all(axis=1)])
     if number is None and tie.any() and (same == tie).all():
-        return t_s, raw, [], said  # rows written twice, which are left out
+        return t_s, []  # rows written twice, which are left out
     _, words = parse_spec(mapping.gyro, "gyro")
     _, accumulated = units.compute_gyro_factor(words[0], mapping.lsb)
     # Differences of an accumulated angle are divided by those of its tags, and only those with one tag have no such rate.
     uneven = tie.mean() > MOST_LOST_SHARE if accumulated else is_uneven(t_s)
     if not asked and not uneven:
-        return t_s, raw, [], said
+        return t_s, []
     if not asked:
-        _refuse_several_gyros(frame, mapping)
+        _refuse_several_gyros(frame, mapping, (t_s.size - 1) / np.ptp(t_s))
     found = fit_even_times(t_s, number, None if mapping.rate_hz is None else 1 / mapping.rate_hz)
+    if mapping.rate_hz is not None and (found is None or found.drift_s):
+        step = rows - rows[0] if number is None else number
+        usual = np.median(np.diff(step)) if number is None and step.size > 1 else 1  # rows of other gyros may lie between
+        even = np.round(step / usual) / mapping.rate_hz
+        even += np.median(t_s - even)
+        by = f"{np.sqrt(np.mean(np.square(even - t_s))):.3g} s (RMS), {np.abs(even - t_s).max():.3g} s at most"
+        return even, [
+            f"the gyro's time tags do not follow the stated {mapping.rate_hz:.9g} Hz, which replaces them: moved by {by}"
+        ]
     if found is None:
-        close = np.diff(t_s) < 0.5 * np.median(np.diff(t_s)[np.diff(t_s) > 0])
+        usual = float(np.median(np.diff(t_s)[np.diff(t_s) > 0]))
+        close = np.diff(t_s) < 0.5 * usual
+        rate_hz = 1 / max(estimate_spacing(t_s, np.arange(t_s.size, dtype=np.float64)), np.finfo(float).tiny)
         if not asked and close.mean() <= MOST_LOST_SHARE:
-            return t_s, raw, [], said
+            return t_s, []
         raise InputError(
             f"time: {int(close.sum())} of {t_s.size} gyro rows have the tag of the row before or one within half a sample "
             "of it, and the tags do not follow the number of the row; "
-            + ("are sample number and rate those of these rows?" if asked else "give the samples a second, e.g. --rate 100")
+            + ("is the sample number that of these rows?" if asked else f"state the samples a second: --rate {rate_hz:.5g}")
             + (
                 ""
                 if asked or len(frame.columns) < 5 + (mapping.temperature is not None)
@@ -161,10 +168,10 @@ def _put_on_even_times(
     text = text.replace("come in jitter", "have jitter").replace("come in late arrival", "have late arrival")
     if found.drift_s:
         text += f"; the clock drifts from a straight line by {found.drift_s:.3g} s, which is kept"
-    return found.t_s, raw, [text], said
+    return found.t_s, [text]
 
 
-def _refuse_several_gyros(frame: pd.DataFrame, mapping: Mapping) -> None:
+def _refuse_several_gyros(frame: pd.DataFrame, mapping: Mapping, rate_hz: float) -> None:
     """Refuse rows of several gyros in one table: a column of few values, each with even time tags of its own."""
     if mapping.rows is not None or mapping.gyro_by is not None:
         return
@@ -176,10 +183,11 @@ def _refuse_several_gyros(frame: pd.DataFrame, mapping: Mapping) -> None:
         parts = [units.build_clock(part[tags], unit[0]) for _, part in frame.groupby(name)]
         times = [one.subtract(int(one.whole[0])) for one in parts]
         if all(t.size > 2 and (np.diff(t) > 0).all() and not is_uneven(t) for t in times):
-            values = [str(value) for value in frame[name].unique()]
+            values = list(read_labels(frame, str(name), "rows").dropna().unique())
             raise InputError(
                 f"time: each value of column {name} ({', '.join(values)}) has time tags of its own: choose the rows of one "
-                f"gyro, e.g. --rows {name}:{values[0]}; if it numbers the samples of a batch of one gyro, give --rate HZ"
+                f"gyro, e.g. --rows {quote(f'{name}:{values[0]}')}; if it numbers samples of one gyro, state "
+                f"their rate: --rate {rate_hz:.4g}"
             )
 
 
@@ -199,13 +207,16 @@ def _arrange_by_gyro(
     values = pd.Series(read_numbers(frame, names, "gyro")[:, 0], index=frame.index)
     if len(unit) != 1:
         raise InputError(f"time: one unit is wanted, not {':'.join(unit)}")
-    parts, said, scale = [], list[str](), ""
+    parts, said, scale = list[pd.DataFrame](), list[str](), ""
     for one in order:  # each gyro's tags go on by themselves
         rows = labels == one
         clock = units.build_clock(select_columns(frame, tags, "time")[rows], unit[0])
         scale = clock.scale
         said += [f"the tags of gyro {one} {clock.said}"] if clock.said else []
-        parts.append(pd.DataFrame({"gyro": one, "whole": clock.whole, "part": clock.part, "value": values[rows].to_numpy()}))
+        own, places = clock.subtract(int(clock.whole[0])), frame.index.to_numpy()[rows]
+        kept, more = order_rows(own, places, f"rows of gyro {one}", "time", frame.attrs.get("head"))
+        table = pd.DataFrame({"gyro": one, "whole": clock.whole, "part": clock.part, "value": values[rows].to_numpy()})
+        parts, said = [*parts, table.iloc[kept]], [*said, *more]
     rows = pd.concat(parts)
     twice = int(rows.duplicated(["gyro", "whole", "part"]).sum())
     said += [f"{int(labels.isna().sum())} gyro row(s) without a gyro in {by} are left out"] if labels.isna().any() else []
@@ -241,23 +252,14 @@ def _interpolate_gyros(
     return table, [f"each gyro has its own time tags: the angles of all are interpolated at those of {names[0]}"]
 
 
-def build_samples(
-    t_s: Array, raw: Array, number: Array | None, mapping: Mapping, frame: pd.DataFrame
-) -> tuple[Array, Array, float, list[str], list[str]]:
-    """Starts, rates and length of the gyro's samples, what is changed of the tags, and what else is said.
-
-    Parameters
-    ----------
-    t_s, raw, number : of `read_gyro_rows`, tags in s
-    frame : the gyro's table
-    """
-    t_s, raw, changes, evened = _put_on_even_times(t_s, raw, number, mapping, frame)
+def build_samples(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, Array, float, list[str]]:
+    """Starts, rates and length of the gyro's samples, and what is said, of tags, s, and numbers of `read_gyro_rows`."""
     t_s, raw, said = sort_rows(t_s, raw, "gyro")
     t_s = t_s[0] + mapping.time_factor * (t_s - t_s[0])
     t_s, raw, sample_s, more = _convert_to_rates(t_s, raw, mapping)
     factors = {"gyro's time tags are about the first one": mapping.time_factor, "rates are": mapping.rate_factor}
     more += [f"the {what} times {factor:.9g}" for what, factor in factors.items() if factor != 1]
-    return t_s, mapping.rate_factor * raw, sample_s, changes, [*evened, *said, *more]
+    return t_s, mapping.rate_factor * raw, sample_s, [*said, *more]
 
 
 def _convert_to_rates(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, Array, float, list[str]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing import units
 from gyrocal.importing.column_mapping import Mapping, convert_attitude, find_name, parse_spec
-from gyrocal.importing.gyro_samples import MOST_LOST_SHARE, build_samples, read_gyro_rows
+from gyrocal.importing.gyro_samples import MOST_LOST_SHARE, build_samples, put_on_even_times, read_gyro_rows
 from gyrocal.importing.table_rows import read_labels, read_rows, sort_rows
 from gyrocal.recording.gyro_join import JoinedGyros, join_gyros
 
@@ -76,23 +76,25 @@ def read_csv(path: Path) -> pd.DataFrame:
 
     An `InputError` if it cannot be read.
     """
-    from gyrocal.importing.table_layout import find_layout
+    from gyrocal.importing.table_layout import find_layout, open_table
     from gyrocal.recording.tables import read_csv_file
 
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     try:
         layout = find_layout(path)
-        frame = read_csv_file(
-            path,
-            sep=layout.separator,
-            encoding=layout.encoding,
-            decimal=layout.decimal,
-            skipinitialspace=True,
-            skiprows=layout.first_line,
-            header=None,
-            names=layout.names,
-        )
+        with open_table(path) as file:
+            frame = read_csv_file(
+                file,
+                sep=layout.separator,
+                encoding=layout.encoding,
+                decimal=layout.decimal,
+                skipinitialspace=True,
+                skiprows=layout.first_line,
+                header=None,
+                names=layout.names,
+            )
+        frame = _read_lost_numbers(frame, layout.decimal)
     except InputError:
         raise
     except Exception as fault:  # pandas raises a zoo of types for a damaged file
@@ -100,6 +102,26 @@ def read_csv(path: Path) -> pd.DataFrame:
     if frame.empty:
         raise InputError(f"{path}: no rows")
     frame.attrs["said"] = tuple(f"{path.name}: {text}" for text in layout.said)
+    frame.attrs["head"] = (layout.first_line, str(path))
+    return frame
+
+
+def _read_lost_numbers(frame: pd.DataFrame, decimal: str) -> pd.DataFrame:
+    """The table with columns as numbers whose only words are not-a-number in one of its spellings."""
+    import pandas as pd
+
+    from gyrocal.importing.table_layout import NOT_A_NUMBER
+
+    for name in frame.columns:
+        column = frame[name]
+        if pd.api.types.is_numeric_dtype(column):
+            continue
+        words = column.astype(str).str.strip()
+        lost = words.str.fullmatch(NOT_A_NUMBER.pattern, case=False) & column.notna()
+        if lost.any():
+            numbers = pd.to_numeric(words.mask(lost | column.isna()).str.replace(decimal, "."), errors="coerce")
+            if numbers.notna().sum() + lost.sum() == column.notna().sum():
+                frame[name] = numbers
     return frame
 
 
@@ -134,7 +156,8 @@ def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -
         times, rows, said = sort_rows(one.subtract(origin) + offset, values, f"attitude {name}".strip())
         sensors.append(_build_sensor(name, times, rows, mapping))
         assumed += said
-    t_s, raw, sample_s, changes, said = build_samples(clock_g.subtract(origin), raw, number, mapping, gyro)
+    t_s, changes = put_on_even_times(clock_g.subtract(origin), raw, number, clock_g.rows, mapping, gyro)
+    t_s, raw, sample_s, said = build_samples(t_s, raw, mapping)
     if temperature is not None:
         temperature[:, 0] += clock_g.whole[0] - origin
         temperature[:, 0] = t_s[0] + mapping.time_factor * (temperature[:, 0] - t_s[0])
@@ -153,7 +176,8 @@ def read_gyro_log(gyro: pd.DataFrame, mapping: Mapping) -> Streams:
     clock, raw, channels, G, number, assumed = read_gyro_rows(gyro, mapping)
     start = int(clock.whole.min()) if clock.scale else 0
     epoch = units.convert_to_date(start, clock.scale).replace(tzinfo=None).isoformat() if clock.scale else UNDATED
-    t_s, raw, sample_s, changes, said = build_samples(clock.subtract(start), raw, number, mapping, gyro)
+    t_s, changes = put_on_even_times(clock.subtract(start), raw, number, clock.rows, mapping, gyro)
+    t_s, raw, sample_s, said = build_samples(t_s, raw, mapping)
     t_s, raw, G, joined = _join_gyros(t_s, raw, G, channels, mapping, said)
     time_scale = clock.scale or "seconds of the file"
     return Streams(t_s, raw, sample_s, G, (), epoch, time_scale, (*changes, *assumed, *said), gyros=joined)
@@ -260,7 +284,7 @@ def _convert_to_one_scale(clocks: list[units.Clock], offset_s: float) -> tuple[u
                     f"shift of the attitudes' tags: if both tables begin at one time, --attitude-offset {apart:.6f}; "
                     "--align auto finds the offset"
                 )
-            return units.Clock(gyro.whole, gyro.part, ""), [units.Clock(one.whole, one.part, "") for one in others]
+            return replace(gyro, scale=""), [replace(one, scale="") for one in others]
         gyro, *others = [units.convert_to_utc(one) for one in clocks]
     return gyro, others
 
@@ -273,8 +297,8 @@ def _begin_together(gyro: units.Clock, others: list[units.Clock], said: list[str
     first = min(int(one.whole.min()) for one in others) - int(gyro.whole.min())
     said.append(f"only one table has dates: {abs(first)} s are added to the other's time tags, so that both begin together")
     if gyro.scale:
-        return gyro, [units.Clock(one.whole - first, one.part, gyro.scale) for one in others]
-    return units.Clock(gyro.whole + first, gyro.part, others[0].scale), others
+        return gyro, [replace(one, whole=one.whole - first, scale=gyro.scale) for one in others]
+    return replace(gyro, whole=gyro.whole + first, scale=others[0].scale), others
 
 
 def _parse_epoch(epoch: str, scale: str) -> int:

@@ -15,18 +15,23 @@ from __future__ import annotations
 
 import codecs
 import csv
+import io
 import re
 from collections import Counter
 from dataclasses import dataclass
+from importlib import import_module
 from itertools import islice, pairwise
 from pathlib import Path
+from typing import IO
 
 from gyrocal.errors import InputError
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", r"\s+": "spaces"}
 HEAD_LINES = 400  # read to find the layout; preambles of loggers have at most some dozens
 COMMENT = re.compile(r"\s*(#|//|%+)\s*")
-NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
+# As C's printf writes it on several systems, such as -nan(ind), -1.#IND and 1.#QNAN0 on Windows.
+NOT_A_NUMBER = re.compile(r"[-+]?(nan(\(\w*\))?|inf(inity)?|\d\.#(ind|[qs]nan|inf)\d*)", re.IGNORECASE)
+NUMBER = re.compile(rf"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|{NOT_A_NUMBER.pattern}", re.IGNORECASE)
 DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 DATE_OR_TIME = re.compile(r"\d{4}-\d\d-\d\d([T ].*)?|\d{1,2}:\d\d:\d\d(\.\d*)?")
 # Units as loggers write them below names, with or without brackets.
@@ -35,6 +40,7 @@ UNIT_PATTERN = re.compile(
     r"|[cm]?m(/s(\^?2|²)?)?|m s\^?-[12]|m?g|[µum]?T|m?G(auss)?|[kM]?Hz|m?V|°?C|degC|K|[hk]?Pa|m?bar|counts?|lsb|%)[\])]?",
     re.IGNORECASE,
 )
+COMPRESSIONS = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"BZh": "bz2", b"\xfd7zXZ": "lzma"}  # by their first bytes
 BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
@@ -54,8 +60,9 @@ class TableLayout:
 def find_layout(path: Path) -> TableLayout:
     """Find the layout of a table from its first lines."""
     encoding = detect_encoding(path)
-    with path.open(encoding=encoding, errors="replace", newline="") as file:
-        lines = [line.rstrip("\r\n") for line in islice(file, HEAD_LINES)]
+    with open_table(path) as file:
+        text = io.TextIOWrapper(file, encoding=encoding, errors="replace", newline="")
+        lines = [line.rstrip("\r\n") for line in islice(text, HEAD_LINES)]
     if not any(map(str.strip, lines)):
         raise InputError(f"{path}: no rows")
     found = max((_Split(separator, lines) for separator in SEPARATORS), key=lambda one: (one.score, one.fields))
@@ -70,9 +77,27 @@ def find_layout(path: Path) -> TableLayout:
     return TableLayout(encoding, found.separator, decimal, names, found.start, tuple(said))
 
 
+def open_table(path: Path) -> IO[bytes]:
+    """Open a table for reading, unpacked if its first bytes are those of gzip, zip, bz2 or xz."""
+    with path.open("rb") as file:
+        head = file.read(8)
+    kind = next((name for magic, name in COMPRESSIONS.items() if head.startswith(magic)), None)
+    if kind is None:
+        return path.open("rb")
+    if kind != "zip":
+        opened: IO[bytes] = import_module(kind).open(path, "rb")
+        return opened
+    archive = import_module("zipfile").ZipFile(path)
+    names = [name for name in archive.namelist() if not name.endswith("/") and not name.startswith("__MACOSX/")]
+    if len(names) != 1:
+        raise InputError(f"{path}: holds {len(names)} files, {', '.join(names[:4])}…: unpack it and give one table")
+    member: IO[bytes] = archive.open(names[0])
+    return member
+
+
 def detect_encoding(path: Path) -> str:
     """Encoding by the byte-order mark, or by the zeros that UTF-16 has in Western text; otherwise UTF-8 or Windows-1252."""
-    with path.open("rb") as file:
+    with open_table(path) as file:
         head = file.read(1 << 16)
     for mark, name in BOMS.items():
         if head.startswith(mark):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +17,14 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+MOST_SWAPPED_ROWS = (
+    4  # by which tags go back where rows are exchanged or tagged late; farther back is another log or a stray tag
+)
+MOST_STRAY_SHARE = 0.01  # of the rows with a tag far from those beside them
+MOST_OFF_NORM_SHARE = 0.2  # of the rows
+OFF_NORM_MEDIANS = 10.0  # median departures from norm 1 by which a row of the same kind may be off
+NORM_LIMIT = 0.01  # by which the norm of an attitude may be off at all
+
 
 def read_rows(
     frame: pd.DataFrame,
@@ -24,6 +34,7 @@ def read_rows(
     time: tuple[str, list[str], list[str]],
     places: bool = True,
     spare: int = 0,
+    ordered: bool = True,
 ) -> tuple[units.Clock, Array, list[str]]:
     """Time tags and numbers of the rows that hold numbers, and what is said of the others.
 
@@ -33,29 +44,104 @@ def read_rows(
     time : entry of the mapping, columns and unit
     places : whether the rows are those of the table, so that the first left out can be told
     spare : how many of its numbers a row may lack
+    ordered : whether the rows must be in the order of their tags, as none need be whose number or rate is stated
     """
     values = read_numbers(frame, names, key)
     good = np.isfinite(values).sum(axis=1) >= len(names) - spare
     if key in ("quat", "matrix"):  # zeros are no attitude; loggers write them for one that is missing
         good &= (values != 0).any(axis=1)
-    if not good.any():
-        raise InputError(f"{key}: no row of {', '.join(names)} holds numbers")
     entry, tags, unit = time
     if len(unit) != 1:
         raise InputError(f"{entry}: one unit is wanted, not {':'.join(unit)}")
-    clock = units.build_clock(select_columns(frame, tags, entry).iloc[np.flatnonzero(good)], unit[0])
+    stamps = select_columns(frame, tags, entry)
+    good &= ~stamps.isin([np.inf, -np.inf]).any(axis=1).to_numpy() & stamps.notna().all(axis=1).to_numpy()
+    if not good.any():
+        raise InputError(f"{key}: no row of {', '.join([*tags, *names])} holds numbers")
+    clock = units.build_clock(stamps.iloc[np.flatnonzero(good)], unit[0])
     said = [f"the tags of the {what} rows {clock.said}"] if clock.said else []
-    if key == "quat":
-        norms = np.linalg.norm(values[good, :4], axis=1)
-        norm = float(np.median(norms))
-        if abs(norm - 1) > 0.01 and np.abs(norms / norm - 1).max() <= 0.01:  # fixed-point numbers
-            values[:, :4] /= norm
-            said.append(f"the quaternions are divided by their common norm, {norm:.6g}")
-    if good.all():
-        return clock, values, said
-    zeros = ", or of zeros alone," if np.isfinite(values[~good]).all(axis=1).any() else ""
-    first = f", the first of them row {int(frame.index[np.flatnonzero(~good)[0]])}" if places else ""
-    return clock, values[good], [*said, f"{int((~good).sum())} {what} row(s) without numbers{zeros} are left out{first}"]
+    if not good.all():
+        zeros = ", or of zeros alone," if (values[~good] == 0).all(axis=1).any() else ""
+        first = f", the first of them row {int(frame.index[np.flatnonzero(~good)[0]])}" if places else ""
+        said.append(f"{int((~good).sum())} {what} row(s) without numbers{zeros} are left out{first}")
+    rows = frame.index.to_numpy()[good].astype(np.int64) if places else np.flatnonzero(good)
+    clock, values = replace(clock, rows=rows), values[good]
+    if ordered:
+        kept, more = order_rows(clock.subtract(int(clock.whole[0])), clock.rows, f"{what} rows", entry, frame.attrs.get("head"))
+        clock, values, said = clock.select_rows(kept), values[kept], [*said, *more]
+    if key in ("quat", "matrix"):
+        norm, kept, more = _find_off_norm(values[:, : 4 if key == "quat" else 9], what)
+        values[:, :4] /= norm
+        clock, values, said = clock.select_rows(kept), values[kept], [*said, *more]
+    return clock, values, said
+
+
+def order_rows(
+    t_s: Array, rows: NDArray[np.int64], what: str, entry: str, head: tuple[int, str] | None
+) -> tuple[NDArray[np.intp], list[str]]:
+    """Rows (k,) to keep, in the order to read them in, and what is said.
+
+    Neighbours that a network has exchanged stay for `sort_rows`. A row whose tag alone is far off, such as zero, is left out:
+    the tags go on beside it. Any other step back is the start of another log, which the order of time would mix with the first.
+
+    Parameters
+    ----------
+    t_s, rows : (n,) tags, s, and their rows in the table
+    what, entry : what the rows are, and the mapping's entry of the tags
+    head : lines above the first row of the table, and its file
+    """
+    everything, steps = np.arange(t_s.size), np.diff(t_s)
+    if not (steps < 0).any():
+        return everything, []
+    if (steps <= 0).all():
+        return everything[::-1], [f"the {what} are in the reverse order of time and are read from the last one on"]
+    usual = float(np.median(steps[steps > 0]))
+    least = MOST_SWAPPED_ROWS * max(usual, np.ptp(t_s) / t_s.size)
+    if -steps.min() <= least:
+        return everything, []
+    # The median of a row and its neighbours follows a log that starts anew, but no few rows whose tags are off.
+    windows = np.lib.stride_tricks.sliding_window_view(
+        np.pad(t_s, MOST_SWAPPED_ROWS, mode="symmetric"), 2 * MOST_SWAPPED_ROWS + 1
+    )
+    off = np.abs(t_s - np.median(windows, axis=1)) > 2 * MOST_SWAPPED_ROWS * usual
+    if (np.diff(t_s[~off]) > -least).all() and off.sum() <= max(MOST_STRAY_SHARE * t_s.size, 1):
+        first = f"left out, the first row {rows[off][0]}"
+        return np.flatnonzero(~off), [f"{off.sum()} of the {what} have a time tag far from those beside them: {first}"]
+    place = int(rows[int(np.argmin(steps)) + 1])
+    cut = "" if head is None else f": head -n {head[0] + place} {quote(head[1])} > part.csv"
+    raise InputError(
+        f"{entry}: goes back by {-steps.min():.6g} s at row {place} of the {what}, which is no wrap; if another log starts "
+        f"there, import the rows before it by themselves{cut}"
+    )
+
+
+def _find_off_norm(values: Array, what: str) -> tuple[float, NDArray[np.intp], list[str]]:
+    """The common norm of quaternions (n, 4), or one of matrices (n, 9), the rows to keep, and what is said.
+
+    Decimals on file round each element by half a step at most, and the norm by twice that; smoothing and interpolation leave
+    it off by as much as the median shows. A row that is off by more, such as one interpolated through a change of the
+    quaternion's sign, is no attitude. Where more rows than `MOST_OFF_NORM_SHARE` are, they are not of another kind than the
+    others, and those within `NORM_LIMIT` are taken.
+    """
+    common, said, scale = 1.0, list[str](), np.abs(values).max()
+    step = next((10.0**-d for d in range(9) if np.abs(np.round(values, d) - values).max() <= 1e-12 * scale), 1e-9)
+    if values.shape[1] == 4:
+        norms = np.linalg.norm(values, axis=1)
+        middle = float(np.median(norms))
+        if abs(middle - 1) > NORM_LIMIT and np.mean(np.abs(norms / middle - 1) > NORM_LIMIT) <= MOST_OFF_NORM_SHARE:
+            common = middle  # fixed-point numbers
+            said.append(f"the quaternions are divided by their common norm, {common:.6g}")
+        off = np.abs(norms / common - 1)
+    else:
+        M = values.reshape(-1, 3, 3)
+        off = np.where(np.linalg.det(M) < 0, np.inf, np.abs(M @ M.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)))
+    usual = OFF_NORM_MEDIANS * float(np.median(off))
+    for limit in (max(2 * step / common, min(usual, NORM_LIMIT)), NORM_LIMIT):
+        good = off <= limit
+        if not good.all() and np.mean(~good) <= MOST_OFF_NORM_SHARE:
+            first = f"left out, the first off by {off[~good][0]:.2g}"
+            said.append(f"{np.count_nonzero(~good)} {what} row(s) are not of norm 1 within {limit:.1g}: {first}")
+            return common, np.flatnonzero(good), said
+    return common, np.arange(len(values)), said
 
 
 def read_numbers(frame: pd.DataFrame, names: list[str], what: str) -> Array:

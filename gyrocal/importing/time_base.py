@@ -20,6 +20,7 @@ A step up of the tags against the number by a sample or more is loss: the number
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,8 @@ MOST_STEP_ANCHORS = 60  # on either side of a step
 WALK_LAG, WALK_GROWTH = 4, 1.5  # errors of tags do not grow with the lag; those of a random walk double over four samples
 ONE_SIDED_SKEWNESS = 0.8
 ENVELOPE_QUANTILE = 0.05
+LARGEST_DRIFT = 0.05  # of the rate between two blocks: no clock changes by more
+LEAST_FOLLOWED = 0.75  # of the rows, whose line then holds for the others too
 BLOCK_ANCHORS = 50  # of a block whose median shows whether the clock drifts from a line
 
 
@@ -80,7 +83,7 @@ def fit_even_times(t_s: Array, number: Array | None = None, sample_s: float | No
     k = np.arange(t_s.size, dtype=np.float64) if number is None else number.astype(np.float64)
     if t_s.size < FEWEST_TAGS:
         return None
-    h = sample_s or _estimate_spacing(t_s, k)
+    h = sample_s or estimate_spacing(t_s, k)
     if not h > 0:
         return None
     rows, errors = _choose_anchors(t_s, h * np.append(np.diff(k), 1.0))
@@ -108,6 +111,21 @@ def fit_even_times(t_s: Array, number: Array | None = None, sample_s: float | No
     for one in np.unique(part):
         inside = part == one
         knots = _fit_offset(k[rows[inside]], residual[inside], place, max(UNEVEN_SAMPLE * h, 5 * _estimate_noise(residual)))
+        leaps = np.flatnonzero(np.abs(np.diff(knots[1])) > LARGEST_DRIFT * h * np.diff(knots[0])) + 1
+        if leaps.size:  # the tags of a backlog, or of a clock that is set, before or after those of a line
+            first, stop = max(pairwise([0, *leaps, knots[0].size]), key=lambda ends: ends[1] - ends[0])
+            follows = (k >= knots[0][first]) & (k <= knots[0][stop - 1])
+            if follows.mean() < LEAST_FOLLOWED:
+                return None
+            found = fit_even_times(t_s[follows], k[follows], sample_s)
+            if found is None:
+                return None
+            near = np.clip(k, *k[follows][[0, -1]])
+            even = np.interp(near, k[follows], found.t_s) + (k - near) * found.sample_s
+            stray = (
+                f"run off the line by {np.abs(t_s - even).max():.3g} s in up to {100 * (1 - follows.mean()):.0f} % of the rows"
+            )
+            return EvenTimes(even, found.sample_s, f"{found.errors}, and {stray}", found.drift_s)
         line[part_of_row == one] = np.interp(k[part_of_row == one], *knots)
         drift = max(drift, float(np.ptp(knots[1])))
     even = h * k + line
@@ -118,7 +136,7 @@ def fit_even_times(t_s: Array, number: Array | None = None, sample_s: float | No
     return EvenTimes(even, float(h), errors, drift)
 
 
-def _estimate_spacing(t_s: Array, k: Array) -> float:
+def estimate_spacing(t_s: Array, k: Array) -> float:
     """Median spacing over a quarter of the rows, which a few gaps do not change."""
     lag = max(t_s.size // 4, 1)
     return float(np.median((t_s[lag:] - t_s[:-lag]) / (k[lag:] - k[:-lag])))

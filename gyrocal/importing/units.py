@@ -9,7 +9,7 @@ GPS time runs without leap seconds from 1980-01-06; UTC, and with it unix time, 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from shlex import quote
 from typing import TYPE_CHECKING
@@ -67,6 +67,13 @@ class Clock:
     part: Array  # (n,) what is left of a second, s
     scale: str  # "UTC" for unix time and ISO 8601, "GPS", or "" for seconds from an unknown start
     said: str = ""  # how tags of a counter were continued, a sentence; empty where they were not
+    rows: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # (n,) their rows in the table
+
+    def select_rows(self, chosen: NDArray[np.intp]) -> Clock:
+        """Tags of some rows."""
+        return replace(
+            self, whole=self.whole[chosen], part=self.part[chosen], rows=None if self.rows is None else self.rows[chosen]
+        )
 
     def subtract(self, second: int) -> Array:
         """(n,) s since a whole second."""
@@ -118,7 +125,7 @@ def convert_to_utc(clock: Clock) -> Clock:
         return clock
     shift = round((GPS_EPOCH - UNIX_EPOCH).total_seconds())
     behind = count_leap_seconds(convert_to_date(int(clock.whole[0]), "GPS"))
-    return Clock(clock.whole + shift - behind, clock.part, "UTC")
+    return replace(clock, whole=clock.whole + shift - behind, scale="UTC")
 
 
 def build_clock(columns: pd.DataFrame, unit: str) -> Clock:
@@ -224,7 +231,7 @@ def _parse_dates(columns: pd.DataFrame, name: str) -> Clock:
     import pandas as pd
 
     texts = [columns.iloc[:, k].astype(str).str.strip() for k in range(columns.shape[1])]
-    of_day = [one.str.fullmatch(TIME_OF_DAY).all() for one in texts]
+    of_day = [bool(one.str.fullmatch(TIME_OF_DAY).all()) for one in texts]
     if of_day == [True]:
         return _parse_times_of_day(texts[0])
     if len(texts) > 1:

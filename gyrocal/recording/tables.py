@@ -8,7 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,14 +83,14 @@ def _read_parquet(path: Path) -> pd.DataFrame:
     return parquet.read(path)
 
 
-def read_csv_file(path: Path, **options: Any) -> pd.DataFrame:
+def read_csv_file(path: Path | IO[bytes], **options: Any) -> pd.DataFrame:
     """Read a CSV file so that no field is lost, which pandas drops with a warning; a comma at the end of every row is let pass.
 
     A `ValueError` if a row has more fields than the header has names, or the file is damaged.
 
     Parameters
     ----------
-    path : of the file
+    path : of the file, or the file
     options : of `pandas.read_csv`
     """
     import pandas as pd  # late, as above

@@ -33,7 +33,7 @@ RATE = click.option("--rate", "rate_hz", type=float, help="Gyro samples a second
 FORCE = click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
 GYRO_TABLE_OPTIONS = (
     click.option("--mapping", "file", type=PATH, help="Mapping as TOML: the options' words, and axes, G, mounting, bias, …."),
-    click.option("--time", metavar="COLUMNS:UNIT", help="s, ms, us, ns, unix, iso, gps; e.g. timestamp_ms:ms, or secs,nsecs:s+ns."),
+    click.option("--time", metavar="COLUMNS:UNIT", help="s, ms, us, ns, unix, iso, gps; e.g. t:ms or secs,nsecs:s+ns."),
     click.option("--gyro", metavar="COLUMNS:UNIT", help="rad/s, deg/s, deg/h, counts; deg, rad, arcsec of accumulated angle."),
     click.option("--lsb", metavar="'SIZE UNIT'", help="Of counts, e.g. '0.0175 deg/s', or '5e-9 rad' of accumulated angle."),
     click.option(

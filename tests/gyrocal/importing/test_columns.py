@@ -1,5 +1,9 @@
 """Columns by number, names with colons, and tables with two header rows."""
 
+import bz2
+import gzip
+import lzma
+import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -105,6 +109,57 @@ def test_header_is_found_in_the_file(tmp_path, text, names, encoding):
     np.testing.assert_array_equal(frame.to_numpy(), [[0.5, 1.25, 3.0], [1.0, 2.5, 4.0]])
     if names != ["t", "x", "y"]:
         assert any("header" in said for said in frame.attrs["said"])
+
+
+def write_zip(path, data, names=("a/t.csv",)):
+    with zipfile.ZipFile(path, "w") as file:
+        for name in names:
+            file.writestr(name, data)
+
+
+@pytest.mark.parametrize("name", ["t.csv", "t.csv.gz"])
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda path, data: path.write_bytes(gzip.compress(data)),
+        lambda path, data: path.write_bytes(bz2.compress(data)),
+        lambda path, data: path.write_bytes(lzma.compress(data)),
+        write_zip,
+        lambda path, data: path.write_bytes(data),
+    ],
+    ids=["gzip", "bz2", "xz", "zip", "plain"],
+)
+def test_a_compressed_table_is_read_whatever_its_name(tmp_path, name, write):
+    write(tmp_path / name, b"t;x;y\r\n0.5;1.25;3\r\n1.0;2.5;4\r\n")
+    np.testing.assert_array_equal(read_csv(tmp_path / name).to_numpy(), [[0.5, 1.25, 3], [1.0, 2.5, 4]])
+
+
+def test_an_archive_of_several_tables_and_one_cut_short_are_refused(tmp_path):
+    write_zip(tmp_path / "a.zip", b"t,x\n0,1\n", ("a.csv", "b.csv"))
+    with pytest.raises(InputError, match=r"holds 2 files, a\.csv, b\.csv"):
+        read_csv(tmp_path / "a.zip")
+    (tmp_path / "a.gz").write_bytes(gzip.compress(b"t,x\n" + b"0,1\n" * 9999)[:-20])
+    with pytest.raises(InputError, match="cannot be read"):
+        read_csv(tmp_path / "a.gz")
+
+
+SPELLINGS = ["-nan(ind)", "nan(snan)", "-1.#IND00", "1.#QNAN", "NaN", "NAN", "-NaN", "+nan", "inf", "-Infinity", "1.#INF", ""]
+
+
+@pytest.mark.parametrize("word", SPELLINGS)
+@pytest.mark.parametrize("separator", [",", ";"])
+def test_not_a_number_in_any_spelling_is_left_out_and_counted(tmp_path, word, separator):
+    rows = [[0.01 * k, 0.5, 1.5, -0.25, 1.0, 0.0, 0.0, 0.0] for k in range(40)]
+    rows[7][2] = rows[9][0] = rows[11][5] = rows[12][5] = word
+    text = "\n".join([separator.join("tabcwxyz"), *(separator.join(map(str, row)) for row in rows), ""])
+    (tmp_path / "a.csv").write_text(text.replace(".", ",") if separator == ";" and "#" not in word else text)
+    frame = read_csv(tmp_path / "a.csv")
+    found = read_streams(
+        frame, frame, validate_mapping({"time": "t:s", "gyro": "a,b,c:deg/s", "quat": "w,x,y,z:body-to-world"}, "x")
+    )
+    said = " ".join(found.assumed)
+    assert "2 gyro row(s) without numbers are left out, the first of them row 7" in said
+    assert "3 attitude row(s) without numbers are left out, the first of them row 9" in said
 
 
 def test_first_line_with_degree_sign_of_windows(tmp_path):

@@ -1,12 +1,17 @@
 """Tables as gyro samples and attitudes: accumulated angles, several sensors in one table, tags."""
 
+import re
+import subprocess
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gyrocal import InputError
 from gyrocal.importing import validate_mapping
-from gyrocal.importing.streams import read_streams
+from gyrocal.importing.streams import read_csv, read_streams
 from gyrocal.importing.units import build_clock, continue_tags
 
 BASE = {"time": "t:s", "gyro": "x,y,z:deg/s", "quat": "w,a,b,c:body-to-world:scalar-first"}
@@ -105,8 +110,7 @@ def test_rows_without_numbers_and_rows_twice_are_left_out():
     said = " ".join(found.assumed)
     for kind, row in (("1 gyro", 3), ("2 attitude", 0)):
         assert f"{kind} row(s) without numbers are left out, the first of them row {row}" in said
-    assert "the time goes back 1 time(s) in the gyro rows" in said
-    assert "1 gyro row(s) of a time that another one has are left out" in said
+    assert "1 of the gyro rows have a time tag far from those beside them: left out, the first row 7" in said
 
 
 def test_tags_of_a_register_go_on_where_it_wraps():
@@ -231,6 +235,67 @@ def test_quaternions_of_fixed_point_numbers_are_divided_by_their_norm():
     a["w"] = np.linspace(0, 9830, len(a))
     with pytest.raises(InputError, match="row 0: the four do not have norm 1"):
         made(a=a)
+
+
+@pytest.mark.parametrize("digits", [2, 4, 9, None])
+@pytest.mark.parametrize("kind", ["quat", "matrix"])
+def test_attitudes_that_are_off_norm_by_more_than_rounding_are_left_out(kind, digits):
+    """Interpolation through a change of the quaternion's sign passes through zero; rounding is judged by the decimals."""
+    q = Rotation.random(60, rng=np.random.default_rng(2))
+    values = q.as_quat(scalar_first=True) if kind == "quat" else q.as_matrix().reshape(-1, 9)
+    values[[5, 6, 40]] *= np.array([[0.97], [0.2], [1.04]])
+    values = values if digits is None else np.round(values, digits)
+    names = list("wabc") if kind == "quat" else [f"m{k}" for k in range(9)]
+    a = pd.DataFrame(values, columns=names).assign(t=0.1 * np.arange(60))
+    text = "w,a,b,c:scalar-first:body-to-world" if kind == "quat" else f"{','.join(names)}:body-to-world"
+    mapping = validate_mapping({"time": "t:s", "gyro": "x,y,z:deg/s", kind: text}, "x")
+    found = read_streams(gyro(), a, mapping)
+    np.testing.assert_array_equal(np.setdiff1d(np.arange(60), np.round(10 * found.sensors[0].t_s)), [5, 6, 40])
+    assert "3 attitude row(s) are not of norm 1 within" in found.assumed[0]
+    a.loc[:20, names] *= 0.5
+    with pytest.raises(InputError, match=r"do not have norm 1|not a rotation matrix"):
+        read_streams(gyro(), a, mapping)
+
+
+def test_a_smoothed_quaternion_is_taken_as_it_is():
+    q = Rotation.random(60, rng=np.random.default_rng(2)).as_quat(scalar_first=True)
+    q *= 1 + 1e-4 * np.random.default_rng(1).normal(size=(60, 1))
+    a = pd.DataFrame(q, columns=list("wabc")).assign(t=0.1 * np.arange(60))
+    assert made(a=a).sensors[0].t_s.size == 60
+
+
+@pytest.mark.parametrize("what", ["gyro", "attitude"])
+def test_a_log_that_starts_anew_is_refused_and_the_remedy_that_is_printed_works(tmp_path, monkeypatch, what):
+    """Rows of two logs would be mixed by the order of their times."""
+    monkeypatch.chdir(tmp_path)
+    g, a = gyro(40), attitudes(20)
+    if what == "gyro":
+        g = pd.concat([g, g.iloc[:30]])
+    else:
+        a = pd.concat([a, a.iloc[3:]])
+    for name, table in (("g", g), ("a", a)):
+        Path(f"{name}.csv").write_text("log of a test\n" + table.to_csv(index=False))
+    frames = {name: read_csv(Path(f"{name}.csv")) for name in "ga"}
+    with pytest.raises(InputError, match="which is no wrap; if another log starts there") as caught:
+        made(frames["g"], frames["a"])
+    command = re.search(r"head -n .*\.csv", str(caught.value))[0]
+    subprocess.run(command, shell=True, check=True)
+    found = made(**{**frames, what[0]: read_csv(Path("part.csv"))})
+    assert (found.t_s.size, found.sensors[0].t_s.size) == (40, 20)
+
+
+def test_stray_tags_are_left_out_exchanged_rows_are_put_in_order_and_a_reversed_table_is_turned():
+    g, a = gyro(400), attitudes(200)
+    g.loc[[50, 300], "t"] = [0.0, 1e9]  # rows that a logger could not tag
+    a = a.iloc[[*range(20), 21, 20, *range(22, 200)]]
+    found = made(g, a)
+    said = " ".join(found.assumed)
+    assert "2 of the gyro rows have a time tag far from those beside them: left out, the first row 50" in said
+    assert "the time goes back 1 time(s) in the attitude rows, first to 20 s: put in order" in said
+    np.testing.assert_array_equal(found.t_s, gyro(400)["t"])
+    turned = made(gyro().iloc[::-1])
+    np.testing.assert_array_equal(turned.raw, made().raw)
+    assert any("in the reverse order of time" in text for text in turned.assumed)
 
 
 def test_gps_and_unix_time_meet():

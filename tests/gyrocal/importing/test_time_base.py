@@ -57,6 +57,28 @@ def test_drift_of_the_clock_is_kept():
     assert found.drift_s > 0.02
 
 
+def test_a_backlog_is_not_followed():
+    """The first tenth of the rows was sent in a quarter of its time; the line of the others holds for them."""
+    tags = TRUE + 0.2 * SAMPLE * np.random.default_rng(4).normal(size=ROWS)
+    tags[:600] = tags[600] - 0.25 * (TRUE[600] - TRUE[:600])
+    found = fit_even_times(tags)
+    assert np.abs(found.t_s - TRUE).max() < 0.2 * SAMPLE
+    assert "run off the line by 4.5 s in up to 11 % of the rows" in found.errors
+    tags[:3000] = tags[3000] - 0.25 * (TRUE[3000] - TRUE[:3000])
+    assert fit_even_times(tags) is None
+
+
+@pytest.mark.parametrize("tags", [1.02 * TRUE, TRUE % 30, np.sqrt(TRUE)], ids=["another rate", "starts anew", "no line"])
+def test_a_stated_rate_goes_before_the_tags(tags):
+    kept = np.arange(ROWS) != 100  # a row without numbers keeps its place
+    gyro = build_gyro(tags)
+    gyro.loc[~kept, "x"] = np.nan
+    found = read(gyro, rate_hz=100.0)
+    np.testing.assert_allclose(np.diff(found.t_s), SAMPLE, atol=1e-9)
+    assert found.t_s.size == ROWS
+    assert found.assumed[0].startswith("the gyro's time tags do not follow the stated 100 Hz, which replaces them: moved by")
+
+
 def test_rows_that_are_not_evenly_sampled_have_no_line():
     assert fit_even_times(SAMPLE * np.cumsum(rng.uniform(0.3, 1.7, ROWS))) is None
 

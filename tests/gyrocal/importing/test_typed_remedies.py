@@ -82,8 +82,7 @@ CASES = {
     "tags alike": (lose_digits, 1e3, {}, r"(--rate) HZ", lambda match: {match[1]: "100"}),
     "tags of a register": (lose_digits, 1e3, {"--rate": "100", "--gyro": "gx,gy,gz:counts"}, r"(--lsb) '\S+ deg/s'",
                            lambda match: {match[1]: "1 deg/s"}),
-    "wrap": (accumulate, 77.0, {"--gyro": "gx,gy,gz:deg"}, r"jumps by (\S+); .* (--wrap) VALUE",
-             lambda match: {match[2]: "77"}),
+    "wrap": (accumulate, 77.0, {"--gyro": "gx,gy,gz:deg"}, r"jumps by \S+; .* (--wrap \S+)", take_options),
 }  # fmt: skip
 
 
