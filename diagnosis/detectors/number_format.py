@@ -49,7 +49,7 @@ SAME = 0.01  # relative difference of the steps of one converter
 COARSE = 0.2  # a lattice finer than this share of the noise is a number format: its rounding has 0.3 % of the power
 # sigmas of the angle random walk over all samples, that half steps must turn by for a finer lattice to matter
 WORTH = 3.0
-DECIDED = 8.0  # log odds from which on the references are not compared, and a finer lattice matters
+DECIDED = 8.0  # log odds below which blocks that are no cubic may say either, and both formats are as probable
 POSSIBLE = 0.05  # probability of the other number format, from which on it is reported
 HIDDEN = 0.1  # share of an interval in which a lattice hides the rate, from which on the gyro is blind there
 
@@ -61,12 +61,11 @@ class NumberFormats:
     """Number formats of the readings of three gyros."""
 
     steps: Array  # (3,) step of the lattice that readings lie on, rad/s; zero if on none
-    log_odds: Array  # (3,) that readings were cut and not rounded
+    log_odds: Array  # (3,) that readings were cut and not rounded, zero where the samples leave it open
     coarse: Mask  # (3,) whether the lattice matters beside the noise
     cut: Mask  # (3,) whether readings are taken as cut toward zero
     may_be_rounded: Mask  # may_be_rounded, may_be_cut: (3,) whether that is possible
     may_be_cut: Mask
-    cut_odds: float | None  # log odds that readings were cut and not rounded, where the samples leave that open; else None
 
     def describe(self) -> Findings:
         """Describe the lattice of each gyro; gyros on one lattice are one departure."""
@@ -97,9 +96,7 @@ class NumberFormats:
         return Symptom(kind, name, size, "deg/s", 1e-6 * size, {}, IMPOSSIBLE, text, rivals=rivals)
 
 
-def find_number_formats(
-    rates: Array, used: Mask, usable: Mask, parts: Sequence[slice], sigma: float, lattice: Kind | None = None
-) -> NumberFormats:
+def find_number_formats(rates: Array, used: Mask, usable: Mask, parts: Sequence[slice], sigma: float) -> NumberFormats:
     """Find the lattices that readings lie on, and how readings came there.
 
     Parameters
@@ -108,23 +105,19 @@ def find_number_formats(
     used, usable : (n,) samples inside the intervals, and samples that were measured
     parts : samples of each interval
     sigma : noise of a reading, rad/s
-    lattice : how readings came onto a lattice, if that is known
     """
     steps = np.array([find_lattice_step(rates[used, axis]) for axis in range(3)])
     coarse = steps > COARSE * sigma
     # A finer one is of no consequence if readings were rounded; cut ones are all half a step too near to zero.
     worth = ~coarse & (sigma > 0) & (0.5 * steps * np.sqrt(used.sum()) > WORTH * sigma)
     odds = compute_log_odds(rates, parts, usable, np.where(coarse | worth, steps, 0.0), sigma)
-    coarse = coarse | (worth & (odds > DECIDED))
+    odds[np.abs(odds) < DECIDED] = 0.0
+    coarse = coarse | (worth & (odds > 0))
     # Readings that keep their sign and are cut toward zero are rounded ones but for a constant.
     both_signs = bool((coarse & (rates[used].min(axis=0) < 0) & (rates[used].max(axis=0) > 0)).any())
-    cut = coarse & both_signs & (odds > 0 if lattice is None else lattice == "cut")
-    if lattice is not None:
-        return NumberFormats(steps, odds, coarse, cut, coarse & ~cut, cut, None)
-    strongest, mixed = float(odds[np.argmax(np.abs(odds))]), bool(cut.any() and (coarse & ~cut).any())
-    is_open = both_signs and not mixed and abs(strongest) < DECIDED
+    cut = coarse & both_signs & (odds > 0)
     may_be_rounded, may_be_cut = (coarse & (expit(sign * odds) > POSSIBLE) for sign in (-1, 1))
-    return NumberFormats(steps, odds, coarse, cut, may_be_rounded, may_be_cut, strongest if is_open else None)
+    return NumberFormats(steps, odds, coarse, cut, may_be_rounded, may_be_cut)
 
 
 def compute_log_odds(rates: Array, parts: Sequence[slice], usable: Mask, steps: Array, sigma: float) -> Array:

@@ -131,8 +131,6 @@ class SampleReport:
     # motions, unconfirmed: those that are motions of the body as the references see, and those that are taken for such
     motions: tuple[Line, ...] = ()
     unconfirmed: tuple[Line, ...] = ()
-    # log odds that readings on a lattice were cut and not rounded, where the samples leave that open
-    cut_odds: float | None = None
 
     def restore_lines(self) -> SampleReport:
         """Return the report as it was before any line was judged."""

@@ -16,7 +16,6 @@ import scipy.ndimage
 from numpy.typing import NDArray
 
 from diagnosis.detectors.clipping import find_clipping
-from diagnosis.detectors.lattice import Kind
 from diagnosis.detectors.noise_dependence import find_noise_dependence, lower_likeness
 from diagnosis.detectors.noise_removal import remove_noise
 from diagnosis.detectors.number_format import NumberFormats, find_number_formats, undo_lattices
@@ -57,15 +56,12 @@ BESIDE_ZERO = 10  # samples beside a zero that are left out of other tests
 HIDING = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
 
 
-def examine(
-    recording: Recording, lattice: Kind | None = None, settings: DiagnosisSettings = DEFAULT, tell: Tell = ignore_progress
-) -> SampleReport:
+def examine(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: Tell = ignore_progress) -> SampleReport:
     """Test all samples of a recording, and repair the stream.
 
     Parameters
     ----------
     recording : what was recorded
-    lattice : how readings on a lattice came there; by default as a sweep through zero shows, rounded if there is none
     settings : thresholds
     tell : called with what is looked for and the share done
     """
@@ -75,7 +71,7 @@ def examine(
     tell("repeated samples", 0.0)
     repeated, stream = bridge_repeats(stream, settings.sample_event)
     tell("number format", 0.02)
-    formats = find_number_formats(gyro.rates, used, ~stream.filled, find_interval_slices(recording), stream.sigma, lattice)
+    formats = find_number_formats(gyro.rates, used, ~stream.filled, find_interval_slices(recording), stream.sigma)
     tell("plateaus", 0.03)
     clipping, clipped = find_clipping(recording, used, formats, stream.sigma)
     noisy = NoisyPart(stream)
@@ -95,7 +91,6 @@ def examine(
         hidden=np.array(noisy.hidden),
         lattice=formats.steps > HIDING * stream.sigma,
         lines=noisy.lines,
-        cut_odds=formats.cut_odds,
     )
 
 

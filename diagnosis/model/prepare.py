@@ -12,16 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
 
-from diagnosis.detectors.lattice import Kind
 from diagnosis.detectors.sample_report import SampleReport, mark_interval_samples, scale_progress
 from diagnosis.detectors.samples import examine
 from diagnosis.model.baseline import calibrate_baseline, report_unobserved
 from diagnosis.model.noise_classification import PreparedRecording, Progress, UnclassifiedRecording, classify_lines_and_noise
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.settings import DEFAULT, DiagnosisSettings
-from gyrocal.calibration.gate import LargeResidualError
 from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.errors import InputError
 from gyrocal.recording import Interval, Recording, find_reference_rows
@@ -31,10 +28,6 @@ __all__ = ["PreparedRecording", "Progress", "find_unclipped_pieces", "prepare"]
 Array = NDArray[np.float64]
 
 First = tuple[RecordingModel, Array, tuple[Interval, ...]]  # model, sigma of the references, intervals
-
-# probability of the other way in which readings may have come onto a lattice, from which on it is told
-LEAST_SHARE = 0.02
-SHOWN = 3.0  # sigmas of a correlation of residuals, down to which it counts
 
 
 def prepare(
@@ -51,9 +44,12 @@ def prepare(
     tell : called with a text and the share done of a whole diagnosis
     """
     _check_samples(recording)
-    report, (model, sigma, pieces) = _choose_lattice_reading(recording, settings, tell)
-    if report.cut_odds is not None:
-        report, (model, sigma, pieces) = _cut_or_rounded(recording, report, (model, sigma, pieces), settings, tell)
+
+    def tell_samples(text: str, share: float) -> None:
+        tell(f"gyro samples: {text}", share)
+
+    report = examine(recording, settings=settings, tell=scale_progress(tell_samples, 0.01, 0.06))
+    model, sigma, pieces = _build_first_model(recording, report, scale_progress(tell_samples, 0.06, 0.07))
     found = classify_lines_and_noise(UnclassifiedRecording(recording, report, model, sigma, pieces), settings, tell)
     return replace(found, notes=(*report_noise_levels(found), *_write_notes(found.model, pieces)))
 
@@ -65,60 +61,7 @@ def _check_samples(recording: Recording) -> None:
         raise InputError("no gyro sample starts inside any interval")
 
 
-def _choose_lattice_reading(recording: Recording, settings: DiagnosisSettings, tell: Progress) -> tuple[SampleReport, First]:
-    """What the samples show and the first model, with readings on a lattice taken in the way in which they fit at all."""
-    tell("gyro samples: noise, lines, outliers", 0.01)
-    report = examine(recording, settings=settings, tell=_tell_examination(tell, "", 0.01, 0.06))
-    try:
-        return report, _build_first_model(recording, report, _tell_examination(tell, "", 0.06, 0.07))
-    except LargeResidualError:
-        kinds = {symptom.kind for symptom in report.symptoms if symptom.kind.startswith("lattice")}
-        if not kinds:
-            raise
-        way: Kind = "rounded" if "lattice_cut" in kinds else "cut"
-        other = examine(
-            recording, lattice=way, settings=settings, tell=_tell_examination(tell, f"once more, {way}", 0.06, 0.07)
-        )
-        return other, _build_first_model(recording, other)
-
-
-def _cut_or_rounded(
-    recording: Recording, report: SampleReport, first: First, settings: DiagnosisSettings, tell: Progress
-) -> tuple[SampleReport, First]:
-    """Readings on a lattice as cut or as rounded, whichever samples and references together say is likelier.
-
-    What the references say counts against what is left of them anyway: another error may be at work.
-    """
-    ways: tuple[Kind, Kind] = ("cut", "rounded")
-    if any(symptom.kind == "lattice_rounded" for symptom in report.symptoms):
-        ways = ("rounded", "cut")
-    now, other = ways
-    again = examine(
-        recording, lattice=other, settings=settings, tell=_tell_examination(tell, f"once more, {other}", 0.06, 0.08)
-    )
-    try:
-        second = _build_first_model(recording, again)
-        misfits = [_compute_misfit(model) for model, _, _ in (first, second)]
-        better = first[0] if misfits[0] < misfits[1] else second[0]
-        gain = 0.5 * (misfits[0] - misfits[1]) / (max(min(misfits) / better.y.size, 1.0) * _estimate_redundancy(better.y))
-    except LargeResidualError:
-        second, gain = first, -np.inf
-    odds = float(report.cut_odds or 0.0)
-    p = float(expit(gain + (odds if other == "cut" else -odds)))
-    if p > 0.5:
-        report, first, other, p = again, second, now, 1 - p
-    rivals = ((f"lattice_{other}", p),) if p > LEAST_SHARE else ()
-    symptoms = tuple(replace(one, rivals=rivals) if one.kind.startswith("lattice") else one for one in report.symptoms)
-    return replace(report, symptoms=symptoms), first
-
-
-def _tell_examination(tell: Progress, way: str, begin: float, stop: float) -> Progress:
-    """Progress of a look at the samples, as a part of all."""
-    before = f"gyro samples: {way}: " if way else "gyro samples: "
-    return scale_progress(lambda text, share: tell(before + text, share), begin, stop)
-
-
-def _build_first_model(recording: Recording, report: SampleReport, tell: Progress = lambda text, share: None) -> First:
+def _build_first_model(recording: Recording, report: SampleReport, tell: Progress) -> First:
     """The model with the references as stated, its sigma, and the intervals it is propagated over."""
     pieces = find_unclipped_pieces(recording, report)
     if not pieces:
@@ -128,26 +71,6 @@ def _build_first_model(recording: Recording, report: SampleReport, tell: Progres
             "does; give intervals in which it is not clipped"
         )
     return *calibrate_baseline(recording, report, pieces, recording.attitudes.sigma, tell), pieces
-
-
-def _compute_misfit(model: RecordingModel) -> float:
-    return float(model.y @ model.y)
-
-
-def _estimate_redundancy(y: Array) -> float:
-    """Estimate how many successive residuals (3r,) carry the information of one: 1 if they are independent.
-
-    A bias that wanders leaves such as go with any slow error. It is the sum of their correlations over all lags, up to the
-    first that their number does not show.
-    """
-    e = y.reshape(-1, 3) - y.reshape(-1, 3).mean(axis=0)
-    power, total = float(np.sum(e**2)), 1.0
-    for lag in range(1, len(e) // 2):
-        one = float(np.sum(e[lag:] * e[:-lag])) / power
-        if one < SHOWN / np.sqrt(e.size):
-            break
-        total += 2 * one
-    return total
 
 
 def find_unclipped_pieces(recording: Recording, report: SampleReport) -> tuple[Interval, ...]:
