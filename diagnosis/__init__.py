@@ -8,11 +8,10 @@ of the calibration. Its column is what the effect adds to the gyro's readings or
 
 1. `detectors.samples` calls the test of each symptom. A test returns its findings and the repaired stream.
 2. `model.prepare` calibrates under M0 (`model.baseline`) on the linearised recording (`model.recording_model`).
-   `model.noise_classification` classifies spectral lines and the noise of the references, and repeats that without the effects
-   that were identified (`model.known_effects`). `sinusoids` fits the lines of the samples, the tones of the references and the
-   periods of step 4.
+   `model.noise_classification` classifies the noise of the references, and repeats that without the effects that were
+   identified (`model.known_effects`). `sinusoids` fits the lines of the samples and the periods of step 4.
 3. `model.symptoms` computes the posterior of each symptom.
-4. `model.groups` builds the columns of listed effects, with `model.processes`, `model.periods`, `model.dead_zone` and
+4. `model.groups` builds the columns of listed effects, with `model.processes`, `model.periods` and
    `model.rounded_covariates`, and of alternatives outside the library (`model.deterministic_alternatives`,
    `model.periodic_alternatives`). `model.candidates` joins them to one linear model.
 5. `inference.null` tests whether there is a misfit.

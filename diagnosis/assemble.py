@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from diagnosis import notes, posterior
 from diagnosis.answer import Amplitudes, Cause, Explanations, Finding
 from diagnosis.detail_tables import build_details
+from diagnosis.detectors.sample_report import AXES, Line
 from diagnosis.inference.amplitudes import FittedEffect
 from diagnosis.inference.attribution import REMAINDER, Attribution
 from diagnosis.model import localization
@@ -61,7 +62,7 @@ def build_diagnosis(
         sigma_bias=sigma[9:],
         baseline_G=model.G,
         baseline_bias=model.bias,
-        motions=notes.list_motions(prepared),
+        lines=list_line_findings(prepared.samples.lines),
         notes=(*notes.explain_fitting_residuals(prepared, samples, explained, gap), *prepared.notes),
         details=build_details(prepared, explained, table),
         amplitudes=compute_joint_amplitudes(explained.fitted, explained.covariance),
@@ -69,6 +70,14 @@ def build_diagnosis(
         blind=_explain_blindness(prepared, settings),
     )
     return build_answer(seen, samples, explained, settings, runtime_s)
+
+
+def list_line_findings(lines: Sequence[Line]) -> tuple[Finding, ...]:
+    """List the lines in the spectrum of the samples as findings, with frequency, axis and amplitude in deg/s."""
+    return tuple(
+        Finding("gyro stream", None, AXES[one.axis], None, "line", float(np.rad2deg(one.amplitude)), one.p_value, one.text)
+        for one in lines
+    )
 
 
 def _explain_blindness(prepared: PreparedRecording, settings: DiagnosisSettings) -> str | None:
@@ -134,7 +143,8 @@ def _list_attitude_findings(
 class AnswerInputs:
     """What an answer states beside causes and probabilities, named as in `Diagnosis`; `where` is that of the linear model.
 
-    `blind` says why no gap could be seen, where that is so.
+    `lines` are those in the samples, which are no gap by themselves: the body may move so. `blind` says why no gap could be
+    seen, where that is so.
     """
 
     recording: str
@@ -146,7 +156,7 @@ class AnswerInputs:
     sigma_bias: Array
     baseline_G: Array
     baseline_bias: Array
-    motions: tuple[str, ...]
+    lines: tuple[Finding, ...]
     notes: tuple[str, ...]
     details: Details
     amplitudes: Amplitudes = field(default_factory=Amplitudes)
@@ -164,7 +174,7 @@ def build_answer(
     """The answer of what is seen and explained, whatever the linear model was built from."""
     attribution = explained.attribution
     gap = explained.p_value < settings.false_alarm_rate
-    where = [*(one.finding for one in samples), *seen.where]
+    where = [*(one.finding for one in samples), *seen.where, *seen.lines]
     slots = () if attribution is None else attribution.slots
     named = [(ALL_EFFECTS[one.effect], one.axis, slot.probability) for slot, one in zip(slots, explained.fitted, strict=False)]
     samples = weigh_consequences(samples, named, settings)
@@ -196,7 +206,6 @@ def build_answer(
             *notes.explain_failed_checks(explained),
             *notes.list_odd_symptoms(samples, settings),
             *notes.list_unit_mistakes(samples),
-            *seen.motions,
             *notes.list_likely_effects(explained, settings),
             *seen.notes,
         ),

@@ -79,8 +79,8 @@ def explain_prepared(
 ) -> tuple[PreparedRecording, AttitudeInference]:
     """Explain what the attitude shows of a prepared recording, which may be judged anew; parameters as of `diagnose`.
 
-    Lines and the references' noise were judged with all effects in the residuals, and are judged anew without those that are
-    found. Where the checks reject these, a wrong judgement may be why: it is taken back if they are found again without it.
+    The references' noise was judged with all effects in the residuals, and is judged anew without those that are found. Where
+    the checks reject these, a wrong judgement may be why: it is taken back if they are found again without it.
     """
     explained = explain(prepared, effects, settings, seed, tell)
     once_more = partial(_tell_repetition, tell)

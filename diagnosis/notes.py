@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.special
 
-from diagnosis.detectors.sample_report import Line
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.misfit import compute_innovations
 from diagnosis.model.prepare import PreparedRecording
@@ -18,7 +17,6 @@ from diagnosis.settings import DiagnosisSettings
 if TYPE_CHECKING:
     from diagnosis.explain import AttitudeInference
 
-AXES = "xyz"
 LEAST_POSITIVE = 1e-300
 
 FITS = 0.01  # p-value of χ² from which on a calibration says that the residuals fit
@@ -98,27 +96,6 @@ def list_unit_mistakes(samples: Sequence[SampleCause]) -> Iterator[str]:
         least, what = min(off, default=(np.inf, ""))
         if one.effect is not None and least < ALIKE:
             yield f"{one.effect} is about {what}: look at the number that is stated, and its unit"
-
-
-def list_motions(prepared: PreparedRecording) -> tuple[str, ...]:
-    """Lines in the spectrum of the samples that are no effect, gyro by gyro."""
-    report = prepared.samples
-    return (
-        *_list_lines(report.motions, "the references follow them, so they are motions of the body"),
-        *_list_lines(
-            report.unconfirmed,
-            "they are taken for motions of the body, which no reference can confirm: a vibration of the gyro may look the same",
-        ),
-    )
-
-
-def _list_lines(lines: Sequence[Line], what: str) -> Iterator[str]:
-    """A sentence for each gyro that shows some lines."""
-    found: dict[int, list[str]] = {}
-    for line in lines:
-        found.setdefault(line.axis, []).append(f"{line.frequency_hz:.4f} Hz")
-    for axis, frequencies in sorted(found.items()):
-        yield f"Gyro {AXES[axis]} shows spectral lines at {', '.join(frequencies)}; {what}"
 
 
 def list_likely_effects(explained: AttitudeInference, settings: DiagnosisSettings) -> tuple[str, ...]:

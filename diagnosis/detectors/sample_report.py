@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +59,6 @@ class Symptom:
     # other symptoms that this may be as well, about the same axis, with their shares of the probability
     rivals: tuple[tuple[str, float], ...] = ()
     likeness: float = 1.0  # p-value of how it behaves, if it is what its kind says (`diagnosis.detectors.repeats`)
-    of_line: bool = False  # whether it is a line of the spectrum, which the attitude has judged
 
 
 @dataclass(frozen=True)
@@ -79,14 +78,12 @@ class Line:
     amplitude: float  # amplitude, sigma: rad/s
     sigma: float
     p_value: float  # that noise has so strong a line at any frequency
-    waveform: Array  # (n,) the sinusoid in the samples, rad/s; if it is steady, also beside the arcs in which it was found
-    isolated: bool  # whether nothing but white noise is around it in the spectrum, so that the body shows no other motion there
-    log_constancy: float  # log likelihood ratio of its amplitudes in parts of the samples, of a vibration against a motion
+    waveform: Array  # (n,) the sinusoid in the samples of the arcs in which it was found, rad/s
 
     @property
-    def steady(self) -> bool:
-        """Whether its amplitude is rather constant than not."""
-        return self.log_constancy > 0
+    def text(self) -> str:
+        """Place, axis and size in words."""
+        return f"a line at {self.frequency_hz:.4g} Hz, {AXES[self.axis]}, {np.rad2deg(self.amplitude):.3g} deg/s"
 
 
 @dataclass(frozen=True)
@@ -126,19 +123,7 @@ class SampleReport:
     smooth: Array
     hidden: Mask  # (3,) whether a coarse lattice hides the gyro's slow motion for long
     lattice: Mask  # (3,) whether readings lie on one that is coarser than the noise
-    lines: tuple[Line, ...]  # lines of the spectrum, before the attitude has judged whether the body moves so
-    vibrations: tuple[Line, ...] = ()  # of these, those that are none of the body's motions and are taken out of the rates
-    # motions, unconfirmed: those that are motions of the body as the references see, and those that are taken for such
-    motions: tuple[Line, ...] = ()
-    unconfirmed: tuple[Line, ...] = ()
-
-    def restore_lines(self) -> SampleReport:
-        """Return the report as it was before any line was judged."""
-        rates = self.rates.copy()
-        for line in self.vibrations:
-            rates[:, line.axis] += line.waveform
-        left = tuple(one for one in self.symptoms if not one.of_line)
-        return replace(self, rates=rates, symptoms=left, vibrations=(), motions=(), unconfirmed=())
+    lines: tuple[Line, ...]  # lines of the spectrum; a body that moves so shows them as well as an error of the gyro
 
 
 def mark_interval_samples(recording: Recording) -> Mask:

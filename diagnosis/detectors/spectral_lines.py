@@ -2,8 +2,8 @@
 
 Quiet arcs show lines of any frequency. Arcs in which the body moves show those that stand far above all slower motion.
 
-A line is a vibration only if the body does not move so. The samples cannot tell that; the attitude does
-(`diagnosis.model.lines`). Here a line is found, its frequency and amplitude are estimated, and its waveform is kept.
+A line is a vibration only if the body does not move so, which the samples cannot tell. It is a finding with its frequency and
+amplitude, and its waveform is kept, so that the noise can be estimated without it.
 """
 
 from __future__ import annotations
@@ -33,7 +33,6 @@ STRONG = 30.0  # power over the white noise that a motion has and chance has not
 # power over that of motion beside it and below, down to a third of the frequency, above which a line stands out
 OUTSTANDING = 8.0
 FEWEST_BELOW = 40  # bins below a strong line in samples of a moving body; fewer do not show that it stands out
-ISOLATED = 2.0  # level over the white noise below which the body shows no other motion around a line
 JOLT = 15.0  # medians of the second differences, ten sigmas of noise, above which the rate jumps
 MOST_JOLTS = 0.02  # share of the samples above which the body moves fast, and nothing is left out
 SHORTEST = 256  # samples of a segment
@@ -50,7 +49,6 @@ class Peak:
     p_value: float = 1.0
     frequency_hz: float = 0.0
     amplitude: float = 0.0
-    isolated: bool = False
     width_hz: float = 0.0
 
 
@@ -118,13 +116,14 @@ def _find_lines_of_axis(
             # Rounding a slow motion makes lines of its own.
             if peak.p_value >= P_OF_PEAK or lattice or len(found) == most:
                 break
-            line = fit_line(x, recording, axis, peak.frequency_hz, peak.width_hz, look.arcs, peak.isolated)
+            line = fit_line(x, recording, axis, peak.frequency_hz, peak.width_hz, look.arcs)
             if line is None or line.p_value >= line_p:
                 break
             x = x - line.waveform
             found = _add(found, line, peak.width_hz)
     p = min(1.0, strongest.p_value * max(len(looks), 1))
-    text = f"strongest line at {strongest.frequency_hz:.4f} Hz, {np.rad2deg(strongest.amplitude):.3g} deg/s"
+    size = np.rad2deg(strongest.amplitude)
+    text = f"strongest line at {strongest.frequency_hz:.4f} Hz, {size:.3g} deg/s; the body may move so"
     test = SampleTest("strongest_line", AXES[axis], float(np.rad2deg(strongest.amplitude)), 0.0, p, None, text)
     return [line for line, _ in found], test
 
@@ -173,7 +172,6 @@ def _find_peak_in_segments(x: Array, look: Look, sample_s: float, length: int) -
         log_p = float(compute_log_p(ratio[k], spectrum.count[0], power.size - 1 - first))
         p = max(float(np.exp(log_p)), IMPOSSIBLE)
         amplitude = spectrum.amplitude_of_one * float(np.sqrt(power[k]))
-        isolated = not moves and float(around[k]) < ISOLATED * white
         width = (LOBE if look.moving else 2) * float(spectrum.frequency_hz[1])
-        return Peak(p, float(spectrum.frequency_hz[k]), amplitude, isolated, width)
+        return Peak(p, float(spectrum.frequency_hz[k]), amplitude, width)
     return Peak()

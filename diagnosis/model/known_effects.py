@@ -1,10 +1,9 @@
 """What is left of a recording's residuals without effects that are known to be at work.
 
-Whether a line in the samples is a vibration, and whether the references' noise is as stated, is judged by what M0 leaves of
-the references (`diagnosis.model.noise_classification`). An effect that moves those residuals speaks there, too: a lag makes a
-real sway look like one that the references deny, a changed misalignment makes the references of a spinning body look noisier
-from some moment on, and either hides a vibration. Once the search has found effects with columns, these are judged anew without
-them:
+Whether the references' noise is as stated is judged by what M0 leaves of the references
+(`diagnosis.model.noise_classification`). An effect that moves those residuals is visible there, too: a changed misalignment
+makes the references of a spinning body look noisier from some moment on. Once the search has found effects with columns, the
+noise is judged anew without them:
 
     ζ' = ζ − Σ e_k a_k − e_p δp,
 

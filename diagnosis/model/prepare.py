@@ -2,7 +2,7 @@
 
 The samples are examined first, since a clipped or repeated sample spoils every test of the attitude. White noise that is not
 as stated, of the samples or of the references, is an effect of its own; it is found here, and the model then has the actual
-noise. What the references say of lines in the samples and of their own noise is in `diagnosis.model.noise_classification`.
+noise. What the references say of their own noise is in `diagnosis.model.noise_classification`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from diagnosis.detectors.sample_report import SampleReport, mark_interval_samples, scale_progress
 from diagnosis.detectors.samples import examine
 from diagnosis.model.baseline import calibrate_baseline, report_unobserved
-from diagnosis.model.noise_classification import PreparedRecording, Progress, UnclassifiedRecording, classify_lines_and_noise
+from diagnosis.model.noise_classification import PreparedRecording, Progress, UnclassifiedRecording, classify_noise
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.calibration.sampling import prepare_measurements
@@ -50,7 +50,7 @@ def prepare(
 
     report = examine(recording, settings=settings, tell=scale_progress(tell_samples, 0.01, 0.06))
     model, sigma, pieces = _build_first_model(recording, report, scale_progress(tell_samples, 0.06, 0.07))
-    found = classify_lines_and_noise(UnclassifiedRecording(recording, report, model, sigma, pieces), settings, tell)
+    found = classify_noise(UnclassifiedRecording(recording, report, model, sigma, pieces), settings, tell)
     return replace(found, notes=(*report_noise_levels(found), *_write_notes(found.model, pieces)))
 
 

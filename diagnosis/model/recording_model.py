@@ -113,6 +113,8 @@ class RecordingModel:
     off: Array  # (m, 3) rotation vectors from the propagated attitudes to the references, inertial axes, rad
     errors: Array  # (m, 3, 3) covariance of the error of every reference, inertial axes, rad²
     walk: Array  # (m, 3, 3) covariance of the integrated gyro noise at every reference, inertial axes, rad²
+    # (n, 3, k) lines in the readings, nuisance parameters: too fast for a scan of periods, they would pass for slow ones
+    lines: Array | None = None
 
     @property
     def size(self) -> int:
@@ -285,7 +287,8 @@ class RecordingModel:
     @cached_property
     def nuisance(self) -> Array:
         """(N, q) orthonormal basis of the nuisance parameters' columns."""
-        return build_basis(np.hstack([self.starts, self.calibration]))
+        lines = [] if self.lines is None else [self.whiten(self.reading(self.lines))]
+        return build_basis(np.hstack([self.starts, self.calibration, *lines]))
 
     def project_out_nuisance(self, columns: Array) -> Array:
         """Whitened columns with the nuisance parameters' part taken out, some at a time: ten thousand are a gigabyte thrice."""

@@ -2,7 +2,7 @@
 
 The evidence of a symptom is a test with a p-value under M0, such as readings that lie on a lattice, which noise cannot do. It
 says little of the attitude and the attitude little of it, so that the two are separate parts of one likelihood and need no
-common search; a line is judged by the attitude (`diagnosis.model.lines`).
+common search.
 """
 
 from __future__ import annotations

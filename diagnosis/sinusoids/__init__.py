@@ -4,6 +4,6 @@
 - `fit`: frequency, amplitudes and phases by Gauss and Newton, with a phase for each piece or one for all.
 - `coherence`: the frequencies at which one phase over all intervals explains most, and their evidence.
 
-The samples (`diagnosis.detectors.spectral_lines`), the references (`diagnosis.model.reference_tones`) and the scan of periods
-(`diagnosis.model.periods`) use the same three.
+The lines of the samples (`diagnosis.detectors.spectral_lines`) use the first two, the scan of periods
+(`diagnosis.model.periods`) the third.
 """

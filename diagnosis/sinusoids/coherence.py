@@ -61,25 +61,6 @@ class IntervalProducts:
         return best
 
 
-def compute_products(frequency: Array, waves: Array, y: Array, interval: Indices, middle_s: Array) -> IntervalProducts:
-    """Compute the products of columns without nuisance parameters.
-
-    Parameters
-    ----------
-    frequency : (j,) f_j, Hz
-    waves : (N, 2 j) sine and cosine of each in the observations
-    y : (N,) observations
-    interval : (N,) that each belongs to, in order
-    middle_s : (n,) middle of each interval
-    """
-    starts = np.flatnonzero(np.diff(interval, prepend=-1))
-    back = np.exp(-2j * np.pi * np.outer(middle_s, frequency))
-    a = (waves[:, 1::2] + 1j * waves[:, ::2]) * back[np.searchsorted(starts, np.arange(y.size), side="right") - 1]
-    z = np.add.reduceat(a * y[:, None], starts, axis=0)
-    s = np.add.reduceat(a * a, starts, axis=0)
-    return IntervalProducts(middle_s, z.T[:, :, None], np.sum(np.abs(a) ** 2, axis=0), s.T[:, :, None])
-
-
 def find_tops(score: Array, most: int) -> Indices:
     """Return the places of the highest local maxima of (m,) scores, the highest first."""
     sides = np.pad(score, 1, constant_values=-np.inf)

@@ -78,24 +78,6 @@ def compute_segment_spectrum(x: Array, arcs: Arcs, length: int, sample_s: float,
     return Spectrum(np.arange(power.size) / (length * sample_s), power, count, amplitude)
 
 
-def compute_piece_spectrum(pieces: Sequence[tuple[Array, Array]], frequency_hz: Array, highest_hz: Sequence[float]) -> Spectrum:
-    """Average the periodograms of pieces at uneven times, each up to the highest frequency that it shows.
-
-    Parameters
-    ----------
-    pieces : times (n,) and values (n, c) of each
-    frequency_hz : (f,) in order
-    highest_hz : of each piece
-    """
-    power = np.zeros((frequency_hz.size, pieces[0][1].shape[1]))
-    count = np.zeros((frequency_hz.size, 1))
-    for (t_s, values), highest in zip(pieces, highest_hz, strict=True):
-        shown = int(np.searchsorted(frequency_hz, highest))
-        power[:shown] += compute_power(t_s, values, frequency_hz[:shown])
-        count[:shown] += 1
-    return Spectrum(frequency_hz, power / np.maximum(count, 1), count, 2 / np.sqrt(sum(len(t_s) for t_s, _ in pieces)))
-
-
 def compute_power(t_s: Array, values: Array, frequency_hz: Array) -> Array:
     """Return the (f, c) periodogram of values (n, c) at any times; one in the mean for white noise of variance one."""
     x, t = values - values.mean(axis=0), t_s - t_s.mean()

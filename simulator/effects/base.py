@@ -67,9 +67,6 @@ SYMPTOMS = (
     "lattice_cut",  # readings are multiples of a step, cut toward zero
     "zero_samples",  # readings that are exactly zero more often than noise allows
     "plateau",  # the largest readings are all the same
-    "spectral_line",  # a tone in the samples
-    "bias_tone",  # a tone in the readings that all references show and no samples
-    "reference_tone",  # a tone of the references
     "outliers",  # single samples far off
     "repeats",  # samples that repeat the one before
     "own_repeats",  # readings of one gyro that repeat while the others change

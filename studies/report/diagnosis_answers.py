@@ -185,7 +185,8 @@ def _describe_certainty(diagnosis: Diagnosis) -> str:
 
 
 def _describe_places(diagnosis: Diagnosis) -> str:
-    places = list(dict.fromkeys(_describe_place(one) for one in diagnosis.where[:MOST_FINDINGS]))
+    where = diagnosis.where[:MOST_FINDINGS] if diagnosis.present else ()
+    places = list(dict.fromkeys(map(_describe_place, where)))
     return f"Most of all {words.join_items(places, 'and')}." if places else "Nowhere."
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 
 from diagnosis.answer import Cause
-from diagnosis.model.sinusoid_causes import BIAS, PICKUP
 from diagnosis.result import Diagnosis
 from simulator.effects.sensor import SENSOR_EFFECTS
 from studies.report import diagnosis_answers, gap_budget, tables
@@ -20,7 +19,6 @@ from studies.report.pages import Answer, Item, Page, PageTable, Picture, Provena
 MOST_PAGE_FINDINGS = 8
 MOST_EXPLANATIONS = 12
 MOST_STREAM_TESTS = 40
-BODY_MOTION_NOTE = "; taken for a motion of the body, not for a fault"  # said of lines that are no vibration
 VERDICT_STYLES = {"none": "", "not identifiable": "open"}  # of the answer; a gap for all other verdicts
 GLOSSARY = {
     "baseline": "The simulator M0: constant G and b, white gyro noise and white reference noise as stated.",
@@ -196,8 +194,6 @@ def _build_stream_sections(diagnosis: Diagnosis) -> list[Section]:
         return []
     ordered = table.sort_values("p_value", kind="stable")
     shown = ordered.head(MOST_STREAM_TESTS)
-    vibrating = {one.axis for one in diagnosis.where if one.statistic in (PICKUP, BIAS)}
-    moving = (shown["statistic"] == "strongest_line") & ~shown["axis"].isin(vibrating)
     rows = pd.DataFrame(
         {
             "test": shown["statistic"],
@@ -205,11 +201,11 @@ def _build_stream_sections(diagnosis: Diagnosis) -> list[Section]:
             "found": shown["value"],
             "baseline": shown["expected"],
             "chance": [words.format_p_value(p) for p in shown["p_value"]],
-            "what": [f"{text}{BODY_MOTION_NOTE if own else ''}" for text, own in zip(shown["text"], moving, strict=True)],
+            "what": shown["text"],
         }
     )
     rows["test"] = rows["test"].str.replace("_", " ")
-    strong = (shown["p_value"] * len(table) < 0.01) & ~moving
+    strong = (shown["p_value"] * len(table) < 0.01) & (shown["statistic"] != "strongest_line")
     note = "The samples of the gyro, without the references. Bold: less than 1 % chance, all these tests counted."
     if len(ordered) > len(shown):
         note += f" The {len(shown)} least likely of {len(ordered)}."

@@ -129,7 +129,6 @@ LISTED: dict[str, dict[str, Draw]] = {  # effects that are drawn, of those that 
     "rate_quantization": {},
     "rate_truncation": {},
     "rate_saturation": {},
-    "vibration": {"apparent_hz": draw_frequency, "phase_deg": draw_phase},
     "spikes": {"fraction": between(2e-4, 3e-3)},
     "stale_samples": {"fraction": between(2e-3, 5e-2)},
     "reference_jump": {**dict.fromkeys(("e_x_deg", "e_y_deg", "e_z_deg"), draw_phase), "begin_s": draw_time},

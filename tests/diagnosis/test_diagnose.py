@@ -186,7 +186,7 @@ def test_two_effects_are_named_with_their_sizes():
     ("effects", "why"),
     [
         pytest.param(("bias_orbital:y=0.05",), "bias_orbital:y takes ", id="a pattern"),
-        pytest.param(("vibration:x=0.002",), "the gyro samples show", id="of the samples"),
+        pytest.param(("noise_excess:x=1.3",), "the gyro samples show", id="of the samples"),
     ],
 )
 def test_a_gap_that_no_calibration_sees_is_told_with_its_reason(effects, why):

@@ -1,4 +1,4 @@
-"""What the checks reject is asked once more, with lines and the references' noise judged without it."""
+"""What the checks reject is asked once more, with the references' noise judged without it."""
 
 from types import SimpleNamespace
 

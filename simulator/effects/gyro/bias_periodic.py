@@ -30,5 +30,4 @@ EFFECT = BiasPeriodic(
     stage="rate",
     prior=(1e-5, 1e3),
     meaning="The gyro's bias goes up and down with a steady period that is not the orbit's, as with a heater that switches.",
-    symptom="bias_tone",
 )

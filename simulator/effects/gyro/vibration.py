@@ -39,5 +39,4 @@ EFFECT = Vibration(
     sign="positive",
     parameters=(FREQUENCY, PHASE),
     meaning="A steady tone in the samples, at the frequency that sampling makes of it.",
-    symptom="spectral_line",
 )

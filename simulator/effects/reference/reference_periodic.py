@@ -26,5 +26,4 @@ EFFECT = ReferencePeriodic(
     prior=(1e-5, 10.0),
     bounds=(-90.0, 90.0),
     meaning="The reference attitude errs sinusoidally, with a steady period that is not the orbit's.",
-    symptom="reference_tone",
 )

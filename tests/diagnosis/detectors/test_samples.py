@@ -79,24 +79,7 @@ def test_a_tone_is_found_with_its_amplitude_and_frequency(plan, truth, amplitude
     assert line.axis == 1
     assert line.frequency_hz == pytest.approx(frequency, abs=1e-4)
     assert abs(np.rad2deg(line.amplitude) - amplitude) < 4 * np.rad2deg(line.sigma)
-    assert line.isolated
-    assert line.steady
-    assert report.symptoms == ()  # whether it is a vibration, the attitude says
-
-
-def test_what_rings_in_one_arc_is_no_steady_tone():
-    """The same power in one of six arcs, where a turn of the body leaves it, and in all of them."""
-    recording = _recording(FLIGHT, motion(FLIGHT), 1)
-    t, last = recording.gyro.t_s, recording.intervals[-1]
-    wave = np.sin(2 * np.pi * 0.31 * t)
-    share = np.mean(t >= last.start_s)
-    for where, steady in ((t >= last.start_s, False), (t >= t[0], True)):
-        rates = recording.gyro.rates.copy()
-        rates[:, 1] += np.deg2rad(2e-4) * np.where(where, wave, 0.0) / np.sqrt(1.0 if steady else share)
-        (line,) = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates))).lines
-        assert line.axis == 1
-        assert line.frequency_hz == pytest.approx(0.31, abs=1e-3)
-        assert line.steady == steady
+    assert report.symptoms == ()  # the body may move so
 
 
 @pytest.mark.parametrize(("arcs", "moving"), [([4000] * 6, False), ([700] * 40, True), ([20000, 3000, 3000], False)])

@@ -6,7 +6,7 @@ import scipy.signal
 import scipy.stats
 
 from diagnosis.sinusoids import spectrum
-from diagnosis.sinusoids.spectrum import compute_log_p, compute_piece_spectrum, compute_power, compute_segment_spectrum
+from diagnosis.sinusoids.spectrum import compute_log_p, compute_power, compute_segment_spectrum
 
 ARCS = [(0, 6000), (6000, 9000)]
 
@@ -31,21 +31,6 @@ def test_overlapping_segments_scatter_as_stated(window):
         found = compute_segment_spectrum(rng.standard_normal(9000), ARCS, 600, 0.1, window)
         powers.append(found.power[5:-5])
     assert 1 / np.var(powers) == pytest.approx(float(found.count[0]), rel=0.06)
-
-
-def test_the_p_value_of_uneven_pieces_holds_for_white_noise():
-    """Two pieces share the frequencies up to half the rate of the slower one; beyond it the other one counts alone."""
-    rng, smallest = np.random.default_rng(4), []
-    frequencies = np.arange(0.01, 0.45, 0.005)
-    for _ in range(300):
-        times = [np.sort(rng.uniform(0, 200, count)) for count in (200, 100)]
-        found = compute_piece_spectrum([(t, rng.standard_normal((t.size, 1))) for t in times], frequencies, [0.5, 0.25])
-        log_p = compute_log_p(found.power, np.maximum(found.count, 1), frequencies.size)
-        smallest.append(float(np.exp(log_p.min())))
-    assert set(found.count.ravel()) == {1, 2}
-    for p in (0.05, 0.2):
-        # Frequencies are not independent, so that fewer are found than p, but not far fewer.
-        assert 0.4 * p < np.mean(np.array(smallest) < p) < p + 3 * np.sqrt(p * (1 - p) / 300)
 
 
 def test_power_is_that_of_the_transform():
