@@ -278,6 +278,7 @@ def calibrate(
             if apriori_covariance is None
             else dict(zip(names, np.sqrt(np.diag(apriori_covariance)).tolist(), strict=True)),
             "prior_from": prior_from,
+            "iterations": iterations,
         },
         parametrisation=parametrisation,
         noise_degrees=count_noise_degrees(recording, dof),

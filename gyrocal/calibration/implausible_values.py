@@ -71,8 +71,8 @@ def find_combinations_lost_to_misfit(
     if not lost:
         return ()
     return (
-        f"The residuals exceed the stated noise by a factor of {wider:.3g}. With sigmas as much wider, {len(lost)} of "
-        f"{len(names)} parameter combinations are not determined to within their plausible ranges: "
+        f"With sigmas wider by √(χ²/dof) = {wider:.3g}, {len(lost)} of {len(names)} parameter combinations are not determined "
+        "to within their plausible ranges: "
         f"{list_combinations(lost)}. Do not use their values.",
     )
 

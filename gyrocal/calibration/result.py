@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
@@ -21,6 +21,7 @@ from gyrocal.calibration.plausible_ranges import PlausibleRanges
 from gyrocal.calibration.problem import ROTATION_NAMES
 from gyrocal.calibration.propagation import Psi
 from gyrocal.calibration.remainder_processes import NOMINAL, WITH_REMAINDER, Remainder
+from gyrocal.calibration.verdict import CalibrationVerdict, decide_verdict
 from gyrocal.errors import InputError
 from gyrocal.recording.recording_data import format_html, format_text
 
@@ -55,7 +56,8 @@ class CalibrationResult:
         vector (N 16) and by the linear form (N 29), and sigma, what the covariance model expects of each, in degrees
     history : (m, 3) residuals θ of N (16), rad, at the start and after each iteration
     observability : singular values and combinations not found
-    options : what it was asked with (step_s, resampling, max_gap_s, held_s, prior sigmas by parameter), for the record
+    options : what it was asked with (step_s, resampling, max_gap_s, held_s, prior sigmas by parameter, iterations), for the
+        record
     chi2, dof : weighted square sum of the residuals after, with a prior's own term, and its degrees of freedom
     parametrisation : "gain" or "gyro", see `gyrocal.calibration.gyro_space`
     attenuation : (12,) expected error of G and b that the noise of the rates makes, see `gyrocal.calibration.attenuation`; None
@@ -172,6 +174,11 @@ class CalibrationResult:
         ranges = self.plausible.vector(columns >= 9)
         return (*found, *find_combinations_lost_to_misfit(covariance, ranges, self.solved_for, self.chi2, self.dof))
 
+    @cached_property
+    def verdict(self) -> CalibrationVerdict:
+        """Whether the calibration may be believed, with which sigmas, and why."""
+        return decide_verdict(self)
+
     def summary(self) -> pd.DataFrame:
         """A row per parameter of the parametrisation: initial, calibrated, correction and sigma; biases in deg/s."""
         import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
@@ -211,8 +218,7 @@ class CalibrationResult:
             rows.append((f"b_{axis}", f"{deg * self.bias[i]:+.6g} ± {deg * self.sigma[9 + i]:.2g} deg/s"))
         if self.observability.unobservable:
             rows.append(("not found", "; ".join(self.observability.unobservable)))
-        rows += [("warning", text) for text in self.warnings]
-        return rows
+        return [*rows, ("verdict", " ".join([self.verdict.summary, *self.verdict.reasons]))]
 
     def __repr__(self) -> str:
         return format_text("CalibrationResult", self._list_facts())
@@ -328,6 +334,7 @@ class CalibrationResult:
             "plausible_ranges": None if self.plausible is None else self.plausible.to_json(),
             "mounting": self.mounting.to_json(),
             "warnings": list(self.warnings),
+            "verdict": asdict(self.verdict),
             "condition": self.observability.condition if np.isfinite(self.observability.condition) else None,
             "chi2": self.chi2,
             "degrees_of_freedom": self.dof,

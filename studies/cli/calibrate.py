@@ -205,11 +205,9 @@ def command(
     if saved is not None:
         is_same = about["recording_sha256"] == saved.recording_sha256
         change = compute_change(saved.parameters, saved.covariance, result.parameters, result.recommended_covariance, is_same)
-    for text in calibration_report.list_implausible(result, loaded):
-        click.echo(f"implausible: {text}")
     turns = predict_held_out_turns(loaded, **asked)
     make_console().print(describe_held_out_turns(turns), highlight=False, markup=False)
-    calibration_report.show(make_console(), result, options["iterations"] is None, known)
+    calibration_report.show(make_console(), result, known)
     for line in calibration_report.describe_import_noise(result, read_estimated_noise(recording)):
         make_console().print(line, highlight=False, markup=False)
     if saved is not None:
@@ -222,12 +220,8 @@ def command(
         from studies.report import calibration_page
         from studies.report.pages import build_provenance_footer
 
-        write_text(
-            report,
-            calibration_page.build_calibration_page(
-                result, loaded, options["iterations"] is None, known, build_provenance_footer(loaded)
-            ),
-        )
+        page = calibration_page.build_calibration_page(result, loaded, known, build_provenance_footer(loaded))
+        write_text(report, page)
     known_numbers = dict(zip(CONDITIONS, (float(result.p_value), float(result.observability.condition)), strict=True))
     end("calibrate", str(recording), compare_conditions(fail_on, known_numbers), junit, limits)
 

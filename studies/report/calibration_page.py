@@ -24,12 +24,12 @@ TIGHT = 0.95  # correlation from which on two parameters are found together rath
 MOST_NAMES = 3
 FOREST_SIGMA = 3.0  # of the thin line
 FIGURE_WIDTH_IN = 11.0
+KINDS = {"yes": "", "with_wider_sigmas": "open", "unchecked": "open", "no": "gap"}  # colour of the answer by belief
 
 
 def build_calibration_page(
     result: CalibrationResult,
     recording: Recording,
-    to_tolerance: bool = True,
     truth: GyroParameters | None = None,
     made: ProvenanceFooter | None = None,
 ) -> str:
@@ -39,11 +39,9 @@ def build_calibration_page(
     ----------
     result : of the calibration
     recording : as calibrated, for the noise of its samples
-    to_tolerance : whether it was to iterate until nothing changes
     truth : known parameters; None if they are not
     made : for the footer
     """
-    kind, title = format_headline(result, to_tolerance)
     caption = f"{FOREST} The sigmas include the remainder." if result.recommended == WITH_REMAINDER else FOREST
     picture = Picture("forest", partial(draw_forest, result), _describe_forest(result), caption)
     sections = [
@@ -55,10 +53,10 @@ def build_calibration_page(
         Section("What the data determine", _build_observability_items(result)),
         Section("Mounting of the gyro", [result.mounting.format_sentences()]),
         Section("Noise of the samples", _build_noise_items(recording)),
-        Section("What speaks for and against it", [words.list_remarks(result)]),
+        Section("Remarks", [words.list_remarks(result)]),
     ]
-    answer = Answer(kind, picture, describe_largest_changes(result), list_answers(result))
-    return Page(title, sections, answer, made, f"Calibration of {result.recording}").render_html()
+    answer = Answer(KINDS[result.verdict.belief], picture, count_significant_changes(result), list_answers(result))
+    return Page(result.verdict.summary.rstrip("."), sections, answer, made, f"Calibration of {result.recording}").render_html()
 
 
 FOREST = (
@@ -72,25 +70,6 @@ RESIDUAL_FIGURE_NOTE = (
 
 
 # ---- the first screen ----------------------------------------------------------------------------------------------------
-
-
-def format_headline(result: CalibrationResult, to_tolerance: bool) -> tuple[str, str]:
-    """Kind of the answer, and the answer in a sentence."""
-    if result.warnings:
-        return "gap", f"Do not use it as it is: {result.warnings[0]}"
-    if result.observability.unobservable:
-        return "open", f"{len(result.observability.unobservable)} of the parameters' combinations are not found by the data"
-    if to_tolerance and not result.converged:
-        return "gap", "The calibration did not converge"
-    if result.dof <= 0:
-        return "open", "The parameters are found, and nothing is left to check them with"
-    if result.recommended == WITH_REMAINDER:
-        return "gap", "Use the sigmas with remainder: the residuals are larger than the stated noise"
-    if result.p_value < words.DOUBT:
-        return "gap", "Do not believe it yet: what is left is more than the stated noise explains"
-    if result.p_value > 1 - words.DOUBT:
-        return "open", "What is left is less than the stated noise: it is stated too large"
-    return "", "The calibration fits: what is left is what the stated noise explains"
 
 
 def list_answers(result: CalibrationResult) -> dict[str, str]:
@@ -107,9 +86,7 @@ def list_answers(result: CalibrationResult) -> dict[str, str]:
     )
     residuals = "; ".join(f"{name} {before:.4f} to {after:.4f} deg" for name, (before, after) in _compute_rms(result).items())
     lines = {
-        "Is it plausible?": " ".join(result.warnings),
-        "Can it be believed?": words.describe_fit(result),
-        "Which sigmas hold?": " ".join(words.recommend_sigmas(result)),
+        "Why?": " ".join(result.verdict.reasons),
         "What changed most?": f"{changes}.",
         "How well are they known?": f"One sigma: {sigmas}.",
         "What is left of the residuals (RMS)?": f"{residuals}.",
@@ -119,52 +96,39 @@ def list_answers(result: CalibrationResult) -> dict[str, str]:
     return {question: text for question, text in lines.items() if text}
 
 
-def describe_largest_changes(result: CalibrationResult) -> str:
-    """Describe the number of parameters that change significantly, and the largest changes."""
+def count_significant_changes(result: CalibrationResult) -> str:
+    """Say how many parameters change significantly."""
     table = _build_solved_table(result)
     count = int((table["in_sigma"].abs() > FOREST_SIGMA).sum())
-    row = table.iloc[int(table["in_sigma"].abs().to_numpy().argmax())]
     which = "sigmas with remainder" if result.recommended == WITH_REMAINDER else "sigmas"
-    return (
-        f"{count} of {len(table)} parameters change by more than three {which}; most of all {row['parameter']} by "
-        f"{_format_short(row['correction'], '+')} {row['unit']} ({abs(row['in_sigma']):.0f} sigma)."
-    )
+    return f"{count} of {len(table)} parameters change by more than three {which}."
 
 
 def _describe_observability(result: CalibrationResult) -> str:
     free = result.observability.unobservable
     if free:
-        return f"No: not found by the data are {'; '.join(free)}. {_describe_ranges(result)}".strip()
+        return f"No: not found by the data are {'; '.join(free)}."
     pairs = _find_tight_pairs(result)
     more = f"; found together rather than each: {', '.join(f'{a} and {b}' for a, b in pairs[:MOST_NAMES])}" if pairs else ""
     return (
         f"Yes: the worst combination is known {result.observability.singular_values[-1]:.0f} times better than its plausible "
-        f"range{more}. {_describe_ranges(result)}"
-    ).strip()
-
-
-def _describe_ranges(result: CalibrationResult) -> str:
-    """The plausible ranges and their origin, a sentence; empty if they are not known."""
-    ranges = result.plausible
-    if ranges is None:
-        return ""
-    return f"Plausible are {ranges.G:g} in G and {ranges.bias_deg_h:.3g} deg/h in b ({ranges.reason})."
+        f"range{more}."
+    )
 
 
 def recommend_next_step(result: CalibrationResult) -> str:
     """Recommend the next step after the result."""
     if result.warnings:
-        return "Check how the recording was made and read: the warning above names the suspects."
+        return "Check how the recording was made and read: the reasons above name the suspects."
     if result.observability.unobservable:
         return "Fly a maneuver that turns about what is missing: gyrocal plan says of a scenario what each maneuver brings."
-    if result.dof <= 0:
-        return "Add reference attitudes or intervals, so that something is left to check with."
-    if result.p_value < words.DOUBT:
-        worst = words.describe_worst_residual(result)
-        return f"{worst} Ask gyrocal diagnose which effect makes the residuals too large, and where.".strip()
-    if result.p_value > 1 - words.DOUBT:
-        return "State the noise of gyro and references as it is: gyrocal allan measures the gyro's."
-    return "Use it. gyrocal predict carries the attitude on by gyro with its covariance, which held-out references can check."
+    steps = {
+        "untested": "Add reference attitudes or intervals, so that something is left to check with.",
+        "smaller": "State the noise of gyro and references as it is: gyrocal allan measures the gyro's.",
+        "fits": "gyrocal predict carries the attitude on by gyro with its covariance, which held-out references can check.",
+    }
+    unexplained = f"{words.describe_worst_residual(result)} Ask gyrocal diagnose which effect is not modelled, and where."
+    return steps.get(result.verdict.fit, unexplained.strip())
 
 
 def _format_short(value: float, sign: str = "") -> str:

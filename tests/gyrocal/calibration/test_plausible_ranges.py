@@ -151,6 +151,6 @@ def test_a_misfit_widens_sigmas_beyond_the_ranges():
     assert find_combinations_lost_to_misfit(covariance, ranges, ("G_xx", "G_yy"), 90.0, 100) == ()
     assert find_combinations_lost_to_misfit(covariance, ranges, ("G_xx", "G_yy"), 300.0, 100) == ()
     (text,) = find_combinations_lost_to_misfit(covariance, ranges, ("G_xx", "G_yy"), 900.0, 100)
-    assert "a factor of 3." in text
+    assert "√(χ²/dof) = 3," in text
     assert "1 of 2 parameter combinations" in text
     assert "1 G_xx" in text

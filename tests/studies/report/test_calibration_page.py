@@ -1,13 +1,21 @@
 """The page of a calibration, for each thing that can be said of one."""
 
 import dataclasses
+import io
+import json
 import re
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.console import Console
+from scipy import stats
 
 import simulator
-from gyrocal import InputError, calibrate, save
+from gyrocal import GyroParameters, InputError, calibrate, save
+from gyrocal.calibration.remainder_processes import Remainder
+from studies.report import calibration as words
 from studies.report import calibration_page
 from studies.report.pages import ProvenanceFooter
 from tests.pages import checked
@@ -32,7 +40,8 @@ def test_page_is_whole(result, recording):
     page = checked(calibration_page.build_calibration_page(result, recording, made=MADE))
     assert set(page.figures) == {"forest", "residuals", "observability", "correlations", "allan"}
     assert all(len(alt) > 60 for alt in page.figures.values())
-    assert "The calibration fits" in page.words
+    assert page.words.count(result.verdict.summary.rstrip(".")) >= 1
+    assert page.words.count("They fit the stated noise") == 1
     for name in result.solved_for:
         assert name in page.words
     assert MADE.sha256 in page.words
@@ -59,29 +68,64 @@ def test_correlations_are_those_of_the_covariance(result):
     assert calibration_page._find_tight_pairs(tight) == [("G_xy", "G_xx")]
 
 
-@pytest.mark.parametrize(
-    ("chi2", "dof", "kind", "text"),
-    [
-        (1e6, 100, "gap", "Do not believe it yet"),
-        (1e-6, 100, "open", "stated too large"),
-        (0.0, 0, "open", "nothing is left to check them with"),
-        (100.0, 100, "", "The calibration fits"),
-    ],
+@given(
+    size=st.sampled_from([1e-6, 0.5, 0.9, 1.0, 1.1, 1.5, 1e4]) | st.floats(0.01, 10),
+    dof=st.sampled_from([0, 1, 9, 10, 100, 3000]),
+    remainder_p=st.none() | st.sampled_from([0.0, 1e-6, 0.0099, 0.0101, 1.0]),
+    converged=st.booleans(),
+    iterations=st.none() | st.just(1),
+    bias=st.sampled_from([0.0, 1.0]),
+    range_G=st.sampled_from([0.1, 1e-9]),
 )
-def test_headline_follows_the_fit(result, chi2, dof, kind, text):
-    other = dataclasses.replace(result, chi2=chi2, dof=dof)
-    assert calibration_page.format_headline(other, True)[0] == kind
-    assert text in calibration_page.format_headline(other, True)[1]
-    if kind:
-        assert calibration_page.recommend_next_step(other) != calibration_page.recommend_next_step(result)
+@settings(max_examples=60)
+def test_terminal_page_and_json_tell_one_verdict(result, size, dof, remainder_p, converged, iterations, bias, range_G):
+    wider = Remainder((), 2.0, 9.0, remainder_p, 4 * result.covariance) if remainder_p is not None else None
+    other = dataclasses.replace(
+        result,
+        chi2=size * max(dof, 1),
+        dof=dof,
+        remainder=wider,
+        converged=converged,
+        options={**result.options, "iterations": iterations},
+        parameters=GyroParameters(result.G, result.bias + bias),
+        plausible=dataclasses.replace(result.plausible, G=range_G),
+    )
+    verdict, stream = other.verdict, io.StringIO()
+    words.show(Console(file=stream, width=500, soft_wrap=True), other)
+    page = [verdict.summary, *calibration_page.list_answers(other).values(), *words.list_remarks(other)]
+    document = json.loads(json.dumps(other.to_json()))
+    for text in (
+        stream.getvalue(),
+        "\n".join(page),
+        "\n".join([document["verdict"]["summary"], *document["verdict"]["reasons"]]),
+    ):
+        assert text.count(verdict.summary.rstrip(".")) == 1
+        about = [one for one in re.split(r"[.\n]", text) if re.search("noise|residual|They ", one)]
+        told = [one for one in about if re.search(r"\bfit|exceed|larger than|smaller than", one)]
+        assert len(told) == 1
+        assert ("They fit" in told[0]) == (verdict.fit == "fits")
+        assert ("Use the" in text) == (verdict.belief in ("yes", "with_wider_sigmas"))
+        assert ("do not trust" in text) <= (verdict.belief == "no")
+    chi2_p, significant = stats.chi2.sf(other.chi2, dof) if dof else np.nan, remainder_p is not None and remainder_p < 0.01
+    assert (verdict.fit == "fits") == (dof > 0 and 0.01 <= chi2_p <= 0.99 and not significant)
+    wrong = (
+        bool(bias)
+        or (range_G < 1e-8 and size > 1 and dof > 0)
+        or (iterations is None and not converged)
+        or (chi2_p < 0.01 and not significant)
+    )
+    expected = "no" if wrong else "unchecked" if not dof else "with_wider_sigmas" if significant else "yes"
+    assert document["verdict"]["belief"] == verdict.belief == expected or (verdict.belief == "no" and size > 1)
+    assert document["verdict"]["sigmas"] == document["recommended"] == ("with_remainder" if significant else "nominal")
+    steps = {"fits": "gyrocal predict", "smaller": "gyrocal allan", "untested": "Add reference"}
+    if not other.warnings:
+        assert steps.get(verdict.fit, "gyrocal diagnose") in calibration_page.recommend_next_step(other)
 
 
-def test_what_the_data_do_not_determine_comes_first(recording):
+def test_the_verdict_counts_what_the_data_do_not_determine(recording):
     short = simulator.override(simulator.load("trmm"), {"gyro.sample_s": 5.0})
     free = calibrate(simulator.simulate(short, seed=1), plausible_G=1e-6, apriori_covariance=np.diag([1e-6] * 9 + [1e-12] * 3))
-    kind, title = calibration_page.format_headline(free, True)
-    assert kind == "open"
-    assert "not found by the data" in title
+    assert any("combinations are not determined by the data" in text for text in free.verdict.reasons)
     assert "gyrocal plan" in calibration_page.recommend_next_step(free)
 
 
