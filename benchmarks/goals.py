@@ -36,6 +36,10 @@ GOALS = {
     "help_vs_numpy": Goal(5),  # half a second, where numpy takes a tenth
     "wrong_option_vs_numpy": Goal(5),
     "no_recording_vs_numpy": Goal(10),
+    "calibrate_cold_cpu_s": Goal(15),
+    "calibrate_warm_cpu_s": Goal(2),
+    "help_cpu_s": Goal(0.3),
+    "import_gyrocal_cpu_s": Goal(0.05),
     "mission_30_days_s": Goal(60),
     "diagnosis_cpu_s_1000k": Goal(20),
     "diagnosis_peak_rss_mb_1000k": Goal(1000),
@@ -45,6 +49,9 @@ GOALS = {
     "predict_peak_rss_mb": Goal(1500),  # of 100,000 references; as the square of their number it would be terabytes
     "calibrate_peak_rss_mb": Goal(1500),
 }
+
+
+FIRST_RUN = ("calibrate_cold", "calibrate_warm", "help", "import_gyrocal")  # of the processor times of starts
 
 
 def judged(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
@@ -59,6 +66,7 @@ def judged(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
         **{f"peak_rss_mb_{count}": value for count, value in peaks.items()},
         "peak_rss_10000_over_100": flat,
         "cached_start_s": next(row["process_s"] for row in document["growth"]["cases"] if row["cases"] == 1),
+        **{f"{name}_cpu_s": document.get("start_up_cpu_s", {}).get(name) for name in FIRST_RUN},
         "mission_30_days_s": document["mission_loop"]["wall_s_30_days"],
         "diagnosis_cpu_s_1000k": million.get("cpu_s"),
         "diagnosis_peak_rss_mb_1000k": million.get("peak_rss_mb"),

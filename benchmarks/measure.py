@@ -3,6 +3,7 @@
 import contextlib
 import ctypes
 import json
+import os
 import platform
 import resource
 import subprocess
@@ -97,6 +98,7 @@ def measure_start_ups(rounds: int) -> dict[str, float]:
     """Least processor time (s) of `import numpy` in a fresh process, of each command's help, and of refusals, by name."""
     calls = {"numpy": (NUMPY,), **{f"help_{name}": (COMMAND_LINE, name, "--help") for name in COMMAND_NAMES}}
     calls |= {name: (COMMAND_LINE, *arguments) for name, arguments in REFUSALS.items()}
+    calls |= {"help": (COMMAND_LINE, "--help"), "import_gyrocal": ("import gyrocal",)}
     least = dict.fromkeys(calls, float("inf"))
     for _ in range(rounds + 1):  # the first one fills the file system's caches
         for name, call in calls.items():
@@ -112,10 +114,21 @@ def compute_start_up_ratios(seconds: dict[str, float]) -> dict[str, float]:
     }
 
 
-def _measure_processor_time(code: str, *arguments: str) -> float:
-    """Processor time of a fresh process, s."""
+def measure_first_run(recording: Recording, rounds: int) -> dict[str, float]:
+    """Processor time (s) of `gyrocal calibrate` with nothing compiled, and the least with what it has compiled."""
+    with tempfile.TemporaryDirectory() as place:
+        save(recording, Path(place, "recording"))
+        call = COMMAND_LINE, "calibrate", str(Path(place, "recording"))
+        cold, *warm = (_measure_processor_time(*call, NUMBA_CACHE_DIR=str(Path(place, "cache"))) for _ in range(rounds + 1))
+    return {"calibrate_cold": cold, "calibrate_warm": min(warm)}
+
+
+def _measure_processor_time(code: str, *arguments: str, **settings: str) -> float:
+    """Processor time of a fresh process, s, with settings of its environment; Python keeps its own bytecode."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"} | settings
+    call, where = [sys.executable, "-c", code, *arguments], Path(__file__).parents[1]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run([sys.executable, "-c", code, *arguments], cwd=Path(__file__).parents[1], capture_output=True, check=False)
+    subprocess.run(call, cwd=where, env=environment, capture_output=True, check=False)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
@@ -224,19 +237,19 @@ def run(quick: bool = False, say: Say = lambda text: None) -> dict[str, Any]:
     diagnoses = [_alone("benchmarks.diagnosis", *one) for one in effort.diagnoses]
     many = _alone("benchmarks.diagnosis", effort.references)
     say("starts of the command line")
-    starts = measure_start_ups(min(effort.slow, 3))
+    starts = measure_start_ups(min(effort.slow, 3)) | measure_first_run(flight.recording, min(effort.slow, 3))
     say("the Mission Mode loop")
     mission = mission_loop.run(*effort.mission)
     document = _document(growth, load_ms, others | solvers, cases, diagnoses, mission, reasons)
     document["many_references"] = many
     document["ratios"] |= compute_start_up_ratios(starts)
+    document["start_up_cpu_s"] = starts
     return {
         "command": "python -m benchmarks" + (" --quick" if quick else ""),
         "commit": read_commit(),
         "method": METHOD,
         "machine": machine(),
         **document,
-        "start_up_cpu_s": starts,
         "agreement": checks,
         "goals": judged(document),
         "reasons": reasons,

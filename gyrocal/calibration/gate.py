@@ -16,6 +16,12 @@ Array = NDArray[np.float64]
 
 LARGEST_RESIDUAL = float(np.deg2rad(30.0))  # far outside what one linearisation can correct; wrong units look like this
 
+CHANGE_SHARE = 0.5  # of a residual: a change of the bias that turns as far is its cause
+USUAL_REASONS = (
+    "are the rates in deg/s, the quaternions scalar last and inertial to body, the a-priori G and bias right, "
+    "and is the step or a held gap not too long?"
+)
+
 
 class LargeResidualError(InputError):
     """A residual is too large to be corrected by linearisation.
@@ -57,15 +63,19 @@ def build_refusal(
     G, bias : (3, 3), (3,) rad/s that the calibration starts from
     """
     from gyrocal.importing.agreement import explain_residuals  # late: needed only for a recording that is refused
+    from gyrocal.importing.motion import compare_rests, compute_speed, find_rests
 
+    gyro, references, where = recording.gyro, recording.attitudes, f"interval {interval}, t_s = {t_s}: "
+    rates = gyro.rates @ G.T
+    rests = find_rests(rates, gyro.sample_s, compute_speed(references.t_s, references.quaternions, gyro.t_s))
+    text, change = compare_rests(gyro.t_s, rates, rests)
+    start_s = next(one.start_s for one in recording.intervals if one.name == interval)
+    if text and np.linalg.norm(change) * (t_s - start_s) > CHANGE_SHARE * error.angle:
+        return _build_error(error.angle, error.output, where, f"the {text}; use intervals within which it is constant")
     reason = explain_residuals(recording, G, bias)
-    return _build_error(error.angle, error.output, f"interval {interval}, t_s = {t_s}: ", f"; {reason}" if reason else "")
+    return _build_error(error.angle, error.output, where, f"{USUAL_REASONS}{f'; {reason}' if reason else ''}")
 
 
-def _build_error(angle: float, output: int, where: str = "", reason: str = "") -> LargeResidualError:
-    text = (
-        f"{where}an attitude residual of {np.rad2deg(angle):.1f} deg is too large to linearise; "
-        "are the rates in deg/s, the quaternions scalar last and inertial to body, the a-priori G and bias right, "
-        f"and is the step or a held gap not too long?{reason}"
-    )
+def _build_error(angle: float, output: int, where: str = "", reason: str = USUAL_REASONS) -> LargeResidualError:
+    text = f"{where}an attitude residual of {np.rad2deg(angle):.1f} deg is too large to linearise; {reason}"
     return LargeResidualError(text, angle, output)

@@ -32,7 +32,7 @@ from gyrocal.importing.estimates import (
     estimate_walk,
 )
 from gyrocal.importing.intervals import choose_intervals, name_interval
-from gyrocal.importing.motion import Motion, build_motion, compute_speed, find_rests, rotate_onto
+from gyrocal.importing.motion import Motion, build_motion, compare_rests, compute_speed, find_rests, rotate_onto
 from gyrocal.importing.sensors import build_references, join_sensors, read_stated_sigma
 from gyrocal.importing.streams import BodyAttitudes, Sensor, Streams
 from gyrocal.importing.units import compute_gyro_factor, format_degrees
@@ -165,6 +165,7 @@ def _estimate_gyro(
     """Body rates with their bias and noise, rests, and the rows of the attitudes of each interval."""
     still = find_rests(rates, streams.sample_s, compute_speed(body.t_s, body.q, streams.t_s))
     said.append(f"{len(still)} rest(s) found" if still else "no rest found")
+    said += [text for text in [compare_rests(streams.t_s, rates, still)[0]] if text]
     bias = estimate_bias(mapping, rates, still, windows, body, streams, said)
     arw = estimate_walk(mapping, streams, rates, still, said)
     gyro = GyroStream(streams.t_s, rates, streams.sample_s, arw, np.eye(3), bias)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing import units
 from gyrocal.importing.column_mapping import Mapping, parse_spec
+from gyrocal.importing.held_readings import find_held_readings
 from gyrocal.importing.table_rows import order_rows, read_labels, read_numbers, read_rows, select_columns, sort_rows
 from gyrocal.importing.time_base import estimate_spacing, fit_even_times, is_uneven
 from gyrocal.recording.gyro_join import measure_all_directions
@@ -291,8 +292,9 @@ def _convert_to_rates(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, 
             f"{t_s[close][0]:.9g} s"
         )
         t_s, raw = t_s[~close], raw[~close]
-    t_s, raw, filled = _fill_lost_samples(t_s, raw, sample_s)
-    return t_s - late, factor * raw, sample_s, [*overflows, *filled, *said]
+    held, words = find_held_readings(t_s, raw)
+    t_s, raw, filled = _fill_lost_samples(t_s[~held], raw[~held], sample_s)
+    return t_s - late, factor * raw, sample_s, [*overflows, *words, *filled, *said]
 
 
 def _fill_lost_samples(t_s: Array, raw: Array, sample_s: float) -> tuple[Array, Array, list[str]]:

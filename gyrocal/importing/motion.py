@@ -24,6 +24,8 @@ QUIET = 2.5  # times the quietest scatter
 REST_SPEED_SHARE = 0.02  # of the motion: a body that turns slower is at rest, as far as the attitudes tell
 SHORTEST_REST_S = 3.0
 SPEED_S = 1.0
+REST_PARTS = 8  # of each rest, whose means tell the noise of the whole mean, slow noise included
+REST_SIGMAS = 7.0  # of the difference of two means: by chance once in 10⁵, of two rests
 
 
 @dataclass(frozen=True)
@@ -160,6 +162,34 @@ def find_rests(rates: Array, sample_s: float, speed: Array) -> list[tuple[int, i
         if (b - a) * sample_s >= SHORTEST_REST_S:
             out.append((a, b))
     return out
+
+
+def compare_rests(t_s: Array, rates: Array, rests: list[tuple[int, int]]) -> tuple[str, Array]:
+    """Compare the biases at rest: say which two differ by most sigmas, if they do, and by how much, (3,) rad/s.
+
+    Parameters
+    ----------
+    t_s, rates : of the samples, (n,) s and (n, 3) rad/s
+    rests : of `find_rests`
+    """
+    if len(rests) < 2:
+        return "", np.zeros(3)
+    whole = np.concatenate([rates[first:stop] for first, stop in rests])
+    parts = np.array([[part.mean(axis=0) for part in np.array_split(rates[a:b], REST_PARTS)] for a, b in rests])
+    bias, length = -parts.mean(axis=1), np.diff(rests)
+    density = np.mean(parts.var(axis=1, ddof=1) / REST_PARTS * length, axis=0)  # variance of a mean times its samples
+    rounding = np.array([np.diff(np.unique(x)).min(initial=np.inf) for x in whole.T])
+    floor = np.where(np.isfinite(rounding), np.square(rounding), 1.0) / 12
+    change = bias[:, None] - bias
+    sigmas = np.abs(change) / np.sqrt(density * (1 / length[:, None] + 1 / length) + floor)
+    one, other, axis = (int(k) for k in np.unravel_index(np.argmax(sigmas), sigmas.shape))
+    if sigmas[one, other, axis] < REST_SIGMAS:
+        return "", np.zeros(3)
+    one, other = sorted((one, other))
+    values = [f"{np.rad2deg(bias[k, axis]):.4g} deg/s in that at {t_s[rests[k][0]]:.6g} s" for k in (one, other)]
+    apart = f"{sigmas[one, other, axis]:.2g} sigmas apart"
+    text = f"bias differs between rests: b_{'xyz'[axis]} is {values[0]} and {values[1]}, {apart}"
+    return text, np.asarray(change[one, other])
 
 
 def compute_speed(t_ref: Array, q: Array, t_s: Array) -> Array:

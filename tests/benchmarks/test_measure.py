@@ -94,8 +94,10 @@ def test_goals_are_judged_both_ways():
             "diagnoses": [{"samples": 10**6, "cpu_s": 19.0, "peak_rss_mb": 1001.0}],
         },
         "mission_loop": {"wall_s_30_days": 61.0},
+        "start_up_cpu_s": {"calibrate_cold": 16.0, "calibrate_warm": 1.0},
     }
     met = {name: row["met"] for name, row in judged(document).items()}
+    assert [met[f"{name}_cpu_s"] for name in ("calibrate_cold", "calibrate_warm", "help")] == [False, True, None]
     assert met["kernel_vs_c_48k"] is None
     assert met["least_squares_vs_davenport"] is None
     assert met["cpu_ms_per_case"] is False
