@@ -12,7 +12,7 @@ help:
 	@echo "make test        ruff, mypy, import-linter and pytest"
 	@echo "make long        the tests of minutes, of which make test runs smaller versions"
 	@echo "make docs        the documentation as pages, site/index.html"
-	@echo "make baseline    show what moved against results/baseline, and replace it"
+	@echo "make baseline    show what moved against results/baseline; gyrocal baseline --write replaces it"
 	@echo "make bench       measure the kernel against C, a textbook loop, gtsam and scipy; results/benchmarks"
 	@echo "make clean       remove the virtual environment and the caches"
 
@@ -49,7 +49,7 @@ bench: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks
 
 baseline: $(VENV)/run.stamp
-	$(BIN)/gyrocal baseline --write
+	$(BIN)/gyrocal baseline
 
 $(BIN)/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed; set PYTHON=...")'

@@ -76,6 +76,8 @@ def _import_entry(name: str) -> Entry:
             from studies.validation.real_gyro import ENTRY
         case "heads":
             from studies.robertson.heads import ENTRY
+        case "recovered":  # of the project's own baseline, and no study of the list
+            from studies.validation.recovered import ENTRY
         case _:
             raise InputError(f"{name}: no such study; {suggest_names(name, STUDY_NAMES)}")
     return ENTRY

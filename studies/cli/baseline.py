@@ -1,51 +1,49 @@
-"""The command ``gyrocal baseline``: what moved of the recovered parameters that are held."""
+"""The command ``gyrocal baseline``: whether recordings and studies still give the values that are stored of them."""
 
 from pathlib import Path
 
 import click
 
-from gyrocal.errors import InputError
-from studies.cli.options import PATH, add_json_option
+from studies.cli.options import PATH, add_json_option, add_output_option
 from studies.montecarlo.files import write_json
 from studies.report.console import make_console
+from studies.report.junit import Verdict, write_junit
+
+PROJECT_BASELINE = Path("results") / "baseline" / "baseline.toml"
+SHOWN_LINES = 40  # of the values of one entry that moved
 
 
 @click.command("baseline")
-@click.option("--write", "regenerate", is_flag=True, help="Replace the stored baseline.")
-@click.option(
-    "--file", "path", type=PATH, default=None, help="CSV file of the baseline; results/baseline/recovered.csv by default."
-)
+@click.argument("file", type=PATH, default=PROJECT_BASELINE)
+@click.option("--write", is_flag=True, help="Replace the stored values.")
 @add_json_option("what moved")
-def command(regenerate: bool, path: Path | None, as_json: Path | None) -> None:
-    """Recompute the baseline of recovered parameters and show what moved; exit status 1 if something did.
+@add_output_option("--junit", help="Write each comparison as a test to this file, JUnit's XML.")
+def command(file: Path, write: bool, as_json: Path | None, junit: Path | None) -> None:
+    """Compute the recordings and studies of FILE again and show what moved; exit status 1 if something did.
 
-    The baseline holds the parameters that fixed simulated recordings are calibrated to, so that a change of the code that
-    changes results is seen.
+    FILE is a TOML with [recordings.NAME] and [studies.NAME], see docs/ci.md; by default the project's own,
+    results/baseline/baseline.toml. The stored values are in the folder expected beside it.
 
     \b
     Example:
-      gyrocal baseline --write
+      gyrocal baseline baseline.toml --write --json /tmp/moved.json
+      gyrocal baseline baseline.toml --junit /tmp/baseline.xml
     """
+    from studies.baseline import compare_baseline
     from studies.report import tables as render
-    from studies.validation import baseline
 
-    path = path or baseline.BASELINE_PATH
-    stored = baseline.read_baseline(path) if path.exists() else None
-    if stored is None and not regenerate:
-        raise InputError(f"{path}: no baseline there; run in the project's folder, or write one with --write")
-    new = baseline.estimate_baseline_parameters()
-    if stored is not None:
-        table = baseline.find_changed_values(stored, new)
-        if as_json:
-            write_json(as_json, {"file": str(path), "moved": table.to_dict("records")})
-        if table.empty:
-            click.echo(f"{path}: nothing moved by more than {baseline.RTOL:g} of itself")
+    found = compare_baseline(file, write)
+    for one in found:
+        if one.moved.empty:
+            click.echo(f"{one.name}: nothing moved")
         else:
-            render.print_table(
-                make_console(), f"{len(table)} values moved by more than {baseline.RTOL:g} of themselves", table.head(40)
-            )
-    if regenerate:
-        baseline.write_baseline(new, path)
-        click.echo(f"{path}: written")
-    elif not table.empty:
+            render.print_table(make_console(), f"{one.name}: {len(one.moved)} values moved", one.moved.head(SHOWN_LINES))
+    if as_json:
+        write_json(as_json, {"file": str(file), "moved": {one.name: one.moved.to_dict("records") for one in found}})
+    if junit:
+        verdicts = [Verdict(f"{one.name}: {each.name}", each.failure) for one in found for each in one.verdicts]
+        write_junit(junit, "gyrocal baseline", str(file), verdicts)
+    if write:
+        click.echo(f"{file.parent / 'expected'}: written")
+    elif not all(one.moved.empty for one in found):
         raise SystemExit(1)

@@ -42,7 +42,6 @@ SMALL = (  # what is typed in place of what is shown
     (r"^(gyrocal study (?!.*--(rerun|backend))\S+ .*)", r"\1 --backend serial"),
     (r"^gyrocal reproduce(?!.*natanson)", "gyrocal reproduce --days 1 --slews 2"),
     (r"^gyrocal reproduce(?!.*(robertson|--cases))", "gyrocal reproduce --cases 3"),
-    (r"^gyrocal baseline", "gyrocal baseline --file baseline.csv"),
     (r"my_effect:z=0\.5", "bias_eclipse:z=2"),
 )
 MINUTES = r"gyrocal (reproduce|study (heads|real|withheld)|diagnose .*--plan)"  # in make long
@@ -152,7 +151,7 @@ def test_every_command_has_an_example():
 
 
 def test_blocks_of_toml_are_what_they_say(tmp_path):
-    """Those of plan and compare are files of `world`, that of requirements.md is run with its study."""
+    """Those of plan, compare and ci are files of `world`, that of requirements.md is run with its study."""
     (block,) = blocks("docs/import.md", "toml")
     importing.validate_mapping(tomllib.loads(block), "the page")
     (block,) = blocks("docs/extending.md", "toml")

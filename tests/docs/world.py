@@ -47,10 +47,16 @@ def _write_tables(tables, folder):
     (folder / "stick.csv").write_text(HEADERS + rows.to_csv(sep=";", index=False, header=False))
 
 
-def make(folder):
-    """Write a log in every format, and coarse scenarios in place of those that take long."""
+def make_log(folder):
+    """Write a log as tables; returns them."""
     tables = log(np.random.default_rng(1), seconds=40.0)
     _write_tables(tables, folder)
+    return tables
+
+
+def make(folder):
+    """Write a log in every format, and coarse scenarios in place of those that take long."""
+    tables = make_log(folder)
     mems.write_aem(tables, folder / "attitude.aem")
     mems.write_ck(tables, folder / "attitude.bc", folder / "clock.tsc")
     (folder / "mapping.toml").write_text(MAPPING)
@@ -59,6 +65,7 @@ def make(folder):
         (folder / name).write_text('base = "trmm"\n')
     (folder / "roll.toml").write_text(blocks("docs/plan.md", "toml")[0])
     (folder / "mystudy.py").write_text(blocks("docs/own_study.md", "python")[0])
+    (folder / "baseline.toml").write_text(blocks("docs/ci.md", "toml")[0])
     (folder / "mine.py").write_text(blocks("docs/extending.md", "python")[0])
     names = [str(folder / name) for name in ("gyro.csv", "mocap.csv", "RECORDING")]
     done = CliRunner().invoke(main, ["import", "csv", *names, *WORDS])

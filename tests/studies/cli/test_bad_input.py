@@ -27,8 +27,9 @@ WRONG = [
     ("diagnose nothing", "not a folder"),
     ("diagnose REC --report -", "give the name of a file"),
     ("simulate trmm REC", "--force"),
-    ("baseline --file REC/gyro.parquet", "not a baseline"),
-    ("baseline --file nowhere.csv", "no baseline"),
+    ("baseline REC/gyro.parquet", "not a TOML file"),
+    ("baseline REC/recording.toml", "is not known"),
+    ("baseline nowhere.toml", "nowhere.toml: no such file"),
     # scenarios, studies and effects
     ("simulate trm OUT", "trm: neither a file nor a built-in scenario; did you mean trmm"),
     ("plan REC", "REC: is a folder; a scenario is wanted here"),
