@@ -14,7 +14,9 @@ which counts as one if it is smaller. A rotation needs motion about two axes. Wh
 across the main axis, errors of the gyro may have made its angle: its sigma is then at least the angle.
 
 Windows overlap, and residuals of a wrong G are not white: the covariance is that of sums over blocks of time (a sandwich
-estimator by clusters; White, Econometrica 48, 1980).
+estimator by clusters; White, Econometrica 48, 1980). A delay that differs between parts of the recording, as by a clock that
+slips, leaves residuals over many blocks: a sigma is at least that with the correlation of neighbouring blocks (Newey and West,
+Econometrica 55, 1987). An offset that is stated without a clock rate is that of a fit without one, over the whole recording.
 """
 
 from __future__ import annotations
@@ -36,6 +38,7 @@ MOST_CLOCKS = 300  # clock rates of one search
 LEAST_COMMON = 0.5  # of the shorter side: overlap of a time offset
 STARTS = 4  # maxima of the correlation from which the fit begins
 CLUSTERS = 24  # of time, whose sums give the covariance
+CORRELATED_CLUSTERS = 5  # that may correlate: about the square root of their number
 FEWEST_ALIGNED_WINDOWS = 12
 STEPS = 25
 # Of the data's information: what the motion does not determine stays where it began, and its sigma is large.
@@ -157,19 +160,23 @@ def estimate_alignment(
     return min(found, key=lambda one: one.residual, default=None)
 
 
-def refine(windows: Motion, reverse: bool | None = None) -> Alignment | None:
+def refine(windows: Motion, reverse: bool | None = None, with_clock: bool = True) -> Alignment | None:
     """Find the alignment near the tags as they are, in the direction that fits; None of too few windows.
 
-    reverse: the direction of the attitudes, if it is known.
+    Parameters
+    ----------
+    windows : of both sides
+    reverse : the direction of the attitudes, if it is known
+    with_clock : whether a clock rate is fitted; without it the offset is that of the whole recording
     """
-    found = [_fit(windows, one) for one in ((False, True) if reverse is None else (reverse,))]
+    found = [_fit(windows, one, with_clock) for one in ((False, True) if reverse is None else (reverse,))]
     good = [one for one in found if one is not None]
     if len(good) == 2:
         return good[1] if good[1].residual < DIRECTION_RATIO * good[0].residual else good[0]
     return good[0] if good else None
 
 
-def _fit(windows: Motion, reverse: bool) -> Alignment | None:
+def _fit(windows: Motion, reverse: bool, with_clock: bool) -> Alignment | None:
     """Fit all parameters by Gauss-Newton steps for one direction of the attitudes; None of too few windows."""
     reference = windows.attitudes(reverse=reverse)
     gyro, inside = _measure(windows, 0.0, 1.0)
@@ -193,8 +200,9 @@ def _fit(windows: Motion, reverse: bool) -> Alignment | None:
             return None
         model = scale * mean @ C.T
         left = reference[inside] - model - bias
-        J = _build_columns(model, scale * slope @ C.T, middle[inside] - t0 - centre)
-        size = np.maximum(np.sqrt(np.sum(J * J, axis=0)), 1e-300)
+        J = _build_columns(model, scale * slope @ C.T, with_clock * (middle[inside] - t0 - centre))
+        size = np.sqrt(np.sum(J * J, axis=0))
+        size[size == 0] = 1.0
         N = (J / size).T @ (J / size) + PRIOR_STRENGTH * np.eye(9)
         step = np.linalg.solve(N, (J / size).T @ left.ravel()) / size
         step[0] = np.clip(step[0], -0.5 * length, 0.5 * length)
@@ -210,7 +218,7 @@ def _fit(windows: Motion, reverse: bool) -> Alignment | None:
     cov = _compute_covariance(J / size, left, N, place) / np.outer(size, size)
     factor = 1 / (1 + rate)
     to_offset = np.zeros(9)
-    to_offset[:2] = factor, -factor * centre  # the offset is f (τ_c − rate·centre)
+    to_offset[:2] = factor, -factor * centre * with_clock  # the offset is f (τ_c − rate·centre)
     r0 = reference[inside] - reference[inside].mean(axis=0)
     offset, offset_sigma = _shift(at_centre, rate, centre), float(np.sqrt(to_offset @ cov @ to_offset))
     time_sigma = float(factor**2 * np.sqrt(cov[1, 1]))
@@ -278,10 +286,16 @@ def _compute_covariance(J: Array, left: Array, N: Array, place: Array) -> Array:
     cluster = np.minimum((CLUSTERS * place).astype(int), CLUSTERS - 1)
     sums = np.stack([scores[cluster == k].sum(axis=0) for k in np.unique(cluster)])
     inverse = np.linalg.inv(N)
-    variance = sums.T @ sums * len(sums) / max(len(sums) - 5, 1)
+    variance = sums.T @ sums
+    correlated = variance.copy()
+    for lag in range(1, min(CORRELATED_CLUSTERS, len(sums) - 1) + 1):
+        product = sums[lag:].T @ sums[:-lag]
+        correlated += (1 - lag / (CORRELATED_CLUSTERS + 1)) * (product + product.T)
     # What the prior alone holds has at least the uncertainty that the residual's size leaves it.
-    variance += PRIOR_STRENGTH * float(np.mean(np.square(left))) * np.eye(9)
-    return np.asarray(inverse @ variance @ inverse)
+    held = PRIOR_STRENGTH * float(np.mean(np.square(left))) * np.eye(9)
+    C, slow = (inverse @ (one * len(sums) / max(len(sums) - 5, 1) + held) @ inverse for one in (variance, correlated))
+    more = np.sqrt(np.maximum(np.diag(slow) / np.diag(C), 1.0))
+    return np.asarray(C * np.outer(more, more))
 
 
 def _shift(at_centre: float, rate: float, centre: float) -> float:

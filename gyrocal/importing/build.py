@@ -120,7 +120,7 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
     found = _evaluate(windows, mapping, streams.sensors[0], G if streams.gyros is None else None)
     late_s = LATE * streams.sample_s if check else np.inf
     said += _check_agreement(found, late_s, windows.is_coarse, lambda: _find_largest_miss(body, estimated))
-    near = refine(windows, reverse=False)
+    near = refine(windows, reverse=False, with_clock=False)
     if near is not None and near.residual <= HOPELESS and not windows.is_coarse and not is_aligned:
         said.append(near.describe_offset())
     gyro, still, chosen = estimated(said)

@@ -209,7 +209,7 @@ def describe_time_offset(trial: Trial, attitude_offset_s: float = 0.0) -> tuple[
     rows = np.flatnonzero(trial.tracked)[:: trial.samples(OFFSET_STEP_S)]
     t_s = trial.t_s[rows] + attitude_offset_s
     windows = build_motion(trial.t_s, trial.rates, trial.sample_s, t_s, trial.quaternions[rows])
-    found = None if windows is None else refine(windows, reverse=False)
+    found = None if windows is None else refine(windows, reverse=False, with_clock=False)
     return () if found is None else (found.describe_offset(),)
 
 

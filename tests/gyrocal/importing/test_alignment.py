@@ -234,3 +234,25 @@ def test_a_rotation_about_the_only_axis_of_a_motion_needs_the_other_rates(are_sm
     assert not found.reverse
     assert found.is_turned == are_small_rates_read
     assert np.abs((Rotation.from_matrix(found.C) * turn.inv()).as_rotvec())[2] < 4 * found.turn_sigma[2]
+
+
+def test_a_delay_that_differs_between_parts_is_in_the_sigma_of_the_offset():
+    """A clock that slips back every 20 s: parts of the recording agree within their sigmas; a constant delay has less."""
+    found, constant = [], []
+    for seed in range(4):
+        data = mems_log.log(np.random.default_rng([8, seed]), seconds=60.0)
+        streams, _ = read(data)
+        one = streams.sensors[0]
+        for delay, out in ((0.02 * ((one.t_s / 20) % 1), found), (np.full(one.t_s.size, 0.01), constant)):
+            for part in (one.t_s < 36.0, one.t_s > -1.0):
+                rows = streams.t_s < one.t_s[part][-1]
+                samples = streams.t_s[rows], streams.raw[rows], streams.sample_s
+                windows = build_motion(*samples, (one.t_s - delay)[part], one.q[part])
+                out.append(refine(windows, reverse=False, with_clock=False))
+    z = [
+        (a.offset_s - b.offset_s) / np.hypot(a.offset_sigma, b.offset_sigma)
+        for a, b in zip(found[::2], found[1::2], strict=True)
+    ]
+    assert np.abs(z).max() < 3
+    assert all(abs(one.offset_s - 0.01) < 3 * one.offset_sigma for one in [*found, *constant])
+    assert np.mean([one.offset_sigma for one in constant]) < 0.4 * np.mean([one.offset_sigma for one in found])
