@@ -14,9 +14,11 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from simulator import scenario
 from studies.cli.main import main
+from tests.gyrocal.importing.mems import AEM
 
 SIGMAS = 6.0
 DOUBTS = ("do not trust the sigmas", "smaller than the stated noise", "Not determined by the data", "No degrees of freedom")
@@ -87,9 +89,17 @@ HEADER, NAMES = "REC/recording.toml", ("gyro", "attitude")
 def good(tmp_path_factory):
     """A small recording, its truth, its calibration and a table of another program, in a folder."""
     folder = tmp_path_factory.mktemp("good")
-    turn = np.deg2rad(np.arange(20.0)) / 2  # about z at one deg/s
-    rows = [f"{k},0,0,1,0,0,{np.sin(half)},{np.cos(half)}" for k, half in enumerate(turn)]
+    t_s = 0.1 * np.arange(200)
+    noise = np.random.default_rng(1).normal(size=(2, 200, 3))
+    rates = np.column_stack([30 * np.sin(t_s), 20 * np.cos(0.7 * t_s), 10 * np.sin(0.3 * t_s)])
+    q, bodies = Rotation.identity(), []
+    for rate, own in zip(rates, noise[1], strict=True):
+        bodies.append((q * Rotation.from_rotvec(0.05 * own, degrees=True)).as_quat())
+        q = q * Rotation.from_rotvec(0.1 * rate, degrees=True)
+    numbers = np.column_stack([t_s, rates + 0.05 * noise[0], bodies])
+    rows = [",".join(f"{value:.6f}" for value in row) for row in numbers]
     (folder / "a.csv").write_text("\n".join(["t,gx,gy,gz,q1,q2,q3,q4", *rows, ""]))
+    write_other_formats(folder, [row.split(",") for row in rows])
     (folder / "mine.toml").write_text(scenario.read_text("trmm"))
     with chdir(folder):
         options = (*COARSE, "--set", "reference.every_s=300.0", "--seed", "1", "--truth", "truth.json")
@@ -98,8 +108,31 @@ def good(tmp_path_factory):
     return folder
 
 
+def write_other_formats(folder, rows):
+    """The same log as a message beside a table, and as a folder of the EuRoC form."""
+    dates = [f"2020-08-16T12:02:{float(row[0]):09.6f}" for row in rows]
+    gyro = [f"{date},{','.join(row[1:4])}" for date, row in zip(dates, rows, strict=True)]
+    (folder / "g.csv").write_text("\n".join(["time,gx,gy,gz", *gyro, ""]))
+    (folder / "a.aem").write_text(
+        AEM.format(rows="\n".join(" ".join([date, *row[4:]]) for date, row in zip(dates, rows, strict=True)))
+    )
+    for name, header, columns in (
+        ("imu0", "w_RS_S_x,w_RS_S_y,w_RS_S_z", (1, 2, 3)),
+        ("vicon0", "q_RS_w,q_RS_x,q_RS_y,q_RS_z", (7, 4, 5, 6)),
+    ):
+        path = folder / "V" / "mav0" / name / "data.csv"
+        path.parent.mkdir(parents=True)
+        lines = [
+            ",".join(
+                [row[0].replace(".", "") + "000", *(row[k] if k > 3 else f"{np.deg2rad(float(row[k])):.9f}" for k in columns)]
+            )
+            for row in rows
+        ]
+        path.write_text("\n".join([f"#timestamp,{header}", *lines, ""]))
+
+
 def ends_well(good, arguments, damage=lambda folder: None, said=""):
-    """Run a command on a copy to which something was done; True if it was answered, and not refused."""
+    """Run a command on a copy to which something was done; its output if it was answered, False if it was refused."""
     with tempfile.TemporaryDirectory() as name, chdir(name), warnings.catch_warnings():
         warnings.simplefilter("default")
         shutil.copytree(good, name, dirs_exist_ok=True)
@@ -114,7 +147,7 @@ def ends_well(good, arguments, damage=lambda folder: None, said=""):
             found, truth = (json.loads(Path(file).read_text()) for file in ("result.json", "truth.json"))
             error = np.array([*np.ravel(found["G"]), *found["bias_deg_s"]]) - [*np.ravel(truth["G"]), *truth["bias_deg_s"]]
             assert (np.abs(error) <= SIGMAS * np.array([row["sigma"] for row in found["estimates"]])).all()
-        return True
+        return result.stdout or True
 
 
 def edit(name, change):
@@ -207,21 +240,84 @@ WORDS = (
     *(("--lsb", word) for word in ("", "x", "0 deg/s", "nan deg/s", "-1 deg/s")),
     *((flag, word) for flag in ("--wrap", "--interval", "--spacing", "--attitude-offset") for word in ("nan", "1e308", "-1")),
 )
-CELLS = ("", "a", "inf", "1e300", "0", "-1", "1,2", '"', "\x00", "9" * 400)
+LOST = ("", "inf", "nan", "-nan(ind)", "9" * 400)  # cells that are no numbers: what is read of them is said or refused
+CELLS = (*LOST, "a", "1e300", "0", "-1", "1,2", '"', "\x00")
+READERS = {  # the command, and the files of it with their separators
+    "csv": (("csv", "a.csv"), {"a.csv": ","}),
+    "aem": (("aem", "g.csv", "a.aem"), {"g.csv": ",", "a.aem": " "}),
+    "euroc": (("euroc", "V"), {f"V/mav0/{name}/data.csv": "," for name in ("imu0", "vicon0")}),
+}
+OPTIONS = {"csv": IMPORT, "aem": {"--time": "time:iso", "--gyro": IMPORT["--gyro"]}, "euroc": {}}
+DAMAGES = st.one_of(
+    st.tuples(st.just("cell"), st.sampled_from(CELLS), st.integers(0, 7), st.booleans()),
+    st.tuples(st.sampled_from(["cut", "line twice", "lines exchanged"])),
+    st.tuples(st.just("bytes"), st.binary(min_size=1, max_size=4)),
+)
 
 
-@settings(max_examples=60)
-@given(st.sampled_from([*WORDS, *[("--time", "t:s")] * 20]), SHARES, st.integers(0, 7), st.sampled_from(CELLS), st.booleans())
-def test_a_bad_import(good, word, share, column, cell, everywhere):
-    def damage(folder):
-        header, *rows = (folder / "a.csv").read_text().splitlines()
-        for place in range(len(rows)) if everywhere else [int(share * len(rows))]:
-            cells = rows[place].split(",")
-            rows[place] = ",".join([*cells[:column], cell, *cells[column + 1 :]])
-        (folder / "a.csv").write_text("\n".join([header, *rows]))
+def spoil(folder, file, separator, damage, share):
+    """Change a file in one place, or one column of it in every row."""
+    data = (folder / file).read_bytes()
+    lines = data.decode().splitlines()
+    first = next(k for k, line in enumerate(lines) if len(line.split(separator)) > 3 and k > 0)
+    rows = [k for k in range(first, len(lines)) if len(lines[k].split(separator)) > 3]
+    at = rows[int(share * len(rows))]
+    match damage:
+        case "cell", text, column, everywhere:
+            for k in rows if everywhere else [at]:
+                cells = lines[k].split(separator)
+                cells[column % len(cells)] = text
+                lines[k] = separator.join(cells)
+        case ["line twice"]:
+            lines.insert(at, lines[at])
+        case ["lines exchanged"]:
+            lines[at], lines[rows[-1]] = lines[rows[-1]], lines[at]
+        case ["cut"]:
+            data = data[: int(share * len(data))]
+        case "bytes", more:
+            data = data[: int(share * len(data))] + more + data[int(share * len(data)) :]
+    (folder / file).write_bytes(data if damage[0] in ("cut", "bytes") else "\n".join([*lines, ""]).encode())
 
-    options = [f"{key}={text}" for key, text in (IMPORT | dict([word])).items()]
-    ends_well(good, ("import", "csv", "a.csv", "OUT", *options), damage)
+
+def list_sentences(text):
+    """What an import says, without its numbers."""
+    return {re.sub(r"[-+\d.e]+", "#", line) for line in re.sub(r" *│\n│ +│ ", " ", text).splitlines()}
+
+
+def list_words(reader, *more):
+    return ("import", *READERS[reader][0], "OUT", *[f"{key}={text}" for key, text in (OPTIONS[reader] | dict(more)).items()])
+
+
+def check_reader(good, reader, file, damage, share, *more):
+    clean, files = list_words(reader, *more), READERS[reader][1]
+    file = list(files)[file % len(files)]
+    answer = ends_well(good, clean, lambda folder: spoil(folder, file, files[file], damage, share))
+    if answer and damage[0] == "cell" and damage[1] in LOST:
+        assert list_sentences(answer) - list_sentences(ends_well(good, clean))
+
+
+BAD = (st.integers(0, 1), DAMAGES, SHARES)
+
+
+@pytest.mark.parametrize("reader", READERS)
+@settings(max_examples=25)
+@given(*BAD)
+def test_a_bad_import(good, reader, file, damage, share):
+    check_reader(good, reader, file, damage, share)
+
+
+@settings(max_examples=20)
+@given(st.sampled_from(WORDS), *BAD)
+def test_a_bad_option_of_an_import(good, word, file, damage, share):
+    check_reader(good, "csv", file, damage, share, word)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("reader", READERS)
+@settings(max_examples=200)
+@given(*BAD)
+def test_many_bad_imports(good, reader, file, damage, share):
+    check_reader(good, reader, file, damage, share)
 
 
 REFUSED = {
@@ -245,7 +341,7 @@ def test_a_diagnosis_refuses_what_it_cannot_use(good, text):
 
 
 def test_what_is_good_is_answered_and_a_silent_error_is_seen(good):
-    for words in (CALIBRATE, *COMMANDS.values()):
+    for words in (CALIBRATE, *COMMANDS.values(), *map(list_words, READERS)):
         assert ends_well(good, words)
     with pytest.raises(AssertionError):
         ends_well(good, CALIBRATE, lambda folder: substitute(folder / "truth.json", r"1\.000443", "1.01"))

@@ -44,7 +44,6 @@ INERTIAL = re.compile(
     "(ICRF|GCRF)[0-9]*|EME2000|J2000|B1950|ECLIPJ2000|GALACTIC|CIRS|TEME(OFDATE|OFEPOCH)?|MCI|(MOD|MOE|TOD|TOE)(EARTH)?"
 )
 TAI_GPS_S = 19
-NORM = 1e-3  # of numbers with four digits, as the standard's own examples have them
 NANO = 10**9
 AEM_REQUIRED_KEYS = ("REF_FRAME_A", "REF_FRAME_B", "TIME_SYSTEM", "ATTITUDE_TYPE")
 DIRECTED = ("ATTITUDE_DIR", "QUATERNION_TYPE")  # of version 1 alone
@@ -65,7 +64,7 @@ class Aem:
     """Attitudes of a message, all segments one after another."""
 
     clock: Clock  # times
-    q: Array  # (m, 4) A(q), inertial to body, scalar last
+    q: Array  # (m, 4) A(q), inertial to body, scalar last, of the norm on file
     title: str  # the object's name
     frames: tuple[str, str]  # inertial frame and body frame
 
@@ -273,10 +272,6 @@ def build_attitudes(
     if not rows:
         raise InputError(f"{path}: no attitudes")
     q = np.array(rows)
-    norm = np.linalg.norm(q, axis=1)
-    bad = np.flatnonzero(~(np.abs(norm - 1) <= NORM))
-    if bad.size:
-        raise InputError(f"{path}: the quaternion of attitude {bad[0] + 1} has norm {norm[bad[0]]:.9g}, not 1")
-    q = q / norm[:, None] * ([-1.0, -1.0, -1.0, 1.0] if conjugate else [1.0, 1.0, 1.0, 1.0])
+    q *= [-1.0, -1.0, -1.0, 1.0] if conjugate else [1.0, 1.0, 1.0, 1.0]
     whole, part = zip(*times, strict=True)
     return Clock(np.array(whole, dtype=np.int64), np.array(part), scale), q

@@ -16,7 +16,7 @@ from gyrocal.errors import InputError
 from gyrocal.importing import units
 from gyrocal.importing.column_mapping import Mapping, parse_spec
 from gyrocal.importing.held_readings import find_held_readings
-from gyrocal.importing.table_rows import order_rows, read_labels, read_numbers, read_rows, select_columns, sort_rows
+from gyrocal.importing.table_rows import read_labels, read_numbers, read_rows, select_columns, sort_rows
 from gyrocal.importing.time_base import estimate_spacing, fit_even_times, is_uneven
 from gyrocal.recording.gyro_join import measure_all_directions
 
@@ -205,19 +205,11 @@ def _arrange_by_gyro(
     if len(names) != 1:
         raise InputError(f"gyro: with gyro_by = {by!r} one column is wanted, not {len(names)}")
     order = list(labels.dropna().unique())
-    values = pd.Series(read_numbers(frame, names, "gyro")[:, 0], index=frame.index)
-    if len(unit) != 1:
-        raise InputError(f"time: one unit is wanted, not {':'.join(unit)}")
     parts, said, scale = list[pd.DataFrame](), list[str](), ""
     for one in order:  # each gyro's tags go on by themselves
-        rows = labels == one
-        clock = units.build_clock(select_columns(frame, tags, "time")[rows], unit[0])
-        scale = clock.scale
-        said += [f"the tags of gyro {one} {clock.said}"] if clock.said else []
-        own, places = clock.subtract(int(clock.whole[0])), frame.index.to_numpy()[rows]
-        kept, more = order_rows(own, places, f"rows of gyro {one}", "time", frame.attrs.get("head"))
-        table = pd.DataFrame({"gyro": one, "whole": clock.whole, "part": clock.part, "value": values[rows].to_numpy()})
-        parts, said = [*parts, table.iloc[kept]], [*said, *more]
+        clock, values, own = read_rows(frame[labels == one], names, "gyro", f"gyro {one}", ("time", tags, unit))
+        scale, said = clock.scale, [*said, *own]
+        parts.append(pd.DataFrame({"gyro": one, "whole": clock.whole, "part": clock.part, "value": values[:, 0]}))
     rows = pd.concat(parts)
     twice = int(rows.duplicated(["gyro", "whole", "part"]).sum())
     said += [f"{int(labels.isna().sum())} gyro row(s) without a gyro in {by} are left out"] if labels.isna().any() else []

@@ -94,35 +94,37 @@ def read_csv(path: Path) -> pd.DataFrame:
                 header=None,
                 names=layout.names,
             )
-        frame = _read_lost_numbers(frame, layout.decimal)
+        frame, lost = _read_mixed_columns(frame, layout.decimal)
     except InputError:
         raise
     except Exception as fault:  # pandas raises a zoo of types for a damaged file
         raise InputError(f"{path}: cannot be read as CSV: {' '.join(str(fault).split())}") from None
     if frame.empty:
         raise InputError(f"{path}: no rows")
-    frame.attrs["said"] = tuple(f"{path.name}: {text}" for text in layout.said)
+    frame.attrs["said"] = tuple(f"{path.name}: {text}" for text in (*layout.said, *lost))
     frame.attrs["head"] = (layout.first_line, str(path))
     return frame
 
 
-def _read_lost_numbers(frame: pd.DataFrame, decimal: str) -> pd.DataFrame:
-    """The table with columns as numbers whose only words are not-a-number in one of its spellings."""
+def _read_mixed_columns(frame: pd.DataFrame, decimal: str) -> tuple[pd.DataFrame, list[str]]:
+    """The table without rows that repeat the header, words for not-a-number in any spelling as such, and what is said."""
     import pandas as pd
 
     from gyrocal.importing.table_layout import NOT_A_NUMBER
 
-    for name in frame.columns:
-        column = frame[name]
-        if pd.api.types.is_numeric_dtype(column):
-            continue
-        words = column.astype(str).str.strip()
-        lost = words.str.fullmatch(NOT_A_NUMBER.pattern, case=False) & column.notna()
-        if lost.any():
-            numbers = pd.to_numeric(words.mask(lost | column.isna()).str.replace(decimal, "."), errors="coerce")
-            if numbers.notna().sum() + lost.sum() == column.notna().sum():
-                frame[name] = numbers
-    return frame
+    mixed = [name for name in frame.columns if not pd.api.types.is_numeric_dtype(frame[name])]
+    if not mixed:
+        return frame, []
+    words = frame[mixed].astype(str).apply(lambda column: column.str.strip())
+    again = (words == mixed).all(axis=1) & (len(mixed) == frame.shape[1])  # as in files that were joined
+    frame, words = frame[~again].copy(), words[~again]
+    for name in mixed:
+        lost = words[name].str.fullmatch(NOT_A_NUMBER.pattern, case=False) | frame[name].isna()
+        if lost.any() or again.any():
+            plain = words[name].mask(lost)
+            numbers = pd.to_numeric(plain.str.replace(decimal, "."), errors="coerce")
+            frame[name] = numbers if numbers.notna().sum() == plain.notna().sum() else frame[name]
+    return frame, [f"{again.sum()} row(s) repeat the header and are left out"] if again.any() else []
 
 
 def read_streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -> Streams:

@@ -66,7 +66,9 @@ def read_rows(
     rows = frame.index.to_numpy()[good].astype(np.int64) if places else np.flatnonzero(good)
     clock, values = replace(clock, rows=rows), values[good]
     if ordered:
-        kept, more = order_rows(clock.subtract(int(clock.whole[0])), clock.rows, f"{what} rows", entry, frame.attrs.get("head"))
+        kept, more = _order_rows(
+            clock.subtract(int(clock.whole[0])), clock.rows, f"{what} rows", entry, frame.attrs.get("head")
+        )
         clock, values, said = clock.select_rows(kept), values[kept], [*said, *more]
     if key in ("quat", "matrix"):
         norm, kept, more = _find_off_norm(values[:, : 4 if key == "quat" else 9], what)
@@ -75,7 +77,7 @@ def read_rows(
     return clock, values, said
 
 
-def order_rows(
+def _order_rows(
     t_s: Array, rows: NDArray[np.int64], what: str, entry: str, head: tuple[int, str] | None
 ) -> tuple[NDArray[np.intp], list[str]]:
     """Rows (k,) to keep, in the order to read them in, and what is said.
