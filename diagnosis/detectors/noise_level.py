@@ -36,6 +36,7 @@ from diagnosis.detectors.noise_blocks import (
     rank_calm_blocks,
     smooth_errors,
 )
+from gyrocal.calibration.estimated_noise import compute_chi2_p, compute_smaller_chi2_p
 
 Array = NDArray[np.float64]
 
@@ -76,7 +77,7 @@ class NoiseLevel:
     still: bool  # whether no motion shows in them
 
 
-def fit_noise_level(x: Array, arcs: list[tuple[int, int]], expected: float) -> NoiseLevel | None:
+def fit_noise_level(x: Array, arcs: list[tuple[int, int]], expected: float, noise_degrees: float = np.inf) -> NoiseLevel | None:
     """Fit the noise in the largest share of the calmest blocks that shows no motion.
 
     Where a motion shows in all shares, it is that of the share that tells the level best beside it; None where no share does.
@@ -86,6 +87,7 @@ def fit_noise_level(x: Array, arcs: list[tuple[int, int]], expected: float) -> N
     x : (n,) readings, rad/s
     arcs : runs of samples
     expected : variance of a sample's noise as stated, (rad/s)²
+    noise_degrees : its degrees of freedom, if it was estimated
     """
     samples = cut_blocks([x[low:high] for low, high in arcs])
     blocks = np.diff(samples, ORDER, axis=1) @ WHITE_COSINES.T
@@ -101,7 +103,7 @@ def fit_noise_level(x: Array, arcs: list[tuple[int, int]], expected: float) -> N
         chosen = np.sort(order[: int(share * order.size)])
         if chosen.size < FEWEST_BLOCKS:
             break
-        found = _fit_blocks(blocks[chosen, :SHOWING], expected)
+        found = _fit_blocks(blocks[chosen, :SHOWING], expected, noise_degrees)
         if found is not None and found.still:
             return found
         moving += [found] if found is not None else []
@@ -121,7 +123,7 @@ def _has_same_level(some: Array, rest: Array) -> bool:
     return bool(abs(one - other) < SAME * np.hypot(error, other_error))
 
 
-def _fit_blocks(blocks: Array, expected: float) -> NoiseLevel | None:
+def _fit_blocks(blocks: Array, expected: float, noise_degrees: float) -> NoiseLevel | None:
     """Fit the noise of some blocks; None where they show more than noise and a weak motion."""
     powers, count = estimate_powers(blocks), len(blocks)
     if not powers.all():  # readings that stand still on a lattice in most of the blocks
@@ -134,7 +136,7 @@ def _fit_blocks(blocks: Array, expected: float) -> NoiseLevel | None:
         return None
     variance = expected * fit.white
     sigma = expected * (fit.sigma if fit.still else float(np.hypot(fit.sigma, fit.motion)))
-    p = compute_p_of_level(variance, sigma, expected)
+    p = compute_p_of_level(variance, sigma, expected, noise_degrees)
     if not fit.still:
         return NoiseLevel(variance, sigma, p, None, powers, count, still=False)
     free = SHOWING * count
@@ -142,10 +144,12 @@ def _fit_blocks(blocks: Array, expected: float) -> NoiseLevel | None:
     return NoiseLevel(variance, sigma, min(1.0, 2 * min(p, rising)), readout, powers, count, still=True)
 
 
-def compute_p_of_level(variance: float, sigma: float, expected: float) -> float:
+def compute_p_of_level(variance: float, sigma: float, expected: float, noise_degrees: float = np.inf) -> float:
     """Compute the p-value of a variance that is as stated: χ² with as many degrees of freedom as its sigma says."""
-    free, ratio = 2 * (variance / sigma) ** 2, variance / expected
-    return float(min(1.0, 2 * min(scipy.special.chdtrc(free, free * ratio), scipy.special.chdtr(free, free * ratio))))
+    free = 2 * (variance / sigma) ** 2
+    chi2 = free * variance / expected
+    smaller = compute_smaller_chi2_p(chi2, free, noise_degrees)
+    return float(min(1.0, 2 * min(compute_chi2_p(chi2, free, noise_degrees), smaller)))
 
 
 def fit_readout(powers: Array, errors: Array, expected: float) -> Readout | None:

@@ -146,7 +146,9 @@ def _measure_axis(
             where = where & (line.waveform != 0.0)
     if formats.may_be_cut[axis]:
         where = where & _is_off_zero(x, step, sigma)
-    level = fit_noise_level(x, stream.find_arcs(where), expected)
+    gyro = stream.recording.gyro
+    degrees = gyro.arw_degrees if gyro.arw_estimated and gyro.arw_degrees > 0 else np.inf
+    level = fit_noise_level(x, stream.find_arcs(where), expected, degrees)
     if level is None or (coarse and level.variance < RESOLVED * step**2):
         return None
     factor = float(np.sqrt(max(1 + (level.variance - expected) / sigma**2, 1e-6)))

@@ -118,7 +118,7 @@ def import_gyro_log(file: str | os.PathLike[str], entries: dict[str, Any]) -> tu
     streams = read_gyro_log(table, mapping)
     from gyrocal.importing.estimates import estimate_walk  # late, as above
 
-    arw = 0.0 if mapping.arw_deg_per_sqrt_s is None else estimate_walk(mapping, streams, streams.raw, [], [])
+    arw = 0.0 if mapping.arw_deg_per_sqrt_s is None else estimate_walk(mapping, streams, streams.raw, [], [])[0]
     stop = float(streams.t_s[-1] + streams.sample_s)
     recording = Recording(
         title=mapping.title or path.stem,

@@ -131,12 +131,14 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
         disagreement = [text for text in [streams.gyros.find_disagreement(noise)] if text]
     joined = None
     if not body.sensors:
-        sigma = streams.sensors[0].sigma
+        sigma, degrees = streams.sensors[0].sigma, np.inf
         if sigma is None:
-            sigma = estimate_reference_sigma(gyro, body, chosen, said) if stated is None else next(iter(stated.values()))
+            sigma, degrees = (
+                estimate_reference_sigma(gyro, body, chosen, said) if stated is None else (next(iter(stated.values())), np.inf)
+            )
         used = np.unique(np.concatenate(chosen))  # two intervals that touch share a reference
         references = Attitudes(body.t_s[used], body.q[used], np.broadcast_to(sigma, body.q[:, :3].shape)[used])
-        references = replace(references, sigma_estimated=stated is None)
+        references = replace(references, sigma_estimated=stated is None, sigma_degrees=degrees)
     else:
         references, joined = build_references(body, chosen, mapping, gyro, said)
     for text in said:
@@ -145,7 +147,7 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
         title=mapping.title or "imported",
         epoch=streams.epoch,
         time_scale=streams.time_scale,
-        gyro=replace(gyro, rates=streams.raw, apriori_G=G, arw_estimated=mapping.arw_deg_per_sqrt_s is None),
+        gyro=replace(gyro, rates=streams.raw, apriori_G=G),
         attitudes=references,
         intervals=tuple(name_interval(body.t_s, rows, still, streams.t_s, k) for k, rows in enumerate(chosen, 1))
         if mapping.interval is None
@@ -167,8 +169,9 @@ def _estimate_gyro(
     said.append(f"{len(still)} rest(s) found" if still else "no rest found")
     said += [text for text in [compare_rests(streams.t_s, rates, still)[0]] if text]
     bias = estimate_bias(mapping, rates, still, windows, body, streams, said)
-    arw = estimate_walk(mapping, streams, rates, still, said)
-    gyro = GyroStream(streams.t_s, rates, streams.sample_s, arw, np.eye(3), bias)
+    arw, degrees = estimate_walk(mapping, streams, rates, still, said)
+    estimated = mapping.arw_deg_per_sqrt_s is None
+    gyro = GyroStream(streams.t_s, rates, streams.sample_s, arw, np.eye(3), bias, estimated, degrees)
     return gyro, still, choose_intervals(gyro, body, mapping, said)
 
 

@@ -6,15 +6,21 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from gyrocal import attitude
-from gyrocal.calibration.estimated_noise import ALLAN_S, MOST_REFERENCE_PAIRS
 from gyrocal.calibration.propagation import Propagation, propagate
 from gyrocal.calibration.sampling import TAG_ROUNDING, Measurements, prepare_measurements
 from gyrocal.errors import InputError
 from gyrocal.importing.column_mapping import Mapping
 from gyrocal.importing.gyro_samples import GAP_SAMPLES
 from gyrocal.importing.motion import Motion
+from gyrocal.importing.reference_sigma import (
+    MAD_TO_SIGMA,
+    ReferenceSigma,
+    Turns,
+    fit_reference_sigma,
+)
 from gyrocal.importing.streams import BodyAttitudes, Streams
 from gyrocal.importing.units import format_degrees
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
@@ -27,9 +33,10 @@ FEWEST_PAIRS = 12
 FEWEST_ARRIVALS = 3
 BIAS_STEPS = 5
 LARGEST_MISS_DEG = 10.0  # median, of attitudes far apart that tell a bias
-LEAST_SIGMA = np.deg2rad(2e-9)
-MAD_TO_SIGMA = 1.4826
-CLIP = 4.0  # increments beyond so many robust sigmas are left out of the preliminary fit
+ALLAN_S = 0.1  # averaging time at which the angle random walk is read, s
+MOST_TURNS = 2000  # that the sigma of references is taken from, in blocks of turns in a row
+BLOCK = 50
+LEAST_CHANGE_TO_NOISE = 100.0  # mean squares of a change of the rate and of the noise of one sample
 
 
 def estimate_bias(
@@ -85,74 +92,109 @@ def _estimate_bias_of_turns(rates: Array, joined: BodyAttitudes, streams: Stream
     return bias, left
 
 
-def estimate_walk(mapping: Mapping, streams: Streams, rates: Array, still: list[tuple[int, int]], said: list[str]) -> float:
-    """Angle random walk of the rates, rad/sqrt(s)."""
+def estimate_walk(
+    mapping: Mapping, streams: Streams, rates: Array, still: list[tuple[int, int]], said: list[str]
+) -> tuple[float, float]:
+    """Angle random walk of the rates, rad/sqrt(s), and its degrees of freedom: infinite if stated, 0 of an upper bound."""
     stated, joined = mapping.arw_deg_per_sqrt_s, streams.gyros
     if stated is not None:
         each = float(np.sqrt(np.mean(np.square(stated)))) if joined is None or not isinstance(stated, list) else 1.0
-        return float(np.deg2rad(each)) * (1.0 if joined is None else joined.gain)
+        return float(np.deg2rad(each)) * (1.0 if joined is None else joined.gain), np.inf
     if joined is not None:
         parity = (joined.residuals / joined.spread)[:, np.isfinite(joined.residuals).any(axis=0)]
-        walk = estimate_walk_at_rest([parity[np.isfinite(parity).all(axis=1)]], streams.sample_s)
-        if walk is None:
-            raise InputError("gyro: too few samples to tell its noise; give arw_deg_per_sqrt_s")
-        arw, how = joined.gain * float(np.sqrt(np.mean(np.square(walk)))), "the parity of the gyros"
+        stretches, how = [parity[np.isfinite(parity).all(axis=1)]], "the parity of the gyros"
     else:
-        walk = estimate_walk_at_rest([rates[a:b] for a, b in still], streams.sample_s)
-        how = f"the Allan deviation of the rests at {ALLAN_S:g} s"
-        if walk is None:
-            walk, how = estimate_walk_in_motion(rates, streams.sample_s), "third differences in motion, an upper bound"
-        arw = float(np.sqrt(np.mean(np.square(walk))))
+        stretches, how = [rates[a:b] for a, b in still], f"the Allan deviation of the rests at {ALLAN_S:g} s"
+    walk = estimate_walk_at_rest(stretches, streams.sample_s)
+    degrees = 0.0 if walk is None else count_walk_degrees(stretches, streams.sample_s)
+    if walk is None and joined is not None:
+        raise InputError("gyro: too few samples to tell its noise; give arw_deg_per_sqrt_s")
+    if walk is None:
+        walk, how = estimate_walk_in_motion(rates, streams.sample_s), "third differences in motion, an upper bound"
+    arw = float(np.sqrt(np.mean(np.square(walk)))) * (1.0 if joined is None else joined.gain)
     if not arw > 0:
         raise InputError("gyro: its noise cannot be told from these rates; give arw_deg_per_sqrt_s")
     said.append(f"angle random walk {np.rad2deg(arw):.4g} deg/sqrt(s), from {how}")
-    return arw
+    return arw, degrees
 
 
-def estimate_reference_sigma(gyro: GyroStream, joined: BodyAttitudes, chosen: list[Indices], said: list[str]) -> Array:
-    """(3,) 1-sigma of the references about the body's axes, rad."""
-    pairs = _list_pairs(gyro, joined.t_s, chosen)
-    if len(pairs) < FEWEST_PAIRS:
+def estimate_reference_sigma(
+    gyro: GyroStream, joined: BodyAttitudes, chosen: list[Indices], said: list[str]
+) -> tuple[Array, float]:
+    """(3,) 1-sigma of the references about the body's axes, rad, and its degrees of freedom (`fit_reference_sigma`)."""
+    found = _find_reference_sigma(gyro, joined.t_s, joined.q, chosen, np.eye(3))
+    if found is None:
         raise InputError(
-            f"{len(pairs)} turns between references are too few to take their sigma from; "
+            f"{len(_list_pairs(gyro, joined.t_s, chosen))} turns between references are too few to take their sigma from; "
             "give --sigma DEG, or sigma_deg in a mapping"
         )
-    sigma = _estimate_sigma_of_turns(gyro, joined.t_s, joined.q, pairs, np.eye(3))
-    if not (sigma > LEAST_SIGMA).all():
+    if not found.sigma.any():
         raise InputError(
             "the references scatter less than the gyro between two of them, as smoothed ones do: give the 1-sigma that they "
             "are stated to have, --sigma DEG, or sigma_deg in a mapping"
         )
-    degrees = format_degrees(sigma)
-    said.append(f"sigma of the references {degrees} deg, from the turns between them; errors that they share are not in it")
-    return sigma
+    text = f"sigma of the references {format_degrees(found.sigma)} deg, from the turns between them"
+    said.append(f"{text}{_describe_bounds(found)}; errors that they share are not in it")
+    return found.sigma, found.degrees
 
 
 def estimate_sensor_sigma(
     gyro: GyroStream, sensor: SensorReferences, M: Array, chosen: list[Indices], said: list[str]
-) -> Array:
-    """(3,) 1-sigma of one of several sensors about its own axes, rad.
+) -> tuple[Array, float]:
+    """(3,) 1-sigma of one of several sensors about its own axes, rad, and its degrees of freedom.
 
     What the gyro misses from one attitude to the next, or second differences, whichever is less: motion that a gyro follows
     adds to the latter, and what a gyro does not follow to both.
 
     Parameters
     ----------
-    sensor : its attitudes, with the sigma of its second differences
+    sensor : its attitudes, with the sigma of its second differences, an upper bound
     M : (3, 3) body to sensor
     chosen : its rows in each interval
     """
-    pairs = _list_pairs(gyro, sensor.t_s, chosen)
-    sigma, how = sensor.sigma[0], "second differences"
-    if len(pairs) >= FEWEST_PAIRS:
-        q = attitude.quaternion_from_matrix(M.T @ attitude.matrix_from_quaternion(sensor.quaternions))
-        own = _estimate_sigma_of_turns(gyro, sensor.t_s, q, pairs, M)
-        if (own > LEAST_SIGMA).all() and own @ own < sigma @ sigma:
-            sigma, how = own, "the turns between its attitudes"
+    q = attitude.quaternion_from_matrix(M.T @ attitude.matrix_from_quaternion(sensor.quaternions))
+    own = _find_reference_sigma(gyro, sensor.t_s, q, chosen, M)
+    sigma, degrees, how = sensor.sigma[0], 0.0, "second differences"
+    if own is not None and 0 < own.sigma @ own.sigma < sigma @ sigma:
+        sigma, degrees, how = own.sigma, own.degrees, f"the turns between its attitudes{_describe_bounds(own)}"
     said.append(
         f"1-sigma about the axes of {sensor.name}: {format_degrees(sigma)} deg, from {how}; errors that last are not in it"
     )
-    return sigma
+    return sigma, degrees
+
+
+def _describe_bounds(found: ReferenceSigma) -> str:
+    """Which axes the gyro's noise hides, in words."""
+    axes = ", ".join(axis for axis, hidden in zip("xyz", found.hidden, strict=True) if hidden)
+    return f" (about {axes} an upper bound of 95 %, since the gyro's noise hides it)" if axes else ""
+
+
+def _find_reference_sigma(gyro: GyroStream, t_s: Array, q: Array, chosen: list[Indices], M: Array) -> ReferenceSigma | None:
+    """Sigma of attitudes (m, 4) of the body about axes that M takes those of the body to.
+
+    It is zero where the attitudes scatter less than the gyro, and None of too few. All attitudes within the intervals count,
+    as they were given. Where those that are used scatter significantly more, neighbouring ones share their errors, and the
+    used ones count.
+
+    chosen: rows of the attitudes that are used in each interval
+    """
+    used = _list_pairs(gyro, t_s, chosen)
+    if len(used) < FEWEST_PAIRS:
+        return None
+    found = fit_reference_sigma(compute_turns(gyro, t_s, q, used).rotate(M), gyro.arw, gyro.arw_degrees)
+    given = _list_pairs(gyro, t_s, [_select_given(t_s, rows, gyro.sample_s) for rows in chosen])
+    if given == used or not found.sigma.any():
+        return found
+    dense = fit_reference_sigma(compute_turns(gyro, t_s, q, given).rotate(M), gyro.arw, gyro.arw_degrees)
+    return found if not dense.sigma.any() or found.exceeds(dense) else dense
+
+
+def _select_given(t_s: Array, rows: Indices, sample_s: float) -> Indices:
+    """All rows from the first to the last, about a gyro's sample apart at least: nearer ones share its noise."""
+    if rows.size < 2:
+        return rows
+    every = np.arange(rows[0], rows[-1] + 1, dtype=np.intp)
+    return every[:: max(int(np.ceil((1 - TAG_ROUNDING) * sample_s / np.median(np.diff(t_s[every])))), 1)]
 
 
 def _list_pairs(gyro: GyroStream, t_ref: Array, chosen: list[Indices]) -> list[tuple[int, int]]:
@@ -161,14 +203,43 @@ def _list_pairs(gyro: GyroStream, t_ref: Array, chosen: list[Indices]) -> list[t
     at = np.clip(np.searchsorted(gyro.t_s, t_ref + TAG_ROUNDING * gyro.sample_s, side="right") - 1, 0, None)
     stretch = np.concatenate([[0.0], np.cumsum(np.diff(gyro.t_s) > longest)])[at] + 0.5 * (t_ref - gyro.t_s[at] > longest)
     pairs = [(a, b) for rows in chosen for a, b in pairwise(rows.tolist()) if stretch[a] == stretch[b]]
-    return pairs[:: max(-(-len(pairs) // MOST_REFERENCE_PAIRS), 1)]
+    blocks = [pairs[k : k + BLOCK] for k in range(0, len(pairs), BLOCK)]
+    step = -(-len(pairs) // MOST_TURNS)
+    return [pair for block in blocks[:: max(step, 1)] for pair in block]
 
 
-def _estimate_sigma_of_turns(gyro: GyroStream, t_s: Array, q: Array, pairs: list[tuple[int, int]], M: Array) -> Array:
-    """(3,) sigma about axes that M takes those of the body to, from the turns between two attitudes (m, 4) of the body."""
-    left, R = compute_increment_residuals(_build_pieces(gyro, t_s, q, pairs))
-    elapsed = float(np.median([t_s[b] - t_s[a] for a, b in pairs]))
-    return estimate_axis_sigma(left @ M.T, M @ R @ M.T, gyro.arw**2 * elapsed)
+def compute_turns(gyro: GyroStream, t_s: Array, q: Array, pairs: list[tuple[int, int]]) -> Turns:
+    """Turns between two attitudes (m, 4) of the body each, with their derivatives by G, the bias and the time of the gyro."""
+    miss, prepared, run = compute_misses(_build_pieces(gyro, t_s, q, pairs))
+    ends = np.array(pairs)
+    follows = np.append(False, ends[1:, 0] == ends[:-1, 1])
+    shift = _compute_rate_changes(gyro, t_s[ends], run.R, prepared.elapsed_s, follows)
+    columns = np.concatenate([run.Theta, shift[:, :, None]], axis=2)
+    # Of the samples that hold the first and the last reference, the parts that are in the turn; the others are in it whole.
+    T = gyro.sample_s
+    since = t_s[ends] - gyro.t_s[np.searchsorted(gyro.t_s, t_s[ends] + TAG_ROUNDING * T, side="right") - 1]
+    before, after = np.clip(T - since[:, 0], 0.0, T), np.clip(since[:, 1], 0.0, T)
+    noise_s = prepared.elapsed_s - before - after + (before**2 + after**2) / T
+    shared_s = np.append(0.0, after[:-1] * before[1:] / T)
+    return Turns(miss, columns, run.R, noise_s, shared_s, follows)
+
+
+def _compute_rate_changes(gyro: GyroStream, ends_s: Array, R: Array, elapsed_s: Array, follows: NDArray[np.bool_]) -> Array:
+    """(n, 3) change of the body's rate over each turn, about the axes at its end, rad/s.
+
+    By the samples at both ends, if the change is far above their noise. Otherwise the column would take up the turn's own
+    noise, and half the change from the turn before to the one after counts.
+    """
+    at = np.searchsorted(gyro.t_s, ends_s - 0.5 * gyro.sample_s)
+    rate = (gyro.rates + gyro.apriori_bias)[np.minimum(at, len(gyro.rates) - 1)]
+    change = rate[:, 1] - np.einsum("mij,mj->mi", R, rate[:, 0])
+    if np.mean(np.square(change)) > LEAST_CHANGE_TO_NOISE * gyro.arw**2 / gyro.sample_s:
+        return np.asarray(change)
+    mean = -Rotation.from_matrix(R).as_rotvec() / elapsed_s[:, None]
+    change = np.zeros_like(mean)
+    between = np.flatnonzero(follows[1:-1] & follows[2:]) + 1
+    change[between] = 0.5 * (mean[between + 1] - np.einsum("mij,mj->mi", R[between], mean[between - 1]))
+    return change
 
 
 def compute_largest_miss(gyro: GyroStream, joined: BodyAttitudes, chosen: list[Indices]) -> float:
@@ -211,6 +282,16 @@ def estimate_walk_at_rest(stretches: list[Array], sample_s: float) -> Array | No
     return np.asarray(np.sqrt(0.5 * np.concatenate(squares).mean(axis=0) * m * sample_s))
 
 
+def count_walk_degrees(stretches: list[Array], sample_s: float) -> float:
+    """Degrees of freedom of the walk of all axes together that `estimate_walk_at_rest` gives of stretches at rest.
+
+    1.5 T/τ · 4m²/(4m² + 5) for each axis of an overlapping Allan deviation over m samples in stretches of the length T (Riley,
+    Handbook of Frequency Stability Analysis, NIST SP 1065, 2008, table 5).
+    """
+    m = max(round(ALLAN_S / sample_s), 1)
+    return float(sum(rates.size for rates in stretches if len(rates) >= 3 * m) * 1.5 / m * 4 * m**2 / (4 * m**2 + 5))
+
+
 def estimate_walk_in_motion(rates: Array, sample_s: float) -> Array:
     """Upper bound (k,) rad/sqrt(s) of the angle random walk in motion, which third differences of the rates all but remove.
 
@@ -226,48 +307,3 @@ def compute_misses(recording: Recording) -> tuple[Array, Measurements, Propagati
     run = propagate(prepared.arcs, recording.gyro.apriori_G, recording.gyro.apriori_bias)
     A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
     return attitude.residual(A[prepared.row], run.R @ A[prepared.start]), prepared, run
-
-
-def compute_increment_residuals(recording: Recording) -> tuple[Array, Array]:
-    """Compute the residuals of a preliminary fit to the turns between successive references.
-
-    G, bias and a time offset between gyro and references are fitted by least squares and forgotten: without them their effect
-    would be taken for reference noise.
-
-    Returns (m, 3) residuals in the body axes of the second reference, rad, scaled by the degrees of freedom of the fit, and (m,
-    3, 3) rotations from the first to it.
-
-    recording: intervals that hold two references each.
-    """
-    gyro = recording.gyro
-    theta, prepared, run = compute_misses(recording)
-    at = np.searchsorted(gyro.t_s, recording.attitudes.t_s - 0.5 * gyro.sample_s)
-    rate = gyro.rates[np.minimum(at, len(gyro.rates) - 1)]
-    shift = rate[prepared.row] - np.einsum("mij,mj->mi", run.R, rate[prepared.start])
-    columns = np.concatenate([run.Theta, shift[:, :, None]], axis=2).reshape(3 * len(theta), -1)
-    columns = columns / np.maximum(np.sqrt(np.mean(np.square(columns), axis=0)), np.finfo(float).tiny)
-    keep = np.ones(len(theta), dtype=bool)
-    left = theta
-    for _ in range(3):
-        rows = np.repeat(keep, 3)
-        solution, _, rank, _ = np.linalg.lstsq(columns[rows], theta.ravel()[rows], rcond=1e-10)
-        left = theta - (columns @ solution).reshape(-1, 3)
-        size = np.linalg.norm(left, axis=1)
-        keep = size <= CLIP * max(float(np.median(size)), np.finfo(float).tiny)
-    return left * np.sqrt(rows.sum() / (rows.sum() - rank)), run.R
-
-
-def estimate_axis_sigma(left: Array, R: Array, gyro_variance: float) -> Array:
-    """Reference 1-sigma per body axis (3,) rad from residuals e₁ − R e₀ + gyro noise of increments.
-
-    Their variance is σ_a² + Σ_b R_ab² σ_b² + that of the gyro, gyro_variance in rad². It is taken about the median: a bias at
-    rest other than that in motion is no scatter.
-    """
-    left = left - np.median(left, axis=0)
-    variance = np.square(MAD_TO_SIGMA * np.median(np.abs(left), axis=0)) - gyro_variance
-    mixing = np.eye(3) + np.mean(np.square(R), axis=0)
-    # Negative where noise alone made the difference: then axes are not told apart.
-    squares = np.linalg.solve(mixing, variance)
-    if (squares <= 0).any():
-        squares = np.full(3, max(float(variance.mean()) / 2, 0.0))
-    return np.asarray(np.sqrt(squares))

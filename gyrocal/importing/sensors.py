@@ -108,12 +108,13 @@ def build_references(
     gyro : body rates
     said : what is assumed, to which it is added
     """
-    sensors = list(body.sensors)
+    sensors, counts = list(body.sensors), list[float]()
     if mapping.sigma_deg is None:
         found = join_references(sensors, gyro).sensors
         for k, (one, joined) in enumerate(zip(sensors, found, strict=True)):
             rows = [_find_nearest(one.t_s, body.t_s[own]) for own in chosen]
-            sigma = estimate_sensor_sigma(gyro, one, joined.mounting, rows, said)
+            sigma, degrees = estimate_sensor_sigma(gyro, one, joined.mounting, rows, said)
+            counts += [degrees] if degrees > 0 else []
             sensors[k] = replace(one, sigma=np.tile(sigma, (one.t_s.size, 1)))
     joined_references = join_references(sensors, gyro)
     said += joined_references.describe()
@@ -125,7 +126,8 @@ def build_references(
         else:
             used += [own[_find_nearest(t_s[own], body.t_s[rows])] for rows in chosen]
     attitudes = joined_references.attitudes.select_rows(np.unique(np.concatenate(used)))
-    return replace(attitudes, sigma_estimated=mapping.sigma_deg is None), joined_references
+    degrees = min(counts, default=np.inf if mapping.sigma_deg is not None else 0.0)
+    return replace(attitudes, sigma_estimated=mapping.sigma_deg is None, sigma_degrees=degrees), joined_references
 
 
 def _find_nearest(t_s: Array, wanted: Array) -> Indices:

@@ -124,7 +124,8 @@ def _build_stream(said: header.Header, t_s: Array, raw: Array) -> GyroStream:
                     "leave the interval out, or make three rates of the gyros by gyrocal import csv --gyros"
                 )
         t_s, raw, arw, G = t_s[kept], joined.rates[kept], arw * joined.gain, np.eye(3)
-    return GyroStream(t_s, raw, gyro.sample_s, arw, G, np.deg2rad(gyro.apriori_bias_deg_s), gyro.arw_estimated)
+    degrees = float("inf") if gyro.arw_dof is None else gyro.arw_dof
+    return GyroStream(t_s, raw, gyro.sample_s, arw, G, np.deg2rad(gyro.apriori_bias_deg_s), gyro.arw_estimated, degrees)
 
 
 def _find_samples(t_s: Array, sample_s: float, interval: header.IntervalHeader) -> NDArray[np.bool_]:
@@ -135,13 +136,14 @@ def _find_samples(t_s: Array, sample_s: float, interval: header.IntervalHeader) 
 
 def _read_attitudes(table: pd.DataFrame, said: header.Header, gyro: GyroStream) -> Attitudes:
     """The references of a table, those of several sensors joined."""
+    degrees = float("inf") if said.attitude.sigma_dof is None else said.attitude.sigma_dof
     if said.attitude.sensor:
         from gyrocal.recording.reference_join import join_references  # late: it loads scipy
 
         joined = join_references(attitude_sensors.read(table, said.attitude.sensor), gyro)
         for text in joined.describe():
             logger.info("%s", text)
-        return replace(joined.attitudes, sigma_estimated=said.attitude.sigma_estimated)
+        return replace(joined.attitudes, sigma_estimated=said.attitude.sigma_estimated, sigma_degrees=degrees)
     attitude_sensors.check_unnamed(table, said.format)
     correlated = [name for name in CORRELATION_COLUMNS if name in table.columns]
     if correlated and len(correlated) < len(CORRELATION_COLUMNS):
@@ -152,6 +154,7 @@ def _read_attitudes(table: pd.DataFrame, said: header.Header, gyro: GyroStream) 
         sigma=np.deg2rad(tables.convert_columns(table, SIGMA_COLUMNS)),
         sigma_estimated=said.attitude.sigma_estimated,
         correlation=tables.convert_columns(table, CORRELATION_COLUMNS) if correlated else None,
+        sigma_degrees=degrees,
     )
 
 

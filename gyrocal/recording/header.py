@@ -39,6 +39,7 @@ class _GyroHeader(_Model):
     kind: Literal["rate"]
     arw_deg_per_sqrt_s: float = Field(ge=0, le=1e3)
     arw_estimated: bool = False
+    arw_dof: float | None = Field(default=None, ge=0)
     names: list[str] = Field(default=list(TRIAD), min_length=3, max_length=MOST_GYROS)
     apriori_G: list[list[Annotated[float, Field(ge=-100, le=100)]]]
     apriori_bias_deg_s: list[Annotated[float, Field(ge=-1e5, le=1e5)]] = Field(min_length=3, max_length=3)
@@ -65,6 +66,7 @@ class _AttitudeHeader(_Model):
     maps: Literal["inertial to body", "inertial to sensor"]
     quaternion: Literal["scalar last"]
     sigma_estimated: bool = False
+    sigma_dof: float | None = Field(default=None, ge=0)
     sensor: list[SensorHeader] = []
 
 
@@ -158,6 +160,7 @@ def format_header(recording: Recording) -> str:
                 "kind": "rate",
                 "arw_deg_per_sqrt_s": gyro.arw_deg_per_sqrt_s,
                 "arw_estimated": gyro.arw_estimated or None,
+                "arw_dof": float(gyro.arw_degrees) if np.isfinite(gyro.arw_degrees) else None,
                 "apriori_G": gyro.apriori_G.tolist(),
                 "apriori_bias_deg_s": gyro.apriori_bias_deg_s.tolist(),
             },
@@ -168,6 +171,7 @@ def format_header(recording: Recording) -> str:
                 "maps": "inertial to body",
                 "quaternion": "scalar last",
                 "sigma_estimated": attitudes.sigma_estimated or None,
+                "sigma_dof": float(attitudes.sigma_degrees) if np.isfinite(attitudes.sigma_degrees) else None,
             },
         ),
         *([("[orbit]", orbit)] if orbit else []),

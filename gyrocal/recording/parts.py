@@ -48,6 +48,7 @@ class GyroStream:
     apriori_G : (3, 3) rows are body axes, columns gyros
     apriori_bias : (3,) rad/s
     arw_estimated : whether `arw` was estimated from these samples, so that it is no statement of the gyro's noise
+    arw_degrees : degrees of freedom of an estimated `arw`; 0 if it is an upper bound
     """
 
     t_s: Array
@@ -57,6 +58,7 @@ class GyroStream:
     apriori_G: Array = field(default_factory=lambda: np.eye(3))
     apriori_bias: Array = field(default_factory=lambda: np.zeros(3))
     arw_estimated: bool = False
+    arw_degrees: float = float("inf")
 
     @property
     def rates_deg_s(self) -> Array:
@@ -85,6 +87,7 @@ class Attitudes:
     sigma : (m, 3) 1-sigma per body axis, rad
     sigma_estimated : whether `sigma` was estimated from this recording, so that it is no statement of the references' noise
     correlation : (m, 3) of the errors about x and y, x and z, y and z; None if they are independent
+    sigma_degrees : degrees of freedom of an estimated `sigma`; 0 if it is an upper bound
     """
 
     t_s: Array
@@ -92,6 +95,7 @@ class Attitudes:
     sigma: Array
     sigma_estimated: bool = False
     correlation: Array | None = None
+    sigma_degrees: float = float("inf")
 
     def compute_covariance(self, sigma: Array | None = None) -> Array:
         """(m, 3, 3) covariance of the errors about the body's axes, rad²; of other sigmas (m, 3) with the same correlation."""
@@ -112,7 +116,9 @@ class Attitudes:
     def select_rows(self, rows: Any) -> Attitudes:
         """Some of the references, by their rows."""
         correlation = None if self.correlation is None else self.correlation[rows]
-        return Attitudes(self.t_s[rows], self.quaternions[rows], self.sigma[rows], self.sigma_estimated, correlation)
+        return replace(
+            self, t_s=self.t_s[rows], quaternions=self.quaternions[rows], sigma=self.sigma[rows], correlation=correlation
+        )
 
     def replace_covariance(self, P: Array) -> Attitudes:
         """The same attitudes with the covariances P (m, 3, 3), rad²."""

@@ -17,10 +17,15 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from gyrocal import Attitudes, GyroStream, InputError, Interval, Recording
-from gyrocal.calibration.estimated_noise import ALLAN_S
 from gyrocal.importing.alignment import refine
-from gyrocal.importing.estimates import compute_increment_residuals, estimate_axis_sigma, estimate_walk_at_rest
+from gyrocal.importing.estimates import (
+    ALLAN_S,
+    compute_turns,
+    count_walk_degrees,
+    estimate_walk_at_rest,
+)
 from gyrocal.importing.motion import build_motion
+from gyrocal.importing.reference_sigma import ReferenceSigma, fit_reference_sigma
 from gyrocal.mask_runs import find_mask_runs
 
 Array = NDArray[np.float64]
@@ -281,23 +286,24 @@ def build_recording(
         arw=float(np.sqrt(np.mean(np.square(arw)))),
         apriori_bias=bias,
         arw_estimated=True,
+        arw_degrees=count_walk_degrees([trial.rates[a:b] for a, b in find_mask_runs(trial.still)], trial.sample_s),
     )
     used = np.unique(np.concatenate([rows for _, _, rows in chosen]))
     still = trial.still[used]
-    sigma_rest, sigma_motion = _estimate_reference_sigma(trial, gyro, spacing_s)
-    sigma = np.where(still[:, None], sigma_rest, sigma_motion)
+    rest, motion = _estimate_reference_sigma(trial, gyro, spacing_s)
+    sigma = np.where(still[:, None], rest.sigma, motion.sigma)
     recording = Recording(
         title=f"BROAD {trial.name} (CC-BY-4.0, doi:10.3390/data6070072)",
         epoch=ASSUMED_EPOCH,
         time_scale=TIME_SCALE,
         gyro=gyro,
-        attitudes=Attitudes(trial.t_s[used], trial.quaternions[used], sigma, sigma_estimated=True),
+        attitudes=Attitudes(trial.t_s[used], trial.quaternions[used], sigma, True, None, min(rest.degrees, motion.degrees)),
         intervals=tuple(
             Interval(name, activity, float(trial.t_s[rows[0]]), float(trial.t_s[rows[-1]])) for name, activity, rows in chosen
         ),
         tables={"housekeeping": _build_housekeeping_table(trial, gyro.t_s)},
     )
-    return ImportedTrial(recording, sigma_rest, sigma_motion, arw, np.asarray(still))
+    return ImportedTrial(recording, rest.sigma, motion.sigma, arw, np.asarray(still))
 
 
 def _build_housekeeping_table(trial: Trial, t_s: Array) -> pd.DataFrame:
@@ -305,31 +311,21 @@ def _build_housekeeping_table(trial: Trial, t_s: Array) -> pd.DataFrame:
     return pd.DataFrame(np.column_stack([t_s, trial.force]), columns=["t_s", *names])
 
 
-def _estimate_reference_sigma(trial: Trial, gyro: GyroStream, spacing_s: float) -> tuple[Array, Array]:
-    """Reference sigma at rest and in motion, (3,) rad each, from the turns between references over the whole trial."""
+def _estimate_reference_sigma(trial: Trial, gyro: GyroStream, spacing_s: float) -> tuple[ReferenceSigma, ReferenceSigma]:
+    """Reference sigma at rest and in motion, from the turns between references over the whole trial."""
     tracked = np.flatnonzero(trial.tracked)
     rows = select_reference_samples(trial, (int(tracked[0]), int(tracked[-1])), spacing_s)
     pairs = [(int(a), int(b)) for a, b in pairwise(rows) if (b - a) * trial.sample_s < 1.5 * spacing_s]
     if len(pairs) < FEWEST_INCREMENTS:
         raise InputError(f"{trial.name}: {len(pairs)} turns between tracked orientations {spacing_s:g} s apart are too few")
-    used = np.unique(np.array(pairs))
-    t_s = trial.t_s
-    left, R = compute_increment_residuals(
-        Recording(
-            title=trial.name,
-            epoch=ASSUMED_EPOCH,
-            gyro=gyro,
-            attitudes=Attitudes(t_s[used], trial.quaternions[used], np.full((used.size, 3), np.deg2rad(1.0))),
-            intervals=tuple(Interval(str(k), "", float(t_s[a]), float(t_s[b])) for k, (a, b) in enumerate(pairs)),
-        )
-    )
+    turns = compute_turns(gyro, trial.t_s, trial.quaternions, pairs)
     still = trial.still
     resting = np.array([bool(still[a : b + 1].all()) for a, b in pairs])
     both = []
     for mask in (resting, ~resting):
         chosen = mask if np.count_nonzero(mask) >= FEWEST_INCREMENTS else np.ones_like(mask)
-        both.append(estimate_axis_sigma(left[chosen], R[chosen], gyro.arw**2 * spacing_s))
-    if not (np.array(both) > 0).all():
+        both.append(fit_reference_sigma(turns.select(chosen), gyro.arw, gyro.arw_degrees))
+    if not all(one.sigma.any() for one in both):
         raise InputError(
             f"{trial.name}: the references scatter less over {spacing_s:g} s than the gyro; choose a shorter spacing"
         )

@@ -51,12 +51,14 @@ def test_noise_that_was_estimated_is_kept_as_that(folder):
     assert not recording.gyro.arw_estimated
     assert not recording.attitudes.sigma_estimated
     assert "estimated" not in (folder / "recording.toml").read_text()
-    gyro = dataclasses.replace(recording.gyro, arw_estimated=True)
+    gyro = dataclasses.replace(recording.gyro, arw_estimated=True, arw_degrees=377.5)
     save(dataclasses.replace(recording, gyro=gyro), folder)
     assert (load(folder).gyro.arw_estimated, load(folder).attitudes.sigma_estimated) == (True, False)
-    attitudes = dataclasses.replace(recording.attitudes, sigma_estimated=True)
+    assert (load(folder).gyro.arw_degrees, load(folder).attitudes.sigma_degrees) == (377.5, np.inf)
+    attitudes = dataclasses.replace(recording.attitudes, sigma_estimated=True, sigma_degrees=0.0)
     save(dataclasses.replace(recording, attitudes=attitudes), folder)
     assert (load(folder).gyro.arw_estimated, load(folder).attitudes.sigma_estimated) == (False, True)
+    assert (load(folder).gyro.arw_degrees, load(folder).attitudes.sigma_degrees) == (np.inf, 0.0)
 
 
 def edit_table(name, change):

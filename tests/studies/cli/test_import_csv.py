@@ -51,14 +51,14 @@ def test_noise_that_an_import_estimated_and_residuals_deny_is_named(run_cli, fol
     assert run_cli("import", "csv", *files, str(folder / "estimated"), *OPTIONS).exit_code == 0
     estimated = importing.read_estimated_noise(folder / "estimated")
     assert [text.split(" 0.")[0] for text in estimated] == ["angle random walk", "sigma of the references"]
-    said = " ".join(run_cli("calibrate", str(folder / "estimated")).stdout.split())
-    assert f"The import estimated this noise: {'; '.join(estimated)}." in said
+    assert "The import estimated" not in run_cli("calibrate", str(folder / "estimated")).stdout
     made = gyrocal.load(folder / "estimated")
     assert made.gyro.arw_estimated
     assert made.attitudes.sigma_estimated
-    wider = (replace(made, attitudes=replace(made.attitudes, sigma=k * made.attitudes.sigma)) for k in np.geomspace(1, 2, 20))
-    gyrocal.save(next(one for one in wider if 0.1 < gyrocal.calibrate(one).p_value < 0.9), folder / "estimated")
-    assert "The import estimated" not in run_cli("calibrate", str(folder / "estimated")).stdout
+    small = replace(made, attitudes=replace(made.attitudes, sigma=0.5 * made.attitudes.sigma))
+    gyrocal.save(small, folder / "estimated")
+    said = " ".join(run_cli("calibrate", str(folder / "estimated")).stdout.split())
+    assert f"The import estimated this noise: {'; '.join(estimated)}." in said
     # A recording that is no import, and one whose notes are somebody's own, say nothing.
     assert importing.read_estimated_noise(folder) == []
     (folder / "estimated" / importing.NOTES_FILE).write_text("assumed = 3")

@@ -1,0 +1,109 @@
+"""Sigma of references by axis: the likelihood against its dense form, what the gyro hides, and errors that are not white."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from gyrocal.importing import reference_sigma
+from gyrocal.importing.estimates import _compute_rate_changes
+from gyrocal.importing.reference_sigma import Turns, fit_reference_sigma
+from gyrocal.recording import GyroStream
+
+ARW = 1e-4  # rad/sqrt(s)
+
+
+def draw_turns(rng, count, sigma, arw=ARW, elapsed_s=1.0):
+    """Turns in a row with white errors of the references and of the gyro, and the errors of twelve parameters and a time."""
+    R = Rotation.from_rotvec(0.2 * rng.normal(size=(count, 3))).as_matrix()
+    e = rng.normal(size=(count + 1, 3)) * sigma
+    columns = rng.normal(size=(count, 3, 13))
+    miss = e[1:] - np.einsum("nij,nj->ni", R, e[:-1]) + arw * np.sqrt(elapsed_s) * rng.normal(size=(count, 3))
+    follows = np.arange(count) % 50 > 0
+    return Turns(miss + columns @ np.full(13, 1e-3), columns, R, np.full(count, elapsed_s), np.zeros(count), follows)
+
+
+def compute_dense_deviance(turns, squares, g):
+    """−2 ln L of the restricted likelihood by whole matrices, but for a constant."""
+    n = len(turns.miss)
+    V = np.zeros((n, 3, n, 3))
+    for k in range(n):
+        V[k, :, k] = g * turns.noise_s[k] * np.eye(3) + np.diag(squares) + turns.R[k] * squares @ turns.R[k].T
+        if turns.follows[k]:
+            V[k, :, k - 1] = turns.R[k] * (g * turns.shared_s[k] - squares)
+            V[k - 1, :, k] = V[k, :, k - 1].T
+    V, X = V.reshape(3 * n, 3 * n), turns.columns.reshape(3 * n, -1)
+    kernel = np.linalg.svd(X)[0][:, X.shape[1] :]
+    S, y = kernel.T @ V @ kernel, kernel.T @ turns.miss.ravel()
+    return np.linalg.slogdet(S)[1] + y @ np.linalg.solve(S, y)
+
+
+def test_the_banded_likelihood_is_that_of_what_the_parameters_leave():
+    turns = replace(draw_turns(np.random.default_rng(1), 60, 1e-3), shared_s=np.full(60, 0.1))
+    deviance = reference_sigma._build_deviance(turns, 1.0, 0.0, np.inf)
+    points = [(np.array([1e-6, 4e-6, 9e-8]), 1e-8), (np.array([5e-7, 1e-7, 1e-6]), 1e-6)]
+    ours, dense = (np.array([one(*point) for point in points]) for one in (
+        lambda squares, g: deviance(np.log([*squares, g])), lambda squares, g: compute_dense_deviance(turns, squares, g)
+    ))  # fmt: skip
+    assert ours[0] - ours[1] == pytest.approx(dense[0] - dense[1], rel=1e-6)
+
+
+@settings(max_examples=5, deadline=None)
+@given(seed=st.integers(0, 10**6), ratio=st.floats(1.0, 20.0), degrees=st.sampled_from([0.0, 500.0, np.inf]))
+def test_each_axis_has_its_own_sigma(seed, ratio, degrees):
+    sigma = 3 * ARW * np.array([1.0, 1.0, ratio])
+    found = fit_reference_sigma(draw_turns(np.random.default_rng(seed), 200, sigma), ARW, degrees)
+    assert not found.hidden.any()
+    assert (np.abs(2 * np.log(found.sigma / sigma)) < 5 * np.sqrt(found.variance)).all()
+    assert (found.variance < 0.1).all()
+
+
+def test_errors_of_the_logarithms_have_their_stated_variance():
+    rng, sigma = np.random.default_rng(7), ARW * np.array([1.0, 2.0, 8.0])
+    found = [fit_reference_sigma(draw_turns(rng, 100, sigma), ARW, np.inf) for _ in range(20)]
+    z = np.array([2 * np.log(one.sigma / sigma) / np.sqrt(one.variance) for one in found])
+    assert (np.abs(np.mean(z, axis=0)) < 4 / np.sqrt(20)).all()
+    assert 0.6 < np.mean(np.square(z)) < 1.6
+
+
+def test_an_axis_below_the_gyros_noise_has_a_bound_and_the_others_keep_theirs():
+    """About x and y the references are 20 times better than the gyro."""
+    sigma = ARW * np.array([0.05, 0.05, 5.0])
+    rng = np.random.default_rng(3)
+    found = [fit_reference_sigma(draw_turns(rng, 100, sigma), ARW, np.inf) for _ in range(8)]
+    assert np.mean([one.hidden for one in found], axis=0) == pytest.approx([1.0, 1.0, 0.0], abs=0.4)
+    assert np.mean([one.sigma[2] for one in found]) == pytest.approx(sigma[2], rel=0.06)
+    bounds = np.array([one.sigma[:2] for one in found])
+    assert np.mean(bounds >= sigma[:2]) > 0.8
+    assert (bounds < ARW).all()
+
+
+def test_errors_that_last_count_as_they_scatter():
+    """A random walk of ten times the gyro's noise needs a sigma of many turns, which scatter far less."""
+    turns = draw_turns(np.random.default_rng(4), 300, ARW, 10 * ARW)
+    assert (fit_reference_sigma(turns, ARW, np.inf).sigma < 10 * ARW).all()
+
+
+def test_outliers_of_a_large_axis_are_left_out_and_its_tails_are_not():
+    rng, sigma = np.random.default_rng(5), ARW * np.array([3.0, 3.0, 100.0])
+    turns = draw_turns(rng, 500, sigma)
+    turns.miss[::100, 0] += 0.1
+    np.testing.assert_allclose(fit_reference_sigma(turns, ARW, np.inf).sigma, sigma, rtol=0.15)
+
+
+def test_a_slow_change_of_the_rate_is_taken_from_the_turns_beside():
+    """The samples at both ends of a turn hold its noise; a fast change is theirs."""
+    rng, t_s = np.random.default_rng(6), np.arange(6000) * 0.1
+    for size in (1e-5, 1.0):
+        rates = size * np.sin(0.05 * t_s)[:, None] * [1.0, 0.0, 0.0]
+        gyro = GyroStream(t_s, rates + rng.normal(size=rates.shape) * ARW / np.sqrt(0.1), 0.1, ARW)
+        edges = np.arange(0.0, 595.0, 5.0)
+        ends = np.stack([edges[:-1], edges[1:]], axis=1)
+        R = Rotation.from_rotvec(-rates.reshape(-1, 50, 3).sum(axis=1)[: len(ends)] * 0.1).as_matrix()
+        found = _compute_rate_changes(gyro, ends, R, np.full(len(ends), 5.0), np.arange(len(ends)) > 0)
+        true = size * np.diff(np.sin(0.05 * edges))
+        assert np.abs(found[1:-1, 0] - true[1:-1]).max() < 0.1 * size * 0.25 + (size == 1) * 1e-2
+        assert np.abs(found[:, 1]).max() < (1e-12 if size < 1 else 3e-3)
