@@ -299,6 +299,17 @@ class Search:
     def _list_effect_names(self, explanation: Explanation) -> frozenset[str]:
         return frozenset(self.model.candidates[k].effect for k in explanation.key)
 
+    def list_children(self, parent: Explanation, allowed: Callable[[int], bool]) -> list[Explanation]:
+        """The set with one more candidate that is allowed, scored with all its columns, the best first."""
+        children = []
+        for candidate in range(len(self.model.candidates)):
+            if candidate in parent.key or not allowed(candidate):
+                continue
+            score = self.score(candidate, parent.members)
+            member = SelectedCandidate(candidate, score.option, score.scale)
+            children.append(self._build_explanation((*parent.members, member), parent.log_evidence + score.average))
+        return _rank_explanations(children)
+
     def _list_children(self, parent: Explanation, most: int) -> list[Explanation]:
         """The set with one more candidate."""
         children = []

@@ -1,0 +1,268 @@
+"""One search for effects with a shape and random errors without a name, which compete from the start.
+
+A set grows by the candidate that raises its log posterior most, whatever it is: a listed effect, a broad family outside the
+library or a random process. Every member is then moved to its best option and scale with the others held, and a member that is
+no longer worth its prior leaves. A random process explains a part of anything that is slow, so that it often enters first:
+each member is taken out once more, up to `MOST_SHAPES` effects may enter in its place, and then anything. The better set is
+kept.
+
+A place of the set has a posterior of its own (a single-effect regression: Wang, Sarkar, Carbonetto and Stephens, JRSS B 82,
+2020): with all other members held, every candidate may stand in it, or nothing. Instead of a member whose scale is known, the
+other members may also grow, and random errors may enter: the best set without it, found by the same search, is one more
+alternative.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from diagnosis.answer import Verdict
+from diagnosis.inference.attribution import Attribution, CredibleGroup, RankedExplanation
+from diagnosis.inference.refinement import NEARLY, find_near_alternatives, find_whole_processes
+from diagnosis.inference.search import BASELINE_EXPLANATION, Explanation, Search, sum_log_posterior
+from diagnosis.model.linear import LinearModel, SelectedCandidate
+from diagnosis.settings import DiagnosisSettings
+
+MOST_MEMBERS = 9  # effects and random errors in one set
+MOST_EFFECTS = 5  # listed effects with a shape among them
+MOST_SHAPES = 3  # effects that may enter in the place of one member
+EXCHANGES = 3  # rounds of exchanges
+OPTIMISED = 3  # candidates of each step whose sets are optimised before one is chosen
+KERNELS = ("random bias, correlated in time", "references wander")  # random errors that a listed process is one of
+LEAST_POSITIVE = 1e-300
+SETTLED = 1e-6  # gain of log posterior below which an exchange is none
+
+
+@dataclass(frozen=True)
+class Place:
+    """Posterior of one place of a set."""
+
+    member: SelectedCandidate  # the member of the best set
+    shares: dict[int, float]  # probability of each candidate in this place; what is missing to one is that of none of them
+    rival: float  # probability of the best set in which nothing listed stands in this place
+
+
+class JointSearch:
+    """Grows, prunes and exchanges a set of candidates of one linear model."""
+
+    def __init__(self, search: Search):
+        self.search, self.model = search, search.model
+        self._found: dict[frozenset[int], Explanation] = {frozenset(): BASELINE_EXPLANATION}
+
+    @property
+    def explanations(self) -> list[Explanation]:
+        """All sets that were optimised, the best first."""
+        return sorted(self._found.values(), key=lambda one: -one.log_posterior)
+
+    def find(self, some: frozenset[int] = frozenset()) -> Explanation:
+        """Find the set with the highest posterior; candidates of `some`, if any, may enter before all others."""
+        best = self._grow(BASELINE_EXPLANATION, some.__contains__) if some else BASELINE_EXPLANATION
+        best = self._grow(best, lambda number: True)
+        for _ in range(EXCHANGES):
+            others = [self._exchange(best, member) for member in best.members]
+            better = max(others, key=lambda one: one.log_posterior, default=best)
+            if better.log_posterior <= best.log_posterior + SETTLED:
+                break
+            best = better
+        return best
+
+    def compute_place(self, best: Explanation, member: SelectedCandidate) -> Place:
+        """Compute the posterior of the place of one member of the best set.
+
+        The scores of all candidates are those beside the other members as they are; those of the likeliest ones are then
+        replaced by the posterior of their sets at their best.
+        """
+        others = tuple(one for one in best.members if one != member)
+        held = Explanation(others, 0.0, 0.0)
+        children = {next(iter(one.key - held.key)): one for one in self.search.list_children(held, lambda number: True)}
+        offset = best.log_posterior - children[member.candidate].log_posterior
+        logs = {number: one.log_posterior + offset for number, one in children.items()}
+        for number in list(logs)[:OPTIMISED]:
+            logs[number] = max(logs[number], self._optimise(children[number].members).log_posterior)
+        logs[member.candidate] = best.log_posterior
+        rival = self._grow(self._optimise(others), lambda number: not self.model.candidates[number].listed)
+        norm = float(np.logaddexp.reduce([rival.log_posterior, *logs.values()]))
+        shares = {number: float(np.exp(value - norm)) for number, value in logs.items()}
+        return Place(member, shares, float(np.exp(rival.log_posterior - norm)))
+
+    def prefer_listed(self, best: Explanation) -> Explanation:
+        """Put the likeliest listed effect in each place in which listed effects have more of the posterior than others."""
+        for member in best.members:
+            place = self.compute_place(best, member)
+            slot, _ = build_slot(self.model, place, self.search.settings)
+            top = member.candidate if slot is None else self.model.find(slot.group[0][0])
+            if top is not None and top != member.candidate:
+                others = tuple(one for one in best.members if one != member)
+                best = self._optimise((*others, SelectedCandidate(top, 0, 0)))
+        return best
+
+    def is_shape(self, number: int) -> bool:
+        """Whether a candidate is a listed effect with a shape of its own."""
+        entry = self.model.candidates[number]
+        return entry.listed and not entry.process
+
+    def _restrict_to_random(self, allowed: Callable[[int], bool]) -> Callable[[int], bool]:
+        return lambda number: allowed(number) and not self.is_shape(number)
+
+    def _optimise(self, members: tuple[SelectedCandidate, ...]) -> Explanation:
+        key = frozenset(one.candidate for one in members)
+        if key not in self._found:
+            self._found[key] = self.search.optimise_members(members)
+        return self._found[key]
+
+    def _grow(self, current: Explanation, allowed: Callable[[int], bool], most: int = MOST_MEMBERS) -> Explanation:
+        """Add the best candidate while that raises the posterior, at most so many times, and take out what is not needed."""
+        for _ in range(most):
+            if len(current.members) >= MOST_MEMBERS:
+                break
+            room = sum(map(self.is_shape, current.key)) < MOST_EFFECTS
+            children = self.search.list_children(current, allowed if room else self._restrict_to_random(allowed))[:OPTIMISED]
+            grown = [self._optimise(child.members) for child in children if child.log_posterior > current.log_posterior]
+            best = max(grown, key=lambda one: one.log_posterior, default=current)
+            if best.log_posterior <= current.log_posterior:
+                break
+            current = self._prune(best)
+        return current
+
+    def _prune(self, current: Explanation) -> Explanation:
+        """Take members out while that raises the posterior."""
+        while len(current.members) > 1:
+            fewer = [self._optimise(tuple(one for one in current.members if one != member)) for member in current.members]
+            best = max(fewer, key=lambda one: one.log_posterior)
+            if best.log_posterior <= current.log_posterior:
+                break
+            current = best
+        return current
+
+    def _exchange(self, current: Explanation, member: SelectedCandidate) -> Explanation:
+        """The set with something else in the place of one member: effects first, and then anything."""
+        others, own = self._optimise(tuple(one for one in current.members if one != member)), member.candidate
+        shaped = self._grow(others, lambda number: number != own and self.is_shape(number), MOST_SHAPES)
+        return self._grow(shaped, lambda number: number != own)
+
+
+@dataclass(frozen=True)
+class Inferred:
+    """Causes and remainder of a misfit, and the model that they are members of."""
+
+    linear: LinearModel  # with finer options around the members
+    best: Explanation  # the set with the highest posterior
+    slots: tuple[CredibleGroup, ...]  # causes, in the order of the set
+    remainder: tuple[SelectedCandidate, ...]  # members without a name
+    unknown: float  # probability that something unlisted is at work, in the place where it is likeliest
+    ranked: tuple[RankedExplanation, ...]  # all sets that were optimised, the likeliest first
+
+
+def infer_set(search: Search, settings: DiagnosisSettings) -> Inferred:
+    """Find the best set of effects and random errors, and the posterior of each of its places."""
+    joint = JointSearch(search)
+    best = joint.find()
+    finer = refine_options(joint.search, best)
+    if finer is not search.model:
+        again = Search(finer, settings)
+        again.inherit(joint.search)
+        joint = JointSearch(again)
+        best = joint.find(best.key)
+    best = joint.prefer_listed(best)
+    places = [joint.compute_place(best, member) for member in best.members]
+    slots: list[CredibleGroup] = []
+    remainder, unlisted = [], []
+    for place in places:
+        slot, p = build_slot(joint.model, place, settings)
+        unlisted.append(p)
+        if slot is None:
+            remainder.append(place.member)
+        else:
+            slots.append(slot)
+    ranked = rank_explanations(joint.model, joint.explanations)
+    unknown = max(unlisted, default=0.0)
+    return Inferred(joint.model, best, tuple(slots), tuple(remainder), unknown, ranked)
+
+
+def build_slot(model: LinearModel, place: Place, settings: DiagnosisSettings) -> tuple[CredibleGroup | None, float]:
+    """Build the credible group of a place, None where unlisted errors are likelier; and the probability of these."""
+    listed = {number: p for number, p in place.shares.items() if model.candidates[number].listed}
+    for own in group_processes(model, place.shares):
+        named = compute_named_share(model, {number: place.shares[number] for number in own}, settings)
+        total = sum(place.shares[number] for number in own)
+        known = sum(listed.get(number, 0.0) for number in own)
+        listed |= {number: listed[number] * named * total / known for number in own if number in listed and known > 0}
+    total = sum(listed.values())
+    if total < 1 - settings.unknown:
+        return None, 1 - total
+    order = sorted(listed, key=lambda number: -listed[number])
+    group = [(model.candidates[number].label, listed[number]) for number in order]
+    shown = [one for one in group if one[1] > settings.group_share * total][: settings.largest_group]
+    return CredibleGroup(place.member, group[0][1], tuple(shown)), 1 - total
+
+
+def group_processes(model: LinearModel, shares: Mapping[int, float]) -> list[list[int]]:
+    """Group random processes of one side and axis, listed ones and the kernels without a name, by their numbers."""
+    groups: dict[tuple[bool, str | None], list[int]] = {}
+    for number in shares:
+        entry = model.candidates[number]
+        if entry.process and (entry.listed or entry.effect in KERNELS):
+            groups.setdefault((entry.effect.startswith("reference"), entry.axis), []).append(number)
+    return [own for own in groups.values() if any(model.candidates[number].listed for number in own)]
+
+
+def compute_named_share(model: LinearModel, shares: Mapping[int, float], settings: DiagnosisSettings) -> float:
+    """Compute the share of listed processes among random processes of one side and axis.
+
+    A process without a name may have any statistics, those of a listed one among them: its evidence is the mean of all, that of
+    what is on the list the mean of the listed ones.
+    """
+    prior = {number: float(np.exp(model.candidates[number].log_prior)) for number in shares}
+    listed = [number for number in shares if model.candidates[number].listed]
+    of_listed = sum(shares[number] for number in listed) / sum(prior[number] for number in listed)
+    of_all = sum(shares.values()) / sum(prior.values())
+    odds = settings.unlisted_share / (1 - settings.unlisted_share) * of_all / max(of_listed, LEAST_POSITIVE)
+    return 1 / (1 + odds)
+
+
+def rank_explanations(model: LinearModel, explanations: Sequence[Explanation]) -> tuple[RankedExplanation, ...]:
+    """Rank all sets that were optimised by their posterior."""
+    norm = sum_log_posterior(list(explanations))
+    return tuple(
+        RankedExplanation(
+            tuple(model.candidate(member).label for member in one.members),
+            float(np.exp(one.log_posterior - norm)),
+            one.log_evidence,
+            not all(model.candidate(member).listed for member in one.members),
+        )
+        for one in explanations
+    )
+
+
+def refine_options(search: Search, best: Explanation) -> LinearModel:
+    """The model with finer options around the members of the best set, and around effects that may stand in their places."""
+    model = search.model
+    wanted = []
+    for member in best.members:
+        others = tuple(one for one in best.members if one != member)
+        wanted.append((others, NEARLY * search.score(member.candidate, others).best))
+    linear = model.moments(model, wanted)
+    places = [*best.members, *find_near_alternatives(search, best)] if best.members else []
+    processes = find_whole_processes(search, [best])
+    search.forget()
+    for member in {one.candidate: one for one in reversed(places) if not model.candidate(one).process}.values():
+        linear = linear.refine(linear, member)
+    for member in processes:
+        scales = linear.candidate(member).scales
+        scale = int(np.argmin(np.abs(np.log(scales / model.scale(member)))))
+        linear = linear.refine(linear, replace(member, scale=scale))
+    return linear
+
+
+def attribute(inferred: Inferred, settings: DiagnosisSettings) -> Attribution:
+    """Say what the places of a set amount to."""
+    if not inferred.slots:
+        verdict: Verdict = "unknown"
+    elif inferred.remainder:
+        verdict = "partial"
+    else:
+        verdict = "named" if all(slot.probability >= settings.named for slot in inferred.slots) else "group"
+    return Attribution(verdict, inferred.best, inferred.slots, inferred.unknown, inferred.ranked)

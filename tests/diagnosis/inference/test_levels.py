@@ -1,0 +1,48 @@
+"""Side, axis and character of a place: sums of its posterior, and what every effect of the library is."""
+
+import numpy as np
+import pytest
+
+from diagnosis.inference.levels import SIDES, compute_levels, find_character, find_side
+from simulator.effects import EFFECTS
+from simulator.effects.base import STAGE_NAMES
+from tests.diagnosis.linear_models import candidate
+
+COLUMN = [np.ones((4, 1))]
+
+
+def named(effect, axis=None, **changes):
+    return candidate(0, COLUMN, 0, 0.0, effect=effect, axis=axis, **changes)
+
+
+def test_levels_are_sums_over_all_that_share_a_side_an_axis_or_a_character():
+    candidates = (
+        named("bias_step", "x"), named("bias_drift", "x"), named("references step at a time", "x", listed=False),
+        named("random bias, correlated in time", "y", listed=False, process=True),
+    )  # fmt: skip
+    found = compute_levels({0: 0.3, 1: 0.25, 2: 0.35, 3: 0.1}, candidates, EFFECTS)
+    assert found.side == ("gyro", pytest.approx(0.65))
+    assert found.axis == ("x", pytest.approx(0.9))
+    assert found.character == ("step", pytest.approx(0.65))
+
+
+def test_a_place_of_effects_without_an_axis_has_none():
+    assert compute_levels({0: 1.0}, (named("time_offset"),), EFFECTS).axis is None
+
+
+@pytest.mark.parametrize(
+    ("effect", "side", "character"),
+    [
+        ("time_offset", "clocks", "constant per interval"),
+        ("clock_slip", "clocks", "step"),
+        ("bias_temperature", "gyro", "follows a temperature"),
+        ("scale_quadratic", "gyro", "follows a rate"),
+        ("bias_orbital", "gyro", "periodic"),
+        ("reference_jump", "references", "jumps"),
+        ("reference_horizon", "references", "periodic"),
+        ("noise_excess", "samples", "noise"),
+    ],
+)
+def test_the_library_stands_where_its_stages_act(effect, side, character):
+    assert (find_side(named(effect), EFFECTS), find_character(named(effect))) == (side, character)
+    assert set(SIDES) <= set(STAGE_NAMES)
