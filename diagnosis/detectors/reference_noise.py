@@ -29,9 +29,6 @@ Indices = NDArray[np.intp]
 CORRELATED = 1 + 2 * 17 / 36  # variance of the mean square of second differences, beside that of independent ones
 TRIM = 3.0  # robust sigmas beyond which a difference does not count
 TRIMMED = 0.9733  # variance of a normal variable cut there
-TRIMMED_SQUARE = 1.8  # variance of its square, in units of the square of that mean
-LEVELS = 8  # parts of a series whose levels are compared
-PER_LEVEL = 20  # differences in each of them at least
 FEWEST = 40  # second differences, below which nothing is said
 # Log odds of an excess of the references, below which it is one of the angle turned: of the two the first is on the list,
 # and white noise of the gyros that is as large would show in the samples as a rule.
@@ -68,7 +65,6 @@ class ReferenceNoise:
     axis: int | None  # the one axis that departs, or None for all
     event_p: float = DEFAULT.sample_event  # p-value below which the noise is not as stated
     of_gyro: bool = False  # whether an excess is rather one of the angle turned in each spacing, and so the gyro's
-    likeness: float = 1.0  # p-value that the noise has one level throughout
 
     @property
     def departs(self) -> bool:
@@ -124,26 +120,11 @@ def estimate_reference_noise(
     # Single large differences, as beside a slew with wrong time tags, are not noise.
     kept = np.abs(z) < TRIM * np.median(np.abs(z), axis=0) / 0.6745
     factor, sigma, p, axis = _estimate_factors(found, kept)
-    of_gyro, axes = False, np.arange(3) if axis is None else np.array([axis])
+    of_gyro = False
     if p < settings.sample_event and np.any(factor > 1):
+        axes = np.arange(3) if axis is None else np.array([axis])
         of_gyro = _compute_log_odds(found, wider, axes) < UNLIKELY
-    likeness = _test_one_level(np.where(kept, z**2, 0.0)[:, axes])
-    return ReferenceNoise(factor, sigma, p, axis, settings.sample_event, of_gyro, likeness)
-
-
-def _test_one_level(squares: Array) -> float:
-    """P-value that squared differences (k, axes) have one mean in all parts of the series: noise of another level has.
-
-    The cube roots of mean squares are normal (Wilson & Hilferty, 1931).
-    """
-    count = min(LEVELS, len(squares) // PER_LEVEL)
-    if count < 2:
-        return 1.0
-    parts = np.array_split(squares, count)
-    sizes = np.array([[len(part)] for part in parts])
-    levels = np.cbrt(np.array([part.mean(axis=0) for part in parts]) / squares.mean(axis=0))
-    scatter = (levels - levels.mean(axis=0)) ** 2 / (TRIMMED_SQUARE * CORRELATED / sizes / 9)
-    return max(float(scipy.special.chdtrc((count - 1) * squares.shape[1], scatter.sum())), 1e-300)
+    return ReferenceNoise(factor, sigma, p, axis, settings.sample_event, of_gyro)
 
 
 def _compute_log_odds(found: Differences, wider: Differences, axes: Indices) -> float:
