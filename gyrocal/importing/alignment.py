@@ -157,7 +157,15 @@ def estimate_alignment(
         scale = total if accumulated else 1.0
         clock = replace(one, offset_s=offset + one.offset_s, time_factor=total, time_sigma=factor * one.time_sigma)
         found.append(replace(clock, factor=one.factor * scale, factor_sigma=one.factor_sigma * scale))
-    return min(found, key=lambda one: one.residual, default=None)
+    best = min(found, key=lambda one: one.residual, default=None)
+    if best is None or best.is_clock_off:
+        return best
+    # Without a clock rate the offset is that of the whole recording.
+    windows = build_motion(t_s, rates, sample_s, t_ref + best.offset_s, q)
+    near = None if windows is None else refine(windows, best.reverse, with_clock=False)
+    if near is None:
+        return best
+    return replace(best, offset_s=best.offset_s + near.offset_s)
 
 
 def refine(windows: Motion, reverse: bool | None = None, with_clock: bool = True) -> Alignment | None:

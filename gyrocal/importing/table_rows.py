@@ -96,7 +96,8 @@ def _order_rows(
         return everything, []
     if (steps <= 0).all():
         return everything[::-1], [f"the {what} are in the reverse order of time and are read from the last one on"]
-    usual = float(np.median(steps[steps > 0]))
+    spacing = np.diff(np.sort(t_s))  # in whatever order the rows are
+    usual = float(np.median(spacing[spacing > 0]))
     least = MOST_SWAPPED_ROWS * max(usual, np.ptp(t_s) / t_s.size)
     if -steps.min() <= least:
         return everything, []

@@ -90,7 +90,7 @@ def test_chances_of_formats_are_bounds():
     ("change", "axes", "verdict"),
     [
         pytest.param(np.zeros_like, 2, "unknown", id="a gyro that stands still"),
-        pytest.param(lambda x: 20 * NOISE * np.round(x / (20 * NOISE)), [0, 1, 2], "named", id="a coarse lattice"),
+        pytest.param(lambda x: 20 * NOISE * np.round(x / (20 * NOISE)), [0, 1, 2], "group", id="a coarse lattice"),
     ],
 )
 def test_readings_that_hardly_change_are_a_gap_and_no_fault_of_the_program(change, axes, verdict):
