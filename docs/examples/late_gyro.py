@@ -8,6 +8,7 @@ import own_log
 
 import gyrocal
 from diagnosis.diagnose import diagnose
+from gyrocal.calibration.verdict import format_p_value
 from gyrocal.importing import import_csv
 from studies.report.panels import BLUE, RED, Line, draw_panels, make_curves, save
 
@@ -28,9 +29,10 @@ cause = diagnose(recording).causes[0]
 _, second = calibrated(float(f"{cause.size:.4f}"))
 print(f"{' or '.join(cause.group)}: {cause.size:.4f} ± {cause.sigma:.4f} s")
 
+results = (("as logged", first, RED, "."), ("attitudes 12 ms later", second, BLUE, "^"))
 lines = [
-    Line(result.residuals["t_s"], result.residuals["after_yaw_deg"], f"{name}: p = {result.p_value:.2g}", colour, style, size=3)
-    for name, result, colour, style in (("as logged", first, RED, "."), ("attitudes 12 ms later", second, BLUE, "^"))
+    Line(one.residuals["t_s"], one.residuals["after_yaw_deg"], f"{name}: {format_p_value(one.p_value)}", colour, style, size=3)
+    for name, one, colour, style in results
 ]
 axes = {"title": "Yaw residuals after the calibration", "x": "s since the start", "y": "deg", "legend": "lower right"}
 save(draw_panels(make_curves(lines, **axes), size=(6.5, 3.0)), Path("late_gyro.svg"))

@@ -97,7 +97,7 @@ def test_a_link_is_neither_written_through_nor_replaced(tmp_path, to):
 
 
 @pytest.mark.parametrize("name", ["a.json", "a.csv", "a.parquet", "a.svg", "a.png", "rec/gyro.parquet"])
-def test_every_output_that_does_not_fit_names_its_file_and_leaves_the_old_one(tmp_path, name):
+def test_every_output_that_does_not_fit_names_its_file_and_leaves_the_old_one(tmp_path, name, monkeypatch):
     """A limit to the size of a file, in place of a full disk: the system refuses to write on."""
     path, table = tmp_path / name, pd.DataFrame({"x": np.random.default_rng(0).normal(size=20_000)})
     path.parent.mkdir(exist_ok=True)
@@ -112,6 +112,7 @@ def test_every_output_that_does_not_fit_names_its_file_and_leaves_the_old_one(tm
     }
     figure = Figure()
     figure.subplots().plot(table["x"][:2000])
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # modules imported now would leave broken files
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
     try:
