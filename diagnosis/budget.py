@@ -24,7 +24,7 @@ from diagnosis.inference.attribution import CredibleGroup
 from diagnosis.model.calibration import calibrate_beside
 from diagnosis.model.folds import RECORDING_SPLIT, ConditionedRows, assign_folds, condition_rows, reverse_whitening
 from diagnosis.model.recording_model import RecordingModel
-from diagnosis.replication import PartSize, Replication
+from diagnosis.replication import PartSize, Replication, estimate_by_part
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -180,6 +180,16 @@ def summarise_closure(held: HeldOut) -> Closure:
     )
     before, after = float(held.misfit[0]), float(held.misfit[last])
     return Closure("held-out whitened mean square", RECORDING_SPLIT, before, after, FLOOR, closed, interval, table)
+
+
+def measure_causes(
+    model: RecordingModel, with_remainder: RecordingModel, slots: Sequence[CredibleGroup], effects: Sequence[FittedEffect]
+) -> tuple[HeldOut, list[Replication], tuple[Step, ...]]:
+    """Measure causes on held-out data and by part; `model`, `with_remainder` and `effects` as for `predict_held_out`."""
+    replications = [estimate_by_part(with_remainder, effects, number) for number in range(len(effects))]
+    held = predict_held_out(model, with_remainder, effects)
+    probabilities = [slot.group_probability for slot in slots]
+    return held, replications, build_budget(held, with_remainder, effects, probabilities, replications)
 
 
 def select_closing(slots: Sequence[CredibleGroup], budget: Sequence[Step]) -> list[CredibleGroup]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.answer import Closure
-from diagnosis.budget import Step, build_budget, convert, predict_held_out, select_closing, summarise_closure
+from diagnosis.budget import Step, convert, measure_causes, select_closing, summarise_closure
 from diagnosis.inference.amplitudes import FittedEffect, estimate_amplitudes, refine_explanation
 from diagnosis.inference.attribution import (
     Attribution,
@@ -41,7 +41,6 @@ from diagnosis.model.prepare import PreparedRecording, Progress
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.model.symptoms import list_sample_causes
 from diagnosis.remainder_search import BesideRemainder, identify_beside_remainder
-from diagnosis.replication import estimate_by_part
 from diagnosis.settings import DiagnosisSettings
 from simulator.effects.base import Effect
 
@@ -140,9 +139,7 @@ def _add_budget(model: RecordingModel, explained: AttitudeInference) -> Attitude
     assert explained.attribution is not None
     slots, fitted = explained.attribution.slots, explained.fitted
     while True:
-        sizes = [estimate_by_part(model, fitted, number) for number in range(len(fitted))]
-        held = predict_held_out(model, model, fitted)
-        budget = build_budget(held, model, fitted, [slot.group_probability for slot in slots], sizes)
+        held, _, budget = measure_causes(model, model, slots, fitted)
         closing = select_closing(slots, budget)
         if len(closing) == len(slots):
             break

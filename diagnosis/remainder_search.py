@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from diagnosis.answer import Closure, Regressor, RemainderSummary
-from diagnosis.budget import Step, build_budget, convert, predict_held_out, select_closing, summarise_closure
+from diagnosis.budget import Step, convert, measure_causes, predict_held_out, select_closing, summarise_closure
 from diagnosis.inference.amplitudes import FittedEffect, estimate_amplitudes, refine_explanation
 from diagnosis.inference.attribution import CredibleGroup, find_slots, scale_slot
 from diagnosis.inference.search import BASELINE_EXPLANATION, Explanation, Search
@@ -44,7 +44,6 @@ from diagnosis.model.remainder import (
     estimate_remainder,
     summarise_remainder,
 )
-from diagnosis.replication import estimate_by_part
 from diagnosis.settings import DiagnosisSettings
 from simulator.effects.base import Effect
 
@@ -186,9 +185,7 @@ def _confirm_effects(
         pairs = [*zip(likely, estimate_amplitudes(fine, members), strict=True), *kept]
         pairs.sort(key=lambda pair: -float(np.sum(noisy.project_out_nuisance(pair[1].contribution) ** 2)))
         stated, fitted = tuple(slot for slot, _ in pairs), [one for _, one in pairs]
-        replications = [estimate_by_part(noisy, fitted, number) for number in range(len(fitted))]
-        held = predict_held_out(model, noisy, fitted)
-        budget = build_budget(held, noisy, fitted, [slot.group_probability for slot in stated], replications)
+        held, replications, budget = measure_causes(model, noisy, stated, fitted)
         closing = select_closing(stated, budget)
         if len(closing) == len(stated):
             break

@@ -15,13 +15,13 @@ alternative.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from diagnosis.answer import Verdict
 from diagnosis.inference.attribution import Attribution, CredibleGroup, RankedExplanation
-from diagnosis.inference.refinement import NEARLY, find_near_alternatives, find_whole_processes
+from diagnosis.inference.refinement import refine_model
 from diagnosis.inference.search import BASELINE_EXPLANATION, Explanation, Search, sum_log_posterior
 from diagnosis.model.linear import LinearModel, SelectedCandidate
 from diagnosis.settings import DiagnosisSettings
@@ -77,7 +77,7 @@ class JointSearch:
         """
         others = tuple(one for one in best.members if one != member)
         held = Explanation(others, 0.0, 0.0)
-        children = {next(iter(one.key - held.key)): one for one in self.search.list_children(held, lambda number: True)}
+        children = {next(iter(one.key - held.key)): one for one in self.search.list_children(held)}
         offset = best.log_posterior - children[member.candidate].log_posterior
         logs = {number: one.log_posterior + offset for number, one in children.items()}
         for number in list(logs)[:OPTIMISED]:
@@ -160,7 +160,7 @@ def infer_set(search: Search, settings: DiagnosisSettings) -> Inferred:
     """Find the best set of effects and random errors, and the posterior of each of its places."""
     joint = JointSearch(search)
     best = joint.find()
-    finer = refine_options(joint.search, best)
+    finer = refine_model(joint.search, [best])
     if finer is not search.model:
         again = Search(finer, settings)
         again.inherit(joint.search)
@@ -235,26 +235,6 @@ def rank_explanations(model: LinearModel, explanations: Sequence[Explanation]) -
         )
         for one in explanations
     )
-
-
-def refine_options(search: Search, best: Explanation) -> LinearModel:
-    """The model with finer options around the members of the best set, and around effects that may stand in their places."""
-    model = search.model
-    wanted = []
-    for member in best.members:
-        others = tuple(one for one in best.members if one != member)
-        wanted.append((others, NEARLY * search.score(member.candidate, others).best))
-    linear = model.moments(model, wanted)
-    places = [*best.members, *find_near_alternatives(search, best)] if best.members else []
-    processes = find_whole_processes(search, [best])
-    search.forget()
-    for member in {one.candidate: one for one in reversed(places) if not model.candidate(one).process}.values():
-        linear = linear.refine(linear, member)
-    for member in processes:
-        scales = linear.candidate(member).scales
-        scale = int(np.argmin(np.abs(np.log(scales / model.scale(member)))))
-        linear = linear.refine(linear, replace(member, scale=scale))
-    return linear
 
 
 def attribute(inferred: Inferred, settings: DiagnosisSettings) -> Attribution:

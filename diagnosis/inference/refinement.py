@@ -20,17 +20,26 @@ REFINED = 3  # of the likeliest explanations, around whose members options are m
 def search_with_refined_options(
     search: Search, settings: DiagnosisSettings, tell: Callable[[int], None] = lambda count: None
 ) -> tuple[LinearModel, list[Explanation]]:
-    """The model with finer options around those of the likeliest explanations, and the explanations found with them.
+    """The model with finer options around those of the likeliest explanations, and the explanations found with them."""
+    found = search.explanations()
+    linear = refine_model(search, found[:REFINED])
+    if linear is search.model:
+        return linear, found
+    again = Search(linear, settings, tell)
+    again.inherit(search)
+    return linear, again.explanations()
+
+
+def refine_model(search: Search, likely: Sequence[Explanation]) -> LinearModel:
+    """Refine the options around those of some explanations, and of effects that may stand in the first of them.
 
     A step that is tried at a few times only leaves a trace when it happened between two of them, which another step about the
     same axis would explain. A random process has its weaker columns then; what a strong one would leave without them, another
     process would explain.
     """
-    found = search.explanations()
-    moments = search.model.moments(search.model, _list_wanted_sets(search, found[:REFINED]))
-    likely = found[:REFINED]
+    moments = search.model.moments(search.model, _list_wanted_sets(search, likely))
     places = [member for explanation in likely for member in explanation.members]
-    places += find_near_alternatives(search, found[0]) if found else []
+    places += find_near_alternatives(search, likely[0]) if likely else []
     places = [member for member in places if not search.model.candidate(member).process]
     processes = find_whole_processes(search, likely)
     search.forget()
@@ -42,11 +51,7 @@ def search_with_refined_options(
         scales = linear.candidate(member).scales
         scale = int(np.argmin(np.abs(np.log(scales / search.model.scale(member)))))
         linear = linear.refine(linear, replace(member, scale=scale))
-    if linear is search.model:
-        return linear, found
-    again = Search(linear, settings, tell)
-    again.inherit(search)
-    return linear, again.explanations()
+    return linear
 
 
 def find_whole_processes(search: Search, likely: Sequence[Explanation]) -> list[SelectedCandidate]:

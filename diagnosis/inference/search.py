@@ -231,7 +231,7 @@ class Search:
         for width in self.model.beam[: depth - 1]:
             new: dict[frozenset[int], Explanation] = {}
             for parent in self._select_beam(level, width):
-                for child in self._list_children(parent, CHILDREN):
+                for child in self.list_children(parent, most=SCREEN_COLUMNS)[:CHILDREN]:
                     if child.key not in new or child.log_posterior > new[child.key].log_posterior:
                         new[child.key] = child
             level = _rank_explanations(
@@ -260,7 +260,7 @@ class Search:
                 tried.add(key)
                 parent = self.optimise_members(others)
                 found.setdefault(parent.key, parent)
-                for child in self._list_children(parent, EXCHANGED_FOR):
+                for child in self.list_children(parent, most=SCREEN_COLUMNS)[:EXCHANGED_FOR]:
                     if child.key not in found:
                         found[child.key] = self.optimise_members(child.members)
             if best is max(found.values(), key=lambda explanation: explanation.log_posterior):
@@ -299,28 +299,21 @@ class Search:
     def _list_effect_names(self, explanation: Explanation) -> frozenset[str]:
         return frozenset(self.model.candidates[k].effect for k in explanation.key)
 
-    def list_children(self, parent: Explanation, allowed: Callable[[int], bool]) -> list[Explanation]:
-        """The set with one more candidate that is allowed, scored with all its columns, the best first."""
+    def list_children(
+        self, parent: Explanation, allowed: Callable[[int], bool] = lambda candidate: True, most: int | None = None
+    ) -> list[Explanation]:
+        """The sets with one more candidate that is allowed, the best first; processes with their `most` strongest columns.
+
+        Only columns of a process are sorted by strength; the last one of others may be a shift.
+        """
         children = []
-        for candidate in range(len(self.model.candidates)):
+        for candidate, entry in enumerate(self.model.candidates):
             if candidate in parent.key or not allowed(candidate):
                 continue
-            score = self.score(candidate, parent.members)
+            score = self.score(candidate, parent.members, most if entry.process else None)
             member = SelectedCandidate(candidate, score.option, score.scale)
             children.append(self._build_explanation((*parent.members, member), parent.log_evidence + score.average))
         return _rank_explanations(children)
-
-    def _list_children(self, parent: Explanation, most: int) -> list[Explanation]:
-        """The set with one more candidate."""
-        children = []
-        for candidate in range(len(self.model.candidates)):
-            if candidate in parent.key:
-                continue
-            # Only columns of a process are sorted by strength; the last one of others may be a shift.
-            score = self.score(candidate, parent.members, SCREEN_COLUMNS if self.model.candidates[candidate].process else None)
-            member = SelectedCandidate(candidate, score.option, score.scale)
-            children.append(self._build_explanation((*parent.members, member), parent.log_evidence + score.average))
-        return _rank_explanations(children)[:most]
 
 
 def _rank_explanations(explanations: list[Explanation]) -> list[Explanation]:
