@@ -14,9 +14,10 @@ which counts as one if it is smaller. A rotation needs motion about two axes. Wh
 across the main axis, errors of the gyro may have made its angle: its sigma is then at least the angle.
 
 Windows overlap, and residuals of a wrong G are not white: the covariance is that of sums over blocks of time (a sandwich
-estimator by clusters; White, Econometrica 48, 1980). A delay that differs between parts of the recording, as by a clock that
-slips, leaves residuals over many blocks: a sigma is at least that with the correlation of neighbouring blocks (Newey and West,
-Econometrica 55, 1987). An offset that is stated without a clock rate is that of a fit without one, over the whole recording.
+estimator by clusters; White, Econometrica 48, 1980), for τ and f beside a free matrix in place of s C. A delay that differs
+between parts of the recording, as by a clock that slips, leaves residuals over many blocks: a sigma is at least that with the
+correlation of neighbouring blocks (Newey and West, Econometrica 55, 1987). An offset that is stated without a clock rate is
+that of a fit without one, over the whole recording.
 """
 
 from __future__ import annotations
@@ -224,21 +225,20 @@ def _fit(windows: Motion, reverse: bool, with_clock: bool) -> Alignment | None:
             break
     place = (middle[inside] - middle[inside][0]) / max(span, 1e-300)
     cov = _compute_covariance(J / size, left, N, place) / np.outer(size, size)
-    factor = 1 / (1 + rate)
-    to_offset = np.zeros(9)
-    to_offset[:2] = factor, -factor * centre * with_clock  # the offset is f (τ_c − rate·centre)
     r0 = reference[inside] - reference[inside].mean(axis=0)
-    offset, offset_sigma = _shift(at_centre, rate, centre), float(np.sqrt(to_offset @ cov @ to_offset))
-    time_sigma = float(factor**2 * np.sqrt(cov[1, 1]))
+    turn_sigma, across = np.sqrt(np.diag(cov)[2:5]), np.linalg.eigh(r0.T @ r0)[1][:, :2]
+    floor = np.finfo(float).eps * np.sum(r0**2)  # where all rates are along one line
+    if np.sum((left @ across) ** 2) > MOST_LEFT_ACROSS * np.sum((r0 @ across) ** 2) + floor:
+        turn_sigma = np.maximum(turn_sigma, np.linalg.norm(Rotation.from_matrix(C).as_rotvec()))
+    factor, offset = 1 / (1 + rate), _shift(at_centre, rate, centre)
+    cov_time = _compute_time_covariance(windows, reference, offset, factor, with_clock * (middle - t0 - centre))
+    to_offset = np.array([factor, -factor * centre * with_clock])  # the offset is f (τ_c − rate·centre)
+    offset_sigma, time_sigma = float(np.sqrt(to_offset @ cov_time @ to_offset)), float(factor**2 * np.sqrt(cov_time[1, 1]))
     # In sigma, by the likelihood ratio of as many independent rates as windows side by side have.
     independent = 3 * inside.sum() / float(np.median(windows.rows[:, 1] - windows.rows[:, 0]))
     before, after = (_fit_matrix(windows, reference, *at) + np.finfo(float).tiny for at in ((0.0, 1.0), (offset, factor)))
     least = 1 / np.sqrt(max(independent * np.log(before / after), 1.0))
     offset_sigma, time_sigma = max(offset_sigma, least * abs(offset)), max(time_sigma, least * abs(factor - 1))
-    turn_sigma, across = np.sqrt(np.diag(cov)[2:5]), np.linalg.eigh(r0.T @ r0)[1][:, :2]
-    floor = np.finfo(float).eps * np.sum(r0**2)  # where all rates are along one line
-    if np.sum((left @ across) ** 2) > MOST_LEFT_ACROSS * np.sum((r0 @ across) ** 2) + floor:
-        turn_sigma = np.maximum(turn_sigma, np.linalg.norm(Rotation.from_matrix(C).as_rotvec()))
     return Alignment(
         offset,
         offset_sigma,
@@ -252,6 +252,28 @@ def _fit(windows: Motion, reverse: bool, with_clock: bool) -> Alignment | None:
         bias,
         float(np.sqrt(np.sum(left * left) / max(np.sum(r0 * r0), 1e-300))),
     )
+
+
+def _compute_time_covariance(windows: Motion, reference: Array, offset: float, factor: float, since: Array) -> Array:
+    """Covariance (2, 2) of the offset at the centre and of 1/f beside a free matrix and a bias.
+
+    Their estimate beside a rotation and a scale factor is nearly the same, but its residuals hold the gyro's other errors.
+
+    since: (n,) s from the centre of the time to each window; zeros where no clock rate is fitted
+    """
+    length = float(np.median(windows.stop_s - windows.start_s))
+    mean, slope, inside = _differentiate_rates(windows, offset, factor, 0.25 * length)
+    free = np.linalg.qr(np.column_stack([mean, np.ones(len(mean))]))[0]
+    M = np.linalg.lstsq(mean - mean.mean(axis=0), reference[inside], rcond=None)[0]
+    J = np.stack([slope @ M, (slope @ M) * since[inside, None]], axis=2)
+    J = (J - np.einsum("nk,mk,maq->naq", free, free, J)).reshape(-1, 2)
+    left = reference[inside] - free @ (free.T @ reference[inside])
+    size = np.sqrt(np.sum(J * J, axis=0))
+    size[size == 0] = 1.0
+    N = (J / size).T @ (J / size) + PRIOR_STRENGTH * np.eye(2)
+    middle = 0.5 * (windows.start_s + windows.stop_s)[inside]
+    place = (middle - middle[0]) / max(float(windows.stop_s[-1] - windows.start_s[0]), 1e-300)
+    return _compute_covariance(J / size, left, N, place) / np.outer(size, size)
 
 
 def _fit_matrix(windows: Motion, reference: Array, offset: float, factor: float) -> float:
@@ -290,7 +312,7 @@ def _compute_covariance(J: Array, left: Array, N: Array, place: Array) -> Array:
     N : (9, 9) normal matrix
     place : (n,) of the windows, 0 to 1
     """
-    scores = (J * left.ravel()[:, None]).reshape(-1, 3, 9).sum(axis=1)
+    scores = (J * left.ravel()[:, None]).reshape(len(left), 3, -1).sum(axis=1)
     cluster = np.minimum((CLUSTERS * place).astype(int), CLUSTERS - 1)
     sums = np.stack([scores[cluster == k].sum(axis=0) for k in np.unique(cluster)])
     inverse = np.linalg.inv(N)
@@ -300,7 +322,7 @@ def _compute_covariance(J: Array, left: Array, N: Array, place: Array) -> Array:
         product = sums[lag:].T @ sums[:-lag]
         correlated += (1 - lag / (CORRELATED_CLUSTERS + 1)) * (product + product.T)
     # What the prior alone holds has at least the uncertainty that the residual's size leaves it.
-    held = PRIOR_STRENGTH * float(np.mean(np.square(left))) * np.eye(9)
+    held = PRIOR_STRENGTH * float(np.mean(np.square(left))) * np.eye(len(N))
     C, slow = (inverse @ (one * len(sums) / max(len(sums) - 5, 1) + held) @ inverse for one in (variance, correlated))
     more = np.sqrt(np.maximum(np.diag(slow) / np.diag(C), 1.0))
     return np.asarray(C * np.outer(more, more))

@@ -203,6 +203,18 @@ def test_every_command_takes_the_same_alignment_options(data, tmp_path):
     assert written["rate_factor"] == pytest.approx(0.25, rel=0.03)
 
 
+def test_errors_of_the_gyro_do_not_widen_the_time_offsets_sigma():
+    """The residuals beside a rotation and a scale factor hold them: sigma was three times too large."""
+    data = mems_log.log(np.random.default_rng(3), seconds=60.0)
+    streams, _ = read(data)
+    one = streams.sensors[0]
+    with_errors, without = (
+        refine(build_motion(streams.t_s, rates, streams.sample_s, one.t_s, one.q), False, with_clock=False)
+        for rates in (streams.raw, streams.raw @ data.G.T)
+    )
+    assert with_errors.offset_sigma == pytest.approx(without.offset_sigma, rel=0.2)
+
+
 def test_errors_of_the_gyro_are_no_time_offset():
     """References a minute apart in slow turns: unequal scale factors and skew axes passed for 1.06 ± 0.07 s."""
     recording = simulator.simulate(simulator.load("trmm_series"), seed=1)
