@@ -69,10 +69,8 @@ class Reproduction:
 
     console: Console  # for progress and the tables that are shown
     jobs: int = 1  # worker processes; the results do not depend on it
-    # by the names of their files; one without a title is not on the page
-    tables: dict[str, Table] = field(default_factory=dict)
-    # what draws them, and their titles, by the names of their files; one without a title is not on the page
-    figures: dict[str, tuple[str, Draw]] = field(default_factory=dict)
+    tables: dict[str, Table] = field(default_factory=dict)  # by the names of their CSV files
+    figures: dict[str, tuple[str, Draw]] = field(default_factory=dict)  # titles, and what draws them, by file names
     summary: dict[str, Any] = field(default_factory=dict)  # for ``summary.json``
     begun: float = field(default_factory=time.monotonic)  # when, s
 
@@ -90,26 +88,16 @@ class Reproduction:
         self.tables[name] = Table(title, data, **more)
         return data
 
-    def show(self, *names: str) -> None:
-        """Print tables."""
-        for table in map(self.tables.__getitem__, names):
-            render.print_table(self.console, table.title, table.get_shown_data(), table.note, table.formats)
-
-    def format_section(self, name: str) -> str:
-        """A table for the page."""
-        table = self.tables[name]
-        return render.format_markdown(table.title, table.get_shown_data(), table.note, table.formats)
-
-    def write(self, folder: Path, page: str, head: Sequence[str], closing: Sequence[str] = ()) -> None:
-        """Write tables, figures, the summary, and the page: its head, the tables, closing lines, the figures."""
+    def write(self, folder: Path, page: str, head: Sequence[str], shown: Sequence[Table]) -> None:
+        """Write tables, figures, the summary, and the page: its head, the shown tables, the figures."""
         for name, table in self.tables.items():
             write_csv(folder / f"{name}.csv", table.data, table.digits)
-        shown = [self.format_section(name) for name, table in self.tables.items() if table.title]
         drawn: list[str] = []
         for name, (title, draw) in self.figures.items():
             draw(folder / f"{name}.svg")
-            drawn += [f"## {title}", "", f"![{title}]({name}.svg)", ""] if title else []
-        write_text(folder / page, "\n".join([*head, *shown, *closing, *drawn]))
+            drawn += [f"## {title}", "", f"![{title}]({name}.svg)", ""]
+        sections = [render.format_markdown(table.title, table.data, table.note, table.formats) for table in shown]
+        write_text(folder / page, "\n".join([*head, *sections, *drawn]))
         write_json(folder / "summary.json", self.summary)
 
     def publish(self, outcome: engine.Outcome, folder: Path, **about: Any) -> None:

@@ -10,7 +10,6 @@ import pandas as pd
 import pytest
 
 from studies.natanson import reproduce
-from studies.robertson import report
 from studies.robertson.calendar import PERIODS
 from tests import ROOT
 
@@ -49,11 +48,6 @@ def tabulate_withheld():
     return format_table(rows, ["what", "found"])
 
 
-def tabulate_natanson_questions():
-    table = reproduce.build_question_table(read_json("reproduction/summary.json"))
-    return format_table(table.itertuples(index=False), table.columns)
-
-
 def tabulate_natanson_estimates():
     table = reproduce.build_estimates_table(read_json("reproduction/summary.json"))
     return format_table([row for row in table.itertuples(index=False) if row.question in reproduce.ESTIMATES], table.columns)
@@ -69,11 +63,6 @@ def format_mission_factors(before, after):
     return f"×{ladder[before].iloc[0]:.2f} to ×{value:.2f} ({low:.2f} to {high:.2f})"
 
 
-def tabulate_mission_answers():
-    table = report.build_answers_table(read_json("mission/summary.json"))[["question", "answer"]]
-    return format_table(table.itertuples(index=False), table.columns)
-
-
 def tabulate_mission_table3():
     table = pd.read_csv(RESULTS / "mission" / "table3.csv").set_index(["parameter", "axis", "period"])
     rows = []
@@ -83,13 +72,6 @@ def tabulate_mission_table3():
         cells = [f"{row['flight']:.{digits}f} → {row['simulated']:.3f}" for row in there]
         rows.append([name, axis, *[""] * (len(PERIODS) - len(cells)), *cells])
     return format_table(rows, ["", "axis", *PERIOD_WORDS])
-
-
-def tabulate_mission_mountings():
-    """Yaw updates of a day under each mounting, deg."""
-    table = pd.read_csv(RESULTS / "mission" / "mountings.csv")
-    rows = [[row.mounting, *(f"{getattr(row, period):.2f}" for period in PERIODS)] for row in table.itertuples(index=False)]
-    return format_table(rows, ["mounting", *PERIOD_WORDS])
 
 
 def tabulate_studies():
@@ -113,13 +95,10 @@ def compute_kernel_ns():
 
 VALUES = {
     "withheld": tabulate_withheld,
-    "natanson_questions": tabulate_natanson_questions,
     "natanson_estimates": tabulate_natanson_estimates,
     "digits_table2": lambda: f"{count_changed_digits('table2')} of the 18",
     "digits_table4": lambda: f"{count_changed_digits('table4')} of 6",
-    "mission_summary": tabulate_mission_answers,
     "mission_table3": tabulate_mission_table3,
-    "mission_mountings": tabulate_mission_mountings,
     "mission_18": lambda: format_mission_factors("factor_18", "factor_unfitted"),
     "mission_12": lambda: format_mission_factors("factor_12", "factor_12"),
     "mission_loop": lambda: f"{read_benchmark()['mission_loop']['plain_vs_compiled']:.0f} times",

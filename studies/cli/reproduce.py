@@ -65,7 +65,7 @@ def command(
 ) -> None:
     """Reproduce the two papers beside the flight's values.
 
-    natanson: the gyro calibration, N Tables 2-5 and Figures 1-3. robertson: the Mission Mode, R Tables 1-3 and Figures 7-13.
+    natanson: the gyro calibration, N Tables 2-5 and Figures 1-3. robertson: the Mission Mode, R Tables 1-3 and Figures 6-13.
     The output is compared with the committed results; 'make results' (--out results) replaces these. With both papers, a page
     (index.html) shows each claim of the papers beside its reproduction; the last line of the output is its path.
 
@@ -86,12 +86,13 @@ def command(
 
     from simulator.mission_mode.config import MissionConfig
     from simulator.mission_mode.flight import simulate_mission
+    from studies import index_page
     from studies.natanson import paper_tables, reproduce
     from studies.natanson.paper_tables import PaperTablesConfig
-    from studies.report import committed_results, index_page
+    from studies.report import committed_results
     from studies.report.pages import build_provenance_footer
     from studies.reproduction import call_all
-    from studies.robertson import report as mission_report
+    from studies.robertson import reproduce as mission
     from studies.robertson.runs import MissionStudy
 
     workers, terminal = jobs or os.cpu_count() or 1, make_console()
@@ -111,7 +112,7 @@ def command(
             config = PaperTablesConfig(cases=cases, entropy=entropy, scenario=scenario, overrides=overrides)
             summaries[name] = reproduce.run(folder, config, workers, terminal)
         else:
-            summaries[name] = mission_report.run(folder, study, workers, terminal)
+            summaries[name] = mission.run(folder, study, workers, terminal)
     for name, folder in folders.items():
         _compare(committed_results.read(folder), before[name], terminal)
     if as_json:

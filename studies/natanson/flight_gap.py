@@ -25,6 +25,7 @@ walk a without knowing anything else.
 """
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -33,7 +34,7 @@ from numpy.typing import NDArray
 from gyrocal import GyroParameters, Recording, attitude, propagate
 from gyrocal.calibration.normal_equations import compute_attitude_residuals
 from gyrocal.calibration.sampling import prepare_measurements
-from simulator.scenario import Scenario
+from simulator.scenario import Scenario, override
 from simulator.simulate import motion, observe
 from studies.natanson import flight
 
@@ -103,14 +104,30 @@ def build_gap_comparison(scenario: Scenario) -> pd.DataFrame:
     )
 
 
-def compare_residual_signs(scenario: Scenario) -> pd.DataFrame:
-    """Gap with the residual's sign of N (16), and of N (29) as printed."""
+def compare_signs(scenario: Scenario) -> dict[str, Any]:
+    """Gaps with both signs that N's text leaves in doubt: of the residual, and of the rate in -y forward; RMS, deg.
+
+    N (16) has exp([θ×]) = A_obs A_propᵀ, N (29) as printed the opposite sign.
+    """
     predicted = predict_residuals(scenario)
-    return pd.DataFrame(
-        {
-            "residual": ["N (16): exp([θ×]) = A_obs A_propᵀ", "N (29) as printed, the opposite sign"],
-            "gap_rms_deg": [compute_gap_rms(predicted), compute_gap_rms(-predicted)],
-        }
+    by_rate = {sign: compute_gap_rms(predict_residuals(set_minus_y_rate(scenario, sign)), [MINUS_Y]) for sign in (-1, 1)}
+    return {
+        "residual_sign_gap_rms_deg": {
+            "N (16)": compute_gap_rms(predicted),
+            "N (29) as printed": compute_gap_rms(-predicted),
+        },
+        "minus_y_rate_rpo": {
+            "favoured": min(by_rate, key=by_rate.__getitem__),
+            "gap_rms_deg": {str(sign): gap for sign, gap in by_rate.items()},
+        },
+    }
+
+
+def set_minus_y_rate(scenario: Scenario, sign: int) -> Scenario:
+    """Return the scenario with ω_x = sign RPO in interval 4: −1 is −y forward, +1 needs +y forward, the slews reversed."""
+    slews = scenario.interval[MINUS_Y].slew
+    return override(
+        scenario, {f"interval.{MINUS_Y}.slew.{j}.angle_deg": sign * abs(s.angle_deg) * (-1) ** j for j, s in enumerate(slews)}
     )
 
 

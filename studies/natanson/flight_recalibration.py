@@ -24,19 +24,14 @@ from gyrocal.calibration.gyro_space import Parametrisation
 from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.sampling import prepare_measurements
 from simulator.scenario import Scenario
-from simulator.simulate import motion, observe
-from simulator.streams import generator
 from studies.natanson import flight, flight_gap
-from studies.natanson.paper_forms import convert_to_gyro_form, count_digit_changes
-from studies.report.units import ONE_DEG_S
+from studies.natanson.paper_forms import count_digit_changes
 
 Array = NDArray[np.float64]
 
 CALIBRATION_SPACES: dict[str, Parametrisation] = {"gyro_space": "gyro", "gain_space": "gain"}
-BIAS_STEP_S, G_STEP_S = 1.0, 0.5  # that N Table 5's first iteration is of: its b, and its G⁻¹
+BIAS_STEP_S = 1.0  # step of the corrections to b of N Table 5's first iteration
 PRINTED = np.array([1e6] * 9 + [1e8] * 3)  # units of N Table 5's second iteration: 1e-6 in G, 1e-8 deg/s in b
-RESIDUAL_DRAWS = 60
-BEYOND = 3.0  # sigma
 EQUAL = np.deg2rad(0.01) ** 2 * np.tile(np.eye(3), (6, 1, 1))  # weights: their size does not matter
 DOUBTED = (2.0, 2, 2)  # step, interval and axis of the sign that N Table 4 contradicts
 
@@ -124,25 +119,15 @@ def compare_residuals_by_step(found: list[StepCalibration]) -> pd.DataFrame:
     """A row per step: how far the residuals after are from the flight's, and whether N's solution is that of least squares."""
     rows = []
     for step in found:
-        difference = step.after[0] - step.flown
-        worst = np.unravel_index(np.abs(difference).argmax(), difference.shape)
-        others = np.delete(difference.ravel(), np.ravel_multi_index(worst, difference.shape))
+        printed = flight.read_published_residuals("calibrated", step.step_s)
         gradient = np.abs(step.gradient())
-        steepest = int(gradient.argmax())
         rows.append(
             {
                 "step_s": step.step_s,
-                "rms_difference_deg": float(flight.compute_rms(difference.ravel())),
-                "as_printed_deg": float(
-                    flight.compute_rms((step.after[0] - flight.read_published_residuals("calibrated", step.step_s)).ravel())
-                ),
-                "farthest": f"interval {worst[0] + 1}, {flight.ROTATIONS[worst[1]]}",
-                "farthest_flight_deg": step.flown[worst],
-                "farthest_found_deg": step.after[0][worst],
-                "rms_of_the_others_deg": float(flight.compute_rms(others)),
-                "steepest": NAMES[steepest],
-                "gradient_deg": gradient[steepest],
-                "next_gradient_deg": np.delete(gradient, steepest).max(),
+                "rms_difference_deg": float(flight.compute_rms((step.after[0] - step.flown).ravel())),
+                "as_printed_deg": float(flight.compute_rms((step.after[0] - printed).ravel())),
+                "steepest": NAMES[int(gradient.argmax())],
+                "gradient_deg": gradient.max(),
             }
         )
     return pd.DataFrame(rows)
@@ -157,28 +142,10 @@ def build_residuals_table(found: list[StepCalibration]) -> pd.DataFrame:
     return out
 
 
-def build_calibration_table(found: list[StepCalibration]) -> pd.DataFrame:
-    """N Table 3's calibrated columns: N's and what is found from the flight's residuals."""
-    cells, _ = convert_to_gyro_form(np.zeros((1, 12)))
-    out = pd.DataFrame(cells, columns=["quantity", "gyro"])
-    for step in found:
-        published, own = flight.read_published_parameters("calibrated", step.step_s), step.results[0].parameters
-        for label, values in (("flight", published), ("found", own)):
-            out[f"Δt = {step.step_s:g} s, {label}"] = convert_to_gyro_form(values.vector[None] * ONE_DEG_S)[1][0]
-    return out
-
-
-def count_changed_digits(found: list[StepCalibration]) -> pd.DataFrame:
-    """N's criterion: how many printed digits of N Tables 2 and 4 the second iteration changes, a row per step."""
-    rows = []
-    for step in found:
-        first, second = step.after
-        table2, table4 = count_digit_changes(first[None], second[None])
-        largest = 1e3 * float(np.abs(second - first).max())
-        rows.append(
-            {"step_s": step.step_s, "table2_of_18": table2[0], "table4_of_6": table4[0], "largest_change_mdeg": largest}
-        )
-    return pd.DataFrame(rows)
+def count_changed_digits(found: list[StepCalibration]) -> dict[str, dict[str, int]]:
+    """Count, for each step, the printed digits of N Tables 2 and 4 that the second iteration changes, N's criterion."""
+    counts = {f"{step.step_s:g}": count_digit_changes(*(theta[None] for theta in step.after)) for step in found}
+    return {step: {"table2": int(table2[0]), "table4": int(table4[0])} for step, (table2, table4) in counts.items()}
 
 
 # ---- the second iteration of N Table 5 -------------------------------------------------------------------------------------
@@ -192,72 +159,28 @@ def compute_second_correction(result: CalibrationResult) -> Array:
     return np.concatenate([inverse.ravel(), -np.rad2deg(change.bias)]) * PRINTED
 
 
-def read_second_correction() -> Array:
-    """(12,) N Table 5's second iteration in its units."""
-    G, bias = flight.read_published_corrections(2)
-    return np.concatenate([G.ravel(), bias]) * PRINTED
-
-
-def simulate_correction_sigma(scenario: Scenario, entropy: int) -> dict[str, Array]:
-    """(12,) standard deviation of the second correction at 1 s over the scenario's noise, in each space, N Table 5's units."""
-    path, truth = motion(scenario), flight.read_published_calibration()
-    out = {name: np.empty((RESIDUAL_DRAWS, 12)) for name in CALIBRATION_SPACES}
-    for n in range(RESIDUAL_DRAWS):
-        gyro_rng, reference_rng = (generator(entropy, n, f"second_{name}") for name in ("gyro", "reference"))
-        recording = observe(scenario, path, gyro_rng=gyro_rng, reference_rng=reference_rng, G=truth.G, bias=truth.bias)
-        for name, space in CALIBRATION_SPACES.items():
-            out[name][n] = compute_second_correction(calibrate_like_paper(recording, BIAS_STEP_S, 2, space))
-    return {name: values.std(axis=0, ddof=1) for name, values in out.items()}
-
-
-def build_second_iteration_table(scenario: Scenario, sigma: dict[str, Array]) -> pd.DataFrame:
+def build_second_iteration_table(scenario: Scenario) -> pd.DataFrame:
     """N Table 5's twelve cells of the second iteration beside those found from the flight's residuals, in both spaces.
 
-    At 1 s, whose corrections to b they are, and for G⁻¹ at 0.5 s too, whose first iteration N prints.
+    At 1 s, whose corrections to b they are.
     """
-    recording, flown = flight_gap.simulate_without_noise(scenario), read_second_correction()
+    recording = flight_gap.simulate_without_noise(scenario)
+    own = set_final_attitudes(recording, flight.read_published_residuals("prelaunch", BIAS_STEP_S), BIAS_STEP_S)
+    G, bias = flight.read_published_corrections(2)
     table = pd.DataFrame(
         {
             "quantity": ["G_inverse"] * 9 + ["bias"] * 3,
             "row": [*np.repeat(list("xyz"), 3), *[""] * 3],
             "gyro": list("xyz") * 4,
             "unit": ["1e-6"] * 9 + ["1e-8 deg/s"] * 3,
-            "flight": flown,
+            "flight": np.concatenate([G.ravel(), bias]) * PRINTED,
         }
     )
     for name, space in CALIBRATION_SPACES.items():
-        for step_s in (BIAS_STEP_S, G_STEP_S):
-            own = set_final_attitudes(recording, flight.read_published_residuals("prelaunch", step_s), step_s)
-            table[_name_correction_column(name, step_s)] = compute_second_correction(
-                calibrate_like_paper(own, step_s, 2, space)
-            )
-        table[f"{name}_sigma"] = sigma[name]
+        table[name] = compute_second_correction(calibrate_like_paper(own, BIAS_STEP_S, 2, space))
     return table
 
 
-def score_second_iteration(table: pd.DataFrame) -> dict[str, dict[str, object]]:
-    """Score each space's prediction of N Table 5's second iteration: correlation, RMS in its units, cells far off."""
-    flown, G = table["flight"].to_numpy(), (table["quantity"] == "G_inverse").to_numpy()
-    out: dict[str, dict[str, object]] = {}
-    for name in CALIBRATION_SPACES:
-        values = table[_name_correction_column(name, BIAS_STEP_S)].to_numpy()
-        mixed = np.where(G, table[_name_correction_column(name, G_STEP_S)], values)
-        out[name] = {
-            "correlation": _compute_correlation(values, flown),
-            "rms_1e6_G": float(flight.compute_rms((values - flown)[G])),
-            "rms_1e8_deg_s": float(flight.compute_rms((values - flown)[~G])),
-            "cells_beyond_3_sigma": int(np.sum(np.abs(values - flown) > BEYOND * table[f"{name}_sigma"].to_numpy())),
-            "with_G_of_0.5_s": {
-                "correlation": _compute_correlation(mixed, flown),
-                "rms_1e6_G": float(flight.compute_rms((mixed - flown)[G])),
-            },
-        }
-    return out
-
-
-def _name_correction_column(space: str, step_s: float) -> str:
-    return f"{space}, Δt = {step_s:g} s"
-
-
-def _compute_correlation(a: Array, b: Array) -> float:
-    return float(np.corrcoef(a, b)[0, 1])
+def score_second_iteration(table: pd.DataFrame) -> dict[str, float]:
+    """Compute the correlation of each space's prediction with N Table 5's second iteration."""
+    return {name: float(np.corrcoef(table[name], table["flight"])[0, 1]) for name in CALIBRATION_SPACES}

@@ -1,45 +1,39 @@
-"""The forms of N Tables 2 to 5: what a cell is, N's rows and columns, and the ways of calibrating side by side."""
+"""The forms of N Tables 2 to 5: N's rows and columns, the flight's value beside the simulated one and their difference."""
 
-from dataclasses import dataclass
+from collections.abc import Hashable
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from studies.natanson import flight
-from studies.report.tables import format_number
+from studies.report.tables import NO_VALUE
 
 Array = NDArray[np.float64]
 
 ITERATION_PHASES = {"prelaunch": "before", "calibrated": "first", "second iteration": "second"}
-TABLE_COLUMN_TITLES = {"prelaunch": "pre-launch", "calibrated": "1st iteration", "second iteration": "2nd iteration"}
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Of a table of N: the columns that name a row, decimals of its cells, and of those with the ways side by side.
-
-    Without the latter there is no such table; without the former numbers are as short as they can be.
-    """
-
-    rows: tuple[str, ...]
-    digits: int | None
-    ways_digits: int | None
-
-
-TABLE_LAYOUTS = {
-    "table2": Layout(("interval", "axis"), 3, 4),
-    "table3": Layout(("quantity", "gyro"), 6, 6),
-    "table4": Layout(("statistic", "axis"), 4, 5),
-    "table5": Layout(("quantity", "row", "gyro"), None, None),
+WORDS = {"bias_deg_s": "bias", "scale_factor": "scale factor"}
+WORDS |= {f"misalignment_{axis}_deg": f"misalignment to {axis}" for axis in "xyz"}
+WORDS |= {"paper_rms": "RMS as printed", "rms": "true RMS", "G_inverse": "G⁻¹"}
+WORDS |= {"prelaunch": "before", "calibrated": "after"}
+LABELS = {  # how a row of each table is named
+    "table2": "{phase}, {interval} {axis}",
+    "table3": "{gyro} gyro, {quantity}",
+    "table4": "{phase}, {statistic} {axis}",
+    "table5": "first, {quantity} {row}{gyro}",
+}
+DECIMALS = {"table2": 3, "table3": 3, "table4": 4, "table5": 2}
+UNITS = {  # what is subtracted, one over the unit, and decimals, where they are not 0, 1 and those of the table
+    ("table3", "bias_deg_s"): (0.0, 1e4, 2),
+    ("table3", "scale_factor"): (1.0, 1e5, 0),
+    ("table5", "G_inverse"): (0.0, 1e3, 2),
+    ("table5", "bias_deg_s"): (0.0, 1e5, 2),
 }
 TABLE4_STATISTICS = {
     "mean": lambda x: x.mean(axis=1),
     "paper_rms": lambda x: flight.compute_paper_rms(x.transpose(1, 0, 2)),
     "rms": lambda x: flight.compute_rms(x.transpose(1, 0, 2)),
-}
-TABLE3_ORDER = {
-    name: k for k, name in enumerate(["bias_deg_s", "scale_factor", *(f"misalignment_{a}_deg" for a in "xyz"), *"xyz"])
 }
 PRINTED_DIGITS = {"table2": 3, "table4": 4}  # as printed
 
@@ -75,57 +69,52 @@ def count_digit_changes(first: Array, second: Array) -> tuple[Array, Array]:
 
 
 def format_paper_table(table: pd.DataFrame, name: str) -> pd.DataFrame:
-    """A table of `studies.natanson.paper_tables`, of full ψ and skipped samples, in N's rows and columns, as texts."""
-    rows, digits = list(TABLE_LAYOUTS[name].rows), TABLE_LAYOUTS[name].digits
-    chosen = table.query("psi == 'full' and resampling == 'skip'")
-    if "phase" in chosen:
-        chosen = chosen[chosen["phase"] != "second iteration"]
-    wide = _arrange_by_heading(
-        chosen,
-        rows,
-        [_format_heading(row) for _, row in chosen.iterrows()],
-        [_format_paper_cell(row, digits) for _, row in chosen.iterrows()],
-    )
-    if name != "table3":
-        return wide
-    start = chosen.drop_duplicates(rows)[[*rows, "prelaunch"]]
-    start["prelaunch"] = [format_number(value, digits) for value in start["prelaunch"]]
-    wide = start.merge(wide, on=rows).rename(columns={"prelaunch": TABLE_COLUMN_TITLES["prelaunch"]})
-    return wide.sort_values(rows, key=lambda column: column.map(TABLE3_ORDER), ignore_index=True)
+    """N Table 2, 3 or 4 with full ψ and skipped samples: a row for each number and step, as texts."""
+    chosen = table.query("psi == 'full' and resampling == 'skip' and phase != 'second iteration'")
+    if name == "table3":  # in N's order, a quantity after the other
+        order = chosen["quantity"].map(list(WORDS).index)
+        chosen = chosen.assign(order=order).sort_values(["step_s", "order"], kind="stable")
+    return pd.DataFrame([{"Δt (s)": f"{row['step_s']:g}", **_format_row(row, name)} for row in chosen.to_dict("records")])
 
 
-def format_ways_table(table: pd.DataFrame, name: str) -> pd.DataFrame:
-    """Full beside linear ψ and one iteration beside two, at every step: mean ± standard deviation over the seeds, as texts."""
-    digits = TABLE_LAYOUTS[name].ways_digits
-    chosen = table.query("resampling == 'skip' and phase != 'prelaunch'").sort_values("step_s", kind="stable")
-    headings = [f"{row['psi']} ψ, {TABLE_COLUMN_TITLES[row['phase']]}" for _, row in chosen.iterrows()]
-    return _arrange_by_heading(
-        chosen, ["step_s", *TABLE_LAYOUTS[name].rows], headings, [_format_spread(row, digits) for _, row in chosen.iterrows()]
-    )
+def format_corrections(table: pd.DataFrame, second: pd.DataFrame | None = None) -> pd.DataFrame:
+    """N Table 5, as texts: the first iteration simulated, and the second one recalculated from the flight's residuals.
+
+    Parameters
+    ----------
+    table : as of `paper_tables.build_table5`
+    second : as of `flight_recalibration.build_second_iteration_table`; None without a flight
+    """
+    chosen = table.query("psi == 'full' and resampling == 'skip' and iteration == 1").fillna({"row": ""})
+    flown = chosen["flight"].notna()
+    first = chosen[flown if flown.any() else chosen["step_s"] == chosen["step_s"].min()]
+    rows = [_format_row(row, "table5") for row in first.to_dict("records")]
+    for row in second.fillna({"row": ""}).to_dict("records") if second is not None else ():
+        name = f"{WORDS.get(row['quantity'], row['quantity'])} {row['row']}{row['gyro']}"
+        cells = _format_beside(row["flight"], row["gyro_space"], None, DECIMALS["table5"])
+        rows.append({"number": f"second, {name}", **cells})
+    return pd.DataFrame(rows)
 
 
-def _format_heading(row: pd.Series) -> str:
-    """The heading of N's column a row belongs in."""
-    phase = TABLE_COLUMN_TITLES[row["phase"]] if "phase" in row else f"{'1st' if row['iteration'] == 1 else '2nd'} iteration"
-    return f"{phase}, Δt = {row['step_s']:g} s"
+def _format_row(row: dict[Hashable, Any], name: str) -> dict[str, str]:
+    label = LABELS[name].format(**{str(column): WORDS.get(str(value), value) for column, value in row.items()})
+    offset, scale, digits = UNITS.get((name, str(row.get("quantity"))), (0.0, 1.0, DECIMALS[name]))
+    start = {"before launch": _round_text((row["prelaunch"] - offset) * scale, digits)} if name == "table3" else {}
+    cells = _format_beside((row["flight"] - offset) * scale, (row["mean"] - offset) * scale, row["std"] * scale, digits)
+    return {"number": label} | start | cells
 
 
-def _arrange_by_heading(chosen: pd.DataFrame, rows: list[str], headings: list[str], texts: list[str]) -> pd.DataFrame:
-    """Texts under their headings, columns in the order of N: all steps before launch, then all of each iteration."""
-    cells = chosen.assign(heading=headings, text=texts)
-    wide = cells.pivot_table(index=rows, columns="heading", values="text", aggfunc="first", sort=False)
-    phases = list(TABLE_COLUMN_TITLES.values())
-    by_phase = sorted(dict.fromkeys(headings), key=lambda heading: [name in heading for name in phases].index(True))
-    return wide[by_phase].reset_index().rename_axis(columns=None)
+def _format_beside(flown: float, mean: float, std: float | None, digits: int) -> dict[str, str]:
+    """The flight's value, the simulated mean ± standard deviation over seeds, and simulated minus flown."""
+    simulated = _round_text(mean, digits) + ("" if std is None else f" ± {_round_text(std, digits)}")
+    if pd.isna(flown):
+        return {"flown": NO_VALUE, "simulated": simulated, "difference": NO_VALUE}
+    shown = _round_text(flown, digits)
+    if flown != 0 and float(shown) == 0:  # N prints two residuals with a fourth digit
+        shown = f"{flown:g}"
+    return {"flown": shown, "simulated": simulated, "difference": f"{round(mean - flown, digits) + 0.0:+.{digits}f}"}
 
 
-def _format_spread(row: pd.Series, digits: int | None) -> str:
-    return f"{format_number(row['mean'], digits)} ± {format_number(row['std'], digits)}"
-
-
-def _format_paper_cell(row: pd.Series, digits: int | None) -> str:
-    """Mean ± standard deviation and, where it flew, the flight's value and its percentile."""
-    text = _format_spread(row, digits)
-    if pd.isna(row["flight"]):
-        return text
-    return f"{format_number(row['flight'], digits)} | {text} | {row['flight_percentile']:.0f} %"
+def _round_text(value: float, digits: int) -> str:
+    """A number with so many decimals, and without the sign of a zero."""
+    return f"{round(value, digits) + 0.0:.{digits}f}"

@@ -1,4 +1,6 @@
-"""Claims of a paper, each beside what was found: it agrees, the paper slips, or the question is open.
+"""Claims of a paper, each with a verdict: it agrees, the paper slips, the reading is ours, or the question is open.
+
+The paper slips only where a printed equation, sign or digit contradicts the paper's own numbers.
 
 A verdict and the sentence beside it are computed from the results; only the claim is typed, with its place in the paper.
 """
@@ -17,8 +19,8 @@ import pandas as pd
 from studies.report.committed_results import Results
 from studies.report.tables import NO_VALUE
 
-Verdict = Literal["agrees", "the paper slips", "open"]
-NOT_FLOWN = "This run did not fly what it takes."
+Verdict = Literal["agrees", "the paper slips", "our reading", "open"]
+NOT_SIMULATED = "This run did not simulate what the verdict needs."
 
 
 @dataclass(frozen=True)
@@ -75,9 +77,7 @@ class Claim:
 
     where: str  # its place in the paper
     text: str  # what the paper says
-    evidence: str  # title of the section that the verdict rests on
     judge: Judge  # verdict and what was found, in a sentence
-    about: str = ""  # what it is about, in a few words
 
 
 @dataclass(frozen=True)
@@ -96,26 +96,13 @@ def judge_claims(claims: Sequence[Claim], found: PaperResults) -> list[JudgedCla
         try:
             verdict, text = claim.judge(found)
         except (KeyError, IndexError):
-            verdict, text = "open", NOT_FLOWN
+            verdict, text = "open", NOT_SIMULATED
         out.append(JudgedClaim(claim, verdict, text))
     return out
 
 
-def make_agreement_judge(text: str, condition: Callable[[PaperResults], bool]) -> Judge:
-    """A judge with that sentence: it agrees where the condition holds, and is open where it does not."""
-    return lambda found: (decide_agreement(condition(found)), found.say(text))
-
-
-def make_slip_judge(text: str, condition: Callable[[PaperResults], bool]) -> Judge:
-    """A judge with that sentence: the paper slips where the condition holds."""
-    return lambda found: (decide_slip(condition(found)), found.say(text))
-
-
-def decide_agreement(condition: bool, otherwise: Verdict = "open") -> Verdict:
-    """A verdict by a condition."""
-    return "agrees" if condition else otherwise
-
-
-def decide_slip(condition: bool) -> Verdict:
-    """The paper slips, or what it prints holds."""
-    return "the paper slips" if condition else "agrees"
+def make_judge(
+    text: str, condition: Callable[[PaperResults], bool], then: Verdict = "agrees", otherwise: Verdict = "open"
+) -> Judge:
+    """Make a judge with that sentence, and one verdict where the condition holds and another where it does not."""
+    return lambda found: (then if condition(found) else otherwise, found.say(text))

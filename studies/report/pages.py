@@ -28,7 +28,7 @@ from studies.report import svg
 from studies.report.tables import format_cells
 from studies.report.units import format_heading
 
-NUMERIC_CELL = re.compile(r"[-+−–]?\d[\d.,]*(e[-+]?\d+)?$|–$|$")
+NUMERIC_CELL = re.compile(r"[-+−–]?\d[\d.,]*(e[-+]?\d+)?( ± \d[\d.]*)?$|–$|$")
 
 
 class SmallParagraph(str):
@@ -84,7 +84,7 @@ class PageTable:
             yield bool(is_strong), list(zip(row, self._numeric, strict=True))
 
 
-Item = str | Picture | PageTable | Mapping[str, str] | Sequence[str]
+Item = str | Picture | PageTable | Mapping[str, str] | Sequence[str] | Sequence[Picture]
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Section:
     """A section of a page."""
 
     title: str  # its heading, "" for none
-    # paragraphs, lists, definitions (a mapping), tables and figures in their order; empty ones are left out
+    # paragraphs, lists, definitions (a mapping), tables, figures and pairs of figures in their order; empty ones are left out
     items: Sequence[Item]
     level: int = 2  # of the heading
     anchor: str = ""  # name of the heading; made of the title by default

@@ -4,7 +4,7 @@ A panel draws on axes it is given; `draw_panels` puts panels side by side in a f
 to a file. SVG bytes do not depend on the day or the run.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -280,28 +280,13 @@ def make_histogram(counts: ArrayLike, expected: float, band: tuple[float, float]
     return Panel(draw, **{"ticks": [0, 0.5, 1]} | axes)
 
 
-def make_strokes(
-    samples: Mapping[str, ArrayLike], expected: tuple[float, float] | None = None, spreads: bool = False, **axes: Any
-) -> Panel:
-    """The values of every case, a stroke each, on a line a name.
-
-    Parameters
-    ----------
-    samples : values by name
-    expected : range to see them beside
-    spreads : whether to draw their mean and standard deviation
-    axes : further attributes of the `Panel`
-    """
+def make_distribution(samples: ArrayLike, marked: float, **axes: Any) -> Panel:
+    """A histogram of values, with one value marked by a red line."""
 
     def draw(on: Axes) -> None:
-        if expected:
-            on.axvspan(*expected, color=RED, alpha=0.2, linewidth=0)
-        for y, values in enumerate(samples.values()):
-            found = np.asarray(values, dtype=float)
-            on.plot(found, np.full(found.size, y), "|", color=TEAL, markersize=14, rasterized=found.size > MANY)
-            if spreads:
-                on.errorbar(found.mean(), y, xerr=found.std(ddof=1), fmt="o", color=DARK, markersize=4, capsize=5)
-        on.set_yticks(range(len(samples)), list(samples))
-        on.set_ylim(len(samples) - 0.5, -0.5)
+        on.hist(np.asarray(samples, dtype=float), bins=20, color=TEAL, alpha=0.6)
+        on.axvline(marked, color=RED, linewidth=2)
+        on.locator_params(axis="x", nbins=4)
+        on.set_yticks([])
 
     return Panel(draw, **axes)

@@ -1,8 +1,7 @@
 """R (8) on the months: the gyro bias an attitude solution finds at +1 and −1 RPO, and what the formula says it must be.
 
 While the rate is constant a wrong G looks like a bias, b' = ω − G ω_raw with the G that the solution uses and
-ω_raw = G_true⁻¹ (ω − b). With G = I that is R (8). On board G was that of before launch (N Table 3), and the scatter of R
-Table 3 tells which of the two the flight's solutions used.
+ω_raw = G_true⁻¹ (ω − b). With G = I that is R (8). On board G was that of before launch (N Table 3).
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from numpy.typing import NDArray
 
 from simulator.mission_mode.config import PRELAUNCH_G, R9_BIAS, R9_G, MissionConfig
 from simulator.mission_mode.flight import MissionRun
-from studies.robertson import published_tables
 from studies.robertson.ground import DEG_H_PER_RAD_S
 from studies.robertson.performance import GYRO_AXES, select_full_orbits, select_period
 
@@ -49,23 +47,3 @@ def build_apparent_bias_table(runs: Sequence[MissionRun]) -> pd.DataFrame:
     names = ["period", "axis", "forward", "simulated_deg_h", "standard_error_deg_h", "formula_deg_h"]
     table = pd.DataFrame(rows, columns=names)
     return table.assign(simulated_minus_formula_deg_h=table["simulated_deg_h"] - table["formula_deg_h"])
-
-
-def compute_orientation_scatter(runs: Sequence[MissionRun]) -> pd.DataFrame:
-    """The scatter of the bias that orientation alone gives before the upload, with two G in the solution; deg/h.
-
-    With a share p of the orbits in one orientation the standard deviation is |b'₊ − b'₋| √(p (1 − p)).
-    """
-    orbits = pd.concat([select_full_orbits(select_period(run.orbits, "calibration1")) for run in runs])
-    share = float((orbits["forward"] == "+x").mean())
-    rows = []
-    for k, axis in enumerate(GYRO_AXES):
-        row: dict[str, object] = {
-            "axis": axis,
-            "flight": published_tables.read_published_performance("gyro_bias_std_deg_h", axis, "calibration1"),
-        }
-        for name, G in (("prelaunch_G", PRELAUNCH_G), ("G_is_I", np.eye(3))):
-            difference = (compute_solved_bias(G, "+x") - compute_solved_bias(G, "-x"))[k]
-            row[name] = abs(float(difference)) * np.sqrt(share * (1 - share)) * DEG_H_PER_RAD_S
-        rows.append(row)
-    return pd.DataFrame(rows)

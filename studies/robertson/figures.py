@@ -1,4 +1,4 @@
-"""R Figures 7 to 13 from the runs."""
+"""R Figures 6 to 13."""
 
 from __future__ import annotations
 
@@ -9,16 +9,20 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from simulator.mission_mode.config import DAY, MissionConfig
-from simulator.mission_mode.flight import MissionRun, build_flight_schedule
+from simulator.mission_mode.flight import build_flight_schedule
+from simulator.mission_mode.mounting import compute_sun_path
+from simulator.sensors.sun import SIMULATED_HALF_FOV, build_trmm_alignments
 from studies.report.panels import DARK, RED, TEAL, Draw, Line, Panel, build_sheet, make_curves
 from studies.robertson import published_tables
-from studies.robertson.calendar import FIRST_DAYS, PERIODS, convert_to_mission_day
-from studies.robertson.performance import GYRO_AXES, select_full_orbits, select_period
+from studies.robertson.calendar import FIRST_DAYS, convert_to_mission_day
+from studies.robertson.performance import GYRO_AXES, select_full_orbits
 from studies.robertson.published_tables import ROTATION_NAMES
-from studies.robertson.report_text import format_direction
 from studies.robertson.runs import Runs
+
+Array = NDArray[np.float64]
 
 YELLOW = "#f2c14e"
 FORWARD_COLOURS = {"+x": RED, "-x": TEAL}
@@ -26,6 +30,7 @@ SHOWN_ORBITS = 4.0  # of the yaw runs, the last ones
 MONTHS = ("1997-12-01", "1998-01-01", "1998-02-01", "1998-03-01", "1998-04-01", "1998-05-01")
 STACKED: dict[str, Any] = {"columns": 1, "sharex": True, "legend": "outside upper right"}
 MISSION_FIGURE_TITLES = {
+    "figure6_geometry": "R Figure 6: fields of view of the sun sensors",
     "figure7_12_yaw": "R Figures 7 and 12: yaw on board and true through yaw updates",
     "figure8_spikes": "R Figure 8: position error while the Sun is in a quadrant's view",
     "figure9_accuracy": "R Figure 9: RMS of the on-board attitude's error",
@@ -38,6 +43,7 @@ MISSION_FIGURE_TITLES = {
 def draw_mission_figures(runs: Runs, daily: pd.DataFrame, updates: pd.DataFrame, days: float) -> dict[str, tuple[str, Draw]]:
     """Titles and what draws them, by file name."""
     drawn = (
+        draw_sensor_fields(),
         draw_yaw_figure(runs),
         draw_spike_figure(runs),
         draw_accuracy_figure(daily, days),
@@ -46,6 +52,34 @@ def draw_mission_figures(runs: Runs, daily: pd.DataFrame, updates: pd.DataFrame,
         draw_attitude_figure(runs),
     )
     return {name: (title, one) for (name, title), one in zip(MISSION_FIGURE_TITLES.items(), drawn, strict=True)}
+
+
+def draw_sensor_fields() -> Draw:
+    """R Figure 6: the fields of view in the orbit plane's angles, the Sun's paths and the limb."""
+    config = MissionConfig()
+    edge = np.tan(SIMULATED_HALF_FOV)
+    side = np.concatenate([np.linspace(-edge, edge, 40), np.full(40, edge), np.linspace(edge, -edge, 40), np.full(40, -edge)])
+    up = np.roll(side, 40)
+    lines = []
+    for k, (N, colour) in enumerate(zip(build_trmm_alignments(*config.boresights), (RED, TEAL), strict=True)):
+        body = np.stack([side, up, np.ones_like(side)], axis=-1) @ N.T
+        x, y = compute_path_angles(body)
+        lines.append(Line(np.append(x, x[0]), np.append(y, y[0]), f"field of DSS-{k + 1}", colour, "-"))
+    for angle in (0.0, 10.0, 30.0, 58.4):
+        x, y = compute_path_angles(compute_sun_path((angle,)))
+        lines.append(Line(x, y, f"Sun, {angle:g}°", DARK, ":"))
+    updates = np.array([[side * np.cos(a), -np.sin(a), 0.0] for side in (1, -1) for a in np.deg2rad([5.0, 20.0, 35.0, 50.0])])
+    x, y = compute_path_angles(updates)
+    lines.append(Line(x, y, "yaw updates", DARK, "o", size=4.0))
+    panel = make_curves(lines, x="along the orbit from +X through zenith to −X (deg)", y="from the XZ plane toward −Y (deg)")
+    return build_sheet(panel, size=(6.4, 4.4), columns=1, legend="outside lower center")
+
+
+def compute_path_angles(body: Array) -> tuple[Array, Array]:
+    """Angle from +X through zenith, and from the XZ plane toward −Y, of directions (n, 3); deg."""
+    along = np.rad2deg(np.unwrap(np.arctan2(-body[:, 2], body[:, 0]) + np.deg2rad(60.0), period=2 * np.pi)) - 60.0
+    along = (along + 60.0) % 360.0 - 60.0
+    return along, np.rad2deg(np.arcsin(-body[:, 1] / np.linalg.norm(body, axis=1)))
 
 
 def draw_yaw_figure(runs: Runs) -> Draw:
@@ -58,7 +92,7 @@ def draw_yaw_figure(runs: Runs) -> Draw:
         panels.append(
             make_curves(_build_error_lines(rows, "yaw", start), at=at, title=f"{title}; dotted: yaw updates", y="yaw (deg)")
         )
-    return build_sheet(*_label_last_axis(panels), size=(8.0, 5.0), sharey=True, **STACKED)
+    return build_sheet(*_label_last_axis(panels), size=(6.4, 5.0), sharey=True, **STACKED)
 
 
 def draw_spike_figure(runs: Runs) -> Draw:
@@ -68,7 +102,7 @@ def draw_spike_figure(runs: Runs) -> Draw:
         rows = runs["spikes", state].telemetry
         error = make_curves(_build_error_lines(rows, "pitch", 0.0), title=title, y="error of pitch (deg)")
         panels.append(_mark_times(error, rows["t_s"] / 60, rows["quadrants"] < 4, "three quadrants, the Sun in the fourth"))
-    return build_sheet(*_label_last_axis(panels), size=(8.0, 5.0), sharey=True, **STACKED)
+    return build_sheet(*_label_last_axis(panels), size=(6.4, 5.0), sharey=True, **STACKED)
 
 
 def draw_attitude_figure(runs: Runs) -> Draw:
@@ -76,7 +110,7 @@ def draw_attitude_figure(runs: Runs) -> Draw:
     rows, start = select_last_orbits(runs["yaw", "postcalibration"].telemetry, 1.0)
     panels = [make_curves(_build_error_lines(rows, axis, start), y=f"{axis} (deg)") for axis in ROTATION_NAMES]
     title = "attitude against the commanded one, one orbit"
-    return build_sheet(*_label_last_axis(panels), size=(8.0, 4.6), sharey="all", title=title, **STACKED)
+    return build_sheet(*_label_last_axis(panels), size=(6.4, 4.6), sharey="all", title=title, **STACKED)
 
 
 def draw_accuracy_figure(daily: pd.DataFrame, days: float) -> Draw:
@@ -87,7 +121,7 @@ def draw_accuracy_figure(daily: pd.DataFrame, days: float) -> Draw:
         line = Line(daily["day"], daily[f"rms_knowledge_{axis}_deg"], "simulated", DARK, ".-")
         panel = make_curves([line, Line([0, days], [limit, limit], "requirement, 1σ", RED, "--")], y=f"{axis}, RMS (deg)")
         panels.append(_add_calendar(panel, days, ("attitude_accuracy_deg", axis)))
-    return build_sheet(*panels, size=(8.0, 5.4), title=CALENDAR_WORDS, **STACKED)
+    return build_sheet(*panels, size=(6.4, 5.4), title=CALENDAR_WORDS, **STACKED)
 
 
 def draw_update_figure(updates: pd.DataFrame, days: float) -> Draw:
@@ -97,7 +131,7 @@ def draw_update_figure(updates: pd.DataFrame, days: float) -> Draw:
         _build_orientation_line(rows["t_s"] / DAY, rows["update_deg"].abs(), forward, 3.0) for forward, rows in parts.items()
     ]
     panel = _add_calendar(make_curves(lines, y="size of yaw update (deg)"), days, ("yaw_update_deg", "yaw"))
-    return build_sheet(panel, size=(8.0, 3.4), title=CALENDAR_WORDS, **STACKED)
+    return build_sheet(panel, size=(6.4, 3.4), title=CALENDAR_WORDS, **STACKED)
 
 
 def draw_bias_figure(daily: pd.DataFrame, days: float) -> Draw:
@@ -110,7 +144,7 @@ def draw_bias_figure(daily: pd.DataFrame, days: float) -> Draw:
             for forward, rows in parts.items()
         ]
         panels.append(_add_calendar(make_curves(lines, y=f"bias {axis} (deg/h)"), days))
-    return build_sheet(*panels, size=(8.0, 5.4), title=CALENDAR_WORDS, **STACKED)
+    return build_sheet(*panels, size=(6.4, 5.4), title=CALENDAR_WORDS, **STACKED)
 
 
 CALENDAR_WORDS = "dotted: yaw maneuvers; solid: uploads"
@@ -147,7 +181,7 @@ def _build_error_lines(rows: pd.DataFrame, axis: str, start: float) -> list[Line
 
 def _build_orientation_line(x: pd.Series, y: pd.Series, forward: str, size: float) -> Line:
     """Points of one direction of flight."""
-    return Line(x, y, f"{format_direction(forward)} forward", FORWARD_COLOURS[forward], ".", size=size)
+    return Line(x, y, f"{forward.replace('-', '−')} forward", FORWARD_COLOURS[forward], ".", size=size)
 
 
 def _label_last_axis(panels: list[Panel]) -> list[Panel]:
@@ -195,27 +229,3 @@ def _add_calendar(panel: Panel, days: float, published: tuple[str, str] | None =
         on.grid(axis="x", visible=False)
 
     return replace(panel, draw=draw, at=[maneuver.start_s / DAY for maneuver in schedule.maneuvers])
-
-
-def draw_ladder_figure(rungs: pd.DataFrame) -> Draw:
-    """The four factors rung by rung."""
-    x = np.arange(1, len(rungs) + 1)
-    colours = {"factor_18": DARK, "factor_12": RED, "factor_6": TEAL, "factor_unfitted": YELLOW}
-    words = {"factor_18": "all 18", "factor_12": "12 of attitude", "factor_6": "6 of yaw", "factor_unfitted": "not fitted"}
-    lines = [Line(x, rungs[name], words[name], colour, "o-") for name, colour in colours.items()]
-    names = ", ".join(f"{k} {name}" for k, name in zip(x, rungs["effect"], strict=True))
-    panel = make_curves(lines, x="rung", y="RMS factor, simulated to flown", ticks=x.tolist(), levels=(1.3,))
-    return build_sheet(panel, size=(8.0, 3.8), columns=1, legend="outside lower center", title=names)
-
-
-def draw_sun_angle_figure(months: Sequence[MissionRun]) -> Draw:
-    """Size of each update against the sun angle, a panel a period."""
-    panels = []
-    for period in PERIODS:
-        updates = pd.concat([select_period(run.updates, period) for run in months])
-        lines = []
-        for forward, colour in (("+x", RED), ("-x", TEAL)):
-            own = updates[updates["forward"] == forward]
-            lines.append(Line(own["sun_angle_deg"], own["update_deg"].abs(), f"{forward} forward", colour, ".", size=2.0))
-        panels.append(make_curves(lines, title=period, x="sun angle (deg)", y="update (deg)" if period == PERIODS[0] else ""))
-    return build_sheet(*panels, size=(9.0, 3.2), columns=3, legend="outside upper right")

@@ -16,8 +16,6 @@ other way round.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -27,13 +25,12 @@ from simulator.mission_mode.calendar import compute_sun_angle
 from simulator.mission_mode.config import DAY, MissionConfig, build_uploads, fit_crossing_compensation
 from simulator.mission_mode.mounting import ELEVATION, PATH_STEP, compute_sun_path
 from simulator.sensors.sun import SIMULATED_HALF_FOV, build_trmm_alignments
-from studies.report.panels import DARK, RED, TEAL, Draw, Line, build_sheet, make_curves
-from studies.robertson.printed_coefficients import SLIPS
 
 Array = NDArray[np.float64]
 
 YEAR_DAYS = 365.25
 TILTS_DEG = (10.0, 20.0, 30.0, 40.0)
+SLIPS = (1.0, 10.0, 100.0)  # powers of ten by which zeros may have slipped into a printed number
 ELEVATIONS_DEG = (0.0, 10.0, 20.0, 25.0, 29.4, 33.0, 40.0)
 
 
@@ -101,57 +98,8 @@ def find_nearest_slip(ratio: float, expected: float) -> tuple[float, float]:
     return SLIPS[k], values[k]
 
 
-def compute_chance_probability() -> dict[str, float]:
-    """Probability that random digits do as well as the flight's, slips allowed: DSS-1's two numbers, and all four.
-
-    A random number's logarithm is uniform within the decade that slips leave, ± ln 10/2 about the expected one, so that n
-    independent ones are all within m of it with the probability (2 m/ln 10)ⁿ.
-    """
-    off = np.abs(np.log(compute_alpha_tangents()["tan_alpha"].to_numpy() / np.tan(-ELEVATION)))
-    return {name: float((2 * off[:n].max() / np.log(10.0)) ** n) for name, n in (("dss_1", 2), ("all_four", 4))}
-
-
-def draw_sensor_fields() -> Draw:
-    """R Figure 6: the fields of view in the orbit plane's angles, the Sun's paths and the limb."""
-    config = MissionConfig()
-    edge = np.tan(SIMULATED_HALF_FOV)
-    side = np.concatenate([np.linspace(-edge, edge, 40), np.full(40, edge), np.linspace(edge, -edge, 40), np.full(40, -edge)])
-    up = np.roll(side, 40)
-    lines = []
-    for k, (N, colour) in enumerate(zip(build_trmm_alignments(*config.boresights), (RED, TEAL), strict=True)):
-        body = np.stack([side, up, np.ones_like(side)], axis=-1) @ N.T
-        x, y = compute_path_angles(body)
-        lines.append(Line(np.append(x, x[0]), np.append(y, y[0]), f"field of DSS-{k + 1}", colour, "-"))
-    for angle in (0.0, 10.0, 30.0, 58.4):
-        x, y = compute_path_angles(compute_sun_path((angle,)))
-        lines.append(Line(x, y, f"Sun, {angle:g}°", DARK, ":"))
-    updates = np.array([[side * np.cos(a), -np.sin(a), 0.0] for side in (1, -1) for a in np.deg2rad([5.0, 20.0, 35.0, 50.0])])
-    x, y = compute_path_angles(updates)
-    lines.append(Line(x, y, "yaw updates", DARK, "o", size=4.0))
-    panel = make_curves(lines, x="along the orbit from +X through zenith to −X (deg)", y="from the XZ plane toward −Y (deg)")
-    return build_sheet(panel, size=(8.0, 4.4), columns=1, legend="outside lower center")
-
-
-def compute_path_angles(body: Array) -> tuple[Array, Array]:
-    """Angle from +X through zenith, and from the XZ plane toward −Y, of directions (n, 3); deg."""
-    along = np.rad2deg(np.unwrap(np.arctan2(-body[:, 2], body[:, 0]) + np.deg2rad(60.0), period=2 * np.pi)) - 60.0
-    along = (along + 60.0) % 360.0 - 60.0
-    return along, np.rad2deg(np.arcsin(-body[:, 1] / np.linalg.norm(body, axis=1)))
-
-
-def summarise_geometry(table: pd.DataFrame, numbers: pd.DataFrame) -> dict[str, Any]:
-    """The best elevation, what it gains, and what (c, d) say."""
-    by_tilt = table.set_index("tilt_deg").max(axis=1)
-    own = table.set_index("tilt_deg").loc[20.0].to_dict()
-    return {
-        "elevation_deg": float(np.rad2deg(-ELEVATION)),
-        "share_level": float(own["up_0_deg"]),
-        "share_raised": float(own["up_29.4_deg"]),
-        "share_best": float(by_tilt.max()),
-        "best_tilt_deg": float(table["tilt_deg"][int(by_tilt.argmax())]),
-        "tan_alpha": {
-            f"{row['sensor']} {row['number']}": {"slip": row["slip"], "tan_alpha": row["tan_alpha"]}
-            for row in numbers.to_dict("records")
-        },
-        "chance": compute_chance_probability(),
-    }
+def summarise_availability(table: pd.DataFrame) -> dict[str, float]:
+    """Share of the orbit with data with level and raised boresights, and the largest share."""
+    own = table.set_index("tilt_deg").loc[20.0]
+    shares = {"level": own["up_0_deg"], "raised": own["up_29.4_deg"], "best": table.drop(columns="tilt_deg").to_numpy().max()}
+    return {"elevation_deg": float(np.rad2deg(-ELEVATION))} | {f"share_{name}": float(x) for name, x in shares.items()}

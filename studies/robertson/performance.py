@@ -8,7 +8,6 @@ orbit would find, ω − G ω_raw with the G on board. Each is formed for each s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -19,13 +18,10 @@ from simulator.mission_mode.flight import MissionRun, build_flight_schedule
 from studies.robertson import published_tables
 from studies.robertson.calendar import FIRST_DAYS, PERIODS, convert_to_mission_day
 from studies.robertson.published_tables import ROTATION_NAMES
-from studies.robertson.runs import Runs
 
 Array = NDArray[np.float64]
 
 GYRO_AXES = {"x": "roll", "y": "pitch", "z": "yaw"}
-BINS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0)  # of the sun angle
-SETTLING_UPDATES = 4  # yaw updates of a mounting left out, until the cycle has settled
 
 
 def select_period(table: pd.DataFrame, period: str) -> pd.DataFrame:
@@ -156,29 +152,3 @@ def compare_maneuver_dates(days: float) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows, columns=["simulated_utc", "forward_after", "flight", "flight_utc", "simulated_minus_flight_days"])
-
-
-def average_by_sun_angle(months: Sequence[MissionRun]) -> pd.DataFrame:
-    """Mean size of the yaw updates, a row a period, orientation, sensor and bin of the sun angle."""
-    out = []
-    for period in PERIODS:
-        updates = pd.concat([select_period(run.updates, period) for run in months])
-        place = pd.cut(updates["sun_angle_deg"].abs(), BINS_DEG, labels=[f"{a:g} to {b:g}" for a, b in pairwise(BINS_DEG)])
-        for (forward, sensor, angle), own in updates.groupby(["forward", "sensor", place], observed=True):
-            row = {"period": period, "forward": forward, "sensor": f"DSS-{sensor}", "sun_angle_deg": angle}
-            out.append(row | {"updates": len(own), "yaw_update_deg": float(own["update_deg"].abs().mean())})
-    return pd.DataFrame(out)
-
-
-def compare_mountings(runs: Runs) -> pd.DataFrame:
-    """Mean size of the yaw updates by mounting and tables, deg, and the flight's."""
-    rows: dict[str, dict[str, object]] = {}
-    for name, run in runs.items():
-        if name[0] == "mounting":
-            row = rows.setdefault(name[1], {"mounting": name[1]})
-            row[name[2]] = float(run.updates["update_deg"][SETTLING_UPDATES:].abs().mean())
-    flight = {
-        "mounting": "flight",
-        **{period: published_tables.read_published_performance("yaw_update_deg", "yaw", period) for period in PERIODS},
-    }
-    return pd.DataFrame([flight, *rows.values()])[["mounting", *PERIODS]]

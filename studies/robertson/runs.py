@@ -4,9 +4,7 @@
 `slew`: the yaw maneuvers of N's intervals 2 and 6, with the gyro's parameters of before and after its calibration, over seeds.
 `yaw`: eight orbits early in December and in March, with telemetry every 10 s.
 `spikes`: four orbits with the Sun passing through a quadrant of the Earth sensor, for three states of the S filter.
-`simulate_window`: single orbits through the months with effects, see `studies.robertson.windows` and
-`studies.robertson.ladder`. `compute_further_numbers`: what the same effects do to R's other data, see
-`studies.robertson.further_data`. `mounting`: a day for each way in which the sun sensors may be mounted and each set of tables.
+`window`: single orbits through the months with effects, see `studies.robertson.windows` and `studies.robertson.ladder`.
 
 A flight is a case of a study, so that what was flown stays when a run is stopped; its rows are those of its tables.
 """
@@ -16,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any, ClassVar, get_args
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -28,11 +26,9 @@ from pydantic import Field
 from simulator.mission_mode.calendar import compute_sun_angle
 from simulator.mission_mode.config import DAY, MissionConfig, build_period_tables
 from simulator.mission_mode.flight import MissionRun, build_flight_schedule, simulate_mission
-from simulator.mission_mode.mounting import Mounting, build_mounted_sensors
 from simulator.sensors.earth import Filter
 from studies.montecarlo.study import GridConfig, Streams, Study
-from studies.robertson.calendar import ORBITS_TO_SLEW, PERIODS, YAW_MANEUVER_TIMES, build_slew_config, shift_mission_start
-from studies.robertson.further_data import compute_further_numbers
+from studies.robertson.calendar import ORBITS_TO_SLEW, YAW_MANEUVER_TIMES, build_slew_config, shift_mission_start
 from studies.robertson.ladder import SETS
 from studies.robertson.windows import PERIOD_COUNTS, simulate_window
 
@@ -45,14 +41,12 @@ SPIKE_SUN_DEG = 42.0  # from the XZ plane; the Sun then passes a quadrant's view
 SPIKE_FILTERS: tuple[Filter, ...] = ("restarted", "correct", "off")
 KEPT_TABLES = {  # tables of each kind of flight that are made use of
     "months": ("orbits", "updates"),
-    "mounting": ("updates",),
     "yaw": ("telemetry", "updates"),
     "spikes": ("telemetry",),
     "slew": ("slews",),
 }
 
-WINDOW, FURTHER = "window", "further"
-OF_SETS = (WINDOW, FURTHER)  # flown for the ladder's sets of effects
+WINDOW = "window"  # flown for the ladder's sets of effects
 Name = tuple[str, ...]  # of a flight: its kind, and which it is of its kind
 Runs = dict[Name, MissionRun]
 
@@ -64,17 +58,15 @@ class MissionStudy(GridConfig):
     days: float = Field(default=DAYS, gt=0)  # of the months from launch; R's periods end on May 1, 1998
     seeds: int = Field(default=1, ge=1)  # of the months
     slews: int = Field(default=20, ge=1)  # seeds of the yaw maneuver
-    mounting_days: float = Field(default=1.0, gt=0)  # of each run of a mounting
     windows: bool = True  # whether the ladder's windows are flown
 
     def points(self) -> list[Name]:
         """Name of each flight, the longest first."""
         seeds = map(str, range(self.slews))
         names: list[Name] = [("months", str(k)) for k in range(self.seeds)]
-        names += [("mounting", *which) for which in product(get_args(Mounting), PERIODS)]
         names += [*(("yaw", period) for period in YAW_DAYS), *(("spikes", state) for state in SPIKE_FILTERS)]
         names += [("slew", *which) for which in product(YAW_MANEUVER_TIMES, SLEW_TABLES, seeds)]
-        return names + (list_effect_runs() if self.windows else [])
+        return names + (list_window_runs() if self.windows else [])
 
 
 @dataclass(frozen=True)
@@ -106,10 +98,6 @@ def build_mission_flight(study: MissionStudy, name: Name) -> MissionFlight:
     period = base.orbit.period
     if kind == "months":
         return MissionFlight(build_flight_schedule(base, study.days), study.days * DAY, first + int(which[0]))
-    if kind == "mounting":
-        mounting: Mounting = which[0]  # type: ignore[assignment]
-        sat = replace(base, mounting=mounting, sun_sensors=build_mounted_sensors(mounting))
-        return MissionFlight(replace(sat, tables=build_period_tables(sat)[which[1]]), study.mounting_days * DAY, first)
     tables = build_period_tables()
     if kind == "yaw":
         day = YAW_DAYS[which[0]]
@@ -130,8 +118,6 @@ def run_case(config: MissionStudy, number: int, streams: Streams) -> list[dict[s
     if name[0] == WINDOW:
         _, effects, period, k = name
         return [{"table": WINDOW, **simulate_window(SETS[int(effects)], period, int(k), PERIOD_COUNTS[period], config.entropy)}]
-    if name[0] == FURTHER:
-        return [{"table": FURTHER, **compute_further_numbers(SETS[int(name[1])], config.entropy)}]
     run = build_mission_flight(config, name).fly()
     return [{"table": table, **row} for table in KEPT_TABLES[name[0]] for row in getattr(run, table).to_dict("records")]
 
@@ -146,32 +132,23 @@ def load_flights(config: MissionStudy, path: Path) -> Runs:
     return {
         flight: MissionRun(**{name: _select_flight_table(rows, number, name) for name in names})
         for number, flight in enumerate(config.points())
-        if flight[0] not in OF_SETS
+        if flight[0] != WINDOW
     }
 
 
-def list_effect_runs() -> list[Name]:
-    """Names of what is flown with the ladder's sets of effects: windows, by period and number, and what is beside Table 3."""
+def list_window_runs() -> list[Name]:
+    """Names of the windows flown with the ladder's sets of effects, by period and number."""
     sets = [str(place) for place in range(len(SETS))]
-    names: list[Name] = [
+    return [
         (WINDOW, effects, period, str(k)) for effects in sets for period, count in PERIOD_COUNTS.items() for k in range(count)
     ]
-    return names + [(FURTHER, effects) for effects in sets]
 
 
 def load_windows(path: Path) -> dict[tuple[str, ...], pd.DataFrame]:
     """The windows of each set of effects from the study's table."""
-    rows, each = (
-        _drop_empty_columns(pq.read_table(path, filters=pc.field("table") == WINDOW)).to_pandas(),
-        sum(PERIOD_COUNTS.values()),
-    )
+    rows = _drop_empty_columns(pq.read_table(path, filters=pc.field("table") == WINDOW)).to_pandas()
+    each = sum(PERIOD_COUNTS.values())
     return {effects: rows.iloc[k * each : (k + 1) * each].reset_index(drop=True) for k, effects in enumerate(SETS)}
-
-
-def load_further_numbers(path: Path) -> dict[tuple[str, ...], dict[str, float]]:
-    """Load the numbers of each set of effects beside Table 3, from the study's table."""
-    rows = _drop_empty_columns(pq.read_table(path, filters=pc.field("table") == FURTHER))
-    return dict(zip(SETS, rows.to_pylist(), strict=True))
 
 
 def _select_flight_table(rows: pa.Table, number: int, name: str) -> pd.DataFrame:

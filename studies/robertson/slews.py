@@ -110,18 +110,3 @@ def compute_noise_free_miss(maneuver: str, tables: str, solved: bool = True, dur
 def _rotate_pitch_yaw(yaw: Array, pitch: Array) -> Array:
     """Body axes turned by the pitch about y and then by the yaw about z, (k, 3, 3)."""
     return np.asarray(Rotation.from_euler("YZ", np.stack([pitch, yaw], axis=-1)).as_matrix().transpose(0, 2, 1))
-
-
-def compare_calibration_change(table: pd.DataFrame) -> pd.DataFrame:
-    """R Table 2 before minus after calibration, flown, simulated and by G and b alone."""
-    out = []
-    keys = ["maneuver", "axis"]
-    before, after = (table[table["tables"] == name].set_index(keys) for name in ("calibration1", "postcalibration"))
-    for maneuver in before.index.get_level_values(0).unique():
-        for axis in ROTATION_NAMES:
-            row: dict[str, object] = {"maneuver": maneuver, "axis": axis}
-            names = ["flight_deg", "simulated_deg", "noise_free_deg", "flight_by_N_deg"]
-            change = before.loc[(maneuver, axis), names].astype(float) - after.loc[(maneuver, axis), names].astype(float)
-            left = {"simulated_minus_flight_deg": change["simulated_deg"] - change["flight_deg"]}
-            out.append(row | change.to_dict() | left)
-    return pd.DataFrame(out)

@@ -57,7 +57,7 @@ def apply_mission_effects(effects: Sequence[str]) -> MissionConfig:
 
 
 def simulate_window(effects: Sequence[str], period: str, k: int, count: int, entropy: int) -> dict[str, Any]:
-    """One orbit, solved; a row of numbers, those of a ground with the tables found later beginning with "later_"."""
+    """Simulate one orbit and solve it on the ground; a row of numbers."""
     config = apply_mission_effects(effects)
     tables, day = build_period_tables(config), float(place_windows(period, count)[k])
     seed = entropy + 1000 * PERIODS.index(period) + k
@@ -70,9 +70,6 @@ def simulate_window(effects: Sequence[str], period: str, k: int, count: int, ent
     row["yaw_update_deg"] = float(run.updates["update_deg"].abs()[SETTLED_UPDATES:].mean())
     row["sun_angle_deg"] = float(run.updates["sun_angle_deg"].mean())
     row |= solve_ground_attitude(flying, sent, tables[period], generator(seed, 0, "ground_sun_sensors")).row()
-    if period == PERIODS[0]:
-        later = solve_ground_attitude(flying, sent, tables["calibration1"], generator(seed, 0, "ground_sun_sensors")).row()
-        row |= {f"later_{name}": value for name, value in later.items() if name.startswith("onboard_minus_ground")}
     return row
 
 
@@ -125,23 +122,3 @@ def compute_rms_factor(values: Mapping[Number, float] | Mapping[Number, Array], 
         return float("nan")
     logs = [np.log(values[one] / published_tables.read_published_performance(*one)) for one in numbers]
     return np.exp(np.sqrt(np.mean(np.square(logs), axis=0)))
-
-
-def compare_window_statistics(rows: pd.DataFrame) -> pd.DataFrame:
-    """The 18 numbers of one set of windows against the truth, the ground, and a ground with the tables found later."""
-    early = rows[rows["period"] == PERIODS[0]]
-    kinds = {name: compute_simulated_numbers(rows, name) for name in ("onboard_minus_true", "onboard_minus_ground")}
-    out = []
-    for number in WINDOW_NUMBERS:
-        parameter, axis, period = number
-        row: dict[str, Any] = {
-            "parameter": parameter,
-            "axis": axis,
-            "period": period,
-            "flight": read_published_numbers()[number],
-        }
-        row |= {name: values[number] for name, values in kinds.items()}
-        own = period == PERIODS[0] and parameter == "attitude_accuracy_deg"
-        row["later_tables"] = float(early[f"later_onboard_minus_ground_{axis}_deg"].mean()) if own else np.nan
-        out.append(row)
-    return pd.DataFrame(out)

@@ -3,8 +3,6 @@
 from dataclasses import replace
 from functools import cache
 
-import numpy as np
-
 from simulator.scenario import Scenario
 from studies.natanson import flight
 from studies.natanson.flight_diagnosis.builder import NOISE, RATE, TIMING, YAW
@@ -59,12 +57,3 @@ def compute_misfit_rms(found: TableDiagnosis) -> dict[str, float]:
     left = read_flight_residual_table().after.ravel()
     values = {"before": found.before + left, "after": found.after + left, "floor": left}
     return {name: float(flight.compute_rms(value)) for name, value in values.items()}
-
-
-def compute_whitened_misfit(found: TableDiagnosis) -> dict[str, float]:
-    """Mean square over what print leaves, in sample and held out."""
-    values = {"before": found.before, "after": found.after}
-    out = {name: float(d @ np.linalg.solve(found.covariance, d)) / d.size for name, d in values.items()}
-    for split, closed in found.closed.items():
-        out |= {f"before, {split} held out": closed.before, f"after, {split} held out": closed.after}
-    return out

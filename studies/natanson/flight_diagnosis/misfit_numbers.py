@@ -24,11 +24,9 @@ from studies.natanson.flight_diagnosis.table import (
     CELL_DEG,
     CLOCK_S,
     INITIAL_DIGITS,
-    MILLIDEGREE,
     PUBLISHED_DIGITS,
     Baseline,
     ResidualTable,
-    load_present_baseline,
     reverse_slews,
     simulate_each_interval,
     simulate_residuals,
@@ -182,40 +180,3 @@ def locate_misfit(table: ResidualTable, baseline: Baseline) -> pd.DataFrame:
             "interval_p_holm": np.repeat(adjust_by_holm(chdtrc(3, interval_chi2)), 3),
         }
     )
-
-
-def compute_misfit_by_step() -> pd.DataFrame:
-    """y − c − prediction under the present baseline at every step, each with its own calibration of N Table 3, deg.
-
-    A check that shares no print but that of the pre-launch parameters: what is motion is the same in all three columns.
-    """
-    sections = load_present_baseline().scenario.interval
-    theta, Theta = simulate_each_interval(sections)
-    digits = np.where(np.eye(3, dtype=bool).ravel(), 1e-5, MILLIDEGREE)
-    table3 = np.append(digits, np.deg2rad([1e-6] * 3))
-    H = Theta.reshape(18, 12)
-    parts = []
-    for step in flight.FLIGHT_STEPS_S:
-        exact = step == flight.FLIGHT_STEPS_S[0]  # R (9)
-        used = flight.read_published_calibration() if exact else flight.read_published_parameters("calibrated", step)
-        after = flight.read_published_residuals("calibrated", step)
-        gap = (
-            flight.read_published_residuals("prelaunch", step)
-            - after
-            - theta
-            + Theta @ (used.vector - flight.read_published_calibration().vector)
-        )
-        covariance = compute_motion_covariance(Theta, sections) + (0 if exact else H * table3**2 / 12 @ H.T)
-        parts.append(
-            pd.DataFrame(
-                {
-                    "step_s": step,
-                    "interval": [k + 1 for k, _ in RESIDUAL_PLACES],
-                    "axis": [name for _, name in RESIDUAL_PLACES],
-                    "gap_deg": gap.ravel(),
-                    "sigma_deg": np.sqrt(np.diag(covariance)),
-                    "after_deg": after.ravel(),
-                }
-            )
-        )
-    return pd.concat(parts, ignore_index=True)

@@ -4,7 +4,6 @@ import json
 import re
 import subprocess
 import sys
-from functools import partial
 from xml.etree import ElementTree
 
 import click
@@ -15,10 +14,9 @@ import pytest
 import gyrocal
 from gyrocal import NAMES, load
 from simulator import scenario as scenarios
-from studies.calibration import psi
 from studies.cli.main import COMMAND_NAMES, main, read_help
 from studies.montecarlo import engine
-from studies.natanson import omitted_effects, paper_tables, reproduce, slew_timings
+from studies.natanson import paper_tables, reproduce
 from studies.reproduction import get_work_folder
 from tests import ROOT
 
@@ -105,31 +103,19 @@ def test_ctrl_c_has_its_own_status(run_cli, monkeypatch, tmp_path):
     assert "resumes" in result.stderr
 
 
-@pytest.fixture
-def fewer_fits(monkeypatch):
-    monkeypatch.setattr(slew_timings, "START_FRACTIONS", ())  # the fit from all of them is another test's
-    monkeypatch.setattr(slew_timings, "TIMING_CACHE", {})
-    monkeypatch.setattr(omitted_effects, "build_drift_table", partial(omitted_effects.build_drift_table, seeds=3))
-
-
-@pytest.mark.usefixtures("fewer_fits")
 def test_reproduce_writes_everything(run_cli, tmp_path):
     result = run_cli("reproduce", "--paper", "natanson", "--cases", "2", "--jobs", "1", "--out", str(tmp_path / "a"))
     assert result.exit_code == 0, result.stderr
     summary = json.loads((tmp_path / "a" / "summary.json").read_text())
-    assert {"published", "fitted"} <= set(summary["flight_gap_rms_deg"])
-    assert summary["flight_gap_rms_deg"]["fitted"] < summary["flight_gap_rms_deg"]["published"] <= 0.022
+    assert summary["flight_gap_rms_deg"]["published"] <= 0.022
     assert summary["minus_y_rate_rpo"]["favoured"] == -1
-    assert set(summary["clean_gap_rms_deg"]) == {"assumed", "common", "each"}
-    assert 0.0062 > summary["clean_gap_rms_deg"]["assumed"] > summary["clean_gap_rms_deg"]["common"] > 0.003
+    assert 0.0062 > summary["clean_gap_rms_deg"]["assumed"] > 0.003
     assert set(summary["table5_second_iteration"]) == {"gyro_space", "gain_space"}
-    keys = {"correlation", "rms_1e6_G", "rms_1e8_deg_s", "cells_beyond_3_sigma"}
-    assert all(keys <= set(found) for found in summary["table5_second_iteration"].values())
     assert {"G", "bias_deg_s"} == set(summary["second_iteration_max"]) == set(summary["psi_difference_max"])
     assert set(summary["coverage"]) == {"68", "95", "99.7"}
     assert {"value", "bounds"} <= set(summary["nees"])
     manifest = json.loads((tmp_path / "a" / "manifest.json").read_text())
-    expected = {f"table{k}.{kind}" for k in (2, 3, 4, 5) for kind in ("csv", "md")}
+    expected = {f"table{k}.csv" for k in (2, 3, 4, 5)} | {"tables.md"}
     expected |= {"figure1_yaw_maneuvers.svg", "figure2_minus_y_forward.svg", "figure3_inertial_hold.svg", "summary.json"}
     assert expected <= set(manifest["files"])
     for title in list(paper_tables.PAPER_TABLE_TITLES.values())[:4]:
@@ -137,8 +123,7 @@ def test_reproduce_writes_everything(run_cli, tmp_path):
 
 
 @pytest.mark.usefixtures("blank_figures")
-def test_another_scenario_is_reproduced_without_the_flight(run_cli, tmp_path, monkeypatch):
-    monkeypatch.setattr(psi, "run", partial(psi.run, rates_deg_s=(0.2,), steps_s=(0.5,)))
+def test_another_scenario_is_reproduced_without_the_flight(run_cli, tmp_path):
     options = ("--set", "interval.1.stop_s=13500.0", "--set", "gyro.arw_deg_per_sqrt_s=1e-4", "--cases", "2", "--jobs", "1")
     result = run_cli("reproduce", "--paper", "natanson", *options, "--out", str(tmp_path))
     assert result.exit_code == 0, result.stderr
@@ -146,9 +131,7 @@ def test_another_scenario_is_reproduced_without_the_flight(run_cli, tmp_path, mo
     assert "clean_gap_rms_deg" not in summary
     assert {"nees", "coverage", "printed_digits"} <= set(summary)
     assert json.loads((tmp_path / "manifest.json").read_text())["config"]["overrides"]["interval.1.stop_s"] == 13500.0
-    page = (tmp_path / "tables.md").read_text()
-    assert "No flight stands beside this scenario" in page
-    assert r"\|" not in page
+    assert "| 0.5 | 1 roll | – |" in (tmp_path / "tables.md").read_text()
     refused = run_cli("reproduce", "--set", "gyro.arw_deg_per_sqrt_s=1e-4", "--out", str(tmp_path))
     assert refused.exit_code == 2
     assert "--paper natanson" in refused.stderr
@@ -182,9 +165,6 @@ def test_a_reproduction_that_was_stopped_goes_on_to_the_same_bytes(run_cli, tmp_
     assert rows.parent == get_work_folder(tmp_path, paper_tables.STUDY, config)
     assert rows.parent != get_work_folder(tmp_path, paper_tables.STUDY, config.model_copy(update={"entropy": 7}))
     (rows.parent / "parts" / "part-000001.parquet").unlink()
-    for part in ("compare_with_flight", "add_omitted_effects"):
-        monkeypatch.setattr(reproduce, part, lambda *arguments: None)  # what comes after the cases is another test's
-    monkeypatch.setattr(psi, "run", partial(psi.run, rates_deg_s=(0.2,), steps_s=(0.5,)))
     result = run_cli(*arguments)
     assert result.exit_code == 0, result.stderr
     manifest = json.loads((tmp_path / "manifest.json").read_text())

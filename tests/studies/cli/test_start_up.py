@@ -13,7 +13,7 @@ from studies.cli.main import COMMAND_NAMES
 from studies.compare import compare as comparison
 from studies.natanson.reproduce import REPRODUCTION_FOLDER
 from studies.robertson.calendar import PERIODS
-from studies.robertson.report import MISSION_FOLDER
+from studies.robertson.reproduce import MISSION_FOLDER
 from studies.robertson.runs import DAYS
 from tests import ROOT
 from tests.gyrocal.recording.test_parquet import recording

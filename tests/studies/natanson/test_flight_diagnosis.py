@@ -11,7 +11,7 @@ from simulator.simulate import motion, observe
 from simulator.streams import generator
 from studies.montecarlo import engine
 from studies.montecarlo.study import Streams, load_config
-from studies.natanson import flight, flight_gap, slew_directions, slew_timings
+from studies.natanson import flight, flight_gap
 from studies.natanson.flight_diagnosis import baselines, misfit_numbers, report, simulated_tables, table
 from studies.natanson.flight_diagnosis.builder import RATE, TIMING, LinearisationPoint, build_flight_model
 from studies.natanson.flight_diagnosis.diagnosis import FALSE_ALARM, UNKNOWN_NAME, diagnose, relinearise_timings
@@ -68,27 +68,10 @@ def test_predictions_are_those_of_the_flight_gap():
     prediction = misfit_numbers.compute_motion_numbers(table.read_flight_residual_table(), PRESENT).prediction
     np.testing.assert_allclose(prediction, flight_gap.predict_residuals(PRESENT.scenario), atol=3e-4)
     other = misfit_numbers.compute_motion_numbers(table.read_flight_residual_table(), PRESENT, flips=(1, 3)).prediction
-    reversed_ = slew_directions.set_minus_y_rate(slew_directions.set_yaw_directions(PRESENT.scenario, -1, -1), 1)
+    yaw = PRESENT.scenario.interval[1]
+    sections = tuple(table.reverse_slews(one) if one is yaw else one for one in PRESENT.scenario.interval)
+    reversed_ = flight_gap.set_minus_y_rate(PRESENT.scenario.model_copy(update={"interval": sections}), 1)
     np.testing.assert_allclose(other, flight_gap.predict_residuals(reversed_), atol=3e-4)
-
-
-def test_common_timings_are_those_of_the_scenario():
-    timing, common = slew_timings.read_common_timing(PRESENT.scenario), BY_AXIS["common"]
-    sections = PRESENT.scenario.interval
-    wanted = np.array(
-        [timing.delay_s, timing.slew_rate_deg_s * (1 - timing.ramp_fraction), timing.ramp_fraction, timing.stay_s]
-    )
-    low, high = common.values(sections, np.zeros(4)), common.values(sections, np.ones(4))
-    u = (wanted - low) / (high - low)
-    u[1] = np.log(wanted[1] / low[1]) / np.log(high[1] / low[1])
-    u[0] = wanted[0] / common.values(sections, np.array([1.0, *u[1:]]))[0]
-    assert ((u > 0) & (u < 1)).all()
-    np.testing.assert_allclose(common.values(sections, u), wanted)
-    for k, section in common.apply_timings(sections, u).items():
-        for made, assumed in zip(section.slew, sections[k].slew, strict=True):
-            assert made.start_s == pytest.approx(assumed.start_s, abs=1e-6)
-            assert made.duration_s == pytest.approx(assumed.duration_s)
-            assert made.angle_deg == assumed.angle_deg
 
 
 @pytest.mark.parametrize("axis", list(BY_AXIS))
@@ -252,15 +235,6 @@ def test_a_reversed_yaw_is_closed_to_the_present_gap():
     assert set(places["interval"][:2]) == {2}
 
 
-def test_the_sign_that_table_4_doubts_is_a_slip():
-    """N Table 2, calibrated, 2 s, interval 3, yaw: −0.042 printed, +0.042 by its table of means."""
-    rows = misfit_numbers.compute_misfit_by_step().set_index(["step_s", "interval", "axis"])
-    printed = rows.loc[(2.0, 3, "yaw")]
-    assert abs(printed["gap_deg"]) > 20 * printed["sigma_deg"]
-    other = printed["gap_deg"] + 2 * printed["after_deg"]
-    assert other == pytest.approx(rows.loc[(0.5, 3, "yaw"), "gap_deg"], abs=3 * printed["sigma_deg"])
-
-
 def test_study_runs_by_itself_and_reports(tmp_path, monkeypatch):
     chosen = (TRIALS[PRESENT.name], TRIALS["rate of 4 at +1 RPO"])
     monkeypatch.setattr(report, "list_trial_baselines", lambda: chosen)
@@ -274,7 +248,6 @@ def test_study_runs_by_itself_and_reports(tmp_path, monkeypatch):
     assert made.check("causes with rate of 4 at +1 RPO").value == RATE
     assert made.check("rightly named").value == 2
     entry.write(made, "flight", tmp_path)
-    assert {path.name for path in tmp_path.glob("*.svg")} == {"flight_table.svg", "flight_table_wrong_yaw.svg"}
     assert "with a wrong name" in (tmp_path / "report.md").read_text()
     again = engine.rerun(study, config, 4, tmp_path)
     assert again.rows["kind"].iloc[0] == config.points()[4]

@@ -75,7 +75,7 @@ def test_the_command_writes_elsewhere_and_ends_with_the_page(run_cli, monkeypatc
         return {"a": value}
 
     monkeypatch.setattr("studies.natanson.reproduce.run", ran)
-    monkeypatch.setattr("studies.robertson.report.run", ran)
+    monkeypatch.setattr("studies.robertson.reproduce.run", ran)
     result = run_cli("reproduce")
     assert result.exit_code == 0, result.stderr
     assert {path: path.read_bytes() for path in (tmp_path / "results").rglob("*.*")} == before

@@ -4,7 +4,8 @@ import pytest
 
 import simulator
 from gyrocal import calibrate
-from studies.report import calibration_page, diagnosis_page, index_page
+from studies import index_page
+from studies.report import calibration_page, diagnosis_page
 from tests import ROOT
 from tests.diagnosis_cases import CASES
 from tests.pages import BROWSER, SPILT, browsed

@@ -17,7 +17,6 @@ from studies import catalogue
 from studies.report import diagnosis_page as diagnosis_report
 from studies.report.diagnosis_summary import format_answer_lines
 from studies.robertson import heads as sensor_story
-from studies.robertson import heads_truth
 
 MONTHS = scenario.load("trmm_months")
 DAYS = ("d09", "m1", "m2", "m3", "m4", "m5", "m6", "d25", "d37", "d57", "d73")
@@ -98,13 +97,13 @@ def test_tables_that_fit_nothing_are_said_so(rec, of_the_attitudes):
 def test_an_orthogonal_fit_of_rs_truth_finds_r3():
     """And of R (3) put on top of the heads it finds another misalignment, about x by more than R (3)'s own."""
     few = FEW.model_copy(update={"interval": tuple(one for one in FEW.interval if not one.name.startswith("m"))})
-    wanted = {one.effect: heads_truth.compute_sensor_amplitudes(one) for one in map(parse, heads_truth.ALIGNMENT)}
-    found = heads_truth.fit_orthogonal_calibration(few, sensor_story.list_true_settings("R", few))
+    wanted = {one.effect: sensor_story.compute_sensor_amplitudes(one) for one in map(parse, sensor_story.ALIGNMENT)}
+    found = sensor_story.fit_orthogonal_calibration(few, sensor_story.list_true_settings("R", few))
     for name, amplitudes in wanted.items():
         np.testing.assert_allclose(found[name], amplitudes, atol=2e-4)
     np.testing.assert_allclose(wanted["dss_misalignment"], np.rad2deg([-0.00273, -0.00199, 0.00199]), atol=1e-3)
-    on_top = heads_truth.fit_orthogonal_calibration(
-        few, [parse(text) for text in (*heads_truth.TRUE_HEAD_EFFECTS, *heads_truth.ALIGNMENT)]
+    on_top = sensor_story.fit_orthogonal_calibration(
+        few, [parse(text) for text in (*sensor_story.TRUE_HEAD_EFFECTS, *sensor_story.ALIGNMENT)]
     )
     assert on_top["dss_misalignment"][0] - wanted["dss_misalignment"][0] > 0.15
 
@@ -120,6 +119,4 @@ def test_the_study_of_the_heads(tmp_path, monkeypatch):
     assert heads["orthogonal_p"] < 1e-6
     assert heads["log_ratio"] > 50
     assert catalogue.find_entry("heads") is sensor_story.ENTRY
-    gaps, sizes = sensor_story.average_gaps(rows), sensor_story.build_found_sizes(rows, few)
-    assert list(gaps["truth"]) == ["heads", "misalignment", "nominal", "noise"]
-    assert (sizes.dropna(subset="RMS error in sigma")["RMS error in sigma"] < 4).all()
+    assert list(sensor_story.average_gaps(rows)["truth"]) == ["heads", "misalignment", "nominal", "noise"]

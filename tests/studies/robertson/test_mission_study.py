@@ -173,18 +173,6 @@ def test_biases_of_runs_are_those_of_the_formula():
     assert (wrong["simulated_minus_formula_deg_h"] / wrong["standard_error_deg_h"]).abs().max() > 50  # negative control
 
 
-def test_scatter_is_that_of_two_values():
-    shares = ["+x"] * 30 + ["-x"] * 70
-    table = biases.compute_orientation_scatter([run_of([orbit("calibration1", forward) for forward in shares])]).set_index(
-        "axis"
-    )
-    for axis in "xyz":
-        values = (
-            np.array([biases.compute_solved_bias(np.eye(3), f)["xyz".index(axis)] for f in shares]) * ground.DEG_H_PER_RAD_S
-        )
-        assert table.loc[axis, "G_is_I"] == pytest.approx(values.std())
-
-
 def quiet(config):
     """The config without noise; the sun sensors' is left, it is 0.005° in yaw."""
     return replace(
