@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -83,8 +83,8 @@ def run(
     made.figures = figures.draw_mission_figures(runs, daily, months[0].updates, what.days)
     updates = months[0].updates.assign(day=months[0].updates["t_s"] / DAY)[["day", "sensor", "forward", "update_deg"]]
     tables |= {"daily": daily, "slews": slews.collect_slew_misses(runs), "updates": updates}
-    for name, table in tables.items():
-        made.add(name, name, table)
+    for name, data in tables.items():
+        made.add(name, name, data)
     made.summary = round_values(made.summary)
     shown = build_page_tables(tables)
     flown = f"Months: {what.seeds} seeds of {what.days:g} days; yaw maneuver: {what.slews} seeds."
@@ -198,7 +198,7 @@ def _format_slews(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _name_number(row: Mapping[str, Any]) -> str:
+def _name_number(row: Mapping[Hashable, Any]) -> str:
     return f"{PERIOD_NAMES[row['period']]}: {PARAMETER_NAMES[row['parameter']]} {row['axis']}"
 
 
