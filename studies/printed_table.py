@@ -7,7 +7,6 @@ by L. Beside what may be named there are unlisted rivals, a random difference of
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -79,19 +78,7 @@ def build_model(
     )
 
 
-def rank_explanations(model: LinearModel, nothing: float, odds: Sequence[float] = ()) -> list[Explanation]:
-    """The explanations of a table's difference with chance alone beside them, the likeliest first.
-
-    Parameters
-    ----------
-    model : of the table
-    nothing : prior share of chance alone
-    odds : for each candidate, what data outside the model add to the log posterior of explanations with it
-    """
+def rank_explanations(model: LinearModel, nothing: float) -> list[Explanation]:
+    """Rank the explanations of a table's difference, the likeliest first; `nothing` is the prior share of chance alone."""
     found = [*Search(model).explanations(), Explanation((), 0.0, float(np.log(nothing)))]
-    if len(odds):
-        found = [
-            replace(one, log_posterior=one.log_posterior + sum(odds[member.candidate] for member in one.members))
-            for one in found
-        ]
     return sorted(found, key=lambda one: -one.log_posterior)

@@ -12,8 +12,8 @@ all 18 numbers, whole periods are held out: sizes from two periods predict the t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -82,26 +82,13 @@ TRIED_EFFECTS = (
 
 
 @dataclass(frozen=True)
-class FurtherObservations:
-    """Further observations in the model of Table 3."""
-
-    names: tuple[str, ...] = ()  # names, blocks: (m,) of the observations, and what each belongs to
-    blocks: tuple[str, ...] = ()
-    y: Array = field(default_factory=lambda: np.zeros(0))  # (m,) flown less nominal, in sigmas
-    changes: Mapping[tuple[str, ...], Array] = field(default_factory=dict)  # (m,) of each set of effects, in sigmas
-
-
-NO_FURTHER_DATA = FurtherObservations()
-
-
-@dataclass(frozen=True)
 class PerformanceDiagnosis:
     """What the numbers say."""
 
     attribution: Attribution  # of the common inference
     fitted: tuple[FittedEffect, ...]  # effects of the likeliest explanation
     closed: Closure | None  # with whole periods held out; None where nothing listed was found
-    left: Array  # (n,) flown minus simulated with the listed effects of the explanation, in sigmas; Table 3's 18 numbers first
+    left: Array  # (18,) flown minus simulated with the listed effects of the explanation, in sigmas
 
     @property
     def probabilities(self) -> dict[str, float]:
@@ -124,26 +111,20 @@ class PerformanceDiagnosis:
         }
 
 
-def diagnose(model: LinearModel, odds: Sequence[float] = ()) -> PerformanceDiagnosis:
-    """Search, attribution, sizes and closure; `odds` as of `rank_explanations`."""
-    weighed = rank_explanations(model, DEFAULT.unlisted_share, odds)
-    members = list(weighed[0].members)
+def diagnose_table3(windows: Windows) -> PerformanceDiagnosis:
+    """Diagnose R Table 3: search, attribution, sizes and closure."""
+    model = build_performance_model(windows)
+    explanations = rank_explanations(model, DEFAULT.unlisted_share)
+    members = list(explanations[0].members)
     fitted = tuple(fit(model, members)) if members else ()
     listed = [one for one in fitted if not one.effect.startswith(UNKNOWN_NAME)]
     explained = sum((one.contribution for one in listed), np.zeros(len(model.y)))
     closed = compute_closure(model, members) if listed else None
-    return PerformanceDiagnosis(infer_attribution(model, weighed), fitted, closed, model.y - explained)
+    return PerformanceDiagnosis(infer_attribution(model, explanations), fitted, closed, model.y - explained)
 
 
-def diagnose_table3(windows: Windows) -> PerformanceDiagnosis:
-    """The diagnosis of Table 3 alone."""
-    return diagnose(build_performance_model(windows))
-
-
-def build_performance_model(
-    windows: Windows, beside: FurtherObservations = NO_FURTHER_DATA, most_effects: int = MOST_MISSION_EFFECTS
-) -> LinearModel:
-    """The model of R Table 3 about the nominal, other observations below it."""
+def build_performance_model(windows: Windows) -> LinearModel:
+    """Build the model of R Table 3 about the nominal."""
     rows = windows[NOMINAL]
     base, flight, relative = (
         _order_numbers(values)
@@ -151,18 +132,17 @@ def build_performance_model(
     )
     digits = np.array([LAST_DIGITS[parameter] for parameter, _, _ in WINDOW_NUMBERS]) / np.sqrt(12.0)
     sigma = np.sqrt((relative * base) ** 2 + (relative * flight) ** 2 + digits**2)
-    none = np.zeros(len(beside.names))
     groups = []
     for one in TRIED_EFFECTS:
         flown = windows[one.setting] if one.setting else add_bias_walk(rows, one)
-        change = np.concatenate(
-            [(_order_numbers(compute_simulated_numbers(flown)) - base) / sigma, beside.changes.get(one.setting, none)]
-        )
+        change = (_order_numbers(compute_simulated_numbers(flown)) - base) / sigma
         groups.append(_make_effect_candidate(one, change[:, None]))
-    y = np.concatenate([(flight - base) / sigma, beside.y])
-    owner = np.array([*(number[2] for number in WINDOW_NUMBERS), *beside.blocks])
-    groups += _list_random_differences(owner, beside)
-    return build_model(y, np.eye(len(y)), groups, owner, PERIODS, "a period at a time", most_effects, MISSION_BEAM_WIDTH)
+    owner = np.array([number[2] for number in WINDOW_NUMBERS])
+    groups += _list_random_differences(owner)
+    y = (flight - base) / sigma
+    return build_model(
+        y, np.eye(len(y)), groups, owner, PERIODS, "a period at a time", MOST_MISSION_EFFECTS, MISSION_BEAM_WIDTH
+    )
 
 
 def _make_effect_candidate(one: TrialEffect, change: Array) -> CandidateColumns:
@@ -188,16 +168,15 @@ def add_bias_walk(rows: pd.DataFrame, one: TrialEffect, entropy: int = 1998) -> 
     return rows.assign(**{column: rows[column] + bias})
 
 
-def _list_random_differences(owner: NDArray[np.str_], beside: FurtherObservations) -> list[CandidateColumns]:
-    """Random differences, in sigmas: of Table 3's numbers, and of those beside it."""
-    each, first = np.eye(len(owner)), len(WINDOW_NUMBERS)
-    named = [("a number", name_number(number)) for number in WINDOW_NUMBERS]
-    named += [("a number beside", name) for name in beside.names]
-    blocks = [("a period", name, each[:, owner == name]) for name in PERIODS]
-    beyond = [("data beside", name, each[:, owner == name]) for name in dict.fromkeys(beside.blocks)]
-    numbers = [(what, name, each[:, [k]]) for k, (what, name) in enumerate(named)]
-    places = [("all numbers", None, each[:, :first]), *blocks, *numbers[:first], *beyond, *numbers[first:]]
-    return [make_rival(what, name, columns, "sigma", UNKNOWN_LIMITS) for what, name, columns in places]
+def _list_random_differences(owner: NDArray[np.str_]) -> list[CandidateColumns]:
+    """Random differences, in sigmas: of all numbers, a period's, or one number."""
+    each = np.eye(len(owner))
+    periods = [make_rival("a period", name, each[:, owner == name], "sigma", UNKNOWN_LIMITS) for name in PERIODS]
+    numbers = [
+        make_rival("a number", name_number(number), each[:, [k]], "sigma", UNKNOWN_LIMITS)
+        for k, number in enumerate(WINDOW_NUMBERS)
+    ]
+    return [make_rival("all numbers", None, each, "sigma", UNKNOWN_LIMITS), *periods, *numbers]
 
 
 def name_number(number: Number) -> str:
@@ -215,7 +194,7 @@ def build_diagnosis_tables(found: PerformanceDiagnosis) -> dict[str, pd.DataFram
     """Probabilities of the candidates, sizes of the likeliest explanation, and what it leaves number by number."""
     likely = {label: p for label, p in found.probabilities.items() if p >= DEFAULT.group_share}
     sizes = [{"cause": one.label, "size": one.size, "sigma": compute_size_sigma(one), "unit": one.unit} for one in found.fitted]
-    left = {"number": [name_number(number) for number in WINDOW_NUMBERS], "left_sigmas": found.left[: len(WINDOW_NUMBERS)]}
+    left = {"number": [name_number(number) for number in WINDOW_NUMBERS], "left_sigmas": found.left}
     return {
         "diagnosis": pd.DataFrame({"cause": likely.keys(), "probability": likely.values()}),
         "diagnosis_sizes": pd.DataFrame(sizes),

@@ -131,7 +131,7 @@ def test_another_scenario_is_reproduced_without_the_flight(run_cli, tmp_path):
     assert "clean_gap_rms_deg" not in summary
     assert {"nees", "coverage", "printed_digits"} <= set(summary)
     assert json.loads((tmp_path / "manifest.json").read_text())["config"]["overrides"]["interval.1.stop_s"] == 13500.0
-    assert "| 0.5 | 1 roll | – |" in (tmp_path / "tables.md").read_text()
+    assert "| before, 1 roll | – |" in (tmp_path / "tables.md").read_text()
     refused = run_cli("reproduce", "--set", "gyro.arw_deg_per_sqrt_s=1e-4", "--out", str(tmp_path))
     assert refused.exit_code == 2
     assert "--paper natanson" in refused.stderr
