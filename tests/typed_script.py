@@ -17,7 +17,7 @@ def bias_of(folder: str) -> list[float]:
     result = gyrocal.calibrate(made, solve_for="bias", psi="full")
     values: list[float] = result.bias_deg_s.tolist()
     print(result.to_frame()["sigma"].sum(), made.to_frame("gyro").shape, gyrocal.__version__)
-    result.plot_residuals(before=True).set_title(made.plot_allan().get_title())
+    result.plot_residuals(before=True).set_title("residuals")
     print(result.plot_parameters().get_xlabel(), made.to_xarray().sizes, result.parameters.bias_deg_s.sum())
     return values
 

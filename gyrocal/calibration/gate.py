@@ -1,4 +1,4 @@
-"""Residuals too large to be linearised, and the line that refuses them: where, how large, and which reading would fit.
+"""Residuals too large to be linearised, and the line that refuses them: where, and how large.
 
 Rates in another unit, quaternions in another order or axes that are exchanged leave residuals of many tens of degrees, and a
 linear correction of those would be a number that means nothing.
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
+from gyrocal.rests import compare_rests, compute_speed, find_rests
 
 Array = NDArray[np.float64]
 
@@ -30,7 +31,10 @@ class LargeResidualError(InputError):
     ----------
     angle : of the residual, rad; infinite where the rates cannot be propagated
     output : its place among all
+    start : recording, G (3, 3) and bias (3,) rad/s from which `gyrocal.importing.explain_refusal` finds a reading that fits
     """
+
+    start: tuple[Recording, Array, Array] | None = None
 
     def __init__(self, message: str, angle: float = np.inf, output: int = 0):
         super().__init__(message)
@@ -53,7 +57,7 @@ def check(theta: Array) -> None:
 def build_refusal(
     error: LargeResidualError, recording: Recording, interval: str, t_s: float, G: Array, bias: Array
 ) -> LargeResidualError:
-    """The same error with the interval and the time, and the reading of the tables that would fit if there is one.
+    """The same error with the interval and the time, and a bias that differs between rests if that explains it.
 
     Parameters
     ----------
@@ -62,9 +66,6 @@ def build_refusal(
     interval, t_s : name of the interval, and time of the reference attitude, s since the epoch
     G, bias : (3, 3), (3,) rad/s that the calibration starts from
     """
-    from gyrocal.importing.agreement import explain_residuals  # late: needed only for a recording that is refused
-    from gyrocal.importing.motion import compare_rests, compute_speed, find_rests
-
     gyro, references, where = recording.gyro, recording.attitudes, f"interval {interval}, t_s = {t_s}: "
     rates = gyro.rates @ G.T
     rests = find_rests(rates, gyro.sample_s, compute_speed(references.t_s, references.quaternions, gyro.t_s))
@@ -72,8 +73,9 @@ def build_refusal(
     start_s = next(one.start_s for one in recording.intervals if one.name == interval)
     if text and np.linalg.norm(change) * (t_s - start_s) > CHANGE_SHARE * error.angle:
         return _build_error(error.angle, error.output, where, f"the {text}; use intervals within which it is constant")
-    reason = explain_residuals(recording, G, bias)
-    return _build_error(error.angle, error.output, where, f"{USUAL_REASONS}{f'; {reason}' if reason else ''}")
+    refusal = _build_error(error.angle, error.output, where)
+    refusal.start = recording, G, bias
+    return refusal
 
 
 def _build_error(angle: float, output: int, where: str = "", reason: str = USUAL_REASONS) -> LargeResidualError:

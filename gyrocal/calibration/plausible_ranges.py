@@ -23,6 +23,7 @@ from gyrocal import attitude
 from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
+from gyrocal.rests import compute_speed, find_rests
 
 Array = NDArray[np.float64]
 Grade = Literal["space", "tactical", "MEMS"]
@@ -133,8 +134,6 @@ def estimate_plausible_ranges(
 
 def compute_rest_rates(recording: Recording) -> RestRates | None:
     """Compute the mean rates over the rests; None where no rest is seen."""
-    from gyrocal.importing.motion import compute_speed, find_rests  # late: the import's modules use this package
-
     gyro, references = recording.gyro, recording.attitudes
     t_ref = references.t_s
     if t_ref.size < 4:

@@ -7,6 +7,7 @@ and how else they would, `estimates` estimates noise and bias, and `build` puts 
 
 from __future__ import annotations
 
+import importlib
 import os
 import tomllib
 from pathlib import Path
@@ -22,16 +23,23 @@ from gyrocal.recording.gyro_join import join_gyros
 from gyrocal.recording.parts import build_empty_attitudes
 
 if TYPE_CHECKING:
+    from gyrocal.importing.agreement import explain_refusal
     from gyrocal.importing.build import ImportResult
     from gyrocal.recording.reference_join import SensorReferences, join_references
 
 NOTES_FILE = "import.toml"  # beside recording.toml; a recording is read without it
 NOISE_PHRASES = ("angle random walk", "sigma of the references", "1-sigma about")  # how an estimate of it begins
+LATE = {  # public names, and the modules that load scipy for them
+    "SensorReferences": "gyrocal.recording.reference_join",
+    "explain_refusal": "gyrocal.importing.agreement",
+    "join_references": "gyrocal.recording.reference_join",
+}
 
 __all__ = [
     "NOTES_FILE",
     "Mapping",
     "SensorReferences",
+    "explain_refusal",
     "import_csv",
     "import_gyro_log",
     "join_gyros",
@@ -45,12 +53,10 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Load scipy, which a refused table does without, when references are joined."""
-    if name not in ("SensorReferences", "join_references"):
+    """Load scipy, which a refused table does without, when references are joined or a refusal is explained."""
+    if name not in LATE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from gyrocal.recording import reference_join
-
-    return getattr(reference_join, name)
+    return getattr(importlib.import_module(LATE[name]), name)
 
 
 def import_csv(

@@ -29,6 +29,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.calibration.gate import LargeResidualError
 from gyrocal.importing.alignment import LEAST_FACTOR, Alignment, estimate_alignment
 from gyrocal.importing.misfit import explain_misfit, locate_misfit
 from gyrocal.importing.motion import QUATERNION_INDICES, Motion, build_motion, rotate_onto
@@ -247,7 +248,13 @@ def _list_readings(windows: Motion, order: str, reverse: bool) -> list[tuple[tup
     return out
 
 
-def explain_residuals(recording: Recording, G: Array, bias: Array) -> str:
+def explain_refusal(error: LargeResidualError) -> str:
+    """Give the text of an error with the reading of the tables that would fit, if there is one."""
+    reason = "" if error.start is None else _explain_residuals(*error.start)
+    return f"{error}; {reason}" if reason else str(error)
+
+
+def _explain_residuals(recording: Recording, G: Array, bias: Array) -> str:
     """Explain large residuals of a recording with the parameters it starts from; empty without an explanation.
 
     G, bias: (3, 3) and (3,) rad/s, as the rates are adjusted with.

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gyrocal.importing.motion import QUIET, compute_speed
 from gyrocal.mask_runs import find_mask_runs
+from gyrocal.rests import QUIET, compute_speed
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -1,4 +1,4 @@
-"""Mean rates by gyro and by attitudes over the same windows, whatever way either is read, and rests of the body."""
+"""Mean rates by gyro and by attitudes over the same windows, whatever way either is read."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gyrocal.mask_runs import find_mask_runs
-
 Array = NDArray[np.float64]
 
 QUATERNION_INDICES = (0, 1, 2, 3)  # of a quaternion, in the order in which they are read
@@ -18,14 +16,6 @@ WINDOWS = 60  # at least so many in a recording, as far as there are attitudes
 MOST_WINDOWS = 4000
 GYRO_GAP_SAMPLES = 3.0  # samples, beyond which the gyro's rate is not known
 MOST_WINDOW_TURN = np.deg2rad(20.0)  # of a window: the mean rate of more is not that of the axes at its ends
-REST_WINDOW_S = 0.5  # in which the scatter of the rates tells rest from motion
-FEWEST_REST_SAMPLES = 5  # samples in it
-QUIET = 2.5  # times the quietest scatter
-REST_SPEED_SHARE = 0.02  # of the motion: a body that turns slower is at rest, as far as the attitudes tell
-SHORTEST_REST_S = 3.0
-SPEED_S = 1.0
-REST_PARTS = 8  # of each rest, whose means tell the noise of the whole mean, slow noise included
-REST_SIGMAS = 7.0  # of the difference of two means: by chance once in 10⁵, of two rests
 
 
 @dataclass(frozen=True)
@@ -136,73 +126,3 @@ def build_motion(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Arr
     chosen = chosen[:: max(chosen.size // MOST_WINDOWS, 1)]
     rows = np.stack([first[chosen], last[chosen]], axis=1)
     return Motion(t_ref[rows[:, 0]], t_ref[rows[:, 1]], rows, edges, angle, t_ref, q)
-
-
-def find_rests(rates: Array, sample_s: float, speed: Array) -> list[tuple[int, int]]:
-    """Stretches of samples at rest: the rates scatter as little as anywhere, and the attitudes do not turn.
-
-    Parameters
-    ----------
-    rates : (n, 3) rad/s
-    speed : (n,) magnitude of the body rate by the attitudes about each sample, rad/s
-    """
-    size = max(round(REST_WINDOW_S / sample_s), FEWEST_REST_SAMPLES)
-    count = len(rates) // size
-    if count < 4:
-        return []
-    parts = rates[: count * size].reshape(count, size, 3)
-    scatter = np.sqrt(np.mean(parts.var(axis=1), axis=1))
-    turning = np.array([np.median(part) for part in speed[: count * size].reshape(count, size)])
-    motion = float(np.sqrt(np.mean(np.square(speed))))
-    still = (scatter <= QUIET * np.percentile(scatter, 5)) & (turning <= REST_SPEED_SHARE * motion)
-    out = []
-    for first, stop in find_mask_runs(still):
-        # A window at either end may hold the beginning of a motion.
-        a, b = (first + 1) * size, (stop - 1) * size
-        if (b - a) * sample_s >= SHORTEST_REST_S:
-            out.append((a, b))
-    return out
-
-
-def compare_rests(t_s: Array, rates: Array, rests: list[tuple[int, int]]) -> tuple[str, Array]:
-    """Compare the biases at rest: say which two differ by most sigmas, if they do, and by how much, (3,) rad/s.
-
-    Parameters
-    ----------
-    t_s, rates : of the samples, (n,) s and (n, 3) rad/s
-    rests : of `find_rests`
-    """
-    if len(rests) < 2:
-        return "", np.zeros(3)
-    whole = np.concatenate([rates[first:stop] for first, stop in rests])
-    parts = np.array([[part.mean(axis=0) for part in np.array_split(rates[a:b], REST_PARTS)] for a, b in rests])
-    bias, length = -parts.mean(axis=1), np.diff(rests)
-    density = np.mean(parts.var(axis=1, ddof=1) / REST_PARTS * length, axis=0)  # variance of a mean times its samples
-    rounding = np.array([np.diff(np.unique(x)).min(initial=np.inf) for x in whole.T])
-    floor = np.where(np.isfinite(rounding), np.square(rounding), 1.0) / 12
-    change = bias[:, None] - bias
-    sigmas = np.abs(change) / np.sqrt(density * (1 / length[:, None] + 1 / length) + floor)
-    one, other, axis = (int(k) for k in np.unravel_index(np.argmax(sigmas), sigmas.shape))
-    if sigmas[one, other, axis] < REST_SIGMAS:
-        return "", np.zeros(3)
-    one, other = sorted((one, other))
-    values = [f"{np.rad2deg(bias[k, axis]):.4g} deg/s in that at {t_s[rests[k][0]]:.6g} s" for k in (one, other)]
-    apart = f"{sigmas[one, other, axis]:.2g} sigmas apart"
-    text = f"bias differs between rests: b_{'xyz'[axis]} is {values[0]} and {values[1]}, {apart}"
-    return text, np.asarray(change[one, other])
-
-
-def compute_speed(t_ref: Array, q: Array, t_s: Array) -> Array:
-    """Compute the body's speed (n,) at the gyro's tags, rad/s, from attitudes `SPEED_S` apart: their noise is negligible.
-
-    Parameters
-    ----------
-    t_ref, q : (m,) s and (m, 4) A(q)
-    t_s : (n,) s
-    """
-    later = np.minimum(np.searchsorted(t_ref, t_ref + SPEED_S), t_ref.size - 1)
-    rows = np.flatnonzero(later > np.arange(later.size))
-    turned = Rotation.from_quat(q)
-    elapsed = t_ref[later[rows]] - t_ref[rows]
-    found = (turned[rows].inv() * turned[later[rows]]).magnitude() / elapsed
-    return np.interp(t_s, t_ref[rows] + 0.5 * elapsed, found)

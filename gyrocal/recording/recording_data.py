@@ -19,7 +19,6 @@ from gyrocal.recording.tables import QUATERNION_COLUMNS, RATE_COLUMNS, SIGMA_COL
 if TYPE_CHECKING:
     import pandas as pd
     import xarray
-    from matplotlib.axes import Axes
 
 ROUNDED_NORM = 0.01  # a quaternion as far from the unit as this is rounded, one further off is wrong
 MOST_REPR_LINES = 15  # of a repr, at most
@@ -203,23 +202,6 @@ class Recording:
                 "arw_deg_per_sqrt_s": gyro.arw_deg_per_sqrt_s,
             },
         )
-
-    def plot_allan(self, ax: Axes | None = None, *, interval: str | None = None) -> Axes:
-        """Overlapping Allan deviation of the raw rates about each axis, deg/s, beside the stated angle random walk.
-
-        Parameters
-        ----------
-        ax : to draw on; one of a new figure by default
-        interval : of this interval with whatever moves in it; of the rests by default
-
-        Raises
-        ------
-        InputError
-            There is no rest, no such interval, or too few samples.
-        """
-        from gyrocal.allan.plot import plot_allan
-
-        return plot_allan(self, ax, interval)
 
     def _list_facts(self) -> list[tuple[str, str]]:
         """List the facts of a recording, a row a quantity."""

@@ -101,7 +101,12 @@ def _handle_user_errors(ctx: click.Context) -> Iterator[None]:
         errors = sys.modules.get("gyrocal.errors")
         if errors is None or not isinstance(error, errors.GyrocalError):
             raise
-        _end(ctx, str(error), getattr(error, "exit_status", 2))
+        text = str(error)
+        if type(error).__name__ == "LargeResidualError":
+            from gyrocal.importing import explain_refusal
+
+            text = explain_refusal(error)
+        _end(ctx, text, getattr(error, "exit_status", 2))
 
 
 def _end(ctx: click.Context, message: str, status: int = 2, where: str = "gyrocal") -> NoReturn:

@@ -10,7 +10,7 @@ import pytest
 import gyrocal
 from gyrocal import InputError, Recording
 from tests import ROOT
-from tests.builders import PLAN, piecewise_recording
+from tests.builders import piecewise_recording
 
 RECORDING = piecewise_recording(series_s=100.0)
 
@@ -114,35 +114,6 @@ def test_drawings_are_axes_that_show_the_numbers():
     assert labels[-1].endswith(" deg/s")
     expected = (result.bias - RECORDING.gyro.apriori_bias) / result.sigma[9:]
     np.testing.assert_allclose(ax.lines[0].get_xdata()[9:], expected, rtol=1e-9)
-    plt.close("all")
-
-
-def test_the_allan_deviation_of_white_noise_falls_as_stated():
-    import matplotlib.pyplot as plt
-
-    arw, sample_s, n = 1e-5, 0.01, 6000
-    t = sample_s * np.arange(n)
-    rates = np.random.default_rng(5).normal(size=(n, 3)) * arw / np.sqrt(sample_s)
-    rates[3000:3500] += np.sin(np.arange(500) / 20)[:, None]  # a motion between two rests
-    q = [0.0, 0.0, 0.0, 1.0]
-    when = np.array([0.0, 10.0, 20.0, 29.0, 36.0, 45.0, 59.0])
-    turned = [q] * 4 + [[np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]] * 3
-    given = {"sigma": 1e-4, "arw": arw}
-    made = Recording.from_arrays(t, rates, when, turned, **given)
-    ax = made.plot_allan()
-    for line in ax.lines[:3]:
-        tau, deviation = line.get_xydata().T
-        near = (tau > 0.02) & (tau < 0.5)
-        np.testing.assert_allclose(deviation[near], np.rad2deg(arw) / np.sqrt(tau[near]), rtol=0.15)
-    np.testing.assert_allclose(ax.lines[3].get_ydata(), np.rad2deg(arw) / np.sqrt(ax.lines[3].get_xdata()))
-    # All of the interval has the motion in it, on either side of a hole.
-    hole = np.abs(t - 10.0) > 1.0
-    whole = Recording.from_arrays(t[hole], rates[hole], when, turned, **given).plot_allan(interval="whole")
-    assert whole.lines[0].get_ydata().max() > 10 * ax.lines[0].get_ydata().max()
-    with pytest.raises(InputError, match="no interval 'x'; there are whole"):
-        made.plot_allan(interval="x")
-    with pytest.raises(InputError, match="no rest was found"):
-        piecewise_recording(PLAN[:1]).plot_allan()
     plt.close("all")
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gyrocal import Attitudes, GyroStream, InputError, Interval, Recording, calibrate
-from gyrocal.importing.motion import compare_rests
+from gyrocal.rests import compare_rests
 
 RESTS = [(0, 1000), (3000, 4200), (5000, 6000)]
 
