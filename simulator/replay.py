@@ -1,7 +1,7 @@
 """Simulate any existing recording again: its motion is recovered, and M0 or effects are simulated on it.
 
 The motion is that of the adjusted rates G ω_raw + b, smoothed so that their noise does not enter twice
-(`simulator.effects.smoothing`), integrated from each interval's first reference attitude by the simulator's own means, and
+(`gyrocal.smoothing`), integrated from each interval's first reference attitude by the simulator's own means, and
 led near the other references. What they are off by, ζ_k in inertial axes, is followed by the x_k that minimise
 
     Σ |ζ_k − x_k|²/σ_k² + Σ |x_{k+1} − x_k|²/(q Δt_k)

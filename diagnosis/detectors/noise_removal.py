@@ -2,7 +2,7 @@
 
 Two estimates are made of each interval and axis:
 
-- local quadratics in windows as long as the motion allows (`simulator.effects.smoothing`), good for slews between rests; of a
+- local quadratics in windows as long as the motion allows (`gyrocal.smoothing`), good for slews between rests; of a
   sway of less than four times the noise of a sample they keep nothing;
 - shrunk cosine coefficients, good for a body that sways. Of white noise each orthonormal coefficient has the variance σ²; one
   of the mean square P among its neighbours is multiplied by 1 − σ²/P (Wiener), or left out where P is what noise may have.
@@ -21,8 +21,8 @@ from scipy.ndimage import uniform_filter1d
 
 from diagnosis.detectors.sample_report import Tell, ignore_progress
 from gyrocal.recording import Recording
+from gyrocal.smoothing import estimate_sample_sigma, replace_outliers, smooth_axis
 from simulator.effects.recording_view import find_interval_slices
-from simulator.effects.smoothing import estimate_sample_sigma, replace_outliers, smooth_axis
 
 Array = NDArray[np.float64]
 

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.recording import Recording, find_reference_rows
+from gyrocal.smoothing import estimate_sample_sigma, smooth_run
 from simulator.effects.base import Array, References, Stream, Surroundings
 from simulator.effects.common import list_runs
 from simulator.effects.flight_mode import find_flight_directions
-from simulator.effects.smoothing import estimate_sample_sigma, smooth_run
 from simulator.sensors.gyro import compute_raw_rates
 
 SMOOTH_S = np.inf  # s, longest window of the smoothing: as long as the motion allows

@@ -56,10 +56,6 @@ class Spacecraft(NamedTuple):
     drag_swing: float = 0.4  # its day-night part; the force is drag (1 + swing × cosine of the Sun's zenith angle)
     pressure_arm: Array = np.array([0.1, 0.05, 0.2])  # (3,) from the centre of mass to that of pressure, m
     gravity_gradient: bool = True  # whether it acts
-    scan_torque: float = 0.0  # of an instrument that scans about body z out of balance, N m, turning in the body's XY plane
-    scan_rate: float = 2 * np.pi * 31.6 / 60  # of the scan, rad/s
-    array_step: float = 0.0  # by which the solar arrays are driven about body y, one revolution an orbit, rad; 0 for smoothly
-    array_inertia: float = 400.0  # of what is driven, about y, kg m²
 
 
 @dataclass(frozen=True)
@@ -70,8 +66,6 @@ class TrueGyro:
     bias: Array = field(default_factory=lambda: R9_BIAS)  # (3,) b at the start, rad/s
     arw: float = float(np.deg2rad(2.6e-4))  # angle random walk, rad/√s
     rrw: float | Array = 0.0  # random walk of b, rad/s/√s, one for all axes or (3,)
-    # (3, 2) of b, amplitudes by the cosine and the sine of the argument of latitude, rad/s
-    orbital: Array = field(default_factory=lambda: np.zeros((3, 2)))
 
 
 @dataclass(frozen=True)
@@ -178,12 +172,14 @@ def apply_compensation(coefficients: Array, c: float, d: float) -> Array:
     return out
 
 
+CROSSING_ANGLES_DEG = (0.0, 58.4)  # of the Sun from the XZ plane, at the yaw updates of a year
+
+
 def fit_crossing_compensation(
     sensor: TrueSunSensor,
     on_board: Array,
     nominal: Array,
     coefficients: Array = sun_sensor.SIMULATED_BETA_COEFFICIENTS,
-    angles_deg: tuple[float, float] = (0.0, 58.4),
 ) -> tuple[float, float]:
     """(c, d) of R (6) for the least error of β at the yaw update.
 
@@ -195,10 +191,9 @@ def fit_crossing_compensation(
     on_board : (3, 3) M on board
     nominal : (3, 3) N
     coefficients : (9,) b on board, before
-    angles_deg : of the Sun from the XZ plane, from and to
     """
     side = np.sign(nominal[0, 2])
-    angle = np.deg2rad(np.linspace(*angles_deg, 50))
+    angle = np.deg2rad(np.linspace(*CROSSING_ANGLES_DEG, 50))
     body = np.stack([side * np.cos(angle), -np.sin(angle), np.zeros_like(angle)], axis=-1)
     seen = [sun_sensor.compute_head_tangents(x, y, z, sensor.head) for x, y, z in body @ sensor.alignment]
     counts = [sun_sensor.compute_counts(*one, sensor.coefficients_alpha, sensor.coefficients_beta)[1] for one in seen]
@@ -208,15 +203,10 @@ def fit_crossing_compensation(
     return float(slope), float(offset)
 
 
-def build_alignment_upload(before: OnBoardTables, mounting: Mounting = "solved") -> OnBoardTables:
+def build_alignment_upload(before: OnBoardTables) -> OnBoardTables:
     """R's first upload, December 11: R (3) for DSS-2 and the penetration biases."""
-    turn = np.diag([-1.0, -1.0, 1.0]) if mounting == "alike" else np.eye(3)
-    return replace(
-        before,
-        bias=None,
-        misalignments=np.stack([np.eye(3), turn @ R3_M @ turn]),
-        penetration_biases=PENETRATION_BIASES,
-    )
+    misalignments = np.stack([np.eye(3), R3_M])
+    return replace(before, bias=None, misalignments=misalignments, penetration_biases=PENETRATION_BIASES)
 
 
 def build_filter_upload(before: OnBoardTables) -> OnBoardTables:
@@ -240,7 +230,7 @@ def build_coefficient_upload(before: OnBoardTables, config: MissionConfig | None
 
 def build_uploads(config: MissionConfig) -> tuple[OnBoardTables, OnBoardTables]:
     """Tables of both uploads."""
-    first = build_alignment_upload(config.tables, config.mounting)
+    first = build_alignment_upload(config.tables)
     if config.filter_off_first:
         first = build_filter_upload(first)
     second = build_coefficient_upload(first, None if config.printed_coefficients else config)

@@ -90,12 +90,6 @@ def _set_rate_walk(config: MissionConfig, size: float, own: Parameters) -> Missi
     return replace(config, gyro=replace(config.gyro, rrw=rrw))
 
 
-def _set_orbital_bias(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
-    orbital, phase = np.array(config.gyro.orbital, dtype=float), math.radians(own["phase_deg"])
-    orbital[int(own["axis"])] += size * DEG_H_IN_RAD_S * np.array([math.cos(phase), math.sin(phase)])
-    return replace(config, gyro=replace(config.gyro, orbital=orbital))
-
-
 def _set_bias_gain(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
     return replace(config, controller=replace(config.controller, bias_gain=size))
 
@@ -106,28 +100,12 @@ def _set_cross_track_error(config: MissionConfig, size: float, own: Parameters) 
     return replace(config, ephemeris=replace(config.ephemeris, node=node, inclination=angle * math.sin(phase)))
 
 
-def _set_scan(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
-    body = config.spacecraft._replace(scan_torque=size, scan_rate=2 * math.pi * own["rpm"] / 60.0)
-    return replace(config, spacecraft=body)
-
-
-def _set_array_step(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
-    body = config.spacecraft._replace(array_step=math.radians(size), array_inertia=own["inertia_kgm2"])
-    return replace(config, spacecraft=body)
-
-
 def _set_printed_coefficients(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
     return replace(config, printed_coefficients=size > 0)
 
 
 def _set_late_filter(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
     return replace(config, filter_off_first=size <= 0)
-
-
-def _scale_heads(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
-    """Heads so many times as far from square as recorded, on sensors that sit as they do."""
-    first, second = (replace(one, head=size * one.head) for one in config.sun_sensors)
-    return replace(config, sun_sensors=(first, second))
 
 
 TAU_S = HorizonError().time_constant_s
@@ -137,7 +115,6 @@ ALL_MISSION_EFFECTS = (
         _set_elevation,
         {"tilt_deg": 20.0},
     ),
-    MissionEffect("head_sense", "times", "the β heads' angles times this; nominal is 1", (-3.0, 3.0), _scale_heads),
     MissionEffect("printed_coefficients", "", "1: the second upload has (c, d) of R (6) as printed", (0.0, 1.0),
     _set_printed_coefficients), MissionEffect("late_filter_upload", "", "1: the S filter is turned off with the second upload",
     (0.0, 1.0), _set_late_filter), MissionEffect("dss_transfer", "1", "the β head of DSS-2 has another scale than the tables",
@@ -150,19 +127,10 @@ ALL_MISSION_EFFECTS = (
         (-1.0, 1.0), _set_horizon_season,
     ),
     MissionEffect("gyro_walk", "deg/h/sqrt(day)", "random walk of the gyro's bias", (0.0, 10.0), _set_rate_walk, axes=AXES),
-    MissionEffect(
-        "gyro_orbital", "deg/h", "the gyro's bias swings with the argument of latitude", (-10.0, 10.0), _set_orbital_bias,
-        {"phase_deg": 0.0}, AXES,
-    ),
     MissionEffect("bias_gain", "1", "share of a yaw update that goes into the yaw bias; nominal is 1", (0.0, 1.9),
     _set_bias_gain), MissionEffect(
         "cross_track", "km", "the ephemeris on board is off across the track, with the sine of the latitude argument",
         (-100.0, 100.0), _set_cross_track_error, {"phase_deg": 0.0},
-    ),
-    MissionEffect("scan_torque", "N m", "an instrument scans about z out of balance", (0.0, 100.0), _set_scan, {"rpm": 31.6}),
-    MissionEffect(
-        "array_step", "deg", "the solar arrays are driven about y in steps, once round an orbit", (0.0, 10.0), _set_array_step,
-        {"inertia_kgm2": 400.0},
     ),
 )  # fmt: skip
 MISSION_EFFECTS: Mapping[str, MissionEffect] = {one.name: one for one in ALL_MISSION_EFFECTS}

@@ -278,7 +278,6 @@ def _build_flight_sensors(config: MissionConfig, tables: OnBoardTables) -> Senso
         inverse_G=np.asarray(np.linalg.inv(gyro.G)),
         gyro_sigma=gyro.arw / float(np.sqrt(cycle)),
         walk_sigma=np.broadcast_to(np.asarray(gyro.rrw, dtype=float), 3) * np.sqrt(cycle),
-        orbital=np.ascontiguousarray(gyro.orbital, dtype=float),
         magnetometer_sigma=config.magnetometer_sigma,
         earth=earth.constants,
         earth_gain=earth.gain(cycle),

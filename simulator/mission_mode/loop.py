@@ -35,7 +35,6 @@ SHORTEST_BIAS_INTERVAL = 600.0  # s; updates closer than that set the yaw and le
 def _simulate_gyro(
     rng: np.random.Generator,
     wander: np.random.Generator,
-    u: float,
     plant: Plant,
     sensors: Sensors,
     state: State,
@@ -45,11 +44,11 @@ def _simulate_gyro(
     raw: Array,
 ) -> None:
     """On-board rotation over the last cycle in turned (3,), rad, ω − G ω_raw of it in apparent and ω_raw in raw (3,), rad/s."""
-    dt, c, s = plant.dt, math.cos(u), math.sin(u)
+    dt = plant.dt
     # Number by number: an expression of whole arrays takes a second or two to compile, a copy of slices another.
-    d_x = state.turned[0] / dt - state.true_bias[0] - (c * sensors.orbital[0, 0] + s * sensors.orbital[0, 1])
-    d_y = state.turned[1] / dt - state.true_bias[1] - (c * sensors.orbital[1, 0] + s * sensors.orbital[1, 1])
-    d_z = state.turned[2] / dt - state.true_bias[2] - (c * sensors.orbital[2, 0] + s * sensors.orbital[2, 1])
+    d_x = state.turned[0] / dt - state.true_bias[0]
+    d_y = state.turned[1] / dt - state.true_bias[1]
+    d_z = state.turned[2] / dt - state.true_bias[2]
     inverse = sensors.inverse_G
     for i in range(3):
         raw[i] = inverse[i, 0] * d_x + inverse[i, 1] * d_y + inverse[i, 2] * d_z
@@ -196,17 +195,6 @@ def _compute_outer_torque(
     torque[0] = m_y * B_z - m_z * B_y + arm[1] * f_z - arm[2] * f_y
     torque[1] = m_z * B_x - m_x * B_z + arm[2] * f_x - arm[0] * f_z
     torque[2] = m_x * B_y - m_y * B_x + arm[0] * f_y - arm[1] * f_x
-    if body.scan_torque > 0.0:
-        # The mean over the cycle of a torque that turns with a scanning instrument about body z.
-        a, b, share = body.scan_rate * t, body.scan_rate * (t + plant.dt), body.scan_torque / (body.scan_rate * plant.dt)
-        torque[0] += share * (math.sin(b) - math.sin(a))
-        torque[1] += share * (math.cos(a) - math.cos(b))
-    if body.array_step > 0.0:
-        # A step δ of the arrays, soon over, turns the body back by (I_a/I) δ: a torque for a cycle, then its opposite.
-        pace = plant.mean_motion / body.array_step
-        before, now = math.floor(pace * max(t - plant.dt, 0.0)), math.floor(pace * t)
-        after = math.floor(pace * (t + plant.dt))
-        torque[1] -= body.array_inertia * body.array_step / plant.dt**2 * ((after - now) - (now - before))
     return largest
 
 
@@ -281,7 +269,7 @@ def fly(
             for i in range(3):
                 state.probe[i] = error[i]
         # On board.
-        _simulate_gyro(rng, wander, u, plant, sensors, state, tables, apparent, turned, raw)
+        _simulate_gyro(rng, wander, plant, sensors, state, tables, apparent, turned, raw)
         propagate_error(state.estimate, turned, moved)
         if slewing:
             propagate_error(state.probe, turned, moved)

@@ -13,17 +13,14 @@ Boresights
     act through tan α = ±0.56.
 Mounting
     The ground's alignment, R (3), was solved without knowing of the β heads' angles. How the sensors were really mounted is not
-    published, nor which way round the sensors' axes and the Euler angles are counted. Four truths:
+    published. Two truths:
 
     "solved" : the mounting from which the ground's fit finds M = I for DSS-1 and R (3) for DSS-2. The fit is over a rotation of
                all sensors and M of DSS-2 (R's second algorithm, with penetration biases that leave roll and pitch free), of
                the Sun's path through both fields at the sun angles that December had before the first upload, 8 to 12°. It
                puts the zero of the heads' error there, and the error at the update grows with the sun angle's distance
                from them. The default.
-    "added"  : R (3) is how DSS-2 is mounted, and the heads' angles come on top.
     "heads"  : the sensors are mounted as designed, the heads' angles are all there is.
-    "alike"  : as "heads", with R's numbers for frames whose x is alike in both sensors, toward +Z, and Euler angles that turn
-               the head and not the axes.
 """
 
 from functools import lru_cache
@@ -37,7 +34,7 @@ from simulator.sensors import sun as sun_sensor
 from simulator.sensors.sun import TrueSunSensor
 from simulator.truth.orbit import EARTH_RADIUS
 
-Mounting = Literal["solved", "added", "heads", "alike"]
+Mounting = Literal["solved", "heads"]
 
 ALTITUDE = 350e3  # m
 DIP = float(np.arccos(EARTH_RADIUS / (EARTH_RADIUS + ALTITUDE)))  # rad, of the limb below the local horizontal
@@ -53,17 +50,8 @@ def build_mounted_sensors(
     mounting: Mounting = "solved", boresights: tuple[float, float] = BORESIGHTS
 ) -> tuple[TrueSunSensor, TrueSunSensor]:
     """TRMM's sun sensors with the flight's heads, at nominal tilt toward −Y and elevation toward nadir, rad; see the module."""
-    heads = sun_sensor.HEAD_DSS1, sun_sensor.HEAD_DSS2
-    turns = np.eye(3), np.eye(3)
-    if mounting == "alike":
-        # To first order the other sense of the angles is their negative, and x and y reversed is e₁ and e₃ negative.
-        heads = -heads[0], heads[1] * np.array([1.0, -1.0, 1.0])
-        turns = _build_rotation([-heads[0][2], 0.0, 0.0]), _build_rotation([heads[0][2], 0.0, 0.0])
-    elif mounting == "solved":
-        turns = solve_turns(boresights)
-    elif mounting == "added":
-        turns = np.eye(3), R3_M
-    return sun_sensor.build_trmm_sensors(boresights[0], turns, heads, boresights[1])
+    turns = solve_turns(boresights) if mounting == "solved" else (np.eye(3), np.eye(3))
+    return sun_sensor.build_trmm_sensors(boresights[0], turns, (sun_sensor.HEAD_DSS1, sun_sensor.HEAD_DSS2), boresights[1])
 
 
 @lru_cache(maxsize=8)
@@ -80,13 +68,13 @@ def solve_turns(boresights: tuple[float, float]) -> tuple[Array, Array]:
     return _build_rotation(turns[:3]), _build_rotation(turns[3:])
 
 
-def fit_on_ground(turns: Array, boresights: tuple[float, float], angles_deg: tuple[float, ...] = ALIGNED_AT) -> Array:
+def fit_on_ground(turns: Array, boresights: tuple[float, float]) -> Array:
     """Fit sensors with the flight's heads as if the heads were orthogonal.
 
     Of M of DSS-1 and DSS-2 as they sit, rotation vectors (6,), from data at some sun angles: the common rotation of the body
     and the rotation vector of DSS-2's M, (6,) rad.
     """
-    sun = compute_sun_path(angles_deg)
+    sun = compute_sun_path(ALIGNED_AT)
     seen = []
     for N, turn, head in zip(
         sun_sensor.build_trmm_alignments(*boresights),

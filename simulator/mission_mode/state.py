@@ -59,7 +59,6 @@ class Sensors(NamedTuple):
     inverse_G: Array
     gyro_sigma: float
     walk_sigma: Array  # (3,)
-    orbital: Array  # (3, 2) amplitudes of the bias by cosine and sine of the argument of latitude, rad/s
     magnetometer_sigma: float
     earth: Constants
     earth_gain: float

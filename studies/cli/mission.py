@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from simulator.mission_mode.mounting import Mounting
 
 # The next three as of simulator.mission_mode and studies.robertson.
-MOUNTING_NAMES = ("solved", "added", "heads", "alike")
+MOUNTING_NAMES = ("solved", "heads")
 PERIODS = ("precalibration", "calibration1", "postcalibration")
 EFFECT_NAMES = (
-    *("boresight_elevation", "head_sense", "printed_coefficients", "late_filter_upload", "dss_transfer", "horizon_noise"),
-    *("horizon_season", "gyro_walk", "gyro_orbital", "bias_gain", "cross_track", "scan_torque", "array_step"),
+    *("boresight_elevation", "printed_coefficients", "late_filter_upload", "dss_transfer", "horizon_noise"),
+    *("horizon_season", "gyro_walk", "bias_gain", "cross_track"),
 )
 DAY = 86400.0  # s
 TABLES = ("telemetry", "updates", "slews", "orbits")

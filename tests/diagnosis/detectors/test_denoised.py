@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from diagnosis.detectors.noise_removal import remove_interval_noise, shrink_cosines
-from simulator.effects.smoothing import smooth_run
+from gyrocal.smoothing import smooth_run
 
 N, SAMPLE_S, SIGMA = 6000, 0.02, 0.01
 

@@ -9,9 +9,9 @@ import scipy.stats
 
 import simulator
 from gyrocal import InputError, calibrate, load, save
+from gyrocal.smoothing import estimate_sample_sigma
 from simulator.effects import EFFECTS, parse
 from simulator.effects.sensor import ALL_EFFECTS
-from simulator.effects.smoothing import estimate_sample_sigma
 from simulator.replay import reconstruct_motion, replay
 from simulator.truth.integration import accumulate
 from simulator.truth.rotation import separation

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gyrocal.errors import InputError
-from simulator.mission_mode.config import Controller, MissionConfig, Spacecraft, build_period_tables
+from simulator.mission_mode.config import Controller, MissionConfig, build_period_tables
 from simulator.mission_mode.effects import ALL_MISSION_EFFECTS, apply_mission_settings, parse
 from simulator.mission_mode.flight import simulate_mission
 
@@ -27,7 +27,7 @@ def nominal():
 
 
 def test_an_effect_of_no_size_changes_nothing(nominal):
-    texts = "horizon_noise=0 horizon_season=0 gyro_orbital:x=0 bias_gain=1 cross_track=0 scan_torque=0 array_step=0"
+    texts = "horizon_noise=0 horizon_season=0 bias_gain=1 cross_track=0"
     same = flown(*texts.split())
     assert same.telemetry.equals(nominal.telemetry)
 
@@ -45,27 +45,6 @@ def test_horizon_noise_has_its_size_and_time_constant(nominal):
         assert common.std() == pytest.approx(size, rel=0.25)
         lag = round(tau / 0.5)
         assert np.corrcoef(common[lag:], common[:-lag])[0, 1] == pytest.approx(math.exp(-1.0), abs=0.2)
-
-
-def test_a_scan_swings_the_body_by_its_torque_over_inertia():
-    """T/(I ω²) about x, far above the controller's bandwidth; the cycle's mean of the torque is 9 % less at 31.6 rpm."""
-    torque, rate = 10.0, 2 * math.pi * 31.6 / 60
-    fast = replace(NOMINAL, controller=replace(Controller(), cycle_s=0.25))
-    swing = (flown(f"scan_torque={torque:g}", base=fast, seconds=300.0).telemetry["error_roll_deg"]
-             - flown(base=fast, seconds=300.0).telemetry["error_roll_deg"]).to_numpy()[600:].copy()  # fmt: skip
-    expected = math.degrees(torque / (Spacecraft().inertia[0, 0] * rate**2))
-    swing -= np.convolve(swing, np.ones(30) / 30, mode="same")
-    assert np.abs(swing[30:-30]).max() == pytest.approx(expected, rel=0.1)
-
-
-def test_an_orbital_bias_is_in_the_raw_rate(nominal):
-    size = 5.0
-    with_it = flown(f"gyro_orbital:x={size:g},phase_deg=90")
-    change = (with_it.telemetry["raw_x_deg_s"] - nominal.telemetry["raw_x_deg_s"]) * 3600.0
-    u = NOMINAL.orbit.mean_motion * nominal.telemetry["t_s"].to_numpy()
-    slow = np.polynomial.polynomial.polyfit(np.sin(u), change, 1)
-    # raw = G⁻¹ (ω − b), so that the bias is taken off.
-    assert slow[1] == pytest.approx(-size, rel=0.1)
 
 
 @pytest.mark.parametrize("gain", [0.5, 1.3])
@@ -126,19 +105,6 @@ def test_every_effect_acts():
     for effect in ALL_MISSION_EFFECTS:
         size = 1.0 if effect.bounds[1] >= 1.0 and effect.name != "bias_gain" else 0.5 * effect.bounds[1]
         text = f"{effect.name}{':x' if effect.axes else ''}={size:g}"
-        changed = apply_mission_settings(NOMINAL, [parse("head_sense=-1" if effect.name == "head_sense" else text)])
+        changed = apply_mission_settings(NOMINAL, [parse(text)])
         assert repr(changed) != repr(NOMINAL), effect.name
         assert parse(text).label().startswith(effect.name)
-
-
-def test_a_step_of_the_arrays_turns_the_body_back_by_its_share_of_the_inertia():
-    """(I_a/I_y) δ in a second, before the controller can answer; smooth driving does nothing."""
-    step, inertia = 2.0, 300.0
-    fast = replace(NOMINAL, controller=replace(Controller(), cycle_s=0.25, bandwidth=np.full(3, 1e-3)))
-    stepped, smooth = (flown(*own, base=fast, seconds=100.0).telemetry["error_pitch_deg"].to_numpy()
-                       for own in ((f"array_step={step:g},inertia_kgm2={inertia:g}",), ()))  # fmt: skip
-    change = stepped - smooth
-    at = step / math.degrees(NOMINAL.orbit.mean_motion)  # s, of the second step
-    before, after = (change[round((at + apart) / 0.25)] for apart in (-1.0, 1.0))
-    assert abs(after - before) == pytest.approx(step * inertia / Spacecraft().inertia[1, 1], rel=0.03)
-    assert abs(change[round((at + 8.0) / 0.25)] - after) < 0.1 * abs(after - before)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simulator.effects.smoothing import smooth_axis, smooth_run
+from gyrocal.smoothing import smooth_axis, smooth_run
 
 COUNT = 4000
 DRAWS = 20

@@ -21,12 +21,14 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import lstsq
 from scipy.ndimage import convolve1d, median_filter
 
 from gyrocal.jit_cache import compile_cached
-from simulator.arrays import Flags
-from simulator.effects.base import Array
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 POLYNOMIAL_ORDER = 2  # of the local polynomial in the rate
 AGREEMENT_SIGMAS = 4.0  # sigma; tens of thousands of samples
