@@ -27,7 +27,7 @@ from studies.cli.calibrate import command as calibrate_command
 from studies.montecarlo import engine
 from studies.montecarlo.files import write_bytes, write_csv
 from studies.montecarlo.study import load_config
-from studies.report.calibration_change import check_limits
+from studies.report.calibration import check_limits
 from studies.report.junit import Verdict
 
 RTOL = 1e-7  # compilers and BLAS libraries differ in rounding, by 1e-9 and less

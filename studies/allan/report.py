@@ -1,4 +1,4 @@
-"""What ``gyrocal allan`` shows: the figure, the table of the terms beside what the recording states, and a page with both."""
+"""The noise of a recording as one page: the figure, the terms beside the stated noise, and the stretches they come from."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from rich.console import Console
 
 from gyrocal.allan.terms import MARKOV, RANDOM_WALK, compute_allan_variance
 from gyrocal.calibration.parameters import AXIS_NAMES
@@ -28,15 +27,6 @@ from studies.report.tables import NO_VALUE
 
 SINUSOID = "sinusoid"
 OFF = 4.0  # sigma, from which on a departure from what is stated is worth a sentence
-MEANINGS = {
-    "angle white noise": "readout noise of the angle, whose differences are the rates; of counts, a step of √12 times it",
-    "angle random walk": "white noise of the rate",
-    "bias instability": "1/f noise of the rate; the floor of the deviation is 0.664 times it",
-    "rate random walk": "a bias that wanders without returning",
-    "Markov noise": "a bias that wanders and returns within a time constant",
-    "rate ramp": "a bias that drifts evenly",
-    SINUSOID: "a bias that swings with one period, or a vibration",
-}
 ALLAN_TERMS_NOTE = (
     "Sigma assumes that the terms not seen are zero; a bound is one-sided, 95 %. A term is not seen if the fit is as good "
     "without it."
@@ -99,25 +89,12 @@ def list_remarks(found: NoiseAnalysis) -> list[str]:
         for row in (describe_step(place, step, found.stretches) for place, step in axis.steps):
             where = f'{row["size"]:+.3g} {row["unit"]} at {row["time_s"]:.0f} s in "{row["interval"]}"'
             out.append(
-                f"{name}: one step of the rate, {where}, explains its course far better than a drift: what is told of slow "
-                f"noise and of a ramp is it, in part or as a whole. gyrocal diagnose tells such a step from noise."
+                f"{name}: one step of the rate, {where}, fits far better than a drift. The terms of slow noise and ramps "
+                "contain it. gyrocal diagnose separates such a step from noise."
             )
         for other in axis.fit.alternatives:
             out.append(f"{name}: {' + '.join(other)} would fit as well; the deviation cannot tell.")
     return [*out, *found.notes]
-
-
-def build_stretches_table(found: NoiseAnalysis) -> pd.DataFrame:
-    """The stretches that the deviation rests on."""
-    return pd.DataFrame([describe_stretch(one) for one in found.stretches])
-
-
-def show_analysis(console: Console, found: NoiseAnalysis) -> None:
-    """Print the tables and the remarks."""
-    tables.print_table(console, "Stretches", build_stretches_table(found))
-    tables.print_table(console, f"{found.recording}: noise terms of IEEE Std 952", build_terms_table(found), ALLAN_TERMS_NOTE)
-    for line in list_remarks(found):
-        console.print(line, highlight=False, markup=False)
 
 
 def draw_allan_figure(found: NoiseAnalysis) -> Figure:
@@ -142,21 +119,20 @@ def _draw_axis_panel(name: str, axis: AxisNoise, arw: float) -> Panel:
     return make_curves(lines, title=name, x="averaging time (s)", y="Allan deviation (deg/h)", log="xy", legend="upper right")
 
 
-def build_allan_page(found: NoiseAnalysis, made: ProvenanceFooter | None = None) -> str:
-    """A page in HTML; the same analysis gives the same bytes but for how it was made."""
+def build_allan_page(found: NoiseAnalysis, made: ProvenanceFooter | None = None) -> Page:
+    """Build the page."""
     table = build_terms_table(found)
     seen = [not str(value).startswith("not seen") for value in table["value"]]
     picture = Picture("allan", partial(draw_allan_figure, found), describe_allan_figure(found), CAPTION)
-    rests = "Rests are used as recorded; of the others, what the references say of the motion is taken out."
-    said = list_remarks(found)
+    rests = "Rests are used as recorded. Elsewhere the motion by the references is subtracted."
+    stretches = pd.DataFrame([describe_stretch(one) for one in found.stretches])
+    first, *more = list_remarks(found) or ["The angle random walk is as stated."]
     sections = [
-        Section("", said[1:]),
-        Section("Terms of IEEE Std 952", [ALLAN_TERMS_NOTE, PageTable(table, seen, "Terms of IEEE Std 952")]),
-        Section("Stretches", [rests, PageTable(build_stretches_table(found), label="Stretches")]),
-        Section("Words", [MEANINGS]),
+        Section("Terms of IEEE Std 952", [PageTable(table, seen, "Terms of IEEE Std 952", ALLAN_TERMS_NOTE)]),
+        Section("Stretches", [PageTable(stretches, (), "Stretches", rests)]),
+        *([Section("Remarks", [more])] if more else []),
     ]
-    first = said[0] if said else "The angle random walk is as stated."
-    return Page(f"Allan deviation of {found.recording}", sections, Answer("", picture, first), made).render_html()
+    return Page(f"Allan deviation of {found.recording}", sections, Answer("", picture, first), made)
 
 
 def describe_allan_figure(found: NoiseAnalysis) -> str:

@@ -1,5 +1,6 @@
 """The command ``gyrocal allan``: Allan deviation of a recording's noise, with the terms of IEEE Std 952."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -8,9 +9,7 @@ import click
 from gyrocal import importing
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording, load
-from studies.cli.options import GYRO_TABLE_OPTIONS, PATH, add_json_option, add_options, add_output_option
-from studies.montecarlo.files import write_json, write_text
-from studies.report.console import make_console
+from studies.cli.options import GYRO_TABLE_OPTIONS, PATH, add_json_option, add_options, add_output_option, write_result
 
 OPTION_NAMES = {"file": "mapping", "rate_hz": "rate", "sample_number": "sample-number"}  # of those with another word
 
@@ -41,21 +40,15 @@ def command(
     """
     loaded = _load_recording_or_table(recording, options)
 
-    from studies.allan import report as allan_report
     from studies.allan.analysis import estimate_noise_terms
+    from studies.allan.report import build_allan_page, draw_allan_figure
 
     found = estimate_noise_terms(loaded, interval)
-    allan_report.show_analysis(make_console(), found)
-    if as_json:
-        write_json(as_json, found.to_json())
-    if report:
-        from studies.report.pages import build_provenance_footer
-
-        write_text(report, allan_report.build_allan_page(found, build_provenance_footer(loaded)))
+    write_result(found.to_json(), as_json, partial(build_allan_page, found), report, loaded)
     if figure:
         from studies.report.panels import save
 
-        save(allan_report.draw_allan_figure(found), figure)
+        save(draw_allan_figure(found), figure)
 
 
 def _load_recording_or_table(path: Path, options: dict[str, Any]) -> Recording:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +24,8 @@ from studies.cli.options import (
     end,
     parse_condition,
     read_json,
+    write_result,
 )
-from studies.montecarlo.files import write_json, write_text
-from studies.report.calibration_change import check_limits, parse_limit, show_change
-from studies.report.console import make_console
 
 MOST_ITERATIONS = 1000  # a handful converge, or none do
 LARGEST = 1e6  # of what is plausible, or known before
@@ -174,6 +173,8 @@ def command(
     if max_sigma is not None and not 0 < max_sigma < LARGEST:
         raise InputError(f"--max-sigma {max_sigma:g}: must be positive and below {LARGEST:g}")
     for text in max_change:
+        from studies.report.calibration import parse_limit
+
         parse_limit(text)
     loaded = load(recording)
     for text in read_import_warnings(recording):
@@ -186,6 +187,7 @@ def command(
     from gyrocal.estimation.held_out import describe_held_out_turns, predict_held_out_turns
     from gyrocal.estimation.remainder_noise import read_calibration
     from studies.report import calibration as calibration_report
+    from studies.report.pages import Section
 
     saved = read_calibration(against) if against else None
     asked: dict[str, Any] = {
@@ -202,26 +204,19 @@ def command(
     result = calibrate(loaded, **asked)
     result = add_remainder(loaded, result)
     about, limits = _describe_input(loaded) if as_json or against else {}, []
+    sections = [
+        Section("Origin of the noise", [calibration_report.describe_import_noise(result, read_estimated_noise(recording))])
+    ]
     if saved is not None:
         is_same = about["recording_sha256"] == saved.recording_sha256
         change = compute_change(saved.parameters, saved.covariance, result.parameters, result.recommended_covariance, is_same)
+        limits = calibration_report.check_limits(change, max_sigma, max_change)
+        sections.append(calibration_report.build_change_section(change, str(against), limits))
     turns = predict_held_out_turns(loaded, **asked)
-    make_console().print(describe_held_out_turns(turns), highlight=False, markup=False)
-    calibration_report.show(make_console(), result, known)
-    for line in calibration_report.describe_import_noise(result, read_estimated_noise(recording)):
-        make_console().print(line, highlight=False, markup=False)
-    if saved is not None:
-        limits = check_limits(change, max_sigma, max_change)
-        show_change(make_console(), change, str(against), limits)
-    if as_json:
-        more = {"held_out_turns": [one.to_json() for one in turns], "provenance": about}
-        write_json(as_json, result.to_json() | more)
-    if report:
-        from studies.report import calibration_page
-        from studies.report.pages import build_provenance_footer
-
-        page = calibration_page.build_calibration_page(result, loaded, known, build_provenance_footer(loaded))
-        write_text(report, page)
+    held_out = describe_held_out_turns(turns)
+    build = partial(calibration_report.build_calibration_page, result, held_out, known, more=sections)
+    document = result.to_json() | {"held_out_turns": [one.to_json() for one in turns], "provenance": about}
+    write_result(document, as_json, build, report, loaded)
     known_numbers = dict(zip(CONDITIONS, (float(result.p_value), float(result.observability.condition)), strict=True))
     end("calibrate", str(recording), compare_conditions(fail_on, known_numbers), junit, limits)
 

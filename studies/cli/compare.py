@@ -16,8 +16,7 @@ from studies.cli.options import (
     effects_option,
     write_result,
 )
-from studies.montecarlo.files import write_text
-from studies.report.console import make_console, show_progress
+from studies.report.console import show_progress
 
 BASELINE, FEWEST_FLIGHTS = "M0", 20  # as of studies.compare.compare
 
@@ -64,19 +63,14 @@ def command(
 
     from simulator import adopted_scenario
     from studies.compare.compare import compare
-    from studies.report import comparison as comparison_report
+    from studies.compare.page import build_comparison_page
 
     chosen = [(name, adopted_scenario.load(name)) for name in scenarios]
     foreign = [one.effect for _, scenario in chosen for one in scenario.effects if _is_from_file(one.effect)]
     if foreign and jobs > 1:
         raise InputError(f"{foreign[0]}: an effect of a file is not known to other processes; leave --jobs out")
-    terminal = make_console()
-    found = compare(loaded, chosen, runs=runs, seed=seed, jobs=jobs, progress=partial(show_progress, quiet=terminal.quiet))
-    write_result(as_json, found.to_json(), partial(comparison_report.show, terminal, found))
-    if report:
-        from studies.report.pages import build_provenance_footer
-
-        write_text(report, comparison_report.build_comparison_page(found, build_provenance_footer(loaded)))
+    found = compare(loaded, chosen, runs=runs, seed=seed, jobs=jobs, progress=show_progress)
+    write_result(found.to_json(), as_json, partial(build_comparison_page, found), report, loaded)
 
 
 def _is_from_file(effect: str) -> bool:

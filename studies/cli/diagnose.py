@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import click
@@ -23,7 +24,7 @@ from studies.cli.options import (
     write_result,
 )
 from studies.montecarlo.files import write_text
-from studies.report.console import LINE_EVERY_S, make_console, show_stages
+from studies.report.console import LINE_EVERY_S, show_stages
 from studies.report.junit import Verdict
 
 
@@ -36,7 +37,7 @@ from studies.report.junit import Verdict
     "--plan",
     "flown",
     metavar="SCENARIO",
-    help="Scenario of the recording, a built-in name or a TOML file: the page then states which extra maneuver helps most.",
+    help="Scenario of the recording, a built-in name or a TOML file: the answer then states which extra maneuver helps most.",
 )
 @add_output_option("--adopt", help="Write a scenario with the recording's own motion and the identified effects to this file.")
 @click.option(
@@ -80,25 +81,24 @@ def command(
       gyrocal diagnose /tmp/rec --fail-on unknown --junit /tmp/diagnosis.xml
     """
     library = _select_library(without)
-    if flown and not report:
-        raise InputError("--plan is for the page: give --report with it")
     loaded = load(recording)
 
     from diagnosis.adopt import write_adopted_scenario
     from diagnosis.diagnose import diagnose
+    from diagnosis.plan import plan
     from simulator import scenario as scenarios
-    from studies.report import diagnosis_answers, diagnosis_page, diagnosis_summary
-    from studies.report.pages import build_provenance_footer
+    from studies.report.diagnosis import build_diagnosis_page
+    from studies.report.plan import describe_next_flight, list_suspected_effects
 
-    scenario_flown = scenarios.load(flown) if flown else None
+    scenario_flown, planned = scenarios.load(flown) if flown else None, None
     with show_stages("diagnose", LINE_EVERY_S) as progress:
         result = diagnose(loaded, progress=progress, seed=seed, library=library)
-        found = diagnosis_answers.plan_next_flight(result, scenario_flown, progress, seed) if scenario_flown else None
-    write_result(as_json, result.to_json(), lambda: diagnosis_summary.show(make_console(), result))
-    if report:
-        fly = diagnosis_answers.describe_next_flight(result, found)
-        orbit_s = loaded.orbit.period_s if loaded.orbit is not None else math.nan
-        write_text(report, diagnosis_page.build_diagnosis_page(result, build_provenance_footer(loaded), orbit_s, fly))
+        suspected = list(dict.fromkeys(label.partition(":")[0] for label in list_suspected_effects(result)))
+        if scenario_flown and suspected:
+            planned = plan(scenario_flown, effects=suspected, progress=progress, seed=seed)
+    orbit_s = loaded.orbit.period_s if loaded.orbit is not None else math.nan
+    build = partial(build_diagnosis_page, result, orbit_s=orbit_s, next_flight=describe_next_flight(result, planned))
+    write_result(result.to_json(), as_json, build, report, loaded)
     if adopt:
         text, adoption = write_adopted_scenario(result, loaded, recording, adopt)
         write_text(adopt, text)

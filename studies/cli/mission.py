@@ -13,8 +13,8 @@ import click
 import numpy as np
 
 from gyrocal.errors import InputError
-from studies.cli.options import FOLDER_TYPE, add_json_option, add_seed_option, write_result
-from studies.montecarlo.files import write_parquet
+from studies.cli.options import FOLDER_TYPE, STDOUT, add_json_option, add_seed_option
+from studies.montecarlo.files import format_json, write_json, write_parquet
 from studies.report.console import make_console, show_progress
 
 if TYPE_CHECKING:
@@ -108,7 +108,12 @@ def command(
     stretches = summarise_periods(run, config, days)
     document: dict[str, Any] = {"days": days, "seed": seed, "tables": tables, "mounting": mounting, "effects": list(effects)}
     document |= {"stretches": stretches.to_dict("records"), "slews": run.slews.to_dict("records")}
-    write_result(as_json, document, lambda: _show(run, stretches, out))
+    if as_json == STDOUT:
+        click.echo(format_json(document))
+        return
+    _show(run, stretches, out)
+    if as_json:
+        write_json(as_json, document)
 
 
 def _count_cycles(days: float, every_s: float) -> int:

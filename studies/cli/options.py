@@ -4,6 +4,8 @@ This module and those of the commands import numba, scipy, pandas and matplotlib
 refusal take a fraction of a second.
 """
 
+from __future__ import annotations
+
 import json
 import math
 import os
@@ -11,14 +13,19 @@ import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from gyrocal.errors import InputError
 from gyrocal.files import is_replaced
-from studies.montecarlo.files import format_json, write_json
+from studies.montecarlo.files import format_json, write_json, write_text
+from studies.report.console import make_console
 from studies.report.junit import Verdict, write_junit
+
+if TYPE_CHECKING:
+    from gyrocal.recording import Recording
+    from studies.report.pages import Page, ProvenanceFooter
 
 T = TypeVar("T")
 PATH = click.Path(path_type=Path)
@@ -132,14 +139,32 @@ def add_json_option(what: str = "the result", stdout: str = "") -> Any:
     return add_output_option("--json", "as_json", help=f"Write {what} as JSON to this file{dash}.", stdout=bool(stdout))
 
 
-def write_result(as_json: Path | None, document: Any, show: Callable[[], None]) -> None:
-    """Show a result and write it as JSON, or write it to standard output alone."""
+def write_result(
+    document: Any,
+    as_json: Path | None,
+    build: Callable[[ProvenanceFooter | None], Page],
+    report: Path | None = None,
+    recording: Recording | None = None,
+) -> None:
+    """Print a result as a page, or as JSON in place of it, and write the files that are asked for.
+
+    Parameters
+    ----------
+    document : the result, for JSON
+    as_json, report : the files
+    build : makes the page with a footer
+    recording : for the footer
+    """
     if as_json == STDOUT:
         click.echo(format_json(document))
-        return
-    show()
-    if as_json:
-        write_json(as_json, document)
+    else:
+        build(None).show(make_console())
+        if as_json:
+            write_json(as_json, document)
+    if report:
+        from studies.report.pages import build_provenance_footer
+
+        write_text(report, build(build_provenance_footer(recording)).render_html())
 
 
 def read_json(path: Path, what: str, convert: Callable[[Any], T]) -> T:

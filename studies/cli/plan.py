@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +19,7 @@ from studies.cli.options import (
     effects_option,
     write_result,
 )
-from studies.montecarlo.files import write_text
-from studies.report.console import make_console, show_stages
+from studies.report.console import show_stages
 
 if TYPE_CHECKING:
     from simulator.scenario import Scenario
@@ -72,16 +72,13 @@ def command(
     chosen = scenarios.load(scenario)
 
     from diagnosis.plan import list_maneuvers, plan
-    from studies.report import plan as plan_report
-    from studies.report.pages import build_provenance_footer
+    from studies.report.plan import build_plan_page
 
     extras = {} if no_extras else dict(list_maneuvers(chosen))
     extras |= _read_extras(chosen, files)
     with show_stages("plan") as tell:
         found = plan(chosen, effects=effects or None, extras=extras, progress=tell, seed=seed)
-    if report:
-        write_text(report, plan_report.build_plan_page(found, build_provenance_footer()))
-    write_result(as_json, found.to_json(), lambda: plan_report.show(make_console(), found))
+    write_result(found.to_json(), as_json, partial(build_plan_page, found), report)
 
 
 def _read_extras(chosen: Scenario, files: Sequence[Path]) -> dict[str, list[dict[str, Any]]]:

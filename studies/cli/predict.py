@@ -1,5 +1,6 @@
 """The command ``gyrocal predict``: the attitude propagated with the gyro alone."""
 
+from functools import partial
 from pathlib import Path
 
 import click
@@ -7,11 +8,9 @@ import numpy as np
 
 from gyrocal.errors import InputError
 from gyrocal.recording import load
-from studies.cli.options import PATH, add_json_option, add_output_option
-from studies.montecarlo.files import write_csv, write_json, write_text
-from studies.report.console import make_console
+from studies.cli.options import PATH, add_json_option, add_output_option, write_result
+from studies.montecarlo.files import write_csv
 
-ROWS = 12  # shown
 FEWEST_S = 1e-6
 
 
@@ -79,8 +78,7 @@ def command(
     from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
     from gyrocal.estimation.predict import list_step_times, predict, prior_covariance
     from gyrocal.estimation.remainder_noise import RemainderNoise, read_calibration
-    from studies.report import prediction_page
-    from studies.report import tables as render
+    from studies.report.prediction import build_prediction_page, tabulate_prediction
 
     ranges = estimate_plausible_ranges(loaded, use_rests=False)
     sigma_g = ranges.G if prior_sigma_g is None else prior_sigma_g
@@ -95,18 +93,9 @@ def command(
         loaded, P0, noise = known.apply(loaded), known.covariance, known.noise
     times = None if step_s is None else list_step_times(loaded, from_s, step_s)
     found = predict(loaded, from_s, times, P0, noise)
-    whole = prediction_page.tabulate_prediction(found)
+    table = tabulate_prediction(found)
     if out:
-        write_csv(out, whole, digits=12)
-    if report:
-        from studies.report.pages import build_provenance_footer
-
-        write_text(
-            report, prediction_page.build_prediction_page(found, loaded.title, from_s, whole, build_provenance_footer(loaded))
-        )
-    if as_json:
-        start = {"recording": loaded.title, "from_s": from_s, "used": found.used, "chi2": found.chi2, "dof": found.dof}
-        write_json(as_json, start | {"prediction": whole.to_dict("records")})
-    note = f"{found.used} references used; their χ² about their predictions is {found.chi2:.1f} of {found.dof}."
-    chosen = np.unique(np.linspace(0, len(whole) - 1, ROWS).round().astype(int))
-    render.print_table(make_console(), f"Attitude propagated with the gyro alone from {from_s:g} s", whole.iloc[chosen], note)
+        write_csv(out, table, digits=12)
+    start = {"recording": loaded.title, "from_s": from_s, "used": found.used, "chi2": found.chi2, "dof": found.dof}
+    document = start | {"prediction": table.to_dict("records")} if as_json else None
+    write_result(document, as_json, partial(build_prediction_page, found, loaded.title, from_s), report, loaded)

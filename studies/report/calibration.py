@@ -1,67 +1,243 @@
-"""What ``gyrocal calibrate`` prints: the verdict, parameters, residuals, and remarks on them."""
+"""A calibration as one page for the terminal and the browser, and its change against a saved one."""
 
+from __future__ import annotations
+
+import math
+import re
 from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from rich.console import Console
+from matplotlib.figure import Figure
 
 from gyrocal.calibration.gyro_space import select_parameter_space
 from gyrocal.calibration.observability import BIAS_LETTERS
-from gyrocal.calibration.parameters import NAMES, GyroParameters
+from gyrocal.calibration.parameters import NAMES, SCALE_FACTORS, GyroParameters, select
 from gyrocal.calibration.problem import ROTATION_NAMES
-from gyrocal.calibration.remainder_processes import DEG_H_PER_RAD_S
+from gyrocal.calibration.remainder_processes import DEG_H_PER_RAD_S, WITH_REMAINDER
 from gyrocal.calibration.result import DEGREES, CalibrationResult
+from gyrocal.errors import InputError
+from gyrocal.importing.units import ANGLE_UNITS, RATE_UNITS
 from studies.report import tables
+from studies.report.junit import Verdict
+from studies.report.pages import Answer, Item, Page, PageTable, Picture, ProvenanceFooter, Section
+from studies.report.panels import BLUE, GREY, RED, Line, draw_panels, make_curves, make_forest, make_heat_map
+from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES
 
-LARGE_SHARE = 4.0  # sigma of a single residual worth naming
-SIGMA_WITH_REMAINDER = "sigma with remainder"  # column
-NOTABLE = 0.3  # sigma of an expected error worth naming; it makes a sigma 4 % too small
+if TYPE_CHECKING:
+    from gyrocal.calibration.change import CalibrationChange
+
+LARGE_SHARE = 4.0  # sigma of a single residual worth a sentence
+NOTABLE = 0.3  # sigma of an expected error worth a sentence; it makes a sigma 4 % too small
+TIGHT = 0.95  # correlation of two parameters above which only their combination is known well
+MOST_NAMES = 3
+FOREST_SIGMA = 3.0  # of the thin line
+FIGURE_WIDTH_IN = 11.0
+FIGURE_UNITS = {"1": ("ppm", 1e6), "rad": ("µrad", 1e6), "deg/s": ("deg/h", 3600.0)}  # by the unit of the table
+KINDS = {"yes": "", "with_wider_sigmas": "open", "unchecked": "open", "no": "gap"}  # colour of the answer by belief
+FOREST = (
+    "Corrections of the initial parameters, with one sigma (thick) and three (thin). A correction whose thin line crosses zero "
+    "is not significant."
+)
+RESIDUAL_FIGURE_NOTE = (
+    "One point a reference attitude, in the order of the intervals (dotted lines between them). The grey band is two sigma of "
+    "the stated noise."
+)
+RATIO_UNITS = {"ppm": 1e-6, "%": 1e-2}
+LIMIT_FORM = re.compile(r"\s*([\w,\s-]+?)\s*<\s*(\d*\.?\d+(?:[eE][-+]?\d+)?)\s*([a-z%/]+)\s*")
 
 
-def show(console: Console, result: CalibrationResult, truth: GyroParameters | None = None) -> None:
-    """Print a result, its verdict first; with the truth, the errors too."""
+def build_calibration_page(
+    result: CalibrationResult,
+    held_out: str,
+    truth: GyroParameters | None = None,
+    made: ProvenanceFooter | None = None,
+    more: Sequence[Section] = (),
+) -> Page:
+    """Build the page.
+
+    Parameters
+    ----------
+    result : of the calibration
+    held_out : how well held-out turns are predicted, a sentence
+    truth : known parameters; None if they are not
+    made : for the footer
+    more : further sections, which come last
+    """
+    caption = f"{FOREST} The sigmas include the remainder." if result.recommended == WITH_REMAINDER else FOREST
+    picture = Picture("forest", partial(draw_forest, result), _describe_forest(result), caption)
+    residuals = Picture("residuals", partial(draw_residual_figure, result), _describe_residuals(result), RESIDUAL_FIGURE_NOTE)
     exact = result.options.get("iterations") is not None
     how = "converged" if result.converged else "as many as asked for" if exact else "NOT CONVERGED"
-    count = len(result.corrections)
-    for line in (result.verdict.summary, *result.verdict.reasons):
-        console.print(line, highlight=False, markup=False)
-    title = f"{result.recording}: {count} iteration(s), {how}; {result.psi} ψ, covariance {result.covariance_model}"
-    tables.print_table(console, title, build_parameter_table(result, truth))
-    shown = ["interval", "t_s"] + [f"{when}_{axis}_deg" for when in ("before", "after") for axis in ROTATION_NAMES]
-    last = result.residuals[shown].groupby("interval", sort=False).tail(1)
-    tables.print_table(console, "Residuals at the end of each interval", last.assign(t_s=[f"{t:.1f}" for t in last["t_s"]]))
-    for line in [*list_remarks(result), *result.mounting.format_sentences()]:
-        console.print(line, highlight=False, markup=False)
+    note = f"{len(result.corrections)} iteration(s), {how}; {result.psi} ψ, covariance {result.covariance_model}."
+    sections = [
+        Section("Parameters", [PageTable(build_parameter_table(result, truth), (), "Parameters", note)]),
+        Section("Residuals before and after", [residuals]),
+        Section("Correlations", _build_correlation_items(result)),
+        Section("Mounting of the gyro", [result.mounting.format_sentences()]),
+        Section("Remarks", [list_remarks(result)]),
+        *more,
+    ]
+    answer = Answer(KINDS[result.verdict.belief], picture, held_out, list_answers(result))
+    sections = [one for one in sections if any(one.items)]
+    return Page(result.verdict.summary.rstrip("."), sections, answer, made, f"Calibration of {result.recording}")
+
+
+# ---- answers -------------------------------------------------------------------------------------------------------------
+
+
+def list_answers(result: CalibrationResult) -> dict[str, str]:
+    """Answers by question, in the order in which they are read."""
+    table = _build_solved_table(result)
+    most = table.loc[table["in_sigma"].abs().nlargest(MOST_NAMES).index]
+    changes = "; ".join(
+        f"{r['parameter']} by {tables.format_short(r['correction'], 3, '+')} {r['unit']} ({abs(r['in_sigma']):.0f} sigma)"
+        for r in most.to_dict("records")
+    )
+    significant = int((table["in_sigma"].abs() > FOREST_SIGMA).sum())
+    residuals = "; ".join(f"{name} {before:.4f} to {after:.4f} deg" for name, (before, after) in _compute_rms(result).items())
+    lines = {
+        "Why?": " ".join(result.verdict.reasons),
+        "What changed?": f"{significant} of {len(table)} parameters by more than three sigma, most of all {changes}.",
+        "How large are the residuals (RMS)?": f"{residuals}.",
+        "Do the data determine everything?": describe_observability(result),
+        "What next?": recommend_next_step(result),
+    }
+    return {question: text for question, text in lines.items() if text}
+
+
+def describe_observability(result: CalibrationResult) -> str:
+    """Name the combinations that the data do not determine, or the worst-known one and the correlated pairs."""
+    free, ranges = result.observability.unobservable, result.plausible
+    basis = (
+        ""
+        if ranges is None
+        else f" Plausible ranges: {ranges.G:g} in G and {ranges.bias_deg_h:.3g} deg/h in b ({ranges.reason})."
+    )
+    if result.has_plausible_prior:
+        basis += " They are the a-priori sigmas of this calibration."
+    if not free:
+        values = result.observability.singular_values
+        pairs = [f"{a} and {b}" for share, a, b in _rank_correlated_pairs(result) if share > TIGHT][:MOST_NAMES]
+        more = f"; only combinations are known well of {', '.join(pairs)}" if pairs else ""
+        return f"Yes: the worst combination is known {values[-1]:.0f} times better than its plausible range{more}.{basis}"
+    sigmas = result.unobservable_sigma if ranges is not None else [None] * len(free)
+    named = []
+    for text, sigma in zip(free, sigmas, strict=True):
+        value = ""
+        if sigma is not None:
+            is_bias = text.split()[1].startswith(BIAS_LETTERS)
+            value = f" (1-sigma {np.rad2deg(sigma):.2g} deg/s)" if is_bias else f" (1-sigma {sigma:.2g})"
+        named.append(f"{text}{value}")
+    return f"No. Not determined by the data, only by the prior: {'; '.join(named)}.{basis}"
+
+
+def recommend_next_step(result: CalibrationResult) -> str:
+    """Recommend the next step after the result."""
+    if result.warnings:
+        return "Check how the recording was made and read; the reasons above name the suspects."
+    if result.observability.unobservable:
+        return "Fly a maneuver about the missing axis; gyrocal plan compares maneuvers for a scenario."
+    steps = {
+        "untested": "Add reference attitudes or intervals, so that something is left to check with.",
+        "smaller": "State the noise of gyro and references as it is; gyrocal allan measures the gyro's.",
+        "fits": "gyrocal predict propagates the attitude with the gyro and its covariance; held-out references can check it.",
+    }
+    unexplained = f"{describe_worst_residual(result)} gyrocal diagnose finds the effect that is not modelled, and its place."
+    return steps.get(result.verdict.fit, unexplained.strip())
+
+
+def describe_worst_residual(result: CalibrationResult) -> str:
+    """The largest residual after in its own sigma, if it is large."""
+    table = result.residuals
+    normalised = np.column_stack([table[f"after_{name}_deg"] / table[f"sigma_{name}_deg"] for name in ROTATION_NAMES])
+    row, axis = np.unravel_index(np.abs(normalised).argmax(), normalised.shape)
+    if abs(normalised[row, axis]) < LARGE_SHARE:
+        return ""
+    entry = table.iloc[int(row)]
+    place = f"{ROTATION_NAMES[axis]} of {entry['interval']} at t = {entry['t_s']:.1f} s"
+    return f"Largest residual after the calibration: {normalised[row, axis]:.1f} sigma, {place}."
+
+
+def list_remarks(result: CalibrationResult) -> list[str]:
+    """List the remainder and what the sigmas leave out, in sentences."""
+    lines = [describe_remainder(result)]
+    if len(result.solved_for) < len(result.sigma):
+        lines.append(
+            "The sigmas take the held parameters as exact. An error in them goes into those solved for, and where the rates "
+            "hardly change no residual shows it."
+        )
+    held = result.options["held_s"]
+    if held > 0:
+        lines.append(f"The last rate was held over {held:g} s of missing samples; its error is not in the sigmas.")
+    return [line for line in [*lines, describe_attenuation(result)] if line]
+
+
+def describe_remainder(result: CalibrationResult) -> str:
+    """Describe the sizes of a significant remainder, a sentence; empty without one."""
+    found = result.remainder
+    if found is None or not found.is_significant:
+        return ""
+    parts = []
+    for values, form in (
+        (found.gyro * DEG_H_PER_RAD_S, "rate errors of {} deg/h that last"),
+        (np.rad2deg(found.reference), "reference errors of {} deg"),
+    ):
+        if values.any():
+            parts.append(form.format(", ".join(tables.format_short(value) for value in values)))
+    if found.delay_s > 0:
+        parts.append(f"time tags that are off by {tables.format_short(found.delay_s * 1e3)} ms")
+    parts.append(f"stated noise with {tables.format_short(found.noise_factor)} times its variance")
+    return f"The remainder, 1-sigma about x, y, z: {'; '.join(parts)}."
+
+
+def describe_attenuation(result: CalibrationResult) -> str:
+    """State the expected error of G from noise in the rates, if it matters beside the sigmas; empty otherwise."""
+    if result.attenuation is None:
+        return ""
+    share = np.divide(result.attenuation, result.sigma, out=np.zeros(12), where=result.sigma > 0)
+    off = [f"{NAMES[k]} {result.attenuation[k]:+.2g} ({abs(share[k]):.1f} sigma)" for k in range(9) if abs(share[k]) > NOTABLE]
+    return (
+        "Expected error of G, because the body turns hardly more than the noise of the rates between references, which is in "
+        f"the attitude, too: {', '.join(off)}. Neither the values above nor their sigmas are corrected for it."
+        if off
+        else ""
+    )
+
+
+def describe_import_noise(result: CalibrationResult, estimated: Sequence[str]) -> list[str]:
+    """State the origin of the noise that the residuals do not fit, if an import estimated it."""
+    if not estimated or result.verdict.fit in ("fits", "untested"):
+        return []
+    return [f"The import estimated this noise: {'; '.join(estimated)}. State what is known of it, see docs/import.md."]
+
+
+# ---- tables and figures --------------------------------------------------------------------------------------------------
 
 
 def build_parameter_table(result: CalibrationResult, truth: GyroParameters | None = None) -> pd.DataFrame:
-    """Parameters as texts, each to two digits of its sigma."""
-    summary = result.summary()
+    """Parameters as texts, each to two digits of its sigma; with the truth, their errors."""
     known = None if truth is None else select_parameter_space(result.parametrisation).vector(truth) * DEGREES
     widened = compute_sigma_with_remainder(result)
     rows = []
-    for k, row in summary.iterrows():
-        sigma = row["sigma"]
-        number = tables.format_to_sigma if row["solved"] else tables.format_plain
-        line = {
-            "parameter": row["parameter"],
-            "unit": row["unit"],
-            "initial": number(row["initial"], sigma),
-            "calibrated": number(row["calibrated"], sigma),
-            "sigma": number(sigma, sigma) if row["solved"] else "held",
-        }
+    for k, row in enumerate(result.summary().to_dict("records")):
+        sigma, solved = row["sigma"], row["solved"]
+        number = tables.format_to_sigma if solved else tables.format_plain
+        line = {name: row[name] for name in ("parameter", "unit")}
+        line |= {name: number(row[name], sigma) for name in ("initial", "calibrated")}
+        line["sigma"] = number(sigma, sigma) if solved else "held"
         if widened is not None:  # the sigma that applies
-            sigma = widened[int(str(k))]
-            line[SIGMA_WITH_REMAINDER] = number(sigma, sigma) if row["solved"] else ""
-        line["correction"] = number(row["correction"], sigma) if row["solved"] else ""
-        line["in sigma"] = f"{row['correction'] / sigma:.1f}" if row["solved"] else ""
+            sigma = widened[k]
+            line["sigma with remainder"] = number(sigma, sigma) if solved else ""
+        line["correction"] = number(row["correction"], sigma) if solved else ""
+        line["in sigma"] = f"{row['correction'] / sigma:.1f}" if solved else ""
         if result.undetermined:
-            line["found"] = "" if not row["solved"] else "no" if row["parameter"] in result.undetermined else "yes"
+            line["determined"] = "" if not solved else "no" if row["parameter"] in result.undetermined else "yes"
         if known is not None:
-            error = row["calibrated"] - known[int(str(k))]
-            line["error"] = number(error, sigma)
-            line["error in sigma"] = f"{error / sigma:.1f}" if row["solved"] else ""
+            error = row["calibrated"] - known[k]
+            line |= {"error": number(error, sigma), "error in sigma": f"{error / sigma:.1f}" if solved else ""}
         rows.append(line)
     return pd.DataFrame(rows)
 
@@ -75,91 +251,148 @@ def compute_sigma_with_remainder(result: CalibrationResult) -> np.ndarray | None
     return np.asarray(np.sqrt(np.maximum(np.diag(np.linalg.solve(J, half.T)), 0.0)) * DEGREES)
 
 
-def describe_remainder(result: CalibrationResult) -> str:
-    """Describe the sizes of a significant remainder, a sentence; empty without one."""
-    found = result.remainder
-    if found is None or not found.is_significant:
-        return ""
-    parts = []
-    if found.gyro.any():
-        parts.append(f"rate errors of {_format_by_axis(found.gyro * DEG_H_PER_RAD_S)} deg/h that last")
-    if found.reference.any():
-        parts.append(f"reference errors of {_format_by_axis(np.rad2deg(found.reference))} deg")
-    if found.delay_s > 0:
-        parts.append(f"time tags that are off by {_format_short(found.delay_s * 1e3)} ms")
-    parts.append(f"stated noise with {_format_short(found.noise_factor)} times its variance")
-    return f"The remainder, 1-sigma about x, y, z: {'; '.join(parts)}."
+def _compute_rms(result: CalibrationResult) -> dict[str, tuple[float, float]]:
+    """Root mean square of the residuals before and after, deg, by axis."""
+    rms = np.sqrt(np.square(result.residuals.filter(like="_deg")).mean())
+    return {name: (float(rms[f"before_{name}_deg"]), float(rms[f"after_{name}_deg"])) for name in ROTATION_NAMES}
 
 
-def _format_by_axis(values: np.ndarray) -> str:
-    return ", ".join(_format_short(value) for value in values)
+def _build_solved_table(result: CalibrationResult) -> pd.DataFrame:
+    """The solved parameters in the units of the figures, with the recommended sigmas."""
+    table, widened = result.summary(), compute_sigma_with_remainder(result)
+    if widened is not None and result.recommended == WITH_REMAINDER:
+        table["sigma"] = widened
+    table = table.query("solved").copy()
+    scales = [FIGURE_UNITS.get(unit, (unit, 1.0)) for unit in table["unit"]]
+    table["unit"] = [unit for unit, _ in scales]
+    for name in ("correction", "sigma"):
+        table[name] = table[name].to_numpy(dtype=float) * np.array([factor for _, factor in scales])
+    table["in_sigma"] = table["correction"] / table["sigma"]
+    return table
 
 
-def _format_short(value: float) -> str:
-    """Format a number to two digits."""
-    return f"{float(f'{value:.2g}'):g}"
+def draw_forest(result: CalibrationResult) -> Figure:
+    """Corrections with their sigmas, a line a parameter, a panel a unit."""
+    groups = list(_build_solved_table(result).groupby("unit", sort=False))
+    made = []
+    for unit, part in groups:
+        names, sigma = list(part["parameter"]), part["sigma"]
+        made.append(make_forest(names, part["correction"], FOREST_SIGMA * sigma, sigma, at=[0], x=f"correction ({unit})"))
+    return draw_panels(*made, size=(8.5, 0.3 * max(len(part) for _, part in groups) + 1.0))
 
 
-def list_remarks(result: CalibrationResult) -> list[str]:
-    """List remarks beside the verdict: remainder, largest residual, and what the sigmas leave out, in sentences."""
-    lines = [line for line in (describe_remainder(result), describe_worst_residual(result)) if line]
-    if len(result.solved_for) < len(result.sigma):
-        lines.append(
-            "The sigmas take the held parameters as exact. An error in them goes into those solved for, and where the rates "
-            "hardly change no residual shows it."
-        )
-    held = result.options["held_s"]
-    if held > 0:
-        lines.append(f"The last rate was held over {held:g} s of missing samples; its error is not in the sigmas.")
-    lines += describe_attenuation(result)
-    return lines + list_plausible_remarks(result)
+def _describe_forest(result: CalibrationResult) -> str:
+    table = _build_solved_table(result)
+    cells = ", ".join(
+        f"{r['parameter']} {tables.format_to_sigma(r['correction'], r['sigma'])} ± {r['sigma']:.2g} {r['unit']}"
+        for r in table.to_dict("records")
+    )
+    return f"Corrections of {len(table)} parameters: {cells}."
 
 
-def list_plausible_remarks(result: CalibrationResult) -> list[str]:
-    """The gyro's grade with its plausible ranges, and the combinations that the data do not determine to within them."""
-    ranges, free = result.plausible, result.observability.unobservable
-    if ranges is None:
-        return [f"Not determined by the data, only by the prior: {text}" for text in free]
-    lines = [f"Plausible ranges: {ranges.G:g} in G and {ranges.bias_deg_h:.3g} deg/h in b ({ranges.reason})."]
-    if result.has_plausible_prior:
-        lines.append("These ranges are the a-priori sigmas of this calibration.")
-    for text, sigma in zip(free, result.unobservable_sigma, strict=True):
-        value = f"{np.rad2deg(sigma):.2g} deg/s" if text.split()[1].startswith(BIAS_LETTERS) else f"{sigma:.2g}"
-        lines.append(f"Not determined by the data, only by the prior: {text} (1-sigma {value})")
-    return lines
+def draw_residual_figure(result: CalibrationResult) -> Figure:
+    """Residuals before and after by axis, over the references, with what the covariance model expects."""
+    table = result.residuals
+    number = np.arange(len(table))
+    first = table.groupby("interval", sort=False).ngroup().diff().to_numpy() > 0
+    edges = [float(k) - 0.5 for k in np.flatnonzero(first)] if first.sum() <= 24 else []
+    made = []
+    for when, colour, mark in (("before", RED, "o"), ("after", BLUE, "s")):
+        for name in ROTATION_NAMES:
+            sigma = table[f"sigma_{name}_deg"].to_numpy(dtype=float)
+            lines = [
+                Line(number, 0 * sigma, "", GREY, "-", -2 * sigma, 2 * sigma),
+                Line(number, table[f"{when}_{name}_deg"], when, colour, mark, size=3.0),
+            ]
+            x = "reference" if when == "after" else ""
+            made.append(make_curves(lines, x=x, y=f"{name} {when} (deg)", at=edges))
+    return draw_panels(*made, size=(FIGURE_WIDTH_IN, 5.0), columns=len(ROTATION_NAMES))
 
 
-def describe_attenuation(result: CalibrationResult) -> list[str]:
-    """Describe the expected error of G from noise in the rates, if it matters beside the sigmas."""
-    if result.attenuation is None:
-        return []
-    share = np.divide(result.attenuation, result.sigma, out=np.zeros(12), where=result.sigma > 0)
-    off = [k for k in range(9) if abs(share[k]) > NOTABLE]
-    if not off:
-        return []
-    named = ", ".join(f"{NAMES[k]} {result.attenuation[k]:+.2g} ({abs(share[k]):.1f} sigma)" for k in off)
+def _describe_residuals(result: CalibrationResult) -> str:
+    cells = ", ".join(f"{name} from {before:.4f} to {after:.4f} deg" for name, (before, after) in _compute_rms(result).items())
+    return f"Residuals of {len(result.residuals)} reference attitudes; RMS {cells}."
+
+
+def compute_correlations(result: CalibrationResult) -> pd.DataFrame:
+    """Correlation of the solved parameters."""
+    names = list(result.summary()["parameter"])
+    solved = [names.index(name) for name in result.solved_for]
+    covariance = result.own_covariance[np.ix_(solved, solved)]
+    sigma = np.sqrt(np.diag(covariance))
+    return pd.DataFrame(covariance / np.outer(sigma, sigma), index=list(result.solved_for), columns=list(result.solved_for))
+
+
+def _rank_correlated_pairs(result: CalibrationResult) -> list[tuple[float, str, str]]:
+    """Size of the correlation of each two parameters with their names, the strongest first."""
+    found = compute_correlations(result)
+    names, values = [str(name) for name in found.index], np.abs(found.to_numpy(dtype=float))
+    return sorted(((float(values[i, j]), names[i], names[j]) for i in range(len(names)) for j in range(i)), reverse=True)
+
+
+def _build_correlation_items(result: CalibrationResult) -> list[Item]:
+    found = compute_correlations(result)
+    strongest = "".join(f" The strongest is {share:.2f}, of {a} and {b}." for share, a, b in _rank_correlated_pairs(result)[:1])
     return [
-        "Expected error of G, since between references the body turns hardly more than the noise of the rates, which is in the "
-        f"attitude, too: {named}. It is not taken off the values above, nor in their sigmas."
+        Picture(
+            "correlation-map",
+            lambda: draw_panels(make_heat_map(found.round(1) + 0.0, "{:.1f}"), size=(7.5, 5.6)),
+            f"Map of the correlations of {len(found)} parameters.{strongest}",
+            "Correlation of each two parameters. Near ±1 only a combination of the two is known well.",
+        ),
     ]
 
 
-def describe_import_noise(result: CalibrationResult, estimated: Sequence[str]) -> list[str]:
-    """Describe the origin of the noise that the residuals do not fit, if an import estimated it."""
-    if not estimated or result.verdict.fit in ("fits", "untested"):
-        return []
-    return [f"The import estimated this noise: {'; '.join(estimated)}. State what is known of it, see docs/import.md."]
+# ---- change against a saved calibration ------------------------------------------------------------------------------------
 
 
-def describe_worst_residual(result: CalibrationResult) -> str:
-    """The largest residual after in its own sigma, if it is large."""
-    table = result.residuals
-    normalised = np.column_stack([table[f"after_{name}_deg"] / table[f"sigma_{name}_deg"] for name in ROTATION_NAMES])
-    row, axis = np.unravel_index(np.abs(normalised).argmax(), normalised.shape)
-    if abs(normalised[row, axis]) < LARGE_SHARE:
-        return ""
-    entry = table.iloc[int(row)]
-    return (
-        f"Largest residual after the calibration: {normalised[row, axis]:.1f} sigma, {ROTATION_NAMES[axis]} of "
-        f"{entry['interval']} at t = {entry['t_s']:.1f} s."
-    )
+def parse_limit(text: str) -> tuple[tuple[str, ...], float, str, float]:
+    """Parse a limit such as "G_zz<50ppm", "misalignment<20arcsec" or "b_x<0.1deg/h".
+
+    Returns the names of the parameters, the limit, its unit, and the factor from this unit to rad/s or a dimensionless number.
+    An `InputError` if the text is no limit.
+    """
+    match = LIMIT_FORM.fullmatch(text)
+    if match is None or not 0 < float(match[2]) < math.inf:
+        raise InputError(f"--max-change {text}: give NAME<LIMIT with a positive limit and its unit, as in 'G_zz<50ppm'")
+    names, unit = select(match[1]), match[3]
+    for name in names:
+        known = RATE_UNITS if name.startswith("b") else RATIO_UNITS if name in SCALE_FACTORS else RATIO_UNITS | ANGLE_UNITS
+        if unit not in known:
+            raise InputError(f"--max-change {text}: {unit} is no unit of {name}; its units are {', '.join(known)}")
+    return names, float(match[2]), unit, known[unit]
+
+
+def check_limits(change: CalibrationChange, max_sigma: float | None, max_change: Sequence[str]) -> list[Verdict]:
+    """Check a change: each limit in a unit; and in sigmas each parameter alone, and all together by the same probability."""
+    out = []
+    if max_sigma is not None:
+        for name, moved in zip(NAMES, change.in_sigma, strict=True):
+            out.append(Verdict(f"{name} < {max_sigma:g} sigma", f"moved by {moved:.1f} sigma" if moved >= max_sigma else ""))
+        together = f"χ² = {change.chi2:.1f} of {change.dof}" if change.p_value <= math.erfc(max_sigma / math.sqrt(2)) else ""
+        out.append(Verdict(f"all parameters together < {max_sigma:g} sigma", together))
+    size = dict(zip(NAMES, np.abs(change.difference), strict=True))
+    for text in max_change:
+        names, limit, unit, factor = parse_limit(text)
+        beyond = [f"{name} moved by {size[name] / factor:.4g} {unit}" for name in names if size[name] >= limit * factor]
+        out.append(Verdict(text.strip(), "; ".join(beyond)))
+    return out
+
+
+def build_change_section(change: CalibrationChange, file: str, verdicts: Sequence[Verdict]) -> Section:
+    """The change by parameter, that of all together, and the limits that are not met."""
+    sigma = change.sigma * PPM_DEG_H
+    columns: dict[str, Any] = {
+        "parameter": NAMES,
+        "unit": PPM_DEG_H_NAMES,
+        "change": map(tables.format_to_sigma, change.difference * PPM_DEG_H, sigma),
+        "sigma": [tables.format_to_sigma(one, one) if one else "held" for one in sigma],
+        "in sigma": [f"{one:.1f}" for one in change.in_sigma],
+    }
+    how = "The two recordings are taken as independent: the sigma of a change is √(σ₁² + σ₂²)."
+    if change.is_same_recording:
+        how = "Both calibrate the same recording and share its noise: the sigmas are those of the saved calibration."
+    text = f"{how} All parameters together: χ² = {change.chi2:.1f} of {change.dof}, p = {change.p_value:.2g}."
+    missed = [f"Not met: {one.name}: {one.failure}" for one in verdicts if one.failure]
+    title = f"Change against {file}"
+    return Section(title, [PageTable(pd.DataFrame(columns), (), title), text, missed])

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import textwrap
+from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pandas as pd
-import scipy.stats
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from studies.report import panels
+from diagnosis.budget import Step
+from studies.report import panels, tables
 from studies.report.panels import Line
 
 Array = NDArray[np.float64]
@@ -20,23 +23,17 @@ BEFORE, BETWEEN, AFTER = panels.RED, "#999999", panels.BLUE
 AXIS_MARKERS = {"x": "o", "y": "s", "z": "^"}
 AXIS_TITLES = {"x": "x (roll)", "y": "y (pitch)", "z": "z (yaw)"}
 FIGURE_WIDTH_IN = 11.0  # inches: the width of the page
-MOST_FIGURE_LINES = 12  # lines of a figure; of more, the most telling
 MOST_SEPARATE_POINTS = 20  # references of an interval, above which its residuals are a line
 MOST_LETTERS = 24  # of a name
-MOST_PANELS = 8  # intervals with panels of their own
+MOST_PANELS = 8  # intervals with panels
 REACHED = 0.02  # of a cause's largest trace: an axis with less of it shows nothing
-STRONGEST = 12.0  # −log10 p at which the colours end
-PHASES = ("start", "slew", "hold", "end")
-DISCOVERY_RATE = 0.05
 
 
-def select_telling_intervals(table: pd.DataFrame, weight: pd.Series, most: int) -> list[str]:
-    """Names of intervals in their order; of too many, those with the largest weight."""
-    names = list(dict.fromkeys(table["interval"]))
-    if len(names) <= most:
-        return names
-    kept = set(weight.groupby(table["interval"]).max().nlargest(most).index)
-    return [name for name in names if name in kept]
+def select_largest_intervals(residuals: pd.DataFrame) -> list[str]:
+    """Names of intervals in their order; of too many, those with the largest residuals before."""
+    weight = normalise_by_band(residuals).groupby(residuals["interval"], sort=False).max()
+    kept = set(weight.nlargest(MOST_PANELS).index)
+    return [str(name) for name in weight.index if name in kept]
 
 
 def is_residual_changed(residuals: pd.DataFrame) -> bool:
@@ -57,7 +54,7 @@ def normalise_by_band(residuals: pd.DataFrame, when: str = "before") -> pd.Serie
 
 def draw_interval_residuals(residuals: pd.DataFrame) -> Figure:
     """Residuals by interval and axis, before and after, with the band of M0: two sigma either way."""
-    names = select_telling_intervals(residuals, normalise_by_band(residuals), MOST_PANELS)
+    names = select_largest_intervals(residuals)
     drawn = []
     for name in names:
         part = residuals[residuals["interval"] == name]
@@ -65,7 +62,7 @@ def draw_interval_residuals(residuals: pd.DataFrame) -> Figure:
         for axis in "xyz":
             band, before, after = (part[f"{what}_{axis}"].to_numpy() for what in ("band", "before", "after"))
             look = ("-", "-") if len(part) > MOST_SEPARATE_POINTS else ("o", ".")
-            allowed = Line(minutes, 0 * band, "what the baseline allows (±2 sigma)", "0.6", "-", -2 * band, 2 * band)
+            allowed = Line(minutes, 0 * band, "baseline, ±2 sigma", "0.6", "-", -2 * band, 2 * band)
             lines = [allowed, Line(minutes, before, "before: the baseline's own fit", BEFORE, look[0], size=3.2, hollow=True)]
             if is_residual_changed(residuals):
                 lines.append(Line(minutes, after, "after: with the causes in the model", AFTER, look[1], size=3.2))
@@ -80,38 +77,6 @@ def draw_interval_residuals(residuals: pd.DataFrame) -> Figure:
 def _shorten_name(name: object) -> str:
     """A name that is text and no formula, and not too long."""
     return textwrap.shorten(str(name), MOST_LETTERS, placeholder="…").replace("$", r"\$") or str(name)[:MOST_LETTERS]
-
-
-# ---- map of statistics ---------------------------------------------------------------------------------------------------
-
-
-def find_significant_tests(statistics: pd.DataFrame) -> NDArray[np.bool_]:
-    """Which tests are significant among all."""
-    return np.asarray(scipy.stats.false_discovery_control(statistics["p_value"].to_numpy(dtype=float)) <= DISCOVERY_RATE)
-
-
-def draw_statistics_figure(statistics: pd.DataFrame) -> Figure:
-    """−log10 p by interval, axis and phase; marked where significant among all at a false discovery rate of 5 %."""
-    table = statistics.assign(
-        interval=statistics["interval"].fillna("all"),
-        axis=statistics["axis"].fillna("all"),
-        strength=-np.log10(np.clip(statistics["p_value"], 1e-300, 1.0)),
-    )
-    kinds = list(dict.fromkeys(table["statistic"]))
-    table["column"] = table["phase"] if len(kinds) == 1 else table["statistic"] + " " + table["phase"]
-    names = select_telling_intervals(table, table["strength"], 2 * MOST_FIGURE_LINES)
-    columns = sorted(dict.fromkeys(table["column"]), key=lambda name: PHASES.index(name) if name in PHASES else len(PHASES))
-    marked = find_significant_tests(statistics)
-    limit = float(table["strength"][marked].min()) if marked.any() else np.inf
-    drawn = []
-    for axis in dict.fromkeys(table["axis"]):
-        own = table[table["axis"] == axis]
-        grid = own.pivot_table(index="interval", columns="column", values="strength", aggfunc="max")
-        grid = grid.reindex(index=names[::-1], columns=columns).rename(index=_shorten_name)
-        title = f"axis {AXIS_TITLES.get(axis, axis)}"
-        style = {"mark_above": np.nextafter(limit, 0), "limits": (0.0, STRONGEST), "title": title}
-        drawn.append(panels.make_heat_map(grid, "{:.1f}", **style))
-    return panels.draw_panels(*drawn, size=(FIGURE_WIDTH_IN, 0.3 * len(names) + 1.3))
 
 
 # ---- causes --------------------------------------------------------------------------------------------------------------
@@ -132,17 +97,66 @@ def draw_regressor_figure(regressors: pd.DataFrame, cause: str) -> Figure:
     shown = part[(part["interval"] == place["interval"]) & (part["axis"] == place["axis"])]
     minutes = (shown["t_s"] - shown["t_s"].iloc[0]) / 60
     both = [
-        Line(minutes, shown["residual_deg"], "what the baseline leaves", BEFORE, "o", size=3.2, hollow=True),
+        Line(minutes, shown["residual_deg"], "residual of the baseline", BEFORE, "o", size=3.2, hollow=True),
         Line(minutes, shown["regressor_deg"], "the cause", "black", "-" if len(shown) > 2 else "_"),
     ]
-    across = {"x": "what the cause does at the size found (deg)", "y": "what the baseline leaves (deg)"}
-    title = f"where it does most: {_shorten_name(place['interval'])}, axis {place['axis']}"
+    across = {"x": "effect of the cause at the size found (deg)", "y": "residual of the baseline (deg)"}
+    title = f"where it is largest: {_shorten_name(place['interval'])}, axis {place['axis']}"
     along = {"x": "minutes since the interval's first reference", "y": "deg", "title": title}
     left, right = (
         panels.make_curves([*points, slope], None, legend="best", **across),
         panels.make_curves(both, None, legend="best", **along),
     )
     return panels.draw_panels(left, right, size=(FIGURE_WIDTH_IN, 3.3), widths=(1, 1.5))
+
+
+# ---- gap budget ----------------------------------------------------------------------------------------------------------
+
+BUDGET_WIDTH_IN = 8.5
+ROW_IN = 0.32
+SIGMAS_90 = 1.645  # half the width of a 90 % interval
+
+
+def name_step(step: Step) -> str:
+    """Name a step for a reader."""
+    names = {"baseline": "baseline", "remainder": "remainder: not explained", "floor": "floor: stated noise alone"}
+    return names.get(step.step, f"with {step.step}")
+
+
+def draw_waterfall(budget: tuple[Step, ...]) -> Figure:
+    """Draw the waterfall, and beside it the sizes of the causes by part of the recording."""
+    causes = [step for step in budget if len(step.by_part) > 1]
+    rows = max(len(budget), *(len(one.by_part) + 1 for one in causes), 4)
+    waterfall = panels.Panel(partial(draw_steps, budget=budget), x="held-out whitened mean square")
+    size = (BUDGET_WIDTH_IN, ROW_IN * rows + 1.2)
+    return panels.draw_panels(waterfall, *map(_make_size_panel, causes), size=size, widths=[2.2, *[1.0] * len(causes)])
+
+
+def _make_size_panel(step: Step) -> panels.Panel:
+    """Sizes of one cause by part with 90 % bars, and its size over all parts as a band."""
+    sizes, sigmas = (np.array([getattr(one, name) for one in step.by_part]) for name in ("size", "sigma"))
+    band = None if step.size is None or step.sigma is None else (step.size - step.sigma, step.size + step.sigma)
+    names = [one.part for one in step.by_part]
+    return panels.make_forest(names, sizes, SIGMAS_90 * sigmas, band=band, at=[0.0], title=step.step, x=step.unit or "")
+
+
+def draw_steps(on: Axes, budget: tuple[Step, ...]) -> None:
+    """Draw the steps of a budget as a waterfall."""
+    explained = [step for step in budget if step.step not in ("remainder", "floor")]
+    floor, last = budget[-1].misfit, explained[-1].misfit
+    spans = [(floor, explained[0].misfit, panels.RED)]
+    spans += [(after.misfit, before.misfit, panels.BLUE) for before, after in pairwise(explained)]
+    spans += [(floor, last, panels.ORANGE), (0.0, floor, panels.GREY)]
+    for row, (step, (low, high, colour)) in enumerate(zip(budget, spans, strict=True)):
+        on.barh(row, high - low, left=low, color=colour, height=0.62)
+        text = f"{step.misfit:.3g}"
+        if step.step not in ("baseline", "floor"):
+            text = tables.format_share(step.closed, step.interval_90)
+        on.annotate(text, (max(high, low), row), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8)
+    on.set_yticks(range(len(budget)), [name_step(step) for step in budget])
+    on.invert_yaxis()
+    on.set_xlim(0, 1.28 * max(step.misfit for step in budget))
+    on.grid(visible=False)
 
 
 # ---- raw tables of sun sensors ----------------------------------------------------------------------------------------------

@@ -1,8 +1,8 @@
-"""Pages in HTML, all from one template: the answer with its picture first, then sections of paragraphs, lists, tables, figures.
+"""Results as pages, on the terminal and in HTML: the answer first, then sections of paragraphs, lists, tables and figures.
 
-A page is one file that needs no network and no script. Figures are SVG inside of it: the same lines drawn by Plotly
-weigh 4.8 MB, by Bokeh 1.3 MB, by Vega-Altair 1.0 MB, as SVG 0.05 MB.
-Texts are escaped by the template; only `Markup` is HTML.
+Both show the same texts and tables; the terminal leaves out the figures. A page in HTML is one file that needs no network and
+no script. Figures are SVG inside of it: the same lines drawn by Plotly weigh 4.8 MB, by Bokeh 1.3 MB, by Vega-Altair 1.0 MB, as
+SVG 0.05 MB. Texts are escaped by the template; only `Markup` is HTML.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import base64
 import re
 import shlex
 import sys
+import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -21,11 +22,12 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
 from matplotlib.figure import Figure
+from rich.console import Console
 
 from gyrocal.recording import Recording
 from simulator.adopted_scenario import hash_recording
 from studies.report import svg
-from studies.report.tables import format_cells
+from studies.report.tables import format_cells, print_table
 from studies.report.units import format_heading
 
 NUMERIC_CELL = re.compile(r"[-+−–]?\d[\d.,]*(e[-+]?\d+)?( ± \d[\d.]*)?$|–$|$")
@@ -60,7 +62,9 @@ class PageTable:
 
     frame: pd.DataFrame  # its cells, texts or numbers
     strong: Sequence[bool] | pd.Series = ()  # rows in bold; none by default
-    label: str = "Table"  # what is in it, for a screen reader
+    label: str = "Table"  # its content: the title on the terminal, the name for a screen reader
+    note: str = ""  # how to read it
+    most_rows: int | None = None  # on the terminal; all by default
 
     @cached_property
     def _texts(self) -> list[list[str]]:
@@ -150,6 +154,42 @@ class Page:
         """Render the page; the same content gives the same bytes."""
         style = Markup(resources.files("studies.report").joinpath("templates", "style.css").read_text(encoding="utf-8"))
         return _create_environment().get_template("page.html").render(page=self, style=style).lstrip()
+
+    def show(self, console: Console) -> None:
+        """Print the page without its figures."""
+        _print_lines(console, [self.title if self.title.endswith((".", "?")) else f"{self.title}."])
+        if self.answer:
+            _print_lines(console, [self.answer.sentence, *(f"{name} {text}" for name, text in self.answer.lines.items())])
+        for section in self.sections:
+            _show_section(console, section)
+
+
+def _show_section(console: Console, section: Section) -> None:
+    """Print the texts of a section below its title, and its tables below theirs."""
+    lines: list[str] = []
+    for item in section.items:
+        if isinstance(item, PageTable):
+            shown = item.frame.head(item.most_rows or len(item.frame))
+            left = len(item.frame) - len(shown)
+            note = f"{item.note} {left} more rows are in the JSON and on the page.".strip() if left else item.note
+            print_table(console, item.label, shown, note)
+        elif isinstance(item, str):
+            lines.append(item)
+        elif isinstance(item, Mapping):
+            lines += [f"- {name}: {text}" for name, text in item.items()]
+        elif not isinstance(item, Picture):
+            lines += [f"- {text}" for text in item]
+    if any(lines):
+        is_titled = any(isinstance(item, PageTable) and item.label == section.title for item in section.items)
+        _print_lines(console, lines if is_titled or not section.title else ["", section.title, *lines])
+
+
+def _print_lines(console: Console, lines: Sequence[str]) -> None:
+    """Print lines without markup, folded where the console has a width to fold to."""
+    for line in lines:
+        hang = "  " if line.startswith("- ") else ""
+        folded = line if console.soft_wrap else textwrap.fill(line, console.width, subsequent_indent=hang)
+        console.print(folded, highlight=False, markup=False, emoji=False)
 
 
 @cache

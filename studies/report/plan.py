@@ -1,20 +1,23 @@
-"""A plan's answer on the terminal: what is seen from which size on, what is taken for what, which maneuver helps."""
+"""A plan as one page (smallest visible sizes, inseparable pairs, extra maneuvers), and the next flight after a diagnosis."""
+
+from __future__ import annotations
 
 from collections.abc import Mapping
 
 import pandas as pd
-from rich.console import Console
 
 from diagnosis.plan import SETTINGS, Extra, Pair, Plan, Visible
+from diagnosis.result import Diagnosis
+from simulator.effects import EFFECTS
 from studies.report import tables
 from studies.report.pages import Item, Page, PageTable, ProvenanceFooter, Section
 
-MOST_SHOWN_PAIRS = 25
-MOST_HIDDEN = 3
-INSEPARABLE_NOTE = f"Cannot be told apart below a signal-to-noise ratio of {SETTINGS.limit_snr:g}"
-ALL_APART = f"Every pair can be told apart at a signal-to-noise ratio of {SETTINGS.limit_snr:g}."
+SHOWN_PAIRS = 25  # on the terminal
+MOST_HIDDEN = 3  # labels named in the headline
+HELPFUL_RATIO = 0.9  # of the smallest visible size with a maneuver over that without, below which it is recommended
+PAIRS = f"Pairs that cannot be separated below a signal-to-noise ratio of {SETTINGS.limit_snr:g}"
 SHARE_NOTE = "Share: part of the first one's signature that the second can reproduce."
-EXTRAS = "What an extra maneuver brings"
+EXTRAS = "Extra maneuvers"
 RATIO_NOTE = "Ratio: smallest visible size with the maneuver over that without it, median over effects; 0.5 is twice as good."
 VERDICT_WORDS = {
     "not identifiable": "never",
@@ -24,50 +27,26 @@ VERDICT_WORDS = {
 }
 
 
-def show(console: Console, found: Plan) -> None:
-    """Print the plan."""
-    console.print(f"{found.scenario}: {format_headline(found)}", highlight=False, markup=False, style="bold")
-    tables.print_table(console, "Smallest visible size", build_effects_table(found.effects), _explain_visibility(found))
-    if found.pairs:
-        hidden = len(found.pairs) - MOST_SHOWN_PAIRS
-        note = f"{hidden} more in the JSON. {SHARE_NOTE}" if hidden > 0 else SHARE_NOTE
-        tables.print_table(console, INSEPARABLE_NOTE, build_pairs_table(found, MOST_SHOWN_PAIRS), note)
-    else:
-        console.print(ALL_APART, highlight=False)
-    if found.extras:
-        tables.print_table(console, EXTRAS, build_extras_table(found.extras), RATIO_NOTE)
-    for line in found.notes:
-        console.print(f"- {line}.", highlight=False, markup=False)
-
-
-def build_plan_page(found: Plan, made: ProvenanceFooter | None = None) -> str:
-    """The plan as one page: the answer, then the tables."""
-    text = format_headline(found)
-    pairs: list[Item] = [ALL_APART]
-    if found.pairs:
-        pairs = [f"{INSEPARABLE_NOTE}. {SHARE_NOTE}", PageTable(build_pairs_table(found), label=INSEPARABLE_NOTE)]
-    sections = [
-        Section(
-            "Smallest visible size", [_explain_visibility(found), PageTable(build_effects_table(found.effects), label="Sizes")]
-        ),
-        Section("What cannot be told apart", pairs),
-    ]
-    if found.extras:
-        sections.append(Section(EXTRAS, [RATIO_NOTE, PageTable(build_extras_table(found.extras), label=EXTRAS)]))
-    sections.append(Section("Limits of this scenario", [[f"{note}." for note in found.notes]]))
-    return Page(text[0].upper() + text[1:], sections, None, made, f"Plan of {found.scenario}").render_html()
-
-
-def _explain_visibility(found: Plan) -> str:
-    return (
+def build_plan_page(found: Plan, made: ProvenanceFooter | None = None) -> Page:
+    """Build the page."""
+    size_note = (
         f"An effect of this size is detected with probability {SETTINGS.power:.0%}, at a false-alarm rate of "
         f"{found.false_alarm_rate:.1%}. size: at a typical time and phase; best, worst: at the most and the least favourable "
         "ones. A range is over the axes."
     )
+    pairs: Item = f"None at a signal-to-noise ratio of {SETTINGS.limit_snr:g}."
+    if found.pairs:
+        pairs = PageTable(build_pairs_table(found), (), PAIRS, SHARE_NOTE, SHOWN_PAIRS)
+    sizes = PageTable(build_effects_table(found.effects), (), "Smallest visible size", size_note)
+    sections = [Section("Smallest visible size", [sizes]), Section("Inseparable pairs", [pairs])]
+    if found.extras:
+        sections.append(Section(EXTRAS, [PageTable(build_extras_table(found.extras), (), EXTRAS, RATIO_NOTE)]))
+    sections.append(Section("Limits of this scenario", [[f"{note}." for note in found.notes]]))
+    return Page(format_headline(found), sections, None, made, f"Plan of {found.scenario}")
 
 
 def format_headline(found: Plan) -> str:
-    """The answer in a line."""
+    """Count the visible effects and the inseparable pairs, and name the best extra maneuvers."""
     by_effect: dict[str, bool] = {}
     for one in found.effects:
         by_effect[one.effect] = by_effect.get(one.effect, False) or one.verdict == "visible"
@@ -95,12 +74,11 @@ def build_effects_table(effects: tuple[Visible, ...]) -> pd.DataFrame:
     rows = []
     for group in _group_alike(effects):
         first = group[0]
-        label = first.label if len(group) == 1 else f"{first.effect}:{''.join(one.axis or '' for one in group)}"
         finite = any(pd.notna(one.size) and one.size < float("inf") for one in group)
         varies = any(one.best < one.worst for one in group)
         rows.append(
             {
-                "effect": label,
+                "effect": first.label if len(group) == 1 else f"{first.effect}:{''.join(one.axis or '' for one in group)}",
                 "size": _format_size(group, "size") if finite else VERDICT_WORDS[first.verdict],
                 "best": _format_size(group, "best") if varies else "",
                 "worst": _format_size(group, "worst") if varies else "",
@@ -116,13 +94,12 @@ def _group_alike(effects: tuple[Visible, ...]) -> list[list[Visible]]:
     groups: list[list[Visible]] = []
     for one in effects:
         last = groups[-1] if groups else []
-        same = (
-            bool(last)
+        if (
+            last
             and (last[0].effect, last[0].verdict, last[0].text) == (one.effect, one.verdict, one.text)
             and "<" not in one.label
             and (one.size == last[0].size or abs(one.size - last[0].size) <= 0.1 * last[0].size)
-        )
-        if same:
+        ):
             last.append(one)
         else:
             groups.append([one])
@@ -137,8 +114,8 @@ def _format_size(group: list[Visible], name: str) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def build_pairs_table(found: Plan, most: int | None = None) -> pd.DataFrame:
-    """A row for each effect that another imitates, of at most as many."""
+def build_pairs_table(found: Plan) -> pd.DataFrame:
+    """A row for each effect that is mistaken for another."""
     known = {one.label: one for one in found.effects}
     return pd.DataFrame(
         [
@@ -149,13 +126,13 @@ def build_pairs_table(found: Plan, most: int | None = None) -> pd.DataFrame:
                 "SNR to separate": "never" if one.snr == float("inf") else tables.format_number(float(f"{one.snr:.3g}")),
                 "size to separate": _format_separating_size(one, known.get(one.effect)),
             }
-            for one in found.pairs[:most]
+            for one in found.pairs
         ]
     )
 
 
 def _format_separating_size(pair: Pair, effect: Visible | None) -> str:
-    """Size that tells a pair apart, in its unit, and whether it is a plausible one."""
+    """Size that separates a pair, in its unit, and whether it is a plausible one."""
     if pair.size == float("inf"):
         return "never"
     if effect is None:
@@ -183,3 +160,35 @@ def build_extras_table(extras: tuple[Extra, ...]) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows)
+
+
+# ---- after a diagnosis ---------------------------------------------------------------------------------------------------
+
+
+def list_suspected_effects(diagnosis: Diagnosis) -> list[str]:
+    """Labels of possible causes: the causes with their alternatives, or else the next best explanations."""
+    labels = [member for cause in diagnosis.causes for member in (cause.label, *cause.group)]
+    labels = labels or [label for effects, _ in diagnosis.alternatives for label in effects]
+    return [label for label in dict.fromkeys(labels) if label.partition(":")[0] in EFFECTS]
+
+
+def describe_next_flight(diagnosis: Diagnosis, found: Plan | None) -> str:
+    """Recommend the extra maneuver of a plan that helps most with the causes of a diagnosis; empty without such a plan."""
+    if found is None or not found.extras:
+        return ""
+    labels = list_suspected_effects(diagnosis)
+    pairs = {frozenset((a, b)) for a in labels for b in labels if a != b}
+    apart = [(len(pairs & {frozenset(pair) for pair in one.resolved}), one) for one in found.extras]
+    most, best = max(apart, key=lambda one: (one[0], -one[1].ratio))
+    if most:
+        return f"{best.name} ({best.hours:.1f} h): it separates causes that this recording cannot separate."
+    ratio, helpful = min(((_find_best_ratio(one, labels), one) for one in found.extras), key=lambda one: one[0])
+    if ratio > HELPFUL_RATIO:
+        return "No extra maneuver of the plan makes the cause much better visible."
+    visible = f"the smallest visible size of the cause is then {ratio:.2g} times that of this recording"
+    return f"{helpful.name} ({helpful.hours:.1f} h): {visible}."
+
+
+def _find_best_ratio(extra: Extra, labels: list[str]) -> float:
+    """The best ratio of a possible cause; a label of the plan may state more, as in effect:z<y."""
+    return min((ratio for name, ratio in extra.by_effect.items() if name.partition("<")[0] in labels), default=1.0)

@@ -6,7 +6,7 @@ or few, and the heading has the column's unit.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import floor, inf, log10
+from math import floor, inf, isfinite, log10
 
 import numpy as np
 import pandas as pd
@@ -63,6 +63,61 @@ def format_to_sigma(value: float, sigma: float) -> str:
 def format_plain(value: float, _: float) -> str:
     """A value whose sigma says nothing about its digits."""
     return f"{value:.9g}"
+
+
+def format_short(value: float, digits: int = 2, sign: str = "") -> str:
+    """A number to so many digits, without an exponent where it needs none."""
+    return f"{float(f'{value:.{digits}g}'):{sign}g}"
+
+
+def format_percent(share: float) -> str:
+    """A probability, never rounded to certainty."""
+    if not isfinite(share):
+        return NO_VALUE
+    value = 100 * share
+    if value > 99.9:
+        return "more than 99.9 %"
+    if value < 0.1:
+        return "less than 0.1 %"
+    return f"{value:.1f} %" if value < 1 or value > 99 else f"{value:.0f} %"
+
+
+def format_p_value(p: float) -> str:
+    """A p-value with its relation: p = 0.012, p < 1e-99."""
+    if not isfinite(p):
+        return "p unknown"
+    return "p < 1e-99" if p < 1e-99 else f"p = {p:.2g}"
+
+
+def format_size(value: float, sigma: float, unit: str) -> str:
+    """A size ± sigma and unit, to two digits of its sigma."""
+    if not 0 < sigma < inf:
+        return f"{value:.5g} {unit} (its error is not known)"
+    if not isfinite(value):
+        return f"unknown {unit}"
+    if sigma < 1e-4 * abs(value):
+        return f"{value:.6g} ± {sigma:.1g} {unit}"
+    if max(abs(value), sigma) < 1e-3:
+        power = floor(log10(max(abs(value), sigma)))
+        value, sigma = value / 10.0**power, sigma / 10.0**power
+        return f"({format_to_sigma(value, sigma)} ± {format_to_sigma(sigma, sigma)})e{power} {unit}"
+    return f"{format_to_sigma(value, sigma)} ± {format_to_sigma(sigma, sigma)} {unit}"
+
+
+def format_interval(value: float, interval: tuple[float, float], scale: float = 1.0, form: str = ".3g", unit: str = "") -> str:
+    """A value with its interval in brackets, times a scale."""
+    low, high = (f"{scale * end:{form}}" for end in interval)
+    return f"{scale * value:{form}}{unit} ({low} to {high}{unit})"
+
+
+def format_share(share: float | None, interval: tuple[float, float] | None) -> str:
+    """A share with its interval in percent; empty without one."""
+    return "" if share is None or interval is None else format_interval(share, interval, 100, ".0f", " %")
+
+
+def join_items(items: Sequence[str], last: str) -> str:
+    """A, b and c."""
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} {last} {items[-1]}"
 
 
 def print_table(

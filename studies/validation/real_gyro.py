@@ -29,8 +29,9 @@ from gyrocal.estimation.prediction_consistency import compute_prediction_errors,
 from gyrocal.estimation.remainder_noise import KnownCalibration
 from studies.montecarlo.manifest import hash_bytes
 from studies.montecarlo.study import GridConfig, Streams, Study
-from studies.report import diagnosis_words, gap_budget
+from studies.report import diagnosis_figures, tables
 from studies.report.checks import Check
+from studies.report.diagnosis import list_remainder_sizes
 from studies.report.entry import Entry, Report
 from studies.report.panels import Draw, Panel, build_sheet
 from studies.report.tables import NO_VALUE, Table
@@ -123,7 +124,7 @@ def summarise_diagnosis(found: Diagnosis) -> Row:
             row |= {"remainder": step.closed, **split_interval("remainder", step.interval_90)}
             row["remainder_deg"] = step.misfit_deg
     if found.remainder is not None:
-        row |= {"remainder_side": found.remainder.side, "remainder_size": gap_budget.list_sizes(found.remainder)}
+        row |= {"remainder_side": found.remainder.side, "remainder_size": list_remainder_sizes(found.remainder)}
     return row
 
 
@@ -233,15 +234,15 @@ def describe_trials(trials: pd.DataFrame, causes: pd.DataFrame) -> pd.DataFrame:
 
 def describe_cause(row: Record) -> str:
     """Describe a cause by its size with sigma and its probability."""
-    size = diagnosis_words.format_size(row["size"], row["sigma"], row["unit"])
-    return f"{row['cause']} {size} ({diagnosis_words.format_percent(row['probability'])})"
+    size = tables.format_size(row["size"], row["sigma"], row["unit"])
+    return f"{row['cause']} {size} ({tables.format_percent(row['probability'])})"
 
 
 def describe_share(row: Record, name: str) -> str:
     """Describe a share with its interval."""
     if pd.isna(row.get(name)):
         return NO_VALUE
-    return gap_budget.format_share(row[name], (row[f"{name}_low"], row[f"{name}_high"]))
+    return tables.format_share(row[name], (row[f"{name}_low"], row[f"{name}_high"]))
 
 
 def check_verdicts(trials: pd.DataFrame, causes: pd.DataFrame) -> list[Check]:
@@ -272,7 +273,7 @@ def check_predictions(predictions: pd.DataFrame) -> list[Check]:
 def draw_waterfalls(steps: pd.DataFrame) -> Draw:
     """Draw the waterfalls of all trials."""
     budgets = {str(name): [build_step(row) for row in part.to_dict("records")] for name, part in steps.groupby("trial")}
-    draws = {name: partial(gap_budget.draw_steps, budget=tuple(budget)) for name, budget in budgets.items()}
+    draws = {name: partial(diagnosis_figures.draw_steps, budget=tuple(budget)) for name, budget in budgets.items()}
     panels = [Panel(draw, title=name, x="held-out whitened mean square") for name, draw in draws.items()]
     columns = min(ACROSS, len(panels))
     panels += [Panel(Axes.set_axis_off)] * (-len(panels) % columns)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from diagnosis.assemble import explain_blindness
 from diagnosis.diagnose import diagnose
 from diagnosis.settings import DEFAULT
-from studies.report.diagnosis_words import describe_verdict
+from studies.report.diagnosis import format_headline
 from tests.diagnosis.recordings import QUICK, slews
 
 
@@ -24,7 +24,7 @@ def test_a_large_offset_of_the_references_is_not_identifiable():
     assert (found.verdict, found.present, found.causes) == ("not identifiable", False, ())
     assert "3 deg" in found.notes[0]
     assert "constant offset of the references" in found.notes[0]
-    assert describe_verdict(found) == "This recording cannot show whether there is a gap."
+    assert format_headline(found) == "This recording cannot show whether there is a misfit"
 
 
 def test_a_misalignment_that_a_gyro_may_have_is_calibrated():

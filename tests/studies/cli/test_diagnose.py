@@ -8,7 +8,6 @@ import pytest
 from diagnosis.plan import Extra, Plan
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli.main import main
-from studies.report import diagnosis_answers
 from tests import ROOT
 from tests.diagnosis_cases import CASES
 
@@ -44,7 +43,7 @@ def refuse(text):
 @pytest.mark.usefixtures("blank_figures")
 @pytest.mark.parametrize("case", CASES)
 def test_any_verdict_is_a_success(run_cli, asked, rec, case, tmp_path):
-    """The figures of each verdict's page are drawn in tests/studies/report/test_diagnosis_page.py."""
+    """The figures of each verdict's page are drawn in tests/studies/report/test_diagnosis.py."""
     asked["case"] = case
     page, result = tmp_path / "page.html", tmp_path / "result.json"
     shown = run_cli("diagnose", rec, "--json", str(result), "--report", str(page))
@@ -59,7 +58,7 @@ def test_any_verdict_is_a_success(run_cli, asked, rec, case, tmp_path):
 
 def test_a_plan_says_what_to_fly(run_cli, asked, rec, tmp_path, monkeypatch):
     asked["case"] = "group"
-    monkeypatch.setattr(diagnosis_answers, "plan", lambda scenario, **_: planned(scenario.title))
+    monkeypatch.setattr("diagnosis.plan.plan", lambda scenario, **_: planned(scenario.title))
     page = tmp_path / "page.html"
     shown = run_cli("diagnose", rec, "--report", str(page), "--plan", "trmm")
     assert shown.exit_code == 0, shown.output
@@ -89,7 +88,7 @@ def test_a_real_recording(run_cli, rec, tmp_path):
     assert shown.exit_code == 0, shown.output
     document = json.loads(result.read_text(), parse_constant=refuse)
     assert _keys(document).keys() == _keys(CASES["none"]().to_json()).keys()
-    assert ("No gap" in shown.stdout) == (document["verdict"] == "none")
+    assert ("No misfit" in shown.stdout) == (document["verdict"] == "none")
     assert page.stat().st_size < 1_500_000
 
 

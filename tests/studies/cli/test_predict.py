@@ -13,7 +13,7 @@ def test_prediction_as_csv(run_cli, tmp_path):
     save(piecewise_recording(series_s=100.0, apriori=TRUTH, gap_s=300.0), tmp_path / "rec")
     done = run_cli("predict", str(tmp_path / "rec"), "--from", "2500", "--out", str(tmp_path / "p.csv"))
     assert done.exit_code == 0, done.stderr
-    assert "26 references used" in done.stdout
+    assert "26 references are used" in done.stdout
     table = pd.read_csv(tmp_path / "p.csv")
     assert list(table.columns) == ["t_s", "q1", "q2", "q3", "q4", *(f"sigma_{axis}_arcsec" for axis in "xyz")]
     assert (np.diff(table["t_s"]) > 0).all()

@@ -2,7 +2,7 @@
 
 import copy
 import json
-from types import SimpleNamespace
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -16,9 +16,10 @@ from gyrocal.calibration.change import CalibrationChange
 from simulator import load, override, simulate
 from studies.cli.main import main
 from studies.cli.options import compare_conditions
-from studies.report.calibration_change import check_limits, parse_limit
+from studies.report.calibration import check_limits, parse_limit
 from studies.report.checks import Check
 from studies.report.junit import Verdict, convert_checks, write_junit
+from tests.diagnosis_cases import CASES
 
 
 @pytest.fixture(scope="module")
@@ -99,13 +100,13 @@ def test_scenarios_have_titles(run_cli, tmp_path):
 def test_a_diagnosis_fails_on_a_gap_or_on_an_unknown_one(
     verdict, present, asked, status, recording, run_cli, tmp_path, monkeypatch
 ):
-    answer = SimpleNamespace(verdict=verdict, present=present, p_value=1e-9, to_json=lambda: {"verdict": verdict})
+    answer = replace(CASES[verdict](), present=present)
     monkeypatch.setattr("diagnosis.diagnose.diagnose", lambda *arguments, **options: answer)
     options = [text for name in asked for text in ("--fail-on", name)]
     report = tmp_path / "out.xml"
     found = run_cli("diagnose", str(recording), *options, "--json", "-", "--junit", str(report))
     assert found.exit_code == status, found.output
-    assert json.loads(found.stdout) == {"verdict": verdict}  # the answer is written before the status
+    assert json.loads(found.stdout)["verdict"] == verdict  # the answer is written before the status
     suite = ElementTree.parse(report).getroot()[0]
     assert [case.get("name") for case in suite] == asked
     assert int(suite.get("failures")) == sum({"gap": present, "unknown": verdict == "unknown"}[name] for name in asked)

@@ -4,8 +4,9 @@ import pytest
 
 import simulator
 from gyrocal import calibrate
-from studies import index_page
-from studies.report import calibration_page, diagnosis_page
+from studies.index_page import build_index_page
+from studies.report.calibration import build_calibration_page
+from studies.report.diagnosis import build_diagnosis_page
 from tests import ROOT
 from tests.diagnosis_cases import CASES
 from tests.pages import BROWSER, SPILT, browsed
@@ -21,9 +22,9 @@ def pages(tmp_path_factory):
     recording = simulator.simulate(simulator.override(simulator.load("trmm"), coarse), seed=3)
     papers = {"natanson": RESULTS / "reproduction", "robertson": RESULTS / "mission"}
     return {
-        "diagnosis": diagnosis_page.build_diagnosis_page(CASES["pair"]()),
-        "calibration": calibration_page.build_calibration_page(calibrate(recording), recording),
-        "index": index_page.build_index_page(papers, tmp_path_factory.mktemp("none")),
+        "diagnosis": build_diagnosis_page(CASES["pair"]()).render_html(),
+        "calibration": build_calibration_page(calibrate(recording), "").render_html(),
+        "index": build_index_page(papers, tmp_path_factory.mktemp("none")),
     }
 
 

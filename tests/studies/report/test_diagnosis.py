@@ -1,0 +1,188 @@
+"""A diagnosis on the terminal and on its page, for one of each verdict."""
+
+import dataclasses
+import io
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+from markupsafe import escape
+from rich.console import Console
+
+from diagnosis.answer import RemainderSummary
+from diagnosis.budget import Step
+from diagnosis.result import Details
+from simulator.effects.base import STAGE_NAMES
+from simulator.effects.sensor import ALL_EFFECTS
+from studies.report import diagnosis as report
+from studies.report import diagnosis_figures
+from tests.diagnosis_cases import CASES, regressors, residuals
+from tests.pages import checked
+
+FIGURES = {
+    "named": {"cause-bias_orbital-z"},
+    "pair": {"cause-bias_orbital-z", "cause-g_matrix_step-z"},
+    "group": {"cause-time_offset"},
+}
+
+
+def summary(diagnosis):
+    console = Console(file=io.StringIO(), width=100, emoji=True)
+    report.build_diagnosis_page(diagnosis).show(console)
+    return console.file.getvalue()
+
+
+def answers(diagnosis):
+    return [report.format_headline(diagnosis), report.describe_closure(diagnosis), *report.list_answers(diagnosis).values()]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_terminal_begins_with_the_answers_and_has_the_tables(case):
+    diagnosis = CASES[case]()
+    shown = summary(diagnosis)
+    joined = " ".join(shown.split())
+    assert joined.startswith(report.format_headline(diagnosis))
+    assert f"Verdict: {diagnosis.verdict}." in joined
+    assert all(cause.label in shown for cause in diagnosis.causes)
+    assert ("No misfit" in shown) == (case == "none")
+    assert ("of the misfit on held-out data" in shown) == (case in ("named", "pair", "group"))
+    assert ("change in sigma" in shown) == (case in ("named", "pair", "group"))
+    assert "nan" not in shown.lower().split()
+    assert diagnosis.notes[0] in shown
+
+
+@pytest.mark.usefixtures("blank_figures")
+@pytest.mark.parametrize("case", CASES)
+def test_page_begins_with_the_answers_in_plain_words(case):
+    diagnosis = CASES[case]()
+    text = report.build_diagnosis_page(diagnosis).render_html()
+    page = checked(text)
+    assert set(page.figures) == {"residuals"} | FIGURES.get(case, set())
+    assert all(len(alt) > 60 for alt in page.figures.values())
+    first = re.sub("<figure.*?</figure>", "", text.split("<body>")[1], flags=re.DOTALL).partition("<nav")[0].partition("<h2")[0]
+    assert all(str(escape(one)) in first for one in answers(diagnosis))
+    assert not any(name in first for name in ALL_EFFECTS)
+    assert not re.search(r"[a-z]+_[a-z]+", " ".join(answers(diagnosis)))
+    for cause in diagnosis.causes:
+        assert str(escape(ALL_EFFECTS[cause.effect].meaning or ALL_EFFECTS[cause.effect].summary)) in text
+
+
+def test_every_effect_has_a_sentence_of_its_own():
+    said = {effect.sentence("y" if effect.axes else None, -2.0, "2.0 u") for effect in ALL_EFFECTS.values()}
+    assert len(said) == len(ALL_EFFECTS)
+    for name, effect in ALL_EFFECTS.items():
+        assert effect.says, name
+        assert not re.search(r"[{}_]", effect.sentence(None, 1.0, "2.0 u"))
+    assert ALL_EFFECTS["time_offset"].sentence(None, -2.0, "2 s").endswith("2 s early")
+
+
+def test_pointing_is_the_largest_turn_within_an_orbit():
+    t = np.arange(0.0, 9000.0, 60.0)
+    table = pd.DataFrame({"cause": "c", "interval": "m1", "axis": "z", "t_s": t, "regressor_deg": t / 3600})
+    describe = report.describe_pointing_cost
+    assert "errs by up to 5400 arcsec about z in an orbit" in describe(table, 5400.0)
+    assert "3600 arcsec about z in an hour" in describe(table, float("nan"))
+    assert "arcsec about z in 149 min" in describe(table.iloc[[0, -1]], 5400.0)
+    turned = table.assign(cause="reference_orbital:z")
+    assert describe(turned, 5400.0) == "None: the references err, by up to 8940 arcsec about z, in m1."
+    assert describe(pd.concat([table, turned]), 5400.0) == describe(table, 5400.0)
+    assert "in the samples" in describe(table.iloc[:0], 5400.0)
+
+
+def test_unlikely_tables():
+    """Empty tables, references at the ends only, one interval, odd names."""
+    base = CASES["named"]()
+    ends = residuals(True, series_s=4500.0)
+    few = ends[ends["interval"] == "m2"].assign(interval="a_very_long_name_of_$an$_interval with words")
+    empty = {name: getattr(base.details, name).iloc[:0] for name in ("statistics", "explanations", "stream", "regressors")}
+    odd = dataclasses.replace(base, details=dataclasses.replace(base.details, residuals=few, **empty))
+    assert set(checked(report.build_diagnosis_page(odd).render_html()).figures) == {"residuals"}
+
+
+def test_many_references_and_intervals_stay_small():
+    base = CASES["named"]()
+    parts = [residuals(True, series_s=20.0, seed=k).assign(interval=lambda t, k=k: t["interval"] + f".{k}") for k in range(3)]
+    table = pd.concat(parts, ignore_index=True)
+    table.loc[table["interval"] == "m3.1", "before_y"] += 1.0
+    details = dataclasses.replace(base.details, residuals=table, regressors=regressors(base.causes, table))
+    text = report.build_diagnosis_page(dataclasses.replace(base, details=details)).render_html()
+    assert len(text.encode()) < 1_500_000
+    assert "The 8 of 18 intervals with the largest residuals" in text
+    assert "m3.1" in diagnosis_figures.select_largest_intervals(table)
+
+
+def test_the_answers_state_no_more_than_is_sure():
+    base, group = CASES["unknown"](), CASES["group"]()
+    alternatives = ((("bias_drift:y",), 0.5), (("a remainder",), 0.49), (("rate_lag",), 0.001))
+    doubtful = dataclasses.replace(base, unknown_probability=0.49, alternatives=alternatives)
+    assert report.format_headline(doubtful).startswith("The cause of the misfit is unknown; it may be")
+    said = report.list_answers(doubtful)["Which cause?"]
+    assert said.startswith(
+        "With a probability of 49 % an effect outside the library acts. It behaves most like this: the y gyro's"
+    )
+    alone = dataclasses.replace(group.causes[0], group=("time_offset",), probability=0.85, group_probability=0.85)
+    likely = dataclasses.replace(group, causes=(alone,))
+    assert report.format_headline(likely) == "Most likely the gyro's time tags are 0.52 s late"
+
+
+def test_every_stage_has_a_remedy():
+    assert set(report.REMEDIES) >= set(STAGE_NAMES)
+    assert "time tags" in report.describe_next_step(CASES["group"]())
+    assert report.describe_next_step(CASES["none"]()) == "Use the calibration as it is."
+    assert CASES["unknown"]().where[0].interval in report.describe_next_step(CASES["unknown"]())
+
+
+def test_a_time_in_an_interval_counts_from_its_start_where_references_are_averaged():
+    """The first observation, of references up to 20 s, is at 10 s."""
+    residuals = pd.DataFrame({"interval": "slews", "t_s": 1010.0 + 20.0 * np.arange(5)})
+    statistics = pd.DataFrame({"interval": ["slews", "slews", "rest"], "start_s": [30.0, 10.0, 0.0]})
+    details = Details(residuals, statistics, *[pd.DataFrame()] * 3)
+    assert report._locate_interval(1064.0, details) == ", in slews, 64 s after its start"
+
+
+def test_calibration_changes_are_in_ppm_and_degrees_an_hour():
+    table = report.tabulate_calibration_change(CASES["named"]()).set_index("parameter")
+    assert table.loc["G_zz", ["change", "sigma", "unit", "change in sigma"]].tolist() == ["120", "21", "ppm", "+5.7"]
+    assert table.loc["b_z", ["change", "sigma", "unit"]].tolist() == ["0.0800", "0.0090", "deg/h"]
+    assert table.loc["b_x", "baseline"] == "-0.540"
+
+
+def test_the_calibration_is_trusted_only_with_the_causes_in_the_model():
+    still = CASES["stream"]()
+    rounded = dataclasses.replace(still, G=still.G + 1e-5 * still.sigma_G)
+    assert report.describe_calibration_change(rounded) == "The causes change nothing in the calibration."
+    assert report.is_calibration_changed(dataclasses.replace(still, bias=still.bias + 0.01 * still.sigma_bias))
+    for case in ("unknown", "not identifiable"):
+        found = dataclasses.replace(CASES[case](), causes=(), present=True)
+        assert "Do not trust the sigmas" in report.describe_calibration_change(found)
+    nothing = dataclasses.replace(CASES["none"](), causes=())
+    assert report.describe_calibration_change(nothing) == "The calibration is that of the baseline."
+    beside = dataclasses.replace(CASES["named"](), verdict="unknown")
+    assert report.describe_calibration_change(beside).endswith("Do not trust the sigmas.")
+    assert "trust" not in report.describe_calibration_change(CASES["named"]())
+
+
+@pytest.mark.usefixtures("blank_figures")
+def test_a_partial_answer_states_the_share_of_its_causes_and_the_largest_source_of_the_rest():
+    base = CASES["group"]()
+    alone = dataclasses.replace(base.causes[0], group=("time_offset",), probability=0.98, group_probability=0.98)
+    budget = (Step("baseline", 4.0, 0.1), Step("time_offset", 3.8, 0.1, 0.07, (0.04, 0.13)), Step("remainder", 3.8, 0.1, 0.93))
+    left = RemainderSummary(0.93, (0.87, 0.96), (0.0, 0.0, 0.0), (0.3, 0.2, 0.1), 0.0, 0.0, 1.0, "reference", 0.7, ())
+    one = dataclasses.replace(base, verdict="partial", causes=(alone,), budget=budget, remainder=left)
+    assert report.format_headline(one).endswith("are 0.52 s late; this removes 7 % of the misfit, 93 % is not explained")
+    assert report.describe_next_step(one).startswith("Look at the reference attitudes first")
+    two = dataclasses.replace(one, causes=(alone, CASES["named"]().causes[0]))
+    assert ", the first of 2 causes; together they remove 7 % of the misfit" in report.format_headline(two)
+    whole = dataclasses.replace(one, budget=(*budget, Step("floor", 1.0, 0.1)))
+    assert len(diagnosis_figures.draw_waterfall(whole.budget).axes) == 1
+    page = checked(report.build_diagnosis_page(whole).render_html())
+    assert {"budget", "residuals"} <= set(page.figures)
+    assert "No identified cause explains 93 % (87 to 96 %) of the misfit." in page.words
+
+
+def test_a_share_that_held_out_data_hardly_show_is_not_stated():
+    scattered = dataclasses.replace(CASES["named"]().closure, closed=4.22, interval_90=(1.25, 7.19))
+    said = report.describe_closure(dataclasses.replace(CASES["named"](), closure=scattered))
+    assert said.startswith("The held-out data show too little of the misfit")
+    assert "422" not in said
