@@ -25,14 +25,6 @@ def test_noise_follows_the_duration_of_each_sample():
     np.testing.assert_array_equal(add_white_noise(generator(3, 1, "gyro_noise"), rates, 0.7, duration), expected)
 
 
-@pytest.mark.parametrize("bit_generator", [np.random.PCG64, np.random.Philox, np.random.MT19937])
-def test_other_generators_are_drawn_from_as_numba_does(bit_generator):
-    ours, numpys = (np.random.Generator(bit_generator(8)) for _ in range(2))
-    assert draws.state_words(ours) is None
-    noise = add_white_noise(ours, np.zeros((2000, 3)), 1.0, np.ones(2000))
-    np.testing.assert_array_equal(noise, numpys.standard_normal(noise.shape))
-
-
 def test_layers_are_those_of_a_ziggurat():
     width, bound = draws.read_layers()
     x = width[1:256] * 2.0**52

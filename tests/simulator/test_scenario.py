@@ -6,7 +6,6 @@ import pytest
 
 from gyrocal.errors import InputError
 from simulator import adopted_scenario, load, names, override
-from simulator.scenario import build_profiles
 from tests import ROOT
 
 TRMM = load("trmm")
@@ -76,11 +75,6 @@ def test_bases_in_a_circle(tmp_path: Path):
         load(tmp_path / "a.toml")
 
 
-def test_unknown_scenario_lists_the_built_in_ones():
-    with pytest.raises(InputError, match=r"trmn: neither a file nor a built-in scenario; did you mean trmm\?"):
-        load("trmn")
-
-
 def test_override_changes_what_it_names_only():
     changed = override(TRMM, {"gyro.arw_deg_per_sqrt_s": 1e-4, "interval.1.slew.0.start_s": 200, "gyro.true_G.0.1": 0.5})
     assert changed.gyro.arw_deg_per_sqrt_s == 1e-4
@@ -88,14 +82,6 @@ def test_override_changes_what_it_names_only():
     assert changed.gyro.true_G[0][1] == 0.5
     assert TRMM.interval[1].slew[0].start_s == 60.0
     assert override(changed, {"gyro": TRMM.gyro.model_dump(), "interval.1.slew.0.start_s": 60.0}) == TRMM
-
-
-def test_override_of_optional_tables():
-    with_motion = override(TRMM, {"control_motion": {"amplitude_deg": [0.1, 0, 0], "period_s": [60, 1, 1]}})
-    assert with_motion.control_motion is not None
-    assert build_profiles(with_motion)[0].sway is not None
-    assert override(with_motion, {"control_motion": None}) == TRMM
-    assert override(TRMM, {"interval.4.hold": None}).interval[4].hold is None
 
 
 FAULTS = {

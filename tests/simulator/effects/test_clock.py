@@ -62,10 +62,11 @@ RIVALS = (
 )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("text", "size", "tolerance"),
     [
-        pytest.param("clock_drift=150", 150.0, 20.0, marks=pytest.mark.long),
+        ("clock_drift=150", 150.0, 20.0),
         ("clock_slip=-0.1,time_s=613", -0.1, 0.02),
         ("time_offset=0.1", 0.1, 0.02),
     ],

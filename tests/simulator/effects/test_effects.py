@@ -136,12 +136,6 @@ def test_a_positive_size_reads_high_as_written():
         assert not np.delete(difference, axis, axis=1).any(), text
 
 
-def test_the_sample_with_the_step_shows_its_mean():
-    difference = shown("bias_step:x=1,time_s=2500.1")[:, 0] / DEG_H
-    at = np.searchsorted(MOTION.t_s, 2500.1) - 1
-    np.testing.assert_allclose(difference[at - 1 : at + 2], [0.0, 0.8, 1.0], atol=1e-6)
-
-
 def test_two_effects_add_also_of_one_kind():
     texts = ("bias_drift:z=3", "bias_drift:x=2", "bias_step:z=1,time_s=1500", "bias_step:z=-2,time_s=2500")
     np.testing.assert_allclose(shown(*texts), sum(shown(one) for one in texts), atol=1e-16)
@@ -158,13 +152,6 @@ def test_reference_effects_in_closed_form():
     for text, values in expected.items():
         made = simulator.simulate(SCENARIO, noise=False, effects=[parse(text)]).attitudes.quaternions
         np.testing.assert_allclose(np.rad2deg(separation(made, PLAIN.attitudes.quaternions)), -values, atol=1e-12, err_msg=text)
-
-
-def test_time_offset_by_one_sample_shift_the_samples():
-    raw = simulator.simulate(SCENARIO, noise=False, effects=[parse("time_offset=0.5")]).gyro.rates
-    for part in MOTION.intervals:
-        inner = slice(part.start + 1, part.stop - 1)
-        np.testing.assert_allclose(raw[inner], PLAIN.gyro.rates[part.start : part.stop - 2], atol=1e-14)
 
 
 def test_lag_of_a_sine_in_closed_form():

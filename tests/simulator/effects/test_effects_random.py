@@ -55,33 +55,6 @@ def test_flicker_has_a_flat_allan_deviation_at_0_664_B():
     assert pytest.approx(0.664, abs=5e-4) == FLOOR
 
 
-def test_flicker_differs_from_white_noise_and_walk():
-    """Negative control: those slope by a half over the same decade and a half."""
-    walk = applied("bias_random_walk:y=1", still(2**15))[:, 1]
-    assert allan_deviation(walk, 256) > 2.5 * allan_deviation(walk, 16)
-
-
-@pytest.mark.parametrize(("gaps", "hours"), [("hold", (0.2, 0.4)), ("grow", (0.2, 1.2)), ("reset", (0.2, 0.2))])
-def test_random_walk_grows_as_its_gaps_say(gaps, hours):
-    """At the end of each of two intervals of 0.2 h that start 1 h apart; 600 cases, 5 sigma of a variance."""
-    stream = still(36, 20.0, (0.0, 3600.0))
-    walks = np.array([applied(f"bias_random_walk:x=3,gaps={gaps}", stream, case=k)[:, 0] for k in range(600)]) / DEG_H
-    variance = (walks[:, [35, 71]] ** 2).mean(axis=0)
-    np.testing.assert_allclose(variance, 9 * np.array(hours), rtol=5 * np.sqrt(2 / 600) + 0.03)
-
-
-def test_correlated_references_have_their_autocovariance():
-    """Uneven times and a long gap; 3000 cases, 5 sigma of a covariance."""
-    t_s = np.array([0.0, 60.0, 300.0, 90000.0])
-    references = References(t_s, np.tile([0.0, 0, 0, 1], (4, 1)), np.zeros(4, dtype=int), np.full(4, ""), 5500.0)
-    made = parse("reference_correlated:z=0.02,time_constant_s=200")
-    rng = np.random.default_rng(1)
-    errors = np.array([EFFECTS[made.effect].reference_wander(rng, references, made)[:, 2] for _ in range(3000)])
-    covariance = np.rad2deg(np.rad2deg(errors.T @ errors / 3000)) / 0.02**2
-    expected = np.exp(-np.abs(np.subtract.outer(t_s, t_s)) / 200)
-    np.testing.assert_allclose(covariance, expected, atol=5 * np.sqrt(2 / 3000))
-
-
 def test_noise_excess_scales_the_very_same_noise():
     plain = simulator.simulate(SCENARIO, seed=3)
     for text, factor in (("noise_excess=2.5", [2.5, 2.5, 2.5]), ("noise_excess:y=0.5", [1, 0.5, 1])):
@@ -108,12 +81,6 @@ def test_an_effect_leaves_all_other_draws_as_they_were():
     np.testing.assert_array_equal(both.gyro.rates[:, [0, 2]], walk.gyro.rates[:, [0, 2]])
     walks = both.gyro.rates - plain.gyro.rates
     assert np.abs(walks[:, 0] - walks[:, 1]).max() > 1e-9
-
-
-def test_two_of_one_label_draw_apart():
-    twice = simulate_readings(around(still(50)), prepare_effects([parse("bias_random_walk:x=1")] * 2, 0, 0), None)
-    once = simulate_readings(around(still(50)), prepare_effects([parse("bias_random_walk:x=1")], 0, 0), None)
-    assert np.abs(twice - 2 * once).max() > 0.1 * np.abs(once).max()
 
 
 def shown(text, seed=None):
@@ -149,12 +116,6 @@ def test_readings_are_clipped_and_come_to_steps_with_their_noise(text, axes, cha
     expected[:, axes] = change(plain[:, axes])
     assert (expected != plain).any()
     np.testing.assert_allclose(shown(text, 6), expected, rtol=0, atol=1e-9 * STEP)
-
-
-def test_vibration_is_a_tone_at_the_apparent_frequency():
-    tone = (shown("vibration:y=0.01,apparent_hz=0.13,phase_deg=20") - PLAIN.gyro.rates)[:, 1]
-    t = MOTION.t_s + 0.5 * MOTION.duration_s
-    np.testing.assert_allclose(tone, np.deg2rad(0.01) * np.sin(2 * np.pi * 0.13 * t + np.deg2rad(20)), atol=1e-15)
 
 
 def test_spikes_have_their_share_size_and_sign():

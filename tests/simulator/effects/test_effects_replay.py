@@ -15,7 +15,7 @@ from simulator.effects.sensor import ALL_EFFECTS
 from simulator.replay import reconstruct_motion, replay
 from simulator.truth.integration import accumulate
 from simulator.truth.rotation import separation
-from tests import ROOT, SHARED
+from tests import ROOT
 
 SERIES = simulator.load("trmm_series")
 MOTION = simulator.motion(SERIES)
@@ -102,28 +102,6 @@ def test_holes_and_outliers_are_bridged():
     np.testing.assert_array_equal(found.t_s, gyro.t_s[kept])
     assert np.abs(found.rates - MOTION.rates[kept]).max() < 5 * SAMPLE_SIGMA
     assert separation(found.quaternions, MOTION.quaternions).std() < np.deg2rad(0.005)
-
-
-def test_touching_intervals_keep_one_attitude():
-    common = {"activity": "", "mode": "+x"}
-    intervals = [{"name": name, "start_s": a, "stop_s": a + 600.0, **common} for name, a in (("a", 100.0), ("b", 700.0))]
-    recording = simulator.simulate(simulator.override(SERIES, {"interval": intervals}), seed=1)
-    found = reconstruct_motion(recording, FITTED.G, FITTED.bias)
-    last = accumulate(found.quaternions[0], found.rates * found.duration_s[:, None])[-1]
-    assert np.abs(separation(last, found.quaternions[-1])).max() < 1e-11
-
-
-PRACTICE = SHARED / "practice"
-
-
-@pytest.mark.skipif(not PRACTICE.is_dir(), reason="the practice recordings are not beside this checkout")
-def test_replay_of_a_recording_with_a_gap_has_none():
-    """p12 has a bias step and a time offset: it does not fit M0, its replay does."""
-    recording = load(PRACTICE / "p12")
-    result = calibrate(recording)
-    again = calibrate(replay(recording, result.parameters.G, result.parameters.bias, seed=3))
-    assert result.p_value < 1e-6
-    assert 0.001 < again.p_value < 0.999
 
 
 # ---- command line ------------------------------------------------------------------------------------------------------------

@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 
 import simulator
-from gyrocal import InputError, load
+from gyrocal import InputError
 from simulator.effects import extract_references, find_flight_directions, parse, setting
 from simulator.effects.base import References, Surroundings
 from simulator.effects.reference.reference_mode_offset import EFFECT as MODE_OFFSET
 from simulator.truth.rotation import separation
-from tests import SHARED
 
-PRACTICE = SHARED / "practice"
 SERIES = simulator.load("trmm_series")
 RECORDING = simulator.simulate(SERIES, seed=2)
 
@@ -71,14 +69,6 @@ def test_a_reference_in_a_slew_belongs_to_the_nearer_mode():
     assert np.abs(headings[t_s > 910]).min() > np.pi - 0.02
 
 
-@pytest.mark.parametrize(
-    "effects", [["spikes=0.5,fraction=0.02"], ["rate_saturation:z=0.1"], ["noise_excess=20"], ["stale_samples=5,fraction=0.2"]]
-)
-def test_a_bad_gyro_tells_the_same(effects):
-    bad = simulator.simulate(SERIES, seed=2, effects=[parse(text) for text in effects])
-    np.testing.assert_array_equal(forward_axes(bad), forward_axes(RECORDING))
-
-
 def test_without_an_orbit_or_with_too_much_noise_nothing_is_said():
     assert set(forward_axes(replace(RECORDING, orbit=None))) == {""}
     noisy = replace(RECORDING, gyro=replace(RECORDING.gyro, arw=3e-3))
@@ -89,17 +79,6 @@ def test_what_is_stated_goes_first():
     stated = [replace(one, forward=forward) for one, forward in zip(RECORDING.intervals, ("-y", "none", "+x"), strict=False)]
     recording = replace(RECORDING, orbit=None, intervals=(*stated, *RECORDING.intervals[3:]))
     assert [runs_of(recording, number) for number in range(4)] == [["-y"], [""], ["+x"], [""]]
-
-
-@pytest.mark.skipif(not PRACTICE.is_dir(), reason="the practice recordings are not beside this checkout")
-@pytest.mark.parametrize("name", [f"p{k:02d}" for k in range(1, 15)])
-def test_practice_recordings_fly_as_their_activity_says(name):
-    """Beside what it says, the −y interval and the hold begin and end with −x forward."""
-    recording = load(PRACTICE / name)
-    said = {"+x forward": FLOWN[0], "-x forward": FLOWN[2], "-y forward": FLOWN[3], "inertial hold": FLOWN[4]}
-    said |= {"+x to -x yaw": FLOWN[1], "-x to +x yaw": FLOWN[5]}
-    for number, interval in enumerate(recording.intervals):
-        assert runs_of(recording, number) == said[interval.activity]
 
 
 # ---- the offset ----------------------------------------------------------------------------------------------------------

@@ -53,6 +53,7 @@ def warmed(size):
     return replace(recording, gyro=replace(recording.gyro, rates=recording.gyro.rates + size * column))
 
 
+@pytest.mark.long
 def test_a_diagnosis_names_a_sensitivity_to_acceleration():
     made = simulator.simulate(sparse(), seed=4, effects=[parse("acceleration_sensitivity:x=60,toward=y")])
     (cause,) = diagnose(made, library=LIBRARY).causes
@@ -60,12 +61,14 @@ def test_a_diagnosis_names_a_sensitivity_to_acceleration():
     assert cause.size == pytest.approx(60, rel=0.2)
 
 
+@pytest.mark.long
 def test_a_diagnosis_names_a_matrix_that_follows_temperature():
     (cause,) = diagnose(warmed(2000.0), library=LIBRARY).causes
     assert (cause.label, cause.parameters["toward"]) == ("g_matrix_temperature:z", "z")
     assert cause.size == pytest.approx(2000, rel=0.2)
 
 
+@pytest.mark.long
 def test_a_temperature_that_changes_is_no_cause_by_itself():
     """Negative control."""
     assert diagnose(warmed(0.0)).causes == ()

@@ -1,11 +1,9 @@
 """The registry: what it refuses, plug-ins, files, and that nothing else depends on any one effect."""
 
-import ast
 import json
 import re
 from dataclasses import replace
 from importlib.metadata import EntryPoint
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,8 +14,6 @@ from simulator.effects import ALL_EFFECTS, BUILT_IN, EFFECTS, REGISTRY, Effect, 
 from simulator.effects import registry as registry_module
 from simulator.effects.common import put_on_axis
 from simulator.effects.sensor import SENSOR_EFFECTS
-from studies.withheld.cases import LISTED
-from tests import ROOT
 
 
 class Constant(Effect):
@@ -152,34 +148,3 @@ def test_effects_of_a_file_on_the_command_line(run_cli, tmp_path):
     refused = run_cli("simulate", "trmm", str(tmp_path / "other"), *asked)
     assert refused.exit_code == 2
     assert refused.stderr.strip().splitlines() == [f"gyrocal: {path}: gives int, not an Effect or several"]
-
-
-FOLDERS = ("gyrocal", "simulator", "diagnosis", "studies", "benchmarks")
-OTHERWISE = {
-    # Also what a wrong S filter makes of the Earth sensor; and a study of one effect.
-    "studies/robertson": {"spikes", "dss_misalignment"},
-    "studies/withheld": set(LISTED),  # the ranges of the effects that it draws
-}
-
-
-def named_in(path):
-    """Effects that a source file names in a string of its own or imports, docstrings left out."""
-    nodes = list(ast.walk(ast.parse(path.read_text())))
-    strings = {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
-    modules = [
-        node for node in nodes if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("simulator.effects")
-    ]
-    imported = {part for node in modules for part in (*node.module.split("."), *(one.name for one in node.names))}
-    return (strings | imported) & BUILT_IN_NAMES
-
-
-BUILT_IN_NAMES = {module.EFFECT.name for module in BUILT_IN}
-
-
-def test_no_other_file_names_an_effect():
-    own = {module.EFFECT.name: Path(module.__file__) for module in BUILT_IN}
-    assert all(named_in(path) == {name} for name, path in own.items())
-    others = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py") if path not in own.values()]
-    assert len(others) > 250
-    named = {path: named_in(path) - OTHERWISE.get(str(path.parent.relative_to(ROOT)), set()) for path in others}
-    assert {path.name: names for path, names in named.items() if names} == {}

@@ -79,28 +79,6 @@ def test_the_error_is_what_the_simulated_sensors_show(looking, text):
     assert np.abs(sun_error).max() + np.abs(earth_error[used]).max() > 1e-3
 
 
-def test_first_order_of_a_head():
-    """δ tan β = −e₁ a b − e₂ a + e₃ (1 + b²), and a misalignment (e₃, e₁, e₂) of DSS-2 does that to β and more to α."""
-    rng = np.random.default_rng(4)
-    angles = np.deg2rad(rng.uniform(-45, 45, (50, 2)))
-    empty = np.zeros((0, 4), dtype=bool)
-    no_time, no_vector = np.zeros(0), np.zeros((0, 3))
-    where = Sightings(
-        np.full(50, 2), angles, no_time, no_time.astype(np.intp), np.zeros((0, 3, 3)), no_vector, no_vector, empty
-    )
-    e = np.array([2e-4, -1e-4, 3e-4])
-    a, b = np.tan(angles).T
-    head, _ = SENSOR_EFFECTS["dss_head"].error(where, "2", e, {})
-    expected = np.deg2rad(-e[0] * a * b - e[1] * a + e[2] * (1 + b**2)) / (1 + b**2)
-    np.testing.assert_allclose(head[:, 1], expected, atol=1e-9)
-    assert not head[:, 0].any()
-    m = e[[2, 0, 1]]
-    turned, _ = SENSOR_EFFECTS["dss_misalignment"].error(where, None, m, {})
-    np.testing.assert_allclose(turned[:, 1], expected, atol=1e-9)
-    of_alpha = np.deg2rad(m[0] * a * b - m[1] * (1 + a**2) + m[2] * b) / (1 + a**2)
-    np.testing.assert_allclose(turned[:, 0], of_alpha, atol=1e-9)
-
-
 def test_registry():
     head = parse("dss_head:2=0.28156")
     np.testing.assert_allclose(np.deg2rad(SENSOR_EFFECTS["dss_head"].amplitudes(head)), HEAD_DSS2, rtol=1e-4)
@@ -149,16 +127,6 @@ def test_sensors_are_needed_for_an_effect_on_them():
 def test_rates_and_references_do_not_take_an_effect_on_sensors():
     with pytest.raises(InputError, match="dss_head:2: acts on raw sensor tables"):
         prepare_effects([parse("dss_head:2=0.1")], 0, 0)
-
-
-def test_the_sun_stays_where_the_sensors_can_see_it():
-    """On the −Y side, 0 to 58.4° from the XZ plane in all stretches of constant rate but those of a yaw maneuver's day."""
-    few = MONTHS.model_copy(update={"interval": tuple(one for one in MONTHS.interval if one.name.startswith("d"))})
-    tables = simulate(few, noise=False).sensors
-    assert len(few.interval) == 23
-    for section in few.interval:
-        for table in (tables.sun, tables.earth):
-            assert ((table.t_s >= section.start_s) & (table.t_s < section.stop_s)).sum() > 50
 
 
 def test_the_setting_of_several_angles_holds_those_that_act():

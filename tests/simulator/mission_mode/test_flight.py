@@ -19,7 +19,6 @@ from simulator.mission_mode.config import (
     TrueGyro,
     YawManeuver,
     apply_compensation,
-    build_alignment_upload,
     build_coefficient_upload,
     build_period_tables,
     fit_crossing_compensation,
@@ -287,28 +286,6 @@ def test_coefficients_by_r6():
     assert upload.coefficients_beta[0] == pytest.approx(apply_compensation(SIMULATED_BETA_COEFFICIENTS, 1.000047, 8.5e-5))
     assert (upload.coefficients_alpha == SIMULATED_ALPHA_COEFFICIENTS).all()
     assert (upload.G == R9_G).all()
-
-
-def yaw_difference(sensors, misalignments):
-    """Yaw read by DSS-2 minus yaw read by DSS-1, deg, the Sun 20° from the XZ plane."""
-    yaws = []
-    for sensor, M, N, side in zip(sensors, misalignments, build_trmm_alignments(*LEVEL), (1.0, -1.0), strict=True):
-        body = np.array([side * np.cos(np.deg2rad(20.0)), -np.sin(np.deg2rad(20.0)), 0.0])
-        tangents = compute_head_tangents(*(sensor.alignment.T @ body), sensor.head)
-        read = N @ M @ np.array([*tangents, 1.0])
-        yaws.append(np.rad2deg(np.arctan2(body[1], body[0]) - np.arctan2(read[1], read[0])))
-    return yaws[1] - yaws[0]
-
-
-@pytest.mark.parametrize(
-    ("mounting", "before", "after"),
-    [("solved", 0.156, 0.0), ("heads", 0.249, 0.405)],
-)
-def test_what_the_mountings_mean(mounting, before, after):
-    sensors = build_mounted_sensors(mounting, LEVEL)
-    upload = build_alignment_upload(OnBoardTables()).misalignments
-    assert abs(yaw_difference(sensors, np.stack([np.eye(3)] * 2))) == pytest.approx(before, abs=0.004)
-    assert abs(yaw_difference(sensors, upload)) == pytest.approx(after, abs=0.004)
 
 
 def test_flight_schedule():

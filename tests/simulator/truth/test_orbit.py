@@ -43,7 +43,3 @@ def test_nodal_regression():
     assert PLAIN.nodal_rate == 0.0
     assert np.rad2deg(REGRESSING.nodal_rate) * 86400 == pytest.approx(-6.77, abs=0.02)
     assert np.abs(compute_lvlh_rate(REGRESSING, TIMES) - compute_lvlh_rate(PLAIN, TIMES)).max(axis=0).min() > 5e-7
-
-
-def test_without_j2_the_rate_is_minus_one_rpo_of_pitch():
-    np.testing.assert_array_equal(compute_lvlh_rate(PLAIN, TIMES), np.tile([0.0, -PLAIN.mean_motion, 0.0], (TIMES.size, 1)))

@@ -38,15 +38,6 @@ def test_the_sun_is_erfas_to_the_stated_precision():
     assert np.abs(np.linalg.norm(compute_sun_vector(date), axis=1) - 1).max() < 1e-15
 
 
-def test_a_missing_term_would_be_seen():
-    """A turn of the equinox by the formula's smallest term, 0.020 deg, is refused where the formula itself passes."""
-    date = np.arange(compute_julian_date("1997-12-01"), compute_julian_date("1998-12-01"), 1.0)
-    turn = np.deg2rad(0.020)
-    turned = compute_sun_vector(date) @ np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
-    assert separation(turned, erfa_sun(date)).max() > 1.1 * STATED
-    assert separation(compute_sun_vector(date), erfa_sun(date)).max() < STATED
-
-
 @pytest.mark.parametrize("moment", ["1997-11-27T21:27:00", "1998-02-27T00:00:00.25", "2000-01-01T12:00:00", "2016-02-29"])
 def test_julian_dates_are_erfas(moment):
     parsed = datetime.fromisoformat(moment)
@@ -59,11 +50,6 @@ def test_julian_dates_are_erfas(moment):
 def test_a_time_zone_counts():
     tokyo = timezone(timedelta(hours=9))
     assert compute_julian_date(datetime(1997, 11, 28, 6, 27, tzinfo=tokyo)) == compute_julian_date("1997-11-27T21:27:00")
-
-
-def test_a_text_that_is_no_date_is_refused():
-    with pytest.raises(ValueError, match="Invalid isoformat"):
-        compute_julian_date("November 27, 1997")
 
 
 def test_the_shadow_of_a_circular_orbit_lasts_as_geometry_says():
