@@ -13,24 +13,24 @@ combinations of these are tried. For one reading of the attitudes and one τ, wi
 gives all s and Π at once. τ is where the magnitudes of both rates correlate best, which no s, Π, or reading of a direction
 changes. A rotation of the gyro's axes that is no exchange of axes is tried last: the rotation that maximises
 tr(Πᵀ Σ w_ref wᵀ) follows from a singular value decomposition. A free matrix in the place of s Π has in the rows of its inverse
-the directions of the gyros, which need not be at right angles. Of what fits nearly as well as the best, the reading that
-changes least is named; several of the same number of changes are named together, since the data cannot tell them apart. Where
-none of these fits, an alignment with a free factor and a free clock is tried (`alignment`). Then the cause of the misfit is
-sought (`misfit`).
+the directions of the gyros, which need not be at right angles. Of what fits nearly as well as the best, the one reading that
+changes least is named. Where none of these fits, an alignment with a free factor and a free clock is tried (`alignment`). Then
+the cause of the misfit is sought (`misfit`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import permutations, product
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.calibration.gate import LargeResidualError
-from gyrocal.importing.alignment import LEAST_FACTOR, Alignment, estimate_alignment
+from gyrocal.importing.alignment import LEAST_FACTOR, estimate_alignment
 from gyrocal.importing.misfit import explain_misfit, locate_misfit
 from gyrocal.importing.motion import QUATERNION_INDICES, Motion, build_motion, rotate_onto
 from gyrocal.importing.units import ANGLE_UNITS, PER_SAMPLE, RATE_UNITS, TIME_UNITS
@@ -72,24 +72,22 @@ DIRECTION_WORDS = {
 class Reading:
     """One way to read the tables."""
 
-    changes: tuple[str, ...]  # what is to be changed, in words; empty as they are read
+    kind: Literal["turn", "rotation", "alignment", "skew"]  # axes exchanged, rotated, with a free factor and clock, or skew
+    changes: tuple[str, ...]  # what is to be changed, in words
     count: int  # how many things these are; each axis that another takes the place of is one
     residual: float  # RMS of w_ref − s Π w − b over that of the motion
-    offset_s: float  # τ, s; the attitudes' tags are too late by it
-
-
-@dataclass(frozen=True)
-class MatrixReading:
-    """A reading that fits after a rotation of the gyro's axes, or with gyros that are not at right angles."""
-
-    changes: tuple[str, ...]  # what is to be changed, in words
-    residual: float  # as of a `Reading`
-    angle: float  # of the rotation, or the largest by which two gyros' angle differs from 90 deg, rad
+    offset_s: float = 0.0  # τ, s; the attitudes' tags are too late by it
+    is_tied: bool = False  # whether another fits as well and changes as much
 
     @property
     def sentence(self) -> str:
-        """Changes of the alternative, and its misfit."""
-        return f"{100 * self.residual:.1f} % with {' and '.join(self.changes)}"
+        """The changes, the misfit with them, and the option that finds them."""
+        text = f"{100 * self.residual:.1f} % with {' and '.join(self.changes) or 'small changes of all'}"
+        if self.is_tied:
+            text += ", which the motion does not tell from another reading that changes as much"
+        if self.kind == "alignment":
+            return f"{text}; --align auto finds and applies this"
+        return f"{text}; --align auto finds and applies the offset" if self.offset_s else text
 
 
 class RatePair(NamedTuple):
@@ -105,42 +103,31 @@ class RatePair(NamedTuple):
 class Agreement:
     """Agreement of the rates and attitudes of the tables."""
 
-    as_read: Reading  # the reading that was asked about
-    better: tuple[Reading, ...]  # those that fit better and change least; empty if what was asked fits, or nothing does
-    # the best with a rotation of the gyro's axes, or with skew ones, if it fits much better than all without
-    rotated: MatrixReading | None = None
-    aligned: Alignment | None = None  # with a free factor and a free clock, if that fits much better than all others
+    residual: float  # as read, RMS over that of the motion
+    best: Reading | None = None  # of those that fit much better, and as well as any of them, the one that changes least
     cause: str = ""  # of a misfit that no reading mends, and where in time it lies
 
     @property
     def fits(self) -> bool:
-        """Whether the rates agree with the attitudes as read."""
-        return not self.better and self.aligned is None and self.as_read.residual <= HOPELESS
+        """Whether the rates agree with the attitudes as read; a calibration finds what rotated or skew axes change."""
+        return self.residual <= HOPELESS and (self.best is None or self.best.kind in ("rotation", "skew"))
 
     @property
     def sentence(self) -> str:
-        """The misfit, and the alternatives that fit."""
-        lead = f"rates and attitudes do not fit each other: they differ by {100 * self.as_read.residual:.0f} % of the motion"
-        if self.aligned is not None:
-            ways = " and ".join(self.aligned.changes) or "small changes of all"
-            return f"{lead}; {100 * self.aligned.residual:.1f} % with {ways}; --align auto finds and applies this"
-        if not self.better and self.rotated is not None:
-            return f"{lead}; {self.rotated.sentence}"
-        if not self.better:
-            return (
-                f"{lead}, and no other unit, order of elements, direction, order or sign of axes, factor, clock rate or time "
-                f"offset fits{f'; {self.cause}' if self.cause else ''}; are they of the same body and time?"
-            )
-        ways = " or ".join(" and ".join(one.changes) for one in self.better)
-        more = "" if self.rotated is None else f"; {self.rotated.sentence}"
-        more += "; --align auto finds and applies the offset" if any(one.offset_s for one in self.better) else ""
-        return f"{lead}; {100 * min(one.residual for one in self.better):.1f} % with {ways}{more}"
+        """The misfit, and the reading that fits."""
+        lead = f"rates and attitudes do not fit each other: they differ by {100 * self.residual:.0f} % of the motion"
+        if self.best is not None:
+            return f"{lead}; {self.best.sentence}"
+        return (
+            f"{lead}, and no other unit, order of elements, direction, order or sign of axes, factor, clock rate or time "
+            f"offset fits{f'; {self.cause}' if self.cause else ''}; are they of the same body and time?"
+        )
 
     @property
     def summary(self) -> str:
         """State the misfit as read; a large misfit is never called a fit."""
-        share = f"they differ by {100 * self.as_read.residual:.2g} % of the motion"
-        if self.as_read.residual <= FITS:
+        share = f"they differ by {100 * self.residual:.2g} % of the motion"
+        if self.residual <= FITS:
             return f"rates and attitudes fit each other: {share}"
         return f"rates and attitudes fit only roughly: {share}{f'; {self.cause}' if self.cause else ''}"
 
@@ -168,8 +155,8 @@ def evaluate_agreement(
     G : (3, 3) that has turned the rates of three gyros into those of the windows; None does not ask for the gyros' directions
     """
     as_read = _evaluate_as_read(windows)
-    if as_read.residual <= FITS:
-        return Agreement(as_read, ())
+    if as_read <= FITS:
+        return Agreement(as_read)
     ways = _list_readings(windows, order, reverse)
     for words, q in others:
         ways += [((*words, *more), mean) for more, mean in _list_readings(replace(windows, q=q), order, reverse)]
@@ -186,27 +173,26 @@ def evaluate_agreement(
         word = f"the gyro as increments in {unit}{PER_SAMPLE}, not {unit}"
         summed = _pair_rates(_sum_increments(windows), [((*words, word), reference) for words, reference in ways])
         tried += [one for pair in summed for one in _fit_scales_and_axes(pair, scales)]
-    best = min((one.residual for one in tried), default=np.inf)
-    rotated = None
-    if best > FITS:
-        smallest = min(best, as_read.residual, 2 * HOPELESS)
-        rotated = _find_rotation(pairs, scales, LARGEST_RESIDUAL_RATIO * smallest)
-        smallest = min(smallest, np.inf if rotated is None else rotated.residual)
-        aligned = _align(windows, unit in ANGLE_UNITS)
-        if aligned is not None and aligned.residual > LARGEST_RESIDUAL_RATIO * smallest:
-            aligned = None
-        smallest = min(smallest, np.inf if aligned is None else aligned.residual)
+    smallest = min(as_read, 2 * HOPELESS)
+    best = _choose(tried, LARGEST_RESIDUAL_RATIO * smallest)
+    if min((one.residual for one in tried), default=np.inf) > FITS:
+        smallest = min(smallest, *(one.residual for one in tried))
+        for find in (partial(_list_rotations, pairs, scales), partial(_align, windows, unit in ANGLE_UNITS)):
+            found = _choose(find(), LARGEST_RESIDUAL_RATIO * smallest)
+            best, smallest = (best, smallest) if found is None else (found, found.residual)
         if G is not None and smallest > FITS:
-            skew = _find_skew_axes(windows, pairs, scales, G, LARGEST_RESIDUAL_RATIO * smallest)
-            rotated, aligned = (rotated, aligned) if skew is None else (skew, None)
-        if aligned is not None:
-            return Agreement(as_read, (), None, aligned)
-    if best > min(LARGEST_RESIDUAL_RATIO * as_read.residual, HOPELESS):
-        return Agreement(as_read, (), rotated, cause=_describe_cause(windows))
-    good = [one for one in tried if one.residual <= max(RESIDUAL_TIE_FACTOR * best, best + 0.02)]
-    fewest = min(one.count for one in good)
-    chosen = sorted((one for one in good if one.count == fewest), key=lambda one: one.residual)
-    return Agreement(as_read, tuple(chosen[:3]), rotated)
+            best = _choose(_list_skew_axes(windows, pairs, scales, G), LARGEST_RESIDUAL_RATIO * smallest) or best
+    return Agreement(as_read, best, "" if best is not None and best.kind in ("turn", "alignment") else _describe_cause(windows))
+
+
+def _choose(readings: Sequence[Reading], largest: float) -> Reading | None:
+    """The one that changes least of those that fit as well as the best, if that leaves no more than the largest residual."""
+    least = min((one.residual for one in readings), default=np.inf)
+    if least > largest:
+        return None
+    good = [one for one in readings if one.residual <= max(RESIDUAL_TIE_FACTOR * least, least + 0.02)]
+    best = min(good, key=lambda one: (one.count, one.residual))
+    return replace(best, is_tied=best.kind == "turn" and sum(one.count == best.count for one in good) > 1)
 
 
 def _sum_increments(windows: Motion) -> Motion:
@@ -218,10 +204,12 @@ def _sum_increments(windows: Motion) -> Motion:
     )
 
 
-def _align(windows: Motion, accumulated: bool) -> Alignment | None:
+def _align(windows: Motion, accumulated: bool) -> list[Reading]:
+    """The reading with a free factor and a free clock, if the motion shows one."""
     steps = np.diff(windows.t_s)
     rates = np.diff(windows.angle, axis=0) / steps[:, None]
-    return estimate_alignment(windows.t_s[:-1], rates, float(steps[-1]), windows.t_ref, windows.q, accumulated)
+    found = estimate_alignment(windows.t_s[:-1], rates, float(steps[-1]), windows.t_ref, windows.q, accumulated)
+    return [] if found is None else [Reading("alignment", tuple(found.changes), len(found.changes), found.residual)]
 
 
 def _describe_cause(windows: Motion) -> str:
@@ -266,12 +254,10 @@ def _explain_residuals(recording: Recording, G: Array, bias: Array) -> str:
     if windows is None:
         return ""
     found = evaluate_agreement(windows, "deg/s", "s", "scalar-last", factors=RATE_FACTORS)
-    if found.aligned is not None:
-        return f"{found.sentence}, as an option of gyrocal import"
-    if found.better or (not found.fits and found.rotated is not None):
-        return found.sentence
-    if found.rotated is not None:
-        return f"rates and attitudes fit much better if imported anew: {found.rotated.sentence}"
+    if found.best is not None and found.fits:
+        return f"rates and attitudes fit much better if imported anew: {found.best.sentence}"
+    if found.best is not None:
+        return f"{found.sentence}{', as an option of gyrocal import' if found.best.kind == 'alignment' else ''}"
     longest = max(one.stop_s - one.start_s for one in recording.intervals)
     fault = None if windows.is_coarse else explain_misfit(windows)
     if fault is None or fault.bias is None:
@@ -285,15 +271,16 @@ def _explain_residuals(recording: Recording, G: Array, bias: Array) -> str:
     )
 
 
-def _evaluate_as_read(windows: Motion) -> Reading:
+def _evaluate_as_read(windows: Motion) -> float:
+    """Residual of the tables as they are read over that of the motion, less a constant bias if that is smaller."""
     reference = windows.attitudes()
     gyro, inside = windows.gyro()
     reference, gyro = reference[inside], gyro[inside]
     if len(reference) < FEWEST_RATE_WINDOWS:
-        return Reading((), 0, np.inf, 0.0)
+        return np.inf
     left = reference - gyro
     centred = _compute_rms(left - left.mean(axis=0)) / _compute_rms(reference - reference.mean(axis=0))
-    return Reading((), 0, min(_compute_rms(left) / _compute_rms(reference), centred), 0.0)
+    return min(_compute_rms(left) / _compute_rms(reference), centred)
 
 
 def _pair_rates(windows: Motion, ways: Sequence[tuple[tuple[str, ...], Array]], offset_s: float = 0.0) -> list[RatePair]:
@@ -318,15 +305,12 @@ def _fit_scales_and_axes(pair: RatePair, scales: dict[str, float]) -> list[Readi
             if left < whole:
                 changes = (*direction, *filter(None, (name, words)), *pair.words[len(direction) :])
                 moved = int(np.sum(np.diag(Pi) != 1)) + bool(name) + len(pair.words)
-                out.append(Reading(changes, moved, float(np.sqrt(left / whole)), pair.offset_s))
+                out.append(Reading("turn", changes, moved, float(np.sqrt(left / whole)), pair.offset_s))
     return sorted(out, key=lambda one: (one.residual, one.count))[:8]
 
 
-def _find_rotation(pairs: list[RatePair], scales: dict[str, float], largest: float) -> MatrixReading | None:
-    """Find the reading with a rotation of the gyro's axes that fits best and changes least.
-
-    largest: residual over motion beyond which no rotation is named.
-    """
+def _list_rotations(pairs: list[RatePair], scales: dict[str, float]) -> list[Reading]:
+    """All readings with the rotation of the gyro's axes that fits best."""
     found = []
     for pair in pairs:
         if len(pair.gyro) < LEAST_WINDOWS:
@@ -339,14 +323,12 @@ def _find_rotation(pairs: list[RatePair], scales: dict[str, float], largest: flo
         for name, scale in scales.items():
             left = whole - 2 * scale * common + scale**2 * float(np.sum(g * g))
             changes = (*pair.words, *filter(None, (name,)), words)
-            found.append(MatrixReading(changes, float(np.sqrt(max(left, 0.0) / whole)), angle))
-    return _choose_matrix(found, largest)
+            found.append(Reading("rotation", changes, len(changes), float(np.sqrt(max(left, 0.0) / whole))))
+    return found
 
 
-def _find_skew_axes(
-    windows: Motion, pairs: list[RatePair], scales: dict[str, float], G: Array, largest: float
-) -> MatrixReading | None:
-    """Find the reading with three gyros in any direction that fits best and changes least.
+def _list_skew_axes(windows: Motion, pairs: list[RatePair], scales: dict[str, float], G: Array) -> list[Reading]:
+    """All readings with three gyros in the directions that fit best, if these are skew.
 
     With w_ref = M w + b and w = G w_raw, gyro i measures the rate along row i of (M G)⁻¹, in the axes of the attitudes.
     """
@@ -376,15 +358,8 @@ def _find_skew_axes(
         rows = ";".join(",".join(f"{value:.3f}" for value in row) for row in axes)
         words = f"gyros that are {', '.join(f'{one:.0f}' for one in np.rad2deg(angles))} deg apart, not 90: --axes '{rows}'"
         changes = (*pair.words, *filter(None, near[:1] if near else (f"the rates times {factor:.4g} (--rate-factor)",)), words)
-        found.append(MatrixReading(changes, _compute_rms(left) / _compute_rms(r), skew))
-    return _choose_matrix(found, largest)
-
-
-def _choose_matrix(found: list[MatrixReading], largest: float) -> MatrixReading | None:
-    """The one that changes least of those that fit as well as the best, if that fits well enough."""
-    best = min((one.residual for one in found), default=np.inf)
-    good = [one for one in found if one.residual <= max(RESIDUAL_TIE_FACTOR * best, best + 0.02)]
-    return min(good, key=lambda one: (len(one.changes), one.residual)) if best <= largest else None
+        found.append(Reading("skew", changes, len(changes), _compute_rms(left) / _compute_rms(r)))
+    return found
 
 
 def describe_mean_rates(windows: Motion) -> str:

@@ -266,19 +266,19 @@ def _check_agreement(found: Agreement, late_s: float, is_coarse: bool, carry: Ca
     Where attitudes are so far apart that the body turns over between them, their mean rates say nothing: then it counts that
     the gyro, as read, leads from each to the next, which no wrong reading does several times by chance.
     """
+    best = found.best
     if not found.fits:
-        offset_alone = found.better and all(one.count == 1 and 0 < abs(one.offset_s) <= late_s for one in found.better)
-        if np.isfinite(late_s) and offset_alone:
+        is_turn, is_free = (best is not None and best.kind == kind for kind in ("turn", "alignment"))
+        if best is not None and is_turn and best.count == 1 and 0 < abs(best.offset_s) <= late_s < np.inf:
             return [f"{found.sentence}; an offset as small as this is not undone"]
-        if not found.better and (found.aligned is None or is_coarse):
+        if not is_turn and (not is_free or is_coarse):
             missed = carry()
             if missed < ARRIVES:
                 return [f"the gyro leads from each attitude used to the next within {np.rad2deg(missed):.2g} deg"]
         if np.isfinite(late_s):
             raise InputError(found.sentence)
         return [f"imported unchecked although {found.sentence}"]
-    said = [found.summary]
-    return said if found.rotated is None else [*said, f"the calibration may start nearer: {found.rotated.sentence}"]
+    return [found.summary, *([] if best is None else [f"the calibration may start nearer: {best.sentence}"])]
 
 
 def _align(streams: Streams, mapping: Mapping, said: list[str]) -> tuple[Streams, Mapping]:
@@ -340,8 +340,8 @@ def _list_warnings(
 ) -> list[str]:
     """List implausible values, which are shown first."""
     out = []
-    if found.as_read.residual > FITS:
-        out.append(f"rates and attitudes differ by {100 * found.as_read.residual:.0f} % of the motion")
+    if found.residual > FITS:
+        out.append(f"rates and attitudes differ by {100 * found.residual:.0f} % of the motion")
     if not 1 / LARGEST_FACTOR <= mapping.rate_factor <= LARGEST_FACTOR:
         out.append(
             f"the rates are multiplied by {mapping.rate_factor:.4g}: is their unit, range or size of a count another one?"

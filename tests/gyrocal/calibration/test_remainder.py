@@ -9,7 +9,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gyrocal import calibrate
-from gyrocal.calibration.jackknife import cut_into_blocks, estimate_jackknife_covariance
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.remainder import (
     MOST_RESIDUALS,
@@ -110,24 +109,6 @@ def test_remainder_has_the_size_and_the_side_of_the_simulation():
     assert np.sqrt(np.mean([np.square(one.reference) for one in results])) < 0.3 * REFERENCE
     delays = [one.remainder.delay_s for one in calibrate_with_remainder("delay")]
     assert np.sqrt(np.mean(np.square(delays))) == pytest.approx(0.01, rel=0.6)
-
-
-def test_sigmas_agree_with_the_jackknife():
-    ratios = []
-    for seed in range(3):
-        recording = simulate_remainder(seed, rate=RATE, reference=REFERENCE)
-        result = add_remainder(recording, calibrate(recording))
-        ratios.append(np.sqrt(np.diag(estimate_jackknife_covariance(recording, 12))) / result.remainder.sigma)
-    # A jackknife of twelve blocks is uncertain by a third for each parameter, and biased upwards.
-    assert 0.7 < np.exp(np.mean(np.log(ratios))) < 1.6
-
-
-def test_blocks_are_parts_of_intervals_that_touch():
-    recording = simulate_remainder(0)
-    blocks = cut_into_blocks(recording, 12)
-    assert len(blocks) == 12
-    assert blocks[0].stop_s == blocks[1].start_s
-    assert cut_into_blocks(recording, 6) == recording.intervals
 
 
 def test_result_keeps_its_fields_and_gains_both_sigmas(tmp_path):

@@ -78,7 +78,7 @@ def test_rows_are_the_derivatives_of_the_residuals(motion):
         np.testing.assert_allclose(state.rows.plain[:, k], slope, rtol=0, atol=1e-7 * np.abs(slope).max() + 1e-6)
 
 
-@pytest.mark.parametrize("cases", choose_case_numbers(80, 200))
+@pytest.mark.parametrize("cases", choose_case_numbers(30, 200))
 def test_errors_are_covered_one_by_one_and_together_but_not_by_the_formal_covariance(motion, cases):
     """NEES of epoch attitude and bias, of four attitudes together, and χ², for each way of treating the gyro noise."""
     ways = {

@@ -76,7 +76,7 @@ def consistency(cases, **options):
     return np.mean(values, axis=0), np.mean(ratios)
 
 
-@pytest.mark.parametrize("cases", choose_case_numbers(8, 20))
+@pytest.mark.parametrize("cases", choose_case_numbers(4, 20))
 def test_filter_is_consistent(cases):
     values, ratio = consistency(cases)
     low, high = mean_bounds(6, cases)
@@ -96,7 +96,7 @@ def test_errors_of_an_orbit_period_show(cases):
     assert heads.max() > 5 * high
 
 
-@pytest.mark.parametrize("cases", choose_case_numbers(12, 30))
+@pytest.mark.parametrize("cases", choose_case_numbers(6, 30))
 def test_on_board_residual_is_consistent(cases):
     flight, *_ = timeline()
     white, naive = [], []

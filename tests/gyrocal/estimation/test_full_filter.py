@@ -104,7 +104,7 @@ def study(cases, offset_sigma=0.0, reference_sigma=0.0):
     return {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
 
 
-@pytest.mark.parametrize("cases", choose_case_numbers(10, 25))
+@pytest.mark.parametrize("cases", choose_case_numbers(4, 25))
 def test_right_model(cases):
     """Consistent, and better than the separate scheme: it also uses what the sensors see within a maneuver."""
     found = study(cases)
@@ -116,7 +116,7 @@ def test_right_model(cases):
     assert found["full_G"] < found["separate_G"]
 
 
-@pytest.mark.parametrize("cases", choose_case_numbers(6, 15))
+@pytest.mark.parametrize("cases", choose_case_numbers(3, 15))
 def test_a_misaligned_sensor_makes_it_too_sure(cases):
     """An alignment error as large as a measurement's noise hardly shows in the innovations, but in the changes."""
     found = study(cases, offset_sigma=OFFSET, reference_sigma=OFFSET)

@@ -101,7 +101,7 @@ def outcome(cases, openings=None, **options):
     return np.mean(solved, axis=0), np.mean(white, axis=0)
 
 
-@pytest.mark.parametrize("cases", choose_case_numbers(12, 30))
+@pytest.mark.parametrize("cases", choose_case_numbers(6, 30))
 @pytest.mark.parametrize("opened", [False, True])
 def test_covariance_over_seeds(opened, cases):
     """Of a filter that runs through, and as N has it: opened after slews, the references forget the maneuver."""

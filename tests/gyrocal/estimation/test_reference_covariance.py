@@ -46,7 +46,7 @@ def solved(recording, V, iterations=4):
     return x, P * np.outer(scale, scale)
 
 
-@pytest.mark.parametrize("cases", choose_case_numbers(120, 300))
+@pytest.mark.parametrize("cases", choose_case_numbers(40, 300))
 @pytest.mark.parametrize("weighting", ["plain", "exact"])
 def test_residuals_have_the_stated_covariance_with_all_that_is_shared(weighting, cases):
     """Both ends of one batch, a batch that overlaps the interval, neighbours that share a batch: in one timeline."""

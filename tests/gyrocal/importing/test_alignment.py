@@ -42,7 +42,7 @@ def with_clock(data, factor, offset_s):
     return replace(data, gyro=gyro, attitude=data.attitude.assign(timestamp_ms=data.attitude["timestamp_ms"] - 1e3 * offset_s))
 
 
-@pytest.mark.parametrize("logs", choose_case_numbers(5, 12))
+@pytest.mark.parametrize("logs", choose_case_numbers(3, 12))
 def test_alignment_is_found_within_its_sigmas(logs):
     """Over logs whose G is the identity, so that nothing but what is estimated differs, errors have a chi-square of one."""
     errors = []

@@ -76,7 +76,7 @@ def test_two_steps_made_once_keep_a_part_of_the_misalignment(world):
     assert heavy.retained[0, 0] > 0.9  # with the Earth sensor weighted more, the steps hardly disturb each other
 
 
-@pytest.mark.parametrize("cases", choose_case_numbers(16, 60))
+@pytest.mark.parametrize("cases", choose_case_numbers(8, 60))
 def test_injected_misalignments_are_covered(world, cases):
     """From whole counts and an independently simulated horizon; two steps about their own mean, and not about the truth."""
     out = {"together": [], "exact": [], "mean": [], "truth": [], "loss": []}
