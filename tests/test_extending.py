@@ -195,11 +195,13 @@ RIVALS = (
 )
 
 
-SWING = pytest.param("bias_swing", marks=pytest.mark.long)  # its covariance has a test of its own
+FAST = ("bias_eclipse", "noise_crosstalk")  # the others have tests of what they do
 
 
 @pytest.mark.parametrize("is_against_all", [False, pytest.param(True, marks=pytest.mark.long)])
-@pytest.mark.parametrize("example", [SWING, *(name for name in SEEN if name != "bias_swing")], indirect=True)
+@pytest.mark.parametrize(
+    "example", [name if name in FAST else pytest.param(name, marks=pytest.mark.long) for name in SEEN], indirect=True
+)
 def test_an_effect_from_outside_is_named_with_its_size(example, is_against_all):
     """One file each: a rate column, a random process, a change of the samples, of the references, and of a sensor."""
     asked = parse(SEEN[example.name])

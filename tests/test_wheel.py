@@ -47,7 +47,10 @@ def test_it_is_small_and_holds_the_program_alone(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     assert wheel.stat().st_size < LARGEST_MB * 1e6
     assert not [name for name in names if name.startswith(ONLY_CHECKOUT)]
-    assert {"gyrocal/__init__.py", "simulator/scenarios/trmm.toml"} <= set(names)
+    files = {"gyrocal/__init__.py", "simulator/scenarios/trmm.toml", "studies/report/templates/page.html"}
+    assert files <= set(names)
+    data = {path.relative_to(ROOT).as_posix() for path in (ROOT / "studies" / "data").rglob("*.csv")}
+    assert data <= set(names)
 
 
 @pytest.fixture
@@ -67,8 +70,8 @@ def run(installed, tmp_path):
 COLUMNS = ["--time", "time_ms:ms", "--gyro", "gx,gy,gz:deg/s"]
 
 
+@pytest.mark.long
 def test_commands_work_outside_the_checkout(run, installed, tmp_path):
-    """With scenarios, pages and their style, by what needs no compiled code: to compile it for one log takes forty seconds."""
     where = run("-c", "import gyrocal, studies; print(gyrocal.__file__, studies.__file__)")
     assert str(ROOT) not in where
     assert str(installed.parents[1]) in where

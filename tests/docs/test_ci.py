@@ -51,24 +51,24 @@ def run(line):
     return done.exit_code
 
 
-@pytest.mark.parametrize("name", ["GitHub", "GitLab"])
-def test_a_workflow_passes_when_nothing_moved(name, stored):
-    commands = list_commands(name)
+def test_both_workflows_run_the_same_commands():
+    github, gitlab = map(list_commands, ("GitHub", "GitLab"))
+    assert [line.split()[1] for line in github] == [line.split()[1] for line in gitlab]
+    assert {line.split()[1] for line in github} == {"import", "calibrate", "baseline", "study"}
+
+
+def test_a_workflow_passes_when_nothing_moved(stored):
+    commands = list_commands("GitHub")
     assert [run(line) for line in commands] == [0] * len(commands)
-    assert {word for line in commands for word in line.split()[1:2]} == {"import", "calibrate", "baseline", "study"}
 
 
-@pytest.mark.parametrize("name", ["GitHub", "GitLab"])
-def test_a_workflow_fails_when_a_parameter_moved_by_four_sigma(name, stored):
-    """The stored value moves, which is the same as that of the recording the other way."""
+def test_a_workflow_fails_when_a_parameter_moved_by_four_sigma(stored):
+    """The stored values move, which is the same as those of the recording the other way."""
     for file in (stored / "reference.json", stored / "expected" / "rec.json"):
-        before = file.read_text()
-        document = json.loads(before)
+        document = json.loads(file.read_text())
         document["bias_deg_s"][2] += 4 * float(np.rad2deg(np.sqrt(read_calibration(file).covariance[11, 11])))
         file.write_text(json.dumps(document))
-        own = [line for line in list_commands(name) if not FEW.match(line)]
-        moved = ["calibrate" if file.name == "reference.json" else "baseline"]
-        assert [line.split()[1] for line in own if run(line) == 1] == moved
-        file.write_text(before)
+    own = [line for line in list_commands("GitHub") if not FEW.match(line)]
+    assert [line.split()[1] for line in own if run(line) == 1] == ["calibrate", "baseline"]
     (suite,) = ElementTree.parse(stored / "baseline.xml").getroot()
     assert any("b_z" in one.get("name") and len(one) for one in suite)
