@@ -18,21 +18,21 @@ import numpy as np
 from gyrocal.errors import InputError
 from gyrocal.files import open_replacement
 from gyrocal.importing.column_mapping import Mapping, load_mapping, validate_mapping
+from gyrocal.importing.gyro_join import join_gyros
 from gyrocal.recording import GyroStream, Interval, Recording, format_toml, save
-from gyrocal.recording.gyro_join import join_gyros
 from gyrocal.recording.parts import build_empty_attitudes
 
 if TYPE_CHECKING:
     from gyrocal.importing.agreement import explain_refusal
     from gyrocal.importing.build import ImportResult
-    from gyrocal.recording.reference_join import SensorReferences, join_references
+    from gyrocal.importing.reference_join import SensorReferences, join_references
 
 NOTES_FILE = "import.toml"  # beside recording.toml; a recording is read without it
 NOISE_PHRASES = ("angle random walk", "sigma of the references", "1-sigma about")  # how an estimate of it begins
 LATE = {  # public names, and the modules that load scipy for them
-    "SensorReferences": "gyrocal.recording.reference_join",
+    "SensorReferences": "gyrocal.importing.reference_join",
     "explain_refusal": "gyrocal.importing.agreement",
-    "join_references": "gyrocal.recording.reference_join",
+    "join_references": "gyrocal.importing.reference_join",
 }
 
 __all__ = [

@@ -33,11 +33,11 @@ from gyrocal.importing.estimates import (
 )
 from gyrocal.importing.intervals import choose_intervals, name_interval
 from gyrocal.importing.motion import Motion, build_motion, rotate_onto
+from gyrocal.importing.reference_join import JoinedReferences
 from gyrocal.importing.sensors import build_references, join_sensors, read_stated_sigma
 from gyrocal.importing.streams import BodyAttitudes, Sensor, Streams
 from gyrocal.importing.units import compute_gyro_factor, format_degrees
 from gyrocal.recording import Attitudes, GyroStream, Recording
-from gyrocal.recording.reference_join import JoinedReferences
 from gyrocal.rests import compare_rests, compute_speed, find_rests
 
 Array = NDArray[np.float64]

@@ -15,6 +15,7 @@ from gyrocal.errors import InputError
 from gyrocal.importing.column_mapping import Mapping
 from gyrocal.importing.gyro_samples import GAP_SAMPLES
 from gyrocal.importing.motion import Motion
+from gyrocal.importing.reference_join import SensorReferences
 from gyrocal.importing.reference_sigma import (
     MAD_TO_SIGMA,
     ReferenceSigma,
@@ -24,7 +25,6 @@ from gyrocal.importing.reference_sigma import (
 from gyrocal.importing.streams import BodyAttitudes, Streams
 from gyrocal.importing.units import format_degrees
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
-from gyrocal.recording.reference_join import SensorReferences
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing import units
 from gyrocal.importing.column_mapping import Mapping, parse_spec
+from gyrocal.importing.gyro_join import measure_all_directions
 from gyrocal.importing.held_readings import find_held_readings
 from gyrocal.importing.table_rows import read_labels, read_numbers, read_rows, select_columns, sort_rows
 from gyrocal.importing.time_base import estimate_spacing, fit_even_times, is_uneven
-from gyrocal.recording.gyro_join import measure_all_directions
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -21,9 +21,9 @@ from gyrocal.errors import InputError
 from gyrocal.importing.column_mapping import Mapping
 from gyrocal.importing.estimates import estimate_sensor_sigma
 from gyrocal.importing.intervals import select_rows
+from gyrocal.importing.reference_join import JoinedReferences, SensorReferences, join_references
 from gyrocal.importing.streams import BodyAttitudes, Sensor
 from gyrocal.recording import Attitudes, GyroStream
-from gyrocal.recording.reference_join import JoinedReferences, SensorReferences, join_references
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

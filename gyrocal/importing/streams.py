@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing import units
 from gyrocal.importing.column_mapping import Mapping, convert_attitude, find_name, parse_spec
+from gyrocal.importing.gyro_join import JoinedGyros, join_gyros
 from gyrocal.importing.gyro_samples import MOST_LOST_SHARE, build_samples, put_on_even_times, read_gyro_rows
 from gyrocal.importing.table_rows import read_labels, read_rows, sort_rows
-from gyrocal.recording.gyro_join import JoinedGyros, join_gyros
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from gyrocal.recording.reference_join import SensorReferences
+    from gyrocal.importing.reference_join import SensorReferences
 
 Array = NDArray[np.float64]
 

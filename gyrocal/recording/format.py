@@ -4,18 +4,14 @@ On disk a recording is one folder: ``recording.toml``, ``gyro.parquet`` (or ``.c
 tables. Files are in degrees, objects in radians. The gyro sample k is the mean body rate over [t_k, t_k + sample_s) as the
 uncalibrated gyro shows it. Simulated and real data share the format, and nothing in it says which it is.
 
-Format 1 holds the three gyros x, y and z and references of one sensor. Format 2 may have reference attitudes of several
-sensors, and more named gyros, of which it may say which were switched on in an interval: both are joined when it is loaded.
-What format 1 can hold is written in it.
+A recording holds three rates and one reference attitude at a time: an import joins more gyros and several sensors.
 """
 
 from __future__ import annotations
 
-import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,18 +21,15 @@ from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.files import lock_folder, write_together
-from gyrocal.recording import attitude_sensors, checks, header, sensor_tables, tables
-from gyrocal.recording.gyro_join import join_gyros
-from gyrocal.recording.parts import TIME_TOLERANCE_S, Attitudes, GyroStream, Orbit, build_empty_attitudes
+from gyrocal.recording import checks, header, sensor_tables, tables
+from gyrocal.recording.parts import Attitudes, GyroStream, Orbit, build_empty_attitudes
 from gyrocal.recording.recording_data import Recording
-from gyrocal.recording.tables import CORRELATION_COLUMNS, OPTIONAL_TABLES, QUATERNION_COLUMNS, SIGMA_COLUMNS
+from gyrocal.recording.tables import CORRELATION_COLUMNS, OPTIONAL_TABLES, QUATERNION_COLUMNS, RATE_COLUMNS, SIGMA_COLUMNS
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Array = NDArray[np.float64]
-
-logger = logging.getLogger(__name__)
 
 HEADER = "recording.toml"
 IS_A_RECORDING = f"a recording is a folder with {HEADER} in it"
@@ -66,17 +59,14 @@ def load(folder: str | os.PathLike[str], *, without_references: bool = False) ->
 
 def _load(folder: Path, without_references: bool) -> Recording:
     said = header.read(folder / HEADER)
-    rates = tuple(f"rate_{name}_deg_s" for name in said.gyro.names)
-    gyro_name, gyro = tables.read(folder, "gyro", ("t_s", *rates), rates if len(rates) > 3 else ())
+    gyro_name, gyro = tables.read(folder, "gyro", ("t_s", *RATE_COLUMNS))
     attitude_name, attitude = "attitude", None
     without_references = without_references and tables.find(folder, "attitude") is None
     if not without_references:
-        stated = bool(said.attitude.sensor) and all(one.sigma_deg for one in said.attitude.sensor)
-        wanted = ("t_s", *QUATERNION_COLUMNS, *(() if stated else SIGMA_COLUMNS))
+        wanted = ("t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS)
         attitude_name, attitude = tables.read(folder, "attitude", wanted)
     optional = {name: tables.read(folder, name, ("t_s",))[1] for name in OPTIONAL_TABLES if tables.find(folder, name)}
-    with _name_in_error(folder / gyro_name):
-        stream = _build_stream(said, tables.convert_column(gyro, "t_s"), np.deg2rad(tables.convert_columns(gyro, rates)))
+    stream = _build_stream(said.gyro, gyro)
     with _name_in_error(folder):
         sensors = sensor_tables.read(optional)
     with _name_in_error(folder / gyro_name):  # checked here first so that the message can name the file
@@ -84,7 +74,7 @@ def _load(folder: Path, without_references: bool) -> Recording:
     attitudes = build_empty_attitudes()
     if attitude is not None:
         with _name_in_error(folder / attitude_name):
-            attitudes = _read_attitudes(attitude, said, stream)
+            attitudes = _read_attitudes(attitude, said.attitude)
             checks.check_attitudes(attitudes)
     with _name_in_error(folder):
         return Recording(
@@ -101,50 +91,22 @@ def _load(folder: Path, without_references: bool) -> Recording:
         )
 
 
-def _build_stream(said: header.Header, t_s: Array, raw: Array) -> GyroStream:
-    """Samples of the three gyros, or of the rates by more gyros, joined; of an interval those that were switched on."""
-    gyro, names = said.gyro, said.gyro.names
-    arw, G = float(np.deg2rad(gyro.arw_deg_per_sqrt_s)), np.array(gyro.apriori_G)
-    if len(names) > 3:
-        for one in said.interval:
-            unknown = [name for name in one.gyros or () if name not in names]
-            if unknown:
-                raise InputError(f"interval {one.name}: no gyro {', '.join(unknown)}; there are {', '.join(names)}")
-            inside = _find_samples(t_s, gyro.sample_s, one)
-            raw[np.ix_(inside, np.array([one.gyros is not None and name not in one.gyros for name in names]))] = np.nan
-        joined = join_gyros(raw, np.linalg.pinv(G), names=names)
-        for text in joined.describe(arw / np.sqrt(gyro.sample_s)):
-            logger.info("%s", text)
-        kept = np.isfinite(joined.rates).all(axis=1)
-        for one in said.interval:
-            lost = np.flatnonzero(_find_samples(t_s, gyro.sample_s, one) & ~kept)
-            if lost.size:
-                raise InputError(
-                    f"interval {one.name}: row {lost[0]} has fewer than three gyros that see all axes ({lost.size} such); "
-                    "leave the interval out, or make three rates of the gyros by gyrocal import csv --gyros"
-                )
-        t_s, raw, arw, G = t_s[kept], joined.rates[kept], arw * joined.gain, np.eye(3)
-    degrees = float("inf") if gyro.arw_dof is None else gyro.arw_dof
-    return GyroStream(t_s, raw, gyro.sample_s, arw, G, np.deg2rad(gyro.apriori_bias_deg_s), gyro.arw_estimated, degrees)
+def _build_stream(said: header.GyroHeader, table: pd.DataFrame) -> GyroStream:
+    """The samples of a table."""
+    return GyroStream(
+        tables.convert_column(table, "t_s"),
+        np.deg2rad(tables.convert_columns(table, RATE_COLUMNS)),
+        said.sample_s,
+        float(np.deg2rad(said.arw_deg_per_sqrt_s)),
+        np.array(said.apriori_G),
+        np.deg2rad(said.apriori_bias_deg_s),
+        said.arw_estimated,
+        float("inf") if said.arw_dof is None else said.arw_dof,
+    )
 
 
-def _find_samples(t_s: Array, sample_s: float, interval: header.IntervalHeader) -> NDArray[np.bool_]:
-    """(n,) whether a sample has a part in an interval."""
-    first, stop = interval.start_s - sample_s + TIME_TOLERANCE_S, interval.stop_s - TIME_TOLERANCE_S
-    return np.asarray((t_s > first) & (t_s < stop))
-
-
-def _read_attitudes(table: pd.DataFrame, said: header.Header, gyro: GyroStream) -> Attitudes:
-    """The references of a table, those of several sensors joined."""
-    degrees = float("inf") if said.attitude.sigma_dof is None else said.attitude.sigma_dof
-    if said.attitude.sensor:
-        from gyrocal.recording.reference_join import join_references  # late: it loads scipy
-
-        joined = join_references(attitude_sensors.read(table, said.attitude.sensor), gyro)
-        for text in joined.describe():
-            logger.info("%s", text)
-        return replace(joined.attitudes, sigma_estimated=said.attitude.sigma_estimated, sigma_degrees=degrees)
-    attitude_sensors.check_unnamed(table, said.format)
+def _read_attitudes(table: pd.DataFrame, said: header.AttitudeHeader) -> Attitudes:
+    """The references of a table."""
     correlated = [name for name in CORRELATION_COLUMNS if name in table.columns]
     if correlated and len(correlated) < len(CORRELATION_COLUMNS):
         raise InputError(f"columns {', '.join(CORRELATION_COLUMNS)} go together; only {', '.join(correlated)} is there")
@@ -152,9 +114,9 @@ def _read_attitudes(table: pd.DataFrame, said: header.Header, gyro: GyroStream) 
         t_s=tables.convert_column(table, "t_s"),
         quaternions=tables.convert_columns(table, QUATERNION_COLUMNS),
         sigma=np.deg2rad(tables.convert_columns(table, SIGMA_COLUMNS)),
-        sigma_estimated=said.attitude.sigma_estimated,
+        sigma_estimated=said.sigma_estimated,
         correlation=tables.convert_columns(table, CORRELATION_COLUMNS) if correlated else None,
-        sigma_degrees=degrees,
+        sigma_degrees=float("inf") if said.sigma_dof is None else said.sigma_dof,
     )
 
 

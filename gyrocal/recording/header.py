@@ -1,7 +1,6 @@
 """recording.toml: what it must say, and how it is written.
 
-Format 1 holds the three gyros x, y and z. A file of format 2 may hold any number of named gyros from three on, and say which of
-them were switched on in an interval; they are joined when it is read. What format 1 can hold is written in it.
+Format 2 may state the node and the argument of latitude of the orbit. What format 1 can hold is written in it.
 """
 
 from __future__ import annotations
@@ -15,59 +14,40 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from gyrocal.errors import InputError
-from gyrocal.recording import attitude_sensors, bounds
-from gyrocal.recording.attitude_sensors import SensorHeader
+from gyrocal.recording import bounds
 from gyrocal.recording.faults import format_validation_error
-from gyrocal.recording.gyro_join import measure_all_directions
 from gyrocal.recording.parts import Interval
 from gyrocal.recording.recording_data import Recording
-from gyrocal.recording.tables import TRIAD
 
-GYRO_NAME = re.compile(r"[A-Za-z_]*[0-9]+")  # of a gyro that is not x, y or z
-MOST_GYROS = 24
+GainRow = Annotated[list[Annotated[float, Field(ge=-100, le=100)]], Field(min_length=3, max_length=3)]
 
 
 class _Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
-class _GyroHeader(_Model):
+class GyroHeader(_Model):
+    """The gyro as a file states it."""
+
     sample_s: float = Field(gt=0)
     kind: Literal["rate"]
     arw_deg_per_sqrt_s: float = Field(ge=0, le=1e3)
     arw_estimated: bool = False
     arw_dof: float | None = Field(default=None, ge=0)
-    names: list[str] = Field(default=list(TRIAD), min_length=3, max_length=MOST_GYROS)
-    apriori_G: list[list[Annotated[float, Field(ge=-100, le=100)]]]
+    apriori_G: list[GainRow] = Field(min_length=3, max_length=3)
     apriori_bias_deg_s: list[Annotated[float, Field(ge=-1e5, le=1e5)]] = Field(min_length=3, max_length=3)
 
-    @field_validator("names")
-    @classmethod
-    def _validate_names(cls, value: list[str]) -> list[str]:
-        if tuple(value) != TRIAD and not (all(map(GYRO_NAME.fullmatch, value)) and len(set(value)) == len(value)):
-            raise ValueError(f"must be x, y and z, or different names of letters with digits at the end, not {value}")
-        return value
 
-    @field_validator("apriori_G")
-    @classmethod
-    def _validate_shape(cls, value: list[list[float]], info: ValidationInfo) -> list[list[float]]:
-        gyros = len(info.data.get("names", TRIAD))
-        if len(value) != 3 or any(len(row) != gyros for row in value):
-            raise ValueError(f"must be 3 rows of {gyros} numbers")
-        if not measure_all_directions(np.array(value).T):
-            raise ValueError("must be invertible")
-        return value
+class AttitudeHeader(_Model):
+    """The references as a file states them."""
 
-
-class _AttitudeHeader(_Model):
-    maps: Literal["inertial to body", "inertial to sensor"]
+    maps: Literal["inertial to body"]
     quaternion: Literal["scalar last"]
     sigma_estimated: bool = False
     sigma_dof: float | None = Field(default=None, ge=0)
-    sensor: list[SensorHeader] = []
 
 
 class _OrbitHeader(_Model):
@@ -93,12 +73,6 @@ class IntervalHeader(_Model):
         return Interval(self.name, self.activity, self.start_s, self.stop_s, self.forward)
 
 
-class RecordedInterval(IntervalHeader):
-    """An interval of recording.toml, which may say which gyros were switched on."""
-
-    gyros: list[str] | None = None
-
-
 class Header(_Model):
     """What recording.toml says; angles in degrees, as on file."""
 
@@ -106,10 +80,10 @@ class Header(_Model):
     title: str
     epoch: str
     time_scale: str
-    gyro: _GyroHeader
-    attitude: _AttitudeHeader
+    gyro: GyroHeader
+    attitude: AttitudeHeader
     orbit: _OrbitHeader | None = None
-    interval: list[RecordedInterval] = Field(min_length=1)
+    interval: list[IntervalHeader] = Field(min_length=1)
 
     @field_validator("epoch")
     @classmethod
@@ -119,9 +93,6 @@ class Header(_Model):
 
     @model_validator(mode="after")
     def _validate_format(self) -> Header:
-        attitude_sensors.check_header(self.format, self.attitude.maps, self.attitude.sensor)
-        if self.format == 1 and (tuple(self.gyro.names) != TRIAD or any(one.gyros is not None for one in self.interval)):
-            raise ValueError("names of gyros, and gyros of an interval, need format = 2")
         orbit = set() if self.orbit is None else self.orbit.model_fields_set
         if self.format == 1 and orbit & {"raan_deg", "argument_of_latitude_deg"}:
             raise ValueError("raan_deg and argument_of_latitude_deg of the orbit need format = 2")

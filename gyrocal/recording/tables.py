@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-TRIAD = ("x", "y", "z")
 RATE_COLUMNS = ("rate_x_deg_s", "rate_y_deg_s", "rate_z_deg_s")
 QUATERNION_COLUMNS = ("q1", "q2", "q3", "q4")
 SIGMA_COLUMNS = ("sigma_x_deg", "sigma_y_deg", "sigma_z_deg")
@@ -39,8 +38,8 @@ def find(folder: Path, name: str) -> Path | None:
     return found[0] if found else None
 
 
-def read(folder: Path, name: str, required: tuple[str, ...], with_holes: tuple[str, ...] = ()) -> tuple[str, pd.DataFrame]:
-    """A table and its file's name; columns with holes may hold what is not a number."""
+def read(folder: Path, name: str, required: tuple[str, ...]) -> tuple[str, pd.DataFrame]:
+    """A table and its file's name."""
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
     path = find(folder, name)
@@ -70,7 +69,7 @@ def read(folder: Path, name: str, required: tuple[str, ...], with_holes: tuple[s
         if not pd.api.types.is_numeric_dtype(frame[column]) or pd.api.types.is_bool_dtype(frame[column]):
             raise InputError(f"{path}: column {column} holds {frame[column].dtype}, not numbers")
         bad = np.flatnonzero(~np.isfinite(frame[column].to_numpy(dtype=float)))
-        if bad.size and column not in with_holes:
+        if bad.size:
             raise InputError(
                 f"{path}: column {column}, row {bad[0]}: not a finite number ({bad.size} such); drop or repair these rows"
             )

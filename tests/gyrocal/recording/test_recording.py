@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from gyrocal import InputError, calibrate, load, save
+from gyrocal.recording.parts import build_empty_attitudes
 from tests.builders import piecewise_recording
 
 PLAN = ((((0.001, 0, 0), 60.0),), (((0, 0.002, 0), 60.0),))
@@ -111,12 +112,12 @@ BAD_INPUT = {
     "wrong unit of a key": (edit_header("arw_deg_per_sqrt_s", "arw_deg_per_sqrt_h"), "did you mean arw_deg_per_sqrt_s?"),
     "singular G": (
         edit_header("apriori_G = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]", "apriori_G = [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]"),
-        "must be invertible",
+        "must not lie in one plane",
     ),
     "wrong format": (edit_header("format = 1", "format = 3"), "format"),
     "bad epoch": (edit_header("2000-01-01T00:00:00Z", "yesterday"), "epoch"),
     "no recording.toml": (lambda folder: (folder / "recording.toml").unlink(), "no such file; a recording is a folder"),
-    "names of gyros": (edit_header("[gyro]", '[gyro]\nnames = ["g1", "g2", "g3"]'), "of an interval, need format = 2"),
+    "names of gyros": (edit_header("[gyro]", '[gyro]\nnames = ["g1", "g2", "g3"]'), "gyro.names: is not known"),
     "orbit of format 2": (
         edit_header("[gyro]", "[orbit]\nperiod_s = 5500\naltitude_km = 350\ninclination_deg = 35\nraan_deg = 1\n\n[gyro]"),
         "raan_deg and argument_of_latitude_deg of the orbit need format = 2",
@@ -149,3 +150,35 @@ def test_any_title_survives_the_disk(tmp_path):
     title = 'a "quoted" [/b] title\x01\x7f\r\n with ψ'
     save(dataclasses.replace(piecewise_recording(PLAN), title=title), tmp_path)
     assert load(tmp_path).title == title
+
+
+def test_a_recording_of_other_than_three_rates_or_without_references_is_refused():
+    one = piecewise_recording()
+    for changes, words in (
+        ({"gyro": {"rates": one.gyro.rates[:, :2]}}, "join_gyros makes three of more gyros"),
+        ({"gyro": {"rates": np.full(one.gyro.rates.shape, np.nan)}}, "finite"),
+        ({"gyro": {"apriori_G": np.ones((3, 3))}}, "must not lie in one plane"),
+        ({"attitudes": vars(build_empty_attitudes())}, "attitude: no rows"),
+    ):
+        with pytest.raises(InputError, match=words):
+            dataclasses.replace(
+                one, **{name: dataclasses.replace(getattr(one, name), **values) for name, values in changes.items()}
+            )
+
+
+def test_correlations_are_three_columns_of_a_covariance(folder):
+    (folder / "attitude.parquet").unlink()
+    table = piecewise_recording(PLAN).to_frame("attitude").assign(rho_xy=0.9, rho_xz=0.9, rho_yz=0.9)
+    for frame, message in (
+        (table.drop(columns="rho_xz"), "rho_xy, rho_xz, rho_yz go together"),
+        (table.assign(rho_yz=-0.9), "correlations in row 0"),
+    ):
+        frame.to_csv(folder / "attitude.csv", index=False)
+        with pytest.raises(InputError, match=message):
+            load(folder)
+    table.to_csv(folder / "attitude.csv", index=False)
+    read = load(folder).attitudes
+    D, s = read.build_error_axes(), read.sigma
+    np.testing.assert_allclose((D * s[:, None] ** 2) @ D.transpose(0, 2, 1), read.compute_covariance(), atol=1e-20)
+    save(load(folder), folder.parent / "again")
+    np.testing.assert_allclose(load(folder.parent / "again").attitudes.correlation, read.correlation, rtol=1e-12)
