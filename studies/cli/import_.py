@@ -77,7 +77,7 @@ def import_broad_command(
 ) -> None:
     """Import FILE, a trial of BROAD as one Parquet file, and write the recording to the folder OUT.
 
-    Raw gyro and optical orientations go in as they are; noise and sigmas are estimated from the trial. See docs/broad.md.
+    Raw gyro and optical orientations go in as they are; noise and sigmas are estimated from the trial. See docs/validation.md.
 
     \b
     Examples:

@@ -189,7 +189,7 @@ def _join_gyro_and_attitudes(gyro_file: Path, read: aem.Aem, out: Path, given: d
 @OUT
 @add_options(*TABLE)
 def import_aem_command(gyro_file: Path, message: Path, out: Path, force: bool, **options: Any) -> None:
-    """Import a gyro's table and a CCSDS Attitude Ephemeris Message (version 1 or 2, KVN or XML). See docs/formats/aem.md.
+    """Import a gyro's table and a CCSDS Attitude Ephemeris Message (version 1 or 2, KVN or XML). See docs/formats.md.
 
     \b
     Example:
@@ -208,7 +208,7 @@ def import_aem_command(gyro_file: Path, message: Path, out: Path, force: bool, *
 @click.option("--spacecraft", type=int, help="NAIF number of the spacecraft whose clock it is; instrument / 1000 by default.")
 @add_options(*TABLE)
 def import_ck_command(gyro_file: Path, kernel: Path, sclk: Path, out: Path, force: bool, **options: Any) -> None:
-    """Import a gyro's table and SPICE attitudes, a C-kernel with its spacecraft clock. See docs/formats/ck.md.
+    """Import a gyro's table and SPICE attitudes, a C-kernel with its spacecraft clock. See docs/formats.md.
 
     \b
     Example:
@@ -236,7 +236,7 @@ def import_ck_command(gyro_file: Path, kernel: Path, sclk: Path, out: Path, forc
 def import_euroc_command(
     folder: Path, out: Path, reference: str | None, estimate_noise: bool, force: bool, as_json: Path | None, **options: Any
 ) -> None:
-    """Import FOLDER of the EuRoC form (mav0/imu0 and mav0/vicon0 or another reference). See docs/formats/euroc.md.
+    """Import FOLDER of the EuRoC form (mav0/imu0 and mav0/vicon0 or another reference). See docs/formats.md.
 
     \b
     Example:
@@ -267,7 +267,7 @@ def import_bag_command(
     as_json: Path | None,
     **options: Any,
 ) -> None:
-    """Import BAG of ROS 1 or 2: Imu messages, and PoseStamped, Odometry or the like. See docs/formats/ros.md.
+    """Import BAG of ROS 1 or 2: Imu messages, and PoseStamped, Odometry or the like. See docs/formats.md.
 
     \b
     Example:

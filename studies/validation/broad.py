@@ -1,4 +1,4 @@
-"""A trial of BROAD, a MEMS gyro beside an optical reference orientation, as a recording; see docs/broad.md.
+"""A trial of BROAD, a MEMS gyro beside an optical reference orientation, as a recording; see docs/validation.md.
 
 The body frame is the sensor's. What stands for the inertial frame is the fixed East-North-Up frame of the cameras, which turns
 with the Earth: up to 0.0042 deg/s that a bias takes up only while the attitude stays. Rates and attitudes keep the file's

@@ -1,7 +1,7 @@
 """The gap budget of a real gyro: each BROAD trial is imported, calibrated, diagnosed, and its second half predicted.
 
-A case is a trial (`studies.validation.broad`, docs/broad.md). Trials share nothing: sensor units differ, and each trial has its
-own budget. G, b and the remainder of the first half predict the attitudes of the second half from many starts, see
+A case is a trial (`studies.validation.broad`, docs/validation.md). Trials share nothing: sensor units differ, and each trial has
+its own budget. G, b and the remainder of the first half predict the attitudes of the second half from many starts, see
 `gyrocal.estimation.prediction_consistency`. Nothing is drawn at random.
 """
 
@@ -71,7 +71,7 @@ class RealConfig(GridConfig):
         if absent or not found:
             raise ValueError(
                 f"no trial {', '.join(absent) or 'at all'} in {folder}; the BROAD trials are not part of this project "
-                "(docs/broad.md says where they come from), point folder at them"
+                "(docs/validation.md says where they come from), point folder at them"
             )
         return value or found
 

@@ -71,7 +71,11 @@ def make(folder):
     done = CliRunner().invoke(main, ["import", "csv", *names, *WORDS])
     assert done.exit_code == 0, done.output
     (folder / "adopted.toml").write_text(re.sub(r'sha256 = ".*?"', "", blocks("docs/compare.md", "toml")[0]))
-    for page, name in (("formats/euroc", "folder"), ("formats/ros", "path"), ("broad", "path")):
+    for format_name, page, number, name in (
+        ("euroc", "formats", 4, "folder"),
+        ("ros", "formats", 3, "path"),
+        ("broad", "validation", 0, "path"),
+    ):
         found = {}
-        exec(blocks(f"docs/{page}.md", "python")[0], found)
-        shutil.move(found[name], folder / NAMES.get(page, found[name].name))
+        exec(blocks(f"docs/{page}.md", "python")[number], found)
+        shutil.move(found[name], folder / NAMES.get(format_name, found[name].name))

@@ -2,7 +2,7 @@
 
 What an integer conversion does that drops the fraction. The counts −1 < x/size < 1 all read zero, so that the bin of zero is
 twice as wide as the others, and every other reading is half a step too near to zero on average. Found in the gyros of the
-BROAD trials (docs/broad.md). Without an axis it acts on all three.
+BROAD trials (docs/validation.md). Without an axis it acts on all three.
 """
 
 import numpy as np

@@ -132,9 +132,9 @@ def test_a_csv_recording_is_calibrated_without_matplotlib_and_pyarrow(tmp_path):
 
 
 def test_the_page_s_example(capsys):
-    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "library.md").read_text(), flags=re.DOTALL)
+    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "api.md").read_text(), flags=re.DOTALL)
     namespace = {}
-    exec(compile(block, "library.md", "exec"), namespace)
+    exec(compile(block, "api.md", "exec"), namespace)
     np.testing.assert_allclose(namespace["result"].bias, [1e-4, 0, 0], atol=1e-9)
     np.testing.assert_allclose(namespace["same"].gyro.rates, namespace["rates"], rtol=1e-12)
     assert "angle random walk" in capsys.readouterr().out

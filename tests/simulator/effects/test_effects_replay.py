@@ -159,7 +159,7 @@ def test_effects_are_listed(run_cli, tmp_path):
 
 
 def test_every_effect_is_in_the_documentation():
-    text = (ROOT / "docs" / "effects.md").read_text()
+    text = (ROOT / "docs" / "scenario.md").read_text()
     for name, effect in EFFECTS.items():
         row = next(line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
         assert f"| {effect.unit} |" in row

@@ -85,7 +85,7 @@ def test_trials_without_misfit_have_a_report_without_figure(folder):
 
 def test_absent_trials_are_one_line(folder, tmp_path):
     for changes in ({"folder": str(tmp_path)}, {"folder": str(folder), "trials": ["99_none"]}):
-        with pytest.raises(InputError, match=r"no trial (at all|99_none) in .*docs/broad.md") as fault:
+        with pytest.raises(InputError, match=r"no trial (at all|99_none) in .*docs/validation.md") as fault:
             load_config(STUDY, None, changes)
         assert "\n" not in str(fault.value)
 
