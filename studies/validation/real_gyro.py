@@ -1,6 +1,6 @@
 """The gap budget of a real gyro: each BROAD trial is imported, calibrated, diagnosed, and its second half predicted.
 
-A case is a trial (`studies.validation.broad`, docs/validation.md). Trials share nothing: sensor units differ, and each trial has
+A case is a trial (`studies.validation.broad`, docs/validation.md). Trials share nothing: sensor units differ, each has
 its own budget. G, b and the remainder of the first half predict the attitudes of the second half from many starts, see
 `gyrocal.estimation.prediction_consistency`. Nothing is drawn at random.
 """
