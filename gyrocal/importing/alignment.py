@@ -266,7 +266,7 @@ def _compute_time_covariance(windows: Motion, reference: Array, offset: float, f
     free = np.linalg.qr(np.column_stack([mean, np.ones(len(mean))]))[0]
     M = np.linalg.lstsq(mean - mean.mean(axis=0), reference[inside], rcond=None)[0]
     J = np.stack([slope @ M, (slope @ M) * since[inside, None]], axis=2)
-    J = (J - np.einsum("nk,mk,maq->naq", free, free, J)).reshape(-1, 2)
+    J = (J - np.tensordot(free, np.tensordot(free.T, J, axes=1), axes=1)).reshape(-1, 2)
     left = reference[inside] - free @ (free.T @ reference[inside])
     size = np.sqrt(np.sum(J * J, axis=0))
     size[size == 0] = 1.0

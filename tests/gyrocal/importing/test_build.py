@@ -125,7 +125,7 @@ def test_a_refusal_of_the_calibration_is_explained(imported, change, words):
 MOUNTING = Rotation.from_rotvec([0.3, 1.0, -0.4])  # second sensor's axes to the first's
 
 
-def turning(n=3000, dt=0.1, rng=None):
+def turning(n=3000, dt=0.1):
     """Body-to-inertial rotations at constant rates about an axis that changes, and the rates."""
     t = dt * np.arange(n)
     omega = np.deg2rad(np.column_stack([np.sin(0.05 * t), 2 * np.cos(0.021 * t), np.sin(0.033 * t + 1)]))
@@ -210,7 +210,7 @@ def test_gyros_that_cannot_be_joined_are_refused(gyros, words):
 
 def trackers(rng, sigma, dropped=(100.0, 130.0)):
     """Streams of three gyros and two trackers, the second of which drops out for a while."""
-    t, omega, body = turning()
+    t, omega, body = turning(1800)
     errors = [Rotation.from_rotvec(rng.normal(size=(t.size, 3)) * one) for one in sigma]
     seen = (t < dropped[0]) | (t > dropped[1])
     first = Sensor("one", t, (body * errors[0]).as_quat())
