@@ -133,15 +133,6 @@ def compare_residuals_by_step(found: list[StepCalibration]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def build_residuals_table(found: list[StepCalibration]) -> pd.DataFrame:
-    """N Table 2's calibrated columns: the flight's and those found from its residuals before, deg."""
-    out = pd.DataFrame({"interval": np.repeat(np.arange(1, 7), 3), "axis": list(flight.ROTATIONS) * 6})
-    for step in found:
-        out[f"Δt = {step.step_s:g} s, flight_deg"] = flight.read_published_residuals("calibrated", step.step_s).ravel()
-        out[f"Δt = {step.step_s:g} s, found_deg"] = step.after[0].ravel()
-    return out
-
-
 def count_changed_digits(found: list[StepCalibration]) -> dict[str, dict[str, int]]:
     """Count, for each step, the printed digits of N Tables 2 and 4 that the second iteration changes, N's criterion."""
     counts = {f"{step.step_s:g}": count_digit_changes(*(theta[None] for theta in step.after)) for step in found}

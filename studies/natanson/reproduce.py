@@ -149,7 +149,6 @@ def add_recalibration_tables(scenario: Scenario, made: Reproduction) -> None:
     agreement = flight_recalibration.compare_residuals_by_step(found)
     second = flight_recalibration.build_second_iteration_table(scenario)
     made.add("own_agreement", "The flight's own residuals recalibrated", agreement)
-    made.add("own_residuals", "N Table 2 recalibrated", flight_recalibration.build_residuals_table(found))
     made.add("table5_second", "N Table 5: second iteration in both parametrisations", second)
     by_step = agreement.set_index(agreement["step_s"].map("{:g}".format))
     made.summary |= {

@@ -24,8 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
-from pathlib import Path
+from functools import lru_cache
 
 import numpy as np
 import pandas as pd
@@ -38,7 +37,6 @@ from diagnosis.inference.search import Search
 from diagnosis.model.sensors.arcs import build_arcs, fit_arcs
 from diagnosis.model.sensors.columns import HeldAmplitudes
 from diagnosis.model.sensors.orthogonal import list_solved_for
-from diagnosis.model.sensors.residuals import tabulate_sensor_residuals
 from diagnosis.model.sensors.tables import build_sensor_model, build_tables
 from diagnosis.sensor_tables import ExplainedTables, decide_sensor_verdict, explain_tables, relinearise_tables
 from diagnosis.settings import DEFAULT
@@ -50,7 +48,6 @@ from simulator.sensors.raw_tables import simulate_sensor_tables
 from simulator.sensors.suite import SensorSuite
 from simulator.simulate import observe
 from studies.montecarlo.study import Row, Streams, Study, StudyConfig, dispersed, load_base_scenario, simulate_case_motion
-from studies.report import diagnosis_figures, panels
 from studies.report.checks import Check, bound_above
 from studies.report.entry import Entry, Report
 from studies.report.tables import Table, summarise_groups
@@ -245,7 +242,7 @@ def report(config: StoryConfig, rows: pd.DataFrame) -> Report:
         "verdicts": Table("What is named", count_verdicts(rows)),
         "gaps": Table("Held-out mean square of the residuals in sigmas; 1 is the floor", average_gaps(rows)),
     }
-    return Report(tables, {"dss2_residuals": partial(_save_residual_figure, config)}, build_head_checks(rows))
+    return Report(tables, checks=build_head_checks(rows))
 
 
 def count_verdicts(rows: pd.DataFrame) -> pd.DataFrame:
@@ -308,20 +305,6 @@ def build_head_checks(rows: pd.DataFrame) -> tuple[Check, ...]:
         Check("false alarms with nominal sensors", float((nominal["verdict"] != "none").sum()), unit=f"of {len(nominal)}"),
         Check("diagnoses with a wrong name", float((rows["wrong"] > 0).sum()), bound_above(0), f"of {len(rows)}"),
     )
-
-
-def _save_residual_figure(config: StoryConfig, path: Path) -> Path:
-    """Residuals of DSS-2 in the first case."""
-    seen = explain_tables(record_truth(config, 0, Streams(config.entropy, 0)), LISTED_SENSOR_EFFECTS)
-    without = Search(seen.scaled_model).find_explanation(ORTHOGONAL)
-    assert without is not None
-    table, orthogonal = (
-        tabulate_sensor_residuals(seen.fits, collect_held_amplitudes(fitted))
-        for fitted in (seen.found.fitted, fit(seen.scaled_model, without.members))
-    )
-    table = table.assign(orthogonal_deg=orthogonal["after_deg"])
-    titles = {f"{name}_deg": label for name, label in LABELS.items()}
-    return panels.save(diagnosis_figures.draw_sun_residuals(table, "DSS-2", titles), path)
 
 
 STUDY = Study("studies.robertson.heads:STUDY", StoryConfig, run_case, record_truth)

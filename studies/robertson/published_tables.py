@@ -28,12 +28,6 @@ def read_published_slew_error(axis: str, phase: str) -> float:
     return float(rows[f"{phase}_deg"].iloc[0])
 
 
-def read_published_slew_residual(maneuver: str, phase: str, axis: str) -> float:
-    """N Table 2 at 0.5 s, deg: interval 2, "+x to -x", or 6, "-x to +x"; phase "prelaunch" or "calibrated"."""
-    interval = {"+x to -x": 1, "-x to +x": 5}[maneuver]
-    return float(flight.read_published_residuals(phase)[interval, flight.ROTATIONS.index(axis)])
-
-
 def read_requirement(name: str) -> float:
     """R Table 1, deg: "knowledge", "pointing" (both 3-sigma), "stability" (over 1 s)."""
     rows = flight.read_published_table("mission_requirements").query("requirement == @name")

@@ -12,14 +12,14 @@ from simulator.streams import generator
 from studies.montecarlo import engine
 from studies.montecarlo.study import Streams, load_config
 from studies.natanson import flight, flight_gap
-from studies.natanson.flight_diagnosis import baselines, misfit_numbers, report, simulated_tables, table
+from studies.natanson.flight_diagnosis import misfit_numbers, report, simulated_tables, table
 from studies.natanson.flight_diagnosis.builder import RATE, TIMING, LinearisationPoint, build_flight_model
 from studies.natanson.flight_diagnosis.diagnosis import FALSE_ALARM, UNKNOWN_NAME, diagnose, relinearise_timings
 from studies.natanson.flight_diagnosis.timings import TIMINGS
 from studies.report import entry
 
 PRESENT = table.load_present_baseline()
-TRIALS = {trial.name: trial for trial in baselines.list_trial_baselines()}
+TRIALS = {trial.name: trial for trial in report.list_trial_baselines()}
 BY_AXIS = {one.axis: one for one in TIMINGS}
 GRIDS = {"5": (40, 40), "2": (40, 40, 4)}  # points of a prior, dense enough for an integral over it
 NODES = {"5": (9, 9), "2": (9, 9, 5)}  # those that are flown: between them cubics change an integral by less than 0.02
@@ -200,13 +200,13 @@ def test_what_is_simulated_is_named(kind):
     ],
 )
 def test_what_was_done_to_the_baseline_is_named(name, labels):
-    found = baselines.diagnose_under_baseline(TRIALS[name])
+    found = report.diagnose_under_baseline(TRIALS[name])
     assert set(found.causes) == TRIALS[name].done
     assert {one.label for one in found.fitted if not one.effect.startswith(UNKNOWN_NAME)} == labels
 
 
 def test_the_present_baseline_is_not_blamed():
-    found = baselines.diagnose_under_baseline(TRIALS[PRESENT.name])
+    found = report.diagnose_under_baseline(TRIALS[PRESENT.name])
     assert found.causes == ()
     assert found.verdict == "unknown"
     # What is seen is not the noise, and it is not everywhere: the intervals without slews but one are as predicted.
@@ -214,7 +214,7 @@ def test_the_present_baseline_is_not_blamed():
     assert found.noise[0] == pytest.approx(1, abs=4 * found.noise[1])
     places = misfit_numbers.locate_misfit(table.read_flight_residual_table(), PRESENT)
     assert (places[places["interval"].isin([1, 5])]["p_holm"] > 0.01).all()
-    rms = baselines.compute_misfit_rms(found)
+    rms = report.compute_misfit_rms(found)
     assert rms["floor"] == pytest.approx(flight_gap.compute_floor_rms())
     assert rms["floor"] < rms["after"] <= rms["before"] < 0.02
     # What is unknown predicts nothing.
@@ -223,8 +223,8 @@ def test_the_present_baseline_is_not_blamed():
 
 def test_a_reversed_yaw_is_closed_to_the_present_gap():
     trial = TRIALS["yaw of 2 reversed"]
-    found, right = baselines.diagnose_under_baseline(trial), baselines.diagnose_under_baseline(TRIALS[PRESENT.name])
-    rms, present = baselines.compute_misfit_rms(found), baselines.compute_misfit_rms(right)
+    found, right = report.diagnose_under_baseline(trial), report.diagnose_under_baseline(TRIALS[PRESENT.name])
+    rms, present = report.compute_misfit_rms(found), report.compute_misfit_rms(right)
     assert rms["before"] > 4 * present["before"]
     assert rms["after"] == pytest.approx(present["before"])
     assert {one.axis for one in found.fitted if one.effect in trial.done} == {"2"}

@@ -5,10 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from simulator import scenario as scenarios
 from simulator.mission_mode.calendar import compute_sun_angle
-from simulator.mission_mode.config import DAY, PRELAUNCH_G, R9_BIAS, R9_G, MissionConfig, TrueGyro, build_period_tables
+from simulator.mission_mode.config import (
+    DAY,
+    PRELAUNCH_BIAS,
+    PRELAUNCH_G,
+    R9_BIAS,
+    R9_G,
+    MissionConfig,
+    TrueGyro,
+    YawManeuver,
+    build_period_tables,
+)
 from simulator.mission_mode.flight import MissionRun, build_flight_schedule, simulate_mission
 from simulator.mission_mode.mounting import BORESIGHTS, R3_M
 from simulator.sensors.earth import TrueEarthSensor
@@ -64,8 +75,6 @@ def test_the_flights_numbers_are_as_published():
     assert np.isnan(published_tables.read_published_performance("gyro_bias_std_deg_h", "x", "precalibration"))
     assert published_tables.read_published_slew_error("roll", "precalibration") == 0.24844
     assert [published_tables.read_requirement(name) for name in ("knowledge", "pointing", "stability")] == [0.2, 0.4, 0.1]
-    assert published_tables.read_published_slew_residual("-x to +x", "prelaunch", "roll") == 0.273  # N Table 2, interval 6
-    assert published_tables.read_published_slew_residual("+x to -x", "calibrated", "pitch") == -0.004  # interval 2
 
 
 def test_statistics_of_a_period_are_those_of_its_full_orbits_and_updates():
@@ -123,8 +132,6 @@ def test_requirements_are_three_sigma(knowledge, met):
     table = performance.build_requirements_table([run_of(mixed)]).set_index(["period", "requirement", "axis"])
     row = table.loc[("postcalibration", "pointing", "yaw")]
     assert row["simulated_deg"] == pytest.approx(3 * np.sqrt((0.1**2 + 3 * 0.2**2) / 4))
-    assert row["worst_orbit_deg"] == pytest.approx(0.6)
-    assert bool(row["met_by_every_orbit"]) is False
 
 
 def test_maneuvers_are_on_the_flights_days():
@@ -173,6 +180,44 @@ def test_biases_of_runs_are_those_of_the_formula():
     assert (wrong["simulated_minus_formula_deg_h"] / wrong["standard_error_deg_h"]).abs().max() > 50  # negative control
 
 
+MANEUVER_STEPS = 5000  # of the maneuver; leaves 1e-6 deg
+
+
+def compute_noise_free_miss(maneuver, tables, solved=True):
+    """The miss by G and b alone, propagated minus true, (3,) deg: a turn at constant orbital rate with the loop's yaw profile.
+
+    With A_propagated = exp(−[ε×]) A the error grows as ε' = δω − ω × ε, δω the propagated rate minus the true one, so that at
+    the end it is A ∫ Aᵀ δω dt. The orbital rate n in the body turns with the yaw κ: ω = (−n sin κ, −n cos κ, κ').
+
+    Parameters
+    ----------
+    maneuver : "+x to -x", by +180°, or "-x to +x", by −180°
+    tables : "calibration1" with the gyro's parameters of before launch, "postcalibration" with R (9)
+    solved : whether the yaw bias is the one solved for before the maneuver, as on board, or the published one
+    """
+    G, b = (R9_G, R9_BIAS) if tables == "postcalibration" else (PRELAUNCH_G, PRELAUNCH_BIAS)
+    start, sign = (0.0, 1.0) if maneuver == "+x to -x" else (np.pi, -1.0)
+    if solved:
+        b = np.array([b[0], b[1], biases.compute_solved_bias(G, maneuver[:2])[2]])
+    shape = YawManeuver(0.0)
+    t, dt, r = (np.arange(MANEUVER_STEPS) + 0.5) / MANEUVER_STEPS, shape.duration_s / MANEUVER_STEPS, shape.ramp_fraction
+    rise, fall = np.clip(t / r, 0, 1), np.clip((t - 1 + r) / r, 0, 1)
+    rate = sign * np.pi / shape.duration_s / (1 - r) * ((3 - 2 * rise) * rise**2 - (3 - 2 * fall) * fall**2)
+    yaw = start + (np.cumsum(rate) - 0.5 * rate) * dt
+    n = MissionConfig().orbit.mean_motion
+    omega = np.stack([-n * np.sin(yaw), -n * np.cos(yaw), rate], axis=-1)
+    wrong = (omega - R9_BIAS) @ np.linalg.inv(R9_G).T @ G.T + b - omega
+    to_start = _rotate_pitch_yaw(yaw, -n * t * shape.duration_s).transpose(0, 2, 1)
+    gathered = np.einsum("kij,kj->i", to_start, wrong) * dt
+    end = _rotate_pitch_yaw(np.array([start + sign * np.pi]), np.array([-n * shape.duration_s]))[0]
+    return np.asarray(np.round(np.rad2deg(end @ gathered), 9) + 0.0)
+
+
+def _rotate_pitch_yaw(yaw, pitch):
+    """Body axes turned by the pitch about y and then by the yaw about z, (k, 3, 3)."""
+    return np.asarray(Rotation.from_euler("YZ", np.stack([pitch, yaw], axis=-1)).as_matrix().transpose(0, 2, 1))
+
+
 def quiet(config):
     """The config without noise; the sun sensors' is left, it is 0.005° in yaw."""
     return replace(
@@ -196,8 +241,8 @@ def test_noise_free_miss_is_that_of_the_loop(maneuver, tables):
     slew = run.slews.iloc[0]
     assert slew["forward"] == maneuver[-2:]
     miss = np.array([-slew[f"targeting_{axis}_deg"] for axis in AXES])
-    published = slews.compute_noise_free_miss(maneuver, tables, solved=False)
-    solved = slews.compute_noise_free_miss(maneuver, tables)
+    published = compute_noise_free_miss(maneuver, tables, solved=False)
+    solved = compute_noise_free_miss(maneuver, tables)
     if tables == "postcalibration":
         assert (solved == 0).all()
     else:
@@ -210,10 +255,8 @@ def test_noise_free_miss_is_that_of_the_loop(maneuver, tables):
 def test_noise_free_miss_is_that_of_the_calibrators_simulation(maneuver, k):
     """N's intervals 2 and 6, predicted with other slews, 0.03° apart for their timing; the other maneuver is further."""
     predicted = flight_gap.predict_residuals(scenarios.load("trmm"))[k]
-    found = slews.compute_noise_free_miss(maneuver, "calibration1", solved=False)
-    other = slews.compute_noise_free_miss(
-        next(name for name in YAW_MANEUVER_TIMES if name != maneuver), "calibration1", solved=False
-    )
+    found = compute_noise_free_miss(maneuver, "calibration1", solved=False)
+    other = compute_noise_free_miss(next(name for name in YAW_MANEUVER_TIMES if name != maneuver), "calibration1", solved=False)
     assert np.abs(found - predicted).max() < 0.04 < np.abs(other - predicted).max()
 
 
