@@ -129,7 +129,7 @@ def log_integral(case, prior, *intervals):
     return logsumexp(log) - np.log(np.prod([len(prior[k][0]) for k in intervals]))
 
 
-@pytest.mark.parametrize("axes", [("5",), ("2",), ("2", "5")])
+@pytest.mark.parametrize("axes", [("5",), pytest.param(("2",), marks=pytest.mark.long), ("2", "5")])
 def test_evidence_is_the_integral_over_the_prior(prior, axes):
     """All eighteen numbers correlated; a timing that changes nothing costs evidence, since the assumed ones are right here."""
     one = table_of("nothing", 1)
@@ -173,8 +173,8 @@ def test_a_gap_by_chance_is_not_named():
 
 
 KINDS = [
-    *("rate sign", "unknown", "yaw of 2, four timings"),
-    *(pytest.param(kind, marks=pytest.mark.long) for kind in ("yaw of 2", "one timing", "noise /3")),
+    *("rate sign", "unknown"),
+    *(pytest.param(kind, marks=pytest.mark.long) for kind in ("yaw of 2", "yaw of 2, four timings", "one timing", "noise /3")),
 ]
 
 
@@ -196,7 +196,7 @@ def test_what_is_simulated_is_named(kind):
     [
         ("rate of 4 at +1 RPO", {"-y rate sign:4"}),
         pytest.param("slews centred and smooth", {"slew timing:common"}, marks=pytest.mark.long),
-        ("noise three times", {"noise level"}),
+        pytest.param("noise three times", {"noise level"}, marks=pytest.mark.long),
     ],
 )
 def test_what_was_done_to_the_baseline_is_named(name, labels):

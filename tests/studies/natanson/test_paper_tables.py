@@ -11,7 +11,7 @@ from studies.calibration import summaries
 from studies.montecarlo import statistics
 from studies.natanson import flight, paper_tables
 
-CASES = 200
+CASES = 120
 
 
 @pytest.fixture(scope="module")
