@@ -148,7 +148,7 @@ def test_any_number_of_intervals_and_references(kind):
     report = paper_tables.report(config, rows)
     table2 = report.tables["residuals"].data
     assert [str(k) for k in table2["interval"].drop_duplicates()] == labels
-    assert len(report.tables["residuals"].get_shown_data()) == 2 * 3 * len(labels)  # of two steps
+    assert len(report.tables["residuals"].get_shown_data()) == 2 * 2 * 3 * len(labels)  # two steps, before and after
     assert table2["flight"].isna().all()
     assert report.tables["parameters"].data["flight"].isna().all()
     assert report.tables["corrections"].data["flight"].isna().all()
