@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from gyrocal.errors import InputError, suggest_names
+from studies.montecarlo.files import write_text
 from studies.report.console import show_progress
 from studies.report.junit import Verdict, convert_checks, write_junit
 
@@ -146,6 +147,7 @@ def run(
     console: Console,
     config: Path | None = None,
     junit: Path | None = None,
+    page: Path | None = None,
     requirements: Sequence[Requirement] = (),
     **options: Any,
 ) -> engine.Outcome:
@@ -158,6 +160,7 @@ def run(
     changes : settings by dotted path, over those of the file config
     console : for the report
     junit : a file for what was found, as tests
+    page : a file for the page of the report
     requirements : to answer from the rows
     options : how and where it runs, as of `engine.run`; none of them changes its rows
     """
@@ -202,8 +205,13 @@ def run(
     tables = {"tolerance": report.build_tolerance_table(good)} if draws_independently(settings) else {}
     if answers:
         outcome = replace(outcome, manifest=outcome.manifest | {"requirements": [asdict(answer) for answer in answers]})
-    report.write(replace(made, tables={**made.tables, **tables}), f"Study {name}: {chosen.summary}", folder)
+    whole, title = replace(made, tables={**made.tables, **tables}), f"Study {name}: {chosen.summary}"
+    report.write(whole, title, folder)
     write_manifest(folder, outcome.manifest)
+    if page:
+        from studies.report.pages import build_provenance_footer
+
+        write_text(page, report.build_study_page(whole, title, folder, build_provenance_footer()).render_html())
     report.show(made, console)
     if junit:
         failed = [Verdict(f"case {case}", error) for case, error in outcome.failures.items()]

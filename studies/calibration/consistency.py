@@ -271,8 +271,6 @@ def report(config: ConsistencyConfig, rows: pd.DataFrame) -> Report:
     """Verdicts on the consistent estimators and on the controls."""
     judgements = judge(config, rows)
     verdicts = _build_verdict_table(judgements)
-    outside = judgements.assign(outside=judgements["verdict"] != CONSISTENT)
-    counts = outside.pivot_table(index="estimator", columns="statistic", values="outside", aggfunc="sum", sort=False)
     checks = [
         Check(line["estimator"], line["verdict"], line["expected"], "", VERDICT_NOTE) for line in verdicts.to_dict("records")
     ]
@@ -288,7 +286,6 @@ def report(config: ConsistencyConfig, rows: pd.DataFrame) -> Report:
             "With prior, by parameter (coverage with 95 % Wilson intervals)",
             _build_parameter_table(right, judgements[judgements["estimator"] == "with prior"]),
         ),
-        "outside": Table("Statistics outside their limits, of 13 each", counts.reset_index()),
     }
     by_estimator = {name: normalise_errors(rows[rows["estimator"] == name])["G_xx"] for name in EXPECTED_VERDICTS}
     by_parameter = {name: y for name, y in normalise_errors(right).items() if name != WHOLE}

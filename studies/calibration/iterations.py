@@ -20,9 +20,8 @@ from gyrocal.calibration.propagation import Psi
 from gyrocal.calibration.sampling import prepare_measurements
 from studies.calibration.settings import Different
 from studies.calibration.shared_truth import NoiseFreeSimulation, build_once, make_noise_generators
-from studies.calibration.summaries import find_level_crossing, fit_log_slope, summarise_with_flight
+from studies.calibration.summaries import find_level_crossing, fit_log_slope
 from studies.montecarlo.study import Streams, Study, StudyConfig, observed
-from studies.natanson import flight
 from studies.report import panels
 from studies.report.checks import Check, bound_above, bound_below
 from studies.report.entry import Entry, Report
@@ -113,25 +112,6 @@ def _compute_remaining_error(rows: pd.DataFrame, k: int) -> pd.Series:
     return rows[[f"left_{k}_G_sigma", f"left_{k}_bias_sigma"]].max(axis=1)
 
 
-def summarise_iterations(rows: pd.DataFrame) -> pd.DataFrame:
-    """A row per direction, noise and factor: medians over the cases of what is left and of the corrections.
-
-    Cases that do not converge count in `converged`, a share, and are left out of the rest.
-    """
-    values = [
-        name
-        for name in rows.columns.astype(str)
-        if name.startswith(("residual_", "initial_", "left_", "error_", "correction_"))
-    ]
-    keys = ["direction", "noise", "factor"]
-    table = rows[rows["converged"]].groupby(keys)[values].median()
-    # To what is no rounding: sigma, parts of one, and deg/s.
-    decimals = {name: 8 if name.startswith("left_") else 12 if name.endswith("_G") else 15 for name in values}
-    table = table.round(decimals)
-    table.insert(0, "converged", rows.groupby(keys)["converged"].mean())
-    return table.reset_index()
-
-
 def estimate_convergence_orders(rows: pd.DataFrame) -> pd.DataFrame:
     """A row per direction and noise: slopes of log left over log left before, median over cases, and the ratio at factor 1.
 
@@ -172,26 +152,8 @@ def find_limiting_factors(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(out)
 
 
-def compare_second_iteration(rows: pd.DataFrame) -> pd.DataFrame:
-    """The second iteration's largest correction in G and b at factor 1 with noise, beside the largest of N Table 5.
-
-    The flight's is of G⁻¹ or of G, which does not matter to its size. Empty without that factor.
-    """
-    chosen = rows[(rows["direction"] == "flown") & rows["noise"] & (rows["factor"] == 1) & rows["converged"]]
-    published = dict(
-        zip(("G", "bias_deg_s"), (float(np.abs(one).max()) for one in flight.read_published_corrections(2)), strict=True)
-    )
-    lines = [
-        {"quantity": name, **summarise_with_flight(chosen[f"correction_2_{name}"], flown)} for name, flown in published.items()
-    ]
-    return pd.DataFrame(lines if len(chosen) else [])
-
-
 QUADRATIC = "Without noise an iteration of Gauss–Newton leaves the square of the error before it, a slope of 2."
 LINEAR = "Noise leaves residuals, and with them a small part that an iteration reduces by a factor only."
-CORRECTION_SIZE_NOTE = (
-    "N Table 5 does not say whether its second corrections are of G⁻¹ or of G; only their size can be compared."
-)
 
 
 def _build_checks(rows: pd.DataFrame) -> list[Check]:
@@ -206,15 +168,11 @@ def _build_checks(rows: pd.DataFrame) -> list[Check]:
             name = f"what the second iteration leaves by what the first left, {direction} error, noise by no noise"
             # A quotient of differences of 1e-8, whose sixth digit is the machine's.
             out.append(Check(name, float(f"{ratio[True] / ratio[False]:.4g}"), bound_below(10), "", LINEAR))
-    own = summarise_iterations(rows).query("direction == 'flown' and noise and factor == 1")
-    for row in own.to_dict("records"):
-        for k in (1, 2):
-            left = max(row[f"left_{k}_G_sigma"], row[f"left_{k}_bias_sigma"])
-            name = f"left of the scenario's own error by {k} iteration(s), largest, median"
-            out.append(Check(name, left, bound_above(LIMITS[0]), "sigma"))
-    for row in compare_second_iteration(rows).to_dict("records"):
-        name = f"largest correction by the second iteration, {row['quantity']}, flight by simulated median"
-        out.append(Check(name, row["flight"] / row["median"], meaning=CORRECTION_SIZE_NOTE))
+    own = rows[(rows["direction"] == "flown") & rows["noise"] & (rows["factor"] == 1) & rows["converged"]]
+    for k in (1, 2) if len(own) else ():
+        left = round(own[[f"left_{k}_G_sigma", f"left_{k}_bias_sigma"]].median().max(), 8)  # to what is no rounding
+        name = f"left of the scenario's own error by {k} iteration(s), largest, median"
+        out.append(Check(name, left, bound_above(LIMITS[0]), "sigma"))
     failed = rows[~rows["converged"]]
     out.append(Check(f"runs that did not converge, of {len(rows)}", len(failed), (0, 0)))
     return [*out, Check("smallest factor of a run that did not converge", failed["factor"].min())]
@@ -222,21 +180,9 @@ def _build_checks(rows: pd.DataFrame) -> list[Check]:
 
 def report(config: IterationsConfig, rows: pd.DataFrame) -> Report:
     """Report the error after each iteration, its order, and the initial error from which one iteration is not enough."""
-    medians = summarise_iterations(rows)
-    keys = ["direction", "noise", "factor"]
-    left = [f"left_{k}_{what}_sigma" for k in range(SHOWN_ITERATIONS + 1) for what in ("G", "bias")]
-    corrections = [f"correction_{k}_{what}" for k in range(1, SHOWN_ITERATIONS + 1) for what in ("G", "bias_deg_s")]
-    errors = [name for name in medians if str(name).startswith("error_")]
     tables = {
         "enough": Table("From what initial error one or two iterations leave too much", find_limiting_factors(rows)),
         "convergence": Table("Order of convergence", estimate_convergence_orders(rows)),
-        "second_iteration": Table("Second iteration's corrections beside N Table 5", compare_second_iteration(rows)),
-        "left": Table(
-            "Left after each iteration (distance from converged, sigma; medians)",
-            medians[[*keys, "converged", "residual_deg", *left]],
-        ),
-        "corrections": Table("Corrections (largest of G, and of b; medians)", medians[[*keys, *corrections]]),
-        "errors": Table("Error from the truth (sigma, medians)", medians[[*keys, *errors]]),
     }
     return Report(tables, {"iterations": _draw_figure(rows[rows["converged"]])}, tuple(_build_checks(rows)))
 

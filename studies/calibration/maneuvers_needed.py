@@ -16,7 +16,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from itertools import combinations, product
 from math import comb
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
@@ -182,19 +182,6 @@ def find_blocking_sets(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(table, columns=["without", "left", "lost", "combinations"])
 
 
-def count_by_size(rows: pd.DataFrame) -> pd.DataFrame:
-    """Subsets by references and size: how many determine everything, and the fewest combinations lost."""
-    grouped = rows.groupby(["references", "size"])
-    return grouped.agg(
-        subsets=("lost", "size"),
-        determine_all=("lost", lambda lost: int((lost == 0).sum())),
-        fewest_lost=("lost", "min"),
-        most_lost=("lost", "max"),
-        best_condition=("condition", "min"),
-        most_bits=("information_bits", "max"),
-    ).reset_index()
-
-
 SMALLEST_SUBSET_NOTE = "Of the smallest subsets that determine all twelve parameters the best conditioned one is named."
 LOST = "What the other maneuvers together do not determine, for the smallest sets that may not all be left out."
 TELLS = "Information is shared out by Shapley's value, the mean addition over all orders of flying the maneuvers."
@@ -232,25 +219,16 @@ def _build_checks(config: ManeuversNeededConfig, rows: pd.DataFrame, references:
 
 def report(config: ManeuversNeededConfig, rows: pd.DataFrame) -> Report:
     """Smallest determining subsets, indispensable maneuvers, and what each adds."""
-    checks: list[Check] = []
-    tables = {"by_size": Table("Subsets by size", count_by_size(rows))}
     kinds = {references: rows[rows["references"] == references] for references in REFERENCE_PLACEMENTS}
-    shown = ["maneuvers", "size", "condition", "weakest", "information_bits", *SIGMAS]
-    for kind, chosen in kinds.items():
-        checks += _build_checks(config, chosen, kind)
-        least, needed, added = (
-            find_minimal_subsets(chosen)[shown],
-            find_blocking_sets(chosen),
-            compute_leave_one_out(config, chosen),
-        )
-        at = f"references at {kind}"
-        tables[f"minimal_{kind}"] = Table(f"Smallest determining subsets, {at}", least)
-        tables[f"needed_{kind}"] = Table(f"Maneuvers of which at least one must be flown, {at}", needed)
-        tables[f"added_{kind}"] = Table(f"What each maneuver adds, {at}", added.drop(columns=GROWTHS, errors="ignore"))
-    everything = ["references", "maneuvers", "lost", "condition", "combinations"]
-    tables["subsets"] = Table("Every subset: combinations not determined", rows[everything])
-    figures = {"left_out": _draw_growth_figure(config, kinds), "lost_by_size": _draw_size_figure(kinds)}
-    return Report(tables, figures, tuple(checks))
+    shown = ["references", "maneuvers", "size", "condition", "weakest", "information_bits", *SIGMAS]
+    least = pd.concat([find_minimal_subsets(chosen)[shown] for chosen in kinds.values()])
+    added = pd.concat([compute_leave_one_out(config, chosen).assign(references=kind) for kind, chosen in kinds.items()])
+    tables = {
+        "minimal": Table("Smallest determining subsets", least),
+        "added": Table("What each maneuver adds", added.drop(columns=GROWTHS, errors="ignore")),
+    }
+    checks = [check for kind, chosen in kinds.items() for check in _build_checks(config, chosen, kind)]
+    return Report(tables, {"left_out": _draw_growth_figure(config, kinds)}, tuple(checks))
 
 
 def _draw_growth_figure(config: ManeuversNeededConfig, kinds: Mapping[str, pd.DataFrame]) -> panels.Draw:
@@ -263,16 +241,6 @@ def _draw_growth_figure(config: ManeuversNeededConfig, kinds: Mapping[str, pd.Da
         drawn.append(panels.make_heat_map(grid, "{:.3g}", log=True, title=f"references: {kind}"))
     title = "factor by which a sigma grows when one maneuver is left out"
     return panels.build_sheet(*drawn, size=(10.0, 3.6), title=title, sharey=True)
-
-
-def _draw_size_figure(kinds: Mapping[str, pd.DataFrame]) -> panels.Draw:
-    """Draw the number of subsets of a size that lose a number of combinations."""
-    axes: dict[str, Any] = {"x": "maneuvers in the subset", "y": "combinations not determined"}
-    grids = {
-        kind: rows.pivot_table(index="lost", columns="size", values="equations", aggfunc="size") for kind, rows in kinds.items()
-    }
-    drawn = [panels.make_heat_map(grid, "{:.0f}", title=f"subsets, references: {kind}", **axes) for kind, grid in grids.items()]
-    return panels.build_sheet(*drawn, size=(6.4, 3.0))
 
 
 ENTRY = Entry(STUDY, "which maneuvers are needed for which parameters", report)

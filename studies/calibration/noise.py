@@ -201,15 +201,6 @@ def build_spread_table(config: NoiseConfig, rows: pd.DataFrame) -> pd.DataFrame:
     return pd.concat(out, ignore_index=True)
 
 
-def build_limits_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Count the parameters, of twelve, that the gyro limits; reference sigma down, ARW across."""
-    grid = rows[~rows["flight"]]
-    table = grid.assign(limited=(grid[GYRO_SHARE_COLUMNS] > 0.5).sum(axis=1))
-    table = table.pivot_table(index="sigma_deg", columns="arw_deg_per_sqrt_s", values="limited").astype(int)
-    table.columns = [f"ARW {arw:g}" for arw in table.columns]
-    return table.reset_index()
-
-
 LAW = "The sigma of a parameter goes with ARW^s σ_ref^(1 − s), s the share of the gyro's noise in its variance."
 CROSSING = "Above the ARW of its crossing the gyro's noise limits a parameter, below it the references do."
 SPREAD_NOTE = "The bounds of the formal sigma by the spread over seeds are those of all points and parameters together."
@@ -236,10 +227,8 @@ def _build_checks(rows: pd.DataFrame, spreads: pd.DataFrame) -> list[Check]:
 def report(config: NoiseConfig, rows: pd.DataFrame) -> Report:
     """Sigmas at the flight's noise, what limits them, scaling laws, and the spread that confirms them."""
     spreads = build_spread_table(config, rows)
-    limits = "Parameters limited by the gyro, of 12 (reference sigma down, ARW in deg/√s across)"
     tables = {
         "flight": Table("Sigma of each parameter at the flight's own noise", build_flight_table(rows)),
-        "limits": Table(limits, build_limits_table(rows)),
         "spread": Table("Spread over seeds and formal sigma", spreads),
     }
     return Report(tables, {"sigma_over_arw": _draw_figure(rows, spreads)}, tuple(_build_checks(rows, spreads)))

@@ -8,7 +8,6 @@ The slews of the scenario are flown at each rate and angle, their intervals made
 the grid, the angle slowest and the step fastest.
 """
 
-from itertools import pairwise
 from math import ceil
 from typing import Any, ClassVar
 
@@ -124,14 +123,6 @@ def _compute_largest_errors(scenario: Scenario, result: CalibrationResult | None
     return float(np.abs(G).max()), float(np.abs(bias).max())
 
 
-def run(
-    scenario: Scenario, rates_deg_s: tuple[float, ...] = SLEW_RATES_DEG_S, steps_s: tuple[float, ...] = STEPS_S
-) -> pd.DataFrame:
-    """A row per slew rate and step, as in `compare_psi` but for the errors in b, with the scenario's own slew angles."""
-    table = pd.DataFrame([compare_psi(scenario, rate, step) for rate in rates_deg_s for step in steps_s])
-    return table[[name for name in table if not str(name).endswith("error_bias_deg_s")]]
-
-
 def run_case(config: PsiConfig, number: int, streams: Streams) -> dict[str, float]:
     """One point of the grid."""
     angle, rate, step = config.points()[number]
@@ -185,17 +176,6 @@ def estimate_step_orders(rows: pd.DataFrame) -> pd.DataFrame:
     return table.reindex(columns=[*keys, "steps", *ORDERED])
 
 
-def estimate_rate_orders(rows: pd.DataFrame) -> pd.DataFrame:
-    """A row per slew angle and pair of neighbouring rates: the order in the rate of linear ψ's difference, smallest step."""
-    out = []
-    for angle, part in rows[rows["step_s"] == rows["step_s"].min()].groupby("slew_angle_deg"):
-        points = part.sort_values("slew_rate_deg_s")[["slew_rate_deg_s", "G_difference"]].to_numpy()
-        for low, high in pairwise(points):
-            slope = fit_log_slope([low[0], high[0]], [low[1], high[1]])
-            out.append({"slew_angle_deg": angle, "from_deg_s": low[0], "to_deg_s": high[0], "G_difference": slope})
-    return pd.DataFrame(out, columns=["slew_angle_deg", "from_deg_s", "to_deg_s", "G_difference"])
-
-
 FIRST_ORDER_NOTE = (
     "Linear ψ's difference is of first order in the angle per step; steps that do not resolve a slew's ramp are left out."
 )
@@ -203,7 +183,7 @@ SECOND = "Holding the mean rate over a step is what limits full ψ, an error of 
 
 
 def _build_checks(rows: pd.DataFrame) -> list[Check]:
-    limit, slopes, by_rate = find_psi_limits(rows), estimate_step_orders(rows), estimate_rate_orders(rows)
+    limit, slopes = find_psi_limits(rows), estimate_step_orders(rows)
     at = f"a difference of {GOOD_ENOUGH:g} in G"
     out = check_extremes(f"angle per step from which linear ψ exceeds {at}", limit["linear_angle_per_step_deg"], None, "deg")
     out += check_extremes(f"angle per step from which full ψ exceeds {at}", limit["full_angle_per_step_deg"], None, "deg")
@@ -212,7 +192,6 @@ def _build_checks(rows: pd.DataFrame) -> list[Check]:
         out.append(Check(f"{name} of linear ψ at TRMM's rate and step, largest", trmm[name].max(), bounds, unit))
     out += check_extremes("order in Δt of linear ψ's difference in G", slopes["G_difference"], (0.9, 1.1), "", FIRST_ORDER_NOTE)
     out += check_extremes("order in Δt of full ψ's error in G", slopes["full_error_G"], (1.9, 2.1), "", SECOND)
-    out += check_extremes("order in the slew rate of linear ψ's difference in G, smallest step", by_rate["G_difference"])
     out.append(Check("difference of the converged errors in G", (rows["linear_error_G"] - rows["full_error_G"]).abs().max()))
     for psi in ("full", "linear"):
         out.append(Check(f"points at which {psi} ψ did not converge", rows[f"{psi}_iterations"].isna().sum(), (0, 0)))
@@ -224,8 +203,6 @@ def report(config: PsiConfig, rows: pd.DataFrame) -> Report:
     tables = {
         "limits": Table("Where each ψ exceeds the limit in G", find_psi_limits(rows)),
         "step_orders": Table("Order of the error in Δt", estimate_step_orders(rows)),
-        "rate_orders": Table("Order of linear ψ's difference in the slew rate", estimate_rate_orders(rows)),
-        "points": Table("Both ψ over slew angle, slew rate and step", rows.drop(columns=["case", "error"], errors="ignore")),
     }
     return Report(tables, {"psi": _draw_figure(rows)}, tuple(_build_checks(rows)))
 
@@ -233,7 +210,7 @@ def report(config: PsiConfig, rows: pd.DataFrame) -> Report:
 ENTRY = Entry(STUDY, "linear against full ψ over slew rate, step and slew angle", report)
 
 
-def make_psi_map(rows: pd.DataFrame) -> panels.Panel:
+def _make_psi_map(rows: pd.DataFrame) -> panels.Panel:
     """Linear ψ's difference from full ψ after one iteration, over slew rate and step."""
     return panels.make_heat_map(
         rows.pivot_table(index="slew_rate_deg_s", columns="step_s", values="G_difference"),
@@ -257,4 +234,4 @@ def _draw_figure(rows: pd.DataFrame) -> panels.Draw:
     axes |= {"x": "angle per step (deg)", "y": "largest element of G"}
     curves = panels.make_curves(lines, title="solid: linear − full; dotted: full's error, converged", **axes)
     title = f"Slews of up to {shown['slew_angle_deg'].iloc[0]:g}°, no noise"
-    return panels.build_sheet(make_psi_map(shown), curves, size=(9.0, 3.6), widths=(1.25, 1), title=title)
+    return panels.build_sheet(_make_psi_map(shown), curves, size=(9.0, 3.6), widths=(1.25, 1), title=title)

@@ -272,7 +272,6 @@ def report(config: TimestepConfig, rows: pd.DataFrame) -> Report:
             "Skipping and averaging (largest or RMS over the parameters; ratios to the full stream)", summarise_steps(rows)
         ),
         "step_noise": Table("Angle random walk by the spread between steps", estimate_step_noise(rows)),
-        "parameters": Table("Bias and spread of each parameter", tabulate_parameter_biases(rows)),
     }
     return Report(tables, {"timestep": _draw_figure(summarise_steps(rows))}, tuple(_build_checks(rows)))
 

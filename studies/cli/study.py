@@ -10,7 +10,7 @@ import click
 from gyrocal.errors import InputError
 from studies import catalogue
 from studies.cli.options import PAGE, PATH, STATUS, add_jobs_option, add_output_option, parse_assignment, parse_duration
-from studies.montecarlo.files import write_json, write_text
+from studies.montecarlo.files import write_json
 from studies.report.console import make_console
 
 if TYPE_CHECKING:
@@ -137,15 +137,10 @@ def command(
     options |= _parse_criteria(until, required)
     words = _parse_fail_on(fail_on, {"failed": True, "until": bool(until), "require": bool(required)})
     terminal = make_console()
-    outcome = catalogue.run(name, folder, settings, terminal, config, junit=junit, **options)
+    outcome = catalogue.run(name, folder, settings, terminal, config, junit=junit, page=report, **options)
     terminal.print(outcome.summary(), highlight=False, markup=False)
     for message, count in outcome.warnings.items():
         click.echo(f"gyrocal: warning, {count} times: {message}", err=True)
-    if report:
-        from studies.report.pages import build_provenance_footer
-        from studies.report.source import build_study_page
-
-        write_text(report, build_study_page(folder, build_provenance_footer()))
     if as_json:
         failures = {str(case): error for case, error in outcome.failures.items()}
         about = {"study": name, "folder": str(folder), "cases": outcome.cases, "failures": failures}

@@ -1,7 +1,6 @@
 """Linear against full ψ: the orders of their errors, and where each stops being good enough."""
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from gyrocal import InputError, calibrate
@@ -82,12 +81,6 @@ def test_slew_angles_scale_with_the_largest():
     still = scenarios.override(TRMM, {f"interval.{k}.slew": [] for k in (1, 3, 5)})
     with pytest.raises(InputError, match="has no slew"):
         psi.scale_slew_angles(still, 60.0)
-
-
-def test_run_flies_the_scenarios_own_angles(rows):
-    table = psi.run(TRMM, (0.25,), (0.5, 4.0))
-    same = rows.query("slew_angle_deg == 180 and slew_rate_deg_s == 0.25 and step_s != 1").reset_index(drop=True)
-    pd.testing.assert_frame_equal(table, same[list(table)])
 
 
 def test_linear_psi_that_is_ten_times_worse_fails(config, rows):

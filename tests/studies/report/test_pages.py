@@ -9,9 +9,7 @@ import pandas as pd
 import pytest
 from markupsafe import Markup
 
-from studies.report import source
 from studies.report.pages import Answer, Page, PageTable, Picture, ProvenanceFooter, Section, SmallParagraph
-from studies.report.source import render_markdown
 from tests import ROOT
 from tests.pages import checked
 
@@ -35,7 +33,6 @@ ITEMS = {
     "label of a table": PageTable(pd.DataFrame({"a": ["a"]}), label=SAID),
     "caption of a figure": picture(caption=SAID),
     "words for a figure": picture(alt=SAID),
-    "Markdown": render_markdown(f"a {SAID}"),
 }
 PAGES = {name: Page("t", [Section("s", [item])]) for name, item in ITEMS.items()} | {
     "heading": Page("t", [Section(SAID, [])]),
@@ -65,27 +62,6 @@ def test_a_figure_is_within_the_page():
     page = Page("t", [Section("s", [picture("A figure of one point, for those who do not see it.", "c")])]).render_html()
     assert f"data:image/svg+xml;base64,{base64.b64encode(PICTURE).decode()}" in page
     assert set(checked(page).figures) == {"f"}
-
-
-def test_markdown_keeps_links_within_the_page_and_folds_long_tables():
-    rows = "\n".join(f"| {k} | a\\|b |" for k in range(50))
-    html = render_markdown(f"[in](#a) [out](docs/a.md)\n\n| n | text |\n|---|---|\n{rows}\n")
-    assert '<a href="#a">in</a>' not in html or "out" in html
-    assert "docs/a.md" not in html
-    assert "<summary>Table of 50 rows</summary>" in html
-    assert '<th scope="col" class="number">n</th>' in html
-    assert "<td>a|b</td>" in html
-
-
-# ---- folders of results --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", ["flight", "timestep"])
-def test_the_page_of_a_study_is_whole(name):
-    folder = ROOT / "results" / "studies" / name
-    page = checked(source.build_study_page(folder, ProvenanceFooter("1", "2026-01-01", "gyrocal study flight")))
-    assert set(page.figures) == {f"{name}-{path.stem}" for path in folder.glob("*.svg")}
-    assert "SHA-256" in page.words
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
