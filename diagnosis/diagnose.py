@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from diagnosis.answer import Explanations, Finding
 from diagnosis.assemble import build_diagnosis
-from diagnosis.detectors.sample_report import Symptom
-from diagnosis.detectors.stream_faults import find_faults, remove_faults
+from diagnosis.detectors.sample_report import IMPOSSIBLE, Symptom
 from diagnosis.explain import explain_prepared
 from diagnosis.model.prepare import Progress, prepare
 from diagnosis.model.symptoms import SampleCause, list_sample_causes
@@ -22,12 +22,14 @@ from diagnosis.sensor_tables import diagnose_sensors
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from diagnosis.verdict import decide_verdict
 from gyrocal.errors import InputError
+from gyrocal.masking import DataMask, find_mask
 from gyrocal.recording import Recording
 from simulator.effects import EFFECTS
-from simulator.effects.base import Effect, Fault
+from simulator.effects.base import Effect
 from simulator.effects.sensor import ALL_EFFECTS, SENSOR_EFFECTS
 
 UNKNOWN_LABELS = ("unknown",)
+LEVEL_SIGMA = 1e-6  # least relative sigma of the level of a clipped gyro
 
 
 def diagnose(
@@ -36,6 +38,7 @@ def diagnose(
     progress: Progress | None = None,
     seed: int = 0,
     library: Sequence[str] | None = None,
+    exclude: Sequence[tuple[float, float]] = (),
     settings: DiagnosisSettings = DEFAULT,
 ) -> Diagnosis:
     """Say whether a recording departs from M0, where, by which cause, and how far the gap shrinks with the cause in.
@@ -48,6 +51,7 @@ def diagnose(
     progress : called with a text and the share done
     seed : of the null distribution
     library : names of the effects that may be named; all by default
+    exclude : stretches to leave out, each from and to a time in s since the first gyro sample
     settings : thresholds and priors
     """
     tell = progress or (lambda text, share: None)
@@ -56,23 +60,27 @@ def diagnose(
     with threadpool_limits(1, user_api="blas"):
         effects = list_nameable_effects(library)
         tell("gyro samples", 0.0)
-        faults = find_faults(recording, effects)
-        usable = remove_faults(recording, faults)
-        prepared, explained = explain_prepared(prepare(usable, settings, tell), effects, settings, seed, tell)
-        samples = (*list_sample_causes(prepared, effects, settings), *map(_convert_fault, faults))
+        mask = find_mask(recording, exclude)
+        prepared = prepare(mask.apply(recording), settings, tell)
+        prepared, explained = explain_prepared(prepared, effects, settings, seed, tell)
+        samples = (*list_sample_causes(prepared, effects, settings), *list_clipped_gyros(mask, effects))
         found = build_diagnosis(prepared, samples, explained, settings, time.perf_counter() - began)
+        masked = tuple(mask.describe(recording))
+        found = replace(found, mask=mask, masked=masked, masked_share=mask.compute_share(recording))
         return found if recording.sensors is None else add_sensor_findings(found, recording, library, settings, seed)
 
 
-def _convert_fault(fault: Fault) -> SampleCause:
-    """Make a fault a cause that samples or references show by themselves."""
-    found = fault.detection
-    symptom = Symptom(
-        found.effect, found.axis, found.size, found.unit, found.sigma, dict(found.parameters), found.p_value, found.text
-    )
-    signal = "attitude" if fault.references.any() else "gyro stream"
-    finding = Finding(signal, None, found.axis, None, found.effect, found.size, found.p_value, found.text)
-    return SampleCause(symptom, found.effect, finding)
+def list_clipped_gyros(mask: DataMask, effects: Sequence[Effect]) -> Iterator[SampleCause]:
+    """List the gyros that the mask has found clipped as causes that the samples show by themselves."""
+    name = next((effect.name for effect in effects if effect.symptom == "plateau"), None)
+    for axis in "xyz":
+        levels = np.abs([one.size for one in mask.stretches if one.what == "clipped" and one.axis == axis])
+        if levels.size:
+            size, sigma = float(np.median(levels)), float(max(np.std(levels), LEVEL_SIGMA * np.median(levels)))
+            text = f"{levels.size} stretches of samples read the largest rate, {size:.4g} deg/s"
+            symptom = Symptom("plateau", axis, size, "deg/s", sigma, {}, IMPOSSIBLE, text)
+            finding = Finding("gyro stream", None, axis, None, "clipped_samples", float(levels.size), IMPOSSIBLE, text)
+            yield SampleCause(symptom, name, finding)
 
 
 def list_nameable_effects(library: Sequence[str] | None) -> list[Effect]:

@@ -15,6 +15,7 @@ from diagnosis.budget import Step
 from diagnosis.inference.conformal import build_conformal_set
 from diagnosis.sensor_result import SensorDiagnosis
 from diagnosis.settings import DEFAULT
+from gyrocal.masking import DataMask
 
 Array = NDArray[np.float64]
 
@@ -59,6 +60,8 @@ class Diagnosis:
     budget : steps of the gap budget on held-out data
     remainder : the part of the misfit that no identified cause explains; None where none is left or estimated
     sigma_nominal : (12,) sigma of G row by row and b, rad/s, under the stated noise alone; None where it is the only one
+    mask, masked, masked_share : stretches that were not measured and are left out, a sentence for each kind, and the share of
+        the gyro samples in them
     """
 
     recording: str
@@ -87,6 +90,9 @@ class Diagnosis:
     budget: tuple[Step, ...] = ()
     remainder: RemainderSummary | None = None
     sigma_nominal: Array | None = None
+    mask: DataMask = field(default_factory=DataMask)
+    masked: tuple[str, ...] = ()
+    masked_share: float = 0.0
 
     @property
     def conformal_90(self) -> tuple[str, ...]:
@@ -154,6 +160,8 @@ class Diagnosis:
             },
             "budget": [step.to_json() for step in self.budget],
             "remainder": None if self.remainder is None else self.remainder.to_json(),
+            "masked": self.mask.to_json(),
+            "masked_share": self.masked_share,
             "p_values": dict(self.p_values),
             "posterior": [{"effects": list(labels), "probability": probability} for labels, probability in self.posterior],
             "conformal_90": list(self.conformal_90),

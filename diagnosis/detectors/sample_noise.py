@@ -99,19 +99,18 @@ def find_quiet_samples(rates: Array, noise: Array, tell: Tell = ignore_progress)
 
 
 def measure_noise(
-    stream: Stream, clipped: Mask, formats: NumberFormats, lines: Sequence[Line], event_p: float, tell: Tell = ignore_progress
+    stream: Stream, formats: NumberFormats, lines: Sequence[Line], event_p: float, tell: Tell = ignore_progress
 ) -> SampleNoise:
     """Measure the noise of each axis, beside the lines of the spectrum.
 
     Parameters
     ----------
     stream : repaired readings
-    clipped : (n,) samples that do not show the rate
     formats : of the readings
     lines : of the spectrum
     event_p : p-value below which noise is not as stated
     """
-    measured = stream.used & ~scipy.ndimage.binary_dilation(stream.filled | clipped, iterations=2)
+    measured = stream.used & ~scipy.ndimage.binary_dilation(stream.filled, iterations=2)
     found: dict[int, NoiseFactor] = {}
     for axis in range(3):
         tell(f"noise level of gyro {AXES[axis]}", axis / 3)

@@ -114,8 +114,7 @@ class SampleReport:
     symptoms: tuple[Symptom, ...]
     rates: Array  # (n, 3) repaired raw rates, rad/s
     density: Array  # (n, 3) noise density of each repaired sample, rad²/s
-    clipped: Mask  # clipped, filled: (n,) samples that do not show the rate, and those that something was put in place of
-    filled: Mask
+    filled: Mask  # (n,) samples that something was put in place of
     noise_factor: Array  # (3,) actual white noise relative to the stated one
     noise: Array  # (3,) noise of a sample as it shows, rad/s
     # (n, 3) repaired raw rates without their noise: what effects follow, since a regressor with the noise of the residuals in

@@ -1,10 +1,10 @@
-"""Tests that see every gyro sample: lattice, repeats, clipping, outliers, noise level, lines, zeros.
+"""Tests that see every gyro sample: lattice, repeats, outliers, noise level, lines, zeros.
 
-They come before the attitude tests, since one run of clipped or repeated samples spoils those. Under M0 a reading is a smooth
+They come before the attitude tests, since one run of repeated samples spoils those. Under M0 a reading is a smooth
 motion plus white noise with σ = ARW/√Δt and is never exactly the same twice.
 
-Every test states its p-value under M0; the ones that need an exact coincidence of floating-point numbers (lattice, repeats,
-clipping) cannot happen at all under M0 and are given the smallest p.
+Every test states its p-value under M0; the ones that need an exact coincidence of floating-point numbers (lattice, repeats)
+cannot happen at all under M0 and are given the smallest p.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
 
-from diagnosis.detectors.clipping import find_clipping
 from diagnosis.detectors.noise_dependence import find_noise_dependence, lower_likeness
 from diagnosis.detectors.noise_removal import remove_noise
 from diagnosis.detectors.number_format import NumberFormats, find_number_formats, undo_lattices
@@ -72,18 +71,15 @@ def examine(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: T
     repeated, stream = bridge_repeats(stream, settings.sample_event)
     tell("number format", 0.02)
     formats = find_number_formats(gyro.rates, used, ~stream.filled, find_interval_slices(recording), stream.sigma)
-    tell("plateaus", 0.03)
-    clipping, clipped = find_clipping(recording, used, formats, stream.sigma)
     noisy = NoisyPart(stream)
     if stream.sigma > 0:
-        noisy = _examine_noise(stream, formats, clipped, settings, tell)
-    found = [repeated, formats.describe(), clipping, *noisy.findings]
+        noisy = _examine_noise(stream, formats, settings, tell)
+    found = [repeated, formats.describe(), *noisy.findings]
     return SampleReport(
         tests=tuple(test for one in found for test in one.tests),
         symptoms=tuple(symptom for one in found for symptom in one.symptoms),
         rates=noisy.stream.rates,
         density=noisy.stream.density,
-        clipped=clipped,
         filled=noisy.stream.filled,
         noise_factor=np.array(noisy.factor),
         noise=stream.sigma * np.array(noisy.factor),
@@ -105,7 +101,7 @@ class NoisyPart:
     hidden: tuple[bool, ...] = (False, False, False)  # (3,) whether a coarse lattice hides the gyro's slow motion for long
 
 
-def _examine_noise(stream: Stream, formats: NumberFormats, clipped: Mask, settings: DiagnosisSettings, tell: Tell) -> NoisyPart:
+def _examine_noise(stream: Stream, formats: NumberFormats, settings: DiagnosisSettings, tell: Tell) -> NoisyPart:
     """Look for all that shows in the noise of the samples or behind it."""
     sigma, coarse, event_p = stream.sigma, formats.coarse, settings.sample_event
     tell("zeros", 0.03)
@@ -120,8 +116,8 @@ def _examine_noise(stream: Stream, formats: NumberFormats, clipped: Mask, settin
     steps = np.where(coarse, formats.steps, 0.0)
     outliers, stream = find_outliers(stream, still, local, steps, event_p, scale_progress(tell, 0.25, 0.3))
     lines, tests = find_lines(stream, still, formats.steps > HIDING * sigma, settings.line, scale_progress(tell, 0.3, 0.65))
-    noise = measure_noise(stream, clipped, formats, lines, event_p, scale_progress(tell, 0.65, 0.8))
-    dependence, p_values = find_noise_dependence(*_choose_noise(stream, clipped, formats, lines), event_p)
+    noise = measure_noise(stream, formats, lines, event_p, scale_progress(tell, 0.65, 0.8))
+    dependence, p_values = find_noise_dependence(*_choose_noise(stream, formats, lines), event_p)
     levels = replace(noise.findings, symptoms=lower_likeness(noise.findings.symptoms, p_values))
     stream, hidden = undo_lattices(replace(stream, density=stream.density * noise.density), formats)
     found = held, outliers, tests, levels, dependence, zeros
@@ -151,10 +147,10 @@ def find_zeros(stream: Stream, formats: NumberFormats) -> tuple[Findings, Mask]:
     return Findings(tuple(tests), tuple(symptoms)), near
 
 
-def _choose_noise(stream: Stream, clipped: Mask, formats: NumberFormats, lines: tuple[Line, ...]) -> tuple[Stream, Mask, Mask]:
+def _choose_noise(stream: Stream, formats: NumberFormats, lines: tuple[Line, ...]) -> tuple[Stream, Mask, Mask]:
     """Choose readings without tones, samples that were measured, and gyros in which nothing but noise is in the blocks."""
     rates = stream.rates.copy()
     for line in lines:
         rates[:, line.axis] -= line.waveform
-    measured = stream.used & ~scipy.ndimage.binary_dilation(stream.filled | clipped, iterations=2)
+    measured = stream.used & ~scipy.ndimage.binary_dilation(stream.filled, iterations=2)
     return replace(stream, rates=rates), measured, ~formats.coarse

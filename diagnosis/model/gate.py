@@ -1,7 +1,7 @@
 """Recordings whose rates and references do not fit each other at all, which no linear model describes.
 
 A diagnosis has the calibrator's own gate (`gyrocal.calibration.gate`) and asks it of the repaired stream: spikes have been
-taken out and the attitude is not propagated over clipped samples, so that real faults of the gyro stay below it. A single
+taken out and the mask leaves out clipped samples, so that real faults of the gyro stay below it. A single
 reference that is far off between two that agree is a fault of the references and is left to the diagnosis.
 """
 

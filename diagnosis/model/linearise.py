@@ -50,7 +50,7 @@ def linearise_recording(
     rates : (samples, 3) raw rates in place of the recording's own, such as repaired ones
     smooth : (samples, 3) the same without noise, for the columns; a column that holds the noise of the residuals explains it
     density : (samples, 3) noise density of the raw rates in place of the stated ARW², rad²/s
-    pieces : intervals to propagate over in place of the recording's own, such as its parts between clipped samples
+    pieces : intervals to propagate over in place of the recording's own
     sigma : (references, 3) sigma of the references in place of the stated one, rad
     """
     parts, row_of = _measure_pieces(recording, pieces)

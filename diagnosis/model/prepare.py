@@ -1,6 +1,6 @@
 """Prepare a recording: linearise it about its own calibration under M0.
 
-The samples are examined first, since a clipped or repeated sample spoils every test of the attitude. White noise that is not
+The samples are examined first, since a repeated sample spoils every test of the attitude. White noise that is not
 as stated, of the samples or of the references, is an effect of its own; it is found here, and the model then has the actual
 noise. What the references say of their own noise is in `diagnosis.model.noise_classification`.
 """
@@ -11,9 +11,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from diagnosis.detectors.sample_report import SampleReport, mark_interval_samples, scale_progress
+from diagnosis.detectors.sample_report import mark_interval_samples, scale_progress
 from diagnosis.detectors.samples import examine
 from diagnosis.model.baseline import calibrate_baseline, report_unobserved
 from diagnosis.model.noise_classification import PreparedRecording, Progress, UnclassifiedRecording, classify_noise
@@ -21,13 +20,9 @@ from diagnosis.model.recording_model import RecordingModel
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.errors import InputError
-from gyrocal.recording import Interval, Recording, find_reference_rows
+from gyrocal.recording import Recording, find_reference_rows
 
-__all__ = ["PreparedRecording", "Progress", "find_unclipped_pieces", "prepare"]
-
-Array = NDArray[np.float64]
-
-First = tuple[RecordingModel, Array, tuple[Interval, ...]]  # model, sigma of the references, intervals
+__all__ = ["PreparedRecording", "Progress", "prepare"]
 
 
 def prepare(
@@ -49,9 +44,10 @@ def prepare(
         tell(f"gyro samples: {text}", share)
 
     report = examine(recording, settings=settings, tell=scale_progress(tell_samples, 0.01, 0.06))
-    model, sigma, pieces = _build_first_model(recording, report, scale_progress(tell_samples, 0.06, 0.07))
+    pieces, stated = recording.intervals, recording.attitudes.sigma
+    model, sigma = calibrate_baseline(recording, report, pieces, stated, scale_progress(tell_samples, 0.06, 0.07))
     found = classify_noise(UnclassifiedRecording(recording, report, model, sigma, pieces), settings, tell)
-    return replace(found, notes=(*report_noise_levels(found), *_write_notes(found.model, pieces)))
+    return replace(found, notes=(*report_noise_levels(found), *_write_notes(found.model)))
 
 
 def _check_samples(recording: Recording) -> None:
@@ -59,39 +55,6 @@ def _check_samples(recording: Recording) -> None:
         prepare_measurements(recording)  # says which interval lacks samples
     if not mark_interval_samples(recording).any():
         raise InputError("no gyro sample starts inside any interval")
-
-
-def _build_first_model(recording: Recording, report: SampleReport, tell: Progress) -> First:
-    """The model with the references as stated, its sigma, and the intervals it is propagated over."""
-    pieces = find_unclipped_pieces(recording, report)
-    if not pieces:
-        levels = [f"{one.axis} at {one.size:.4g} {one.unit}" for one in report.symptoms if one.kind == "plateau"]
-        raise InputError(
-            f"gyro {' and '.join(levels)} stands at its largest reading between all reference attitudes, as a clipped gyro "
-            "does; give intervals in which it is not clipped"
-        )
-    return *calibrate_baseline(recording, report, pieces, recording.attitudes.sigma, tell), pieces
-
-
-def find_unclipped_pieces(recording: Recording, report: SampleReport) -> tuple[Interval, ...]:
-    """The parts of the intervals between clipped samples that have two references or more.
-
-    What a clipped gyro missed in a slew may be many degrees, far outside the linear model; the propagation starts afresh at
-    the first reference after it.
-    """
-    if not report.clipped.any():
-        return recording.intervals
-    clipped_times = recording.gyro.t_s[report.clipped]
-    out = []
-    for interval in recording.intervals:
-        times = recording.attitudes.t_s[find_reference_rows(recording.attitudes.t_s, interval)]
-        part = np.searchsorted(clipped_times, times)
-        for number in np.unique(part):
-            chosen = times[part == number]
-            if chosen.size >= 2 and chosen[-1] > chosen[0]:
-                name = interval.name if number == part[0] == part[-1] else f"{interval.name}/{number}"
-                out.append(Interval(name, interval.activity, float(chosen[0]), float(chosen[-1])))
-    return tuple(out)
 
 
 def report_noise_levels(found: PreparedRecording) -> Iterator[str]:
@@ -106,7 +69,7 @@ def report_noise_levels(found: PreparedRecording) -> Iterator[str]:
         yield f"Noise of the references estimated as {sigmas} deg about x, y, z; the recording states an estimate only"
 
 
-def _write_notes(model: RecordingModel, pieces: tuple[Interval, ...]) -> tuple[str, ...]:
+def _write_notes(model: RecordingModel) -> tuple[str, ...]:
     notes, recording = [], model.recording
     counts = [find_reference_rows(recording.attitudes.t_s, interval).size for interval in recording.intervals]
     if max(counts) <= 2:
@@ -116,8 +79,6 @@ def _write_notes(model: RecordingModel, pieces: tuple[Interval, ...]) -> tuple[s
             "of the calibration, so most effects cannot be told from one another or from a change of G and b"
         )
     notes += report_unobserved(model)
-    if len(pieces) != len(recording.intervals) or any(a != b for a, b in zip(pieces, recording.intervals, strict=False)):
-        notes.append("The attitude was not propagated over clipped gyro samples; the parts before and after them were used")
     notes.append(
         "A constant offset of the references acts like a rotation of G and of the start attitudes: no recording of gyro and "
         "reference attitudes can show it"

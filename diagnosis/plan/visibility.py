@@ -117,11 +117,11 @@ def _format_parameter(name: str, value: float | str) -> str:
 
 
 def list_unavailable_effects(model: RecordingModel, effects: Sequence[Effect]) -> Iterator[Visible]:
-    """Effects that this scenario has not what it takes for, and faults of the references that are taken out."""
+    """Effects that this scenario has not what it takes for, and those whose references are left out."""
     for effect in effects:
         reason = effect.missing(model.surroundings)
-        if reason is None and effect.implements("find_faults"):
-            reason = "a fault that is found by itself and taken out; its smallest size is not predicted"
+        if reason is None and effect.implements("replace_references"):
+            reason = "the mask of a recording finds and leaves out such references; its smallest size is not predicted"
         if reason is not None and not effect.in_samples:
             yield build_visibility_row(effect, "not available", np.inf, reason)
 

@@ -37,13 +37,17 @@ from gyrocal.importing.reference_join import JoinedReferences
 from gyrocal.importing.sensors import build_references, join_sensors, read_stated_sigma
 from gyrocal.importing.streams import BodyAttitudes, Sensor, Streams
 from gyrocal.importing.units import compute_gyro_factor, format_degrees
-from gyrocal.recording import Attitudes, GyroStream, Recording
+from gyrocal.masking import DataMask, find_mask
+from gyrocal.masking.mask import TABLE
+from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
 from gyrocal.rests import compare_rests, compute_speed, find_rests
 
 Array = NDArray[np.float64]
 
 logger = logging.getLogger(__name__)
 
+TEMPERATURE = ["t_s", "gyro_temperature_c"]
+SMALLEST_SIGMA = 1e-9  # rad, and rad/√s, of noise that is not yet estimated: the scatter of the innovations takes its place
 LATE = 6.0  # samples; a gyro whose filter or tag is later by less is taken as it is
 LARGEST_FACTOR = 2.0  # of rates: more is another unit, not a gyro's scale
 LARGEST_PLAUSIBLE_TURN = np.deg2rad(170.0)
@@ -117,6 +121,10 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
     windows = build_motion(streams.t_s, rates, streams.sample_s, body.t_s, body.q)
     if windows is None:
         raise InputError("too few attitudes within the gyro's time to compare the two")
+    mask = _find_mask(streams, mapping, G, body)
+    if not body.sensors:
+        kept = ~mask.mark_false_references(body.t_s)
+        body = BodyAttitudes(body.t_s[kept], body.q[kept])
     estimated = partial(_estimate_gyro, streams, mapping, rates, body, windows)
     found = _evaluate(windows, mapping, streams.sensors[0], G if streams.gyros is None else None)
     late_s = LATE * streams.sample_s if check else np.inf
@@ -142,8 +150,7 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
         references = replace(references, sigma_estimated=stated is None, sigma_degrees=degrees)
     else:
         references, joined = build_references(body, chosen, mapping, gyro, said)
-    for text in said:
-        logger.info("%s", text)
+    tables = {} if streams.temperature is None else {"housekeeping": pd.DataFrame(streams.temperature, columns=TEMPERATURE)}
     recording = Recording(
         title=mapping.title or "imported",
         epoch=streams.epoch,
@@ -153,13 +160,25 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
         intervals=tuple(name_interval(body.t_s, rows, still, streams.t_s, k) for k, rows in enumerate(chosen, 1))
         if mapping.interval is None
         else tuple(one.interval for one in mapping.interval),
-        tables={}
-        if streams.temperature is None
-        else {"housekeeping": pd.DataFrame(streams.temperature, columns=["t_s", "gyro_temperature_c"])},
+        tables=tables | ({TABLE: mask.to_frame()} if mask else {}),
     )
+    said += mask.describe(recording)
+    for text in said:
+        logger.info("%s", text)
     warnings = disagreement + _list_warnings(found, mapping, G, near, gyro, bool(still))
     warnings += [text for text in [describe_mean_rates(windows)] if text and mapping.bias_deg_s is None]
-    return ImportResult(recording, mapping, tuple(said), streams.sensors, joined, tuple(warnings))
+    return ImportResult(mask.apply(recording), mapping, tuple(said), streams.sensors, joined, tuple(warnings))
+
+
+def _find_mask(streams: Streams, mapping: Mapping, G: Array, body: BodyAttitudes) -> DataMask:
+    """Find what was not measured, with all attitudes as they were given; only what is left out by hand of several sensors."""
+    gyro = GyroStream(streams.t_s, streams.raw, streams.sample_s, SMALLEST_SIGMA, G)
+    inside = np.flatnonzero((body.t_s >= streams.t_s[0]) & (body.t_s <= streams.t_s[-1] + streams.sample_s))
+    t_s = body.t_s[inside]
+    attitudes = Attitudes(t_s, body.q[inside], np.full((t_s.size, 3), SMALLEST_SIGMA))
+    whole = Recording("", "", gyro, attitudes, (Interval("whole", "", float(t_s[0]), float(t_s[-1])),))
+    spans = [(first, stop) for first, stop in mapping.exclude or ()]
+    return DataMask().exclude(whole, spans) if body.sensors else find_mask(whole, spans)
 
 
 def _estimate_gyro(

@@ -42,6 +42,7 @@ QUATERNION_ORDERS = ("scalar-first", "scalar-last")
 PLACE = re.compile(r"#?([0-9]{1,6})")
 TETRAHEDRON = (np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)).tolist()
 
+Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 Quaternion = Annotated[list[float], Field(min_length=4, max_length=4)]
 Positive = Annotated[float, Field(gt=0)]
@@ -108,6 +109,7 @@ class Mapping(BaseModel):
     spacing_s: float | None = Field(default=None, gt=0)
     # intervals as in recording.toml, in the place of those that are made
     interval: list[Span] | None = Field(default=None, min_length=1)
+    exclude: list[Pair] | None = None  # stretches to leave out, from and to, s since the first gyro sample
     # title, epoch: of the recording; times of intervals are since the epoch
     title: str | None = None
     epoch: str | None = None

@@ -155,15 +155,6 @@ class Detection:
     text: str  # what was seen, for people
 
 
-@dataclass(frozen=True)
-class Fault:
-    """A stretch of a recording that shows no rate or no attitude, and the effect that is found to make it."""
-
-    detection: Detection  # what was found
-    samples: Flags  # (n,) bool, gyro samples that carry no rate
-    references: Flags  # (m,) bool, references that carry no attitude
-
-
 # ---- what an effect is -------------------------------------------------------------------------------------------------------
 
 Method = TypeVar("Method", bound=Callable[..., object])
@@ -274,7 +265,7 @@ class Effect:
     @property
     def is_nameable(self) -> bool:
         """Whether a diagnosis may name it as a cause; others can only be simulated."""
-        tested = self.symptom is not None or self.implements("detect") or self.implements("find_faults")
+        tested = self.symptom is not None or self.implements("detect")
         return self.has_columns or self.is_process or tested or self.stage == "sensor"
 
     @property
@@ -377,11 +368,6 @@ class Effect:
     @mark_absent
     def detect(self, view: SampleView) -> Sequence[Detection]:
         """Test the samples by the effect's own test; for effects that no `symptom` shows."""
-        return ()
-
-    @mark_absent
-    def find_faults(self, around: Surroundings) -> Sequence[Fault]:
-        """Find stretches without a rate or an attitude, from samples and references as recorded at the a-priori calibration."""
         return ()
 
     def completed(self, setting: Setting) -> Setting:

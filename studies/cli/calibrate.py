@@ -16,6 +16,7 @@ from gyrocal.errors import InputError
 from gyrocal.importing import read_estimated_noise, read_import_warnings
 from gyrocal.recording import Recording, load
 from studies.cli.options import (
+    EXCLUDE,
     PAGE,
     PATH,
     add_json_option,
@@ -106,6 +107,7 @@ CONDITIONS = ("p", "condition")  # what --fail-on may ask
     default=None,
     help="Longest run of missing samples, s, over which the last rate is held; longer ones are an error.",
 )
+@EXCLUDE
 @click.option(
     "--fail-on",
     multiple=True,
@@ -148,6 +150,7 @@ def command(
     max_sigma: float | None,
     max_change: tuple[str, ...],
     junit: Path | None,
+    exclude: list[list[float]] | None,
     **options: Any,
 ) -> None:
     """Calibrate the gyro of RECORDING, a folder with recording.toml, gyro and attitude tables.
@@ -176,7 +179,7 @@ def command(
         from studies.report.calibration import parse_limit
 
         parse_limit(text)
-    loaded = load(recording)
+    original = load(recording)
     for text in read_import_warnings(recording):
         click.echo(f"implausible: {text}")
     known = _read_truth(truth) if truth else None
@@ -186,6 +189,7 @@ def command(
     from gyrocal.calibration.remainder import add_remainder
     from gyrocal.estimation.held_out import describe_held_out_turns, predict_held_out_turns
     from gyrocal.estimation.remainder_noise import read_calibration
+    from gyrocal.masking import find_mask
     from studies.report import calibration as calibration_report
     from studies.report.pages import Section
 
@@ -201,11 +205,14 @@ def command(
         "parametrisation": parametrisation,
         **options,
     }
+    mask = find_mask(original, [(first, stop) for first, stop in exclude or ()])
+    loaded = mask.apply(original)
     result = calibrate(loaded, **asked)
     result = add_remainder(loaded, result)
-    about, limits = _describe_input(loaded) if as_json or against else {}, []
+    about, limits = _describe_input(original) if as_json or against else {}, []
     sections = [
-        Section("Origin of the noise", [calibration_report.describe_import_noise(result, read_estimated_noise(recording))])
+        Section("Left out, since it was not measured", [mask.describe(original)]),
+        Section("Origin of the noise", [calibration_report.describe_import_noise(result, read_estimated_noise(recording))]),
     ]
     if saved is not None:
         is_same = about["recording_sha256"] == saved.recording_sha256
@@ -215,7 +222,8 @@ def command(
     turns = predict_held_out_turns(loaded, **asked)
     held_out = describe_held_out_turns(turns)
     build = partial(calibration_report.build_calibration_page, result, held_out, known, more=sections)
-    document = result.to_json() | {"held_out_turns": [one.to_json() for one in turns], "provenance": about}
+    masked = {"masked": mask.to_json(), "masked_share": mask.compute_share(original)}
+    document = result.to_json() | {"held_out_turns": [one.to_json() for one in turns], **masked, "provenance": about}
     write_result(document, as_json, build, report, loaded)
     known_numbers = dict(zip(CONDITIONS, (float(result.p_value), float(result.observability.condition)), strict=True))
     end("calibrate", str(recording), compare_conditions(fail_on, known_numbers), junit, limits)

@@ -12,6 +12,7 @@ import click
 from gyrocal.errors import InputError, suggest_names
 from gyrocal.recording import load
 from studies.cli.options import (
+    EXCLUDE,
     JUNIT,
     PAGE,
     PATH,
@@ -46,6 +47,7 @@ from studies.report.junit import Verdict
     metavar="EFFECT",
     help="Exclude an effect from the diagnosis, see 'gyrocal effects'; repeatable.",
 )
+@EXCLUDE
 @click.option(
     "--fail-on",
     type=click.Choice(["gap", "unknown"]),
@@ -61,6 +63,7 @@ def command(
     flown: str | None,
     adopt: Path | None,
     without: tuple[str, ...],
+    exclude: list[list[float]] | None,
     seed: int,
     fail_on: tuple[str, ...],
     junit: Path | None,
@@ -92,7 +95,8 @@ def command(
 
     scenario_flown, planned = scenarios.load(flown) if flown else None, None
     with show_stages("diagnose", LINE_EVERY_S) as progress:
-        result = diagnose(loaded, progress=progress, seed=seed, library=library)
+        spans = [(first, stop) for first, stop in exclude or ()]
+        result = diagnose(loaded, progress=progress, seed=seed, library=library, exclude=spans)
         suspected = list(dict.fromkeys(label.partition(":")[0] for label in list_suspected_effects(result)))
         if scenario_flown and suspected:
             planned = plan(scenario_flown, effects=suspected, progress=progress, seed=seed)

@@ -14,6 +14,7 @@ from gyrocal.importing.columns import resolve_columns
 from gyrocal.importing.streams import read_csv, read_streams
 from gyrocal.importing.units import RATE_UNITS
 from studies.cli.options import (
+    EXCLUDE,
     FOLDER_TYPE,
     FORCE,
     GYRO_TABLE_OPTIONS,
@@ -118,6 +119,7 @@ ALIGNMENT_OPTIONS = (
         help="1-sigma of the references, deg: a number, three about the body's axes, or a column of their table or three.",
     ),
     click.option("--spacing", "spacing_s", type=float, help="Least time between references, s."),
+    EXCLUDE,
     click.option("--unchecked", is_flag=True, default=None, help="Import even if rates and attitudes do not fit each other."),
 )
 TAG = click.option(

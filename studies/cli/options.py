@@ -71,6 +71,29 @@ def add_count_option(name: str, default: int | None, help: str, least: int = 0) 
     return click.option(name, type=click.IntRange(least), default=default, show_default=default is not None, help=help)
 
 
+def parse_spans(_: click.Context, option: click.Parameter, texts: tuple[str, ...]) -> list[list[float]] | None:
+    """Stretches of time such as "12.5:14", each as two numbers in s; None without any."""
+    spans = []
+    for text in texts:
+        try:
+            first, stop = (float(part) for part in text.split(":"))
+        except ValueError:
+            first = stop = math.nan
+        if not -math.inf < first < stop < math.inf:
+            raise InputError(f"{option.opts[0]} {text}: give FROM:TO in s since the first gyro sample, such as 12.5:14")
+        spans.append([first, stop])
+    return spans or None
+
+
+EXCLUDE = click.option(
+    "--exclude",
+    multiple=True,
+    metavar="FROM:TO",
+    callback=parse_spans,
+    help="Leave out this stretch, s since the first gyro sample; repeatable.",
+)
+
+
 def add_seed_option(help: str = "Seed of the random draws.") -> Any:
     """The option ``--seed``."""
     return add_count_option("--seed", 0, help)

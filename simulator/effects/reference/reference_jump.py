@@ -3,7 +3,7 @@
 A camera system that takes a marker for another one, a star tracker after a wrong identification, a filter that is set anew: all
 three axes jump together, and jump back or not. The size is the norm of e, constant in body axes.
 
-Which windows a diagnosis tries follows from the innovations of the references (`simulator.effects.innovations`): a jump shows
+Which windows a diagnosis tries follows from the innovations of the references (`gyrocal.innovations`): a jump shows
 in one of them, and the return in another one. All other windows leave these innovations unexplained; they are left out with
 their share of the prior.
 """
@@ -14,10 +14,10 @@ from itertools import combinations
 
 import numpy as np
 
+from gyrocal.innovations import Innovations, compute_innovations
 from simulator.effects.base import Array, Parameter, Parameters, References, Surroundings, Trial
 from simulator.effects.common import DEG, number
 from simulator.effects.directed_effect import DirectedEffect
-from simulator.effects.innovations import Innovations, compute_innovations
 
 FEWEST_JUMP_REFERENCES = 4  # references of a recording, of which one that jumps and returns can be told
 JUMP_CHI2 = 36.0  # χ² of an innovation of three axes, which noise exceeds once in 10⁷
@@ -43,7 +43,7 @@ class ReferenceJump(DirectedEffect):
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
         """The windows between the largest innovations; where none is large, one window that stands for all."""
-        seen = compute_innovations(around)
+        seen = compute_reference_innovations(around)
         edges = find_edges(seen)
         if not edges.size:
             return (_choose_middle_window(around),)
@@ -64,6 +64,15 @@ class ReferenceJump(DirectedEffect):
         references = around.references
         most = int(np.bincount(references.interval[references.interval >= 0], minlength=1).max()) if references.t_s.size else 0
         return None if most >= FEWEST_JUMP_REFERENCES else f"it needs {FEWEST_JUMP_REFERENCES} references in an interval"
+
+
+def compute_reference_innovations(around: Surroundings) -> Innovations:
+    """Compute the innovations of the references of a recording."""
+    references, stream = around.references, around.stream
+    begin = stream.t_s - 0.5 * stream.duration_s
+    return compute_innovations(
+        begin, stream.rates, references.t_s, references.quaternions, references.interval, around.reference_sigma, around.arw
+    )
 
 
 def find_edges(seen: Innovations) -> np.ndarray:

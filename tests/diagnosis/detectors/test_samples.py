@@ -8,7 +8,6 @@ import pytest
 import scipy.special
 
 from diagnosis.detectors import samples as stream
-from diagnosis.detectors.clipping import _is_plateau, compute_probability_of_clipping
 from diagnosis.detectors.lattice import compute_mean_reading, find_lattice_step, undo_lattice
 from diagnosis.detectors.sample_noise import estimate_local_noise
 from diagnosis.detectors.spectral_lines import Look, find_peak
@@ -56,7 +55,6 @@ def test_m0_shows_nothing(plan, truth):
     [
         ("rate_quantization=2e-4", "lattice_rounded", None, 2e-4, 1e-9),
         ("rate_quantization:y=1e-3", "lattice_rounded", "y", 1e-3, 1e-8),
-        ("rate_saturation:z=0.15", "plateau", "z", 0.15, 1e-6),
         ("stale_samples=3,fraction=0.01", "repeats", None, 3.0, None),
         ("spikes=0.004,fraction=0.001", "outliers", None, 0.004, None),
         ("spikes:x=0.004,fraction=0.001", "outliers", "x", 0.004, None),
@@ -202,56 +200,10 @@ def test_a_lattice_shows_through_numbers_printed_with_five_digits():
     assert find_lattice_step(printed + 2e-4 * np.random.default_rng(1).standard_normal(x.size)) == 0.0
 
 
-def test_a_repeated_largest_reading_is_not_clipped(plan, truth):
-    recording = _recording(plan, truth, 4, "stale_samples=3,fraction=0.01")
-    rates = recording.gyro.rates.copy()
-    top = int(np.argmax(np.abs(rates[:, 1])))
-    rates[top : top + 9] = rates[top]
-    report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
-    assert [found.kind for found in report.symptoms] == ["repeats"]
-    rates[top : top + 9, 0] += np.deg2rad(1e-5) * np.arange(9)  # the other axes go on, and the rate runs up to it
-    rates[top - 5 : top, 1] = rates[top, 1] * np.linspace(0.5, 0.9, 5)
-    rates[top + 9 : top + 14, 1] = rates[top, 1] * np.linspace(0.9, 0.5, 5)
-    report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
-    assert {found.kind for found in report.symptoms} >= {"repeats", "plateau"}
-
-
 @pytest.mark.parametrize("step", ["1e-4", "4e-4", "7e-4", "1e-3"])
 def test_no_repeats_on_a_lattice_without_faults(plan, truth, step):
     symptoms = stream.examine(_recording(plan, truth, 1, f"rate_quantization={step}")).symptoms
     assert [found.kind for found in symptoms] == ["lattice_rounded"]
-
-
-def test_a_clipped_rate_on_a_coarse_lattice(plan, truth):
-    """A steady reading stands still on a lattice of a few sigmas for a while, not through a slew."""
-    found = stream.examine(_recording(plan, truth, 8, "rate_quantization=5e-4", "rate_saturation:z=0.15"))
-    assert [(one.kind, one.axis) for one in found.symptoms] == [("lattice_rounded", None), ("plateau", "z")]
-    assert _is_plateau(np.ones(200, dtype=bool), step=2.5)
-    assert not _is_plateau(np.ones(200, dtype=bool), step=8.0)
-    assert not _is_plateau(np.ones(50, dtype=bool), step=2.5)
-    assert not _is_plateau(np.ones(10_000, dtype=bool), step=np.inf)
-
-
-def swing(level, high):
-    """A swing of 100 about zero with noise of one; where it is beyond `high` it reads `level`."""
-    x = 100 * np.sin(np.arange(5000) / 37.0) + np.random.default_rng(3).standard_normal(5000)
-    return np.where(x > high, level, np.where(x < -high, -level, x)), np.abs(x) > high
-
-
-@pytest.mark.parametrize(
-    ("level", "high", "rest", "clipped"),
-    [
-        (60.0, 60.0, 0.0, True),  # at the end of the range
-        (90.0, 60.0, 0.0, False),  # a jump leads to it
-        (60.0, 60.0, 30.0, False),  # readings on the other side of that at rest are farther from it
-    ],
-)
-def test_a_gyro_that_stops_is_not_clipped(level, high, rest, clipped):
-    x, at = swing(level, high)
-    if rest:
-        at &= x > 0
-    found = compute_probability_of_clipping(x - rest, np.ones(x.size, dtype=bool), at, 1.0)
-    assert (found > 0.99) if clipped else (found < 0.01)
 
 
 def test_two_axes_that_repeat_together_are_no_repeats_of_all(plan, truth):
@@ -278,14 +230,14 @@ def test_a_sway_that_two_gyros_show_in_quiet_arcs_is_no_slow_noise(plan, truth):
     assert report.noise_factor[[0, 2]] == pytest.approx(1.0, abs=0.02)
 
 
-def test_floats_with_few_digits_neither_clip_nor_repeat(plan, truth):
-    """A short mantissa rounds fast rates coarsely: readings repeat axis by axis, and the largest as often as the others."""
+def test_floats_with_few_digits_do_not_repeat(plan, truth):
+    """A short mantissa rounds fast rates coarsely: readings repeat axis by axis."""
     recording = _recording(plan, truth, 4)
     rates = recording.gyro.rates
     exponent = np.floor(np.log2(np.maximum(np.abs(rates), 1e-30)))
     short = np.round(rates / 2.0 ** (exponent - 9)) * 2.0 ** (exponent - 9)
     found = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=short)))
-    assert not {one.kind for one in found.symptoms} & {"plateau", "repeats"}
+    assert not {one.kind for one in found.symptoms} & {"repeats"}
 
 
 @pytest.mark.parametrize("share", [0.0, 0.2])

@@ -11,7 +11,7 @@ from diagnosis.inference.search import Search
 from diagnosis.model.calibration import calibrate_with_effects
 from diagnosis.model.linear import SelectedCandidate
 from diagnosis.model.prepare import prepare
-from gyrocal import InputError, calibrate
+from gyrocal import calibrate
 from simulator import scenario
 from simulator.simulate import simulate
 from tests.diagnosis.recordings import linear_of, plan, prepared, recorded
@@ -112,12 +112,3 @@ def test_without_a_series_of_references_their_noise_is_not_tested():
     found = prepare(simulate(ends, seed=1))
     assert found.reference_noise is None
     assert any("degrees of freedom" in note for note in found.notes)
-
-
-def test_nothing_left_between_clipped_samples_is_an_error():
-    recording = recorded(2, sample_s=2.0)
-    # Every other sample on z reads the largest rate.
-    rates = recording.gyro.rates.copy()
-    rates[::3, 2] = 0.01
-    with pytest.raises(InputError, match=r"gyro z at .* stands at its largest reading"):
-        prepare(replace(recording, gyro=replace(recording.gyro, rates=rates)))

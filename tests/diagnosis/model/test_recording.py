@@ -8,11 +8,10 @@ import pytest
 import scipy.stats
 from scipy.spatial.transform import Rotation
 
-from diagnosis.detectors.samples import examine
 from diagnosis.model import linearise
 from diagnosis.model import recording_model as recordings
 from diagnosis.model.linearise import linearise_recording
-from diagnosis.model.prepare import find_unclipped_pieces, prepare
+from diagnosis.model.prepare import prepare
 from gyrocal import GyroParameters, calibrate, residual_table
 from gyrocal.recording import Interval
 from simulator.simulate import simulate
@@ -279,16 +278,3 @@ def test_pieces_take_the_place_of_intervals(recording, model):
     assert [block.interval for block in made.blocks] == [0, 1, 2, 2]
     assert not ((made.t_s > middle - 60) & (made.t_s < middle + 60)).any()
     assert made.nuisance.shape[1] == 3 * 4 + 12
-
-
-def test_clipped_stretches_are_left_out():
-    recording = recorded(2, "rate_saturation:z=0.1", sample_s=1.0)
-    report = examine(recording)
-    assert report.clipped.any()
-    pieces = find_unclipped_pieces(recording, report)
-    assert len(pieces) > len(recording.intervals)
-    clipped = recording.gyro.t_s[report.clipped]
-    for piece in pieces:
-        assert not ((clipped >= piece.start_s) & (clipped < piece.stop_s)).any()
-    model = prepare(recording).model
-    assert 1e-4 < scipy.stats.chi2.cdf(model.y @ model.y, model.degrees_of_freedom) < 1 - 1e-4

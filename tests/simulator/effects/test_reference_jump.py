@@ -6,8 +6,7 @@ import pytest
 import simulator
 from diagnosis.diagnose import diagnose
 from simulator.effects import EFFECTS, extract_surroundings, parse
-from simulator.effects.innovations import compute_innovations
-from simulator.effects.reference.reference_jump import find_edges
+from simulator.effects.reference.reference_jump import compute_reference_innovations, find_edges
 from simulator.truth.rotation import separation
 from tests.simulator.effects.test_clock import RIVALS, agile, sparse
 
@@ -36,7 +35,7 @@ def test_a_jump_turns_the_reference_about_all_axes_while_it_lasts():
 def test_innovations_have_their_noise_without_a_calibration_before(scenario):
     """Those of 420 s, in which the body turns by half a turn, as well; their scatter to five sigma of a variance."""
     _, around = seen(agile() if scenario == "agile" else simulator.load(scenario))
-    found = compute_innovations(around)
+    found = compute_reference_innovations(around)
     z = found.values / found.sigma
     assert len(z) > 300
     assert np.std(z) == pytest.approx(1.0, abs=5 / np.sqrt(2 * z.size))
@@ -46,7 +45,7 @@ def test_innovations_have_their_noise_without_a_calibration_before(scenario):
 def test_innovations_show_the_begin_and_the_end_of_a_jump():
     """With the sign of e at its begin and the other one, turned on by the body, at its end."""
     _, around = seen(agile(), JUMP)
-    found = compute_innovations(around)
+    found = compute_reference_innovations(around)
     edges = find_edges(found)
     np.testing.assert_allclose(around.references.t_s[found.second[edges]], [500, 560])
     e = np.deg2rad(0.1) * np.array([1, 2, -2]) / 3

@@ -17,10 +17,10 @@ def asked(monkeypatch):
     """What diagnose was called with; it answers with the case that is set."""
     seen = {"case": "named"}
 
-    def answer(recording, *, progress=None, seed=0, library=None):
+    def answer(recording, *, progress=None, seed=0, library=None, exclude=()):
         progress("gyro stream", 0.0)
         progress("closure", 0.9)
-        seen.update(recording=recording, seed=seed, library=library)
+        seen.update(recording=recording, seed=seed, library=library, exclude=exclude)
         return CASES[seen["case"]]()
 
     monkeypatch.setattr("diagnosis.diagnose.diagnose", answer)
@@ -104,3 +104,11 @@ def test_documented_format_is_the_result():
     assert _keys(json.loads(block)) == _keys(CASES["named"]().to_json())
     rows = dict(re.findall(r"^\| `(\w+)` \| [^|]* \| ([^|]*) \|.*\|$", text, flags=re.MULTILINE))
     assert set(rows) >= {name for name, effect in ALL_EFFECTS.items() if effect.is_nameable}
+
+
+def test_stretches_are_left_out_by_hand_in_seconds_since_the_first_sample(run_cli, asked, rec):
+    shown = run_cli("diagnose", rec, "--exclude", "100:120.5", "--exclude", "1e3:1.1e3")
+    assert (shown.exit_code, asked["exclude"]) == (0, [(100.0, 120.5), (1000.0, 1100.0)])
+    for text in ("120:100", "100", "a:b"):
+        shown = run_cli("diagnose", rec, "--exclude", text)
+        assert (shown.exit_code, "give FROM:TO" in shown.stderr) == (2, True)

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gyrocal.jit_cache import compile_cached
-from simulator.effects.base import Array, Surroundings
-from simulator.truth.rotation import apply_rotation_errors, separation
+
+Array = NDArray[np.float64]
 
 PASSES = 2  # of the integration: the second one with the rates of the first one's fit
 ROBUST_FIT_ROUNDS = 8  # of the robust fit
@@ -38,28 +38,41 @@ class Innovations:
     sigma: Array  # (k, 3) their scatter: that of the stated noise, times one factor for all where they scatter more, rad
 
 
-def compute_innovations(around: Surroundings) -> Innovations:
-    """Compute the innovations of all references that follow one another in an interval and have gyro samples between them."""
-    references, stream = around.references, around.stream
-    order = np.lexsort((references.t_s, references.interval))
+def compute_innovations(
+    begin_s: Array, rates: Array, t_s: Array, quaternions: Array, interval: NDArray[np.intp], sigma: Array, arw: float
+) -> Innovations:
+    """Compute the innovations of all references that follow one another in an interval.
+
+    Parameters
+    ----------
+    begin_s, rates : (n,) starts of the samples, s, and (n, 3) body rates at an a-priori calibration, rad/s
+    t_s, quaternions : (m,) s, and (m, 4) inertial to body, scalar last
+    interval : (m,) number of the interval of each reference; one below zero is in none
+    sigma, arw : (m, 3) 1-sigma of the references, rad, and angle random walk, rad/√s
+    """
+    order = np.lexsort((t_s, interval))
     first, second = order[:-1], order[1:]
-    alike = (references.interval[first] == references.interval[second]) & (references.interval[first] >= 0)
-    duration = references.t_s[second] - references.t_s[first]
-    begin = stream.t_s - 0.5 * stream.duration_s
-    used = alike & (duration > EARLIEST_S)
+    duration = t_s[second] - t_s[first]
+    used = (interval[first] == interval[second]) & (interval[first] >= 0) & (duration > EARLIEST_S)
     first, second, duration = first[used], second[used], duration[used]
-    start, stop, rates = references.t_s[first], references.t_s[second], stream.rates
-    variance = 2 * np.mean(around.reference_sigma**2, axis=0) + around.arw**2 * duration[:, None]
+    variance = 2 * np.mean(sigma**2, axis=0) + arw**2 * duration[:, None]
     stated, scale = np.sqrt(np.maximum(variance, 1e-30)), 1.0
     turns, values = np.zeros((first.size, 3)), np.zeros((first.size, 3))
     for _ in range(PASSES):
-        turns, columns = integrate_turns(begin, rates, start, stop)
-        predicted = apply_rotation_errors(references.quaternions[first], -turns)
-        values = separation(predicted, references.quaternions[second]) if first.size else values
+        turns, columns = integrate_turns(begin_s, rates, t_s[first], t_s[second])
+        values = compute_misses(quaternions[first], turns, quaternions[second])
         fit, scale = _fit_calibration_errors(values, columns, stated)
         rates = rates + rates @ fit[:9].reshape(3, 3) + fit[9:]
         values = values - columns @ fit
     return Innovations(first, second, duration, turns, values, stated * scale)
+
+
+def compute_misses(before: Array, turned: Array, after: Array) -> Array:
+    """Rotation vectors (k, 3) log[A_after (Φ A_before)ᵀ], rad, of attitudes (k, 4) and of the turns (k, 3) between them."""
+    if not len(before):
+        return np.zeros((0, 3))
+    carried = Rotation.from_quat(before) * Rotation.from_rotvec(turned)
+    return np.asarray(-(carried.inv() * Rotation.from_quat(after)).as_rotvec())
 
 
 def _fit_calibration_errors(values: Array, columns: Array, stated: Array) -> tuple[Array, float]:

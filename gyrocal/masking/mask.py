@@ -1,0 +1,183 @@
+"""The mask of a recording: which stretches were not measured, and the recording without them.
+
+A clipped or stopped gyro shows no rate, a frozen or false reference no attitude. No error model describes such a stretch, and
+each one spoils what is estimated beside it. Nothing is repaired: an interval ends before a stretch of the gyro, and the next
+reference starts a further one. False references are left out. An interval is cut where the references jump and stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal.errors import InputError
+from gyrocal.innovations import Innovations, compute_innovations
+from gyrocal.masking import gyro_faults, reference_faults
+from gyrocal.masking.stretch import MaskedStretch
+from gyrocal.recording import Interval, Recording, find_reference_rows
+from gyrocal.recording.parts import TIME_TOLERANCE_S
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+TABLE = "masked"  # of a recording: what an import has left out
+COLUMNS = ("t_s", "to_s", "what", "axis", "size")
+OF_REFERENCES = ("frozen", "reference jump")
+GAP_SAMPLES = 1.5  # without a sample
+MOST_SHOWN = 8  # jumps of the references in a sentence
+
+
+@dataclass(frozen=True)
+class DataMask:
+    """Stretches of a recording that were not measured."""
+
+    stretches: tuple[MaskedStretch, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.stretches)
+
+    def add(self, stretches: Sequence[MaskedStretch]) -> DataMask:
+        """The mask with further stretches, in order of time."""
+        return DataMask(tuple(sorted({*self.stretches, *stretches}, key=lambda one: (one.from_s, one.what, one.axis or ""))))
+
+    def exclude(self, recording: Recording, spans: Sequence[tuple[float, float]]) -> DataMask:
+        """The mask with stretches left out by hand, each from and to a time in s since the first gyro sample."""
+        start = float(recording.gyro.t_s[0])
+        return self.add([MaskedStretch("excluded", None, start + first, start + stop) for first, stop in spans])
+
+    def mark_false_references(self, t_s: Array) -> Mask:
+        """Mark the references (m,) at these times that show no attitude."""
+        out = np.zeros(t_s.size, dtype=bool)
+        for one in self.stretches:
+            if one.what in OF_REFERENCES:
+                out |= (t_s >= one.from_s - TIME_TOLERANCE_S) & (t_s < one.to_s - TIME_TOLERANCE_S)
+        return out
+
+    def mark_cuts(self, t_s: Array) -> Mask:
+        """Mark the times (m,), in order, that a stretch without a rate or a jump that stays parts from the one before."""
+        cuts = [one for one in self.stretches if one.what not in OF_REFERENCES or one.from_s == one.to_s]
+        begun = np.searchsorted(np.sort([one.from_s for one in cuts]), t_s, side="left")
+        ended = np.searchsorted(np.sort([one.to_s for one in cuts]), t_s, side="right")
+        return np.append(False, begun[1:] > ended[:-1])
+
+    def apply(self, recording: Recording) -> Recording:
+        """The recording with its intervals cut and its false references left out; itself where there are none.
+
+        An `InputError` if nothing is left.
+        """
+        if not self.stretches or not recording.attitudes.t_s.size:
+            return recording
+        kept = np.flatnonzero(~self.mark_false_references(recording.attitudes.t_s))
+        t_s = recording.attitudes.t_s[kept]
+        pieces = [piece for one in recording.intervals for piece in self._cut_interval(one, t_s)]
+        if not pieces:
+            said = "; ".join(self.describe(recording))
+            raise InputError(f"no two references of an interval are left: {said}; give intervals without these stretches")
+        inside = np.unique(np.concatenate([find_reference_rows(t_s, piece) for piece in pieces]))
+        return replace(recording, attitudes=recording.attitudes.select_rows(kept[inside]), intervals=tuple(pieces))
+
+    def _cut_interval(self, interval: Interval, t_s: Array) -> Iterator[Interval]:
+        """The parts of an interval that have two references or more."""
+        times = t_s[find_reference_rows(t_s, interval)]
+        pieces = np.split(times, np.flatnonzero(self.mark_cuts(times))) if times.size else []
+        if len(pieces) == 1 and times.size >= 2:
+            yield interval
+            return
+        for number, own in enumerate(piece for piece in pieces if piece.size >= 2):
+            yield replace(interval, name=f"{interval.name}/{number}", start_s=float(own[0]), stop_s=float(own[-1]))
+
+    def compute_share(self, recording: Recording) -> float:
+        """Compute the share of the time of the gyro's samples that is left out."""
+        t_s = recording.gyro.t_s
+        out = np.zeros(t_s.size, dtype=bool)
+        for one in self.stretches:
+            out |= (t_s >= one.from_s) & (t_s < one.to_s)
+        return float(out.mean())
+
+    def describe(self, recording: Recording) -> list[str]:
+        """Say what is left out, a sentence for each kind; times in s since the first gyro sample."""
+        said, start = [], float(recording.gyro.t_s[0])
+        for key in dict.fromkeys(one.key for one in self.stretches):
+            own = [one for one in self.stretches if one.key == key]
+            what = own[0].describe_kind([one.size for one in own])
+            if own[0].what == "reference jump":
+                shown = sorted(sorted(own, key=lambda one: -one.size)[:MOST_SHOWN], key=lambda one: one.from_s)
+                listed = ", ".join(f"{one.from_s - start:.2f} s ({one.size:.2g} deg, {one.axis})" for one in shown)
+                said.append(f"{what}{', the largest' if len(own) > MOST_SHOWN else ''} at {listed}")
+                continue
+            first, last = own[0].from_s - start, max(one.to_s for one in own) - start
+            total = sum(one.to_s - one.from_s for one in own)
+            often = f"for {total:.3g} s in {len(own)} stretches, " if len(own) > 1 else ""
+            said.append(f"{what}, {often}from {first:.2f} to {last:.2f} s")
+        return said
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """The stretches as documented, times in s since the epoch."""
+        return [one.to_json() for one in self.stretches]
+
+    def to_frame(self) -> pd.DataFrame:
+        """The stretches as a table of a recording."""
+        import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
+        rows = [(one.from_s, one.to_s, one.what, one.axis or "", one.size) for one in self.stretches]
+        return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def read_mask(recording: Recording) -> DataMask:
+    """Read the stretches that an import has left out of a recording; an `InputError` if its table has other columns."""
+    table = recording.tables.get(TABLE)
+    if table is None:
+        return DataMask()
+    missing = [name for name in COLUMNS if name not in table.columns]
+    if missing:
+        raise InputError(f"{TABLE}: column {', '.join(missing)} is missing; it has {', '.join(map(str, table.columns))}")
+    rows = table[list(COLUMNS)].itertuples(index=False)
+    return DataMask().add([MaskedStretch(what, axis or None, begin, stop, size) for begin, stop, what, axis, size in rows])
+
+
+def find_mask(recording: Recording, exclude: Sequence[tuple[float, float]] = ()) -> DataMask:
+    """Find the stretches of a recording that were not measured.
+
+    Parameters
+    ----------
+    recording : gyro and references at their full rate where there is a choice, since thinned references hide single false ones
+    exclude : stretches to leave out by hand, each from and to a time in s since the first gyro sample
+    """
+    mask = read_mask(recording).exclude(recording, exclude)
+    if not recording.attitudes.t_s.size:
+        return mask
+    left = mask.apply(recording)
+    seen: Innovations | None = None
+    for find in (
+        gyro_faults.find_plateaus,
+        reference_faults.find_frozen,
+        gyro_faults.find_stops,
+        gyro_faults.find_noisy_plateaus,
+        reference_faults.find_jumps,
+    ):
+        seen = _propagate(left) if seen is None else seen
+        found = find(left, seen)
+        if found:  # what was found is out of the way of what is looked for after it
+            mask = mask.add(found)
+            left, seen = mask.apply(recording), None
+    return mask
+
+
+def _propagate(recording: Recording) -> Innovations:
+    """Compute the innovations of the references of a recording at its a-priori calibration."""
+    gyro, attitudes = recording.gyro, recording.attitudes
+    number = np.full(attitudes.t_s.size, -1, dtype=np.intp)
+    for k, interval in enumerate(recording.intervals):
+        rows = find_reference_rows(attitudes.t_s, interval)
+        number[rows[number[rows] < 0]] = k
+    gaps = gyro.t_s[1:][np.diff(gyro.t_s) > GAP_SAMPLES * gyro.sample_s]
+    number = np.where(number < 0, -1, number * (gaps.size + 1) + np.searchsorted(gaps, attitudes.t_s))
+    rates = gyro.rates @ gyro.apriori_G.T + gyro.apriori_bias
+    return compute_innovations(gyro.t_s, rates, attitudes.t_s, attitudes.quaternions, number, attitudes.sigma, gyro.arw)
