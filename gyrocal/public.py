@@ -6,6 +6,9 @@ from gyrocal.calibration.parameters import NAMES, GyroParameters, select
 from gyrocal.calibration.propagation import Arcs, StreamingPropagation, propagate, psi_matrix
 from gyrocal.calibration.result import CalibrationResult
 from gyrocal.errors import GyrocalError, InputError, UnobservableError
+from gyrocal.estimation.alignment import AlignmentResult
+from gyrocal.estimation.alignment import align_in_two_steps as align_in_two_steps
+from gyrocal.estimation.alignment import align_together as align_together
 from gyrocal.estimation.batch import BatchResult, batch
 from gyrocal.estimation.filter_run import FilterRun
 from gyrocal.estimation.filter_run import run as run_filter
@@ -25,9 +28,6 @@ from gyrocal.recording import (
     load,
     save,
 )
-from gyrocal.sensors.alignment import AlignmentResult
-from gyrocal.sensors.alignment import align_in_two_steps as align_in_two_steps
-from gyrocal.sensors.alignment import align_together as align_together
 from gyrocal.sensors.earth import EarthModel, EarthSensor
 from gyrocal.sensors.series import SensorModel, SensorSeries
 from gyrocal.sensors.sun import SunModel, SunSensor, trmm_sun_sensors

@@ -3,7 +3,7 @@
 Residuals of real recordings are larger than the stated noise. The remainder models the excess as random processes of the gyro,
 of the references and of their time tags (`gyrocal.calibration.remainder_processes`), and as a factor φ of the variance of all
 stated noise. Their sizes θ_k maximise the restricted likelihood of the residuals that the calibration leaves
-(`gyrocal.estimation.variance_components`). The estimator of the calibration stays as it is. With V the stated covariance of
+(`gyrocal.calibration.variance_components`). The estimator of the calibration stays as it is. With V the stated covariance of
 the residuals, Θ their sensitivity and P = (Θᵀ V⁻¹ Θ + P₀⁻¹)⁻¹,
 
     Δx̂ = P Θᵀ V⁻¹ θ = Kᵀ θ,    cov = P + (φ − 1) Kᵀ V K + Σ_k θ_k (M_kᵀ K)ᵀ ρ_k (M_kᵀ K)
@@ -51,7 +51,7 @@ from gyrocal.calibration.remainder_processes import (
     correlate_references,
 )
 from gyrocal.calibration.sampling import prepare_measurements
-from gyrocal.estimation.variance_components import VarianceComponents, estimate_variance_components
+from gyrocal.calibration.variance_components import VarianceComponents, estimate_variance_components
 from gyrocal.recording import GyroStream, Recording
 
 if TYPE_CHECKING:

@@ -1,7 +1,7 @@
 """R (3) again: the sun sensors' alignment from simulated telemetry of the early orbits, as the ground did it in flight.
 
 The sun sensors are mounted as designed, with the heads' angles of the alignment records and nothing else; the Earth sensor
-has no biases. R's first algorithm (`gyrocal.sensors.alignment.align_together`) holds DSS-1 and finds M of DSS-2 and the
+has no biases. R's first algorithm (`gyrocal.estimation.alignment.align_together`) holds DSS-1 and finds M of DSS-2 and the
 penetration biases from orbits before December 11, whose sun angles are 8 to 12°.
 """
 
@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gyrocal.sensors.alignment import AlignmentResult, align_together
+from gyrocal.estimation.alignment import AlignmentResult, align_together
 from simulator.mission_mode.calendar import compute_sun_angle
 from simulator.mission_mode.config import DAY, MissionConfig, OnBoardTables
 from simulator.mission_mode.flight import simulate_mission

@@ -5,7 +5,7 @@ import pytest
 
 from gyrocal import InputError, UnobservableError
 from gyrocal.attitude import rotation_matrix
-from gyrocal.sensors.alignment import align_in_two_steps, align_together
+from gyrocal.estimation.alignment import align_in_two_steps, align_together
 from gyrocal.sensors.earth import TRMM_BIASES
 from gyrocal.sensors.series import SensorSeries
 from gyrocal.sensors.sun import trmm_sun_sensors

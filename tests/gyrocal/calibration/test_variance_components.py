@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gyrocal.estimation.variance_components import estimate_variance_components, evaluate_likelihood, list_lower_places
+from gyrocal.calibration.variance_components import estimate_variance_components, evaluate_likelihood, list_lower_places
 from tests.builders import mean_bounds
 
 ROWS, PARAMETERS = 120, 5
