@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gyrocal import attitude
+from gyrocal.allan.deviation import FEWEST_STRETCH_SAMPLES, overlapping_allan_deviation
 from gyrocal.calibration.propagation import Propagation, propagate
 from gyrocal.calibration.sampling import TAG_ROUNDING, Measurements, prepare_measurements
 from gyrocal.errors import InputError
@@ -271,15 +272,12 @@ def estimate_walk_at_rest(stretches: list[Array], sample_s: float) -> Array | No
     stretches: rates (n, k) each, rad/s, constant but for noise and slow drift.
     """
     m = max(round(ALLAN_S / sample_s), 1)
-    squares = []
-    for rates in stretches:
-        if len(rates) >= 3 * m:
-            sums = np.cumsum(np.concatenate([np.zeros((1, rates.shape[1])), rates]), axis=0)
-            means = (sums[m:] - sums[:-m]) / m
-            squares.append(np.square(means[m:] - means[:-m]))
-    if not squares:
+    long = [rates for rates in stretches if len(rates) >= 3 * m]
+    if max(map(len, long), default=0) < FEWEST_STRETCH_SAMPLES:
         return None
-    return np.asarray(np.sqrt(0.5 * np.concatenate(squares).mean(axis=0) * m * sample_s))
+    axes = zip(*(rates.T for rates in long), strict=True)
+    variance = [overlapping_allan_deviation(parts, sample_s, [m]).variance[0] for parts in axes]
+    return np.asarray(np.sqrt(np.array(variance) * m * sample_s))
 
 
 def count_walk_degrees(stretches: list[Array], sample_s: float) -> float:
