@@ -143,14 +143,6 @@ def count_outcomes(rows: pd.DataFrame) -> pd.DataFrame:
     return table.rename_axis(columns=None).reset_index()
 
 
-def summarise_cost(rows: pd.DataFrame) -> pd.DataFrame:
-    """Seconds of processor time of drawing and diagnosis, and peak memory."""
-    names = {"make_s": "drawing, s", "diagnose_s": "diagnosis, s", "peak_mb": "diagnosis, peak MB"}
-    return pd.DataFrame(
-        [{"what": label, "median": rows[name].median(), "largest": rows[name].max()} for name, label in names.items()]
-    )
-
-
 # ---- two runs --------------------------------------------------------------------------------------------------------------
 
 
@@ -208,7 +200,6 @@ def report(config: WithheldConfig, rows: pd.DataFrame) -> Report:
     tables = {
         "outcomes": Table("Outcomes by kind", count_outcomes(rows), f"Diagnoses that failed, and are not counted: {failed}."),
         "statements": Table("Stated causes", score_statements(stated)),
-        "cost": Table("Cost of a case", summarise_cost(rows)),
         "cases": Table("Cases not answered well", rows[~is_answered_well(rows)][shown]),
         "rates": Table("Rates, with 95 % binomial intervals", compute_rates(rows)),
     }

@@ -274,7 +274,9 @@ def test_a_trial_beside_a_vibrating_phone_needs_references_nearer_to_each_other(
 
 
 @real
-@pytest.mark.parametrize("path", [path for path in REAL if not path.name.startswith(VIBRATING)], ids=lambda path: path.name[:2])
+@pytest.mark.parametrize(
+    "path", [path for path in REAL if not path.name.startswith(VIBRATING)][:2], ids=lambda path: path.name[:2]
+)
 def test_real_trial_is_imported_and_calibrated(path):
     """The residual of the raw gyro is some degrees, and a calibration takes most of it: the conversion's sign and units."""
     imported = broad.build_recording(broad.read(path))
