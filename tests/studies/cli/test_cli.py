@@ -103,9 +103,20 @@ def test_ctrl_c_has_its_own_status(run_cli, monkeypatch, tmp_path):
     assert "resumes" in result.stderr
 
 
-def test_reproduce_writes_everything(run_cli, tmp_path):
-    result = run_cli("reproduce", "--paper", "natanson", "--cases", "2", "--jobs", "1", "--out", str(tmp_path / "a"))
+def test_a_reproduction_that_was_stopped_goes_on_and_writes_everything(run_cli, tmp_path, monkeypatch):
+    folder = tmp_path / "a"
+    arguments = ("reproduce", "--paper", "natanson", "--cases", "2", "--jobs", "1", "--out", str(folder))
+    with monkeypatch.context() as patch:
+        patch.setattr(reproduce, "compare_with_flight", pressed)  # when all cases are there
+        assert run_cli(*arguments).exit_code == 1
+    (rows,) = (folder / "work").rglob("table.parquet")
+    config = paper_tables.PaperTablesConfig(cases=2)
+    assert rows.parent == get_work_folder(folder, paper_tables.STUDY, config)
+    assert rows.parent != get_work_folder(folder, paper_tables.STUDY, config.model_copy(update={"entropy": 7}))
+    (rows.parent / "parts" / "part-000001.parquet").unlink()
+    result = run_cli(*arguments)
     assert result.exit_code == 0, result.stderr
+    assert not (folder / "work").exists()
     summary = json.loads((tmp_path / "a" / "summary.json").read_text())
     assert summary["flight_gap_rms_deg"]["published"] <= 0.022
     assert summary["minus_y_rate_rpo"]["favoured"] == -1
@@ -115,6 +126,7 @@ def test_reproduce_writes_everything(run_cli, tmp_path):
     assert set(summary["coverage"]) == {"68", "95", "99.7"}
     assert {"value", "bounds"} <= set(summary["nees"])
     manifest = json.loads((tmp_path / "a" / "manifest.json").read_text())
+    assert manifest["resumed"] == 1
     expected = {f"table{k}.csv" for k in (2, 3, 4, 5)} | {"tables.md"}
     expected |= {"figure1_yaw_maneuvers.svg", "figure2_minus_y_forward.svg", "figure3_inertial_hold.svg", "summary.json"}
     assert expected <= set(manifest["files"])
@@ -153,25 +165,6 @@ def test_one_gyro_is_calibrated_by_the_command(run_cli, tmp_path):
     refused = run_cli("calibrate", str(tmp_path / "rec"), "--parametrisation", "gyro", "--solve-for", "G_zz")
     assert refused.exit_code == 2
     assert "unknown parameter 'G_zz'" in refused.stderr
-
-
-def test_a_reproduction_that_was_stopped_goes_on_to_the_same_bytes(run_cli, tmp_path, monkeypatch):
-    arguments = ("reproduce", "--paper", "natanson", "--cases", "2", "--jobs", "1", "--out", str(tmp_path))
-    with monkeypatch.context() as patch:
-        patch.setattr(reproduce, "compare_with_flight", pressed)  # when all cases are there
-        assert run_cli(*arguments).exit_code == 1
-    (rows,) = (tmp_path / "work").rglob("table.parquet")
-    config = paper_tables.PaperTablesConfig(cases=2)
-    assert rows.parent == get_work_folder(tmp_path, paper_tables.STUDY, config)
-    assert rows.parent != get_work_folder(tmp_path, paper_tables.STUDY, config.model_copy(update={"entropy": 7}))
-    (rows.parent / "parts" / "part-000001.parquet").unlink()
-    result = run_cli(*arguments)
-    assert result.exit_code == 0, result.stderr
-    manifest = json.loads((tmp_path / "manifest.json").read_text())
-    assert manifest["resumed"] == 1
-    assert not (tmp_path / "work").exists()
-    assert run_cli(*arguments[:-1], str(tmp_path / "b")).exit_code == 0
-    assert json.loads((tmp_path / "b" / "manifest.json").read_text())["files"] == manifest["files"]
 
 
 def pressed(*arguments):
