@@ -5,7 +5,6 @@ from __future__ import annotations
 import textwrap
 from functools import partial
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -186,22 +185,3 @@ def draw_sun_residuals(residuals: pd.DataFrame, sensor: str, titles: dict[str, s
             drawn.append(panels.make_curves(lines, levels=[0], x=f"Sun's {over} (deg)", y=y))
     title = f"{sensor}, measured minus predicted"
     return panels.draw_panels(*drawn, size=(8.6, 4.6), columns=2, title=title, sharey="all", legend="outside upper right")
-
-
-def draw_gap_figure(gaps: pd.DataFrame, columns: list[str]) -> Figure:
-    """Held-out mean square by truth, a mark for each explanation; logarithmic, with the floor.
-
-    Parameters
-    ----------
-    gaps : truth, the columns, and floor
-    columns : explanations, in this order
-    """
-    rows = np.arange(len(gaps))
-    looks = zip(columns, (BEFORE, BETWEEN, AFTER), "osD", strict=True)
-    lines = [Line(gaps[name], rows, name, colour, mark, size=6.0) for name, colour, mark in looks]
-    axes: dict[str, Any] = {"log": "x", "ticks": [1.0, 1.3, 2.0, 5.0, 10.0, 20.0], "at": [float(gaps["floor"].iloc[0])]}
-    axes |= {
-        "rows": [f"truth: {name}" for name in gaps["truth"]],
-        "x": "mean square of held-out residuals in sigmas; dotted: floor",
-    }
-    return panels.draw_panels(panels.make_curves(lines, **axes), size=(7.4, 2.6), legend="outside upper center")
