@@ -15,6 +15,7 @@ from diagnosis.detectors.sample_report import IMPOSSIBLE, Symptom
 from diagnosis.explain import explain_prepared
 from diagnosis.model.prepare import Progress, prepare
 from diagnosis.model.symptoms import SampleCause, list_sample_causes
+from diagnosis.plan.invisible import find_invisible_effects
 from diagnosis.posterior import select_likeliest
 from diagnosis.result import Diagnosis
 from diagnosis.sensor_result import SensorDiagnosis
@@ -66,7 +67,9 @@ def diagnose(
         samples = (*list_sample_causes(prepared, effects, settings), *list_clipped_gyros(mask, effects))
         found = build_diagnosis(prepared, samples, explained, settings, time.perf_counter() - began)
         masked = tuple(mask.describe(recording))
-        found = replace(found, mask=mask, masked=masked, masked_share=mask.compute_share(recording))
+        sigma = np.concatenate([found.sigma_G.ravel(), found.sigma_bias])
+        invisible = find_invisible_effects(prepared.model.recording, found.G, found.bias, sigma)
+        found = replace(found, invisible=invisible, mask=mask, masked=masked, masked_share=mask.compute_share(recording))
         return found if recording.sensors is None else add_sensor_findings(found, recording, library, settings, seed)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -16,6 +16,9 @@ from diagnosis.inference.conformal import build_conformal_set
 from diagnosis.sensor_result import SensorDiagnosis
 from diagnosis.settings import DEFAULT
 from gyrocal.masking import DataMask
+
+if TYPE_CHECKING:
+    from diagnosis.plan.invisible import InvisibleEffect
 
 Array = NDArray[np.float64]
 
@@ -62,6 +65,7 @@ class Diagnosis:
     sigma_nominal : (12,) sigma of G row by row and b, rad/s, under the stated noise alone; None where it is the only one
     mask, masked, masked_share : stretches that were not measured and are left out, a sentence for each kind, and the share of
         the gyro samples in them
+    invisible : effects that this recording cannot show and that move G and b most
     """
 
     recording: str
@@ -93,6 +97,7 @@ class Diagnosis:
     mask: DataMask = field(default_factory=DataMask)
     masked: tuple[str, ...] = ()
     masked_share: float = 0.0
+    invisible: tuple[InvisibleEffect, ...] = ()
 
     @property
     def conformal_90(self) -> tuple[str, ...]:
@@ -162,6 +167,7 @@ class Diagnosis:
             "remainder": None if self.remainder is None else self.remainder.to_json(),
             "masked": self.mask.to_json(),
             "masked_share": self.masked_share,
+            "invisible": [one.to_json() for one in self.invisible],
             "p_values": dict(self.p_values),
             "posterior": [{"effects": list(labels), "probability": probability} for labels, probability in self.posterior],
             "conformal_90": list(self.conformal_90),

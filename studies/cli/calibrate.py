@@ -184,6 +184,7 @@ def command(
         click.echo(f"implausible: {text}")
     known = _read_truth(truth) if truth else None
 
+    from diagnosis.plan.invisible import find_invisible_effects
     from gyrocal.calibration.change import compute_change
     from gyrocal.calibration.davenport import calibrate
     from gyrocal.calibration.remainder import add_remainder
@@ -210,7 +211,11 @@ def command(
     result = calibrate(loaded, **asked)
     result = add_remainder(loaded, result)
     about, limits = _describe_input(original) if as_json or against else {}, []
+    sigma = np.sqrt(np.diag(result.recommended_covariance))
+    found = result.parameters
+    invisible = find_invisible_effects(loaded, found.G, found.bias, sigma) if (sigma > 0).all() else ()
     sections = [
+        Section("What this recording cannot show", [[one.describe() for one in invisible]]),
         Section("Left out, since it was not measured", [mask.describe(original)]),
         Section("Origin of the noise", [calibration_report.describe_import_noise(result, read_estimated_noise(recording))]),
     ]
@@ -223,6 +228,7 @@ def command(
     held_out = describe_held_out_turns(turns)
     build = partial(calibration_report.build_calibration_page, result, held_out, known, more=sections)
     masked = {"masked": mask.to_json(), "masked_share": mask.compute_share(original)}
+    masked |= {"invisible": [one.to_json() for one in invisible]}
     document = result.to_json() | {"held_out_turns": [one.to_json() for one in turns], **masked, "provenance": about}
     write_result(document, as_json, build, report, loaded)
     known_numbers = dict(zip(CONDITIONS, (float(result.p_value), float(result.observability.condition)), strict=True))

@@ -71,6 +71,7 @@ def build_diagnosis_page(
         Section("Causes", _build_cause_items(diagnosis)),
         Section("Gap budget on held-out data", _build_budget_items(diagnosis)),
         Section("Calibration", _build_calibration_items(diagnosis)),
+        Section("What this recording cannot show", [[one.describe() for one in diagnosis.invisible]]),
         Section("Left out, since it was not measured", [[*diagnosis.masked]]),
         Section("Where the residuals do not fit", _build_place_items(diagnosis)),
         Section("Sun and Earth sensors", _build_sensor_items(diagnosis.sensors)),
