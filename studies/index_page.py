@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
 
@@ -141,12 +142,19 @@ def _build_paper_sections(paper: Paper, found: PaperResults) -> Iterator[Section
         tables = paper.build_tables(found.results.tables)
     except KeyError:
         tables = []
-    for table in tables:
-        yield Section(table.title, [table.note, PageTable(table.data, label=table.title)], 3)
+    for title, parts in groupby(tables, lambda table: table.title.partition(", Δt")[0]):
+        own = list(parts)
+        yield Section(title, [own[0].note, [_build_page_table(table) for table in own]], 3)
     for name, title in paper.figures.items():
         path = folder / f"{name}.svg"
         if path.is_file():
             yield Section(title, [Picture(f"{folder.name}-{name}", path.read_bytes, title, "")], 3)
+
+
+def _build_page_table(table: Table) -> PageTable:
+    """A table, with its step as the heading of its first column."""
+    step = table.title.partition(", ")[2] if "Δt" in table.title else "number"
+    return PageTable(table.data.rename(columns={"number": step}), label=table.title)
 
 
 def describe_origin(folder: Path) -> str:

@@ -99,7 +99,8 @@ addEventListener('load', () => { const out = [...document.querySelectorAll('ifra
   const said = [...d.querySelectorAll('body *')].filter(e => own(e) && shown(e))
     .map(e => [ratio(rgb(style(e).color), behind(e)), e.textContent.slice(0, 40)]).sort((a, b) => a[0] - b[0])[0];
   const controls = [...d.querySelectorAll('a[href], button, summary')];
-  const answer = {spill: root.scrollWidth - root.clientWidth, height: root.scrollHeight, figures, contrast: said[0],
+  const cut = Math.max(0, ...[...d.querySelectorAll('.scroll')].map(e => e.scrollWidth - e.clientWidth));
+  const answer = {cut, spill: root.scrollWidth - root.clientWidth, height: root.scrollHeight, figures, contrast: said[0],
     faint: said[1], dark: light(behind(d.body)) < 0.1, unreachable: controls.filter(e => e.tabIndex < 0).map(e => e.outerHTML)};
   return answer; });
   document.body.innerHTML = '<pre id=out>' + JSON.stringify(out).replaceAll('<', '&lt;') + '</pre>'; });

@@ -88,7 +88,7 @@ class PageTable:
             yield bool(is_strong), list(zip(row, self._numeric, strict=True))
 
 
-Item = str | Picture | PageTable | Mapping[str, str] | Sequence[str] | Sequence[Picture]
+Item = str | Picture | PageTable | Mapping[str, str] | Sequence[str] | Sequence[Picture] | Sequence[PageTable]
 
 
 @dataclass(frozen=True)
