@@ -157,7 +157,7 @@ class Page:
 
     def show(self, console: Console) -> None:
         """Print the page without its figures."""
-        _print_lines(console, [self.title if self.title.endswith((".", "?")) else f"{self.title}."])
+        _print_lines(console, [f"{self.short}: {self.title}." if self.short else f"{self.title}."])
         if self.answer:
             _print_lines(console, [self.answer.sentence, *(f"{name} {text}" for name, text in self.answer.lines.items())])
         for section in self.sections:

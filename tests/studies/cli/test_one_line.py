@@ -19,6 +19,7 @@ from simulator import scenario as scenarios
 from studies.cli.main import main
 from studies.report import console as consoles
 from studies.report import panels, svg
+from tests.builders import piecewise_recording
 from tests.gyrocal.recording.test_parquet import recording
 
 
@@ -135,7 +136,7 @@ def test_a_chain_of_scenarios_has_an_end(tmp_path):
 
 
 def test_control_characters_of_a_title_reach_neither_terminal_nor_figure(run_cli, tmp_path):
-    save(replace(recording(), title="\x1b[2Jred\x00"), tmp_path / "rec")
+    save(replace(piecewise_recording(series_s=100.0), title="\x1b[2Jred\x00"), tmp_path / "rec")
     assert load(tmp_path / "rec").title == "\x1b[2Jred\x00"
     shown = run_cli("calibrate", str(tmp_path / "rec"), "--prior-sigma-g", "1e-3", "--prior-sigma-bias", "1e-3")
     assert shown.exit_code == 0, shown.stderr

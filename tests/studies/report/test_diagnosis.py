@@ -42,7 +42,7 @@ def test_the_terminal_begins_with_the_answers_and_has_the_tables(case):
     diagnosis = CASES[case]()
     shown = summary(diagnosis)
     joined = " ".join(shown.split())
-    assert joined.startswith(report.format_headline(diagnosis))
+    assert joined.startswith(f"Diagnosis of {diagnosis.recording}: {report.format_headline(diagnosis)}.")
     assert f"Verdict: {diagnosis.verdict}." in joined
     assert all(cause.label in shown for cause in diagnosis.causes)
     assert ("No misfit" in shown) == (case == "none")
