@@ -4,7 +4,7 @@ The baseline M0 has a constant G and b, white gyro noise of the stated ARW, and 
 Everything rests on one linear model (`diagnosis.model.linear`). An unmodelled effect adds a group of columns beside the twelve
 of the calibration. Its column is what the effect adds to the gyro's readings or to a reference attitude.
 
-`diagnosis.diagnose` uses the modules in this order (steps 4 to 12 are in `explain`):
+`diagnosis.diagnose` uses the modules in this order (steps 4 to 9 are in `explain`):
 
 1. `detectors.samples` calls the test of each symptom. A test returns its findings and the repaired stream.
 2. `model.prepare` calibrates under M0 (`model.baseline`) on the linearised recording (`model.recording_model`).
@@ -15,15 +15,14 @@ of the calibration. Its column is what the effect adds to the gyro's readings or
    `model.rounded_covariates`, and of alternatives outside the library (`model.deterministic_alternatives`,
    `model.periodic_alternatives`). `model.candidates` joins them to one linear model.
 5. `inference.null` tests whether there is a misfit.
-6. `inference.search` computes the posterior of sets of effects from `inference.evidence`.
-7. `inference.attribution` selects the causes that are reported.
-8. `inference.amplitudes` estimates their sizes.
-9. `inference.criticism` tests whether the explanation would give innovations like the observed ones.
-10. `inference.closure` measures on held-out data (`model.folds`) how far the causes close the misfit.
-11. `model.calibration` estimates G and b with the causes in the model.
-12. `remainder_search` identifies effects in the presence of a remainder (`model.remainder`) where listed effects alone do not
-    explain the data. `replication` compares their sizes between parts of the recording, and `budget` gives the gap budget.
-13. `assemble` builds the answer (`result`), with the verdict from probabilities alone (`verdict`).
+6. `inference.joint_search` finds the set of effects and random errors with the highest posterior, by the evidence of sets
+   (`inference.search`, `inference.evidence`), refines its options (`inference.refinement`), and gives each place of the set a
+   posterior: a cause with its alternatives, or a member of the remainder.
+7. `inference.amplitudes` estimates the sizes of all members.
+8. `budget` measures on held-out data (`model.folds`) what each cause closes beside the remainder; one that closes less than
+   nothing belongs to the remainder. `replication` compares sizes between parts of the recording.
+9. `model.calibration` estimates G and b with causes and remainder in the model; `remainder` sums up what no cause explains.
+10. `assemble` builds the answer (`result`), with the verdict from probabilities alone (`verdict`).
 
 Raw sensor tables (`sensor_tables`, built by `model.sensors`) use the same steps from 4 on. General thresholds are in
 `settings`, others are constants of their module. `plan` predicts what a maneuver plan can show.

@@ -16,7 +16,7 @@ from diagnosis.answer import Amplitudes, Cause, Explanations, Finding
 from diagnosis.detail_tables import build_details
 from diagnosis.detectors.sample_report import AXES, Line
 from diagnosis.inference.amplitudes import FittedEffect
-from diagnosis.inference.attribution import REMAINDER, Attribution
+from diagnosis.inference.attribution import Attribution
 from diagnosis.model import localization
 from diagnosis.model.calibration import calibrate_with_effects
 from diagnosis.model.misfit import list_findings
@@ -123,7 +123,7 @@ def explain_blindness(
 
 def _compute_nominal_sigma(prepared: PreparedRecording, explained: AttitudeInference) -> Array | None:
     """Sigmas (12,) of G and b with the causes in the model under the stated noise alone, where a remainder is estimated."""
-    if explained.beside is None or not explained.fitted:
+    if not (explained.beside and explained.fitted):
         return None
     return np.asarray(np.sqrt(np.diag(calibrate_with_effects(prepared.model, explained.fitted)[1])[:12]))
 
@@ -203,7 +203,6 @@ def build_answer(
         baseline_bias=seen.baseline_bias,
         notes=(
             *filter(None, (seen.blind,)),
-            *notes.explain_failed_checks(explained),
             *notes.list_odd_symptoms(samples, settings),
             *notes.list_unit_mistakes(samples),
             *notes.list_likely_effects(explained, settings),
@@ -215,7 +214,7 @@ def build_answer(
         posterior=posterior.combine_posteriors(samples, explained, gap, settings),
         amplitudes=seen.amplitudes,
         budget=explained.budget,
-        remainder=None if explained.beside is None else explained.beside.remainder,
+        remainder=explained.remainder,
         sigma_nominal=seen.sigma_nominal,
     )
 
@@ -286,7 +285,7 @@ def list_attitude_causes(attribution: Attribution | None, fitted: Sequence[Fitte
 
 
 def collect_p_values(prepared: PreparedRecording, explained: AttitudeInference) -> dict[str, float]:
-    """P-values of all tests: of the attitude, of the samples by statistic and axis, of what a named explanation leaves."""
+    """P-values of all tests: of the attitude, and of the samples by statistic and axis."""
     out = {"attitude": explained.p_value}
     for test in prepared.samples.tests:
         name = test.statistic if test.axis is None else f"{test.statistic}:{test.axis}"
@@ -294,9 +293,6 @@ def collect_p_values(prepared: PreparedRecording, explained: AttitudeInference) 
     if prepared.reference_noise is not None:
         out["reference_noise"] = float(prepared.reference_noise.p_value)
     out.update({f"misfit: {check.name}": check.p_value for check in explained.left})
-    out.update({f"check: {check.name}": check.p_value for check in explained.checks})
-    if explained.passed is not None:
-        out["all checks, over the posterior"] = explained.passed
     return out
 
 
@@ -305,9 +301,8 @@ def list_next_explanations(attribution: Attribution | None) -> Explanations:
     if attribution is None:
         return ()
     best = tuple(slot.group[0][0] for slot in attribution.slots)
-    chosen = {best, (*best, REMAINDER)} if best else set()
     return tuple(
         (one.labels, one.probability)
         for one in attribution.ranked[:SHOWN_EXPLANATIONS]
-        if one.labels and one.labels not in chosen and one.probability > WORTH_SHOWING
+        if one.labels and set(one.labels) != set(best) and one.probability > WORTH_SHOWING
     )

@@ -1,7 +1,7 @@
 """The gap budget: how far each cause closes the misfit on held-out data, and what is left.
 
 A part of every interval is held out in turn (`diagnosis.model.folds`). The parameters of M0 and the amplitudes of the causes
-come from the rest, with the remainder in its noise. The errors of the prediction of the held-out part are whitened by their
+come from the rest, with the remainder beside them. The errors of the prediction of the held-out part are whitened by their
 covariance under the stated noise, so that all steps of the budget have one measure: their mean square, which is one for a
 recording without misfit. The steps are the baseline M0, M0 with the first cause, with the first two, and so on. What is left
 above one after the last cause is the remainder.
@@ -20,11 +20,10 @@ from numpy.typing import NDArray
 
 from diagnosis.answer import Closure
 from diagnosis.inference.amplitudes import FittedEffect
-from diagnosis.inference.attribution import CredibleGroup
 from diagnosis.model.calibration import calibrate_beside
-from diagnosis.model.folds import RECORDING_SPLIT, ConditionedRows, assign_folds, condition_rows, reverse_whitening
+from diagnosis.model.folds import RECORDING_SPLIT, ConditionedRows, assign_folds, condition_rows
 from diagnosis.model.recording_model import RecordingModel
-from diagnosis.replication import PartSize, Replication, estimate_by_part
+from diagnosis.replication import PartSize, estimate_by_part
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -98,38 +97,42 @@ class HeldOut:
         return float(gained.sum()) / total, (float(low), float(high))
 
 
-def predict_held_out(model: RecordingModel, with_remainder: RecordingModel, effects: Sequence[FittedEffect]) -> HeldOut:
+def predict_held_out(model: RecordingModel, effects: Sequence[FittedEffect], beside: Sequence[FittedEffect] = ()) -> HeldOut:
     """Predict every held-out part by M0 alone, with the first effect, with the first two, and so on.
 
     Parameters
     ----------
-    model : the recording with the stated noise
-    with_remainder : the same with the remainder in its noise, which the columns of the effects are of
+    model : the recording
     effects : in the order of the budget
+    beside : members of the remainder, which are in the model of what is learnt from and predict nothing
     """
-    W1 = np.hstack([np.zeros((model.size, 0)), *(one.columns * one.prior_sigma for one in effects)])
-    W0 = convert(with_remainder, model, W1)
+    none = np.zeros((model.size, 0))
+    W = np.hstack([none, *(one.columns * one.prior_sigma for one in effects)])
+    rest = np.hstack([none, *(one.columns * one.prior_sigma for one in beside)])
+    shifts = np.column_stack([none, *(one.shift for one in effects), sum((one.shift for one in beside), np.zeros(model.size))])
     stops = np.cumsum([0, *(one.columns.shape[1] for one in effects)])
-    shift1 = [one.shift for one in effects]
-    shift0 = [convert(with_remainder, model, one) for one in shift1]
-    W0, W1 = (np.hstack([W, *(s[:, None] for s in shifts)]) for W, shifts in ((W0, shift0), (W1, shift1)))
-    return collect_held_out(model, _predict_parts(model, with_remainder, W0, W1, stops))
+    return collect_held_out(model, _predict_parts(model, W, rest, shifts, stops))
 
 
 def _predict_parts(
-    model: RecordingModel, with_remainder: RecordingModel, W0: Array, W1: Array, stops: Array
+    model: RecordingModel, W: Array, rest: Array, shifts: Array, stops: Array
 ) -> Iterator[tuple[Mask, Array, Array]]:
-    """Predict each part from columns whitened by either noise, at whose end are the shifts, one for each effect."""
+    """Predict each part from columns of the effects, of the remainder, and shifts, one for each effect and one for the rest."""
+    places = np.cumsum([0, W.shape[1], rest.shape[1], shifts.shape[1]])
+    columns = np.hstack([W, rest, shifts])
     for out in list_parts(model):
-        stated, learnt = condition_rows(model, W0, out), condition_rows(with_remainder, W1, out)
+        known = condition_rows(model, columns, out)
+        beside = np.arange(places[1], places[2])
         errors = []
         for count in range(stops.size):
-            own, shifts = slice(0, stops[count]), slice(stops[-1], stops[-1] + count)
-            A, y = learnt.train_X[:, own], learnt.train_y - learnt.train_X[:, shifts].sum(axis=1)
-            a = np.linalg.solve(np.eye(A.shape[1]) + A.T @ A, A.T @ y)
-            errors.append(stated.error_y - stated.error_X[:, own] @ a - stated.error_X[:, shifts].sum(axis=1))
+            own = np.append(np.arange(stops[count]), beside)
+            held = np.arange(places[2], places[2] + count)
+            A = known.train_X[:, own]
+            y = known.train_y - known.train_X[:, np.append(held, places[3] - 1)].sum(axis=1)
+            a = np.linalg.solve(np.eye(A.shape[1]) + A.T @ A, A.T @ y)[: stops[count]]
+            errors.append(known.error_y - known.error_X[:, : stops[count]] @ a - known.error_X[:, held].sum(axis=1))
         e = np.column_stack(errors)
-        yield out, e, whiten_prediction(stated, e)
+        yield out, e, whiten_prediction(known, e)
 
 
 def list_parts(model: RecordingModel) -> Iterator[Mask]:
@@ -158,11 +161,6 @@ def collect_held_out(model: RecordingModel, predicted: Iterable[tuple[Mask, Arra
     return HeldOut(np.array(squares), np.array(degrees), np.array(dof), tuple(names))
 
 
-def convert(source: RecordingModel, target: RecordingModel, columns: Array) -> Array:
-    """Convert columns whitened by the noise of one model to those whitened by the noise of another."""
-    return target.whiten(reverse_whitening(source, columns))
-
-
 def summarise_closure(held: HeldOut) -> Closure:
     """Summarise how far all causes together close the misfit."""
     last = held.squares.shape[1] - 1
@@ -183,42 +181,28 @@ def summarise_closure(held: HeldOut) -> Closure:
 
 
 def measure_causes(
-    model: RecordingModel, with_remainder: RecordingModel, slots: Sequence[CredibleGroup], effects: Sequence[FittedEffect]
-) -> tuple[HeldOut, list[Replication], tuple[Step, ...]]:
-    """Measure causes on held-out data and by part; `model`, `with_remainder` and `effects` as for `predict_held_out`."""
-    replications = [estimate_by_part(with_remainder, effects, number) for number in range(len(effects))]
-    held = predict_held_out(model, with_remainder, effects)
-    probabilities = [slot.group_probability for slot in slots]
-    return held, replications, build_budget(held, with_remainder, effects, probabilities, replications)
-
-
-def select_closing(slots: Sequence[CredibleGroup], budget: Sequence[Step]) -> list[CredibleGroup]:
-    """Select the causes, in the order of the budget, whose share of the misfit on held-out data is not negative."""
-    return [slot for slot, step in zip(slots, budget[1:], strict=False) if step.closed is None or step.closed >= 0]
-
-
-def build_budget(
-    held: HeldOut,
-    with_remainder: RecordingModel,
+    model: RecordingModel,
     effects: Sequence[FittedEffect],
+    beside: Sequence[FittedEffect],
     probabilities: Sequence[float],
-    replications: Sequence[Replication],
-) -> tuple[Step, ...]:
-    """Build the steps of the budget.
+) -> tuple[HeldOut, tuple[Step, ...]]:
+    """Measure causes on held-out data and by part.
 
     Parameters
     ----------
-    held : of `predict_held_out`
-    with_remainder, effects : as given to it
-    probabilities, replications : probability and sizes by part of each effect
+    model, effects, beside : as for `predict_held_out`
+    probabilities : of each effect
     """
+    held = predict_held_out(model, effects, beside)
     misfit, degrees = held.misfit, held.misfit_deg
+    rest = [(one.columns, one.prior_sigma) for one in beside]
     changes = [
-        calibrate_beside(with_remainder, [(one.columns, one.prior_sigma) for one in effects[:count]])[0]
+        calibrate_beside(model, [*rest, *((one.columns, one.prior_sigma) for one in effects[:count])])[0]
         for count in range(len(effects) + 1)
     ]
     steps = [Step("baseline", float(misfit[0]), float(degrees[0]))]
-    for k, (one, probability, parts_of) in enumerate(zip(effects, probabilities, replications, strict=True)):
+    for k, (one, probability) in enumerate(zip(effects, probabilities, strict=True)):
+        parts_of = estimate_by_part(model, effects, beside, k)
         closed, interval = held.closed(k, k + 1)
         delta = changes[k + 1] - changes[k]
         steps.append(
@@ -233,4 +217,4 @@ def build_budget(
     steps.append(Step("remainder", float(misfit[-1]), float(degrees[-1]), left, (1 - high, 1 - low)))
     expected = float(degrees[-1] / np.sqrt(max(misfit[-1], FLOOR)))
     steps.append(Step("floor", FLOOR, expected))
-    return tuple(steps)
+    return held, tuple(steps)

@@ -65,16 +65,6 @@ def explain_fitting_residuals(
     )
 
 
-def explain_failed_checks(explained: AttitudeInference) -> tuple[str, ...]:
-    """Which checks the likeliest explanation fails, where nothing is named for that."""
-    failed = [check for check in explained.checks if check.p_value < 1e-3]
-    if not failed or explained.attribution is None or explained.attribution.slots:
-        return ()
-    best = [explained.candidates[member.candidate].label for member in explained.attribution.best.members]
-    words = ", ".join(f"{check.name} (p = {check.p_value:.1g})" for check in failed)
-    return (f"The likeliest explanation, {' with '.join(best)}, would not leave residuals like these: {words}",)
-
-
 def list_odd_symptoms(samples: Sequence[SampleCause], settings: DiagnosisSettings) -> Iterator[str]:
     """A sentence for each effect that the samples show, and that would not behave so."""
     for one in samples:

@@ -17,10 +17,13 @@ import scipy.special
 from numpy.typing import NDArray
 
 from diagnosis.inference.amplitudes import FittedEffect
+from diagnosis.model.processes import TAGS_WANDER
 from diagnosis.model.recording_model import RecordingModel
 
 Array = NDArray[np.float64]
 
+DELAYS = ("time_offset", "rate_lag")
+CLOCKS = (*DELAYS, "clock_drift", "clock_slip", TAGS_WANDER)
 PARTS = 6  # of a recording at least; intervals are divided until there are as many
 WIDEST = 4.0  # sigma of a part beyond which it shows nothing, in sigmas of the best part
 PRIOR = 1e3  # sigma of an amplitude in one part, in units of the prior of the whole
@@ -61,14 +64,16 @@ def name_parts(model: RecordingModel) -> NDArray[np.str_]:
     return np.array(names)
 
 
-def estimate_by_part(model: RecordingModel, effects: Sequence[FittedEffect], number: int) -> Replication:
-    """Estimate the size of one effect in each part of the recording, the other effects held in the model.
+def estimate_by_part(
+    model: RecordingModel, effects: Sequence[FittedEffect], beside: Sequence[FittedEffect], number: int
+) -> Replication:
+    """Estimate the size of one effect in each part of the recording, the others and the remainder held in the model.
 
     Parameters
     ----------
-    model : the recording, with the remainder in its noise
-    effects : fitted effects of the explanation, with the columns of this model
-    number : which of them
+    model : the recording
+    effects, beside : causes, and members of the remainder
+    number : which of the effects
     """
     one = effects[number]
     if one.process:  # its size is a standard deviation; a part of it has none of its own
@@ -77,11 +82,15 @@ def estimate_by_part(model: RecordingModel, effects: Sequence[FittedEffect], num
     names = np.repeat(name_parts(model), 3)
     parts = list(dict.fromkeys(names.tolist()))
     own = np.column_stack([np.where(names == name, shape, 0.0) for name in parts])
-    others = [other.columns * other.prior_sigma for k, other in enumerate(effects) if k != number]
-    columns = model.project_out_nuisance(np.hstack([own, *others]))
+    others = [other for k, other in enumerate(effects) if k != number] + list(beside)
+    if one.effect in DELAYS:  # whose sizes by part are the delays there, whatever else the clocks do
+        others = [other for other in others if other.effect not in CLOCKS]
+    scaled = [other.columns * other.prior_sigma for other in others]
+    left = model.y - sum((model.project_out_nuisance(other.shift) for other in others), np.zeros(model.size))
+    columns = model.project_out_nuisance(np.hstack([own, *scaled]))
     prior = np.concatenate([np.full(len(parts), PRIOR**-2), np.ones(columns.shape[1] - len(parts))])
     covariance = np.linalg.inv(columns.T @ columns + np.diag(prior))
-    found = covariance @ (columns.T @ model.y)
+    found = covariance @ (columns.T @ left)
     sizes = found[: len(parts)] * one.size
     spread = covariance[: len(parts), : len(parts)] * one.size**2
     times = np.array([np.repeat(model.observation_t_s, 3)[names == name].mean() for name in parts])

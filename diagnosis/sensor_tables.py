@@ -15,10 +15,11 @@ from scipy.special import chdtrc
 from diagnosis.answer import Closure, Finding, Verdict
 from diagnosis.assemble import list_attitude_causes, list_next_explanations
 from diagnosis.detail_tables import tabulate_explanations
-from diagnosis.explain import AttitudeInference, infer_causes, skip_checks
+from diagnosis.explain import AttitudeInference, infer_causes
 from diagnosis.inference.amplitudes import fit
 from diagnosis.inference.attribution import Attribution
 from diagnosis.inference.closure import compute_closure
+from diagnosis.inference.joint_search import Inferred
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import LinearModel
 from diagnosis.model.sensors.arcs import FittedArc, MisfitError, build_arcs, fit_arc, fit_arcs
@@ -107,13 +108,15 @@ def explain_tables(
     noise = estimate_sensor_noise(linear, settings)
     # Nothing is held out yet, as where there is a gap the model is made anew.
     first = replace(rescale_noise(linear, noise.factor), folds=lambda W: ())
-    found = infer_causes(first, skip_checks, settings, seed, _tell_nobody)
+    found, inferred = infer_causes(first, settings, seed, _tell_nobody)
     p = found.p_value
-    if found.attribution is not None:
-        anew = relinearise_tables(fits, effects, fit_listed_effects(first, found.attribution), settings)
+    if inferred is not None:
+        anew = relinearise_tables(fits, effects, fit_listed_effects(inferred), settings)
         if anew is not None:
             linear, noise = anew, estimate_sensor_noise(anew, settings)
-        found = infer_causes(rescale_noise(linear, noise.factor), skip_checks, settings, seed, _tell_nobody, p)
+        found, inferred = infer_causes(rescale_noise(linear, noise.factor), settings, seed, _tell_nobody, p)
+    if inferred is not None and found.fitted:
+        found = replace(found, closed=compute_closure(inferred.linear, inferred.best.members))
     found = replace(found, p_value=min(p, noise.p_value))
     return ExplainedTables(tuple(fits), about_m0, linear, noise, found, (*skipped, *unfitted), tuple(misfits))
 
@@ -122,12 +125,13 @@ def _tell_nobody(text: str, share: float) -> None:
     """No progress: the tables take a second or two."""
 
 
-def fit_listed_effects(model: LinearModel, attribution: Attribution) -> dict[str, HeldAmplitudes]:
+def fit_listed_effects(inferred: Inferred) -> dict[str, HeldAmplitudes]:
     """Amplitudes of the listed effects of the likeliest explanation, by label.
 
     They are found for an unknown too: the second order of what is listed must not look like another effect.
     """
-    members = [member for member in attribution.best.members if model.candidate(member).listed]
+    model = inferred.linear
+    members = [member for member in inferred.best.members if model.candidate(member).listed]
     return {one.label: HeldAmplitudes(one.amplitudes, one.parameters) for one in fit(model, members)} if members else {}
 
 

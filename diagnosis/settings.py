@@ -72,7 +72,10 @@ class DiagnosisSettings:
     )
     largest_group: int = define_threshold(4, "alternatives shown in one group", "effects", "a longer list helps nobody")
     largest_set: int = define_threshold(
-        3, "effects in one explanation of the attitude", "effects", "cost; four were never identifiable"
+        9,
+        "effects and random errors in one explanation of the attitude",
+        "members",
+        "five effects of a shape, and what is beside",
     )
     largest_sensor_set: int = define_threshold(
         5,

@@ -1,9 +1,7 @@
-"""Criticise an explanation: score tests of its innovations, which are white noise if it is true.
+"""Score tests of innovations, which are white noise if what they were computed under is true.
 
-Under an explanation with the scaled columns C = [s_e X_e …] the observations are y ~ N(0, I − Q Qᵀ + C Cᵀ), with Q an
-orthonormal basis of the nuisance parameters. With L the Cholesky factor of I + C Cᵀ, the innovations e = L⁻¹ y in the order of
-time are N(0, I − U Uᵀ), U = L⁻¹ Q, which is orthonormal since C has no part along Q. The innovations of all references under M0
-(`diagnosis.model.misfit`) have the same distribution. Both series have the same tests, whose p-values need no draws:
+Innovations in the order of time are N(0, I − U Uᵀ), with U an orthonormal basis of the directions of nuisance parameters.
+Those of all references under M0 (`diagnosis.model.misfit`) are so. Their tests have p-values that need no draws:
 
 * size: |e|² is χ²;
 * regressors: the components of e along the projected regressors are N(0, I);
@@ -12,10 +10,6 @@ time are N(0, I − U Uᵀ), U = L⁻¹ Q, which is orthonormal since C has no p
 * scatter: whether e² follows the intervals and the rate (Breusch and Pagan, Econometrica 47, 1979). |e|^⅔ stands for e², since
   its sums are nearly normal (Wilson and Hilferty, PNAS 17, 1931);
 * shape: kurtosis (Anscombe and Glynn, Biometrika 70, 1983).
-
-A random process can absorb a bump or a jump completely although it would hardly ever generate one. Its contribution
-C Cᵀ (I + C Cᵀ)⁻¹ y, as the data estimate it, therefore has to change from one observation to the next as in draws of the
-explanation (Gelman et al., Bayesian Data Analysis, section 6.3).
 """
 
 from __future__ import annotations
@@ -28,7 +22,6 @@ import scipy.linalg
 import scipy.special
 from numpy.typing import NDArray
 
-from diagnosis.model.linear import LinearModel, SelectedCandidate
 from gyrocal.calibration.estimated_noise import compute_chi2_p, compute_smaller_chi2_p
 
 Array = NDArray[np.float64]
@@ -41,7 +34,6 @@ LAGS = 6  # of the correlation in time
 # share of its variance that an innovation keeps beside the nuisance parameters, from which on its size counts; that of a
 # regressor is the same
 SHOWN = 0.1
-DRAWS = 500  # of a random process
 POWER = 2 / 3  # of |e| in the test of the scatter
 
 MEAN_ABSOLUTE_POWER = 2 ** (POWER / 2) * scipy.special.gamma((POWER + 1) / 2) / np.sqrt(np.pi)  # of |z|^POWER, z normal
@@ -84,36 +76,6 @@ class Innovations:
     def remaining_variance(self) -> Array:
         """(r, 3) variance of each."""
         return np.asarray(1 - np.sum(self.basis**2, axis=2))
-
-
-def check_explanation(
-    model: LinearModel, members: Sequence[SelectedCandidate], layout: Layout, seed: int = 0
-) -> tuple[Check, ...]:
-    """Test the innovations of an explanation, and its random processes; no tests where there is too little data.
-
-    Parameters
-    ----------
-    model : the data and the candidates
-    members : the explanation
-    layout : of the observations
-    seed : of the draws
-    """
-    if model.dof < FEWEST:
-        return ()
-    places, scales, shifts = model.build_design(members)
-    C, shift = scales * model.X[:, places], model.X[:, shifts].sum(axis=1)
-    L = np.asarray(np.linalg.cholesky(np.eye(model.y.size) + C @ C.T), dtype=float)
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"residual_checks")))
-    y = (model.y - shift)[:, None]
-    white = _solve(L, np.hstack([y, _build_nuisance(model, rng)]))
-    body = np.matmul(layout.axes, white.reshape(len(layout.axes), 3, -1))
-    found = list(check_innovations(Innovations(body[:, :, 0], body[:, :, 1:]), layout))
-    processes = [member for member in members if model.candidate(member).process]
-    if processes:
-        noise = model.projected(rng.standard_normal((model.y.size, DRAWS)))
-        drawn = _solve(L, np.hstack([y, noise + C @ rng.standard_normal((C.shape[1], DRAWS))]))
-        found += [_check_changes(model, member, _solve(L, drawn, trans="T"), layout) for member in processes]
-    return tuple(found)
 
 
 def combine_checks(checks: Sequence[Check]) -> float:
@@ -195,37 +157,3 @@ def _build_orthonormal_basis(regressors: Array) -> Array:
     centred = regressors - regressors.mean(axis=0)
     size = np.linalg.norm(centred, axis=0)
     return np.asarray(scipy.linalg.orth(centred[:, size > 0] / size[size > 0], rcond=1e-6))
-
-
-def _build_nuisance(model: LinearModel, rng: np.random.Generator) -> Array:
-    """Build an orthonormal basis (N, q) of the columns that the model projects out."""
-    trial = rng.standard_normal((model.y.size, model.y.size - model.dof))
-    return np.asarray(np.linalg.qr(trial - model.projected(trial))[0])
-
-
-def _check_changes(model: LinearModel, member: SelectedCandidate, weighed: Array, layout: Layout) -> Check:
-    """Test the changes of a random process from one observation to the next, by Geary's ratio (Biometrika 27, 1935).
-
-    The ratio of mean size and RMS is small where few changes are large. Each row is in units of its scatter in the draws.
-
-    Parameters
-    ----------
-    model, member : the process
-    weighed : (N, d) S⁻¹ y of the data and of draws
-    layout : of the observations
-    """
-    places, scales, _ = model.build_design((member,))
-    C = scales * model.X[:, places]
-    mean = C @ (C.T @ weighed)
-    z = mean / np.maximum(mean[:, 1:].std(axis=1, keepdims=True), LEAST_POSITIVE)
-    body = np.matmul(layout.axes, z.reshape(len(layout.axes), 3, -1))
-    size = np.linalg.norm(np.diff(body, axis=0)[np.diff(layout.interval) == 0], axis=1)
-    ratio = size.mean(axis=0) / np.maximum(np.sqrt((size**2).mean(axis=0)), LEAST_POSITIVE)
-    score = -np.log(np.maximum(ratio, LEAST_POSITIVE))
-    usual, spread = float(score[1:].mean()), max(float(score[1:].std()), LEAST_POSITIVE)
-    p = float(scipy.special.ndtr(-(score[0] - usual) / spread))
-    return _build_check(f"jumps, of {model.candidate(member).label} itself", float(ratio[0]), float(ratio[1:].mean()), p)
-
-
-def _solve(L: Array, values: Array, trans: str = "N") -> Array:
-    return np.asarray(scipy.linalg.solve_triangular(L, values, lower=True, trans=trans, check_finite=False))

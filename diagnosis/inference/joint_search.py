@@ -14,25 +14,26 @@ alternative.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.answer import Verdict
-from diagnosis.inference.attribution import Attribution, CredibleGroup, RankedExplanation
+from diagnosis.inference.attribution import CredibleGroup, RankedExplanation, rank_explanations
 from diagnosis.inference.refinement import refine_model
-from diagnosis.inference.search import BASELINE_EXPLANATION, Explanation, Search, sum_log_posterior
+from diagnosis.inference.search import BASELINE_EXPLANATION, SCREEN_COLUMNS, Explanation, Search
 from diagnosis.model.linear import LinearModel, SelectedCandidate
+from diagnosis.model.processes import BIAS_WANDERS, REFERENCES_WANDER
 from diagnosis.settings import DiagnosisSettings
 
-MOST_MEMBERS = 9  # effects and random errors in one set
 MOST_EFFECTS = 5  # listed effects with a shape among them
+MOST_RIVALS = 2  # members without a name that may stand in one place together
 MOST_SHAPES = 3  # effects that may enter in the place of one member
-EXCHANGES = 3  # rounds of exchanges
+WEAK = 10.0  # log posterior that a member adds, above which it is not tried to do without
 OPTIMISED = 3  # candidates of each step whose sets are optimised before one is chosen
-KERNELS = ("random bias, correlated in time", "references wander")  # random errors that a listed process is one of
+KERNELS = (BIAS_WANDERS, REFERENCES_WANDER)  # random errors that a listed process is one of
 LEAST_POSITIVE = 1e-300
+LEFT_OUT = 12.0  # log posterior below the likeliest, from which on a candidate has no share of a place
 SETTLED = 1e-6  # gain of log posterior below which an exchange is none
 
 
@@ -57,16 +58,21 @@ class JointSearch:
         """All sets that were optimised, the best first."""
         return sorted(self._found.values(), key=lambda one: -one.log_posterior)
 
-    def find(self, some: frozenset[int] = frozenset()) -> Explanation:
-        """Find the set with the highest posterior; candidates of `some`, if any, may enter before all others."""
-        best = self._grow(BASELINE_EXPLANATION, some.__contains__) if some else BASELINE_EXPLANATION
-        best = self._grow(best, lambda number: True)
-        for _ in range(EXCHANGES):
-            others = [self._exchange(best, member) for member in best.members]
-            better = max(others, key=lambda one: one.log_posterior, default=best)
-            if better.log_posterior <= best.log_posterior + SETTLED:
-                break
-            best = better
+    def settle(self, best: Explanation) -> Explanation:
+        """Grow and prune a set whose members have finer options now."""
+        return self._grow(self._prune(self._optimise(best.members)), lambda number: True)
+
+    def find(self) -> Explanation:
+        """Find the set with the highest posterior."""
+        best = self._grow(BASELINE_EXPLANATION, lambda number: True)
+        tried: set[frozenset[int]] = set()
+        for member in sorted(best.members, key=lambda one: self._compute_worth(best, one)):
+            if member.candidate not in best.key or best.key - {member.candidate} in tried:
+                continue
+            tried.add(best.key - {member.candidate})
+            better = self._exchange(best, member)
+            if better.log_posterior > best.log_posterior + SETTLED:
+                best = better
         return best
 
     def compute_place(self, best: Explanation, member: SelectedCandidate) -> Place:
@@ -77,20 +83,26 @@ class JointSearch:
         """
         others = tuple(one for one in best.members if one != member)
         held = Explanation(others, 0.0, 0.0)
-        children = {next(iter(one.key - held.key)): one for one in self.search.list_children(held)}
+        screened = self.search.list_children(held, most=SCREEN_COLUMNS)
+        least = screened[0].log_posterior - LEFT_OUT
+        likely = {next(iter(one.key - held.key)) for one in screened if one.log_posterior > least} | {member.candidate}
+        children = {next(iter(one.key - held.key)): one for one in self.search.list_children(held, likely.__contains__)}
         offset = best.log_posterior - children[member.candidate].log_posterior
         logs = {number: one.log_posterior + offset for number, one in children.items()}
         for number in list(logs)[:OPTIMISED]:
             logs[number] = max(logs[number], self._optimise(children[number].members).log_posterior)
         logs[member.candidate] = best.log_posterior
-        rival = self._grow(self._optimise(others), lambda number: not self.model.candidates[number].listed)
+        rival = self._grow(self._optimise(others), lambda number: not self.model.candidates[number].listed, MOST_RIVALS)
         norm = float(np.logaddexp.reduce([rival.log_posterior, *logs.values()]))
         shares = {number: float(np.exp(value - norm)) for number, value in logs.items()}
         return Place(member, shares, float(np.exp(rival.log_posterior - norm)))
 
     def prefer_listed(self, best: Explanation) -> Explanation:
         """Put the likeliest listed effect in each place in which listed effects have more of the posterior than others."""
-        for member in best.members:
+        for number in [one.candidate for one in best.members]:
+            member = next((one for one in best.members if one.candidate == number), None)
+            if member is None:
+                continue
             place = self.compute_place(best, member)
             slot, _ = build_slot(self.model, place, self.search.settings)
             top = member.candidate if slot is None else self.model.find(slot.group[0][0])
@@ -113,13 +125,14 @@ class JointSearch:
             self._found[key] = self.search.optimise_members(members)
         return self._found[key]
 
-    def _grow(self, current: Explanation, allowed: Callable[[int], bool], most: int = MOST_MEMBERS) -> Explanation:
+    def _grow(self, current: Explanation, allowed: Callable[[int], bool], most: int | None = None) -> Explanation:
         """Add the best candidate while that raises the posterior, at most so many times, and take out what is not needed."""
-        for _ in range(most):
-            if len(current.members) >= MOST_MEMBERS:
+        for _ in range(self.model.most_effects if most is None else most):
+            if len(current.members) >= self.model.most_effects:
                 break
             room = sum(map(self.is_shape, current.key)) < MOST_EFFECTS
-            children = self.search.list_children(current, allowed if room else self._restrict_to_random(allowed))[:OPTIMISED]
+            own = allowed if room else self._restrict_to_random(allowed)
+            children = self.search.list_children(current, own, SCREEN_COLUMNS)[:OPTIMISED]
             grown = [self._optimise(child.members) for child in children if child.log_posterior > current.log_posterior]
             best = max(grown, key=lambda one: one.log_posterior, default=current)
             if best.log_posterior <= current.log_posterior:
@@ -128,14 +141,22 @@ class JointSearch:
         return current
 
     def _prune(self, current: Explanation) -> Explanation:
-        """Take members out while that raises the posterior."""
+        """Take members out while that raises the posterior; only those that are worth little beside the others as they are."""
         while len(current.members) > 1:
-            fewer = [self._optimise(tuple(one for one in current.members if one != member)) for member in current.members]
-            best = max(fewer, key=lambda one: one.log_posterior)
+            weak = [one for one in current.members if self._compute_worth(current, one) < WEAK]
+            fewer = [self._optimise(tuple(one for one in current.members if one != member)) for member in weak]
+            best = max(fewer, key=lambda one: one.log_posterior, default=current)
             if best.log_posterior <= current.log_posterior:
                 break
             current = best
         return current
+
+    def _compute_worth(self, current: Explanation, member: SelectedCandidate) -> float:
+        """Log posterior that a member adds to the others as they are held."""
+        others = tuple(one for one in current.members if one != member)
+        entry = self.model.candidate(member)
+        prior = entry.log_prior + entry.log_odds + float(np.log(self.search.settings.another))
+        return self.search.score(member.candidate, others).average + prior
 
     def _exchange(self, current: Explanation, member: SelectedCandidate) -> Explanation:
         """The set with something else in the place of one member: effects first, and then anything."""
@@ -165,7 +186,7 @@ def infer_set(search: Search, settings: DiagnosisSettings) -> Inferred:
         again = Search(finer, settings)
         again.inherit(joint.search)
         joint = JointSearch(again)
-        best = joint.find(best.key)
+        best = joint.settle(best)
     best = joint.prefer_listed(best)
     places = [joint.compute_place(best, member) for member in best.members]
     slots: list[CredibleGroup] = []
@@ -221,28 +242,3 @@ def compute_named_share(model: LinearModel, shares: Mapping[int, float], setting
     of_all = sum(shares.values()) / sum(prior.values())
     odds = settings.unlisted_share / (1 - settings.unlisted_share) * of_all / max(of_listed, LEAST_POSITIVE)
     return 1 / (1 + odds)
-
-
-def rank_explanations(model: LinearModel, explanations: Sequence[Explanation]) -> tuple[RankedExplanation, ...]:
-    """Rank all sets that were optimised by their posterior."""
-    norm = sum_log_posterior(list(explanations))
-    return tuple(
-        RankedExplanation(
-            tuple(model.candidate(member).label for member in one.members),
-            float(np.exp(one.log_posterior - norm)),
-            one.log_evidence,
-            not all(model.candidate(member).listed for member in one.members),
-        )
-        for one in explanations
-    )
-
-
-def attribute(inferred: Inferred, settings: DiagnosisSettings) -> Attribution:
-    """Say what the places of a set amount to."""
-    if not inferred.slots:
-        verdict: Verdict = "unknown"
-    elif inferred.remainder:
-        verdict = "partial"
-    else:
-        verdict = "named" if all(slot.probability >= settings.named for slot in inferred.slots) else "group"
-    return Attribution(verdict, inferred.best, inferred.slots, inferred.unknown, inferred.ranked)

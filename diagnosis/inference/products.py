@@ -10,8 +10,8 @@ from collections.abc import Callable, Set
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from diagnosis.model.linear import LinearModel, SelectedCandidate
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 MOST_BATCH_COLUMNS = 24  # most columns of options that are computed together, those of one size at a time
-MOST_KEPT = 8_000_000  # products of columns that are kept
+MOST_KEPT = 16_000_000  # products of columns that are kept
 
 
 class Conditioning:
@@ -39,7 +39,7 @@ class Conditioning:
 
     def __init__(self, rows: Callable[[Indices], Array], inner: Array, correlation: Array, shift: Array):
         factor = np.linalg.cholesky(np.eye(len(inner)) + inner)
-        self._inverse = scipy.linalg.solve_triangular(factor, np.eye(len(inner)), lower=True, check_finite=False)
+        self._inverse, _ = lapack.dtrtri(factor, lower=1)
         self._rows = rows
         self._shift = shift
         self._y = self._inverse @ correlation

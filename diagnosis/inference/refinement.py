@@ -2,32 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from diagnosis.inference.search import Explanation, Score, Search
 from diagnosis.model.linear import LinearModel, SelectedCandidate, Wanted
-from diagnosis.settings import DiagnosisSettings
 
 NEARLY = 0.25  # of a member's log evidence, from which on another effect in its place may be it with finer options
 MOST_BESIDE = 6  # of these
 REACH = 12.0  # log evidence below the best process, down to which another may be likelier with finer options
-REFINED = 3  # of the likeliest explanations, around whose members options are made finer
-
-
-def search_with_refined_options(
-    search: Search, settings: DiagnosisSettings, tell: Callable[[int], None] = lambda count: None
-) -> tuple[LinearModel, list[Explanation]]:
-    """The model with finer options around those of the likeliest explanations, and the explanations found with them."""
-    found = search.explanations()
-    linear = refine_model(search, found[:REFINED])
-    if linear is search.model:
-        return linear, found
-    again = Search(linear, settings, tell)
-    again.inherit(search)
-    return linear, again.explanations()
 
 
 def refine_model(search: Search, likely: Sequence[Explanation]) -> LinearModel:

@@ -178,8 +178,7 @@ class Search:
 
         X = self.model.X
         shift = X.T @ X[:, shifts].sum(axis=1) if shifts.size else np.zeros(X.shape[1])
-        C = X[:, own] * scale
-        given = Conditioning(rows, C.T @ C, scale * (self.correlation - shift)[own], shift)
+        given = Conditioning(rows, rows(own) * scale, scale * (self.correlation - shift)[own], shift)
         given.log_bayes += float(self.correlation[shifts].sum() - 0.5 * shift[shifts].sum())
         return given
 

@@ -6,7 +6,7 @@ families are
 
 - rate errors that follow the rate in other ways: products, cubes, the acceleration, scale factors that drift;
 - rate errors that run with the time since an interval's start or with mission time, or that repeat with any period counted
-  from an interval's start (others are in `diagnosis.model.periodic_alternatives`), and time tags that do so;
+  from an interval's start (others are in `diagnosis.model.periodic_alternatives`);
 - *directions*: sunlight and magnetic fields come from directions that are fixed inertially, or turn with the orbit. An error
   about body axis i that follows the component of such a direction along body axis k is a_jk(t) of the attitude matrix A times
   amplitudes for the inertial axes j; times cos nu and sin nu of the orbit angle u for directions that turn with it (the field
@@ -30,7 +30,7 @@ from itertools import chain, combinations_with_replacement
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.bins import Bins, Family, build_bins, build_rate_families, build_reference_families, observe_rate_errors
+from diagnosis.model.bins import Bins, Family, build_bins, build_rate_families, build_reference_families
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.model.step_index import find_reference_bins, find_reference_steps
 from simulator.effects.common import recursion
@@ -44,7 +44,6 @@ MEMORY_S = (30.0, 100.0, 300.0, 1000.0)  # time constants after which the effect
 LAGS_S = (300.0, 1000.0, 3000.0)  # by which an error follows a temperature
 PERIODS = 14  # number of periods counted from an interval's start
 LARGE = 0.1  # share of the largest rate, or of its largest change, from which on its sign is kept
-VISIBLE = 1e-6  # share of the largest column that a column must have to be visible
 
 Options = Mapping[str, list[Array]]  # of each family by name, the values (n, k) of each option
 
@@ -61,9 +60,6 @@ def build_families(model: RecordingModel) -> Iterator[Family]:
     )
     for name, options in chain.from_iterable(one.items() for one in sides):
         yield from build_rate_families(model, bins, name, options)
-    tags = build_late_tags(model, bins)
-    if tags.columns:
-        yield tags
     for name, options in {**_follow_surroundings(model, bins), **_follow_reference_courses(model)}.items():
         yield from build_reference_families(model, name, [one for one in options if np.ptp(one, axis=0).any()])
 
@@ -84,24 +80,6 @@ def _follow_rates(bins: Bins) -> Options:
         "scale factor or misalignment drifts": _split_columns(mission * w),
         "scale factor or misalignment settles after a start": _split_columns(warm * w),
     }
-
-
-def build_late_tags(model: RecordingModel, bins: Bins) -> Family:
-    """Build the columns of time tags that run late: the longer an interval lasts, or by a delay of each interval.
-
-    Readings that are late by τ show −d(τ ω)/dt more. One delay for all, one that grows with mission time and one that steps
-    once are listed effects. A single interval therefore has no rival here, and of two intervals a delay of each is no rival.
-    """
-    blocks = len(model.blocks)
-    own = (bins.interval[:, None] == np.arange(blocks)).astype(float)
-    late, faster = np.column_stack([bins.since_s, own]), np.append(1.0, np.zeros(blocks))
-    errors = late[:, None, :] * bins.acceleration[:, :, None] + faster * bins.rates[:, :, None]
-    columns = sum(observe_rate_errors(model, bins, axis, errors[:, axis]) for axis in range(3)) / np.maximum(
-        late.max(axis=0), 1.0
-    )
-    seen = np.linalg.norm(columns, axis=0) > VISIBLE * np.linalg.norm(columns, axis=0).max()
-    options = [columns[:, [0]]] * (blocks > 1) + [columns[:, 1:][:, seen[1:]]] * (blocks > 2)
-    return Family("time tags run late", None, [one for one in options if one.any()])
 
 
 # ---- time ----------------------------------------------------------------------------------------------------------------

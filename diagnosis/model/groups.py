@@ -227,18 +227,15 @@ def list_alternative_groups(model: RecordingModel, found: Found, effects: Sequen
         yield replace(build_rival(one.name, one.axis, one.columns, False, one.weights), scanned=True)
     for family in deterministic_alternatives.build_families(model):
         yield build_rival(family.name, family.axis, family.columns, False)
-    cells, around = processes.compute_cell_times(model), model.surroundings
-    known = [
-        effect.covariance(cells, trial.parameters)
-        for effect in effects
-        if effect.is_process and not effect.on_references and effect.missing(around) is None
-        for trial in effect.trials(around)
-    ]
     between = build_interval_steps(model, effects)
-    for process in processes.list_process_alternatives(model, known):
-        others = [one for one in process.columns if not _is_within(model.project_out_nuisance(one), between[process.axis])]
-        if others:
-            yield build_rival(process.name, process.axis, others, True)
+    for process in processes.list_process_alternatives(model):
+        bases = between.get(process.axis or "", [])
+        kept = [k for k, one in enumerate(process.columns) if not _is_within(model.project_out_nuisance(one), bases)]
+        parameters: list[Parameters] = [
+            {"time_constant_s": process.time_constants_s[k]} if process.time_constants_s else {} for k in kept
+        ]
+        if kept:
+            yield build_rival(process.name, process.axis, [process.columns[k] for k in kept], True, parameters=parameters)
 
 
 def build_interval_steps(model: RecordingModel, effects: Sequence[Effect]) -> dict[str, list[Array]]:
@@ -268,9 +265,14 @@ def _is_within(columns: Array, bases: Sequence[Array]) -> bool:
 
 
 def build_rival(
-    name: str, axis: str | None, columns: Sequence[Array], process: bool, weights: Array | None = None
+    name: str,
+    axis: str | None,
+    columns: Sequence[Array],
+    process: bool,
+    weights: Array | None = None,
+    parameters: Sequence[Parameters] | None = None,
 ) -> CandidateColumns:
     """Build a discrepancy that is on no list, with options of equal prior unless their weights are given."""
     count = len(columns)
     shares = np.full(count, 1 / count) if weights is None else weights
-    return CandidateColumns(name, axis, False, columns, [{}] * count, shares, (0.0, np.inf), "", process)
+    return CandidateColumns(name, axis, False, columns, parameters or [{}] * count, shares, (0.0, np.inf), "", process)

@@ -1,4 +1,4 @@
-"""What the observations of a recording stand for, so that checks of what an explanation leaves can be general.
+"""What the references of a recording stand for, so that tests of what M0 leaves of them can be general.
 
 Innovations are asked whether they follow the rate and its changes. A rate that is read holds the gyro's noise, and so do the
 innovations of the references behind it, the more often the more references there are: of a body at rest, where there is little
@@ -29,26 +29,16 @@ OUTLIER = 10.0  # sigma of a reading, beyond which it is replaced by the smoothe
 LEAST_POSITIVE = 1e-300
 
 
-def tabulate_observations(model: RecordingModel) -> Layout:
-    """Tabulate what the innovations of the observations may follow."""
-    rows = np.concatenate([block.last_of_each for block in model.blocks])
-    return _tabulate(model, rows, model.observation_block, model.observation_t_s, model.observation_attitude)
-
-
 def tabulate_references(model: RecordingModel, kept: Mask) -> Layout:
     """Tabulate what the innovations of some references (m,) may follow."""
-    t_s = model.recording.attitudes.t_s[model.reference_rows]
-    whole = _tabulate(model, model.reference_rows, model.interval_of_reference, t_s, model.at_reference)
-    return Layout(whole.axes[kept], whole.interval[kept], whole.regressors[kept], whole.speed[kept])
-
-
-def _tabulate(model: RecordingModel, rows: Indices, block: Indices, t_s: Array, to_inertial: Array) -> Layout:
-    rates, change = measure_motion(model, rows, block)
+    t_s, block = model.recording.attitudes.t_s[model.reference_rows], model.interval_of_reference
+    rates, change = measure_motion(model, model.reference_rows, block)
     place = find_steps(model, t_s, block)
     housekeeping = [values[place] for values in model.stream.housekeeping.values()]
     mission = (t_s - t_s.mean()) / max(float(np.ptp(t_s)), 1.0)
     regressors = np.column_stack([rates, np.abs(rates), change, mission, mission**2, *housekeeping])
-    return Layout(to_inertial.transpose(0, 2, 1), block, regressors, np.linalg.norm(rates, axis=1))
+    axes, speed = model.at_reference.transpose(0, 2, 1), np.linalg.norm(rates, axis=1)
+    return Layout(axes[kept], block[kept], regressors[kept], speed[kept])
 
 
 def measure_motion(model: RecordingModel, references: Indices, block: Indices) -> tuple[Array, Array]:

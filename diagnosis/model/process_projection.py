@@ -161,14 +161,25 @@ def select_nodes(model: RecordingModel) -> tuple[Indices, Indices]:
 
 def project_references(model: RecordingModel) -> tuple[ProcessProjection, ...]:
     """Project errors of the references about each body axis, at the nodes."""
+    rows, _ = select_nodes(model)
+    return tuple(_project_nodes(model, -model.at_reference[rows][:, :, axis]) for axis in range(3))
+
+
+def project_tags(model: RecordingModel) -> ProcessProjection:
+    """Project errors of the references' time tags, at the nodes: an attitude that is tagged late by δt is off by −ω δt."""
+    rows, _ = select_nodes(model)
+    along = -np.einsum("nij,nj->ni", model.at_reference[rows], model.reference_rates[rows])
+    return _project_nodes(model, along)
+
+
+def _project_nodes(model: RecordingModel, along: Array) -> ProcessProjection:
+    """Project errors along directions (q, 3) at the nodes."""
     rows, first = select_nodes(model)
-    out = []
-    for axis in range(3):
-        errors, mean = build_unit_errors(-model.at_reference[rows][:, :, axis], first)
-        columns = model.whiten(errors)
-        place = ProcessProjection.build_projection(columns, columns.T @ model.project_out_nuisance(columns), mean)
-        out.append(place.turn_root(model.references.t_s[rows], model.interval_of_reference[rows]))
-    return tuple(out)
+    largest = max(float(np.linalg.norm(along, axis=1).max()), LEAST_TRACE)
+    errors, mean = build_unit_errors(along / largest, first)
+    columns = model.whiten(largest * errors)
+    place = ProcessProjection.build_projection(columns, columns.T @ model.project_out_nuisance(columns), mean)
+    return place.turn_root(model.references.t_s[rows], model.interval_of_reference[rows])
 
 
 def build_unit_errors(along: Array, first: Indices) -> tuple[Array, scipy.sparse.csr_array]:

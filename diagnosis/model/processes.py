@@ -4,14 +4,14 @@ A process of variance s² K over the cells, or over the references, is a group o
 variance s² (`diagnosis.model.process_projection`). They are orthogonal, and those that cannot be seen are left out, so that a
 process is a group like any other (`diagnosis.inference.evidence`).
 
-Listed processes bring their own covariance (`simulator.effects.base.Effect.covariance`). The unlisted rivals are Markov rate
-errors of several time constants, unless a listed process is the same, a level of its own in each interval, processes that
-follow the rate, and references that are off by another angle in each interval.
+Listed processes bring their own covariance (`simulator.effects.base.Effect.covariance`). Those without a name are Markov errors
+of the rates, of the references and of the time tags, of several time constants, a level of its own in each interval, processes
+that follow the rate, and references that are off by another angle in each interval.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,11 +29,14 @@ AXES = "xyz"
 SEEN = 1e-4  # power relative to the strongest column, below which a column is left out
 INFORMATION = 0.95  # share of Σ λ² that the columns have together at least
 # variance of a column beside that of the noise, from which on it counts where the whole process is wanted
-WHOLE = 0.02
+WHOLE = 0.1
 USUAL_COLUMNS = 72  # that are kept whatever they share
 MOST_COLUMNS = 400  # a bound of the time
 ROUNDING = 1e-13  # power relative to the strongest column, below which a column is rounding
-ALIKE = 0.95  # cosine of two covariances from which on they are one process
+ALIKE = 0.95  # share of the power of a process that lies in the span of steps, from which on it is one of them
+BIAS_WANDERS = "random bias, correlated in time"
+REFERENCES_WANDER = "references wander"
+TAGS_WANDER = "time tags wander"
 
 
 # Near the smallest size that can be detected, a column of power λ adds to the expected evidence in proportion to λ². A larger
@@ -45,14 +48,9 @@ class Process:
     """A random discrepancy about one axis."""
 
     name: str  # what it does, in words
-    axis: str  # body axis
+    axis: str | None  # body axis
     columns: list[Array]  # per option (N, r) whitened columns of unit amplitude, orthogonal once projected
-
-
-def compute_cell_times(model: RecordingModel) -> ProcessTimes:
-    """Times of the cells, for a process of the rates."""
-    cells = model.cells
-    return ProcessTimes(t_s=cells.t_s, run_s=cells.run_s, interval=cells.interval)
+    time_constants_s: tuple[float, ...] = ()  # of each option, where they differ in it
 
 
 def compute_part_times(model: RecordingModel) -> ProcessTimes:
@@ -115,41 +113,35 @@ def _select_powers(powers: Array, least: float) -> NDArray[np.intp]:
     return np.flatnonzero(powers > max(least, ROUNDING * _find_largest_power(powers)))[::-1]
 
 
-def is_one_of(K: Array, known: Sequence[Array]) -> bool:
-    """Whether a covariance is that of a process among others, but for its size."""
-    return any(float(np.sum(K * one)) > ALIKE * float(np.linalg.norm(K) * np.linalg.norm(one)) for one in known)
+def list_process_alternatives(model: RecordingModel) -> Iterator[Process]:
+    """Random discrepancies that are on no list, about each axis; those of the time tags have none.
 
-
-def list_process_alternatives(model: RecordingModel, known: Sequence[Array] = ()) -> Iterator[Process]:
-    """Random discrepancies that are on no list, about each axis.
-
-    Parameters
-    ----------
-    model : of the recording
-    known : covariances over the cells of processes of the rates that are on the list: a rival is something else
+    Their time constants end at a sixth of the longest interval: what takes longer is a shape.
     """
-    cells, at = compute_cell_times(model), compute_part_times(model)
+    at, nodes = compute_part_times(model), compute_node_times(model)
     first, _ = split_cells(model)
     longest = max(float(block.elapsed_s[-1]) for block in model.blocks)
     w = np.add.reduceat(model.rates * model.dt[:, None], first, axis=0) / np.add.reduceat(model.dt, first)[:, None]
-    separate, taus = match_labels(at.interval), (longest / 60, longest / 20, longest / 6)
-    new = [tau for tau in taus if not is_one_of(match_labels(cells.interval) * markov(cells.t_s, tau), known)]
-    slow, own = separate * markov(at.t_s, taus[-1]), _build_indicators(at.interval)
-    offsets = np.deg2rad(1.0) * _build_indicators(compute_node_times(model).interval)
+    taus = (longest / 60, longest / 20, longest / 6)
+    separate, own = match_labels(at.interval), _build_indicators(at.interval)
+    slow, offsets = separate * markov(at.t_s, taus[-1]), np.deg2rad(1.0) * _build_indicators(nodes.interval)
+    same = match_labels(nodes.interval)
+
+    def wander(place: ProcessProjection) -> list[Array]:
+        return [build_usual_columns(place, same * markov(nodes.t_s, tau)) for tau in taus]
+
     for axis, name in enumerate(AXES):
-        place = model.cell_places[axis]
+        place, references = model.cell_places[axis], model.reference_places[axis]
         # One at a time: a covariance is tens of megabytes. What follows rates is as rough as they are.
-        kinds: tuple[tuple[str, Iterable[Array]], ...] = (
-            ("random bias, correlated in time", (build_usual_columns(place, separate * markov(at.t_s, tau)) for tau in new)),
-            ("bias differs between intervals", (build_course_columns(place, own),)),
-            (
-                "scale factor or misalignment differs between intervals",
-                (build_course_columns(place, u[:, None] * own) for u in w.T),
-            ),
-            ("scale factor or misalignment wanders", (build_usual_columns(place, slow * np.outer(u, u), 0.0) for u in w.T)),
-            ("references offset differently in each interval", (build_course_columns(model.reference_places[axis], offsets),)),
-        )
-        yield from (Process(words, name, made) for words, columns in kinds if (made := list(columns)))
+        yield Process(BIAS_WANDERS, name, [build_usual_columns(place, separate * markov(at.t_s, tau)) for tau in taus], taus)
+        yield Process(REFERENCES_WANDER, name, wander(references), taus)
+        yield Process("bias differs between intervals", name, [build_course_columns(place, own)])
+        gains = [build_course_columns(place, u[:, None] * own) for u in w.T]
+        yield Process("scale factor or misalignment differs between intervals", name, gains)
+        gains = [build_usual_columns(place, slow * np.outer(u, u), 0.0) for u in w.T]
+        yield Process("scale factor or misalignment wanders", name, gains)
+        yield Process("references offset differently in each interval", name, [build_course_columns(references, offsets)])
+    yield Process(TAGS_WANDER, None, wander(model.tag_place), taus)
 
 
 def _build_indicators(interval: NDArray[np.intp]) -> Array:

@@ -132,6 +132,12 @@ class RecordingModel:
         return np.repeat(np.arange(len(self.blocks)), [block.references.size for block in self.blocks])
 
     @cached_property
+    def reference_rates(self) -> Array:
+        """(m, 3) body rate at each reference, rad/s: that of the step in progress, or of the last one of its interval."""
+        steps = [block.steps.start + np.minimum(block.ends, block.steps.stop - block.steps.start - 1) for block in self.blocks]
+        return np.asarray(self.rates[np.concatenate(steps)])
+
+    @cached_property
     def observation_block(self) -> Indices:
         """(r,) index of the block of each observation."""
         return np.repeat(np.arange(len(self.blocks)), [block.groups.size for block in self.blocks])
@@ -392,6 +398,11 @@ class RecordingModel:
     def reference_places(self) -> tuple[process_projection.ProcessProjection, ...]:
         """References on which a random error acts, about each body axis."""
         return process_projection.project_references(self)
+
+    @cached_property
+    def tag_place(self) -> process_projection.ProcessProjection:
+        """References on whose time tags a random error acts."""
+        return process_projection.project_tags(self)
 
 
 def build_basis(columns: Array) -> Array:

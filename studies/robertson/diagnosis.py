@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from diagnosis.answer import Closure
 from diagnosis.inference.amplitudes import FittedEffect, fit
-from diagnosis.inference.attribution import Attribution, infer_attribution
+from diagnosis.inference.attribution import Attribution, rank_all
 from diagnosis.inference.closure import compute_closure
 from diagnosis.model.groups import CandidateColumns
 from diagnosis.model.linear import LinearModel, Parameters, read_first_amplitude
@@ -120,7 +120,7 @@ def diagnose_table3(windows: Windows) -> PerformanceDiagnosis:
     listed = [one for one in fitted if not one.effect.startswith(UNKNOWN_NAME)]
     explained = sum((one.contribution for one in listed), np.zeros(len(model.y)))
     closed = compute_closure(model, members) if listed else None
-    return PerformanceDiagnosis(infer_attribution(model, explanations), fitted, closed, model.y - explained)
+    return PerformanceDiagnosis(rank_all(model, explanations), fitted, closed, model.y - explained)
 
 
 def build_performance_model(windows: Windows) -> LinearModel:

@@ -455,7 +455,7 @@ def measure_true_share(drawn: DrawnCase, removed: Iterable[int]) -> float:
     kept, misfits = [one for number, one in enumerate(drawn.settings) if number not in set(removed)], []
     for settings in (drawn.settings, kept):  # the whitened mean square of held-out errors under M0
         model = prepare(drawn.world.record(settings), DEFAULT, lambda text, share: None).model
-        misfits.append(float(predict_held_out(model, model, ()).misfit[0]))
+        misfits.append(float(predict_held_out(model, ()).misfit[0]))
     whole, left = misfits
     return (whole - left) / (whole - FLOOR) if whole > LEAST_MISFIT * FLOOR else float("nan")
 

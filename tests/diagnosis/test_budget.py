@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from diagnosis.budget import HeldOut
-from diagnosis.remainder_search import identify_beside_remainder
+from diagnosis.explain import explain
 from diagnosis.settings import DEFAULT
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import prepared
@@ -12,20 +12,22 @@ from tests.diagnosis.recordings import prepared
 REMAINDER = ("bias_markov:y=0.4,time_constant_s=1000", "reference_correlated:x=0.01,time_constant_s=400")
 
 
-def identified(seed, *effects):
-    model = prepared(seed, *effects, *REMAINDER, sample_s=4.0, every_s=300.0).model
-    return identify_beside_remainder(model, list(EFFECTS.values()), DEFAULT, lambda text, share: None)
+def explained(seed, *effects):
+    recording = prepared(seed, *effects, *REMAINDER, sample_s=4.0, every_s=300.0)
+    return explain(recording, [one for one in EFFECTS.values() if not one.is_process], DEFAULT, 0, lambda text, share: None)
 
 
 @pytest.fixture(scope="module")
 def orbital():
-    return identified(5, "bias_orbital:z=0.6,phase_deg=25")
+    return explained(5, "bias_orbital:z=0.6,phase_deg=25")
 
 
 def test_an_effect_is_identified_beside_a_remainder_with_a_size_that_holds(orbital):
     assert [one.effect for one in orbital.fitted] == ["bias_orbital"]
     assert abs(orbital.fitted[0].size - 0.6) < 3 * orbital.fitted[0].sigma
-    assert orbital.slots[0].group[0][1] + sum(p for _, p in orbital.slots[0].group[1:]) >= DEFAULT.named
+    assert orbital.attribution.slots[0].group_probability >= DEFAULT.named
+    assert orbital.attribution.verdict == "partial"
+    assert orbital.remainder.gyro_deg_h[1] == pytest.approx(0.4, rel=0.5)
 
 
 def test_its_steps_lead_from_the_baseline_to_the_floor(orbital):
@@ -40,8 +42,8 @@ def test_its_steps_lead_from_the_baseline_to_the_floor(orbital):
 
 
 def test_a_remainder_alone_names_nothing():
-    found = identified(6)
-    assert found.slots == ()
+    found = explained(6)
+    assert found.attribution.slots == ()
     assert found.closed is None
     assert found.remainder.share == pytest.approx(1.0)
 

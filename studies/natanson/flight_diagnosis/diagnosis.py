@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from diagnosis.answer import Closure, Verdict
 from diagnosis.inference.amplitudes import FittedEffect, fit
-from diagnosis.inference.attribution import Attribution, infer_attribution
+from diagnosis.inference.attribution import Attribution, rank_all
 from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import LinearModel, SelectedCandidate
@@ -132,7 +132,7 @@ def search_with_relinearisation(
     for _ in range(SEARCH_ROUNDS):
         point = relinearise_timings(table, baseline, point, found)
         model = build_flight_model(table, baseline, point)
-        attribution = infer_attribution(model, rank_explanations(model, PRIOR_OF_CHANCE))
+        attribution = rank_all(model, rank_explanations(model, PRIOR_OF_CHANCE))
         best = tuple(label for label in attribution.ranked[0].labels if not label.startswith(UNKNOWN_NAME))
         if set(best) == set(found):
             break

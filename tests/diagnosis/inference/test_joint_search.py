@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from diagnosis.inference.joint_search import JointSearch, attribute, infer_set
+from diagnosis.inference.joint_search import JointSearch, infer_set
 from diagnosis.inference.search import Search
 from diagnosis.settings import DEFAULT
 from tests.diagnosis.linear_models import linear_model
@@ -70,19 +70,18 @@ def test_a_listed_process_is_an_error_without_a_name_as_well():
     assert shaped.slots[0].probability > 0.99
 
 
-def test_the_verdict_says_whether_something_without_a_name_is_in_the_model():
+def test_the_set_says_whether_something_without_a_name_is_in_the_model():
     rng = np.random.default_rng(8)
     a, b = rng.standard_normal((2, ROWS, 1))
     noise = rng.standard_normal(ROWS)
-    for y, changes, verdict in (
-        (2 * a[:, 0], {}, "named"),
-        (2 * a[:, 0] + 2 * b[:, 0], {1: {"listed": False}}, "partial"),
-        (2 * b[:, 0], {1: {"listed": False}}, "unknown"),
+    for y, changes, causes, rest in (
+        (2 * a[:, 0], {}, 1, 0),
+        (2 * a[:, 0] + 2 * b[:, 0], {1: {"listed": False}}, 1, 1),
+        (2 * b[:, 0], {1: {"listed": False}}, 0, 1),
     ):
         inferred = infer_set(Search(linear_model([a, b], y + noise, changes=changes)), DEFAULT)
-        found = attribute(inferred, DEFAULT)
-        assert found.verdict == verdict
-        assert (found.unknown > 0.9) == (verdict != "named")
+        assert (len(inferred.slots), len(inferred.remainder)) == (causes, rest)
+        assert (inferred.unknown > 0.9) == bool(rest)
 
 
 def test_noise_alone_has_no_set():

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.inference import refinement
-from diagnosis.inference.refinement import find_near_alternatives, find_whole_processes, search_with_refined_options
+from diagnosis.inference.joint_search import JointSearch, infer_set
+from diagnosis.inference.refinement import find_near_alternatives, find_whole_processes
 from diagnosis.inference.search import Search
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.linear import ParameterChoice
@@ -39,12 +39,11 @@ def between_two_options():
 
 def test_an_effect_between_two_options_wins_with_finer_ones_against_a_rival_that_was_ahead():
     model = between_two_options()
-    coarse = Search(model).explanations()[0]
-    assert coarse.key == {1} or 1 in coarse.key
-    finer, found = search_with_refined_options(Search(model), DEFAULT)
-    assert len(finer.candidates[0].options) == 3
-    assert found[0].key == {0}
-    assert found[0].members[0].option == 2
+    assert 1 in JointSearch(Search(model)).find().key
+    found = infer_set(Search(model), DEFAULT)
+    assert len(found.linear.candidates[0].options) == 3
+    assert found.best.key == {0}
+    assert found.best.members[0].option == 2
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -77,7 +76,7 @@ def truncated_process():
 
 def test_a_process_is_refined_where_all_its_columns_explain_most():
     model = truncated_process()
-    likely = Search(model).explanations()[:1]
+    likely = [JointSearch(Search(model)).find()]
     assert likely[0].members[0].option == 0
     assert likely[0].key == {0}
     spots = find_whole_processes(Search(model), likely)
@@ -89,15 +88,13 @@ def test_a_process_is_refined_where_all_its_columns_explain_most():
 STRONG = "reference_correlated:y=0.03,time_constant_s=600"
 
 
-def test_a_strong_process_is_not_taken_for_several(monkeypatch):
+def test_a_strong_process_is_not_taken_for_several():
     """Beside a rival process of its axis, which the columns that are usual let in."""
     model = prepared(1, STRONG).model
     linear = build_linear_model(model, [EFFECTS["reference_correlated"], EFFECTS["bias_markov"]], rivals=False)
 
     def find_best_labels():
-        finer, found = search_with_refined_options(Search(linear), DEFAULT)
-        return {finer.candidate(member).label for member in found[0].members}
+        found = infer_set(Search(linear), DEFAULT)
+        return {found.linear.candidate(member).label for member in found.best.members}
 
     assert find_best_labels() == {"reference_correlated:y"}
-    monkeypatch.setattr(refinement, "find_whole_processes", lambda search, likely: [])
-    assert find_best_labels() > {"reference_correlated:y"}

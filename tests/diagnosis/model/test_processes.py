@@ -24,7 +24,7 @@ def test_kernels_by_their_definitions(model):
     t = np.linspace(0, 5000, 60)
     assert np.allclose(markov(t, 700.0)[3, 9], np.exp(-(t[9] - t[3]) / 700))
     np.testing.assert_array_equal(match_labels(np.array([0, 1, 1])), [[1, 0, 0], [0, 1, 1], [0, 1, 1]])
-    at = processes.compute_cell_times(model)
+    at = processes.compute_part_times(model)
     K = EFFECTS["bias_random_walk"].covariance(at, {"gaps": "hold"})
     hours = (at.run_s - at.run_s.min()) / 3600
     assert np.allclose(np.diag(K), hours * np.deg2rad(1 / 3600) ** 2)
@@ -136,21 +136,17 @@ def test_a_simulated_process_has_the_power_of_its_columns(name, size, trial, sha
     assert scipy.stats.chi2.cdf(total, dof) > 1e-3
 
 
-def test_a_rival_is_no_process_that_is_on_the_list(model):
-    """Of any size; the others stay."""
-    at, longest = processes.compute_cell_times(model), max(float(block.elapsed_s[-1]) for block in model.blocks)
-    name = "random bias, correlated in time"
-    known = [7.0 * match_labels(at.interval) * markov(at.t_s, longest / share) for share in (20, 6)]
-    count = {one.name: len(one.columns) for one in processes.list_process_alternatives(model)}
-    left = {one.name: len(one.columns) for one in processes.list_process_alternatives(model, known)}
-    assert (count[name], left[name]) == (3, 1)
-    assert {key: left[key] for key in left if key != name} == {key: count[key] for key in count if key != name}
-    assert name not in {
-        one.name
-        for one in processes.list_process_alternatives(
-            model, [*known, match_labels(at.interval) * markov(at.t_s, longest / 60)]
-        )
-    }
+def test_a_wander_of_the_tags_is_an_error_of_the_references_along_the_rate(model):
+    """Against late references, rotated by hand: an attitude that is tagged late by δt is that of δt before its tag."""
+    late = 0.02 * np.sin(model.references.t_s / 700.0)
+    error = -model.reference_rates * late[:, None]
+    expected = model.whiten(model.observe_reference_error(error[:, :, None])[:, 0])
+    rows, _ = select_nodes(model)
+    place = model.tag_place
+    np.testing.assert_allclose(place.columns @ (place.mean @ late[rows]), expected, atol=0.03 * np.abs(expected).max())
+    *_, tags = processes.list_process_alternatives(model)
+    longest = max(float(block.elapsed_s[-1]) for block in model.blocks)
+    assert (tags.name, tags.axis, tags.time_constants_s[-1]) == (processes.TAGS_WANDER, None, longest / 6)
 
 
 def test_cells_of_a_coarse_recording_stay_few():

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from diagnosis.inference.joint_search import JointSearch
 from diagnosis.inference.search import Search
 from diagnosis.model import bins as bins_of
 from diagnosis.model import deterministic_alternatives
@@ -65,24 +65,6 @@ def test_errors_of_references_leave_the_steps_before_them_alone(model, families)
         shown = {model.observation_block[row // 3] for row in np.flatnonzero(np.abs(columns[:, 0]) > 1e-9)}
         before = [k for k in range(len(model.blocks)) if k < min(shown)]
         assert all(np.abs(columns[model.blocks[k].rows]).max() == 0 for k in before)
-
-
-def test_time_offset_are_what_a_later_reading_leaves(model, bins):
-    """Against readings that are interpolated at the time they are late by, a share of the time since its interval began."""
-    recording = model.recording
-    gyro, rates = recording.gyro, recording.gyro.rates.copy()
-    for interval in recording.intervals:
-        own = (gyro.t_s >= interval.start_s) & (gyro.t_s < interval.stop_s)
-        t_s, length = gyro.t_s[own], gyro.sample_s
-        edges = np.append(t_s, t_s[-1] + length)
-        angle = CubicSpline(edges, np.vstack([np.zeros(3), np.cumsum(rates[own] * length, axis=0)]))
-        late = LATE * (edges - interval.start_s)
-        rates[own] = np.diff(angle(edges) - late[:, None] * angle(edges, 1), axis=0) / length
-    changed = linearise_recording(replace(recording, gyro=replace(gyro, rates=rates)), model.G, model.bias).y - model.y
-    expected = LATE * model.project_out_nuisance(
-        deterministic_alternatives.build_late_tags(model, bins).columns[0][:, 0] * max(1.0, bins.since_s.max())
-    )
-    assert np.linalg.norm(changed - expected) < 0.05 * np.linalg.norm(changed)
 
 
 def test_of_two_intervals_a_value_of_each_is_a_step_between_them():
@@ -199,6 +181,6 @@ def test_its_own_rival_explains_it_better_than_any_listed_effect(model, bins, ki
         listed = ["bias_random_walk", "bias_orbital", "scale_asymmetry"]
     disturbed = prepare(make_disturbed(kind, model, bins)).model
     linear = build_linear_model(disturbed, [EFFECTS[name] for name in listed])
-    best = [linear.candidate(member) for member in Search(linear).explanations()[0].members]
+    best = [linear.candidate(member) for member in JointSearch(Search(linear)).find().members]
     assert RIVALS[kind] in [one.label for one in best]
     assert not any(one.listed for one in best)

@@ -1,0 +1,81 @@
+"""The remainder: what is in the model of a misfit and is no cause, in the units of a user.
+
+It consists of members of the same set as the causes (`diagnosis.inference.joint_search`): random errors of gyro, references and
+time tags, families outside the library, and effects that are less likely than these, or that close nothing on held-out data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.answer import Regressor, RemainderSummary
+from diagnosis.budget import Step, predict_held_out
+from diagnosis.inference.amplitudes import FittedEffect
+from diagnosis.model.processes import AXES, BIAS_WANDERS, REFERENCES_WANDER, TAGS_WANDER
+from diagnosis.model.recording_model import RecordingModel
+from diagnosis.replication import CLOCKS
+
+Array = NDArray[np.float64]
+
+SCALE_WANDERS = "scale factor or misalignment"  # begin of the names of errors in proportion to the rate
+MOST_REGRESSORS = 4  # that are reported
+
+
+def summarise_remainder(
+    model: RecordingModel, budget: Sequence[Step], fitted: Sequence[FittedEffect], beside: Sequence[FittedEffect]
+) -> RemainderSummary:
+    """Summarise what no cause explains.
+
+    Parameters
+    ----------
+    model : the recording
+    budget : steps on held-out data; the last but one is the remainder's
+    fitted : the causes
+    beside : members of the remainder
+    """
+    last = budget[-2]
+
+    def size(name: str, axis: str | None) -> float:
+        return float(np.sqrt(sum(one.size**2 for one in beside if one.effect.startswith(name) and one.axis == axis)))
+
+    powers = [float(np.sum(model.project_out_nuisance(one.contribution) ** 2)) for one in beside]
+    strongest = beside[int(np.argmax(powers))]
+    return RemainderSummary(
+        last.closed or 0.0, last.interval_90 or (0.0, 0.0),
+        tuple(float(np.rad2deg(size(BIAS_WANDERS, axis))) * 3600 for axis in AXES),
+        tuple(float(np.rad2deg(size(REFERENCES_WANDER, axis))) for axis in AXES),
+        size(TAGS_WANDER, None), float(np.sqrt(sum(size(SCALE_WANDERS, axis) ** 2 for axis in AXES))), 1.0,
+        find_remainder_side(strongest), float(strongest.parameters.get("time_constant_s", 0.0)),
+        find_regressors(model, fitted, beside),
+    )  # fmt: skip
+
+
+def find_remainder_side(one: FittedEffect) -> str:
+    """Find the side that a member of a remainder acts on."""
+    if one.effect in CLOCKS:
+        return "time tags"
+    return "reference" if one.effect.startswith("reference") else "gyro"
+
+
+def find_regressors(
+    model: RecordingModel, fitted: Sequence[FittedEffect], beside: Sequence[FittedEffect]
+) -> tuple[Regressor, ...]:
+    """Find what the remainder follows: its shapes, with the share of the held-out misfit that each closes beside the causes.
+
+    A shape is reported only if the 90 % interval of that share is above zero. The bound P(B ≥ c) ≤ 1/c on a likelihood ratio
+    gives its p-value.
+    """
+    random = [one for one in beside if one.process]
+    shapes = [one for one in beside if not one.process][:MOST_REGRESSORS]
+    held = predict_held_out(model, [*fitted, *shapes], random) if shapes else None
+    out = []
+    for number, shape in enumerate(shapes, len(fitted)):
+        assert held is not None
+        share, (low, _) = held.closed(number, number + 1)
+        if low > 0:
+            gain = float(np.sum(model.project_out_nuisance(shape.contribution) ** 2))
+            out.append(Regressor(shape.label, float(np.exp(-min(0.5 * gain, 700.0))), share))
+    return tuple(out)
