@@ -19,7 +19,7 @@ from diagnosis.model.known_effects import KnownEffect, subtract_effects
 from diagnosis.model.motion import add_expected_motion
 from diagnosis.model.periods import make_grid
 from diagnosis.model.recording_model import RecordingModel
-from diagnosis.model.remainder import add_rounding
+from diagnosis.model.rounding import add_rounding
 from diagnosis.model.step_index import find_reference_steps
 from diagnosis.settings import DiagnosisSettings
 from gyrocal.recording import Interval, Recording
