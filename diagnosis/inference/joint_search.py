@@ -23,7 +23,6 @@ from diagnosis.inference.attribution import CredibleGroup, RankedExplanation, ra
 from diagnosis.inference.refinement import refine_model
 from diagnosis.inference.search import BASELINE_EXPLANATION, SCREEN_COLUMNS, Explanation, Search
 from diagnosis.model.linear import LinearModel, SelectedCandidate
-from diagnosis.model.processes import BIAS_WANDERS, REFERENCES_WANDER
 from diagnosis.settings import DiagnosisSettings
 
 MOST_EFFECTS = 5  # listed effects with a shape among them
@@ -31,7 +30,7 @@ MOST_RIVALS = 2  # members without a name that may stand in one place together
 MOST_SHAPES = 3  # effects that may enter in the place of one member
 WEAK = 10.0  # log posterior that a member adds, above which it is not tried to do without
 OPTIMISED = 3  # candidates of each step whose sets are optimised before one is chosen
-KERNELS = (BIAS_WANDERS, REFERENCES_WANDER)  # random errors that a listed process is one of
+TIME_CONSTANT = "time_constant_s"  # parameter of random errors without a name that a listed process may be one of
 LEAST_POSITIVE = 1e-300
 LEFT_OUT = 12.0  # log posterior below the likeliest, from which on a candidate has no share of a place
 SETTLED = 1e-6  # gain of log posterior below which an exchange is none
@@ -225,7 +224,7 @@ def group_processes(model: LinearModel, shares: Mapping[int, float]) -> list[lis
     groups: dict[tuple[bool, str | None], list[int]] = {}
     for number in shares:
         entry = model.candidates[number]
-        if entry.process and (entry.listed or entry.effect in KERNELS):
+        if entry.process and (entry.listed or TIME_CONSTANT in entry.options[0].parameters):
             groups.setdefault((entry.effect.startswith("reference"), entry.axis), []).append(number)
     return [own for own in groups.values() if any(model.candidates[number].listed for number in own)]
 

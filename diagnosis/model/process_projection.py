@@ -166,7 +166,7 @@ def project_references(model: RecordingModel) -> tuple[ProcessProjection, ...]:
 
 
 def project_tags(model: RecordingModel) -> ProcessProjection:
-    """Project errors of the references' time tags, at the nodes: an attitude that is tagged late by δt is off by −ω δt."""
+    """Project errors of the references' time tags, at the nodes: one that is tagged late by δt has the error ω δt."""
     rows, _ = select_nodes(model)
     along = -np.einsum("nij,nj->ni", model.at_reference[rows], model.reference_rates[rows])
     return _project_nodes(model, along)

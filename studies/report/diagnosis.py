@@ -14,7 +14,6 @@ import pandas as pd
 
 from diagnosis.answer import Cause, Finding, RemainderSummary
 from diagnosis.budget import Step
-from diagnosis.inference.attribution import REMAINDER
 from diagnosis.result import Details, Diagnosis
 from diagnosis.sensor_result import RejectedExplanation, SensorDiagnosis
 from diagnosis.settings import DEFAULT
@@ -27,6 +26,7 @@ from studies.report.pages import Answer, Item, Page, PageTable, Picture, Provena
 from studies.report.tables import format_p_value, format_percent, join_items
 from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES
 
+MOST_TOGETHER = 2  # effects in an explanation that a sentence names
 MOST_PLACES = 2  # in the answer
 MOST_FINDINGS = 6
 MOST_EXPLANATIONS = 12
@@ -197,7 +197,7 @@ def _describe_causes(diagnosis: Diagnosis) -> str:
         like = [
             f"{' together with '.join(map(_format_behaviour, effects))} ({format_percent(share)})"
             for effects, share in diagnosis.alternatives
-            if share >= LEAST_PROBABILITY and REMAINDER not in effects
+            if share >= LEAST_PROBABILITY and len(effects) <= MOST_TOGETHER
         ]
         behaviour = f". It behaves most like this: {join_items(like[:MOST_PLACES], 'or')}" if like else ""
         clauses.insert(0, f"With a probability of {format_percent(diagnosis.unknown_probability)} {UNLISTED}{behaviour}")

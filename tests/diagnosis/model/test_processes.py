@@ -137,9 +137,9 @@ def test_a_simulated_process_has_the_power_of_its_columns(name, size, trial, sha
 
 
 def test_a_wander_of_the_tags_is_an_error_of_the_references_along_the_rate(model):
-    """Against late references, rotated by hand: an attitude that is tagged late by δt is that of δt before its tag."""
+    """An attitude that is tagged late by δt is that of δt before: A(t − δt) = (I + [ω×] δt) A(t), so that its error is ω δt."""
     late = 0.02 * np.sin(model.references.t_s / 700.0)
-    error = -model.reference_rates * late[:, None]
+    error = model.reference_rates * late[:, None]
     expected = model.whiten(model.observe_reference_error(error[:, :, None])[:, 0])
     rows, _ = select_nodes(model)
     place = model.tag_place
