@@ -102,7 +102,7 @@ def explain(
     # No name for it here: the columns of a long recording are hundreds of megabytes, which are let go before the end.
     of_all = combine_checks(left) if left else None
     explained, _ = infer_causes(build_linear_model(model, effects, settings, tell=told), settings, seed, tell, left=of_all)
-    tell("held-out data", 0.85)
+    tell("held-out data", 0.7)
     return replace(measure_explained(model, explained), left=left)
 
 

@@ -5,7 +5,7 @@
 | none | no misfit |
 | not identifiable | no misfit, of a recording that could not show one |
 | named, group | causes identified, each alone or with what the recording cannot tell from it |
-| partial | causes identified beside a remainder |
+| partial | causes identified beside a remainder, or beside something unlisted that the samples show |
 | unknown | a misfit that no identified cause explains |
 """
 
@@ -41,6 +41,8 @@ def decide_verdict(
         return "not identifiable" if blind else "none"
     if beside_remainder:
         return "partial"
-    if not causes or unlisted > settings.unknown:
+    if not causes:
         return "unknown"
+    if unlisted > settings.unknown:
+        return "partial"
     return "named" if all(cause.probability >= settings.named for cause in causes) else "group"

@@ -26,7 +26,7 @@ def calibrate_with_effects(model: RecordingModel, effects: Sequence[FittedEffect
 
 def calibrate_beside(model: RecordingModel, effects: Sequence[tuple[Array, float]]) -> tuple[Array, Array]:
     """The same of effects that are whitened columns (N, k), and the prior sigma of their amplitudes."""
-    Q = np.linalg.qr(model.starts)[0]
+    Q = np.linalg.qr(np.hstack([model.starts, model.line_columns]))[0]
     columns = np.hstack([model.calibration, *(part for part, _ in effects)])
     columns = columns - Q @ (Q.T @ columns)
     y = model.whiten(model.zeta)

@@ -177,9 +177,9 @@ def assign_folds(model: RecordingModel) -> NDArray[np.intp]:
 
 
 def build_shared_columns(model: RecordingModel) -> Array:
-    """(N, q) whitened columns B of what all intervals share, in units of their priors: starts, G, b."""
+    """(N, q) whitened columns B of what all intervals share, in units of their priors: starts, G, b and lines."""
     scale = np.concatenate([np.full(model.starts.shape[1], START), BROAD * PLAUSIBLE_RANGE])
-    return np.hstack([model.starts, model.calibration]) * scale
+    return np.hstack([np.hstack([model.starts, model.calibration]) * scale, model.line_columns])
 
 
 def reverse_whitening(model: RecordingModel, columns: Array) -> Array:

@@ -50,7 +50,8 @@ def check_baseline(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple
     model : of the recording, about its calibration under M0
     beside : (m, 3, k) attitude errors that are estimated with G and b, such as those of an identified effect
     """
-    e, later, taken = compute_innovations(model, beside)
+    lines = [] if model.lines is None else [model.compute_attitude_turns(model.lines)]
+    e, later, taken = compute_innovations(model, [*beside, *lines])
     found = Innovations(e, taken.reshape(*e.shape, -1))
     if found.dof < FEWEST:
         return ()

@@ -293,8 +293,12 @@ class RecordingModel:
     @cached_property
     def nuisance(self) -> Array:
         """(N, q) orthonormal basis of the nuisance parameters' columns."""
-        lines = [] if self.lines is None else [self.whiten(self.reading(self.lines))]
-        return build_basis(np.hstack([self.starts, self.calibration, *lines]))
+        return build_basis(np.hstack([self.starts, self.calibration, self.line_columns]))
+
+    @cached_property
+    def line_columns(self) -> Array:
+        """(N, k) whitened columns of the lines, each of the size that it has in the readings."""
+        return np.zeros((self.size, 0)) if self.lines is None else self.whiten(self.reading(self.lines))
 
     def project_out_nuisance(self, columns: Array) -> Array:
         """Whitened columns with the nuisance parameters' part taken out, some at a time: ten thousand are a gigabyte thrice."""

@@ -134,14 +134,13 @@ def test_an_effect_left_out_of_the_library_is_unknown():
     assert answer.causes == ()
 
 
-def test_samples_that_show_an_unlisted_effect_leave_nothing_named():
-    """An unlisted effect may make what the attitude shows, too. At seed 9 G_xz absorbs the bias that swings."""
+def test_a_cause_beside_something_unlisted_in_the_samples_is_a_partial_answer():
+    """At seed 9 G_xz absorbs the bias that swings."""
     answer = diagnose(recordings.recorded(10, "rate_saturation:z=0.2", "bias_orbital:x=0.3"), library=SLOW)
     assert answer.verdict == "partial"
     assert answer.unknown_probability > 0.99
     assert [cause.label for cause in answer.causes] == ["bias_orbital:x"]
     assert [step.step for step in answer.budget if step.probability is not None] == ["bias_orbital:x"]
-    assert all(cause.probability < DEFAULT.named for cause in answer.causes)
 
 
 def test_ends_only_says_how_little_it_can_tell():
