@@ -47,7 +47,7 @@ OPEN = replace(CERTAIN, probability=0.6)
         (False, [], 0.0, {"blind": True}, "not identifiable"),
         (True, [CERTAIN], 0.1, {}, "named"),
         (True, [CERTAIN, OPEN], 0.1, {}, "group"),
-        (True, [CERTAIN], 0.51, {}, "unknown"),
+        (True, [CERTAIN], 0.51, {}, "partial"),
         (True, [], 0.1, {}, "unknown"),
         (True, [CERTAIN], 0.99, {"beside_remainder": True}, "partial"),
         (True, [CERTAIN], 0.1, {"blind": True}, "named"),
