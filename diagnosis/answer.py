@@ -9,6 +9,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from diagnosis.inference.levels import Levels
+
 Array = NDArray[np.float64]
 Verdict = Literal["none", "named", "group", "partial", "unknown", "not identifiable"]
 Explanations = tuple[tuple[tuple[str, ...], float], ...]  # labels of each, and its probability; the likeliest first
@@ -40,6 +42,7 @@ class Cause:
     probability : that this effect (and axis) is at work
     group : what could stand in its place, as effect:axis, itself included, the likeliest first
     group_probability : that one of the group is at work
+    levels : side, axis and character of what stands in its place; None of what the samples show by themselves
     """
 
     effect: str
@@ -51,6 +54,7 @@ class Cause:
     probability: float
     group: tuple[str, ...]
     group_probability: float
+    levels: Levels | None = None
 
     @property
     def label(self) -> str:

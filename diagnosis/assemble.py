@@ -17,8 +17,10 @@ from diagnosis.detail_tables import build_details
 from diagnosis.detectors.sample_report import AXES, Line
 from diagnosis.inference.amplitudes import FittedEffect
 from diagnosis.inference.attribution import Attribution
+from diagnosis.inference.levels import compute_levels
 from diagnosis.model import localization
 from diagnosis.model.calibration import calibrate_with_effects
+from diagnosis.model.linear import Candidate
 from diagnosis.model.misfit import list_findings
 from diagnosis.model.prepare import PreparedRecording
 from diagnosis.model.symptoms import SampleCause, weigh_consequences
@@ -178,7 +180,7 @@ def build_answer(
     slots = () if attribution is None else attribution.slots
     named = [(ALL_EFFECTS[one.effect], one.axis, slot.probability) for slot, one in zip(slots, explained.fitted, strict=False)]
     samples = weigh_consequences(samples, named, settings)
-    causes = _merge_causes(samples, attribution, explained.fitted, settings)
+    causes = _merge_causes(samples, explained, settings)
     unknown = 0.0 if attribution is None else attribution.unknown
     unknown = 1 - (1 - unknown) * float(np.prod(posterior.list_listed(samples, settings)))
     present = gap or bool(samples)
@@ -250,16 +252,16 @@ def compute_joint_amplitudes(fitted: Sequence[FittedEffect], covariance: Array) 
 
 
 def _merge_causes(
-    samples: Sequence[SampleCause], attribution: Attribution | None, fitted: Sequence[FittedEffect], settings: DiagnosisSettings
+    samples: Sequence[SampleCause], explained: AttitudeInference, settings: DiagnosisSettings
 ) -> tuple[Cause, ...]:
     """The causes of the samples and of the attitude; one that both show has the smaller sigma and both probabilities."""
     shown = [one.cause(settings) for one in samples if one.effect is not None]
-    of_attitude = list_attitude_causes(attribution, fitted)
+    of_attitude = list_attitude_causes(explained.attribution, explained.fitted, explained.candidates)
     both = {one.label: one for one in of_attitude if one.label in {other.label for other in shown}}
     shown = [_combine_cause(one, both[one.label]) if one.label in both else one for one in shown]
     others = [one for one in of_attitude if one.label not in both]
     # Beside a remainder, the causes that close most of the misfit come first.
-    first = attribution is not None and attribution.verdict == "partial"
+    first = explained.attribution is not None and explained.attribution.verdict == "partial"
     return tuple([*others, *shown] if first else [*shown, *others])
 
 
@@ -271,16 +273,19 @@ def _combine_cause(one: Cause, other: Cause) -> Cause:
     return replace(better, probability=p, group_probability=group_p)
 
 
-def list_attitude_causes(attribution: Attribution | None, fitted: Sequence[FittedEffect]) -> tuple[Cause, ...]:
-    """The causes that the data of a linear model show."""
+def list_attitude_causes(
+    attribution: Attribution | None, fitted: Sequence[FittedEffect], candidates: tuple[Candidate, ...] = ()
+) -> tuple[Cause, ...]:
+    """The causes that the data of a linear model show, with levels where its candidates are given."""
     if attribution is None:
         return ()
+    levels = [compute_levels(slot.shares, candidates, ALL_EFFECTS) if candidates else None for slot in attribution.slots]
     return tuple(
         Cause(
             one.effect, one.axis, one.size, one.unit, one.sigma, one.parameters, slot.probability,
-            tuple(label for label, _ in slot.group), slot.group_probability,
+            tuple(label for label, _ in slot.group), slot.group_probability, own,
         )
-        for slot, one in zip(attribution.slots, fitted, strict=True)
+        for slot, one, own in zip(attribution.slots, fitted, levels, strict=True)
     )  # fmt: skip
 
 

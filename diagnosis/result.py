@@ -146,6 +146,7 @@ class Diagnosis:
                     "probability": cause.probability,
                     "group": list(cause.group),
                     "group_probability": cause.group_probability,
+                    "levels": None if cause.levels is None else cause.levels.to_json(),
                 }
                 for cause in self.causes
             ],

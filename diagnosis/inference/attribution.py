@@ -16,8 +16,8 @@ which is one half at p = 1 and one at p = 0.17.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -37,6 +37,7 @@ class CredibleGroup:
     member: SelectedCandidate  # the effect in the explanation
     probability: float  # that it is at work
     group: tuple[tuple[str, float], ...]  # labels with probabilities, itself included, the likeliest first
+    shares: Mapping[int, float] = field(default_factory=dict)  # probability of every candidate in its place, by its number
 
     @property
     def group_probability(self) -> float:

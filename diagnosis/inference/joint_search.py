@@ -216,7 +216,7 @@ def build_slot(model: LinearModel, place: Place, settings: DiagnosisSettings) ->
     order = sorted(listed, key=lambda number: -listed[number])
     group = [(model.candidates[number].label, listed[number]) for number in order]
     shown = [one for one in group if one[1] > settings.group_share * total][: settings.largest_group]
-    return CredibleGroup(place.member, group[0][1], tuple(shown)), 1 - total
+    return CredibleGroup(place.member, group[0][1], tuple(shown), place.shares), 1 - total
 
 
 def group_processes(model: LinearModel, shares: Mapping[int, float]) -> list[list[int]]:

@@ -8,7 +8,7 @@ character, listed or not.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from diagnosis.model.linear import Candidate
 from simulator.effects.base import Effect
@@ -66,6 +66,10 @@ class Levels(NamedTuple):
     side: Level
     axis: Level | None
     character: Level
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the levels as in the documented format."""
+        return {name: None if level is None else level._asdict() for name, level in self._asdict().items()}
 
 
 def find_side(candidate: Candidate, effects: Mapping[str, Effect]) -> Side:

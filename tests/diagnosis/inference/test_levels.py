@@ -24,6 +24,7 @@ def test_levels_are_sums_over_all_that_share_a_side_an_axis_or_a_character():
     assert found.side == ("gyro", pytest.approx(0.65))
     assert found.axis == ("x", pytest.approx(0.9))
     assert found.character == ("step", pytest.approx(0.65))
+    assert found.to_json()["side"] == {"name": "gyro", "probability": pytest.approx(0.65)}
 
 
 def test_a_place_of_effects_without_an_axis_has_none():
