@@ -81,9 +81,11 @@ def find_plateaus(recording: Recording, seen: Innovations) -> list[MaskedStretch
         x = sign * rates[:, axis]
         largest = float(x[used].max(initial=0.0))
         at = used & (x >= largest * (1 - 1e-12))
+        # The same largest reading in both directions is the end of a range, however the rate gets there.
+        symmetric = abs(float(x[used].min(initial=0.0)) + largest) <= 1e-12 * largest
         # A gyro that reads zero throughout is dead, not clipped.
         often = largest > 0 and (at & ~held).sum() >= FEWEST_CLIPPED and _stands_still(x, at, used & ~held, sigma)
-        if often and is_reached(x, at, sigma):
+        if often and (symmetric or is_reached(x, at, sigma)):
             out += _list_clipped(recording, axis, at, sign * largest)
     return out
 
