@@ -6,13 +6,15 @@ import numpy as np
 import pandas as pd
 
 from diagnosis.answer import Cause, Closure, Finding
+from diagnosis.inference.levels import Level, Levels
 from diagnosis.result import Details, Diagnosis
 
 AXES = "xyz"
 INTERVALS = [f"m{k + 1}" for k in range(6)]
 LENGTH_S, GAP_S, EVERY_S = 4500.0, 900.0, 60.0
 DEG_H = np.deg2rad(1 / 3600)
-ORBITAL = Cause("bias_orbital", "z", 0.11, "deg/h", 0.006, {"phase_deg": 57.0}, 0.983, ("bias_orbital:z",), 0.983)
+LEVELS = Levels(Level("gyro", 0.99), Level("z", 0.985), Level("periodic", 0.984))
+ORBITAL = Cause("bias_orbital", "z", 0.11, "deg/h", 0.006, {"phase_deg": 57.0}, 0.983, ("bias_orbital:z",), 0.983, LEVELS)
 STEP = Cause("g_matrix_step", "z", -1310.0, "ppm", 42.0, {"time_s": 15000.0, "toward": "y"}, 0.998, ("g_matrix_step:z",), 0.998)
 LATE = Cause("time_offset", None, 0.52, "s", 0.02, {}, 0.55, ("time_offset", "rate_lag"), 0.991)
 ROUNDED = Cause("rate_quantization", None, 2.7777e-4, "deg/s", 3e-10, {}, 1.0, ("rate_quantization",), 1.0)
