@@ -193,7 +193,8 @@ def infer_set(search: Search, settings: DiagnosisSettings) -> Inferred:
     for place in places:
         slot, p = build_slot(joint.model, place, settings)
         unlisted.append(p)
-        if slot is None:
+        # A later exchange may have made listed effects likelier in the place of a member without a name, which stays one.
+        if slot is None or not joint.model.candidate(place.member).listed:
             remainder.append(place.member)
         else:
             slots.append(slot)

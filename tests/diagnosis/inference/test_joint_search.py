@@ -89,3 +89,15 @@ def test_noise_alone_has_no_set():
     columns = [rng.standard_normal((ROWS, 1)) for _ in range(6)]
     found = [JointSearch(Search(linear_model(columns, rng.standard_normal(ROWS)))).find().key for _ in range(40)]
     assert sum(map(bool, found)) <= 4  # each alone has a prior odds of one to many
+
+
+def test_a_member_without_a_name_is_never_a_cause(monkeypatch):
+    """Where listed effects are likelier in its place in the end, it still has no name that a size could be stated for."""
+    rng = np.random.default_rng(10)
+    a, near = rng.standard_normal((2, ROWS, 1))
+    model = linear_model([a, a + 0.01 * near], 3 * a[:, 0] + rng.standard_normal(ROWS), changes={1: {"listed": False}})
+    held = Search(model).find_explanation(("e1",))
+    monkeypatch.setattr(JointSearch, "find", lambda joint: joint._optimise(held.members))
+    monkeypatch.setattr(JointSearch, "prefer_listed", lambda joint, best: best)
+    inferred = infer_set(Search(model), DEFAULT)
+    assert (inferred.slots, [one.candidate for one in inferred.remainder]) == ((), [1])
