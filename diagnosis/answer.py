@@ -77,7 +77,7 @@ class Regressor:
     """What a remainder follows."""
 
     name: str  # in words, with the axis
-    p_value: float  # of a score test in the presence of the remainder, corrected for the number of tests
+    p_value: float  # bound by its evidence beside all else, all candidates counted
     share: float  # of the held-out misfit that it closes, beside the causes and the regressors before it
 
 
@@ -91,7 +91,7 @@ class RemainderSummary:
     reference_deg: tuple[float, ...]  # (3,) standard deviation of the error of the references about each body axis, deg
     time_tags_s: float  # standard deviation of the error of the time tags, s
     rate_share: float  # standard deviation of a rate error in proportion to the rate
-    noise_factor: float  # by which white noise is larger than stated
+    noise_factor: float  # white noise beside all members of the model, over the stated one
     side: str  # "gyro", "reference", "time tags" or "white noise": which of them makes most of it
     time_scale_s: float  # correlation time of that part; 0 for white noise
     regressors: tuple[Regressor, ...]  # what the remainder follows

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -53,6 +53,7 @@ class AttitudeInference:
     closed : how far the gap closes on held-out data; None without a cause
     change, covariance : of the calibration with causes and remainder in the model, (12,), and of it and all amplitudes
     left : what M0 leaves of all references, before any averaging
+    p_bounds : by the label of each member, the bound on the p-value of its evidence beside the others, all candidates counted
     unseen : without a gap, the probability of M0 and of what is too weak to be told
     budget : steps of the gap budget on held-out data; none without a gap
     remainder : what no cause explains; None where nothing is left
@@ -67,6 +68,7 @@ class AttitudeInference:
     change: Array = field(default_factory=lambda: np.zeros(12))
     covariance: Array = field(default_factory=lambda: np.zeros((12, 12)))
     left: tuple[Check, ...] = ()
+    p_bounds: Mapping[str, float] = field(default_factory=dict)
     unseen: tuple[RankedExplanation, ...] = ()
     budget: tuple[Step, ...] = ()
     remainder: RemainderSummary | None = None
@@ -103,10 +105,10 @@ def explain(
     of_all = combine_checks(left) if left else None
     explained, _ = infer_causes(build_linear_model(model, effects, settings, tell=told), settings, seed, tell, left=of_all)
     tell("held-out data", 0.7)
-    return replace(measure_explained(model, explained), left=left)
+    return replace(measure_explained(model, explained, settings), left=left)
 
 
-def measure_explained(model: RecordingModel, explained: AttitudeInference) -> AttitudeInference:
+def measure_explained(model: RecordingModel, explained: AttitudeInference, settings: DiagnosisSettings) -> AttitudeInference:
     """Measure on held-out data what the causes of a recording close, and the calibration with them in the model.
 
     A cause that closes less than nothing is not stated; what it describes belongs to the remainder.
@@ -126,19 +128,20 @@ def measure_explained(model: RecordingModel, explained: AttitudeInference) -> At
         worst = min(open_steps, key=lambda k: float(budget[1 + k].closed or 0.0))
         beside.append(fitted.pop(worst))
         slots.pop(worst)
+        attribution = replace(attribution, unknown=1.0)  # what it describes has no name
     sizes = [(float(step.size or 0.0), float(step.sigma or 0.0)) for step in budget[1:]]
     sized = tuple(replace(one, size=size, sigma=sigma) for one, (size, sigma) in zip(fitted, sizes, strict=False))
     change, covariance = calibrate_with_effects(model, [*fitted, *beside])
     return replace(
         explained,
-        attribution=attribute(attribution, tuple(slots), bool(beside)),
+        attribution=attribute(attribution, tuple(slots), bool(beside), settings),
         fitted=sized,
         beside=tuple(beside),
         closed=summarise_closure(held) if fitted else None,
         change=change,
         covariance=covariance,
         budget=budget,
-        remainder=summarise_remainder(model, budget, fitted, beside) if beside else None,
+        remainder=summarise_remainder(model, budget, fitted, beside, explained.p_bounds) if beside else None,
     )
 
 
@@ -185,8 +188,14 @@ def infer_causes(
     stated = [(one, slot) for one, slot in fitted if slot is not None]
     attribution = Attribution("unknown", inferred.best, tuple(slot for _, slot in stated), inferred.unknown, inferred.ranked)
     beside = tuple(one for one, slot in fitted if slot is None)
-    attribution = attribute(attribution, attribution.slots, bool(beside))
-    return replace(found, attribution=attribution, fitted=tuple(one for one, _ in stated), beside=beside), inferred
+    attribution = attribute(attribution, attribution.slots, bool(beside), settings)
+    # Of n averages of likelihood ratios, the largest reaches c with a probability of n/c at most.
+    bounds = {
+        linear.candidates[number].label: float(min(1.0, len(linear.candidates) * np.exp(-max(log, 0.0))))
+        for number, log in inferred.log_evidence.items()
+    }
+    fitted_causes = tuple(one for one, _ in stated)
+    return replace(found, attribution=attribution, fitted=fitted_causes, beside=beside, p_bounds=bounds), inferred
 
 
 def count_progress(tell: Progress, text: str, begin: float, stop: float, usual: int) -> Callable[[int], None]:

@@ -6,7 +6,7 @@ time tags, families outside the library, and effects that are less likely than t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,11 @@ MOST_REGRESSORS = 4  # that are reported
 
 
 def summarise_remainder(
-    model: RecordingModel, budget: Sequence[Step], fitted: Sequence[FittedEffect], beside: Sequence[FittedEffect]
+    model: RecordingModel,
+    budget: Sequence[Step],
+    fitted: Sequence[FittedEffect],
+    beside: Sequence[FittedEffect],
+    p_bounds: Mapping[str, float],
 ) -> RemainderSummary:
     """Summarise what no cause explains.
 
@@ -35,11 +39,13 @@ def summarise_remainder(
     budget : steps on held-out data; the last but one is the remainder's
     fitted : the causes
     beside : members of the remainder
+    p_bounds : bound on the p-value of each member by its label
     """
     last = budget[-2]
 
     def size(name: str, axis: str | None) -> float:
-        return float(np.sqrt(sum(one.size**2 for one in beside if one.effect.startswith(name) and one.axis == axis)))
+        own = (one for one in beside if one.process and one.effect.startswith(name) and one.axis == axis)
+        return float(np.sqrt(sum(one.size**2 for one in own)))
 
     powers = [float(np.sum(model.project_out_nuisance(one.contribution) ** 2)) for one in beside]
     strongest = beside[int(np.argmax(powers))]
@@ -47,10 +53,23 @@ def summarise_remainder(
         last.closed or 0.0, last.interval_90 or (0.0, 0.0),
         tuple(float(np.rad2deg(size(BIAS_WANDERS, axis))) * 3600 for axis in AXES),
         tuple(float(np.rad2deg(size(REFERENCES_WANDER, axis))) for axis in AXES),
-        size(TAGS_WANDER, None), float(np.sqrt(sum(size(SCALE_WANDERS, axis) ** 2 for axis in AXES))), 1.0,
+        size(TAGS_WANDER, None), float(np.sqrt(sum(size(SCALE_WANDERS, axis) ** 2 for axis in AXES))),
+        estimate_noise_factor(model, [*fitted, *beside]),
         find_remainder_side(strongest), float(strongest.parameters.get("time_constant_s", 0.0)),
-        find_regressors(model, fitted, beside),
+        find_regressors(model, fitted, beside, p_bounds),
     )  # fmt: skip
+
+
+def estimate_noise_factor(model: RecordingModel, members: Sequence[FittedEffect]) -> float:
+    """Estimate the white noise beside all members of a set, over the stated one.
+
+    Under y ~ N(0, φ S) with S = I + C Cᵀ of columns in units of their priors, yᵀ S⁻¹ y is φ times its degrees of freedom.
+    """
+    C = np.hstack([model.project_out_nuisance(one.columns * one.prior_sigma) for one in members])
+    y = model.y - sum((model.project_out_nuisance(one.shift) for one in members), np.zeros(model.size))
+    along = C.T @ y
+    left = float(y @ y - along @ np.linalg.solve(np.eye(along.size) + C.T @ C, along))
+    return float(np.sqrt(max(left, 0.0) / max(model.degrees_of_freedom, 1)))
 
 
 def find_remainder_side(one: FittedEffect) -> str:
@@ -61,12 +80,14 @@ def find_remainder_side(one: FittedEffect) -> str:
 
 
 def find_regressors(
-    model: RecordingModel, fitted: Sequence[FittedEffect], beside: Sequence[FittedEffect]
+    model: RecordingModel,
+    fitted: Sequence[FittedEffect],
+    beside: Sequence[FittedEffect],
+    p_bounds: Mapping[str, float],
 ) -> tuple[Regressor, ...]:
     """Find what the remainder follows: its shapes, with the share of the held-out misfit that each closes beside the causes.
 
-    A shape is reported only if the 90 % interval of that share is above zero. The bound P(B ≥ c) ≤ 1/c on a likelihood ratio
-    gives its p-value.
+    A shape is reported only if the 90 % interval of that share is above zero.
     """
     random = [one for one in beside if one.process]
     shapes = [one for one in beside if not one.process][:MOST_REGRESSORS]
@@ -76,6 +97,5 @@ def find_regressors(
         assert held is not None
         share, (low, _) = held.closed(number, number + 1)
         if low > 0:
-            gain = float(np.sum(model.project_out_nuisance(shape.contribution) ** 2))
-            out.append(Regressor(shape.label, float(np.exp(-min(0.5 * gain, 700.0))), share))
+            out.append(Regressor(shape.label, p_bounds[shape.label], share))
     return tuple(out)

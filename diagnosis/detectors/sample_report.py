@@ -125,16 +125,6 @@ class SampleReport:
     lines: tuple[Line, ...]  # lines of the spectrum; a body that moves so shows them as well as an error of the gyro
 
 
-def mark_interval_samples(recording: Recording) -> Mask:
-    """Samples that belong to an interval."""
-    t = recording.gyro.t_s
-    out = np.zeros(t.size, dtype=bool)
-    for interval in recording.intervals:
-        low, high = np.searchsorted(t, [interval.start_s - 1e-6, interval.stop_s - 1e-6])
-        out[low:high] = True
-    return out
-
-
 def mark_consecutive_samples(recording: Recording, used: Mask) -> Mask:
     """Samples that directly follow another of the same interval."""
     t = recording.gyro.t_s

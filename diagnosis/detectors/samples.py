@@ -33,12 +33,12 @@ from diagnosis.detectors.sample_report import (
     Symptom,
     Tell,
     ignore_progress,
-    mark_interval_samples,
     scale_progress,
 )
 from diagnosis.detectors.spectral_lines import find_lines
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.mask_runs import find_mask_runs
+from gyrocal.masking import mark_interval_samples
 from gyrocal.recording import Recording
 from simulator.effects.recording_view import find_interval_slices
 

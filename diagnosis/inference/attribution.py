@@ -86,13 +86,15 @@ def rank_all(model: LinearModel, explanations: Sequence[Explanation]) -> Attribu
     return Attribution("unknown", explanations[0], (), sum(one.probability for one in ranked if one.unlisted), ranked)
 
 
-def attribute(found: Attribution, slots: tuple[CredibleGroup, ...], remainder: bool) -> Attribution:
+def attribute(
+    found: Attribution, slots: tuple[CredibleGroup, ...], remainder: bool, settings: DiagnosisSettings = DEFAULT
+) -> Attribution:
     """Say what the causes of an attribution amount to, beside a remainder or without one."""
     if not slots:
         return replace(found, verdict="unknown", slots=())
     if remainder:
         return replace(found, verdict="partial", slots=slots)
-    named = all(slot.probability >= DEFAULT.named for slot in slots)
+    named = all(slot.probability >= settings.named for slot in slots)
     return replace(found, verdict="named" if named else "group", slots=slots)
 
 

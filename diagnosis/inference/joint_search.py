@@ -174,6 +174,7 @@ class Inferred:
     remainder: tuple[SelectedCandidate, ...]  # members without a name
     unknown: float  # probability that something unlisted is at work, in the place where it is likeliest
     ranked: tuple[RankedExplanation, ...]  # all sets that were optimised, the likeliest first
+    log_evidence: dict[int, float]  # of each member beside the others, averaged over its options and scales
 
 
 def infer_set(search: Search, settings: DiagnosisSettings) -> Inferred:
@@ -200,7 +201,9 @@ def infer_set(search: Search, settings: DiagnosisSettings) -> Inferred:
             slots.append(slot)
     ranked = rank_explanations(joint.model, joint.explanations)
     unknown = max(unlisted, default=0.0)
-    return Inferred(joint.model, best, tuple(slots), tuple(remainder), unknown, ranked)
+    others = {one: tuple(other for other in best.members if other != one) for one in best.members}
+    evidence = {one.candidate: joint.search.score(one.candidate, beside).average for one, beside in others.items()}
+    return Inferred(joint.model, best, tuple(slots), tuple(remainder), unknown, ranked, evidence)
 
 
 def build_slot(model: LinearModel, place: Place, settings: DiagnosisSettings) -> tuple[CredibleGroup | None, float]:

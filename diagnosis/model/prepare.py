@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from diagnosis.detectors.sample_report import mark_interval_samples, scale_progress
+from diagnosis.detectors.sample_report import scale_progress
 from diagnosis.detectors.samples import examine
 from diagnosis.model.baseline import calibrate_baseline, report_unobserved
 from diagnosis.model.noise_classification import PreparedRecording, Progress, UnclassifiedRecording, classify_noise
@@ -20,6 +20,7 @@ from diagnosis.model.recording_model import RecordingModel
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.errors import InputError
+from gyrocal.masking import mark_interval_samples
 from gyrocal.recording import Recording, find_reference_rows
 
 __all__ = ["PreparedRecording", "Progress", "prepare"]

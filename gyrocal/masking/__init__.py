@@ -5,7 +5,8 @@
 - `reference_faults`: reference attitudes that freeze or jump.
 """
 
+from gyrocal.masking.gyro_faults import mark_interval_samples
 from gyrocal.masking.mask import DataMask, find_mask
 from gyrocal.masking.stretch import MaskedStretch
 
-__all__ = ["DataMask", "MaskedStretch", "find_mask"]
+__all__ = ["DataMask", "MaskedStretch", "find_mask", "mark_interval_samples"]

@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from diagnosis.detectors.sample_noise import estimate_local_noise, find_quiet_samples
-from diagnosis.detectors.sample_report import find_long_runs, mark_consecutive_samples, mark_interval_samples
+from diagnosis.detectors.sample_report import find_long_runs, mark_consecutive_samples
 from gyrocal import GyroParameters, InputError, Recording, UnobservableError, calibrate
 from gyrocal.attitude import cross_matrix
+from gyrocal.masking import mark_interval_samples
 from gyrocal.recording import Interval, find_reference_rows
 
 Array = NDArray[np.float64]

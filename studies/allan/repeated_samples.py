@@ -21,11 +21,12 @@ from numpy.typing import NDArray
 from diagnosis.detectors.lattice import find_lattice_step
 from diagnosis.detectors.repeats import bridge_repeats
 from diagnosis.detectors.sample_noise import DITHERED
-from diagnosis.detectors.sample_report import Stream, mark_consecutive_samples, mark_interval_samples
+from diagnosis.detectors.sample_report import Stream, mark_consecutive_samples
 from diagnosis.settings import DEFAULT
 from gyrocal import Recording
 from gyrocal.calibration.parameters import AXIS_NAMES
 from gyrocal.mask_runs import find_mask_runs
+from gyrocal.masking import mark_interval_samples
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

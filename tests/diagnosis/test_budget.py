@@ -27,6 +27,7 @@ def test_an_effect_is_identified_beside_a_remainder_with_a_size_that_holds(orbit
     assert abs(orbital.fitted[0].size - 0.6) < 3 * orbital.fitted[0].sigma
     assert orbital.attribution.slots[0].group_probability >= DEFAULT.named
     assert orbital.attribution.verdict == "partial"
+    assert orbital.remainder.noise_factor == pytest.approx(1.0, abs=0.15)
     assert orbital.remainder.gyro_deg_h[1] == pytest.approx(0.4, rel=0.5)
 
 

@@ -69,10 +69,11 @@ def test_a_cause_that_closes_less_than_nothing_belongs_to_the_remainder(monkeypa
 
     monkeypatch.setattr(explain, "measure_causes", measure)
     monkeypatch.setattr(explain, "summarise_closure", lambda held: Closure("", "", 5.0, 2.0, 1.0, 0.75, (0.6, 0.9), None))
-    monkeypatch.setattr(explain, "summarise_remainder", lambda model, budget, fitted, beside: [one.label for one in beside])
+    monkeypatch.setattr(explain, "summarise_remainder", lambda model, budget, fitted, beside, _: [one.label for one in beside])
     attribution = Attribution("named", BASELINE_EXPLANATION, slots, 0.0, ())
-    found = explain.measure_explained(model, explain.AttitudeInference((), 0.0, attribution, (a, b)))
+    found = explain.measure_explained(model, explain.AttitudeInference((), 0.0, attribution, (a, b)), DEFAULT)
     assert [one.label for one in found.fitted] == ["rate_lag"]
     assert [slot.group[0][0] for slot in found.attribution.slots] == ["rate_lag"]
     assert (found.attribution.verdict, found.remainder, found.fitted[0].size) == ("partial", ["bias_drift"], 0.01)
+    assert found.attribution.unknown == 1.0
     assert found.budget[1].to_json()["ramp"] == [0.007, 0.0135]
