@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from gyrocal.calibration.gyro_space import select_parameter_space
 from gyrocal.calibration.observability import BIAS_LETTERS
@@ -27,6 +26,8 @@ from studies.report.panels import BLUE, GREY, RED, Line, draw_panels, make_curve
 from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from gyrocal.calibration.change import CalibrationChange
 
 LARGE_SHARE = 4.0  # sigma of a single residual worth a sentence

@@ -17,11 +17,11 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cache, cached_property
 from importlib import metadata, resources
+from typing import TYPE_CHECKING
 
 import pandas as pd
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
-from matplotlib.figure import Figure
 from rich.console import Console
 
 from gyrocal.recording import Recording
@@ -29,6 +29,9 @@ from simulator.adopted_scenario import hash_recording
 from studies.report import svg
 from studies.report.tables import format_cells, print_table
 from studies.report.units import format_heading
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 NUMERIC_CELL = re.compile(r"[-+−–]?\d[\d.,]*(e[-+]?\d+)?( ± \d[\d.]*)?$|–$|$")
 

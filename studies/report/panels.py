@@ -4,20 +4,23 @@ A panel draws on axes it is given; `draw_panels` puts panels side by side in a f
 to a file. SVG bytes do not depend on the day or the run.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from gyrocal.files import open_replacement
 from studies.report import svg
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 Draw = Callable[[Path], Path]
@@ -104,6 +107,10 @@ def draw_panels(
     sharex, sharey : as of matplotlib; labels of y are then on the left only
     """
     columns = columns or len(panels)
+    # Late, here and below: it takes half a second, which a summary on the terminal does not need.
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
     with mpl.rc_context(PANEL_STYLE):
         figure = Figure(figsize=size, layout="constrained")
         rows = -(-len(panels) // columns)
@@ -131,6 +138,8 @@ def build_sheet(*panels: Panel, **options: Any) -> Draw:
 
 def save(figure: Figure, path: Path) -> Path:
     """Write SVG (and PNG for a .png path) with stable bytes."""
+    import matplotlib as mpl
+
     with mpl.rc_context(PANEL_STYLE), open_replacement(path) as file:
         if path.suffix == ".svg":
             file.write(svg.render_svg(figure))
@@ -192,6 +201,8 @@ def make_power_law(x: ArrayLike, order: float, at: float = 1.0, label: str = "")
 
 def make_shades(values: Sequence[float]) -> dict[float, str]:
     """Colours of the values of a setting, dark to light."""
+    import matplotlib as mpl
+
     steps = mpl.colormaps["viridis"](np.linspace(0, 0.85, len(values)))
     return {value: mpl.colors.to_hex(step) for value, step in zip(values, steps, strict=True)}
 

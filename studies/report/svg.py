@@ -4,15 +4,17 @@ Matplotlib names clip paths, markers and hatches by a hash of the exact floats, 
 Here each is named by its own text, whose numbers are rounded to the file's digits.
 """
 
+from __future__ import annotations
+
 import hashlib
 import io
 import re
-from typing import Any
-
-import matplotlib as mpl
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any
 
 from studies.report.printable import make_well_formed
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SVG_STYLE: dict[Any, Any] = {
     "svg.hashsalt": "gyrocal",
@@ -31,6 +33,8 @@ EXCESS_DECIMALS = re.compile(rb"(\.\d)\d+")  # a tenth of a point is not seen
 def render_svg(figure: Figure) -> bytes:
     """A figure as SVG."""
     out = io.BytesIO()
+    import matplotlib as mpl
+
     with mpl.rc_context(SVG_STYLE):
         figure.savefig(out, format="svg", dpi=130, metadata=NO_METADATA)
     return name_by_content(make_well_formed(out.getvalue()))
