@@ -62,7 +62,9 @@ def find_noise_dependence(stream: Stream, measured: Mask, tested: Mask, event_p:
         if texts[axis]
     )
     departing = (p_values < event_p) & (sizes > NOTABLE)
-    if np.count_nonzero(departing) != 1:
+    if not departing.any():  # a dependence too small to matter is none
+        return Findings(tests), np.where(sizes > NOTABLE, p_values, 1.0)
+    if np.count_nonzero(departing) > 1:
         return Findings(tests), np.ones(3)
     one = int(np.argmax(departing))
     found = Symptom("noise_pattern", AXES[one], float(sizes[one]), "of its power", 0.0, {}, float(p_values[one]), texts[one])

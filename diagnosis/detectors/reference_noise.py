@@ -28,6 +28,8 @@ Indices = NDArray[np.intp]
 
 CORRELATED = 1 + 2 * 17 / 36  # variance of the mean square of second differences, beside that of independent ones
 TRIM = 3.0  # robust sigmas beyond which a difference does not count
+NORMAL = 0.6745  # median of the absolute value of a standard normal variable
+ROBUST_ERROR = 1.17  # relative error of a robust sigma, times the root of the number of values
 TRIMMED = 0.9733  # variance of a normal variable cut there
 FEWEST = 40  # second differences, below which nothing is said
 # Log odds of an excess of the references, below which it is one of the angle turned: of the two the first is on the list,
@@ -65,6 +67,7 @@ class ReferenceNoise:
     axis: int | None  # the one axis that departs, or None for all
     event_p: float = DEFAULT.sample_event  # p-value below which the noise is not as stated
     of_gyro: bool = False  # whether an excess is rather one of the angle turned in each spacing, and so the gyro's
+    likeness: float = 1.0  # p-value of how it behaves, if it is white and normal
 
     @property
     def departs(self) -> bool:
@@ -118,38 +121,56 @@ def estimate_reference_noise(
         return None
     z = found.values / np.sqrt(found.stated + found.walk)
     # Single large differences, as beside a slew with wrong time tags, are not noise.
-    kept = np.abs(z) < TRIM * np.median(np.abs(z), axis=0) / 0.6745
+    kept = np.abs(z) < TRIM * np.median(np.abs(z), axis=0) / NORMAL
     factor, sigma, p, axis = _estimate_factors(found, kept)
-    of_gyro = False
-    if p < settings.sample_event and np.any(factor > 1):
-        axes = np.arange(3) if axis is None else np.array([axis])
-        of_gyro = _compute_log_odds(found, wider, axes) < UNLIKELY
-    return ReferenceNoise(factor, sigma, p, axis, settings.sample_event, of_gyro)
+    if p >= settings.sample_event:
+        return ReferenceNoise(factor, sigma, p, axis, settings.sample_event)
+    axes = np.arange(3) if axis is None else np.array([axis])
+    of_gyro = bool(np.any(factor > 1)) and _compute_log_odds(found, wider, axes) < UNLIKELY
+    return ReferenceNoise(factor, sigma, p, axis, settings.sample_event, of_gyro, _compute_likeness(found, wider, axes))
 
 
 def _compute_log_odds(found: Differences, wider: Differences, axes: Indices) -> float:
-    """Compute the log odds of an excess of the references against one of the angle turned, from differences of two spacings.
+    """Compute the log odds of an excess of the references against one of the angle turned, from differences of two spacings."""
+    off = [_compare_spacings(found, wider, axis) for axis in axes]
+    return float(sum(0.5 * (of_angle - of_references) for of_references, of_angle in off))
 
-    An excess of either that explains the mean square of the one predicts that of the other. The logarithm of a mean square of n
-    differences has the variance 2 (1 + 2 Σρ²)/n.
+
+def _compare_spacings(found: Differences, wider: Differences, axis: int) -> tuple[float, float]:
+    """χ² with one degree of freedom of white errors of the references and of the angle turned, each as large as differences show.
+
+    An excess of either that explains the mean square of one spacing predicts that of the other. The logarithm of a mean square
+    of n differences has the variance 2 (1 + 2 Σρ²)/n. With few differences both fit.
     """
-    odds = 0.0
-    for axis in axes:
-        squares, stated, walks, counts = [], [], [], []
-        for one in (found, wider):
-            values = one.values[:, axis]
-            if values.size < FEWEST:
-                return 0.0
-            kept = np.abs(values) < TRIM * np.median(np.abs(values)) / 0.6745
-            squares.append(float(np.mean(values[kept] ** 2)) / TRIMMED)
-            stated.append(float(np.mean(one.stated[:, axis])))
-            walks.append(float(np.mean(one.walk[:, axis])))
-            counts.append(values.size)
-        of_references = walks[1] + max(squares[0] - walks[0], 0.0) * stated[1] / stated[0]
-        of_angle = stated[1] + max(squares[0] - stated[0], 0.0) * walks[1] / walks[0]
-        off = np.log(squares[1] / np.array([of_references, of_angle])) ** 2
-        odds -= 0.5 * float(off[0] - off[1]) / (2 * CORRELATED * float(np.sum(1 / np.array(counts))))
-    return odds
+    squares, stated, walks, counts = [], [], [], []
+    for one in (found, wider):
+        values = one.values[:, axis]
+        if values.size < FEWEST:
+            return 0.0, 0.0
+        kept = np.abs(values) < TRIM * np.median(np.abs(values)) / NORMAL
+        squares.append(float(np.mean(values[kept] ** 2)) / TRIMMED)
+        stated.append(float(np.mean(one.stated[:, axis])))
+        walks.append(float(np.mean(one.walk[:, axis])))
+        counts.append(values.size)
+    of_references = walks[1] + max(squares[0] - walks[0], 0.0) * stated[1] / stated[0]
+    of_angle = stated[1] + max(squares[0] - stated[0], 0.0) * walks[1] / walks[0]
+    off = np.log(squares[1] / np.array([of_references, of_angle])) ** 2
+    first, second = off / (2 * CORRELATED * float(np.sum(1 / np.array(counts))))
+    return float(first), float(second)
+
+
+def _compute_likeness(found: Differences, wider: Differences, axes: Indices) -> float:
+    """Compute the p-value of differences if the references' errors are white and normal: their two spacings, and their tails.
+
+    Differences of every third reference share no reference. Their robust sigma is known to 1.17/√n.
+    """
+    of_spacings = float(scipy.special.chdtrc(axes.size, sum(_compare_spacings(found, wider, axis)[0] for axis in axes)))
+    scale = np.median(np.abs(found.values), axis=0) / NORMAL
+    limit = TRIM * (1 - ROBUST_ERROR / np.sqrt(len(found.values))) * scale
+    share = 2 * scipy.special.ndtr(-TRIM * (1 - ROBUST_ERROR / np.sqrt(len(found.values))))
+    beyond = np.abs(found.values[::3, axes]) > limit[axes]
+    of_tails = float(scipy.special.bdtrc(beyond.sum() - 1, beyond.size, share)) if beyond.any() else 1.0
+    return min(1.0, 2 * min(of_spacings, of_tails))
 
 
 def _find_differences(series: ReferenceSeries, density: Array, motion: Array | None, apart: int) -> Differences:
@@ -194,7 +215,7 @@ def _remove_motion_errors(found: Differences, motion: list[Differences]) -> Diff
     X = X / np.maximum(np.linalg.norm(X, axis=(0, 1)), 1e-300)
     left = z
     for _ in range(ROUNDS):
-        used = np.abs(left) < TRIM * np.median(np.abs(left), axis=0) / 0.6745
+        used = np.abs(left) < TRIM * np.median(np.abs(left), axis=0) / NORMAL
         if used.sum() < OF_EACH * len(motion):
             return found
         amplitudes, _, rank, _ = np.linalg.lstsq(X[used], z[used], rcond=1e-9)

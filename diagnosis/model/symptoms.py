@@ -195,7 +195,7 @@ def list_reference_symptoms(prepared: PreparedRecording) -> list[Symptom]:
     sigma = float(1 / np.sqrt(np.sum(1 / noise.sigma**2))) if noise.axis is None else float(noise.sigma[place])
     size = float(noise.factors[place])
     text = f"second differences of the references scatter {size:.3g} times as much as stated"
-    return [Symptom("reference_noise_level", axis, size, "factor", sigma, {}, noise.p_value, text)]
+    return [Symptom("reference_noise_level", axis, size, "factor", sigma, {}, noise.p_value, text, likeness=noise.likeness)]
 
 
 def _build_finding(all_tests: Sequence[SampleTest], symptom: Symptom) -> Finding:

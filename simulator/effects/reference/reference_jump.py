@@ -3,25 +3,32 @@
 A camera system that takes a marker for another one, a star tracker after a wrong identification, a filter that is set anew: all
 three axes jump together, and jump back or not. The size is the norm of e, constant in body axes.
 
-Which windows a diagnosis tries follows from the innovations of the references (`gyrocal.innovations`): a jump shows
-in one of them, and the return in another one. All other windows leave these innovations unexplained; they are left out with
-their share of the prior.
+Which windows a diagnosis tries follows from the references themselves. Each is compared with the attitude that the gyro
+propagates, before and after every time, over one reference and over twice as many up to an eighth of them: a jump that is
+smaller than the noise of one reference shows in the means of many. A window begins and ends where such a difference is largest;
+in a gap between two intervals it may begin as well. All other windows are left out with their share of the prior. One of up to
+three references is a single false attitude, which belongs to the mask of a recording (`gyrocal.masking`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
+
+from scipy.spatial.transform import Rotation
 
 from gyrocal.innovations import Innovations, compute_innovations
 from simulator.effects.base import Array, Parameter, Parameters, References, Surroundings, Trial
 from simulator.effects.common import DEG, number
 from simulator.effects.directed_effect import DirectedEffect
 
-FEWEST_JUMP_REFERENCES = 4  # references of a recording, of which one that jumps and returns can be told
-JUMP_CHI2 = 36.0  # χ² of an innovation of three axes, which noise exceeds once in 10⁷
-MOST_EDGES = 10  # innovations at which a window may begin or end
+FEWEST_JUMP_REFERENCES = 4  # references of a window, more than a group of false ones has
+JUMP_CHI2 = 36.0  # χ² of a difference of three axes, which noise exceeds once in 10⁷
+MEDIAN_CHI2 = 2.366  # of three degrees of freedom
+SMALLEST_ANGLE = 1e-15  # rad, of references without any noise
+SHARE_OF_REFERENCES = 8  # of an interval, over which means are taken at most
+MOST_EDGES = 10  # times at which a window may begin or end
 MOST_BETWEEN = 3  # edges that a window may have inside
 FOREVER_S = 1e12  # end of a jump that stays
 
@@ -43,19 +50,20 @@ class ReferenceJump(DirectedEffect):
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
         """The windows between the largest innovations; where none is large, one window that stands for all."""
+        t_s, interval = around.references.t_s, around.references.interval
         seen = compute_reference_innovations(around)
-        edges = find_edges(seen)
-        if not edges.size:
+        edges = find_edges(seen, interval)
+        middle = 0.5 * (t_s[seen.first] + t_s[seen.second])
+        steps, own = max(len(seen.values), 2), interval[seen.second]
+        gaps = _list_gaps(t_s, interval)
+        if not edges.size and not gaps:
             return (_choose_middle_window(around),)
-        steps = max(len(seen.values), 2)
-        middle = 0.5 * (around.references.t_s[seen.first] + around.references.t_s[seen.second])
-        interval = around.references.interval[seen.second]
-        stays = [_build_window(float(middle[k]), FOREVER_S, 0.5 / steps) for k in edges]
+        stays = [_build_window(time, FOREVER_S, 0.5 / steps) for time in [*middle[edges].tolist(), *gaps]]
         returns = [
             # Half of the prior is that of jumps that return: even in their begin, and in the logarithm of their length.
             _build_window(float(middle[i]), float(middle[k]), 0.5 / (steps * (k - i) * np.log(steps)))
             for (p, i), (q, k) in combinations(enumerate(edges.tolist()), 2)
-            if q - p <= MOST_BETWEEN and interval[i] == interval[k]
+            if q - p <= MOST_BETWEEN and own[i] == own[k] and k - i >= FEWEST_JUMP_REFERENCES
         ]
         return [*stays, *returns]
 
@@ -75,11 +83,61 @@ def compute_reference_innovations(around: Surroundings) -> Innovations:
     )
 
 
-def find_edges(seen: Innovations) -> np.ndarray:
-    """Find the innovations too large for noise, the largest ones, in order of time."""
+def find_edges(seen: Innovations, interval: np.ndarray) -> np.ndarray:
+    """Find the innovations (k,) at which the references jump, the largest jumps, in order of time.
+
+    Parameters
+    ----------
+    seen : innovations of the references
+    interval : (m,) number of the interval of each reference
+    """
+    own = interval[seen.second]
     chi2 = np.sum((seen.values / seen.sigma) ** 2, axis=1)
-    large = np.flatnonzero(chi2 > JUMP_CHI2)
+    chi2[chi2 < JUMP_CHI2] = 0.0
+    for number in np.unique(own):
+        rows = np.flatnonzero(own == number)
+        for length, found in _compare_means(seen, rows):
+            # A jump makes a triangle of that width; one that shows in fewer references is known better.
+            for k in np.flatnonzero(found > JUMP_CHI2).tolist():
+                beside = slice(max(k - length, 0), k + length)
+                if found[k] == found[beside].max() and not chi2[rows[beside]].any():
+                    chi2[rows[k]] = found[k]
+    large = np.flatnonzero(chi2)
     return np.sort(large[np.argsort(-chi2[large], kind="stable")][:MOST_EDGES])
+
+
+def _compare_means(seen: Innovations, rows: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+    """Lengths, and χ² (r,) of so many references from each innovation (r,) of an interval on, against as many before.
+
+    An innovation is ν_j = ρ_j − Φ_j ρ_{j−1}, so that ρ_j, what reference j is off the attitude propagated from the first one, is
+    a sum in the axes of the first one, η_j = R_jᵀ ρ_j = Σ R_iᵀ ν_i. Where the path before a jump is off by the mean μ of the η,
+    a jump of e in body axes leaves ρ_j = e + R_j μ after it, whose mean is e + R̄ μ.
+    """
+    M, R = Rotation.from_rotvec(-seen.turned[rows]).as_matrix(), np.zeros((rows.size + 1, 3, 3))
+    R[0] = np.eye(3)
+    for k in range(rows.size):
+        R[k + 1] = M[k] @ R[k]
+    eta = np.vstack([np.zeros(3), np.cumsum(np.einsum("kji,kj->ki", R[1:], seen.values[rows]), axis=0)])
+    each = (eta, np.einsum("kij,kj->ki", R, eta), R)
+    of_eta, of_rho, of_R = (np.concatenate([np.zeros((1, *one.shape[1:])), np.cumsum(one, axis=0)]) for one in each)
+    length = 2
+    while length * SHARE_OF_REFERENCES <= rows.size:
+        first = np.arange(length, rows.size + 2 - length)
+        mean = (of_eta[first] - of_eta[first - length]) / length
+        rho, turn = ((one[first + length] - one[first]) / length for one in (of_rho, of_R))
+        e = rho - np.einsum("kij,kj->ki", turn, mean)
+        square = np.sum((e / np.maximum(np.median(np.abs(e), axis=0), SMALLEST_ANGLE)) ** 2, axis=1)
+        found = np.zeros(rows.size)
+        found[first - 1] = square * MEDIAN_CHI2 / np.median(square)
+        yield length, found
+        length *= 2
+
+
+def _list_gaps(t_s: np.ndarray, interval: np.ndarray) -> list[float]:
+    """Middles of the gaps between intervals, s."""
+    numbers = [number for number in np.unique(interval) if number >= 0]
+    ends = [(t_s[interval == number].min(), t_s[interval == number].max()) for number in numbers]
+    return [float(0.5 * (end + begin)) for (_, end), (begin, _) in pairwise(sorted(ends)) if begin > end]
 
 
 def _build_window(begin_s: float, end_s: float, weight: float) -> Trial:
