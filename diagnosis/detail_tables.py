@@ -69,6 +69,8 @@ def build_details(prepared: PreparedRecording, explained: AttitudeInference, tab
         regressors=pd.concat(regressors, ignore_index=True) if regressors else pd.DataFrame(columns=columns),
         explanations=tabulate_explanations(explained.attribution),
         stream=test_table(prepared.samples.tests),
+        fitted=explained.fitted,
+        beside=explained.beside,
     )
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from diagnosis.answer import Amplitudes, Cause, Closure, Explanations, Finding, RemainderSummary, Verdict
 from diagnosis.budget import Step
+from diagnosis.inference.amplitudes import FittedEffect
 from diagnosis.inference.conformal import build_conformal_set
 from diagnosis.sensor_result import SensorDiagnosis
 from diagnosis.settings import DEFAULT
@@ -34,6 +35,8 @@ class Details:
     regressors: pd.DataFrame
     explanations: pd.DataFrame  # effects (joined by " + "), probability, log_evidence, unlisted
     stream: pd.DataFrame  # statistic, axis, value, expected, p_value, text
+    fitted: tuple[FittedEffect, ...] = ()  # the causes of the attitude
+    beside: tuple[FittedEffect, ...] = ()  # members of the remainder
 
 
 @dataclass(frozen=True)
