@@ -137,7 +137,7 @@ def _compute_log_odds(found: Differences, wider: Differences, axes: Indices) -> 
 
 
 def _compare_spacings(found: Differences, wider: Differences, axis: int) -> tuple[float, float]:
-    """χ² with one degree of freedom of white errors of the references and of the angle turned, each as large as differences show.
+    """χ² with one degree of freedom of white errors of the references, and of the angle turned, of the size that is seen.
 
     An excess of either that explains the mean square of one spacing predicts that of the other. The logarithm of a mean square
     of n differences has the variance 2 (1 + 2 Σρ²)/n. With few differences both fit.

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from itertools import combinations, pairwise
 
 import numpy as np
-
 from scipy.spatial.transform import Rotation
 
 from gyrocal.innovations import Innovations, compute_innovations
@@ -94,8 +93,8 @@ def find_edges(seen: Innovations, interval: np.ndarray) -> np.ndarray:
     own = interval[seen.second]
     chi2 = np.sum((seen.values / seen.sigma) ** 2, axis=1)
     chi2[chi2 < JUMP_CHI2] = 0.0
-    for number in np.unique(own):
-        rows = np.flatnonzero(own == number)
+    for one in np.unique(own):
+        rows = np.flatnonzero(own == one)
         for length, found in _compare_means(seen, rows):
             # A jump makes a triangle of that width; one that shows in fewer references is known better.
             for k in np.flatnonzero(found > JUMP_CHI2).tolist():
@@ -109,8 +108,8 @@ def find_edges(seen: Innovations, interval: np.ndarray) -> np.ndarray:
 def _compare_means(seen: Innovations, rows: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
     """Lengths, and χ² (r,) of so many references from each innovation (r,) of an interval on, against as many before.
 
-    An innovation is ν_j = ρ_j − Φ_j ρ_{j−1}, so that ρ_j, what reference j is off the attitude propagated from the first one, is
-    a sum in the axes of the first one, η_j = R_jᵀ ρ_j = Σ R_iᵀ ν_i. Where the path before a jump is off by the mean μ of the η,
+    An innovation is ν_j = ρ_j − Φ_j ρ_{j−1}, so that ρ_j, the error of reference j against the attitude that the gyro
+    propagates, is a sum in the axes of the first one, η_j = R_jᵀ ρ_j = Σ R_iᵀ ν_i. Where the path before a jump is off by the mean μ of the η,
     a jump of e in body axes leaves ρ_j = e + R_j μ after it, whose mean is e + R̄ μ.
     """
     M, R = Rotation.from_rotvec(-seen.turned[rows]).as_matrix(), np.zeros((rows.size + 1, 3, 3))
@@ -135,8 +134,8 @@ def _compare_means(seen: Innovations, rows: np.ndarray) -> Iterator[tuple[int, n
 
 def _list_gaps(t_s: np.ndarray, interval: np.ndarray) -> list[float]:
     """Middles of the gaps between intervals, s."""
-    numbers = [number for number in np.unique(interval) if number >= 0]
-    ends = [(t_s[interval == number].min(), t_s[interval == number].max()) for number in numbers]
+    used = [one for one in np.unique(interval) if one >= 0]
+    ends = [(t_s[interval == one].min(), t_s[interval == one].max()) for one in used]
     return [float(0.5 * (end + begin)) for (_, end), (begin, _) in pairwise(sorted(ends)) if begin > end]
 
 
