@@ -109,8 +109,8 @@ def _compare_means(seen: Innovations, rows: np.ndarray) -> Iterator[tuple[int, n
     """Lengths, and χ² (r,) of so many references from each innovation (r,) of an interval on, against as many before.
 
     An innovation is ν_j = ρ_j − Φ_j ρ_{j−1}, so that ρ_j, the error of reference j against the attitude that the gyro
-    propagates, is a sum in the axes of the first one, η_j = R_jᵀ ρ_j = Σ R_iᵀ ν_i. Where the path before a jump is off by the mean μ of the η,
-    a jump of e in body axes leaves ρ_j = e + R_j μ after it, whose mean is e + R̄ μ.
+    propagates, is a sum in the axes of the first one, η_j = R_jᵀ ρ_j = Σ R_iᵀ ν_i. Where the path before a jump is off by the
+    mean μ of the η, a jump of e in body axes leaves ρ_j = e + R_j μ after it, whose mean is e + R̄ μ.
     """
     M, R = Rotation.from_rotvec(-seen.turned[rows]).as_matrix(), np.zeros((rows.size + 1, 3, 3))
     R[0] = np.eye(3)
