@@ -1,13 +1,15 @@
-"""The scenario that a diagnosis stands for: the recording's own plan, flown with the effects that were named.
+"""The scenario that a diagnosis stands for: the recording's own plan, flown with the causes that were found and the remainder.
 
-Only a verdict that names effects puts any in: of a group the first, whose size and calibration are stated. Effects that have
-columns bring the joint posterior of their amplitudes; of one that the samples show, or of a random process, the size has
-a sigma and correlates with nothing. Nonlinear parameters, such as the time of a step, are held as found.
+Of a group the first cause is put in, whose size and calibration are stated. Effects that have columns bring the joint posterior
+of their amplitudes; of one that the samples show, or of a random process, the size has a sigma and correlates with nothing.
+Nonlinear parameters, such as the time of a step, are held as found. Random errors of the remainder are processes of the
+scenario, and white noise beside them is that of the references. Families of errors outside the library cannot be simulated.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.answer import Amplitudes, Cause
+from diagnosis.model.processes import BIAS_WANDERS, REFERENCES_WANDER, TAGS_WANDER
 from diagnosis.result import Diagnosis
 from gyrocal.recording import Recording
 from simulator.adopted_scenario import format_adopted, hash_recording
@@ -23,6 +26,13 @@ from simulator.effects import REGISTRY, Setting, setting
 Array = NDArray[np.float64]
 
 NAMING = ("named", "group", "partial")  # verdicts whose causes are put into a scenario
+PROCESSES = {  # random errors without a name: the effect that simulates them, and its unit in rad or s
+    BIAS_WANDERS: ("bias_markov", np.deg2rad(1 / 3600)),
+    REFERENCES_WANDER: ("reference_correlated", np.deg2rad(1)),
+    TAGS_WANDER: ("clock_wander", 1.0),
+}
+NOISE_EXCESS = "reference_noise_excess"
+LEAST_EXCESS = 0.1  # of the white noise, by which it differs from the stated one
 
 
 @dataclass(frozen=True)
@@ -35,34 +45,62 @@ class Adoption:
     reason: str  # why there are no effects, or ""
     # of each cause that the recording cannot tell from others, its label and theirs
     instead: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    remainder: tuple[Setting, ...] = ()  # effects for what no cause explains
 
     def sentence(self) -> str:
         """Describe what was written."""
         if not self.effects:
             return f"a scenario without effects: {self.reason}"
-        note = f"; {', '.join(self.left_out)} left out, which acts on raw sensor tables" if self.left_out else ""
+        rest = [one.label() for one in self.remainder]
+        causes = [one.label() for one in self.effects][: len(self.effects) - len(rest)]
+        note = f"{' and' if causes else ''} the remainder as {', '.join(rest)}" if rest else ""
+        note += f"; {', '.join(self.left_out)} left out, which acts on raw sensor tables" if self.left_out else ""
         for label, others in self.instead:
             note += f"; this recording cannot tell {label} from {' or '.join(others)}, of which a copy of the file may have one"
-        return f"a scenario with {', '.join(one.label() for one in self.effects)}{note}"
+        return f"a scenario with {', '.join(causes)}{note}"
 
 
 def adopt_causes(diagnosis: Diagnosis) -> Adoption:
-    """The effects that a diagnosis names, and the posterior of their amplitudes."""
-    if diagnosis.verdict not in NAMING:
-        reason = "there is no gap" if diagnosis.verdict == "none" else f"the cause is {diagnosis.verdict}"
-        return Adoption((), np.empty((0, 0)), (), reason)
-    flyable = [cause for cause in diagnosis.causes if REGISTRY[cause.effect].stage != "sensor"]
-    left_out = tuple(cause.label for cause in diagnosis.causes if cause not in flyable)
+    """The effects that a diagnosis names and those of its remainder, and the posterior of their amplitudes."""
+    if not diagnosis.present:
+        return Adoption((), np.empty((0, 0)), (), "there is no gap")
+    named = diagnosis.causes if diagnosis.verdict in NAMING else ()
+    flyable = [cause for cause in named if REGISTRY[cause.effect].stage != "sensor"]
+    left_out = tuple(cause.label for cause in named if cause not in flyable)
     parts = [_locate_amplitudes(cause, diagnosis.amplitudes) for cause in flyable]
-    effects = tuple(one for one, _, _ in parts)
+    remainder = tuple(list_remainder_effects(diagnosis, {cause.effect for cause in flyable}))
+    effects = (*(one for one, _, _ in parts), *(one for one, _ in remainder))
+    parts += [(one, [], sigma) for one, sigma in remainder]
     independent = len(diagnosis.amplitudes.labels)
-    rows = [row for _, places, _ in parts for row in places or [independent]]
+    counts = [REGISTRY[one.effect].amplitudes(one).size for one in effects]
+    rows = [row for (_, places, _), count in zip(parts, counts, strict=True) for row in places or [independent] * count]
     covariance = np.pad(diagnosis.amplitudes.covariance, (0, 1))[np.ix_(rows, rows)]
-    alone = [sigma for _, places, sigma in parts if not places]
+    alone = [sigma for (_, places, sigma), count in zip(parts, counts, strict=True) if not places for _ in range(count)]
     covariance[np.array(rows) == independent, np.array(rows) == independent] = np.square(alone)
-    reason = "" if effects else "its causes act on raw sensor tables, which a replay keeps as they are"
+    reason = f"the cause is {diagnosis.verdict}" if not named else ""
+    reason = reason or ("" if effects else "its causes act on raw sensor tables, which a replay keeps as they are")
     others = [(cause.label, tuple(one for one in cause.group if one != cause.label)) for cause in flyable]
-    return Adoption(effects, covariance, left_out, reason, tuple(one for one in others if one[1]))
+    instead = tuple(one for one in others if one[1])
+    return Adoption(effects, covariance, left_out, reason, instead, tuple(one for one, _ in remainder))
+
+
+def list_remainder_effects(diagnosis: Diagnosis, causes: set[str]) -> Iterator[tuple[Setting, float]]:
+    """List the effects that simulate the remainder of a diagnosis with the sigmas of their sizes.
+
+    Parameters
+    ----------
+    diagnosis : the answer
+    causes : names of the effects that are put in as causes
+    """
+    for one in diagnosis.details.beside:
+        name, unit = PROCESSES.get(one.effect, (one.effect, 1.0))
+        if one.size > 0 and name in REGISTRY and (one.process or one.effect in REGISTRY):
+            known = {parameter.name for parameter in REGISTRY[name].parameters}
+            parameters = {key: value for key, value in one.parameters.items() if key in known}
+            yield setting(name, one.axis, one.size / unit, parameters), one.sigma / unit
+    factor = 1.0 if diagnosis.remainder is None else diagnosis.remainder.noise_factor
+    if abs(factor - 1) > LEAST_EXCESS and NOISE_EXCESS not in causes:
+        yield setting(NOISE_EXCESS, None, factor, {}), 0.0
 
 
 def write_adopted_scenario(diagnosis: Diagnosis, recording: Recording, folder: Path, out: Path) -> tuple[str, Adoption]:

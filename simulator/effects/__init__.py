@@ -46,6 +46,7 @@ gyro.g_matrix_temperature
 gyro.time_offset
 gyro.clock_drift
 gyro.clock_slip
+gyro.clock_wander
 gyro.rate_lag
 gyro.rate_quantization
 gyro.rate_deadzone

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from diagnosis.adopt import adopt_causes, write_adopted_scenario
-from diagnosis.answer import Amplitudes
+from diagnosis.answer import Amplitudes, RemainderSummary
 from diagnosis.diagnose import diagnose
+from diagnosis.inference.amplitudes import FittedEffect
+from diagnosis.model.processes import BIAS_WANDERS, REFERENCES_WANDER, TAGS_WANDER
 from gyrocal import load, save
 from simulator import adopted_scenario as scenarios
 from simulator.effects import REGISTRY, parse
@@ -47,6 +49,41 @@ def test_a_verdict_that_names_nothing_adopts_nothing(case):
     adoption = adopt_causes(getattr(diagnosis_cases, case)())
     assert adoption.effects == ()
     assert "without effects" in adoption.sentence()
+
+
+def test_random_errors_of_the_remainder_are_processes_of_the_scenario(found, tmp_path):
+    """In the units of their effects, and flown with the causes; what has no effect is left out."""
+    empty = np.zeros((0, 0))
+
+    def member(effect, axis, size, tau):
+        parameters = {"time_constant_s": tau}
+        return FittedEffect(
+            effect, effect, axis, "", size, 0.1 * size, parameters, empty, empty, empty, size, True, np.zeros(0)
+        )
+
+    arcsec = np.deg2rad(1 / 3600)
+    beside = (
+        member(BIAS_WANDERS, "x", 2 * arcsec, 300.0),
+        member(REFERENCES_WANDER, "y", 5 * arcsec, 600.0),
+        member(TAGS_WANDER, None, 0.02, 900.0),
+        member("scale factor or misalignment wanders", "z", 1e-4, 900.0),
+    )
+    rest = RemainderSummary(0.3, (0.2, 0.4), (2, 0, 0), (0, 5 / 3600, 0), 0.02, 0.0, 1.3, "gyro", 300.0, ())
+    both = replace(found, details=replace(found.details, beside=beside), remainder=rest)
+    adoption = adopt_causes(both)
+    assert [one.label() for one in adoption.remainder] == [
+        "bias_markov:x", "reference_correlated:y", "clock_wander", "reference_noise_excess",
+    ]  # fmt: skip
+    assert [one.size for one in adoption.remainder] == pytest.approx([2.0, 5 / 3600, 0.02, 1.3])
+    assert np.sqrt(np.diag(adoption.covariance))[-4:] == pytest.approx([0.2, 0.5 / 3600, 0.002, 0.0])
+    save(recorded(5, ORBITAL, **COARSE), tmp_path / "rec")
+    recording = load(tmp_path / "rec")
+    text, _ = write_adopted_scenario(both, recording, tmp_path / "rec", tmp_path / "adopted.toml")
+    (tmp_path / "adopted.toml").write_text(text)
+    flown, plain = scenarios.load(tmp_path / "adopted.toml"), adopt_causes(found)
+    moved = flown.fly(seed=3, noise=False).gyro.rates - flown.fly(seed=3, effects=plain.effects, noise=False).gyro.rates
+    assert np.rad2deg(moved[:, 0].std()) * 3600 == pytest.approx(2.0, rel=0.6)  # few time constants
+    assert "the remainder as" in adoption.sentence()
 
 
 def test_an_effect_of_the_samples_brings_its_own_sigma():
