@@ -16,6 +16,12 @@ Verdict = Literal["none", "named", "group", "partial", "unknown", "not identifia
 Explanations = tuple[tuple[tuple[str, ...], float], ...]  # labels of each, and its probability; the likeliest first
 
 
+def format_span(start_s: float, stop_s: float) -> str:
+    """Format two times in s, with as many decimals as tell them apart."""
+    decimals = 0 if stop_s - start_s >= 10 else 1 if stop_s - start_s >= 1 else 2
+    return f"{start_s:.{decimals}f} to {stop_s:.{decimals}f} s"
+
+
 @dataclass(frozen=True)
 class Finding:
     """One place where the recording departs from the baseline."""

@@ -70,6 +70,7 @@ def build_diagnosis(
         amplitudes=compute_joint_amplitudes(explained.fitted, explained.covariance),
         sigma_nominal=_compute_nominal_sigma(prepared, explained),
         blind=_explain_blindness(prepared, settings),
+        unobserved=prepared.unobserved,
     )
     return build_answer(seen, samples, explained, settings, runtime_s)
 
@@ -164,6 +165,7 @@ class AnswerInputs:
     amplitudes: Amplitudes = field(default_factory=Amplitudes)
     blind: str | None = None
     sigma_nominal: Array | None = None
+    unobserved: tuple[str, ...] = ()
 
 
 def build_answer(
@@ -218,6 +220,7 @@ def build_answer(
         budget=explained.budget,
         remainder=explained.remainder,
         sigma_nominal=seen.sigma_nominal,
+        unobserved=seen.unobserved,
     )
 
 

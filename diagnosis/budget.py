@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from diagnosis.answer import Closure
 from diagnosis.inference.amplitudes import FittedEffect
 from diagnosis.model.calibration import calibrate_beside
-from diagnosis.model.folds import RECORDING_SPLIT, ConditionedRows, assign_folds, condition_rows
+from diagnosis.model.folds import PARTS, RECORDING_SPLIT, ConditionedRows, assign_folds, condition_rows
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.replication import PartSize, estimate_by_part
 
@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 DRAWS = 2000  # of the bootstrap over held-out parts
+MATERIAL = 1.5  # of the stated sigma, from which an error of a held-out attitude matters to a user
 FLOOR = 1.0  # whitened mean square of held-out errors under the stated noise
 
 LEAST_TOTAL_MISFIT = 1e-9
@@ -60,6 +61,36 @@ class Step:
         out = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
         out |= {name: list(out[name]) for name in ("interval_90", "ramp") if out[name] is not None}
         return {**out, "by_part": [vars(one).copy() for one in self.by_part]}
+
+
+@dataclass(frozen=True)
+class MisfitSize:
+    """What a misfit does to an attitude that is held out and predicted from the rest."""
+
+    added_deg: float  # RMS beside the stated noise
+    stated_deg: float  # RMS under the stated noise
+    over_s: float  # length of a stretch that is held out, median
+
+    @property
+    def material(self) -> bool:
+        """Whether the whole error exceeds the stated sigma by a half."""
+        return float(np.hypot(self.added_deg, self.stated_deg)) > MATERIAL * self.stated_deg
+
+
+def measure_misfit_size(budget: Sequence[Step], residuals: pd.DataFrame) -> MisfitSize | None:
+    """Measure what the misfit of a budget does to a held-out attitude; None without a budget.
+
+    Parameters
+    ----------
+    budget : its steps
+    residuals : interval and t_s of the observations, a row each
+    """
+    if not budget or not budget[0].misfit > 0:
+        return None
+    before = budget[0]
+    stated = before.misfit_deg / float(np.sqrt(before.misfit))
+    length = residuals.groupby("interval")["t_s"].agg(np.ptp).median() / PARTS
+    return MisfitSize(float(np.sqrt(max(before.misfit_deg**2 - stated**2, 0.0))), stated, float(length))
 
 
 @dataclass(frozen=True)

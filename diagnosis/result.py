@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from diagnosis.answer import Amplitudes, Cause, Closure, Explanations, Finding, RemainderSummary, Verdict
-from diagnosis.budget import Step
+from diagnosis.budget import MisfitSize, Step, measure_misfit_size
 from diagnosis.inference.amplitudes import FittedEffect
 from diagnosis.inference.conformal import build_conformal_set
 from diagnosis.sensor_result import SensorDiagnosis
@@ -69,6 +69,7 @@ class Diagnosis:
     mask, masked, masked_share : stretches that were not measured and are left out, a sentence for each kind, and the share of
         the gyro samples in them
     invisible : effects that this recording cannot show and that move G and b most
+    unobserved : elements of G and b that its motions do not show
     """
 
     recording: str
@@ -101,6 +102,12 @@ class Diagnosis:
     masked: tuple[str, ...] = ()
     masked_share: float = 0.0
     invisible: tuple[InvisibleEffect, ...] = ()
+    unobserved: tuple[str, ...] = ()
+
+    @property
+    def misfit_size(self) -> MisfitSize | None:
+        """Size of the misfit of held-out attitudes beside the stated noise; None where the attitude shows none."""
+        return measure_misfit_size(self.budget, self.details.residuals)
 
     @property
     def conformal_90(self) -> tuple[str, ...]:
@@ -169,6 +176,10 @@ class Diagnosis:
             },
             "budget": [step.to_json() for step in self.budget],
             "remainder": None if self.remainder is None else self.remainder.to_json(),
+            "misfit_size": None
+            if self.misfit_size is None
+            else vars(self.misfit_size) | {"material": self.misfit_size.material},
+            "unobserved": list(self.unobserved),
             "masked": self.mask.to_json(),
             "masked_share": self.masked_share,
             "invisible": [one.to_json() for one in self.invisible],

@@ -24,6 +24,7 @@ MOST_SHORT = 200
 FEWEST_SHORT = 6  # of them, for twelve parameters
 SETTLED_SHORT = 1e-6  # of G
 
+ELEMENTS = (*(f"G_{a}{b}" for a in "xyz" for b in "xyz"), "b_x", "b_y", "b_z")
 UNSEEN = 0.5  # of its plausible range: a parameter less certain than that is not observed
 IMPLAUSIBLE = np.array([0.2] * 9 + [np.deg2rad(0.1)] * 3)  # changes of G and b, rad/s
 
@@ -104,15 +105,19 @@ def compute_correction(model: RecordingModel, ranges: Array = PLAUSIBLE_RANGE) -
     return np.asarray(np.linalg.solve(information, scaled.T @ observed) * ranges), np.asarray(covariance)
 
 
-def report_unobserved(model: RecordingModel) -> tuple[str, ...]:
-    """Sentence with the elements of G and b that stay less certain than `UNSEEN` of the plausible range of the gyro's grade."""
+def report_unobserved(model: RecordingModel) -> tuple[tuple[str, ...], str]:
+    """Elements of G and b that stay less certain than `UNSEEN` of the plausible range of the gyro's grade, and that grade."""
     plausible = estimate_plausible_ranges(model.recording)
     ranges = plausible.vector(np.arange(12) >= 9)
     sigma = np.sqrt(np.diag(compute_correction(model, ranges)[1]))
-    names = np.array([f"G_{a}{b}" for a in "xyz" for b in "xyz"] + ["b_x", "b_y", "b_z"])[sigma > UNSEEN * ranges]
-    if not names.size:
-        return ()
+    return tuple(name for name, unseen in zip(ELEMENTS, sigma > UNSEEN * ranges, strict=True) if unseen), plausible.reason
+
+
+def describe_unobserved(model: RecordingModel) -> tuple[str, ...]:
+    """Sentence with the elements of G and b that are not observed; none if all are."""
+    names, reason = report_unobserved(model)
     return (
-        f"Not observed by these motions: {', '.join(names)} ({plausible.reason}); effects that act like them cannot be seen "
-        "either",
+        (f"Not observed by these motions: {', '.join(names)} ({reason}); effects that act like them cannot be seen either",)
+        if names
+        else ()
     )

@@ -14,7 +14,7 @@ import pandas as pd
 import scipy.special
 from numpy.typing import NDArray
 
-from diagnosis.answer import Finding
+from diagnosis.answer import Finding, format_span
 from diagnosis.model.recording_model import RecordingModel
 
 Array = NDArray[np.float64]
@@ -101,7 +101,7 @@ def list_findings(table: pd.DataFrame) -> Sequence[Finding]:
             break
         text = (
             f"{row['interval']}, {row['phase']}, axis {row['axis']}: χ² {row['value']:.0f} ({row['dof']} expected), "
-            f"{row['start_s']:.0f} to {row['stop_s']:.0f} s after its start"
+            f"{format_span(row['start_s'], row['stop_s'])} after its start"
         )
         times = (row["start_s"], row["stop_s"])
         found.append(Finding("attitude", row["interval"], row["axis"], times, "chi2", row["value"], p, text))

@@ -50,6 +50,7 @@ class PreparedRecording:
     reference_noise: ReferenceNoise | None  # test of the references' noise, None without a series of them
     notes: tuple[str, ...]  # limits of this recording
     pieces: tuple[Interval, ...]  # the intervals that the model is propagated over
+    unobserved: tuple[str, ...] = ()  # elements of G and b that these motions do not show
 
     @property
     def has_odd_references(self) -> bool:
@@ -129,7 +130,7 @@ def reclassify_without_effects(
     recording, pieces, report = prepared.model.recording, prepared.pieces, prepared.samples
     model, sigma = calibrate_baseline(recording, report, pieces, recording.attitudes.sigma)
     again = classify_noise(UnclassifiedRecording(recording, report, model, sigma, pieces), settings, tell, at_work)
-    return None if again.has_odd_references else replace(again, notes=prepared.notes)
+    return None if again.has_odd_references else replace(again, notes=prepared.notes, unobserved=prepared.unobserved)
 
 
 def _measure_reference_noise(

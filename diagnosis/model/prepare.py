@@ -14,7 +14,7 @@ import numpy as np
 
 from diagnosis.detectors.sample_report import scale_progress
 from diagnosis.detectors.samples import examine
-from diagnosis.model.baseline import calibrate_baseline, report_unobserved
+from diagnosis.model.baseline import calibrate_baseline, describe_unobserved, report_unobserved
 from diagnosis.model.noise_classification import PreparedRecording, Progress, UnclassifiedRecording, classify_noise
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.settings import DEFAULT, DiagnosisSettings
@@ -48,7 +48,9 @@ def prepare(
     pieces, stated = recording.intervals, recording.attitudes.sigma
     model, sigma = calibrate_baseline(recording, report, pieces, stated, scale_progress(tell_samples, 0.06, 0.07))
     found = classify_noise(UnclassifiedRecording(recording, report, model, sigma, pieces), settings, tell)
-    return replace(found, notes=(*report_noise_levels(found), *_write_notes(found.model)))
+    return replace(
+        found, notes=(*report_noise_levels(found), *_write_notes(found.model)), unobserved=report_unobserved(found.model)[0]
+    )
 
 
 def _check_samples(recording: Recording) -> None:
@@ -79,7 +81,7 @@ def _write_notes(model: RecordingModel) -> tuple[str, ...]:
             f"References only at the ends of {len(counts)} intervals: {max(left, 0)} degrees of freedom are left beside the 12 "
             "of the calibration, so most effects cannot be told from one another or from a change of G and b"
         )
-    notes += report_unobserved(model)
+    notes += describe_unobserved(model)
     notes.append(
         "A constant offset of the references acts like a rotation of G and of the start attitudes: no recording of gyro and "
         "reference attitudes can show it"

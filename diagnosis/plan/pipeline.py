@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from diagnosis.model.baseline import report_unobserved
+from diagnosis.model.baseline import describe_unobserved
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.recording_model import RecordingModel
 from diagnosis.plan.columns import build_signatures, linearise_noise_free
@@ -96,7 +96,7 @@ def _write_plan_notes(scenario: Scenario, model: RecordingModel) -> tuple[str, .
             "from one another"
         )
     notes += [
-        *report_unobserved(model),
+        *describe_unobserved(model),
         "Sizes of effects that show in the samples, or in the noise of the references, are not computed",
         "Not identifiable from any recording: a constant offset of all references, the same as a turn of G and the start "
         "attitudes; constant errors of G and b, which are calibrated away",

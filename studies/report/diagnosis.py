@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from diagnosis.answer import Cause, Finding, RemainderSummary
+from diagnosis.answer import Cause, Finding, RemainderSummary, format_span
 from diagnosis.budget import Step
 from diagnosis.result import Details, Diagnosis
 from diagnosis.sensor_result import RejectedExplanation, SensorDiagnosis
@@ -37,7 +37,8 @@ WIDEST_SHARE = 2.0  # width of the 90 % interval of a closed share above which t
 HETEROGENEOUS = 0.01  # p-value below which the sizes by part do not agree
 HOUR_S = 3600.0
 ARCSEC_PER_DEG = 3600.0
-VERDICT_STYLES = {"none": "", "not identifiable": "open"}  # of the answer; a gap for all other verdicts
+VERDICT_STYLES = {"none": "", "not identifiable": "open"}  # of the answer; that of a misfit for all other verdicts
+COUNT = 12  # elements of G and b
 UNLISTED = "an effect outside the library acts"
 SIDE_NAMES = {
     "gyro": "the gyro",
@@ -66,7 +67,9 @@ def build_diagnosis_page(
     """
     picture = _build_budget_picture(diagnosis) if diagnosis.budget else _build_residual_picture(diagnosis)
     answers = list_answers(diagnosis, orbit_s, next_flight)
-    answer = Answer(VERDICT_STYLES.get(diagnosis.verdict, "gap"), picture, describe_closure(diagnosis), answers)
+    size = diagnosis.misfit_size
+    misfit = "gap" if size is None or size.material else "open"
+    answer = Answer(VERDICT_STYLES.get(diagnosis.verdict, misfit), picture, describe_closure(diagnosis), answers)
     sections = [
         Section("Causes", _build_cause_items(diagnosis)),
         Section("Gap budget on held-out data", _build_budget_items(diagnosis)),
@@ -88,6 +91,8 @@ def build_diagnosis_page(
 def list_answers(diagnosis: Diagnosis, orbit_s: float = math.nan, next_flight: str = "") -> dict[str, str]:
     """List the answers by their questions, in the order in which they are read; arguments as of `build_diagnosis_page`."""
     answers = {"Does the baseline fit?": _describe_fit(diagnosis), "Where not?": _describe_places(diagnosis)}
+    if diagnosis.present:
+        answers["Does it matter?"] = describe_misfit_size(diagnosis)
     answers["Which cause?"] = _describe_causes(diagnosis)
     if diagnosis.causes:
         answers["What does it cost in pointing?"] = describe_pointing_cost(diagnosis.details.regressors, orbit_s)
@@ -101,7 +106,35 @@ def list_answers(diagnosis: Diagnosis, orbit_s: float = math.nan, next_flight: s
 
 def format_headline(diagnosis: Diagnosis) -> str:
     """Answer in one sentence without a full stop."""
+    size = diagnosis.misfit_size
+    headline = _format_answer(diagnosis)
+    if size is None or not diagnosis.present:
+        return headline
+    added, stated = tables.format_short(size.added_deg), tables.format_short(size.stated_deg)
+    return f"{'' if size.material else 'Significant but small: '}{headline} ({added} deg beside {stated} deg as stated)"
+
+
+def describe_misfit_size(diagnosis: Diagnosis) -> str:
+    """State what the misfit adds to a held-out attitude beside the stated noise."""
+    size = diagnosis.misfit_size
+    if size is None:
+        return "The misfit shows in the samples alone; the attitudes fit the stated noise."
+    added, stated = tables.format_short(size.added_deg), tables.format_short(size.stated_deg)
+    span = format_duration(size.over_s)
+    return f"{'Yes' if size.material else 'Hardly'}. It adds {added} deg to an attitude over {span}; stated: {stated} deg."
+
+
+def format_duration(seconds: float) -> str:
+    """Format a time in s up to two minutes, in min up to five hours, or in h."""
+    if seconds < 120:
+        return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 18000 else f"{seconds / 3600:.1f} h"
+
+
+def _format_answer(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "none":
+        if len(diagnosis.unobserved) == COUNT:
+            return "No misfit, but these motions determine neither G nor b"
         return "No misfit: the baseline explains this recording"
     if diagnosis.verdict == "unknown":
         clauses = [_format_clause(cause) for cause in diagnosis.causes]
@@ -112,6 +145,11 @@ def format_headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "not identifiable" or not diagnosis.causes:
         return f"This recording cannot show {'the cause of its misfit' if diagnosis.present else 'whether there is a misfit'}"
     clauses = [_format_with_alternatives(cause, diagnosis) for cause in diagnosis.causes]
+    measured = {step.step for step in diagnosis.budget}
+    if diagnosis.verdict == "partial" and measured.isdisjoint(cause.label for cause in diagnosis.causes):
+        return _start_with_capital(
+            f"{join_items(clauses, 'and')}, in the samples alone; the misfit of the attitude is not explained"
+        )
     if diagnosis.verdict == "partial":
         return _start_with_capital(f"{clauses[0]}{_state_shares(diagnosis)}")
     return _start_with_capital(("; and " if diagnosis.verdict == "group" else ", and ").join(clauses))
@@ -180,7 +218,7 @@ def _describe_places(diagnosis: Diagnosis) -> str:
 def _describe_place(one: Finding) -> str:
     axis = f" about {one.axis}" if one.axis else ""
     interval = f" in {one.interval}" if one.interval else ""
-    window = f", {one.window_s[0]:.0f} to {one.window_s[1]:.0f} s after its start" if one.window_s and one.interval else ""
+    window = f", {format_span(*one.window_s)} after its start" if one.window_s and one.interval else ""
     what = "samples of the gyro" if one.signal == "gyro stream" else one.signal
     return f"in the {what}{axis}{interval}{window}"
 
@@ -210,13 +248,13 @@ def _format_behaviour(label: str) -> str:
     return _format_unsized(label) if label.partition(":")[0] in EFFECTS else label.replace(":", ", axis ")
 
 
-_IN_MODEL = 'Use the calibration with this cause (table "Calibration", column "with causes")'
+_IN_MODEL = 'Use the calibration with the causes (table "Calibration", column "with causes")'
 _TAGS = "Correct the gyro's time tags or undo its filter by the size found, and calibrate again"
 _SAMPLES = "Correct the samples where they are made, in the unit's settings or its telemetry, and calibrate again"
 _REFERENCES = f"Leave the gyro and correct the reference attitudes. {_IN_MODEL}"
 REMEDIES = {
     "rate": _IN_MODEL,
-    "random_rate": f"{_IN_MODEL}, and repeat it before the bias has changed by more than is acceptable",
+    "random_rate": f"{_IN_MODEL}. Repeat the calibration before the bias has changed by more than is acceptable",
     "filter": _TAGS,
     "clock": _TAGS,
     "threshold": _SAMPLES,
@@ -237,7 +275,11 @@ REMEDIES = {
 def describe_next_step(diagnosis: Diagnosis) -> str:
     """Recommend the next step, without the maneuvers to fly."""
     if diagnosis.verdict == "none":
-        return "Use the calibration as it is."
+        if len(diagnosis.unobserved) == COUNT:
+            return "Keep the calibration that the gyro had: these motions add nothing to it."
+        if not diagnosis.unobserved:
+            return "Use the calibration as it is."
+        return f"Use the calibration but for {join_items(diagnosis.unobserved, 'and')}, which these motions do not show."
     if diagnosis.verdict == "unknown":
         place = next((one.interval for one in diagnosis.where if one.interval), None)
         first = f"Compare {place} with the other intervals" if place else "Compare the intervals"
@@ -245,7 +287,7 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
     if not diagnosis.causes:
         return "Do not decide by this recording; make another one."
     stages = [EFFECTS[one.effect].stage if one.effect in EFFECTS else "rate" for one in diagnosis.causes]
-    remedies = list(dict.fromkeys(REMEDIES[stage] for stage in stages))
+    remedies = list(dict.fromkeys(part for stage in stages for part in REMEDIES[stage].split(". ")))
     if diagnosis.remainder is not None and diagnosis.remainder.share > 0.5:
         remedies.insert(0, f"Look at {SIDE_NAMES[diagnosis.remainder.side]} first, the source of most of the misfit")
     return " ".join(f"{one}." for one in remedies)
@@ -274,7 +316,7 @@ def describe_pointing_cost(regressors: pd.DataFrame, orbit_s: float) -> str:
         return f"None: the references err, by up to {size} arcsec about {axis}, in {interval}."
     window, name = (orbit_s, "an orbit") if math.isfinite(orbit_s) else (HOUR_S, "an hour")
     angle, axis, interval, length = _find_largest_turn(gyro, window)
-    within = name if 0.9 * window < length <= window else f"{length / 60:.0f} min"
+    within = name if 0.9 * window < length <= window else format_duration(length)
     size = tables.format_short(angle, 3)
     return f"Propagated with the gyro, the attitude errs by up to {size} arcsec about {axis} in {within}, in {interval}."
 
@@ -375,7 +417,7 @@ def _locate_interval(t_s: float, details: Details) -> str:
     if len(inside):
         own = details.statistics.loc[details.statistics["interval"] == inside.index[0], "start_s"]
         first = float(own.min()) if len(own) else 0.0
-        return f", in {inside.index[0]}, {t_s - inside['min'].iloc[0] + first:.0f} s after its start"
+        return f", in {inside.index[0]}, {format_duration(t_s - inside['min'].iloc[0] + first)} after its start"
     return f", between {before.index[-1]} and {after.index[0]}" if len(before) and len(after) else ""
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.model.baseline import report_unobserved
+from diagnosis.model.baseline import describe_unobserved
 from diagnosis.model.linearise import linearise_recording
 from tests.diagnosis.recordings import slews
 
@@ -19,7 +19,7 @@ def test_a_parameter_is_observed_by_the_grade_of_its_own_gyro(arw_deg_per_sqrt_s
         gyro=replace(made.gyro, arw=np.deg2rad(arw_deg_per_sqrt_s)),
         attitudes=replace(made.attitudes, sigma=np.full_like(made.attitudes.sigma, np.deg2rad(0.5))),
     )
-    (note,) = report_unobserved(linearise_recording(made, np.eye(3), np.zeros(3))) or ("",)
+    (note,) = describe_unobserved(linearise_recording(made, np.eye(3), np.zeros(3))) or ("",)
     assert ("b_x" not in note) == bias_is_seen
 
 
@@ -30,6 +30,6 @@ def test_what_the_motion_does_not_show_is_said_of_any_grade():
     rows = np.any([(read.t_s >= part.start_s) & (read.t_s <= part.stop_s) for part in own], axis=0)
     seen = replace(read, t_s=read.t_s[rows], quaternions=read.quaternions[rows], sigma=read.sigma[rows])
     one = replace(made, intervals=own, attitudes=seen, gyro=replace(made.gyro, arw=np.deg2rad(0.01)))
-    (note,) = report_unobserved(linearise_recording(one, np.eye(3), np.zeros(3)))
+    (note,) = describe_unobserved(linearise_recording(one, np.eye(3), np.zeros(3)))
     assert all(name in note for name in ("G_xy", "G_yz", "G_zz"))
     assert "G_xx" not in note

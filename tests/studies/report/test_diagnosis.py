@@ -133,6 +133,27 @@ def test_every_stage_has_a_remedy():
     assert CASES["unknown"]().where[0].interval in report.describe_next_step(CASES["unknown"]())
 
 
+def test_a_misfit_matters_where_it_exceeds_the_stated_noise_by_a_half():
+    """A whitened mean square of 4 is twice the stated sigma; one of 1.21 is a tenth more."""
+    base = CASES["named"]()
+    large, small = (dataclasses.replace(base, budget=(Step("baseline", one, 0.1),)) for one in (4.0, 1.21))
+    assert report.describe_misfit_size(large).startswith("Yes. It adds 0.087 deg to an attitude over ")
+    assert report.describe_misfit_size(small).startswith("Hardly. It adds 0.042 deg")
+    assert report.format_headline(small).startswith("Significant but small: ")
+    assert report.build_diagnosis_page(small).answer.kind == "open"
+    assert report.build_diagnosis_page(large).answer.kind == "gap"
+    assert "samples alone" in report.describe_misfit_size(dataclasses.replace(base, budget=()))
+
+
+def test_a_calibration_is_recommended_for_what_the_motions_show():
+    base = CASES["none"]()
+    some = dataclasses.replace(base, unobserved=("G_xx", "b_y"))
+    assert report.describe_next_step(some) == "Use the calibration but for G_xx and b_y, which these motions do not show."
+    every = dataclasses.replace(base, unobserved=tuple(map(str, range(12))))
+    assert report.describe_next_step(every).startswith("Keep the calibration that the gyro had")
+    assert "determine neither G nor b" in report.format_headline(every)
+
+
 def test_a_time_in_an_interval_counts_from_its_start_where_references_are_averaged():
     """The first observation, of references up to 20 s, is at 10 s."""
     residuals = pd.DataFrame({"interval": "slews", "t_s": 1010.0 + 20.0 * np.arange(5)})
@@ -170,7 +191,8 @@ def test_a_partial_answer_states_the_share_of_its_causes_and_the_largest_source_
     budget = (Step("baseline", 4.0, 0.1), Step("time_offset", 3.8, 0.1, 0.07, (0.04, 0.13)), Step("remainder", 3.8, 0.1, 0.93))
     left = RemainderSummary(0.93, (0.87, 0.96), (0.0, 0.0, 0.0), (0.3, 0.2, 0.1), 0.0, 0.0, 1.0, "reference", 0.7, ())
     one = dataclasses.replace(base, verdict="partial", causes=(alone,), budget=budget, remainder=left)
-    assert report.format_headline(one).endswith("are 0.52 s late; this removes 7 % of the misfit, 93 % is not explained")
+    said = "are 0.52 s late; this removes 7 % of the misfit, 93 % is not explained (0.087 deg beside 0.05 deg as stated)"
+    assert report.format_headline(one).endswith(said)
     assert report.describe_next_step(one).startswith("Look at the reference attitudes first")
     two = dataclasses.replace(one, causes=(alone, CASES["named"]().causes[0]))
     assert ", the first of 2 causes; together they remove 7 % of the misfit" in report.format_headline(two)
