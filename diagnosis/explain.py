@@ -24,7 +24,7 @@ from diagnosis.inference.criticism import Check, combine_checks
 from diagnosis.inference.joint_search import Inferred, infer_set
 from diagnosis.inference.null import compute_null_p
 from diagnosis.inference.search import Search
-from diagnosis.model.calibration import calibrate_with_effects
+from diagnosis.model.calibration import calibrate_beside_remainder, calibrate_with_effects
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.known_effects import select_known_effects
 from diagnosis.model.linear import Candidate, LinearModel
@@ -131,7 +131,7 @@ def measure_explained(model: RecordingModel, explained: AttitudeInference, setti
         attribution = replace(attribution, unknown=1.0)  # what it describes has no name
     sizes = [(float(step.size or 0.0), float(step.sigma or 0.0)) for step in budget[1:]]
     sized = tuple(replace(one, size=size, sigma=sigma) for one, (size, sigma) in zip(fitted, sizes, strict=False))
-    change, covariance = calibrate_with_effects(model, [*fitted, *beside])
+    change, covariance = calibrate_beside_remainder(model, fitted, beside)
     return replace(
         explained,
         attribution=attribute(attribution, tuple(slots), bool(beside), settings),

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diagnosis.inference.amplitudes import fit
+from diagnosis.inference.amplitudes import FittedEffect, fit
 from diagnosis.inference.search import Search
-from diagnosis.model.calibration import calibrate_with_effects
+from diagnosis.model.calibration import calibrate_beside_remainder, calibrate_with_effects, jackknife_calibration
+from diagnosis.model.folds import assign_folds
 from diagnosis.model.linear import SelectedCandidate
 from diagnosis.model.prepare import prepare
 from gyrocal import calibrate
@@ -41,6 +42,46 @@ def test_errors_of_m0s_calibration_are_those_of_its_covariance():
         error = vector(model) - truth()
         nees += error @ np.linalg.solve(calibrate_with_effects(model, [])[1], error)
     assert 1e-3 < scipy.stats.chi2.cdf(nees, 12 * 6) < 1 - 1e-3
+
+
+def test_a_shape_in_the_place_of_a_scale_factor_leaves_the_calibration():
+    """Each part of the recording would have another scale beside it; a shape that is there makes them agree and stays."""
+    model, rng = prepared(3).model, np.random.default_rng(2)
+    parts = np.repeat(assign_folds(model), 3)
+
+    def member(column, process):
+        return FittedEffect(
+            "shape",
+            "shape",
+            None,
+            "",
+            1.0,
+            0.1,
+            {},
+            column[:, None],
+            np.ones(1),
+            np.ones(1),
+            60.0,
+            process,
+            np.zeros(column.size),
+        )
+
+    scale = model.calibration[:, 8] / np.linalg.norm(model.calibration[:, 8])
+    false = member(30 * scale * (1 + 0.3 * np.sign(np.sin(parts))), False)
+    noise = member(rng.standard_normal(model.size), True)
+    plain, _ = calibrate_beside_remainder(model, (), (noise,))
+    left, covariance = calibrate_beside_remainder(model, (), (noise, false))
+    np.testing.assert_array_equal(left, plain)
+    spread = jackknife_calibration(model, [noise])
+    assert (np.sqrt(np.diag(covariance))[:12] >= spread * (1 - 1e-12)).all()
+    shape = rng.standard_normal(model.size) + model.calibration[:, 0] / np.linalg.norm(model.calibration[:, 0])
+    moved = replace(model, zeta=model.zeta.copy())
+    for block in model.blocks:
+        moved.zeta[block.rows] += 60 * block.whitener @ shape[block.rows]
+    with_shape, _ = calibrate_beside_remainder(moved, (), (member(shape, False),))
+    sigma = prepared(3).sigma
+    assert np.abs((with_shape - calibrate_with_effects(model, [])[0]) / sigma).max() < 3
+    assert np.abs((calibrate_with_effects(moved, [])[0] - calibrate_with_effects(model, [])[0]) / sigma).max() > 3
 
 
 def named(label, *effects, seed=21):
