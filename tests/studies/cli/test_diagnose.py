@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from diagnosis.plan import Extra, Plan
+from diagnosis.plan.result import Extra, Plan
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli.main import main
 from tests import ROOT
