@@ -53,7 +53,7 @@ def asked(monkeypatch):
         seen.update(options, scenario=scenario)
         return FOUND
 
-    monkeypatch.setattr("diagnosis.plan.plan", answer)
+    monkeypatch.setattr("diagnosis.plan.pipeline.plan", answer)
     return seen
 
 
