@@ -296,8 +296,9 @@ def test_a_bad_import(good, reader, file, damage, share):
 
 
 @pytest.mark.long
-@settings(max_examples=600)
-@given(st.sampled_from(list(READERS)), *BAD)
+@pytest.mark.parametrize("reader", READERS)
+@settings(max_examples=200)
+@given(*BAD)
 def test_many_bad_imports(good, reader, file, damage, share):
     check_reader(good, reader, file, damage, share)
 

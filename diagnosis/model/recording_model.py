@@ -428,6 +428,7 @@ def build_parameter_errors(raw: Array) -> Array:
 @compile_cached
 def _integrate(turn: Array, dt: Array, rates: Array, ends: Indices) -> Array:
     """(m, 3, k) integrals of rates (n, 3, k), turned by (n, 3, 3), from the first of the ends (m,) to each of them."""
+    # Loops: the assignment of a slice takes four seconds to compile, most of them for the text of its error.
     out = np.zeros((ends.size, 3, rates.shape[2]))
     for m in range(1, ends.size):
         for n in range(ends[m - 1], ends[m]):
@@ -436,5 +437,7 @@ def _integrate(turn: Array, dt: Array, rates: Array, ends: Indices) -> Array:
                     share = turn[n, i, j] * dt[n]
                     for k in range(rates.shape[2]):
                         out[m, i, k] += share * rates[n, j, k]
-        out[m] += out[m - 1]
+        for i in range(3):
+            for k in range(rates.shape[2]):
+                out[m, i, k] += out[m - 1, i, k]
     return out

@@ -7,11 +7,5 @@
 - `separability`: pairs that cannot be told apart
 - `extras`: extra maneuvers and what each would help
 - `pipeline`: all of it in turn; `result`: what comes out; `settings`: thresholds
+- `invisible`: effects that a recording cannot show, which a calibration uses; hence nothing is imported here
 """
-
-from diagnosis.plan.extras import append_intervals, list_maneuvers
-from diagnosis.plan.pipeline import plan
-from diagnosis.plan.result import Extra, Pair, Plan, Visible
-from diagnosis.plan.settings import SETTINGS
-
-__all__ = ["SETTINGS", "Extra", "Pair", "Plan", "Visible", "append_intervals", "list_maneuvers", "plan"]

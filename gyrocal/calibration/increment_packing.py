@@ -134,7 +134,10 @@ def pack_chunk(stream: Stream, pieces: Pieces, batch: int, low: int, out: Array)
             first[lane] = starts[piece] + low
             row[lane] = sample[first[lane]]
             count[lane] = min(lengths[piece] - low, len(out))
-    full = count.min()
+    # Loops for the least and the largest: those of numpy take a second to compile.
+    full = len(out)
+    for lane in range(LANES):
+        full = min(full, count[lane])
     largest = np.zeros(LANES)  # |ω_raw Δt|²
     rates_at, dt_at = np.empty(LANES, np.intp), np.empty(LANES, np.intp)  # addresses
     squares = full // LANE_WIDTH * LANE_WIDTH if in_order else 0  # steps in squares
@@ -165,7 +168,10 @@ def pack_chunk(stream: Stream, pieces: Pieces, batch: int, low: int, out: Array)
         for k in range(count[lane], len(out)):
             for q in range(GYROS + 1):
                 out[k, q, lane] = 0.0
-    return sqrt(largest.max())
+    most = 0.0
+    for lane in range(LANES):
+        most = max(most, largest[lane])
+    return sqrt(most)
 
 
 @compile_cached(inline="always")

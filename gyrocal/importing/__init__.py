@@ -17,22 +17,26 @@ import numpy as np
 
 from gyrocal.errors import InputError
 from gyrocal.files import open_replacement
-from gyrocal.importing.column_mapping import Mapping, load_mapping, validate_mapping
-from gyrocal.importing.gyro_join import join_gyros
 from gyrocal.recording import GyroStream, Interval, Recording, format_toml, save
 from gyrocal.recording.parts import build_empty_attitudes
 
 if TYPE_CHECKING:
     from gyrocal.importing.agreement import explain_refusal
     from gyrocal.importing.build import ImportResult
+    from gyrocal.importing.column_mapping import Mapping, load_mapping, validate_mapping
+    from gyrocal.importing.gyro_join import join_gyros
     from gyrocal.importing.reference_join import SensorReferences, join_references
 
 NOTES_FILE = "import.toml"  # beside recording.toml; a recording is read without it
 NOISE_PHRASES = ("angle random walk", "sigma of the references", "1-sigma about")  # how an estimate of it begins
-LATE = {  # public names, and the modules that load scipy for them
+LATE = {  # public names, and the modules that load pydantic's models or scipy for them
+    "Mapping": "gyrocal.importing.column_mapping",
     "SensorReferences": "gyrocal.importing.reference_join",
     "explain_refusal": "gyrocal.importing.agreement",
+    "join_gyros": "gyrocal.importing.gyro_join",
     "join_references": "gyrocal.importing.reference_join",
+    "load_mapping": "gyrocal.importing.column_mapping",
+    "validate_mapping": "gyrocal.importing.column_mapping",
 }
 
 __all__ = [
@@ -53,7 +57,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Load scipy, which a refused table does without, when references are joined or a refusal is explained."""
+    """Load a public name when it is asked for: a calibration reads the notes of an import alone."""
     if name not in LATE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(LATE[name]), name)
@@ -82,6 +86,7 @@ def import_csv(
     InputError
         One line saying what is wrong, and where rates and attitudes do not fit each other, how they would.
     """
+    from gyrocal.importing.column_mapping import validate_mapping
     from gyrocal.importing.columns import resolve_columns
     from gyrocal.importing.streams import read_csv, read_streams
 
@@ -109,6 +114,7 @@ def import_gyro_log(file: str | os.PathLike[str], entries: dict[str, Any]) -> tu
     file : path of the table
     entries : of a mapping; time and gyro are needed, and those of attitudes are not read
     """
+    from gyrocal.importing.column_mapping import validate_mapping
     from gyrocal.importing.columns import resolve_columns
     from gyrocal.importing.streams import read_csv, read_gyro_log
 

@@ -33,7 +33,7 @@ from gyrocal.calibration.gate import LargeResidualError
 from gyrocal.importing.alignment import LEAST_FACTOR, estimate_alignment
 from gyrocal.importing.misfit import explain_misfit, locate_misfit
 from gyrocal.importing.motion import QUATERNION_INDICES, Motion, build_motion, rotate_onto
-from gyrocal.importing.units import ANGLE_UNITS, PER_SAMPLE, RATE_UNITS, TIME_UNITS
+from gyrocal.importing.units import ANGLE_UNITS, PER_SAMPLE, RATE_UNITS, SECONDS_A_DAY, TIME_UNITS
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
@@ -50,6 +50,7 @@ LARGE_DRIFT = np.deg2rad(10.0)  # by a bias over the longest interval
 LONGEST_LAG = 0.25  # of the recording
 ALTERNATIVE_RATE_UNITS = ("rad/s", "deg/s", "deg/h")  # that one is taken for another of
 ALTERNATIVE_TIME_UNITS = ("ms", "s", "us", "ns")
+DAY_UNIT = "86400s"  # a day, in which spreadsheets count
 RATE_FACTORS = {  # of rates on file, which have one unit: a prefix or a conversion that was forgotten or made twice
     f"the rates {words}": factor
     for number, factor in (("1000", 1e3), ("3600", 3600.0), ("57.296", 180 / np.pi), ("206265", 3600 * 180 / np.pi))
@@ -165,6 +166,8 @@ def evaluate_agreement(
     scales = _list_scales(unit, time_unit) | numbered
     pairs = _pair_rates(windows, ways)
     tried = [one for pair in pairs for one in _fit_scales_and_axes(pair, scales)]
+    if min((one.residual for one in tried), default=np.inf) > FITS:
+        tried += [one for pair in pairs[:1] for one in _list_axis_factors(pair)]
     if min((one.residual for one in tried), default=np.inf) > FITS:
         late = [pair for way in ways if (tau := _estimate_offset(windows, way[1])) for pair in _pair_rates(windows, [way], tau)]
         tried += [one for pair in late for one in _fit_scales_and_axes(pair, scales)]
@@ -309,6 +312,17 @@ def _fit_scales_and_axes(pair: RatePair, scales: dict[str, float]) -> list[Readi
     return sorted(out, key=lambda one: (one.residual, one.count))[:8]
 
 
+def _list_axis_factors(pair: RatePair) -> list[Reading]:
+    """All readings in which one axis of the gyro has another unit than the two others."""
+    whole = float(np.sum(pair.reference**2))
+    found = []
+    for axis, (words, factor) in product(range(3), RATE_FACTORS.items()):
+        left = float(np.sum((pair.reference - np.where(np.arange(3) == axis, factor, 1.0) * pair.gyro) ** 2))
+        change = f"{words} about {'xyz'[axis]} alone: that column has another unit, convert it"
+        found.append(Reading("turn", (change,), 1, float(np.sqrt(left / whole))))
+    return found
+
+
 def _list_rotations(pairs: list[RatePair], scales: dict[str, float]) -> list[Reading]:
     """All readings with the rotation of the gyro's axes that fits best."""
     found = []
@@ -438,6 +452,7 @@ def _list_scales(unit: str, time_unit: str) -> dict[str, float]:
             for true in ALTERNATIVE_TIME_UNITS
             if true != time_unit
         }
+        out[f"times in {DAY_UNIT}, which are days, not {time_unit}"] = SECONDS_A_DAY * 10.0**read
     return out
 
 

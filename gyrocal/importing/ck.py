@@ -88,6 +88,8 @@ def read_ck(
         ticks, frame = _read_tags(spice, path, instrument)
         number = int(instrument / 1000) if spacecraft is None else spacecraft
         C = np.array([spice.ckgp(instrument, tick, 0.0, frame)[0] for tick in ticks])
+        if not np.isfinite(C).all():
+            raise InputError(f"{path}: it is damaged: an attitude of instrument {instrument} is not finite")
         clock = _convert_to_gps(spice, spice.sct2e(number, ticks))
     return Aem(clock, attitude.quaternion_from_matrix(C), f"spacecraft {number}", (frame, str(instrument)))
 
@@ -109,9 +111,13 @@ def _read_tags(spice: Any, path: Path, instrument: int) -> tuple[Array, str]:
         frames.add(frame)
         if kind not in (1, 2, 3):
             raise InputError(f"{path}: segment {spice.dafgn()!r} is of type {kind}; read are 1, 2 and 3")
-        count = spice.cknr02(handle, summary) if kind == 2 else int(spice.dafgda(handle, last, last)[0])
-        size, times = (8, 2 * count) if kind == 2 else (7 if rates else 4, count)
-        begin = first + count * size
+        count = spice.cknr02(handle, summary) if kind == 2 else float(spice.dafgda(handle, last, last)[0])
+        if not 1 <= count <= last - first:
+            raise InputError(
+                f"{path}: segment {spice.dafgn()!r} is damaged: it states {count:g} attitudes and has no room for them"
+            )
+        size, times = (8, 2 * int(count)) if kind == 2 else (7 if rates else 4, int(count))
+        begin = first + int(count) * size
         tags.append(spice.dafgda(handle, begin, begin + times - 1))
     if len(frames) > 1 or not 1 <= min(frames) <= LAST_INERTIAL_FRAME:
         raise InputError(f"{path}: the reference frame is {', '.join(map(str, sorted(frames)))}; one inertial frame is needed")

@@ -31,7 +31,7 @@ HALF = 0.5  # of the misfit's square, whose shortest time is said
 class Fault:
     """A fault and how much of the misfit it leaves."""
 
-    kind: str  # "bias", "scale", "step", "jump" or "clipping"
+    kind: str  # "bias", "scale", "step", "jump", "factors" or "clipping"
     words: str  # what it is, with its numbers
     left: float  # RMS of e with the fault over that of e
     bias: Array | None = None  # (3,) rad/s that is missing, of a constant bias
@@ -96,6 +96,11 @@ def _list_faults(windows: Motion) -> list[Fault]:
         when, (before, after), values = clock
         words = f"a clock that jumped by {after - before:+.3g} s at {when:.6g} s (time offset {before:+.3g} s before)"
         out.append(Fault("jump", words, compute_rest(values)))
+    changed = _find_change_of_factor(reference, gyro, middle)
+    if changed is not None:
+        when, (before, after), values = changed
+        words = f"rates that are to be taken times {before:.4g} before {when:.6g} s and times {after:.4g} after it"
+        out.append(Fault("factors", words, compute_rest(values)))
     clipped = _find_clipping(reference, gyro)
     if clipped is not None:
         out.append(Fault("clipping", clipped[0], compute_rest(clipped[1])))
@@ -121,6 +126,20 @@ def _find_jump(rest: Array, slope: Array, middle: Array) -> tuple[float, Array, 
             [np.sum(rest[part] * slope[part]) / max(np.sum(np.square(slope[part])), 1e-300) for part in (before, ~before)]
         )
         return tau, rest - np.where(before, *tau)[:, None] * slope
+
+    return _find_time(fit, middle)
+
+
+def _find_change_of_factor(reference: Array, gyro: Array, middle: Array) -> tuple[float, Array, Array] | None:
+    """Time at which the factor of the rates changes, the factors before and after, and what they leave."""
+
+    def fit(before: Mask) -> tuple[Array, Array]:
+        factors, left = np.ones(2), reference - reference.mean(axis=0)
+        for k, part in enumerate((before, ~before)):
+            r, g = (one[part] - one[part].mean(axis=0) for one in (reference, gyro))
+            factors[k] = np.sum(r * g) / max(np.sum(g * g), 1e-300)
+            left[part] = r - factors[k] * g
+        return factors, left
 
     return _find_time(fit, middle)
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 import codecs
 import csv
 import io
+import math
 import re
 from collections import Counter
 from dataclasses import dataclass
@@ -135,7 +136,7 @@ class _Split:
         following = dict(pairwise(filled))
         begins = [k for k in fitting if following.get(k, fitting[-1]) in fitting]
         self.start = (begins or fitting or [filled[0] + 1])[0]
-        self.score = sum(values) - sum(words) if fitting else -1
+        self.score = sum(values) - sum(words) if fitting else -math.inf
         if not fitting:
             self.fields = len(self.rows[self.start - 1]) if self.start else 0
 

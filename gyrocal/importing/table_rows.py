@@ -159,7 +159,8 @@ def read_numbers(frame: pd.DataFrame, names: list[str], what: str) -> Array:
     chosen = select_columns(frame, plain, what)
     for name in plain:
         if not pd.api.types.is_numeric_dtype(chosen[name]) or pd.api.types.is_bool_dtype(chosen[name]):
-            raise InputError(f"{what}: column {name} holds {units.describe_first_word(chosen[name])}, not numbers")
+            found = units.describe_first_word(chosen[name])
+            raise InputError(f"{what}: column {name} holds {found}, not numbers; cells are numbers alone, without their unit")
     return np.asarray(chosen.to_numpy(dtype=np.float64) * sign)
 
 

@@ -159,7 +159,8 @@ def build_clock(columns: pd.DataFrame, unit: str) -> Clock:
     if factor is not None:
         tags = np.multiply(tags, int(factor[1]))
     made = _split_seconds(tags, TIME_UNITS[factor[2] if factor else units[0]], scale)
-    calendar = not scale and UNIX_RANGE_S[0] <= made.whole[0] <= UNIX_RANGE_S[1]
+    counts_days = factor is not None and factor[2] == "s"  # from 1900 in spreadsheets, which is unix time of 2090
+    calendar = not scale and not counts_days and UNIX_RANGE_S[0] <= made.whole[0] <= UNIX_RANGE_S[1]
     return replace(made, scale="UTC" if calendar else scale, said=" and ".join(filter(None, (summed, said))))
 
 

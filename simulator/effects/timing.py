@@ -6,11 +6,17 @@ constant-rate modes). The derivative of a sample's mean is then that of the
 spline's slope, [Θ'(t + Δ) − Θ'(t)]/Δ.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from simulator.effects.base import Array, Stream
 from simulator.effects.common import list_runs
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 FEWEST_CUBIC_SAMPLES = 3  # samples that fix a cubic by themselves; with less, the first and the last mean rate are the slopes
 
@@ -22,6 +28,8 @@ def compute_edges(duration_s: Array) -> Array:
 
 def build_angle_spline(rates: Array, duration_s: Array) -> CubicSpline:
     """Θ as a spline over `compute_edges`, (n, 3) rad/s and (n,) s."""
+    from scipy.interpolate import CubicSpline  # late: a calibration loads all effects and needs no spline
+
     angle = np.vstack([np.zeros(3), np.cumsum(rates * duration_s[:, None], axis=0)])
     few = len(rates) < FEWEST_CUBIC_SAMPLES
     return CubicSpline(compute_edges(duration_s), angle, bc_type=((1, rates[0]), (1, rates[-1])) if few else "not-a-knot")

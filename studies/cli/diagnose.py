@@ -88,7 +88,7 @@ def command(
 
     from diagnosis.adopt import write_adopted_scenario
     from diagnosis.diagnose import diagnose
-    from diagnosis.plan import plan
+    from diagnosis.plan.pipeline import plan
     from simulator import scenario as scenarios
     from studies.report.diagnosis import build_diagnosis_page
     from studies.report.plan import describe_next_flight, list_suspected_effects

@@ -71,7 +71,8 @@ def command(
             raise InputError(f"--effect {name}: no such effect; {suggest_names(name, EFFECTS)}")
     chosen = scenarios.load(scenario)
 
-    from diagnosis.plan import list_maneuvers, plan
+    from diagnosis.plan.extras import list_maneuvers
+    from diagnosis.plan.pipeline import plan
     from studies.report.plan import build_plan_page
 
     extras = {} if no_extras else dict(list_maneuvers(chosen))
@@ -83,7 +84,7 @@ def command(
 
 def _read_extras(chosen: Scenario, files: Sequence[Path]) -> dict[str, list[dict[str, Any]]]:
     """The extra maneuvers on file, each checked as a continuation of the scenario."""
-    from diagnosis.plan import append_intervals
+    from diagnosis.plan.extras import append_intervals
 
     out = {}
     for path in files:

@@ -20,7 +20,6 @@ from importlib import metadata, resources
 from typing import TYPE_CHECKING
 
 import pandas as pd
-from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
 from rich.console import Console
 
@@ -31,6 +30,7 @@ from studies.report.tables import format_cells, print_table
 from studies.report.units import format_heading
 
 if TYPE_CHECKING:
+    from jinja2 import Environment
     from matplotlib.figure import Figure
 
 NUMERIC_CELL = re.compile(r"[-+−–]?\d[\d.,]*(e[-+]?\d+)?( ± \d[\d.]*)?$|–$|$")
@@ -197,6 +197,8 @@ def _print_lines(console: Console, lines: Sequence[str]) -> None:
 
 @cache
 def _create_environment() -> Environment:
+    from jinja2 import Environment, PackageLoader  # late: the terminal needs no template
+
     return Environment(loader=PackageLoader("studies.report"), autoescape=True, trim_blocks=True, lstrip_blocks=True)
 
 

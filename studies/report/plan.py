@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import pandas as pd
 
-from diagnosis.plan import SETTINGS, Extra, Pair, Plan, Visible
+from diagnosis.plan.result import Extra, Pair, Plan, Visible
+from diagnosis.plan.settings import SETTINGS
 from diagnosis.result import Diagnosis
 from simulator.effects import EFFECTS
 from studies.report import tables

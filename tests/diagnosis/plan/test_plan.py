@@ -9,9 +9,12 @@ import scipy.stats
 from diagnosis.model.candidates import build_linear_model
 from diagnosis.model.linearise import linearise_recording
 from diagnosis.model.prepare import prepare
-from diagnosis.plan import SETTINGS, append_intervals, list_maneuvers, plan, visibility
+from diagnosis.plan import visibility
 from diagnosis.plan.columns import Signature, build_signatures, linearise_noise_free
+from diagnosis.plan.extras import append_intervals, list_maneuvers
+from diagnosis.plan.pipeline import plan
 from diagnosis.plan.separability import compute_confusion_shares, compute_separating_snr, find_separating_size, list_pairs
+from diagnosis.plan.settings import SETTINGS
 from diagnosis.plan.visibility import DetectionPower, find_visible_size
 from diagnosis.settings import DEFAULT
 from gyrocal import calibrate

@@ -110,6 +110,11 @@ def test_what_a_ck_lacks_is_said(tmp_path, kernels):
     body = write_pointing(tmp_path / "body.bc", 1, ticks, A[:2], frame="IAU_EARTH")
     early = write_clock(tmp_path / "early.tsc", coefficients="7 650851397.434 1")
     (tmp_path / "half.bc").write_bytes(kernels[0].read_bytes()[:2500])
+    damaged = bytearray(kernels[0].read_bytes())
+    at = damaged.rindex(np.float64(2.0).tobytes())  # the number of attitudes, the last one of the segment
+    (tmp_path / "many.bc").write_bytes(damaged[:at] + np.float64(1e300).tobytes() + damaged[at + 8 :])
+    at = damaged.index(np.ascontiguousarray(toolkit.m2q(A[0].copy())).tobytes())
+    (tmp_path / "nan.bc").write_bytes(damaged[:at] + np.float64(np.nan).tobytes() + damaged[at + 8 :])
     hand = write_pointing(tmp_path / "hand.bc", 1, ticks, A[:2])
     for read, words in (
         (lambda: ck.read_ck(types, clock), "segment 's' is of type 5; read are 1, 2 and 3"),
@@ -117,6 +122,8 @@ def test_what_a_ck_lacks_is_said(tmp_path, kernels):
         (lambda: ck.read_ck(kernels[0], clock, -7), "no instrument -7; there are -95001"),
         (lambda: ck.read_ck(*kernels, spacecraft=-7), r"a.bc, .*a.tsc: SPICE: .*SCLK_DATA_TYPE_7 was not found"),
         (lambda: ck.read_ck(hand, early), "SPICE: .*"),
+        (lambda: ck.read_ck(tmp_path / "many.bc", clock), "is damaged: it states 1e.300 attitudes"),
+        (lambda: ck.read_ck(tmp_path / "nan.bc", clock), "an attitude of instrument -95001 is not finite"),
         (lambda: ck.read_ck(tmp_path / "half.bc", clock), "SPICE: .*"),
     ):
         with pytest.raises(InputError, match=words) as fault:

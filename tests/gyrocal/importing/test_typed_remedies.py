@@ -45,6 +45,10 @@ def accumulate(gyro, attitude, wrap):
     return gyro.assign(**dict(zip(RATES, (angle % wrap).T, strict=True))), attitude
 
 
+def count_days(gyro, attitude, first):
+    return (table.assign(t=first + table.t / 86400) for table in (gyro, attitude))
+
+
 def replace_unit(match):
     return {"--gyro": f"gx,gy,gz:{match[1]}"}
 
@@ -67,6 +71,7 @@ CASES = {
     # The fault, options as first typed, the words of the refusal, and how they are typed.
     "unit": (scale_rates, 1.0, {"--gyro": "gx,gy,gz:rad/s"}, r"the gyro in (\S+), not rad/s", replace_unit),
     "time unit": (scale_rates, 1.0, {"--time": "t:ms"}, r"times in (\S+), not ms", lambda match: {"--time": f"t:{match[1]}"}),
+    "days": (count_days, 45244.9, {}, r"times in (\S+), which are days", lambda match: {"--time": f"t:{match[1]}"}),
     "signs": (turn_axes, np.diag([1, -1, -1]), {}, r"the gyro's axes as (\S+)", replace_axes),
     "order": (turn_axes, np.eye(3)[[1, 0, 2]], {}, r"the gyro's axes as (\S+)", replace_axes),
     "mounting": (turn_axes, TURN, {}, r"(--mounting estimate)", take_options),
@@ -143,6 +148,22 @@ def test_a_fault_that_is_seen_is_mended_and_said(run_cli, log, tmp_path, kind):
     }
     assert re.search(said[kind], " ".join(done.stdout.split()))
     assert largest_error(gyrocal.load(tmp_path / "out"), log) < MOST_SIGMA
+
+
+@pytest.mark.parametrize("kind", ["one axis", "second half", "cells"])
+def test_a_unit_that_is_not_of_the_whole_table_is_named_with_its_place(run_cli, log, tmp_path, kind):
+    gyro, attitude = count_seconds(log.gyro, log), count_seconds(log.attitude, log)
+    match kind:
+        case "one axis":
+            spoilt, said = gyro.assign(gz=np.deg2rad(gyro.gz)), "the rates times 57.296 about z alone"
+        case "second half":
+            spoilt = gyro.assign(**{name: gyro[name].where(gyro.t < 20, np.deg2rad(gyro[name])) for name in RATES})
+            said = r"times (1|1\.0\d*|0\.9\d*) before (19\.[3-9]|20\.[0-6])\d* s and times 5[6-8]\.\d* after it"
+        case _:
+            spoilt, said = gyro.assign(gx=gyro.gx.map("{} deg/s".format)), "column gx holds '.* deg/s' in row 0, not numbers"
+    refused = run_cli("import", "csv", *write_tables(tmp_path, spoilt, attitude)(WORDS))
+    assert refused.exit_code == 2
+    assert re.search(said, refused.stderr), refused.stderr
 
 
 def test_a_wrong_grade_is_said_by_calibrate_and_goes_where_it_is_not_stated(run_cli, log, tmp_path):

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from diagnosis.plan import Extra, Plan
+from diagnosis.plan.result import Extra, Plan
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli.main import main
 from tests import ROOT
@@ -58,7 +58,7 @@ def test_any_verdict_is_a_success(run_cli, asked, rec, case, tmp_path):
 
 def test_a_plan_says_what_to_fly(run_cli, asked, rec, tmp_path, monkeypatch):
     asked["case"] = "group"
-    monkeypatch.setattr("diagnosis.plan.plan", lambda scenario, **_: planned(scenario.title))
+    monkeypatch.setattr("diagnosis.plan.pipeline.plan", lambda scenario, **_: planned(scenario.title))
     page = tmp_path / "page.html"
     shown = run_cli("diagnose", rec, "--report", str(page), "--plan", "trmm")
     assert shown.exit_code == 0, shown.output

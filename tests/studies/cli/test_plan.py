@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from diagnosis.plan import Extra, Pair, Plan, Visible
+from diagnosis.plan.result import Extra, Pair, Plan, Visible
 from studies.report.plan import build_plan_page
 from tests.pages import checked
 
@@ -53,7 +53,7 @@ def asked(monkeypatch):
         seen.update(options, scenario=scenario)
         return FOUND
 
-    monkeypatch.setattr("diagnosis.plan.plan", answer)
+    monkeypatch.setattr("diagnosis.plan.pipeline.plan", answer)
     return seen
 
 
