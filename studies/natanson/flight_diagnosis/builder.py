@@ -10,18 +10,16 @@ Observations are the 18 motion numbers, whitened by what print leaves of them (`
 - unlisted rivals: a random residual of any size in all numbers, in one interval or in one number.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from diagnosis.inference.amplitudes import FittedEffect
 from diagnosis.model.groups import CandidateColumns
 from diagnosis.model.linear import LinearModel, Parameters
+from simulator.arrays import Array
 from studies.natanson.flight_diagnosis.misfit_numbers import (
     RESIDUAL_PLACES,
     MotionNumbers,
@@ -33,14 +31,11 @@ from studies.natanson.flight_diagnosis.timings import TIMINGS, Timings
 from studies.natanson.flight_gap import MINUS_Y, YAW_INTERVALS
 from studies.printed_table import build_model, make_candidate, make_rival, whiten
 
-Array = NDArray[np.float64]
-
 YAW, RATE, TIMING, NOISE = "yaw direction", "-y rate sign", "slew timing", "noise level"
 UNKNOWN_DEG = (0.001, 1.0)  # of what is unknown
 FLAT = 12**-0.5  # standard deviation of what is flat between zero and one
 TIMING_STEP = 0.01  # of a timing between zero and one, for its derivative
 MOST_FLIGHT_EFFECTS = 5  # four timings and one more
-FLIGHT_BEAM_WIDTH = 40  # wide, since one of four timings alone explains little
 SPLITS = {"number": "a number at a time", "interval": "an interval at a time"}
 
 
@@ -67,7 +62,7 @@ def build_flight_model(
     ]
     owner = np.array([f"{k + 1} {name}" if split == "number" else f"{k + 1}" for k, name in RESIDUAL_PLACES])
     held = list(dict.fromkeys(owner))
-    return build_model(assumed.d, case.covariance, groups, owner, held, SPLITS[split], MOST_FLIGHT_EFFECTS, FLIGHT_BEAM_WIDTH)
+    return build_model(assumed.d, case.covariance, groups, owner, held, SPLITS[split], MOST_FLIGHT_EFFECTS)
 
 
 def move_point(point: LinearisationPoint, fitted: FittedEffect) -> LinearisationPoint:
