@@ -1,7 +1,5 @@
 """The command ``gyrocal diagnose``: what departs from the baseline simulator, where, and which effect explains it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import partial

@@ -3,8 +3,6 @@
 No name of an effect is in the answers: `simulator.effects.base.Effect.sentence` has the clause of each.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """A plan as one page (smallest visible sizes, inseparable pairs, extra maneuvers), and the next flight after a diagnosis."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import pandas as pd

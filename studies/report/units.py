@@ -3,11 +3,9 @@
 import re
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.calibration.parameters import NAMES
-
-Array = NDArray[np.float64]
+from simulator.arrays import Array
 
 # What turns G (dimensionless) and b (rad/s) into these units, (12,).
 PPM_DEG_H: Array = np.array([1e6] * 9 + [np.rad2deg(1.0) * 3600] * 3)
