@@ -50,9 +50,7 @@ NOTES = (
 )
 
 
-def build_diagnosis_page(
-    diagnosis: Diagnosis, made: ProvenanceFooter | None = None, orbit_s: float = math.nan, next_flight: str = ""
-) -> Page:
+def build_diagnosis_page(diagnosis: Diagnosis, made: ProvenanceFooter | None = None, orbit_s: float = math.nan) -> Page:
     """Build the page.
 
     Parameters
@@ -60,10 +58,9 @@ def build_diagnosis_page(
     diagnosis : the answer
     made : for the footer
     orbit_s : period of the orbit, NaN if unknown; the pointing error is then that of an hour
-    next_flight : recommended next flight, of `studies.report.plan.describe_next_flight`; how to ask for it by default
     """
     picture = _build_budget_picture(diagnosis) if diagnosis.budget else _build_residual_picture(diagnosis)
-    answers = list_answers(diagnosis, orbit_s, next_flight)
+    answers = list_answers(diagnosis, orbit_s)
     answer = Answer(VERDICT_STYLES.get(diagnosis.verdict, "gap"), picture, describe_closure(diagnosis), answers)
     sections = [
         Section("Causes", _build_cause_items(diagnosis)),
@@ -83,7 +80,7 @@ def build_diagnosis_page(
 # ---- answers -------------------------------------------------------------------------------------------------------------
 
 
-def list_answers(diagnosis: Diagnosis, orbit_s: float = math.nan, next_flight: str = "") -> dict[str, str]:
+def list_answers(diagnosis: Diagnosis, orbit_s: float = math.nan) -> dict[str, str]:
     """List the answers by their questions, in the order in which they are read; arguments as of `build_diagnosis_page`."""
     answers = {"Does the baseline fit?": _describe_fit(diagnosis), "Where not?": _describe_places(diagnosis)}
     answers["Which cause?"] = _describe_causes(diagnosis)
@@ -91,8 +88,8 @@ def list_answers(diagnosis: Diagnosis, orbit_s: float = math.nan, next_flight: s
         answers["What does it cost in pointing?"] = describe_pointing_cost(diagnosis.details.regressors, orbit_s)
     answers["What next?"] = describe_next_step(diagnosis)
     if diagnosis.verdict != "none":
-        answers["Which maneuver next?"] = next_flight or (
-            "gyrocal diagnose --plan SCENARIO, with the scenario of this recording, states which extra maneuver helps most."
+        answers["Which maneuver next?"] = (
+            "gyrocal plan SCENARIO --effect CAUSE, with the scenario of this recording, states which extra maneuver helps most."
         )
     return answers
 

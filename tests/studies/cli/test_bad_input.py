@@ -36,7 +36,6 @@ WRONG = [
     ("plan trmm --extra nosuch.toml", "nosuch.toml: no such file"),
     ("plan trmm --effect bias_orbitl", "did you mean bias_orbital"),
     ("diagnose REC --without bias_drift:z", "no such effect"),
-    ("diagnose REC --report page.html --plan nothing", "nothing"),
     ("study pape", "pape: no such study; did you mean paper?"),
     ("study psi --set step_s=[1.0]", "step_s: there is no such setting; did you mean steps_s?"),
     ("study paper --set overrides.gyro.arw_deg_per_sqrt=1", "is not known; did you mean arw_deg_per_sqrt_s?"),
