@@ -74,7 +74,7 @@ def build_diagnosis_page(diagnosis: Diagnosis, made: ProvenanceFooter | None = N
         Section("Limits of this recording", [[*diagnosis.notes, *NOTES]]),
     ]
     title = f"Diagnosis of {diagnosis.recording}"
-    return Page(format_headline(diagnosis), [one for one in sections if one.items], answer, made, title)
+    return Page(format_headline(diagnosis), [one for one in sections if any(one.items)], answer, made, title)
 
 
 # ---- answers -------------------------------------------------------------------------------------------------------------

@@ -28,6 +28,7 @@ ENDINGS = {
     "ms": "ms",
     "s": "s",
 }
+WITH_UNIT = re.compile(rf"(?P<name>.+?)_(?P<ending>{'|'.join(ENDINGS)})(?P<statistic>(?:_max|_median)?)")
 PARAMETER = re.compile(r"\b(G|b) ([xyz]{1,2})\b")
 
 
@@ -38,7 +39,6 @@ def name_columns(quantity: str) -> list[str]:
 
 def format_heading(column: str) -> str:
     """A column's name for people: words in place of underscores, and its unit in brackets."""
-    for ending, unit in ENDINGS.items():
-        if column.endswith(f"_{ending}"):
-            return f"{format_heading(column.removesuffix(f'_{ending}'))} ({unit})"
+    if found := WITH_UNIT.fullmatch(column):
+        return f"{format_heading(found['name'] + found['statistic'])} ({ENDINGS[found['ending']]})"
     return PARAMETER.sub(r"\1_\2", column.replace("_", " "))
