@@ -74,7 +74,6 @@ WRONG = [
     *((f"mission OUT --days {days}", text) for days, text in (("nan", "--days nan"), ("0", "one cycle"), ("1e9", "1000 days"))),
     *((f"mission OUT --days 1 --every {every}", "must be a multiple of the cycle") for every in ("0.7", "inf", "1e308")),
     ("mission OUT --days 900 --every 0.5", "too many"),
-    ("mission OUT --days 1 --calibrated --tables calibration1", "exclude each other"),
     ("mission OUT --days 1 --json no/such/x.json", "no folder no/such"),
     ("reproduce --paper robertson --days nan", "--days nan"),
     ("reproduce --paper robertson --days 0.5", "between 1 and 200"),

@@ -45,7 +45,9 @@ def flown_already(short_flight, monkeypatch):
 
 def test_mission_writes_its_tables(run_cli, tmp_path):
     out, summary_file = tmp_path / "out", tmp_path / "summary.json"
-    result = run_cli("mission", str(out), "--days", "0.2", "--calibrated", "--every", "10", "--json", str(summary_file))
+    result = run_cli(
+        "mission", str(out), "--days", "0.2", "--tables", "postcalibration", "--every", "10", "--json", str(summary_file)
+    )
     assert result.exit_code == 0, result.stderr
     tables = {name: pd.read_parquet(out / f"{name}.parquet") for name in TABLES}
     assert np.diff(tables["telemetry"]["t_s"]) == pytest.approx(10.0)
