@@ -6,10 +6,11 @@ the residuals θ of N (16) that are left, in body axes:
 - *mean square*: χ²/dof, θ whitened by the calibrator's own covariance of noise as stated
 - *rms*: of each interval and axis, and of each phase of the intervals (start, slew, hold, end) and axis
 - *residual rate* u_j = (θ_j − R_j θ_{j−1})/Δt_j, R_j the rotation between two references: its correlation from one reference
-  to the next (−½ where references' noise is all there is)
+  to the next (−½ where references' noise is all there is), its spectrum in thirds of the band up to half the references'
+  rate, and its overlapping Allan deviation over 1, 2, 4 … references
 - *samples*: rates of the gyro where the body's motion is smooth; mean square of second differences in units of that of the
-  stated noise, 6 σ²; their correlation from one to the next (−⅔ for white noise); the largest one, and the share of samples
-  that repeat the one before
+  stated noise, 6 σ²; their correlation from one to the next (−⅔ for white noise); spectrum in the two upper octaves; the
+  largest one, and the share of samples that repeat the one before
 - *parameters*: the calibrated G and b
 
 **What smoothing does.** The motion of a recording is known only through its noisy samples and references. A replay flies the
@@ -17,18 +18,20 @@ smoothed motion, which still holds the part of the recording's noise that the sm
 and references of the replay agree with that motion, so that nothing of it is left in θ: statistics of the residuals are free
 of it. In the samples it is there twice, below the corner frequency of the window: a quadratic over n samples lets 9/(4n) of the
 noise's power pass, most of it below 1.5/n cycles a sample. Replays of `simulator.adopted_scenario` have windows of 41 samples
-or more, shorter ones only where the rates change. Samples are therefore looked at only by second differences, which weigh the
-upper octaves, and only where the smoothed rates have next to no second difference, half a window and more away from where
-they do and from the ends. What is really motion of the body in those octaves is missing in a replay, and shows as noise of the
+or more, shorter ones only where the rates change. Samples are therefore looked at only in the upper two octaves and by second
+differences, and only where the smoothed rates have next to no second difference, half a window and more away from where they do
+and from the ends. What is really motion of the body in those two octaves is missing in a replay, and shows as noise of the
 recording; a slow motion that the smoothing flattens is missing in both, recording and references of the replay.
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import periodogram
 
 from diagnosis.model.localization import label_phases
 from gyrocal import NAMES, GyroParameters, attitude
@@ -43,8 +46,9 @@ Indices = NDArray[np.intp]
 
 AXES = "xyz"
 CALIBRATION_ITERATIONS = 3
-FEWEST_RESIDUAL_RATES = 8  # for their correlation
+FEWEST_RESIDUAL_RATES = 8  # residual rates of an interval for a spectrum, and for a correlation of all of them
 SHORTEST_QUIET_RUN = 64  # quiet samples in a row
+SEGMENT = 64  # samples of a segment of a spectrum
 WINDOW = 41  # samples over which the motion is smoothed at least, to see where it is smooth
 MOTION_S = 20.0  # s; a longer window says nothing more of where the motion is smooth
 SMOOTH = 1 / 3  # of the noise: second differences of the motion below it are smooth
@@ -165,21 +169,29 @@ class MeasurementSetup:
                     yield Statistic("rms", name, axis, "deg"), float(np.rad2deg(np.sqrt(np.mean(theta[rows, k] ** 2))))
 
     def _rates(self, A: Array, theta: Array) -> Iterator[tuple[Statistic, float]]:
-        """Correlation of the residual rates."""
+        """Statistics of the residual rates."""
         prepared = self.problem.measurements
-        rates = []
+        turns, spacing = [], []
         for rows in self.parts:
             references = np.append(prepared.start[rows[0]], prepared.row[rows])
             R = A[references[1:]] @ np.swapaxes(A[references[:-1]], 1, 2)
             before = np.vstack([np.zeros(3), theta[rows[:-1]]])
-            spacing = np.diff(np.append(0.0, prepared.elapsed_s[rows]))
-            rates.append((theta[rows] - np.einsum("mij,mj->mi", R, before)) / spacing[:, None])
-        if len(theta) - len(rates) >= FEWEST_RESIDUAL_RATES:
-            for k, axis in enumerate(AXES):
-                yield (
-                    Statistic("residual rate", "lag-1 correlation", axis, "1"),
-                    compute_lag_correlation([u[:, k] for u in rates]),
-                )
+            turns.append(theta[rows] - np.einsum("mij,mj->mi", R, before))
+            spacing.append(np.diff(np.append(0.0, prepared.elapsed_s[rows])))
+        rates = [np.rad2deg(turn / dt[:, None]) * 3600 for turn, dt in zip(turns, spacing, strict=True)]
+        tau = float(np.median(np.concatenate(spacing)))
+        for k, axis in enumerate(AXES):
+            own = [rate[:, k] for rate in rates]
+            if sum(len(u) - 1 for u in own) >= FEWEST_RESIDUAL_RATES:
+                yield Statistic("residual rate", "lag-1 correlation", axis, "1"), compute_lag_correlation(own)
+            for name, level in compute_band_powers(own):
+                yield Statistic("residual rate", f"spectrum, {name}", axis, "deg/h"), level
+            path = [np.append(0.0, np.cumsum(np.rad2deg(turn[:, k]) * 3600)) for turn in turns]
+            count = 1
+            while sum(max(len(one) - 2 * count, 0) for one in path) >= 2 * FEWEST_RESIDUAL_RATES * count:
+                of = f"Allan deviation at {count} reference{'s' if count > 1 else ''}"
+                yield Statistic("residual rate", of, axis, "deg/h"), compute_allan_deviation(path, count, tau)
+                count *= 2
 
     # ---- samples ---------------------------------------------------------------------------------------------------------
 
@@ -195,6 +207,10 @@ class MeasurementSetup:
             yield Statistic("samples", "largest", axis, "sigma"), float(np.abs(joined).max())
             repeats = np.concatenate([np.abs(np.diff(x)) < REPEAT for x in parts])
             yield Statistic("samples", "repeated", axis, "1"), float(repeats.mean())
+            frequency, power = average_spectrum(parts)
+            for name, low, high in (("octave below the highest", 0.125, 0.25), ("highest octave", 0.25, 0.5)):
+                band = (frequency > low) & (frequency <= high)
+                yield Statistic("samples", f"spectrum, {name}", axis, "1"), float(power[band].mean() / self.noise**2)
 
 
 def find_quiet_stretches(recording: Recording, parameters: GyroParameters, noise: float) -> tuple[slice, ...]:
@@ -220,3 +236,41 @@ def compute_lag_correlation(parts: list[Array]) -> float:
     """Σ u_j u_{j+1}/Σ u_j² over pairs of neighbours within the parts."""
     square = sum(float(u @ u) for u in parts)
     return sum(float(u[1:] @ u[:-1]) for u in parts) / square if square > 0 else float("nan")
+
+
+def compute_band_powers(parts: list[Array]) -> Iterator[tuple[str, float]]:
+    """Root of the mean power in each third of the band up to half the rate of the references, of the longer parts."""
+    long = [u for u in parts if len(u) >= FEWEST_RESIDUAL_RATES]
+    if not long:
+        return
+    frequency = np.concatenate([np.fft.rfftfreq(u.size) for u in long])
+    power = np.concatenate([compute_hann_power(u, "constant") for u in long])
+    for number, name in enumerate(("lowest third", "middle third", "highest third")):
+        band = (frequency > number / 6) & (frequency <= (number + 1) / 6)
+        if band.any():
+            yield name, float(np.sqrt(power[band].mean()))
+
+
+def compute_allan_deviation(paths: list[Array], count: int, tau_s: float) -> float:
+    """Overlapping Allan deviation of rates from their running sums, in the paths' unit a second.
+
+    σ² = ⟨(x_{j+2n} − 2 x_{j+n} + x_j)²⟩/(2 (nτ)²), IEEE Std 952, over all parts; τ is the usual spacing.
+    """
+    second = np.concatenate([x[2 * count :] - 2 * x[count:-count] + x[: -2 * count] for x in paths if len(x) > 2 * count])
+    return float(np.sqrt(np.mean(second**2) / 2) / (count * tau_s))
+
+
+def average_spectrum(parts: list[Array]) -> tuple[Array, Array]:
+    """Frequencies in cycles a sample, and the spectrum averaged over all segments; 1 for white noise of variance 1.
+
+    Segments of `SEGMENT` samples overlap by half; each is rid of its trend and has a Hann window.
+    """
+    half = SEGMENT // 2
+    segments = np.concatenate([np.lib.stride_tricks.sliding_window_view(x, SEGMENT)[::half] for x in parts])
+    return np.asarray(np.fft.rfftfreq(SEGMENT), dtype=float), compute_hann_power(segments, "linear").mean(axis=0)
+
+
+def compute_hann_power(values: Array, detrend: Literal["constant", "linear"]) -> Array:
+    """Power of values along the last axis under a Hann window; its mean is 1 for white noise of variance 1."""
+    power = periodogram(values, window="hann", detrend=detrend, return_onesided=False)[1]
+    return np.asarray(power[..., : values.shape[-1] // 2 + 1])

@@ -36,6 +36,18 @@ def test_white_noise_has_the_statistics_of_white_noise():
     n = sum(map(len, x))
     assert abs(measure.compute_lag_correlation(x)) < 4 / np.sqrt(n)
     assert measure.compute_lag_correlation([np.diff(one, n=2) for one in x]) == pytest.approx(-2 / 3, abs=4 / np.sqrt(n))
+    _, power = measure.average_spectrum(x)
+    np.testing.assert_allclose(power[4:-1], 1, atol=0.2)
+    for count in (1, 4):
+        # σ² of white noise of the rate falls as 1/n.
+        paths = [np.append(0, np.cumsum(one)) for one in x]
+        assert measure.compute_allan_deviation(paths, count, 1.0) == pytest.approx(1 / np.sqrt(count), rel=0.05)
+
+
+def test_allan_deviation_of_a_ramp():
+    # A rate ramp R t has σ = R τ/√2.
+    path = 0.5 * 0.3 * np.arange(200.0) ** 2
+    assert measure.compute_allan_deviation([path], 8, 1.0) == pytest.approx(0.3 * 8 / np.sqrt(2))
 
 
 def test_quiet_samples_are_away_from_the_slews(recording):
