@@ -1,6 +1,7 @@
 """Tiny studies for the tests of the engine; importable, so that worker processes find them."""
 
 import asyncio
+import ctypes
 import logging
 import os
 import signal
@@ -17,7 +18,7 @@ from studies.montecarlo.study import Streams, Study, StudyConfig, observed
 class DrawsConfig(StudyConfig):
     """A study of random numbers.
 
-    ``die`` end their process, ``fail`` raise, ``stumble`` raise while the file ``crutch`` is not there;
+    ``hang`` never return, ``die`` end their process, ``fail`` raise, ``stumble`` raise while the file ``crutch`` is not there;
     ``flag`` is a file that each case adds a byte to, so that a test sees how far a run is.
     """
 
@@ -26,6 +27,7 @@ class DrawsConfig(StudyConfig):
     steps_s: tuple[float, ...] = (0.5, 1.0)
     fail: tuple[int, ...] = ()
     die: tuple[int, ...] = ()
+    hang: tuple[int, ...] = ()
     stumble: tuple[int, ...] = ()
     crutch: str = ""
     flag: str = ""
@@ -41,6 +43,8 @@ def draws_case(config: DrawsConfig, case: int, streams: Streams) -> dict[str, ob
         time.sleep(config.pause_s)
     if case in config.die:
         os.kill(os.getpid(), signal.SIGKILL)
+    if case in config.hang:
+        ctypes.PyDLL(None).sleep(600)  # holds the interpreter's lock
     if case in config.fail:
         raise ValueError(f"case {case}\nis bad")
     if case in config.stumble and not Path(config.crutch).exists():

@@ -32,6 +32,7 @@ PATH = click.Path(path_type=Path)
 FOLDER_TYPE = click.Path(path_type=Path, file_okay=False)
 STDOUT = Path("-")
 MOST_BYTES = 100_000_000  # of a JSON file that is read
+LONGEST_S = 1e7  # of a time limit
 STATUS = 3  # of a command of which a --fail-on holds
 CONDITION = re.compile(r"\s*(\w+)\s*([<>])\s*(\S+)\s*")
 
@@ -231,6 +232,15 @@ def parse_assignment(text: str) -> tuple[str, Any]:
         return path, tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         return path, tomllib.loads(f"value = {format_toml(value)}")["value"]
+
+
+def parse_duration(text: str) -> float:
+    """A time such as 30s, 10min or 2h, in s; an `InputError` if it is none."""
+    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(s|min|h)\s*", text)
+    seconds = float(match[1]) * {"s": 1.0, "min": 60.0, "h": 3600.0}[match[2]] if match else 0.0
+    if not 0 < seconds < LONGEST_S:
+        raise InputError(f"--limit {text}: give a time such as 30s, 10min or 2h")
+    return seconds
 
 
 def _register(context: click.Context, _: click.Parameter, files: tuple[Path, ...]) -> None:

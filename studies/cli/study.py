@@ -9,7 +9,7 @@ import click
 
 from gyrocal.errors import InputError
 from studies import catalogue
-from studies.cli.options import PAGE, PATH, STATUS, add_jobs_option, add_output_option, parse_assignment
+from studies.cli.options import PAGE, PATH, STATUS, add_jobs_option, add_output_option, parse_assignment, parse_duration
 from studies.montecarlo.files import write_json
 from studies.report.console import make_console
 
@@ -34,6 +34,13 @@ if TYPE_CHECKING:
 @click.option("--backend", type=click.Choice(["serial", "loky", "dask"]), default="loky", show_default=True)
 @add_jobs_option("Workers; the CPU count by default.")
 @click.option("--scheduler", default=None, help="Address of a dask scheduler, with --backend dask.")
+@click.option(
+    "--limit",
+    "limit_s",
+    metavar="TIME",
+    callback=lambda context, option, text: parse_duration(text) if text else 0.0,
+    help="End a case that takes longer, such as 30s, 10min or 2h, as a failed case; the others go on.",
+)
 @click.option(
     "--rerun",
     "again",
@@ -102,7 +109,7 @@ def command(
       gyrocal study paper --cases 20 --set overrides.gyro.arw_deg_per_sqrt_s=1e-4 --out /tmp/paper
       gyrocal study paper --out /tmp/paper --rerun 17
       gyrocal study ./mystudy.py --cases 1440 --require 'p99.73(largest_error_ppm)<40 @ 90%'
-      gyrocal study ./mystudy.py --cases 500 --until 'p95(largest_error_ppm)<20' --fail-on failed
+      gyrocal study ./mystudy.py --cases 500 --until 'p95(largest_error_ppm)<20' --limit 10min --fail-on failed
     """
     if name is None:
         import pandas as pd

@@ -29,6 +29,7 @@ from joblib.externals.loky.process_executor import BrokenProcessPool, ShutdownEx
 
 from gyrocal.errors import GyrocalError, InputError
 from studies.montecarlo.cases import Result, Task, list_running_cases
+from studies.montecarlo.time_limit import end_child
 
 Name = Literal["serial", "loky", "dask"]
 Run = Callable[[Task], Result]
@@ -69,6 +70,7 @@ class Executor:
 
     def close(self, finished: bool) -> None:
         """Let go of the workers; if not finished, stop what they are doing."""
+        end_child()
 
     def __enter__(self) -> Self:
         return self

@@ -12,7 +12,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -35,13 +35,14 @@ ONE_AT_A_TIME = threading.Lock()
 class Task:
     """Cases to run: name of the study, its resolved configuration as JSON, case numbers, folder of a study that is a file.
 
-    `watch` is the folder in which a process notes its case.
+    `limit_s` is the longest time of a case, 0 without a limit, and `watch` the folder in which a process notes its case.
     """
 
     study: str
     config: str
     cases: range
     folder: str = ""
+    limit_s: float = 0.0
     watch: str = ""
 
 
@@ -102,14 +103,19 @@ def list_running_cases(folder: str) -> dict[int, float]:
     return found
 
 
-def run_cases(task: Task) -> Result:
-    """Run the cases of a task, one after the other."""
+def run_cases(task: Task, kinds: dict[str, str] | None = None) -> Result:
+    """Run the cases of a task, one after the other; `kinds`, what each column holds, is that of earlier cases, and grows."""
     study = find(task.study, task.folder)
     config = _parse_config(study, task.config)
-    kinds: dict[str, str] = {}  # what each column holds
+    kinds = {} if kinds is None else kinds
     rows: list[dict[str, Any]] = []
     tracebacks: dict[int, str] = {}
     with ONE_AT_A_TIME, _note_cases(task.watch) as note, run_single_threaded() as messages:
+        if task.limit_s:
+            from studies.montecarlo.time_limit import run_limited
+
+            singles = (replace(task, cases=range(case, case + 1)) for case in task.cases)
+            return merge_results(run_limited(one, kinds, note) for one in singles)
         made_with = describe_provenance(study)  # before the cases, while what was imported is young
         start = time.process_time()
         for case in task.cases:
@@ -123,11 +129,16 @@ def run_cases(task: Task) -> Result:
         return Result(rows, tracebacks, time.process_time() - start, messages, made_with)
 
 
+def build_failed_result(task: Task, error: str, text: str) -> Result:
+    """Result of a single case that was ended, with what is known of it."""
+    (case,) = task.cases
+    return Result([{"case": case, "error": error}], {case: f"{error}\n\n{text}"})
+
+
 def build_killed_result(task: Task) -> Result:
     """Result of a single case whose worker died of it."""
     text = "The process that ran this case alone ended without an answer: a signal, os._exit, or no memory left.\n"
-    (case,) = task.cases
-    return Result([{"case": case, "error": KILLED}], {case: f"{KILLED}\n\n{text}"})
+    return build_failed_result(task, KILLED, text)
 
 
 def merge_results(results: Iterable[Result]) -> Result:

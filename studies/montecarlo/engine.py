@@ -134,6 +134,7 @@ def run(
     progress: Display = show_no_progress,
     retry_failed: bool = False,
     until: StoppingRule | None = None,
+    limit_s: float = 0.0,
 ) -> Outcome:
     """Run a study, or what is left of it, and write its table.
 
@@ -149,6 +150,7 @@ def run(
         function that is told how many more have ended; for example ``studies.report.console.show_progress``
     retry_failed : run failed cases of earlier runs again
     until : stop as soon as this is met; the configuration's number of cases is then the most there may be
+    limit_s : time after which a case is ended and has failed; none by default
 
     Raises
     ------
@@ -169,6 +171,7 @@ def run(
             **collect_versions(["distributed"] if backend == "dask" else []),
             "backend": backend,
             "jobs": None,
+            "limit_s": limit_s,
         }
         session = _Session(parts, about, earlier, describe_provenance(study))
         missing = session.find_missing_cases(retry_failed)
@@ -179,9 +182,10 @@ def run(
             if missing:
                 workers = open_backend(backend, run_cases, jobs, scheduler)
                 with TemporaryDirectory(prefix="gyrocal-") as watch, run_single_threaded() as messages, workers:
+                    options: dict[str, Any] = {"limit_s": limit_s, "watch": watch}
                     running = partial(workers.list_running, watch)
                     with progress(study.name, sum(map(len, missing)), running=running) as advance:
-                        session.finish(workers, lambda cases: replace(task_for(cases), watch=watch), missing, advance, until)
+                        session.finish(workers, lambda cases: replace(task_for(cases), **options), missing, advance, until)
                 session.count(messages)
             else:
                 session.finish(None, task_for, missing, lambda count: None, until)

@@ -43,6 +43,7 @@ WRONG = [
     ("study psi --require p99(nees)<1", "the cases of this study are points of a grid"),
     ("study paper --fail-on fail", "--fail-on fail: give failed, until or require"),
     ("study paper --fail-on until", "there is no --until; give one"),
+    ("study paper --limit 10m", "--limit 10m: give a time such as 30s, 10min or 2h"),
     ("study paper --cases 5 --rerun 7", "cases 0 to 4"),
     ("study consistency --cases 2 --out OUT", "more than 24 are needed"),
     # values

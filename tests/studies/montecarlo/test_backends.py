@@ -150,14 +150,21 @@ def test_a_case_that_kills_its_worker_is_a_failed_row(where, reference, tmp_path
     assert table.drop(7).astype({"label": object}).equals(expected.drop(7).astype({"label": object}))
 
 
-@pytest.mark.parametrize("where", ["serial", "loky", pytest.param("dask", marks=pytest.mark.long)], indirect=True)
-def test_a_case_that_runs_long_is_told_with_its_age(where, reference, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    "where",
+    [pytest.param("serial", marks=pytest.mark.long), "loky", pytest.param("dask", marks=pytest.mark.long)],
+    indirect=True,
+)
+def test_a_case_that_never_returns_ends_at_its_limit(where, reference, tmp_path, monkeypatch):
+    """Also one in compiled code that holds the interpreter; the other cases of its task go on, and their rows are the same."""
+    monkeypatch.setattr("studies.montecarlo.store.PARTS", 5)
+    config, _ = reference
     shown = {}
 
     @contextmanager
     def progress(label, total, running):
         def look():
-            while not shown.get(2, 0.0) > 0.3 and not shown.get("ended"):
+            while not shown.get(7, 0.0) > 0.3 and not shown.get("ended"):
                 shown.update(running())
                 time.sleep(0.05)
 
@@ -167,10 +174,14 @@ def test_a_case_that_runs_long_is_told_with_its_age(where, reference, tmp_path, 
         shown["ended"] = True
         thread.join()
 
-    config, _ = reference
-    slow = config.model_copy(update={"cases": 4, "pause_s": 0.6})
-    run(DRAWS, slow, tmp_path, **where | {"jobs": 1}, progress=progress)
-    assert 0.3 < shown[2] < 20
+    hung = config.model_copy(update={"hang": (7,)})
+    outcome = run(DRAWS, hung, tmp_path, **where | {"jobs": 1}, limit_s=3.0, progress=progress)
+    limit = "TimeLimit: took longer than 3 s"
+    assert outcome.failures == {3: "ValueError: case 3 is bad", 7: limit}
+    assert "draws_case" in (tmp_path / "failures" / "case-000007.txt").read_text()
+    assert 0.3 < shown[7] < 20
+    expected = run(DRAWS, config, tmp_path / "serial", backend="serial").load()
+    assert outcome.load().drop(7).equals(expected.drop(7))
 
 
 @needs_dask
