@@ -3,8 +3,6 @@
 Tables show the flight's values beside the simulated ones and the difference. The page is made from the folders of results.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial

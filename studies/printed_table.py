@@ -4,8 +4,6 @@ Observations d are flown minus simulated, with the covariance Σ = L Lᵀ under 
 by L. Beside what may be named there are unlisted rivals, a random difference of any size in some of the numbers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -19,9 +17,10 @@ from diagnosis.model.folds import build_normal_fold
 from diagnosis.model.groups import CandidateColumns
 from diagnosis.model.linear import LinearModel
 from diagnosis.settings import DEFAULT
+from simulator.arrays import Array
 
-Array = NDArray[np.float64]
-
+WIDTH = 40  # sets of each size that grow
+HOPELESS = 6.0  # log posterior by which the best set of a size may fall below the best of all, beyond which none grows further
 UNKNOWN_NAME = "unknown"  # every rival's name begins with it
 
 
@@ -50,7 +49,6 @@ def build_model(
     held: Iterable[str],
     split: str,
     most_effects: int,
-    width: int,
 ) -> LinearModel:
     """The linear model of a table.
 
@@ -60,7 +58,7 @@ def build_model(
     groups : candidates with whitened columns (n, k)
     owner, held : (n,) what each number belongs to, and what is held out in turn
     split : what that is, in words
-    most_effects, width : of the search
+    most_effects : in one explanation
     """
     L = np.asarray(np.linalg.cholesky(covariance))
     candidates, W = place_candidates(groups, lambda columns: columns, DEFAULT, d.size)
@@ -72,13 +70,31 @@ def build_model(
         dof=d.size,
         projected=lambda values: values,
         most_effects=most_effects,
-        beam=(width,) * (most_effects - 1),
         split=split,
         folds=lambda W: (build_normal_fold(covariance, d, L @ W, owner == name, owner) for name in held),
     )
 
 
 def rank_explanations(model: LinearModel, nothing: float) -> list[Explanation]:
-    """Rank the explanations of a table's difference, the likeliest first; `nothing` is the prior share of chance alone."""
-    found = [*Search(model).explanations(), Explanation((), 0.0, float(np.log(nothing)))]
-    return sorted(found, key=lambda one: -one.log_posterior)
+    """Rank the explanations of a table's difference, the likeliest first; `nothing` is the prior share of chance alone.
+
+    A table has few candidates and flexible ones, so that the best sets of each size grow side by side: one of four timings
+    alone explains little.
+    """
+    search = Search(model)
+    found = {one.key: one for one in search.score_singles()}
+    level = list(found.values())
+    for _ in range(model.most_effects - 1):
+        children = [child for parent in level[:WIDTH] for child in search.list_children(parent)]
+        likeliest = list({child.key: child for child in sort_by_posterior(children)[::-1]}.values())[::-1]
+        level = sort_by_posterior([search.optimise_members(one.members) for one in likeliest[: 2 * WIDTH]])
+        hopeless = level[0].log_posterior < max(one.log_posterior for one in found.values()) - HOPELESS
+        found |= {one.key: one for one in level}
+        if hopeless:
+            break
+    return sort_by_posterior([*found.values(), Explanation((), 0.0, float(np.log(nothing)))])
+
+
+def sort_by_posterior(explanations: Iterable[Explanation]) -> list[Explanation]:
+    """Explanations, the likeliest first."""
+    return sorted(explanations, key=lambda one: -one.log_posterior)

@@ -1,7 +1,5 @@
 """The reproduction of a paper: a study's rows, tables and figures beside the flight's values, one page of them, a summary."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import time

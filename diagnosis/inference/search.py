@@ -1,8 +1,8 @@
-"""Search over sets of effects: the evidence of each set, and its posterior.
+"""Sets of effects: the evidence of each set, and its posterior.
 
 A set's evidence is averaged over the options and scales of its members. With the others held at their best, a member's part
 of the average is exact; the product of these parts stands for the whole average (a coordinate-wise Laplace approximation in
-the discrete parameters). The search keeps a beam of sets, since the best single effect is not always in the best pair.
+the discrete parameters). `diagnosis.inference.joint_search` finds the sets that are scored here.
 """
 
 from __future__ import annotations
@@ -22,13 +22,8 @@ from diagnosis.settings import DEFAULT, DiagnosisSettings
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-CHILDREN = 12  # extensions of a set by one more candidate whose options and scales are optimised
 SWEEPS = 2  # over the members of a set, each moved to its best with the others held
-EXCHANGES = 4  # rounds in which members of the best set are exchanged for other candidates
-EXCHANGED_FOR = 4  # candidates that are optimised in the place of each member
-THINNED = 4  # best sets of which every subset with one member fewer is evaluated too
 SCREEN_COLUMNS = 24  # strongest columns of a random process, with which it is screened
-HOPELESS = 6.0  # by how much the log posterior of a larger set must fall below the best for the search to end
 
 
 @dataclass(frozen=True)
@@ -221,82 +216,6 @@ class Search:
             score = self.score(candidate, ())
             found.append(self._build_explanation((SelectedCandidate(candidate, score.option, score.scale),), score.average))
         return _rank_explanations(found)
-
-    def explanations(self) -> list[Explanation]:
-        """Search the sets of effects, and return them with the best first."""
-        depth = self.model.most_effects
-        found = {explanation.key: explanation for explanation in self.score_singles()}
-        level = list(found.values())
-        for width in self.model.beam[: depth - 1]:
-            new: dict[frozenset[int], Explanation] = {}
-            for parent in self._select_beam(level, width):
-                for child in self.list_children(parent, most=SCREEN_COLUMNS)[:CHILDREN]:
-                    if child.key not in new or child.log_posterior > new[child.key].log_posterior:
-                        new[child.key] = child
-            level = _rank_explanations(
-                [self.optimise_members(one.members) for one in self._select_beam(list(new.values()), 2 * width)]
-            )
-            top = max(explanation.log_posterior for explanation in found.values())
-            found.update({explanation.key: explanation for explanation in level})
-            if not level or level[0].log_posterior < top - HOPELESS:
-                break
-        if depth > 1:
-            self._replace_members(found)
-        return _rank_explanations(list(found.values()))
-
-    def _replace_members(self, found: dict[frozenset[int], Explanation]) -> None:
-        """Replace each member of the best set by others; a beam that once took a detour may not get there by itself."""
-        tried: set[frozenset[int]] = set()
-        for _ in range(EXCHANGES):
-            for other in _rank_explanations(list(found.values()))[1:THINNED]:
-                self._drop_members(other, found)
-            best = max(found.values(), key=lambda explanation: explanation.log_posterior)
-            for member in best.members if len(best.members) > 1 else ():
-                others = tuple(one for one in best.members if one != member)
-                key = frozenset(one.candidate for one in others)
-                if key in tried:
-                    continue
-                tried.add(key)
-                parent = self.optimise_members(others)
-                found.setdefault(parent.key, parent)
-                for child in self.list_children(parent, most=SCREEN_COLUMNS)[:EXCHANGED_FOR]:
-                    if child.key not in found:
-                        found[child.key] = self.optimise_members(child.members)
-            if best is max(found.values(), key=lambda explanation: explanation.log_posterior):
-                break
-
-    def _drop_members(self, explanation: Explanation, found: dict[frozenset[int], Explanation]) -> None:
-        """Every subset with one member fewer."""
-        for member in explanation.members if len(explanation.members) > 1 else ():
-            others = tuple(one for one in explanation.members if one != member)
-            key = frozenset(one.candidate for one in others)
-            if key not in found:
-                found[key] = self.optimise_members(others)
-
-    def _select_beam(self, level: list[Explanation], width: int) -> list[Explanation]:
-        """The best sets, then the best of listed effects only, then the best of each other combination of effects.
-
-        Sets of listed effects keep a part of the beam for themselves: flexible rivals explain a part of anything, and would
-        otherwise crowd out the first of several listed effects.
-        """
-        ranked = _rank_explanations(level)
-        kept = ranked[: width // 2]
-        listed = [one for one in ranked if self._is_listed(one) and one not in kept]
-        kept += listed[: width // 4]
-        names = {self._list_effect_names(one) for one in kept}
-        for one in ranked:
-            if len(kept) >= width:
-                break
-            if self._list_effect_names(one) not in names:
-                kept.append(one)
-                names.add(self._list_effect_names(one))
-        return kept
-
-    def _is_listed(self, explanation: Explanation) -> bool:
-        return all(self.model.candidates[k].listed for k in explanation.key)
-
-    def _list_effect_names(self, explanation: Explanation) -> frozenset[str]:
-        return frozenset(self.model.candidates[k].effect for k in explanation.key)
 
     def list_children(
         self, parent: Explanation, allowed: Callable[[int], bool] = lambda candidate: True, most: int | None = None

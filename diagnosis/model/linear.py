@@ -222,7 +222,6 @@ class LinearModel:
     dof: int  # degrees of freedom of y under M0
     projected: Callable[[Array], Array] = field(repr=False)  # takes the nuisance parameters out of (N, d) values
     most_effects: int = 3  # largest number of effects in one explanation
-    beam: tuple[int, ...] = (10, 6, 6, 6)  # how many sets a search extends by a second, third … effect; few rows afford many
     split: str = ""  # how `folds` parts the data, in words; "" where nothing can be held out
     # parts of the data held out in turn, of the model's W
     folds: Callable[[Array], Iterable[Fold]] = field(default=lambda W: (), repr=False)

@@ -61,10 +61,14 @@ class InvisibleEffect:
     def describe(self) -> str:
         """Say how far the effect moves the parameter that it moves most, and what would show it."""
         worst = int(np.argmax(np.abs(self.sigmas)))
-        moved = f"{np.rad2deg(self.change[worst]) * 3600:+.3g} deg/h" if worst >= 9 else f"{1e6 * self.change[worst]:+.3g} ppm"
+        factor, unit = (np.rad2deg(3600), "deg/h") if worst >= 9 else (1e6, "ppm")
+        size, moved, sigmas = (
+            float(f"{value:.{digits}g}")  # without an exponent, however large
+            for value, digits in ((self.size, 3), (factor * self.change[worst], 3), (abs(self.sigmas[worst]), 2))
+        )
         return (
-            f"{self.label} of {self.size:.3g} {self.unit} leaves no misfit and moves {NAMES[worst]} by {moved}, "
-            f"{abs(self.sigmas[worst]):.2g} sigma; {self.maneuver} would show it"
+            f"{self.label} of {size:g} {self.unit} leaves no misfit and moves {NAMES[worst]} by {moved:+g} {unit}, "
+            f"{sigmas:g} sigma; {self.maneuver} would show it"
         )
 
     def to_json(self) -> dict[str, Any]:

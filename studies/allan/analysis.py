@@ -4,8 +4,6 @@ Lines are taken out first, found in the spectrum as those of a diagnosis are, si
 that other terms could pass for. What the references add where they were taken out of the rates is known, and no term.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -20,11 +18,11 @@ from gyrocal import Recording
 from gyrocal.allan import Deviation, Fit, TermEstimate, fit_terms, overlapping_allan_deviation
 from gyrocal.allan.terms import ANGLE_WHITE, FLICKER, MARKOV, RAMP, RANDOM_WALK, RATE_WALK, compute_sinusoid_variance
 from gyrocal.calibration.parameters import AXIS_NAMES
+from simulator.arrays import Array
 from simulator.streams import generator
 from studies.allan.rates import Stretch, find_stretches
 from studies.allan.repeated_samples import select_measured_samples
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 BOUND_CONFIDENCE = 0.95

@@ -9,8 +9,6 @@ them.
 That puts the references' own errors into the rates; how much these add to each Allan variance is found by drawing them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -27,8 +25,7 @@ from gyrocal import GyroParameters, InputError, Recording, UnobservableError, ca
 from gyrocal.attitude import cross_matrix
 from gyrocal.masking import mark_interval_samples
 from gyrocal.recording import Interval, find_reference_rows
-
-Array = NDArray[np.float64]
+from simulator.arrays import Array
 
 MOTION_MARGIN_SAMPLES = 60  # samples beside a visible motion that are left out, since it may have begun gently
 GENTLE = (20, 40, 80, 160)  # samples whose means show that it has, where they are no rest yet

@@ -11,8 +11,6 @@ measurement. Two processes make them:
 Windows with an expected variance of `WINDOW_VARIANCE` for lost samples separate the two: a regular rate has at most 1/4.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,8 +25,8 @@ from gyrocal import Recording
 from gyrocal.calibration.parameters import AXIS_NAMES
 from gyrocal.mask_runs import find_mask_runs
 from gyrocal.masking import mark_interval_samples
+from simulator.arrays import Array
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 WINDOW_VARIANCE = 30.0  # of the number of lost samples in a window

@@ -1,7 +1,5 @@
 """The noise of a recording as one page: the figure, the terms beside the stated noise, and the stretches they come from."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

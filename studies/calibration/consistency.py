@@ -30,6 +30,7 @@ from pydantic import Field, model_validator
 
 from gyrocal import NAMES, GyroParameters, calibrate
 from simulator import scenario as scenarios
+from simulator.arrays import Array
 from studies.calibration import summaries
 from studies.calibration.shared_truth import require_converged
 from studies.montecarlo import statistics
@@ -42,7 +43,6 @@ from studies.report.entry import Entry, Report
 from studies.report.tables import Table, summarise_groups
 from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES, name_columns
 
-Array = NDArray[np.float64]
 Samples = Mapping[str, Array]
 
 # Of the size of what the data alone would leave, so that the prior and the data both count.

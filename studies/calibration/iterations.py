@@ -12,14 +12,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import field_validator
 
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import Psi
 from gyrocal.calibration.sampling import prepare_measurements
-from studies.calibration.settings import Different
-from studies.calibration.shared_truth import NoiseFreeSimulation, build_once, make_noise_generators
+from simulator.arrays import Array
+from studies.calibration.shared_truth import Different, NoiseFreeSimulation, build_once, make_noise_generators
 from studies.calibration.summaries import find_level_crossing, fit_log_slope
 from studies.montecarlo.study import Streams, Study, StudyConfig, observed
 from studies.report import panels
@@ -27,8 +26,6 @@ from studies.report.checks import Check, bound_above, bound_below
 from studies.report.entry import Entry, Report
 from studies.report.panels import Line
 from studies.report.tables import Table, summarise_groups
-
-Array = NDArray[np.float64]
 
 FACTORS = (0.3, 0.6, 1.0, 2.0, 3.0, 6.0, 10.0, 20.0, 30.0)
 SHOWN_ITERATIONS = 3  # iterations whose errors and corrections are in the rows

@@ -20,7 +20,6 @@ from typing import ClassVar
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field
 
 from gyrocal import NAMES, GyroParameters
@@ -36,8 +35,6 @@ from studies.report.checks import Check
 from studies.report.entry import Entry, Report
 from studies.report.tables import Table
 from studies.report.units import PPM_DEG_H, name_columns
-
-Array = NDArray[np.float64]
 
 REFERENCE_PLACEMENTS = ("ends", "series")
 MOST_INTERVALS = 10

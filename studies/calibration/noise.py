@@ -22,7 +22,6 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 import scipy.stats
-from numpy.typing import NDArray
 from pydantic import Field
 
 from gyrocal import NAMES, InputError
@@ -32,9 +31,9 @@ from gyrocal.calibration.parameters import BIAS_NAMES, MISALIGNMENT_NAMES, SCALE
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.sampling import prepare_measurements
+from simulator.arrays import Array
 from simulator.scenario import override
-from studies.calibration.settings import Rising
-from studies.calibration.shared_truth import NoiseFreeSimulation, build_once, make_noise_generators
+from studies.calibration.shared_truth import NoiseFreeSimulation, Rising, build_once, make_noise_generators
 from studies.montecarlo.study import GridConfig, Streams, Study, load_base_scenario
 from studies.natanson import flight_gap
 from studies.report import panels
@@ -43,8 +42,6 @@ from studies.report.entry import Entry, Report
 from studies.report.panels import Line
 from studies.report.tables import Table
 from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES, name_columns
-
-Array = NDArray[np.float64]
 
 ARW_GRID_DEG_PER_SQRT_S = (2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3)
 SIGMA_GRID_DEG = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05)

@@ -18,7 +18,7 @@ from gyrocal import CalibrationResult, InputError, calibrate
 from gyrocal.recording import Recording
 from simulator.scenario import Scenario, override
 from simulator.simulate import motion, observe
-from studies.calibration.settings import Different
+from studies.calibration.shared_truth import Different
 from studies.calibration.summaries import find_level_crossing, fit_log_slope
 from studies.montecarlo.study import GridConfig, Streams, Study, load_base_scenario
 from studies.report import panels

@@ -1,21 +1,40 @@
-"""What the cases of a study share: a scenario flown without noise, and what is built on it, made once a process."""
+"""What studies and their cases share: kinds of settings, and a scenario flown without noise with what is built on it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Self, TypeVar
+from itertools import pairwise
+from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from pydantic import AfterValidator
 
 from gyrocal import CalibrationResult, GyroParameters, InputError, attitude
 from gyrocal.recording import Recording
+from simulator.arrays import Array
 from simulator.scenario import Scenario
 from simulator.simulate import compute_noise_free_rates, observe, realise
 from simulator.truth.motion import Motion
 from studies.montecarlo.study import Streams, StudyConfig, dispersed, load_base_scenario, simulate_case_motion
 
-Array = NDArray[np.float64]
+
+def _check_different(value: tuple[float, ...]) -> tuple[float, ...]:
+    if not value or min(value) <= 0 or len(set(value)) < len(value):
+        raise ValueError("must be one or more different numbers above zero")
+    return value
+
+
+def _check_rising(value: tuple[float, ...]) -> tuple[float, ...]:
+    if not value or value[0] <= 0 or any(b <= a for a, b in pairwise(value)):
+        raise ValueError("must be one or more rising numbers above zero")
+    return value
+
+
+Different = Annotated[tuple[float, ...], AfterValidator(_check_different)]
+Rising = Annotated[tuple[float, ...], AfterValidator(_check_rising)]
+
+
 Noise = tuple[np.random.Generator, np.random.Generator]
 Config = TypeVar("Config", bound=StudyConfig)
 Built = TypeVar("Built")

@@ -20,13 +20,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from gyrocal import NAMES
 from gyrocal.calibration.problem import Iterates, Problem
 from gyrocal.calibration.sampling import Resampling, prepare_measurements
-from studies.calibration.settings import Rising
-from studies.calibration.shared_truth import NoiseFreeSimulation, build_once, compute_rms, make_noise_generators
+from simulator.arrays import Array
+from studies.calibration.shared_truth import NoiseFreeSimulation, Rising, build_once, compute_rms, make_noise_generators
 from studies.calibration.summaries import find_level_crossing, fit_log_slope, summarise_with_flight
 from studies.montecarlo import statistics
 from studies.montecarlo.study import Streams, Study, StudyConfig, observed
@@ -38,7 +37,6 @@ from studies.report.panels import Line
 from studies.report.tables import Table
 from studies.report.units import ONE_DEG_S, ONE_DEG_S_NAMES
 
-Array = NDArray[np.float64]
 Way = tuple[float, Resampling]
 
 STEPS_S = (0.5, 1.0, 2.0, 4.0, 8.0)

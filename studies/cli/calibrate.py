@@ -1,7 +1,5 @@
 """The command ``gyrocal calibrate``: the gyro's parameters from a recording."""
 
-from __future__ import annotations
-
 from datetime import datetime
 from functools import partial
 from pathlib import Path

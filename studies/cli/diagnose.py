@@ -1,7 +1,5 @@
 """The command ``gyrocal diagnose``: what departs from the baseline simulator, where, and which effect explains it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import partial
@@ -34,12 +32,6 @@ from studies.report.junit import Verdict
 @effects_option
 @add_json_option(stdout="the summary")
 @add_output_option("--report", help=PAGE)
-@click.option(
-    "--plan",
-    "flown",
-    metavar="SCENARIO",
-    help="Scenario of the recording, a built-in name or a TOML file: the answer then states which extra maneuver helps most.",
-)
 @add_output_option("--adopt", help="Write a scenario with the recording's own motion and the identified effects to this file.")
 @click.option(
     "--without",
@@ -60,7 +52,6 @@ def command(
     recording: Path,
     as_json: Path | None,
     report: Path | None,
-    flown: str | None,
     adopt: Path | None,
     without: tuple[str, ...],
     exclude: list[list[float]] | None,
@@ -78,7 +69,6 @@ def command(
     Examples:
       gyrocal simulate trmm_series /tmp/rec --effect bias_orbital:z=0.3
       gyrocal diagnose /tmp/rec --report /tmp/report.html --json /tmp/diagnosis.json
-      gyrocal diagnose /tmp/rec --report /tmp/report.html --plan trmm_series
       gyrocal diagnose /tmp/rec --without bias_orbital
       gyrocal diagnose /tmp/rec --adopt /tmp/adopted.toml
       gyrocal diagnose /tmp/rec --fail-on unknown --junit /tmp/diagnosis.xml
@@ -88,20 +78,13 @@ def command(
 
     from diagnosis.adopt import write_adopted_scenario
     from diagnosis.diagnose import diagnose
-    from diagnosis.plan.pipeline import plan
-    from simulator import scenario as scenarios
     from studies.report.diagnosis import build_diagnosis_page
-    from studies.report.plan import describe_next_flight, list_suspected_effects
 
-    scenario_flown, planned = scenarios.load(flown) if flown else None, None
     with show_stages("diagnose", LINE_EVERY_S) as progress:
         spans = [(first, stop) for first, stop in exclude or ()]
         result = diagnose(loaded, progress=progress, seed=seed, library=library, exclude=spans)
-        suspected = list(dict.fromkeys(label.partition(":")[0] for label in list_suspected_effects(result)))
-        if scenario_flown and suspected:
-            planned = plan(scenario_flown, effects=suspected, progress=progress, seed=seed)
     orbit_s = loaded.orbit.period_s if loaded.orbit is not None else math.nan
-    build = partial(build_diagnosis_page, result, orbit_s=orbit_s, next_flight=describe_next_flight(result, planned))
+    build = partial(build_diagnosis_page, result, orbit_s=orbit_s)
     write_result(result.to_json(), as_json, build, report, loaded)
     if adopt:
         text, adoption = write_adopted_scenario(result, loaded, recording, adopt)

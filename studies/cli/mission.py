@@ -45,9 +45,10 @@ MOST_TELEMETRY_ROWS = 20_000_000  # of telemetry, 2 GB
 @click.option(
     "--tables",
     type=click.Choice(["flight", *PERIODS]),
-    help="Tables on board: uploaded on the days of the flight (the default), or those of one of R's periods throughout.",
+    default="flight",
+    show_default=True,
+    help="Tables on board: uploaded on the days of the flight, or those of one of R's periods throughout.",
 )
-@click.option("--calibrated", is_flag=True, help="The same as --tables postcalibration.")
 @click.option(
     "--mounting",
     type=click.Choice(MOUNTING_NAMES),
@@ -69,8 +70,7 @@ def command(
     out: Path,
     days: float,
     seed: int,
-    tables: str | None,
-    calibrated: bool,
+    tables: str,
     mounting: Mounting,
     effects: tuple[str, ...],
     every_s: float,
@@ -85,13 +85,9 @@ def command(
     \b
     Examples:
       gyrocal mission /tmp/mission --days 30
-      gyrocal mission /tmp/day --days 1 --calibrated --every 10 --json /tmp/day.json
+      gyrocal mission /tmp/day --days 1 --tables postcalibration --every 10 --json /tmp/day.json
       gyrocal mission /tmp/gap --days 30 --effect horizon_noise=0.03,tau_s=250 --effect gyro_walk:y=0.01
     """
-    if calibrated and tables not in (None, "postcalibration"):
-        raise InputError(f"--calibrated and --tables {tables} exclude each other")
-    tables = "postcalibration" if calibrated else tables or "flight"
-
     from simulator.mission_mode.effects import parse
     from simulator.mission_mode.flight import simulate_mission
 

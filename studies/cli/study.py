@@ -48,7 +48,6 @@ if TYPE_CHECKING:
     default=None,
     help="Repeat this one case of the study in the folder and keep its recording.",
 )
-@click.option("--keep", multiple=True, type=click.IntRange(0), help="Keep the recording of this case; repeatable.")
 @click.option("--retry-failed", is_flag=True, help="Run failed cases of an earlier run again.")
 @add_output_option("--report", help=PAGE)
 @click.option(

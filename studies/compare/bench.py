@@ -10,12 +10,11 @@ from gyrocal import GyroParameters
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
 from simulator.adopted_scenario import AdoptedScenario, ReplayPlan, hash_recording
+from simulator.arrays import Array
 from simulator.effects import REGISTRY, Setting
 from simulator.streams import generator
 from simulator.truth.rotation import apply_rotation_errors, separation
 from studies.compare.measure import MeasurementSetup, RecordingStatistics
-
-Array = NDArray[np.float64]
 
 # Stages whose effects are functions of the motion; what comes later in the chain acts on samples with noise in them.
 PREDICTABLE_STAGES = ("rate", "filter", "clock", "threshold", "reference")

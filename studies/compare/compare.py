@@ -9,7 +9,6 @@ from typing import Any
 import joblib
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from gyrocal import calibrate
@@ -21,7 +20,6 @@ from studies.compare.bench import FlightStatistics, PreparedScenario
 from studies.compare.gap import Gap, compute_gap
 from studies.compare.measure import MeasurementSetup, RecordingStatistics
 
-Array = NDArray[np.float64]
 Display = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 
 BASELINE = "M0"

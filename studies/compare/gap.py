@@ -40,9 +40,8 @@ is nothing to shrink.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from simulator.arrays import Array
 
 Z90 = 1.6448536269514722  # two-sided 90 %
 

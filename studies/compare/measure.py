@@ -38,10 +38,10 @@ from gyrocal import NAMES, GyroParameters, attitude
 from gyrocal.calibration.problem import Problem, State
 from gyrocal.calibration.sampling import prepare_measurements
 from gyrocal.recording import Recording
+from simulator.arrays import Array
 from simulator.effects.recording_view import find_interval_slices, smooth_rates
 from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 AXES = "xyz"

@@ -20,14 +20,13 @@ from typing import Any, Literal, Self
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy import special, stats
 
 from gyrocal.errors import InputError, suggest_names
+from simulator.arrays import Array
 from studies.montecarlo.statistics import compute_binomial_interval
 from studies.montecarlo.study import RESERVED, GridConfig, StudyConfig
 
-Array = NDArray[np.float64]
 Outcome = Literal["met", "not met", "undecided"]
 
 LEVEL = 0.95

@@ -27,15 +27,14 @@ from itertools import repeat
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 from scipy.special import ndtr, ndtri
 
 from gyrocal.errors import InputError, suggest_names
+from simulator.arrays import Array
 from simulator.scenario import Scenario, override
 from simulator.streams import generator
 
-Array = NDArray[np.float64]
 Sampler = Literal["random", "lhs", "sobol"]
 
 SMALLEST_U = 2.0**-54  # half a unit of a random double: keeps the quantiles finite

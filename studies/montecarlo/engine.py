@@ -19,7 +19,7 @@ import logging
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -132,7 +132,6 @@ def run(
     jobs: int | None = None,
     scheduler: str | None = None,
     progress: Display = show_no_progress,
-    keep: Collection[int] = (),
     retry_failed: bool = False,
     until: StoppingRule | None = None,
     limit_s: float = 0.0,
@@ -149,7 +148,6 @@ def run(
     scheduler : address of a dask scheduler
     progress : (label, cases left, and as `running` what lists the cases that run with their ages in s) to a context with a
         function that is told how many more have ended; for example ``studies.report.console.show_progress``
-    keep : cases whose recordings are kept
     retry_failed : run failed cases of earlier runs again
     until : stop as soon as this is met; the configuration's number of cases is then the most there may be
     limit_s : time after which a case is ended and has failed; none by default
@@ -162,10 +160,6 @@ def run(
         Ctrl-C; what has ended is kept.
     """
     task_for, ready = _prepare(study, config)
-    if keep and study.recording is None:
-        raise InputError(f"study {study.name}: has no recordings to keep")
-    for case in keep:
-        _check_case(config, case)
     if until and (isinstance(ready, GridConfig) or (ready.sampler == "lhs" and ready.dispersions)):
         raise InputError(f"study {study.name}: --until needs cases of which the first ones are a sample, not a grid or lhs")
     folder = Path(folder)
@@ -195,8 +189,6 @@ def run(
                 session.count(messages)
             else:
                 session.finish(None, task_for, missing, lambda count: None, until)
-            for case in keep:
-                _keep(study, ready, case, folder)
             parts.write_table(table, session.cases)
             manifest = session.write("complete")
     return Outcome(

@@ -1,7 +1,5 @@
 """The claims of N, each with its place in the paper and a verdict that is computed from the reproduction."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from studies.natanson import flight

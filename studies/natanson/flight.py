@@ -13,12 +13,10 @@ from importlib import resources
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from gyrocal import GyroParameters
+from simulator.arrays import Array
 from simulator.scenario import Scenario
-
-Array = NDArray[np.float64]
 
 FLIGHT_STEPS_S = (0.5, 1.0, 2.0)
 INTERVAL_MANEUVERS = [

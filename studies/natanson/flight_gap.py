@@ -29,16 +29,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from gyrocal import GyroParameters, Recording, attitude, propagate
 from gyrocal.calibration.normal_equations import compute_attitude_residuals
 from gyrocal.calibration.sampling import prepare_measurements
+from simulator.arrays import Array
 from simulator.scenario import Scenario, override
 from simulator.simulate import motion, observe
 from studies.natanson import flight
-
-Array = NDArray[np.float64]
 
 COARSE_SAMPLE_S = 2.0  # mean rates over longer samples: the prediction moves by less than 1e-4 deg, at a quarter of the cost
 YAW_INTERVALS, MINUS_Y, HOLD = (1, 5), 3, 4

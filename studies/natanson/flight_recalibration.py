@@ -17,17 +17,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from gyrocal import NAMES, Attitudes, CalibrationResult, GyroParameters, Recording, attitude, calibrate
 from gyrocal.calibration.gyro_space import Parametrisation
 from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.sampling import prepare_measurements
+from simulator.arrays import Array
 from simulator.scenario import Scenario
 from studies.natanson import flight, flight_gap
 from studies.natanson.paper_forms import count_digit_changes
-
-Array = NDArray[np.float64]
 
 CALIBRATION_SPACES: dict[str, Parametrisation] = {"gyro_space": "gyro", "gain_space": "gain"}
 BIAS_STEP_S = 1.0  # step of the corrections to b of N Table 5's first iteration

@@ -5,12 +5,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from simulator.arrays import Array
 from studies.natanson import flight
 from studies.report.tables import NO_VALUE
-
-Array = NDArray[np.float64]
 
 ITERATION_PHASES = {"prelaunch": "before", "calibrated": "first", "second iteration": "second"}
 WORDS = {"bias_deg_s": "bias", "scale_factor": "scale factor"}

@@ -20,6 +20,7 @@ from gyrocal.calibration.increment_packing import compute_packed_shape
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import Psi
 from gyrocal.calibration.sampling import Resampling, prepare_measurements
+from simulator.arrays import Array
 from studies.calibration import summaries
 from studies.calibration.shared_truth import (
     NoiseFreeSimulation,
@@ -43,8 +44,6 @@ from studies.report.checks import Check
 from studies.report.entry import Entry, Report
 from studies.report.tables import Table, summarise_groups
 from studies.report.units import ONE_DEG_S, ONE_DEG_S_NAMES
-
-Array = NDArray[np.float64]
 
 Variant = tuple[float, Resampling, Psi, CovarianceModel]
 VARIANT_KEYS = ("step_s", "resampling", "psi", "covariance")

@@ -19,8 +19,7 @@ from studies.montecarlo import statistics
 from studies.montecarlo.files import write_parquet
 from studies.montecarlo.study import load_base_scenario
 from studies.natanson import flight, flight_gap, flight_recalibration, paper_forms, paper_tables, slew_timings
-from studies.natanson.flight_diagnosis import misfit_numbers
-from studies.natanson.flight_diagnosis.table import load_present_baseline, read_flight_residual_table
+from studies.natanson.flight_diagnosis.table import compute_motion_numbers, load_present_baseline, read_flight_residual_table
 from studies.natanson.paper_tables import PaperTablesConfig
 from studies.report import panels
 from studies.report import tables as render
@@ -124,7 +123,7 @@ def summarise_prediction(scenario: Scenario, scan: pd.DataFrame) -> dict[str, An
     """Gap and clean gap with the assumed timings, over the scanned ones, and what rounding of the print alone leaves; deg."""
     predicted, clean = flight_gap.predict_residuals(scenario), scan["clean_gap_rms_deg"]
     assumed = flight_gap.compute_clean_gap_rms(predicted)
-    covariance = misfit_numbers.compute_motion_numbers(read_flight_residual_table(), load_present_baseline()).covariance
+    covariance = compute_motion_numbers(read_flight_residual_table(), load_present_baseline()).covariance
     return {
         "clean_gap_rms_deg": {"assumed": assumed},
         "clean_gap_scan_deg": {

@@ -5,8 +5,6 @@ The paper slips only where a printed equation, sign or digit contradicts the pap
 A verdict and the sentence beside it are computed from the results; only the claim is typed, with its place in the paper.
 """
 
-from __future__ import annotations
-
 from collections import ChainMap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ The figures are therefore rounded to what stays the same (`SIGNIFICANT_DIGITS`),
 unit of the last digit.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, field
 from math import isclose

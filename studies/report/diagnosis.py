@@ -3,8 +3,6 @@
 No name of an effect is in the answers: `simulator.effects.base.Effect.sentence` has the clause of each.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -53,9 +51,7 @@ NOTES = (
 )
 
 
-def build_diagnosis_page(
-    diagnosis: Diagnosis, made: ProvenanceFooter | None = None, orbit_s: float = math.nan, next_flight: str = ""
-) -> Page:
+def build_diagnosis_page(diagnosis: Diagnosis, made: ProvenanceFooter | None = None, orbit_s: float = math.nan) -> Page:
     """Build the page.
 
     Parameters
@@ -63,10 +59,9 @@ def build_diagnosis_page(
     diagnosis : the answer
     made : for the footer
     orbit_s : period of the orbit, NaN if unknown; the pointing error is then that of an hour
-    next_flight : recommended next flight, of `studies.report.plan.describe_next_flight`; how to ask for it by default
     """
     picture = _build_budget_picture(diagnosis) if diagnosis.budget else _build_residual_picture(diagnosis)
-    answers = list_answers(diagnosis, orbit_s, next_flight)
+    answers = list_answers(diagnosis, orbit_s)
     size = diagnosis.misfit_size
     misfit = "gap" if size is None or size.material else "open"
     answer = Answer(VERDICT_STYLES.get(diagnosis.verdict, misfit), picture, describe_closure(diagnosis), answers)
@@ -82,13 +77,13 @@ def build_diagnosis_page(
         Section("Limits of this recording", [[*diagnosis.notes, *NOTES]]),
     ]
     title = f"Diagnosis of {diagnosis.recording}"
-    return Page(format_headline(diagnosis), [one for one in sections if one.items], answer, made, title)
+    return Page(format_headline(diagnosis), [one for one in sections if any(one.items)], answer, made, title)
 
 
 # ---- answers -------------------------------------------------------------------------------------------------------------
 
 
-def list_answers(diagnosis: Diagnosis, orbit_s: float = math.nan, next_flight: str = "") -> dict[str, str]:
+def list_answers(diagnosis: Diagnosis, orbit_s: float = math.nan) -> dict[str, str]:
     """List the answers by their questions, in the order in which they are read; arguments as of `build_diagnosis_page`."""
     answers = {"Does the baseline fit?": _describe_fit(diagnosis), "Where not?": _describe_places(diagnosis)}
     if diagnosis.present:
@@ -98,8 +93,8 @@ def list_answers(diagnosis: Diagnosis, orbit_s: float = math.nan, next_flight: s
         answers["What does it cost in pointing?"] = describe_pointing_cost(diagnosis.details.regressors, orbit_s)
     answers["What next?"] = describe_next_step(diagnosis)
     if diagnosis.verdict != "none":
-        answers["Which maneuver next?"] = next_flight or (
-            "gyrocal diagnose --plan SCENARIO, with the scenario of this recording, states which extra maneuver helps most."
+        answers["Which maneuver next?"] = (
+            "gyrocal plan SCENARIO --effect CAUSE, with the scenario of this recording, states which extra maneuver helps most."
         )
     return answers
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from diagnosis.budget import Step
 from studies.report import panels, tables
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 BEFORE, BETWEEN, AFTER = panels.RED, "#999999", panels.BLUE
 AXIS_MARKERS = {"x": "o", "y": "s", "z": "^"}

@@ -1,6 +1,4 @@
-"""A plan as one page (smallest visible sizes, inseparable pairs, extra maneuvers), and the next flight after a diagnosis."""
-
-from __future__ import annotations
+"""A plan as one page: smallest visible sizes, inseparable pairs, extra maneuvers."""
 
 from collections.abc import Mapping
 
@@ -8,14 +6,11 @@ import pandas as pd
 
 from diagnosis.plan.result import Extra, Pair, Plan, Visible
 from diagnosis.plan.settings import SETTINGS
-from diagnosis.result import Diagnosis
-from simulator.effects import EFFECTS
 from studies.report import tables
 from studies.report.pages import Item, Page, PageTable, ProvenanceFooter, Section
 
 SHOWN_PAIRS = 25  # on the terminal
 MOST_HIDDEN = 3  # labels named in the headline
-HELPFUL_RATIO = 0.9  # of the smallest visible size with a maneuver over that without, below which it is recommended
 PAIRS = f"Pairs that cannot be separated below a signal-to-noise ratio of {SETTINGS.limit_snr:g}"
 SHARE_NOTE = "Share: part of the first one's signature that the second can reproduce."
 EXTRAS = "Extra maneuvers"
@@ -161,35 +156,3 @@ def build_extras_table(extras: tuple[Extra, ...]) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows)
-
-
-# ---- after a diagnosis ---------------------------------------------------------------------------------------------------
-
-
-def list_suspected_effects(diagnosis: Diagnosis) -> list[str]:
-    """Labels of possible causes: the causes with their alternatives, or else the next best explanations."""
-    labels = [member for cause in diagnosis.causes for member in (cause.label, *cause.group)]
-    labels = labels or [label for effects, _ in diagnosis.alternatives for label in effects]
-    return [label for label in dict.fromkeys(labels) if label.partition(":")[0] in EFFECTS]
-
-
-def describe_next_flight(diagnosis: Diagnosis, found: Plan | None) -> str:
-    """Recommend the extra maneuver of a plan that helps most with the causes of a diagnosis; empty without such a plan."""
-    if found is None or not found.extras:
-        return ""
-    labels = list_suspected_effects(diagnosis)
-    pairs = {frozenset((a, b)) for a in labels for b in labels if a != b}
-    apart = [(len(pairs & {frozenset(pair) for pair in one.resolved}), one) for one in found.extras]
-    most, best = max(apart, key=lambda one: (one[0], -one[1].ratio))
-    if most:
-        return f"{best.name} ({best.hours:.1f} h): it separates causes that this recording cannot separate."
-    ratio, helpful = min(((_find_best_ratio(one, labels), one) for one in found.extras), key=lambda one: one[0])
-    if ratio > HELPFUL_RATIO:
-        return "No extra maneuver of the plan makes the cause much better visible."
-    visible = f"the smallest visible size of the cause is then {ratio:.2g} times that of this recording"
-    return f"{helpful.name} ({helpful.hours:.1f} h): {visible}."
-
-
-def _find_best_ratio(extra: Extra, labels: list[str]) -> float:
-    """The best ratio of a possible cause; a label of the plan may state more, as in effect:z<y."""
-    return min((ratio for name, ratio in extra.by_effect.items() if name.partition("<")[0] in labels), default=1.0)

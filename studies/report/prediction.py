@@ -1,7 +1,5 @@
 """A prediction by gyro alone as one page: the attitude and its sigma over time."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 

@@ -23,13 +23,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from simulator.arrays import Array
 from studies.montecarlo.study import DISPERSED, RESERVED
 from studies.report.tables import Table
-
-Array = NDArray[np.float64]
 
 HARMONICS = 6  # M
 REGRESSION_TERMS = HARMONICS + 2  # k

@@ -3,11 +3,9 @@
 import re
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.calibration.parameters import NAMES
-
-Array = NDArray[np.float64]
+from simulator.arrays import Array
 
 # What turns G (dimensionless) and b (rad/s) into these units, (12,).
 PPM_DEG_H: Array = np.array([1e6] * 9 + [np.rad2deg(1.0) * 3600] * 3)
@@ -30,6 +28,7 @@ ENDINGS = {
     "ms": "ms",
     "s": "s",
 }
+WITH_UNIT = re.compile(rf"(?P<name>.+?)_(?P<ending>{'|'.join(ENDINGS)})(?P<statistic>(?:_max|_median)?)")
 PARAMETER = re.compile(r"\b(G|b) ([xyz]{1,2})\b")
 
 
@@ -40,7 +39,6 @@ def name_columns(quantity: str) -> list[str]:
 
 def format_heading(column: str) -> str:
     """A column's name for people: words in place of underscores, and its unit in brackets."""
-    for ending, unit in ENDINGS.items():
-        if column.endswith(f"_{ending}"):
-            return f"{format_heading(column.removesuffix(f'_{ending}'))} ({unit})"
+    if found := WITH_UNIT.fullmatch(column):
+        return f"{format_heading(found['name'] + found['statistic'])} ({ENDINGS[found['ending']]})"
     return PARAMETER.sub(r"\1_\2", column.replace("_", " "))

@@ -1,7 +1,5 @@
 """R Table 3's periods, a mission begun on a later day, and the yaw maneuvers of N's intervals 2 and 6 as flights."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pandas as pd

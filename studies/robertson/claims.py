@@ -1,7 +1,5 @@
 """The claims of R, each with its place in the paper and a verdict that is computed from the reproduction."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import pandas as pd

@@ -10,8 +10,6 @@ The rival is "unknown", a random difference of any size in all numbers, in a per
 all 18 numbers, whole periods are held out: sizes from two periods predict the third.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -27,11 +25,14 @@ from diagnosis.inference.closure import compute_closure
 from diagnosis.model.groups import CandidateColumns
 from diagnosis.model.linear import LinearModel, Parameters, read_first_amplitude
 from diagnosis.settings import DEFAULT
+from simulator.arrays import Array
 from studies.printed_table import UNKNOWN_NAME, build_model, make_candidate, make_rival, rank_explanations
 from studies.robertson.calendar import PERIODS
 from studies.robertson.ground import DEG_H_PER_RAD_S
-from studies.robertson.ladder import HORIZON, LANDED, NOMINAL
-from studies.robertson.windows import (
+from studies.robertson.ladder import (
+    HORIZON,
+    LANDED,
+    NOMINAL,
     WINDOW_NUMBERS,
     Number,
     apply_mission_effects,
@@ -41,13 +42,11 @@ from studies.robertson.windows import (
     simulate_bias_walk,
 )
 
-Array = NDArray[np.float64]
 Windows = Mapping[tuple[str, ...], pd.DataFrame]
 
 LAST_DIGITS = {"attitude_accuracy_deg": 1e-3, "yaw_update_deg": 1e-2, "gyro_bias_std_deg_h": 1e-4}  # R Table 3's last ones
 UNKNOWN_LIMITS = (0.3, 300.0)  # sigmas of a random difference
 MOST_MISSION_EFFECTS = 4
-MISSION_BEAM_WIDTH = 20
 WALK_SIZE = 0.02  # deg/h/sqrt(day), that a walk's column is formed with
 
 
@@ -140,9 +139,7 @@ def build_performance_model(windows: Windows) -> LinearModel:
     owner = np.array([number[2] for number in WINDOW_NUMBERS])
     groups += _list_random_differences(owner)
     y = (flight - base) / sigma
-    return build_model(
-        y, np.eye(len(y)), groups, owner, PERIODS, "a period at a time", MOST_MISSION_EFFECTS, MISSION_BEAM_WIDTH
-    )
+    return build_model(y, np.eye(len(y)), groups, owner, PERIODS, "a period at a time", MOST_MISSION_EFFECTS)
 
 
 def _make_effect_candidate(one: TrialEffect, change: Array) -> CandidateColumns:

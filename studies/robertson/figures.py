@@ -1,7 +1,5 @@
 """R Figures 6 to 13."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -9,8 +7,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from simulator.arrays import Array
 from simulator.mission_mode.config import DAY, MissionConfig
 from simulator.mission_mode.flight import build_flight_schedule
 from simulator.mission_mode.mounting import compute_sun_path
@@ -21,8 +19,6 @@ from studies.robertson.calendar import FIRST_DAYS, convert_to_mission_day
 from studies.robertson.performance import GYRO_AXES, select_full_orbits
 from studies.robertson.published_tables import ROTATION_NAMES
 from studies.robertson.runs import Runs
-
-Array = NDArray[np.float64]
 
 YELLOW = "#f2c14e"
 FORWARD_COLOURS = {"+x": RED, "-x": TEAL}

@@ -14,19 +14,15 @@ the printed c − 1 follow e₁ tan α in both. The printed d have the other sig
 other way round.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from gyrocal.sensors.head_compensation import HEAD_ANGLES, PUBLISHED_COMPENSATION
+from simulator.arrays import Array
 from simulator.mission_mode.calendar import compute_sun_angle
 from simulator.mission_mode.config import DAY, MissionConfig, build_uploads, fit_crossing_compensation
 from simulator.mission_mode.mounting import ELEVATION, PATH_STEP, compute_sun_path
 from simulator.sensors.sun import SIMULATED_HALF_FOV, build_trmm_alignments
-
-Array = NDArray[np.float64]
 
 YEAR_DAYS = 365.25
 TILTS_DEG = (10.0, 20.0, 30.0, 40.0)

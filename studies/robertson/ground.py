@@ -1,4 +1,4 @@
-"""R's own statistics: the on-board attitude against the ground's batch over an orbit of the flown telemetry.
+"""R's own statistics: the on-board attitude against the ground's batch over an orbit of the flown telemetry, and its alignment.
 
 R Table 3 and Figures 9, 11 and 13 are on board minus ground, and the ground has no truth: "the ground solution is obtained by
 gyro propagation of the epoch attitude from a batch least-squares computation using a full orbit's sensor data", with both sun
@@ -14,32 +14,40 @@ have been the tables on board or the ones found later; R does not say, and both 
 
 The batch's bias is the b' of R (8) and holds what the sensors' errors do to it: a yaw reference that is turned by ψ in the body
 is taken for a bias of ∓n ψ about x at ∓1 RPO.
+
+R (3), the sun sensors' alignment, is found again from simulated telemetry of the early orbits, as the ground did it in flight.
+The sun sensors are mounted as designed, with the heads' angles of the alignment records and nothing else; the Earth sensor has
+no biases. R's first algorithm (`gyrocal.estimation.alignment.align_together`) holds DSS-1 and finds M of DSS-2 and the
+penetration biases from orbits before December 11, whose sun angles are 8 to 12°.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from gyrocal.attitude import residual, rotation_matrix
+from gyrocal.estimation.alignment import AlignmentResult, align_together
 from gyrocal.estimation.arc import build_gyro_arc
 from gyrocal.estimation.batch import batch
 from gyrocal.recording import GyroStream
 from gyrocal.sensors.earth import EarthModel, EarthSensor
 from gyrocal.sensors.series import SensorSeries
 from gyrocal.sensors.sun import SunSensor
-from simulator.mission_mode.config import MissionConfig, OnBoardTables
+from simulator.arrays import Array
+from simulator.mission_mode.calendar import compute_sun_angle
+from simulator.mission_mode.config import DAY, MissionConfig, OnBoardTables
+from simulator.mission_mode.flight import simulate_mission
+from simulator.mission_mode.mounting import R3_M, build_mounted_sensors
 from simulator.mission_mode.target_frame import compute_commanded_attitude
 from simulator.sensors.horizon import compute_orbit_position
 from simulator.sensors.sun import build_trmm_alignments, observe
-from simulator.truth.sun import DAY, compute_julian_date, compute_sun_vector, is_eclipsed
+from simulator.streams import generator
+from simulator.truth.sun import compute_julian_date, compute_sun_vector, is_eclipsed
+from studies.robertson.calendar import FIRST_DAYS, convert_to_mission_day, shift_mission_start
 from studies.robertson.published_tables import ROTATION_NAMES
-
-Array = NDArray[np.float64]
 
 MEASUREMENT_SPACING_S = 30.0  # from a measurement of the batch to the next
 QUADRANTS = 4
@@ -167,3 +175,44 @@ def _build_sensor_series(
         if (visible & lit).any():
             out.append(read.series(t, counts, sun, visible & lit))
     return out
+
+
+EARLY_DEG = (8.0, 12.0)  # sun angles of the alignment
+EARLY_ORBITS = 3
+SETTLING = 2.0  # orbits before the one that is used
+
+
+def compare_alignment(entropy: int = 1998) -> pd.DataFrame:
+    """Compare the rotation vector of DSS-2's M, mean over the early orbits, with R (3); deg."""
+    base = MissionConfig(mounting="heads", sun_sensors=build_mounted_sensors("heads"))
+    base = replace(base, earth_sensor=replace(base.earth_sensor, biases=np.zeros(4)))
+    found = np.mean(
+        [
+            Rotation.from_matrix(align_one_orbit(base, angle, entropy, k).misalignment["DSS-2"]).as_rotvec(degrees=True)
+            for k, angle in enumerate(np.linspace(*EARLY_DEG, EARLY_ORBITS))
+        ],
+        axis=0,
+    )
+    U, _, V = np.linalg.svd(R3_M)  # the printed matrix is rounded: the rotation nearest to it
+    published = Rotation.from_matrix(U @ V).as_rotvec(degrees=True)
+    return pd.DataFrame({"what": [f"m_{axis} of DSS-2 (deg)" for axis in "xyz"], "found": found, "R": published})
+
+
+def align_one_orbit(base: MissionConfig, sun_angle_deg: float, entropy: int, number: int) -> AlignmentResult:
+    """Align both sun sensors and the Earth sensor on one early orbit with the tables of launch."""
+    tables = OnBoardTables()
+    day = find_day_by_sun(base, sun_angle_deg, FIRST_DAYS["precalibration"])
+    config = replace(shift_mission_start(base, day), tables=tables)
+    span = config.orbit.period
+    run = simulate_mission(config, seconds=(SETTLING + 1.0) * span, seed=entropy + 100 + number, telemetry_every=1)
+    rows = run.telemetry[run.telemetry["t_s"] >= SETTLING * span]
+    data = collect_ground_data(config, rows, tables, generator(entropy, number, "end_to_end_alignment"))
+    return align_together(data.series, data.gyro, data.onboard[0], "DSS-1", epoch_s=data.t_s[0])
+
+
+def find_day_by_sun(base: MissionConfig, angle_deg: float, period: tuple[str, str]) -> float:
+    """Day of a period whose sun angle is nearest to one."""
+    start, stop = (convert_to_mission_day(moment, base) for moment in period)
+    days = np.arange(start + 0.5, stop - 0.5, 0.05)
+    angle = np.abs(np.rad2deg(compute_sun_angle(base.epoch, base.orbit, days * DAY)))
+    return float(days[np.argmin(np.abs(angle - angle_deg))])

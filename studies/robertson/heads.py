@@ -20,15 +20,12 @@ The floor is 1 to half a percent: the sun sensors' sigma of 0.0056 deg is a roun
 quantisation, of 0.00554 deg together.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from diagnosis.inference.amplitudes import FittedEffect, fit
@@ -41,6 +38,7 @@ from diagnosis.model.sensors.tables import build_sensor_model, build_tables
 from diagnosis.sensor_tables import ExplainedTables, decide_sensor_verdict, explain_tables, relinearise_tables
 from diagnosis.settings import DEFAULT
 from gyrocal.recording import Recording
+from simulator.arrays import Array
 from simulator.effects import Setting
 from simulator.effects.sensor import SENSOR_EFFECTS, parse
 from simulator.scenario import Scenario
@@ -51,8 +49,6 @@ from studies.montecarlo.study import Row, Streams, Study, StudyConfig, dispersed
 from studies.report.checks import Check, bound_above
 from studies.report.entry import Entry, Report
 from studies.report.tables import Table, summarise_groups
-
-Array = NDArray[np.float64]
 
 TRUE_HEAD_EFFECTS = (
     "dss_head:1=0.08056,e1_deg=0.044,e2_deg=-0.008,e3_deg=0.067",

@@ -1,25 +1,32 @@
-"""R Tables 1 and 3 from the months: accuracy, yaw updates and bias scatter of each period, requirements, orientation, dates.
+"""R Tables 1 to 3 and R (8) from the flights: accuracy, updates, biases, requirements, orientations, dates, yaw maneuvers.
 
 Attitude accuracy is the on-board attitude's RMS error over an orbit, averaged over a period's full orbits in normal pointing;
 the yaw update the mean of its size; the bias scatter the standard deviation of the bias that an attitude solution over an
 orbit would find, ω − G ω_raw with the G on board. Each is formed for each seed; the tables give the seeds' mean and range.
-"""
 
-from __future__ import annotations
+R (8). While the rate is constant a wrong G looks like a bias, b' = ω − G ω_raw with the G that the solution uses and
+ω_raw = G_true⁻¹ (ω − b). With G = I that is R (8). On board G was that of before launch (N Table 3).
+
+R Table 2. The miss of a yaw maneuver is the attitude propagated through it by the gyro, from the true attitude at its start,
+against the true attitude at its end. R's sign, propagated minus true, is the opposite of the loop's. A calibration of the gyro
+cannot take away its white noise, σ √T about each axis, and the error of the on-board yaw bias. R does not say which maneuver
+its table is of. N's intervals 2 and 6 are one of each direction, and a wrong G misses differently in them: a term of the miss
+that comes from the orbit's rate changes its sign with the direction of flight.
+"""
 
 from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from simulator.mission_mode.config import DAY, MissionConfig
+from simulator.arrays import Array
+from simulator.mission_mode.config import DAY, PRELAUNCH_G, R9_BIAS, R9_G, MissionConfig
 from simulator.mission_mode.flight import MissionRun, build_flight_schedule
 from studies.robertson import published_tables
-from studies.robertson.calendar import FIRST_DAYS, PERIODS, convert_to_mission_day
+from studies.robertson.calendar import FIRST_DAYS, PERIODS, YAW_MANEUVER_TIMES, convert_to_mission_day
+from studies.robertson.ground import DEG_H_PER_RAD_S
 from studies.robertson.published_tables import ROTATION_NAMES
-
-Array = NDArray[np.float64]
+from studies.robertson.runs import SLEW_TABLES, Runs
 
 GYRO_AXES = {"x": "roll", "y": "pitch", "z": "yaw"}
 
@@ -149,3 +156,81 @@ def compare_maneuver_dates(days: float) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows, columns=["simulated_utc", "forward_after", "flight", "flight_utc", "simulated_minus_flight_days"])
+
+
+USED_G = {"calibration1": PRELAUNCH_G, "postcalibration": R9_G}
+
+
+def compute_solved_bias(G: Array, forward: str) -> Array:
+    """b' at ∓1 RPO about y, flying +x or −x forward, with G in the solution; (3,) rad/s."""
+    orbit = MissionConfig().orbit
+    rate = orbit.mean_motion + orbit.nodal_rate * np.cos(orbit.inclination)
+    omega = np.array([0.0, -rate if forward == "+x" else rate, 0.0])
+    return np.asarray(omega - G @ np.linalg.solve(R9_G, omega - R9_BIAS))
+
+
+def build_apparent_bias_table(runs: Sequence[MissionRun]) -> pd.DataFrame:
+    """Mean bias seen in each orientation before and after the gyro's upload, its standard error, and the formula; deg/h."""
+    rows = []
+    for period, G in USED_G.items():
+        orbits = pd.concat([select_full_orbits(select_period(run.orbits, period)) for run in runs])
+        for axis, angle in GYRO_AXES.items():
+            means, errors, formula = np.empty(2), np.empty(2), np.empty(2)
+            for k, forward in enumerate(("+x", "-x")):
+                values = orbits.loc[orbits["forward"] == forward, f"apparent_bias_{angle}_deg_h"].to_numpy(dtype=float)
+                means[k] = values.mean() if len(values) else np.nan
+                errors[k] = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.nan
+                formula[k] = compute_solved_bias(G, forward)["xyz".index(axis)] * DEG_H_PER_RAD_S
+                rows.append((period, axis, forward, means[k], errors[k], formula[k]))
+            spread = np.hypot(errors[0], errors[1])
+            rows.append((period, axis, "-x minus +x", means[1] - means[0], spread, formula[1] - formula[0]))
+    names = ["period", "axis", "forward", "simulated_deg_h", "standard_error_deg_h", "formula_deg_h"]
+    table = pd.DataFrame(rows, columns=names)
+    return table.assign(simulated_minus_formula_deg_h=table["simulated_deg_h"] - table["formula_deg_h"])
+
+
+R_PHASE = {"calibration1": "precalibration", "postcalibration": "postcalibration"}
+
+
+def collect_slew_misses(runs: Runs) -> pd.DataFrame:
+    """A row a slew and seed: maneuver, tables, propagated minus true (deg), the yaw bias on board at its start (deg/h)."""
+    rows = []
+    for name, run in runs.items():
+        if name[0] == "slew":
+            slew = run.slews.iloc[0]
+            miss = {f"{axis}_deg": -slew[f"targeting_{axis}_deg"] for axis in ROTATION_NAMES}
+            about = {"maneuver": name[1], "tables": name[2], "seed": int(name[3])}
+            rows.append({**about, **miss, "bias_yaw_deg_h": slew["bias_yaw_deg_h"]})
+    return pd.DataFrame(rows)
+
+
+def build_slew_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """R Table 2: the flight's, the seeds' mean and standard deviation, and the difference."""
+    out = []
+    for maneuver in YAW_MANEUVER_TIMES:
+        for tables in SLEW_TABLES:
+            chosen = rows[(rows["maneuver"] == maneuver) & (rows["tables"] == tables)]
+            for axis in ROTATION_NAMES:
+                values = chosen[f"{axis}_deg"].to_numpy()
+                flight, mean = published_tables.read_published_slew_error(axis, R_PHASE[tables]), float(values.mean())
+                out.append(
+                    {
+                        "maneuver": maneuver,
+                        "tables": tables,
+                        "axis": axis,
+                        "flight_deg": flight,
+                        "simulated_deg": mean,
+                        "std_deg": float(values.std(ddof=1)) if len(values) > 1 else np.nan,
+                        "simulated_minus_flight_deg": mean - flight,
+                    }
+                )
+    return pd.DataFrame(out)
+
+
+def compute_slew_gaps(table: pd.DataFrame) -> dict[str, float]:
+    """RMS of simulated minus flown before calibration, deg, over the three axes, for each maneuver it may have been."""
+    rows = table[table["tables"] == "calibration1"]
+    return {
+        str(maneuver): float(np.sqrt((chosen["simulated_minus_flight_deg"] ** 2).mean()))
+        for maneuver, chosen in rows.groupby("maneuver", sort=False)
+    }

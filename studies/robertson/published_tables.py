@@ -4,8 +4,6 @@ R Table 3's scatter of the gyro bias is given for two periods, "the second and t
 although its layout puts the first of them under precalibration. R dates the maneuver of March 21 to the day.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import pandas as pd

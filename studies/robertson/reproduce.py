@@ -1,7 +1,5 @@
 """Reproduce the Mission Mode: R Tables 1 to 3 and Figures 6 to 13 beside the flight's published values."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping
 from dataclasses import asdict
 from functools import partial
@@ -17,7 +15,7 @@ from studies.report import tables as render
 from studies.report.committed_results import round_values
 from studies.report.tables import Table, format_number
 from studies.reproduction import Reproduction, call_all
-from studies.robertson import alignment, biases, diagnosis, figures, geometry, ladder, performance, slews, windows
+from studies.robertson import diagnosis, figures, geometry, ground, ladder, performance
 from studies.robertson.calendar import PERIODS
 from studies.robertson.runs import SPIKE_FILTERS, STUDY, MissionStudy, Runs, load_flights, load_windows
 
@@ -69,9 +67,9 @@ def run(
     months = [runs["months", str(k)] for k in range(what.seeds)]
     tables = {
         "requirements": performance.build_requirements_table(months),
-        "table2": slews.build_slew_table(slews.collect_slew_misses(runs)),
+        "table2": performance.build_slew_table(performance.collect_slew_misses(runs)),
         "table3": performance.build_performance_table(months),
-        "biases": biases.build_apparent_bias_table(months),
+        "biases": performance.build_apparent_bias_table(months),
         "orientation": performance.compare_orientations(months),
         "yaw_maneuvers": performance.compare_maneuver_dates(what.days),
     }
@@ -82,7 +80,7 @@ def run(
     daily = figures.average_by_day(months[0].orbits, uploads)
     made.figures = figures.draw_mission_figures(runs, daily, months[0].updates, what.days)
     updates = months[0].updates.assign(day=months[0].updates["t_s"] / DAY)[["day", "sensor", "forward", "update_deg"]]
-    tables |= {"daily": daily, "slews": slews.collect_slew_misses(runs), "updates": updates}
+    tables |= {"daily": daily, "slews": performance.collect_slew_misses(runs), "updates": updates}
     for name, data in tables.items():
         made.add(name, name, data)
     made.summary = round_values(made.summary)
@@ -100,7 +98,7 @@ def run(
 def compare_with_flight(made: Reproduction, rows: dict[tuple[str, ...], pd.DataFrame], entropy: int) -> dict[str, pd.DataFrame]:
     """R's own statistic on the ladder of effects, its diagnosis, the alignment, and the sensors' geometry."""
     calls: list[Any] = [
-        partial(alignment.compare_alignment, entropy),
+        partial(ground.compare_alignment, entropy),
         partial(ladder.build_ladder_table, rows),
         partial(diagnosis.diagnose_table3, rows),
         geometry.build_availability_table,
@@ -109,7 +107,7 @@ def compare_with_flight(made: Reproduction, rows: dict[tuple[str, ...], pd.DataF
     made.summary |= {"diagnosis": found.summary(), "geometry": geometry.summarise_availability(share)}
     return {
         "ladder": rungs,
-        "ladder_numbers": ladder.build_rung_numbers(rows, windows.read_published_numbers()),
+        "ladder_numbers": ladder.build_rung_numbers(rows, ladder.read_published_numbers()),
         **diagnosis.build_diagnosis_tables(found),
         "availability": share,
         "tangents": geometry.compute_alpha_tangents(),
@@ -144,7 +142,7 @@ def summarise_mission(tables: Mapping[str, pd.DataFrame], runs: Runs) -> dict[st
             period: {key: _convert_missing(row[f"{key}_deg_h"]) for key in ("simulated", "standard_error", "formula")}
             for period, row in difference.iterrows()
         },
-        "slew_gap_deg": slews.compute_slew_gaps(table2),
+        "slew_gap_deg": performance.compute_slew_gaps(table2),
         "spikes_deg": {state: _find_largest_errors(runs["spikes", state]) for state in SPIKE_FILTERS},
     }
 

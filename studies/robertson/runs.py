@@ -4,12 +4,10 @@
 `slew`: the yaw maneuvers of N's intervals 2 and 6, with the gyro's parameters of before and after its calibration, over seeds.
 `yaw`: eight orbits early in December and in March, with telemetry every 10 s.
 `spikes`: four orbits with the Sun passing through a quadrant of the Earth sensor, for three states of the S filter.
-`window`: single orbits through the months with effects, see `studies.robertson.windows` and `studies.robertson.ladder`.
+`window`: single orbits through the months with effects, see `studies.robertson.ladder` and `studies.robertson.ladder`.
 
 A flight is a case of a study, so that what was flown stays when a run is stopped; its rows are those of its tables.
 """
-
-from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import product
@@ -29,8 +27,7 @@ from simulator.mission_mode.flight import MissionRun, build_flight_schedule, sim
 from simulator.sensors.earth import Filter
 from studies.montecarlo.study import GridConfig, Streams, Study
 from studies.robertson.calendar import ORBITS_TO_SLEW, YAW_MANEUVER_TIMES, build_slew_config, shift_mission_start
-from studies.robertson.ladder import SETS
-from studies.robertson.windows import PERIOD_COUNTS, simulate_window
+from studies.robertson.ladder import PERIOD_COUNTS, SETS, simulate_window
 
 DAYS = 154.2  # from launch to the end of April 1998
 SLEW_TABLES = ("calibration1", "postcalibration")  # both maneuvers came after the alignment's upload

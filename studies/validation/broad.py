@@ -5,8 +5,6 @@ with the Earth: up to 0.0042 deg/s that a bias takes up only while the attitude 
 values and time tags; nothing is corrected that a diagnosis might be asked to find.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -27,8 +25,8 @@ from gyrocal.importing.estimates import (
 from gyrocal.importing.motion import build_motion
 from gyrocal.importing.reference_sigma import ReferenceSigma, fit_reference_sigma
 from gyrocal.mask_runs import find_mask_runs
+from simulator.arrays import Array
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from simulator.arrays import Array
 
 MEMS_SAMPLE_S = 0.01
 SAMPLES_PER_ATTITUDE = 10  # gyro samples between attitudes

@@ -5,8 +5,6 @@ its own budget. G, b and the remainder of the first half predict the attitudes o
 `gyrocal.estimation.prediction_consistency`. Nothing is drawn at random.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -15,7 +13,6 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator
 
 from diagnosis.budget import Step
@@ -37,7 +34,6 @@ from studies.report.panels import Draw, Panel, build_sheet
 from studies.report.tables import NO_VALUE, Table
 from studies.validation import broad
 
-Array = NDArray[np.float64]
 Row = dict[str, Any]
 Record = Mapping[Any, Any]  # a row of a table by column
 

@@ -17,11 +17,11 @@ from typing import ClassVar
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from gyrocal import NAMES, GyroParameters, Recording, RecursiveCalibrator, attitude, calibrate, save
 from gyrocal.calibration.gyro_space import Parametrisation, select_parameter_space
 from gyrocal.calibration.sampling import prepare_measurements
+from simulator.arrays import Array
 from simulator.simulate import observe
 from studies.baseline import calibrate_to_json
 from studies.calibration.shared_truth import NoiseFreeSimulation, get_true_parameters, make_noise_generators
@@ -31,7 +31,6 @@ from studies.natanson import paper_tables
 from studies.report.entry import Entry, report_columns
 from studies.report.units import ONE_DEG_S, PPM_DEG_H, name_columns
 
-Array = NDArray[np.float64]
 Estimates = tuple[Array, Array, Array]  # (12,) after one iteration, and after two, and their covariance (12, 12); SI
 
 CASES = 4

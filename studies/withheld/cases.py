@@ -11,8 +11,6 @@ process is right in the place of another one on its axis if it explains the wave
 counts as outside the library: a withheld effect may be named as one that reproduces it.
 """
 
-from __future__ import annotations
-
 import json
 import resource
 import time

@@ -5,8 +5,6 @@ and a pace of one, from which time constants and directions follow. It returns w
 axis (n,) or about all axes (n, 3); a law of the stages that change samples or their timing returns what comes out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar

@@ -3,8 +3,6 @@
 The simulator's sixth-order method integrates an analytic body rate from sample to sample; a sample shows its mean.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise

@@ -7,25 +7,22 @@ score that of (p − o)², each with its standard error. Rates have Wilson's 95 
 McNemar's exact test compares two runs case by case: of the cases that only one of them answers well, both would have half.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from gyrocal.errors import InputError
+from simulator.arrays import Array
 from studies.montecarlo.statistics import compute_binomial_interval
 from studies.report.checks import Check
 from studies.report.entry import Entry, Report
 from studies.report.panels import GREY, RED, TEAL, Draw, Line, build_sheet, make_curves
 from studies.report.tables import Table
 from studies.withheld.cases import MIX, STUDY, WithheldConfig
-
-Array = NDArray[np.float64]
 
 STRONG = 8.0  # signal-to-noise ratio from which an effect must be found
 SURE, LIKELY = 0.9, 0.5  # probabilities of a statement

@@ -12,8 +12,6 @@ level of cells of sixteen numbers is compared with that of noise and motion: √
 cell's power with and without the change, in time or in frequency, whichever shows more.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 from typing import NamedTuple
@@ -42,7 +40,7 @@ class Change(NamedTuple):
     raw: Array
     reference: Array
 
-    def scale(self, factor: float) -> Change:
+    def scale(self, factor: float) -> "Change":
         """Return the change times a factor."""
         return Change(factor * self.raw, factor * self.reference)
 

@@ -9,12 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulator.arrays import Array
 from simulator.scenario import IntervalSection
 from studies.natanson.flight_gap import HOLD, MINUS_Y, YAW_INTERVALS
-
-Array = NDArray[np.float64]
 
 MEAN_RATES_DEG_S, COMMON_RATES_DEG_S, RAMPS = (0.1, 0.6), (0.17, 0.6), (0.02, 0.5)
 SHORTEST_STAY_S, COMMON_STAY_S, COMMON_DELAY_S = 3000.0, (3000.0, 3900.0), 300.0

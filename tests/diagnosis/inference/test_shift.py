@@ -6,6 +6,7 @@ import scipy.stats
 
 from diagnosis.inference.amplitudes import fit
 from diagnosis.inference.closure import compute_closure
+from diagnosis.inference.joint_search import JointSearch
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import Candidate, Fold, LinearModel, ParameterChoice, SelectedCandidate
 
@@ -53,7 +54,7 @@ def test_evidence_of_sets_with_shifts_is_the_ratio_of_normal_densities(model):
     for labels, value in expected.items():
         assert search.find_explanation(labels).log_evidence == pytest.approx(value - none, abs=1e-9)
         assert search.find_explanation(labels[::-1]).log_evidence == pytest.approx(value - none, abs=1e-9)
-    assert [model.candidate(member).label for member in search.explanations()[0].members] == ["both"]
+    assert [model.candidate(member).label for member in JointSearch(search).find().members] == ["both"]
 
 
 def test_evidence_under_the_null_knows_the_shift(model):

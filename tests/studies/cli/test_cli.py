@@ -103,6 +103,7 @@ def test_ctrl_c_has_its_own_status(run_cli, monkeypatch, tmp_path):
     assert "resumes" in result.stderr
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_a_reproduction_that_was_stopped_goes_on_and_writes_everything(run_cli, tmp_path, monkeypatch):
     folder = tmp_path / "a"
     arguments = ("reproduce", "--paper", "natanson", "--cases", "2", "--jobs", "1", "--out", str(folder))

@@ -5,7 +5,6 @@ import re
 
 import pytest
 
-from diagnosis.plan.result import Extra, Plan
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli.main import main
 from tests import ROOT
@@ -54,24 +53,6 @@ def test_any_verdict_is_a_success(run_cli, asked, rec, case, tmp_path):
     assert document["format"] == 1
     assert document["verdict"] == CASES[case]().verdict
     assert page.read_text().startswith("<!doctype html>")
-
-
-def test_a_plan_says_what_to_fly(run_cli, asked, rec, tmp_path, monkeypatch):
-    asked["case"] = "group"
-    monkeypatch.setattr("diagnosis.plan.pipeline.plan", lambda scenario, **_: planned(scenario.title))
-    page = tmp_path / "page.html"
-    shown = run_cli("diagnose", rec, "--report", str(page), "--plan", "trmm")
-    assert shown.exit_code == 0, shown.output
-    assert "a roll (0.3 h): it separates causes that this recording cannot separate." in page.read_text()
-
-
-def planned(title):
-    """A plan that one maneuver of two improves."""
-    extras = (
-        Extra("a turn", 1.5, 0.5, {"time_offset": 0.4, "rate_lag": 0.5}, (), 1, ()),
-        Extra("a roll", 0.3, 0.9, {"time_offset": 0.8}, (("rate_lag", "time_offset"),), 1, ()),
-    )
-    return Plan(title, 0.01, 1.0, 1, (), (), extras, (), 0.0)
 
 
 def test_effects_are_taken_off_the_list(run_cli, asked, rec):

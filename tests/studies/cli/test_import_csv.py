@@ -2,16 +2,19 @@
 
 import json
 import re
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 import gyrocal
 import simulator
 from gyrocal import importing
+from studies.cli.main import main
 from studies.validation import mems_log
 from tests import ROOT
 from tests.gyrocal.importing.mems import CORRECT_MAPPING
@@ -31,31 +34,36 @@ def folder(tmp_path_factory):
 OPTIONS = [word for key, value in CORRECT_MAPPING.items() for word in (f"--{key}", value)]
 
 
-def test_two_tables_one_table_and_a_mapping_file_are_the_same(run_cli, folder):
+@pytest.fixture(scope="module")
+def made(folder):
+    """The log as imported, and what the import said in JSON."""
     files = str(folder / "gyro.csv"), str(folder / "mocap.csv")
-    first = run_cli("import", "csv", *files, str(folder / "a"), *OPTIONS)
-    assert first.exit_code == 0, first.stderr
-    assert "2 rest(s) found" in first.stdout
+    done = CliRunner().invoke(main, ["import", "csv", *files, str(folder / "a"), *OPTIONS, "--json", str(folder / "a.json")])
+    assert done.exit_code == 0, done.stderr
+    assert "2 rest(s) found" in done.stdout
+    return folder / "a"
+
+
+def test_two_tables_one_table_and_a_mapping_file_are_the_same(run_cli, folder, made):
     (folder / "mine.toml").write_text("\n".join(f'{key} = "{value}"' for key, value in CORRECT_MAPPING.items()))
     second = run_cli("import", "csv", str(folder / "both.csv"), str(folder / "b"), "--mapping", str(folder / "mine.toml"))
     assert second.exit_code == 0, second.stderr
-    a, b = gyrocal.load(folder / "a"), gyrocal.load(folder / "b")
+    a, b = gyrocal.load(made), gyrocal.load(folder / "b")
     np.testing.assert_array_equal(a.attitudes.quaternions, b.attitudes.quaternions)
     np.testing.assert_array_equal(a.gyro.apriori_bias, b.gyro.apriori_bias)
-    done = run_cli("calibrate", str(folder / "a"))
-    assert done.exit_code == 0, done.stderr
 
 
-def test_noise_that_an_import_estimated_and_residuals_deny_is_named(run_cli, folder):
-    files = str(folder / "gyro.csv"), str(folder / "mocap.csv")
-    assert run_cli("import", "csv", *files, str(folder / "estimated"), *OPTIONS).exit_code == 0
+def test_noise_that_an_import_estimated_and_residuals_deny_is_named(run_cli, folder, made):
+    shutil.copytree(made, folder / "estimated")
     estimated = importing.read_estimated_noise(folder / "estimated")
     assert [text.split(" 0.")[0] for text in estimated] == ["angle random walk", "sigma of the references"]
-    assert "The import estimated" not in run_cli("calibrate", str(folder / "estimated")).stdout
-    made = gyrocal.load(folder / "estimated")
-    assert made.gyro.arw_estimated
-    assert made.attitudes.sigma_estimated
-    small = replace(made, attitudes=replace(made.attitudes, sigma=0.5 * made.attitudes.sigma))
+    done = run_cli("calibrate", str(folder / "estimated"))
+    assert done.exit_code == 0, done.stderr
+    assert "The import estimated" not in done.stdout
+    recording = gyrocal.load(folder / "estimated")
+    assert recording.gyro.arw_estimated
+    assert recording.attitudes.sigma_estimated
+    small = replace(recording, attitudes=replace(recording.attitudes, sigma=0.5 * recording.attitudes.sigma))
     gyrocal.save(small, folder / "estimated")
     said = " ".join(run_cli("calibrate", str(folder / "estimated")).stdout.split())
     assert f"The import estimated this noise: {'; '.join(estimated)}." in said
@@ -65,18 +73,16 @@ def test_noise_that_an_import_estimated_and_residuals_deny_is_named(run_cli, fol
     assert importing.read_estimated_noise(folder / "estimated") == []
 
 
-def test_import_and_export_say_as_json_what_was_made(run_cli, folder):
-    files, said = (str(folder / "gyro.csv"), str(folder / "mocap.csv")), folder / "said.json"
-    made = run_cli("import", "csv", *files, str(folder / "d"), *OPTIONS, "--json", str(said))
-    assert made.exit_code == 0, made.stderr
-    read, recording = json.loads(said.read_text()), gyrocal.load(folder / "d")
-    assert (read["folder"], read["epoch"]) == (str(folder / "d"), recording.epoch)
+def test_import_and_export_say_as_json_what_was_made(run_cli, folder, made):
+    said, recording = folder / "said.json", gyrocal.load(made)
+    read = json.loads((folder / "a.json").read_text())
+    assert (read["folder"], read["epoch"]) == (str(made), recording.epoch)
     assert (read["gyro_samples"], read["references"]) == (recording.gyro.t_s.size, recording.attitudes.t_s.size)
     assert read["arw_deg_per_sqrt_s"] == pytest.approx(recording.gyro.arw_deg_per_sqrt_s, rel=1e-12)
     np.testing.assert_allclose(read["apriori_bias_deg_s"], recording.gyro.apriori_bias_deg_s, rtol=1e-12)
     assert [one["stop_s"] for one in read["intervals"]] == [one.stop_s for one in recording.intervals]
     assert "2 rest(s) found" in read["assumed"]
-    written = run_cli("export", "csv", str(folder / "d"), str(folder / "e"), "--json", str(said))
+    written = run_cli("export", "csv", str(made), str(folder / "e"), "--json", str(said))
     assert written.exit_code == 0, written.stderr
     read = json.loads(said.read_text())
     assert read["recording"]["references"] == recording.attitudes.t_s.size

@@ -117,15 +117,6 @@ def test_a_comma_at_the_end_of_rows_is_no_column(tmp_path):
     assert read_csv_file(tmp_path / "a.csv").to_numpy().tolist() == [[1, 2], [3, 4]]
 
 
-@pytest.mark.parametrize("text", ["[" * 100_000, '{"G": ' + "[" * 5000 + "]" * 5000 + "}", "[" + "0," * 600_000 + "0]"])
-def test_a_truth_file_that_is_none_is_refused(run_cli, rec, tmp_path, text):
-    (tmp_path / "truth.json").write_text(text)
-    result = run_cli("calibrate", "rec", "--truth", "truth.json")
-    assert result.exit_code == 2
-    assert "truth.json: not a truth file" in result.stderr
-    assert result.stderr.count("\n") == 1
-
-
 def test_a_chain_of_scenarios_has_an_end(tmp_path):
     for number in range(1500):
         (tmp_path / f"{number}.toml").write_text(f'base = "{number + 1}.toml"\n')

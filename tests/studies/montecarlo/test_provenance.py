@@ -11,7 +11,7 @@ import pytest
 
 from gyrocal.errors import InputError
 from studies.montecarlo import manifest
-from studies.montecarlo.engine import read_study_manifest, run
+from studies.montecarlo.engine import run
 from studies.montecarlo.manifest import describe_machine, describe_provenance
 from studies.montecarlo.study import Study
 from tests import ROOT
@@ -156,9 +156,3 @@ def test_a_worker_that_differs_is_refused(differences, what, tmp_path, monkeypat
     config = DrawsConfig(cases=4, size=3)
     with pytest.raises(InputError, match=rf"a worker differs \({what}\); make them alike, or undo"):
         run(DRAWS, config, tmp_path, backend="serial")
-
-
-def test_committed_manifests_are_read():
-    folders = [path.parent for path in (ROOT / "results" / "studies").glob("*/manifest.json")]
-    assert folders
-    assert all(read_study_manifest(folder)["config_sha256"] for folder in folders)

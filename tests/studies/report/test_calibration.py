@@ -72,7 +72,7 @@ def test_correlations_are_those_of_the_covariance(result):
     bias=st.sampled_from([0.0, 1.0]),
     range_G=st.sampled_from([0.1, 1e-9]),
 )
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_terminal_and_json_state_one_verdict(result, size, dof, remainder_p, converged, iterations, bias, range_G):
     wider = Remainder((), 2.0, 9.0, remainder_p, 4 * result.covariance) if remainder_p is not None else None
     other = dataclasses.replace(

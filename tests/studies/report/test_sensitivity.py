@@ -56,15 +56,6 @@ def test_noise_alone_has_no_index():
     assert (low > 0).mean() < 0.12
 
 
-def test_a_line_with_noise_has_the_share_it_has():
-    rng = np.random.default_rng(4)
-    x = rng.standard_normal((5000, 2))
-    y = x @ [2.0, 1.0] + rng.standard_normal(5000)
-    index, low, high = (part[:, 0] for part in estimate_first_order(x, y[:, None]))
-    np.testing.assert_allclose(index, [4 / 6, 1 / 6], atol=0.03)
-    assert ((low <= [4 / 6, 1 / 6]) & (high >= [4 / 6, 1 / 6])).all()
-
-
 def rows(n: int, seed: int = 0) -> pd.DataFrame:
     rng = np.random.default_rng(seed)
     a, b = rng.uniform(-1, 1, (2, n))

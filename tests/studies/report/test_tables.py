@@ -25,6 +25,7 @@ DATA = pd.DataFrame({"step_s": [0.5, 1.0], "error_G_xx_ppm": [1 / 3, np.nan], "i
         ("sigma_b_z_deg_h", "sigma b_z (deg/h)"),
         ("G_difference", "G difference"),
         ("esa_sigma_mdeg", "esa sigma (mdeg)"),
+        ("bias_deg_s_max", "bias max (deg/s)"),
         ("steps", "steps"),
         ("Δt = 0.5 s", "Δt = 0.5 s"),
     ],

@@ -13,10 +13,9 @@ from simulator.mission_mode.mounting import BORESIGHTS, ELEVATION, R3_M
 from simulator.sensors.earth import TrueEarthSensor
 from simulator.sensors.sun import build_trmm_sensors
 from studies.robertson import diagnosis, geometry, ladder
-from studies.robertson.alignment import align_one_orbit
 from studies.robertson.calendar import PERIODS
-from studies.robertson.ground import DEG_H_PER_RAD_S, solve_ground_attitude
-from studies.robertson.windows import (
+from studies.robertson.ground import DEG_H_PER_RAD_S, align_one_orbit, solve_ground_attitude
+from studies.robertson.ladder import (
     ANGLE_STATISTICS,
     WINDOW_NUMBERS,
     compute_rms_factor,

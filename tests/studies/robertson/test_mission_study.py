@@ -26,7 +26,7 @@ from simulator.sensors.earth import TrueEarthSensor
 from simulator.sensors.sun import SIMULATED_BETA_COEFFICIENTS, build_trmm_sensors
 from simulator.truth.orbit import compute_lvlh_attitude
 from studies.natanson import flight_gap
-from studies.robertson import biases, ground, performance, published_tables, slews
+from studies.robertson import ground, performance, published_tables
 from studies.robertson.calendar import (
     FIRST_DAYS,
     PERIODS,
@@ -149,9 +149,11 @@ def test_solved_bias_is_r8():
     for forward, sign in (("+x", -1.0), ("-x", 1.0)):
         rate = BASE.orbit.mean_motion + BASE.orbit.nodal_rate * np.cos(BASE.orbit.inclination)
         raw = np.linalg.solve(R9_G, np.array([0.0, sign * rate, 0.0]) - R9_BIAS)
-        assert biases.compute_solved_bias(np.eye(3), forward) == pytest.approx(R9_BIAS + (R9_G - np.eye(3)) @ raw, abs=1e-18)
-        assert biases.compute_solved_bias(R9_G, forward) == pytest.approx(R9_BIAS, abs=1e-17)
-    apart = biases.compute_solved_bias(PRELAUNCH_G, "-x") - biases.compute_solved_bias(PRELAUNCH_G, "+x")
+        assert performance.compute_solved_bias(np.eye(3), forward) == pytest.approx(
+            R9_BIAS + (R9_G - np.eye(3)) @ raw, abs=1e-18
+        )
+        assert performance.compute_solved_bias(R9_G, forward) == pytest.approx(R9_BIAS, abs=1e-17)
+    apart = performance.compute_solved_bias(PRELAUNCH_G, "-x") - performance.compute_solved_bias(PRELAUNCH_G, "+x")
     # 2 n (G_pre − G)[z, y], negative control of the independence.
     expected = -2 * rate * (PRELAUNCH_G - R9_G)[2, 1]
     assert apart[2] == pytest.approx(expected, rel=0.01)
@@ -161,20 +163,20 @@ def test_solved_bias_is_r8():
 def test_biases_of_runs_are_those_of_the_formula():
     """Made of the formula, with a scatter whose mean the standard error covers."""
     rows = []
-    for period, G in biases.USED_G.items():
+    for period, G in performance.USED_G.items():
         for forward in ("+x", "-x"):
-            expected = biases.compute_solved_bias(G, forward) * ground.DEG_H_PER_RAD_S
+            expected = performance.compute_solved_bias(G, forward) * ground.DEG_H_PER_RAD_S
             for _ in range(50):
                 values = expected + 0.01 * RNG.normal(size=3)
                 rows.append(
                     orbit(period, forward, **{f"apparent_bias_{a}_deg_h": v for a, v in zip(AXES, values, strict=True)})
                 )
-    table = biases.build_apparent_bias_table([run_of(rows)])
+    table = performance.build_apparent_bias_table([run_of(rows)])
     assert len(table) == 2 * 3 * 3
     pulls = table["simulated_minus_formula_deg_h"] / table["standard_error_deg_h"]
     assert pulls.abs().max() < 4
     assert np.allclose(table.loc[table["forward"] != "-x minus +x", "standard_error_deg_h"], 0.01 / np.sqrt(50), rtol=0.5)
-    wrong = biases.build_apparent_bias_table(
+    wrong = performance.build_apparent_bias_table(
         [run_of([{**row, "forward": "+x" if row["forward"] == "-x" else "-x"} for row in rows])]
     )
     assert (wrong["simulated_minus_formula_deg_h"] / wrong["standard_error_deg_h"]).abs().max() > 50  # negative control
@@ -198,7 +200,7 @@ def compute_noise_free_miss(maneuver, tables, solved=True):
     G, b = (R9_G, R9_BIAS) if tables == "postcalibration" else (PRELAUNCH_G, PRELAUNCH_BIAS)
     start, sign = (0.0, 1.0) if maneuver == "+x to -x" else (np.pi, -1.0)
     if solved:
-        b = np.array([b[0], b[1], biases.compute_solved_bias(G, maneuver[:2])[2]])
+        b = np.array([b[0], b[1], performance.compute_solved_bias(G, maneuver[:2])[2]])
     shape = YawManeuver(0.0)
     t, dt, r = (np.arange(MANEUVER_STEPS) + 0.5) / MANEUVER_STEPS, shape.duration_s / MANEUVER_STEPS, shape.ramp_fraction
     rise, fall = np.clip(t / r, 0, 1), np.clip((t - 1 + r) / r, 0, 1)
@@ -267,22 +269,22 @@ def test_table2_and_its_gap():
                 "maneuver": m,
                 "tables": t,
                 "seed": k,
-                **{f"{a}_deg": published_tables.read_published_slew_error(a, slews.R_PHASE[t]) + 0.1 * k for a in AXES},
+                **{f"{a}_deg": published_tables.read_published_slew_error(a, performance.R_PHASE[t]) + 0.1 * k for a in AXES},
             }
             for m in YAW_MANEUVER_TIMES
             for t in SLEW_TABLES
             for k in (0, 1)
         ]
     )
-    table = slews.build_slew_table(rows)
+    table = performance.build_slew_table(rows)
     assert table["simulated_minus_flight_deg"].to_numpy() == pytest.approx(0.05)
     assert table["std_deg"].to_numpy() == pytest.approx(0.1 / np.sqrt(2))
-    assert slews.compute_slew_gaps(table) == pytest.approx(dict.fromkeys(YAW_MANEUVER_TIMES, 0.05))
+    assert performance.compute_slew_gaps(table) == pytest.approx(dict.fromkeys(YAW_MANEUVER_TIMES, 0.05))
 
 
 def test_targeting_has_rs_sign():
     slew = pd.DataFrame([{**{f"targeting_{a}_deg": 0.1 * (k + 1) for k, a in enumerate(AXES)}, "bias_yaw_deg_h": 0.3}])
-    (row,) = slews.collect_slew_misses(
+    (row,) = performance.collect_slew_misses(
         {("slew", "+x to -x", "calibration1", "3"): MissionRun(EMPTY, EMPTY, slew, EMPTY)}
     ).itertuples()
     assert (row.roll_deg, row.pitch_deg, row.yaw_deg) == pytest.approx((-0.1, -0.2, -0.3))

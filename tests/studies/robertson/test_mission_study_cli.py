@@ -14,7 +14,7 @@ from simulator.mission_mode.flight import MissionRun
 from studies import reproduction
 from studies.cli.mission import TABLES, summarise_periods
 from studies.montecarlo import engine
-from studies.robertson import reproduce, slews
+from studies.robertson import performance, reproduce
 from studies.robertson import runs as runs_module
 from studies.robertson.calendar import YAW_MANEUVER_TIMES
 from studies.robertson.figures import MISSION_FIGURE_TITLES
@@ -45,7 +45,9 @@ def flown_already(short_flight, monkeypatch):
 
 def test_mission_writes_its_tables(run_cli, tmp_path):
     out, summary_file = tmp_path / "out", tmp_path / "summary.json"
-    result = run_cli("mission", str(out), "--days", "0.2", "--calibrated", "--every", "10", "--json", str(summary_file))
+    result = run_cli(
+        "mission", str(out), "--days", "0.2", "--tables", "postcalibration", "--every", "10", "--json", str(summary_file)
+    )
     assert result.exit_code == 0, result.stderr
     tables = {name: pd.read_parquet(out / f"{name}.parquet") for name in TABLES}
     assert np.diff(tables["telemetry"]["t_s"]) == pytest.approx(10.0)
@@ -138,7 +140,9 @@ def test_symptoms_are_in_the_short_runs(short_flight):
     short_runs = load_flights(SHORT, short_flight / "table.parquet")
     spikes = {state: short_runs["spikes", state].telemetry["error_pitch_deg"].abs().max() for state in SPIKE_FILTERS}
     assert spikes["restarted"] > 0.1 > 2 * max(spikes["off"], spikes["correct"])
-    rolls = slews.build_slew_table(slews.collect_slew_misses(short_runs)).query("maneuver == '+x to -x' and axis == 'roll'")
+    rolls = performance.build_slew_table(performance.collect_slew_misses(short_runs)).query(
+        "maneuver == '+x to -x' and axis == 'roll'"
+    )
     before, after = rolls["simulated_deg"]
     assert before == pytest.approx(0.248, abs=0.05)
     assert abs(after) < 0.03  # white noise of 0.008° a slew
