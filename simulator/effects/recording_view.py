@@ -17,7 +17,6 @@ from simulator.effects.common import list_runs
 from simulator.effects.flight_mode import find_flight_directions
 from simulator.sensors.gyro import compute_raw_rates
 
-SMOOTH_S = np.inf  # s, longest window of the smoothing: as long as the motion allows
 TIME_TOLERANCE = 1e-6  # s
 FILLER = 1e15  # housekeeping as large as this is no measurement
 
@@ -44,7 +43,7 @@ def compute_durations(recording: Recording) -> Array:
     return out
 
 
-def smooth_rates(recording: Recording, G: Array, bias: Array, smooth_s: float = SMOOTH_S) -> Array:
+def smooth_rates(recording: Recording, G: Array, bias: Array) -> Array:
     """Adjusted rates G ω_raw + b of a recording without their noise, (n, 3) rad/s; outside the intervals as they are."""
     gyro = recording.gyro
     adjusted = gyro.rates @ G.T + bias
@@ -54,13 +53,13 @@ def smooth_rates(recording: Recording, G: Array, bias: Array, smooth_s: float = 
     sigma = gyro.arw / np.sqrt(gyro.sample_s)
     out = adjusted.copy()
     for part in list_runs(stream):
-        out[part] = smooth_run(adjusted[part], gyro.sample_s, smooth_s, estimate_sample_sigma(adjusted[part], sigma))
+        out[part] = smooth_run(adjusted[part], estimate_sample_sigma(adjusted[part], sigma))
     return out
 
 
-def extract_stream(recording: Recording, G: Array, bias: Array, smooth_s: float = SMOOTH_S) -> Stream:
+def extract_stream(recording: Recording, G: Array, bias: Array) -> Stream:
     """The samples of a recording as an effect on rates sees them, by its calibration G (3, 3) and bias (3,), rad/s."""
-    rates = smooth_rates(recording, G, bias, smooth_s)
+    rates = smooth_rates(recording, G, bias)
     duration = compute_durations(recording)
     t_s, raw = recording.gyro.t_s + 0.5 * duration, compute_raw_rates(rates, G, bias)
     return build_stream(recording, t_s, duration, rates, raw, find_interval_slices(recording))
@@ -80,9 +79,9 @@ def extract_references(recording: Recording) -> References:
     )
 
 
-def extract_surroundings(recording: Recording, G: Array, bias: Array, smooth_s: float = SMOOTH_S) -> Surroundings:
+def extract_surroundings(recording: Recording, G: Array, bias: Array) -> Surroundings:
     """All that a recording offers to effects; parameters as for `extract_stream`."""
-    stream = extract_stream(recording, G, bias, smooth_s)
+    stream = extract_stream(recording, G, bias)
     return Surroundings(
         stream=stream,
         references=extract_references(recording),

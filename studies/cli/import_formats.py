@@ -256,7 +256,6 @@ def import_euroc_command(
 @click.option("--imu-topic", help="Topic of the Imu messages; the only one by default.")
 @click.option("--pose-topic", help="Topic of the attitudes: PoseStamped, Odometry and the like; the only one by default.")
 @click.option("--gyro-unit", type=click.Choice(list(RATE_UNITS)), default="rad/s", help="Unit of the rates, if not rad/s.")
-@click.option("--estimate-mounting", is_flag=True, help="The same as --mounting estimate.")
 @add_options(TAG, RATE, *ALIGNMENT_OPTIONS, FORCE, IMPORT_JSON_OPTION)
 def import_bag_command(
     bag: Path,
@@ -264,7 +263,6 @@ def import_bag_command(
     imu_topic: str | None,
     pose_topic: str | None,
     gyro_unit: str,
-    estimate_mounting: bool,
     force: bool,
     as_json: Path | None,
     **options: Any,
@@ -278,8 +276,7 @@ def import_bag_command(
     refuse_existing(out, force)
     from gyrocal.importing import rosbag
 
-    entries = collect_entries(options)
-    write_import(rosbag.import_bag(bag, imu_topic, pose_topic, estimate_mounting, gyro_unit, **entries), out, as_json)
+    write_import(rosbag.import_bag(bag, imu_topic, pose_topic, gyro_unit, **collect_entries(options)), out, as_json)
 
 
 def collect_entries(options: dict[str, Any]) -> dict[str, Any]:

@@ -116,7 +116,7 @@ def test_another_mounting_is_estimated(log, tmp_path):
     path = bag(tmp_path / "b.bag", *rows(log, turn))
     with pytest.raises(InputError, match="do not fit each other"):
         rosbag.import_bag(path)
-    found = rosbag.import_bag(path, estimate_mounting=True).recording.gyro.apriori_G
+    found = rosbag.import_bag(path, mounting="estimate").recording.gyro.apriori_G
     off = Rotation.from_matrix(found @ turn.as_matrix()).magnitude()
     assert np.rad2deg(off) < 1.0
 
