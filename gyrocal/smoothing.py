@@ -49,20 +49,28 @@ def estimate_sample_sigma(rates: Array, stated: float) -> Array:
     return np.asarray(np.maximum(stated, np.median(second, axis=0) * 1.4826 / np.sqrt(6)))
 
 
-def smooth_run(rates: Array, sigma: Array) -> Array:
-    """Smoothed rates (n, 3) of one run of even samples, rad/s; sigma (3,) is the noise of one sample of each axis."""
-    if len(rates) < SHORTEST_WINDOW_SAMPLES:
+def smooth_run(rates: Array, sample_s: float, smooth_s: float, sigma: Array) -> Array:
+    """Smoothed rates (n, 3) of one run of samples, rad/s.
+
+    Parameters
+    ----------
+    rates : (n, 3) rad/s, evenly sampled
+    sample_s : spacing, s
+    smooth_s : longest window, s; infinite for the whole run, zero for no smoothing
+    sigma : (3,) noise of one sample of each axis, rad/s
+    """
+    if min(smooth_s / sample_s, len(rates)) < SHORTEST_WINDOW_SAMPLES:
         return rates
     read = [replace_outliers(rates[:, axis], level) for axis, level in enumerate(sigma)]
-    return np.column_stack([smooth_axis(x, level)[0] for x, level in zip(read, sigma, strict=True)])
+    return np.column_stack([smooth_axis(x, sample_s, smooth_s, level)[0] for x, level in zip(read, sigma, strict=True)])
 
 
-def smooth_axis(rates: Array, sigma: float) -> tuple[Array, float]:
+def smooth_axis(rates: Array, sample_s: float, smooth_s: float, sigma: float) -> tuple[Array, float]:
     """Smoothed rates of one axis without outliers, (n,), and their degrees of freedom: so many times σ² is in them.
 
     These are the sum over the samples of what each contributes to its own estimate, n without smoothing.
     """
-    longest = len(rates) - 1 + len(rates) % 2
+    longest = int(min(smooth_s / sample_s, len(rates) - 1 + len(rates) % 2))
     if longest < SHORTEST_WINDOW_SAMPLES or not sigma > 0:
         return rates, float(rates.size)
     return _smooth_with_windows(rates, _list_windows(longest), sigma)

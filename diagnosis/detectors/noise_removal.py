@@ -40,29 +40,30 @@ def remove_noise(rates: Array, recording: Recording, tell: Tell = ignore_progres
     parts = find_interval_slices(recording)
     for number, part in enumerate(parts):
         tell("motion without noise", number / len(parts))
-        out[part] = remove_interval_noise(rates[part], estimate_sample_sigma(rates[part], sigma))
+        out[part] = remove_interval_noise(rates[part], recording.gyro.sample_s, estimate_sample_sigma(rates[part], sigma))
     return out
 
 
-def remove_interval_noise(rates: Array, sigma: Array) -> Array:
+def remove_interval_noise(rates: Array, sample_s: float, sigma: Array) -> Array:
     """Rates of one interval without their noise.
 
     Parameters
     ----------
     rates : (n, 3) rad/s, evenly sampled
+    sample_s : spacing, s
     sigma : (3,) noise of one sample of each axis, rad/s
 
     Returns
     -------
     (n, 3) rad/s
     """
-    return np.column_stack([_choose_axis_estimate(rates[:, axis], float(level)) for axis, level in enumerate(sigma)])
+    return np.column_stack([_choose_axis_estimate(rates[:, axis], sample_s, float(level)) for axis, level in enumerate(sigma)])
 
 
-def _choose_axis_estimate(rates: Array, sigma: float) -> Array:
+def _choose_axis_estimate(rates: Array, sample_s: float, sigma: float) -> Array:
     """Choose the estimate (n,) of the smaller risk."""
     read = replace_outliers(rates, sigma)
-    local, freedom = smooth_axis(read, sigma)
+    local, freedom = smooth_axis(read, sample_s, np.inf, sigma)
     if rates.size < FEWEST_COSINE_SAMPLES or not sigma > 0:
         return local
     waves, of_waves = shrink_cosines(read, sigma)

@@ -17,6 +17,7 @@ from simulator.effects.common import list_runs
 from simulator.effects.flight_mode import find_flight_directions
 from simulator.sensors.gyro import compute_raw_rates
 
+SMOOTH_S = np.inf  # s, longest window of the smoothing: as long as the motion allows
 TIME_TOLERANCE = 1e-6  # s
 FILLER = 1e15  # housekeeping as large as this is no measurement
 
@@ -43,7 +44,7 @@ def compute_durations(recording: Recording) -> Array:
     return out
 
 
-def smooth_rates(recording: Recording, G: Array, bias: Array) -> Array:
+def smooth_rates(recording: Recording, G: Array, bias: Array, smooth_s: float = SMOOTH_S) -> Array:
     """Adjusted rates G ω_raw + b of a recording without their noise, (n, 3) rad/s; outside the intervals as they are."""
     gyro = recording.gyro
     adjusted = gyro.rates @ G.T + bias
@@ -53,7 +54,7 @@ def smooth_rates(recording: Recording, G: Array, bias: Array) -> Array:
     sigma = gyro.arw / np.sqrt(gyro.sample_s)
     out = adjusted.copy()
     for part in list_runs(stream):
-        out[part] = smooth_run(adjusted[part], estimate_sample_sigma(adjusted[part], sigma))
+        out[part] = smooth_run(adjusted[part], gyro.sample_s, smooth_s, estimate_sample_sigma(adjusted[part], sigma))
     return out
 
 

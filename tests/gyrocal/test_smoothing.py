@@ -23,7 +23,7 @@ MOTIONS = {"rest": np.zeros(COUNT), "slow sway": swaying(250.0, 8.0), "sway": sw
 @pytest.mark.parametrize(("motion", "most", "bend"), [("slow sway", 0.05, 1e-3), ("sway", 0.09, 1e-3), ("rest", 1.5e-3, 3e-4)])
 def test_little_of_the_noise_is_left_and_no_steps_where_the_window_changes(motion, most, bend):
     truth = MOTIONS[motion]
-    errors = [smooth_axis(drawn(truth, number), 1.0)[0] - truth for number in range(DRAWS)]
+    errors = [smooth_axis(drawn(truth, number), 1.0, np.inf, 1.0)[0] - truth for number in range(DRAWS)]
     assert np.mean([np.mean(error**2) for error in errors]) < most
     # With the longest window of each sample, and no fading, it is 0.02 to 0.05 of a sample's variance for the two that sway.
     assert np.mean([np.mean(np.diff(error, n=2) ** 2) for error in errors]) < bend
@@ -34,7 +34,7 @@ def test_degrees_of_freedom_tell_the_risk(motion):
     truth, told, real = MOTIONS[motion], [], []
     for number in range(DRAWS):
         rates = drawn(truth, number)
-        estimate, freedom = smooth_axis(rates, 1.0)
+        estimate, freedom = smooth_axis(rates, 1.0, np.inf, 1.0)
         told.append(np.mean((rates - estimate) ** 2) - 1 + 2 * freedom / COUNT)
         real.append(np.mean((estimate - truth) ** 2))
     # Stein's estimate scatters with the mean square of the noise, √(2/n), and holds the choice of windows to be none.
@@ -45,18 +45,18 @@ def test_degrees_of_freedom_tell_the_risk(motion):
 def test_a_slew_keeps_its_ramps():
     at = np.arange(COUNT)
     truth = 1000 * np.clip(np.minimum((at - 2000) / 30, (2260 - at) / 30), 0, 1)
-    estimate, _ = smooth_axis(drawn(truth, 0), 1.0)
+    estimate, _ = smooth_axis(drawn(truth, 0), 1.0, np.inf, 1.0)
     assert np.abs(estimate - truth).max() < 5.0
 
 
 def test_a_quadratic_goes_through_to_rounding():
     at = np.linspace(-1.0, 1.0, 501)
     truth = 3e3 * at**2 - 1e3 * at + 7.0
-    assert smooth_axis(truth, 1e-3)[0] == pytest.approx(truth, abs=1e-9)
+    assert smooth_axis(truth, 1.0, np.inf, 1e-3)[0] == pytest.approx(truth, abs=1e-9)
 
 
-@pytest.mark.parametrize(("count", "sigma"), [(4, 1.0), (COUNT, 0.0)])
-def test_nothing_is_smoothed_without_a_window_or_noise(count, sigma):
-    rates = np.column_stack([drawn(MOTIONS["rest"], number) for number in range(3)])[:count]
-    rates[count // 2] += 1e3
-    assert smooth_run(rates, np.full(3, sigma)) == pytest.approx(rates, abs=0)
+@pytest.mark.parametrize(("smooth_s", "sigma"), [(0.0, 1.0), (np.inf, 0.0)])
+def test_nothing_is_smoothed_without_a_window_or_noise(smooth_s, sigma):
+    rates = np.column_stack([drawn(MOTIONS["rest"], number) for number in range(3)])
+    rates[100] += 1e3
+    assert smooth_run(rates, 1.0, smooth_s, np.full(3, sigma)) == pytest.approx(rates, abs=0)

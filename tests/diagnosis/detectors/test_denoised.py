@@ -18,17 +18,17 @@ def test_a_sway_is_kept_at_any_size(amplitude):
     """Local quadratics alone keep nothing of one that is below four times the noise, or most of the noise of a larger one."""
     motion = np.tile(amplitude * SIGMA * np.sin(2 * np.pi * 1.3 * SAMPLE_S * np.arange(N))[:, None], 3)
     level = np.full(3, SIGMA)
-    error = (remove_interval_noise(noisy(motion), level) - motion).std()
+    error = (remove_interval_noise(noisy(motion), SAMPLE_S, level) - motion).std()
     assert error < 0.6 * SIGMA
-    assert error < 0.6 * (smooth_run(noisy(motion), level) - motion).std()
+    assert error < 0.6 * (smooth_run(noisy(motion), SAMPLE_S, np.inf, level) - motion).std()
 
 
 def test_slews_between_rests_are_as_good_as_with_local_quadratics():
     t = np.arange(N)
     slew = np.interp(t, [0, 2000, 2100, 3000, 3100, N], [0, 0, 5.0, 5.0, 0, 0])
     motion, level = np.column_stack([slew, 0 * slew, -slew]), np.full(3, SIGMA)
-    error = (remove_interval_noise(noisy(motion), level) - motion).std(axis=0)
-    local = (smooth_run(noisy(motion), level) - motion).std(axis=0)
+    error = (remove_interval_noise(noisy(motion), SAMPLE_S, level) - motion).std(axis=0)
+    local = (smooth_run(noisy(motion), SAMPLE_S, np.inf, level) - motion).std(axis=0)
     assert (error[[0, 2]] <= 1.05 * local[[0, 2]]).all()
     assert error[1] < 0.1 * SIGMA
 
@@ -49,5 +49,5 @@ def test_degrees_of_freedom_are_the_share_of_the_noise_that_is_kept():
 
 def test_few_samples_and_no_noise():
     few = np.arange(30.0).reshape(10, 3)
-    np.testing.assert_allclose(remove_interval_noise(few, np.full(3, 1e-9)), few, atol=1e-8)
-    np.testing.assert_array_equal(remove_interval_noise(few, np.zeros(3)), few)
+    np.testing.assert_allclose(remove_interval_noise(few, SAMPLE_S, np.full(3, 1e-9)), few, atol=1e-8)
+    np.testing.assert_array_equal(remove_interval_noise(few, SAMPLE_S, np.zeros(3)), few)

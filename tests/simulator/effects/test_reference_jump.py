@@ -17,7 +17,7 @@ def seen(scenario, *texts, seed=2):
     """A recording, and what it offers at its a-priori calibration."""
     recording = simulator.simulate(scenario, seed=seed, effects=[parse(text) for text in texts])
     gyro = recording.gyro
-    return recording, extract_surroundings(recording, gyro.apriori_G, gyro.apriori_bias, 0)
+    return recording, extract_surroundings(recording, gyro.apriori_G, gyro.apriori_bias)
 
 
 def test_a_jump_turns_the_reference_about_all_axes_while_it_lasts():
