@@ -67,8 +67,7 @@ CASES = {
     # The fault, options as first typed, the words of the refusal, and how they are typed.
     "unit": (scale_rates, 1.0, {"--gyro": "gx,gy,gz:rad/s"}, r"the gyro in (\S+), not rad/s", replace_unit),
     "time unit": (scale_rates, 1.0, {"--time": "t:ms"}, r"times in (\S+), not ms", lambda match: {"--time": f"t:{match[1]}"}),
-    "signs": (turn_axes, np.diag([1, -1, -1]), {}, r"the gyro's axes as (\S+)", replace_axes),
-    "order": (turn_axes, np.eye(3)[[1, 0, 2]], {}, r"the gyro's axes as (\S+)", replace_axes),
+    "order and signs": (turn_axes, np.diag([1, -1, 1])[[1, 0, 2]], {}, r"the gyro's axes as (\S+)", replace_axes),
     "mounting": (turn_axes, TURN, {}, r"(--mounting estimate)", take_options),
     "skew": (turn_axes, SKEW, {}, r"(--axes) '([^']+)'", lambda match: {match[1]: match[2]}),
     "direction": (scale_rates, 1.0, {"--quat": "qw,qx,qy,qz:inertial-to-body"}, r"\((body-to-inertial)\)",
@@ -76,7 +75,6 @@ CASES = {
     "factor": (scale_rates, 0.7, {}, r"the rates times (\S+) \((--rate-factor)\)", take_factor),
     "factor by itself": (scale_rates, 0.7, {}, r"(--align auto)", take_options),
     "late": (shift_attitudes, 3.7, {}, r"(--align auto)", take_options),
-    "apart": (shift_attitudes, 4000.0, {}, r"(--align auto)", take_options),
     "local time": (shift_attitudes, 7200.0, {}, r"(--align auto)", take_options),
     "quaternion order": (scale_rates, 1.0, {"--quat": "qw,qx,qy,qz:scalar-last:body-to-inertial"}, r"\((scalar-first)\)",
                          lambda match: {"--quat": f"qw,qx,qy,qz:{match[1]}:body-to-inertial"}),
