@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gyrocal.errors import InputError
-from gyrocal.importing.build import ImportResult, build
-from gyrocal.importing.column_mapping import validate_mapping
-from gyrocal.importing.streams import read_streams
+from gyrocal.importing import import_tables, validate_mapping
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from gyrocal.importing.build import ImportResult
 
 IMU_MESSAGE_TYPE = "sensor_msgs/msg/Imu"
 POSES: dict[str, Callable[[Any], Any]] = {
@@ -62,9 +62,8 @@ def import_bag(
         "quat": "qx,qy,qz,qw:scalar-last:body-to-world",
         "title": f"bag {path.resolve().stem}",
     }
-    mapping = validate_mapping(made | entries, str(path))
     try:
-        return build(read_streams(gyro, attitude, mapping), mapping, said=said)
+        return import_tables(gyro, attitude, validate_mapping(made | entries, str(path)), said=said)
     except InputError as fault:
         if "the gyro in " not in str(fault):
             raise

@@ -10,8 +10,7 @@ import click
 
 from gyrocal import importing
 from gyrocal.importing import aem
-from gyrocal.importing.columns import resolve_columns
-from gyrocal.importing.streams import read_csv, read_streams
+from gyrocal.importing.streams import read_csv
 from gyrocal.importing.units import RATE_UNITS
 from studies.cli.options import (
     EXCLUDE,
@@ -177,12 +176,7 @@ def _join_gyro_and_attitudes(gyro_file: Path, read: aem.Aem, out: Path, given: d
     own = importing.load_mapping(file) if file else {}
     entries = {"title": read.title} | own | entries | collect_entries(given)
     mapping = importing.validate_mapping(entries, str(file) if file else "options")
-    table, attitude, mapping = resolve_columns(read_csv(gyro_file), attitude, mapping)
-    streams = read_streams(table, attitude, mapping)
-
-    from gyrocal.importing.build import build
-
-    write_import(build(streams, mapping), out, as_json)
+    write_import(importing.import_tables(read_csv(gyro_file), attitude, mapping), out, as_json)
 
 
 @click.command("aem")
