@@ -1,6 +1,6 @@
 """Allan deviation of a gyro's rates and the noise terms of IEEE Std 952 in it, from arrays alone."""
 
-from gyrocal.allan.deviation import Deviation, compute_edf, compute_pooled_edf, overlapping_allan_deviation
+from gyrocal.allan.deviation import Deviation, overlapping_allan_deviation
 from gyrocal.allan.fit import Fit, TermEstimate, fit_terms
 from gyrocal.allan.terms import TERMS, compute_allan_variance
 
@@ -10,8 +10,6 @@ __all__ = [
     "Fit",
     "TermEstimate",
     "compute_allan_variance",
-    "compute_edf",
-    "compute_pooled_edf",
     "fit_terms",
     "overlapping_allan_deviation",
 ]

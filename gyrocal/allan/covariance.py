@@ -5,8 +5,8 @@ For Gaussian noise and z^a, z^b the second differences over a and b samples,
     Cov[Σ_i (z_i^a)², Σ_j (z_j^b)²] = Σ_ij [2 c_ab(i − j)² + 4 d_a d_b c_ab(i − j)],
 
 with c_ab(k) = Σ_st α_s α_t κ(k + s a − t b), α = (1, −2, 1), κ of `gyrocal.allan.terms`, and d_a = R (a τ₀)² what a rate ramp
-adds to every difference. It is the pooled form of the equivalent degrees of freedom of Greenhall & Riley, for any mixture of
-noise and between averaging times too. c_ab is smooth on the scale of the shorter average, so that the sum takes steps of an
+adds to every difference. The equivalent degrees of freedom are ν = 2 E²/Var, those of Greenhall & Riley (35th PTTI, 2003) for
+any mixture of noise. c_ab is smooth on the scale of the shorter average, so that the sum takes steps of an
 eighth of it; angle white noise, which sits at single lags, is added at these. Beyond `REACH` of the longer average it is
 negligible.
 """

@@ -23,9 +23,9 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-from gyrocal.allan.deviation import Deviation, compute_pooled_edf
+from gyrocal.allan.deviation import Deviation
 from gyrocal.allan.problem import Problem, build_problem, compute_white_covariance
-from gyrocal.allan.terms import MARKOV, POWER_LAW_EXPONENTS, RAMP, RANDOM_WALK, TERMS, compute_allan_variance
+from gyrocal.allan.terms import MARKOV, RAMP, RANDOM_WALK, TERMS, compute_allan_variance
 from gyrocal.errors import InputError
 
 Array = NDArray[np.float64]
@@ -64,7 +64,7 @@ class Fit:
     """Terms of one axis."""
 
     estimates: tuple[TermEstimate, ...]  # one for each term, in the order of `TERMS`
-    degrees: Array  # (t,) equivalent degrees of freedom of each averaging time, for the strongest term there
+    degrees: Array  # (t,) equivalent degrees of freedom of each averaging time under these terms
     model: Array  # (t,) Allan variance of the terms that are seen, and of what was known before
     # chi2, dof: of the fit
     chi2: float
@@ -134,7 +134,7 @@ def fit_terms(found: Deviation, known: Array | None = None) -> Fit:
     model = floor + problem.compute_term_variances(best.terms, best.logs).sum(axis=0)
     return Fit(
         tuple(_estimate(term, best, problem) for term in TERMS),
-        _compute_degrees_of_freedom(found, best, floor),
+        problem.degrees,
         model,
         best.chi2,
         found.factors.size - best.logs.size,
@@ -157,19 +157,6 @@ def _is_alike(one: _TermSet, best: _TermSet) -> bool:
 def _estimate_rough_terms(found: Deviation, floor: Array) -> tuple[dict[str, float], float]:
     """A rough set: angle random walk as at the shortest time, so that a covariance can be had at all."""
     return {RANDOM_WALK: max(found.variance[0] - floor[0], 1e-3 * found.variance[0]) * found.tau_s[0]}, 1.0
-
-
-def _compute_degrees_of_freedom(found: Deviation, best: _TermSet, floor: Array) -> Array:
-    """Equivalent degrees of freedom at each time, for the strongest term there; what is known is white noise of the angle."""
-    squares = best.squares()
-    strength = np.array(
-        [floor, *(squares[t] * compute_allan_variance(t, found.tau_s, best.time_constant_s) for t in best.terms)]
-    )
-    alphas = [2, *(POWER_LAW_EXPONENTS[term] for term in best.terms)]
-    strongest = [alphas[k] for k in np.argmax(strength, axis=0)]
-    return np.array(
-        [compute_pooled_edf(alpha, int(m), found.lengths) for alpha, m in zip(strongest, found.factors, strict=True)]
-    )
 
 
 def _fit_all_sets(found: Deviation, problem: Problem) -> list[_TermSet]:

@@ -23,12 +23,13 @@ LARGEST_LOG = 80.0  # of a coefficient: beyond it a term is nothing, or everythi
 
 @dataclass(frozen=True)
 class Problem:
-    """What is fitted: logarithms (t,), the inverse factor of their covariance (t, t), what is known, and the times."""
+    """What is fitted: logarithms (t,), the inverse factor of their covariance (t, t), what is known, the times, and degrees."""
 
     logs: Array
     whitening: Array
     known: Array
     tau_s: Array
+    degrees: Array  # (t,) equivalent degrees of freedom of each estimate
 
     @property
     def log_determinant(self) -> float:
@@ -131,7 +132,7 @@ def build_problem(
     scale = np.sqrt(polygamma(1, degrees / 2) / np.diag(V))
     covariance = V * np.outer(scale, scale) + 1e-6 * np.eye(len(V))
     logs = np.log(found.variance) - (digamma(degrees / 2) - np.log(degrees / 2))
-    return Problem(logs, np.linalg.inv(np.linalg.cholesky(covariance)), floor, found.tau_s)
+    return Problem(logs, np.linalg.inv(np.linalg.cholesky(covariance)), floor, found.tau_s, degrees)
 
 
 def _compute_variance(found: Deviation, squares: Mapping[str, float], time_constant_s: float) -> Array:

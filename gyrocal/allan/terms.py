@@ -33,9 +33,6 @@ ANGLE_WHITE, RANDOM_WALK, FLICKER, RATE_WALK, MARKOV, RAMP = TERMS = (
     "Markov noise",
     "rate ramp",
 )
-POWER_LAW_EXPONENTS = {ANGLE_WHITE: 2, RANDOM_WALK: 0, FLICKER: -1, RATE_WALK: -2, MARKOV: -2, RAMP: -2}
-"""Exponent of the spectrum where a term is the strongest. Markov noise has 0 beyond its time constant, and with −2 too few
-degrees of freedom rather than too many; over a ramp the noise under it is not seen, and is taken as the reddest."""
 
 
 def compute_term_covariance(term: str, t_s: Array, time_constant_s: float = 1.0) -> Array:

@@ -17,7 +17,7 @@ ratios ρ_k = θ_k/φ, D = I + Σ_k ρ_k M_k and a = D⁻¹ y,
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -30,25 +30,15 @@ Indices = NDArray[np.intp]
 START_SHARE = 0.3  # share of the excess power that all components have together where the optimisation starts
 PRECISION = 1e-6  # relative change of −log L at which the optimisation ends
 LEAST_POWER_SHARE = 1e-8  # share of the power below which a component is zero
-COMPONENT_RANK_TOLERANCE = 1e-10  # relative size of a singular value that is rounding
 
 
 @dataclass(frozen=True)
 class VarianceComponents:
-    """Sizes of the components, and the whitening by the covariance that they make."""
+    """Sizes of the components."""
 
     noise: float  # φ, variance of the white noise relative to the stated one
     variances: Array  # (K,) θ
     log_likelihood_gain: float  # log L above that of the stated noise alone, φ = 1 and θ = 0
-    basis: Array = field(repr=False)  # (N, r) orthonormal directions in which C is more than φ
-    powers: Array = field(repr=False)  # (r,) C/φ − 1 along them
-
-    def whiten(self, values: Array) -> Array:
-        """Multiply (N,) or (N, k) values by C^(−½)."""
-        shrink = 1.0 - 1.0 / np.sqrt(1.0 + self.powers)
-        along = self.basis.T @ values
-        shrink = shrink if along.ndim == 1 else shrink[:, None]
-        return np.asarray((values - self.basis @ (shrink * along)) / np.sqrt(self.noise))
 
 
 def estimate_variance_components(residuals: Array, components: Sequence[Array], dof: float) -> VarianceComponents:
@@ -70,9 +60,6 @@ def estimate_variance_components(residuals: Array, components: Sequence[Array], 
         variances = np.zeros(len(components))
         variances[kept] = found_ones.variances
         return replace(found_ones, variances=variances)
-    counts = [part.shape[1] for part in components]
-    Z = np.hstack([np.zeros((residuals.size, 0)), *components])
-    owner = np.repeat(np.arange(len(counts)), counts)
     unit = max(power, dof) / each  # variance with which a component would make all the power alone
     lower = list_lower_places(residuals.size)
     kernels = np.array([(part @ part.T).ravel()[lower] for part in components]).reshape(len(components), lower.size)
@@ -83,15 +70,14 @@ def estimate_variance_components(residuals: Array, components: Sequence[Array], 
     high = max(np.log(max(power, dof) / dof), 1e-9)
     excess = max(1.0 - dof / max(power, dof), 0.05)
     start = np.concatenate(
-        [[0.5 * high], np.log(max(START_SHARE / max(len(counts), 1) * excess, 10 * LEAST_POWER_SHARE) * unit)]
+        [[0.5 * high], np.log(max(START_SHARE / max(len(components), 1) * excess, 10 * LEAST_POWER_SHARE) * unit)]
     )
     bounds = [(0.0, high), *((np.log(LEAST_POWER_SHARE * one), np.log(10 * one)) for one in unit)]
     options = {"maxiter": 100, "ftol": PRECISION}
     found = scipy.optimize.minimize(evaluate_objective, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     noise, theta = float(np.exp(found.x[0])), np.exp(found.x[1:])
     theta = np.where(theta > 1.5 * LEAST_POWER_SHARE * unit, theta, 0.0)
-    basis, powers = _decompose_spectrum(Z, theta[owner] / noise if len(counts) else np.zeros(0))
-    return VarianceComponents(noise, theta, -float(found.fun) + 0.5 * power, basis, powers)
+    return VarianceComponents(noise, theta, -float(found.fun) + 0.5 * power)
 
 
 def list_lower_places(n: int) -> Indices:
@@ -121,16 +107,3 @@ def evaluate_likelihood(
     seen, u2 = (ratios * (kernels @ one) for one in products)
     slope = -0.5 * np.concatenate([[a @ a / noise - dof + seen.sum()], u2 / noise - seen])
     return float(value), slope
-
-
-def _decompose_spectrum(Z: Array, ratios: Array) -> tuple[Array, Array]:
-    """Compute directions (N, r) and powers (r,) of Z diag(ratios) Zᵀ that are not zero."""
-    used = ratios > 0
-    W = Z[:, used] * np.sqrt(ratios[used])
-    if not W.shape[1]:
-        return np.zeros((len(Z), 0)), np.zeros(0)
-    small = W.T @ W if W.shape[1] <= W.shape[0] else W @ W.T
-    powers, vectors = np.linalg.eigh(small)
-    kept = powers > COMPONENT_RANK_TOLERANCE * max(powers[-1], 1e-300)
-    powers, vectors = powers[kept], vectors[:, kept]
-    return (W @ (vectors / np.sqrt(powers)) if W.shape[1] <= W.shape[0] else vectors), powers

@@ -15,8 +15,8 @@ Two weightings:
     The angle random walk weighted as it correlates the residuals, the best linear estimate. The attitude at a wanted time is
     smoothed. With a Kalman filter that is run back and forth it shares the answer.
 
-Two covariances of the plain estimate: "full" adds what the gyro's noise does to it, "measurements only" is (Xᵀ X)⁻¹, the formal
-one, far too small once the gyro noise gathered over the batch is comparable with the attitude error.
+The covariance of the plain estimate holds what the gyro's noise does to it. The formal one, (Xᵀ X)⁻¹, would be far too small
+once the gyro noise gathered over the batch is comparable with the attitude error.
 
 Errors are true minus estimate: exp([θ×]) = A_true A_estᵀ in body axes at the time of the attitude.
 """
@@ -24,7 +24,7 @@ Errors are true minus estimate: exp([θ×]) = A_true A_estᵀ in body axes at th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -41,7 +41,6 @@ from gyrocal.estimation.arc import (
     LinearisedMeasurements,
     build_gyro_arc,
     choose_columns,
-    join_rows,
     linearise,
     list_measured_times,
 )
@@ -52,7 +51,6 @@ from gyrocal.sensors.series import SensorModel, SensorSeries
 
 Array = NDArray[np.float64]
 Weighting = Literal["exact", "plain"]
-BatchCovariance = Literal["full", "measurements only"]
 
 # The band's condition is 4 N² over the square of the walk in sigmas: below, rounding costs more than plain weights do.
 NEGLIGIBLE_WALK = 1e-3  # in sigmas of all measurements together, times the root of the number of nodes
@@ -62,7 +60,7 @@ NEGLIGIBLE_WALK = 1e-3  # in sigmas of all measurements together, times the root
 class Errors:
     """Errors of J numbers a batch found, by their sources."""
 
-    measurements: Array  # (J, J) covariance by the measurements' noise, and by a prior's error
+    measurements: Array  # (J, J) covariance by the measurements' noise
     t_s: Array  # (N,) nodes of the batch, s
     walk: Array  # (N − 1, J, 3) error per rad that the gyro's noise adds between a node and the next, in inertial axes
     arw: float  # rad/sqrt(s)
@@ -94,8 +92,6 @@ class BatchResult:
     residuals : of each series (n, m), measured minus predicted; NaN where not used
     chi2, dof : weighted square sum and degrees of freedom; with "plain" weights chi2 is not that of χ² where the gyro is noisy
     iterations : how many it took
-    weighting : "exact" or "plain"
-    covariance_model : "full" or "measurements only"
     """
 
     epoch_s: float
@@ -112,8 +108,6 @@ class BatchResult:
     chi2: float
     dof: int
     iterations: int
-    weighting: Weighting
-    covariance_model: BatchCovariance
 
     @property
     def bias_deg_s(self) -> Array:
@@ -143,10 +137,8 @@ def batch(
     *,
     epoch_s: float | None = None,
     times: Sequence[float] | Array = (),
-    bias_sigma: Array | None = None,
     free: Mapping[str, Sequence[str]] | None = None,
     weighting: Weighting = "exact",
-    covariance_model: BatchCovariance = "full",
     max_iterations: int = 20,
     tolerance: float = 1e-6,
     max_gap_s: float | None = None,
@@ -160,9 +152,8 @@ def batch(
     start : (3, 3) attitude at the epoch, within some degrees
     epoch_s : s; the first measurement by default
     times : (k,) s at which attitudes are wanted, before, among or after the measurements
-    bias_sigma : (3,) rad/s of the a-priori bias, to take it as a measurement; None not to
     free : names of sensor parameters to solve for, by name of the sensor
-    weighting, covariance_model : see the module
+    weighting : see the module
     max_iterations, tolerance : of Gauss and Newton's iteration; the last correction in sigmas
     max_gap_s : longest time of missing gyro samples that the last one may be held over
 
@@ -173,8 +164,6 @@ def batch(
     InputError
         Too few measurements, a gyro stream that does not cover them, or no convergence.
     """
-    if weighting == "exact" and covariance_model != "full":
-        raise InputError("exact weighting takes the gyro noise in; its covariance is the full one")
     if np.shape(start) != (3, 3) or not np.allclose(start @ np.transpose(start), np.eye(3), atol=1e-6):
         raise InputError("the start attitude must be a rotation matrix, 3×3, inertial to body")
     solved = choose_columns(series, free or {})
@@ -187,22 +176,18 @@ def batch(
     R, _ = path.propagate_nodes(gyro.apriori_bias)
     C = np.tile(R[path.node(np.array([epoch]))[0]].T @ start, (len(path.t), 1, 1))
     first = Estimate(C, np.array(gyro.apriori_bias), tuple(one.model for one in series))
-    prior = _weigh_prior(bias_sigma)
-    estimate, iterations = _iterate(path, series, first, solved, prior, weighting, max_iterations, tolerance)
+    estimate, iterations = _iterate(path, series, first, solved, weighting, max_iterations, tolerance)
     state = linearise(path, series, estimate, solved)
-    rows = _add_prior(state.rows, prior, first.bias - estimate.bias)
-    system = build_solver(path, rows, estimate.C, weighting)
+    system = build_solver(path, state.rows, estimate.C, weighting)
     nodes = path.node(np.concatenate([[epoch], wanted]))
     errors = _compute_errors(
         path, state, system.compute_influence(nodes, state.S[nodes]), estimate.C[0], nodes, len(solved.names)
     )
-    if covariance_model == "measurements only":
-        errors = replace(errors, walk=np.zeros_like(errors.walk))
     joint = errors.covariance
     size = 6 + len(solved.names)
     A = state.R[nodes] @ estimate.C[nodes]
     # The increments are as many measurements as unknowns.
-    chi2 = rows.chi2 + (system.walk_chi2 if isinstance(system, ExactLeastSquares) else 0.0)
+    chi2 = state.rows.chi2 + (system.walk_chi2 if isinstance(system, ExactLeastSquares) else 0.0)
     return BatchResult(
         epoch_s=epoch,
         attitude=A[0],
@@ -216,29 +201,9 @@ def batch(
         errors=errors,
         residuals=state.residuals,
         chi2=chi2,
-        dof=len(rows.z) - size,
+        dof=len(state.rows.z) - size,
         iterations=iterations,
-        weighting=weighting,
-        covariance_model=covariance_model,
     )
-
-
-def _weigh_prior(sigma: Array | None) -> Array:
-    """Compute the inverse (3,) of the a-priori bias' sigma, zero without one."""
-    if sigma is None:
-        return np.zeros(3)
-    sigma = np.asarray(sigma, dtype=float)
-    if sigma.shape != (3,) or not (np.isfinite(sigma).all() and (sigma > 0).all()):
-        raise InputError("bias_sigma must be three positive finite rates, rad/s")
-    return np.asarray(1 / sigma)
-
-
-def _add_prior(rows: Rows, weight: Array, change: Array) -> Rows:
-    """Add the a-priori bias as three measurements; change (3,) is that bias less the present one."""
-    if not weight.any():
-        return rows
-    c = np.hstack([np.diag(weight), np.zeros((3, rows.parameters.shape[1] - 3))])
-    return join_rows([rows, Rows(np.zeros(3, dtype=np.intp), np.zeros((3, 3)), c, weight * change)])
 
 
 def build_solver(path: GyroArc, rows: Rows, C: Array, weighting: Weighting) -> PlainLeastSquares | ExactLeastSquares:
@@ -254,16 +219,13 @@ def _iterate(
     series: Sequence[SensorSeries],
     estimate: Estimate,
     solved: Columns,
-    prior: Array,
     weighting: Weighting,
     max_iterations: int,
     tolerance: float,
 ) -> tuple[Estimate, int]:
     """Gauss and Newton's iteration to convergence."""
-    apriori = estimate.bias
     for iteration in range(1, max_iterations + 1):
-        state = linearise(path, series, estimate, solved)
-        rows = _add_prior(state.rows, prior, apriori - estimate.bias)
+        rows = linearise(path, series, estimate, solved).rows
         if not (np.isfinite(rows.z).all() and np.isfinite(rows.plain).all()):
             break
         # Every time: a wrong start or bias can make a direction look determined that is not.

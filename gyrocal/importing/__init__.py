@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import os
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,8 @@ from gyrocal.recording import GyroStream, Interval, Recording, format_toml, save
 from gyrocal.recording.parts import build_empty_attitudes
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from gyrocal.importing.agreement import explain_refusal
     from gyrocal.importing.build import ImportResult
     from gyrocal.importing.column_mapping import Mapping, load_mapping, validate_mapping
@@ -46,6 +49,7 @@ __all__ = [
     "explain_refusal",
     "import_csv",
     "import_gyro_log",
+    "import_tables",
     "join_gyros",
     "join_references",
     "load_mapping",
@@ -87,8 +91,7 @@ def import_csv(
         One line saying what is wrong, and where rates and attitudes do not fit each other, how they would.
     """
     from gyrocal.importing.column_mapping import validate_mapping
-    from gyrocal.importing.columns import resolve_columns
-    from gyrocal.importing.streams import read_csv, read_streams
+    from gyrocal.importing.streams import read_csv
 
     if mapping is None:
         mapping = validate_mapping(entries, "mapping")
@@ -96,12 +99,30 @@ def import_csv(
         raise InputError("give a mapping or its entries, not both")
     table = read_csv(Path(gyro_file))
     other = read_csv(Path(attitude_file)) if attitude_file is not None else table
-    table, other, mapping = resolve_columns(table, other, mapping)
-    streams = read_streams(table, other, mapping)
+    return import_tables(table, other, mapping, check=check)
+
+
+def import_tables(
+    gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping, *, said: Sequence[str] = (), check: bool = True
+) -> ImportResult:
+    """A recording of the gyro's table and of that of the attitudes, which every format makes.
+
+    Parameters
+    ----------
+    gyro, attitude : the tables; the same object where one holds both
+    mapping : what the columns mean
+    said : what was taken for granted when the tables were made, a sentence each
+    check : whether tables that do not fit each other are refused
+    """
+    from gyrocal.importing.columns import resolve_columns
+    from gyrocal.importing.streams import read_streams
+
+    gyro, attitude, mapping = resolve_columns(gyro, attitude, mapping)
+    streams = read_streams(gyro, attitude, mapping)
 
     from gyrocal.importing.build import build  # late: what compiles is not loaded for a table that cannot be read
 
-    return build(streams, mapping, check)
+    return build(streams, mapping, check, said)
 
 
 def import_gyro_log(file: str | os.PathLike[str], entries: dict[str, Any]) -> tuple[Recording, tuple[str, ...]]:

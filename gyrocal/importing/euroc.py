@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gyrocal.errors import InputError
-from gyrocal.importing.build import ImportResult, build
-from gyrocal.importing.column_mapping import validate_mapping
-from gyrocal.importing.streams import read_csv, read_streams
+from gyrocal.importing import import_tables, validate_mapping
+from gyrocal.importing.streams import read_csv
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from gyrocal.importing.build import ImportResult
 
 Array = NDArray[np.float64]
 
@@ -79,8 +80,7 @@ def import_euroc(
         "quat": f"{','.join(names)}:scalar-first:body-to-world",
         "title": f"EuRoC form, {root.resolve().parent.name}",
     }
-    mapping = validate_mapping(made | entries, str(folder))
-    return build(read_streams(gyro, attitude, mapping), mapping, said=said)
+    return import_tables(gyro, attitude, validate_mapping(made | entries, str(folder)), said=said)
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:

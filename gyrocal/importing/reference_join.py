@@ -24,6 +24,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from gyrocal import attitude
 from gyrocal.errors import InputError
+from gyrocal.importing.units import format_degrees
 from gyrocal.recording.parts import Attitudes, GyroStream
 
 Array = NDArray[np.float64]
@@ -73,10 +74,10 @@ class JoinedSensor:
     def describe(self) -> str:
         """Describe the sensor in a sentence."""
         turn = -Rotation.from_matrix(self.mounting).as_rotvec()
-        where = f"turned from the body by {_format_degrees(turn)} deg (rotation vector)" if turn.any() else "the body's axes"
+        where = f"turned from the body by {format_degrees(turn)} deg (rotation vector)" if turn.any() else "the body's axes"
         text = f"{self.name}: {self.rows} attitudes, {where}"
         if self.mounting_sigma is not None:
-            text += f", estimated with 1-sigma {_format_degrees(self.mounting_sigma)} deg about its own axes"
+            text += f", estimated with 1-sigma {format_degrees(self.mounting_sigma)} deg about its own axes"
         if self.common:
             text += f"; {self.common} compared with those of another sensor differ from them by {self.agreement:.3g} sigma RMS"
         return text
@@ -92,7 +93,7 @@ class JoinedReferences:
 
     def describe(self) -> list[str]:
         """Describe each sensor, and the joint references."""
-        sigma = _format_degrees(np.median(self.attitudes.sigma, axis=0))
+        sigma = format_degrees(np.median(self.attitudes.sigma, axis=0))
         return [
             *(one.describe() for one in self.sensors),
             f"{self.attitudes.t_s.size} joint references, 1-sigma about the body's axes {sigma} deg (median)",
@@ -273,7 +274,3 @@ def _merge_rows(joined: _Rows, own: _Rows, a: Indices, b: Indices, theta: Array)
         np.concatenate([P, own.P[alone]])[order],
         np.concatenate([holds, own.holds[alone]])[order],
     )
-
-
-def _format_degrees(values: Array) -> str:
-    return ", ".join(f"{value:.4g}" for value in np.rad2deg(values))

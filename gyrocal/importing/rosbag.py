@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gyrocal.errors import InputError
-from gyrocal.importing.build import ImportResult, build
-from gyrocal.importing.column_mapping import validate_mapping
-from gyrocal.importing.streams import read_streams
+from gyrocal.importing import import_tables, validate_mapping
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from gyrocal.importing.build import ImportResult
 
 IMU_MESSAGE_TYPE = "sensor_msgs/msg/Imu"
 POSES: dict[str, Callable[[Any], Any]] = {
@@ -40,7 +40,6 @@ def import_bag(
     path: str | os.PathLike[str],
     imu_topic: str | None = None,
     pose_topic: str | None = None,
-    estimate_mounting: bool = False,
     gyro_unit: str = "rad/s",
     **entries: Any,
 ) -> ImportResult:
@@ -52,7 +51,6 @@ def import_bag(
     ----------
     path : a file of ROS 1, or a folder or file of ROS 2
     imu_topic, pose_topic : of the gyro and of the attitudes; where the bag has one of a kind, that one
-    estimate_mounting : the same as mounting="estimate"
     gyro_unit : of the rates, which the message's definition has in rad/s and some drivers send otherwise
     entries : of the mapping, beyond the columns
     """
@@ -64,10 +62,8 @@ def import_bag(
         "quat": "qx,qy,qz,qw:scalar-last:body-to-world",
         "title": f"bag {path.resolve().stem}",
     }
-    made |= {"mounting": "estimate"} if estimate_mounting else {}
-    mapping = validate_mapping(made | entries, str(path))
     try:
-        return build(read_streams(gyro, attitude, mapping), mapping, said=said)
+        return import_tables(gyro, attitude, validate_mapping(made | entries, str(path)), said=said)
     except InputError as fault:
         if "the gyro in " not in str(fault):
             raise

@@ -58,9 +58,9 @@ def smooth_rates(recording: Recording, G: Array, bias: Array, smooth_s: float = 
     return out
 
 
-def extract_stream(recording: Recording, G: Array, bias: Array, smooth_s: float = SMOOTH_S) -> Stream:
+def extract_stream(recording: Recording, G: Array, bias: Array) -> Stream:
     """The samples of a recording as an effect on rates sees them, by its calibration G (3, 3) and bias (3,), rad/s."""
-    rates = smooth_rates(recording, G, bias, smooth_s)
+    rates = smooth_rates(recording, G, bias)
     duration = compute_durations(recording)
     t_s, raw = recording.gyro.t_s + 0.5 * duration, compute_raw_rates(rates, G, bias)
     return build_stream(recording, t_s, duration, rates, raw, find_interval_slices(recording))
@@ -80,9 +80,9 @@ def extract_references(recording: Recording) -> References:
     )
 
 
-def extract_surroundings(recording: Recording, G: Array, bias: Array, smooth_s: float = SMOOTH_S) -> Surroundings:
+def extract_surroundings(recording: Recording, G: Array, bias: Array) -> Surroundings:
     """All that a recording offers to effects; parameters as for `extract_stream`."""
-    stream = extract_stream(recording, G, bias, smooth_s)
+    stream = extract_stream(recording, G, bias)
     return Surroundings(
         stream=stream,
         references=extract_references(recording),

@@ -10,8 +10,7 @@ import click
 
 from gyrocal import importing
 from gyrocal.importing import aem
-from gyrocal.importing.columns import resolve_columns
-from gyrocal.importing.streams import read_csv, read_streams
+from gyrocal.importing.streams import read_csv
 from gyrocal.importing.units import RATE_UNITS
 from studies.cli.options import (
     EXCLUDE,
@@ -177,12 +176,7 @@ def _join_gyro_and_attitudes(gyro_file: Path, read: aem.Aem, out: Path, given: d
     own = importing.load_mapping(file) if file else {}
     entries = {"title": read.title} | own | entries | collect_entries(given)
     mapping = importing.validate_mapping(entries, str(file) if file else "options")
-    table, attitude, mapping = resolve_columns(read_csv(gyro_file), attitude, mapping)
-    streams = read_streams(table, attitude, mapping)
-
-    from gyrocal.importing.build import build
-
-    write_import(build(streams, mapping), out, as_json)
+    write_import(importing.import_tables(read_csv(gyro_file), attitude, mapping), out, as_json)
 
 
 @click.command("aem")
@@ -256,7 +250,6 @@ def import_euroc_command(
 @click.option("--imu-topic", help="Topic of the Imu messages; the only one by default.")
 @click.option("--pose-topic", help="Topic of the attitudes: PoseStamped, Odometry and the like; the only one by default.")
 @click.option("--gyro-unit", type=click.Choice(list(RATE_UNITS)), default="rad/s", help="Unit of the rates, if not rad/s.")
-@click.option("--estimate-mounting", is_flag=True, help="The same as --mounting estimate.")
 @add_options(TAG, RATE, *ALIGNMENT_OPTIONS, FORCE, IMPORT_JSON_OPTION)
 def import_bag_command(
     bag: Path,
@@ -264,7 +257,6 @@ def import_bag_command(
     imu_topic: str | None,
     pose_topic: str | None,
     gyro_unit: str,
-    estimate_mounting: bool,
     force: bool,
     as_json: Path | None,
     **options: Any,
@@ -278,8 +270,7 @@ def import_bag_command(
     refuse_existing(out, force)
     from gyrocal.importing import rosbag
 
-    entries = collect_entries(options)
-    write_import(rosbag.import_bag(bag, imu_topic, pose_topic, estimate_mounting, gyro_unit, **entries), out, as_json)
+    write_import(rosbag.import_bag(bag, imu_topic, pose_topic, gyro_unit, **collect_entries(options)), out, as_json)
 
 
 def collect_entries(options: dict[str, Any]) -> dict[str, Any]:

@@ -3,14 +3,19 @@ import numpy as np
 import pytest
 
 from gyrocal import InputError
-from gyrocal.allan import compute_edf, compute_pooled_edf, overlapping_allan_deviation
+from gyrocal.allan import overlapping_allan_deviation
 from gyrocal.allan.covariance import estimate_covariance
-from gyrocal.allan.deviation import LARGE_AVERAGE_SAMPLES
 from gyrocal.allan.terms import ANGLE_WHITE, FLICKER, RANDOM_WALK, RATE_WALK, compute_allan_variance
 from tests.gyrocal.allan import noises
 
 KINDS = {ANGLE_WHITE: (2, noises.angle_white), RANDOM_WALK: (0, noises.random_walk), RATE_WALK: (-2, noises.rate_walk)}
 KINDS[FLICKER] = (-1, noises.flicker)
+
+
+def compute_degrees(found, term):
+    """(t,) equivalent degrees of freedom of the estimates of one term alone."""
+    expected = compute_allan_variance(term, found.tau_s)
+    return 2 * expected**2 / np.diag(estimate_covariance(found, {term: 1.0}, 1.0))
 
 
 def test_the_deviation_is_that_of_allantools():
@@ -30,56 +35,36 @@ def test_stretches_count_together_and_a_constant_rate_does_not_count():
     assert np.allclose(both.variance, weighted, rtol=1e-9)
 
 
-@pytest.mark.parametrize(("alpha", "samples"), [(0, 1000), (-1, 1000), (-2, 1000), (2, 200)])
-@pytest.mark.parametrize("factor", [1, 2, 7, 30])
-def test_degrees_of_freedom_are_those_of_allantools(alpha, factor, samples):
-    theirs = allantools.edf_greenhall(alpha, 2, factor, samples + 1, overlapping=True, modified=False)
-    assert compute_edf(alpha, factor, samples) == pytest.approx(theirs, rel=1e-6)
-
-
-@pytest.mark.parametrize("alpha", [0, -1, -2])
-def test_both_sides_of_the_large_factor_agree(alpha):
-    below, above = (
-        compute_edf(alpha, LARGE_AVERAGE_SAMPLES, 9 * LARGE_AVERAGE_SAMPLES),
-        compute_edf(alpha, LARGE_AVERAGE_SAMPLES + 1, 9 * (LARGE_AVERAGE_SAMPLES + 1)),
-    )
-    assert above == pytest.approx(below, rel=2 / LARGE_AVERAGE_SAMPLES)
-
-
 @pytest.mark.parametrize("term", sorted(KINDS))
 def test_mean_and_scatter_of_the_deviation_are_as_said(term):
     """Over 200 records the mean is the closed form, and the variance that of the equivalent degrees of freedom."""
-    alpha, make = KINDS[term]
+    _, make = KINDS[term]
     cases, lengths, factors = 200, (700, 500), [8, 32, 128]
-    found = np.array(
-        [
-            overlapping_allan_deviation(
-                [make(np.random.default_rng([7, case, part]), n, 1.0) for part, n in enumerate(lengths)],
-                noises.SAMPLE_S,
-                factors,
-            ).variance
-            for case in range(cases)
-        ]
-    )
+    found = [
+        overlapping_allan_deviation(
+            [make(np.random.default_rng([7, case, part]), n, 1.0) for part, n in enumerate(lengths)], noises.SAMPLE_S, factors
+        )
+        for case in range(cases)
+    ]
+    variance = np.array([one.variance for one in found])
     expected = compute_allan_variance(term, noises.SAMPLE_S * np.array(factors))
-    degrees = np.array([compute_pooled_edf(alpha, m, lengths) for m in factors])
+    degrees = compute_degrees(found[0], term)
     scatter = expected * np.sqrt(2 / degrees)
     # A walk's value at the samples' ends stands for its mean over them: 1 % at eight samples.
-    assert np.all(np.abs(found.mean(axis=0) - expected) < 4 * scatter / np.sqrt(cases) + 0.01 * expected)
+    assert np.all(np.abs(variance.mean(axis=0) - expected) < 4 * scatter / np.sqrt(cases) + 0.01 * expected)
     # The variance of a variance of χ² with ν degrees of freedom has the relative variance (2 + 12/ν)/cases.
-    relative = found.var(axis=0, ddof=1) / scatter**2 - 1
+    relative = variance.var(axis=0, ddof=1) / scatter**2 - 1
     assert np.all(np.abs(relative) < 4 * np.sqrt((2 + 12 / degrees) / cases))
 
 
-@pytest.mark.parametrize("term", sorted(KINDS))
-def test_the_covariance_of_estimates_has_the_degrees_of_freedom_on_its_diagonal(term):
-    found = overlapping_allan_deviation([np.random.default_rng(3).standard_normal(n) for n in (2000, 900)], 0.5)
-    V = estimate_covariance(found, {term: 4.0}, 1.0)
-    expected = 4.0 * compute_allan_variance(term, found.tau_s)
-    degrees = [compute_pooled_edf(KINDS[term][0], int(m), found.lengths) for m in found.factors]
+@pytest.mark.parametrize("term", [FLICKER, RANDOM_WALK, RATE_WALK])
+def test_degrees_of_freedom_are_those_of_allantools(term):
+    samples = 2000
+    found = overlapping_allan_deviation([np.random.default_rng(3).standard_normal(samples)], 0.5)
     # Theirs are of angles that are averaged over a sample, ours of angles at its ends: alike once an average has many samples.
-    many = found.factors >= 32
-    assert np.allclose((2 * expected**2 / np.diag(V))[many], np.array(degrees)[many], rtol=0.03)
+    many = [int(m) for m in found.factors if m >= 32]
+    theirs = [allantools.edf_greenhall(KINDS[term][0], 2, m, samples + 1, overlapping=True, modified=False) for m in many]
+    assert compute_degrees(found, term)[-len(many) :] == pytest.approx(theirs, rel=0.03)
 
 
 def test_covariance_between_averaging_times():
@@ -102,10 +87,9 @@ def test_bands_cover_as_they_say():
     factors, n, cases = [1, 16, 100], 400, 400
     rng = np.random.default_rng(5)
     inside = np.zeros(3)
-    degrees = np.array([compute_edf(0, m, n) for m in factors])
     for _ in range(cases):
         found = overlapping_allan_deviation([noises.random_walk(rng, n, 1.0)], noises.SAMPLE_S, factors)
-        low, high = found.band(degrees)
+        low, high = found.band(compute_degrees(found, RANDOM_WALK))
         truth = np.sqrt(compute_allan_variance(RANDOM_WALK, found.tau_s))
         inside += (low < truth) & (truth < high)
     assert np.all(np.abs(inside / cases - 0.95) < 4 * np.sqrt(0.95 * 0.05 / cases))
@@ -116,5 +100,3 @@ def test_what_cannot_be_done_is_said():
         overlapping_allan_deviation([np.arange(5.0)], 1.0)
     with pytest.raises(InputError, match="from 1 to 50"):
         overlapping_allan_deviation([np.arange(100.0)], 1.0, [51])
-    with pytest.raises(InputError, match="too few for averages over 60"):
-        compute_edf(0, 60, 100)

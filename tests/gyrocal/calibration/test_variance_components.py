@@ -1,10 +1,9 @@
-"""Sizes of noise components: recovered in simulations, with the likelihood and the whitening of a dense covariance."""
+"""Sizes of noise components: recovered in simulations, with the likelihood of a dense covariance."""
 
 import numpy as np
 import pytest
 
 from gyrocal.calibration.variance_components import estimate_variance_components, evaluate_likelihood, list_lower_places
-from tests.builders import mean_bounds
 
 ROWS, PARAMETERS = 120, 5
 TIME = np.arange(ROWS, dtype=float)
@@ -58,17 +57,6 @@ def test_sizes_of_simulated_components_are_recovered():
     assert np.mean([one.log_likelihood_gain for one in found]) > 30
 
 
-def test_whitened_residuals_have_unit_variance():
-    truth, cases, dof = (4.0, 2.0, 0.3), 40, ROWS - PARAMETERS
-    squares = []
-    for seed in range(cases):
-        y, components, _ = build_case(seed, truth)
-        found = estimate_variance_components(y, components, dof)
-        squares.append(float(np.square(found.whiten(y)).sum()))
-    low, high = mean_bounds(dof, cases)
-    assert low < np.mean(squares) < high
-
-
 def test_without_components_in_the_residuals_nothing_is_gained():
     cases = 30
     found = [estimate_variance_components(*build_case(100 + seed, (0, 0, 0))[:2], ROWS - PARAMETERS) for seed in range(cases)]
@@ -77,17 +65,6 @@ def test_without_components_in_the_residuals_nothing_is_gained():
     assert np.median(gains) < 1.5
     assert gains.max() < 8
     assert np.median([one.variances[0] for one in found]) < 0.1
-
-
-def test_whitening_is_by_the_dense_root():
-    y, components, basis = build_case(3, (4.0, 2.0, 0.3))
-    found = estimate_variance_components(y, components, ROWS - PARAMETERS)
-    C = found.noise * np.eye(ROWS) + sum(t * part @ part.T for t, part in zip(found.variances, components, strict=True))
-    values, vectors = np.linalg.eigh(C)
-    root = vectors @ np.diag(values**-0.5) @ vectors.T
-    X = basis[:, :3]
-    np.testing.assert_allclose(found.whiten(y), root @ y, atol=1e-8)
-    np.testing.assert_allclose(found.whiten(X), root @ X, atol=1e-8)
 
 
 def test_noise_alone_is_the_power_over_the_degrees_of_freedom():

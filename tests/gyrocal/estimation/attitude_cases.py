@@ -107,11 +107,10 @@ class AlignmentOrbit:
         rng: np.random.Generator | None = None,
         M: Array = M_TRUE,
         biases: Array = TRMM_BIASES,
-        heads: tuple[Array, Array] = SQUARE,
     ) -> list[SensorSeries]:
         """DSS-1, DSS-2 and ESA as an estimator gets them, with nominal models."""
         out = []
-        pairs = zip(true_sun.build_trmm_sensors(misalignments=(np.eye(3), M), heads=heads), trmm_sun_sensors(), strict=True)
+        pairs = zip(true_sun.build_trmm_sensors(misalignments=(np.eye(3), M), heads=SQUARE), trmm_sun_sensors(), strict=True)
         for true, nominal in pairs:
             counts, visible = true_sun.observe(rng, true, self.A, self.sun)
             out.append(nominal.series(self.t, counts, self.sun, visible))

@@ -110,15 +110,13 @@ class OnBoardCase:
 def run_onboard_case(
     rng: np.random.Generator,
     openings: Mapping[float, Array] | None = None,
-    start: GyroParameters | None = None,
     apriori_covariance: Array | None = None,
     through_filter: bool = True,
     reference_sigma: Array | None = None,
 ) -> OnBoardCase:
-    """A pass over the timeline from a-priori errors of 1e-3 in G, or from given parameters."""
+    """A pass over the timeline from a-priori errors of 1e-3 in G."""
     flight = build_maneuver_timeline()
-    near = draw_apriori_parameters(rng, PRIOR_G, PRIOR_B)
-    apriori = start or near
+    apriori = draw_apriori_parameters(rng, PRIOR_G, PRIOR_B)
     gyro, series = flight.gyro(rng, apriori), simulate_direction_series(flight, rng, sigma=DIRECTION_SENSOR_SIGMA)
     off = rng.standard_normal(6) * FILTER_START_SIGMA
     A = attitude.rotation_matrix(-off[:3]) @ flight.A[0]

@@ -34,44 +34,6 @@ def errors_of(flight, found):
     return state_errors(found.A, found.x, found.names, flight.get_attitudes(found.t), TRUTH)
 
 
-def test_estimate_is_the_least_squares_solution():
-    """All of it at once: prior, correlated gyro noise and measurements, linearised at the truth; errors are small."""
-    scale = 1e-4
-    flight = fly([(Z, 20.0, 100.0, 120.0)], 300.0, sample_s=2.0)
-    rng = np.random.default_rng(4)
-    gyro = dataclasses.replace(flight, arw=FILTER_CASE_ARW * scale).gyro(rng)
-    series = simulate_direction_series(flight, rng, every=20.0, sigma=FILTER_CASE_SIGMA * scale)
-    start = started(flight, rng, arw=FILTER_CASE_ARW * scale, scale=scale)
-    A0, x0 = start.A.copy(), start.x.copy()
-    found = run(start, gyro, [series], 0.0, np.array([300.0]))
-    # States at all measurement times as linear maps of (state at 0, noise of each sample).
-    steps = len(gyro.t_s)
-    maps, A = [np.hstack([np.eye(6), np.zeros((6, 3 * steps))])], [A0]
-    probe = KalmanFilter(A0, GyroParameters.from_vector(x0), P0, 0.0)
-    for k in range(steps):
-        R, B = probe.step(gyro.rates[k], 2.0)
-        Phi = np.block([[R, B], [np.zeros((3, 3)), np.eye(3)]])
-        following = Phi @ maps[-1]
-        following[:3, 6 + 3 * k : 9 + 3 * k] += np.eye(3)
-        maps.append(following)
-        A.append(probe.A.copy())
-    rows, z = [], []
-    for k, t in enumerate(series.t):
-        at = np.array(A)[[round(t / 2.0)]]
-        jacobian = series.model.jacobian(at, np.array([k]))[0]
-        rows.append(jacobian @ maps[round(t / 2.0)][:3] / (FILTER_CASE_SIGMA * scale))
-        z.append((series.y[k] - series.model.predict(at, np.array([k]))[0]) / (FILTER_CASE_SIGMA * scale))
-    prior = np.concatenate([1 / (SIGMA * scale), np.full(3 * steps, 1 / (FILTER_CASE_ARW * scale * np.sqrt(2.0)))])
-    H = np.vstack([np.diag(prior), *rows])
-    solution = np.linalg.lstsq(H, np.concatenate([np.zeros(len(prior)), *z]), rcond=None)[0]
-    covariance = maps[-1] @ np.linalg.inv(H.T @ H) @ maps[-1].T
-    state = maps[-1] @ solution
-    own = np.concatenate([attitude.residual(found.A[-1], A[-1]), x0[9:] - found.bias[-1]])
-    sigma = np.sqrt(np.diag(covariance))
-    np.testing.assert_allclose(own / sigma, state / sigma, atol=1e-4)
-    np.testing.assert_allclose(found.covariance[-1] / np.outer(sigma, sigma), covariance / np.outer(sigma, sigma), atol=1e-5)
-
-
 def test_consistent_over_seeds_and_not_when_told_too_little_noise(flight):
     cases = 40
     results = {}

@@ -111,6 +111,7 @@ def test_a_gap_ends_an_interval(data):
     [
         (lambda rates: rates - np.deg2rad(6.0), r"with a bias of [56]\.\d*, [56]\.\d*, [56]\.\d* deg/s"),
         (np.deg2rad, "the gyro in rad/s, not deg/s"),
+        (Rotation.from_rotvec([0.5, -0.7, 0.4]).apply, "--mounting estimate"),
     ],
 )
 def test_a_refusal_of_the_calibration_is_explained(imported, change, words):

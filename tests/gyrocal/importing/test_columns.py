@@ -5,16 +5,13 @@ import gzip
 import lzma
 import re
 import zipfile
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-import gyrocal
-from gyrocal import InputError, importing
-from gyrocal.calibration.gate import LargeResidualError
+from gyrocal import InputError
 from gyrocal.importing import agreement, validate_mapping
 from gyrocal.importing.columns import resolve_columns
 from gyrocal.importing.motion import build_motion
@@ -23,16 +20,10 @@ from gyrocal.importing.table_layout import find_layout, join_headers
 from gyrocal.importing.table_rows import read_numbers
 from studies.validation import mems_log
 from tests import SHARED
-from tests.builders import piecewise_recording
 from tests.gyrocal.importing.mems import CORRECT_MAPPING
 
 GROUPS = "Time (s);Vicon Orientation;;;;IMU Gyroscope;;;"
 ELEMENTS = ";W;X;Y;Z;X;Y;Z;"
-BY_NAME = {
-    "time": "Time (s):ms",
-    "gyro": "IMU Gyroscope X,IMU Gyroscope Y,IMU Gyroscope Z:deg/s",
-    "quat": "Vicon Orientation W,Vicon Orientation X,Vicon Orientation Y,Vicon Orientation Z:body-to-inertial",
-}
 
 
 @pytest.fixture(scope="module")
@@ -58,20 +49,6 @@ def test_two_header_rows_are_joined(table):
         "IMU Gyroscope X", "IMU Gyroscope Y", "IMU Gyroscope Z", "column 9",
     ]  # fmt: skip
     assert np.isfinite(frame["IMU Gyroscope Z"]).all()
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {},
-        {"time": "#1:ms", "gyro": "#6,#7,#8:deg/s", "quat": "#2,#3,#4,#5:body-to-inertial"},
-        {"time": "1:ms", "gyro": "6,7,8:deg/s", "quat": "2,3,4,5:body-to-inertial"},
-    ],
-)
-def test_the_whole_mapping_by_name_and_by_number(table, changes):
-    imported = importing.import_csv(table, mapping=validate_mapping(BY_NAME | changes, "mapping"), check=False)
-    assert imported.mapping.gyro == BY_NAME["gyro"]
-    assert imported.mapping.quat == BY_NAME["quat"]
 
 
 def test_headers_without_names_and_twice():
@@ -232,21 +209,6 @@ def test_a_colon_or_a_comma_in_a_name():
 REAL = SHARED / "real" / "sticks"
 
 
-@pytest.mark.skipif(not REAL.is_dir(), reason="the recordings of RepoIMU state no licence and are not in the repository")
-@pytest.mark.parametrize("name", ["TStick_Test07_Trial1", "TStick_Test02_Trial1"])
-def test_a_real_stick_gets_through_import_and_calibration(name):
-    """An independent fit found scale factors of one to about a percent and a mounting turned by 2.4 to 2.7 deg (trial 07)."""
-    mapping = validate_mapping(BY_NAME | {"time": "Time (s):s", "gyro": BY_NAME["gyro"].replace("deg/s", "rad/s")}, "mapping")
-    result = gyrocal.calibrate(importing.import_csv(REAL / f"{name}.csv", mapping=mapping).recording)
-    assert result.plausible.grade == "MEMS"
-    assert result.warnings == ()
-    np.testing.assert_allclose(np.diag(result.mounting.S), 1.0, atol=0.04)
-    assert np.rad2deg(result.mounting.angle) == pytest.approx(2.6, abs=0.4)
-
-
-TURN = Rotation.from_rotvec(np.deg2rad([30.0, -40.0, 25.0])).as_matrix()
-
-
 def test_a_rotation_of_a_few_degrees_is_let_pass_and_said(data):
     small = Rotation.from_rotvec(np.deg2rad([0.0, 12.0, 0.0])).as_matrix()
     rates = data.gyro[["gx", "gy", "gz"]].to_numpy() @ small.T
@@ -261,11 +223,3 @@ def test_a_rotation_of_a_few_degrees_is_let_pass_and_said(data):
     straight = np.deg2rad(data.gyro[["gx", "gy", "gz"]].to_numpy())
     windows = build_motion(found.t_s, straight, found.sample_s, sensor.t_s, sensor.q)
     assert agreement.evaluate_agreement(windows, "deg/s").best is None
-
-
-def test_calibrate_names_the_mounting_of_a_recording_that_is_too_far_off():
-    recording = piecewise_recording(((((0.3, -0.2, 0.1), 60.0), ((-0.1, 0.2, -0.3), 60.0)),), series_s=2.0)
-    rates = recording.gyro.rates @ TURN.T
-    with pytest.raises(LargeResidualError, match="too large to linearise") as caught:
-        gyrocal.calibrate(replace(recording, gyro=replace(recording.gyro, rates=rates)))
-    assert "--mounting estimate" in importing.explain_refusal(caught.value)

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from gyrocal import InputError, Recording, calibrate
+from gyrocal import InputError
 from gyrocal.importing import join_gyros
 from gyrocal.importing.column_mapping import TETRAHEDRON
-from tests.builders import TRUTH, piecewise_recording
 
 GOLDEN = (1 + np.sqrt(5)) / 2
 SIX = np.array([[1, GOLDEN, 0], [-1, GOLDEN, 0], [0, 1, GOLDEN], [0, -1, GOLDEN], [GOLDEN, 0, 1], [GOLDEN, 0, -1]])
@@ -85,32 +84,3 @@ def test_a_row_without_a_gyro_uses_the_others():
 def test_what_cannot_be_joined_is_refused(raw, axes, noise, words):
     with pytest.raises(InputError, match=words):
         join_gyros(raw, axes, noise=noise)
-
-
-def test_the_calibration_of_joined_gyros_is_consistent():
-    """NEES of twelve parameters, whose truth are those of the least squares of gyros with errors of their own."""
-    axes, cases, arw = AXES[4], 40, 2e-6
-    rng = np.random.default_rng(8)
-    nees = []
-    for _ in range(cases):
-        made = piecewise_recording(rng=rng, arw=0.0)
-        K = axes + 1e-3 * rng.standard_normal((4, 3))
-        c = 1e-6 * rng.standard_normal(4)
-        rates = made.gyro.rates @ TRUTH.G.T + TRUTH.bias
-        raw = rates @ K.T + c + arw / np.sqrt(made.gyro.sample_s) * rng.standard_normal((len(rates), 4))
-        joined = join_gyros(raw, axes)
-        references = made.attitudes
-        recording = Recording.from_arrays(
-            made.gyro.t_s,
-            joined.rates,
-            references.t_s,
-            references.quaternions,
-            sigma=references.sigma,
-            arw=arw * joined.gain,
-            intervals=made.intervals,
-        )
-        result = calibrate(recording)
-        G = np.linalg.inv(np.linalg.pinv(axes) @ K)
-        error = result.parameters.vector - np.concatenate([G.ravel(), -G @ np.linalg.pinv(axes) @ c])
-        nees.append(error @ np.linalg.solve(result.covariance, error))
-    assert np.mean(nees) == pytest.approx(12, abs=4 * np.sqrt(24 / cases))

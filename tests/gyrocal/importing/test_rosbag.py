@@ -111,16 +111,6 @@ def test_headers_without_time_are_replaced(tmp_path):
     assert sum("have no time" in text for text in said) == 2
 
 
-def test_another_mounting_is_estimated(log, tmp_path):
-    turn = Rotation.from_rotvec([0.4, -1.1, 0.3])
-    path = bag(tmp_path / "b.bag", *rows(log, turn))
-    with pytest.raises(InputError, match="do not fit each other"):
-        rosbag.import_bag(path)
-    found = rosbag.import_bag(path, estimate_mounting=True).recording.gyro.apriori_G
-    off = Rotation.from_matrix(found @ turn.as_matrix()).magnitude()
-    assert np.rad2deg(off) < 1.0
-
-
 def test_what_is_wrong_with_a_bag_is_said(tmp_path):
     one, other = [(7, 0.1, 0.2, 0.3)], [(9, 0.0, 0.0, 0.0, 1.0)]
     path = bag(tmp_path / "b.bag", one, other, extra=("/imu2",))

@@ -29,24 +29,6 @@ def write_tables(folder, gyro, attitude):
     return "import", "csv", folder / "g.csv", folder / "a.csv", folder / "out", *COLUMNS
 
 
-@pytest.mark.parametrize("size", [1.0, 0.5])
-def test_skew_gyros_in_motion_are_refused_with_the_axes_that_mend_them(tmp_path, size):
-    log = mems_log.log(np.random.default_rng(31), seconds=60.0)
-    body = log.gyro[RATES].to_numpy() @ log.G.T + np.rad2deg(log.bias)
-    gyro = log.gyro.assign(**dict(zip(RATES, size * AXES @ body.T, strict=True)))
-    words = (*write_tables(tmp_path, gyro, log.attitude), "--time", "timestamp_ms:ms")
-    refused = run(*words)
-    assert refused.exit_code == 2
-    axes = re.search(r"--axes '([^']*)'", refused.output).group(1)
-    found = np.array([row.split(",") for row in axes.split(";")], dtype=float)
-    np.testing.assert_allclose(found, AXES, atol=0.01)
-    assert ("--rate-factor" in refused.output) == (size != 1.0)
-    mended = run(*words, "--axes", axes, *(() if size == 1.0 else ("--rate-factor", 1 / size)))
-    assert mended.exit_code == 0, mended.output
-    result = gyrocal.calibrate(gyrocal.load(tmp_path / "out"))
-    np.testing.assert_allclose(result.parameters.G @ AXES, np.eye(3), atol=0.01)
-
-
 def test_gyros_at_right_angles_are_not_called_skew():
     for seed in range(2):
         log = mems_log.log(np.random.default_rng(seed), seconds=60.0)

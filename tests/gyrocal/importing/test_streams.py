@@ -1,7 +1,6 @@
 """Tables as gyro samples and attitudes: accumulated angles, several sensors in one table, tags."""
 
 import re
-import shlex
 import subprocess
 from pathlib import Path
 
@@ -312,38 +311,3 @@ def test_one_table_dated_and_the_other_not():
     a["t"] = a["t"] * 1000 + 1_700_000_000_000
     with pytest.raises(InputError, match="attitude_time: the first tag"):
         made(gyro().assign(t=gyro()["t"] + 1_700_000_000), a)
-
-
-def split_stamps(g, a):
-    return g.assign(s=g["t"].astype(int), ns=(g["t"] % 1 * 10).astype(int)).drop(columns="t"), a
-
-
-def wander(g, a):
-    return g.assign(t=np.cumsum(np.random.default_rng(1).choice([0.0, 0.1, 0.9], len(g)))), a
-
-
-BROKEN = {  # what is done to the tables, and the entries as first stated
-    "two columns of time": (split_stamps, {"time": "s,ns:s", "attitude_time": "t:s"}),
-    "several gyros": (
-        lambda g, a: (pd.concat([g.assign(who="up 1"), g.assign(who="down", x=-g["x"])]).sort_values("t"), a),
-        {},
-    ),
-    "tags without a line": (wander, {}),
-    "an angle that wraps": (lambda g, a: (g.assign(x=40.0 * g["t"] % 77), a), {"gyro": "x,y,z:deg"}),
-    "dates and seconds": (lambda g, a: (g, a.assign(t=a["t"] + 1.7e9)), {}),
-    "counts": (lambda g, a: (g, a), {"gyro": "x,y,z:counts"}),
-}
-
-
-@pytest.mark.parametrize("name", BROKEN)
-def test_the_option_that_a_refusal_of_the_reader_prints_mends_it(name):
-    spoil, stated = BROKEN[name]
-    g, a = spoil(gyro(400), attitudes(200))
-    g = g.reset_index(drop=True)
-    with pytest.raises(InputError) as caught:
-        made(g, a, **stated)
-    printed = re.findall(r"--([a-z-]+) ('[^']*'|[^\s;,]+(?:,[^\s;,]+)*)", str(caught.value))[0]
-    key = {"rate": "rate_hz", "attitude-offset": "attitude_offset_s"}.get(printed[0], printed[0])
-    value = shlex.split(printed[1])[0]
-    number = key in ("rate_hz", "attitude_offset_s", "wrap")
-    assert made(g, a, **stated | {key: float(value) if number else value}).t_s.size > 300

@@ -8,7 +8,7 @@ from diagnosis.diagnose import diagnose
 from simulator.effects import EFFECTS, extract_surroundings, parse
 from simulator.effects.reference.reference_jump import compute_reference_innovations, find_edges
 from simulator.truth.rotation import separation
-from tests.simulator.effects.test_clock import RIVALS, agile, sparse
+from tests.simulator.effects.test_clock import RIVALS, agile
 
 JUMP = "reference_jump=0.1,e_x_deg=1,e_y_deg=2,e_z_deg=-2,begin_s=500,end_s=560"
 
@@ -17,7 +17,7 @@ def seen(scenario, *texts, seed=2):
     """A recording, and what it offers at its a-priori calibration."""
     recording = simulator.simulate(scenario, seed=seed, effects=[parse(text) for text in texts])
     gyro = recording.gyro
-    return recording, extract_surroundings(recording, gyro.apriori_G, gyro.apriori_bias, 0)
+    return recording, extract_surroundings(recording, gyro.apriori_G, gyro.apriori_bias)
 
 
 def test_a_jump_turns_the_reference_about_all_axes_while_it_lasts():
@@ -82,9 +82,3 @@ def test_a_diagnosis_names_a_jump_and_nothing_else():
         [0.033, 0.067, -0.067], abs=0.01
     )
     assert (cause.parameters["begin_s"], cause.parameters["end_s"]) == (499.0, 559.0)
-
-
-def test_a_correlated_error_is_no_jump():
-    """Negative control: an error about one axis that wanders."""
-    found = diagnose(seen(sparse(), "reference_correlated:y=0.03,time_constant_s=60")[0], library=RIVALS)
-    assert all("reference_jump" not in cause.group for cause in found.causes)

@@ -1,6 +1,5 @@
 """Mission Mode closed: what R requires when calibrated, R's symptoms when not, each with a control."""
 
-import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -242,22 +241,6 @@ def test_a_seed_is_a_run():
     assert one.telemetry.equals(again.telemetry)
     assert one.updates.equals(again.updates)
     assert not one.telemetry.equals(other.telemetry)
-
-
-def test_memory_does_not_grow_with_the_steps():
-    """Less than half a byte a cycle: rows by orbit and update, and the Sun's table; telemetry (control) takes its rows."""
-
-    def peak(days, every=None):
-        tracemalloc.start()
-        simulate_mission(config(), days=days, seed=1, telemetry_every=every)
-        size = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        return size
-
-    peak(0.1)
-    first = peak(0.1)
-    assert (peak(1.1) - first) / (DAY * 2) < 0.5
-    assert (peak(0.2, 1) - first) / (0.2 * DAY * 2) > 100
 
 
 def test_compensation_removes_the_head_at_the_crossing():
